@@ -1,0 +1,90 @@
+# Each target sets up what it needs, then runs; a second call starts at once.
+#   make demo PYTHON=python3.12     another Python
+#   make setup PIP_ARGS="..."       more options for pip, such as where torch's CPU build is
+
+SHELL := /bin/bash
+MAKEFLAGS += --no-print-directory
+.DEFAULT_GOAL := help
+.PHONY: help setup llvm demo test lint bench clean distclean
+
+VENV := .venv
+BIN := $(VENV)/bin
+INSTALLED := $(VENV)/.installed
+# The rules of the workflow call `fipt` by name.
+export PATH := $(CURDIR)/$(BIN):$(PATH)
+
+# Tested Pythons first, newest first; a newer one is taken only where there is no other.
+PYTHONS := $(or $(PYTHON),python3.13 python3.12 python3.11 python3.14 python3)
+# LLVM 16 or newer compiles the ray tracer's kernels; 19 is the one tested.
+LLVM_PACKAGES := libllvm19 libllvm20 libllvm21 libllvm18 libllvm17 libllvm16
+
+CAN_RUN := -c 'import sys; sys.exit(sys.version_info < (3, 11))'
+LLVM_USABLE := -c 'import sys; from fipt.render.variant import find_llvm; \
+  library = find_llvm(); sys.exit(not (library and library.usable))'
+
+# $(call apt-install,packages,what for): install the first package that exists, as root or with
+# password-less sudo; else say in one line what to run.
+define apt-install
+  say() { echo "fipt: $(2): run 'sudo apt-get update && sudo apt-get install $(firstword $(1))', then make again" >&2; exit 1; }; \
+  command -v apt-get >/dev/null || { echo "fipt: $(2): install it with this system's package manager, then make again" >&2; exit 1; }; \
+  if [ "$$(id -u)" = 0 ]; then root=; elif sudo -n true 2>/dev/null; then root="sudo -n"; else say; fi; \
+  newest() { for p in $(1); do apt-cache policy $$p 2>/dev/null | grep -q 'Candidate: [0-9]' && echo $$p && return; done; }; \
+  get() { p=$$(newest); [ -n "$$p" ] && echo "fipt: installing $$p" && \
+    $$root env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $$p >/dev/null; }; \
+  get || { $$root apt-get update -qq && get; } || say
+endef
+
+help:  ## this list
+	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+setup: $(INSTALLED) llvm  ## .venv, the pinned packages, fipt itself, LLVM
+
+$(BIN)/python:
+	@for python in $(PYTHONS); do \
+	  if "$$python" $(CAN_RUN) 2>/dev/null; then found=$$python; break; fi; \
+	done; \
+	if [ -z "$$found" ]; then \
+	  echo "fipt: Python 3.11 or newer is needed (tried: $(PYTHONS)); install it, or name it with PYTHON=" >&2; exit 1; \
+	fi; \
+	if ! "$$found" -c 'import ensurepip' 2>/dev/null; then \
+	  venv=$$("$$found" -c 'import sys; print("python%d.%d-venv" % sys.version_info[:2])'); \
+	  $(call apt-install,$$venv python3-venv,this Python lacks venv); \
+	fi; \
+	echo "fipt: creating $(VENV) with $$("$$found" --version)"; \
+	"$$found" -m venv $(VENV)
+
+$(INSTALLED): requirements.lock pyproject.toml | $(BIN)/python
+	@echo "fipt: installing the packages of requirements.lock (minutes the first time)"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check $(PIP_ARGS) -r requirements.lock
+	@# The lock holds setuptools, so that building needs no second download; nothing else is resolved.
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps -e .
+	@touch $@
+
+llvm: | $(BIN)/python
+	@$(BIN)/python $(LLVM_USABLE) 2>/dev/null || { $(call apt-install,$(LLVM_PACKAGES),LLVM 16 or newer is missing); }
+	@$(BIN)/python $(LLVM_USABLE) 2>/dev/null || { echo "fipt: LLVM is still not usable: see $(BIN)/fipt doctor" >&2; exit 1; }
+
+demo: setup  ## the demo room, from nothing to its report (10 minutes on 2 cores)
+	@$(BIN)/snakemake --workflow-profile workflow/profiles/local --config 'only=[demo]' -- report
+	@echo "fipt: open $(CURDIR)/results/demo/report.html"
+
+test: setup lint  ## all checks, then the tests
+	@$(BIN)/python -m pytest -q
+
+lint: $(INSTALLED)  ## formatting, static checks, the workflow's linter, import directions
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+	@$(BIN)/codespell
+	@$(BIN)/snakefmt --check Snakefile workflow
+	@$(BIN)/snakemake --lint
+	@$(BIN)/lint-imports
+
+bench: setup  ## speed and quality against the reference methods
+	@$(BIN)/python -m benchmarks
+
+clean:  ## remove caches and build leftovers; results and .venv stay
+	rm -rf build dist *.egg-info .pytest_cache .ruff_cache .import_linter_cache .hypothesis
+	find . -path ./$(VENV) -prune -o -name __pycache__ -type d -exec rm -rf {} +
+
+distclean: clean  ## remove .venv and the workflow's own records as well
+	rm -rf $(VENV) .snakemake

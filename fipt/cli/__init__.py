@@ -1,0 +1,1 @@
+"""The command line: `main.py` finds the verb, each verb is one thin module beside it."""

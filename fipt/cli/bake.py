@@ -1,0 +1,29 @@
+"""``fipt bake``: hits and cache of a shard -> its shading of round 0."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fipt.cli.options import CacheFile, DatasetFolder, HitsFolder, SettingsJson, StatsFile, stage
+
+
+def command(
+    dataset: DatasetFolder,
+    hits: HitsFolder,
+    cache: CacheFile,
+    out: Annotated[Path, typer.Option(help="Folder of the shard to write.")],
+    settings: SettingsJson = "{}",
+    stats: StatsFile = None,
+) -> None:
+    """Integrate the shading of every pixel from the radiance cache."""
+    with stage("bake", settings, stats) as (chosen, figures):
+        from fipt.io.arrays import load_npz
+        from fipt.io.dataset import Dataset
+        from fipt.io.hits import read_hits
+        from fipt.shading.bake import cache_shader
+        from fipt.shading.integrate import write_shading
+
+        data = Dataset(dataset)
+        shader = cache_shader(data.mesh(), load_npz(cache), chosen.fill)
+        write_shading("bake", shader, data, read_hits(hits), chosen, out, figures)

@@ -1,0 +1,51 @@
+"""``fipt emitters``: model and images -> emitting triangles of a round."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fipt.cli.options import (
+    DatasetFolder,
+    HitsFolders,
+    ModelFile,
+    SettingsJson,
+    ShadingFolders,
+    StatsFile,
+    listed,
+    stage,
+)
+
+
+def command(
+    dataset: DatasetFolder,
+    hits: HitsFolders,
+    shading: ShadingFolders,
+    model: ModelFile,
+    out: Annotated[Path, typer.Option(help="File to write, emitters.npz; emitters.json comes beside it.")],
+    settings: SettingsJson = "{}",
+    stats: StatsFile = None,
+) -> None:
+    """Extract the triangles that emit light and their radiance."""
+    with stage("emitters", settings, stats) as (chosen, figures):
+        from fipt.emitters.extract import extract
+        from fipt.io.dataset import Dataset
+        from fipt.io.emitters import write_emitters
+        from fipt.io.hits import pixels_of, read_hits
+        from fipt.io.shading import read_shading
+        from fipt.model.store import load_field
+
+        data = Dataset(dataset)
+        mesh = data.mesh()
+        shards = [read_hits(folder) for folder in listed(hits)]
+        baked = [read_shading(folder) for folder in listed(shading)]
+        images = [pixels_of(data, shard) for shard in shards]
+        field, _ = load_field(model)
+        found = extract(mesh, shards, baked, images, field.query_mask, chosen)
+        write_emitters(out, found, mesh)
+        lamps = int(found.emitter.max(initial=-1)) + 1
+        figures["triangles"], figures["lamps"] = len(found.triangle), lamps
+        if lamps == 0:
+            print("warning: no emitter found; refined shading will have no light of its own")
+        else:
+            print(f"emitters: {lamps} lamps of {len(found.triangle)} triangles")

@@ -1,0 +1,27 @@
+"""``fipt fit``: hits, shading, images and segments -> the model of a round."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fipt.cli.options import DatasetFolder, HitsFolders, SettingsJson, ShadingFolders, StatsFile, listed, stage
+
+
+def command(
+    dataset: DatasetFolder,
+    hits: HitsFolders,
+    shading: ShadingFolders,
+    out: Annotated[Path, typer.Option(help="File to write, model.safetensors.")],
+    previous: Annotated[Path | None, typer.Option(help="Model of the round before.")] = None,
+    settings: SettingsJson = "{}",
+    stats: StatsFile = None,
+) -> None:
+    """Fit the BRDF and emission networks to the pictures.
+
+    A fit that was interrupted goes on from its last checkpoint.
+    """
+    with stage("fit", settings, stats) as (chosen, figures):
+        from fipt.fit.run import fit_model
+
+        fit_model(dataset, listed(hits), listed(shading), previous, out, chosen, figures)

@@ -1,0 +1,32 @@
+"""``fipt import``: posed HDR views of another layout -> dataset/."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def command(
+    source: Annotated[Path, typer.Option(help="Folder of the views, or its transforms.json.")],
+    format: Annotated[str, typer.Option(help="nerfstudio, fipt-synthetic or fipt-real.")],
+    dataset: Annotated[Path, typer.Option(help="Dataset folder to write.")],
+    mesh: Annotated[Path | None, typer.Option(help="PLY or OBJ mesh; default: the one in the source.")] = None,
+    manifest: Annotated[Path | None, typer.Option(help="Default: import.manifest.json in the dataset.")] = None,
+    settings: Annotated[str, typer.Option(help="Settings of this stage, JSON.")] = "{}",
+    stats: Annotated[Path | None, typer.Option(help="Write time and memory here, JSON.")] = None,
+) -> None:
+    """Bring posed HDR views of another layout into the dataset form.
+
+    The layouts share file names but not axes, so the format is never guessed. Look at overlay.png
+    in the dataset afterwards: the lines are the mesh's edges and must lie on the photo's.
+    """
+    from fipt.io.importers import import_scene
+    from fipt.io.manifests import recorded
+    from fipt.settings import dumped, parse
+
+    chosen = parse("import", settings)
+    with recorded(stats, "import", dumped(chosen)) as figures:
+        cameras = import_scene(source, format, dataset, chosen, mesh, manifest)
+        figures["views"] = len(cameras)
+    splits = [camera.split for camera in cameras]
+    print(f"{dataset}: {splits.count('train')} train and {splits.count('val')} val views")

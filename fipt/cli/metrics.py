@@ -1,0 +1,56 @@
+"""``fipt metrics``: compare materials, emitters and renderings with the truth."""
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from fipt.settings import dumped, parse
+
+
+def command(
+    dataset: Annotated[Path, typer.Option(help="dataset folder, with truth/ where it is known")],
+    materials: Annotated[Path, typer.Option(help="folder of material maps")],
+    render: Annotated[Path, typer.Option(help="folder of re-rendered views")],
+    emitters: Annotated[Path, typer.Option(help="emitters.npz of the last round")],
+    out: Annotated[Path, typer.Option(help="metrics.json to write")],
+    hits: Annotated[
+        str,
+        typer.Option(help="hits folders, comma-separated: they tell which triangles truly emit"),
+    ] = "",
+    relight: Annotated[Path | None, typer.Option(help="folder with one folder of pictures per light setup")] = None,
+    settings: Annotated[str, typer.Option(help="JSON of the config section `metrics`")] = "{}",
+    stats: Annotated[Path | None, typer.Option(help="file for times and memory")] = None,
+) -> None:
+    """Write every figure that the files allow; what cannot be known is null.
+
+    Definitions: docs/math.md, and in the file itself.
+    """
+    from fipt.evaluate import scene
+    from fipt.evaluate.metrics import DEFINITIONS
+    from fipt.io.dataset import Dataset
+    from fipt.io.files import write_text
+    from fipt.io.manifests import recorded
+    from fipt.versions import VERSIONS
+
+    options = parse("metrics", settings)
+    folders = [Path(folder) for folder in hits.split(",") if folder]
+    with recorded(stats, "metrics", dumped(options)):
+        data = Dataset(dataset)
+        content: dict[str, Any] = {
+            split: {
+                **scene.material_figures(data, materials, split),
+                **scene.render_figures(data, render, split, options.fit_exposure),
+            }
+            for split in ("val", "train")
+        }
+        content["emitters"] = scene.emitter_figures(data, emitters, folders)
+        relit = scene.relight_figures(data, relight) if relight is not None else {}
+        if relit:
+            content["relight"] = relit
+        content["definitions"] = DEFINITIONS
+        content["settings"] = dumped(options)
+        content["version"] = VERSIONS["metrics"]
+        text = json.dumps(scene.rounded(content), indent=1, ensure_ascii=False, allow_nan=False)
+        write_text(out, text + "\n")

@@ -1,0 +1,60 @@
+"""``fipt refine``: hits, cache, model and emitters -> a shard's shading of the next round."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fipt.cli.options import (
+    CacheFile,
+    DatasetFolder,
+    EmittersFile,
+    HitsFolder,
+    ModelFile,
+    SettingsJson,
+    StatsFile,
+    stage,
+)
+
+
+def command(
+    dataset: DatasetFolder,
+    hits: HitsFolder,
+    cache: CacheFile,
+    model: ModelFile,
+    emitters: EmittersFile,
+    previous: Annotated[Path, typer.Option(help="Shading of this shard of the round before.")],
+    out: Annotated[Path, typer.Option(help="Folder of the shard to write.")],
+    settings: SettingsJson = "{}",
+    stats: StatsFile = None,
+) -> None:
+    """Path-trace the shading again with the fitted model."""
+    with stage("refine", settings, stats) as (chosen, figures):
+        from fipt.io.arrays import load_npz
+        from fipt.io.dataset import Dataset
+        from fipt.io.emitters import read_emitters
+        from fipt.io.hits import read_hits
+        from fipt.io.shading import read_shading
+        from fipt.model.store import load_field
+        from fipt.model.voxels import voxel_materials
+        from fipt.render.surface import emitter_set
+        from fipt.render.tracer import PathSettings
+        from fipt.shading.integrate import write_shading
+        from fipt.shading.refine import damped, path_shader
+
+        data, shard, voxels = Dataset(dataset), read_hits(hits), load_npz(cache)
+        field, _ = load_field(model)
+        path = PathSettings(chosen.max_depth, chosen.cache_roughness, chosen.light_sampling)
+        materials = voxel_materials(field, voxels)
+        shader = path_shader(data.mesh(), voxels, materials, emitter_set(read_emitters(emitters)), path)
+        before = read_shading(previous)
+        write_shading(
+            "refine",
+            shader,
+            data,
+            shard,
+            chosen,
+            out,
+            figures,
+            finish=lambda index, new: damped(new, before[shard.of_view(index)], chosen.damping),
+        )

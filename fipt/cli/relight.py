@@ -1,0 +1,39 @@
+"""``fipt relight``: model, emitters and a light setup -> the views under other light."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fipt.cli.options import (
+    CacheFile,
+    DatasetFolder,
+    EmittersFile,
+    HitsFolder,
+    ManifestFile,
+    ModelFile,
+    SettingsJson,
+    StatsFile,
+    stage,
+)
+
+
+def command(
+    dataset: DatasetFolder,
+    hits: HitsFolder,
+    cache: CacheFile,
+    model: ModelFile,
+    emitters: EmittersFile,
+    setup: Annotated[str, typer.Option(help="Light setup, JSON: emitters to change, lights to add.")],
+    out: Annotated[Path, typer.Option(help="Folder of the pictures.")],
+    manifest: ManifestFile,
+    settings: SettingsJson = "{}",
+    stats: StatsFile = None,
+) -> None:
+    """Render the views under another light setup."""
+    with stage("relight", settings, stats) as (chosen, figures):
+        from fipt.relight.stages import write_pictures
+        from fipt.settings import parse_setup
+
+        light = parse_setup(setup)
+        write_pictures("relight", dataset, hits, cache, model, emitters, light, out, manifest, chosen, figures)

@@ -1,0 +1,29 @@
+"""``fipt report``: write the HTML page that shows everything."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fipt.settings import dumped, parse
+
+
+def command(
+    results: Annotated[Path, typer.Option(help="results folder of the scene")],
+    out: Annotated[Path, typer.Option(help="HTML file to write")],
+    settings: Annotated[str, typer.Option(help="JSON of the config section `report`")] = "{}",
+    stats: Annotated[Path | None, typer.Option(help="file for times and memory")] = None,
+) -> None:
+    """Write one HTML page with all pictures in it; it loads nothing else.
+
+    Shows whatever the folder holds: files that do not exist yet are left out.
+    """
+    from fipt.io.files import write_text
+    from fipt.io.manifests import recorded
+    from fipt.report.page import build_page
+
+    options = parse("report", settings)
+    with recorded(stats, "report", dumped(options)) as figures:
+        page = build_page(results, options)
+        write_text(out, page)
+        figures["page_bytes"] = len(page.encode("utf-8"))

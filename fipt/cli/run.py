@@ -1,0 +1,42 @@
+"""``fipt run``: the whole chain of a scene in one process."""
+
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from fipt.run import Job
+
+
+def command(
+    scene: Annotated[str, typer.Argument(help="name of a scene of the config")],
+    configfile: Annotated[
+        list[Path] | None,
+        typer.Option(help="config file on top of config/config.yaml; may be repeated"),
+    ] = None,
+    config: Annotated[list[str] | None, typer.Option(help="KEY=VALUE on top of all files; may be repeated")] = None,
+) -> None:
+    """Run every stage of SCENE that is not up to date; the same files as the workflow.
+
+    Results go to results/SCENE below the working directory.
+    """
+    from fipt.config import read
+    from fipt.errors import FiptError
+    from fipt.run import run
+
+    scenes = read(configfile or (), config or ()).scenes
+    if scene not in scenes:
+        raise FiptError(f"there is no scene {scene!r}", f"scenes: {', '.join(scenes)}")
+    run(scenes[scene], call)
+
+
+def call(job: "Job") -> None:
+    """Call the verb of a job in this process."""
+    from fipt.cli.main import VERBS, run_command
+
+    verb = import_module(f"fipt.cli.{VERBS[job.stage].module}").command
+    code = run_command(verb, job.options, prog_name=f"fipt {job.stage}")
+    if code:
+        raise SystemExit(code)

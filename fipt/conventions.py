@@ -1,0 +1,43 @@
+"""Axes, units and physical constants, each defined once.
+
+Axes
+    Cameras follow OpenGL / nerfstudio: x right, y up, the camera looks along -z. ``world_from_camera`` maps
+    camera coordinates to world coordinates. Pixel (column 0, row 0) is the top left one; its centre is at (0.5, 0.5).
+Units
+    Lengths in metres, radiance in linear RGB relative to the capture's exposure, roughness perceptual
+    (GGX alpha = roughness squared), angles in radians unless a name says degrees.
+Directions
+    ``wo`` points from a surface point to the camera (or to the previous path vertex), ``wi`` to where light comes from.
+"""
+
+import re
+
+ROUGHNESS_MIN = 0.02
+"""Smallest roughness the model can express (paper, Sec. 4)."""
+
+ROUGHNESS_LEVELS = (0.02, 0.216, 0.412, 0.608, 0.804, 1.0)
+"""Roughness of the six baked specular levels, evenly spaced (paper, Sec. 4.1)."""
+
+SHADING_OUTPUTS = 1 + 2 * len(ROUGHNESS_LEVELS)
+"""Ld, then Ls0 of every level, then Ls1 of every level; each RGB."""
+
+F0_DIELECTRIC = 0.04
+"""Reflectance of a dielectric at normal incidence."""
+
+RAY_EPSILON = 3e-5
+"""Offset of a ray's origin along the normal, as a fraction of the scene's largest extent."""
+
+SUB_POSITIONS = 4
+"""Surface points stored for each hit, spread over its part of the pixel."""
+
+NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
+"""What a scene, view or setup may be called: names become paths."""
+
+FLAG_SATURATED = 1
+"""The radiance is a lower bound: every exposure was clipped."""
+FLAG_NOISE = 2
+"""Below the noise of the longest exposure."""
+FLAG_OUTSIDE = 4
+"""Outside the undistorted frame."""
+FLAG_MOVED = 8
+"""The exposures disagree: something moved."""

@@ -1,0 +1,1 @@
+"""Emitting triangles: found from the mask and from radiance that no reflectance could give."""

@@ -1,0 +1,153 @@
+"""Which triangles emit, and how much (method.md, stage 2)."""
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from fipt.conventions import ROUGHNESS_LEVELS
+from fipt.io.emitters import Emitters
+from fipt.io.hits import Hits
+from fipt.io.meshes import Mesh
+from fipt.settings import Emitters as EmitterSettings
+
+_INTERIOR = 0.9
+"""Share of its pixel that a hit must cover to tell a triangle's own radiance."""
+_GAIN = 1.5
+"""How much brighter than the brightest reflector an emitter must be."""
+_SAME_RADIANCE = 0.35
+"""Relative difference up to which neighbouring triangles belong to one lamp."""
+
+
+def extract(
+    mesh: Mesh,
+    shards: list[Hits],
+    shading: list[np.ndarray],
+    images: list[tuple[np.ndarray, np.ndarray]],
+    query_mask: Callable[[np.ndarray], np.ndarray],
+    settings: EmitterSettings,
+) -> Emitters:
+    """Find the emitting triangles.
+
+    A triangle emits where the mask, averaged over points of it, exceeds the threshold and, with ``evidence``, where
+    pixels that it fills are brighter than any reflectance would be under the shading there. Triangles that no pixel
+    sees are dropped.
+
+    Parameters
+    ----------
+    shading
+        (H, 13, 3) of each shard.
+    images
+        Per shard: (P, 3) radiance and (P,) weight.
+    query_mask
+        (N, 3) points -> (N,) emission mask.
+    """
+    triangle, radiance, view, ratio = _observations(shards, shading, images)
+    seen, index = np.unique(triangle, return_inverse=True)
+    if settings.evidence:
+        # the mask network is asked only where the light could not be reflected
+        enough = _grouped_median(ratio, index, len(seen)) > _GAIN
+        seen = seen[enough]
+    emitting = seen[_mean_mask(mesh, seen, query_mask, settings) > settings.threshold]
+    keep = np.isin(triangle, emitting)
+    emitting, index = np.unique(triangle[keep], return_inverse=True)
+    return _measured(mesh, emitting, index, radiance[keep], view[keep], settings)
+
+
+def _observations(
+    shards: list[Hits], shading: list[np.ndarray], images: list[tuple[np.ndarray, np.ndarray]]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Pixels that one triangle's piece fills: triangle, radiance, view, and radiance over the most reflected."""
+    triangles, radiances, views, ratios, first_view = [], [], [], [], 0
+    levels = len(ROUGHNESS_LEVELS)
+    for hits, baked, (image, valid) in zip(shards, shading, images, strict=True):
+        pixel = np.repeat(np.arange(len(valid)), np.diff(hits.offsets))
+        use = np.flatnonzero((np.asarray(hits.weight) >= _INTERIOR) & (valid[pixel] > 0))
+        light = np.asarray(baked[use], np.float32)
+        specular = (light[:, 1 : 1 + levels] + light[:, 1 + levels :]).max(axis=1)
+        most = np.maximum(light[:, 0], specular).mean(axis=1)
+        observed = image[pixel[use]]
+        triangles.append(np.asarray(hits.triangle)[use])
+        radiances.append(observed)
+        views.append(first_view + np.searchsorted(hits.first_pixels, pixel[use], side="right") - 1)
+        ratios.append(observed.mean(axis=1) / (most + 1e-4))
+        first_view += len(hits.views)
+    return tuple(np.concatenate(parts) for parts in (triangles, radiances, views, ratios))
+
+
+def _mean_mask(
+    mesh: Mesh,
+    triangles: np.ndarray,
+    query_mask: Callable[[np.ndarray], np.ndarray],
+    settings: EmitterSettings,
+) -> np.ndarray:
+    """(N,) mask of each triangle, averaged over random points of it; chunks bound the memory."""
+    result = np.empty(len(triangles))
+    rng = np.random.default_rng(0)
+    chunk = max(1_000_000 // settings.points, 1)
+    for start in range(0, len(triangles), chunk):
+        corners = mesh.corners[triangles[start : start + chunk]]
+        u = rng.random((len(corners), settings.points, 2), dtype=np.float32)
+        root = np.sqrt(u[..., :1])
+        a, b, c = (corners[:, None, k] for k in range(3))
+        points = a * (1 - root) + b * (root * (1 - u[..., 1:])) + c * (root * u[..., 1:])
+        mask = query_mask(points.reshape(-1, 3).astype(np.float32))
+        result[start : start + chunk] = mask.reshape(len(corners), -1).mean(axis=1)
+    return result
+
+
+def _grouped_median(values: np.ndarray, index: np.ndarray, groups: int) -> np.ndarray:
+    """(groups,) median of ``values`` (N,) per group; every group must have a member."""
+    order = np.lexsort((values, index))
+    count = np.bincount(index, minlength=groups)
+    start = np.concatenate([[0], np.cumsum(count)[:-1]])
+    ordered = values[order]
+    return 0.5 * (ordered[start + (count - 1) // 2] + ordered[start + count // 2])
+
+
+def _measured(
+    mesh: Mesh,
+    triangles: np.ndarray,
+    index: np.ndarray,
+    radiance: np.ndarray,
+    view: np.ndarray,
+    settings: EmitterSettings,
+) -> Emitters:
+    """Median radiance of every triangle; with ``patches`` one radiance for each connected lamp."""
+    own = np.stack([_grouped_median(radiance[:, c], index, len(triangles)) for c in range(3)], axis=1)
+    lamp = _lamps(mesh, triangles, own)
+    group = lamp[index]
+    lamps = int(lamp.max(initial=-1)) + 1
+    level = np.stack([_grouped_median(radiance[:, c], group, lamps) for c in range(3)], axis=1).reshape(-1, 3)
+    spread = np.abs(radiance.mean(axis=1) / np.maximum(level.mean(axis=1)[group], 1e-6) - 1)
+    agreement = np.exp(-_grouped_median(spread, group, lamps) / 0.1)
+    seen_by = np.zeros(lamps, np.int64)
+    np.add.at(seen_by, np.unique(np.stack([group, view]), axis=1)[0], 1)
+    confidence = agreement * (1 - np.exp(-seen_by / 2))
+    return Emitters(
+        triangle=triangles.astype(np.int32),
+        radiance=(level[lamp] if settings.patches else own).astype(np.float32),
+        area=mesh.areas[triangles].astype(np.float32),
+        emitter=lamp.astype(np.int32),
+        views=seen_by[lamp].astype(np.int32),
+        confidence=confidence[lamp].astype(np.float32),
+        two_sided=settings.two_sided,
+    )
+
+
+def _lamps(mesh: Mesh, triangles: np.ndarray, radiance: np.ndarray) -> np.ndarray:
+    """(E,) number of the lamp of each triangle: triangles that share a vertex and are about as bright."""
+    if len(triangles) == 0:
+        return np.empty(0, np.int64)
+    corners = mesh.corners[triangles].reshape(-1, 3)
+    _, vertex = np.unique(corners, axis=0, return_inverse=True)
+    vertex = vertex.reshape(-1)
+    order = np.argsort(vertex, kind="stable")
+    owner = np.repeat(np.arange(len(triangles)), 3)[order]
+    same = vertex[order][1:] == vertex[order][:-1]
+    a, b = owner[:-1][same], owner[1:][same]
+    bright = radiance.mean(axis=1)
+    alike = np.abs(bright[a] - bright[b]) <= _SAME_RADIANCE * np.maximum(bright[a], bright[b])
+    graph = coo_matrix((np.ones(alike.sum()), (a[alike], b[alike])), shape=(len(triangles),) * 2)
+    return connected_components(graph, directed=False)[1].astype(np.int64)

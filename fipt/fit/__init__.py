@@ -1,0 +1,1 @@
+"""Fit of the BRDF and emission networks to the photographs."""

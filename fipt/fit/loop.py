@@ -1,0 +1,110 @@
+"""The optimisation: plain, seeded, resumable."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from fipt.errors import FiptError
+from fipt.fit.batches import Batch, Pixels
+from fipt.fit.losses import (
+    gathered,
+    part_propagation,
+    reflected,
+    semantic_propagation,
+    srgb,
+)
+from fipt.io.manifests import Stats
+from fipt.model.networks import Field
+from fipt.model.store import load_checkpoint, save_checkpoint
+from fipt.progress import progress
+from fipt.settings import Fit
+
+
+def losses(field: Field, batch: Batch, kind: str | None, settings: Fit) -> dict[str, torch.Tensor]:
+    """All loss terms of a batch, weighted; ``colour`` is the data term.
+
+    Parameters
+    ----------
+    kind
+        What the segment ids mean: ``part``, ``semantic`` or None.
+    """
+    count, queries = batch.points.shape[:2]
+    footprint = (batch.footprint * settings.footprint)[:, None].expand(-1, queries).reshape(-1)
+    brdf = field.brdf(batch.points.view(-1, 3), footprint)
+    radiance, specular = reflected(brdf, batch.shading, queries)
+    e = field.emission(batch.points[:, 0])
+    alpha = field.emission_network.mask(e)[:, None]
+    seen = batch.radiance[batch.owner]
+    pixel = gathered((1 - alpha) * radiance + alpha * seen, batch.owner, batch.weight, len(batch.radiance))
+    error = (srgb(pixel) - srgb(batch.radiance)).square().mean(1)
+    s, m = brdf.roughness.view(count, queries).mean(1), brdf.metallic.view(count, queries).mean(1)
+    terms = {
+        "colour": settings.colour_weight * (batch.valid * error).mean(),
+        "emission": settings.emission_weight * e.abs().mean(),
+        "diffuse": settings.diffuse_weight * ((1 - s).mean() + m.mean()),
+    }
+    if kind == "part":
+        terms["part"] = settings.part_weight * part_propagation(s, m, specular, batch.segment)
+    elif kind == "semantic":
+        terms["semantic"] = settings.semantic_weight * semantic_propagation(
+            s,
+            m,
+            brdf.base_color.view(count, queries, 3).mean(1),
+            field.box.to_signed(batch.points[:, 0]),
+            batch.segment,
+        )
+    return terms
+
+
+def fit(field: Field, pixels: Pixels, kind: str | None, settings: Fit, checkpoint: Path, stats: Stats) -> None:
+    """Optimise ``field`` in place; go on from ``checkpoint`` where there is one.
+
+    Raises
+    ------
+    FiptError
+        If the loss is not finite, or the checkpoint belongs to another version or other settings.
+    """
+    steps = max(settings.steps, math.ceil(settings.min_epochs * len(pixels) / settings.batch))
+    optimizer = torch.optim.Adam(field.parameters(), lr=settings.learning_rate, fused=True)
+    done = 0
+    if checkpoint.exists():
+        done, _ = load_checkpoint(checkpoint, field, optimizer, settings)
+        print(f"fit: going on from step {done}")
+    decay = (settings.final_learning_rate / settings.learning_rate) ** (1 / max(steps, 1))
+    order, epoch_now = np.empty(0, np.int64), -1
+    per_epoch = max(len(pixels) // settings.batch, 1)
+    curve: list[list[float]] = []
+    with progress("fit", steps - done, " steps") as bar:
+        for step in range(done, steps):
+            for group in optimizer.param_groups:
+                group["lr"] = settings.learning_rate * decay**step
+            epoch, position = divmod(step, per_epoch)
+            if epoch != epoch_now:
+                order, epoch_now = pixels.epoch_order(epoch, settings.seed), epoch
+            chosen = order[position * settings.batch : (position + 1) * settings.batch]
+            # keyed by step, so that a resumed fit draws what an uninterrupted one would
+            rng = np.random.default_rng([settings.seed, 1, step])
+            terms = losses(field, pixels.batch(chosen, settings.queries, rng), kind, settings)
+            loss = sum(terms.values())
+            if not torch.isfinite(loss):
+                wrong = ", ".join(name for name, term in terms.items() if not term.isfinite())
+                raise FiptError(
+                    f"the loss is not finite at step {step} ({wrong})",
+                    "look for extreme radiance in the images, or lower fit.learning_rate",
+                )
+            optimizer.zero_grad(set_to_none=True)
+            loss.backward()
+            optimizer.step()
+            colour = float(terms["colour"].detach())
+            if step % max(steps // 100, 1) == 0:
+                curve.append([step, colour])
+            bar.advance(1, f"colour loss {colour:.5f}")
+            if (step + 1) % settings.checkpoint_every == 0 and step + 1 < steps:
+                save_checkpoint(checkpoint, field, optimizer, settings, step + 1)
+        stats["steps_per_s"] = bar.rate
+    stats["steps"] = steps
+    stats["pixels"] = len(pixels)
+    stats["loss"] = {name: float(term.detach()) for name, term in terms.items()} if steps > done else {}
+    stats["loss_curve"] = curve

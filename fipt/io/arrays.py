@@ -1,0 +1,52 @@
+"""Arrays on disk: npy (memory-mapped) and npz, never pickled."""
+
+from pathlib import Path
+
+import numpy as np
+
+from fipt.errors import FiptError
+from fipt.io.files import atomic, existing_file
+
+
+def save_npy(path: str | Path, array: np.ndarray) -> None:
+    """Write ``array`` (any shape, no objects) as npy."""
+    with atomic(path) as temporary, open(temporary, "wb") as file:
+        np.save(file, np.ascontiguousarray(array), allow_pickle=False)
+
+
+def load_npy(path: str | Path, mmap: bool = True) -> np.ndarray:
+    """Read an npy file, memory-mapped read-only unless ``mmap`` is false.
+
+    Raises
+    ------
+    FiptError
+        If the file is missing or not a plain npy array.
+    """
+    existing_file(path, "an array file")
+    try:
+        return np.load(path, mmap_mode="r" if mmap else None, allow_pickle=False)
+    except (ValueError, EOFError) as error:
+        raise FiptError(f"{path} is not a complete npy array ({error})", "delete it and run its stage again") from error
+
+
+def save_npz(path: str | Path, **arrays: np.ndarray) -> None:
+    """Write named arrays as npz (uncompressed)."""
+    with atomic(path) as temporary, open(temporary, "wb") as file:
+        np.savez(file, **arrays)
+
+
+def load_npz(path: str | Path) -> dict[str, np.ndarray]:
+    """Read all arrays of an npz file.
+
+    Raises
+    ------
+    FiptError
+        If the file is missing or damaged.
+    """
+    existing_file(path, "an array file")
+    try:
+        # Opened here: numpy leaves the file open where it is damaged.
+        with open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
+            return {name: file[name] for name in file.files}
+    except Exception as error:  # zipfile, zlib and numpy each raise their own kinds for a damaged file
+        raise FiptError(f"{path} is not a complete npz file ({error})", "delete it and run its stage again") from error

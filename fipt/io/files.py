@@ -1,0 +1,103 @@
+"""Files that are either complete or absent, and names that stay inside their folder."""
+
+import errno
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from fipt.conventions import NAME_PATTERN
+from fipt.errors import FiptError
+
+
+@contextmanager
+def atomic(path: str | Path) -> Iterator[Path]:
+    """Yield a temporary path beside ``path``; rename it to ``path`` when the block ends well.
+
+    The temporary name keeps the suffix, since some writers choose the format by it.
+
+    Raises
+    ------
+    FiptError
+        If the folder cannot be written or the disk is full.
+    """
+    path = Path(path)
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}.tmp{path.suffix}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        yield temporary
+        os.replace(temporary, path)
+    except OSError as error:
+        if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
+            raise FiptError(f"{path} cannot be written ({error.strerror})", "check the folder's permissions") from error
+        if error.errno == errno.ENOSPC:
+            raise FiptError(f"the disk is full while writing {path}", "free some space and run again") from error
+        raise
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def atomic_folder(path: str | Path) -> Iterator[Path]:
+    """Yield a fresh temporary folder beside ``path``; replace ``path`` by it when the block ends well."""
+    path = Path(path)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        temporary.mkdir(parents=True)
+        yield temporary
+        if path.exists():
+            shutil.rmtree(path)
+        os.replace(temporary, path)
+    except OSError as error:
+        if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
+            raise FiptError(f"{path} cannot be written ({error.strerror})", "check the folder's permissions") from error
+        if error.errno == errno.ENOSPC:
+            raise FiptError(f"the disk is full while writing {path}", "free some space and run again") from error
+        raise
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write ``text`` (UTF-8) to ``path``, whole or not at all."""
+    with atomic(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def existing_file(path: str | Path, what: str) -> Path:
+    """Return ``path`` if it is a file, else raise an error that names it and ``what`` it should be."""
+    path = Path(path)
+    if not path.is_file():
+        raise FiptError(f"{what} is missing: {path}", "check the path, or run the stage that writes it")
+    return path
+
+
+def check_name(name: str, what: str) -> str:
+    """Return ``name`` if it can become a file name inside the results folder.
+
+    Raises
+    ------
+    FiptError
+        If the name holds a path separator, starts with a dot, or is longer than 100 characters.
+    """
+    if not NAME_PATTERN.fullmatch(name) or ".." in name:
+        raise FiptError(
+            f"{what} {name!r} cannot be used as a file name",
+            "use letters, digits, '_', '-' and '.', starting with a letter or digit",
+        )
+    return name
+
+
+def check_disk(folder: str | Path, needed: int, what: str) -> None:
+    """Raise FiptError unless the disk of ``folder`` has ``needed`` bytes free for ``what``; print the estimate."""
+    place = Path(folder)
+    while not place.exists():
+        place = place.parent
+    free = shutil.disk_usage(place).free
+    print(f"{what} takes {needed / 1e6:.1f} MB; {free / 1e9:.1f} GB are free")
+    if free < needed * 1.05:
+        raise FiptError(
+            f"{what} needs {needed / 1e9:.2f} GB in {folder}; {free / 1e9:.2f} GB are free",
+            "free some space or give another results folder",
+        )

@@ -1,0 +1,137 @@
+"""First hits on disk: flat arrays over surface pieces, and each pixel's offset into them."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fipt.conventions import SUB_POSITIONS
+from fipt.errors import FiptError
+from fipt.io.arrays import load_npy, save_npy
+from fipt.io.dataset import Dataset
+from fipt.io.files import existing_file, write_text
+
+
+@dataclass(frozen=True)
+class Hits:
+    """First hits of some views. A *hit* is one piece of surface inside one pixel.
+
+    The pixels of all views are concatenated, row-major within a view: P pixels hold H hits.
+
+    Attributes
+    ----------
+    views
+        Names of the views.
+    shapes
+        (height, width) of every view.
+    offsets
+        (P + 1,) int64; pixel p owns hits ``offsets[p]`` to ``offsets[p + 1]``.
+    center
+        (P,) uint8; 1 where the ray through the pixel's centre hits: the pixel's first hit is then that piece.
+    position, normal
+        (H, 3) float32; a point of the piece (metres), the geometric unit normal turned to the viewer.
+    triangle
+        (H,) int32 index into the mesh.
+    footprint
+        (H,) float32 width of the pixel at the hit, across the ray, metres.
+    weight
+        (H,) float32 share of the pixel that the piece covers.
+    sub
+        (H, SUB_POSITIONS, 3) float16 offsets (metres) from position to points of the piece spread over the pixel.
+    """
+
+    views: tuple[str, ...]
+    shapes: tuple[tuple[int, int], ...]
+    offsets: np.ndarray
+    center: np.ndarray
+    position: np.ndarray
+    normal: np.ndarray
+    triangle: np.ndarray
+    footprint: np.ndarray
+    weight: np.ndarray
+    sub: np.ndarray
+
+    @property
+    def first_pixels(self) -> np.ndarray:
+        """(V + 1,) int64 first pixel of every view, and P."""
+        return np.concatenate([[0], np.cumsum([h * w for h, w in self.shapes])]).astype(np.int64)
+
+    def pixels(self, index: int) -> slice:
+        """Pixels of view number ``index``."""
+        first = self.first_pixels
+        return slice(int(first[index]), int(first[index + 1]))
+
+    def of_view(self, index: int) -> slice:
+        """Hits of view number ``index``."""
+        pixels = self.pixels(index)
+        return slice(int(self.offsets[pixels.start]), int(self.offsets[pixels.stop]))
+
+    def pixel_of_hit(self, index: int) -> np.ndarray:
+        """(hits of the view,) int64: pixel number within view ``index`` of each of its hits."""
+        pixels = self.pixels(index)
+        counts = np.diff(self.offsets[pixels.start : pixels.stop + 1])
+        return np.repeat(np.arange(len(counts)), counts)
+
+
+_ARRAYS = ("offsets", "center", "position", "normal", "triangle", "footprint", "weight", "sub")
+
+
+def write_hits(folder: str | Path, hits: Hits) -> list[Path]:
+    """Write a shard's arrays into an existing folder; return the files."""
+    folder = Path(folder)
+    views = [{"name": n, "height": h, "width": w} for n, (h, w) in zip(hits.views, hits.shapes, strict=True)]
+    write_text(folder / "views.json", json.dumps({"views": views}) + "\n")
+    for name in _ARRAYS:
+        save_npy(folder / f"{name}.npy", getattr(hits, name))
+    return [folder / "views.json", *(folder / f"{name}.npy" for name in _ARRAYS)]
+
+
+def read_hits(folder: str | Path) -> Hits:
+    """Read a shard, arrays memory-mapped.
+
+    Raises
+    ------
+    FiptError
+        If a file is missing or the arrays do not belong together.
+    """
+    folder = Path(folder)
+    try:
+        views = json.loads(existing_file(folder / "views.json", "the views of a hits shard").read_text())["views"]
+        names = tuple(view["name"] for view in views)
+        shapes = tuple((int(view["height"]), int(view["width"])) for view in views)
+    except (ValueError, KeyError, TypeError) as error:
+        raise FiptError(f"{folder}/views.json is damaged ({error!r})", "run the hits stage again") from error
+    arrays = {name: load_npy(folder / f"{name}.npy") for name in _ARRAYS}
+    hits = Hits(names, shapes, **arrays)
+    count = len(hits.position)
+    if (
+        len(hits.offsets) != hits.first_pixels[-1] + 1
+        or hits.offsets[-1] != count
+        or hits.sub.shape != (count, SUB_POSITIONS, 3)
+        or any(len(getattr(hits, name)) != count for name in ("normal", "triangle", "footprint", "weight"))
+    ):
+        raise FiptError(
+            f"the arrays of {folder} do not belong together",
+            "delete it and run the hits stage again",
+        )
+    return hits
+
+
+def scene_box(shards: list[Hits]) -> tuple[np.ndarray, float]:
+    """Cube around all seen hits: (3,) float64 centre and side in metres (longest extent x 1.05)."""
+    positions = [shard.position for shard in shards if len(shard.position)]
+    if not positions:
+        raise FiptError("no camera ray hits the mesh", "check the poses, axes and units of the source")
+    low = np.min([p.min(axis=0) for p in positions], axis=0).astype(np.float64)
+    high = np.max([p.max(axis=0) for p in positions], axis=0).astype(np.float64)
+    return (low + high) / 2, float(max((high - low).max() * 1.05, 1e-6))
+
+
+def pixels_of(dataset: Dataset, hits: Hits) -> tuple[np.ndarray, np.ndarray]:
+    """Radiance (P, 3) and weight (P,) float32 of all pixels of a shard, in its pixel order."""
+    images, weights = zip(*(dataset.image(view) for view in hits.views), strict=True)
+    return (
+        np.concatenate([image.reshape(-1, 3) for image in images]),
+        np.concatenate([weight.reshape(-1) for weight in weights]),
+    )

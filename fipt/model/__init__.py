@@ -1,0 +1,1 @@
+"""What is fitted: reflectance, its encoding and networks."""

@@ -1,0 +1,71 @@
+"""Directional albedo of the specular lobe, tabulated once by quadrature (numpy)."""
+
+from functools import lru_cache
+
+import numpy as np
+
+from fipt.conventions import ROUGHNESS_MIN
+
+_COSINES = np.linspace(0.02, 1.0, 50)
+_ROUGHNESSES = np.linspace(ROUGHNESS_MIN, 1.0, 50)
+_SAMPLES = 64
+
+
+def specular_albedo(cos: float, roughness: float, samples: int = 256) -> tuple[float, float]:
+    """Integrate the specular lobe without its reflectance ks (paper, Eq. 6 with Li = 1).
+
+    Parameters
+    ----------
+    cos
+        n.o in (0, 1].
+    roughness
+        In [0.02, 1].
+
+    Returns
+    -------
+    A0, A1
+        E[(1 - Fc) w] and E[Fc w], with w the weight of sampling GGX half vectors.
+    """
+    u = (np.arange(samples) + 0.5) / samples
+    u1, u2 = np.meshgrid(u, u, indexing="ij")
+    alpha2 = roughness**4
+    ch = np.sqrt((1 - u1) / (u1 * (alpha2 - 1) + 1))
+    sh = np.sqrt(np.maximum(1 - ch**2, 0))
+    so = np.sqrt(1 - cos**2)
+    oh = so * sh * np.cos(2 * np.pi * u2) + cos * ch
+    ni = 2 * oh * ch - cos
+    k = (roughness + 1) ** 2 / 8
+    g = 1 / ((np.maximum(ni, 0) * (1 - k) + k) * (cos * (1 - k) + k))
+    w = np.where((ni > 0) & (oh > 0), g * oh * ni / np.maximum(ch, 1e-6), 0.0)
+    fc = np.maximum(1 - oh, 0) ** 5
+    return float(((1 - fc) * w).mean()), float((fc * w).mean())
+
+
+@lru_cache(1)
+def _table() -> np.ndarray:
+    return np.array([[specular_albedo(c, s, _SAMPLES) for s in _ROUGHNESSES] for c in _COSINES])
+
+
+def albedo_terms(cos: np.ndarray, roughness: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return A0 and A1 of `specular_albedo` for arrays (...,), bilinearly from a table (error below 0.005)."""
+    table = _table()
+    x = np.clip((np.asarray(cos) - _COSINES[0]) / (_COSINES[1] - _COSINES[0]), 0, len(_COSINES) - 1.001)
+    y = np.clip(
+        (np.asarray(roughness) - _ROUGHNESSES[0]) / (_ROUGHNESSES[1] - _ROUGHNESSES[0]),
+        0,
+        len(_ROUGHNESSES) - 1.001,
+    )
+    i, j = x.astype(int), y.astype(int)
+    fx, fy = (x - i)[..., None], (y - j)[..., None]
+    value = (table[i, j] * (1 - fx) + table[i + 1, j] * fx) * (1 - fy) + (
+        table[i, j + 1] * (1 - fx) + table[i + 1, j + 1] * fx
+    ) * fy
+    return value[..., 0].astype(np.float32), value[..., 1].astype(np.float32)
+
+
+def reflectance(base_color: np.ndarray, roughness: np.ndarray, metallic: np.ndarray, cos: np.ndarray) -> np.ndarray:
+    """Material reflectance a' = kd + ks A0 + A1 of (..., 3) base colours and (...,) scalars; (..., 3) float32."""
+    a0, a1 = albedo_terms(cos, roughness)
+    m = np.asarray(metallic)[..., None]
+    kd, ks = base_color * (1 - m), 0.04 * (1 - m) + base_color * m
+    return (kd + ks * a0[..., None] + a1[..., None]).astype(np.float32)

@@ -1,0 +1,284 @@
+"""The two networks that are fitted, and the scene box that their inputs are measured in.
+
+`BrdfNetwork` gives base colour, roughness and metallic, `EmissionNetwork` the mask of pixels that
+show a lamp; `Field` holds both with the box and answers in world coordinates. Sizes are those of
+the paper's supplement.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import nn
+
+from fipt.conventions import F0_DIELECTRIC, ROUGHNESS_MIN
+from fipt.model.hash_encoding import Backend, HashEncoding
+from fipt.settings import Fit
+
+QUERY_CHUNK = 1 << 14
+"""Points asked at once: few enough for their activations to stay in a processor's cache."""
+
+_INITIAL_EMISSION = 0.05
+
+
+@dataclass(frozen=True)
+class Brdf:
+    """Reflectance at N points, torch or numpy, float32.
+
+    Attributes
+    ----------
+    base_color
+        (N, 3) linear RGB in [0, 1].
+    roughness
+        (N,) perceptual, in [0.02, 1].
+    metallic
+        (N,) in [0, 1].
+    """
+
+    base_color: Any
+    roughness: Any
+    metallic: Any
+
+    @property
+    def kd(self) -> Any:
+        """(N, 3) diffuse reflectance a (1 - m)."""
+        return self.base_color * (1 - self.metallic[:, None])
+
+    @property
+    def ks(self) -> Any:
+        """(N, 3) specular reflectance at normal incidence 0.04 (1 - m) + a m."""
+        m = self.metallic[:, None]
+        return F0_DIELECTRIC * (1 - m) + self.base_color * m
+
+
+@dataclass(frozen=True)
+class SceneBox:
+    """The cube that every grid of the scene shares; sides parallel to the world's axes.
+
+    Attributes
+    ----------
+    center : tuple of float
+        World position, metres.
+    side : float
+        Length of a side, metres.
+    """
+
+    center: tuple[float, float, float]
+    side: float
+
+    def __post_init__(self) -> None:
+        # Plain floats, so that boxes compare and become JSON whatever array they came from.
+        object.__setattr__(self, "center", tuple(float(value) for value in self.center))
+        object.__setattr__(self, "side", float(self.side))
+
+    @classmethod
+    def around(cls, points: np.ndarray, margin: float = 1.05) -> "SceneBox":
+        """Box around points (N, 3), metres; its side is their longest extent times ``margin``."""
+        lower, upper = points.min(axis=0).astype(float), points.max(axis=0).astype(float)
+        return cls((lower + upper) / 2, (upper - lower).max() * margin)
+
+    def to_unit(self, points: Any) -> Any:
+        """Map world points (..., 3), torch or numpy, to [0, 1] inside the box."""
+        return (points - self._center_like(points)) / self.side + 0.5
+
+    def to_signed(self, points: Any) -> Any:
+        """Map world points (..., 3), torch or numpy, to [-1, 1] inside the box."""
+        return (points - self._center_like(points)) / (0.5 * self.side)
+
+    def _center_like(self, points: Any) -> Any:
+        if isinstance(points, torch.Tensor):
+            return points.new_tensor(self.center)
+        return np.asarray(self.center, points.dtype)
+
+
+class BrdfNetwork(nn.Module):
+    """Hash encoding and a small MLP: reflectance at points of the unit cube.
+
+    Parameters
+    ----------
+    settings : Fit
+        ``levels``, ``table_log2``, ``growth`` and ``seed`` are used.
+    backend : {"auto", "drjit", "torch"}
+        Of the encoding, see `HashEncoding`.
+    """
+
+    def __init__(self, settings: Fit, backend: Backend = "auto", width: int = 64) -> None:
+        super().__init__()
+        self.encoding = HashEncoding(
+            settings.levels,
+            settings.table_log2,
+            growth=settings.growth,
+            seed=settings.seed,
+            backend=backend,
+        )
+        generator = torch.Generator().manual_seed(settings.seed + 1)
+        inputs = settings.levels * self.encoding.features
+        self.mlp = nn.Sequential(
+            _linear(inputs, width, generator),
+            nn.ReLU(),
+            _linear(width, width, generator),
+            nn.ReLU(),
+            _linear(width, 5, generator),
+            nn.Sigmoid(),
+        )
+
+    def forward(self, points: torch.Tensor, footprint: torch.Tensor | None = None) -> Brdf:
+        """Reflectance at points (N, 3) in [0, 1], seen through footprints (N,) in box sides."""
+        output = self.mlp(self.encoding(points, footprint))
+        roughness = ROUGHNESS_MIN + (1 - ROUGHNESS_MIN) * output[:, 3]
+        return Brdf(output[:, :3], roughness, output[:, 4])
+
+
+class EmissionNetwork(nn.Module):
+    """Positional encoding and an MLP: how much of a pixel is light of the surface's own.
+
+    The positional encoding enters again in the middle of the MLP.
+
+    Parameters
+    ----------
+    seed : int
+        Of the initial weights.
+    bands, layers, width : int
+        Frequency bands; hidden layers; their width.
+    """
+
+    def __init__(self, seed: int = 0, bands: int = 10, layers: int = 6, width: int = 128) -> None:
+        super().__init__()
+        generator = torch.Generator().manual_seed(seed + 2)
+        self.register_buffer("frequencies", math.pi * 2.0 ** torch.arange(bands), persistent=False)
+        inputs = 3 + 6 * bands
+        self.middle = layers // 2
+        sizes = [inputs] + [width] * (layers - 1)
+        sizes[self.middle] += inputs
+        self.hidden = nn.ModuleList(_linear(size, width, generator) for size in sizes)
+        self.output = _linear(width, 1, generator)
+        with torch.no_grad():
+            # Everywhere slightly positive: a ReLU that starts shut would never open, and a mask
+            # that starts wide open would explain the pixels away before the BRDF can.
+            self.output.weight *= 0.1
+            self.output.bias.fill_(_INITIAL_EMISSION)
+
+    def forward(self, points: torch.Tensor) -> torch.Tensor:
+        """Raw emission e (N,), before the ReLU, at points (N, 3) in [-1, 1]."""
+        angles = (points[:, None, :] * self.frequencies[:, None]).flatten(1)
+        encoded = torch.cat([points, angles.sin(), angles.cos()], dim=1)
+        h = encoded
+        for i, layer in enumerate(self.hidden):
+            h = torch.relu(layer(torch.cat([encoded, h], dim=1) if i == self.middle else h))
+        return self.output(h)[:, 0]
+
+    @staticmethod
+    def mask(e: torch.Tensor) -> torch.Tensor:
+        """Emission mask alpha in [0, 1) of raw emission: 1 - exp(-relu(e))."""
+        return -torch.expm1(-torch.relu(e))
+
+
+class Field(nn.Module):
+    """Reflectance and emission everywhere in the scene, in world coordinates.
+
+    Parameters
+    ----------
+    settings : Fit
+        Sizes and seed.
+    box : SceneBox
+        Where the scene is.
+    backend : {"auto", "drjit", "torch"}
+        Of the hash encoding.
+
+    Attributes
+    ----------
+    brdf_network : BrdfNetwork
+    emission_network : EmissionNetwork
+    """
+
+    def __init__(self, settings: Fit, box: SceneBox, backend: Backend = "auto") -> None:
+        super().__init__()
+        self.box = box
+        self.brdf_network = BrdfNetwork(settings, backend)
+        self.emission_network = EmissionNetwork(settings.seed)
+
+    def brdf(self, p_world: torch.Tensor, footprint: torch.Tensor | None = None) -> Brdf:
+        """Reflectance at world points.
+
+        Parameters
+        ----------
+        p_world : torch.Tensor
+            (N, 3) float32, metres.
+        footprint : torch.Tensor, optional
+            (N,) float32, metres: size of the patch that is asked for; finer detail is faded out.
+        """
+        footprint = None if footprint is None else footprint / self.box.side
+        return self.brdf_network(self.box.to_unit(p_world), footprint)
+
+    def emission(self, p_world: torch.Tensor) -> torch.Tensor:
+        """Raw emission e (N,) at world points (N, 3), metres."""
+        return self.emission_network(self.box.to_signed(p_world))
+
+    def query(
+        self,
+        points: np.ndarray,
+        footprint: np.ndarray | None = None,
+        chunk: int = QUERY_CHUNK,
+    ) -> Brdf:
+        """Reflectance at any number of world points, without gradients.
+
+        Parameters
+        ----------
+        points : numpy.ndarray
+            (N, 3), metres.
+        footprint : numpy.ndarray, optional
+            (N,), metres.
+        chunk : int
+            Points computed at once.
+
+        Returns
+        -------
+        Brdf
+            Of numpy arrays, float32.
+        """
+        outputs = np.empty((len(points), 5), np.float32)
+
+        def ask(part: slice) -> None:
+            brdf = self.brdf(
+                self._tensor(points[part]),
+                None if footprint is None else self._tensor(footprint[part]),
+            )
+            columns = (brdf.base_color, brdf.roughness[:, None], brdf.metallic[:, None])
+            outputs[part] = torch.cat(columns, dim=1).cpu().numpy()
+
+        _chunked(ask, len(points), chunk)
+        return Brdf(outputs[:, :3].copy(), outputs[:, 3].copy(), outputs[:, 4].copy())
+
+    def query_mask(self, points: np.ndarray, chunk: int = QUERY_CHUNK) -> np.ndarray:
+        """Emission mask (N,) float32 at any number of world points (N, 3), without gradients."""
+        mask = np.empty(len(points), np.float32)
+
+        def ask(part: slice) -> None:
+            e = self.emission(self._tensor(points[part]))
+            mask[part] = self.emission_network.mask(e).cpu().numpy()
+
+        _chunked(ask, len(points), chunk)
+        return mask
+
+    def _tensor(self, array: np.ndarray) -> torch.Tensor:
+        # A copy: arrays of the pipeline are often read-only memory maps, which torch cannot share.
+        return torch.tensor(np.asarray(array, np.float32), device=self.brdf_network.encoding.table.device)
+
+
+@torch.no_grad()
+def _chunked(ask: Callable[[slice], None], count: int, chunk: int) -> None:
+    for start in range(0, count, chunk):
+        ask(slice(start, min(start + chunk, count)))
+
+
+def _linear(inputs: int, outputs: int, generator: torch.Generator) -> nn.Linear:
+    """Linear layer with torch's usual initial weights, but from a generator of our own."""
+    layer = nn.utils.skip_init(nn.Linear, inputs, outputs)
+    bound = 1 / math.sqrt(inputs)
+    with torch.no_grad():
+        layer.weight.uniform_(-bound, bound, generator=generator)
+        layer.bias.uniform_(-bound, bound, generator=generator)
+    return layer

@@ -1,0 +1,1 @@
+"""The fitted room seen: material maps, re-rendered and relit views."""

@@ -1,0 +1,76 @@
+"""Light setups: found emitters changed, new area lights added to the mesh."""
+
+import numpy as np
+
+from fipt.errors import FiptError
+from fipt.io.emitters import Emitters
+from fipt.io.meshes import Mesh
+from fipt.render.surface import EmitterSet
+from fipt.settings import EmitterEdit, NewLight, RelightSetup
+
+_SPHERE_SUBDIVISIONS = 3
+
+
+def apply_setup(mesh: Mesh, emitters: Emitters, setup: RelightSetup) -> tuple[Mesh, EmitterSet]:
+    """Return the mesh with the new lights' triangles appended, and what emits.
+
+    Raises
+    ------
+    FiptError
+        If the setup names an emitter that was not found.
+    """
+    radiance = emitters.radiance.astype(np.float64)
+    found = int(emitters.emitter.max(initial=-1)) + 1
+    for edit in setup.emitters:
+        if edit.index is not None and edit.index >= found:
+            raise FiptError(
+                f"the light setup names emitter {edit.index}; {found} were found",
+                f"use an index from 0 to {found - 1} (see emitters.json)" if found else "leave its emitters out",
+            )
+        own = slice(None) if edit.index is None else emitters.emitter == edit.index
+        radiance[own] = _edited(radiance[own], edit)
+    vertices, triangles = [mesh.vertices], [mesh.triangles]
+    lit, shine = [emitters.triangle], [radiance]
+    next_vertex, next_triangle = len(mesh.vertices), len(mesh.triangles)
+    for light in setup.lights:
+        v, t = _geometry(light)
+        vertices.append(v.astype(np.float32))
+        triangles.append((t + next_vertex).astype(np.int32))
+        lit.append(np.arange(next_triangle, next_triangle + len(t)))
+        shine.append(np.tile(np.array(light.radiance), (len(t), 1)))
+        next_vertex, next_triangle = next_vertex + len(v), next_triangle + len(t)
+    return Mesh(np.concatenate(vertices), np.concatenate(triangles)), EmitterSet(
+        np.concatenate(lit).astype(np.int32),
+        np.concatenate(shine).astype(np.float32),
+        emitters.two_sided,
+    )
+
+
+def _edited(radiance: np.ndarray, edit: EmitterEdit) -> np.ndarray:
+    """Radiance (N, 3) after an edit: exact radiance, else colour (mean kept), else scale."""
+    if edit.radiance is not None:
+        radiance = np.broadcast_to(np.array(edit.radiance), radiance.shape)
+    if edit.color is not None:
+        color = np.array(edit.color)
+        radiance = radiance.mean(axis=1, keepdims=True) * color / max(color.mean(), 1e-9)
+    return radiance * (1.0 if edit.scale is None else edit.scale)
+
+
+def _geometry(light: NewLight) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (V, 3) and triangles (T, 3) of a new light."""
+    center = np.array(light.center)
+    if light.shape == "sphere":
+        import trimesh
+
+        sphere = trimesh.creation.icosphere(_SPHERE_SUBDIVISIONS, light.radius)
+        return np.asarray(sphere.vertices) + center, np.asarray(sphere.faces)
+    n = np.array(light.normal, np.float64)
+    if np.linalg.norm(n) < 1e-9:
+        raise FiptError("the normal of a new quad light must not be zero", "give the direction it faces")
+    n /= np.linalg.norm(n)
+    u = np.cross(n, [0.0, 1.0, 0.0] if abs(n[1]) < 0.9 else [1.0, 0.0, 0.0])
+    u *= 0.5 * light.size[0] / np.linalg.norm(u)
+    v = np.cross(n, u)
+    v *= 0.5 * light.size[1] / np.linalg.norm(v)
+    corners = center + np.array([-u - v, u - v, u + v, -u + v])
+    return corners, np.array([[0, 1, 2], [0, 2, 3]])

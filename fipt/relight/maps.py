@@ -1,0 +1,88 @@
+"""Material maps: every layer of every view at the surface that the pixel's centre shows."""
+
+import numpy as np
+
+from fipt.conventions import SUB_POSITIONS
+from fipt.io.cameras import Camera
+from fipt.io.emitters import Emitters
+from fipt.io.hits import Hits
+from fipt.model.albedo import reflectance
+from fipt.model.networks import Brdf, Field
+from fipt.render.surface import EmitterSet
+
+
+def hit_materials(field: Field, hits: Hits, chosen: np.ndarray, average: bool, scale: float) -> Brdf:
+    """Reflectance of hits, averaged over their pieces of surface (or at one point of each).
+
+    Parameters
+    ----------
+    chosen
+        (N,) indices of hits.
+    average
+        Query every stored point of a hit and take the mean.
+    scale
+        Size of a query in footprints, as the fit used it (settings of fit).
+
+    Returns
+    -------
+    Brdf
+        N rows.
+    """
+    position, footprint = np.asarray(hits.position)[chosen], np.asarray(hits.footprint)[chosen] * scale
+    if not average:
+        return field.query(position, footprint)
+    points = position[:, None] + np.asarray(hits.sub)[chosen].astype(np.float32)
+    brdf = field.query(points.reshape(-1, 3), np.repeat(footprint, SUB_POSITIONS))
+    shape = (len(chosen), SUB_POSITIONS)
+    return Brdf(
+        brdf.base_color.reshape(*shape, 3).mean(1),
+        brdf.roughness.reshape(shape).mean(1),
+        brdf.metallic.reshape(shape).mean(1),
+    )
+
+
+def emission_of(emitters: Emitters | EmitterSet, triangle: np.ndarray) -> np.ndarray:
+    """(N, 3) float32 radiance that triangles (N,) emit."""
+    order = np.argsort(emitters.triangle)
+    known = emitters.triangle[order]
+    if len(known) == 0:
+        return np.zeros((len(triangle), 3), np.float32)
+    place = np.minimum(np.searchsorted(known, triangle), len(known) - 1)
+    return np.where((known[place] == triangle)[:, None], emitters.radiance[order][place], 0.0).astype(np.float32)
+
+
+def material_maps(
+    field: Field, emitters: Emitters, hits: Hits, index: int, camera: Camera, average: bool, scale: float
+) -> dict[str, np.ndarray]:
+    """Layers of materials/{view}.exr for view number ``index`` of a shard.
+
+    Returns
+    -------
+    dict
+        ``kd``, ``base_color``, ``reflectance``, ``emission`` (H, W, 3); ``roughness.Y``, ``metallic.Y``,
+        ``emission_mask.Y``, ``hit.Y`` (H, W), float32; 0 where the pixel's centre misses the mesh.
+    """
+    height, width = hits.shapes[index]
+    pixels = hits.pixels(index)
+    hit = np.asarray(hits.center[pixels]) > 0
+    chosen = np.asarray(hits.offsets[pixels])[hit]
+    brdf = hit_materials(field, hits, chosen, average, scale)
+    wo = camera.center - np.asarray(hits.position)[chosen]
+    cos = (wo * np.asarray(hits.normal)[chosen]).sum(1) / np.linalg.norm(wo, axis=1)
+    emission = emission_of(emitters, np.asarray(hits.triangle)[chosen])
+
+    def spread(values: np.ndarray) -> np.ndarray:
+        full = np.zeros((height * width, *values.shape[1:]), np.float32)
+        full[hit] = values
+        return full.reshape(height, width, *values.shape[1:])
+
+    return {
+        "kd": spread(brdf.kd),
+        "base_color": spread(brdf.base_color),
+        "reflectance": spread(reflectance(brdf.base_color, brdf.roughness, brdf.metallic, cos)),
+        "roughness.Y": spread(brdf.roughness),
+        "metallic.Y": spread(brdf.metallic),
+        "emission": spread(emission),
+        "emission_mask.Y": spread((emission.max(axis=1) > 0).astype(np.float32)),
+        "hit.Y": hit.reshape(height, width).astype(np.float32),
+    }

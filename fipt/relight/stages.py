@@ -1,0 +1,121 @@
+"""The stages materials, render and relight: files in, pictures out."""
+
+from pathlib import Path
+
+import numpy as np
+
+from fipt.io.arrays import load_npz
+from fipt.io.dataset import Dataset
+from fipt.io.emitters import read_emitters
+from fipt.io.exr import write_exr
+from fipt.io.hits import Hits, read_hits
+from fipt.io.manifests import Stats, write_manifest
+from fipt.io.meshes import Mesh, connected_parts
+from fipt.model.store import load_field
+from fipt.model.voxels import voxel_materials
+from fipt.progress import progress
+from fipt.relight.lights import apply_setup
+from fipt.relight.maps import emission_of, hit_materials, material_maps
+from fipt.render.first_hits import joined, trace_view
+from fipt.render.picture import pixels_of_hits, radiance_of_hits
+from fipt.render.scene import RayScene
+from fipt.render.surface import EmitterSet, SurfaceCache, Triangles
+from fipt.render.tracer import PathSettings, Shader
+from fipt.settings import Hits as HitsSettings
+from fipt.settings import Materials, RelightSetup, Render, dumped
+
+
+def write_materials(
+    dataset: Path,
+    hits: Path,
+    model: Path,
+    emitters: Path,
+    out: Path,
+    manifest: Path,
+    settings: Materials,
+    stats: Stats,
+) -> None:
+    """Write the material maps of a shard's views, materials/{view}.exr, then their manifest."""
+    data, shard = Dataset(dataset), read_hits(hits)
+    found = read_emitters(emitters)
+    field, metadata = load_field(model)
+    scale = metadata["settings"].footprint
+    files = []
+    with progress("materials", shard.first_pixels[-1], " pixels") as bar:
+        for index, view in enumerate(shard.views):
+            camera = data.camera(view)
+            maps = material_maps(field, found, shard, index, camera, settings.average, scale)
+            files.append(out / f"{view}.exr")
+            write_exr(files[-1], maps)
+            bar.advance(camera.width * camera.height)
+        stats["pixels_per_s"] = bar.rate
+    write_manifest(manifest, "materials", files, dumped(settings))
+
+
+def write_pictures(
+    stage: str,
+    dataset: Path,
+    hits: Path,
+    cache: Path,
+    model: Path,
+    emitters: Path,
+    setup: RelightSetup | None,
+    out: Path,
+    manifest: Path,
+    settings: Render,
+    stats: Stats,
+) -> None:
+    """Path trace a shard's views with the model, under its own emitters or a light setup.
+
+    Paths follow the model alone: the photographs' radiance is not read, so that the same holds under other light.
+    """
+    data, shard = Dataset(dataset), read_hits(hits)
+    mesh, found = data.mesh(), read_emitters(emitters)
+    lit = EmitterSet(found.triangle, found.radiance, found.two_sided)
+    if setup is not None:
+        room = mesh
+        mesh, lit = apply_setup(room, found, setup)
+        if len(mesh.triangles) > len(room.triangles):  # new lights may hide what the views saw
+            shard = _traced(data, mesh, shard.views)
+    field, metadata = load_field(model)
+    scale = metadata["settings"].footprint
+    voxels = load_npz(cache)
+    nothing = np.zeros((len(voxels["key"]), 3), np.float32)
+    shader = Shader(
+        RayScene(mesh),
+        Triangles(mesh, lit),
+        SurfaceCache(voxels, nothing, np.zeros(len(nothing), bool), voxel_materials(field, voxels)),
+        PathSettings(settings.max_depth, cache_roughness=1.0, light_at_first=True),
+    )
+    files = []
+    with progress(stage, len(shard.position) * settings.spp, " paths") as bar:
+        for index, view in enumerate(shard.views):
+            own = shard.of_view(index)
+            brdf = hit_materials(field, shard, np.arange(own.start, own.stop), True, scale)
+            values = radiance_of_hits(
+                shader,
+                shard,
+                index,
+                data.camera(view),
+                brdf.base_color,
+                brdf.roughness,
+                brdf.metallic,
+                settings.spp,
+                settings.denoise,
+                settings.seed,
+                bar.advance,
+            )
+            triangle = np.asarray(shard.triangle[own])
+            shining = np.isin(triangle, lit.triangle)
+            values[shining] = emission_of(lit, triangle[shining])
+            files.append(out / f"{view}.exr")
+            write_exr(files[-1], {"": pixels_of_hits(values, shard, index, np.zeros(3))})
+        stats["paths_per_s"] = bar.rate
+    write_manifest(manifest, stage, files, dumped(settings))
+
+
+def _traced(data: Dataset, mesh: Mesh, views: tuple[str, ...]) -> Hits:
+    """First hits of views on a mesh that has changed."""
+    scene, parts = RayScene(mesh), connected_parts(mesh)
+    cameras = [data.camera(view) for view in views]
+    return joined(cameras, [trace_view(scene, parts, camera, HitsSettings()) for camera in cameras])

@@ -1,0 +1,1 @@
+"""The one ray layer: nothing outside this package touches Mitsuba."""

@@ -1,0 +1,36 @@
+"""Hits as images: the n-th hits of all pixels form a layer, so that image filters apply."""
+
+import numpy as np
+
+from fipt.io.hits import Hits
+from fipt.render.denoise import denoise
+
+
+_FEWEST = 0.01
+"""Share of the pixels below which a layer is too sparse to be an image: its hits stay as they are."""
+
+
+def denoise_hits(values: np.ndarray, hits: Hits, index: int, quality: str = "high") -> np.ndarray:
+    """Denoise (N, K, 3) values of a view's hits as K images a layer.
+
+    The n-th hits of all pixels form the n-th layer; pixels without an n-th hit show their last one, so that each
+    image is complete. Pixels that miss the mesh are black.
+    """
+    height, width = hits.shapes[index]
+    pixels, own = hits.pixels(index), hits.of_view(index)
+    first = np.asarray(hits.offsets[pixels]) - own.start
+    counts = np.diff(hits.offsets[pixels.start : pixels.stop + 1])
+    covered = (counts > 0)[:, None]
+    normal = np.asarray(hits.normal[own])
+    result = values.copy()
+    for number in range(int(counts.max(initial=0))):
+        has = counts > number
+        if has.mean() < _FEWEST:
+            break
+        chosen = np.where(counts > 0, first + np.minimum(number, np.maximum(counts - 1, 0)), 0)
+        guide = np.where(covered, normal[chosen], 0.0).reshape(height, width, 3)
+        for output in range(values.shape[1]):
+            image = np.where(covered, values[chosen, output], 0.0).reshape(height, width, 3)
+            clean = denoise(image, normal=guide, quality=quality).reshape(-1, 3)
+            result[chosen[has], output] = clean[has]
+    return result

@@ -1,0 +1,263 @@
+"""Mitsuba's own path integrator on a textured mesh: the reference that our tracer is judged by.
+
+It shares no estimator with our tracer: its BSDF is `fipt.render.bsdf`, its lights are Mitsuba's
+area lights.
+"""
+
+from __future__ import annotations  # Mitsuba has no classes before its variant is set
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from fipt.io.cameras import Camera
+from fipt.io.meshes import Mesh
+from fipt.render import bsdf
+
+_MAX_LANES = 2**22
+"""Paths traced at once: bounds the memory of a wavefront."""
+
+_SHEET_GAP = 0.001
+"""Distance between the two faces of a two-sided light, metres."""
+
+
+@dataclass(frozen=True)
+class Light:
+    """Triangles of one radiance.
+
+    Attributes
+    ----------
+    mesh
+        Its triangles, metres.
+    radiance
+        (3,) linear RGB; zero for a lamp that is off. Lights absorb what falls on them.
+    two_sided
+        Shine from both sides. Mitsuba's area lights have one, so this makes two sheets; lamps whose
+        back nobody can see, such as a closed globe, do without.
+    """
+
+    mesh: Mesh
+    radiance: np.ndarray
+    two_sided: bool = False
+
+
+class TexturedMesh:
+    """First hits on a mesh, with the base colour there.
+
+    Parameters
+    ----------
+    mesh
+        Triangles, which keep their numbers.
+    uv
+        (V, 2) float32 texture coordinates.
+    texture
+        (h, w, 3) float32 base colours, looked up bilinearly; row 0 is v = 0.
+    """
+
+    def __init__(self, mesh: Mesh, uv: np.ndarray, texture: np.ndarray) -> None:
+        self._scene = mi.load_dict({"type": "scene", "mesh": _mesh("mesh", mesh, uv)})
+        self._texture = _bitmap(texture)
+
+    def first_hits(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Trace rays.
+
+        Parameters
+        ----------
+        origins, directions
+            (N, 3) float32 in metres; unit directions.
+
+        Returns
+        -------
+        distance
+            (N,) float32 metres, infinite where a ray meets nothing.
+        triangle
+            (N,) int32, -1 where a ray meets nothing.
+        """
+        hit = self._scene.ray_intersect_preliminary(_rays(origins, directions))
+        distance, triangle = mi.Float(hit.t), mi.Int32(hit.prim_index)
+        dr.eval(distance, triangle)
+        distance = np.array(distance)
+        return distance, np.where(np.isfinite(distance), np.array(triangle), -1)
+
+    def look(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Trace rays and look at what they meet.
+
+        Returns
+        -------
+        triangle
+            (N,) int32, -1 where a ray meets nothing.
+        color
+            (N, 3) float32 base colour.
+        normal
+            (N, 3) float32 unit geometric normal by winding order.
+        """
+        si = self._scene.ray_intersect(_rays(origins, directions))
+        triangle = dr.select(si.is_valid(), mi.Int32(si.prim_index), -1)
+        color = self._texture.eval(si)
+        dr.eval(triangle, color, si.n)
+        return np.array(triangle), np.array(color).T, np.array(si.n).T
+
+
+def load_scene(
+    mesh: Mesh,
+    uv: np.ndarray,
+    texture: np.ndarray,
+    roughness: np.ndarray,
+    metallic: np.ndarray,
+    lights: Sequence[Light],
+) -> mi.Scene:
+    """Make a scene to render.
+
+    Parameters
+    ----------
+    mesh
+        What reflects, T triangles; the lights' triangles are not among them.
+    uv, texture
+        Base colour, as in `TexturedMesh`.
+    roughness, metallic
+        (T,) float32.
+    lights
+        What shines.
+    """
+    bsdf.register()
+    material = mi.load_dict(
+        {
+            "type": bsdf.NAME,
+            "base_color": _bitmap(texture),
+            "roughness": {"type": "mesh_attribute", "name": "face_roughness"},
+            "metallic": {"type": "mesh_attribute", "name": "face_metallic"},
+        }
+    )
+    attributes = {"face_roughness": roughness, "face_metallic": metallic}
+    scene = {"type": "scene", "mesh": _mesh("mesh", mesh, uv, attributes, bsdf=material)}
+    for index, light in enumerate(lights):
+        for side, sheet in enumerate(_sheets(light)):
+            black = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}
+            parts = {"bsdf": mi.load_dict(black)}
+            if np.any(light.radiance):
+                value = [float(c) for c in light.radiance]
+                area = {"type": "area", "radiance": {"type": "rgb", "value": value}}
+                parts["emitter"] = mi.load_dict(area)
+            name = f"light{index}_{side}"
+            scene[name] = _mesh(name, sheet, **parts)
+    return mi.load_dict(scene)
+
+
+class PathTracer:
+    """Renders views of one scene with Mitsuba's ``path`` integrator.
+
+    Rays leave from `Camera` itself and land evenly in a pixel: a pixel is the mean over its area.
+
+    Parameters
+    ----------
+    scene
+        From `load_scene`.
+    max_depth
+        Longest path, bounces.
+    """
+
+    def __init__(self, scene: mi.Scene, max_depth: int) -> None:
+        self._scene = scene
+        # Mitsuba counts a path's edges, one more than its bounces.
+        self._integrator = mi.load_dict({"type": "path", "max_depth": max_depth + 1, "rr_depth": 5})
+
+    def render(self, camera: Camera, spp: int, seed: int) -> np.ndarray:
+        """Return the (H, W, 3) float32 radiance of a view from ``spp`` paths a pixel."""
+        pixels = camera.width * camera.height
+        # The passes depend on the image alone: the same seed gives the same picture everywhere.
+        most = max(_MAX_LANES // pixels, 1)
+        counts = [most] * (spp // most) + [spp % most] * (spp % most > 0)
+        seeds = np.random.SeedSequence(seed).generate_state(len(counts))
+        total = np.zeros((pixels, 3))
+        for count, pass_seed in zip(counts, seeds, strict=True):
+            total += self._pass(camera, count, int(pass_seed))
+        return (total / spp).reshape(camera.height, camera.width, 3).astype(np.float32)
+
+    def _pass(self, camera: Camera, spp: int, seed: int) -> np.ndarray:
+        """Return the (H * W, 3) sum of ``spp`` paths a pixel."""
+        lanes = camera.width * camera.height * spp
+        sampler = mi.load_dict({"type": "independent"})
+        sampler.seed(mi.UInt32(seed), lanes)
+        # Everything that differs between views is opaque, so that one kernel serves them all.
+        width, count = (dr.opaque(mi.UInt32, n) for n in (camera.width, spp))
+        intrinsics = (camera.fx, camera.fy, camera.cx, camera.cy)
+        fx, fy, cx, cy = (dr.opaque(mi.Float, n) for n in intrinsics)
+        right, up, back, center = (
+            mi.Vector3f(*(dr.opaque(mi.Float, float(n)) for n in camera.world_from_camera[:3, k])) for k in range(4)
+        )
+        pixel = dr.arange(mi.UInt32, lanes) // count
+        row = pixel // width
+        jitter = sampler.next_2d()
+        x = (mi.Float(pixel - row * width) + jitter.x - cx) / fx
+        y = (mi.Float(row) + jitter.y - cy) / fy
+        direction = dr.normalize(x * right - y * up - back)
+        ray = mi.RayDifferential3f(mi.Point3f(center), direction)
+        color = mi.Color3f(self._integrator.sample(self._scene, sampler, ray)[0])
+        dr.eval(color)
+        # Sums of blocks, unlike a film's scatter-adds, come out the same to the bit every time.
+        return np.stack([dr.block_reduce(dr.ReduceOp.Add, c, spp).numpy() for c in color], axis=1)
+
+
+def _sheets(light: Light) -> list[Mesh]:
+    """One-sided meshes that together make a light."""
+    if not light.two_sided:
+        return [light.mesh]
+    shift = 0.5 * _SHEET_GAP * light.mesh.normals[0]
+    return [
+        Mesh(light.mesh.vertices + shift, light.mesh.triangles),
+        Mesh(light.mesh.vertices - shift, light.mesh.triangles[:, ::-1]),
+    ]
+
+
+def _rays(origins: np.ndarray, directions: np.ndarray) -> mi.Ray3f:
+    columns = [
+        [mi.Float(np.ascontiguousarray(column, np.float32)) for column in np.asarray(array).T]
+        for array in (origins, directions)
+    ]
+    return mi.Ray3f(mi.Point3f(*columns[0]), mi.Vector3f(*columns[1]))
+
+
+def _bitmap(texture: np.ndarray) -> mi.Texture:
+    return mi.load_dict(
+        {
+            "type": "bitmap",
+            "data": mi.TensorXf(np.ascontiguousarray(texture, np.float32)),
+            "raw": True,
+            "filter_type": "bilinear",
+            "wrap_mode": "clamp",
+        }
+    )
+
+
+def _mesh(
+    name: str,
+    mesh: Mesh,
+    uv: np.ndarray | None = None,
+    attributes: dict[str, np.ndarray] | None = None,
+    **children: Any,
+) -> mi.Mesh:
+    """Make a mesh with flat normals, (T,) face ``attributes``, and bsdf or emitter as children."""
+    props = mi.Properties()
+    for key, child in children.items():
+        props[key] = child
+    made = mi.Mesh(
+        name,
+        len(mesh.vertices),
+        len(mesh.triangles),
+        has_vertex_normals=False,
+        has_vertex_texcoords=uv is not None,
+        props=props,
+    )
+    for key, values in (attributes or {}).items():
+        made.add_attribute(key, 1, np.ascontiguousarray(values, np.float32))
+    params = mi.traverse(made)
+    params["vertex_positions"] = mi.Float(np.ascontiguousarray(mesh.vertices, np.float32).ravel())
+    params["faces"] = mi.UInt32(np.ascontiguousarray(mesh.triangles, np.uint32).ravel())
+    if uv is not None:
+        params["vertex_texcoords"] = mi.Float(np.ascontiguousarray(uv, np.float32).ravel())
+    params.update()
+    return made

@@ -1,0 +1,71 @@
+"""The mesh as Mitsuba sees it: rays in, distances and triangles out."""
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from fipt.conventions import RAY_EPSILON
+from fipt.io.meshes import Mesh
+
+
+def vectors(array: np.ndarray, kind: type) -> object:
+    """Turn an (N, 3) array into a Dr.Jit point, vector or colour type."""
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise ValueError(f"must have shape (N, 3), got {array.shape}")
+    return kind(*(type(kind().x)(np.ascontiguousarray(array[:, axis], np.float32)) for axis in range(3)))
+
+
+class RayScene:
+    """A mesh to trace rays against.
+
+    Attributes
+    ----------
+    scene
+        The Mitsuba scene; its only shape is the mesh.
+    normals
+        (T, 3) float32 geometric normals by winding order.
+    epsilon
+        Offset of ray origins along the normal, metres.
+    """
+
+    def __init__(self, mesh: Mesh) -> None:
+        shape = mi.Mesh(
+            "room",
+            len(mesh.vertices),
+            len(mesh.triangles),
+            has_vertex_normals=False,
+            has_vertex_texcoords=False,
+        )
+        parameters = mi.traverse(shape)
+        parameters["vertex_positions"] = mi.Float(mesh.vertices.astype(np.float32).ravel())
+        parameters["faces"] = mi.UInt32(mesh.triangles.astype(np.uint32).ravel())
+        parameters.update()
+        self.scene = mi.load_dict({"type": "scene", "room": shape})
+        self.normals = mesh.normals
+        self.epsilon = float(RAY_EPSILON * np.ptp(mesh.vertices, axis=0).max())
+
+    def intersect(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Find first hits.
+
+        Parameters
+        ----------
+        origins
+            (N, 3) or (3,) float32, metres.
+        directions
+            (N, 3) float32 unit vectors.
+
+        Returns
+        -------
+        distance
+            (N,) float32 metres, infinite where nothing is hit.
+        triangle
+            (N,) int32, -1 where nothing is hit.
+        """
+        d = vectors(directions, mi.Vector3f)
+        o = mi.Point3f(*map(float, origins)) if origins.ndim == 1 else vectors(origins, mi.Point3f)
+        found = self.scene.ray_intersect_preliminary(mi.Ray3f(o, d), coherent=True)
+        valid = found.is_valid()
+        distance = dr.select(valid, found.t, dr.inf)
+        triangle = dr.select(valid, mi.Int32(found.prim_index), -1)
+        dr.eval(distance, triangle)
+        return distance.numpy(), triangle.numpy().astype(np.int32)

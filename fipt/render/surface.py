@@ -1,0 +1,193 @@
+"""What a ray finds on the surface: cached radiance and material by voxel, normal and emitter by triangle."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from fipt.io.emitters import Emitters
+from fipt.io.meshes import Mesh
+
+
+class Materials(Protocol):
+    """Reflectance of K points, numpy float32: base_color (K, 3), roughness (K,), metallic (K,)."""
+
+    base_color: np.ndarray
+    roughness: np.ndarray
+    metallic: np.ndarray
+
+
+@dataclass(frozen=True)
+class EmitterSet:
+    """Emitting triangles.
+
+    Attributes
+    ----------
+    triangle
+        (E,) int32 indices into the mesh.
+    radiance
+        (E, 3) float32.
+    two_sided
+        Whether they shine from both sides; otherwise from the side their winding faces.
+    """
+
+    triangle: np.ndarray
+    radiance: np.ndarray
+    two_sided: bool = True
+
+    def lit(self) -> "EmitterSet":
+        """The triangles that emit at all."""
+        keep = self.radiance.max(axis=1, initial=0) > 0
+        return EmitterSet(self.triangle[keep], self.radiance[keep], self.two_sided)
+
+
+def emitter_set(emitters: Emitters) -> EmitterSet:
+    """Found emitters as the tracer takes them."""
+    return EmitterSet(emitters.triangle, emitters.radiance, emitters.two_sided)
+
+
+class SurfaceCache:
+    """Sparse voxel records over the surface, for lookups inside kernels.
+
+    Parameters
+    ----------
+    voxels
+        The arrays of cache.npz: ``center`` (3,), ``side`` (metres), ``resolution``, ``key`` (K,) sorted.
+    radiance
+        (K, 3) cached outgoing radiance.
+    known
+        (K,) bool: whether the radiance may end a path.
+    materials
+        ``base_color`` (K, 3), ``roughness`` (K,), ``metallic`` (K,); None in round 0, where no path goes on.
+    """
+
+    def __init__(
+        self,
+        voxels: Mapping[str, np.ndarray],
+        radiance: np.ndarray,
+        known: np.ndarray,
+        materials: Materials | None = None,
+    ) -> None:
+        side, key = float(voxels["side"]), voxels["key"]
+        n, count = int(voxels["resolution"]), len(key)
+        center = voxels["center"]
+        self.low = [float(v) for v in center - side / 2]
+        self.scale, self.resolution = n / side, n
+        index = np.full(n**3, count, np.uint32)
+        index[key] = np.arange(count, dtype=np.uint32)
+        self.index = mi.UInt32(index)
+        rough = np.ones(count, np.float32) if materials is None else materials.roughness
+        # the sign of the roughness tells whether the radiance is known; the last record is "nothing here"
+        light = np.concatenate([radiance, np.where(known, rough, -rough)[:, None]], axis=1)
+        light = np.concatenate([light, [[0.0, 0.0, 0.0, -1.0]]])
+        self.light = mi.Float(light.astype(np.float32).ravel())
+        if materials is not None:
+            material = np.concatenate([materials.base_color, materials.metallic[:, None]], axis=1)
+            material = np.concatenate([material, [[0.5, 0.5, 0.5, 0.0]]])
+            self.material = mi.Float(material.astype(np.float32).ravel())
+
+    def find(self, p: "mi.Point3f", active: "mi.Bool") -> "mi.UInt32":
+        """Record number of the voxel at p."""
+        n = self.resolution
+        low = mi.Point3f(*self.low)
+        cell = mi.Vector3i(dr.clip(dr.floor((p - low) * self.scale), 0, n - 1))
+        return dr.gather(mi.UInt32, self.index, mi.UInt32(cell.x + n * (cell.y + n * cell.z)), active)
+
+    def lookup_radiance(self, record: "mi.UInt32", active: "mi.Bool") -> tuple["mi.Color3f", "mi.Float", "mi.Bool"]:
+        """Cached radiance, roughness, and whether the radiance is known."""
+        v = dr.gather(mi.Vector4f, self.light, record, active)
+        return mi.Color3f(v.x, v.y, v.z), dr.abs(v.w), v.w > 0
+
+    def lookup_material(self, record: "mi.UInt32", active: "mi.Bool") -> tuple["mi.Color3f", "mi.Float"]:
+        """Base colour and metallic."""
+        v = dr.gather(mi.Vector4f, self.material, record, active)
+        return mi.Color3f(v.x, v.y, v.z), v.w
+
+
+class Triangles:
+    """Normal and emitter of every triangle, and sampling of emitters by power.
+
+    Parameters
+    ----------
+    mesh
+        The room.
+    emitters
+        Emitting triangles, or None.
+    """
+
+    def __init__(self, mesh: Mesh, emitters: EmitterSet | None) -> None:
+        emitters = emitters.lit() if emitters is not None else None
+        self.has_emitters = emitters is not None and len(emitters.triangle) > 0
+        number = np.zeros(len(mesh.triangles), np.float32)
+        if self.has_emitters:
+            number[emitters.triangle] = 1 + np.arange(len(emitters.triangle))
+        self.face = mi.Float(np.concatenate([mesh.normals, number[:, None]], axis=1).astype(np.float32).ravel())
+        if not self.has_emitters:
+            return
+        self.two_sided = emitters.two_sided
+        self.count = len(emitters.triangle)
+        area = np.maximum(mesh.areas[emitters.triangle], 1e-20)
+        power = area * emitters.radiance.astype(np.float64).mean(axis=1)
+        chance = power / power.sum()
+        prob, alias = alias_table(chance)
+        self.alias = mi.Float(np.stack([prob, alias.astype(np.float64)], 1).astype(np.float32).ravel())
+        self.emitted = mi.Float(
+            np.concatenate([emitters.radiance, (chance / area)[:, None]], axis=1).astype(np.float32).ravel()
+        )
+        corner = mesh.corners[emitters.triangle]
+        a, u, v = corner[:, 0], corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
+        self.corner, self.edge_u, self.edge_v = (
+            mi.Float(np.pad(x, ((0, 0), (0, 1))).astype(np.float32).ravel()) for x in (a, u, v)
+        )
+        self.emitter_normal = mi.Float(
+            np.pad(mesh.normals[emitters.triangle], ((0, 0), (0, 1))).astype(np.float32).ravel()
+        )
+
+    def lookup(self, triangle: "mi.UInt32", active: "mi.Bool") -> tuple["mi.Vector3f", "mi.UInt32"]:
+        """Normal by winding order and emitter number + 1 (0: does not emit)."""
+        v = dr.gather(mi.Vector4f, self.face, triangle, active)
+        return mi.Vector3f(v.x, v.y, v.z), mi.UInt32(v.w)
+
+    def radiance(self, emitter: "mi.UInt32", active: "mi.Bool") -> tuple["mi.Color3f", "mi.Float"]:
+        """Emitted radiance and the density of choosing a point on it, per square metre."""
+        v = dr.gather(mi.Vector4f, self.emitted, emitter, active)
+        return mi.Color3f(v.x, v.y, v.z), v.w
+
+    def shines(self, normal: "mi.Vector3f", away: "mi.Vector3f") -> "mi.Bool":
+        """Whether an emitter with this winding normal emits along ``away``."""
+        return mi.Bool(True) if self.two_sided else dr.dot(normal, away) > 0
+
+    def sample(
+        self, u: "mi.Float", u1: "mi.Float", u2: "mi.Float", active: "mi.Bool"
+    ) -> tuple["mi.Point3f", "mi.Vector3f", "mi.Color3f", "mi.Float"]:
+        """Choose a point on an emitter by power: position, winding normal, radiance, density per square metre."""
+        x = u * self.count
+        slot = dr.minimum(mi.UInt32(x), self.count - 1)
+        entry = dr.gather(mi.Vector2f, self.alias, slot, active)
+        e = dr.select(x - mi.Float(slot) < entry.x, slot, mi.UInt32(entry.y))
+        root = dr.sqrt(u1)
+        corner = dr.gather(mi.Vector4f, self.corner, e, active)
+        edge_u = dr.gather(mi.Vector4f, self.edge_u, e, active)
+        edge_v = dr.gather(mi.Vector4f, self.edge_v, e, active)
+        q = corner + edge_u * (root * (1 - u2)) + edge_v * (root * u2)
+        n = dr.gather(mi.Vector4f, self.emitter_normal, e, active)
+        radiance, pdf = self.radiance(e, active)
+        return mi.Point3f(q.x, q.y, q.z), mi.Vector3f(n.x, n.y, n.z), radiance, pdf
+
+
+def alias_table(chance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Walker's alias table of (E,) probabilities: (E,) threshold of each slot and (E,) its other entry."""
+    n = len(chance)
+    scaled = np.asarray(chance, np.float64) * n
+    threshold, alias = np.ones(n), np.arange(n)
+    small = [i for i in range(n) if scaled[i] < 1]
+    large = [i for i in range(n) if scaled[i] >= 1]
+    while small and large:
+        s, b = small.pop(), large.pop()
+        threshold[s], alias[s] = scaled[s], b
+        scaled[b] -= 1 - scaled[s]
+        (small if scaled[b] < 1 else large).append(b)
+    return threshold, alias

@@ -1,0 +1,466 @@
+"""What the page shows, gathered from whatever files a results folder holds."""
+
+import json
+import platform
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fipt import __version__
+from fipt.errors import FiptError
+from fipt.io.dataset import Dataset, read_layers, read_rejected
+from fipt.io.exr import read_rgb
+from fipt.progress import human, progress
+from fipt.report import pictures
+from fipt.settings import Report
+
+COLUMNS = (
+    ("photo", "Photo"),
+    ("render", "Re-rendered"),
+    ("difference", "Difference"),
+    ("kd", "Diffuse kd"),
+    ("reflectance", "Reflectance a'"),
+    ("roughness", "Roughness"),
+    ("metallic", "Metallic"),
+    ("emission", "Emission"),
+)
+"""Columns of the view table: key and heading."""
+
+TILES = (
+    "kd_psnr",
+    "reflectance_psnr",
+    "base_color_psnr",
+    "roughness_l1",
+    "metallic_l1",
+    "emission_iou",
+    "log_radiance_error",
+    "render_psnr",
+)
+"""Figures of a split that have a tile, in order."""
+
+_FIRST = ("synthesize", "import", "hits", "cache")
+_ROUND = ("bake", "refine", "fit", "emitters")
+_LAST = ("materials", "render", "relight", "metrics", "report")
+
+_PACKAGES = ("numpy", "torch", "mitsuba", "drjit", "pyoidn", "OpenEXR")
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One embedded picture.
+
+    Attributes
+    ----------
+    key
+        Column it belongs to.
+    label
+        Short heading.
+    src
+        Data URI.
+    width, height
+        Pixels of the embedded picture.
+    """
+
+    key: str
+    label: str
+    src: str
+    width: int
+    height: int
+
+
+@dataclass(frozen=True)
+class ViewRow:
+    """A view: its pictures by column key, those of the truth, and its re-rendering's PSNR, dB."""
+
+    name: str
+    split: str
+    psnr: float | None
+    shown: Mapping[str, Picture]
+    truth: Mapping[str, Picture]
+
+
+@dataclass(frozen=True)
+class RelitView:
+    """A view under other light: the original, a picture per setup, the truth of each or None."""
+
+    name: str
+    original: Picture
+    relit: Sequence[Picture]
+    truth: Sequence[Picture | None]
+
+
+@dataclass(frozen=True)
+class StageTime:
+    """Time of a stage (of one round), summed over its shards.
+
+    Attributes
+    ----------
+    label
+        Stage and round.
+    seconds
+        Wall time, summed over shards.
+    shards
+        Number of runs.
+    memory
+        Largest peak memory, bytes; 0 where unknown.
+    rate
+        Mean rate in words, or empty.
+    """
+
+    label: str
+    seconds: float
+    shards: int
+    memory: int
+    rate: str
+
+
+@dataclass(frozen=True)
+class Content:
+    """Everything the page shows; lists are empty and figures absent where a file does not exist."""
+
+    scene: str
+    facts: Sequence[str]
+    exposure: float
+    render_scale: float
+    metrics: Mapping[str, Any]
+    typical: ViewRow | None
+    views: Sequence[ViewRow]
+    hidden_views: int
+    emitters: Sequence[Mapping[str, Any]] | None
+    relit: Sequence[RelitView]
+    setups: Mapping[str, str]
+    times: Sequence[StageTime]
+    settings: Mapping[str, str]
+    versions: Mapping[str, str]
+    warnings: Sequence[str]
+    overlay: Picture | None
+
+
+def gather(results: Path, settings: Report) -> Content:
+    """Read a results folder.
+
+    Raises
+    ------
+    FiptError
+        If the folder does not exist or one of its files is damaged. A missing file is no error.
+    """
+    if not results.is_dir():
+        raise FiptError(f"the results folder {results} does not exist", "run the scene first")
+    root = results / "dataset"
+    data = Dataset(root) if (root / "transforms.json").is_file() else None
+    metrics = _json(results / "metrics.json") or {}
+    stats = _stats(results / "stats")
+    emitters = _emitters(results)
+    scale = float((metrics.get("val") or {}).get("render_exposure_scale") or 1.0)
+    reader = _Reader(results, data, metrics, settings, scale)
+    views = reader.rows()
+    relit = reader.relit_views()
+    return Content(
+        scene=results.resolve().name,
+        facts=_facts(data, results),
+        exposure=reader.exposure,
+        render_scale=scale,
+        metrics=metrics,
+        typical=_typical(views),
+        views=views,
+        hidden_views=len(data.cameras) - len(views) if data else 0,
+        emitters=emitters,
+        relit=relit,
+        setups=_setups(results),
+        times=_times(stats),
+        settings=_settings(stats),
+        versions=_versions(stats),
+        warnings=_warnings(root, stats),
+        overlay=_overlay(root / "overlay.png", settings.width),
+    )
+
+
+class _Reader:
+    """Reads and embeds pictures of a scene at one exposure."""
+
+    def __init__(
+        self,
+        results: Path,
+        data: Dataset | None,
+        metrics: Mapping[str, Any],
+        settings: Report,
+        scale: float,
+    ) -> None:
+        self.results, self.data, self.metrics = results, data, metrics
+        self.settings, self.scale = settings, scale
+        self.names = self._chosen()
+        self.photos = {name: photo for name in self.names if (photo := self._photo(name)) is not None}
+        self.exposure = pictures.common_exposure(self.photos.values())
+
+    def _chosen(self) -> list[str]:
+        """Held-out views first, then training views spread over their list, up to max_views."""
+        if self.data is None:
+            return []
+        val, train = self.data.views("val"), self.data.views("train")
+        names = val[: self.settings.max_views]
+        left = min(self.settings.max_views - len(names), len(train))
+        picks = np.linspace(0, len(train) - 1, left).round().astype(int) if left else []
+        return names + [train[pick] for pick in picks]
+
+    def _photo(self, name: str) -> np.ndarray | None:
+        path = self.results / "dataset" / "images" / f"{name}.exr"
+        return self.data.image(name)[0] if path.is_file() else None
+
+    def _embed(self, key: str, label: str, pixels: np.ndarray) -> Picture:
+        return Picture(key, label, *pictures.embedded(pixels, self.settings.width))
+
+    def _toned(self, key: str, label: str, radiance: np.ndarray) -> Picture:
+        return self._embed(key, label, pictures.tone_mapped(radiance, self.exposure))
+
+    def rows(self) -> list[ViewRow]:
+        """The view table."""
+        with progress("report", len(self.names), " views") as bar:
+            rows = []
+            for name in self.names:
+                rows.append(self._row(name))
+                bar.advance()
+        return rows
+
+    def _row(self, name: str) -> ViewRow:
+        split = self.data.camera(name).split
+        shown, labels = {}, dict(COLUMNS)
+        photo, render = self.photos.get(name), self._computed(self.results / "render", name)
+        if photo is not None:
+            shown["photo"] = self._toned("photo", labels["photo"], photo)
+        if render is not None:
+            shown["render"] = self._toned("render", labels["render"], render)
+        if photo is not None and render is not None:
+            pixels = pictures.difference_map(render, photo, self.exposure)
+            shown["difference"] = self._embed("difference", labels["difference"], pixels)
+        path = self.results / "materials" / f"{name}.exr"
+        layers = read_layers(path) if path.is_file() else {}
+        hit = layers.get("hit")
+        shown |= self._maps(layers, hit, "{}")
+        per_view = (self.metrics.get(split) or {}).get("render_psnr_views") or {}
+        truth = self._maps(self.data.truth(name) or {}, hit, "{}, truth")
+        return ViewRow(name, split, per_view.get(name), shown, truth)
+
+    def _maps(self, layers: Mapping[str, np.ndarray], hit: np.ndarray | None, label: str) -> dict[str, Picture]:
+        """Embed the material columns that ``layers`` holds."""
+        shown = {}
+        for key, heading in COLUMNS[3:]:
+            if key not in layers:
+                continue
+            if key == "emission":
+                pixels = pictures.tone_mapped(layers[key], self.exposure)
+            else:
+                pixels = pictures.surface_map(layers[key], hit, encode=layers[key].ndim == 3)
+            shown[key] = self._embed(key, label.format(heading), pixels)
+        return shown
+
+    def _computed(self, folder: Path, name: str) -> np.ndarray | None:
+        path = folder / f"{name}.exr"
+        return read_rgb(path) * self.scale if path.is_file() else None
+
+    def relit_views(self) -> list[RelitView]:
+        """Views that some light setup has rendered, beside their original."""
+        folder = self.results / "relight"
+        setups = sorted(path.name for path in folder.glob("*/"))
+        if self.data is None or not setups:
+            return []
+        rows = []
+        for camera in self.data.cameras:
+            relit, truth = [], []
+            for setup in setups:
+                picture = self._computed(folder / setup, camera.name)
+                if picture is None:
+                    continue
+                relit.append(self._toned("relit", setup, picture))
+                path = self.results / "dataset" / "relight_truth" / setup / f"{camera.name}.exr"
+                known = read_rgb(path) if path.is_file() else None
+                truth.append(None if known is None else self._toned("relit", f"{setup}, truth", known))
+            if relit and len(rows) < self.settings.max_views:
+                rows.append(RelitView(camera.name, self._original(camera.name, relit), relit, truth))
+        return rows
+
+    def _original(self, name: str, relit: Sequence[Picture]) -> Picture:
+        """The re-rendering under the scene's own light, else the photograph."""
+        original = self._computed(self.results / "render", name)
+        if original is not None:
+            return self._toned("original", "As captured, re-rendered", original)
+        photo = self.photos.get(name)
+        if photo is None:
+            photo = self._photo(name)
+        return self._toned("original", "Photo", photo) if photo is not None else relit[0]
+
+
+def _json(path: Path) -> Any:
+    """Content of a JSON file; None where it is missing."""
+    if not path.is_file():
+        return None
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise FiptError(f"{path} is not JSON ({error})", "delete it and run its stage again") from error
+
+
+def _typical(rows: Sequence[ViewRow]) -> ViewRow | None:
+    """The held-out view whose PSNR is the median; else the first view with a photo."""
+    judged = sorted((row for row in rows if row.psnr is not None), key=lambda row: row.psnr)
+    if judged:
+        return judged[(len(judged) - 1) // 2]
+    return next((row for row in rows if "photo" in row.shown), None)
+
+
+def _rounds(results: Path) -> list[Path]:
+    """Folders round-0, round-1, ... in order."""
+    folders = [path for path in results.glob("round-*/") if path.name[6:].isdigit()]
+    return sorted(folders, key=lambda path: int(path.name[6:]))
+
+
+def _emitters(results: Path) -> list[Mapping[str, Any]] | None:
+    """Emitters of the last round with an extraction, by power; None where there is none."""
+    for folder in reversed(_rounds(results)):
+        path = folder / "emitters.json"
+        content = _json(path)
+        if content is None:
+            continue
+        try:
+            found = [
+                {
+                    "index": int(entry["index"]),
+                    "triangles": int(entry["triangles"]),
+                    "area": float(entry["area"]),
+                    "radiance": [float(value) for value in entry["radiance"]],
+                    "color": pictures.swatch(entry["radiance"]),
+                    "power": float(np.mean(entry["power"])),
+                    "views": int(entry["views"]),
+                    "confidence": float(entry["confidence"]),
+                }
+                for entry in content["emitters"]
+            ]
+        except (KeyError, TypeError, ValueError) as error:
+            raise FiptError(f"{path} is not a list of emitters ({error!r})", "run fipt emitters again") from error
+        return sorted(found, key=lambda entry: -entry["power"])
+    return None
+
+
+def _facts(data: Dataset | None, results: Path) -> list[str]:
+    """Short facts for the page's head."""
+    facts = []
+    if data is not None:
+        train, val = len(data.views("train")), len(data.views("val"))
+        facts += [f"{train} training views", f"{val} held-out views"]
+        sizes = sorted({(camera.width, camera.height) for camera in data.cameras})
+        if len(sizes) == 1:
+            facts.append(f"{sizes[0][0]} by {sizes[0][1]} pixels")
+    done = sum((folder / "model.safetensors").is_file() for folder in _rounds(results))
+    if done:
+        facts.append(f"{done} fitting round{'s' if done > 1 else ''}")
+    return facts
+
+
+def _setups(results: Path) -> dict[str, str]:
+    """Settings of each light setup, as its manifests record them."""
+    setups = {}
+    for folder in sorted((results / "relight").glob("*/")):
+        manifests = sorted(folder.parent.glob(f"{folder.name}.*manifest.json"))
+        content = _json(manifests[0]) if manifests else None
+        setups[folder.name] = _pretty((content or {}).get("settings", {}))
+    return setups
+
+
+def _stats(folder: Path) -> list[tuple[str, int | None, Mapping[str, Any]]]:
+    """(stage, round, figures) of every file of stats/."""
+    found = []
+    for path in sorted(folder.glob("*.json")):
+        stage, *rest = path.stem.split(".")
+        rounds = [part[6:] for part in rest if part.startswith("round-") and part[6:].isdigit()]
+        content = _json(path)
+        if not isinstance(content, Mapping):
+            raise FiptError(f"{path} holds no figures", "delete it and run its stage again")
+        found.append((stage, int(rounds[0]) if rounds else None, content))
+    return found
+
+
+def _order(stage: str, number: int | None) -> tuple[int, int, int]:
+    """Place of a stage in the pipeline: before the rounds, in round k, after them."""
+    for place, stages in enumerate((_FIRST, _ROUND, _LAST)):
+        if stage in stages:
+            return place, number or 0, stages.index(stage)
+    return len(_LAST), number or 0, 0
+
+
+def _times(stats: Sequence[tuple[str, int | None, Mapping[str, Any]]]) -> list[StageTime]:
+    grouped: dict[tuple[str, int | None], list[Mapping[str, Any]]] = {}
+    for stage, number, figures in stats:
+        if stage != "report":  # its own time is not known before the page is written
+            grouped.setdefault((stage, number), []).append(figures)
+    return [
+        StageTime(
+            label=stage if number is None else f"{stage} · round {number}",
+            seconds=sum(float(run.get("wall_s", 0.0)) for run in runs),
+            shards=len(runs),
+            memory=max(int(run.get("peak_memory_bytes", 0)) for run in runs),
+            rate=_rate(runs),
+        )
+        for (stage, number), runs in sorted(grouped.items(), key=lambda item: _order(*item[0]))
+    ]
+
+
+def _rate(runs: Sequence[Mapping[str, Any]]) -> str:
+    """Mean of the first figure called ``..._per_s``, in words."""
+    for key in runs[0]:
+        if key.endswith("_per_s"):
+            values = [float(run[key]) for run in runs if run.get(key) is not None]
+            unit = key.removesuffix("_per_s").replace("_", " ")
+            return f"{human(float(np.mean(values)))} {unit}/s" if values else ""
+    return ""
+
+
+def _settings(stats: Sequence[tuple[str, int | None, Mapping[str, Any]]]) -> dict[str, str]:
+    """Settings of each stage, as its first run recorded them."""
+    found: dict[str, str] = {}
+    for stage, _, figures in sorted(stats, key=lambda entry: _order(entry[0], entry[1])):
+        if figures.get("settings"):
+            found.setdefault(stage, _pretty(figures["settings"]))
+    return found
+
+
+def _pretty(values: Any) -> str:
+    return json.dumps(values, indent=2, ensure_ascii=False)
+
+
+def _versions(stats: Sequence[tuple[str, int | None, Mapping[str, Any]]]) -> dict[str, str]:
+    """Version of fipt that wrote the results, and of Python and the packages that matter."""
+    wrote = sorted({str(figures["fipt"]) for *_, figures in stats if "fipt" in figures})
+    versions = {"fipt": ", ".join(wrote) or __version__}
+    versions["Python"] = platform.python_version()
+    for package in _PACKAGES:
+        try:
+            versions[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            versions[package] = "not installed"
+    return versions
+
+
+def _warnings(root: Path, stats: Sequence[tuple[str, int | None, Mapping[str, Any]]]) -> list[str]:
+    """What the stages noticed and a reader should know."""
+    sparse = [view for *_, figures in stats for view in figures.get("views_mostly_off_mesh", ())]
+    warnings = []
+    if sparse:
+        warnings.append(f"More than half of the pixels miss the mesh in {', '.join(sorted(sparse))}.")
+    warnings += [f"View {name} was rejected: {reason}." for name, reason in read_rejected(root / "views.json").items()]
+    for stage, _, figures in stats:
+        warnings += [f"{stage}: {text}" for text in figures.get("warnings", ())]
+    return warnings
+
+
+def _overlay(path: Path, width: int) -> Picture | None:
+    """The import's picture of mesh edges over a photo, twice as wide as the others."""
+    if not path.is_file():
+        return None
+    from PIL import Image
+
+    with Image.open(path) as image:
+        pixels = np.array(image.convert("RGB"))
+    return Picture("overlay", "Mesh edges over a photo", *pictures.embedded(pixels, 2 * width))

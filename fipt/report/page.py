@@ -1,0 +1,78 @@
+"""One self-contained HTML page from what a results folder holds."""
+
+import base64
+import hashlib
+from pathlib import Path
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from fipt.report.content import COLUMNS, TILES, Content, gather
+from fipt.report.pictures import DIFFERENCE_RANGE
+from fipt.settings import Report
+
+_FOLDER = Path(__file__).parent
+
+_EMITTERS_SHOWN = 12
+"""Emitters listed openly; the rest is folded."""
+
+
+def build_page(results: Path, settings: Report) -> str:
+    """Return the page of a results folder: HTML that loads nothing from anywhere."""
+    return render(gather(results, settings))
+
+
+def render(content: Content) -> str:
+    """Fill the template; everything that comes from data is escaped."""
+    # autoescape on: names and messages of a scene are text, never markup.
+    environment = Environment(
+        loader=FileSystemLoader(_FOLDER),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters.update(number=number, figure=figure, duration=duration, size=size)
+    style, script = ((_FOLDER / name).read_text(encoding="utf-8") for name in ("style.css", "script.js"))
+    digest = base64.b64encode(hashlib.sha256(script.encode("utf-8")).digest()).decode("ascii")
+    return environment.get_template("page.html").render(
+        content=content,
+        columns=COLUMNS,
+        tiles=TILES,
+        difference_range=DIFFERENCE_RANGE,
+        emitters_shown=_EMITTERS_SHOWN,
+        style=style,
+        script=script,
+        script_hash=digest,
+    )
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """Format a number with so many significant digits; a dash where it is not known."""
+    if value is None:
+        return "–"  # noqa: RUF001 (a dash is meant)
+    text = f"{value:.{digits}g}"
+    return f"{value:.0f}" if "e+" in text else text
+
+
+def figure(value: float | None, unit: str = "dB") -> str:
+    """Format a figure of metrics.json: one decimal for dB, three for the others."""
+    if value is None:
+        return number(None)
+    return f"{value:.1f}" if unit == "dB" else f"{value:.3f}"
+
+
+def duration(seconds: float) -> str:
+    """Format seconds as ``0.4 s``, ``12 s`` or ``3 min 05 s``."""
+    if seconds < 10:
+        return f"{seconds:.1f} s"
+    if seconds < 60:
+        return f"{seconds:.0f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    if minutes < 60:
+        return f"{minutes} min {rest:02d} s"
+    return f"{minutes // 60} h {minutes % 60:02d} min"
+
+
+def size(count: float) -> str:
+    """Format bytes as MB or GB."""
+    return f"{count / 1e9:.2f} GB" if count >= 1e9 else f"{count / 1e6:.0f} MB"

@@ -1,0 +1,315 @@
+"""The whole chain of a scene in one process: the workflow's jobs, files and settings, in order.
+
+`plan` lists the jobs; a test holds it against what the workflow's rules call. `run` calls them one
+by one and skips what is up to date: a job is, when its command line (which holds the settings),
+its stage's version and the content of its inputs and outputs are those of its record.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import shutil
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from fipt.config import RESULTS, Scene
+from fipt.errors import FiptError
+from fipt.io.files import existing_file, write_text
+from fipt.io.manifests import file_hash
+from fipt.versions import VERSIONS
+
+
+@dataclass(frozen=True)
+class Job:
+    """One call of a verb.
+
+    Attributes
+    ----------
+    stage
+        Verb, rule and config section.
+    label
+        Stage with round and shard; its files in stats/ and logs/ are called so.
+    options
+        The verb's command line.
+    inputs, outputs
+        Files that decide whether it must run, and those it promises.
+    folders
+        Folders that it promises; their manifests stand among the outputs.
+    """
+
+    stage: str
+    label: str
+    options: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    folders: tuple[str, ...] = ()
+
+
+def plan(scene: Scene) -> list[Job]:
+    """List the jobs of a scene, in an order in which every input exists when it is needed."""
+    chain = _Chain(scene)
+    chain.add_dataset()
+    chain.add_hits_and_cache()
+    for round_ in range(scene.rounds + 1):
+        chain.add_round(round_)
+    chain.add_pictures()
+    chain.add_figures()
+    return chain.jobs
+
+
+class _Chain:
+    """The jobs of a scene so far, and the files that the next ones read."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.jobs: list[Job] = []
+        self.root = f"{RESULTS}/{scene.name}"
+        self.data = data = f"{self.root}/dataset"
+        self.geometry = [f"{data}/transforms.json", f"{data}/views.json", f"{data}/mesh.ply"]
+        self.cache = f"{self.root}/cache.npz"
+        self.shards, self.train = scene.shards("all"), list(scene.shards("train"))
+        self.hits = {shard: f"{self.root}/hits/{shard}" for shard in self.shards}
+        one = scene.source == "dataset"  # imported as a whole
+        self.images = {shard: manifest(f"{data}/images" if one else f"{data}/images.{shard}") for shard in self.shards}
+        # Of the last round so far: model, emitters (perhaps of an earlier one), shading of shards
+        self.model = self.emitters = ""
+        self.shading: dict[str, str] = {}
+        # Manifests of what the report shows
+        self.shown: list[str] = []
+
+    def add(
+        self,
+        stage: str,
+        label: str,
+        options: Iterable[str],
+        inputs: Iterable[str],
+        outputs: Iterable[str] = (),
+        folders: Sequence[str] = (),
+    ) -> None:
+        """Add a job; settings and stats are the same options everywhere."""
+        stats = f"{self.root}/stats/{label}.json"
+        common = ("--settings", self.scene.json(stage), "--stats", stats)
+        self.jobs.append(
+            Job(
+                stage=stage,
+                label=label,
+                options=(*options, *common),
+                inputs=tuple(dict.fromkeys(inputs)),
+                outputs=(*outputs, *map(manifest, folders)),
+                folders=tuple(folders),
+            )
+        )
+
+    def add_dataset(self) -> None:
+        """Import the views of another layout, or make them."""
+        scene, dataset = self.scene, ("--dataset", self.data)
+        if scene.source == "dataset":
+            listed = manifest(f"{self.data}/images")
+            mesh = ("--mesh", scene.mesh_path()) if scene.mesh else ()
+            options = ("--source", scene.source_path(), "--format", scene.format, *mesh, *dataset)
+            options += ("--manifest", listed)
+            self.add("import", "import", options, scene.source_files(), [*self.geometry, listed])
+            return
+        room = [*self.geometry, f"{self.data}/room.json"]
+        self.add("synthesize", "synthesize", (*dataset, "--room"), [], room)
+        for shard, views in self.shards.items():
+            made = self.images[shard]
+            options = (*dataset, "--views", ",".join(views), "--manifest", made)
+            self.add("synthesize", f"synthesize.{shard}", options, room, [made])
+        for setup in scene.setups:
+            light = ("--setup", scene.setup_json(setup), "--setup-name", setup)
+            for shard, views in scene.relit_shards().items():
+                made = manifest(f"{self.data}/relight_truth.{setup}.{shard}")
+                options = (*dataset, "--views", ",".join(views), *light, "--manifest", made)
+                self.add("synthesize", f"synthesize.{setup}.{shard}", options, room, [made])
+                self.shown.append(made)
+
+    def add_hits_and_cache(self) -> None:
+        """Trace the first hits of every view and gather the training pictures' radiance."""
+        for shard, views in self.shards.items():
+            out = self.hits[shard]
+            options = ("--dataset", self.data, "--views", ",".join(views), "--out", out)
+            self.add("hits", f"hits.{shard}", options, self.geometry, folders=[out])
+        options = (*self._training(), "--out", self.cache)
+        self.add("cache", "cache", options, self._training_files(), [self.cache])
+
+    def add_round(self, round_: int) -> None:
+        """Bake or refine the shading, fit the networks, extract the emitters."""
+        folder = f"{self.root}/round-{round_}"
+        before, model_before, emitters = self.shading, self.model, self.emitters
+        self.shading = {shard: f"{folder}/shading/{shard}" for shard in self.train}
+        self.model = f"{folder}/model.safetensors"
+        for shard, out in self.shading.items():
+            stage, hits = "bake", self.hits[shard]
+            options = ("--dataset", self.data, "--hits", hits, "--cache", self.cache)
+            inputs = [*self.geometry, manifest(hits), self.cache]
+            if round_:
+                stage, previous = "refine", before[shard]
+                options += ("--model", model_before, "--emitters", emitters)
+                options += ("--previous", previous)
+                inputs += [model_before, emitters, manifest(previous)]
+            label = f"{stage}.round-{round_}.{shard}"
+            self.add(stage, label, (*options, "--out", out), inputs, folders=[out])
+
+        options = (*self._training(), "--shading", ",".join(self.shading.values()))
+        inputs = [*self._training_files(), *map(manifest, self.shading.values())]
+        previous = [model_before] if model_before else []
+        warm = ["--previous", *previous] if previous else []
+        self.add(
+            "fit",
+            f"fit.round-{round_}",
+            (*options, *warm, "--out", self.model),
+            [*inputs, *previous],
+            [self.model],
+        )
+        if self.scene.emitters_round(round_) == round_:
+            self.emitters = f"{folder}/emitters.npz"
+            options += ("--model", self.model, "--out", self.emitters)
+            made = [self.emitters, f"{folder}/emitters.json"]
+            self.add("emitters", f"emitters.round-{round_}", options, [*inputs, self.model], made)
+
+    def add_pictures(self) -> None:
+        """Material maps of every view, held-out views, relit views."""
+        model = ("--model", self.model, "--emitters", self.emitters)
+        traced = ("--cache", self.cache, *model)
+        for shard in self.shards:
+            self._add_picture("materials", "materials", shard, model)
+        for shard in self.scene.shards("val"):
+            self._add_picture("render", "render", shard, traced)
+        for setup in self.scene.setups:
+            options = (*traced, "--setup", self.scene.setup_json(setup))
+            for shard in self.scene.relit_shards():
+                self._add_picture("relight", f"relight/{setup}", shard, options)
+
+    def _add_picture(self, stage: str, name: str, shard: str, options: Iterable[str]) -> None:
+        hits, made = self.hits[shard], manifest(f"{self.root}/{name}.{shard}")
+        label = f"{name.replace('/', '.')}.{shard}"
+        options = ("--dataset", self.data, "--hits", hits, *options)
+        options += ("--out", f"{self.root}/{name}", "--manifest", made)
+        inputs = [*self.geometry, manifest(hits), self.model, self.emitters]
+        if "--cache" in options:
+            inputs.append(self.cache)
+        self.add(stage, label, options, inputs, [made])
+        self.shown.append(made)
+
+    def add_figures(self) -> None:
+        """Metrics and the page."""
+        metrics, report = f"{self.root}/metrics.json", f"{self.root}/report.html"
+        options = ["--dataset", self.data, "--hits", ",".join(self.hits.values())]
+        for name in ("materials", "render", "relight"):
+            options += [f"--{name}", f"{self.root}/{name}"]
+        options += ["--emitters", self.emitters, "--out", metrics]
+        inputs = [*self.geometry, *self.images.values(), *map(manifest, self.hits.values())]
+        inputs += [*self.shown, self.emitters]
+        self.add("metrics", "metrics", options, inputs, [metrics])
+        options = ("--results", self.root, "--out", report)
+        self.add("report", "report", options, [metrics, *inputs], [report])
+
+    def _training(self) -> tuple[str, ...]:
+        hits = ",".join(self.hits[shard] for shard in self.train)
+        return "--dataset", self.data, "--hits", hits
+
+    def _training_files(self) -> list[str]:
+        images = [self.images[shard] for shard in self.train]
+        return [*self.geometry, *images, *(manifest(self.hits[shard]) for shard in self.train)]
+
+
+def manifest(folder: str) -> str:
+    """Return the manifest of a folder output, which stands beside it."""
+    return f"{folder}.manifest.json"
+
+
+def run(scene: Scene, call: Callable[[Job], None]) -> None:
+    """Run every job of a scene that is not up to date; results are those of the workflow.
+
+    Parameters
+    ----------
+    scene
+        What to run.
+    call
+        Calls the verb of a job; whatever it raises ends the run.
+
+    Raises
+    ------
+    FiptError
+        Another run works on the scene, or a job did not write what it promises.
+    """
+    jobs, hashes = plan(scene), Hashes()
+    records = Path(RESULTS, scene.name, ".run")
+    with locked(scene.name):
+        for number, job in enumerate(jobs, 1):
+            record = records / f"{job.label}.json"
+            head = f"[{number}/{len(jobs)}] {job.label}"
+            if record.is_file() and record.read_text(encoding="utf-8") == described(job, hashes):
+                print(f"{head}: up to date", file=sys.stderr)
+                continue
+            print(head, file=sys.stderr)
+            start = time.perf_counter()
+            clear(job, record)
+            call(job)
+            for path in job.outputs:
+                existing_file(path, f"an output of {job.label}")
+            write_text(record, described(job, hashes))
+            print(f"{head}: {time.perf_counter() - start:.1f} s", file=sys.stderr)
+
+
+def clear(job: Job, record: Path) -> None:
+    """Remove what an older run of the job left, so that nothing old is taken for its output."""
+    record.unlink(missing_ok=True)
+    for path in job.outputs:
+        Path(path).unlink(missing_ok=True)
+    for path in job.folders:
+        shutil.rmtree(path, ignore_errors=True)
+
+
+class Hashes:
+    """SHA-256 of files, each read once for as long as its size and time do not change."""
+
+    def __init__(self) -> None:
+        self._known: dict[tuple[str, int, int], str] = {}
+
+    def of(self, path: str) -> str:
+        """Hash of a file's content; "missing" where there is none."""
+        try:
+            state = Path(path).stat()
+        except FileNotFoundError:
+            return "missing"
+        key = (path, state.st_mtime_ns, state.st_size)
+        if key not in self._known:
+            self._known[key] = file_hash(path)
+        return self._known[key]
+
+
+def described(job: Job, hashes: Hashes) -> str:
+    """Return what a job's record says when it is up to date, as JSON."""
+    content = {
+        "stage": job.stage,
+        "version": VERSIONS[job.stage],
+        "options": job.options,
+        "inputs": {path: hashes.of(path) for path in job.inputs},
+        "outputs": {path: hashes.of(path) for path in job.outputs},
+        "folders": {path: Path(path).is_dir() for path in job.folders},
+    }
+    return json.dumps(content, indent=1, sort_keys=True) + "\n"
+
+
+@contextmanager
+def locked(scene: str) -> Iterator[None]:
+    """Let one run at a time work on a scene; the lock ends with the process, however that ends."""
+    path = Path(RESULTS, scene, ".run", "lock")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        file = path.open("w")
+    except OSError as error:
+        raise FiptError(f"{path} cannot be written ({error.strerror})", "check the folder's permissions") from error
+    with file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise FiptError(f"another run works on scene {scene}", "wait for it to end, or stop it") from None
+        yield

@@ -1,0 +1,267 @@
+"""Settings of every stage: frozen models whose defaults are the preset ``default``; unknown keys are errors."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from fipt.errors import FiptError
+
+Positive = Annotated[int, Field(ge=1)]
+Count = Annotated[int, Field(ge=0)]
+Weight = Annotated[float, Field(ge=0)]
+Fraction = Annotated[float, Field(ge=0, le=1)]
+Length = Annotated[float, Field(gt=0)]
+Rgb = Annotated[tuple[Weight, Weight, Weight], Field(description="linear RGB")]
+Point = Annotated[tuple[float, float, float], Field(description="world position, metres")]
+
+
+class Settings(BaseModel):
+    """Base of all settings: frozen, unknown keys refused, NaN refused."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Synthesize(Settings):
+    """The procedural room and its views."""
+
+    train_views: Positive = Field(24, description="number of training views")
+    val_views: Positive = Field(6, description="number of held-out views")
+    width: Positive = Field(160, description="image width, pixels")
+    height: Positive = Field(120, description="image height, pixels")
+    fov: float = Field(70.0, gt=5, lt=150, description="horizontal field of view, degrees")
+    spp: Positive = Field(256, description="paths per pixel of the rendered views")
+    max_depth: Positive = Field(10, description="longest path, bounces")
+    denoise: bool = Field(True, description="denoise the rendered views")
+    seed: Count = Field(0, description="seed of room, cameras and noise")
+
+
+class Import(Settings):
+    """Other people's layouts into a dataset."""
+
+    val_every: Positive = Field(8, description="every n-th view is held out where the source has no split")
+    overlay: bool = Field(True, description="write a picture of mesh edges over one photo")
+
+
+class Hits(Settings):
+    """First hits of camera rays."""
+
+    grid: Positive = Field(
+        4,
+        le=16,
+        description="a pixel is sampled by the square of this many rays; 1 = its centre only",
+    )
+    max_hits: Positive = Field(4, le=16, description="distinct surface pieces kept for each pixel")
+
+
+class Cache(Settings):
+    """Radiance cache over the surface."""
+
+    resolution: int = Field(256, ge=8, le=1024, description="voxels along the scene box")
+
+
+class Bake(Settings):
+    """Shading of round 0, read from the cache."""
+
+    sampling: Literal["shared", "separate"] = Field(
+        "shared", description="one ray set for all 13 outputs, or one lobe at a time as the paper"
+    )
+    diffuse_spp: Positive = Field(64, description="rays per hit from the cosine lobe")
+    specular_spp: Positive = Field(16, description="rays per hit from each GGX lobe")
+    smooth_spp: Positive = Field(16, description="rays per hit from the smoothest GGX lobe")
+    denoise: bool = Field(True, description="denoise the shading images")
+    fill: bool = Field(True, description="give unseen surface the light of the nearest seen one instead of black")
+    seed: Count = Field(0, description="seed of the random numbers")
+
+
+class Refine(Settings):
+    """Shading of later rounds, path traced with the current materials and emitters."""
+
+    sampling: Literal["shared", "separate"] = Field("shared", description="as of bake")
+    diffuse_spp: Positive = Field(64, description="paths per hit from the cosine lobe")
+    specular_spp: Positive = Field(16, description="paths per hit from each GGX lobe")
+    smooth_spp: Positive = Field(16, description="paths per hit from the smoothest GGX lobe")
+    light_sampling: bool = Field(True, description="sample emitters at the first hit too (the paper does not)")
+    max_depth: Positive = Field(5, description="vertices after the first hit")
+    cache_roughness: Fraction = Field(0.6, description="rougher vertices end the path in the radiance cache")
+    damping: Fraction = Field(0.5, lt=1, description="share of the previous round's shading that is kept")
+    denoise: bool = Field(True, description="denoise the shading images")
+    seed: Count = Field(0, description="seed of the random numbers")
+
+
+class Fit(Settings):
+    """The BRDF and emission networks."""
+
+    steps: Positive = Field(1500, description="optimiser steps of a round; at least two epochs where min_epochs is 2")
+    min_epochs: Weight = Field(0, description="at least this many passes over all training pixels")
+    batch: Positive = Field(2048, description="pixels a step")
+    queries: Positive = Field(2, le=4, description="material queries per hit and step, spread over its footprint")
+    learning_rate: float = Field(1e-3, gt=0, le=1, description="of Adam")
+    final_learning_rate: float = Field(1e-4, gt=0, le=1, description="reached by exponential decay at the last step")
+    footprint: Weight = Field(0.5, description="size of a query in pixel footprints; finer levels fade; 0 = points")
+    levels: Positive = Field(16, le=32, description="levels of the hash encoding")
+    table_log2: int = Field(18, ge=8, le=24, description="log2 of the entries of a level")
+    growth: float = Field(1.45, gt=1, le=2, description="resolution ratio of neighbouring levels")
+    colour_weight: Weight = Field(1.0, description="of the difference to the pictures")
+    emission_weight: Weight = Field(1.0, description="price of the emission mask")
+    diffuse_weight: Weight = Field(5e-4, description="prior towards rough and not metallic")
+    part_weight: Weight = Field(2e-2, description="propagation within parts")
+    semantic_weight: Weight = Field(1e-3, description="propagation within semantic segments")
+    segments: Literal["auto", "part", "semantic", "none"] = Field("auto", description="which segment ids to use")
+    warm_start: bool = Field(True, description="start a later round from the model before it")
+    checkpoint_every: Positive = Field(250, description="steps between checkpoints")
+    threads: Count = Field(0, description="CPU threads, 0 = all; 1 repeats bit for bit")
+    seed: Count = Field(0, description="seed of the random numbers")
+
+
+class Emitters(Settings):
+    """Emitting triangles."""
+
+    threshold: Fraction = Field(0.01, description="a triangle emits where its mean mask exceeds this")
+    points: Positive = Field(100, description="points of a triangle at which the mask is queried")
+    every_round: bool = Field(True, description="extract after every fit, not only the first")
+    evidence: bool = Field(True, description="require more radiance than any reflectance could give")
+    patches: bool = Field(True, description="one radiance for each connected lamp instead of each triangle")
+    two_sided: bool = Field(True, description="emitters shine from both sides")
+
+
+class Materials(Settings):
+    """Material maps of every view."""
+
+    average: bool = Field(True, description="average over the footprint instead of the pixel's centre")
+
+
+class Render(Settings):
+    """Held-out views, path traced with the model."""
+
+    spp: Positive = Field(128, description="paths per hit")
+    max_depth: Positive = Field(6, description="vertices after the first hit")
+    denoise: bool = Field(True, description="denoise the rendered views")
+    seed: Count = Field(0, description="seed of the random numbers")
+
+
+class EmitterEdit(Settings):
+    """A change to found emitters."""
+
+    index: Count | None = Field(None, description="emitter index in emitters.json; all where absent")
+    scale: Weight | None = Field(None, description="radiance factor; 0 switches off")
+    color: Rgb | None = Field(None, description="new chromaticity; the luminance is kept")
+    radiance: Rgb | None = Field(None, description="new radiance")
+
+
+class NewLight(Settings):
+    """An area light to add."""
+
+    shape: Literal["quad", "sphere"] = Field(description="what shines")
+    radiance: Rgb
+    center: Point
+    normal: Point = Field((0.0, -1.0, 0.0), description="direction a quad faces")
+    size: tuple[Length, Length] = Field((0.5, 0.5), description="sides of a quad, metres")
+    radius: float = Field(0.1, gt=0, description="of a sphere, metres")
+
+
+class RelightSetup(Settings):
+    """The room under other light."""
+
+    emitters: tuple[EmitterEdit, ...] = Field((), description="changes to found emitters, in order")
+    lights: tuple[NewLight, ...] = Field((), description="lights to add")
+
+
+class Relight(Settings):
+    """Sampling of relit views."""
+
+    split: Literal["train", "val", "all"] = Field("val", description="views to relight")
+    spp: Positive = Field(128, description="paths per hit")
+    max_depth: Positive = Field(8, description="vertices after the first hit")
+    denoise: bool = Field(True, description="denoise the rendered views")
+    seed: Count = Field(0, description="seed of the random numbers")
+
+
+class Metrics(Settings):
+    """Figures against ground truth and photographs."""
+
+    fit_exposure: bool = Field(False, description="fit one exposure scale before comparing renders (photographs)")
+
+
+class Report(Settings):
+    """The HTML page."""
+
+    max_views: Positive = Field(12, description="views shown")
+    width: Positive = Field(360, description="width of each picture, pixels")
+
+
+STAGES: dict[str, type[Settings]] = {
+    "synthesize": Synthesize,
+    "import": Import,
+    "hits": Hits,
+    "cache": Cache,
+    "bake": Bake,
+    "fit": Fit,
+    "emitters": Emitters,
+    "refine": Refine,
+    "materials": Materials,
+    "render": Render,
+    "relight": Relight,
+    "metrics": Metrics,
+    "report": Report,
+}
+"""Config section -> model."""
+
+
+def explain(error: ValidationError, where: str) -> str:
+    """Return one line for the first problem of a pydantic error: key path, what is allowed, what was found."""
+    problem = error.errors()[0]
+    path = ".".join([where, *(str(part) for part in problem["loc"])])
+    if problem["type"] == "extra_forbidden":
+        return f"unknown key {path}"
+    return f"{path}: {problem['msg'][0].lower()}{problem['msg'][1:]}; found {problem.get('input')!r}"
+
+
+def parse(stage: str, text: str) -> Any:
+    """Parse the JSON of ``--settings`` into the stage's model.
+
+    Raises
+    ------
+    FiptError
+        If it is not JSON, has unknown keys or values out of range.
+    """
+    try:
+        values = json.loads(text)
+    except ValueError as error:
+        raise FiptError(f"--settings must be JSON ({error})", "give for example '{}'") from error
+    return validated(stage, values)
+
+
+def validated(stage: str, values: Mapping[str, Any]) -> Any:
+    """Check ``values`` against the stage's model and return it."""
+    model = STAGES[stage]
+    try:
+        return model.model_validate(values)
+    except ValidationError as error:
+        allowed = ", ".join(model.model_fields)
+        raise FiptError(explain(error, stage), f"allowed keys of {stage}: {allowed}") from error
+
+
+def parse_setup(text: str) -> RelightSetup:
+    """Parse the JSON of a light setup.
+
+    Raises
+    ------
+    FiptError
+        If it is not JSON, has unknown keys or values out of range.
+    """
+    try:
+        return RelightSetup.model_validate_json(text)
+    except ValidationError as error:
+        allowed = ", ".join(RelightSetup.model_fields)
+        raise FiptError(explain(error, "setup"), f"allowed keys of a light setup: {allowed}") from error
+
+
+def dumped(settings: Settings) -> dict[str, Any]:
+    """Settings as plain JSON types."""
+    return json.loads(settings.model_dump_json())
+
+
+PRESETS = Path(__file__).resolve().parent.parent / "config" / "presets"

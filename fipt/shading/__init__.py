@@ -1,0 +1,1 @@
+"""Shading: first hits, radiance cache, bake and refinement."""

@@ -1,0 +1,21 @@
+"""Round 0: shading integrals with incoming light read from the radiance cache (method.md, stage 1)."""
+
+from fipt.io.meshes import Mesh
+from fipt.render.scene import RayScene
+from fipt.render.surface import SurfaceCache, Triangles
+from fipt.render.tracer import Shader
+
+
+def cache_shader(mesh: Mesh, cache: dict, fill: bool) -> Shader:
+    """Return a shader whose rays end in the cache at the first surface they meet.
+
+    Parameters
+    ----------
+    cache
+        As `fipt.shading.cache.build` returns it.
+    fill
+        Give unseen voxels the light of the nearest seen one; black otherwise, as the paper.
+    """
+    radiance = cache["radiance"][cache["source"]] if fill else cache["radiance"]
+    surface = SurfaceCache(cache, radiance, cache["count"] > 0)
+    return Shader(RayScene(mesh), Triangles(mesh, None), surface, path=None)

@@ -1,0 +1,109 @@
+"""Writes the room and its views as a dataset."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from fipt.errors import FiptError
+from fipt.io.cameras import Camera, read_transforms, write_transforms
+from fipt.io.dataset import write_views
+from fipt.io.exr import write_exr
+from fipt.io.files import existing_file, write_text
+from fipt.io.images import write_png
+from fipt.io.meshes import write_ply
+from fipt.progress import progress
+from fipt.settings import RelightSetup, Synthesize, explain
+from fipt.synthesize.furniture import SEMANTICS
+from fipt.synthesize.poses import sample_cameras
+from fipt.synthesize.room import Room, build
+from fipt.synthesize.views import Truth, ViewTruth, render_views
+
+
+def parse_setup(text: str) -> RelightSetup:
+    """Parse the JSON of a light setup."""
+    try:
+        return RelightSetup.model_validate_json(text)
+    except ValidationError as error:
+        allowed = ", ".join(RelightSetup.model_fields)
+        raise FiptError(explain(error, "setup"), f"allowed keys of a light setup: {allowed}") from error
+
+
+def write_room(folder: Path, settings: Synthesize) -> list[Path]:
+    """Write mesh, cameras, names of ids and the room's description; return the files."""
+    room = build(settings.seed)
+    cameras = sample_cameras(room, Truth(room).first_hits, settings)
+    names = {
+        "part": {str(index + 1): part.name for index, part in enumerate(room.parts)},
+        "semantic": {str(index + 1): name for index, name in enumerate(SEMANTICS)},
+    }
+    files = []
+    for kind, table in names.items():
+        files.append(folder / "segments" / f"{kind}.json")
+        write_text(files[-1], json.dumps(table, indent=1) + "\n")
+    write_ply(folder / "mesh.ply", room.mesh)
+    write_views(folder / "views.json", [camera.name for camera in cameras])
+    write_transforms(folder / "transforms.json", cameras)
+    write_text(folder / "room.json", room.description())
+    return files + [folder / name for name in ("mesh.ply", "views.json", "transforms.json", "room.json")]
+
+
+def write_images(
+    folder: Path,
+    names: Sequence[str],
+    settings: Synthesize,
+    setup: RelightSetup | None = None,
+    setup_name: str | None = None,
+) -> tuple[list[Path], float]:
+    """Render views and write them with their truth, or only the picture under a light setup.
+
+    Returns
+    -------
+    files
+        What was written.
+    rate
+        Paths per second.
+    """
+    room = build(settings.seed)
+    cameras = _cameras(folder, names, room, settings)
+    paths = [camera.width * camera.height * settings.spp for camera in cameras]
+    files: list[Path] = []
+    with progress("synthesize", sum(paths), " paths") as bar:
+        for done, (camera, image, truth) in zip(paths, render_views(room, cameras, settings, setup), strict=True):
+            if setup_name is None:
+                files += _write_truth(folder, camera, truth)
+                files.append(folder / "images" / f"{camera.name}.exr")
+            else:
+                files.append(folder / "relight_truth" / setup_name / f"{camera.name}.exr")
+            write_exr(files[-1], {"": image})
+            bar.advance(done, camera.name)
+        return files, bar.rate
+
+
+def _write_truth(folder: Path, camera: Camera, truth: ViewTruth) -> list[Path]:
+    layers = folder / "truth" / f"{camera.name}.exr"
+    write_exr(layers, truth.layers)
+    files = [layers]
+    for kind, ids in truth.ids.items():
+        files.append(folder / "segments" / kind / f"{camera.name}.png")
+        write_png(files[-1], ids)
+    return files
+
+
+def _cameras(folder: Path, names: Sequence[str], room: Room, settings: Synthesize) -> list[Camera]:
+    """Read the cameras of some views, and make sure that the folder holds this very room."""
+    described = existing_file(folder / "room.json", "the room").read_text(encoding="utf-8")
+    cameras = {camera.name: camera for camera in read_transforms(folder / "transforms.json")}
+    sizes = {(camera.width, camera.height) for camera in cameras.values()}
+    if described != room.description() or sizes != {(settings.width, settings.height)}:
+        raise FiptError(f"{folder} holds a room made with other settings", "run fipt synthesize --room again")
+    unknown = [name for name in names if name not in cameras]
+    if unknown:
+        raise FiptError(
+            f"{folder} has no view {', '.join(unknown)}",
+            "choose among " + ", ".join(list(cameras)[:8]),
+        )
+    return [cameras[name] for name in names]

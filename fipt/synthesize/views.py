@@ -1,0 +1,263 @@
+"""HDR views of the room, lit as it is or by a setup, and ground truth for every pixel."""
+
+import zlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fipt.errors import FiptError
+from fipt.io.cameras import Camera
+from fipt.io.meshes import Mesh
+from fipt.model.albedo import reflectance
+from fipt.render.denoise import denoise
+from fipt.render.reference import Light, PathTracer, TexturedMesh, load_scene
+from fipt.settings import NewLight, RelightSetup, Synthesize
+from fipt.synthesize.room import Room
+from fipt.synthesize.shapes import panel
+
+_SUB = 4
+"""Sub-pixels along each side of a pixel for averaged truth."""
+
+_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+
+
+# --- light setups -----------------------------------------------------------------------------
+
+
+def lights(room: Room, setup: RelightSetup | None = None) -> list[Light]:
+    """Return the room's lamps under a light setup: edited, then the new lights.
+
+    An edit's ``index`` counts the room's lamps by their first triangle, as room.json lists them.
+    Within an edit a new radiance comes first, then the colour (luminance kept), then the scale.
+    """
+    setup = setup or RelightSetup()
+    found = []
+    for index, triangles in enumerate(room.emitters):
+        radiance = room.radiance[triangles[0]].astype(np.float64)
+        for edit in setup.emitters:
+            if edit.index not in (None, index):
+                continue
+            if edit.radiance is not None:
+                radiance = np.array(edit.radiance, float)
+            if edit.color is not None:
+                color = np.array(edit.color, float)
+                radiance = color * (radiance @ _LUMINANCE) / max(color @ _LUMINANCE, 1e-9)
+            if edit.scale is not None:
+                radiance = radiance * edit.scale
+        used, local = np.unique(room.mesh.triangles[triangles], return_inverse=True)
+        found.append(Light(_mesh(room.mesh.vertices[used], local.reshape(-1, 3)), radiance))
+    return found + [new_light(light) for light in setup.lights]
+
+
+def new_light(light: NewLight) -> Light:
+    """Return the triangles of a light that a setup adds.
+
+    A quad's first side is perpendicular to its normal and to y (to x where the quad lies level), its
+    second to the normal and the first; it shines to both sides.
+    """
+    import trimesh
+
+    center, radiance = np.array(light.center, float), np.array(light.radiance, float)
+    if light.shape == "sphere":
+        ball = trimesh.creation.icosphere(3, light.radius)
+        return Light(_mesh(ball.vertices + center, ball.faces), radiance)
+    normal = np.array(light.normal, float)
+    if np.linalg.norm(normal) < 1e-9:
+        raise FiptError("the normal of a new quad light must not be zero", "give where it faces")
+    normal /= np.linalg.norm(normal)
+    u = np.cross(normal, (0.0, 1.0, 0.0) if abs(normal[1]) < 0.9 else (1.0, 0.0, 0.0))
+    u *= light.size[0] / np.linalg.norm(u)
+    v = np.cross(normal, u) * light.size[1] / light.size[0]
+    quad = panel(center - u / 2 - v / 2, u, v)
+    return Light(_mesh(quad.vertices, quad.triangles), radiance, two_sided=True)
+
+
+def _mesh(vertices: np.ndarray, triangles: np.ndarray) -> Mesh:
+    return Mesh(np.asarray(vertices, np.float32), np.asarray(triangles, np.int32))
+
+
+def render_tracer(room: Room, setup: RelightSetup | None, max_depth: int) -> PathTracer:
+    """Make the reference path tracer of the room under a setup."""
+    solid = np.flatnonzero(~room.emits)
+    scene = load_scene(
+        Mesh(room.mesh.vertices, room.mesh.triangles[solid]),
+        room.uv,
+        room.atlas,
+        room.roughness[solid],
+        room.metallic[solid],
+        lights(room, setup),
+    )
+    return PathTracer(scene, max_depth)
+
+
+# --- ground truth -----------------------------------------------------------------------------
+
+
+class Truth:
+    """What the room holds at the first hit of any ray.
+
+    Parameters
+    ----------
+    room
+        The room; its triangles keep their numbers.
+    added
+        New lights that a setup puts into it: they follow as further triangles, with part id 0.
+    """
+
+    def __init__(self, room: Room, added: Sequence[Light] = ()) -> None:
+        vertices, triangles, uv = [room.mesh.vertices], [room.mesh.triangles], [room.uv]
+        self._known = {
+            "part": room.part,
+            "semantic": room.semantic,
+            "roughness": room.roughness,
+            "metallic": room.metallic,
+            "emission": room.radiance,
+        }
+        for light in added:
+            count = len(light.mesh.triangles)
+            triangles.append(light.mesh.triangles + sum(map(len, vertices)))
+            vertices.append(light.mesh.vertices)
+            uv.append(np.zeros((len(light.mesh.vertices), 2), np.float32))
+            values = {"roughness": 1.0, "emission": light.radiance}
+            for key, column in self._known.items():
+                rows = np.broadcast_to(values.get(key, 0), (count, *column.shape[1:]))
+                self._known[key] = np.concatenate([column, rows.astype(column.dtype)])
+        mesh = Mesh(np.concatenate(vertices), np.concatenate(triangles))
+        self._surface = TexturedMesh(mesh, np.concatenate(uv), room.atlas)
+        self.first_hits = self._surface.first_hits
+
+    def look(self, origins: np.ndarray, directions: np.ndarray) -> dict[str, np.ndarray]:
+        """Return what (N, 3) rays meet first.
+
+        Returns
+        -------
+        dict
+            ``part``, ``semantic`` (N,) uint16, 0 where nothing is hit; (N, 3) float32
+            ``base_color``, ``emission``, ``normal``; (N,) float32 ``roughness``, ``metallic``,
+            ``cos``. ``normal`` faces the ray, ``cos`` is the cosine between the two. What emits
+            has base colour 0.
+        """
+        triangle, color, normal = self._surface.look(origins, directions)
+        hit = triangle >= 0
+        toward = -(normal * directions).sum(axis=1)
+        found = {
+            key: np.where(hit.reshape(-1, *[1] * (column.ndim - 1)), column[triangle], 0)
+            for key, column in self._known.items()
+        }
+        reflects = hit & ~found["emission"].any(axis=1)
+        return found | {
+            "base_color": np.where(reflects[:, None], color, 0),
+            "normal": normal * np.sign(toward)[:, None],
+            "cos": np.abs(toward),
+        }
+
+
+@dataclass(frozen=True)
+class ViewTruth:
+    """Ground truth of one view.
+
+    Attributes
+    ----------
+    layers
+        Layers of truth/{view}.exr by channel name: (H, W, 3) or (H, W) float32.
+    ids
+        ``part`` and ``semantic``: (H, W) uint16.
+    guides
+        ``albedo`` and ``normal`` for the denoiser: (H, W, 3) float32 means over the pixel.
+    """
+
+    layers: dict[str, np.ndarray]
+    ids: dict[str, np.ndarray]
+    guides: dict[str, np.ndarray]
+
+
+def view_truth(truth: Truth, camera: Camera) -> ViewTruth:
+    """Look up the ground truth of a view.
+
+    Everything belongs to the surface at the pixel's centre; base colour (hence kd and a') is the
+    mean over those of 4 x 4 sub-pixels that lie on the centre's part.
+    """
+    rows, columns = np.mgrid[: camera.height, : camera.width]
+
+    def look(dx: float, dy: float) -> dict[str, np.ndarray]:
+        directions = camera.directions((columns + dx).ravel(), (rows + dy).ravel())
+        origins = np.broadcast_to(camera.center.astype(np.float32), directions.shape)
+        return truth.look(origins, directions)
+
+    center = look(0.5, 0.5)
+    color, weight = np.zeros_like(center["base_color"]), np.zeros(len(center["part"]))
+    albedo, normal = np.zeros_like(color), np.zeros_like(color)
+    for index in range(_SUB**2):
+        sub = look((index % _SUB + 0.5) / _SUB, (index // _SUB + 0.5) / _SUB)
+        same = sub["part"] == center["part"]
+        color += np.where(same[:, None], sub["base_color"], 0)
+        weight += same
+        # Lamps count as white: the denoiser's own convention.
+        albedo += sub["base_color"] + sub["emission"].any(axis=1)[:, None]
+        normal += sub["normal"]
+    mean = color / np.maximum(weight, 1)[:, None]
+    color = np.where(weight[:, None] > 0, mean, center["base_color"])
+
+    metallic, emission = center["metallic"], center["emission"]
+    mask = emission.any(axis=1)
+    reflects = (center["part"] > 0) & ~mask
+    total = reflectance(color, center["roughness"], metallic, center["cos"])
+    layers = {
+        "kd": color * (1 - metallic[:, None]),
+        "base_color": color,
+        "reflectance": np.where(reflects[:, None], total, 0),
+        "emission": emission,
+        "roughness.Y": center["roughness"],
+        "metallic.Y": metallic,
+        "emission_mask.Y": mask,
+    }
+
+    def picture(values: np.ndarray, dtype: type = np.float32) -> np.ndarray:
+        return values.reshape(*rows.shape, *values.shape[1:]).astype(dtype)
+
+    return ViewTruth(
+        {name: picture(values) for name, values in layers.items()},
+        {kind: picture(center[kind], np.uint16) for kind in ("part", "semantic")},
+        {"albedo": picture(albedo / _SUB**2), "normal": picture(normal / _SUB**2)},
+    )
+
+
+# --- images -----------------------------------------------------------------------------------
+
+
+def path_seed(seed: int, view: str) -> int:
+    """Return the seed of a view's paths: it knows the view's name, not who renders it with whom."""
+    return zlib.crc32(f"{seed}/{view}".encode())
+
+
+def render_views(
+    room: Room,
+    cameras: Sequence[Camera],
+    settings: Synthesize,
+    setup: RelightSetup | None = None,
+) -> Iterator[tuple[Camera, np.ndarray, ViewTruth]]:
+    """Render views, in their own light or under a setup.
+
+    Parameters
+    ----------
+    room, cameras
+        What to render.
+    settings
+        Paths per pixel, depth, denoising, seed.
+    setup
+        Edited and new lights; None keeps the room's own. Edits of lamps leave the truth's layers
+        as they are: those describe the room itself.
+
+    Yields
+    ------
+    camera, (H, W, 3) float32 radiance, ground truth
+    """
+    tracer = render_tracer(room, setup, settings.max_depth)
+    truth = Truth(room, [new_light(light) for light in setup.lights] if setup else [])
+    for camera in cameras:
+        known = view_truth(truth, camera)
+        image = tracer.render(camera, settings.spp, path_seed(settings.seed, camera.name))
+        if settings.denoise:
+            image = denoise(image, **known.guides)
+        yield camera, image, known

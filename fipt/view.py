@@ -1,0 +1,245 @@
+"""Any file of the pipeline as a picture for eyes."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
+from fipt.errors import FiptError
+from fipt.io.arrays import load_npy, load_npz
+from fipt.io.exr import read_exr
+from fipt.io.files import existing_file
+from fipt.io.hits import Hits, read_hits
+from fipt.io.images import read_ids, to_display
+
+SHADING_LAYERS = (
+    "Ld",
+    *(f"Ls0.{level}" for level in range(len(ROUGHNESS_LEVELS))),
+    *(f"Ls1.{level}" for level in range(len(ROUGHNESS_LEVELS))),
+)
+"""Names of the outputs in shading.npy; Ls0 and Ls1 by roughness level, 0 = smoothest."""
+
+_ID_FOLDERS = ("IndexMA", "segmentation")
+"""Folders of the FIPT layouts whose EXR files hold ids as floating-point numbers."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture and one line about it.
+
+    Attributes
+    ----------
+    pixels
+        (H, W, 3) uint8.
+    note
+        What is shown and what else the file holds.
+    """
+
+    pixels: np.ndarray
+    note: str
+
+
+def picture(path: str | Path, layer: str = "", view: str = "", hits: str | Path | None = None) -> Picture:
+    """Turn a file of the pipeline into a picture.
+
+    Parameters
+    ----------
+    path
+        ``.exr`` (all layers side by side unless one is named), id maps (``.png``), an array of a
+        hits folder or a shading.npy (``.npy``), ``.npz`` (a table of its arrays).
+    layer
+        Layer of an EXR file, or output of a shading.npy (`SHADING_LAYERS`, default Ld).
+    view
+        View of a shard, default its first.
+    hits
+        Hits folder of a shading.npy, default ``hits/{shard}`` of the same results.
+    """
+    path = existing_file(path, "the file to view")
+    readers: dict[str, Callable[[], Picture]] = {
+        ".exr": lambda: _exr(path, layer),
+        ".png": lambda: Picture(false_color(read_ids(path)), "ids in false colours"),
+        ".npy": lambda: _shard_array(path, layer, view, hits),
+        ".npz": lambda: _table(path),
+    }
+    if path.suffix not in readers:
+        raise FiptError(f"{path} cannot be viewed", f"give a file {', '.join(readers)}")
+    return readers[path.suffix]()
+
+
+def shown(name: str, values: np.ndarray) -> np.ndarray:
+    """Values as (H, W, 3) uint8, by their kind.
+
+    RGB is clipped to [0, 1] and sRGB-encoded; ``normal`` maps [-1, 1] to [0, 1]; ids get false
+    colours; other scalars are linear, divided by their maximum where that exceeds 1.
+    """
+    if name == "ids" or values.dtype.kind in "iu":
+        return false_color(values if values.ndim == 2 else values[..., 0])
+    values = np.nan_to_num(values.astype(np.float32))
+    if name == "normal":
+        return np.rint(np.clip(0.5 + 0.5 * values, 0, 1) * 255).astype(np.uint8)
+    if values.ndim == 3:
+        return to_display(values)
+    grey = np.clip(values / max(float(values.max()), 1.0), 0, 1)
+    return np.repeat(np.rint(grey * 255).astype(np.uint8)[..., None], 3, axis=-1)
+
+
+def false_color(ids: np.ndarray) -> np.ndarray:
+    """Give every id of an (H, W) map its own colour, the same in every picture; 0 and -1 black."""
+    keys = np.rint(ids).astype(np.int64)
+    mixed = (keys.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(40)
+    colors = np.stack([(mixed >> np.uint64(shift)) & np.uint64(255) for shift in (0, 8, 16)], -1)
+    return np.where(keys[..., None] > 0, 64 + colors * 3 // 4, 0).astype(np.uint8)
+
+
+# --- EXR ------------------------------------------------------------------------------------------
+
+
+def _exr(path: Path, layer: str) -> Picture:
+    layers = _layers(read_exr(path))
+    if layer and layer not in layers:
+        raise _no_layer(path, layer, layers)
+    chosen = {layer: layers[layer]} if layer else layers
+    ids = path.parent.name in _ID_FOLDERS
+    tiles = [shown("ids" if ids else name, values) for name, values in chosen.items()]
+    ranges = ", ".join(f"{name or 'RGB'} {v.min():.3g}..{v.max():.3g}" for name, v in chosen.items())
+    return Picture(np.concatenate(tiles, axis=1), f"left to right: {ranges}")
+
+
+def _layers(channels: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Group channels: RGB under their common name ('' for the picture itself), others alone."""
+    layers, rest = {}, dict(channels)
+    for name in sorted({channel.rpartition(".")[0] for channel in channels}):
+        letters = [f"{name}.{letter}" if name else letter for letter in "RGB"]
+        if all(letter in rest for letter in letters):
+            layers[name] = np.stack([rest.pop(letter) for letter in letters], axis=-1)
+    return layers | {name.removesuffix(".Y"): values for name, values in rest.items()}
+
+
+# --- shards ---------------------------------------------------------------------------------------
+
+
+def _shard_array(path: Path, layer: str, view: str, folder: str | Path | None) -> Picture:
+    """One view of an array over a shard's hits (shading.npy or an array of the hits folder)."""
+    if path.name != "shading.npy":
+        hits, name = read_hits(path.parent), path.stem
+    else:
+        # results/S/round-k/shading/{shard}/shading.npy belongs to results/S/hits/{shard}
+        root = path.resolve().parents
+        hits = read_hits(folder or root[3] / "hits" / root[0].name)
+        name = layer or SHADING_LAYERS[0]
+        if name not in SHADING_LAYERS:
+            raise _no_layer(path, name, SHADING_LAYERS)
+    view = view or hits.views[0]
+    if view not in hits.views:
+        raise FiptError(f"the shard has no view {view}", f"choose one of {', '.join(hits.views)}")
+    index = hits.views.index(view)
+    note = f"view {view}, one of {len(hits.views)} from {hits.views[0]} to {hits.views[-1]}"
+    if name in SHADING_LAYERS:
+        pixels, exposure = _shading(path, hits, index, SHADING_LAYERS.index(name))
+        note = f"shown times {exposure:.3g}; {note}"
+    elif name in _PER_PIXEL:
+        pixels = _PER_PIXEL[name](hits, index)
+    else:
+        raise FiptError(f"{path} cannot be viewed", f"give shading.npy, {', '.join(_PER_PIXEL)}")
+    image = pixels.reshape(*hits.shapes[index], *pixels.shape[1:])
+    return Picture(shown(name, image), f"{name} up to {pixels.max():.4g}; {note}")
+
+
+def _shading(path: Path, hits: Hits, index: int, output: int) -> tuple[np.ndarray, float]:
+    """(P, 3) output of shading.npy times an exposure that suits it, and that exposure."""
+    shading = load_npy(path)
+    if shading.shape != (len(hits.position), SHADING_OUTPUTS, 3):
+        raise FiptError(
+            f"{path} has shape {shading.shape}; its hits need {(len(hits.position), SHADING_OUTPUTS, 3)}",
+            "name the hits folder it was made from with --hits",
+        )
+    own = hits.of_view(index)
+    values = shading[own, output].astype(np.float64) * hits.weight[own, None]
+    pixels = _summed(values, hits, index)
+    exposure = 1.0 / max(float(np.percentile(pixels, 98)), 1e-9)
+    return pixels * exposure, exposure
+
+
+def _summed(values: np.ndarray, hits: Hits, index: int) -> np.ndarray:
+    """(P, ...) sums over each pixel's hits of a view's (hits, ...) values."""
+    pixels = hits.pixels(index)
+    total = np.zeros((pixels.stop - pixels.start, *values.shape[1:]))
+    np.add.at(total, hits.pixel_of_hit(index), values)
+    return total
+
+
+def _first(name: str) -> Callable[[Hits, int], np.ndarray]:
+    """Reader of the value at each pixel's first hit; 0 where it has none."""
+
+    def read(hits: Hits, index: int) -> np.ndarray:
+        values, pixels = getattr(hits, name), hits.pixels(index)
+        starts = hits.offsets[pixels.start : pixels.stop + 1]
+        result = np.zeros((len(starts) - 1, *values.shape[1:]))
+        some = np.diff(starts) > 0
+        result[some] = values[starts[:-1][some]] + (name == "triangle")  # 0 is black, for misses
+        if name == "position":
+            low = result[some].min(axis=0) if some.any() else 0.0
+            result = (result - low) / max(np.ptp(result[some], axis=0).max(), 1e-9)
+        if name == "footprint":
+            result /= max(result.max(), 1e-9)
+        return result.astype(np.int64) if name == "triangle" else result
+
+    return read
+
+
+_PER_PIXEL: dict[str, Callable[[Hits, int], np.ndarray]] = {
+    **{name: _first(name) for name in ("position", "normal", "triangle", "footprint")},
+    "weight": lambda hits, index: _summed(hits.weight[hits.of_view(index)], hits, index),
+    "center": lambda hits, index: hits.center[hits.pixels(index)].astype(np.float64),
+    "offsets": lambda hits, index: np.bincount(
+        hits.pixel_of_hit(index), minlength=hits.pixels(index).stop - hits.pixels(index).start
+    ).astype(np.float64),
+}
+"""Array of a hits folder -> (P, ...) values of a view: weights summed, offsets as hits per pixel,
+position and footprint scaled to [0, 1]."""
+
+
+def _no_layer(path: Path, layer: str, layers: Iterable[str]) -> FiptError:
+    names = ", ".join(name or "''" for name in layers)
+    return FiptError(f"{path} has no layer {layer}", f"choose one of {names}")
+
+
+# --- npz ------------------------------------------------------------------------------------------
+
+
+def _table(path: Path) -> Picture:
+    """Arrays of an npz file, and one line for each emitter where it holds emitters."""
+    arrays = load_npz(path)
+    lines = [f"{path.name}: {len(arrays)} arrays"]
+    lines += [
+        f"{name:<12} {values.dtype!s:<8} {values.shape!s:<16} {_range(values)}" for name, values in arrays.items()
+    ]
+    if {"emitter", "radiance", "area"} <= arrays.keys():
+        index = arrays["emitter"]
+        lines.append(f"{len(np.unique(index))} emitters: triangles, area in m2, mean radiance")
+        for emitter in np.unique(index):
+            own = index == emitter
+            area = arrays["area"][own]
+            mean = (arrays["radiance"][own] * area[:, None]).sum(0) / max(area.sum(), 1e-12)
+            color = " ".join(f"{value:8.3f}" for value in mean)
+            lines.append(f"{emitter:>4} {own.sum():>6} {area.sum():>8.4f} {color}")
+    return Picture(_text(lines), "\n".join(lines))
+
+
+def _range(values: np.ndarray) -> str:
+    if values.size == 0 or values.dtype.kind not in "iufb":
+        return ""
+    values = values.astype(np.float64)
+    return f"{values.min():.4g} .. {np.median(values):.4g} .. {values.max():.4g}"
+
+
+def _text(lines: list[str]) -> np.ndarray:
+    from PIL import Image, ImageDraw, ImageFont
+
+    text, font = "\n".join(lines), ImageFont.load_default_imagefont()  # fixed width, small
+    _, _, right, bottom = ImageDraw.Draw(Image.new("L", (1, 1))).multiline_textbbox((0, 0), text, font)
+    image = Image.new("RGB", (int(right) + 12, int(bottom) + 12), "white")
+    ImageDraw.Draw(image).multiline_text((6, 6), text, "black", font)
+    return np.asarray(image.resize((2 * image.width, 2 * image.height), Image.NEAREST))

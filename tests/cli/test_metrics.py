@@ -1,0 +1,113 @@
+"""``fipt metrics`` on a tiny results folder."""
+
+import json
+
+import numpy as np
+import pytest
+
+from fipt.cli.main import main
+from fipt.io.exr import write_exr
+from fipt.io.files import write_text
+from tests.fake_results import HEIGHT, WIDTH, maps, write_maps, write_results
+
+
+def run(root, *more):
+    """Run the verb on a results folder and return its exit code."""
+    arguments = ["--dataset", root / "dataset", "--materials", root / "materials"]
+    arguments += ["--render", root / "render", "--emitters", root / "round-1" / "emitters.npz"]
+    arguments += ["--out", root / "metrics.json", *more]
+    return main(["metrics", *map(str, arguments)])
+
+
+def read(root):
+    def refuse(name):
+        raise AssertionError(f"{name} in metrics.json")
+
+    return json.loads((root / "metrics.json").read_text(), parse_constant=refuse)
+
+
+@pytest.fixture
+def results(tmp_path):
+    return write_results(tmp_path / "scene")
+
+
+def test_figures_of_a_scene_with_truth(results):
+    more = ("--hits", results / "hits" / "train-000", "--relight", results / "relight")
+    assert run(results, *more, "--stats", results / "stats" / "metrics.json") == 0
+    figures = read(results)
+    for split, views in (("val", 1), ("train", 2)):
+        assert figures[split]["kd_psnr"] == pytest.approx(20.0, abs=1e-4)
+        assert figures[split]["reflectance_psnr"] == 100.0
+        assert figures[split]["roughness_l1"] == 0.0
+        assert figures[split]["emission_iou"] == 1.0
+        assert figures[split]["pixels"]["materials"] == views * (HEIGHT - 1) * WIDTH
+    assert figures["val"]["render_psnr"] == 100.0
+    assert figures["val"]["render_psnr_views"] == {"c": 100.0}
+    assert figures["train"]["render_psnr"] is None
+    assert figures["val"]["published"]["kd_psnr"] is None
+    assert figures["relight"]["dim"]["relight_psnr"] == 100.0
+    assert set(figures["val"]) - {"pixels", "render_psnr_views", "render_exposure_scale"} - {
+        "render_exposure_fitted"
+    } <= set(figures["definitions"])
+    assert figures["settings"] == {"fit_exposure": False}
+    assert json.loads((results / "stats" / "metrics.json").read_text())["stage"] == "metrics"
+
+
+def test_emitting_triangles_are_judged_by_what_pixels_see(results):
+    assert run(results, "--hits", results / "hits" / "train-000") == 0
+    emitters = read(results)["emitters"]
+    assert emitters["truth_from"] == "pixel centres that see them"
+    assert (emitters["true_triangles"], emitters["found_triangles"]) == (1, 2)
+    assert (emitters["false_triangles"], emitters["missed_triangles"]) == (1, 0)
+
+
+def test_emitting_triangles_of_a_room_in_code(results):
+    room = {"emitters": [{"triangles": [0]}, {"triangles": [1, 3]}]}
+    write_text(results / "dataset" / "room.json", json.dumps(room))
+    assert run(results, "--hits", results / "hits" / "train-000") == 0
+    emitters = read(results)["emitters"]
+    assert emitters["truth_from"] == "room.json"
+    assert (emitters["true_triangles"], emitters["false_triangles"]) == (3, 1)
+    assert (emitters["missed_triangles"], emitters["unseen_triangles"]) == (1, 1)
+
+
+def test_without_truth_only_pictures_are_judged(tmp_path):
+    root = write_results(tmp_path / "real", truth=False)
+    assert run(root, "--hits", root / "hits" / "train-000", "--relight", root / "relight") == 0
+    figures = read(root)
+    assert figures["val"]["render_psnr"] == 100.0
+    assert figures["val"]["kd_psnr"] is figures["val"]["emission_iou"] is None
+    assert set(figures["val"]["published"].values()) == {None}
+    assert figures["emitters"]["true_triangles"] is None
+    assert "relight" not in figures
+
+
+def test_exposure_is_fitted_only_when_asked(results):
+    picture = np.linspace(0.05, 0.9, WIDTH * HEIGHT * 3, dtype=np.float32)
+    dark = picture.reshape(HEIGHT, WIDTH, 3) / 2
+    write_exr(results / "render" / "c.exr", {"": dark})
+    assert run(results) == 0
+    assert read(results)["val"]["render_psnr"] < 20
+    assert run(results, "--settings", '{"fit_exposure": true}') == 0
+    figures = read(results)["val"]
+    assert figures["render_exposure_fitted"] is True
+    assert figures["render_exposure_scale"] == pytest.approx(2.0)
+    assert figures["render_psnr"] == 100.0
+
+
+def test_nan_in_a_map_is_refused_and_nothing_is_written(results, capsys):
+    layers = {**maps(), "hit": np.ones((HEIGHT, WIDTH), np.float32)}
+    layers["roughness"][2, 3] = np.nan
+    write_maps(results / "materials" / "c.exr", layers)
+    assert run(results) == 2
+    assert "c.exr must hold finite values; 1 of layer roughness" in capsys.readouterr().err
+    assert not (results / "metrics.json").exists()
+
+
+def test_missing_pictures_and_layers_are_named(results, capsys):
+    write_exr(results / "render" / "a.exr", {"": np.ones((HEIGHT, WIDTH, 3), np.float32)})
+    assert run(results) == 2
+    assert "picture of every view; b missing" in capsys.readouterr().err
+    write_maps(results / "materials" / "c.exr", maps())
+    assert run(results) == 2
+    assert "c.exr lacks the layers hit" in capsys.readouterr().err

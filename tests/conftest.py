@@ -1,0 +1,91 @@
+"""Fixtures and rules that every test shares.
+
+* `backend`: Mitsuba's variant, chosen once for the run. Tests run on LLVM, so that results are the
+  same with and without a GPU; ``FIPT_BACKEND=cuda pytest`` runs the same tests on CUDA.
+* `np_rng`: a random generator with a fixed seed. No test seeds anything globally.
+* `living_room`: the folder of the optional real-size scene, named by ``FIPT_LIVING_ROOM``.
+* `fake_llvm`: writes libraries that claim to be some version of LLVM.
+* ``gpu``: tests with this mark need a CUDA device and a CUDA run, and are skipped with a reason
+  otherwise.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fipt.render import variant
+
+
+def gpu_skip_reason() -> str:
+    """Return why tests marked ``gpu`` cannot run in this process; empty if they can."""
+    cuda = variant.find_cuda()
+    if not cuda.usable:
+        return f"needs a CUDA device: {cuda.problem}"
+    if os.environ.get("FIPT_BACKEND") != "cuda":
+        return "this run is on LLVM; FIPT_BACKEND=cuda pytest -m gpu runs it"
+    return ""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Skip tests marked ``gpu`` where they cannot run."""
+    marked = [item for item in items if item.get_closest_marker("gpu")]
+    if not marked:
+        return
+    reason = gpu_skip_reason()
+    if reason:
+        for item in marked:
+            item.add_marker(pytest.mark.skip(reason=reason))
+
+
+@pytest.fixture(scope="session")
+def backend() -> variant.Backend:
+    """Set Mitsuba's variant and return what was chosen."""
+    preference = "cuda" if os.environ.get("FIPT_BACKEND") == "cuda" else "llvm"
+    return variant.set_variant(variant.choose_backend(preference))
+
+
+@pytest.fixture
+def np_rng() -> np.random.Generator:
+    """A NumPy generator with a fixed seed, fresh for every test."""
+    return np.random.default_rng(20231002)
+
+
+@pytest.fixture(scope="session")
+def living_room() -> Path:
+    """Folder that holds the living room's ``dataset/``; skips where it is absent."""
+    named = os.environ.get("FIPT_LIVING_ROOM")
+    if not named:
+        pytest.skip("set FIPT_LIVING_ROOM to the folder of the living room scene")
+    folder = Path(named)
+    if not (folder / "dataset").is_dir():
+        pytest.skip(f"FIPT_LIVING_ROOM={named} has no folder dataset/")
+    return folder
+
+
+@pytest.fixture
+def fake_llvm() -> Callable[..., Path]:
+    """A function that writes the smallest 64-bit ELF library with a name; it holds no code."""
+    own_machine = variant._elf_machine(Path(sys.executable))[1]
+    if own_machine == 0:
+        pytest.skip("reads the names of ELF libraries: Linux and BSD only")
+
+    def write(path: Path, soname: str, machine: int = own_machine) -> Path:
+        strings = b"\0" + soname.encode() + b"\0"
+        table_at, dynamic_at, strings_at = 64, 64 + 2 * 56, 64 + 2 * 56 + 3 * 16
+        size = strings_at + len(strings)
+        header = b"\x7fELF\x02\x01\x01" + bytes(9)
+        header += struct.pack("<HHIQQQIHHHHHH", 3, machine, 1, 0, table_at, 0, 0, 64, 56, 2, 0, 0, 0)
+        load = struct.pack("<IIQQQQQQ", 1, 5, 0, 0, 0, size, size, 4096)
+        dynamic = struct.pack("<IIQQQQQQ", 2, 6, dynamic_at, dynamic_at, 0, 48, 48, 8)
+        tags = struct.pack("<QQQQQQ", 5, strings_at, 14, 1, 0, 0)  # string table, name, end
+        path.write_bytes(header + load + dynamic + tags + strings)
+        return path
+
+    return write

@@ -1,0 +1,123 @@
+"""A tiny results folder, written without running any stage."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from fipt.io.arrays import save_npz
+from fipt.io.cameras import Camera, write_transforms
+from fipt.io.dataset import write_views
+from fipt.io.exr import write_exr
+from fipt.io.files import write_text
+from fipt.io.hits import Hits, write_hits
+from fipt.io.images import write_png
+from fipt.io.meshes import Mesh, write_ply
+
+WIDTH, HEIGHT = 8, 6
+VIEWS = {"a": "train", "b": "train", "c": "val"}
+
+
+def maps() -> dict[str, np.ndarray]:
+    """Truth of every view: a grey wall; the top row of pixels is a lamp of radiance 4."""
+    shape = (HEIGHT, WIDTH)
+    shining = np.zeros(shape, np.float32)
+    shining[0] = 1
+    return {
+        "kd": np.full((*shape, 3), 0.5, np.float32),
+        "base_color": np.full((*shape, 3), 0.5, np.float32),
+        "reflectance": np.full((*shape, 3), 0.6, np.float32),
+        "emission": np.repeat(4 * shining[..., None], 3, axis=2),
+        "emission_mask": shining,
+        "roughness": np.full(shape, 0.7, np.float32),
+        "metallic": np.zeros(shape, np.float32),
+    }
+
+
+def write_maps(path: Path, layers: dict[str, np.ndarray]) -> None:
+    """Write layers with the channel names of truth/ and materials/."""
+    write_exr(path, {name if a.ndim == 3 else f"{name}.Y": a for name, a in layers.items()})
+
+
+def write_results(root: Path, truth: bool = True) -> Path:
+    """Write the results of a scene whose kd is off by 0.1 and whose render is exact; return root.
+
+    The mesh has four triangles: 0 is the lamp, which the top row of pixels sees, 1 the wall that
+    the others see; 2 is found to emit and does not, 3 is never seen.
+    """
+    data = root / "dataset"
+    cameras = [
+        Camera(name, split, WIDTH, HEIGHT, 8.0, 8.0, WIDTH / 2, HEIGHT / 2, np.eye(4)) for name, split in VIEWS.items()
+    ]
+    write_transforms(data / "transforms.json", cameras)
+    write_views(data / "views.json", list(VIEWS))
+    points = np.random.default_rng(0).random((12, 3)).astype(np.float32)
+    write_ply(data / "mesh.ply", Mesh(points, np.arange(12, dtype=np.int32).reshape(4, 3)))
+    picture = np.linspace(0.05, 0.9, WIDTH * HEIGHT * 3, dtype=np.float32)
+    picture = picture.reshape(HEIGHT, WIDTH, 3)
+    known = maps()
+    estimate = {**known, "kd": known["kd"] + 0.1, "hit": np.ones((HEIGHT, WIDTH), np.float32)}
+    for name, split in VIEWS.items():
+        write_exr(data / "images" / f"{name}.exr", {"": picture})
+        if truth:
+            write_maps(data / "truth" / f"{name}.exr", known)
+        write_maps(root / "materials" / f"{name}.exr", estimate)
+        if split == "val":
+            write_exr(root / "render" / f"{name}.exr", {"": picture})
+            write_exr(root / "relight" / "dim" / f"{name}.exr", {"": picture / 2})
+            if truth:
+                write_exr(data / "relight_truth" / "dim" / f"{name}.exr", {"": picture / 2})
+    write_hits(_folder(root / "hits" / "train-000"), hits(["a", "b"]))
+    found = [0, 2]
+    arrays = {name: np.ones(2, np.int32) for name in ("emitter", "views")}
+    arrays |= {name: np.ones(2, np.float32) for name in ("area", "confidence")}
+    radiance = np.full((2, 3), 4, np.float32)
+    triangles = np.array(found, np.int32)
+    save_npz(root / "round-1" / "emitters.npz", triangle=triangles, radiance=radiance, **arrays)
+    write_emitters(root, 1)
+    return root
+
+
+def write_emitters(root: Path, count: int) -> None:
+    """Write round-1/emitters.json with some emitters."""
+    emitter = {"index": 0, "triangles": 2, "area": 0.5, "radiance": [4, 4, 2], "center": [0, 0, 0]}
+    emitter |= {"power": 12.5, "views": 2, "confidence": 0.9}
+    content = {"two_sided": True, "emitters": [emitter] * count}
+    write_text(root / "round-1" / "emitters.json", json.dumps(content))
+
+
+def write_extras(root: Path) -> None:
+    """Write what a report shows when it is there: stats, overlay, setups, a rejected view."""
+    run = {"stage": "bake", "version": 1, "fipt": "0.1.0", "wall_s": 75.0, "rays_per_s": 2e6}
+    run |= {"peak_memory_bytes": 1_500_000_000, "settings": {"diffuse_spp": 64}}
+    write_text(root / "stats" / "bake.round-0.train-000.json", json.dumps(run))
+    traced = {"stage": "hits", "wall_s": 1.0, "views_mostly_off_mesh": ["b"]}
+    write_text(root / "stats" / "hits.train-000.json", json.dumps(traced))
+    write_views(root / "dataset" / "views.json", list(VIEWS), {"a": "it is blurred"})
+    write_png(root / "dataset" / "overlay.png", np.full((6, 8, 3), 90, np.uint8))
+    setup = {"settings": {"setup": {"emitters": [{"scale": 0.5}]}}}
+    write_text(root / "relight" / "dim.val-000.manifest.json", json.dumps(setup))
+
+
+def hits(views: list[str]) -> Hits:
+    """First hits of views: one a pixel, triangle 0 in the top row and 1 below."""
+    pixels = len(views) * WIDTH * HEIGHT
+    triangle = np.ones((len(views), HEIGHT, WIDTH), np.int32)
+    triangle[:, 0] = 0
+    return Hits(
+        views=tuple(views),
+        shapes=((HEIGHT, WIDTH),) * len(views),
+        offsets=np.arange(pixels + 1, dtype=np.int64),
+        center=np.ones(pixels, np.uint8),
+        position=np.zeros((pixels, 3), np.float32),
+        normal=np.ones((pixels, 3), np.float32),
+        triangle=triangle.ravel(),
+        footprint=np.ones(pixels, np.float32),
+        weight=np.ones(pixels, np.float32),
+        sub=np.zeros((pixels, 4, 3), np.float16),
+    )
+
+
+def _folder(path: Path) -> Path:
+    path.mkdir(parents=True)
+    return path

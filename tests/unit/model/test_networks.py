@@ -1,0 +1,126 @@
+"""Networks: shapes, ranges, the scene box, and queries in world coordinates."""
+
+import numpy as np
+import pytest
+import torch
+
+from fipt.conventions import ROUGHNESS_MIN
+from fipt.model.networks import Brdf, BrdfNetwork, EmissionNetwork, Field, SceneBox
+from fipt.settings import Fit
+
+SETTINGS = Fit(levels=4, table_log2=10, seed=3)
+BOX = SceneBox((1.0, -2.0, 0.5), 4.0)
+
+
+def unit_points(count: int) -> torch.Tensor:
+    return torch.rand(count, 3, generator=torch.Generator().manual_seed(0))
+
+
+def excited(network: torch.nn.Module, factor: float) -> torch.nn.Module:
+    """Weights far from their start."""
+    with torch.no_grad():
+        for parameter in network.parameters():
+            parameter.mul_(factor)
+    return network
+
+
+def test_brdf_shapes_and_ranges():
+    brdf = excited(BrdfNetwork(SETTINGS), 30)(unit_points(300))
+    assert brdf.base_color.shape == brdf.kd.shape == brdf.ks.shape == (300, 3)
+    assert brdf.roughness.shape == brdf.metallic.shape == (300,)
+    for values, low in ((brdf.base_color, 0), (brdf.metallic, 0), (brdf.roughness, ROUGHNESS_MIN)):
+        assert values.min() >= low - 1e-7
+        assert values.max() <= 1
+
+
+@pytest.mark.parametrize("kind", [np.asarray, torch.tensor])
+def test_reflectances_by_hand(kind):
+    brdf = Brdf(kind([[0.5, 0.2, 0.0]] * 3), kind([0.3] * 3), kind([0.0, 1.0, 0.5]))
+    np.testing.assert_allclose(brdf.kd, [[0.5, 0.2, 0], [0, 0, 0], [0.25, 0.1, 0]])
+    np.testing.assert_allclose(brdf.ks, [[0.04] * 3, [0.5, 0.2, 0], [0.27, 0.12, 0.02]])
+
+
+def test_emission_starts_small_and_can_grow():
+    network = EmissionNetwork()
+    x = unit_points(2000) * 2 - 1
+    e = network(x)
+    assert e.shape == (2000,)
+    assert (e > 0).all()  # every point has a gradient at the start
+    assert network.mask(e).max() < 0.1
+    network.mask(e).sum().backward()
+    assert all(p.grad.abs().max() > 0 for p in network.parameters())
+
+
+def test_emission_sizes_of_the_paper():
+    network = EmissionNetwork()
+    shapes = [tuple(layer.weight.shape) for layer in network.hidden]
+    assert shapes == [(128, 63), (128, 128), (128, 128), (128, 191), (128, 128), (128, 128)]
+
+
+def test_mask_by_hand():
+    mask = EmissionNetwork.mask(torch.tensor([-1.0, 0.0, np.log(2), 50.0]))
+    np.testing.assert_allclose(mask, [0, 0, 0.5, 1], atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", [np.asarray, torch.tensor])
+def test_scene_box_maps_its_faces(kind):
+    faces = kind([[-1.0, -4.0, -1.5], [1.0, -2.0, 0.5], [3.0, 0.0, 2.5]])
+    np.testing.assert_allclose(BOX.to_unit(faces), [[0] * 3, [0.5] * 3, [1] * 3], atol=1e-6)
+    np.testing.assert_allclose(BOX.to_signed(faces), [[-1] * 3, [0] * 3, [1] * 3], atol=1e-6)
+
+
+def test_scene_box_around_points(np_rng):
+    points = np_rng.uniform([-1, 2, 0], [1, 8, 3], (500, 3)).astype(np.float32)
+    box = SceneBox.around(points)
+    unit = box.to_unit(points)
+    assert unit.dtype == np.float32
+    assert unit.min() == pytest.approx(0.5 - 0.5 / 1.05, abs=1e-6)
+    assert unit.max() == pytest.approx(0.5 + 0.5 / 1.05, abs=1e-6)
+    assert all(isinstance(value, float) for value in (*box.center, box.side))
+
+
+def test_seed_decides_the_weights():
+    first, again = Field(SETTINGS, BOX), Field(SETTINGS, BOX)
+    other = Field(SETTINGS.model_copy(update={"seed": 4}), BOX)
+    for name, value in first.state_dict().items():
+        assert torch.equal(value, again.state_dict()[name])
+        assert name.endswith("output.bias") or not torch.equal(value, other.state_dict()[name])
+
+
+def test_building_a_field_leaves_the_global_generator_alone():
+    before = torch.get_rng_state()
+    Field(SETTINGS, BOX)
+    assert torch.equal(before, torch.get_rng_state())
+
+
+def test_queries_equal_single_calls_whatever_the_chunk(backend):
+    field = Field(SETTINGS, BOX)
+    excited(field.brdf_network.encoding, 1e4)
+    field = field.to(backend.torch_device)
+    p_world = unit_points(1001).numpy() * 4 + [-1, -4, -1.5]
+    p_world = p_world.astype(np.float32)
+    p_world.setflags(write=False)  # like a memory map
+    footprint = np.full(len(p_world), 0.2, np.float32)
+    whole = field.brdf(
+        torch.tensor(p_world, device=backend.torch_device),
+        torch.tensor(footprint, device=backend.torch_device),
+    )
+    for chunk in (1001, 100):
+        found = field.query(p_world, footprint, chunk)
+        for name in ("base_color", "roughness", "metallic"):
+            expected = getattr(whole, name).detach().cpu().numpy()
+            assert getattr(found, name).dtype == np.float32
+            np.testing.assert_allclose(getattr(found, name), expected, atol=2e-5)
+    assert not np.allclose(field.query(p_world).roughness, found.roughness)
+    mask = field.query_mask(p_world, 100)
+    e = field.emission(torch.tensor(p_world, device=backend.torch_device))
+    np.testing.assert_allclose(mask, field.emission_network.mask(e).detach().cpu(), atol=1e-6)
+
+
+def test_footprint_is_measured_in_metres(backend):
+    field = Field(SETTINGS, BOX).to(backend.torch_device)
+    excited(field.brdf_network.encoding, 1e4)
+    p = torch.tensor([[0.3, -1.7, 0.2]], device=backend.torch_device)
+    metres = torch.tensor([0.4], device=backend.torch_device)
+    inside = field.brdf_network(BOX.to_unit(p), metres / BOX.side)
+    torch.testing.assert_close(field.brdf(p, metres).roughness, inside.roughness)

@@ -1,0 +1,75 @@
+"""Where the cameras stand and what they see."""
+
+import numpy as np
+import pytest
+
+from fipt.settings import Synthesize
+from fipt.synthesize import poses
+from fipt.synthesize.furniture import SIZE
+from fipt.synthesize.room import build
+
+SETTINGS = Synthesize(train_views=8, val_views=3, width=64, height=48)
+
+
+@pytest.fixture(scope="module")
+def first_hits(backend):
+    from fipt.synthesize.views import Truth
+
+    return Truth(build(0)).first_hits
+
+
+@pytest.fixture(scope="module")
+def cameras(first_hits):
+    return poses.sample_cameras(build(0), first_hits, SETTINGS)
+
+
+def test_names_and_splits(cameras):
+    assert [c.name for c in cameras] == [f"train_{i:03d}" for i in range(8)] + [f"val_{i:03d}" for i in range(3)]
+    assert all(c.split == c.name.split("_")[0] for c in cameras)
+
+
+def test_cameras_stand_free_in_the_room(cameras):
+    corners = build(0).mesh.corners.astype(np.float64)
+    for camera in cameras:
+        assert (camera.center > 0.29).all()
+        assert (camera.center < np.array(SIZE) - 0.29).all()
+        assert 0.5 <= camera.center[1] <= 2.5
+        # Points sampled on the surfaces are 4 cm apart: allow for that.
+        nearest = np.linalg.norm(corners - camera.center, axis=-1).min()
+        assert nearest > poses.CLEARANCE - 0.04
+
+
+def test_cameras_look_into_the_room_and_hardly_roll(cameras, first_hits):
+    for camera in cameras:
+        right, _, back = camera.world_from_camera[:3, :3].T
+        assert abs(np.degrees(np.arcsin(right[1]))) < 6
+        assert -50.1 <= np.degrees(np.arcsin(-back[1])) <= 20.1
+        np.testing.assert_allclose(
+            camera.world_from_camera[:3, :3] @ camera.world_from_camera[:3, :3].T,
+            np.eye(3),
+            atol=1e-12,
+        )
+        assert np.linalg.det(camera.world_from_camera[:3, :3]) == pytest.approx(1)
+        assert np.median(poses.scan(camera, first_hits)[0]) > 1.2
+
+
+def test_held_out_views_show_what_training_views_show(cameras, first_hits):
+    areas = build(0).mesh.areas
+    seen = np.zeros(len(areas), bool)
+    for camera in cameras[:8]:
+        seen[poses.scan(camera, first_hits, (96, 72))[1]] = True
+    for camera in cameras[8:]:
+        shown = poses.scan(camera, first_hits)[1]
+        assert areas[shown] @ seen[shown] / areas[shown].sum() > 0.8
+
+
+def test_poses_repeat_and_more_views_keep_the_first(cameras, first_hits):
+    more = poses.sample_cameras(build(0), first_hits, SETTINGS.model_copy(update={"train_views": 9, "val_views": 1}))
+    for old, new in zip(cameras[:8], more, strict=False):
+        np.testing.assert_array_equal(old.world_from_camera, new.world_from_camera)
+    other = poses.sample_cameras(
+        build(0),
+        first_hits,
+        SETTINGS.model_copy(update={"seed": 1, "train_views": 1, "val_views": 1}),
+    )
+    assert not np.allclose(other[0].world_from_camera, cameras[0].world_from_camera)

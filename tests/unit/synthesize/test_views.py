@@ -1,0 +1,337 @@
+"""Rendered views, their truth, and the dataset that holds them."""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.ndimage import binary_dilation, binary_erosion
+
+from fipt.cli.main import main
+from fipt.io.cameras import Camera
+from fipt.io.dataset import Dataset
+from fipt.io.exr import read_rgb
+from fipt.io.manifests import read_manifest
+from fipt.io.meshes import Mesh
+from fipt.model.albedo import reflectance
+from fipt.settings import EmitterEdit, NewLight, RelightSetup, Synthesize
+from fipt.synthesize.room import build
+
+TINY = {
+    "train_views": 3,
+    "val_views": 1,
+    "width": 32,
+    "height": 24,
+    "spp": 8,
+    "max_depth": 5,
+    "denoise": False,
+}
+SETTINGS = Synthesize(**TINY)
+KINDS = [
+    ("images", "exr"),
+    ("truth", "exr"),
+    ("segments/part", "png"),
+    ("segments/semantic", "png"),
+]
+
+
+@pytest.fixture(scope="module")
+def views(backend):
+    from fipt.synthesize import views
+
+    return views
+
+
+@pytest.fixture(scope="module")
+def folder(backend, tmp_path_factory):
+    """A dataset of two shards."""
+    root = tmp_path_factory.mktemp("dataset")
+    settings = json.dumps(TINY)
+    assert main(["synthesize", "--dataset", str(root), "--room", "--settings", settings]) == 0
+    for shard, names in {"train-000": "train_000,train_001", "val-000": "val_000"}.items():
+        manifest = str(root / f"images.{shard}.manifest.json")
+        assert main([
+            "synthesize", "--dataset", str(root), "--views", names,
+            "--settings", settings, "--manifest", manifest,
+        ]) == 0  # fmt: skip
+    return root
+
+
+def looking(eye, target, width=32, height=24, fov=70.0) -> Camera:
+    back = np.subtract(eye, target) / np.linalg.norm(np.subtract(eye, target))
+    right = np.cross((0, 1, 0), back)
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3] = np.stack([right, np.cross(back, right), back, eye], axis=1)
+    focal = width / 2 / np.tan(np.radians(fov) / 2)
+    return Camera("test", "val", width, height, focal, focal, width / 2, height / 2, pose)
+
+
+def test_dataset_is_complete_and_readable(folder):
+    dataset = Dataset(folder)
+    assert dataset.views("train") == ["train_000", "train_001", "train_002"]
+    assert len(dataset.mesh().triangles) == len(build(0).mesh.triangles)
+    np.testing.assert_array_equal(dataset.mesh().vertices, build(0).mesh.vertices)
+    np.testing.assert_array_equal(dataset.mesh().triangles, build(0).mesh.triangles)
+    names = json.loads((folder / "segments" / "part.json").read_text())
+    for view in ("train_000", "train_001", "val_000"):
+        radiance, valid = dataset.image(view)
+        assert valid.all()
+        assert radiance.max() > 0
+        ids = dataset.segments(view, "part")
+        assert {str(i) for i in np.unique(ids)} <= set(names)
+        assert set(dataset.truth(view)) == {
+            "kd", "base_color", "reflectance", "emission", "roughness", "metallic", "emission_mask"
+        }  # fmt: skip
+    files = read_manifest(folder / "images.train-000.manifest.json", "synthesize")["files"]
+    assert sorted(files) == sorted(
+        f"{kind}/{view}.{ending}"
+        for view in ("train_000", "train_001")
+        for kind, ending in KINDS
+    )  # fmt: skip
+
+
+def test_truth_is_the_material_of_the_room(folder):
+    dataset, room = Dataset(folder), build(0)
+    for view in ("train_000", "train_001", "val_000"):
+        truth, part = dataset.truth(view), dataset.segments(view, "part")
+        for index in np.unique(part):
+            known = room.parts[index - 1]
+            here = part == index
+            assert np.allclose(truth["roughness"][here], known.roughness)
+            assert np.allclose(truth["metallic"][here], known.metallic)
+            assert (truth["emission_mask"][here] == (known.radiance is not None)).all()
+            if not isinstance(known.color, np.ndarray):
+                np.testing.assert_allclose(truth["base_color"][here], np.tile(known.color, (here.sum(), 1)), atol=2e-6)
+        np.testing.assert_allclose(truth["kd"], truth["base_color"] * (1 - truth["metallic"][..., None]), atol=1e-6)
+        emits = truth["emission_mask"] > 0
+        assert not truth["reflectance"][emits].any()
+        assert (truth["reflectance"][~emits] > truth["kd"][~emits]).all()
+
+
+def test_reflectance_uses_the_angle_to_the_camera(views):
+    camera = looking((2.5, 1.4, 2.0), (2.5, 0.0, 2.01))
+    known = views.view_truth(views.Truth(build(0)), camera)
+    layers = known.layers
+    columns, rows = np.meshgrid(np.arange(32) + 0.5, np.arange(24) + 0.5)
+    cos = -camera.directions(columns, rows)[..., 1]
+    flat = known.ids["semantic"] == 7  # the rug
+    expected = reflectance(layers["base_color"], layers["roughness.Y"], layers["metallic.Y"], cos)
+    assert flat.mean() > 0.3
+    top = flat & (np.abs(known.guides["normal"][..., 1] - 1) < 1e-4)
+    np.testing.assert_allclose(layers["reflectance"][top], expected[top], atol=1e-4)
+
+
+def test_texture_is_where_the_room_puts_it(views):
+    """The floor's colour, looked up by hand from the texture."""
+    room = build(0)
+    floor = next(part for part in room.parts if part.name == "floor")
+    x, z = np.float32([2.9, 4.3, 4.1]), np.float32([3.62, 2.1, 3.2])
+    origins = np.stack([x, 0 * x + 0.05, z], axis=1)
+    found = views.Truth(room).look(origins, np.tile(np.float32([0, -1, 0]), (3, 1)))
+    assert {room.parts[i - 1].name for i in found["part"]} == {"floor"}
+    height, width = floor.color.shape[:2]
+    u, v = x / 5.0 * (width - 1), z / 4.0 * (height - 1)
+    for k in range(3):
+        j, i = int(u[k]), int(v[k])
+        fu, fv = u[k] - j, v[k] - i
+        block = floor.color[i : i + 2, j : j + 2]
+        expected = (block[0, 0] * (1 - fu) + block[0, 1] * fu) * (1 - fv) + (
+            block[1, 0] * (1 - fu) + block[1, 1] * fu
+        ) * fv
+        np.testing.assert_allclose(found["base_color"][k], expected, atol=5e-3)
+
+
+def test_renderer_and_truth_agree_on_emission(views):
+    """Seen head on, a lamp's pixels hold its radiance exactly: it absorbs what falls on it."""
+    room = build(0)
+    camera = looking((1.4, 1.3, 1.5), (1.4, 1.3, -0.18), fov=20.0)
+    image = views.render_tracer(room, None, 3).render(camera, 4, 1)
+    emission = views.view_truth(views.Truth(room), camera).layers["emission"]
+    inside = np.zeros((24, 32), bool)
+    inside[8:16, 8:24] = True
+    assert emission[inside].any(axis=-1).all()
+    np.testing.assert_allclose(image[inside], emission[inside], rtol=1e-5)
+
+
+def test_renderer_and_truth_look_through_the_same_camera(views):
+    """Lamps far from the picture's centre, with an off-centre principal point: emission only."""
+    room = build(0)
+    camera = replace(looking((3.3, 1.3, 3.0), (3.9, 1.9, 1.0), 64, 48), cx=26.0, cy=29.0)
+    truth = views.view_truth(views.Truth(room), camera)
+    emission, mask = truth.layers["emission"], truth.layers["emission_mask.Y"] > 0
+    image = views.render_tracer(room, None, 0).render(camera, 16, 1)
+    names = {room.parts[i - 1].name for i in np.unique(truth.ids["part"][mask])}
+    assert len(names) >= 2
+    inner = binary_erosion(mask, np.ones((3, 3)))
+    outer = ~binary_dilation(mask, np.ones((3, 3)))
+    assert inner.sum() > 20
+    np.testing.assert_allclose(image[inner], emission[inner], rtol=1e-5)
+    assert not image[outer].any()
+
+
+def test_every_view_has_its_own_noise(views):
+    seeds = [views.path_seed(seed, view) for seed in (0, 1) for view in ("train_000", "val_000")]
+    assert len(set(seeds)) == 4
+
+
+def test_pictures_do_not_depend_on_the_shard(views, folder):
+    cameras = [Dataset(folder).camera(name) for name in ("train_001", "val_000")]
+    alone = [next(iter(views.render_views(build(0), [camera], SETTINGS)))[1] for camera in cameras]
+    together = [image for _, image, _ in views.render_views(build(0), cameras[::-1], SETTINGS)][::-1]
+    for first, second, camera in zip(alone, together, cameras, strict=True):
+        np.testing.assert_array_equal(first, second)
+        np.testing.assert_array_equal(first, read_rgb(folder / "images" / f"{camera.name}.exr"))
+
+
+def test_splitting_the_paths_keeps_the_mean(views, monkeypatch):
+    from fipt.render import reference
+
+    camera = looking((4.0, 1.5, 3.3), (1.2, 0.8, 1.0))
+    tracer = views.render_tracer(build(0), None, 2)
+    whole = tracer.render(camera, 48, 5)
+    monkeypatch.setattr(reference, "_MAX_LANES", 32 * 24 * 20)
+    parts = tracer.render(camera, 48, 5)
+    assert np.median(parts) == pytest.approx(np.median(whole), rel=0.1)
+
+
+# --- light setups -----------------------------------------------------------------------------
+
+
+def test_edits_change_the_lamps(views):
+    room = build(0)
+    before = [light.radiance for light in views.lights(room)]
+    setup = RelightSetup(emitters=(EmitterEdit(index=0, scale=0), EmitterEdit(index=1, color=(1, 0.5, 0.2), scale=2)))
+    after = [light.radiance for light in views.lights(room, setup)]
+    weights = np.array([0.2126, 0.7152, 0.0722])
+    assert not after[0].any()
+    assert after[1] @ weights == pytest.approx(2 * before[1] @ weights)
+    np.testing.assert_allclose(after[1] / after[1][0], (1, 0.5, 0.2))
+    np.testing.assert_array_equal(after[2], before[2])
+
+
+def test_light_is_linear_in_the_lamps(views):
+    """All lamps doubled: the same paths carry twice the light; none: black."""
+    room, camera = build(0), looking((4.0, 1.5, 3.3), (1.2, 0.8, 1.0))
+
+    def render(*edits):
+        tracer = views.render_tracer(room, RelightSetup(emitters=edits), 4)
+        return tracer.render(camera, 4, 3)
+
+    np.testing.assert_allclose(render(EmitterEdit(scale=2)), 2 * render(), rtol=1e-4)
+    assert not render(EmitterEdit(scale=0)).any()
+
+
+@pytest.mark.parametrize(
+    "light",
+    [
+        NewLight(
+            shape="quad",
+            radiance=(3, 2, 1),
+            center=(2.5, 1.4, 2.0),
+            normal=(0, 0, 1),
+            size=(0.6, 0.4),
+        ),
+        NewLight(shape="sphere", radiance=(3, 2, 1), center=(2.5, 1.4, 2.0), radius=0.25),
+    ],
+    ids=["quad", "sphere"],
+)
+@pytest.mark.parametrize("z", [3.4, 0.6], ids=["front", "back"])
+def test_new_lights_shine_to_both_sides(views, light, z):
+    room = build(0)
+    setup = RelightSetup(emitters=(EmitterEdit(scale=0),), lights=(light,))
+    camera = looking((2.5, 1.4, z), (2.5, 1.4, 2.0))
+    image = views.render_tracer(room, setup, 3).render(camera, 16, 2)
+    np.testing.assert_allclose(image[11:13, 15:17].reshape(-1, 3), [(3, 2, 1)] * 4, rtol=1e-5)
+    assert (image[:3].mean(axis=(0, 1)) > 0).all()
+    truth = views.Truth(room, [views.new_light(light)])
+    known = views.view_truth(truth, camera)
+    assert known.ids["part"][12, 16] == 0
+    np.testing.assert_allclose(known.guides["albedo"][12, 16], 1, atol=1e-6)
+
+
+def test_sides_of_new_quads(views):
+    for normal, sides in (((0, -1, 0), (0.4, 0, 0.6)), ((0, 0, 2), (0.6, 0.4, 0))):
+        light = NewLight(shape="quad", radiance=(1, 1, 1), center=(2, 1, 2), normal=normal, size=(0.6, 0.4))
+        mesh = views.new_light(light).mesh
+        np.testing.assert_allclose(np.ptp(mesh.vertices, axis=0), sides, atol=1e-6)
+        unit = np.array(normal) / np.linalg.norm(normal)
+        np.testing.assert_allclose(mesh.normals, [unit, unit], atol=1e-6)
+        np.testing.assert_allclose(mesh.vertices.mean(axis=0), (2, 1, 2), atol=1e-6)
+
+
+def test_new_lights_are_those_of_the_relight_stage(views):
+    """Both stages make their own triangles; relit views are judged by this truth."""
+    from fipt.relight import lights as stage
+
+    for light in (
+        NewLight(shape="quad", radiance=(1, 1, 1), center=(2, 1, 2), normal=(0.2, -1, 0.3)),
+        NewLight(shape="quad", radiance=(1, 1, 1), center=(2, 1, 2), normal=(1, 0.2, 0)),
+        NewLight(shape="sphere", radiance=(1, 1, 1), center=(2, 1, 2), radius=0.2),
+    ):
+        vertices, triangles = stage._geometry(light)
+        mesh = views.new_light(light).mesh
+        area = Mesh(vertices.astype(np.float32), triangles).areas.sum()
+        assert mesh.areas.sum() == pytest.approx(area, rel=1e-4)
+        ours = mesh.vertices[np.lexsort(np.round(mesh.vertices, 4).T)]
+        theirs = vertices[np.lexsort(np.round(vertices, 4).T)]
+        np.testing.assert_allclose(ours, theirs, atol=1e-4)
+
+
+def test_relit_truth_is_written_beside_the_dataset(folder):
+    setup = {"emitters": [{"scale": 0.5}]}
+    manifest = folder / "relight_truth" / "dim.manifest.json"
+    code = main([
+        "synthesize", "--dataset", str(folder), "--views", "val_000",
+        "--settings", json.dumps(TINY),
+        "--setup", json.dumps(setup), "--setup-name", "dim", "--manifest", str(manifest),
+    ])  # fmt: skip
+    assert code == 0
+    relit = read_rgb(folder / "relight_truth" / "dim" / "val_000.exr")
+    np.testing.assert_allclose(relit, 0.5 * read_rgb(folder / "images" / "val_000.exr"), rtol=1e-4)
+    assert list(read_manifest(manifest, "synthesize")["files"]) == ["dim/val_000.exr"]
+
+
+# --- bad input --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--room", "--views", "train_000"], "either --room or --views"),
+        ([], "either --room or --views"),
+        (["--views", "train_009"], "no view train_009"),
+        (["--views", "train_000", "--settings", json.dumps(TINY | {"seed": 5})], "other settings"),
+        (
+            ["--views", "train_000", "--settings", json.dumps(TINY | {"width": 64})],
+            "other settings",
+        ),
+        (["--views", "train_000", "--setup", "{}"], "belong together"),
+        (
+            ["--views", "train_000", "--setup", '{"lamps": []}', "--setup-name", "x"],
+            "unknown key setup.lamps",
+        ),
+        (["--views", "train_000", "--setup", "{}", "--setup-name", "../x"], "cannot be used"),
+    ],
+)
+def test_bad_input_gets_one_line_and_code_2(folder, capsys, arguments, message):
+    if "--settings" not in arguments:
+        arguments = [*arguments, "--settings", json.dumps(TINY)]
+    before = sorted(folder.rglob("*"))
+    assert main(["synthesize", "--dataset", str(folder), *arguments]) == 2
+    error = capsys.readouterr().err.strip()
+    assert message in error
+    assert len(error.splitlines()) == 1
+    assert sorted(folder.rglob("*")) == before
+
+
+def test_modules_can_be_imported_before_the_variant_is_chosen():
+    code = "import fipt.synthesize.dataset, mitsuba; assert mitsuba.variant() is None"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_views_before_the_room_are_refused(backend, tmp_path, capsys):
+    assert main(["synthesize", "--dataset", str(tmp_path), "--views", "train_000"]) == 2
+    assert "room.json" in capsys.readouterr().err

@@ -1,0 +1,139 @@
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from fipt.config import load, read, read_yaml
+from fipt.errors import FiptError
+from fipt.settings import PRESETS, STAGES
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+ROOM = {"source": "procedural"}
+
+
+def scene(room=ROOM, **keys):
+    return load({"scenes": {"room": room}, **keys}).scenes["room"]
+
+
+def test_later_layers_win():
+    defaults, demo = scene(), scene({**ROOM, "preset": "demo"})
+    assert defaults.settings == {stage: model() for stage, model in STAGES.items()}
+    own = {"fit": {"seed": 5}}
+    room = {**ROOM, "preset": "demo", "settings": own}
+    both = scene(room, fit={"seed": 4, "batch": 77})
+    assert both.settings["fit"].seed == 5
+    assert both.settings["fit"].batch == 77
+    assert both.settings["fit"].steps == demo.settings["fit"].steps
+    assert both.settings["synthesize"] == demo.settings["synthesize"]
+
+
+@pytest.mark.parametrize("preset", sorted(path.stem for path in PRESETS.glob("*.yaml")))
+def test_every_preset_is_valid(preset):
+    scene({**ROOM, "preset": preset})
+
+
+def test_preset_default_says_nothing():
+    assert read_yaml(PRESETS / "default.yaml") == {}
+
+
+def test_preset_paper_is_the_paper():
+    settings = scene({**ROOM, "preset": "paper"}).settings
+    assert settings["bake"].sampling == settings["refine"].sampling == "separate"
+    assert (settings["refine"].diffuse_spp, settings["refine"].specular_spp) == (128, 64)
+    assert settings["refine"].damping == 0
+    assert settings["fit"].batch == 8192
+    assert settings["fit"].learning_rate == settings["fit"].final_learning_rate == 1e-3
+    assert not settings["emitters"].every_round
+
+
+def test_views_and_shards():
+    room = scene(views_per_shard=2, synthesize={"train_views": 3, "val_views": 1})
+    assert room.views == {"train": ["train_000", "train_001", "train_002"], "val": ["val_000"]}
+    train = {"train-000": ["train_000", "train_001"], "train-001": ["train_002"]}
+    assert room.shards("train") == train
+    assert room.shards("all") == {**train, "val-000": ["val_000"]}
+
+
+def test_setups_are_joined():
+    warm, off = {"emitters": [{"color": [1, 0.5, 0.2]}]}, {"emitters": [{"scale": 0}]}
+    room = scene({**ROOM, "setups": {"off": off}}, setups={"warm": warm, "off": warm})
+    assert list(room.setups) == ["warm", "off"]
+    assert json.loads(room.setup_json("off"))["emitters"][0]["scale"] == 0
+
+
+def test_settings_are_sorted_json():
+    text = scene(fit={"steps": 3}).json("fit")
+    values = json.loads(text)
+    assert list(values) == sorted(STAGES["fit"].model_fields)
+    assert values["steps"] == 3
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"scenes": {}}, "scenes: dictionary should have at least 1 item"),
+        ({"scenes": {"../x": ROOM}}, "scene '../x' cannot be used as a file name"),
+        ({"scenes": {"x": {"source": "movie"}}}, "scenes.x.source: input should be 'procedural'"),
+        ({"scenes": {"x": {**ROOM, "path": "a"}}}, "scenes.x.path is only for source: dataset"),
+        (
+            {"scenes": {"x": {"source": "dataset", "path": "a"}}},
+            "one of nerfstudio, fipt-synthetic, fipt-real",
+        ),
+        ({"setups": {"a/b": {}}}, "relight setup 'a/b' cannot be used"),
+        (
+            {"setups": {"a": {"lights": [{"shape": "quad", "radiace": 1}]}}},
+            "unknown key setups.a.lights.0.radiace (did you mean radiance?)",
+        ),
+        ({"setups": {False: {}}}, "setups: names must be text; found False; put it in quotes"),
+        ({"views_per_shard": 0}, "views_per_shard: input should be greater than or equal to 1"),
+        ({"fit": {"steps": "many"}}, "fit.steps: input should be a valid integer"),
+        ({"fit": {"growth": float("nan")}}, "fit.growth: input should be"),
+        ({"only": "y"}, "only: there is no scene 'y'; scenes: room"),
+    ],
+)
+def test_refuses(keys, message):
+    with pytest.raises(FiptError, match=re.escape(message)) as caught:
+        load({"scenes": {"room": ROOM}, **keys})
+    assert "\n" not in str(caught.value)
+
+
+def test_data_root():
+    room = {"source": "dataset", "format": "fipt-real", "path": "{data_root}/dataset"}
+    assert scene(room, data_root="/data").source_path() == "/data/dataset"
+    with pytest.raises(FiptError, match=r"data_root is not set; add --config data_root=FOLDER"):
+        scene(room).source_path()
+
+
+def test_reads_files_and_overrides(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(FiptError, match=r"config/config\.yaml does not exist"):
+        read()
+    extra = tmp_path / "extra.yaml"
+    extra.write_text("scenes: {attic: {source: procedural}}\nfit: {learning_rate: 1e-4, seed: 1}\n")
+    assert list(read([extra]).scenes) == ["attic"]
+    (tmp_path / "config").mkdir()
+    (tmp_path / "config/config.yaml").write_text("scenes: {room: {source: procedural}}\n")
+    found = read([extra], ["rounds=0", "fit={seed: 2}"])
+    assert list(found.scenes) == ["room", "attic"]
+    fit = found.scenes["attic"].settings["fit"]
+    assert (found.rounds, fit.learning_rate, fit.seed) == (0, 1e-4, 2)
+    with pytest.raises(FiptError, match="must be KEY=VALUE"):
+        read([extra], ["rounds"])
+    extra.write_text("a: [")
+    with pytest.raises(FiptError, match="is not YAML"):
+        read([extra])
+
+
+def test_config_of_the_repository(monkeypatch):
+    monkeypatch.chdir(REPOSITORY)
+    assert list(read().scenes) == ["demo"]
+    assert list(read(["config/examples/living_room.yaml"]).scenes) == ["demo", "living_room"]
+
+
+def test_the_workflow_loads_nothing_heavy():
+    code = "import sys, fipt.config; print({'numpy', 'torch', 'mitsuba', 'drjit', 'PIL'} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], cwd=REPOSITORY, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "set()"

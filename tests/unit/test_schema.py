@@ -1,0 +1,41 @@
+"""The generated parts of the configuration's documentation are in step with the settings."""
+
+import jsonschema
+import pytest
+import yaml
+
+from fipt.config_docs import README, SCHEMA, schema_text, with_tables
+from fipt.settings import STAGES, EmitterEdit, NewLight, RelightSetup
+
+REMEDY = "run: python -m fipt.config_docs"
+
+
+def test_schema_is_in_step():
+    assert SCHEMA.read_text(encoding="utf-8") == schema_text(), REMEDY
+
+
+def test_tables_are_in_step():
+    text = README.read_text(encoding="utf-8")
+    assert text == with_tables(text), REMEDY
+
+
+@pytest.mark.parametrize("model", [*STAGES.values(), RelightSetup, EmitterEdit, NewLight])
+def test_every_key_is_described(model):
+    assert [name for name, field in model.model_fields.items() if not field.description] == []
+
+
+@pytest.mark.parametrize(
+    ("config", "valid"),
+    [
+        ({}, True),
+        ({"fit": {"steps": 3}, "only": ["room"]}, True),
+        ({"fit": {"steps": 0}}, False),
+        ({"fit": {"stepz": 3}}, False),
+        ({"scenes": {}}, False),
+        ({"setups": {"a": {"emitters": [{"color": [1, 2]}]}}}, False),
+    ],
+)
+def test_schema_says_what_the_settings_say(config, valid):
+    schema = yaml.safe_load(SCHEMA.read_text(encoding="utf-8"))
+    room = {"scenes": {"room": {"source": "procedural"}}}
+    assert jsonschema.Draft202012Validator(schema).is_valid({**room, **config}) is valid

@@ -1,0 +1,118 @@
+"""A verb killed in the middle leaves nothing that looks finished; run again, all is the same."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from safetensors.numpy import load_file
+
+from fipt.config import load
+from fipt.run import Job, plan
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+
+CONFIG = {
+    "scenes": {"room": {"source": "procedural"}},
+    "rounds": 0,
+    "synthesize": {"train_views": 4, "val_views": 1, "width": 48, "height": 36, "spp": 4},
+    "hits": {"grid": 1},
+    "cache": {"resolution": 32},
+    # Long enough to be killed in the middle, short enough to be repeated.
+    "bake": {"diffuse_spp": 1024, "specular_spp": 128, "smooth_spp": 128, "denoise": False},
+    # One thread repeats bit for bit.
+    "fit": {"steps": 120, "batch": 256, "levels": 4, "table_log2": 10, "checkpoint_every": 20}
+    | {"threads": 1},
+}
+
+pytestmark = pytest.mark.slow
+
+
+def start(job: Job, folder: Path) -> subprocess.Popen:
+    """Start a job's verb in a process of its own."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "fipt.cli.main", job.stage, *job.options],
+        cwd=folder,
+        env=os.environ | {"PYTHONPATH": str(REPOSITORY)},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def finish(job: Job, folder: Path) -> None:
+    """Run a job's verb to its end."""
+    running = start(job, folder)
+    _, errors = running.communicate(timeout=300)
+    assert running.returncode == 0, errors
+
+
+def kill_when(job: Job, folder: Path, ready) -> None:
+    """Start a job and kill it as soon as ``ready()``; it must not have ended before."""
+    running = start(job, folder)
+    end = time.monotonic() + 200
+    while not ready():
+        assert time.monotonic() < end, "the job never came this far"
+        assert running.poll() is None, running.communicate()[1]
+        time.sleep(0.02)
+    assert running.poll() is None
+    os.kill(running.pid, signal.SIGKILL)
+    running.communicate()
+    assert running.returncode == -signal.SIGKILL
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory):
+    """Folder and jobs by label; everything before the bake is done."""
+    folder = tmp_path_factory.mktemp("kill")
+    jobs = {job.label: job for job in plan(load(CONFIG).scenes["room"])}
+    labels = ("synthesize", "synthesize.train-000", "hits.train-000", "cache")
+    for label in labels:
+        finish(jobs[label], folder)
+    return folder, jobs
+
+
+def test_bake(room):
+    folder, jobs = room
+    job = jobs["bake.round-0.train-000"]
+    finish(job, folder)
+    manifest, shading = folder / job.outputs[0], folder / job.folders[0] / "shading.npy"
+    expected = manifest.read_text(), shading.read_bytes()
+    manifest.unlink()
+    shading.unlink()
+    shading.parent.rmdir()
+
+    kill_when(job, folder, lambda: list(shading.parent.parent.glob(".*.tmp")))
+    assert not manifest.exists()
+    assert not shading.parent.exists()
+
+    finish(job, folder)
+    assert (manifest.read_text(), shading.read_bytes()) == expected
+
+
+def test_fit(room):
+    folder, jobs = room
+    if not (folder / jobs["bake.round-0.train-000"].outputs[0]).exists():
+        finish(jobs["bake.round-0.train-000"], folder)
+    job = jobs["fit.round-0"]
+    finish(job, folder)
+    model = folder / job.outputs[0]
+    expected = load_file(model)
+    model.unlink()
+
+    checkpoint = model.with_name("model.checkpoint.safetensors")
+    assert not checkpoint.exists()
+    kill_when(job, folder, checkpoint.exists)
+    assert not model.exists()
+    assert checkpoint.exists()
+
+    finish(job, folder)
+    found = load_file(model)
+    assert found.keys() == expected.keys()
+    for name, values in expected.items():
+        np.testing.assert_array_equal(found[name], values, err_msg=name)
+    assert not checkpoint.exists()

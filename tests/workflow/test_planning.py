@@ -1,0 +1,231 @@
+"""Which jobs Snakemake plans, and that ``fipt run`` does the same; with a stand-in for ``fipt``."""
+
+import copy
+import json
+import os
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+import yaml
+
+from fipt.config import load
+from fipt.run import plan
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+SETUP = {"evening": {"emitters": [{"scale": 0.0}]}}
+CONFIG = {
+    "scenes": {
+        "room": {
+            "source": "procedural",
+            "setups": SETUP,
+            "settings": {"synthesize": {"train_views": 3, "val_views": 2}},
+        }
+    },
+    "rounds": 1,
+    "views_per_shard": 2,
+}
+"""Two train shards, one val shard, two rounds."""
+
+FIRST = {
+    "synthesize_room": 1,
+    "synthesize_views": 3,
+    "synthesize_relit": 1,
+    "hits": 3,
+    "cache": 1,
+    "bake": 2,
+    "fit": 2,
+    "emitters": 2,
+    "refine": 2,
+    "material_maps": 3,
+    "render_views": 1,
+    "relight_views": 1,
+    "scene_metrics": 1,
+    "scene_report": 1,
+}
+
+
+def changed(**keys):
+    return {**copy.deepcopy(CONFIG), **keys}
+
+
+def only(*rules):
+    return {rule: FIRST[rule] for rule in rules}
+
+
+SHOWN = ("material_maps", "render_views", "relight_views", "scene_metrics", "scene_report")
+
+
+def test_plans_everything_on_a_fresh_clone(workspace):
+    config = yaml.safe_load((REPOSITORY / "config" / "config.yaml").read_text())
+    here = workspace(config)
+    jobs = here.planned()
+    assert (jobs["fit"], jobs["refine"], jobs["bake"]) == (3, 2, 1)
+    assert "results/demo/round-2/model.safetensors" in here.snakemake("--dry-run")
+
+
+def test_plans_the_example_of_an_imported_scene(workspace):
+    here = workspace(CONFIG)
+    data = here.root / "data" / "dataset"
+    frame = {"transform_matrix": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}
+    for split, count in (("train", 3), ("val", 1)):
+        (data / split / "Image").mkdir(parents=True)
+        frames = [{**frame, "file_path": f"{i:03d}"} for i in range(count)]
+        cameras = {"camera_angle_x": 1.0, "w": 4, "h": 3, "frames": frames}
+        (data / split / "transforms.json").write_text(json.dumps(cameras))
+        for i in range(count):
+            (data / split / "Image" / f"{i:03d}_0001.exr").touch()
+    (data / "scene.obj").touch()
+    example = str(REPOSITORY / "config" / "examples" / "living_room.yaml")
+    options = ("--configfile", example, "--config", "only=[living_room]")
+    jobs = here.planned(*options, f"data_root={here.root / 'data'}")
+    assert jobs["import_dataset"] == 1
+    assert "synthesize_room" not in jobs
+    assert jobs["bake"] == 2
+
+    text = here.snakemake("--dry-run", *options, succeeds=False)
+    assert "scenes.living_room.path" in text
+    assert "--config data_root=FOLDER" in text
+    assert "Traceback" not in text
+    # A scene that nobody asked for needs no data.
+    assert "import_dataset" not in here.planned("--configfile", example, "--config", "only=room")
+
+
+def test_runs_once_then_only_what_changed(workspace):
+    here = workspace(CONFIG)
+    assert here.planned() == FIRST
+    here.snakemake()
+    assert here.planned() == {}
+
+    after_fit = {"fit": 2, "emitters": 2, "refine": 2, **only(*SHOWN)}
+    expected = {
+        "report": only("scene_report"),
+        "metrics": only("scene_metrics", "scene_report"),
+        "relight": only("relight_views", "scene_metrics", "scene_report"),
+        "render": only("render_views", "scene_metrics", "scene_report"),
+        "materials": only("material_maps", "scene_metrics", "scene_report"),
+        "refine": {"refine": 2, "fit": 1, "emitters": 1, **only(*SHOWN)},
+        "fit": after_fit,
+        "bake": {"bake": 2, **after_fit},
+        "cache": {"cache": 1, "bake": 2, **after_fit},
+    }
+    values = {
+        "report": {"width": 100},
+        "metrics": {"fit_exposure": True},
+        "cache": {"resolution": 32},
+        "materials": {"average": False},
+        "fit": {"steps": 7},
+    }
+    for stage, jobs in expected.items():
+        here.configure(changed(**{stage: values.get(stage, {"seed": 7})}))
+        assert here.planned() == jobs, stage
+
+    # One more round keeps the rounds before it.
+    here.configure(changed(rounds=2))
+    assert here.planned() == {"refine": 2, "fit": 1, "emitters": 1, **only(*SHOWN)}
+    # One more setup relights, and leaves the rest alone.
+    here.configure(changed(setups={"dim": {"emitters": [{"scale": 0.5}]}}))
+    assert here.planned() == {
+        **only("synthesize_relit", "relight_views", "scene_metrics", "scene_report")
+    }
+    # Content counts, not the time of a small file.
+    here.configure(CONFIG)
+    (here.root / "results/room/hits/train-000.manifest.json").touch()
+    assert here.planned() == {}
+    # A higher stage version is a reason to run.
+    patch = here.root / "patch"
+    patch.mkdir()
+    (patch / "sitecustomize.py").write_text("import fipt.versions as v; v.VERSIONS['render'] += 1")
+    here.environment["PYTHONPATH"] += os.pathsep + str(patch)
+    assert here.planned() == only("render_views", "scene_metrics", "scene_report")
+
+
+def test_targets_stop_where_they_say(workspace):
+    here = workspace(CONFIG)
+    made = {
+        "dataset": {"synthesize_views"},
+        "shading": {"refine"},
+        "relight": {"relight_views"},
+        "metrics": {"scene_metrics"},
+    }
+    for target, last in made.items():
+        jobs = here.planned(target).keys() - {target}
+        assert last <= jobs
+        later = {"dataset": {"hits"}, "shading": set(SHOWN), "metrics": {"scene_report"}}
+        assert not jobs & later.get(target, set())
+    assert "scene_report" in here.planned("results/room/report.html")
+
+
+def test_only_restricts_the_scenes(workspace):
+    two = changed(scenes={**CONFIG["scenes"], "other": {"source": "procedural"}})
+    here = workspace(two)
+    assert here.planned()["scene_report"] == 2
+    for value in ("only=room", "only=[room]"):
+        assert here.planned("--config", value) == FIRST
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        (
+            {"fit": {"stepz": 3}},
+            "unknown key fit.stepz (did you mean steps?); allowed in fit: ",
+        ),
+        ({"fitt": {}}, "unknown key fitt (did you mean fit?)"),
+        ({"hits": {"grid": 17}}, "hits.grid: input should be less than or equal to 16; found 17"),
+        ({"rounds": -1}, "rounds: input should be greater than or equal to 0; found -1"),
+        (
+            {"scenes": {"room": {"source": "procedural", "preset": "fast"}}},
+            "scenes.room.preset: there is no preset 'fast'; presets: default, demo, paper",
+        ),
+        (
+            {"scenes": {"room": {"source": "procedural", "settings": {"fit": {"batsh": 1}}}}},
+            "unknown key scenes.room.settings.fit.batsh (did you mean batch?)",
+        ),
+        ({"only": ["attic"]}, "only: there is no scene 'attic'; scenes: room"),
+    ],
+)
+def test_refuses_a_wrong_config_before_anything_runs(workspace, keys, said):
+    here = workspace(changed(**keys))
+    text = here.snakemake(succeeds=False)
+    assert any(said in line for line in text.splitlines())
+    assert not (here.root / "results").exists()
+
+
+def test_fipt_run_does_what_the_workflow_does(workspace):
+    here = workspace(CONFIG)
+    here.snakemake()
+    jobs = plan(load(CONFIG).scenes["room"])
+    assert sorted(here.calls()) == sorted([job.stage, *job.options] for job in jobs)
+    for job in jobs:
+        assert (here.root / "results/room/stats" / f"{job.label}.json").is_file()
+        for path in (*job.inputs, *job.outputs, *job.folders):
+            assert (here.root / path).exists()
+
+
+def test_a_killed_run_is_completed_by_the_next(workspace):
+    here = workspace(CONFIG)
+    running = subprocess.Popen(
+        here.command(),
+        cwd=here.root,
+        env=here.environment | {"SLEEP": "bake"},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    asleep = here.root / "sleeping.pid"  # a job in the middle of its output
+    end = time.monotonic() + 120
+    while not (asleep.exists() and asleep.read_text()):
+        assert time.monotonic() < end
+        time.sleep(0.1)
+    try:
+        assert "another run works on scene room" in here.snakemake(succeeds=False)
+    finally:
+        for pid in (running.pid, int(asleep.read_text())):
+            os.kill(pid, signal.SIGKILL)
+        running.wait()
+
+    assert here.planned()["bake"] == 2
+    here.snakemake()
+    assert here.planned() == {}

@@ -1,0 +1,30 @@
+"""The radiance cache: what the training pictures say about light that leaves the surface.
+
+INPUTS:  results/{scene}/hits/{shard}.manifest.json of the training shards, their pictures
+OUTPUTS: results/{scene}/cache.npz    sparse voxel records over the surface
+"""
+
+
+rule cache:
+    """Gather the pictures' radiance in voxels on the surface."""
+    input:
+        images=images("train"),
+        hits=sharded("results/{scene}/hits/{shard}.manifest.json", "train"),
+    output:
+        cache="results/{scene}/cache.npz",
+        stats="results/{scene}/stats/cache.json",
+    log:
+        "results/{scene}/logs/cache.log",
+    benchmark:
+        "results/{scene}/benchmarks/cache.jsonl"
+    threads: workflow.cores
+    resources:
+        mem_mb=8000,
+    params:
+        dataset=folder("results/{scene}/dataset"),
+        hits=folders_of("hits"),
+        settings=settings("cache"),
+        version=VERSIONS["cache"],
+    shell:
+        "fipt cache --dataset {params.dataset:q} --hits {params.hits:q} --out {output.cache:q}"
+        " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

@@ -1,0 +1,197 @@
+"""Checks the configuration; input and params functions that the rules files share.
+
+INPUTS:  config (config/config.yaml, --configfile, --config)
+OUTPUTS: none; functions that turn wildcards into files and settings
+
+A scene's views are asked for only when a rule of that scene is reached, so that a scene nobody
+asked for needs no data.
+"""
+
+import contextlib
+import re
+import shlex
+import sys
+from pathlib import Path
+
+from snakemake.exceptions import WorkflowError
+from snakemake.utils import validate
+
+from fipt.config import load
+from fipt.errors import FiptError
+from fipt.run import locked
+from fipt.versions import VERSIONS
+
+# `fipt` is found beside the Python that runs Snakemake, even if its environment is not active.
+shell.prefix(
+    f'set -euo pipefail; PATH="$PATH":{shlex.quote(str(Path(sys.executable).parent))}; '
+)
+
+try:
+    CONFIG = load(config)
+    for name in CONFIG.only if config.get("only") else ():
+        CONFIG.scenes[name].views  # what was asked for by name is looked at now
+except FiptError as error:
+    raise WorkflowError(f"config: {error}") from None
+validate(CONFIG.plain, "../schemas/config.schema.yaml", set_default=False)
+
+
+def one_of(names):
+    """Regular expression that matches these names only; nothing where there are none."""
+    return "|".join(map(re.escape, names)) or "(?!)"
+
+
+def scenes_from(source):
+    """Regular expression of the scenes of a source."""
+    return one_of(s.name for s in CONFIG.scenes.values() if s.source == source)
+
+
+LOCKS = contextlib.ExitStack()
+LATER_ROUNDS = one_of(str(k) for k in range(1, CONFIG.rounds + 1))
+LAST_MODEL = f"results/{{scene}}/round-{CONFIG.rounds}/model.safetensors"
+
+
+wildcard_constraints:
+    scene=one_of(CONFIG.scenes),
+    shard=r"(train|val)-\d+",
+    round=one_of(str(k) for k in range(CONFIG.rounds + 1)),
+    setup=one_of(
+        sorted({name for scene in CONFIG.scenes.values() for name in scene.setups})
+    ),
+
+
+def scene_of(wildcards):
+    """The scene of a job."""
+    return CONFIG.scenes[wildcards["scene"]]
+
+
+def readable(function, *args):
+    """Call a function; what the user can mend ends the run with one line."""
+    try:
+        return function(*args)
+    except FiptError as error:
+        raise WorkflowError(str(error)) from None
+
+
+def lock_scenes():
+    """Keep other runs away from the scenes; unlike Snakemake's own lock, this one dies with the run."""
+    for name in CONFIG.only:
+        readable(LOCKS.enter_context, locked(name))
+
+
+def shards_of(wildcards, *splits):
+    """Shard -> its views, for the splits or "all"."""
+    return readable(scene_of(wildcards).shards, *splits)
+
+
+def sharded(pattern, *splits):
+    """Input function: the pattern for every shard of the splits, or of "all"."""
+    return lambda wildcards: expand(
+        pattern, shard=shards_of(wildcards, *splits), **wildcards
+    )
+
+
+def images(*splits):
+    """Input function: manifests of the pictures of the splits, or of "all"."""
+    made = sharded("results/{scene}/dataset/images.{shard}.manifest.json", *splits)
+    imported = "results/{scene}/dataset/images.manifest.json"
+    return lambda wildcards: (
+        made(wildcards)
+        if scene_of(wildcards).source == "procedural"
+        else expand(imported, **wildcards)
+    )
+
+
+def relit(pattern, source=None):
+    """Input function: the pattern for every relit shard and setup; nothing for other sources."""
+
+    def files(wildcards):
+        scene = scene_of(wildcards)
+        if source not in (None, scene.source):
+            return []
+        shards = readable(scene.relit_shards)
+        return expand(pattern, setup=scene.setups, shard=shards, **wildcards)
+
+    return files
+
+
+def emitters_of(wildcards, round):
+    """The emitters that go with the model of a round."""
+    scene = scene_of(wildcards)
+    return f"results/{scene.name}/round-{scene.emitters_round(round)}/emitters.npz"
+
+
+def last_emitters(wildcards):
+    """Input function: the emitters that go with the last model."""
+    return emitters_of(wildcards, CONFIG.rounds)
+
+
+def previous_emitters(wildcards):
+    """Input function: the emitters that go with the model of the round before."""
+    return emitters_of(wildcards, int(wildcards.round) - 1)
+
+
+def previous(pattern):
+    """Input function: a file of the round before; nothing in round 0."""
+    return lambda wildcards: [
+        pattern.format(**{**wildcards, "round": round})
+        for round in [int(wildcards.round) - 1]
+        if round >= 0
+    ]
+
+
+def source_files(wildcards):
+    """Input function: the files of an imported dataset."""
+    return readable(scene_of(wildcards).source_files)
+
+
+def extra_mesh(wildcards):
+    """Params function: --mesh with its file, where the config names one."""
+    mesh = scene_of(wildcards).mesh_path()
+    return ["--mesh", mesh] if mesh else []
+
+
+def option(flag, name):
+    """Params function: a flag with the input ``name``, where there is one."""
+    return lambda wildcards, input: [flag, *input[name]] if input[name] else []
+
+
+def settings(stage):
+    """Params function: the settings of one stage as sorted JSON."""
+    return lambda wildcards: scene_of(wildcards).json(stage)
+
+
+def setup_json(wildcards):
+    """Params function: a relight setup as sorted JSON."""
+    return scene_of(wildcards).setup_json(wildcards.setup)
+
+
+def views(wildcards):
+    """Params function: the views of a shard, comma-separated."""
+    return ",".join(shards_of(wildcards, "all")[wildcards.shard])
+
+
+def folder(pattern):
+    """Params function: a folder of the scene that several rules write to or read."""
+    return lambda wildcards: pattern.format(**wildcards)
+
+
+def folders_of(name):
+    """Params function: the folders that the manifests in input ``name`` describe, comma-separated."""
+
+    def joined(wildcards, input):
+        paths = [input[name]] if isinstance(input[name], str) else input[name]
+        return ",".join(path.removesuffix(".manifest.json") for path in paths)
+
+    return joined
+
+
+def of_asked_scenes(*files):
+    """Input function: patterns, and files of input functions, for every scene that was asked for."""
+    return lambda _: [
+        found
+        for name in CONFIG.only
+        for file in files
+        for found in (
+            file({"scene": name}) if callable(file) else expand(file, scene=name)
+        )
+    ]

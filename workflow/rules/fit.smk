@@ -1,0 +1,43 @@
+"""The fit: BRDF and emission networks to the training pictures, given their shading.
+
+INPUTS:  results/{scene}/round-{k}/shading/{shard}.manifest.json, hits/{shard}.manifest.json, pictures, segments
+         from round 1: the model of the round before
+OUTPUTS: results/{scene}/round-{k}/model.safetensors    networks, scene box, settings, stage version
+
+A killed fit goes on from round-{k}/model.checkpoint.safetensors. The checkpoint is not an output
+here, since Snakemake deletes the outputs of jobs that did not finish.
+"""
+
+
+rule fit:
+    """Fit the networks of a round."""
+    input:
+        transforms="results/{scene}/dataset/transforms.json",
+        images=images("train"),
+        hits=sharded("results/{scene}/hits/{shard}.manifest.json", "train"),
+        shading=sharded(
+            "results/{scene}/round-{round}/shading/{shard}.manifest.json", "train"
+        ),
+        previous=previous("results/{scene}/round-{round}/model.safetensors"),
+    output:
+        model="results/{scene}/round-{round}/model.safetensors",
+        stats="results/{scene}/stats/fit.round-{round}.json",
+    log:
+        "results/{scene}/logs/fit.round-{round}.log",
+    benchmark:
+        "results/{scene}/benchmarks/fit.round-{round}.jsonl"
+    threads: workflow.cores
+    resources:
+        mem_mb=12000,
+        gpu=1,
+    params:
+        dataset=folder("results/{scene}/dataset"),
+        hits=folders_of("hits"),
+        shading=folders_of("shading"),
+        previous=option("--previous", "previous"),
+        settings=settings("fit"),
+        version=VERSIONS["fit"],
+    shell:
+        "fipt fit --dataset {params.dataset:q} --hits {params.hits:q} --shading {params.shading:q}"
+        " {params.previous:q} --out {output.model:q}"
+        " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

@@ -1,0 +1,37 @@
+"""Material maps of every view.
+
+INPUTS:  results/{scene}/hits/{shard}.manifest.json, model and emitters of the last round
+OUTPUTS: results/{scene}/materials.{shard}.manifest.json    lists materials/{view}.exr: kd.RGB, base_color.RGB,
+         reflectance.RGB, roughness.Y, metallic.Y, emission.RGB, emission_mask.Y, hit.Y
+"""
+
+
+rule material_maps:
+    """Write the material maps of a shard."""
+    input:
+        transforms="results/{scene}/dataset/transforms.json",
+        hits="results/{scene}/hits/{shard}.manifest.json",
+        model=LAST_MODEL,
+        emitters=last_emitters,
+    output:
+        manifest="results/{scene}/materials.{shard}.manifest.json",
+        stats="results/{scene}/stats/materials.{shard}.json",
+    log:
+        "results/{scene}/logs/materials.{shard}.log",
+    benchmark:
+        "results/{scene}/benchmarks/materials.{shard}.jsonl"
+    threads: workflow.cores
+    resources:
+        mem_mb=4000,
+        gpu=1,
+    params:
+        dataset=folder("results/{scene}/dataset"),
+        hits=folders_of("hits"),
+        out=folder("results/{scene}/materials"),
+        settings=settings("materials"),
+        version=VERSIONS["materials"],
+    shell:
+        "fipt materials --dataset {params.dataset:q} --hits {params.hits:q}"
+        " --model {input.model:q} --emitters {input.emitters:q}"
+        " --out {params.out:q} --manifest {output.manifest:q}"
+        " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

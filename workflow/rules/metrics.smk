@@ -1,0 +1,43 @@
+"""Figures against ground truth and pictures.
+
+INPUTS:  material maps, renders and relit views of all shards, emitters of the last round, the dataset's pictures and truth
+OUTPUTS: results/{scene}/metrics.json
+"""
+
+
+rule scene_metrics:
+    """Compare materials, emitters and renderings with the truth."""
+    input:
+        transforms="results/{scene}/dataset/transforms.json",
+        images=images("all"),
+        hits=sharded("results/{scene}/hits/{shard}.manifest.json", "all"),
+        materials=sharded("results/{scene}/materials.{shard}.manifest.json", "all"),
+        render=sharded("results/{scene}/render.{shard}.manifest.json", "val"),
+        relight=relit("results/{scene}/relight/{setup}.{shard}.manifest.json"),
+        truth=relit(
+            "results/{scene}/dataset/relight_truth.{setup}.{shard}.manifest.json",
+            "procedural",
+        ),
+        emitters=last_emitters,
+    output:
+        metrics="results/{scene}/metrics.json",
+        stats="results/{scene}/stats/metrics.json",
+    log:
+        "results/{scene}/logs/metrics.log",
+    benchmark:
+        "results/{scene}/benchmarks/metrics.jsonl"
+    resources:
+        mem_mb=4000,
+    params:
+        dataset=folder("results/{scene}/dataset"),
+        hits=folders_of("hits"),
+        materials=folder("results/{scene}/materials"),
+        render=folder("results/{scene}/render"),
+        relight=folder("results/{scene}/relight"),
+        settings=settings("metrics"),
+        version=VERSIONS["metrics"],
+    shell:
+        "fipt metrics --dataset {params.dataset:q} --hits {params.hits:q}"
+        " --materials {params.materials:q} --render {params.render:q} --relight {params.relight:q}"
+        " --emitters {input.emitters:q} --out {output.metrics:q}"
+        " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

@@ -1,0 +1,39 @@
+"""The room under other light.
+
+INPUTS:  results/{scene}/hits/{shard}.manifest.json, cache.npz, model and emitters of the last round, a setup of the config
+OUTPUTS: results/{scene}/relight/{setup}.{shard}.manifest.json    lists relight/{setup}/{view}.exr (linear RGB radiance)
+"""
+
+
+rule relight_views:
+    """Render a shard under a light setup."""
+    input:
+        transforms="results/{scene}/dataset/transforms.json",
+        mesh="results/{scene}/dataset/mesh.ply",
+        hits="results/{scene}/hits/{shard}.manifest.json",
+        cache="results/{scene}/cache.npz",
+        model=LAST_MODEL,
+        emitters=last_emitters,
+    output:
+        manifest="results/{scene}/relight/{setup}.{shard}.manifest.json",
+        stats="results/{scene}/stats/relight.{setup}.{shard}.json",
+    log:
+        "results/{scene}/logs/relight.{setup}.{shard}.log",
+    benchmark:
+        "results/{scene}/benchmarks/relight.{setup}.{shard}.jsonl"
+    threads: workflow.cores
+    resources:
+        mem_mb=8000,
+        gpu=1,
+    params:
+        dataset=folder("results/{scene}/dataset"),
+        hits=folders_of("hits"),
+        out=folder("results/{scene}/relight/{setup}"),
+        setup=setup_json,
+        settings=settings("relight"),
+        version=VERSIONS["relight"],
+    shell:
+        "fipt relight --dataset {params.dataset:q} --hits {params.hits:q} --cache {input.cache:q}"
+        " --model {input.model:q} --emitters {input.emitters:q} --setup {params.setup:q}"
+        " --out {params.out:q} --manifest {output.manifest:q}"
+        " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

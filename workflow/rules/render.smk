@@ -1,0 +1,38 @@
+"""Held-out views, path traced with the model.
+
+INPUTS:  results/{scene}/hits/{shard}.manifest.json of the val shards, cache.npz, model and emitters of the last round
+OUTPUTS: results/{scene}/render.{shard}.manifest.json    lists render/{view}.exr (linear RGB radiance)
+"""
+
+
+rule render_views:
+    """Render a held-out shard."""
+    input:
+        transforms="results/{scene}/dataset/transforms.json",
+        mesh="results/{scene}/dataset/mesh.ply",
+        hits="results/{scene}/hits/{shard}.manifest.json",
+        cache="results/{scene}/cache.npz",
+        model=LAST_MODEL,
+        emitters=last_emitters,
+    output:
+        manifest="results/{scene}/render.{shard}.manifest.json",
+        stats="results/{scene}/stats/render.{shard}.json",
+    log:
+        "results/{scene}/logs/render.{shard}.log",
+    benchmark:
+        "results/{scene}/benchmarks/render.{shard}.jsonl"
+    threads: workflow.cores
+    resources:
+        mem_mb=8000,
+        gpu=1,
+    params:
+        dataset=folder("results/{scene}/dataset"),
+        hits=folders_of("hits"),
+        out=folder("results/{scene}/render"),
+        settings=settings("render"),
+        version=VERSIONS["render"],
+    shell:
+        "fipt render --dataset {params.dataset:q} --hits {params.hits:q} --cache {input.cache:q}"
+        " --model {input.model:q} --emitters {input.emitters:q}"
+        " --out {params.out:q} --manifest {output.manifest:q}"
+        " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

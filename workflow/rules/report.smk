@@ -1,0 +1,32 @@
+"""The page that shows everything.
+
+INPUTS:  results/{scene}/metrics.json, material maps, renders, relit views, emitters of the last round, stats/
+OUTPUTS: results/{scene}/report.html    one self-contained page
+"""
+
+
+rule scene_report:
+    """Write the page of a scene."""
+    input:
+        metrics="results/{scene}/metrics.json",
+        images=images("all"),
+        materials=sharded("results/{scene}/materials.{shard}.manifest.json", "all"),
+        render=sharded("results/{scene}/render.{shard}.manifest.json", "val"),
+        relight=relit("results/{scene}/relight/{setup}.{shard}.manifest.json"),
+        emitters=last_emitters,
+    output:
+        report="results/{scene}/report.html",
+        stats="results/{scene}/stats/report.json",
+    log:
+        "results/{scene}/logs/report.log",
+    benchmark:
+        "results/{scene}/benchmarks/report.jsonl"
+    resources:
+        mem_mb=4000,
+    params:
+        results=folder("results/{scene}"),
+        settings=settings("report"),
+        version=VERSIONS["report"],
+    shell:
+        "fipt report --results {params.results:q} --out {output.report:q}"
+        " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

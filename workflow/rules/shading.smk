@@ -1,0 +1,74 @@
+"""Shading of the training hits: from the cache in round 0, path traced with the model afterwards.
+
+INPUTS:  results/{scene}/hits/{shard}.manifest.json, cache.npz, mesh
+         from round 1: model, emitters and shading of the round before
+OUTPUTS: results/{scene}/round-{k}/shading/{shard}/shading.npy    (hits, 13, 3) half
+         results/{scene}/round-{k}/shading/{shard}.manifest.json
+"""
+
+
+rule bake:
+    """Round 0: integrate the shading of a shard from the radiance cache."""
+    input:
+        transforms="results/{scene}/dataset/transforms.json",
+        mesh="results/{scene}/dataset/mesh.ply",
+        hits="results/{scene}/hits/{shard}.manifest.json",
+        cache="results/{scene}/cache.npz",
+    output:
+        shading=directory("results/{scene}/round-0/shading/{shard}"),
+        manifest="results/{scene}/round-0/shading/{shard}.manifest.json",
+        stats="results/{scene}/stats/bake.round-0.{shard}.json",
+    log:
+        "results/{scene}/logs/bake.round-0.{shard}.log",
+    benchmark:
+        "results/{scene}/benchmarks/bake.round-0.{shard}.jsonl"
+    threads: workflow.cores
+    resources:
+        mem_mb=8000,
+        gpu=1,
+    params:
+        dataset=folder("results/{scene}/dataset"),
+        hits=folders_of("hits"),
+        settings=settings("bake"),
+        version=VERSIONS["bake"],
+    shell:
+        "fipt bake --dataset {params.dataset:q} --hits {params.hits:q} --cache {input.cache:q}"
+        " --out {output.shading:q}"
+        " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
+
+
+rule refine:
+    """Round k: path-trace the shading of a shard with the model and emitters of round k-1."""
+    input:
+        transforms="results/{scene}/dataset/transforms.json",
+        mesh="results/{scene}/dataset/mesh.ply",
+        hits="results/{scene}/hits/{shard}.manifest.json",
+        cache="results/{scene}/cache.npz",
+        model=previous("results/{scene}/round-{round}/model.safetensors"),
+        emitters=previous_emitters,
+        shading=previous("results/{scene}/round-{round}/shading/{shard}.manifest.json"),
+    output:
+        shading=directory("results/{scene}/round-{round}/shading/{shard}"),
+        manifest="results/{scene}/round-{round}/shading/{shard}.manifest.json",
+        stats="results/{scene}/stats/refine.round-{round}.{shard}.json",
+    log:
+        "results/{scene}/logs/refine.round-{round}.{shard}.log",
+    benchmark:
+        "results/{scene}/benchmarks/refine.round-{round}.{shard}.jsonl"
+    wildcard_constraints:
+        round=LATER_ROUNDS,
+    threads: workflow.cores
+    resources:
+        mem_mb=8000,
+        gpu=1,
+    params:
+        dataset=folder("results/{scene}/dataset"),
+        hits=folders_of("hits"),
+        previous=folders_of("shading"),
+        settings=settings("refine"),
+        version=VERSIONS["refine"],
+    shell:
+        "fipt refine --dataset {params.dataset:q} --hits {params.hits:q} --cache {input.cache:q}"
+        " --model {input.model:q} --emitters {input.emitters:q} --previous {params.previous:q}"
+        " --out {output.shading:q}"
+        " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

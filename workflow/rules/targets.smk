@@ -1,0 +1,64 @@
+"""Named stopping points over the scenes of the config, or of ``--config only=[...]``.
+
+INPUTS:  what each stage writes last
+OUTPUTS: none
+"""
+
+
+localrules:
+    dataset,
+    shading,
+    materials,
+    render,
+    relight,
+    metrics,
+    report,
+
+
+rule dataset:
+    """Cameras, pictures, mesh, segments and truth."""
+    input:
+        of_asked_scenes("results/{scene}/dataset/transforms.json", images("all")),
+
+
+rule shading:
+    """The shading of the last round."""
+    input:
+        of_asked_scenes(
+            sharded(
+                f"results/{{scene}}/round-{CONFIG.rounds}/shading/{{shard}}.manifest.json",
+                "train",
+            )
+        ),
+
+
+rule materials:
+    """Material maps of every view."""
+    input:
+        of_asked_scenes(
+            sharded("results/{scene}/materials.{shard}.manifest.json", "all")
+        ),
+
+
+rule render:
+    """Held-out views, rendered with the model."""
+    input:
+        of_asked_scenes(sharded("results/{scene}/render.{shard}.manifest.json", "val")),
+
+
+rule relight:
+    """Every view of every relight setup."""
+    input:
+        of_asked_scenes(relit("results/{scene}/relight/{setup}.{shard}.manifest.json")),
+
+
+rule metrics:
+    """Figures against ground truth and pictures."""
+    input:
+        of_asked_scenes("results/{scene}/metrics.json"),
+
+
+rule report:
+    """The page that shows everything."""
+    input:
+        of_asked_scenes("results/{scene}/report.html"),
