@@ -24,6 +24,9 @@ SHADING_OUTPUTS = 1 + 2 * len(ROUGHNESS_LEVELS)
 F0_DIELECTRIC = 0.04
 """Reflectance of a dielectric at normal incidence."""
 
+LUMINANCE = (0.2126, 0.7152, 0.0722)
+"""Weights of linear sRGB in luminance (ITU-R BT.709)."""
+
 RAY_EPSILON = 3e-5
 """Offset of a ray's origin along the normal, as a fraction of the scene's largest extent."""
 

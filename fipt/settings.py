@@ -94,19 +94,24 @@ class Refine(Settings):
 class Fit(Settings):
     """The BRDF and emission networks."""
 
-    steps: Positive = Field(1500, description="optimiser steps of a round; at least two epochs where min_epochs is 2")
+    steps: Positive = Field(600, description="optimiser steps of a round; at least two epochs where min_epochs is 2")
     min_epochs: Weight = Field(0, description="at least this many passes over all training pixels")
     batch: Positive = Field(2048, description="pixels a step")
     queries: Positive = Field(2, le=4, description="material queries per hit and step, spread over its footprint")
-    learning_rate: float = Field(1e-3, gt=0, le=1, description="of Adam")
-    final_learning_rate: float = Field(1e-4, gt=0, le=1, description="reached by exponential decay at the last step")
+    learning_rate: float = Field(5e-3, gt=0, le=1, description="of Adam")
+    final_learning_rate: float = Field(2e-4, gt=0, le=1, description="reached by exponential decay at the last step")
+    table_rate: float = Field(8.0, gt=0, le=100, description="learning rate of the hash table over the networks'")
+    start_rough: bool = Field(True, description="start rough and not metallic instead of in the middle")
+    evidence: Weight = Field(
+        1.5, description="pixels this much brighter than any reflection teach only the mask; 0 = off, as the paper"
+    )
     footprint: Weight = Field(0.5, description="size of a query in pixel footprints; finer levels fade; 0 = points")
     levels: Positive = Field(16, le=32, description="levels of the hash encoding")
     table_log2: int = Field(18, ge=8, le=24, description="log2 of the entries of a level")
     growth: float = Field(1.45, gt=1, le=2, description="resolution ratio of neighbouring levels")
     colour_weight: Weight = Field(1.0, description="of the difference to the pictures")
     emission_weight: Weight = Field(1.0, description="price of the emission mask")
-    diffuse_weight: Weight = Field(5e-4, description="prior towards rough and not metallic")
+    diffuse_weight: Weight = Field(1e-3, description="prior towards rough and not metallic")
     part_weight: Weight = Field(2e-2, description="propagation within parts")
     semantic_weight: Weight = Field(1e-3, description="propagation within semantic segments")
     segments: Literal["auto", "part", "semantic", "none"] = Field("auto", description="which segment ids to use")

@@ -37,6 +37,9 @@ def losses(field: Field, batch: Batch, kind: str | None, settings: Fit) -> dict[
     e = field.emission(batch.points[:, 0])
     alpha = field.emission_network.mask(e)[:, None]
     seen = batch.radiance[batch.owner]
+    if settings.evidence > 0:
+        # a lamp's pixel says nothing about reflectance: only the mask learns from it
+        radiance = torch.where(evident_emitters(batch, settings.evidence)[:, None], radiance.detach(), radiance)
     pixel = gathered((1 - alpha) * radiance + alpha * seen, batch.owner, batch.weight, len(batch.radiance))
     error = (srgb(pixel) - srgb(batch.radiance)).square().mean(1)
     s, m = brdf.roughness.view(count, queries).mean(1), brdf.metallic.view(count, queries).mean(1)
@@ -58,6 +61,14 @@ def losses(field: Field, batch: Batch, kind: str | None, settings: Fit) -> dict[
     return terms
 
 
+def evident_emitters(batch: Batch, gain: float) -> torch.Tensor:
+    """(H,) bool: hits that are ``gain`` times brighter than a white surface or a mirror would be there."""
+    levels = (batch.shading.shape[1] - 1) // 2
+    mirror = (batch.shading[:, 1 : 1 + levels] + batch.shading[:, 1 + levels :]).amax(1)
+    most = torch.maximum(batch.shading[:, 0], mirror).mean(1)
+    return batch.radiance.mean(1)[batch.owner] > gain * (most + 1e-4)
+
+
 def fit(field: Field, pixels: Pixels, kind: str | None, settings: Fit, checkpoint: Path, stats: Stats) -> None:
     """Optimise ``field`` in place; go on from ``checkpoint`` where there is one.
 
@@ -67,7 +78,7 @@ def fit(field: Field, pixels: Pixels, kind: str | None, settings: Fit, checkpoin
         If the loss is not finite, or the checkpoint belongs to another version or other settings.
     """
     steps = max(settings.steps, math.ceil(settings.min_epochs * len(pixels) / settings.batch))
-    optimizer = torch.optim.Adam(field.parameters(), lr=settings.learning_rate, fused=True)
+    optimizer = torch.optim.Adam(_parameter_groups(field, settings), fused=True)
     done = 0
     if checkpoint.exists():
         done, _ = load_checkpoint(checkpoint, field, optimizer, settings)
@@ -79,7 +90,7 @@ def fit(field: Field, pixels: Pixels, kind: str | None, settings: Fit, checkpoin
     with progress("fit", steps - done, " steps") as bar:
         for step in range(done, steps):
             for group in optimizer.param_groups:
-                group["lr"] = settings.learning_rate * decay**step
+                group["lr"] = group["first_lr"] * decay**step
             epoch, position = divmod(step, per_epoch)
             if epoch != epoch_now:
                 order, epoch_now = pixels.epoch_order(epoch, settings.seed), epoch
@@ -108,3 +119,11 @@ def fit(field: Field, pixels: Pixels, kind: str | None, settings: Fit, checkpoin
     stats["pixels"] = len(pixels)
     stats["loss"] = {name: float(term.detach()) for name, term in terms.items()} if steps > done else {}
     stats["loss_curve"] = curve
+
+
+def _parameter_groups(field: Field, settings: Fit) -> list[dict]:
+    """The hash table learns faster than the networks: an entry is touched in few of the steps."""
+    table = field.brdf_network.encoding.table
+    others = [p for p in field.parameters() if p is not table]
+    rate, fast = settings.learning_rate, settings.learning_rate * settings.table_rate
+    return [{"params": [table], "lr": fast, "first_lr": fast}, {"params": others, "lr": rate, "first_lr": rate}]

@@ -1,5 +1,6 @@
 """The fit stage: files in, model out."""
 
+import hashlib
 from pathlib import Path
 
 import numpy as np
@@ -55,8 +56,21 @@ def fit_model(
     field = Field(settings, SceneBox(tuple(center.tolist()), side))
     if previous is not None and settings.warm_start:
         field.load_state_dict(load_field(previous)[0].state_dict())
-    checkpoint = out.with_name(f"{out.stem}.checkpoint.safetensors")
+    checkpoint = _checkpoint(out, [*hits, *shading], previous, settings)
     fit(field, pixels, kind, settings, checkpoint, stats)
     save_field(out, field, settings)
     checkpoint.unlink(missing_ok=True)
     stats["segments"] = kind or "none"
+
+
+def _checkpoint(out: Path, folders: list[str], previous: Path | None, settings: Fit) -> Path:
+    """Checkpoint file of exactly this fit; those of other inputs or settings are stale and removed."""
+    key = hashlib.sha256(settings.model_dump_json().encode())
+    for path in [*(Path(f"{folder}.manifest.json") for folder in folders), previous]:
+        if path is not None and path.is_file():
+            key.update(path.read_bytes())
+    chosen = out.with_name(f"{out.stem}.checkpoint-{key.hexdigest()[:12]}.safetensors")
+    for stale in out.parent.glob(f"{out.stem}.checkpoint-*.safetensors"):
+        if stale != chosen:
+            stale.unlink()
+    return chosen

@@ -22,6 +22,8 @@ QUERY_CHUNK = 1 << 14
 """Points asked at once: few enough for their activations to stay in a processor's cache."""
 
 _INITIAL_EMISSION = 0.05
+_MATTE = (1.5, -3.0)
+"""Logits of the first roughness and metallic (0.82 and 0.05) where the fit starts from matte."""
 
 
 @dataclass(frozen=True)
@@ -124,6 +126,10 @@ class BrdfNetwork(nn.Module):
             _linear(width, 5, generator),
             nn.Sigmoid(),
         )
+        if settings.start_rough:
+            # matte metal and matte dielectric look the same: start where most surfaces are
+            with torch.no_grad():
+                self.mlp[-2].bias[3:] += torch.tensor(_MATTE)
 
     def forward(self, points: torch.Tensor, footprint: torch.Tensor | None = None) -> Brdf:
         """Reflectance at points (N, 3) in [0, 1], seen through footprints (N,) in box sides."""

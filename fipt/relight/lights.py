@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from fipt.conventions import LUMINANCE
 from fipt.errors import FiptError
 from fipt.io.emitters import Emitters
 from fipt.io.meshes import Mesh
@@ -47,12 +48,12 @@ def apply_setup(mesh: Mesh, emitters: Emitters, setup: RelightSetup) -> tuple[Me
 
 
 def _edited(radiance: np.ndarray, edit: EmitterEdit) -> np.ndarray:
-    """Radiance (N, 3) after an edit: exact radiance, else colour (mean kept), else scale."""
+    """Radiance (N, 3) after an edit: exact radiance, then colour (luminance kept), then scale."""
     if edit.radiance is not None:
         radiance = np.broadcast_to(np.array(edit.radiance), radiance.shape)
     if edit.color is not None:
         color = np.array(edit.color)
-        radiance = radiance.mean(axis=1, keepdims=True) * color / max(color.mean(), 1e-9)
+        radiance = (radiance @ np.array(LUMINANCE))[:, None] * color / max(float(color @ np.array(LUMINANCE)), 1e-9)
     return radiance * (1.0 if edit.scale is None else edit.scale)
 
 

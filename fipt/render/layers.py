@@ -5,7 +5,6 @@ import numpy as np
 from fipt.io.hits import Hits
 from fipt.render.denoise import denoise
 
-
 _FEWEST = 0.01
 """Share of the pixels below which a layer is too sparse to be an image: its hits stay as they are."""
 

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from fipt.conventions import LUMINANCE
 from fipt.io.images import srgb_encode, to_display
 
 MIDDLE_GREY = 0.2
@@ -13,9 +14,6 @@ MIDDLE_GREY = 0.2
 
 DIFFERENCE_RANGE = 0.25
 """Difference of sRGB-encoded values that has the last colour of the difference map."""
-
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
-"""Rec. 709 weights of linear R, G and B."""
 
 _QUALITY = 90
 """Of the embedded WebP pictures."""

@@ -65,8 +65,8 @@ def build(
     dict
         ``center`` (3,) float64 and ``side`` of the box (metres), ``resolution``; sorted ``key`` (K,) int64,
         ``point`` (K, 3) float32 a point on the surface in the voxel, ``radiance`` (K, 3) float32,
-        ``count`` (K,) float32 pixels that it fills (0: its radiance is mixed or not known), ``source`` (K,) int32 the voxel
-        that stands for it where no view sees it: the nearest seen one, of the same connected part if it can be.
+        ``count`` (K,) float32 pixels that it fills (0: its radiance is mixed or not known), ``source`` (K,) int32 the
+        voxel that stands for it where no view sees it: the nearest seen one, of the same connected part if it can be.
     """
     center, side = scene_box(shards)
     n = settings.resolution

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fipt.conventions import LUMINANCE
 from fipt.errors import FiptError
 from fipt.io.cameras import Camera
 from fipt.io.meshes import Mesh
@@ -19,7 +20,7 @@ from fipt.synthesize.shapes import panel
 _SUB = 4
 """Sub-pixels along each side of a pixel for averaged truth."""
 
-_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+_LUMINANCE = np.array(LUMINANCE)
 
 
 # --- light setups -----------------------------------------------------------------------------

@@ -10,7 +10,7 @@ CONFIG = {
     "scenes": {
         "room": {
             "source": "procedural",
-            "setups": {"off": {"emitters": [{"scale": 0.0}], "lights": []}},
+            "setups": {"dim": {"emitters": [{"scale": 0.4}]}},
         }
     },
     "rounds": 1,
@@ -26,10 +26,10 @@ CONFIG = {
 }
 
 KD_PSNR = 14.0
-"""dB on held-out views, linear; a grey room would have about 10."""
+"""dB on held-out views, linear: measured 16.8 when this was written."""
 
-RENDER_PSNR = 16.0
-"""dB, tone-mapped, mean over held-out views."""
+RENDER_PSNR = 17.0
+"""dB, tone-mapped, mean over held-out views, in their own light (measured 20.5) and dimmed."""
 
 
 def figures(folder):
@@ -45,9 +45,10 @@ def test_finds_materials_and_lamps_of_a_room(workspace):
     found = figures(here.root)
     assert found["val"]["kd_psnr"] > KD_PSNR
     assert found["val"]["render_psnr"] > RENDER_PSNR
+    assert found["relight"]["dim"]["relight_psnr"] > RENDER_PSNR
     listed = json.loads((here.root / "results/room/round-1/emitters.json").read_text())
     assert listed["emitters"]
-    assert found["val"]["emission_iou"] > 0.5
+    assert found["val"]["emission_iou"] > 0.8
     page = (here.root / "results/room/report.html").read_text()
     assert "<img" in page
     assert not list(here.root.rglob("*.tmp*"))
@@ -58,9 +59,7 @@ def test_finds_materials_and_lamps_of_a_room(workspace):
     (here.root / "config").rename(alone / "config")
     command = [sys.executable, "-m", "fipt.cli.main", "run", "room"]
     for expected in ("bake.round-0.train-000", "report: up to date"):
-        done = subprocess.run(
-            command, cwd=alone, env=here.environment, text=True, capture_output=True, timeout=300
-        )
+        done = subprocess.run(command, cwd=alone, env=here.environment, text=True, capture_output=True, timeout=300)
         assert done.returncode == 0, done.stderr
         assert expected in done.stderr
     exact = "results/room/round-0/shading/train-000.manifest.json"

@@ -127,9 +127,7 @@ def test_runs_once_then_only_what_changed(workspace):
     assert here.planned() == {"refine": 2, "fit": 1, "emitters": 1, **only(*SHOWN)}
     # One more setup relights, and leaves the rest alone.
     here.configure(changed(setups={"dim": {"emitters": [{"scale": 0.5}]}}))
-    assert here.planned() == {
-        **only("synthesize_relit", "relight_views", "scene_metrics", "scene_report")
-    }
+    assert here.planned() == {**only("synthesize_relit", "relight_views", "scene_metrics", "scene_report")}
     # Content counts, not the time of a small file.
     here.configure(CONFIG)
     (here.root / "results/room/hits/train-000.manifest.json").touch()
