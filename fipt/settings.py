@@ -112,6 +112,8 @@ class Fit(Settings):
     colour_weight: Weight = Field(1.0, description="of the difference to the pictures")
     emission_weight: Weight = Field(1.0, description="price of the emission mask")
     diffuse_weight: Weight = Field(1e-3, description="prior towards rough and not metallic")
+    part_search: bool = Field(True, description="search roughness and metallic of whole segments before the fit")
+    target_weight: Weight = Field(3e-3, description="pull towards what the search found")
     part_weight: Weight = Field(2e-2, description="propagation within parts")
     semantic_weight: Weight = Field(1e-3, description="propagation within semantic segments")
     segments: Literal["auto", "part", "semantic", "none"] = Field("auto", description="which segment ids to use")
@@ -128,6 +130,7 @@ class Emitters(Settings):
     points: Positive = Field(100, description="points of a triangle at which the mask is queried")
     every_round: bool = Field(True, description="extract after every fit, not only the first")
     evidence: bool = Field(True, description="require more radiance than any reflectance could give")
+    complete: bool = Field(True, description="unseen triangles of a part that glows wherever it is seen emit too")
     patches: bool = Field(True, description="one radiance for each connected lamp instead of each triangle")
     two_sided: bool = Field(True, description="emitters shine from both sides")
 

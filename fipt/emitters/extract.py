@@ -5,17 +5,20 @@ from collections.abc import Callable
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from fipt.conventions import ROUGHNESS_LEVELS
 from fipt.io.emitters import Emitters
 from fipt.io.hits import Hits
-from fipt.io.meshes import Mesh
+from fipt.io.meshes import Mesh, connected_parts
 from fipt.settings import Emitters as EmitterSettings
 
 _INTERIOR = 0.9
 """Share of its pixel that a hit must cover to tell a triangle's own radiance."""
 _GAIN = 1.5
 """How much brighter than the brightest reflector an emitter must be."""
+_WHOLE = 0.7
+"""Share of a part's seen area that must emit before its unseen side is taken to emit too."""
 _SAME_RADIANCE = 0.35
 """Relative difference up to which neighbouring triangles belong to one lamp."""
 
@@ -32,7 +35,7 @@ def extract(
 
     A triangle emits where the mask, averaged over points of it, exceeds the threshold and, with ``evidence``, where
     pixels that it fills are brighter than any reflectance would be under the shading there. Triangles that no pixel
-    sees are dropped.
+    sees are dropped, unless ``complete`` and their part glows wherever it is seen.
 
     Parameters
     ----------
@@ -45,6 +48,7 @@ def extract(
     """
     triangle, radiance, view, ratio = _observations(shards, shading, images)
     seen, index = np.unique(triangle, return_inverse=True)
+    seen_triangles = np.unique(np.concatenate([np.asarray(hits.triangle) for hits in shards]))
     if settings.evidence:
         # the mask network is asked only where the light could not be reflected
         enough = _grouped_median(ratio, index, len(seen)) > _GAIN
@@ -52,7 +56,8 @@ def extract(
     emitting = seen[_mean_mask(mesh, seen, query_mask, settings) > settings.threshold]
     keep = np.isin(triangle, emitting)
     emitting, index = np.unique(triangle[keep], return_inverse=True)
-    return _measured(mesh, emitting, index, radiance[keep], view[keep], settings)
+    found = _measured(mesh, emitting, index, radiance[keep], view[keep], settings)
+    return _completed(mesh, found, seen_triangles) if settings.complete else found
 
 
 def _observations(
@@ -133,6 +138,37 @@ def _measured(
         views=seen_by[lamp].astype(np.int32),
         confidence=confidence[lamp].astype(np.float32),
         two_sided=settings.two_sided,
+    )
+
+
+def _completed(mesh: Mesh, found: Emitters, seen: np.ndarray) -> Emitters:
+    """Add the unseen triangles of connected parts that glow wherever they are seen: the far side of a globe."""
+    part = connected_parts(mesh)
+    emits, visible = np.zeros(len(part), bool), np.zeros(len(part), bool)
+    emits[found.triangle] = True
+    visible[seen] = True
+    areas, count = mesh.areas, int(part.max()) + 1
+    glowing = np.bincount(part, areas * emits, count)
+    whole = (glowing > 0) & (glowing >= _WHOLE * np.bincount(part, areas * (visible | emits), count))
+    hidden = np.flatnonzero(whole[part] & ~visible & ~emits)
+    if len(hidden) == 0:
+        return found
+    # each takes after the nearest emitting triangle of its part
+    centers = mesh.corners.mean(axis=1)
+    apart = 4 * float(np.ptp(mesh.vertices, axis=0).max() + 1)
+    place = np.concatenate([centers, part[:, None] * apart], axis=1)
+    _, like = cKDTree(place[found.triangle]).query(place[hidden])
+    triangle = np.concatenate([found.triangle, hidden.astype(np.int32)])
+    order = np.argsort(triangle)
+    rows = np.concatenate([np.arange(len(found.triangle)), like])[order]
+    return Emitters(
+        triangle=triangle[order],
+        radiance=found.radiance[rows],
+        area=areas[triangle[order]].astype(np.float32),
+        emitter=found.emitter[rows],
+        views=found.views[rows],
+        confidence=found.confidence[rows],
+        two_sided=found.two_sided,
     )
 
 

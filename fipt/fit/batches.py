@@ -88,6 +88,11 @@ class Pixels:
             raise FiptError("no training pixel shows the mesh", "check poses and masks of the training views")
         self.segment = None if segments is None else _hit_segments(shards, self.offsets, segments)
 
+    @property
+    def largest_segment(self) -> int:
+        """Largest segment id, 0 without segments."""
+        return 0 if self.segment is None else max(int(own.max(initial=0)) for own in self.segment)
+
     def __len__(self) -> int:
         return len(self.index)
 

@@ -22,13 +22,17 @@ from fipt.progress import progress
 from fipt.settings import Fit
 
 
-def losses(field: Field, batch: Batch, kind: str | None, settings: Fit) -> dict[str, torch.Tensor]:
+def losses(
+    field: Field, batch: Batch, kind: str | None, settings: Fit, targets: torch.Tensor | None = None
+) -> dict[str, torch.Tensor]:
     """All loss terms of a batch, weighted; ``colour`` is the data term.
 
     Parameters
     ----------
     kind
         What the segment ids mean: ``part``, ``semantic`` or None.
+    targets
+        (S, 2) roughness and metallic that each segment is drawn to; None: matte, as the paper.
     """
     count, queries = batch.points.shape[:2]
     footprint = (batch.footprint * settings.footprint)[:, None].expand(-1, queries).reshape(-1)
@@ -46,8 +50,13 @@ def losses(field: Field, batch: Batch, kind: str | None, settings: Fit) -> dict[
     terms = {
         "colour": settings.colour_weight * (batch.valid * error).mean(),
         "emission": settings.emission_weight * e.abs().mean(),
-        "diffuse": settings.diffuse_weight * ((1 - s).mean() + m.mean()),
     }
+    if targets is None:
+        terms["diffuse"] = settings.diffuse_weight * ((1 - s).mean() + m.mean())
+    else:
+        goal_s, goal_m = targets[batch.segment].unbind(1)
+        price = torch.where(batch.segment > 0, settings.target_weight, settings.diffuse_weight)
+        terms["target"] = (price * (_apart(s, goal_s) + _apart(m, goal_m))).mean()
     if kind == "part":
         terms["part"] = settings.part_weight * part_propagation(s, m, specular, batch.segment)
     elif kind == "semantic":
@@ -61,6 +70,12 @@ def losses(field: Field, batch: Batch, kind: str | None, settings: Fit) -> dict[
     return terms
 
 
+def _apart(value: torch.Tensor, goal: torch.Tensor) -> torch.Tensor:
+    """Distance (H,) of logits: it pulls as hard where a sigmoid has saturated; goals keep off its ends."""
+    value, goal = (x.clamp(low, 1 - low) for x, low in ((value, 1e-4), (goal, 0.004)))
+    return (torch.logit(value) - torch.logit(goal)).abs()
+
+
 def evident_emitters(batch: Batch, gain: float) -> torch.Tensor:
     """(H,) bool: hits that are ``gain`` times brighter than a white surface or a mirror would be there."""
     levels = (batch.shading.shape[1] - 1) // 2
@@ -69,7 +84,15 @@ def evident_emitters(batch: Batch, gain: float) -> torch.Tensor:
     return batch.radiance.mean(1)[batch.owner] > gain * (most + 1e-4)
 
 
-def fit(field: Field, pixels: Pixels, kind: str | None, settings: Fit, checkpoint: Path, stats: Stats) -> None:
+def fit(
+    field: Field,
+    pixels: Pixels,
+    kind: str | None,
+    settings: Fit,
+    checkpoint: Path,
+    stats: Stats,
+    targets: torch.Tensor | None = None,
+) -> None:
     """Optimise ``field`` in place; go on from ``checkpoint`` where there is one.
 
     Raises
@@ -97,7 +120,7 @@ def fit(field: Field, pixels: Pixels, kind: str | None, settings: Fit, checkpoin
             chosen = order[position * settings.batch : (position + 1) * settings.batch]
             # keyed by step, so that a resumed fit draws what an uninterrupted one would
             rng = np.random.default_rng([settings.seed, 1, step])
-            terms = losses(field, pixels.batch(chosen, settings.queries, rng), kind, settings)
+            terms = losses(field, pixels.batch(chosen, settings.queries, rng), kind, settings, targets)
             loss = sum(terms.values())
             if not torch.isfinite(loss):
                 wrong = ", ".join(name for name, term in terms.items() if not term.isfinite())

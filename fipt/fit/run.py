@@ -9,6 +9,7 @@ import torch
 from fipt.errors import FiptError
 from fipt.fit.batches import Pixels
 from fipt.fit.loop import fit
+from fipt.fit.parts import estimate_parts
 from fipt.io.dataset import Dataset
 from fipt.io.hits import pixels_of, read_hits, scene_box
 from fipt.io.manifests import Stats
@@ -57,7 +58,16 @@ def fit_model(
     if previous is not None and settings.warm_start:
         field.load_state_dict(load_field(previous)[0].state_dict())
     checkpoint = _checkpoint(out, [*hits, *shading], previous, settings)
-    fit(field, pixels, kind, settings, checkpoint, stats)
+    targets = None
+    if kind is not None and settings.part_search:
+        found = estimate_parts(pixels, center, side, settings.evidence or 1.5)
+        targets = torch.from_numpy(np.stack([found.roughness, found.metallic], axis=1))
+        stats["parts"] = [
+            {"segment": int(k), "roughness": float(found.roughness[k]), "metallic": float(found.metallic[k])}
+            | {"gain": round(float(found.gain[k]), 4), "pixels": int(found.pixels[k])}
+            for k in np.flatnonzero(found.pixels)
+        ]
+    fit(field, pixels, kind, settings, checkpoint, stats, targets)
     save_field(out, field, settings)
     checkpoint.unlink(missing_ok=True)
     stats["segments"] = kind or "none"

@@ -55,7 +55,8 @@ class SurfaceCache:
     Parameters
     ----------
     voxels
-        The arrays of cache.npz: ``center`` (3,), ``side`` (metres), ``resolution``, ``key`` (K,) sorted.
+        The arrays of cache.npz: ``center`` (3,), ``side`` (metres), ``resolution``, and ``key`` (K,), ``facing`` (K,)
+        by which the records are sorted.
     radiance
         (K, 3) cached outgoing radiance.
     known
@@ -76,9 +77,11 @@ class SurfaceCache:
         center = voxels["center"]
         self.low = [float(v) for v in center - side / 2]
         self.scale, self.resolution = n / side, n
-        index = np.full(n**3, count, np.uint32)
-        index[key] = np.arange(count, dtype=np.uint32)
-        self.index = mi.UInt32(index)
+        index, mask = np.full(n**3, count, np.uint32), np.zeros(n**3, np.uint32)
+        cells, first = np.unique(key, return_index=True)
+        index[cells] = first
+        np.bitwise_or.at(mask, key, np.uint32(1) << voxels["facing"].astype(np.uint32))
+        self.index, self.mask = mi.UInt32(index), mi.UInt32(mask)
         rough = np.ones(count, np.float32) if materials is None else materials.roughness
         # the sign of the roughness tells whether the radiance is known; the last record is "nothing here"
         light = np.concatenate([radiance, np.where(known, rough, -rough)[:, None]], axis=1)
@@ -89,12 +92,19 @@ class SurfaceCache:
             material = np.concatenate([material, [[0.5, 0.5, 0.5, 0.0]]])
             self.material = mi.Float(material.astype(np.float32).ravel())
 
-    def find(self, p: "mi.Point3f", active: "mi.Bool") -> "mi.UInt32":
-        """Record number of the voxel at p."""
+    def find(self, p: "mi.Point3f", normal: "mi.Vector3f", active: "mi.Bool") -> "mi.UInt32":
+        """Record number of the surface at p that faces along ``normal``."""
         n = self.resolution
-        low = mi.Point3f(*self.low)
-        cell = mi.Vector3i(dr.clip(dr.floor((p - low) * self.scale), 0, n - 1))
-        return dr.gather(mi.UInt32, self.index, mi.UInt32(cell.x + n * (cell.y + n * cell.z)), active)
+        cell = mi.Vector3i(dr.clip(dr.floor((p - mi.Point3f(*self.low)) * self.scale), 0, n - 1))
+        cell = mi.UInt32(cell.x + n * (cell.y + n * cell.z))
+        first, mask = dr.gather(mi.UInt32, self.index, cell, active), dr.gather(mi.UInt32, self.mask, cell, active)
+        x, y, z = dr.abs(normal.x), dr.abs(normal.y), dr.abs(normal.z)
+        along_x, along_y = (x >= y) & (x >= z), y >= z
+        component = dr.select(along_x, normal.x, dr.select(along_y, normal.y, normal.z))
+        facing = dr.select(along_x, mi.UInt32(0), dr.select(along_y, mi.UInt32(2), mi.UInt32(4)))
+        bit = mi.UInt32(1) << (facing + dr.select(component > 0, mi.UInt32(1), mi.UInt32(0)))
+        # records of a voxel stand in the order of their facings; another facing is better than none
+        return first + dr.select((mask & bit) > 0, dr.popcnt(mask & (bit - 1)), 0)
 
     def lookup_radiance(self, record: "mi.UInt32", active: "mi.Bool") -> tuple["mi.Color3f", "mi.Float", "mi.Bool"]:
         """Cached radiance, roughness, and whether the radiance is known."""

@@ -158,6 +158,7 @@ class Shader:
             y = ray(found.t)
             n_y, emitter = self.triangles.lookup(found.prim_index, on_mesh)
             facing = dr.dot(n_y, wi)
+            n_facing = dr.select(facing > 0, -n_y, n_y)
             out, stop, p_light = self._arrive(y, wi, n_y, facing, emitter, on_mesh, alive, found.t, depth)
             lit = on_mesh & (p_light > 0)
             # MIS: balance heuristic over the N lobe and N light samples at x, power heuristic later
@@ -170,12 +171,12 @@ class Shader:
             done = stop | ~alive
             g = ggx.Geometry(n0, wi_first, wo0)
             self._splat(sums, g, roughness, dr.select(done & (p_first > 1e-12), L / p_first, 0))
-            record = self.cache.find(y, ~done)
+            record = self.cache.find(y, n_facing, ~done)
             if dr.hint(self.path is not None, mode="scalar"):
                 base_y, metallic_y = self.cache.lookup_material(record, ~done)
                 _, s_y, _ = self.cache.lookup_radiance(record, ~done)
                 base, s, metallic = base_y, s_y, metallic_y
-            p, n = dr.select(done, p0, y), dr.select(done, n0, dr.select(facing > 0, -n_y, n_y))
+            p, n = dr.select(done, p0, y), dr.select(done, n0, n_facing)
             wo = dr.select(done, wo0, -wi)
             L = dr.select(done, 0, L)
             sample, depth = dr.select(done, sample + 1, sample), dr.select(done, 0, depth + 1)
@@ -255,9 +256,10 @@ class Shader:
         sampling would have chosen y (0 where it could not).
         """
         out, p_light = mi.Color3f(0.0), mi.Float(0.0)
+        normal = dr.select(facing > 0, -n_y, n_y)
         ends = ~on_mesh
         if self.path is None:
-            radiance, _, _ = self.cache.lookup_radiance(self.cache.find(y, on_mesh), on_mesh)
+            radiance, _, _ = self.cache.lookup_radiance(self.cache.find(y, normal, on_mesh), on_mesh)
             return dr.select(on_mesh, radiance, 0), mi.Bool(True), p_light
         if self.triangles.has_emitters:
             hit = on_mesh & (emitter > 0) & self.triangles.shines(n_y, -wi)
@@ -267,7 +269,7 @@ class Shader:
             if not self.path.light_at_first:
                 p_light = dr.select(depth == 0, 0, p_light)
             ends |= on_mesh & (emitter > 0)
-        radiance, s_y, known = self.cache.lookup_radiance(self.cache.find(y, ~ends), ~ends)
+        radiance, s_y, known = self.cache.lookup_radiance(self.cache.find(y, normal, ~ends), ~ends)
         last = depth + 1 >= self.path.max_depth
         read = ~ends & known & ((s_y > self.path.cache_roughness) | last)
         out = dr.select(read, radiance, out)

@@ -1,4 +1,8 @@
-"""Radiance cache: the light that leaves the surface, averaged in voxels over all views (surface light field)."""
+"""Radiance cache: the light that leaves the surface, averaged over all views (surface light field).
+
+A record belongs to a voxel and to the axis that the surface faces there, so that the two sides of a shelf, or a pane
+and the sill below it, do not lend each other their light.
+"""
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -9,6 +13,9 @@ from fipt.settings import Cache as CacheSettings
 
 _INTERIOR = 0.95
 """Pixels of which one piece covers at least this share tell a voxel's radiance; others mix surfaces."""
+_FACINGS = 6
+_DIRECTIONS = np.repeat(np.eye(3, dtype=np.float32), 2, axis=0) * np.tile([[-1.0], [1.0]], (3, 1)).astype(np.float32)
+"""Unit vector of each facing."""
 _MIXED = 1e-3
 """Weight of those others: they count only where nothing better is known."""
 
@@ -46,6 +53,12 @@ def voxel_keys(points: np.ndarray, center: np.ndarray, side: float, resolution: 
     return x + resolution * (y + resolution * z)
 
 
+def facings(normals: np.ndarray) -> np.ndarray:
+    """(N,) uint8 of (N, 3) normals: twice the axis nearest to them, plus one where they point along it."""
+    axis = np.abs(normals).argmax(axis=1)
+    return (2 * axis + (np.take_along_axis(normals, axis[:, None], 1)[:, 0] > 0)).astype(np.uint8)
+
+
 def build(
     mesh: Mesh,
     shards: list[Hits],
@@ -63,43 +76,46 @@ def build(
     Returns
     -------
     dict
-        ``center`` (3,) float64 and ``side`` of the box (metres), ``resolution``; sorted ``key`` (K,) int64,
-        ``point`` (K, 3) float32 a point on the surface in the voxel, ``radiance`` (K, 3) float32,
-        ``count`` (K,) float32 pixels that it fills (0: its radiance is mixed or not known), ``source`` (K,) int32 the
-        voxel that stands for it where no view sees it: the nearest seen one, of the same connected part if it can be.
+        ``center`` (3,) float64 and ``side`` of the box (metres), ``resolution``; K records sorted by ``key`` (K,) int64
+        of their voxel, then ``facing`` (K,) uint8; ``point`` (K, 3) float32 a point of that surface in the voxel,
+        ``radiance`` (K, 3) float32, ``count`` (K,) float32 pixels that it fills (0: its radiance is mixed or not
+        known), ``source`` (K,) int32 the record that stands for it where no view sees it: the nearest seen one, of
+        the same connected part if it can be.
     """
     center, side = scene_box(shards)
     n = settings.resolution
-    points, triangles, keys, radiance, weight = [], [], [], [], []
+    points, triangles, normals, radiance, weight = [], [], [], [], []
     for hits, image, valid in zip(shards, images, weights, strict=True):
         pixel = np.repeat(np.arange(len(hits.offsets) - 1), np.diff(hits.offsets))
         points.append(np.asarray(hits.position))
         triangles.append(np.asarray(hits.triangle))
-        keys.append(voxel_keys(hits.position, center, side, n))
+        normals.append(np.asarray(hits.normal))
         radiance.append(image[pixel])
         weight.append(valid[pixel] * np.where(np.asarray(hits.weight) >= _INTERIOR, 1.0, _MIXED))
     surface, owner = surface_points(mesh, side / n / 2, center - side / 2, center + side / 2, seed=0)
-    all_points, owner = np.concatenate([*points, surface]), np.concatenate([*triangles, owner])
-    key, first, index = np.unique(
-        np.concatenate([*keys, voxel_keys(surface, center, side, n)]),
-        return_index=True,
-        return_inverse=True,
+    winding = mesh.normals[owner]
+    place = np.concatenate([*points, surface, surface])  # surfaces have two sides
+    owner = np.concatenate([*triangles, owner, owner])
+    facing = facings(np.concatenate([*normals, winding, -winding]))
+    record, first, index = np.unique(
+        voxel_keys(place, center, side, n) * _FACINGS + facing, return_index=True, return_inverse=True
     )
-    index = index.reshape(-1)[: len(all_points) - len(surface)]
+    index = index.reshape(-1)[: len(place) - 2 * len(surface)]
     weights = np.concatenate(weight)
-    mean, _ = _means(index, np.concatenate(radiance), weights, len(key))
-    count = np.bincount(index, weights * (weights > _MIXED), len(key))
-    seen = np.zeros(len(key), bool)
+    mean, _ = _means(index, np.concatenate(radiance), weights, len(record))
+    count = np.bincount(index, weights * (weights > _MIXED), len(record))
+    seen = np.zeros(len(record), bool)
     seen[index] = True
     return {
         "center": center,
         "side": np.float64(side),
         "resolution": np.int64(n),
-        "key": key,
-        "point": all_points[first],
+        "key": record // _FACINGS,
+        "facing": facing[first],
+        "point": place[first],
         "radiance": mean.astype(np.float32),
         "count": count.astype(np.float32),
-        "source": _nearest_seen(all_points[first], connected_parts(mesh)[owner[first]], seen),
+        "source": _nearest_seen(place[first], facing[first], connected_parts(mesh)[owner[first]], seen, 8 * side / n),
     }
 
 
@@ -109,13 +125,19 @@ def _means(index: np.ndarray, values: np.ndarray, weight: np.ndarray, size: int)
     return total / np.maximum(count, 1e-12)[:, None], count
 
 
-def _nearest_seen(points: np.ndarray, part: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """(K,) int32 index of the nearest seen point, of the same connected part where that has one; itself where seen."""
+def _nearest_seen(
+    points: np.ndarray, facing: np.ndarray, part: np.ndarray, seen: np.ndarray, turn: float
+) -> np.ndarray:
+    """(K,) int32 index of the nearest seen point, of the same connected part where that has one; itself where seen.
+
+    A surface that faces another way counts as ``turn`` metres further away.
+    """
     source = np.arange(len(points), dtype=np.int32)
     if seen.all() or not seen.any():
         return source
     extent = float(np.ptp(points, axis=0).max()) + 1.0
-    # the part as a fourth coordinate, so far apart that another part is nearest only where its own is unseen
+    points = np.concatenate([points, turn * _DIRECTIONS[facing]], axis=1)
+    # the part as one more coordinate, so far apart that another part is nearest only where its own is unseen
     place = np.concatenate([points, part[:, None] * (4.0 * extent)], axis=1)
     _, same = cKDTree(place[seen]).query(place[~seen], workers=-1)
     _, any_part = cKDTree(points[seen]).query(points[~seen], workers=-1)

@@ -1,0 +1,378 @@
+"""The path tracer against closed forms, white furnaces and Mitsuba's own integrator.
+
+An estimate is repeated at many copies of one point, each with its own random numbers: their spread says how far the
+mean may be off. With at most some hundred comparisons in a test, 4.5 standard errors leave a chance below 1e-3 that a
+right program fails; seeds are fixed.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fipt.conventions import ROUGHNESS_LEVELS
+from fipt.model.albedo import specular_albedo
+from fipt.settings import Bake
+from tests import scenes
+
+SIGMAS = 4.5
+UP = (0.0, 1.0, 0.0)
+
+
+def unit(v):
+    return np.asarray(v, float) / np.linalg.norm(v)
+
+
+def copies(position, normal, to_viewer, count, seed=0):
+    """``count`` copies of a point to shade; or (count, 3) different ones."""
+    from fipt.render.tracer import Points, random_keys
+
+    arrays = [np.broadcast_to(np.float32(a), (count, 3)).copy() for a in (position, normal, to_viewer)]
+    number = np.arange(count)
+    return Points(*arrays, random_keys("test", number, np.zeros(count, int), seed))
+
+
+def bake_shader(mesh, voxels):
+    from fipt.shading.bake import cache_shader
+
+    return cache_shader(mesh, voxels, fill=True)
+
+
+def shader(lit, light_at_first=True, depth=1, two_sided=False, background=(0.0, 0.0, 0.0), cache=None, surface=None):
+    """A shader of paths through a scene; without ``cache`` no path ends in cached radiance."""
+    from fipt.render.scene import RayScene
+    from fipt.render.surface import EmitterSet, SurfaceCache, Triangles
+    from fipt.render.tracer import PathSettings, Shader
+
+    emitters = EmitterSet(lit.triangle, lit.radiance, two_sided) if lit.triangle is not None else None
+    voxels = scenes.grid() if cache is None else cache
+    known = np.full(len(voxels["key"]), cache is not None)
+    materials = scenes.sides(voxels, *(surface or (scenes.DIFFUSE, scenes.DIFFUSE)))
+    return Shader(
+        RayScene(lit.mesh),
+        Triangles(lit.mesh, emitters),
+        SurfaceCache(voxels, voxels["radiance"], known, materials),
+        PathSettings(depth, 0.6, light_at_first, background),
+    )
+
+
+def assert_mean(samples, expected, slack=0.0):
+    """``samples`` (N, ...) have the mean ``expected`` within their standard error (and a share of slack)."""
+    assert np.isfinite(samples).all()
+    samples = samples.astype(np.float64)
+    error = samples.std(axis=0) / np.sqrt(len(samples))
+    away = np.abs(samples.mean(axis=0) - expected)
+    assert (away <= SIGMAS * error + slack * np.abs(expected) + 1e-7).all(), (samples.mean(axis=0), expected, error)
+    return error
+
+
+def assert_same_mean(a, b):
+    """Two estimators agree within their standard errors."""
+    assert np.isfinite(a).all()
+    assert np.isfinite(b).all()
+    error = np.sqrt(a.var(axis=0, dtype=float) / len(a) + b.var(axis=0, dtype=float) / len(b))
+    away = np.abs(a.mean(axis=0, dtype=float) - b.mean(axis=0, dtype=float))
+    assert (away <= SIGMAS * error + 1e-5).all(), (away / error).max()
+    return error / np.maximum(np.abs(a.mean(axis=0)), 1e-9)
+
+
+# --- white furnace --------------------------------------------------------------------------------
+
+COUNTS = [8, 4, 4, 4, 4, 4, 4]
+
+
+def furnace_shading(cos, radiance=1.0):
+    """(13, 3) that shading must be under constant light; Ls0 and Ls1 are their quadrature, not 1."""
+    terms = np.array([specular_albedo(cos, s) for s in ROUGHNESS_LEVELS])
+    return radiance * np.concatenate([[1.0], terms[:, 0], terms[:, 1]])[:, None] * np.ones(3)
+
+
+def slanted(cos, normal=UP):
+    """A direction at an angle to the normal."""
+    side = unit(np.cross(normal, (0.3, 0.2, 0.9)))
+    return cos * np.asarray(normal, float) + np.sqrt(1 - cos**2) * side
+
+
+@pytest.mark.parametrize("cos", [0.95, 0.5, 0.2])
+def test_furnace_of_the_bake(backend, cos):
+    box = scenes.box((-1, -1, -1), (1, 1, 1))
+    shade = bake_shader(box, scenes.grid()).shade
+    got = shade(copies((0.2, -1, 0.3), UP, slanted(cos), 4000), ROUGHNESS_LEVELS, COUNTS)
+    error = assert_mean(got, furnace_shading(cos), slack=1e-3)
+    assert error[:7].max() < 0.02
+
+
+@pytest.mark.parametrize("light_at_first", [True, False])
+@pytest.mark.parametrize("two_sided", [True, False])
+def test_furnace_of_the_refinement_in_a_room_that_shines(backend, light_at_first, two_sided):
+    box = scenes.box((-1, -1, -1), (1, 1, 1))
+    walls = scenes.Lit(box, np.arange(12), np.full((12, 3), 2.0, np.float32))
+    shade = shader(walls, light_at_first, depth=3, two_sided=two_sided).shade
+    got = shade(copies((0.2, -1, 0.3), UP, slanted(0.5), 4000), ROUGHNESS_LEVELS, COUNTS)
+    error = assert_mean(got, furnace_shading(0.5, 2.0), slack=1e-3)
+    assert error[:7].max() < 0.06
+
+
+def test_furnace_of_the_refinement_that_ends_in_the_cache(backend):
+    """Rough walls end in the cache at once, so that the light is the cache's."""
+    walls = scenes.Lit(scenes.box((-1, -1, -1), (1, 1, 1)), None, None)
+    shade = shader(walls, depth=5, cache=scenes.grid(1.0)).shade
+    got = shade(copies((0.2, -1, 0.3), UP, slanted(0.7), 4000), ROUGHNESS_LEVELS, COUNTS)
+    assert_mean(got, furnace_shading(0.7), slack=1e-3)
+
+
+@pytest.mark.parametrize("surface", [scenes.GLOSSY, scenes.METAL])
+def test_furnace_of_walls_that_reflect_once(backend, surface):
+    """From the centre of a globe every wall is seen from its front: it reflects its albedo at normal incidence."""
+    import trimesh
+
+    globe = trimesh.creation.icosphere(4, 1.0)
+    walls = scenes.Lit(scenes.Mesh(np.float32(globe.vertices), np.int32(globe.faces)), None, None)
+    shade = shader(walls, depth=2, cache=scenes.grid(1.0), surface=(surface, surface)).shade
+    got = shade(copies((0, 0, 0), UP, slanted(0.7), 6000), [0.5], [8, 8])
+    a0, a1 = specular_albedo(1.0, surface.roughness)
+    m, base = surface.metallic, np.array(surface.base_color)
+    light = base * (1 - m) + (0.04 * (1 - m) + base * m) * a0 + a1
+    terms = np.array([1.0, *specular_albedo(0.7, 0.5)])
+    assert_mean(got, terms[:, None] * light, slack=2e-3)
+
+
+# --- closed forms ---------------------------------------------------------------------------------
+
+WEAK = ((-1.5, 1.0), (-1.0, 2.0))
+TINY = ((1.6, 1.64), (0.5, 0.53))
+"""Ranges in x and z of lamps; the tiny one, at a height of 0.9, hides nothing of the weak one at 1.2."""
+
+
+@pytest.mark.parametrize("light_at_first", [True, False])
+def test_rectangle_above_a_floor(backend, light_at_first):
+    lit = scenes.two_planes((scenes.lamp_quad(WEAK[0], 1.2, WEAK[1]), (3.0, 2.0, 1.0)))
+    expected = scenes.form_factor(WEAK[0], 1.2, WEAK[1]) * np.array([3.0, 2.0, 1.0])
+    got = shader(lit, light_at_first).shade(copies((0, 0, 0), UP, slanted(0.8), 6000), [0.5], [8, 8])
+    error = assert_mean(got[:, 0], expected, slack=2e-4)
+    assert (error < 0.01 * expected).all()
+
+
+def test_very_unequal_lamps(backend):
+    """A tiny strong lamp beside a large weak one; each gives about as much light as the other."""
+    strong, weak = np.array([20000.0, 15000.0, 5000.0]), np.array([0.5, 1.0, 2.0])
+    lamps = [(scenes.lamp_quad(TINY[0], 0.9, TINY[1]), strong), (scenes.lamp_quad(WEAK[0], 1.2, WEAK[1]), weak)]
+    parts = [scenes.form_factor(TINY[0], 0.9, TINY[1]) * strong, scenes.form_factor(WEAK[0], 1.2, WEAK[1]) * weak]
+    assert 0.2 < parts[0].mean() / parts[1].mean() < 5  # so that losing either would show
+    got = shader(scenes.two_planes(*lamps)).shade(copies((0, 0, 0), UP, slanted(0.8), 8000), [0.5], [8, 8])
+    error = assert_mean(got[:, 0], sum(parts), slack=5e-4)
+    assert (error < 0.02 * sum(parts)).all()
+
+
+@pytest.mark.parametrize("light_at_first", [True, False])
+def test_back_of_a_lamp(backend, light_at_first):
+    """A lamp that faces away is dark where lamps have one side, and shines where they have two."""
+    above = scenes.turned(scenes.lamp_quad(WEAK[0], 1.2, WEAK[1]))
+    lit = scenes.two_planes((above, (3.0, 2.0, 1.0)))
+    points = copies((0, 0, 0), UP, slanted(0.8), 4000)
+    assert not shader(lit, light_at_first).shade(points, [0.5], [8, 8]).any()
+    got = shader(lit, light_at_first, two_sided=True).shade(points, [0.5], [8, 8])
+    expected = scenes.form_factor(WEAK[0], 1.2, WEAK[1]) * np.array([3.0, 2.0, 1.0])
+    assert_mean(got[:, 0], expected, slack=2e-4)
+
+
+def test_lamps_of_two_sides_are_lamps_of_either_side_together(backend):
+    lamp = scenes.lamp_quad(WEAK[0], 1.2, WEAK[1])
+    ceiling = scenes.turned(scenes.floor())
+    dark = scenes.joined(scenes.floor(), scenes.Mesh(ceiling.vertices + np.float32([0, 2, 0]), ceiling.triangles))
+    points = copies((2.0, 0, 0.1), UP, slanted(0.6), 6000)
+    voxels, white = scenes.grid(side=20.0), (scenes.DIFFUSE, scenes.DIFFUSE)
+    results = []
+    for shape, two_sided in ((lamp, False), (scenes.turned(lamp), False), (lamp, True)):
+        lit = scenes.lit(dark, (shape, (3.0, 2.0, 1.0)))
+        tracer = shader(lit, depth=2, two_sided=two_sided)
+        tracer.cache = _unknown(voxels, white)
+        results.append(tracer.shade(points, [0.5], [8, 8]))
+    down, up, both = results
+    assert up[:, 0].mean() > 0.02
+    assert_same_mean(down + up, both)
+
+
+def _unknown(voxels, surface):
+    from fipt.render.surface import SurfaceCache
+
+    return SurfaceCache(voxels, voxels["radiance"], np.zeros(len(voxels["key"]), bool), scenes.sides(voxels, *surface))
+
+
+def test_rays_that_leave_the_mesh(backend):
+    plain = scenes.Lit(scenes.floor(), None, None)
+    points = copies((0, 0, 0), UP, slanted(0.5), 2000)
+    assert not bake_shader(plain.mesh, scenes.grid()).shade(points, [0.5], [4, 4]).any()
+    assert not shader(plain, depth=3).shade(points, [0.5], [4, 4]).any()
+    sky = np.array([0.5, 1.0, 2.0])
+    got = shader(plain, depth=3, background=tuple(sky.tolist())).shade(points, [0.5], [4, 4])
+    a0, a1 = specular_albedo(0.5, 0.5)
+    assert_mean(got, np.array([1.0, a0, a1])[:, None] * sky, slack=1e-3)
+
+
+def test_voxels_without_record_are_dark(backend):
+    voxels = scenes.grid(resolution=4)
+    keep = voxels["point"][:, 1] < 0.5  # no record in the upper quarter
+    voxels |= {name: voxels[name][keep] for name in ("key", "point", "radiance", "count")}
+    voxels["source"] = np.arange(keep.sum())
+    box = scenes.box((-1, -1, -1), (1, 1, 1))
+    got = bake_shader(box, voxels).shade(copies((0, 0, 0), UP, UP, 4000), [0.5], [8, 8])
+    # records lie below y = 0.525: what is seen above that is dark
+    z = (-1.0, 1.0)
+    ceiling = scenes.form_factor(z, 1.0, z)
+    opening = scenes.form_factor(z, 0.525, z)
+    assert ceiling < opening < 0.9
+    assert_mean(got[:, 0], (1 - opening) * np.ones(3), slack=2e-3)
+
+
+# --- Mitsuba --------------------------------------------------------------------------------------
+
+SPOTS = [
+    # position on the mesh, normal, direction to the viewer
+    ((-0.8, -1.0, 0.5), UP, (0.4, 1.0, -0.3)),
+    ((0.5, -1.0, -0.2), UP, (-0.5, 0.6, 0.5)),
+    ((0.55, 0.1, -1.0), (0.0, 0.0, 1.0), (-0.6, 0.1, 0.8)),
+    ((-1.0, -0.3, 0.2), (1.0, 0.0, 0.0), (0.9, 0.4, 0.2)),
+]
+REPEATS = 12_000
+
+
+@pytest.fixture(scope="module")
+def room():
+    return scenes.cornell()
+
+
+def reference(room, surface, depth):
+    """(SPOTS, REPEATS, 3) radiance along the directions to the viewer by Mitsuba's path integrator."""
+    import mitsuba as mi
+
+    from fipt.render import reference as mitsuba_scene
+
+    dark = np.setdiff1d(np.arange(len(room.mesh.triangles)), room.triangle)
+    corners = room.mesh.corners[dark]
+    left = corners[..., 0].mean(axis=1) < 0
+    mesh = scenes.Mesh(corners.reshape(-1, 3), np.arange(3 * len(dark), dtype=np.int32).reshape(-1, 3))
+    uv = np.zeros((3 * len(dark), 2), np.float32)
+    uv[:, 0] = np.repeat(np.where(left, 0.0, 1.0), 3)
+    texture = np.array([[s.base_color for s in surface]], np.float32)
+    roughness, metallic = (
+        np.where(left, getattr(surface[0], name), getattr(surface[1], name)).astype(np.float32)
+        for name in ("roughness", "metallic")
+    )
+    lights = [
+        mitsuba_scene.Light(scenes.Mesh(room.mesh.vertices, room.mesh.triangles[[t]]), color)
+        for t, color in zip(room.triangle, room.radiance, strict=True)
+    ]
+    scene = mitsuba_scene.load_scene(mesh, uv, texture, roughness, metallic, lights)
+    path = mi.load_dict({"type": "path", "max_depth": depth + 1, "rr_depth": 100})
+    spots = np.repeat(np.arange(len(SPOTS)), REPEATS)
+    wo = np.array([unit(v) for _, _, v in SPOTS])[spots]
+    eye = np.array([p for p, _, _ in SPOTS])[spots] + 0.05 * wo
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(3, len(spots))
+    as_columns = [[mi.Float(np.float32(c)) for c in a.T] for a in (eye, -wo)]
+    ray = mi.RayDifferential3f(mi.Point3f(*as_columns[0]), mi.Vector3f(*as_columns[1]))
+    return np.array(path.sample(scene, sampler, ray)[0]).T.reshape(len(SPOTS), REPEATS, 3)
+
+
+def spot_points():
+    spots = np.repeat(np.arange(len(SPOTS)), REPEATS)
+    position, normal, wo = (np.array([spot[k] for spot in SPOTS])[spots] for k in range(3))
+    return copies(position, normal, wo / np.linalg.norm(wo, axis=1, keepdims=True), len(spots))
+
+
+def combined(shading, surface):
+    """(SPOTS, REPEATS, 3) radiance of the spots from their three integrals."""
+    shading = shading.reshape(len(SPOTS), REPEATS, 3, 3)
+    result = np.empty((len(SPOTS), REPEATS, 3))
+    for number, (position, _, _) in enumerate(SPOTS):
+        s = surface[int(position[0] > 0)]
+        base, m = np.array(s.base_color), s.metallic
+        kd, ks = base * (1 - m), 0.04 * (1 - m) + base * m
+        result[number] = kd * shading[number, :, 0] + ks * shading[number, :, 1] + shading[number, :, 2]
+    return result
+
+
+@pytest.mark.parametrize("depth", [1, 2, 8])
+@pytest.mark.parametrize(
+    "surface",
+    [(scenes.DIFFUSE, scenes.GLOSSY), (scenes.METAL, replace(scenes.DIFFUSE, base_color=(0.2, 0.8, 0.8)))],
+    ids=["diffuse and glossy", "metal and diffuse"],
+)
+def test_radiance_is_that_of_mitsuba(backend, room, surface, depth):
+    expected = reference(room, surface, depth)
+    roughness = np.repeat([surface[int(p[0] > 0)].roughness for p, _, _ in SPOTS], REPEATS).astype(np.float32)
+    got = combined(shader(room, depth=depth, surface=surface).shade(spot_points(), [roughness], [4, 4]), surface)
+    for ours, theirs in zip(got, expected, strict=True):
+        assert theirs.mean() > 0.005
+        assert assert_same_mean(ours, theirs).max() < 0.05
+
+
+def test_light_sampling_at_the_first_hit_changes_the_noise_only(backend, room):
+    surface = (scenes.METAL, scenes.GLOSSY)
+    points = spot_points()
+    a, b = (
+        shader(room, light_at_first=on, depth=3, surface=surface).shade(points, [0.3], [8, 8]).reshape(4, REPEATS, -1)
+        for on in (True, False)
+    )
+    for first, second in zip(a, b, strict=True):
+        assert_same_mean(first, second)
+    assert a.var(axis=1)[:, 0].sum() < 0.5 * b.var(axis=1)[:, 0].sum()
+
+
+# --- sampling plans, random numbers ---------------------------------------------------------------
+
+
+def test_shared_and_separate_sampling_agree(backend, np_rng):
+    from fipt.shading.integrate import shade_chunk
+
+    voxels = scenes.grid(np_rng.uniform(0, 2, (64, 3)), resolution=4)
+    tracer = bake_shader(scenes.box((-1, -1, -1), (1, 1, 1)), voxels)
+    points = copies((0.2, -0.3, 0.3), UP, slanted(0.6), 3000)
+    few = Bake(diffuse_spp=8, specular_spp=6, smooth_spp=4, denoise=False)
+    shared = shade_chunk(tracer, points, few)
+    separate = shade_chunk(tracer, points, few.model_copy(update={"sampling": "separate"}))
+    assert shared.shape == (3000, 13, 3)
+    error = assert_same_mean(shared, separate)
+    assert error[:7].max() < 0.03
+
+
+@pytest.fixture(scope="module")
+def tracer(backend):
+    return shader(scenes.cornell(), depth=3, surface=(scenes.METAL, scenes.GLOSSY))
+
+
+def part(points, index):
+    from fipt.render.tracer import Points
+
+    return Points(points.position[index], points.normal[index], points.wo[index], points.key[index])
+
+
+def test_results_do_not_depend_on_chunks(tracer):
+    points = copies(np.tile(SPOTS[1][0], (700, 1)), UP, unit(SPOTS[1][2]), 700)
+    whole = tracer.shade(points, [0.3], [3, 3])
+    assert whole.std() > 0
+    for cuts in ([1, 256], [699]):
+        pieces = [tracer.shade(part(points, index), [0.3], [3, 3]) for index in np.split(np.arange(700), cuts)]
+        np.testing.assert_array_equal(np.concatenate(pieces), whole)
+    turned = np.arange(700)[::-1]
+    np.testing.assert_array_equal(tracer.shade(part(points, turned), [0.3], [3, 3])[turned], whole)
+
+
+def test_seed_decides_the_random_numbers(tracer):
+    first, again, other = (
+        tracer.shade(copies(SPOTS[1][0], UP, unit(SPOTS[1][2]), 300, seed), [0.3], [3, 3]) for seed in (5, 5, 6)
+    )
+    np.testing.assert_array_equal(first, again)
+    assert (first != other).any(axis=(1, 2)).mean() > 0.9
+    # copies of one point differ among each other: each pixel has its own numbers
+    assert len(np.unique(first[:, 0, 0])) > 200
+
+
+def test_keys_name_view_pixel_piece_and_seed(backend):
+    from fipt.render.tracer import random_keys
+
+    pixel, piece = (a.ravel() for a in np.meshgrid(np.arange(5000), np.arange(16)))
+    keys = [random_keys(view, pixel, piece, seed) for view in ("a", "b") for seed in (0, 1)]
+    assert len(np.unique(np.concatenate(keys))) == 4 * len(pixel)
+    np.testing.assert_array_equal(random_keys("a", pixel[7:9], piece[7:9], 0), keys[0][7:9])

@@ -1,0 +1,162 @@
+"""Extraction of emitters: which triangles, which radiance, which lamps."""
+
+import numpy as np
+import pytest
+
+from fipt.emitters.extract import extract
+from fipt.io.emitters import read_emitters, write_emitters
+from fipt.settings import Emitters as EmitterSettings
+from tests import scenes
+
+BLUE, RED = np.array([2.0, 4.0, 9.0]), np.array([12.0, 6.0, 3.0])
+VIEWS = ("a", "b", "c")
+
+
+@pytest.fixture(scope="module")
+def room():
+    """A floor under two lamps of four triangles each (2 to 5, 6 to 9) and a fifth that no view sees (10, 11)."""
+
+    def lamp(x):
+        return scenes.joined(scenes.lamp_quad((x, x + 1), 2.0, (0, 1)), scenes.lamp_quad((x + 1, x + 2), 2.0, (0, 1)))
+
+    hidden = scenes.lamp_quad((9, 10), 2.0, (0, 1))
+    return scenes.lit(scenes.floor(), (lamp(-3), BLUE), (lamp(1), RED), (hidden, RED)).mesh
+
+
+def is_lamp(points):
+    """The mask that a fit should have learnt: open on everything above the floor."""
+    return np.where(points[:, 1] > 1, 0.4, 0.001).astype(np.float32)
+
+
+def seen(room, rng, per_triangle=6):
+    """Hits of three views on triangles 0 to 9, with what they show and the light there."""
+    triangle = np.concatenate([np.repeat(np.arange(10), per_triangle) for _ in VIEWS])
+    count = len(triangle)
+    u = rng.dirichlet(np.ones(3), count)
+    position = np.einsum("nk,nkc->nc", u, room.corners[triangle])
+    hits = scenes.hits_of(position, triangle, views=VIEWS, shapes=[(1, count // 3)] * 3)
+    shading = np.full((count, 13, 3), 0.3, np.float16)
+    image = np.full((count, 3), 0.2, np.float32)
+    image[triangle >= 2] = BLUE
+    image[triangle >= 6] = RED
+    return hits, shading, image, np.ones(count, np.float32)
+
+
+def found(room, data, mask=is_lamp, **settings):
+    hits, shading, image, valid = data
+    return extract(room, [hits], [shading], [(image, valid)], mask, EmitterSettings(**settings))
+
+
+def test_lamps_are_found_with_their_radiance(room, np_rng):
+    emitters = found(room, seen(room, np_rng))
+    np.testing.assert_array_equal(emitters.triangle, np.arange(2, 10))
+    np.testing.assert_array_equal(emitters.emitter, [0] * 4 + [1] * 4)
+    np.testing.assert_allclose(emitters.radiance, [BLUE] * 4 + [RED] * 4)
+    np.testing.assert_allclose(emitters.area, 0.5)
+    np.testing.assert_array_equal(emitters.views, 3)
+    assert emitters.confidence.min() > 0.7
+    assert emitters.two_sided
+    assert emitters.triangle.dtype == np.int32
+    assert emitters.radiance.dtype == np.float32
+
+
+def test_triangles_that_nobody_sees_are_dropped(room, np_rng):
+    """The mask is open on the hidden lamp too, and on triangle 5, whose pixels are taken away here."""
+    hits, shading, image, valid = seen(room, np_rng)
+    valid[hits.triangle == 5] = 0
+    np.testing.assert_array_equal(found(room, (hits, shading, image, valid)).triangle, [2, 3, 4, 6, 7, 8, 9])
+
+
+def test_one_lamp_has_the_median_of_all_its_pixels(room, np_rng):
+    hits, shading, image, valid = seen(room, np_rng)
+    lamp = np.flatnonzero((hits.triangle >= 2) & (hits.triangle < 6))
+    image[lamp] *= np_rng.uniform(0.9, 1.1, (len(lamp), 1)).astype(np.float32)
+    image[lamp[:10]] = 500.0  # a few wild pixels
+    patches = found(room, (hits, shading, image, valid))
+    np.testing.assert_allclose(patches.radiance[:4], np.tile(np.median(image[lamp], axis=0), (4, 1)), rtol=1e-6)
+    each = found(room, (hits, shading, image, valid), patches=False)
+    for k in range(2, 6):
+        np.testing.assert_allclose(each.radiance[k - 2], np.median(image[hits.triangle == k], axis=0), rtol=1e-6)
+    np.testing.assert_array_equal(each.emitter, patches.emitter)
+    assert patches.confidence[0] < patches.confidence[4]  # its pixels agree less
+
+
+def test_pixels_on_edges_tell_nothing(room, np_rng):
+    hits, shading, image, valid = seen(room, np_rng)
+    weight = hits.weight.copy()
+    mixed = np.arange(len(weight)) % 3 == 0
+    weight[mixed] = 0.5
+    image[mixed & (hits.triangle >= 2)] *= 0.1
+    hits = scenes.hits_of(hits.position, hits.triangle, weight, views=VIEWS, shapes=hits.shapes)
+    np.testing.assert_allclose(found(room, (hits, shading, image, valid)).radiance, [BLUE] * 4 + [RED] * 4)
+
+
+def test_several_hits_of_a_pixel_and_several_shards(room, np_rng):
+    """Views are counted over all shards; a pixel's value belongs to the hit that fills it."""
+    hits, shading, image, valid = seen(room, np_rng)
+    first, more = 60, 40
+    counts = np.r_[np.full(more, 2), np.ones(60 - more, int)]
+    position = np.repeat(hits.position[:first], counts, axis=0)
+    weight = np.repeat(np.ones(first), counts)
+    weight[1 : 2 * more : 2] = 0.05
+    triangle = np.repeat(hits.triangle[:first], counts)
+    triangle[1 : 2 * more : 2] = 0  # a sliver of floor beside each
+    shards = [
+        scenes.hits_of(position, triangle, weight, counts, views=("a",)),
+        scenes.hits_of(hits.position[first:], hits.triangle[first:], views=("b", "c"), shapes=[(1, 60)] * 2),
+    ]
+    baked = [np.full((len(position), 13, 3), 0.3, np.float16), shading[first:]]
+    images = [(image[:first], valid[:first]), (image[first:], valid[first:])]
+    emitters = extract(room, shards, baked, images, is_lamp, EmitterSettings())
+    np.testing.assert_array_equal(emitters.triangle, np.arange(2, 10))
+    np.testing.assert_allclose(emitters.radiance, [BLUE] * 4 + [RED] * 4)
+    np.testing.assert_array_equal(emitters.views, 3)
+
+
+def test_what_could_be_reflected_is_no_lamp(room, np_rng):
+    """With evidence, an open mask alone is not enough; without, it is."""
+    hits, shading, image, valid = seen(room, np_rng)
+    lit = hits.triangle >= 6
+    shading[lit, 3], shading[lit, 9] = RED, RED / 2  # a mirror would look 1.5 times as bright there
+    np.testing.assert_array_equal(found(room, (hits, shading, image, valid)).triangle, np.arange(2, 6))
+    np.testing.assert_array_equal(found(room, (hits, shading, image, valid), evidence=False).triangle, np.arange(2, 10))
+
+
+def test_brightness_alone_is_no_lamp(room, np_rng):
+    """A closed mask keeps a bright triangle from shining."""
+    data = seen(room, np_rng)
+    closed = found(room, data, lambda points: np.where(points[:, 0] < 0, is_lamp(points), 0.001))
+    np.testing.assert_array_equal(closed.triangle, np.arange(2, 6))
+    # the mean over a triangle decides: a fifth of it is open, 0.08 in the mean
+    partly = found(room, data, lambda points: np.where(points[:, 0] < -2.5, is_lamp(points), 0.0), threshold=0.02)
+    assert set(partly.triangle) == {2, 3}
+    assert len(found(room, data, threshold=0.5).triangle) == 0
+
+
+def test_touching_lamps_of_other_brightness_are_two(room, np_rng):
+    hits, shading, image, valid = seen(room, np_rng)
+    image[np.isin(hits.triangle, (4, 5))] *= 3
+    emitters = found(room, (hits, shading, image, valid))
+    np.testing.assert_array_equal(emitters.emitter, [0, 0, 1, 1, 2, 2, 2, 2])
+    np.testing.assert_allclose(emitters.radiance[2], 3 * BLUE)
+
+
+def test_settings_reach_the_result(room, np_rng):
+    assert not found(room, seen(room, np_rng), two_sided=False).two_sided
+
+
+@pytest.mark.parametrize("evidence", [True, False])
+def test_without_lamps_the_result_is_empty_and_can_be_stored(room, np_rng, tmp_path, evidence):
+    emitters = found(room, seen(room, np_rng), lambda points: np.zeros(len(points)), evidence=evidence)
+    assert len(emitters.triangle) == 0
+    assert emitters.radiance.shape == (0, 3)
+    write_emitters(tmp_path / "emitters.npz", emitters, room)
+    again = read_emitters(tmp_path / "emitters.npz")
+    assert again.radiance.shape == (0, 3)
+    assert again.two_sided == emitters.two_sided
+
+
+def test_views_that_show_nothing_at_all(room):
+    nothing = scenes.hits_of(np.zeros((0, 3)), counts=[0, 0])
+    data = nothing, np.zeros((0, 13, 3), np.float16), np.ones((2, 3), np.float32), np.ones(2, np.float32)
+    assert len(found(room, data).triangle) == 0

@@ -1,0 +1,115 @@
+"""Hits on disk: round trip, and what is said of damaged folders."""
+
+import json
+
+import numpy as np
+import pytest
+
+from fipt.errors import FiptError
+from fipt.io.arrays import save_npy
+from fipt.io.hits import pixels_of, read_hits, scene_box, write_hits
+from tests import scenes
+
+ARRAYS = ("offsets", "center", "position", "normal", "triangle", "footprint", "weight", "sub")
+
+
+@pytest.fixture
+def hits(np_rng):
+    counts = [1, 2, 0, 1, 3, 1, 0, 1]
+    return scenes.hits_of(
+        np_rng.random((9, 3)),
+        np_rng.integers(0, 99, 9),
+        np_rng.random(9),
+        counts,
+        views=("b", "a"),
+        shapes=[(2, 3), (1, 2)],
+        sub=np_rng.random((9, 4, 3)).astype(np.float16),
+    )
+
+
+@pytest.fixture
+def folder(tmp_path, hits):
+    write_hits(tmp_path, hits)
+    return tmp_path
+
+
+def test_round_trip(tmp_path, hits):
+    files = write_hits(tmp_path, hits)
+    assert sorted(files) == sorted(tmp_path.iterdir())
+    read = read_hits(tmp_path)
+    assert read.views == hits.views
+    assert read.shapes == hits.shapes
+    for name in ARRAYS:
+        np.testing.assert_array_equal(getattr(read, name), getattr(hits, name))
+        assert getattr(read, name).dtype == getattr(hits, name).dtype
+    assert isinstance(read.position, np.memmap)
+
+
+def test_pixels_and_hits_of_views(hits):
+    assert hits.first_pixels.tolist() == [0, 6, 8]
+    assert hits.pixels(1) == slice(6, 8)
+    assert hits.of_view(0) == slice(0, 8)
+    assert hits.of_view(1) == slice(8, 9)
+    assert hits.pixel_of_hit(0).tolist() == [0, 1, 1, 3, 4, 4, 4, 5]
+    assert hits.pixel_of_hit(1).tolist() == [1]
+
+
+@pytest.mark.parametrize("name", ARRAYS)
+def test_missing_and_cut_arrays(folder, name):
+    path = folder / f"{name}.npy"
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) - 3])
+    with pytest.raises(FiptError, match=rf"{name}\.npy is not a complete npy array"):
+        read_hits(folder)
+    path.unlink()
+    with pytest.raises(FiptError, match=f"is missing: .*{name}"):
+        read_hits(folder)
+
+
+@pytest.mark.parametrize("name", [*ARRAYS[:1], *ARRAYS[2:]])
+def test_arrays_of_other_shards(folder, hits, name):
+    save_npy(folder / f"{name}.npy", getattr(hits, name)[:-1])
+    with pytest.raises(FiptError, match="do not belong together; delete it and run the hits stage again"):
+        read_hits(folder)
+
+
+def test_centres_of_another_shard(folder, hits):
+    save_npy(folder / "center.npy", hits.center[:-1])
+    with pytest.raises(FiptError, match="do not belong together"):
+        read_hits(folder)
+
+
+@pytest.mark.parametrize("text", ["{", "[]", '{"views": [{"name": "a"}]}', '{"views": 3}'])
+def test_damaged_views(folder, text):
+    (folder / "views.json").write_text(text)
+    with pytest.raises(FiptError, match=r"views\.json is damaged"):
+        read_hits(folder)
+
+
+def test_views_of_another_shard(folder):
+    (folder / "views.json").write_text(json.dumps({"views": [{"name": "a", "height": 2, "width": 2}]}))
+    with pytest.raises(FiptError, match="do not belong together"):
+        read_hits(folder)
+
+
+def test_box_of_the_scene(hits):
+    """Around what is seen, wherever that is; not around the origin."""
+    far = scenes.hits_of([(10, 20, 30), (12, 21, 30)])
+    center, side = scene_box([far])
+    np.testing.assert_allclose(center, (11, 20.5, 30))
+    assert side == pytest.approx(2 * 1.05)
+    center, side = scene_box([far, scenes.hits_of([(2, 20, 30)]), scenes.hits_of(np.zeros((0, 3)), counts=[0])])
+    np.testing.assert_allclose(center, (7, 20.5, 30))
+    assert side == pytest.approx(10 * 1.05)
+    assert scene_box([scenes.hits_of([(1, 1, 1)])])[1] > 0
+
+
+def test_pixels_of_views_in_their_order(hits):
+    class Data:
+        def image(self, view):
+            shape = {"b": (2, 3), "a": (1, 2)}[view]
+            return np.full((*shape, 3), ord(view)), np.arange(np.prod(shape)).reshape(shape)
+
+    radiance, weight = pixels_of(Data(), hits)
+    np.testing.assert_array_equal(radiance, np.repeat([ord("b"), ord("a")], [6, 2])[:, None] * np.ones(3))
+    np.testing.assert_array_equal(weight, [0, 1, 2, 3, 4, 5, 0, 1])

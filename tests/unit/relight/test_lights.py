@@ -1,0 +1,131 @@
+"""Light setups: found emitters edited, new lights added."""
+
+import numpy as np
+import pytest
+
+from fipt.errors import FiptError
+from fipt.io.emitters import Emitters
+from fipt.settings import RelightSetup, parse_setup
+from tests import scenes
+
+
+@pytest.fixture
+def apply(backend):
+    from fipt.relight.lights import apply_setup
+
+    def apply(two_sided=True, empty=False, **setup):
+        return apply_setup(ROOM, found(two_sided, empty), RelightSetup.model_validate(setup))
+
+    return apply
+
+
+ROOM = scenes.box((0, 0, 0), (4, 3, 5))
+RADIANCE = np.float32([[2, 4, 6], [2, 4, 6], [8, 8, 8]])
+
+
+def found(two_sided=True, empty=False):
+    keep = slice(0, 0) if empty else slice(None)
+    ones = np.ones(3, np.float32)[keep]
+    return Emitters(
+        np.array([6, 7, 2], np.int32)[keep], RADIANCE[keep], ones, np.array([0, 0, 1], np.int32)[keep], ones, ones, two_sided
+    )
+
+
+def test_nothing_asked_changes_nothing(apply):
+    mesh, lit = apply()
+    np.testing.assert_array_equal(mesh.vertices, ROOM.vertices)
+    np.testing.assert_array_equal(mesh.triangles, ROOM.triangles)
+    np.testing.assert_array_equal(lit.triangle, [6, 7, 2])
+    np.testing.assert_array_equal(lit.radiance, RADIANCE)
+
+
+@pytest.mark.parametrize(
+    ("edit", "expected"),
+    [
+        ({"scale": 0}, [[0, 0, 0], [0, 0, 0], [0, 0, 0]]),
+        ({"scale": 2}, 2 * RADIANCE),
+        ({"index": 0, "scale": 0.5}, [[1, 2, 3], [1, 2, 3], [8, 8, 8]]),
+        ({"index": 1, "radiance": (1, 2, 3)}, [[2, 4, 6], [2, 4, 6], [1, 2, 3]]),
+        ({"radiance": (1, 2, 3), "scale": 10}, [[10, 20, 30]] * 3),
+        ({"index": 0, "color": (3, 0, 0)}, [[12, 0, 0], [12, 0, 0], [8, 8, 8]]),
+        ({"index": 1, "color": (1, 1, 2), "scale": 0.5}, [[2, 4, 6], [2, 4, 6], [3, 3, 6]]),
+    ],
+)
+def test_edits(apply, edit, expected):
+    _, lit = apply(emitters=[edit])
+    np.testing.assert_allclose(lit.radiance, expected, rtol=1e-6)
+    assert lit.radiance.dtype == np.float32
+
+
+def test_edits_follow_one_another(apply):
+    _, lit = apply(emitters=[{"scale": 0}, {"index": 1, "radiance": (1, 1, 1)}, {"index": 1, "scale": 3}])
+    np.testing.assert_allclose(lit.radiance, [[0, 0, 0], [0, 0, 0], [3, 3, 3]])
+
+
+@pytest.mark.parametrize("normal", [(0, -1, 0), (0, 1, 0), (1, 0, 0), (1, -2, 0.5)])
+def test_a_quad_is_appended(apply, normal):
+    light = {"shape": "quad", "radiance": (5, 6, 7), "center": (2, 1.5, 2), "normal": normal, "size": (0.4, 0.6)}
+    mesh, lit = apply(two_sided=False, lights=[light])
+    np.testing.assert_array_equal(mesh.triangles[:12], ROOM.triangles)
+    np.testing.assert_array_equal(mesh.vertices[: len(ROOM.vertices)], ROOM.vertices)
+    np.testing.assert_array_equal(lit.triangle, [6, 7, 2, 12, 13])
+    np.testing.assert_array_equal(lit.radiance[3:], [[5, 6, 7]] * 2)
+    assert not lit.two_sided
+    unit = np.array(normal) / np.linalg.norm(normal)
+    np.testing.assert_allclose(mesh.normals[12:], [unit] * 2, atol=1e-5)
+    np.testing.assert_allclose(mesh.areas[12:].sum(), 0.24, rtol=1e-4)
+    np.testing.assert_allclose(mesh.corners[12:].reshape(-1, 3)[[0, 2]].mean(axis=0), (2, 1.5, 2), atol=1e-5)
+    sides = sorted(np.linalg.norm(np.diff(mesh.corners[12][:3], axis=0), axis=1))
+    np.testing.assert_allclose(sides, [0.4, 0.6], rtol=1e-4)
+
+
+def test_a_sphere_is_appended(apply):
+    light = {"shape": "sphere", "radiance": (5, 5, 5), "center": (2, 1, 3), "radius": 0.25}
+    mesh, lit = apply(lights=[light])
+    own = mesh.corners[12:] - np.float32([2, 1, 3])
+    np.testing.assert_allclose(np.linalg.norm(own, axis=-1), 0.25, rtol=1e-5)
+    assert (np.einsum("tc,tc->t", mesh.normals[12:], own.mean(axis=1)) > 0).all()  # facing outwards
+    assert mesh.areas[12:].sum() == pytest.approx(4 * np.pi * 0.25**2, rel=0.02)
+    np.testing.assert_array_equal(lit.triangle[3:], np.arange(12, len(mesh.triangles)))
+
+
+def test_several_lights_keep_their_triangles_apart(apply):
+    quad = {"shape": "quad", "radiance": (1, 0, 0), "center": (1, 2, 1)}
+    sphere = {"shape": "sphere", "radiance": (0, 1, 0), "center": (3, 1, 3)}
+    mesh, lit = apply(lights=[quad, sphere, quad | {"radiance": (0, 0, 1), "center": (2, 2, 2)}], empty=True)
+    for color, center in (((1, 0, 0), (1, 2, 1)), ((0, 1, 0), (3, 1, 3)), ((0, 0, 1), (2, 2, 2))):
+        own = lit.triangle[(lit.radiance == color).all(axis=1)]
+        np.testing.assert_allclose(mesh.corners[own].reshape(-1, 3).mean(axis=0), center, atol=0.2)
+    assert len(np.unique(lit.triangle)) == len(mesh.triangles) - 12
+
+
+def test_an_emitter_that_was_not_found_is_named(apply):
+    with pytest.raises(FiptError, match="names emitter 2; 2 were found; use an index from 0 to 1"):
+        apply(emitters=[{"index": 2, "scale": 0}])
+    with pytest.raises(FiptError, match="names emitter 0; 0 were found; leave its emitters out"):
+        apply(emitters=[{"index": 0, "scale": 0}], empty=True)
+
+
+def test_all_of_no_emitters_may_be_edited(apply):
+    _, lit = apply(emitters=[{"scale": 0}, {"color": (1, 0, 0)}], empty=True)
+    assert lit.radiance.shape == (0, 3)
+
+
+def test_a_quad_must_face_somewhere(apply):
+    with pytest.raises(FiptError, match="normal of a new quad light must not be zero"):
+        apply(lights=[{"shape": "quad", "radiance": (1, 1, 1), "center": (0, 0, 0), "normal": (0, 0, 0)}])
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("{", "setup"),
+        ('{"lamps": []}', "unknown key setup.lamps"),
+        ('{"emitters": [{"scale": -1}]}', r"setup\.emitters\.0\.scale"),
+        ('{"lights": [{"shape": "cone", "radiance": [1, 1, 1], "center": [0, 0, 0]}]}', r"setup\.lights\.0\.shape"),
+        ('{"lights": [{"shape": "quad", "center": [0, 0, 0]}]}', r"setup\.lights\.0\.radiance"),
+    ],
+)
+def test_a_setup_that_is_wrong_is_explained(text, problem):
+    with pytest.raises(FiptError, match=problem):
+        parse_setup(text)

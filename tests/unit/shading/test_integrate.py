@@ -1,0 +1,200 @@
+"""Shading of a shard: sampling plan, denoising, storage."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from fipt.conventions import ROUGHNESS_LEVELS
+from fipt.errors import FiptError
+from fipt.io.files import shutil as files_shutil
+from fipt.io.manifests import Stats, read_manifest
+from fipt.io.shading import read_shading
+from fipt.settings import Bake
+from tests import scenes
+
+FEW = Bake(diffuse_spp=5, specular_spp=3, smooth_spp=2)
+
+
+@pytest.fixture
+def integrate(backend):
+    from fipt.shading import integrate
+
+    return integrate
+
+
+class Constant:
+    """A shader that answers 1, 2, ... 13 in red, and notes what it was asked."""
+
+    def __init__(self):
+        self.counts = []
+
+    def shade(self, points, levels, counts):
+        assert tuple(levels) == ROUGHNESS_LEVELS
+        self.counts.append(list(counts))
+        result = np.zeros((len(points.position), 13, 3), np.float32)
+        result[..., 0] = np.arange(1, 14)
+        return result
+
+
+def test_shared_sampling_is_one_run(integrate):
+    assert integrate.sampling_plan(FEW) == [([5, 2, 3, 3, 3, 3, 3], list(range(13)))]
+
+
+def test_separate_sampling_is_a_run_for_each_lobe(integrate):
+    plan = integrate.sampling_plan(FEW.model_copy(update={"sampling": "separate"}))
+    counts = np.array([run for run, _ in plan])
+    np.testing.assert_array_equal(counts, np.diag([5, 2, 3, 3, 3, 3, 3]))
+    assert [outputs for _, outputs in plan] == [[0], [1, 7], [2, 8], [3, 9], [4, 10], [5, 11], [6, 12]]
+
+
+@pytest.mark.parametrize("sampling", ["shared", "separate"])
+def test_outputs_of_all_runs_come_together(integrate, sampling):
+    points = SimpleNamespace(position=np.zeros((4, 3)))
+    got = integrate.shade_chunk(Constant(), points, FEW.model_copy(update={"sampling": sampling}))
+    np.testing.assert_array_equal(got[..., 0], np.tile(np.arange(1, 14), (4, 1)))
+
+
+# --- denoising ------------------------------------------------------------------------------------
+
+
+def image_hits(height=24, width=32):
+    return scenes.hits_of(np.zeros((height * width, 3)), shapes=[(height, width)])
+
+
+def test_denoising_keeps_a_constant(integrate):
+    hits = image_hits()
+    values = np.tile(np.linspace(0.2, 2, 13, dtype=np.float32)[:, None], (len(hits.position), 1, 3))
+    change = np.abs(integrate.denoise_shading(values, hits, 0) / values - 1)
+    assert change.mean() < 0.02
+    inner = change.reshape(24, 32, -1)[6:-6, 6:-6]  # the network itself is wrong at an image's corners
+    assert inner.max() < 0.02
+
+
+def test_denoising_removes_noise(integrate, np_rng):
+    hits = image_hits()
+    values = np_rng.gamma(4.0, 0.25, (len(hits.position), 13, 3)).astype(np.float32)
+    clean = integrate.denoise_shading(values, hits, 0)
+    assert clean[:, 0].std() < 0.3 * values[:, 0].std()
+    total, before = clean[:, 3] + clean[:, 9], values[:, 3] + values[:, 9]
+    assert total.std() < 0.3 * before.std()
+    np.testing.assert_array_equal(clean[:, [1, 7]], values[:, [1, 7]])  # the smoothest level
+
+
+def test_both_parts_of_a_level_are_scaled_as_their_sum(integrate, monkeypatch, np_rng):
+    values = np_rng.random((6, 13, 3)).astype(np.float32)
+    values[0] = 0  # black stays black
+    asked = []
+
+    def double(images, hits, index, quality):
+        asked.append(images)
+        return 2 * images
+
+    monkeypatch.setattr(integrate, "denoise_hits", double)
+    got = integrate.denoise_shading(values, None, 0)
+    kept = np.isin(np.arange(13), [1, 7])
+    np.testing.assert_allclose(got[:, ~kept], 2 * values[:, ~kept], rtol=1e-5)
+    np.testing.assert_array_equal(got[:, kept], values[:, kept])
+    np.testing.assert_allclose(asked[0][:, 1:], values[:, 2:7] + values[:, 8:], rtol=1e-6)
+
+
+def test_denoising_leaves_its_input(integrate):
+    hits = image_hits()
+    values = np.random.default_rng(0).random((len(hits.position), 13, 3)).astype(np.float32)
+    before = values.copy()
+    integrate.denoise_shading(values, hits, 0)
+    np.testing.assert_array_equal(values, before)
+
+
+# --- a shard --------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def shard():
+    """Two views of 2 x 3 and 1 x 2 pixels and their dataset."""
+    cameras = {name: scenes.look_at(name, (0, 2, 2), (0, 0, 0)) for name in "ab"}
+    position = np.random.default_rng(0).random((9, 3))
+    hits = scenes.hits_of(position, counts=[1, 2, 1, 0, 1, 1, 1, 2], views=("a", "b"), shapes=[(2, 3), (1, 2)])
+    return SimpleNamespace(camera=cameras.get), hits
+
+
+def test_a_shard_is_written_with_its_manifest(integrate, shard, tmp_path):
+    shader, stats = Constant(), Stats()
+    settings = FEW.model_copy(update={"denoise": False})
+    integrate.write_shading("bake", shader, *shard, settings, tmp_path / "bake" / "train-000", stats)
+    shading = read_shading(tmp_path / "bake" / "train-000")
+    assert shading.shape == (9, 13, 3)
+    assert shading.dtype == np.float16
+    np.testing.assert_array_equal(shading[..., 0], np.tile(np.arange(1, 14), (9, 1)))
+    manifest = read_manifest(tmp_path / "bake" / "train-000.manifest.json", "bake")
+    assert list(manifest["files"]) == ["train-000/shading.npy"]
+    assert manifest["settings"]["diffuse_spp"] == 5
+    assert stats.figures["bytes_per_pixel"] == pytest.approx(9 * 78 / 8)
+    assert shader.counts == [[5, 2, 3, 3, 3, 3, 3]] * 2
+
+
+def test_values_beyond_half_floats_and_below_zero_are_clipped(integrate, shard, tmp_path):
+    def change(index, values):
+        values = values.copy()
+        values[..., 1], values[..., 2] = 1e9, -1.0
+        return values + index
+
+    out = tmp_path / "train-000"
+    integrate.write_shading("bake", Constant(), *shard, FEW.model_copy(update={"denoise": False}), out, Stats(), change)
+    shading = read_shading(out)
+    assert np.isfinite(shading).all()
+    assert shading.min() == 0
+    assert shading.max() == 65000
+    np.testing.assert_array_equal(shading[:, 0, 0], [1] * 6 + [2] * 3)  # each view with its own number
+
+
+def test_a_full_disk_is_found_before_anything_is_traced(integrate, shard, tmp_path, monkeypatch):
+    monkeypatch.setattr(files_shutil, "disk_usage", lambda place: SimpleNamespace(free=100))
+    shader = Constant()
+    with pytest.raises(FiptError, match="the bake shading needs"):
+        integrate.write_shading("bake", shader, *shard, FEW, tmp_path / "new" / "train-000", Stats())
+    assert not shader.counts
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_bake_that_fails_leaves_the_old_one(integrate, shard, tmp_path):
+    out, settings = tmp_path / "train-000", FEW.model_copy(update={"denoise": False})
+    integrate.write_shading("bake", Constant(), *shard, settings, out, Stats())
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+
+    def fail(index, values):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        integrate.write_shading("bake", Constant(), *shard, settings, out, Stats(), fail)
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
+
+
+# --- points ---------------------------------------------------------------------------------------
+
+
+def test_points_of_a_view(backend, shard):
+    from fipt.render.points import view_points
+    from fipt.render.tracer import random_keys
+
+    data, hits = shard
+    camera = data.camera("b")
+    points = view_points(hits, 1, camera, seed=3)
+    np.testing.assert_array_equal(points.position, hits.position[6:])
+    toward = camera.center - hits.position[6:]
+    np.testing.assert_allclose(points.wo, toward / np.linalg.norm(toward, axis=1, keepdims=True), atol=1e-6)
+    # pixel within the view and piece within the pixel, so that shards of other views give the same numbers
+    np.testing.assert_array_equal(points.key, random_keys("b", np.array([0, 1, 1]), np.array([0, 0, 1]), 3))
+
+
+def test_chunks_come_back_in_order(backend, shard, monkeypatch):
+    from fipt.render import points as module
+
+    data, hits = shard
+    monkeypatch.setattr(module, "CHUNK", 4)
+    points, steps = module.view_points(hits, 0, data.camera("a"), 0), []
+    got = module.shade_in_chunks(
+        points, 1, lambda chunk, part: np.stack([chunk.position, points.position[part]], 1)[:, :1], steps.append, 10
+    )
+    np.testing.assert_array_equal(got[:, 0], points.position)
+    assert steps == [40, 20]
