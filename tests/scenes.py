@@ -148,7 +148,10 @@ class Records:
 
 
 def grid(radiance=1.0, resolution: int = 2, side: float = 2.1, center=(0.0, 0.0, 0.0)) -> dict[str, np.ndarray]:
-    """A radiance cache that knows every voxel; ``radiance`` is a number, a colour or (K, 3)."""
+    """A radiance cache of one record a voxel, whichever way the surface faces there.
+
+    ``radiance`` is a number, a colour or (K, 3).
+    """
     count = resolution**3
     key = np.arange(count, dtype=np.int64)
     cell = np.stack([key % resolution, key // resolution % resolution, key // resolution**2], axis=1)
@@ -157,6 +160,7 @@ def grid(radiance=1.0, resolution: int = 2, side: float = 2.1, center=(0.0, 0.0,
         "side": np.float64(side),
         "resolution": np.int64(resolution),
         "key": key,
+        "facing": np.zeros(count, np.uint8),
         "point": ((cell + 0.5) / resolution * side - side / 2 + center).astype(np.float32),
         "radiance": np.broadcast_to(np.float32(radiance), (count, 3)).copy(),
         "count": np.ones(count, np.float32),
@@ -199,13 +203,19 @@ def hits_of(position, triangle=0, weight=1.0, counts=None, views=("a",), shapes=
 
 WIDTH, HEIGHT, FOCAL = 16, 12, 8.0
 SIZE = np.array([4.0, 3.0, 5.0])
-LAMP = ((1.5, 2.5), (2.0, 3.2))
+LAMP = ((1.0, 3.0), (1.5, 3.5))
 """x and z ranges of the lamp, metres."""
 LAMP_RADIANCE = (9.0, 8.0, 7.0)
-COLORS = np.array([[0.5, 0.1, 0.1], [0.1, 0.5, 0.1], [0.3, 0.3, 0.3], [0.6, 0.6, 0.6], [0.2, 0.2, 0.5], [0.4, 0.4, 0.2]])
-"""Radiance of the walls -x, +x, -y, +y, -z, +z."""
+COLORS = np.array(
+    [[0.5, 0.1, 0.1], [0.1, 0.5, 0.1], [0.3, 0.3, 0.3], [0.2, 0.2, 0.2], [0.2, 0.2, 0.5], [0.4, 0.4, 0.2]]
+)
+"""Radiance of the walls -x, +x, -y, +y, -z, +z; so even that none is taken for a lamp."""
 VIEWS = {"a": "train", "b": "train", "c": "val"}
-_EYES = {"a": ((0.6, 1.4, 4.5), (2.2, 2.2, 1.5)), "b": ((3.5, 1.0, 0.6), (1.8, 2.3, 3.0)), "c": ((1.0, 1.2, 1.0), (2.4, 2.4, 3.4))}
+_EYES = {
+    "a": ((0.6, 1.4, 4.5), (2.2, 2.2, 1.5)),
+    "b": ((3.5, 1.0, 0.6), (1.8, 2.3, 3.0)),
+    "c": ((1.0, 1.2, 1.0), (2.4, 2.4, 3.4)),
+}
 
 
 def look_at(name: str, eye, at, split: str = "train", width=WIDTH, height=HEIGHT, focal=FOCAL) -> Camera:
@@ -230,7 +240,9 @@ def room() -> Lit:
     y, (w, _, d) = SIZE[1], SIZE
     around = [((0, w), (0, z0)), ((0, w), (z1, d)), ((0, x0), (z0, z1)), ((x1, w), (z0, z1))]
     dark = Mesh(walls.vertices, np.delete(walls.triangles, [6, 7], axis=0))
-    return lit(joined(dark, *(lamp_quad(x, y, z) for x, z in around)), (lamp_quad(*LAMP[:1], y, *LAMP[1:]), LAMP_RADIANCE))
+    return lit(
+        joined(dark, *(lamp_quad(x, y, z) for x, z in around)), (lamp_quad(*LAMP[:1], y, *LAMP[1:]), LAMP_RADIANCE)
+    )
 
 
 def picture(camera: Camera, samples: int = 4) -> tuple[np.ndarray, np.ndarray]:
@@ -244,7 +256,9 @@ def picture(camera: Camera, samples: int = 4) -> tuple[np.ndarray, np.ndarray]:
         axis = t.argmin(axis=1)
         wall = 2 * axis + (d[np.arange(len(d)), axis] > 0)
         p = camera.center + t.min(axis=1)[:, None] * d
-        lamp = (wall == 3) & np.all([(p[:, k] > low) & (p[:, k] < high) for k, (low, high) in zip((0, 2), LAMP, strict=True)], axis=0)
+        lamp = (wall == 3) & np.all(
+            [(p[:, k] > low) & (p[:, k] < high) for k, (low, high) in zip((0, 2), LAMP, strict=True)], axis=0
+        )
         return np.where(lamp[:, None], LAMP_RADIANCE, COLORS[wall]), np.where(lamp, 7, wall + 1)
 
     steps = (np.arange(samples) + 0.5) / samples

@@ -48,7 +48,7 @@ def extract(
     """
     triangle, radiance, view, ratio = _observations(shards, shading, images)
     seen, index = np.unique(triangle, return_inverse=True)
-    seen_triangles = np.unique(np.concatenate([np.asarray(hits.triangle) for hits in shards]))
+    observed = seen
     if settings.evidence:
         # the mask network is asked only where the light could not be reflected
         enough = _grouped_median(ratio, index, len(seen)) > _GAIN
@@ -57,7 +57,7 @@ def extract(
     keep = np.isin(triangle, emitting)
     emitting, index = np.unique(triangle[keep], return_inverse=True)
     found = _measured(mesh, emitting, index, radiance[keep], view[keep], settings)
-    return _completed(mesh, found, seen_triangles) if settings.complete else found
+    return _completed(mesh, found, observed) if settings.complete else found
 
 
 def _observations(
@@ -141,12 +141,12 @@ def _measured(
     )
 
 
-def _completed(mesh: Mesh, found: Emitters, seen: np.ndarray) -> Emitters:
-    """Add the unseen triangles of connected parts that glow wherever they are seen: the far side of a globe."""
+def _completed(mesh: Mesh, found: Emitters, observed: np.ndarray) -> Emitters:
+    """Add triangles that no pixel shows alone, of connected parts that glow wherever one does: a globe's far side."""
     part = connected_parts(mesh)
     emits, visible = np.zeros(len(part), bool), np.zeros(len(part), bool)
     emits[found.triangle] = True
-    visible[seen] = True
+    visible[observed] = True
     areas, count = mesh.areas, int(part.max()) + 1
     glowing = np.bincount(part, areas * emits, count)
     whole = (glowing > 0) & (glowing >= _WHOLE * np.bincount(part, areas * (visible | emits), count))

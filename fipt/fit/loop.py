@@ -32,7 +32,7 @@ def losses(
     kind
         What the segment ids mean: ``part``, ``semantic`` or None.
     targets
-        (S, 2) roughness and metallic that each segment is drawn to; None: matte, as the paper.
+        (S, 3) roughness and metallic that each segment is drawn to, and the weight; None: matte, as the paper.
     """
     count, queries = batch.points.shape[:2]
     footprint = (batch.footprint * settings.footprint)[:, None].expand(-1, queries).reshape(-1)
@@ -54,8 +54,7 @@ def losses(
     if targets is None:
         terms["diffuse"] = settings.diffuse_weight * ((1 - s).mean() + m.mean())
     else:
-        goal_s, goal_m = targets[batch.segment].unbind(1)
-        price = torch.where(batch.segment > 0, settings.target_weight, settings.diffuse_weight)
+        goal_s, goal_m, price = targets[batch.segment].unbind(1)
         terms["target"] = (price * (_apart(s, goal_s) + _apart(m, goal_m))).mean()
     if kind == "part":
         terms["part"] = settings.part_weight * part_propagation(s, m, specular, batch.segment)

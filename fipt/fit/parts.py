@@ -16,6 +16,7 @@ import numpy as np
 from fipt.conventions import F0_DIELECTRIC, ROUGHNESS_LEVELS, ROUGHNESS_MIN
 from fipt.fit.batches import Pixels
 from fipt.io.images import srgb_encode
+from fipt.settings import Fit
 
 _ROUGHNESS = (0.02, 0.06, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 _METALLIC = (0.0, 0.5, 0.75, 1.0)
@@ -29,6 +30,8 @@ _METAL_GAIN = 0.1
 """Share of the residual that metal must remove before it is believed."""
 _CAUTION = 0.5
 """Smoothness must remove more than this / sqrt(pixels) of the residual; matte otherwise."""
+_TRUST = 20.0
+"""How much the pull of a part grows with the share of the residual that its estimate removes."""
 _OUTLIER = 0.2
 """Residuals count up to here (sRGB-encoded): edges and shadows that the shading misses."""
 
@@ -51,6 +54,16 @@ class PartEstimates:
     metallic: np.ndarray
     gain: np.ndarray
     pixels: np.ndarray
+
+
+def part_targets(found: PartEstimates, settings: Fit) -> np.ndarray:
+    """(S, 3) float32 of every segment: roughness and metallic to draw it to, and the weight of doing so.
+
+    The weight grows with what the search explained; what has no segment is drawn to matte, as by the diffuse prior.
+    """
+    weight = settings.target_weight * (1 + _TRUST * np.maximum(found.gain, 0))
+    weight[0] = settings.diffuse_weight
+    return np.stack([found.roughness, found.metallic, weight], axis=1).astype(np.float32)
 
 
 def estimate_parts(pixels: Pixels, center: np.ndarray, side: float, lamp_gain: float) -> PartEstimates:

@@ -9,7 +9,7 @@ import torch
 from fipt.errors import FiptError
 from fipt.fit.batches import Pixels
 from fipt.fit.loop import fit
-from fipt.fit.parts import estimate_parts
+from fipt.fit.parts import estimate_parts, part_targets
 from fipt.io.dataset import Dataset
 from fipt.io.hits import pixels_of, read_hits, scene_box
 from fipt.io.manifests import Stats
@@ -61,7 +61,7 @@ def fit_model(
     targets = None
     if kind is not None and settings.part_search:
         found = estimate_parts(pixels, center, side, settings.evidence or 1.5)
-        targets = torch.from_numpy(np.stack([found.roughness, found.metallic], axis=1))
+        targets = torch.from_numpy(part_targets(found, settings))
         stats["parts"] = [
             {"segment": int(k), "roughness": float(found.roughness[k]), "metallic": float(found.metallic[k])}
             | {"gain": round(float(found.gain[k]), 4), "pixels": int(found.pixels[k])}

@@ -1,5 +1,7 @@
 """Chi-square of every sampler of the tracer against its density."""
 
+import itertools
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -55,8 +57,8 @@ def integrals(density, axis, edges, sectors=8, nodes=24):
     x, w = np.polynomial.legendre.leggauss(nodes)
     result = np.zeros((len(edges) - 1, sectors))
     around = np.linspace(-np.pi, np.pi, sectors + 1)
-    for i, (a, b) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
-        for j, (c, d) in enumerate(zip(around[:-1], around[1:], strict=True)):
+    for i, (a, b) in enumerate(itertools.pairwise(edges)):
+        for j, (c, d) in enumerate(itertools.pairwise(around)):
             r, phi = np.meshgrid((a + b + x * (b - a)) / 2, (c + d + x * (d - c)) / 2, indexing="ij")
             cos = 1 - r**2 / 2
             sin = r * np.sqrt(np.maximum(1 - r**2 / 4, 0))

@@ -213,7 +213,7 @@ def test_rays_that_leave_the_mesh(backend):
 def test_voxels_without_record_are_dark(backend):
     voxels = scenes.grid(resolution=4)
     keep = voxels["point"][:, 1] < 0.5  # no record in the upper quarter
-    voxels |= {name: voxels[name][keep] for name in ("key", "point", "radiance", "count")}
+    voxels |= {name: voxels[name][keep] for name in ("key", "facing", "point", "radiance", "count")}
     voxels["source"] = np.arange(keep.sum())
     box = scenes.box((-1, -1, -1), (1, 1, 1))
     got = bake_shader(box, voxels).shade(copies((0, 0, 0), UP, UP, 4000), [0.5], [8, 8])

@@ -67,7 +67,8 @@ def scene(lamp=False, size=28):
     image = reflected(brdf, torch.from_numpy(shading.astype(np.float32)), 1)[0].numpy()
     lit = (np.abs(x) < 0.2) & (np.abs(z) < 0.2) & lamp
     image[lit] = 25.0
-    hits = scenes.hits_of(position, stripe)
+    sub = rng.uniform(-0.01, 0.01, (len(x), 4, 3)).astype(np.float16)
+    hits = scenes.hits_of(position, stripe, sub=sub)
     segment = np.where(lit, 4, stripe + 1).astype(np.uint16)
     return Pixels([hits], [shading], [(image, np.ones(len(x)))], [segment]), position, (base, roughness, metallic), lit
 
@@ -80,7 +81,10 @@ def test_known_materials_come_back(one_thread, tmp_path):
     found = field.query(position)
     truth = (base, roughness, metallic)
     first, last = (
-        [np.abs(getattr(brdf, name) - v) for name, v in zip(("base_color", "roughness", "metallic"), truth, strict=True)]
+        [
+            np.abs(getattr(brdf, name) - v)
+            for name, v in zip(("base_color", "roughness", "metallic"), truth, strict=True)
+        ]
         for brdf in (before, found)
     )
     assert min(error.mean() for error in first) > 0.15  # it did not start there
@@ -152,7 +156,7 @@ def test_a_checkpoint_of_another_version_is_refused(one_thread, tmp_path, monkey
     field = Field(settings, BOX)
     store.save_checkpoint(path, field, torch.optim.Adam(loop._parameter_groups(field, settings)), settings, 1)
     monkeypatch.setitem(store.VERSIONS, "fit", 99)
-    with pytest.raises(FiptError, match="was written by version .* of the fit, this is version 99"):
+    with pytest.raises(FiptError, match=r"was written by version .* of the fit, this is version 99"):
         loop.fit(Field(settings, BOX), pixels, "part", settings, path, Stats())
 
 

@@ -6,7 +6,7 @@ import pytest
 from fipt.model.albedo import albedo_terms, reflectance, specular_albedo
 
 
-def integral(cos, s, nodes=400):
+def integral(cos, s, nodes=160):
     """A0 and A1 by Gauss quadrature over the hemisphere of directions to the light."""
     x, w = np.polynomial.legendre.leggauss(nodes)
     z, phi = np.meshgrid((x + 1) / 2, np.pi * (x + 1) / 2, indexing="ij")  # symmetric in phi: half of it, twice
@@ -66,6 +66,6 @@ def test_known_figures():
     cos = np.linspace(0.3, 1, 50)
     for s in (0.05, 0.5, 1.0):
         a = reflectance(white, np.full(50, s), np.zeros(50), cos)
-        assert 1.0 < a.min()
+        assert a.min() > 1.0
         assert a.max() < 1.2
     assert reflectance(white[:1], np.ones(1), np.ones(1), np.ones(1))[0, 0] == pytest.approx(0.31, abs=0.02)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from fipt.conventions import LUMINANCE
 from fipt.errors import FiptError
 from fipt.io.emitters import Emitters
 from fipt.settings import RelightSetup, parse_setup
@@ -20,6 +21,8 @@ def apply(backend):
 
 
 ROOM = scenes.box((0, 0, 0), (4, 3, 5))
+BRIGHT = float(np.dot(LUMINANCE, [2, 4, 6]))
+"""Luminance of the first lamp, which new colours keep."""
 RADIANCE = np.float32([[2, 4, 6], [2, 4, 6], [8, 8, 8]])
 
 
@@ -27,7 +30,13 @@ def found(two_sided=True, empty=False):
     keep = slice(0, 0) if empty else slice(None)
     ones = np.ones(3, np.float32)[keep]
     return Emitters(
-        np.array([6, 7, 2], np.int32)[keep], RADIANCE[keep], ones, np.array([0, 0, 1], np.int32)[keep], ones, ones, two_sided
+        np.array([6, 7, 2], np.int32)[keep],
+        RADIANCE[keep],
+        ones,
+        np.array([0, 0, 1], np.int32)[keep],
+        ones,
+        ones,
+        two_sided,
     )
 
 
@@ -47,8 +56,8 @@ def test_nothing_asked_changes_nothing(apply):
         ({"index": 0, "scale": 0.5}, [[1, 2, 3], [1, 2, 3], [8, 8, 8]]),
         ({"index": 1, "radiance": (1, 2, 3)}, [[2, 4, 6], [2, 4, 6], [1, 2, 3]]),
         ({"radiance": (1, 2, 3), "scale": 10}, [[10, 20, 30]] * 3),
-        ({"index": 0, "color": (3, 0, 0)}, [[12, 0, 0], [12, 0, 0], [8, 8, 8]]),
-        ({"index": 1, "color": (1, 1, 2), "scale": 0.5}, [[2, 4, 6], [2, 4, 6], [3, 3, 6]]),
+        ({"index": 0, "color": (3, 3, 3)}, [[BRIGHT] * 3, [BRIGHT] * 3, [8, 8, 8]]),
+        ({"index": 1, "color": (0, 2, 0), "scale": 0.5}, [[2, 4, 6], [2, 4, 6], [0, 4 / LUMINANCE[1], 0]]),
     ],
 )
 def test_edits(apply, edit, expected):

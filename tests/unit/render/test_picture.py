@@ -33,7 +33,9 @@ def test_pictures_of_views_do_not_mix(backend):
         np.zeros((6, 3)), 0, np.tile(one.weight, 2), [1, 2, 1, 2], views=("a", "b"), shapes=[(1, 2), (1, 2)]
     )
     values = np.arange(9.0).reshape(3, 3)
-    np.testing.assert_array_equal(pixels_of_hits(values, both, 1, np.zeros(3)), pixels_of_hits(values, one, 0, np.zeros(3)))
+    np.testing.assert_array_equal(
+        pixels_of_hits(values, both, 1, np.zeros(3)), pixels_of_hits(values, one, 0, np.zeros(3))
+    )
 
 
 def test_layers_are_denoised_apart_and_complete(backend, monkeypatch):

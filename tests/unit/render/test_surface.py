@@ -24,7 +24,7 @@ def test_a_point_finds_its_voxel(mi, np_rng):
     voxels = scenes.grid(np_rng.random((512, 3)), resolution=8, side=4.0, center=(50.0, -3.0, 7.0))
     surface = SurfaceCache(voxels, voxels["radiance"], voxels["key"] % 3 > 0)
     p = np_rng.uniform(-2.6, 2.6, (2000, 3)) + voxels["center"]  # some outside: they take the nearest voxel
-    record = surface.find(points_of(mi, p), mi.Bool(True))
+    record = surface.find(points_of(mi, p), mi.Vector3f(0, 0, 1), mi.Bool(True))
     keys = voxel_keys(np.float32(p), voxels["center"], 4.0, 8)
     np.testing.assert_array_equal(np.array(record), keys)
     radiance, rough, known = surface.lookup_radiance(record, mi.Bool(True))
@@ -33,14 +33,37 @@ def test_a_point_finds_its_voxel(mi, np_rng):
     np.testing.assert_array_equal(np.array(known), keys % 3 > 0)
 
 
+def test_a_point_finds_the_record_that_faces_its_way(mi, np_rng):
+    """Where its voxel has none that does, it takes another."""
+    from fipt.render.surface import SurfaceCache
+    from fipt.shading.cache import facings
+
+    voxels = scenes.grid()
+    both = np.sort(np_rng.choice(8 * 6, 25, replace=False))
+    voxels["key"], voxels["facing"] = both // 6, (both % 6).astype(np.uint8)
+    surface = SurfaceCache(voxels, np.zeros((25, 3)), np.ones(25, bool))
+    cell, normal = np_rng.integers(0, 8, 3000), np_rng.standard_normal((3000, 3)).astype(np.float32)
+    record = np.array(
+        surface.find(points_of(mi, voxels["point"][cell]), mi.Vector3f(points_of(mi, normal)), mi.Bool(True))
+    )
+    wanted = 6 * cell + facings(normal)
+    there = np.isin(wanted, both)
+    assert 0.3 < there.mean() < 0.7
+    np.testing.assert_array_equal(both[record[there]], wanted[there])
+    empty = ~np.isin(cell, both // 6)
+    np.testing.assert_array_equal(record == 25, empty)
+    np.testing.assert_array_equal(both[record[~empty]] // 6, cell[~empty])
+
+
 def test_voxels_without_record_are_unknown_and_black(mi):
     from fipt.render.surface import SurfaceCache
 
     voxels = scenes.grid(5.0)
-    voxels["key"] = voxels["key"][[2, 5]]
+    voxels["key"], voxels["facing"] = voxels["key"][[2, 5]], voxels["facing"][[2, 5]]
     surface = SurfaceCache(voxels, voxels["radiance"][:2], np.array([True, True]))
     centers = scenes.grid()["point"]
-    radiance, _, known = surface.lookup_radiance(surface.find(points_of(mi, centers), mi.Bool(True)), mi.Bool(True))
+    record = surface.find(points_of(mi, centers), mi.Vector3f(0, 0, 1), mi.Bool(True))
+    radiance, _, known = surface.lookup_radiance(record, mi.Bool(True))
     np.testing.assert_array_equal(np.array(known), np.isin(np.arange(8), [2, 5]))
     np.testing.assert_array_equal(np.array(radiance)[0], np.where(np.isin(np.arange(8), [2, 5]), 5.0, 0.0))
 
@@ -51,7 +74,7 @@ def test_materials_of_voxels(mi):
     voxels = scenes.grid()
     known = np.arange(8) < 4
     surface = SurfaceCache(voxels, voxels["radiance"], known, scenes.sides(voxels, scenes.METAL, scenes.GLOSSY))
-    record = surface.find(points_of(mi, voxels["point"]), mi.Bool(True))
+    record = surface.find(points_of(mi, voxels["point"]), mi.Vector3f(0, 1, 0), mi.Bool(True))
     base, metallic = surface.lookup_material(record, mi.Bool(True))
     _, rough, is_known = surface.lookup_radiance(record, mi.Bool(True))
     left = voxels["point"][:, 0] < 0

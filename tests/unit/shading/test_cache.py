@@ -17,9 +17,13 @@ def built(mesh, hits, radiance, valid=1.0):
     return cache.build(mesh, [hits], [image], [np.broadcast_to(np.float32(valid), len(image))], SETTINGS)
 
 
-def record_at(result, point):
+DOWN, UP = 2, 3
+"""Facings along y."""
+
+
+def record_at(result, point, facing=UP):
     key = cache.voxel_keys(np.float32([point]), result["center"], result["side"], result["resolution"])
-    (found,) = np.flatnonzero(result["key"] == key[0])
+    (found,) = np.flatnonzero((result["key"] == key[0]) & (result["facing"] == facing))
     return found
 
 
@@ -35,7 +39,7 @@ def test_a_voxel_holds_the_mean_of_its_pixels(np_rng):
     np.testing.assert_allclose(result["radiance"][own], values[2:5].mean(axis=0), rtol=1e-6)
     assert result["count"][own] == 3
     np.testing.assert_allclose(result["radiance"][record_at(result, at[3])], values[5], rtol=1e-6)
-    assert (np.diff(result["key"]) > 0).all()
+    assert (np.diff(result["key"] * 6 + result["facing"]) > 0).all()
 
 
 def test_weights_of_pixels_count(np_rng):
@@ -62,6 +66,24 @@ def two_floors():
     """A floor and a smaller plate 0.3 above it: two parts."""
     plate = scenes.floor(1.5)
     return scenes.joined(scenes.floor(2.0), Mesh(plate.vertices + np.float32([0, 0.3, 0]), plate.triangles))
+
+
+def test_the_sides_of_a_thin_plate_do_not_lend_each_other_light():
+    at = [(0.5, 0, 0.5), (0.51, 0, 0.52)]
+    normal = np.float32([[0, 1, 0], [0, 1, 0], [0, 1, 0], [0, -1, 0]])
+    result = built(
+        scenes.floor(2.0), scenes.hits_of([*CORNERS, *at], normal=normal), [[1] * 3, [1] * 3, [2] * 3, [8] * 3]
+    )
+    above, below = record_at(result, at[0], UP), record_at(result, at[1], DOWN)
+    np.testing.assert_array_equal(result["radiance"][[above, below], 0], [2, 8])
+    # what is unseen takes after the nearest that faces the same way
+    assert result["source"][record_at(result, (0.8, 0, 0.5), UP)] == above
+    assert result["source"][record_at(result, (0.8, 0, 0.5), DOWN)] == below
+
+
+def test_facings():
+    normals = np.float32([[-1, 0, 0], [0.6, 0.5, -0.5], [0, -0.9, 0.4], [0.3, 0.8, 0], [0.1, 0, -1], [0.5, 0.5, 0.7]])
+    np.testing.assert_array_equal(cache.facings(normals), np.arange(6))
 
 
 def test_unseen_voxels_take_the_nearest_seen_one_of_their_part():
@@ -106,8 +128,9 @@ def test_it_does_not_matter_where_the_room_stands(np_rng, shift):
     p = np.round(p * 256) / 256
     values = np_rng.random((300, 3))
     moved = Mesh(mesh.vertices + np.float32(shift), mesh.triangles)
-    here = built(mesh, scenes.hits_of(p, corners), values)
-    there = built(moved, scenes.hits_of(p + shift, corners), values)
+    normal = mesh.normals[corners]
+    here = built(mesh, scenes.hits_of(p, corners, normal=normal), values)
+    there = built(moved, scenes.hits_of(p + shift, corners, normal=normal), values)
     np.testing.assert_allclose(there["center"], here["center"] + shift)
     assert there["side"] == here["side"]
     for result, points in ((here, p), (there, p + shift)):
@@ -118,7 +141,8 @@ def test_it_does_not_matter_where_the_room_stands(np_rng, shift):
         assert (points >= low - 1e-4).all()
         assert (points <= low + result["side"] / 16 + 1e-4).all()
     seen = [result["count"] > 0 for result in (here, there)]
-    np.testing.assert_array_equal(here["key"][seen[0]], there["key"][seen[1]])
+    for name in ("key", "facing"):
+        np.testing.assert_array_equal(here[name][seen[0]], there[name][seen[1]])
     np.testing.assert_allclose(here["radiance"][seen[0]], there["radiance"][seen[1]], rtol=1e-6)
 
 
@@ -126,8 +150,10 @@ def test_every_voxel_on_the_surface_has_a_record(np_rng):
     mesh = scenes.box((0, 0, 0), (4, 3, 5))
     result = built(mesh, scenes.hits_of([(0, 0, 0), (4, 3, 5)]), 1.0)
     points, owner = cache.surface_points(mesh, 0.01, result["center"] - 3, result["center"] + 3, seed=1)
-    keys = cache.voxel_keys(points, result["center"], result["side"], 16)
-    assert np.isin(keys, result["key"]).mean() > 0.96  # random points leave out some corners of voxels
+    keys = 6 * cache.voxel_keys(points, result["center"], result["side"], 16) + cache.facings(mesh.normals[owner])
+    assert (
+        np.isin(keys, 6 * result["key"] + result["facing"]).mean() > 0.94
+    )  # random points leave out some corners of voxels
     assert len(connected_parts(mesh)) == 12
     on_box = np.abs(points[:, None] - mesh.corners[owner][:, 0, None]).min(axis=-1)
     assert on_box.max() < 1e-4

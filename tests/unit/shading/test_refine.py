@@ -9,8 +9,8 @@ from tests import scenes
 def test_voxels_of_emitters_are_not_read(backend):
     """A pane and its frame share voxels: light found there would count twice."""
     from fipt.render.surface import EmitterSet
-    from fipt.shading.refine import emitter_voxels, path_shader
     from fipt.render.tracer import PathSettings
+    from fipt.shading.refine import emitter_voxels, path_shader
 
     lit = scenes.two_planes((scenes.lamp_quad((0.1, 0.9), 0.9, (-0.4, 0.2)), (1, 1, 1)))
     voxels = scenes.grid(1.0, resolution=8, side=2.0)

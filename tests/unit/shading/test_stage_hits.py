@@ -25,7 +25,9 @@ def write(backend, tmp_path):
         if mesh is not None:
             write_ply(root / "mesh.ply", mesh)
         stats = Stats()
-        write_shard(Dataset(root), [camera.name for camera in cameras], tmp_path / "hits" / "train-000", SETTINGS, stats)
+        write_shard(
+            Dataset(root), [camera.name for camera in cameras], tmp_path / "hits" / "train-000", SETTINGS, stats
+        )
         return stats.figures
 
     return write

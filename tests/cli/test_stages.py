@@ -1,0 +1,449 @@
+"""Every verb of the pipeline on a tiny room, end to end; and what each says of bad input."""
+
+import json
+import os
+import shutil
+from pathlib import Path
+from types import SimpleNamespace
+
+import drjit
+import numpy as np
+import pytest
+import torch
+
+from fipt.cli.main import main
+from fipt.fit import loop
+from fipt.io import files
+from fipt.io.arrays import load_npz, save_npy
+from fipt.io.cameras import write_transforms
+from fipt.io.dataset import read_layers
+from fipt.io.emitters import read_emitters
+from fipt.io.exr import read_rgb, write_exr
+from fipt.io.hits import read_hits
+from fipt.io.manifests import read_manifest
+from fipt.io.meshes import Mesh, write_ply
+from fipt.io.shading import read_shading
+from fipt.model import store
+from tests import scenes
+
+FEW = {"diffuse_spp": 4, "specular_spp": 2, "smooth_spp": 2}
+FIT = {
+    "steps": 60,
+    "batch": 128,
+    "levels": 4,
+    "table_log2": 10,
+    "learning_rate": 0.01,
+    "threads": 1,
+    "emission_weight": 0.1,
+}
+NIGHT = {
+    "emitters": [{"scale": 0}],
+    "lights": [{"shape": "sphere", "center": [1.2, 0.8, 2.0], "radius": 0.2, "radiance": [5, 0, 0]}],
+}
+
+
+@pytest.fixture(scope="module")
+def threads(backend):
+    """Verbs may set the number of threads of the whole process."""
+    before = torch.get_num_threads(), drjit.thread_count()
+    yield
+    torch.set_num_threads(before[0])
+    drjit.set_thread_count(before[1])
+
+
+def arguments(root: Path) -> dict[str, list]:
+    """The call of every verb, by name."""
+    data, train, val = root / "dataset", root / "hits" / "train-000", root / "hits" / "val-000"
+    cache, zero, one = root / "cache.npz", root / "round-0", root / "round-1"
+    shading, model, emitters = zero / "shading" / "train-000", zero / "model.safetensors", zero / "emitters.npz"
+    fitted = ["--dataset", data, "--model", model, "--emitters", emitters]
+    pictures = [*fitted, "--hits", val, "--cache", cache]
+    return {
+        "hits": ["--dataset", data, "--views", "a,b", "--out", train],
+        "cache": ["--dataset", data, "--hits", train, "--out", cache],
+        "bake": ["--dataset", data, "--hits", train, "--cache", cache, "--out", shading],
+        "fit": ["--dataset", data, "--hits", train, "--shading", shading, "--out", model],
+        "emitters": ["--dataset", data, "--hits", train, "--shading", shading, "--model", model, "--out", emitters],
+        "refine": [
+            *fitted,
+            "--hits",
+            train,
+            "--cache",
+            cache,
+            "--previous",
+            shading,
+            "--out",
+            one / "shading" / "train-000",
+        ],
+        "materials": [
+            *fitted,
+            "--hits",
+            val,
+            "--out",
+            root / "materials",
+            "--manifest",
+            root / "materials.val-000.manifest.json",
+        ],
+        "render": [*pictures, "--out", root / "render", "--manifest", root / "render.val-000.manifest.json"],
+        "relight": [
+            *pictures,
+            "--setup",
+            json.dumps(NIGHT),
+            "--out",
+            root / "relight" / "night",
+            "--manifest",
+            root / "relight" / "night.val-000.manifest.json",
+        ],
+    }
+
+
+SETTINGS = {
+    "hits": {"grid": 3},
+    "cache": {"resolution": 32},
+    "bake": FEW,
+    "fit": FIT,
+    "emitters": {"points": 20},
+    "refine": FEW | {"max_depth": 3},
+    "materials": {},
+    "render": {"spp": 16, "max_depth": 3},
+    "relight": {"spp": 16, "max_depth": 3},
+}
+
+
+def call(verb, root, *replaced, settings=None, stats=None):
+    """Run a verb as `arguments` says, with options replaced: ("--out", path, ...). Return the exit code."""
+    options = list(map(str, arguments(root)[verb]))
+    for name, value in zip(replaced[::2], replaced[1::2], strict=True):
+        options[options.index(name) + 1] = str(value)
+    options += ["--settings", json.dumps(SETTINGS[verb] if settings is None else settings)]
+    return main([verb, *options, *(["--stats", str(stats)] if stats else [])])
+
+
+@pytest.fixture(scope="module")
+def scene(threads, tmp_path_factory):
+    """Results of all verbs on the box room, one round and a refinement."""
+    root = tmp_path_factory.mktemp("scene")
+    scenes.write_dataset(root / "dataset")
+    for verb in SETTINGS:
+        assert call(verb, root, stats=root / "stats" / f"{verb}.json") == 0, verb
+        if verb == "hits":
+            assert call("hits", root, "--views", "c", "--out", root / "hits" / "val-000") == 0
+    return root
+
+
+@pytest.fixture
+def work(scene, tmp_path):
+    """A copy of the results that a test may spoil."""
+    return Path(shutil.copytree(scene, tmp_path / "scene"))
+
+
+# --- what the verbs write -------------------------------------------------------------------------
+
+
+def test_files_of_a_run(scene):
+    found = {str(path.relative_to(scene)) for path in scene.rglob("*") if path.is_file()}
+    found = {name for name in found if not name.startswith(("dataset/", "hits/", "stats/"))}
+    assert found == {
+        "cache.npz",
+        "round-0/shading/train-000/shading.npy",
+        "round-0/shading/train-000.manifest.json",
+        "round-0/model.safetensors",
+        "round-0/emitters.npz",
+        "round-0/emitters.json",
+        "round-1/shading/train-000/shading.npy",
+        "round-1/shading/train-000.manifest.json",
+        "materials/c.exr",
+        "materials.val-000.manifest.json",
+        "render/c.exr",
+        "render.val-000.manifest.json",
+        "relight/night/c.exr",
+        "relight/night.val-000.manifest.json",
+    }
+
+
+@pytest.mark.parametrize("verb", SETTINGS)
+def test_stats_of_a_run(scene, verb):
+    content = json.loads((scene / "stats" / f"{verb}.json").read_text())
+    assert content["stage"] == verb
+    assert content["wall_s"] > 0
+    assert content["peak_memory_bytes"] > 1e7
+    assert SETTINGS[verb].items() <= content["settings"].items()
+
+
+def test_manifests_name_what_was_written(scene):
+    for verb, path in (
+        ("hits", "hits/train-000.manifest.json"),
+        ("bake", "round-0/shading/train-000.manifest.json"),
+        ("refine", "round-1/shading/train-000.manifest.json"),
+        ("materials", "materials.val-000.manifest.json"),
+        ("render", "render.val-000.manifest.json"),
+        ("relight", "relight/night.val-000.manifest.json"),
+    ):
+        manifest = read_manifest(scene / path, verb)
+        assert SETTINGS[verb].items() <= manifest["settings"].items()
+        assert manifest["files"]
+        assert all(((scene / path).parent / name).is_file() for name in manifest["files"])
+
+
+def test_shading_fits_its_hits(scene):
+    hits = read_hits(scene / "hits" / "train-000")
+    cache = load_npz(scene / "cache.npz")
+    for k in (0, 1):
+        shading = read_shading(scene / f"round-{k}" / "shading" / "train-000")
+        assert shading.shape == (len(hits.position), 13, 3)
+        assert np.isfinite(shading).all()
+        assert 0.05 < shading[:, 0].mean() < cache["radiance"].max()
+
+
+def test_the_lamp_is_found_and_seen(scene):
+    emitters = read_emitters(scene / "round-0" / "emitters.npz")
+    np.testing.assert_array_equal(np.sort(emitters.triangle), scenes.room().triangle)
+    np.testing.assert_allclose(emitters.radiance, [scenes.LAMP_RADIANCE] * 2, rtol=1e-5)
+    layers = read_layers(scene / "materials" / "c.exr")
+    image, wall = scenes.picture(scenes.cameras()[2])
+    np.testing.assert_array_equal(layers["hit"], 1)
+    np.testing.assert_array_equal(layers["emission_mask"] > 0, wall == 7)
+    assert (wall == 7).any()
+    assert layers["base_color"].shape == image.shape
+    # the lamp's pixels are exact; the rest is lit by it
+    render = read_rgb(scene / "render" / "c.exr")
+    inside = (wall == 7) & (image == scenes.LAMP_RADIANCE).all(axis=-1)
+    np.testing.assert_allclose(render[inside], image[inside], rtol=1e-5)
+    assert render[wall != 7].mean() > 0.01
+
+
+def test_the_new_light_is_red_and_the_old_one_off(scene):
+    night = read_rgb(scene / "relight" / "night" / "c.exr")
+    assert night[..., 1:].max() < 1e-3  # the denoiser is never quite black
+    assert night[..., 0].max() > 0.05
+    _, _wall = scenes.picture(scenes.cameras()[2])
+    lamp = read_layers(scene / "materials" / "c.exr")["emission_mask"] > 0
+    assert night[lamp].max() < 1.0
+
+
+def test_running_again_gives_the_same(work):
+    """Also into folders that exist already."""
+    for verb in ("hits", "cache", "bake", "fit", "emitters", "refine", "render"):
+        before = content(work, skip="stats")
+        assert call(verb, work) == 0
+        after = content(work, skip="stats")
+        assert {name for name, data in before.items() if after.get(name) != data} == set(), verb
+        assert set(after) == set(before)
+
+
+def test_shards_of_one_view_give_the_same_shading(scene, tmp_path):
+    """Results do not depend on the size of shards."""
+    both = read_shading(scene / "round-0" / "shading" / "train-000")
+    hits = read_hits(scene / "hits" / "train-000")
+    for index, view in enumerate("ab"):
+        assert call("hits", scene, "--views", view, "--out", tmp_path / "hits" / view) == 0
+        assert call("bake", scene, "--hits", tmp_path / "hits" / view, "--out", tmp_path / "bake" / view) == 0
+        np.testing.assert_array_equal(read_shading(tmp_path / "bake" / view), both[hits.of_view(index)])
+
+
+# --- bad input ------------------------------------------------------------------------------------
+
+
+def content(root, skip=()):
+    """Path -> bytes of all files below a folder."""
+    return {
+        str(path.relative_to(root)): path.read_bytes()
+        for path in root.rglob("*")
+        if path.is_file() and not str(path.relative_to(root)).startswith(skip or "\0")
+    }
+
+
+@pytest.fixture
+def refused(work, capsys):
+    """A function that runs a verb, which must fail with one line and leave all files as they are; returns the line."""
+
+    def refused(verb, *replaced, settings=None):
+        before = content(work)
+        folders = {path for path in work.rglob("*") if path.is_dir()}
+        capsys.readouterr()
+        assert call(verb, work, *replaced, settings=settings) == 2
+        error = [line for line in capsys.readouterr().err.splitlines() if "error" in line.lower()]
+        assert len(error) == 1
+        assert error[0].startswith("fipt: error: ")
+        assert content(work) == before
+        left = {path for path in work.rglob("*") if path.is_dir()} - folders
+        assert not [path for path in left if "tmp" in path.name]
+        return error[0]
+
+    return refused
+
+
+def test_bad_meshes(work, refused):
+    path, room = work / "dataset" / "mesh.ply", scenes.room().mesh
+    out = ("--out", work / "new" / "train-000")
+    path.unlink()
+    assert "the mesh is missing" in refused("hits", *out)
+    write_ply(path, Mesh(room.vertices, room.triangles[:0]))
+    assert "must hold triangles" in refused("hits", *out) or "not a readable mesh" in refused("hits", *out)
+    vertices = room.vertices.copy()
+    vertices[[2, 5], 1] = np.nan
+    write_ply(path, Mesh(vertices, room.triangles))
+    assert "2 are NaN or infinite, the first is vertex 2" in refused("hits", *out)
+
+
+def test_a_view_that_sees_nothing(work, refused):
+    cameras = scenes.cameras()
+    away = scenes.look_at("b", (10, 1, 1), (20, 1, 1))
+    write_transforms(work / "dataset" / "transforms.json", [cameras[0], away, cameras[2]])
+    assert "view b: all rays miss the mesh" in refused("hits", "--out", work / "hits" / "new")
+
+
+def test_an_unknown_view(refused):
+    assert "view d is not among the accepted views" in refused("hits", "--views", "a,d")
+
+
+@pytest.mark.parametrize("verb", ["cache", "fit", "emitters"])
+def test_bad_pictures(work, refused, verb):
+    path = work / "dataset" / "images" / "b.exr"
+    image = read_rgb(path)
+    for value, word in ((np.nan, "NaN"), (np.inf, "infinite"), (-1.0, "negative")):
+        bad = image.copy()
+        bad[3, 4, 1] = bad[5, 5] = value
+        write_exr(path, {"": bad})
+        line = refused(verb)
+        assert f"b.exr must hold finite radiance >= 0; 2 pixels are {word}, the first at row 3, column 4" in line
+    write_exr(path, {"": image[:-1]})
+    assert "b.exr must be 16x12 like its camera; it is 16x11" in refused(verb)
+    write_exr(path, {"R": image[..., 0], "Y": image[..., 1]})
+    assert "must have the channels R, G, B; G, B not among R, Y" in refused(verb)
+    path.unlink()
+    assert "missing" in refused(verb)
+
+
+def test_shading_of_other_hits(work, refused):
+    shading = read_shading(work / "round-0" / "shading" / "train-000")
+    save_npy(work / "other" / "shading.npy", np.array(shading[:-3]))
+    assert "shading must have shape" in refused("fit", "--shading", work / "other")
+    assert "shading" in refused("emitters", "--shading", work / "other")
+    assert "shading" in refused("refine", "--previous", work / "other")
+
+
+def test_shards_that_do_not_pair_up(work, refused):
+    two = f"{work}/hits/train-000,{work}/hits/val-000"
+    assert "--hits and --shading must name as many shards; 2 and 1 given" in refused("fit", "--hits", two)
+    assert "shards" in refused("emitters", "--hits", two)
+
+
+def test_damaged_files(work, refused):
+    for verb, _option, path in (
+        ("bake", "--cache", "cache.npz"),
+        ("refine", "--emitters", "round-0/emitters.npz"),
+        ("materials", "--model", "round-0/model.safetensors"),
+        ("fit", "--shading", "round-0/shading/train-000/shading.npy"),
+    ):
+        target = work / path
+        whole = target.read_bytes()
+        target.write_bytes(whole[: len(whole) // 2])
+        line = refused(verb)
+        assert target.name in line, verb
+        target.unlink()
+        assert target.name in refused(verb)
+        target.write_bytes(whole)
+
+
+def test_a_cache_that_is_something_else(work, refused):
+    assert "emitters.npz" in refused("bake", "--cache", work / "round-0" / "emitters.npz")
+
+
+class Killed(Exception):
+    """Stands for kill -9 after some step."""
+
+
+@pytest.fixture
+def killed(work, monkeypatch):
+    """The results after a fit that was killed in its 30th step; the settings of that fit."""
+    original, calls = loop.losses, []
+
+    def later(*given):
+        calls.append(1)
+        if len(calls) == 30:
+            raise Killed
+        return original(*given)
+
+    settings = FIT | {"checkpoint_every": 10}
+    (work / "round-0" / "model.safetensors").unlink()
+    monkeypatch.setattr(loop, "losses", later)
+    with pytest.raises(Killed):
+        call("fit", work, settings=settings)
+    monkeypatch.setattr(loop, "losses", original)
+    assert len(list((work / "round-0").glob("model*"))) == 1  # the checkpoint, and no model
+    return settings
+
+
+def test_a_killed_fit_goes_on_and_gives_the_same_model(work, killed, scene, capsys):
+    assert call("fit", work, settings=killed) == 0
+    assert "going on from step 20" in capsys.readouterr().out
+    assert [path.name for path in (work / "round-0").glob("model*")] == ["model.safetensors"]
+    whole, resumed = (
+        store.load_field(root / "round-0" / "model.safetensors")[0].state_dict() for root in (scene, work)
+    )
+    assert all(torch.equal(value, resumed[name]) for name, value in whole.items())
+
+
+@pytest.mark.parametrize("change", ["settings", "inputs"])
+def test_a_checkpoint_of_another_fit_is_not_used(work, killed, change, capsys):
+    if change == "inputs":
+        assert call("bake", work, settings=FEW | {"seed": 3}) == 0
+    assert call("fit", work, settings=killed | ({"seed": 3} if change == "settings" else {})) == 0
+    assert "going on" not in capsys.readouterr().out
+    assert [path.name for path in (work / "round-0").glob("model*")] == ["model.safetensors"]
+
+
+def test_files_of_another_version(work, killed, refused, monkeypatch):
+    shutil.copy(next((work / "round-0").glob("model*")), work / "model.safetensors")
+    assert "is a checkpoint of the fit, not a field" in refused("materials", "--model", work / "model.safetensors")
+    monkeypatch.setitem(store.VERSIONS, "fit", 99)
+    assert "this is version 99; delete it and run the fit again" in refused("fit", settings=killed)
+
+
+def test_a_light_setup_that_names_no_emitter(refused):
+    assert "names emitter 7; 1 were found" in refused("relight", "--setup", '{"emitters": [{"index": 7, "scale": 0}]}')
+    assert "unknown key setup.lamps" in refused("relight", "--setup", '{"lamps": []}')
+
+
+@pytest.mark.parametrize("verb", SETTINGS)
+def test_settings_that_do_not_exist(refused, verb):
+    assert f"unknown key {verb}.stepz; allowed keys of {verb}: " in refused(verb, settings={"stepz": 3})
+
+
+def test_a_disk_that_is_too_small(work, refused, monkeypatch, capsys):
+    monkeypatch.setattr(files.shutil, "disk_usage", lambda place: SimpleNamespace(free=1000))
+    for verb in ("bake", "refine"):
+        assert f"the {verb} shading needs" in refused(verb)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="nothing is forbidden to root")
+def test_a_folder_that_cannot_be_written(work, refused):
+    (work / "closed").mkdir(mode=0o500)
+    for verb in ("hits", "cache", "bake", "fit", "emitters"):
+        assert "cannot be written" in refused(verb, "--out", work / "closed" / "new" / "x.npz")
+
+
+def test_a_folder_that_is_a_file(work, refused):
+    (work / "taken").write_text("mine")
+    for verb in ("hits", "cache", "bake", "emitters"):
+        assert "taken" in refused(verb, "--out", work / "taken" / "x.npz")
+
+
+def test_no_emitter_is_no_error(work, capsys):
+    """The run goes on: paths are dark but for the cache, and renders are black."""
+    assert call("emitters", work, settings={"points": 5, "threshold": 1.0}) == 0
+    assert "warning: no emitter found" in capsys.readouterr().out
+    assert json.loads((work / "round-0" / "emitters.json").read_text())["emitters"] == []
+    for verb in ("refine", "materials", "render", "relight"):
+        assert call(verb, work) == 0
+    assert not read_layers(work / "materials" / "c.exr")["emission_mask"].any()
+    assert read_rgb(work / "render" / "c.exr").max() < 0.01
+    assert read_shading(work / "round-1" / "shading" / "train-000")[:, 0].mean() > 0
+    assert read_rgb(work / "relight" / "night" / "c.exr")[..., 0].max() > 0.05  # the new light
+
+
+def test_without_segments_the_fit_says_so(work, capsys):
+    shutil.rmtree(work / "dataset" / "segments")
+    assert call("fit", work, settings=FIT | {"steps": 2}) == 0
+    assert "warning: no segments" in capsys.readouterr().out
