@@ -18,12 +18,12 @@ def command(
 ) -> None:
     """Integrate the shading of every pixel from the radiance cache."""
     with stage("bake", settings, stats) as (chosen, figures):
-        from fipt.io.arrays import load_npz
         from fipt.io.dataset import Dataset
         from fipt.io.hits import read_hits
+        from fipt.io.voxels import read_cache
         from fipt.shading.bake import cache_shader
         from fipt.shading.integrate import write_shading
 
         data = Dataset(dataset)
-        shader = cache_shader(data.mesh(), load_npz(cache), chosen.fill)
+        shader = cache_shader(data.mesh(), read_cache(cache), chosen.fill)
         write_shading("bake", shader, data, read_hits(hits), chosen, out, figures)

@@ -31,14 +31,13 @@ def command(
         from fipt.emitters.extract import extract
         from fipt.io.dataset import Dataset
         from fipt.io.emitters import write_emitters
-        from fipt.io.hits import pixels_of, read_hits
-        from fipt.io.shading import read_shading
+        from fipt.io.hits import pixels_of
+        from fipt.io.shading import read_shards
         from fipt.model.store import load_field
 
         data = Dataset(dataset)
         mesh = data.mesh()
-        shards = [read_hits(folder) for folder in listed(hits)]
-        baked = [read_shading(folder) for folder in listed(shading)]
+        shards, baked = read_shards(listed(hits), listed(shading))
         images = [pixels_of(data, shard) for shard in shards]
         field, _ = load_field(model)
         found = extract(mesh, shards, baked, images, field.query_mask, chosen)

@@ -30,11 +30,11 @@ def command(
 ) -> None:
     """Path-trace the shading again with the fitted model."""
     with stage("refine", settings, stats) as (chosen, figures):
-        from fipt.io.arrays import load_npz
         from fipt.io.dataset import Dataset
         from fipt.io.emitters import read_emitters
         from fipt.io.hits import read_hits
         from fipt.io.shading import read_shading
+        from fipt.io.voxels import read_cache
         from fipt.model.store import load_field
         from fipt.model.voxels import voxel_materials
         from fipt.render.surface import emitter_set
@@ -42,12 +42,12 @@ def command(
         from fipt.shading.integrate import write_shading
         from fipt.shading.refine import damped, path_shader
 
-        data, shard, voxels = Dataset(dataset), read_hits(hits), load_npz(cache)
+        data, shard, voxels = Dataset(dataset), read_hits(hits), read_cache(cache)
         field, _ = load_field(model)
         path = PathSettings(chosen.max_depth, chosen.cache_roughness, chosen.light_sampling)
         materials = voxel_materials(field, voxels)
         shader = path_shader(data.mesh(), voxels, materials, emitter_set(read_emitters(emitters)), path)
-        before = read_shading(previous)
+        before = read_shading(previous, shard)
         write_shading(
             "refine",
             shader,

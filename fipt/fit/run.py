@@ -6,14 +6,13 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from fipt.errors import FiptError
 from fipt.fit.batches import Pixels
 from fipt.fit.loop import fit
 from fipt.fit.parts import estimate_parts, part_targets
 from fipt.io.dataset import Dataset
-from fipt.io.hits import pixels_of, read_hits, scene_box
+from fipt.io.hits import pixels_of, scene_box
 from fipt.io.manifests import Stats
-from fipt.io.shading import read_shading
+from fipt.io.shading import read_shards
 from fipt.model.networks import Field, SceneBox
 from fipt.model.store import load_field, save_field
 from fipt.settings import Fit
@@ -37,14 +36,9 @@ def fit_model(
     previous
         Model of the round before: the start, where ``settings.warm_start``.
     """
-    if len(hits) != len(shading):
-        raise FiptError(
-            f"--hits and --shading must name as many shards; {len(hits)} and {len(shading)} given",
-            "give the same shards in the same order",
-        )
     torch.set_num_threads(settings.threads or torch.get_num_threads())
     data = Dataset(dataset)
-    shards = [read_hits(folder) for folder in hits]
+    shards, baked = read_shards(hits, shading)
     kind = data.segment_kind(settings.segments)
     if kind is None:
         print("warning: no segments; roughness and metallic are fitted point by point, without propagation")
@@ -52,7 +46,7 @@ def fit_model(
         np.concatenate([data.segments(view, kind).ravel() for view in shard.views]) for shard in shards
     ]
     images = [pixels_of(data, shard) for shard in shards]
-    pixels = Pixels(shards, [read_shading(folder) for folder in shading], images, segments or None)
+    pixels = Pixels(shards, baked, images, segments or None)
     center, side = scene_box(shards)
     field = Field(settings, SceneBox(tuple(center.tolist()), side))
     if previous is not None and settings.warm_start:

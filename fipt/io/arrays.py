@@ -1,5 +1,6 @@
 """Arrays on disk: npy (memory-mapped) and npz, never pickled."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -35,18 +36,22 @@ def save_npz(path: str | Path, **arrays: np.ndarray) -> None:
         np.savez(file, **arrays)
 
 
-def load_npz(path: str | Path) -> dict[str, np.ndarray]:
+def load_npz(path: str | Path, required: Sequence[str] = ()) -> dict[str, np.ndarray]:
     """Read all arrays of an npz file.
 
     Raises
     ------
     FiptError
-        If the file is missing or damaged.
+        If the file is missing or damaged, or one of the ``required`` arrays is not in it.
     """
     existing_file(path, "an array file")
     try:
         # Opened here: numpy leaves the file open where it is damaged.
         with open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
-            return {name: file[name] for name in file.files}
+            arrays = {name: file[name] for name in file.files}
     except Exception as error:  # zipfile, zlib and numpy each raise their own kinds for a damaged file
         raise FiptError(f"{path} is not a complete npz file ({error})", "delete it and run its stage again") from error
+    missing = [name for name in required if name not in arrays]
+    if missing:
+        raise FiptError(f"{path} lacks the arrays {', '.join(missing)}", "give the file of the stage that writes them")
+    return arrays

@@ -4,11 +4,22 @@ import errno
 import os
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from fipt.conventions import NAME_PATTERN
 from fipt.errors import FiptError
+
+
+def _explained(error: OSError, path: Path) -> Exception:
+    """What a user can mend, as a FiptError; other errors as they are."""
+    if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
+        return FiptError(f"{path} cannot be written ({error.strerror})", "check the folder's permissions")
+    if error.errno in (errno.ENOTDIR, errno.EEXIST):
+        return FiptError(f"{path} cannot be written: a file stands where a folder must", "choose another place")
+    if error.errno == errno.ENOSPC:
+        return FiptError(f"the disk is full while writing {path}", "free some space and run again")
+    return error
 
 
 @contextmanager
@@ -29,13 +40,10 @@ def atomic(path: str | Path) -> Iterator[Path]:
         yield temporary
         os.replace(temporary, path)
     except OSError as error:
-        if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
-            raise FiptError(f"{path} cannot be written ({error.strerror})", "check the folder's permissions") from error
-        if error.errno == errno.ENOSPC:
-            raise FiptError(f"the disk is full while writing {path}", "free some space and run again") from error
-        raise
+        raise _explained(error, path) from error
     finally:
-        temporary.unlink(missing_ok=True)
+        with suppress(NotADirectoryError):
+            temporary.unlink(missing_ok=True)
 
 
 @contextmanager
@@ -50,11 +58,7 @@ def atomic_folder(path: str | Path) -> Iterator[Path]:
             shutil.rmtree(path)
         os.replace(temporary, path)
     except OSError as error:
-        if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
-            raise FiptError(f"{path} cannot be written ({error.strerror})", "check the folder's permissions") from error
-        if error.errno == errno.ENOSPC:
-            raise FiptError(f"the disk is full while writing {path}", "free some space and run again") from error
-        raise
+        raise _explained(error, path) from error
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
 

@@ -108,6 +108,7 @@ def read_hits(folder: str | Path) -> Hits:
     if (
         len(hits.offsets) != hits.first_pixels[-1] + 1
         or hits.offsets[-1] != count
+        or len(hits.center) != hits.first_pixels[-1]
         or hits.sub.shape != (count, SUB_POSITIONS, 3)
         or any(len(getattr(hits, name)) != count for name in ("normal", "triangle", "footprint", "weight"))
     ):

@@ -4,7 +4,10 @@ from pathlib import Path
 
 import numpy as np
 
+from fipt.conventions import SHADING_OUTPUTS
+from fipt.errors import FiptError
 from fipt.io.arrays import load_npy, save_npy
+from fipt.io.hits import Hits, read_hits
 
 
 def save_shading(folder: Path, shading: np.ndarray) -> None:
@@ -12,6 +15,29 @@ def save_shading(folder: Path, shading: np.ndarray) -> None:
     save_npy(folder / "shading.npy", shading)
 
 
-def read_shading(folder: str | Path) -> np.ndarray:
-    """(H, 13, 3) float16 shading of a shard, memory-mapped."""
-    return load_npy(Path(folder) / "shading.npy")
+def read_shading(folder: str | Path, hits: Hits) -> np.ndarray:
+    """(H, 13, 3) float16 shading of a shard, memory-mapped.
+
+    Raises
+    ------
+    FiptError
+        If it is missing or is not the shading of ``hits``.
+    """
+    shading, expected = load_npy(Path(folder) / "shading.npy"), (len(hits.position), SHADING_OUTPUTS, 3)
+    if shading.shape != expected:
+        raise FiptError(
+            f"{folder} must hold shading of shape {expected} for its hits; found {shading.shape}",
+            "give the shading of the same shard, or bake it again",
+        )
+    return shading
+
+
+def read_shards(hits: list[str], shading: list[str]) -> tuple[list[Hits], list[np.ndarray]]:
+    """Read hits shards and the shading of each, given in the same order."""
+    if len(hits) != len(shading):
+        raise FiptError(
+            f"--hits and --shading must name as many shards; {len(hits)} and {len(shading)} given",
+            "give the same shards in the same order",
+        )
+    shards = [read_hits(folder) for folder in hits]
+    return shards, [read_shading(folder, shard) for folder, shard in zip(shading, shards, strict=True)]

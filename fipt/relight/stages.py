@@ -4,13 +4,13 @@ from pathlib import Path
 
 import numpy as np
 
-from fipt.io.arrays import load_npz
 from fipt.io.dataset import Dataset
 from fipt.io.emitters import read_emitters
 from fipt.io.exr import write_exr
 from fipt.io.hits import Hits, read_hits
-from fipt.io.manifests import Stats, write_manifest
+from fipt.io.manifests import Stats, read_manifest, write_manifest
 from fipt.io.meshes import Mesh, connected_parts
+from fipt.io.voxels import read_cache
 from fipt.model.store import load_field
 from fipt.model.voxels import voxel_materials
 from fipt.progress import progress
@@ -76,10 +76,10 @@ def write_pictures(
         room = mesh
         mesh, lit = apply_setup(room, found, setup)
         if len(mesh.triangles) > len(room.triangles):  # new lights may hide what the views saw
-            shard = _traced(data, mesh, shard.views)
+            shard = _traced(data, mesh, shard.views, hits)
     field, metadata = load_field(model)
     scale = metadata["settings"].footprint
-    voxels = load_npz(cache)
+    voxels = read_cache(cache)
     nothing = np.zeros((len(voxels["key"]), 3), np.float32)
     shader = Shader(
         RayScene(mesh),
@@ -108,14 +108,18 @@ def write_pictures(
             triangle = np.asarray(shard.triangle[own])
             shining = np.isin(triangle, lit.triangle)
             values[shining] = emission_of(lit, triangle[shining])
+            if not lit.two_sided:
+                behind = (np.asarray(shard.normal[own]) * mesh.normals[triangle]).sum(axis=1) < 0
+                values[shining & behind] = 0
             files.append(out / f"{view}.exr")
             write_exr(files[-1], {"": pixels_of_hits(values, shard, index, np.zeros(3))})
         stats["paths_per_s"] = bar.rate
     write_manifest(manifest, stage, files, dumped(settings))
 
 
-def _traced(data: Dataset, mesh: Mesh, views: tuple[str, ...]) -> Hits:
-    """First hits of views on a mesh that has changed."""
+def _traced(data: Dataset, mesh: Mesh, views: tuple[str, ...], hits: Path) -> Hits:
+    """First hits of views on a mesh that has changed, with the settings of the hits there were."""
+    settings = HitsSettings(**read_manifest(Path(f"{hits}.manifest.json"), "hits")["settings"])
     scene, parts = RayScene(mesh), connected_parts(mesh)
     cameras = [data.camera(view) for view in views]
-    return joined(cameras, [trace_view(scene, parts, camera, HitsSettings()) for camera in cameras])
+    return joined(cameras, [trace_view(scene, parts, camera, settings) for camera in cameras])

@@ -44,9 +44,10 @@ def sample_half_vector(u1: "mi.Float", u2: "mi.Float", alpha: "mi.Float") -> "mi
 
     The direction reflected about it has pdf D cos(h) / (4 o.h) per steradian.
     """
-    a2 = dr.square(alpha)
-    cos2 = (1 - u1) / dr.fma(u1, a2 - 1, 1)
-    cos, sin = dr.sqrt(cos2), dr.safe_sqrt(1 - cos2)
+    # by the tangent: 1 - cos^2 would cancel for narrow lobes
+    tan = alpha * dr.sqrt(u1 / dr.maximum(1 - u1, 1e-9))
+    cos = dr.rsqrt(dr.fma(tan, tan, 1))
+    sin = tan * cos
     sin_phi, cos_phi = dr.sincos(2 * dr.pi * u2)
     return mi.Vector3f(sin * cos_phi, sin * sin_phi, cos)
 

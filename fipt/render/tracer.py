@@ -110,7 +110,8 @@ class Shader:
     def _kernel(self, p0, n0, wo0, key, roughness, cumulated, weights, used):
         """One lane = one hit; samples and bounces in one loop: a lane whose path ends starts its next sample."""
         width = dr.width(p0)
-        rng = mi.PCG32(width, key, mi.UInt64(dr.arange(mi.UInt32, width) * 0))
+        # no size: it would number the streams by lane, and results would depend on chunks
+        rng = mi.PCG32(initstate=key, initseq=dr.zeros(mi.UInt64, width))
         shift1, shift2 = rng.next_float32(), rng.next_float32()
         frame0 = mi.Frame3f(n0)
         total = cumulated[-1]

@@ -105,7 +105,7 @@ def build(
     mean, _ = _means(index, np.concatenate(radiance), weights, len(record))
     count = np.bincount(index, weights * (weights > _MIXED), len(record))
     seen = np.zeros(len(record), bool)
-    seen[index] = True
+    seen[index[weights > 0]] = True
     return {
         "center": center,
         "side": np.float64(side),
