@@ -15,15 +15,16 @@ def save_shading(folder: Path, shading: np.ndarray) -> None:
     save_npy(folder / "shading.npy", shading)
 
 
-def read_shading(folder: str | Path, hits: Hits) -> np.ndarray:
-    """(H, 13, 3) float16 shading of a shard, memory-mapped.
+def read_shading(folder: str | Path, hits: Hits | None = None) -> np.ndarray:
+    """(H, 13, 3) float16 shading of a shard, memory-mapped; checked against its hits where they are given.
 
     Raises
     ------
     FiptError
         If it is missing or is not the shading of ``hits``.
     """
-    shading, expected = load_npy(Path(folder) / "shading.npy"), (len(hits.position), SHADING_OUTPUTS, 3)
+    shading = load_npy(Path(folder) / "shading.npy")
+    expected = (len(shading if hits is None else hits.position), SHADING_OUTPUTS, 3)
     if shading.shape != expected:
         raise FiptError(
             f"{folder} must hold shading of shape {expected} for its hits; found {shading.shape}",

@@ -92,7 +92,7 @@ def build(
         normals.append(np.asarray(hits.normal))
         radiance.append(image[pixel])
         weight.append(valid[pixel] * np.where(np.asarray(hits.weight) >= _INTERIOR, 1.0, _MIXED))
-    surface, owner = surface_points(mesh, side / n / 2, center - side / 2, center + side / 2, seed=0)
+    surface, owner = surface_points(mesh, side / n / 3, center - side / 2, center + side / 2, seed=0)
     winding = mesh.normals[owner]
     place = np.concatenate([*points, surface, surface])  # surfaces have two sides
     owner = np.concatenate([*triangles, owner, owner])

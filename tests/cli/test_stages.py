@@ -318,7 +318,7 @@ def test_bad_pictures(work, refused, verb):
 def test_shading_of_other_hits(work, refused):
     shading = read_shading(work / "round-0" / "shading" / "train-000")
     save_npy(work / "other" / "shading.npy", np.array(shading[:-3]))
-    assert "shading must have shape" in refused("fit", "--shading", work / "other")
+    assert "must hold shading of shape" in refused("fit", "--shading", work / "other")
     assert "shading" in refused("emitters", "--shading", work / "other")
     assert "shading" in refused("refine", "--previous", work / "other")
 

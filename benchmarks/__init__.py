@@ -1,0 +1,1 @@
+"""Speed of the stages beside a plain implementation of the published method: ``python -m benchmarks``."""
