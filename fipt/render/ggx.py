@@ -56,7 +56,10 @@ class Geometry:
     """Cosines of one pair of directions at a surface point with unit normal n (all clamped to >= 0)."""
 
     def __init__(self, n: "mi.Vector3f", wi: "mi.Vector3f", wo: "mi.Vector3f") -> None:
-        h = dr.normalize(wi + wo)
+        h = wi + wo
+        length2 = dr.squared_norm(h)
+        # opposite directions have no half vector; a NaN here would survive being weighted by zero
+        h = dr.select(length2 > 1e-12, h * dr.rsqrt(length2), n)
         self.ni = dr.maximum(dr.dot(n, wi), 0)
         self.no = dr.maximum(dr.dot(n, wo), 0)
         self.nh = dr.maximum(dr.dot(n, h), 0)

@@ -1,0 +1,181 @@
+"""Measurements of the shading stages: our kernels and the plain implementation in turns, on the same hits."""
+
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.fit_step import PAPER
+from benchmarks.plain import DenseCache, Lamps, PlainShader, Rays
+from benchmarks.scene import Scene
+from benchmarks.timing import added_memory, in_turns
+from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
+from fipt.io.shading import save_shading
+from fipt.model.networks import Field, SceneBox
+from fipt.render.tracer import PathSettings, Points, Shader
+from fipt.settings import Bake, Refine
+from fipt.shading.bake import cache_shader
+from fipt.shading.integrate import sampling_plan
+from fipt.shading.refine import emitter_voxels, path_shader
+
+OURS = sampling_plan(Bake())[0][0]
+"""Samples of the lobes by default: one set of directions for all outputs."""
+SUPPLEMENT = [128] + [64] * len(ROUGHNESS_LEVELS)
+"""Samples of the lobes in the paper's supplement, one lobe at a time."""
+THREE_LOBES = [1, 0, 0, 1, 0, 0, 1]
+"""The diffuse, a middle and the roughest lobe: they stand for all seven where only the rate matters."""
+_REFERENCE = [2048] + [1024] * len(ROUGHNESS_LEVELS)
+
+
+def scaled(counts: Sequence[int], factor: float) -> list[int]:
+    """Sample counts times a factor; at least one where there were any."""
+    return [max(round(count * factor), 1) if count else 0 for count in counts]
+
+
+class Contestants:
+    """Shaders of both implementations for one scene, made once.
+
+    Parameters
+    ----------
+    scene
+        What to shade.
+    network
+        The material network that the plain implementation asks.
+    device
+        Of torch.
+    """
+
+    def __init__(self, scene: Scene, network: Field, device: str) -> None:
+        voxels, known = scene.voxels, scene.voxels["count"] > 0
+        path = PathSettings(Refine().max_depth, Refine().cache_roughness, light_at_first=False)
+        lit_path = replace(path, light_at_first=True)
+        rays = Rays(scene.mesh)
+        seen = DenseCache(voxels, known, None, device)
+        self.bake = cache_shader(scene.mesh, voxels, fill=True)
+        self.plain_bake = PlainShader(rays, seen)
+        self.published_bake = PlainShader(Rays(scene.mesh, together=False), seen)
+        self.paths = path_shader(scene.mesh, voxels, scene.materials, scene.emitters, path)
+        self.lit_paths = path_shader(scene.mesh, voxels, scene.materials, scene.emitters, lit_path)
+        known = known & ~np.isin(voxels["key"], emitter_voxels(scene.mesh, voxels, scene.emitters.triangle))
+        cache = DenseCache(voxels, known, scene.materials, device)
+        lamps = Lamps.of(scene.mesh, scene.emitters, device)
+        self.plain_paths = PlainShader(rays, cache, path, lamps)
+        self.network_paths = PlainShader(rays, cache, path, lamps, network.brdf)
+
+
+def paper_network(scene: Scene, device: str) -> Field:
+    """An untrained field of the paper's sizes in plain torch: what it costs does not depend on what it knows."""
+    box = SceneBox(tuple(scene.voxels["center"]), float(scene.voxels["side"]))
+    return Field(PAPER, box, "torch").to(device)
+
+
+def rates(
+    shaders: dict[str, tuple[Shader | PlainShader, list[int]]], points: Points, repeats: int
+) -> dict[str, list[float]]:
+    """Samples per second of every repeat of shaders with their sample counts."""
+    calls = {
+        name: (lambda shader=shader, counts=counts: shader.shade(points, ROUGHNESS_LEVELS, counts))
+        for name, (shader, counts) in shaders.items()
+    }
+    work = {name: len(points.position) * sum(counts) for name, (_, counts) in shaders.items()}
+    return {name: [work[name] / t for t in times] for name, times in in_turns(calls, repeats, least=0.3).items()}
+
+
+# --- equal error ----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Error and time of one implementation at several sample counts.
+
+    Attributes
+    ----------
+    samples
+        (C,) per hit, all lobes together.
+    error
+        (C,) relative RMSE.
+    seconds
+        (C, R) of R repeats.
+    """
+
+    samples: np.ndarray
+    error: np.ndarray
+    seconds: np.ndarray
+
+    def seconds_at(self, error: float) -> np.ndarray:
+        """(R,) seconds to reach an error, interpolated between logarithms."""
+        order = np.argsort(self.error)
+        x = np.log(self.error[order])
+        return np.exp([np.interp(np.log(error), x, column) for column in np.log(self.seconds[order]).T])
+
+
+def error_curves(
+    contestants: Contestants, points: Points, factors: dict[str, Sequence[float]], reference: float, repeats: int
+) -> dict[str, Curve]:
+    """Error against time of stage 1, ``ours`` and ``plain``, at multiples of their usual sample counts.
+
+    The error is the root of the mean over the 13 outputs of their squared error, each over its mean square, so that
+    bright outputs do not outweigh dark ones.
+
+    Parameters
+    ----------
+    reference
+        Scales the sample counts of the converged reference.
+    """
+    independent = Points(points.position, points.normal, points.wo, points.key ^ np.uint64(0x5DEECE66D1234567))
+    truth = contestants.bake.shade(independent, ROUGHNESS_LEVELS, scaled(_REFERENCE, reference))
+    power = np.square(truth, dtype=np.float64).mean(axis=(0, 2))
+    results: dict[str, np.ndarray] = {}
+
+    def call(name: str, shader: Shader | PlainShader, counts: list[int]) -> None:
+        results[name] = shader.shade(points, ROUGHNESS_LEVELS, counts)
+
+    usual = {"ours": (contestants.bake, OURS), "plain": (contestants.plain_bake, SUPPLEMENT)}
+    plan = {
+        f"{who} {factor}": (shader, scaled(counts, factor))
+        for who, (shader, counts) in usual.items()
+        for factor in factors[who]
+    }
+    calls = {name: (lambda name=name, run=run: call(name, *run)) for name, run in plan.items()}
+    times = in_turns(calls, repeats)
+    errors = {
+        name: float(np.sqrt((np.square(value - truth, dtype=np.float64).mean(axis=(0, 2)) / power).mean()))
+        for name, value in results.items()
+    }
+    curves = {}
+    for who in usual:
+        own = [name for name in plan if name.startswith(who)]
+        curves[who] = Curve(
+            np.array([sum(plan[name][1]) for name in own]),
+            np.array([errors[name] for name in own]),
+            np.array([times[name] for name in own]),
+        )
+    return curves
+
+
+# --- memory and disk ------------------------------------------------------------------------------
+
+
+def memory(contestants: Contestants, points: Points) -> dict[str, float | None]:
+    """Megabytes that shading the points adds to what scene and cache take, by stage and implementation."""
+    full = scaled(THREE_LOBES, 64)  # fills the plain implementation's batches
+    runs = {
+        "bake ours": (contestants.bake, OURS),
+        "bake plain": (contestants.plain_bake, full),
+        "refine ours": (contestants.lit_paths, OURS),
+        "refine plain": (contestants.plain_paths, full),
+    }
+    return {
+        name: added_memory(lambda run=run: run[0].shade(points, ROUGHNESS_LEVELS, run[1])) for name, run in runs.items()
+    }
+
+
+def bytes_per_pixel(scene: Scene, contestants: Contestants) -> tuple[float, float]:
+    """Shading of a view on disk: what the bake writes, and all outputs of one hit a pixel as float32."""
+    shading = contestants.bake.shade(scene.view, ROUGHNESS_LEVELS, OURS)
+    with tempfile.TemporaryDirectory() as folder:
+        save_shading(Path(folder), np.clip(shading, 0, 65000).astype(np.float16))
+        size = sum(file.stat().st_size for file in Path(folder).iterdir())
+    return size / scene.pixels, SHADING_OUTPUTS * 3 * 4.0
