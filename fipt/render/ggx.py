@@ -16,7 +16,8 @@ def d_ggx(cos_h: "mi.Float", sin2_h: "mi.Float", alpha: "mi.Float") -> "mi.Float
     ``sin2_h`` is 1 - cos_h^2, given apart since the difference cancels near the lobe's centre.
     """
     a2 = dr.square(alpha)
-    return a2 / (dr.pi * dr.square(dr.fma(dr.square(cos_h), a2, sin2_h)))
+    # at least alpha^2 for a real half vector; both terms vanish for one that points into the surface
+    return a2 / (dr.pi * dr.square(dr.maximum(dr.fma(dr.square(cos_h), a2, sin2_h), 1e-8)))
 
 
 def g_one(cos: "mi.Float", s: "mi.Float") -> "mi.Float":
@@ -59,7 +60,7 @@ class Geometry:
         h = wi + wo
         length2 = dr.squared_norm(h)
         # opposite directions have no half vector; a NaN here would survive being weighted by zero
-        h = dr.select(length2 > 1e-12, h * dr.rsqrt(length2), n)
+        h = dr.select(length2 > 1e-10, h * dr.rsqrt(length2), n)
         self.ni = dr.maximum(dr.dot(n, wi), 0)
         self.no = dr.maximum(dr.dot(n, wo), 0)
         self.nh = dr.maximum(dr.dot(n, h), 0)

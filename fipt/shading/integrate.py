@@ -93,6 +93,7 @@ def write_shading(
                 values = denoise_shading(values, hits, index)
             if finish is not None:
                 values = finish(index, values)
+            assert np.isfinite(values).all(), f"{stage}: NaN in the shading of {view}"
             shading[hits.of_view(index)] = np.clip(values, 0.0, 65000.0)
     stats["bytes_per_pixel"] = shading.nbytes / max(hits.first_pixels[-1], 1)
     with atomic_folder(out) as folder:
