@@ -6,7 +6,7 @@ import pytest
 from fipt.conventions import ROUGHNESS_LEVELS
 from tests import scenes
 
-COPIES = 1000
+COPIES = 600
 COUNTS = [4] * 7
 SPOTS = [
     # position on the mesh, normal, direction to the viewer

@@ -1,4 +1,4 @@
-"""The search for roughness and metallic of parts: planted materials are found, and nothing is claimed without evidence."""
+"""The search for roughness and metallic of parts: planted ones are found, nothing is claimed without evidence."""
 
 import numpy as np
 import pytest
