@@ -107,10 +107,13 @@ def test_fit(room):
     expected = load_file(model)
     model.unlink()
 
-    checkpoint = model.with_name("model.checkpoint.safetensors")
-    assert not checkpoint.exists()
-    kill_when(job, folder, checkpoint.exists)
-    assert checkpoint.exists()
+
+    def checkpoints():
+        return list(model.parent.glob("model.checkpoint-*.safetensors"))
+
+    assert not checkpoints()
+    kill_when(job, folder, checkpoints)
+    assert checkpoints()
     assert not model.exists()
 
     finish(job, folder)
@@ -118,4 +121,4 @@ def test_fit(room):
     assert found.keys() == expected.keys()
     for name, values in expected.items():
         np.testing.assert_array_equal(found[name], values, err_msg=name)
-    assert not checkpoint.exists()
+    assert not checkpoints()

@@ -176,7 +176,7 @@ def test_only_restricts_the_scenes(workspace):
         ({"rounds": -1}, "rounds: input should be greater than or equal to 0; found -1"),
         (
             {"scenes": {"room": {"source": "procedural", "preset": "fast"}}},
-            "scenes.room.preset: there is no preset 'fast'; presets: default, demo, paper",
+            "scenes.room.preset: there is no preset 'fast'; presets: best, default, demo, paper",
         ),
         (
             {"scenes": {"room": {"source": "procedural", "settings": {"fit": {"batsh": 1}}}}},
