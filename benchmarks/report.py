@@ -94,6 +94,7 @@ def write_json(path: Path, about: dict[str, object], rows: Sequence[Row], curves
 def draw(path: Path, curves: dict[str, Curve], points: int, caption: str) -> None:
     """Draw error against time of both implementations."""
     from matplotlib.figure import Figure
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     figure = Figure(figsize=(7, 4.6), layout="constrained", facecolor="white")
     axes = figure.add_subplot(xscale="log", yscale="log")
@@ -106,8 +107,13 @@ def draw(path: Path, curves: dict[str, Curve], points: int, caption: str) -> Non
             # the curves fall to the right: samples stand below ours and above the plain one
             offset, align = ((-6, -11), "right") if who == "ours" else ((6, 5), "left")
             axes.annotate(str(samples), (x, y), offset, textcoords="offset points", ha=align, fontsize=8, color=color)
+    axes.margins(0.08)
+    for axis, unit in ((axes.xaxis, 1), (axes.yaxis, 100)):
+        axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axis.set_major_formatter(FuncFormatter(lambda value, _, unit=unit: f"{unit * value:g}"))
+        axis.set_minor_formatter(NullFormatter())
     axes.set_xlabel("time per hit, microseconds")
-    axes.set_ylabel("relative RMSE of the 13 shading outputs")
+    axes.set_ylabel("relative RMSE of the 13 shading outputs, %")
     axes.set_title("Shading initialisation: error against time (numbers: rays per hit)", fontsize=11)
     axes.grid(which="both", color="#e4e4e4", linewidth=0.6)
     axes.set_axisbelow(True)

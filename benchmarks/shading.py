@@ -1,14 +1,17 @@
 """Measurements of the shading stages: our kernels and the plain implementation in turns, on the same hits."""
 
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import drjit as dr
+import mitsuba as mi
 import numpy as np
+import torch
 
 from benchmarks.fit_step import PAPER
-from benchmarks.plain import DenseCache, Lamps, PlainShader, Rays
+from benchmarks.plain import DenseCache, Lamps, PlainShader, Rays, sample_cosine
 from benchmarks.scene import Scene
 from benchmarks.timing import added_memory, in_turns
 from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
@@ -71,16 +74,38 @@ def paper_network(scene: Scene, device: str) -> Field:
     return Field(PAPER, box, "torch").to(device)
 
 
-def rates(
-    shaders: dict[str, tuple[Shader | PlainShader, list[int]]], points: Points, repeats: int
-) -> dict[str, list[float]]:
-    """Samples per second of every repeat of shaders with their sample counts."""
-    calls = {
-        name: (lambda shader=shader, counts=counts: shader.shade(points, ROUGHNESS_LEVELS, counts))
-        for name, (shader, counts) in shaders.items()
-    }
-    work = {name: len(points.position) * sum(counts) for name, (_, counts) in shaders.items()}
-    return {name: [work[name] / t for t in times] for name, times in in_turns(calls, repeats, least=0.3).items()}
+Work = tuple[Callable[[], object], int]
+"""A function and the samples that a call of it takes."""
+
+
+def shade(shader: Shader | PlainShader, points: Points, counts: list[int]) -> Work:
+    """Shading points with sample counts of the lobes."""
+    return lambda: shader.shade(points, ROUGHNESS_LEVELS, counts), len(points.position) * sum(counts)
+
+
+def bare_traversal(contestants: Contestants, points: Points, count: int) -> Work:
+    """Tracing ``count`` diffuse rays a hit and nothing else: no implementation that traces them can be faster."""
+    rays, device = contestants.plain_bake.rays, contestants.plain_bake.device
+    p, n = (torch.tensor(x, device=device).repeat_interleave(count, 0) for x in (points.position, points.normal))
+    wi = sample_cosine(torch.rand((len(p), 2), device=device), n)
+    # copies in Dr.Jit's own memory
+    origin, direction = (
+        dr.copy(kind(x.T.contiguous())) for kind, x in ((mi.Point3f, p + n * rays.epsilon), (mi.Vector3f, wi))
+    )
+    dr.eval(origin, direction)
+
+    def trace() -> None:
+        found = rays.scene.ray_intersect_preliminary(mi.Ray3f(origin, direction), coherent=False)
+        dr.eval(found.t, found.prim_index)
+        dr.sync_thread()
+
+    return trace, len(p)
+
+
+def rates(works: dict[str, Work], repeats: int) -> dict[str, list[float]]:
+    """Samples per second of every repeat."""
+    times = in_turns({name: call for name, (call, _) in works.items()}, repeats, least=1.0)
+    return {name: [works[name][1] / t for t in seconds] for name, seconds in times.items()}
 
 
 # --- equal error ----------------------------------------------------------------------------------

@@ -25,7 +25,7 @@ class Size:
     factors: Mapping[str, Sequence[float]]
 
 
-FULL = Size(8192, 5, 3, 15, 1.0, {"ours": (0.1, 0.2, 0.5, 1, 2), "plain": (1 / 16, 1 / 8, 1 / 4, 1 / 2, 1)})
+FULL = Size(8192, 7, 5, 21, 1.0, {"ours": (0.1, 0.2, 0.5, 1, 2), "plain": (1 / 16, 1 / 8, 1 / 4, 1 / 2, 1)})
 QUICK = Size(1024, 3, 1, 3, 0.1, {"ours": (0.1, 0.5, 1), "plain": (1 / 16, 1 / 4, 1)})
 
 
@@ -57,16 +57,17 @@ def first_stage(contestants: Contestants, points: Points, size: Size) -> list[Ro
     three = scaled(THREE_LOBES, SUPPLEMENT[1])
     found = shading.rates(
         {
-            "ours": (contestants.bake, OURS),
-            "plain": (contestants.plain_bake, three),
-            "published": (contestants.published_bake, three),
+            "ours": shading.shade(contestants.bake, points, OURS),
+            "plain": shading.shade(contestants.plain_bake, points, three),
+            "published": shading.shade(contestants.published_bake, points, three),
+            "bare": shading.bare_traversal(contestants, points, SUPPLEMENT[1]),
         },
-        points,
         size.repeats,
     )
     return [
         _rates("stage 1, M rays/s", found["ours"], found["plain"], 4),
         _rates("stage 1, M rays/s, plain converts output by output", found["ours"], found["published"]),
+        _rates("M rays/s of bare traversal, in place of ours", found["bare"], found["plain"]),
     ]
 
 
@@ -74,12 +75,11 @@ def third_stage(contestants: Contestants, points: Points, size: Size) -> list[Ro
     """Paths per second of stage 3."""
     found = shading.rates(
         {
-            "ours": (contestants.paths, OURS),
-            "lit": (contestants.lit_paths, OURS),
-            "cached": (contestants.plain_paths, scaled(THREE_LOBES, 48)),
-            "network": (contestants.network_paths, scaled(THREE_LOBES, 8)),
+            "ours": shading.shade(contestants.paths, points, OURS),
+            "lit": shading.shade(contestants.lit_paths, points, OURS),
+            "cached": shading.shade(contestants.plain_paths, points, scaled(THREE_LOBES, 48)),
+            "network": shading.shade(contestants.network_paths, points, scaled(THREE_LOBES, 8)),
         },
-        points,
         size.slow_repeats,
     )
     return [
