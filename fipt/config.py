@@ -22,7 +22,7 @@ from pydantic import BaseModel, Field, ValidationError, create_model
 
 from fipt.errors import FiptError
 from fipt.io.files import check_name
-from fipt.settings import PRESETS, STAGES, Positive, RelightSetup, Settings, dumped
+from fipt.settings import PRESETS, STAGES, Positive, RelightSetup, Settings, check_background, dumped
 
 RESULTS = "results"
 """Folder of all results, in the working directory."""
@@ -113,11 +113,17 @@ class Scene:
 
     def json(self, stage: str) -> str:
         """Settings of a stage as sorted JSON, for ``--settings``."""
-        return json.dumps(dumped(self.settings[stage]), sort_keys=True)
+        values = dumped(self.settings[stage])
+        if stage == "background" and values["file"]:
+            values["file"] = self.background_path()
+        return json.dumps(values, sort_keys=True)
 
     def setup_json(self, setup: str) -> str:
         """A relight setup as sorted JSON, for ``--setup``."""
-        return json.dumps(dumped(self.setups[setup]), sort_keys=True)
+        values = dumped(self.setups[setup])
+        for path in self.setup_files(setup):
+            values["background"]["file"] = path
+        return json.dumps(values, sort_keys=True)
 
     def source_path(self) -> str:
         """Return the path of a dataset, ``{data_root}`` replaced."""
@@ -126,6 +132,16 @@ class Scene:
     def mesh_path(self) -> str | None:
         """Return the path of the extra mesh of a dataset, or None."""
         return self._placed(self.mesh, "mesh") if self.mesh else None
+
+    def background_path(self) -> str | None:
+        """Return the environment map of mode given, or None."""
+        file = self.settings["background"].file
+        return self._placed(file, "settings.background.file") if file else None
+
+    def setup_files(self, setup: str) -> list[str]:
+        """Files that a relight setup names: another environment map, or none."""
+        edit = self.setups[setup].background
+        return [self._placed(edit.file, f"setups.{setup}.background.file")] if edit and edit.file else []
 
     def emitters_round(self, round_: int) -> int:
         """Return the round whose emitters go with the model of ``round_``."""
@@ -254,6 +270,7 @@ def _scene(name: str, entry: SceneEntry, config: Config) -> Scene:
         stage: model.model_validate({key: value for layer in layers for key, value in _section(layer, stage).items()})
         for stage, model in STAGES.items()
     }
+    check_background(settings["background"], f"scene {name}: background")
     return Scene(
         name=name,
         source=entry.source,

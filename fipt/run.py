@@ -71,7 +71,7 @@ class _Chain:
         self.root = f"{RESULTS}/{scene.name}"
         self.data = data = f"{self.root}/dataset"
         self.geometry = [f"{data}/transforms.json", f"{data}/views.json", f"{data}/mesh.ply"]
-        self.cache = f"{self.root}/cache.npz"
+        self.cache, self.background = f"{self.root}/cache.npz", f"{self.root}/background.npz"
         self.shards, self.train = scene.shards("all"), list(scene.shards("train"))
         self.hits = {shard: f"{self.root}/hits/{shard}" for shard in self.shards}
         one = scene.source == "dataset"  # imported as a whole
@@ -126,15 +126,19 @@ class _Chain:
             for shard, views in scene.relit_shards().items():
                 made = manifest(f"{self.data}/relight_truth.{setup}.{shard}")
                 options = (*dataset, "--views", ",".join(views), *light, "--manifest", made)
-                self.add("synthesize", f"synthesize.{setup}.{shard}", options, room, [made])
+                inputs = [*room, *scene.setup_files(setup)]
+                self.add("synthesize", f"synthesize.{setup}.{shard}", options, inputs, [made])
                 self.shown.append(made)
 
     def add_hits_and_cache(self) -> None:
-        """Trace the first hits of every view and gather the training pictures' radiance."""
+        """Trace the first hits of every view; gather what the training pictures show of the surface and beyond it."""
         for shard, views in self.shards.items():
             out = self.hits[shard]
             options = ("--dataset", self.data, "--views", ",".join(views), "--out", out)
             self.add("hits", f"hits.{shard}", options, self.geometry, folders=[out])
+        given = self.scene.background_path()
+        inputs = [*self._training_files(), *([given] if given else [])]
+        self.add("background", "background", (*self._training(), "--out", self.background), inputs, [self.background])
         options = (*self._training(), "--out", self.cache)
         self.add("cache", "cache", options, self._training_files(), [self.cache])
 
@@ -146,8 +150,8 @@ class _Chain:
         self.model = f"{folder}/model.safetensors"
         for shard, out in self.shading.items():
             stage, hits = "bake", self.hits[shard]
-            options = ("--dataset", self.data, "--hits", hits, "--cache", self.cache)
-            inputs = [*self.geometry, manifest(hits), self.cache]
+            options = ("--dataset", self.data, "--hits", hits, "--cache", self.cache, "--background", self.background)
+            inputs = [*self.geometry, manifest(hits), self.cache, self.background]
             if round_:
                 stage, previous = "refine", before[shard]
                 options += ("--model", model_before, "--emitters", emitters)
@@ -163,8 +167,8 @@ class _Chain:
         self.add(
             "fit",
             f"fit.round-{round_}",
-            (*options, *warm, "--out", self.model),
-            [*inputs, *previous],
+            (*options, *warm, "--background", self.background, "--out", self.model),
+            [*inputs, *previous, self.background],
             [self.model],
         )
         if self.scene.emitters_round(round_) == round_:
@@ -176,7 +180,7 @@ class _Chain:
     def add_pictures(self) -> None:
         """Material maps of every view, held-out views, relit views."""
         model = ("--model", self.model, "--emitters", self.emitters)
-        traced = ("--cache", self.cache, *model)
+        traced = ("--cache", self.cache, "--background", self.background, *model)
         for shard in self.shards:
             self._add_picture("materials", "materials", shard, model)
         for shard in self.scene.shards("val"):
@@ -184,16 +188,18 @@ class _Chain:
         for setup in self.scene.setups:
             options = (*traced, "--setup", self.scene.setup_json(setup))
             for shard in self.scene.relit_shards():
-                self._add_picture("relight", f"relight/{setup}", shard, options)
+                self._add_picture("relight", f"relight/{setup}", shard, options, self.scene.setup_files(setup))
 
-    def _add_picture(self, stage: str, name: str, shard: str, options: Iterable[str]) -> None:
+    def _add_picture(
+        self, stage: str, name: str, shard: str, options: Iterable[str], files: Iterable[str] = ()
+    ) -> None:
         hits, made = self.hits[shard], manifest(f"{self.root}/{name}.{shard}")
         label = f"{name.replace('/', '.')}.{shard}"
         options = ("--dataset", self.data, "--hits", hits, *options)
         options += ("--out", f"{self.root}/{name}", "--manifest", made)
-        inputs = [*self.geometry, manifest(hits), self.model, self.emitters]
+        inputs = [*self.geometry, manifest(hits), self.model, self.emitters, *files]
         if "--cache" in options:
-            inputs.append(self.cache)
+            inputs += [self.cache, self.background]
         self.add(stage, label, options, inputs, [made])
         self.shown.append(made)
 

@@ -15,6 +15,7 @@ Weight = Annotated[float, Field(ge=0)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
 Length = Annotated[float, Field(gt=0)]
 Rgb = Annotated[tuple[Weight, Weight, Weight], Field(description="linear RGB")]
+Angle = Annotated[float, Field(ge=-360, le=360)]
 Point = Annotated[tuple[float, float, float], Field(description="world position, metres")]
 
 
@@ -35,6 +36,8 @@ class Synthesize(Settings):
     spp: Positive = Field(256, description="paths per pixel of the rendered views")
     max_depth: Positive = Field(10, description="longest path, bounces")
     denoise: bool = Field(True, description="denoise the rendered views")
+    opening: bool = Field(False, description="leave the window's pane out: light comes from the sky outside")
+    sky: Rgb = Field((8.0, 9.75, 12.5), description="radiance of the sky's horizon, where there is an opening")
     seed: Count = Field(0, description="seed of room, cameras and noise")
 
 
@@ -54,6 +57,23 @@ class Hits(Settings):
         description="a pixel is sampled by the square of this many rays; 1 = its centre only",
     )
     max_hits: Positive = Field(4, le=16, description="distinct surface pieces kept for each pixel")
+
+
+class Background(Settings):
+    """Light from outside: the radiance of rays that leave the mesh."""
+
+    mode: Literal["auto", "none", "constant", "map", "given"] = Field(
+        "auto",
+        description="`none`: zero; `constant`, `map`: fitted to training pixels that see no surface; `given`: `file`; "
+        "`auto`: `map` where enough pixels see outside, else `none`",
+    )
+    radiance: Rgb | None = Field(None, description="of mode `constant`, instead of a fitted one")
+    file: str | None = Field(
+        None, description="equirectangular map of mode `given`, EXR or HDR; {data_root} is replaced"
+    )
+    up: Literal["y", "z"] = Field("y", description="world axis towards the upper edge of the map")
+    rotation: Angle = Field(0.0, description="turns `file` about that axis, degrees, counter-clockwise from above")
+    resolution: Positive = Field(32, le=512, description="rows of a fitted map; it has twice as many columns")
 
 
 class Cache(Settings):
@@ -170,11 +190,21 @@ class NewLight(Settings):
     radius: float = Field(0.1, gt=0, description="of a sphere, metres")
 
 
+class BackgroundEdit(Settings):
+    """A change to the light from outside."""
+
+    file: str | None = Field(None, description="another map, EXR or HDR; {data_root} is replaced")
+    radiance: Rgb | None = Field(None, description="one radiance for all directions instead of a map")
+    scale: Weight | None = Field(None, description="radiance factor; 0 switches off")
+    rotation: Angle = Field(0.0, description="turns the map about the up axis, degrees, counter-clockwise from above")
+
+
 class RelightSetup(Settings):
     """The room under other light."""
 
     emitters: tuple[EmitterEdit, ...] = Field((), description="changes to found emitters, in order")
     lights: tuple[NewLight, ...] = Field((), description="lights to add")
+    background: BackgroundEdit | None = Field(None, description="change of the light from outside")
 
 
 class Relight(Settings):
@@ -204,6 +234,7 @@ STAGES: dict[str, type[Settings]] = {
     "synthesize": Synthesize,
     "import": Import,
     "hits": Hits,
+    "background": Background,
     "cache": Cache,
     "bake": Bake,
     "fit": Fit,
@@ -216,6 +247,24 @@ STAGES: dict[str, type[Settings]] = {
     "report": Report,
 }
 """Config section -> model."""
+
+
+def check_background(settings: Background, where: str = "background") -> Background:
+    """Return the settings if their keys go together; ``where`` names the section in errors.
+
+    Raises
+    ------
+    FiptError
+        If mode `given` has no file, or a key is given that the mode does not use.
+    """
+    if settings.mode == "given" and settings.file is None:
+        raise FiptError(f"{where}.mode is given, but {where}.file is missing", "name an EXR or HDR environment map")
+    for key, mode in (("file", "given"), ("radiance", "constant")):
+        if getattr(settings, key) is not None and settings.mode != mode:
+            raise FiptError(
+                f"{where}.{key} is only for mode {mode}; mode is {settings.mode}", f"set {where}.mode: {mode}"
+            )
+    return settings
 
 
 def explain(error: ValidationError, where: str) -> str:

@@ -4,6 +4,7 @@ VERSIONS = {
     "synthesize": 1,
     "import": 1,
     "hits": 1,
+    "background": 1,
     "cache": 1,
     "bake": 1,
     "fit": 1,

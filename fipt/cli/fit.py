@@ -5,7 +5,16 @@ from typing import Annotated
 
 import typer
 
-from fipt.cli.options import DatasetFolder, HitsFolders, SettingsJson, ShadingFolders, StatsFile, listed, stage
+from fipt.cli.options import (
+    BackgroundFile,
+    DatasetFolder,
+    HitsFolders,
+    SettingsJson,
+    ShadingFolders,
+    StatsFile,
+    listed,
+    stage,
+)
 
 
 def command(
@@ -14,6 +23,7 @@ def command(
     shading: ShadingFolders,
     out: Annotated[Path, typer.Option(help="File to write, model.safetensors.")],
     previous: Annotated[Path | None, typer.Option(help="Model of the round before.")] = None,
+    background: BackgroundFile = None,
     settings: SettingsJson = "{}",
     stats: StatsFile = None,
 ) -> None:
@@ -24,4 +34,4 @@ def command(
     with stage("fit", settings, stats) as (chosen, figures):
         from fipt.fit.run import fit_model
 
-        fit_model(dataset, listed(hits), listed(shading), previous, out, chosen, figures)
+        fit_model(dataset, listed(hits), listed(shading), previous, background, out, chosen, figures)

@@ -34,6 +34,7 @@ VERBS: dict[str, Verb] = {
     "synthesize": Verb("synthesize", "Make a dataset with ground truth from a room in code."),
     "import": Verb("import_", "Bring posed HDR views of another layout into the dataset form."),
     "hits": Verb("hits", "Trace the first hits of every pixel, once."),
+    "background": Verb("background", "Find what light comes from outside the mesh."),
     "cache": Verb("cache", "Gather the pictures' radiance in voxels on the surface."),
     "bake": Verb("bake", "Integrate the shading of every pixel from the radiance cache."),
     "fit": Verb("fit", "Fit the BRDF and emission networks to the pictures."),

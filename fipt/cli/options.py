@@ -15,6 +15,9 @@ ShadingFolders = Annotated[list[str], typer.Option("--shading", help="Shading of
 CacheFile = Annotated[Path, typer.Option("--cache", help="Radiance cache, cache.npz.")]
 ModelFile = Annotated[Path, typer.Option("--model", help="Fitted model, model.safetensors.")]
 EmittersFile = Annotated[Path, typer.Option("--emitters", help="Emitters, emitters.npz.")]
+BackgroundFile = Annotated[
+    Path | None, typer.Option("--background", help="Light from outside, background.npz; without it there is none.")
+]
 SettingsJson = Annotated[str, typer.Option("--settings", help="Settings of this stage, JSON.")]
 StatsFile = Annotated[Path | None, typer.Option("--stats", help="Write time, rate and memory here, JSON.")]
 ManifestFile = Annotated[Path, typer.Option("--manifest", help="Manifest of what was written.")]

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from fipt.cli.options import (
+    BackgroundFile,
     CacheFile,
     DatasetFolder,
     EmittersFile,
@@ -25,11 +26,13 @@ def command(
     emitters: EmittersFile,
     previous: Annotated[Path, typer.Option(help="Shading of this shard of the round before.")],
     out: Annotated[Path, typer.Option(help="Folder of the shard to write.")],
+    background: BackgroundFile = None,
     settings: SettingsJson = "{}",
     stats: StatsFile = None,
 ) -> None:
     """Path-trace the shading again with the fitted model."""
     with stage("refine", settings, stats) as (chosen, figures):
+        from fipt.io.background import read_background
         from fipt.io.dataset import Dataset
         from fipt.io.emitters import read_emitters
         from fipt.io.hits import read_hits
@@ -46,7 +49,8 @@ def command(
         field, _ = load_field(model)
         path = PathSettings(chosen.max_depth, chosen.cache_roughness, chosen.light_sampling)
         materials = voxel_materials(field, voxels)
-        shader = path_shader(data.mesh(), voxels, materials, emitter_set(read_emitters(emitters)), path)
+        found, outside = emitter_set(read_emitters(emitters)), read_background(background)
+        shader = path_shader(data.mesh(), voxels, materials, found, path, outside)
         before = read_shading(previous, shard)
         write_shading(
             "refine",

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from fipt.cli.options import (
+    BackgroundFile,
     CacheFile,
     DatasetFolder,
     EmittersFile,
@@ -27,6 +28,7 @@ def command(
     setup: Annotated[str, typer.Option(help="Light setup, JSON: emitters to change, lights to add.")],
     out: Annotated[Path, typer.Option(help="Folder of the pictures.")],
     manifest: ManifestFile,
+    background: BackgroundFile = None,
     settings: SettingsJson = "{}",
     stats: StatsFile = None,
 ) -> None:
@@ -36,4 +38,6 @@ def command(
         from fipt.settings import parse_setup
 
         light = parse_setup(setup)
-        write_pictures("relight", dataset, hits, cache, model, emitters, light, out, manifest, chosen, figures)
+        write_pictures(
+            "relight", dataset, hits, cache, model, emitters, background, light, out, manifest, chosen, figures
+        )

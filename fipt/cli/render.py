@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from fipt.cli.options import (
+    BackgroundFile,
     CacheFile,
     DatasetFolder,
     EmittersFile,
@@ -26,6 +27,7 @@ def command(
     emitters: EmittersFile,
     out: Annotated[Path, typer.Option(help="Folder of the pictures.")],
     manifest: ManifestFile,
+    background: BackgroundFile = None,
     settings: SettingsJson = "{}",
     stats: StatsFile = None,
 ) -> None:
@@ -33,4 +35,6 @@ def command(
     with stage("render", settings, stats) as (chosen, figures):
         from fipt.relight.stages import write_pictures
 
-        write_pictures("render", dataset, hits, cache, model, emitters, None, out, manifest, chosen, figures)
+        write_pictures(
+            "render", dataset, hits, cache, model, emitters, background, None, out, manifest, chosen, figures
+        )

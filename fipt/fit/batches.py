@@ -23,7 +23,7 @@ class Batch:
     owner
         (H,) int64 pixel of each hit, 0 to B - 1.
     weight
-        (H,) share of the hit in its pixel; sums to 1 over a pixel.
+        (H,) share of the hit in its pixel; sums to ``share`` over a pixel.
     points
         (H, Q, 3) world positions to query, metres.
     footprint
@@ -32,6 +32,11 @@ class Batch:
         (H, 13, 3) Ld, Ls0 of every level, Ls1 of every level.
     segment
         (H,) int64 segment, 0 = unknown.
+    beyond
+        (B, 3) radiance from outside in pixels at the edge of an opening, times the share it fills; 0 elsewhere. None
+        where the scene has no opening.
+    share
+        (B,) share of the pixel that the hits explain: 1 but for those at the edge of an opening. None likewise.
     """
 
     radiance: torch.Tensor
@@ -42,6 +47,15 @@ class Batch:
     footprint: torch.Tensor
     shading: torch.Tensor
     segment: torch.Tensor
+    beyond: torch.Tensor | None = None
+    share: torch.Tensor | None = None
+
+    @property
+    def on_mesh(self) -> torch.Tensor:
+        """(B, 3) observed radiance of the part of each pixel that shows the mesh."""
+        if self.beyond is None:
+            return self.radiance
+        return ((self.radiance - self.beyond) / self.share[:, None]).clamp_min(0)
 
 
 class Pixels:
@@ -57,6 +71,8 @@ class Pixels:
         Per shard: (P, 3) radiance and (P,) weight of its pixels.
     segments
         Per shard: (P,) uint16 segment id of each pixel; None to fit without.
+    beyond
+        Per shard: pixels (K,) that show the outside too, and what it adds to them (K, 3); see `fipt.io.background`.
     """
 
     def __init__(
@@ -65,8 +81,10 @@ class Pixels:
         shading: list[np.ndarray],
         images: list[tuple[np.ndarray, np.ndarray]],
         segments: list[np.ndarray] | None,
+        beyond: list[tuple[np.ndarray, np.ndarray]] | None = None,
     ) -> None:
         self.shards, self.shading = shards, shading
+        self.beyond = beyond if beyond is not None and any(len(pixel) for pixel, _ in beyond) else None
         self.radiance = [image.astype(np.float32) for image, _ in images]
         self.offsets = [np.array(shard.offsets) for shard in shards]
         for shard, shade in zip(shards, shading, strict=True):
@@ -120,7 +138,9 @@ class Pixels:
         owner = np.repeat(np.arange(len(pixel)), count)
         hit = np.repeat(first - np.cumsum(count) + count, count) + np.arange(len(owner))
         weight = shard.weight[hit]
-        weight = weight / np.bincount(owner, weight, minlength=len(pixel))[owner]
+        covered = np.bincount(owner, weight, minlength=len(pixel))
+        outside = {} if self.beyond is None else _outside(pixel, covered, *self.beyond[number])
+        weight = weight / (covered / outside.get("share", 1.0))[owner]
         turn = rng.integers(0, SUB_POSITIONS, len(hit))
         picks = (turn[:, None] + np.arange(queries) * SUB_POSITIONS // queries) % SUB_POSITIONS
         points = shard.position[hit][:, None] + shard.sub[hit[:, None], picks].astype(np.float32)
@@ -134,7 +154,16 @@ class Pixels:
             "footprint": np.asarray(shard.footprint[hit]),
             "shading": self.shading[number][hit].astype(np.float32),
             "segment": segment,
+            **outside,
         }
+
+
+def _outside(pixel: np.ndarray, covered: np.ndarray, edge: np.ndarray, radiance: np.ndarray) -> dict[str, np.ndarray]:
+    """``beyond`` and ``share`` of pixels (B,), of which ``covered`` (B,) is mesh; the rest of ``edge`` is known."""
+    share, beyond = np.ones(len(pixel), np.float32), np.zeros((len(pixel), 3), np.float32)
+    own, place = np.intersect1d(pixel, edge, return_indices=True)[1:]
+    share[own], beyond[own] = covered[own], radiance[place]
+    return {"beyond": beyond, "share": share}
 
 
 def _hit_segments(shards: list[Hits], offsets: list[np.ndarray], segments: list[np.ndarray]) -> list[np.ndarray]:

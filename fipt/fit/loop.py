@@ -40,11 +40,13 @@ def losses(
     radiance, specular = reflected(brdf, batch.shading, queries)
     e = field.emission(batch.points[:, 0])
     alpha = field.emission_network.mask(e)[:, None]
-    seen = batch.radiance[batch.owner]
+    seen = batch.on_mesh[batch.owner]
     if settings.evidence > 0:
         # a lamp's pixel says nothing about reflectance: only the mask learns from it
         radiance = torch.where(evident_emitters(batch, settings.evidence)[:, None], radiance.detach(), radiance)
     pixel = gathered((1 - alpha) * radiance + alpha * seen, batch.owner, batch.weight, len(batch.radiance))
+    if batch.beyond is not None:
+        pixel = pixel + batch.beyond
     error = (srgb(pixel) - srgb(batch.radiance)).square().mean(1)
     s, m = brdf.roughness.view(count, queries).mean(1), brdf.metallic.view(count, queries).mean(1)
     terms = {
@@ -80,7 +82,7 @@ def evident_emitters(batch: Batch, gain: float) -> torch.Tensor:
     levels = (batch.shading.shape[1] - 1) // 2
     mirror = (batch.shading[:, 1 : 1 + levels] + batch.shading[:, 1 + levels :]).amax(1)
     most = torch.maximum(batch.shading[:, 0], mirror).mean(1)
-    return batch.radiance.mean(1)[batch.owner] > gain * (most + 1e-4)
+    return batch.on_mesh.mean(1)[batch.owner] > gain * (most + 1e-4)
 
 
 def fit(

@@ -9,6 +9,7 @@ import torch
 from fipt.fit.batches import Pixels
 from fipt.fit.loop import fit
 from fipt.fit.parts import estimate_parts, part_targets
+from fipt.io.background import beyond, read_background
 from fipt.io.dataset import Dataset
 from fipt.io.hits import pixels_of, scene_box
 from fipt.io.manifests import Stats
@@ -23,6 +24,7 @@ def fit_model(
     hits: list[str],
     shading: list[str],
     previous: Path | None,
+    background: Path | None,
     out: Path,
     settings: Fit,
     stats: Stats,
@@ -35,6 +37,8 @@ def fit_model(
         Folders of the training shards, in the same order.
     previous
         Model of the round before: the start, where ``settings.warm_start``.
+    background
+        Light from outside, which pixels at the edge of an opening show too; None: not known.
     """
     torch.set_num_threads(settings.threads or torch.get_num_threads())
     data = Dataset(dataset)
@@ -46,12 +50,14 @@ def fit_model(
         np.concatenate([data.segments(view, kind).ravel() for view in shard.views]) for shard in shards
     ]
     images = [pixels_of(data, shard) for shard in shards]
-    pixels = Pixels(shards, baked, images, segments or None)
+    outside = read_background(background)
+    edges = [beyond(shard, [data.camera(view) for view in shard.views], outside) for shard in shards]
+    pixels = Pixels(shards, baked, images, segments or None, edges)
     center, side = scene_box(shards)
     field = Field(settings, SceneBox(tuple(center.tolist()), side))
     if previous is not None and settings.warm_start:
         field.load_state_dict(load_field(previous)[0].state_dict())
-    checkpoint = _checkpoint(out, [*hits, *shading], previous, settings)
+    checkpoint = _checkpoint(out, [*hits, *shading], [previous, background], settings)
     targets = None
     if kind is not None and settings.part_search:
         found = estimate_parts(pixels, center, side, settings.evidence or 1.5)
@@ -67,10 +73,10 @@ def fit_model(
     stats["segments"] = kind or "none"
 
 
-def _checkpoint(out: Path, folders: list[str], previous: Path | None, settings: Fit) -> Path:
+def _checkpoint(out: Path, folders: list[str], files: list[Path | None], settings: Fit) -> Path:
     """Checkpoint file of exactly this fit; those of other inputs or settings are stale and removed."""
     key = hashlib.sha256(settings.model_dump_json().encode())
-    for path in [*(Path(f"{folder}.manifest.json") for folder in folders), previous]:
+    for path in [*(Path(f"{folder}.manifest.json") for folder in folders), *files]:
         if path is not None and path.is_file():
             key.update(path.read_bytes())
     chosen = out.with_name(f"{out.stem}.checkpoint-{key.hexdigest()[:12]}.safetensors")

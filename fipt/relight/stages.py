@@ -4,6 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
+from fipt.io.background import Background, covered_share, edited, pixel_directions, read_background
+from fipt.io.cameras import Camera
 from fipt.io.dataset import Dataset
 from fipt.io.emitters import read_emitters
 from fipt.io.exr import write_exr
@@ -16,6 +18,7 @@ from fipt.model.voxels import voxel_materials
 from fipt.progress import progress
 from fipt.relight.lights import apply_setup
 from fipt.relight.maps import emission_of, hit_materials, material_maps
+from fipt.render.background import sky_of
 from fipt.render.first_hits import joined, trace_view
 from fipt.render.picture import pixels_of_hits, radiance_of_hits
 from fipt.render.scene import RayScene
@@ -59,6 +62,7 @@ def write_pictures(
     cache: Path,
     model: Path,
     emitters: Path,
+    background: Path | None,
     setup: RelightSetup | None,
     out: Path,
     manifest: Path,
@@ -70,11 +74,12 @@ def write_pictures(
     Paths follow the model alone: the photographs' radiance is not read, so that the same holds under other light.
     """
     data, shard = Dataset(dataset), read_hits(hits)
-    mesh, found = data.mesh(), read_emitters(emitters)
+    mesh, found, outside = data.mesh(), read_emitters(emitters), read_background(background)
     lit = EmitterSet(found.triangle, found.radiance, found.two_sided)
     if setup is not None:
         room = mesh
         mesh, lit = apply_setup(room, found, setup)
+        outside = edited(outside, setup.background)
         if len(mesh.triangles) > len(room.triangles):  # new lights may hide what the views saw
             shard = _traced(data, mesh, shard.views, hits)
     field, metadata = load_field(model)
@@ -86,6 +91,7 @@ def write_pictures(
         Triangles(mesh, lit),
         SurfaceCache(voxels, nothing, np.zeros(len(nothing), bool), voxel_materials(field, voxels)),
         PathSettings(settings.max_depth, cache_roughness=1.0, light_at_first=True),
+        sky_of(outside),
     )
     files = []
     with progress(stage, len(shard.position) * settings.spp, " paths") as bar:
@@ -112,9 +118,18 @@ def write_pictures(
                 behind = (np.asarray(shard.normal[own]) * mesh.normals[triangle]).sum(axis=1) < 0
                 values[shining & behind] = 0
             files.append(out / f"{view}.exr")
-            write_exr(files[-1], {"": pixels_of_hits(values, shard, index, np.zeros(3))})
+            behind = _behind(outside, shard, index, data.camera(view))
+            write_exr(files[-1], {"": pixels_of_hits(values, shard, index, behind)})
         stats["paths_per_s"] = bar.rate
     write_manifest(manifest, stage, files, dumped(settings))
+
+
+def _behind(outside: Background, hits: Hits, index: int, camera: Camera) -> np.ndarray:
+    """(pixels, 3) radiance from outside in the direction of every pixel of a view that hits do not cover."""
+    pixel = np.flatnonzero(covered_share(hits, index) < 1)
+    radiance = np.zeros((camera.width * camera.height, 3), np.float32)
+    radiance[pixel] = outside.lookup(pixel_directions(camera, pixel))
+    return radiance
 
 
 def _traced(data: Dataset, mesh: Mesh, views: tuple[str, ...], hits: Path) -> Hits:

@@ -46,7 +46,9 @@ def radiance_of_hits(
 
 
 def pixels_of_hits(values: np.ndarray, hits: Hits, index: int, background: np.ndarray) -> np.ndarray:
-    """(H, W, 3) picture from radiance (N, 3) of a view's hits; what no hit covers shows ``background`` (3,)."""
+    """(H, W, 3) picture from radiance (N, 3) of a view's hits; the share that no hit covers shows ``background``,
+    (3,) or (H * W, 3).
+    """
     height, width = hits.shapes[index]
     pixel, weight = (
         hits.pixel_of_hit(index),

@@ -14,12 +14,16 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from fipt.io.background import NOTHING, Background
 from fipt.io.cameras import Camera
 from fipt.io.meshes import Mesh
 from fipt.render import bsdf
 
 _MAX_LANES = 2**22
 """Paths traced at once: bounds the memory of a wavefront."""
+
+_FINER = 4
+"""Texels of Mitsuba's environment maps along one of ours: the two are interpolated between different places."""
 
 _SHEET_GAP = 0.001
 """Distance between the two faces of a two-sided light, metres."""
@@ -109,6 +113,7 @@ def load_scene(
     roughness: np.ndarray,
     metallic: np.ndarray,
     lights: Sequence[Light],
+    background: Background = NOTHING,
 ) -> mi.Scene:
     """Make a scene to render.
 
@@ -122,6 +127,8 @@ def load_scene(
         (T,) float32.
     lights
         What shines.
+    background
+        What shines from outside.
     """
     bsdf.register()
     material = mi.load_dict(
@@ -144,6 +151,8 @@ def load_scene(
                 parts["emitter"] = mi.load_dict(area)
             name = f"light{index}_{side}"
             scene[name] = _mesh(name, sheet, **parts)
+    if background.shines:
+        scene["background"] = _environment(background)
     return mi.load_dict(scene)
 
 
@@ -200,6 +209,25 @@ class PathTracer:
         dr.eval(color)
         # Sums of blocks, unlike a film's scatter-adds, come out the same to the bit every time.
         return np.stack([dr.block_reduce(dr.ReduceOp.Add, c, spp).numpy() for c in color], axis=1)
+
+
+def _environment(background: Background) -> dict[str, Any]:
+    """Mitsuba's own emitter of a background.
+
+    Its maps begin at -z, have their first and last rows at the poles and are not turned; ours is looked up where its
+    texels are, on a grid finer than our own.
+    """
+    height, width = background.radiance.shape[:2]
+    if height == 1:
+        return {"type": "constant", "radiance": {"type": "rgb", "value": background.radiance[0, 0].tolist()}}
+    rows, columns = _FINER * height + 1, _FINER * width
+    theta = np.linspace(0, np.pi, rows)[:, None]
+    phi = 2 * np.pi * (np.arange(columns) + 0.5) / columns
+    directions = np.stack(
+        np.broadcast_arrays(np.sin(theta) * np.sin(phi), np.cos(theta), -np.sin(theta) * np.cos(phi)), axis=-1
+    ).reshape(-1, 3)
+    values = background.lookup(directions).reshape(rows, columns, 3)
+    return {"type": "envmap", "bitmap": mi.Bitmap(np.ascontiguousarray(values))}
 
 
 def _sheets(light: Light) -> list[Mesh]:

@@ -18,6 +18,7 @@ import mitsuba as mi
 import numpy as np
 
 from fipt.render import ggx
+from fipt.render.background import Sky
 from fipt.render.scene import RayScene, vectors
 from fipt.render.surface import SurfaceCache, Triangles
 
@@ -40,14 +41,12 @@ class Points:
 @dataclass(frozen=True)
 class PathSettings:
     """How paths go on: ``max_depth`` vertices after the first hit; vertices rougher than ``cache_roughness`` end in
-    the cache where it knows them; ``light_at_first`` samples emitters at the first hit too; ``background`` is the
-    radiance of rays that leave the mesh.
+    the cache where it knows them; ``light_at_first`` samples emitters at the first hit too.
     """
 
     max_depth: int
     cache_roughness: float
     light_at_first: bool
-    background: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 def random_keys(view: str, pixel: np.ndarray, piece: np.ndarray, seed: int) -> np.ndarray:
@@ -76,10 +75,19 @@ class Shader:
         Radiance (and materials) of the surface.
     path
         None in round 0, where the first vertex ends in the cache; else how paths go on.
+    sky
+        Radiance of rays that leave the mesh; None: zero.
     """
 
-    def __init__(self, scene: RayScene, triangles: Triangles, cache: SurfaceCache, path: PathSettings | None) -> None:
-        self.scene, self.triangles, self.cache, self.path = scene, triangles, cache, path
+    def __init__(
+        self,
+        scene: RayScene,
+        triangles: Triangles,
+        cache: SurfaceCache,
+        path: PathSettings | None,
+        sky: Sky | None = None,
+    ) -> None:
+        self.scene, self.triangles, self.cache, self.path, self.sky = scene, triangles, cache, path, sky
 
     def shade(self, points: Points, levels: Sequence[float | np.ndarray], counts: Sequence[int]) -> np.ndarray:
         """Estimate Ld, Ls0 and Ls1 of every level.
@@ -261,7 +269,7 @@ class Shader:
         ends = ~on_mesh
         if self.path is None:
             radiance, _, _ = self.cache.lookup_radiance(self.cache.find(y, normal, on_mesh), on_mesh)
-            return dr.select(on_mesh, radiance, 0), mi.Bool(True), p_light
+            return self._outside(dr.select(on_mesh, radiance, 0), wi, alive & ~on_mesh), mi.Bool(True), p_light
         if self.triangles.has_emitters:
             hit = on_mesh & (emitter > 0) & self.triangles.shines(n_y, -wi)
             radiance, pdf = self.triangles.radiance(emitter - 1, hit)
@@ -274,5 +282,8 @@ class Shader:
         last = depth + 1 >= self.path.max_depth
         read = ~ends & known & ((s_y > self.path.cache_roughness) | last)
         out = dr.select(read, radiance, out)
-        out = dr.select(alive & ~on_mesh, mi.Color3f(*self.path.background), out)
-        return out, ends | read | last, p_light
+        return self._outside(out, wi, alive & ~on_mesh), ends | read | last, p_light
+
+    def _outside(self, out, wi, leaves):
+        """``out``, and the sky's radiance where a ray leaves the mesh."""
+        return out if self.sky is None else dr.select(leaves, self.sky.lookup(wi, leaves), out)

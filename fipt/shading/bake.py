@@ -1,13 +1,15 @@
 """Round 0: shading integrals with incoming light read from the radiance cache (method.md, stage 1)."""
 
+from fipt.io.background import NOTHING, Background
 from fipt.io.meshes import Mesh
+from fipt.render.background import sky_of
 from fipt.render.scene import RayScene
 from fipt.render.surface import SurfaceCache, Triangles
 from fipt.render.tracer import Shader
 
 
-def cache_shader(mesh: Mesh, cache: dict, fill: bool) -> Shader:
-    """Return a shader whose rays end in the cache at the first surface they meet.
+def cache_shader(mesh: Mesh, cache: dict, fill: bool, background: Background = NOTHING) -> Shader:
+    """Return a shader whose rays end in the cache at the first surface they meet, or outside.
 
     Parameters
     ----------
@@ -18,4 +20,4 @@ def cache_shader(mesh: Mesh, cache: dict, fill: bool) -> Shader:
     """
     radiance = cache["radiance"][cache["source"]] if fill else cache["radiance"]
     surface = SurfaceCache(cache, radiance, cache["count"] > 0)
-    return Shader(RayScene(mesh), Triangles(mesh, None), surface, path=None)
+    return Shader(RayScene(mesh), Triangles(mesh, None), surface, None, sky_of(background))

@@ -2,7 +2,9 @@
 
 import numpy as np
 
+from fipt.io.background import NOTHING, Background
 from fipt.io.meshes import Mesh
+from fipt.render.background import sky_of
 from fipt.render.scene import RayScene
 from fipt.render.surface import EmitterSet, Materials, SurfaceCache, Triangles
 from fipt.render.tracer import PathSettings, Shader
@@ -15,6 +17,7 @@ def path_shader(
     materials: Materials,
     emitters: EmitterSet | None,
     path: PathSettings,
+    background: Background = NOTHING,
 ) -> Shader:
     """Return a shader whose paths follow the current model.
 
@@ -29,7 +32,7 @@ def path_shader(
     if emitters is not None and len(emitters.triangle):
         known &= ~np.isin(cache["key"], emitter_voxels(mesh, cache, emitters.triangle))
     surface = SurfaceCache(cache, cache["radiance"], known, materials)
-    return Shader(RayScene(mesh), Triangles(mesh, emitters), surface, path)
+    return Shader(RayScene(mesh), Triangles(mesh, emitters), surface, path, sky_of(background))
 
 
 def emitter_voxels(mesh: Mesh, cache: dict, triangles: np.ndarray) -> np.ndarray:

@@ -34,7 +34,7 @@ def parse_setup(text: str) -> RelightSetup:
 
 def write_room(folder: Path, settings: Synthesize) -> list[Path]:
     """Write mesh, cameras, names of ids and the room's description; return the files."""
-    room = build(settings.seed)
+    room = build(settings.seed, settings.opening)
     cameras = sample_cameras(room, Truth(room).first_hits, settings)
     names = {
         "part": {str(index + 1): part.name for index, part in enumerate(room.parts)},
@@ -67,7 +67,7 @@ def write_images(
     rate
         Paths per second.
     """
-    room = build(settings.seed)
+    room = build(settings.seed, settings.opening)
     cameras = _cameras(folder, names, room, settings)
     paths = [camera.width * camera.height * settings.spp for camera in cameras]
     files: list[Path] = []

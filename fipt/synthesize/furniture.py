@@ -66,10 +66,13 @@ class Part:
     radiance: Rgb | None = None
 
 
-def furnish(rng: np.random.Generator) -> list[Part]:
-    """Return all parts, lamps first; ``rng`` draws the grain of woods, the books and the leaves."""
+def furnish(rng: np.random.Generator, opening: bool = False) -> list[Part]:
+    """Return all parts, lamps first; ``rng`` draws the grain of woods, the books and the leaves.
+
+    With an ``opening`` the window has no pane.
+    """
     return [
-        *_lamps(),
+        *(part for part in _lamps() if not opening or part.name != "window pane"),
         *_shell(rng),
         *_window(rng),
         *_sofa(rng),

@@ -113,9 +113,9 @@ class Room:
 
 
 @lru_cache(4)
-def build(seed: int) -> Room:
-    """Build the room; equal seeds give equal rooms, down to the order of the triangles."""
-    return assemble(seed, furnish(np.random.default_rng([seed, 1])))
+def build(seed: int, opening: bool = False) -> Room:
+    """Build the room, closed or with an open window; equal seeds give equal rooms, down to the order of triangles."""
+    return assemble(seed, furnish(np.random.default_rng([seed, 1]), opening))
 
 
 def assemble(seed: int, parts: Sequence[Part]) -> Room:

@@ -8,6 +8,7 @@ import numpy as np
 
 from fipt.conventions import LUMINANCE
 from fipt.errors import FiptError
+from fipt.io.background import NOTHING, Background, edited
 from fipt.io.cameras import Camera
 from fipt.io.meshes import Mesh
 from fipt.model.albedo import reflectance
@@ -16,6 +17,7 @@ from fipt.render.reference import Light, PathTracer, TexturedMesh, load_scene
 from fipt.settings import NewLight, RelightSetup, Synthesize
 from fipt.synthesize.room import Room
 from fipt.synthesize.shapes import panel
+from fipt.synthesize.sky import sky
 
 _SUB = 4
 """Sub-pixels along each side of a pixel for averaged truth."""
@@ -78,8 +80,8 @@ def _mesh(vertices: np.ndarray, triangles: np.ndarray) -> Mesh:
     return Mesh(np.asarray(vertices, np.float32), np.asarray(triangles, np.int32))
 
 
-def render_tracer(room: Room, setup: RelightSetup | None, max_depth: int) -> PathTracer:
-    """Make the reference path tracer of the room under a setup."""
+def render_tracer(room: Room, setup: RelightSetup | None, max_depth: int, outside: Background = NOTHING) -> PathTracer:
+    """Make the reference path tracer of the room under a setup; ``outside`` shines through its openings."""
     solid = np.flatnonzero(~room.emits)
     scene = load_scene(
         Mesh(room.mesh.vertices, room.mesh.triangles[solid]),
@@ -88,6 +90,7 @@ def render_tracer(room: Room, setup: RelightSetup | None, max_depth: int) -> Pat
         room.roughness[solid],
         room.metallic[solid],
         lights(room, setup),
+        outside,
     )
     return PathTracer(scene, max_depth)
 
@@ -254,7 +257,8 @@ def render_views(
     ------
     camera, (H, W, 3) float32 radiance, ground truth
     """
-    tracer = render_tracer(room, setup, settings.max_depth)
+    outside = edited(sky(settings.sky), setup and setup.background) if settings.opening else NOTHING
+    tracer = render_tracer(room, setup, settings.max_depth, outside)
     truth = Truth(room, [new_light(light) for light in setup.lights] if setup else [])
     for camera in cameras:
         known = view_truth(truth, camera)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from fipt.conventions import ROUGHNESS_LEVELS
+from fipt.io.background import NOTHING, constant
 from fipt.model.albedo import specular_albedo
 from fipt.settings import Bake
 from tests import scenes
@@ -32,14 +33,15 @@ def copies(position, normal, to_viewer, count, seed=0):
     return Points(*arrays, random_keys("test", number, np.zeros(count, int), seed))
 
 
-def bake_shader(mesh, voxels):
+def bake_shader(mesh, voxels, background=NOTHING):
     from fipt.shading.bake import cache_shader
 
-    return cache_shader(mesh, voxels, fill=True)
+    return cache_shader(mesh, voxels, True, background)
 
 
-def shader(lit, light_at_first=True, depth=1, two_sided=False, background=(0.0, 0.0, 0.0), cache=None, surface=None):
+def shader(lit, light_at_first=True, depth=1, two_sided=False, background=NOTHING, cache=None, surface=None):
     """A shader of paths through a scene; without ``cache`` no path ends in cached radiance."""
+    from fipt.render.background import sky_of
     from fipt.render.scene import RayScene
     from fipt.render.surface import EmitterSet, SurfaceCache, Triangles
     from fipt.render.tracer import PathSettings, Shader
@@ -52,7 +54,8 @@ def shader(lit, light_at_first=True, depth=1, two_sided=False, background=(0.0, 
         RayScene(lit.mesh),
         Triangles(lit.mesh, emitters),
         SurfaceCache(voxels, voxels["radiance"], known, materials),
-        PathSettings(depth, 0.6, light_at_first, background),
+        PathSettings(depth, 0.6, light_at_first),
+        sky_of(background),
     )
 
 
@@ -205,9 +208,12 @@ def test_rays_that_leave_the_mesh(backend):
     assert not bake_shader(plain.mesh, scenes.grid()).shade(points, [0.5], [4, 4]).any()
     assert not shader(plain, depth=3).shade(points, [0.5], [4, 4]).any()
     sky = np.array([0.5, 1.0, 2.0])
-    got = shader(plain, depth=3, background=tuple(sky.tolist())).shade(points, [0.5], [4, 4])
     a0, a1 = specular_albedo(0.5, 0.5)
-    assert_mean(got, np.array([1.0, a0, a1])[:, None] * sky, slack=1e-3)
+    for tracer in (
+        shader(plain, depth=3, background=constant(sky)),
+        bake_shader(plain.mesh, scenes.grid(), constant(sky)),
+    ):
+        assert_mean(tracer.shade(points, [0.5], [4, 4]), np.array([1.0, a0, a1])[:, None] * sky, slack=1e-3)
 
 
 def test_voxels_without_record_are_dark(backend):

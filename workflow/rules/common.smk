@@ -144,6 +144,17 @@ def source_files(wildcards):
     return readable(scene_of(wildcards).source_files)
 
 
+def background_file(wildcards):
+    """Input function: the environment map that the config names, if any."""
+    path = readable(scene_of(wildcards).background_path)
+    return [path] if path else []
+
+
+def setup_files(wildcards):
+    """Input function: the files that a relight setup names."""
+    return readable(scene_of(wildcards).setup_files, wildcards.setup)
+
+
 def extra_mesh(wildcards):
     """Params function: --mesh with its file, where the config names one."""
     mesh = scene_of(wildcards).mesh_path()

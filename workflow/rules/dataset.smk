@@ -106,6 +106,7 @@ rule synthesize_relit:
         transforms="results/{scene}/dataset/transforms.json",
         mesh="results/{scene}/dataset/mesh.ply",
         room="results/{scene}/dataset/room.json",
+        files=setup_files,
     output:
         manifest="results/{scene}/dataset/relight_truth.{setup}.{shard}.manifest.json",
         stats="results/{scene}/stats/synthesize.{setup}.{shard}.json",

@@ -18,6 +18,7 @@ rule fit:
         shading=sharded(
             "results/{scene}/round-{round}/shading/{shard}.manifest.json", "train"
         ),
+        background="results/{scene}/background.npz",
         previous=previous("results/{scene}/round-{round}/model.safetensors"),
     output:
         model="results/{scene}/round-{round}/model.safetensors",
@@ -39,5 +40,5 @@ rule fit:
         version=VERSIONS["fit"],
     shell:
         "fipt fit --dataset {params.dataset:q} --hits {params.hits:q} --shading {params.shading:q}"
-        " {params.previous:q} --out {output.model:q}"
+        " {params.previous:q} --background {input.background:q} --out {output.model:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

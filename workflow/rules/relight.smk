@@ -12,8 +12,10 @@ rule relight_views:
         mesh="results/{scene}/dataset/mesh.ply",
         hits="results/{scene}/hits/{shard}.manifest.json",
         cache="results/{scene}/cache.npz",
+        background="results/{scene}/background.npz",
         model=LAST_MODEL,
         emitters=last_emitters,
+        files=setup_files,
     output:
         manifest="results/{scene}/relight/{setup}.{shard}.manifest.json",
         stats="results/{scene}/stats/relight.{setup}.{shard}.json",
@@ -34,6 +36,7 @@ rule relight_views:
         version=VERSIONS["relight"],
     shell:
         "fipt relight --dataset {params.dataset:q} --hits {params.hits:q} --cache {input.cache:q}"
+        " --background {input.background:q}"
         " --model {input.model:q} --emitters {input.emitters:q} --setup {params.setup:q}"
         " --out {params.out:q} --manifest {output.manifest:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

@@ -12,6 +12,7 @@ rule render_views:
         mesh="results/{scene}/dataset/mesh.ply",
         hits="results/{scene}/hits/{shard}.manifest.json",
         cache="results/{scene}/cache.npz",
+        background="results/{scene}/background.npz",
         model=LAST_MODEL,
         emitters=last_emitters,
     output:
@@ -33,6 +34,7 @@ rule render_views:
         version=VERSIONS["render"],
     shell:
         "fipt render --dataset {params.dataset:q} --hits {params.hits:q} --cache {input.cache:q}"
+        " --background {input.background:q}"
         " --model {input.model:q} --emitters {input.emitters:q}"
         " --out {params.out:q} --manifest {output.manifest:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

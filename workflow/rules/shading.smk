@@ -1,6 +1,6 @@
 """Shading of the training hits: from the cache in round 0, path traced with the model afterwards.
 
-INPUTS:  results/{scene}/hits/{shard}.manifest.json, cache.npz, mesh
+INPUTS:  results/{scene}/hits/{shard}.manifest.json, cache.npz, background.npz, mesh
          from round 1: model, emitters and shading of the round before
 OUTPUTS: results/{scene}/round-{k}/shading/{shard}/shading.npy    (hits, 13, 3) half
          results/{scene}/round-{k}/shading/{shard}.manifest.json
@@ -14,6 +14,7 @@ rule bake:
         mesh="results/{scene}/dataset/mesh.ply",
         hits="results/{scene}/hits/{shard}.manifest.json",
         cache="results/{scene}/cache.npz",
+        background="results/{scene}/background.npz",
     output:
         shading=directory("results/{scene}/round-0/shading/{shard}"),
         manifest="results/{scene}/round-0/shading/{shard}.manifest.json",
@@ -33,7 +34,7 @@ rule bake:
         version=VERSIONS["bake"],
     shell:
         "fipt bake --dataset {params.dataset:q} --hits {params.hits:q} --cache {input.cache:q}"
-        " --out {output.shading:q}"
+        " --background {input.background:q} --out {output.shading:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
 
 
@@ -44,6 +45,7 @@ rule refine:
         mesh="results/{scene}/dataset/mesh.ply",
         hits="results/{scene}/hits/{shard}.manifest.json",
         cache="results/{scene}/cache.npz",
+        background="results/{scene}/background.npz",
         model=previous("results/{scene}/round-{round}/model.safetensors"),
         emitters=previous_emitters,
         shading=previous("results/{scene}/round-{round}/shading/{shard}.manifest.json"),
@@ -69,6 +71,7 @@ rule refine:
         version=VERSIONS["refine"],
     shell:
         "fipt refine --dataset {params.dataset:q} --hits {params.hits:q} --cache {input.cache:q}"
+        " --background {input.background:q}"
         " --model {input.model:q} --emitters {input.emitters:q} --previous {params.previous:q}"
         " --out {output.shading:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

@@ -241,7 +241,7 @@ def test_pixels_brighter_than_any_reflection_are_evident(rng):
     shading[1, 9] = 0.5
     shading[2] = 0.2
     radiance = torch.tensor([[1.4, 1.4, 1.4], [1.6, 1.6, 1.6]])
-    evident = evident_emitters(SimpleNamespace(shading=shading, radiance=radiance, owner=data.owner), 1.5)
+    evident = evident_emitters(SimpleNamespace(shading=shading, on_mesh=radiance, owner=data.owner), 1.5)
     assert evident.tolist() == [False, True, True]
 
 

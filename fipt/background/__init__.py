@@ -1,0 +1,1 @@
+"""Light from outside: the radiance of rays that leave the mesh."""
