@@ -22,7 +22,7 @@ from fipt.render import bsdf
 _MAX_LANES = 2**22
 """Paths traced at once: bounds the memory of a wavefront."""
 
-_FINER = 4
+_FINER = 8
 """Texels of Mitsuba's environment maps along one of ours: the two are interpolated between different places."""
 
 _SHEET_GAP = 0.001
@@ -221,7 +221,7 @@ def _environment(background: Background) -> dict[str, Any]:
     if height == 1:
         return {"type": "constant", "radiance": {"type": "rgb", "value": background.radiance[0, 0].tolist()}}
     rows, columns = _FINER * height + 1, _FINER * width
-    theta = np.linspace(0, np.pi, rows)[:, None]
+    theta = np.clip(np.linspace(0, np.pi, rows), 1e-4, np.pi - 1e-4)[:, None]  # columns differ up to the poles
     phi = 2 * np.pi * (np.arange(columns) + 0.5) / columns
     directions = np.stack(
         np.broadcast_arrays(np.sin(theta) * np.sin(phi), np.cos(theta), -np.sin(theta) * np.cos(phi)), axis=-1

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from fipt.conventions import ROUGHNESS_LEVELS
-from fipt.io.background import NOTHING, constant
+from fipt.io.background import NOTHING, Background, constant
 from fipt.model.albedo import specular_albedo
 from fipt.settings import Bake
 from tests import scenes
@@ -216,6 +216,61 @@ def test_rays_that_leave_the_mesh(backend):
         assert_mean(tracer.shade(points, [0.5], [4, 4]), np.array([1.0, a0, a1])[:, None] * sky, slack=1e-3)
 
 
+def test_a_convex_object_under_constant_light_is_a_furnace(backend):
+    """Whatever its material, nothing of it sees itself: Ld is the light, in maps of one texel and of many."""
+    import trimesh
+
+    ball = trimesh.creation.icosphere(3, 1.0)
+    mesh = scenes.Mesh(np.float32(ball.vertices), np.int32(ball.faces))
+    normal = unit((0.3, 0.5, -0.2))
+    points = copies(normal, normal, unit(np.add(normal, (0.2, 0.1, 0.4))), 2000)
+    light = np.array([0.5, 0.0, 2.0])
+    many = Background("map", np.broadcast_to(np.float32(light), (8, 16, 3)).copy(), "z", 30.0)
+    for sky in (constant(light), many):
+        got = shader(scenes.Lit(mesh, None, None), depth=3, background=sky).shade(points, [0.5], [8, 8])
+        assert_mean(got[:, 0], light, slack=1e-3)
+
+
+@pytest.mark.parametrize(("axis", "normal"), [("y", (0, 1, 0)), ("z", (0, 0, 1))])
+def test_a_cap_of_the_sky_has_its_closed_form(backend, axis, normal):
+    """Light from within 45 degrees of the zenith is half of all light on level ground."""
+    radiance = np.zeros((512, 1024, 3), np.float32)
+    radiance[:128] = [1, 2, 0]
+    ground = scenes.floor() if axis == "y" else scenes.quad((-4, -4, 0), (8, 0, 0), (0, 8, 0))
+    sky = Background("given", radiance, axis)
+    points = copies((0, 0, 0), normal, unit(np.add(normal, (0.3, 0.2, 0.1))), 4000)
+    got = bake_shader(ground, scenes.grid(), sky).shade(points, [0.5], [16, 8])
+    assert_mean(got[:, 0], np.array([0.5, 1, 0]), slack=4e-3)
+
+
+def test_a_bright_texel_lights_what_faces_it(backend):
+    """To the right of an unturned camera is the map's right half."""
+    radiance = np.zeros((16, 32, 3), np.float32)
+    radiance[7:9, 23:25] = 1  # on the horizon, along +x
+    sky = Background("given", radiance)
+    walls = scenes.Lit(scenes.floor(0.01), None, None)
+    got = {
+        normal: shader(walls, background=sky).shade(copies((0, 1, 0), normal, normal, 4000), [0.5], [16, 8])[:, 0]
+        for normal in ((1, 0, 0), (-1, 0, 0), (0, 0, -1))
+    }
+    # bilinear: the light is that of the texels' values times their solid angles, over pi
+    light = 2 * 2 * (np.pi / 16) ** 2 / np.pi
+    assert_mean(got[1, 0, 0], light, slack=0.03)
+    assert not got[-1, 0, 0].any()
+    assert got[0, 0, -1].mean() < 0.2 * light
+
+
+def test_light_that_is_zero_changes_no_bit(backend):
+    from fipt.render.background import Sky
+
+    points = copies(SPOTS[1][0], UP, unit(SPOTS[1][2]), 500)
+    tracer = shader(scenes.cornell(), depth=4, surface=(scenes.METAL, scenes.GLOSSY))
+    assert tracer.sky is None
+    without = tracer.shade(points, [0.3], [3, 3])
+    tracer.sky = Sky(constant((0, 0, 0)))
+    np.testing.assert_array_equal(tracer.shade(points, [0.3], [3, 3]), without)
+
+
 def test_voxels_without_record_are_dark(backend):
     voxels = scenes.grid(resolution=4)
     keep = voxels["point"][:, 1] < 0.5  # no record in the upper quarter
@@ -248,7 +303,7 @@ def room():
     return scenes.cornell()
 
 
-def reference(room, surface, depth):
+def reference(room, surface, depth, background=NOTHING):
     """(SPOTS, REPEATS, 3) radiance along the directions to the viewer by Mitsuba's path integrator."""
     import mitsuba as mi
 
@@ -269,7 +324,7 @@ def reference(room, surface, depth):
         mitsuba_scene.Light(scenes.Mesh(room.mesh.vertices, room.mesh.triangles[[t]]), color)
         for t, color in zip(room.triangle, room.radiance, strict=True)
     ]
-    scene = mitsuba_scene.load_scene(mesh, uv, texture, roughness, metallic, lights)
+    scene = mitsuba_scene.load_scene(mesh, uv, texture, roughness, metallic, lights, background)
     path = mi.load_dict({"type": "path", "max_depth": depth + 1, "rr_depth": 100})
     spots = np.repeat(np.arange(len(SPOTS)), REPEATS)
     wo = np.array([unit(v) for _, _, v in SPOTS])[spots]
@@ -312,6 +367,30 @@ def test_radiance_is_that_of_mitsuba(backend, room, surface, depth):
     for ours, theirs in zip(got, expected, strict=True):
         assert theirs.mean() > 0.005
         assert assert_same_mean(ours, theirs).max() < 0.05
+
+
+@pytest.mark.parametrize("depth", [1, 4])
+def test_light_from_outside_is_that_of_mitsuba(backend, np_rng, depth):
+    """Without its ceiling, the room is lit by an uneven sky too."""
+    room = scenes.cornell()
+    ceiling = (room.mesh.corners[..., 1] == 1).all(axis=1)
+    moved = np.cumsum(~ceiling) - 1
+    open_ = scenes.Lit(
+        scenes.Mesh(room.mesh.vertices, room.mesh.triangles[~ceiling]),
+        moved[room.triangle].astype(np.int32),
+        room.radiance,
+    )
+    sky = Background("given", np_rng.uniform(0, 4, (6, 12, 3)).astype(np.float32) * [1, 0.5, 0], "y", 40.0)
+    surface = (scenes.DIFFUSE, scenes.GLOSSY)
+    expected = reference(open_, surface, depth, sky)
+    roughness = np.repeat([surface[int(p[0] > 0)].roughness for p, _, _ in SPOTS], REPEATS).astype(np.float32)
+    tracer = shader(open_, depth=depth, surface=surface, background=sky)
+    got = combined(tracer.shade(spot_points(), [roughness], [4, 4]), surface)
+    dark = combined(shader(open_, depth=depth, surface=surface).shade(spot_points(), [roughness], [4, 4]), surface)
+    for ours, theirs, without in zip(got, expected, dark, strict=True):
+        assert_same_mean(ours, theirs)
+        assert (ours.mean(axis=0)[:2] > 1.1 * without.mean(axis=0)[:2]).all()
+        assert_same_mean(ours[:, 2:], without[:, 2:])  # no blue comes from outside
 
 
 def test_light_sampling_at_the_first_hit_changes_the_noise_only(backend, room):
