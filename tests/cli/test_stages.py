@@ -10,11 +10,13 @@ import drjit
 import numpy as np
 import pytest
 import torch
+from scipy.ndimage import binary_erosion
 
 from fipt.cli.main import main
 from fipt.fit import loop
 from fipt.io import files
-from fipt.io.arrays import load_npz, save_npy
+from fipt.io.arrays import load_npz, save_npy, save_npz
+from fipt.io.background import read_background
 from fipt.io.cameras import write_transforms
 from fipt.io.dataset import read_layers
 from fipt.io.emitters import read_emitters
@@ -54,15 +56,17 @@ def threads(backend):
 def arguments(root: Path) -> dict[str, list]:
     """The call of every verb, by name."""
     data, train, val = root / "dataset", root / "hits" / "train-000", root / "hits" / "val-000"
+    outside = ["--background", root / "background.npz"]
     cache, zero, one = root / "cache.npz", root / "round-0", root / "round-1"
     shading, model, emitters = zero / "shading" / "train-000", zero / "model.safetensors", zero / "emitters.npz"
     fitted = ["--dataset", data, "--model", model, "--emitters", emitters]
-    pictures = [*fitted, "--hits", val, "--cache", cache]
+    pictures = [*fitted, "--hits", val, "--cache", cache, *outside]
     return {
         "hits": ["--dataset", data, "--views", "a,b", "--out", train],
+        "background": ["--dataset", data, "--hits", train, "--out", root / "background.npz"],
         "cache": ["--dataset", data, "--hits", train, "--out", cache],
-        "bake": ["--dataset", data, "--hits", train, "--cache", cache, "--out", shading],
-        "fit": ["--dataset", data, "--hits", train, "--shading", shading, "--out", model],
+        "bake": ["--dataset", data, "--hits", train, "--cache", cache, *outside, "--out", shading],
+        "fit": ["--dataset", data, "--hits", train, "--shading", shading, *outside, "--out", model],
         "emitters": ["--dataset", data, "--hits", train, "--shading", shading, "--model", model, "--out", emitters],
         "refine": [
             *fitted,
@@ -70,6 +74,7 @@ def arguments(root: Path) -> dict[str, list]:
             train,
             "--cache",
             cache,
+            *outside,
             "--previous",
             shading,
             "--out",
@@ -99,6 +104,7 @@ def arguments(root: Path) -> dict[str, list]:
 
 SETTINGS = {
     "hits": {"grid": 3},
+    "background": {},
     "cache": {"resolution": 32},
     "bake": FEW,
     "fit": FIT,
@@ -144,6 +150,7 @@ def test_files_of_a_run(scene):
     found = {str(path.relative_to(scene)) for path in scene.rglob("*") if path.is_file()}
     found = {name for name in found if not name.startswith(("dataset/", "hits/", "stats/"))}
     assert found == {
+        "background.npz",
         "cache.npz",
         "round-0/shading/train-000/shading.npy",
         "round-0/shading/train-000.manifest.json",
@@ -223,7 +230,7 @@ def test_the_new_light_is_red_and_the_old_one_off(scene):
 
 def test_running_again_gives_the_same(work):
     """Also into folders that exist already."""
-    for verb in ("hits", "cache", "bake", "fit", "emitters", "refine", "render"):
+    for verb in ("hits", "background", "cache", "bake", "fit", "emitters", "refine", "render"):
         before = content(work, skip="stats")
         assert call(verb, work) == 0
         after = content(work, skip="stats")
@@ -239,6 +246,95 @@ def test_shards_of_one_view_give_the_same_shading(scene, tmp_path):
         assert call("hits", scene, "--views", view, "--out", tmp_path / "hits" / view) == 0
         assert call("bake", scene, "--hits", tmp_path / "hits" / view, "--out", tmp_path / "bake" / view) == 0
         np.testing.assert_array_equal(read_shading(tmp_path / "bake" / view), both[hits.of_view(index)])
+
+
+# --- light from outside ---------------------------------------------------------------------------
+
+MISSING = 1
+"""The wall +x, whose radiance the pictures show all the same: as if it were far outside."""
+
+
+@pytest.fixture(scope="module")
+def opened(threads, tmp_path_factory):
+    """Results of all verbs on the box room without one wall."""
+    root = tmp_path_factory.mktemp("opened")
+    scenes.write_dataset(root / "dataset")
+    mesh = scenes.room().mesh
+    write_ply(root / "dataset" / "mesh.ply", Mesh(mesh.vertices, np.delete(mesh.triangles, [2, 3], axis=0)))
+    for verb in SETTINGS:
+        assert call(verb, root, stats=root / "stats" / f"{verb}.json") == 0, verb
+        if verb == "hits":
+            assert call("hits", root, "--views", "c", "--out", root / "hits" / "val-000") == 0
+    return root
+
+
+def test_a_closed_room_has_no_light_from_outside(scene):
+    assert json.loads((scene / "stats" / "background.json").read_text())["mode"] == "none"
+    assert load_npz(scene / "background.npz")["radiance"].shape == (1, 1, 3)
+
+
+def test_light_from_outside_is_found_and_lights_the_room(opened, tmp_path):
+    found = read_background(opened / "background.npz")
+    assert found.mode == "map"
+    np.testing.assert_allclose(found.radiance, np.broadcast_to(scenes.COLORS[MISSING], (32, 64, 3)), rtol=1e-4)
+    _, wall = scenes.picture(scenes.cameras()[2])
+    outside = binary_erosion(wall == MISSING + 1)
+    assert outside.sum() > 20
+    shown = read_rgb(opened / "render" / "c.exr")[outside]
+    np.testing.assert_allclose(shown, np.broadcast_to(scenes.COLORS[MISSING], shown.shape), rtol=1e-3)
+    # the opening lights as the wall did; without the background it is dark
+    assert call("bake", opened, "--background", opened / "background.npz", "--out", tmp_path / "lit") == 0
+    options = [str(a) for a in arguments(opened)["bake"]]
+    at = options.index("--background")
+    options[options.index("--out") + 1] = str(tmp_path / "dark")
+    assert main(["bake", *options[:at], *options[at + 2 :], "--settings", json.dumps(SETTINGS["bake"])]) == 0
+    lit, dark = (np.float32(read_shading(tmp_path / name)[:, 0].mean(axis=0)) for name in ("lit", "dark"))
+    gained = lit - dark
+    assert gained[1] > 0.05
+    np.testing.assert_allclose(gained / gained[1], scenes.COLORS[MISSING] / 0.5, atol=0.05)  # all green
+
+
+def test_setups_change_the_light_from_outside(opened, tmp_path):
+    _, wall = scenes.picture(scenes.cameras()[2])
+    outside = binary_erosion(wall == MISSING + 1)
+    write_exr(tmp_path / "sky.exr", {"": np.broadcast_to(np.float32([3, 0, 0]), (4, 8, 3))})
+    for edit, expected in (
+        ({"scale": 0.5}, 0.5 * scenes.COLORS[MISSING]),
+        ({"radiance": [0, 0, 4]}, [0, 0, 4]),
+        ({"file": str(tmp_path / "sky.exr"), "scale": 2}, [6, 0, 0]),
+    ):
+        setup = json.dumps({"emitters": [{"scale": 0}], "background": edit})
+        assert call("relight", opened, "--setup", setup, "--out", opened / "relight" / "other") == 0
+        picture = read_rgb(opened / "relight" / "other" / "c.exr")
+        shown = picture[outside]
+        np.testing.assert_allclose(shown, np.broadcast_to(expected, shown.shape), rtol=1e-3, atol=1e-5)
+        inside = picture[wall == 3].mean(axis=0)
+        assert inside[np.argmax(expected)] > 2e-3
+        assert inside[np.argmin(expected)] <= inside[np.argmax(expected)] / 3 + 1e-6
+
+
+def test_bad_backgrounds(work, refused, tmp_path):
+    out = ("--out", work / "new.npz")
+
+    def said(**settings):
+        return refused("background", *out, settings=settings)
+
+    assert "background.mode is given, but background.file is missing" in said(mode="given")
+    assert "background.file is only for mode given; mode is auto" in said(file="sky.exr")
+    assert "background.radiance is only for mode constant; mode is map" in said(mode="map", radiance=[1, 1, 1])
+    assert "background.mode constant needs training pixels that see no surface" in said(mode="constant")
+    assert "background.mode: input should be" in said(mode="sky")
+    assert "sky.exr" in said(mode="given", file=str(tmp_path / "sky.exr"))
+    write_exr(tmp_path / "sky.exr", {"": np.full((4, 8, 3), np.nan)})
+    assert "32 texels are NaN" in said(mode="given", file=str(tmp_path / "sky.exr"))
+    assert "32 texels are NaN" in refused(
+        "relight", "--setup", json.dumps({"background": {"file": str(tmp_path / "sky.exr")}})
+    )
+    save_npz(work / "flat.npz", mode=np.array("map"), radiance=np.ones((4, 8)), up=np.array("y"), rotation=0.0)
+    for verb in ("bake", "fit", "refine", "render"):
+        assert "must be a map of shape (height, width, 3); found (4, 8)" in refused(
+            verb, "--background", work / "flat.npz"
+        )
 
 
 # --- bad input ------------------------------------------------------------------------------------
@@ -297,7 +393,7 @@ def test_an_unknown_view(refused):
     assert "view d is not among the accepted views" in refused("hits", "--views", "a,d")
 
 
-@pytest.mark.parametrize("verb", ["cache", "fit", "emitters"])
+@pytest.mark.parametrize("verb", ["background", "cache", "fit", "emitters"])
 def test_bad_pictures(work, refused, verb):
     path = work / "dataset" / "images" / "b.exr"
     image = read_rgb(path)
@@ -332,6 +428,7 @@ def test_shards_that_do_not_pair_up(work, refused):
 def test_damaged_files(work, refused):
     for verb, _option, path in (
         ("bake", "--cache", "cache.npz"),
+        ("render", "--background", "background.npz"),
         ("refine", "--emitters", "round-0/emitters.npz"),
         ("materials", "--model", "round-0/model.safetensors"),
         ("fit", "--shading", "round-0/shading/train-000/shading.npy"),

@@ -107,6 +107,24 @@ def test_data_root():
         scene(room).source_path()
 
 
+def test_environment_maps_are_placed():
+    room = {
+        "source": "procedural",
+        "settings": {"background": {"mode": "given", "file": "{data_root}/sky.hdr"}},
+        "setups": {"night": {"background": {"file": "{data_root}/night.exr"}}, "dim": {"background": {"scale": 0.5}}},
+    }
+    placed = scene(room, data_root="/data")
+    assert placed.background_path() == "/data/sky.hdr"
+    assert json.loads(placed.json("background"))["file"] == "/data/sky.hdr"
+    assert placed.setup_files("night") == ["/data/night.exr"]
+    assert json.loads(placed.setup_json("night"))["background"]["file"] == "/data/night.exr"
+    assert placed.setup_files("dim") == []
+    with pytest.raises(FiptError, match=r"settings\.background\.file is .*, but data_root is not set"):
+        scene(room).json("background")
+    with pytest.raises(FiptError, match=r"scene room: background\.radiance is only for mode constant; mode is none"):
+        scene({"source": "procedural"}, background={"mode": "none", "radiance": [1, 1, 1]})
+
+
 def test_reads_files_and_overrides(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(FiptError, match=r"config/config\.yaml does not exist"):

@@ -73,6 +73,7 @@ class Workspace:
         path = self.root / "config" / "config.yaml"
         path.parent.mkdir(exist_ok=True)
         path.write_text(yaml.safe_dump(config))
+        (self.root / "night.exr").write_text("an environment map that a light setup may name")
 
     def command(self, *options: str) -> list[str]:
         """The command line of Snakemake with the real Snakefile and the local profile."""

@@ -15,7 +15,7 @@ from fipt.config import load
 from fipt.run import plan
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-SETUP = {"evening": {"emitters": [{"scale": 0.0}]}}
+SETUP = {"evening": {"emitters": [{"scale": 0.0}], "background": {"file": "night.exr"}}}
 CONFIG = {
     "scenes": {
         "room": {
@@ -27,13 +27,14 @@ CONFIG = {
     "rounds": 1,
     "views_per_shard": 2,
 }
-"""Two train shards, one val shard, two rounds."""
+"""Two train shards, one val shard, two rounds; a setup with an environment map."""
 
 FIRST = {
     "synthesize_room": 1,
     "synthesize_views": 3,
     "synthesize_relit": 1,
     "hits": 3,
+    "background": 1,
     "cache": 1,
     "bake": 2,
     "fit": 2,
@@ -110,11 +111,13 @@ def test_runs_once_then_only_what_changed(workspace):
         "fit": after_fit,
         "bake": {"bake": 2, **after_fit},
         "cache": {"cache": 1, "bake": 2, **after_fit},
+        "background": {"background": 1, "bake": 2, **after_fit},
     }
     values = {
         "report": {"width": 100},
         "metrics": {"fit_exposure": True},
         "cache": {"resolution": 32},
+        "background": {"resolution": 8},
         "materials": {"average": False},
         "fit": {"steps": 7},
     }
@@ -182,6 +185,7 @@ def test_only_restricts_the_scenes(workspace):
             {"scenes": {"room": {"source": "procedural", "settings": {"fit": {"batsh": 1}}}}},
             "unknown key scenes.room.settings.fit.batsh (did you mean batch?)",
         ),
+        ({"background": {"mode": "given"}}, "scene room: background.mode is given, but background.file is missing"),
         ({"only": ["attic"]}, "only: there is no scene 'attic'; scenes: room"),
     ],
 )

@@ -147,3 +147,36 @@ def test_without_any_pixel_there_is_nothing_to_fit(np_rng):
     hits, shading, images = shards(np_rng)
     with pytest.raises(FiptError, match="no training pixel shows the mesh"):
         Pixels(hits, shading, [(image, 0 * valid) for image, valid in images], None)
+
+
+def test_pixels_at_the_edge_of_an_opening_keep_their_shares(np_rng):
+    """What is known to lie beyond is no part of the mesh; other pixels off the mesh are scaled up as ever."""
+    hits, shading, images = shards(np_rng)
+    for shard in hits:
+        shard.weight[:] *= 0.75
+    beyond = [(np.array([0, 3]), np.float32([[1, 2, 0], [0.5, 0, 0]])), (np.empty(0, np.int64), np.empty((0, 3)))]
+    pixels = Pixels(hits, shading, images, None, beyond)
+    batch = pixels.batch(np.array([5, 0, 3, 2, 6]), 2, np_rng)
+    number = batch.radiance[:, 0].numpy()
+    total = np.bincount(batch.owner.numpy(), batch.weight.numpy())
+    at_edge = (number == 0) | (number == 3)
+    assert at_edge.sum() == 2
+    np.testing.assert_allclose(total, np.where(at_edge, 0.75, 1), rtol=1e-6)
+    np.testing.assert_allclose(batch.share.numpy(), np.where(at_edge, 0.75, 1), rtol=1e-6)
+    np.testing.assert_allclose(batch.beyond.numpy()[number == 3], [[0.5, 0, 0]])
+    np.testing.assert_allclose(batch.on_mesh.numpy()[number == 3], [[2.5 / 0.75, 4, 4]])
+    np.testing.assert_array_equal(batch.on_mesh.numpy()[number == 0], 0)  # the outside is brighter than the pixel
+    np.testing.assert_array_equal(batch.beyond.numpy()[~at_edge], 0)
+
+
+def test_without_openings_nothing_is_beyond(np_rng):
+    hits, shading, images = shards(np_rng)
+    nothing = [(np.empty(0, np.int64), np.empty((0, 3), np.float32))] * 2
+    first, second = (
+        Pixels(hits, shading, images, None, beyond).batch(np.arange(7), 2, np.random.default_rng(1))
+        for beyond in (None, nothing)
+    )
+    assert first.beyond is None
+    assert second.beyond is None
+    assert first.on_mesh is first.radiance
+    np.testing.assert_array_equal(first.weight, second.weight)

@@ -221,6 +221,25 @@ def test_terms_of_a_batch(rng):
     np.testing.assert_array_equal(field.asked["points"], data.points.reshape(6, 3))
 
 
+def test_pixels_at_the_edge_of_an_opening_show_the_outside_too(rng):
+    """Their error is that of the whole pixel; what lies outside is no emission."""
+    data = batch(rng)
+    brdf = Brdf(random(rng, 6, 3), 0.1 + 0.8 * random(rng, 6), random(rng, 6))
+    beyond = torch.tensor([[0.0, 0.0, 0.0], [0.3, 0.0, 0.2]])
+    weight = torch.tensor([1.0, 0.15, 0.45])
+    data = Batch(**{**vars(data), "weight": weight, "beyond": beyond, "share": torch.tensor([1.0, 0.6])})
+    settings = Fit(evidence=0)
+    radiance, _ = losses.reflected(brdf, data.shading, 2)
+    seen = data.radiance.numpy()
+    each = radiance.numpy()
+    pixel = np.stack([each[0], 0.15 * each[1] + 0.45 * each[2] + beyond[1].numpy()])
+    error = ((srgb_encode(pixel) - srgb_encode(seen)) ** 2).mean(axis=1)
+    dark = all_terms(Known(brdf, torch.full((3,), -1.0)), data, None, settings)["colour"].item()
+    assert dark == pytest.approx((error[0] + 0.5 * error[1]) / 2, rel=1e-4)
+    masked = all_terms(Known(brdf, torch.full((3,), 50.0)), data, None, settings)["colour"].item()
+    assert masked == pytest.approx(0, abs=1e-9)  # the mask explains all of it
+
+
 def test_kind_of_segments_decides_the_propagation(rng):
     data = batch(rng)
     field = Known(Brdf(random(rng, 6, 3), random(rng, 6), random(rng, 6)), torch.zeros(3))

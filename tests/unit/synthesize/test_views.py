@@ -197,6 +197,34 @@ def test_splitting_the_paths_keeps_the_mean(views, monkeypatch):
     assert np.median(parts) == pytest.approx(np.median(whole), rel=0.1)
 
 
+# --- an open window -----------------------------------------------------------------------------
+
+
+def test_through_the_open_window_the_sky_is_seen(views):
+    from fipt.synthesize.sky import sky
+
+    settings = SETTINGS.model_copy(update={"opening": True, "denoise": False, "spp": 32, "max_depth": 1})
+    room = build(0, True)
+    closed = build(0)
+    names = [part.name for part in closed.parts]
+    assert [part.name for part in room.parts] == [name for name in names if name != "window pane"]
+    camera = looking((1.4, 1.3, 1.5), (1.4, 1.35, -0.18), fov=20.0)
+    ((_, image, truth),) = views.render_views(room, [camera], settings)
+    rows, columns = np.mgrid[: camera.height, : camera.width]
+    outside = sky(settings.sky).lookup(camera.directions(columns + 0.5, rows + 0.5).reshape(-1, 3))
+    inside = np.zeros((24, 32), bool)
+    inside[10:14, 10:22] = True
+    assert not truth.ids["part"][inside].any()
+    assert not truth.layers["emission_mask.Y"][inside].any()
+    np.testing.assert_allclose(image[inside], outside.reshape(24, 32, 3)[inside], rtol=0.05)
+    for edit, factor in (({"scale": 0.5}, 0.5), ({"scale": 0}, 0)):
+        setup = RelightSetup(background=edit)
+        ((_, relit, _),) = views.render_views(room, [camera], settings, setup)
+        np.testing.assert_allclose(relit[inside], factor * image[inside], rtol=0.05)
+    # the sky lights the room; its two halves differ, so that a turned map would show
+    assert outside[:, 1].max() > 1.05 * outside[:, 1].min()
+
+
 # --- light setups -----------------------------------------------------------------------------
 
 
