@@ -258,7 +258,7 @@ def check_background(settings: Background, where: str = "background") -> Backgro
         If mode `given` has no file, or a key is given that the mode does not use.
     """
     if settings.mode == "given" and settings.file is None:
-        raise FiptError(f"{where}.mode is given, but {where}.file is missing", "name an EXR or HDR environment map")
+        raise FiptError(f"{where}.mode is given, but background.file is missing", "name an EXR or HDR environment map")
     for key, mode in (("file", "given"), ("radiance", "constant")):
         if getattr(settings, key) is not None and settings.mode != mode:
             raise FiptError(
