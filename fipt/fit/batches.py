@@ -7,6 +7,7 @@ import torch
 
 from fipt.conventions import SHADING_OUTPUTS, SUB_POSITIONS
 from fipt.errors import FiptError
+from fipt.io.confidence import Confidence
 from fipt.io.hits import Hits
 
 
@@ -32,6 +33,8 @@ class Batch:
         (H, 13, 3) Ld, Ls0 of every level, Ls1 of every level.
     segment
         (H,) int64 segment, 0 = unknown.
+    confidence
+        (H,) in [0, 1]: how well the photographs determine the surface there; 1 where that is not asked for.
     """
 
     radiance: torch.Tensor
@@ -42,6 +45,7 @@ class Batch:
     footprint: torch.Tensor
     shading: torch.Tensor
     segment: torch.Tensor
+    confidence: torch.Tensor
 
 
 class Pixels:
@@ -57,6 +61,8 @@ class Pixels:
         Per shard: (P, 3) radiance and (P,) weight of its pixels.
     segments
         Per shard: (P,) uint16 segment id of each pixel; None to fit without.
+    confidence
+        Of the surface; None to trust all of it alike.
     """
 
     def __init__(
@@ -65,8 +71,9 @@ class Pixels:
         shading: list[np.ndarray],
         images: list[tuple[np.ndarray, np.ndarray]],
         segments: list[np.ndarray] | None,
+        confidence: Confidence | None = None,
     ) -> None:
-        self.shards, self.shading = shards, shading
+        self.shards, self.shading, self.confidence = shards, shading, confidence
         self.radiance = [image.astype(np.float32) for image, _ in images]
         self.offsets = [np.array(shard.offsets) for shard in shards]
         for shard, shade in zip(shards, shading, strict=True):
@@ -92,6 +99,11 @@ class Pixels:
     def largest_segment(self) -> int:
         """Largest segment id, 0 without segments."""
         return 0 if self.segment is None else max(int(own.max(initial=0)) for own in self.segment)
+
+    def confidence_at(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
+        """(N,) float32 confidence at surface points (N, 3) with normals (N, 3); 1 where it is not asked for."""
+        known = self.confidence
+        return np.ones(len(points), np.float32) if known is None else known.at(points, normals, known.combined)
 
     def __len__(self) -> int:
         return len(self.index)
@@ -123,7 +135,8 @@ class Pixels:
         weight = weight / np.bincount(owner, weight, minlength=len(pixel))[owner]
         turn = rng.integers(0, SUB_POSITIONS, len(hit))
         picks = (turn[:, None] + np.arange(queries) * SUB_POSITIONS // queries) % SUB_POSITIONS
-        points = shard.position[hit][:, None] + shard.sub[hit[:, None], picks].astype(np.float32)
+        position = shard.position[hit]
+        points = position[:, None] + shard.sub[hit[:, None], picks].astype(np.float32)
         segment = np.zeros(len(hit), np.int64) if self.segment is None else self.segment[number][hit].astype(np.int64)
         return {
             "radiance": self.radiance[number][pixel],
@@ -134,6 +147,7 @@ class Pixels:
             "footprint": np.asarray(shard.footprint[hit]),
             "shading": self.shading[number][hit].astype(np.float32),
             "segment": segment,
+            "confidence": self.confidence_at(position, shard.normal[hit]),
         }
 
 

@@ -6,11 +6,14 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from fipt.errors import FiptError
 from fipt.fit.batches import Pixels
+from fipt.fit.confidence import measure, of_pixels
 from fipt.fit.loop import fit
 from fipt.fit.parts import estimate_parts, part_targets
+from fipt.io.confidence import Confidence, write_confidence
 from fipt.io.dataset import Dataset
-from fipt.io.hits import pixels_of, scene_box
+from fipt.io.hits import Hits, pixels_of, scene_box
 from fipt.io.manifests import Stats
 from fipt.io.shading import read_shards
 from fipt.model.networks import Field, SceneBox
@@ -27,7 +30,7 @@ def fit_model(
     settings: Fit,
     stats: Stats,
 ) -> None:
-    """Fit a round's model and write it to ``out``; the checkpoint beside it goes away then.
+    """Fit a round's model and write it to ``out``, confidence.npz beside it; the checkpoint goes away then.
 
     Parameters
     ----------
@@ -46,7 +49,12 @@ def fit_model(
         np.concatenate([data.segments(view, kind).ravel() for view in shard.views]) for shard in shards
     ]
     images = [pixels_of(data, shard) for shard in shards]
-    pixels = Pixels(shards, baked, images, segments or None)
+    lamp_gain = settings.evidence or 1.5
+    eyes = {view: data.camera(view).center for shard in shards for view in shard.views}
+    confidence = measure(shards, baked, images, eyes, lamp_gain)
+    if settings.min_confidence > 0:
+        images = _sure(shards, baked, images, confidence, settings.min_confidence, lamp_gain)
+    pixels = Pixels(shards, baked, images, segments or None, confidence if settings.confidence else None)
     center, side = scene_box(shards)
     field = Field(settings, SceneBox(tuple(center.tolist()), side))
     if previous is not None and settings.warm_start:
@@ -54,7 +62,7 @@ def fit_model(
     checkpoint = _checkpoint(out, [*hits, *shading], previous, settings)
     targets = None
     if kind is not None and settings.part_search:
-        found = estimate_parts(pixels, center, side, settings.evidence or 1.5)
+        found = estimate_parts(pixels, center, side, lamp_gain)
         targets = torch.from_numpy(part_targets(found, settings))
         stats["parts"] = [
             {"segment": int(k), "roughness": float(found.roughness[k]), "metallic": float(found.metallic[k])}
@@ -62,9 +70,31 @@ def fit_model(
             for k in np.flatnonzero(found.pixels)
         ]
     fit(field, pixels, kind, settings, checkpoint, stats, targets)
+    write_confidence(out.with_name("confidence.npz"), confidence)
     save_field(out, field, settings)
     checkpoint.unlink(missing_ok=True)
     stats["segments"] = kind or "none"
+
+
+def _sure(
+    shards: list[Hits],
+    shading: list[np.ndarray],
+    images: list[tuple[np.ndarray, np.ndarray]],
+    confidence: Confidence,
+    least: float,
+    lamp_gain: float,
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Images (P, 3) and weights (P,) of each shard; no weight is left to pixels that show unsure surface."""
+    chosen, best = [], 0.0
+    for shard, baked, (radiance, valid) in zip(shards, shading, images, strict=True):
+        sure = of_pixels(shard, baked, (radiance, valid), confidence, lamp_gain)
+        chosen.append((radiance, np.where(sure >= least, valid, 0)))
+        best = max(best, float(sure[valid > 0].max(initial=0)))
+    if best < least:
+        raise FiptError(
+            f"fit.min_confidence {least} leaves no training pixel; the surest has {best:.3f}", "lower fit.min_confidence"
+        )
+    return chosen
 
 
 def _checkpoint(out: Path, folders: list[str], previous: Path | None, settings: Fit) -> Path:

@@ -6,7 +6,8 @@ from fipt.io.meshes import Mesh
 from fipt.render.scene import RayScene
 from fipt.render.surface import EmitterSet, Materials, SurfaceCache, Triangles
 from fipt.render.tracer import PathSettings, Shader
-from fipt.shading.cache import surface_points, voxel_keys
+from fipt.io.voxels import voxel_keys
+from fipt.shading.cache import surface_points
 
 
 def path_shader(

@@ -21,6 +21,7 @@ rule fit:
         previous=previous("results/{scene}/round-{round}/model.safetensors"),
     output:
         model="results/{scene}/round-{round}/model.safetensors",
+        confidence="results/{scene}/round-{round}/confidence.npz",
         stats="results/{scene}/stats/fit.round-{round}.json",
     log:
         "results/{scene}/logs/fit.round-{round}.log",

@@ -191,6 +191,7 @@ def batch(rng, hits=3, queries=2):
         footprint=torch.tensor([0.1, 0.2, 0.3])[:hits],
         shading=0.5 + random(rng, hits, 13, 3),
         segment=torch.tensor([4, 4, 4])[:hits],
+        confidence=torch.ones(hits),
     )
 
 
