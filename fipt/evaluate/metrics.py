@@ -234,7 +234,8 @@ class MaterialFigures:
                     "metallic_l1": means["metallic"].value,
                 }
                 for number, means in enumerate(self.by_confidence)
-            ],
+            ]
+            or None,
             "published": published_mean(self.published),
             "pixels": {"materials": self.pixels, "emission_union": self.union},
         }
