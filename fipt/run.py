@@ -192,7 +192,8 @@ class _Chain:
         options = ("--dataset", self.data, "--hits", hits, *options)
         options += ("--out", f"{self.root}/{name}", "--manifest", made)
         inputs = [*self.geometry, manifest(hits), self.model, self.emitters]
-        inputs += [path for flag, path in (("--cache", self.cache), ("--confidence", self.confidence)) if flag in options]
+        extra = {"--cache": self.cache, "--confidence": self.confidence}
+        inputs += [path for flag, path in extra.items() if flag in options]
         self.add(stage, label, options, inputs, [made])
         self.shown.append(made)
 

@@ -120,21 +120,20 @@ def _judged(total: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def of_pixels(
-    hits: Hits, shading: np.ndarray, image: tuple[np.ndarray, np.ndarray], confidence: Confidence, lamp_gain: float
-) -> np.ndarray:
-    """(P,) float32 combined confidence in what each pixel of a shard shows; lamps count as sure: they teach the mask."""
-    radiance, valid = image
-    result = np.zeros(len(valid), np.float32)
+    hits: Hits, shading: np.ndarray, radiance: np.ndarray, confidence: Confidence, lamp_gain: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """(P,) float32 combined confidence in what each pixel of a shard shows, and (P,) bool whether that is a lamp."""
+    result, shines = np.zeros(len(radiance), np.float32), np.zeros(len(radiance), bool)
     for index in range(len(hits.views)):
         own, pixels = hits.of_view(index), hits.pixels(index)
         pixel = hits.pixel_of_hit(index)
         sure = confidence.at(hits.position[own], hits.normal[own], confidence.combined)
         lamp = _lamps(radiance[pixels][pixel], np.asarray(shading[own], np.float32), lamp_gain)
-        share = np.asarray(hits.weight[own])
-        count = pixels.stop - pixels.start
-        total = np.bincount(pixel, share * np.where(lamp, 1, sure), count)
+        share, count = np.asarray(hits.weight[own]), pixels.stop - pixels.start
+        total = np.bincount(pixel, share * sure, count)
         result[pixels] = total / np.maximum(np.bincount(pixel, share, count), 1e-9)
-    return result
+        shines[pixels] = np.bincount(pixel, lamp, count) > 0
+    return result, shines
 
 
 def _lamps(radiance: np.ndarray, shading: np.ndarray, gain: float) -> np.ndarray:

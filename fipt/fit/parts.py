@@ -85,13 +85,11 @@ def estimate_parts(pixels: Pixels, center: np.ndarray, side: float, lamp_gain: f
     piece, pieces = _pieces(place[keep], normal[keep], segment, center, side)
     shared = np.bincount(piece, minlength=pieces)[piece] >= _FEWEST
     used = np.bincount(segment, shared, count)
-    trust = shared * (pixels.confidence_at(place[keep], normal[keep]) + 1e-4)
-    trusted = np.maximum(np.bincount(segment, trust, count), 1e-9)
     residual = np.empty((len(_METALLIC), len(_ROUGHNESS), count))
     for i, m in enumerate(_METALLIC):
         for j, s in enumerate(_ROUGHNESS):
             error = _residual(radiance, shading, piece, pieces, s, m)
-            residual[i, j] = np.bincount(segment, error * trust, count) / trusted
+            residual[i, j] = np.bincount(segment, error * shared, count) / np.maximum(used, 1)
     return _chosen(residual, used)
 
 

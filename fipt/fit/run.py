@@ -84,15 +84,19 @@ def _sure(
     least: float,
     lamp_gain: float,
 ) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Images (P, 3) and weights (P,) of each shard; no weight is left to pixels that show unsure surface."""
+    """Images (P, 3) and weights (P,) of each shard; no weight is left to pixels that show unsure surface.
+
+    Lamps keep theirs: they teach the mask, and nothing about reflectance.
+    """
     chosen, best = [], 0.0
     for shard, baked, (radiance, valid) in zip(shards, shading, images, strict=True):
-        sure = of_pixels(shard, baked, (radiance, valid), confidence, lamp_gain)
-        chosen.append((radiance, np.where(sure >= least, valid, 0)))
+        sure, lamp = of_pixels(shard, baked, radiance, confidence, lamp_gain)
+        chosen.append((radiance, np.where((sure >= least) | lamp, valid, 0)))
         best = max(best, float(sure[valid > 0].max(initial=0)))
     if best < least:
         raise FiptError(
-            f"fit.min_confidence {least} leaves no training pixel; the surest has {best:.3f}", "lower fit.min_confidence"
+            f"fit.min_confidence {least} leaves no pixel of the training views; the surest has {best:.3f}",
+            "lower fit.min_confidence",
         )
     return chosen
 

@@ -3,10 +3,10 @@
 import numpy as np
 
 from fipt.io.meshes import Mesh
+from fipt.io.voxels import voxel_keys
 from fipt.render.scene import RayScene
 from fipt.render.surface import EmitterSet, Materials, SurfaceCache, Triangles
 from fipt.render.tracer import PathSettings, Shader
-from fipt.io.voxels import voxel_keys
 from fipt.shading.cache import surface_points
 
 
