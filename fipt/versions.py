@@ -6,7 +6,7 @@ VERSIONS = {
     "hits": 1,
     "cache": 1,
     "bake": 1,
-    "fit": 2,
+    "fit": 1,
     "emitters": 1,
     "refine": 1,
     "materials": 2,

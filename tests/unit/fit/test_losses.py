@@ -222,6 +222,24 @@ def test_terms_of_a_batch(rng):
     np.testing.assert_array_equal(field.asked["points"], data.points.reshape(6, 3))
 
 
+def test_confidence_draws_the_unsure_to_their_part_and_lets_the_sure_decide_it(rng):
+    data = batch(rng)
+    data = Batch(**{**vars(data), "confidence": torch.tensor([1.0, 0.0, 0.5])})
+    s = torch.tensor([0.2, 0.2, 0.8, 0.8, 0.5, 0.5])
+    field = Known(Brdf(random(rng, 6, 3), s, 0 * s + 0.3), torch.zeros(3))
+    goal = torch.tensor([[0.0, 0.0, 0.0]] * 4 + [[0.6, 0.3, 2.0]])
+    terms = all_terms(field, data, "part", Fit(confidence=True, part_weight=1.0), goal)
+    logit = np.abs(np.log([0.25, 4.0, 1.0]) - np.log(1.5))
+    assert terms["target"].item() == pytest.approx(2 * np.mean([0.5, 1.5, 1.0] * logit), rel=1e-4)
+    _, specular = losses.reflected(field.answer, data.shading, 2)
+    evidence = specular * data.confidence + 1e-4
+    mean = (evidence * torch.tensor([0.2, 0.8, 0.5])).sum() / evidence.sum()
+    apart = (torch.tensor([0.2, 0.8, 0.5]) - mean).abs().mean()
+    assert terms["part"].item() == pytest.approx(apart.item(), rel=1e-4)
+    plain = all_terms(field, data, "part", Fit(confidence=False), goal)["target"]
+    assert plain.item() == pytest.approx(2 * np.mean(logit), rel=1e-4)
+
+
 def test_kind_of_segments_decides_the_propagation(rng):
     data = batch(rng)
     field = Known(Brdf(random(rng, 6, 3), random(rng, 6), random(rng, 6)), torch.zeros(3))
