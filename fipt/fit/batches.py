@@ -100,6 +100,11 @@ class Pixels:
         """Largest segment id, 0 without segments."""
         return 0 if self.segment is None else max(int(own.max(initial=0)) for own in self.segment)
 
+    def confidence_at(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
+        """(N,) float32 confidence at surface points (N, 3) with normals (N, 3); 1 where it is not asked for."""
+        known = self.confidence
+        return np.ones(len(points), np.float32) if known is None else known.at(points, normals, known.combined)
+
     def __len__(self) -> int:
         return len(self.index)
 
@@ -132,9 +137,6 @@ class Pixels:
         picks = (turn[:, None] + np.arange(queries) * SUB_POSITIONS // queries) % SUB_POSITIONS
         position = shard.position[hit]
         points = position[:, None] + shard.sub[hit[:, None], picks].astype(np.float32)
-        sure, known = np.ones(len(hit), np.float32), self.confidence
-        if known is not None:
-            sure = known.at(position, shard.normal[hit], known.combined)
         segment = np.zeros(len(hit), np.int64) if self.segment is None else self.segment[number][hit].astype(np.int64)
         return {
             "radiance": self.radiance[number][pixel],
@@ -145,7 +147,7 @@ class Pixels:
             "footprint": np.asarray(shard.footprint[hit]),
             "shading": self.shading[number][hit].astype(np.float32),
             "segment": segment,
-            "confidence": sure,
+            "confidence": self.confidence_at(position, shard.normal[hit]),
         }
 
 

@@ -34,6 +34,8 @@ _CAUTION = 0.5
 """Smoothness must remove more than this / sqrt(pixels) of the residual; matte otherwise."""
 _TRUST = 20.0
 """How much the pull of a part grows with the share of the residual that its estimate removes."""
+_LEAST_TRUST = 1e-4
+"""Weight of pixels that nothing is known about: they decide only where there are no others."""
 _OUTLIER = 0.2
 """Residuals count up to here (sRGB-encoded): edges and shadows that the shading misses."""
 
@@ -85,11 +87,13 @@ def estimate_parts(pixels: Pixels, center: np.ndarray, side: float, lamp_gain: f
     piece, pieces = _pieces(place[keep], normal[keep], segment, center, side)
     shared = np.bincount(piece, minlength=pieces)[piece] >= _FEWEST
     used = np.bincount(segment, shared, count)
+    trust = shared * np.maximum(pixels.confidence_at(place[keep], normal[keep]), _LEAST_TRUST)
+    trusted = np.maximum(np.bincount(segment, trust, count), 1e-9)
     residual = np.empty((len(_METALLIC), len(_ROUGHNESS), count))
     for i, m in enumerate(_METALLIC):
         for j, s in enumerate(_ROUGHNESS):
             error = _residual(radiance, shading, piece, pieces, s, m)
-            residual[i, j] = np.bincount(segment, error * shared, count) / np.maximum(used, 1)
+            residual[i, j] = np.bincount(segment, error * trust, count) / trusted
     return _chosen(residual, used)
 
 
