@@ -78,9 +78,9 @@ DEFINITIONS: dict[str, dict[str, str]] = {
         "label": "Error by confidence",
         "unit": "",
         "better": "",
-        "text": "The same pixels in five classes by the confidence of the material maps; of each, its share of the "
-        "pixels, kd and a' PSNR, and mean absolute difference of roughness and metallic. Where confidence tells the "
-        "truth, errors fall from class to class.",
+        "text": "Pixels whose centre hits the mesh and does not emit in truth, in five classes by the confidence of "
+        "the material maps: share of the pixels, PSNR of kd and a', mean absolute difference of roughness and "
+        "metallic. Where confidence tells the truth, errors fall from class to class.",
     },
     "render_psnr": {
         "label": "Re-rendering",
