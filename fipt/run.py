@@ -76,8 +76,8 @@ class _Chain:
         self.hits = {shard: f"{self.root}/hits/{shard}" for shard in self.shards}
         one = scene.source == "dataset"  # imported as a whole
         self.images = {shard: manifest(f"{data}/images" if one else f"{data}/images.{shard}") for shard in self.shards}
-        # Of the last round so far: model, emitters (perhaps of an earlier one), shading of shards
-        self.model = self.emitters = ""
+        # Of the last round so far: model, its confidence, emitters (perhaps of an earlier one), shading of shards
+        self.model = self.emitters = self.confidence = ""
         self.shading: dict[str, str] = {}
         # Manifests of what the report shows
         self.shown: list[str] = []
@@ -147,7 +147,7 @@ class _Chain:
         folder = f"{self.root}/round-{round_}"
         before, model_before, emitters = self.shading, self.model, self.emitters
         self.shading = {shard: f"{folder}/shading/{shard}" for shard in self.train}
-        self.model = f"{folder}/model.safetensors"
+        self.model, self.confidence = f"{folder}/model.safetensors", f"{folder}/confidence.npz"
         for shard, out in self.shading.items():
             stage, hits = "bake", self.hits[shard]
             options = ("--dataset", self.data, "--hits", hits, "--cache", self.cache, "--background", self.background)
@@ -169,7 +169,7 @@ class _Chain:
             f"fit.round-{round_}",
             (*options, *warm, "--background", self.background, "--out", self.model),
             [*inputs, *previous, self.background],
-            [self.model],
+            [self.model, self.confidence],
         )
         if self.scene.emitters_round(round_) == round_:
             self.emitters = f"{folder}/emitters.npz"
@@ -182,7 +182,7 @@ class _Chain:
         model = ("--model", self.model, "--emitters", self.emitters)
         traced = ("--cache", self.cache, "--background", self.background, *model)
         for shard in self.shards:
-            self._add_picture("materials", "materials", shard, model)
+            self._add_picture("materials", "materials", shard, (*model, "--confidence", self.confidence))
         for shard in self.scene.shards("val"):
             self._add_picture("render", "render", shard, traced)
         for setup in self.scene.setups:
@@ -198,8 +198,8 @@ class _Chain:
         options = ("--dataset", self.data, "--hits", hits, *options)
         options += ("--out", f"{self.root}/{name}", "--manifest", made)
         inputs = [*self.geometry, manifest(hits), self.model, self.emitters, *files]
-        if "--cache" in options:
-            inputs += [self.cache, self.background]
+        extra = {"--cache": self.cache, "--background": self.background, "--confidence": self.confidence}
+        inputs += [path for flag, path in extra.items() if flag in options]
         self.add(stage, label, options, inputs, [made])
         self.shown.append(made)
 

@@ -139,6 +139,8 @@ class Fit(Settings):
     segments: Literal["auto", "part", "semantic", "none"] = Field("auto", description="which segment ids to use")
     warm_start: bool = Field(True, description="start a later round from the model before it")
     checkpoint_every: Positive = Field(250, description="steps between checkpoints")
+    confidence: bool = Field(False, description="weight part search, propagation and pull by confidence in the surface")
+    min_confidence: Fraction = Field(0.0, description="pixels of surface less sure than this teach nothing; 0 = all do")
     threads: Count = Field(0, description="CPU threads, 0 = all; 1 repeats bit for bit")
     seed: Count = Field(0, description="seed of the random numbers")
 

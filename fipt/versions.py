@@ -10,9 +10,9 @@ VERSIONS = {
     "fit": 1,
     "emitters": 1,
     "refine": 1,
-    "materials": 1,
+    "materials": 2,
     "render": 1,
     "relight": 1,
-    "metrics": 1,
+    "metrics": 2,
     "report": 1,
 }

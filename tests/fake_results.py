@@ -56,7 +56,8 @@ def write_results(root: Path, truth: bool = True) -> Path:
     picture = np.linspace(0.05, 0.9, WIDTH * HEIGHT * 3, dtype=np.float32)
     picture = picture.reshape(HEIGHT, WIDTH, 3)
     known = maps()
-    estimate = {**known, "kd": known["kd"] + 0.1, "hit": np.ones((HEIGHT, WIDTH), np.float32)}
+    sure = np.tile(np.linspace(0, 1, WIDTH, dtype=np.float32), (HEIGHT, 1))
+    estimate = {**known, "kd": known["kd"] + 0.1, "hit": np.ones((HEIGHT, WIDTH), np.float32), "confidence": sure}
     for name, split in VIEWS.items():
         write_exr(data / "images" / f"{name}.exr", {"": picture})
         if truth:

@@ -22,6 +22,7 @@ def command(
     hits: HitsFolder,
     model: ModelFile,
     emitters: EmittersFile,
+    confidence: Annotated[Path, typer.Option(help="confidence.npz of the model.")],
     out: Annotated[Path, typer.Option(help="Folder of the maps.")],
     manifest: ManifestFile,
     settings: SettingsJson = "{}",
@@ -31,4 +32,4 @@ def command(
     with stage("materials", settings, stats) as (chosen, figures):
         from fipt.relight.stages import write_materials
 
-        write_materials(dataset, hits, model, emitters, out, manifest, chosen, figures)
+        write_materials(dataset, hits, model, emitters, confidence, out, manifest, chosen, figures)

@@ -176,4 +176,6 @@ def rounded(value: Any) -> Any:
     """Round every float to six decimals: more is noise, and diffs stay readable."""
     if isinstance(value, dict):
         return {key: rounded(entry) for key, entry in value.items()}
+    if isinstance(value, list):
+        return [rounded(entry) for entry in value]
     return round(value, 6) if isinstance(value, float) else value

@@ -7,6 +7,7 @@ import torch
 
 from fipt.conventions import SHADING_OUTPUTS, SUB_POSITIONS
 from fipt.errors import FiptError
+from fipt.io.confidence import Confidence
 from fipt.io.hits import Hits
 
 
@@ -32,6 +33,8 @@ class Batch:
         (H, 13, 3) Ld, Ls0 of every level, Ls1 of every level.
     segment
         (H,) int64 segment, 0 = unknown.
+    confidence
+        (H,) in [0, 1]: how well the photographs determine the surface there; 1 where that is not asked for.
     beyond
         (B, 3) radiance from outside in pixels at the edge of an opening, times the share it fills; 0 elsewhere. None
         where the scene has no opening.
@@ -47,6 +50,7 @@ class Batch:
     footprint: torch.Tensor
     shading: torch.Tensor
     segment: torch.Tensor
+    confidence: torch.Tensor
     beyond: torch.Tensor | None = None
     share: torch.Tensor | None = None
 
@@ -71,6 +75,8 @@ class Pixels:
         Per shard: (P, 3) radiance and (P,) weight of its pixels.
     segments
         Per shard: (P,) uint16 segment id of each pixel; None to fit without.
+    confidence
+        Of the surface; None to trust all of it alike.
     beyond
         Per shard: pixels (K,) that show the outside too, and what it adds to them (K, 3); see `fipt.io.background`.
     """
@@ -81,9 +87,10 @@ class Pixels:
         shading: list[np.ndarray],
         images: list[tuple[np.ndarray, np.ndarray]],
         segments: list[np.ndarray] | None,
+        confidence: Confidence | None = None,
         beyond: list[tuple[np.ndarray, np.ndarray]] | None = None,
     ) -> None:
-        self.shards, self.shading = shards, shading
+        self.shards, self.shading, self.confidence = shards, shading, confidence
         self.beyond = beyond if beyond is not None and any(len(pixel) for pixel, _ in beyond) else None
         self.radiance = [image.astype(np.float32) for image, _ in images]
         self.offsets = [np.array(shard.offsets) for shard in shards]
@@ -110,6 +117,11 @@ class Pixels:
     def largest_segment(self) -> int:
         """Largest segment id, 0 without segments."""
         return 0 if self.segment is None else max(int(own.max(initial=0)) for own in self.segment)
+
+    def confidence_at(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
+        """(N,) float32 confidence at surface points (N, 3) with normals (N, 3); 1 where it is not asked for."""
+        known = self.confidence
+        return np.ones(len(points), np.float32) if known is None else known.at(points, normals, known.combined)
 
     def __len__(self) -> int:
         return len(self.index)
@@ -143,7 +155,8 @@ class Pixels:
         weight = weight / (covered / outside.get("share", 1.0))[owner]
         turn = rng.integers(0, SUB_POSITIONS, len(hit))
         picks = (turn[:, None] + np.arange(queries) * SUB_POSITIONS // queries) % SUB_POSITIONS
-        points = shard.position[hit][:, None] + shard.sub[hit[:, None], picks].astype(np.float32)
+        position = shard.position[hit]
+        points = position[:, None] + shard.sub[hit[:, None], picks].astype(np.float32)
         segment = np.zeros(len(hit), np.int64) if self.segment is None else self.segment[number][hit].astype(np.int64)
         return {
             "radiance": self.radiance[number][pixel],
@@ -154,6 +167,7 @@ class Pixels:
             "footprint": np.asarray(shard.footprint[hit]),
             "shading": self.shading[number][hit].astype(np.float32),
             "segment": segment,
+            "confidence": self.confidence_at(position, shard.normal[hit]),
             **outside,
         }
 

@@ -57,9 +57,10 @@ def losses(
         terms["diffuse"] = settings.diffuse_weight * ((1 - s).mean() + m.mean())
     else:
         goal_s, goal_m, price = targets[batch.segment].unbind(1)
-        terms["target"] = (price * (_apart(s, goal_s) + _apart(m, goal_m))).mean()
+        doubt = 1.5 - batch.confidence if settings.confidence else 1.0  # what pictures do not tell, the part does
+        terms["target"] = (price * doubt * (_apart(s, goal_s) + _apart(m, goal_m))).mean()
     if kind == "part":
-        terms["part"] = settings.part_weight * part_propagation(s, m, specular, batch.segment)
+        terms["part"] = settings.part_weight * part_propagation(s, m, specular * batch.confidence, batch.segment)
     elif kind == "semantic":
         terms["semantic"] = settings.semantic_weight * semantic_propagation(
             s,

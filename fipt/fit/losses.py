@@ -70,14 +70,14 @@ def gathered(values: torch.Tensor, owner: torch.Tensor, weight: torch.Tensor, pi
 
 
 def part_propagation(
-    roughness: torch.Tensor, metallic: torch.Tensor, specular: torch.Tensor, segment: torch.Tensor
+    roughness: torch.Tensor, metallic: torch.Tensor, evidence: torch.Tensor, segment: torch.Tensor
 ) -> torch.Tensor:
-    """Distance of each hit's roughness and metallic (H,) from its part's mean, weighted by specular radiance."""
+    """Distance of each hit's roughness and metallic (H,) from its part's mean, weighted by (H,) evidence."""
     known = segment > 0
     if not known.any():
         return roughness.new_zeros(())
     _, part = torch.unique(segment[known], return_inverse=True)
-    weight = specular.detach()[known] + 1e-4
+    weight = evidence.detach()[known] + 1e-4
     count = int(part.max()) + 1
     total = weight.new_zeros(count).index_add(0, part, weight)
     loss = roughness.new_zeros(())

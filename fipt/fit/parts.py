@@ -16,6 +16,8 @@ import numpy as np
 from fipt.conventions import F0_DIELECTRIC, ROUGHNESS_LEVELS, ROUGHNESS_MIN
 from fipt.fit.batches import Pixels
 from fipt.io.images import srgb_encode
+from fipt.io.shading import brightest_reflection
+from fipt.io.voxels import FACINGS, facings, voxel_keys
 from fipt.settings import Fit
 
 _ROUGHNESS = (0.02, 0.06, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
@@ -32,6 +34,8 @@ _CAUTION = 0.5
 """Smoothness must remove more than this / sqrt(pixels) of the residual; matte otherwise."""
 _TRUST = 20.0
 """How much the pull of a part grows with the share of the residual that its estimate removes."""
+_LEAST_TRUST = 1e-4
+"""Weight of pixels that nothing is known about: they decide only where there are no others."""
 _OUTLIER = 0.2
 """Residuals count up to here (sRGB-encoded): edges and shadows that the shading misses."""
 
@@ -77,19 +81,19 @@ def estimate_parts(pixels: Pixels, center: np.ndarray, side: float, lamp_gain: f
         Pixels this much brighter than any reflection are lamps and left out.
     """
     radiance, shading, place, normal, segment = _inner_pixels(pixels)
-    mirror = (shading[:, 1 : 1 + len(ROUGHNESS_LEVELS)] + shading[:, 1 + len(ROUGHNESS_LEVELS) :]).max(axis=1)
-    most = np.maximum(shading[:, 0], mirror).mean(axis=1)
-    keep = (radiance.mean(axis=1) < lamp_gain * (most + 1e-4)) & (segment > 0)
+    keep = (radiance.mean(axis=1) < lamp_gain * (brightest_reflection(shading) + 1e-4)) & (segment > 0)
     radiance, shading, segment = radiance[keep], shading[keep], segment[keep]
     count = int(pixels.largest_segment) + 1
     piece, pieces = _pieces(place[keep], normal[keep], segment, center, side)
     shared = np.bincount(piece, minlength=pieces)[piece] >= _FEWEST
     used = np.bincount(segment, shared, count)
+    trust = shared * np.maximum(pixels.confidence_at(place[keep], normal[keep]), _LEAST_TRUST)
+    trusted = np.maximum(np.bincount(segment, trust, count), 1e-9)
     residual = np.empty((len(_METALLIC), len(_ROUGHNESS), count))
     for i, m in enumerate(_METALLIC):
         for j, s in enumerate(_ROUGHNESS):
             error = _residual(radiance, shading, piece, pieces, s, m)
-            residual[i, j] = np.bincount(segment, error * shared, count) / np.maximum(used, 1)
+            residual[i, j] = np.bincount(segment, error * trust, count) / trusted
     return _chosen(residual, used)
 
 
@@ -118,11 +122,8 @@ def _pieces(
     place: np.ndarray, normal: np.ndarray, segment: np.ndarray, center: np.ndarray, side: float
 ) -> tuple[np.ndarray, int]:
     """(N,) piece of each pixel: voxel, segment and the axis its normal is nearest to; and their number."""
-    cell = np.floor((place - (center - side / 2)) * (_RESOLUTION / side)).clip(0, _RESOLUTION - 1).astype(np.int64)
-    axis = np.abs(normal).argmax(axis=1)
-    facing = 2 * axis + (normal[np.arange(len(axis)), axis] > 0)
-    voxel = cell @ np.array([1, _RESOLUTION, _RESOLUTION**2])
-    _, piece = np.unique((voxel * 6 + facing) * 65536 + segment, return_inverse=True)
+    record = voxel_keys(place, center, side, _RESOLUTION) * FACINGS + facings(normal)
+    _, piece = np.unique(record * 65536 + segment, return_inverse=True)
     return piece.reshape(-1), int(piece.max(initial=-1)) + 1
 
 

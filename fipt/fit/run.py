@@ -6,12 +6,15 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from fipt.errors import FiptError
 from fipt.fit.batches import Pixels
+from fipt.fit.confidence import measure, of_pixels
 from fipt.fit.loop import fit
 from fipt.fit.parts import estimate_parts, part_targets
 from fipt.io.background import beyond, read_background
+from fipt.io.confidence import Confidence, write_confidence
 from fipt.io.dataset import Dataset
-from fipt.io.hits import pixels_of, scene_box
+from fipt.io.hits import Hits, pixels_of, scene_box
 from fipt.io.manifests import Stats
 from fipt.io.shading import read_shards
 from fipt.model.networks import Field, SceneBox
@@ -29,7 +32,7 @@ def fit_model(
     settings: Fit,
     stats: Stats,
 ) -> None:
-    """Fit a round's model and write it to ``out``; the checkpoint beside it goes away then.
+    """Fit a round's model and write it to ``out``, confidence.npz beside it; the checkpoint goes away then.
 
     Parameters
     ----------
@@ -50,9 +53,14 @@ def fit_model(
         np.concatenate([data.segments(view, kind).ravel() for view in shard.views]) for shard in shards
     ]
     images = [pixels_of(data, shard) for shard in shards]
+    lamp_gain = settings.evidence or 1.5
+    eyes = {view: data.camera(view).center for shard in shards for view in shard.views}
+    confidence = measure(shards, baked, images, eyes, lamp_gain)
+    if settings.min_confidence > 0:
+        images = _sure(shards, baked, images, confidence, settings.min_confidence, lamp_gain)
     outside = read_background(background)
     edges = [beyond(shard, [data.camera(view) for view in shard.views], outside) for shard in shards]
-    pixels = Pixels(shards, baked, images, segments or None, edges)
+    pixels = Pixels(shards, baked, images, segments or None, confidence if settings.confidence else None, edges)
     center, side = scene_box(shards)
     field = Field(settings, SceneBox(tuple(center.tolist()), side))
     if previous is not None and settings.warm_start:
@@ -60,7 +68,7 @@ def fit_model(
     checkpoint = _checkpoint(out, [*hits, *shading], [previous, background], settings)
     targets = None
     if kind is not None and settings.part_search:
-        found = estimate_parts(pixels, center, side, settings.evidence or 1.5)
+        found = estimate_parts(pixels, center, side, lamp_gain)
         targets = torch.from_numpy(part_targets(found, settings))
         stats["parts"] = [
             {"segment": int(k), "roughness": float(found.roughness[k]), "metallic": float(found.metallic[k])}
@@ -68,9 +76,35 @@ def fit_model(
             for k in np.flatnonzero(found.pixels)
         ]
     fit(field, pixels, kind, settings, checkpoint, stats, targets)
+    write_confidence(out.with_name("confidence.npz"), confidence)
     save_field(out, field, settings)
     checkpoint.unlink(missing_ok=True)
     stats["segments"] = kind or "none"
+
+
+def _sure(
+    shards: list[Hits],
+    shading: list[np.ndarray],
+    images: list[tuple[np.ndarray, np.ndarray]],
+    confidence: Confidence,
+    least: float,
+    lamp_gain: float,
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Images (P, 3) and weights (P,) of each shard; no weight is left to pixels that show unsure surface.
+
+    Lamps keep theirs: they teach the mask, and nothing about reflectance.
+    """
+    chosen, best = [], 0.0
+    for shard, baked, (radiance, valid) in zip(shards, shading, images, strict=True):
+        sure, lamp = of_pixels(shard, baked, radiance, confidence, lamp_gain)
+        chosen.append((radiance, np.where((sure >= least) | lamp, valid, 0)))
+        best = max(best, float(sure[valid > 0].max(initial=0)))
+    if best < least:
+        raise FiptError(
+            f"fit.min_confidence {least} leaves no pixel of the training views; the surest has {best:.3f}",
+            "lower fit.min_confidence",
+        )
+    return chosen
 
 
 def _checkpoint(out: Path, folders: list[str], files: list[Path | None], settings: Fit) -> Path:

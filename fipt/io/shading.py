@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fipt.conventions import SHADING_OUTPUTS
+from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
 from fipt.errors import FiptError
 from fipt.io.arrays import load_npy, save_npy
 from fipt.io.hits import Hits, read_hits
@@ -42,3 +42,10 @@ def read_shards(hits: list[str], shading: list[str]) -> tuple[list[Hits], list[n
         )
     shards = [read_hits(folder) for folder in hits]
     return shards, [read_shading(folder, shard) for folder, shard in zip(shading, shards, strict=True)]
+
+
+def brightest_reflection(shading: np.ndarray) -> np.ndarray:
+    """(H,) float32 mean over RGB of what a white surface or a mirror would show, whichever is more, of (H, 13, 3)."""
+    levels = len(ROUGHNESS_LEVELS)
+    mirror = (shading[:, 1 : 1 + levels] + shading[:, 1 + levels :]).max(axis=1)
+    return np.maximum(shading[:, 0], mirror).mean(axis=1)

@@ -1,4 +1,4 @@
-"""cache.npz: the radiance cache as arrays."""
+"""Surface by voxel and facing: their keys, and cache.npz, the radiance cache as arrays."""
 
 from pathlib import Path
 
@@ -7,6 +7,22 @@ import numpy as np
 from fipt.io.arrays import load_npz, save_npz
 
 _ARRAYS = ("center", "side", "resolution", "key", "facing", "point", "radiance", "count", "source")
+
+FACINGS = 6
+"""Ways a surface may face in a voxel: both directions of each axis."""
+
+
+def voxel_keys(points: np.ndarray, center: np.ndarray, side: float, resolution: int) -> np.ndarray:
+    """(N,) int64 linear voxel index of (N, 3) points, x fastest; points outside go to the nearest voxel."""
+    cell = np.floor((points - (center - side / 2)) * (resolution / side)).astype(np.int64)
+    x, y, z = np.clip(cell, 0, resolution - 1).T
+    return x + resolution * (y + resolution * z)
+
+
+def facings(normals: np.ndarray) -> np.ndarray:
+    """(N,) uint8 of (N, 3) normals: twice the axis nearest to them, plus one where they point along it."""
+    axis = np.abs(normals).argmax(axis=1)
+    return (2 * axis + (np.take_along_axis(normals, axis[:, None], 1)[:, 0] > 0)).astype(np.uint8)
 
 
 def write_cache(path: str | Path, cache: dict[str, np.ndarray]) -> None:

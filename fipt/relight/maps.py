@@ -4,6 +4,7 @@ import numpy as np
 
 from fipt.conventions import SUB_POSITIONS
 from fipt.io.cameras import Camera
+from fipt.io.confidence import Confidence
 from fipt.io.emitters import Emitters
 from fipt.io.hits import Hits
 from fipt.model.albedo import reflectance
@@ -52,7 +53,14 @@ def emission_of(emitters: Emitters | EmitterSet, triangle: np.ndarray) -> np.nda
 
 
 def material_maps(
-    field: Field, emitters: Emitters, hits: Hits, index: int, camera: Camera, average: bool, scale: float
+    field: Field,
+    emitters: Emitters,
+    confidence: Confidence,
+    hits: Hits,
+    index: int,
+    camera: Camera,
+    average: bool,
+    scale: float,
 ) -> dict[str, np.ndarray]:
     """Layers of materials/{view}.exr for view number ``index`` of a shard.
 
@@ -60,15 +68,16 @@ def material_maps(
     -------
     dict
         ``kd``, ``base_color``, ``reflectance``, ``emission`` (H, W, 3); ``roughness.Y``, ``metallic.Y``,
-        ``emission_mask.Y``, ``hit.Y`` (H, W), float32; 0 where the pixel's centre misses the mesh.
+        ``confidence.Y``, ``emission_mask.Y``, ``hit.Y`` (H, W), float32; 0 where the pixel's centre misses the mesh.
     """
     height, width = hits.shapes[index]
     pixels = hits.pixels(index)
     hit = np.asarray(hits.center[pixels]) > 0
     chosen = np.asarray(hits.offsets[pixels])[hit]
     brdf = hit_materials(field, hits, chosen, average, scale)
-    wo = camera.center - np.asarray(hits.position)[chosen]
-    cos = (wo * np.asarray(hits.normal)[chosen]).sum(1) / np.linalg.norm(wo, axis=1)
+    position, normal = np.asarray(hits.position)[chosen], np.asarray(hits.normal)[chosen]
+    wo = camera.center - position
+    cos = (wo * normal).sum(1) / np.linalg.norm(wo, axis=1)
     emission = emission_of(emitters, np.asarray(hits.triangle)[chosen])
 
     def spread(values: np.ndarray) -> np.ndarray:
@@ -82,6 +91,7 @@ def material_maps(
         "reflectance": spread(reflectance(brdf.base_color, brdf.roughness, brdf.metallic, cos)),
         "roughness.Y": spread(brdf.roughness),
         "metallic.Y": spread(brdf.metallic),
+        "confidence.Y": spread(confidence.at(position, normal, confidence.combined)),
         "emission": spread(emission),
         "emission_mask.Y": spread((emission.max(axis=1) > 0).astype(np.float32)),
         "hit.Y": hit.reshape(height, width).astype(np.float32),

@@ -6,6 +6,7 @@ import numpy as np
 
 from fipt.io.background import Background, covered_share, edited, pixel_directions, read_background
 from fipt.io.cameras import Camera
+from fipt.io.confidence import read_confidence
 from fipt.io.dataset import Dataset
 from fipt.io.emitters import read_emitters
 from fipt.io.exr import write_exr
@@ -33,6 +34,7 @@ def write_materials(
     hits: Path,
     model: Path,
     emitters: Path,
+    confidence: Path,
     out: Path,
     manifest: Path,
     settings: Materials,
@@ -40,14 +42,14 @@ def write_materials(
 ) -> None:
     """Write the material maps of a shard's views, materials/{view}.exr, then their manifest."""
     data, shard = Dataset(dataset), read_hits(hits)
-    found = read_emitters(emitters)
+    found, sure = read_emitters(emitters), read_confidence(confidence)
     field, metadata = load_field(model)
     scale = metadata["settings"].footprint
     files = []
     with progress("materials", shard.first_pixels[-1], " pixels") as bar:
         for index, view in enumerate(shard.views):
             camera = data.camera(view)
-            maps = material_maps(field, found, shard, index, camera, settings.average, scale)
+            maps = material_maps(field, found, sure, shard, index, camera, settings.average, scale)
             files.append(out / f"{view}.exr")
             write_exr(files[-1], maps)
             bar.advance(camera.width * camera.height)

@@ -26,6 +26,7 @@ COLUMNS = (
     ("reflectance", "Reflectance a'"),
     ("roughness", "Roughness"),
     ("metallic", "Metallic"),
+    ("confidence", "Confidence"),
     ("emission", "Emission"),
 )
 """Columns of the view table: key and heading."""

@@ -9,11 +9,11 @@ from scipy.spatial import cKDTree
 
 from fipt.io.hits import Hits, scene_box
 from fipt.io.meshes import Mesh, connected_parts
+from fipt.io.voxels import FACINGS, facings, voxel_keys
 from fipt.settings import Cache as CacheSettings
 
 _INTERIOR = 0.95
 """Pixels of which one piece covers at least this share tell a voxel's radiance; others mix surfaces."""
-_FACINGS = 6
 _DIRECTIONS = np.repeat(np.eye(3, dtype=np.float32), 2, axis=0) * np.tile([[-1.0], [1.0]], (3, 1)).astype(np.float32)
 """Unit vector of each facing."""
 _MIXED = 1e-3
@@ -44,19 +44,6 @@ def surface_points(
     points = a * (1 - root) + b * (root * (1 - u[:, 1:])) + c * (root * u[:, 1:])
     keep = ((points > low) & (points < high)).all(axis=1)
     return points[keep].astype(np.float32), owner[keep]
-
-
-def voxel_keys(points: np.ndarray, center: np.ndarray, side: float, resolution: int) -> np.ndarray:
-    """(N,) int64 linear voxel index of (N, 3) points, x fastest; points outside go to the nearest voxel."""
-    cell = np.floor((points - (center - side / 2)) * (resolution / side)).astype(np.int64)
-    x, y, z = np.clip(cell, 0, resolution - 1).T
-    return x + resolution * (y + resolution * z)
-
-
-def facings(normals: np.ndarray) -> np.ndarray:
-    """(N,) uint8 of (N, 3) normals: twice the axis nearest to them, plus one where they point along it."""
-    axis = np.abs(normals).argmax(axis=1)
-    return (2 * axis + (np.take_along_axis(normals, axis[:, None], 1)[:, 0] > 0)).astype(np.uint8)
 
 
 def build(
@@ -98,7 +85,7 @@ def build(
     owner = np.concatenate([*triangles, owner, owner])
     facing = facings(np.concatenate([*normals, winding, -winding]))
     record, first, index = np.unique(
-        voxel_keys(place, center, side, n) * _FACINGS + facing, return_index=True, return_inverse=True
+        voxel_keys(place, center, side, n) * FACINGS + facing, return_index=True, return_inverse=True
     )
     index = index.reshape(-1)[: len(place) - 2 * len(surface)]
     weights = np.concatenate(weight)
@@ -110,7 +97,7 @@ def build(
         "center": center,
         "side": np.float64(side),
         "resolution": np.int64(n),
-        "key": record // _FACINGS,
+        "key": record // FACINGS,
         "facing": facing[first],
         "point": place[first],
         "radiance": mean.astype(np.float32),

@@ -4,11 +4,12 @@ import numpy as np
 
 from fipt.io.background import NOTHING, Background
 from fipt.io.meshes import Mesh
+from fipt.io.voxels import voxel_keys
 from fipt.render.background import sky_of
 from fipt.render.scene import RayScene
 from fipt.render.surface import EmitterSet, Materials, SurfaceCache, Triangles
 from fipt.render.tracer import PathSettings, Shader
-from fipt.shading.cache import surface_points, voxel_keys
+from fipt.shading.cache import surface_points
 
 
 def path_shader(

@@ -82,6 +82,8 @@ def arguments(root: Path) -> dict[str, list]:
         ],
         "materials": [
             *fitted,
+            "--confidence",
+            zero / "confidence.npz",
             "--hits",
             val,
             "--out",
@@ -155,6 +157,7 @@ def test_files_of_a_run(scene):
         "round-0/shading/train-000/shading.npy",
         "round-0/shading/train-000.manifest.json",
         "round-0/model.safetensors",
+        "round-0/confidence.npz",
         "round-0/emitters.npz",
         "round-0/emitters.json",
         "round-1/shading/train-000/shading.npy",
@@ -431,6 +434,7 @@ def test_damaged_files(work, refused):
         ("render", "--background", "background.npz"),
         ("refine", "--emitters", "round-0/emitters.npz"),
         ("materials", "--model", "round-0/model.safetensors"),
+        ("materials", "--confidence", "round-0/confidence.npz"),
         ("fit", "--shading", "round-0/shading/train-000/shading.npy"),
     ):
         target = work / path

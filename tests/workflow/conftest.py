@@ -50,6 +50,8 @@ elif "--out" in flags:
     write(flags["--out"])
     if verb == "emitters":
         write(flags["--out"].replace(".npz", ".json"))
+    if verb == "fit":
+        write(Path(flags["--out"]).with_name("confidence.npz"))
 write(flags["--stats"])
 '''
 

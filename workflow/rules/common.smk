@@ -48,6 +48,7 @@ def scenes_from(source):
 LOCKS = contextlib.ExitStack()
 LATER_ROUNDS = one_of(str(k) for k in range(1, CONFIG.rounds + 1))
 LAST_MODEL = f"results/{{scene}}/round-{CONFIG.rounds}/model.safetensors"
+LAST_CONFIDENCE = f"results/{{scene}}/round-{CONFIG.rounds}/confidence.npz"
 
 
 wildcard_constraints:

@@ -3,6 +3,7 @@
 INPUTS:  results/{scene}/round-{k}/shading/{shard}.manifest.json, hits/{shard}.manifest.json, pictures, segments
          from round 1: the model of the round before
 OUTPUTS: results/{scene}/round-{k}/model.safetensors    networks, scene box, settings, stage version
+         results/{scene}/round-{k}/confidence.npz       how well the pictures determine the surface
 
 A killed fit goes on from round-{k}/model.checkpoint.safetensors. The checkpoint is not an output
 here, since Snakemake deletes the outputs of jobs that did not finish.
@@ -22,6 +23,7 @@ rule fit:
         previous=previous("results/{scene}/round-{round}/model.safetensors"),
     output:
         model="results/{scene}/round-{round}/model.safetensors",
+        confidence="results/{scene}/round-{round}/confidence.npz",
         stats="results/{scene}/stats/fit.round-{round}.json",
     log:
         "results/{scene}/logs/fit.round-{round}.log",

@@ -1,8 +1,8 @@
 """Material maps of every view.
 
-INPUTS:  results/{scene}/hits/{shard}.manifest.json, model and emitters of the last round
+INPUTS:  results/{scene}/hits/{shard}.manifest.json, model, its confidence and emitters of the last round
 OUTPUTS: results/{scene}/materials.{shard}.manifest.json    lists materials/{view}.exr: kd.RGB, base_color.RGB,
-         reflectance.RGB, roughness.Y, metallic.Y, emission.RGB, emission_mask.Y, hit.Y
+         reflectance.RGB, roughness.Y, metallic.Y, confidence.Y, emission.RGB, emission_mask.Y, hit.Y
 """
 
 
@@ -12,6 +12,7 @@ rule material_maps:
         transforms="results/{scene}/dataset/transforms.json",
         hits="results/{scene}/hits/{shard}.manifest.json",
         model=LAST_MODEL,
+        confidence=LAST_CONFIDENCE,
         emitters=last_emitters,
     output:
         manifest="results/{scene}/materials.{shard}.manifest.json",
@@ -32,6 +33,6 @@ rule material_maps:
         version=VERSIONS["materials"],
     shell:
         "fipt materials --dataset {params.dataset:q} --hits {params.hits:q}"
-        " --model {input.model:q} --emitters {input.emitters:q}"
+        " --model {input.model:q} --emitters {input.emitters:q} --confidence {input.confidence:q}"
         " --out {params.out:q} --manifest {output.manifest:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

@@ -72,6 +72,34 @@ def test_material_figures_leave_out_emitters_and_misses():
     assert result["pixels"] == {"materials": 2, "emission_union": 1}
 
 
+def test_errors_by_confidence():
+    """Two sure pixels without error, two unsure ones with; a lamp and a miss count nowhere."""
+    truth = layers((1, 6), **emission(0, 0, 0, 0, 5, 0))
+    estimate = layers(
+        (1, 6),
+        kd=[[[0.5] * 3, [0.5] * 3, [0.6] * 3, [0.8] * 3, [0.0] * 3, [0.0] * 3]],
+        roughness=[[0.6, 0.6, 0.7, 0.9, 0.0, 0.0]],
+        confidence=[[1.0, 0.9, 0.1, 0.0, 0.1, 0.1]],
+        hit=[[1, 1, 1, 1, 1, 0]],
+        **emission(0, 0, 0, 0, 5, 0),
+    )
+    classes = figures((estimate, truth), (estimate, truth))["by_confidence"]
+    assert [(c["from"], c["to"], c["share"]) for c in classes] == [
+        (0.0, 0.2, 0.5),
+        (0.2, 0.4, 0),
+        (0.4, 0.6, 0),
+        (0.6, 0.8, 0),
+        (0.8, 1.0, 0.5),
+    ]
+    assert classes[0]["kd_psnr"] == pytest.approx(-10 * np.log10((0.1**2 + 0.3**2) / 2), rel=1e-5)
+    assert classes[0]["roughness_l1"] == pytest.approx(0.2, rel=1e-5)
+    assert classes[4]["kd_psnr"] == pytest.approx(100)
+    assert classes[2] == {"from": 0.4, "to": 0.6, "share": 0.0} | dict.fromkeys(
+        ("kd_psnr", "reflectance_psnr", "roughness_l1", "metallic_l1")
+    )
+    assert figures((layers(), layers()))["by_confidence"] is None  # maps of another program
+
+
 def test_squared_error_is_pooled_over_views_not_averaged_per_view():
     truth = layers((1, 1))
     bad, exact = layers((1, 1), kd=[[[0.7] * 3]]), layers((1, 1))

@@ -155,7 +155,7 @@ def test_pixels_at_the_edge_of_an_opening_keep_their_shares(np_rng):
     for shard in hits:
         shard.weight[:] *= 0.75
     beyond = [(np.array([0, 3]), np.float32([[1, 2, 0], [0.5, 0, 0]])), (np.empty(0, np.int64), np.empty((0, 3)))]
-    pixels = Pixels(hits, shading, images, None, beyond)
+    pixels = Pixels(hits, shading, images, None, beyond=beyond)
     batch = pixels.batch(np.array([5, 0, 3, 2, 6]), 2, np_rng)
     number = batch.radiance[:, 0].numpy()
     total = np.bincount(batch.owner.numpy(), batch.weight.numpy())
@@ -173,7 +173,7 @@ def test_without_openings_nothing_is_beyond(np_rng):
     hits, shading, images = shards(np_rng)
     nothing = [(np.empty(0, np.int64), np.empty((0, 3), np.float32))] * 2
     first, second = (
-        Pixels(hits, shading, images, None, beyond).batch(np.arange(7), 2, np.random.default_rng(1))
+        Pixels(hits, shading, images, None, beyond=beyond).batch(np.arange(7), 2, np.random.default_rng(1))
         for beyond in (None, nothing)
     )
     assert first.beyond is None

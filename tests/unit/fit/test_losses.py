@@ -191,6 +191,7 @@ def batch(rng, hits=3, queries=2):
         footprint=torch.tensor([0.1, 0.2, 0.3])[:hits],
         shading=0.5 + random(rng, hits, 13, 3),
         segment=torch.tensor([4, 4, 4])[:hits],
+        confidence=torch.ones(hits),
     )
 
 
@@ -238,6 +239,24 @@ def test_pixels_at_the_edge_of_an_opening_show_the_outside_too(rng):
     assert dark == pytest.approx((error[0] + 0.5 * error[1]) / 2, rel=1e-4)
     masked = all_terms(Known(brdf, torch.full((3,), 50.0)), data, None, settings)["colour"].item()
     assert masked == pytest.approx(0, abs=1e-9)  # the mask explains all of it
+
+
+def test_confidence_draws_the_unsure_to_their_part_and_lets_the_sure_decide_it(rng):
+    data = batch(rng)
+    data = Batch(**{**vars(data), "confidence": torch.tensor([1.0, 0.0, 0.5])})
+    s = torch.tensor([0.2, 0.2, 0.8, 0.8, 0.5, 0.5])
+    field = Known(Brdf(random(rng, 6, 3), s, 0 * s + 0.3), torch.zeros(3))
+    goal = torch.tensor([[0.0, 0.0, 0.0]] * 4 + [[0.6, 0.3, 2.0]])
+    terms = all_terms(field, data, "part", Fit(confidence=True, part_weight=1.0), goal)
+    logit = np.abs(np.log([0.25, 4.0, 1.0]) - np.log(1.5))
+    assert terms["target"].item() == pytest.approx(2 * np.mean([0.5, 1.5, 1.0] * logit), rel=1e-4)
+    _, specular = losses.reflected(field.answer, data.shading, 2)
+    evidence = specular * data.confidence + 1e-4
+    mean = (evidence * torch.tensor([0.2, 0.8, 0.5])).sum() / evidence.sum()
+    apart = (torch.tensor([0.2, 0.8, 0.5]) - mean).abs().mean()
+    assert terms["part"].item() == pytest.approx(apart.item(), rel=1e-4)
+    plain = all_terms(field, data, "part", Fit(confidence=False), goal)["target"]
+    assert plain.item() == pytest.approx(2 * np.mean(logit), rel=1e-4)
 
 
 def test_kind_of_segments_decides_the_propagation(rng):

@@ -1,5 +1,7 @@
 """The search for roughness and metallic of parts: planted ones are found, nothing is claimed without evidence."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -78,3 +80,22 @@ def test_lamps_do_not_count(np_rng):
     parts = estimate_parts(data, np.array([1.5, 1.5, 1.5]), 3.3, lamp_gain=1.5)
     assert 0 < parts.pixels[1] <= PER_PART / 2
     assert parts.roughness[1] == 1
+
+
+def test_sure_pixels_decide(np_rng):
+    """Two thirds of a lacquered table lie in wrong shading, and are known to be unsure."""
+    data = pixels(np_rng, [((0.5, 0.1, 0.1), 0.2, 0.0)])
+    wrong = np.arange(PER_PART) % PIECES % 3 > 0
+    data.radiance[0][wrong] *= np_rng.uniform(0.5, 1.5, (wrong.sum(), 1)).astype(np.float32)
+    plain = found(data)
+    place = np.asarray(data.shards[0].position)[:, 0]
+    unsure = np.unique(place[wrong])
+
+    def at(points, normals, values):
+        return np.where(np.isin(points[:, 0], unsure), 0, 1).astype(np.float32)
+
+    data.confidence = SimpleNamespace(at=at, combined=None)
+    sure = found(data)
+    assert sure.roughness[1] == pytest.approx(0.2, abs=0.06)
+    assert sure.gain[1] > plain.gain[1] + 0.2
+    assert sure.pixels[1] == plain.pixels[1]

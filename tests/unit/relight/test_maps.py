@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from fipt.io.confidence import Confidence
 from fipt.io.emitters import Emitters
 from fipt.model.albedo import reflectance
 from fipt.model.networks import Brdf
@@ -73,13 +74,16 @@ def test_layers_of_a_view(maps):
     position = np.float32([[0.1, 0, 0], [0.2, 0, 0], [0.9, 0, 0], [0.4, 0, 0], [0.7, 0, 0]])
     hits = view(position, [1, 2, 1, 1], [1, 1, 1, 0], triangle=[0, 7, 0, 0, 7])
     camera = SimpleNamespace(center=np.array([0.5, 2.0, 0.3]))
-    layers = maps.material_maps(Waves(), lamp(7), hits, 0, camera, average=False, scale=1.0)
+    # a view saw only what lies at 0.25 <= x < 0.5 and faces up
+    sure = Confidence(np.zeros(3), 2.0, 8, np.array([6 * (5 + 8 * (4 + 8 * 4)) + 3]), np.ones(1), np.full(1, 0.5))
+    layers = maps.material_maps(Waves(), lamp(7), sure, hits, 0, camera, average=False, scale=1.0)
     x = np.float32([[0.1, 0.2], [0.4, 0.0]])
     hit = np.array([[1, 1], [1, 0]])
     np.testing.assert_array_equal(layers["hit.Y"], hit)
     np.testing.assert_allclose(layers["base_color"][..., 0], x)
     np.testing.assert_allclose(layers["metallic.Y"], x / 4)
     np.testing.assert_allclose(layers["roughness.Y"], (0.1 + 0.5 * x) * hit, rtol=1e-6)
+    np.testing.assert_array_equal(layers["confidence.Y"], [[0, 0], [0.75, 0]])
     np.testing.assert_allclose(layers["kd"][..., 0], x * (1 - x / 4), rtol=1e-6)
     np.testing.assert_array_equal(layers["emission"][..., 0], [[0, 7], [0, 0]])
     np.testing.assert_array_equal(layers["emission_mask.Y"], [[0, 1], [0, 0]])

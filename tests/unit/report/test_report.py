@@ -74,6 +74,8 @@ def test_the_page_shows_everything_there_is(results):
         "More than half of the pixels miss the mesh in b.",
         "View a was rejected: it is blurred.",
         "Ground truth",
+        "Error by confidence",
+        "0.8 to 1.0 25 20.0 100.0 0.000 0.000",
         '"diffuse_spp": 64',
         '"scale": 0.5',
         "Mesh edges over a photo",
