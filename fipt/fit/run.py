@@ -9,8 +9,9 @@ import torch
 from fipt.fit.batches import Pixels
 from fipt.fit.loop import fit
 from fipt.fit.parts import estimate_parts, part_targets
+from fipt.io.arrays import on_disk
 from fipt.io.dataset import Dataset
-from fipt.io.hits import pixels_of, scene_box
+from fipt.io.hits import pixels_of, scene_box, segments_of
 from fipt.io.manifests import Stats
 from fipt.io.shading import read_shards
 from fipt.model.networks import Field, SceneBox
@@ -42,11 +43,10 @@ def fit_model(
     kind = data.segment_kind(settings.segments)
     if kind is None:
         print("warning: no segments; roughness and metallic are fitted point by point, without propagation")
-    segments = kind and [
-        np.concatenate([data.segments(view, kind).ravel() for view in shard.views]) for shard in shards
-    ]
-    images = [pixels_of(data, shard) for shard in shards]
-    pixels = Pixels(shards, baked, images, segments or None)
+    empty = on_disk(out.parent)  # what there is for every pixel stays out of memory
+    segments = kind and [segments_of(data, shard, kind, empty) for shard in shards]
+    images = [pixels_of(data, shard, empty) for shard in shards]
+    pixels = Pixels(shards, baked, images, segments or None, empty)
     center, side = scene_box(shards)
     field = Field(settings, SceneBox(tuple(center.tolist()), side))
     if previous is not None and settings.warm_start:

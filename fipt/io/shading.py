@@ -93,7 +93,7 @@ def read_shading(folder: str | Path, hits: Hits | None = None) -> Shading:
     expected = (len(words) if hits is None else len(hits.position), _WORDS)
     if words.shape != expected or words.dtype != np.uint32:
         raise FiptError(
-            f"{folder} must hold shading of shape {expected} (uint32) for its hits; found {words.shape} ({words.dtype})",
+            f"{folder} must hold shading of shape {expected} uint32 for its hits; found {words.shape} {words.dtype}",
             "give the shading of the same shard, or bake it again",
         )
     return Shading(words)

@@ -9,7 +9,7 @@ from PIL import Image
 
 from fipt.cli.main import main
 from fipt.conventions import SUB_POSITIONS
-from fipt.io.arrays import save_npy, save_npz
+from fipt.io.arrays import save_npz
 from fipt.io.exr import write_exr
 from fipt.io.hits import Hits, write_hits
 from fipt.io.images import to_display, write_png

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fipt.errors import FiptError
-from fipt.fit.batches import Pixels
+from fipt.fit.batches import Pixels, shuffled
 from tests import scenes
 
 
@@ -81,11 +81,28 @@ def test_pixels_without_weight_are_left_out(np_rng):
 
 def test_every_epoch_visits_every_pixel_once(np_rng):
     pixels = Pixels(*shards(np_rng), None)
-    orders = [pixels.epoch_order(epoch, seed) for seed in (0, 1) for epoch in (0, 1)]
+    orders = [shuffled(np.arange(7), len(pixels), [seed, epoch]) for seed in (0, 1) for epoch in (0, 1)]
     for order in orders:
         np.testing.assert_array_equal(np.sort(order), np.arange(7))
     assert len({tuple(order) for order in orders}) == 4
-    np.testing.assert_array_equal(pixels.epoch_order(1, 0), orders[1])
+    np.testing.assert_array_equal(shuffled(np.array([3, 5]), 7, [0, 1]), orders[1][[3, 5]])
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 16, 17, 1000, 4097])
+def test_a_shuffled_deck_holds_every_card_once(count):
+    np.testing.assert_array_equal(np.sort(shuffled(np.arange(count), count, [0, 0])), np.arange(count))
+
+
+def test_a_shuffled_deck_is_random():
+    """Every card comes to every place equally often, and neighbours do not stay together."""
+    decks = np.array([shuffled(np.arange(20), 20, [0, epoch]) for epoch in range(2000)])
+    for place in (0, 7, 19):
+        counts = np.bincount(decks[:, place], minlength=20)
+        assert ((counts - 100) ** 2 / 100).sum() < 44  # chi square, 19 degrees of freedom: 1 in 1000 exceeds it
+    large = shuffled(np.arange(4000), 40_000_000, [5, 0])
+    assert abs(np.corrcoef(large, np.arange(4000))[0, 1]) < 0.06
+    assert abs(np.corrcoef(large[1:], large[:-1])[0, 1]) < 0.06
+    assert abs(large.mean() / 40e6 - 0.5) < 0.02
 
 
 def test_the_same_generator_draws_the_same_batch(np_rng):
@@ -123,8 +140,9 @@ def test_votes_are_counted_over_all_shards(np_rng):
         [(np.zeros((2, 3)), np.ones(2)), (np.ones((3, 3)), np.ones(3))],
         [np.array([1, 1], np.uint16), np.array([2, 2, 2], np.uint16)],
     )
-    assert pixels.segment[0].tolist() == [1, 1, 0]
-    assert pixels.segment[1].tolist() == [2, 2, 2, 2]
+    shard, pixel, hit = np.repeat([0, 1], [3, 4]), np.array([0, 1, 1, 0, 1, 2, 2]), np.array([0, 1, 2, 0, 1, 2, 3])
+    assert pixels.segment_of(shard, pixel, hit).tolist() == [1, 1, 0, 2, 2, 2, 2]
+    assert pixels.largest_segment == 2
 
 
 def test_pictures_without_any_id(np_rng):

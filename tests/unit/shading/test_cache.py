@@ -14,7 +14,9 @@ SETTINGS = CacheSettings(resolution=16)
 
 def built(mesh, hits, radiance, valid=1.0):
     image = np.broadcast_to(np.float32(radiance), (len(hits.offsets) - 1, 3))
-    return cache.build(mesh, [hits], [image], [np.broadcast_to(np.float32(valid), len(image))], SETTINGS)
+    valid = np.broadcast_to(np.float32(valid), len(image))
+    views = [hits.pixels(index) for index in range(len(hits.views))]
+    return cache.build(mesh, [hits], ((image[own], valid[own]) for own in views), SETTINGS)
 
 
 DOWN, UP = 2, 3
