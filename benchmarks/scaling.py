@@ -48,7 +48,9 @@ class Usage:
     Attributes
     ----------
     seconds
-        The stage's own time, without loading Python and libraries.
+        The stage's own wall time, without loading Python and libraries.
+    processor
+        Seconds of all its threads, with loading them: other programs on the machine disturb it less.
     peak
         Largest resident memory, MB: with the pages of mapped files that the system keeps.
     private
@@ -56,6 +58,7 @@ class Usage:
     """
 
     seconds: float
+    processor: float
     peak: float
     private: float | None
 
@@ -66,7 +69,7 @@ SETTINGS = {
     "cache": {"resolution": 128},
     "bake": {"diffuse_spp": 16, "specular_spp": 4, "smooth_spp": 4, "denoise": False},
     "refine": {"diffuse_spp": 16, "specular_spp": 4, "smooth_spp": 4, "denoise": False},
-    "fit": {"steps": 40},
+    "fit": {"steps": 20},
     "render": {"spp": 16, "denoise": False},
 }
 """Few samples: what matters is how cost grows."""
@@ -82,14 +85,17 @@ def call(verb: str, options: Mapping[str, object], settings: Mapping[str, object
     private = None
     with tempfile.TemporaryFile("w+") as log:
         process = subprocess.Popen(command, cwd=folder, stdout=log, stderr=subprocess.STDOUT)
-        while process.poll() is None:
+        pid = 0
+        while pid == 0:
             private = max(filter(None, [private, _private(process.pid)]), default=None)
             time.sleep(0.05)
+            pid, status, used = os.wait4(process.pid, os.WNOHANG)
+        process.returncode = os.waitstatus_to_exitcode(status)
         if process.returncode:
             log.seek(0)
             raise SystemExit(f"fipt {verb} failed:\n{log.read()}")
     figures = json.loads(stats.read_text())
-    return Usage(figures["wall_s"], figures["peak_memory_bytes"] / 1e6, private)
+    return Usage(figures["wall_s"], used.ru_utime + used.ru_stime, figures["peak_memory_bytes"] / 1e6, private)
 
 
 def _private(pid: int) -> float | None:
@@ -123,9 +129,13 @@ def chain(work: Work, root: Path) -> tuple[dict[str, Usage], int]:
     def stage(verb: str, **options: object) -> None:
         named = {name.replace("_", "-"): value for name, value in options.items()}
         used = call(verb, named, made if verb == "synthesize" else SETTINGS.get(verb, {}), root)
-        before = usage.get(verb, Usage(0, 0, 0))
-        private = max(filter(None, [used.private, before.private]), default=None)
-        usage[verb] = Usage(used.seconds + before.seconds, max(used.peak, before.peak), private)
+        before = usage.get(verb, Usage(0, 0, 0, None))
+        usage[verb] = Usage(
+            used.seconds + before.seconds,
+            used.processor + before.processor,
+            max(used.peak, before.peak),
+            max(filter(None, [used.private, before.private]), default=None),
+        )
 
     stage("synthesize", dataset="dataset", room=True)
     frames = json.loads((root / "dataset" / "transforms.json").read_text())["frames"]
@@ -188,30 +198,22 @@ def draw(path: Path, found: Mapping[str, Sequence[Mapping]], caption: str) -> No
     from matplotlib.figure import Figure
     from matplotlib.ticker import FuncFormatter, NullFormatter, NullLocator
 
-    figure = Figure(figsize=(11, 7), layout="constrained", facecolor="white")
-    axes = figure.subplots(2, 3, sharey="row")
+    figure = Figure(figsize=(11, 9.5), layout="constrained", facecolor="white")
+    axes = figure.subplots(3, 3, sharey="row")
+    rows_of = {"seconds": "seconds", "processor": "processor seconds", "peak": "peak resident memory, MB"}
     stages = list(found["views"][0]["stages"])
-    colors = (
-        "#777777",
-        "#0b6e99",
-        "#c0561f",
-        "#2f8f4e",
-        "#7a4fa3",
-        "#c9a21b",
-        "#b83a5e",
-        "#3fa7a0",
-        "#8a6d4b",
-        "#111111",
-    )
+    colors = ["#777777", "#0b6e99", "#c0561f", "#2f8f4e", "#7a4fa3"]
+    colors += ["#c9a21b", "#b83a5e", "#3fa7a0", "#8a6d4b", "#111111"]
     for column, (axis, title) in enumerate(AXES.items()):
         rows = found[axis]
         x = [row[axis] for row in rows]
         for stage, color in zip(stages, colors, strict=True):
             look = {"color": color, "marker": "o", "markersize": 3.5, "linewidth": 1.4, "label": stage}
-            axes[0, column].plot(x, [row["stages"][stage]["seconds"] for row in rows], **look)
-            axes[1, column].plot(x, [row["stages"][stage]["peak"] for row in rows], **look)
+            for part, figures in zip(axes[:, column], rows_of, strict=True):
+                part.plot(x, [row["stages"][stage][figures] for row in rows], **look)
         straight = np.array([x[0], x[-1]]) / x[0]
-        axes[0, column].plot(straight * x[0], straight, color="#bbbbbb", linestyle="--", linewidth=1, zorder=0)
+        for part in axes[:2, column]:
+            part.plot(straight * x[0], straight, color="#bbbbbb", linestyle="--", linewidth=1, zorder=0)
         for part in axes[:, column]:
             part.set_xscale("log")
             part.set_xticks(x, [f"{value:,}" for value in x])
@@ -219,12 +221,14 @@ def draw(path: Path, found: Mapping[str, Sequence[Mapping]], caption: str) -> No
             part.set_xlabel(title)
             part.grid(color="#e8e8e8", linewidth=0.6)
             part.set_axisbelow(True)
-    axes[0, 0].set_yscale("log")
-    axes[0, 0].yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes[0, 0].yaxis.set_minor_formatter(NullFormatter())
-    axes[0, 0].set_ylabel("seconds (dashed: in proportion)")
-    axes[1, 0].set_ylabel("peak resident memory, MB")
-    axes[1, 0].set_ylim(bottom=0)
+    for part, label in zip(axes[:, 0], rows_of.values(), strict=True):
+        part.set_ylabel(label)
+    for part in axes[:2, 0]:
+        part.set_yscale("log")
+        part.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        part.yaxis.set_minor_formatter(NullFormatter())
+    axes[0, 0].set_title("dashed: in proportion", loc="left", fontsize=8, color="#777777")
+    axes[2, 0].set_ylim(bottom=0)
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside right center", frameon=False)
     figure.supxlabel(caption, fontsize=8, color="#555555")
