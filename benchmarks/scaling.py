@@ -201,13 +201,13 @@ def draw(path: Path, found: Mapping[str, Sequence[Mapping]], caption: str) -> No
     figure = Figure(figsize=(11, 9.5), layout="constrained", facecolor="white")
     axes = figure.subplots(3, 3, sharey="row")
     rows_of = {"seconds": "seconds", "processor": "processor seconds", "peak": "peak resident memory, MB"}
-    stages = list(found["views"][0]["stages"])
+    stages = list(found["views"][0]["stages"])  # ten at most, in the order they ran
     colors = ["#777777", "#0b6e99", "#c0561f", "#2f8f4e", "#7a4fa3"]
     colors += ["#c9a21b", "#b83a5e", "#3fa7a0", "#8a6d4b", "#111111"]
     for column, (axis, title) in enumerate(AXES.items()):
         rows = found[axis]
         x = [row[axis] for row in rows]
-        for stage, color in zip(stages, colors, strict=True):
+        for stage, color in zip(stages, colors, strict=False):
             look = {"color": color, "marker": "o", "markersize": 3.5, "linewidth": 1.4, "label": stage}
             for part, figures in zip(axes[:, column], rows_of, strict=True):
                 part.plot(x, [row["stages"][stage][figures] for row in rows], **look)

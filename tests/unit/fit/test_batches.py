@@ -5,6 +5,7 @@ import pytest
 
 from fipt.errors import FiptError
 from fipt.fit.batches import Pixels, shuffled
+from fipt.io.arrays import on_disk
 from tests import scenes
 
 
@@ -110,6 +111,43 @@ def test_the_same_generator_draws_the_same_batch(np_rng):
     first, again, other = (pixels.batch(np.arange(7), 1, np.random.default_rng([0, 1, step])) for step in (4, 4, 5))
     np.testing.assert_array_equal(first.points, again.points)
     assert (first.points != other.points).any()
+
+
+def test_batches_do_not_depend_on_shards_nor_on_where_arrays_lie(np_rng, tmp_path):
+    """Three views in one shard, in memory; and each in a shard of its own, on disk."""
+    counts = [[1, 2, 0, 3], [2, 1, 1, 1], [0, 1, 1, 4]]
+    flat = np.concatenate(counts)
+    n, triangle = int(flat.sum()), np_rng.integers(0, 4, int(flat.sum()))
+    arrays = {
+        "position": np_rng.random((n, 3)),
+        "triangle": triangle,
+        "weight": np_rng.uniform(0.1, 0.3, n),
+        "sub": np_rng.random((n, 4, 3)).astype(np.float16),
+    }
+    shading, images = np_rng.random((n, 13, 3)).astype(np.float32), np_rng.random((12, 3)).astype(np.float32)
+    ids, ones = np_rng.integers(0, 3, 12).astype(np.uint16), np.ones(12, np.float32)
+    whole = scenes.hits_of(**arrays, counts=flat, views="abc", shapes=[(2, 2)] * 3)
+    ends = np.cumsum([sum(c) for c in counts])
+    cuts = [slice(end - sum(c), end) for end, c in zip(ends, counts, strict=True)]
+    views = [slice(4 * k, 4 * k + 4) for k in range(3)]
+    single = [
+        scenes.hits_of(**{name: array[cut] for name, array in arrays.items()}, counts=c, views=v, shapes=[(2, 2)])
+        for cut, c, v in zip(cuts, counts, "abc", strict=True)
+    ]
+    one = Pixels([whole], [shading], [(images, ones)], [ids])
+    many = Pixels(
+        single,
+        [shading[cut] for cut in cuts],
+        [(images[v], ones[v]) for v in views],
+        [ids[v] for v in views],
+        on_disk(tmp_path),
+    )
+    assert len(one) == len(many) == 10
+    assert one.largest_segment == many.largest_segment
+    chosen = np_rng.permutation(10)[:7]
+    batches = [pixels.batch(chosen, 2, np.random.default_rng(5)) for pixels in (one, many)]
+    for name, values in vars(batches[0]).items():
+        np.testing.assert_array_equal(values, getattr(batches[1], name), err_msg=name)
 
 
 # --- segments -------------------------------------------------------------------------------------
