@@ -171,26 +171,19 @@ def _name(frame: Mapping[str, str]) -> str:
 def growth(base: Work, doublings: int) -> dict[str, list[dict[str, object]]]:
     """Run the chain with each kind of work doubled so often; what was used, by kind of work."""
     done: dict[Work, dict[str, object]] = {}
-    result: dict[str, list[dict[str, object]]] = {}
-    steps = {
-        "views": lambda k: replace(base, views=base.views * 2**k),
-        "pixels": lambda k: replace(base, pixels=base.pixels * 2**k),
-        "triangles": lambda k: replace(base, cuts=k),
+    grown = {
+        "views": [replace(base, views=base.views * 2**k) for k in range(doublings + 1)],
+        "pixels": [replace(base, pixels=base.pixels * 2**k) for k in range(doublings + 1)],
+        "triangles": [replace(base, cuts=k) for k in range(doublings + 1)],
     }
-    for axis, step in steps.items():
-        result[axis] = []
-        for k in range(doublings + 1):
-            work = step(k)
-            if work not in done:
-                with tempfile.TemporaryDirectory() as folder:
-                    start = time.perf_counter()
-                    usage, triangles = chain(work, Path(folder))
-                width, height = work.size
-                amount = {"views": work.views, "pixels": width * height, "triangles": triangles}
-                done[work] = amount | {"stages": {name: asdict(used) for name, used in usage.items()}}
-                print(f"{amount}: {time.perf_counter() - start:.0f} s", file=sys.stderr, flush=True)
-            result[axis].append(done[work])
-    return result
+    for work in dict.fromkeys(work for several in zip(*grown.values(), strict=True) for work in several):
+        with tempfile.TemporaryDirectory() as folder:
+            usage, triangles = chain(work, Path(folder))
+        width, height = work.size
+        amount = {"views": work.views, "pixels": width * height, "triangles": triangles}
+        done[work] = amount | {"stages": {name: asdict(used) for name, used in usage.items()}}
+        print(json.dumps(done[work]), file=sys.stderr, flush=True)
+    return {axis: [done[work] for work in several] for axis, several in grown.items()}
 
 
 def draw(path: Path, found: Mapping[str, Sequence[Mapping]], caption: str) -> None:
