@@ -28,7 +28,7 @@ from fipt.io.meshes import Mesh, read_mesh, write_ply
 
 @dataclass(frozen=True)
 class Work:
-    """Size of a scene: training views, pixels of a view, and how often every triangle is cut in two."""
+    """Size of a scene: training views (and one held out), pixels of a view, how often each triangle is cut in two."""
 
     views: int = 6
     pixels: int = 4800
@@ -70,7 +70,7 @@ SETTINGS = {
     "bake": {"diffuse_spp": 16, "specular_spp": 4, "smooth_spp": 4, "denoise": False},
     "refine": {"diffuse_spp": 16, "specular_spp": 4, "smooth_spp": 4, "denoise": False},
     "fit": {"steps": 20},
-    "render": {"spp": 16, "denoise": False},
+    "render": {"spp": 4, "denoise": False},
 }
 """Few samples: what matters is how cost grows."""
 
@@ -82,12 +82,13 @@ def call(verb: str, options: Mapping[str, object], settings: Mapping[str, object
     for name, value in options.items():
         command += [f"--{name}"] if value is True else [f"--{name}", str(value)]
     command += ["--settings", json.dumps(settings), "--stats", str(stats)]
-    private = None
+    seen: dict[str, float] = {}
     with tempfile.TemporaryFile("w+") as log:
         process = subprocess.Popen(command, cwd=folder, stdout=log, stderr=subprocess.STDOUT)
         pid = 0
         while pid == 0:
-            private = max(filter(None, [private, _private(process.pid)]), default=None)
+            for name, value in _memory(process.pid).items():
+                seen[name] = max(value, seen.get(name, 0))
             time.sleep(0.05)
             pid, status, used = os.wait4(process.pid, os.WNOHANG)
         process.returncode = os.waitstatus_to_exitcode(status)
@@ -95,16 +96,19 @@ def call(verb: str, options: Mapping[str, object], settings: Mapping[str, object
             log.seek(0)
             raise SystemExit(f"fipt {verb} failed:\n{log.read()}")
     figures = json.loads(stats.read_text())
-    return Usage(figures["wall_s"], used.ru_utime + used.ru_stime, figures["peak_memory_bytes"] / 1e6, private)
+    # not the stage's own figure where there is a better one: Linux counts this process's memory in at the start
+    peak = seen.get("VmHWM", figures["peak_memory_bytes"] / 1e6)
+    return Usage(figures["wall_s"], used.ru_utime + used.ru_stime, peak, seen.get("RssAnon"))
 
 
-def _private(pid: int) -> float | None:
-    """Megabytes of a process that belong to no file."""
+def _memory(pid: int) -> dict[str, float]:
+    """Peak of a process's resident memory and what of it belongs to no file now, MB; empty without /proc."""
     try:
         lines = Path(f"/proc/{pid}/status").read_text().splitlines()
     except OSError:
-        return None
-    return next((int(line.split()[1]) / 1e3 for line in lines if line.startswith("RssAnon:")), None)
+        return {}
+    fields = (line.split() for line in lines if line.startswith(("VmHWM:", "RssAnon:")))
+    return {name.rstrip(":"): int(value) / 1e3 for name, value, _ in fields}
 
 
 def halved(mesh: Mesh) -> Mesh:
@@ -139,33 +143,26 @@ def chain(work: Work, root: Path) -> tuple[dict[str, Usage], int]:
 
     stage("synthesize", dataset="dataset", room=True)
     frames = json.loads((root / "dataset" / "transforms.json").read_text())["frames"]
-    names = {split: ",".join(_name(f) for f in frames if f["split"] == split) for split in ("train", "val")}
-    stage("synthesize", dataset="dataset", views=",".join(names.values()))
+    views = ",".join(Path(frame["file_path"]).stem for frame in frames)
+    stage("synthesize", dataset="dataset", views=views)
     if work.cuts:
         mesh = read_mesh(root / "dataset" / "mesh.ply")
         for _ in range(work.cuts):
             mesh = halved(mesh)
         write_ply(root / "dataset" / "mesh.ply", mesh)
         (root / "dataset" / "room.json").unlink()  # it names triangles that are no more
-    for split, views in names.items():
-        stage("hits", dataset="dataset", views=views, out=f"hits/{split}")
-    train = {"dataset": "dataset", "hits": "hits/train"}
+    shard = {"dataset": "dataset", "hits": "hits"}  # one for all views: the held-out one costs as much as any
     model = {"model": "model.safetensors", "emitters": "emitters.npz"}
-    stage("cache", **train, out="cache.npz")
-    stage("bake", **train, cache="cache.npz", out="bake/train")
-    stage("fit", **train, shading="bake/train", out="model.safetensors")
-    stage("emitters", **train, shading="bake/train", model="model.safetensors", out="emitters.npz")
-    stage("refine", **train, cache="cache.npz", **model, previous="bake/train", out="refine/train")
-    for split in names:
-        shard = {"dataset": "dataset", "hits": f"hits/{split}"}
-        stage("materials", **shard, **model, out="materials", manifest=f"materials.{split}.json")
+    stage("hits", dataset="dataset", views=views, out="hits")
+    stage("cache", **shard, out="cache.npz")
+    stage("bake", **shard, cache="cache.npz", out="bake")
+    stage("fit", **shard, shading="bake", out="model.safetensors")
+    stage("emitters", **shard, shading="bake", model="model.safetensors", out="emitters.npz")
+    stage("refine", **shard, cache="cache.npz", **model, previous="bake", out="refine")
+    stage("materials", **shard, **model, out="materials", manifest="materials.json")
     stage("render", **shard, cache="cache.npz", **model, out="render", manifest="render.json")
     stage("metrics", dataset="dataset", materials="materials", render="render", emitters="emitters.npz", out="m.json")
     return usage, len(read_mesh(root / "dataset" / "mesh.ply").triangles)
-
-
-def _name(frame: Mapping[str, str]) -> str:
-    return Path(frame["file_path"]).stem
 
 
 def growth(base: Work, doublings: int) -> dict[str, list[dict[str, object]]]:
