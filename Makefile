@@ -5,7 +5,7 @@
 SHELL := /bin/bash
 MAKEFLAGS += --no-print-directory
 .DEFAULT_GOAL := help
-.PHONY: help setup llvm demo test lint bench clean distclean
+.PHONY: help setup llvm demo test lint bench scaling clean distclean
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -81,6 +81,9 @@ lint: $(INSTALLED)  ## formatting, static checks, the workflow's linter, import 
 
 bench: setup  ## speed and quality against the reference methods
 	@$(BIN)/python -m benchmarks
+
+scaling: setup  ## how time and memory grow with views, resolution and triangles (10 minutes on 2 cores)
+	@$(BIN)/python -m benchmarks.scaling
 
 clean:  ## remove caches and build leftovers; results and .venv stay
 	rm -rf build dist *.egg-info .pytest_cache .ruff_cache .import_linter_cache .hypothesis

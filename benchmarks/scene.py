@@ -89,8 +89,9 @@ def demo_room() -> Scene:
     cameras = sample_cameras(room, truth.first_hits, settings)[:_VIEWS]
     traced, parts = RayScene(room.mesh), connected_parts(room.mesh)
     hits = joined(cameras, [trace_view(traced, parts, camera, Hits()) for camera in cameras])
-    image = np.concatenate([image.reshape(-1, 3) for _, image, _ in render_views(room, cameras, settings)])
-    cache = build_cache(room.mesh, [hits], [image], [np.ones(len(image), np.float32)], Cache())
+    images = (image.reshape(-1, 3) for _, image, _ in render_views(room, cameras, settings))
+    pictures = ((image, np.ones(len(image), np.float32)) for image in images)
+    cache = build_cache(room.mesh, [hits], pictures, Cache())
     voxels = merged(cache)
     lamps = np.flatnonzero(room.emits).astype(np.int32)
     return Scene(

@@ -15,7 +15,7 @@ from benchmarks.plain import DenseCache, Lamps, PlainShader, Rays, sample_cosine
 from benchmarks.scene import Scene
 from benchmarks.timing import added_memory, in_turns
 from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
-from fipt.io.shading import save_shading
+from fipt.io.shading import Shading, save_shading
 from fipt.model.networks import Field, SceneBox
 from fipt.render.tracer import PathSettings, Points, Shader
 from fipt.settings import Bake, Refine
@@ -201,6 +201,6 @@ def bytes_per_pixel(scene: Scene, contestants: Contestants) -> tuple[float, floa
     """Shading of a view on disk: what the bake writes, and all outputs of one hit a pixel as float32."""
     shading = contestants.bake.shade(scene.view, ROUGHNESS_LEVELS, OURS)
     with tempfile.TemporaryDirectory() as folder:
-        save_shading(Path(folder), np.clip(shading, 0, 65000).astype(np.float16))
+        save_shading(Path(folder), Shading.of(shading))
         size = sum(file.stat().st_size for file in Path(folder).iterdir())
     return size / scene.pixels, SHADING_OUTPUTS * 3 * 4.0

@@ -6,13 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
-from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
+from fipt.conventions import ROUGHNESS_LEVELS
 from fipt.errors import FiptError
-from fipt.io.arrays import load_npy, load_npz
+from fipt.io.arrays import load_npz
 from fipt.io.exr import read_exr
 from fipt.io.files import existing_file
 from fipt.io.hits import Hits, read_hits
 from fipt.io.images import read_ids, to_display
+from fipt.io.shading import read_shading
 
 SHADING_LAYERS = (
     "Ld",
@@ -149,14 +150,14 @@ def _shard_array(path: Path, layer: str, view: str, folder: str | Path | None) -
 
 def _shading(path: Path, hits: Hits, index: int, output: int) -> tuple[np.ndarray, float]:
     """(P, 3) output of shading.npy times an exposure that suits it, and that exposure."""
-    shading = load_npy(path)
-    if shading.shape != (len(hits.position), SHADING_OUTPUTS, 3):
+    shading = read_shading(path.parent)
+    if len(shading) != len(hits.position):
         raise FiptError(
-            f"{path} has shape {shading.shape}; its hits need {(len(hits.position), SHADING_OUTPUTS, 3)}",
+            f"{path} holds shading of {len(shading)} hits; its hits folder has {len(hits.position)}",
             "name the hits folder it was made from with --hits",
         )
     own = hits.of_view(index)
-    values = shading[own, output].astype(np.float64) * hits.weight[own, None]
+    values = shading[own][:, output].astype(np.float64) * hits.weight[own, None]
     pixels = _summed(values, hits, index)
     exposure = 1.0 / max(float(np.percentile(pixels, 98)), 1e-9)
     return pixels * exposure, exposure

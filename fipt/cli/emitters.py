@@ -29,6 +29,7 @@ def command(
     """Extract the triangles that emit light and their radiance."""
     with stage("emitters", settings, stats) as (chosen, figures):
         from fipt.emitters.extract import extract
+        from fipt.io.arrays import on_disk
         from fipt.io.dataset import Dataset
         from fipt.io.emitters import write_emitters
         from fipt.io.hits import pixels_of
@@ -38,7 +39,7 @@ def command(
         data = Dataset(dataset)
         mesh = data.mesh()
         shards, baked = read_shards(listed(hits), listed(shading))
-        images = [pixels_of(data, shard) for shard in shards]
+        images = [pixels_of(data, shard, on_disk(out.parent)) for shard in shards]
         field, _ = load_field(model)
         found = extract(mesh, shards, baked, images, field.query_mask, chosen)
         write_emitters(out, found, mesh)

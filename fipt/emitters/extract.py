@@ -1,6 +1,7 @@
 """Which triangles emit, and how much (method.md, stage 2)."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -11,6 +12,7 @@ from fipt.conventions import ROUGHNESS_LEVELS
 from fipt.io.emitters import Emitters
 from fipt.io.hits import Hits
 from fipt.io.meshes import Mesh, connected_parts
+from fipt.io.shading import Shading
 from fipt.settings import Emitters as EmitterSettings
 
 _INTERIOR = 0.9
@@ -26,7 +28,7 @@ _SAME_RADIANCE = 0.35
 def extract(
     mesh: Mesh,
     shards: list[Hits],
-    shading: list[np.ndarray],
+    shading: Sequence[Shading | np.ndarray],
     images: list[tuple[np.ndarray, np.ndarray]],
     query_mask: Callable[[np.ndarray], np.ndarray],
     settings: EmitterSettings,
@@ -35,50 +37,63 @@ def extract(
 
     A triangle emits where the mask, averaged over points of it, exceeds the threshold and, with ``evidence``, where
     pixels that it fills are brighter than any reflectance would be under the shading there. Triangles that no pixel
-    sees are dropped, unless ``complete`` and their part glows wherever it is seen.
+    sees are dropped, unless ``complete`` and their part glows wherever it is seen. One view at a time is in memory, and
+    the pixels of triangles that may emit.
 
     Parameters
     ----------
     shading
-        (H, 13, 3) of each shard.
+        (H, outputs, 3) of each shard.
     images
         Per shard: (P, 3) radiance and (P,) weight.
     query_mask
         (N, 3) points -> (N,) emission mask.
     """
-    triangle, radiance, view, ratio = _observations(shards, shading, images)
-    seen, index = np.unique(triangle, return_inverse=True)
-    observed = seen
+    pixels = partial(_pixels, shards, shading, images)
+    observed, bright = (np.zeros(len(mesh.triangles), np.int64) for _ in range(2))
+    for triangle, _, _, ratio in pixels():
+        observed += np.bincount(triangle, minlength=len(observed))
+        bright += np.bincount(triangle[ratio > _GAIN], minlength=len(observed))
+    seen = np.flatnonzero(observed)
     if settings.evidence:
-        # the mask network is asked only where the light could not be reflected
-        enough = _grouped_median(ratio, index, len(seen)) > _GAIN
-        seen = seen[enough]
-    emitting = seen[_mean_mask(mesh, seen, query_mask, settings) > settings.threshold]
-    keep = np.isin(triangle, emitting)
-    emitting, index = np.unique(triangle[keep], return_inverse=True)
-    found = _measured(mesh, emitting, index, radiance[keep], view[keep], settings)
-    return _completed(mesh, found, observed) if settings.complete else found
+        # the mask network is asked only where the light could not be reflected: a median above needs half above
+        triangle, _, _, ratio = _of_triangles(pixels(), (observed > 0) & (2 * bright >= observed))
+        seen, index = np.unique(triangle, return_inverse=True)
+        seen = seen[_grouped_median(ratio, index, len(seen)) > _GAIN]
+    emitting = np.zeros(len(observed), bool)
+    emitting[seen[_mean_mask(mesh, seen, query_mask, settings) > settings.threshold]] = True
+    triangle, radiance, view, _ = _of_triangles(pixels(), emitting)
+    chosen, index = np.unique(triangle, return_inverse=True)
+    found = _measured(mesh, chosen, index, radiance, view, settings)
+    return _completed(mesh, found, np.flatnonzero(observed)) if settings.complete else found
 
 
-def _observations(
-    shards: list[Hits], shading: list[np.ndarray], images: list[tuple[np.ndarray, np.ndarray]]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Pixels that one triangle's piece fills: triangle, radiance, view, and radiance over the most reflected."""
-    triangles, radiances, views, ratios, first_view = [], [], [], [], 0
-    levels = len(ROUGHNESS_LEVELS)
+Observations = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+"""Of pixels: triangle, radiance (N, 3), number of the view, and radiance over the most that could be reflected."""
+
+
+def _pixels(
+    shards: list[Hits], shading: Sequence[Shading | np.ndarray], images: list[tuple[np.ndarray, np.ndarray]]
+) -> Iterator[Observations]:
+    """Yield the pixels of every view that one triangle's piece fills."""
+    levels, number = len(ROUGHNESS_LEVELS), 0
     for hits, baked, (image, valid) in zip(shards, shading, images, strict=True):
-        pixel = np.repeat(np.arange(len(valid)), np.diff(hits.offsets))
-        use = np.flatnonzero((np.asarray(hits.weight) >= _INTERIOR) & (valid[pixel] > 0))
-        light = np.asarray(baked[use], np.float32)
-        specular = (light[:, 1 : 1 + levels] + light[:, 1 + levels :]).max(axis=1)
-        most = np.maximum(light[:, 0], specular).mean(axis=1)
-        observed = image[pixel[use]]
-        triangles.append(np.asarray(hits.triangle)[use])
-        radiances.append(observed)
-        views.append(first_view + np.searchsorted(hits.first_pixels, pixel[use], side="right") - 1)
-        ratios.append(observed.mean(axis=1) / (most + 1e-4))
-        first_view += len(hits.views)
-    return tuple(np.concatenate(parts) for parts in (triangles, radiances, views, ratios))
+        for index in range(len(hits.views)):
+            own, pixel = hits.of_view(index), hits.pixel_of_hit(index) + hits.pixels(index).start
+            use = np.flatnonzero((hits.weight[own] >= _INTERIOR) & (valid[pixel] > 0))
+            light = np.asarray(baked[own], np.float32)[use]
+            specular = (light[:, 1 : 1 + levels] + light[:, 1 + levels :]).max(axis=1)
+            most = np.maximum(light[:, 0], specular).mean(axis=1)
+            seen = np.asarray(image[pixel[use]])
+            triangle = np.asarray(hits.triangle[own])[use]
+            yield triangle, seen, np.full(len(use), number), seen.mean(axis=1) / (most + 1e-4)
+            number += 1
+
+
+def _of_triangles(pixels: Iterator[Observations], chosen: np.ndarray) -> Observations:
+    """Observations of the triangles where ``chosen`` (T,) is true, all views together."""
+    parts = [[values[chosen[view[0]]] for values in view] for view in pixels]
+    return tuple(np.concatenate(values) for values in zip(*parts, strict=True))
 
 
 def _mean_mask(

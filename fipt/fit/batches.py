@@ -1,5 +1,6 @@
 """Training data of the fit: pixels, the surface pieces they show, baked shading and segment ids."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,7 +9,11 @@ import torch
 from fipt.conventions import SHADING_OUTPUTS, SUB_POSITIONS
 from fipt.errors import FiptError
 from fipt.io.confidence import Confidence
-from fipt.io.hits import Hits
+from fipt.io.hits import Empty, Hits
+from fipt.io.shading import Shading
+
+_BLOCK = 1 << 20
+"""Pixels looked at together."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +35,7 @@ class Batch:
     footprint
         (H,) size of the pixel at the hit, metres.
     shading
-        (H, 13, 3) Ld, Ls0 of every level, Ls1 of every level.
+        (H, outputs, 3) Ld, Ls0 of every level, Ls1 of every level.
     segment
         (H,) int64 segment, 0 = unknown.
     confidence
@@ -63,14 +68,14 @@ class Batch:
 
 
 class Pixels:
-    """All training pixels that show the mesh; hits and shading stay memory-mapped.
+    """All training pixels that show the mesh; what grows with the views can stay on disk.
 
     Parameters
     ----------
     shards
         Hits of the training shards.
     shading
-        (H, 13, 3) float16 shading of each shard.
+        (H, outputs, 3) shading of each shard.
     images
         Per shard: (P, 3) radiance and (P,) weight of its pixels.
     segments
@@ -79,44 +84,44 @@ class Pixels:
         Of the surface; None to trust all of it alike.
     beyond
         Per shard: pixels (K,) that show the outside too, and what it adds to them (K, 3); see `fipt.io.background`.
+    empty
+        Makes the arrays over all pixels: in memory, or `fipt.io.arrays.on_disk`.
     """
 
     def __init__(
         self,
         shards: list[Hits],
-        shading: list[np.ndarray],
+        shading: Sequence[Shading | np.ndarray],
         images: list[tuple[np.ndarray, np.ndarray]],
         segments: list[np.ndarray] | None,
         confidence: Confidence | None = None,
         beyond: list[tuple[np.ndarray, np.ndarray]] | None = None,
+        empty: Empty = np.empty,
     ) -> None:
         self.shards, self.shading, self.confidence = shards, shading, confidence
         self.beyond = beyond if beyond is not None and any(len(pixel) for pixel, _ in beyond) else None
-        self.radiance = [image.astype(np.float32) for image, _ in images]
-        self.offsets = [np.array(shard.offsets) for shard in shards]
+        self.radiance = [image for image, _ in images]
         for shard, shade in zip(shards, shading, strict=True):
             if shade.shape != (len(shard.position), SHADING_OUTPUTS, 3):
                 raise FiptError(
                     f"shading must have shape {(len(shard.position), SHADING_OUTPUTS, 3)}; found {shade.shape}",
                     "bake this shard again",
                 )
-        keep, self.valid = [], []
-        for number, (shard, (_, valid)) in enumerate(zip(shards, images, strict=True)):
-            pixel = np.repeat(np.arange(len(valid)), np.diff(self.offsets[number]))
-            covered = np.bincount(pixel, shard.weight, minlength=len(valid))
-            # a pixel half off the mesh says less about the mesh
-            self.valid.append((valid * np.minimum(covered, 1.0)).astype(np.float32))
-            seen = np.flatnonzero(self.valid[-1] > 0)
-            keep.append(np.stack([np.full(len(seen), number), seen], axis=1))
-        self.index = np.concatenate(keep).astype(np.int64)
+        self.valid = [_visible(shard, weight, empty) for shard, (_, weight) in zip(shards, images, strict=True)]
+        counts = [len(valid) for valid in self.valid]
+        self._starts = np.concatenate([[0], np.cumsum(counts)])
+        seen = [np.count_nonzero(valid) for valid in self.valid]
+        self.index = empty((sum(seen),), np.min_scalar_type(int(self._starts[-1])))
+        done = 0
+        for start, valid in zip(self._starts, self.valid, strict=False):
+            for first in range(0, len(valid), _BLOCK):
+                found = np.flatnonzero(valid[first : first + _BLOCK]) + (start + first)
+                self.index[done : done + len(found)] = found
+                done += len(found)
         if len(self.index) == 0:
             raise FiptError("no training pixel shows the mesh", "check poses and masks of the training views")
-        self.segment = None if segments is None else _hit_segments(shards, self.offsets, segments)
-
-    @property
-    def largest_segment(self) -> int:
-        """Largest segment id, 0 without segments."""
-        return 0 if self.segment is None else max(int(own.max(initial=0)) for own in self.segment)
+        self._segments = segments
+        self.largest_segment, self._winner = (0, None) if segments is None else _vote(shards, segments)
 
     def confidence_at(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
         """(N,) float32 confidence at surface points (N, 3) with normals (N, 3); 1 where it is not asked for."""
@@ -126,78 +131,124 @@ class Pixels:
     def __len__(self) -> int:
         return len(self.index)
 
-    def epoch_order(self, epoch: int, seed: int) -> np.ndarray:
-        """Permutation of all pixels, the same for a seed and epoch wherever the fit was interrupted."""
-        return np.random.default_rng([seed, epoch]).permutation(len(self.index))
-
     def batch(self, chosen: np.ndarray, queries: int, rng: np.random.Generator) -> Batch:
-        """Gather pixels (B,) by number; each hit is queried at ``queries`` of its stored points."""
-        index = self.index[chosen]
-        parts: list[dict[str, np.ndarray]] = []
-        start = 0
-        for number in np.unique(index[:, 0]):
-            pixel = index[index[:, 0] == number, 1]
-            parts.append(self._of_shard(int(number), pixel, start, queries, rng))
-            start += len(pixel)
-        joined = {name: torch.from_numpy(np.concatenate([part[name] for part in parts])) for name in parts[0]}
-        return Batch(**joined)
-
-    def _of_shard(
-        self, number: int, pixel: np.ndarray, start: int, queries: int, rng: np.random.Generator
-    ) -> dict[str, np.ndarray]:
-        shard, offsets = self.shards[number], self.offsets[number]
-        first, count = offsets[pixel], offsets[pixel + 1] - offsets[pixel]
+        """Gather pixels (B,) by number, in their order; each hit is queried at ``queries`` of its stored points."""
+        place = self.index[chosen].astype(np.int64)
+        shard = np.searchsorted(self._starts, place, side="right") - 1
+        pixel = place - self._starts[shard]
+        offsets = [each.offsets for each in self.shards]
+        first = _gathered(offsets, shard, pixel)
+        count = _gathered(offsets, shard, pixel + 1) - first
         owner = np.repeat(np.arange(len(pixel)), count)
         hit = np.repeat(first - np.cumsum(count) + count, count) + np.arange(len(owner))
-        weight = shard.weight[hit]
+
+        def of_hits(arrays: Sequence[Shading | np.ndarray]) -> np.ndarray:
+            return _gathered(arrays, shard[owner], hit)
+
+        weight = of_hits([each.weight for each in self.shards])
         covered = np.bincount(owner, weight, minlength=len(pixel))
-        outside = {} if self.beyond is None else _outside(pixel, covered, *self.beyond[number])
+        outside = {} if self.beyond is None else self._outside(shard, pixel, covered)
         weight = weight / (covered / outside.get("share", 1.0))[owner]
         turn = rng.integers(0, SUB_POSITIONS, len(hit))
         picks = (turn[:, None] + np.arange(queries) * SUB_POSITIONS // queries) % SUB_POSITIONS
-        position = shard.position[hit]
-        points = position[:, None] + shard.sub[hit[:, None], picks].astype(np.float32)
-        segment = np.zeros(len(hit), np.int64) if self.segment is None else self.segment[number][hit].astype(np.int64)
-        return {
-            "radiance": self.radiance[number][pixel],
-            "valid": self.valid[number][pixel],
-            "owner": owner + start,
+        sub = np.take_along_axis(of_hits([each.sub for each in self.shards]), picks[..., None], axis=1)
+        position = of_hits([each.position for each in self.shards])
+        arrays = {
+            "radiance": _gathered(self.radiance, shard, pixel).astype(np.float32),
+            "valid": _gathered(self.valid, shard, pixel),
+            "owner": owner,
             "weight": weight.astype(np.float32),
-            "points": points,
-            "footprint": np.asarray(shard.footprint[hit]),
-            "shading": self.shading[number][hit].astype(np.float32),
-            "segment": segment,
-            "confidence": self.confidence_at(position, shard.normal[hit]),
+            "points": position[:, None] + sub.astype(np.float32),
+            "footprint": of_hits([each.footprint for each in self.shards]),
+            "shading": of_hits(self.shading).astype(np.float32),
+            "segment": self.segment_of(shard[owner], pixel[owner], hit),
+            "confidence": self.confidence_at(position, of_hits([each.normal for each in self.shards])),
             **outside,
         }
+        return Batch(**{name: torch.from_numpy(array) for name, array in arrays.items()})
+
+    def _outside(self, shard: np.ndarray, pixel: np.ndarray, covered: np.ndarray) -> dict[str, np.ndarray]:
+        """``beyond`` and ``share`` of pixels (B,) of shards (B,), of which ``covered`` (B,) is mesh."""
+        share, beyond = np.ones(len(pixel), np.float32), np.zeros((len(pixel), 3), np.float32)
+        for number in np.unique(shard):
+            edge, radiance = self.beyond[number]
+            chosen = np.flatnonzero(shard == number)
+            own, place = np.intersect1d(pixel[chosen], edge, return_indices=True)[1:]
+            share[chosen[own]], beyond[chosen[own]] = covered[chosen[own]], radiance[place]
+        return {"beyond": beyond, "share": share}
+
+    def segment_of(self, shard: np.ndarray, pixel: np.ndarray, hit: np.ndarray) -> np.ndarray:
+        """(N,) int64 segment of hits, given with their shards and pixels: the pixel's for its centre.
+
+        An id map knows pixel centres only; the pieces beside the centre take the id most centres give their triangle.
+        """
+        if self._segments is None:
+            return np.zeros(len(hit), np.int64)
+        first = _gathered([each.offsets for each in self.shards], shard, pixel) == hit
+        center = first & (_gathered([each.center for each in self.shards], shard, pixel) > 0)
+        triangle = _gathered([each.triangle for each in self.shards], shard, hit)
+        return np.where(center, _gathered(self._segments, shard, pixel), self._winner[triangle]).astype(np.int64)
 
 
-def _outside(pixel: np.ndarray, covered: np.ndarray, edge: np.ndarray, radiance: np.ndarray) -> dict[str, np.ndarray]:
-    """``beyond`` and ``share`` of pixels (B,), of which ``covered`` (B,) is mesh; the rest of ``edge`` is known."""
-    share, beyond = np.ones(len(pixel), np.float32), np.zeros((len(pixel), 3), np.float32)
-    own, place = np.intersect1d(pixel, edge, return_indices=True)[1:]
-    share[own], beyond[own] = covered[own], radiance[place]
-    return {"beyond": beyond, "share": share}
+def shuffled(places: np.ndarray, count: int, key: list[int]) -> np.ndarray:
+    """(B,) int64: what lies at ``places`` (B,) of a deck of ``count`` cards shuffled with ``key``.
 
-
-def _hit_segments(shards: list[Hits], offsets: list[np.ndarray], segments: list[np.ndarray]) -> list[np.ndarray]:
-    """(H,) uint16 segment of every hit: its pixel's where the hit is the pixel's centre, else its triangle's.
-
-    An id map knows pixel centres only; the pieces beside the centre take the id most centres give their triangle.
+    A Feistel network over the next power of four; what falls outside the deck goes round again. Nothing is stored, so
+    that a fit which never sees most of its pixels does not pay for them, and a resumed one draws the same.
     """
-    triangles, ids = [], []
-    for shard, offset, segment in zip(shards, offsets, segments, strict=True):
-        centered = np.flatnonzero(np.asarray(shard.center) & (segment > 0))
-        triangles.append(shard.triangle[offset[centered]])
-        ids.append(segment[centered])
-    pairs, votes = np.unique(np.stack([np.concatenate(triangles), np.concatenate(ids)]), axis=1, return_counts=True)
-    order = np.lexsort((votes, pairs[0]))
-    winner = np.zeros(max(int(shard.triangle.max(initial=0)) for shard in shards) + 1, np.uint16)
-    winner[pairs[0][order]] = pairs[1][order]  # the last write, with the most votes, stays
-    result = []
-    for shard, offset, segment in zip(shards, offsets, segments, strict=True):
-        own = winner[shard.triangle]
-        centered = np.flatnonzero(np.asarray(shard.center))
-        own[offset[centered]] = segment[centered]
-        result.append(own)
+    half = (max(count - 1, 1).bit_length() + 1) // 2
+    shift, mask = np.uint64(half), np.uint64(2**half - 1)
+    keys = np.random.default_rng(key).integers(0, 2**63, 6, dtype=np.uint64)
+    result = places.astype(np.uint64)
+    todo = np.arange(len(result))
+    while len(todo):
+        left, right = result[todo] >> shift, result[todo] & mask
+        for own in keys:
+            mixed = (right ^ own) * np.uint64(0x9E3779B97F4A7C15)
+            mixed = (mixed ^ (mixed >> np.uint64(29))) * np.uint64(0xBF58476D1CE4E5B9)
+            left, right = right, left ^ ((mixed >> np.uint64(32)) & mask)
+        result[todo] = (left << shift) | right
+        todo = todo[result[todo] >= count]
+    return result.astype(np.int64)
+
+
+def _gathered(arrays: Sequence[Shading | np.ndarray], shard: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Rows (N,) of the arrays of shards (N,)."""
+    numbers = np.unique(shard)
+    parts = [(shard == number, arrays[number]) for number in numbers]
+    found = [np.asarray(array[rows[own]]) for own, array in parts]
+    if len(found) == 1:
+        return found[0]
+    result = np.empty((len(rows), *found[0].shape[1:]), found[0].dtype)
+    for (own, _), values in zip(parts, found, strict=True):
+        result[own] = values
     return result
+
+
+def _visible(shard: Hits, weight: np.ndarray, empty: Empty) -> np.ndarray:
+    """(P,) float32 weight of every pixel; one half off the mesh says less about the mesh."""
+    result = empty((len(weight),), np.float32)
+    for index in range(len(shard.views)):
+        own = shard.pixels(index)
+        covered = np.bincount(shard.pixel_of_hit(index), shard.weight[shard.of_view(index)], own.stop - own.start)
+        result[own] = weight[own] * np.minimum(covered, 1.0)
+    return result
+
+
+def _vote(shards: list[Hits], segments: list[np.ndarray]) -> tuple[int, np.ndarray]:
+    """Largest segment id, and the id that most pixel centres give each triangle (T,), 0 where none does."""
+    pairs, votes = np.zeros(0, np.int64), np.zeros(0, np.int64)
+    for shard, segment in zip(shards, segments, strict=True):
+        for index in range(len(shard.views)):
+            own = shard.pixels(index)
+            ids = np.where(np.asarray(shard.center[own]) > 0, segment[own], 0)
+            centered = np.flatnonzero(ids)
+            triangle = shard.triangle[shard.offsets[own][centered]].astype(np.int64)
+            new, count = np.unique(triangle << 16 | ids[centered], return_counts=True)
+            pairs, place = np.unique(np.concatenate([pairs, new]), return_inverse=True)
+            votes = np.bincount(place.reshape(-1), np.concatenate([votes, count]), len(pairs)).astype(np.int64)
+    triangle, ids = pairs >> 16, pairs & 0xFFFF
+    order = np.lexsort((votes, triangle))
+    winner = np.zeros(max(int(shard.triangle.max(initial=0)) for shard in shards) + 1, np.uint16)
+    winner[triangle[order]] = ids[order]  # the last write, with the most votes, stays
+    return int(ids.max(initial=0)), winner

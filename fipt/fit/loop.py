@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from fipt.errors import FiptError
-from fipt.fit.batches import Batch, Pixels
+from fipt.fit.batches import Batch, Pixels, shuffled
 from fipt.fit.losses import (
     gathered,
     part_propagation,
@@ -109,7 +109,6 @@ def fit(
         done, _ = load_checkpoint(checkpoint, field, optimizer, settings)
         print(f"fit: going on from step {done}")
     decay = (settings.final_learning_rate / settings.learning_rate) ** (1 / max(steps, 1))
-    order, epoch_now = np.empty(0, np.int64), -1
     per_epoch = max(len(pixels) // settings.batch, 1)
     curve: list[list[float]] = []
     with progress("fit", steps - done, " steps") as bar:
@@ -117,9 +116,9 @@ def fit(
             for group in optimizer.param_groups:
                 group["lr"] = group["first_lr"] * decay**step
             epoch, position = divmod(step, per_epoch)
-            if epoch != epoch_now:
-                order, epoch_now = pixels.epoch_order(epoch, settings.seed), epoch
-            chosen = order[position * settings.batch : (position + 1) * settings.batch]
+            first = position * settings.batch
+            places = np.arange(first, min(first + settings.batch, len(pixels)))
+            chosen = shuffled(places, len(pixels), [settings.seed, epoch])
             # keyed by step, so that a resumed fit draws what an uninterrupted one would
             rng = np.random.default_rng([settings.seed, 1, step])
             terms = losses(field, pixels.batch(chosen, settings.queries, rng), kind, settings, targets)

@@ -100,19 +100,19 @@ def estimate_parts(pixels: Pixels, center: np.ndarray, side: float, lamp_gain: f
 def _inner_pixels(pixels: Pixels) -> tuple[np.ndarray, ...]:
     """Pixels that one hit fills: radiance (N, 3), shading (N, 13, 3), position, normal (N, 3), segment (N,)."""
     step = max(len(pixels) // _MOST_PIXELS, 1)
-    parts = []
+    parts, passed = [], 0
     for number, shard in enumerate(pixels.shards):
-        offsets = pixels.offsets[number]
-        single = (np.diff(offsets) == 1) & (pixels.valid[number] > 0.99)
-        chosen = np.flatnonzero(single)[::step]
-        hit = offsets[chosen]
+        single = np.flatnonzero((np.diff(shard.offsets) == 1) & (pixels.valid[number] > 0.99))
+        chosen = single[-passed % step :: step]  # the same ones however the views are spread over shards
+        passed += len(single)
+        hit = np.asarray(shard.offsets[chosen])
         parts.append(
             (
                 pixels.radiance[number][chosen],
-                pixels.shading[number][hit].astype(np.float32),
+                pixels.shading[number][hit].astype(np.float32, copy=False),
                 shard.position[hit],
                 shard.normal[hit],
-                pixels.segment[number][hit].astype(np.int64),
+                pixels.segment_of(np.full(len(hit), number), chosen, hit),
             )
         )
     return tuple(np.concatenate(arrays) for arrays in zip(*parts, strict=True))

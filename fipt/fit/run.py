@@ -11,10 +11,11 @@ from fipt.fit.batches import Pixels
 from fipt.fit.confidence import measure, of_pixels
 from fipt.fit.loop import fit
 from fipt.fit.parts import estimate_parts, part_targets
+from fipt.io.arrays import on_disk
 from fipt.io.background import beyond, read_background
 from fipt.io.confidence import Confidence, write_confidence
 from fipt.io.dataset import Dataset
-from fipt.io.hits import Hits, pixels_of, scene_box
+from fipt.io.hits import Hits, pixels_of, scene_box, segments_of
 from fipt.io.manifests import Stats
 from fipt.io.shading import read_shards
 from fipt.model.networks import Field, SceneBox
@@ -49,10 +50,9 @@ def fit_model(
     kind = data.segment_kind(settings.segments)
     if kind is None:
         print("warning: no segments; roughness and metallic are fitted point by point, without propagation")
-    segments = kind and [
-        np.concatenate([data.segments(view, kind).ravel() for view in shard.views]) for shard in shards
-    ]
-    images = [pixels_of(data, shard) for shard in shards]
+    empty = on_disk(out.parent)  # what there is for every pixel stays out of memory
+    segments = kind and [segments_of(data, shard, kind, empty) for shard in shards]
+    images = [pixels_of(data, shard, empty) for shard in shards]
     lamp_gain = settings.evidence or 1.5
     eyes = {view: data.camera(view).center for shard in shards for view in shard.views}
     confidence = measure(shards, baked, images, eyes, lamp_gain)
@@ -60,7 +60,7 @@ def fit_model(
         images = _sure(shards, baked, images, confidence, settings.min_confidence, lamp_gain)
     outside = read_background(background)
     edges = [beyond(shard, [data.camera(view) for view in shard.views], outside) for shard in shards]
-    pixels = Pixels(shards, baked, images, segments or None, confidence if settings.confidence else None, edges)
+    pixels = Pixels(shards, baked, images, segments or None, confidence if settings.confidence else None, edges, empty)
     center, side = scene_box(shards)
     field = Field(settings, SceneBox(tuple(center.tolist()), side))
     if previous is not None and settings.warm_start:

@@ -1,12 +1,13 @@
 """Arrays on disk: npy (memory-mapped) and npz, never pickled."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import DTypeLike
 
 from fipt.errors import FiptError
-from fipt.io.files import atomic, existing_file
+from fipt.io.files import atomic, existing_file, nameless
 
 
 def save_npy(path: str | Path, array: np.ndarray) -> None:
@@ -28,6 +29,22 @@ def load_npy(path: str | Path, mmap: bool = True) -> np.ndarray:
         return np.load(path, mmap_mode="r" if mmap else None, allow_pickle=False)
     except (ValueError, EOFError) as error:
         raise FiptError(f"{path} is not a complete npy array ({error})", "delete it and run its stage again") from error
+
+
+def on_disk(folder: str | Path) -> Callable[[tuple[int, ...], DTypeLike], np.ndarray]:
+    """Return a function like ``np.empty(shape, dtype)`` whose arrays lie in files without a name in ``folder``.
+
+    The system moves them in and out of memory, and removes them when the process ends.
+    """
+
+    def empty(shape: tuple[int, ...], dtype: DTypeLike) -> np.ndarray:
+        size = int(np.prod(shape)) * np.dtype(dtype).itemsize
+        if size == 0:
+            return np.empty(shape, dtype)
+        with nameless(folder, size) as file:
+            return np.memmap(file, dtype, "r+", shape=shape)
+
+    return empty
 
 
 def save_npz(path: str | Path, **arrays: np.ndarray) -> None:

@@ -3,9 +3,11 @@
 import errno
 import os
 import shutil
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import IO
 
 from fipt.conventions import NAME_PATTERN
 from fipt.errors import FiptError
@@ -61,6 +63,26 @@ def atomic_folder(path: str | Path) -> Iterator[Path]:
         raise _explained(error, path) from error
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
+
+
+@contextmanager
+def nameless(folder: str | Path, size: int) -> Iterator[IO[bytes]]:
+    """Yield an open file of ``size`` bytes on the disk of ``folder``; it goes away when nothing refers to it any more.
+
+    Raises
+    ------
+    FiptError
+        If the folder cannot be written or the disk is too full.
+    """
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder) as file:
+            if hasattr(os, "posix_fallocate"):
+                os.posix_fallocate(file.fileno(), 0, size)  # a disk that is full says so now
+            yield file
+    except OSError as error:
+        raise _explained(error, folder) from error
 
 
 def write_text(path: str | Path, text: str) -> None:

@@ -1,6 +1,7 @@
 """First hits on disk: flat arrays over surface pieces, and each pixel's offset into them."""
 
 import json
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,6 +12,9 @@ from fipt.errors import FiptError
 from fipt.io.arrays import load_npy, save_npy
 from fipt.io.dataset import Dataset
 from fipt.io.files import existing_file, write_text
+
+Empty = Callable[..., np.ndarray]
+"""Makes an array of a shape and dtype, like ``np.empty``."""
 
 
 @dataclass(frozen=True)
@@ -129,10 +133,29 @@ def scene_box(shards: list[Hits]) -> tuple[np.ndarray, float]:
     return (low + high) / 2, float(max((high - low).max() * 1.05, 1e-6))
 
 
-def pixels_of(dataset: Dataset, hits: Hits) -> tuple[np.ndarray, np.ndarray]:
-    """Radiance (P, 3) and weight (P,) float32 of all pixels of a shard, in its pixel order."""
-    images, weights = zip(*(dataset.image(view) for view in hits.views), strict=True)
-    return (
-        np.concatenate([image.reshape(-1, 3) for image in images]),
-        np.concatenate([weight.reshape(-1) for weight in weights]),
-    )
+def view_pixels(dataset: Dataset, shards: list[Hits]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Radiance (P, 3) and weight (P,) float32 of the pixels of every view of every shard, one view at a time."""
+    for shard in shards:
+        for view in shard.views:
+            image, weight = dataset.image(view)
+            yield image.reshape(-1, 3), weight.reshape(-1)
+
+
+def pixels_of(dataset: Dataset, hits: Hits, empty: Empty = np.empty) -> tuple[np.ndarray, np.ndarray]:
+    """Radiance (P, 3) and weight (P,) float32 of all pixels of a shard, in its pixel order.
+
+    ``empty`` makes the arrays: in memory, or `fipt.io.arrays.on_disk`.
+    """
+    count = int(hits.first_pixels[-1])
+    radiance, weight = empty((count, 3), np.float32), empty((count,), np.float32)
+    for index, (image, valid) in enumerate(view_pixels(dataset, [hits])):
+        radiance[hits.pixels(index)], weight[hits.pixels(index)] = image, valid
+    return radiance, weight
+
+
+def segments_of(dataset: Dataset, hits: Hits, kind: str, empty: Empty = np.empty) -> np.ndarray:
+    """(P,) uint16 segment of all pixels of a shard, in its pixel order; ``empty`` as of `pixels_of`."""
+    ids = empty((int(hits.first_pixels[-1]),), np.uint16)
+    for index, view in enumerate(hits.views):
+        ids[hits.pixels(index)] = dataset.segments(view, kind).reshape(-1)
+    return ids

@@ -4,6 +4,8 @@ A record belongs to a voxel and to the axis that the surface faces there, so tha
 and the sill below it, do not lend each other their light.
 """
 
+from collections.abc import Iterable
+
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -47,18 +49,14 @@ def surface_points(
 
 
 def build(
-    mesh: Mesh,
-    shards: list[Hits],
-    images: list[np.ndarray],
-    weights: list[np.ndarray],
-    settings: CacheSettings,
+    mesh: Mesh, shards: list[Hits], pictures: Iterable[tuple[np.ndarray, np.ndarray]], settings: CacheSettings
 ) -> dict[str, np.ndarray]:
-    """Average the radiance of all pixels in voxels over the surface.
+    """Average the radiance of all pixels in voxels over the surface; one view at a time is in memory.
 
     Parameters
     ----------
-    images, weights
-        Per shard: (P, 3) float32 radiance and (P,) weight of its pixels.
+    pictures
+        Of every view of every shard, in order: (P, 3) float32 radiance and (P,) weight of its pixels.
 
     Returns
     -------
@@ -71,45 +69,66 @@ def build(
     """
     center, side = scene_box(shards)
     n = settings.resolution
-    points, triangles, normals, radiance, weight = [], [], [], [], []
-    for hits, image, valid in zip(shards, images, weights, strict=True):
-        pixel = np.repeat(np.arange(len(hits.offsets) - 1), np.diff(hits.offsets))
-        points.append(np.asarray(hits.position))
-        triangles.append(np.asarray(hits.triangle))
-        normals.append(np.asarray(hits.normal))
-        radiance.append(image[pixel])
-        weight.append(valid[pixel] * np.where(np.asarray(hits.weight) >= _INTERIOR, 1.0, _MIXED))
+    views = [(hits, index) for hits in shards for index in range(len(hits.views))]
+
+    def keys(hits: Hits, own: slice) -> np.ndarray:
+        return voxel_keys(hits.position[own], center, side, n) * FACINGS + facings(hits.normal[own])
+
+    records = _Records()
+    for hits, index in views:
+        own = hits.of_view(index)
+        records.add(keys(hits, own), hits.position[own], hits.triangle[own])
     surface, owner = surface_points(mesh, side / n / 3, center - side / 2, center + side / 2, seed=0)
-    winding = mesh.normals[owner]
-    place = np.concatenate([*points, surface, surface])  # surfaces have two sides
-    owner = np.concatenate([*triangles, owner, owner])
-    facing = facings(np.concatenate([*normals, winding, -winding]))
-    record, first, index = np.unique(
-        voxel_keys(place, center, side, n) * FACINGS + facing, return_index=True, return_inverse=True
-    )
-    index = index.reshape(-1)[: len(place) - 2 * len(surface)]
-    weights = np.concatenate(weight)
-    mean, _ = _means(index, np.concatenate(radiance), weights, len(record))
-    count = np.bincount(index, weights * (weights > _MIXED), len(record))
-    seen = np.zeros(len(record), bool)
-    seen[index[weights > 0]] = True
+    voxel = voxel_keys(surface, center, side, n) * FACINGS
+    for turn in (1, -1):  # surfaces have two sides
+        records.add(voxel + facings(turn * mesh.normals[owner]), surface, owner)
+
+    size = len(records.key)
+    total, weights, count, seen = np.zeros((size, 3)), np.zeros(size), np.zeros(size), np.zeros(size, bool)
+    for (hits, index), (image, valid) in zip(views, pictures, strict=True):
+        own, pixel = hits.of_view(index), hits.pixel_of_hit(index)
+        record = np.searchsorted(records.key, keys(hits, own))
+        weight = valid[pixel] * np.where(hits.weight[own] >= _INTERIOR, 1.0, _MIXED)
+        # added one by one, so that the sums do not depend on how the views are cut into shards
+        np.add.at(weights, record, weight)
+        np.add.at(count, record, weight * (weight > _MIXED))
+        for channel in range(3):
+            np.add.at(total[:, channel], record, weight * image[pixel, channel])
+        seen[record[weight > 0]] = True
+    point, facing = records.point, (records.key % FACINGS).astype(np.uint8)
+    part = connected_parts(mesh)[records.triangle]
     return {
         "center": center,
         "side": np.float64(side),
         "resolution": np.int64(n),
-        "key": record // FACINGS,
-        "facing": facing[first],
-        "point": place[first],
-        "radiance": mean.astype(np.float32),
+        "key": records.key // FACINGS,
+        "facing": facing,
+        "point": point,
+        "radiance": (total / np.maximum(weights, 1e-12)[:, None]).astype(np.float32),
         "count": count.astype(np.float32),
-        "source": _nearest_seen(place[first], facing[first], connected_parts(mesh)[owner[first]], seen, 8 * side / n),
+        "source": _nearest_seen(point, facing, part, seen, 8 * side / n),
     }
 
 
-def _means(index: np.ndarray, values: np.ndarray, weight: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
-    count = np.bincount(index, weight, size)
-    total = np.stack([np.bincount(index, weight * values[:, c], size) for c in range(3)], axis=1)
-    return total / np.maximum(count, 1e-12)[:, None], count
+class _Records:
+    """Sorted keys of voxel and facing, with the first point added to each and its triangle."""
+
+    def __init__(self) -> None:
+        self.key = np.zeros(0, np.int64)
+        self.point = np.zeros((0, 3), np.float32)
+        self.triangle = np.zeros(0, np.int64)
+
+    def add(self, key: np.ndarray, point: np.ndarray, triangle: np.ndarray) -> None:
+        """Add points (N, 3) with their keys and triangles (N,)."""
+        key, first = np.unique(key, return_index=True)
+        place = np.searchsorted(self.key, key)
+        known = np.zeros(len(key), bool)
+        inside = place < len(self.key)
+        known[inside] = self.key[place[inside]] == key[inside]
+        place, first = place[~known], first[~known]
+        self.key = np.insert(self.key, place, key[~known])
+        self.point = np.insert(self.point, place, point[first], axis=0)
+        self.triangle = np.insert(self.triangle, place, triangle[first])
 
 
 def _nearest_seen(

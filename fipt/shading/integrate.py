@@ -10,7 +10,7 @@ from fipt.io.dataset import Dataset
 from fipt.io.files import atomic_folder, check_disk
 from fipt.io.hits import Hits
 from fipt.io.manifests import Stats, write_manifest
-from fipt.io.shading import save_shading
+from fipt.io.shading import Shading, save_shading
 from fipt.progress import progress
 from fipt.render.layers import denoise_hits
 from fipt.render.points import shade_in_chunks, view_points
@@ -70,14 +70,14 @@ def write_shading(
     stats: Stats,
     finish: Callable[[int, np.ndarray], np.ndarray] | None = None,
 ) -> None:
-    """Shade all hits of a shard and write ``out``/shading.npy (H, 13, 3) float16 and the manifest beside ``out``.
+    """Shade all hits of a shard and write ``out``/shading.npy and the manifest beside ``out``.
 
     ``finish`` may change the (N, 13, 3) shading of view number i before it is stored.
     """
     out = Path(out)
-    check_disk(out.parent, len(hits.position) * SHADING_OUTPUTS * 3 * 2, f"the {stage} shading")
+    shading = Shading.empty(len(hits.position))
+    check_disk(out.parent, shading.nbytes, f"the {stage} shading")
     paths = sum(sum(counts) for counts, _ in sampling_plan(settings))
-    shading = np.empty((len(hits.position), SHADING_OUTPUTS, 3), np.float16)
     with progress(stage, len(hits.position) * paths, " paths") as bar:
         for index, view in enumerate(hits.views):
             points = view_points(hits, index, dataset.camera(view), settings.seed)
@@ -94,7 +94,7 @@ def write_shading(
             if finish is not None:
                 values = finish(index, values)
             assert np.isfinite(values).all(), f"{stage}: NaN in the shading of {view}"
-            shading[hits.of_view(index)] = np.clip(values, 0.0, 65000.0)
+            shading[hits.of_view(index)] = values
     stats["bytes_per_pixel"] = shading.nbytes / max(hits.first_pixels[-1], 1)
     with atomic_folder(out) as folder:
         save_shading(folder, shading)

@@ -46,4 +46,4 @@ def emitter_voxels(mesh: Mesh, cache: dict, triangles: np.ndarray) -> np.ndarray
 
 def damped(new: np.ndarray, previous: np.ndarray, damping: float) -> np.ndarray:
     """Keep a share of the previous round's shading: the loop fit-refine-fit oscillates otherwise."""
-    return new if damping == 0 else (1 - damping) * new + damping * previous.astype(np.float32)
+    return new if damping == 0 else (1 - damping) * new + damping * previous

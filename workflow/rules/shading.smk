@@ -2,7 +2,7 @@
 
 INPUTS:  results/{scene}/hits/{shard}.manifest.json, cache.npz, background.npz, mesh
          from round 1: model, emitters and shading of the round before
-OUTPUTS: results/{scene}/round-{k}/shading/{shard}/shading.npy    (hits, 13, 3) half
+OUTPUTS: results/{scene}/round-{k}/shading/{shard}/shading.npy    (hits, 1 + levels) 32-bit words
          results/{scene}/round-{k}/shading/{shard}.manifest.json
 """
 

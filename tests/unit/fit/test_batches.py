@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from fipt.errors import FiptError
-from fipt.fit.batches import Pixels
+from fipt.fit.batches import Pixels, shuffled
+from fipt.io.arrays import on_disk
 from tests import scenes
 
 
@@ -81,11 +82,28 @@ def test_pixels_without_weight_are_left_out(np_rng):
 
 def test_every_epoch_visits_every_pixel_once(np_rng):
     pixels = Pixels(*shards(np_rng), None)
-    orders = [pixels.epoch_order(epoch, seed) for seed in (0, 1) for epoch in (0, 1)]
+    orders = [shuffled(np.arange(7), len(pixels), [seed, epoch]) for seed in (0, 1) for epoch in (0, 1)]
     for order in orders:
         np.testing.assert_array_equal(np.sort(order), np.arange(7))
     assert len({tuple(order) for order in orders}) == 4
-    np.testing.assert_array_equal(pixels.epoch_order(1, 0), orders[1])
+    np.testing.assert_array_equal(shuffled(np.array([3, 5]), 7, [0, 1]), orders[1][[3, 5]])
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 16, 17, 1000, 4097])
+def test_a_shuffled_deck_holds_every_card_once(count):
+    np.testing.assert_array_equal(np.sort(shuffled(np.arange(count), count, [0, 0])), np.arange(count))
+
+
+def test_a_shuffled_deck_is_random():
+    """Every card comes to every place equally often, and neighbours do not stay together."""
+    decks = np.array([shuffled(np.arange(20), 20, [0, epoch]) for epoch in range(2000)])
+    for place in (0, 7, 19):
+        counts = np.bincount(decks[:, place], minlength=20)
+        assert ((counts - 100) ** 2 / 100).sum() < 44  # chi square, 19 degrees of freedom: 1 in 1000 exceeds it
+    large = shuffled(np.arange(4000), 40_000_000, [5, 0])
+    assert abs(np.corrcoef(large, np.arange(4000))[0, 1]) < 0.06
+    assert abs(np.corrcoef(large[1:], large[:-1])[0, 1]) < 0.06
+    assert abs(large.mean() / 40e6 - 0.5) < 0.02
 
 
 def test_the_same_generator_draws_the_same_batch(np_rng):
@@ -93,6 +111,43 @@ def test_the_same_generator_draws_the_same_batch(np_rng):
     first, again, other = (pixels.batch(np.arange(7), 1, np.random.default_rng([0, 1, step])) for step in (4, 4, 5))
     np.testing.assert_array_equal(first.points, again.points)
     assert (first.points != other.points).any()
+
+
+def test_batches_do_not_depend_on_shards_nor_on_where_arrays_lie(np_rng, tmp_path):
+    """Three views in one shard, in memory; and each in a shard of its own, on disk."""
+    counts = [[1, 2, 0, 3], [2, 1, 1, 1], [0, 1, 1, 4]]
+    flat = np.concatenate(counts)
+    n, triangle = int(flat.sum()), np_rng.integers(0, 4, int(flat.sum()))
+    arrays = {
+        "position": np_rng.random((n, 3)),
+        "triangle": triangle,
+        "weight": np_rng.uniform(0.1, 0.3, n),
+        "sub": np_rng.random((n, 4, 3)).astype(np.float16),
+    }
+    shading, images = np_rng.random((n, 13, 3)).astype(np.float32), np_rng.random((12, 3)).astype(np.float32)
+    ids, ones = np_rng.integers(0, 3, 12).astype(np.uint16), np.ones(12, np.float32)
+    whole = scenes.hits_of(**arrays, counts=flat, views="abc", shapes=[(2, 2)] * 3)
+    ends = np.cumsum([sum(c) for c in counts])
+    cuts = [slice(end - sum(c), end) for end, c in zip(ends, counts, strict=True)]
+    views = [slice(4 * k, 4 * k + 4) for k in range(3)]
+    single = [
+        scenes.hits_of(**{name: array[cut] for name, array in arrays.items()}, counts=c, views=v, shapes=[(2, 2)])
+        for cut, c, v in zip(cuts, counts, "abc", strict=True)
+    ]
+    one = Pixels([whole], [shading], [(images, ones)], [ids])
+    many = Pixels(
+        single,
+        [shading[cut] for cut in cuts],
+        [(images[v], ones[v]) for v in views],
+        [ids[v] for v in views],
+        empty=on_disk(tmp_path),
+    )
+    assert len(one) == len(many) == 10
+    assert one.largest_segment == many.largest_segment
+    chosen = np_rng.permutation(10)[:7]
+    batches = [pixels.batch(chosen, 2, np.random.default_rng(5)) for pixels in (one, many)]
+    for name, values in vars(batches[0]).items():
+        np.testing.assert_array_equal(values, getattr(batches[1], name), err_msg=name)
 
 
 # --- segments -------------------------------------------------------------------------------------
@@ -123,8 +178,9 @@ def test_votes_are_counted_over_all_shards(np_rng):
         [(np.zeros((2, 3)), np.ones(2)), (np.ones((3, 3)), np.ones(3))],
         [np.array([1, 1], np.uint16), np.array([2, 2, 2], np.uint16)],
     )
-    assert pixels.segment[0].tolist() == [1, 1, 0]
-    assert pixels.segment[1].tolist() == [2, 2, 2, 2]
+    shard, pixel, hit = np.repeat([0, 1], [3, 4]), np.array([0, 1, 1, 0, 1, 2, 2]), np.array([0, 1, 2, 0, 1, 2, 3])
+    assert pixels.segment_of(shard, pixel, hit).tolist() == [1, 1, 0, 2, 2, 2, 2]
+    assert pixels.largest_segment == 2
 
 
 def test_pictures_without_any_id(np_rng):

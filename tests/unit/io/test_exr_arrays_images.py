@@ -1,5 +1,6 @@
 """Round trips of EXR, npy, npz and PNG, and what is said of damaged ones."""
 
+import errno
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 from PIL import Image
 
 from fipt.errors import FiptError
-from fipt.io.arrays import load_npy, load_npz, save_npy, save_npz
+from fipt.io.arrays import load_npy, load_npz, on_disk, save_npy, save_npz
 from fipt.io.exr import read_exr, read_rgb, write_exr
 from fipt.io.images import read_ids, srgb_decode, srgb_encode, to_display, write_png
 
@@ -125,3 +126,25 @@ def test_srgb_curve() -> None:
     np.testing.assert_allclose(srgb_decode(srgb_encode(values)), values, rtol=1e-5)
     assert (np.diff(srgb_encode(values)) > 0).all()
     assert to_display(np.array([-1.0, 0.0, 1.0, 7.0])).tolist() == [0, 0, 255, 255]
+
+
+# --- arrays without a name ------------------------------------------------------------------------
+
+
+def test_arrays_on_disk_leave_nothing_behind(tmp_path: Path) -> None:
+    empty = on_disk(tmp_path / "new")
+    array = empty((3, 1000), np.float32)
+    array[:] = np.arange(1000)
+    assert array.dtype == np.float32
+    assert array.sum() == 3 * 499500
+    assert list((tmp_path / "new").iterdir()) == []
+    assert empty((0, 3), np.uint8).shape == (0, 3)
+
+
+def test_arrays_on_a_full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("os.posix_fallocate", full, raising=False)
+    with pytest.raises(FiptError, match="the disk is full"):
+        on_disk(tmp_path)((10,), np.uint8)

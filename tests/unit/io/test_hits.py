@@ -7,7 +7,7 @@ import pytest
 
 from fipt.errors import FiptError
 from fipt.io.arrays import save_npy
-from fipt.io.hits import pixels_of, read_hits, scene_box, write_hits
+from fipt.io.hits import pixels_of, read_hits, scene_box, segments_of, view_pixels, write_hits
 from tests import scenes
 
 ARRAYS = ("offsets", "center", "position", "normal", "triangle", "footprint", "weight", "sub")
@@ -113,3 +113,16 @@ def test_pixels_of_views_in_their_order(hits):
     radiance, weight = pixels_of(Data(), hits)
     np.testing.assert_array_equal(radiance, np.repeat([ord("b"), ord("a")], [6, 2])[:, None] * np.ones(3))
     np.testing.assert_array_equal(weight, [0, 1, 2, 3, 4, 5, 0, 1])
+    one_by_one = list(view_pixels(Data(), [hits, hits]))
+    assert len(one_by_one) == 4
+    np.testing.assert_array_equal(np.concatenate([image for image, _ in one_by_one[2:]]), radiance)
+    np.testing.assert_array_equal(np.concatenate([valid for _, valid in one_by_one[:2]]), weight)
+
+
+def test_segments_of_views_in_their_order(hits):
+    class Data:
+        def segments(self, view, kind):
+            assert kind == "part"
+            return {"b": np.arange(6).reshape(2, 3), "a": np.array([[65535, 7]])}[view]
+
+    np.testing.assert_array_equal(segments_of(Data(), hits, "part"), [0, 1, 2, 3, 4, 5, 65535, 7])

@@ -14,7 +14,9 @@ SETTINGS = CacheSettings(resolution=16)
 
 def built(mesh, hits, radiance, valid=1.0):
     image = np.broadcast_to(np.float32(radiance), (len(hits.offsets) - 1, 3))
-    return cache.build(mesh, [hits], [image], [np.broadcast_to(np.float32(valid), len(image))], SETTINGS)
+    valid = np.broadcast_to(np.float32(valid), len(image))
+    views = [hits.pixels(index) for index in range(len(hits.views))]
+    return cache.build(mesh, [hits], ((image[own], valid[own]) for own in views), SETTINGS)
 
 
 DOWN, UP = 2, 3
@@ -114,6 +116,21 @@ def test_pixels_without_weight_see_nothing():
     assert result["count"][lost] == 0
     assert result["source"][lost] == record_at(result, at[0])
     np.testing.assert_allclose(result["radiance"][result["source"]], 3.0, rtol=1e-6)
+
+
+def test_shards_of_one_view_give_the_same_cache_to_the_bit(np_rng):
+    counts = [40, 30, 50]
+    place = np.float32([*CORNERS, *(np_rng.random((118, 3)) * [1, 0, 1])])
+    image, valid = np_rng.random((120, 3)).astype(np.float32), np_rng.random(120).astype(np.float32)
+    weight = np_rng.choice([0.3, 1.0], 120)
+    ends = np.cumsum(counts)
+    cuts = [slice(end - count, end) for end, count in zip(ends, counts, strict=True)]
+    pictures = [(image[cut], valid[cut]) for cut in cuts]
+    whole = scenes.hits_of(place, weight=weight, views="abc", shapes=[(1, count) for count in counts])
+    single = [scenes.hits_of(place[cut], weight=weight[cut]) for cut in cuts]
+    one, many = (cache.build(scenes.floor(), shards, pictures, SETTINGS) for shards in ([whole], single))
+    for name, values in one.items():
+        np.testing.assert_array_equal(values, many[name], err_msg=name)
 
 
 @pytest.mark.parametrize("shift", [(64, 32, 128), (-64, -32, -128), (0, 512, 0)])
