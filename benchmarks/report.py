@@ -113,7 +113,7 @@ def draw(path: Path, curves: dict[str, Curve], points: int, caption: str) -> Non
         axis.set_major_formatter(FuncFormatter(lambda value, _, unit=unit: f"{unit * value:g}"))
         axis.set_minor_formatter(NullFormatter())
     axes.set_xlabel("time per hit, microseconds")
-    axes.set_ylabel("relative RMSE of the 13 shading outputs, %")
+    axes.set_ylabel("relative RMSE of all shading outputs, %")
     axes.set_title("Shading initialisation: error against time (numbers: rays per hit)", fontsize=11)
     axes.grid(which="both", color="#e4e4e4", linewidth=0.6)
     axes.set_axisbelow(True)

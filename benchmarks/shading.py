@@ -27,8 +27,8 @@ OURS = sampling_plan(Bake())[0][0]
 """Samples of the lobes by default: one set of directions for all outputs."""
 SUPPLEMENT = [128] + [64] * len(ROUGHNESS_LEVELS)
 """Samples of the lobes in the paper's supplement, one lobe at a time."""
-THREE_LOBES = [1, 0, 0, 1, 0, 0, 1]
-"""The diffuse, a middle and the roughest lobe: they stand for all seven where only the rate matters."""
+THREE_LOBES = [1] + [int(s in (0.412, 1.0)) for s in ROUGHNESS_LEVELS]
+"""The diffuse, a middle and the roughest lobe: they stand for all where only the rate matters."""
 _REFERENCE = [2048] + [1024] * len(ROUGHNESS_LEVELS)
 
 
@@ -141,7 +141,7 @@ def error_curves(
 ) -> dict[str, Curve]:
     """Error against time of stage 1, ``ours`` and ``plain``, at multiples of their usual sample counts.
 
-    The error is the root of the mean over the 13 outputs of their squared error, each over its mean square, so that
+    The error is the root of the mean over all outputs of their squared error, each over its mean square, so that
     bright outputs do not outweigh dark ones.
 
     Parameters

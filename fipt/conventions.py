@@ -15,8 +15,8 @@ import re
 ROUGHNESS_MIN = 0.02
 """Smallest roughness the model can express (paper, Sec. 4)."""
 
-ROUGHNESS_LEVELS = (0.02, 0.216, 0.412, 0.608, 0.804, 1.0)
-"""Roughness of the six baked specular levels, evenly spaced (paper, Sec. 4.1)."""
+ROUGHNESS_LEVELS = (0.02, 0.118, 0.216, 0.412, 0.608, 0.804, 1.0)
+"""Roughness of the baked specular levels: the paper's six (Sec. 4.1), and one between the two smoothest."""
 
 SHADING_OUTPUTS = 1 + 2 * len(ROUGHNESS_LEVELS)
 """Ld, then Ls0 of every level, then Ls1 of every level; each RGB."""

@@ -167,8 +167,8 @@ class _Chain:
         self.add(
             "fit",
             f"fit.round-{round_}",
-            (*options, *warm, "--background", self.background, "--out", self.model),
-            [*inputs, *previous, self.background],
+            (*options, *warm, "--cache", self.cache, "--background", self.background, "--out", self.model),
+            [*inputs, *previous, self.cache, self.background],
             [self.model, self.confidence],
         )
         if self.scene.emitters_round(round_) == round_:

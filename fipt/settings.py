@@ -86,7 +86,7 @@ class Bake(Settings):
     """Shading of round 0, read from the cache."""
 
     sampling: Literal["shared", "separate"] = Field(
-        "shared", description="one ray set for all 13 outputs, or one lobe at a time as the paper"
+        "shared", description="one ray set for all shading outputs, or one lobe at a time as the paper"
     )
     diffuse_spp: Positive = Field(64, description="rays per hit from the cosine lobe")
     specular_spp: Positive = Field(16, description="rays per hit from each GGX lobe")
@@ -134,6 +134,8 @@ class Fit(Settings):
     diffuse_weight: Weight = Field(1e-3, description="prior towards rough and not metallic")
     part_search: bool = Field(True, description="search roughness and metallic of whole segments before the fit")
     target_weight: Weight = Field(3e-3, description="pull towards what the search found")
+    base_weight: Weight = Field(0.03, description="pull of parts that look like one colour towards it")
+    hidden: Count = Field(512, description="points of unseen surface a step that are drawn to their part; 0 = off")
     part_weight: Weight = Field(2e-2, description="propagation within parts")
     semantic_weight: Weight = Field(1e-3, description="propagation within semantic segments")
     segments: Literal["auto", "part", "semantic", "none"] = Field("auto", description="which segment ids to use")

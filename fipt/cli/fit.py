@@ -23,6 +23,7 @@ def command(
     shading: ShadingFolders,
     out: Annotated[Path, typer.Option(help="File to write, model.safetensors.")],
     previous: Annotated[Path | None, typer.Option(help="Model of the round before.")] = None,
+    cache: Annotated[Path | None, typer.Option(help="Radiance cache; absent: unseen surface is left alone.")] = None,
     background: BackgroundFile = None,
     settings: SettingsJson = "{}",
     stats: StatsFile = None,
@@ -34,4 +35,4 @@ def command(
     with stage("fit", settings, stats) as (chosen, figures):
         from fipt.fit.run import fit_model
 
-        fit_model(dataset, listed(hits), listed(shading), previous, background, out, chosen, figures)
+        fit_model(dataset, listed(hits), listed(shading), previous, cache, background, out, chosen, figures)

@@ -51,7 +51,7 @@ def measure(
     Parameters
     ----------
     shading
-        (H, 13, 3) of each shard.
+        (H, outputs, 3) of each shard.
     images
         Per shard: (P, 3) radiance and (P,) weight.
     eyes

@@ -1,6 +1,7 @@
 """The optimisation: plain, seeded, resumable."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,22 +9,33 @@ import torch
 
 from fipt.errors import FiptError
 from fipt.fit.batches import Batch, Pixels, shuffled
+from fipt.fit.hidden import Hidden
 from fipt.fit.losses import (
+    apart,
     gathered,
     part_propagation,
     reflected,
     semantic_propagation,
     srgb,
 )
+from fipt.fit.parts import PartTargets
 from fipt.io.manifests import Stats
-from fipt.model.networks import Field
+from fipt.model.networks import Brdf, Field
 from fipt.model.store import load_checkpoint, save_checkpoint
 from fipt.progress import progress
 from fipt.settings import Fit
 
+_MASKED = 0.1
+"""Emission mask above which a surface counts as a lamp while the fit goes on."""
+
 
 def losses(
-    field: Field, batch: Batch, kind: str | None, settings: Fit, targets: torch.Tensor | None = None
+    field: Field,
+    batch: Batch,
+    kind: str | None,
+    settings: Fit,
+    targets: PartTargets | None = None,
+    hidden: tuple[torch.Tensor, torch.Tensor, torch.Tensor] | None = None,
 ) -> dict[str, torch.Tensor]:
     """All loss terms of a batch, weighted; ``colour`` is the data term.
 
@@ -32,18 +44,23 @@ def losses(
     kind
         What the segment ids mean: ``part``, ``semantic`` or None.
     targets
-        (S, 3) roughness and metallic that each segment is drawn to, and the weight; None: matte, as the paper.
+        What each segment is drawn to; None: all to matte, as the paper.
+    hidden
+        Points (N, 3), segments (N,) and sizes (N,) of surface that no view sees, drawn to what its segment is drawn to.
     """
     count, queries = batch.points.shape[:2]
     footprint = (batch.footprint * settings.footprint)[:, None].expand(-1, queries).reshape(-1)
     brdf = field.brdf(batch.points.view(-1, 3), footprint)
-    radiance, specular = reflected(brdf, batch.shading, queries)
+    own = None if targets is None else targets.of(batch.segment)
+    shown = _sure(brdf, own, queries) if own is not None and settings.base_weight > 0 else brdf
+    radiance, specular = reflected(shown, batch.shading, queries)
     e = field.emission(batch.points[:, 0])
     alpha = field.emission_network.mask(e)[:, None]
     seen = batch.on_mesh[batch.owner]
     if settings.evidence > 0:
-        # a lamp's pixel says nothing about reflectance: only the mask learns from it
-        radiance = torch.where(evident_emitters(batch, settings.evidence)[:, None], radiance.detach(), radiance)
+        # a pixel that shows a lamp says nothing about reflectance: only the mask learns from it
+        lit = _show_lamps(batch, alpha[:, 0].detach(), settings.evidence)
+        radiance = torch.where(lit[:, None], radiance.detach(), radiance)
     pixel = gathered((1 - alpha) * radiance + alpha * seen, batch.owner, batch.weight, len(batch.radiance))
     if batch.beyond is not None:
         pixel = pixel + batch.beyond
@@ -53,12 +70,18 @@ def losses(
         "colour": settings.colour_weight * (batch.valid * error).mean(),
         "emission": settings.emission_weight * e.abs().mean(),
     }
-    if targets is None:
+    if own is None:
         terms["diffuse"] = settings.diffuse_weight * ((1 - s).mean() + m.mean())
     else:
-        goal_s, goal_m, price = targets[batch.segment].unbind(1)
         doubt = 1.5 - batch.confidence if settings.confidence else 1.0  # what pictures do not tell, the part does
-        terms["target"] = (price * doubt * (_apart(s, goal_s) + _apart(m, goal_m))).mean()
+        terms["target"] = (doubt * _pull(s, m, own)).mean()
+        terms["base"] = settings.base_weight * (own.uniform * _off(brdf.base_color, own, queries)).mean()
+    if own is not None and hidden is not None:
+        points, segment, size = hidden
+        goal, there = targets.of(segment), field.brdf(points, size)
+        base = settings.base_weight * goal.uniform.clamp_min(1) * _off(there.base_color, goal, 1)
+        # as many hits would weigh
+        terms["hidden"] = (base + _pull(there.roughness, there.metallic, goal)).sum() / count
     if kind == "part":
         terms["part"] = settings.part_weight * part_propagation(s, m, specular * batch.confidence, batch.segment)
     elif kind == "semantic":
@@ -72,10 +95,28 @@ def losses(
     return terms
 
 
-def _apart(value: torch.Tensor, goal: torch.Tensor) -> torch.Tensor:
-    """Distance (H,) of logits: it pulls as hard where a sigmoid has saturated; goals keep off its ends."""
-    value, goal = (x.clamp(low, 1 - low) for x, low in ((value, 1e-4), (goal, 0.004)))
-    return (torch.logit(value) - torch.logit(goal)).abs()
+def _sure(brdf: Brdf, own: PartTargets, queries: int) -> Brdf:
+    """The same reflectance; pictures teach the base colour of a part the less, the rather it has but one."""
+    share = (own.uniform / (1 + own.uniform)).repeat_interleave(queries)[:, None]
+    return replace(brdf, base_color=torch.lerp(brdf.base_color, brdf.base_color.detach(), share))
+
+
+def _pull(s: torch.Tensor, m: torch.Tensor, own: PartTargets) -> torch.Tensor:
+    """(N,) weighted distance of roughness and metallic (N,) from those of their parts."""
+    return own.pull * (apart(s, own.roughness) + apart(m, own.metallic))
+
+
+def _off(base_color: torch.Tensor, own: PartTargets, queries: int) -> torch.Tensor:
+    """(N,) mean square difference of base colours (N * queries, 3) and those of their parts."""
+    return (base_color.view(-1, queries, 3) - own.base_color[:, None]).square().mean((1, 2))
+
+
+def _show_lamps(batch: Batch, alpha: torch.Tensor, gain: float) -> torch.Tensor:
+    """(H,) bool: hits in pixels that show a lamp, by their brightness or by the mask (H,), if only in part."""
+    lamp = evident_emitters(batch, gain) | (alpha > _MASKED)
+    pixel = torch.zeros(len(batch.radiance), dtype=torch.bool, device=lamp.device)
+    pixel[batch.owner[lamp]] = True
+    return pixel[batch.owner]
 
 
 def evident_emitters(batch: Batch, gain: float) -> torch.Tensor:
@@ -93,7 +134,8 @@ def fit(
     settings: Fit,
     checkpoint: Path,
     stats: Stats,
-    targets: torch.Tensor | None = None,
+    targets: PartTargets | None = None,
+    hidden: Hidden | None = None,
 ) -> None:
     """Optimise ``field`` in place; go on from ``checkpoint`` where there is one.
 
@@ -121,7 +163,9 @@ def fit(
             chosen = shuffled(places, len(pixels), [settings.seed, epoch])
             # keyed by step, so that a resumed fit draws what an uninterrupted one would
             rng = np.random.default_rng([settings.seed, 1, step])
-            terms = losses(field, pixels.batch(chosen, settings.queries, rng), kind, settings, targets)
+            batch = pixels.batch(chosen, settings.queries, rng)
+            unseen = hidden.drawn(settings.hidden, rng) if hidden is not None else None
+            terms = losses(field, batch, kind, settings, targets, unseen)
             loss = sum(terms.values())
             if not torch.isfinite(loss):
                 wrong = ", ".join(name for name, term in terms.items() if not term.isfinite())

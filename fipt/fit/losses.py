@@ -2,7 +2,7 @@
 
 import torch
 
-from fipt.conventions import ROUGHNESS_LEVELS, ROUGHNESS_MIN
+from fipt.conventions import ROUGHNESS_LEVELS
 from fipt.model.networks import Brdf
 
 _LEVELS = len(ROUGHNESS_LEVELS)
@@ -18,12 +18,12 @@ def srgb(linear: torch.Tensor) -> torch.Tensor:
 
 
 def specular_at(shading: torch.Tensor, roughness: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Interpolate Ls0 and Ls1 linearly in roughness.
+    """Interpolate Ls0 and Ls1 linearly in roughness between the baked levels.
 
     Parameters
     ----------
     shading
-        (H, 13, 3).
+        (H, outputs, 3).
     roughness
         (H, Q) in [0.02, 1].
 
@@ -31,9 +31,9 @@ def specular_at(shading: torch.Tensor, roughness: torch.Tensor) -> tuple[torch.T
     -------
     (H, Q, 3) Ls0 and Ls1.
     """
-    x = (roughness - ROUGHNESS_MIN) * ((_LEVELS - 1) / (1 - ROUGHNESS_MIN))
-    low = x.detach().floor().clamp(0, _LEVELS - 2).long()
-    t = (x - low)[..., None]
+    levels = roughness.new_tensor(ROUGHNESS_LEVELS)
+    low = torch.bucketize(roughness.detach(), levels, right=True).sub(1).clamp(0, _LEVELS - 2)
+    t = ((roughness - levels[low]) / (levels[low + 1] - levels[low]))[..., None]
 
     def at(first: int) -> torch.Tensor:
         rows = torch.arange(len(shading))[:, None]
@@ -119,3 +119,13 @@ def semantic_propagation(
         for value in (roughness, metallic):
             loss = loss + (value[own] - weight @ value[others]).abs().mean()
     return loss
+
+
+def apart(value: torch.Tensor, goal: torch.Tensor) -> torch.Tensor:
+    """Distance (H,) of logits: it pulls as hard where a sigmoid has saturated, and ever less near the goal.
+
+    Goals keep off the sigmoid's ends. Near the goal the distance is squared: a pull that keeps its strength there would
+    only add noise to the optimiser's steps.
+    """
+    value, goal = (x.clamp(low, 1 - low) for x, low in ((value, 1e-4), (goal, 0.004)))
+    return torch.nn.functional.smooth_l1_loss(torch.logit(value), torch.logit(goal), reduction="none", beta=0.5)

@@ -9,8 +9,9 @@ import torch
 from fipt.errors import FiptError
 from fipt.fit.batches import Pixels
 from fipt.fit.confidence import measure, of_pixels
+from fipt.fit.hidden import find_hidden
 from fipt.fit.loop import fit
-from fipt.fit.parts import estimate_parts, part_targets
+from fipt.fit.parts import estimate_parts, part_classes, part_targets
 from fipt.io.arrays import on_disk
 from fipt.io.background import beyond, read_background
 from fipt.io.confidence import Confidence, write_confidence
@@ -18,6 +19,7 @@ from fipt.io.dataset import Dataset
 from fipt.io.hits import Hits, pixels_of, scene_box, segments_of
 from fipt.io.manifests import Stats
 from fipt.io.shading import read_shards
+from fipt.io.voxels import read_cache
 from fipt.model.networks import Field, SceneBox
 from fipt.model.store import load_field, save_field
 from fipt.settings import Fit
@@ -28,6 +30,7 @@ def fit_model(
     hits: list[str],
     shading: list[str],
     previous: Path | None,
+    cache: Path | None,
     background: Path | None,
     out: Path,
     settings: Fit,
@@ -41,6 +44,8 @@ def fit_model(
         Folders of the training shards, in the same order.
     previous
         Model of the round before: the start, where ``settings.warm_start``.
+    cache
+        Radiance cache, which knows the surface that no view sees; None: that surface is left alone.
     background
         Light from outside, which pixels at the edge of an opening show too; None: not known.
     """
@@ -65,17 +70,26 @@ def fit_model(
     field = Field(settings, SceneBox(tuple(center.tolist()), side))
     if previous is not None and settings.warm_start:
         field.load_state_dict(load_field(previous)[0].state_dict())
-    checkpoint = _checkpoint(out, [*hits, *shading], [previous, background], settings)
-    targets = None
+    checkpoint = _checkpoint(out, [*hits, *shading], [previous, cache, background], settings)
+    targets = hidden = None
     if kind is not None and settings.part_search:
-        found = estimate_parts(pixels, center, side, lamp_gain)
-        targets = torch.from_numpy(part_targets(found, settings))
+        classes = None
+        if kind == "part" and data.has_segments("semantic"):
+            views = [view for shard in shards for view in shard.views]
+            pairs = ((data.segments(view, "part"), data.segments(view, "semantic")) for view in views)
+            classes = part_classes(pairs, pixels.largest_segment + 1)
+        found = estimate_parts(pixels, center, side, lamp_gain, classes)
+        targets = part_targets(found, settings)
         stats["parts"] = [
             {"segment": int(k), "roughness": float(found.roughness[k]), "metallic": float(found.metallic[k])}
             | {"gain": round(float(found.gain[k]), 4), "pixels": int(found.pixels[k])}
+            | {"base_color": found.base_color[k].tolist(), "uniform": round(float(found.uniform[k]), 3)}
             for k in np.flatnonzero(found.pixels)
         ]
-    fit(field, pixels, kind, settings, checkpoint, stats, targets)
+        if cache is not None and settings.hidden > 0:
+            unseen = find_hidden(pixels, read_cache(cache), found.pixels > 0)
+            hidden = unseen if len(unseen) else None
+    fit(field, pixels, kind, settings, checkpoint, stats, targets, hidden)
     write_confidence(out.with_name("confidence.npz"), confidence)
     save_field(out, field, settings)
     checkpoint.unlink(missing_ok=True)

@@ -83,11 +83,15 @@ class Dataset:
         """Return the kind of segments to use: ``wanted`` itself, or for ``auto`` part, else semantic, else None."""
         kinds = ("part", "semantic") if wanted == "auto" else () if wanted == "none" else (wanted,)
         for kind in kinds:
-            if (self.root / "segments" / kind).is_dir():
+            if self.has_segments(kind):
                 return kind
         if wanted not in ("auto", "none"):
             raise FiptError(f"{self.root} has no {wanted} segments", "set segments: auto, or import them")
         return None
+
+    def has_segments(self, kind: str) -> bool:
+        """Whether there are segments of a kind, part or semantic."""
+        return (self.root / "segments" / kind).is_dir()
 
     def segments(self, view: str, kind: str) -> np.ndarray:
         """(H, W) uint16 segment ids of a view, 0 = unknown."""

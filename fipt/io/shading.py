@@ -111,7 +111,7 @@ def read_shards(hits: list[str], shading: list[str]) -> tuple[list[Hits], list[S
 
 
 def brightest_reflection(shading: np.ndarray) -> np.ndarray:
-    """(H,) float32 mean over RGB of what a white surface or a mirror would show, whichever is more, of (H, 13, 3)."""
+    """(H,) float32 mean over RGB of what a white surface or a mirror would show, the brighter, of (H, outputs, 3)."""
     levels = len(ROUGHNESS_LEVELS)
     mirror = (shading[:, 1 : 1 + levels] + shading[:, 1 + levels :]).max(axis=1)
     return np.maximum(shading[:, 0], mirror).mean(axis=1)

@@ -27,7 +27,8 @@ def specular_albedo(cos: float, roughness: float, samples: int = 256) -> tuple[f
         E[(1 - Fc) w] and E[Fc w], with w the weight of sampling GGX half vectors.
     """
     u = (np.arange(samples) + 0.5) / samples
-    u1, u2 = np.meshgrid(u, u, indexing="ij")
+    v, u2 = np.meshgrid(u, u, indexing="ij")
+    u1, share = 1 - v**3, 3 * v**2  # dense in the tail of narrow lobes, where Fc is large
     alpha2 = roughness**4
     ch = np.sqrt((1 - u1) / (u1 * (alpha2 - 1) + 1))
     sh = np.sqrt(np.maximum(1 - ch**2, 0))
@@ -38,7 +39,7 @@ def specular_albedo(cos: float, roughness: float, samples: int = 256) -> tuple[f
     g = 1 / ((np.maximum(ni, 0) * (1 - k) + k) * (cos * (1 - k) + k))
     w = np.where((ni > 0) & (oh > 0), g * oh * ni / np.maximum(ch, 1e-6), 0.0)
     fc = np.maximum(1 - oh, 0) ** 5
-    return float(((1 - fc) * w).mean()), float((fc * w).mean())
+    return float((share * (1 - fc) * w).mean()), float((share * fc * w).mean())
 
 
 @lru_cache(1)

@@ -20,6 +20,7 @@ from fipt.progress import progress
 from fipt.relight.lights import apply_setup
 from fipt.relight.maps import emission_of, hit_materials, material_maps
 from fipt.render.background import sky_of
+from fipt.render.denoise import denoise
 from fipt.render.first_hits import joined, trace_view
 from fipt.render.picture import pixels_of_hits, radiance_of_hits
 from fipt.render.scene import RayScene
@@ -115,13 +116,18 @@ def write_pictures(
             )
             triangle = np.asarray(shard.triangle[own])
             shining = np.isin(triangle, lit.triangle)
-            values[shining] = emission_of(lit, triangle[shining])
+            values[shining] = 0
+            emitted = np.zeros_like(values)
+            emitted[shining] = emission_of(lit, triangle[shining])
             if not lit.two_sided:
                 behind = (np.asarray(shard.normal[own]) * mesh.normals[triangle]).sum(axis=1) < 0
-                values[shining & behind] = 0
-            files.append(out / f"{view}.exr")
+                emitted[shining & behind] = 0
             behind = _behind(outside, shard, index, data.camera(view))
-            write_exr(files[-1], {"": pixels_of_hits(values, shard, index, behind)})
+            picture = pixels_of_hits(values, shard, index, np.zeros(3))
+            if settings.denoise:  # pieces of mixed pixels are too few to be denoised alone; lamps stay exact
+                picture = np.where(picture > 0, denoise(picture), 0)
+            files.append(out / f"{view}.exr")
+            write_exr(files[-1], {"": picture + pixels_of_hits(emitted, shard, index, behind)})
         stats["paths_per_s"] = bar.rate
     write_manifest(manifest, stage, files, dumped(settings))
 

@@ -134,7 +134,7 @@ class Shader:
             mi.Float(0.0),
         )  # material at p, used from depth 1 on
         throughput, L = mi.Color3f(1.0), mi.Color3f(0.0)
-        wi_first, p_first = mi.Vector3f(0, 0, 1), mi.Float(1.0)
+        wi_first, light_first = mi.Vector3f(0, 0, 1), mi.Float(0.0)
 
         while sample < total:
             first = depth == 0
@@ -153,12 +153,12 @@ class Shader:
             if dr.hint(self.path is not None, mode="scalar"):
                 wi_next = self._next_direction(rng, n, wo, s)
                 wi = dr.select(first, wi, wi_next)
-            g = ggx.Geometry(n, wi, wo)
-            p_x = self._density(g, roughness, weights, used)
-            value, p_y = ggx.evaluate(g, base, s, metallic)
-            throughput = dr.select(first, 1.0, throughput * dr.select(p_y > 0, value / p_y, 0))
-            wi_first, p_first = dr.select(first, wi, wi_first), dr.select(first, p_x, p_first)
-            alive = (g.ni > 0) & dr.select(first, p_x > 1e-12, dr.max(throughput) > 0)
+            p_y = mi.Float(0.0)
+            if dr.hint(self.path is not None, mode="scalar"):
+                value, p_y = ggx.evaluate(ggx.Geometry(n, wi, wo), base, s, metallic)
+                throughput = dr.select(first, 1.0, throughput * dr.select(p_y > 0, value / p_y, 0))
+            wi_first = dr.select(first, wi, wi_first)
+            alive = (dr.dot(n, wi) > 0) & (dr.max(throughput) > 0)
 
             # -- what it finds
             ray = mi.Ray3f(origin, wi)
@@ -168,22 +168,21 @@ class Shader:
             n_y, emitter = self.triangles.lookup(found.prim_index, on_mesh)
             facing = dr.dot(n_y, wi)
             n_facing = dr.select(facing > 0, -n_y, n_y)
-            out, stop, p_light = self._arrive(y, wi, n_y, facing, emitter, on_mesh, alive, found.t, depth)
+            out, stop, p_light, record, s_y = self._arrive(y, wi, n_y, facing, emitter, on_mesh, alive, found.t, depth)
             lit = on_mesh & (p_light > 0)
             # MIS: balance heuristic over the N lobe and N light samples at x, power heuristic later
             mis = dr.select(lit & ~first, dr.square(p_y) / (dr.square(p_y) + dr.square(p_light)), 1)
             L += throughput * out * mis
             if dr.hint(self._lights_first(), mode="scalar"):
-                p_first = dr.select(first & lit, p_first + p_light * mi.Float(total), p_first)
+                light_first = dr.select(first, dr.select(lit, p_light * mi.Float(total), 0), light_first)
 
             # -- end of a path: add it to all integrals; or go on
             done = stop | ~alive
             g = ggx.Geometry(n0, wi_first, wo0)
+            p_first = self._density(g, roughness, weights, used) + light_first
             self._splat(sums, g, roughness, dr.select(done & (p_first > 1e-12), L / p_first, 0))
-            record = self.cache.find(y, n_facing, ~done)
             if dr.hint(self.path is not None, mode="scalar"):
                 base_y, metallic_y = self.cache.lookup_material(record, ~done)
-                _, s_y, _ = self.cache.lookup_radiance(record, ~done)
                 base, s, metallic = base_y, s_y, metallic_y
             p, n = dr.select(done, p0, y), dr.select(done, n0, n_facing)
             wo = dr.select(done, wo0, -wi)
@@ -261,15 +260,17 @@ class Shader:
         return dr.select(ok, dr.select(first, radiance, at_y), 0), wl, dr.select(ok, p_light, 0)
 
     def _arrive(self, y, wi, n_y, facing, emitter, on_mesh, alive, distance, depth):
-        """Radiance that y sends back, whether the path ends there, and the density (per steradian) with which light
-        sampling would have chosen y (0 where it could not).
+        """Radiance that y sends back; whether the path ends there; the density (per steradian) with which light
+        sampling would have chosen y (0 where it could not); the cache's record of y and its roughness.
         """
         out, p_light = mi.Color3f(0.0), mi.Float(0.0)
         normal = dr.select(facing > 0, -n_y, n_y)
         ends = ~on_mesh
         if self.path is None:
-            radiance, _, _ = self.cache.lookup_radiance(self.cache.find(y, normal, on_mesh), on_mesh)
-            return self._outside(dr.select(on_mesh, radiance, 0), wi, alive & ~on_mesh), mi.Bool(True), p_light
+            record = self.cache.find(y, normal, on_mesh)
+            radiance, s_y, _ = self.cache.lookup_radiance(record, on_mesh)
+            out = self._outside(dr.select(on_mesh, radiance, 0), wi, alive & ~on_mesh)
+            return out, mi.Bool(True), p_light, record, s_y
         if self.triangles.has_emitters:
             hit = on_mesh & (emitter > 0) & self.triangles.shines(n_y, -wi)
             radiance, pdf = self.triangles.radiance(emitter - 1, hit)
@@ -278,11 +279,12 @@ class Shader:
             if not self.path.light_at_first:
                 p_light = dr.select(depth == 0, 0, p_light)
             ends |= on_mesh & (emitter > 0)
-        radiance, s_y, known = self.cache.lookup_radiance(self.cache.find(y, normal, ~ends), ~ends)
+        record = self.cache.find(y, normal, ~ends)
+        radiance, s_y, known = self.cache.lookup_radiance(record, ~ends)
         last = depth + 1 >= self.path.max_depth
         read = ~ends & known & ((s_y > self.path.cache_roughness) | last)
         out = dr.select(read, radiance, out)
-        return self._outside(out, wi, alive & ~on_mesh), ends | read | last, p_light
+        return self._outside(out, wi, alive & ~on_mesh), ends | read | last, p_light, record, s_y
 
     def _outside(self, out, wi, leaves):
         """``out``, and the sky's radiance where a ray leaves the mesh."""

@@ -21,7 +21,7 @@ _LEVELS = len(ROUGHNESS_LEVELS)
 
 
 def sampling_plan(settings: Bake | Refine) -> list[tuple[list[int], list[int]]]:
-    """Return kernel runs as (samples of each of the 7 lobes, outputs taken from the run).
+    """Return kernel runs as (samples of each lobe, outputs taken from the run).
 
     ``shared``: one run whose rays serve all outputs. ``separate``: one run a lobe, as the paper.
     """
@@ -37,7 +37,7 @@ def sampling_plan(settings: Bake | Refine) -> list[tuple[list[int], list[int]]]:
 
 
 def shade_chunk(shader: Shader, chunk: Points, settings: Bake | Refine) -> np.ndarray:
-    """(N, 13, 3) float32 shading of points by the settings' sampling plan."""
+    """(N, outputs, 3) float32 shading of points by the settings' sampling plan."""
     result = np.empty((len(chunk.position), SHADING_OUTPUTS, 3), np.float32)
     for counts, outputs in sampling_plan(settings):
         result[:, outputs] = shader.shade(chunk, ROUGHNESS_LEVELS, counts)[:, outputs]
@@ -45,7 +45,7 @@ def shade_chunk(shader: Shader, chunk: Points, settings: Bake | Refine) -> np.nd
 
 
 def denoise_shading(values: np.ndarray, hits: Hits, index: int) -> np.ndarray:
-    """Denoise the (N, 13, 3) shading of view number ``index``.
+    """Denoise the (N, outputs, 3) shading of view number ``index``.
 
     Ls0 and Ls1 of a level come from the same samples: their sum is denoised and split as the samples split it. The
     smoothest level keeps its detail, since denoisers take reflections for noise.
@@ -72,7 +72,7 @@ def write_shading(
 ) -> None:
     """Shade all hits of a shard and write ``out``/shading.npy and the manifest beside ``out``.
 
-    ``finish`` may change the (N, 13, 3) shading of view number i before it is stored.
+    ``finish`` may change the (N, outputs, 3) shading of view number i before it is stored.
     """
     out = Path(out)
     shading = Shading.empty(len(hits.position))

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fipt.conventions import ROUGHNESS_LEVELS
+from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
 from fipt.io.background import NOTHING, Background, constant
 from fipt.model.albedo import specular_albedo
 from fipt.settings import Bake
@@ -81,11 +81,12 @@ def assert_same_mean(a, b):
 
 # --- white furnace --------------------------------------------------------------------------------
 
-COUNTS = [8, 4, 4, 4, 4, 4, 4]
+LEVELS = len(ROUGHNESS_LEVELS)
+COUNTS = [8] + [4] * LEVELS
 
 
 def furnace_shading(cos, radiance=1.0):
-    """(13, 3) that shading must be under constant light; Ls0 and Ls1 are their quadrature, not 1."""
+    """(outputs, 3) that shading must be under constant light; Ls0 and Ls1 are their quadrature, not 1."""
     terms = np.array([specular_albedo(cos, s) for s in ROUGHNESS_LEVELS])
     return radiance * np.concatenate([[1.0], terms[:, 0], terms[:, 1]])[:, None] * np.ones(3)
 
@@ -102,7 +103,7 @@ def test_furnace_of_the_bake(backend, cos):
     shade = bake_shader(box, scenes.grid()).shade
     got = shade(copies((0.2, -1, 0.3), UP, slanted(cos), 4000), ROUGHNESS_LEVELS, COUNTS)
     error = assert_mean(got, furnace_shading(cos), slack=1e-3)
-    assert error[:7].max() < 0.02
+    assert error[: 1 + LEVELS].max() < 0.02
 
 
 @pytest.mark.parametrize("light_at_first", [True, False])
@@ -113,7 +114,7 @@ def test_furnace_of_the_refinement_in_a_room_that_shines(backend, light_at_first
     shade = shader(walls, light_at_first, depth=3, two_sided=two_sided).shade
     got = shade(copies((0.2, -1, 0.3), UP, slanted(0.5), 4000), ROUGHNESS_LEVELS, COUNTS)
     error = assert_mean(got, furnace_shading(0.5, 2.0), slack=1e-3)
-    assert error[:7].max() < 0.06
+    assert error[: 1 + LEVELS].max() < 0.06
 
 
 def test_furnace_of_the_refinement_that_ends_in_the_cache(backend):
@@ -417,9 +418,9 @@ def test_shared_and_separate_sampling_agree(backend, np_rng):
     few = Bake(diffuse_spp=8, specular_spp=6, smooth_spp=4, denoise=False)
     shared = shade_chunk(tracer, points, few)
     separate = shade_chunk(tracer, points, few.model_copy(update={"sampling": "separate"}))
-    assert shared.shape == (3000, 13, 3)
+    assert shared.shape == (3000, SHADING_OUTPUTS, 3)
     error = assert_same_mean(shared, separate)
-    assert error[:7].max() < 0.03
+    assert error[: 1 + LEVELS].max() < 0.03
 
 
 @pytest.fixture(scope="module")

@@ -67,7 +67,7 @@ def room(tmp_path_factory):
     """Folder and jobs by label; everything before the bake is done."""
     folder = tmp_path_factory.mktemp("kill")
     jobs = {job.label: job for job in plan(load(CONFIG).scenes["room"])}
-    labels = ("synthesize", "synthesize.train-000", "hits.train-000", "cache")
+    labels = ("synthesize", "synthesize.train-000", "hits.train-000", "background", "cache")
     for label in labels:
         finish(jobs[label], folder)
     return folder, jobs

@@ -1,6 +1,6 @@
 """The fit: BRDF and emission networks to the training pictures, given their shading.
 
-INPUTS:  results/{scene}/round-{k}/shading/{shard}.manifest.json, hits/{shard}.manifest.json, pictures, segments
+INPUTS:  results/{scene}/round-{k}/shading/{shard}.manifest.json, hits/{shard}.manifest.json, pictures, segments, cache
          from round 1: the model of the round before
 OUTPUTS: results/{scene}/round-{k}/model.safetensors    networks, scene box, settings, stage version
          results/{scene}/round-{k}/confidence.npz       how well the pictures determine the surface
@@ -19,6 +19,7 @@ rule fit:
         shading=sharded(
             "results/{scene}/round-{round}/shading/{shard}.manifest.json", "train"
         ),
+        cache="results/{scene}/cache.npz",
         background="results/{scene}/background.npz",
         previous=previous("results/{scene}/round-{round}/model.safetensors"),
     output:
@@ -42,5 +43,6 @@ rule fit:
         version=VERSIONS["fit"],
     shell:
         "fipt fit --dataset {params.dataset:q} --hits {params.hits:q} --shading {params.shading:q}"
-        " {params.previous:q} --background {input.background:q} --out {output.model:q}"
+        " {params.previous:q} --cache {input.cache:q} --background {input.background:q}"
+        " --out {output.model:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

@@ -7,7 +7,7 @@ from fipt.conventions import ROUGHNESS_LEVELS
 from tests import scenes
 
 COPIES = 600
-COUNTS = [4] * 7
+COUNTS = [4] * (1 + len(ROUGHNESS_LEVELS))
 SPOTS = [
     # position on the mesh, normal, direction to the viewer
     ((-0.8, -1.0, 0.5), (0.0, 1.0, 0.0), (0.4, 1.0, -0.3)),
@@ -38,14 +38,17 @@ def points():
 
 
 def assert_agree(one, other, points):
-    """Both shaders' means over the copies of a spot differ by no more than their noise."""
+    """Both shaders' means over the copies of a spot differ by no more than their noise.
+
+    Three millionths are let pass: Ls1 of smooth levels is as small, and has tails that the copies do not show.
+    """
     means, variances = [], []
     for shader in (one, other):
         values = shader.shade(points, ROUGHNESS_LEVELS, COUNTS).astype(np.float64).reshape(len(SPOTS), COPIES, -1)
         means.append(values.mean(axis=1))
         variances.append(values.var(axis=1) / COPIES)
     assert (means[0][:, :3] > 0.01).all()
-    np.testing.assert_array_less(abs(means[0] - means[1]), 4.5 * np.sqrt(sum(variances)) + 1e-4 * means[0] + 1e-9)
+    np.testing.assert_array_less(abs(means[0] - means[1]), 4.5 * np.sqrt(sum(variances)) + 1e-4 * means[0] + 3e-6)
 
 
 def test_first_bounce_from_the_cache(backend, room, voxels, points):

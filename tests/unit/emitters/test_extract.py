@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from fipt.conventions import SHADING_OUTPUTS
 from fipt.emitters.extract import extract
 from fipt.io.emitters import read_emitters, write_emitters
 from fipt.settings import Emitters as EmitterSettings
@@ -35,7 +36,7 @@ def seen(room, rng, per_triangle=6):
     u = rng.dirichlet(np.ones(3), count)
     position = np.einsum("nk,nkc->nc", u, room.corners[triangle])
     hits = scenes.hits_of(position, triangle, views=VIEWS, shapes=[(1, count // 3)] * 3)
-    shading = np.full((count, 13, 3), 0.3, np.float16)
+    shading = np.full((count, SHADING_OUTPUTS, 3), 0.3, np.float16)
     image = np.full((count, 3), 0.2, np.float32)
     image[triangle >= 2] = BLUE
     image[triangle >= 6] = RED
@@ -132,7 +133,7 @@ def test_several_hits_of_a_pixel_and_several_shards(room, np_rng):
         scenes.hits_of(position, triangle, weight, counts, views=("a",)),
         scenes.hits_of(hits.position[first:], hits.triangle[first:], views=("b", "c"), shapes=[(1, 60)] * 2),
     ]
-    baked = [np.full((len(position), 13, 3), 0.3, np.float16), shading[first:]]
+    baked = [np.full((len(position), SHADING_OUTPUTS, 3), 0.3, np.float16), shading[first:]]
     images = [(image[:first], valid[:first]), (image[first:], valid[first:])]
     emitters = extract(room, shards, baked, images, is_lamp, EmitterSettings())
     np.testing.assert_array_equal(emitters.triangle, np.arange(2, 10))
@@ -185,5 +186,5 @@ def test_without_lamps_the_result_is_empty_and_can_be_stored(room, np_rng, tmp_p
 
 def test_views_that_show_nothing_at_all(room):
     nothing = scenes.hits_of(np.zeros((0, 3)), counts=[0, 0])
-    data = nothing, np.zeros((0, 13, 3), np.float16), np.ones((2, 3), np.float32), np.ones(2, np.float32)
+    data = nothing, np.zeros((0, SHADING_OUTPUTS, 3), np.float16), np.ones((2, 3), np.float32), np.ones(2, np.float32)
     assert len(found(room, data).triangle) == 0

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from fipt.conventions import SHADING_OUTPUTS
 from fipt.errors import FiptError
 from fipt.fit.batches import Pixels, shuffled
 from fipt.io.arrays import on_disk
@@ -22,7 +23,7 @@ def shards(rng, counts=((1, 2, 0, 3, 1), (2, 1, 1))):
                 position, np.arange(n) % 3, weight, each, footprint=np.float32(np.arange(n)), sub=sub.astype(np.float16)
             )
         )
-        shading.append(rng.random((n, 13, 3)).astype(np.float16))
+        shading.append(rng.random((n, SHADING_OUTPUTS, 3)).astype(np.float16))
         images.append((np.arange(start, start + pixels)[:, None] * np.ones(3), np.ones(pixels, np.float32)))
         start += pixels
     return result, shading, images
@@ -65,7 +66,7 @@ def test_queries_are_stored_points_of_the_hit(np_rng):
 
 def test_pixels_half_off_the_mesh_count_by_what_they_show(np_rng):
     hits = scenes.hits_of(np.zeros((3, 3)), weight=[0.25, 0.25, 0.75], counts=[2, 1])
-    shading = [np.zeros((3, 13, 3), np.float16)]
+    shading = [np.zeros((3, SHADING_OUTPUTS, 3), np.float16)]
     pixels = Pixels([hits], shading, [(np.ones((2, 3)), np.array([1.0, 0.5]))], None)
     batch = pixels.batch(np.array([0, 1]), 1, np_rng)
     np.testing.assert_allclose(batch.valid, [0.5, 0.375])
@@ -124,7 +125,10 @@ def test_batches_do_not_depend_on_shards_nor_on_where_arrays_lie(np_rng, tmp_pat
         "weight": np_rng.uniform(0.1, 0.3, n),
         "sub": np_rng.random((n, 4, 3)).astype(np.float16),
     }
-    shading, images = np_rng.random((n, 13, 3)).astype(np.float32), np_rng.random((12, 3)).astype(np.float32)
+    shading, images = (
+        np_rng.random((n, SHADING_OUTPUTS, 3)).astype(np.float32),
+        np_rng.random((12, 3)).astype(np.float32),
+    )
     ids, ones = np_rng.integers(0, 3, 12).astype(np.uint16), np.ones(12, np.float32)
     whole = scenes.hits_of(**arrays, counts=flat, views="abc", shapes=[(2, 2)] * 3)
     ends = np.cumsum([sum(c) for c in counts])
@@ -161,7 +165,7 @@ def test_hits_take_the_segment_of_their_pixel_or_the_most_of_their_triangle(np_r
     ids = np.array([7, 65535, 65535, 3, 0, 65535], np.uint16)
     hits = scenes.hits_of(np.zeros((8, 3)), triangle, 1.0, counts)
     hits.center[5] = 0  # the last pixel's centre sees nothing: its id belongs to no hit
-    pixels = Pixels([hits], [np.zeros((8, 13, 3), np.float16)], [(np.ones((6, 3)), np.ones(6))], [ids])
+    pixels = Pixels([hits], [np.zeros((8, SHADING_OUTPUTS, 3), np.float16)], [(np.ones((6, 3)), np.ones(6))], [ids])
     batch = pixels.batch(np.arange(6), 1, np_rng)
     order = np.argsort(batch.owner.numpy(), kind="stable")
     # beside the centre: triangle 4 has most votes for 65535; triangle 9 has none; the unknown pixel stays unknown
@@ -171,7 +175,7 @@ def test_hits_take_the_segment_of_their_pixel_or_the_most_of_their_triangle(np_r
 def test_votes_are_counted_over_all_shards(np_rng):
     one = scenes.hits_of(np.zeros((3, 3)), [5, 5, 0], 1.0, [1, 2])
     two = scenes.hits_of(np.zeros((4, 3)), [5, 5, 5, 5], 1.0, [1, 1, 2])
-    none = np.zeros((1, 13, 3), np.float16)
+    none = np.zeros((1, SHADING_OUTPUTS, 3), np.float16)
     pixels = Pixels(
         [one, two],
         [none.repeat(3, 0), none.repeat(4, 0)],
@@ -195,7 +199,9 @@ def test_pictures_without_any_id(np_rng):
 
 def test_shading_of_another_shard_is_refused(np_rng):
     hits, shading, images = shards(np_rng)
-    with pytest.raises(FiptError, match=r"shading must have shape \(7, 13, 3\); found \(4, 13, 3\)"):
+    with pytest.raises(
+        FiptError, match=rf"shading must have shape \(7, {SHADING_OUTPUTS}, 3\); found \(4, {SHADING_OUTPUTS}, 3\)"
+    ):
         Pixels(hits, shading[::-1], images, None)
 
 

@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
-from fipt.conventions import ROUGHNESS_LEVELS
+from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
 from fipt.fit import confidence as measured
 from fipt.io.confidence import Confidence, read_confidence, write_confidence
 from fipt.io.images import srgb_encode
 from tests import scenes
 
+LEVELS = len(ROUGHNESS_LEVELS)
 EYES = {name: np.array([0.5, height, 0.5]) for name, height in (("a", 1.0), ("b", 2.0), ("c", 3.0))}
 GRID = np.stack(np.meshgrid(np.arange(8), [0.0], np.arange(8)), axis=-1).reshape(-1, 3) / 8 + (1 / 16, 0, 1 / 16)
 """Points of a floor, one metre square; the box of all cases is that of its outer points."""
@@ -22,7 +23,7 @@ def floor(views="abc", **arrays):
 
 def even(hits, albedo=0.5):
     """Even light without highlights, and what a matte floor shows of it."""
-    shading = np.zeros((len(hits.position), 13, 3), np.float16)
+    shading = np.zeros((len(hits.position), SHADING_OUTPUTS, 3), np.float16)
     shading[:, 0] = 1
     return shading, np.full((len(shading), 3), albedo, np.float32)
 
@@ -79,8 +80,8 @@ def test_only_varied_highlights_are_evidence(np_rng):
     shading, radiance = even(hits)
     assert mean(judge(hits, shading, radiance), "highlights") == 0
     same = shading.copy()
-    same[:, 1:7] = np.linspace(3, 1, 6)[:, None]  # as much everywhere: it might be base colour
-    assert mean(judge(hits, same, radiance), "highlights") < 1e-3
+    same[:, 1 : 1 + LEVELS] = np.linspace(3, 1, LEVELS)[:, None]  # as much everywhere: it might be base colour
+    assert mean(judge(hits, same, radiance), "highlights") < 2e-3
     assert mean(judge(hits, glossy(shading, np_rng), radiance), "highlights") > 0.3
 
 

@@ -5,17 +5,19 @@ import numpy as np
 import pytest
 import torch
 
-from fipt.conventions import ROUGHNESS_LEVELS
+from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
 from fipt.errors import FiptError
 from fipt.fit import loop
 from fipt.fit.batches import Pixels
 from fipt.fit.losses import reflected
+from fipt.fit.parts import estimate_parts, part_targets
 from fipt.io.manifests import Stats
 from fipt.model import store
 from fipt.model.networks import Brdf, Field, SceneBox
 from fipt.settings import Fit
 from tests import scenes
 
+LEVELS = len(ROUGHNESS_LEVELS)
 BOX = SceneBox((0.0, 0.0, 0.0), 2.2)
 SETTINGS = Fit(
     steps=500,
@@ -54,13 +56,13 @@ def scene(lamp=False, size=28):
     x, z = (a.ravel() for a in np.meshgrid(np.linspace(-1, 1, size), np.linspace(-1, 1, size)))
     stripe = np.minimum(((x + 1) * 1.5).astype(int), 2)
     position = np.stack([x, np.zeros_like(x), z], axis=1)
-    shading = np.empty((len(x), 13, 3))
+    shading = np.empty((len(x), SHADING_OUTPUTS, 3))
     shading[:, 0] = rng.uniform(0.3, 1.0, (len(x), 1))
     # a reflection: bright here and dark there where smooth, ever more like the mean where rough
     sharp, mean = rng.choice([0.0, 10.0], (len(x), 3), p=[0.85, 0.15]), 1.5
     for level, s in enumerate(ROUGHNESS_LEVELS):
         shading[:, 1 + level] = (mean + (sharp - mean) * (1 - s)) * (1 - 0.5 * s)
-    shading[:, 7:] = 0.04 * shading[:, 1:7]
+    shading[:, 1 + LEVELS :] = 0.04 * shading[:, 1 : 1 + LEVELS]
     shading = shading.astype(np.float16)
     base, roughness, metallic = (np.float32([m[k] for m in MATERIALS])[stripe] for k in range(3))
     brdf = Brdf(*map(torch.from_numpy, (base, roughness, metallic)))
@@ -107,6 +109,39 @@ def test_a_lamp_opens_the_mask_and_nothing_else(one_thread, tmp_path):
     assert mask[lit].mean() > 0.3
     assert mask[~lit].mean() < 0.05
     assert np.abs(field.query(position).base_color - base)[~lit].mean() < 0.06
+
+
+def wrongly_lit(error=0.15, views=4, size=20):
+    """The plate, matte, seen by several views whose shading is wrong by a factor of its own at every place."""
+    rng = np.random.default_rng(3)
+    x, z = (a.ravel() for a in np.meshgrid(np.linspace(-1, 1, size), np.linspace(-1, 1, size)))
+    position = np.stack([x, np.zeros_like(x), z], axis=1)
+    stripe = np.tile(np.minimum(((x + 1) * 1.5).astype(int), 2), views)
+    base = np.float32([m[0] for m in MATERIALS])[stripe]
+    shading = np.zeros((len(stripe), SHADING_OUTPUTS, 3), np.float32)
+    shading[:, 0] = rng.uniform(0.3, 1.0, (len(stripe), 1))
+    image = base * shading[:, 0]
+    shading[:, 0] *= np.exp(error * rng.standard_normal((len(stripe), 1)))
+    names = [f"v{view}" for view in range(views)]
+    hits = scenes.hits_of(np.tile(position, (views, 1)), stripe, views=names, shapes=[(size, size)] * views)
+    segment = (stripe + 1).astype(np.uint16)
+    return Pixels([hits], [shading], [(image, np.ones(len(image)))], [segment]), position, base[: size**2]
+
+
+def test_parts_of_one_colour_are_spared_the_errors_of_their_shading(one_thread, tmp_path):
+    pixels, position, base = wrongly_lit()
+    settings = SETTINGS.model_copy(update={"steps": 300, "evidence": 0.0, "base_weight": 0.1})
+    found = estimate_parts(pixels, np.zeros(3), BOX.side, lamp_gain=1e9)
+    assert (found.uniform[1:] > 0.5).all()
+    errors = []
+    for weight in (0.0, 0.1):
+        own, stats = settings.model_copy(update={"base_weight": weight}), Stats()
+        field = Field(own, BOX)
+        loop.fit(field, pixels, "part", own, tmp_path / "c.safetensors", stats, part_targets(found, own))
+        errors.append(np.abs(field.query(position).base_color - base).mean())
+    assert set(stats.figures["loss"]) == {"colour", "emission", "target", "base", "part"}
+    assert errors[1] < 0.75 * errors[0]
+    assert errors[1] < 0.02
 
 
 class Killed(Exception):

@@ -6,14 +6,17 @@ import numpy as np
 import pytest
 import torch
 
-from fipt.conventions import ROUGHNESS_LEVELS
+from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
 from fipt.fit import losses
 from fipt.fit.batches import Batch
 from fipt.fit.loop import evident_emitters
 from fipt.fit.loop import losses as all_terms
+from fipt.fit.parts import PartTargets
 from fipt.io.images import srgb_encode
 from fipt.model.networks import Brdf, EmissionNetwork, SceneBox
 from fipt.settings import Fit
+
+LEVELS = len(ROUGHNESS_LEVELS)
 
 
 @pytest.fixture
@@ -42,26 +45,35 @@ def test_srgb_has_a_gradient_everywhere():
 # --- reflected radiance ---------------------------------------------------------------------------
 
 
+def interpolated(shading, s):
+    """Ls0 and Ls1 of one hit (outputs, 3) at roughnesses (Q,), by NumPy."""
+    ends = np.split(shading[1:].numpy(), 2)
+    return [np.stack([np.interp(s.numpy(), ROUGHNESS_LEVELS, each[:, c]) for c in range(3)], axis=-1) for each in ends]
+
+
 def test_levels_are_met_exactly(rng):
-    shading = random(rng, 6, 13, 3)
+    shading = random(rng, LEVELS, SHADING_OUTPUTS, 3)
     ls0, ls1 = losses.specular_at(shading, torch.tensor(ROUGHNESS_LEVELS)[:, None])
-    number = torch.arange(6)
+    number = torch.arange(LEVELS)
     np.testing.assert_allclose(ls0[:, 0], shading[number, 1 + number], rtol=1e-5)
-    np.testing.assert_allclose(ls1[:, 0], shading[number, 7 + number], rtol=1e-5)
+    np.testing.assert_allclose(ls1[:, 0], shading[number, 1 + LEVELS + number], rtol=1e-5)
 
 
 def test_between_levels_it_is_a_straight_line(rng):
-    shading = random(rng, 1, 13, 3)
-    s = torch.tensor([[0.412 + 0.196 * 0.3, 0.02 + 0.196 * 0.5, 1.0 - 0.196 * 0.1]])
+    """However the levels are spaced: three roughnesses in every gap."""
+    assert np.ptp(np.diff(ROUGHNESS_LEVELS)) > 0.05  # they are not even
+    low, high = torch.tensor(ROUGHNESS_LEVELS)[:-1], torch.tensor(ROUGHNESS_LEVELS)[1:]
+    s = low + torch.tensor([[0.1], [0.5], [0.85]]) * (high - low)
+    shading = random(rng, 3, SHADING_OUTPUTS, 3)
     ls0, ls1 = losses.specular_at(shading, s)
-    for q, (level, t) in enumerate([(2, 0.3), (0, 0.5), (4, 0.9)]):
-        for got, first in ((ls0, 1), (ls1, 7)):
-            a, b = shading[0, first + level], shading[0, first + level + 1]
-            np.testing.assert_allclose(got[0, q], a + t * (b - a), rtol=1e-4)
+    for hit in range(3):
+        expected = interpolated(shading[hit], s[hit])
+        np.testing.assert_allclose(ls0[hit], expected[0], rtol=1e-4)
+        np.testing.assert_allclose(ls1[hit], expected[1], rtol=1e-4)
 
 
 def test_reflected_radiance_by_hand(rng):
-    shading = random(rng, 2, 13, 3)
+    shading = random(rng, 2, SHADING_OUTPUTS, 3)
     base = random(rng, 4, 3)
     roughness, metallic = torch.tensor([0.02, 0.216, 1.0, 0.314]), torch.tensor([0.0, 1.0, 0.25, 0.5])
     radiance, specular = losses.reflected(Brdf(base, roughness, metallic), shading, 2)
@@ -70,10 +82,7 @@ def test_reflected_radiance_by_hand(rng):
         for q in (2 * hit, 2 * hit + 1):
             m = metallic[q]
             kd, ks = base[q] * (1 - m), 0.04 * (1 - m) + base[q] * m
-            x = (roughness[q] - 0.02) / 0.196
-            low = min(int(x + 1e-4), 4)
-            t = x - low
-            ls0, ls1 = ((1 - t) * shading[hit, k + low] + t * shading[hit, k + low + 1] for k in (1, 7))
+            ls0, ls1 = (torch.from_numpy(x[0]) for x in interpolated(shading[hit], roughness[q : q + 1]))
             gloss.append((ks * ls0 + ls1).mean())
             each.append(kd * shading[hit, 0] + ks * ls0 + ls1)
         np.testing.assert_allclose(radiance[hit], (each[0] + each[1]) / 2, rtol=1e-4)
@@ -82,7 +91,7 @@ def test_reflected_radiance_by_hand(rng):
 
 def test_gradients_of_reflected_radiance(rng):
     """Against finite differences in float64, away from the levels where the line bends."""
-    shading = random(rng, 3, 13, 3, dtype=torch.float64)
+    shading = random(rng, 3, SHADING_OUTPUTS, 3, dtype=torch.float64)
     base = random(rng, 6, 3, dtype=torch.float64).requires_grad_()
     roughness = torch.tensor([0.1, 0.3, 0.5, 0.7, 0.9, 0.25], dtype=torch.float64, requires_grad=True)
     metallic = random(rng, 6, dtype=torch.float64).requires_grad_()
@@ -167,12 +176,15 @@ def test_semantic_weights_pass_no_gradient(rng):
 class Known:
     """A field whose answers are given: K points for materials, H for emission."""
 
-    def __init__(self, brdf, e):
-        self.answer, self.e, self.box = brdf, e, SceneBox((0, 0, 0), 2.0)
+    def __init__(self, brdf, e, there=None):
+        self.answer, self.e, self.there, self.box = brdf, e, there, SceneBox((0, 0, 0), 2.0)
         self.emission_network = EmissionNetwork
         self.asked = {}
 
     def brdf(self, points, footprint):
+        if len(points) != len(self.answer.roughness):
+            self.hidden = {"points": points, "footprint": footprint}
+            return self.there
         self.asked = {"points": points, "footprint": footprint}
         return self.answer
 
@@ -189,10 +201,16 @@ def batch(rng, hits=3, queries=2):
         weight=torch.tensor([1.0, 0.25, 0.75])[:hits],
         points=random(rng, hits, queries, 3),
         footprint=torch.tensor([0.1, 0.2, 0.3])[:hits],
-        shading=0.5 + random(rng, hits, 13, 3),
+        shading=0.5 + random(rng, hits, SHADING_OUTPUTS, 3),
         segment=torch.tensor([4, 4, 4])[:hits],
         confidence=torch.ones(hits),
     )
+
+
+def goals(surface, pull=1.0, base=(0.5, 0.5, 0.5), uniform=0.0, segments=5):
+    """Targets of every segment alike: ``surface`` is roughness and metallic."""
+    values = (*surface, pull, base, uniform)
+    return PartTargets(*(torch.tensor(value).expand(segments, *np.shape(value)).clone() for value in values))
 
 
 def test_terms_of_a_batch(rng):
@@ -246,17 +264,18 @@ def test_confidence_draws_the_unsure_to_their_part_and_lets_the_sure_decide_it(r
     data = Batch(**{**vars(data), "confidence": torch.tensor([1.0, 0.0, 0.5])})
     s = torch.tensor([0.2, 0.2, 0.8, 0.8, 0.5, 0.5])
     field = Known(Brdf(random(rng, 6, 3), s, 0 * s + 0.3), torch.zeros(3))
-    goal = torch.tensor([[0.0, 0.0, 0.0]] * 4 + [[0.6, 0.3, 2.0]])
+    goal = goals((0.6, 0.3), pull=2.0)
     terms = all_terms(field, data, "part", Fit(confidence=True, part_weight=1.0), goal)
     logit = np.abs(np.log([0.25, 4.0, 1.0]) - np.log(1.5))
-    assert terms["target"].item() == pytest.approx(2 * np.mean([0.5, 1.5, 1.0] * logit), rel=1e-4)
+    away = np.where(logit < 0.5, logit**2, logit - 0.25)
+    assert terms["target"].item() == pytest.approx(2 * np.mean([0.5, 1.5, 1.0] * away), rel=1e-4)
     _, specular = losses.reflected(field.answer, data.shading, 2)
     evidence = specular * data.confidence + 1e-4
     mean = (evidence * torch.tensor([0.2, 0.8, 0.5])).sum() / evidence.sum()
-    apart = (torch.tensor([0.2, 0.8, 0.5]) - mean).abs().mean()
-    assert terms["part"].item() == pytest.approx(apart.item(), rel=1e-4)
+    spread = (torch.tensor([0.2, 0.8, 0.5]) - mean).abs().mean()
+    assert terms["part"].item() == pytest.approx(spread.item(), rel=1e-4)
     plain = all_terms(field, data, "part", Fit(confidence=False), goal)["target"]
-    assert plain.item() == pytest.approx(2 * np.mean(logit), rel=1e-4)
+    assert plain.item() == pytest.approx(2 * np.mean(away), rel=1e-4)
 
 
 def test_kind_of_segments_decides_the_propagation(rng):
@@ -274,9 +293,9 @@ def test_kind_of_segments_decides_the_propagation(rng):
 
 def test_pixels_brighter_than_any_reflection_are_evident(rng):
     data = batch(rng)
-    shading = torch.zeros(3, 13, 3)
-    shading[0, 0], shading[1, 3] = 1.0, 0.5  # a white wall; a mirror: Ls0 and Ls1 of one level add up
-    shading[1, 9] = 0.5
+    shading = torch.zeros(3, SHADING_OUTPUTS, 3)
+    shading[0, 0] = 1.0  # a white wall
+    shading[1, [3, 3 + LEVELS]] = 0.5  # a mirror: Ls0 and Ls1 of one level add up
     shading[2] = 0.2
     radiance = torch.tensor([[1.4, 1.4, 1.4], [1.6, 1.6, 1.6]])
     evident = evident_emitters(SimpleNamespace(shading=shading, on_mesh=radiance, owner=data.owner), 1.5)
@@ -294,3 +313,111 @@ def test_evident_lamps_teach_only_the_mask(rng):
     assert base.grad[:2].abs().min() > 0
     assert base.grad[2:].abs().max() == 0
     assert (e.grad[1:] < 0).all()  # opening the mask there helps
+
+
+@pytest.mark.parametrize("sign", ["mask", "brightness"])
+def test_a_pixel_that_shows_a_lamp_in_part_does_not_teach_its_other_half(rng, sign):
+    """Pixel 1 shows hits 1 and 2; only hit 1 is a lamp."""
+    data = batch(rng)
+    base = random(rng, 6, 3).requires_grad_()
+    e = torch.tensor([-1.0, 0.0, -1.0])
+    if sign == "mask":
+        e[1] = 0.2  # alpha = 0.18
+    else:
+        data.shading[1] = 0.05
+    field = Known(Brdf(base, 0.5 * torch.ones(6), torch.zeros(6)), e)
+    dark = SimpleNamespace(shading=data.shading, on_mesh=data.radiance, owner=data.owner)
+    assert evident_emitters(dark, 1.5).tolist() == [False, sign == "brightness", False]
+    all_terms(field, data, None, Fit(evidence=1.5))["colour"].backward()
+    assert base.grad[:2].abs().min() > 0
+    assert base.grad[2:].abs().max() == 0
+
+
+def test_a_mask_that_is_hardly_open_is_no_lamp(rng):
+    data = batch(rng)
+    base = random(rng, 6, 3).requires_grad_()
+    field = Known(Brdf(base, 0.5 * torch.ones(6), torch.zeros(6)), torch.tensor([-1.0, 0.1, -1.0]))  # alpha = 0.095
+    all_terms(field, data, None, Fit(evidence=1.5))["colour"].backward()
+    assert base.grad.abs().min() > 0
+
+
+# --- what parts are drawn to ----------------------------------------------------------------------
+
+
+def test_distance_of_logits_is_squared_near_the_goal_and_linear_far_away():
+    goal = torch.full((5,), 0.3)
+    logit = float(np.log(0.3 / 0.7))
+    x = (logit + torch.tensor([0.0, 0.25, -0.25, 2.0, -3.0])).requires_grad_()
+    distance = losses.apart(torch.sigmoid(x), goal)
+    np.testing.assert_allclose(distance.detach(), [0, 0.0625, 0.0625, 1.75, 2.75], atol=1e-5)
+    distance.sum().backward()
+    np.testing.assert_allclose(x.grad, [0, 0.5, -0.5, 1, -1], atol=1e-4)
+
+
+def test_goals_keep_off_the_ends_of_the_sigmoid():
+    """One can be reached, and a saturated value still feels the pull."""
+    ends = torch.tensor([0.0, 1.0])
+    assert losses.apart(torch.tensor([0.004, 0.996]), ends).tolist() == pytest.approx([0, 0], abs=1e-6)
+    x = torch.tensor([-8.0, 8.0], requires_grad=True)
+    losses.apart(torch.sigmoid(x), torch.tensor([0.5, 0.5])).sum().backward()
+    np.testing.assert_allclose(x.grad, [-1, 1], rtol=0.02)
+
+
+def test_hits_are_drawn_to_the_colour_of_uniform_parts(rng):
+    data = batch(rng)
+    data = Batch(**{**vars(data), "segment": torch.tensor([4, 2, 0])})
+    base = random(rng, 6, 3)
+    field = Known(Brdf(base, random(rng, 6), random(rng, 6)), torch.zeros(3))
+    targets = goals((0.5, 0.5))
+    targets.base_color[[4, 2, 0]] = torch.tensor([[0.9, 0.1, 0.2], [0.3, 0.3, 0.3], [0.5, 0.5, 0.5]])
+    targets.uniform[[4, 2, 0]] = torch.tensor([2.0, 0.5, 0.0])
+    terms = all_terms(field, data, "part", Fit(base_weight=10.0), targets)
+    assert set(terms) == {"colour", "emission", "target", "base", "part"}
+    a = base.numpy().reshape(3, 2, 3)
+    first = 2.0 * ((a[0] - [0.9, 0.1, 0.2]) ** 2).sum() / 6
+    second = 0.5 * ((a[1] - 0.3) ** 2).sum() / 6
+    assert terms["base"].item() == pytest.approx(10 * (first + second) / 3, rel=1e-5)
+
+
+def test_unseen_points_are_drawn_to_all_of_their_part(rng):
+    """Each as a hit would be; colour with at least weight 1, for no picture tells another one."""
+    data = batch(rng)
+    there = Brdf(random(rng, 2, 3), torch.tensor([0.5, 0.2]), torch.tensor([0.5, 0.1]))
+    field = Known(Brdf(random(rng, 6, 3), random(rng, 6), random(rng, 6)), torch.zeros(3), there)
+    targets = goals((0.5, 0.5))
+    targets.base_color[[3, 1]] = torch.tensor([[0.1, 0.2, 0.3], [0.6, 0.6, 0.6]])
+    targets.uniform[[3, 1]] = torch.tensor([0.0, 4.0])
+    targets.roughness[1], targets.metallic[1], targets.pull[1] = 0.8, 0.3, 2.0
+    points, size = random(rng, 2, 3), torch.tensor([0.05, 0.05])
+    hidden = (points, torch.tensor([3, 1]), size)
+    terms = all_terms(field, data, None, Fit(base_weight=10.0), targets, hidden)
+    a = there.base_color.numpy()
+    base = 1.0 * ((a[0] - [0.1, 0.2, 0.3]) ** 2).mean() + 4.0 * ((a[1] - 0.6) ** 2).mean()
+    # the first point has the roughness and metallic of its part; the second is far off in both
+    pull = 2.0 * (np.log(4.0) - np.log(0.25) - 0.25 + np.log(3 / 7) - np.log(1 / 9) - 0.25)
+    assert terms["hidden"].item() == pytest.approx((10 * base + pull) / 3, rel=1e-4)  # three hits
+    np.testing.assert_array_equal(field.hidden["points"], points)
+    np.testing.assert_array_equal(field.hidden["footprint"], size)
+    assert "hidden" not in all_terms(Known(field.answer, field.e), data, None, Fit(), None, hidden)
+
+
+def test_pictures_teach_the_colour_of_uniform_parts_less(rng):
+    """By 1 / (1 + uniform); all else as before."""
+    data = batch(rng)
+    data = Batch(**{**vars(data), "segment": torch.tensor([4, 2, 0])})
+    uniform = torch.tensor([3.0, 0.5, 0.0])
+    base, roughness, metallic = random(rng, 6, 3), 0.1 + 0.8 * random(rng, 6), random(rng, 6)
+    found = []
+    for values in (torch.zeros(3), uniform):
+        targets = goals((0.5, 0.5))
+        targets.uniform[[4, 2, 0]] = values
+        leaves = [x.clone().requires_grad_() for x in (base, roughness, metallic)]
+        colour = all_terms(Known(Brdf(*leaves), torch.zeros(3)), data, None, Fit(evidence=0), targets)["colour"]
+        colour.backward()
+        found.append((colour.item(), *(x.grad for x in leaves)))
+    (plain, *before), (weakened, *after) = found
+    assert weakened == pytest.approx(plain, rel=1e-6)
+    assert before[0].abs().min() > 0
+    np.testing.assert_allclose(after[0], before[0] / (1 + uniform).repeat_interleave(2)[:, None], rtol=1e-4)
+    for own, other in zip(before[1:], after[1:], strict=True):
+        np.testing.assert_allclose(own, other, rtol=1e-4)

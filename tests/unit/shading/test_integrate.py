@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fipt.conventions import ROUGHNESS_LEVELS
+from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
 from fipt.errors import FiptError
 from fipt.io.files import shutil as files_shutil
 from fipt.io.manifests import Stats, read_manifest
@@ -14,6 +14,10 @@ from fipt.settings import Bake
 from tests import scenes
 
 FEW = Bake(diffuse_spp=5, specular_spp=3, smooth_spp=2)
+LEVELS = len(ROUGHNESS_LEVELS)
+COUNTS = [5, 2] + [3] * (LEVELS - 1)
+SMOOTHEST = [1, 1 + LEVELS]
+"""Ls0 and Ls1 of the smoothest level."""
 
 
 @pytest.fixture
@@ -24,7 +28,7 @@ def integrate(backend):
 
 
 class Constant:
-    """A shader that answers 1, 2, ... 13 in red, and notes what it was asked."""
+    """A shader that answers 1, 2, ... in red, output after output, and notes what it was asked."""
 
     def __init__(self):
         self.counts = []
@@ -32,27 +36,27 @@ class Constant:
     def shade(self, points, levels, counts):
         assert tuple(levels) == ROUGHNESS_LEVELS
         self.counts.append(list(counts))
-        result = np.zeros((len(points.position), 13, 3), np.float32)
-        result[..., 0] = np.arange(1, 14)
+        result = np.zeros((len(points.position), SHADING_OUTPUTS, 3), np.float32)
+        result[..., 0] = np.arange(1, 1 + SHADING_OUTPUTS)
         return result
 
 
 def test_shared_sampling_is_one_run(integrate):
-    assert integrate.sampling_plan(FEW) == [([5, 2, 3, 3, 3, 3, 3], list(range(13)))]
+    assert integrate.sampling_plan(FEW) == [(COUNTS, list(range(SHADING_OUTPUTS)))]
 
 
 def test_separate_sampling_is_a_run_for_each_lobe(integrate):
     plan = integrate.sampling_plan(FEW.model_copy(update={"sampling": "separate"}))
     counts = np.array([run for run, _ in plan])
-    np.testing.assert_array_equal(counts, np.diag([5, 2, 3, 3, 3, 3, 3]))
-    assert [outputs for _, outputs in plan] == [[0], [1, 7], [2, 8], [3, 9], [4, 10], [5, 11], [6, 12]]
+    np.testing.assert_array_equal(counts, np.diag(COUNTS))
+    assert [outputs for _, outputs in plan] == [[0]] + [[k, k + LEVELS] for k in range(1, 1 + LEVELS)]
 
 
 @pytest.mark.parametrize("sampling", ["shared", "separate"])
 def test_outputs_of_all_runs_come_together(integrate, sampling):
     points = SimpleNamespace(position=np.zeros((4, 3)))
     got = integrate.shade_chunk(Constant(), points, FEW.model_copy(update={"sampling": sampling}))
-    np.testing.assert_array_equal(got[..., 0], np.tile(np.arange(1, 14), (4, 1)))
+    np.testing.assert_array_equal(got[..., 0], np.tile(np.arange(1, 1 + SHADING_OUTPUTS), (4, 1)))
 
 
 # --- denoising ------------------------------------------------------------------------------------
@@ -64,7 +68,7 @@ def image_hits(height=24, width=32):
 
 def test_denoising_keeps_a_constant(integrate):
     hits = image_hits()
-    values = np.tile(np.linspace(0.2, 2, 13, dtype=np.float32)[:, None], (len(hits.position), 1, 3))
+    values = np.tile(np.linspace(0.2, 2, SHADING_OUTPUTS, dtype=np.float32)[:, None], (len(hits.position), 1, 3))
     change = np.abs(integrate.denoise_shading(values, hits, 0) / values - 1)
     assert change.mean() < 0.02
     inner = change.reshape(24, 32, -1)[6:-6, 6:-6]  # the network itself is wrong at an image's corners
@@ -73,16 +77,16 @@ def test_denoising_keeps_a_constant(integrate):
 
 def test_denoising_removes_noise(integrate, np_rng):
     hits = image_hits()
-    values = np_rng.gamma(4.0, 0.25, (len(hits.position), 13, 3)).astype(np.float32)
+    values = np_rng.gamma(4.0, 0.25, (len(hits.position), SHADING_OUTPUTS, 3)).astype(np.float32)
     clean = integrate.denoise_shading(values, hits, 0)
     assert clean[:, 0].std() < 0.3 * values[:, 0].std()
-    total, before = clean[:, 3] + clean[:, 9], values[:, 3] + values[:, 9]
+    total, before = clean[:, 3] + clean[:, 3 + LEVELS], values[:, 3] + values[:, 3 + LEVELS]
     assert total.std() < 0.3 * before.std()
-    np.testing.assert_array_equal(clean[:, [1, 7]], values[:, [1, 7]])  # the smoothest level
+    np.testing.assert_array_equal(clean[:, SMOOTHEST], values[:, SMOOTHEST])  # the smoothest level
 
 
 def test_both_parts_of_a_level_are_scaled_as_their_sum(integrate, monkeypatch, np_rng):
-    values = np_rng.random((6, 13, 3)).astype(np.float32)
+    values = np_rng.random((6, SHADING_OUTPUTS, 3)).astype(np.float32)
     values[0] = 0  # black stays black
     asked = []
 
@@ -92,15 +96,15 @@ def test_both_parts_of_a_level_are_scaled_as_their_sum(integrate, monkeypatch, n
 
     monkeypatch.setattr(integrate, "denoise_hits", double)
     got = integrate.denoise_shading(values, None, 0)
-    kept = np.isin(np.arange(13), [1, 7])
+    kept = np.isin(np.arange(SHADING_OUTPUTS), SMOOTHEST)
     np.testing.assert_allclose(got[:, ~kept], 2 * values[:, ~kept], rtol=1e-5)
     np.testing.assert_array_equal(got[:, kept], values[:, kept])
-    np.testing.assert_allclose(asked[0][:, 1:], values[:, 2:7] + values[:, 8:], rtol=1e-6)
+    np.testing.assert_allclose(asked[0][:, 1:], values[:, 2 : 1 + LEVELS] + values[:, 2 + LEVELS :], rtol=1e-6)
 
 
 def test_denoising_leaves_its_input(integrate):
     hits = image_hits()
-    values = np.random.default_rng(0).random((len(hits.position), 13, 3)).astype(np.float32)
+    values = np.random.default_rng(0).random((len(hits.position), SHADING_OUTPUTS, 3)).astype(np.float32)
     before = values.copy()
     integrate.denoise_shading(values, hits, 0)
     np.testing.assert_array_equal(values, before)
@@ -123,13 +127,13 @@ def test_a_shard_is_written_with_its_manifest(integrate, shard, tmp_path):
     settings = FEW.model_copy(update={"denoise": False})
     integrate.write_shading("bake", shader, *shard, settings, tmp_path / "bake" / "train-000", stats)
     shading = read_shading(tmp_path / "bake" / "train-000")
-    assert shading.shape == (9, 13, 3)
-    np.testing.assert_allclose(shading[:][..., 0], np.tile(np.arange(1, 14), (9, 1)), rtol=0.05)
+    assert shading.shape == (9, SHADING_OUTPUTS, 3)
+    np.testing.assert_allclose(shading[:][..., 0], np.tile(np.arange(1, 1 + SHADING_OUTPUTS), (9, 1)), rtol=0.05)
     manifest = read_manifest(tmp_path / "bake" / "train-000.manifest.json", "bake")
     assert list(manifest["files"]) == ["train-000/shading.npy"]
     assert manifest["settings"]["diffuse_spp"] == 5
-    assert stats.figures["bytes_per_pixel"] == pytest.approx(9 * 4 * 7 / 8)
-    assert shader.counts == [[5, 2, 3, 3, 3, 3, 3]] * 2
+    assert stats.figures["bytes_per_pixel"] == pytest.approx(9 * 4 * (1 + LEVELS) / 8)
+    assert shader.counts == [COUNTS] * 2
 
 
 def test_values_too_large_and_below_zero_are_clipped(integrate, shard, tmp_path):

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from fipt.conventions import SHADING_OUTPUTS
 from fipt.shading.cache import voxel_keys
 from tests import scenes
 
@@ -32,7 +33,7 @@ def test_voxels_of_emitters_are_not_read(backend):
 def test_damping_keeps_a_share_of_the_round_before(backend):
     from fipt.shading.refine import damped
 
-    new, previous = np.full((2, 13, 3), 4.0, np.float32), np.full((2, 13, 3), 1.0, np.float16)
+    new, previous = np.full((2, SHADING_OUTPUTS, 3), 4.0, np.float32), np.full((2, SHADING_OUTPUTS, 3), 1.0, np.float16)
     np.testing.assert_array_equal(damped(new, previous, 0.0), new)
     np.testing.assert_allclose(damped(new, previous, 0.25), 3.25)
     assert damped(new, previous, 0.25).dtype == np.float32
