@@ -18,14 +18,15 @@ def command(
     """Gather the pictures' radiance in voxels on the surface."""
     with stage("cache", settings, stats, backend=False) as (chosen, figures):
         from fipt.io.dataset import Dataset
-        from fipt.io.hits import pixels_of, read_hits
+        from fipt.io.hits import clipped_of, pixels_of, read_hits
         from fipt.io.voxels import write_cache
         from fipt.shading.cache import build
 
         data = Dataset(dataset)
         shards = [read_hits(folder) for folder in listed(hits)]
         images, weights = zip(*(pixels_of(data, shard) for shard in shards), strict=True)
-        cache = build(data.mesh(), shards, list(images), list(weights), chosen)
+        clipped = [clipped_of(data, shard) for shard in shards]
+        cache = build(data.mesh(), shards, list(images), list(weights), chosen, clipped)
         write_cache(out, cache)
         figures["voxels"] = len(cache["key"])
         figures["seen_voxels"] = int((cache["count"] > 0).sum())

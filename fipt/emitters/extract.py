@@ -19,6 +19,8 @@ _GAIN = 1.5
 """How much brighter than the brightest reflector an emitter must be."""
 _WHOLE = 0.7
 """Share of a part's seen area that must emit before its unseen side is taken to emit too."""
+_BRIGHTEST = 0.9
+"""Quantile of the bounds of a clipped lamp that stands for its radiance; the last tenth may be sharpened edges."""
 _SAME_RADIANCE = 0.35
 """Relative difference up to which neighbouring triangles belong to one lamp."""
 
@@ -30,6 +32,7 @@ def extract(
     images: list[tuple[np.ndarray, np.ndarray]],
     query_mask: Callable[[np.ndarray], np.ndarray],
     settings: EmitterSettings,
+    clipped: list[np.ndarray] | None = None,
 ) -> Emitters:
     """Find the emitting triangles.
 
@@ -45,8 +48,10 @@ def extract(
         Per shard: (P, 3) radiance and (P,) weight.
     query_mask
         (N, 3) points -> (N,) emission mask.
+    clipped
+        Per shard: (P,) bool, pixels whose radiance is only a lower bound; None: there are none.
     """
-    triangle, radiance, view, ratio = _observations(shards, shading, images)
+    triangle, radiance, view, ratio, bound = _observations(shards, shading, images, clipped)
     seen, index = np.unique(triangle, return_inverse=True)
     observed = seen
     if settings.evidence:
@@ -56,17 +61,21 @@ def extract(
     emitting = seen[_mean_mask(mesh, seen, query_mask, settings) > settings.threshold]
     keep = np.isin(triangle, emitting)
     emitting, index = np.unique(triangle[keep], return_inverse=True)
-    found = _measured(mesh, emitting, index, radiance[keep], view[keep], settings)
+    found = _measured(mesh, emitting, index, radiance[keep], view[keep], bound[keep], settings)
     return _completed(mesh, found, observed) if settings.complete else found
 
 
 def _observations(
-    shards: list[Hits], shading: list[np.ndarray], images: list[tuple[np.ndarray, np.ndarray]]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Pixels that one triangle's piece fills: triangle, radiance, view, and radiance over the most reflected."""
-    triangles, radiances, views, ratios, first_view = [], [], [], [], 0
+    shards: list[Hits],
+    shading: list[np.ndarray],
+    images: list[tuple[np.ndarray, np.ndarray]],
+    clipped: list[np.ndarray] | None,
+) -> tuple[np.ndarray, ...]:
+    """Pixels that one triangle's piece fills: triangle, radiance, view, radiance over the most reflected, clipped."""
+    triangles, radiances, views, ratios, bounds, first_view = [], [], [], [], [], 0
     levels = len(ROUGHNESS_LEVELS)
-    for hits, baked, (image, valid) in zip(shards, shading, images, strict=True):
+    clipped = clipped or [np.zeros(len(valid), bool) for _, valid in images]
+    for hits, baked, (image, valid), bound in zip(shards, shading, images, clipped, strict=True):
         pixel = np.repeat(np.arange(len(valid)), np.diff(hits.offsets))
         use = np.flatnonzero((np.asarray(hits.weight) >= _INTERIOR) & (valid[pixel] > 0))
         light = np.asarray(baked[use], np.float32)
@@ -77,8 +86,9 @@ def _observations(
         radiances.append(observed)
         views.append(first_view + np.searchsorted(hits.first_pixels, pixel[use], side="right") - 1)
         ratios.append(observed.mean(axis=1) / (most + 1e-4))
+        bounds.append(bound[pixel[use]])
         first_view += len(hits.views)
-    return tuple(np.concatenate(parts) for parts in (triangles, radiances, views, ratios))
+    return tuple(np.concatenate(parts) for parts in (triangles, radiances, views, ratios, bounds))
 
 
 def _mean_mask(
@@ -104,11 +114,39 @@ def _mean_mask(
 
 def _grouped_median(values: np.ndarray, index: np.ndarray, groups: int) -> np.ndarray:
     """(groups,) median of ``values`` (N,) per group; every group must have a member."""
+    return _grouped_quantile(values, index, groups, 0.5)
+
+
+def _grouped_quantile(values: np.ndarray, index: np.ndarray, groups: int, share: float) -> np.ndarray:
+    """(groups,) quantile of ``values`` (N,) per group: the mean of the two members around it."""
     order = np.lexsort((values, index))
     count = np.bincount(index, minlength=groups)
-    start = np.concatenate([[0], np.cumsum(count)[:-1]])
-    ordered = values[order]
-    return 0.5 * (ordered[start + (count - 1) // 2] + ordered[start + count // 2])
+    start = np.concatenate([[0], np.cumsum(count)[:-1]]).astype(np.int64)
+    place, ordered = share * (count - 1), values[order]
+    return 0.5 * (ordered[start + np.floor(place).astype(np.int64)] + ordered[start + np.ceil(place).astype(np.int64)])
+
+
+def _levels(
+    radiance: np.ndarray, bound: np.ndarray, index: np.ndarray, groups: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Median radiance (groups, 3) of each group, and whether (groups,) that is only a lower bound.
+
+    A clipped pixel below the median of what was measured agrees with it and counts as much. Where at least half of the
+    pixels are bounds above it, nobody knows the radiance: the brightest bounds come nearest.
+    """
+    measured, inverse = np.unique(index[~bound], return_inverse=True)
+    least = np.zeros((groups, 3))
+    for c in range(3):
+        least[measured, c] = _grouped_median(radiance[~bound, c], inverse, len(measured))
+    above = bound & (radiance.mean(axis=1) > least[index].mean(axis=1))
+    unknown = 2 * np.bincount(index, above, groups) >= np.maximum(np.bincount(index, minlength=groups), 1)
+    raised = np.where(bound[:, None], np.maximum(radiance, least[index]), radiance)
+    level = np.stack([_grouped_median(raised[:, c], index, groups) for c in range(3)], axis=1).reshape(-1, 3)
+    bounds = above & unknown[index]
+    clipped, inverse = np.unique(index[bounds], return_inverse=True)
+    for c in range(3):
+        level[clipped, c] = _grouped_quantile(radiance[bounds, c], inverse, len(clipped), _BRIGHTEST)
+    return level, unknown
 
 
 def _measured(
@@ -117,14 +155,16 @@ def _measured(
     index: np.ndarray,
     radiance: np.ndarray,
     view: np.ndarray,
+    bound: np.ndarray,
     settings: EmitterSettings,
 ) -> Emitters:
     """Median radiance of every triangle; with ``patches`` one radiance for each connected lamp."""
-    own = np.stack([_grouped_median(radiance[:, c], index, len(triangles)) for c in range(3)], axis=1)
+    own, unknown = _levels(radiance, bound, index, len(triangles))
     lamp = _lamps(mesh, triangles, own)
     group = lamp[index]
     lamps = int(lamp.max(initial=-1)) + 1
-    level = np.stack([_grouped_median(radiance[:, c], group, lamps) for c in range(3)], axis=1).reshape(-1, 3)
+    level, unknown_lamp = _levels(radiance, bound, group, lamps)
+    clipped = np.bincount(group, bound, lamps) / np.maximum(np.bincount(group, minlength=lamps), 1)
     spread = np.abs(radiance.mean(axis=1) / np.maximum(level.mean(axis=1)[group], 1e-6) - 1)
     agreement = np.exp(-_grouped_median(spread, group, lamps) / 0.1)
     seen_by = np.zeros(lamps, np.int64)
@@ -137,6 +177,8 @@ def _measured(
         emitter=lamp.astype(np.int32),
         views=seen_by[lamp].astype(np.int32),
         confidence=confidence[lamp].astype(np.float32),
+        clipped=clipped[lamp].astype(np.float32),
+        lower_bound=unknown_lamp[lamp] if settings.patches else unknown,
         two_sided=settings.two_sided,
     )
 
@@ -168,6 +210,8 @@ def _completed(mesh: Mesh, found: Emitters, observed: np.ndarray) -> Emitters:
         emitter=found.emitter[rows],
         views=found.views[rows],
         confidence=found.confidence[rows],
+        clipped=found.clipped[rows],
+        lower_bound=found.lower_bound[rows],
         two_sided=found.two_sided,
     )
 

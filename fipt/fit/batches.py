@@ -20,6 +20,8 @@ class Batch:
         (B, 3) observed.
     valid
         (B,) weight of the pixel in [0, 1].
+    clipped
+        (B,) bool: the radiance is only a lower bound.
     owner
         (H,) int64 pixel of each hit, 0 to B - 1.
     weight
@@ -36,6 +38,7 @@ class Batch:
 
     radiance: torch.Tensor
     valid: torch.Tensor
+    clipped: torch.Tensor
     owner: torch.Tensor
     weight: torch.Tensor
     points: torch.Tensor
@@ -57,6 +60,8 @@ class Pixels:
         Per shard: (P, 3) radiance and (P,) weight of its pixels.
     segments
         Per shard: (P,) uint16 segment id of each pixel; None to fit without.
+    clipped
+        Per shard: (P,) bool, pixels whose radiance is only a lower bound; None: there are none.
     """
 
     def __init__(
@@ -65,9 +70,11 @@ class Pixels:
         shading: list[np.ndarray],
         images: list[tuple[np.ndarray, np.ndarray]],
         segments: list[np.ndarray] | None,
+        clipped: list[np.ndarray] | None = None,
     ) -> None:
         self.shards, self.shading = shards, shading
         self.radiance = [image.astype(np.float32) for image, _ in images]
+        self.clipped = clipped or [np.zeros(len(valid), bool) for _, valid in images]
         self.offsets = [np.array(shard.offsets) for shard in shards]
         for shard, shade in zip(shards, shading, strict=True):
             if shade.shape != (len(shard.position), SHADING_OUTPUTS, 3):
@@ -128,6 +135,7 @@ class Pixels:
         return {
             "radiance": self.radiance[number][pixel],
             "valid": self.valid[number][pixel],
+            "clipped": self.clipped[number][pixel],
             "owner": owner + start,
             "weight": weight.astype(np.float32),
             "points": points,

@@ -99,7 +99,7 @@ def _inner_pixels(pixels: Pixels) -> tuple[np.ndarray, ...]:
     parts = []
     for number, shard in enumerate(pixels.shards):
         offsets = pixels.offsets[number]
-        single = (np.diff(offsets) == 1) & (pixels.valid[number] > 0.99)
+        single = (np.diff(offsets) == 1) & (pixels.valid[number] > 0.99) & ~pixels.clipped[number]
         chosen = np.flatnonzero(single)[::step]
         hit = offsets[chosen]
         parts.append(

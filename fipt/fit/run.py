@@ -10,7 +10,7 @@ from fipt.fit.batches import Pixels
 from fipt.fit.loop import fit
 from fipt.fit.parts import estimate_parts, part_targets
 from fipt.io.dataset import Dataset
-from fipt.io.hits import pixels_of, scene_box
+from fipt.io.hits import clipped_of, pixels_of, scene_box
 from fipt.io.manifests import Stats
 from fipt.io.shading import read_shards
 from fipt.model.networks import Field, SceneBox
@@ -46,7 +46,8 @@ def fit_model(
         np.concatenate([data.segments(view, kind).ravel() for view in shard.views]) for shard in shards
     ]
     images = [pixels_of(data, shard) for shard in shards]
-    pixels = Pixels(shards, baked, images, segments or None)
+    clipped = [clipped_of(data, shard) for shard in shards]
+    pixels = Pixels(shards, baked, images, segments or None, clipped)
     center, side = scene_box(shards)
     field = Field(settings, SceneBox(tuple(center.tolist()), side))
     if previous is not None and settings.warm_start:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fipt.conventions import FLAG_SATURATED
 from fipt.errors import FiptError
 from fipt.io.cameras import Camera, read_transforms
 from fipt.io.exr import read_exr
@@ -78,6 +79,13 @@ class Dataset:
         """(H, W) uint32 bits of conventions.FLAG_*, or None where the source gave none."""
         flags = read_exr(self.root / "images" / f"{view}.exr").get("flags.Y")
         return None if flags is None else flags.astype(np.uint32)
+
+    def clipped(self, view: str) -> np.ndarray:
+        """(H, W) bool: pixels whose radiance is only a lower bound; none where the source gave no flags."""
+        flags, camera = self.flags(view), self.camera(view)
+        if flags is None:
+            return np.zeros((camera.height, camera.width), bool)
+        return (flags & FLAG_SATURATED) > 0
 
     def segment_kind(self, wanted: str = "auto") -> str | None:
         """Return the kind of segments to use: ``wanted`` itself, or for ``auto`` part, else semantic, else None."""

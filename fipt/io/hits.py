@@ -136,3 +136,8 @@ def pixels_of(dataset: Dataset, hits: Hits) -> tuple[np.ndarray, np.ndarray]:
         np.concatenate([image.reshape(-1, 3) for image in images]),
         np.concatenate([weight.reshape(-1) for weight in weights]),
     )
+
+
+def clipped_of(dataset: Dataset, hits: Hits) -> np.ndarray:
+    """(P,) bool of all pixels of a shard, in its pixel order: the radiance is only a lower bound."""
+    return np.concatenate([dataset.clipped(view).reshape(-1) for view in hits.views])

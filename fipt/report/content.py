@@ -335,6 +335,7 @@ def _emitters(results: Path) -> list[Mapping[str, Any]] | None:
                     "power": float(np.mean(entry["power"])),
                     "views": int(entry["views"]),
                     "confidence": float(entry["confidence"]),
+                    "lower_bound": bool(entry.get("lower_bound")),
                 }
                 for entry in content["emitters"]
             ]

@@ -65,6 +65,7 @@ def build(
     images: list[np.ndarray],
     weights: list[np.ndarray],
     settings: CacheSettings,
+    clipped: list[np.ndarray] | None = None,
 ) -> dict[str, np.ndarray]:
     """Average the radiance of all pixels in voxels over the surface.
 
@@ -72,6 +73,8 @@ def build(
     ----------
     images, weights
         Per shard: (P, 3) float32 radiance and (P,) weight of its pixels.
+    clipped
+        Per shard: (P,) bool, pixels whose radiance is only a lower bound; None: there are none.
 
     Returns
     -------
@@ -84,13 +87,15 @@ def build(
     """
     center, side = scene_box(shards)
     n = settings.resolution
-    points, triangles, normals, radiance, weight = [], [], [], [], []
-    for hits, image, valid in zip(shards, images, weights, strict=True):
+    points, triangles, normals, radiance, weight, bound = [], [], [], [], [], []
+    clipped = clipped or [np.zeros(len(valid), bool) for valid in weights]
+    for hits, image, valid, above in zip(shards, images, weights, clipped, strict=True):
         pixel = np.repeat(np.arange(len(hits.offsets) - 1), np.diff(hits.offsets))
         points.append(np.asarray(hits.position))
         triangles.append(np.asarray(hits.triangle))
         normals.append(np.asarray(hits.normal))
         radiance.append(image[pixel])
+        bound.append(above[pixel])
         weight.append(valid[pixel] * np.where(np.asarray(hits.weight) >= _INTERIOR, 1.0, _MIXED))
     surface, owner = surface_points(mesh, side / n / 3, center - side / 2, center + side / 2, seed=0)
     winding = mesh.normals[owner]
@@ -102,7 +107,8 @@ def build(
     )
     index = index.reshape(-1)[: len(place) - 2 * len(surface)]
     weights = np.concatenate(weight)
-    mean, _ = _means(index, np.concatenate(radiance), weights, len(record))
+    values = _raised(index, np.concatenate(radiance), weights, np.concatenate(bound), len(record))
+    mean, _ = _means(index, values, weights, len(record))
     count = np.bincount(index, weights * (weights > _MIXED), len(record))
     seen = np.zeros(len(record), bool)
     seen[index[weights > 0]] = True
@@ -117,6 +123,24 @@ def build(
         "count": count.astype(np.float32),
         "source": _nearest_seen(place[first], facing[first], connected_parts(mesh)[owner[first]], seen, 8 * side / n),
     }
+
+
+def _raised(
+    index: np.ndarray, values: np.ndarray, weight: np.ndarray, bound: np.ndarray, size: int
+) -> np.ndarray:
+    """(N, 3) values in which lower bounds do not darken their record.
+
+    A bound below what others measure there says nothing new and counts as they do; a surface of which there are
+    only bounds is at least as bright as the highest of them.
+    """
+    if not bound.any():
+        return values
+    mean, measured = _means(index, values, weight * ~bound, size)
+    highest = np.zeros((size, 3))
+    usable = bound & (weight > _MIXED)
+    np.maximum.at(highest, index[usable], values[usable])
+    least = np.where(measured[:, None] > 0, mean, highest)
+    return np.where(bound[:, None], np.maximum(values, least[index]), values)
 
 
 def _means(index: np.ndarray, values: np.ndarray, weight: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:

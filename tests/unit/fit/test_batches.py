@@ -147,3 +147,12 @@ def test_without_any_pixel_there_is_nothing_to_fit(np_rng):
     hits, shading, images = shards(np_rng)
     with pytest.raises(FiptError, match="no training pixel shows the mesh"):
         Pixels(hits, shading, [(image, 0 * valid) for image, valid in images], None)
+
+
+def test_clipped_pixels_are_marked_in_every_batch(np_rng):
+    hits, shading, images = shards(np_rng)
+    clipped = [np.array([True, False, False, False, True]), np.array([False, True, False])]
+    batch = Pixels(hits, shading, images, None, clipped).batch(np.arange(7), 1, np_rng)
+    marked = dict(zip(batch.radiance[:, 0].tolist(), batch.clipped.tolist(), strict=True))
+    assert marked == {0: True, 1: False, 3: False, 4: True, 5: False, 6: True, 7: False}
+    assert not Pixels(hits, shading, images, None).batch(np.arange(7), 1, np_rng).clipped.any()

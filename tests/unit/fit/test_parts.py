@@ -78,3 +78,9 @@ def test_lamps_do_not_count(np_rng):
     parts = estimate_parts(data, np.array([1.5, 1.5, 1.5]), 3.3, lamp_gain=1.5)
     assert 0 < parts.pixels[1] <= PER_PART / 2
     assert parts.roughness[1] == 1
+
+
+def test_clipped_pixels_do_not_count(np_rng):
+    data = pixels(np_rng, [((0.6, 0.5, 0.4), 1.0, 0.0)])
+    data.clipped[0][: PER_PART // 2] = True
+    assert 0 < found(data).pixels[1] <= PER_PART / 2

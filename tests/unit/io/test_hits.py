@@ -7,7 +7,7 @@ import pytest
 
 from fipt.errors import FiptError
 from fipt.io.arrays import save_npy
-from fipt.io.hits import pixels_of, read_hits, scene_box, write_hits
+from fipt.io.hits import clipped_of, pixels_of, read_hits, scene_box, write_hits
 from tests import scenes
 
 ARRAYS = ("offsets", "center", "position", "normal", "triangle", "footprint", "weight", "sub")
@@ -113,3 +113,11 @@ def test_pixels_of_views_in_their_order(hits):
     radiance, weight = pixels_of(Data(), hits)
     np.testing.assert_array_equal(radiance, np.repeat([ord("b"), ord("a")], [6, 2])[:, None] * np.ones(3))
     np.testing.assert_array_equal(weight, [0, 1, 2, 3, 4, 5, 0, 1])
+
+
+def test_clipped_pixels_of_views_in_their_order(hits):
+    class Data:
+        def clipped(self, view):
+            return np.array([[0, 1, 0], [1, 0, 0]], bool) if view == "b" else np.array([[1, 0]], bool)
+
+    np.testing.assert_array_equal(clipped_of(Data(), hits), [0, 1, 0, 1, 0, 0, 1, 0])

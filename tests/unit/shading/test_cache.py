@@ -172,3 +172,38 @@ def test_points_are_spread_evenly_and_every_triangle_has_one():
 def test_without_hits_there_is_no_cache():
     with pytest.raises(FiptError, match="no camera ray hits the mesh"):
         built(scenes.floor(), scenes.hits_of(np.zeros((0, 3)), counts=[0, 0]), 1.0)
+
+
+# --- clipped pixels -------------------------------------------------------------------------------
+
+
+def with_bounds(values, clipped, valid=None):
+    """The record of pixels at one place, some of them clipped."""
+    hits = scenes.hits_of([*CORNERS, *[(0.01 + 0.02 * k, 0, 0.01) for k in range(len(values))]])
+    image = np.float32([1, 1, *values])[:, None] * np.ones(3, np.float32)
+    weight = np.float32([1, 1, *(valid or [1] * len(values))])
+    bound = np.array([False, False, *clipped])
+    result = cache.build(scenes.floor(), [hits], [image], [weight], SETTINGS, [bound])
+    own = record_at(result, (0.01, 0, 0.01))
+    return result["radiance"][own], result["count"][own]
+
+
+@pytest.mark.parametrize(
+    ("values", "clipped", "expected"),
+    [
+        ([4, 6, 2], [False, False, True], 5),  # the bound is no news: it counts as the others
+        ([4, 6, 8], [False, False, True], 6),  # brighter than the others, at least 8
+        ([3, 7, 5], [True, True, True], 7),  # one surface: as bright as the highest bound
+        ([3, 7, 5], [False, False, False], 5),
+    ],
+)
+def test_clipped_pixels_never_darken_a_record(values, clipped, expected):
+    radiance, count = with_bounds(values, clipped)
+    np.testing.assert_allclose(radiance, expected, rtol=1e-6)
+    assert count == 3
+
+
+def test_masked_pixels_are_no_bounds_either():
+    radiance, count = with_bounds([3, 7, 50], [True, True, True], [1, 1, 0])
+    np.testing.assert_allclose(radiance, 7, rtol=1e-6)
+    assert count == 2
