@@ -43,7 +43,8 @@ def fit_model(
     if kind is None:
         print("warning: no segments; roughness and metallic are fitted point by point, without propagation")
     segments = kind and [
-        np.concatenate([data.segments(view, kind).ravel() for view in shard.views]) for shard in shards
+        np.concatenate([np.zeros(0, np.uint16), *(data.segments(view, kind).ravel() for view in shard.views)])
+        for shard in shards
     ]
     images = [pixels_of(data, shard) for shard in shards]
     clipped = [clipped_of(data, shard) for shard in shards]

@@ -1,6 +1,7 @@
 """The dataset folder: the one form every source is brought to."""
 
 import json
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -27,12 +28,14 @@ class Dataset:
         The folder.
     cameras
         Accepted cameras in the order of transforms.json.
+    rejected
+        View that a check rejected -> why.
     """
 
     def __init__(self, root: str | Path) -> None:
         self.root = Path(root)
-        rejected = read_rejected(self.root / "views.json")
-        self.cameras = [c for c in read_transforms(self.root / "transforms.json") if c.name not in rejected]
+        self.rejected = read_rejected(self.root / "views.json")
+        self.cameras = [c for c in read_transforms(self.root / "transforms.json") if c.name not in self.rejected]
         self._by_name = {camera.name: camera for camera in self.cameras}
 
     def camera(self, view: str) -> Camera:
@@ -47,6 +50,10 @@ class Dataset:
     def views(self, split: str) -> list[str]:
         """Names of the accepted views of a split (``train`` or ``val``)."""
         return [camera.name for camera in self.cameras if camera.split == split]
+
+    def accepted(self, views: Iterable[str]) -> list[str]:
+        """Return ``views`` without those that a check rejected: a plan is made before the checks."""
+        return [view for view in views if view not in self.rejected]
 
     def mesh(self) -> Mesh:
         """The room's mesh, metres."""

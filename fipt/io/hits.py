@@ -131,13 +131,13 @@ def scene_box(shards: list[Hits]) -> tuple[np.ndarray, float]:
 
 def pixels_of(dataset: Dataset, hits: Hits) -> tuple[np.ndarray, np.ndarray]:
     """Radiance (P, 3) and weight (P,) float32 of all pixels of a shard, in its pixel order."""
-    images, weights = zip(*(dataset.image(view) for view in hits.views), strict=True)
+    pairs = [dataset.image(view) for view in hits.views]
     return (
-        np.concatenate([image.reshape(-1, 3) for image in images]),
-        np.concatenate([weight.reshape(-1) for weight in weights]),
+        np.concatenate([np.zeros((0, 3), np.float32), *(image.reshape(-1, 3) for image, _ in pairs)]),
+        np.concatenate([np.zeros(0, np.float32), *(weight.reshape(-1) for _, weight in pairs)]),
     )
 
 
 def clipped_of(dataset: Dataset, hits: Hits) -> np.ndarray:
     """(P,) bool of all pixels of a shard, in its pixel order: the radiance is only a lower bound."""
-    return np.concatenate([dataset.clipped(view).reshape(-1) for view in hits.views])
+    return np.concatenate([np.zeros(0, bool), *(dataset.clipped(view).reshape(-1) for view in hits.views)])

@@ -235,6 +235,7 @@ class _Reader:
             shown["render"] = self._toned("render", labels["render"], render)
         if photo is not None and render is not None:
             pixels = pictures.difference_map(render, photo, self.exposure)
+            pixels = pixels * (self.data.image(name)[1] > 0)[..., None]  # masked: nothing to compare with
             shown["difference"] = self._embed("difference", labels["difference"], pixels)
         path = self.results / "materials" / f"{name}.exr"
         layers = read_layers(path) if path.is_file() else {}
