@@ -7,6 +7,8 @@ OUT/transforms.json             pinhole cameras of the undistorted views, with p
 OUT/mesh.ply                    where the room's mesh is known
 OUT/truth/camera.json           what calibration should find
 OUT/truth/VIEW.exr              what development should find (`fipt.synthesize.camera.view_truth`)
+
+A shard of views writes its brackets and their truth; everything else is written once.
 """
 
 from __future__ import annotations
