@@ -242,8 +242,12 @@ def camera_truth(planes: Optics, camera: SimulatedCamera) -> dict[str, object]:
 
 
 def simulate_capture(
-    images: Iterable[np.ndarray], cameras: Sequence[Camera], settings: SimulatedCamera, out: str | Path
-) -> list[Camera]:
+    images: Iterable[np.ndarray],
+    cameras: Sequence[Camera],
+    settings: SimulatedCamera,
+    out: str | Path,
+    mesh: Mesh | None = None,
+) -> list[Path]:
     """Turn any posed HDR views into a capture.
 
     Parameters
@@ -257,19 +261,21 @@ def simulate_capture(
         The simulated camera.
     out
         Folder to write.
+    mesh
+        The room's mesh, where it is known.
 
     Returns
     -------
-    list of Camera
-        The views that development should give, as in its transforms.json.
+    list of Path
+        What was written; transforms.json holds the views that development should give.
     """
     out = Path(out)
     one_camera(cameras)
     planes = [optics_within(camera, settings) for camera in cameras]
     views = [plane.view for plane in planes]
-    write_calibration(out, views, settings)
+    files = write_calibration(out, views, settings, mesh)
     with progress("capture", len(views), " views") as bar:
         for index, (image, plane) in enumerate(zip(images, planes, strict=True)):
-            write_bracket(out, index, image, plane, settings)
+            files += write_bracket(out, index, image, plane, settings)
             bar.advance(note=plane.view.name)
-    return views
+    return files
