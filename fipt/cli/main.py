@@ -32,6 +32,7 @@ class Verb:
 
 VERBS: dict[str, Verb] = {
     "synthesize": Verb("synthesize", "Make a dataset with ground truth from a room in code."),
+    "check-capture": Verb("check_capture", "Say what is wrong with a folder of photographs, in the room."),
     "import": Verb("import_", "Bring posed HDR views of another layout into the dataset form."),
     "hits": Verb("hits", "Trace the first hits of every pixel, once."),
     "cache": Verb("cache", "Gather the pictures' radiance in voxels on the surface."),
