@@ -24,6 +24,54 @@ class Settings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
+Quad = tuple[float, float, float, float]
+
+
+class SimulatedCamera(Settings):
+    """A camera that photographs the room: exposure brackets as RAW files instead of finished HDR views."""
+
+    enabled: bool = Field(False, description="write RAW brackets and calibration frames instead of pictures")
+    scale: Positive = Field(2, le=8, description="sensor pixels along one pixel of a view")
+    subsamples: Positive = Field(2, le=8, description="the square of this many rays are averaged in a sensor pixel")
+    pattern: Literal["RGGB", "BGGR", "GRBG", "GBRG"] = Field("RGGB", description="Bayer pattern")
+    bits: Literal[12, 14, 16] = Field(14, description="bits of a raw value")
+    white_level: Positive | None = Field(None, le=65535, description="raw value at saturation; default: the largest")
+    black_levels: Quad = Field(
+        (512.25, 511.5, 513.0, 512.75), description="of the 2x2 cell, row by row, as the files state them"
+    )
+    dark_offset: Quad = Field((0.0, 0.0, 0.0, 0.0), description="what the true black levels have on top, raw values")
+    distortion: tuple[float, float, float, float, float] = Field(
+        (-0.10, 0.01, 0.0, 0.0, 0.0), description="k1, k2, p1, p2, k3 (Brown-Conrady, OpenCV's order)"
+    )
+    principal_offset: tuple[float, float] = Field(
+        (0.0, 0.0), description="optical axis right of and below the view's, sensor pixels"
+    )
+    vignetting: tuple[float, float, float] = Field(
+        (-0.35, -0.17, 0.05), description="of r^2, r^4, r^6; r = 1 at half the diagonal from the optical axis"
+    )
+    sensitivity: tuple[Length, Length, Length] = Field(
+        (0.55, 1.0, 0.65), description="of red, green and blue; the white balance undoes it"
+    )
+    mixing: tuple[float, float, float, float, float, float, float, float, float] = Field(
+        (1, 0, 0, 0, 1, 0, 0, 0, 1), description="camera RGB from linear sRGB before the sensitivity, row by row"
+    )
+    exposures: Positive = Field(5, le=15, description="frames of a bracket")
+    step: Length = Field(2.0, le=4, description="between neighbouring exposures, EV; whole thirds")
+    longest: Length = Field(0.25, le=32, description="longest exposure, seconds; snapped to third stops")
+    shutter_error: Fraction = Field(0.0, le=0.2, description="standard deviation of true times off the third stops")
+    shuffled: bool = Field(False, description="exposures of a bracket in random order instead of shortest first")
+    white_radiance: Length = Field(60.0, description="radiance that saturates green in the shortest exposure")
+    full_well: Length = Field(50_000.0, description="electrons at saturation")
+    read_noise: Weight = Field(3.0, description="standard deviation, electrons")
+    hot_pixels: Fraction = Field(0.0, le=0.1, description="share of pixels that glow with time")
+    dead_pixels: Fraction = Field(0.0, le=0.1, description="share of pixels that see nothing")
+    ghosts: tuple[str, ...] = Field((), description="views in which something stands in one exposure only")
+    calibration_frames: Positive = Field(12, description="checkerboard views")
+    board: tuple[Positive, Positive] = Field((9, 6), description="inner corners of the checkerboard")
+    square: Length = Field(0.03, description="side of its squares, metres")
+    seed: Count = Field(0, description="seed of noise, hot pixels, ghosts and poses of the board")
+
+
 class Synthesize(Settings):
     """The procedural room and its views."""
 
@@ -36,6 +84,7 @@ class Synthesize(Settings):
     max_depth: Positive = Field(10, description="longest path, bounces")
     denoise: bool = Field(True, description="denoise the rendered views")
     seed: Count = Field(0, description="seed of room, cameras and noise")
+    raw: SimulatedCamera = Field(SimulatedCamera(), description="photograph the views with a simulated camera")
 
 
 class Capture(Settings):

@@ -1,6 +1,7 @@
 """Writes raw mosaics as DNG files (Adobe's DNG 1.4: TIFF with one uncompressed strip of 16-bit words).
 
-The words hold 12, 14 or 16 bits: the white level says how many. LibRaw reads the samples back bit for bit.
+The words hold 12, 14 or 16 bits: the white level says how many. LibRaw reads the samples back bit for bit. Files
+without a mosaic (LinearRaw) can be written too: development must recognise and refuse them.
 """
 
 from __future__ import annotations
@@ -81,13 +82,13 @@ def write_dng(path: str | Path, mosaic: np.ndarray, header: Header) -> None:
     path
         File to write; it appears only when it is complete.
     mosaic
-        (height, width) uint16 raw values.
+        (height, width) uint16 raw values, or (height, width, 3) linear RGB.
     header
         What the file says about them.
     """
     if header.pattern not in PATTERNS:
         raise FiptError(f"the Bayer pattern must be one of {', '.join(PATTERNS)}; found {header.pattern}")
-    if mosaic.dtype != np.uint16 or mosaic.ndim != 2:
+    if mosaic.dtype != np.uint16 or mosaic.shape[2:] not in ((), (3,)):
         raise FiptError(f"a mosaic must be (height, width) uint16; found {mosaic.shape} {mosaic.dtype}")
     samples = np.ascontiguousarray(mosaic, "<u2")
     exif = _directory(_exif_tags(header), start=8)
@@ -101,36 +102,38 @@ def write_dng(path: str | Path, mosaic: np.ndarray, header: Header) -> None:
         samples.tofile(file)
 
 
-def _main_tags(shape: tuple[int, int], header: Header) -> dict[int, tuple[str, object]]:
+def _main_tags(shape: tuple[int, ...], header: Header) -> dict[int, tuple[str, object]]:
     """Tags of the image itself, in DNG 1.4's numbers, without its offsets."""
-    height, width = shape
-    stamp = header.time.strftime("%Y:%m:%d %H:%M:%S")
-    return {
-        0x00FE: ("long", [0]),  # NewSubfileType: the full image
-        0x0100: ("long", [width]),
-        0x0101: ("long", [height]),
-        0x0102: ("short", [16]),  # BitsPerSample
-        0x0103: ("short", [1]),  # Compression: none
-        0x0106: ("short", [32803]),  # PhotometricInterpretation: colour filter array
-        0x010F: ("ascii", header.make),
-        0x0110: ("ascii", header.model),
-        0x0112: ("short", [header.orientation]),
-        0x0115: ("short", [1]),  # SamplesPerPixel
-        0x0116: ("long", [height]),  # RowsPerStrip
-        0x0117: ("long", [height * width * 2]),  # StripByteCounts
-        0x011C: ("short", [1]),  # PlanarConfiguration
-        0x0131: ("ascii", "fipt"),  # Software
-        0x0132: ("ascii", stamp),
+    (height, width), samples = shape[:2], (*shape, 1)[2]
+    mosaic = {
         0x828D: ("short", [2, 2]),  # CFARepeatPatternDim
         0x828E: ("byte", ["RGB".index(letter) for letter in header.pattern]),
-        0xC612: ("byte", [1, 4, 0, 0]),  # DNGVersion
-        0xC613: ("byte", [1, 1, 0, 0]),  # DNGBackwardVersion
-        0xC614: ("ascii", f"{header.make} {header.model}"),  # UniqueCameraModel
         0xC616: ("byte", [0, 1, 2]),  # CFAPlaneColor
         0xC617: ("short", [1]),  # CFALayout: rectangular
         0xC619: ("short", [2, 2]),  # BlackLevelRepeatDim
         0xC61A: ("rational", header.black),
-        0xC61D: ("long", [header.white]),
+    }
+    stamp = header.time.strftime("%Y:%m:%d %H:%M:%S")
+    return (mosaic if samples == 1 else {}) | {
+        0x00FE: ("long", [0]),  # NewSubfileType: the full image
+        0x0100: ("long", [width]),
+        0x0101: ("long", [height]),
+        0x0102: ("short", [16] * samples),  # BitsPerSample
+        0x0103: ("short", [1]),  # Compression: none
+        0x0106: ("short", [32803 if samples == 1 else 34892]),  # PhotometricInterpretation: mosaic or LinearRaw
+        0x010F: ("ascii", header.make),
+        0x0110: ("ascii", header.model),
+        0x0112: ("short", [header.orientation]),
+        0x0115: ("short", [samples]),  # SamplesPerPixel
+        0x0116: ("long", [height]),  # RowsPerStrip
+        0x0117: ("long", [height * width * samples * 2]),  # StripByteCounts
+        0x011C: ("short", [1]),  # PlanarConfiguration
+        0x0131: ("ascii", "fipt"),  # Software
+        0x0132: ("ascii", stamp),
+        0xC612: ("byte", [1, 4, 0, 0]),  # DNGVersion
+        0xC613: ("byte", [1, 1, 0, 0]),  # DNGBackwardVersion
+        0xC614: ("ascii", f"{header.make} {header.model}"),  # UniqueCameraModel
+        0xC61D: ("long", [header.white] * samples),  # WhiteLevel
         0xC621: ("srational", np.ravel(header.color_matrix)),
         0xC628: ("rational", header.neutral),  # AsShotNeutral
         0xC62F: ("ascii", header.serial),
