@@ -2,6 +2,7 @@
 
 VERSIONS = {
     "synthesize": 1,
+    "capture": 1,
     "import": 1,
     "hits": 1,
     "cache": 2,

@@ -36,8 +36,8 @@ class Shot:
         The file.
     shutter
         Exposure time in seconds as the camera states it (nominal); None where it states none.
-    aperture, iso, focal_length
-        F-number, ISO speed, focal length in millimetres; None where unknown.
+    aperture, iso, focal_length, focal_length_35
+        F-number, ISO speed, focal length in millimetres and its equivalent on 36 x 24 mm; None where unknown.
     camera, lens, serial
         Names as the camera writes them; None where unknown.
     time
@@ -51,6 +51,7 @@ class Shot:
     aperture: float | None = None
     iso: float | None = None
     focal_length: float | None = None
+    focal_length_35: float | None = None
     camera: str | None = None
     lens: str | None = None
     serial: str | None = None
@@ -119,7 +120,8 @@ def read_raw(path: str | Path, shot: Shot | None = None) -> RawFrame:
     try:
         raw.open_buffer(io.BytesIO(data))
         raw.unpack()
-        frame = _frame(path, raw, shot or _shot(path, _tags(io.BytesIO(data)), raw))
+        tags = _tags(io.BytesIO(data))
+        frame = _frame(path, raw, tags, shot or _shot(path, tags, raw))
     except rawpy.LibRawFileUnsupportedError as error:
         raise FiptError(f"{path} is not a RAW file that LibRaw reads", "leave it out or convert it to DNG") from error
     except rawpy.LibRawError as error:
@@ -159,7 +161,7 @@ def read_shot(path: str | Path) -> Shot:
     return shot
 
 
-def _frame(path: Path, raw: Any, shot: Shot) -> RawFrame:
+def _frame(path: Path, raw: Any, tags: dict[str, Any], shot: Shot) -> RawFrame:
     import rawpy
 
     if raw.raw_type != rawpy.RawType.Flat or raw.raw_pattern is None or raw.raw_image_visible.ndim != 2:
@@ -180,6 +182,9 @@ def _frame(path: Path, raw: Any, shot: Shot) -> RawFrame:
     if desc not in ("RGBG", "RGBE") or sorted(pattern.ravel()) != [0, 1, 2, 3]:
         raise FiptError(f"{path} must have a red-green-blue mosaic; found {desc} {pattern.ravel().tolist()}", "")
     black = np.array(raw.black_level_per_channel, np.float64)
+    exact = _black_in_header(tags)
+    if exact is not None and (np.abs(exact.ravel() - black[pattern.ravel()]) <= 1).all():
+        black[pattern.ravel()] = exact.ravel()
     per_channel = raw.camera_white_level_per_channel
     white = np.array(per_channel if per_channel and min(per_channel) > 0 else [raw.white_level] * 4, np.float64)
     white = np.minimum(white, raw.white_level) if raw.white_level else white
@@ -187,8 +192,18 @@ def _frame(path: Path, raw: Any, shot: Shot) -> RawFrame:
         raise FiptError(f"{path}: white level {white.min():g} must exceed black level {black.max():g}", "")
     balance = np.array(raw.camera_whitebalance[:3], np.float64)
     usable = np.isfinite(balance).all() and balance.min() > 0
-    mosaic = np.ascontiguousarray(raw.raw_image_visible)
+    mosaic = np.array(raw.raw_image_visible)  # a copy: LibRaw's own memory goes with it
     return RawFrame(mosaic, pattern, black, white, balance / balance[1] if usable else None, shot)
+
+
+def _black_in_header(tags: dict[str, Any]) -> np.ndarray | None:
+    """(2, 2) black level by position as a DNG states it; LibRaw cuts off the fraction."""
+    tag = tags.get("Image BlackLevel")
+    if tag is None or len(tag.values) not in (1, 4):
+        return None
+    return np.broadcast_to(
+        np.array([float(value) for value in tag.values]).reshape(-1, 2 if len(tag.values) == 4 else 1), (2, 2)
+    )
 
 
 def _tags(file: Any) -> dict[str, Any]:
@@ -216,6 +231,7 @@ def _shot(path: Path, tags: dict[str, Any], raw: Any) -> Shot:
         aperture=_number(tags, "EXIF FNumber") or _positive(other and other.aperture),
         iso=_number(tags, "EXIF ISOSpeedRatings") or _positive(other and other.iso_speed),
         focal_length=_number(tags, "EXIF FocalLength") or _positive(other and other.focal_length),
+        focal_length_35=_number(tags, "EXIF FocalLengthIn35mmFilm"),
         camera=camera or None,
         lens=_words(tags, "EXIF LensModel") or (lens and lens.model) or None,
         serial=_words(tags, "EXIF BodySerialNumber"),

@@ -1,0 +1,476 @@
+"""Calibration of a camera from frames of a board, of an even surface, of darkness and of a white reference."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from fipt.capture import lensfun
+from fipt.capture.brackets import Capture, photographs
+from fipt.capture.calibration import Calibration, Noise, Vignetting, read_calibration
+from fipt.capture.mosaic import demosaic, tiled
+from fipt.capture.raw import LDR_SUFFIXES, RawFrame, Shot, read_raw
+from fipt.errors import FiptError
+from fipt.io.lens import Lens
+from fipt.progress import progress
+from fipt.settings import Capture as Settings
+
+FOLDER = "calibration"
+"""Subfolder of a capture folder that holds calibration frames in folders named by kind."""
+
+KINDS = ("dark", "flat", "checkerboard", "charuco", "white")
+
+_BLOCK = 32
+"""Side of the blocks of pixels whose means the vignetting curve is fitted to; even, so that blocks hold whole cells."""
+
+_TERMS = 4
+"""Coefficients of the vignetting polynomial: up to r^8."""
+
+_CLIPPED = 0.98
+"""Share of the range above which a calibration frame counts as clipped."""
+
+
+def calibration_frames(folder: Path) -> dict[str, list[Path]]:
+    """Kind -> its frames in ``folder/calibration/KIND/``; kinds without frames are left out."""
+    frames = {}
+    for kind in KINDS:
+        place = folder / FOLDER / kind
+        if place.is_dir() and any(place.iterdir()):
+            frames[kind] = photographs(place)[1]
+    return frames
+
+
+def calibrate(capture: Capture, settings: Settings) -> Calibration:
+    """Find out everything about the camera of a capture that its calibration frames, or lensfun, tell.
+
+    A ``calibration.json`` in the capture folder is taken as it is.
+
+    Raises
+    ------
+    FiptError
+        If a frame cannot be used: the message names it.
+    """
+    given = capture.folder / "calibration.json"
+    if given.is_file():
+        return read_calibration(given)
+    frames = calibration_frames(capture.folder)
+    if capture.kind == "merged":
+        return _of_merged(capture)
+    if capture.kind == "ldr":
+        from fipt.capture.ldr import read_ldr, response
+
+        first = read_ldr(capture.brackets[0].shots[0].path)
+        start = _start(capture, first.shape[:2])
+        start = replace(start, response=tuple(map(tuple, response(capture).tolist())))
+        return _finish(_with_lens(start, frames, settings, capture.brackets[0].shots[0]), frames)
+    first_frame = read_raw(capture.brackets[0].shots[0].path, capture.brackets[0].shots[0])
+    found = _start(capture, first_frame.shape)
+    with progress("calibrate", sum(map(len, frames.values())), " frames") as bar:
+        found = _with_dark(found, frames.get("dark", []), bar)
+        found = _with_flats(found, frames.get("flat", []), bar)
+        found = _with_lens(found, frames, settings, first_frame.shot, bar)
+        found = _with_white(found, frames.get("white", []), settings, first_frame, bar)
+    return _finish(found, frames)
+
+
+def _start(capture: Capture, shape: tuple[int, int]) -> Calibration:
+    return Calibration(capture.kind, capture.brackets[0].shots[0].camera, width=shape[1], height=shape[0])
+
+
+def _of_merged(capture: Capture) -> Calibration:
+    from fipt.capture.develop import read_merged
+
+    shape = read_merged(capture.brackets[0].shots[0].path)[0].shape
+    sentence = "the views are merged already: they are taken as they are, without any correction"
+    return replace(_start(capture, shape[:2]), absent=(sentence,))
+
+
+def _finish(found: Calibration, frames: dict[str, list[Path]]) -> Calibration:
+    """Say what is absent, and what is done instead."""
+    absent = []
+    if found.kind == "raw" and "dark" not in frames:
+        absent.append("no dark frame: black levels as the files state, no pixel is known to be bad")
+    if found.vignetting is None:
+        absent.append("no flat field: vignetting is not corrected, corners stay too dark")
+    if found.lens is None or not any(found.lens.distortion):
+        absent.append("no board frames: distortion is not corrected")
+    if found.lens is None:
+        absent.append("no focal length is known: the intrinsics are left to pose estimation")
+    if found.kind == "raw" and "white" not in frames:
+        absent.append("no white reference: white balance from " + found.sources.get("white_balance", "nothing"))
+    return replace(found, absent=(*found.absent, *absent))
+
+
+# ---------------------------------------------------------------------------------------------------- dark and flat
+
+
+def _with_dark(found: Calibration, paths: Sequence[Path], bar: Any) -> Calibration:
+    """Black levels and hot pixels from the mean of the dark frames."""
+    if not paths:
+        return found
+    total, noises = None, []
+    for path in paths:
+        frame = _read(path, found)
+        values = frame.mosaic.astype(np.float32)
+        total = values if total is None else total + values
+        noises.append(1.4826 * np.median(np.abs(values[::2, ::2] - np.median(values[::2, ::2]))))
+        bar.advance()
+    mean, read = total / len(paths), max(float(np.median(noises)), 12**-0.5)
+    black = np.zeros(4)
+    hot = np.zeros(mean.shape, bool)
+    for (i, j), colour in np.ndenumerate(frame.pattern):
+        part = mean[i::2, j::2]
+        middle = np.median(part)
+        hot[i::2, j::2] = part > middle + max(12 * read, 0.002 * frame.range[colour])
+        black[colour] = part[~hot[i::2, j::2]].mean()
+        darker = frame.range[colour] * 0.25
+        if black[colour] - frame.black[colour] > darker:
+            raise FiptError(
+                f"{paths[0]} must be dark; its mean is {black[colour] - frame.black[colour]:.0f} above the file's "
+                f"black level {frame.black[colour]:g}",
+                "photograph it with the lens cap on",
+            )
+    spread = mean[:, 2:] - mean[:, :-2]
+    read = float(1.4826 * np.median(np.abs(spread)) / np.sqrt(2 / len(paths)))
+    read = max(read, float(np.std(spread[np.abs(spread) < 6 * max(read, 0.3)]) / np.sqrt(2 / len(paths))))
+    return replace(
+        found,
+        black=tuple(black.tolist()),
+        bad_pixels=tuple(map(tuple, np.argwhere(hot).tolist())),
+        sources={**found.sources, "black": _from(paths, "dark"), "bad_pixels": _from(paths, "dark")},
+        figures={**found.figures, "read_noise": read, "hot_pixels": int(hot.sum())},
+    )
+
+
+def _with_flats(found: Calibration, paths: Sequence[Path], bar: Any) -> Calibration:
+    """Vignetting from pictures of an even surface; the sensor's noise where dark frames are there too."""
+    if not paths:
+        return found
+    blocks, gains = [], []
+    for path in paths:
+        frame = _read(path, found)
+        signal = _signal(frame, found)
+        means = _block_means(signal, frame.pattern)
+        _check_flat(path, frame, signal, means, found)
+        blocks.append(means / np.median(means, axis=(0, 1)))
+        gains.append(_photon_gain(signal, found.figures.get("read_noise", 0.0)))
+        bar.advance()
+    mean = np.mean(blocks, axis=0).mean(axis=2)
+    vignetting, profile, spread = fit_vignetting(mean, found.width, found.height)
+    noise = found.noise
+    if "read_noise" in found.figures and frame.shot.iso:
+        noise = Noise(float(np.median(gains)), found.figures["read_noise"], frame.shot.iso)
+    curve = {"curve": profile, "spread": spread, "aperture": frame.shot.aperture, "corner": _corner(vignetting, found)}
+    sources = {**found.sources, "vignetting": _from(paths, "flat field")}
+    if noise is not None:
+        sources["noise"] = "dark frames and flat fields"
+    return replace(
+        found,
+        vignetting=vignetting,
+        noise=noise,
+        sources=sources,
+        figures={**found.figures, "vignetting": curve},
+    )
+
+
+def fit_vignetting(means: np.ndarray, width: int, height: int) -> tuple[Vignetting, list[list[float]], float]:
+    """Fit an even polynomial about a fitted centre to means of blocks of pixels.
+
+    Parameters
+    ----------
+    means
+        (rows, columns) mean light of blocks of `_BLOCK` pixels a side, from the top left.
+    width, height
+        Of the picture, pixels.
+
+    Returns
+    -------
+    vignetting
+        The polynomial, 1 in its centre.
+    profile
+        [radius, measured light] for a plot: medians of rings, radius 1 = half the diagonal.
+    spread
+        Root mean square of the relative residuals.
+    """
+    from scipy.optimize import least_squares
+
+    radius = np.hypot(width, height) / 2
+    y, x = np.meshgrid(*(_BLOCK * (np.arange(n) + 0.5) for n in means.shape), indexing="ij")
+    light = means / means.max()
+
+    def solved(center: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        r2 = ((x - center[0]) ** 2 + (y - center[1]) ** 2) / radius**2
+        powers = r2.ravel()[:, None] ** np.arange(_TERMS + 1)
+        factors, *_ = np.linalg.lstsq(powers, light.ravel(), rcond=None)
+        return factors, light.ravel() - powers @ factors, r2
+
+    middle = np.array([width / 2, height / 2])
+    reach = 0.1 * np.array([width, height])
+    best = least_squares(lambda c: solved(c)[1], middle, bounds=(middle - reach, middle + reach), x_scale=reach)
+    factors, residual, r2 = solved(best.x)
+    coefficients = tuple((factors[1:] / factors[0]).tolist())
+    vignetting = Vignetting((float(best.x[0]), float(best.x[1])), float(radius), coefficients)
+    ring = np.minimum((np.sqrt(r2) * 24).astype(int), 24).ravel()
+    measured = light.ravel() / factors[0]
+    profile = [
+        [round((r + 0.5) / 24, 4), round(float(np.median(measured[ring == r])), 5)] for r in np.unique(ring).tolist()
+    ]
+    return vignetting, profile, float(np.sqrt(np.mean((residual / light.ravel()) ** 2)))
+
+
+def _check_flat(path: Path, frame: RawFrame, signal: np.ndarray, means: np.ndarray, found: Calibration) -> None:
+    full = tiled(frame.range, frame.pattern, *frame.shape)
+    clipped = float((signal > _CLIPPED * full).mean())
+    if clipped > 0.001:
+        raise FiptError(
+            f"{path} must be an even surface below the sensor's limit; {clipped:.1%} of its pixels are clipped",
+            "photograph the flat field shorter",
+        )
+    light = means.mean(axis=2)
+    rows, columns = (_BLOCK * (np.arange(n) + 0.5) for n in light.shape)
+    r = np.hypot(rows[:, None] - found.height / 2, columns - found.width / 2) / np.hypot(found.width, found.height) * 2
+    ratio = float(light[r > 0.75].mean() / light[r < 0.25].mean())
+    if ratio > 1.005:
+        raise FiptError(
+            f"{path} must be brightest near its centre; its corners are {ratio:.2f} times brighter",
+            "photograph an evenly lit surface, out of focus, without a shadow of the camera",
+        )
+
+
+def _block_means(signal: np.ndarray, pattern: np.ndarray) -> np.ndarray:
+    """(rows, columns, 4) means by colour index of blocks of `_BLOCK` pixels."""
+    rows, columns = (n // _BLOCK for n in signal.shape)
+    if min(rows, columns) < 8:
+        raise FiptError(
+            f"flat fields must be at least {8 * _BLOCK} pixels high and wide; found {signal.shape[1]}x{signal.shape[0]}"
+        )
+    means = np.empty((rows, columns, 4))
+    half = _BLOCK // 2
+    for (i, j), colour in np.ndenumerate(pattern):
+        part = signal[i::2, j::2][: rows * half, : columns * half]
+        means[..., colour] = part.reshape(rows, half, columns, half).mean(axis=(1, 3))
+    return means
+
+
+def _photon_gain(signal: np.ndarray, read: float) -> float:
+    """Variance over mean of an even surface: half the squared difference of neighbours of one colour."""
+    difference = signal[:, 2:] - signal[:, :-2]
+    variance = 0.5 * (1.4826 * np.median(np.abs(difference - np.median(difference)))) ** 2
+    return float(max(variance - read**2, 1e-6) / np.median(signal))
+
+
+def _corner(vignetting: Vignetting, found: Calibration) -> float:
+    x, y = np.float32([0, found.width, 0, found.width]), np.float32([0, 0, found.height, found.height])
+    return float(vignetting.falloff(x, y).mean())
+
+
+# ------------------------------------------------------------------------------------------------------------- lens
+
+
+def _with_lens(
+    found: Calibration,
+    frames: dict[str, list[Path]],
+    settings: Settings,
+    shot: Shot,
+    bar: Any = None,
+) -> Calibration:
+    """Intrinsics and distortion: from boards, else by the lens's name, else the focal length alone."""
+    for kind, corners_of in (("charuco", _charuco_corners), ("checkerboard", _checkerboard_corners)):
+        if kind in frames:
+            return _from_boards(found, kind, frames[kind], corners_of, settings, bar)
+    if settings.lensfun and shot.lens:
+        fallback = lensfun.look_up(shot, found.width, found.height, settings.lensfun_distance)
+        if fallback is not None:
+            return _with_lensfun(found, *fallback)
+        found = replace(found, absent=(*found.absent, f"lens {shot.lens!r} is not in lensfun's database"))
+    if shot.focal_length_35:
+        # Equivalents are by diagonal: that of 36 x 24 mm is 43.27 mm.
+        f = shot.focal_length_35 / np.hypot(36, 24) * np.hypot(found.width, found.height)
+        lens = Lens(found.width, found.height, float(f), float(f), found.width / 2, found.height / 2)
+        return replace(found, lens=lens, sources={**found.sources, "lens": "EXIF focal length"})
+    return found
+
+
+def _with_lensfun(found: Calibration, name: str, lens: Lens, vignetting: Vignetting | None) -> Calibration:
+    sources = {**found.sources, "lens": f"lensfun: {name}"}
+    if found.vignetting is None and vignetting is not None:
+        found = replace(found, vignetting=vignetting)
+        sources["vignetting"] = sources["lens"]
+    return replace(found, lens=lens, sources=sources)
+
+
+def _from_boards(
+    found: Calibration, kind: str, paths: Sequence[Path], corners_of: Any, settings: Settings, bar: Any
+) -> Calibration:
+    objects, images, used = [], [], []
+    for path in paths:
+        corners = corners_of(_grey(path, found), settings)
+        if corners is not None:
+            objects.append(corners[0].astype(np.float32))
+            images.append(corners[1].astype(np.float32))
+            used.append(path.name)
+        if bar is not None:
+            bar.advance()
+    size = f"{settings.board_columns}x{settings.board_rows} inner corners"
+    if not used:
+        names = ", ".join(path.name for path in paths)
+        raise FiptError(
+            f"no {kind} of {size} was found in any of {len(paths)} frames of {paths[0].parent}: {names}",
+            "check capture.board_columns and board_rows; the whole board must be visible, sharp and evenly lit",
+        )
+    if len(used) < 3:
+        raise FiptError(
+            f"a {kind} of {size} must be found in at least 3 frames of {paths[0].parent}; found in {len(used)} of "
+            f"{len(paths)}: {', '.join(used)}",
+            "photograph the board from more sides",
+        )
+    shape = (found.width, found.height)
+    guess = None
+    fits = {}
+    for name, flags in (("k1, k2, p1, p2", cv2.CALIB_FIX_K3), ("k1, k2, p1, p2, k3", 0)):
+        rms, matrix, distortion, _, _ = cv2.calibrateCamera(objects, images, shape, guess, None, flags=flags)
+        fits[name] = (rms, matrix, distortion.ravel()[:5])
+    plain, richer = fits.values()
+    model = "k1, k2, p1, p2, k3" if richer[0] < 0.95 * plain[0] else "k1, k2, p1, p2"
+    rms, matrix, distortion = fits[model]
+    lens = Lens(
+        *shape,
+        *(float(v) for v in (matrix[0, 0], matrix[1, 1], matrix[0, 2] + 0.5, matrix[1, 2] + 0.5)),
+        tuple(float(v) for v in distortion),
+    )
+    figures = {"kind": kind, "rms": float(rms), "frames": used, "not_found": len(paths) - len(used), "model": model}
+    return replace(
+        found,
+        lens=lens,
+        sources={**found.sources, "lens": _from(used, kind)},
+        figures={**found.figures, "board": figures},
+    )
+
+
+def _checkerboard_corners(grey: np.ndarray, settings: Settings) -> tuple[np.ndarray, np.ndarray] | None:
+    size = (settings.board_columns, settings.board_rows)
+    ok, corners = cv2.findChessboardCornersSB(grey, size, flags=cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_NORMALIZE_IMAGE)
+    if not ok:
+        return None
+    columns, rows = np.meshgrid(np.arange(size[0]), np.arange(size[1]))
+    points = np.stack([columns, rows, np.zeros_like(rows)], axis=-1).reshape(-1, 3) * settings.board_square
+    return points, corners.reshape(-1, 2)
+
+
+def _charuco_corners(grey: np.ndarray, settings: Settings) -> tuple[np.ndarray, np.ndarray] | None:
+    number = getattr(cv2.aruco, settings.board_dictionary, None)
+    if not isinstance(number, int) or not settings.board_dictionary.startswith("DICT_"):
+        raise FiptError(
+            f"capture.board_dictionary must be one of OpenCV's; found {settings.board_dictionary!r}",
+            "for example DICT_5X5_100",
+        )
+    board = cv2.aruco.CharucoBoard(
+        (settings.board_columns + 1, settings.board_rows + 1),
+        settings.board_square,
+        settings.board_marker,
+        cv2.aruco.getPredefinedDictionary(number),
+    )
+    corners, ids, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(grey)
+    if ids is None or len(ids) < 8:
+        return None
+    objects, images = board.matchImagePoints(corners, ids)
+    return objects.reshape(-1, 3), images.reshape(-1, 2)
+
+
+def _grey(path: Path, found: Calibration) -> np.ndarray:
+    """(H, W) uint8 picture for corner detection: vignetting-corrected, demosaiced, square root of the light."""
+    if path.suffix.lower() in LDR_SUFFIXES:
+        from fipt.capture.ldr import read_ldr
+
+        picture = read_ldr(path)
+        found.check_size(picture.shape[:2], path)
+        return cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
+    frame = _read(path, found)
+    light = _signal(frame, found) / tiled(frame.range, frame.pattern, *frame.shape)
+    # Colours brought to one level, so that the mosaic leaves no pattern in the grey picture.
+    for i, j in np.ndindex(2, 2):
+        light[i::2, j::2] /= max(float(light[i::2, j::2].mean()), 1e-6)
+    if found.vignetting is not None:
+        rows, columns = (np.arange(n, dtype=np.float32) + np.float32(0.5) for n in frame.shape)
+        light /= found.vignetting.falloff(columns[None], rows[:, None])
+    top = np.percentile(light[::7, ::7], 99)
+    rgb = demosaic((np.clip(light / top, 0, 1) * 65535).astype(np.uint16), frame.pattern)
+    return (np.sqrt(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY) / 65535.0) * 255 + 0.5).astype(np.uint8)
+
+
+# ---------------------------------------------------------------------------------------------------- white balance
+
+
+def _with_white(
+    found: Calibration, paths: Sequence[Path], settings: Settings, first: RawFrame, bar: Any
+) -> Calibration:
+    """Gains from the middle of the white frames, else those of the capture's first frame."""
+    gains, source = np.ones(3), "nothing (gains 1)"
+    if settings.white_balance == "reference" and paths:
+        colours = []
+        for path in paths:
+            frame = _read(path, found)
+            signal = _signal(frame, found)
+            height, width = (n // 4 * 2 for n in frame.shape)
+            middle = signal[height // 4 * 2 :, width // 4 * 2 :][:height, :width]
+            light = np.zeros(4)
+            for (i, j), colour in np.ndenumerate(frame.pattern):
+                light[colour] = np.mean(middle[i::2, j::2])
+            if (light > 0.95 * frame.range).any() or (light < 0.01 * frame.range).any():
+                shares = ", ".join(f"{share:.0%}" for share in (light / frame.range)[:3])
+                raise FiptError(
+                    f"{path} must show white between 1 and 95 % of the sensor range; red, green, blue are at {shares}",
+                    "photograph the white reference with another exposure",
+                )
+            light /= frame.range
+            colours.append([light[0], (light[1] + light[3]) / 2, light[2]])
+            bar.advance()
+        mean = np.mean(colours, axis=0)
+        gains, source = mean[1] / mean, _from(paths, "white reference")
+    elif settings.white_balance != "none" and first.white_balance is not None:
+        gains, source = first.white_balance, f"the camera ({first.shot.path.name})"
+    return replace(
+        found,
+        white_balance=tuple(float(gain) for gain in gains),
+        sources={**found.sources, "white_balance": source},
+    )
+
+
+# ---------------------------------------------------------------------------------------------------------- helpers
+
+
+def _read(path: Path, found: Calibration) -> RawFrame:
+    frame = read_raw(path)
+    found.check_size(frame.shape, path)
+    return frame
+
+
+def _signal(frame: RawFrame, found: Calibration) -> np.ndarray:
+    """(H, W) float32 raw values above black."""
+    black = frame.black if found.black is None else np.array(found.black)
+    return frame.mosaic - tiled(black.astype(np.float32), frame.pattern, *frame.shape)
+
+
+def _from(paths: Sequence[Any], what: str) -> str:
+    return f"{what} ({len(paths)} frame{'s' if len(paths) != 1 else ''})"
+
+
+def summary(calibration: Calibration) -> str:
+    """What was found, for the terminal."""
+    lines = [f"{part.replace('_', ' ')}: {source}" for part, source in sorted(calibration.sources.items())]
+    board = calibration.figures.get("board")
+    if board:
+        lines.append(f"reprojection error: {board['rms']:.3f} pixels rms ({board['model']})")
+    if "vignetting" in calibration.figures:
+        lines.append(f"light in the corners: {calibration.figures['vignetting']['corner']:.3f} of the centre")
+    if calibration.lens:
+        lens = calibration.lens
+        lines.append(f"focal length {lens.fx:.1f}, {lens.fy:.1f}, centre {lens.cx:.1f}, {lens.cy:.1f} pixels")
+        lines.append("distortion " + json.dumps([round(k, 5) for k in lens.distortion]))
+    return "\n".join([*lines, *calibration.absent])
