@@ -164,7 +164,9 @@ def group(shots: Sequence[Shot], frames: int = 0) -> list[tuple[Shot, ...]]:
         Exposures of a bracket; 0 = find out.
     """
     ordered = sorted(shots, key=lambda shot: (shot.time or 0.0, _natural(shot.path.name)))
-    return [bracket for run in _between_pauses(ordered) for bracket in _split(run, frames)]
+    runs = _between_pauses(ordered)
+    frames = frames or _usual_size(runs)
+    return [bracket for run in runs for bracket in _split(run, frames)]
 
 
 def judge(brackets: Sequence[Bracket]) -> list[Finding]:
@@ -260,6 +262,13 @@ def _between_pauses(ordered: list[Shot]) -> list[list[Shot]]:
     return [list(run) for run in np.split(np.array(ordered, object), cuts)]
 
 
+def _usual_size(runs: list[list[Shot]]) -> int:
+    """Length of most runs, if no exposure repeats in them: a bracket; 0 where runs tell nothing."""
+    lengths = Counter(len(run) for run in runs if not _repeats(run))
+    length, count = lengths.most_common(1)[0] if lengths else (0, 0)
+    return length if len(runs) > 1 and 2 * count > len(runs) else 0
+
+
 def _split(run: list[Shot], frames: int) -> list[tuple[Shot, ...]]:
     """Cut a run of shots without a pause into brackets."""
     levels = [stops(shot) for shot in run]
@@ -274,7 +283,7 @@ def _split(run: list[Shot], frames: int) -> list[tuple[Shot, ...]]:
             pieces.append([])
         pieces[-1].append(shot)
     # A short piece is no bracket but a frame taken twice: one bracket, and `judge` names the frame.
-    if len(run) < 2 * size and min(map(len, pieces)) < size / 2:
+    if len(run) < 2 * size and min(map(len, pieces)) <= size / 2:
         return [tuple(run)]
     return [tuple(piece) for piece in pieces]
 

@@ -243,9 +243,7 @@ def _moved(greens: Sequence[np.ndarray], full: Sequence[np.ndarray], ratios: Seq
 # --- findings -----------------------------------------------------------------------------------
 
 
-def check(
-    capture: Capture, unreadable: Iterable[Finding] = (), qualities: Sequence[Quality] = ()
-) -> list[Finding]:
+def check(capture: Capture, unreadable: Iterable[Finding] = (), qualities: Sequence[Quality] = ()) -> list[Finding]:
     """All findings of a capture, worst first.
 
     Parameters
@@ -368,7 +366,13 @@ def _judged(qualities: Sequence[Quality]) -> list[Finding]:
     if len(qualities) > 2:
         usual = float(np.median([q.sharpness for q in qualities]))
         blurred = [q for q in qualities if q.sharpness < BLURRED * usual]
-        add("blurred", "warning", blurred, "less sharp than the others", "photograph again: tripod, remote release, focus")
+        add(
+            "blurred",
+            "warning",
+            blurred,
+            "less sharp than the others",
+            "photograph again: tripod, remote release, focus",
+        )
     for quality in qualities:
         for frame in quality.frames:
             if frame.measured is not None and abs(frame.measured / frame.ratio - 1) > RATIO_TOLERANCE:
@@ -404,13 +408,15 @@ def inspect(capture: Capture, threads: int = 2) -> tuple[list[Quality], list[Fin
     views = [bracket for bracket in capture.brackets if capture.kind == "raw"]
 
     def look(bracket: Bracket) -> Quality | Finding:
-        kind = "unreadable"
         try:
             frames = [read_raw(shot.path, shot) for shot in bracket.shots]
-            kind = "size"
+        except FiptError as error:
+            message = f"view {bracket.view}: {error.message}"
+            return Finding("unreadable", "error", message, error.remedy, (bracket.view,))
+        try:
             return measure(bracket, frames)
         except FiptError as error:
-            return Finding(kind, "error", error.message, error.remedy, (bracket.view,))
+            return Finding("size", "error", error.message, error.remedy, (bracket.view,))
 
     results = []
     with progress("check", len(views), " views") as bar, ThreadPoolExecutor(threads) as pool:

@@ -126,9 +126,7 @@ def _grouped_quantile(values: np.ndarray, index: np.ndarray, groups: int, share:
     return 0.5 * (ordered[start + np.floor(place).astype(np.int64)] + ordered[start + np.ceil(place).astype(np.int64)])
 
 
-def _levels(
-    radiance: np.ndarray, bound: np.ndarray, index: np.ndarray, groups: int
-) -> tuple[np.ndarray, np.ndarray]:
+def _levels(radiance: np.ndarray, bound: np.ndarray, index: np.ndarray, groups: int) -> tuple[np.ndarray, np.ndarray]:
     """Median radiance (groups, 3) of each group, and whether (groups,) that is only a lower bound.
 
     A clipped pixel below the median of what was measured agrees with it and counts as much. Where at least half of the

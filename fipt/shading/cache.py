@@ -125,9 +125,7 @@ def build(
     }
 
 
-def _raised(
-    index: np.ndarray, values: np.ndarray, weight: np.ndarray, bound: np.ndarray, size: int
-) -> np.ndarray:
+def _raised(index: np.ndarray, values: np.ndarray, weight: np.ndarray, bound: np.ndarray, size: int) -> np.ndarray:
     """(N, 3) values in which lower bounds do not darken their record.
 
     A bound below what others measure there says nothing new and counts as they do; a surface of which there are

@@ -61,7 +61,7 @@ def test_five_faults_are_all_named(tmp_path, monkeypatch, capsys):
     [
         ("wrong size", 2, "V0_DSC00003.dng is 112x96, the others 128x96"),
         ("other orientation", 2, "the frames of a bracket must have one orientation; V0_DSC00003.dng differs"),
-        ("other camera", 2, "V0_DSC00003.dng and 0 others are of Other camera"),
+        ("other camera", 2, "V0_DSC00003.dng and 0 others are of fipt Other camera"),
         ("no exposure time", 2, "V0_DSC00003.dng states no exposure time"),
         ("not raw", 2, "V0_DSC00002.dng is not a RAW file that LibRaw reads"),
         ("mixed aperture", 0, "mixed aperture: most photographs have f/8, but V0_DSC00003.dng f/5.6"),
@@ -74,10 +74,10 @@ def test_other_faults(tmp_path, monkeypatch, capsys, fault, code, said):
 
 
 def test_quick_reads_no_pixels(tmp_path, monkeypatch, capsys):
-    folder = planted(tmp_path, monkeypatch, "truncated", "mixed iso", SOUND)
+    folder = planted(tmp_path, monkeypatch, "truncated", "mixed aperture", SOUND)
     assert main(["check-capture", str(folder), "--quick"]) == 0
     printed = capsys.readouterr().out
-    assert "mixed ISO" in printed
+    assert "mixed aperture" in printed
     assert "truncated" not in printed
 
 
