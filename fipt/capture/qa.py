@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -124,7 +125,7 @@ def measure(bracket: Bracket, frames: Sequence[RawFrame]) -> Quality:
     """
     check_sizes(bracket.view, frames)
     exposures = [exposure(shot) for shot in bracket.shots]
-    ratios = [a / b for a, b in zip(exposures, exposures[1:], strict=False)]
+    ratios = [a / b for a, b in pairwise(exposures)]
     measured = [
         measured_ratio(longer, shorter, longer.black, ratio)
         for longer, shorter, ratio in zip(frames, frames[1:], ratios, strict=False)
@@ -297,7 +298,8 @@ def _mixed(brackets: Sequence[Bracket]) -> list[Finding]:
                 Finding(
                     kind,
                     severity,
-                    f"mixed {name}: most photographs have {text(usual)}, but {_files(shots)} {listed} ({_views(views)})",
+                    f"mixed {name}: most photographs have {text(usual)}, but {_files(shots)} {listed} "
+                    f"({_views(views)})",
                     remedy,
                     views,
                 )
