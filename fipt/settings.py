@@ -121,6 +121,9 @@ class Import(Settings):
 
     val_every: Positive = Field(8, description="every n-th view is held out where the source has no split")
     overlay: bool = Field(True, description="write a picture of mesh edges over one photo")
+    exposure: Length | None = Field(
+        None, description="factor on a capture's radiance; absent: what brings its median luminance to 0.2"
+    )
 
 
 class Hits(Settings):
