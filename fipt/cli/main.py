@@ -32,6 +32,8 @@ class Verb:
 
 VERBS: dict[str, Verb] = {
     "synthesize": Verb("synthesize", "Make a dataset with ground truth from a room in code."),
+    "calibrate": Verb("calibrate", "Calibrate a camera: lens, vignetting, black, white balance."),
+    "develop": Verb("develop", "Merge bracketed photographs into calibrated HDR views."),
     "import": Verb("import_", "Bring posed HDR views of another layout into the dataset form."),
     "hits": Verb("hits", "Trace the first hits of every pixel, once."),
     "cache": Verb("cache", "Gather the pictures' radiance in voxels on the surface."),
