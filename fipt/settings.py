@@ -107,6 +107,9 @@ class Capture(Settings):
     white_balance: Literal["reference", "camera", "none"] = Field(
         "reference", description="gains from the white frames (else the camera's), the camera's, or none"
     )
+    color: Literal["srgb", "camera"] = Field(
+        "srgb", description="linear sRGB by the camera's colour matrix where one is known, or the camera's own colours"
+    )
     board_columns: int = Field(9, ge=3, le=64, description="inner corners along the calibration board's longer side")
     board_rows: int = Field(6, ge=2, le=64, description="inner corners along its shorter side")
     board_square: Length = Field(0.025, description="side of a square of the board, metres")

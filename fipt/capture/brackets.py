@@ -91,7 +91,7 @@ class Capture:
             If there is no such view, or something of severity ``error`` was found with it.
         """
         for finding in self.findings:
-            if finding.severity == "error" and (view in finding.views or not finding.views):
+            if finding.severity == "error" and view in finding.views:
                 raise FiptError(finding.message, finding.remedy)
         for bracket in self.brackets:
             if bracket.view == view:

@@ -26,6 +26,9 @@ FOLDER = "calibration"
 
 KINDS = ("dark", "flat", "checkerboard", "charuco", "white")
 
+XYZ_FROM_SRGB = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
+"""CIE XYZ from linear sRGB under D65 (IEC 61966-2-1)."""
+
 _BLOCK = 32
 """Side of the blocks of pixels whose means the vignetting curve is fitted to; even, so that blocks hold whole cells."""
 
@@ -76,6 +79,7 @@ def calibrate(capture: Capture, settings: Settings) -> Calibration:
         found = _with_flats(found, frames.get("flat", []), bar)
         found = _with_lens(found, frames, settings, first_frame.shot, bar)
         found = _with_white(found, frames.get("white", []), settings, first_frame, bar)
+        found = _with_color(found, first_frame.camera_from_xyz)
     return _finish(found, frames)
 
 
@@ -136,9 +140,10 @@ def _with_dark(found: Calibration, paths: Sequence[Path], bar: Any) -> Calibrati
                 f"black level {frame.black[colour]:g}",
                 "photograph it with the lens cap on",
             )
+    # Differences of neighbours of one colour have twice the variance; the mean of frames has 1/n of it.
     spread = mean[:, 2:] - mean[:, :-2]
-    read = float(1.4826 * np.median(np.abs(spread)) / np.sqrt(2 / len(paths)))
-    read = max(read, float(np.std(spread[np.abs(spread) < 6 * max(read, 0.3)]) / np.sqrt(2 / len(paths))))
+    calm = spread[np.abs(spread) < 6 * read * np.sqrt(2 / len(paths)) + 0.5]
+    read = float(np.std(calm) / np.sqrt(2 / len(paths)))
     return replace(
         found,
         black=tuple(black.tolist()),
@@ -439,6 +444,19 @@ def _with_white(
         found,
         white_balance=tuple(float(gain) for gain in gains),
         sources={**found.sources, "white_balance": source},
+    )
+
+
+def _with_color(found: Calibration, camera_from_xyz: np.ndarray | None) -> Calibration:
+    """Linear sRGB from white-balanced camera RGB, both with white at (1, 1, 1)."""
+    if camera_from_xyz is None:
+        return replace(found, absent=(*found.absent, "no colour matrix is known: colours stay the camera's own"))
+    camera_from_srgb = camera_from_xyz @ XYZ_FROM_SRGB
+    matrix = np.linalg.inv(camera_from_srgb / camera_from_srgb.sum(axis=1, keepdims=True))
+    return replace(
+        found,
+        color=tuple(map(tuple, matrix.tolist())),
+        sources={**found.sources, "color": "colour matrix of the camera"},
     )
 
 

@@ -90,6 +90,8 @@ class Calibration:
         Intrinsics and distortion; None: unknown, nothing is undistorted.
     white_balance
         Gains of red, green, blue.
+    color
+        (3, 3) linear sRGB from white-balanced camera RGB; white stays white. None: unknown, colours stay the camera's.
     response
         (256, 3) log exposure of each 8-bit value, for JPEG and PNG; None for RAW.
     sources
@@ -110,6 +112,7 @@ class Calibration:
     vignetting: Vignetting | None = None
     lens: Lens | None = None
     white_balance: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    color: tuple[tuple[float, float, float], ...] | None = None
     response: tuple[tuple[float, float, float], ...] | None = None
     sources: dict[str, str] = field(default_factory=dict)
     absent: tuple[str, ...] = ()

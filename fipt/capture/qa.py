@@ -5,9 +5,10 @@ Everything is measured on the raw values, so that it can be known in the room, b
 
 from __future__ import annotations
 
+import json
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from itertools import pairwise
@@ -17,9 +18,12 @@ from typing import Any
 import numpy as np
 
 from fipt.capture.brackets import Bracket, Capture, Finding
+from fipt.capture.calibration import Calibration
 from fipt.capture.exposures import RATIO_TOLERANCE, exposure, measured_ratio, shutter_text, stops
 from fipt.capture.raw import RawFrame, Shot, read_raw
+from fipt.conventions import LUMINANCE
 from fipt.errors import FiptError
+from fipt.io.exr import read_exr
 from fipt.progress import progress
 
 SEVERITIES = ("error", "warning", "note")
@@ -36,6 +40,12 @@ NOISY_SHARE = 0.1
 
 MOVED_SHARE = 0.005
 """Share of the picture that may differ between exposures."""
+
+REPROJECTION = 0.5
+"""Root mean square distance of board corners after calibration that is still good, pixels."""
+
+MIDDLE_GREY = 0.2
+"""Luminance to which the median of a capture is brought."""
 
 BLURRED = 0.6
 """A view with less than this share of the capture's usual sharpness is blurred."""
@@ -439,19 +449,134 @@ def rejected(findings: Iterable[Finding]) -> dict[str, str]:
     return reasons
 
 
-def content(capture: Capture, qualities: Sequence[Quality], findings: Sequence[Finding]) -> dict[str, Any]:
-    """Content of capture/qa.json."""
-    figures, refused = {quality.view: asdict(quality) for quality in qualities}, rejected(findings)
-    views: dict[str, Mapping[str, Any]] = {}
+# --- developed views ------------------------------------------------------------------------------
+
+
+def read_facts(folder: Path, capture: Capture) -> dict[str, dict[str, Any]]:
+    """View -> what ``fipt develop`` wrote about it, of the views that it was asked for."""
+    facts = {}
     for bracket in capture.brackets:
-        view = bracket.view
-        state = {"accepted": False, "reason": refused[view]} if view in refused else {"accepted": True}
-        views[view] = state | {key: value for key, value in figures.get(view, {}).items() if key != "view"}
+        path = folder / f"{bracket.view}.json"
+        if not path.is_file():
+            continue
+        try:
+            facts[bracket.view] = dict(json.loads(path.read_text(encoding="utf-8")))
+        except (ValueError, TypeError) as error:
+            raise FiptError(f"{path} does not hold the facts of a view ({error})", "develop the view again") from error
+    if not facts:
+        raise FiptError(f"{folder} must hold developed views of {capture.folder}; it holds none", "run fipt develop")
+    return facts
+
+
+def quality_of(facts: Mapping[str, Any]) -> Quality:
+    """Figures of a developed view."""
+    exposures, ratios = facts["exposures"], facts["ratios"]
+    first = exposures[0]["exposure"] if exposures else 1.0
+    balance = facts.get("camera_white_balance")
+    return Quality(
+        view=facts["view"],
+        frames=tuple(
+            Frame(
+                entry["file"],
+                entry["shutter"],
+                math.log2(entry["exposure"] / first),
+                ratio and ratio["stated"],
+                ratio and ratio["measured"],
+            )
+            for entry, ratio in zip(exposures, (None, *ratios, *[None] * len(exposures)), strict=False)
+        ),
+        clipped=float(exposures[-1]["clipped"]) if exposures else float(facts["shares"]["saturated"]),
+        noisy=float(facts["shares"]["noisy"]),
+        dynamic_range=float(facts.get("measurable_stops") or facts["scene_stops"]),
+        sharpness=float(facts["sharpness"]),
+        moved=float(facts["shares"]["moved"]),
+        white_balance=None if balance is None else tuple(balance),
+    )
+
+
+def undeveloped(facts: Mapping[str, Mapping[str, Any]]) -> list[Finding]:
+    """A finding for every view that development has rejected."""
+    return [
+        Finding(
+            "rejected", "error", f"view {view}: {known['rejected']}", "see the other findings, or take it again", (view,)
+        )
+        for view, known in facts.items()
+        if "rejected" in known
+    ]
+
+
+def uncalibrated(calibration: Calibration) -> list[Finding]:
+    """What is not known of the camera; a reprojection error that is too large."""
+    found = [
+        Finding("uncalibrated", "note", sentence, "photograph the frames that are missing (docs/capture.md)")
+        for sentence in calibration.absent
+    ]
+    error = calibration.figures.get("board", {}).get("rms")
+    if error is not None and error > REPROJECTION:
+        found.append(
+            Finding(
+                "reprojection",
+                "warning",
+                f"the board's corners are off by {error:.2f} pixels (rms) after calibration",
+                "photograph a flat board, sharp, in all corners of the frame",
+            )
+        )
+    return found
+
+
+def exposure_scale(capture: Capture, pictures: Iterable[np.ndarray]) -> dict[str, Any]:
+    """Factor that brings a capture's radiance to the dataset's unit, and where it is from.
+
+    A simulated capture says what its unit is, so that it can be compared with its truth; otherwise the median luminance
+    of all pixels with weight becomes 0.2.
+    """
+    truth = capture.folder / "truth" / "camera.json"
+    if truth.is_file():
+        return {"scale": float(json.loads(truth.read_text(encoding="utf-8"))["radiance_of_full_second"]), "from": "truth"}
+    luminance = np.concatenate([np.zeros(0, np.float32), *pictures])
+    middle = float(np.median(luminance)) if len(luminance) else 0.0
+    if not (math.isfinite(middle) and middle > 0):
+        raise FiptError("no developed view has a lit pixel with weight", "see the findings of fipt check-capture")
+    return {"scale": MIDDLE_GREY / middle, "from": f"median luminance to {MIDDLE_GREY}"}
+
+
+def luminances(folder: Path, views: Iterable[str]) -> Iterator[np.ndarray]:
+    """About ten thousand luminances (n,) of each developed view, of pixels with weight."""
+    for view in views:
+        channels = read_exr(folder / "hdr" / f"{view}.exr", required=("R", "G", "B"))
+        total = sum(weight * channels[letter] for weight, letter in zip(LUMINANCE, "RGB", strict=True))
+        usable = total[channels["valid.Y"] > 0.5] if "valid.Y" in channels else total.ravel()
+        yield usable[:: max(len(usable) // 10_000, 1)]
+
+
+def report(capture: Capture, folder: Path, calibration: Calibration) -> dict[str, Any]:
+    """Content of capture/qa.json, of the views developed in ``folder``."""
+    facts = read_facts(folder, capture)
+    qualities = [quality_of(known) for known in facts.values() if "rejected" not in known]
+    refused = undeveloped(facts)
+    findings = check(capture, [*refused, *uncalibrated(calibration)], qualities)
+    rejected_views = rejected(refused)
+    if len(rejected_views) == len(facts):
+        raise FiptError(f"all views of {capture.folder} are rejected: {refused[0].message}", "run fipt check-capture")
+    views = {
+        view: {"accepted": False, "reason": rejected_views[view]} if view in rejected_views else {"accepted": True}
+        for view in facts
+    }
+    for quality in qualities:
+        figures = asdict(quality)
+        views[figures.pop("view")] |= figures
+    developed = [view for view in views if view not in rejected_views]
     return {
-        "folder": Path(capture.folder).name,
+        "folder": capture.folder.name,
         "kind": capture.kind,
+        "exposure": exposure_scale(capture, luminances(folder, developed)),
         "views": views,
         "findings": [asdict(finding) for finding in findings],
+        "calibration": {
+            "sources": calibration.sources,
+            "absent": calibration.absent,
+            "figures": calibration.figures,
+        },
     }
 
 

@@ -75,6 +75,8 @@ class RawFrame:
         (4,) float64 raw value by colour index at which the sensor is full.
     white_balance
         (3,) float64 gains of red, green, blue that the camera measured or was set to, green = 1; None if it has none.
+    camera_from_xyz
+        (3, 3) float64 colour matrix of the camera, CIE XYZ under D65; None where LibRaw and the file know none.
     shot
         Its metadata.
     """
@@ -84,6 +86,7 @@ class RawFrame:
     black: np.ndarray
     white: np.ndarray
     white_balance: np.ndarray | None
+    camera_from_xyz: np.ndarray | None
     shot: Shot
 
     @property
@@ -193,7 +196,17 @@ def _frame(path: Path, raw: Any, tags: dict[str, Any], shot: Shot) -> RawFrame:
     balance = np.array(raw.camera_whitebalance[:3], np.float64)
     usable = np.isfinite(balance).all() and balance.min() > 0
     mosaic = np.array(raw.raw_image_visible)  # a copy: LibRaw's own memory goes with it
-    return RawFrame(mosaic, pattern, black, white, balance / balance[1] if usable else None, shot)
+    gains = balance / balance[1] if usable else None
+    return RawFrame(mosaic, pattern, black, white, gains, _color_matrix(raw, tags), shot)
+
+
+def _color_matrix(raw: Any, tags: dict[str, Any]) -> np.ndarray | None:
+    """LibRaw's matrix of known cameras, else the one a DNG states."""
+    known = np.array(raw.rgb_xyz_matrix, np.float64)[:3]
+    tag = tags.get("Image Tag 0xC621")  # ColorMatrix1
+    if not known.any() and tag is not None and len(tag.values) == 9:
+        known = np.array([float(value) for value in tag.values]).reshape(3, 3)
+    return known if known.any() and np.isfinite(known).all() else None
 
 
 def _black_in_header(tags: dict[str, Any]) -> np.ndarray | None:

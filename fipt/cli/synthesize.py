@@ -26,6 +26,9 @@ def command(
     calibration: Annotated[
         Path | None, typer.Option(help="Capture folder: write its calibration frames, table, cameras and mesh.")
     ] = None,
+    truth: Annotated[
+        bool, typer.Option("--truth", help="With --views: only truth and ids, for a dataset of developed photographs.")
+    ] = False,
     from_images: Annotated[
         bool, typer.Option("--from-images", help="With --raw: photograph the pictures of any dataset, all of them.")
     ] = False,
@@ -36,7 +39,7 @@ def command(
     With --setup and --setup-name the views go to relight_truth/NAME/ instead.
 
     As a simulated camera would see it: after --room, --calibration OUT once, then --views with
-    --raw OUT. --from-images --raw OUT makes a whole capture of the pictures of any dataset. The
+    --raw OUT; --truth --views for the dataset that they become. --from-images --raw OUT makes a whole capture of the pictures of any dataset. The
     camera is the section raw of the settings.
     """
     from fipt.errors import FiptError
@@ -53,6 +56,8 @@ def command(
         )
     if raw is not None and (room or calibration is not None or setup is not None):
         raise FiptError("--raw belongs to --views or --from-images, without --setup", "leave the others out")
+    if truth and (not names or raw is not None or setup is not None):
+        raise FiptError("--truth belongs to --views, without --raw and --setup", "leave the others out")
     if from_images and raw is None:
         raise FiptError("--from-images needs --raw", "say where the capture should be written")
     if (setup is None) != (setup_name is None) or (not names and setup is not None):
@@ -75,6 +80,8 @@ def command(
         elif from_images:
             files = writer.photograph(dataset, raw, chosen)
             figures["views"] = sum(file.parent.name == "truth" and file.suffix == ".exr" for file in files)
+        elif truth:
+            files = writer.write_truths(dataset, names, chosen)
         else:
             if raw is None:
                 files, rate = writer.write_images(dataset, names, chosen, light, setup_name)

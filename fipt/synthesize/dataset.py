@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from fipt.errors import FiptError
 from fipt.io.cameras import Camera, read_transforms, write_transforms
-from fipt.io.dataset import Dataset, write_views
+from fipt.io.dataset import Dataset, read_rejected, write_views
 from fipt.io.exr import write_exr
 from fipt.io.files import existing_file, write_text
 from fipt.io.images import write_png
@@ -38,14 +38,7 @@ def write_room(folder: Path, settings: Synthesize) -> list[Path]:
     """Write mesh, cameras, names of ids and the room's description; return the files."""
     room = build(settings.seed)
     cameras = sample_cameras(room, Truth(room).first_hits, settings)
-    names = {
-        "part": {str(index + 1): part.name for index, part in enumerate(room.parts)},
-        "semantic": {str(index + 1): name for index, name in enumerate(SEMANTICS)},
-    }
-    files = []
-    for kind, table in names.items():
-        files.append(folder / "segments" / f"{kind}.json")
-        write_text(files[-1], json.dumps(table, indent=1) + "\n")
+    files = _write_names(folder, room)
     write_ply(folder / "mesh.ply", room.mesh)
     write_views(folder / "views.json", [camera.name for camera in cameras])
     write_transforms(folder / "transforms.json", cameras)
@@ -135,6 +128,28 @@ def photograph(folder: Path, out: Path, settings: Synthesize) -> list[Path]:
     return simulate_capture(images, dataset.cameras, settings.raw, out, dataset.mesh())
 
 
+def write_truths(folder: Path, names: Sequence[str], settings: Synthesize) -> list[Path]:
+    """Write truth and ids of a dataset's views, whose pictures are developed photographs of the room."""
+    room = build(settings.seed)
+    truth = Truth(room)
+    files = _write_names(folder, room)
+    for camera in _cameras(folder, names, room, settings):
+        files += _write_truth(folder, camera, view_truth(truth, camera))
+    return files
+
+
+def _write_names(folder: Path, room: Room) -> list[Path]:
+    names = {
+        "part": {str(index + 1): part.name for index, part in enumerate(room.parts)},
+        "semantic": {str(index + 1): name for index, name in enumerate(SEMANTICS)},
+    }
+    files = []
+    for kind, table in names.items():
+        files.append(folder / "segments" / f"{kind}.json")
+        write_text(files[-1], json.dumps(table, indent=1) + "\n")
+    return files
+
+
 def _write_truth(folder: Path, camera: Camera, truth: ViewTruth) -> list[Path]:
     layers = folder / "truth" / f"{camera.name}.exr"
     write_exr(layers, truth.layers)
@@ -146,12 +161,16 @@ def _write_truth(folder: Path, camera: Camera, truth: ViewTruth) -> list[Path]:
 
 
 def _cameras(folder: Path, names: Sequence[str], room: Room, settings: Synthesize) -> list[Camera]:
-    """Read the cameras of some views, and make sure that the folder holds this very room."""
+    """Read the cameras of some views, those that a check rejected left out; the folder must hold this very room."""
     described = existing_file(folder / "room.json", "the room").read_text(encoding="utf-8")
     cameras = {camera.name: camera for camera in read_transforms(folder / "transforms.json")}
     sizes = {(camera.width, camera.height) for camera in cameras.values()}
-    if described != room.description() or sizes != {(settings.width, settings.height)}:
+    # Developed photographs have the size that development gave them.
+    same_size = settings.raw.enabled or sizes == {(settings.width, settings.height)}
+    if described != room.description() or not same_size:
         raise FiptError(f"{folder} holds a room made with other settings", "run fipt synthesize --room again")
+    rejected = read_rejected(folder / "views.json")
+    names = [name for name in names if name not in rejected]
     unknown = [name for name in names if name not in cameras]
     if unknown:
         raise FiptError(

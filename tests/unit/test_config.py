@@ -77,7 +77,7 @@ def test_settings_are_sorted_json():
         ({"scenes": {}}, "scenes: dictionary should have at least 1 item"),
         ({"scenes": {"../x": ROOM}}, "scene '../x' cannot be used as a file name"),
         ({"scenes": {"x": {"source": "movie"}}}, "scenes.x.source: input should be 'procedural'"),
-        ({"scenes": {"x": {**ROOM, "path": "a"}}}, "scenes.x.path is only for source: dataset"),
+        ({"scenes": {"x": {**ROOM, "path": "a"}}}, "scenes.x.path is only for source: dataset or raw"),
         (
             {"scenes": {"x": {"source": "dataset", "path": "a"}}},
             "one of nerfstudio, fipt-synthetic, fipt-real",

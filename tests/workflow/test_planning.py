@@ -196,7 +196,7 @@ def test_fipt_run_does_what_the_workflow_does(workspace):
     here = workspace(CONFIG)
     here.snakemake()
     jobs = plan(load(CONFIG).scenes["room"])
-    assert sorted(here.calls()) == sorted([job.stage, *job.options] for job in jobs)
+    assert sorted(here.calls()) == sorted([job.verb, *job.options] for job in jobs)
     for job in jobs:
         assert (here.root / "results/room/stats" / f"{job.label}.json").is_file()
         for path in (*job.inputs, *job.outputs, *job.folders):
