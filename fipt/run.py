@@ -126,13 +126,13 @@ class _Chain:
             self.add("import", "import", options, [*scene.source_files(), *developed], [*self.geometry, listed])
         if scene.source != "procedural":
             return
-        room = [*self.geometry, f"{self.data}/room.json"]
+        room = [*self.geometry] if scene.simulated else [*self.geometry, f"{self.data}/room.json"]
         if not scene.photographed:
             self.add("synthesize", "synthesize", (*dataset, "--room"), [], room)
         for shard, views in self.shards.items():
             made = self.images[shard][-1]
             only = ("--truth",) if scene.simulated else ()
-            label = f"synthesize.truth.{shard}" if scene.simulated else f"synthesize.{shard}"
+            label = f"truth.{shard}" if scene.simulated else f"synthesize.{shard}"
             options = (*dataset, *only, "--views", ",".join(views), "--manifest", made)
             self.add("synthesize", label, options, room, [made])
         for setup in scene.setups:
@@ -154,12 +154,12 @@ class _Chain:
             self.add("synthesize", "synthesize", (*room, "--room"), [], files)
             frames = manifest(f"{root}/raw.calibration")
             options = (*room, "--calibration", photographs, "--manifest", frames)
-            self.add("synthesize", "synthesize.calibration", options, files, [frames])
+            self.add("synthesize", "photograph.calibration", options, files, [frames])
             brackets = {shard: [frames, manifest(f"{root}/raw.{shard}")] for shard in self.shards}
             for shard, views in self.shards.items():
                 made = brackets[shard][-1]
                 options = (*room, "--raw", photographs, "--views", ",".join(views), "--manifest", made)
-                self.add("synthesize", f"synthesize.raw.{shard}", options, files, [made])
+                self.add("synthesize", f"photograph.{shard}", options, files, [made])
             calibrated_from = list(dict.fromkeys(file for files in brackets.values() for file in files))
         else:
             brackets = {shard: scene.photographs(views) for shard, views in self.shards.items()}

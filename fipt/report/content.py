@@ -42,7 +42,7 @@ TILES = (
 )
 """Figures of a split that have a tile, in order."""
 
-_FIRST = ("synthesize", "import", "hits", "cache")
+_FIRST = ("synthesize", "photograph", "calibrate", "develop", "qa", "import", "truth", "hits", "cache")
 _ROUND = ("bake", "refine", "fit", "emitters")
 _LAST = ("materials", "render", "relight", "metrics", "report")
 
