@@ -32,5 +32,138 @@ class Verb:
 
 VERBS: dict[str, Verb] = {
     "synthesize": Verb("synthesize", "Make a dataset with ground truth from a room in code."),
+    "check-capture": Verb("check_capture", "Say what is wrong with a folder of photographs, in the room."),
     "calibrate": Verb("calibrate", "Calibrate a camera: lens, vignetting, black, white balance."),
     "develop": Verb("develop", "Merge bracketed photographs into calibrated HDR views."),
+    "qa": Verb("qa", "Judge a developed capture: figures, findings, rejected views."),
+    "import": Verb("import_", "Bring posed HDR views of another layout into the dataset form."),
+    "hits": Verb("hits", "Trace the first hits of every pixel, once."),
+    "cache": Verb("cache", "Gather the pictures' radiance in voxels on the surface."),
+    "bake": Verb("bake", "Integrate the shading of every pixel from the radiance cache."),
+    "fit": Verb("fit", "Fit the BRDF and emission networks to the pictures."),
+    "emitters": Verb("emitters", "Extract the triangles that emit light and their radiance."),
+    "refine": Verb("refine", "Path-trace the shading again with the fitted model."),
+    "materials": Verb("materials", "Write the material maps of every view."),
+    "render": Verb("render", "Re-render the held-out views with the model."),
+    "relight": Verb("relight", "Render the views under another light setup."),
+    "metrics": Verb("metrics", "Compare materials, emitters and renderings with the truth."),
+    "report": Verb("report", "Write the HTML page that shows everything."),
+    "run": Verb("run", "Run the whole chain of a scene in one process."),
+    "view": Verb("view", "Write any result as an EXR or PNG picture."),
+    "doctor": Verb("doctor", "Check Python, packages, ray tracing backend, memory and disk."),
+}
+
+
+def help_text() -> str:
+    """Return the text of ``fipt --help``, built without importing any verb."""
+    width = max(map(len, VERBS))
+    lines = [
+        "Usage: fipt [--help | --version] VERB [OPTIONS]",
+        "",
+        "Inverse path tracing of rooms: from posed HDR pictures to materials, lamps, relit views.",
+        "",
+        "Verbs, in the order of the pipeline:",
+        *(f"  {name:<{width}}  {verb.help}" for name, verb in VERBS.items()),
+        "",
+        "'fipt VERB --help' explains one verb.",
+    ]
+    return "\n".join(lines)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        Arguments after the program's name; default: those of this process.
+
+    Returns
+    -------
+    int
+        The exit code, see the module's docstring. `SystemExit` is never raised.
+
+    Raises
+    ------
+    Exception
+        Whatever a verb raises that is not anticipated.
+    """
+    # Spinning OpenMP threads would starve the tracer's own (seen: 10 times slower steps).
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    args = list(sys.argv[1:] if argv is None else argv)
+    try:
+        return _dispatch(args)
+    except FiptError as error:
+        return _fail(str(error))
+    except KeyboardInterrupt:
+        print("fipt: interrupted", file=sys.stderr)
+        return 130
+
+
+def _dispatch(args: list[str]) -> int:
+    if not args:
+        print(help_text(), file=sys.stderr)
+        return EXIT_CODE
+    name, rest = args[0], args[1:]
+    if name in ("-h", "--help"):
+        print(help_text())
+        return 0
+    if name in ("-V", "--version"):
+        print(f"fipt {__version__}")
+        return 0
+    if name not in VERBS:
+        return _fail(_unknown(name))
+    command = import_module(f"fipt.cli.{VERBS[name].module}").command
+    return run_command(command, rest, prog_name=f"fipt {name}")
+
+
+def run_command(command: Callable[..., Any], args: Sequence[str], prog_name: str) -> int:
+    """Parse `args` for one typer-annotated function, call it and return the exit code.
+
+    Parameters
+    ----------
+    command : callable
+        Function with typer annotations.
+    args : sequence of str
+        The verb's own arguments.
+    prog_name : str
+        Name shown in usage messages, such as ``fipt bake``.
+    """
+    import typer
+
+    # Plain help and errors: they can be searched and pasted, and a long line stays one line.
+    # typer's own tracebacks are off, since they print local variables (whole arrays).
+    app = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
+    app.command()(command)
+    try:
+        app(args=list(args), prog_name=prog_name)
+    except SystemExit as stop:
+        return _exit_code(stop)
+    return 0
+
+
+def _exit_code(stop: SystemExit) -> int:
+    if stop.code is None:
+        return 0
+    if isinstance(stop.code, int):
+        return stop.code
+    print(stop.code, file=sys.stderr)  # sys.exit("text") means: print it, fail
+    return 1
+
+
+def _unknown(name: str) -> str:
+    from difflib import get_close_matches
+
+    kind = "option" if name.startswith("-") else "verb"
+    close = get_close_matches(name, VERBS, n=1)
+    hint = f"did you mean '{close[0]}'?" if close else "'fipt --help' lists the verbs"
+    return f"no such {kind} '{name}'; {hint}"
+
+
+def _fail(message: str) -> int:
+    print(f"fipt: error: {message}", file=sys.stderr)
+    return EXIT_CODE
+
+
+if __name__ == "__main__":
+    sys.exit(main())
