@@ -250,10 +250,12 @@ def _scene(name: str, entry: SceneEntry, config: Config) -> Scene:
     for setup in setups:
         check_name(setup, "relight setup")
     layers = (preset(entry.preset, f"{where}.preset"), config, entry.settings or Sections())
-    settings = {
-        stage: model.model_validate({key: value for layer in layers for key, value in _section(layer, stage).items()})
-        for stage, model in STAGES.items()
-    }
+    settings = {}
+    for stage, model in STAGES.items():
+        values: dict[str, Any] = {}
+        for layer in layers:
+            _merge(values, _section(layer, stage))
+        settings[stage] = model.model_validate(values)
     return Scene(
         name=name,
         source=entry.source,

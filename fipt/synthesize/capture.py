@@ -19,6 +19,7 @@ from dataclasses import asdict, replace
 from datetime import datetime, timedelta
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -74,7 +75,7 @@ def order(index: int, camera: SimulatedCamera) -> list[int]:
 
 
 def write_bracket(
-    out: Path, index: int, image: np.ndarray, planes: Optics, camera: SimulatedCamera, orientation: int = 1
+    out: Path, index: int, image: np.ndarray, planes: Optics, camera: SimulatedCamera, **header: Any
 ) -> list[Path]:
     """Photograph one view.
 
@@ -88,8 +89,8 @@ def write_bracket(
         (h, w, 3) float32 radiance of ``planes.source``.
     planes, camera
         The camera.
-    orientation
-        TIFF orientation to write into the files.
+    **header
+        What the files shall say otherwise than `header_of`: ``orientation``, ``model``, ...
 
     Returns
     -------
@@ -108,8 +109,8 @@ def write_bracket(
         light = disturbed if moved is not None and frame == moved.frame else signal
         raw = read_out(light, frames[frame].seconds, camera, f"{name}/{frame}")
         files.append(out / file)
-        header = replace(header_of(frames[frame].printed, time, planes, camera), orientation=orientation)
-        write_dng(files[-1], raw, header)
+        said = replace(header_of(frames[frame].printed, time, planes, camera), **header)
+        write_dng(files[-1], raw, said)
         time += timedelta(seconds=frames[frame].seconds + _PAUSE)
     files.append(out / "truth" / f"{name}.exr")
     write_exr(files[-1], view_truth(image, planes, camera, moved))
@@ -242,8 +243,12 @@ def camera_truth(planes: Optics, camera: SimulatedCamera) -> dict[str, object]:
 
 
 def simulate_capture(
-    images: Iterable[np.ndarray], cameras: Sequence[Camera], settings: SimulatedCamera, out: str | Path
-) -> list[Camera]:
+    images: Iterable[np.ndarray],
+    cameras: Sequence[Camera],
+    settings: SimulatedCamera,
+    out: str | Path,
+    mesh: Mesh | None = None,
+) -> list[Path]:
     """Turn any posed HDR views into a capture.
 
     Parameters
@@ -257,19 +262,21 @@ def simulate_capture(
         The simulated camera.
     out
         Folder to write.
+    mesh
+        The room's mesh, where it is known.
 
     Returns
     -------
-    list of Camera
-        The views that development should give, as in its transforms.json.
+    list of Path
+        What was written; transforms.json holds the views that development should give.
     """
     out = Path(out)
     one_camera(cameras)
     planes = [optics_within(camera, settings) for camera in cameras]
     views = [plane.view for plane in planes]
-    write_calibration(out, views, settings)
+    files = write_calibration(out, views, settings, mesh)
     with progress("capture", len(views), " views") as bar:
         for index, (image, plane) in enumerate(zip(images, planes, strict=True)):
-            write_bracket(out, index, image, plane, settings)
+            files += write_bracket(out, index, image, plane, settings)
             bar.advance(note=plane.view.name)
-    return views
+    return files
