@@ -31,8 +31,8 @@ XYZ_FROM_SRGB = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0
 
 _BINOMIAL = np.array([0.25, 0.5, 0.25])
 
-_BLOCK = 32
-"""Side of the blocks of pixels whose means the vignetting curve is fitted to; even, so that blocks hold whole cells."""
+_BLOCKS = 30
+"""Blocks along the shorter side of a flat field, whose means the vignetting curve is fitted to."""
 
 _TERMS = 4
 """Coefficients of the vignetting polynomial: up to r^8."""
@@ -203,7 +203,7 @@ def fit_vignetting(means: np.ndarray, width: int, height: int) -> tuple[Vignetti
     Parameters
     ----------
     means
-        (rows, columns) mean light of blocks of `_BLOCK` pixels a side, from the top left.
+        (rows, columns) mean light of blocks of pixels, from the top left, as large as `_block` says.
     width, height
         Of the picture, pixels.
 
@@ -218,8 +218,8 @@ def fit_vignetting(means: np.ndarray, width: int, height: int) -> tuple[Vignetti
     """
     from scipy.optimize import least_squares
 
-    radius = np.hypot(width, height) / 2
-    y, x = np.meshgrid(*(_BLOCK * (np.arange(n) + 0.5) for n in means.shape), indexing="ij")
+    radius, block = np.hypot(width, height) / 2, _block((height, width))
+    y, x = np.meshgrid(*(block * (np.arange(n) + 0.5) for n in means.shape), indexing="ij")
     light = means / means.max()
 
     def solved(center: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -251,7 +251,7 @@ def _check_flat(path: Path, frame: RawFrame, signal: np.ndarray, means: np.ndarr
             "photograph the flat field shorter",
         )
     light = means.mean(axis=2)
-    rows, columns = (_BLOCK * (np.arange(n) + 0.5) for n in light.shape)
+    rows, columns = (_block(frame.shape) * (np.arange(n) + 0.5) for n in light.shape)
     r = np.hypot(rows[:, None] - found.height / 2, columns - found.width / 2) / np.hypot(found.width, found.height) * 2
     ratio = float(light[r > 0.75].mean() / light[r < 0.25].mean())
     if ratio > 1.005:
@@ -262,18 +262,20 @@ def _check_flat(path: Path, frame: RawFrame, signal: np.ndarray, means: np.ndarr
 
 
 def _block_means(signal: np.ndarray, pattern: np.ndarray) -> np.ndarray:
-    """(rows, columns, 4) means by colour index of blocks of `_BLOCK` pixels."""
-    rows, columns = (n // _BLOCK for n in signal.shape)
-    if min(rows, columns) < 8:
-        raise FiptError(
-            f"flat fields must be at least {8 * _BLOCK} pixels high and wide; found {signal.shape[1]}x{signal.shape[0]}"
-        )
+    """(rows, columns, 4) means by colour index of blocks of pixels (`_block`)."""
+    block = _block(signal.shape)
+    rows, columns = (n // block for n in signal.shape)
     means = np.empty((rows, columns, 4))
-    half = _BLOCK // 2
+    half = block // 2
     for (i, j), colour in np.ndenumerate(pattern):
         part = signal[i::2, j::2][: rows * half, : columns * half]
         means[..., colour] = part.reshape(rows, half, columns, half).mean(axis=(1, 3))
     return means
+
+
+def _block(shape: tuple[int, int]) -> int:
+    """Side of the blocks in pixels: even, so that they hold whole cells of the mosaic."""
+    return max(2, min(shape) // _BLOCKS // 2 * 2)
 
 
 def _photon_gain(signal: np.ndarray, read: float) -> float:

@@ -47,7 +47,7 @@ class Merged:
     table
         (65536,) float32 radiance of each code, sensor ranges per second.
     saturated, moved, noisy
-        (H, W) bool: clipped in every exposure, exposures contradict each other, below the noise of the longest.
+        (H, W) bool: clipped in the shortest exposure, exposures contradict each other, below the noise of the longest.
     clipped
         Share of the pixels that each exposure clips, longest first.
     noise
@@ -157,7 +157,8 @@ def merge_mosaics(
             light += z * good if lost else z
             time += good * e[k] if lost else e[k]
         full = time == 0
-        saturated[rows] = full
+        if usable[-1] is not None:
+            saturated[rows] = ~usable[-1]
         mean = light / np.where(full, 1, time)
         positive = np.maximum(mean, 0)
         value, weights = np.zeros_like(mean), np.zeros_like(mean)
