@@ -68,7 +68,7 @@ class SimulatedCamera(Settings):
     ghosts: tuple[str, ...] = Field((), description="views in which something stands in one exposure only")
     calibration_frames: Positive = Field(12, description="checkerboard views")
     board: tuple[Positive, Positive] = Field((9, 6), description="inner corners of the checkerboard")
-    square: Length = Field(0.03, description="side of its squares, metres")
+    square: Length = Field(0.025, description="side of its squares, metres")
     seed: Count = Field(0, description="seed of noise, hot pixels, ghosts and poses of the board")
 
 

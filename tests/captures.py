@@ -10,7 +10,7 @@ rendered. Every capture has its truth beside it: `Capture.truth` and truth/camer
 
 import json
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import timedelta
 from pathlib import Path
@@ -105,6 +105,7 @@ def write(
     size: tuple[int, int] = SIZE,
     faults: Sequence[str] = (),
     scene: Callable[[Camera], np.ndarray] = picture,
+    header: Mapping[str, Any] | None = None,
     **camera: Any,
 ) -> Capture:
     """Write a capture.
@@ -121,6 +122,8 @@ def write(
         Names in `FAULTS`; each spoils the first view or the calibration, as its docstring says.
     scene
         Picture of a source camera.
+    header
+        What the files of the brackets say otherwise: ``{"make": "SONY", "model": "ILCE-7M3", "lens": ...}``.
     **camera
         Settings of the simulated camera.
     """
@@ -129,7 +132,7 @@ def write(
     planes = [optics(view, settings) for view in listed]
     writer.write_calibration(folder, listed, settings)
     for index, plane in enumerate(planes):
-        writer.write_bracket(folder, index, scene(plane.source), plane, settings)
+        writer.write_bracket(folder, index, scene(plane.source), plane, settings, **(header or {}))
     made = Capture(folder, listed, planes, settings)
     for fault in faults:
         FAULTS[fault](made)

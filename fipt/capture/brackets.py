@@ -282,8 +282,9 @@ def _split(run: list[Shot], frames: int) -> list[tuple[Shot, ...]]:
         if _repeats((*pieces[-1], shot)):
             pieces.append([])
         pieces[-1].append(shot)
-    # A short piece is no bracket but a frame taken twice: one bracket, and `judge` names the frame.
-    if len(run) < 2 * size and min(map(len, pieces)) <= size / 2:
+    # Short pieces, or none that is complete: a frame was taken twice. It is one bracket, and `judge` names the frame.
+    sizes = [len(piece) for piece in pieces]
+    if len(run) < 2 * size and (min(sizes) < size / 2 or max(sizes) < size):
         return [tuple(run)]
     return [tuple(piece) for piece in pieces]
 

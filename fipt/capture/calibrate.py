@@ -14,7 +14,7 @@ import numpy as np
 from fipt.capture import lensfun
 from fipt.capture.brackets import Capture, photographs
 from fipt.capture.calibration import Calibration, Noise, Vignetting, read_calibration
-from fipt.capture.mosaic import demosaic, tiled
+from fipt.capture.mosaic import tiled
 from fipt.capture.raw import LDR_SUFFIXES, RawFrame, Shot, read_raw
 from fipt.errors import FiptError
 from fipt.io.lens import Lens
@@ -29,11 +29,24 @@ KINDS = ("dark", "flat", "checkerboard", "charuco", "white")
 XYZ_FROM_SRGB = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
 """CIE XYZ from linear sRGB under D65 (IEC 61966-2-1)."""
 
-_BLOCK = 32
-"""Side of the blocks of pixels whose means the vignetting curve is fitted to; even, so that blocks hold whole cells."""
+_BINOMIAL = np.array([0.25, 0.5, 0.25])
+
+_BLOCKS = 30
+"""Blocks along the shorter side of a flat field, whose means the vignetting curve is fitted to."""
 
 _TERMS = 4
 """Coefficients of the vignetting polynomial: up to r^8."""
+
+_MODELS = {
+    "k1, k2": cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST,
+    "k1, k2, k3": cv2.CALIB_ZERO_TANGENT_DIST,
+    "k1, k2, p1, p2": cv2.CALIB_FIX_K3,
+    "k1, k2, p1, p2, k3": 0,
+}
+"""Distortion models, simplest first."""
+
+_WORTH = 0.95
+"""Reprojection error of a richer model over that of a simpler one, at most."""
 
 _CLIPPED = 0.98
 """Share of the range above which a calibration frame counts as clipped."""
@@ -190,7 +203,7 @@ def fit_vignetting(means: np.ndarray, width: int, height: int) -> tuple[Vignetti
     Parameters
     ----------
     means
-        (rows, columns) mean light of blocks of `_BLOCK` pixels a side, from the top left.
+        (rows, columns) mean light of blocks of pixels, from the top left, as large as `_block` says.
     width, height
         Of the picture, pixels.
 
@@ -205,8 +218,8 @@ def fit_vignetting(means: np.ndarray, width: int, height: int) -> tuple[Vignetti
     """
     from scipy.optimize import least_squares
 
-    radius = np.hypot(width, height) / 2
-    y, x = np.meshgrid(*(_BLOCK * (np.arange(n) + 0.5) for n in means.shape), indexing="ij")
+    radius, block = np.hypot(width, height) / 2, _block((height, width))
+    y, x = np.meshgrid(*(block * (np.arange(n) + 0.5) for n in means.shape), indexing="ij")
     light = means / means.max()
 
     def solved(center: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -238,7 +251,7 @@ def _check_flat(path: Path, frame: RawFrame, signal: np.ndarray, means: np.ndarr
             "photograph the flat field shorter",
         )
     light = means.mean(axis=2)
-    rows, columns = (_BLOCK * (np.arange(n) + 0.5) for n in light.shape)
+    rows, columns = (_block(frame.shape) * (np.arange(n) + 0.5) for n in light.shape)
     r = np.hypot(rows[:, None] - found.height / 2, columns - found.width / 2) / np.hypot(found.width, found.height) * 2
     ratio = float(light[r > 0.75].mean() / light[r < 0.25].mean())
     if ratio > 1.005:
@@ -249,18 +262,20 @@ def _check_flat(path: Path, frame: RawFrame, signal: np.ndarray, means: np.ndarr
 
 
 def _block_means(signal: np.ndarray, pattern: np.ndarray) -> np.ndarray:
-    """(rows, columns, 4) means by colour index of blocks of `_BLOCK` pixels."""
-    rows, columns = (n // _BLOCK for n in signal.shape)
-    if min(rows, columns) < 8:
-        raise FiptError(
-            f"flat fields must be at least {8 * _BLOCK} pixels high and wide; found {signal.shape[1]}x{signal.shape[0]}"
-        )
+    """(rows, columns, 4) means by colour index of blocks of pixels (`_block`)."""
+    block = _block(signal.shape)
+    rows, columns = (n // block for n in signal.shape)
     means = np.empty((rows, columns, 4))
-    half = _BLOCK // 2
+    half = block // 2
     for (i, j), colour in np.ndenumerate(pattern):
         part = signal[i::2, j::2][: rows * half, : columns * half]
         means[..., colour] = part.reshape(rows, half, columns, half).mean(axis=(1, 3))
     return means
+
+
+def _block(shape: tuple[int, int]) -> int:
+    """Side of the blocks in pixels: even, so that they hold whole cells of the mosaic."""
+    return max(2, min(shape) // _BLOCKS // 2 * 2)
 
 
 def _photon_gain(signal: np.ndarray, read: float) -> float:
@@ -336,14 +351,13 @@ def _from_boards(
             "photograph the board from more sides",
         )
     shape = (found.width, found.height)
-    guess = None
-    fits = {}
-    for name, flags in (("k1, k2, p1, p2", cv2.CALIB_FIX_K3), ("k1, k2, p1, p2, k3", 0)):
-        rms, matrix, distortion, _, _ = cv2.calibrateCamera(objects, images, shape, guess, None, flags=flags)
-        fits[name] = (rms, matrix, distortion.ravel()[:5])
-    plain, richer = fits.values()
-    model = "k1, k2, p1, p2, k3" if richer[0] < 0.95 * plain[0] else "k1, k2, p1, p2"
-    rms, matrix, distortion = fits[model]
+    # A richer model must pay: one that follows the noise of the corners bends the corners of the picture.
+    best, model = None, ""
+    for name, flags in _MODELS.items():
+        rms, matrix, distortion, _, _ = cv2.calibrateCamera(objects, images, shape, None, None, flags=flags)
+        if best is None or rms < _WORTH * best[0]:
+            best, model = (rms, matrix, distortion.ravel()[:5]), name
+    rms, matrix, distortion = best
     lens = Lens(
         *shape,
         *(float(v) for v in (matrix[0, 0], matrix[1, 1], matrix[0, 2] + 0.5, matrix[1, 2] + 0.5)),
@@ -365,7 +379,7 @@ def _checkerboard_corners(grey: np.ndarray, settings: Settings) -> tuple[np.ndar
         return None
     columns, rows = np.meshgrid(np.arange(size[0]), np.arange(size[1]))
     points = np.stack([columns, rows, np.zeros_like(rows)], axis=-1).reshape(-1, 3) * settings.board_square
-    return points, corners.reshape(-1, 2)
+    return points, _refined(grey, corners.reshape(-1, 2))
 
 
 def _charuco_corners(grey: np.ndarray, settings: Settings) -> tuple[np.ndarray, np.ndarray] | None:
@@ -385,11 +399,21 @@ def _charuco_corners(grey: np.ndarray, settings: Settings) -> tuple[np.ndarray, 
     if ids is None or len(ids) < 8:
         return None
     objects, images = board.matchImagePoints(corners, ids)
-    return objects.reshape(-1, 3), images.reshape(-1, 2)
+    return objects.reshape(-1, 3), _refined(grey, images.reshape(-1, 2))
+
+
+def _refined(grey: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Corners to a few hundredths of a pixel: where gradients around meet, in windows as large as the squares allow."""
+    gaps = np.linalg.norm(corners[:, None] - corners, axis=2)
+    np.fill_diagonal(gaps, np.inf)
+    half = int(np.clip(0.4 * gaps.min(axis=1).min(), 2, 15))
+    start = np.ascontiguousarray(corners, np.float32).reshape(-1, 1, 2)
+    stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 60, 1e-4)
+    return cv2.cornerSubPix(grey, start.copy(), (half, half), (-1, -1), stop).reshape(-1, 2)
 
 
 def _grey(path: Path, found: Calibration) -> np.ndarray:
-    """(H, W) uint8 picture for corner detection: vignetting-corrected, demosaiced, square root of the light."""
+    """(H, W) uint8 picture for corner detection: the square root of the light, vignetting corrected."""
     if path.suffix.lower() in LDR_SUFFIXES:
         from fipt.capture.ldr import read_ldr
 
@@ -397,16 +421,17 @@ def _grey(path: Path, found: Calibration) -> np.ndarray:
         found.check_size(picture.shape[:2], path)
         return cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
     frame = _read(path, found)
-    light = _signal(frame, found) / tiled(frame.range, frame.pattern, *frame.shape)
-    # Colours brought to one level, so that the mosaic leaves no pattern in the grey picture.
+    light = _signal(frame, found) / tiled(frame.range.astype(np.float32), frame.pattern, *frame.shape)
+    # Boards are grey: with its colours brought to one level, the mosaic is a grey picture of full resolution.
     for i, j in np.ndindex(2, 2):
         light[i::2, j::2] /= max(float(light[i::2, j::2].mean()), 1e-6)
     if found.vignetting is not None:
         rows, columns = (np.arange(n, dtype=np.float32) + np.float32(0.5) for n in frame.shape)
         light /= found.vignetting.falloff(columns[None], rows[:, None])
-    top = np.percentile(light[::7, ::7], 99)
-    rgb = demosaic((np.clip(light / top, 0, 1) * 65535).astype(np.uint16), frame.pattern)
-    return (np.sqrt(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY) / 65535.0) * 255 + 0.5).astype(np.uint8)
+    # (1, 2, 1) / 4 in both directions cancels what the mosaic leaves of a colour cast exactly.
+    light = cv2.sepFilter2D(light, cv2.CV_32F, _BINOMIAL, _BINOMIAL)
+    top = 1.05 * np.percentile(light[::7, ::7], 99.5)
+    return (np.sqrt(np.clip(light / top, 0, 1)) * 255 + 0.5).astype(np.uint8)
 
 
 # ---------------------------------------------------------------------------------------------------- white balance

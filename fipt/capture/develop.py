@@ -29,6 +29,9 @@ from fipt.settings import Capture as Settings
 _CLIPPED_SHORTEST = 0.01
 """Share of clipped pixels in the shortest exposure above which a view is warned about."""
 
+_PIXELS_JUDGED = 1_000_000
+"""Pixels from which percentiles are taken for the report."""
+
 _INVALID = FLAG_SATURATED | FLAG_OUTSIDE | FLAG_MOVED
 """Flags of pixels that have no weight. What is below the noise is dark, and says so."""
 
@@ -228,20 +231,20 @@ def _undistorted(merged: Merged, radiance: np.ndarray | None, lens: Lens | None)
     flags |= merged.saturated * np.uint8(FLAG_SATURATED)
     flags |= merged.moved * np.uint8(FLAG_MOVED)
     # Demosaicing spreads a clipped pixel to its neighbours: they have no weight, though their radiance is no bound.
-    valid = cv2.erode(((flags & _INVALID) == 0).astype(np.uint8), np.ones((3, 3), np.uint8)).astype(np.float32)
+    valid = cv2.erode(((flags & _INVALID) == 0).view(np.uint8) * np.uint8(255), np.ones((3, 3), np.uint8))
     if lens is None:
-        radiance = merged.table[merged.codes] if radiance is None else radiance
-        return View(radiance, valid, flags.astype(np.uint32), None, merged.floor)
+        radiance = cv2.LUT(merged.codes, merged.table[None]) if radiance is None else radiance
+        return View(radiance, valid / np.float32(255), flags.astype(np.uint32), None, merged.floor)
     pinhole = pinhole_of(lens)
     map_x, map_y = lens_maps(lens, pinhole)
     if radiance is None:
         codes = cv2.remap(merged.codes, map_x, map_y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-        radiance = merged.table[codes]
+        radiance = cv2.LUT(codes, merged.table[None])
     else:
         radiance = cv2.remap(radiance, map_x, map_y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
     flags = cv2.remap(flags, map_x, map_y, cv2.INTER_NEAREST, borderValue=FLAG_OUTSIDE)
     valid = cv2.remap(valid, map_x, map_y, cv2.INTER_LINEAR, borderValue=0)
-    return View(radiance, valid, flags.astype(np.uint32), pinhole, merged.floor)
+    return View(radiance, valid / np.float32(255), flags.astype(np.uint32), pinhole, merged.floor)
 
 
 def pinhole_of(lens: Lens) -> Lens:
@@ -383,12 +386,12 @@ def _exposure_facts(bracket: Bracket, exposures: Sequence[float], clipped: Seque
 
 def _facts(bracket: Bracket, view: View, calibration: Calibration) -> dict[str, Any]:
     """What every view tells; JSON types."""
-    luminance = view.radiance @ np.float32(LUMINANCE)
-    good = luminance[view.valid > 0.5]
+    step = max(1, int(np.sqrt(view.valid.size / _PIXELS_JUDGED)))
+    good = view.radiance[::step, ::step][view.valid[::step, ::step] > 0.5] @ np.float32(LUMINANCE)
     low, high = np.percentile(good, (1, 99.9)) if good.size else (0.0, 0.0)
     low = max(low, view.floor, 1e-12)
     shares = {
-        name: float((view.flags & bit > 0).mean())
+        name: np.count_nonzero(view.flags & bit) / view.flags.size
         for name, bit in (
             ("saturated", FLAG_SATURATED),
             ("noisy", FLAG_NOISE),
@@ -409,7 +412,7 @@ def _facts(bracket: Bracket, view: View, calibration: Calibration) -> dict[str, 
         "shares": shares,
         "valid": float(view.valid.mean()),
         "scene_stops": float(np.log2(max(high / low, 1.0))),
-        "sharpness": sharpness(luminance, view),
+        "sharpness": sharpness(view),
         "white_balance": list(calibration.white_balance),
         "sources": calibration.sources,
         "time": min((shot.time for shot in bracket.shots if shot.time is not None), default=None),
@@ -418,14 +421,21 @@ def _facts(bracket: Bracket, view: View, calibration: Calibration) -> dict[str, 
     }
 
 
-def sharpness(luminance: np.ndarray, view: View) -> float:
-    """Steepest edges of a view: 99.5th percentile of the change between neighbours, stops a pixel.
+def sharpness(view: View) -> float:
+    """Steepest edges of a view: 99.5th percentile of the change of luminance between neighbours, stops a pixel.
 
-    Light below 20 times the noise, and pixels without weight, are left out.
+    Light below 20 times the noise, and pixels without weight, are left out. Of large views, bands of rows are judged.
     """
-    floor = max(20 * view.floor, 1e-3 * float(np.median(luminance)), 1e-12)
-    stops = np.log2(np.maximum(luminance, floor))
-    stops = cv2.GaussianBlur(stops, (3, 3), 0)
-    change = np.hypot(cv2.Sobel(stops, cv2.CV_32F, 1, 0) / 8, cv2.Sobel(stops, cv2.CV_32F, 0, 1) / 8)
-    good = cv2.erode((view.valid > 0.99).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
-    return float(np.percentile(change[good], 99.5)) if good.any() else 0.0
+    height, width = view.valid.shape
+    bands = max(1, min(height // 64, _PIXELS_JUDGED // (64 * width)))
+    changes = []
+    for top in np.linspace(0, max(height - 64, 0), bands).astype(int):
+        rows = slice(top, top + 64)
+        luminance = view.radiance[rows] @ np.float32(LUMINANCE)
+        floor = max(20 * view.floor, 1e-3 * float(np.median(luminance)), 1e-12)
+        stops = cv2.GaussianBlur(np.log2(np.maximum(luminance, floor)), (3, 3), 0)
+        change = np.hypot(cv2.Sobel(stops, cv2.CV_32F, 1, 0) / 8, cv2.Sobel(stops, cv2.CV_32F, 0, 1) / 8)
+        good = cv2.erode((view.valid[rows] > 0.99).view(np.uint8), np.ones((5, 5), np.uint8)) > 0
+        changes.append(change[good])
+    judged = np.concatenate(changes)
+    return float(np.percentile(judged, 99.5)) if judged.size else 0.0

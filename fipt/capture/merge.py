@@ -17,7 +17,7 @@ from fipt.capture.calibration import Noise, Vignetting
 from fipt.capture.mosaic import demosaic, tiled
 from fipt.capture.raw import RawFrame
 
-_STRIP = 32
+_STRIP = 8
 """Rows worked on at once: arrays of a strip stay in the processor's cache."""
 
 _FULL_WELL, _READ = 40_000.0, 2.0**-12.5
@@ -47,7 +47,7 @@ class Merged:
     table
         (65536,) float32 radiance of each code, sensor ranges per second.
     saturated, moved, noisy
-        (H, W) bool: clipped in every exposure, exposures contradict each other, below the noise of the longest.
+        (H, W) bool: clipped in the shortest exposure, exposures contradict each other, below the noise of the longest.
     clipped
         Share of the pixels that each exposure clips, longest first.
     noise
@@ -142,27 +142,33 @@ def merge_mosaics(
     for top in range(0, height, _STRIP):
         rows = slice(top, min(top + _STRIP, height))
         n = rows.stop - rows.start
-        signals, usable = [], []
+        signals: list[np.ndarray] = []
+        usable: list[np.ndarray | None] = []  # None: all of it, which saves most of the work
         light, time = np.zeros((n, width), np.float32), np.zeros((n, width), np.float32)
         for k, frame in enumerate(frames):
             raw = frame.mosaic[rows]
             good = raw < limit[:n]
+            lost = good.size - np.count_nonzero(good)
+            clipped[k] += lost
             z = raw - levels[:n]
             z *= scale[:n]
             signals.append(z)
-            usable.append(good)
-            clipped[k] += good.size - np.count_nonzero(good)
-            light += z * good
-            time += good * e[k]
+            usable.append(good if lost else None)
+            light += z * good if lost else z
+            time += good * e[k] if lost else e[k]
         full = time == 0
-        saturated[rows] = full
+        if usable[-1] is not None:
+            saturated[rows] = ~usable[-1]
         mean = light / np.where(full, 1, time)
         positive = np.maximum(mean, 0)
         value, weights = np.zeros_like(mean), np.zeros_like(mean)
         for k in range(len(frames)):
             # w = e^2 / (photon e L + dark); value gathers w z / e.
-            w = np.float32(e[k]) / (positive * np.float32(photon * e[k]) + dark)
-            w *= usable[k]
+            w = positive * np.float32(photon * e[k])
+            w += dark
+            np.divide(e[k], w, out=w)
+            if usable[k] is not None:
+                w *= usable[k]
             value += w * signals[k]
             w *= e[k]
             weights += w
@@ -209,7 +215,7 @@ def noise_limit(photon: float, dark: float) -> float:
 
 def _disagreement(
     signals: list[np.ndarray],
-    usable: list[np.ndarray],
+    usable: list[np.ndarray | None],
     full: np.ndarray,
     value: np.ndarray,
     e: np.ndarray,
@@ -223,14 +229,18 @@ def _disagreement(
     for k, z in enumerate(signals):
         expected = value * e[k]
         variance = np.maximum(expected, 0)
-        variance = variance * photon + dark + tolerance * variance * variance
-        # A clipped frame contradicts the others where they say that it should not be.
-        good = usable[k]
-        contradicts = ~good & ~full & (expected < np.float32(0.9 * saturation))
+        variance *= tolerance * variance + photon
+        variance += dark
         difference = z - expected
         difference *= difference
         difference /= variance
-        counted = good | contradicts
+        good = usable[k]
+        if good is None:
+            total += difference
+            count += 1
+            continue
+        # A clipped frame contradicts the others where they say that it should not be.
+        counted = good | (~full & (expected < np.float32(0.9 * saturation)))
         total += difference * counted
         count += counted
     # The merged value takes one degree of freedom.

@@ -180,7 +180,9 @@ def _frame(path: Path, raw: Any, tags: dict[str, Any], shot: Shot) -> RawFrame:
         )
     # raw_pattern belongs to the whole sensor; the visible area may start at any of its positions. LibRaw's
     # black levels are by colour (R, G, B, second G), not by position.
-    pattern = np.array(raw.raw_colors_visible[:2, :2], np.int64)
+    # (raw_colors_visible says the same, but is as large as the picture.)
+    top, left = raw.sizes.top_margin, raw.sizes.left_margin
+    pattern = np.array([[raw.raw_color(top + i, left + j) for j in (0, 1)] for i in (0, 1)])
     desc = raw.color_desc.decode()
     if desc not in ("RGBG", "RGBE") or sorted(pattern.ravel()) != [0, 1, 2, 3]:
         raise FiptError(f"{path} must have a red-green-blue mosaic; found {desc} {pattern.ravel().tolist()}", "")

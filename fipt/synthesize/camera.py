@@ -251,11 +251,10 @@ def expose_source(image: np.ndarray, planes: Optics, camera: SimulatedCamera) ->
     x, y = sensor.undistort(*np.meshgrid(across, down))
     column_of = RectBivariateSpline(down, across, source.fx * x + source.cx - 0.5)
     row_of = RectBivariateSpline(down, across, source.fy * y + source.cy - 0.5)
-    matrix = camera_rgb(camera) / camera.white_radiance
+    matrix = (camera_rgb(camera) / camera.white_radiance).astype(np.float32)
     signal = np.empty((sensor.height, sensor.width), np.float32)
     for letter in "RGB":
-        # Also where a matrix entry is 0, so that NaN would not pass unseen.
-        channel = (image @ matrix["RGB".index(letter)]).astype(np.float32)
+        channel = image @ matrix["RGB".index(letter)]
         for place in (k for k in range(4) if camera.pattern[k] == letter):
             for start in range(0, sensor.height, _ROWS):
                 rows = np.arange(start + place // 2, min(start + _ROWS, sensor.height), 2)
@@ -365,15 +364,20 @@ class Ghost:
 
 
 def ghost(image: np.ndarray, planes: Optics, camera: SimulatedCamera) -> Ghost:
-    """Put a grey disc, four times as bright as the median behind it, into the middle exposure of a view."""
+    """Put a grey disc into the middle exposure of a view.
+
+    It is four times as bright as the median behind it, or a quarter of that where it would be near saturation.
+    """
     rng = np.random.default_rng([camera.seed, 4, zlib.crc32(planes.view.name.encode())])
     height, width = image.shape[:2]
     row, column = rng.uniform(0.35, 0.65, 2) * (height, width)
     rows, columns = np.mgrid[:height, :width] + 0.5
     disc = np.hypot(rows - row, columns - column) < 0.1 * width
+    frame, behind = camera.exposures // 2, np.median(image[disc])
+    ratio = exposures(camera)[frame].seconds / reference_time(camera) * camera_rgb(camera).sum(axis=1).max()
     shown = image.copy()
-    shown[disc] = 4 * np.median(image[disc])
-    return Ghost(camera.exposures // 2, shown)
+    shown[disc] = behind * (4 if 4 * behind * ratio < 0.7 * camera.white_radiance else 0.25)
+    return Ghost(frame, shown)
 
 
 def view_truth(
@@ -396,7 +400,7 @@ def view_truth(
     columns, rows = sensor.distort(x[None], y[:, None])
     seen = (columns >= 0) & (columns < sensor.width) & (rows >= 0) & (rows < sensor.height)
     falloff = sensor.falloff(columns, rows, camera.vignetting)[..., None]
-    frames, matrix = exposures(camera), camera_rgb(camera).T
+    frames, matrix = exposures(camera), camera_rgb(camera).T.astype(np.float32)
 
     def collected(picture: np.ndarray, frame: int) -> np.ndarray:
         ratio = frames[frame].seconds / reference_time(camera)

@@ -19,6 +19,7 @@ from dataclasses import asdict, replace
 from datetime import datetime, timedelta
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -74,7 +75,7 @@ def order(index: int, camera: SimulatedCamera) -> list[int]:
 
 
 def write_bracket(
-    out: Path, index: int, image: np.ndarray, planes: Optics, camera: SimulatedCamera, orientation: int = 1
+    out: Path, index: int, image: np.ndarray, planes: Optics, camera: SimulatedCamera, **header: Any
 ) -> list[Path]:
     """Photograph one view.
 
@@ -88,8 +89,8 @@ def write_bracket(
         (h, w, 3) float32 radiance of ``planes.source``.
     planes, camera
         The camera.
-    orientation
-        TIFF orientation to write into the files.
+    **header
+        What the files shall say otherwise than `header_of`: ``orientation``, ``model``, ...
 
     Returns
     -------
@@ -108,8 +109,8 @@ def write_bracket(
         light = disturbed if moved is not None and frame == moved.frame else signal
         raw = read_out(light, frames[frame].seconds, camera, f"{name}/{frame}")
         files.append(out / file)
-        header = replace(header_of(frames[frame].printed, time, planes, camera), orientation=orientation)
-        write_dng(files[-1], raw, header)
+        said = replace(header_of(frames[frame].printed, time, planes, camera), **header)
+        write_dng(files[-1], raw, said)
         time += timedelta(seconds=frames[frame].seconds + _PAUSE)
     files.append(out / "truth" / f"{name}.exr")
     write_exr(files[-1], view_truth(image, planes, camera, moved))

@@ -88,7 +88,7 @@ def write_dng(path: str | Path, mosaic: np.ndarray, header: Header) -> None:
     """
     if header.pattern not in PATTERNS:
         raise FiptError(f"the Bayer pattern must be one of {', '.join(PATTERNS)}; found {header.pattern}")
-    if mosaic.dtype != np.uint16 or mosaic.shape[2:] not in ((), (3,)):
+    if mosaic.dtype != np.uint16 or mosaic.ndim < 2 or mosaic.shape[2:] not in ((), (3,)):
         raise FiptError(f"a mosaic must be (height, width) uint16; found {mosaic.shape} {mosaic.dtype}")
     samples = np.ascontiguousarray(mosaic, "<u2")
     exif = _directory(_exif_tags(header), start=8)
