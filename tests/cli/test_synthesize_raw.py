@@ -145,6 +145,6 @@ def test_a_camera_that_cannot_be_is_one_line(scene, capsys):
     assert synthesize(*options, settings=folded) == 2
     assert "synthesize.raw.distortion" in capsys.readouterr().err
     assert sorted(scene.rglob("*")) == before
-    wrong = SETTINGS | {"raw": {"patern": "RGGB"}}
+    wrong = SETTINGS | {"raw": {"lens": "RGGB"}}
     assert synthesize(*options, settings=wrong) == 2
-    assert "unknown key synthesize.raw.patern" in capsys.readouterr().err
+    assert "unknown key synthesize.raw.lens" in capsys.readouterr().err
