@@ -224,8 +224,8 @@ def test_board_poses_in_the_truth_project_to_the_corners(made):
 
 
 def test_charuco_boards_are_recognised_corner_by_corner(tmp_path):
-    large = {"size": (240, 180), "boards": ("charuco",), "board": (6, 4)}
-    made = captures.write(tmp_path / "raw", views=1, calibration_frames=2, exposures=1, **large)
+    large = {"size": (320, 240), "boards": ("charuco",), "board": (6, 4)}
+    made = captures.write(tmp_path / "raw", views=1, calibration_frames=1, exposures=1, **large)
     known, sensor = made.camera_truth["board"], made.optics[0].sensor
     columns, rows = known["corners"]
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, known["dictionary"]))
@@ -235,7 +235,7 @@ def test_charuco_boards_are_recognised_corner_by_corner(tmp_path):
         with rawpy.imread(str(path)) as raw:
             grey = cv2.cvtColor(raw.postprocess(no_auto_bright=True, use_camera_wb=True), cv2.COLOR_RGB2GRAY)
         corners, ids, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(grey)
-        assert len(ids) > 0.6 * columns * rows  # small markers on a steep board are lost
+        assert len(ids) > 0.9 * columns * rows
         places = np.stack([ids.ravel() % columns, ids.ravel() // columns, 0 * ids.ravel()], -1) * known["square"]
         seen = places @ np.array(pose)[:, :3].T + np.array(pose)[:, 3]
         true = np.stack(sensor.distort(*(seen[:, :2] / seen[:, 2:]).T), -1)
