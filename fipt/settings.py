@@ -31,8 +31,7 @@ class SimulatedCamera(Settings):
     """A camera that photographs the room: exposure brackets as RAW files instead of finished HDR views."""
 
     enabled: bool = Field(False, description="write RAW brackets and calibration frames instead of pictures")
-    scale: Positive = Field(2, le=8, description="sensor pixels along one pixel of a view")
-    subsamples: Positive = Field(2, le=8, description="the square of this many rays are averaged in a sensor pixel")
+    scale: Positive = Field(3, le=8, description="sensor pixels along one pixel of a view")
     pattern: Literal["RGGB", "BGGR", "GRBG", "GBRG"] = Field("RGGB", description="Bayer pattern")
     bits: Literal[12, 14, 16] = Field(14, description="bits of a raw value")
     white_level: Positive | None = Field(None, le=65535, description="raw value at saturation; default: the largest")

@@ -308,7 +308,7 @@ def test_the_clipped_view_is_clipped_in_truth(tmp_path):
 
 
 def test_posed_pictures_become_a_capture(tmp_path):
-    settings = SimulatedCamera(**captures.SMALL, scale=1, exposures=3)
+    settings = SimulatedCamera(**captures.SMALL | {"scale": 1, "exposures": 3})
     given = captures.cameras(2, (80, 60))
     mesh = scenes.quad((0, 0, 0), (1, 0, 0), (0, 1, 0))
     pictures = (captures.picture(camera) for camera in given)
