@@ -20,6 +20,7 @@ import numpy as np
 from fipt.capture.brackets import Bracket, Capture, Finding
 from fipt.capture.calibration import Calibration
 from fipt.capture.exposures import RATIO_TOLERANCE, exposure, measured_ratio, shutter_text, stops
+from fipt.capture.merge import assumed_noise, measured_noise
 from fipt.capture.raw import RawFrame, Shot, read_raw
 from fipt.conventions import LUMINANCE
 from fipt.errors import FiptError
@@ -47,7 +48,7 @@ REPROJECTION = 0.5
 MIDDLE_GREY = 0.2
 """Luminance to which the median of a capture is brought."""
 
-BLURRED = 0.6
+BLURRED = 0.4
 """A view with less than this share of the capture's usual sharpness is blurred."""
 
 _DIFFERENT = 0.1
@@ -101,7 +102,8 @@ class Quality:
     dynamic_range
         From the noise of the longest to saturation of the shortest exposure, stops.
     sharpness
-        Share of the strongest edges' height within one cell of the mosaic: about 1 sharp, 0.2 badly blurred.
+        Share of the strongest edges' height within one cell of the mosaic, about 1 sharp, 0.2 badly blurred; of
+        developed views, their steepness. Good for comparing views of a capture with each other.
     moved
         Share of the picture where exposures disagree.
     white_balance
@@ -141,8 +143,8 @@ def measure(bracket: Bracket, frames: Sequence[RawFrame]) -> Quality:
         for longer, shorter, ratio in zip(frames, frames[1:], ratios, strict=False)
     ]
     greens, full = [_green(frame) for frame in frames], [_clipped(frame) for frame in frames]
-    noise = _read_noise(frames[-1])
-    trusted = [found or stated for found, stated in zip(measured, ratios, strict=True)]
+    sensor = measured_noise(frames, exposures, frames[0].black) or assumed_noise(frames[0], frames[0].black)
+    noise = sensor.read / float(np.mean(frames[0].range))
     best = max(greens, key=lambda green: float(((green > 0.05) & (green < 0.9)).mean()))
     return Quality(
         view=bracket.view,
@@ -156,7 +158,7 @@ def measure(bracket: Bracket, frames: Sequence[RawFrame]) -> Quality:
         noisy=float((greens[0] < noise).mean()),
         dynamic_range=math.log2(exposures[0] / exposures[-1] / noise),
         sharpness=_sharpness(best),
-        moved=_moved(greens, full, trusted),
+        moved=_moved(greens, full, measured),
         white_balance=None if frames[0].white_balance is None else tuple(map(float, frames[0].white_balance)),
     )
 
@@ -208,17 +210,6 @@ def _clipped(frame: RawFrame) -> np.ndarray:
     return found
 
 
-def _read_noise(frame: RawFrame) -> float:
-    """Standard deviation without light, as a share of the range: the two greens of the darkest fifth of the cells."""
-    first, *others = (plane.astype(np.float32) for plane in _planes(frame, 1))
-    other = others[0] if others else np.roll(first, 1, axis=1)
-    dark = first + other <= np.quantile((first + other)[::4, ::4], 0.2)
-    difference = (first - other)[dark]
-    spread = 1.4826 * np.median(np.abs(difference - np.median(difference))) / math.sqrt(2)
-    # Rounding alone has a deviation of 1 / sqrt(12).
-    return float(max(spread, 0.29) / np.mean(frame.range))
-
-
 def _sharpness(green: np.ndarray) -> float:
     """Height of the strongest edges within `_NEAR` cells over that within `_FAR` cells."""
     # Square root: about the same noise everywhere, and a lamp's edge does not decide alone.
@@ -231,8 +222,11 @@ def _sharpness(green: np.ndarray) -> float:
     return float(steps[0] / max(steps[1], 1e-6))
 
 
-def _moved(greens: Sequence[np.ndarray], full: Sequence[np.ndarray], ratios: Sequence[float]) -> float:
-    """Share of blocks whose exposures disagree, among all blocks; ``full`` are the clipped cells."""
+def _moved(greens: Sequence[np.ndarray], full: Sequence[np.ndarray], ratios: Sequence[float | None]) -> float:
+    """Share of blocks whose exposures disagree, among all blocks.
+
+    ``full`` are the clipped cells, ``ratios`` measured: stated ones may be wrong for the whole picture.
+    """
     rows, columns = (size // _BLOCK for size in greens[0].shape)
     if rows == 0 or columns == 0:
         return 0.0
@@ -245,6 +239,8 @@ def _moved(greens: Sequence[np.ndarray], full: Sequence[np.ndarray], ratios: Seq
     whole = [~blocks(cells).any(axis=(1, 3)) for cells in full]
     found = np.zeros((rows, columns), bool)
     for k, ratio in enumerate(ratios):
+        if ratio is None:
+            continue
         expected, seen = means[k] / ratio, means[k + 1]
         brighter = np.maximum(expected, seen)
         found |= whole[k] & whole[k + 1] & (brighter > _LIT) & (np.abs(expected - seen) > _DIFFERENT * brighter)
@@ -498,7 +494,11 @@ def undeveloped(facts: Mapping[str, Mapping[str, Any]]) -> list[Finding]:
     """A finding for every view that development has rejected."""
     return [
         Finding(
-            "rejected", "error", f"view {view}: {known['rejected']}", "see the other findings, or take it again", (view,)
+            "rejected",
+            "error",
+            f"view {view}: {known['rejected']}",
+            "see the other findings, or take it again",
+            (view,),
         )
         for view, known in facts.items()
         if "rejected" in known
@@ -532,12 +532,13 @@ def exposure_scale(capture: Capture, pictures: Iterable[np.ndarray]) -> dict[str
     """
     truth = capture.folder / "truth" / "camera.json"
     if truth.is_file():
-        return {"scale": float(json.loads(truth.read_text(encoding="utf-8"))["radiance_of_full_second"]), "from": "truth"}
+        scale = float(json.loads(truth.read_text(encoding="utf-8"))["radiance_of_full_second"])
+        return {"scale": scale, "from": "as the simulated camera states"}
     luminance = np.concatenate([np.zeros(0, np.float32), *pictures])
     middle = float(np.median(luminance)) if len(luminance) else 0.0
     if not (math.isfinite(middle) and middle > 0):
         raise FiptError("no developed view has a lit pixel with weight", "see the findings of fipt check-capture")
-    return {"scale": MIDDLE_GREY / middle, "from": f"median luminance to {MIDDLE_GREY}"}
+    return {"scale": MIDDLE_GREY / middle, "from": f"which brings the median luminance to {MIDDLE_GREY}"}
 
 
 def luminances(folder: Path, views: Iterable[str]) -> Iterator[np.ndarray]:
@@ -576,6 +577,7 @@ def report(capture: Capture, folder: Path, calibration: Calibration) -> dict[str
             "sources": calibration.sources,
             "absent": calibration.absent,
             "figures": calibration.figures,
+            "vignetting": None if calibration.vignetting is None else calibration.vignetting.coefficients,
         },
     }
 

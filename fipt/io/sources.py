@@ -174,7 +174,9 @@ def read_developed(folder: str | Path, poses: str | Path, val_every: int = 8) ->
                 camera = json.loads(existing_file(folder / f"{frame.name}.json", "the facts of a view").read_text())
                 frames.append(replace(frame, image=image, intrinsics=camera["camera"] or frame.intrinsics, mask=None))
     except _MALFORMED as error:
-        raise FiptError(f"{report} or what stands beside it is damaged ({error!r})", "develop the views again") from error
+        raise FiptError(
+            f"{report} or what stands beside it is damaged ({error!r})", "develop the views again"
+        ) from error
     names = {frame.name for frame in posed}
     if not any(frame.split == "train" for frame in frames):
         raise FiptError(

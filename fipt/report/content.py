@@ -16,6 +16,7 @@ from fipt.io.dataset import Dataset, read_layers, read_rejected
 from fipt.io.exr import read_rgb
 from fipt.progress import human, progress
 from fipt.report import pictures
+from fipt.report.capture import CaptureReport, read_capture
 from fipt.settings import Report
 
 COLUMNS = (
@@ -138,6 +139,7 @@ class Content:
     versions: Mapping[str, str]
     warnings: Sequence[str]
     overlay: Picture | None
+    capture: CaptureReport | None
 
 
 def gather(results: Path, settings: Report) -> Content:
@@ -176,6 +178,7 @@ def gather(results: Path, settings: Report) -> Content:
         versions=_versions(stats),
         warnings=_warnings(root, stats),
         overlay=_overlay(root / "overlay.png", settings.width),
+        capture=read_capture(results / "capture" / "qa.json", data, reader.exposure),
     )
 
 
