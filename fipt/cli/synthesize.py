@@ -39,8 +39,8 @@ def command(
     With --setup and --setup-name the views go to relight_truth/NAME/ instead.
 
     As a simulated camera would see it: after --room, --calibration OUT once, then --views with
-    --raw OUT; --truth --views for the dataset that they become. --from-images --raw OUT makes a whole capture of the pictures of any dataset. The
-    camera is the section raw of the settings.
+    --raw OUT; --truth --views for the dataset that they become. --from-images --raw OUT makes a
+    whole capture of the pictures of any dataset. The camera is the section raw of the settings.
     """
     from fipt.errors import FiptError
     from fipt.io.files import check_name

@@ -178,10 +178,11 @@ def read_developed(folder: str | Path, poses: str | Path, val_every: int = 8) ->
             f"{report} or what stands beside it is damaged ({error!r})", "develop the views again"
         ) from error
     names = {frame.name for frame in posed}
+    accepted = [name for name, why in states.items() if why is None]
     if not any(frame.split == "train" for frame in frames):
         raise FiptError(
-            f"{poses} must have the pose of an accepted training view of {folder}; it has {', '.join(sorted(names)[:3])}"
-            f", accepted are {', '.join([name for name, why in states.items() if why is None][:3]) or 'none'}",
+            f"{poses} must have the pose of an accepted training view of {folder}; it has "
+            f"{', '.join(sorted(names)[:3])}, accepted are {', '.join(accepted[:3]) or 'none'}",
             "name the poses' pictures as the views of the capture, and see the findings of qa.json",
         )
     return Source(
