@@ -31,8 +31,7 @@ class SimulatedCamera(Settings):
     """A camera that photographs the room: exposure brackets as RAW files instead of finished HDR views."""
 
     enabled: bool = Field(False, description="write RAW brackets and calibration frames instead of pictures")
-    scale: Positive = Field(2, le=8, description="sensor pixels along one pixel of a view")
-    subsamples: Positive = Field(2, le=8, description="the square of this many rays are averaged in a sensor pixel")
+    scale: Positive = Field(3, le=8, description="sensor pixels along one pixel of a view")
     pattern: Literal["RGGB", "BGGR", "GRBG", "GBRG"] = Field("RGGB", description="Bayer pattern")
     bits: Literal[12, 14, 16] = Field(14, description="bits of a raw value")
     white_level: Positive | None = Field(None, le=65535, description="raw value at saturation; default: the largest")
@@ -66,9 +65,12 @@ class SimulatedCamera(Settings):
     hot_pixels: Fraction = Field(0.0, le=0.1, description="share of pixels that glow with time")
     dead_pixels: Fraction = Field(0.0, le=0.1, description="share of pixels that see nothing")
     ghosts: tuple[str, ...] = Field((), description="views in which something stands in one exposure only")
-    calibration_frames: Positive = Field(12, description="checkerboard views")
-    board: tuple[Positive, Positive] = Field((9, 6), description="inner corners of the checkerboard")
-    square: Length = Field(0.025, description="side of its squares, metres")
+    boards: tuple[Literal["checkerboard", "charuco"], ...] = Field(
+        ("checkerboard",), description="kinds of calibration boards"
+    )
+    calibration_frames: Positive = Field(12, description="views of each board")
+    board: tuple[Positive, Positive] = Field((9, 6), description="inner corners of the boards")
+    square: Length = Field(0.025, description="side of their squares, metres; ChArUco markers have 0.72 of it")
     seed: Count = Field(0, description="seed of noise, hot pixels, ghosts and poses of the board")
 
 

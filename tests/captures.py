@@ -29,7 +29,7 @@ from fipt.synthesize.dng import write_dng
 SIZE = (64, 48)
 """Width and height of a view; the sensor has twice that."""
 
-SMALL = {"calibration_frames": 9, "full_well": 40_000.0, "subsamples": 1}
+SMALL = {"calibration_frames": 9, "full_well": 40_000.0, "scale": 2}
 """Settings of the camera that differ from the program's defaults, for speed."""
 
 

@@ -55,6 +55,17 @@ def command(
         raise FiptError("--raw belongs to --views or --from-images, without --setup", "leave the others out")
     if from_images and raw is None:
         raise FiptError("--from-images needs --raw", "say where the capture should be written")
+    for place in (raw, calibration):
+        if manifest is not None and place is not None and not place.is_relative_to(manifest.parent):
+            raise FiptError(
+                f"a manifest lists files below its own folder; {place} is not below {manifest.parent}",
+                "put the manifest into the scene's folder, above the capture",
+            )
+    if raw is not None and names and manifest is not None and not dataset.is_relative_to(manifest.parent):
+        raise FiptError(
+            f"with --raw, the truth of the views goes to {dataset}, which is not below {manifest.parent}",
+            "put the manifest into the scene's folder, above dataset and capture",
+        )
     if (setup is None) != (setup_name is None) or (not names and setup is not None):
         raise FiptError("--setup and --setup-name belong together, with --views", "give both or neither")
     chosen = parse("synthesize", settings)

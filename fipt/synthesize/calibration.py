@@ -1,4 +1,4 @@
-"""What the simulated camera sees when it is calibrated: checkerboards, an even wall, darkness, a grey card."""
+"""What the simulated camera sees when it is calibrated: boards, an even wall, darkness, a grey card."""
 
 from __future__ import annotations
 
@@ -18,27 +18,33 @@ _BLACK, _WHITE, _AROUND = 0.05, 0.9, 0.25
 """Reflectance of the board's squares and border, and of what is behind it."""
 _SUB = 4
 """Rays along each side of a source pixel."""
+MARKER = 0.72
+"""Side of a ChArUco marker over that of a square."""
+DICTIONARY = "DICT_5X5_100"
+"""Of the ChArUco markers, as OpenCV names it."""
+_TEXELS = 56
+"""Of a ChArUco square in the drawn board."""
 _TRIES = 500
 
 
-def checkerboards(planes: Optics, camera: SimulatedCamera) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yield views of the checkerboard in different poses.
+def boards(planes: Optics, camera: SimulatedCamera, kind: str) -> Iterator[np.ndarray]:
+    """Yield views of a board, ``checkerboard`` or ``charuco``, in the poses of `board_pose`.
 
     Yields
     ------
-    image
-        (h, w, 3) float32 source picture; white is about 0.9.
-    camera_from_board
-        (3, 4) float64, OpenCV axes (x right, y down, z ahead), metres; the board's inner corners are at
-        (column, row, 0) times the square.
+    (h, w, 3) float32 source picture; white is 0.9.
     """
+    drawn = drawn_charuco(camera) if kind == "charuco" else None
     for index in range(camera.calibration_frames):
         pose = board_pose(planes.sensor, camera, index)
-        yield grey(planes.source, lambda x, y, pose=pose: board(x, y, pose, camera)), pose
+        yield grey(planes.source, lambda x, y, pose=pose: board(x, y, pose, camera, drawn))
 
 
 def board_pose(sensor: Sensor, camera: SimulatedCamera, index: int) -> np.ndarray:
-    """Draw a pose in which the sensor sees the whole board; see `checkerboards` for its form.
+    """Draw a pose in which the sensor sees the whole board.
+
+    It is camera_from_board, (3, 4) float64, OpenCV axes (x right, y down, z ahead), metres; the board's inner corners
+    are at (column, row, 0) times the square.
 
     The boards stand in turn in each corner, at each side and in the middle of the frame, so that they cover it.
     """
@@ -74,8 +80,20 @@ def rotation(pitch: float, yaw: float, roll: float) -> np.ndarray:
     return Rotation.from_euler("zyx", (roll, yaw, pitch)).as_matrix()
 
 
-def board(x: np.ndarray, y: np.ndarray, pose: np.ndarray, camera: SimulatedCamera) -> np.ndarray:
-    """Return the reflectance that rays (x, y, 1) meet."""
+def drawn_charuco(camera: SimulatedCamera) -> np.ndarray:
+    """OpenCV's drawing of the ChArUco board: (rows + 1, columns + 1) squares of 56 x 56 uint8."""
+    import cv2
+
+    squares = (camera.board[0] + 1, camera.board[1] + 1)
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, DICTIONARY))
+    layout = cv2.aruco.CharucoBoard(squares, camera.square, MARKER * camera.square, dictionary)
+    return layout.generateImage((squares[0] * _TEXELS, squares[1] * _TEXELS))
+
+
+def board(
+    x: np.ndarray, y: np.ndarray, pose: np.ndarray, camera: SimulatedCamera, drawn: np.ndarray | None = None
+) -> np.ndarray:
+    """Return the reflectance that rays (x, y, 1) meet: the checkerboard, or a board that is drawn otherwise."""
     # The plane's points map to the image by the homography of the pose; its inverse maps back.
     homography = np.linalg.inv(pose[:, [0, 1, 3]])
     u, v, w = (row[0] * x + row[1] * y + row[2] for row in homography)
@@ -85,8 +103,12 @@ def board(x: np.ndarray, y: np.ndarray, pose: np.ndarray, camera: SimulatedCamer
     ahead = w > 0
     squares = ahead & (u >= -1) & (u < columns) & (v >= -1) & (v < rows)
     paper = ahead & (u >= -2) & (u < columns + 1) & (v >= -2) & (v < rows + 1)
-    with np.errstate(invalid="ignore"):
-        dark = (np.floor(u) + np.floor(v)) % 2 == 0
+    if drawn is None:
+        with np.errstate(invalid="ignore"):
+            dark = (np.floor(u) + np.floor(v)) % 2 == 0
+    else:
+        row, column = ((np.where(squares, w, 0) + 1) * _TEXELS for w in (v, u))
+        dark = drawn[row.astype(int), column.astype(int)] < 128
     return np.where(squares & dark, _BLACK, np.where(paper, _WHITE, _AROUND))
 
 

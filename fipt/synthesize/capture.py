@@ -1,7 +1,7 @@
 """Writes a simulated capture: a folder of RAW brackets and calibration frames, and the truth beside them.
 
 OUT/DSC00001.dng ...            brackets, numbered in the order in which they were taken
-OUT/calibration/{checkerboard,flat,dark,white}/*.dng
+OUT/calibration/{checkerboard,charuco,flat,dark,white}/*.dng
 OUT/captures.tsv                view and file of every frame, with what the file's EXIF says
 OUT/transforms.json             pinhole cameras of the undistorted views, with poses
 OUT/mesh.ply                    where the room's mesh is known
@@ -181,7 +181,7 @@ def one_camera(cameras: Sequence[Camera]) -> Camera:
 def _write_frames(folder: Path, planes: Optics, camera: SimulatedCamera) -> list[Path]:
     frames = exposures(camera)
     middle, longest = frames[len(frames) // 2], frames[-1]
-    scene = [("checkerboard", image, middle) for image, _ in calibration.checkerboards(planes, camera)]
+    scene = [(kind, image, middle) for kind in camera.boards for image in calibration.boards(planes, camera, kind)]
     scene += [("flat", calibration.even(planes), middle)] * _REPEATS
     scene += [("dark", calibration.even(planes, 0.0), longest)] * _REPEATS
     scene += [("white", calibration.grey_card(planes), middle)]
@@ -235,7 +235,13 @@ def camera_truth(planes: Optics, camera: SimulatedCamera) -> dict[str, object]:
         "camera_rgb_from_srgb": camera_rgb(camera).tolist(),
         "radiance_of_full_second": camera.white_radiance * reference_time(camera),
         "exposures": [described(frame) for frame in exposures(camera)],
-        "board": {"corners": camera.board, "square": camera.square, "camera_from_board": [p.tolist() for p in poses]},
+        "board": {
+            "corners": camera.board,
+            "square": camera.square,
+            "marker": calibration.MARKER * camera.square,
+            "dictionary": calibration.DICTIONARY,
+            "camera_from_board": [pose.tolist() for pose in poses],
+        },
         "hot_pixels": listed(bad.hot),
         "dead_pixels": listed(bad.dead),
         "ghosts": list(camera.ghosts),

@@ -23,6 +23,9 @@ XYZ_FROM_SRGB = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0
 PATTERNS = ("RGGB", "BGGR", "GRBG", "GBRG")
 """Bayer patterns, named by their 2x2 cell read row by row."""
 
+SMALLEST = 22
+"""Pixels a side that LibRaw asks of a picture."""
+
 _FORMATS = {"byte": (1, "B"), "ascii": (2, "s"), "short": (3, "H"), "long": (4, "I"), "undefined": (7, "s")}
 _RATIONALS = {"rational": (5, "I"), "srational": (10, "i")}
 _D65 = 21
@@ -90,6 +93,12 @@ def write_dng(path: str | Path, mosaic: np.ndarray, header: Header) -> None:
         raise FiptError(f"the Bayer pattern must be one of {', '.join(PATTERNS)}; found {header.pattern}")
     if mosaic.dtype != np.uint16 or mosaic.ndim < 2 or mosaic.shape[2:] not in ((), (3,)):
         raise FiptError(f"a mosaic must be (height, width) uint16; found {mosaic.shape} {mosaic.dtype}")
+    height, width = mosaic.shape[:2]
+    if min(height, width) < SMALLEST:
+        raise FiptError(
+            f"LibRaw reads no picture with less than {SMALLEST} pixels a side; found {width}x{height}",
+            "simulate a larger sensor",
+        )
     samples = np.ascontiguousarray(mosaic, "<u2")
     exif = _directory(_exif_tags(header), start=8)
     start = 8 + len(exif)

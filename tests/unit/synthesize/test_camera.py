@@ -17,7 +17,7 @@ VIEW = cameras(1)[0]
 
 
 def camera(**changes) -> SimulatedCamera:
-    return SimulatedCamera(**{"distortion": LENS, "principal_offset": (1.5, -2.25), **changes})
+    return SimulatedCamera(**{"distortion": LENS, "principal_offset": (1.5, -2.25), "scale": 2, **changes})
 
 
 # --- shutter ----------------------------------------------------------------------------------
@@ -129,7 +129,7 @@ def test_an_even_wall_shows_vignetting_and_the_sensitivity_of_each_colour(patter
 
 def test_each_pixel_looks_where_the_lens_sends_it():
     """A picture that is linear in the plane z = 1 must come out as the undistorted position, whatever the sampling."""
-    settings = camera(sensitivity=(1, 1, 1), vignetting=(0, 0, 0), white_radiance=1.0, subsamples=1)
+    settings = camera(sensitivity=(1, 1, 1), vignetting=(0, 0, 0), white_radiance=1.0)
     planes = sim.optics(VIEW, settings)
     source, sensor = planes.source, planes.sensor
     x = (np.arange(source.width) + 0.5 - source.cx) / source.fx
@@ -146,15 +146,16 @@ def test_each_pixel_looks_where_the_lens_sends_it():
         np.testing.assert_allclose(signal[window], expected[window], atol=3e-6)
 
 
-def test_subsamples_average_over_the_pixel():
-    """Across an edge a pixel holds both sides, in the share of its area."""
-    plain = {"distortion": (0, 0, 0, 0, 0), "principal_offset": (0, 0), "vignetting": (0, 0, 0), "white_radiance": 1.0}
-    settings = SimulatedCamera(**plain, sensitivity=(1, 1, 1), subsamples=8)
-    planes = sim.optics(VIEW, settings)
-    image = np.zeros((planes.source.height, planes.source.width, 3), np.float32)
-    image[:, planes.left + 40 :] = 1
-    row = sim.expose_source(image, planes, settings)[0]
-    np.testing.assert_allclose(row[38:42], [0, 0.125, 0.875, 1], atol=0.01)
+def test_a_pixel_averages_over_its_area():
+    """Half a pixel beside the source's grid, the pixel at an edge holds both sides in equal shares."""
+    plain = {"distortion": (0, 0, 0, 0, 0), "vignetting": (0, 0, 0), "white_radiance": 1.0, "sensitivity": (1, 1, 1)}
+    for offset, expected in ((0.0, [0, 0, 1, 1]), (0.5, [0, 0, 0.5, 1]), (-0.25, [0, 0.25, 1, 1])):
+        settings = SimulatedCamera(**plain, principal_offset=(offset, 0), scale=2)
+        planes = sim.optics(VIEW, settings)
+        image = np.zeros((planes.source.height, planes.source.width, 3), np.float32)
+        image[:, planes.left + 40 :] = 1
+        row = sim.expose_source(image, planes, settings)[0]
+        np.testing.assert_allclose(row[38:42], expected, atol=1e-4)
 
 
 def test_camera_colours_are_mixed_before_the_sensitivity():
@@ -254,7 +255,7 @@ def test_a_view_is_the_mean_of_its_blocks():
 
 def test_saturation_in_the_truth_is_that_of_the_shortest_frame():
     """Without distortion the sensor's pixels are those of the truth: compare with a noise-free read-out."""
-    settings = camera(distortion=(0, 0, 0, 0, 0), principal_offset=(0, 0), scale=2, subsamples=1, white_radiance=20)
+    settings = camera(distortion=(0, 0, 0, 0, 0), principal_offset=(0, 0), scale=2, white_radiance=20)
     planes = sim.optics(VIEW, settings)
     image = picture(planes.source)
     truth = sim.view_truth(image, planes, settings)["saturated.Y"]
@@ -267,7 +268,7 @@ def test_saturation_in_the_truth_is_that_of_the_shortest_frame():
 
 def test_pincushion_distortion_leaves_corners_unseen_and_barrel_does_not():
     for k1, seen in ((0.1, False), (-0.1, True)):
-        settings = SimulatedCamera(distortion=(k1, 0, 0, 0, 0))
+        settings = SimulatedCamera(distortion=(k1, 0, 0, 0, 0), scale=2)
         planes = sim.optics(VIEW, settings)
         outside = sim.view_truth(picture(planes.source), planes, settings)["outside.Y"]
         assert outside[0, 0] == (0 if seen else 1)

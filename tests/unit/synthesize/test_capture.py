@@ -223,6 +223,26 @@ def test_board_poses_in_the_truth_project_to_the_corners(made):
         assert dark == (x % 2 == 0)
 
 
+def test_charuco_boards_are_recognised_corner_by_corner(tmp_path):
+    large = {"size": (320, 240), "boards": ("charuco",), "board": (6, 4)}
+    made = captures.write(tmp_path / "raw", views=1, calibration_frames=1, exposures=1, **large)
+    known, sensor = made.camera_truth["board"], made.optics[0].sensor
+    columns, rows = known["corners"]
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, known["dictionary"]))
+    board = cv2.aruco.CharucoBoard((columns + 1, rows + 1), known["square"], known["marker"], dictionary)
+    assert not made.calibration("checkerboard")
+    for path, pose in zip(made.calibration("charuco"), known["camera_from_board"], strict=True):
+        with rawpy.imread(str(path)) as raw:
+            grey = cv2.cvtColor(raw.postprocess(no_auto_bright=True, use_camera_wb=True), cv2.COLOR_RGB2GRAY)
+        corners, ids, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(grey)
+        assert len(ids) > 0.9 * columns * rows
+        places = np.stack([ids.ravel() % columns, ids.ravel() // columns, 0 * ids.ravel()], -1) * known["square"]
+        seen = places @ np.array(pose)[:, :3].T + np.array(pose)[:, 3]
+        true = np.stack(sensor.distort(*(seen[:, :2] / seen[:, 2:]).T), -1)
+        error = np.linalg.norm(corners.reshape(-1, 2) + 0.5 - true, axis=1)
+        assert np.median(error) < 0.3
+
+
 def test_flat_frames_show_the_vignetting_only(made):
     known, sensor = made.camera_truth, made.optics[0].sensor
     paths = made.calibration("flat")
@@ -288,7 +308,7 @@ def test_the_clipped_view_is_clipped_in_truth(tmp_path):
 
 
 def test_posed_pictures_become_a_capture(tmp_path):
-    settings = SimulatedCamera(**captures.SMALL, scale=1, exposures=3)
+    settings = SimulatedCamera(**captures.SMALL | {"scale": 1, "exposures": 3})
     given = captures.cameras(2, (80, 60))
     mesh = scenes.quad((0, 0, 0), (1, 0, 0), (0, 1, 0))
     pictures = (captures.picture(camera) for camera in given)

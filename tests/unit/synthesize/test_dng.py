@@ -137,4 +137,9 @@ def test_what_cannot_be_written_is_refused(tmp_path):
     ):
         with pytest.raises(FiptError, match=r"Bayer|mosaic"):
             write_dng(tmp_path / "a.dng", wrong, described)
+    with pytest.raises(FiptError, match="found 40x21"):
+        write_dng(tmp_path / "a.dng", np.zeros((21, 40), np.uint16), header())
     assert not (tmp_path / "a.dng").exists()
+    write_dng(tmp_path / "a.dng", np.zeros((22, 22), np.uint16), header())
+    with rawpy.imread(str(tmp_path / "a.dng")) as raw:
+        assert raw.raw_image_visible.shape == (22, 22)
