@@ -25,7 +25,7 @@ import numpy as np
 from fipt.io.cameras import Camera
 from fipt.settings import Capture, SimulatedCamera
 
-CAMERA = SimulatedCamera(scale=1, subsamples=3, principal_offset=(2.5, -1.5), dark_offset=(1.3, -0.7, 2.1, 0.4))
+CAMERA = SimulatedCamera(scale=1, principal_offset=(2.5, -1.5), dark_offset=(1.3, -0.7, 2.1, 0.4))
 """14 bits, a black level for each position, vignetting 0.53 in the corner, k1 = -0.10, nominal times, 5 x 2 EV."""
 
 _SUB = 4
