@@ -149,7 +149,7 @@ def _missing_frame(made: Capture) -> None:
 
 def _doubled_exposure(made: Capture) -> None:
     """The third frame of the first view was taken with the second one's shutter time."""
-    _retake(made, frame=2, exposure=1)
+    _retake(made, frame=2, like=1)
 
 
 def _wrong_size(made: Capture) -> None:
@@ -240,11 +240,11 @@ FAULTS: dict[str, Callable[[Capture], None]] = {
 """What can be wrong with a capture."""
 
 
-def _retake(made: Capture, frame: int, exposure: int | None = None, crop: int = 0, **header: Any) -> None:
+def _retake(made: Capture, frame: int, like: int | None = None, crop: int = 0, **header: Any) -> None:
     """Take a frame of the first view (shortest = 0) again, with another exposure, narrower, or with other EXIF."""
     plane, settings = made.optics[0], made.settings
     series = exposures(settings)
-    taken = series[frame if exposure is None else exposure]
+    taken = series[frame if like is None else like]
     signal = expose_source(picture(plane.source), plane, settings)
     raw = read_out(signal, taken.seconds, settings, f"again/{frame}")[:, : signal.shape[1] - crop]
     time = writer.START + timedelta(seconds=sum(s.seconds + 0.5 for s in series[:frame]))
