@@ -91,7 +91,7 @@ class Capture:
             If there is no such view, or something of severity ``error`` was found with it.
         """
         for finding in self.findings:
-            if finding.severity == "error" and (view in finding.views or not finding.views):
+            if finding.severity == "error" and view in finding.views:
                 raise FiptError(finding.message, finding.remedy)
         for bracket in self.brackets:
             if bracket.view == view:
@@ -164,7 +164,9 @@ def group(shots: Sequence[Shot], frames: int = 0) -> list[tuple[Shot, ...]]:
         Exposures of a bracket; 0 = find out.
     """
     ordered = sorted(shots, key=lambda shot: (shot.time or 0.0, _natural(shot.path.name)))
-    return [bracket for run in _between_pauses(ordered) for bracket in _split(run, frames)]
+    runs = _between_pauses(ordered)
+    frames = frames or _usual_size(runs)
+    return [bracket for run in runs for bracket in _split(run, frames)]
 
 
 def judge(brackets: Sequence[Bracket]) -> list[Finding]:
@@ -260,6 +262,13 @@ def _between_pauses(ordered: list[Shot]) -> list[list[Shot]]:
     return [list(run) for run in np.split(np.array(ordered, object), cuts)]
 
 
+def _usual_size(runs: list[list[Shot]]) -> int:
+    """Length of most runs, if no exposure repeats in them: a bracket; 0 where runs tell nothing."""
+    lengths = Counter(len(run) for run in runs if not _repeats(run))
+    length, count = lengths.most_common(1)[0] if lengths else (0, 0)
+    return length if len(runs) > 1 and 2 * count > len(runs) else 0
+
+
 def _split(run: list[Shot], frames: int) -> list[tuple[Shot, ...]]:
     """Cut a run of shots without a pause into brackets."""
     levels = [stops(shot) for shot in run]
@@ -275,7 +284,7 @@ def _split(run: list[Shot], frames: int) -> list[tuple[Shot, ...]]:
         pieces[-1].append(shot)
     # Short pieces, or none that is complete: a frame was taken twice. It is one bracket, and `judge` names the frame.
     sizes = [len(piece) for piece in pieces]
-    if len(run) < 2 * size and (min(sizes) < size / 2 or max(sizes) < size):
+    if len(run) < 2 * size and (min(sizes) <= size / 2 or max(sizes) < size):
         return [tuple(run)]
     return [tuple(piece) for piece in pieces]
 

@@ -11,7 +11,16 @@ import pytest
 from fipt.capture.brackets import read_capture
 from fipt.capture.calibrate import calibrate
 from fipt.capture.calibration import Calibration, Noise, Vignetting
-from fipt.capture.develop import View, bracket_exposures, develop, downscaled, read_frames, sharpness, write_view
+from fipt.capture.develop import (
+    View,
+    bracket_exposures,
+    develop,
+    develop_views,
+    downscaled,
+    read_frames,
+    sharpness,
+    write_view,
+)
 from fipt.conventions import FLAG_MOVED, FLAG_NOISE, FLAG_OUTSIDE, FLAG_SATURATED
 from fipt.errors import FiptError
 from fipt.io.dataset import read_layers
@@ -281,5 +290,18 @@ def test_faults_are_one_line_that_names_the_file(tmp_path: Path, fault: str, mes
     (tmp_path / "captures.tsv").unlink()
     capture = read_capture(tmp_path)
     with pytest.raises(FiptError) as caught:
-        develop(capture.bracket(capture.brackets[0].view), sound, Settings())
+        develop_views(capture, [capture.brackets[0].view], sound, tmp_path / "out", Settings(incomplete="error"))
     assert str(caught.value).replace(f"{tmp_path}/", "") == message
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_file_that_cannot_be_read_costs_its_exposure_and_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    captures.write(tmp_path, faults=("not raw",), calibration_frames=1)
+    (tmp_path / "captures.tsv").unlink()
+    capture = read_capture(tmp_path)
+    develop_views(capture, ["DSC00001"], Calibration("raw", None, 128, 96), tmp_path / "out", Settings())
+    assert f"warning: {tmp_path}/DSC00002.dng is not a RAW file that LibRaw reads" in capsys.readouterr().err
+    warnings = json.loads((tmp_path / "out" / "DSC00001.json").read_text())["warnings"]
+    assert warnings[0] == "view DSC00001 has 4 exposures where the other views have 5: 1/250 s missing"
