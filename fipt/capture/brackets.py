@@ -284,7 +284,7 @@ def _split(run: list[Shot], frames: int) -> list[tuple[Shot, ...]]:
         pieces[-1].append(shot)
     # Short pieces, or none that is complete: a frame was taken twice. It is one bracket, and `judge` names the frame.
     sizes = [len(piece) for piece in pieces]
-    if len(run) < 2 * size and (min(sizes) < size / 2 or max(sizes) < size):
+    if len(run) < 2 * size and (min(sizes) <= size / 2 or max(sizes) < size):
         return [tuple(run)]
     return [tuple(piece) for piece in pieces]
 

@@ -112,7 +112,7 @@ def _finish(found: Calibration, frames: dict[str, list[Path]]) -> Calibration:
     """Say what is absent, and what is done instead."""
     absent = []
     if found.kind == "raw" and "dark" not in frames:
-        absent.append("no dark frame: black levels as the files state, no pixel is known to be bad")
+        absent.append("no dark frame: black levels as the files state, hot pixels are not known")
     if found.vignetting is None:
         absent.append("no flat field: vignetting is not corrected, corners stay too dark")
     if found.lens is None or not any(found.lens.distortion):
@@ -170,7 +170,7 @@ def _with_flats(found: Calibration, paths: Sequence[Path], bar: Any) -> Calibrat
     """Vignetting from pictures of an even surface; the sensor's noise where dark frames are there too."""
     if not paths:
         return found
-    blocks, gains = [], []
+    blocks, gains, total = [], [], np.float32(0)
     for path in paths:
         frame = _read(path, found)
         signal = _signal(frame, found)
@@ -178,7 +178,9 @@ def _with_flats(found: Calibration, paths: Sequence[Path], bar: Any) -> Calibrat
         _check_flat(path, frame, signal, means, found)
         blocks.append(means / np.median(means, axis=(0, 1)))
         gains.append(_photon_gain(signal, found.figures.get("read_noise", 0.0)))
+        total = total + signal
         bar.advance()
+    dead = _dead_pixels(total)
     mean = np.mean(blocks, axis=0).mean(axis=2)
     vignetting, profile, spread = fit_vignetting(mean, found.width, found.height)
     noise = found.noise
@@ -192,9 +194,19 @@ def _with_flats(found: Calibration, paths: Sequence[Path], bar: Any) -> Calibrat
         found,
         vignetting=vignetting,
         noise=noise,
+        bad_pixels=tuple(sorted({*found.bad_pixels, *dead})),
         sources=sources,
-        figures={**found.figures, "vignetting": curve},
+        figures={**found.figures, "vignetting": curve, "dead_pixels": len(dead)},
     )
+
+
+def _dead_pixels(light: np.ndarray) -> list[tuple[int, int]]:
+    """(row, column) of pixels that see less than 70 % of what those of their colour around them see."""
+    dead = np.zeros(light.shape, bool)
+    for i, j in np.ndindex(2, 2):
+        part = np.ascontiguousarray(light[i::2, j::2])
+        dead[i::2, j::2] = part < 0.7 * cv2.medianBlur(part, 5)
+    return list(map(tuple, np.argwhere(dead).tolist()))
 
 
 def fit_vignetting(means: np.ndarray, width: int, height: int) -> tuple[Vignetting, list[list[float]], float]:
@@ -279,10 +291,12 @@ def _block(shape: tuple[int, int]) -> int:
 
 
 def _photon_gain(signal: np.ndarray, read: float) -> float:
-    """Variance over mean of an even surface: half the squared difference of neighbours of one colour."""
-    difference = signal[:, 2:] - signal[:, :-2]
-    variance = 0.5 * (1.4826 * np.median(np.abs(difference - np.median(difference)))) ** 2
-    return float(max(variance - read**2, 1e-6) / np.median(signal))
+    """Variance of an even surface over its light, from neighbours of one colour."""
+    middle = signal[:, 2:-2]
+    bend = signal[:, :-4] - 2 * middle + signal[:, 4:]  # blind to slopes; its variance is 6 times a pixel's
+    light = np.maximum((signal[:, :-4] + middle + signal[:, 4:]) / 3, 1.0)
+    spread = 1.4826 * np.median(np.abs(bend) / np.sqrt(light))
+    return float(max(spread**2 / 6 - read**2 * np.mean(1 / light), 1e-6))
 
 
 def _corner(vignetting: Vignetting, found: Calibration) -> float:
@@ -379,7 +393,7 @@ def _checkerboard_corners(grey: np.ndarray, settings: Settings) -> tuple[np.ndar
         return None
     columns, rows = np.meshgrid(np.arange(size[0]), np.arange(size[1]))
     points = np.stack([columns, rows, np.zeros_like(rows)], axis=-1).reshape(-1, 3) * settings.board_square
-    return points, _refined(grey, corners.reshape(-1, 2))
+    return points, _refined(grey, corners.reshape(-1, 2), 0.4)
 
 
 def _charuco_corners(grey: np.ndarray, settings: Settings) -> tuple[np.ndarray, np.ndarray] | None:
@@ -399,14 +413,16 @@ def _charuco_corners(grey: np.ndarray, settings: Settings) -> tuple[np.ndarray, 
     if ids is None or len(ids) < 8:
         return None
     objects, images = board.matchImagePoints(corners, ids)
-    return objects.reshape(-1, 3), _refined(grey, images.reshape(-1, 2))
+    # Windows end before the markers.
+    clear = 0.4 * (settings.board_square - settings.board_marker) / settings.board_square
+    return objects.reshape(-1, 3), _refined(grey, images.reshape(-1, 2), clear)
 
 
-def _refined(grey: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Corners to a few hundredths of a pixel: where gradients around meet, in windows as large as the squares allow."""
+def _refined(grey: np.ndarray, corners: np.ndarray, reach: float) -> np.ndarray:
+    """Corners to a few hundredths of a pixel: where the edges within ``reach`` squares around each of them meet."""
     gaps = np.linalg.norm(corners[:, None] - corners, axis=2)
     np.fill_diagonal(gaps, np.inf)
-    half = int(np.clip(0.4 * gaps.min(axis=1).min(), 2, 15))
+    half = int(np.clip(reach * np.median(gaps.min(axis=1)), 2, 15))
     start = np.ascontiguousarray(corners, np.float32).reshape(-1, 1, 2)
     stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 60, 1e-4)
     return cv2.cornerSubPix(grey, start.copy(), (half, half), (-1, -1), stop).reshape(-1, 2)

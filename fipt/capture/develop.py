@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from itertools import pairwise
@@ -91,6 +92,11 @@ def develop_views(
         concerned = set(finding.views) & set(names)
         if concerned and settings.incomplete == "error" and finding.kind == "missing":
             raise FiptError(finding.message, "complete the bracket, or set capture.incomplete to warn")
+        if finding.severity == "error" and not finding.views:
+            # A file that belongs to no view since it cannot be read: brackets are what the others make of them.
+            if settings.incomplete == "error":
+                raise FiptError(finding.message, finding.remedy)
+            print(f"warning: {finding.message}; {finding.remedy}", file=sys.stderr)
     warnings = {name: [f.message for f in capture.findings if name in f.views] for name in names}
     files = []
     with progress("develop", len(names), " views") as bar:

@@ -59,12 +59,13 @@ def look_up(shot: Shot, width: int, height: int, distance: float) -> tuple[str, 
     x, y = (columns - (width - 1) / 2) / focal, (rows - (height - 1) / 2) / focal
     x_d, y_d = (map_[..., 0] - (width - 1) / 2) / focal, (map_[..., 1] - (height - 1) / 2) / focal
     r2 = x * x + y * y
-    powers = np.stack([r2, r2**2, r2**3], axis=-1)
-    design = np.concatenate([(x[..., None] * powers).reshape(-1, 3), (y[..., None] * powers).reshape(-1, 3)])
-    k1, k2, k3 = np.linalg.lstsq(design, np.concatenate([(x_d - x).ravel(), (y_d - y).ravel()]), rcond=None)[0]
-    result = Lens(
-        width, height, float(focal), float(focal), width / 2, height / 2, (float(k1), float(k2), 0.0, 0.0, float(k3))
-    )
+    powers = np.stack([r2**0, r2, r2**2, r2**3], axis=-1)
+    design = np.concatenate([(x[..., None] * powers).reshape(-1, 4), (y[..., None] * powers).reshape(-1, 4)])
+    factors = np.linalg.lstsq(design, np.concatenate([x_d.ravel(), y_d.ravel()]), rcond=None)[0]
+    # Lensfun's models may scale the middle of the picture; in ours that is the focal length.
+    scale, (k1, k2, k3) = factors[0], (factors[1:] / factors[0]).tolist()
+    f = float(focal * scale)
+    result = Lens(width, height, f, f, width / 2, height / 2, (k1, k2, 0.0, 0.0, k3))
     return f"{lens.maker} {lens.model}", result, _vignetting(modifier, width, height)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import logging
 import math
 from calendar import timegm
 from dataclasses import dataclass
@@ -224,6 +225,7 @@ def _black_in_header(tags: dict[str, Any]) -> np.ndarray | None:
 def _tags(file: Any) -> dict[str, Any]:
     import exifread
 
+    logging.getLogger("exifread").setLevel(logging.ERROR)  # files without EXIF are no news
     try:
         return exifread.process_file(file, details=False)
     except (ValueError, KeyError, IndexError, TypeError, AttributeError, OSError, exifread.exceptions.ExifReadError):
