@@ -11,7 +11,7 @@ CONFIG = {
         "room": {
             "source": "procedural",
             "settings": {
-                "synthesize": {"raw": {"enabled": True, "scale": 4, "calibration_frames": 9, "subsamples": 1}},
+                "synthesize": {"raw": {"enabled": True, "scale": 4, "calibration_frames": 9}},
                 "capture": {"downscale": 4, "board_square": 0.03},
             },
         }
@@ -34,13 +34,9 @@ KD_PSNR = 0.0
 def test_raw_brackets_become_materials(workspace):
     here = workspace(CONFIG, stand_in=False)
 
-    def run():
-        command = [sys.executable, "-m", "fipt.cli.main", "run", "room"]
-        done = subprocess.run(command, cwd=here.root, env=here.environment, text=True, capture_output=True, timeout=900)
-        assert done.returncode == 0, done.stderr[-3000:]
-        return done.stderr
-
-    run()
+    command = [sys.executable, "-m", "fipt.cli.main", "run", "room"]
+    done = subprocess.run(command, cwd=here.root, env=here.environment, text=True, capture_output=True, timeout=900)
+    assert done.returncode == 0, done.stderr[-3000:]
     results = here.root / "results" / "room"
     judged = json.loads((results / "capture" / "qa.json").read_text())
     assert all(state["accepted"] for state in judged["views"].values())
@@ -52,22 +48,3 @@ def test_raw_brackets_become_materials(workspace):
     assert found["train"]["log_radiance_error"] < 0.1
     page = (results / "report.html").read_text()
     assert 'id="capture"' in page
-
-    # A view that cannot be developed is rejected, and has no file from there on.
-    broken = results / "raw" / "DSC00006.dng"
-    broken.write_bytes(broken.read_bytes()[: broken.stat().st_size // 2])
-    manifest = results / "raw.train-000.manifest.json"
-    manifest.write_text(manifest.read_text() + " ")
-    record = results / ".run" / "photograph.train-000.json"
-    kept = json.loads(record.read_text())
-    from fipt.io.manifests import file_hash
-
-    kept["outputs"] = {path: file_hash(here.root / path) for path in kept["outputs"]}
-    record.write_text(json.dumps(kept, indent=1, sort_keys=True) + "\n")
-    run()
-    states = json.loads((results / "dataset" / "views.json").read_text())["views"]
-    assert {view for view, state in states.items() if not state["accepted"]} == {"train_001"}
-    assert "truncated" in states["train_001"]["reason"]
-    for folder in ("dataset/images", "dataset/truth", "materials", "capture/hdr"):
-        assert not (results / folder / "train_001.exr").exists(), folder
-    assert "rejected" in (results / "report.html").read_text()
