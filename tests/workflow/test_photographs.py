@@ -26,8 +26,8 @@ CONFIG = {
     "render": {"spp": 16},
 }
 
-KD_PSNR = 0.0
-"""dB on training views."""
+KD_PSNR = 12.0
+"""dB on training views, linear: measured 15.4 when this was written."""
 
 
 @pytest.mark.slow
