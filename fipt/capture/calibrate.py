@@ -93,6 +93,10 @@ def calibrate(capture: Capture, settings: Settings) -> Calibration:
         found = _with_lens(found, frames, settings, first_frame.shot, bar)
         found = _with_white(found, frames.get("white", []), settings, first_frame, bar)
         found = _with_color(found, first_frame.camera_from_xyz)
+    flat, own = found.figures.get("vignetting", {}).get("aperture"), first_frame.shot.aperture
+    if flat and own and abs(flat / own - 1) > 0.05:
+        sentence = f"flat fields at f/{flat:g} for photographs at f/{own:g}: vignetting depends on the aperture"
+        found = replace(found, absent=(*found.absent, sentence))
     return _finish(found, frames)
 
 

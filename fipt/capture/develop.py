@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -29,6 +29,9 @@ from fipt.settings import Capture as Settings
 
 _CLIPPED_SHORTEST = 0.01
 """Share of clipped pixels in the shortest exposure above which a view is warned about."""
+
+_BAND = 128
+"""Rows undistorted at once: their maps stay in the processor's cache."""
 
 _PIXELS_JUDGED = 1_000_000
 """Pixels from which percentiles are taken for the report."""
@@ -139,7 +142,8 @@ def write_view(out: Path, name: str, view: View, half: bool) -> list[Path]:
     picture, facts = out / "hdr" / f"{name}.exr", out / f"{name}.json"
     # Half floats lose nothing where their steps are far below the noise and nothing is too bright for them.
     safe = half and view.radiance.max(initial=0) < _HALF_LARGEST and view.floor > 4 * _HALF_STEP
-    write_exr(picture, {"": view.radiance, "valid.Y": view.valid, "flags.Y": view.flags}, half=bool(safe))
+    layers = {"": view.radiance, "valid.Y": view.valid, "flags.Y": view.flags}
+    write_exr(picture, layers, half=bool(safe), compression="PIZ")
     write_text(facts, json.dumps(view.facts, indent=1) + "\n")
     return [picture, facts]
 
@@ -242,15 +246,23 @@ def _undistorted(merged: Merged, radiance: np.ndarray | None, lens: Lens | None)
         radiance = cv2.LUT(merged.codes, merged.table[None]) if radiance is None else radiance
         return View(radiance, valid / np.float32(255), flags.astype(np.uint32), None, merged.floor)
     pinhole = pinhole_of(lens)
-    map_x, map_y = lens_maps(lens, pinhole)
-    if radiance is None:
-        codes = cv2.remap(merged.codes, map_x, map_y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-        radiance = cv2.LUT(codes, merged.table[None])
-    else:
-        radiance = cv2.remap(radiance, map_x, map_y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-    flags = cv2.remap(flags, map_x, map_y, cv2.INTER_NEAREST, borderValue=FLAG_OUTSIDE)
-    valid = cv2.remap(valid, map_x, map_y, cv2.INTER_LINEAR, borderValue=0)
-    return View(radiance, valid / np.float32(255), flags.astype(np.uint32), pinhole, merged.floor)
+    source = merged.codes if radiance is None else radiance
+    view = View(
+        np.empty((*valid.shape, 3), np.float32),
+        np.empty(valid.shape, np.float32),
+        np.empty(valid.shape, np.uint32),
+        pinhole,
+        merged.floor,
+    )
+    for top in range(0, pinhole.height, _BAND):
+        rows = slice(top, min(top + _BAND, pinhole.height))
+        maps = lens_maps(lens, replace(pinhole, height=rows.stop - top, cy=pinhole.cy - top))
+        seen = cv2.remap(source, *maps, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        view.radiance[rows] = cv2.LUT(seen, merged.table[None]) if radiance is None else seen
+        view.flags[rows] = cv2.remap(flags, *maps, cv2.INTER_NEAREST, borderValue=FLAG_OUTSIDE)
+        view.valid[rows] = cv2.remap(valid, *maps, cv2.INTER_LINEAR, borderValue=0)
+    view.valid /= 255
+    return view
 
 
 def pinhole_of(lens: Lens) -> Lens:
