@@ -381,19 +381,7 @@ def _judged(qualities: Sequence[Quality]) -> list[Finding]:
             "less sharp than the others",
             "photograph again: tripod, remote release, focus",
         )
-    for quality in qualities:
-        for frame in quality.frames:
-            if frame.measured is not None and abs(frame.measured / frame.ratio - 1) > RATIO_TOLERANCE:
-                findings.append(
-                    Finding(
-                        "ratio",
-                        "warning",
-                        f"view {quality.view}: {frame.file} ({shutter_text(frame.shutter)}) gathered 1/"
-                        f"{frame.measured:.4g} of the next longer exposure's light, stated is 1/{frame.ratio:.4g}",
-                        "use the measured ratios (capture.ratios: measured), or did the light change?",
-                        (quality.view,),
-                    )
-                )
+    findings += _off_ratios(qualities)
     balances = {q.view: q.white_balance for q in qualities if q.white_balance is not None}
     if balances:
         usual = np.median(list(balances.values()), axis=0)
@@ -408,6 +396,30 @@ def _judged(qualities: Sequence[Quality]) -> list[Finding]:
                     odd,
                 )
             )
+    return findings
+
+
+def _off_ratios(qualities: Sequence[Quality]) -> list[Finding]:
+    """Exposures that gathered more or less light than stated, one finding for each shutter time and ratio."""
+    off: dict[tuple[str, str], list[tuple[str, float]]] = {}
+    for quality in qualities:
+        for frame in quality.frames:
+            if frame.measured is not None and abs(frame.measured / frame.ratio - 1) > RATIO_TOLERANCE:
+                key = shutter_text(frame.shutter), f"1/{frame.ratio:.4g}"
+                off.setdefault(key, []).append((quality.view, frame.measured))
+    findings = []
+    for (shutter, stated), seen in off.items():
+        views = tuple(view for view, _ in seen)
+        measured = f"1/{np.median([ratio for _, ratio in seen]):.4g}"
+        findings.append(
+            Finding(
+                "ratio",
+                "warning",
+                f"{_views(views)}: {shutter} gathered {measured} of the next longer exposure's light, not {stated}",
+                "set capture.times to measured, unless the light changed meanwhile",
+                views,
+            )
+        )
     return findings
 
 
@@ -433,16 +445,6 @@ def inspect(capture: Capture, threads: int = 2) -> tuple[list[Quality], list[Fin
             bar.advance()
     qualities = [result for result in results if isinstance(result, Quality)]
     return qualities, [result for result in results if isinstance(result, Finding)]
-
-
-def rejected(findings: Iterable[Finding]) -> dict[str, str]:
-    """View -> why it cannot be used: its first finding of severity ``error``."""
-    reasons: dict[str, str] = {}
-    for finding in findings:
-        if finding.severity == "error":
-            for view in finding.views:
-                reasons.setdefault(view, finding.message)
-    return reasons
 
 
 # --- developed views ------------------------------------------------------------------------------
@@ -556,7 +558,7 @@ def report(capture: Capture, folder: Path, calibration: Calibration) -> dict[str
     qualities = [quality_of(known) for known in facts.values() if "rejected" not in known]
     refused = undeveloped(facts)
     findings = check(capture, [*refused, *uncalibrated(calibration)], qualities)
-    rejected_views = rejected(refused)
+    rejected_views = {view: str(known["rejected"]) for view, known in facts.items() if "rejected" in known}
     if len(rejected_views) == len(facts):
         raise FiptError(f"all views of {capture.folder} are rejected: {refused[0].message}", "run fipt check-capture")
     views = {

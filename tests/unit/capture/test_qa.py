@@ -61,7 +61,8 @@ def test_wrong_shutter_times_are_measured(tmp_path):
     for frame, longer, shorter in zip(quality.frames[1:3], true, true[1:], strict=False):
         assert frame.measured == pytest.approx(longer / shorter, rel=0.005)
     found = qa.check(read_capture(tmp_path), [], [quality])
-    assert {finding.kind for finding in found} == {"ratio"}
+    assert {(finding.kind, finding.views) for finding in found} == {("ratio", ("train_000",))}
+    assert "capture.times to measured" in found[0].remedy
 
 
 def test_sharpness_tells_blur_from_contrast(tmp_path):
@@ -157,7 +158,7 @@ def test_the_report_rejects_what_could_not_be_developed(developed):
     capture = Capture(developed, tuple(map(shots, "abcd")), ())
     found = qa.report(capture, developed, Calibration("raw", "A", 6, 4, absent=("no flat field",)))
     assert {view: state["accepted"] for view, state in found["views"].items()} == {"a": True, "b": True, "c": False}
-    assert found["views"]["c"]["reason"] == "view c: c_2.arw is truncated"
+    assert found["views"]["c"]["reason"] == "c_2.arw is truncated"
     assert found["views"]["a"]["dynamic_range"] == 9.0
     assert [(f["kind"], f["severity"]) for f in found["findings"]] == [("rejected", "error"), ("uncalibrated", "note")]
     # half of the pixels with weight have 2, half 6: their median becomes 0.2
