@@ -115,6 +115,9 @@ def _of_merged(capture: Capture) -> Calibration:
 def _finish(found: Calibration, frames: dict[str, list[Path]]) -> Calibration:
     """Say what is absent, and what is done instead."""
     absent = []
+    unused = [kind for kind in ("dark", "flat", "white") if kind in frames and found.kind == "ldr"]
+    if unused:
+        absent.append(f"{', '.join(unused)} frames are not used for JPEG and PNG, which the camera has processed")
     if found.kind == "raw" and "dark" not in frames:
         absent.append("no dark frame: black levels as the files state, hot pixels are not known")
     if found.vignetting is None:

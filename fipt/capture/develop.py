@@ -285,7 +285,7 @@ def to_srgb(radiance: np.ndarray, matrix: np.ndarray) -> np.ndarray:
 
 
 def downscaled(view: View, factor: int) -> View:
-    """Average blocks of pixels: radiance by weight, weights plainly; a block has the flags of any of its pixels."""
+    """Average radiance and weights over blocks of pixels; a block has the flags of any of its pixels, but for noise."""
     height, width = (n // factor for n in view.valid.shape)
     if min(height, width) < 1:
         raise FiptError(f"capture.downscale {factor} leaves nothing of {view.valid.shape[1]}x{view.valid.shape[0]}")

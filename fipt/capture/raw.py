@@ -184,10 +184,16 @@ def _frame(path: Path, raw: Any, tags: dict[str, Any], shot: Shot) -> RawFrame:
     # (raw_colors_visible says the same, but is as large as the picture.)
     top, left = raw.sizes.top_margin, raw.sizes.left_margin
     pattern = np.array([[raw.raw_color(top + i, left + j) for j in (0, 1)] for i in (0, 1)])
-    desc = raw.color_desc.decode()
-    if desc not in ("RGBG", "RGBE") or sorted(pattern.ravel()) != [0, 1, 2, 3]:
-        raise FiptError(f"{path} must have a red-green-blue mosaic; found {desc} {pattern.ravel().tolist()}", "")
     black = np.array(raw.black_level_per_channel, np.float64)
+    if sorted(pattern.ravel()) == [0, 1, 1, 2]:  # of some cameras, both greens have one index
+        pattern.ravel()[np.flatnonzero(pattern.ravel() == 1)[1]] = 3
+        black[3] = black[1]
+    desc = raw.color_desc.decode()
+    if desc[:3] != "RGB" or sorted(pattern.ravel()) != [0, 1, 2, 3]:
+        raise FiptError(
+            f"{path} must have a mosaic of red, green and blue; found {desc} {pattern.ravel().tolist()}",
+            "convert the files to HDR views elsewhere and give those",
+        )
     exact = _black_in_header(tags)
     if exact is not None and (np.abs(exact.ravel() - black[pattern.ravel()]) <= 1).all():
         black[pattern.ravel()] = exact.ravel()
@@ -195,7 +201,10 @@ def _frame(path: Path, raw: Any, tags: dict[str, Any], shot: Shot) -> RawFrame:
     white = np.array(per_channel if per_channel and min(per_channel) > 0 else [raw.white_level] * 4, np.float64)
     white = np.minimum(white, raw.white_level) if raw.white_level else white
     if (white - black <= 0).any():
-        raise FiptError(f"{path}: white level {white.min():g} must exceed black level {black.max():g}", "")
+        raise FiptError(
+            f"{path} must have a white level above its black level; found {white.min():g} and {black.max():g}",
+            "update rawpy (LibRaw), which may not know this camera well",
+        )
     balance = np.array(raw.camera_whitebalance[:3], np.float64)
     usable = np.isfinite(balance).all() and balance.min() > 0
     mosaic = np.array(raw.raw_image_visible)  # a copy: LibRaw's own memory goes with it

@@ -107,7 +107,7 @@ def board(
         with np.errstate(invalid="ignore"):
             dark = (np.floor(u) + np.floor(v)) % 2 == 0
     else:
-        row, column = ((np.where(squares, w, 0) + 1) * _TEXELS for w in (v, u))
+        row, column = ((np.where(squares, along, 0) + 1) * _TEXELS for along in (v, u))
         dark = drawn[row.astype(int), column.astype(int)] < 128
     return np.where(squares & dark, _BLACK, np.where(paper, _WHITE, _AROUND))
 

@@ -156,6 +156,12 @@ def write_calibration(
         The room's mesh, where it is known.
     """
     planes = optics(one_camera(cameras), camera)
+    absent = set(camera.ghosts) - {view.name for view in cameras}
+    if absent:
+        raise FiptError(
+            f"synthesize.raw.ghosts must name views of the scene; {', '.join(sorted(absent))} is none",
+            "choose among " + ", ".join(view.name for view in cameras[:8]),
+        )
     files = _write_frames(out / "calibration", planes, camera)
     files += [out / "captures.tsv", out / "transforms.json", out / "truth" / "camera.json"]
     write_text(files[-3], table(cameras, camera))

@@ -330,6 +330,12 @@ def test_a_capture_has_one_camera(tmp_path):
     assert not (tmp_path / "raw").exists()
 
 
+def test_a_ghost_needs_a_view(tmp_path):
+    with pytest.raises(FiptError, match="train_007 is none"):
+        captures.write(tmp_path / "raw", ghosts=("train_007",))
+    assert not (tmp_path / "raw").exists()
+
+
 def test_the_truth_of_the_camera_is_complete(made):
     truth = json.loads((made.folder / "truth" / "camera.json").read_text())
     assert truth["sensor"]["distortion"] == list(made.settings.distortion)
