@@ -17,7 +17,9 @@ from typing import Any
 
 import numpy as np
 
+from fipt.capture import lensfun
 from fipt.capture.brackets import Bracket, Capture, Finding
+from fipt.capture.calibrate import calibration_frames
 from fipt.capture.calibration import Calibration
 from fipt.capture.exposures import RATIO_TOLERANCE, exposure, measured_ratio, shutter_text, stops
 from fipt.capture.merge import assumed_noise, measured_noise
@@ -420,6 +422,26 @@ def _off_ratios(qualities: Sequence[Quality]) -> list[Finding]:
                 views,
             )
         )
+    return findings
+
+
+def calibration_notes(capture: Capture) -> list[Finding]:
+    """What will not be known of the camera: missing calibration frames, and a lens that lensfun does not know."""
+    if capture.kind != "raw" or (capture.folder / "calibration.json").is_file():
+        return []
+    frames = calibration_frames(capture.folder)
+    board = "checkerboard" in frames or "charuco" in frames
+    there = {"board": board, **{kind: kind in frames for kind in ("flat", "dark", "white")}}
+    missing = [kind for kind, found in there.items() if not found]
+    findings = []
+    if missing:
+        message = f"no calibration frames of: {', '.join(missing)}"
+        findings.append(Finding("calibration", "note", message, "photograph them while you are here (docs/capture.md)"))
+    shot = capture.brackets[0].shots[0]
+    # Size and distance do not decide whether a lens is known.
+    if not (board and "flat" in frames) and lensfun.look_up(shot, 6000, 4000, 2.5) is None:
+        message = f"lensfun does not know the lens {shot.lens or 'without a name'} on {shot.camera or 'this camera'}"
+        findings.append(Finding("lens", "note", message, "photograph a board and an even surface"))
     return findings
 
 

@@ -25,12 +25,12 @@ def command(
     Exit code 0 if nothing is worse than a warning, 2 with errors.
     """
     from fipt.capture.brackets import read_capture
-    from fipt.capture.qa import check, inspect
+    from fipt.capture.qa import calibration_notes, check, inspect
     from fipt.errors import EXIT_CODE
 
     capture = read_capture(folder, frames)
     qualities, unreadable = ([], []) if quick else inspect(capture, os.cpu_count() or 1)
-    findings = check(capture, unreadable, qualities)
+    findings = check(capture, [*unreadable, *calibration_notes(capture)], qualities)
     show(capture, qualities, findings)
     if any(finding.severity == "error" for finding in findings):
         raise typer.Exit(EXIT_CODE)

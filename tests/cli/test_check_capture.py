@@ -73,6 +73,18 @@ def test_other_faults(tmp_path, monkeypatch, capsys, fault, code, said):
     assert said in capsys.readouterr().out
 
 
+def test_missing_calibration_is_noted(tmp_path, capsys):
+    captures.write(tmp_path, views=1, calibration_frames=1)
+    shutil.rmtree(tmp_path / "calibration" / "flat")
+    assert main(["check-capture", str(tmp_path)]) == 0
+    printed = capsys.readouterr().out
+    assert "note: no calibration frames of: flat; photograph them" in printed
+    assert "note: lensfun does not know the lens Simulated lens on fipt Simulated camera" in printed
+    shutil.rmtree(tmp_path / "calibration")
+    assert main(["check-capture", str(tmp_path), "--quick"]) == 0
+    assert "no calibration frames of: board, flat, dark, white" in capsys.readouterr().out
+
+
 def test_quick_reads_no_pixels(tmp_path, monkeypatch, capsys):
     folder = planted(tmp_path, monkeypatch, "truncated", "mixed aperture", SOUND)
     assert main(["check-capture", str(folder), "--quick"]) == 0
