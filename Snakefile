@@ -5,7 +5,7 @@
     snakemake --workflow-profile workflow/profiles/local materials     up to a stopping point
     snakemake --cores all results/demo/report.html                     one file and what it needs
 
-Stopping points: dataset, shading, materials, render, relight, metrics, report.
+Stopping points: capture, dataset, shading, materials, render, relight, metrics, report.
 Which scenes, with which settings: config/config.yaml, explained in config/README.md.
 """
 
@@ -23,7 +23,10 @@ container: "fipt.sif"
 
 
 include: "workflow/rules/common.smk"
+include: "workflow/rules/photographs.smk"
 include: "workflow/rules/targets.smk"
+include: "workflow/rules/simulate.smk"
+include: "workflow/rules/capture.smk"
 include: "workflow/rules/dataset.smk"
 include: "workflow/rules/hits.smk"
 include: "workflow/rules/background.smk"

@@ -51,18 +51,27 @@ Sections = create_model(
 class SceneEntry(Settings):
     """One scene."""
 
-    source: Literal["procedural", "dataset"] = Field(
-        description="procedural: a room in code; dataset: posed HDR views that exist"
+    source: Literal["procedural", "dataset", "raw"] = Field(
+        description="procedural: a room in code; dataset: posed HDR views that exist; raw: bracketed photographs"
     )
     preset: str = Field("default", description="name of a file in config/presets")
     path: str | None = Field(
         None,
-        description="folder (or transforms.json) of a dataset; {data_root} is replaced by that key",
+        description="folder (or transforms.json) of a dataset, or of photographs; {data_root} is replaced by that key",
     )
     format: Literal["nerfstudio", "fipt-synthetic", "fipt-real"] | None = Field(
         None, description="layout of a dataset: they share file names, but not axes"
     )
-    mesh: str | None = Field(None, description="mesh of a dataset whose layout brings none; {data_root} is replaced")
+    mesh: str | None = Field(
+        None, description="mesh of photographs, or of a dataset whose layout brings none; {data_root} is replaced"
+    )
+    poses: str | None = Field(
+        None, description="transforms.json with the poses of photographed views, by view name; {data_root} is replaced"
+    )
+    segments: str | None = Field(
+        None,
+        description="folder with part/VIEW.png or semantic/VIEW.png of photographed views; {data_root} is replaced",
+    )
     setups: Setups | None = Field(None, description="relight setups of this scene, beside the common ones")
     settings: Sections | None = Field(None, description="stage sections of this scene")
 
@@ -88,7 +97,7 @@ class Scene:
     ----------
     name
         Its folder below results/.
-    source, path, format, mesh
+    source, path, format, mesh, poses, segments
         As in the config; paths as given, relative to the working directory.
     settings
         Stage -> its settings.
@@ -105,6 +114,8 @@ class Scene:
     path: str | None
     format: str | None
     mesh: str | None
+    poses: str | None
+    segments: str | None
     settings: dict[str, Any]
     setups: Setups
     rounds: int
@@ -126,11 +137,11 @@ class Scene:
         return json.dumps(values, sort_keys=True)
 
     def source_path(self) -> str:
-        """Return the path of a dataset, ``{data_root}`` replaced."""
+        """Return the path of a dataset or of photographs, ``{data_root}`` replaced."""
         return self._placed(self.path, "path")
 
     def mesh_path(self) -> str | None:
-        """Return the path of the extra mesh of a dataset, or None."""
+        """Return the path of the mesh that the config names, or None."""
         return self._placed(self.mesh, "mesh") if self.mesh else None
 
     def background_path(self) -> str | None:
@@ -142,6 +153,39 @@ class Scene:
         """Files that a relight setup names: another environment map, or none."""
         edit = self.setups[setup].background
         return [self._placed(edit.file, f"setups.{setup}.background.file")] if edit and edit.file else []
+
+    @property
+    def simulated(self) -> bool:
+        """Whether the views of a procedural room are photographed by a simulated camera."""
+        return self.source == "procedural" and self.settings["synthesize"].raw.enabled
+
+    @property
+    def photographed(self) -> bool:
+        """Whether the dataset comes from photographs, true or simulated."""
+        return self.source == "raw" or self.simulated
+
+    @property
+    def room(self) -> str:
+        """Folder of a simulated capture's room: its mesh and the poses of its views."""
+        return f"{RESULTS}/{self.name}/room"
+
+    def capture_path(self) -> str:
+        """Folder of the photographs."""
+        return f"{RESULTS}/{self.name}/raw" if self.simulated else self.source_path()
+
+    def import_options(self) -> list[str]:
+        """Options of ``fipt import`` that say what is imported."""
+        if self.source == "dataset":
+            options = {"source": self.source_path(), "format": self.format, "mesh": self.mesh_path()}
+        else:
+            developed = {"source": f"{RESULTS}/{self.name}/capture", "format": "capture"}
+            if self.simulated:
+                options = developed | {"mesh": f"{self.room}/mesh.ply", "poses": f"{self.room}/transforms.json"}
+            else:
+                segments = self._placed(self.segments, "segments") if self.segments else None
+                options = developed | {"mesh": self.mesh_path(), "poses": self._placed(self.poses, "poses")}
+                options |= {"segments": segments}
+        return [text for key, value in options.items() if value is not None for text in (f"--{key}", value)]
 
     def emitters_round(self, round_: int) -> int:
         """Return the round whose emitters go with the model of ``round_``."""
@@ -160,19 +204,42 @@ class Scene:
             made = self.settings["synthesize"]
             counts = {"train": made.train_views, "val": made.val_views}
             return {split: [f"{split}_{i:03d}" for i in range(n)] for split, n in counts.items()}
-        splits: dict[str, list[str]] = {"train": [], "val": []}
-        for frame in self._source.frames:
-            splits[frame.split].append(frame.name)
-        return splits
+        frames = self._photographed if self.source == "raw" else self._source.frames
+        return {split: [frame.name for frame in frames if frame.split == split] for split in ("train", "val")}
 
     def source_files(self) -> list[str]:
-        """Cameras, mesh and pictures of a dataset: when one changes, it is imported again."""
+        """What is imported: cameras, mesh and pictures of a dataset; poses, mesh and ids of photographs.
+
+        When one changes, it is imported again.
+        """
+        if self.source == "raw":
+            files = [self._placed(self.poses, "poses"), self.mesh_path()]
+            if self.segments:
+                folder = Path(self._placed(self.segments, "segments"))
+                files += map(str, sorted(folder.glob("*/*.png")))
+            return files
+        if self.simulated:
+            return [f"{self.room}/{name}" for name in ("mesh.ply", "transforms.json", "room.json")]
         root, mesh = self._source.root, self.mesh_path() or self._source.mesh
         found = [root / name for name in _CAMERA_FILES if (root / name).is_file()]
         if Path(self.source_path()).is_file():
             found.append(Path(self.source_path()))
         found += [frame.image for frame in self._source.frames]
         return sorted({str(path) for path in [*found, *([mesh] if mesh else [])]})
+
+    def photographs(self, views: Iterable[str]) -> list[str]:
+        """Files of the brackets of some views of a true capture, and its table where it has one."""
+        brackets = {bracket.view: bracket for bracket in self._capture.brackets}
+        table = self._capture.folder / "captures.tsv"
+        files = [shot.path for view in views for shot in brackets[view].shots]
+        return sorted(map(str, [*files, *([table] if table.is_file() else [])]))
+
+    def calibration_files(self) -> list[str]:
+        """Calibration frames of a true capture, or its calibration.json; perhaps none."""
+        folder = Path(self.source_path())
+        found = [path for path in (folder / "calibration").glob("*/*") if path.is_file()]
+        given = folder / "calibration.json"
+        return sorted(map(str, [*found, *([given] if given.is_file() else [])]))
 
     def shards(self, *splits: str) -> dict[str, list[str]]:
         """Shard -> names of its views; for the splits named, or ``all``."""
@@ -191,6 +258,29 @@ class Scene:
 
         every = self.settings["import"].val_every
         return read_source(self.source_path(), self.format, every)
+
+    @cached_property
+    def _capture(self) -> Any:
+        from fipt.capture.brackets import read_capture
+
+        return read_capture(self.source_path(), self.settings["capture"].frames)
+
+    @cached_property
+    def _photographed(self) -> list[Any]:
+        """Posed views of which there are photographs."""
+        from fipt.io.sources import read_poses
+
+        poses = self._placed(self.poses, "poses")
+        posed = read_poses(poses, self.settings["import"].val_every)
+        known = [bracket.view for bracket in self._capture.brackets]
+        frames = [frame for frame in posed if frame.name in known]
+        if not any(frame.split == "train" for frame in frames):
+            raise FiptError(
+                f"{poses} must have poses of the views in {self.source_path()}; it has "
+                f"{', '.join(frame.name for frame in posed[:3])}, photographed are {', '.join(known[:3])}",
+                "name the poses' pictures as the views",
+            )
+        return frames
 
     def relit_shards(self) -> dict[str, list[str]]:
         """Shards whose views are relit."""
@@ -252,24 +342,17 @@ def load(values: Mapping[str, Any]) -> Configuration:
 def _scene(name: str, entry: SceneEntry, config: Config) -> Scene:
     check_name(name, "scene")
     where = f"scenes.{name}"
-    if entry.source == "procedural":
-        for key in ("path", "format", "mesh"):
-            if getattr(entry, key) is not None:
-                raise FiptError(f"{where}.{key} is only for source: dataset", f"remove {where}.{key}")
-    else:
-        for key in ("path", "format"):
-            if getattr(entry, key) is None:
-                allowed = get_args(get_args(SceneEntry.model_fields["format"].annotation)[0])
-                what = "one of " + ", ".join(allowed) if key == "format" else "the dataset's folder"
-                raise FiptError(f"{where}.{key} is missing", f"source: dataset needs {key}: {what}")
+    _check_keys(entry, where)
     setups = (config.setups or {}) | (entry.setups or {})
     for setup in setups:
         check_name(setup, "relight setup")
     layers = (preset(entry.preset, f"{where}.preset"), config, entry.settings or Sections())
-    settings = {
-        stage: model.model_validate({key: value for layer in layers for key, value in _section(layer, stage).items()})
-        for stage, model in STAGES.items()
-    }
+    settings = {}
+    for stage, model in STAGES.items():
+        values: dict[str, Any] = {}
+        for layer in layers:
+            _merge(values, _section(layer, stage))
+        settings[stage] = model.model_validate(values)
     check_background(settings["background"], f"scene {name}: background")
     return Scene(
         name=name,
@@ -277,12 +360,41 @@ def _scene(name: str, entry: SceneEntry, config: Config) -> Scene:
         path=entry.path,
         format=entry.format,
         mesh=entry.mesh,
+        poses=entry.poses,
+        segments=entry.segments,
         settings=settings,
         setups=setups,
         rounds=config.rounds,
         views_per_shard=config.views_per_shard,
         data_root=config.data_root,
     )
+
+
+_SOURCE_KEYS = {
+    "procedural": ((), ()),
+    "dataset": (("path", "format"), ("mesh",)),
+    "raw": (("path", "poses", "mesh"), ("segments",)),
+}
+"""Source of a scene -> the keys that it needs, and those that it may have."""
+
+
+def _check_keys(entry: SceneEntry, where: str) -> None:
+    """Refuse keys that belong to another source, and missing ones."""
+    needed, allowed = _SOURCE_KEYS[entry.source]
+    for key in ("path", "format", "mesh", "poses", "segments"):
+        given = getattr(entry, key) is not None
+        if given and key not in (*needed, *allowed):
+            sources = " or ".join(name for name, keys in _SOURCE_KEYS.items() if key in (*keys[0], *keys[1]))
+            raise FiptError(f"{where}.{key} is only for source: {sources}", f"remove {where}.{key}")
+        if not given and key in needed:
+            formats = get_args(get_args(SceneEntry.model_fields["format"].annotation)[0])
+            what = {
+                "path": "the folder of the " + ("photographs" if entry.source == "raw" else "dataset"),
+                "format": "one of " + ", ".join(formats),
+                "poses": "a transforms.json with the pose of every view",
+                "mesh": "the room's mesh",
+            }[key]
+            raise FiptError(f"{where}.{key} is missing", f"source: {entry.source} needs {key}: {what}")
 
 
 def preset(name: str, where: str) -> Sections:

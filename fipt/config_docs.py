@@ -38,6 +38,9 @@ def tables_text() -> str:
     parts += ["### A scene: `scenes.NAME`\n", _table(SceneEntry.model_fields)]
     for stage, model in STAGES.items():
         parts += [f"### `{stage}`: {_first_line(model)}\n", _table(model.model_fields)]
+        for key, field in model.model_fields.items():
+            if isinstance(field.default, BaseModel):
+                parts += [f"#### `{stage}.{key}`\n", _table(type(field.default).model_fields)]
     parts += ["### A relight setup: `setups.NAME`\n", _table(RelightSetup.model_fields)]
     parts += ["#### One entry of `emitters`\n", _table(EmitterEdit.model_fields)]
     parts += ["#### One entry of `lights`\n", _table(NewLight.model_fields)]
@@ -63,6 +66,8 @@ def _table(fields: dict[str, Any]) -> str:
 
 
 def _default(value: Any) -> str:
+    if isinstance(value, BaseModel):
+        return "see below"
     return "-" if value is None or value == () else f"`{json.dumps(value)}`"
 
 

@@ -30,8 +30,10 @@ class Job:
 
     Attributes
     ----------
+    verb
+        Of the command line.
     stage
-        Verb, rule and config section.
+        Config section and version; the verb too, but for those of the capture.
     label
         Stage with round and shard; its files in stats/ and logs/ are called so.
     options
@@ -42,6 +44,7 @@ class Job:
         Folders that it promises; their manifests stand among the outputs.
     """
 
+    verb: str
     stage: str
     label: str
     options: tuple[str, ...]
@@ -74,8 +77,13 @@ class _Chain:
         self.cache, self.background = f"{self.root}/cache.npz", f"{self.root}/background.npz"
         self.shards, self.train = scene.shards("all"), list(scene.shards("train"))
         self.hits = {shard: f"{self.root}/hits/{shard}" for shard in self.shards}
-        one = scene.source == "dataset"  # imported as a whole
-        self.images = {shard: manifest(f"{data}/images" if one else f"{data}/images.{shard}") for shard in self.shards}
+        # What holds the pictures, segments and truth of a shard. An import writes the pictures of all views.
+        self.images = {shard: [manifest(f"{data}/images.{shard}")] for shard in self.shards}
+        if scene.source == "dataset" or scene.photographed:
+            self.images = {shard: [manifest(f"{data}/images")] for shard in self.shards}
+        if scene.simulated:
+            for shard, files in self.images.items():
+                files.append(manifest(f"{data}/truth.{shard}"))
         # Of the last round so far: model, its confidence, emitters (perhaps of an earlier one), shading of shards
         self.model = self.emitters = self.confidence = ""
         self.shading: dict[str, str] = {}
@@ -90,12 +98,15 @@ class _Chain:
         inputs: Iterable[str],
         outputs: Iterable[str] = (),
         folders: Sequence[str] = (),
+        section: str | None = None,
     ) -> None:
-        """Add a job; settings and stats are the same options everywhere."""
+        """Add a job; settings and stats are the same options everywhere. ``section`` is the verb's where not named."""
+        verb, stage = stage, section or stage
         stats = f"{self.root}/stats/{label}.json"
         common = ("--settings", self.scene.json(stage), "--stats", stats)
         self.jobs.append(
             Job(
+                verb=verb,
                 stage=stage,
                 label=label,
                 options=(*options, *common),
@@ -108,19 +119,22 @@ class _Chain:
     def add_dataset(self) -> None:
         """Import the views of another layout, or make them."""
         scene, dataset = self.scene, ("--dataset", self.data)
-        if scene.source == "dataset":
+        developed = self._add_capture() if scene.photographed else []
+        if scene.source == "dataset" or scene.photographed:
             listed = manifest(f"{self.data}/images")
-            mesh = ("--mesh", scene.mesh_path()) if scene.mesh else ()
-            options = ("--source", scene.source_path(), "--format", scene.format, *mesh, *dataset)
-            options += ("--manifest", listed)
-            self.add("import", "import", options, scene.source_files(), [*self.geometry, listed])
+            options = (*scene.import_options(), *dataset, "--manifest", listed)
+            self.add("import", "import", options, [*scene.source_files(), *developed], [*self.geometry, listed])
+        if scene.source != "procedural":
             return
-        room = [*self.geometry, f"{self.data}/room.json"]
-        self.add("synthesize", "synthesize", (*dataset, "--room"), [], room)
+        room = [*self.geometry] if scene.simulated else [*self.geometry, f"{self.data}/room.json"]
+        if not scene.photographed:
+            self.add("synthesize", "synthesize", (*dataset, "--room"), [], room)
         for shard, views in self.shards.items():
-            made = self.images[shard]
-            options = (*dataset, "--views", ",".join(views), "--manifest", made)
-            self.add("synthesize", f"synthesize.{shard}", options, room, [made])
+            made = self.images[shard][-1]
+            only = ("--truth",) if scene.simulated else ()
+            label = f"truth.{shard}" if scene.simulated else f"synthesize.{shard}"
+            options = (*dataset, *only, "--views", ",".join(views), "--manifest", made)
+            self.add("synthesize", label, options, room, [made])
         for setup in scene.setups:
             light = ("--setup", scene.setup_json(setup), "--setup-name", setup)
             for shard, views in scene.relit_shards().items():
@@ -129,6 +143,41 @@ class _Chain:
                 inputs = [*room, *scene.setup_files(setup)]
                 self.add("synthesize", f"synthesize.{setup}.{shard}", options, inputs, [made])
                 self.shown.append(made)
+
+    def _add_capture(self) -> list[str]:
+        """Photographs to developed views and their report; return the files that an import reads."""
+        scene, root = self.scene, self.root
+        photographs, developed = scene.capture_path(), f"{root}/capture"
+        calibration, report = f"{developed}/calibration.json", f"{developed}/qa.json"
+        if scene.simulated:
+            room = ("--dataset", scene.room)
+            files = [f"{scene.room}/{name}" for name in ("transforms.json", "views.json", "mesh.ply", "room.json")]
+            self.add("synthesize", "synthesize", (*room, "--room"), [], files)
+            frames = manifest(f"{root}/raw.calibration")
+            options = (*room, "--calibration", photographs, "--manifest", frames)
+            self.add("synthesize", "photograph.calibration", options, files, [frames])
+            brackets = {shard: [frames, manifest(f"{root}/raw.{shard}")] for shard in self.shards}
+            for shard, views in self.shards.items():
+                made = brackets[shard][-1]
+                options = (*room, "--raw", photographs, "--views", ",".join(views), "--manifest", made)
+                self.add("synthesize", f"photograph.{shard}", options, files, [made])
+            calibrated_from = list(dict.fromkeys(file for files in brackets.values() for file in files))
+        else:
+            brackets = {shard: scene.photographs(views) for shard, views in self.shards.items()}
+            # The first photograph tells the camera; which one that is, the table may say.
+            calibrated_from = [*scene.calibration_files(), *next(iter(brackets.values()))]
+        options = ("--capture", photographs, "--out", calibration)
+        self.add("calibrate", "calibrate", options, calibrated_from, [calibration], section="capture")
+        made = []
+        for shard, views in self.shards.items():
+            made.append(manifest(f"{developed}/hdr.{shard}"))
+            options = ("--capture", photographs, "--views", ",".join(views), "--calibration", calibration)
+            options += ("--out", developed, "--keep-going", "--manifest", made[-1])
+            inputs = [calibration, *brackets[shard]]
+            self.add("develop", f"develop.{shard}", options, inputs, [made[-1]], section="capture")
+        options = ("--capture", photographs, "--developed", developed, "--calibration", calibration, "--out", report)
+        self.add("qa", "qa", options, [calibration, *made], [report], section="capture")
+        return [report, *made]
 
     def add_hits_and_cache(self) -> None:
         """Trace the first hits of every view; gather what the training pictures show of the surface and beyond it."""
@@ -210,7 +259,8 @@ class _Chain:
         for name in ("materials", "render", "relight"):
             options += [f"--{name}", f"{self.root}/{name}"]
         options += ["--emitters", self.emitters, "--out", metrics]
-        inputs = [*self.geometry, *self.images.values(), *map(manifest, self.hits.values())]
+        inputs = [*self.geometry, *(file for files in self.images.values() for file in files)]
+        inputs += map(manifest, self.hits.values())
         inputs += [*self.shown, self.emitters]
         self.add("metrics", "metrics", options, inputs, [metrics])
         options = ("--results", self.root, "--out", report)
@@ -221,7 +271,7 @@ class _Chain:
         return "--dataset", self.data, "--hits", hits
 
     def _training_files(self) -> list[str]:
-        images = [self.images[shard] for shard in self.train]
+        images = [file for shard in self.train for file in self.images[shard]]
         return [*self.geometry, *images, *(manifest(self.hits[shard]) for shard in self.train)]
 
 

@@ -25,6 +25,56 @@ class Settings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
+Quad = tuple[float, float, float, float]
+
+
+class SimulatedCamera(Settings):
+    """A camera that photographs the room: exposure brackets as RAW files instead of finished HDR views."""
+
+    enabled: bool = Field(False, description="write RAW brackets and calibration frames instead of pictures")
+    scale: Positive = Field(3, le=8, description="sensor pixels along one pixel of a view")
+    pattern: Literal["RGGB", "BGGR", "GRBG", "GBRG"] = Field("RGGB", description="Bayer pattern")
+    bits: Literal[12, 14, 16] = Field(14, description="bits of a raw value")
+    white_level: Positive | None = Field(None, le=65535, description="raw value at saturation; default: the largest")
+    black_levels: Quad = Field(
+        (512.25, 511.5, 513.0, 512.75), description="of the 2x2 cell, row by row, as the files state them"
+    )
+    dark_offset: Quad = Field((0.0, 0.0, 0.0, 0.0), description="what the true black levels have on top, raw values")
+    distortion: tuple[float, float, float, float, float] = Field(
+        (-0.10, 0.01, 0.0, 0.0, 0.0), description="k1, k2, p1, p2, k3 (Brown-Conrady, OpenCV's order)"
+    )
+    principal_offset: tuple[float, float] = Field(
+        (0.0, 0.0), description="optical axis right of and below the view's, sensor pixels"
+    )
+    vignetting: tuple[float, float, float] = Field(
+        (-0.35, -0.17, 0.05), description="of r^2, r^4, r^6; r = 1 at half the diagonal from the optical axis"
+    )
+    sensitivity: tuple[Length, Length, Length] = Field(
+        (0.55, 1.0, 0.65), description="of red, green and blue; the white balance undoes it"
+    )
+    mixing: tuple[float, float, float, float, float, float, float, float, float] = Field(
+        (1, 0, 0, 0, 1, 0, 0, 0, 1), description="camera RGB from linear sRGB before the sensitivity, row by row"
+    )
+    exposures: Positive = Field(5, le=15, description="frames of a bracket")
+    step: Length = Field(2.0, le=4, description="between neighbouring exposures, EV; whole thirds")
+    longest: Length = Field(0.25, le=32, description="longest exposure, seconds; snapped to third stops")
+    shutter_error: Fraction = Field(0.0, le=0.2, description="standard deviation of true times off the third stops")
+    shuffled: bool = Field(False, description="exposures of a bracket in random order instead of shortest first")
+    white_radiance: Length = Field(60.0, description="radiance that saturates green in the shortest exposure")
+    full_well: Length = Field(50_000.0, description="electrons at saturation")
+    read_noise: Weight = Field(3.0, description="standard deviation, electrons")
+    hot_pixels: Fraction = Field(0.0, le=0.1, description="share of pixels that glow with time")
+    dead_pixels: Fraction = Field(0.0, le=0.1, description="share of pixels that see nothing")
+    ghosts: tuple[str, ...] = Field((), description="views in which something stands in one exposure only")
+    boards: tuple[Literal["checkerboard", "charuco"], ...] = Field(
+        ("checkerboard",), description="kinds of calibration boards"
+    )
+    calibration_frames: Positive = Field(12, description="views of each board")
+    board: tuple[Positive, Positive] = Field((9, 6), description="inner corners of the boards")
+    square: Length = Field(0.025, description="side of their squares, metres; ChArUco markers have 0.72 of it")
+    seed: Count = Field(0, description="seed of noise, hot pixels, ghosts and poses of the board")
+
+
 class Synthesize(Settings):
     """The procedural room and its views."""
 
@@ -39,6 +89,39 @@ class Synthesize(Settings):
     opening: bool = Field(False, description="leave the window's pane out: light comes from the sky outside")
     sky: Rgb = Field((8.0, 9.75, 12.5), description="radiance of the sky's horizon, where there is an opening")
     seed: Count = Field(0, description="seed of room, cameras and noise")
+    raw: SimulatedCamera = Field(SimulatedCamera(), description="photograph the views with a simulated camera")
+
+
+class Capture(Settings):
+    """Bracketed photographs to HDR views, and the calibration of their camera."""
+
+    frames: Count = Field(0, le=32, description="exposures of a bracket; 0 = find out from times and exposures")
+    incomplete: Literal["warn", "error"] = Field("warn", description="a bracket that lacks frames: use it, or stop")
+    times: Literal["snapped", "measured", "nominal"] = Field(
+        "snapped", description="exposure times: true third stops behind EXIF, measured from overlaps, or EXIF as it is"
+    )
+    merge: Literal["mosaic", "hat"] = Field(
+        "mosaic", description="merge mosaics and demosaic once, or demosaic each exposure and weigh by the hat (paper)"
+    )
+    saturation: float = Field(0.98, gt=0.5, le=1, description="share of the sensor's range above which it is full")
+    motion: Fraction = Field(
+        0.03, description="disagreement of exposures beyond noise that counts as motion; 0 = do not look for it"
+    )
+    downscale: Positive = Field(1, le=16, description="average blocks of this many pixels a side")
+    half: bool = Field(True, description="store radiance in 16 bits where that loses nothing against the noise")
+    white_balance: Literal["reference", "camera", "none"] = Field(
+        "reference", description="gains from the white frames (else the camera's), the camera's, or none"
+    )
+    color: Literal["srgb", "camera"] = Field(
+        "srgb", description="linear sRGB by the camera's colour matrix where one is known, or the camera's own colours"
+    )
+    board_columns: int = Field(9, ge=3, le=64, description="inner corners along the calibration board's longer side")
+    board_rows: int = Field(6, ge=2, le=64, description="inner corners along its shorter side")
+    board_square: Length = Field(0.025, description="side of a square of the board, metres")
+    board_marker: Length = Field(0.018, description="side of a ChArUco marker, metres")
+    board_dictionary: str = Field("DICT_5X5_100", description="ChArUco dictionary, as OpenCV names it")
+    lensfun: bool = Field(True, description="look the lens up in lensfun's database where no frames calibrate it")
+    lensfun_distance: Length = Field(2.5, description="focus distance for lensfun, metres")
 
 
 class Import(Settings):
@@ -46,6 +129,9 @@ class Import(Settings):
 
     val_every: Positive = Field(8, description="every n-th view is held out where the source has no split")
     overlay: bool = Field(True, description="write a picture of mesh edges over one photo")
+    exposure: Length | None = Field(
+        None, description="factor on a capture's radiance; absent: what brings its median luminance to 0.2"
+    )
 
 
 class Hits(Settings):
@@ -236,6 +322,7 @@ class Report(Settings):
 
 STAGES: dict[str, type[Settings]] = {
     "synthesize": Synthesize,
+    "capture": Capture,
     "import": Import,
     "hits": Hits,
     "background": Background,

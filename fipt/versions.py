@@ -2,17 +2,18 @@
 
 VERSIONS = {
     "synthesize": 1,
+    "capture": 1,
     "import": 1,
     "hits": 1,
     "background": 1,
-    "cache": 1,
+    "cache": 2,
     "bake": 3,
-    "fit": 2,
-    "emitters": 1,
+    "fit": 3,
+    "emitters": 2,
     "refine": 3,
     "materials": 2,
     "render": 2,
     "relight": 2,
-    "metrics": 2,
-    "report": 1,
+    "metrics": 3,
+    "report": 2,
 }

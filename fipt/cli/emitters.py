@@ -28,11 +28,13 @@ def command(
 ) -> None:
     """Extract the triangles that emit light and their radiance."""
     with stage("emitters", settings, stats) as (chosen, figures):
+        import numpy as np
+
         from fipt.emitters.extract import extract
         from fipt.io.arrays import on_disk
         from fipt.io.dataset import Dataset
         from fipt.io.emitters import write_emitters
-        from fipt.io.hits import pixels_of
+        from fipt.io.hits import clipped_of, pixels_of
         from fipt.io.shading import read_shards
         from fipt.model.store import load_field
 
@@ -41,10 +43,16 @@ def command(
         shards, baked = read_shards(listed(hits), listed(shading))
         images = [pixels_of(data, shard, on_disk(out.parent)) for shard in shards]
         field, _ = load_field(model)
-        found = extract(mesh, shards, baked, images, field.query_mask, chosen)
+        clipped = [clipped_of(data, shard) for shard in shards]
+        found = extract(mesh, shards, baked, images, field.query_mask, chosen, clipped)
         write_emitters(out, found, mesh)
         lamps = int(found.emitter.max(initial=-1)) + 1
         figures["triangles"], figures["lamps"] = len(found.triangle), lamps
+        bounds = len(np.unique(found.emitter[found.lower_bound]))
+        if bounds:
+            warning = f"{bounds} of {lamps} lamps are clipped in every exposure: their radiance is a lower bound"
+            figures["warnings"] = [warning]
+            print(f"warning: {warning}")
         if lamps == 0:
             print("warning: no emitter found; refined shading will have no light of its own")
         else:

@@ -32,6 +32,10 @@ class Verb:
 
 VERBS: dict[str, Verb] = {
     "synthesize": Verb("synthesize", "Make a dataset with ground truth from a room in code."),
+    "check-capture": Verb("check_capture", "Say what is wrong with a folder of photographs, in the room."),
+    "calibrate": Verb("calibrate", "Calibrate a camera: lens, vignetting, black, white balance."),
+    "develop": Verb("develop", "Merge bracketed photographs into calibrated HDR views."),
+    "qa": Verb("qa", "Judge a developed capture: figures, findings, rejected views."),
     "import": Verb("import_", "Bring posed HDR views of another layout into the dataset form."),
     "hits": Verb("hits", "Trace the first hits of every pixel, once."),
     "background": Verb("background", "Find what light comes from outside the mesh."),

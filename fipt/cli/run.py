@@ -36,7 +36,7 @@ def call(job: "Job") -> None:
     """Call the verb of a job in this process."""
     from fipt.cli.main import VERBS, run_command
 
-    verb = import_module(f"fipt.cli.{VERBS[job.stage].module}").command
-    code = run_command(verb, job.options, prog_name=f"fipt {job.stage}")
+    verb = import_module(f"fipt.cli.{VERBS[job.verb].module}").command
+    code = run_command(verb, job.options, prog_name=f"fipt {job.verb}")
     if code:
         raise SystemExit(code)

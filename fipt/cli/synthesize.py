@@ -1,4 +1,4 @@
-"""``fipt synthesize``: make a dataset with ground truth from the room in code."""
+"""``fipt synthesize``: make a dataset with ground truth, or a RAW capture, from the room in code."""
 
 import json
 from pathlib import Path
@@ -19,11 +19,28 @@ def command(
         typer.Option(help="Light setup as JSON: render only how the views look under it."),
     ] = None,
     setup_name: Annotated[str | None, typer.Option(help="Name of the light setup.")] = None,
+    raw: Annotated[
+        Path | None,
+        typer.Option(help="Capture folder: photograph the views into RAW brackets there instead of writing pictures."),
+    ] = None,
+    calibration: Annotated[
+        Path | None, typer.Option(help="Capture folder: write its calibration frames, table, cameras and mesh.")
+    ] = None,
+    truth: Annotated[
+        bool, typer.Option("--truth", help="With --views: only truth and ids, for a dataset of developed photographs.")
+    ] = False,
+    from_images: Annotated[
+        bool, typer.Option("--from-images", help="With --raw: photograph the pictures of any dataset, all of them.")
+    ] = False,
 ) -> None:
     """Make a dataset with ground truth from a room in code.
 
     First --room (mesh, cameras, ids), then --views for the pictures and the truth of some views.
     With --setup and --setup-name the views go to relight_truth/NAME/ instead.
+
+    As a simulated camera would see it: after --room, --calibration OUT once, then --views with
+    --raw OUT; --truth --views for the dataset that they become. --from-images --raw OUT makes a
+    whole capture of the pictures of any dataset. The camera is the section raw of the settings.
     """
     from fipt.errors import FiptError
     from fipt.io.files import check_name
@@ -32,9 +49,29 @@ def command(
     from fipt.synthesize import dataset as writer
 
     names = [name for item in views or [] for name in item.split(",") if name]
-    if room == bool(names):
-        raise FiptError("give either --room or --views", "run --room first, then --views for each shard")
-    if (setup is None) != (setup_name is None) or (room and setup is not None):
+    if sum((room, bool(names), calibration is not None, from_images)) != 1:
+        raise FiptError(
+            "give one of --room, --views, --calibration and --from-images",
+            "run --room first, then --views for each shard",
+        )
+    if raw is not None and (room or calibration is not None or setup is not None):
+        raise FiptError("--raw belongs to --views or --from-images, without --setup", "leave the others out")
+    if truth and (not names or raw is not None or setup is not None):
+        raise FiptError("--truth belongs to --views, without --raw and --setup", "leave the others out")
+    if from_images and raw is None:
+        raise FiptError("--from-images needs --raw", "say where the capture should be written")
+    for place in (raw, calibration):
+        if manifest is not None and place is not None and not place.is_relative_to(manifest.parent):
+            raise FiptError(
+                f"a manifest lists files below its own folder; {place} is not below {manifest.parent}",
+                "put the manifest into the scene's folder, above the capture",
+            )
+    if raw is not None and names and manifest is not None and not dataset.is_relative_to(manifest.parent):
+        raise FiptError(
+            f"with --raw, the truth of the views goes to {dataset}, which is not below {manifest.parent}",
+            "put the manifest into the scene's folder, above dataset and capture",
+        )
+    if (setup is None) != (setup_name is None) or (not names and setup is not None):
         raise FiptError("--setup and --setup-name belong together, with --views", "give both or neither")
     chosen = parse("synthesize", settings)
     record = dumped(chosen)
@@ -49,8 +86,18 @@ def command(
     with recorded(stats, "synthesize", record) as figures:
         if room:
             files = writer.write_room(dataset, chosen)
+        elif calibration is not None:
+            files = writer.write_capture_rest(dataset, calibration, chosen)
+        elif from_images:
+            files = writer.photograph(dataset, raw, chosen)
+            figures["views"] = sum(file.parent.name == "truth" and file.suffix == ".exr" for file in files)
+        elif truth:
+            files = writer.write_truths(dataset, names, chosen)
         else:
-            files, rate = writer.write_images(dataset, names, chosen, light, setup_name)
+            if raw is None:
+                files, rate = writer.write_images(dataset, names, chosen, light, setup_name)
+            else:
+                files, rate = writer.write_brackets(dataset, raw, names, chosen)
             figures["views"], figures["paths_per_second"] = len(names), round(rate)
         if manifest is not None:
             write_manifest(manifest, "synthesize", files, record)

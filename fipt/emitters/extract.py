@@ -21,6 +21,8 @@ _GAIN = 1.5
 """How much brighter than the brightest reflector an emitter must be."""
 _WHOLE = 0.7
 """Share of a part's seen area that must emit before its unseen side is taken to emit too."""
+_BRIGHTEST = 0.9
+"""Quantile of the bounds of a clipped lamp that stands for its radiance; the last tenth may be sharpened edges."""
 _SAME_RADIANCE = 0.35
 """Relative difference up to which neighbouring triangles belong to one lamp."""
 
@@ -32,6 +34,7 @@ def extract(
     images: list[tuple[np.ndarray, np.ndarray]],
     query_mask: Callable[[np.ndarray], np.ndarray],
     settings: EmitterSettings,
+    clipped: list[np.ndarray] | None = None,
 ) -> Emitters:
     """Find the emitting triangles.
 
@@ -48,36 +51,44 @@ def extract(
         Per shard: (P, 3) radiance and (P,) weight.
     query_mask
         (N, 3) points -> (N,) emission mask.
+    clipped
+        Per shard: (P,) bool, pixels whose radiance is only a lower bound; None: there are none.
     """
-    pixels = partial(_pixels, shards, shading, images)
+    pixels = partial(_pixels, shards, shading, images, clipped)
     observed, bright = (np.zeros(len(mesh.triangles), np.int64) for _ in range(2))
-    for triangle, _, _, ratio in pixels():
+    for triangle, _, _, ratio, _ in pixels():
         observed += np.bincount(triangle, minlength=len(observed))
         bright += np.bincount(triangle[ratio > _GAIN], minlength=len(observed))
     seen = np.flatnonzero(observed)
     if settings.evidence:
         # the mask network is asked only where the light could not be reflected: a median above needs half above
-        triangle, _, _, ratio = _of_triangles(pixels(), (observed > 0) & (2 * bright >= observed))
+        triangle, _, _, ratio, _ = _of_triangles(pixels(), (observed > 0) & (2 * bright >= observed))
         seen, index = np.unique(triangle, return_inverse=True)
         seen = seen[_grouped_median(ratio, index, len(seen)) > _GAIN]
     emitting = np.zeros(len(observed), bool)
     emitting[seen[_mean_mask(mesh, seen, query_mask, settings) > settings.threshold]] = True
-    triangle, radiance, view, _ = _of_triangles(pixels(), emitting)
+    triangle, radiance, view, _, bound = _of_triangles(pixels(), emitting)
     chosen, index = np.unique(triangle, return_inverse=True)
-    found = _measured(mesh, chosen, index, radiance, view, settings)
+    found = _measured(mesh, chosen, index, radiance, view, bound, settings)
     return _completed(mesh, found, np.flatnonzero(observed)) if settings.complete else found
 
 
-Observations = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-"""Of pixels: triangle, radiance (N, 3), number of the view, and radiance over the most that could be reflected."""
+Observations = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+"""Of pixels: triangle, radiance (N, 3), number of the view, radiance over the most that could be reflected, and
+whether the radiance is only a lower bound.
+"""
 
 
 def _pixels(
-    shards: list[Hits], shading: Sequence[Shading | np.ndarray], images: list[tuple[np.ndarray, np.ndarray]]
+    shards: list[Hits],
+    shading: Sequence[Shading | np.ndarray],
+    images: list[tuple[np.ndarray, np.ndarray]],
+    clipped: list[np.ndarray] | None,
 ) -> Iterator[Observations]:
     """Yield the pixels of every view that one triangle's piece fills."""
     levels, number = len(ROUGHNESS_LEVELS), 0
-    for hits, baked, (image, valid) in zip(shards, shading, images, strict=True):
+    clipped = clipped or [np.zeros(len(valid), bool) for _, valid in images]
+    for hits, baked, (image, valid), above in zip(shards, shading, images, clipped, strict=True):
         for index in range(len(hits.views)):
             own, pixel = hits.of_view(index), hits.pixel_of_hit(index) + hits.pixels(index).start
             use = np.flatnonzero((hits.weight[own] >= _INTERIOR) & (valid[pixel] > 0))
@@ -86,7 +97,7 @@ def _pixels(
             most = np.maximum(light[:, 0], specular).mean(axis=1)
             seen = np.asarray(image[pixel[use]])
             triangle = np.asarray(hits.triangle[own])[use]
-            yield triangle, seen, np.full(len(use), number), seen.mean(axis=1) / (most + 1e-4)
+            yield triangle, seen, np.full(len(use), number), seen.mean(axis=1) / (most + 1e-4), above[pixel[use]]
             number += 1
 
 
@@ -119,11 +130,37 @@ def _mean_mask(
 
 def _grouped_median(values: np.ndarray, index: np.ndarray, groups: int) -> np.ndarray:
     """(groups,) median of ``values`` (N,) per group; every group must have a member."""
+    return _grouped_quantile(values, index, groups, 0.5)
+
+
+def _grouped_quantile(values: np.ndarray, index: np.ndarray, groups: int, share: float) -> np.ndarray:
+    """(groups,) quantile of ``values`` (N,) per group: the mean of the two members around it."""
     order = np.lexsort((values, index))
     count = np.bincount(index, minlength=groups)
-    start = np.concatenate([[0], np.cumsum(count)[:-1]])
-    ordered = values[order]
-    return 0.5 * (ordered[start + (count - 1) // 2] + ordered[start + count // 2])
+    start = np.concatenate([[0], np.cumsum(count)[:-1]]).astype(np.int64)
+    place, ordered = share * (count - 1), values[order]
+    return 0.5 * (ordered[start + np.floor(place).astype(np.int64)] + ordered[start + np.ceil(place).astype(np.int64)])
+
+
+def _levels(radiance: np.ndarray, bound: np.ndarray, index: np.ndarray, groups: int) -> tuple[np.ndarray, np.ndarray]:
+    """Median radiance (groups, 3) of each group, and whether (groups,) that is only a lower bound.
+
+    A clipped pixel below the median of what was measured agrees with it and counts as much. Where at least half of the
+    pixels are bounds above it, nobody knows the radiance: the brightest bounds come nearest.
+    """
+    measured, inverse = np.unique(index[~bound], return_inverse=True)
+    least = np.zeros((groups, 3))
+    for c in range(3):
+        least[measured, c] = _grouped_median(radiance[~bound, c], inverse, len(measured))
+    above = bound & (radiance.mean(axis=1) > least[index].mean(axis=1))
+    unknown = 2 * np.bincount(index, above, groups) >= np.maximum(np.bincount(index, minlength=groups), 1)
+    raised = np.where(bound[:, None], np.maximum(radiance, least[index]), radiance)
+    level = np.stack([_grouped_median(raised[:, c], index, groups) for c in range(3)], axis=1).reshape(-1, 3)
+    bounds = above & unknown[index]
+    clipped, inverse = np.unique(index[bounds], return_inverse=True)
+    for c in range(3):
+        level[clipped, c] = _grouped_quantile(radiance[bounds, c], inverse, len(clipped), _BRIGHTEST)
+    return level, unknown
 
 
 def _measured(
@@ -132,14 +169,16 @@ def _measured(
     index: np.ndarray,
     radiance: np.ndarray,
     view: np.ndarray,
+    bound: np.ndarray,
     settings: EmitterSettings,
 ) -> Emitters:
     """Median radiance of every triangle; with ``patches`` one radiance for each connected lamp."""
-    own = np.stack([_grouped_median(radiance[:, c], index, len(triangles)) for c in range(3)], axis=1)
+    own, unknown = _levels(radiance, bound, index, len(triangles))
     lamp = _lamps(mesh, triangles, own)
     group = lamp[index]
     lamps = int(lamp.max(initial=-1)) + 1
-    level = np.stack([_grouped_median(radiance[:, c], group, lamps) for c in range(3)], axis=1).reshape(-1, 3)
+    level, unknown_lamp = _levels(radiance, bound, group, lamps)
+    clipped = np.bincount(group, bound, lamps) / np.maximum(np.bincount(group, minlength=lamps), 1)
     spread = np.abs(radiance.mean(axis=1) / np.maximum(level.mean(axis=1)[group], 1e-6) - 1)
     agreement = np.exp(-_grouped_median(spread, group, lamps) / 0.1)
     seen_by = np.zeros(lamps, np.int64)
@@ -152,6 +191,8 @@ def _measured(
         emitter=lamp.astype(np.int32),
         views=seen_by[lamp].astype(np.int32),
         confidence=confidence[lamp].astype(np.float32),
+        clipped=clipped[lamp].astype(np.float32),
+        lower_bound=unknown_lamp[lamp] if settings.patches else unknown,
         two_sided=settings.two_sided,
     )
 
@@ -183,6 +224,8 @@ def _completed(mesh: Mesh, found: Emitters, observed: np.ndarray) -> Emitters:
         emitter=found.emitter[rows],
         views=found.views[rows],
         confidence=found.confidence[rows],
+        clipped=found.clipped[rows],
+        lower_bound=found.lower_bound[rows],
         two_sided=found.two_sided,
     )
 

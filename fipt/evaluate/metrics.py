@@ -33,7 +33,7 @@ DEFINITIONS: dict[str, dict[str, str]] = {
         "unit": "dB",
         "better": "higher",
         "text": "PSNR of kd on linear values, peak 1, over pixels whose centre hits the mesh and "
-        "does not emit in truth; squared error pooled over the views of the split.",
+        "does not emit in truth, and that the picture's mask keeps; squared error pooled over the views of the split.",
     },
     "reflectance_psnr": {
         "label": "Reflectance a'",
@@ -65,7 +65,7 @@ DEFINITIONS: dict[str, dict[str, str]] = {
         "unit": "IoU",
         "better": "higher",
         "text": "Pixels that emit in truth and in the estimate, over pixels that emit in either; "
-        "pixels whose centre hits the mesh, counts summed over the views.",
+        "valid pixels whose centre hits the mesh, counts summed over the views.",
     },
     "log_radiance_error": {
         "label": "Emitted radiance",
@@ -87,7 +87,7 @@ DEFINITIONS: dict[str, dict[str, str]] = {
         "unit": "dB",
         "better": "higher",
         "text": "PSNR of the re-rendered view against its picture, both clipped to [0, 1] and sRGB "
-        "encoded, over all valid pixels; mean over the views of the split.",
+        "encoded, over all valid pixels that are not clipped; mean over the views of the split.",
     },
     "relight_psnr": {
         "label": "Relighting",
@@ -174,7 +174,7 @@ class MaterialFigures:
     by_confidence: list[dict[str, Mean]] = field(default_factory=list)
     published: list[dict[str, float | None]] = field(default_factory=list)
 
-    def add(self, estimate: Layers, truth: Layers) -> None:
+    def add(self, estimate: Layers, truth: Layers, valid: np.ndarray | bool = True) -> None:
         """Count one view.
 
         Parameters
@@ -183,8 +183,10 @@ class MaterialFigures:
             Layers of materials/{view}.exr, ``hit`` among them.
         truth
             Layers of truth/{view}.exr; layers it lacks are left out of the figures.
+        valid
+            (H, W) bool, pixels of the picture that have weight; the others do not count.
         """
-        hit = estimate["hit"] > 0.5
+        hit = (estimate["hit"] > 0.5) & valid
         true_emission, emission = emits(truth), emits(estimate)
         counted = hit & ~true_emission
         self.pixels += int(counted.sum())

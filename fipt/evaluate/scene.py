@@ -36,7 +36,7 @@ def material_figures(data: Dataset, folder: Path, split: str) -> dict[str, Any]:
                 estimate = finite(read_layers(path), str(path))
                 truth = finite(truth, str(data.root / "truth" / f"{view}.exr"))
                 _check_layers(path, estimate, truth)
-                figures.add(estimate, truth)
+                figures.add(estimate, truth, data.image(view)[1] > 0)
             bar.advance()
     return figures.figures()
 
@@ -85,6 +85,7 @@ def render_figures(data: Dataset, folder: Path, split: str, fit_exposure: bool) 
     def pairs() -> Iterator[tuple[str, np.ndarray, np.ndarray, np.ndarray]]:
         for view in views:
             photo, valid = data.image(view)
+            valid = valid * ~data.clipped(view)  # a lower bound is nothing to compare with
             yield view, _picture(folder / f"{view}.exr", photo.shape), photo, valid
 
     views = _pictures(folder, data.views(split), "fipt render")

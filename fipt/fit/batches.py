@@ -26,6 +26,8 @@ class Batch:
         (B, 3) observed.
     valid
         (B,) weight of the pixel in [0, 1].
+    clipped
+        (B,) bool: the radiance is only a lower bound.
     owner
         (H,) int64 pixel of each hit, 0 to B - 1.
     weight
@@ -49,6 +51,7 @@ class Batch:
 
     radiance: torch.Tensor
     valid: torch.Tensor
+    clipped: torch.Tensor
     owner: torch.Tensor
     weight: torch.Tensor
     points: torch.Tensor
@@ -84,6 +87,8 @@ class Pixels:
         Of the surface; None to trust all of it alike.
     beyond
         Per shard: pixels (K,) that show the outside too, and what it adds to them (K, 3); see `fipt.io.background`.
+    clipped
+        Per shard: (P,) bool, pixels whose radiance is only a lower bound; None: there are none.
     empty
         Makes the arrays over all pixels: in memory, or `fipt.io.arrays.on_disk`.
     """
@@ -96,11 +101,13 @@ class Pixels:
         segments: list[np.ndarray] | None,
         confidence: Confidence | None = None,
         beyond: list[tuple[np.ndarray, np.ndarray]] | None = None,
+        clipped: list[np.ndarray] | None = None,
         empty: Empty = np.empty,
     ) -> None:
         self.shards, self.shading, self.confidence = shards, shading, confidence
         self.beyond = beyond if beyond is not None and any(len(pixel) for pixel, _ in beyond) else None
         self.radiance = [image for image, _ in images]
+        self.clipped = clipped or [np.zeros(len(valid), bool) for _, valid in images]
         for shard, shade in zip(shards, shading, strict=True):
             if shade.shape != (len(shard.position), SHADING_OUTPUTS, 3):
                 raise FiptError(
@@ -156,6 +163,7 @@ class Pixels:
         arrays = {
             "radiance": _gathered(self.radiance, shard, pixel).astype(np.float32),
             "valid": _gathered(self.valid, shard, pixel),
+            "clipped": _gathered(self.clipped, shard, pixel),
             "owner": owner,
             "weight": weight.astype(np.float32),
             "points": position[:, None] + sub.astype(np.float32),

@@ -57,14 +57,19 @@ def losses(
     e = field.emission(batch.points[:, 0])
     alpha = field.emission_network.mask(e)[:, None]
     seen = batch.on_mesh[batch.owner]
+    # a pixel that shows a lamp, if only in part, says nothing about reflectance, nor does a clipped one: only the mask
+    # learns from them
+    silent = batch.clipped[batch.owner]
     if settings.evidence > 0:
-        # a pixel that shows a lamp says nothing about reflectance: only the mask learns from it
-        lit = _show_lamps(batch, alpha[:, 0].detach(), settings.evidence)
-        radiance = torch.where(lit[:, None], radiance.detach(), radiance)
+        silent = silent | _show_lamps(batch, alpha[:, 0].detach(), settings.evidence)
+    radiance = torch.where(silent[:, None], radiance.detach(), radiance)
     pixel = gathered((1 - alpha) * radiance + alpha * seen, batch.owner, batch.weight, len(batch.radiance))
     if batch.beyond is not None:
         pixel = pixel + batch.beyond
-    error = (srgb(pixel) - srgb(batch.radiance)).square().mean(1)
+    difference = srgb(pixel) - srgb(batch.radiance)
+    # what is brighter than a lower bound agrees with it
+    difference = torch.where(batch.clipped[:, None], difference.clamp(max=0.0), difference)
+    error = difference.square().mean(1)
     s, m = brdf.roughness.view(count, queries).mean(1), brdf.metallic.view(count, queries).mean(1)
     terms = {
         "colour": settings.colour_weight * (batch.valid * error).mean(),

@@ -196,7 +196,8 @@ def _inner_pixels(pixels: Pixels, lamp_gain: float) -> _Sample:
     step = max(len(pixels) // _MOST_PIXELS, 1)
     parts, passed, views = [], 0, 0
     for number, shard in enumerate(pixels.shards):
-        single = np.flatnonzero((np.diff(shard.offsets) == 1) & (pixels.valid[number] > 0.99))
+        use = (pixels.valid[number] > 0.99) & ~pixels.clipped[number]
+        single = np.flatnonzero((np.diff(shard.offsets) == 1) & use)
         chosen = single[-passed % step :: step]  # the same ones however the views are spread over shards
         passed += len(single)
         hit = np.asarray(shard.offsets[chosen])

@@ -16,7 +16,7 @@ from fipt.io.arrays import on_disk
 from fipt.io.background import beyond, read_background
 from fipt.io.confidence import Confidence, write_confidence
 from fipt.io.dataset import Dataset
-from fipt.io.hits import Hits, pixels_of, scene_box, segments_of
+from fipt.io.hits import Hits, clipped_of, pixels_of, scene_box, segments_of
 from fipt.io.manifests import Stats
 from fipt.io.shading import read_shards
 from fipt.io.voxels import read_cache
@@ -65,7 +65,9 @@ def fit_model(
         images = _sure(shards, baked, images, confidence, settings.min_confidence, lamp_gain)
     outside = read_background(background)
     edges = [beyond(shard, [data.camera(view) for view in shard.views], outside) for shard in shards]
-    pixels = Pixels(shards, baked, images, segments or None, confidence if settings.confidence else None, edges, empty)
+    clipped = [clipped_of(data, shard) for shard in shards]
+    weighted = confidence if settings.confidence else None
+    pixels = Pixels(shards, baked, images, segments or None, weighted, edges, clipped, empty)
     center, side = scene_box(shards)
     field = Field(settings, SceneBox(tuple(center.tolist()), side))
     if previous is not None and settings.warm_start:

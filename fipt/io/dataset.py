@@ -1,10 +1,12 @@
 """The dataset folder: the one form every source is brought to."""
 
 import json
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
+from fipt.conventions import FLAG_SATURATED
 from fipt.errors import FiptError
 from fipt.io.cameras import Camera, read_transforms
 from fipt.io.exr import read_exr
@@ -26,12 +28,14 @@ class Dataset:
         The folder.
     cameras
         Accepted cameras in the order of transforms.json.
+    rejected
+        View that a check rejected -> why.
     """
 
     def __init__(self, root: str | Path) -> None:
         self.root = Path(root)
-        rejected = read_rejected(self.root / "views.json")
-        self.cameras = [c for c in read_transforms(self.root / "transforms.json") if c.name not in rejected]
+        self.rejected = read_rejected(self.root / "views.json")
+        self.cameras = [c for c in read_transforms(self.root / "transforms.json") if c.name not in self.rejected]
         self._by_name = {camera.name: camera for camera in self.cameras}
 
     def camera(self, view: str) -> Camera:
@@ -46,6 +50,10 @@ class Dataset:
     def views(self, split: str) -> list[str]:
         """Names of the accepted views of a split (``train`` or ``val``)."""
         return [camera.name for camera in self.cameras if camera.split == split]
+
+    def accepted(self, views: Iterable[str]) -> list[str]:
+        """Return ``views`` without those that a check rejected: a plan is made before the checks."""
+        return [view for view in views if view not in self.rejected]
 
     def mesh(self) -> Mesh:
         """The room's mesh, metres."""
@@ -78,6 +86,13 @@ class Dataset:
         """(H, W) uint32 bits of conventions.FLAG_*, or None where the source gave none."""
         flags = read_exr(self.root / "images" / f"{view}.exr").get("flags.Y")
         return None if flags is None else flags.astype(np.uint32)
+
+    def clipped(self, view: str) -> np.ndarray:
+        """(H, W) bool: pixels whose radiance is only a lower bound; none where the source gave no flags."""
+        flags, camera = self.flags(view), self.camera(view)
+        if flags is None:
+            return np.zeros((camera.height, camera.width), bool)
+        return (flags & FLAG_SATURATED) > 0
 
     def segment_kind(self, wanted: str = "auto") -> str | None:
         """Return the kind of segments to use: ``wanted`` itself, or for ``auto`` part, else semantic, else None."""

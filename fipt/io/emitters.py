@@ -30,6 +30,10 @@ class Emitters:
         (E,) int32 training views that see the patch.
     confidence
         (E,) float32 in [0, 1]: agreement and number of the pixels that see it.
+    clipped
+        (E,) float32 share of the patch's pixels that are clipped.
+    lower_bound
+        (E,) bool: its radiance comes from clipped pixels, and may be higher.
     two_sided
         Whether they shine from both sides.
     """
@@ -40,10 +44,12 @@ class Emitters:
     emitter: np.ndarray
     views: np.ndarray
     confidence: np.ndarray
+    clipped: np.ndarray
+    lower_bound: np.ndarray
     two_sided: bool = True
 
 
-_ARRAYS = ("triangle", "radiance", "area", "emitter", "views", "confidence")
+_ARRAYS = ("triangle", "radiance", "area", "emitter", "views", "confidence", "clipped", "lower_bound")
 
 
 def write_emitters(path: str | Path, emitters: Emitters, mesh: Mesh) -> None:
@@ -65,6 +71,8 @@ def write_emitters(path: str | Path, emitters: Emitters, mesh: Mesh) -> None:
                 "center": [float(v) for v in (centers[emitters.triangle[own]] * area[:, None]).sum(0) / area.sum()],
                 "views": int(emitters.views[own].max()),
                 "confidence": float(emitters.confidence[own].mean()),
+                "clipped": float(emitters.clipped[own].mean()),
+                "lower_bound": bool(emitters.lower_bound[own].any()),
             }
         )
     save_npz(

@@ -133,12 +133,17 @@ def scene_box(shards: list[Hits]) -> tuple[np.ndarray, float]:
     return (low + high) / 2, float(max((high - low).max() * 1.05, 1e-6))
 
 
-def view_pixels(dataset: Dataset, shards: list[Hits]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Radiance (P, 3) and weight (P,) float32 of the pixels of every view of every shard, one view at a time."""
+def view_pixels(dataset: Dataset, shards: list[Hits]) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Pixels of every view of every shard, one view at a time.
+
+    Yields
+    ------
+    Radiance (P, 3) and weight (P,) float32, and (P,) bool: the radiance is only a lower bound.
+    """
     for shard in shards:
         for view in shard.views:
             image, weight = dataset.image(view)
-            yield image.reshape(-1, 3), weight.reshape(-1)
+            yield image.reshape(-1, 3), weight.reshape(-1), dataset.clipped(view).reshape(-1)
 
 
 def pixels_of(dataset: Dataset, hits: Hits, empty: Empty = np.empty) -> tuple[np.ndarray, np.ndarray]:
@@ -148,8 +153,9 @@ def pixels_of(dataset: Dataset, hits: Hits, empty: Empty = np.empty) -> tuple[np
     """
     count = int(hits.first_pixels[-1])
     radiance, weight = empty((count, 3), np.float32), empty((count,), np.float32)
-    for index, (image, valid) in enumerate(view_pixels(dataset, [hits])):
-        radiance[hits.pixels(index)], weight[hits.pixels(index)] = image, valid
+    for index, view in enumerate(hits.views):
+        image, valid = dataset.image(view)
+        radiance[hits.pixels(index)], weight[hits.pixels(index)] = image.reshape(-1, 3), valid.reshape(-1)
     return radiance, weight
 
 
@@ -159,3 +165,8 @@ def segments_of(dataset: Dataset, hits: Hits, kind: str, empty: Empty = np.empty
     for index, view in enumerate(hits.views):
         ids[hits.pixels(index)] = dataset.segments(view, kind).reshape(-1)
     return ids
+
+
+def clipped_of(dataset: Dataset, hits: Hits) -> np.ndarray:
+    """(P,) bool of all pixels of a shard, in its pixel order: the radiance is only a lower bound."""
+    return np.concatenate([np.zeros(0, bool), *(dataset.clipped(view).reshape(-1) for view in hits.views)])

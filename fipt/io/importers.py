@@ -5,20 +5,22 @@ import re
 import shutil
 import sys
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from fipt.conventions import FLAG_MOVED, FLAG_OUTSIDE, FLAG_SATURATED
 from fipt.errors import FiptError
 from fipt.io.cameras import Camera, check_cameras, write_transforms
 from fipt.io.dataset import check_image, write_views
 from fipt.io.exr import read_exr, write_exr
 from fipt.io.files import atomic_folder, existing_file, write_text
-from fipt.io.images import to_display, write_png
+from fipt.io.images import read_ids, to_display, write_png
 from fipt.io.manifests import write_manifest
 from fipt.io.meshes import Mesh, read_mesh, write_ply
 from fipt.io.overlay import overlay
-from fipt.io.sources import Frame, Source, numbered_file, read_source
+from fipt.io.sources import CAPTURE, Frame, Source, numbered_file, read_developed, read_source
 from fipt.progress import progress
 from fipt.settings import Import, dumped
 
@@ -38,9 +40,17 @@ SEGMENT_FOLDERS = {"part": "IndexMA", "semantic": "segmentation"}
 _SCALARS = ("roughness", "metallic")
 _KNOWN = re.compile(
     r"mesh\.ply|transforms\.json|views\.json|room\.json|overlay\.png|images|segments|truth"
-    r"|[\w.-]+\.manifest\.json|\..*"
+    r"|relight_truth|[\w.-]+\.manifest\.json|\..*"
 )
 """What may lie in a dataset folder that an import replaces."""
+
+
+@dataclass(frozen=True)
+class Imported:
+    """The dataset's cameras, in the source's order, and the source as it was read."""
+
+    cameras: list[Camera]
+    source: Source
 
 
 def import_scene(
@@ -50,7 +60,9 @@ def import_scene(
     settings: Import,
     mesh: str | Path | None = None,
     manifest: str | Path | None = None,
-) -> list[Camera]:
+    poses: str | Path | None = None,
+    segments: str | Path | None = None,
+) -> Imported:
     """Write the dataset folder of a source: complete, with its manifest last, or not at all.
 
     Parameters
@@ -63,17 +75,18 @@ def import_scene(
         PLY or OBJ file in the source's world; default: the one that the layout names.
     manifest
         Default: ``import.manifest.json`` in the dataset.
-
-    Returns
-    -------
-    The dataset's cameras, in the source's order.
+    poses
+        Format ``capture``: transforms.json with the views' poses. A room.json beside it comes along.
+    segments
+        Format ``capture``: folder with ``part/VIEW.png`` or ``semantic/VIEW.png`` of the developed views, and names in
+        ``part.json``, ``semantic.json``.
 
     Raises
     ------
     FiptError
         The source is incomplete or inconsistent, or the folder must not be replaced.
     """
-    parsed = read_source(source, format, settings.val_every)
+    parsed = _parsed(source, format, settings, poses)
     dataset = Path(dataset)
     manifest = dataset / "import.manifest.json" if manifest is None else Path(manifest)
     _check_target(dataset, manifest, parsed)
@@ -89,9 +102,13 @@ def import_scene(
         cameras, shown = _write_frames(folder, parsed)
         _warn_outside(cameras, room)
         write_transforms(folder / "transforms.json", cameras)
-        write_views(folder / "views.json", [camera.name for camera in cameras])
+        write_views(folder / "views.json", [*(camera.name for camera in cameras), *parsed.rejected], parsed.rejected)
+        if segments is not None:
+            _copy_segments(folder / "segments", Path(segments), cameras)
+        if poses is not None and (Path(poses).parent / "room.json").is_file():
+            shutil.copyfile(Path(poses).parent / "room.json", folder / "room.json")
         for kind in SEGMENT_FOLDERS:
-            if (folder / "segments" / kind).is_dir():
+            if (folder / "segments" / kind).is_dir() and not (folder / "segments" / f"{kind}.json").is_file():
                 ids = {"ids": names if kind == "semantic" else {}}
                 write_text(folder / "segments" / f"{kind}.json", json.dumps(ids, indent=1) + "\n")
         if settings.overlay:
@@ -100,8 +117,18 @@ def import_scene(
         manifest.unlink(missing_ok=True)
         (dataset / "import.manifest.json").unlink(missing_ok=True)
     files = [path for path in dataset.resolve().rglob("*") if path.is_file()]
-    write_manifest(manifest.resolve(), "import", files, {"format": format, **dumped(settings)})
-    return cameras
+    written = {"format": format, **dumped(settings), "scale": parsed.scale}
+    write_manifest(manifest.resolve(), "import", files, written)
+    return Imported(cameras, parsed)
+
+
+def _parsed(source: str | Path, format: str, settings: Import, poses: str | Path | None) -> Source:
+    if (format == CAPTURE) != (poses is not None):
+        raise FiptError(f"--poses belongs to the format {CAPTURE}, and only to it", "give both or neither")
+    if poses is None:
+        return read_source(source, format, settings.val_every)
+    found = read_developed(source, poses, settings.val_every)
+    return found if settings.exposure is None else replace(found, scale=settings.exposure)
 
 
 # --- checks before anything is written ------------------------------------------------------------
@@ -166,7 +193,9 @@ def _write_frames(folder: Path, source: Source) -> tuple[list[Camera], tuple[Cam
     with progress("import", len(source.frames), " views") as bar:
         for frame in source.frames:
             channels, valid = _read_image(frame)
-            radiance = channels[""]
+            if source.photographs:
+                valid = channels["valid.Y"] = with_bounds(valid, channels["flags.Y"].astype(np.uint32))
+            radiance = channels[""] = _scaled(channels[""], valid, source)
             camera = _camera(frame, *radiance.shape[1::-1])
             check_cameras([camera], source.root)
             check_image(radiance, valid, camera, frame.image)
@@ -191,6 +220,19 @@ def _read_image(frame: Frame) -> tuple[dict[str, np.ndarray], np.ndarray]:
         channels["valid.Y"] = _read_mask(frame.mask, channels[""].shape[:2])
     valid = channels.get("valid.Y", np.ones(channels[""].shape[:2], np.float32))
     return channels, np.clip(valid, 0.0, 1.0)
+
+
+def with_bounds(valid: np.ndarray, flags: np.ndarray) -> np.ndarray:
+    """(H, W) weights in which clipped pixels count, as the lower bounds that their flag says they are."""
+    bound = (flags & FLAG_SATURATED > 0) & (flags & (FLAG_OUTSIDE | FLAG_MOVED) == 0)
+    return np.where(bound, 1.0, valid).astype(np.float32)
+
+
+def _scaled(radiance: np.ndarray, valid: np.ndarray, source: Source) -> np.ndarray:
+    """Radiance in the dataset's unit. Noise of photographs may be negative; light is not, and becomes 0."""
+    if not source.photographs:
+        return radiance
+    return np.where(valid[..., None] > 0, np.maximum(radiance, 0.0) * np.float32(source.scale), 0.0).astype(np.float32)
 
 
 def _read_mask(path: Path, shape: tuple[int, int]) -> np.ndarray:
@@ -307,6 +349,22 @@ def _check_layer(values: np.ndarray, camera: Camera, path: Path) -> None:
     bad = ~(np.isfinite(values) & (values >= 0))
     if bad.any():
         raise FiptError(f"{path} must hold finite values >= 0; {int(bad.sum())} are not", "repair the file")
+
+
+def _copy_segments(out: Path, source: Path, cameras: list[Camera]) -> None:
+    """Copy id maps of the views, and their names; every view must have one of the right size."""
+    if not any((source / kind).is_dir() for kind in SEGMENT_FOLDERS):
+        raise FiptError(f"{source} must hold part/ or semantic/ with an id map of every view", "check the path")
+    for kind in SEGMENT_FOLDERS:
+        if not (source / kind).is_dir():
+            continue
+        for camera in cameras:
+            path = source / kind / f"{camera.name}.png"
+            ids = read_ids(path)
+            _check_layer(ids, camera, path)
+            write_png(out / kind / f"{camera.name}.png", ids)
+        if (source / f"{kind}.json").is_file():
+            shutil.copyfile(source / f"{kind}.json", out / f"{kind}.json")
 
 
 def _semantic_names(source: Source) -> dict[str, str]:

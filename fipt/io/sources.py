@@ -14,6 +14,8 @@ format                    files                                               ax
                           NNN_0001.exr and truth beside it, scene.obj         looking along +z
 ``fipt-real``             cam.txt, K_list.txt, Image/NNN_0001.exr,            x right, y down,
                           segmentation/NNN.exr, scene.obj                     looking along +z
+``capture``               developed photographs: hdr/VIEW.exr, VIEW.json,     as ``nerfstudio``
+                          qa.json; poses in a transforms.json elsewhere
 ========================  ==================================================  =====================
 """
 
@@ -21,7 +23,7 @@ import json
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -29,6 +31,9 @@ from fipt.errors import FiptError
 from fipt.io.files import check_name, existing_file
 
 FORMATS = ("nerfstudio", "fipt-synthetic", "fipt-real")
+
+CAPTURE = "capture"
+"""The one more layout, of developed photographs: see `read_developed`."""
 
 Matrix = tuple[tuple[float, ...], ...]
 
@@ -72,11 +77,27 @@ class Frame:
 
 @dataclass(frozen=True)
 class Source:
-    """All views of a source, and its mesh where it is known (None: the user names it)."""
+    """All views of a source, and its mesh where it is known (None: the user names it).
+
+    Attributes
+    ----------
+    photographs
+        Whether the pictures are developed photographs, whose noise may be negative.
+    scale
+        Factor on all radiance of photographs.
+    rejected
+        View that a check has rejected -> why; not among the frames.
+    unposed
+        Views without a pose, left out.
+    """
 
     frames: tuple[Frame, ...]
     mesh: Path | None
     root: Path
+    photographs: bool = False
+    scale: float = 1.0
+    rejected: Mapping[str, str] = field(default_factory=dict)
+    unposed: tuple[str, ...] = ()
 
 
 def source_views(path: str | Path, format: str, val_every: int = 8) -> list[tuple[str, str]]:
@@ -112,10 +133,75 @@ def read_source(path: str | Path, format: str, val_every: int = 8) -> Source:
     if not path.exists():
         raise FiptError(f"the source {path} does not exist", "check the path")
     source = readers[format](path)
-    if not source.frames:
+    return replace(source, frames=_checked(path, source.frames, val_every))
+
+
+def read_poses(path: str | Path, val_every: int = 8) -> tuple[Frame, ...]:
+    """Read the poses of a nerfstudio or Blender transforms.json by view name; its pictures may be of any kind.
+
+    A view is called as its picture, without folder and ending. ``image`` of the frames means nothing.
+    """
+    path = Path(path)
+    return _checked(path, tuple(_nerfstudio_frames(path, developed=False)), val_every)
+
+
+def read_developed(folder: str | Path, poses: str | Path, val_every: int = 8) -> Source:
+    """Read the frames of developed photographs: those that the capture report accepts and that have a pose.
+
+    Parameters
+    ----------
+    folder
+        What ``fipt develop`` and ``fipt qa`` wrote: hdr/VIEW.exr, VIEW.json, qa.json.
+    poses
+        transforms.json; its intrinsics count only where calibration found none.
+
+    Raises
+    ------
+    FiptError
+        A file is missing or malformed, or no accepted view has a pose.
+    """
+    folder = Path(folder)
+    report = existing_file(folder / "qa.json", "the capture report")
+    posed = read_poses(poses, val_every)
+    try:
+        content = json.loads(report.read_text(encoding="utf-8"))
+        states = {name: None if state["accepted"] else str(state["reason"]) for name, state in content["views"].items()}
+        scale = float(content["exposure"]["scale"])
+        frames = []
+        for frame in posed:
+            if frame.name in states and states[frame.name] is None:
+                image = folder / "hdr" / f"{frame.name}.exr"
+                camera = json.loads(existing_file(folder / f"{frame.name}.json", "the facts of a view").read_text())
+                frames.append(replace(frame, image=image, intrinsics=camera["camera"] or frame.intrinsics, mask=None))
+    except _MALFORMED as error:
+        raise FiptError(
+            f"{report} or what stands beside it is damaged ({error!r})", "develop the views again"
+        ) from error
+    names = {frame.name for frame in posed}
+    accepted = [name for name, why in states.items() if why is None]
+    if not any(frame.split == "train" for frame in frames):
+        raise FiptError(
+            f"{poses} must have the pose of an accepted training view of {folder}; it has "
+            f"{', '.join(sorted(names)[:3])}, accepted are {', '.join(accepted[:3]) or 'none'}",
+            "name the poses' pictures as the views of the capture, and see the findings of qa.json",
+        )
+    return Source(
+        tuple(frames),
+        None,
+        folder,
+        photographs=True,
+        scale=scale,
+        rejected={name: why for name, why in states.items() if why is not None and name in names},
+        unposed=tuple(name for name in states if name not in names),
+    )
+
+
+def _checked(path: Path, frames: tuple[Frame, ...], val_every: int) -> tuple[Frame, ...]:
+    """Frames with usable, different names and with splits."""
+    if not frames:
         raise FiptError(f"{path} must list at least one frame; it lists none", "check the source")
     seen: set[str] = set()
-    for frame in source.frames:
+    for frame in frames:
         check_name(frame.name, f"{path}: view")
         if frame.name in seen:
             raise FiptError(
@@ -123,7 +209,6 @@ def read_source(path: str | Path, format: str, val_every: int = 8) -> Source:
                 "rename one of the images",
             )
         seen.add(frame.name)
-    frames = source.frames
     if not any(frame.split for frame in frames):
         frames = tuple(
             replace(frame, split="train" if index % val_every else "val") for index, frame in enumerate(frames)
@@ -133,7 +218,7 @@ def read_source(path: str | Path, format: str, val_every: int = 8) -> Source:
             f"{path} must have at least one train view; all {len(frames)} are val",
             "raise import.val_every or give the source a split",
         )
-    return replace(source, frames=frames)
+    return frames
 
 
 def numbered_file(folder: Path, number: str) -> Path:
@@ -168,7 +253,8 @@ def _nerfstudio(path: Path) -> Source:
     return Source(tuple(frames), meshes[0] if meshes else None, root)
 
 
-def _nerfstudio_frames(path: Path) -> list[Frame]:
+def _nerfstudio_frames(path: Path, developed: bool = True) -> list[Frame]:
+    """Frames of a transforms.json; not ``developed``: their pictures may be photographs, distorted as they are."""
     shared, entries = _read_transforms(path)
     entries = _listed_splits(path, shared, entries)
     frames = []
@@ -177,11 +263,11 @@ def _nerfstudio_frames(path: Path) -> list[Frame]:
         try:
             file_path = str(entry["file_path"])
             matrix = _matrix(entry["transform_matrix"])
-            intrinsics = _intrinsics(where, {**shared, **entry})
+            intrinsics = _intrinsics(where, {**shared, **entry}) if developed else _stated({**shared, **entry})
             mask = path.parent / entry["mask_path"] if entry.get("mask_path") else None
         except _MALFORMED as error:
             raise FiptError(f"{where} is malformed ({error!r})", "correct the file") from error
-        name = _view_name(where, file_path)
+        name = _view_name(where, file_path) if developed else PurePosixPath(file_path).stem
         complete = file_path.lower().endswith(".exr")
         image = path.parent / (file_path if complete else f"{file_path}.exr")
         split = _split(where, entry, entries)
@@ -256,6 +342,10 @@ def _intrinsics(where: str, keys: Mapping[str, Any]) -> dict[str, float]:
                 f"{where}: lens distortion must be zero; found {key} = {keys[key]}",
                 "undistort the images first, then set the coefficients to 0",
             )
+    return _stated(keys)
+
+
+def _stated(keys: Mapping[str, Any]) -> dict[str, float]:
     return {key: float(keys[key]) for key in _INTRINSICS if keys.get(key) is not None}
 
 

@@ -136,7 +136,9 @@ def _gather(
 
 
 def joined(cameras: list[Camera], results: list[dict[str, np.ndarray]]) -> Hits:
-    """Put the results of `trace_view` of several views together."""
+    """Put the results of `trace_view` of several views together, or of none: all of a shard may be rejected."""
+    rays, vectors = np.zeros((0, 1)), np.zeros((0, 1, 3))
+    results = [_gather(rays.astype(int), rays > 0, vectors, vectors, rays, rays), *results]
     counts = np.concatenate([result["counts"] for result in results])
     names = [name for name in results[0] if name != "counts"]
     return Hits(

@@ -16,6 +16,7 @@ from fipt.io.dataset import Dataset, read_layers, read_rejected
 from fipt.io.exr import read_rgb
 from fipt.progress import human, progress
 from fipt.report import pictures
+from fipt.report.capture import CaptureReport, read_capture
 from fipt.settings import Report
 
 COLUMNS = (
@@ -43,7 +44,7 @@ TILES = (
 )
 """Figures of a split that have a tile, in order."""
 
-_FIRST = ("synthesize", "import", "hits", "background", "cache")
+_FIRST = ("synthesize", "photograph", "calibrate", "develop", "qa", "import", "truth", "hits", "background", "cache")
 _ROUND = ("bake", "refine", "fit", "emitters")
 _LAST = ("materials", "render", "relight", "metrics", "report")
 
@@ -139,6 +140,7 @@ class Content:
     versions: Mapping[str, str]
     warnings: Sequence[str]
     overlay: Picture | None
+    capture: CaptureReport | None
 
 
 def gather(results: Path, settings: Report) -> Content:
@@ -177,6 +179,7 @@ def gather(results: Path, settings: Report) -> Content:
         versions=_versions(stats),
         warnings=_warnings(root, stats),
         overlay=_overlay(root / "overlay.png", settings.width),
+        capture=read_capture(results / "capture" / "qa.json", data, reader.exposure),
     )
 
 
@@ -236,6 +239,7 @@ class _Reader:
             shown["render"] = self._toned("render", labels["render"], render)
         if photo is not None and render is not None:
             pixels = pictures.difference_map(render, photo, self.exposure)
+            pixels = pixels * (self.data.image(name)[1] > 0)[..., None]  # masked: nothing to compare with
             shown["difference"] = self._embed("difference", labels["difference"], pixels)
         path = self.results / "materials" / f"{name}.exr"
         layers = read_layers(path) if path.is_file() else {}
@@ -336,6 +340,7 @@ def _emitters(results: Path) -> list[Mapping[str, Any]] | None:
                     "power": float(np.mean(entry["power"])),
                     "views": int(entry["views"]),
                     "confidence": float(entry["confidence"]),
+                    "lower_bound": bool(entry.get("lower_bound")),
                 }
                 for entry in content["emitters"]
             ]

@@ -49,14 +49,18 @@ def surface_points(
 
 
 def build(
-    mesh: Mesh, shards: list[Hits], pictures: Iterable[tuple[np.ndarray, np.ndarray]], settings: CacheSettings
+    mesh: Mesh,
+    shards: list[Hits],
+    pictures: Iterable[tuple[np.ndarray, np.ndarray, np.ndarray]],
+    settings: CacheSettings,
 ) -> dict[str, np.ndarray]:
     """Average the radiance of all pixels in voxels over the surface; one view at a time is in memory.
 
     Parameters
     ----------
     pictures
-        Of every view of every shard, in order: (P, 3) float32 radiance and (P,) weight of its pixels.
+        Of every view of every shard, in order: (P, 3) float32 radiance, (P,) weight of its pixels, and (P,) bool
+        whether their radiance is only a lower bound.
 
     Returns
     -------
@@ -85,16 +89,21 @@ def build(
 
     size = len(records.key)
     total, weights, count, seen = np.zeros((size, 3)), np.zeros(size), np.zeros(size), np.zeros(size, bool)
-    for (hits, index), (image, valid) in zip(views, pictures, strict=True):
+    bounds = []
+    for (hits, index), (image, valid, clipped) in zip(views, pictures, strict=True):
         own, pixel = hits.of_view(index), hits.pixel_of_hit(index)
         record = np.searchsorted(records.key, keys(hits, own))
         weight = valid[pixel] * np.where(hits.weight[own] >= _INTERIOR, 1.0, _MIXED)
+        seen[record[weight > 0]] = True
+        np.add.at(count, record, weight * (weight > _MIXED))
+        above = clipped[pixel]
+        bounds.append((record[above], image[pixel[above]], weight[above]))
+        record, pixel, weight = record[~above], pixel[~above], weight[~above]
         # added one by one, so that the sums do not depend on how the views are cut into shards
         np.add.at(weights, record, weight)
-        np.add.at(count, record, weight * (weight > _MIXED))
         for channel in range(3):
             np.add.at(total[:, channel], record, weight * image[pixel, channel])
-        seen[record[weight > 0]] = True
+    _add_bounds(total, weights, *(np.concatenate(arrays) for arrays in zip(*bounds, strict=True)))
     point, facing = records.point, (records.key % FACINGS).astype(np.uint8)
     part = connected_parts(mesh)[records.triangle]
     return {
@@ -129,6 +138,25 @@ class _Records:
         self.key = np.insert(self.key, place, key[~known])
         self.point = np.insert(self.point, place, point[first], axis=0)
         self.triangle = np.insert(self.triangle, place, triangle[first])
+
+
+def _add_bounds(
+    total: np.ndarray, weights: np.ndarray, record: np.ndarray, values: np.ndarray, weight: np.ndarray
+) -> None:
+    """Add lower bounds (N, 3) to sums of records, (K, 3) and (K,) in place, such that they do not darken them.
+
+    A bound below what others measure there says nothing new and counts as they do; a surface of which there are
+    only bounds is at least as bright as the highest of them.
+    """
+    highest = np.zeros_like(total)
+    usable = weight > _MIXED
+    np.maximum.at(highest, record[usable], values[usable])
+    measured = weights > 0
+    least = np.where(measured[:, None], total / np.maximum(weights, 1e-12)[:, None], highest)
+    raised = np.maximum(values, least[record])
+    for channel in range(3):
+        np.add.at(total[:, channel], record, weight * raised[:, channel])
+    np.add.at(weights, record, weight)
 
 
 def _nearest_seen(

@@ -18,6 +18,8 @@ from fipt.settings import dumped
 def write_shard(dataset: Dataset, views: list[str], out: Path, settings: HitsSettings, stats: Stats) -> None:
     """Trace the given views and write their hits to ``out``, with a manifest beside it.
 
+    Views that a check rejected are left out.
+
     Raises
     ------
     FiptError
@@ -25,7 +27,7 @@ def write_shard(dataset: Dataset, views: list[str], out: Path, settings: HitsSet
     """
     mesh = dataset.mesh()
     scene, parts = RayScene(mesh), connected_parts(mesh)
-    cameras = [dataset.camera(view) for view in views]
+    cameras = [dataset.camera(view) for view in dataset.accepted(views)]
     results, sparse = [], []
     rays = settings.grid**2
     with progress("hits", sum(c.width * c.height for c in cameras) * rays, " rays") as bar:
@@ -43,7 +45,7 @@ def write_shard(dataset: Dataset, views: list[str], out: Path, settings: HitsSet
             bar.advance(camera.width * camera.height * rays)
         stats["rays_per_s"] = bar.rate
     hits = joined(cameras, results)
-    stats["hits_per_pixel"] = len(hits.position) / hits.first_pixels[-1]
+    stats["hits_per_pixel"] = len(hits.position) / max(hits.first_pixels[-1], 1)
     stats["views_mostly_off_mesh"] = sparse
     if sparse:
         print(f"warning: more than half of the pixels miss the mesh in {', '.join(sparse)}")

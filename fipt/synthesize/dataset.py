@@ -10,17 +10,19 @@ from pydantic import ValidationError
 
 from fipt.errors import FiptError
 from fipt.io.cameras import Camera, read_transforms, write_transforms
-from fipt.io.dataset import write_views
+from fipt.io.dataset import Dataset, read_rejected, write_views
 from fipt.io.exr import write_exr
 from fipt.io.files import existing_file, write_text
 from fipt.io.images import write_png
 from fipt.io.meshes import write_ply
 from fipt.progress import progress
 from fipt.settings import RelightSetup, Synthesize, explain
+from fipt.synthesize.camera import optics
+from fipt.synthesize.capture import simulate_capture, write_bracket, write_calibration
 from fipt.synthesize.furniture import SEMANTICS
 from fipt.synthesize.poses import sample_cameras
 from fipt.synthesize.room import Room, build
-from fipt.synthesize.views import Truth, ViewTruth, render_views
+from fipt.synthesize.views import Truth, ViewTruth, render_views, view_truth
 
 
 def parse_setup(text: str) -> RelightSetup:
@@ -36,14 +38,7 @@ def write_room(folder: Path, settings: Synthesize) -> list[Path]:
     """Write mesh, cameras, names of ids and the room's description; return the files."""
     room = build(settings.seed, settings.opening)
     cameras = sample_cameras(room, Truth(room).first_hits, settings)
-    names = {
-        "part": {str(index + 1): part.name for index, part in enumerate(room.parts)},
-        "semantic": {str(index + 1): name for index, name in enumerate(SEMANTICS)},
-    }
-    files = []
-    for kind, table in names.items():
-        files.append(folder / "segments" / f"{kind}.json")
-        write_text(files[-1], json.dumps(table, indent=1) + "\n")
+    files = _write_names(folder, room)
     write_ply(folder / "mesh.ply", room.mesh)
     write_views(folder / "views.json", [camera.name for camera in cameras])
     write_transforms(folder / "transforms.json", cameras)
@@ -83,6 +78,78 @@ def write_images(
         return files, bar.rate
 
 
+def write_brackets(folder: Path, out: Path, names: Sequence[str], settings: Synthesize) -> tuple[list[Path], float]:
+    """Photograph views with the simulated camera instead of writing their pictures; their truth goes to the dataset.
+
+    Parameters
+    ----------
+    folder
+        Dataset with the room.
+    out
+        Folder of the capture; brackets are numbered by the view's place among all views.
+    names, settings
+        Which views, and how.
+
+    Returns
+    -------
+    files
+        What was written, in both folders.
+    rate
+        Paths per second.
+    """
+    room = build(settings.seed)
+    every = [camera.name for camera in read_transforms(folder / "transforms.json")]
+    chosen = [(every.index(camera.name), camera) for camera in _cameras(folder, names, room, settings)]
+    planes = [optics(camera, settings.raw) for _, camera in chosen]
+    # As many paths for a pixel of the view, which is the mean of several of the source.
+    spp = max(settings.spp // settings.raw.scale**2, 1)
+    rendered = render_views(room, [p.source for p in planes], settings.model_copy(update={"spp": spp}))
+    truth, files = Truth(room), []
+    paths = [p.source.width * p.source.height * spp for p in planes]
+    with progress("synthesize", sum(paths), " paths") as bar:
+        for done, (index, camera), plane, (_, image, _) in zip(paths, chosen, planes, rendered, strict=True):
+            files += _write_truth(folder, camera, view_truth(truth, camera))
+            files += write_bracket(out, index, image, plane, settings.raw)
+            bar.advance(done, camera.name)
+        return files, bar.rate
+
+
+def write_capture_rest(folder: Path, out: Path, settings: Synthesize) -> list[Path]:
+    """Write what a capture of the room has once: calibration frames, table of frames, cameras and mesh."""
+    room = build(settings.seed)
+    names = [camera.name for camera in read_transforms(folder / "transforms.json")]
+    return write_calibration(out, _cameras(folder, names, room, settings), settings.raw, room.mesh)
+
+
+def photograph(folder: Path, out: Path, settings: Synthesize) -> list[Path]:
+    """Turn the pictures of any dataset into a capture; return its files."""
+    dataset = Dataset(folder)
+    images = (dataset.image(camera.name)[0] for camera in dataset.cameras)
+    return simulate_capture(images, dataset.cameras, settings.raw, out, dataset.mesh())
+
+
+def write_truths(folder: Path, names: Sequence[str], settings: Synthesize) -> list[Path]:
+    """Write truth and ids of a dataset's views, whose pictures are developed photographs of the room."""
+    room = build(settings.seed)
+    truth = Truth(room)
+    files = _write_names(folder, room)
+    for camera in _cameras(folder, names, room, settings):
+        files += _write_truth(folder, camera, view_truth(truth, camera))
+    return files
+
+
+def _write_names(folder: Path, room: Room) -> list[Path]:
+    names = {
+        "part": {str(index + 1): part.name for index, part in enumerate(room.parts)},
+        "semantic": {str(index + 1): name for index, name in enumerate(SEMANTICS)},
+    }
+    files = []
+    for kind, table in names.items():
+        files.append(folder / "segments" / f"{kind}.json")
+        write_text(files[-1], json.dumps(table, indent=1) + "\n")
+    return files
+
+
 def _write_truth(folder: Path, camera: Camera, truth: ViewTruth) -> list[Path]:
     layers = folder / "truth" / f"{camera.name}.exr"
     write_exr(layers, truth.layers)
@@ -94,12 +161,16 @@ def _write_truth(folder: Path, camera: Camera, truth: ViewTruth) -> list[Path]:
 
 
 def _cameras(folder: Path, names: Sequence[str], room: Room, settings: Synthesize) -> list[Camera]:
-    """Read the cameras of some views, and make sure that the folder holds this very room."""
+    """Read the cameras of some views, those that a check rejected left out; the folder must hold this very room."""
     described = existing_file(folder / "room.json", "the room").read_text(encoding="utf-8")
     cameras = {camera.name: camera for camera in read_transforms(folder / "transforms.json")}
     sizes = {(camera.width, camera.height) for camera in cameras.values()}
-    if described != room.description() or sizes != {(settings.width, settings.height)}:
+    # Developed photographs have the size that development gave them.
+    same_size = settings.raw.enabled or sizes == {(settings.width, settings.height)}
+    if described != room.description() or not same_size:
         raise FiptError(f"{folder} holds a room made with other settings", "run fipt synthesize --room again")
+    rejected = read_rejected(folder / "views.json")
+    names = [name for name in names if name not in rejected]
     unknown = [name for name in names if name not in cameras]
     if unknown:
         raise FiptError(

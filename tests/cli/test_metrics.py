@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from fipt.cli.main import main
-from fipt.io.exr import write_exr
+from fipt.conventions import FLAG_SATURATED
+from fipt.io.exr import read_rgb, write_exr
 from fipt.io.files import write_text
 from tests.fake_results import HEIGHT, WIDTH, maps, write_maps, write_results
 
@@ -111,3 +112,24 @@ def test_missing_pictures_and_layers_are_named(results, capsys):
     write_maps(results / "materials" / "c.exr", maps())
     assert run(results) == 2
     assert "c.exr lacks the layers hit" in capsys.readouterr().err
+
+
+def test_masked_and_clipped_pixels_are_left_out(results):
+    """Material figures leave out what the mask does; the picture's also what is clipped: a bound is no value."""
+    mask = np.ones((HEIGHT, WIDTH), np.float32)
+    mask[2] = 0
+    flags = np.zeros((HEIGHT, WIDTH), np.uint32)
+    flags[3] = FLAG_SATURATED
+    path = results / "dataset" / "images" / "c.exr"
+    photo = read_rgb(path)
+    wrong = photo.copy()
+    wrong[[2, 3]] = 5.0
+    write_exr(path, {"": photo, "valid.Y": mask, "flags.Y": flags})
+    write_exr(results / "render" / "c.exr", {"": wrong})
+    assert run(results) == 0
+    figures = read(results)["val"]
+    assert figures["render_psnr"] == 100.0
+    assert figures["pixels"]["materials"] == (HEIGHT - 2) * WIDTH
+    write_exr(path, {"": photo, "valid.Y": mask})
+    assert run(results) == 0
+    assert read(results)["val"]["render_psnr"] < 20

@@ -30,6 +30,12 @@ def test_later_layers_win():
     assert both.settings["synthesize"] == demo.settings["synthesize"]
 
 
+def test_a_section_in_a_stage_keeps_what_a_later_layer_leaves_out():
+    room = {**ROOM, "settings": {"synthesize": {"raw": {"bits": 12}}}}
+    raw = scene(room, synthesize={"raw": {"enabled": True, "bits": 16}}).settings["synthesize"].raw
+    assert (raw.enabled, raw.bits, raw.pattern) == (True, 12, "RGGB")
+
+
 @pytest.mark.parametrize("preset", sorted(path.stem for path in PRESETS.glob("*.yaml")))
 def test_every_preset_is_valid(preset):
     scene({**ROOM, "preset": preset})
@@ -78,7 +84,7 @@ def test_settings_are_sorted_json():
         ({"scenes": {}}, "scenes: dictionary should have at least 1 item"),
         ({"scenes": {"../x": ROOM}}, "scene '../x' cannot be used as a file name"),
         ({"scenes": {"x": {"source": "movie"}}}, "scenes.x.source: input should be 'procedural'"),
-        ({"scenes": {"x": {**ROOM, "path": "a"}}}, "scenes.x.path is only for source: dataset"),
+        ({"scenes": {"x": {**ROOM, "path": "a"}}}, "scenes.x.path is only for source: dataset or raw"),
         (
             {"scenes": {"x": {"source": "dataset", "path": "a"}}},
             "one of nerfstudio, fipt-synthetic, fipt-real",

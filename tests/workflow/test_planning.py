@@ -13,6 +13,7 @@ import yaml
 
 from fipt.config import load
 from fipt.run import plan
+from tests import captures
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 SETUP = {"evening": {"emitters": [{"scale": 0.0}], "background": {"file": "night.exr"}}}
@@ -200,11 +201,72 @@ def test_fipt_run_does_what_the_workflow_does(workspace):
     here = workspace(CONFIG)
     here.snakemake()
     jobs = plan(load(CONFIG).scenes["room"])
-    assert sorted(here.calls()) == sorted([job.stage, *job.options] for job in jobs)
+    assert sorted(here.calls()) == sorted([job.verb, *job.options] for job in jobs)
     for job in jobs:
         assert (here.root / "results/room/stats" / f"{job.label}.json").is_file()
         for path in (*job.inputs, *job.outputs, *job.folders):
             assert (here.root / path).exists()
+
+
+def photographed(root):
+    """A capture of two views with calibration frames, their poses, a mesh, and its config."""
+    made = captures.write(root / "photos", views=3, size=(32, 24), scale=2, calibration_frames=1)
+    (root / "photos" / "transforms.json").rename(root / "poses.json")
+    (root / "mesh.ply").touch()
+    assert made.folder.is_dir()
+    entry = {"source": "raw", "path": "photos", "poses": "poses.json", "mesh": "mesh.ply"}
+    return {**CONFIG, "scenes": {"room": entry}}
+
+
+def simulated(_):
+    scene = {**CONFIG["scenes"]["room"]}
+    scene["settings"] = {"synthesize": {"train_views": 3, "val_views": 2, "raw": {"enabled": True}}}
+    return {**CONFIG, "scenes": {"room": scene}}
+
+
+@pytest.mark.parametrize("config_of", [photographed, simulated])
+def test_photographs_are_planned_alike(workspace, monkeypatch, config_of):
+    """The same jobs by the workflow and by ``fipt run``; another bracket or other settings rerun what follows."""
+    here = workspace(CONFIG)
+    config = config_of(here.root)
+    here.configure(config)
+    first = here.planned()
+    assert (first["calibrate"], first["qa"], first["import_dataset"]) == (1, 1, 1)
+    assert first["develop"] == first["hits"]
+    here.snakemake()
+    assert here.planned() == {}
+    monkeypatch.chdir(here.root)
+    jobs = plan(load(config).scenes["room"])
+    assert sorted(here.calls()) == sorted([job.verb, *job.options] for job in jobs)
+    for job in jobs:
+        for path in (*job.inputs, *job.outputs, *job.folders):
+            assert (here.root / path).exists(), path
+
+    here.configure({**config, "capture": {"saturation": 0.9}})
+    again = here.planned()
+    assert {"calibrate", "develop", "qa", "import_dataset", "fit", "scene_report"} <= again.keys()
+    assert not again.keys() & {"photograph_views", "photographed_room"}
+    if config_of is photographed:
+        here.configure(config)
+        path = here.root / "photos" / "DSC00006.dng"  # of the held-out view, alone in its shard
+        path.write_bytes(path.read_bytes()[:-1])
+        again = here.planned()
+        assert again["develop"] == 1
+        assert "calibrate" not in again
+
+
+def test_poses_must_be_of_the_photographs(workspace, tmp_path):
+    here = workspace(CONFIG)
+    config = photographed(here.root)
+    poses = here.root / "poses.json"
+    poses.write_text(poses.read_text().replace("train_", "other_").replace("val_", "other2_"))
+    here.configure(config)
+    said = here.snakemake("--dry-run", succeeds=False)
+    assert "must have poses of the views in photos; it has other_000" in said
+    config["scenes"]["room"].pop("poses")
+    here.configure(config)
+    said = here.snakemake("--dry-run", succeeds=False)
+    assert "scenes.room.poses is missing; source: raw needs poses" in said
 
 
 def test_a_killed_run_is_completed_by_the_next(workspace):

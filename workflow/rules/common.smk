@@ -40,9 +40,9 @@ def one_of(names):
     return "|".join(map(re.escape, names)) or "(?!)"
 
 
-def scenes_from(source):
-    """Regular expression of the scenes of a source."""
-    return one_of(s.name for s in CONFIG.scenes.values() if s.source == source)
+def scenes_that(fit):
+    """Regular expression of the scenes for which a function is true."""
+    return one_of(scene.name for scene in CONFIG.scenes.values() if fit(scene))
 
 
 LOCKS = contextlib.ExitStack()
@@ -92,14 +92,19 @@ def sharded(pattern, *splits):
 
 
 def images(*splits):
-    """Input function: manifests of the pictures of the splits, or of "all"."""
+    """Input function: manifests of the pictures, ids and truth of the splits, or of "all"."""
     made = sharded("results/{scene}/dataset/images.{shard}.manifest.json", *splits)
+    truth = sharded("results/{scene}/dataset/truth.{shard}.manifest.json", *splits)
     imported = "results/{scene}/dataset/images.manifest.json"
-    return lambda wildcards: (
-        made(wildcards)
-        if scene_of(wildcards).source == "procedural"
-        else expand(imported, **wildcards)
-    )
+
+    def files(wildcards):
+        scene = scene_of(wildcards)
+        if scene.source == "procedural" and not scene.simulated:
+            return made(wildcards)
+        known = truth(wildcards) if scene.simulated else []
+        return [*expand(imported, **wildcards), *known]
+
+    return files
 
 
 def relit(pattern, source=None):
@@ -141,7 +146,7 @@ def previous(pattern):
 
 
 def source_files(wildcards):
-    """Input function: the files of an imported dataset."""
+    """Input function: the files that an import reads."""
     return readable(scene_of(wildcards).source_files)
 
 
@@ -154,12 +159,6 @@ def background_file(wildcards):
 def setup_files(wildcards):
     """Input function: the files that a relight setup names."""
     return readable(scene_of(wildcards).setup_files, wildcards.setup)
-
-
-def extra_mesh(wildcards):
-    """Params function: --mesh with its file, where the config names one."""
-    mesh = scene_of(wildcards).mesh_path()
-    return ["--mesh", mesh] if mesh else []
 
 
 def option(flag, name):

@@ -2,6 +2,7 @@
 
 INPUTS:  source: dataset     cameras, pictures and mesh of another layout (path, format)
          source: procedural  settings of stage synthesize
+         source: raw         what rules/capture.smk wrote, poses and mesh
 OUTPUTS: results/{scene}/dataset/transforms.json   cameras, metres, OpenGL axes, with split
          results/{scene}/dataset/views.json        which views are accepted
          results/{scene}/dataset/mesh.ply          triangles, metres
@@ -13,9 +14,10 @@ OUTPUTS: results/{scene}/dataset/transforms.json   cameras, metres, OpenGL axes,
 
 
 rule import_dataset:
-    """Bring posed HDR views of another layout into the dataset form."""
+    """Bring posed HDR views of another layout, or developed photographs, into the dataset form."""
     input:
         source_files,
+        developed,
     output:
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
@@ -27,19 +29,17 @@ rule import_dataset:
     benchmark:
         "results/{scene}/benchmarks/import.jsonl"
     wildcard_constraints:
-        scene=scenes_from("dataset"),
+        scene=scenes_that(lambda s: s.source == "dataset" or s.photographed),
     threads: workflow.cores
     resources:
         mem_mb=4000,
     params:
-        source=lambda wildcards: scene_of(wildcards).source_path(),
-        format=lambda wildcards: scene_of(wildcards).format,
-        mesh=extra_mesh,
+        source=import_options,
         dataset=folder("results/{scene}/dataset"),
         settings=settings("import"),
         version=VERSIONS["import"],
     shell:
-        "fipt import --source {params.source:q} --format {params.format:q} {params.mesh:q}"
+        "fipt import {params.source:q}"
         " --dataset {params.dataset:q} --manifest {output.manifest:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
 
@@ -57,7 +57,7 @@ rule synthesize_room:
     benchmark:
         "results/{scene}/benchmarks/synthesize.jsonl"
     wildcard_constraints:
-        scene=scenes_from("procedural"),
+        scene=scenes_that(lambda s: s.source == "procedural" and not s.simulated),
     threads: workflow.cores
     resources:
         mem_mb=4000,
@@ -84,7 +84,7 @@ rule synthesize_views:
     benchmark:
         "results/{scene}/benchmarks/synthesize.{shard}.jsonl"
     wildcard_constraints:
-        scene=scenes_from("procedural"),
+        scene=scenes_that(lambda s: s.source == "procedural" and not s.simulated),
     threads: workflow.cores
     resources:
         mem_mb=4000,
@@ -105,7 +105,7 @@ rule synthesize_relit:
     input:
         transforms="results/{scene}/dataset/transforms.json",
         mesh="results/{scene}/dataset/mesh.ply",
-        room="results/{scene}/dataset/room.json",
+        room=room,
         files=setup_files,
     output:
         manifest="results/{scene}/dataset/relight_truth.{setup}.{shard}.manifest.json",
@@ -115,7 +115,7 @@ rule synthesize_relit:
     benchmark:
         "results/{scene}/benchmarks/synthesize.{setup}.{shard}.jsonl"
     wildcard_constraints:
-        scene=scenes_from("procedural"),
+        scene=scenes_that(lambda s: s.source == "procedural"),
     threads: workflow.cores
     resources:
         mem_mb=4000,

@@ -6,6 +6,7 @@ OUTPUTS: none
 
 
 localrules:
+    capture,
     dataset,
     shading,
     materials,
@@ -13,6 +14,18 @@ localrules:
     relight,
     metrics,
     report,
+
+
+rule capture:
+    """The capture report of every photographed scene."""
+    input:
+        of_asked_scenes(
+            lambda wildcards: (
+                expand("results/{scene}/capture/qa.json", **wildcards)
+                if scene_of(wildcards).photographed
+                else []
+            )
+        ),
 
 
 rule dataset:

@@ -188,3 +188,46 @@ def test_views_that_show_nothing_at_all(room):
     nothing = scenes.hits_of(np.zeros((0, 3)), counts=[0, 0])
     data = nothing, np.zeros((0, SHADING_OUTPUTS, 3), np.float16), np.ones((2, 3), np.float32), np.ones(2, np.float32)
     assert len(found(room, data).triangle) == 0
+
+
+# --- clipped pixels -------------------------------------------------------------------------------
+
+
+def bounded(room, data, clipped, **settings):
+    hits, shading, image, valid = data
+    return extract(room, [hits], [shading], [(image, valid)], is_lamp, EmitterSettings(**settings), [clipped])
+
+
+@pytest.mark.parametrize("patches", [True, False])
+def test_a_lamp_clipped_in_every_pixel_is_a_lower_bound(room, np_rng, patches):
+    """Its bounds differ, as vignetting makes them: the brightest come nearest to the truth."""
+    hits, shading, image, valid = seen(room, np_rng)
+    blue = (hits.triangle >= 2) & (hits.triangle < 6)
+    image[blue] = BLUE * np_rng.uniform(0.5, 1.0, (blue.sum(), 1))
+    found = bounded(room, (hits, shading, image, valid), blue, patches=patches)
+    np.testing.assert_array_equal(found.triangle, np.arange(2, 10))
+    np.testing.assert_array_equal(found.lower_bound, [True] * 4 + [False] * 4)
+    np.testing.assert_allclose(found.clipped, [1] * 4 + [0] * 4)
+    assert (found.radiance[:4] <= BLUE).all()
+    assert (found.radiance[:4] > 0.85 * BLUE).all()
+    np.testing.assert_allclose(found.radiance[4:], [RED] * 4)
+
+
+def test_pixels_that_are_not_clipped_tell_what_the_others_are(room, np_rng):
+    """Two of three pixels clip at half of the lamp's radiance; those at the picture's corners do not clip."""
+    hits, shading, image, valid = seen(room, np_rng)
+    clipped = (hits.triangle >= 2) & (np.arange(len(image)) % 3 > 0)
+    image[clipped] *= 0.5
+    found = bounded(room, (hits, shading, image, valid), clipped)
+    np.testing.assert_allclose(found.radiance, [BLUE] * 4 + [RED] * 4)
+    assert not found.lower_bound.any()
+    np.testing.assert_allclose(found.clipped, 2 / 3, atol=1e-6)
+
+
+def test_a_clipped_core_in_a_dim_rim_is_a_lower_bound(room, np_rng):
+    hits, shading, image, valid = seen(room, np_rng)
+    clipped = (hits.triangle >= 6) & (np.arange(len(image)) % 3 > 0)
+    image[(hits.triangle >= 6) & ~clipped] *= 0.6
+    found = bounded(room, (hits, shading, image, valid), clipped)
+    np.testing.assert_array_equal(found.lower_bound, [False] * 4 + [True] * 4)
+    np.testing.assert_allclose(found.radiance[4:], [RED] * 4)

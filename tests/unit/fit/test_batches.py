@@ -242,3 +242,12 @@ def test_without_openings_nothing_is_beyond(np_rng):
     assert second.beyond is None
     assert first.on_mesh is first.radiance
     np.testing.assert_array_equal(first.weight, second.weight)
+
+
+def test_clipped_pixels_are_marked_in_every_batch(np_rng):
+    hits, shading, images = shards(np_rng)
+    clipped = [np.array([True, False, False, False, True]), np.array([False, True, False])]
+    batch = Pixels(hits, shading, images, None, clipped=clipped).batch(np.arange(7), 1, np_rng)
+    marked = dict(zip(batch.radiance[:, 0].tolist(), batch.clipped.tolist(), strict=True))
+    assert marked == {0: True, 1: False, 3: False, 4: True, 5: False, 6: True, 7: False}
+    assert not Pixels(hits, shading, images, None).batch(np.arange(7), 1, np_rng).clipped.any()

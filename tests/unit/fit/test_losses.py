@@ -197,6 +197,7 @@ def batch(rng, hits=3, queries=2):
     return Batch(
         radiance=torch.tensor([[0.2, 0.3, 0.4], [0.5, 0.1, 0.6]]),
         valid=torch.tensor([1.0, 0.5]),
+        clipped=torch.tensor([False, False]),
         owner=torch.tensor([0, 1, 1])[:hits],
         weight=torch.tensor([1.0, 0.25, 0.75])[:hits],
         points=random(rng, hits, queries, 3),
@@ -421,3 +422,29 @@ def test_pictures_teach_the_colour_of_uniform_parts_less(rng):
     np.testing.assert_allclose(after[0], before[0] / (1 + uniform).repeat_interleave(2)[:, None], rtol=1e-4)
     for own, other in zip(before[1:], after[1:], strict=True):
         np.testing.assert_allclose(own, other, rtol=1e-4)
+
+
+def test_clipped_pixels_are_lower_bounds(rng):
+    """They never teach the BRDF; the mask learns from them only where the model stays below."""
+    base, e = random(rng, 6, 3).requires_grad_(), torch.full((3,), 0.1, requires_grad=True)
+    field = Known(Brdf(base, 0.5 * torch.ones(6), torch.zeros(6)), e)
+    data = batch(rng)
+    settings = Fit(evidence=0, emission_weight=0)
+
+    def learnt(radiance):
+        base.grad = e.grad = None
+        pixels = torch.tensor([[0.2, 0.3, 0.4], [radiance] * 3])
+        clipped = Batch(**{**vars(data), "radiance": pixels, "clipped": torch.tensor([False, True])})
+        loss = all_terms(field, clipped, None, settings)["colour"]
+        loss.backward()
+        assert base.grad[:2].abs().min() > 0
+        assert base.grad[2:].abs().max() == 0
+        return loss.item(), e.grad[1:]
+
+    low, gradient = learnt(0.001)  # any shading is brighter: nothing is wrong
+    assert (gradient == 0).all()
+    first = all_terms(field, Batch(**{**vars(data), "valid": torch.tensor([1.0, 0.0])}), None, settings)["colour"]
+    assert low == pytest.approx(first.item(), rel=1e-5)
+    high, gradient = learnt(50.0)
+    assert high > low
+    assert (gradient < 0).all()

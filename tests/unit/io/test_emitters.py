@@ -11,7 +11,7 @@ from fipt.io.arrays import load_npz, save_npz
 from fipt.io.emitters import Emitters, read_emitters, write_emitters
 from tests import scenes
 
-ARRAYS = ("triangle", "radiance", "area", "emitter", "views", "confidence")
+ARRAYS = ("triangle", "radiance", "area", "emitter", "views", "confidence", "clipped", "lower_bound")
 
 
 @pytest.fixture
@@ -29,6 +29,8 @@ def emitters(mesh):
         np.array([0, 0, 1], np.int32),
         np.array([4, 4, 2], np.int32),
         np.float32([0.5, 0.7, 0.25]),
+        np.float32([0.9, 0.9, 0]),
+        np.array([True, True, False]),
         two_sided=False,
     )
 
@@ -55,6 +57,8 @@ def test_for_people(tmp_path, mesh, emitters, two_sided):
     assert ceiling["radiance"] == pytest.approx([2, 2, 2])
     assert ceiling["center"] == pytest.approx([2, 3, 2.5])
     assert ceiling["confidence"] == pytest.approx(0.6)
+    assert (ceiling["lower_bound"], wall["lower_bound"]) == (True, False)
+    assert ceiling["clipped"] == pytest.approx(0.9)
     # flux of a Lambertian emitter: pi times area times radiance, of each side
     assert ceiling["power"] == pytest.approx([(1 + two_sided) * np.pi * 20 * 2] * 3)
     assert wall["area"] == pytest.approx(7.5)

@@ -7,7 +7,7 @@ import pytest
 
 from fipt.errors import FiptError
 from fipt.io.arrays import save_npy
-from fipt.io.hits import pixels_of, read_hits, scene_box, segments_of, view_pixels, write_hits
+from fipt.io.hits import clipped_of, pixels_of, read_hits, scene_box, segments_of, view_pixels, write_hits
 from tests import scenes
 
 ARRAYS = ("offsets", "center", "position", "normal", "triangle", "footprint", "weight", "sub")
@@ -110,13 +110,17 @@ def test_pixels_of_views_in_their_order(hits):
             shape = {"b": (2, 3), "a": (1, 2)}[view]
             return np.full((*shape, 3), ord(view)), np.arange(np.prod(shape)).reshape(shape)
 
+        def clipped(self, view):
+            return np.full({"b": (2, 3), "a": (1, 2)}[view], view == "a")
+
     radiance, weight = pixels_of(Data(), hits)
     np.testing.assert_array_equal(radiance, np.repeat([ord("b"), ord("a")], [6, 2])[:, None] * np.ones(3))
     np.testing.assert_array_equal(weight, [0, 1, 2, 3, 4, 5, 0, 1])
     one_by_one = list(view_pixels(Data(), [hits, hits]))
     assert len(one_by_one) == 4
-    np.testing.assert_array_equal(np.concatenate([image for image, _ in one_by_one[2:]]), radiance)
-    np.testing.assert_array_equal(np.concatenate([valid for _, valid in one_by_one[:2]]), weight)
+    np.testing.assert_array_equal(np.concatenate([image for image, _, _ in one_by_one[2:]]), radiance)
+    np.testing.assert_array_equal(np.concatenate([valid for _, valid, _ in one_by_one[:2]]), weight)
+    assert [above.tolist() for _, _, above in one_by_one[2:]] == [[False] * 6, [True] * 2]
 
 
 def test_segments_of_views_in_their_order(hits):
@@ -126,3 +130,11 @@ def test_segments_of_views_in_their_order(hits):
             return {"b": np.arange(6).reshape(2, 3), "a": np.array([[65535, 7]])}[view]
 
     np.testing.assert_array_equal(segments_of(Data(), hits, "part"), [0, 1, 2, 3, 4, 5, 65535, 7])
+
+
+def test_clipped_pixels_of_views_in_their_order(hits):
+    class Data:
+        def clipped(self, view):
+            return np.array([[0, 1, 0], [1, 0, 0]], bool) if view == "b" else np.array([[1, 0]], bool)
+
+    np.testing.assert_array_equal(clipped_of(Data(), hits), [0, 1, 0, 1, 0, 0, 1, 0])

@@ -36,6 +36,8 @@ def found(two_sided=True, empty=False):
         np.array([0, 0, 1], np.int32)[keep],
         ones,
         ones,
+        0 * ones,
+        ones > 1,
         two_sided,
     )
 

@@ -35,7 +35,9 @@ def lamp(*triangles):
     n = len(triangles)
     ones = np.ones(n, np.float32)
     radiance = np.float32([[t, 2 * t, 3 * t] for t in triangles]).reshape(-1, 3)
-    return Emitters(np.array(triangles, np.int32), radiance, ones, np.zeros(n, np.int32), ones, ones)
+    return Emitters(
+        np.array(triangles, np.int32), radiance, ones, np.zeros(n, np.int32), ones, ones, 0 * ones, ones > 1
+    )
 
 
 def test_emission_by_triangle(maps):

@@ -11,9 +11,12 @@ import pytest
 from PIL import Image
 
 from fipt.cli.main import main
+from fipt.conventions import FLAG_SATURATED
 from fipt.errors import FiptError
+from fipt.io.dataset import Dataset
+from fipt.io.exr import write_exr
 from fipt.io.files import write_text
-from fipt.report import pictures
+from fipt.report import capture, pictures
 from fipt.report.page import build_page, duration, figure, number, size
 from fipt.settings import Report
 from tests.fake_results import write_emitters, write_extras, write_results
@@ -218,3 +221,73 @@ def test_a_swatch_is_the_lamps_colour_at_full_brightness():
 )
 def test_numbers_for_people(text, expected):
     assert text == expected
+
+
+# --- capture --------------------------------------------------------------------------------------
+
+
+def write_capture(root):
+    """A capture report: view a is fine, b has a clipped lamp, c was rejected; a lens with vignetting."""
+    frame = {"file": "1.arw", "shutter": 0.1, "stops": 0.0, "ratio": None, "measured": None}
+    short = {"file": "2.arw", "shutter": 0.025, "stops": -2.0, "ratio": 4.0, "measured": 4.2}
+    figures = {"accepted": True, "frames": [frame, short], "clipped": 0.031, "noisy": 0.0, "dynamic_range": 18.25}
+    figures |= {"sharpness": 0.9, "moved": 0.0, "white_balance": [2.0, 1.0, 1.5]}
+    views = {"a": figures, "b": figures, "c": {"accepted": False, "reason": "c.arw is <truncated>"}}
+    finding = {"kind": "clipped", "severity": "warning", "views": ["b"]}
+    finding |= {"message": "view b: the shortest exposure is clipped", "remedy": "add shorter exposures"}
+    board = {"kind": "checkerboard", "rms": 0.123, "frames": ["1", "2"], "not_found": 1, "model": "k1"}
+    curve = {"curve": [[0.1, 0.99], [0.9, 0.6]], "spread": 0.001, "corner": 0.5}
+    calibration = {"sources": {"lens": "checkerboard (2 frames)"}, "absent": ["no white reference"]}
+    calibration |= {"figures": {"board": board, "vignetting": curve}, "vignetting": [-0.4, -0.1]}
+    content = {"views": views, "findings": [finding], "calibration": calibration}
+    content["exposure"] = {"scale": 0.25, "from": "which brings the median luminance to 0.2"}
+    write_text(root / "capture" / "qa.json", json.dumps(content))
+    flags = np.zeros((6, 8), np.uint32)
+    flags[0] = FLAG_SATURATED
+    write_exr(root / "dataset" / "images" / "b.exr", {"": np.full((6, 8, 3), 0.2, np.float32), "flags.Y": flags})
+
+
+def test_the_capture_has_a_section_where_there_is_a_report(results):
+    write_capture(results)
+    write_text(results / "dataset" / "views.json", '{"views": {}}')
+    text = build_page(results, Report())
+    page = Page(text)
+    for said in (
+        "3 photographed views , 1 of them rejected",
+        "Warning. view b: the shortest exposure is clipped . Add shorter exposures .",
+        "rejected: c.arw is <truncated>",
+        "2 over 2 EV",
+        "5.0%",
+        "3.1%",
+        "lens: checkerboard (2 frames)",
+        "no white reference",
+        "reprojection error 0.12 pixels rms (checkerboard, 2 frames, not found in 1)",
+    ):
+        assert said.replace(" ", "") in page.words.replace(" ", ""), said
+    assert "<truncated>" not in text
+    (curve,) = page.all("polyline")
+    last = curve["points"].split()[-1]
+    assert [float(v) for v in last.split(",")] == pytest.approx([1.0, 0.5])  # corner: 1 - 0.4 - 0.1 of the light
+    assert len(page.all("circle")) == 2
+
+
+def test_clipped_pixels_are_marked_in_the_thumbnail(results):
+    write_capture(results)
+    data = Dataset(results / "dataset")
+    pixels = capture.marked(data, "b", 1.0)
+    np.testing.assert_array_equal(pixels[0], np.tile(capture.MARKS[FLAG_SATURATED], (8, 1)))
+    np.testing.assert_array_equal(pixels[1:], pictures.tone_mapped(data.image("b")[0], 1.0)[1:])
+
+
+def test_a_damaged_capture_report(results):
+    write_text(results / "capture" / "qa.json", "{}")
+    with pytest.raises(FiptError, match=r"qa\.json is not a capture report"):
+        build_page(results, Report())
+
+
+def test_lamps_that_are_lower_bounds_say_so(results):
+    path = results / "round-1" / "emitters.json"
+    content = json.loads(path.read_text())
+    content["emitters"][0]["lower_bound"] = True
+    write_text(path, json.dumps(content))
+    assert "≥ 4" in Page(build_page(results, Report())).words

@@ -16,7 +16,9 @@ def built(mesh, hits, radiance, valid=1.0):
     image = np.broadcast_to(np.float32(radiance), (len(hits.offsets) - 1, 3))
     valid = np.broadcast_to(np.float32(valid), len(image))
     views = [hits.pixels(index) for index in range(len(hits.views))]
-    return cache.build(mesh, [hits], ((image[own], valid[own]) for own in views), SETTINGS)
+    return cache.build(
+        mesh, [hits], ((image[own], valid[own], np.zeros(len(image[own]), bool)) for own in views), SETTINGS
+    )
 
 
 DOWN, UP = 2, 3
@@ -125,7 +127,8 @@ def test_shards_of_one_view_give_the_same_cache_to_the_bit(np_rng):
     weight = np_rng.choice([0.3, 1.0], 120)
     ends = np.cumsum(counts)
     cuts = [slice(end - count, end) for end, count in zip(ends, counts, strict=True)]
-    pictures = [(image[cut], valid[cut]) for cut in cuts]
+    above = np_rng.random(120) < 0.3
+    pictures = [(image[cut], valid[cut], above[cut]) for cut in cuts]
     whole = scenes.hits_of(place, weight=weight, views="abc", shapes=[(1, count) for count in counts])
     single = [scenes.hits_of(place[cut], weight=weight[cut]) for cut in cuts]
     one, many = (cache.build(scenes.floor(), shards, pictures, SETTINGS) for shards in ([whole], single))
@@ -189,3 +192,38 @@ def test_points_are_spread_evenly_and_every_triangle_has_one():
 def test_without_hits_there_is_no_cache():
     with pytest.raises(FiptError, match="no camera ray hits the mesh"):
         built(scenes.floor(), scenes.hits_of(np.zeros((0, 3)), counts=[0, 0]), 1.0)
+
+
+# --- clipped pixels -------------------------------------------------------------------------------
+
+
+def with_bounds(values, clipped, valid=None):
+    """The record of pixels at one place, some of them clipped."""
+    hits = scenes.hits_of([*CORNERS, *[(0.01 + 0.02 * k, 0, 0.01) for k in range(len(values))]])
+    image = np.float32([1, 1, *values])[:, None] * np.ones(3, np.float32)
+    weight = np.float32([1, 1, *(valid or [1] * len(values))])
+    bound = np.array([False, False, *clipped])
+    result = cache.build(scenes.floor(), [hits], [(image, weight, bound)], SETTINGS)
+    own = record_at(result, (0.01, 0, 0.01))
+    return result["radiance"][own], result["count"][own]
+
+
+@pytest.mark.parametrize(
+    ("values", "clipped", "expected"),
+    [
+        ([4, 6, 2], [False, False, True], 5),  # the bound is no news: it counts as the others
+        ([4, 6, 8], [False, False, True], 6),  # brighter than the others, at least 8
+        ([3, 7, 5], [True, True, True], 7),  # one surface: as bright as the highest bound
+        ([3, 7, 5], [False, False, False], 5),
+    ],
+)
+def test_clipped_pixels_never_darken_a_record(values, clipped, expected):
+    radiance, count = with_bounds(values, clipped)
+    np.testing.assert_allclose(radiance, expected, rtol=1e-6)
+    assert count == 3
+
+
+def test_masked_pixels_are_no_bounds_either():
+    radiance, count = with_bounds([3, 7, 50], [True, True, True], [1, 1, 0])
+    np.testing.assert_allclose(radiance, 7, rtol=1e-6)
+    assert count == 2

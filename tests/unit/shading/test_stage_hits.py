@@ -5,8 +5,8 @@ import pytest
 
 from fipt.errors import FiptError
 from fipt.io.cameras import write_transforms
-from fipt.io.dataset import Dataset
-from fipt.io.hits import read_hits
+from fipt.io.dataset import Dataset, write_views
+from fipt.io.hits import clipped_of, pixels_of, read_hits
 from fipt.io.manifests import Stats, read_manifest
 from fipt.io.meshes import write_ply
 from fipt.settings import Hits as HitsSettings
@@ -76,3 +76,17 @@ def test_views_that_see_little_are_warned_of(write, tmp_path, capsys):
     assert 0 < (level_counts > 0).mean() < 0.5
     assert figures["views_mostly_off_mesh"] == ["level"]
     assert "warning: more than half of the pixels miss the mesh in level\n" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("rejected", [("b",), ("a", "b")])
+def test_rejected_views_are_left_out(backend, tmp_path, rejected):
+    """A plan is made before the checks: it names views that have nothing from there on, perhaps a whole shard."""
+    from fipt.shading.hits import write_shard
+
+    root = scenes.write_dataset(tmp_path / "dataset")
+    write_views(root / "views.json", ["a", "b", "c"], dict.fromkeys(rejected, "its bracket is incomplete"))
+    data = Dataset(root)
+    write_shard(data, ["a", "b"], tmp_path / "hits" / "train-000", SETTINGS, Stats())
+    hits = read_hits(tmp_path / "hits" / "train-000")
+    assert hits.views == tuple(view for view in ("a", "b") if view not in rejected)
+    assert len(pixels_of(data, hits)[0]) == len(clipped_of(data, hits)) == 192 * len(hits.views)

@@ -328,8 +328,8 @@ def test_relit_truth_is_written_beside_the_dataset(folder):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--room", "--views", "train_000"], "either --room or --views"),
-        ([], "either --room or --views"),
+        (["--room", "--views", "train_000"], "one of --room, --views"),
+        ([], "one of --room, --views"),
         (["--views", "train_009"], "no view train_009"),
         (["--views", "train_000", "--settings", json.dumps(TINY | {"seed": 5})], "other settings"),
         (

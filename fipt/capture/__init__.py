@@ -1,0 +1,1 @@
+"""Bracketed photographs to calibrated linear HDR views: the first stage of a photographed room."""

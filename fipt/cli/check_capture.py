@@ -1,0 +1,73 @@
+"""``fipt check-capture``: what is wrong with a folder of photographs, before anyone develops them."""
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from fipt.capture.brackets import Capture, Finding
+    from fipt.capture.qa import Quality
+
+_STYLES = {"error": "bold red", "warning": "yellow", "note": "cyan"}
+
+
+def command(
+    folder: Annotated[Path, typer.Argument(help="Folder of the photographs.")],
+    frames: Annotated[int, typer.Option(help="Exposures of a bracket; 0 = find out.")] = 0,
+    quick: Annotated[bool, typer.Option("--quick", help="Read the metadata only, not the pixels.")] = False,
+) -> None:
+    """Print what is wrong with a capture, and what to do about it; nothing is written.
+
+    Exit code 0 if nothing is worse than a warning, 2 with errors.
+    """
+    from fipt.capture.brackets import read_capture
+    from fipt.capture.qa import calibration_notes, check, inspect
+    from fipt.errors import EXIT_CODE
+
+    capture = read_capture(folder, frames)
+    qualities, unreadable = ([], []) if quick else inspect(capture, os.cpu_count() or 1)
+    findings = check(capture, [*unreadable, *calibration_notes(capture)], qualities)
+    show(capture, qualities, findings)
+    if any(finding.severity == "error" for finding in findings):
+        raise typer.Exit(EXIT_CODE)
+
+
+def show(capture: "Capture", qualities: "Sequence[Quality]", findings: "Sequence[Finding]") -> None:
+    """Print a line for each view, then the findings."""
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    from fipt.capture.qa import balance_text, span_text
+
+    # A log has no width: a long line stays one line there.
+    console = Console(highlight=False, width=None if os.isatty(1) else 400)
+    measured = {quality.view: quality for quality in qualities}
+    table = Table(box=None, pad_edge=False)
+    for heading in ("view", "exposures", "clipped", "noisy", "range", "sharp", "moved", "balance R B", ""):
+        table.add_column(heading, justify="left" if heading in ("view", "exposures", "") else "right", no_wrap=True)
+    for bracket in capture.brackets:
+        kinds = [f for f in findings if bracket.view in f.views]
+        marks = Text(", ").join(Text(f.kind, _STYLES[f.severity]) for f in kinds)
+        quality = measured.get(bracket.view)
+        figures = ["-"] * 6
+        if quality is not None:
+            figures = [
+                f"{quality.clipped:.1%}",
+                f"{quality.noisy:.1%}",
+                f"{quality.dynamic_range:.1f} EV",
+                f"{quality.sharpness:.2f}",
+                f"{quality.moved:.1%}",
+                balance_text(quality.white_balance),
+            ]
+        table.add_row(bracket.view, span_text(bracket), *figures, marks)
+    console.print(table)
+    for finding in findings:
+        line = Text(f"{finding.severity}: ", _STYLES[finding.severity])
+        console.print(line.append(f"{finding.message}; {finding.remedy}", "default"))
+    if not findings:
+        console.print("nothing is wrong with this capture")

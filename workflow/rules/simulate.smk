@@ -1,0 +1,119 @@
+"""The procedural room, photographed by a simulated camera (synthesize.raw.enabled).
+
+INPUTS:  settings of stage synthesize
+OUTPUTS: results/{scene}/room/                                    mesh, cameras and names of the room
+         results/{scene}/raw.{calibration,{shard}}.manifest.json  lists raw/*.dng, raw/calibration/*/*.dng
+         results/{scene}/dataset/truth.{shard}.manifest.json      lists truth/*.exr, segments/*/*.png of the dataset
+"""
+
+
+rule photographed_room:
+    """Build the procedural room and place its cameras, to be photographed."""
+    output:
+        transforms="results/{scene}/room/transforms.json",
+        views="results/{scene}/room/views.json",
+        mesh="results/{scene}/room/mesh.ply",
+        room="results/{scene}/room/room.json",
+        stats="results/{scene}/stats/synthesize.json",
+    log:
+        "results/{scene}/logs/synthesize.log",
+    benchmark:
+        "results/{scene}/benchmarks/synthesize.jsonl"
+    wildcard_constraints:
+        scene=scenes_that(lambda s: s.simulated),
+    threads: workflow.cores
+    resources:
+        mem_mb=4000,
+    params:
+        dataset=folder("results/{scene}/room"),
+        settings=settings("synthesize"),
+        version=VERSIONS["synthesize"],
+    shell:
+        "fipt synthesize --dataset {params.dataset:q} --room"
+        " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
+
+
+rule photograph_calibration:
+    """Take the calibration frames of the simulated camera."""
+    input:
+        transforms="results/{scene}/room/transforms.json",
+        mesh="results/{scene}/room/mesh.ply",
+        room="results/{scene}/room/room.json",
+    output:
+        manifest="results/{scene}/raw.calibration.manifest.json",
+        stats="results/{scene}/stats/photograph.calibration.json",
+    log:
+        "results/{scene}/logs/photograph.calibration.log",
+    benchmark:
+        "results/{scene}/benchmarks/photograph.calibration.jsonl"
+    threads: workflow.cores
+    resources:
+        mem_mb=4000,
+    params:
+        dataset=folder("results/{scene}/room"),
+        raw=folder("results/{scene}/raw"),
+        settings=settings("synthesize"),
+        version=VERSIONS["synthesize"],
+    shell:
+        "fipt synthesize --dataset {params.dataset:q} --calibration {params.raw:q}"
+        " --manifest {output.manifest:q}"
+        " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
+
+
+rule photograph_views:
+    """Photograph a shard of the procedural room with the simulated camera."""
+    input:
+        transforms="results/{scene}/room/transforms.json",
+        mesh="results/{scene}/room/mesh.ply",
+        room="results/{scene}/room/room.json",
+    output:
+        manifest="results/{scene}/raw.{shard}.manifest.json",
+        stats="results/{scene}/stats/photograph.{shard}.json",
+    log:
+        "results/{scene}/logs/photograph.{shard}.log",
+    benchmark:
+        "results/{scene}/benchmarks/photograph.{shard}.jsonl"
+    threads: workflow.cores
+    resources:
+        mem_mb=4000,
+        gpu=1,
+    params:
+        dataset=folder("results/{scene}/room"),
+        raw=folder("results/{scene}/raw"),
+        views=views,
+        settings=settings("synthesize"),
+        version=VERSIONS["synthesize"],
+    shell:
+        "fipt synthesize --dataset {params.dataset:q} --raw {params.raw:q} --views {params.views:q}"
+        " --manifest {output.manifest:q}"
+        " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
+
+
+rule synthesize_truth:
+    """Look up ids and ground truth of a shard of developed photographs of the procedural room."""
+    input:
+        transforms="results/{scene}/dataset/transforms.json",
+        views="results/{scene}/dataset/views.json",
+        mesh="results/{scene}/dataset/mesh.ply",
+    output:
+        manifest="results/{scene}/dataset/truth.{shard}.manifest.json",
+        stats="results/{scene}/stats/truth.{shard}.json",
+    log:
+        "results/{scene}/logs/truth.{shard}.log",
+    benchmark:
+        "results/{scene}/benchmarks/truth.{shard}.jsonl"
+    wildcard_constraints:
+        scene=scenes_that(lambda s: s.simulated),
+    threads: workflow.cores
+    resources:
+        mem_mb=4000,
+        gpu=1,
+    params:
+        dataset=folder("results/{scene}/dataset"),
+        views=views,
+        settings=settings("synthesize"),
+        version=VERSIONS["synthesize"],
+    shell:
+        "fipt synthesize --dataset {params.dataset:q} --truth --views {params.views:q}"
+        " --manifest {output.manifest:q}"
+        " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
