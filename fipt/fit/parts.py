@@ -70,7 +70,7 @@ class PartEstimates:
     gain
         (S,) float32 share of the matte residual that the estimate removes.
     pixels
-        (S,) int64 pixels used.
+        (S,) int64 pixels that one hit of the segment fills.
     base_color
         (S, 3) float32 median of the part.
     uniform
@@ -187,7 +187,8 @@ def estimate_parts(
     color = _medians(base, sample.segment, piece, count)
     fine, fines = _pieces(sample, _FINE, center, side)
     uniform = _uniform(sample, alpha, beta, fine, fines, color)
-    estimates = (roughness, metallic, gain, used.astype(np.int64), color, uniform)
+    seen = np.bincount(sample.segment, minlength=count)
+    estimates = (roughness, metallic, gain, seen, color, uniform)
     return PartEstimates(*(x if x.dtype == np.int64 else x.astype(np.float32) for x in estimates))
 
 
