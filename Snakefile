@@ -23,6 +23,7 @@ container: "fipt.sif"
 
 
 include: "workflow/rules/common.smk"
+include: "workflow/rules/params.smk"
 include: "workflow/rules/photographs.smk"
 include: "workflow/rules/targets.smk"
 include: "workflow/rules/simulate.smk"

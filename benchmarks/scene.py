@@ -90,7 +90,7 @@ def demo_room() -> Scene:
     traced, parts = RayScene(room.mesh), connected_parts(room.mesh)
     hits = joined(cameras, [trace_view(traced, parts, camera, Hits()) for camera in cameras])
     images = (image.reshape(-1, 3) for _, image, _ in render_views(room, cameras, settings))
-    pictures = ((image, np.ones(len(image), np.float32)) for image in images)
+    pictures = ((image, np.ones(len(image), np.float32), np.zeros(len(image), bool)) for image in images)
     cache = build_cache(room.mesh, [hits], pictures, Cache())
     voxels = merged(cache)
     lamps = np.flatnonzero(room.emits).astype(np.int32)

@@ -41,9 +41,10 @@ def command(
         data = Dataset(dataset)
         mesh = data.mesh()
         shards, baked = read_shards(listed(hits), listed(shading))
-        images = [pixels_of(data, shard, on_disk(out.parent)) for shard in shards]
+        empty = on_disk(out.parent)
+        images = [pixels_of(data, shard, empty) for shard in shards]
         field, _ = load_field(model)
-        clipped = [clipped_of(data, shard) for shard in shards]
+        clipped = [clipped_of(data, shard, empty) for shard in shards]
         found = extract(mesh, shards, baked, images, field.query_mask, chosen, clipped)
         write_emitters(out, found, mesh)
         lamps = int(found.emitter.max(initial=-1)) + 1

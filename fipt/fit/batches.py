@@ -130,6 +130,12 @@ class Pixels:
         self._segments = segments
         self.largest_segment, self._winner = (0, None) if segments is None else _vote(shards, segments)
 
+    def _confidence(self, shard: np.ndarray, hit: np.ndarray, position: np.ndarray) -> np.ndarray:
+        """`confidence_at` of hits; their normals are read only where they are needed."""
+        if self.confidence is None:
+            return np.ones(len(hit), np.float32)
+        return self.confidence_at(position, _gathered([each.normal for each in self.shards], shard, hit))
+
     def confidence_at(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
         """(N,) float32 confidence at surface points (N, 3) with normals (N, 3); 1 where it is not asked for."""
         known = self.confidence
@@ -170,7 +176,7 @@ class Pixels:
             "footprint": of_hits([each.footprint for each in self.shards]),
             "shading": of_hits(self.shading).astype(np.float32),
             "segment": self.segment_of(shard[owner], pixel[owner], hit),
-            "confidence": self.confidence_at(position, of_hits([each.normal for each in self.shards])),
+            "confidence": self._confidence(shard[owner], hit, position),
             **outside,
         }
         return Batch(**{name: torch.from_numpy(array) for name, array in arrays.items()})

@@ -15,14 +15,14 @@ only the variation of the ratio within a piece, d, tells them apart:
     highlights = 1 - exp(-n d / d0)
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from fipt.conventions import F0_DIELECTRIC, ROUGHNESS_LEVELS
 from fipt.io.confidence import Confidence, records
 from fipt.io.hits import Hits, scene_box
-from fipt.io.shading import brightest_reflection
+from fipt.io.shading import Shading, brightest_reflection
 
 _LEVELS = len(ROUGHNESS_LEVELS)
 _FINEST = 96
@@ -41,8 +41,9 @@ _DARK = 1e-3
 
 def measure(
     shards: list[Hits],
-    shading: list[np.ndarray],
+    shading: Sequence[Shading | np.ndarray],
     images: list[tuple[np.ndarray, np.ndarray]],
+    clipped: list[np.ndarray],
     eyes: Mapping[str, np.ndarray],
     lamp_gain: float,
 ) -> Confidence:
@@ -54,6 +55,8 @@ def measure(
         (H, outputs, 3) of each shard.
     images
         Per shard: (P, 3) radiance and (P,) weight.
+    clipped
+        Per shard: (P,) bool, pixels whose radiance is only a lower bound: they tell nothing.
     eyes
         (3,) position of the camera of each view, metres.
     lamp_gain
@@ -62,13 +65,13 @@ def measure(
     center, side = scene_box(shards)
     resolution = _resolution(shards, side)
     keys, sums = [], []
-    for hits, baked, (image, valid) in zip(shards, shading, images, strict=True):
+    for hits, baked, (image, valid), above in zip(shards, shading, images, clipped, strict=True):
         for index, view in enumerate(hits.views):
             own = hits.of_view(index)
             position, normal = np.asarray(hits.position[own]), np.asarray(hits.normal[own])
             pixel = hits.pixels(index).start + hits.pixel_of_hit(index)
             key, piece = np.unique(records(position, normal, center, side, resolution), return_inverse=True)
-            seen = np.asarray(hits.weight[own]) * valid[pixel]
+            seen = np.asarray(hits.weight[own]) * valid[pixel] * ~above[pixel]
             told = _told(image[pixel], np.asarray(baked[own], np.float32), seen, lamp_gain)
             toward = eyes[view] - position
             cosine = (toward * normal).sum(axis=1) / np.linalg.norm(toward, axis=1).clip(1e-9)
@@ -120,7 +123,7 @@ def _judged(total: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def of_pixels(
-    hits: Hits, shading: np.ndarray, radiance: np.ndarray, confidence: Confidence, lamp_gain: float
+    hits: Hits, shading: Shading | np.ndarray, radiance: np.ndarray, confidence: Confidence, lamp_gain: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """(P,) float32 combined confidence in what each pixel of a shard shows, and (P,) bool whether that is a lamp."""
     result, shines = np.zeros(len(radiance), np.float32), np.zeros(len(radiance), bool)

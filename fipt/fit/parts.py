@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from fipt.conventions import F0_DIELECTRIC, ROUGHNESS_LEVELS
+from fipt.conventions import F0_DIELECTRIC, ROUGHNESS_LEVELS, SHADING_OUTPUTS
 from fipt.fit.batches import Pixels
 from fipt.io.images import srgb_encode
 from fipt.io.shading import brightest_reflection
@@ -148,6 +148,7 @@ def part_classes(pairs: Iterable[tuple[np.ndarray, np.ndarray]], count: int) -> 
     result = np.zeros(count, np.int64)
     known = order[(code[order] >> 16) < count]
     result[code[known] >> 16] = code[known] & 0xFFFF  # the last write, with the most votes, stays
+    result[0] = 0  # what has no part has no class
     return result
 
 
@@ -201,15 +202,20 @@ def _inner_pixels(pixels: Pixels, lamp_gain: float) -> _Sample:
         single = np.flatnonzero((np.diff(shard.offsets) == 1) & use)
         chosen = single[-passed % step :: step]  # the same ones however the views are spread over shards
         passed += len(single)
+        first_view, views = views, views + len(shard.views)
+        if len(chosen) == 0:
+            continue
         hit = np.asarray(shard.offsets[chosen])
         radiance = np.asarray(pixels.radiance[number][chosen], np.float32)
         shading = pixels.shading[number][hit].astype(np.float32, copy=False)
         segment = pixels.segment_of(np.full(len(hit), number), chosen, hit)
-        view = views + np.searchsorted(shard.first_pixels, chosen, side="right") - 1
-        views += len(shard.views)
+        view = first_view + np.searchsorted(shard.first_pixels, chosen, side="right") - 1
         keep = (radiance.mean(axis=1) < lamp_gain * (brightest_reflection(shading) + 1e-4)) & (segment > 0)
         arrays = (radiance, shading, shard.position[hit], shard.normal[hit], segment, view)
         parts.append([array[keep] for array in arrays])
+    if not parts:
+        rows, ids = np.zeros((0, 3), np.float32), np.zeros(0, np.int64)
+        return _Sample(rows, np.zeros((0, SHADING_OUTPUTS, 3), np.float32), rows, rows, ids, ids)
     return _Sample(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
 

@@ -18,7 +18,7 @@ from fipt.io.confidence import Confidence, write_confidence
 from fipt.io.dataset import Dataset
 from fipt.io.hits import Hits, clipped_of, pixels_of, scene_box, segments_of
 from fipt.io.manifests import Stats
-from fipt.io.shading import read_shards
+from fipt.io.shading import Shading, read_shards
 from fipt.io.voxels import read_cache
 from fipt.model.networks import Field, SceneBox
 from fipt.model.store import load_field, save_field
@@ -60,12 +60,12 @@ def fit_model(
     images = [pixels_of(data, shard, empty) for shard in shards]
     lamp_gain = settings.evidence or 1.5
     eyes = {view: data.camera(view).center for shard in shards for view in shard.views}
-    confidence = measure(shards, baked, images, eyes, lamp_gain)
+    clipped = [clipped_of(data, shard, empty) for shard in shards]
+    confidence = measure(shards, baked, images, clipped, eyes, lamp_gain)
     if settings.min_confidence > 0:
-        images = _sure(shards, baked, images, confidence, settings.min_confidence, lamp_gain)
+        images = _sure_enough(shards, baked, images, clipped, confidence, settings.min_confidence, lamp_gain)
     outside = read_background(background)
     edges = [beyond(shard, [data.camera(view) for view in shard.views], outside) for shard in shards]
-    clipped = [clipped_of(data, shard) for shard in shards]
     weighted = confidence if settings.confidence else None
     pixels = Pixels(shards, baked, images, segments or None, weighted, edges, clipped, empty)
     center, side = scene_box(shards)
@@ -98,22 +98,23 @@ def fit_model(
     stats["segments"] = kind or "none"
 
 
-def _sure(
+def _sure_enough(
     shards: list[Hits],
-    shading: list[np.ndarray],
+    shading: list[Shading],
     images: list[tuple[np.ndarray, np.ndarray]],
+    clipped: list[np.ndarray],
     confidence: Confidence,
     least: float,
     lamp_gain: float,
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Images (P, 3) and weights (P,) of each shard; no weight is left to pixels that show unsure surface.
 
-    Lamps keep theirs: they teach the mask, and nothing about reflectance.
+    Lamps keep theirs, and what is clipped may be one: they teach the mask, and nothing about reflectance.
     """
     chosen, best = [], 0.0
-    for shard, baked, (radiance, valid) in zip(shards, shading, images, strict=True):
+    for shard, baked, (radiance, valid), above in zip(shards, shading, images, clipped, strict=True):
         sure, lamp = of_pixels(shard, baked, radiance, confidence, lamp_gain)
-        chosen.append((radiance, np.where((sure >= least) | lamp, valid, 0)))
+        chosen.append((radiance, np.where((sure >= least) | lamp | above, valid, 0)))
         best = max(best, float(sure[valid > 0].max(initial=0)))
     if best < least:
         raise FiptError(

@@ -37,6 +37,8 @@ class Dataset:
         self.rejected = read_rejected(self.root / "views.json")
         self.cameras = [c for c in read_transforms(self.root / "transforms.json") if c.name not in self.rejected]
         self._by_name = {camera.name: camera for camera in self.cameras}
+        # Of the view that was read last: callers ask for them after its image, which is in the same file.
+        self._flags: dict[str, np.ndarray | None] = {}
 
     def camera(self, view: str) -> Camera:
         """Return the camera of an accepted view."""
@@ -76,7 +78,7 @@ class Dataset:
         """
         camera = self.camera(view)
         path = self.root / "images" / f"{view}.exr"
-        channels = read_exr(path, required=("R", "G", "B"))
+        channels = self._channels(view)
         radiance = np.stack([channels[letter] for letter in "RGB"], axis=-1)
         valid = np.clip(channels.get("valid.Y", np.ones(radiance.shape[:2], np.float32)), 0.0, 1.0)
         check_image(radiance, valid, camera, path)
@@ -84,8 +86,9 @@ class Dataset:
 
     def flags(self, view: str) -> np.ndarray | None:
         """(H, W) uint32 bits of conventions.FLAG_*, or None where the source gave none."""
-        flags = read_exr(self.root / "images" / f"{view}.exr").get("flags.Y")
-        return None if flags is None else flags.astype(np.uint32)
+        if view not in self._flags:
+            self._channels(view)
+        return self._flags[view]
 
     def clipped(self, view: str) -> np.ndarray:
         """(H, W) bool: pixels whose radiance is only a lower bound; none where the source gave no flags."""
@@ -93,6 +96,12 @@ class Dataset:
         if flags is None:
             return np.zeros((camera.height, camera.width), bool)
         return (flags & FLAG_SATURATED) > 0
+
+    def _channels(self, view: str) -> dict[str, np.ndarray]:
+        channels = read_exr(self.root / "images" / f"{view}.exr", required=("R", "G", "B"))
+        flags = channels.get("flags.Y")
+        self._flags = {view: None if flags is None else flags.astype(np.uint32)}
+        return channels
 
     def segment_kind(self, wanted: str = "auto") -> str | None:
         """Return the kind of segments to use: ``wanted`` itself, or for ``auto`` part, else semantic, else None."""

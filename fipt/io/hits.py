@@ -167,6 +167,9 @@ def segments_of(dataset: Dataset, hits: Hits, kind: str, empty: Empty = np.empty
     return ids
 
 
-def clipped_of(dataset: Dataset, hits: Hits) -> np.ndarray:
-    """(P,) bool of all pixels of a shard, in its pixel order: the radiance is only a lower bound."""
-    return np.concatenate([np.zeros(0, bool), *(dataset.clipped(view).reshape(-1) for view in hits.views)])
+def clipped_of(dataset: Dataset, hits: Hits, empty: Empty = np.empty) -> np.ndarray:
+    """(P,) bool of all pixels of a shard: the radiance is only a lower bound; order and ``empty`` as of `pixels_of`."""
+    clipped = empty((int(hits.first_pixels[-1]),), bool)
+    for index, view in enumerate(hits.views):
+        clipped[hits.pixels(index)] = dataset.clipped(view).reshape(-1)
+    return clipped

@@ -120,12 +120,13 @@ def write_pictures(
             emitted = np.zeros_like(values)
             emitted[shining] = emission_of(lit, triangle[shining])
             if not lit.two_sided:
-                behind = (np.asarray(shard.normal[own]) * mesh.normals[triangle]).sum(axis=1) < 0
-                emitted[shining & behind] = 0
+                away = (np.asarray(shard.normal[own]) * mesh.normals[triangle]).sum(axis=1) < 0
+                emitted[shining & away] = 0
             behind = _behind(outside, shard, index, data.camera(view))
             picture = pixels_of_hits(values, shard, index, np.zeros(3))
             if settings.denoise:  # pieces of mixed pixels are too few to be denoised alone; lamps stay exact
-                picture = np.where(picture > 0, denoise(picture), 0)
+                lit = picture.any(axis=-1, keepdims=True) & picture.any(axis=(0, 1))
+                picture = np.where(lit, denoise(picture), 0)
             files.append(out / f"{view}.exr")
             write_exr(files[-1], {"": picture + pixels_of_hits(emitted, shard, index, behind)})
         stats["paths_per_s"] = bar.rate

@@ -36,7 +36,7 @@ def parse_setup(text: str) -> RelightSetup:
 
 def write_room(folder: Path, settings: Synthesize) -> list[Path]:
     """Write mesh, cameras, names of ids and the room's description; return the files."""
-    room = build(settings.seed, settings.opening)
+    room = _built(settings)
     cameras = sample_cameras(room, Truth(room).first_hits, settings)
     files = _write_names(folder, room)
     write_ply(folder / "mesh.ply", room.mesh)
@@ -62,7 +62,7 @@ def write_images(
     rate
         Paths per second.
     """
-    room = build(settings.seed, settings.opening)
+    room = _built(settings)
     cameras = _cameras(folder, names, room, settings)
     paths = [camera.width * camera.height * settings.spp for camera in cameras]
     files: list[Path] = []
@@ -97,7 +97,7 @@ def write_brackets(folder: Path, out: Path, names: Sequence[str], settings: Synt
     rate
         Paths per second.
     """
-    room = build(settings.seed)
+    room = _built(settings)
     every = [camera.name for camera in read_transforms(folder / "transforms.json")]
     chosen = [(every.index(camera.name), camera) for camera in _cameras(folder, names, room, settings)]
     planes = [optics(camera, settings.raw) for _, camera in chosen]
@@ -116,7 +116,7 @@ def write_brackets(folder: Path, out: Path, names: Sequence[str], settings: Synt
 
 def write_capture_rest(folder: Path, out: Path, settings: Synthesize) -> list[Path]:
     """Write what a capture of the room has once: calibration frames, table of frames, cameras and mesh."""
-    room = build(settings.seed)
+    room = _built(settings)
     names = [camera.name for camera in read_transforms(folder / "transforms.json")]
     return write_calibration(out, _cameras(folder, names, room, settings), settings.raw, room.mesh)
 
@@ -130,12 +130,16 @@ def photograph(folder: Path, out: Path, settings: Synthesize) -> list[Path]:
 
 def write_truths(folder: Path, names: Sequence[str], settings: Synthesize) -> list[Path]:
     """Write truth and ids of a dataset's views, whose pictures are developed photographs of the room."""
-    room = build(settings.seed)
+    room = _built(settings)
     truth = Truth(room)
     files = _write_names(folder, room)
     for camera in _cameras(folder, names, room, settings):
         files += _write_truth(folder, camera, view_truth(truth, camera))
     return files
+
+
+def _built(settings: Synthesize) -> Room:
+    return build(settings.seed, settings.opening)
 
 
 def _write_names(folder: Path, room: Room) -> list[Path]:

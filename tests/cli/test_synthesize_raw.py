@@ -1,6 +1,7 @@
 """`fipt synthesize` with a simulated camera: the room, or any dataset, through RAW."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -96,6 +97,20 @@ def test_the_true_view_is_the_picture_that_would_have_been_written(scene, tmp_pa
     layers = (read_layers(root / "truth" / "val_000.exr") for root in (data, scene / "dataset"))
     for name, values in next(layers).items():
         np.testing.assert_array_equal(values, read_layers(scene / "dataset" / "truth" / "val_000.exr")[name])
+
+
+def test_the_room_with_an_open_window(backend, tmp_path):
+    """Every step must build the room that --room made."""
+    settings = SETTINGS | {"opening": True, "spp": 4, "max_depth": 2, "raw": CAMERA | {"enabled": True}}
+    room, data, raw = (tmp_path / name for name in ("room", "dataset", "raw"))
+    assert synthesize("--dataset", room, "--room", settings=settings) == 0
+    assert synthesize("--dataset", room, "--calibration", raw, settings=settings) == 0
+    assert synthesize("--dataset", room, "--views", "val_000", "--raw", raw, settings=settings) == 0
+    shutil.copytree(room, data, ignore=shutil.ignore_patterns("truth"))
+    assert synthesize("--dataset", data, "--views", "val_000", "--truth", settings=settings) == 0
+    layers, again = (read_layers(folder / "truth" / "val_000.exr") for folder in (room, data))
+    for name, values in layers.items():
+        np.testing.assert_array_equal(again[name], values)
 
 
 def test_any_dataset_can_be_photographed(scene, tmp_path):

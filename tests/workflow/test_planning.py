@@ -3,6 +3,7 @@
 import copy
 import json
 import os
+import re
 import signal
 import subprocess
 import time
@@ -233,6 +234,7 @@ def test_photographs_are_planned_alike(workspace, monkeypatch, config_of):
     first = here.planned()
     assert (first["calibrate"], first["qa"], first["import_dataset"]) == (1, 1, 1)
     assert first["develop"] == first["hits"]
+    read = re.findall(r"^    input: (.*)\n    output: (.*)$", here.snakemake("--dry-run"), re.MULTILINE)
     here.snakemake()
     assert here.planned() == {}
     monkeypatch.chdir(here.root)
@@ -241,6 +243,9 @@ def test_photographs_are_planned_alike(workspace, monkeypatch, config_of):
     for job in jobs:
         for path in (*job.inputs, *job.outputs, *job.folders):
             assert (here.root / path).exists(), path
+    inputs = {made.split(", ")[0]: set(files.split(", ")) for files, made in read}
+    early = [job for job in jobs if job.verb in ("synthesize", "calibrate", "develop", "qa") and job.inputs]
+    assert {job.outputs[0]: set(job.inputs) for job in early}.items() <= inputs.items()
 
     here.configure({**config, "capture": {"saturation": 0.9}})
     again = here.planned()

@@ -1,7 +1,7 @@
-"""Checks the configuration; input and params functions that the rules files share.
+"""Checks the configuration; input functions that the rules files share.
 
 INPUTS:  config (config/config.yaml, --configfile, --config)
-OUTPUTS: none; functions that turn wildcards into files and settings
+OUTPUTS: none; functions that turn wildcards into files
 
 A scene's views are asked for only when a rule of that scene is reached, so that a scene nobody
 asked for needs no data.
@@ -159,41 +159,6 @@ def background_file(wildcards):
 def setup_files(wildcards):
     """Input function: the files that a relight setup names."""
     return readable(scene_of(wildcards).setup_files, wildcards.setup)
-
-
-def option(flag, name):
-    """Params function: a flag with the input ``name``, where there is one."""
-    return lambda wildcards, input: [flag, *input[name]] if input[name] else []
-
-
-def settings(stage):
-    """Params function: the settings of one stage as sorted JSON."""
-    return lambda wildcards: scene_of(wildcards).json(stage)
-
-
-def setup_json(wildcards):
-    """Params function: a relight setup as sorted JSON."""
-    return scene_of(wildcards).setup_json(wildcards.setup)
-
-
-def views(wildcards):
-    """Params function: the views of a shard, comma-separated."""
-    return ",".join(shards_of(wildcards, "all")[wildcards.shard])
-
-
-def folder(pattern):
-    """Params function: a folder of the scene that several rules write to or read."""
-    return lambda wildcards: pattern.format(**wildcards)
-
-
-def folders_of(name):
-    """Params function: the folders that the manifests in input ``name`` describe, comma-separated."""
-
-    def joined(wildcards, input):
-        paths = [input[name]] if isinstance(input[name], str) else input[name]
-        return ",".join(path.removesuffix(".manifest.json") for path in paths)
-
-    return joined
 
 
 def of_asked_scenes(*files):

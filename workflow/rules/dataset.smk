@@ -74,6 +74,7 @@ rule synthesize_views:
     """Render pictures, segments and ground truth of a shard of the procedural room."""
     input:
         transforms="results/{scene}/dataset/transforms.json",
+        views="results/{scene}/dataset/views.json",
         mesh="results/{scene}/dataset/mesh.ply",
         room="results/{scene}/dataset/room.json",
     output:
@@ -104,6 +105,7 @@ rule synthesize_relit:
     """Render a shard of the procedural room under a relight setup, as the truth of relighting."""
     input:
         transforms="results/{scene}/dataset/transforms.json",
+        views="results/{scene}/dataset/views.json",
         mesh="results/{scene}/dataset/mesh.ply",
         room=room,
         files=setup_files,

@@ -1,12 +1,14 @@
 """The fit: BRDF and emission networks to the training pictures, given their shading.
 
-INPUTS:  results/{scene}/round-{k}/shading/{shard}.manifest.json, hits/{shard}.manifest.json, pictures, segments, cache
+INPUTS:  results/{scene}/round-{k}/shading/{shard}.manifest.json, hits/{shard}.manifest.json, pictures, segments,
+         cache.npz, background.npz
          from round 1: the model of the round before
 OUTPUTS: results/{scene}/round-{k}/model.safetensors    networks, scene box, settings, stage version
          results/{scene}/round-{k}/confidence.npz       how well the pictures determine the surface
 
-A killed fit goes on from round-{k}/model.checkpoint.safetensors. The checkpoint is not an output
-here, since Snakemake deletes the outputs of jobs that did not finish.
+A killed fit goes on from round-{k}/model.checkpoint-HASH.safetensors, the hash being that of its
+settings and inputs. The checkpoint is not an output here, since Snakemake deletes the outputs of jobs
+that did not finish.
 """
 
 

@@ -15,25 +15,26 @@ def developed(wildcards):
 
 
 def photographs(wildcards):
-    """Input function: the brackets of a shard; a simulated capture is one whole."""
+    """Input function: the brackets of a shard; those of a simulated camera need its table of frames."""
     scene = scene_of(wildcards)
-    if not scene.simulated:
-        return readable(scene.photographs, shards_of(wildcards, "all")[wildcards.shard])
-    return simulated(wildcards)
+    if scene.simulated:
+        return simulated(wildcards, [wildcards.shard])
+    return readable(scene.photographs, shards_of(wildcards, "all")[wildcards.shard])
 
 
-def simulated(wildcards):
-    """Input function: manifests of a simulated capture."""
-    frames = expand("results/{scene}/raw.calibration.manifest.json", **wildcards)
-    manifest = "results/{scene}/raw.{shard}.manifest.json"
-    return [*frames, *sharded(manifest, "all")({"scene": wildcards["scene"]})]
+def simulated(wildcards, shards):
+    """Manifests of a simulated capture: calibration frames with the table of frames, and brackets of shards."""
+    return [
+        f"results/{wildcards.scene}/raw.{name}.manifest.json"
+        for name in ("calibration", *shards)
+    ]
 
 
 def calibrated_from(wildcards):
-    """Input function: calibration frames, and the photographs of the first shard."""
+    """Input function: calibration frames, and the photographs of the first shard; of a simulated camera all."""
     scene = scene_of(wildcards)
     if scene.simulated:
-        return simulated(wildcards)
+        return simulated(wildcards, shards_of(wildcards, "all"))
     first = next(iter(shards_of(wildcards, "all").values()))
     return [*readable(scene.calibration_files), *readable(scene.photographs, first)]
 

@@ -37,6 +37,7 @@ rule photograph_calibration:
     """Take the calibration frames of the simulated camera."""
     input:
         transforms="results/{scene}/room/transforms.json",
+        views="results/{scene}/room/views.json",
         mesh="results/{scene}/room/mesh.ply",
         room="results/{scene}/room/room.json",
     output:
@@ -64,6 +65,7 @@ rule photograph_views:
     """Photograph a shard of the procedural room with the simulated camera."""
     input:
         transforms="results/{scene}/room/transforms.json",
+        views="results/{scene}/room/views.json",
         mesh="results/{scene}/room/mesh.ply",
         room="results/{scene}/room/room.json",
     output:

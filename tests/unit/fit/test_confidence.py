@@ -36,9 +36,10 @@ def glossy(shading, rng):
     return shading
 
 
-def judge(hits, shading, radiance, valid=None, eyes=EYES):
+def judge(hits, shading, radiance, valid=None, eyes=EYES, clipped=None):
     image = (radiance, np.ones(len(radiance)) if valid is None else valid)
-    return measured.measure([hits], [shading], [image], eyes, lamp_gain=1.5)
+    clipped = np.zeros(len(radiance), bool) if clipped is None else clipped
+    return measured.measure([hits], [shading], [image], [clipped], eyes, lamp_gain=1.5)
 
 
 def mean(found, name="views"):
@@ -99,6 +100,15 @@ def test_lamps_and_invalid_pixels_tell_nothing():
     np.testing.assert_array_equal(lamp, np.arange(128) < 64)
 
 
+def test_clipped_pixels_tell_nothing():
+    hits = floor()
+    shading, radiance = even(hits)
+    clipped = np.arange(len(radiance)) < 64
+    bound = np.where(clipped[:, None], 0.1 * radiance, radiance)
+    found = judge(hits, shading, bound, clipped=clipped)
+    np.testing.assert_array_equal(found.views, judge(hits, shading, radiance, valid=1.0 * ~clipped).views)
+
+
 def test_shards_do_not_matter(np_rng):
     hits = floor()
     shading, radiance = even(hits)
@@ -110,6 +120,7 @@ def test_shards_do_not_matter(np_rng):
         [floor(view) for view in "abc"],
         [shading[part] for part in parts],
         [(radiance[part], np.ones(64)) for part in parts],
+        [np.zeros(64, bool)] * 3,
         EYES,
         1.5,
     )

@@ -220,10 +220,33 @@ def test_silent_parts_follow_a_class_that_agrees():
 def test_a_part_has_the_class_of_most_of_its_pixels():
     part = np.array([[1, 1, 1, 2], [2, 2, 5, 0]], np.uint16)
     semantic = np.array([[7, 7, 9, 3], [3, 4, 6, 9]], np.uint16)
-    assert part_classes([(part, semantic), (part[:, :1], semantic[:, :1])], 4).tolist() == [9, 7, 3, 0]
+    assert part_classes([(part, semantic), (part[:, :1], semantic[:, :1])], 4).tolist() == [0, 7, 3, 0]
 
 
 def test_clipped_pixels_do_not_count(np_rng):
     data = pixels(np_rng, [((0.6, 0.5, 0.4), 1.0, 0.0)])
     data.clipped[0][: PER_PART // 2] = True
     assert 0 < found(data).pixels[1] <= PER_PART / 2
+
+
+def test_shards_without_a_pixel_of_one_piece_tell_nothing(np_rng):
+    """One has no hits at all, in the other every pixel shows two pieces."""
+    data = pixels(np_rng, [((0.5, 0.1, 0.1), 0.2, 0.0)])
+    place = np_rng.random((8, 3)).astype(np.float32)
+    mixed, nothing = scenes.hits_of(place, counts=[2] * 4), scenes.hits_of(np.zeros((0, 3)), counts=[0] * 3)
+    rows = [np.ones((len(hits.position), SHADING_OUTPUTS, 3), np.float32) for hits in (mixed, nothing)]
+    images = [(np.ones((count, 3), np.float32), np.ones(count, np.float32)) for count in (4, 3)]
+    ids = [np.ones(count, np.uint16) for count in (4, 3)]
+    center = np.array([1.5, 1.5, 1.5])
+    alone = estimate_parts(Pixels([mixed, nothing], rows, images, ids), center, 3.3, lamp_gain=1e9)
+    np.testing.assert_array_equal(alone.pixels, 0)
+    np.testing.assert_array_equal(alone.roughness, 1)
+    one = Pixels(
+        [nothing, *data.shards, mixed],
+        [rows[1], *data.shading, rows[0]],
+        [images[1], (data.radiance[0], data.valid[0]), images[0]],
+        [ids[1], np.ones(PER_PART, np.uint16), ids[0]],
+    )
+    together = estimate_parts(one, center, 3.3, lamp_gain=1e9)
+    for name, values in vars(found(data)).items():
+        np.testing.assert_array_equal(getattr(together, name), values, err_msg=name)

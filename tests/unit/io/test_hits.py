@@ -137,4 +137,13 @@ def test_clipped_pixels_of_views_in_their_order(hits):
         def clipped(self, view):
             return np.array([[0, 1, 0], [1, 0, 0]], bool) if view == "b" else np.array([[1, 0]], bool)
 
-    np.testing.assert_array_equal(clipped_of(Data(), hits), [0, 1, 0, 1, 0, 0, 1, 0])
+    made = []
+
+    def empty(shape, dtype):
+        made.append(np.ones(shape, dtype))
+        return made[-1]
+
+    clipped = clipped_of(Data(), hits, empty)
+    assert clipped is made[0]
+    np.testing.assert_array_equal(clipped, [0, 1, 0, 1, 0, 0, 1, 0])
+    np.testing.assert_array_equal(clipped_of(Data(), hits), clipped)

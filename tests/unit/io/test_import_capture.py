@@ -99,6 +99,14 @@ def test_clipped_pixels_count_as_bounds_and_noise_becomes_black(developed: Path)
     assert data.clipped("a").sum() == 2
 
 
+def test_flags_are_read_with_the_image(developed: Path) -> None:
+    data = imported(developed)
+    assert data.flags("c") is not None
+    data.image("a")
+    (data.root / "images" / "a.exr").unlink()
+    np.testing.assert_array_equal(data.flags("a"), flags())
+
+
 def test_the_exposure_can_be_given(developed: Path) -> None:
     image, _ = imported(developed, Import(overlay=False, exposure=2.0)).image("a")
     np.testing.assert_allclose(image[3], radiance()[3] * 2)

@@ -1,0 +1,40 @@
+"""Params functions: settings, views, folders and flags of the commands.
+
+INPUTS:  the configuration that rules/common.smk checked
+OUTPUTS: none; functions that turn wildcards into what stands in a command line
+"""
+
+
+def option(flag, name):
+    """Params function: a flag with the input ``name``, where there is one."""
+    return lambda wildcards, input: [flag, *input[name]] if input[name] else []
+
+
+def settings(stage):
+    """Params function: the settings of one stage as sorted JSON."""
+    return lambda wildcards: scene_of(wildcards).json(stage)
+
+
+def setup_json(wildcards):
+    """Params function: a relight setup as sorted JSON."""
+    return scene_of(wildcards).setup_json(wildcards.setup)
+
+
+def views(wildcards):
+    """Params function: the views of a shard, comma-separated."""
+    return ",".join(shards_of(wildcards, "all")[wildcards.shard])
+
+
+def folder(pattern):
+    """Params function: a folder of the scene that several rules write to or read."""
+    return lambda wildcards: pattern.format(**wildcards)
+
+
+def folders_of(name):
+    """Params function: the folders that the manifests in input ``name`` describe, comma-separated."""
+
+    def joined(wildcards, input):
+        paths = [input[name]] if isinstance(input[name], str) else input[name]
+        return ",".join(path.removesuffix(".manifest.json") for path in paths)
+
+    return joined
