@@ -125,8 +125,8 @@ def write_pictures(
             behind = _behind(outside, shard, index, data.camera(view))
             picture = pixels_of_hits(values, shard, index, np.zeros(3))
             if settings.denoise:  # pieces of mixed pixels are too few to be denoised alone; lamps stay exact
-                lit = picture.any(axis=-1, keepdims=True) & picture.any(axis=(0, 1))
-                picture = np.where(lit, denoise(picture), 0)
+                bright = picture.any(axis=-1, keepdims=True) & picture.any(axis=(0, 1))
+                picture = np.where(bright, denoise(picture), 0)
             files.append(out / f"{view}.exr")
             write_exr(files[-1], {"": picture + pixels_of_hits(emitted, shard, index, behind)})
         stats["paths_per_s"] = bar.rate
