@@ -8,7 +8,7 @@ All pixels of one small piece of a part share a, whose best value is a weighted 
 pair (s, m): a highlight that moves with the view, or a reflection, cannot be explained by a wrong one. The pair is
 searched on a grid, so that the fit cannot get caught between matte metal and matte dielectric, which look the same.
 
-Then each view tells the base colour of each piece by itself. What two views agree on, beyond the part's mean, is
+Then each view tells the base colour of each piece by itself. What two views agree on, beyond the mean of all looks, is
 texture: its variance t^2 is their mean product (covariance). What they do not agree on is error of the shading, with
 variance e^2. Where e^2 / t^2 is large, the part is better taken for uniform than read from the pictures.
 """
