@@ -343,36 +343,31 @@ def _judged(qualities: Sequence[Quality]) -> list[Finding]:
             views = tuple(quality.view for quality in wrong)
             findings.append(Finding(kind, severity, f"{_views(views)}: {message}", remedy, views))
 
-    clipped = [q for q in qualities if q.clipped > CLIPPED_SHARE]
-    if clipped:
-        most = max(q.clipped for q in clipped)
-        add(
+    for kind, figure, limit, message, remedy in (
+        (
             "clipped",
-            "warning",
-            clipped,
-            f"the shortest exposure is clipped in up to {most:.0%} of the pixels",
+            lambda q: q.clipped,
+            CLIPPED_SHARE,
+            "the shortest exposure is clipped in up to {:.0%} of the pixels",
             "add shorter exposures: what is clipped in all of them is only known to be brighter than that",
-        )
-    noisy = [q for q in qualities if q.noisy > NOISY_SHARE]
-    if noisy:
-        most = max(q.noisy for q in noisy)
-        add(
+        ),
+        (
             "noise",
-            "warning",
-            noisy,
-            f"the longest exposure is below its noise in up to {most:.0%} of the pixels",
+            lambda q: q.noisy,
+            NOISY_SHARE,
+            "the longest exposure is below its noise in up to {:.0%} of the pixels",
             "add longer exposures, or light the room",
-        )
-    moved = [q for q in qualities if q.moved > MOVED_SHARE]
-    if moved:
-        most = max(q.moved for q in moved)
-        add(
+        ),
+        (
             "moved",
-            "warning",
-            moved,
-            f"something moved between the exposures in up to {most:.1%} of the picture",
+            lambda q: q.moved,
+            MOVED_SHARE,
+            "something moved between the exposures in up to {:.1%} of the picture",
             "nobody and nothing may move; what moved is masked",
-        )
+        ),
+    ):
+        wrong = [q for q in qualities if figure(q) > limit]
+        add(kind, "warning", wrong, message.format(max(map(figure, wrong), default=0)), remedy)
     if len(qualities) > 2:
         usual = float(np.median([q.sharpness for q in qualities]))
         blurred = [q for q in qualities if q.sharpness < BLURRED * usual]
@@ -446,11 +441,12 @@ def calibration_notes(capture: Capture) -> list[Finding]:
 
 
 def inspect(capture: Capture, threads: int = 2) -> tuple[list[Quality], list[Finding]]:
-    """Read and measure every view of a RAW capture; what cannot be read becomes a finding."""
-    views = [bracket for bracket in capture.brackets if capture.kind == "raw"]
+    """Read every view and measure those of a RAW capture; what is wrong with a file becomes a finding."""
 
-    def look(bracket: Bracket) -> Quality | Finding:
+    def look(bracket: Bracket) -> Quality | Finding | None:
         try:
+            if bracket.kind != "raw":
+                return _not_finite(bracket) if bracket.kind == "merged" else None
             frames = [read_raw(shot.path, shot) for shot in bracket.shots]
         except FiptError as error:
             message = f"view {bracket.view}: {error.message}"
@@ -461,12 +457,28 @@ def inspect(capture: Capture, threads: int = 2) -> tuple[list[Quality], list[Fin
             return Finding("size", "error", error.message, error.remedy, (bracket.view,))
 
     results = []
-    with progress("check", len(views), " views") as bar, ThreadPoolExecutor(threads) as pool:
-        for result in pool.map(look, views):
+    with progress("check", len(capture.brackets), " views") as bar, ThreadPoolExecutor(threads) as pool:
+        for result in pool.map(look, capture.brackets):
             results.append(result)
             bar.advance()
     qualities = [result for result in results if isinstance(result, Quality)]
-    return qualities, [result for result in results if isinstance(result, Finding)]
+    findings = [result for result in results if isinstance(result, Finding)]
+    if capture.kind != "raw":
+        message = "these are no RAW files: exposure, noise, movement and sharpness are not measured"
+        findings.append(Finding("not-measured", "note", message, "give RAW brackets to have them checked"))
+    return qualities, findings
+
+
+def _not_finite(bracket: Bracket) -> Finding | None:
+    """What is wrong with the numbers of a merged view, if anything."""
+    from fipt.capture.develop import read_merged
+
+    radiance, _ = read_merged(bracket.shots[0].path)
+    bad = int((~np.isfinite(radiance).all(axis=-1)).sum())
+    if bad == 0:
+        return None
+    message = f"view {bracket.view}: {bad} pixels are NaN or infinite; they get weight 0"
+    return Finding("not-finite", "warning", message, "merge the view again", (bracket.view,))
 
 
 # --- developed views ------------------------------------------------------------------------------

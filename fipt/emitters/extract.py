@@ -8,11 +8,10 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from fipt.conventions import ROUGHNESS_LEVELS
 from fipt.io.emitters import Emitters
 from fipt.io.hits import Hits
 from fipt.io.meshes import Mesh, connected_parts
-from fipt.io.shading import Shading
+from fipt.io.shading import Shading, brightest_reflection
 from fipt.settings import Emitters as EmitterSettings
 
 _INTERIOR = 0.9
@@ -86,18 +85,22 @@ def _pixels(
     clipped: list[np.ndarray] | None,
 ) -> Iterator[Observations]:
     """Yield the pixels of every view that one triangle's piece fills."""
-    levels, number = len(ROUGHNESS_LEVELS), 0
+    number = 0
     clipped = clipped or [np.zeros(len(valid), bool) for _, valid in images]
     for hits, baked, (image, valid), above in zip(shards, shading, images, clipped, strict=True):
         for index in range(len(hits.views)):
             own, pixel = hits.of_view(index), hits.pixel_of_hit(index) + hits.pixels(index).start
             use = np.flatnonzero((hits.weight[own] >= _INTERIOR) & (valid[pixel] > 0))
             light = np.asarray(baked[own], np.float32)[use]
-            specular = (light[:, 1 : 1 + levels] + light[:, 1 + levels :]).max(axis=1)
-            most = np.maximum(light[:, 0], specular).mean(axis=1)
             seen = np.asarray(image[pixel[use]])
             triangle = np.asarray(hits.triangle[own])[use]
-            yield triangle, seen, np.full(len(use), number), seen.mean(axis=1) / (most + 1e-4), above[pixel[use]]
+            yield (
+                triangle,
+                seen,
+                np.full(len(use), number),
+                seen.mean(axis=1) / (brightest_reflection(light) + 1e-4),
+                above[pixel[use]],
+            )
             number += 1
 
 

@@ -3,9 +3,11 @@
 import shutil
 from datetime import timedelta
 
+import numpy as np
 import pytest
 
 from fipt.cli.main import main
+from fipt.io.exr import write_exr
 from fipt.synthesize import capture as writer
 from tests import captures
 
@@ -98,3 +100,19 @@ def test_a_folder_without_photographs(tmp_path, capsys):
     assert "must hold photographs" in capsys.readouterr().err
     assert main(["check-capture", str(tmp_path / "nowhere")]) == 2
     assert "the capture folder is missing" in capsys.readouterr().err
+
+
+def test_merged_views_are_read_and_said_to_be_unmeasured(tmp_path, capsys):
+    radiance = np.ones((6, 8, 3), np.float32)
+    write_exr(tmp_path / "good.exr", {"": radiance})
+    radiance[2, 3, 0], radiance[4, 4, 1] = np.nan, np.inf
+    write_exr(tmp_path / "bad.exr", {"": radiance})
+    assert main(["check-capture", str(tmp_path)]) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "warning: view bad: 2 pixels are NaN or infinite; they get weight 0" in printed
+    assert "view good" not in printed
+    assert "are not measured" in printed
+    assert "nothing is wrong" not in printed
+    (tmp_path / "bad.exr").write_bytes(b"no picture")
+    assert main(["check-capture", str(tmp_path)]) == 2
+    assert "error: view bad: " in capsys.readouterr().out
