@@ -22,8 +22,11 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.report import machine
+from fipt.config import RESULTS
+from fipt.config import load as load_config
 from fipt.io.files import atomic, write_text
 from fipt.io.meshes import Mesh, read_mesh, write_ply
+from fipt.run import plan
 
 
 @dataclass(frozen=True)
@@ -75,13 +78,9 @@ SETTINGS = {
 """Few samples: what matters is how cost grows."""
 
 
-def call(verb: str, options: Mapping[str, object], settings: Mapping[str, object], folder: Path) -> Usage:
-    """Run a verb in a process of its own, in ``folder``."""
-    stats = folder / "stats" / f"{verb}.json"
-    command = [sys.executable, "-m", "fipt.cli.main", verb]
-    for name, value in options.items():
-        command += [f"--{name}"] if value is True else [f"--{name}", str(value)]
-    command += ["--settings", json.dumps(settings), "--stats", str(stats)]
+def call(verb: str, options: Sequence[str], stats: Path, folder: Path) -> Usage:
+    """Run a verb, whose options make it write ``stats``, in a process of its own, in ``folder``."""
+    command = [sys.executable, "-m", "fipt.cli.main", verb, *options]
     seen: dict[str, float] = {}
     with tempfile.TemporaryFile("w+") as log:
         process = subprocess.Popen(command, cwd=folder, stdout=log, stderr=subprocess.STDOUT)
@@ -95,7 +94,7 @@ def call(verb: str, options: Mapping[str, object], settings: Mapping[str, object
         if process.returncode:
             log.seek(0)
             raise SystemExit(f"fipt {verb} failed:\n{log.read()}")
-    figures = json.loads(stats.read_text())
+    figures = json.loads((folder / stats).read_text())
     # not the stage's own figure where there is a better one: Linux counts this process's memory in at the start
     peak = seen.get("VmHWM", figures["peak_memory_bytes"] / 1e6)
     return Usage(figures["wall_s"], used.ru_utime + used.ru_stime, peak, seen.get("RssAnon"))
@@ -128,41 +127,34 @@ def chain(work: Work, root: Path) -> tuple[dict[str, Usage], int]:
     """Run all stages on a scene of that size below ``root``; usage by stage, and its triangles."""
     width, height = work.size
     made = {"train_views": work.views, "val_views": 1, "width": width, "height": height} | SETTINGS["synthesize"]
+    settings = SETTINGS | {"synthesize": made}
+    # One shard for all views of a split, so that a stage's peak of memory is that of all of them.
+    config = {"scenes": {"room": {"source": "procedural", "settings": settings}}, "rounds": 1, "views_per_shard": 1000}
     usage: dict[str, Usage] = {}
-
-    def stage(verb: str, **options: object) -> None:
-        named = {name.replace("_", "-"): value for name, value in options.items()}
-        used = call(verb, named, made if verb == "synthesize" else SETTINGS.get(verb, {}), root)
-        before = usage.get(verb, Usage(0, 0, 0, None))
-        usage[verb] = Usage(
+    mesh = root / RESULTS / "room" / "dataset" / "mesh.ply"
+    for job in plan(load_config(config).scenes["room"]):
+        if job.verb == "hits" and "hits" not in usage:
+            _cut(mesh, work.cuts)
+        stats = Path(job.options[job.options.index("--stats") + 1])
+        used = call(job.verb, job.options, stats, root)
+        before = usage.get(job.verb, Usage(0, 0, 0, None))
+        usage[job.verb] = Usage(
             used.seconds + before.seconds,
             used.processor + before.processor,
             max(used.peak, before.peak),
             max(filter(None, [used.private, before.private]), default=None),
         )
+    return usage, len(read_mesh(mesh).triangles)
 
-    stage("synthesize", dataset="dataset", room=True)
-    frames = json.loads((root / "dataset" / "transforms.json").read_text())["frames"]
-    views = ",".join(Path(frame["file_path"]).stem for frame in frames)
-    stage("synthesize", dataset="dataset", views=views)
-    if work.cuts:
-        mesh = read_mesh(root / "dataset" / "mesh.ply")
-        for _ in range(work.cuts):
-            mesh = halved(mesh)
-        write_ply(root / "dataset" / "mesh.ply", mesh)
-        (root / "dataset" / "room.json").unlink()  # it names triangles that are no more
-    shard = {"dataset": "dataset", "hits": "hits"}  # one for all views: the held-out one costs as much as any
-    model = {"model": "model.safetensors", "emitters": "emitters.npz"}
-    stage("hits", dataset="dataset", views=views, out="hits")
-    stage("cache", **shard, out="cache.npz")
-    stage("bake", **shard, cache="cache.npz", out="bake")
-    stage("fit", **shard, shading="bake", out="model.safetensors")
-    stage("emitters", **shard, shading="bake", model="model.safetensors", out="emitters.npz")
-    stage("refine", **shard, cache="cache.npz", **model, previous="bake", out="refine")
-    stage("materials", **shard, **model, out="materials", manifest="materials.json")
-    stage("render", **shard, cache="cache.npz", **model, out="render", manifest="render.json")
-    stage("metrics", dataset="dataset", materials="materials", render="render", emitters="emitters.npz", out="m.json")
-    return usage, len(read_mesh(root / "dataset" / "mesh.ply").triangles)
+
+def _cut(path: Path, times: int) -> None:
+    """Cut every triangle of a dataset's mesh in two so often."""
+    mesh = read_mesh(path)
+    for _ in range(times):
+        mesh = halved(mesh)
+    if times:
+        write_ply(path, mesh)
+        path.with_name("room.json").unlink()  # it names triangles that are no more
 
 
 def growth(base: Work, doublings: int) -> dict[str, list[dict[str, object]]]:
@@ -297,7 +289,10 @@ def load(views: int, steps: int) -> dict[str, object]:
             ("fit", {"shading": shading, "out": model["model"]}, {"steps": steps}),
             ("emitters", {"shading": shading, "out": "emitters.npz"} | model, {}),
         ):
-            found[verb] = asdict(call(verb, train | options, settings, root))
+            stats = Path("stats", f"{verb}.json")
+            named = train | options | {"settings": json.dumps(settings), "stats": stats}
+            words = [word for name, value in named.items() for word in (f"--{name}", str(value))]
+            found[verb] = asdict(call(verb, words, stats, root))
             print(f"{verb}: {found[verb]}", file=sys.stderr, flush=True)
     return found
 
