@@ -32,8 +32,8 @@ def test_later_layers_win():
 
 def test_a_section_in_a_stage_keeps_what_a_later_layer_leaves_out():
     room = {**ROOM, "settings": {"synthesize": {"raw": {"bits": 12}}}}
-    raw = scene(room, synthesize={"raw": {"enabled": True, "bits": 16}}).settings["synthesize"].raw
-    assert (raw.enabled, raw.bits, raw.pattern) == (True, 12, "RGGB")
+    raw = scene(room, synthesize={"raw": {"scale": 2, "bits": 16}}).settings["synthesize"].raw
+    assert (raw.scale, raw.bits, raw.pattern) == (2, 12, "RGGB")
 
 
 @pytest.mark.parametrize("preset", sorted(path.stem for path in PRESETS.glob("*.yaml")))
@@ -84,7 +84,7 @@ def test_settings_are_sorted_json():
         ({"scenes": {}}, "scenes: dictionary should have at least 1 item"),
         ({"scenes": {"../x": ROOM}}, "scene '../x' cannot be used as a file name"),
         ({"scenes": {"x": {"source": "movie"}}}, "scenes.x.source: input should be 'procedural'"),
-        ({"scenes": {"x": {**ROOM, "path": "a"}}}, "scenes.x.path is only for source: dataset or raw"),
+        ({"scenes": {"x": {**ROOM, "path": "a"}}}, "scenes.x.path is only for source: mitsuba or dataset or raw"),
         (
             {"scenes": {"x": {"source": "dataset", "path": "a"}}},
             "one of nerfstudio, fipt-synthetic, fipt-real",

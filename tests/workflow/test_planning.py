@@ -221,8 +221,7 @@ def photographed(root):
 
 def simulated(_):
     scene = {**CONFIG["scenes"]["room"]}
-    scene["settings"] = {"synthesize": {"train_views": 3, "val_views": 2, "raw": {"enabled": True}}}
-    return {**CONFIG, "scenes": {"room": scene}}
+    return {**CONFIG, "scenes": {"room": scene | {"simulate_raw": True}}}
 
 
 @pytest.mark.parametrize("config_of", [photographed, simulated])
