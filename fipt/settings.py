@@ -75,6 +75,27 @@ class SimulatedCamera(Settings):
     seed: Count = Field(0, description="seed of noise, hot pixels, ghosts and poses of the board")
 
 
+class SceneFile(Settings):
+    """A room read from a Mitsuba scene file."""
+
+    environment: Literal["keep", "quads", "drop"] = Field(
+        "keep",
+        description="light from outside: `keep` it as background, close the interior's openings with emitting `quads` of "
+        "the same mean radiance, or `drop` it",
+    )
+    allow_missing: bool = Field(
+        False, description="go on where files are missing or plugins unknown: leave meshes out, make materials grey"
+    )
+    up: Literal["auto", "y", "z"] = Field(
+        "auto", description="the file's up axis; `auto`: the one nearest to its camera's, else y. The room has y up"
+    )
+    scale: Length | None = Field(
+        None, description="metres in a unit of the file; absent: 1, or what makes an odd interior 2.7 m high"
+    )
+    smoothest: Fraction = Field(0.15, ge=0.02, description="lowest roughness; smoother surfaces get it")
+    max_texture: Positive = Field(1024, description="texels along the longer side; larger textures are averaged")
+
+
 class Synthesize(Settings):
     """The procedural room and its views."""
 
