@@ -38,7 +38,7 @@ _CELL = 0.08
 _MOST_QUADS = 40
 _DEPTHS = np.linspace(-0.1, 0.6, 36)
 """Where the narrowest place of an opening is looked for, metres outwards from the box."""
-_MARGIN, _BEHIND = 0.02, 0.005
+_MARGIN, _GRID = 0.02, 24
 _SKY_SHAPE = (32, 64)
 _PLACES = 3
 
@@ -265,7 +265,7 @@ def close_openings(mesh: Mesh, interior: Interior, outside: Background, where: s
         share = len(origins) / _LEAVING
         if share < _TIGHT:
             break
-        quads = _quads(origins, directions, interior.box)
+        quads = _quads(bare, origins, directions, interior.box)
         for corners in quads:
             found.append(Opening(corners, _incoming(bare, corners, sky)))
             points = points[~_behind(points, corners)]
@@ -300,7 +300,7 @@ def _leaving(scene: RayScene, points: np.ndarray, rng: np.random.Generator) -> t
     return origins[triangle < 0], directions[triangle < 0]
 
 
-def _quads(origins: np.ndarray, directions: np.ndarray, box: np.ndarray) -> list[np.ndarray]:
+def _quads(scene: RayScene, origins: np.ndarray, directions: np.ndarray, box: np.ndarray) -> list[np.ndarray]:
     """(4, 3) corners of a quad for every connected patch where rays cross the box's sides."""
     from scipy.ndimage import binary_dilation, label
 
@@ -325,27 +325,41 @@ def _quads(origins: np.ndarray, directions: np.ndarray, box: np.ndarray) -> list
             number = label(binary_dilation(picture, np.ones((3, 3))), np.ones((3, 3)))[0][tuple(cell.T)]
             plane = box[1 if sign > 0 else 0, k]
             bundles = [number == n for n in range(1, number.max() + 1)]
-            made += [_quad(o[b], d[b], k, sign, plane) for b in bundles if b.sum() >= _FEWEST]
+            made += [_quad(scene, o[b], d[b], k, sign, plane) for b in bundles if b.sum() >= _FEWEST]
     return made
 
 
-def _quad(origins: np.ndarray, directions: np.ndarray, axis: int, sign: int, plane: float) -> np.ndarray:
-    """(4, 3) corners, counter-clockwise from inside, of the quad where a bundle of rays is narrowest."""
+def _quad(
+    scene: RayScene, origins: np.ndarray, directions: np.ndarray, axis: int, sign: int, plane: float
+) -> np.ndarray:
+    """(4, 3) corners, counter-clockwise from inside, of a quad that a bundle of rays crosses.
+
+    It lies where the bundle is narrowest or further outside: where least stands right behind it, so that the bars of
+    a window and the wall around an arch are in front.
+    """
     others = [n for n in range(3) if n != axis]
 
     def crossings(depth: float) -> np.ndarray:
         along = (plane + sign * depth - origins[:, axis]) / directions[:, axis]
         return origins[:, others] + np.maximum(along, 0)[:, None] * directions[:, others]
 
+    def at(points: np.ndarray, depth: float) -> np.ndarray:
+        return np.insert(points, axis, plane + sign * depth, axis=1)
+
+    def covered(depth: float) -> int:
+        """Count the points of a grid over the quad with something right behind."""
+        points = crossings(depth)
+        share = (np.mgrid[:_GRID, :_GRID].reshape(2, -1).T + 0.5) / _GRID
+        places = at(points.min(axis=0) + share * np.ptp(points, axis=0), depth)
+        outwards = np.repeat(sign * np.eye(3)[axis][None], len(places), axis=0)
+        return int((_trace(scene, places, outwards)[0] < _DEPTHS[-1]).sum())
+
     sizes = [np.prod(np.ptp(np.percentile(crossings(depth), (1, 99), axis=0), axis=0)) for depth in _DEPTHS]
-    # Of equally narrow places the outermost: frames are a few centimetres deep, and the pane ends them.
-    narrow = np.flatnonzero(np.array(sizes) <= 1.03 * min(sizes) + 1e-4)
-    depth = _DEPTHS[narrow[np.argmin(np.abs(_DEPTHS[narrow] - np.median(_DEPTHS[narrow])))]]
+    options = _DEPTHS[int(np.argmin(sizes)) :]
+    depth = options[int(np.argmin([covered(depth) for depth in options]))]
     points = crossings(depth)
     (u0, v0), (u1, v1) = points.min(axis=0) - _MARGIN, points.max(axis=0) + _MARGIN
-    corners = np.empty((4, 3))
-    corners[:, others] = [(u0, v0), (u1, v0), (u1, v1), (u0, v1)]
-    corners[:, axis] = plane + sign * (depth + _BEHIND)
+    corners = at(np.array([(u0, v0), (u1, v0), (u1, v1), (u0, v1)]), depth)
     normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])[axis]
     return corners if normal * sign < 0 else corners[::-1]
 
