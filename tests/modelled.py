@@ -76,3 +76,51 @@ def content(window: bool = False, background: Background = NOTHING, lamp: bool =
     return SceneContent(
         surfaces, materials, background, limits.astype(np.float32), ["made in code"], [Path("room.xml")]
     )
+
+
+XML = """<scene version="3.0.0">
+  <bsdf type="twosided" id="paint"><bsdf type="diffuse"><rgb name="reflectance" value="0.7, 0.7, 0.6"/></bsdf></bsdf>
+  <bsdf type="roughplastic" id="tiles">
+    <texture type="bitmap" name="diffuse_reflectance">
+      <string name="filename" value="textures/tiles.png"/>
+      <transform name="to_uv"><scale x="8" y="7"/></transform>
+    </texture>
+    <float name="alpha" value="0.2"/>
+  </bsdf>
+  <shape type="cube" id="walls">
+    <transform name="to_world"><scale x="2" y="1.3" z="1.75"/><translate x="2" y="1.3" z="1.75"/></transform>
+    <ref id="paint"/>
+  </shape>
+  <shape type="rectangle" id="floor">
+    <transform name="to_world">
+      <scale x="2" y="1.75"/><rotate x="1" angle="-90"/><translate x="2" y="0.01" z="1.75"/>
+    </transform>
+    <ref id="tiles"/>
+  </shape>
+  <shape type="obj" id="cupboard"><string name="filename" value="models/cupboard.obj"/><ref id="paint"/></shape>
+  <shape type="rectangle" id="lamp">
+    <transform name="to_world">
+      <scale value="0.3"/><rotate x="1" angle="90"/><translate x="2" y="2.55" z="1.75"/>
+    </transform>
+    <emitter type="area"><rgb name="radiance" value="6, 5, 4"/></emitter>
+  </shape>
+</scene>
+"""
+"""A closed room of 4 x 2.6 x 3.5 m; the lamp faces down."""
+
+
+def write_scene(folder: Path) -> Path:
+    """Write the scene file of a room with a mesh and a texture; return its path."""
+    from PIL import Image
+
+    (folder / "models").mkdir(parents=True)
+    (folder / "textures").mkdir()
+    shape = _around(*CUPBOARD)
+    lines = [f"v {x:.4f} {y:.4f} {z:.4f}" for x, y, z in shape.vertices]
+    lines += ["f " + " ".join(str(k + 1) for k in triangle) for triangle in shape.triangles]
+    (folder / "models" / "cupboard.obj").write_text("\n".join(lines) + "\n")
+    Image.fromarray(np.uint8([[[230, 60, 60], [60, 230, 60]], [[60, 60, 230], [200, 200, 40]]])).save(
+        folder / "textures" / "tiles.png"
+    )
+    (folder / "room.xml").write_text(XML)
+    return folder / "room.xml"

@@ -82,7 +82,7 @@ def command(
     chosen = parse("synthesize", settings)
     record = dumped(chosen)
     if scene is not None:
-        record["scene"] = str(scene)
+        record["scene_file"] = str(scene)
     light = None
     if setup is not None:
         light, record["setup"] = parse_setup(setup), json.loads(setup)
