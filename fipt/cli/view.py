@@ -17,7 +17,8 @@ def command(
     """Write any result as a PNG picture.
 
     RGB is clipped to [0, 1] and sRGB-encoded, scalars are linear, ids get false colours, npz files
-    a table of what they hold. An EXR without --layer shows all its layers side by side, a dataset a row of pictures and truth for each view.
+    a table of what they hold. An EXR without --layer shows all its layers side by side, the folder
+    of a dataset a row of pictures and truth for each view.
     """
     from fipt.io.images import write_png
     from fipt.view import montage, picture

@@ -199,7 +199,7 @@ def _write_truth(folder: Path, camera: Camera, truth: ViewTruth) -> list[Path]:
 
 
 def _cameras(folder: Path, names: Sequence[str], settings: Synthesize | None) -> list[Camera]:
-    """Read the cameras of some views, without those that a check rejected; of the settings' size where they are given."""
+    """Read the cameras of some views, without those that a check rejected; check their size against settings."""
     cameras = {camera.name: camera for camera in read_transforms(folder / "transforms.json")}
     sizes = {(camera.width, camera.height) for camera in cameras.values()}
     if settings is not None and sizes != {(settings.width, settings.height)}:
