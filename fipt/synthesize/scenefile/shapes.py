@@ -110,7 +110,7 @@ def without_slivers(shape: Geometry) -> Geometry:
 
 
 def cut(shape: Geometry, opacity: Map) -> Geometry:
-    """Leave out what a mask makes clear: triangles with less than half of it opaque, the mixed ones first cut smaller."""
+    """Leave out what a mask makes clear: triangles less than half of which is opaque, mixed ones first cut smaller."""
     if shape.uv is None or not len(shape.triangles):
         return shape
     corners = np.concatenate([shape.vertices, shape.uv], axis=1)[shape.triangles]  # (T, 3, 5)

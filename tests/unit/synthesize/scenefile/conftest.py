@@ -14,7 +14,8 @@ WALLS = """
   <ref id="Wall"/>
 </shape>
 <shape type="rectangle" id="lamp">
-  <transform name="to_world"><scale value="0.3"/><rotate x="1" angle="90"/><translate x="2" y="2.4" z="1.5"/></transform>
+  <transform name="to_world">
+    <scale value="0.3"/><rotate x="1" angle="90"/><translate x="2" y="2.4" z="1.5"/></transform>
   <emitter type="area"><rgb name="radiance" value="5, 4, 3"/></emitter>
 </shape>
 <sensor type="perspective">

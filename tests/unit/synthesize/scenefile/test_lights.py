@@ -66,7 +66,8 @@ def test_environment_maps_shine_as_in_mitsuba(turn, up, tmp_path, sky, backend):
 def test_constant_and_directional_light_add_up(tmp_path, backend):
     body = (
         '<emitter type="constant"><rgb name="radiance" value="0.5 0.4 0.3"/></emitter>'
-        '<emitter type="directional"><vector name="direction" x="1" y="-2" z="0.5"/><rgb name="irradiance" value="7"/></emitter>'
+        '<emitter type="directional"><vector name="direction" x="1" y="-2" z="0.5"/>'
+        '<rgb name="irradiance" value="7"/></emitter>'
     )
     found, source = outside(tmp_path, body)
     weight = solid_angles(*found.radiance.shape[:2])[..., None]
@@ -79,10 +80,13 @@ def test_constant_and_directional_light_add_up(tmp_path, backend):
 
 
 def test_sky_and_sun(tmp_path, backend):
-    found, source = outside(tmp_path, '<emitter type="sunsky"><vector name="sun_direction" x="0.3" y="0.9" z="0.1"/></emitter>')
+    found, source = outside(
+        tmp_path, '<emitter type="sunsky"><vector name="sun_direction" x="0.3" y="0.9" z="0.1"/></emitter>'
+    )
     brightest = texel_directions(*found.radiance.shape[:2])[found.radiance.sum(axis=2).argmax()]
     assert brightest @ np.array([0.3, 0.9, 0.1]) / np.linalg.norm([0.3, 0.9, 0.1]) > 0.999
-    assert found.radiance[:100].min() > 0 and np.isfinite(found.radiance).all()
+    assert found.radiance[:100].min() > 0
+    assert np.isfinite(found.radiance).all()
     assert any("model of Mitsuba 3" in note for note in source.notes)
 
 
@@ -95,9 +99,7 @@ def test_small_lamps_have_the_intensity_of_what_they_stand_for(kind, tmp_path, b
 
     path = tmp_path / "scene.xml"
     place = '<transform name="to_world"><lookat origin="1 2 3" target="1 0 3" up="1 0 0"/></transform>'
-    path.write_text(
-        f'<scene><emitter type="{kind}">{place}<spectrum name="intensity" value="0.8"/></emitter></scene>'
-    )
+    path.write_text(f'<scene><emitter type="{kind}">{place}<spectrum name="intensity" value="0.8"/></emitter></scene>')
     (lamp,) = lamps(read_tree(path).root, Source(path, SceneFile()))
     scale = 0.1
     vertices, triangles = lamp_shape(lamp, lamp.position * scale, lamp.direction)

@@ -10,7 +10,8 @@ import pytest
 from fipt.io.meshes import Mesh
 from fipt.settings import SceneFile
 
-MOVE = '<transform name="toWorld"><scale x="1.2" y="0.8" z="1"/><rotate x="0.6" y="0.8" angle="40"/><translate x="0.4"/></transform>'
+MOVE = '<transform name="toWorld"><scale x="1.2" y="0.8" z="1"/>'
+MOVE += '<rotate x="0.6" y="0.8" angle="40"/><translate x="0.4"/></transform>'
 MIRROR = '<transform name="toWorld"><scale x="-1.2" y="0.8" z="1"/></transform>'
 OBJ = """v -1 -1 0\nv 1 -1 0.2\nv 1 1 0\nv -1 1 0.3\nv 0 0 1
 vt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nvt 0.5 0.5
@@ -29,12 +30,14 @@ SHAPES = {
     "disk": f'<shape type="disk">{MOVE}</shape>',
     "cube": f'<shape type="cube">{MOVE}</shape>',
     "cube-mirrored": f'<shape type="cube">{MIRROR}</shape>',
-    "sphere": '<shape type="sphere"><point name="center" x="0.2" y="0.1" z="0"/><float name="radius" value="0.7"/></shape>',
+    "sphere": '<shape type="sphere"><point name="center" x="0.2" y="0.1" z="0"/>'
+    '<float name="radius" value="0.7"/></shape>',
     "cylinder": '<shape type="cylinder"><point name="p0" x="-1" y="0" z="0"/><point name="p1" x="1" y="0.2" z="0"/>'
     '<float name="radius" value="0.4"/></shape>',
     "obj": f'<shape type="obj"><string name="filename" value="m.obj"/>{MOVE}</shape>',
     "obj-mirrored": f'<shape type="obj"><string name="filename" value="m.obj"/>{MIRROR}</shape>',
-    "obj-faces": '<shape type="obj"><string name="filename" value="m.obj"/><boolean name="faceNormals" value="true"/></shape>',
+    "obj-faces": '<shape type="obj"><string name="filename" value="m.obj"/>'
+    '<boolean name="faceNormals" value="true"/></shape>',
     "obj-unflipped": '<shape type="obj"><string name="filename" value="m.obj"/>'
     '<boolean name="flipTexCoords" value="false"/></shape>',
     "ply": f'<shape type="ply"><string name="filename" value="m.ply"/>{MOVE}</shape>',
@@ -101,7 +104,9 @@ def test_serialized_files_by_index(tmp_path, backend):
 
     quads = [mi.load_dict({"type": "cube", "to_world": mi.ScalarTransform4f().translate([k, 0, 0])}) for k in range(2)]
     serialized = tmp_path / "m.serialized"
-    blobs = [_serialized(np.array(mi.traverse(q)["vertex_positions"]), np.array(mi.traverse(q)["faces"])) for q in quads]
+    blobs = [
+        _serialized(np.array(mi.traverse(q)["vertex_positions"]), np.array(mi.traverse(q)["faces"])) for q in quads
+    ]
     offsets = np.cumsum([0] + [len(blob) for blob in blobs[:-1]])
     table = np.array(offsets, "<u8").tobytes() + np.array([len(blobs)], "<u4").tobytes()
     serialized.write_bytes(b"".join(blobs) + table)
@@ -131,7 +136,8 @@ def test_faces_that_count_backwards(tmp_path, backend):
     backwards = OBJ.replace("f 1/1/1 2/2/1 3/3/1 4/4/1", "f -5/-5/-1 -4/-4/-1 -3/-3/-1 -2/-2/-1")
     (tmp_path / "b.obj").write_text(backwards)
     a, b = (load_mesh("obj", tmp_path / name) for name in ("a.obj", "b.obj"))
-    assert np.array_equal(a.vertices, b.vertices) and np.array_equal(a.triangles, b.triangles)
+    assert np.array_equal(a.vertices, b.vertices)
+    assert np.array_equal(a.triangles, b.triangles)
     assert np.array_equal(a.uv, b.uv)
 
 

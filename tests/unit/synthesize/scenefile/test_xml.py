@@ -41,7 +41,8 @@ def test_defaults_and_references(tmp_path):
     first, second, third = (shape.children[0] for shape in root.objects("shape"))
     assert first is second
     assert first.number("alpha", 0) == 0.3
-    assert third.name == "other" and third.type == "roughplastic"
+    assert third.name == "other"
+    assert third.type == "roughplastic"
     with pytest.raises(FiptError, match=r"scene.xml line 3: int_ior must be a number; found '\$unset'"):
         first.number("int_ior", 1.5)
 
