@@ -79,8 +79,8 @@ class SceneFile(Settings):
 
     environment: Literal["keep", "quads", "drop"] = Field(
         "keep",
-        description="light from outside: `keep` it as background, close the interior's openings with emitting `quads` of "
-        "the same mean radiance, or `drop` it",
+        description="light from outside: `keep` it as background, close the openings with emitting `quads` that let as "
+        "much in, or `drop` it",
     )
     allow_missing: bool = Field(
         False, description="go on where files are missing or plugins unknown: leave meshes out, make materials grey"

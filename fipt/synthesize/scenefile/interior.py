@@ -21,8 +21,10 @@ from fipt.render.scene import RayScene
 ENCLOSED = 0.55
 """Share of rays that must meet a surface. In the plane of a missing wall it is about a half."""
 
-_CELLS = 24_000
+_CELLS = 12_000
 _DIRECTIONS = 48
+_CONE = 0.85
+"""Cosine of the directions, from where a camera looks, in which it is asked for free places."""
 _EDGE_HITS = 12
 """Fewest rays that must meet a wall for it to bound the box; otherwise the last point inside does."""
 
@@ -102,31 +104,49 @@ def find_interior(mesh: Mesh, cameras: Sequence[np.ndarray], where: str) -> Inte
     scene = RayScene(mesh)
     start = _start(mesh, scene, cameras, where)
     low, high = _extent(scene, start)
+    for _ in range(2):  # first coarsely in all that is seen, then finely in the box that is found
+        found = _grown(scene, start, low, high)
+        margin = found.step + 0.05 * np.ptp(found.box, axis=0)
+        low, high = np.minimum(found.box[0], start) - margin, np.maximum(found.box[1], start) + margin
+    return found
+
+
+def _grown(scene: RayScene, start: np.ndarray, low: np.ndarray, high: np.ndarray) -> Interior:
+    """The interior around a point, as far as it lies between two corners."""
     step = float(np.prod(high - low) / _CELLS) ** (1 / 3)
     shape = np.maximum(np.round((high - low) / step).astype(int), 1)
     grid = np.stack(np.meshgrid(*(np.arange(n) for n in shape), indexing="ij"), axis=-1).reshape(-1, 3)
-    # The start is a point of the grid.
     first = np.clip(np.floor((start - low) / step).astype(int), 0, shape - 1)
-    points = start + (grid - first) * step
+    points = start + (grid - first) * step  # the start is one of them
     inside = _enclosed(scene, points)[0] >= ENCLOSED
     number = np.ravel_multi_index(tuple(first), tuple(shape))
     inside[number] = True
     label = _connected(scene, points, inside, shape, step)
     chosen = inside & (label == label[number])
-    return Interior(points[chosen], step, _box(scene, points, chosen, shape, step))
+    box = _box(scene, points, chosen, shape, step)
+    return Interior(points[chosen & ((points > box[0]) & (points < box[1])).all(axis=1)], step, box)
 
 
 def _start(mesh: Mesh, scene: RayScene, cameras: Sequence[np.ndarray], where: str) -> np.ndarray:
     """(3,) a point inside: a camera's, or one ahead of it, or the most spacious one of a coarse grid."""
+    best = -1.0
     for pose in cameras:
-        place, ahead = pose[:3, 3], pose[:3, 2] / np.linalg.norm(pose[:3, 2])
-        reach = _trace(scene, place[None], ahead[None])[0][0]
-        reach = reach if np.isfinite(reach) else 0.0
-        options = place + np.array([0, 0.1, 0.25, 0.5, 0.75])[:, None] * reach * ahead
+        # Free places that the camera sees, its own first: they are never inside of things.
+        ahead = np.concatenate([[(0.0, 0, 1)], _sphere(400)])
+        ahead = (ahead[ahead[:, 2] > _CONE] @ pose[:3, :3].T) / np.linalg.norm(pose[:3, 2])
+        place = np.repeat(pose[None, :3, 3], len(ahead), axis=0)
+        reach = _trace(scene, place, ahead)[0]
+        met = np.isfinite(reach)
+        steps = np.array([0.1, 0.25, 0.5, 0.75])[:, None, None] * (reach[met, None] * ahead[met])
+        options = np.concatenate([place[:1], (place[met] + steps).reshape(-1, 3)])
         share, _ = _enclosed(scene, options)
-        good = np.flatnonzero(share >= ENCLOSED)
-        if len(good):
-            return options[good[0]]
+        if share[0] >= ENCLOSED:
+            return options[0]
+        if share.max() >= ENCLOSED:
+            return options[int(np.argmax(share))]
+        best = max(best, share.max())
+    if cameras:
+        raise _outdoors(where, best)
     centers, weights = mesh.corners.mean(axis=1), mesh.areas
     bounds = []
     for axis in centers.T:
@@ -139,12 +159,16 @@ def _start(mesh: Mesh, scene: RayScene, cameras: Sequence[np.ndarray], where: st
     share, reach = _enclosed(scene, options)
     best = int(np.argmax(np.where(share >= ENCLOSED, reach, -1.0)))
     if share[best] < ENCLOSED:
-        raise FiptError(
-            f"{where} has no interior: nowhere do {ENCLOSED:.0%} of all rays meet a surface with a floor below and a "
-            f"ceiling above (best: {share.max():.0%}); the scene is outdoors, or its walls are missing",
-            "give a room with walls and a ceiling",
-        )
+        raise _outdoors(where, share.max())
     return options[best]
+
+
+def _outdoors(where: str, share: float) -> FiptError:
+    return FiptError(
+        f"{where} has no interior: nowhere do {ENCLOSED:.0%} of all rays meet a surface, with a floor below and a "
+        f"ceiling above (at best {share:.0%}); the scene is outdoors, or its walls are missing",
+        "give a room with walls and a ceiling",
+    )
 
 
 def _enclosed(scene: RayScene, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -195,7 +219,9 @@ def _connected(scene: RayScene, points: np.ndarray, inside: np.ndarray, shape: n
         b = np.delete(index, 0, axis).ravel()
         both = inside[a] & inside[b]
         a, b = a[both], b[both]
-        free = _trace(scene, points[a], np.repeat(np.eye(3)[axis][None], len(a), axis=0))[0] > step
+        along = np.repeat(np.eye(3)[axis][None], len(a), axis=0)
+        # From both ends: a point that lies on a surface does not see it.
+        free = np.minimum(_trace(scene, points[a], along)[0], _trace(scene, points[b], -along)[0]) > 1.001 * step
         rows.append(a[free])
         columns.append(b[free])
     a, b = np.concatenate(rows), np.concatenate(columns)
@@ -204,7 +230,7 @@ def _connected(scene: RayScene, points: np.ndarray, inside: np.ndarray, shape: n
 
 
 def _box(scene: RayScene, points: np.ndarray, chosen: np.ndarray, shape: np.ndarray, step: float) -> np.ndarray:
-    """(2, 3) box: on each side where rays from the outermost points meet walls, else half a step beyond these points."""
+    """(2, 3) box: on each side where rays from the outermost points meet walls, else half a step beyond them."""
     box = np.zeros((2, 3))
     cells = chosen.reshape(shape)
     for axis in range(3):
@@ -274,8 +300,8 @@ def close_openings(mesh: Mesh, interior: Interior, outside: Background, where: s
         scene = RayScene(_with_quads(mesh, [opening.corners for opening in found]))
     if share > _LEAKY or len(found) > _MOST_QUADS:
         raise FiptError(
-            f"{where}: light comes in through more than a few openings ({len(found)} quads still let {share:.1%} of the "
-            "rays out)",
+            f"{where}: light comes in through more than a few openings ({len(found)} quads still let {share:.1%} of "
+            "the rays out)",
             "set environment: keep, or close the room",
         )
     return found, share
@@ -396,5 +422,5 @@ def _coarse(outside: Background) -> np.ndarray:
 def _with_quads(mesh: Mesh, quads: Sequence[np.ndarray]) -> Mesh:
     vertices = np.concatenate([mesh.vertices, *quads]).astype(np.float32)
     first = len(mesh.vertices) + 4 * np.arange(len(quads))[:, None]
-    triangles = np.concatenate([first + [0, 1, 2], first + [0, 2, 3]])
+    triangles = np.concatenate([np.add(first, corners) for corners in ((0, 1, 2), (0, 2, 3))])
     return Mesh(vertices, np.concatenate([mesh.triangles, triangles]).astype(np.int32))

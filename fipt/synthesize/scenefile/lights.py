@@ -17,7 +17,8 @@ from fipt.synthesize.scenefile.xml import Node
 
 _SUN_RADIUS = 1.5
 """Radius of the disc that a directional light becomes in the background, degrees."""
-_SUN_ROWS = 256
+_MAP_ROWS = 256
+"""Most rows of an environment map, and those of a directional light's."""
 _LAMP_RADIUS = 0.03
 """Radius of what a point or spot light becomes, metres."""
 _SKY = ("sky", "sun", "sunsky")
@@ -83,7 +84,7 @@ def outside(scene: Node, world_from_file: np.ndarray, source: Source) -> Backgro
         elif node.type in ("directional", "distant"):
             more = _directional(node, world_from_file)
             source.note(
-                f"light {_name(node)}: directional; a disc of {2 * _SUN_RADIUS:g} degrees in the background shines as much"
+                f"light {_name(node)}: directional; a disc of {2 * _SUN_RADIUS:g} degrees outside shines as much"
             )
         else:
             continue
@@ -165,7 +166,11 @@ def _envmap(node: Node, world_from_file: np.ndarray, source: Source) -> Backgrou
     else:
         picture = Node("texture", {"type": "bitmap"}, node.children, node.where)
         radiance_map = textures.read_map(picture, 1.0, source, light=True).values
+    size = radiance_map.shape[:2]
+    radiance_map = textures.shrunk(radiance_map, 2 * _MAP_ROWS, None)
     height, width = radiance_map.shape[:2]
+    if size != (height, width):
+        source.note(f"environment map {path.name}: {size[1]}x{size[0]} averaged down to {width}x{height}")
     # Mitsuba's map is seen from inside with -z at its sides; ours has -z in the centre.
     scaled = np.roll(radiance_map, width // 2, axis=1) * np.float32(node.number("scale", 1.0))
     turn = world_from_file @ _rotation_of(transform(node.get("to_world")))
@@ -202,12 +207,12 @@ def _directional(node: Node, world_from_file: np.ndarray) -> Background:
     ahead = node.get("direction")
     direction = transform(node.get("to_world"))[:3, 2] if ahead is None else vector(ahead)
     toward = -(world_from_file @ direction) / np.linalg.norm(direction)
-    directions = texel_directions(_SUN_ROWS, 2 * _SUN_ROWS)
-    disc = np.clip((directions @ toward - np.cos(np.radians(_SUN_RADIUS))) * 1e9, 0, 1).reshape(_SUN_ROWS, -1)
+    directions = texel_directions(_MAP_ROWS, 2 * _MAP_ROWS)
+    disc = np.clip((directions @ toward - np.cos(np.radians(_SUN_RADIUS))) * 1e9, 0, 1).reshape(_MAP_ROWS, -1)
     if not disc.any():
-        row, column = texel_of(toward[None], _SUN_ROWS, 2 * _SUN_ROWS).astype(int)[0]
-        disc[min(row, _SUN_ROWS - 1), column % (2 * _SUN_ROWS)] = 1
-    share = disc / (disc * solid_angles(_SUN_ROWS, 2 * _SUN_ROWS)).sum()
+        row, column = texel_of(toward[None], _MAP_ROWS, 2 * _MAP_ROWS).astype(int)[0]
+        disc[min(row, _MAP_ROWS - 1), column % (2 * _MAP_ROWS)] = 1
+    share = disc / (disc * solid_angles(_MAP_ROWS, 2 * _MAP_ROWS)).sum()
     return Background("given", (share[..., None] * _light_color(node, "irradiance")).astype(np.float32))
 
 

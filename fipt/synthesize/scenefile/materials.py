@@ -25,6 +25,7 @@ BRIGHTEST_METAL = 0.95
 _OPAQUE = 0.05
 """Transmittance below which a dielectric is black instead of clear."""
 _STAND_IN = 0.5
+_NORMALS = ("bumpmap", "normalmap", "bump")
 
 
 @dataclass(frozen=True)
@@ -191,15 +192,28 @@ def _null(node: Node, source: Source) -> Look:
 
 
 def _nested(node: Node, source: Source) -> Look:
-    """Twosided, bump and normal maps: what is inside."""
+    """What is inside: of twosided, bump and normal maps that is all."""
     inner = node.objects("bsdf")
     if not inner:
         raise node.wrong(f"a {node.type} bsdf must have another one inside")
     if node.type == "twosided" and len(inner) > 1:
         source.note(f"bsdf {node.id or node.where}: two sides of different materials; both become the first")
-    elif node.type != "twosided":
-        source.note(f"bsdf {node.id or inner[0].id or node.where}: the {node.type} is ignored")
+    elif node.type in _NORMALS:
+        _ignored(node, source)
     return look(inner[0], source)
+
+
+def note_ignored(scene: Node, source: Source) -> None:
+    """Note bump and normal maps of the whole file: shapes may refer to what is inside them."""
+    for bsdf in scene.objects("bsdf"):
+        for node in bsdf.walk():
+            if node.type in _NORMALS:
+                _ignored(node, source)
+
+
+def _ignored(node: Node, source: Source) -> None:
+    named = next((inner.id for inner in node.walk() if inner.tag == "bsdf" and inner.id), node.where)
+    source.note(f"bsdf {named}: the {node.type} is ignored")
 
 
 def _coating(node: Node, source: Source) -> Look:
@@ -211,7 +225,7 @@ def _coating(node: Node, source: Source) -> Look:
 
 
 def _mask(node: Node, source: Source) -> Look:
-    found = _nested_in_mask(node, source)
+    found = _nested(node, source)
     opacity = read_map(node.get("opacity"), 0.5, source)
     if opacity.alpha is not None:  # of a picture with an alpha channel, that is what the mask is
         opacity = opacity.with_values(opacity.alpha)
@@ -223,13 +237,6 @@ def _mask(node: Node, source: Source) -> Look:
         return replace(found, clear=True, rule=f"mask of opacity {share:.3g}")
     rule = found.rule if share == 1 else f"{found.rule}, its mask of opacity {share:.3g} taken as whole"
     return replace(found, rule=rule, flagged=found.flagged or opacity.flagged)
-
-
-def _nested_in_mask(node: Node, source: Source) -> Look:
-    inner = node.objects("bsdf")
-    if not inner:
-        raise node.wrong("a mask bsdf must have another one inside")
-    return look(inner[0], source)
 
 
 def _blend(node: Node, source: Source) -> Look:
@@ -282,7 +289,7 @@ _RULES: dict[str, Callable[[Node, Source], Look]] = {
     **dict.fromkeys(("phong", "ward"), _lobe),
     **dict.fromkeys(("principled", "principledthin"), _principled),
     **dict.fromkeys(("dielectric", "roughdielectric", "thindielectric"), _dielectric),
-    **dict.fromkeys(("twosided", "bumpmap", "normalmap", "bump"), _nested),
+    **dict.fromkeys(("twosided", *_NORMALS), _nested),
     **dict.fromkeys(("coating", "roughcoating"), _coating),
     **dict.fromkeys(("blendbsdf", "mixturebsdf"), _blend),
     "mask": _mask,

@@ -15,7 +15,7 @@ from fipt.settings import SceneFile
 from fipt.synthesize.material import Material
 from fipt.synthesize.scenefile import lights
 from fipt.synthesize.scenefile.interior import Interior, close_openings, find_interior
-from fipt.synthesize.scenefile.materials import MATTE, Look, described, look, material
+from fipt.synthesize.scenefile.materials import MATTE, Look, described, look, material, note_ignored
 from fipt.synthesize.scenefile.shapes import Geometry, cut, geometry, placed, without_slivers
 from fipt.synthesize.scenefile.source import Source
 from fipt.synthesize.scenefile.values import transform
@@ -124,6 +124,7 @@ def read_scene(path: str | Path, settings: SceneFile) -> SceneContent:
         for shape in shapes:
             builder.add(shape.name, shape.node, _turned(geometry(shape, source), turn))
             bar.advance(note=shape.name)
+    note_ignored(tree.root, source)
     background = lights.outside(tree.root, turn, source)
     small = lights.lamps(tree.root, source)
     source.check()
@@ -179,7 +180,9 @@ def _scale(interior: Interior, source: Source) -> float:
     if _PLAUSIBLE[0] <= height <= _PLAUSIBLE[1]:
         return 1.0
     scale = _HEIGHT / height
-    source.note(f"the interior is {height:.3g} units high: a unit is taken for {scale:.4g} m, which makes it {_HEIGHT} m")
+    source.note(
+        f"the interior is {height:.3g} units high: a unit is taken for {scale:.4g} m, which makes it {_HEIGHT} m"
+    )
     return scale
 
 
@@ -195,9 +198,13 @@ def _let_in(background: Background, builder: _Builder, interior: Interior, sourc
         triangles = np.array([(0, 1, 2), (0, 2, 3)], np.int32)
         builder.add_light(f"opening-{number}", opening.corners, triangles, opening.radiance)
         size = np.sort(np.ptp(opening.corners, axis=0))[1:]
-        center, radiance = (", ".join(f"{v:.3g}" for v in values) for values in (opening.corners.mean(0), opening.radiance))
+        center, radiance = (
+            ", ".join(f"{v:.3g}" for v in values) for values in (opening.corners.mean(0), opening.radiance)
+        )
         source.note(f"opening at {center}: closed by a quad of {size[1]:.2f} x {size[0]:.2f} m, radiance {radiance}")
-    source.note(f"light from outside: {len(openings)} quads in its openings; {share:.2%} of the rays still leave the room")
+    source.note(
+        f"light from outside: {len(openings)} quads in its openings; {share:.2%} of the rays still leave the room"
+    )
     return NOTHING
 
 
@@ -221,6 +228,8 @@ class _Builder:
         known = self._looks.get(id(bsdf))
         if known is None:
             known = self._looks[id(bsdf)] = look(bsdf, self.source)
+        if len(node.objects("bsdf")) > 1:
+            self.source.note(f"shape {name}: has several bsdfs; the first is used for all of it")
         radiance = lights.radiance(node, self.source)
         if radiance is not None and not radiance.any():
             self.source.note(f"light {name}: its radiance is zero; it reflects like any surface")
@@ -254,12 +263,9 @@ class _Builder:
         """Add a light that no shape of the file is; it gets a material of its own, which nobody sees."""
         if id(_LIGHT) not in self._index:
             self._index[id(_LIGHT)] = len(self.materials)
-            self.materials.append(
-                Material(
-                    self._unique("light"), np.full((1, 1, 3), 0.5, np.float32),
-                    np.full((1, 1), MATTE, np.float32), np.zeros((1, 1), np.float32),
-                )  # fmt: skip
-            )
+            grey, matte, plain = (np.full((1, 1), value, np.float32) for value in (0.5, MATTE, 0.0))
+            base = np.repeat(grey[..., None], 3, axis=2)
+            self.materials.append(Material(self._unique("light", "material"), base, matte, plain))
             self._found.append(None)
         self._put(name, vertices, triangles, np.zeros((len(vertices), 2)), self._index[id(_LIGHT)], radiance)
 

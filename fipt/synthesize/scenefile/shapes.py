@@ -110,7 +110,7 @@ def without_slivers(shape: Geometry) -> Geometry:
 
 
 def cut(shape: Geometry, opacity: Map) -> Geometry:
-    """Leave out what a mask makes clear: triangles with less than half of it opaque, the mixed ones first cut smaller."""
+    """Leave out what a mask makes clear: triangles less than half of which is opaque, mixed ones first cut smaller."""
     if shape.uv is None or not len(shape.triangles):
         return shape
     corners = np.concatenate([shape.vertices, shape.uv], axis=1)[shape.triangles]  # (T, 3, 5)
@@ -169,7 +169,7 @@ def _cube(node: Node, source: Source) -> LoadedMesh:
 def _rectangle(node: Node, source: Source) -> LoadedMesh:
     corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)], float)
     vertices = np.column_stack([corners, np.zeros(4)])
-    return LoadedMesh(vertices, np.array([(0, 1, 2), (0, 2, 3)], np.int32), uv=(corners + 1) / 2)
+    return LoadedMesh(vertices, np.array([(0, 1, 2), (0, 2, 3)], np.int32), _facing_z(4), (corners + 1) / 2)
 
 
 def _disk(node: Node, source: Source) -> LoadedMesh:
@@ -179,7 +179,13 @@ def _disk(node: Node, source: Source) -> LoadedMesh:
     vertices = np.concatenate([0 * rim, rim])
     uv = np.concatenate([np.column_stack([0 * turn, turn]), np.column_stack([0 * turn + 1, turn])])
     k = np.arange(AROUND)
-    return LoadedMesh(vertices, np.column_stack([k, k + AROUND + 1, k + AROUND + 2]).astype(np.int32), uv=uv)
+    triangles = np.column_stack([k, k + AROUND + 1, k + AROUND + 2]).astype(np.int32)
+    return LoadedMesh(vertices, triangles, _facing_z(len(vertices)), uv)
+
+
+def _facing_z(count: int) -> np.ndarray:
+    """(count, 3) normals along z: flat shapes face where their normal points, even if they are mirrored."""
+    return np.tile((0.0, 0.0, 1.0), (count, 1))
 
 
 def _sphere(node: Node, source: Source) -> LoadedMesh:
@@ -194,9 +200,10 @@ def _sphere(node: Node, source: Source) -> LoadedMesh:
 def _cylinder(node: Node, source: Source) -> LoadedMesh:
     ends = zip((node.get("p0"), node.get("p1")), ((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)), strict=True)
     p0, p1 = (np.array(default) if found is None else vector(found) for found, default in ends)
-    axis = (p1 - p0) / np.linalg.norm(p1 - p0)
-    side = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-    side /= np.linalg.norm(side)
+    x, y, z = axis = (p1 - p0) / np.linalg.norm(p1 - p0)
+    # Where u begins: the frame around a direction of Duff et al. (JCGT 2017), which Mitsuba uses.
+    sign = np.copysign(1.0, z)
+    side = np.array((1 - sign * x * x / (sign + z), -sign * x * y / (sign + z), -sign * x))
     u, v = np.meshgrid(np.arange(AROUND + 1) / AROUND, (0.0, 1.0))
     phi = 2 * np.pi * u.ravel()[:, None]
     normals = np.cos(phi) * side + np.sin(phi) * np.cross(axis, side)

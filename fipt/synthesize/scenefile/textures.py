@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -139,7 +140,8 @@ def _bitmap(node: Node, source: Source) -> Map:
         return replace(constant(_GREY), flagged=True, picture=path.name)
     if size != values.shape[:2]:
         source.note(
-            f"texture {path.name}: {size[1]}x{size[0]} averaged down to {values.shape[1]}x{values.shape[0]} (max_texture)"
+            f"texture {path.name}: {size[1]}x{size[0]} averaged down to {values.shape[1]}x{values.shape[0]} "
+            "(max_texture)"
         )
     return Map(values, _placed(node), alpha, path.name)
 
@@ -151,7 +153,7 @@ def _picture(path: Path, gamma: float, most: int) -> tuple[np.ndarray, np.ndarra
     Parameters
     ----------
     gamma
-        Of the encoding; 1 = linear, -1 = the sRGB curve for 8-bit pictures and linear for OpenEXR and .hdr.
+        Of the encoding of 8-bit pictures; 1 = linear, -1 = the sRGB curve. OpenEXR and .hdr are linear.
     most
         Texels along the longer side; larger pictures are averaged, after decoding.
 
@@ -169,13 +171,13 @@ def _picture(path: Path, gamma: float, most: int) -> tuple[np.ndarray, np.ndarra
     else:
         pixels = _encoded_picture(path)
         steps = np.linspace(0, 1, 256)
-        table = (srgb_decode(steps) if gamma < 0 else steps**gamma).astype(np.float32)
+        table = (srgb_decode(steps) if gamma <= 0 else steps**gamma).astype(np.float32)
     size = pixels.shape[:2]
-    color = _shrunk(pixels[..., :3], most, table)
+    color = shrunk(pixels[..., :3], most, table)
     if pixels.shape[2] == 3:
         return color, None, size
     plain = None if table is None else np.linspace(0, 1, 256, dtype=np.float32)
-    alpha = _shrunk(pixels[..., 3:], most, plain)[..., 0]
+    alpha = shrunk(pixels[..., 3:], most, plain)[..., 0]
     return color, alpha if alpha.min() < 1 else None, size
 
 
@@ -208,15 +210,18 @@ def _encoded_picture(path: Path) -> np.ndarray:
             raise FiptError(f"{path} is not a readable picture ({error})", "replace the file") from error
 
 
-def _shrunk(pixels: np.ndarray, most: int, table: np.ndarray | None) -> np.ndarray:
-    """Decode and average blocks, a strip of rows at a time: huge pictures never exist as floats."""
+def shrunk(pixels: np.ndarray, most: int, table: np.ndarray | None) -> np.ndarray:
+    """Decode with a ``table`` of 256 values and average blocks until the longer side has at most ``most`` texels.
+
+    A strip of rows at a time: huge pictures never exist as floats.
+    """
     height, width = pixels.shape[:2]
     factor = max(height, width) / most
     if factor <= 1:
         return (pixels if table is None else table[pixels]).astype(np.float32)
     rows, columns = (np.linspace(0, n, max(round(n / factor), 1) + 1).astype(int) for n in (height, width))
     out = np.empty((len(rows) - 1, len(columns) - 1, pixels.shape[2]), np.float32)
-    for k, (top, bottom) in enumerate(zip(rows[:-1], rows[1:], strict=True)):
+    for k, (top, bottom) in enumerate(pairwise(rows)):
         strip = pixels[top:bottom] if table is None else table[pixels[top:bottom]]
         total = np.add.reduceat(strip.sum(axis=0, dtype=np.float64), columns[:-1], axis=0)
         out[k] = total / ((bottom - top) * np.diff(columns))[:, None]

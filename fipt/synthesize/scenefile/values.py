@@ -40,7 +40,7 @@ def vector(node: Node, default: float = 0.0) -> np.ndarray:
 
 
 def transform(node: Node | None) -> np.ndarray:
-    """(4, 4) float64 matrix of a ``transform``: its operations one after the other; the identity where there is none."""
+    """(4, 4) float64 matrix of a ``transform``: its operations one after another; the identity where there is none."""
     matrix = np.eye(4)
     for step in node.children if node is not None else ():
         matrix = _operation(step) @ matrix
