@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +11,7 @@ from fipt.errors import FiptError
 from fipt.io.background import NOTHING, Background
 from fipt.io.meshes import Mesh
 from fipt.progress import progress
+from fipt.render.scene import RayScene
 from fipt.settings import SceneFile
 from fipt.synthesize.material import Material
 from fipt.synthesize.scenefile import lights
@@ -132,15 +133,19 @@ def read_scene(path: str | Path, settings: SceneFile) -> SceneContent:
         raise FiptError(f"{path} has no surfaces", "give a scene file with shapes that reflect light")
 
     cameras = [world @ transform(node.get("to_world")) for node in tree.root.objects("sensor")]
-    interior = find_interior(builder.mesh(), cameras, str(path))
+    mesh = builder.mesh()
+    rays = RayScene(mesh)
+    interior = find_interior(mesh, rays, cameras, str(path))
     scale = _scale(interior, source)
-    interior = interior.scaled(scale)
-    builder.scale(scale)
+    if scale != 1:
+        interior = interior.scaled(scale)
+        builder.scale(scale)
+        rays = RayScene(builder.mesh())
     for lamp in small:
         direction = None if lamp.direction is None else turn @ lamp.direction
         vertices, triangles = lights.lamp_shape(lamp, scale * turn @ lamp.position, direction)
         builder.add_light(lamp.name, vertices, triangles, lights.lamp_radiance(lamp, scale))
-    background = _let_in(background, builder, interior, source)
+    background = _let_in(background, builder, rays, interior, source)
     if not background.shines and not any(surface.radiance is not None for surface in builder.surfaces):
         raise FiptError(
             f"{path} has no light: no area, point or spot light that shines, and none from outside",
@@ -186,14 +191,16 @@ def _scale(interior: Interior, source: Source) -> float:
     return scale
 
 
-def _let_in(background: Background, builder: _Builder, interior: Interior, source: Source) -> Background:
+def _let_in(
+    background: Background, builder: _Builder, rays: RayScene, interior: Interior, source: Source
+) -> Background:
     """Return the background that stays; with ``quads``, put the light from outside into the openings."""
     if source.settings.environment == "keep" or not background.shines:
         return background
     if source.settings.environment == "drop":
         source.note("light from outside: dropped (environment: drop)")
         return NOTHING
-    openings, share = close_openings(builder.mesh(), interior, background, str(source.path))
+    openings, share = close_openings(rays, interior, background, str(source.path))
     for number, opening in enumerate(openings):
         triangles = np.array([(0, 1, 2), (0, 2, 3)], np.int32)
         builder.add_light(f"opening-{number}", opening.corners, triangles, opening.radiance)
@@ -308,11 +315,7 @@ class _Builder:
 
     def scale(self, factor: float) -> None:
         """Change the unit of all surfaces."""
-        if factor != 1:
-            self.surfaces = [
-                Surface(s.name, s.vertices * np.float32(factor), s.triangles, s.uv, s.material, s.radiance)
-                for s in self.surfaces
-            ]
+        self.surfaces = [replace(s, vertices=s.vertices * np.float32(factor)) for s in self.surfaces]
 
     def mesh(self) -> Mesh:
         """Return all surfaces as one mesh."""

@@ -51,10 +51,12 @@ FURNITURE = ([(2.5, 0, 1), (3.5, 0.8, 2)], [(1, 0, 2.4), (1.8, 2.0, 3.0)])
 
 @pytest.mark.parametrize("cameras", [[], [pose(1, 1.2, 1.0)]])
 def test_the_box_is_that_of_the_walls(cameras, backend):
+    from fipt.render.scene import RayScene
     from fipt.synthesize.scenefile.interior import find_interior
 
     # A backdrop outside and a ground plane: neither belongs to the room.
-    found = find_interior(room(*FURNITURE, [(-9, -0.3, -9), (-8.9, 6, 9)]), cameras, "room")
+    mesh = room(*FURNITURE, [(-9, -0.3, -9), (-8.9, 6, 9)])
+    found = find_interior(mesh, RayScene(mesh), cameras, "room")
     assert np.allclose(found.box, [[0, 0, 0], SIZE], atol=0.12)
     assert (found.points > found.box[0]).all()
     assert (found.points < found.box[1]).all()
@@ -63,26 +65,32 @@ def test_the_box_is_that_of_the_walls(cameras, backend):
 
 
 def test_a_camera_before_a_missing_wall_finds_the_room_ahead(backend):
+    from fipt.render.scene import RayScene
     from fipt.synthesize.scenefile.interior import find_interior
 
     camera = pose(-2.0, 1.2, 1.5)
     camera[:3, :3] = np.array([[0, 0, 1], [0, 1, 0], [-1, 0, 0]])  # looks along +x
-    found = find_interior(room(window=False), [camera], "room")
+    mesh = room(window=False)
+    found = find_interior(mesh, RayScene(mesh), [camera], "room")
     assert np.allclose(found.box[1], SIZE, atol=0.12)
     assert found.box[0, 0] == pytest.approx(0, abs=0.4)
 
 
 def test_outdoors_is_said(backend):
+    from fipt.render.scene import RayScene
     from fipt.synthesize.scenefile.interior import find_interior
 
+    garden = boxes([(-5, -0.1, -5), (5, 0, 5)], [(0, 0, 0), (1, 1, 1)])
     with pytest.raises(FiptError, match=r"garden has no interior: .*outdoors"):
-        find_interior(boxes([(-5, -0.1, -5), (5, 0, 5)], [(0, 0, 0), (1, 1, 1)]), [pose(0, 1.5, 3)], "garden")
+        find_interior(garden, RayScene(garden), [pose(0, 1.5, 3)], "garden")
 
 
 def closed(mesh: Mesh, outside: Background):
+    from fipt.render.scene import RayScene
     from fipt.synthesize.scenefile.interior import close_openings, find_interior
 
-    return close_openings(mesh, find_interior(mesh, [pose(2, 1.2, 1.5)], "room"), outside, "room")
+    scene = RayScene(mesh)
+    return close_openings(scene, find_interior(mesh, scene, [pose(2, 1.2, 1.5)], "room"), outside, "room")
 
 
 def test_a_window_is_closed_by_one_quad_with_the_radiance_outside(backend):
