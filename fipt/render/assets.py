@@ -62,7 +62,7 @@ def load_mesh(kind: str, path: Path | None = None, **options: bool | int) -> Loa
         if path is None:
             return _arrays(mi.load_dict(entry))
         if kind != "obj" or not _NEGATIVE.search(path.read_bytes()):
-            return _arrays(mi.load_dict(entry | {"filename": str(path)}))
+            return _arrays(mi.load_dict(entry | {"filename": str(path.absolute())}))
         with tempfile.TemporaryDirectory() as folder:
             copy = Path(folder) / path.name
             copy.write_bytes(_positive(path.read_bytes()))

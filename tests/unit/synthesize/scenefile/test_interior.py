@@ -102,13 +102,17 @@ def test_a_window_is_closed_by_one_quad_with_the_radiance_outside(backend):
     assert np.allclose(corners.max(axis=0), [corners[0, 0], 1.8, 2.1], atol=0.08)
     assert -0.3 < corners[0, 0] < 0.02
     assert np.cross(corners[1] - corners[0], corners[2] - corners[0])[0] > 0  # shines into the room
-    assert np.allclose(openings[0].radiance, [3, 2, 1], rtol=0.02) or corners[0, 0] > -0.19
+    share = openings[0].radiance / [3, 2, 1]  # the reveal of the window takes some light away
+    assert np.ptp(share) < 1e-3
+    assert 0.6 < share[0] <= 1.001
 
 
 def test_what_comes_in_is_weighed_by_its_cosine(backend):
-    # Radiance 1 above the horizon, 0 below: half of the light; a ring around -x of 30 degrees: sin^2(30 degrees).
+    # In a wall without thickness. Light from everywhere: all of it; from above the horizon: half; from a cone of 30
+    # degrees around -x: sin^2(30 degrees).
     directions = texel_directions(64, 128)
-    for lit, expected in ((directions[:, 1] > 0, 0.5), (-directions[:, 0] > np.cos(np.radians(30)), 0.25)):
+    cases = {1.0: directions[:, 1] > -2, 0.5: directions[:, 1] > 0, 0.25: -directions[:, 0] > np.cos(np.radians(30))}
+    for expected, lit in cases.items():
         radiance = np.repeat(lit[:, None], 3, axis=1).reshape(64, 128, 3).astype(np.float32)
         openings, _ = closed(thin(), Background("given", radiance))
         assert openings[0].radiance[0] == pytest.approx(expected, abs=0.03)

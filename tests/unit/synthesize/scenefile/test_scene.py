@@ -213,6 +213,15 @@ def test_a_mask_is_cut_and_an_instance_stands_where_it_is_put(write_scene, tmp_p
     assert leaf.vertices[:, 0].max() == pytest.approx(2, abs=0.13)
 
 
+def test_a_path_from_where_one_stands(write_scene, tmp_path, backend, monkeypatch):
+    (tmp_path / "m.obj").write_text(OBJ)
+    path = write_scene('<shape type="obj"><string name="filename" value="m.obj"/></shape>')
+    monkeypatch.chdir(tmp_path)
+    content = read(path.name)
+    assert len(content.surfaces) == 3
+    assert [str(file) for file in content.files] == ["scene.xml", "m.obj"]
+
+
 def test_the_same_file_gives_the_same_room(write_scene, tmp_path, backend):
     sky = np.random.default_rng(0).random((32, 64, 3)).astype(np.float32)
     write_exr(tmp_path / "sky.exr", {"": sky})
