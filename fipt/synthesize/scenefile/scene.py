@@ -25,8 +25,6 @@ from fipt.synthesize.scenefile.xml import Node, inside, read_tree
 _HEIGHT = 2.7
 _PLAUSIBLE = (1.8, 8.0)
 """Heights of an interior, metres, at which the file's unit is taken for the metre."""
-_Z_UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
-"""Turns a file with z up: x stays, z becomes y, y becomes -z."""
 
 
 @dataclass(frozen=True)
@@ -170,7 +168,7 @@ def _turn(scene: Node, source: Source) -> np.ndarray:
         up = "z" if abs(axis[2]) > abs(axis[1]) else "y"
         if up == "z":
             source.note("z is up in the file, as its camera shows; turned so that y is: (x, y, z) becomes (x, z, -y)")
-    return _Z_UP if up == "z" else np.eye(3)
+    return lights.Z_UP if up == "z" else np.eye(3)
 
 
 def _turned(shape: Geometry | None, turn: np.ndarray) -> Geometry | None:
