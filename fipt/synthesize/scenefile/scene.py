@@ -220,8 +220,8 @@ class _Builder:
         self.source = source
         self.surfaces: list[Surface] = []
         self.materials: list[Material] = []
-        self._looks: dict[int, Look] = {}
-        self._index: dict[int, int] = {}
+        self._looks: dict[str, Look] = {}
+        self._index: dict[str, int] = {}
         self._found: list[Look | None] = []
         self._names: set[str] = set()
         self._clear: dict[str, int] = {}
@@ -230,9 +230,10 @@ class _Builder:
     def add(self, name: str, node: Node, shape: Geometry | None) -> None:
         """Add a shape unless light passes through it; what emits is kept whatever it is made of."""
         bsdf = (node.objects("bsdf") or [_DEFAULT])[0]
-        known = self._looks.get(id(bsdf))
+        key = _content(bsdf)
+        known = self._looks.get(key)
         if known is None:
-            known = self._looks[id(bsdf)] = look(bsdf, self.source)
+            known = self._looks[key] = look(bsdf, self.source)
         if len(node.objects("bsdf")) > 1:
             self.source.note(f"shape {name}: has several bsdfs; the first is used for all of it")
         radiance = lights.radiance(node, self.source)
@@ -266,13 +267,13 @@ class _Builder:
 
     def add_light(self, name: str, vertices: np.ndarray, triangles: np.ndarray, radiance: np.ndarray) -> None:
         """Add a light that no shape of the file is; it gets a material of its own, which nobody sees."""
-        if id(_LIGHT) not in self._index:
-            self._index[id(_LIGHT)] = len(self.materials)
+        if _LIGHT not in self._index:
+            self._index[_LIGHT] = len(self.materials)
             grey, matte, plain = (np.full((1, 1), value, np.float32) for value in (0.5, MATTE, 0.0))
             base = np.repeat(grey[..., None], 3, axis=2)
             self.materials.append(Material(self._unique("light", "material"), base, matte, plain))
             self._found.append(None)
-        self._put(name, vertices, triangles, np.zeros((len(vertices), 2)), self._index[id(_LIGHT)], radiance)
+        self._put(name, vertices, triangles, np.zeros((len(vertices), 2)), self._index[_LIGHT], radiance)
 
     def _put(
         self,
@@ -296,12 +297,13 @@ class _Builder:
         )
 
     def _material(self, bsdf: Node, shape: str, known: Look) -> int:
-        if id(bsdf) not in self._index:
-            self._index[id(bsdf)] = len(self.materials)
+        key = _content(bsdf)
+        if key not in self._index:
+            self._index[key] = len(self.materials)
             name = self._unique(_bsdf_name(bsdf, shape), "material")
             self.materials.append(material(name, known, self.source.settings.smoothest))
             self._found.append(known)
-        return self._index[id(bsdf)]
+        return self._index[key]
 
     def _unique(self, name: str, kind: str = "surface") -> str:
         """Return the name, numbered where another has it."""
@@ -334,7 +336,12 @@ class _Builder:
 
 
 _DEFAULT = Node("bsdf", {"type": "diffuse", "id": "default"}, (), "default")
-_LIGHT = Node("bsdf", {"type": "null"}, (), "light")
+_LIGHT = "a light that no shape of the file is"
+
+
+def _content(bsdf: Node) -> str:
+    """Return what tells materials apart: all that the file says but the name by which a shape refers to them."""
+    return repr(replace(bsdf, attributes={key: text for key, text in bsdf.attributes.items() if key != "name"}))
 
 
 def _bsdf_name(bsdf: Node, shape: str) -> str:
