@@ -62,7 +62,7 @@ def load_mesh(kind: str, path: Path | None = None, **options: bool | int) -> Loa
         if path is None:
             return _arrays(mi.load_dict(entry))
         if kind != "obj" or not _NEGATIVE.search(path.read_bytes()):
-            return _arrays(mi.load_dict(entry | {"filename": str(path)}))
+            return _arrays(mi.load_dict(entry | {"filename": str(path.absolute())}))
         with tempfile.TemporaryDirectory() as folder:
             copy = Path(folder) / path.name
             copy.write_bytes(_positive(path.read_bytes()))
@@ -127,13 +127,19 @@ def metal(name: str) -> tuple[np.ndarray, np.ndarray] | None:
     return tuple(np.broadcast_to(np.array(found[f"{key}.value"], float).ravel(), 3) for key in ("eta", "k"))
 
 
-def sky_map(options: Mapping[str, float | list[float]]) -> np.ndarray:
-    """(h, w, 3) float32 map (`fipt.io.background`, y up) of Mitsuba's model of sky and sun; ``options`` are its own."""
-    vectors = {key: list(value) for key, value in options.items() if isinstance(value, list)}
-    # The plugin has z up by default.
-    turn = mi.ScalarTransform4f([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
-    entry = {"type": "sunsky", "to_world": turn, **options, **vectors}
-    emitter = mi.load_dict(entry)
+def sky_map(options: Mapping[str, float | list[float]], turn: np.ndarray) -> np.ndarray:
+    """(h, w, 3) float32 map (`fipt.io.background`, y up) of Mitsuba's model of sky and sun.
+
+    Parameters
+    ----------
+    options
+        Those of Mitsuba's plugin; ``sun_direction`` is not turned.
+    turn
+        (3, 3) rotation from the plugin's axes, z up, to those of the map.
+    """
+    to_world = np.eye(4)
+    to_world[:3, :3] = turn
+    emitter = mi.load_dict({"type": "sunsky", "to_world": mi.ScalarTransform4f(to_world), **options})
     rows, columns = _SKY_ROWS * _SKY_FINER, 2 * _SKY_ROWS * _SKY_FINER
     directions = texel_directions(rows, columns)
     si = mi.SurfaceInteraction3f()

@@ -28,6 +28,7 @@ _CONE = 0.85
 _EDGE_HITS = 12
 """Fewest rays that must meet a wall for it to bound the box; otherwise the last point inside does."""
 
+_ROUNDS = 4
 _LEAVING = 120_000
 """Rays that look for openings, each time."""
 _TIGHT = 2e-4
@@ -84,13 +85,13 @@ class Opening:
     radiance: np.ndarray
 
 
-def find_interior(mesh: Mesh, cameras: Sequence[np.ndarray], where: str) -> Interior:
+def find_interior(mesh: Mesh, scene: RayScene, cameras: Sequence[np.ndarray], where: str) -> Interior:
     """Find the interior of a room with y up.
 
     Parameters
     ----------
-    mesh
-        All its surfaces, any unit.
+    mesh, scene
+        All its surfaces, any unit; the same to trace rays against.
     cameras
         (4, 4) poses of the file's cameras, z ahead.
     where
@@ -101,7 +102,6 @@ def find_interior(mesh: Mesh, cameras: Sequence[np.ndarray], where: str) -> Inte
     FiptError
         If no place has walls, floor and ceiling around it: the scene is outdoors.
     """
-    scene = RayScene(mesh)
     start = _start(mesh, scene, cameras, where)
     low, high = _extent(scene, start)
     for _ in range(2):  # first coarsely in all that is seen, then finely in the box that is found
@@ -254,7 +254,7 @@ def _box(scene: RayScene, points: np.ndarray, chosen: np.ndarray, shape: np.ndar
 # --- openings -----------------------------------------------------------------------------------------------
 
 
-def close_openings(mesh: Mesh, interior: Interior, outside: Background, where: str) -> tuple[list[Opening], float]:
+def close_openings(scene: RayScene, interior: Interior, outside: Background, where: str) -> tuple[list[Opening], float]:
     """Find quads, parallel to the sides of the interior's box, that close all its openings.
 
     Rays leave the room from everywhere inside and in all directions. Those that meet nothing cross the box's sides;
@@ -262,7 +262,7 @@ def close_openings(mesh: Mesh, interior: Interior, outside: Background, where: s
 
     Parameters
     ----------
-    mesh, interior
+    scene, interior
         The room, metres.
     outside
         What shines through the openings.
@@ -283,21 +283,20 @@ def close_openings(mesh: Mesh, interior: Interior, outside: Background, where: s
     """
     rng = np.random.default_rng(0)
     found: list[Opening] = []
-    scene = bare = RayScene(mesh)
     sky = _coarse(outside)
-    share, points = 0.0, interior.points
-    for _ in range(4):
+    points = interior.points
+    for _ in range(_ROUNDS):
         origins, directions = _leaving(scene, points, rng)
+        for opening in found:
+            past = ~_stopped(origins, directions, opening.corners)
+            origins, directions = origins[past], directions[past]
         share = len(origins) / _LEAVING
-        if share < _TIGHT:
-            break
-        quads = _quads(bare, origins, directions, interior.box)
-        for corners in quads:
-            found.append(Opening(corners, _incoming(bare, corners, sky)))
-            points = points[~_behind(points, corners)]
+        quads = _quads(scene, origins, directions, interior.box) if share >= _TIGHT else []
         if not quads or len(found) > _MOST_QUADS:
             break
-        scene = RayScene(_with_quads(mesh, [opening.corners for opening in found]))
+        for corners in quads:
+            found.append(Opening(corners, _incoming(scene, corners, sky)))
+            points = points[~_behind(points, corners)]
     if share > _LEAKY or len(found) > _MOST_QUADS:
         raise FiptError(
             f"{where}: light comes in through more than a few openings ({len(found)} quads still let {share:.1%} of "
@@ -315,6 +314,17 @@ def _behind(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
     across = np.arange(3) != axis
     within = ((points > low) & (points < high))[:, across].all(axis=1)
     return within & ((points - corners[0]) @ normal <= 0)
+
+
+def _stopped(origins: np.ndarray, directions: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """(N,) bool: rays that cross a quad."""
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    axis = int(np.argmin(high - low))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        distance = (low[axis] - origins[:, axis]) / directions[:, axis]
+        points = origins + distance[:, None] * directions
+    across = np.arange(3) != axis
+    return (distance > 0) & ((points >= low) & (points <= high))[:, across].all(axis=1)
 
 
 def _leaving(scene: RayScene, points: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -417,10 +427,3 @@ def _coarse(outside: Background) -> np.ndarray:
         mean = total / (np.diff(down)[:, None] * np.diff(across))[..., None]
         outside = replace(outside, radiance=mean.astype(np.float32))
     return outside.lookup(texel_directions(*_SKY_SHAPE))
-
-
-def _with_quads(mesh: Mesh, quads: Sequence[np.ndarray]) -> Mesh:
-    vertices = np.concatenate([mesh.vertices, *quads]).astype(np.float32)
-    first = len(mesh.vertices) + 4 * np.arange(len(quads))[:, None]
-    triangles = np.concatenate([np.add(first, corners) for corners in ((0, 1, 2), (0, 2, 3))])
-    return Mesh(vertices, np.concatenate([mesh.triangles, triangles]).astype(np.int32))

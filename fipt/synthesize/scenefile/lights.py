@@ -21,6 +21,8 @@ _MAP_ROWS = 256
 """Most rows of an environment map, and those of a directional light's."""
 _LAMP_RADIUS = 0.03
 """Radius of what a point or spot light becomes, metres."""
+Z_UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+"""Turns what has z up: x stays, z becomes y, y becomes -z."""
 _SKY = ("sky", "sun", "sunsky")
 _SKY_NUMBERS = ("turbidity", "sun_scale", "sky_scale", "sun_aperture", "latitude", "longitude", "timezone")
 _SKY_NUMBERS += ("year", "month", "day", "hour", "minute", "second")
@@ -73,6 +75,8 @@ def outside(scene: Node, world_from_file: np.ndarray, source: Source) -> Backgro
     source
         Takes problems and notes.
     """
+    # The sky's own up axis is z since Mitsuba 2, and was y before.
+    z_up = not scene.attributes.get("version", "0").startswith("0")
     found = NOTHING
     for node in scene.objects("emitter"):
         if node.type == "constant":
@@ -80,7 +84,7 @@ def outside(scene: Node, world_from_file: np.ndarray, source: Source) -> Backgro
         elif node.type == "envmap":
             more = _envmap(node, world_from_file, source)
         elif node.type in _SKY:
-            more = _sky(node, world_from_file, source)
+            more = _sky(node, world_from_file, z_up, source)
         elif node.type in ("directional", "distant"):
             more = _directional(node, world_from_file)
             source.note(
@@ -186,7 +190,7 @@ def _rotation_of(matrix: np.ndarray) -> np.ndarray:
     return u @ vt
 
 
-def _sky(node: Node, world_from_file: np.ndarray, source: Source) -> Background:
+def _sky(node: Node, world_from_file: np.ndarray, z_up: bool, source: Source) -> Background:
     options: dict[str, float | list[float]] = {
         name: node.number(name, 0.0) for name in _SKY_NUMBERS if node.get(name) is not None
     }
@@ -197,10 +201,9 @@ def _sky(node: Node, world_from_file: np.ndarray, source: Source) -> Background:
         options["sky_scale"] = 0.0
     if node.get("sun_direction") is not None:
         options["sun_direction"] = (world_from_file @ vector(node.get("sun_direction"))).tolist()
-    elif node.get("to_world") is not None:
-        source.note(f"light {_name(node)}: the turn of the {node.type} is ignored; the sun stands where its date says")
+    turn = world_from_file @ _rotation_of(transform(node.get("to_world")))
     source.note(f"light {_name(node)}: {node.type} by the model of Mitsuba 3, as a map; black below the horizon")
-    return Background("given", sky_map(options) * np.float32(scale))
+    return Background("given", sky_map(options, turn if z_up else turn @ Z_UP) * np.float32(scale))
 
 
 def _directional(node: Node, world_from_file: np.ndarray) -> Background:

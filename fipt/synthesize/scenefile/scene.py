@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +11,7 @@ from fipt.errors import FiptError
 from fipt.io.background import NOTHING, Background
 from fipt.io.meshes import Mesh
 from fipt.progress import progress
+from fipt.render.scene import RayScene
 from fipt.settings import SceneFile
 from fipt.synthesize.material import Material
 from fipt.synthesize.scenefile import lights
@@ -24,8 +25,6 @@ from fipt.synthesize.scenefile.xml import Node, inside, read_tree
 _HEIGHT = 2.7
 _PLAUSIBLE = (1.8, 8.0)
 """Heights of an interior, metres, at which the file's unit is taken for the metre."""
-_Z_UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
-"""Turns a file with z up: x stays, z becomes y, y becomes -z."""
 
 
 @dataclass(frozen=True)
@@ -132,15 +131,19 @@ def read_scene(path: str | Path, settings: SceneFile) -> SceneContent:
         raise FiptError(f"{path} has no surfaces", "give a scene file with shapes that reflect light")
 
     cameras = [world @ transform(node.get("to_world")) for node in tree.root.objects("sensor")]
-    interior = find_interior(builder.mesh(), cameras, str(path))
+    mesh = builder.mesh()
+    rays = RayScene(mesh)
+    interior = find_interior(mesh, rays, cameras, str(path))
     scale = _scale(interior, source)
-    interior = interior.scaled(scale)
-    builder.scale(scale)
+    if scale != 1:
+        interior = interior.scaled(scale)
+        builder.scale(scale)
+        rays = RayScene(builder.mesh())
     for lamp in small:
         direction = None if lamp.direction is None else turn @ lamp.direction
         vertices, triangles = lights.lamp_shape(lamp, scale * turn @ lamp.position, direction)
         builder.add_light(lamp.name, vertices, triangles, lights.lamp_radiance(lamp, scale))
-    background = _let_in(background, builder, interior, source)
+    background = _let_in(background, builder, rays, interior, source)
     if not background.shines and not any(surface.radiance is not None for surface in builder.surfaces):
         raise FiptError(
             f"{path} has no light: no area, point or spot light that shines, and none from outside",
@@ -165,7 +168,7 @@ def _turn(scene: Node, source: Source) -> np.ndarray:
         up = "z" if abs(axis[2]) > abs(axis[1]) else "y"
         if up == "z":
             source.note("z is up in the file, as its camera shows; turned so that y is: (x, y, z) becomes (x, z, -y)")
-    return _Z_UP if up == "z" else np.eye(3)
+    return lights.Z_UP if up == "z" else np.eye(3)
 
 
 def _turned(shape: Geometry | None, turn: np.ndarray) -> Geometry | None:
@@ -186,14 +189,16 @@ def _scale(interior: Interior, source: Source) -> float:
     return scale
 
 
-def _let_in(background: Background, builder: _Builder, interior: Interior, source: Source) -> Background:
+def _let_in(
+    background: Background, builder: _Builder, rays: RayScene, interior: Interior, source: Source
+) -> Background:
     """Return the background that stays; with ``quads``, put the light from outside into the openings."""
     if source.settings.environment == "keep" or not background.shines:
         return background
     if source.settings.environment == "drop":
         source.note("light from outside: dropped (environment: drop)")
         return NOTHING
-    openings, share = close_openings(builder.mesh(), interior, background, str(source.path))
+    openings, share = close_openings(rays, interior, background, str(source.path))
     for number, opening in enumerate(openings):
         triangles = np.array([(0, 1, 2), (0, 2, 3)], np.int32)
         builder.add_light(f"opening-{number}", opening.corners, triangles, opening.radiance)
@@ -215,8 +220,8 @@ class _Builder:
         self.source = source
         self.surfaces: list[Surface] = []
         self.materials: list[Material] = []
-        self._looks: dict[int, Look] = {}
-        self._index: dict[int, int] = {}
+        self._looks: dict[str, Look] = {}
+        self._index: dict[str, int] = {}
         self._found: list[Look | None] = []
         self._names: set[str] = set()
         self._clear: dict[str, int] = {}
@@ -225,9 +230,10 @@ class _Builder:
     def add(self, name: str, node: Node, shape: Geometry | None) -> None:
         """Add a shape unless light passes through it; what emits is kept whatever it is made of."""
         bsdf = (node.objects("bsdf") or [_DEFAULT])[0]
-        known = self._looks.get(id(bsdf))
+        key = _content(bsdf)
+        known = self._looks.get(key)
         if known is None:
-            known = self._looks[id(bsdf)] = look(bsdf, self.source)
+            known = self._looks[key] = look(bsdf, self.source)
         if len(node.objects("bsdf")) > 1:
             self.source.note(f"shape {name}: has several bsdfs; the first is used for all of it")
         radiance = lights.radiance(node, self.source)
@@ -261,13 +267,13 @@ class _Builder:
 
     def add_light(self, name: str, vertices: np.ndarray, triangles: np.ndarray, radiance: np.ndarray) -> None:
         """Add a light that no shape of the file is; it gets a material of its own, which nobody sees."""
-        if id(_LIGHT) not in self._index:
-            self._index[id(_LIGHT)] = len(self.materials)
+        if _LIGHT not in self._index:
+            self._index[_LIGHT] = len(self.materials)
             grey, matte, plain = (np.full((1, 1), value, np.float32) for value in (0.5, MATTE, 0.0))
             base = np.repeat(grey[..., None], 3, axis=2)
             self.materials.append(Material(self._unique("light", "material"), base, matte, plain))
             self._found.append(None)
-        self._put(name, vertices, triangles, np.zeros((len(vertices), 2)), self._index[id(_LIGHT)], radiance)
+        self._put(name, vertices, triangles, np.zeros((len(vertices), 2)), self._index[_LIGHT], radiance)
 
     def _put(
         self,
@@ -291,12 +297,13 @@ class _Builder:
         )
 
     def _material(self, bsdf: Node, shape: str, known: Look) -> int:
-        if id(bsdf) not in self._index:
-            self._index[id(bsdf)] = len(self.materials)
+        key = _content(bsdf)
+        if key not in self._index:
+            self._index[key] = len(self.materials)
             name = self._unique(_bsdf_name(bsdf, shape), "material")
             self.materials.append(material(name, known, self.source.settings.smoothest))
             self._found.append(known)
-        return self._index[id(bsdf)]
+        return self._index[key]
 
     def _unique(self, name: str, kind: str = "surface") -> str:
         """Return the name, numbered where another has it."""
@@ -308,11 +315,7 @@ class _Builder:
 
     def scale(self, factor: float) -> None:
         """Change the unit of all surfaces."""
-        if factor != 1:
-            self.surfaces = [
-                Surface(s.name, s.vertices * np.float32(factor), s.triangles, s.uv, s.material, s.radiance)
-                for s in self.surfaces
-            ]
+        self.surfaces = [replace(s, vertices=s.vertices * np.float32(factor)) for s in self.surfaces]
 
     def mesh(self) -> Mesh:
         """Return all surfaces as one mesh."""
@@ -333,7 +336,12 @@ class _Builder:
 
 
 _DEFAULT = Node("bsdf", {"type": "diffuse", "id": "default"}, (), "default")
-_LIGHT = Node("bsdf", {"type": "null"}, (), "light")
+_LIGHT = "a light that no shape of the file is"
+
+
+def _content(bsdf: Node) -> str:
+    """Return what tells materials apart: all that the file says but the name by which a shape refers to them."""
+    return repr(replace(bsdf, attributes={key: text for key, text in bsdf.attributes.items() if key != "name"}))
 
 
 def _bsdf_name(bsdf: Node, shape: str) -> str:

@@ -17,6 +17,8 @@ from fipt.io.files import existing_file
 
 _DEEPEST = 40
 """Elements within elements; scene files have about six."""
+_MOST_REFERENCES = 10
+"""References within what is referred to: each may double the tree."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,7 @@ class Node:
     tag: str
     attributes: dict[str, str]
     children: tuple[Node, ...]
-    where: str
+    where: str = field(compare=False, repr=False)
 
     @property
     def type(self) -> str:
@@ -209,6 +211,8 @@ class _Reader:
                 raise node.wrong(f"nothing has the id {wanted!r}")
             if wanted in above:
                 raise node.wrong(f"{wanted!r} refers to itself")
+            if len(above) == _MOST_REFERENCES:
+                raise node.wrong(f"references are nested more than {_MOST_REFERENCES} deep")
             # The same object for all who refer to it by the same name: materials are told apart by identity.
             key = (wanted, node.attributes.get("name"))
             if key not in self.done:

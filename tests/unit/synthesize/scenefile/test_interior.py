@@ -51,10 +51,12 @@ FURNITURE = ([(2.5, 0, 1), (3.5, 0.8, 2)], [(1, 0, 2.4), (1.8, 2.0, 3.0)])
 
 @pytest.mark.parametrize("cameras", [[], [pose(1, 1.2, 1.0)]])
 def test_the_box_is_that_of_the_walls(cameras, backend):
+    from fipt.render.scene import RayScene
     from fipt.synthesize.scenefile.interior import find_interior
 
     # A backdrop outside and a ground plane: neither belongs to the room.
-    found = find_interior(room(*FURNITURE, [(-9, -0.3, -9), (-8.9, 6, 9)]), cameras, "room")
+    mesh = room(*FURNITURE, [(-9, -0.3, -9), (-8.9, 6, 9)])
+    found = find_interior(mesh, RayScene(mesh), cameras, "room")
     assert np.allclose(found.box, [[0, 0, 0], SIZE], atol=0.12)
     assert (found.points > found.box[0]).all()
     assert (found.points < found.box[1]).all()
@@ -63,26 +65,32 @@ def test_the_box_is_that_of_the_walls(cameras, backend):
 
 
 def test_a_camera_before_a_missing_wall_finds_the_room_ahead(backend):
+    from fipt.render.scene import RayScene
     from fipt.synthesize.scenefile.interior import find_interior
 
     camera = pose(-2.0, 1.2, 1.5)
     camera[:3, :3] = np.array([[0, 0, 1], [0, 1, 0], [-1, 0, 0]])  # looks along +x
-    found = find_interior(room(window=False), [camera], "room")
+    mesh = room(window=False)
+    found = find_interior(mesh, RayScene(mesh), [camera], "room")
     assert np.allclose(found.box[1], SIZE, atol=0.12)
     assert found.box[0, 0] == pytest.approx(0, abs=0.4)
 
 
 def test_outdoors_is_said(backend):
+    from fipt.render.scene import RayScene
     from fipt.synthesize.scenefile.interior import find_interior
 
+    garden = boxes([(-5, -0.1, -5), (5, 0, 5)], [(0, 0, 0), (1, 1, 1)])
     with pytest.raises(FiptError, match=r"garden has no interior: .*outdoors"):
-        find_interior(boxes([(-5, -0.1, -5), (5, 0, 5)], [(0, 0, 0), (1, 1, 1)]), [pose(0, 1.5, 3)], "garden")
+        find_interior(garden, RayScene(garden), [pose(0, 1.5, 3)], "garden")
 
 
 def closed(mesh: Mesh, outside: Background):
+    from fipt.render.scene import RayScene
     from fipt.synthesize.scenefile.interior import close_openings, find_interior
 
-    return close_openings(mesh, find_interior(mesh, [pose(2, 1.2, 1.5)], "room"), outside, "room")
+    scene = RayScene(mesh)
+    return close_openings(scene, find_interior(mesh, scene, [pose(2, 1.2, 1.5)], "room"), outside, "room")
 
 
 def test_a_window_is_closed_by_one_quad_with_the_radiance_outside(backend):
@@ -94,13 +102,17 @@ def test_a_window_is_closed_by_one_quad_with_the_radiance_outside(backend):
     assert np.allclose(corners.max(axis=0), [corners[0, 0], 1.8, 2.1], atol=0.08)
     assert -0.3 < corners[0, 0] < 0.02
     assert np.cross(corners[1] - corners[0], corners[2] - corners[0])[0] > 0  # shines into the room
-    assert np.allclose(openings[0].radiance, [3, 2, 1], rtol=0.02) or corners[0, 0] > -0.19
+    share = openings[0].radiance / [3, 2, 1]  # the reveal of the window takes some light away
+    assert np.ptp(share) < 1e-3
+    assert 0.6 < share[0] <= 1.001
 
 
 def test_what_comes_in_is_weighed_by_its_cosine(backend):
-    # Radiance 1 above the horizon, 0 below: half of the light; a ring around -x of 30 degrees: sin^2(30 degrees).
+    # In a wall without thickness. Light from everywhere: all of it; from above the horizon: half; from a cone of 30
+    # degrees around -x: sin^2(30 degrees).
     directions = texel_directions(64, 128)
-    for lit, expected in ((directions[:, 1] > 0, 0.5), (-directions[:, 0] > np.cos(np.radians(30)), 0.25)):
+    cases = {1.0: directions[:, 1] > -2, 0.5: directions[:, 1] > 0, 0.25: -directions[:, 0] > np.cos(np.radians(30))}
+    for expected, lit in cases.items():
         radiance = np.repeat(lit[:, None], 3, axis=1).reshape(64, 128, 3).astype(np.float32)
         openings, _ = closed(thin(), Background("given", radiance))
         assert openings[0].radiance[0] == pytest.approx(expected, abs=0.03)

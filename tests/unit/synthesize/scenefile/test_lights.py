@@ -12,13 +12,13 @@ from fipt.settings import SceneFile
 Z_UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 
 
-def outside(tmp_path, body: str, turn: np.ndarray | None = None):
+def outside(tmp_path, body: str, turn: np.ndarray | None = None, version: str = "3.0.0"):
     from fipt.synthesize.scenefile.lights import outside
     from fipt.synthesize.scenefile.source import Source
     from fipt.synthesize.scenefile.xml import read_tree
 
     path = tmp_path / "scene.xml"
-    path.write_text(f'<scene version="3.0.0">{body}</scene>')
+    path.write_text(f'<scene version="{version}">{body}</scene>')
     source = Source(path, SceneFile())
     return outside(read_tree(path).root, np.eye(3) if turn is None else turn, source), source
 
@@ -79,10 +79,24 @@ def test_constant_and_directional_light_add_up(tmp_path, backend):
     assert "directional" in source.notes[0]
 
 
+def test_skies_shine_as_in_mitsuba(tmp_path, backend):
+    import mitsuba as mi
+
+    body = """<emitter type="sunsky"><float name="hour" value="17"/><float name="sun_scale" value="0"/>
+      <transform name="to_world"><lookat origin="0, 0, 0" target="0, 1, 0" up="0, 0, -1"/></transform></emitter>"""
+    found, _ = outside(tmp_path, body)
+    emitter = mi.load_file(str(tmp_path / "scene.xml")).environment()
+    directions = np.random.default_rng(0).standard_normal((2000, 3))
+    directions[:, 1] = np.abs(directions[:, 1]) + 0.1
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    si = mi.SurfaceInteraction3f()
+    si.wi = -mi.Vector3f(*(mi.Float(axis.astype(np.float32)) for axis in directions.T))
+    assert np.allclose(found.lookup(directions), np.array(emitter.eval(si)).T, rtol=0.05, atol=1e-3)
+
+
 def test_sky_and_sun(tmp_path, backend):
-    found, source = outside(
-        tmp_path, '<emitter type="sunsky"><vector name="sun_direction" x="0.3" y="0.9" z="0.1"/></emitter>'
-    )
+    sun = '<emitter type="sunsky"><vector name="sunDirection" x="0.3" y="0.9" z="0.1"/></emitter>'
+    found, source = outside(tmp_path, sun, version="0.6.0")
     brightest = texel_directions(*found.radiance.shape[:2])[found.radiance.sum(axis=2).argmax()]
     assert brightest @ np.array([0.3, 0.9, 0.1]) / np.linalg.norm([0.3, 0.9, 0.1]) > 0.999
     assert found.radiance[:100].min() > 0

@@ -213,6 +213,28 @@ def test_a_mask_is_cut_and_an_instance_stands_where_it_is_put(write_scene, tmp_p
     assert leaf.vertices[:, 0].max() == pytest.approx(2, abs=0.13)
 
 
+def test_shapes_that_say_the_same_share_a_material(write_scene, backend):
+    quad = """<shape type="rectangle">
+      <transform name="to_world"><scale value="0.2"/><translate x="{}" y="1" z="1"/></transform>
+      <bsdf type="diffuse"><rgb name="reflectance" value="{}"/></bsdf></shape>"""
+    named = '<bsdf type="plastic" id="P"/><shape type="cube" id="c"><ref name="bsdf" id="P"/>'
+    named += '<transform name="to_world"><scale value="0.1"/><translate x="2" y="1" z="2"/></transform></shape>'
+    content = read(write_scene(quad.format(1, 0.3) + quad.format(2, 0.3) + quad.format(3, 0.4) + named))
+    used = [surface.material for surface in content.surfaces]
+    assert used == [0, 1, 2, 2, 3, 4]
+    names = ["Wall", "default", "of rectangle-2", "of rectangle-4", "P"]
+    assert [material.name for material in content.materials] == names
+
+
+def test_a_path_from_where_one_stands(write_scene, tmp_path, backend, monkeypatch):
+    (tmp_path / "m.obj").write_text(OBJ)
+    path = write_scene('<shape type="obj"><string name="filename" value="m.obj"/></shape>')
+    monkeypatch.chdir(tmp_path)
+    content = read(path.name)
+    assert len(content.surfaces) == 3
+    assert [str(file) for file in content.files] == ["scene.xml", "m.obj"]
+
+
 def test_the_same_file_gives_the_same_room(write_scene, tmp_path, backend):
     sky = np.random.default_rng(0).random((32, 64, 3)).astype(np.float32)
     write_exr(tmp_path / "sky.exr", {"": sky})

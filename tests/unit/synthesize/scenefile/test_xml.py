@@ -80,6 +80,14 @@ def test_broken_files_are_one_line(tmp_path, text, message):
         read(tmp_path, text)
 
 
+def test_references_cannot_double_for_ever(tmp_path):
+    blends = "".join(f'<bsdf type="blendbsdf" id="a{k + 1}">{f"""<ref id="a{k}"/>""" * 2}</bsdf>' for k in range(60))
+    with pytest.raises(FiptError, match="references are nested more than 10 deep"):
+        read(
+            tmp_path, f'<scene><bsdf type="diffuse" id="a0"/>{blends}<shape type="cube"><ref id="a60"/></shape></scene>'
+        )
+
+
 def test_document_types_are_refused_before_anything_expands(tmp_path):
     lines = "".join(f'<!ENTITY a{k + 1} "{f"&a{k};" * 10}">' for k in range(12))
     start = time.perf_counter()
