@@ -237,7 +237,7 @@ def write_load(root: Path, views: int) -> tuple[int, int]:
     from fipt.render.variant import set_variant
     from fipt.settings import Hits as HitsSettings
     from fipt.settings import Synthesize
-    from fipt.synthesize.poses import sample_cameras
+    from fipt.synthesize.poses import OpenSpace, sample_cameras
     from fipt.synthesize.room import build
     from fipt.synthesize.views import Truth
 
@@ -245,7 +245,7 @@ def write_load(root: Path, views: int) -> tuple[int, int]:
     rng, (width, height) = np.random.default_rng(0), SIZE
     settings = Synthesize(train_views=2, val_views=1, width=width, height=height)
     room = build(0)
-    two = sample_cameras(room, Truth(room).first_hits, settings)[:2]
+    two = sample_cameras(OpenSpace(room, Truth(room).first_hits, 0), settings)[:2]
     names = [f"v{number:03d}" for number in range(views)]
     cameras = [replace(two[k % 2], name=name, split="train") for k, name in enumerate(names)]
     data = root / "dataset"

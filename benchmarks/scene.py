@@ -79,14 +79,14 @@ def demo_room() -> Scene:
     from fipt.render.scene import RayScene
     from fipt.settings import Cache, Hits, Synthesize
     from fipt.shading.cache import build as build_cache
-    from fipt.synthesize.poses import sample_cameras
+    from fipt.synthesize.poses import OpenSpace, sample_cameras
     from fipt.synthesize.room import build
     from fipt.synthesize.views import Truth, render_views
 
     settings = Synthesize(train_views=_VIEWS, width=_WIDTH, height=_HEIGHT, spp=_SPP, denoise=False)
     room = build(settings.seed)
     truth = Truth(room)
-    cameras = sample_cameras(room, truth.first_hits, settings)[:_VIEWS]
+    cameras = sample_cameras(OpenSpace(room, truth.first_hits, settings.seed), settings)[:_VIEWS]
     traced, parts = RayScene(room.mesh), connected_parts(room.mesh)
     hits = joined(cameras, [trace_view(traced, parts, camera, Hits()) for camera in cameras])
     images = (image.reshape(-1, 3) for _, image, _ in render_views(room, cameras, settings))

@@ -1,7 +1,8 @@
 """Which scenes, with which settings: reads, merges and checks the configuration.
 
 A scene's settings come from, later ones winning: the settings classes (which are the preset
-``default``), the scene's preset, the config's stage sections, the scene's own ``settings``.
+``default``), what its source changes in them, the scene's preset, the config's stage sections,
+the scene's own ``settings``.
 The workflow and ``fipt run`` both ask here, so that they mean the same by one config file.
 Nothing heavy is loaded.
 """
@@ -51,13 +52,20 @@ Sections = create_model(
 class SceneEntry(Settings):
     """One scene."""
 
-    source: Literal["procedural", "dataset", "raw"] = Field(
-        description="procedural: a room in code; dataset: posed HDR views that exist; raw: bracketed photographs"
+    source: Literal["procedural", "mitsuba", "dataset", "raw"] = Field(
+        description="procedural: a room in code; mitsuba: a room of a scene file, 24 + 8 views of 320x240 where "
+        "nothing else is said; dataset: posed HDR views that exist; raw: bracketed photographs"
     )
     preset: str = Field("default", description="name of a file in config/presets")
     path: str | None = Field(
         None,
-        description="folder (or transforms.json) of a dataset, or of photographs; {data_root} is replaced by that key",
+        description="folder (or transforms.json) of a dataset, or of photographs, or scene file (XML); {data_root} is "
+        "replaced by that key",
+    )
+    simulate_raw: bool | None = Field(
+        None,
+        description="true: a simulated camera (`synthesize.raw`) photographs the procedural or modelled room, and the "
+        "scene starts at these RAW files",
     )
     format: Literal["nerfstudio", "fipt-synthetic", "fipt-real"] | None = Field(
         None, description="layout of a dataset: they share file names, but not axes"
@@ -97,7 +105,7 @@ class Scene:
     ----------
     name
         Its folder below results/.
-    source, path, format, mesh, poses, segments
+    source, path, format, mesh, poses, segments, simulate_raw
         As in the config; paths as given, relative to the working directory.
     settings
         Stage -> its settings.
@@ -116,6 +124,7 @@ class Scene:
     mesh: str | None
     poses: str | None
     segments: str | None
+    simulate_raw: bool
     settings: dict[str, Any]
     setups: Setups
     rounds: int
@@ -137,7 +146,7 @@ class Scene:
         return json.dumps(values, sort_keys=True)
 
     def source_path(self) -> str:
-        """Return the path of a dataset or of photographs, ``{data_root}`` replaced."""
+        """Return the path of a dataset, of photographs or of a scene file, ``{data_root}`` replaced."""
         return self._placed(self.path, "path")
 
     def mesh_path(self) -> str | None:
@@ -155,9 +164,22 @@ class Scene:
         return [self._placed(edit.file, f"setups.{setup}.background.file")] if edit and edit.file else []
 
     @property
+    def synthesized(self) -> bool:
+        """Whether the room is known: in code, or of a scene file."""
+        return self.source in ("procedural", "mitsuba")
+
+    @property
     def simulated(self) -> bool:
-        """Whether the views of a procedural room are photographed by a simulated camera."""
-        return self.source == "procedural" and self.settings["synthesize"].raw.enabled
+        """Whether the views of a known room are photographed by a simulated camera."""
+        return self.synthesized and self.simulate_raw
+
+    def scene_options(self) -> list[str]:
+        """Options of ``fipt synthesize`` that say which room; none for the room in code."""
+        return ["--scene", self.source_path()] if self.source == "mitsuba" else []
+
+    def scene_files(self) -> list[str]:
+        """Return the scene file and every file that it refers to; none for the room in code."""
+        return self._scene_files if self.source == "mitsuba" else []
 
     @property
     def photographed(self) -> bool:
@@ -200,7 +222,7 @@ class Scene:
         FiptError
             If the source cannot be read.
         """
-        if self.source == "procedural":
+        if self.synthesized:
             made = self.settings["synthesize"]
             counts = {"train": made.train_views, "val": made.val_views}
             return {split: [f"{split}_{i:03d}" for i in range(n)] for split, n in counts.items()}
@@ -251,6 +273,12 @@ class Scene:
             for split in splits
             for start in range(0, len(self.views[split]), size)
         }
+
+    @cached_property
+    def _scene_files(self) -> list[str]:
+        from fipt.synthesize.scenefile.scene import scene_files
+
+        return sorted(map(str, scene_files(Path(self.source_path()))))
 
     @cached_property
     def _source(self) -> Any:
@@ -346,7 +374,8 @@ def _scene(name: str, entry: SceneEntry, config: Config) -> Scene:
     setups = (config.setups or {}) | (entry.setups or {})
     for setup in setups:
         check_name(setup, "relight setup")
-    layers = (preset(entry.preset, f"{where}.preset"), config, entry.settings or Sections())
+    source = Sections.model_validate(_SOURCE_SETTINGS.get(entry.source, {}))
+    layers = (source, preset(entry.preset, f"{where}.preset"), config, entry.settings or Sections())
     settings = {}
     for stage, model in STAGES.items():
         values: dict[str, Any] = {}
@@ -362,6 +391,7 @@ def _scene(name: str, entry: SceneEntry, config: Config) -> Scene:
         mesh=entry.mesh,
         poses=entry.poses,
         segments=entry.segments,
+        simulate_raw=bool(entry.simulate_raw),
         settings=settings,
         setups=setups,
         rounds=config.rounds,
@@ -371,17 +401,28 @@ def _scene(name: str, entry: SceneEntry, config: Config) -> Scene:
 
 
 _SOURCE_KEYS = {
-    "procedural": ((), ()),
+    "procedural": ((), ("simulate_raw",)),
+    "mitsuba": (("path",), ("simulate_raw",)),
     "dataset": (("path", "format"), ("mesh",)),
     "raw": (("path", "poses", "mesh"), ("segments",)),
 }
 """Source of a scene -> the keys that it needs, and those that it may have."""
 
+_SOURCE_SETTINGS = {"mitsuba": {"synthesize": {"train_views": 24, "val_views": 8, "width": 320, "height": 240}}}
+"""Source of a scene -> what is below its preset."""
+
+
+_PATHS = {
+    "mitsuba": "a scene file (XML)",
+    "dataset": "the folder of the dataset",
+    "raw": "the folder of the photographs",
+}
+
 
 def _check_keys(entry: SceneEntry, where: str) -> None:
     """Refuse keys that belong to another source, and missing ones."""
     needed, allowed = _SOURCE_KEYS[entry.source]
-    for key in ("path", "format", "mesh", "poses", "segments"):
+    for key in ("path", "format", "mesh", "poses", "segments", "simulate_raw"):
         given = getattr(entry, key) is not None
         if given and key not in (*needed, *allowed):
             sources = " or ".join(name for name, keys in _SOURCE_KEYS.items() if key in (*keys[0], *keys[1]))
@@ -389,7 +430,7 @@ def _check_keys(entry: SceneEntry, where: str) -> None:
         if not given and key in needed:
             formats = get_args(get_args(SceneEntry.model_fields["format"].annotation)[0])
             what = {
-                "path": "the folder of the " + ("photographs" if entry.source == "raw" else "dataset"),
+                "path": _PATHS[entry.source],
                 "format": "one of " + ", ".join(formats),
                 "poses": "a transforms.json with the pose of every view",
                 "mesh": "the room's mesh",

@@ -124,23 +124,24 @@ class _Chain:
             listed = manifest(f"{self.data}/images")
             options = (*scene.import_options(), *dataset, "--manifest", listed)
             self.add("import", "import", options, [*scene.source_files(), *developed], [*self.geometry, listed])
-        if scene.source != "procedural":
+        if not scene.synthesized:
             return
+        known, files = scene.scene_options(), scene.scene_files()
         room = [*self.geometry] if scene.simulated else [*self.geometry, f"{self.data}/room.json"]
         if not scene.photographed:
-            self.add("synthesize", "synthesize", (*dataset, "--room"), [], room)
+            self.add("synthesize", "synthesize", (*dataset, "--room", *known), files, room)
         for shard, views in self.shards.items():
             made = self.images[shard][-1]
             only = ("--truth",) if scene.simulated else ()
             label = f"truth.{shard}" if scene.simulated else f"synthesize.{shard}"
-            options = (*dataset, *only, "--views", ",".join(views), "--manifest", made)
-            self.add("synthesize", label, options, room, [made])
+            options = (*dataset, *only, "--views", ",".join(views), *known, "--manifest", made)
+            self.add("synthesize", label, options, [*room, *files], [made])
         for setup in scene.setups:
             light = ("--setup", scene.setup_json(setup), "--setup-name", setup)
             for shard, views in scene.relit_shards().items():
                 made = manifest(f"{self.data}/relight_truth.{setup}.{shard}")
-                options = (*dataset, "--views", ",".join(views), *light, "--manifest", made)
-                inputs = [*room, *scene.setup_files(setup)]
+                options = (*dataset, "--views", ",".join(views), *light, *known, "--manifest", made)
+                inputs = [*room, *scene.setup_files(setup), *files]
                 self.add("synthesize", f"synthesize.{setup}.{shard}", options, inputs, [made])
                 self.shown.append(made)
 
@@ -150,17 +151,17 @@ class _Chain:
         photographs, developed = scene.capture_path(), f"{root}/capture"
         calibration, report = f"{developed}/calibration.json", f"{developed}/qa.json"
         if scene.simulated:
-            room = ("--dataset", scene.room)
+            room, known, modelled = ("--dataset", scene.room), scene.scene_options(), scene.scene_files()
             files = [f"{scene.room}/{name}" for name in ("transforms.json", "views.json", "mesh.ply", "room.json")]
-            self.add("synthesize", "synthesize", (*room, "--room"), [], files)
+            self.add("synthesize", "synthesize", (*room, "--room", *known), modelled, files)
             frames = manifest(f"{root}/raw.calibration")
             options = (*room, "--calibration", photographs, "--manifest", frames)
             self.add("synthesize", "photograph.calibration", options, files, [frames])
             brackets = {shard: [frames, manifest(f"{root}/raw.{shard}")] for shard in self.shards}
             for shard, views in self.shards.items():
                 made = brackets[shard][-1]
-                options = (*room, "--raw", photographs, "--views", ",".join(views), "--manifest", made)
-                self.add("synthesize", f"photograph.{shard}", options, files, [made])
+                options = (*room, "--raw", photographs, "--views", ",".join(views), *known, "--manifest", made)
+                self.add("synthesize", f"photograph.{shard}", options, [*files, *modelled], [made])
             calibrated_from = list(dict.fromkeys(file for files in brackets.values() for file in files))
         else:
             brackets = {shard: scene.photographs(views) for shard, views in self.shards.items()}

@@ -31,7 +31,6 @@ Quad = tuple[float, float, float, float]
 class SimulatedCamera(Settings):
     """A camera that photographs the room: exposure brackets as RAW files instead of finished HDR views."""
 
-    enabled: bool = Field(False, description="write RAW brackets and calibration frames instead of pictures")
     scale: Positive = Field(3, le=8, description="sensor pixels along one pixel of a view")
     pattern: Literal["RGGB", "BGGR", "GRBG", "GBRG"] = Field("RGGB", description="Bayer pattern")
     bits: Literal[12, 14, 16] = Field(14, description="bits of a raw value")
@@ -75,8 +74,29 @@ class SimulatedCamera(Settings):
     seed: Count = Field(0, description="seed of noise, hot pixels, ghosts and poses of the board")
 
 
+class SceneFile(Settings):
+    """A room read from a Mitsuba scene file."""
+
+    environment: Literal["keep", "quads", "drop"] = Field(
+        "keep",
+        description="light from outside: `keep` it as background, close the openings with emitting `quads` that let as "
+        "much in, or `drop` it",
+    )
+    allow_missing: bool = Field(
+        False, description="go on where files are missing or plugins unknown: leave meshes out, make materials grey"
+    )
+    up: Literal["auto", "y", "z"] = Field(
+        "auto", description="the file's up axis; `auto`: the one nearest to its camera's, else y. The room has y up"
+    )
+    scale: Length | None = Field(
+        None, description="metres in a unit of the file; absent: 1, or what makes an odd interior 2.7 m high"
+    )
+    smoothest: Fraction = Field(0.15, ge=0.02, description="lowest roughness; smoother surfaces get it")
+    max_texture: Positive = Field(1024, description="texels along the longer side; larger textures are averaged")
+
+
 class Synthesize(Settings):
-    """The procedural room and its views."""
+    """A room in code or of a scene file, and its views."""
 
     train_views: Positive = Field(24, description="number of training views")
     val_views: Positive = Field(6, description="number of held-out views")
@@ -86,10 +106,13 @@ class Synthesize(Settings):
     spp: Positive = Field(256, description="paths per pixel of the rendered views")
     max_depth: Positive = Field(10, description="longest path, bounces")
     denoise: bool = Field(True, description="denoise the rendered views")
-    opening: bool = Field(False, description="leave the window's pane out: light comes from the sky outside")
+    opening: bool = Field(
+        False, description="room in code: leave the window's pane out, so that light comes from the sky"
+    )
     sky: Rgb = Field((8.0, 9.75, 12.5), description="radiance of the sky's horizon, where there is an opening")
     seed: Count = Field(0, description="seed of room, cameras and noise")
-    raw: SimulatedCamera = Field(SimulatedCamera(), description="photograph the views with a simulated camera")
+    scene: SceneFile = Field(SceneFile(), description="how a scene file is read")
+    raw: SimulatedCamera = Field(SimulatedCamera(), description="the camera of `simulate_raw`")
 
 
 class Capture(Settings):

@@ -1,14 +1,15 @@
 """Any file of the pipeline as a picture for eyes."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from fipt.conventions import ROUGHNESS_LEVELS
+from fipt.conventions import LUMINANCE, ROUGHNESS_LEVELS
 from fipt.errors import FiptError
 from fipt.io.arrays import load_npz
+from fipt.io.dataset import Dataset
 from fipt.io.exr import read_exr
 from fipt.io.files import existing_file
 from fipt.io.hits import Hits, read_hits
@@ -21,6 +22,9 @@ SHADING_LAYERS = (
     *(f"Ls1.{level}" for level in range(len(ROUGHNESS_LEVELS))),
 )
 """Names of the outputs in shading.npy; Ls0 and Ls1 by roughness level, 0 = smoothest."""
+
+_MIDDLE_GREY = 0.2
+"""Linear value that the median luminance of a dataset's pictures is shown at."""
 
 _ID_FOLDERS = ("IndexMA", "segmentation")
 """Folders of the FIPT layouts whose EXR files hold ids as floating-point numbers."""
@@ -92,6 +96,47 @@ def false_color(ids: np.ndarray) -> np.ndarray:
     mixed = (keys.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(40)
     colors = np.stack([(mixed >> np.uint64(shift)) & np.uint64(255) for shift in (0, 8, 16)], -1)
     return np.where(keys[..., None] > 0, 64 + colors * 3 // 4, 0).astype(np.uint8)
+
+
+# --- datasets -------------------------------------------------------------------------------------
+
+
+def montage(folder: str | Path, views: Sequence[str] = ()) -> Picture:
+    """Return a dataset at a glance: a row for each view with picture, true kd, roughness, metallic, emission, parts.
+
+    Parameters
+    ----------
+    folder
+        Of the dataset; columns that it has nothing for are left out.
+    views
+        Names; default: four of those that have pictures, spread over all.
+    """
+    data = Dataset(folder)
+    names = [camera.name for camera in data.cameras if (data.root / "images" / f"{camera.name}.exr").is_file()]
+    if not names:
+        raise FiptError(f"{folder} has no pictures yet", "render or import its views")
+    views = list(views) or [names[k] for k in np.unique(np.linspace(0, len(names) - 1, 4).astype(int))]
+    photos = [data.image(view)[0] for view in views]
+    seen = np.concatenate([(photo @ np.float32(LUMINANCE)).ravel() for photo in photos])
+    exposure = _MIDDLE_GREY / max(float(np.median(seen)), 1e-9)
+    rows, columns = [], ["picture"]
+    for view, photo in zip(views, photos, strict=True):
+        tiles, truth = {"picture": to_display(photo * exposure)}, data.truth(view) or {}
+        for name in ("kd", "roughness", "metallic"):
+            if name in truth:
+                tiles[name] = shown(name, truth[name])
+        if "emission" in truth:
+            tiles["emission"] = to_display(truth["emission"] * exposure)
+        kind = data.segment_kind()
+        if kind:
+            tiles[kind] = false_color(data.segments(view, kind))
+        rows.append(np.concatenate(list(tiles.values()), axis=1))
+        columns = list(tiles)
+    if len({row.shape for row in rows}) > 1:
+        raise FiptError(f"the views {', '.join(views)} differ in size or in what is known of them", "choose others")
+    return Picture(
+        np.concatenate(rows), f"rows: {', '.join(views)}; columns: {', '.join(columns)}; shown times {exposure:.3g}"
+    )
 
 
 # --- EXR ------------------------------------------------------------------------------------------

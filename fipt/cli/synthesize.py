@@ -1,4 +1,4 @@
-"""``fipt synthesize``: make a dataset with ground truth, or a RAW capture, from the room in code."""
+"""``fipt synthesize``: make a dataset with ground truth, or a RAW capture, from a room in code or a scene file."""
 
 import json
 from pathlib import Path
@@ -10,6 +10,9 @@ import typer
 def command(
     dataset: Annotated[Path, typer.Option(help="Dataset folder to write.")],
     room: Annotated[bool, typer.Option("--room", help="Write mesh, cameras and names.")] = False,
+    scene: Annotated[
+        Path | None, typer.Option(help="Mitsuba scene file (XML) of the room; default: the room in code.")
+    ] = None,
     views: Annotated[list[str] | None, typer.Option(help="Views to render, comma-separated; repeatable.")] = None,
     settings: Annotated[str, typer.Option(help="Settings as JSON.")] = "{}",
     manifest: Annotated[Path | None, typer.Option(help="Manifest to write last.")] = None,
@@ -33,9 +36,10 @@ def command(
         bool, typer.Option("--from-images", help="With --raw: photograph the pictures of any dataset, all of them.")
     ] = False,
 ) -> None:
-    """Make a dataset with ground truth from a room in code.
+    """Make a dataset with ground truth from a room in code, or with --scene from one that someone modelled.
 
-    First --room (mesh, cameras, ids), then --views for the pictures and the truth of some views.
+    First --room (mesh, cameras, ids), then --views for the pictures and the truth of some views;
+    --scene goes with each of them.
     With --setup and --setup-name the views go to relight_truth/NAME/ instead.
 
     As a simulated camera would see it: after --room, --calibration OUT once, then --views with
@@ -45,7 +49,7 @@ def command(
     from fipt.errors import FiptError
     from fipt.io.files import check_name
     from fipt.io.manifests import recorded, write_manifest
-    from fipt.settings import dumped, parse
+    from fipt.settings import dumped, parse, parse_setup
     from fipt.synthesize import dataset as writer
 
     names = [name for item in views or [] for name in item.split(",") if name]
@@ -58,6 +62,8 @@ def command(
         raise FiptError("--raw belongs to --views or --from-images, without --setup", "leave the others out")
     if truth and (not names or raw is not None or setup is not None):
         raise FiptError("--truth belongs to --views, without --raw and --setup", "leave the others out")
+    if scene is not None and (calibration is not None or from_images):
+        raise FiptError("--scene belongs to --room and --views", "leave it out: the dataset tells the rest")
     if from_images and raw is None:
         raise FiptError("--from-images needs --raw", "say where the capture should be written")
     for place in (raw, calibration):
@@ -75,9 +81,11 @@ def command(
         raise FiptError("--setup and --setup-name belong together, with --views", "give both or neither")
     chosen = parse("synthesize", settings)
     record = dumped(chosen)
+    if scene is not None:
+        record["scene_file"] = str(scene)
     light = None
     if setup is not None:
-        light, record["setup"] = writer.parse_setup(setup), json.loads(setup)
+        light, record["setup"] = parse_setup(setup), json.loads(setup)
         check_name(setup_name, "light setup")
 
     from fipt.render.variant import set_variant
@@ -85,19 +93,19 @@ def command(
     set_variant()
     with recorded(stats, "synthesize", record) as figures:
         if room:
-            files = writer.write_room(dataset, chosen)
+            files, figures["coverage"] = writer.write_room(dataset, chosen, scene)
         elif calibration is not None:
             files = writer.write_capture_rest(dataset, calibration, chosen)
         elif from_images:
             files = writer.photograph(dataset, raw, chosen)
             figures["views"] = sum(file.parent.name == "truth" and file.suffix == ".exr" for file in files)
         elif truth:
-            files = writer.write_truths(dataset, names, chosen)
+            files = writer.write_truths(dataset, names, chosen, scene)
         else:
             if raw is None:
-                files, rate = writer.write_images(dataset, names, chosen, light, setup_name)
+                files, rate = writer.write_images(dataset, names, chosen, scene, light, setup_name)
             else:
-                files, rate = writer.write_brackets(dataset, raw, names, chosen)
+                files, rate = writer.write_brackets(dataset, raw, names, chosen, scene)
             figures["views"], figures["paths_per_second"] = len(names), round(rate)
         if manifest is not None:
             write_manifest(manifest, "synthesize", files, record)

@@ -7,21 +7,26 @@ import typer
 
 
 def command(
-    file: Annotated[Path, typer.Argument(help="EXR, id map, npy of hits or shading, npz.")],
+    file: Annotated[Path, typer.Argument(help="EXR, id map, npy of hits or shading, npz; or the folder of a dataset.")],
     layer: Annotated[str, typer.Option(help="EXR layer (kd, roughness, ...), or Ld, Ls0.0 to Ls1.5 of shading.")] = "",
     shard_view: Annotated[str, typer.Option(help="View of a shard; default: its first.")] = "",
     hits: Annotated[Path | None, typer.Option(help="Hits folder of a shading.npy, if it is elsewhere.")] = None,
-    out: Annotated[Path | None, typer.Option(help="PNG to write; default: here, named after FILE.")] = None,
+    views: Annotated[str, typer.Option(help="Views of a dataset, comma-separated; default: four.")] = "",
+    out: Annotated[Path | None, typer.Option(help="PNG or JPEG to write; default: here, named after FILE.")] = None,
 ) -> None:
     """Write any result as a PNG picture.
 
     RGB is clipped to [0, 1] and sRGB-encoded, scalars are linear, ids get false colours, npz files
-    a table of what they hold. An EXR without --layer shows all its layers side by side.
+    a table of what they hold. An EXR without --layer shows all its layers side by side, the folder
+    of a dataset a row of pictures and truth for each view.
     """
     from fipt.io.images import write_png
-    from fipt.view import picture
+    from fipt.view import montage, picture
 
-    made = picture(file, layer, shard_view, hits)
+    if file.is_dir():
+        made = montage(file, [view for view in views.split(",") if view])
+    else:
+        made = picture(file, layer, shard_view, hits)
     parts = [file.stem, shard_view, layer]
     out = out or Path(".".join(part for part in parts if part) + ".png")
     write_png(out, made.pixels)

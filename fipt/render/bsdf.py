@@ -34,6 +34,15 @@ def register() -> None:
     mi.register_bsdf(NAME, lambda props: _bsdf_class()(props))
 
 
+def textured(surface: Any) -> Any:
+    """Return the BSDF of a `fipt.render.texels.Surface`."""
+    import mitsuba as mi
+
+    made = _bsdf_class()(mi.Properties())
+    made.base_color, made.roughness, made.metallic = surface.base_color, surface.roughness, surface.metallic
+    return made
+
+
 @cache
 def _bsdf_class() -> type:
     """Define the class: its base exists only once Mitsuba's variant is set."""

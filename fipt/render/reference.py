@@ -18,12 +18,16 @@ from fipt.io.background import NOTHING, Background
 from fipt.io.cameras import Camera
 from fipt.io.meshes import Mesh
 from fipt.render import bsdf
+from fipt.render.texels import Surface, Textures
 
 _MAX_LANES = 2**22
 """Paths traced at once: bounds the memory of a wavefront."""
 
 _FINER = 8
 """Texels of Mitsuba's environment maps along one of ours: the two are interpolated between different places."""
+
+_MOST_ROWS = 2048
+"""Rows that this refinement may lead to."""
 
 _SHEET_GAP = 0.001
 """Distance between the two faces of a two-sided light, metres."""
@@ -50,7 +54,7 @@ class Light:
 
 
 class TexturedMesh:
-    """First hits on a mesh, with the base colour there.
+    """First hits on a mesh, with the material there.
 
     Parameters
     ----------
@@ -58,13 +62,15 @@ class TexturedMesh:
         Triangles, which keep their numbers.
     uv
         (V, 2) float32 texture coordinates.
-    texture
-        (h, w, 3) float32 base colours, looked up bilinearly; row 0 is v = 0.
+    textures
+        Of all materials.
+    material
+        (T,) material of each triangle.
     """
 
-    def __init__(self, mesh: Mesh, uv: np.ndarray, texture: np.ndarray) -> None:
+    def __init__(self, mesh: Mesh, uv: np.ndarray, textures: Textures, material: np.ndarray) -> None:
         self._scene = mi.load_dict({"type": "scene", "mesh": _mesh("mesh", mesh, uv)})
-        self._texture = _bitmap(texture)
+        self._surface = Surface(textures, material)
 
     def first_hits(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Trace rays.
@@ -87,31 +93,35 @@ class TexturedMesh:
         distance = np.array(distance)
         return distance, np.where(np.isfinite(distance), np.array(triangle), -1)
 
-    def look(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def look(self, origins: np.ndarray, directions: np.ndarray) -> dict[str, np.ndarray]:
         """Trace rays and look at what they meet.
 
         Returns
         -------
-        triangle
-            (N,) int32, -1 where a ray meets nothing.
-        color
-            (N, 3) float32 base colour.
-        normal
-            (N, 3) float32 unit geometric normal by winding order.
+        dict
+            ``triangle`` (N,) int32, -1 where a ray meets nothing; ``normal`` (N, 3) float32 unit geometric normal by
+            winding order; ``base_color`` (N, 3), ``roughness`` and ``metallic`` (N,) float32, 0 where nothing is met.
         """
         si = self._scene.ray_intersect(_rays(origins, directions))
-        triangle = dr.select(si.is_valid(), mi.Int32(si.prim_index), -1)
-        color = self._texture.eval(si)
-        dr.eval(triangle, color, si.n)
-        return np.array(triangle), np.array(color).T, np.array(si.n).T
+        hit = si.is_valid()
+        triangle = dr.select(hit, mi.Int32(si.prim_index), -1)
+        color = self._surface.base_color.eval(si, hit)
+        roughness, metallic = (getattr(self._surface, name).eval_1(si, hit) for name in ("roughness", "metallic"))
+        dr.eval(triangle, color, roughness, metallic, si.n)
+        return {
+            "triangle": np.array(triangle),
+            "normal": np.array(si.n).T,
+            "base_color": np.array(color).T,
+            "roughness": np.array(roughness),
+            "metallic": np.array(metallic),
+        }
 
 
 def load_scene(
     mesh: Mesh,
     uv: np.ndarray,
-    texture: np.ndarray,
-    roughness: np.ndarray,
-    metallic: np.ndarray,
+    textures: Textures,
+    material: np.ndarray,
     lights: Sequence[Light],
     background: Background = NOTHING,
 ) -> mi.Scene:
@@ -120,27 +130,17 @@ def load_scene(
     Parameters
     ----------
     mesh
-        What reflects, T triangles; the lights' triangles are not among them.
-    uv, texture
-        Base colour, as in `TexturedMesh`.
-    roughness, metallic
-        (T,) float32.
+        What reflects, T triangles (perhaps none); the lights' triangles are not among them.
+    uv, textures, material
+        Its materials, as in `TexturedMesh`.
     lights
         What shines.
     background
         What shines from outside.
     """
-    bsdf.register()
-    material = mi.load_dict(
-        {
-            "type": bsdf.NAME,
-            "base_color": _bitmap(texture),
-            "roughness": {"type": "mesh_attribute", "name": "face_roughness"},
-            "metallic": {"type": "mesh_attribute", "name": "face_metallic"},
-        }
-    )
-    attributes = {"face_roughness": roughness, "face_metallic": metallic}
-    scene = {"type": "scene", "mesh": _mesh("mesh", mesh, uv, attributes, bsdf=material)}
+    scene: dict[str, Any] = {"type": "scene"}
+    if len(mesh.triangles):
+        scene["mesh"] = _mesh("mesh", mesh, uv, bsdf=bsdf.textured(Surface(textures, material)))
     for index, light in enumerate(lights):
         for side, sheet in enumerate(_sheets(light)):
             black = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}
@@ -220,14 +220,16 @@ def _environment(background: Background) -> dict[str, Any]:
     height, width = background.radiance.shape[:2]
     if height == 1:
         return {"type": "constant", "radiance": {"type": "rgb", "value": background.radiance[0, 0].tolist()}}
-    rows, columns = _FINER * height + 1, _FINER * width
-    theta = np.clip(np.linspace(0, np.pi, rows), 1e-4, np.pi - 1e-4)[:, None]  # columns differ up to the poles
+    finer = max(min(_FINER, _MOST_ROWS // height), 1)
+    rows, columns = finer * height + 1, finer * width
+    thetas = np.clip(np.linspace(0, np.pi, rows), 1e-4, np.pi - 1e-4)  # columns differ up to the poles
     phi = 2 * np.pi * (np.arange(columns) + 0.5) / columns
-    directions = np.stack(
-        np.broadcast_arrays(np.sin(theta) * np.sin(phi), np.cos(theta), -np.sin(theta) * np.cos(phi)), axis=-1
-    ).reshape(-1, 3)
-    values = background.lookup(directions).reshape(rows, columns, 3)
-    return {"type": "envmap", "bitmap": mi.Bitmap(np.ascontiguousarray(values))}
+    values = np.empty((rows, columns, 3), np.float32)
+    for row, theta in enumerate(thetas):
+        sine = np.sin(theta)
+        directions = [sine * np.sin(phi), np.full(columns, np.cos(theta)), -sine * np.cos(phi)]
+        values[row] = background.lookup(np.stack(directions, axis=1))
+    return {"type": "envmap", "bitmap": mi.Bitmap(values)}
 
 
 def _sheets(light: Light) -> list[Mesh]:
@@ -249,26 +251,13 @@ def _rays(origins: np.ndarray, directions: np.ndarray) -> mi.Ray3f:
     return mi.Ray3f(mi.Point3f(*columns[0]), mi.Vector3f(*columns[1]))
 
 
-def _bitmap(texture: np.ndarray) -> mi.Texture:
-    return mi.load_dict(
-        {
-            "type": "bitmap",
-            "data": mi.TensorXf(np.ascontiguousarray(texture, np.float32)),
-            "raw": True,
-            "filter_type": "bilinear",
-            "wrap_mode": "clamp",
-        }
-    )
-
-
 def _mesh(
     name: str,
     mesh: Mesh,
     uv: np.ndarray | None = None,
-    attributes: dict[str, np.ndarray] | None = None,
     **children: Any,
 ) -> mi.Mesh:
-    """Make a mesh with flat normals, (T,) face ``attributes``, and bsdf or emitter as children."""
+    """Make a mesh with flat normals, and bsdf or emitter as children."""
     props = mi.Properties()
     for key, child in children.items():
         props[key] = child
@@ -280,8 +269,6 @@ def _mesh(
         has_vertex_texcoords=uv is not None,
         props=props,
     )
-    for key, values in (attributes or {}).items():
-        made.add_attribute(key, 1, np.ascontiguousarray(values, np.float32))
     params = mi.traverse(made)
     params["vertex_positions"] = mi.Float(np.ascontiguousarray(mesh.vertices, np.float32).ravel())
     params["faces"] = mi.UInt32(np.ascontiguousarray(mesh.triangles, np.uint32).ravel())

@@ -1,12 +1,11 @@
-"""Writes the room and its views as a dataset."""
+"""Writes a room, in code or of a scene file, and its views as a dataset."""
 
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Sequence
 from pathlib import Path
-
-from pydantic import ValidationError
 
 from fipt.errors import FiptError
 from fipt.io.cameras import Camera, read_transforms, write_transforms
@@ -14,42 +13,61 @@ from fipt.io.dataset import Dataset, read_rejected, write_views
 from fipt.io.exr import write_exr
 from fipt.io.files import existing_file, write_text
 from fipt.io.images import write_png
-from fipt.io.meshes import write_ply
+from fipt.io.meshes import read_mesh, write_ply
 from fipt.progress import progress
-from fipt.settings import RelightSetup, Synthesize, explain
+from fipt.settings import RelightSetup, Synthesize
 from fipt.synthesize.camera import optics
 from fipt.synthesize.capture import simulate_capture, write_bracket, write_calibration
-from fipt.synthesize.furniture import SEMANTICS
-from fipt.synthesize.poses import sample_cameras
+from fipt.synthesize.modelled import exposure_of, modelled
+from fipt.synthesize.poses import OpenSpace, coverage, sample_cameras
 from fipt.synthesize.room import Room, build
 from fipt.synthesize.views import Truth, ViewTruth, render_views, view_truth
 
 
-def parse_setup(text: str) -> RelightSetup:
-    """Parse the JSON of a light setup."""
-    try:
-        return RelightSetup.model_validate_json(text)
-    except ValidationError as error:
-        allowed = ", ".join(RelightSetup.model_fields)
-        raise FiptError(explain(error, "setup"), f"allowed keys of a light setup: {allowed}") from error
+def write_room(folder: Path, settings: Synthesize, scene: Path | None = None) -> tuple[list[Path], dict[str, float]]:
+    """Write mesh, cameras, names of ids and the room's description.
 
+    Parameters
+    ----------
+    folder
+        Dataset to write.
+    settings
+        Of room, views and camera.
+    scene
+        Scene file; None for the room in code.
 
-def write_room(folder: Path, settings: Synthesize) -> list[Path]:
-    """Write mesh, cameras, names of ids and the room's description; return the files."""
-    room = _built(settings)
-    cameras = sample_cameras(room, Truth(room).first_hits, settings)
+    Returns
+    -------
+    files
+        What was written.
+    shown
+        How much of the surface the training views show.
+    """
+    room = modelled(scene, settings) if scene else _in_code(settings)
+    for note in room.facts.get("notes", ()):
+        sys.stderr.write(f"{note}\n")
+    space = OpenSpace(room, Truth(room).first_hits, settings.seed)
+    cameras = sample_cameras(space, settings)
+    shown = coverage(space, cameras)
+    sys.stderr.write(
+        f"{settings.train_views} training views show {shown['seen']:.1%} of the surface that is visible, "
+        f"{shown['seen_twice']:.1%} at least twice\n"
+    )
+    if scene:
+        room = room.exposed(exposure_of(room, cameras[: settings.train_views], settings))
     files = _write_names(folder, room)
     write_ply(folder / "mesh.ply", room.mesh)
     write_views(folder / "views.json", [camera.name for camera in cameras])
     write_transforms(folder / "transforms.json", cameras)
-    write_text(folder / "room.json", room.description())
-    return files + [folder / name for name in ("mesh.ply", "views.json", "transforms.json", "room.json")]
+    write_text(folder / "room.json", json.dumps({**room.description(), "coverage": shown}, indent=1) + "\n")
+    return files + [folder / name for name in ("mesh.ply", "views.json", "transforms.json", "room.json")], shown
 
 
 def write_images(
     folder: Path,
     names: Sequence[str],
     settings: Synthesize,
+    scene: Path | None = None,
     setup: RelightSetup | None = None,
     setup_name: str | None = None,
 ) -> tuple[list[Path], float]:
@@ -62,8 +80,8 @@ def write_images(
     rate
         Paths per second.
     """
-    room = _built(settings)
-    cameras = _cameras(folder, names, room, settings)
+    room = _built(folder, settings, scene)
+    cameras = _cameras(folder, names, settings if setup_name is None else None)
     paths = [camera.width * camera.height * settings.spp for camera in cameras]
     files: list[Path] = []
     with progress("synthesize", sum(paths), " paths") as bar:
@@ -78,7 +96,9 @@ def write_images(
         return files, bar.rate
 
 
-def write_brackets(folder: Path, out: Path, names: Sequence[str], settings: Synthesize) -> tuple[list[Path], float]:
+def write_brackets(
+    folder: Path, out: Path, names: Sequence[str], settings: Synthesize, scene: Path | None = None
+) -> tuple[list[Path], float]:
     """Photograph views with the simulated camera instead of writing their pictures; their truth goes to the dataset.
 
     Parameters
@@ -87,8 +107,8 @@ def write_brackets(folder: Path, out: Path, names: Sequence[str], settings: Synt
         Dataset with the room.
     out
         Folder of the capture; brackets are numbered by the view's place among all views.
-    names, settings
-        Which views, and how.
+    names, settings, scene
+        Which views, and how, of which room.
 
     Returns
     -------
@@ -97,9 +117,9 @@ def write_brackets(folder: Path, out: Path, names: Sequence[str], settings: Synt
     rate
         Paths per second.
     """
-    room = _built(settings)
+    room = _built(folder, settings, scene)
     every = [camera.name for camera in read_transforms(folder / "transforms.json")]
-    chosen = [(every.index(camera.name), camera) for camera in _cameras(folder, names, room, settings)]
+    chosen = [(every.index(camera.name), camera) for camera in _cameras(folder, names, settings)]
     planes = [optics(camera, settings.raw) for _, camera in chosen]
     # As many paths for a pixel of the view, which is the mean of several of the source.
     spp = max(settings.spp // settings.raw.scale**2, 1)
@@ -116,9 +136,9 @@ def write_brackets(folder: Path, out: Path, names: Sequence[str], settings: Synt
 
 def write_capture_rest(folder: Path, out: Path, settings: Synthesize) -> list[Path]:
     """Write what a capture of the room has once: calibration frames, table of frames, cameras and mesh."""
-    room = _built(settings)
     names = [camera.name for camera in read_transforms(folder / "transforms.json")]
-    return write_calibration(out, _cameras(folder, names, room, settings), settings.raw, room.mesh)
+    mesh = read_mesh(folder / "mesh.ply")
+    return write_calibration(out, _cameras(folder, names, settings), settings.raw, mesh)
 
 
 def photograph(folder: Path, out: Path, settings: Synthesize) -> list[Path]:
@@ -128,24 +148,38 @@ def photograph(folder: Path, out: Path, settings: Synthesize) -> list[Path]:
     return simulate_capture(images, dataset.cameras, settings.raw, out, dataset.mesh())
 
 
-def write_truths(folder: Path, names: Sequence[str], settings: Synthesize) -> list[Path]:
+def write_truths(folder: Path, names: Sequence[str], settings: Synthesize, scene: Path | None = None) -> list[Path]:
     """Write truth and ids of a dataset's views, whose pictures are developed photographs of the room."""
-    room = _built(settings)
+    room = _built(folder, settings, scene)
     truth = Truth(room)
     files = _write_names(folder, room)
-    for camera in _cameras(folder, names, room, settings):
+    # Developed photographs have the size that development gave them.
+    for camera in _cameras(folder, names, None):
         files += _write_truth(folder, camera, view_truth(truth, camera))
     return files
 
 
-def _built(settings: Synthesize) -> Room:
-    return build(settings.seed, settings.opening)
+def _in_code(settings: Synthesize) -> Room:
+    return build(settings.seed, settings.opening, settings.sky)
+
+
+def _built(folder: Path, settings: Synthesize, scene: Path | None) -> Room:
+    """Return the room that the folder holds, which must be the one that settings and scene file say."""
+    described = json.loads(existing_file(folder / "room.json", "the room").read_text(encoding="utf-8"))
+    room = modelled(scene, settings, described.get("exposure", 1.0)) if scene else _in_code(settings)
+    if {key: value for key, value in described.items() if key != "coverage"} != room.description():
+        raise _another(folder)
+    return room
+
+
+def _another(folder: Path) -> FiptError:
+    return FiptError(f"{folder} holds a room made with other settings", "run fipt synthesize --room again")
 
 
 def _write_names(folder: Path, room: Room) -> list[Path]:
     names = {
-        "part": {str(index + 1): part.name for index, part in enumerate(room.parts)},
-        "semantic": {str(index + 1): name for index, name in enumerate(SEMANTICS)},
+        "part": {str(index + 1): name for index, name in enumerate(room.parts)},
+        "semantic": {str(index + 1): name for index, name in enumerate(room.semantics)},
     }
     files = []
     for kind, table in names.items():
@@ -164,15 +198,12 @@ def _write_truth(folder: Path, camera: Camera, truth: ViewTruth) -> list[Path]:
     return files
 
 
-def _cameras(folder: Path, names: Sequence[str], room: Room, settings: Synthesize) -> list[Camera]:
-    """Read the cameras of some views, those that a check rejected left out; the folder must hold this very room."""
-    described = existing_file(folder / "room.json", "the room").read_text(encoding="utf-8")
+def _cameras(folder: Path, names: Sequence[str], settings: Synthesize | None) -> list[Camera]:
+    """Read the cameras of some views, without those that a check rejected; check their size against settings."""
     cameras = {camera.name: camera for camera in read_transforms(folder / "transforms.json")}
     sizes = {(camera.width, camera.height) for camera in cameras.values()}
-    # Developed photographs have the size that development gave them.
-    same_size = settings.raw.enabled or sizes == {(settings.width, settings.height)}
-    if described != room.description() or not same_size:
-        raise FiptError(f"{folder} holds a room made with other settings", "run fipt synthesize --room again")
+    if settings is not None and sizes != {(settings.width, settings.height)}:
+        raise _another(folder)
     rejected = read_rejected(folder / "views.json")
     names = [name for name in names if name not in rejected]
     unknown = [name for name in names if name not in cameras]

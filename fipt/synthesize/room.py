@@ -1,27 +1,60 @@
-"""A furnished living room of 5.0 x 4.0 x 2.7 m, y up, with every material and lamp known.
+"""A room: one mesh, and what is known of each of its triangles. The room in code is built here.
 
-All emitting surfaces are seen from one side only (the pane closes the wall's recess, the ceiling
-lamp its housing, the globe itself), so one-sided and two-sided emission are the same here. They
-absorb what falls on them: observed radiance is emitted radiance.
+It is a furnished living room of 5.0 x 4.0 x 2.7 m, y up, with every material and lamp known; rooms from scene files
+are made in `fipt.synthesize.modelled`.
+
+All emitting surfaces of the room in code are seen from one side only (the pane closes the wall's recess, the ceiling
+lamp its housing, the globe itself), so one-sided and two-sided emission are the same there. Lamps absorb what falls on
+them: observed radiance is emitted radiance.
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
+from fipt.errors import FiptError
+from fipt.io.background import NOTHING, Background
 from fipt.io.meshes import Mesh
 from fipt.synthesize.furniture import SEMANTICS, SIZE, Part, furnish
-from fipt.synthesize.shapes import joined
+from fipt.synthesize.material import Material
+from fipt.synthesize.sky import sky
 
 EXPOSURE = 2.5
-"""Factor on every lamp, chosen once so that the median pixel of a view is about 0.25."""
+"""Factor on every lamp of the room in code, chosen once so that the median pixel of a view is about 0.25."""
 
-_ATLAS_WIDTH = 1024
+_MOST_IDS = 65_535
+"""Ids are pixels of 16-bit PNG files; 0 is unknown."""
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Triangles of one material before they are merged.
+
+    Attributes
+    ----------
+    name
+        Of the part.
+    vertices, triangles, uv
+        (V, 3) metres, (T, 3) indices, (V, 2) texture coordinates.
+    material, semantic
+        Indices into the room's materials and semantic names.
+    radiance
+        (3,) emitted radiance to the front (the triangles are wound counter-clockwise there); None where it emits
+        nothing.
+    """
+
+    name: str
+    vertices: np.ndarray
+    triangles: np.ndarray
+    uv: np.ndarray
+    material: int
+    semantic: int
+    radiance: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -30,34 +63,43 @@ class Room:
 
     Attributes
     ----------
-    seed
-        Seed of its random details.
-    parts
-        Parts in the order of their triangles; part ids are index + 1.
+    parts, semantics
+        Names; ids are index + 1. Parts are in the order of their triangles.
+    materials
+        Their textures repeat over `uv`.
     mesh
-        The merged mesh, metres.
+        The merged mesh, metres, y up.
     uv
-        (V, 2) float32 texture coordinates into `atlas`.
-    atlas
-        (h, w, 3) float32 base colours; row 0 is v = 0.
+        (V, 2) float32 texture coordinates.
     part, semantic
         (T,) uint16 ids, from 1.
-    roughness, metallic
-        (T,) float32.
+    material
+        (T,) int32 index into `materials`.
     radiance
-        (T, 3) float32 emitted radiance, zero where a triangle does not emit.
+        (T, 3) float32 radiance emitted to the front, zero where a triangle does not emit.
+    outside
+        What shines through openings.
+    box
+        (2, 3) lower and upper corner of the interior, metres.
+    exposure
+        Factor that radiance and outside have on what the room's author said.
+    facts
+        What else room.json says of the room.
     """
 
-    seed: int
-    parts: tuple[Part, ...]
+    parts: tuple[str, ...]
+    semantics: tuple[str, ...]
+    materials: tuple[Material, ...]
     mesh: Mesh
     uv: np.ndarray
-    atlas: np.ndarray
     part: np.ndarray
     semantic: np.ndarray
-    roughness: np.ndarray
-    metallic: np.ndarray
+    material: np.ndarray
     radiance: np.ndarray
+    outside: Background
+    box: np.ndarray
+    exposure: float
+    facts: dict[str, Any]
 
     @property
     def emits(self) -> np.ndarray:
@@ -67,107 +109,153 @@ class Room:
     @property
     def emitters(self) -> list[np.ndarray]:
         """Triangle indices of each lamp (one part each), by increasing triangle index."""
-        emits = self.emits
-        return [
-            np.flatnonzero((self.part == index + 1) & emits)
-            for index, part in enumerate(self.parts)
-            if part.radiance is not None
-        ]
+        shining = np.flatnonzero(self.emits)
+        lamps = np.split(shining, np.flatnonzero(np.diff(self.part[shining])) + 1)
+        return lamps if len(shining) else []
 
-    def description(self) -> str:
+    def exposed(self, factor: float) -> Room:
+        """Return the room with all its light times a factor."""
+        light = np.float32(factor)
+        outside = replace(self.outside, radiance=self.outside.radiance * light)
+        return replace(self, radiance=self.radiance * light, outside=outside, exposure=self.exposure * factor)
+
+    def description(self) -> dict[str, Any]:
         """Return the content of room.json: parts, materials and emitting triangles."""
-        parts = []
-        for index, part in enumerate(self.parts):
-            textured = isinstance(part.color, np.ndarray)
-            parts.append(
-                {
-                    "id": index + 1,
-                    "name": part.name,
-                    "semantic": SEMANTICS.index(part.semantic) + 1,
-                    "base_color": "texture" if textured else [float(c) for c in part.color],
-                    "roughness": part.roughness,
-                    "metallic": part.metallic,
-                    "triangles": int(np.count_nonzero(self.part == index + 1)),
-                }
-            )
-        emitters = []
-        for index, triangles in enumerate(self.emitters):
-            emitters.append(
-                {
-                    "index": index,
-                    "part": self.parts[self.part[triangles[0]] - 1].name,
-                    "radiance": [round(float(c), 6) for c in self.radiance[triangles[0]]],
-                    "area": round(float(self.mesh.areas[triangles].sum()), 6),
-                    "triangles": triangles.tolist(),
-                }
-            )
-        content = {
-            "seed": self.seed,
-            "size": list(SIZE),
+        counts = np.bincount(self.part, minlength=len(self.parts) + 1)
+        firsts = np.unique(self.part, return_index=True)[1]
+        parts = [
+            {
+                "id": index + 1,
+                "name": name,
+                "semantic": int(self.semantic[first]),
+                "material": int(self.material[first]),
+                "triangles": int(counts[index + 1]),
+            }
+            for index, (name, first) in enumerate(zip(self.parts, firsts, strict=True))
+        ]
+        materials = [
+            {
+                "name": material.name,
+                "base_color": _described(material.base_color),
+                "roughness": _described(material.roughness),
+                "metallic": _described(material.metallic),
+                **({"flagged": True} if material.flagged else {}),
+            }
+            for material in self.materials
+        ]
+        areas = self.mesh.areas
+        emitters = [
+            {
+                "index": index,
+                "part": self.parts[self.part[triangles[0]] - 1],
+                "radiance": [round(float(c), 6) for c in self.radiance[triangles[0]]],
+                "area": round(float(areas[triangles].sum()), 6),
+                "triangles": triangles.tolist(),
+            }
+            for index, triangles in enumerate(self.emitters)
+        ]
+        return {
+            **self.facts,
+            "box": np.round(self.box.astype(float), 4).tolist(),
+            "exposure": self.exposure,
             "triangles": len(self.mesh.triangles),
-            "semantics": {str(i + 1): name for i, name in enumerate(SEMANTICS)},
+            "semantics": {str(i + 1): name for i, name in enumerate(self.semantics)},
             "parts": parts,
+            "materials": materials,
             "emitters": emitters,
         }
-        return json.dumps(content, indent=1) + "\n"
 
 
-@lru_cache(4)
-def build(seed: int, opening: bool = False) -> Room:
-    """Build the room, closed or with an open window; equal seeds give equal rooms, down to the order of triangles."""
-    return assemble(seed, furnish(np.random.default_rng([seed, 1]), opening))
+def _described(image: np.ndarray) -> Any:
+    """Return the value of a constant texture, else words."""
+    height, width = image.shape[:2]
+    if (height, width) != (1, 1):
+        return f"texture of {width}x{height}"
+    value = np.round(image[0, 0].astype(float), 6)
+    return value.tolist()
 
 
-def assemble(seed: int, parts: Sequence[Part]) -> Room:
-    """Merge parts into a `Room`: one mesh, one texture atlas, one value of each kind a triangle."""
-    images = [np.atleast_3d(np.asarray(part.color, np.float32)) for part in parts]
-    images = [image.reshape(1, 1, 3) if image.size == 3 else image for image in images]
-    atlas, corners = pack([image.shape[:2] for image in images])
-    merged = joined([part.shape for part in parts])
-    counts = [len(part.shape.triangles) for part in parts]
-    uv = []
-    for part, image, (row, column) in zip(parts, images, corners, strict=True):
-        height, width = image.shape[:2]
-        # One texel of padding on every side, so that no lookup mixes in a neighbour.
-        padded = np.pad(image, ((1, 1), (1, 1), (0, 0)), mode="edge")
-        atlas[row : row + height + 2, column : column + width + 2] = padded
-        texel = (column + 1.5, row + 1.5) + part.shape.uv * (width - 1, height - 1)
-        uv.append(texel / (atlas.shape[1], atlas.shape[0]))
+def assemble(
+    pieces: Sequence[Piece],
+    materials: Sequence[Material],
+    semantics: Sequence[str],
+    box: np.ndarray,
+    outside: Background = NOTHING,
+    exposure: float = 1.0,
+    facts: dict[str, Any] | None = None,
+) -> Room:
+    """Merge pieces into a `Room`, their triangles in order."""
+    if max(len(pieces), len(semantics)) > _MOST_IDS:
+        raise FiptError(
+            f"a room may have {_MOST_IDS} parts and materials; this has {len(pieces)} and {len(semantics)}",
+            "join shapes of one material",
+        )
+    counts = [len(piece.triangles) for piece in pieces]
+    offsets = np.cumsum([0, *(len(piece.vertices) for piece in pieces)])
 
     def per_triangle(values: Sequence, dtype: type) -> np.ndarray:
         return np.repeat(np.asarray(values, dtype), counts, axis=0)
 
-    lit = [np.multiply(part.radiance or (0, 0, 0), EXPOSURE) for part in parts]
+    triangles = [piece.triangles + offset for piece, offset in zip(pieces, offsets, strict=False)]
     return Room(
-        seed=seed,
-        parts=tuple(parts),
-        mesh=Mesh(merged.vertices.astype(np.float32), merged.triangles.astype(np.int32)),
-        uv=np.concatenate(uv).astype(np.float32),
-        atlas=atlas,
-        part=per_triangle(np.arange(len(parts)) + 1, np.uint16),
-        semantic=per_triangle([SEMANTICS.index(part.semantic) + 1 for part in parts], np.uint16),
-        roughness=per_triangle([part.roughness for part in parts], np.float32),
-        metallic=per_triangle([part.metallic for part in parts], np.float32),
-        radiance=per_triangle(lit, np.float32),
+        parts=tuple(piece.name for piece in pieces),
+        semantics=tuple(semantics),
+        materials=tuple(materials),
+        mesh=Mesh(
+            np.concatenate([piece.vertices for piece in pieces]).astype(np.float32),
+            np.concatenate(triangles).astype(np.int32),
+        ),
+        uv=np.concatenate([piece.uv for piece in pieces]).astype(np.float32),
+        part=per_triangle(np.arange(len(pieces)) + 1, np.uint16),
+        semantic=per_triangle([piece.semantic + 1 for piece in pieces], np.uint16),
+        material=per_triangle([piece.material for piece in pieces], np.int32),
+        radiance=per_triangle([np.zeros(3) if p.radiance is None else p.radiance for p in pieces], np.float32),
+        outside=outside,
+        box=np.asarray(box, np.float64),
+        exposure=exposure,
+        facts=facts or {},
     )
 
 
-def pack(sizes: Sequence[tuple[int, int]]) -> tuple[np.ndarray, list[tuple[int, int]]]:
-    """Place (height, width) images with one texel of padding in rows of an atlas.
+@lru_cache(4)
+def build(seed: int, opening: bool = False, horizon: tuple[float, float, float] = (8.0, 9.75, 12.5)) -> Room:
+    """Build the room in code, closed or with an open window; equal seeds give equal rooms, down to every triangle.
 
-    Returns
-    -------
-    atlas
-        (h, 1024, 3) float32 zeros.
-    corners
-        (row, column) of each padded image.
+    Parameters
+    ----------
+    seed
+        Of its random details.
+    opening
+        Leave out the window's pane: the sky is seen and shines in.
+    horizon
+        Radiance of that sky's horizon.
     """
-    corners: list[tuple[int, int]] = [(0, 0)] * len(sizes)
-    row = column = tallest = 0
-    for index in sorted(range(len(sizes)), key=lambda i: -sizes[i][0]):
-        height, width = sizes[index][0] + 2, sizes[index][1] + 2
-        if column + width > _ATLAS_WIDTH:
-            row, column, tallest = row + tallest, 0, 0
-        corners[index] = (row, column)
-        column, tallest = column + width, max(tallest, height)
-    return np.zeros((row + tallest, _ATLAS_WIDTH, 3), np.float32), corners
+    parts = furnish(np.random.default_rng([seed, 1]), opening)
+    return assemble(
+        [_piece(index, part) for index, part in enumerate(parts)],
+        [_material(part) for part in parts],
+        SEMANTICS,
+        np.array([np.zeros(3), SIZE]),
+        sky(horizon) if opening else NOTHING,
+        EXPOSURE,
+        {"seed": seed, "size": list(SIZE)},
+    )
+
+
+def _material(part: Part) -> Material:
+    values = (np.atleast_2d(np.float32(value)) for value in (part.roughness, part.metallic))
+    return Material(part.name, _image(part), *values)
+
+
+def _image(part: Part) -> np.ndarray:
+    color = np.asarray(part.color, np.float32)
+    return color.reshape(1, 1, 3) if color.size == 3 else color
+
+
+def _piece(index: int, part: Part) -> Piece:
+    """Return a part as a piece: its texture ends at the centres of its outermost texels, and so never repeats."""
+    height, width = _image(part).shape[:2]
+    uv = (0.5 + part.shape.uv * (width - 1, height - 1)) / (width, height)
+    radiance = None if part.radiance is None else np.multiply(part.radiance, EXPOSURE)
+    semantic = SEMANTICS.index(part.semantic)
+    return Piece(part.name, part.shape.vertices, part.shape.triangles, uv, index, semantic, radiance)

@@ -2,25 +2,28 @@
 
 import zlib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fipt.conventions import LUMINANCE
 from fipt.errors import FiptError
-from fipt.io.background import NOTHING, Background, edited
+from fipt.io.background import edited
 from fipt.io.cameras import Camera
 from fipt.io.meshes import Mesh
 from fipt.model.albedo import reflectance
 from fipt.render.denoise import denoise
 from fipt.render.reference import Light, PathTracer, TexturedMesh, load_scene
+from fipt.render.texels import Textures
 from fipt.settings import NewLight, RelightSetup, Synthesize
 from fipt.synthesize.room import Room
 from fipt.synthesize.shapes import panel
-from fipt.synthesize.sky import sky
 
 _SUB = 4
 """Sub-pixels along each side of a pixel for averaged truth."""
+
+_PROBES, _PROBE_WIDTH, _PROBE_SPP = 8, 64, 64
+"""Pictures by which a room is exposed: their number, width in pixels, paths a pixel."""
 
 _LUMINANCE = np.array(LUMINANCE)
 
@@ -80,17 +83,18 @@ def _mesh(vertices: np.ndarray, triangles: np.ndarray) -> Mesh:
     return Mesh(np.asarray(vertices, np.float32), np.asarray(triangles, np.int32))
 
 
-def render_tracer(room: Room, setup: RelightSetup | None, max_depth: int, outside: Background = NOTHING) -> PathTracer:
-    """Make the reference path tracer of the room under a setup; ``outside`` shines through its openings."""
+def render_tracer(
+    room: Room, setup: RelightSetup | None, max_depth: int, textures: Textures | None = None
+) -> PathTracer:
+    """Make the reference path tracer of the room under a setup; ``textures`` are those of its materials, if at hand."""
     solid = np.flatnonzero(~room.emits)
     scene = load_scene(
         Mesh(room.mesh.vertices, room.mesh.triangles[solid]),
         room.uv,
-        room.atlas,
-        room.roughness[solid],
-        room.metallic[solid],
+        textures or Textures(room.materials),
+        room.material[solid],
         lights(room, setup),
-        outside,
+        edited(room.outside, setup and setup.background),
     )
     return PathTracer(scene, max_depth)
 
@@ -107,28 +111,28 @@ class Truth:
         The room; its triangles keep their numbers.
     added
         New lights that a setup puts into it: they follow as further triangles, with part id 0.
+    textures
+        Of the room's materials, if at hand.
     """
 
-    def __init__(self, room: Room, added: Sequence[Light] = ()) -> None:
+    def __init__(self, room: Room, added: Sequence[Light] = (), textures: Textures | None = None) -> None:
         vertices, triangles, uv = [room.mesh.vertices], [room.mesh.triangles], [room.uv]
-        self._known = {
-            "part": room.part,
-            "semantic": room.semantic,
-            "roughness": room.roughness,
-            "metallic": room.metallic,
-            "emission": room.radiance,
-        }
+        self._known = {"part": room.part, "semantic": room.semantic, "emission": room.radiance}
+        material = [room.material]
         for light in added:
             count = len(light.mesh.triangles)
             triangles.append(light.mesh.triangles + sum(map(len, vertices)))
             vertices.append(light.mesh.vertices)
             uv.append(np.zeros((len(light.mesh.vertices), 2), np.float32))
-            values = {"roughness": 1.0, "emission": light.radiance}
+            material.append(np.zeros(count, np.int32))
             for key, column in self._known.items():
-                rows = np.broadcast_to(values.get(key, 0), (count, *column.shape[1:]))
+                rows = np.broadcast_to(light.radiance if key == "emission" else 0, (count, *column.shape[1:]))
                 self._known[key] = np.concatenate([column, rows.astype(column.dtype)])
         mesh = Mesh(np.concatenate(vertices), np.concatenate(triangles))
-        self._surface = TexturedMesh(mesh, np.concatenate(uv), room.atlas)
+        self._one_sided = len(room.mesh.triangles)
+        self._surface = TexturedMesh(
+            mesh, np.concatenate(uv), textures or Textures(room.materials), np.concatenate(material)
+        )
         self.first_hits = self._surface.first_hits
 
     def look(self, origins: np.ndarray, directions: np.ndarray) -> dict[str, np.ndarray]:
@@ -139,22 +143,20 @@ class Truth:
         dict
             ``part``, ``semantic`` (N,) uint16, 0 where nothing is hit; (N, 3) float32
             ``base_color``, ``emission``, ``normal``; (N,) float32 ``roughness``, ``metallic``,
-            ``cos``. ``normal`` faces the ray, ``cos`` is the cosine between the two. What emits
-            has base colour 0.
+            ``cos``. ``normal`` faces the ray, ``cos`` is the cosine between the two. Lamps have
+            base colour 0, roughness 1 and metallic 0, on their dark side too.
         """
-        triangle, color, normal = self._surface.look(origins, directions)
+        found = self._surface.look(origins, directions)
+        triangle, normal = found.pop("triangle"), found["normal"]
         hit = triangle >= 0
         toward = -(normal * directions).sum(axis=1)
-        found = {
-            key: np.where(hit.reshape(-1, *[1] * (column.ndim - 1)), column[triangle], 0)
-            for key, column in self._known.items()
-        }
-        reflects = hit & ~found["emission"].any(axis=1)
-        return found | {
-            "base_color": np.where(reflects[:, None], color, 0),
-            "normal": normal * np.sign(toward)[:, None],
-            "cos": np.abs(toward),
-        }
+        for key, column in self._known.items():
+            found[key] = np.where(hit.reshape(-1, *[1] * (column.ndim - 1)), column[triangle], 0)
+        lamp = found["emission"].any(axis=1)
+        dark = lamp & (toward < 0) & (triangle < self._one_sided)
+        found["emission"][dark] = 0
+        found["base_color"][lamp], found["roughness"][lamp], found["metallic"][lamp] = 0, 1, 0
+        return found | {"normal": normal * np.sign(toward)[:, None], "cos": np.abs(toward)}
 
 
 @dataclass(frozen=True)
@@ -179,8 +181,8 @@ class ViewTruth:
 def view_truth(truth: Truth, camera: Camera) -> ViewTruth:
     """Look up the ground truth of a view.
 
-    Everything belongs to the surface at the pixel's centre; base colour (hence kd and a') is the
-    mean over those of 4 x 4 sub-pixels that lie on the centre's part.
+    Everything belongs to the surface at the pixel's centre; base colour, roughness and metallic (hence kd and a') are
+    the means over those of 4 x 4 sub-pixels that lie on the centre's part.
     """
     rows, columns = np.mgrid[: camera.height, : camera.width]
 
@@ -190,29 +192,34 @@ def view_truth(truth: Truth, camera: Camera) -> ViewTruth:
         return truth.look(origins, directions)
 
     center = look(0.5, 0.5)
-    color, weight = np.zeros_like(center["base_color"]), np.zeros(len(center["part"]))
-    albedo, normal = np.zeros_like(color), np.zeros_like(color)
+    mean = {key: np.zeros(center[key].shape) for key in ("base_color", "roughness", "metallic")}
+    weight = np.zeros(len(center["part"]))
+    albedo, normal = np.zeros_like(center["base_color"]), np.zeros_like(center["base_color"])
     for index in range(_SUB**2):
         sub = look((index % _SUB + 0.5) / _SUB, (index // _SUB + 0.5) / _SUB)
         same = sub["part"] == center["part"]
-        color += np.where(same[:, None], sub["base_color"], 0)
+        for key, total in mean.items():
+            total[same] += sub[key][same]
         weight += same
         # Lamps count as white: the denoiser's own convention.
         albedo += sub["base_color"] + sub["emission"].any(axis=1)[:, None]
         normal += sub["normal"]
-    mean = color / np.maximum(weight, 1)[:, None]
-    color = np.where(weight[:, None] > 0, mean, center["base_color"])
+    for key, total in mean.items():
+        some = weight > 0
+        mean[key] = center[key].copy()
+        mean[key][some] = (total[some].T / weight[some]).T
+    color, roughness, metallic = mean.values()
 
-    metallic, emission = center["metallic"], center["emission"]
+    emission = center["emission"]
     mask = emission.any(axis=1)
     reflects = (center["part"] > 0) & ~mask
-    total = reflectance(color, center["roughness"], metallic, center["cos"])
+    total = reflectance(color, roughness, metallic, center["cos"])
     layers = {
         "kd": color * (1 - metallic[:, None]),
         "base_color": color,
         "reflectance": np.where(reflects[:, None], total, 0),
         "emission": emission,
-        "roughness.Y": center["roughness"],
+        "roughness.Y": roughness,
         "metallic.Y": metallic,
         "emission_mask.Y": mask,
     }
@@ -257,12 +264,24 @@ def render_views(
     ------
     camera, (H, W, 3) float32 radiance, ground truth
     """
-    outside = edited(sky(settings.sky), setup and setup.background) if settings.opening else NOTHING
-    tracer = render_tracer(room, setup, settings.max_depth, outside)
-    truth = Truth(room, [new_light(light) for light in setup.lights] if setup else [])
+    textures = Textures(room.materials)
+    tracer = render_tracer(room, setup, settings.max_depth, textures)
+    truth = Truth(room, [new_light(light) for light in setup.lights] if setup else [], textures)
     for camera in cameras:
         known = view_truth(truth, camera)
         image = tracer.render(camera, settings.spp, path_seed(settings.seed, camera.name))
         if settings.denoise:
             image = denoise(image, **known.guides)
         yield camera, image, known
+
+
+def render_probes(room: Room, cameras: Sequence[Camera], settings: Synthesize) -> Iterator[np.ndarray]:
+    """Yield small noisy pictures (h, w, 3) of at most `_PROBES` of the cameras, spread over them."""
+    tracer = render_tracer(room, None, settings.max_depth)
+    for camera in cameras[:: -(-len(cameras) // _PROBES)]:
+        scale = min(_PROBE_WIDTH / camera.width, 1.0)
+        small = replace(
+            camera, width=max(round(camera.width * scale), 1), height=max(round(camera.height * scale), 1),
+            fx=camera.fx * scale, fy=camera.fy * scale, cx=camera.cx * scale, cy=camera.cy * scale,
+        )  # fmt: skip
+        yield tracer.render(small, _PROBE_SPP, path_seed(settings.seed, f"probe {camera.name}"))

@@ -101,7 +101,7 @@ def test_the_true_view_is_the_picture_that_would_have_been_written(scene, tmp_pa
 
 def test_the_room_with_an_open_window(backend, tmp_path):
     """Every step must build the room that --room made."""
-    settings = SETTINGS | {"opening": True, "spp": 4, "max_depth": 2, "raw": CAMERA | {"enabled": True}}
+    settings = SETTINGS | {"opening": True, "spp": 4, "max_depth": 2, "raw": CAMERA}
     room, data, raw = (tmp_path / name for name in ("room", "dataset", "raw"))
     assert synthesize("--dataset", room, "--room", settings=settings) == 0
     assert synthesize("--dataset", room, "--calibration", raw, settings=settings) == 0

@@ -10,10 +10,12 @@ from PIL import Image
 from fipt.cli.main import main
 from fipt.conventions import SHADING_OUTPUTS, SUB_POSITIONS
 from fipt.io.arrays import save_npz
+from fipt.io.dataset import Dataset
 from fipt.io.exr import write_exr
 from fipt.io.hits import Hits, write_hits
 from fipt.io.images import to_display, write_png
 from fipt.io.shading import Shading, save_shading
+from tests import scenes
 
 View = Callable[..., np.ndarray]
 
@@ -176,3 +178,20 @@ def test_what_cannot_be_viewed(
     error = capsys.readouterr().err
     assert message in error
     assert error.count("\n") == 1
+
+
+def test_a_dataset_is_shown_as_a_row_for_each_view(view, tmp_path, capsys):
+    scenes.write_dataset(tmp_path / "dataset")
+    names = [camera.name for camera in Dataset(tmp_path / "dataset").cameras]
+    pixels = view(tmp_path / "dataset")
+    said = capsys.readouterr().out
+    assert f"rows: {', '.join(names)}; columns: picture" in said
+    camera = Dataset(tmp_path / "dataset").camera(names[0])
+    columns = said.partition("columns: ")[2].partition(";")[0].split(", ")
+    assert pixels.shape == (len(names) * camera.height, len(columns) * camera.width, 3)
+    one = view(tmp_path / "dataset", "--views", names[1])
+    # The exposure is that of what is shown; ids and numbers look the same.
+    last = slice((len(columns) - 1) * camera.width, None)
+    np.testing.assert_array_equal(one[:, last], pixels[camera.height : 2 * camera.height, last])
+    assert main(["view", str(tmp_path / "dataset"), "--views", "nobody"]) == 2
+    assert "nobody is not among the accepted views" in capsys.readouterr().err

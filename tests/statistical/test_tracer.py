@@ -14,6 +14,7 @@ from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
 from fipt.io.background import NOTHING, Background, constant
 from fipt.model.albedo import specular_albedo
 from fipt.settings import Bake
+from fipt.synthesize.material import Material
 from tests import scenes
 
 SIGMAS = 4.5
@@ -309,23 +310,22 @@ def reference(room, surface, depth, background=NOTHING):
     import mitsuba as mi
 
     from fipt.render import reference as mitsuba_scene
+    from fipt.render.texels import Textures
 
     dark = np.setdiff1d(np.arange(len(room.mesh.triangles)), room.triangle)
     corners = room.mesh.corners[dark]
     left = corners[..., 0].mean(axis=1) < 0
     mesh = scenes.Mesh(corners.reshape(-1, 3), np.arange(3 * len(dark), dtype=np.int32).reshape(-1, 3))
+    materials = [
+        Material("", np.float32([[s.base_color]]), np.float32([[s.roughness]]), np.float32([[s.metallic]]))
+        for s in surface
+    ]
     uv = np.zeros((3 * len(dark), 2), np.float32)
-    uv[:, 0] = np.repeat(np.where(left, 0.0, 1.0), 3)
-    texture = np.array([[s.base_color for s in surface]], np.float32)
-    roughness, metallic = (
-        np.where(left, getattr(surface[0], name), getattr(surface[1], name)).astype(np.float32)
-        for name in ("roughness", "metallic")
-    )
     lights = [
         mitsuba_scene.Light(scenes.Mesh(room.mesh.vertices, room.mesh.triangles[[t]]), color)
         for t, color in zip(room.triangle, room.radiance, strict=True)
     ]
-    scene = mitsuba_scene.load_scene(mesh, uv, texture, roughness, metallic, lights, background)
+    scene = mitsuba_scene.load_scene(mesh, uv, Textures(materials), np.where(left, 0, 1), lights, background)
     path = mi.load_dict({"type": "path", "max_depth": depth + 1, "rr_depth": 100})
     spots = np.repeat(np.arange(len(SPOTS)), REPEATS)
     wo = np.array([unit(v) for _, _, v in SPOTS])[spots]

@@ -32,8 +32,25 @@ def test_later_layers_win():
 
 def test_a_section_in_a_stage_keeps_what_a_later_layer_leaves_out():
     room = {**ROOM, "settings": {"synthesize": {"raw": {"bits": 12}}}}
-    raw = scene(room, synthesize={"raw": {"enabled": True, "bits": 16}}).settings["synthesize"].raw
-    assert (raw.enabled, raw.bits, raw.pattern) == (True, 12, "RGGB")
+    raw = scene(room, synthesize={"raw": {"scale": 2, "bits": 16}}).settings["synthesize"].raw
+    assert (raw.scale, raw.bits, raw.pattern) == (2, 12, "RGGB")
+
+
+def test_a_modelled_room_has_views_of_its_own_size_below_every_preset():
+    room = {"source": "mitsuba", "path": "{data_root}/scene.xml"}
+    made = scene(room, data_root="/rooms")
+    chosen = made.settings["synthesize"]
+    assert (chosen.train_views, chosen.val_views, chosen.width, chosen.height) == (24, 8, 320, 240)
+    assert made.scene_options() == ["--scene", "/rooms/scene.xml"]
+    assert (
+        scene({**room, "preset": "demo"}).settings["synthesize"]
+        == scene({**ROOM, "preset": "demo"}).settings["synthesize"]
+    )
+    assert (made.synthesized, made.simulated, made.photographed) == (True, False, False)
+    raw = scene({**room, "simulate_raw": True})
+    assert (raw.synthesized, raw.simulated, raw.photographed) == (True, True, True)
+    assert not scene({**ROOM, "simulate_raw": False}).simulated
+    assert scene().scene_options() == scene().scene_files() == []
 
 
 @pytest.mark.parametrize("preset", sorted(path.stem for path in PRESETS.glob("*.yaml")))
@@ -84,7 +101,12 @@ def test_settings_are_sorted_json():
         ({"scenes": {}}, "scenes: dictionary should have at least 1 item"),
         ({"scenes": {"../x": ROOM}}, "scene '../x' cannot be used as a file name"),
         ({"scenes": {"x": {"source": "movie"}}}, "scenes.x.source: input should be 'procedural'"),
-        ({"scenes": {"x": {**ROOM, "path": "a"}}}, "scenes.x.path is only for source: dataset or raw"),
+        ({"scenes": {"x": {"source": "mitsuba"}}}, "source: mitsuba needs path: a scene file (XML)"),
+        (
+            {"scenes": {"x": {"source": "dataset", "path": "a", "format": "nerfstudio", "simulate_raw": True}}},
+            "scenes.x.simulate_raw is only for source: procedural or mitsuba",
+        ),
+        ({"scenes": {"x": {**ROOM, "path": "a"}}}, "scenes.x.path is only for source: mitsuba or dataset or raw"),
         (
             {"scenes": {"x": {"source": "dataset", "path": "a"}}},
             "one of nerfstudio, fipt-synthetic, fipt-real",

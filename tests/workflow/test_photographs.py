@@ -10,8 +10,9 @@ CONFIG = {
     "scenes": {
         "room": {
             "source": "procedural",
+            "simulate_raw": True,
             "settings": {
-                "synthesize": {"raw": {"enabled": True, "scale": 4, "calibration_frames": 9}},
+                "synthesize": {"raw": {"scale": 4, "calibration_frames": 9}},
                 "capture": {"downscale": 4, "board_square": 0.03},
             },
         }

@@ -14,7 +14,7 @@ import yaml
 
 from fipt.config import load
 from fipt.run import plan
-from tests import captures
+from tests import captures, modelled
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 SETUP = {"evening": {"emitters": [{"scale": 0.0}], "background": {"file": "night.exr"}}}
@@ -221,8 +221,7 @@ def photographed(root):
 
 def simulated(_):
     scene = {**CONFIG["scenes"]["room"]}
-    scene["settings"] = {"synthesize": {"train_views": 3, "val_views": 2, "raw": {"enabled": True}}}
-    return {**CONFIG, "scenes": {"room": scene}}
+    return {**CONFIG, "scenes": {"room": scene | {"simulate_raw": True}}}
 
 
 @pytest.mark.parametrize("config_of", [photographed, simulated])
@@ -258,6 +257,36 @@ def test_photographs_are_planned_alike(workspace, monkeypatch, config_of):
         again = here.planned()
         assert again["develop"] == 1
         assert "calibrate" not in again
+
+
+@pytest.mark.parametrize("simulate", [False, True])
+def test_scene_files_are_planned_alike(workspace, monkeypatch, simulate):
+    """The same jobs by the workflow and by ``fipt run``; a texture that changes makes the room's views anew."""
+    here = workspace(CONFIG)
+    modelled.write_scene(here.root / "scene")
+    entry = CONFIG["scenes"]["room"] | {"source": "mitsuba", "path": "scene/room.xml", "simulate_raw": simulate}
+    config = {**CONFIG, "scenes": {"room": entry}}
+    here.configure(config)
+    first = here.planned()
+    expected = {"photographed_room": 1, "photograph_views": 3, "synthesize_truth": 3, "import_dataset": 1}
+    assert first["synthesize_relit"] == 1
+    assert {rule: first.get(rule, 0) for rule in expected} == (expected if simulate else dict.fromkeys(expected, 0))
+    assert (first.get("synthesize_room", 0), first.get("synthesize_views", 0)) == ((0, 0) if simulate else (1, 3))
+    here.snakemake()
+    assert here.planned() == {}
+    monkeypatch.chdir(here.root)
+    jobs = plan(load(config).scenes["room"])
+    assert sorted(here.calls()) == sorted([job.verb, *job.options] for job in jobs)
+    files = {"scene/room.xml", "scene/models/cupboard.obj", "scene/textures/tiles.png"}
+    rooms = [job for job in jobs if "--scene" in job.options]
+    assert len(rooms) == (8 if simulate else 5)
+    for job in rooms:
+        assert files <= set(job.inputs)
+
+    (here.root / "scene/textures/tiles.png").write_bytes(b"another picture")
+    again = here.planned()
+    views = {"photograph_views", "synthesize_truth"} if simulate else {"synthesize_views"}
+    assert {*views, "synthesize_relit", "fit", "scene_report"} <= again.keys()
 
 
 def test_poses_must_be_of_the_photographs(workspace, tmp_path):

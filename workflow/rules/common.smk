@@ -99,7 +99,7 @@ def images(*splits):
 
     def files(wildcards):
         scene = scene_of(wildcards)
-        if scene.source == "procedural" and not scene.simulated:
+        if scene.synthesized and not scene.simulated:
             return made(wildcards)
         known = truth(wildcards) if scene.simulated else []
         return [*expand(imported, **wildcards), *known]
@@ -107,12 +107,12 @@ def images(*splits):
     return files
 
 
-def relit(pattern, source=None):
-    """Input function: the pattern for every relit shard and setup; nothing for other sources."""
+def relit(pattern, known=False):
+    """Input function: the pattern for every relit shard and setup; only of ``known`` rooms where that is asked."""
 
     def files(wildcards):
         scene = scene_of(wildcards)
-        if source not in (None, scene.source):
+        if known and not scene.synthesized:
             return []
         shards = readable(scene.relit_shards)
         return expand(pattern, setup=scene.setups, shard=shards, **wildcards)

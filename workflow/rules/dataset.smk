@@ -2,6 +2,7 @@
 
 INPUTS:  source: dataset     cameras, pictures and mesh of another layout (path, format)
          source: procedural  settings of stage synthesize
+         source: mitsuba     the same, a scene file (path) and every file that it refers to
          source: raw         what rules/capture.smk wrote, poses and mesh
 OUTPUTS: results/{scene}/dataset/transforms.json   cameras, metres, OpenGL axes, with split
          results/{scene}/dataset/views.json        which views are accepted
@@ -9,7 +10,7 @@ OUTPUTS: results/{scene}/dataset/transforms.json   cameras, metres, OpenGL axes,
          results/{scene}/dataset/images[.{shard}].manifest.json  lists images/*.exr (linear RGB radiance),
                                                    segments/*/*.png (16-bit ids) and truth/*.exr
          results/{scene}/dataset/relight_truth.{setup}.{shard}.manifest.json
-                                                   lists relight_truth/{setup}/*.exr (procedural)
+                                                   lists relight_truth/{setup}/*.exr (known rooms)
 """
 
 
@@ -45,7 +46,9 @@ rule import_dataset:
 
 
 rule synthesize_room:
-    """Build the procedural room and place its cameras."""
+    """Build a room in code or of a scene file, and place its cameras."""
+    input:
+        scene_files,
     output:
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
@@ -57,22 +60,24 @@ rule synthesize_room:
     benchmark:
         "results/{scene}/benchmarks/synthesize.jsonl"
     wildcard_constraints:
-        scene=scenes_that(lambda s: s.source == "procedural" and not s.simulated),
+        scene=scenes_that(lambda s: s.synthesized and not s.simulated),
     threads: workflow.cores
     resources:
         mem_mb=4000,
     params:
         dataset=folder("results/{scene}/dataset"),
+        scene=scene_options,
         settings=settings("synthesize"),
         version=VERSIONS["synthesize"],
     shell:
-        "fipt synthesize --dataset {params.dataset:q} --room"
+        "fipt synthesize --dataset {params.dataset:q} --room {params.scene:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
 
 
 rule synthesize_views:
-    """Render pictures, segments and ground truth of a shard of the procedural room."""
+    """Render pictures, segments and ground truth of a shard of a known room."""
     input:
+        scene_files,
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
         mesh="results/{scene}/dataset/mesh.ply",
@@ -85,7 +90,7 @@ rule synthesize_views:
     benchmark:
         "results/{scene}/benchmarks/synthesize.{shard}.jsonl"
     wildcard_constraints:
-        scene=scenes_that(lambda s: s.source == "procedural" and not s.simulated),
+        scene=scenes_that(lambda s: s.synthesized and not s.simulated),
     threads: workflow.cores
     resources:
         mem_mb=4000,
@@ -93,17 +98,19 @@ rule synthesize_views:
     params:
         dataset=folder("results/{scene}/dataset"),
         views=views,
+        scene=scene_options,
         settings=settings("synthesize"),
         version=VERSIONS["synthesize"],
     shell:
-        "fipt synthesize --dataset {params.dataset:q} --views {params.views:q}"
+        "fipt synthesize --dataset {params.dataset:q} --views {params.views:q} {params.scene:q}"
         " --manifest {output.manifest:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
 
 
 rule synthesize_relit:
-    """Render a shard of the procedural room under a relight setup, as the truth of relighting."""
+    """Render a shard of a known room under a relight setup, as the truth of relighting."""
     input:
+        scene_files,
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
         mesh="results/{scene}/dataset/mesh.ply",
@@ -117,7 +124,7 @@ rule synthesize_relit:
     benchmark:
         "results/{scene}/benchmarks/synthesize.{setup}.{shard}.jsonl"
     wildcard_constraints:
-        scene=scenes_that(lambda s: s.source == "procedural"),
+        scene=scenes_that(lambda s: s.synthesized),
     threads: workflow.cores
     resources:
         mem_mb=4000,
@@ -126,10 +133,11 @@ rule synthesize_relit:
         dataset=folder("results/{scene}/dataset"),
         views=views,
         setup=setup_json,
+        scene=scene_options,
         settings=settings("synthesize"),
         version=VERSIONS["synthesize"],
     shell:
         "fipt synthesize --dataset {params.dataset:q} --views {params.views:q}"
-        " --setup {params.setup:q} --setup-name {wildcards.setup:q}"
+        " --setup {params.setup:q} --setup-name {wildcards.setup:q} {params.scene:q}"
         " --manifest {output.manifest:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

@@ -16,7 +16,7 @@ rule scene_metrics:
         relight=relit("results/{scene}/relight/{setup}.{shard}.manifest.json"),
         truth=relit(
             "results/{scene}/dataset/relight_truth.{setup}.{shard}.manifest.json",
-            "procedural",
+            known=True,
         ),
         emitters=last_emitters,
     output:

@@ -1,6 +1,6 @@
-"""Input and params functions of photographed scenes, true or simulated.
+"""Input and params functions of photographed scenes, true or simulated, and of scene files.
 
-INPUTS:  the scenes' captures (path), poses, mesh
+INPUTS:  the scenes' captures or scene files (path), poses, mesh
 OUTPUTS: none; functions that turn wildcards into files and options
 """
 
@@ -40,9 +40,19 @@ def calibrated_from(wildcards):
 
 
 def room(wildcards):
-    """Input function: the room in code, where the dataset is made of it."""
+    """Input function: the known room, where the dataset is made of it."""
     made = "results/{scene}/dataset/room.json".format(**wildcards)
     return [] if scene_of(wildcards).simulated else made
+
+
+def scene_files(wildcards):
+    """Input function: the scene file of a modelled room, and every file that it refers to."""
+    return readable(scene_of(wildcards).scene_files)
+
+
+def scene_options(wildcards):
+    """Params function: which room is synthesized."""
+    return scene_of(wildcards).scene_options()
 
 
 def capture_path(wildcards):

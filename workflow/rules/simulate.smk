@@ -1,6 +1,6 @@
-"""The procedural room, photographed by a simulated camera (synthesize.raw.enabled).
+"""A known room, photographed by a simulated camera (simulate_raw: true).
 
-INPUTS:  settings of stage synthesize
+INPUTS:  settings of stage synthesize; of a modelled room the scene file and every file that it refers to
 OUTPUTS: results/{scene}/room/                                    mesh, cameras and names of the room
          results/{scene}/raw.{calibration,{shard}}.manifest.json  lists raw/*.dng, raw/calibration/*/*.dng
          results/{scene}/dataset/truth.{shard}.manifest.json      lists truth/*.exr, segments/*/*.png of the dataset
@@ -8,7 +8,9 @@ OUTPUTS: results/{scene}/room/                                    mesh, cameras 
 
 
 rule photographed_room:
-    """Build the procedural room and place its cameras, to be photographed."""
+    """Build a room in code or of a scene file and place its cameras, to be photographed."""
+    input:
+        scene_files,
     output:
         transforms="results/{scene}/room/transforms.json",
         views="results/{scene}/room/views.json",
@@ -26,10 +28,11 @@ rule photographed_room:
         mem_mb=4000,
     params:
         dataset=folder("results/{scene}/room"),
+        scene=scene_options,
         settings=settings("synthesize"),
         version=VERSIONS["synthesize"],
     shell:
-        "fipt synthesize --dataset {params.dataset:q} --room"
+        "fipt synthesize --dataset {params.dataset:q} --room {params.scene:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
 
 
@@ -62,8 +65,9 @@ rule photograph_calibration:
 
 
 rule photograph_views:
-    """Photograph a shard of the procedural room with the simulated camera."""
+    """Photograph a shard of a known room with the simulated camera."""
     input:
+        scene_files,
         transforms="results/{scene}/room/transforms.json",
         views="results/{scene}/room/views.json",
         mesh="results/{scene}/room/mesh.ply",
@@ -83,17 +87,19 @@ rule photograph_views:
         dataset=folder("results/{scene}/room"),
         raw=folder("results/{scene}/raw"),
         views=views,
+        scene=scene_options,
         settings=settings("synthesize"),
         version=VERSIONS["synthesize"],
     shell:
-        "fipt synthesize --dataset {params.dataset:q} --raw {params.raw:q} --views {params.views:q}"
+        "fipt synthesize --dataset {params.dataset:q} --raw {params.raw:q} --views {params.views:q} {params.scene:q}"
         " --manifest {output.manifest:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
 
 
 rule synthesize_truth:
-    """Look up ids and ground truth of a shard of developed photographs of the procedural room."""
+    """Look up ids and ground truth of a shard of developed photographs of a known room."""
     input:
+        scene_files,
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
         mesh="results/{scene}/dataset/mesh.ply",
@@ -113,9 +119,10 @@ rule synthesize_truth:
     params:
         dataset=folder("results/{scene}/dataset"),
         views=views,
+        scene=scene_options,
         settings=settings("synthesize"),
         version=VERSIONS["synthesize"],
     shell:
-        "fipt synthesize --dataset {params.dataset:q} --truth --views {params.views:q}"
+        "fipt synthesize --dataset {params.dataset:q} --truth --views {params.views:q} {params.scene:q}"
         " --manifest {output.manifest:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

@@ -19,8 +19,13 @@ def first_hits(backend):
 
 
 @pytest.fixture(scope="module")
-def cameras(first_hits):
-    return poses.sample_cameras(build(0), first_hits, SETTINGS)
+def space(first_hits):
+    return poses.OpenSpace(build(0), first_hits, 0)
+
+
+@pytest.fixture(scope="module")
+def cameras(space):
+    return poses.sample_cameras(space, SETTINGS)
 
 
 def test_names_and_splits(cameras):
@@ -63,13 +68,12 @@ def test_held_out_views_show_what_training_views_show(cameras, first_hits):
         assert areas[shown] @ seen[shown] / areas[shown].sum() > 0.8
 
 
-def test_poses_repeat_and_more_views_keep_the_first(cameras, first_hits):
-    more = poses.sample_cameras(build(0), first_hits, SETTINGS.model_copy(update={"train_views": 9, "val_views": 1}))
+def test_poses_repeat_and_more_views_keep_the_first(cameras, space):
+    more = poses.sample_cameras(space, SETTINGS.model_copy(update={"train_views": 9, "val_views": 1}))
     for old, new in zip(cameras[:8], more, strict=False):
         np.testing.assert_array_equal(old.world_from_camera, new.world_from_camera)
     other = poses.sample_cameras(
-        build(0),
-        first_hits,
+        space,
         SETTINGS.model_copy(update={"seed": 1, "train_views": 1, "val_views": 1}),
     )
     assert not np.allclose(other[0].world_from_camera, cameras[0].world_from_camera)

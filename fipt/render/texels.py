@@ -1,0 +1,121 @@
+"""Textures of many materials as one array on the device: looked up by material, tiled, without a branch.
+
+A scene has hundreds of materials. One Mitsuba plugin each would cost a virtual call each, and a shape each, so that
+triangles lost their numbers; here the mesh stays one.
+"""
+
+from __future__ import annotations  # Mitsuba has no classes before its variant is set
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from fipt.conventions import ROUGHNESS_MIN
+
+
+class Material(Protocol):
+    """What `Texels` needs of a material: float32 images, 1 x 1 where they are constant; row 0 is v = 0.
+
+    Images repeat: (u, v) and (u + 1, v) are the same place. Texel centres are at half integers, values between them
+    are bilinear.
+    """
+
+    base_color: np.ndarray
+    roughness: np.ndarray
+    metallic: np.ndarray
+
+
+class Texels:
+    """Images (h, w) or (h, w, 3) of several materials, in one array.
+
+    Parameters
+    ----------
+    images
+        One for each material, all of as many channels; float32.
+    """
+
+    def __init__(self, images: Sequence[np.ndarray]) -> None:
+        sizes = np.array([image.shape[:2] for image in images], np.uint32)
+        starts = np.concatenate([[0], np.cumsum(sizes.prod(axis=1, dtype=np.int64))])
+        channels = 3 if images[0].ndim == 3 else 1
+        flat = np.empty((starts[-1], channels), np.float32)
+        for image, start in zip(images, starts, strict=False):
+            flat[start : start + image.shape[0] * image.shape[1]] = image.reshape(-1, channels)
+        self._texels = mi.Float(flat.ravel())
+        self._height, self._width, self._start = (mi.UInt32(v.astype(np.uint32)) for v in (*sizes.T, starts[:-1]))
+
+    def lookup(self, kind: type, material: Any, uv: Any, active: Any = True) -> Any:
+        """Return the ``kind`` (`Color3f` or `Float`) of materials (mi.UInt32) at places ``uv`` (mi.Point2f)."""
+        height, width, start = (
+            dr.gather(mi.UInt32, table, material, active) for table in (self._height, self._width, self._start)
+        )
+        left, right, tx = _neighbours(uv.x, width)
+        top, bottom, ty = _neighbours(uv.y, height)
+
+        def texel(row: Any, column: Any) -> Any:
+            return dr.gather(kind, self._texels, start + row * width + column, active)
+
+        upper = dr.lerp(texel(top, left), texel(top, right), tx)
+        lower = dr.lerp(texel(bottom, left), texel(bottom, right), tx)
+        return dr.lerp(upper, lower, ty)
+
+
+def _neighbours(place: Any, count: Any) -> tuple[Any, Any, Any]:
+    """Texels on both sides of a texture coordinate along an axis of ``count`` texels; the share of the second."""
+    position = (place - dr.floor(place)) * count - 0.5
+    first = dr.floor(position)
+    before = dr.select(first < 0, count - 1, mi.UInt32(first))
+    after = dr.select(before + 1 == count, 0, before + 1)
+    return before, after, position - first
+
+
+class Textures:
+    """The textures of a room's materials, on the device."""
+
+    def __init__(self, materials: Sequence[Material]) -> None:
+        self.base_color = Texels([material.base_color for material in materials])
+        self.roughness = Texels([np.maximum(material.roughness, ROUGHNESS_MIN) for material in materials])
+        self.metallic = Texels([material.metallic for material in materials])
+
+
+class Surface:
+    """Reflectance of every place of a mesh.
+
+    Parameters
+    ----------
+    textures
+        Of all materials.
+    material
+        (T,) material of each triangle.
+
+    Attributes
+    ----------
+    base_color, roughness, metallic
+        What a `fipt.render.bsdf` asks for them: ``eval(si, active)``, ``eval_1(si, active)``.
+    """
+
+    def __init__(self, textures: Textures, material: np.ndarray) -> None:
+        number = mi.UInt32(np.ascontiguousarray(material, np.uint32))
+        self.base_color, self.roughness, self.metallic = (
+            _Looked(texels, number) for texels in (textures.base_color, textures.roughness, textures.metallic)
+        )
+
+
+class _Looked:
+    """Texels on a mesh, with the two methods of a Mitsuba texture that a BSDF calls."""
+
+    def __init__(self, texels: Texels, material: Any) -> None:
+        self._texels, self._material = texels, material
+
+    def eval(self, si: Any, active: Any = True) -> Any:
+        return self._at(mi.Color3f, si, active)
+
+    def eval_1(self, si: Any, active: Any = True) -> Any:
+        return self._at(mi.Float, si, active)
+
+    def _at(self, kind: type, si: Any, active: Any) -> Any:
+        material = dr.gather(mi.UInt32, self._material, si.prim_index, active)
+        return self._texels.lookup(kind, material, si.uv, active)
