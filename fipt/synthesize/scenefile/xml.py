@@ -136,6 +136,24 @@ def read_tree(path: str | Path) -> SceneTree:
     return SceneTree(reader.resolved(root, ()), reader.files)
 
 
+def scene_files(path: str | Path) -> list[Path]:
+    """List the scene file and all files that are there of those it names; loads none of them.
+
+    Raises
+    ------
+    FiptError
+        If the scene file is missing or cannot be read.
+    """
+    path = Path(path)
+    tree = read_tree(path)
+    names = []
+    for part in ("shape", "bsdf", "emitter", "texture"):
+        for node in tree.root.objects(part):
+            names += [found.attributes.get("value", "") for found in node.walk() if found.name == "filename"]
+    named = (inside(path.parent, name) for name in dict.fromkeys(names) if name)
+    return tree.files + [file for file in named if file is not None and file.is_file()]
+
+
 def inside(folder: Path, text: str) -> Path | None:
     """Return the file that ``text`` names below ``folder``, links followed; None where it lies outside."""
     path = folder / text.replace("\\", "/")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import time
 
 import pytest
@@ -106,3 +108,13 @@ def test_paths_stay_inside_the_folder_even_through_links(tmp_path):
     assert inside(folder, "models\\a.obj") == folder / "models/a.obj"
     for text in ("../secret", "/etc/passwd", "link", "a/../../secret"):
         assert inside(folder, text) is None
+
+
+def test_listing_files_loads_nothing_heavy(tmp_path):
+    (tmp_path / "scene.xml").write_text("<scene/>")
+    code = (
+        "import sys; from fipt.synthesize.scenefile.xml import scene_files; "
+        f"assert len(scene_files({str(tmp_path / 'scene.xml')!r})) == 1; "
+        "sys.exit(any(name in sys.modules for name in ('mitsuba', 'numpy', 'torch')))"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
