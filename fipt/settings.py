@@ -134,6 +134,60 @@ class Import(Settings):
     )
 
 
+class SceneBoard(Settings):
+    """A board of known size that stands in the photographed room."""
+
+    kind: Literal["charuco", "apriltag"] = Field("charuco", description="a ChArUco board, or single AprilTags")
+    columns: int = Field(9, ge=2, le=64, description="inner corners along a row of a ChArUco board")
+    rows: int = Field(6, ge=2, le=64, description="inner corners along its columns")
+    square: Length = Field(0.06, description="side of a square of a ChArUco board, metres")
+    marker: Length = Field(0.045, description="side of a marker, or of every AprilTag (its black square), metres")
+    dictionary: str = Field("DICT_5X5_100", description="markers, as OpenCV names them: DICT_APRILTAG_36h11 for tags")
+    place: Literal["floor", "wall", "anywhere"] = Field(
+        "floor", description="lies on the floor, hangs upright on a wall, or tells nothing about up"
+    )
+
+
+class KnownDistance(Settings):
+    """A measured distance between two named points."""
+
+    between: tuple[str, str] = Field(description="names of two entries of `points`")
+    metres: Length = Field(description="measured distance, metres")
+
+
+Pixel = Annotated[tuple[float, float], Field(description="column and row, the top left pixel's centre at 0.5, 0.5")]
+
+
+class Align(Settings):
+    """Metres, up, walls and origin of reconstructed cameras."""
+
+    board: SceneBoard | None = Field(None, description="a board of known size that stands in the room")
+    points: dict[str, dict[str, Pixel]] = Field(
+        {}, description="named points: view -> [column, row] of the undistorted picture, in two or more views"
+    )
+    distances: tuple[KnownDistance, ...] = Field((), description="measured distances between named points")
+    tripod_height: Length | None = Field(None, description="of the lens above the floor in all views, metres")
+    scale: Literal["auto", "board", "distances", "tripod"] = Field(
+        "auto", description="what metres come from; `auto`: the first of these that is given"
+    )
+    up: Literal["auto", "board", "floor", "cameras"] = Field(
+        "auto", description="what up comes from; `auto`: the first of these that is found"
+    )
+    walls: bool = Field(True, description="turn the room about the up axis so that its walls face along x and z")
+    seed: Count = Field(0, description="seed of the search for the floor")
+
+
+class CheckPoses(Settings):
+    """Second check of the cameras, through the mesh: every view must show what the others show."""
+
+    enabled: bool | None = Field(None, description="check before the fit; absent: for photographs (source raw) only")
+    width: Positive = Field(192, description="pictures are reduced to this many columns at most")
+    partners: Positive = Field(10, description="other views that each view is compared with, those that share most")
+    least_score: Fraction = Field(0.35, description="correlation with the other views below which a view is rejected")
+    least_overlap: Fraction = Field(0.05, description="share of a view that others must show to judge it")
+    keep: Fraction = Field(0.7, description="with fewer views than this share left, stop: mesh and views do not match")
+
+
 class Hits(Settings):
     """First hits of camera rays."""
 
