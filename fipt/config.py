@@ -127,6 +127,8 @@ class Scene:
         values = dumped(self.settings[stage])
         if stage == "background" and values["file"]:
             values["file"] = self.background_path()
+        if stage == "check_poses":
+            values["enabled"] = self.checks_poses
         return json.dumps(values, sort_keys=True)
 
     def setup_json(self, setup: str) -> str:
@@ -153,6 +155,12 @@ class Scene:
         """Files that a relight setup names: another environment map, or none."""
         edit = self.setups[setup].background
         return [self._placed(edit.file, f"setups.{setup}.background.file")] if edit and edit.file else []
+
+    @property
+    def checks_poses(self) -> bool:
+        """Whether cameras are checked through the mesh: those of photographs, unless the settings say."""
+        wanted = self.settings["check_poses"].enabled
+        return self.source == "raw" if wanted is None else wanted
 
     @property
     def simulated(self) -> bool:

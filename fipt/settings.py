@@ -75,6 +75,20 @@ class SimulatedCamera(Settings):
     seed: Count = Field(0, description="seed of noise, hot pixels, ghosts and poses of the board")
 
 
+class SimulatedBoard(Settings):
+    """A ChArUco board that stands in the room."""
+
+    enabled: bool = Field(False, description="put it there; room.json has the places of its corners")
+    place: Literal["floor", "wall"] = Field("floor", description="lies on the floor, or hangs on the nearest wall")
+    position: Point = Field((3.85, 0.0, 2.05), description="of its centre, metres")
+    turn: Angle = Field(15.0, description="clockwise as one looks at it, degrees")
+    columns: int = Field(5, ge=2, le=64, description="inner corners along a row")
+    rows: int = Field(4, ge=2, le=64, description="inner corners along a column")
+    square: Length = Field(0.1, description="side of a square, metres")
+    marker: Length = Field(0.075, description="side of a marker, metres")
+    dictionary: str = Field("DICT_5X5_100", description="markers, as OpenCV names them")
+
+
 class Synthesize(Settings):
     """The procedural room and its views."""
 
@@ -88,6 +102,7 @@ class Synthesize(Settings):
     denoise: bool = Field(True, description="denoise the rendered views")
     opening: bool = Field(False, description="leave the window's pane out: light comes from the sky outside")
     sky: Rgb = Field((8.0, 9.75, 12.5), description="radiance of the sky's horizon, where there is an opening")
+    board: SimulatedBoard = Field(SimulatedBoard(), description="a ChArUco board that stands in the room")
     seed: Count = Field(0, description="seed of room, cameras and noise")
     raw: SimulatedCamera = Field(SimulatedCamera(), description="photograph the views with a simulated camera")
 
@@ -138,10 +153,10 @@ class SceneBoard(Settings):
     """A board of known size that stands in the photographed room."""
 
     kind: Literal["charuco", "apriltag"] = Field("charuco", description="a ChArUco board, or single AprilTags")
-    columns: int = Field(9, ge=2, le=64, description="inner corners along a row of a ChArUco board")
-    rows: int = Field(6, ge=2, le=64, description="inner corners along its columns")
-    square: Length = Field(0.06, description="side of a square of a ChArUco board, metres")
-    marker: Length = Field(0.045, description="side of a marker, or of every AprilTag (its black square), metres")
+    columns: int = Field(5, ge=2, le=64, description="inner corners along a row of a ChArUco board")
+    rows: int = Field(4, ge=2, le=64, description="inner corners along its columns")
+    square: Length = Field(0.1, description="side of a square of a ChArUco board, metres")
+    marker: Length = Field(0.075, description="side of a marker, or of every AprilTag (its black square), metres")
     dictionary: str = Field("DICT_5X5_100", description="markers, as OpenCV names them: DICT_APRILTAG_36h11 for tags")
     place: Literal["floor", "wall", "anywhere"] = Field(
         "floor", description="lies on the floor, hangs upright on a wall, or tells nothing about up"
@@ -183,7 +198,10 @@ class CheckPoses(Settings):
     enabled: bool | None = Field(None, description="check before the fit; absent: for photographs (source raw) only")
     width: Positive = Field(192, description="pictures are reduced to this many columns at most")
     partners: Positive = Field(10, description="other views that each view is compared with, those that share most")
-    least_score: Fraction = Field(0.35, description="correlation with the other views below which a view is rejected")
+    least_score: Fraction = Field(
+        0.55,
+        description="a view is rejected whose correlation with the others is below this share of the median view's",
+    )
     least_overlap: Fraction = Field(0.05, description="share of a view that others must show to judge it")
     keep: Fraction = Field(0.7, description="with fewer views than this share left, stop: mesh and views do not match")
 
@@ -378,6 +396,7 @@ STAGES: dict[str, type[Settings]] = {
     "synthesize": Synthesize,
     "capture": Capture,
     "import": Import,
+    "check_poses": CheckPoses,
     "hits": Hits,
     "background": Background,
     "cache": Cache,

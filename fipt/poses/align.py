@@ -34,8 +34,8 @@ _STEEPEST = 25.0
 """Degrees between the floor's normal and the cameras' mean up, at most."""
 
 _FLOOR_TRIES = 2000
-_SHARE = 0.08
-"""Share of the points below all cameras that a floor holds, at least: any thin slice of the walls holds some."""
+_MORE = 3.0
+"""Points on the floor over those that any level slice of the walls would hold, at least."""
 
 _FLAT = 0.004
 """Half the floor's thickness over the extent of the points."""
@@ -224,7 +224,8 @@ def find_floor(points: np.ndarray, centers: np.ndarray, up: np.ndarray, seed: in
     away = [low @ normal - offset for normal, offset in zip(normals, offsets, strict=True)]
     on = np.array([(np.abs(each) < tolerance).sum() for each in away], float)
     below = np.array([(each < -2 * tolerance).sum() for each in away], float)
-    good = (on >= max(15, _SHARE * len(low), 0.1 * on.max(initial=0))) & (below < 0.5 * on)
+    by_chance = len(low) * 2 * tolerance / np.ptp(low @ up)
+    good = (on >= max(15, _MORE * by_chance, 0.1 * on.max(initial=0))) & (below < 0.5 * on)
     if not good.any():
         return None
     # Of planes at one height, within the tolerance, the one with the most points.
@@ -429,7 +430,7 @@ def _by_distances(settings: Align, cameras: dict[str, Camera]) -> tuple[tuple[fl
         units = float(np.linalg.norm(a.position - b.position))
         if units <= 0:
             raise FiptError(
-                f"points {' and '.join(distance.between)} are {distance.metres:g} m apart, but at one place in the views",
+                f"points {' and '.join(distance.between)} are {distance.metres:g} m apart, but show one place",
                 "check their pixels",
             )
         worst = float(max(a.residual.max(), b.residual.max()))

@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from fipt.errors import FiptError
 from fipt.io.cameras import Camera, read_transforms, write_transforms
-from fipt.io.dataset import Dataset, read_rejected, write_views
+from fipt.io.dataset import Dataset, rejected_views, write_views
 from fipt.io.exr import write_exr
 from fipt.io.files import existing_file, write_text
 from fipt.io.images import write_png
@@ -139,7 +139,7 @@ def write_truths(folder: Path, names: Sequence[str], settings: Synthesize) -> li
 
 
 def _built(settings: Synthesize) -> Room:
-    return build(settings.seed, settings.opening)
+    return build(settings.seed, settings.opening, settings.board if settings.board.enabled else None)
 
 
 def _write_names(folder: Path, room: Room) -> list[Path]:
@@ -173,7 +173,7 @@ def _cameras(folder: Path, names: Sequence[str], room: Room, settings: Synthesiz
     same_size = settings.raw.enabled or sizes == {(settings.width, settings.height)}
     if described != room.description() or not same_size:
         raise FiptError(f"{folder} holds a room made with other settings", "run fipt synthesize --room again")
-    rejected = read_rejected(folder / "views.json")
+    rejected = rejected_views(folder)
     names = [name for name in names if name not in rejected]
     unknown = [name for name in names if name not in cameras]
     if unknown:

@@ -9,12 +9,15 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
 from fipt.io.meshes import Mesh
+from fipt.settings import SimulatedBoard
+from fipt.synthesize.board import board_part, described
 from fipt.synthesize.furniture import SEMANTICS, SIZE, Part, furnish
 from fipt.synthesize.shapes import joined
 
@@ -46,6 +49,8 @@ class Room:
         (T,) float32.
     radiance
         (T, 3) float32 emitted radiance, zero where a triangle does not emit.
+    board
+        What room.json says of the board in the room; None where there is none.
     """
 
     seed: int
@@ -58,6 +63,7 @@ class Room:
     roughness: np.ndarray
     metallic: np.ndarray
     radiance: np.ndarray
+    board: dict[str, Any] | None = None
 
     @property
     def emits(self) -> np.ndarray:
@@ -109,13 +115,21 @@ class Room:
             "parts": parts,
             "emitters": emitters,
         }
+        if self.board is not None:
+            content["board"] = self.board
         return json.dumps(content, indent=1) + "\n"
 
 
 @lru_cache(4)
-def build(seed: int, opening: bool = False) -> Room:
-    """Build the room, closed or with an open window; equal seeds give equal rooms, down to the order of triangles."""
-    return assemble(seed, furnish(np.random.default_rng([seed, 1]), opening))
+def build(seed: int, opening: bool = False, board: SimulatedBoard | None = None) -> Room:
+    """Build the room, closed or with an open window; equal seeds give equal rooms, down to the order of triangles.
+
+    A ``board`` comes last, so that all else keeps its numbers.
+    """
+    parts = furnish(np.random.default_rng([seed, 1]), opening)
+    if board is None:
+        return assemble(seed, parts)
+    return replace(assemble(seed, [*parts, board_part(board)]), board=described(board))
 
 
 def assemble(seed: int, parts: Sequence[Part]) -> Room:
