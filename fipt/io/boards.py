@@ -25,7 +25,7 @@ def charuco_board(
 
 
 def charuco_corners(
-    grey: np.ndarray, board: cv2.aruco.CharucoBoard, least: int
+    grey: np.ndarray, board: cv2.aruco.CharucoBoard, least: int, beside: int = 2
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
     """Find a ChArUco board.
 
@@ -37,6 +37,8 @@ def charuco_corners(
         What to look for.
     least
         Fewer corners than this count as none.
+    beside
+        Markers beside a corner that must be read, 1 or 2.
 
     Returns
     -------
@@ -47,7 +49,9 @@ def charuco_corners(
     ids
         (N,) int32 numbers of the corners, row by row.
     """
-    corners, ids, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(grey)
+    parameters = cv2.aruco.CharucoParameters()
+    parameters.minMarkers = beside
+    corners, ids, _, _ = cv2.aruco.CharucoDetector(board, parameters).detectBoard(grey)
     if ids is None or len(ids) < least:
         return None
     objects, images = board.matchImagePoints(corners, ids)

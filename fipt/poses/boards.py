@@ -21,8 +21,8 @@ _LEAST = 4
 _WHITES = (99.5, 90.0, 60.0)
 """Percentiles of the luminance that become white: a board may lie in the light or in the dark."""
 
-_MAGNIFIED = 2500
-"""Pictures up to this width are searched at twice their size too: a marker needs two pixels for each of its cells."""
+_MAGNIFIED = 3500
+"""Width up to which pictures are searched at twice and four times their size too: small markers are found there."""
 
 _BIG = 0.3
 """Residual in pixels below which no view counts as wrong, however good the others are."""
@@ -106,7 +106,7 @@ def find_boards(cameras: Sequence[Camera], read_image: ReadImage, board: SceneBo
             best = 0
             for grey, size in _pictures(read_image(camera.name), 0.5 if board.kind == "charuco" else 1.0):
                 if board.kind == "charuco":
-                    found = boards.charuco_corners(grey, charuco, _LEAST)
+                    found = boards.charuco_corners(grey, charuco, _LEAST, beside=1)
                     if found is not None and len(found[2]) > best:
                         best = len(found[2])
                         targets[0].seen[camera.name] = (found[2], found[1].astype(np.float64) / size)
@@ -142,8 +142,9 @@ def _pictures(radiance: np.ndarray, power: float) -> Iterator[tuple[np.ndarray, 
 
     pictures = toned(radiance, power)
     yield from ((grey, 1) for grey in pictures)
-    if radiance.shape[1] <= _MAGNIFIED:
-        yield from ((cv2.resize(grey, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC), 2) for grey in pictures)
+    for size in (2, 4):
+        if radiance.shape[1] * size <= _MAGNIFIED:
+            yield from ((cv2.resize(g, None, fx=size, fy=size, interpolation=cv2.INTER_CUBIC), size) for g in pictures)
 
 
 def toned(radiance: np.ndarray, power: float = 0.5) -> list[np.ndarray]:
