@@ -8,7 +8,8 @@ import numpy as np
 from fipt.conventions import LUMINANCE
 from fipt.errors import FiptError
 from fipt.io.cameras import Camera
-from fipt.poses.triangulate import similarity_between, triangulate
+from fipt.poses.similarity import fit_similarity
+from fipt.poses.triangulate import triangulate
 from fipt.progress import progress
 from fipt.settings import SceneBoard
 
@@ -165,7 +166,9 @@ def place(target: Target, cameras: Mapping[str, Camera]) -> Placed | None:
     if len(located) < 3:
         return None
     ids = np.array(sorted(located))
-    start = similarity_between(target.points[ids], np.array([located[i] for i in ids]))
+    first = fit_similarity(target.points[ids], np.array([located[i] for i in ids]))
+    size = float(np.cbrt(np.linalg.det(first[:3, :3])))
+    start = (size, first[:3, :3] / size, first[:3, 3])
     used = list(views)
     while True:
         solved = _solve(target, used, cameras, start)

@@ -73,13 +73,3 @@ def nearest_point(origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
     across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
     # Of parallel lines no point is nearest: the pseudo-inverse gives one of them.
     return np.linalg.pinv(across.sum(axis=0), hermitian=True) @ (across @ origins[:, :, None]).sum(axis=0)[:, 0]
-
-
-def similarity_between(source: np.ndarray, target: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-    """Scale, (3, 3) rotation and (3,) shift that bring (N, 3) source points closest to target points (Umeyama 1991)."""
-    a, b = source - source.mean(axis=0), target - target.mean(axis=0)
-    u, values, v = np.linalg.svd(b.T @ a)
-    sign = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ v))])
-    rotation = (u * sign) @ v
-    scale = float((values * sign).sum() / (a**2).sum())
-    return scale, rotation, target.mean(axis=0) - scale * rotation @ source.mean(axis=0)

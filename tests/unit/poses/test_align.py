@@ -11,7 +11,7 @@ import pytest
 from fipt.config import checked
 from fipt.errors import FiptError
 from fipt.poses.align import align, cameras_up, find_floor
-from fipt.poses.triangulate import nearest_point, similarity_between, triangulate
+from fipt.poses.triangulate import nearest_point, triangulate
 from fipt.settings import Align, KnownDistance, SceneBoard
 from tests import room_views
 
@@ -236,13 +236,6 @@ def test_triangulation_leaves_a_wrong_pixel_out():
     assert found.residual[3] == pytest.approx(np.hypot(40, 25), abs=0.01)
 
 
-def test_nearest_point_and_similarity_have_closed_forms(np_rng):
+def test_the_nearest_point_to_lines_has_a_closed_form():
     lines = np.array([[1.0, 0, 0], [0, 1, 0]])
     np.testing.assert_allclose(nearest_point(np.array([[0.0, 0, 0], [2, 5, 2]]), lines), [2, 0, 1], atol=1e-12)
-    source = np_rng.normal(size=(9, 3))
-    c, s = np.cos(0.3), np.sin(0.3)
-    turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-    scale, rotation, shift = similarity_between(source, 2.5 * source @ turn.T + [1, 2, 3])
-    assert scale == pytest.approx(2.5)
-    np.testing.assert_allclose(rotation, turn, atol=1e-12)
-    np.testing.assert_allclose(shift, [1, 2, 3], atol=1e-12)
