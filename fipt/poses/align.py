@@ -34,6 +34,7 @@ _STEEPEST = 25.0
 """Degrees between the floor's normal and the cameras' mean up, at most."""
 
 _FLOOR_TRIES = 2000
+_FLOOR_SAMPLE = 5000
 _MORE = 3.0
 """Points on the floor over those that any level slice of the walls would hold, at least."""
 
@@ -221,10 +222,12 @@ def find_floor(points: np.ndarray, centers: np.ndarray, up: np.ndarray, seed: in
     normals *= np.sign(normals @ up)[:, None]
     level = normals @ up > np.cos(np.radians(_STEEPEST))
     normals, offsets = normals[level], (normals[level] * corner[level]).sum(axis=1)
-    away = [low @ normal - offset for normal, offset in zip(normals, offsets, strict=True)]
-    on = np.array([(np.abs(each) < tolerance).sum() for each in away], float)
-    below = np.array([(each < -2 * tolerance).sum() for each in away], float)
-    by_chance = len(low) * 2 * tolerance / np.ptp(low @ up)
+    sample = low[rng.permutation(len(low))[:_FLOOR_SAMPLE]]
+    away = (sample @ normal - offset for normal, offset in zip(normals, offsets, strict=True))
+    counts = [((np.abs(each) < tolerance).sum(), (each < -2 * tolerance).sum()) for each in away]
+    on, below = np.array(counts, float).reshape(-1, 2).T
+    slices = max(int(np.ptp(sample @ up) / (2 * tolerance)), 1)
+    by_chance = np.median(np.histogram(sample @ up, slices)[0])
     good = (on >= max(15, _MORE * by_chance, 0.1 * on.max(initial=0))) & (below < 0.5 * on)
     if not good.any():
         return None

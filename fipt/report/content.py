@@ -44,7 +44,19 @@ TILES = (
 )
 """Figures of a split that have a tile, in order."""
 
-_FIRST = ("synthesize", "photograph", "calibrate", "develop", "qa", "import", "truth", "hits", "background", "cache")
+_FIRST = (
+    "synthesize",
+    "photograph",
+    "calibrate",
+    "develop",
+    "qa",
+    "import",
+    "truth",
+    "check_poses",
+    "hits",
+    "background",
+    "cache",
+)
 _ROUND = ("bake", "refine", "fit", "emitters")
 _LAST = ("materials", "render", "relight", "metrics", "report")
 
