@@ -197,7 +197,7 @@ def read_rejected(path: str | Path) -> dict[str, str]:
         views = json.loads(path.read_text(encoding="utf-8"))["views"]
         return {name: state["reason"] for name, state in views.items() if not state["accepted"]}
     except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise FiptError(f"{path} is not a list of views ({error!r})", "run the import again") from error
+        raise FiptError(f"{path} is not a {path.name} ({error!r})", "run what wrote it again") from error
 
 
 def write_views(path: str | Path, names: list[str], rejected: dict[str, str] | None = None) -> None:
