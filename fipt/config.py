@@ -136,6 +136,8 @@ class Scene:
         values = dumped(self.settings[stage])
         if stage == "background" and values["file"]:
             values["file"] = self.background_path()
+        if stage == "check_poses":
+            values["enabled"] = self.checks_poses
         return json.dumps(values, sort_keys=True)
 
     def setup_json(self, setup: str) -> str:
@@ -167,6 +169,12 @@ class Scene:
     def synthesized(self) -> bool:
         """Whether the room is known: in code, or of a scene file."""
         return self.source in ("procedural", "mitsuba")
+
+    @property
+    def checks_poses(self) -> bool:
+        """Whether cameras are checked through the mesh: those of photographs, unless the settings say."""
+        wanted = self.settings["check_poses"].enabled
+        return self.source == "raw" if wanted is None else wanted
 
     @property
     def simulated(self) -> bool:

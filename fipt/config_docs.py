@@ -38,14 +38,29 @@ def tables_text() -> str:
     parts += ["### A scene: `scenes.NAME`\n", _table(SceneEntry.model_fields)]
     for stage, model in STAGES.items():
         parts += [f"### `{stage}`: {_first_line(model)}\n", _table(model.model_fields)]
-        for key, field in model.model_fields.items():
-            if isinstance(field.default, BaseModel):
-                parts += [f"#### `{stage}.{key}`\n", _table(type(field.default).model_fields)]
+        parts += _inner_tables(stage, model)
     parts += ["### A relight setup: `setups.NAME`\n", _table(RelightSetup.model_fields)]
     parts += ["#### One entry of `emitters`\n", _table(EmitterEdit.model_fields)]
     parts += ["#### One entry of `lights`\n", _table(NewLight.model_fields)]
     parts += ["#### `background`\n", _table(BackgroundEdit.model_fields)]
     return "\n".join(parts)
+
+
+def _inner_tables(path: str, model: type[BaseModel]) -> list[str]:
+    """Tables of the sections inside a section, and of the entries of its lists."""
+    parts = []
+    for key, field in model.model_fields.items():
+        inner = _model(field.annotation)
+        if inner is not None:
+            parts += [f"#### `{path}.{key}`\n", _table(inner.model_fields), *_inner_tables(f"{path}.{key}", inner)]
+    return parts
+
+
+def _model(annotation: Any) -> type[BaseModel] | None:
+    """Return the settings class that a key holds, on its own, optionally or in a list; None for plain values."""
+    if isinstance(annotation, type):
+        return annotation if issubclass(annotation, BaseModel) else None
+    return next((model for kind in get_args(annotation) if (model := _model(kind)) is not None), None)
 
 
 def with_tables(text: str) -> str:

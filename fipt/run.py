@@ -57,6 +57,7 @@ def plan(scene: Scene) -> list[Job]:
     """List the jobs of a scene, in an order in which every input exists when it is needed."""
     chain = _Chain(scene)
     chain.add_dataset()
+    chain.add_check()
     chain.add_hits_and_cache()
     for round_ in range(scene.rounds + 1):
         chain.add_round(round_)
@@ -74,6 +75,7 @@ class _Chain:
         self.root = f"{RESULTS}/{scene.name}"
         self.data = data = f"{self.root}/dataset"
         self.geometry = [f"{data}/transforms.json", f"{data}/views.json", f"{data}/mesh.ply"]
+        self.checked = f"{data}/check_poses.json"
         self.cache, self.background = f"{self.root}/cache.npz", f"{self.root}/background.npz"
         self.shards, self.train = scene.shards("all"), list(scene.shards("train"))
         self.hits = {shard: f"{self.root}/hits/{shard}" for shard in self.shards}
@@ -180,12 +182,18 @@ class _Chain:
         self.add("qa", "qa", options, [calibration, *made], [report], section="capture")
         return [report, *made]
 
+    def add_check(self) -> None:
+        """Check through the mesh that every view shows what the others show; where that is off, accept all unseen."""
+        images = [file for files in self.images.values() for file in files] if self.scene.checks_poses else []
+        inputs = [*self.geometry, *images]
+        self.add("check-poses", "check_poses", (self.data, "--reject"), inputs, [self.checked], section="check_poses")
+
     def add_hits_and_cache(self) -> None:
         """Trace the first hits of every view; gather what the training pictures show of the surface and beyond it."""
         for shard, views in self.shards.items():
             out = self.hits[shard]
             options = ("--dataset", self.data, "--views", ",".join(views), "--out", out)
-            self.add("hits", f"hits.{shard}", options, self.geometry, folders=[out])
+            self.add("hits", f"hits.{shard}", options, [*self.geometry, self.checked], folders=[out])
         given = self.scene.background_path()
         inputs = [*self._training_files(), *([given] if given else [])]
         self.add("background", "background", (*self._training(), "--out", self.background), inputs, [self.background])

@@ -95,6 +95,20 @@ class SceneFile(Settings):
     max_texture: Positive = Field(1024, description="texels along the longer side; larger textures are averaged")
 
 
+class SimulatedBoard(Settings):
+    """A ChArUco board that stands in the room."""
+
+    enabled: bool = Field(False, description="put it there; room.json has the places of its corners")
+    place: Literal["floor", "wall"] = Field("floor", description="lies on the floor, or hangs on the nearest wall")
+    position: Point = Field((3.85, 0.0, 2.05), description="of its centre, metres")
+    turn: Angle = Field(15.0, description="clockwise as one looks at it, degrees")
+    columns: int = Field(5, ge=2, le=64, description="inner corners along a row")
+    rows: int = Field(4, ge=2, le=64, description="inner corners along a column")
+    square: Length = Field(0.1, description="side of a square, metres")
+    marker: Length = Field(0.075, description="side of a marker, metres")
+    dictionary: str = Field("DICT_5X5_100", description="markers, as OpenCV names them")
+
+
 class Synthesize(Settings):
     """A room in code or of a scene file, and its views."""
 
@@ -110,6 +124,7 @@ class Synthesize(Settings):
         False, description="room in code: leave the window's pane out, so that light comes from the sky"
     )
     sky: Rgb = Field((8.0, 9.75, 12.5), description="radiance of the sky's horizon, where there is an opening")
+    board: SimulatedBoard = Field(SimulatedBoard(), description="a ChArUco board that stands in the room")
     seed: Count = Field(0, description="seed of room, cameras and noise")
     scene: SceneFile = Field(SceneFile(), description="how a scene file is read")
     raw: SimulatedCamera = Field(SimulatedCamera(), description="the camera of `simulate_raw`")
@@ -155,6 +170,63 @@ class Import(Settings):
     exposure: Length | None = Field(
         None, description="factor on a capture's radiance; absent: what brings its median luminance to 0.2"
     )
+
+
+class SceneBoard(Settings):
+    """A board of known size that stands in the photographed room."""
+
+    kind: Literal["charuco", "apriltag"] = Field("charuco", description="a ChArUco board, or single AprilTags")
+    columns: int = Field(5, ge=2, le=64, description="inner corners along a row of a ChArUco board")
+    rows: int = Field(4, ge=2, le=64, description="inner corners along its columns")
+    square: Length = Field(0.1, description="side of a square of a ChArUco board, metres")
+    marker: Length = Field(0.075, description="side of a marker, or of every AprilTag (its black square), metres")
+    dictionary: str = Field("DICT_5X5_100", description="markers, as OpenCV names them: DICT_APRILTAG_36h11 for tags")
+    place: Literal["floor", "wall", "anywhere"] = Field(
+        "floor", description="lies on the floor, hangs upright on a wall, or tells nothing about up"
+    )
+
+
+class KnownDistance(Settings):
+    """A measured distance between two named points."""
+
+    between: tuple[str, str] = Field(description="names of two entries of `points`")
+    metres: Length = Field(description="measured distance, metres")
+
+
+Pixel = Annotated[tuple[float, float], Field(description="column and row, the top left pixel's centre at 0.5, 0.5")]
+
+
+class Align(Settings):
+    """Metres, up, walls and origin of reconstructed cameras."""
+
+    board: SceneBoard | None = Field(None, description="a board of known size that stands in the room")
+    points: dict[str, dict[str, Pixel]] = Field(
+        {}, description="named points: view -> [column, row] of the undistorted picture, in two or more views"
+    )
+    distances: tuple[KnownDistance, ...] = Field((), description="measured distances between named points")
+    tripod_height: Length | None = Field(None, description="of the lens above the floor in all views, metres")
+    scale: Literal["auto", "board", "distances", "tripod"] = Field(
+        "auto", description="what metres come from; `auto`: the first of these that is given"
+    )
+    up: Literal["auto", "board", "floor", "cameras"] = Field(
+        "auto", description="what up comes from; `auto`: the first of these that is found"
+    )
+    walls: bool = Field(True, description="turn the room about the up axis so that its walls face along x and z")
+    seed: Count = Field(0, description="seed of the search for the floor")
+
+
+class CheckPoses(Settings):
+    """Second check of the cameras, through the mesh: every view must show what the others show."""
+
+    enabled: bool | None = Field(None, description="check before the fit; absent: for photographs (source raw) only")
+    width: Positive = Field(192, description="pictures are reduced to this many columns at most")
+    partners: Positive = Field(10, description="other views that each view is compared with, those that share most")
+    least_score: Fraction = Field(
+        0.55,
+        description="a view is rejected whose correlation with the others is below this share of the median view's",
+    )
+    least_overlap: Fraction = Field(0.05, description="share of a view that others must show to judge it")
+    keep: Fraction = Field(0.7, description="with fewer views than this share left, stop: mesh and views do not match")
 
 
 class Hits(Settings):
@@ -347,6 +419,7 @@ STAGES: dict[str, type[Settings]] = {
     "synthesize": Synthesize,
     "capture": Capture,
     "import": Import,
+    "check_poses": CheckPoses,
     "hits": Hits,
     "background": Background,
     "cache": Cache,

@@ -4,6 +4,7 @@ VERSIONS = {
     "synthesize": 2,
     "capture": 1,
     "import": 1,
+    "check_poses": 1,
     "hits": 1,
     "background": 1,
     "cache": 2,

@@ -17,6 +17,7 @@ from fipt.capture.calibration import Calibration, Noise, Vignetting, read_calibr
 from fipt.capture.mosaic import tiled
 from fipt.capture.raw import LDR_SUFFIXES, RawFrame, Shot, read_raw
 from fipt.errors import FiptError
+from fipt.io import boards
 from fipt.io.lens import Lens
 from fipt.progress import progress
 from fipt.settings import Capture as Settings
@@ -381,7 +382,7 @@ def _from_boards(
     rms, matrix, distortion = best
     lens = Lens(
         *shape,
-        *(float(v) for v in (matrix[0, 0], matrix[1, 1], matrix[0, 2] + 0.5, matrix[1, 2] + 0.5)),
+        *(float(v) for v in (matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2])),
         tuple(float(v) for v in distortion),
     )
     figures = {"kind": kind, "rms": float(rms), "frames": used, "not_found": len(paths) - len(used), "model": model}
@@ -400,39 +401,15 @@ def _checkerboard_corners(grey: np.ndarray, settings: Settings) -> tuple[np.ndar
         return None
     columns, rows = np.meshgrid(np.arange(size[0]), np.arange(size[1]))
     points = np.stack([columns, rows, np.zeros_like(rows)], axis=-1).reshape(-1, 3) * settings.board_square
-    return points, _refined(grey, corners.reshape(-1, 2), 0.4)
+    return points, boards.refined(grey, corners.reshape(-1, 2), 0.4) + 0.5
 
 
 def _charuco_corners(grey: np.ndarray, settings: Settings) -> tuple[np.ndarray, np.ndarray] | None:
-    number = getattr(cv2.aruco, settings.board_dictionary, None)
-    if not isinstance(number, int) or not settings.board_dictionary.startswith("DICT_"):
-        raise FiptError(
-            f"capture.board_dictionary must be one of OpenCV's; found {settings.board_dictionary!r}",
-            "for example DICT_5X5_100",
-        )
-    board = cv2.aruco.CharucoBoard(
-        (settings.board_columns + 1, settings.board_rows + 1),
-        settings.board_square,
-        settings.board_marker,
-        cv2.aruco.getPredefinedDictionary(number),
-    )
-    corners, ids, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(grey)
-    if ids is None or len(ids) < 8:
-        return None
-    objects, images = board.matchImagePoints(corners, ids)
-    # Windows end before the markers.
-    clear = 0.4 * (settings.board_square - settings.board_marker) / settings.board_square
-    return objects.reshape(-1, 3), _refined(grey, images.reshape(-1, 2), clear)
-
-
-def _refined(grey: np.ndarray, corners: np.ndarray, reach: float) -> np.ndarray:
-    """Corners to a few hundredths of a pixel: where the edges within ``reach`` squares around each of them meet."""
-    gaps = np.linalg.norm(corners[:, None] - corners, axis=2)
-    np.fill_diagonal(gaps, np.inf)
-    half = int(np.clip(reach * np.median(gaps.min(axis=1)), 2, 15))
-    start = np.ascontiguousarray(corners, np.float32).reshape(-1, 1, 2)
-    stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 60, 1e-4)
-    return cv2.cornerSubPix(grey, start.copy(), (half, half), (-1, -1), stop).reshape(-1, 2)
+    markers = boards.dictionary(settings.board_dictionary, "capture.board_dictionary")
+    inner = (settings.board_columns, settings.board_rows)
+    board = boards.charuco_board(inner, settings.board_square, settings.board_marker, markers)
+    found = boards.charuco_corners(grey, board, 8)
+    return None if found is None else found[:2]
 
 
 def _grey(path: Path, found: Calibration) -> np.ndarray:

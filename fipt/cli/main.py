@@ -37,6 +37,7 @@ VERBS: dict[str, Verb] = {
     "develop": Verb("develop", "Merge bracketed photographs into calibrated HDR views."),
     "qa": Verb("qa", "Judge a developed capture: figures, findings, rejected views."),
     "import": Verb("import_", "Bring posed HDR views of another layout into the dataset form."),
+    "check-poses": Verb("check_poses", "Check through the mesh that every view shows what the others show."),
     "hits": Verb("hits", "Trace the first hits of every pixel, once."),
     "background": Verb("background", "Find what light comes from outside the mesh."),
     "cache": Verb("cache", "Gather the pictures' radiance in voxels on the surface."),

@@ -14,6 +14,9 @@ from fipt.io.files import write_text
 from fipt.io.images import read_ids
 from fipt.io.meshes import Mesh, read_mesh
 
+CHECKED = "check_poses.json"
+"""File of a dataset with the verdicts of ``fipt check-poses``, beside views.json and read like it."""
+
 TRUTH_RGB = ("kd", "base_color", "reflectance", "emission")
 TRUTH_SCALAR = ("roughness", "metallic", "emission_mask")
 """Layers of truth/{view}.exr and materials/{view}.exr: RGB layers as name.R/.G/.B, scalar ones as name.Y."""
@@ -29,12 +32,19 @@ class Dataset:
     cameras
         Accepted cameras in the order of transforms.json.
     rejected
-        View that a check rejected -> why.
+        View that a check rejected -> why: what the import knew (views.json) and what the mesh told (`CHECKED`).
+
+    Parameters
+    ----------
+    unchecked
+        Leave out what the mesh told: for the check itself.
     """
 
-    def __init__(self, root: str | Path) -> None:
+    def __init__(self, root: str | Path, unchecked: bool = False) -> None:
         self.root = Path(root)
-        self.rejected = read_rejected(self.root / "views.json")
+        self.rejected = rejected_views(self.root)
+        if unchecked:
+            self.rejected = read_rejected(self.root / "views.json")
         self.cameras = [c for c in read_transforms(self.root / "transforms.json") if c.name not in self.rejected]
         self._by_name = {camera.name: camera for camera in self.cameras}
         # Of the view that was read last: callers ask for them after its image, which is in the same file.
@@ -173,8 +183,13 @@ def read_layers(path: str | Path) -> dict[str, np.ndarray]:
     return layers
 
 
+def rejected_views(root: Path) -> dict[str, str]:
+    """View of a dataset that some check rejected -> why."""
+    return read_rejected(root / "views.json") | read_rejected(root / CHECKED)
+
+
 def read_rejected(path: str | Path) -> dict[str, str]:
-    """Read views.json; return rejected view -> reason. A missing file rejects none."""
+    """Read views.json, or a check's file of its form; return rejected view -> reason. A missing file rejects none."""
     path = Path(path)
     if not path.is_file():
         return {}
@@ -182,7 +197,7 @@ def read_rejected(path: str | Path) -> dict[str, str]:
         views = json.loads(path.read_text(encoding="utf-8"))["views"]
         return {name: state["reason"] for name, state in views.items() if not state["accepted"]}
     except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise FiptError(f"{path} is not a views.json ({error!r})", "run the import again") from error
+        raise FiptError(f"{path} is not a {path.name} ({error!r})", "run what wrote it again") from error
 
 
 def write_views(path: str | Path, names: list[str], rejected: dict[str, str] | None = None) -> None:

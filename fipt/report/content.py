@@ -12,7 +12,7 @@ import numpy as np
 
 from fipt import __version__
 from fipt.errors import FiptError
-from fipt.io.dataset import Dataset, read_layers, read_rejected
+from fipt.io.dataset import Dataset, read_layers, rejected_views
 from fipt.io.exr import read_rgb
 from fipt.progress import human, progress
 from fipt.report import pictures
@@ -44,7 +44,19 @@ TILES = (
 )
 """Figures of a split that have a tile, in order."""
 
-_FIRST = ("synthesize", "photograph", "calibrate", "develop", "qa", "import", "truth", "hits", "background", "cache")
+_FIRST = (
+    "synthesize",
+    "photograph",
+    "calibrate",
+    "develop",
+    "qa",
+    "import",
+    "truth",
+    "check_poses",
+    "hits",
+    "background",
+    "cache",
+)
 _ROUND = ("bake", "refine", "fit", "emitters")
 _LAST = ("materials", "render", "relight", "metrics", "report")
 
@@ -455,7 +467,7 @@ def _warnings(root: Path, stats: Sequence[tuple[str, int | None, Mapping[str, An
     warnings = []
     if sparse:
         warnings.append(f"More than half of the pixels miss the mesh in {', '.join(sorted(sparse))}.")
-    warnings += [f"View {name} was rejected: {reason}." for name, reason in read_rejected(root / "views.json").items()]
+    warnings += [f"View {name} was rejected: {reason}." for name, reason in rejected_views(root).items()]
     for stage, _, figures in stats:
         warnings += [f"{stage}: {text}" for text in figures.get("warnings", ())]
     return warnings

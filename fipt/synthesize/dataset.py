@@ -9,13 +9,14 @@ from pathlib import Path
 
 from fipt.errors import FiptError
 from fipt.io.cameras import Camera, read_transforms, write_transforms
-from fipt.io.dataset import Dataset, read_rejected, write_views
+from fipt.io.dataset import Dataset, rejected_views, write_views
 from fipt.io.exr import write_exr
 from fipt.io.files import existing_file, write_text
 from fipt.io.images import write_png
 from fipt.io.meshes import read_mesh, write_ply
 from fipt.progress import progress
 from fipt.settings import RelightSetup, Synthesize
+from fipt.synthesize.board import with_board
 from fipt.synthesize.camera import optics
 from fipt.synthesize.capture import simulate_capture, write_bracket, write_calibration
 from fipt.synthesize.modelled import exposure_of, modelled
@@ -43,7 +44,7 @@ def write_room(folder: Path, settings: Synthesize, scene: Path | None = None) ->
     shown
         How much of the surface the training views show.
     """
-    room = modelled(scene, settings) if scene else _in_code(settings)
+    room = _made(settings, scene)
     for note in room.facts.get("notes", ()):
         sys.stderr.write(f"{note}\n")
     space = OpenSpace(room, Truth(room).first_hits, settings.seed)
@@ -159,17 +160,18 @@ def write_truths(folder: Path, names: Sequence[str], settings: Synthesize, scene
     return files
 
 
-def _in_code(settings: Synthesize) -> Room:
-    return build(settings.seed, settings.opening, settings.sky)
-
-
 def _built(folder: Path, settings: Synthesize, scene: Path | None) -> Room:
     """Return the room that the folder holds, which must be the one that settings and scene file say."""
     described = json.loads(existing_file(folder / "room.json", "the room").read_text(encoding="utf-8"))
-    room = modelled(scene, settings, described.get("exposure", 1.0)) if scene else _in_code(settings)
+    room = _made(settings, scene).exposed(described.get("exposure", 1.0) if scene else 1.0)
     if {key: value for key, value in described.items() if key != "coverage"} != room.description():
         raise _another(folder)
     return room
+
+
+def _made(settings: Synthesize, scene: Path | None) -> Room:
+    room = modelled(scene, settings) if scene else build(settings.seed, settings.opening, settings.sky)
+    return with_board(room, settings.board) if settings.board.enabled else room
 
 
 def _another(folder: Path) -> FiptError:
@@ -204,7 +206,7 @@ def _cameras(folder: Path, names: Sequence[str], settings: Synthesize | None) ->
     sizes = {(camera.width, camera.height) for camera in cameras.values()}
     if settings is not None and sizes != {(settings.width, settings.height)}:
         raise _another(folder)
-    rejected = read_rejected(folder / "views.json")
+    rejected = rejected_views(folder)
     names = [name for name in names if name not in rejected]
     unknown = [name for name in names if name not in cameras]
     if unknown:

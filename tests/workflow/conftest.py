@@ -26,7 +26,7 @@ import json, os, sys, time
 from pathlib import Path
 
 verb, rest = sys.argv[1], sys.argv[2:]
-named = [i for i, text in enumerate(rest) if text.startswith("--") and text != "--room"]
+named = [i for i, text in enumerate(rest) if text.startswith("--") and text not in ("--room", "--reject")]
 flags = {{rest[i]: rest[i + 1] for i in named}}
 with open("calls.jsonl", "a") as file:
     file.write(json.dumps(sys.argv[1:]) + "\\n")
@@ -46,6 +46,8 @@ if verb in ("hits", "bake", "refine"):
     write(flags["--out"] + ".manifest.json")
 elif "--manifest" in flags:
     write(flags["--manifest"])
+elif verb == "check-poses":
+    write(Path(rest[0], "check_poses.json"))
 elif "--out" in flags:
     write(flags["--out"])
     if verb == "emitters":

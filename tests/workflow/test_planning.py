@@ -35,6 +35,7 @@ FIRST = {
     "synthesize_room": 1,
     "synthesize_views": 3,
     "synthesize_relit": 1,
+    "check_poses": 1,
     "hits": 3,
     "background": 1,
     "cache": 1,

@@ -1,6 +1,6 @@
 """First hits of every pixel, traced once.
 
-INPUTS:  results/{scene}/dataset/transforms.json, views.json, mesh.ply
+INPUTS:  results/{scene}/dataset/transforms.json, views.json, mesh.ply, check_poses.json
 OUTPUTS: results/{scene}/hits/{shard}/*.npy               flat arrays over hits
          results/{scene}/hits/{shard}.manifest.json       names, hashes, settings, stage version
 """
@@ -12,6 +12,7 @@ rule hits:
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
         mesh="results/{scene}/dataset/mesh.ply",
+        checked="results/{scene}/dataset/check_poses.json",
     output:
         hits=directory("results/{scene}/hits/{shard}"),
         manifest="results/{scene}/hits/{shard}.manifest.json",

@@ -1,0 +1,37 @@
+"""Second check of the cameras, through the mesh.
+
+INPUTS:  results/{scene}/dataset/transforms.json, views.json, mesh.ply, and the pictures where the check is on
+OUTPUTS: results/{scene}/dataset/check_poses.json   verdict and figures of every view; all accepted where it is off
+"""
+
+
+def pictures_to_check(wildcards):
+    """Input function: every picture, where cameras are checked."""
+    return images("all")(wildcards) if scene_of(wildcards).checks_poses else []
+
+
+rule check_poses:
+    """Check through the mesh that every view shows what the others show."""
+    input:
+        pictures_to_check,
+        transforms="results/{scene}/dataset/transforms.json",
+        views="results/{scene}/dataset/views.json",
+        mesh="results/{scene}/dataset/mesh.ply",
+    output:
+        checked="results/{scene}/dataset/check_poses.json",
+        stats="results/{scene}/stats/check_poses.json",
+    log:
+        "results/{scene}/logs/check_poses.log",
+    benchmark:
+        "results/{scene}/benchmarks/check_poses.jsonl"
+    threads: workflow.cores
+    resources:
+        mem_mb=4000,
+        gpu=1,
+    params:
+        dataset=folder("results/{scene}/dataset"),
+        settings=settings("check_poses"),
+        version=VERSIONS["check_poses"],
+    shell:
+        "fipt check-poses {params.dataset:q} --reject"
+        " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
