@@ -1,0 +1,1 @@
+"""Cameras from pictures: matching, mapping, evidence, metres and up."""
