@@ -3,6 +3,7 @@
 VERSIONS = {
     "synthesize": 1,
     "capture": 1,
+    "poses": 1,
     "import": 1,
     "hits": 1,
     "background": 1,
