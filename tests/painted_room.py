@@ -30,13 +30,15 @@ def camera(name: str, place, yaw: float, pitch: float = -5.0, split: str = "trai
     return Camera(name, split, width, height, focal, focal, width / 2, height / 2, pose)
 
 
-def ring(count: int = 12, first: float = 0.0, step: float = 20.0, prefix: str = "view") -> list[Camera]:
-    """Cameras on a circle in the room's middle that look outwards, ``step`` degrees apart."""
+def ring(
+    count: int = 12, first: float = 0.0, step: float = 20.0, prefix: str = "view", width: int = 480
+) -> list[Camera]:
+    """Cameras on a circle around the room's middle that look across it, ``step`` degrees apart."""
     cameras = []
     for index in range(count):
         yaw = first + step * index
         away = np.array([-np.sin(np.radians(yaw)), 0.1 * (-1) ** index, -np.cos(np.radians(yaw))])
-        cameras.append(camera(f"{prefix}_{index:02d}", SIZE * (0.5, 0.55, 0.5) - 0.9 * away * (1, 1, 1), yaw))
+        cameras.append(camera(f"{prefix}_{index:02d}", SIZE * (0.5, 0.55, 0.5) - 0.9 * away, yaw, width=width))
     return cameras
 
 

@@ -14,7 +14,8 @@ from fipt.poses.matching import key, view_of
 from fipt.poses.model import Reconstruction, Tracks
 from fipt.settings import Poses
 
-MAPPERS = ("incremental", "global")
+# COLMAP writes pages on what it does, and an error where it finds no model: `fipt.poses.stage` says that.
+pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
 
 _OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 """Between COLMAP's camera axes (y down, looking along +z) and ours."""

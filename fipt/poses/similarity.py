@@ -72,12 +72,7 @@ def camera_similarity(source: np.ndarray, target: np.ndarray, tolerance: float, 
     -------
     (4, 4) target_from_source.
     """
-    turns = target[:, :3, :3] @ source[:, :3, :3].transpose(0, 2, 1)
-    # The one that is nearest to the others, then the mean of those near it.
-    angles = rotation_angles(turns[:, None], turns[None])
-    middle = angles[np.median(angles, axis=1).argmin()]
-    u, _, vt = np.linalg.svd(turns[middle <= max(2 * np.median(middle), 1e-9)].sum(axis=0))
-    rotation = u @ np.diag([1, 1, np.linalg.det(u @ vt)]) @ vt
+    rotation = common_turn(source, target)
     a, b = source[:, :3, 3] @ rotation.T, target[:, :3, 3]
     best, fewest = matrix(1.0, rotation, b.mean(axis=0) - a.mean(axis=0)), np.inf
     for i, j in _subsets(len(a), 2, seed):
@@ -90,6 +85,16 @@ def camera_similarity(source: np.ndarray, target: np.ndarray, tolerance: float, 
     if good.sum() >= 3 and not collinear(b[good], tolerance):
         best = fit_similarity(source[good, :3, 3], b[good])
     return best
+
+
+def common_turn(source: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """(3, 3) rotation that brings the directions of most of (N, 4, 4) cameras to those of others."""
+    turns = target[:, :3, :3] @ source[:, :3, :3].transpose(0, 2, 1)
+    # The one that is nearest to the others, then the mean of those near it.
+    angles = rotation_angles(turns[:, None], turns[None])
+    middle = angles[np.median(angles, axis=1).argmin()]
+    u, _, vt = np.linalg.svd(turns[middle <= max(2 * np.median(middle), 1e-9)].sum(axis=0))
+    return u @ np.diag([1, 1, np.linalg.det(u @ vt)]) @ vt
 
 
 def collinear(points: np.ndarray, tolerance: float) -> bool:

@@ -44,7 +44,7 @@ TILES = (
 )
 """Figures of a split that have a tile, in order."""
 
-_FIRST = ("synthesize", "photograph", "calibrate", "develop", "qa", "import", "truth", "hits", "background", "cache")
+_FIRST = ("synthesize", "photograph", "calibrate", "develop", "qa", "pose", "import", "truth", "hits", "background", "cache")
 _ROUND = ("bake", "refine", "fit", "emitters")
 _LAST = ("materials", "render", "relight", "metrics", "report")
 
