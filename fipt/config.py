@@ -70,8 +70,8 @@ class SceneEntry(Settings):
     )
     poses: str | None = Field(
         None,
-        description="poses of photographed views: `colmap` estimates them; or a transforms.json, COLMAP folder, Metashape "
-        "XML or RealityCapture CSV, by view name; {data_root} is replaced",
+        description="poses of photographed views: `colmap` estimates them; or a transforms.json, COLMAP folder, "
+        "Metashape XML or RealityCapture CSV, by view name; {data_root} is replaced",
     )
     segments: str | None = Field(
         None,
@@ -386,13 +386,13 @@ def _scene(name: str, entry: SceneEntry, config: Config) -> Scene:
             _merge(values, _section(layer, stage))
         settings[stage] = model.model_validate(values)
     check_background(settings["background"], f"scene {name}: background")
-    if entry.source == "procedural" and entry.poses is not None:
-        if entry.poses != ESTIMATED or not settings["synthesize"].raw.enabled:
-            raise FiptError(
-                f"{where}.poses of a procedural room may be {ESTIMATED}, where synthesize.raw.enabled is true; found "
-                f"{entry.poses}",
-                f"remove {where}.poses, or photograph the room",
-            )
+    possible = entry.poses == ESTIMATED and settings["synthesize"].raw.enabled
+    if entry.source == "procedural" and entry.poses is not None and not possible:
+        raise FiptError(
+            f"{where}.poses of a procedural room may be {ESTIMATED}, where synthesize.raw.enabled is true; found "
+            f"{entry.poses}",
+            f"remove {where}.poses, or photograph the room",
+        )
     return Scene(
         name=name,
         source=entry.source,

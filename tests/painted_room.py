@@ -1,4 +1,4 @@
-"""A box with painted walls, seen by pinhole cameras: pictures with known poses and features everywhere, in milliseconds."""
+"""A box with painted walls, seen by pinhole cameras: known poses, features everywhere, pictures in milliseconds."""
 
 from __future__ import annotations
 

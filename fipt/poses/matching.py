@@ -163,9 +163,7 @@ def links(path: Path, cameras: Sequence[Camera]) -> list[Link]:
     found = []
     with pycolmap.Database.open(path) as data:
         names = {image.image_id: index[view_of(image.name)] for image in data.read_all_images()}
-        rays = {
-            number: _rays(data.read_keypoints(image)[:, :2], cameras[number]) for image, number in names.items()
-        }
+        rays = {number: _rays(data.read_keypoints(image)[:, :2], cameras[number]) for image, number in names.items()}
         pairs, geometries = data.read_two_view_geometries()
         for pair, geometry in zip(pairs, geometries, strict=True):
             matches = np.asarray(geometry.inlier_matches, np.int64)

@@ -32,9 +32,11 @@ def draw(
 
     figure = Figure(figsize=(15, 6.4), dpi=100)
     FigureCanvasAgg(figure)
-    up = up_axis(model)
+    up, upright = up_axis(model)
     across, along = (axis for axis in (0, 2, 1) if axis != up)
-    _view(figure.add_subplot(1, 3, 1), model, refused, (across, along), "from above")
+    above = _view(figure.add_subplot(1, 3, 1), model, refused, (across, along), "from above")
+    if (np.cross(np.eye(3)[across], np.eye(3)[along])[up] > 0) != upright:
+        above.invert_yaxis()  # or the room would be seen in a mirror
     _view(figure.add_subplot(1, 3, 2), model, refused, (across, up), "from the side")
     _graph(figure.add_subplot(1, 3, 3), evidence, pairs)
     reasons = [f"{name}: {e.reason}" for name, e in evidence.items() if e.reason is not None]
@@ -46,13 +48,14 @@ def draw(
         figure.savefig(temporary, format="png", metadata={"Software": None})
 
 
-def up_axis(model: Reconstruction) -> int:
-    """World axis nearest to the cameras' mean up."""
-    ups = np.array([camera.world_from_camera[:3, 1] for camera in model.cameras])
-    return int(np.abs(ups.mean(axis=0)).argmax())
+def up_axis(model: Reconstruction) -> tuple[int, bool]:
+    """World axis nearest to the cameras' mean up, and whether it points upwards."""
+    up = np.mean([camera.world_from_camera[:3, 1] for camera in model.cameras], axis=0)
+    axis = int(np.abs(up).argmax())
+    return axis, bool(up[axis] > 0)
 
 
-def _view(plot: Any, model: Reconstruction, refused: Sequence[Camera], axes: tuple[int, int], title: str) -> None:
+def _view(plot: Any, model: Reconstruction, refused: Sequence[Camera], axes: tuple[int, int], title: str) -> Any:
     low, high = np.percentile(np.concatenate([model.points, model.centers]), (1, 99), axis=0)
     margin = 0.1 * float((high - low).max())
     step = max(1, len(model.points) // _POINTS_DRAWN)
@@ -72,6 +75,7 @@ def _view(plot: Any, model: Reconstruction, refused: Sequence[Camera], axes: tup
         ylim=(low[axes[1]] - margin, high[axes[1]] + margin),
     )
     plot.set_aspect("equal", adjustable="box")
+    return plot
 
 
 def _graph(plot: Any, evidence: Mapping[str, Evidence], pairs: Sequence[tuple[str, str, int, int]]) -> None:
@@ -91,6 +95,6 @@ def _graph(plot: Any, evidence: Mapping[str, Evidence], pairs: Sequence[tuple[st
         side = "left" if x >= 0 else "right"
         plot.plot(x, y, "o", color=colour, markersize=4)
         plot.annotate(name, (1.06 * x, 1.06 * y), fontsize=6, color=colour, ha=side, va="center")
-    plot.set(title="links: points that two views share (dotted: matches only)", xlim=(-1.5, 1.5), ylim=(-1.3, 1.3))
+    plot.set(title="points that two views share (dotted: matches only)", xlim=(-1.5, 1.5), ylim=(-1.3, 1.3))
     plot.set_aspect("equal")
     plot.axis("off")

@@ -47,9 +47,7 @@ class ReferenceReport:
     largest: float
 
 
-def to_reference(
-    reconstruction: Reconstruction, path: str | Path, seed: int = 0
-) -> tuple[np.ndarray, ReferenceReport]:
+def to_reference(reconstruction: Reconstruction, path: str | Path, seed: int = 0) -> tuple[np.ndarray, ReferenceReport]:
     """Fit the similarity that brings cameras to where a transforms.json has them.
 
     A survey may know positions only: directions count where they fit, and then tell the rotation far better.

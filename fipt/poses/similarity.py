@@ -24,7 +24,9 @@ def fit_similarity(source: np.ndarray, target: np.ndarray) -> np.ndarray:
     return matrix(scale, rotation, mean_target - scale * rotation @ mean_source)
 
 
-def robust_similarity(source: np.ndarray, target: np.ndarray, tolerance: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
+def robust_similarity(
+    source: np.ndarray, target: np.ndarray, tolerance: float, seed: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Similarity that most of (N, 3) points agree with, found from triples and fitted to those within tolerance.
 
     Parameters

@@ -113,9 +113,13 @@ def estimate(views: Views, work: Path, settings: Poses) -> Estimate:
     _check_pictures(names, features, pairs, views.cameras, settings)
     runs = _runs(found, views.cameras, pairs, work, settings)
     if not runs:
-        raise FiptError(f"no three of the {len(names)} views could be placed together: {_grouped(names, pairs)}", _STEPS)
+        raise FiptError(
+            f"no three of the {len(names)} views could be placed together: {_grouped(names, pairs)}", _STEPS
+        )
     judgements = [
-        judged(names, features, pairs, run.models, run.agreements, [o.models[0] for o in runs if o is not run], settings)
+        judged(
+            names, features, pairs, run.models, run.agreements, [o.models[0] for o in runs if o is not run], settings
+        )
         for run in runs
     ]
     believed = [sum(e.reason is None for e in judgement.values()) for judgement in judgements]
@@ -124,13 +128,14 @@ def estimate(views: Views, work: Path, settings: Poses) -> Estimate:
     model, evidence = runs[best].models[0], judgements[best]
     if believed[best] < max(settings.min_share * len(names), FEWEST):
         raise FiptError(_too_few(names, runs[best], evidence), f"link them: {_STEPS}, with texture in view")
-    similarity, report = _aligned(model, settings)
-    model = transformed(model, similarity)
+    kept = _of(model, [evidence[camera.name].reason is None for camera in model.cameras])
+    similarity, report = _aligned(kept, settings)
+    model, kept = transformed(model, similarity), transformed(kept, similarity)
     shared = shared_points(model.tracks, len(model.cameras))
     index = {camera.name: i for i, camera in enumerate(model.cameras)}
     linked = [(*(names[view] for view in link.views), link.matches) for link in pairs]
     return Estimate(
-        reconstruction=_of(model, [evidence[name].reason is None for name in index]),
+        reconstruction=kept,
         refused=[camera for camera in model.cameras if evidence[camera.name].reason is not None],
         evidence=evidence,
         pairs=[

@@ -93,7 +93,9 @@ def read_capture(folder: str | Path, held_out: Collection[str]) -> Views:
             for name in accepted
         }
     except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise FiptError(f"{report} or what stands beside it is damaged ({error!r})", "develop the views again") from error
+        raise FiptError(
+            f"{report} or what stands beside it is damaged ({error!r})", "develop the views again"
+        ) from error
     without = [name for name, keys in facts.items() if keys is None]
     if without:
         raise FiptError(

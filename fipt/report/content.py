@@ -17,6 +17,7 @@ from fipt.io.exr import read_rgb
 from fipt.progress import human, progress
 from fipt.report import pictures
 from fipt.report.capture import CaptureReport, read_capture
+from fipt.report.poses import PosesReport, read_poses
 from fipt.settings import Report
 
 COLUMNS = (
@@ -44,7 +45,19 @@ TILES = (
 )
 """Figures of a split that have a tile, in order."""
 
-_FIRST = ("synthesize", "photograph", "calibrate", "develop", "qa", "pose", "import", "truth", "hits", "background", "cache")
+_FIRST = (
+    "synthesize",
+    "photograph",
+    "calibrate",
+    "develop",
+    "qa",
+    "pose",
+    "import",
+    "truth",
+    "hits",
+    "background",
+    "cache",
+)
 _ROUND = ("bake", "refine", "fit", "emitters")
 _LAST = ("materials", "render", "relight", "metrics", "report")
 
@@ -141,6 +154,7 @@ class Content:
     warnings: Sequence[str]
     overlay: Picture | None
     capture: CaptureReport | None
+    poses: PosesReport | None
 
 
 def gather(results: Path, settings: Report) -> Content:
@@ -180,6 +194,7 @@ def gather(results: Path, settings: Report) -> Content:
         warnings=_warnings(root, stats),
         overlay=_overlay(root / "overlay.png", settings.width),
         capture=read_capture(results / "capture" / "qa.json", data, reader.exposure),
+        poses=read_poses(results / "poses"),
     )
 
 

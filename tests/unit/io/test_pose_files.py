@@ -77,7 +77,9 @@ def metashape(path, transform=True):
         local[:3, :3] = turn.T @ pose[:3, :3]
         local[:3, 3] = np.linalg.solve(chunk, pose)[:3, 3]
         numbers = " ".join(f"{value:.15g}" for value in (local @ FLIP).ravel())
-        cameras += f'<camera id="{number}" sensor_id="0" label="IMG_{number}.ARW"><transform>{numbers}</transform></camera>'
+        cameras += (
+            f'<camera id="{number}" sensor_id="0" label="IMG_{number}.ARW"><transform>{numbers}</transform></camera>'
+        )
     world = (
         f"<transform><rotation>{' '.join(map(repr, turn.ravel().tolist()))}</rotation>"
         f"<translation>{' '.join(map(str, shift))}</translation><scale>{scale}</scale></transform>"

@@ -68,7 +68,10 @@ def test_a_group_that_a_few_points_hold_is_not_believed():
     found = judged(names, np.full(9, 900), [], [model], all_agree(model), [], SETTINGS)
     assert [found[name].reason for name in names[:5]] == [None] * 5
     for name in names[5:]:
-        assert "weakly linked: no other view shares 20 points with its group of 4 views; the most is 8" in found[name].reason
+        assert (
+            "weakly linked: no other view shares 20 points with its group of 4 views; the most is 8"
+            in found[name].reason
+        )
     assert found["a_00"].neighbours == ("a_01", "a_02", "a_03", "a_04")
 
 
