@@ -10,12 +10,12 @@ import pycolmap
 
 from fipt.io.cameras import Camera
 from fipt.io.files import atomic_folder
-from fipt.poses.matching import key, view_of
+from fipt.poses.matching import colmap_log, key, view_of
 from fipt.poses.model import Reconstruction, Tracks
 from fipt.settings import Poses
 
-# COLMAP writes pages on what it does, and an error where it finds no model: `fipt.poses.stage` says that.
-pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
+_LOSS = 0.5
+"""Reprojection error from which on matches count less in the last adjustment, pixels."""
 
 _OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 """Between COLMAP's camera axes (y down, looking along +z) and ours."""
@@ -40,9 +40,11 @@ def mapped(
     made_of = key(matches.name, mapper, min_matches, settings.intrinsics, settings.seed)
     out = work / f"{mapper}-{min_matches}-{made_of}"
     if not out.is_dir():
-        with atomic_folder(out) as folder:
+        with atomic_folder(out) as folder, colmap_log(work):
             run = _incremental if mapper == "incremental" else _global
             run(matches, folder, min_matches, settings)
+            for model in folder.iterdir():
+                _refine(model, settings)
     models = [_read(folder, cameras) for folder in sorted(out.iterdir()) if folder.is_dir()]
     return sorted(models, key=lambda model: (-len(model.cameras), -len(model.points)))
 
@@ -55,6 +57,9 @@ def _incremental(matches: Path, out: Path, min_matches: int, settings: Poses) ->
     options.random_seed = options.mapper.random_seed = settings.seed
     options.num_threads = options.mapper.num_threads = 1  # sums in one order: a seed gives one result
     refined = settings.intrinsics == "refined"
+    # Few matches may place a camera here: whether it is right, other evidence tells.
+    options.mapper.abs_pose_min_num_inliers = min(options.mapper.abs_pose_min_num_inliers, min_matches)
+    options.triangulation.ignore_two_view_tracks = False
     options.ba_refine_focal_length = options.mapper.abs_pose_refine_focal_length = refined
     options.ba_refine_extra_params = options.mapper.abs_pose_refine_extra_params = False
     pycolmap.incremental_mapping(matches, matches.parent, out, options)
@@ -69,6 +74,20 @@ def _global(matches: Path, out: Path, min_matches: int, settings: Poses) -> None
     options.mapper.bundle_adjustment.refine_focal_length = settings.intrinsics == "refined"
     options.mapper.bundle_adjustment.refine_extra_params = False
     pycolmap.global_mapping(matches, matches.parent, out, options)
+
+
+def _refine(folder: Path, settings: Poses) -> None:
+    """Adjust a model once more with a loss that wrong matches hardly move (COLMAP's own least squares follows them)."""
+    model, options = pycolmap.Reconstruction(folder), pycolmap.BundleAdjustmentOptions()
+    options.refine_focal_length = settings.intrinsics == "refined"
+    options.refine_extra_params = False
+    options.print_summary = False
+    options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
+    options.ceres.loss_function_scale = _LOSS
+    options.ceres.solver_options.num_threads = 1
+    pycolmap.bundle_adjustment(model, options)
+    model.update_point_3d_errors()
+    model.write(folder)
 
 
 def _read(folder: Path, cameras: Sequence[Camera]) -> Reconstruction:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import shutil
-from collections.abc import Sequence
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
@@ -63,6 +66,21 @@ def database(views: Views, work: Path, settings: Poses) -> Path:
     return _matches(features, len(views.cameras), work, settings)
 
 
+@contextmanager
+def colmap_log(work: Path) -> Iterator[None]:
+    """Send the pages that COLMAP writes about its work to a file; the file descriptor, since C++ writes there."""
+    sys.stderr.flush()
+    kept = os.dup(2)
+    work.mkdir(parents=True, exist_ok=True)
+    try:
+        with open(work / "colmap.log", "ab") as file:
+            os.dup2(file.fileno(), 2)
+            yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+
+
 def view_of(picture: str) -> str:
     """Name of the view of a picture in a database."""
     return picture.removesuffix(_ENDING)
@@ -102,20 +120,26 @@ def _features(views: Views, pictures: Path, work: Path, settings: Poses) -> Path
     options.sift.max_num_features = settings.max_features
     options.sift.peak_threshold = settings.peak
     with atomic(out) as temporary, progress("features", len(views.cameras), " views") as bar:
+        pycolmap.Database.open(temporary).close()
         for (_, _, *intrinsics), names in grouped:
             reader = pycolmap.ImageReaderOptions()
             reader.camera_model = "PINHOLE"
             reader.camera_params = ",".join(f"{value:.17g}" for value in intrinsics)
             reader.mask_path = str(pictures / "mask")
-            pycolmap.extract_features(
-                temporary,
-                pictures / "grey",
-                image_names=[f"{name}{_ENDING}" for name in names],
-                camera_mode=pycolmap.CameraMode.SINGLE,
-                reader_options=reader,
-                extraction_options=options,
-                device=pycolmap.Device.cpu,
-            )
+            listed = [f"{name}{_ENDING}" for name in names]
+            single, grey = pycolmap.CameraMode.SINGLE, pictures / "grey"
+            with colmap_log(work):
+                # First the list: threads finish in any order, and numbers by that order would change the result.
+                pycolmap.import_images(temporary, grey, single, listed, reader)
+                pycolmap.extract_features(
+                    temporary,
+                    grey,
+                    image_names=listed,
+                    camera_mode=single,
+                    reader_options=reader,
+                    extraction_options=options,
+                    device=pycolmap.Device.cpu,
+                )
             bar.advance(len(names))
     return out
 
@@ -140,12 +164,12 @@ def _matches(features: Path, count: int, work: Path, settings: Poses) -> Path:
     pairs = count * (count - 1) // 2 if exhaustive else count * settings.overlap
     with atomic(out) as temporary, progress("matching", pairs, " pairs") as bar:
         shutil.copyfile(features, temporary)
-        if exhaustive:
-            pycolmap.match_exhaustive(temporary, options, verification_options=verification, device=pycolmap.Device.cpu)
-        else:
-            pairing = pycolmap.SequentialPairingOptions()
+        pairing = pycolmap.ExhaustivePairingOptions() if exhaustive else pycolmap.SequentialPairingOptions()
+        if not exhaustive:
             pairing.overlap, pairing.quadratic_overlap = settings.overlap, True
-            pycolmap.match_sequential(temporary, options, pairing, verification, pycolmap.Device.cpu)
+        match = pycolmap.match_exhaustive if exhaustive else pycolmap.match_sequential
+        with colmap_log(work):
+            match(temporary, options, pairing, verification, pycolmap.Device.cpu)
         bar.advance(pairs)
     return out
 
