@@ -56,7 +56,8 @@ def up_axis(model: Reconstruction) -> tuple[int, bool]:
 
 
 def _view(plot: Any, model: Reconstruction, refused: Sequence[Camera], axes: tuple[int, int], title: str) -> Any:
-    low, high = np.percentile(np.concatenate([model.points, model.centers]), (1, 99), axis=0)
+    low, high = np.percentile(model.points, (1, 99), axis=0)  # a few points lie anywhere
+    low, high = np.minimum(low, model.centers.min(axis=0)), np.maximum(high, model.centers.max(axis=0))
     margin = 0.1 * float((high - low).max())
     step = max(1, len(model.points) // _POINTS_DRAWN)
     plot.scatter(*model.points[::step, axes].T, s=0.4, color=_POINT, linewidths=0)

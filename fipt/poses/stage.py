@@ -77,6 +77,8 @@ class Estimate:
         View -> evidence; every view that had a picture.
     pairs
         (view, view, matches, shared points) of every verified pair.
+    groups
+        Names of the placed views that hold together, largest group first.
     runs
         What each threshold gave, plain JSON types; ``chosen`` is the threshold used.
     align
@@ -87,6 +89,7 @@ class Estimate:
     refused: Sequence[Camera]
     evidence: dict[str, Evidence]
     pairs: Sequence[tuple[str, str, int, int]]
+    groups: Sequence[Sequence[str]]
     runs: Sequence[dict[str, Any]]
     chosen: int
     align: dict[str, Any]
@@ -142,6 +145,7 @@ def estimate(views: Views, work: Path, settings: Poses) -> Estimate:
             (a, b, matches, int(shared[index[a], index[b]]) if a in index and b in index else 0)
             for a, b, matches in linked
         ],
+        groups=[[model.cameras[i].name for i in group] for group in groups(shared, settings.min_shared)],
         runs=[
             {
                 "min_matches": run.min_matches,
@@ -179,6 +183,7 @@ def content(views: Views, found: Estimate) -> dict[str, Any]:
         "graph": [
             {"views": [a, b], "matches": matches, "shared_points": shared} for a, b, matches, shared in found.pairs
         ],
+        "groups": found.groups,
         "runs": list(found.runs),
         "min_matches": found.chosen,
         "points": len(found.reconstruction.points),

@@ -28,6 +28,8 @@ class PosesReport:
         Number of views with a pose.
     links, weakest
         Pairs of views that share points; the view with the fewest neighbours, and how many these are.
+    apart
+        Names of each smaller group of views, which too few points hold to the others.
     points, error
         Number of points; their mean reprojection error, pixels.
     runs
@@ -44,6 +46,7 @@ class PosesReport:
     accepted: int
     links: int
     weakest: tuple[str, int] | None
+    apart: Sequence[str]
     points: int
     error: float
     runs: Sequence[Mapping[str, Any]]
@@ -66,6 +69,7 @@ def read_poses(folder: Path) -> PosesReport | None:
             accepted=len(near),
             links=sum(pair["shared_points"] > 0 for pair in content["graph"]),
             weakest=min(near.items(), key=lambda item: item[1], default=None),
+            apart=[", ".join(group) for group in content["groups"][1:]],
             points=content["points"],
             error=content["error"],
             runs=content["runs"],

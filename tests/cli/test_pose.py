@@ -63,6 +63,7 @@ def test_cameras_are_found_and_a_bare_wall_is_rejected(ring, capsys):
     assert content["views"]["wall"]["accepted"] is False
     assert content["align"]["from"] == "reference"
     assert content["align"]["rms"] < 0.01
+    assert [sorted(group) for group in content["groups"]] == [[camera.name for camera in found]]
     best = max(content["graph"], key=lambda pair: pair["shared_points"])
     assert abs(int(best["views"][0][-2:]) - int(best["views"][1][-2:])) == 1
     with Image.open(ring / "poses" / "poses.png") as picture:

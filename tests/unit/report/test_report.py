@@ -293,6 +293,7 @@ def test_estimated_poses_have_a_section(results):
     content = {"views": {"a": found, "b": {**found, "neighbours": ["a", "c"]}, "c": lost}, "points": 123, "error": 0.5}
     content["graph"] = [{"views": ["a", "b"], "matches": 40, "shared_points": 30}]
     content["graph"].append({"views": ["a", "c"], "matches": 16, "shared_points": 0})
+    content["groups"] = [["a", "b"], ["d", "e"]]
     run = {"incremental": [2], "global": [], "agreeing": 2, "believed": 2}
     content["runs"] = [{"min_matches": 15, **run}, {"min_matches": 30, **run}]
     content |= {"min_matches": 15, "align": {"from": "reference", "scale": 1.23456, "outliers": {"b": 0.5}}}
@@ -303,6 +304,7 @@ def test_estimated_poses_have_a_section(results):
     for said in (
         "2 of 3 views have a pose, from 123 points with a mean reprojection error of 0.50 pixels",
         "1 pairs of views share points; fewest neighbours has a: 1",
+        "Weakly linked with the others: d, e.",
         "900 77 3.2 0.46 1 0.12%, 0.03°",
         "rejected: no pose: <nothing> to see",
         "15 matches link two views (used): models of 2 cameras by incremental, none by global mapping",
