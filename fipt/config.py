@@ -31,6 +31,9 @@ RESULTS = "results"
 CONFIG_FILE = "config/config.yaml"
 """The configuration that is read where it exists, in the working directory."""
 
+ESTIMATED = "colmap"
+"""What `poses` of a scene says where poses are estimated."""
+
 _CAMERA_FILES = (
     "transforms.json",
     *(f"transforms_{split}.json" for split in ("train", "val", "test")),
@@ -74,7 +77,9 @@ class SceneEntry(Settings):
         None, description="mesh of photographs, or of a dataset whose layout brings none; {data_root} is replaced"
     )
     poses: str | None = Field(
-        None, description="transforms.json with the poses of photographed views, by view name; {data_root} is replaced"
+        None,
+        description="poses of photographed views: `colmap` estimates them; or a transforms.json, COLMAP folder, "
+        "Metashape XML or RealityCapture CSV, by view name; {data_root} is replaced",
     )
     segments: str | None = Field(
         None,
@@ -138,6 +143,8 @@ class Scene:
             values["file"] = self.background_path()
         if stage == "check_poses":
             values["enabled"] = self.checks_poses
+        if stage == "poses" and values["align"]["reference"]:
+            values["align"]["reference"] = self.reference_path()
         return json.dumps(values, sort_keys=True)
 
     def setup_json(self, setup: str) -> str:
@@ -160,6 +167,11 @@ class Scene:
         file = self.settings["background"].file
         return self._placed(file, "settings.background.file") if file else None
 
+    def reference_path(self) -> str | None:
+        """Return the file with known positions to which estimated poses are brought, or None."""
+        file = self.settings["poses"].align.reference
+        return self._placed(file, "settings.poses.align.reference") if file else None
+
     def setup_files(self, setup: str) -> list[str]:
         """Files that a relight setup names: another environment map, or none."""
         edit = self.setups[setup].background
@@ -172,9 +184,9 @@ class Scene:
 
     @property
     def checks_poses(self) -> bool:
-        """Whether cameras are checked through the mesh: those of photographs, unless the settings say."""
+        """Whether cameras are checked through the mesh: true photographs' and estimated ones, unless settings say."""
         wanted = self.settings["check_poses"].enabled
-        return self.source == "raw" if wanted is None else wanted
+        return self.source == "raw" or self.estimated if wanted is None else wanted
 
     @property
     def simulated(self) -> bool:
@@ -195,6 +207,22 @@ class Scene:
         return self.source == "raw" or self.simulated
 
     @property
+    def estimated(self) -> bool:
+        """Whether the poses of photographed views are estimated from the pictures."""
+        return self.poses == ESTIMATED
+
+    @property
+    def pose_files(self) -> list[str]:
+        """What estimates poses writes and an import reads: cameras first."""
+        return [f"{RESULTS}/{self.name}/poses/{name}.json" for name in ("transforms", "views", "poses")]
+
+    def poses_path(self) -> str:
+        """Return the file with the poses of photographed views."""
+        if self.estimated:
+            return self.pose_files[0]
+        return f"{self.room}/transforms.json" if self.simulated else self._placed(self.poses, "poses")
+
+    @property
     def room(self) -> str:
         """Folder of a simulated capture's room: its mesh and the poses of its views."""
         return f"{RESULTS}/{self.name}/room"
@@ -209,12 +237,11 @@ class Scene:
             options = {"source": self.source_path(), "format": self.format, "mesh": self.mesh_path()}
         else:
             developed = {"source": f"{RESULTS}/{self.name}/capture", "format": "capture"}
+            options = developed | {"mesh": self.mesh_path(), "poses": self.poses_path()}
             if self.simulated:
-                options = developed | {"mesh": f"{self.room}/mesh.ply", "poses": f"{self.room}/transforms.json"}
-            else:
-                segments = self._placed(self.segments, "segments") if self.segments else None
-                options = developed | {"mesh": self.mesh_path(), "poses": self._placed(self.poses, "poses")}
-                options |= {"segments": segments}
+                options |= {"mesh": f"{self.room}/mesh.ply"}
+            elif self.segments:
+                options |= {"segments": self._placed(self.segments, "segments")}
         return [text for key, value in options.items() if value is not None for text in (f"--{key}", value)]
 
     def emitters_round(self, round_: int) -> int:
@@ -234,6 +261,10 @@ class Scene:
             made = self.settings["synthesize"]
             counts = {"train": made.train_views, "val": made.val_views}
             return {split: [f"{split}_{i:03d}" for i in range(n)] for split, n in counts.items()}
+        if self.source == "raw" and self.estimated:
+            names = [bracket.view for bracket in self._capture.brackets]
+            held_out = names[:: self.settings["import"].val_every]
+            return {"train": [name for name in names if name not in held_out], "val": held_out}
         frames = self._photographed if self.source == "raw" else self._source.frames
         return {split: [frame.name for frame in frames if frame.split == split] for split in ("train", "val")}
 
@@ -243,13 +274,14 @@ class Scene:
         When one changes, it is imported again.
         """
         if self.source == "raw":
-            files = [self._placed(self.poses, "poses"), self.mesh_path()]
+            files = [*(self.pose_files if self.estimated else [self.poses_path()]), self.mesh_path()]
             if self.segments:
                 folder = Path(self._placed(self.segments, "segments"))
                 files += map(str, sorted(folder.glob("*/*.png")))
             return files
         if self.simulated:
-            return [f"{self.room}/{name}" for name in ("mesh.ply", "transforms.json", "room.json")]
+            posed = self.pose_files if self.estimated else [f"{self.room}/transforms.json"]
+            return [f"{self.room}/mesh.ply", *posed, f"{self.room}/room.json"]
         root, mesh = self._source.root, self.mesh_path() or self._source.mesh
         found = [root / name for name in _CAMERA_FILES if (root / name).is_file()]
         if Path(self.source_path()).is_file():
@@ -306,7 +338,7 @@ class Scene:
         """Posed views of which there are photographs."""
         from fipt.io.sources import read_poses
 
-        poses = self._placed(self.poses, "poses")
+        poses = self.poses_path()
         posed = read_poses(poses, self.settings["import"].val_every)
         known = [bracket.view for bracket in self._capture.brackets]
         frames = [frame for frame in posed if frame.name in known]
@@ -391,6 +423,12 @@ def _scene(name: str, entry: SceneEntry, config: Config) -> Scene:
             _merge(values, _section(layer, stage))
         settings[stage] = model.model_validate(values)
     check_background(settings["background"], f"scene {name}: background")
+    possible = entry.poses == ESTIMATED and entry.simulate_raw
+    if entry.source in ("procedural", "mitsuba") and entry.poses is not None and not possible:
+        raise FiptError(
+            f"{where}.poses of a known room may be {ESTIMATED}, where simulate_raw is true; found {entry.poses}",
+            f"remove {where}.poses, or photograph the room",
+        )
     return Scene(
         name=name,
         source=entry.source,
@@ -409,8 +447,8 @@ def _scene(name: str, entry: SceneEntry, config: Config) -> Scene:
 
 
 _SOURCE_KEYS = {
-    "procedural": ((), ("simulate_raw",)),
-    "mitsuba": (("path",), ("simulate_raw",)),
+    "procedural": ((), ("simulate_raw", "poses")),
+    "mitsuba": (("path",), ("simulate_raw", "poses")),
     "dataset": (("path", "format"), ("mesh",)),
     "raw": (("path", "poses", "mesh"), ("segments",)),
 }
@@ -440,7 +478,7 @@ def _check_keys(entry: SceneEntry, where: str) -> None:
             what = {
                 "path": _PATHS[entry.source],
                 "format": "one of " + ", ".join(formats),
-                "poses": "a transforms.json with the pose of every view",
+                "poses": f"{ESTIMATED}, or a transforms.json with the pose of every view",
                 "mesh": "the room's mesh",
             }[key]
             raise FiptError(f"{where}.{key} is missing", f"source: {entry.source} needs {key}: {what}")

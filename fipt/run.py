@@ -180,6 +180,12 @@ class _Chain:
             self.add("develop", f"develop.{shard}", options, inputs, [made[-1]], section="capture")
         options = ("--capture", photographs, "--developed", developed, "--calibration", calibration, "--out", report)
         self.add("qa", "qa", options, [calibration, *made], [report], section="capture")
+        if scene.estimated:
+            out, reference = f"{root}/poses", scene.reference_path()
+            options = ("--capture", developed, "--held-out", ",".join(scene.views["val"]), "--out", out)
+            inputs = [report, *made, *([reference] if reference else [])]
+            made_here = [*scene.pose_files, f"{out}/points.ply", f"{out}/poses.png"]
+            self.add("pose", "pose", options, inputs, made_here, section="poses")
         return [report, *made]
 
     def add_check(self) -> None:

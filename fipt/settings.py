@@ -162,16 +162,6 @@ class Capture(Settings):
     lensfun_distance: Length = Field(2.5, description="focus distance for lensfun, metres")
 
 
-class Import(Settings):
-    """Other people's layouts into a dataset."""
-
-    val_every: Positive = Field(8, description="every n-th view is held out where the source has no split")
-    overlay: bool = Field(True, description="write a picture of mesh edges over one photo")
-    exposure: Length | None = Field(
-        None, description="factor on a capture's radiance; absent: what brings its median luminance to 0.2"
-    )
-
-
 class SceneBoard(Settings):
     """A board of known size that stands in the photographed room."""
 
@@ -197,8 +187,13 @@ Pixel = Annotated[tuple[float, float], Field(description="column and row, the to
 
 
 class Align(Settings):
-    """Metres, up, walls and origin of reconstructed cameras."""
+    """Metres, up, walls and origin of estimated poses."""
 
+    reference: str | None = Field(
+        None,
+        description="transforms.json with known positions of three or more of the views (survey, an earlier run): "
+        "poses are brought to its axes and scale, and the keys below are not used; {data_root} is replaced",
+    )
     board: SceneBoard | None = Field(None, description="a board of known size that stands in the room")
     points: dict[str, dict[str, Pixel]] = Field(
         {}, description="named points: view -> [column, row] of the undistorted picture, in two or more views"
@@ -215,10 +210,48 @@ class Align(Settings):
     seed: Count = Field(0, description="seed of the search for the floor")
 
 
+class Poses(Settings):
+    """Cameras from pictures (COLMAP), where a scene has `poses: colmap`."""
+
+    intrinsics: Literal["fixed", "refined"] = Field("fixed", description="focal lengths: as given, or estimated too")
+    max_size: Positive = Field(2400, description="pictures are scaled down to this many pixels for finding features")
+    max_features: Positive = Field(8192, description="features of a picture, the largest ones")
+    peak: float = Field(0.004, gt=0, le=0.1, description="contrast that a feature must have; lower finds more")
+    exhaustive_below: Positive = Field(300, description="fewer views than this: every pair of pictures is matched")
+    overlap: Positive = Field(12, description="otherwise: neighbours that a picture is matched with, and each 2^n-th")
+    match_ratio: float = Field(0.8, gt=0, le=1, description="of the distances to best and second best match, at most")
+    min_matches: tuple[Positive, ...] = Field(
+        (15, 30, 60), min_length=1, description="matches that link two views; each is tried, and the results compared"
+    )
+    max_shift: float = Field(
+        0.01, gt=0, le=1, description="incremental and global mapping agree on a camera's place, share of the extent"
+    )
+    max_turn: float = Field(1.0, gt=0, le=180, description="and on its direction, degrees")
+    min_points: Positive = Field(30, description="points that a camera must see")
+    min_shared: Positive = Field(20, description="points that two views must share to hold each other")
+    max_error: Length = Field(2.0, description="mean reprojection error that a camera may have, pixels")
+    min_share: Fraction = Field(0.7, description="share of the views that must get a pose; else the stage stops")
+    threads: Count = Field(0, description="CPU threads of features and matching, 0 = all")
+    seed: Count = Field(0, description="seed of the random numbers")
+    align: Align = Field(Align(), description="metres, up and axes")
+
+
+class Import(Settings):
+    """Other people's layouts into a dataset."""
+
+    val_every: Positive = Field(8, description="every n-th view is held out where the source has no split")
+    overlay: bool = Field(True, description="write a picture of mesh edges over one photo")
+    exposure: Length | None = Field(
+        None, description="factor on a capture's radiance; absent: what brings its median luminance to 0.2"
+    )
+
+
 class CheckPoses(Settings):
     """Second check of the cameras, through the mesh: every view must show what the others show."""
 
-    enabled: bool | None = Field(None, description="check before the fit; absent: for photographs (source raw) only")
+    enabled: bool | None = Field(
+        None, description="check before the fit; absent: for true photographs and estimated poses"
+    )
     width: Positive = Field(192, description="pictures are reduced to this many columns at most")
     partners: Positive = Field(10, description="other views that each view is compared with, those that share most")
     least_score: Fraction = Field(
@@ -418,6 +451,7 @@ class Report(Settings):
 STAGES: dict[str, type[Settings]] = {
     "synthesize": Synthesize,
     "capture": Capture,
+    "poses": Poses,
     "import": Import,
     "check_poses": CheckPoses,
     "hits": Hits,

@@ -12,7 +12,9 @@ def command(
     dataset: Annotated[Path, typer.Option(help="Dataset folder to write.")],
     mesh: Annotated[Path | None, typer.Option(help="PLY or OBJ mesh; default: the one in the source.")] = None,
     manifest: Annotated[Path | None, typer.Option(help="Default: import.manifest.json in the dataset.")] = None,
-    poses: Annotated[Path | None, typer.Option(help="capture: transforms.json with the views' poses.")] = None,
+    poses: Annotated[
+        Path | None, typer.Option(help="capture: transforms.json, COLMAP folder, Metashape XML or RealityCapture CSV.")
+    ] = None,
     segments: Annotated[
         Path | None, typer.Option(help="capture: folder with part/VIEW.png or semantic/VIEW.png of developed views.")
     ] = None,

@@ -36,6 +36,7 @@ VERBS: dict[str, Verb] = {
     "calibrate": Verb("calibrate", "Calibrate a camera: lens, vignetting, black, white balance."),
     "develop": Verb("develop", "Merge bracketed photographs into calibrated HDR views."),
     "qa": Verb("qa", "Judge a developed capture: figures, findings, rejected views."),
+    "pose": Verb("pose", "Estimate the poses of views, with evidence for every camera."),
     "import": Verb("import_", "Bring posed HDR views of another layout into the dataset form."),
     "check-poses": Verb("check_poses", "Check through the mesh that every view shows what the others show."),
     "hits": Verb("hits", "Trace the first hits of every pixel, once."),

@@ -76,7 +76,8 @@ def import_scene(
     manifest
         Default: ``import.manifest.json`` in the dataset.
     poses
-        Format ``capture``: transforms.json with the views' poses. A room.json beside it comes along.
+        Format ``capture``: poses of the views, see `fipt.io.sources.read_poses`. A room.json beside them or beside the
+        mesh comes along.
     segments
         Format ``capture``: folder with ``part/VIEW.png`` or ``semantic/VIEW.png`` of the developed views, and names in
         ``part.json``, ``semantic.json``.
@@ -105,8 +106,9 @@ def import_scene(
         write_views(folder / "views.json", [*(camera.name for camera in cameras), *parsed.rejected], parsed.rejected)
         if segments is not None:
             _copy_segments(folder / "segments", Path(segments), cameras)
-        if poses is not None and (Path(poses).parent / "room.json").is_file():
-            shutil.copyfile(Path(poses).parent / "room.json", folder / "room.json")
+        for beside in (poses, mesh) if poses is not None else ():
+            if beside is not None and (Path(beside).parent / "room.json").is_file():
+                shutil.copyfile(Path(beside).parent / "room.json", folder / "room.json")
         for kind in SEGMENT_FOLDERS:
             if (folder / "segments" / kind).is_dir() and not (folder / "segments" / f"{kind}.json").is_file():
                 ids = {"ids": names if kind == "semantic" else {}}

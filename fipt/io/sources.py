@@ -29,6 +29,7 @@ from typing import Any
 
 from fipt.errors import FiptError
 from fipt.io.files import check_name, existing_file
+from fipt.io.pose_files import is_pose_file, read_pose_file
 
 FORMATS = ("nerfstudio", "fipt-synthetic", "fipt-real")
 
@@ -137,12 +138,17 @@ def read_source(path: str | Path, format: str, val_every: int = 8) -> Source:
 
 
 def read_poses(path: str | Path, val_every: int = 8) -> tuple[Frame, ...]:
-    """Read the poses of a nerfstudio or Blender transforms.json by view name; its pictures may be of any kind.
+    """Read poses by view name: a nerfstudio or Blender transforms.json, or what `fipt.io.pose_files` reads.
 
-    A view is called as its picture, without folder and ending. ``image`` of the frames means nothing.
+    A view is called as its picture, without folder and ending; the pictures may be of any kind. ``image`` of the
+    frames means nothing.
     """
     path = Path(path)
-    return _checked(path, tuple(_nerfstudio_frames(path, developed=False)), val_every)
+    if is_pose_file(path):
+        frames = [Frame(p.name, "", path, p.world_from_camera, p.intrinsics) for p in read_pose_file(path)]
+    else:
+        frames = _nerfstudio_frames(path, developed=False)
+    return _checked(path, tuple(frames), val_every)
 
 
 def read_developed(folder: str | Path, poses: str | Path, val_every: int = 8) -> Source:
@@ -153,16 +159,20 @@ def read_developed(folder: str | Path, poses: str | Path, val_every: int = 8) ->
     folder
         What ``fipt develop`` and ``fipt qa`` wrote: hdr/VIEW.exr, VIEW.json, qa.json.
     poses
-        transforms.json; its intrinsics count only where calibration found none.
+        What `read_poses` reads; its intrinsics count only where calibration found none. Those of ``fipt pose`` (with a
+        poses.json beside them) are of the developed views, and count; views that it rejected stay rejected.
 
     Raises
     ------
     FiptError
         A file is missing or malformed, or no accepted view has a pose.
     """
+    from fipt.io.dataset import read_rejected
+
     folder = Path(folder)
     report = existing_file(folder / "qa.json", "the capture report")
-    posed = read_poses(poses, val_every)
+    posed, estimated = read_poses(poses, val_every), (Path(poses).parent / "poses.json").is_file()
+    judged = read_rejected(Path(poses).with_name("views.json")) if estimated else {}
     try:
         content = json.loads(report.read_text(encoding="utf-8"))
         states = {name: None if state["accepted"] else str(state["reason"]) for name, state in content["views"].items()}
@@ -172,12 +182,14 @@ def read_developed(folder: str | Path, poses: str | Path, val_every: int = 8) ->
             if frame.name in states and states[frame.name] is None:
                 image = folder / "hdr" / f"{frame.name}.exr"
                 camera = json.loads(existing_file(folder / f"{frame.name}.json", "the facts of a view").read_text())
-                frames.append(replace(frame, image=image, intrinsics=camera["camera"] or frame.intrinsics, mask=None))
+                known = frame.intrinsics if estimated else camera["camera"] or frame.intrinsics
+                frames.append(replace(frame, image=image, intrinsics=known, mask=None))
     except _MALFORMED as error:
         raise FiptError(
             f"{report} or what stands beside it is damaged ({error!r})", "develop the views again"
         ) from error
-    names = {frame.name for frame in posed}
+    names = {frame.name for frame in posed} | judged.keys()
+    refused = judged | {name: why for name, why in states.items() if why is not None}
     accepted = [name for name, why in states.items() if why is None]
     if not any(frame.split == "train" for frame in frames):
         raise FiptError(
@@ -191,7 +203,7 @@ def read_developed(folder: str | Path, poses: str | Path, val_every: int = 8) ->
         folder,
         photographs=True,
         scale=scale,
-        rejected={name: why for name, why in states.items() if why is not None and name in names},
+        rejected={name: why for name, why in refused.items() if name in names},
         unposed=tuple(name for name in states if name not in names),
     )
 

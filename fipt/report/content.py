@@ -17,6 +17,7 @@ from fipt.io.exr import read_rgb
 from fipt.progress import human, progress
 from fipt.report import pictures
 from fipt.report.capture import CaptureReport, read_capture
+from fipt.report.poses import PosesReport, read_poses
 from fipt.settings import Report
 
 COLUMNS = (
@@ -50,6 +51,7 @@ _FIRST = (
     "calibrate",
     "develop",
     "qa",
+    "pose",
     "import",
     "truth",
     "check_poses",
@@ -153,6 +155,7 @@ class Content:
     warnings: Sequence[str]
     overlay: Picture | None
     capture: CaptureReport | None
+    poses: PosesReport | None
 
 
 def gather(results: Path, settings: Report) -> Content:
@@ -192,6 +195,7 @@ def gather(results: Path, settings: Report) -> Content:
         warnings=_warnings(root, stats),
         overlay=_overlay(root / "overlay.png", settings.width),
         capture=read_capture(results / "capture" / "qa.json", data, reader.exposure),
+        poses=read_poses(results / "poses"),
     )
 
 

@@ -15,8 +15,8 @@ WORKFLOW = sorted(
     if path.is_file() and path.suffix in ("", ".smk", ".py")
 )
 HEAVY = {
-    "cv2", "drjit", "exifread", "lensfunpy", "matplotlib", "mitsuba", "numpy", "OpenEXR", "PIL", "pydantic", "pyoidn",
-    "rawpy", "safetensors", "scipy", "snakemake", "torch", "trimesh",
+    "cv2", "drjit", "exifread", "lensfunpy", "matplotlib", "mitsuba", "numpy", "OpenEXR", "PIL", "pycolmap", "pydantic",
+    "pyoidn", "rawpy", "safetensors", "scipy", "snakemake", "torch", "trimesh",
 }  # fmt: skip
 
 

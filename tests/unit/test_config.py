@@ -184,3 +184,15 @@ def test_the_workflow_loads_nothing_heavy():
     code = "import sys, fipt.config; print({'numpy', 'torch', 'mitsuba', 'drjit', 'PIL'} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], cwd=REPOSITORY, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "set()"
+
+
+def test_poses_of_a_procedural_room_are_estimated_from_photographs_only():
+    raw = {"poses": {"align": {"reference": "{data_root}/known.json"}}}
+    room = scene({**ROOM, "simulate_raw": True, "poses": "colmap"}, **raw, data_root="/data")
+    assert room.estimated
+    assert room.poses_path() == "results/room/poses/transforms.json"
+    assert set(room.pose_files) < set(room.source_files())
+    assert json.loads(room.json("poses"))["align"]["reference"] == "/data/known.json"
+    for entry in ({"poses": "colmap"}, {"poses": "poses.json", "simulate_raw": True}):
+        with pytest.raises(FiptError, match=r"scenes\.room\.poses of a known room may be colmap"):
+            scene({**ROOM, **entry})

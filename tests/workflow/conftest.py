@@ -38,7 +38,10 @@ def write(path, what=""):
 if verb in ("synthesize", "import") and ("--room" in rest or verb == "import"):
     for name in ("transforms.json", "views.json", "mesh.ply", "room.json"):
         write(Path(flags["--dataset"], name), name)
-if verb in ("hits", "bake", "refine"):
+if verb == "pose":
+    for name in ("transforms.json", "views.json", "poses.json", "points.ply", "poses.png"):
+        write(Path(flags["--out"], name), name)
+elif verb in ("hits", "bake", "refine"):
     write(Path(flags["--out"], "part.npy"))
     if verb == os.environ.get("SLEEP"):
         Path("sleeping.pid").write_text(str(os.getpid()))

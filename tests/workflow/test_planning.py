@@ -225,7 +225,20 @@ def simulated(_):
     return {**CONFIG, "scenes": {"room": scene | {"simulate_raw": True}}}
 
 
-@pytest.mark.parametrize("config_of", [photographed, simulated])
+def estimated(root):
+    """Photographs whose poses are estimated and brought to known positions."""
+    config = photographed(root)
+    config["scenes"]["room"]["poses"] = "colmap"
+    return {**config, "poses": {"align": {"reference": "poses.json"}}}
+
+
+def simulated_and_estimated(root):
+    config = simulated(root)
+    config["scenes"]["room"]["poses"] = "colmap"
+    return {**config, "poses": {"align": {"reference": "results/room/room/transforms.json"}}}
+
+
+@pytest.mark.parametrize("config_of", [photographed, simulated, estimated, simulated_and_estimated])
 def test_photographs_are_planned_alike(workspace, monkeypatch, config_of):
     """The same jobs by the workflow and by ``fipt run``; another bracket or other settings rerun what follows."""
     here = workspace(CONFIG)
@@ -244,7 +257,8 @@ def test_photographs_are_planned_alike(workspace, monkeypatch, config_of):
         for path in (*job.inputs, *job.outputs, *job.folders):
             assert (here.root / path).exists(), path
     inputs = {made.split(", ")[0]: set(files.split(", ")) for files, made in read}
-    early = [job for job in jobs if job.verb in ("synthesize", "calibrate", "develop", "qa") and job.inputs]
+    early = [job for job in jobs if job.verb in ("synthesize", "calibrate", "develop", "qa", "pose") and job.inputs]
+    assert ("pose" in {job.verb for job in jobs}) is (config["scenes"]["room"].get("poses") == "colmap")
     assert {job.outputs[0]: set(job.inputs) for job in early}.items() <= inputs.items()
 
     here.configure({**config, "capture": {"saturation": 0.9}})

@@ -55,6 +55,17 @@ def scene_options(wildcards):
     return scene_of(wildcards).scene_options()
 
 
+def reference_file(wildcards):
+    """Input function: known positions that estimated poses are brought to, if the config names any."""
+    path = readable(scene_of(wildcards).reference_path)
+    return [path] if path else []
+
+
+def held_out(wildcards):
+    """Params function: the views that are for judging, comma-separated."""
+    return ",".join(readable(lambda: scene_of(wildcards).views["val"]))
+
+
 def capture_path(wildcards):
     """Params function: the folder of the photographs."""
     return readable(scene_of(wildcards).capture_path)

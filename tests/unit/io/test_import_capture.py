@@ -1,6 +1,7 @@
 """Developed photographs become a dataset: poses, intrinsics, weights, exposure, rejected views."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,8 +9,8 @@ import pytest
 
 from fipt.conventions import FLAG_MOVED, FLAG_NOISE, FLAG_OUTSIDE, FLAG_SATURATED
 from fipt.errors import FiptError
-from fipt.io.cameras import Camera, write_transforms
-from fipt.io.dataset import Dataset, read_rejected
+from fipt.io.cameras import Camera, read_transforms, write_transforms
+from fipt.io.dataset import Dataset, read_rejected, write_views
 from fipt.io.exr import write_exr
 from fipt.io.images import write_png
 from fipt.io.importers import import_scene
@@ -125,6 +126,23 @@ def test_ids_of_the_developed_views(developed: Path) -> None:
         imported(developed, segments=developed / "ids")
     with pytest.raises(FiptError, match="must hold part/ or semantic/"):
         imported(developed, segments=developed / "poses")
+
+
+def test_estimated_poses_bring_intrinsics_and_what_was_rejected(developed: Path) -> None:
+    """With poses.json beside them, as fipt pose writes it; the room's description lies beside the mesh."""
+    folder = developed / "poses"
+    cameras = [
+        replace(camera, fx=5.5, fy=5.5, width=WIDTH, height=HEIGHT)
+        for camera in read_transforms(folder / "transforms.json")
+    ]
+    write_transforms(folder / "transforms.json", cameras[:1])
+    write_views(folder / "views.json", ["a", "c", "b"], {"c": "two mappings disagree", "b": "a frame is truncated"})
+    (folder / "poses.json").write_text("{}")
+    (folder / "room.json").rename(developed / "room.json")
+    data = imported(developed)
+    assert [(camera.name, camera.fx) for camera in data.cameras] == [("a", 5.5)]
+    assert data.rejected == {"c": "two mappings disagree", "b": "a frame is truncated"}
+    assert (developed / "dataset" / "room.json").is_file()
 
 
 def test_without_calibration_the_poses_know_the_camera(developed: Path) -> None:

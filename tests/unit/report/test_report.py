@@ -16,6 +16,7 @@ from fipt.errors import FiptError
 from fipt.io.dataset import Dataset
 from fipt.io.exr import write_exr
 from fipt.io.files import write_text
+from fipt.io.images import write_png
 from fipt.report import capture, pictures
 from fipt.report.page import build_page, duration, figure, number, size
 from fipt.settings import Report
@@ -282,6 +283,39 @@ def test_clipped_pixels_are_marked_in_the_thumbnail(results):
 def test_a_damaged_capture_report(results):
     write_text(results / "capture" / "qa.json", "{}")
     with pytest.raises(FiptError, match=r"qa\.json is not a capture report"):
+        build_page(results, Report())
+
+
+def test_estimated_poses_have_a_section(results):
+    found = {"accepted": True, "reason": None, "features": 900, "neighbours": ["b"], "points": 77, "track_length": 3.25}
+    found |= {"error": 0.456, "agreement": {"shift": 0.0012, "turn": 0.034}, "spread": None}
+    lost = {"accepted": False, "reason": "no pose: <nothing> to see"}
+    content = {"views": {"a": found, "b": {**found, "neighbours": ["a", "c"]}, "c": lost}, "points": 123, "error": 0.5}
+    content["graph"] = [{"views": ["a", "b"], "matches": 40, "shared_points": 30}]
+    content["graph"].append({"views": ["a", "c"], "matches": 16, "shared_points": 0})
+    content["groups"] = [["a", "b"], ["d", "e"]]
+    run = {"incremental": [2], "global": [], "agreeing": 2, "believed": 2}
+    content["runs"] = [{"min_matches": 15, **run}, {"min_matches": 30, **run}]
+    content |= {"min_matches": 15, "align": {"from": "reference", "scale": 1.23456, "outliers": {"b": 0.5}}}
+    write_text(results / "poses" / "poses.json", json.dumps(content))
+    write_png(results / "poses" / "poses.png", np.zeros((4, 6, 3), np.uint8))
+    text = build_page(results, Report())
+    page = Page(text)
+    for said in (
+        "2 of 3 views have a pose, from 123 points with a mean reprojection error of 0.50 pixels",
+        "1 pairs of views share points; fewest neighbours has a: 1",
+        "Weakly linked with the others: d, e.",
+        "900 77 3.2 0.46 1 0.12%, 0.03°",
+        "rejected: no pose: <nothing> to see",
+        "15 matches link two views (used): models of 2 cameras by incremental, none by global mapping",
+        "scale: 1.235",
+        "outliers: b 0.5",
+    ):
+        assert said.replace(" ", "") in page.words.replace(" ", ""), said
+    assert "<nothing>" not in text
+    assert any("Cameras and points" in image["alt"] for image in page.all("img"))
+    write_text(results / "poses" / "poses.json", "{}")
+    with pytest.raises(FiptError, match=r"poses\.json is not what fipt pose writes"):
         build_page(results, Report())
 
 
