@@ -20,7 +20,9 @@ from fipt.synthesize.scenefile.materials import MATTE, Look, described, look, ma
 from fipt.synthesize.scenefile.shapes import Geometry, cut, geometry, placed, without_slivers
 from fipt.synthesize.scenefile.source import Source
 from fipt.synthesize.scenefile.values import transform
-from fipt.synthesize.scenefile.xml import Node, inside, read_tree
+from fipt.synthesize.scenefile.xml import Node, read_tree, scene_files
+
+__all__ = ["SceneContent", "Surface", "read_scene", "scene_files"]
 
 _HEIGHT = 2.7
 _PLAUSIBLE = (1.8, 8.0)
@@ -81,24 +83,6 @@ class SceneContent:
     box: np.ndarray
     notes: list[str]
     files: list[Path]
-
-
-def scene_files(path: str | Path) -> list[Path]:
-    """List the scene file and all files that are there of those it names; loads none of them.
-
-    Raises
-    ------
-    FiptError
-        If the scene file is missing or cannot be read.
-    """
-    path = Path(path)
-    tree = read_tree(path)
-    names = []
-    for part in ("shape", "bsdf", "emitter", "texture"):
-        for node in tree.root.objects(part):
-            names += [found.attributes.get("value", "") for found in node.walk() if found.name == "filename"]
-    named = (inside(path.parent, name) for name in dict.fromkeys(names) if name)
-    return tree.files + [file for file in named if file is not None and file.is_file()]
 
 
 def read_scene(path: str | Path, settings: SceneFile) -> SceneContent:

@@ -17,8 +17,8 @@ from fipt.io.files import existing_file
 
 _DEEPEST = 40
 """Elements within elements; scene files have about six."""
-_MOST_REFERENCES = 10
-"""References within what is referred to: each may double the tree."""
+_LARGEST = 2_000_000
+"""Elements of a file whose references are filled in: references to references can double it again and again."""
 
 
 @dataclass(frozen=True)
@@ -35,12 +35,15 @@ class Node:
         Elements inside, in order; references replaced by what they refer to.
     where
         File and line, for errors.
+    size
+        Number of elements, this one included.
     """
 
     tag: str
     attributes: dict[str, str]
     children: tuple[Node, ...]
     where: str = field(compare=False, repr=False)
+    size: int = field(default=1, compare=False, repr=False)
 
     @property
     def type(self) -> str:
@@ -133,6 +136,24 @@ def read_tree(path: str | Path) -> SceneTree:
     return SceneTree(reader.resolved(root, ()), reader.files)
 
 
+def scene_files(path: str | Path) -> list[Path]:
+    """List the scene file and all files that are there of those it names; loads none of them.
+
+    Raises
+    ------
+    FiptError
+        If the scene file is missing or cannot be read.
+    """
+    path = Path(path)
+    tree = read_tree(path)
+    names = []
+    for part in ("shape", "bsdf", "emitter", "texture"):
+        for node in tree.root.objects(part):
+            names += [found.attributes.get("value", "") for found in node.walk() if found.name == "filename"]
+    named = (inside(path.parent, name) for name in dict.fromkeys(names) if name)
+    return tree.files + [file for file in named if file is not None and file.is_file()]
+
+
 def inside(folder: Path, text: str) -> Path | None:
     """Return the file that ``text`` names below ``folder``, links followed; None where it lies outside."""
     path = folder / text.replace("\\", "/")
@@ -211,8 +232,6 @@ class _Reader:
                 raise node.wrong(f"nothing has the id {wanted!r}")
             if wanted in above:
                 raise node.wrong(f"{wanted!r} refers to itself")
-            if len(above) == _MOST_REFERENCES:
-                raise node.wrong(f"references are nested more than {_MOST_REFERENCES} deep")
             # The same object for all who refer to it by the same name: materials are told apart by identity.
             key = (wanted, node.attributes.get("name"))
             if key not in self.done:
@@ -221,7 +240,11 @@ class _Reader:
                 attributes |= {} if key[1] is None else {"name": key[1]}
                 self.done[key] = replace(target, attributes=attributes)
             return self.done[key]
-        return replace(node, children=tuple(self.resolved(child, above) for child in node.children))
+        children = tuple(self.resolved(child, above) for child in node.children)
+        size = 1 + sum(child.size for child in children)
+        if size > _LARGEST:
+            raise node.wrong(f"references make more than {_LARGEST} elements of it")
+        return replace(node, children=children, size=size)
 
 
 def snake(name: str) -> str:
