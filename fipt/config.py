@@ -276,7 +276,7 @@ class Scene:
 
     @cached_property
     def _scene_files(self) -> list[str]:
-        from fipt.synthesize.scenefile.scene import scene_files
+        from fipt.synthesize.scenefile.xml import scene_files
 
         return sorted(map(str, scene_files(Path(self.source_path()))))
 
