@@ -150,6 +150,29 @@ def source_files(wildcards):
     return readable(scene_of(wildcards).source_files)
 
 
+def segmentation(wildcards):
+    """Where the segment ids of a scene come from."""
+    return readable(lambda: scene_of(wildcards).segmentation)
+
+
+def segmented(wildcards):
+    """Input function: ids of the training views, where they are made view by view."""
+    made = "results/{scene}/segments/views.{shard}.manifest.json"
+    by_view = segmentation(wildcards) in ("mask2former", "given")
+    return sharded(made, "train")(wildcards) if by_view else []
+
+
+def segment_files(wildcards):
+    """Input function: given ids, or the weights of a network in a folder."""
+    return readable(scene_of(wildcards).segment_files)
+
+
+def fused(wildcards):
+    """Input function: the fused ids; nothing where the dataset's are used, or none."""
+    made = "results/{scene}/segments/fused.manifest.json".format(**wildcards)
+    return [] if segmentation(wildcards) in ("dataset", "none") else [made]
+
+
 def background_file(wildcards):
     """Input function: the environment map that the config names, if any."""
     path = readable(scene_of(wildcards).background_path)
