@@ -208,10 +208,10 @@ class _Chain:
             inputs = [*self.geometry, *self.images[shard], manifest(hits), *files]
             self.add("segment", f"segment.{shard}", options, inputs, [made[-1]])
         self.segments = f"{folder}/fused"
-        views = ("--views", f"{folder}/views") if made else ()
-        fused = manifest(self.segments)
-        options = (*self._training(), *views, "--cache", self.cache, "--out", self.segments, "--manifest", fused)
-        self.add("fuse", "fuse", options, [*self._training_files(), self.cache, *made], [fused])
+        grown, fused = () if made else ("--geometry",), manifest(self.segments)
+        options = ("--dataset", self.data, "--segments", folder, *grown, "--manifest", fused)
+        images = [file for shard in self.train for file in self.images[shard]]
+        self.add("fuse", "fuse", options, [*self.geometry, *images, *made], [fused])
 
     def add_round(self, round_: int) -> None:
         """Bake or refine the shading, fit the networks, extract the emitters."""

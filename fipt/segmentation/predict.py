@@ -233,12 +233,19 @@ def _loaded(folder: Path) -> tuple[Any, Any]:
         if kind != "mask2former":
             raise ValueError(f"it is a {kind}")
         model, info = Mask2FormerForUniversalSegmentation.from_pretrained(
-            folder, local_files_only=True, use_safetensors=True, output_loading_info=True
+            folder,
+            local_files_only=True,
+            use_safetensors=True,
+            ignore_mismatched_sizes=True,  # told below
+            output_loading_info=True,
         )
         processor = Mask2FormerImageProcessorPil.from_pretrained(folder, local_files_only=True)
     except Exception as error:  # parsers of JSON and safetensors, and transformers, each raise their own kinds
         raise FiptError(f"{folder} does not hold a readable Mask2Former ({error})", remedy) from error
-    wrong = [*info["missing_keys"], *info["mismatched_keys"]]
+    wrong = sorted([*info["missing_keys"], *(key for key, *_ in info["mismatched_keys"])])
     if wrong:
-        raise FiptError(f"{folder} lacks {len(wrong)} weights of a Mask2Former, such as {wrong[0]}", remedy)
+        raise FiptError(
+            f"{folder} lacks {len(wrong)} weights of its Mask2Former, or has them in another size, such as {wrong[0]}",
+            remedy,
+        )
     return model, processor

@@ -1,6 +1,6 @@
 """Segment ids of the training views, where the dataset's own are not used: each view, then all fused on the mesh.
 
-INPUTS:  results/{scene}/hits/{shard}.manifest.json of the training shards, their pictures, mesh, cache.npz
+INPUTS:  results/{scene}/hits/{shard}.manifest.json of the training shards, their pictures, mesh
          given ids (segment.path), or the weights of a network (segment.model)
 OUTPUTS: results/{scene}/segments/views.{shard}.manifest.json  lists views/{view}.npz (ids, classes) and classes.json
          results/{scene}/segments/fused.manifest.json          lists fused/{part,semantic}/{view}.png with their names
@@ -45,8 +45,6 @@ rule fuse:
         transforms="results/{scene}/dataset/transforms.json",
         mesh="results/{scene}/dataset/mesh.ply",
         images=images("train"),
-        hits=sharded("results/{scene}/hits/{shard}.manifest.json", "train"),
-        cache="results/{scene}/cache.npz",
         views=segmented,
     output:
         manifest="results/{scene}/segments/fused.manifest.json",
@@ -58,14 +56,14 @@ rule fuse:
     threads: workflow.cores
     resources:
         mem_mb=4000,
+        gpu=1,
     params:
         dataset=folder("results/{scene}/dataset"),
-        hits=folders_of("hits"),
-        views=where("views", "--views", "results/{scene}/segments/views"),
-        out=folder("results/{scene}/segments/fused"),
+        segments=folder("results/{scene}/segments"),
+        grown=lambda wildcards, input: [] if input.views else ["--geometry"],
         settings=settings("fuse"),
         version=VERSIONS["fuse"],
     shell:
-        "fipt fuse --dataset {params.dataset:q} --hits {params.hits:q} {params.views:q}"
-        " --cache {input.cache:q} --out {params.out:q} --manifest {output.manifest:q}"
+        "fipt fuse --dataset {params.dataset:q} --segments {params.segments:q} {params.grown:q}"
+        " --manifest {output.manifest:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
