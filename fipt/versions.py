@@ -5,6 +5,7 @@ VERSIONS = {
     "capture": 1,
     "import": 1,
     "hits": 1,
+    "fuse": 1,
     "background": 1,
     "cache": 2,
     "bake": 3,
