@@ -209,7 +209,7 @@ class _Chain:
             self.add("segment", f"segment.{shard}", options, inputs, [made[-1]])
         self.segments = f"{folder}/fused"
         grown, fused = () if made else ("--geometry",), manifest(self.segments)
-        options = ("--dataset", self.data, "--segments", folder, *grown, "--manifest", fused)
+        options = ("--dataset", self.data, "--segments", folder, *grown)
         images = [file for shard in self.train for file in self.images[shard]]
         self.add("fuse", "fuse", options, [*self.geometry, *images, *made], [fused])
 

@@ -175,6 +175,39 @@ class Segment(Settings):
     )
 
 
+class Fuse(Settings):
+    """Segment ids of single views to ids on the mesh."""
+
+    vote: Literal["area", "count"] = Field(
+        "area", description="a pixel's vote: its cosine of the viewing angle, or one (`count`, as the paper)"
+    )
+    associate: Literal["overlap", "ids", "classes"] = Field(
+        "overlap",
+        description="segments of different views are one by their overlap on the mesh, by the same id, or by class",
+    )
+    overlap: float = Field(
+        0.4, gt=0, lt=1, description="of the surface that two views see: intersection over union that speaks for one"
+    )
+    speckles: bool = Field(True, description="pixels that agree with fewer than two of eight around do not vote")
+    split: bool = Field(True, description="cut large triangles for the votes, so that segments may end inside them")
+    cell: Weight = Field(0.0, description="longest side of the pieces, metres; 0 = two pixel widths")
+    most_cells: Positive = Field(1_000_000, le=20_000_000, description="pieces are larger where there would be more")
+    pieces: Literal["auto", "all", "none"] = Field(
+        "auto",
+        description="segments that do not hang together are one part a piece: those of classes of which no view shows "
+        "two, all, or none",
+    )
+    gap: Length = Field(0.1, description="pieces about this near hang together, metres")
+    island: Weight = Field(0.0025, description="smaller islands take the id around them, square metres; 0 = they stay")
+    fill: bool = Field(True, description="unseen surface takes the nearest id of its smooth region")
+    crease: float = Field(30.0, gt=0, lt=180, description="smooth regions end where the surface turns more, degrees")
+    other_size: Literal["nearest", "error"] = Field(
+        "nearest", description="ids of another size than their view: take the nearest with a warning, or stop"
+    )
+    colour: Length = Field(0.15, description="of --geometry: regions end where colour jumps more (log of radiance)")
+    smallest: Weight = Field(0.01, description="of --geometry: smaller regions join a neighbour, square metres")
+
+
 class Background(Settings):
     """Light from outside: the radiance of rays that leave the mesh."""
 
@@ -356,6 +389,7 @@ STAGES: dict[str, type[Settings]] = {
     "import": Import,
     "hits": Hits,
     "segment": Segment,
+    "fuse": Fuse,
     "background": Background,
     "cache": Cache,
     "bake": Bake,

@@ -140,7 +140,7 @@ class GivenIds:
         elif named.is_file():
             try:
                 content = json.loads(named.read_text(encoding="utf-8"))
-                self.names = {int(k): str(name) for k, name in content.items()}
+                self.names = {int(k): str(name) for k, name in content.get("ids", content).items()}
             except (ValueError, AttributeError) as error:
                 raise FiptError(f"{named} must map ids to names ({error})", "correct or remove it") from error
 

@@ -65,5 +65,4 @@ rule fuse:
         version=VERSIONS["fuse"],
     shell:
         "fipt fuse --dataset {params.dataset:q} --segments {params.segments:q} {params.grown:q}"
-        " --manifest {output.manifest:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
