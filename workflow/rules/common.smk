@@ -85,14 +85,14 @@ def shards_of(wildcards, *splits):
 
 
 def sharded(pattern, *splits):
-    """Input function: the pattern for every shard of the splits, or of "all"."""
+    """Input function: the pattern for every shard of the splits, or of "all"; in a job of a shard, for that one."""
     return lambda wildcards: expand(
-        pattern, shard=shards_of(wildcards, *splits), **wildcards
+        pattern, **{"shard": shards_of(wildcards, *splits), **wildcards}
     )
 
 
 def images(*splits):
-    """Input function: manifests of the pictures, ids and truth of the splits, or of "all"."""
+    """Input function: manifests of the pictures, ids and truth of the splits, of "all", or of the job's shard."""
     made = sharded("results/{scene}/dataset/images.{shard}.manifest.json", *splits)
     truth = sharded("results/{scene}/dataset/truth.{shard}.manifest.json", *splits)
     imported = "results/{scene}/dataset/images.manifest.json"
