@@ -114,7 +114,7 @@ def face_property(path: str | Path, name: str) -> np.ndarray:
         raise FiptError(
             f"the faces of {path} have no property {name!r}; found {', '.join(names)}", "name it with segment.property"
         )
-    return np.asarray(faces[name])
+    return np.asarray(faces[name]).reshape(-1)
 
 
 def _read_other(path: Path) -> tuple[np.ndarray, np.ndarray]:

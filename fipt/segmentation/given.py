@@ -186,12 +186,12 @@ def read_id_picture(path: Path, table: Mapping[tuple[int, ...], int] | None) -> 
 
 def _channel(path: Path) -> np.ndarray:
     channels = read_exr(path)
-    alike = all(np.array_equal(next(iter(channels.values())), other) for other in channels.values())
-    if not alike:
+    first, *others = channels.values()
+    if not all(np.array_equal(first, other) for other in others):  # grey pictures are often written as RGB
         raise FiptError(
             f"{path} must have one channel of ids; found {', '.join(sorted(channels))}", "write ids, or colours as PNG"
         )
-    return next(iter(channels.values()))
+    return first
 
 
 def _pixels(path: Path) -> np.ndarray:

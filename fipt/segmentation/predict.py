@@ -242,7 +242,8 @@ def _loaded(folder: Path) -> tuple[Any, Any]:
         processor = Mask2FormerImageProcessorPil.from_pretrained(folder, local_files_only=True)
     except Exception as error:  # parsers of JSON and safetensors, and transformers, each raise their own kinds
         raise FiptError(f"{folder} does not hold a readable Mask2Former ({error})", remedy) from error
-    wrong = sorted([*info["missing_keys"], *(key for key, *_ in info["mismatched_keys"])])
+    absent = {*info["missing_keys"], *(key for key, *_ in info["mismatched_keys"])}
+    wrong = sorted(absent & {name for name, _ in model.named_parameters()})  # tables that it computes may be absent
     if wrong:
         raise FiptError(
             f"{folder} lacks {len(wrong)} weights of its Mask2Former, or has them in another size, such as {wrong[0]}",
