@@ -186,9 +186,10 @@ class Fuse(Settings):
         description="segments of different views are one by their overlap on the mesh, by the same id, or by class",
     )
     overlap: float = Field(
-        0.4, gt=0, lt=1, description="of the surface that two views see: intersection over union that speaks for one"
+        0.25, gt=0, lt=1, description="of the surface that two views see: intersection over union that speaks for one"
     )
     speckles: bool = Field(True, description="pixels that agree with fewer than two of eight around do not vote")
+    sharpen: Count = Field(3, le=20, description="passes that give votes near edges to the cells they belong to")
     split: bool = Field(True, description="cut large triangles for the votes, so that segments may end inside them")
     cell: Weight = Field(0.0, description="longest side of the pieces, metres; 0 = two pixel widths")
     most_cells: Positive = Field(1_000_000, le=20_000_000, description="pieces are larger where there would be more")

@@ -31,6 +31,12 @@ _CELL = 2.0
 """Longest side of a cell in pixel widths, where settings do not say."""
 _EDGE = 1.5
 """Edges in pictures are this many cells uncertain."""
+_STEPS, _REACH = (-2, 0, 2), 2
+"""Rows and columns beside a pixel where its id may be from, and the furthest."""
+_TRUST = 10.0
+"""Votes of a cell that count as much as what its region says."""
+_STAYS = 0.01
+"""Least share of a segment that a pixel's own cell is taken to have."""
 _FEWEST_PIXELS = 4
 """Pixels that two segments must each have on a triangle in a view before it is cut."""
 
@@ -94,15 +100,20 @@ class Ballot:
         self.masks = Masks(*(np.concatenate(arrays) for arrays in (view, ids, kinds, pixels)))
 
     def of(self, number: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Cell (N,), mask (N,) and weight (N,) of the pixels of a view that vote."""
-        labels, _ = view_ids(self.folder, self.looks.cameras[number], "nearest")
+        """Pixel (N,), its mask (N,) and weight (N,) of all pixels of a view that vote."""
+        labels, _ = view_ids(self.folder, self.looks.cameras[number], "nearest", quiet=True)
         if self.settings.speckles:
             labels = without_speckles(labels)
         cell, cosine = self.looks.of(number)
         mask = self.masks.lookup(number)[labels.reshape(-1)]
-        voting = (cell >= 0) & (mask >= 0)
-        weight = np.ones(voting.sum()) if self.settings.vote == "count" else cosine[voting].astype(np.float64)
-        return cell[voting], mask[voting], weight
+        pixel = np.flatnonzero((cell >= 0) & (mask >= 0))
+        weight = np.ones(len(pixel)) if self.settings.vote == "count" else cosine[pixel].astype(np.float64)
+        return pixel, mask[pixel], weight
+
+    def look(self, number: int) -> tuple[np.ndarray, np.ndarray]:
+        """Cell (N,) and mask (N,) of all pixels of a view that vote."""
+        pixel, mask, _ = self.of(number)
+        return self.looks.of(number)[0][pixel], mask
 
 
 def fuse(cells: Cells, surface: Surface | None, ballot: Ballot, settings: Fuse) -> Fused:
@@ -111,19 +122,20 @@ def fuse(cells: Cells, surface: Surface | None, ballot: Ballot, settings: Fuse) 
     Parameters
     ----------
     surface
-        Of the cells; None where nothing needs their neighbours.
+        Of the cells; None where settings ask for nothing that needs neighbours.
     """
     masks, count, views = ballot.masks, len(cells), len(ballot.looks.cameras)
-    segment = associated(masks, lambda number: ballot.of(number)[:2], count, settings)
+    segment = associated(masks, ballot.look, count, settings)
     kind = _classes(segment, masks)
+    smooth = None if surface is None else surface.bend >= np.cos(np.radians(settings.crease))
+    region = None if smooth is None else surface.pieces(smooth)
     votes = csr_matrix((count, len(kind)))
-    with progress("counting votes", views, " views") as bar:
-        for number in range(views):
-            cell, mask, weight = ballot.of(number)
-            chosen = segment[mask] > 0
-            new = coo_matrix((weight[chosen], (cell[chosen], segment[mask[chosen]])), shape=votes.shape)
-            votes = votes + new.tocsr()
-            bar.advance()
+    with progress("counting votes", views * (1 + settings.sharpen), " views") as bar:
+        for turn in range(1 + settings.sharpen):
+            belief, votes = _belief(votes, region) if turn else None, csr_matrix(votes.shape)
+            for number in range(views):
+                votes = votes + _votes_of(ballot, number, segment, belief, votes.shape)
+                bar.advance()
     ids, share, total = most_votes(votes)
     if surface is not None:
         if settings.split:
@@ -131,18 +143,93 @@ def fuse(cells: Cells, surface: Surface | None, ballot: Ballot, settings: Fuse) 
         if settings.island > 0:
             ids = tidied(surface, ids, share, settings.island)
         if settings.fill:
-            ids = filled(surface, ids, surface.bend >= np.cos(np.radians(settings.crease)))
+            ids = filled(surface, ids, smooth)
         share = share_of(votes, ids)  # what was cleaned may have the id that fewer views gave it
         ids, kind = _cut_into_pieces(surface, ids, kind, _cut_classes(masks, kind, settings), settings.gap)
     ids, kind = numbered(ids, kind, cells.mesh.areas)
     return Fused(ids, kind[ids], share, total, kind, _views_of(ids, ballot, views))
 
 
+def _votes_of(
+    ballot: Ballot, number: int, segment: np.ndarray, belief: "_Belief | None", shape: tuple[int, int]
+) -> csr_matrix:
+    """Votes (C, S + 1) of a view.
+
+    A pixel votes for the cell that it shows. Where a ``belief`` is known it votes for the cells around, in proportion to
+    what they were given of its segment so far: edges of masks are uncertain by some pixels, and a vote that belongs to
+    the window frame is not for the pane beside it (expectation maximisation over where each pixel's id is from).
+    """
+    pixel, mask, weight = ballot.of(number)
+    label = segment[mask]
+    pixel, label, weight = pixel[label > 0], label[label > 0], weight[label > 0]
+    camera, cell = ballot.looks.cameras[number], ballot.looks.of(number)[0]
+    if belief is None:
+        return coo_matrix((weight, (cell[pixel], label)), shape=shape).tocsr()
+    picture = np.pad(cell.reshape(camera.height, camera.width), _REACH, constant_values=-1)
+    row, column = pixel // camera.width + _REACH, pixel % camera.width + _REACH
+    around = np.stack([picture[row + y, column + x] for y in _STEPS for x in _STEPS], axis=1)
+    share = np.where(around >= 0, belief.of(around, label[:, None]), 0)
+    share[:, len(_STEPS) ** 2 // 2] += _STAYS
+    share *= (weight / share.sum(axis=1))[:, None]
+    rows, columns = np.maximum(around, 0).ravel(), np.repeat(label, around.shape[1])
+    return coo_matrix((share.ravel(), (rows, columns)), shape=shape).tocsr()
+
+
+@dataclass(frozen=True)
+class _Belief:
+    """What cells were given so far: of each cell, and of the region that it lies in, the two most voted segments.
+
+    Attributes
+    ----------
+    region
+        (C,) region of each cell.
+    label, share
+        Of cells (C, 2): the segments and their share of the votes; -1 where there is none.
+    region_label, region_share
+        The same of regions (R, 2).
+    own
+        (C,) weight of the cell's share against its region's: the more votes, the more.
+    """
+
+    region: np.ndarray
+    label: np.ndarray
+    share: np.ndarray
+    region_label: np.ndarray
+    region_share: np.ndarray
+    own: np.ndarray
+
+    def of(self, cell: np.ndarray, label: np.ndarray) -> np.ndarray:
+        """Belief that cells have a segment; arrays of one shape."""
+        region, own = self.region[cell], self.own[cell]
+        result = np.zeros(cell.shape, np.float32)
+        for k in (0, 1):
+            result += np.where(self.label[cell, k] == label, own * self.share[cell, k], 0)
+            result += np.where(self.region_label[region, k] == label, (1 - own) * self.region_share[region, k], 0)
+        return result
+
+
+def _belief(votes: csr_matrix, region: np.ndarray) -> _Belief:
+    count = votes.shape[0]
+    cells = csr_matrix((np.ones(count), (region, np.arange(count))), shape=(int(region.max()) + 1, count))
+    total = np.asarray(votes.sum(axis=1)).reshape(-1)
+    return _Belief(region, *_two_best(votes), *_two_best((cells @ votes).tocsr()), (total / (total + _TRUST)).astype(np.float32))
+
+
+def _two_best(votes: csr_matrix) -> tuple[np.ndarray, np.ndarray]:
+    """The two columns with the most votes of each row (N, 2) int32, -1 where there is none, and their shares (N, 2)."""
+    first, share, _ = most_votes(votes)
+    others = votes.copy()
+    others.data[others.indices == np.repeat(first, np.diff(votes.indptr))] = 0
+    second, _, _ = most_votes(others)
+    shares = np.stack([share, share_of(others, second) * (1 - share)], axis=1).astype(np.float32)
+    return np.where(shares > 0, np.stack([first, second], axis=1), -1).astype(np.int32), shares
+
+
 def disputed(ballot: Ballot, count: int) -> np.ndarray:
     """(count,) bool: triangles of which a view shows two segments."""
     found = np.zeros(count, bool)
     for number in range(len(ballot.looks.cameras)):
-        cell, mask, _ = ballot.of(number)
+        cell, mask = ballot.look(number)
         keys, pixels = np.unique(cell.astype(np.int64) << 32 | mask, return_counts=True)
         triangle = keys[pixels >= _FEWEST_PIXELS] >> 32
         found[triangle[1:][triangle[1:] == triangle[:-1]]] = True
@@ -282,8 +369,8 @@ def fuse_views(dataset: Path, segments: Path, settings: Fuse, stats: Stats) -> N
         cells = split(mesh, mixed, size, settings.most_cells)
         looks = look(cells.mesh, voting, segments)
     ballot = Ballot(segments / "views", looks, settings)
-    needs_neighbours = settings.split or settings.fill or settings.island > 0 or settings.pieces != "none"
-    surface = surface_of(cells.mesh) if needs_neighbours else None
+    alone = not (settings.split or settings.sharpen or settings.fill or settings.island) and settings.pieces == "none"
+    surface = None if alone else surface_of(cells.mesh)
     found = fuse(cells, surface, ballot, settings)
     about = {"source": "views", "views": len(voting), "silent_views": ballot.silent, "masks": len(ballot.masks)}
     kinds = ["semantic"] if found.kind.any() else []

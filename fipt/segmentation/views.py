@@ -82,7 +82,7 @@ def _directions(camera: Camera, step: int = 1) -> np.ndarray:
     return camera.directions(columns.ravel() + 0.5, rows.ravel() + 0.5)
 
 
-def view_ids(folder: Path, camera: Camera, other_size: str) -> tuple[np.ndarray, np.ndarray]:
+def view_ids(folder: Path, camera: Camera, other_size: str, quiet: bool = False) -> tuple[np.ndarray, np.ndarray]:
     """Segment ids (H, W) uint16 of a view, 0 = unknown, and the class (K,) int32 of each id.
 
     Parameters
@@ -91,6 +91,8 @@ def view_ids(folder: Path, camera: Camera, other_size: str) -> tuple[np.ndarray,
         Of VIEW.npz.
     other_size
         ``nearest``: ids of another size than the view are resampled, with a warning; ``error``: they are refused.
+    quiet
+        Without the warning: the view was read before.
     """
     path = folder / f"{camera.name}.npz"
     ids, classes = read_view_ids(path)
@@ -99,7 +101,8 @@ def view_ids(folder: Path, camera: Camera, other_size: str) -> tuple[np.ndarray,
     sizes = f"{path} must be {camera.width}x{camera.height} like its view; it is {ids.shape[1]}x{ids.shape[0]}"
     if other_size == "error":
         raise FiptError(sizes, "export the ids at the view's size, or set fuse.other_size: nearest")
-    print(f"warning: {sizes}; the nearest ids are taken")
+    if not quiet:
+        print(f"warning: {sizes}; the nearest ids are taken")
     rows = (np.arange(camera.height) + 0.5) * ids.shape[0] / camera.height
     columns = (np.arange(camera.width) + 0.5) * ids.shape[1] / camera.width
     return ids[rows.astype(int)[:, None], columns.astype(int)], classes
