@@ -103,6 +103,7 @@ def fit_model(
     save_field(out, field, settings)
     checkpoint.unlink(missing_ok=True)
     stats["segments"] = kind or "none"
+    stats["fused_segments"] = segments is not None
 
 
 def _sure_enough(
