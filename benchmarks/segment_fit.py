@@ -5,7 +5,7 @@
     fipt run degraded_ids ... grown ... without ... (the same options)
     python -m benchmarks.segment_fit table results/true_ids results/degraded_ids results/grown results/without
 
-``degrade`` writes the ids of the training views as `benchmarks.segmentation` makes them worse: 15 % of the pixels random,
+``degrade`` makes the ids of the training views worse as `benchmarks.segmentation` does: 15 % of the pixels random,
 edges moved by about 3 pixels, numbers permuted in every view.
 """
 
