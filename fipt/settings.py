@@ -205,7 +205,7 @@ class Fuse(Settings):
     other_size: Literal["nearest", "error"] = Field(
         "nearest", description="ids of another size than their view: take the nearest with a warning, or stop"
     )
-    colour: Length = Field(0.15, description="of --geometry: regions end where colour jumps more (log of radiance)")
+    colour: Length = Field(0.25, description="of --geometry: regions end where colour jumps more, in natural logarithms")
     smallest: Weight = Field(0.01, description="of --geometry: smaller regions join a neighbour, square metres")
 
 

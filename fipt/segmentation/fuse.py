@@ -24,7 +24,7 @@ from fipt.progress import progress
 from fipt.segmentation.associate import Masks, associated
 from fipt.segmentation.split import Cells, split, whole
 from fipt.segmentation.surface import Surface, filled, near_pieces, surface_of, tidied
-from fipt.segmentation.views import Looks, look, pixel_size, view_ids, without_speckles
+from fipt.segmentation.views import Looks, look, view_ids, without_speckles
 from fipt.settings import Fuse, dumped
 
 _CELL = 2.0
@@ -146,7 +146,7 @@ def fuse(cells: Cells, surface: Surface | None, ballot: Ballot, settings: Fuse) 
             ids = filled(surface, ids, smooth)
         share = share_of(votes, ids)  # what was cleaned may have the id that fewer views gave it
         ids, kind = _cut_into_pieces(surface, ids, kind, _cut_classes(masks, kind, settings), settings.gap)
-    ids, kind = numbered(ids, kind, cells.mesh.areas)
+    ids, kind = numbered(ids, kind, cells.area)
     return Fused(ids, kind[ids], share, total, kind, _views_of(ids, ballot, views))
 
 
@@ -155,9 +155,9 @@ def _votes_of(
 ) -> csr_matrix:
     """Votes (C, S + 1) of a view.
 
-    A pixel votes for the cell that it shows. Where a ``belief`` is known it votes for the cells around, in proportion to
-    what they were given of its segment so far: edges of masks are uncertain by some pixels, and a vote that belongs to
-    the window frame is not for the pane beside it (expectation maximisation over where each pixel's id is from).
+    A pixel votes for the cell that it shows. Where a ``belief`` is known, pixels near edges vote for the cells around,
+    in proportion to how much those are believed to have its segment: edges of masks are uncertain by some pixels, and
+    what is said of a window frame is not for the pane beside it (expectation maximisation over where the id is from).
     """
     pixel, mask, weight = ballot.of(number)
     label = segment[mask]
@@ -165,14 +165,22 @@ def _votes_of(
     camera, cell = ballot.looks.cameras[number], ballot.looks.of(number)[0]
     if belief is None:
         return coo_matrix((weight, (cell[pixel], label)), shape=shape).tocsr()
-    picture = np.pad(cell.reshape(camera.height, camera.width), _REACH, constant_values=-1)
-    row, column = pixel // camera.width + _REACH, pixel % camera.width + _REACH
-    around = np.stack([picture[row + y, column + x] for y in _STEPS for x in _STEPS], axis=1)
-    share = np.where(around >= 0, belief.of(around, label[:, None]), 0)
-    share[:, len(_STEPS) ** 2 // 2] += _STAYS
-    share *= (weight / share.sum(axis=1))[:, None]
-    rows, columns = np.maximum(around, 0).ravel(), np.repeat(label, around.shape[1])
-    return coo_matrix((share.ravel(), (rows, columns)), shape=shape).tocsr()
+    picture = np.pad(cell.reshape(camera.height, camera.width), _REACH, constant_values=-1).ravel()
+    place = (pixel // camera.width + _REACH) * (camera.width + 2 * _REACH) + pixel % camera.width + _REACH
+    steps = [y * (camera.width + 2 * _REACH) + x for y in _STEPS for x in _STEPS]
+    won = np.where(picture >= 0, belief.label[picture, 0], -1)
+    inside = np.ones(len(place), bool)
+    for step in steps:
+        inside &= won[place + step] == label
+    edge = ~inside
+    around = np.stack([picture[place[edge] + step] for step in steps], axis=1)
+    share = np.where(around >= 0, belief.of(around, label[edge, None]), 0)
+    share[:, len(steps) // 2] += _STAYS
+    share *= (weight[edge] / share.sum(axis=1))[:, None]
+    values = np.concatenate([weight[inside], share.ravel()])
+    rows = np.concatenate([cell[pixel[inside]], np.maximum(around, 0).ravel()])
+    columns = np.concatenate([label[inside], np.repeat(label[edge], len(steps))])
+    return coo_matrix((values, (rows, columns)), shape=shape).tocsr()
 
 
 @dataclass(frozen=True)
@@ -364,7 +372,7 @@ def fuse_views(dataset: Path, segments: Path, settings: Fuse, stats: Stats) -> N
     mesh = data.mesh()
     looks, cells = look(mesh, voting, segments), whole(mesh)
     if settings.split:
-        size = settings.cell or _CELL * pixel_size(mesh, voting)
+        size = settings.cell or _CELL * looks.pixel
         mixed = disputed(Ballot(segments / "views", looks, settings), len(mesh.triangles))
         cells = split(mesh, mixed, size, settings.most_cells)
         looks = look(cells.mesh, voting, segments)
@@ -447,8 +455,8 @@ def write_fused(
         "split_triangles": int(fusion.split.sum()),
         "agreement": round(overall, 4),
         "cells_below_half": round(float((found.agreement[voted] < 0.5).mean()) if voted.any() else 0.0, 4),
-        "seen_area": round(float(cells.mesh.areas[voted].sum()), 4),
-        "area_without_id": round(float(cells.mesh.areas[found.part == 0].sum()), 4),
+        "seen_area": round(float(cells.area[voted].sum()), 4),
+        "area_without_id": round(float(cells.area[found.part == 0].sum()), 4),
     }
     content = about | figures | {"kinds": kinds, "segments": segments, "settings": dumped(settings)}
     write_fusion(out / "fusion.npz", fusion, content)
@@ -462,7 +470,7 @@ def write_fused(
 
 def on_triangles(cells: Cells, found: Fused) -> Fusion:
     """What the room's triangles get from their cells."""
-    count, area = int(cells.parent[-1]) + 1, cells.mesh.areas
+    count, area = int(cells.parent[-1]) + 1, cells.area
     part = most_votes(coo_matrix((area + 1e-12, (cells.parent, found.part))).tocsr())[0]
     votes = np.bincount(cells.parent, found.votes, count)
     agreement = np.bincount(cells.parent, found.votes * found.agreement, count) / np.where(votes > 0, votes, 1)
@@ -484,7 +492,7 @@ def _named(kind: int, names: dict[int, str]) -> str:
 
 def _segments(cells: Cells, found: Fused, names: dict[int, str]) -> list[dict[str, Any]]:
     """What fusion.json says of each part."""
-    count, area = len(found.kind), cells.mesh.areas
+    count, area = len(found.kind), cells.area
     whole = np.bincount(found.part, area, count)
     seen = np.bincount(found.part, area * (found.votes > 0), count)
     votes = np.bincount(found.part, found.votes, count)

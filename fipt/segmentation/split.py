@@ -4,6 +4,7 @@ The room's mesh never changes, since ids elsewhere refer to its triangles. Cells
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -30,6 +31,11 @@ class Cells:
     mesh: Mesh
     parent: np.ndarray
     size: float
+
+    @cached_property
+    def area(self) -> np.ndarray:
+        """(C,) float64 square metres."""
+        return self.mesh.areas
 
     def __len__(self) -> int:
         return len(self.parent)

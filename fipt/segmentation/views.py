@@ -1,6 +1,5 @@
 """What the views show: the cell at the centre of every pixel, and the segment id that a view gives it."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,8 +13,8 @@ from fipt.io.segments import read_view_ids
 from fipt.progress import progress
 from fipt.render.scene import RayScene
 
-_SPARSE = 8
-"""Every so many pixels along a row and a column tell how large pixels are on the surface."""
+_SOME = 61
+"""Every so many pixels tell how large pixels are on the surface."""
 _ALIKE = 2
 """Neighbours of eight that a pixel agrees with; with fewer it is a speckle."""
 
@@ -32,11 +31,14 @@ class Looks:
         (P,) int32 cell at the pixel's centre, -1 where there is none.
     cosine
         (P,) float16 between the direction to the camera and the cell's normal.
+    pixel
+        Median width of a pixel on the surface, metres; infinite where no ray hits it.
     """
 
     cameras: list[Camera]
     cell: np.ndarray
     cosine: np.ndarray
+    pixel: float
 
     def of(self, index: int) -> tuple[np.ndarray, np.ndarray]:
         """Cell (H W,) and cosine (H W,) of the pixels of view number ``index``."""
@@ -49,37 +51,19 @@ def look(mesh: Mesh, cameras: list[Camera], folder: Path) -> Looks:
     """Trace the ray through the centre of every pixel; the result lies on the disk of ``folder``."""
     scene, empty = RayScene(mesh), on_disk(folder)
     pixels = sum(camera.width * camera.height for camera in cameras)
-    looks = Looks(cameras, empty((pixels,), np.int32), empty((pixels,), np.float16))
-    start = 0
+    found, cosine, widths, start = empty((pixels,), np.int32), empty((pixels,), np.float16), [], 0
     with progress("looking at cells", pixels, " pixels") as bar:
         for camera in cameras:
             own = slice(start, start + camera.width * camera.height)
-            directions = _directions(camera)
-            cell = scene.intersect(camera.center, directions)[1]
-            looks.cell[own] = cell
-            looks.cosine[own] = np.abs((scene.normals[cell] * directions).sum(axis=1))
+            rows, columns = np.mgrid[: camera.height, : camera.width] + 0.5
+            directions = camera.directions(columns.ravel(), rows.ravel())
+            distance, cell = scene.intersect(camera.center, directions)
+            found[own], cosine[own] = cell, np.abs((scene.normals[cell] * directions).sum(axis=1))
+            widths.append(distance[::_SOME][cell[::_SOME] >= 0] / camera.fx)
             start = own.stop
             bar.advance(own.stop - own.start)
-    return looks
-
-
-def pixel_size(mesh: Mesh, cameras: Iterable[Camera]) -> float:
-    """Median width of a pixel on the surface over the views, metres; FiptError where no ray hits it."""
-    scene = RayScene(mesh)
-    found = []
-    for camera in cameras:
-        distance = scene.intersect(camera.center, _directions(camera, _SPARSE))[0]
-        found.append(distance[np.isfinite(distance)] / camera.fx)
-    sizes = np.concatenate(found) if found else np.zeros(0)
-    if len(sizes) == 0:
-        raise FiptError("no camera ray hits the mesh", "check the poses, axes and units of the source")
-    return float(np.median(sizes))
-
-
-def _directions(camera: Camera, step: int = 1) -> np.ndarray:
-    """(N, 3) float32 directions through the centres of every ``step``-th pixel, row by row."""
-    rows, columns = np.mgrid[step // 2 : camera.height : step, step // 2 : camera.width : step]
-    return camera.directions(columns.ravel() + 0.5, rows.ravel() + 0.5)
+    width = np.concatenate(widths)
+    return Looks(cameras, found, cosine, float(np.median(width)) if len(width) else np.inf)
 
 
 def view_ids(folder: Path, camera: Camera, other_size: str, quiet: bool = False) -> tuple[np.ndarray, np.ndarray]:
