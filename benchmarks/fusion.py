@@ -45,9 +45,7 @@ def write_scene(root: Path, views: int, triangles: int) -> int:
         cell, _ = looks.of(number)
         true = np.where(cell >= 0, part[cell], 0).reshape(camera.height, camera.width)
         ids = renumbered(degraded(true.astype(np.uint16), rng), rng)
-        write_view_ids(
-            root / "segments" / "views" / f"{camera.name}.npz", ids, np.zeros(int(ids.max()) + 1, np.int32)
-        )
+        write_view_ids(root / "segments" / "views" / f"{camera.name}.npz", ids, np.zeros(int(ids.max()) + 1, np.int32))
     while len(mesh.triangles) < triangles:
         mesh = halved(mesh)
     write_ply(root / "dataset" / "mesh.ply", mesh)

@@ -143,7 +143,9 @@ def main() -> int:
             found = run(data, folder, arguments.kind, settings, new_numbers, arguments.seed)
             if name == "fused" and arguments.pictures:
                 pictures(data, folder, arguments.kind, arguments.pictures)
-        print(f"{name}: {found.pixels:.2%} of the pixels, {found.surface:.2%} of the surface, {found.segments} segments")
+        print(
+            f"{name}: {found.pixels:.2%} of the pixels, {found.surface:.2%} of the surface, {found.segments} segments"
+        )
     return 0
 
 

@@ -205,7 +205,9 @@ class Fuse(Settings):
     other_size: Literal["nearest", "error"] = Field(
         "nearest", description="ids of another size than their view: take the nearest with a warning, or stop"
     )
-    colour: Length = Field(0.25, description="of --geometry: regions end where colour jumps more, in natural logarithms")
+    colour: Length = Field(
+        0.25, description="of --geometry: regions end where colour jumps more, in natural logarithms"
+    )
     smallest: Weight = Field(0.01, description="of --geometry: smaller regions join a neighbour, square metres")
 
 

@@ -141,9 +141,7 @@ def _sampled(masks: Masks, look: Look, cells: int) -> csr_matrix:
     return coo_matrix((np.ones(len(row)), (row, column)), shape=(len(masks), cells)).tocsr()
 
 
-def contracted(
-    count: int, first: np.ndarray, second: np.ndarray, evidence: np.ndarray, view: np.ndarray
-) -> np.ndarray:
+def contracted(count: int, first: np.ndarray, second: np.ndarray, evidence: np.ndarray, view: np.ndarray) -> np.ndarray:
     """(count,) int64 cluster of each of ``count`` masks: the lowest mask in it.
 
     Parameters

@@ -220,7 +220,9 @@ def _belief(votes: csr_matrix, region: np.ndarray) -> _Belief:
     count = votes.shape[0]
     cells = csr_matrix((np.ones(count), (region, np.arange(count))), shape=(int(region.max()) + 1, count))
     total = np.asarray(votes.sum(axis=1)).reshape(-1)
-    return _Belief(region, *_two_best(votes), *_two_best((cells @ votes).tocsr()), (total / (total + _TRUST)).astype(np.float32))
+    return _Belief(
+        region, *_two_best(votes), *_two_best((cells @ votes).tocsr()), (total / (total + _TRUST)).astype(np.float32)
+    )
 
 
 def _two_best(votes: csr_matrix) -> tuple[np.ndarray, np.ndarray]:
@@ -256,7 +258,11 @@ def settled(cells: Cells, surface: Surface, votes: csr_matrix, ids: np.ndarray) 
     edge = np.flatnonzero(neighbours < 3)
     far = np.linalg.norm(surface.center[a] - surface.center[b], axis=1)
     graph = surface.graph(alike, np.maximum(far, 1e-9))
-    depth = dijkstra(graph, indices=edge, min_only=True, limit=_EDGE * cells.size) if len(edge) else np.full(len(ids), np.inf)
+    depth = (
+        dijkstra(graph, indices=edge, min_only=True, limit=_EDGE * cells.size)
+        if len(edge)
+        else np.full(len(ids), np.inf)
+    )
     piece = surface.pieces(alike)
     thick = np.zeros(piece.max() + 1, bool)
     thick[piece[np.isinf(depth)]] = True

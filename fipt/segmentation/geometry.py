@@ -69,7 +69,9 @@ def seen_colors(data: Dataset, looks: Looks, count: int) -> tuple[np.ndarray, np
     mean = mean + _DARKEST * max(float(np.median(bright)) if len(bright) else 1.0, 1e-12)
     color = np.zeros((count, 3))
     logs = np.log(mean)
-    color[seen] = np.stack([_BRIGHTNESS * np.log(mean @ LUMINANCE), logs[:, 0] - logs[:, 1], logs[:, 2] - logs[:, 1]], 1)
+    color[seen] = np.stack(
+        [_BRIGHTNESS * np.log(mean @ LUMINANCE), logs[:, 0] - logs[:, 1], logs[:, 2] - logs[:, 1]], 1
+    )
     return color, pixels
 
 
@@ -89,9 +91,7 @@ def regions(surface: Surface, color: np.ndarray, pixels: np.ndarray, settings: F
     return np.where(small, ids.max() + 1 + piece, ids)
 
 
-def _grown(
-    surface: Surface, smooth: np.ndarray, color: np.ndarray, pixels: np.ndarray, most: float
-) -> np.ndarray:
+def _grown(surface: Surface, smooth: np.ndarray, color: np.ndarray, pixels: np.ndarray, most: float) -> np.ndarray:
     """(C,) int64 region of every triangle: joined across ``smooth`` (E,) sides while colour jumps less than ``most``."""
     a, b = surface.pairs[smooth].T
     known = (pixels[a] > 0) & (pixels[b] > 0)

@@ -1,6 +1,6 @@
 """Cells: the mesh with its large triangles cut, so that a segment may end inside a triangle.
 
-The room's mesh never changes, since ids elsewhere refer to its triangles. Cells know the triangle that they are cut from.
+The room's mesh never changes, since ids elsewhere refer to its triangles. Cells know the triangle they are cut from.
 """
 
 from dataclasses import dataclass
@@ -70,7 +70,9 @@ def split(mesh: Mesh, chosen: np.ndarray, size: float, most: int) -> Cells:
         if len(cut) == 0:
             break
         at = np.minimum(np.searchsorted(cut, key), len(cut) - 1)
-        vertices, triangles, parent, fine = _cut(vertices, triangles, parent, fine, cut, np.where(cut[at] == key, at, -1))
+        vertices, triangles, parent, fine = _cut(
+            vertices, triangles, parent, fine, cut, np.where(cut[at] == key, at, -1)
+        )
     order = np.argsort(parent, kind="stable")
     return Cells(Mesh(vertices, triangles[order]), parent[order], size)
 

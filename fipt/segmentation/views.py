@@ -15,6 +15,8 @@ from fipt.render.scene import RayScene
 
 _SOME = 61
 """Every so many pixels tell how large pixels are on the surface."""
+_NUDGE = (0.013, 0.007)
+"""Pixels beside the centre where a ray is traced again that found nothing: it may have passed exactly between cells."""
 _ALIKE = 2
 """Neighbours of eight that a pixel agrees with; with fewer it is a speckle."""
 
@@ -55,9 +57,13 @@ def look(mesh: Mesh, cameras: list[Camera], folder: Path) -> Looks:
     with progress("looking at cells", pixels, " pixels") as bar:
         for camera in cameras:
             own = slice(start, start + camera.width * camera.height)
-            rows, columns = np.mgrid[: camera.height, : camera.width] + 0.5
-            directions = camera.directions(columns.ravel(), rows.ravel())
+            row, column = (values.ravel() + 0.5 for values in np.mgrid[: camera.height, : camera.width])
+            directions = camera.directions(column, row)
             distance, cell = scene.intersect(camera.center, directions)
+            lost = np.flatnonzero(cell < 0)
+            if len(lost):
+                beside = camera.directions(column[lost] + _NUDGE[0], row[lost] + _NUDGE[1])
+                distance[lost], cell[lost] = scene.intersect(camera.center, beside)
             found[own], cosine[own] = cell, np.abs((scene.normals[cell] * directions).sum(axis=1))
             widths.append(distance[::_SOME][cell[::_SOME] >= 0] / camera.fx)
             start = own.stop
