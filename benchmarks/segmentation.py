@@ -2,9 +2,10 @@
 
     python -m benchmarks.segmentation DATASET [--kind semantic] [--pictures FOLDER]
 
-In every training view the edges between segments are moved by up to 3 pixels along each axis, 15 % of the pixels get the id of another
-segment of the view, and ids are numbered anew. What the fusion makes of it is compared with the true ids under the best
-assignment of ids to true ids, one to one; beside it, the supplement's plain count.
+In every training view the edges between segments are moved by up to 3 pixels along each axis, 15 % of the pixels get
+the id of some segment of the view, and ids are numbered anew. What the fusion makes of it is compared with the true ids
+under the best assignment of ids to true ids, one to one; beside it, the supplement's plain count, with these numbers
+and with the true ones.
 """
 
 import argparse

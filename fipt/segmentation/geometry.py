@@ -92,7 +92,7 @@ def regions(surface: Surface, color: np.ndarray, pixels: np.ndarray, settings: F
 
 
 def _grown(surface: Surface, smooth: np.ndarray, color: np.ndarray, pixels: np.ndarray, most: float) -> np.ndarray:
-    """(C,) int64 region of every triangle: joined across ``smooth`` (E,) sides while colour jumps less than ``most``."""
+    """(C,) int64 region of each triangle: joined across ``smooth`` (E,) sides where colour jumps less than ``most``."""
     a, b = surface.pairs[smooth].T
     known = (pixels[a] > 0) & (pixels[b] > 0)
     length = np.maximum(surface.border[smooth], 1e-9)

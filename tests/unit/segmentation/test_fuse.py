@@ -131,12 +131,12 @@ def test_degraded_views_of_a_room_agree_on_the_true_parts(tmp_path: Path) -> Non
         for number, camera in enumerate(cameras[:-1]):
             rng = np.random.default_rng([3, number])
             ids = degraded(true[number].astype(np.uint16), rng, shift=1.5)  # of so few pixels
-            labelled(out, camera.name, renumbered(ids, rng) if name == "fused" else ids)
+            labelled(out, camera.name, renumbered(ids, rng))
         fuse_views(tmp_path / "dataset", out, chosen, Stats())
         found = np.concatenate([fused(out, camera.name).ravel() for camera in cameras])
         matched[name] = best_match(found, np.concatenate(true).ravel())
     assert matched["fused"] > 0.92
-    assert matched["fused"] > matched["plain"]  # although that one was told the true numbers
+    assert matched["plain"] < 0.6  # numbers mean nothing beyond their view
 
 
 def test_a_picture_on_a_wall_of_two_triangles_is_found_and_triangles_keep_their_order(tmp_path: Path) -> None:
