@@ -59,7 +59,7 @@ def fit_model(
     if kind is None:
         print(
             "warning: no segments; roughness and metallic are fitted point by point, without search or propagation: "
-            "surface on which no view sees a highlight stays rough and not metallic"
+            "they are unsure wherever no view sees a highlight (docs/segmentation.md has figures)"
         )
     empty = on_disk(out.parent)  # what there is for every pixel stays out of memory
     ids = kind and [segments_of(data, shard, kind, empty) for shard in shards]

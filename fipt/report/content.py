@@ -476,7 +476,7 @@ def _warnings(root: Path, stats: Sequence[tuple[str, int | None, Mapping[str, An
         warnings += [f"{stage}: {text}" for text in figures.get("warnings", ())]
     if any(stage == "fit" and figures.get("segments") == "none" for stage, _, figures in stats):
         warnings.append(
-            "The fit ran without segments: surface on which no view sees a highlight stays rough and not metallic."
+            "The fit ran without segments: roughness and metallic are unsure wherever no view sees a highlight."
         )
     return warnings
 

@@ -81,7 +81,7 @@ def test_the_page(results):
     stats(results, "fit.round-0", {"segments": "none", "fused_segments": False})
     page = build_page(results, Report())
     assert 'id="segments"' not in page
-    assert "The fit ran without segments: surface on which no view sees a highlight stays rough" in page
+    assert "The fit ran without segments: roughness and metallic are unsure wherever no view sees" in page
 
 
 def test_a_damaged_list_is_named(results):
