@@ -23,7 +23,7 @@ from pydantic import BaseModel, Field, ValidationError, create_model
 
 from fipt.errors import FiptError
 from fipt.io.files import check_name
-from fipt.settings import PRESETS, STAGES, Positive, RelightSetup, Settings, check_background, dumped
+from fipt.settings import PRESETS, STAGES, Positive, RelightSetup, Settings, check_background, check_segment, dumped
 
 RESULTS = "results"
 """Folder of all results, in the working directory."""
@@ -139,6 +139,11 @@ class Scene:
     def json(self, stage: str) -> str:
         """Settings of a stage as sorted JSON, for ``--settings``."""
         values = dumped(self.settings[stage])
+        if stage == "fit" and self.segmentation == "none":
+            values["segments"] = "none"
+        if stage == "segment":
+            for key in ("model", "path"):
+                values[key] = values[key] and self._placed(values[key], f"settings.segment.{key}")
         if stage == "background" and values["file"]:
             values["file"] = self.background_path()
         if stage == "check_poses":
@@ -171,6 +176,37 @@ class Scene:
         """Return the file with known positions to which estimated poses are brought, or None."""
         file = self.settings["poses"].align.reference
         return self._placed(file, "settings.poses.align.reference") if file else None
+
+    @cached_property
+    def segmentation(self) -> str:
+        """Where the fit's segment ids come from: ``dataset``, or a mode: mask2former, given, geometry, none.
+
+        Raises
+        ------
+        FiptError
+            If the source must be read to know it, and cannot be.
+        """
+        mode = self.settings["segment"].mode
+        if mode == "none" or self.settings["fit"].segments == "none":
+            return "none"
+        if mode != "auto":
+            return mode
+        if self.source == "dataset":
+            from fipt.io.sources import has_segments
+
+            return "dataset" if has_segments(self._source) else "geometry"
+        return "dataset" if self.synthesized or self.segments else "geometry"
+
+    def segment_files(self) -> list[str]:
+        """What the ids of views are made of beside the dataset: given ids, or a local folder of weights."""
+        from fipt.segmentation.given import id_files
+
+        chosen = self.settings["segment"]
+        key = {"given": "path", "mask2former": "model"}[chosen.mode]
+        place = Path(self._placed(getattr(chosen, key), f"settings.segment.{key}"))
+        if chosen.mode == "mask2former":
+            return sorted(str(path) for path in place.glob("*") if path.suffix in (".json", ".safetensors"))
+        return [str(path) for path in id_files(place)]
 
     def setup_files(self, setup: str) -> list[str]:
         """Files that a relight setup names: another environment map, or none."""
@@ -429,6 +465,7 @@ def _scene(name: str, entry: SceneEntry, config: Config) -> Scene:
             f"{where}.poses of a known room may be {ESTIMATED}, where simulate_raw is true; found {entry.poses}",
             f"remove {where}.poses, or photograph the room",
         )
+    check_segment(settings["segment"], f"scene {name}: segment")
     return Scene(
         name=name,
         source=entry.source,

@@ -59,6 +59,7 @@ def plan(scene: Scene) -> list[Job]:
     chain.add_dataset()
     chain.add_check()
     chain.add_hits_and_cache()
+    chain.add_segments()
     for round_ in range(scene.rounds + 1):
         chain.add_round(round_)
     chain.add_pictures()
@@ -89,6 +90,8 @@ class _Chain:
         # Of the last round so far: model, its confidence, emitters (perhaps of an earlier one), shading of shards
         self.model = self.emitters = self.confidence = ""
         self.shading: dict[str, str] = {}
+        # Folder of the fused segment ids; none where the fit takes the dataset's
+        self.segments = ""
         # Manifests of what the report shows
         self.shown: list[str] = []
 
@@ -206,6 +209,25 @@ class _Chain:
         options = (*self._training(), "--out", self.cache)
         self.add("cache", "cache", options, self._training_files(), [self.cache])
 
+    def add_segments(self) -> None:
+        """Segment ids of the training views, fused on the mesh, where the fit does not take the dataset's or none."""
+        mode, folder = self.scene.segmentation, f"{self.root}/segments"
+        if mode in ("dataset", "none"):
+            return
+        made = []
+        for shard in self.train if mode in ("mask2former", "given") else ():
+            made.append(manifest(f"{folder}/views.{shard}"))
+            hits = self.hits[shard]
+            options = ("--dataset", self.data, "--hits", hits, "--out", f"{folder}/views", "--manifest", made[-1])
+            files = self.scene.segment_files()
+            inputs = [*self.geometry, *self.images[shard], manifest(hits), *files]
+            self.add("segment", f"segment.{shard}", options, inputs, [made[-1]])
+        self.segments = f"{folder}/fused"
+        grown, fused = () if made else ("--geometry",), manifest(self.segments)
+        options = ("--dataset", self.data, "--segments", folder, *grown)
+        images = [file for shard in self.train for file in self.images[shard]]
+        self.add("fuse", "fuse", options, [*self.geometry, *images, *made], [fused])
+
     def add_round(self, round_: int) -> None:
         """Bake or refine the shading, fit the networks, extract the emitters."""
         folder = f"{self.root}/round-{round_}"
@@ -228,11 +250,13 @@ class _Chain:
         inputs = [*self._training_files(), *map(manifest, self.shading.values())]
         previous = [model_before] if model_before else []
         warm = ["--previous", *previous] if previous else []
+        ids = ["--segments", self.segments] if self.segments else []
+        fused = [manifest(self.segments)] if self.segments else []
         self.add(
             "fit",
             f"fit.round-{round_}",
-            (*options, *warm, "--cache", self.cache, "--background", self.background, "--out", self.model),
-            [*inputs, *previous, self.cache, self.background],
+            (*options, *warm, "--cache", self.cache, "--background", self.background, *ids, "--out", self.model),
+            [*inputs, *previous, self.cache, self.background, *fused],
             [self.model, self.confidence],
         )
         if self.scene.emitters_round(round_) == round_:

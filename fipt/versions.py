@@ -7,6 +7,8 @@ VERSIONS = {
     "import": 1,
     "check_poses": 1,
     "hits": 1,
+    "segment": 1,
+    "fuse": 1,
     "background": 1,
     "cache": 2,
     "bake": 3,

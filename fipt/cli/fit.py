@@ -25,6 +25,9 @@ def command(
     previous: Annotated[Path | None, typer.Option(help="Model of the round before.")] = None,
     cache: Annotated[Path | None, typer.Option(help="Radiance cache; absent: unseen surface is left alone.")] = None,
     background: BackgroundFile = None,
+    segments: Annotated[
+        Path | None, typer.Option(help="Folder of fused segment ids; absent: those of the dataset.")
+    ] = None,
     settings: SettingsJson = "{}",
     stats: StatsFile = None,
 ) -> None:
@@ -35,4 +38,4 @@ def command(
     with stage("fit", settings, stats) as (chosen, figures):
         from fipt.fit.run import fit_model
 
-        fit_model(dataset, listed(hits), listed(shading), previous, cache, background, out, chosen, figures)
+        fit_model(dataset, listed(hits), listed(shading), previous, cache, background, segments, out, chosen, figures)

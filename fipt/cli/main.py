@@ -40,6 +40,8 @@ VERBS: dict[str, Verb] = {
     "import": Verb("import_", "Bring posed HDR views of another layout into the dataset form."),
     "check-poses": Verb("check_poses", "Check through the mesh that every view shows what the others show."),
     "hits": Verb("hits", "Trace the first hits of every pixel, once."),
+    "segment": Verb("segment", "Segment every view, by a network or from ids that are given."),
+    "fuse": Verb("fuse", "Bring segment ids of single views together on the mesh."),
     "background": Verb("background", "Find what light comes from outside the mesh."),
     "cache": Verb("cache", "Gather the pictures' radiance in voxels on the surface."),
     "bake": Verb("bake", "Integrate the shading of every pixel from the radiance cache."),

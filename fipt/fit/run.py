@@ -32,6 +32,7 @@ def fit_model(
     previous: Path | None,
     cache: Path | None,
     background: Path | None,
+    segments: Path | None,
     out: Path,
     settings: Fit,
     stats: Stats,
@@ -48,15 +49,20 @@ def fit_model(
         Radiance cache, which knows the surface that no view sees; None: that surface is left alone.
     background
         Light from outside, which pixels at the edge of an opening show too; None: not known.
+    segments
+        Folder of segment ids; None: those of the dataset.
     """
     torch.set_num_threads(settings.threads or torch.get_num_threads())
-    data = Dataset(dataset)
+    data = Dataset(dataset, segments)
     shards, baked = read_shards(hits, shading)
     kind = data.segment_kind(settings.segments)
     if kind is None:
-        print("warning: no segments; roughness and metallic are fitted point by point, without propagation")
+        print(
+            "warning: no segments; roughness and metallic are fitted point by point, without search or propagation: "
+            "they are unsure wherever no view sees a highlight (docs/segmentation.md has figures)"
+        )
     empty = on_disk(out.parent)  # what there is for every pixel stays out of memory
-    segments = kind and [segments_of(data, shard, kind, empty) for shard in shards]
+    ids = kind and [segments_of(data, shard, kind, empty) for shard in shards]
     images = [pixels_of(data, shard, empty) for shard in shards]
     lamp_gain = settings.evidence or 1.5
     eyes = {view: data.camera(view).center for shard in shards for view in shard.views}
@@ -67,12 +73,13 @@ def fit_model(
     outside = read_background(background)
     edges = [beyond(shard, [data.camera(view) for view in shard.views], outside) for shard in shards]
     weighted = confidence if settings.confidence else None
-    pixels = Pixels(shards, baked, images, segments or None, weighted, edges, clipped, empty)
+    pixels = Pixels(shards, baked, images, ids or None, weighted, edges, clipped, empty)
     center, side = scene_box(shards)
     field = Field(settings, SceneBox(tuple(center.tolist()), side))
     if previous is not None and settings.warm_start:
         field.load_state_dict(load_field(previous)[0].state_dict())
-    checkpoint = _checkpoint(out, [*hits, *shading], [previous, cache, background], settings)
+    made = [*hits, *shading, *([segments] if segments else [])]
+    checkpoint = _checkpoint(out, made, [previous, cache, background], settings)
     targets = hidden = None
     if kind is not None and settings.part_search:
         classes = None
@@ -96,6 +103,7 @@ def fit_model(
     save_field(out, field, settings)
     checkpoint.unlink(missing_ok=True)
     stats["segments"] = kind or "none"
+    stats["fused_segments"] = segments is not None
 
 
 def _sure_enough(

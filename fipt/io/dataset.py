@@ -29,6 +29,8 @@ class Dataset:
     ----------
     root
         The folder.
+    segments_root
+        Folder with ``part/`` and ``semantic/`` ids: of the dataset, or others made of its pictures.
     cameras
         Accepted cameras in the order of transforms.json.
     rejected
@@ -40,8 +42,9 @@ class Dataset:
         Leave out what the mesh told: for the check itself.
     """
 
-    def __init__(self, root: str | Path, unchecked: bool = False) -> None:
+    def __init__(self, root: str | Path, segments: str | Path | None = None, unchecked: bool = False) -> None:
         self.root = Path(root)
+        self.segments_root = Path(segments) if segments else self.root / "segments"
         self.rejected = rejected_views(self.root)
         if unchecked:
             self.rejected = read_rejected(self.root / "views.json")
@@ -120,16 +123,16 @@ class Dataset:
             if self.has_segments(kind):
                 return kind
         if wanted not in ("auto", "none"):
-            raise FiptError(f"{self.root} has no {wanted} segments", "set segments: auto, or import them")
+            raise FiptError(f"{self.segments_root} has no {wanted} segments", "set segments: auto, or import them")
         return None
 
     def has_segments(self, kind: str) -> bool:
         """Whether there are segments of a kind, part or semantic."""
-        return (self.root / "segments" / kind).is_dir()
+        return (self.segments_root / kind).is_dir()
 
     def segments(self, view: str, kind: str) -> np.ndarray:
         """(H, W) uint16 segment ids of a view, 0 = unknown."""
-        path = self.root / "segments" / kind / f"{view}.png"
+        path = self.segments_root / kind / f"{view}.png"
         ids, camera = read_ids(path), self.camera(view)
         if ids.shape != (camera.height, camera.width):
             raise FiptError(

@@ -20,7 +20,7 @@ from fipt.io.images import read_ids, to_display, write_png
 from fipt.io.manifests import write_manifest
 from fipt.io.meshes import Mesh, read_mesh, write_ply
 from fipt.io.overlay import overlay
-from fipt.io.sources import CAPTURE, Frame, Source, numbered_file, read_developed, read_source
+from fipt.io.sources import CAPTURE, SEGMENT_FOLDERS, Frame, Source, numbered_file, read_developed, read_source
 from fipt.progress import progress
 from fipt.settings import Import, dumped
 
@@ -33,9 +33,6 @@ TRUTH_FOLDERS = {
     "metallic": "Metallic",
 }
 """Layer of truth/{view}.exr -> folder of the FIPT synthetic layout, where the source has it."""
-
-SEGMENT_FOLDERS = {"part": "IndexMA", "semantic": "segmentation"}
-"""Kind of segment ids -> folder of the FIPT layouts, where the source has it."""
 
 _SCALARS = ("roughness", "metallic")
 _KNOWN = re.compile(

@@ -93,6 +93,30 @@ def connected_parts(mesh: Mesh) -> np.ndarray:
     return connected_components(graph, directed=False)[1][corners[:, 0]].astype(np.int32)
 
 
+def face_property(path: str | Path, name: str) -> np.ndarray:
+    """(T,) values of a scalar property of a PLY's faces.
+
+    Raises
+    ------
+    FiptError
+        If the file is missing, not a PLY of triangles, or has no such property.
+    """
+    import trimesh
+
+    existing_file(path, "the labelled mesh")
+    try:
+        loaded = trimesh.load(path, process=False, maintain_order=True, force="mesh", file_type="ply")
+        faces = loaded.metadata["_ply_raw"]["face"]["data"]
+    except Exception as error:  # trimesh raises whatever its parsers raise
+        raise FiptError(f"{path} is not a readable PLY mesh ({error})", "give a PLY file with triangles") from error
+    names = faces.dtype.names if isinstance(faces, np.ndarray) else tuple(faces)
+    if name not in names:
+        raise FiptError(
+            f"the faces of {path} have no property {name!r}; found {', '.join(names)}", "name it with segment.property"
+        )
+    return np.asarray(faces[name]).reshape(-1)
+
+
 def _read_other(path: Path) -> tuple[np.ndarray, np.ndarray]:
     import trimesh
 

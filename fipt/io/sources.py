@@ -36,6 +36,9 @@ FORMATS = ("nerfstudio", "fipt-synthetic", "fipt-real")
 CAPTURE = "capture"
 """The one more layout, of developed photographs: see `read_developed`."""
 
+SEGMENT_FOLDERS = {"part": "IndexMA", "semantic": "segmentation"}
+"""Kind of segment ids -> folder of the FIPT layouts, where the source has it."""
+
 Matrix = tuple[tuple[float, ...], ...]
 
 _INTRINSICS = ("w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_y")
@@ -135,6 +138,14 @@ def read_source(path: str | Path, format: str, val_every: int = 8) -> Source:
         raise FiptError(f"the source {path} does not exist", "check the path")
     source = readers[format](path)
     return replace(source, frames=_checked(path, source.frames, val_every))
+
+
+def has_segments(source: Source) -> bool:
+    """Whether every training view of a source has segment ids of some kind."""
+    folders = {frame.folder for frame in source.frames if frame.split == "train"}
+    return None not in folders and any(
+        all((folder / name).is_dir() for folder in folders) for name in SEGMENT_FOLDERS.values()
+    )
 
 
 def read_poses(path: str | Path, val_every: int = 8) -> tuple[Frame, ...]:

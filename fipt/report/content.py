@@ -18,6 +18,7 @@ from fipt.progress import human, progress
 from fipt.report import pictures
 from fipt.report.capture import CaptureReport, read_capture
 from fipt.report.poses import PosesReport, read_poses
+from fipt.report.segments import SegmentsReport, read_segments
 from fipt.settings import Report
 
 COLUMNS = (
@@ -56,6 +57,8 @@ _FIRST = (
     "truth",
     "check_poses",
     "hits",
+    "segment",
+    "fuse",
     "background",
     "cache",
 )
@@ -156,6 +159,7 @@ class Content:
     overlay: Picture | None
     capture: CaptureReport | None
     poses: PosesReport | None
+    segments: SegmentsReport | None
 
 
 def gather(results: Path, settings: Report) -> Content:
@@ -196,6 +200,7 @@ def gather(results: Path, settings: Report) -> Content:
         overlay=_overlay(root / "overlay.png", settings.width),
         capture=read_capture(results / "capture" / "qa.json", data, reader.exposure),
         poses=read_poses(results / "poses"),
+        segments=_segments(results / "segments", stats, reader),
     )
 
 
@@ -230,11 +235,12 @@ class _Reader:
         path = self.results / "dataset" / "images" / f"{name}.exr"
         return self.data.image(name)[0] if path.is_file() else None
 
-    def _embed(self, key: str, label: str, pixels: np.ndarray) -> Picture:
+    def embed(self, key: str, label: str, pixels: np.ndarray) -> Picture:
+        """Embed a picture at the page's width."""
         return Picture(key, label, *pictures.embedded(pixels, self.settings.width))
 
     def _toned(self, key: str, label: str, radiance: np.ndarray) -> Picture:
-        return self._embed(key, label, pictures.tone_mapped(radiance, self.exposure))
+        return self.embed(key, label, pictures.tone_mapped(radiance, self.exposure))
 
     def rows(self) -> list[ViewRow]:
         """The view table."""
@@ -256,7 +262,7 @@ class _Reader:
         if photo is not None and render is not None:
             pixels = pictures.difference_map(render, photo, self.exposure)
             pixels = pixels * (self.data.image(name)[1] > 0)[..., None]  # masked: nothing to compare with
-            shown["difference"] = self._embed("difference", labels["difference"], pixels)
+            shown["difference"] = self.embed("difference", labels["difference"], pixels)
         path = self.results / "materials" / f"{name}.exr"
         layers = read_layers(path) if path.is_file() else {}
         hit = layers.get("hit")
@@ -275,7 +281,7 @@ class _Reader:
                 pixels = pictures.tone_mapped(layers[key], self.exposure)
             else:
                 pixels = pictures.surface_map(layers[key], hit, encode=layers[key].ndim == 3)
-            shown[key] = self._embed(key, label.format(heading), pixels)
+            shown[key] = self.embed(key, label.format(heading), pixels)
         return shown
 
     def _computed(self, folder: Path, name: str) -> np.ndarray | None:
@@ -312,6 +318,17 @@ class _Reader:
         if photo is None:
             photo = self._photo(name)
         return self._toned("original", "Photo", photo) if photo is not None else relit[0]
+
+
+def _segments(
+    folder: Path, stats: Sequence[tuple[str, int | None, Mapping[str, Any]]], reader: _Reader
+) -> SegmentsReport | None:
+    """The fused segments; None where the fit took others, or none."""
+    fits = [figures for stage, _, figures in stats if stage == "fit"]
+    if fits and not fits[-1].get("fused_segments"):
+        return None
+    mode = next((figures.get("settings") for stage, _, figures in stats if stage == "segment"), None) or {}
+    return read_segments(folder, reader.data, mode, reader.exposure, lambda *shown: reader.embed("segments", *shown))
 
 
 def _json(path: Path) -> Any:
@@ -474,6 +491,10 @@ def _warnings(root: Path, stats: Sequence[tuple[str, int | None, Mapping[str, An
     warnings += [f"View {name} was rejected: {reason}." for name, reason in rejected_views(root).items()]
     for stage, _, figures in stats:
         warnings += [f"{stage}: {text}" for text in figures.get("warnings", ())]
+    if any(stage == "fit" and figures.get("segments") == "none" for stage, _, figures in stats):
+        warnings.append(
+            "The fit ran without segments: roughness and metallic are unsure wherever no view sees a highlight."
+        )
     return warnings
 
 

@@ -16,7 +16,7 @@ WORKFLOW = sorted(
 )
 HEAVY = {
     "cv2", "drjit", "exifread", "lensfunpy", "matplotlib", "mitsuba", "numpy", "OpenEXR", "PIL", "pycolmap", "pydantic",
-    "pyoidn", "rawpy", "safetensors", "scipy", "snakemake", "torch", "trimesh",
+    "pyoidn", "rawpy", "safetensors", "scipy", "snakemake", "torch", "transformers", "trimesh",
 }  # fmt: skip
 
 

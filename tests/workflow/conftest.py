@@ -47,6 +47,8 @@ elif verb in ("hits", "bake", "refine"):
         Path("sleeping.pid").write_text(str(os.getpid()))
         time.sleep(60)
     write(flags["--out"] + ".manifest.json")
+elif verb == "fuse":
+    write(Path(flags["--segments"], "fused.manifest.json"))
 elif "--manifest" in flags:
     write(flags["--manifest"])
 elif verb == "check-poses":

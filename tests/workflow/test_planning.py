@@ -210,6 +210,44 @@ def test_fipt_run_does_what_the_workflow_does(workspace):
             assert (here.root / path).exists()
 
 
+def test_segments_are_planned_alike(workspace, monkeypatch):
+    """Given ids by view, then fused; or grown on the mesh: by the workflow and by ``fipt run``."""
+    here = workspace(CONFIG)
+    monkeypatch.chdir(here.root)
+    ids = here.root / "ids"
+    ids.mkdir()
+    for view in range(3):
+        (ids / f"train_{view:03d}.png").write_text("ids")
+    assert "fuse" not in here.planned()  # the dataset has ids
+
+    given = changed(segment={"mode": "given", "path": str(ids)})
+    here.configure(given)
+    assert here.planned() == {**FIRST, "segment": 2, "fuse": 1}
+    here.snakemake()
+    jobs = plan(load(given).scenes["room"])
+    assert sorted(here.calls()) == sorted([job.verb, *job.options] for job in jobs)
+    fits = [job.options for job in jobs if job.verb == "fit"]
+    assert all(options[options.index("--segments") + 1] == "results/room/segments/fused" for options in fits)
+    for job in jobs:
+        for path in (*job.inputs, *job.outputs):
+            assert (here.root / path).exists(), path
+
+    (ids / "train_002.png").write_text("other ids")
+    # Both shards read the folder; with the same ids again, the rest stays (the stand-in writes what it is told).
+    assert here.planned()["segment"] == 2
+    here.configure(changed(segment={"mode": "geometry"}))
+    after = here.planned()
+    assert "segment" not in after
+    assert (after["fuse"], after["fit"]) == (1, 2)
+    grown = plan(load(changed(segment={"mode": "geometry"})).scenes["room"])
+    assert [job.options[4:5] for job in grown if job.verb == "fuse"] == [("--geometry",)]
+    assert "--geometry" in here.snakemake("--dry-run", "--printshellcmds")
+
+    here.configure(changed(segment={"mode": "none"}))
+    assert "fuse" not in here.planned()
+    assert '"segments": "none"' in here.snakemake("--dry-run", "--printshellcmds")
+
+
 def photographed(root):
     """A capture of two views with calibration frames, their poses, a mesh, and its config."""
     made = captures.write(root / "photos", views=3, size=(32, 24), scale=2, calibration_frames=1)

@@ -85,14 +85,14 @@ def shards_of(wildcards, *splits):
 
 
 def sharded(pattern, *splits):
-    """Input function: the pattern for every shard of the splits, or of "all"."""
+    """Input function: the pattern for every shard of the splits, or of "all"; in a job of a shard, for that one."""
     return lambda wildcards: expand(
-        pattern, shard=shards_of(wildcards, *splits), **wildcards
+        pattern, **{"shard": shards_of(wildcards, *splits), **wildcards}
     )
 
 
 def images(*splits):
-    """Input function: manifests of the pictures, ids and truth of the splits, or of "all"."""
+    """Input function: manifests of the pictures, ids and truth of the splits, of "all", or of the job's shard."""
     made = sharded("results/{scene}/dataset/images.{shard}.manifest.json", *splits)
     truth = sharded("results/{scene}/dataset/truth.{shard}.manifest.json", *splits)
     imported = "results/{scene}/dataset/images.manifest.json"
@@ -148,6 +148,29 @@ def previous(pattern):
 def source_files(wildcards):
     """Input function: the files that an import reads."""
     return readable(scene_of(wildcards).source_files)
+
+
+def segmentation(wildcards):
+    """Where the segment ids of a scene come from."""
+    return readable(lambda: scene_of(wildcards).segmentation)
+
+
+def segmented(wildcards):
+    """Input function: ids of the training views, where they are made view by view."""
+    made = "results/{scene}/segments/views.{shard}.manifest.json"
+    by_view = segmentation(wildcards) in ("mask2former", "given")
+    return sharded(made, "train")(wildcards) if by_view else []
+
+
+def segment_files(wildcards):
+    """Input function: given ids, or the weights of a network in a folder."""
+    return readable(scene_of(wildcards).segment_files)
+
+
+def fused(wildcards):
+    """Input function: the fused ids; nothing where the dataset's are used, or none."""
+    made = "results/{scene}/segments/fused.manifest.json".format(**wildcards)
+    return [] if segmentation(wildcards) in ("dataset", "none") else [made]
 
 
 def background_file(wildcards):

@@ -1,7 +1,7 @@
 """The fit: BRDF and emission networks to the training pictures, given their shading.
 
-INPUTS:  results/{scene}/round-{k}/shading/{shard}.manifest.json, hits/{shard}.manifest.json, pictures, segments,
-         cache.npz, background.npz
+INPUTS:  results/{scene}/round-{k}/shading/{shard}.manifest.json, hits/{shard}.manifest.json, pictures, cache.npz, background.npz,
+         segments of the dataset or results/{scene}/segments/fused.manifest.json
          from round 1: the model of the round before
 OUTPUTS: results/{scene}/round-{k}/model.safetensors    networks, scene box, settings, stage version
          results/{scene}/round-{k}/confidence.npz       how well the pictures determine the surface
@@ -23,6 +23,7 @@ rule fit:
         ),
         cache="results/{scene}/cache.npz",
         background="results/{scene}/background.npz",
+        segments=fused,
         previous=previous("results/{scene}/round-{round}/model.safetensors"),
     output:
         model="results/{scene}/round-{round}/model.safetensors",
@@ -41,10 +42,11 @@ rule fit:
         hits=folders_of("hits"),
         shading=folders_of("shading"),
         previous=option("--previous", "previous"),
+        segments=where("segments", "--segments", "results/{scene}/segments/fused"),
         settings=settings("fit"),
         version=VERSIONS["fit"],
     shell:
         "fipt fit --dataset {params.dataset:q} --hits {params.hits:q} --shading {params.shading:q}"
         " {params.previous:q} --cache {input.cache:q} --background {input.background:q}"
-        " --out {output.model:q}"
+        " {params.segments:q} --out {output.model:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

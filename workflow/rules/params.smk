@@ -10,6 +10,13 @@ def option(flag, name):
     return lambda wildcards, input: [flag, *input[name]] if input[name] else []
 
 
+def where(name, flag, pattern):
+    """Params function: a flag with a folder of the scene, where there is an input ``name``."""
+    return lambda wildcards, input: (
+        [flag, pattern.format(**wildcards)] if input[name] else []
+    )
+
+
 def settings(stage):
     """Params function: the settings of one stage as sorted JSON."""
     return lambda wildcards: scene_of(wildcards).json(stage)

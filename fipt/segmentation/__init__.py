@@ -1,0 +1,1 @@
+"""Segment ids: of every view by a network or as given, and fused on the mesh so that all views agree."""

@@ -1,0 +1,68 @@
+"""Segment ids of the training views, where the dataset's own are not used: each view, then all fused on the mesh.
+
+INPUTS:  results/{scene}/hits/{shard}.manifest.json of the training shards, their pictures, mesh
+         given ids (segment.path), or the weights of a network (segment.model)
+OUTPUTS: results/{scene}/segments/views.{shard}.manifest.json  lists views/{view}.npz (ids, classes) and classes.json
+         results/{scene}/segments/fused.manifest.json          lists fused/{part,semantic}/{view}.png with their names
+         results/{scene}/segments/fusion.npz, fusion.json      votes by triangle; the segments, for people
+"""
+
+
+rule segment:
+    """Segment the views of a shard, each by itself."""
+    input:
+        transforms="results/{scene}/dataset/transforms.json",
+        mesh="results/{scene}/dataset/mesh.ply",
+        images=images("train"),
+        hits="results/{scene}/hits/{shard}.manifest.json",
+        files=segment_files,
+    output:
+        manifest="results/{scene}/segments/views.{shard}.manifest.json",
+        stats="results/{scene}/stats/segment.{shard}.json",
+    log:
+        "results/{scene}/logs/segment.{shard}.log",
+    benchmark:
+        "results/{scene}/benchmarks/segment.{shard}.jsonl"
+    threads: workflow.cores
+    resources:
+        mem_mb=6000,
+        gpu=1,
+    params:
+        dataset=folder("results/{scene}/dataset"),
+        hits=folders_of("hits"),
+        out=folder("results/{scene}/segments/views"),
+        settings=settings("segment"),
+        version=VERSIONS["segment"],
+    shell:
+        "fipt segment --dataset {params.dataset:q} --hits {params.hits:q} --out {params.out:q}"
+        " --manifest {output.manifest:q}"
+        " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
+
+
+rule fuse:
+    """Fuse the ids of all training views on the mesh, or grow segments on it."""
+    input:
+        transforms="results/{scene}/dataset/transforms.json",
+        mesh="results/{scene}/dataset/mesh.ply",
+        images=images("train"),
+        views=segmented,
+    output:
+        manifest="results/{scene}/segments/fused.manifest.json",
+        stats="results/{scene}/stats/fuse.json",
+    log:
+        "results/{scene}/logs/fuse.log",
+    benchmark:
+        "results/{scene}/benchmarks/fuse.jsonl"
+    threads: workflow.cores
+    resources:
+        mem_mb=4000,
+        gpu=1,
+    params:
+        dataset=folder("results/{scene}/dataset"),
+        segments=folder("results/{scene}/segments"),
+        grown=lambda wildcards, input: [] if input.views else ["--geometry"],
+        settings=settings("fuse"),
+        version=VERSIONS["fuse"],
+    shell:
+        "fipt fuse --dataset {params.dataset:q} --segments {params.segments:q} {params.grown:q}"
+        " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
