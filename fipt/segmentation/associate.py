@@ -52,13 +52,6 @@ class Masks:
     def __len__(self) -> int:
         return len(self.view)
 
-    def lookup(self, view: int) -> np.ndarray:
-        """(65536,) int64 number of the mask of each id of a view, -1 where there is none."""
-        table = np.full(1 << 16, -1, np.int64)
-        first, last = np.searchsorted(self.view, [view, view + 1])
-        table[self.id[first:last]] = np.arange(first, last)
-        return table
-
 
 Look = Callable[[int], tuple[np.ndarray, np.ndarray]]
 """Of a view's number: cell (N,) and mask (N,) of its pixels that show a cell and vote."""

@@ -14,6 +14,7 @@ from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from fipt.errors import FiptError
+from fipt.io.arrays import on_disk
 from fipt.io.dataset import Dataset
 from fipt.io.files import atomic_folder, write_text
 from fipt.io.fusion import Fusion, write_fusion
@@ -68,31 +69,45 @@ class Fused:
 
 
 class Ballot:
-    """The ids that views give to pixels; read a view at a time.
+    """The ids that views give to pixels; read once, and kept on the disk beside ``folder``.
 
     Parameters
     ----------
     folder
         Of VIEW.npz.
     looks
-        Cells of the pixels of the voting views.
+        What the voting views show; may be exchanged for finer cells of the same views.
+
+    Attributes
+    ----------
+    masks
+        Of all views.
+    silent
+        Names of views without any segment.
     """
 
     def __init__(self, folder: Path, looks: Looks, settings: Fuse) -> None:
-        self.folder, self.looks, self.settings = folder, looks, settings
+        self.looks, self.settings = looks, settings
+        self._mask = on_disk(folder.parent)(looks.cell.shape, np.int32)
         view, ids, kinds, pixels = [], [], [], []
         self.silent = []
+        count = 0
         for number, camera in enumerate(looks.cameras):
             labels, classes = view_ids(folder, camera, settings.other_size)
             if settings.speckles:
                 labels = without_speckles(labels)
-            present, count = np.unique(labels[labels > 0], return_counts=True)
+            labels = labels.reshape(-1)
+            present, size = np.unique(labels[labels > 0], return_counts=True)
             if len(present) == 0:
                 self.silent.append(camera.name)
+            table = np.full(LARGEST_ID + 1, -1, np.int32)
+            table[present] = count + np.arange(len(present))
+            self._mask[looks.pixels(number)] = table[labels]
+            count += len(present)
             view.append(np.full(len(present), number))
             ids.append(present.astype(np.int64))
             kinds.append(classes[present].astype(np.int64))
-            pixels.append(count)
+            pixels.append(size)
         if len(self.silent) == len(looks.cameras):
             raise FiptError(f"no view of {folder} has a segment", "check what wrote the ids")
         if self.silent:
@@ -101,14 +116,11 @@ class Ballot:
 
     def of(self, number: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Pixel (N,), its mask (N,) and weight (N,) of all pixels of a view that vote."""
-        labels, _ = view_ids(self.folder, self.looks.cameras[number], "nearest", quiet=True)
-        if self.settings.speckles:
-            labels = without_speckles(labels)
         cell, cosine = self.looks.of(number)
-        mask = self.masks.lookup(number)[labels.reshape(-1)]
+        mask = np.asarray(self._mask[self.looks.pixels(number)])
         pixel = np.flatnonzero((cell >= 0) & (mask >= 0))
         weight = np.ones(len(pixel)) if self.settings.vote == "count" else cosine[pixel].astype(np.float64)
-        return pixel, mask[pixel], weight
+        return pixel, mask[pixel].astype(np.int64), weight
 
     def look(self, number: int) -> tuple[np.ndarray, np.ndarray]:
         """Cell (N,) and mask (N,) of all pixels of a view that vote."""
@@ -377,12 +389,11 @@ def fuse_views(dataset: Path, segments: Path, settings: Fuse, stats: Stats) -> N
     voting = [data.camera(view) for view in data.views("train")]
     mesh = data.mesh()
     looks, cells = look(mesh, voting, segments), whole(mesh)
+    ballot = Ballot(segments / "views", looks, settings)
     if settings.split:
         size = settings.cell or _CELL * looks.pixel
-        mixed = disputed(Ballot(segments / "views", looks, settings), len(mesh.triangles))
-        cells = split(mesh, mixed, size, settings.most_cells)
-        looks = look(cells.mesh, voting, segments)
-    ballot = Ballot(segments / "views", looks, settings)
+        cells = split(mesh, disputed(ballot, len(mesh.triangles)), size, settings.most_cells)
+        looks = ballot.looks = look(cells.mesh, voting, segments)
     alone = not (settings.split or settings.sharpen or settings.fill or settings.island) and settings.pieces == "none"
     surface = None if alone else surface_of(cells.mesh)
     found = fuse(cells, surface, ballot, settings)

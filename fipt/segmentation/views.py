@@ -42,10 +42,14 @@ class Looks:
     cosine: np.ndarray
     pixel: float
 
+    def pixels(self, index: int) -> slice:
+        """Pixels of view number ``index`` among those of all views."""
+        sizes = [camera.width * camera.height for camera in self.cameras[: index + 1]]
+        return slice(sum(sizes[:-1]), sum(sizes))
+
     def of(self, index: int) -> tuple[np.ndarray, np.ndarray]:
         """Cell (H W,) and cosine (H W,) of the pixels of view number ``index``."""
-        sizes = [camera.width * camera.height for camera in self.cameras]
-        own = slice(sum(sizes[:index]), sum(sizes[: index + 1]))
+        own = self.pixels(index)
         return np.asarray(self.cell[own]), np.asarray(self.cosine[own], np.float32)
 
 
@@ -72,7 +76,7 @@ def look(mesh: Mesh, cameras: list[Camera], folder: Path) -> Looks:
     return Looks(cameras, found, cosine, float(np.median(width)) if len(width) else np.inf)
 
 
-def view_ids(folder: Path, camera: Camera, other_size: str, quiet: bool = False) -> tuple[np.ndarray, np.ndarray]:
+def view_ids(folder: Path, camera: Camera, other_size: str) -> tuple[np.ndarray, np.ndarray]:
     """Segment ids (H, W) uint16 of a view, 0 = unknown, and the class (K,) int32 of each id.
 
     Parameters
@@ -81,8 +85,6 @@ def view_ids(folder: Path, camera: Camera, other_size: str, quiet: bool = False)
         Of VIEW.npz.
     other_size
         ``nearest``: ids of another size than the view are resampled, with a warning; ``error``: they are refused.
-    quiet
-        Without the warning: the view was read before.
     """
     path = folder / f"{camera.name}.npz"
     ids, classes = read_view_ids(path)
@@ -91,8 +93,7 @@ def view_ids(folder: Path, camera: Camera, other_size: str, quiet: bool = False)
     sizes = f"{path} must be {camera.width}x{camera.height} like its view; it is {ids.shape[1]}x{ids.shape[0]}"
     if other_size == "error":
         raise FiptError(sizes, "export the ids at the view's size, or set fuse.other_size: nearest")
-    if not quiet:
-        print(f"warning: {sizes}; the nearest ids are taken")
+    print(f"warning: {sizes}; the nearest ids are taken")
     rows = (np.arange(camera.height) + 0.5) * ids.shape[0] / camera.height
     columns = (np.arange(camera.width) + 0.5) * ids.shape[1] / camera.width
     return ids[rows.astype(int)[:, None], columns.astype(int)], classes

@@ -71,12 +71,6 @@ def test_tiny_masks_are_left_out_and_other_ways_take_ids_or_classes() -> None:
         associated(few, look, CELLS, Fuse(associate="classes"))
 
 
-def test_the_largest_id_has_a_mask() -> None:
-    masks = Masks(np.array([0, 0, 1]), np.array([1, 65535, 65535]), np.zeros(3, np.int64), np.ones(3, np.int64))
-    np.testing.assert_array_equal(masks.lookup(0)[[0, 1, 2, 65535]], [-1, 0, -1, 1])
-    np.testing.assert_array_equal(masks.lookup(1)[[1, 65535]], [-1, 2])
-
-
 def test_contraction_joins_what_evidence_adds_up_to() -> None:
     # 0-1 strongly; 2 is drawn to 0 and pushed off by 1 more than that
     first, second, view = np.array([0, 0, 1]), np.array([1, 2, 2]), np.arange(3)
