@@ -81,7 +81,7 @@ def write_images(
     rate
         Paths per second.
     """
-    room = _built(folder, settings, scene)
+    room = built(folder, settings, scene)
     cameras = _cameras(folder, names, settings if setup_name is None else None)
     paths = [camera.width * camera.height * settings.spp for camera in cameras]
     files: list[Path] = []
@@ -118,7 +118,7 @@ def write_brackets(
     rate
         Paths per second.
     """
-    room = _built(folder, settings, scene)
+    room = built(folder, settings, scene)
     every = [camera.name for camera in read_transforms(folder / "transforms.json")]
     chosen = [(every.index(camera.name), camera) for camera in _cameras(folder, names, settings)]
     planes = [optics(camera, settings.raw) for _, camera in chosen]
@@ -151,7 +151,7 @@ def photograph(folder: Path, out: Path, settings: Synthesize) -> list[Path]:
 
 def write_truths(folder: Path, names: Sequence[str], settings: Synthesize, scene: Path | None = None) -> list[Path]:
     """Write truth and ids of a dataset's views, whose pictures are developed photographs of the room."""
-    room = _built(folder, settings, scene)
+    room = built(folder, settings, scene)
     truth = Truth(room)
     files = _write_names(folder, room)
     # Developed photographs have the size that development gave them.
@@ -160,7 +160,7 @@ def write_truths(folder: Path, names: Sequence[str], settings: Synthesize, scene
     return files
 
 
-def _built(folder: Path, settings: Synthesize, scene: Path | None) -> Room:
+def built(folder: Path, settings: Synthesize, scene: Path | None) -> Room:
     """Return the room that the folder holds, which must be the one that settings and scene file say."""
     described = json.loads(existing_file(folder / "room.json", "the room").read_text(encoding="utf-8"))
     room = _made(settings, scene).exposed(described.get("exposure", 1.0) if scene else 1.0)

@@ -1,0 +1,138 @@
+"""Does the factorised model give a known room's pictures back, with true materials and converged shading?
+
+    fipt run SCENE --configfile FILE
+    python -m benchmarks.rendered_back SCENE --configfile FILE [--config data_root=FOLDER] [--spp 1024] [--picture OUT.png]
+
+kd Ld + ks Ls0 + Ls1 of the held-out views, path traced by this program with the room's own materials and lamps, against
+the pictures that Mitsuba's integrator made: median ratio and PSNR over pixels that show no lamp, and over those inside
+surfaces. The two share the scene and nothing else.
+"""
+
+import argparse
+import sys
+from pathlib import Path
+
+import numpy as np
+import yaml
+from scipy.spatial import cKDTree
+
+from fipt.config import RESULTS, load
+from fipt.conventions import LUMINANCE
+from fipt.io.cameras import Camera
+from fipt.io.dataset import Dataset
+from fipt.io.hits import Hits, read_hits
+from fipt.io.images import srgb_encode, to_display, write_png
+from fipt.io.voxels import read_cache
+from fipt.model.networks import Brdf
+from fipt.progress import progress
+from fipt.render.background import sky_of
+from fipt.render.picture import pixels_of_hits, radiance_of_hits
+from fipt.render.scene import RayScene
+from fipt.render.surface import EmitterSet, SurfaceCache, Triangles
+from fipt.render.tracer import PathSettings, Shader
+from fipt.render.variant import set_variant
+from fipt.synthesize.dataset import built
+from fipt.synthesize.room import Room
+from fipt.synthesize.views import Truth
+
+
+def true_brdf(truth: Truth, hits: Hits, index: int, camera: Camera) -> Brdf:
+    """Base colour (N, 3), roughness and metallic (N,) of a view's hits: means over the places of their footprint."""
+    own = hits.of_view(index)
+    position = np.asarray(hits.position[own], np.float64)
+    means: dict[str, np.ndarray] = {}
+    places = np.moveaxis(np.asarray(hits.sub[own], np.float64), 1, 0)
+    for offset in places:
+        ray = position + offset - camera.center
+        ray = (ray / np.linalg.norm(ray, axis=1, keepdims=True)).astype(np.float32)
+        found = truth.look(np.broadcast_to(camera.center.astype(np.float32), ray.shape), ray)
+        for key in ("base_color", "roughness", "metallic"):
+            means[key] = means.get(key, 0) + found[key] / len(places)
+    return Brdf(means["base_color"], means["roughness"], means["metallic"])
+
+
+def shader_of(room: Room, voxels: dict, known: list[tuple[np.ndarray, Brdf]]) -> Shader:
+    """Return a tracer of the room under its own light; voxels have the material of the nearest of the known points."""
+    cells = int(voxels["resolution"])
+    index = np.stack(np.unravel_index(voxels["key"], (cells,) * 3), axis=1)
+    places = voxels["center"] + ((index + 0.5) / cells - 0.5) * float(voxels["side"])
+    _, nearest = cKDTree(np.concatenate([position for position, _ in known])).query(places)
+    materials = Brdf(
+        *(
+            np.concatenate([getattr(brdf, key) for _, brdf in known])[nearest]
+            for key in ("base_color", "roughness", "metallic")
+        )
+    )
+    lamps = np.flatnonzero(room.emits).astype(np.int32)
+    lit = EmitterSet(lamps, room.radiance[lamps], two_sided=False)
+    nothing = np.zeros((len(voxels["key"]), 3), np.float32)
+    surface = SurfaceCache(voxels, nothing, np.zeros(len(nothing), bool), materials)
+    path = PathSettings(10, cache_roughness=1.0, light_at_first=True)
+    return Shader(RayScene(room.mesh), Triangles(room.mesh, lit), surface, path, sky_of(room.outside))
+
+
+def main() -> int:
+    """Print the comparison; perhaps draw it."""
+    parser = argparse.ArgumentParser("python -m benchmarks.rendered_back", description=__doc__.splitlines()[0])
+    parser.add_argument("scene")
+    parser.add_argument("--configfile", type=Path, required=True)
+    parser.add_argument("--config", nargs="*", default=[], metavar="KEY=VALUE")
+    parser.add_argument("--spp", type=int, default=1024, help="paths per hit")
+    parser.add_argument("--picture", type=Path, help="a row a view: the picture, ours, five times the difference")
+    arguments = parser.parse_args()
+    values = yaml.safe_load(arguments.configfile.read_text(encoding="utf-8"))
+    values |= dict(pair.split("=", 1) for pair in arguments.config)
+    scene = load(values).scenes[arguments.scene]
+    set_variant()
+    root = Path(RESULTS, scene.name)
+    data = Dataset(root / "dataset")
+    file = Path(scene.source_path()) if scene.source == "mitsuba" else None
+    room = built(root / "dataset", scene.settings["synthesize"], file)
+    truth = Truth(room)
+    known = []
+    shards = {name: read_hits(root / "hits" / name) for name in scene.shards("all")}
+    for hits in shards.values():
+        for index, view in enumerate(hits.views):
+            brdf = true_brdf(truth, hits, index, data.camera(view))
+            known.append((np.asarray(hits.position[hits.of_view(index)]), brdf))
+    shader = shader_of(room, read_cache(root / "cache.npz"), known)
+    ratio, error, inside, rows = [], [], [], []
+    held_out = [shards[name] for name in scene.shards("val")]
+    with progress("paths", sum(len(hits.position) for hits in held_out) * arguments.spp, " paths") as bar:
+        for hits in held_out:
+            for index, view in enumerate(hits.views):
+                camera, (image, valid) = data.camera(view), data.image(view)
+                brdf = true_brdf(truth, hits, index, camera)
+                values = (brdf.base_color, brdf.roughness, brdf.metallic)
+                ours = radiance_of_hits(shader, hits, index, camera, *values, arguments.spp, True, 0, bar.advance)
+                own = hits.of_view(index)
+                shines = room.emits[np.asarray(hits.triangle[own])].astype(float)
+                lamp = pixels_of_hits(np.repeat(shines[:, None], 3, 1), hits, index, np.ones(3))[..., 0] > 0
+                picture = pixels_of_hits(ours, hits, index, np.zeros(3))
+                pixels = hits.pixels(index)
+                single = np.diff(hits.offsets[pixels.start : pixels.stop + 1]).reshape(image.shape[:2]) == 1
+                shown = ~lamp & (valid > 0)
+                gray = np.float32(LUMINANCE)
+                ratio.append((picture @ gray)[shown] / np.maximum((image @ gray)[shown], 1e-4))
+                toned = [srgb_encode(np.clip(part, 0, 1)) for part in (picture, image)]
+                square = (toned[0] - toned[1]) ** 2
+                error.append(square[shown])
+                inside.append(square[shown & single])
+                rows.append(
+                    np.concatenate(list(map(to_display, (image, picture, 5 * np.abs(picture - image)))), axis=1)
+                )
+    quartiles = np.percentile(np.concatenate(ratio), [50, 25, 75])
+    print(f"{len(ratio)} views, {sum(map(len, ratio))} pixels without lamps, {arguments.spp} paths a hit")
+    print("median ratio {:.3f} (quartiles {:.3f}, {:.3f})".format(*quartiles))
+    print(f"PSNR tone-mapped {_psnr(error):.1f} dB, inside surfaces {_psnr(inside):.1f} dB")
+    if arguments.picture:
+        write_png(arguments.picture, np.concatenate(rows))
+    return 0
+
+
+def _psnr(squares: list[np.ndarray]) -> float:
+    return float(-10 * np.log10(np.concatenate(squares).mean()))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
