@@ -1,7 +1,7 @@
-"""Does the factorised model give a known room's pictures back, with true materials and converged shading?
+"""Give a known room's pictures back: the factorised model with true materials and converged shading.
 
     fipt run SCENE --configfile FILE
-    python -m benchmarks.rendered_back SCENE --configfile FILE [--config data_root=FOLDER] [--spp 1024] [--picture OUT.png]
+    python -m benchmarks.rendered_back SCENE --configfile FILE [--spp 1024] [--picture OUT.png]
 
 kd Ld + ks Ls0 + Ls1 of the held-out views, path traced by this program with the room's own materials and lamps, against
 the pictures that Mitsuba's integrator made: median ratio and PSNR over pixels that show no lamp, and over those inside
