@@ -29,7 +29,7 @@ def write_scene(root: Path, views: int, triangles: int) -> int:
     from fipt.render.variant import set_variant
     from fipt.segmentation.views import look
     from fipt.settings import Synthesize
-    from fipt.synthesize.poses import sample_cameras
+    from fipt.synthesize.poses import OpenSpace, sample_cameras
     from fipt.synthesize.room import build
 
     set_variant()
@@ -37,7 +37,7 @@ def write_scene(root: Path, views: int, triangles: int) -> int:
     settings = Synthesize(train_views=views, val_views=1, width=SIZE[0], height=SIZE[1])
     tracer = RayScene(room.mesh)
     # the held-out view is not needed, but there has to be one
-    cameras = sample_cameras(room, tracer.intersect, settings)[:views]
+    cameras = sample_cameras(OpenSpace(room, tracer.intersect, settings.seed), settings)[:views]
     mesh, part = room.mesh, room.part
     looks = look(mesh, cameras, root)
     for number, camera in enumerate(cameras):

@@ -114,6 +114,11 @@ class Synthesize(Settings):
 
     train_views: Positive = Field(24, description="number of training views")
     val_views: Positive = Field(6, description="number of held-out views")
+    cameras: Literal["scattered", "walk"] = Field(
+        "scattered",
+        description="cameras stand anywhere and look at what others do not show, or `walk` around the room in equal "
+        "steps, so that poses can be estimated from what neighbours share",
+    )
     width: Positive = Field(160, description="image width, pixels")
     height: Positive = Field(120, description="image height, pixels")
     fov: float = Field(70.0, gt=5, lt=150, description="horizontal field of view, degrees")

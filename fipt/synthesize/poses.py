@@ -33,6 +33,11 @@ HEIGHTS = (0.5, 2.5)
 _EYES = 1.1
 """Height over the floor that the cameras turn to before they are turned away at random, metres."""
 
+_STANDING = 1.5
+"""Height over the floor of cameras that walk, metres."""
+_DRAWN_IN = np.linspace(0.85, 0.15, 15)
+"""Shares of the way from the room's middle to its walls at which they try to stand, in order."""
+
 _YAW, _PITCH, _ROLL = 60.0, 45.0, 1.5
 _STEEPEST = (-50.0, 20.0)
 _CANDIDATES = 12
@@ -73,8 +78,10 @@ def sample_cameras(space: OpenSpace, settings: Synthesize) -> list[Camera]:
     Returns
     -------
     list of Camera
-        A longer list begins with the cameras of a shorter one of the same split.
+        A longer list begins with the cameras of a shorter one of the same split, unless they walk.
     """
+    if settings.cameras == "walk":
+        return _walk(space, settings)
     weight = np.sqrt(np.minimum(space.room.mesh.areas, _LARGEST))
     seen = np.zeros(len(weight), int)
     train: list[Camera] = []
@@ -96,6 +103,35 @@ def sample_cameras(space: OpenSpace, settings: Synthesize) -> list[Camera]:
         enough = np.flatnonzero(np.array(shares) >= _COVERED)
         val.append(options[enough[0] if len(enough) else int(np.argmax(shares))][0])
     return train + val
+
+
+def _walk(space: OpenSpace, settings: Synthesize) -> list[Camera]:
+    """Stand once around the room in equal steps, looking across its middle: neighbours show much of the same.
+
+    The way is an ellipse in the interior, drawn in where something stands; held-out views lie evenly among the others.
+    """
+    counts = {"train": settings.train_views, "val": settings.val_views}
+    places = [((k + 0.5) / count, split, k) for split, count in counts.items() for k in range(count)]
+    half = (space.high - space.low) / 2
+    eyes = min(space.low[1] - HEIGHTS[0] + _STANDING, space.high[1])
+    cameras = {}
+    for number, (_, split, k) in enumerate(sorted(places)):
+        angle = 2 * np.pi * number / len(places)
+        way = np.array([half[0] * np.cos(angle), 0, half[2] * np.sin(angle)])
+        middle = np.array([space.target[0], eyes, space.target[2]])
+        free = (place for place in (middle + share * way for share in _DRAWN_IN) if space.holds(place))
+        name = f"{split}_{k:03d}"
+        center = next(free, None)
+        if center is None:
+            raise FiptError(
+                f"no free space for view {name} between the room's middle and its walls",
+                "let the cameras stand anywhere (synthesize.cameras: scattered)",
+            )
+        # From the middle on outwards: whoever stands in the very middle looks across it all the same.
+        yaw = np.arctan2(way[0], way[2])
+        level = np.arctan2(space.target[1] - eyes, np.linalg.norm(half[[0, 2]]))
+        cameras[name] = _camera(name, center, _turn(1, yaw) @ _turn(0, level), settings)
+    return [cameras[f"{split}_{k:03d}"] for split, count in counts.items() for k in range(count)]
 
 
 class OpenSpace:
@@ -326,10 +362,13 @@ def _draw(name: str, rng: np.random.Generator, space: OpenSpace, settings: Synth
             break
         level *= 0.8  # above or below the centre itself the drawn range may miss every allowed pitch
     roll = np.radians(rng.normal(0.0, _ROLL))
+    return _camera(name, center, _turn(1, yaw) @ _turn(0, pitch) @ _turn(2, roll), settings)
+
+
+def _camera(name: str, center: np.ndarray, rotation: np.ndarray, settings: Synthesize) -> Camera:
     focal = settings.width / 2 / np.tan(np.radians(settings.fov) / 2)
     pose = np.eye(4)
-    pose[:3, :3] = _turn(1, yaw) @ _turn(0, pitch) @ _turn(2, roll)
-    pose[:3, 3] = center
+    pose[:3, :3], pose[:3, 3] = rotation, center
     return Camera(
         name, name.partition("_")[0], settings.width, settings.height,
         focal, focal, settings.width / 2, settings.height / 2, pose,

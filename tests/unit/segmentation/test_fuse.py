@@ -21,7 +21,7 @@ from fipt.render.scene import RayScene
 from fipt.segmentation.fuse import fuse_views, most_votes, share_of
 from fipt.segmentation.views import look, without_speckles
 from fipt.settings import Fuse, Synthesize
-from fipt.synthesize.poses import sample_cameras
+from fipt.synthesize.poses import OpenSpace, sample_cameras
 from fipt.synthesize.room import build
 from tests.scenes import joined, look_at, quad, write_dataset
 
@@ -119,7 +119,7 @@ def test_the_plain_count_is_a_count_with_the_largest_id_and_the_last_triangle(tm
 def test_degraded_views_of_a_room_agree_on_the_true_parts(tmp_path: Path) -> None:
     room = build(0)
     settings = Synthesize(train_views=8, val_views=1, width=96, height=64)
-    cameras = sample_cameras(room, RayScene(room.mesh).intersect, settings)
+    cameras = sample_cameras(OpenSpace(room, RayScene(room.mesh).intersect, settings.seed), settings)
     write_ply(tmp_path / "dataset" / "mesh.ply", room.mesh)
     write_transforms(tmp_path / "dataset" / "transforms.json", cameras)
     write_views(tmp_path / "dataset" / "views.json", [camera.name for camera in cameras])

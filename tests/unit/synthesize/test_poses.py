@@ -77,3 +77,22 @@ def test_poses_repeat_and_more_views_keep_the_first(cameras, space):
         SETTINGS.model_copy(update={"seed": 1, "train_views": 1, "val_views": 1}),
     )
     assert not np.allclose(other[0].world_from_camera, cameras[0].world_from_camera)
+
+
+def test_a_walk_goes_around_in_steps_that_show_much_of_the_same(space, first_hits):
+    settings = SETTINGS.model_copy(update={"cameras": "walk", "train_views": 18, "val_views": 6})
+    cameras = poses.sample_cameras(space, settings)
+    assert [c.name for c in cameras] == [f"train_{i:03d}" for i in range(18)] + [f"val_{i:03d}" for i in range(6)]
+    assert all(space.holds(camera.center) for camera in cameras)
+    yaw = np.array([np.arctan2(*camera.world_from_camera[[0, 2], 2]) for camera in cameras])
+    steps = np.diff(np.sort(np.degrees(yaw % (2 * np.pi))))
+    assert steps.max() < 25  # an ellipse's steps differ; a circle's would be 15
+    middle = np.array(SIZE) / 2
+    for camera in cameras:
+        column, depth = camera.project(middle[None])
+        assert depth[0] > 0
+        assert 0 < column[0, 0] < camera.width  # it looks across the room
+    order = np.argsort(yaw)
+    shown = [set(poses.scan(cameras[i], first_hits)[1]) for i in order]
+    for one, other in zip(shown, shown[1:] + shown[:1], strict=True):
+        assert len(one & other) > 0.3 * min(len(one), len(other))
