@@ -99,7 +99,7 @@ class SimulatedBoard(Settings):
     """A ChArUco board that stands in the room."""
 
     enabled: bool = Field(False, description="put it there; room.json has the places of its corners")
-    place: Literal["floor", "wall"] = Field("floor", description="lies on the floor, or hangs on the nearest wall")
+    place: Literal["floor", "wall"] = Field("floor", description="lies level, or stands upright with the nearest wall behind it")
     position: Point = Field((3.85, 0.0, 2.05), description="of its centre, metres")
     turn: Angle = Field(15.0, description="clockwise as one looks at it, degrees")
     columns: int = Field(5, ge=2, le=64, description="inner corners along a row")

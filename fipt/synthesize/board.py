@@ -17,7 +17,7 @@ _TEXELS = 32
 """Along a square."""
 
 _GAP = 0.004
-"""Distance from floor or wall, metres."""
+"""Distance from the place that is given, so that it may lie on floor or wall, metres."""
 
 _BLACK, _WHITE = 0.04, 0.8
 """Base colours of the print."""
@@ -92,13 +92,12 @@ def _frame(board: SimulatedBoard, box: np.ndarray) -> tuple[np.ndarray, np.ndarr
     center = np.array(board.position, float)
     if board.place == "floor":
         normal, right = np.array([0.0, 1, 0]), np.array([1.0, 0, 0])
-        center[1] += _GAP
     else:
         axis = min((0, 2), key=lambda k: min(center[k] - low[k], high[k] - center[k]))
         normal = np.zeros(3)
         normal[axis] = 1.0 if center[axis] < (low + high)[axis] / 2 else -1.0
-        center[axis] = low[axis] + _GAP if normal[axis] > 0 else high[axis] - _GAP
         right = np.cross((0, 1, 0), normal)
+    center += _GAP * normal
     down = np.cross(right, normal)
     u = np.cos(turn) * right + np.sin(turn) * down
     v = np.cross(u, normal)

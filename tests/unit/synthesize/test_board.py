@@ -12,7 +12,7 @@ from fipt.synthesize.views import render_views
 from tests import room_views
 
 LYING = SimulatedBoard(enabled=True)
-HANGING = SimulatedBoard(enabled=True, place="wall", position=(4.0, 1.7, 0.1), turn=0)
+HANGING = SimulatedBoard(enabled=True, place="wall", position=(4.0, 1.7, 0), turn=0)
 
 
 @pytest.mark.parametrize(
