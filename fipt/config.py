@@ -155,6 +155,11 @@ class Scene:
         return [self._placed(edit.file, f"setups.{setup}.background.file")] if edit and edit.file else []
 
     @property
+    def exported(self) -> bool:
+        """Whether every run writes the room for other programs and checks that."""
+        return self.settings["export"].enabled
+
+    @property
     def simulated(self) -> bool:
         """Whether the views of a procedural room are photographed by a simulated camera."""
         return self.source == "procedural" and self.settings["synthesize"].raw.enabled

@@ -17,14 +17,14 @@ PLUGIN = "fipt_bsdf.py"
 PLUGIN_TYPE = "fipt_ggx"
 _PLUGIN_FUNCTIONS = ("register", "_bsdf_class")
 
-_PLUGIN_HEAD = '''"""The reflectance that fipt fits, for Mitsuba 3: choose a variant, import this file, load scene_exact.xml.
+_PLUGIN_HEAD = '''"""The reflectance that fipt fits, for Mitsuba 3. Choose a variant, import this, load scene_exact.xml:
 
     import mitsuba as mi
     mi.set_variant("llvm_ad_rgb")
     import fipt_bsdf
     scene = mi.load_file("scene_exact.xml")
 
-It needs a variant whose names end in _ad_rgb or _rgb, and nothing of fipt. MIT licence.
+It needs nothing of fipt, and a variant of llvm or cuda. MIT licence.
 """
 
 '''
@@ -138,8 +138,8 @@ def _sensor(root: Element, camera: Camera) -> None:
     _add(sensor, "float", "fov", float(np.degrees(2 * np.arctan(camera.width / (2 * camera.fx)))))
     _add(sensor, "float", "near_clip", 0.001)
     _add(sensor, "float", "far_clip", 1000)
-    _add(sensor, "float", "principal_point_offset_x", camera.cx / camera.width - 0.5)
-    _add(sensor, "float", "principal_point_offset_y", camera.cy / camera.height - 0.5)
+    _add(sensor, "float", "principal_point_offset_x", 0.5 - camera.cx / camera.width)
+    _add(sensor, "float", "principal_point_offset_y", 0.5 - camera.cy / camera.height)
     pose = camera.world_from_camera @ np.diag([-1.0, 1.0, -1.0, 1.0])
     SubElement(SubElement(sensor, "transform", name="to_world"), "matrix", value=_numbers(pose))
     film = SubElement(sensor, "film", type="hdrfilm")

@@ -96,7 +96,7 @@ def surface_brdf(
 
 
 def surface_textures(brdf: Brdf, emitters: Emitters, atlas: Atlas, known: Texels) -> Textures:
-    """Base colour, roughness and metallic of the whole atlas; lamps are black and matte, as they are in our pictures."""
+    """Materials of the whole atlas; lamps are black and matte, as they are in our pictures."""
     lamp = np.isin(known.triangle, emitters.triangle)
     color = to_display(np.where(lamp[:, None], 0, brdf.base_color))
     rough, metal = np.where(lamp, 1, brdf.roughness), np.where(lamp, 0, brdf.metallic)

@@ -41,7 +41,8 @@ class Piece:
     @property
     def closed(self) -> bool:
         """Whether each edge belongs to two triangles, so that nobody sees the inside."""
-        _, vertex = np.unique(self.mesh.vertices, axis=0, return_inverse=True)
+        # corners that a hundredth of a millimetre parts are one
+        _, vertex = np.unique(self.mesh.vertices.round(5), axis=0, return_inverse=True)
         corner = vertex.reshape(-1)[self.mesh.triangles]
         edges = np.sort(corner[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
         return bool((np.unique(edges, axis=0, return_counts=True)[1] == 2).all())

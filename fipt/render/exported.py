@@ -103,9 +103,9 @@ def principled_textures(textures: Textures) -> Textures:
     """Return parameters with which Mitsuba's ``principled`` comes near to our reflectance.
 
     Its diffuse lobe depends on roughness: nearest to Lambert's is that of `_LAMBERT`, which is taken for all rougher
-    dielectrics, whose highlights are faint. Its highlights lose less at grazing angles than ours. For each roughness and
-    metallic the share of uniform light that is reflected is linear in the base colour, here and there; the base colour
-    is chosen to make the two equal, as far as [0, 1] allows.
+    dielectrics, whose highlights are faint. Its highlights lose less at grazing angles than ours. For each roughness
+    and metallic the share of uniform light that is reflected is linear in the base colour, here and there; the base
+    colour is chosen to make the two equal, as far as [0, 1] allows.
     """
     rough, metal = textures.roughness / 255.0, textures.metallic / 255.0
     theirs = np.where(rough > _LAMBERT, _LAMBERT + (rough - _LAMBERT) * metal, rough)
