@@ -270,9 +270,12 @@ class _Chain:
         inputs = [*self.geometry, *map(manifest, hits), *files.values()]
         self.add("export", "export", (*options, "--out", out, "--manifest", made), inputs, [made])
         self.checked = [f"{out}/check.json"]
-        render = [manifest(f"{self.root}/render.{shard}") for shard in self.scene.shards("val")]
-        options = ("--dataset", self.data, "--export", out, "--render", f"{self.root}/render", "--out", *self.checked)
-        inputs = [*self.geometry, made, *render]
+        held_out = self.scene.shards("val")
+        hits = [self.hits[shard] for shard in held_out]
+        options = ("--dataset", self.data, "--hits", ",".join(hits), "--export", out)
+        options += ("--render", f"{self.root}/render", "--out", *self.checked)
+        inputs = [*self.geometry, made, *map(manifest, hits)]
+        inputs += [manifest(f"{self.root}/render.{shard}") for shard in held_out]
         self.add("check-export", "check-export", options, inputs, self.checked, section="export")
 
     def add_figures(self) -> None:

@@ -308,7 +308,7 @@ class Relight(Settings):
 
 
 class Export(Settings):
-    """The room for other programs: textures, glTF, Mitsuba, USD, Blender, cameras; and whether they show the same."""
+    """The room for other programs, and the check of its files."""
 
     enabled: bool = Field(False, description="export and check with every run; `export` as a target does it anyway")
     texel_density: Weight = Field(

@@ -35,7 +35,7 @@ def room(outside: Background = NOTHING, two_sided=True, cameras=None, walls=6, *
     box = scenes.box((-2, 0, -2), (2, 2.5, 3))
     mesh = type(box)(box.vertices[: 4 * walls], box.triangles[: 2 * walls])
     quarter = np.array([(0, 0), (1, 0), (1, 1), (0, 1)])
-    uv = np.concatenate([(quarter + (wall, 0)) / (6, 1) for wall in range(walls)]).astype(np.float32)
+    uv = np.concatenate([np.add(quarter, (wall, 0)) / (6, 1) for wall in range(walls)]).astype(np.float32)
     none = np.zeros(3, np.float32)
     # one far from any wall, seen from both sides; one small
     sheet = scenes.lamp_quad((-0.6, 0.6), 2.0, (-0.5, 0.7))

@@ -5,11 +5,12 @@ from typing import Annotated
 
 import typer
 
-from fipt.cli.options import DatasetFolder, SettingsJson, StatsFile, stage
+from fipt.cli.options import DatasetFolder, HitsFolders, SettingsJson, StatsFile, listed, stage
 
 
 def command(
     dataset: DatasetFolder,
+    hits: HitsFolders,
     export: Annotated[Path, typer.Option(help="Folder of the exported room.")],
     render: Annotated[Path, typer.Option(help="Folder of our pictures of held-out views.")],
     out: Annotated[Path, typer.Option(help="check.json to write; the pictures go to a folder check beside it.")],
@@ -20,4 +21,4 @@ def command(
     with stage("export", settings, stats) as (chosen, _):
         from fipt.export.check import check_export
 
-        check_export(dataset, export, render, out, chosen)
+        check_export(dataset, [Path(folder) for folder in listed(hits)], export, render, out, chosen)

@@ -3,6 +3,7 @@
 from __future__ import annotations  # Mitsuba has no classes before its variant is set
 
 import itertools
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -93,10 +94,72 @@ def load_scene_file(path: Path) -> mi.Scene:
         raise FiptError(f"Mitsuba cannot load {path} ({error})", "export it again") from error
 
 
-def render_sensor(scene: mi.Scene, sensor: int, spp: int, seed: int) -> np.ndarray:
-    """(H, W, 3) float32 picture of one of the scene's own cameras, by its own integrator."""
-    picture = mi.render(scene, sensor=sensor, spp=spp, seed=seed)
-    return np.array(picture, np.float32)[..., :3]
+def path_integrator(max_depth: int) -> mi.Integrator:
+    """Mitsuba's path tracer; ``max_depth`` counts segments."""
+    return mi.load_dict({"type": "path", "max_depth": max_depth})
+
+
+Rays = Callable[[Any, Any], Any]
+"""Rays of a camera (mi.Ray3f) through image coordinates (mi.Float), columns and rows in pixels."""
+
+
+def rays_of(camera: Camera) -> Rays:
+    """Rays of one of our cameras."""
+    right, up, back_, center = (mi.Vector3f(*map(float, camera.world_from_camera[:3, k])) for k in range(4))
+
+    def rays(column: mi.Float, row: mi.Float) -> mi.Ray3f:
+        x, y = (column - camera.cx) / camera.fx, (row - camera.cy) / camera.fy
+        return mi.Ray3f(mi.Point3f(center), dr.normalize(x * right - y * up - back_))
+
+    return rays
+
+
+def rays_of_sensor(scene: mi.Scene, number: int) -> Rays:
+    """Rays of a camera that a scene file defines."""
+    sensor = scene.sensors()[number]
+    width, height = sensor.film().size()
+
+    def rays(column: mi.Float, row: mi.Float) -> mi.Ray3f:
+        place = mi.Point2f(column / width, row / height)
+        return mi.Ray3f(sensor.sample_ray(0.0, 0.5, place, mi.Point2f(0.5))[0])
+
+    return rays
+
+
+def picture(
+    scene: mi.Scene, integrator: mi.Integrator, rays: Rays, shape: tuple[int, int], grid: int, spp: int, seed: int
+) -> np.ndarray:
+    """Path trace a view of a scene.
+
+    Parameters
+    ----------
+    shape
+        Height and width, pixels.
+    grid
+        Rays leave through the middles of so many squares along a pixel, as those of our own pictures do: where a lamp
+        borders on something dark, a pixel depends much on where in it one looks.
+    spp
+        Paths a pixel, rounded up to a multiple of the grid's squares.
+
+    Returns
+    -------
+    (H, W, 3) float32 radiance.
+    """
+    height, width = shape
+    sampler = mi.load_dict({"type": "independent"})
+    total = np.zeros((height * width, 3))
+    squares = list(itertools.product((np.arange(grid) + 0.5) / grid, repeat=2))
+    each = -(-spp // len(squares))
+    seeds = np.random.SeedSequence(seed).generate_state(len(squares))
+    pixel = dr.arange(mi.UInt32, height * width * each) // each
+    row = pixel // width
+    for (x, y), part in zip(squares, seeds, strict=True):
+        sampler.seed(int(part), height * width * each)
+        dx, dy = dr.opaque(mi.Float, float(x)), dr.opaque(mi.Float, float(y))
+        ray = rays(mi.Float(pixel - row * width) + dx, mi.Float(row) + dy)
+        color = mi.Color3f(integrator.sample(scene, sampler, mi.RayDifferential3f(ray))[0])
+        total += np.stack([dr.block_reduce(dr.ReduceOp.Add, c, each).numpy() for c in color], axis=1)
+    return (total / (each * len(squares))).reshape(height, width, 3).astype(np.float32)
 
 
 def principled_textures(textures: Textures) -> Textures:

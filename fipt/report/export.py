@@ -12,21 +12,22 @@ _LABELS = {"glb": "glTF", "usd": "USD", "mitsuba": "Mitsuba, principled", "exact
 
 @dataclass(frozen=True)
 class ExportedFile:
-    """One file: its kind and heading, path in the exported folder, PSNR (mean, and of each view), dB."""
+    """One file: kind, heading, path in the folder; PSNR against our pictures (by view, too) and photographs."""
 
     kind: str
     label: str
     file: str
     psnr: float
+    photo: float
     views: Mapping[str, float]
 
 
 @dataclass(frozen=True)
 class ExportCheck:
-    """export/check.json: the PSNR that is aimed at, what it means, every file."""
+    """export/check.json: the PSNR that is aimed at, that of our own pictures against the photographs, every file."""
 
     goal: float
-    definition: str
+    ours_photo: float
     files: Sequence[ExportedFile]
 
 
@@ -48,10 +49,11 @@ def read_check(path: Path) -> ExportCheck | None:
                 _LABELS.get(kind, kind),
                 str(entry["file"]),
                 float(entry["psnr"]),
+                float(entry["photo"]),
                 {view: float(value) for view, value in entry["views"].items()},
             )
             for kind, entry in content["formats"].items()
         ]
-        return ExportCheck(float(content["goal"]), str(content["definition"]), files)
+        return ExportCheck(float(content["goal"]), float(content["ours_photo"]), files)
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise FiptError(f"{path} is not the check of an export ({error!r})", "run fipt check-export again") from error

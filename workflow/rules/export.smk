@@ -45,6 +45,7 @@ rule check_export:
     """Load every exported file back, render it, and compare with our own pictures."""
     input:
         transforms="results/{scene}/dataset/transforms.json",
+        hits=sharded("results/{scene}/hits/{shard}.manifest.json", "val"),
         export="results/{scene}/export.manifest.json",
         render=sharded("results/{scene}/render.{shard}.manifest.json", "val"),
     output:
@@ -60,11 +61,12 @@ rule check_export:
         gpu=1,
     params:
         dataset=folder("results/{scene}/dataset"),
+        hits=folders_of("hits"),
         folder=folder("results/{scene}/export"),
         render=folder("results/{scene}/render"),
         settings=settings("export"),
         version=VERSIONS["export"],
     shell:
-        "fipt check-export --dataset {params.dataset:q} --export {params.folder:q}"
+        "fipt check-export --dataset {params.dataset:q} --hits {params.hits:q} --export {params.folder:q}"
         " --render {params.render:q} --out {output.check:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

@@ -65,7 +65,7 @@ def test_another_reader_finds_the_same_surface(written):
     np.testing.assert_array_equal(packed[..., 2], asset.textures.metallic)
     assert material.doubleSided
     # trimesh has v pointing up: the first corner of the first wall shows the texture's upper left texel
-    color = material.to_color(mesh.visual.uv[:1] + [[0.01, -0.01]])
+    color = material.to_color(np.add(mesh.visual.uv[:1], [0.01, -0.01]))
     np.testing.assert_array_equal(np.asarray(color).ravel()[:3], asset.textures.base_color[0, 0])
 
 
