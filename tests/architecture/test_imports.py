@@ -16,7 +16,7 @@ WORKFLOW = sorted(
 )
 HEAVY = {
     "cv2", "drjit", "exifread", "lensfunpy", "matplotlib", "mitsuba", "numpy", "OpenEXR", "PIL", "pydantic", "pyoidn",
-    "rawpy", "safetensors", "scipy", "snakemake", "torch", "trimesh",
+    "pxr", "rawpy", "safetensors", "scipy", "snakemake", "torch", "trimesh", "xatlas",
 }  # fmt: skip
 
 
