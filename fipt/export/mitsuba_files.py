@@ -17,14 +17,10 @@ PLUGIN = "fipt_bsdf.py"
 PLUGIN_TYPE = "fipt_ggx"
 _PLUGIN_FUNCTIONS = ("register", "_bsdf_class")
 
-_PLUGIN_HEAD = '''"""The reflectance that fipt fits, for Mitsuba 3. Choose a variant, import this, load scene_exact.xml:
+_PLUGIN_HEAD = '''"""The reflectance that fipt fits, as a plugin of Mitsuba 3.
 
-    import mitsuba as mi
-    mi.set_variant("llvm_ad_rgb")
-    import fipt_bsdf
-    scene = mi.load_file("scene_exact.xml")
-
-It needs nothing of fipt, and a variant of llvm or cuda. MIT licence.
+Choose a variant of llvm or cuda (``mi.set_variant``), import this file, then ``mi.load_file("scene_exact.xml")``.
+Nothing of fipt is needed. MIT licence.
 """
 
 '''
