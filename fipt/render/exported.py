@@ -29,6 +29,7 @@ _LAMBERT = 0.65
 
 _LEVELS = np.linspace(ROUGHNESS_MIN, 1.0, 12)
 _SAMPLES = 2**16
+_MAX_LANES = 2**22  # paths traced at once
 _GUIDE_RAYS = 4  # along a pixel
 
 
@@ -105,11 +106,16 @@ Rays = Callable[[Any, Any], Any]
 
 def rays_of(camera: Camera) -> Rays:
     """Rays of one of our cameras."""
-    right, up, back_, center = (mi.Vector3f(*map(float, camera.world_from_camera[:3, k])) for k in range(4))
+    pose, inner = camera.world_from_camera, (camera.fx, camera.fy, camera.cx, camera.cy)
+    # opaque: one kernel serves all views
+    right, up, backward, center = (
+        mi.Vector3f(*(dr.opaque(mi.Float, float(value)) for value in pose[:3, k])) for k in range(4)
+    )
+    fx, fy, cx, cy = (dr.opaque(mi.Float, float(value)) for value in inner)
 
     def rays(column: mi.Float, row: mi.Float) -> mi.Ray3f:
-        x, y = (column - camera.cx) / camera.fx, (row - camera.cy) / camera.fy
-        return mi.Ray3f(mi.Point3f(center), dr.normalize(x * right - y * up - back_))
+        x, y = (column - cx) / fx, (row - cy) / fy
+        return mi.Ray3f(mi.Point3f(center), dr.normalize(x * right - y * up - backward))
 
     return rays
 
@@ -146,19 +152,23 @@ def picture(
     (H, W, 3) float32 radiance.
     """
     height, width = shape
-    sampler = mi.load_dict({"type": "independent"})
-    total = np.zeros((height * width, 3))
-    squares = list(itertools.product((np.arange(grid) + 0.5) / grid, repeat=2))
+    pixels, squares = height * width, list(itertools.product((np.arange(grid) + 0.5) / grid, repeat=2))
     each = -(-spp // len(squares))
-    seeds = np.random.SeedSequence(seed).generate_state(len(squares))
-    pixel = dr.arange(mi.UInt32, height * width * each) // each
-    row = pixel // width
-    for (x, y), part in zip(squares, seeds, strict=True):
-        sampler.seed(int(part), height * width * each)
+    most = max(_MAX_LANES // pixels, 1)
+    passes = [(place, min(most, each - first)) for place in squares for first in range(0, each, most)]
+    sampler = mi.load_dict({"type": "independent"})
+    total = np.zeros((pixels, 3))
+    seeds = np.random.SeedSequence(seed).generate_state(len(passes))
+    for ((x, y), count), number in zip(passes, seeds, strict=True):
+        # opaque: one kernel serves all passes
+        sampler.seed(dr.opaque(mi.UInt32, int(number)), pixels * count)
         dx, dy = dr.opaque(mi.Float, float(x)), dr.opaque(mi.Float, float(y))
+        pixel = dr.arange(mi.UInt32, pixels * count) // dr.opaque(mi.UInt32, count)
+        row = pixel // width
         ray = rays(mi.Float(pixel - row * width) + dx, mi.Float(row) + dy)
         color = mi.Color3f(integrator.sample(scene, sampler, mi.RayDifferential3f(ray))[0])
-        total += np.stack([dr.block_reduce(dr.ReduceOp.Add, c, each).numpy() for c in color], axis=1)
+        dr.eval(color)
+        total += np.stack([dr.block_reduce(dr.ReduceOp.Add, c, count).numpy() for c in color], axis=1)
     return (total / (each * len(squares))).reshape(height, width, 3).astype(np.float32)
 
 
