@@ -8,7 +8,6 @@ from fipt.io.files import write_text
 _SCRIPT = Path(__file__).with_name("blender_scene.py")
 
 
-def write_blender(path: Path, asset: Asset) -> list[Path]:
-    """Write the script beside scene.glb; return the file."""
+def write_blender(path: Path, asset: Asset) -> None:
+    """Write the script beside scene.glb."""
     write_text(path, f"# {asset.name}\n{_SCRIPT.read_text(encoding='utf-8')}")
-    return [path]

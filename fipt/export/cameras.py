@@ -12,8 +12,8 @@ _OPENCV = np.diag([1.0, -1.0, -1.0])
 """Camera axes x right, y down, looking along +z, from ours."""
 
 
-def write_colmap(folder: Path, cameras: Sequence[Camera]) -> list[Path]:
-    """Write the poses of views; there are no points. Return the files."""
+def write_colmap(folder: Path, cameras: Sequence[Camera]) -> None:
+    """Write the poses of views; there are no points."""
     from scipy.spatial.transform import Rotation
 
     models, images = ["# id, model, width, height, fx, fy, cx, cy"], ["# id, q (w x y z), t, camera, name; then points"]
@@ -28,4 +28,3 @@ def write_colmap(folder: Path, cameras: Sequence[Camera]) -> list[Path]:
     texts = {"cameras.txt": models, "images.txt": images, "points3D.txt": ["# none"]}
     for name, lines in texts.items():
         write_text(folder / name, "\n".join(lines) + "\n")
-    return [folder / name for name in texts]

@@ -28,8 +28,8 @@ Nothing of fipt is needed. MIT licence.
 
 def write_mitsuba(
     folder: Path, asset: Asset, principled: Textures, specular: float, environment: np.ndarray | None, max_depth: int
-) -> list[Path]:
-    """Write scene.xml, scene_exact.xml and what they name; return the files.
+) -> None:
+    """Write scene.xml, scene_exact.xml and what they name.
 
     Parameters
     ----------
@@ -47,21 +47,15 @@ def write_mitsuba(
     sheets = [asset.surface, *asset.lamps]
     if asset.two_sided:
         sheets += [back(lamp) for lamp in asset.lamps]
-    files = [folder / f"{piece.name}.ply" for piece in sheets]
-    for path, piece in zip(files, sheets, strict=True):
-        _write_ply(path, piece)
+    for piece in sheets:
+        _write_ply(folder / f"{piece.name}.ply", piece)
     for name in ("base_color", "roughness"):
-        files.append(folder / f"principled_{name}.png")
-        write_png(files[-1], getattr(principled, name))
-    files.append(folder / PLUGIN)
-    write_text(files[-1], plugin_source())
+        write_png(folder / f"principled_{name}.png", getattr(principled, name))
+    write_text(folder / PLUGIN, plugin_source())
     if environment is not None:
-        files.append(folder / "environment.exr")
-        write_exr(files[-1], {"": environment})
+        write_exr(folder / "environment.exr", {"": environment})
     for name, kind in (("scene.xml", "principled"), ("scene_exact.xml", PLUGIN_TYPE)):
-        files.append(folder / name)
-        write_text(files[-1], _scene(asset, sheets, kind, specular, environment is not None, max_depth))
-    return files
+        write_text(folder / name, _scene(asset, sheets, kind, specular, environment is not None, max_depth))
 
 
 def plugin_source() -> str:

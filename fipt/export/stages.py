@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from fipt import __version__
+from fipt.errors import FiptError
 from fipt.export.atlas import Atlas, texels, unwrap
 from fipt.export.blender import write_blender
 from fipt.export.cameras import write_colmap
@@ -20,7 +21,7 @@ from fipt.io.confidence import read_confidence
 from fipt.io.dataset import Dataset
 from fipt.io.emitters import Emitters, read_emitters
 from fipt.io.exr import write_exr
-from fipt.io.files import write_text
+from fipt.io.files import atomic_folder, write_text
 from fipt.io.gltf import write_glb
 from fipt.io.hits import read_hits
 from fipt.io.images import to_display, write_png
@@ -30,6 +31,8 @@ from fipt.io.usd import write_usd
 from fipt.model.store import load_field
 from fipt.render.exported import SPECULAR, principled_textures
 from fipt.settings import Export, dumped
+
+_FACTS = "export.json"
 
 
 def write_export(
@@ -45,7 +48,15 @@ def write_export(
     settings: Export,
     stats: Stats,
 ) -> None:
-    """Write the room for other programs, every file complete or absent, the manifest last."""
+    """Write the room for other programs, complete or not at all, the manifest last.
+
+    Raises
+    ------
+    FiptError
+        If ``out`` holds something else than an earlier export.
+    """
+    if out.exists() and not (out / _FACTS).is_file() and any(out.iterdir()):
+        raise FiptError(f"the folder {out} exists and is no export", "choose another folder, or delete it")
     data, lamps, sure = Dataset(dataset), read_emitters(emitters), read_confidence(confidence)
     mesh = data.mesh()
     field, metadata = load_field(model)
@@ -56,21 +67,21 @@ def write_export(
     brdf = surface_brdf(field, mesh, atlas, known, seen, settings.samples, scale)
     textures = surface_textures(brdf, lamps, atlas, known)
     asset = room_asset(name, mesh, atlas, textures, lamps, data.cameras, read_background(background))
-
     emission = emission_texture(lamps, atlas, known)
-    files = _write_textures(out / "textures", asset, emission, confidence_texture(sure, mesh, atlas, known))
-    files += [out / "scene.glb", out / "scene.usdc", out / "emitters.ply", out / "export.json"]
-    write_glb(out / "scene.glb", asset, settings.point_size)
-    write_usd(out / "scene.usdc", asset, "textures")
-    _write_lamps(out / "emitters.ply", asset)
-    environment = mitsuba_map(asset.outside) if asset.outside.shines else None
-    principled = principled_textures(textures)
-    files += write_mitsuba(out / "mitsuba", asset, principled, SPECULAR, environment, settings.max_depth)
-    files += write_blender(out / "blender.py", asset)
-    files += write_colmap(out / "cameras" / "colmap", asset.cameras)
-    files.append(out / "cameras" / "transforms.json")
-    write_transforms(files[-1], list(asset.cameras))
-    _write_facts(out / "export.json", asset, atlas, upright(data.cameras), float(emission.max()))
+    manifest.unlink(missing_ok=True)
+    with atomic_folder(out) as folder:
+        _write_textures(folder / "textures", asset, emission, confidence_texture(sure, mesh, atlas, known))
+        write_glb(folder / "scene.glb", asset, settings.point_size)
+        write_usd(folder / "scene.usdc", asset, "textures")
+        _write_lamps(folder / "emitters.ply", asset)
+        environment = mitsuba_map(asset.outside) if asset.outside.shines else None
+        principled = principled_textures(textures)
+        write_mitsuba(folder / "mitsuba", asset, principled, SPECULAR, environment, settings.max_depth)
+        write_blender(folder / "blender.py", asset)
+        write_colmap(folder / "cameras" / "colmap", asset.cameras)
+        write_transforms(folder / "cameras" / "transforms.json", list(asset.cameras))
+        _write_facts(folder / _FACTS, asset, atlas, upright(data.cameras), float(emission.max()))
+    files = [path for path in out.rglob("*") if path.is_file()]
     write_manifest(manifest, "export", files, dumped(settings))
     stats["texels"] = len(known.index)
     stats["atlas"] = [atlas.width, atlas.height]
@@ -89,8 +100,8 @@ def _layout(settings: Export, typical: float) -> tuple[float, int, int]:
     return density, settings.padding, settings.max_resolution
 
 
-def _write_textures(folder: Path, asset: Asset, emission: np.ndarray, confidence: np.ndarray) -> list[Path]:
-    """Write the atlas's textures; return the files."""
+def _write_textures(folder: Path, asset: Asset, emission: np.ndarray, confidence: np.ndarray) -> None:
+    """Write the atlas's textures."""
     textures, strength = asset.textures, max(float(emission.max()), 1e-9)
     packed = np.stack([np.zeros_like(textures.roughness), textures.roughness, textures.metallic], axis=-1)
     pictures = {
@@ -108,7 +119,6 @@ def _write_textures(folder: Path, asset: Asset, emission: np.ndarray, confidence
         maps["environment"] = asset.outside.radiance
     for name, radiance in maps.items():
         write_exr(folder / f"{name}.exr", {"": radiance})
-    return [folder / f"{name}.png" for name in pictures] + [folder / f"{name}.exr" for name in maps]
 
 
 def _write_lamps(path: Path, asset: Asset) -> None:
