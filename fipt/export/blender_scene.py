@@ -65,9 +65,11 @@ def _cameras(scene: "bpy.types.Scene") -> dict:
     for frame in frames:
         name = Path(frame["file_path"]).stem
         camera = bpy.data.objects[name]
-        longest = max(frame["w"], frame["h"])
-        camera.data.shift_x = (frame["w"] / 2 - frame["cx"]) / longest
-        camera.data.shift_y = (frame["cy"] - frame["h"] / 2) / longest
+        # shifts are in units of the side that the field of view is given for
+        units = {"HORIZONTAL": frame["w"], "VERTICAL": frame["h"], "AUTO": max(frame["w"], frame["h"])}
+        unit = units[camera.data.sensor_fit]
+        camera.data.shift_x = (frame["w"] / 2 - frame["cx"]) / unit
+        camera.data.shift_y = (frame["cy"] - frame["h"] / 2) / unit
         camera["size"] = (frame["w"], frame["h"])
         found[name] = camera
     if found:
