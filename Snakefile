@@ -5,7 +5,7 @@
     snakemake --workflow-profile workflow/profiles/local materials     up to a stopping point
     snakemake --cores all results/demo/report.html                     one file and what it needs
 
-Stopping points: capture, dataset, shading, materials, render, relight, metrics, report.
+Stopping points: capture, dataset, shading, materials, render, relight, export, metrics, report.
 Which scenes, with which settings: config/config.yaml, explained in config/README.md.
 """
 
@@ -41,6 +41,7 @@ include: "workflow/rules/emitters.smk"
 include: "workflow/rules/materials.smk"
 include: "workflow/rules/render.smk"
 include: "workflow/rules/relight.smk"
+include: "workflow/rules/export.smk"
 include: "workflow/rules/metrics.smk"
 include: "workflow/rules/report.smk"
 

@@ -225,6 +225,11 @@ class Scene:
         return self.source == "raw" or self.estimated if wanted is None else wanted
 
     @property
+    def exported(self) -> bool:
+        """Whether every run writes the room for other programs and checks that."""
+        return self.settings["export"].enabled
+
+    @property
     def simulated(self) -> bool:
         """Whether the views of a known room are photographed by a simulated camera."""
         return self.synthesized and self.simulate_raw

@@ -63,6 +63,8 @@ def plan(scene: Scene) -> list[Job]:
     for round_ in range(scene.rounds + 1):
         chain.add_round(round_)
     chain.add_pictures()
+    if scene.exported:
+        chain.add_export()
     chain.add_figures()
     return chain.jobs
 
@@ -92,8 +94,9 @@ class _Chain:
         self.shading: dict[str, str] = {}
         # Folder of the fused segment ids; none where the fit takes the dataset's
         self.segments = ""
-        # Manifests of what the report shows
+        # Manifests of what the report shows, and the check of the export where there is one
         self.shown: list[str] = []
+        self.checked: list[str] = []
 
     def add(
         self,
@@ -291,6 +294,29 @@ class _Chain:
         self.add(stage, label, options, inputs, [made])
         self.shown.append(made)
 
+    def add_export(self) -> None:
+        """The room for other programs, and every file of it loaded back."""
+        out, made = f"{self.root}/export", manifest(f"{self.root}/export")
+        hits = [self.hits[shard] for shard in self.train]
+        files = {
+            "--model": self.model,
+            "--emitters": self.emitters,
+            "--confidence": self.confidence,
+            "--background": self.background,
+        }
+        options = ("--name", self.scene.name, "--dataset", self.data, "--hits", ",".join(hits))
+        options += tuple(text for pair in files.items() for text in pair)
+        inputs = [*self.geometry, *map(manifest, hits), *files.values()]
+        self.add("export", "export", (*options, "--out", out, "--manifest", made), inputs, [made])
+        self.checked = [f"{out}/check.json"]
+        held_out = self.scene.shards("val")
+        hits = [self.hits[shard] for shard in held_out]
+        options = ("--dataset", self.data, "--hits", ",".join(hits), "--export", out)
+        options += ("--render", f"{self.root}/render", "--out", *self.checked)
+        inputs = [*self.geometry, made, *map(manifest, hits)]
+        inputs += [manifest(f"{self.root}/render.{shard}") for shard in held_out]
+        self.add("check-export", "check-export", options, inputs, self.checked, section="export")
+
     def add_figures(self) -> None:
         """Metrics and the page."""
         metrics, report = f"{self.root}/metrics.json", f"{self.root}/report.html"
@@ -303,7 +329,7 @@ class _Chain:
         inputs += [*self.shown, self.emitters]
         self.add("metrics", "metrics", options, inputs, [metrics])
         options = ("--results", self.root, "--out", report)
-        self.add("report", "report", options, [metrics, *inputs], [report])
+        self.add("report", "report", options, [metrics, *inputs, *self.checked], [report])
 
     def _training(self) -> tuple[str, ...]:
         hits = ",".join(self.hits[shard] for shard in self.train)

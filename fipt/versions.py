@@ -18,6 +18,7 @@ VERSIONS = {
     "materials": 2,
     "render": 2,
     "relight": 2,
+    "export": 1,
     "metrics": 3,
     "report": 2,
 }

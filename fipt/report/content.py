@@ -17,6 +17,7 @@ from fipt.io.exr import read_rgb
 from fipt.progress import human, progress
 from fipt.report import pictures
 from fipt.report.capture import CaptureReport, read_capture
+from fipt.report.export import ExportCheck, read_check
 from fipt.report.poses import PosesReport, read_poses
 from fipt.report.segments import SegmentsReport, read_segments
 from fipt.settings import Report
@@ -63,7 +64,7 @@ _FIRST = (
     "cache",
 )
 _ROUND = ("bake", "refine", "fit", "emitters")
-_LAST = ("materials", "render", "relight", "metrics", "report")
+_LAST = ("materials", "render", "relight", "export", "check-export", "metrics", "report")
 
 _PACKAGES = ("numpy", "torch", "mitsuba", "drjit", "pyoidn", "OpenEXR")
 
@@ -152,6 +153,8 @@ class Content:
     emitters: Sequence[Mapping[str, Any]] | None
     relit: Sequence[RelitView]
     setups: Mapping[str, str]
+    export: ExportCheck | None
+    exported: Sequence[RelitView]
     times: Sequence[StageTime]
     settings: Mapping[str, str]
     versions: Mapping[str, str]
@@ -181,6 +184,7 @@ def gather(results: Path, settings: Report) -> Content:
     reader = _Reader(results, data, metrics, settings, scale)
     views = reader.rows()
     relit = reader.relit_views()
+    export = read_check(results / "export" / "check.json")
     return Content(
         scene=results.resolve().name,
         facts=_facts(data, results),
@@ -193,6 +197,8 @@ def gather(results: Path, settings: Report) -> Content:
         emitters=emitters,
         relit=relit,
         setups=_setups(results),
+        export=export,
+        exported=reader.exported_views(export) if export else [],
         times=_times(stats),
         settings=_settings(stats),
         versions=_versions(stats),
@@ -307,6 +313,19 @@ class _Reader:
                 truth.append(None if known is None else self._toned("relit", f"{setup}, truth", known))
             if relit and len(rows) < self.settings.max_views:
                 rows.append(RelitView(camera.name, self._original(camera.name, relit), relit, truth))
+        return rows
+
+    def exported_views(self, export: ExportCheck) -> list[RelitView]:
+        """Our picture of every checked view, beside what each exported file shows."""
+        rows = []
+        for name in dict.fromkeys(view for file in export.files for view in file.views):
+            shown = []
+            for file in export.files:
+                picture = self._computed(self.results / "export" / "check" / file.kind, name)
+                if picture is not None:
+                    shown.append(self._toned("relit", f"{file.label}, {file.views[name]:.1f} dB", picture))
+            if shown:
+                rows.append(RelitView(name, self._original(name, shown), shown, ()))
         return rows
 
     def _original(self, name: str, relit: Sequence[Picture]) -> Picture:

@@ -248,6 +248,25 @@ def test_segments_are_planned_alike(workspace, monkeypatch):
     assert '"segments": "none"' in here.snakemake("--dry-run", "--printshellcmds")
 
 
+def test_the_export_is_planned_alike(workspace):
+    """With every run where it is enabled, by its target otherwise; other settings rerun it and the page."""
+    here = workspace(CONFIG)
+    assert here.planned("export").keys() >= {"export_room", "check_export", "render_views"}
+    enabled = changed(export={"enabled": True})
+    here.configure(enabled)
+    assert here.planned() == {**FIRST, "export_room": 1, "check_export": 1}
+    here.snakemake()
+    assert here.planned() == {}
+    jobs = plan(load(enabled).scenes["room"])
+    assert sorted(here.calls()) == sorted([job.verb, *job.options] for job in jobs)
+    for job in jobs:
+        assert (here.root / "results/room/stats" / f"{job.label}.json").is_file()
+        for path in (*job.inputs, *job.outputs):
+            assert (here.root / path).exists()
+    here.configure(changed(export={"enabled": True, "samples": 3}))
+    assert here.planned() == {"export_room": 1, "check_export": 1, "scene_report": 1}
+
+
 def photographed(root):
     """A capture of two views with calibration frames, their poses, a mesh, and its config."""
     made = captures.write(root / "photos", views=3, size=(32, 24), scale=2, calibration_frames=1)

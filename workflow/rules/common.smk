@@ -184,6 +184,12 @@ def setup_files(wildcards):
     return readable(scene_of(wildcards).setup_files, wildcards.setup)
 
 
+def checked_export(wildcards):
+    """Input function: the check of the export, where every run makes one."""
+    scene = scene_of(wildcards)
+    return [f"results/{scene.name}/export/check.json"] if scene.exported else []
+
+
 def of_asked_scenes(*files):
     """Input function: patterns, and files of input functions, for every scene that was asked for."""
     return lambda _: [

@@ -1,6 +1,7 @@
 """The page that shows everything.
 
-INPUTS:  results/{scene}/metrics.json, material maps, renders, relit views, emitters of the last round, stats/
+INPUTS:  results/{scene}/metrics.json, material maps, renders, relit views, emitters of the last round,
+         export/check.json where export.enabled, stats/
 OUTPUTS: results/{scene}/report.html    one self-contained page
 """
 
@@ -14,6 +15,7 @@ rule scene_report:
         render=sharded("results/{scene}/render.{shard}.manifest.json", "val"),
         relight=relit("results/{scene}/relight/{setup}.{shard}.manifest.json"),
         emitters=last_emitters,
+        export=checked_export,
     output:
         report="results/{scene}/report.html",
         stats="results/{scene}/stats/report.json",

@@ -12,6 +12,7 @@ localrules:
     materials,
     render,
     relight,
+    export,
     metrics,
     report,
 
@@ -63,6 +64,12 @@ rule relight:
     """Every view of every relight setup."""
     input:
         of_asked_scenes(relit("results/{scene}/relight/{setup}.{shard}.manifest.json")),
+
+
+rule export:
+    """The room for other programs, and the check of every file."""
+    input:
+        of_asked_scenes("results/{scene}/export/check.json"),
 
 
 rule metrics:

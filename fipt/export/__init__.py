@@ -1,0 +1,1 @@
+"""The fitted room for other programs: textures, glTF, Mitsuba, USD, Blender, cameras."""

@@ -1,0 +1,81 @@
+"""The fitted room as an asset: surface, lamps, cameras and outside, in a world with y up."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from fipt.export.atlas import Atlas
+from fipt.io.asset import Asset, Piece, Textures
+from fipt.io.background import Background, texel_directions
+from fipt.io.cameras import Camera
+from fipt.io.emitters import Emitters
+from fipt.io.meshes import Mesh
+
+_ROWS = 256
+"""Rows of the exported map of the outside, unless ours has more."""
+
+
+def upright(cameras: list[Camera]) -> np.ndarray:
+    """(3, 3) rotation that turns the world axis nearest to the cameras' mean up direction into y.
+
+    The source's world may have any axis up; nothing else in the program needs to know.
+    """
+    up = np.mean([camera.world_from_camera[:3, 1] for camera in cameras], axis=0)
+    axis = int(np.abs(up).argmax())
+    sign = 1.0 if up[axis] > 0 else -1.0
+    if axis == 1:
+        return np.diag([1.0, sign, sign])
+    turn = np.zeros((3, 3))
+    turn[1, axis] = sign
+    if axis == 2:  # z up, as Blender has it: x stays, y becomes -z
+        turn[0, 0], turn[2, 1] = 1, -sign
+    else:
+        turn[0, 1], turn[2, 2] = -sign, 1
+    return turn
+
+
+def room_asset(
+    name: str, mesh: Mesh, atlas: Atlas, textures: Textures, emitters: Emitters, cameras: list[Camera], sky: Background
+) -> Asset:
+    """Put the room together; each lamp is one mesh, or several where its triangles differ in radiance."""
+    turn = upright(cameras)
+    mesh = Mesh((mesh.vertices.astype(np.float64) @ turn.T).astype(np.float32), mesh.triangles)
+    dark = np.ones(len(mesh.triangles), bool)
+    dark[emitters.triangle] = False
+    surface = Piece("surface", *atlas.piece(mesh, np.flatnonzero(dark)), np.zeros(3, np.float32))
+    return Asset(
+        name=name,
+        surface=surface,
+        lamps=tuple(_lamps(mesh, atlas, emitters)),
+        two_sided=emitters.two_sided,
+        textures=textures,
+        cameras=tuple(_turned(camera, turn) for camera in cameras),
+        outside=_outside(sky, turn),
+    )
+
+
+def _lamps(mesh: Mesh, atlas: Atlas, emitters: Emitters) -> list[Piece]:
+    lamps = []
+    for number in range(int(emitters.emitter.max(initial=-1)) + 1):
+        own = np.flatnonzero(emitters.emitter == number)
+        levels, level = np.unique(emitters.radiance[own], axis=0, return_inverse=True)
+        for index, radiance in enumerate(levels):
+            name = f"lamp_{number}" if len(levels) == 1 else f"lamp_{number}_{index}"
+            chosen = emitters.triangle[own[level.reshape(-1) == index]]
+            lamps.append(Piece(name, *atlas.piece(mesh, chosen), radiance))
+    return lamps
+
+
+def _turned(camera: Camera, turn: np.ndarray) -> Camera:
+    pose = camera.world_from_camera.copy()
+    pose[:3] = turn @ pose[:3]
+    return replace(camera, world_from_camera=pose)
+
+
+def _outside(sky: Background, turn: np.ndarray) -> Background:
+    """The outside as a map with y up that needs no further rotation."""
+    if sky.radiance.shape[0] == 1:
+        return replace(sky, up="y", rotation=0.0)
+    rows = max(_ROWS, sky.radiance.shape[0])
+    radiance = sky.lookup(texel_directions(rows, 2 * rows) @ turn).reshape(rows, 2 * rows, 3)
+    return Background(sky.mode, radiance, "y", 0.0)

@@ -1,0 +1,167 @@
+"""The stage export: files in, a folder for other programs out."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from fipt import __version__
+from fipt.errors import FiptError
+from fipt.export.atlas import Atlas, texels, unwrap
+from fipt.export.blender import write_blender
+from fipt.export.cameras import write_colmap
+from fipt.export.mitsuba_files import write_mitsuba
+from fipt.export.room import room_asset, upright
+from fipt.export.textures import confidence_texture, coverage, emission_texture, surface_brdf, surface_textures
+from fipt.io.asset import Asset, mitsuba_map
+from fipt.io.background import read_background
+from fipt.io.cameras import write_transforms
+from fipt.io.confidence import read_confidence
+from fipt.io.dataset import Dataset
+from fipt.io.emitters import Emitters, read_emitters
+from fipt.io.exr import write_exr
+from fipt.io.files import atomic_folder, write_text
+from fipt.io.gltf import write_glb
+from fipt.io.hits import read_hits
+from fipt.io.images import to_display, write_png
+from fipt.io.manifests import Stats, write_manifest
+from fipt.io.meshes import Mesh, connected_parts, write_ply
+from fipt.io.usd import write_usd
+from fipt.model.store import load_field
+from fipt.render.exported import SPECULAR, principled_textures
+from fipt.settings import Export, dumped
+
+_FACTS = "export.json"
+
+
+def write_export(
+    name: str,
+    dataset: Path,
+    hits: Sequence[Path],
+    model: Path,
+    emitters: Path,
+    confidence: Path,
+    background: Path | None,
+    out: Path,
+    manifest: Path,
+    settings: Export,
+    stats: Stats,
+) -> None:
+    """Write the room for other programs, complete or not at all, the manifest last.
+
+    Raises
+    ------
+    FiptError
+        If ``out`` holds something else than an earlier export.
+    """
+    if out.exists() and not (out / _FACTS).is_file() and any(out.iterdir()):
+        raise FiptError(f"the folder {out} exists and is no export", "choose another folder, or delete it")
+    data, lamps, sure = Dataset(dataset), read_emitters(emitters), read_confidence(confidence)
+    mesh = data.mesh()
+    field, metadata = load_field(model)
+    seen = coverage(field, [read_hits(folder) for folder in hits])
+    atlas = unwrap(mesh, _groups(mesh, lamps), *_layout(settings, seen.typical))
+    known = texels(atlas)
+    scale = metadata["settings"].footprint
+    brdf = surface_brdf(field, mesh, atlas, known, seen, settings.samples, scale)
+    textures = surface_textures(brdf, lamps, atlas, known)
+    asset = room_asset(name, mesh, atlas, textures, lamps, data.cameras, read_background(background))
+    emission = emission_texture(lamps, atlas, known)
+    manifest.unlink(missing_ok=True)
+    with atomic_folder(out) as folder:
+        _write_textures(folder / "textures", asset, emission, confidence_texture(sure, mesh, atlas, known))
+        write_glb(folder / "scene.glb", asset, settings.point_size)
+        write_usd(folder / "scene.usdc", asset, "textures")
+        _write_lamps(folder / "emitters.ply", asset)
+        environment = mitsuba_map(asset.outside) if asset.outside.shines else None
+        principled = principled_textures(textures)
+        write_mitsuba(folder / "mitsuba", asset, principled, SPECULAR, environment, settings.max_depth)
+        write_blender(folder / "blender.py", asset)
+        write_colmap(folder / "cameras" / "colmap", asset.cameras)
+        write_transforms(folder / "cameras" / "transforms.json", list(asset.cameras))
+        _write_facts(folder / _FACTS, asset, atlas, upright(data.cameras), float(emission.max()))
+    files = [path for path in out.rglob("*") if path.is_file()]
+    write_manifest(manifest, "export", files, dumped(settings))
+    stats["texels"] = len(known.index)
+    stats["atlas"] = [atlas.width, atlas.height]
+
+
+def _groups(mesh: Mesh, lamps: Emitters) -> np.ndarray:
+    """(T,) part of each triangle; lamps apart, so that their black does not bleed into what surrounds them."""
+    groups = connected_parts(mesh)
+    groups[lamps.triangle] += groups.max() + 1
+    return groups
+
+
+def _layout(settings: Export, typical: float) -> tuple[float, int, int]:
+    """Texels along a metre, texels between charts, longest side."""
+    density = settings.texel_density or 2 / typical
+    return density, settings.padding, settings.max_resolution
+
+
+def _write_textures(folder: Path, asset: Asset, emission: np.ndarray, confidence: np.ndarray) -> None:
+    """Write the atlas's textures."""
+    textures, strength = asset.textures, max(float(emission.max()), 1e-9)
+    packed = np.stack([np.zeros_like(textures.roughness), textures.roughness, textures.metallic], axis=-1)
+    pictures = {
+        "base_color": textures.base_color,
+        "metallic_roughness": packed,
+        "roughness": textures.roughness,
+        "metallic": textures.metallic,
+        "emission": to_display(emission / strength),
+        "confidence": confidence,
+    }
+    for name, pixels in pictures.items():
+        write_png(folder / f"{name}.png", pixels)
+    maps = {"emission": emission}
+    if asset.outside.shines:
+        maps["environment"] = asset.outside.radiance
+    for name, radiance in maps.items():
+        write_exr(folder / f"{name}.exr", {"": radiance})
+
+
+def _write_lamps(path: Path, asset: Asset) -> None:
+    """Write the emitting triangles with the colours of their light."""
+    vertices = [lamp.mesh.vertices for lamp in asset.lamps]
+    starts = np.cumsum([0, *map(len, vertices)])
+    triangles = [lamp.mesh.triangles + start for lamp, start in zip(asset.lamps, starts, strict=False)]
+    colors = [
+        np.tile(to_display(lamp.radiance / max(lamp.radiance.max(), 1e-9)), (len(lamp.mesh.vertices), 1))
+        for lamp in asset.lamps
+    ]
+    empty = [np.empty((0, 3), np.float32)], [np.empty((0, 3), np.int32)], [np.empty((0, 3), np.uint8)]
+    joined = [np.concatenate(a + b) for a, b in zip(empty, (vertices, triangles, colors), strict=True)]
+    write_ply(path, Mesh(joined[0], joined[1].astype(np.int32)), joined[2])
+
+
+def _write_facts(path: Path, asset: Asset, atlas: Atlas, turn: np.ndarray, strength: float) -> None:
+    """Write what the other files cannot say: lamps, density, how the world was turned."""
+    content = {
+        "generator": f"fipt {__version__}",
+        "scene": asset.name,
+        "axes": "y up, metres, right-handed; cameras look along -z",
+        "room_from_source": turn.tolist(),
+        "atlas": {
+            "width": atlas.width,
+            "height": atlas.height,
+            "texels_per_metre": atlas.density,
+            "charts": atlas.charts,
+            "vertices": len(atlas.vertex),
+            "triangles": len(atlas.triangles),
+        },
+        "emission_strength": strength,
+        "lamps_two_sided": asset.two_sided,
+        "lamps": [
+            {
+                "name": lamp.name,
+                "triangles": len(lamp.mesh.triangles),
+                "area": float(lamp.mesh.areas.sum()),
+                "radiance": lamp.radiance.astype(float).tolist(),
+                "low": lamp.mesh.vertices.min(axis=0).astype(float).tolist(),
+                "high": lamp.mesh.vertices.max(axis=0).astype(float).tolist(),
+            }
+            for lamp in asset.lamps
+        ],
+    }
+    write_text(path, json.dumps(content, indent=1) + "\n")

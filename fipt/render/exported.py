@@ -1,0 +1,251 @@
+"""Exported rooms in Mitsuba: what other programs show of them, and the reflectance that they have for it."""
+
+from __future__ import annotations  # Mitsuba has no classes before its variant is set
+
+import itertools
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from fipt.conventions import F0_DIELECTRIC, ROUGHNESS_MIN
+from fipt.errors import FiptError
+from fipt.io.asset import Asset, Piece, Textures, back, mitsuba_map
+from fipt.io.cameras import Camera
+from fipt.io.images import to_display
+from fipt.model.albedo import albedo_terms
+from fipt.render import bsdf
+
+SPECULAR = 0.3
+"""Mitsuba's ``specular`` of dielectrics. 0.5 reflects 0.04 straight on, as ours; but its highlights lose nothing at
+grazing angles, so that over all directions they are brighter than ours. This is a compromise between the two."""
+
+_LAMBERT = 0.65
+"""Roughness at which Mitsuba's diffuse lobe is nearest to Lambert's (of directional albedos)."""
+
+_LEVELS = np.linspace(ROUGHNESS_MIN, 1.0, 12)
+_SAMPLES = 2**16
+_MAX_LANES = 2**22  # paths traced at once
+_GUIDE_RAYS = 4  # along a pixel
+
+
+def load_asset(asset: Asset) -> mi.Scene:
+    """Scene of a room, its textures taken as parameters of our reflectance.
+
+    glTF and USD leave the reflectance of rough dielectrics to the program; all have Lambert and GGX lobes like ours.
+    """
+    bsdf.register()
+    textures = asset.textures
+    surface = mi.load_dict(
+        {
+            "type": bsdf.NAME,
+            "base_color": _texture(textures.linear_color),
+            "roughness": _texture(textures.roughness / 255.0),
+            "metallic": _texture(textures.metallic / 255.0),
+        }
+    )
+    scene: dict[str, Any] = {"type": "scene", "surface": _shape(asset.surface, bsdf=surface)}
+    sheets = [*asset.lamps, *(back(lamp) for lamp in asset.lamps if asset.two_sided)]
+    for lamp in sheets:
+        parts = {"bsdf": mi.load_dict({"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}})}
+        if lamp.radiance.any():
+            value = [float(v) for v in lamp.radiance]
+            parts["emitter"] = mi.load_dict({"type": "area", "radiance": {"type": "rgb", "value": value}})
+        scene[lamp.name] = _shape(lamp, **parts)
+    if asset.outside.shines:
+        scene["outside"] = {"type": "envmap", "bitmap": mi.Bitmap(mitsuba_map(asset.outside))}
+    return mi.load_dict(scene)
+
+
+def guides(scene: mi.Scene, asset: Asset, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """Base colour and normal (H, W, 3) that a view shows, free of noise, for the denoiser; ``scene`` is the asset's."""
+    color = _texture(asset.textures.linear_color)
+    surface = next(shape for shape in scene.shapes() if shape.id() == asset.surface.name)
+    rows, columns = np.indices((camera.height, camera.width)).reshape(2, -1)
+    steps = (np.arange(_GUIDE_RAYS) + 0.5) / _GUIDE_RAYS
+    total = np.zeros((2, camera.height * camera.width, 3))
+    origin = mi.Point3f(*map(float, camera.center))
+    for x, y in itertools.product(steps, steps):
+        directions = np.ascontiguousarray(camera.directions(columns + x, rows + y).T)
+        si = scene.ray_intersect(mi.Ray3f(origin, mi.Vector3f(*map(mi.Float, directions))))
+        # lamps are as bright as white, as the denoiser wants it; outside is black
+        seen = dr.select(si.shape == mi.ShapePtr(surface), color.eval(si), 1.0)
+        total += np.stack([np.array(dr.select(si.is_valid(), v, 0.0)).T for v in (seen, mi.Color3f(si.n))])
+    shape = camera.height, camera.width, 3
+    base, normal = (part.reshape(shape).astype(np.float32) for part in total / _GUIDE_RAYS**2)
+    return base, normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-6)
+
+
+def load_scene_file(path: Path) -> mi.Scene:
+    """Load a Mitsuba scene file that was exported.
+
+    Raises
+    ------
+    FiptError
+        If Mitsuba cannot read it.
+    """
+    bsdf.register()  # scene_exact.xml asks for it; a user imports fipt_bsdf.py instead
+    try:
+        return mi.load_file(str(path))
+    except RuntimeError as error:
+        raise FiptError(f"Mitsuba cannot load {path} ({error})", "export it again") from error
+
+
+def path_integrator(max_depth: int) -> mi.Integrator:
+    """Mitsuba's path tracer; ``max_depth`` counts segments."""
+    return mi.load_dict({"type": "path", "max_depth": max_depth})
+
+
+Rays = Callable[[Any, Any], Any]
+"""Rays of a camera (mi.Ray3f) through image coordinates (mi.Float), columns and rows in pixels."""
+
+
+def rays_of(camera: Camera) -> Rays:
+    """Rays of one of our cameras."""
+    pose, inner = camera.world_from_camera, (camera.fx, camera.fy, camera.cx, camera.cy)
+    # opaque: one kernel serves all views
+    right, up, backward, center = (
+        mi.Vector3f(*(dr.opaque(mi.Float, float(value)) for value in pose[:3, k])) for k in range(4)
+    )
+    fx, fy, cx, cy = (dr.opaque(mi.Float, float(value)) for value in inner)
+
+    def rays(column: mi.Float, row: mi.Float) -> mi.Ray3f:
+        x, y = (column - cx) / fx, (row - cy) / fy
+        return mi.Ray3f(mi.Point3f(center), dr.normalize(x * right - y * up - backward))
+
+    return rays
+
+
+def rays_of_sensor(scene: mi.Scene, number: int) -> Rays:
+    """Rays of a camera that a scene file defines."""
+    sensor = scene.sensors()[number]
+    width, height = sensor.film().size()
+
+    def rays(column: mi.Float, row: mi.Float) -> mi.Ray3f:
+        place = mi.Point2f(column / width, row / height)
+        return mi.Ray3f(sensor.sample_ray(0.0, 0.5, place, mi.Point2f(0.5))[0])
+
+    return rays
+
+
+def picture(
+    scene: mi.Scene, integrator: mi.Integrator, rays: Rays, shape: tuple[int, int], grid: int, spp: int, seed: int
+) -> np.ndarray:
+    """Path trace a view of a scene.
+
+    Parameters
+    ----------
+    shape
+        Height and width, pixels.
+    grid
+        Rays leave through the middles of so many squares along a pixel, as those of our own pictures do: where a lamp
+        borders on something dark, a pixel depends much on where in it one looks.
+    spp
+        Paths a pixel, rounded up to a multiple of the grid's squares.
+
+    Returns
+    -------
+    (H, W, 3) float32 radiance.
+    """
+    height, width = shape
+    pixels, squares = height * width, list(itertools.product((np.arange(grid) + 0.5) / grid, repeat=2))
+    each = -(-spp // len(squares))
+    most = max(_MAX_LANES // pixels, 1)
+    passes = [(place, min(most, each - first)) for place in squares for first in range(0, each, most)]
+    sampler = mi.load_dict({"type": "independent"})
+    total = np.zeros((pixels, 3))
+    seeds = np.random.SeedSequence(seed).generate_state(len(passes))
+    for ((x, y), count), number in zip(passes, seeds, strict=True):
+        # opaque: one kernel serves all passes
+        sampler.seed(dr.opaque(mi.UInt32, int(number)), pixels * count)
+        dx, dy = dr.opaque(mi.Float, float(x)), dr.opaque(mi.Float, float(y))
+        pixel = dr.arange(mi.UInt32, pixels * count) // dr.opaque(mi.UInt32, count)
+        row = pixel // width
+        ray = rays(mi.Float(pixel - row * width) + dx, mi.Float(row) + dy)
+        color = mi.Color3f(integrator.sample(scene, sampler, mi.RayDifferential3f(ray))[0])
+        dr.eval(color)
+        total += np.stack([dr.block_reduce(dr.ReduceOp.Add, c, count).numpy() for c in color], axis=1)
+    return (total / (each * len(squares))).reshape(height, width, 3).astype(np.float32)
+
+
+def principled_textures(textures: Textures) -> Textures:
+    """Return parameters with which Mitsuba's ``principled`` comes near to our reflectance.
+
+    Its diffuse lobe depends on roughness: nearest to Lambert's is that of `_LAMBERT`, which is taken for all rougher
+    dielectrics, whose highlights are faint. Its highlights lose less at grazing angles than ours. For each roughness
+    and metallic the share of uniform light that is reflected is linear in the base colour, here and there; the base
+    colour is chosen to make the two equal, as far as [0, 1] allows.
+    """
+    rough, metal = textures.roughness / 255.0, textures.metallic / 255.0
+    theirs = np.where(rough > _LAMBERT, _LAMBERT + (rough - _LAMBERT) * metal, rough)
+    metal = metal[..., None]
+
+    def albedo(table: np.ndarray, level: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Offset and slope of an albedo in the base colour."""
+        black, white, metal_black, metal_white = (np.interp(level, _LEVELS, row)[..., None] for row in table)
+        offset = (1 - metal) * black + metal * metal_black
+        return offset, (1 - metal) * white + metal * metal_white - offset
+
+    offset, slope = albedo(_our_albedo(), rough)
+    other, other_slope = albedo(_principled_albedo(), theirs)
+    color = (offset + slope * textures.linear_color - other) / np.maximum(other_slope, 1e-3)
+    return Textures(to_display(color), np.uint8(theirs * 255 + 0.5), textures.metallic)
+
+
+def _our_albedo() -> np.ndarray:
+    """(4, levels) share of uniform light that our reflectance returns: black, white dielectric; black, white metal."""
+    cos = np.sqrt((np.arange(64) + 0.5) / 64)  # as often as uniform light comes from there
+    terms = [albedo_terms(cos, np.full(64, level)) for level in _LEVELS]
+    a0, a1 = (np.array([term[k].mean() for term in terms]) for k in (0, 1))
+    return np.stack([F0_DIELECTRIC * a0 + a1, 1 + F0_DIELECTRIC * a0 + a1, a1, a0 + a1])
+
+
+@cache
+def _principled_albedo() -> np.ndarray:
+    """(4, levels) the same of ``principled``, measured."""
+    rows = [[_measured(color, level, metallic) for level in _LEVELS] for metallic in (0.0, 1.0) for color in (0.0, 1.0)]
+    return np.array(rows)
+
+
+def _measured(color: float, roughness: float, metallic: float) -> float:
+    made = mi.load_dict(
+        {
+            "type": "principled",
+            "base_color": {"type": "rgb", "value": color},
+            "roughness": float(roughness),
+            "metallic": metallic,
+            "specular": SPECULAR,
+        }
+    )
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(0, _SAMPLES)
+    si = dr.zeros(mi.SurfaceInteraction3f, _SAMPLES)
+    si.wi = mi.warp.square_to_cosine_hemisphere(sampler.next_2d())
+    _, weight = made.sample(mi.BSDFContext(), si, sampler.next_1d(), sampler.next_2d())
+    return float(np.array(weight.x).mean())
+
+
+def _texture(values: np.ndarray) -> mi.Texture:
+    """Bilinear texture of (h, w[, 3]) linear values."""
+    data = np.ascontiguousarray(values if values.ndim == 3 else values[..., None], np.float32)
+    return mi.load_dict({"type": "bitmap", "data": mi.TensorXf(data), "raw": True, "wrap_mode": "clamp"})
+
+
+def _shape(piece: Piece, **children: Any) -> mi.Mesh:
+    """Mesh with flat normals; bsdf and emitter as children."""
+    props = mi.Properties()
+    for key, child in children.items():
+        props[key] = child
+    mesh = piece.mesh
+    count = len(mesh.vertices), len(mesh.triangles)
+    made = mi.Mesh(piece.name, *count, has_vertex_normals=False, has_vertex_texcoords=True, props=props)
+    params = mi.traverse(made)
+    params["vertex_positions"] = mi.Float(np.ascontiguousarray(mesh.vertices, np.float32).ravel())
+    params["faces"] = mi.UInt32(np.ascontiguousarray(mesh.triangles, np.uint32).ravel())
+    params["vertex_texcoords"] = mi.Float(np.ascontiguousarray(piece.uv, np.float32).ravel())
+    params.update()
+    return made

@@ -1,0 +1,72 @@
+"""The room for other programs: textures, glTF, Mitsuba, USD, Blender, cameras; every file loaded back and compared.
+
+INPUTS:  dataset, results/{scene}/hits/{shard}.manifest.json, background.npz, model and emitters of the last round;
+         for the check render.{shard}.manifest.json of the val shards
+OUTPUTS: results/{scene}/export.manifest.json     lists export/: scene.glb, scene.usdc, mitsuba/, textures/, cameras/, ...
+         results/{scene}/export/check.json        PSNR of every format against render/{view}.exr
+"""
+
+
+rule export_room:
+    """Write the room for other programs."""
+    input:
+        transforms="results/{scene}/dataset/transforms.json",
+        mesh="results/{scene}/dataset/mesh.ply",
+        hits=sharded("results/{scene}/hits/{shard}.manifest.json", "train"),
+        background="results/{scene}/background.npz",
+        model=LAST_MODEL,
+        confidence=LAST_CONFIDENCE,
+        emitters=last_emitters,
+    output:
+        manifest="results/{scene}/export.manifest.json",
+        stats="results/{scene}/stats/export.json",
+    log:
+        "results/{scene}/logs/export.log",
+    benchmark:
+        "results/{scene}/benchmarks/export.jsonl"
+    threads: workflow.cores
+    resources:
+        mem_mb=8000,
+        gpu=1,
+    params:
+        dataset=folder("results/{scene}/dataset"),
+        hits=folders_of("hits"),
+        out=folder("results/{scene}/export"),
+        settings=settings("export"),
+        version=VERSIONS["export"],
+    shell:
+        "fipt export --name {wildcards.scene:q} --dataset {params.dataset:q} --hits {params.hits:q}"
+        " --model {input.model:q} --emitters {input.emitters:q} --confidence {input.confidence:q}"
+        " --background {input.background:q} --out {params.out:q} --manifest {output.manifest:q}"
+        " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
+
+
+rule check_export:
+    """Load every exported file back, render it, and compare with our own pictures."""
+    input:
+        transforms="results/{scene}/dataset/transforms.json",
+        hits=sharded("results/{scene}/hits/{shard}.manifest.json", "val"),
+        export="results/{scene}/export.manifest.json",
+        render=sharded("results/{scene}/render.{shard}.manifest.json", "val"),
+    output:
+        check="results/{scene}/export/check.json",
+        stats="results/{scene}/stats/check-export.json",
+    log:
+        "results/{scene}/logs/check-export.log",
+    benchmark:
+        "results/{scene}/benchmarks/check-export.jsonl"
+    threads: workflow.cores
+    resources:
+        mem_mb=8000,
+        gpu=1,
+    params:
+        dataset=folder("results/{scene}/dataset"),
+        hits=folders_of("hits"),
+        folder=folder("results/{scene}/export"),
+        render=folder("results/{scene}/render"),
+        settings=settings("export"),
+        version=VERSIONS["export"],
+    shell:
+        "fipt check-export --dataset {params.dataset:q} --hits {params.hits:q} --export {params.folder:q}"
+        " --render {params.render:q} --out {output.check:q}"
+        " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
