@@ -307,6 +307,17 @@ class Relight(Settings):
     seed: Count = Field(0, description="seed of the random numbers")
 
 
+class Lamps(Settings):
+    """Views with each lamp alone, for the report's light mixer."""
+
+    views: Count = Field(4, description="held-out views (training views where there are none); 0 = no light mixer")
+    separate: Positive = Field(12, description="most powerful lamps that are rendered one by one; the rest together")
+    spp: Positive = Field(128, description="paths per hit and lamp")
+    max_depth: Positive = Field(8, description="vertices after the first hit")
+    denoise: bool = Field(True, description="denoise the rendered views")
+    seed: Count = Field(0, description="seed of the random numbers")
+
+
 class Metrics(Settings):
     """Figures against ground truth and photographs."""
 
@@ -334,6 +345,7 @@ STAGES: dict[str, type[Settings]] = {
     "materials": Materials,
     "render": Render,
     "relight": Relight,
+    "lamps": Lamps,
     "metrics": Metrics,
     "report": Report,
 }

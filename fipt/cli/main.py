@@ -47,6 +47,7 @@ VERBS: dict[str, Verb] = {
     "materials": Verb("materials", "Write the material maps of every view."),
     "render": Verb("render", "Re-render the held-out views with the model."),
     "relight": Verb("relight", "Render the views under another light setup."),
+    "lamps": Verb("lamps", "Render views with each lamp alone, for the light mixer."),
     "metrics": Verb("metrics", "Compare materials, emitters and renderings with the truth."),
     "report": Verb("report", "Write the HTML page that shows everything."),
     "run": Verb("run", "Run the whole chain of a scene in one process."),
