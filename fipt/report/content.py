@@ -17,6 +17,8 @@ from fipt.io.exr import read_rgb
 from fipt.progress import human, progress
 from fipt.report import pictures
 from fipt.report.capture import CaptureReport, read_capture
+from fipt.report.mixer import Mixer, read_mixer
+from fipt.report.room import Room, read_room
 from fipt.settings import Report
 
 COLUMNS = (
@@ -46,7 +48,7 @@ TILES = (
 
 _FIRST = ("synthesize", "photograph", "calibrate", "develop", "qa", "import", "truth", "hits", "background", "cache")
 _ROUND = ("bake", "refine", "fit", "emitters")
-_LAST = ("materials", "render", "relight", "metrics", "report")
+_LAST = ("materials", "render", "relight", "lamps", "metrics", "report")
 
 _PACKAGES = ("numpy", "torch", "mitsuba", "drjit", "pyoidn", "OpenEXR")
 
@@ -141,6 +143,8 @@ class Content:
     warnings: Sequence[str]
     overlay: Picture | None
     capture: CaptureReport | None
+    mixer: Mixer | None
+    room: Room | None
 
 
 def gather(results: Path, settings: Report) -> Content:
@@ -180,6 +184,8 @@ def gather(results: Path, settings: Report) -> Content:
         warnings=_warnings(root, stats),
         overlay=_overlay(root / "overlay.png", settings.width),
         capture=read_capture(results / "capture" / "qa.json", data, reader.exposure),
+        mixer=read_mixer(results, emitters, reader.exposure * scale),
+        room=read_room(results, data, emitters),
     )
 
 
@@ -336,6 +342,7 @@ def _emitters(results: Path) -> list[Mapping[str, Any]] | None:
                     "triangles": int(entry["triangles"]),
                     "area": float(entry["area"]),
                     "radiance": [float(value) for value in entry["radiance"]],
+                    "center": [float(value) for value in entry["center"]],
                     "color": pictures.swatch(entry["radiance"]),
                     "power": float(np.mean(entry["power"])),
                     "views": int(entry["views"]),
