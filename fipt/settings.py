@@ -310,9 +310,9 @@ class Relight(Settings):
 class Lamps(Settings):
     """Views with each lamp alone, for the report's light mixer."""
 
-    views: Count = Field(4, description="held-out views (training views where there are none); 0 = no light mixer")
+    views: Count = Field(3, description="held-out views (training views where there are none); 0 = no light mixer")
     separate: Positive = Field(12, description="most powerful lamps that are rendered one by one; the rest together")
-    spp: Positive = Field(128, description="paths per hit and lamp")
+    spp: Positive = Field(256, description="paths per hit and lamp")
     max_depth: Positive = Field(8, description="vertices after the first hit")
     denoise: bool = Field(True, description="denoise the rendered views")
     seed: Count = Field(0, description="seed of the random numbers")
@@ -328,7 +328,7 @@ class Report(Settings):
     """The HTML page."""
 
     max_views: Positive = Field(12, description="views shown")
-    width: Positive = Field(360, description="width of each picture, pixels")
+    width: Positive = Field(640, description="largest width of each picture, pixels")
 
 
 STAGES: dict[str, type[Settings]] = {
