@@ -8,7 +8,7 @@ const curves = {
   film: (x) => (x * (2.51 * x + 0.03)) / (x * (2.43 * x + 0.59) + 0.14), // Narkowicz's fit of the ACES curve
 };
 const STEPS = 16383;
-const display = Uint8ClampedArray.from({ length: STEPS + 1 }, (_, i) => 255 * encodedOf(i / STEPS) + 0.5);
+const display = Uint8ClampedArray.from({ length: STEPS + 1 }, (_, i) => 255 * encodedOf(i / STEPS)); // rounds
 
 // Adds layers times gains, three planes a layer, and writes the picture as it is displayed.
 function draw(canvas, view, gains, exposure, curve) {
