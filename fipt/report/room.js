@@ -192,12 +192,19 @@ async function openRoom(section) {
       turnTo(place.forward);
     } else {
       const [floor, ceiling] = [dot(low, up), dot(high, up)].sort((a, b) => a - b);
-      const center = plus(plus(low, high).map((value) => value / 2), up, 0.4 * (floor - ceiling));
+      [fov, cut] = [40, floor + 0.8 * (ceiling - floor)];
+      const corners = Array.from({ length: 8 }, (_, i) => low.map((value, axis) => ((i >> axis) & 1 ? high[axis] : value)));
+      for (const corner of corners) corner.splice(0, 3, ...plus(corner, up, Math.min(cut - dot(corner, up), 0)));
+      const center = corners.reduce((sum, corner) => plus(sum, corner, 1 / 8), [0, 0, 0]);
       const away = unit(plus(plus(up.map((value) => 1.5 * value), ahead, -0.8), side, 0.3));
-      const narrow = Math.max(1, (1.3 * canvas.clientHeight) / canvas.clientWidth);
-      [eye, fov] = [plus(center, away, 1.15 * size * narrow), 40];
-      cut = floor + 0.8 * (ceiling - floor);
       turnTo(away.map((value) => -value));
+      // Back off until the whole room is in the picture.
+      const outside = ({ x, y, w }) => w <= 0 || Math.max(Math.abs(x), Math.abs(y)) > 0.97 * w;
+      let distance = 0.3 * size;
+      do {
+        distance *= 1.05;
+        eye = plus(center, away, distance);
+      } while (distance < 20 * size && corners.some((corner) => outside(clipped(clipFromWorld(), corner))));
     }
     soon();
   }
@@ -207,7 +214,7 @@ async function openRoom(section) {
     const right = unit(cross(f, up));
     const top = cross(right, f);
     const scale = 1 / Math.tan((fov * Math.PI) / 360);
-    const aspect = canvas.width / canvas.height;
+    const aspect = canvas.clientWidth / canvas.clientHeight;
     const [near, far] = [0.03, 4 * size];
     const depth = -(far + near) / (far - near);
     const rows = [right, top, f.map((value) => -value)].map((axis) => [...axis, -dot(axis, eye)]);
@@ -216,10 +223,15 @@ async function openRoom(section) {
     return product(lens, view);
   }
 
+  // Where a point is in the picture: x / w and y / w from -1 to 1, in front where w is positive.
+  function clipped(matrix, point) {
+    const [x, y, , w] = [0, 1, 2, 3].map((row) => [...point, 1].reduce((sum, v, k) => sum + matrix[4 * k + row] * v, 0));
+    return { x, y, w };
+  }
+
   function mark(matrix) {
     section.querySelectorAll(".mark-lamp").forEach((label, number) => {
-      const p = [...room.lamps[number].center, 1];
-      const [x, y, , w] = [0, 1, 2, 3].map((row) => p.reduce((sum, value, k) => sum + matrix[4 * k + row] * value, 0));
+      const { x, y, w } = clipped(matrix, room.lamps[number].center);
       label.hidden = w <= 0 || Math.abs(x) > w || Math.abs(y) > w;
       label.style.left = `${50 + (50 * x) / w}%`;
       label.style.top = `${50 - (50 * y) / w}%`;
