@@ -311,7 +311,7 @@ class Lamps(Settings):
     """Views with each lamp alone, for the report's light mixer."""
 
     views: Count = Field(3, description="held-out views (training views where there are none); 0 = no light mixer")
-    separate: Positive = Field(12, description="most powerful lamps that are rendered one by one; the rest together")
+    separate: Positive = Field(8, description="most powerful lamps that are rendered one by one; the rest together")
     spp: Positive = Field(256, description="paths per hit and lamp")
     max_depth: Positive = Field(8, description="vertices after the first hit")
     denoise: bool = Field(True, description="denoise the rendered views")

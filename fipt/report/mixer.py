@@ -12,7 +12,7 @@ from fipt.io.dataset import read_layers
 from fipt.io.manifests import read_manifest
 from fipt.report import pictures
 
-_WIDTH = 480
+_WIDTH = 400
 """Largest width of the mixer's pictures, pixels: they are numbers of 16 bits, and there are many."""
 
 
