@@ -5,7 +5,7 @@
 SHELL := /bin/bash
 MAKEFLAGS += --no-print-directory
 .DEFAULT_GOAL := help
-.PHONY: help setup llvm demo test lint bench scaling clean distclean
+.PHONY: help setup llvm browser demo test lint bench scaling clean distclean
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -63,6 +63,9 @@ $(INSTALLED): requirements.lock pyproject.toml | $(BIN)/python
 llvm: | $(BIN)/python
 	@$(BIN)/python $(LLVM_USABLE) 2>/dev/null || { $(call apt-install,$(LLVM_PACKAGES),LLVM 16 or newer is missing); }
 	@$(BIN)/python $(LLVM_USABLE) 2>/dev/null || { echo "fipt: LLVM is still not usable: see $(BIN)/fipt doctor" >&2; exit 1; }
+
+browser:  ## Chromium, for the tests of the report
+	@command -v chromium chromium-browser google-chrome >/dev/null || { $(call apt-install,chromium,Chromium is missing); }
 
 demo: setup  ## the demo room, from nothing to its report (10 minutes on 2 cores)
 	@$(BIN)/snakemake --workflow-profile workflow/profiles/local --config 'only=[demo]' -- report

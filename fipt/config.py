@@ -395,6 +395,12 @@ class Scene:
         """Shards whose views are relit."""
         return self.shards(self.settings["relight"].split)
 
+    def lamp_shards(self) -> dict[str, list[str]]:
+        """Shards of the views that are rendered with each lamp alone -> these views."""
+        chosen = (self.views["val"] or self.views["train"])[: self.settings["lamps"].views]
+        own = {shard: [view for view in views if view in chosen] for shard, views in self.shards("all").items()}
+        return {shard: views for shard, views in own.items() if views}
+
     def _placed(self, path: str, key: str) -> str:
         if "{data_root}" in path and not self.data_root:
             raise FiptError(

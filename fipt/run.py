@@ -97,6 +97,8 @@ class _Chain:
         # Manifests of what the report shows, and the check of the export where there is one
         self.shown: list[str] = []
         self.checked: list[str] = []
+        # ... and, beside them, what only its light mixer shows
+        self.mixed: list[str] = []
 
     def add(
         self,
@@ -281,6 +283,14 @@ class _Chain:
             for shard in self.scene.relit_shards():
                 self._add_picture("relight", f"relight/{setup}", shard, options, self.scene.setup_files(setup))
 
+        for shard, views in self.scene.lamp_shards().items():
+            made = manifest(f"{self.root}/lamps.{shard}")
+            options = ("--dataset", self.data, "--hits", self.hits[shard], *traced, "--views", ",".join(views))
+            options += ("--out", f"{self.root}/lamps", "--manifest", made)
+            inputs = [*self.geometry, manifest(self.hits[shard]), self.model, self.emitters]
+            self.add("lamps", f"lamps.{shard}", options, [*inputs, self.cache, self.background], [made])
+            self.mixed.append(made)
+
     def _add_picture(
         self, stage: str, name: str, shard: str, options: Iterable[str], files: Iterable[str] = ()
     ) -> None:
@@ -329,7 +339,7 @@ class _Chain:
         inputs += [*self.shown, self.emitters]
         self.add("metrics", "metrics", options, inputs, [metrics])
         options = ("--results", self.root, "--out", report)
-        self.add("report", "report", options, [metrics, *inputs, *self.checked], [report])
+        self.add("report", "report", options, [metrics, *inputs, *self.mixed, *self.checked], [report])
 
     def _training(self) -> tuple[str, ...]:
         hits = ",".join(self.hits[shard] for shard in self.train)

@@ -506,6 +506,17 @@ class Relight(Settings):
     seed: Count = Field(0, description="seed of the random numbers")
 
 
+class Lamps(Settings):
+    """Views with each lamp alone, for the report's light mixer."""
+
+    views: Count = Field(3, description="held-out views (training views where there are none); 0 = no light mixer")
+    separate: Positive = Field(8, description="most powerful lamps that are rendered one by one; the rest together")
+    spp: Positive = Field(256, description="paths per hit and lamp")
+    max_depth: Positive = Field(8, description="vertices after the first hit")
+    denoise: bool = Field(True, description="denoise the rendered views")
+    seed: Count = Field(0, description="seed of the random numbers")
+
+
 class Export(Settings):
     """The room for other programs, and the check of its files."""
 
@@ -536,7 +547,7 @@ class Report(Settings):
     """The HTML page."""
 
     max_views: Positive = Field(12, description="views shown")
-    width: Positive = Field(360, description="width of each picture, pixels")
+    width: Positive = Field(640, description="largest width of each picture, pixels")
 
 
 STAGES: dict[str, type[Settings]] = {
@@ -557,6 +568,7 @@ STAGES: dict[str, type[Settings]] = {
     "materials": Materials,
     "render": Render,
     "relight": Relight,
+    "lamps": Lamps,
     "export": Export,
     "metrics": Metrics,
     "report": Report,

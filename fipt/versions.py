@@ -18,7 +18,8 @@ VERSIONS = {
     "materials": 2,
     "render": 2,
     "relight": 2,
+    "lamps": 1,
     "export": 1,
     "metrics": 3,
-    "report": 2,
+    "report": 3,
 }

@@ -12,6 +12,7 @@ from fipt.io.exr import write_exr
 from fipt.io.files import write_text
 from fipt.io.hits import Hits, write_hits
 from fipt.io.images import write_png
+from fipt.io.manifests import write_manifest
 from fipt.io.meshes import Mesh, write_ply
 
 WIDTH, HEIGHT = 8, 6
@@ -83,7 +84,7 @@ def write_emitters(root: Path, count: int) -> None:
     """Write round-1/emitters.json with some emitters."""
     emitter = {"index": 0, "triangles": 2, "area": 0.5, "radiance": [4, 4, 2], "center": [0, 0, 0]}
     emitter |= {"power": 12.5, "views": 2, "confidence": 0.9}
-    content = {"two_sided": True, "emitters": [emitter] * count}
+    content = {"two_sided": True, "emitters": [emitter | {"index": index} for index in range(count)]}
     write_text(root / "round-1" / "emitters.json", json.dumps(content))
 
 
@@ -98,6 +99,28 @@ def write_extras(root: Path) -> None:
     write_png(root / "dataset" / "overlay.png", np.full((6, 8, 3), 90, np.uint8))
     setup = {"settings": {"setup": {"emitters": [{"scale": 0.5}]}}}
     write_text(root / "relight" / "dim.val-000.manifest.json", json.dumps(setup))
+
+
+def lamps() -> dict[str, np.ndarray]:
+    """Layers of the held-out view: lamp 0 lights the left, the other two the right, the outside a little everywhere."""
+    x = np.linspace(0, 1, WIDTH, dtype=np.float32)[None, :, None]
+    y = np.linspace(0.2, 1, HEIGHT, dtype=np.float32)[:, None, None]
+    colors = np.float32([[0.5, 0.4, 0.2], [0.1, 0.2, 0.6], [0.02, 0.03, 0.01]])
+    return dict(
+        zip(
+            ("lamp-0", "rest", "outside"),
+            ((1 - x) * y * colors[0], x * y * colors[1], y * x**0 * colors[2]),
+            strict=True,
+        )
+    )
+
+
+def write_lamps(root: Path) -> None:
+    """Write the held-out view under each lamp alone; of three emitters two are rendered together."""
+    write_emitters(root, 3)
+    path = root / "lamps" / "c.exr"
+    write_exr(path, lamps())
+    write_manifest(root / "lamps.val-000.manifest.json", "lamps", [path], {})
 
 
 def hits(views: list[str]) -> Hits:

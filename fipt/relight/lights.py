@@ -1,9 +1,12 @@
-"""Light setups: found emitters changed, new area lights added to the mesh."""
+"""Light setups: found emitters changed, new area lights added to the mesh; and each lamp alone."""
+
+from dataclasses import replace
 
 import numpy as np
 
 from fipt.conventions import LUMINANCE
 from fipt.errors import FiptError
+from fipt.io.background import Background
 from fipt.io.emitters import Emitters
 from fipt.io.meshes import Mesh
 from fipt.render.surface import EmitterSet
@@ -45,6 +48,38 @@ def apply_setup(mesh: Mesh, emitters: Emitters, setup: RelightSetup) -> tuple[Me
         np.concatenate(shine).astype(np.float32),
         emitters.two_sided,
     )
+
+
+def lights_alone(emitters: Emitters, outside: Background, separate: int) -> dict[str, tuple[EmitterSet, Background]]:
+    """Split a room's light into parts that add up to it.
+
+    Parameters
+    ----------
+    separate
+        So many lamps, the most powerful ones, are parts of their own; the others are one part together.
+
+    Returns
+    -------
+    dict
+        ``lamp-N`` for lamp N of emitters.json, most powerful first; ``rest``; ``outside``. What shines in each part:
+        all emitting triangles are named, those of other parts with no radiance, and the light from outside.
+    """
+    strength = emitters.area * emitters.radiance.astype(np.float64).mean(axis=1)
+    power = np.bincount(emitters.emitter, strength) if len(strength) else np.zeros(0)
+    order = [int(lamp) for lamp in np.argsort(-power, kind="stable") if power[lamp] > 0]
+    groups = {f"lamp-{lamp}": [lamp] for lamp in order[:separate]}
+    if order[separate:]:
+        groups["rest"] = order[separate:]
+    night = replace(outside, radiance=np.zeros_like(outside.radiance))
+    parts = {}
+    for name, lamps in groups.items():
+        own = np.isin(emitters.emitter, lamps)[:, None]
+        radiance = np.where(own, emitters.radiance, 0).astype(np.float32)
+        parts[name] = (EmitterSet(emitters.triangle, radiance, emitters.two_sided), night)
+    if outside.shines:
+        dark = EmitterSet(emitters.triangle, np.zeros_like(emitters.radiance), emitters.two_sided)
+        parts["outside"] = (dark, outside)
+    return parts
 
 
 def _edited(radiance: np.ndarray, edit: EmitterEdit) -> np.ndarray:

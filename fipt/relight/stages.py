@@ -1,5 +1,7 @@
-"""The stages materials, render and relight: files in, pictures out."""
+"""The stages materials, render, relight and lamps: files in, pictures out."""
 
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,20 +16,21 @@ from fipt.io.hits import Hits, read_hits
 from fipt.io.manifests import Stats, read_manifest, write_manifest
 from fipt.io.meshes import Mesh, connected_parts
 from fipt.io.voxels import read_cache
+from fipt.model.networks import Brdf, Field
 from fipt.model.store import load_field
 from fipt.model.voxels import voxel_materials
 from fipt.progress import progress
-from fipt.relight.lights import apply_setup
+from fipt.relight.lights import apply_setup, lights_alone
 from fipt.relight.maps import emission_of, hit_materials, material_maps
 from fipt.render.background import sky_of
 from fipt.render.denoise import denoise
 from fipt.render.first_hits import joined, trace_view
 from fipt.render.picture import pixels_of_hits, radiance_of_hits
 from fipt.render.scene import RayScene
-from fipt.render.surface import EmitterSet, SurfaceCache, Triangles
+from fipt.render.surface import EmitterSet, SurfaceCache, Triangles, emitter_set
 from fipt.render.tracer import PathSettings, Shader
 from fipt.settings import Hits as HitsSettings
-from fipt.settings import Materials, RelightSetup, Render, dumped
+from fipt.settings import Lamps, Materials, Relight, RelightSetup, Render, dumped
 
 
 def write_materials(
@@ -69,7 +72,7 @@ def write_pictures(
     setup: RelightSetup | None,
     out: Path,
     manifest: Path,
-    settings: Render,
+    settings: Render | Relight,
     stats: Stats,
 ) -> None:
     """Path trace a shard's views with the model, under its own emitters or a light setup.
@@ -78,7 +81,7 @@ def write_pictures(
     """
     data, shard = Dataset(dataset), read_hits(hits)
     mesh, found, outside = data.mesh(), read_emitters(emitters), read_background(background)
-    lit = EmitterSet(found.triangle, found.radiance, found.two_sided)
+    lit = emitter_set(found)
     if setup is not None:
         room = mesh
         mesh, lit = apply_setup(room, found, setup)
@@ -86,51 +89,122 @@ def write_pictures(
         if len(mesh.triangles) > len(room.triangles):  # new lights may hide what the views saw
             shard = _traced(data, mesh, shard.views, hits)
     field, metadata = load_field(model)
-    scale = metadata["settings"].footprint
-    voxels = read_cache(cache)
-    nothing = np.zeros((len(voxels["key"]), 3), np.float32)
-    shader = Shader(
-        RayScene(mesh),
-        Triangles(mesh, lit),
-        SurfaceCache(voxels, nothing, np.zeros(len(nothing), bool), voxel_materials(field, voxels)),
-        PathSettings(settings.max_depth, cache_roughness=1.0, light_at_first=True),
-        sky_of(outside),
-    )
+    light = lights_of(mesh, read_cache(cache), field, [(lit, outside)], settings)[0]
     files = []
     with progress(stage, len(shard.position) * settings.spp, " paths") as bar:
         for index, view in enumerate(shard.views):
-            own = shard.of_view(index)
-            brdf = hit_materials(field, shard, np.arange(own.start, own.stop), True, scale)
-            values = radiance_of_hits(
-                shader,
-                shard,
-                index,
-                data.camera(view),
-                brdf.base_color,
-                brdf.roughness,
-                brdf.metallic,
-                settings.spp,
-                settings.denoise,
-                settings.seed,
-                bar.advance,
-            )
-            triangle = np.asarray(shard.triangle[own])
-            shining = np.isin(triangle, lit.triangle)
-            values[shining] = 0
-            emitted = np.zeros_like(values)
-            emitted[shining] = emission_of(lit, triangle[shining])
-            if not lit.two_sided:
-                away = (np.asarray(shard.normal[own]) * mesh.normals[triangle]).sum(axis=1) < 0
-                emitted[shining & away] = 0
-            behind = _behind(outside, shard, index, data.camera(view))
-            picture = pixels_of_hits(values, shard, index, np.zeros(3))
-            if settings.denoise:  # pieces of mixed pixels are too few to be denoised alone; lamps stay exact
-                bright = picture.any(axis=-1, keepdims=True) & picture.any(axis=(0, 1))
-                picture = np.where(bright, denoise(picture), 0)
+            brdf = view_materials(field, shard, index, metadata["settings"].footprint)
             files.append(out / f"{view}.exr")
-            write_exr(files[-1], {"": picture + pixels_of_hits(emitted, shard, index, behind)})
+            write_exr(files[-1], {"": light.picture(shard, index, data.camera(view), brdf, settings, bar.advance)})
         stats["paths_per_s"] = bar.rate
     write_manifest(manifest, stage, files, dumped(settings))
+
+
+def write_lamps(
+    dataset: Path,
+    hits: Path,
+    cache: Path,
+    model: Path,
+    emitters: Path,
+    background: Path | None,
+    views: Sequence[str],
+    out: Path,
+    manifest: Path,
+    settings: Lamps,
+    stats: Stats,
+) -> None:
+    """Path trace views of a shard with each lamp, and the light from outside, alone: lamps/{view}.exr, a layer each.
+
+    Light transport is linear in what the lamps emit, so that sums of these pictures are the room under other light.
+    """
+    data, shard = Dataset(dataset), read_hits(hits)
+    alone = lights_alone(read_emitters(emitters), read_background(background), settings.separate)
+    field, metadata = load_field(model)
+    lights = lights_of(data.mesh(), read_cache(cache), field, list(alone.values()), settings)
+    chosen = [index for index, view in enumerate(shard.views) if view in views and alone]
+    total = sum(len(shard.position[shard.of_view(index)]) for index in chosen) * len(lights) * settings.spp
+    files = []
+    with progress("lamps", total, " paths") as bar:
+        for index in chosen:
+            view = shard.views[index]
+            brdf = view_materials(field, shard, index, metadata["settings"].footprint)
+            seen = (shard, index, data.camera(view), brdf, settings, bar.advance)
+            files.append(out / f"{view}.exr")
+            write_exr(files[-1], {name: light.picture(*seen) for name, light in zip(alone, lights, strict=True)})
+        stats["paths_per_s"] = bar.rate
+    write_manifest(manifest, "lamps", files, dumped(settings))
+
+
+def view_materials(field: Field, shard: Hits, index: int, scale: float) -> Brdf:
+    """Reflectance of the hits of view number ``index``; ``scale`` as in `hit_materials`."""
+    own = shard.of_view(index)
+    return hit_materials(field, shard, np.arange(own.start, own.stop), True, scale)
+
+
+def lights_of(
+    mesh: Mesh,
+    voxels: dict[str, np.ndarray],
+    field: Field,
+    shining: Sequence[tuple[EmitterSet, Background]],
+    settings: Render | Relight | Lamps,
+) -> list["Light"]:
+    """Return the room ready to be seen under each of several lights: emitting triangles, and light from outside."""
+    scene, nothing = RayScene(mesh), np.zeros((len(voxels["key"]), 3), np.float32)
+    surface = SurfaceCache(voxels, nothing, np.zeros(len(nothing), bool), voxel_materials(field, voxels))
+    path = PathSettings(settings.max_depth, cache_roughness=1.0, light_at_first=True)
+    return [
+        Light(mesh, lit, outside, Shader(scene, Triangles(mesh, lit), surface, path, sky_of(outside)))
+        for lit, outside in shining
+    ]
+
+
+@dataclass(frozen=True)
+class Light:
+    """The room under some light: what shines in it, what comes from outside, and the tracer that knows both."""
+
+    mesh: Mesh
+    lit: EmitterSet
+    outside: Background
+    shader: Shader
+
+    def picture(
+        self,
+        shard: Hits,
+        index: int,
+        camera: Camera,
+        brdf: Brdf,
+        settings: Render | Relight | Lamps,
+        advance: Callable[[int], None],
+    ) -> np.ndarray:
+        """(H, W, 3) float32 radiance of view number ``index``, whose hits have the materials ``brdf``."""
+        own = shard.of_view(index)
+        values = radiance_of_hits(
+            self.shader,
+            shard,
+            index,
+            camera,
+            brdf.base_color,
+            brdf.roughness,
+            brdf.metallic,
+            settings.spp,
+            settings.denoise,
+            settings.seed,
+            advance,
+        )
+        triangle = np.asarray(shard.triangle[own])
+        shining = np.isin(triangle, self.lit.triangle)
+        values[shining] = 0
+        emitted = np.zeros_like(values)
+        emitted[shining] = emission_of(self.lit, triangle[shining])
+        if not self.lit.two_sided:
+            away = (np.asarray(shard.normal[own]) * self.mesh.normals[triangle]).sum(axis=1) < 0
+            emitted[shining & away] = 0
+        behind = _behind(self.outside, shard, index, camera)
+        picture = pixels_of_hits(values, shard, index, np.zeros(3))
+        if settings.denoise:  # pieces of mixed pixels are too few to be denoised alone; lamps stay exact
+            bright = picture.any(axis=-1, keepdims=True) & picture.any(axis=(0, 1))
+            picture = np.where(bright, denoise(picture), 0)
+        return picture + pixels_of_hits(emitted, shard, index, behind)
 
 
 def _behind(outside: Background, hits: Hits, index: int, camera: Camera) -> np.ndarray:

@@ -18,7 +18,9 @@ from fipt.progress import human, progress
 from fipt.report import pictures
 from fipt.report.capture import CaptureReport, read_capture
 from fipt.report.export import ExportCheck, read_check
+from fipt.report.mixer import Mixer, read_mixer
 from fipt.report.poses import PosesReport, read_poses
+from fipt.report.room import Room, read_room
 from fipt.report.segments import SegmentsReport, read_segments
 from fipt.settings import Report
 
@@ -64,7 +66,7 @@ _FIRST = (
     "cache",
 )
 _ROUND = ("bake", "refine", "fit", "emitters")
-_LAST = ("materials", "render", "relight", "export", "check-export", "metrics", "report")
+_LAST = ("materials", "render", "relight", "lamps", "export", "check-export", "metrics", "report")
 
 _PACKAGES = ("numpy", "torch", "mitsuba", "drjit", "pyoidn", "OpenEXR")
 
@@ -163,6 +165,8 @@ class Content:
     capture: CaptureReport | None
     poses: PosesReport | None
     segments: SegmentsReport | None
+    mixer: Mixer | None
+    room: Room | None
 
 
 def gather(results: Path, settings: Report) -> Content:
@@ -207,6 +211,8 @@ def gather(results: Path, settings: Report) -> Content:
         capture=read_capture(results / "capture" / "qa.json", data, reader.exposure),
         poses=read_poses(results / "poses"),
         segments=_segments(results / "segments", stats, reader),
+        mixer=read_mixer(results, emitters, reader.exposure * scale),
+        room=read_room(results, data, emitters),
     )
 
 
@@ -388,6 +394,7 @@ def _emitters(results: Path) -> list[Mapping[str, Any]] | None:
                     "triangles": int(entry["triangles"]),
                     "area": float(entry["area"]),
                     "radiance": [float(value) for value in entry["radiance"]],
+                    "center": [float(value) for value in entry["center"]],
                     "color": pictures.swatch(entry["radiance"]),
                     "power": float(np.mean(entry["power"])),
                     "views": int(entry["views"]),

@@ -3,14 +3,22 @@
 import base64
 import hashlib
 from pathlib import Path
+from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
+from fipt.conventions import LUMINANCE
 from fipt.report.content import COLUMNS, TILES, Content, gather
+from fipt.report.mixer import Mixer
 from fipt.report.pictures import DIFFERENCE_RANGE
+from fipt.report.room import Room
 from fipt.settings import Report
 
 _FOLDER = Path(__file__).parent
+
+_STYLES = ("style.css", "compare.css", "mixer.css", "room.css")
+_SCRIPTS = ("script.js", "compare.js", "data.js", "mixer.js", "room.js")
+"""In the order in which they run."""
 
 _EMITTERS_SHOWN = 12
 """Emitters listed openly; the rest is folded."""
@@ -32,18 +40,44 @@ def render(content: Content) -> str:
         lstrip_blocks=True,
     )
     environment.filters.update(number=number, figure=figure, duration=duration, size=size)
-    style, script = ((_FOLDER / name).read_text(encoding="utf-8") for name in ("style.css", "script.js"))
-    digest = base64.b64encode(hashlib.sha256(script.encode("utf-8")).digest()).decode("ascii")
+    styles, scripts = (
+        [(_FOLDER / name).read_text(encoding="utf-8") for name in names] for names in (_STYLES, _SCRIPTS)
+    )
     return environment.get_template("page.html").render(
         content=content,
         columns=COLUMNS,
         tiles=TILES,
         difference_range=DIFFERENCE_RANGE,
         emitters_shown=_EMITTERS_SHOWN,
-        style=style,
-        script=script,
-        script_hash=digest,
+        style="\n".join(styles),
+        scripts=scripts,
+        script_hashes=[_digest(script) for script in scripts],
+        mixer_facts=_mixer_facts(content.mixer),
+        mixed_keys=[part.key for part in content.mixer.parts] if content.mixer else [],
+        room_facts=_room_facts(content.room),
     )
+
+
+def _digest(script: str) -> str:
+    """By which the page's security policy knows a script."""
+    return base64.b64encode(hashlib.sha256(script.encode("utf-8")).digest()).decode("ascii")
+
+
+def _mixer_facts(mixer: Mixer | None) -> dict[str, Any] | None:
+    """What mixer.js is told: everything but the pictures."""
+    if mixer is None:
+        return None
+    parts = [{"key": part.key, "emitters": part.emitters, "radiance": part.radiance} for part in mixer.parts]
+    views = [{"name": view.name, "width": view.width, "height": view.height} for view in mixer.views]
+    return {"luminance": LUMINANCE, "parts": parts, "views": views}
+
+
+def _room_facts(room: Room | None) -> dict[str, Any] | None:
+    """What room.js is told: everything but the model."""
+    if room is None:
+        return None
+    lamps = [{"center": lamp.center} for lamp in room.lamps]
+    return {"up": room.up, "viewpoints": [vars(place) for place in room.viewpoints], "lamps": lamps}
 
 
 def number(value: float | None, digits: int = 3) -> str:

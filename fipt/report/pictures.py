@@ -2,6 +2,7 @@
 
 import base64
 import io
+import zlib
 from collections.abc import Iterable
 
 import numpy as np
@@ -99,3 +100,8 @@ def embedded(pixels: np.ndarray, width: int) -> tuple[str, int, int]:
     image.save(buffer, "WEBP", quality=_QUALITY, method=5)
     text = base64.b64encode(buffer.getvalue()).decode("ascii")
     return f"data:image/webp;base64,{text}", image.width, image.height
+
+
+def packed(content: bytes) -> str:
+    """Return bytes, compressed (zlib), as base64 text; ``unpacked`` of data.js reads it."""
+    return base64.b64encode(zlib.compress(content, 9)).decode("ascii")

@@ -46,6 +46,7 @@ FIRST = {
     "material_maps": 3,
     "render_views": 1,
     "relight_views": 1,
+    "lamp_views": 1,
     "scene_metrics": 1,
     "scene_report": 1,
 }
@@ -59,7 +60,7 @@ def only(*rules):
     return {rule: FIRST[rule] for rule in rules}
 
 
-SHOWN = ("material_maps", "render_views", "relight_views", "scene_metrics", "scene_report")
+SHOWN = ("material_maps", "render_views", "relight_views", "lamp_views", "scene_metrics", "scene_report")
 
 
 def test_plans_everything_on_a_fresh_clone(workspace):
@@ -108,6 +109,7 @@ def test_runs_once_then_only_what_changed(workspace):
         "report": only("scene_report"),
         "metrics": only("scene_metrics", "scene_report"),
         "relight": only("relight_views", "scene_metrics", "scene_report"),
+        "lamps": only("lamp_views", "scene_report"),
         "render": only("render_views", "scene_metrics", "scene_report"),
         "materials": only("material_maps", "scene_metrics", "scene_report"),
         "refine": {"refine": 2, "fit": 1, "emitters": 1, **only(*SHOWN)},

@@ -120,6 +120,13 @@ def relit(pattern, known=False):
     return files
 
 
+def lamps_of(wildcards):
+    """Input function: manifests of the views with each lamp alone."""
+    pattern = "results/{scene}/lamps.{shard}.manifest.json"
+    shards = readable(scene_of(wildcards).lamp_shards)
+    return expand(pattern, shard=shards, **wildcards)
+
+
 def emitters_of(wildcards, round):
     """The emitters that go with the model of a round."""
     scene = scene_of(wildcards)

@@ -32,6 +32,11 @@ def views(wildcards):
     return ",".join(shards_of(wildcards, "all")[wildcards.shard])
 
 
+def lamp_views(wildcards):
+    """Params function: the views of a shard that are rendered with each lamp alone, comma-separated."""
+    return ",".join(readable(scene_of(wildcards).lamp_shards)[wildcards.shard])
+
+
 def folder(pattern):
     """Params function: a folder of the scene that several rules write to or read."""
     return lambda wildcards: pattern.format(**wildcards)

@@ -1,7 +1,8 @@
-"""The room under other light.
+"""The room under other light, and with each lamp alone.
 
 INPUTS:  results/{scene}/hits/{shard}.manifest.json, cache.npz, model and emitters of the last round, a setup of the config
 OUTPUTS: results/{scene}/relight/{setup}.{shard}.manifest.json    lists relight/{setup}/{view}.exr (linear RGB radiance)
+         results/{scene}/lamps.{shard}.manifest.json              lists lamps/{view}.exr (a layer for each lamp)
 """
 
 
@@ -38,5 +39,41 @@ rule relight_views:
         "fipt relight --dataset {params.dataset:q} --hits {params.hits:q} --cache {input.cache:q}"
         " --background {input.background:q}"
         " --model {input.model:q} --emitters {input.emitters:q} --setup {params.setup:q}"
+        " --out {params.out:q} --manifest {output.manifest:q}"
+        " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
+
+
+rule lamp_views:
+    """Render views of a shard with each lamp alone."""
+    input:
+        transforms="results/{scene}/dataset/transforms.json",
+        mesh="results/{scene}/dataset/mesh.ply",
+        hits="results/{scene}/hits/{shard}.manifest.json",
+        cache="results/{scene}/cache.npz",
+        background="results/{scene}/background.npz",
+        model=LAST_MODEL,
+        emitters=last_emitters,
+    output:
+        manifest="results/{scene}/lamps.{shard}.manifest.json",
+        stats="results/{scene}/stats/lamps.{shard}.json",
+    log:
+        "results/{scene}/logs/lamps.{shard}.log",
+    benchmark:
+        "results/{scene}/benchmarks/lamps.{shard}.jsonl"
+    threads: workflow.cores
+    resources:
+        mem_mb=8000,
+        gpu=1,
+    params:
+        dataset=folder("results/{scene}/dataset"),
+        hits=folders_of("hits"),
+        out=folder("results/{scene}/lamps"),
+        views=lamp_views,
+        settings=settings("lamps"),
+        version=VERSIONS["lamps"],
+    shell:
+        "fipt lamps --dataset {params.dataset:q} --hits {params.hits:q} --cache {input.cache:q}"
+        " --background {input.background:q}"
+        " --model {input.model:q} --emitters {input.emitters:q} --views {params.views:q}"
         " --out {params.out:q} --manifest {output.manifest:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

@@ -1,7 +1,7 @@
 """The page that shows everything.
 
-INPUTS:  results/{scene}/metrics.json, material maps, renders, relit views, emitters of the last round,
-         export/check.json where export.enabled, stats/
+INPUTS:  results/{scene}/metrics.json, material maps, renders, relit views, views with each lamp alone, emitters of the
+         last round, export/check.json where export.enabled, stats/
 OUTPUTS: results/{scene}/report.html    one self-contained page
 """
 
@@ -14,6 +14,7 @@ rule scene_report:
         materials=sharded("results/{scene}/materials.{shard}.manifest.json", "all"),
         render=sharded("results/{scene}/render.{shard}.manifest.json", "val"),
         relight=relit("results/{scene}/relight/{setup}.{shard}.manifest.json"),
+        lamps=lamps_of,
         emitters=last_emitters,
         export=checked_export,
     output:

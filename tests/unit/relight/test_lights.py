@@ -1,10 +1,13 @@
 """Light setups: found emitters edited, new lights added."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from fipt.conventions import LUMINANCE
 from fipt.errors import FiptError
+from fipt.io.background import NOTHING, Background
 from fipt.io.emitters import Emitters
 from fipt.settings import RelightSetup, parse_setup
 from tests import scenes
@@ -140,3 +143,38 @@ def test_a_quad_must_face_somewhere(apply):
 def test_a_setup_that_is_wrong_is_explained(text, problem):
     with pytest.raises(FiptError, match=problem):
         parse_setup(text)
+
+
+# --- each lamp alone ------------------------------------------------------------------------------
+
+
+def alone(separate, outside=0.0, **changed):
+    from fipt.relight.lights import lights_alone
+
+    sky = Background("map", np.full((2, 4, 3), outside, np.float32))
+    return lights_alone(replace(found(), **changed), sky, separate)
+
+
+def test_parts_of_the_light_add_up_to_it(backend):
+    """Lamp 0 has two triangles of mean radiance 4, lamp 1 one of 8 and half the area."""
+    parts = alone(2, outside=3.0, area=np.float32([1, 1, 0.5]))
+    assert list(parts) == ["lamp-0", "lamp-1", "outside"]
+    np.testing.assert_array_equal(parts["lamp-0"][0].radiance, [[2, 4, 6], [2, 4, 6], [0, 0, 0]])
+    np.testing.assert_array_equal(parts["lamp-1"][0].radiance, [[0, 0, 0], [0, 0, 0], [8, 8, 8]])
+    np.testing.assert_array_equal(sum(lit.radiance for lit, _ in parts.values()), RADIANCE)
+    np.testing.assert_array_equal(sum(sky.radiance for _, sky in parts.values()), np.full((2, 4, 3), 3))
+    for lit, _ in parts.values():  # lamps that are off are black, not part of the wall
+        np.testing.assert_array_equal(lit.triangle, [6, 7, 2])
+
+
+def test_the_weaker_lamps_are_one_part(backend):
+    parts = alone(1, area=np.float32([1, 1, 2]))
+    assert list(parts) == ["lamp-1", "rest"]
+    np.testing.assert_array_equal(parts["rest"][0].radiance, [[2, 4, 6], [2, 4, 6], [0, 0, 0]])
+
+
+def test_no_light_has_no_parts(backend):
+    from fipt.relight.lights import lights_alone
+
+    assert lights_alone(found(empty=True), NOTHING, 3) == {}
+    assert list(alone(3, radiance=np.float32([[0] * 3, [0] * 3, [1] * 3]))) == ["lamp-1"]

@@ -88,7 +88,7 @@ def test_the_page_shows_everything_there_is(results):
         assert text in page.words
     assert "No emitter was found" not in page.words
     assert [heading for tag, heading in page.tags if tag == "section"] == [
-        {"id": name} for name in ("figures", "views", "emitters", "relit", "checks", "run")
+        {"id": name} for name in ("figures", "views", "room", "emitters", "relit", "checks", "run")
     ]
 
 
@@ -106,7 +106,8 @@ def test_every_picture_is_embedded_and_nothing_is_loaded(results):
     ]
     assert set(re.findall(r"https?://[^\s\"'<)]+", text)) == {"https://arxiv.org/abs/2304.05669"}
     assert page.all("link") == []
-    assert [script for script in page.all("script") if script] == []
+    assert not [script for script in page.all("script") if "src" in script]
+    assert page.all("meta")[1]["content"].startswith("default-src 'none'; ")
     assert "url(" not in text
     assert "@import" not in text
     assert all(image.get("alt") for image in page.all("img") if "src" in image)
@@ -121,7 +122,12 @@ def test_names_and_messages_are_escaped(tmp_path):
     (root / "relight" / "dim").rename(root / "relight" / '"><b>')
     text = build_page(root, Report())
     page = Page(text)
-    assert page.all("script") == [{}]
+    assert {script.get("type") for script in page.all("script")} == {
+        None,
+        "application/json",
+        "application/octet-stream",
+    }
+    assert len(page.all("script")) == text.count("<script")
     assert page.all("b")[:1] == [{}]  # the template's own, around the view's name
     assert len(page.all("b")) == 1
     assert "x&amp;&lt;script&gt;" in text
