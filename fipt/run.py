@@ -96,7 +96,7 @@ class _Chain:
         self.segments = ""
         # Manifests of what the report shows, and the check of the export where there is one
         self.shown: list[str] = []
-        self.checked: list[str] = []
+        self.exported: list[str] = []
         # ... and, beside them, what only its light mixer shows
         self.mixed: list[str] = []
 
@@ -318,14 +318,14 @@ class _Chain:
         options += tuple(text for pair in files.items() for text in pair)
         inputs = [*self.geometry, *map(manifest, hits), *files.values()]
         self.add("export", "export", (*options, "--out", out, "--manifest", made), inputs, [made])
-        self.checked = [f"{out}/check.json"]
+        self.exported = [f"{out}/check.json"]
         held_out = self.scene.shards("val")
         hits = [self.hits[shard] for shard in held_out]
         options = ("--dataset", self.data, "--hits", ",".join(hits), "--export", out)
-        options += ("--render", f"{self.root}/render", "--out", *self.checked)
+        options += ("--render", f"{self.root}/render", "--out", *self.exported)
         inputs = [*self.geometry, made, *map(manifest, hits)]
         inputs += [manifest(f"{self.root}/render.{shard}") for shard in held_out]
-        self.add("check-export", "check-export", options, inputs, self.checked, section="export")
+        self.add("check-export", "check-export", options, inputs, self.exported, section="export")
 
     def add_figures(self) -> None:
         """Metrics and the page."""
@@ -339,7 +339,7 @@ class _Chain:
         inputs += [*self.shown, self.emitters]
         self.add("metrics", "metrics", options, inputs, [metrics])
         options = ("--results", self.root, "--out", report)
-        self.add("report", "report", options, [metrics, *inputs, *self.mixed, *self.checked], [report])
+        self.add("report", "report", options, [metrics, *inputs, *self.mixed, *self.exported], [report])
 
     def _training(self) -> tuple[str, ...]:
         hits = ",".join(self.hits[shard] for shard in self.train)
