@@ -13,10 +13,9 @@ import sys
 from pathlib import Path
 
 import numpy as np
-import yaml
 from scipy.spatial import cKDTree
 
-from fipt.config import RESULTS, load
+from fipt.config import RESULTS, read
 from fipt.conventions import LUMINANCE
 from fipt.io.cameras import Camera
 from fipt.io.dataset import Dataset
@@ -53,10 +52,7 @@ def true_brdf(truth: Truth, hits: Hits, index: int, camera: Camera) -> Brdf:
 
 def shader_of(room: Room, voxels: dict, known: list[tuple[np.ndarray, Brdf]]) -> Shader:
     """Return a tracer of the room under its own light; voxels have the material of the nearest of the known points."""
-    cells = int(voxels["resolution"])
-    index = np.stack(np.unravel_index(voxels["key"], (cells,) * 3), axis=1)
-    places = voxels["center"] + ((index + 0.5) / cells - 0.5) * float(voxels["side"])
-    _, nearest = cKDTree(np.concatenate([position for position, _ in known])).query(places)
+    _, nearest = cKDTree(np.concatenate([position for position, _ in known])).query(voxels["point"])
     materials = Brdf(
         *(
             np.concatenate([getattr(brdf, key) for _, brdf in known])[nearest]
@@ -80,9 +76,7 @@ def main() -> int:
     parser.add_argument("--spp", type=int, default=1024, help="paths per hit")
     parser.add_argument("--picture", type=Path, help="a row a view: the picture, ours, five times the difference")
     arguments = parser.parse_args()
-    values = yaml.safe_load(arguments.configfile.read_text(encoding="utf-8"))
-    values |= dict(pair.split("=", 1) for pair in arguments.config)
-    scene = load(values).scenes[arguments.scene]
+    scene = read([arguments.configfile], arguments.config).scenes[arguments.scene]
     set_variant()
     root = Path(RESULTS, scene.name)
     data = Dataset(root / "dataset")
