@@ -231,7 +231,7 @@ class _Chain:
         grown, fused = () if made else ("--geometry",), manifest(self.segments)
         options = ("--dataset", self.data, "--segments", folder, *grown)
         images = [file for shard in self.train for file in self.images[shard]]
-        self.add("fuse", "fuse", options, [*self.geometry, *images, *made], [fused])
+        self.add("fuse", "fuse", options, [*self.geometry, self.checked, *images, *made], [fused])
 
     def add_round(self, round_: int) -> None:
         """Bake or refine the shading, fit the networks, extract the emitters."""
