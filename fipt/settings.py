@@ -226,7 +226,9 @@ class Poses(Settings):
     overlap: Positive = Field(12, description="otherwise: neighbours that a picture is matched with, and each 2^n-th")
     match_ratio: float = Field(0.8, gt=0, le=1, description="of the distances to best and second best match, at most")
     min_matches: tuple[Positive, ...] = Field(
-        (15, 30, 60), min_length=1, description="matches that link two views; each is tried, and the results compared"
+        (15, 30, 60, 100),
+        min_length=1,
+        description="matches that link two views; each is tried, and the results compared",
     )
     max_shift: float = Field(
         0.01, gt=0, le=1, description="incremental and global mapping agree on a camera's place, share of the extent"

@@ -5,11 +5,6 @@ OUTPUTS: results/{scene}/dataset/check_poses.json   verdict and figures of every
 """
 
 
-def pictures_to_check(wildcards):
-    """Input function: every picture, where cameras are checked."""
-    return images("all")(wildcards) if scene_of(wildcards).checks_poses else []
-
-
 rule check_poses:
     """Check through the mesh that every view shows what the others show."""
     input:

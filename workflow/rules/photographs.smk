@@ -66,6 +66,11 @@ def held_out(wildcards):
     return ",".join(readable(lambda: scene_of(wildcards).views["val"]))
 
 
+def pictures_to_check(wildcards):
+    """Input function: every picture, where cameras are checked."""
+    return images("all")(wildcards) if scene_of(wildcards).checks_poses else []
+
+
 def capture_path(wildcards):
     """Params function: the folder of the photographs."""
     return readable(scene_of(wildcards).capture_path)
