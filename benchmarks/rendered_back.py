@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 
 from fipt.config import RESULTS, read
 from fipt.conventions import LUMINANCE
+from fipt.evaluate.metrics import psnr
 from fipt.io.cameras import Camera
 from fipt.io.dataset import Dataset
 from fipt.io.hits import Hits, read_hits
@@ -118,14 +119,11 @@ def main() -> int:
     quartiles = np.percentile(np.concatenate(ratio), [50, 25, 75])
     print(f"{len(ratio)} views, {sum(map(len, ratio))} pixels without lamps, {arguments.spp} paths a hit")
     print("median ratio {:.3f} (quartiles {:.3f}, {:.3f})".format(*quartiles))
-    print(f"PSNR tone-mapped {_psnr(error):.1f} dB, inside surfaces {_psnr(inside):.1f} dB")
+    tone_mapped, within = (psnr(float(np.concatenate(squares).mean())) for squares in (error, inside))
+    print(f"PSNR tone-mapped {tone_mapped:.1f} dB, inside surfaces {within:.1f} dB")
     if arguments.picture:
         write_png(arguments.picture, np.concatenate(rows))
     return 0
-
-
-def _psnr(squares: list[np.ndarray]) -> float:
-    return float(-10 * np.log10(np.concatenate(squares).mean()))
 
 
 if __name__ == "__main__":

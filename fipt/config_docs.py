@@ -99,7 +99,7 @@ def _values(annotation: Any, metadata: list[Any]) -> str:
     if origin in (tuple, list):
         if origin is list or Ellipsis in inner:
             return f"list of {_values(inner[0], [])}"
-        return f"{len(inner)} numbers"
+        return f"{len(inner)} names" if inner[0] is str else f"{len(inner)} numbers"
     if origin is dict:
         return f"name: {_values(inner[1], [])}"
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):

@@ -231,7 +231,7 @@ class _Chain:
         grown, fused = () if made else ("--geometry",), manifest(self.segments)
         options = ("--dataset", self.data, "--segments", folder, *grown)
         images = [file for shard in self.train for file in self.images[shard]]
-        self.add("fuse", "fuse", options, [*self.geometry, *images, *made], [fused])
+        self.add("fuse", "fuse", options, [*self.geometry, self.checked, *images, *made], [fused])
 
     def add_round(self, round_: int) -> None:
         """Bake or refine the shading, fit the networks, extract the emitters."""
@@ -368,9 +368,10 @@ def run(scene: Scene, call: Callable[[Job], None]) -> None:
     Raises
     ------
     FiptError
-        Another run works on the scene, or a job did not write what it promises.
+        A file that no job makes is missing, another run works on the scene, or a job did not write what it promises.
     """
     jobs, hashes = plan(scene), Hashes()
+    check_sources(jobs)
     records = Path(RESULTS, scene.name, ".run")
     with locked(scene.name):
         for number, job in enumerate(jobs, 1):
@@ -387,6 +388,16 @@ def run(scene: Scene, call: Callable[[Job], None]) -> None:
                 existing_file(path, f"an output of {job.label}")
             write_text(record, described(job, hashes))
             print(f"{head}: {time.perf_counter() - start:.1f} s", file=sys.stderr)
+
+
+def check_sources(jobs: Iterable[Job]) -> None:
+    """Refuse a plan whose given files are not all there: maps, ids and poses may be read hours after the start."""
+    made: set[str] = set()
+    for job in jobs:
+        for path in job.inputs:
+            if path not in made:
+                existing_file(path, f"an input of {job.label}")
+        made.update(job.outputs)
 
 
 def clear(job: Job, record: Path) -> None:

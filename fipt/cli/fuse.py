@@ -25,10 +25,12 @@ def command(
     ids of all views are then drawn from the mesh.
     """
     with stage("fuse", settings, stats) as (chosen, figures):
+        from fipt.io.files import make_folder
+
         if geometry:
             from fipt.segmentation.geometry import grow_parts as run
         else:
             from fipt.segmentation.fuse import fuse_views as run
 
-        segments.mkdir(parents=True, exist_ok=True)
+        make_folder(segments)
         run(dataset, segments, chosen, figures)

@@ -31,7 +31,7 @@ class Verb:
 
 
 VERBS: dict[str, Verb] = {
-    "synthesize": Verb("synthesize", "Make a dataset with ground truth from a room in code."),
+    "synthesize": Verb("synthesize", "Make a dataset with ground truth from a room in code or a scene file."),
     "check-capture": Verb("check_capture", "Say what is wrong with a folder of photographs, in the room."),
     "calibrate": Verb("calibrate", "Calibrate a camera: lens, vignetting, black, white balance."),
     "develop": Verb("develop", "Merge bracketed photographs into calibrated HDR views."),

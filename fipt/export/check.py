@@ -54,6 +54,7 @@ def check_export(dataset: Path, hits: Sequence[Path], export: Path, render: Path
     known = {view: read_rgb(render / f"{view}.exr") for view in views}
     photo = {view: _photograph(data, view) for view in views}
     asset = _with_outside(read_glb(export / FORMATS["glb"]), export)
+    read_usd(export / FORMATS["usd"])  # a damaged file says so before anything is rendered
     scene = load_asset(asset)
     guide = {view: guides(scene, asset, asset.cameras[names.index(view)]) for view in views}
     figures: dict[str, dict[str, float]] = {}

@@ -58,7 +58,7 @@ def write_export(
     if out.exists() and not (out / _FACTS).is_file() and any(out.iterdir()):
         raise FiptError(f"the folder {out} exists and is no export", "choose another folder, or delete it")
     data, lamps, sure = Dataset(dataset), read_emitters(emitters), read_confidence(confidence)
-    mesh = data.mesh()
+    mesh, outside = data.mesh(), read_background(background)
     field, metadata = load_field(model)
     seen = coverage(field, [read_hits(folder) for folder in hits])
     atlas = unwrap(mesh, _groups(mesh, lamps), *_layout(settings, seen.typical))
@@ -66,7 +66,7 @@ def write_export(
     scale = metadata["settings"].footprint
     brdf = surface_brdf(field, mesh, atlas, known, seen, settings.samples, scale)
     textures = surface_textures(brdf, lamps, atlas, known)
-    asset = room_asset(name, mesh, atlas, textures, lamps, data.cameras, read_background(background))
+    asset = room_asset(name, mesh, atlas, textures, lamps, data.cameras, outside)
     emission = emission_texture(lamps, atlas, known)
     manifest.unlink(missing_ok=True)
     with atomic_folder(out) as folder:

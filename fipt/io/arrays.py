@@ -28,7 +28,9 @@ def load_npy(path: str | Path, mmap: bool = True) -> np.ndarray:
     try:
         return np.load(path, mmap_mode="r" if mmap else None, allow_pickle=False)
     except (ValueError, EOFError) as error:
-        raise FiptError(f"{path} is not a complete npy array ({error})", "delete it and run its stage again") from error
+        # numpy takes whatever it does not know for a pickle, and says how to load one.
+        why = "" if "pickle" in str(error) else f" ({error})"
+        raise FiptError(f"{path} is not a complete npy array{why}", "delete it and run its stage again") from error
 
 
 def on_disk(folder: str | Path) -> Callable[[tuple[int, ...], DTypeLike], np.ndarray]:
@@ -67,7 +69,8 @@ def load_npz(path: str | Path, required: Sequence[str] = ()) -> dict[str, np.nda
         with open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
     except Exception as error:  # zipfile, zlib and numpy each raise their own kinds for a damaged file
-        raise FiptError(f"{path} is not a complete npz file ({error})", "delete it and run its stage again") from error
+        why = "" if "pickle" in str(error) else f" ({error})"
+        raise FiptError(f"{path} is not a complete npz file{why}", "delete it and run its stage again") from error
     missing = [name for name in required if name not in arrays]
     if missing:
         raise FiptError(f"{path} lacks the arrays {', '.join(missing)}", "give the file of the stage that writes them")

@@ -65,6 +65,20 @@ def atomic_folder(path: str | Path) -> Iterator[Path]:
         shutil.rmtree(temporary, ignore_errors=True)
 
 
+def make_folder(path: str | Path) -> None:
+    """Make a folder and those above it where they are missing.
+
+    Raises
+    ------
+    FiptError
+        If a file stands there, or the folder above cannot be written.
+    """
+    try:
+        Path(path).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise _explained(error, Path(path)) from error
+
+
 @contextmanager
 def nameless(folder: str | Path, size: int) -> Iterator[IO[bytes]]:
     """Yield an open file of ``size`` bytes on the disk of ``folder``; it goes away when nothing refers to it any more.

@@ -37,9 +37,6 @@ _COLMAP_PARAMETERS = {
 }
 """Model -> its number in binary files, number of parameters, one focal length or two."""
 
-_SENSOR_WIDTH = 36.0
-"""RealityCapture states focal lengths for a picture this wide, millimetres."""
-
 _FAR = 1e5
 """Coordinates above this are those of a map, not of a room."""
 

@@ -41,3 +41,9 @@ def read_view_ids(path: str | Path) -> tuple[np.ndarray, np.ndarray]:
             "delete it and run fipt segment again",
         )
     return ids, classes
+
+
+def nearest_ids(ids: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """(H, W) ids at another ``shape``: those nearest to its pixels' centres."""
+    rows, columns = (((np.arange(n) + 0.5) * m / n).astype(int) for n, m in zip(shape, ids.shape, strict=True))
+    return ids[rows[:, None], columns]

@@ -17,7 +17,7 @@ import numpy as np
 import pycolmap
 
 from fipt.io.cameras import Camera
-from fipt.io.files import atomic, atomic_folder
+from fipt.io.files import atomic, atomic_folder, make_folder
 from fipt.io.images import write_png
 from fipt.poses.pictures import local_contrast, mask
 from fipt.poses.views import Views
@@ -71,7 +71,7 @@ def colmap_log(work: Path) -> Iterator[None]:
     """Send the pages that COLMAP writes about its work to a file; the file descriptor, since C++ writes there."""
     sys.stderr.flush()
     kept = os.dup(2)
-    work.mkdir(parents=True, exist_ok=True)
+    make_folder(work)
     try:
         with open(work / "colmap.log", "ab") as file:
             os.dup2(file.fileno(), 2)

@@ -15,6 +15,7 @@ from fipt.io.cameras import Camera, write_transforms
 from fipt.io.dataset import write_views
 from fipt.io.files import write_text
 from fipt.io.meshes import Mesh, write_ply
+from fipt.io.sources import read_poses
 from fipt.poses.align import align
 from fipt.poses.evidence import (
     FEW_FEATURES,
@@ -111,6 +112,8 @@ def estimate(views: Views, work: Path, settings: Poses) -> Estimate:
     FiptError
         Pictures without texture, of one place, without links, or too few cameras that can be believed.
     """
+    if settings.align.reference is not None:
+        read_poses(settings.align.reference)  # a file that is missing or damaged says so before the long work
     found = database(views, work, settings)
     features, pairs = counts(found, views.cameras), links(found, views.cameras)
     names = [camera.name for camera in views.cameras]

@@ -120,7 +120,7 @@ def read_folder(folder: str | Path, intrinsics: str | Path, held_out: Collection
     held_out
         Views that become ``val``.
     """
-    folder, path = Path(folder), existing_file(intrinsics, "the intrinsics")
+    folder, path = Path(folder), existing_file(intrinsics, "the file of intrinsics")
     try:
         shared = json.loads(path.read_text(encoding="utf-8"))
         own = {Path(frame["file_path"]).stem: frame for frame in shared.get("frames", ())}

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fipt.errors import FiptError
 from fipt.io.background import Background, covered_share, edited, pixel_directions, read_background
 from fipt.io.cameras import Camera
 from fipt.io.confidence import read_confidence
@@ -118,10 +119,14 @@ def write_lamps(
     Light transport is linear in what the lamps emit, so that sums of these pictures are the room under other light.
     """
     data, shard = Dataset(dataset), read_hits(hits)
+    wanted = data.accepted(views)
+    strange = [view for view in wanted if view not in shard.views]
+    if strange:
+        raise FiptError(f"{hits} has no hits of the views {', '.join(strange)}", "give views of that shard")
     alone = lights_alone(read_emitters(emitters), read_background(background), settings.separate)
     field, metadata = load_field(model)
     lights = lights_of(data.mesh(), read_cache(cache), field, list(alone.values()), settings)
-    chosen = [index for index, view in enumerate(shard.views) if view in views and alone]
+    chosen = [index for index, view in enumerate(shard.views) if view in wanted and alone]
     total = sum(len(shard.position[shard.of_view(index)]) for index in chosen) * len(lights) * settings.spp
     files = []
     with progress("lamps", total, " paths") as bar:

@@ -21,7 +21,7 @@ from fipt.io.dataset import Dataset
 from fipt.io.exr import read_exr
 from fipt.io.hits import Hits
 from fipt.io.meshes import face_property
-from fipt.io.segments import LARGEST_ID
+from fipt.io.segments import LARGEST_ID, nearest_ids
 from fipt.settings import Segment
 
 TABLE = "table.json"
@@ -124,8 +124,7 @@ class GivenIds:
                 f"{path} must have the size of its view; it has {sizes}", "or set segment.other_size: nearest"
             )
         self._warn(f"{path} has {sizes}: the nearest ids were taken")
-        rows, columns = (((np.arange(n) + 0.5) * m / n).astype(int) for n, m in zip(shape, found, strict=True))
-        return ids[rows[:, None], columns]
+        return nearest_ids(ids, shape)
 
     def _read_names(self) -> None:
         """Tables beside the pictures: colours and classes of ids, names of classes."""

@@ -9,7 +9,7 @@ from fipt.errors import FiptError
 from fipt.io.arrays import on_disk
 from fipt.io.cameras import Camera
 from fipt.io.meshes import Mesh
-from fipt.io.segments import read_view_ids
+from fipt.io.segments import nearest_ids, read_view_ids
 from fipt.progress import progress
 from fipt.render.scene import RayScene
 
@@ -94,9 +94,7 @@ def view_ids(folder: Path, camera: Camera, other_size: str) -> tuple[np.ndarray,
     if other_size == "error":
         raise FiptError(sizes, "export the ids at the view's size, or set fuse.other_size: nearest")
     print(f"warning: {sizes}; the nearest ids are taken")
-    rows = (np.arange(camera.height) + 0.5) * ids.shape[0] / camera.height
-    columns = (np.arange(camera.width) + 0.5) * ids.shape[1] / camera.width
-    return ids[rows.astype(int)[:, None], columns.astype(int)], classes
+    return nearest_ids(ids, (camera.height, camera.width)), classes
 
 
 def without_speckles(ids: np.ndarray) -> np.ndarray:

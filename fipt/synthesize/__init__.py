@@ -1,1 +1,1 @@
-"""A furnished room in code: geometry and materials, camera poses, HDR views with ground truth."""
+"""A room in code or of a scene file: geometry and materials, camera poses, HDR views with ground truth."""

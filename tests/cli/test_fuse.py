@@ -59,3 +59,10 @@ def test_a_missing_view_is_named(scene: Path, capsys) -> None:
     (scene / "segments/views/b.npz").unlink()
     assert call(scene) == 2
     assert "segments/views/b.npz" in capsys.readouterr().err
+
+
+def test_a_file_in_place_of_the_folder_is_one_line(tmp_path: Path, capsys) -> None:
+    write_dataset(tmp_path / "dataset")
+    (tmp_path / "segments").write_text("")
+    assert call(tmp_path, "--geometry") == 2
+    assert "segments cannot be written: a file stands where a folder must" in capsys.readouterr().err

@@ -128,3 +128,11 @@ def test_a_capture_without_intrinsics(tmp_path, capsys):
     (tmp_path / "qa.json").write_text(json.dumps({"views": {name: {"accepted": True} for name in names}}))
     assert main(["pose", "--capture", str(tmp_path), "--out", str(tmp_path / "poses")]) == 2
     assert "the intrinsics of every view must be known; those of a, b, c are not" in capsys.readouterr().err
+
+
+def test_a_missing_reference_is_told_before_the_work(ring, tmp_path, capsys):
+    options = ["--source", ring, "--intrinsics", ring / "intrinsics.json", "--out", tmp_path / "poses"]
+    settings = json.dumps({"align": {"reference": str(tmp_path / "none.json")}})
+    assert main(["pose", *map(str, options), "--settings", settings]) == 2
+    assert f"{tmp_path}/none.json" in capsys.readouterr().err
+    assert not (tmp_path / "poses").exists()

@@ -662,3 +662,10 @@ def test_without_segments_the_fit_says_so(work, capsys):
     shutil.rmtree(work / "dataset" / "segments")
     assert call("fit", work, settings=FIT | {"steps": 2}) == 0
     assert "warning: no segments" in capsys.readouterr().out
+
+
+def test_lamps_of_a_view_that_the_shard_lacks(scene, tmp_path, capsys):
+    made = ("--views", "nowhere", "--out", tmp_path / "lamps", "--manifest", tmp_path / "lamps.manifest.json")
+    assert call("lamps", scene, *made) == 2
+    assert "has no hits of the views nowhere" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())

@@ -1,6 +1,6 @@
 """Segment ids of the training views, where the dataset's own are not used: each view, then all fused on the mesh.
 
-INPUTS:  results/{scene}/hits/{shard}.manifest.json of the training shards, their pictures, mesh
+INPUTS:  results/{scene}/hits/{shard}.manifest.json of the training shards, their pictures, mesh, check_poses.json
          given ids (segment.path), or the weights of a network (segment.model)
 OUTPUTS: results/{scene}/segments/views.{shard}.manifest.json  lists views/{view}.npz (ids, classes) and classes.json
          results/{scene}/segments/fused.manifest.json          lists fused/{part,semantic}/{view}.png with their names
@@ -43,6 +43,7 @@ rule fuse:
     """Fuse the ids of all training views on the mesh, or grow segments on it."""
     input:
         transforms="results/{scene}/dataset/transforms.json",
+        checked="results/{scene}/dataset/check_poses.json",
         mesh="results/{scene}/dataset/mesh.ply",
         images=images("train"),
         views=segmented,
