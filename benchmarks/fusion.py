@@ -62,7 +62,12 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder)
         triangles = write_scene(root, arguments.views, arguments.triangles)
-        used = call("fuse", {"dataset": "dataset", "segments": "segments"}, {}, root)
+        used = call(
+            "fuse",
+            ["--dataset", "dataset", "--segments", "segments", "--stats", "stats.json"],
+            Path("stats.json"),
+            root,
+        )
     print(
         f"fusion of {arguments.views} views of {SIZE[0]}x{SIZE[1]} on {triangles:,} triangles: {used.seconds:.0f} s "
         f"({used.processor:.0f} s of processor), peak {used.peak / 1e3:.2f} GB"
