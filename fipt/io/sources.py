@@ -1,7 +1,7 @@
 """The views of other people's layouts, read with the standard library alone.
 
-The workflow asks `source_views` when it plans, so nothing heavy may be imported here; the import
-reads the same frames through `read_source`, so that both agree on names and splits.
+The workflow asks `read_source` when it plans, so nothing heavy may be imported here; the import reads the same frames,
+so that both agree on names and splits.
 
 Layouts, and the axes of their cameras (inside, every camera has OpenGL axes, see `conventions`):
 
@@ -104,8 +104,8 @@ class Source:
     unposed: tuple[str, ...] = ()
 
 
-def source_views(path: str | Path, format: str, val_every: int = 8) -> list[tuple[str, str]]:
-    """Names and splits of a source's views, in order; reads no picture.
+def read_source(path: str | Path, format: str, val_every: int = 8) -> Source:
+    """Read all frames of a source, without any picture.
 
     Parameters
     ----------
@@ -116,20 +116,11 @@ def source_views(path: str | Path, format: str, val_every: int = 8) -> list[tupl
     val_every
         Every n-th view, beginning with the first, becomes ``val`` where the source has no split.
 
-    Returns
-    -------
-    list of (name, split)
-
     Raises
     ------
     FiptError
         A file is missing or malformed, a name is unusable or occurs twice, no view is for training.
     """
-    return [(frame.name, frame.split) for frame in read_source(path, format, val_every).frames]
-
-
-def read_source(path: str | Path, format: str, val_every: int = 8) -> Source:
-    """Read all frames of a source; parameters and errors as of `source_views`."""
     readers = dict(zip(FORMATS, (_nerfstudio, _fipt_synthetic, _fipt_real), strict=True))
     if format not in readers:
         raise FiptError(f"unknown format {format!r}", f"choose one of {', '.join(FORMATS)}")

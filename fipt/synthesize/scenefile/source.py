@@ -71,7 +71,7 @@ class Source:
         if self.missing:
             problems.append(f"{len(self.missing)} files are missing: {_listed(self.missing)}")
         if self.unknown:
-            problems.append(f"{len(self.unknown)} things are unknown: {_listed(self.unknown)}")
+            problems.append(f"{len(self.unknown)} unknown: {_listed(self.unknown)}")
         if problems and not self.settings.allow_missing:
             raise FiptError(
                 f"{self.path}: {'; '.join(problems)}",

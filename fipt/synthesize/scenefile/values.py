@@ -117,6 +117,9 @@ def color(node: Node, light: bool = False) -> np.ndarray:
             found = np.repeat(found, 3)
     if found.shape != (3,) or not np.isfinite(found).all():
         raise node.wrong(f"{node.name or node.tag} must be a colour of one or three numbers; found {text!r}")
+    if ":" not in text and (found < 0).any():
+        raise node.wrong(f"{node.name or node.tag} must be a colour without negative numbers; found {text!r}")
+    # Saturated spectra may lie outside of linear sRGB.
     return np.maximum(srgb_decode(found) if node.tag == "srgb" else found, 0.0)
 
 

@@ -9,8 +9,12 @@ import numpy as np
 import pytest
 
 from fipt.errors import FiptError
-from fipt.io.sources import read_source, source_views
+from fipt.io.sources import read_source
 from tests.layouts import POSES, WRITERS, matrix, write_blender, write_nerfstudio
+
+
+def source_views(*args, **kwargs) -> list[tuple[str, str]]:
+    return [(frame.name, frame.split) for frame in read_source(*args, **kwargs).frames]
 
 
 def rewrite(path: Path, **keys: object) -> None:

@@ -119,7 +119,7 @@ def test_all_missing_files_are_listed_at_once_or_replaced(write_scene, backend):
 )
 def test_unknown_plugins(body, what, write_scene, backend):
     path = write_scene(body)
-    with pytest.raises(FiptError, match=rf"1 things are unknown: {what} \(scene.xml line 1\d\)"):
+    with pytest.raises(FiptError, match=rf"1 unknown: {what} \(scene.xml line 1\d\)"):
         read(path)
     assert any(what in note for note in read(path, allow_missing=True).notes)
 

@@ -40,7 +40,6 @@ def test_transforms_are_mitsubas(name, parsed):
         ('<srgb name="c" value="0.5 0.5 0.5"/>', tuple(srgb_decode(np.array([0.5] * 3)))),
         ('<spectrum name="c" value="0.25"/>', (0.25, 0.25, 0.25)),
         ('<spectrum name="c" value="0.5, 0, 0"/>', (0.5, 0, 0)),
-        ('<float name="c" value="-1"/>', (0, 0, 0)),
     ],
 )
 def test_colours(element, expected, parsed):
@@ -64,7 +63,12 @@ def test_flat_spectra_are_grey_and_blackbodies_have_their_colour(parsed):
 
 @pytest.mark.parametrize(
     "element",
-    ['<rgb name="c" value="1, 2"/>', '<rgb name="c" value="red"/>', '<spectrum name="c" value="500:1, 400:1"/>'],
+    [
+        '<rgb name="c" value="-1, 9, 9"/>',
+        '<rgb name="c" value="1, 2"/>',
+        '<rgb name="c" value="red"/>',
+        '<spectrum name="c" value="500:1, 400:1"/>',
+    ],
 )
 def test_what_is_no_colour_names_its_line(element, parsed):
     from fipt.synthesize.scenefile.values import color
