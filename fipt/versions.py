@@ -3,7 +3,7 @@
 VERSIONS = {
     "synthesize": 2,
     "capture": 1,
-    "poses": 1,
+    "poses": 2,
     "import": 1,
     "check_poses": 1,
     "hits": 1,

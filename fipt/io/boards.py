@@ -8,6 +8,13 @@ import numpy as np
 
 from fipt.errors import FiptError
 
+_MATCH = 0.8
+"""Correlation of a board's pattern with the picture from which on the two are believed to be the same."""
+_MOVED = 0.1
+"""How far corners may move when the whole pattern is matched, in squares."""
+_TEXELS = 224
+"""Along a square of the pattern as it is drawn; OpenCV draws a marker's fields in whole texels."""
+
 
 def dictionary(name: str, key: str) -> cv2.aruco.Dictionary:
     """Return OpenCV's dictionary of markers by its name; ``key`` is the setting that names it, for the error."""
@@ -58,6 +65,70 @@ def charuco_corners(
     # Windows end before the markers.
     clear = 0.4 * (board.getSquareLength() - board.getMarkerLength()) / board.getSquareLength()
     return objects.reshape(-1, 3), refined(grey, images.reshape(-1, 2), clear) + np.float32(0.5), ids.reshape(-1)
+
+
+def board_corners(
+    grey: np.ndarray, board: cv2.aruco.CharucoBoard, pixels: np.ndarray, ids: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, float] | None:
+    """Find every corner of a flat board by matching its whole pattern; a small board is so known ten times better.
+
+    Windows around corners of a board that is far away are a few pixels wide and hold its markers too. The homography
+    that makes the board's own picture match (Evangelidis and Psarakis 2008) hangs on all of its edges.
+
+    Parameters
+    ----------
+    grey
+        (H, W) uint8 picture without lens distortion, proportional to the light.
+    board
+        What is there.
+    pixels, ids
+        (N, 2) image coordinates and (N,) numbers of four or more corners that were found.
+
+    Returns
+    -------
+    pixels
+        (M, 2) float64 image coordinates of the corners inside the picture.
+    ids
+        (M,) int32 their numbers.
+    match
+        Correlation of pattern and picture.
+
+    None if the picture does not show the board's pattern there.
+    """
+    places = np.array(board.getChessboardCorners())[:, :2].astype(np.float64) / board.getSquareLength()
+    rough, _ = cv2.findHomography(places[ids], pixels, 0)
+    if rough is None:
+        return None
+    every = cv2.perspectiveTransform(places[:, None], rough)[:, 0]
+    gaps = np.linalg.norm(every[:, None] - every, axis=2)
+    np.fill_diagonal(gaps, np.inf)
+    square = float(np.median(gaps.min(axis=1)))
+    side = int(np.clip(round(square), 8, 64))  # one texel of the pattern along one pixel
+    columns, rows = board.getChessboardSize()
+    pattern = board.generateImage((_TEXELS * columns, _TEXELS * rows), marginSize=0, borderBits=1)
+    pattern = cv2.resize(pattern, (side * columns, side * rows), interpolation=cv2.INTER_AREA)
+    # what ends at an edge would be pulled inwards by the picture's blur
+    rim = side // 3
+    pattern = pattern[rim:-rim, rim:-rim]
+    # from texels to pixels; both have their first centre at 0 for OpenCV
+    warp = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1]]) @ rough
+    first = (rim + 0.5) / side
+    warp = warp @ np.array([[1 / side, 0, first], [0, 1 / side, first], [0, 0, 1]])
+    stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-7)
+    try:
+        match, warp = cv2.findTransformECC(
+            pattern, grey, (warp / warp[2, 2]).astype(np.float32), cv2.MOTION_HOMOGRAPHY, stop, None, 3
+        )
+    except cv2.error:  # it does not converge where something else is there
+        return None
+    texels = places * side - rim - 0.5
+    found = cv2.perspectiveTransform(texels[:, None], warp.astype(np.float64))[:, 0] + 0.5
+    moved = np.linalg.norm(found[ids] - pixels, axis=1)
+    if match < _MATCH or np.median(moved) > max(_MOVED * square, 1.0):
+        return None
+    height, width = grey.shape
+    inside = ((found > 0) & (found < (width, height))).all(axis=1)
+    return found[inside], np.flatnonzero(inside).astype(np.int32), match
 
 
 def tag_corners(grey: np.ndarray, markers: cv2.aruco.Dictionary) -> dict[int, np.ndarray]:

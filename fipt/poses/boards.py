@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,6 +13,9 @@ from fipt.poses.similarity import fit_similarity
 from fipt.poses.triangulate import triangulate
 from fipt.progress import progress
 from fipt.settings import SceneBoard
+
+if TYPE_CHECKING:
+    import cv2
 
 ReadImage = Callable[[str], np.ndarray]
 """View -> (H, W, 3) linear radiance."""
@@ -104,18 +108,17 @@ def find_boards(cameras: Sequence[Camera], read_image: ReadImage, board: SceneBo
         targets[0] = Target("board", np.array(charuco.getChessboardCorners(), np.float64))
     with progress("boards", len(cameras), " views") as bar:
         for camera in cameras:
-            best = 0
-            for grey, size in _pictures(read_image(camera.name), 0.5 if board.kind == "charuco" else 1.0):
-                if board.kind == "charuco":
-                    found = boards.charuco_corners(grey, charuco, _LEAST, beside=1)
-                    if found is not None and len(found[2]) > best:
-                        best = len(found[2])
-                        targets[0].seen[camera.name] = (found[2], found[1].astype(np.float64) / size)
-                    continue
-                for number, corners in boards.tag_corners(grey, markers).items():
-                    new = Target(f"tag {number}", boards.tag_points(board.marker).astype(np.float64))
-                    seen = targets.setdefault(number, new).seen
-                    seen.setdefault(camera.name, (np.arange(4), corners.astype(np.float64) / size))
+            radiance = read_image(camera.name)
+            if board.kind == "charuco":
+                corners = _charuco(radiance, charuco)
+                if corners is not None:
+                    targets[0].seen[camera.name] = corners
+            else:
+                for grey, size in _pictures(radiance, 1.0):
+                    for number, corners in boards.tag_corners(grey, markers).items():
+                        new = Target(f"tag {number}", boards.tag_points(board.marker).astype(np.float64))
+                        seen = targets.setdefault(number, new).seen
+                        seen.setdefault(camera.name, (np.arange(4), corners.astype(np.float64) / size))
             bar.advance(1, camera.name)
     found = [targets[number] for number in sorted(targets) if targets[number].seen]
     if not found:
@@ -131,6 +134,22 @@ def find_boards(cameras: Sequence[Camera], read_image: ReadImage, board: SceneBo
             "check poses.align.board against the board; a marker must be sharp and at least 15 pixels wide",
         )
     return found
+
+
+def _charuco(radiance: np.ndarray, board: "cv2.aruco.CharucoBoard") -> tuple[np.ndarray, np.ndarray] | None:
+    """Numbers (N,) and pixels (N, 2) of a board's corners in a view; None where it is not seen."""
+    from fipt.io import boards
+
+    ids, pixels = np.empty(0, np.int32), np.empty((0, 2))
+    for grey, size in _pictures(radiance, 0.5):
+        found = boards.charuco_corners(grey, board, _LEAST, beside=1)
+        if found is not None and len(found[2]) > len(ids):
+            ids, pixels = found[2], found[1].astype(np.float64) / size
+    if len(ids) == 0:
+        return None
+    matched = [boards.board_corners(grey, board, pixels, ids) for grey in toned(radiance, 1.0)]
+    best = max((match for match in matched if match is not None), key=lambda match: match[2], default=None)
+    return (ids, pixels) if best is None else (best[1], best[0])
 
 
 def _pictures(radiance: np.ndarray, power: float) -> Iterator[tuple[np.ndarray, int]]:
