@@ -478,6 +478,12 @@ class EmitterEdit(Settings):
     color: Rgb | None = Field(None, description="new chromaticity; the luminance is kept")
     radiance: Rgb | None = Field(None, description="new radiance")
 
+    @model_validator(mode="before")
+    @classmethod
+    def _yaml_off(cls, values: Any) -> Any:
+        """YAML reads the key ``off`` as the value false."""
+        return {"off" if key is False else key: v for key, v in values.items()} if isinstance(values, dict) else values
+
     @model_validator(mode="after")
     def _agrees(self) -> "EmitterEdit":
         """Refuse what says two things at once."""

@@ -172,6 +172,6 @@ def _drawn(radiance: np.ndarray, mask: np.ndarray, size: tuple[int, int]) -> np.
     shape = max(1, round(mask.shape[1] * scale)), max(1, round(mask.shape[0] * scale))
     picture = np.array(Image.fromarray(toned).resize(shape, Image.Resampling.BICUBIC))
     lamp = np.array(Image.fromarray(np.uint8(255) * mask).resize(shape, Image.Resampling.BILINEAR)) > 127
-    picture[binary_dilation(lamp, iterations=2) & ~binary_erosion(lamp)] = 0
-    picture[binary_dilation(lamp) & ~lamp] = _LINE
+    picture[binary_dilation(lamp, iterations=3) & ~binary_erosion(lamp)] = 0
+    picture[binary_dilation(lamp, iterations=2) & ~lamp] = _LINE
     return picture

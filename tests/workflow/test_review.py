@@ -78,6 +78,8 @@ def test_what_is_decided_reruns_what_depends_on_it(workspace, monkeypatch):
 def test_fipt_run_calls_what_the_workflow_calls(workspace, monkeypatch):
     here = workspace(NAMED)
     monkeypatch.chdir(here.root)
+    config = here.root / "config" / "config.yaml"
+    config.write_text(config.read_text().replace("'off': true", "off: true"))  # a key that YAML takes for false
     file = File(here.root)
     file.decide(0, verdict="accept")
     file.decide(1, name="desk lamp", merge_with="lamp-0")

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
 
 from fipt.conventions import LUMINANCE
 from fipt.errors import FiptError
@@ -148,6 +149,12 @@ def test_an_unknown_name_lists_the_lamps_closest_first(backend):
     setup = RelightSetup.model_validate({"emitters": [{"names": ["window", "windwo 2"], "off": True}]})
     with pytest.raises(FiptError, match="names lamp 'windwo 2', which is none of 2 lamps; there are window, desk lamp"):
         apply_setup(ROOM, found(), setup, ["desk lamp", "window"])
+
+
+def test_off_needs_no_quotes_in_yaml():
+    for text in ("off: true", "'off': true"):
+        edit = RelightSetup.model_validate({"emitters": [yaml.safe_load(text)]}).emitters[0]
+        assert (edit.off, edit.scale) == (True, None)
 
 
 @pytest.mark.parametrize(
