@@ -146,8 +146,8 @@ def test_lamps_are_chosen_by_name(backend, edit, dark):
 def test_an_unknown_name_lists_the_lamps_closest_first(backend):
     from fipt.relight.lights import apply_setup
 
-    setup = RelightSetup.model_validate({"emitters": [{"names": ["window", "windwo 2"], "off": True}]})
-    with pytest.raises(FiptError, match="names lamp 'windwo 2', which is none of 2 lamps; there are window, desk lamp"):
+    setup = RelightSetup.model_validate({"emitters": [{"names": ["window", "my window"], "off": True}]})
+    with pytest.raises(FiptError, match="names lamp 'my window', which is none of 2 lamps; there are window, desk lamp"):
         apply_setup(ROOM, found(), setup, ["desk lamp", "window"])
 
 
