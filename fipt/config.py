@@ -23,6 +23,8 @@ from pydantic import BaseModel, Field, ValidationError, create_model
 
 from fipt.errors import FiptError
 from fipt.io.files import check_name
+from fipt.io.review import FILE as REVIEW_FILE
+from fipt.io.review import Review, closest, read_review
 from fipt.settings import PRESETS, STAGES, Positive, RelightSetup, Settings, check_background, check_segment, dumped
 
 RESULTS = "results"
@@ -207,6 +209,40 @@ class Scene:
         if chosen.mode == "mask2former":
             return sorted(str(path) for path in place.glob("*") if path.suffix in (".json", ".safetensors"))
         return [str(path) for path in id_files(place)]
+
+    @cached_property
+    def review(self) -> Review:
+        """What a person decided about the lamps that were found, in results/SCENE/emitters_review.yaml.
+
+        Raises
+        ------
+        FiptError
+            If the file is wrong, or a light setup names a lamp that nobody called so.
+        """
+        path = Path(RESULTS, self.name, REVIEW_FILE)
+        found = read_review(path) or Review(0)
+        for setup in self.setups:
+            for name in self.names_in(setup):
+                if name not in found.names():
+                    raise FiptError(
+                        f"setups.{setup} of scene {self.name} names the lamp {name!r}, and no lamp has this name",
+                        f"name it in {path}, which a run without this setup writes; there are "
+                        f"{closest(name, [*found.names(), 'lamp-N'])}",
+                    )
+        return found
+
+    def names_in(self, setup: str) -> list[str]:
+        """Names by which a relight setup chooses lamps, but for those that every lamp has."""
+        called = [name for edit in self.setups[setup].emitters for name in edit.called]
+        return [name for name in called if not re.fullmatch(r"lamp-\d+", name)]
+
+    def emission_options(self) -> list[str]:
+        """Options of ``fipt emitters`` that say what a person decided about lamps; none where nobody did."""
+        return ["--decisions", self.review.emission()] if self.review.emission() else []
+
+    def listing_options(self) -> list[str]:
+        """Options of ``fipt review`` that say how a person named lamps, and which are rejected."""
+        return ["--decisions", self.review.listing()] if self.review.listing() else []
 
     def setup_files(self, setup: str) -> list[str]:
         """Files that a relight setup names: another environment map, or none."""

@@ -21,6 +21,7 @@ from fipt.config import RESULTS, Scene
 from fipt.errors import FiptError
 from fipt.io.files import existing_file, write_text
 from fipt.io.manifests import file_hash
+from fipt.io.review import FILE as REVIEW_FILE
 from fipt.versions import VERSIONS
 
 
@@ -62,6 +63,7 @@ def plan(scene: Scene) -> list[Job]:
     chain.add_segments()
     for round_ in range(scene.rounds + 1):
         chain.add_round(round_)
+    chain.add_review()
     chain.add_pictures()
     if scene.exported:
         chain.add_export()
@@ -91,6 +93,9 @@ class _Chain:
                 files.append(manifest(f"{data}/truth.{shard}"))
         # Of the last round so far: model, its confidence, emitters (perhaps of an earlier one), shading of shards
         self.model = self.emitters = self.confidence = ""
+        # Manifest of the list of lamps, and the option that gives their names
+        self.listed = ""
+        self.lamps: tuple[str, ...] = ()
         self.shading: dict[str, str] = {}
         # Folder of the fused segment ids; none where the fit takes the dataset's
         self.segments = ""
@@ -266,9 +271,17 @@ class _Chain:
         )
         if self.scene.emitters_round(round_) == round_:
             self.emitters = f"{folder}/emitters.npz"
-            options += ("--model", self.model, "--out", self.emitters)
+            options += ("--model", self.model, "--out", self.emitters, *self.scene.emission_options())
             made = [self.emitters, f"{folder}/emitters.json"]
             self.add("emitters", f"emitters.round-{round_}", options, [*inputs, self.model], made)
+
+    def add_review(self) -> None:
+        """The lamps for people, with names and pictures, and the file in which they decide."""
+        folder = f"{self.root}/emitters"
+        options = (*self._training(), "--emitters", self.emitters, "--out", folder)
+        options += ("--review", f"{self.root}/{REVIEW_FILE}", *self.scene.listing_options())
+        self.add("review", "review", options, [*self._training_files(), self.emitters], folders=[folder])
+        self.listed, self.lamps = manifest(folder), ("--lamps", f"{folder}/emitters.json")
 
     def add_pictures(self) -> None:
         """Material maps of every view, held-out views, relit views."""
@@ -279,9 +292,11 @@ class _Chain:
         for shard in self.scene.shards("val"):
             self._add_picture("render", "render", shard, traced)
         for setup in self.scene.setups:
-            options = (*traced, "--setup", self.scene.setup_json(setup))
+            options, files = (*traced, "--setup", self.scene.setup_json(setup)), self.scene.setup_files(setup)
+            if self.scene.names_in(setup):
+                options, files = (*options, *self.lamps), [*files, self.listed]
             for shard in self.scene.relit_shards():
-                self._add_picture("relight", f"relight/{setup}", shard, options, self.scene.setup_files(setup))
+                self._add_picture("relight", f"relight/{setup}", shard, options, files)
 
         for shard, views in self.scene.lamp_shards().items():
             made = manifest(f"{self.root}/lamps.{shard}")
@@ -316,7 +331,8 @@ class _Chain:
         }
         options = ("--name", self.scene.name, "--dataset", self.data, "--hits", ",".join(hits))
         options += tuple(text for pair in files.items() for text in pair)
-        inputs = [*self.geometry, *map(manifest, hits), *files.values()]
+        options += self.lamps
+        inputs = [*self.geometry, *map(manifest, hits), *files.values(), self.listed]
         self.add("export", "export", (*options, "--out", out, "--manifest", made), inputs, [made])
         self.exported = [f"{out}/check.json"]
         held_out = self.scene.shards("val")
@@ -339,7 +355,7 @@ class _Chain:
         inputs += [*self.shown, self.emitters]
         self.add("metrics", "metrics", options, inputs, [metrics])
         options = ("--results", self.root, "--out", report)
-        self.add("report", "report", options, [metrics, *inputs, *self.mixed, *self.exported], [report])
+        self.add("report", "report", options, [metrics, *inputs, self.listed, *self.mixed, *self.exported], [report])
 
     def _training(self) -> tuple[str, ...]:
         hits = ",".join(self.hits[shard] for shard in self.train)

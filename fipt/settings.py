@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from fipt.errors import FiptError
 
@@ -446,6 +446,12 @@ class Emitters(Settings):
     two_sided: bool = Field(True, description="emitters shine from both sides")
 
 
+class Review(Settings):
+    """The list of the lamps for people: names, pictures, and the file in which they decide."""
+
+    width: int = Field(192, ge=32, le=1024, description="of a lamp's picture, pixels; its height is three quarters")
+
+
 class Materials(Settings):
     """Material maps of every view."""
 
@@ -464,10 +470,35 @@ class Render(Settings):
 class EmitterEdit(Settings):
     """A change to found emitters."""
 
-    index: Count | None = Field(None, description="emitter index in emitters.json; all where absent")
+    index: Count | None = Field(None, description="number of a lamp in emitters.json; every lamp where none is chosen")
+    name: str | None = Field(None, description="name of a lamp: `lamp-N`, or as emitters_review.yaml calls it")
+    names: tuple[str, ...] | None = Field(None, description="names of several lamps", min_length=1)
+    off: bool = Field(False, description="switch off")
     scale: Weight | None = Field(None, description="radiance factor; 0 switches off")
     color: Rgb | None = Field(None, description="new chromaticity; the luminance is kept")
     radiance: Rgb | None = Field(None, description="new radiance")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _yaml_off(cls, values: Any) -> Any:
+        """YAML reads the key ``off`` as the value false."""
+        return {"off" if key is False else key: v for key, v in values.items()} if isinstance(values, dict) else values
+
+    @model_validator(mode="after")
+    def _agrees(self) -> "EmitterEdit":
+        """Refuse what says two things at once."""
+        chosen = [key for key in ("index", "name", "names") if getattr(self, key) is not None]
+        if len(chosen) > 1:
+            raise ValueError(f"lamps are chosen by one of index, name and names, not by {' and '.join(chosen)}")
+        changed = [key for key in ("scale", "color", "radiance") if getattr(self, key) is not None]
+        if self.off and changed:
+            raise ValueError(f"off: true leaves no light for {' and '.join(changed)}")
+        return self
+
+    @property
+    def called(self) -> tuple[str, ...]:
+        """Names by which the edit chooses lamps; none where it chooses by number, or all of them."""
+        return self.names or ((self.name,) if self.name is not None else ())
 
 
 class NewLight(Settings):
@@ -566,6 +597,7 @@ STAGES: dict[str, type[Settings]] = {
     "bake": Bake,
     "fit": Fit,
     "emitters": Emitters,
+    "review": Review,
     "refine": Refine,
     "materials": Materials,
     "render": Render,
@@ -617,6 +649,8 @@ def explain(error: ValidationError, where: str) -> str:
     """Return one line for the first problem of a pydantic error: key path, what is allowed, what was found."""
     problem = error.errors()[0]
     path = ".".join([where, *(str(part) for part in problem["loc"])])
+    if problem["type"] == "value_error":  # keys that do not go together
+        return f"{path}: {problem['ctx']['error']}"
     if problem["type"] == "extra_forbidden":
         return f"unknown key {path}"
     return f"{path}: {problem['msg'][0].lower()}{problem['msg'][1:]}; found {problem.get('input')!r}"

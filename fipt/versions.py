@@ -14,6 +14,7 @@ VERSIONS = {
     "bake": 3,
     "fit": 3,
     "emitters": 2,
+    "review": 1,
     "refine": 3,
     "materials": 2,
     "render": 2,

@@ -84,7 +84,10 @@ def write_emitters(root: Path, count: int) -> None:
     """Write round-1/emitters.json with some emitters."""
     emitter = {"index": 0, "triangles": 2, "area": 0.5, "radiance": [4, 4, 2], "center": [0, 0, 0]}
     emitter |= {"power": 12.5, "views": 2, "confidence": 0.9}
-    content = {"two_sided": True, "emitters": [emitter | {"index": index} for index in range(count)]}
+    content = {
+        "two_sided": True,
+        "emitters": [emitter | {"index": index, "name": f"lamp-{index}"} for index in range(count)],
+    }
     write_text(root / "round-1" / "emitters.json", json.dumps(content))
 
 

@@ -7,6 +7,7 @@ import typer
 
 from fipt.cli.options import (
     DatasetFolder,
+    DecisionsJson,
     HitsFolders,
     ModelFile,
     SettingsJson,
@@ -23,6 +24,7 @@ def command(
     shading: ShadingFolders,
     model: ModelFile,
     out: Annotated[Path, typer.Option(help="File to write, emitters.npz; emitters.json comes beside it.")],
+    decisions: DecisionsJson = "",
     settings: SettingsJson = "{}",
     stats: StatsFile = None,
 ) -> None:
@@ -35,24 +37,32 @@ def command(
         from fipt.io.dataset import Dataset
         from fipt.io.emitters import write_emitters
         from fipt.io.hits import clipped_of, pixels_of
+        from fipt.io.review import numbers, parse_decisions
         from fipt.io.shading import read_shards
         from fipt.model.store import load_field
 
         data = Dataset(dataset)
         mesh = data.mesh()
+        decided = parse_decisions(decisions, len(mesh.triangles))
         shards, baked = read_shards(listed(hits), listed(shading))
         empty = on_disk(out.parent)
         images = [pixels_of(data, shard, empty) for shard in shards]
         field, _ = load_field(model)
         clipped = [clipped_of(data, shard, empty) for shard in shards]
-        found = extract(mesh, shards, baked, images, field.query_mask, chosen, clipped)
+        found = extract(mesh, shards, baked, images, field.query_mask, chosen, clipped, decided)
         write_emitters(out, found, mesh)
         lamps = int(found.emitter.max(initial=-1)) + 1
         figures["triangles"], figures["lamps"] = len(found.triangle), lamps
         bounds = len(np.unique(found.emitter[found.lower_bound]))
+        warnings = []
         if bounds:
-            warning = f"{bounds} of {lamps} lamps are clipped in every exposure: their radiance is a lower bound"
-            figures["warnings"] = [warning]
+            warnings.append(f"{bounds} of {lamps} lamps are clipped in every exposure: their radiance is a lower bound")
+        for text in decided.accept:
+            if not np.isin(sorted(numbers(text, len(mesh.triangles))), found.triangle).any():
+                warnings.append(f"no pixel shows the accepted triangles {text}: their radiance cannot be measured")
+        if warnings:
+            figures["warnings"] = warnings
+        for warning in warnings:
             print(f"warning: {warning}")
         if lamps == 0:
             print("warning: no emitter found; refined shading will have no light of its own")

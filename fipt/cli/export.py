@@ -10,6 +10,7 @@ from fipt.cli.options import (
     DatasetFolder,
     EmittersFile,
     HitsFolders,
+    LampsFile,
     ManifestFile,
     ModelFile,
     SettingsJson,
@@ -29,6 +30,7 @@ def command(
     manifest: ManifestFile,
     name: Annotated[str, typer.Option(help="Name of the room in the files.")] = "room",
     background: BackgroundFile = None,
+    lamps: LampsFile = None,
     settings: SettingsJson = "{}",
     stats: StatsFile = None,
 ) -> None:
@@ -39,4 +41,6 @@ def command(
 
         check_name(name, "the room's name")
         shards = [Path(folder) for folder in listed(hits)]
-        write_export(name, dataset, shards, model, emitters, confidence, background, out, manifest, chosen, figures)
+        write_export(
+            name, dataset, shards, model, emitters, lamps, confidence, background, out, manifest, chosen, figures
+        )

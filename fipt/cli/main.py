@@ -47,6 +47,7 @@ VERBS: dict[str, Verb] = {
     "bake": Verb("bake", "Integrate the shading of every pixel from the radiance cache."),
     "fit": Verb("fit", "Fit the BRDF and emission networks to the pictures."),
     "emitters": Verb("emitters", "Extract the triangles that emit light and their radiance."),
+    "review": Verb("review", "List the lamps for people, who may accept, reject, name and merge them."),
     "refine": Verb("refine", "Path-trace the shading again with the fitted model."),
     "materials": Verb("materials", "Write the material maps of every view."),
     "render": Verb("render", "Re-render the held-out views with the model."),

@@ -18,6 +18,12 @@ EmittersFile = Annotated[Path, typer.Option("--emitters", help="Emitters, emitte
 BackgroundFile = Annotated[
     Path | None, typer.Option("--background", help="Light from outside, background.npz; without it there is none.")
 ]
+LampsFile = Annotated[
+    Path | None, typer.Option("--lamps", help="emitters.json of fipt review: names of lamps; without it, lamp-N.")
+]
+DecisionsJson = Annotated[
+    str, typer.Option("--decisions", help="What emitters_review.yaml decides, by triangle, JSON (docs/emitters.md).")
+]
 SettingsJson = Annotated[str, typer.Option("--settings", help="Settings of this stage, JSON.")]
 StatsFile = Annotated[Path | None, typer.Option("--stats", help="Write time, rate and memory here, JSON.")]
 ManifestFile = Annotated[Path, typer.Option("--manifest", help="Manifest of what was written.")]

@@ -11,6 +11,7 @@ from fipt.cli.options import (
     DatasetFolder,
     EmittersFile,
     HitsFolder,
+    LampsFile,
     ManifestFile,
     ModelFile,
     SettingsJson,
@@ -29,6 +30,7 @@ def command(
     out: Annotated[Path, typer.Option(help="Folder of the pictures.")],
     manifest: ManifestFile,
     background: BackgroundFile = None,
+    lamps: LampsFile = None,
     settings: SettingsJson = "{}",
     stats: StatsFile = None,
 ) -> None:
@@ -39,5 +41,5 @@ def command(
 
         light = parse_setup(setup)
         write_pictures(
-            "relight", dataset, hits, cache, model, emitters, background, light, out, manifest, chosen, figures
+            "relight", dataset, hits, cache, model, emitters, background, light, out, manifest, chosen, figures, lamps
         )

@@ -1,6 +1,7 @@
 """Which triangles emit, and how much (method.md, stage 2)."""
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -11,10 +12,11 @@ from scipy.spatial import cKDTree
 from fipt.io.emitters import Emitters
 from fipt.io.hits import Hits
 from fipt.io.meshes import Mesh, connected_parts
+from fipt.io.review import Decisions, numbers
 from fipt.io.shading import Shading, brightest_reflection
 from fipt.settings import Emitters as EmitterSettings
 
-_INTERIOR = 0.9
+INTERIOR = 0.9
 """Share of its pixel that a hit must cover to tell a triangle's own radiance."""
 _GAIN = 1.5
 """How much brighter than the brightest reflector an emitter must be."""
@@ -26,6 +28,38 @@ _SAME_RADIANCE = 0.35
 """Relative difference up to which neighbouring triangles belong to one lamp."""
 
 
+@dataclass(frozen=True)
+class Decided:
+    """What a person decided about triangles.
+
+    Attributes
+    ----------
+    lamp
+        (T,) int32 number of the accepted lamp of a triangle, -1 for all others.
+    rejected
+        (T,) bool, never emit.
+    merged
+        Triangles of lamps that are one lamp.
+    """
+
+    lamp: np.ndarray
+    rejected: np.ndarray
+    merged: tuple[np.ndarray, ...] = ()
+
+    @staticmethod
+    def of(decisions: Decisions, triangles: int) -> "Decided":
+        """Decisions about a mesh of so many triangles."""
+
+        def rows(*texts: str) -> np.ndarray:
+            return np.array(sorted(t for text in texts for t in numbers(text, triangles)), np.int64)
+
+        lamp, rejected = np.full(triangles, -1, np.int32), np.zeros(triangles, bool)
+        for number, text in enumerate(decisions.accept):
+            lamp[rows(text)] = number
+        rejected[rows(*decisions.reject)] = True
+        return Decided(lamp, rejected, tuple(rows(*group) for group in decisions.merge))
+
+
 def extract(
     mesh: Mesh,
     shards: list[Hits],
@@ -34,6 +68,7 @@ def extract(
     query_mask: Callable[[np.ndarray], np.ndarray],
     settings: EmitterSettings,
     clipped: list[np.ndarray] | None = None,
+    decisions: Decisions | None = None,
 ) -> Emitters:
     """Find the emitting triangles.
 
@@ -52,7 +87,10 @@ def extract(
         (N, 3) points -> (N,) emission mask.
     clipped
         Per shard: (P,) bool, pixels whose radiance is only a lower bound; None: there are none.
+    decisions
+        Lamps that a person accepted (they emit whatever the pictures say, each by itself), rejected and merged.
     """
+    decided = Decided.of(decisions or Decisions(), len(mesh.triangles))
     pixels = partial(_pixels, shards, shading, images, clipped)
     observed, bright = (np.zeros(len(mesh.triangles), np.int64) for _ in range(2))
     for triangle, _, _, ratio, _ in pixels():
@@ -66,10 +104,11 @@ def extract(
         seen = seen[_grouped_median(ratio, index, len(seen)) > _GAIN]
     emitting = np.zeros(len(observed), bool)
     emitting[seen[_mean_mask(mesh, seen, query_mask, settings) > settings.threshold]] = True
+    emitting = (emitting | (decided.lamp >= 0)) & ~decided.rejected
     triangle, radiance, view, _, bound = _of_triangles(pixels(), emitting)
     chosen, index = np.unique(triangle, return_inverse=True)
-    found = _measured(mesh, chosen, index, radiance, view, bound, settings)
-    return _completed(mesh, found, np.flatnonzero(observed)) if settings.complete else found
+    found = _measured(mesh, chosen, index, radiance, view, bound, decided, settings)
+    return _completed(mesh, found, np.flatnonzero(observed), decided, settings.complete)
 
 
 Observations = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
@@ -90,7 +129,7 @@ def _pixels(
     for hits, baked, (image, valid), above in zip(shards, shading, images, clipped, strict=True):
         for index in range(len(hits.views)):
             own, pixel = hits.of_view(index), hits.pixel_of_hit(index) + hits.pixels(index).start
-            use = np.flatnonzero((hits.weight[own] >= _INTERIOR) & (valid[pixel] > 0))
+            use = np.flatnonzero((hits.weight[own] >= INTERIOR) & (valid[pixel] > 0))
             light = np.asarray(baked[own], np.float32)[use]
             seen = np.asarray(image[pixel[use]])
             triangle = np.asarray(hits.triangle[own])[use]
@@ -173,11 +212,12 @@ def _measured(
     radiance: np.ndarray,
     view: np.ndarray,
     bound: np.ndarray,
+    decided: Decided,
     settings: EmitterSettings,
 ) -> Emitters:
     """Median radiance of every triangle; with ``patches`` one radiance for each connected lamp."""
     own, unknown = _levels(radiance, bound, index, len(triangles))
-    lamp = _lamps(mesh, triangles, own)
+    lamp = _lamps(mesh, triangles, own, decided)
     group = lamp[index]
     lamps = int(lamp.max(initial=-1)) + 1
     level, unknown_lamp = _levels(radiance, bound, group, lamps)
@@ -200,8 +240,11 @@ def _measured(
     )
 
 
-def _completed(mesh: Mesh, found: Emitters, observed: np.ndarray) -> Emitters:
-    """Add triangles that no pixel shows alone, of connected parts that glow wherever one does: a globe's far side."""
+def _completed(mesh: Mesh, found: Emitters, observed: np.ndarray, decided: Decided, parts: bool) -> Emitters:
+    """Add triangles that no pixel shows alone: of accepted lamps, and with ``parts`` a globe's far side.
+
+    That is the rest of a connected part that glows wherever it is seen.
+    """
     part = connected_parts(mesh)
     emits, visible = np.zeros(len(part), bool), np.zeros(len(part), bool)
     emits[found.triangle] = True
@@ -209,7 +252,10 @@ def _completed(mesh: Mesh, found: Emitters, observed: np.ndarray) -> Emitters:
     areas, count = mesh.areas, int(part.max()) + 1
     glowing = np.bincount(part, areas * emits, count)
     whole = (glowing > 0) & (glowing >= _WHOLE * np.bincount(part, areas * (visible | emits), count))
-    hidden = np.flatnonzero(whole[part] & ~visible & ~emits)
+    hidden = whole[part] & ~visible & ~emits & ~decided.rejected if parts else np.zeros(len(part), bool)
+    # an accepted lamp is a part of its own
+    part = np.where(decided.lamp >= 0, count + decided.lamp, part)
+    hidden = np.flatnonzero((hidden | (decided.lamp >= 0) & ~emits) & np.isin(part, part[found.triangle]))
     if len(hidden) == 0:
         return found
     # each takes after the nearest emitting triangle of its part
@@ -233,8 +279,11 @@ def _completed(mesh: Mesh, found: Emitters, observed: np.ndarray) -> Emitters:
     )
 
 
-def _lamps(mesh: Mesh, triangles: np.ndarray, radiance: np.ndarray) -> np.ndarray:
-    """(E,) number of the lamp of each triangle: triangles that share a vertex and are about as bright."""
+def _lamps(mesh: Mesh, triangles: np.ndarray, radiance: np.ndarray, decided: Decided) -> np.ndarray:
+    """(E,) number of the lamp of each triangle: triangles that share a vertex and are about as bright.
+
+    An accepted lamp is one, and no other triangle belongs to it; then merged lamps become one.
+    """
     if len(triangles) == 0:
         return np.empty(0, np.int64)
     corners = mesh.corners[triangles].reshape(-1, 3)
@@ -246,5 +295,21 @@ def _lamps(mesh: Mesh, triangles: np.ndarray, radiance: np.ndarray) -> np.ndarra
     a, b = owner[:-1][same], owner[1:][same]
     bright = radiance.mean(axis=1)
     alike = np.abs(bright[a] - bright[b]) <= _SAME_RADIANCE * np.maximum(bright[a], bright[b])
-    graph = coo_matrix((np.ones(alike.sum()), (a[alike], b[alike])), shape=(len(triangles),) * 2)
+    accepted = decided.lamp[triangles]
+    alike &= accepted[a] == accepted[b]
+    whole = [np.flatnonzero(accepted == lamp) for lamp in np.unique(accepted[accepted >= 0])]
+    lamp = _connected([np.stack([a, b])[:, alike], *map(_chain, whole)], len(triangles))
+    merged = [np.unique(lamp[np.isin(triangles, group)]) for group in decided.merged]
+    return _connected([np.empty((2, 0), int), *map(_chain, merged)], int(lamp.max()) + 1)[lamp]
+
+
+def _chain(nodes: np.ndarray) -> np.ndarray:
+    """(2, N - 1) edges that connect N nodes."""
+    return np.stack([nodes[:-1], nodes[1:]])
+
+
+def _connected(edges: list[np.ndarray], nodes: int) -> np.ndarray:
+    """(nodes,) component of each node, by the order of their first ones; edges are (2, N) each."""
+    a, b = np.concatenate(edges, axis=1)
+    graph = coo_matrix((np.ones(len(a)), (a, b)), shape=(nodes, nodes))
     return connected_components(graph, directed=False)[1].astype(np.int64)

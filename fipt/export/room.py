@@ -1,5 +1,7 @@
 """The fitted room as an asset: surface, lamps, cameras and outside, in a world with y up."""
 
+import re
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +10,7 @@ from fipt.export.atlas import Atlas
 from fipt.io.asset import Asset, Piece, Textures
 from fipt.io.background import Background, texel_directions
 from fipt.io.cameras import Camera
-from fipt.io.emitters import Emitters
+from fipt.io.emitters import Emitters, default_name, read_names
 from fipt.io.meshes import Mesh
 
 _ROWS = 256
@@ -35,9 +37,20 @@ def upright(cameras: list[Camera]) -> np.ndarray:
 
 
 def room_asset(
-    name: str, mesh: Mesh, atlas: Atlas, textures: Textures, emitters: Emitters, cameras: list[Camera], sky: Background
+    name: str,
+    mesh: Mesh,
+    atlas: Atlas,
+    textures: Textures,
+    emitters: Emitters,
+    cameras: list[Camera],
+    sky: Background,
+    names: Sequence[str] | None = None,
 ) -> Asset:
-    """Put the room together; each lamp is one mesh, or several where its triangles differ in radiance."""
+    """Put the room together; each lamp is one mesh, or several where its triangles differ in radiance.
+
+    ``names`` are those of the lamps; None: ``lamp-N``.
+    """
+    names = read_names(None, emitters) if names is None else names
     turn = upright(cameras)
     mesh = Mesh((mesh.vertices.astype(np.float64) @ turn.T).astype(np.float32), mesh.triangles)
     dark = np.ones(len(mesh.triangles), bool)
@@ -46,7 +59,7 @@ def room_asset(
     return Asset(
         name=name,
         surface=surface,
-        lamps=tuple(_lamps(mesh, atlas, emitters)),
+        lamps=tuple(_lamps(mesh, atlas, emitters, names)),
         two_sided=emitters.two_sided,
         textures=textures,
         cameras=tuple(_turned(camera, turn) for camera in cameras),
@@ -54,13 +67,22 @@ def room_asset(
     )
 
 
-def _lamps(mesh: Mesh, atlas: Atlas, emitters: Emitters) -> list[Piece]:
+def mesh_name(number: int, name: str) -> str:
+    """Name of a lamp's mesh, and of its files: its number, and the name that a person gave it, in ASCII letters.
+
+    The number keeps meshes apart whatever the names are.
+    """
+    plain = "" if name == default_name(number) else re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_")
+    return f"lamp_{number}_{plain}" if plain else f"lamp_{number}"
+
+
+def _lamps(mesh: Mesh, atlas: Atlas, emitters: Emitters, names: Sequence[str]) -> list[Piece]:
     lamps = []
-    for number in range(int(emitters.emitter.max(initial=-1)) + 1):
+    for number, lamp in enumerate(names):
         own = np.flatnonzero(emitters.emitter == number)
         levels, level = np.unique(emitters.radiance[own], axis=0, return_inverse=True)
         for index, radiance in enumerate(levels):
-            name = f"lamp_{number}" if len(levels) == 1 else f"lamp_{number}_{index}"
+            name = mesh_name(number, lamp) + (f"_{index}" if len(levels) > 1 else "")
             chosen = emitters.triangle[own[level.reshape(-1) == index]]
             lamps.append(Piece(name, *atlas.piece(mesh, chosen), radiance))
     return lamps

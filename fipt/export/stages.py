@@ -19,7 +19,7 @@ from fipt.io.background import read_background
 from fipt.io.cameras import write_transforms
 from fipt.io.confidence import read_confidence
 from fipt.io.dataset import Dataset
-from fipt.io.emitters import Emitters, read_emitters
+from fipt.io.emitters import Emitters, read_emitters, read_names
 from fipt.io.exr import write_exr
 from fipt.io.files import atomic_folder, write_text
 from fipt.io.gltf import write_glb
@@ -41,6 +41,7 @@ def write_export(
     hits: Sequence[Path],
     model: Path,
     emitters: Path,
+    names: Path | None,
     confidence: Path,
     background: Path | None,
     out: Path,
@@ -49,6 +50,8 @@ def write_export(
     stats: Stats,
 ) -> None:
     """Write the room for other programs, complete or not at all, the manifest last.
+
+    ``names`` is the list of lamps that has their names.
 
     Raises
     ------
@@ -66,7 +69,7 @@ def write_export(
     scale = metadata["settings"].footprint
     brdf = surface_brdf(field, mesh, atlas, known, seen, settings.samples, scale)
     textures = surface_textures(brdf, lamps, atlas, known)
-    asset = room_asset(name, mesh, atlas, textures, lamps, data.cameras, outside)
+    asset = room_asset(name, mesh, atlas, textures, lamps, data.cameras, outside, read_names(names, lamps))
     emission = emission_texture(lamps, atlas, known)
     manifest.unlink(missing_ok=True)
     with atomic_folder(out) as folder:

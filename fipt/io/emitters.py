@@ -1,15 +1,19 @@
 """emitters.npz for programs and emitters.json for people."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from fipt.errors import FiptError
 from fipt.io.arrays import load_npz, save_npz
-from fipt.io.files import write_text
+from fipt.io.files import existing_file, write_text
 from fipt.io.meshes import Mesh
+from fipt.io.review import closest, ranges
+from fipt.settings import EmitterEdit
 
 
 @dataclass(frozen=True)
@@ -52,36 +56,111 @@ class Emitters:
 _ARRAYS = ("triangle", "radiance", "area", "emitter", "views", "confidence", "clipped", "lower_bound")
 
 
-def write_emitters(path: str | Path, emitters: Emitters, mesh: Mesh) -> None:
-    """Write ``path`` (npz) and, beside it, the JSON for people."""
+def default_name(number: int) -> str:
+    """What a lamp is called to which nobody gave a name."""
+    return f"lamp-{number}"
+
+
+def lamp_triangles(emitters: Emitters) -> list[np.ndarray]:
+    """Triangles of every lamp, in the order of their numbers."""
+    count = int(emitters.emitter.max(initial=-1)) + 1
+    return [emitters.triangle[emitters.emitter == number] for number in range(count)]
+
+
+def lamp_facts(emitters: Emitters, mesh: Mesh) -> list[dict[str, Any]]:
+    """What emitters.json says of every lamp.
+
+    Power is the flux of a Lambertian emitter, of each channel; ``share`` is that of the mean of the channels in the
+    power of all lamps.
+    """
     lamps = []
     sides = 2 if emitters.two_sided else 1
     centers = mesh.corners.mean(axis=1)
-    for number in range(int(emitters.emitter.max(initial=-1)) + 1):
+    for number, triangles in enumerate(lamp_triangles(emitters)):
         own = emitters.emitter == number
         area = emitters.area[own].astype(np.float64)
         radiance = (emitters.radiance[own] * area[:, None]).sum(0) / area.sum()
         lamps.append(
             {
                 "index": number,
+                "name": default_name(number),
                 "triangles": int(own.sum()),
+                "ranges": ranges(triangles),
                 "area": float(area.sum()),
                 "radiance": [float(v) for v in radiance],
                 "power": [float(v) for v in sides * np.pi * area.sum() * radiance],
-                "center": [float(v) for v in (centers[emitters.triangle[own]] * area[:, None]).sum(0) / area.sum()],
+                "center": [float(v) for v in (centers[triangles] * area[:, None]).sum(0) / area.sum()],
                 "views": int(emitters.views[own].max()),
                 "confidence": float(emitters.confidence[own].mean()),
                 "clipped": float(emitters.clipped[own].mean()),
                 "lower_bound": bool(emitters.lower_bound[own].any()),
             }
         )
+    total = sum(sum(lamp["power"]) for lamp in lamps)
+    return [lamp | {"share": sum(lamp["power"]) / total if total > 0 else 0.0} for lamp in lamps]
+
+
+def write_emitters(path: str | Path, emitters: Emitters, mesh: Mesh) -> None:
+    """Write ``path`` (npz) and, beside it, the JSON for people."""
     save_npz(
         path,
         two_sided=np.array(emitters.two_sided),
         **{name: getattr(emitters, name) for name in _ARRAYS},
     )
-    content = {"two_sided": emitters.two_sided, "emitters": lamps}
-    write_text(Path(path).with_suffix(".json"), json.dumps(content, indent=1) + "\n")
+    write_list(Path(path).with_suffix(".json"), emitters.two_sided, lamp_facts(emitters, mesh))
+
+
+def write_list(path: Path, two_sided: bool, lamps: list[dict[str, Any]]) -> None:
+    """Write emitters.json."""
+    write_text(path, json.dumps({"two_sided": two_sided, "emitters": lamps}, indent=1) + "\n")
+
+
+def read_names(path: str | Path | None, emitters: Emitters) -> list[str]:
+    """Name of every lamp as emitters.json of the stage review has them; ``lamp-N`` where there is no such file.
+
+    Raises
+    ------
+    FiptError
+        If it is missing, damaged or lists other lamps.
+    """
+    known = list(map(default_name, range(len(lamp_triangles(emitters)))))
+    if path is None:
+        return known
+    content = existing_file(path, "the list of lamps").read_text(encoding="utf-8")
+    try:
+        names = [str(lamp["name"]) for lamp in json.loads(content)["emitters"]]
+    except (ValueError, KeyError, TypeError) as error:
+        raise FiptError(f"{path} is not a list of emitters ({error!r})", "run fipt review again") from error
+    if len(names) != len(known):
+        raise FiptError(f"{path} must list {len(known)} lamps; it has {len(names)}", "run fipt review again")
+    return names
+
+
+def chosen_lamps(edit: EmitterEdit, names: Sequence[str]) -> list[int]:
+    """Numbers of the lamps that an edit of a light setup is about.
+
+    Parameters
+    ----------
+    names
+        Of every lamp; ``lamp-N`` is always lamp N.
+
+    Raises
+    ------
+    FiptError
+        If there is no such lamp: lists those there are, closest first.
+    """
+    wanted = edit.called if edit.index is None else (default_name(edit.index),)
+    if not wanted:
+        return list(range(len(names)))
+    called = [{name, default_name(number)} for number, name in enumerate(names)]
+    unknown = next((name for name in wanted if not any(name in own for own in called)), None)
+    if unknown is not None:
+        what = f"lamp {unknown!r}" if edit.index is None else f"emitter {edit.index}"
+        raise FiptError(
+            f"the light setup names {what}, which is none of {len(names)} lamps",
+            f"there are {closest(unknown, names)}" if names else "leave its emitters out",
+        )
+    return [number for number, own in enumerate(called) if not own.isdisjoint(wanted)]
 
 
 def read_emitters(path: str | Path) -> Emitters:

@@ -1,5 +1,6 @@
 """Light setups: found emitters changed, new area lights added to the mesh; and each lamp alone."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -7,7 +8,7 @@ import numpy as np
 from fipt.conventions import LUMINANCE
 from fipt.errors import FiptError
 from fipt.io.background import Background
-from fipt.io.emitters import Emitters
+from fipt.io.emitters import Emitters, chosen_lamps, read_names
 from fipt.io.meshes import Mesh
 from fipt.render.surface import EmitterSet
 from fipt.settings import EmitterEdit, NewLight, RelightSetup
@@ -15,23 +16,22 @@ from fipt.settings import EmitterEdit, NewLight, RelightSetup
 _SPHERE_SUBDIVISIONS = 3
 
 
-def apply_setup(mesh: Mesh, emitters: Emitters, setup: RelightSetup) -> tuple[Mesh, EmitterSet]:
+def apply_setup(
+    mesh: Mesh, emitters: Emitters, setup: RelightSetup, names: Sequence[str] | None = None
+) -> tuple[Mesh, EmitterSet]:
     """Return the mesh with the new lights' triangles appended, and what emits.
+
+    ``names`` are those of the lamps; None: ``lamp-N``.
 
     Raises
     ------
     FiptError
-        If the setup names an emitter that was not found.
+        If the setup names a lamp that was not found.
     """
     radiance = emitters.radiance.astype(np.float64)
-    found = int(emitters.emitter.max(initial=-1)) + 1
     for edit in setup.emitters:
-        if edit.index is not None and edit.index >= found:
-            raise FiptError(
-                f"the light setup names emitter {edit.index}; {found} were found",
-                f"use an index from 0 to {found - 1} (see emitters.json)" if found else "leave its emitters out",
-            )
-        own = slice(None) if edit.index is None else emitters.emitter == edit.index
+        chosen = chosen_lamps(edit, read_names(None, emitters) if names is None else names)
+        own = np.isin(emitters.emitter, chosen)
         radiance[own] = _edited(radiance[own], edit)
     vertices, triangles = [mesh.vertices], [mesh.triangles]
     lit, shine = [emitters.triangle], [radiance]
@@ -83,7 +83,9 @@ def lights_alone(emitters: Emitters, outside: Background, separate: int) -> dict
 
 
 def _edited(radiance: np.ndarray, edit: EmitterEdit) -> np.ndarray:
-    """Radiance (N, 3) after an edit: exact radiance, then colour (luminance kept), then scale."""
+    """Radiance (N, 3) after an edit: exact radiance, then colour (luminance kept), then scale; or none."""
+    if edit.off:
+        return np.zeros_like(radiance)
     if edit.radiance is not None:
         radiance = np.broadcast_to(np.array(edit.radiance), radiance.shape)
     if edit.color is not None:

@@ -11,7 +11,7 @@ from fipt.io.background import Background, covered_share, edited, pixel_directio
 from fipt.io.cameras import Camera
 from fipt.io.confidence import read_confidence
 from fipt.io.dataset import Dataset
-from fipt.io.emitters import read_emitters
+from fipt.io.emitters import read_emitters, read_names
 from fipt.io.exr import write_exr
 from fipt.io.hits import Hits, read_hits
 from fipt.io.manifests import Stats, read_manifest, write_manifest
@@ -75,17 +75,19 @@ def write_pictures(
     manifest: Path,
     settings: Render | Relight,
     stats: Stats,
+    lamps: Path | None = None,
 ) -> None:
     """Path trace a shard's views with the model, under its own emitters or a light setup.
 
     Paths follow the model alone: the photographs' radiance is not read, so that the same holds under other light.
+    ``lamps`` is the list that has the names by which the setup chooses lamps.
     """
     data, shard = Dataset(dataset), read_hits(hits)
     mesh, found, outside = data.mesh(), read_emitters(emitters), read_background(background)
     lit = emitter_set(found)
     if setup is not None:
         room = mesh
-        mesh, lit = apply_setup(room, found, setup)
+        mesh, lit = apply_setup(room, found, setup, read_names(lamps, found))
         outside = edited(outside, setup.background)
         if len(mesh.triangles) > len(room.triangles):  # new lights may hide what the views saw
             shard = _traced(data, mesh, shard.views, hits)

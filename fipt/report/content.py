@@ -14,6 +14,7 @@ from fipt import __version__
 from fipt.errors import FiptError
 from fipt.io.dataset import Dataset, read_layers, rejected_views
 from fipt.io.exr import read_rgb
+from fipt.io.files import existing_file
 from fipt.progress import human, progress
 from fipt.report import pictures
 from fipt.report.capture import CaptureReport, read_capture
@@ -66,7 +67,7 @@ _FIRST = (
     "cache",
 )
 _ROUND = ("bake", "refine", "fit", "emitters")
-_LAST = ("materials", "render", "relight", "lamps", "export", "check-export", "metrics", "report")
+_LAST = ("review", "materials", "render", "relight", "lamps", "export", "check-export", "metrics", "report")
 
 _PACKAGES = ("numpy", "torch", "mitsuba", "drjit", "pyoidn", "OpenEXR")
 
@@ -381,32 +382,46 @@ def _rounds(results: Path) -> list[Path]:
 
 
 def _emitters(results: Path) -> list[Mapping[str, Any]] | None:
-    """Emitters of the last round with an extraction, by power; None where there is none."""
-    for folder in reversed(_rounds(results)):
-        path = folder / "emitters.json"
+    """Lamps with names and pictures, else those of the last round with an extraction, by power; None without any."""
+    for path in (results / "emitters" / "emitters.json", *(f / "emitters.json" for f in reversed(_rounds(results)))):
         content = _json(path)
         if content is None:
             continue
         try:
-            found = [
-                {
-                    "index": int(entry["index"]),
-                    "triangles": int(entry["triangles"]),
-                    "area": float(entry["area"]),
-                    "radiance": [float(value) for value in entry["radiance"]],
-                    "center": [float(value) for value in entry["center"]],
-                    "color": pictures.swatch(entry["radiance"]),
-                    "power": float(np.mean(entry["power"])),
-                    "views": int(entry["views"]),
-                    "confidence": float(entry["confidence"]),
-                    "lower_bound": bool(entry.get("lower_bound")),
-                }
-                for entry in content["emitters"]
-            ]
+            found = [_lamp(entry, path.parent) for entry in content["emitters"]]
         except (KeyError, TypeError, ValueError) as error:
             raise FiptError(f"{path} is not a list of emitters ({error!r})", "run fipt emitters again") from error
         return sorted(found, key=lambda entry: -entry["power"])
     return None
+
+
+def _lamp(entry: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """What the page shows of a lamp."""
+    return {
+        "index": int(entry["index"]),
+        "name": str(entry["name"]),
+        "triangles": int(entry["triangles"]),
+        "area": float(entry["area"]),
+        "radiance": [float(value) for value in entry["radiance"]],
+        "center": [float(value) for value in entry["center"]],
+        "color": pictures.swatch(entry["radiance"]),
+        "power": float(np.mean(entry["power"])),
+        "views": int(entry["views"]),
+        "confidence": float(entry["confidence"]),
+        "lower_bound": bool(entry.get("lower_bound")),
+        "thumbnail": _thumbnail(entry, folder),
+    }
+
+
+def _thumbnail(entry: Mapping[str, Any], folder: Path) -> Picture | None:
+    """Picture of a lamp; None where no view shows it, or there are none yet."""
+    from PIL import Image
+
+    if not entry.get("thumbnail"):
+        return None
+    with Image.open(existing_file(folder / entry["thumbnail"], "the picture of a lamp")) as image:
+        pixels = np.asarray(image.convert("RGB"))
+    return Picture("lamp", str(entry["name"]), *pictures.embedded(pixels, pixels.shape[1]))
 
 
 def _facts(data: Dataset | None, results: Path) -> list[str]:

@@ -26,8 +26,8 @@ class Part:
         Layer: ``lamp-N``, ``rest`` or ``outside``.
     label
         For people.
-    emitters
-        Indices in emitters.json.
+    lamps
+        Names in emitters.json.
     radiance
         (3,) of a lamp that can be given another colour; None for the rest and the outside, which have several, and
         for a lamp without any light in some channel.
@@ -37,7 +37,7 @@ class Part:
 
     key: str
     label: str
-    emitters: Sequence[int]
+    lamps: Sequence[str]
     radiance: Sequence[float] | None
     color: str | None
 
@@ -94,17 +94,17 @@ def read_mixer(results: Path, emitters: Sequence[Mapping[str, Any]] | None, expo
         stack = np.stack([_scaled(layers[key] * np.float32(exposure)) for key in own])
         height, width = stack.shape[1:3]
         views.append(MixedView(path.stem, width, height, encoded(stack)))
-    rest = [entry["index"] for key, entry in alone.items() if key not in keys]
+    rest = [entry["name"] for key, entry in alone.items() if key not in keys]
     return Mixer([_part(key, alone.get(key), rest) for key in keys], views)
 
 
-def _part(key: str, lamp: Mapping[str, Any] | None, rest: Sequence[int]) -> Part:
+def _part(key: str, lamp: Mapping[str, Any] | None, rest: Sequence[str]) -> Part:
     if key == "outside":
         return Part(key, "Light from outside", [], None, None)
     if lamp is None:
         return Part(key, f"The other {len(rest)} lamps", rest, None, None)
     radiance = lamp["radiance"] if min(lamp["radiance"]) > 0 else None
-    return Part(key, f"Lamp {lamp['index']}", [lamp["index"]], radiance, lamp["color"])
+    return Part(key, lamp["name"], [lamp["name"]], radiance, lamp["color"])
 
 
 def _scaled(picture: np.ndarray) -> np.ndarray:

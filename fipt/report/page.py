@@ -67,7 +67,7 @@ def _mixer_facts(mixer: Mixer | None) -> dict[str, Any] | None:
     """What mixer.js is told: everything but the pictures."""
     if mixer is None:
         return None
-    parts = [{"key": part.key, "emitters": part.emitters, "radiance": part.radiance} for part in mixer.parts]
+    parts = [{"key": part.key, "lamps": part.lamps, "radiance": part.radiance} for part in mixer.parts]
     views = [{"name": view.name, "width": view.width, "height": view.height} for view in mixer.views]
     return {"luminance": LUMINANCE, "parts": parts, "views": views}
 

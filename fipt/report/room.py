@@ -39,9 +39,10 @@ class Viewpoint:
 
 @dataclass(frozen=True)
 class Marker:
-    """A lamp: its number in emitters.json, colour as ``#rrggbb`` and (3,) centre."""
+    """A lamp: its number and name in emitters.json, colour as ``#rrggbb`` and (3,) centre."""
 
     index: int
+    name: str
     color: str
     center: Sequence[float]
 
@@ -93,7 +94,10 @@ def read_room(results: Path, data: Dataset | None, emitters: Sequence[Mapping[st
         exported=exported,
         up=[float(np.sign(up[axis])) if other == axis else 0.0 for other in range(3)],
         viewpoints=[_viewpoint(camera, turn) for camera in cameras[:_VIEWPOINTS]],
-        lamps=[Marker(lamp["index"], lamp["color"], (turn @ lamp["center"]).tolist()) for lamp in emitters or ()],
+        lamps=[
+            Marker(lamp["index"], lamp["name"], lamp["color"], (turn @ lamp["center"]).tolist())
+            for lamp in emitters or ()
+        ],
     )
 
 

@@ -10,6 +10,7 @@ from fipt.conventions import LUMINANCE
 from fipt.errors import FiptError
 from fipt.io.background import edited
 from fipt.io.cameras import Camera
+from fipt.io.emitters import chosen_lamps
 from fipt.io.meshes import Mesh
 from fipt.model.albedo import reflectance
 from fipt.render.denoise import denoise
@@ -34,16 +35,21 @@ _LUMINANCE = np.array(LUMINANCE)
 def lights(room: Room, setup: RelightSetup | None = None) -> list[Light]:
     """Return the room's lamps under a light setup: edited, then the new lights.
 
-    An edit's ``index`` counts the room's lamps by their first triangle, as room.json lists them.
-    Within an edit a new radiance comes first, then the colour (luminance kept), then the scale.
+    An edit's ``index`` counts the room's lamps by their first triangle, as room.json lists them; their names are those
+    of their parts there, and ``lamp-N``. Within an edit a new radiance comes first, then the colour (luminance kept),
+    then the scale.
     """
     setup = setup or RelightSetup()
+    names = [room.parts[room.part[triangles[0]] - 1] for triangles in room.emitters]
+    edits = [(edit, chosen_lamps(edit, names)) for edit in setup.emitters]
     found = []
     for index, triangles in enumerate(room.emitters):
         radiance = room.radiance[triangles[0]].astype(np.float64)
-        for edit in setup.emitters:
-            if edit.index not in (None, index):
+        for edit, chosen in edits:
+            if index not in chosen:
                 continue
+            if edit.off:
+                radiance = np.zeros(3)
             if edit.radiance is not None:
                 radiance = np.array(edit.radiance, float)
             if edit.color is not None:

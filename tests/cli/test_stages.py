@@ -26,6 +26,7 @@ from fipt.io.hits import read_hits
 from fipt.io.images import srgb_encode
 from fipt.io.manifests import read_manifest
 from fipt.io.meshes import Mesh, write_ply
+from fipt.io.review import ranges, read_review
 from fipt.io.shading import read_shading
 from fipt.model import store
 from tests import scenes
@@ -70,6 +71,10 @@ def arguments(root: Path) -> dict[str, list]:
         "bake": ["--dataset", data, "--hits", train, "--cache", cache, *outside, "--out", shading],
         "fit": ["--dataset", data, "--hits", train, "--shading", shading, "--cache", cache, *outside, "--out", model],
         "emitters": ["--dataset", data, "--hits", train, "--shading", shading, "--model", model, "--out", emitters],
+        "review": [
+            *("--dataset", data, "--hits", train, "--emitters", emitters),
+            *("--out", root / "emitters", "--review", root / "emitters_review.yaml"),
+        ],
         "refine": [
             *fitted,
             "--hits",
@@ -122,6 +127,7 @@ SETTINGS = {
     "bake": FEW,
     "fit": FIT,
     "emitters": {"points": 20},
+    "review": {"width": 96},
     "refine": FEW | {"max_depth": 3},
     "materials": {},
     "render": {"spp": 16, "max_depth": 3},
@@ -131,10 +137,13 @@ SETTINGS = {
 
 
 def call(verb, root, *replaced, settings=None, stats=None):
-    """Run a verb as `arguments` says, with options replaced: ("--out", path, ...). Return the exit code."""
+    """Run a verb as `arguments` says, with options replaced or added: ("--out", path, ...). Return the exit code."""
     options = list(map(str, arguments(root)[verb]))
     for name, value in zip(replaced[::2], replaced[1::2], strict=True):
-        options[options.index(name) + 1] = str(value)
+        if name in options:
+            options[options.index(name) + 1] = str(value)
+        else:
+            options += [name, str(value)]
     options += ["--settings", json.dumps(SETTINGS[verb] if settings is None else settings)]
     return main([verb, *options, *(["--stats", str(stats)] if stats else [])])
 
@@ -172,6 +181,10 @@ def test_files_of_a_run(scene):
         "round-0/confidence.npz",
         "round-0/emitters.npz",
         "round-0/emitters.json",
+        "emitters/emitters.json",
+        "emitters/lamp-0.png",
+        "emitters.manifest.json",
+        "emitters_review.yaml",
         "round-1/shading/train-000/shading.npy",
         "round-1/shading/train-000.manifest.json",
         "materials/c.exr",
@@ -205,6 +218,7 @@ def test_manifests_name_what_was_written(scene):
         ("hits", "hits/train-000.manifest.json"),
         ("bake", "round-0/shading/train-000.manifest.json"),
         ("refine", "round-1/shading/train-000.manifest.json"),
+        ("review", "emitters.manifest.json"),
         ("materials", "materials.val-000.manifest.json"),
         ("render", "render.val-000.manifest.json"),
         ("relight", "relight/night.val-000.manifest.json"),
@@ -617,7 +631,9 @@ def test_files_of_another_version(work, killed, refused, monkeypatch):
 
 
 def test_a_light_setup_that_names_no_emitter(refused):
-    assert "names emitter 7; 1 were found" in refused("relight", "--setup", '{"emitters": [{"index": 7, "scale": 0}]}')
+    assert "names emitter 7, which is none of 1 lamps; there are lamp-0" in refused(
+        "relight", "--setup", '{"emitters": [{"index": 7, "scale": 0}]}'
+    )
     assert "unknown key setup.lamps" in refused("relight", "--setup", '{"lamps": []}')
 
 
@@ -643,6 +659,49 @@ def test_a_folder_that_is_a_file(work, refused):
     (work / "taken").write_text("mine")
     for verb in ("hits", "cache", "bake", "emitters"):
         assert "taken" in refused(verb, "--out", work / "taken" / "x.npz")
+
+
+def test_what_a_person_decides_reaches_the_pictures(work):
+    """The only lamp is rejected, and the room is dark; then a wall is accepted, and shines as the pictures show it."""
+    lamp = scenes.room().triangle
+    decided = {"mesh_triangles": len(scenes.room().mesh.triangles), "reject": [ranges(lamp)]}
+    review = work / "emitters_review.yaml"
+    before = read_review(review)
+    assert (before.triangles, before.emission()) == ((frozenset(lamp.tolist()),), "")
+    text = review.read_text().replace("verdict: auto", "verdict: reject")
+    review.write_text(text)
+    assert json.loads(read_review(review).emission()) == decided
+    assert call("emitters", work, "--decisions", json.dumps(decided)) == 0
+    assert call("review", work, "--decisions", read_review(review).listing()) == 0
+    assert json.loads((work / "emitters" / "emitters.json").read_text())["emitters"] == []
+    assert [path.name for path in (work / "emitters").glob("*.png")] == [f"rejected-{lamp.min()}.png"]
+    assert read_review(review).emission() == json.dumps(decided, sort_keys=True)
+    assert call("render", work) == 0
+    wall = scenes.picture(scenes.cameras()[2])[1]
+    assert read_rgb(work / "render" / "c.exr").max() < 0.01
+
+    assert call("emitters", work, "--decisions", json.dumps(decided | {"accept": ["0-1"]})) == 0
+    found = read_emitters(work / "round-0" / "emitters.npz")
+    np.testing.assert_array_equal(found.triangle, [0, 1])
+    np.testing.assert_allclose(found.radiance, [scenes.COLORS[0]] * 2, rtol=1e-5)
+    assert call("render", work) == 0
+    assert (read_rgb(work / "render" / "c.exr").max(axis=-1)[wall == 1] > 0.1).all()
+
+
+def test_names_reach_setup_and_list(work, refused):
+    triangles = len(scenes.room().mesh.triangles)
+    named = {"mesh_triangles": triangles, "names": {"my lamp": ranges(scenes.room().triangle)}}
+    assert call("review", work, "--decisions", json.dumps(named)) == 0
+    (lamp,) = json.loads((work / "emitters" / "emitters.json").read_text())["emitters"]
+    assert (lamp["name"], lamp["share"], lamp["seen_by"]) == ("my lamp", 1.0, ["a", "b"])
+    setup, lamps = json.dumps({"emitters": [{"name": "my lamp", "off": True}]}), work / "emitters" / "emitters.json"
+    assert call("relight", work, "--setup", setup, "--lamps", lamps) == 0
+    assert read_rgb(work / "relight" / "night" / "c.exr").max() < 0.01
+    assert "names lamp 'my lamp', which is none of 1 lamps; there are lamp-0" in refused("relight", "--setup", setup)
+    wrong = json.dumps(named | {"mesh_triangles": 3})
+    assert f"of a mesh of 3; the mesh has {triangles}" in refused("review", "--decisions", wrong)
+    (work / "emitters_review.yaml").write_text("lamps: [")
+    assert "emitters_review.yaml is not YAML" in refused("review")
 
 
 def test_no_emitter_is_no_error(work, capsys):

@@ -33,7 +33,7 @@ with open("calls.jsonl", "a") as file:
 
 def write(path, what=""):
     Path(path).parent.mkdir(parents=True, exist_ok=True)
-    Path(path).write_text(f"{{what}} {{verb}} {{flags['--settings']}} {{flags.get('--setup')}}\\n")
+    Path(path).write_text(f"{{what}} {{verb}} {{flags['--settings']}} {{flags.get('--setup')}} {{flags.get('--decisions')}}\\n")
 
 if verb in ("synthesize", "import") and ("--room" in rest or verb == "import"):
     for name in ("transforms.json", "views.json", "mesh.ply", "room.json"):
@@ -41,7 +41,7 @@ if verb in ("synthesize", "import") and ("--room" in rest or verb == "import"):
 if verb == "pose":
     for name in ("transforms.json", "views.json", "poses.json", "points.ply", "poses.png"):
         write(Path(flags["--out"], name), name)
-elif verb in ("hits", "bake", "refine"):
+elif verb in ("hits", "bake", "refine", "review"):
     write(Path(flags["--out"], "part.npy"))
     if verb == os.environ.get("SLEEP"):
         Path("sleeping.pid").write_text(str(os.getpid()))

@@ -43,6 +43,7 @@ FIRST = {
     "fit": 2,
     "emitters": 2,
     "refine": 2,
+    "review": 1,
     "material_maps": 3,
     "render_views": 1,
     "relight_views": 1,
@@ -60,7 +61,7 @@ def only(*rules):
     return {rule: FIRST[rule] for rule in rules}
 
 
-SHOWN = ("material_maps", "render_views", "relight_views", "lamp_views", "scene_metrics", "scene_report")
+SHOWN = ("review", "material_maps", "render_views", "relight_views", "lamp_views", "scene_metrics", "scene_report")
 
 
 def test_plans_everything_on_a_fresh_clone(workspace):

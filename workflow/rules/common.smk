@@ -30,6 +30,8 @@ try:
     CONFIG = load(config)
     for name in CONFIG.only if config.get("only") else ():
         CONFIG.scenes[name].views  # what was asked for by name is looked at now
+    for name in CONFIG.only:
+        CONFIG.scenes[name].review
 except FiptError as error:
     raise WorkflowError(f"config: {error}") from None
 validate(CONFIG.plain, "../schemas/config.schema.yaml", set_default=False)
@@ -189,6 +191,14 @@ def background_file(wildcards):
 def setup_files(wildcards):
     """Input function: the files that a relight setup names."""
     return readable(scene_of(wildcards).setup_files, wildcards.setup)
+
+
+def listed_lamps(wildcards):
+    """Input function: the list of lamps, where a relight setup names lamps as a person called them."""
+    named = scene_of(wildcards).names_in(wildcards.setup)
+    return (
+        ["results/{scene}/emitters.manifest.json".format(**wildcards)] if named else []
+    )
 
 
 def checked_export(wildcards):

@@ -1,8 +1,10 @@
-"""Emitting triangles and their radiance.
+"""Emitting triangles and their radiance; the list of lamps for people.
 
-INPUTS:  results/{scene}/round-{k}/model.safetensors, shading, hits and pictures of the training shards, mesh
+INPUTS:  results/{scene}/round-{k}/model.safetensors, shading, hits and pictures of the training shards, mesh;
+         the decisions in results/{scene}/emitters_review.yaml as parameters, that file itself never
 OUTPUTS: results/{scene}/round-{k}/emitters.npz     triangles, radiance, area (m2), patches, views, confidence
          results/{scene}/round-{k}/emitters.json    the same by patch, for people
+         results/{scene}/emitters/                  emitters.json of the last round with names and pictures
 """
 
 
@@ -33,9 +35,43 @@ rule emitters:
         dataset=folder("results/{scene}/dataset"),
         hits=folders_of("hits"),
         shading=folders_of("shading"),
+        decisions=emission,
         settings=settings("emitters"),
         version=VERSIONS["emitters"],
     shell:
         "fipt emitters --dataset {params.dataset:q} --hits {params.hits:q}"
         " --shading {params.shading:q} --model {input.model:q} --out {output.emitters:q}"
+        " {params.decisions:q}"
+        " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
+
+
+rule review:
+    """List the lamps; bring emitters_review.yaml up to date, in which people decide about them."""
+    input:
+        transforms="results/{scene}/dataset/transforms.json",
+        mesh="results/{scene}/dataset/mesh.ply",
+        images=images("train"),
+        hits=sharded("results/{scene}/hits/{shard}.manifest.json", "train"),
+        emitters=last_emitters,
+    output:
+        folder=directory("results/{scene}/emitters"),
+        manifest="results/{scene}/emitters.manifest.json",
+        stats="results/{scene}/stats/review.json",
+    log:
+        "results/{scene}/logs/review.log",
+    benchmark:
+        "results/{scene}/benchmarks/review.jsonl"
+    resources:
+        mem_mb=4000,
+    params:
+        dataset=folder("results/{scene}/dataset"),
+        hits=folders_of("hits"),
+        review=folder("results/{scene}/emitters_review.yaml"),
+        decisions=listing,
+        settings=settings("review"),
+        version=VERSIONS["review"],
+    shell:
+        "fipt review --dataset {params.dataset:q} --hits {params.hits:q}"
+        " --emitters {input.emitters:q} --out {output.folder:q} --review {params.review:q}"
+        " {params.decisions:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

@@ -1,6 +1,7 @@
 """The room for other programs: textures, glTF, Mitsuba, USD, Blender, cameras; every file loaded back and compared.
 
-INPUTS:  dataset, results/{scene}/hits/{shard}.manifest.json, background.npz, model and emitters of the last round;
+INPUTS:  dataset, results/{scene}/hits/{shard}.manifest.json, background.npz, model and emitters of the last round,
+         the names of lamps;
          for the check render.{shard}.manifest.json of the val shards
 OUTPUTS: results/{scene}/export.manifest.json     lists export/: scene.glb, scene.usdc, mitsuba/, textures/, cameras/, ...
          results/{scene}/export/check.json        PSNR of every format against render/{view}.exr
@@ -17,6 +18,7 @@ rule export_room:
         model=LAST_MODEL,
         confidence=LAST_CONFIDENCE,
         emitters=last_emitters,
+        lamps="results/{scene}/emitters.manifest.json",
     output:
         manifest="results/{scene}/export.manifest.json",
         stats="results/{scene}/stats/export.json",
@@ -31,13 +33,14 @@ rule export_room:
     params:
         dataset=folder("results/{scene}/dataset"),
         hits=folders_of("hits"),
+        lamps=folder("results/{scene}/emitters/emitters.json"),
         out=folder("results/{scene}/export"),
         settings=settings("export"),
         version=VERSIONS["export"],
     shell:
         "fipt export --name {wildcards.scene:q} --dataset {params.dataset:q} --hits {params.hits:q}"
         " --model {input.model:q} --emitters {input.emitters:q} --confidence {input.confidence:q}"
-        " --background {input.background:q} --out {params.out:q} --manifest {output.manifest:q}"
+        " --background {input.background:q} --lamps {params.lamps:q} --out {params.out:q} --manifest {output.manifest:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
 
 

@@ -22,6 +22,16 @@ def settings(stage):
     return lambda wildcards: scene_of(wildcards).json(stage)
 
 
+def emission(wildcards):
+    """Params function: what a person decided about lamps, as options of ``fipt emitters``."""
+    return scene_of(wildcards).emission_options()
+
+
+def listing(wildcards):
+    """Params function: how a person named lamps, and which are rejected, as options of ``fipt review``."""
+    return scene_of(wildcards).listing_options()
+
+
 def setup_json(wildcards):
     """Params function: a relight setup as sorted JSON."""
     return scene_of(wildcards).setup_json(wildcards.setup)

@@ -17,6 +17,7 @@ rule relight_views:
         model=LAST_MODEL,
         emitters=last_emitters,
         files=setup_files,
+        lamps=listed_lamps,
     output:
         manifest="results/{scene}/relight/{setup}.{shard}.manifest.json",
         stats="results/{scene}/stats/relight.{setup}.{shard}.json",
@@ -33,12 +34,14 @@ rule relight_views:
         hits=folders_of("hits"),
         out=folder("results/{scene}/relight/{setup}"),
         setup=setup_json,
+        lamps=where("lamps", "--lamps", "results/{scene}/emitters/emitters.json"),
         settings=settings("relight"),
         version=VERSIONS["relight"],
     shell:
         "fipt relight --dataset {params.dataset:q} --hits {params.hits:q} --cache {input.cache:q}"
         " --background {input.background:q}"
         " --model {input.model:q} --emitters {input.emitters:q} --setup {params.setup:q}"
+        " {params.lamps:q}"
         " --out {params.out:q} --manifest {output.manifest:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
 

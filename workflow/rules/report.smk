@@ -1,7 +1,7 @@
 """The page that shows everything.
 
 INPUTS:  results/{scene}/metrics.json, material maps, renders, relit views, views with each lamp alone, emitters of the
-         last round, export/check.json where export.enabled, stats/
+         last round, the list of lamps, export/check.json where export.enabled, stats/
 OUTPUTS: results/{scene}/report.html    one self-contained page
 """
 
@@ -16,6 +16,7 @@ rule scene_report:
         relight=relit("results/{scene}/relight/{setup}.{shard}.manifest.json"),
         lamps=lamps_of,
         emitters=last_emitters,
+        listed="results/{scene}/emitters.manifest.json",
         export=checked_export,
     output:
         report="results/{scene}/report.html",

@@ -6,6 +6,7 @@ import pytest
 from fipt.conventions import SHADING_OUTPUTS
 from fipt.emitters.extract import extract
 from fipt.io.emitters import read_emitters, write_emitters
+from fipt.io.review import Decisions
 from fipt.settings import Emitters as EmitterSettings
 from tests import scenes
 
@@ -231,3 +232,72 @@ def test_a_clipped_core_in_a_dim_rim_is_a_lower_bound(room, np_rng):
     found = bounded(room, (hits, shading, image, valid), clipped)
     np.testing.assert_array_equal(found.lower_bound, [False] * 4 + [True] * 4)
     np.testing.assert_allclose(found.radiance[4:], [RED] * 4)
+
+
+# --- what a person decided ------------------------------------------------------------------------
+
+
+def reviewed(room, data, mask=is_lamp, settings=None, **decisions):
+    hits, shading, image, valid = data
+    decided = Decisions(mesh_triangles=len(room.triangles), **decisions)
+    return extract(room, [hits], [shading], [(image, valid)], mask, EmitterSettings(**(settings or {})), None, decided)
+
+
+def test_a_rejected_lamp_never_emits(room, np_rng):
+    data = seen(room, np_rng)
+    np.testing.assert_array_equal(reviewed(room, data, reject=["2-5"]).triangle, np.arange(6, 10))
+    # nor does a triangle that no view shows, of a lamp that is otherwise as it was
+    unseen = reviewed(room, without(data, 5), reject=["5"])
+    np.testing.assert_array_equal(unseen.triangle, [2, 3, 4, 6, 7, 8, 9])
+
+
+@pytest.mark.parametrize("settings", [{}, {"complete": False}, {"evidence": False}])
+def test_an_accepted_lamp_emits_whatever_the_mask_says(room, np_rng, settings):
+    """Nothing is found; triangles 3 and 4 are accepted, of which no pixel shows 4."""
+    data = without(seen(room, np_rng), 4)
+    found = reviewed(room, data, lambda points: np.zeros(len(points)), settings, accept=["3-4"])
+    np.testing.assert_array_equal(found.triangle, [3, 4])
+    np.testing.assert_allclose(found.radiance, [BLUE] * 2)  # as the pictures show it
+    np.testing.assert_allclose(found.area, 0.5)
+
+
+def test_an_accepted_wall_has_the_radiance_of_its_pixels(room, np_rng):
+    found = reviewed(room, seen(room, np_rng), accept=["0-1"])
+    np.testing.assert_array_equal(found.triangle, np.arange(10))
+    np.testing.assert_array_equal(found.emitter, [0] * 2 + [1] * 4 + [2] * 4)
+    np.testing.assert_allclose(found.radiance[:2], 0.2)
+
+
+def test_an_accepted_lamp_is_exactly_its_triangles(room, np_rng):
+    """Its neighbours are another lamp, and its own parts are one however they differ."""
+    hits, shading, image, valid = seen(room, np_rng)
+    image[hits.triangle == 2] *= 5
+    found = reviewed(room, (hits, shading, image, valid), accept=["2-3"])
+    np.testing.assert_array_equal(found.emitter, [0, 0, 1, 1, 2, 2, 2, 2])
+    alone = reviewed(room, (hits, shading, image, valid))
+    np.testing.assert_array_equal(alone.emitter, [0, 1, 1, 1, 2, 2, 2, 2])
+
+
+def test_accepted_triangles_that_no_pixel_shows_are_left_out(room, np_rng):
+    found = reviewed(room, seen(room, np_rng), accept=["10-11"])
+    np.testing.assert_array_equal(found.triangle, np.arange(2, 10))
+
+
+def test_merged_lamps_are_one_of_one_radiance(room, np_rng):
+    data = seen(room, np_rng)
+    one = reviewed(room, data, merge=[["2-5", "6-9"]])
+    np.testing.assert_array_equal(one.emitter, 0)
+    assert len(np.unique(one.radiance, axis=0)) == 1
+    np.testing.assert_allclose(one.radiance[0], np.median(data[2][data[0].triangle >= 2], axis=0), rtol=1e-6)
+    # part of a lamp stands for all of it, and one that does not emit for nothing
+    np.testing.assert_array_equal(reviewed(room, data, merge=[["3", "6", "10"]]).emitter, 0)
+    np.testing.assert_array_equal(reviewed(room, data, merge=[["0", "6"]]).emitter, [0] * 4 + [1] * 4)
+    both = reviewed(room, data, accept=["2", "6-9"], merge=[["2", "6-9"]])
+    np.testing.assert_array_equal(both.emitter, [0, 1, 1, 1, 0, 0, 0, 0])
+
+
+def test_nothing_decided_changes_nothing(room, np_rng):
+    data = without(seen(room, np_rng), 5)
+    plain, decided = found(room, data), reviewed(room, data)
+    for name in ("triangle", "radiance", "emitter", "views", "confidence"):
+        np.testing.assert_array_equal(getattr(plain, name), getattr(decided, name))

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from fipt.export.atlas import texels, unwrap
 from fipt.export.cameras import write_colmap
-from fipt.export.room import room_asset, upright
+from fipt.export.room import mesh_name, room_asset, upright
 from fipt.export.textures import confidence_texture, coverage, emission_texture, surface_brdf, surface_textures
 from fipt.io.background import NOTHING, Background, texel_directions
 from fipt.io.confidence import Confidence
@@ -144,6 +144,21 @@ def test_every_lamp_is_a_mesh_of_one_radiance(box):
     corners = [piece.mesh.corners for piece in (*asset.lamps, asset.surface)]
     assert [len(part) for part in corners] == [1, 2, 9]
     np.testing.assert_allclose(np.concatenate([corners[1], corners[0], corners[2]]), mesh.corners)
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [("lamp-3", "lamp_3"), ("desk lamp", "lamp_3_desk_lamp"), ("../Ätna</a>", "lamp_3_tna_a"), ("灯", "lamp_3")],
+)
+def test_meshes_of_lamps_have_plain_names(name, expected):
+    assert mesh_name(3, name) == expected
+
+
+def test_lamps_carry_the_names_that_people_gave(box):
+    mesh, atlas, _, found = box
+    views = assets.textures(), found, [assets.camera()], NOTHING
+    asset = room_asset("room", mesh, atlas, *views, ["desk lamp"])
+    assert [lamp.name for lamp in asset.lamps] == ["lamp_0_desk_lamp_0", "lamp_0_desk_lamp_1"]
 
 
 def test_colmap_projects_as_our_cameras_do(tmp_path):

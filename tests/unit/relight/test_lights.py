@@ -1,9 +1,11 @@
 """Light setups: found emitters edited, new lights added."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
 
 from fipt.conventions import LUMINANCE
 from fipt.errors import FiptError
@@ -114,10 +116,60 @@ def test_several_lights_keep_their_triangles_apart(apply):
 
 
 def test_an_emitter_that_was_not_found_is_named(apply):
-    with pytest.raises(FiptError, match="names emitter 2; 2 were found; use an index from 0 to 1"):
+    with pytest.raises(FiptError, match="names emitter 2, which is none of 2 lamps; there are lamp-0, lamp-1"):
         apply(emitters=[{"index": 2, "scale": 0}])
-    with pytest.raises(FiptError, match="names emitter 0; 0 were found; leave its emitters out"):
+    with pytest.raises(FiptError, match="names emitter 0, which is none of 0 lamps; leave its emitters out"):
         apply(emitters=[{"index": 0, "scale": 0}], empty=True)
+
+
+@pytest.mark.parametrize(
+    ("edit", "dark"),
+    [
+        ({"name": "window"}, [0, 1]),
+        ({"name": "lamp-0"}, [0, 1]),  # its number goes on being a name
+        ({"name": "lamp-1"}, [2]),
+        ({"names": ["lamp-1", "window"]}, [0, 1, 2]),
+        ({"index": 1}, [2]),
+        ({}, [0, 1, 2]),
+    ],
+)
+def test_lamps_are_chosen_by_name(backend, edit, dark):
+    from fipt.relight.lights import apply_setup
+
+    setup = RelightSetup.model_validate({"emitters": [edit | {"off": True}]})
+    _, lit = apply_setup(ROOM, found(), setup, ["window", "lamp-1"])
+    expected = RADIANCE.copy()
+    expected[dark] = 0
+    np.testing.assert_array_equal(lit.radiance, expected)
+
+
+def test_an_unknown_name_lists_the_lamps_closest_first(backend):
+    from fipt.relight.lights import apply_setup
+
+    setup = RelightSetup.model_validate({"emitters": [{"names": ["window", "my window"], "off": True}]})
+    with pytest.raises(FiptError, match="which is none of 2 lamps; there are window, desk lamp"):
+        apply_setup(ROOM, found(), setup, ["desk lamp", "window"])
+
+
+def test_off_needs_no_quotes_in_yaml():
+    for text in ("off: true", "'off': true"):
+        edit = RelightSetup.model_validate({"emitters": [yaml.safe_load(text)]}).emitters[0]
+        assert (edit.off, edit.scale) == (True, None)
+
+
+@pytest.mark.parametrize(
+    ("edit", "said"),
+    [
+        ({"index": 0, "name": "window"}, "by one of index, name and names, not by index and name"),
+        ({"name": "a", "names": ["b"]}, "not by name and names"),
+        ({"names": []}, "names: tuple should have at least 1 item"),
+        ({"off": True, "scale": 0.5}, "off: true leaves no light for scale"),
+        ({"off": True, "color": [1, 1, 1], "radiance": [1, 1, 1]}, "no light for color and radiance"),
+    ],
+)
+def test_edits_that_contradict_themselves_are_refused(edit, said):
+    with pytest.raises(FiptError, match=said):
+        parse_setup(json.dumps({"emitters": [edit]}))
 
 
 def test_all_of_no_emitters_may_be_edited(apply):

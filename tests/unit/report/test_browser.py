@@ -53,7 +53,7 @@ def walls():
         colors[wall] = color
     model = room.coloured(scenes.box((0, 0, 0), (4, 4, 4)), places.reshape(-1, 3), colors.reshape(-1, 3))
     ahead = room.Viewpoint("ahead", [2, 2, 2], [0, 0, -1], 60)
-    lamp = room.Marker(0, "#ffffff", [2, 3, 1])
+    lamp = room.Marker(0, "lamp-0", "#ffffff", [2, 3, 1])
     return room.Room(pictures.packed(model), False, [0, 1, 0], [ahead], [lamp])
 
 
@@ -164,7 +164,10 @@ def test_the_mix_is_a_light_setup_that_gives_the_same_light(shown, content):
     set_control(shown, "#mix-outside [name=strength]", 0.5)
     setup = RelightSetup.model_validate(yaml.safe_load(shown.run(text))["setups"]["mix"])
     assert setup.background.scale == pytest.approx(0.25)
-    assert [(edit.index, edit.scale) for edit in setup.emitters[1:]] == [(1, 0), (2, 0)]
+    assert [(edit.called, edit.scale) for edit in setup.emitters] == [
+        (("lamp-0",), pytest.approx(1.44)),
+        (("lamp-1", "lamp-2"), 0),
+    ]
     first = setup.emitters[0]
     color = np.array(first.color)
     meant = first.scale * (np.dot([4, 4, 2], LUMINANCE) / (color @ LUMINANCE)) * color / [4, 4, 2]

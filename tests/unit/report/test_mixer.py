@@ -40,9 +40,9 @@ def test_layers_are_half_floats_at_the_pages_exposure(results):
 
 def test_parts_name_their_emitters(results):
     parts = gather(results, Report()).mixer.parts
-    assert [(part.key, part.label, list(part.emitters)) for part in parts] == [
-        ("lamp-0", "Lamp 0", [0]),
-        ("rest", "The other 2 lamps", [1, 2]),
+    assert [(part.key, part.label, list(part.lamps)) for part in parts] == [
+        ("lamp-0", "lamp-0", ["lamp-0"]),
+        ("rest", "The other 2 lamps", ["lamp-1", "lamp-2"]),
         ("outside", "Light from outside", []),
     ]
     # only a lamp of one colour, with light in every channel, can be given another

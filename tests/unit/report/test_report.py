@@ -325,6 +325,22 @@ def test_estimated_poses_have_a_section(results):
         build_page(results, Report())
 
 
+def test_lamps_have_names_and_pictures(results):
+    """The list with names, where there is one, and not the last round's; names are text, never markup."""
+    content = json.loads((results / "round-1" / "emitters.json").read_text())
+    content["emitters"][0] |= {"name": "</script><b>desk", "thumbnail": "lamp-0.png"}
+    write_text(results / "emitters" / "emitters.json", json.dumps(content))
+    write_png(results / "emitters" / "lamp-0.png", np.full((72, 96, 3), 90, np.uint8))
+    page = build_page(results, Report())
+    assert "<b>desk" not in page
+    section = page[page.index('<section id="emitters">') :]
+    assert '<th scope="row">&lt;/script&gt;&lt;b&gt;desk</th>' in section
+    assert 'width="96" height="72" alt="&lt;/script&gt;&lt;b&gt;desk, outlined"' in section
+    (results / "emitters" / "lamp-0.png").unlink()
+    with pytest.raises(FiptError, match=r"the picture of a lamp is missing: .*lamp-0\.png"):
+        build_page(results, Report())
+
+
 def test_lamps_that_are_lower_bounds_say_so(results):
     path = results / "round-1" / "emitters.json"
     content = json.loads(path.read_text())

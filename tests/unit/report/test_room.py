@@ -93,7 +93,8 @@ def test_the_exported_scene_is_shown_where_there_is_one(tmp_path, monkeypatch):
     assert not gather(root, Report()).room.exported
     turn = [[1, 0, 0], [0, 0, 1], [0, -1, 0]]
     content = exported(root, turn)
-    found = room.read_room(root, Dataset(root / "dataset"), [{"index": 4, "color": "#fff", "center": [1, 2, 3]}])
+    lamp = {"index": 4, "name": "window", "color": "#fff", "center": [1, 2, 3]}
+    found = room.read_room(root, Dataset(root / "dataset"), [lamp])
     assert found.exported
     assert zlib.decompress(base64.b64decode(found.model)) == content
     assert found.lamps[0].center == [1, 3, -2]

@@ -10,6 +10,7 @@ import pytest
 from scipy.ndimage import binary_dilation, binary_erosion
 
 from fipt.cli.main import main
+from fipt.errors import FiptError
 from fipt.io.cameras import Camera
 from fipt.io.dataset import Dataset
 from fipt.io.exr import read_rgb
@@ -238,6 +239,19 @@ def test_edits_change_the_lamps(views):
     assert after[1] @ weights == pytest.approx(2 * before[1] @ weights)
     np.testing.assert_allclose(after[1] / after[1][0], (1, 0.5, 0.2))
     np.testing.assert_array_equal(after[2], before[2])
+
+
+@pytest.mark.parametrize("edit", [{"name": "lamp-1"}, {"name": "ceiling lamp"}, {"index": 1}])
+def test_true_lamps_are_called_as_room_json_calls_their_parts(views, edit):
+    room = build(0)
+    after = [light.radiance for light in views.lights(room, RelightSetup(emitters=(EmitterEdit(**edit, off=True),)))]
+    assert [light.any() for light in after] == [True, False, True]
+
+
+def test_an_unknown_lamp_of_the_truth_lists_those_there_are(views):
+    setup = RelightSetup(emitters=(EmitterEdit(name="ceiling", off=True),))
+    with pytest.raises(FiptError, match="none of 3 lamps; there are ceiling lamp, "):
+        views.lights(build(0), setup)
 
 
 def test_light_is_linear_in_the_lamps(views):
