@@ -13,6 +13,7 @@ from PIL import Image
 from fipt.cli.main import main
 from fipt.conventions import FLAG_SATURATED
 from fipt.errors import FiptError
+from fipt.io import display
 from fipt.io.dataset import Dataset
 from fipt.io.exr import write_exr
 from fipt.io.files import write_text
@@ -191,8 +192,8 @@ def test_the_verb_writes_the_page(results, tmp_path):
 
 def test_one_exposure_brings_the_median_to_middle_grey():
     photos = [np.full((2, 2, 3), 0.1), np.full((2, 4, 3), 0.4), np.zeros((9, 9, 3))]
-    assert pictures.common_exposure(photos) == pytest.approx(0.5)
-    assert pictures.common_exposure([]) == 1.0
+    assert display.common_exposure(photos) == pytest.approx(0.5)
+    assert display.common_exposure([]) == 1.0
 
 
 def test_maps_are_transparent_where_nothing_is_hit():
@@ -283,7 +284,7 @@ def test_clipped_pixels_are_marked_in_the_thumbnail(results):
     data = Dataset(results / "dataset")
     pixels = capture.marked(data, "b", 1.0)
     np.testing.assert_array_equal(pixels[0], np.tile(capture.MARKS[FLAG_SATURATED], (8, 1)))
-    np.testing.assert_array_equal(pixels[1:], pictures.tone_mapped(data.image("b")[0], 1.0)[1:])
+    np.testing.assert_array_equal(pixels[1:], display.tone_mapped(data.image("b")[0], 1.0)[1:])
 
 
 def test_a_damaged_capture_report(results):
