@@ -42,6 +42,8 @@ def command(
     options = parse("metrics", settings)
     folders = [Path(folder) for folder in hits.split(",") if folder]
     references = {name: Path(path) for name, _, path in (text.partition("=") for text in reference or [])}
+    if not all(name and str(path) != "." for name, path in references.items()):
+        raise FiptError(f"--reference must be SETUP=FOLDER; found {', '.join(reference or [])}", "name both")
     if references and relight is None:
         raise FiptError("--reference needs --relight", "name the folder of the relit views")
     with recorded(stats, "metrics", dumped(options)):

@@ -15,6 +15,10 @@ _GRID = (48, 36)
 """Columns and rows of the rays that tell what a view of the dataset shows."""
 _REACH = 0.05
 """Share of the mesh's extent within which a point that a view shows tells about another."""
+_SAME_PLANE = 0.03
+"""... if it lies in its plane up to this, metres: the two sides of a wall are further apart."""
+_KNOWN = 0.02
+"""Least share of what lies around a camera that some view shows too."""
 _NEIGHBOURS = 8
 
 
@@ -22,7 +26,8 @@ def standing(scene: RayScene, cameras: Sequence[Camera], views: Sequence[Camera]
     """Return warnings about cameras that stand where no picture can be taken.
 
     Views were taken in the open, so their sides of surfaces are the right ones. A camera that mostly sees surfaces
-    from the other side is inside something, or behind a wall. Windings are not asked: scans often have wrong ones.
+    from the other side, or hardly any that they show, is inside something or behind a wall. Windings are not asked:
+    scans often have wrong ones.
 
     Parameters
     ----------
@@ -49,11 +54,13 @@ def standing(scene: RayScene, cameras: Sequence[Camera], views: Sequence[Camera]
             near[camera.name] = distance.min()
         if tree is None:
             continue
-        away, neighbour = tree.query(found, k=min(_NEIGHBOURS, len(places)), distance_upper_bound=reach)
+        away, neighbour = tree.query(found, k=min(_NEIGHBOURS, len(places)))
         neighbour, away = neighbour.reshape(len(found), -1), away.reshape(len(found), -1)
-        alike = np.einsum("nkc,nc->nk", np.vstack([facing, np.zeros(3)])[neighbour], normals)
+        theirs = facing[neighbour]
+        height = np.abs(np.einsum("nkc,nkc->nk", found[:, None] - places[neighbour], theirs))
+        alike = np.einsum("nkc,nc->nk", theirs, normals) * ((away < reach) & (height < _SAME_PLANE))
         same, other = (alike > 0.5).any(axis=1), (alike < -0.5).any(axis=1)
-        if (other & ~same).sum() > same.sum():
+        if same.sum() <= max((other & ~same).sum(), _KNOWN * len(found)):
             inside.append(camera.name)
     return _said(near, inside, outside, len(cameras))
 
