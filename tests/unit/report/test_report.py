@@ -201,9 +201,9 @@ def test_a_video_and_some_of_its_frames(results, monkeypatch):
     text = build_page(results, Report())
     page = Page(text)
     (video,) = page.all("video")
-    kind, _, content_ = video["src"].partition(";base64,")
+    kind, _, data = video["src"].partition(";base64,")
     assert kind == "data:video/mp4"
-    assert base64.b64decode(content_) == (results / "relight" / "walk.mp4").read_bytes()
+    assert base64.b64decode(data) == (results / "relight" / "walk.mp4").read_bytes()
     assert "controls" in video
     assert video["poster"].startswith("data:image/webp;base64,")
     assert "walk 6 pictures frame-0001 frame-0003 frame-0004 frame-0006" in page.words
@@ -228,7 +228,7 @@ def test_a_photograph_stands_beside_its_relit_view(results, tmp_path):
     page = Page(build_page(results, Report()))
     assert "As captured, re-rendered dim dim, photographed" in page.words
     assert "multiplied by 0.333, fitted to the relit views" in page.words
-    shown = {image["alt"]: image["src"] for image in page.all("img") if "alt" in image}
+    shown = {image["alt"]: image["src"] for image in page.all("img") if "src" in image}
     assert shown["dim, photographed, view c"] == shown["dim, view c"]
 
 
