@@ -145,6 +145,15 @@ def test_the_same_time_between_keyframes(data):
     assert (np.diff(places(cameras)[:, 0]) > 0).all()
 
 
+def test_the_same_keyframe_twice_is_a_pause(data):
+    keys = [at(0, 1, 0), at(1, 1, 0), at(1, 1, 0), at(2, 1, 1)]
+    cameras = along(data, *keys, frames=31, timing="keyframes")
+    np.testing.assert_allclose(places(cameras)[10:21], np.tile((1.0, 1, 0), (11, 1)), atol=1e-6)
+    moving = along(data, *keys, frames=31)
+    steps = np.linalg.norm(np.diff(places(moving), axis=0), axis=1)
+    assert np.ptp(steps) < 0.02 * steps.mean()
+
+
 @pytest.mark.parametrize(
     ("given", "said"),
     [
