@@ -503,9 +503,11 @@ class Lens(Settings):
     )
 
     @model_validator(mode="after")
-    def _one_angle(self) -> Self:
+    def _one_meaning(self) -> Self:
         if self.fov is not None and self.vertical_fov is not None:
             raise ValueError("give fov or vertical_fov, not both")
+        if self.up is not None and max(map(abs, self.up)) < 1e-6:
+            raise ValueError("up must have a length")
         return self
 
 

@@ -1,6 +1,6 @@
 """Photographs of a room under another light, with which its relit views are compared."""
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,17 +15,21 @@ from fipt.io.hdr import read_hdr
 _ENDINGS = (".exr", ".hdr")
 
 
-def reference_files(folder: str | Path, views: Iterable[str]) -> dict[str, Path]:
-    """View -> its photograph, of the views that have one.
+def find_references(folder: str | Path, views: Sequence[str]) -> dict[str, Path]:
+    """View -> its photograph, of the views that have one."""
+    paths = [(view, Path(folder, view + ending)) for ending in reversed(_ENDINGS) for view in views]
+    return {view: path for view, path in paths if path.is_file()}  # of two, the EXR
+
+
+def reference_files(folder: str | Path, views: Sequence[str]) -> dict[str, Path]:
+    """View -> its photograph.
 
     Raises
     ------
     FiptError
-        If none has.
+        If no view has one.
     """
-    views = list(views)
-    paths = [(view, Path(folder, view + ending)) for ending in reversed(_ENDINGS) for view in views]
-    found = {view: path for view, path in paths if path.is_file()}  # of two, the EXR
+    found = find_references(folder, views)
     if not found:
         raise FiptError(
             f"the reference {folder} must hold photographs named as the relit views; none of "

@@ -34,7 +34,7 @@ def own_cameras(own: OwnCameras, data: Dataset) -> list[Camera]:
         _camera(
             check_name(name, "camera"),
             lens,
-            pose_towards(lens.position, lens.target, up_of(lens, data), name),
+            pose_towards(lens.position, lens.target, up_of(lens, data)),
             data.cameras[0],
         )
         for name, lens in (own.look_at or {}).items()
@@ -53,22 +53,22 @@ def chosen_cameras(own: OwnCameras, data: Dataset, names: Sequence[str]) -> list
 def up_of(lens: Lens, data: Dataset) -> np.ndarray:
     """(3,) unit vector that points up: as stated, else the world axis nearest to the mean of the views' own."""
     if lens.up is not None:
-        length = np.linalg.norm(lens.up)
-        if length < _STILL:
-            raise FiptError("up of a camera must have a length; found 0, 0, 0", "give for example [0, 1, 0]")
-        return np.array(lens.up) / length
+        return np.array(lens.up) / np.linalg.norm(lens.up)
     mean = np.mean([camera.world_from_camera[:3, 1] for camera in data.cameras], axis=0)
     axis = int(np.abs(mean).argmax())
     return np.sign(mean[axis]) * np.eye(3)[axis]
 
 
-def pose_towards(position: Sequence[float], target: Sequence[float], up: np.ndarray, name: str) -> np.ndarray:
-    """(4, 4) world from a camera that looks from ``position`` to ``target``; ``name`` stands in errors."""
+def pose_towards(position: Sequence[float], target: Sequence[float], up: np.ndarray) -> np.ndarray:
+    """(4, 4) world from a camera that looks from ``position`` to ``target``, with ``up`` to the upper edge.
+
+    Straight up and down, where ``up`` tells no edge, a world axis does.
+    """
     forward = np.subtract(target, position)
     forward /= np.linalg.norm(forward)
     right = np.cross(forward, up)
     if np.linalg.norm(right) < 1e-4:
-        raise FiptError(f"camera {name} looks along its up direction", "give another up, for example [0, 0, 1]")
+        right = np.cross(forward, np.eye(3)[int(np.abs(forward).argmin())])
     right /= np.linalg.norm(right)
     return _pose(np.asarray(position, np.float64), forward, right)
 
@@ -80,13 +80,17 @@ def poses_along(path: CameraPath, data: Dataset) -> list[np.ndarray]:
     Between them runs a cubic curve whose slopes are those of the centripetal Catmull-Rom spline. Where the place (or
     the direction) of two neighbours is the same, it stays the same between them.
     """
+    for key in path.keyframes:
+        if key.view in data.rejected:
+            raise FiptError(
+                f"a camera path goes through view {key.view}, which was rejected: {data.rejected[key.view]}",
+                "choose another view, or give position and target",
+            )
     check_keyframes(path, [camera.name for camera in data.cameras])
     up = up_of(path, data)
     poses = [
-        data.camera(key.view).world_from_camera
-        if key.view is not None
-        else pose_towards(key.position, key.target, up, f"of keyframe {number}")
-        for number, key in enumerate(path.keyframes, 1)
+        data.camera(key.view).world_from_camera if key.view is not None else pose_towards(key.position, key.target, up)
+        for key in path.keyframes
     ]
     axes = _axes(up)
     curve = _curve(np.array([_coordinates(pose, axes) for pose in poses]), path.loop)

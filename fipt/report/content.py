@@ -16,7 +16,7 @@ from fipt.io import display
 from fipt.io.cameras import Camera
 from fipt.io.dataset import Dataset, read_layers, rejected_views
 from fipt.io.exr import read_rgb
-from fipt.io.references import read_reference, reference_files
+from fipt.io.references import find_references, read_reference
 from fipt.progress import human, progress
 from fipt.report import pictures
 from fipt.report.capture import CaptureReport, read_capture
@@ -353,7 +353,9 @@ class _Reader:
         figures = (self.metrics.get("relight") or {}).get(setup) or {}
         if camera.name not in (figures.get("relight_psnr_views") or {}) or figures.get("of") != "reference":
             return None
-        path = reference_files(figures["reference"], [camera.name])[camera.name]
+        path = find_references(figures["reference"], [camera.name]).get(camera.name)
+        if path is None:
+            return None
         photo = read_reference(path, camera)[0] * figures["exposure"] * self.scale
         return self._toned("relit", f"{setup}, photographed", photo)
 

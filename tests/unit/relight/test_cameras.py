@@ -90,6 +90,15 @@ def test_a_path_goes_through_its_keyframes_at_one_speed(data):
         assert pose[1, 0] == pytest.approx(0, abs=1e-12)  # level
 
 
+def test_straight_down_from_above(data):
+    """Where up tells no upper edge, a world axis does; on a path, the camera turns no more than it must."""
+    (top,) = own_cameras(OwnCameras.model_validate({"look_at": {"top": at(2, 2.5, 2, (0, -1, 0))}}), data)
+    np.testing.assert_allclose(top.world_from_camera[:3, :3], np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0]]), atol=1e-12)
+    cameras = along(data, at(2, 2.5, 2, (0, -1, 0)), at(2, 1, 2, (1, 0, 0)))
+    np.testing.assert_allclose(cameras[0].world_from_camera[:3, :3], top.world_from_camera[:3, :3], atol=1e-6)
+    np.testing.assert_allclose(np.array([c.world_from_camera[1, 0] for c in cameras]), 0, atol=1e-6)
+
+
 def test_two_keyframes_are_a_straight_line(data):
     cameras = along(data, at(0, 1, 0), at(2, 1, 1), frames=5)
     np.testing.assert_allclose(places(cameras), np.linspace((0, 1, 0), (2, 1, 1), 5), atol=1e-9)
@@ -151,7 +160,7 @@ def test_the_same_keyframe_twice_is_a_pause(data):
     np.testing.assert_allclose(places(cameras)[10:21], np.tile((1.0, 1, 0), (11, 1)), atol=1e-6)
     moving = along(data, *keys, frames=31)
     steps = np.linalg.norm(np.diff(places(moving), axis=0), axis=1)
-    assert np.ptp(steps) < 0.02 * steps.mean()
+    assert np.ptp(steps) < 0.1 * steps.mean()  # the way has a corner there, across which it is shorter
 
 
 @pytest.mark.parametrize(
@@ -167,6 +176,7 @@ def test_the_same_keyframe_twice_is_a_pause(data):
         ('{"look_at": {"x": {"position": [1, 1, 1], "target": [1, 1, 0], "fov": 180}}}', "than or equal to 170"),
         ('{"look_at": {"x": {"position": [1, 1, NaN], "target": [1, 1, 0]}}}', "finite number"),
         ('{"look_at": {"x": {"position": [1, 1, 1], "target": [1, 1, 0], "fov": 9, "vertical_fov": 9}}}', "not both"),
+        ('{"path": {"keyframes": ["a", "b"], "frames": 2, "up": [0, 0, 0]}}', "up must have a length"),
         ("{}", "cameras must have look_at or path, one of them"),
         ('{"look_at": {}}', "at least 1 item"),
         ("{", "cameras: invalid JSON"),
@@ -182,12 +192,12 @@ def test_what_is_no_camera(given, said):
 def test_what_only_the_dataset_tells(data):
     with pytest.raises(FiptError, match="goes through view 'bb', which there is not; use b"):
         along(data, "a", "bb")
+    rejected = Dataset(data.root)
+    rejected.rejected = {"b": "it is mirrored"}
+    with pytest.raises(FiptError, match="goes through view b, which was rejected: it is mirrored"):
+        along(rejected, "a", "b")
     with pytest.raises(FiptError, match="all the same"):
         along(data, "a", "a")
-    with pytest.raises(FiptError, match="camera of keyframe 2 looks along its up direction"):
-        along(data, "a", at(1, 1, 1, (0, -1, 0)))
-    with pytest.raises(FiptError, match="up of a camera must have a length"):
-        along(data, "a", "b", up=(0, 0, 0))
     own = OwnCameras.model_validate({"look_at": {"x": at(1, 1, 1)}})
     with pytest.raises(FiptError, match="has no camera y; its cameras: x"):
         chosen_cameras(own, data, ["y"])
