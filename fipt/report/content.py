@@ -132,7 +132,7 @@ class Film:
     setup
         Its name.
     shown
-        Pictures: all but the last of many; of a path a few of its frames.
+        Its pictures, up to the page's number of views; of a path a few frames.
     frames
         Pictures there are.
     video

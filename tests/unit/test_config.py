@@ -117,8 +117,8 @@ def test_settings_are_sorted_json():
             "camera of setup a: 'b/c' cannot be used",
         ),
         (
-            {"setups": {"a": {"cameras": {"path": {"keyframes": ["x", {"positon": [0, 0, 0]}], "frames": 2}}}}},
-            "unknown key setups.a.cameras.path.keyframes.1.positon (did you mean position?)",
+            {"setups": {"a": {"cameras": {"path": {"keyframes": ["x", {"posit": [0, 0, 0]}], "frames": 2}}}}},
+            "unknown key setups.a.cameras.path.keyframes.1.posit (did you mean position?)",
         ),
         (
             {"setups": {"a": {"cameras": {"path": {"keyframes": ["x"], "frames": 2}}}}},
