@@ -25,7 +25,17 @@ from fipt.errors import FiptError
 from fipt.io.files import check_name
 from fipt.io.review import FILE as REVIEW_FILE
 from fipt.io.review import Review, closest, read_review
-from fipt.settings import PRESETS, STAGES, Positive, RelightSetup, Settings, check_background, check_segment, dumped
+from fipt.settings import (
+    PRESETS,
+    STAGES,
+    Positive,
+    RelightSetup,
+    Settings,
+    check_background,
+    check_keyframes,
+    check_segment,
+    dumped,
+)
 
 RESULTS = "results"
 """Folder of all results, in the working directory."""
@@ -157,9 +167,41 @@ class Scene:
     def setup_json(self, setup: str) -> str:
         """A relight setup as sorted JSON, for ``--setup``."""
         values = dumped(self.setups[setup])
+        del values["reference"]
+        if values["cameras"] and values["cameras"]["path"]:
+            for key in ("fps", "video"):  # other pictures do not follow from these
+                del values["cameras"]["path"][key]
         for path in self.setup_files(setup):
             values["background"]["file"] = path
         return json.dumps(values, sort_keys=True)
+
+    def cameras_json(self, setup: str) -> str:
+        """A setup's own cameras as sorted JSON, for ``--cameras``."""
+        return json.dumps(dumped(self.setups[setup].cameras), sort_keys=True)
+
+    @property
+    def filmed(self) -> list[str]:
+        """Setups with cameras of their own; the others are seen by views of the dataset."""
+        return [name for name, setup in self.setups.items() if setup.cameras is not None]
+
+    @property
+    def references(self) -> dict[str, str]:
+        """Relight setup -> folder of photographs under its light."""
+        given = {name: setup.reference for name, setup in self.setups.items() if setup.reference is not None}
+        return {name: self._placed(path, f"setups.{name}.reference") for name, path in given.items()}
+
+    def reference_files(self) -> list[str]:
+        """Photographs with which relit views are compared.
+
+        Raises
+        ------
+        FiptError
+            If a setup names a folder without any.
+        """
+        from fipt.io.references import reference_files
+
+        views = [view for shard in self.shards(self.settings["relight"].split).values() for view in shard]
+        return [str(path) for folder in self.references.values() for path in reference_files(folder, views).values()]
 
     def source_path(self) -> str:
         """Return the path of a dataset, of photographs or of a scene file, ``{data_root}`` replaced."""
@@ -384,12 +426,11 @@ class Scene:
         """Shard -> names of its views; for the splits named, or ``all``."""
         if splits == ("all",):
             splits = ("train", "val")
+        return {shard: views for split in splits for shard, views in self._cut(split, self.views[split]).items()}
+
+    def _cut(self, kind: str, names: list[str]) -> dict[str, list[str]]:
         size = self.views_per_shard
-        return {
-            f"{split}-{start // size:03d}": self.views[split][start : start + size]
-            for split in splits
-            for start in range(0, len(self.views[split]), size)
-        }
+        return {f"{kind}-{start // size:03d}": names[start : start + size] for start in range(0, len(names), size)}
 
     @cached_property
     def _scene_files(self) -> list[str]:
@@ -427,9 +468,20 @@ class Scene:
             )
         return frames
 
-    def relit_shards(self) -> dict[str, list[str]]:
-        """Shards whose views are relit."""
-        return self.shards(self.settings["relight"].split)
+    def relit_shards(self, setup: str) -> dict[str, list[str]]:
+        """Shards of the views that a setup relights, or of its own cameras.
+
+        Raises
+        ------
+        FiptError
+            If a camera path goes through a view that there is not.
+        """
+        own = self.setups[setup].cameras
+        if own is None:
+            return self.shards(self.settings["relight"].split)
+        if own.path is not None:
+            check_keyframes(own.path, [*self.views["train"], *self.views["val"]])
+        return self._cut("camera", own.names)
 
     def lamp_shards(self) -> dict[str, list[str]]:
         """Shards of the views that are rendered with each lamp alone -> these views."""
@@ -495,8 +547,10 @@ def _scene(name: str, entry: SceneEntry, config: Config) -> Scene:
     where = f"scenes.{name}"
     _check_keys(entry, where)
     setups = (config.setups or {}) | (entry.setups or {})
-    for setup in setups:
+    for setup, light in setups.items():
         check_name(setup, "relight setup")
+        for camera in light.cameras.names if light.cameras is not None else ():
+            check_name(camera, f"camera of setup {setup}:")
     source = Sections.model_validate(_SOURCE_SETTINGS.get(entry.source, {}))
     layers = (source, preset(entry.preset, f"{where}.preset"), config, entry.settings or Sections())
     settings = {}

@@ -13,7 +13,18 @@ from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
 from fipt.config import Config, SceneEntry
-from fipt.settings import PRESETS, STAGES, BackgroundEdit, EmitterEdit, NewLight, RelightSetup
+from fipt.settings import (
+    PRESETS,
+    STAGES,
+    BackgroundEdit,
+    CameraPath,
+    EmitterEdit,
+    Keyframe,
+    LookAt,
+    NewLight,
+    OwnCameras,
+    RelightSetup,
+)
 
 SCHEMA = PRESETS.parent.parent / "workflow" / "schemas" / "config.schema.yaml"
 README = PRESETS.parent / "README.md"
@@ -43,6 +54,10 @@ def tables_text() -> str:
     parts += ["#### One entry of `emitters`\n", _table(EmitterEdit.model_fields)]
     parts += ["#### One entry of `lights`\n", _table(NewLight.model_fields)]
     parts += ["#### `background`\n", _table(BackgroundEdit.model_fields)]
+    parts += ["#### `cameras`: one of these\n", _table(OwnCameras.model_fields)]
+    parts += ["#### One entry of `cameras.look_at`\n", _table(LookAt.model_fields)]
+    parts += ["#### `cameras.path`\n", _table(CameraPath.model_fields)]
+    parts += ["#### One entry of `cameras.path.keyframes`: the name of a view, or\n", _table(Keyframe.model_fields)]
     return "\n".join(parts)
 
 

@@ -102,7 +102,7 @@ class _Chain:
         # Manifests of what the report shows, and the check of the export where there is one
         self.shown: list[str] = []
         self.exported: list[str] = []
-        # ... and, beside them, what only its light mixer shows
+        # ... and, beside them, what metrics do not read: light mixer, setups with their own cameras
         self.mixed: list[str] = []
 
     def add(
@@ -153,7 +153,7 @@ class _Chain:
             self.add("synthesize", label, options, [*room, *files], [made])
         for setup in scene.setups:
             light = ("--setup", scene.setup_json(setup), "--setup-name", setup)
-            for shard, views in scene.relit_shards().items():
+            for shard, views in scene.relit_shards(setup).items() if setup not in scene.filmed else ():
                 made = manifest(f"{self.data}/relight_truth.{setup}.{shard}")
                 options = (*dataset, "--views", ",".join(views), *light, *known, "--manifest", made)
                 inputs = [*room, *scene.setup_files(setup), *files]
@@ -295,7 +295,10 @@ class _Chain:
             options, files = (*traced, "--setup", self.scene.setup_json(setup)), self.scene.setup_files(setup)
             if self.scene.names_in(setup):
                 options, files = (*options, *self.lamps), [*files, self.listed]
-            for shard in self.scene.relit_shards():
+            if setup in self.scene.filmed:
+                self._add_film(setup, options, files)
+                continue
+            for shard in self.scene.relit_shards(setup):
                 self._add_picture("relight", f"relight/{setup}", shard, options, files)
 
         for shard, views in self.scene.lamp_shards().items():
@@ -306,10 +309,30 @@ class _Chain:
             self.add("lamps", f"lamps.{shard}", options, [*inputs, self.cache, self.background], [made])
             self.mixed.append(made)
 
+    def _add_film(self, setup: str, options: Iterable[str], files: Iterable[str]) -> None:
+        """What a setup's own cameras see, shard by shard; then these joined."""
+        shards, name = self.scene.relit_shards(setup), f"relight/{setup}"
+        traced = next(iter(self.hits))  # its settings are those of the cameras' hits
+        for shard, cameras in shards.items():
+            self._add_picture("relight", name, shard, (*options, "--cameras", ",".join(cameras)), files, traced)
+        seen = [self.shown.pop() for _ in shards]  # the page shows what is made of them
+        folder, made = f"{self.root}/{name}", manifest(f"{self.root}/{name}")
+        options = ("--dataset", self.data, "--cameras", self.scene.cameras_json(setup), "--pictures", folder)
+        images = [file for files in self.images.values() for file in files]
+        inputs = [*self.geometry, *images, *seen]
+        self.add("video", f"video.{setup}", (*options, "--manifest", made), inputs, [made])
+        self.mixed.append(made)
+
     def _add_picture(
-        self, stage: str, name: str, shard: str, options: Iterable[str], files: Iterable[str] = ()
+        self,
+        stage: str,
+        name: str,
+        shard: str,
+        options: Iterable[str],
+        files: Iterable[str] = (),
+        traced: str | None = None,
     ) -> None:
-        hits, made = self.hits[shard], manifest(f"{self.root}/{name}.{shard}")
+        hits, made = self.hits[traced or shard], manifest(f"{self.root}/{name}.{shard}")
         label = f"{name.replace('/', '.')}.{shard}"
         options = ("--dataset", self.data, "--hits", hits, *options)
         options += ("--out", f"{self.root}/{name}", "--manifest", made)
@@ -349,10 +372,12 @@ class _Chain:
         options = ["--dataset", self.data, "--hits", ",".join(self.hits.values())]
         for name in ("materials", "render", "relight"):
             options += [f"--{name}", f"{self.root}/{name}"]
+        for setup, folder in self.scene.references.items():
+            options += ["--reference", f"{setup}={folder}"]
         options += ["--emitters", self.emitters, "--out", metrics]
         inputs = [*self.geometry, *(file for files in self.images.values() for file in files)]
         inputs += map(manifest, self.hits.values())
-        inputs += [*self.shown, self.emitters]
+        inputs += [*self.shown, self.emitters, *self.scene.reference_files()]
         self.add("metrics", "metrics", options, inputs, [metrics])
         options = ("--results", self.root, "--out", report)
         self.add("report", "report", options, [metrics, *inputs, self.listed, *self.mixed, *self.exported], [report])

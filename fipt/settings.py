@@ -1,9 +1,10 @@
 """Settings of every stage: frozen models whose defaults are the preset ``default``; unknown keys are errors."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
@@ -521,12 +522,112 @@ class BackgroundEdit(Settings):
     rotation: Angle = Field(0.0, description="turns the map about the up axis, degrees, counter-clockwise from above")
 
 
+class Lens(Settings):
+    """How a setup's own cameras see; what is absent is as in the dataset's first view."""
+
+    fov: float | None = Field(None, ge=1, le=170, description="horizontal field of view, degrees")
+    vertical_fov: float | None = Field(None, ge=1, le=170, description="the vertical one instead, degrees")
+    width: int | None = Field(None, ge=1, le=16384, description="of the pictures, pixels")
+    height: int | None = Field(None, ge=1, le=16384, description="of the pictures, pixels")
+    up: Point | None = Field(
+        None, description="direction to the upper edge; absent: the world axis nearest to up in the dataset's views"
+    )
+
+    @model_validator(mode="after")
+    def _one_meaning(self) -> Self:
+        if self.fov is not None and self.vertical_fov is not None:
+            raise ValueError("give fov or vertical_fov, not both")
+        if self.up is not None and max(map(abs, self.up)) < 1e-6:
+            raise ValueError("up must have a length")
+        return self
+
+
+class LookAt(Lens):
+    """A camera that stands anywhere."""
+
+    position: Point
+    target: Point = Field(description="world position in the middle of the picture, metres")
+
+    @model_validator(mode="after")
+    def _apart(self) -> Self:
+        check_apart(self.position, self.target)
+        return self
+
+
+class Keyframe(Settings):
+    """A place on a camera's way: a view of the dataset (its name alone will do), or position and target."""
+
+    view: str | None = Field(None, description="name of a view of the dataset")
+    position: Point | None = Field(None, description="world position, metres")
+    target: Point | None = Field(None, description="world position in the middle of the picture, metres")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _named(cls, value: Any) -> Any:
+        return {"view": value} if isinstance(value, str) else value
+
+    @model_validator(mode="after")
+    def _one_place(self) -> Self:
+        if (self.view is None) == (self.position is None) or (self.position is None) != (self.target is None):
+            raise ValueError("a keyframe must be the name of a view, or position and target")
+        if self.position is not None:
+            check_apart(self.position, self.target)
+        return self
+
+
+class CameraPath(Lens):
+    """A camera that moves smoothly through keyframes."""
+
+    keyframes: tuple[Keyframe, ...] = Field(
+        min_length=2, description="names of views, or sections with position and target"
+    )
+    frames: int = Field(ge=1, le=100_000, description="pictures along the way")
+    fps: float = Field(24.0, gt=0, le=240, description="pictures a second of the video")
+    loop: bool = Field(False, description="go on from the last keyframe to the first; the video can be repeated")
+    timing: Literal["speed", "keyframes"] = Field(
+        "speed", description="the same speed all the way, or the same time between neighbouring keyframes"
+    )
+    video: Literal["mp4", "png"] = Field("mp4", description="join the pictures into an MP4, or leave them as they are")
+
+
+class OwnCameras(Settings):
+    """Cameras of a setup instead of the dataset's."""
+
+    look_at: dict[str, LookAt] | None = Field(None, min_length=1, description="name of a picture -> its camera")
+    path: CameraPath | None = Field(None, description="cameras along a way, for a video")
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> Self:
+        if (self.look_at is None) == (self.path is None):
+            raise ValueError("cameras must have look_at or path, one of them")
+        return self
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the pictures, in order."""
+        if self.path is None:
+            return list(self.look_at or {})
+        return [f"frame-{number:04d}" for number in range(1, self.path.frames + 1)]
+
+
 class RelightSetup(Settings):
     """The room under other light."""
 
     emitters: tuple[EmitterEdit, ...] = Field((), description="changes to found emitters, in order")
     lights: tuple[NewLight, ...] = Field((), description="lights to add")
     background: BackgroundEdit | None = Field(None, description="change of the light from outside")
+    cameras: OwnCameras | None = Field(None, description="other cameras than the dataset's views")
+    reference: str | None = Field(
+        None,
+        description="folder of linear photographs under this light, EXR or HDR, named as the views, of any one "
+        "exposure; relit views are compared with them; {data_root} is replaced",
+    )
+
+    @model_validator(mode="after")
+    def _views_to_compare(self) -> Self:
+        if self.cameras is not None and self.reference is not None:
+            raise ValueError("reference is compared with views of the dataset; a setup with cameras renders none")
+        return self
 
 
 class Relight(Settings):
@@ -537,6 +638,15 @@ class Relight(Settings):
     max_depth: Positive = Field(8, description="vertices after the first hit")
     denoise: bool = Field(True, description="denoise the rendered views")
     seed: Count = Field(0, description="seed of the random numbers")
+
+
+class Video(Settings):
+    """Pictures and videos of what a setup's own cameras see."""
+
+    exposure: Length | None = Field(
+        None, description="factor before the tone curve; absent: that of the report, by the dataset's photographs"
+    )
+    quality: int = Field(20, ge=0, le=51, description="of the MP4 (H.264 constant rate factor), lower is better")
 
 
 class Lamps(Settings):
@@ -602,12 +712,29 @@ STAGES: dict[str, type[Settings]] = {
     "materials": Materials,
     "render": Render,
     "relight": Relight,
+    "video": Video,
     "lamps": Lamps,
     "export": Export,
     "metrics": Metrics,
     "report": Report,
 }
 """Config section -> model."""
+
+
+def check_apart(position: tuple[float, ...], target: tuple[float, ...]) -> None:
+    """Raise ValueError if a camera stands where it looks."""
+    if max(abs(a - b) for a, b in zip(position, target, strict=True)) < 1e-6:
+        raise ValueError("position and target must be apart, so that there is a direction to look in")
+
+
+def check_keyframes(path: CameraPath, views: Sequence[str]) -> None:
+    """Raise FiptError if a keyframe names none of the ``views``."""
+    for key in path.keyframes:
+        if key.view is not None and key.view not in views:
+            close = get_close_matches(key.view, views, n=3, cutoff=0.3) or list(views[:3])
+            raise FiptError(
+                f"a camera path goes through view {key.view!r}, which there is not", f"use {', '.join(close)}"
+            )
 
 
 def check_background(settings: Background, where: str = "background") -> Background:
@@ -653,7 +780,8 @@ def explain(error: ValidationError, where: str) -> str:
         return f"{path}: {problem['ctx']['error']}"
     if problem["type"] == "extra_forbidden":
         return f"unknown key {path}"
-    return f"{path}: {problem['msg'][0].lower()}{problem['msg'][1:]}; found {problem.get('input')!r}"
+    text = problem["msg"].removeprefix("Value error, ")
+    return f"{path}: {text[0].lower()}{text[1:]}; found {problem.get('input')!r}"
 
 
 def parse(stage: str, text: str) -> Any:
@@ -694,6 +822,20 @@ def parse_setup(text: str) -> RelightSetup:
     except ValidationError as error:
         allowed = ", ".join(RelightSetup.model_fields)
         raise FiptError(explain(error, "setup"), f"allowed keys of a light setup: {allowed}") from error
+
+
+def parse_cameras(text: str) -> OwnCameras:
+    """Parse the JSON of a setup's own cameras.
+
+    Raises
+    ------
+    FiptError
+        If it is not JSON, has unknown keys or values out of range.
+    """
+    try:
+        return OwnCameras.model_validate_json(text)
+    except ValidationError as error:
+        raise FiptError(explain(error, "cameras"), "give look_at or path, see config/README.md") from error
 
 
 def dumped(settings: Settings) -> dict[str, Any]:

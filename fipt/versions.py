@@ -19,8 +19,9 @@ VERSIONS = {
     "materials": 2,
     "render": 2,
     "relight": 2,
+    "video": 1,
     "lamps": 1,
     "export": 1,
-    "metrics": 3,
-    "report": 3,
+    "metrics": 4,
+    "report": 4,
 }

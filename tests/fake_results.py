@@ -11,9 +11,10 @@ from fipt.io.dataset import write_views
 from fipt.io.exr import write_exr
 from fipt.io.files import write_text
 from fipt.io.hits import Hits, write_hits
-from fipt.io.images import write_png
+from fipt.io.images import to_display, write_png
 from fipt.io.manifests import write_manifest
 from fipt.io.meshes import Mesh, write_ply
+from fipt.io.video import write_mp4
 
 WIDTH, HEIGHT = 8, 6
 VIEWS = {"a": "train", "b": "train", "c": "val"}
@@ -124,6 +125,20 @@ def write_lamps(root: Path) -> None:
     path = root / "lamps" / "c.exr"
     write_exr(path, lamps())
     write_manifest(root / "lamps.val-000.manifest.json", "lamps", [path], {})
+
+
+def write_film(root: Path, count: int = 6) -> None:
+    """Write what a setup's own cameras see along a path: a picture that grows brighter, and its video."""
+    folder = root / "relight" / "walk"
+    names = [f"frame-{number:04d}" for number in range(1, count + 1)]
+    files = [folder.with_name("walk.mp4"), *(folder / f"{name}.png" for name in names)]
+    for number, name in enumerate(names, 1):
+        picture = np.full((HEIGHT, WIDTH, 3), number / count, np.float32)
+        write_exr(folder / f"{name}.exr", {"": picture})
+        write_png(folder / f"{name}.png", to_display(picture))
+    write_mp4(files[0], folder, "frame-%04d.png", count, 4, 20)
+    cameras = {"path": {"keyframes": [{"view": "a"}, {"view": "b"}], "frames": count}}
+    write_manifest(root / "relight" / "walk.manifest.json", "video", files, {"cameras": cameras})
 
 
 def hits(views: list[str]) -> Hits:

@@ -20,6 +20,10 @@ def command(
         typer.Option(help="hits folders, comma-separated: they tell which triangles truly emit"),
     ] = "",
     relight: Annotated[Path | None, typer.Option(help="folder with one folder of pictures per light setup")] = None,
+    reference: Annotated[
+        list[str] | None,
+        typer.Option(help="SETUP=FOLDER: photographs of the room under a light setup, named as the views; repeatable"),
+    ] = None,
     settings: Annotated[str, typer.Option(help="JSON of the config section `metrics`")] = "{}",
     stats: Annotated[Path | None, typer.Option(help="file for times and memory")] = None,
 ) -> None:
@@ -27,6 +31,7 @@ def command(
 
     Definitions: docs/math.md, and in the file itself.
     """
+    from fipt.errors import FiptError
     from fipt.evaluate import scene
     from fipt.evaluate.metrics import DEFINITIONS
     from fipt.io.dataset import Dataset
@@ -36,6 +41,11 @@ def command(
 
     options = parse("metrics", settings)
     folders = [Path(folder) for folder in hits.split(",") if folder]
+    references = {name: Path(path) for name, _, path in (text.partition("=") for text in reference or [])}
+    if not all(name and str(path) != "." for name, path in references.items()):
+        raise FiptError(f"--reference must be SETUP=FOLDER; found {', '.join(reference or [])}", "name both")
+    if references and relight is None:
+        raise FiptError("--reference needs --relight", "name the folder of the relit views")
     with recorded(stats, "metrics", dumped(options)):
         data = Dataset(dataset)
         content: dict[str, Any] = {
@@ -47,6 +57,8 @@ def command(
         }
         content["emitters"] = scene.emitter_figures(data, emitters, folders)
         relit = scene.relight_figures(data, relight) if relight is not None else {}
+        for setup, photographs in references.items():
+            relit[setup] = scene.reference_figures(data, relight / setup, photographs)
         if relit:
             content["relight"] = relit
         content["definitions"] = DEFINITIONS

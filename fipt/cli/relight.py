@@ -16,6 +16,7 @@ from fipt.cli.options import (
     ModelFile,
     SettingsJson,
     StatsFile,
+    listed,
     stage,
 )
 
@@ -31,15 +32,24 @@ def command(
     manifest: ManifestFile,
     background: BackgroundFile = None,
     lamps: LampsFile = None,
+    cameras: Annotated[
+        list[str] | None,
+        typer.Option(help="Of a setup with its own cameras: those to render, comma-separated; default: all."),
+    ] = None,
     settings: SettingsJson = "{}",
     stats: StatsFile = None,
 ) -> None:
-    """Render the views under another light setup."""
+    """Render the views of the hits under another light setup; or what the setup's own cameras see.
+
+    These trace their own hits, with the settings of --hits.
+    """
     with stage("relight", settings, stats) as (chosen, figures):
+        from fipt.errors import FiptError
         from fipt.relight.stages import write_pictures
         from fipt.settings import parse_setup
 
-        light = parse_setup(setup)
-        write_pictures(
-            "relight", dataset, hits, cache, model, emitters, background, light, out, manifest, chosen, figures, lamps
-        )
+        light, names = parse_setup(setup), listed(cameras or [])
+        if names and light.cameras is None:
+            raise FiptError("--cameras needs a setup with cameras", "leave it out: the views of --hits are rendered")
+        inputs = (dataset, hits, cache, model, emitters, background)
+        write_pictures("relight", *inputs, light, out, manifest, chosen, figures, lamps, names)

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from fipt.conventions import LUMINANCE
 from fipt.errors import FiptError
 from fipt.io.images import srgb_encode
 
@@ -26,6 +27,11 @@ PUBLISHED_ROUGHNESS = 0.2
 
 CONFIDENCE_CLASSES = 5
 """Classes of equal width into which confidence is divided."""
+
+_COMPARED = 100_000
+"""Pixels of a view, or up to twice as many, that tell the exposure of photographs."""
+_HUBER = 0.1
+"""Differences of log luminance up to this count as squares."""
 
 DEFINITIONS: dict[str, dict[str, str]] = {
     "kd_psnr": {
@@ -94,7 +100,8 @@ DEFINITIONS: dict[str, dict[str, str]] = {
         "unit": "dB",
         "better": "higher",
         "text": "PSNR of the relit view against the truth under the same light, both clipped to "
-        "[0, 1] and sRGB encoded; mean over views. The exposure is never fitted.",
+        "[0, 1] and sRGB encoded; mean over views. Against the truth the exposure is never fitted; photographs of "
+        "unknown exposure are first multiplied by one robustly fitted factor for the setup (exposure).",
     },
     "published": {
         "label": "As published tables count",
@@ -345,6 +352,36 @@ class Exposure:
     def scale(self) -> float:
         """The factor for the rendering; 1 if nothing can be said."""
         return self.product / self.square if self.product > 0 else 1.0
+
+
+@dataclass
+class PhotographedExposure:
+    """The one factor that brings photographs of unknown exposure to the radiance of renderings.
+
+    Least absolute differences of log luminance, smoothed to squares near 0 (Huber): a lamp, a clipped window or a
+    thing that was moved decides nothing.
+    """
+
+    differences: list[np.ndarray] = field(default_factory=list)
+
+    def add(self, picture: np.ndarray, photo: np.ndarray, valid: np.ndarray) -> None:
+        """Take in one view: (H, W, 3) linear radiance twice, (H, W) weights."""
+        rendered, seen = (np.float64(image[valid > 0]) @ LUMINANCE for image in (picture, photo))
+        both = (rendered > 0) & (seen > 0)
+        differences = np.log(rendered[both]) - np.log(seen[both])
+        self.differences.append(differences[:: max(1, len(differences) // _COMPARED)])
+
+    @property
+    def scale(self) -> float | None:
+        """The factor for the photographs; None if no pixel can be compared."""
+        differences = np.concatenate([np.zeros(0), *self.differences])
+        if len(differences) == 0:
+            return None
+        middle = np.median(differences)
+        for _ in range(20):
+            weight = 1 / np.maximum(np.abs(differences - middle), _HUBER)
+            middle = weight @ differences / weight.sum()
+        return float(np.exp(middle))
 
 
 def emitting_triangles(triangles: int, views: Iterable[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:

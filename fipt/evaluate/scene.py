@@ -12,6 +12,7 @@ from fipt.evaluate.metrics import (
     Exposure,
     Layers,
     MaterialFigures,
+    PhotographedExposure,
     emits,
     emitting_triangles,
     finite,
@@ -22,6 +23,7 @@ from fipt.io.arrays import load_npz
 from fipt.io.dataset import Dataset, read_layers
 from fipt.io.exr import read_rgb
 from fipt.io.hits import read_hits
+from fipt.io.references import read_reference, reference_files
 from fipt.progress import progress
 
 
@@ -120,8 +122,50 @@ def relight_figures(data: Dataset, folder: Path) -> dict[str, Any]:
                 reference = _picture(truth / path.name, shape)
                 per_view[camera.name] = picture_psnr(_picture(path, shape), reference)
         if per_view:
-            result[truth.name] = {"relight_psnr": _mean(per_view), "relight_psnr_views": per_view}
+            figures = {"relight_psnr": _mean(per_view), "relight_psnr_views": per_view}
+            result[truth.name] = {**figures, "of": "truth", "exposure": 1.0}
     return result
+
+
+def reference_figures(data: Dataset, folder: Path, reference: Path) -> dict[str, Any]:
+    """PSNR of a light setup's views against photographs of the room under that light.
+
+    Parameters
+    ----------
+    folder
+        The relit views.
+    reference
+        Photographs named as these, all of one unknown exposure; views without one are left out.
+    """
+    relit = [camera.name for camera in data.cameras if (folder / f"{camera.name}.exr").is_file()]
+    if not relit:
+        raise FiptError(f"{folder} has no relit view to compare with {reference}", "run fipt relight first")
+    photographs = reference_files(reference, relit)
+
+    def pairs() -> Iterator[tuple[str, np.ndarray, np.ndarray, np.ndarray]]:
+        for view, path in photographs.items():
+            photo, valid = read_reference(path, data.camera(view))
+            weight = valid * (data.image(view)[1] > 0)
+            yield view, _picture(folder / f"{view}.exr", photo.shape), photo, weight
+
+    exposure = PhotographedExposure()
+    for _, picture, photo, valid in pairs():
+        exposure.add(picture, photo, valid)
+    scale = exposure.scale
+    if scale is None:
+        raise FiptError(
+            f"{reference} and {folder} must have pixels in common that are valid and not black; there are none",
+            "check the photographs, their masks and the light setup",
+        )
+    per_view = {view: picture_psnr(picture, scale * photo, valid) for view, picture, photo, valid in pairs()}
+    print(f"{reference}: {len(photographs)} of {len(relit)} views are photographed; their radiance times {scale:.4g}")
+    return {
+        "relight_psnr": _mean(per_view),
+        "relight_psnr_views": per_view,
+        "of": "reference",
+        "exposure": scale,
+        "reference": str(reference),
+    }
 
 
 def emitter_figures(data: Dataset, path: Path, hits: list[Path]) -> dict[str, Any]:

@@ -71,11 +71,14 @@ class Camera:
         return image, depth
 
 
-def write_transforms(path: str | Path, cameras: list[Camera]) -> None:
-    """Write cameras as transforms.json (nerfstudio convention, intrinsics and split per frame)."""
+def write_transforms(path: str | Path, cameras: list[Camera], folder: str = "images/") -> None:
+    """Write cameras as transforms.json (nerfstudio convention, intrinsics and split per frame).
+
+    ``folder`` of the pictures is relative to that of the file, with a slash at its end.
+    """
     frames = [
         {
-            "file_path": f"images/{camera.name}.exr",
+            "file_path": f"{folder}{camera.name}.exr",
             "split": camera.split,
             "w": camera.width,
             "h": camera.height,

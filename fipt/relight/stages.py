@@ -21,8 +21,10 @@ from fipt.model.networks import Brdf, Field
 from fipt.model.store import load_field
 from fipt.model.voxels import voxel_materials
 from fipt.progress import progress
+from fipt.relight.cameras import chosen_cameras
 from fipt.relight.lights import apply_setup, lights_alone
 from fipt.relight.maps import emission_of, hit_materials, material_maps
+from fipt.relight.standing import standing
 from fipt.render.background import sky_of
 from fipt.render.denoise import denoise
 from fipt.render.first_hits import joined, trace_view
@@ -76,21 +78,29 @@ def write_pictures(
     settings: Render | Relight,
     stats: Stats,
     lamps: Path | None = None,
+    names: Sequence[str] = (),
 ) -> None:
     """Path trace a shard's views with the model, under its own emitters or a light setup.
 
     Paths follow the model alone: the photographs' radiance is not read, so that the same holds under other light.
     ``lamps`` is the list that has the names by which the setup chooses lamps.
+    Of a setup with its own cameras, those called ``names`` are rendered; of ``hits`` only the settings are used.
     """
     data, shard = Dataset(dataset), read_hits(hits)
+    own = None if setup is None else setup.cameras
+    cameras = [data.camera(view) for view in shard.views] if own is None else chosen_cameras(own, data, names)
     mesh, found, outside = data.mesh(), read_emitters(emitters), read_background(background)
     lit = emitter_set(found)
     if setup is not None:
         room = mesh
         mesh, lit = apply_setup(room, found, setup, read_names(lamps, found))
         outside = edited(outside, setup.background)
-        if len(mesh.triangles) > len(room.triangles):  # new lights may hide what the views saw
-            shard = _traced(data, mesh, shard.views, hits)
+        if own or len(mesh.triangles) > len(room.triangles):  # new lights may hide what the views saw
+            shard = _traced(cameras, mesh, hits)
+    if own:
+        stats["warnings"] = standing(RayScene(mesh), cameras, data.cameras)
+        for warning in stats.figures["warnings"]:
+            print(f"warning: {warning}")
     field, metadata = load_field(model)
     light = lights_of(mesh, read_cache(cache), field, [(lit, outside)], settings)[0]
     files = []
@@ -98,7 +108,7 @@ def write_pictures(
         for index, view in enumerate(shard.views):
             brdf = view_materials(field, shard, index, metadata["settings"].footprint)
             files.append(out / f"{view}.exr")
-            write_exr(files[-1], {"": light.picture(shard, index, data.camera(view), brdf, settings, bar.advance)})
+            write_exr(files[-1], {"": light.picture(shard, index, cameras[index], brdf, settings, bar.advance)})
         stats["paths_per_s"] = bar.rate
     write_manifest(manifest, stage, files, dumped(settings))
 
@@ -222,9 +232,8 @@ def _behind(outside: Background, hits: Hits, index: int, camera: Camera) -> np.n
     return radiance
 
 
-def _traced(data: Dataset, mesh: Mesh, views: tuple[str, ...], hits: Path) -> Hits:
-    """First hits of views on a mesh that has changed, with the settings of the hits there were."""
+def _traced(cameras: list[Camera], mesh: Mesh, hits: Path) -> Hits:
+    """First hits of cameras on a mesh, with the settings of the hits there are."""
     settings = HitsSettings(**read_manifest(Path(f"{hits}.manifest.json"), "hits")["settings"])
     scene, parts = RayScene(mesh), connected_parts(mesh)
-    cameras = [data.camera(view) for view in views]
     return joined(cameras, [trace_view(scene, parts, camera, settings) for camera in cameras])

@@ -26,6 +26,8 @@ class RayScene:
         (T, 3) float32 geometric normals by winding order.
     epsilon
         Offset of ray origins along the normal, metres.
+    extent
+        Longest side of the mesh's bounds, metres.
     """
 
     def __init__(self, mesh: Mesh) -> None:
@@ -42,7 +44,8 @@ class RayScene:
         parameters.update()
         self.scene = mi.load_dict({"type": "scene", "room": shape})
         self.normals = mesh.normals
-        self.epsilon = float(RAY_EPSILON * np.ptp(mesh.vertices, axis=0).max())
+        extent = np.ptp(mesh.vertices, axis=0).max()
+        self.extent, self.epsilon = float(extent), float(RAY_EPSILON * extent)
 
     def intersect(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Find first hits.

@@ -10,6 +10,7 @@ import numpy as np
 
 from fipt.conventions import FLAG_MOVED, FLAG_SATURATED
 from fipt.errors import FiptError
+from fipt.io import display
 from fipt.io.dataset import Dataset
 from fipt.report import pictures
 
@@ -122,7 +123,7 @@ def _view(name: str, state: Mapping[str, Any], data: Dataset | None, exposure: f
 
 def marked(data: Dataset, view: str, exposure: float) -> np.ndarray:
     """(H, W, 3) uint8 picture of a view in which clipped pixels, and those that moved, are marked."""
-    pixels = pictures.tone_mapped(data.image(view)[0], exposure)
+    pixels = display.tone_mapped(data.image(view)[0], exposure)
     flags = data.flags(view)
     if flags is not None:
         for bit, colour in MARKS.items():

@@ -12,9 +12,12 @@ import numpy as np
 
 from fipt import __version__
 from fipt.errors import FiptError
+from fipt.io import display
+from fipt.io.cameras import Camera
 from fipt.io.dataset import Dataset, read_layers, rejected_views
 from fipt.io.exr import read_rgb
 from fipt.io.files import existing_file
+from fipt.io.references import find_references, read_reference
 from fipt.progress import human, progress
 from fipt.report import pictures
 from fipt.report.capture import CaptureReport, read_capture
@@ -67,7 +70,11 @@ _FIRST = (
     "cache",
 )
 _ROUND = ("bake", "refine", "fit", "emitters")
-_LAST = ("review", "materials", "render", "relight", "lamps", "export", "check-export", "metrics", "report")
+_LAST = ("review", "materials", "render", "relight", "video", "lamps", "export", "check-export", "metrics", "report")
+
+_LARGEST_VIDEO = 6_000_000
+"""Bytes of a video that the page takes in."""
+_FRAMES_SHOWN = 4
 
 _PACKAGES = ("numpy", "torch", "mitsuba", "drjit", "pyoidn", "OpenEXR")
 
@@ -108,12 +115,38 @@ class ViewRow:
 
 @dataclass(frozen=True)
 class RelitView:
-    """A view under other light: the original, a picture per setup, the truth of each or None."""
+    """A view under other light: the original, a picture per setup; the truth and the photograph of each or None."""
 
     name: str
     original: Picture
     relit: Sequence[Picture]
     truth: Sequence[Picture | None]
+    photographed: Sequence[Picture | None] = ()
+
+
+@dataclass(frozen=True)
+class Film:
+    """What a setup's own cameras see.
+
+    Attributes
+    ----------
+    setup
+        Its name.
+    shown
+        Its pictures, up to the page's number of views; of a path a few frames.
+    frames
+        Pictures there are.
+    video
+        The MP4 as data URI; None where there is none, or it is too large for the page.
+    file
+        Where the video lies in the results folder, or None.
+    """
+
+    setup: str
+    shown: Sequence[Picture]
+    frames: int
+    video: str | None
+    file: str | None
 
 
 @dataclass(frozen=True)
@@ -155,6 +188,7 @@ class Content:
     hidden_views: int
     emitters: Sequence[Mapping[str, Any]] | None
     relit: Sequence[RelitView]
+    films: Sequence[Film]
     setups: Mapping[str, str]
     export: ExportCheck | None
     exported: Sequence[RelitView]
@@ -201,6 +235,7 @@ def gather(results: Path, settings: Report) -> Content:
         hidden_views=len(data.cameras) - len(views) if data else 0,
         emitters=emitters,
         relit=relit,
+        films=reader.films(),
         setups=_setups(results),
         export=export,
         exported=reader.exported_views(export) if export else [],
@@ -230,19 +265,9 @@ class _Reader:
     ) -> None:
         self.results, self.data, self.metrics = results, data, metrics
         self.settings, self.scale = settings, scale
-        self.names = self._chosen()
+        self.names = display.shown_views(data, settings.max_views) if data else []
         self.photos = {name: photo for name in self.names if (photo := self._photo(name)) is not None}
-        self.exposure = pictures.common_exposure(self.photos.values())
-
-    def _chosen(self) -> list[str]:
-        """Held-out views first, then training views spread over their list, up to max_views."""
-        if self.data is None:
-            return []
-        val, train = self.data.views("val"), self.data.views("train")
-        names = val[: self.settings.max_views]
-        left = min(self.settings.max_views - len(names), len(train))
-        picks = np.linspace(0, len(train) - 1, left).round().astype(int) if left else []
-        return names + [train[pick] for pick in picks]
+        self.exposure = display.common_exposure(self.photos.values())
 
     def _photo(self, name: str) -> np.ndarray | None:
         path = self.results / "dataset" / "images" / f"{name}.exr"
@@ -253,7 +278,7 @@ class _Reader:
         return Picture(key, label, *pictures.embedded(pixels, self.settings.width))
 
     def _toned(self, key: str, label: str, radiance: np.ndarray) -> Picture:
-        return self.embed(key, label, pictures.tone_mapped(radiance, self.exposure))
+        return self.embed(key, label, display.tone_mapped(radiance, self.exposure))
 
     def rows(self) -> list[ViewRow]:
         """The view table."""
@@ -291,7 +316,7 @@ class _Reader:
             if key not in layers:
                 continue
             if key == "emission":
-                pixels = pictures.tone_mapped(layers[key], self.exposure)
+                pixels = display.tone_mapped(layers[key], self.exposure)
             else:
                 pixels = pictures.surface_map(layers[key], hit, encode=layers[key].ndim == 3)
             shown[key] = self.embed(key, label.format(heading), pixels)
@@ -304,12 +329,13 @@ class _Reader:
     def relit_views(self) -> list[RelitView]:
         """Views that some light setup has rendered, beside their original."""
         folder = self.results / "relight"
-        setups = sorted(path.name for path in folder.glob("*/"))
+        filmed = {path.name.removesuffix(".manifest.json") for path, _ in self._film_manifests()}
+        setups = sorted(path.name for path in folder.glob("*/") if path.name not in filmed)
         if self.data is None or not setups:
             return []
         rows = []
         for camera in self.data.cameras:
-            relit, truth = [], []
+            relit, truth, photographed = [], [], []
             for setup in setups:
                 picture = self._computed(folder / setup, camera.name)
                 if picture is None:
@@ -318,9 +344,44 @@ class _Reader:
                 path = self.results / "dataset" / "relight_truth" / setup / f"{camera.name}.exr"
                 known = read_rgb(path) if path.is_file() else None
                 truth.append(None if known is None else self._toned("relit", f"{setup}, truth", known))
+                photographed.append(self._reference(setup, camera))
             if relit and len(rows) < self.settings.max_views:
-                rows.append(RelitView(camera.name, self._original(camera.name, relit), relit, truth))
+                rows.append(RelitView(camera.name, self._original(camera.name, relit), relit, truth, photographed))
         return rows
+
+    def _reference(self, setup: str, camera: Camera) -> Picture | None:
+        """The photograph under a setup's light, at the exposure that the metrics found."""
+        figures = (self.metrics.get("relight") or {}).get(setup) or {}
+        if camera.name not in (figures.get("relight_psnr_views") or {}) or figures.get("of") != "reference":
+            return None
+        path = find_references(figures["reference"], [camera.name]).get(camera.name)
+        if path is None:
+            return None
+        photo = read_reference(path, camera)[0] * figures["exposure"] * self.scale
+        return self._toned("relit", f"{setup}, photographed", photo)
+
+    def _film_manifests(self) -> list[tuple[Path, Mapping[str, Any]]]:
+        """Manifests of the stage video, and their content."""
+        found = [(path, _json(path)) for path in sorted((self.results / "relight").glob("*.manifest.json"))]
+        return [(path, content) for path, content in found if (content or {}).get("stage") == "video"]
+
+    def films(self) -> list[Film]:
+        """What the own cameras of setups see."""
+        films = []
+        for path, content in self._film_manifests():
+            setup = path.name.removesuffix(".manifest.json")
+            names = [Path(file).stem for file in sorted(content["files"]) if file.endswith(".png")]
+            video = path.with_name(f"{setup}.mp4") if f"{setup}.mp4" in content["files"] else None
+            moving = bool(content["settings"]["cameras"].get("path"))
+            most = min(len(names), _FRAMES_SHOWN if moving else self.settings.max_views)
+            chosen = [names[pick] for pick in np.linspace(0, len(names) - 1, most).round().astype(int)]
+            seen = [(name, self._computed(path.with_name(setup), name)) for name in chosen]
+            shown = [self._toned("relit", name, picture) for name, picture in seen if picture is not None]
+            embedded = pictures.data_uri(video, "video/mp4", _LARGEST_VIDEO) if video and video.is_file() else None
+            if shown:
+                file = video.relative_to(self.results).as_posix() if video else None
+                films.append(Film(setup, shown, len(names), embedded, file))
+        return films
 
     def exported_views(self, export: ExportCheck) -> list[RelitView]:
         """Our picture of every checked view, beside what each exported file shows."""

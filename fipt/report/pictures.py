@@ -4,36 +4,17 @@ import base64
 import io
 import zlib
 from collections.abc import Iterable
+from pathlib import Path
 
 import numpy as np
 
-from fipt.conventions import LUMINANCE
 from fipt.io.images import srgb_encode, to_display
-
-MIDDLE_GREY = 0.2
-"""Linear value to which the exposure brings the median luminance of the scene's photographs."""
 
 DIFFERENCE_RANGE = 0.25
 """Difference of sRGB-encoded values that has the last colour of the difference map."""
 
 _QUALITY = 90
 """Of the embedded WebP pictures."""
-
-
-def common_exposure(photos: Iterable[np.ndarray]) -> float:
-    """Return the factor that brings the median luminance of (H, W, 3) photographs to middle grey.
-
-    One factor serves every tone-mapped picture of the page, so that they can be compared. Black
-    pixels (outside the frame, invalid) do not count; 1 where nothing is left.
-    """
-    seen = [photo @ LUMINANCE for photo in photos]
-    luminance = np.concatenate([values[values > 0] for values in seen]) if seen else np.zeros(0)
-    return float(MIDDLE_GREY / np.median(luminance)) if len(luminance) else 1.0
-
-
-def tone_mapped(radiance: np.ndarray, exposure: float) -> np.ndarray:
-    """(H, W, 3) linear radiance times ``exposure``, clipped to [0, 1], sRGB curve; uint8."""
-    return to_display(np.nan_to_num(radiance * exposure))
 
 
 def surface_map(values: np.ndarray, hit: np.ndarray | None, encode: bool) -> np.ndarray:
@@ -100,6 +81,13 @@ def embedded(pixels: np.ndarray, width: int) -> tuple[str, int, int]:
     image.save(buffer, "WEBP", quality=_QUALITY, method=5)
     text = base64.b64encode(buffer.getvalue()).decode("ascii")
     return f"data:image/webp;base64,{text}", image.width, image.height
+
+
+def data_uri(path: Path, kind: str, most: int) -> str | None:
+    """Return a file of a media type as a data URI; None if it has more than ``most`` bytes."""
+    if path.stat().st_size > most:
+        return None
+    return f"data:{kind};base64,{base64.b64encode(path.read_bytes()).decode('ascii')}"
 
 
 def packed(content: bytes) -> str:

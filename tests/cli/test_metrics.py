@@ -114,6 +114,78 @@ def test_missing_pictures_and_layers_are_named(results, capsys):
     assert "c.exr lacks the layers hit" in capsys.readouterr().err
 
 
+def photographed(results, photo, name="dim", **channels):
+    """Metrics with a photograph of view c under a setup; return the exit code."""
+    write_exr(results.parent / "photos" / "c.exr", {"": photo, **channels})
+    more = ("--relight", results / "relight", "--reference", f"{name}={results.parent / 'photos'}")
+    return run(results, *more)
+
+
+def test_photographs_under_a_setup_of_unknown_exposure(results):
+    """A tenth of the pixels lie: a thing that was moved, and one clipped in the photograph."""
+    relit = read_rgb(results / "relight" / "dim" / "c.exr")
+    assert photographed(results, 7 * relit) == 0
+    figures = read(results)["relight"]["dim"]
+    assert (figures["of"], figures["relight_psnr_views"]) == ("reference", {"c": 100.0})
+    assert figures["exposure"] == pytest.approx(1 / 7, rel=1e-5)
+    lies = 7 * relit
+    lies[0, :3], lies[1, :2] = 900.0, 0.001
+    assert photographed(results, lies) == 0
+    figures = read(results)["relight"]["dim"]
+    assert figures["exposure"] == pytest.approx(1 / 7, rel=2e-2)
+    assert figures["relight_psnr"] < 30
+    mask = np.ones((HEIGHT, WIDTH), np.float32)
+    mask[0, :3] = 0
+    lies[0, :3] = np.nan  # without weight it is no picture
+    flags = np.zeros((HEIGHT, WIDTH), np.uint32)
+    flags[1, :2] = FLAG_SATURATED
+    assert photographed(results, lies, **{"valid.Y": mask, "flags.Y": flags}) == 0
+    assert read(results)["relight"]["dim"]["relight_psnr"] == 100.0
+
+
+def test_the_truth_keeps_its_exposure(results):
+    assert run(results, "--relight", results / "relight") == 0
+    assert read(results)["relight"]["dim"]["of"] == "truth"
+    assert read(results)["relight"]["dim"]["exposure"] == 1.0
+
+
+def test_photographs_that_cannot_be_compared(results, capsys):
+    relit = read_rgb(results / "relight" / "dim" / "c.exr")
+    bad = relit.copy()
+    bad[1, 2, 0] = np.nan
+    for photo, said in (
+        (bad, "c.exr must hold finite radiance >= 0; 1 pixels are NaN"),
+        (relit[:-1], f"c.exr must be {WIDTH}x{HEIGHT} like its camera; it is {WIDTH}x{HEIGHT - 1}"),
+        (0 * relit, "must have pixels in common that are valid and not black"),
+    ):
+        assert photographed(results, photo) == 2
+        assert said in capsys.readouterr().err
+    (results.parent / "photos" / "c.exr").rename(results.parent / "photos" / "other.exr")
+    more = ("--relight", results / "relight", "--reference", f"dim={results.parent / 'photos'}")
+    assert run(results, *more) == 2
+    assert "must hold photographs named as the relit views; none of c.exr is there" in capsys.readouterr().err
+    assert photographed(results, relit, name="bright") == 2
+    assert "has no relit view to compare with" in capsys.readouterr().err
+    assert run(results, *more[2:]) == 2
+    assert "--reference needs --relight" in capsys.readouterr().err
+    assert run(results, "--reference", "dim") == 2
+    assert "--reference must be SETUP=FOLDER; found dim" in capsys.readouterr().err
+    assert not (results / "metrics.json").exists()
+
+
+def test_a_reference_in_radiance_hdr(results):
+    """Flat RGBE written by hand: 2^(e - 136) times a byte."""
+    relit = read_rgb(results / "relight" / "dim" / "c.exr")
+    scale = 2.0 ** (np.floor(np.log2(relit.max(axis=-1, keepdims=True))) - 7)
+    rgbe = np.concatenate([relit / scale + 0.5, np.log2(scale) + 136], axis=-1).astype(np.uint8)
+    head = f"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y {HEIGHT} +X {WIDTH}\n"
+    (results.parent / "photos").mkdir()
+    (results.parent / "photos" / "c.hdr").write_bytes(head.encode() + rgbe.tobytes())
+    more = ("--relight", results / "relight", "--reference", f"dim={results.parent / 'photos'}")
+    assert run(results, *more) == 0
+    assert read(results)["relight"]["dim"]["relight_psnr"] > 45
+
+
 def test_masked_and_clipped_pixels_are_left_out(results):
     """Material figures leave out what the mask does; the picture's also what is clipped: a bound is no value."""
     mask = np.ones((HEIGHT, WIDTH), np.float32)

@@ -113,6 +113,18 @@ def test_settings_are_sorted_json():
         ),
         ({"setups": {"a/b": {}}}, "relight setup 'a/b' cannot be used"),
         (
+            {"setups": {"a": {"cameras": {"look_at": {"b/c": {"position": [0, 0, 0], "target": [1, 0, 0]}}}}}},
+            "camera of setup a: 'b/c' cannot be used",
+        ),
+        (
+            {"setups": {"a": {"cameras": {"path": {"keyframes": ["x", {"posit": [0, 0, 0]}], "frames": 2}}}}},
+            "unknown key setups.a.cameras.path.keyframes.1.posit (did you mean position?)",
+        ),
+        (
+            {"setups": {"a": {"cameras": {"path": {"keyframes": ["x"], "frames": 2}}}}},
+            "setups.a.cameras.path.keyframes: tuple should have at least 2 items",
+        ),
+        (
             {"setups": {"a": {"lights": [{"shape": "quad", "radiace": 1}]}}},
             "unknown key setups.a.lights.0.radiace (did you mean radiance?)",
         ),

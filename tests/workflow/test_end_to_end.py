@@ -10,7 +10,10 @@ CONFIG = {
     "scenes": {
         "room": {
             "source": "procedural",
-            "setups": {"dim": {"emitters": [{"scale": 0.4}]}},
+            "setups": {
+                "dim": {"emitters": [{"scale": 0.4}]},
+                "walk": {"cameras": {"path": {"keyframes": ["train_000", "val_001"], "frames": 2}}},
+            },
         }
     },
     "rounds": 1,
@@ -51,6 +54,8 @@ def test_finds_materials_and_lamps_of_a_room(workspace):
     assert found["val"]["emission_iou"] > 0.8
     page = (here.root / "results/room/report.html").read_text()
     assert "<img" in page
+    assert "data:video/mp4" in page
+    assert len(list(here.root.glob("results/room/relight/walk/frame-*.png"))) == 2
     assert not list(here.root.rglob("*.tmp*"))
 
     # The same chain in one process gives the same files, so the same figures.

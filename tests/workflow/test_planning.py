@@ -13,6 +13,7 @@ import pytest
 import yaml
 
 from fipt.config import load
+from fipt.errors import FiptError
 from fipt.run import plan
 from tests import captures, modelled
 
@@ -268,6 +269,65 @@ def test_the_export_is_planned_alike(workspace):
             assert (here.root / path).exists()
     here.configure(changed(export={"enabled": True, "samples": 3}))
     assert here.planned() == {"export_room": 1, "check_export": 1, "scene_report": 1}
+
+
+def filmed(**path):
+    """A setup with three free cameras, a path of five frames, and a setup with photographs of the two views."""
+    look_at = {name: {"position": [1, 1, 1], "target": [2, 1, 1]} for name in ("desk", "door", "sofa")}
+    keyframes = ["train_000", {"position": [1, 1, 1], "target": [2, 1, 1]}, "val_001"]
+    setups = {
+        "still": {"cameras": {"look_at": look_at}},
+        "walk": {"cameras": {"path": {"keyframes": keyframes, "frames": 5, **path}}},
+        "front": {"reference": "photos"},
+    }
+    return changed(scenes={"room": {**CONFIG["scenes"]["room"], "setups": setups}})
+
+
+def test_own_cameras_and_references_are_planned_alike(workspace, monkeypatch):
+    """Pictures of free cameras shard by shard, then joined; photographs are compared by the metrics."""
+    here = workspace(CONFIG)
+    (here.root / "photos").mkdir()
+    (here.root / "photos" / "val_001.exr").write_text("a photograph")
+    config = filmed()
+    here.configure(config)
+    # the views once, and two and three shards of free cameras; only views have a truth
+    assert here.planned() == {**FIRST, "relight_views": 1 + 2 + 3, "join_pictures": 2}
+    here.snakemake()
+    assert here.planned() == {}
+    monkeypatch.chdir(here.root)
+    jobs = plan(load(config).scenes["room"])
+    assert sorted(here.calls()) == sorted([job.verb, *job.options] for job in jobs)
+    for job in jobs:
+        assert (here.root / "results/room/stats" / f"{job.label}.json").is_file()
+        for path in (*job.inputs, *job.outputs):
+            assert (here.root / path).exists(), path
+    frames = [job.options[job.options.index("--cameras") + 1] for job in jobs if job.label.startswith("relight.walk")]
+    assert frames == ["frame-0001,frame-0002", "frame-0003,frame-0004", "frame-0005"]
+
+    # Another rate needs no other pictures; another keyframe needs all of that path.
+    here.configure(filmed(fps=10, video="png"))
+    assert here.planned() == {"join_pictures": 1, "scene_report": 1}
+    here.configure(filmed(loop=True))
+    assert here.planned() == {"relight_views": 3, "join_pictures": 1, "scene_report": 1}
+    here.configure(config)
+    (here.root / "photos" / "val_001.exr").write_text("another photograph")
+    assert here.planned() == only("scene_metrics", "scene_report")
+
+
+def test_own_cameras_and_references_that_cannot_be(workspace, monkeypatch):
+    here = workspace(CONFIG)
+    (here.root / "photos").mkdir()
+    monkeypatch.chdir(here.root)
+    (here.root / "photos" / "other.exr").touch()
+    here.configure(filmed())
+    said = here.snakemake("--dry-run", succeeds=False)
+    assert "reference photos must hold photographs named as the relit views; none of val_000.exr, val_001.exr" in said
+    with pytest.raises(FiptError, match="reference photos must hold photographs"):
+        plan(load(filmed()).scenes["room"])
+    (here.root / "photos" / "val_000.hdr").touch()
+    here.configure(filmed(keyframes=["train_000", "val_009"]))
+    said = here.snakemake("--dry-run", succeeds=False)
+    assert "goes through view 'val_009', which there is not; use val_00" in said
 
 
 def photographed(root):

@@ -116,10 +116,46 @@ def relit(pattern, known=False):
         scene = scene_of(wildcards)
         if known and not scene.synthesized:
             return []
-        shards = readable(scene.relit_shards)
-        return expand(pattern, setup=scene.setups, shard=shards, **wildcards)
+        return [
+            file
+            for setup in scene.setups
+            if setup not in scene.filmed
+            for file in of_shards(pattern, scene, setup)
+        ]
 
     return files
+
+
+def of_shards(pattern, scene, setup):
+    """The pattern for every shard of a setup."""
+    shards = readable(scene.relit_shards, setup)
+    return expand(pattern, scene=scene.name, setup=setup, shard=shards)
+
+
+def seen_by_cameras(wildcards):
+    """Input function: manifests of what a setup's own cameras see."""
+    made = "results/{scene}/relight/{setup}.{shard}.manifest.json"
+    return of_shards(made, scene_of(wildcards), wildcards.setup)
+
+
+def films(wildcards):
+    """Input function: manifests of the setups with cameras of their own."""
+    scene = scene_of(wildcards)
+    made = "results/{scene}/relight/{setup}.manifest.json"
+    return expand(made, scene=scene.name, setup=scene.filmed)
+
+
+def relit_hits(wildcards):
+    """Input function: hits of a shard; for a setup's own cameras some hits, which tell the settings."""
+    scene = scene_of(wildcards)
+    own = wildcards.setup in scene.filmed
+    shard = next(iter(shards_of(wildcards, "all"))) if own else wildcards.shard
+    return f"results/{scene.name}/hits/{shard}.manifest.json"
+
+
+def reference_files(wildcards):
+    """Input function: photographs with which relit views are compared."""
+    return readable(scene_of(wildcards).reference_files)
 
 
 def lamps_of(wildcards):

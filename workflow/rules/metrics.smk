@@ -19,6 +19,7 @@ rule scene_metrics:
             known=True,
         ),
         emitters=last_emitters,
+        references=reference_files,
     output:
         metrics="results/{scene}/metrics.json",
         stats="results/{scene}/stats/metrics.json",
@@ -34,10 +35,12 @@ rule scene_metrics:
         materials=folder("results/{scene}/materials"),
         render=folder("results/{scene}/render"),
         relight=folder("results/{scene}/relight"),
+        references=references,
         settings=settings("metrics"),
         version=VERSIONS["metrics"],
     shell:
         "fipt metrics --dataset {params.dataset:q} --hits {params.hits:q}"
         " --materials {params.materials:q} --render {params.render:q} --relight {params.relight:q}"
+        " {params.references:q}"
         " --emitters {input.emitters:q} --out {output.metrics:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

@@ -37,6 +37,30 @@ def setup_json(wildcards):
     return scene_of(wildcards).setup_json(wildcards.setup)
 
 
+def cameras(wildcards):
+    """Params function: the flag with a shard of a setup's own cameras, comma-separated; nothing of the others."""
+    scene = scene_of(wildcards)
+    if wildcards.setup not in scene.filmed:
+        return []
+    shards = readable(scene.relit_shards, wildcards.setup)
+    return ["--cameras", ",".join(shards[wildcards.shard])]
+
+
+def cameras_json(wildcards):
+    """Params function: a setup's own cameras as sorted JSON."""
+    return scene_of(wildcards).cameras_json(wildcards.setup)
+
+
+def references(wildcards):
+    """Params function: flags with the folders of photographs under the setups' lights."""
+    given = readable(lambda: scene_of(wildcards).references)
+    return [
+        text
+        for setup, path in given.items()
+        for text in ("--reference", f"{setup}={path}")
+    ]
+
+
 def views(wildcards):
     """Params function: the views of a shard, comma-separated."""
     return ",".join(shards_of(wildcards, "all")[wildcards.shard])

@@ -2,16 +2,18 @@
 
 INPUTS:  results/{scene}/hits/{shard}.manifest.json, cache.npz, model and emitters of the last round, a setup of the config
 OUTPUTS: results/{scene}/relight/{setup}.{shard}.manifest.json    lists relight/{setup}/{view}.exr (linear RGB radiance)
+         results/{scene}/relight/{setup}.manifest.json            of a setup with its own cameras: lists relight/{setup}/*.png,
+                                                                  transforms.json, and of a path relight/{setup}.mp4
          results/{scene}/lamps.{shard}.manifest.json              lists lamps/{view}.exr (a layer for each lamp)
 """
 
 
 rule relight_views:
-    """Render a shard under a light setup."""
+    """Render a shard of views under a light setup, or of the setup's own cameras."""
     input:
         transforms="results/{scene}/dataset/transforms.json",
         mesh="results/{scene}/dataset/mesh.ply",
-        hits="results/{scene}/hits/{shard}.manifest.json",
+        hits=relit_hits,
         cache="results/{scene}/cache.npz",
         background="results/{scene}/background.npz",
         model=LAST_MODEL,
@@ -25,6 +27,8 @@ rule relight_views:
         "results/{scene}/logs/relight.{setup}.{shard}.log",
     benchmark:
         "results/{scene}/benchmarks/relight.{setup}.{shard}.jsonl"
+    wildcard_constraints:
+        shard=r"(train|val|camera)-\d+",
     threads: workflow.cores
     resources:
         mem_mb=8000,
@@ -35,14 +39,43 @@ rule relight_views:
         out=folder("results/{scene}/relight/{setup}"),
         setup=setup_json,
         lamps=where("lamps", "--lamps", "results/{scene}/emitters/emitters.json"),
+        cameras=cameras,
         settings=settings("relight"),
         version=VERSIONS["relight"],
     shell:
         "fipt relight --dataset {params.dataset:q} --hits {params.hits:q} --cache {input.cache:q}"
         " --background {input.background:q}"
         " --model {input.model:q} --emitters {input.emitters:q} --setup {params.setup:q}"
-        " {params.lamps:q}"
+        " {params.lamps:q} {params.cameras:q}"
         " --out {params.out:q} --manifest {output.manifest:q}"
+        " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
+
+
+rule join_pictures:
+    """Show what a setup's own cameras see as PNG pictures, and join those of a path into a video."""
+    input:
+        transforms="results/{scene}/dataset/transforms.json",
+        images=images("all"),
+        pictures=seen_by_cameras,
+    output:
+        manifest="results/{scene}/relight/{setup}.manifest.json",
+        stats="results/{scene}/stats/video.{setup}.json",
+    log:
+        "results/{scene}/logs/video.{setup}.log",
+    benchmark:
+        "results/{scene}/benchmarks/video.{setup}.jsonl"
+    threads: workflow.cores
+    resources:
+        mem_mb=4000,
+    params:
+        dataset=folder("results/{scene}/dataset"),
+        cameras=cameras_json,
+        pictures=folder("results/{scene}/relight/{setup}"),
+        settings=settings("video"),
+        version=VERSIONS["video"],
+    shell:
+        "fipt video --dataset {params.dataset:q} --cameras {params.cameras:q}"
+        " --pictures {params.pictures:q} --manifest {output.manifest:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
 
 

@@ -14,6 +14,7 @@ rule scene_report:
         materials=sharded("results/{scene}/materials.{shard}.manifest.json", "all"),
         render=sharded("results/{scene}/render.{shard}.manifest.json", "val"),
         relight=relit("results/{scene}/relight/{setup}.{shard}.manifest.json"),
+        films=films,
         lamps=lamps_of,
         emitters=last_emitters,
         listed="results/{scene}/emitters.manifest.json",

@@ -63,7 +63,9 @@ rule render:
 rule relight:
     """Every view of every relight setup."""
     input:
-        of_asked_scenes(relit("results/{scene}/relight/{setup}.{shard}.manifest.json")),
+        of_asked_scenes(
+            relit("results/{scene}/relight/{setup}.{shard}.manifest.json"), films
+        ),
 
 
 rule export:

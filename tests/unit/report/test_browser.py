@@ -19,7 +19,7 @@ from fipt.report.content import gather
 from fipt.settings import RelightSetup, Report
 from tests import browser as chromium
 from tests import scenes
-from tests.fake_results import lamps, write_extras, write_lamps, write_results
+from tests.fake_results import lamps, write_extras, write_film, write_lamps, write_results
 
 pytestmark = pytest.mark.skipif(chromium.executable() is None, reason="needs Chromium: apt-get install chromium")
 
@@ -38,6 +38,7 @@ def content(tmp_path_factory):
     root = write_results(tmp_path_factory.mktemp("results") / "a <b>& <script> room")
     write_extras(root)
     write_lamps(root)
+    write_film(root)
     (root / "dataset" / "views.json").unlink()
     return replace(gather(root, Report()), room=walls())
 
@@ -209,6 +210,14 @@ def test_every_picture_loads_and_nothing_else_does(shown):
     assert shown.run("[...document.images].filter((image) => image.src && !image.naturalWidth).length") == 0
     assert shown.run("performance.getEntriesByType('resource').filter((e) => !e.name.startsWith('data:')).length") == 0
     assert shown.run("document.title").startswith("a <b>& <script> room")
+    assert shown.said == []
+
+
+def test_the_video_plays(shown):
+    video = "document.querySelector('video')"
+    shown.run(f"{video}.scrollIntoView(); {video}.play()")
+    shown.wait(f"{video}.readyState >= 2 && {video}.currentTime > 0")
+    assert shown.run(f"[{video}.videoWidth, {video}.videoHeight, {video}.duration]") == [8, 6, 1.5]
     assert shown.said == []
 
 

@@ -13,14 +13,15 @@ from PIL import Image
 from fipt.cli.main import main
 from fipt.conventions import FLAG_SATURATED
 from fipt.errors import FiptError
+from fipt.io import display
 from fipt.io.dataset import Dataset
-from fipt.io.exr import write_exr
+from fipt.io.exr import read_rgb, write_exr
 from fipt.io.files import write_text
 from fipt.io.images import write_png
-from fipt.report import capture, pictures
+from fipt.report import capture, content, pictures
 from fipt.report.page import build_page, duration, figure, number, size
 from fipt.settings import Report
-from tests.fake_results import write_emitters, write_extras, write_results
+from tests.fake_results import write_emitters, write_extras, write_film, write_results
 
 
 class Page(HTMLParser):
@@ -191,8 +192,46 @@ def test_the_verb_writes_the_page(results, tmp_path):
 
 def test_one_exposure_brings_the_median_to_middle_grey():
     photos = [np.full((2, 2, 3), 0.1), np.full((2, 4, 3), 0.4), np.zeros((9, 9, 3))]
-    assert pictures.common_exposure(photos) == pytest.approx(0.5)
-    assert pictures.common_exposure([]) == 1.0
+    assert display.common_exposure(photos) == pytest.approx(0.5)
+    assert display.common_exposure([]) == 1.0
+
+
+def test_a_video_and_some_of_its_frames(results, monkeypatch):
+    write_film(results)
+    text = build_page(results, Report())
+    page = Page(text)
+    (video,) = page.all("video")
+    kind, _, data = video["src"].partition(";base64,")
+    assert kind == "data:video/mp4"
+    assert base64.b64decode(data) == (results / "relight" / "walk.mp4").read_bytes()
+    assert "controls" in video
+    assert video["poster"].startswith("data:image/webp;base64,")
+    assert "walk 6 pictures frame-0001 frame-0003 frame-0004 frame-0006" in page.words
+    assert "media-src data:" in page.all("meta")[1]["content"]
+    # a setup without cameras is still shown by views; a path as large as this only by its name
+    assert "c As captured, re-rendered dim" in page.words
+    monkeypatch.setattr(content, "_LARGEST_VIDEO", 100)
+    page = Page(build_page(results, Report()))
+    assert page.all("video") == []
+    assert "The video is too large for this page: relight/walk.mp4" in page.words
+    (results / "relight" / "walk.mp4").unlink()
+    Page(build_page(results, Report()))
+
+
+def test_a_photograph_stands_beside_its_relit_view(results, tmp_path):
+    photo = 3 * read_rgb(results / "relight" / "dim" / "c.exr")
+    write_exr(tmp_path / "photos" / "c.exr", {"": photo})
+    arguments = ["--dataset", results / "dataset", "--materials", results / "materials"]
+    arguments += ["--render", results / "render", "--emitters", results / "round-1" / "emitters.npz"]
+    arguments += ["--relight", results / "relight", "--reference", f"dim={tmp_path / 'photos'}"]
+    assert main(["metrics", *map(str, [*arguments, "--out", results / "metrics.json"])]) == 0
+    page = Page(build_page(results, Report()))
+    assert "As captured, re-rendered dim dim, photographed" in page.words
+    assert "multiplied by 0.333, fitted to the relit views" in page.words
+    shown = {image["alt"]: image["src"] for image in page.all("img") if "src" in image}
+    assert shown["dim, photographed, view c"] == shown["dim, view c"]
+    (tmp_path / "photos" / "c.exr").unlink()  # as when results are moved to another machine
+    assert "photographed, view c" not in build_page(results, Report())
 
 
 def test_maps_are_transparent_where_nothing_is_hit():
@@ -283,7 +322,7 @@ def test_clipped_pixels_are_marked_in_the_thumbnail(results):
     data = Dataset(results / "dataset")
     pixels = capture.marked(data, "b", 1.0)
     np.testing.assert_array_equal(pixels[0], np.tile(capture.MARKS[FLAG_SATURATED], (8, 1)))
-    np.testing.assert_array_equal(pixels[1:], pictures.tone_mapped(data.image("b")[0], 1.0)[1:])
+    np.testing.assert_array_equal(pixels[1:], display.tone_mapped(data.image("b")[0], 1.0)[1:])
 
 
 def test_a_damaged_capture_report(results):

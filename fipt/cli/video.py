@@ -1,0 +1,24 @@
+"""``fipt video``: what a setup's own cameras see -> PNG pictures, their cameras, an MP4."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fipt.cli.options import DatasetFolder, ManifestFile, SettingsJson, StatsFile, stage
+
+
+def command(
+    dataset: DatasetFolder,
+    cameras: Annotated[str, typer.Option(help="The section cameras of the light setup, JSON.")],
+    pictures: Annotated[Path, typer.Option(help="Folder of the pictures that fipt relight wrote.")],
+    manifest: ManifestFile,
+    settings: SettingsJson = "{}",
+    stats: StatsFile = None,
+) -> None:
+    """Write PICTURES/*.png and PICTURES/transforms.json, and of a path PICTURES.mp4; one exposure for all."""
+    with stage("video", settings, stats, backend=False) as (chosen, figures):
+        from fipt.relight.video import write_video
+        from fipt.settings import parse_cameras
+
+        write_video(dataset, parse_cameras(cameras), pictures, manifest, chosen, figures)
