@@ -13,7 +13,7 @@ from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
 from fipt.config import Config, SceneEntry
-from fipt.settings import PRESETS, STAGES, BackgroundEdit, EmitterEdit, NewLight, RelightSetup
+from fipt.settings import PRESETS, STAGES, RelightSetup
 
 SCHEMA = PRESETS.parent.parent / "workflow" / "schemas" / "config.schema.yaml"
 README = PRESETS.parent / "README.md"
@@ -40,9 +40,7 @@ def tables_text() -> str:
         parts += [f"### `{stage}`: {_first_line(model)}\n", _table(model.model_fields)]
         parts += _inner_tables(stage, model)
     parts += ["### A relight setup: `setups.NAME`\n", _table(RelightSetup.model_fields)]
-    parts += ["#### One entry of `emitters`\n", _table(EmitterEdit.model_fields)]
-    parts += ["#### One entry of `lights`\n", _table(NewLight.model_fields)]
-    parts += ["#### `background`\n", _table(BackgroundEdit.model_fields)]
+    parts += _inner_tables("setups.NAME", RelightSetup)
     return "\n".join(parts)
 
 

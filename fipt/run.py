@@ -146,7 +146,7 @@ class _Chain:
             label = f"truth.{shard}" if scene.simulated else f"synthesize.{shard}"
             options = (*dataset, *only, "--views", ",".join(views), *known, "--manifest", made)
             self.add("synthesize", label, options, [*room, *files], [made])
-        for setup in scene.setups:
+        for setup in scene.true_setups:
             light = ("--setup", scene.setup_json(setup), "--setup-name", setup)
             for shard, views in scene.relit_shards().items():
                 made = manifest(f"{self.data}/relight_truth.{setup}.{shard}")
@@ -279,9 +279,12 @@ class _Chain:
         for shard in self.scene.shards("val"):
             self._add_picture("render", "render", shard, traced)
         for setup in self.scene.setups:
-            options = (*traced, "--setup", self.scene.setup_json(setup))
+            options, files = (*traced, "--setup", self.scene.setup_json(setup)), self.scene.setup_files(setup)
+            if self.scene.names_fused(setup):
+                options += ("--segments", f"{self.root}/segments/fusion.npz")
+                files = [*files, manifest(self.segments)]
             for shard in self.scene.relit_shards():
-                self._add_picture("relight", f"relight/{setup}", shard, options, self.scene.setup_files(setup))
+                self._add_picture("relight", f"relight/{setup}", shard, options, files)
 
         for shard, views in self.scene.lamp_shards().items():
             made = manifest(f"{self.root}/lamps.{shard}")

@@ -25,10 +25,13 @@ def command(
     cache: CacheFile,
     model: ModelFile,
     emitters: EmittersFile,
-    setup: Annotated[str, typer.Option(help="Light setup, JSON: emitters to change, lights to add.")],
+    setup: Annotated[str, typer.Option(help="Setup, JSON or YAML file: lights, objects, materials, what goes.")],
     out: Annotated[Path, typer.Option(help="Folder of the pictures.")],
     manifest: ManifestFile,
     background: BackgroundFile = None,
+    segments: Annotated[
+        Path | None, typer.Option(help="fusion.npz, whose ids the setup names; default: connected parts of the mesh.")
+    ] = None,
     settings: SettingsJson = "{}",
     stats: StatsFile = None,
 ) -> None:
@@ -38,6 +41,5 @@ def command(
         from fipt.settings import parse_setup
 
         light = parse_setup(setup)
-        write_pictures(
-            "relight", dataset, hits, cache, model, emitters, background, light, out, manifest, chosen, figures
-        )
+        inputs = (dataset, hits, cache, model, emitters, background)
+        write_pictures("relight", *inputs, light, out, manifest, chosen, figures, segments)

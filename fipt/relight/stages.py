@@ -21,6 +21,7 @@ from fipt.model.networks import Brdf, Field
 from fipt.model.store import load_field
 from fipt.model.voxels import voxel_materials
 from fipt.progress import progress
+from fipt.relight.changes import UNCHANGED, Changes, change
 from fipt.relight.lights import apply_setup, lights_alone
 from fipt.relight.maps import emission_of, hit_materials, material_maps
 from fipt.render.background import sky_of
@@ -75,26 +76,32 @@ def write_pictures(
     manifest: Path,
     settings: Render | Relight,
     stats: Stats,
+    segments: Path | None = None,
 ) -> None:
     """Path trace a shard's views with the model, under its own emitters or a light setup.
 
     Paths follow the model alone: the photographs' radiance is not read, so that the same holds under other light.
+    ``segments`` is fusion.npz, whose ids a setup may name; None: it names connected parts of the mesh.
     """
     data, shard = Dataset(dataset), read_hits(hits)
     mesh, found, outside = data.mesh(), read_emitters(emitters), read_background(background)
-    lit = emitter_set(found)
+    lit, changes = emitter_set(found), UNCHANGED
     if setup is not None:
         room = mesh
         mesh, lit = apply_setup(room, found, setup)
         outside = edited(outside, setup.background)
-        if len(mesh.triangles) > len(room.triangles):  # new lights may hide what the views saw
-            shard = _traced(data, mesh, shard.views, hits)
+        mesh, lit, changes = change(room, mesh, lit, setup, segments, outside)
+        if not np.array_equal(
+            mesh.triangles, room.triangles
+        ):  # what is new may hide what the views saw, what is gone no longer does
+            shard = changes.smooth(_traced(data, mesh, shard.views, hits), [data.camera(view) for view in shard.views])
     field, metadata = load_field(model)
-    light = lights_of(mesh, read_cache(cache), field, [(lit, outside)], settings)[0]
+    light = lights_of(mesh, read_cache(cache), field, [(lit, outside)], settings, changes)[0]
     files = []
     with progress(stage, len(shard.position) * settings.spp, " paths") as bar:
         for index, view in enumerate(shard.views):
             brdf = view_materials(field, shard, index, metadata["settings"].footprint)
+            brdf = changes.materials(brdf, shard, index)
             files.append(out / f"{view}.exr")
             write_exr(files[-1], {"": light.picture(shard, index, data.camera(view), brdf, settings, bar.advance)})
         stats["paths_per_s"] = bar.rate
@@ -152,13 +159,16 @@ def lights_of(
     field: Field,
     shining: Sequence[tuple[EmitterSet, Background]],
     settings: Render | Relight | Lamps,
+    changes: Changes = UNCHANGED,
 ) -> list["Light"]:
     """Return the room ready to be seen under each of several lights: emitting triangles, and light from outside."""
     scene, nothing = RayScene(mesh), np.zeros((len(voxels["key"]), 3), np.float32)
-    surface = SurfaceCache(voxels, nothing, np.zeros(len(nothing), bool), voxel_materials(field, voxels))
+    records = changes.records(voxel_materials(field, voxels), voxels["point"], voxels["facing"], scene)
+    unknown = np.zeros(len(nothing), bool)
+    surface = SurfaceCache(voxels, nothing, unknown, records, changes.of_triangles(), changes.first_object)
     path = PathSettings(settings.max_depth, cache_roughness=1.0, light_at_first=True)
     return [
-        Light(mesh, lit, outside, Shader(scene, Triangles(mesh, lit), surface, path, sky_of(outside)))
+        Light(mesh, lit, outside, Shader(scene, Triangles(mesh, lit), surface, path, sky_of(outside), changes.spots))
         for lit, outside in shining
     ]
 

@@ -1,6 +1,7 @@
 """The room under other light, and with each lamp alone.
 
-INPUTS:  results/{scene}/hits/{shard}.manifest.json, cache.npz, model and emitters of the last round, a setup of the config
+INPUTS:  results/{scene}/hits/{shard}.manifest.json, cache.npz, model and emitters of the last round, a setup of the config,
+         the files that it names, results/{scene}/segments/fusion.npz where it names fused segments
 OUTPUTS: results/{scene}/relight/{setup}.{shard}.manifest.json    lists relight/{setup}/{view}.exr (linear RGB radiance)
          results/{scene}/lamps.{shard}.manifest.json              lists lamps/{view}.exr (a layer for each lamp)
 """
@@ -17,6 +18,7 @@ rule relight_views:
         model=LAST_MODEL,
         emitters=last_emitters,
         files=setup_files,
+        segments=fused_of_setup,
     output:
         manifest="results/{scene}/relight/{setup}.{shard}.manifest.json",
         stats="results/{scene}/stats/relight.{setup}.{shard}.json",
@@ -33,12 +35,14 @@ rule relight_views:
         hits=folders_of("hits"),
         out=folder("results/{scene}/relight/{setup}"),
         setup=setup_json,
+        segments=where("segments", "--segments", "results/{scene}/segments/fusion.npz"),
         settings=settings("relight"),
         version=VERSIONS["relight"],
     shell:
         "fipt relight --dataset {params.dataset:q} --hits {params.hits:q} --cache {input.cache:q}"
         " --background {input.background:q}"
         " --model {input.model:q} --emitters {input.emitters:q} --setup {params.setup:q}"
+        " {params.segments:q}"
         " --out {params.out:q} --manifest {output.manifest:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
 
