@@ -179,7 +179,7 @@ def read_object(path: str | Path) -> MeshObject:
     if path.suffix.lower() == ".glb":
         _check_pictures(path)
     try:
-        scene = trimesh.load_scene(path, process=False, maintain_order=True)
+        scene = trimesh.load_scene(path, process=False)
         nodes = [scene.graph[node] for node in scene.graph.nodes_geometry]
         found = [(scene.geometry[name], placed) for placed, name in nodes]
         pieces = [_piece(mesh, placed) for mesh, placed in found if len(getattr(mesh, "faces", ()))]
