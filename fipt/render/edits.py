@@ -104,6 +104,16 @@ class Segments:
             self._ids = connected_parts(self._mesh)
         return self._ids
 
+    def described(self, triangle: int) -> str:
+        """Say of which segment a triangle is, for people."""
+        number = int(self.ids[triangle])
+        return "of no segment" if self._fused and number == 0 else self._described(number)
+
+    def _described(self, number: int) -> str:
+        own = self.ids == number
+        place = ", ".join(f"{value:.2f}" for value in self._mesh.corners[own].mean(axis=(0, 1)))
+        return f"segment {number}, {int(own.sum())} triangles, {self._mesh.areas[own].sum():.3g} m2, around ({place})"
+
     def _where(self, entry: Removal, name: str) -> np.ndarray | Box:
         if entry.box is not None:
             return self._box(entry.box, name)
@@ -111,11 +121,7 @@ class Segments:
         own = self.ids == chosen
         if not own.any() or (self._fused and chosen == 0):
             raise FiptError(f"{name} names segment {chosen}, which does not exist", self._listing())
-        center = self._mesh.corners[own].mean(axis=(0, 1))
-        print(
-            f"{name}: segment {chosen}, {int(own.sum())} triangles, {self._mesh.areas[own].sum():.3g} m2, around "
-            f"({', '.join(f'{value:.2f}' for value in center)})"
-        )
+        print(f"{name}: {self._described(chosen)}")
         return own
 
     def _at(self, point: tuple[float, float, float], name: str) -> int:
