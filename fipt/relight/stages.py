@@ -91,10 +91,9 @@ def write_pictures(
         mesh, lit = apply_setup(room, found, setup)
         outside = edited(outside, setup.background)
         mesh, lit, changes = change(room, mesh, lit, setup, segments, outside)
-        if not np.array_equal(
-            mesh.triangles, room.triangles
-        ):  # what is new may hide what the views saw, what is gone no longer does
-            shard = changes.smooth(_traced(data, mesh, shard.views, hits), [data.camera(view) for view in shard.views])
+        if not np.array_equal(mesh.triangles, room.triangles):  # views see what is new, and behind what is gone
+            cameras = [data.camera(view) for view in shard.views]
+            shard = changes.smooth(_traced(data, mesh, shard.views, hits), cameras)
     field, metadata = load_field(model)
     light = lights_of(mesh, read_cache(cache), field, [(lit, outside)], settings, changes)[0]
     files = []
