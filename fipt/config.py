@@ -171,8 +171,8 @@ class Scene:
         if values["cameras"] and values["cameras"]["path"]:
             for key in ("fps", "video"):  # other pictures do not follow from these
                 del values["cameras"]["path"][key]
-        for path in self.setup_files(setup):
-            values["background"]["file"] = path
+        for entry in _with_files(values):
+            entry["file"] = self._placed(entry["file"], f"setups.{setup}")
         return json.dumps(values, sort_keys=True)
 
     def cameras_json(self, setup: str) -> str:
@@ -287,9 +287,22 @@ class Scene:
         return ["--decisions", self.review.listing()] if self.review.listing() else []
 
     def setup_files(self, setup: str) -> list[str]:
-        """Files that a relight setup names: another environment map, or none."""
-        edit = self.setups[setup].background
-        return [self._placed(edit.file, f"setups.{setup}.background.file")] if edit and edit.file else []
+        """Files that a relight setup names: another environment map, objects and mesh lights with their textures."""
+        from fipt.io.objects import object_files
+
+        named = [entry["file"] for entry in _with_files(dumped(self.setups[setup]))]
+        files = [file for path in named for file in object_files(self._placed(path, f"setups.{setup}"))]
+        return list(dict.fromkeys(files))
+
+    def names_fused(self, setup: str) -> bool:
+        """Whether a setup chooses segments that are fused from the views, not connected parts of the mesh."""
+        return self.setups[setup].chooses_segments and self.segmentation not in ("dataset", "none")
+
+    @property
+    def true_setups(self) -> list[str]:
+        """Setups of which there can be true pictures: views of a known room, whose segments are parts of its mesh."""
+        possible = [name for name in self.setups if name not in self.filmed and not self.names_fused(name)]
+        return possible if self.synthesized else []
 
     @property
     def synthesized(self) -> bool:
@@ -540,6 +553,12 @@ def load(values: Mapping[str, Any]) -> Configuration:
         rounds=config.rounds,
         plain=_given(config),
     )
+
+
+def _with_files(setup: dict[str, Any]) -> list[dict[str, Any]]:
+    """Entries of a dumped light setup that name a file."""
+    entries = [setup["background"] or {}, *setup["lights"], *setup["objects"]]
+    return [entry for entry in entries if entry.get("file")]
 
 
 def _scene(name: str, entry: SceneEntry, config: Config) -> Scene:

@@ -13,18 +13,7 @@ from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
 from fipt.config import Config, SceneEntry
-from fipt.settings import (
-    PRESETS,
-    STAGES,
-    BackgroundEdit,
-    CameraPath,
-    EmitterEdit,
-    Keyframe,
-    LookAt,
-    NewLight,
-    OwnCameras,
-    RelightSetup,
-)
+from fipt.settings import PRESETS, STAGES, RelightSetup
 
 SCHEMA = PRESETS.parent.parent / "workflow" / "schemas" / "config.schema.yaml"
 README = PRESETS.parent / "README.md"
@@ -51,13 +40,7 @@ def tables_text() -> str:
         parts += [f"### `{stage}`: {_first_line(model)}\n", _table(model.model_fields)]
         parts += _inner_tables(stage, model)
     parts += ["### A relight setup: `setups.NAME`\n", _table(RelightSetup.model_fields)]
-    parts += ["#### One entry of `emitters`\n", _table(EmitterEdit.model_fields)]
-    parts += ["#### One entry of `lights`\n", _table(NewLight.model_fields)]
-    parts += ["#### `background`\n", _table(BackgroundEdit.model_fields)]
-    parts += ["#### `cameras`: one of these\n", _table(OwnCameras.model_fields)]
-    parts += ["#### One entry of `cameras.look_at`\n", _table(LookAt.model_fields)]
-    parts += ["#### `cameras.path`\n", _table(CameraPath.model_fields)]
-    parts += ["#### One entry of `cameras.path.keyframes`: the name of a view, or\n", _table(Keyframe.model_fields)]
+    parts += _inner_tables("setups.NAME", RelightSetup)
     return "\n".join(parts)
 
 

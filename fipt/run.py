@@ -151,9 +151,9 @@ class _Chain:
             label = f"truth.{shard}" if scene.simulated else f"synthesize.{shard}"
             options = (*dataset, *only, "--views", ",".join(views), *known, "--manifest", made)
             self.add("synthesize", label, options, [*room, *files], [made])
-        for setup in scene.setups:
+        for setup in scene.true_setups:
             light = ("--setup", scene.setup_json(setup), "--setup-name", setup)
-            for shard, views in scene.relit_shards(setup).items() if setup not in scene.filmed else ():
+            for shard, views in scene.relit_shards(setup).items():
                 made = manifest(f"{self.data}/relight_truth.{setup}.{shard}")
                 options = (*dataset, "--views", ",".join(views), *light, *known, "--manifest", made)
                 inputs = [*room, *scene.setup_files(setup), *files]
@@ -295,6 +295,9 @@ class _Chain:
             options, files = (*traced, "--setup", self.scene.setup_json(setup)), self.scene.setup_files(setup)
             if self.scene.names_in(setup):
                 options, files = (*options, *self.lamps), [*files, self.listed]
+            if self.scene.names_fused(setup):
+                options += ("--segments", f"{self.root}/segments/fusion.npz")
+                files = [*files, manifest(self.segments)]
             if setup in self.scene.filmed:
                 self._add_film(setup, options, files)
                 continue

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
+from operator import sub
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -502,15 +503,120 @@ class EmitterEdit(Settings):
         return self.names or ((self.name,) if self.name is not None else ())
 
 
-class NewLight(Settings):
-    """An area light to add."""
+Turn = Annotated[tuple[Angle, Angle, Angle], Field(description="degrees about x, then y, then z of the world")]
 
-    shape: Literal["quad", "sphere"] = Field(description="what shines")
-    radiance: Rgb
-    center: Point
+_LIGHT_KEYS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "quad": (("radiance", "center"), ("normal", "size")),
+    "sphere": (("radiance", "center"), ("radius",)),
+    "mesh": (("radiance", "file"), ("position", "rotation", "scale")),
+    "spot": (("intensity", "position"), ("direction", "target", "cone_angle", "soft_edge")),
+}
+"""Shape of a new light -> keys that it needs, keys that it may have."""
+
+
+class NewLight(Settings):
+    """A light to add: an area light (quad, sphere, mesh of a file) or a spot, which is a point."""
+
+    shape: Literal["quad", "sphere", "mesh", "spot"] = Field(description="what shines")
+    radiance: Rgb | None = Field(None, description="of quad, sphere and mesh")
+    center: Point | None = Field(None, description="of quad and sphere, metres")
     normal: Point = Field((0.0, -1.0, 0.0), description="direction a quad faces")
     size: tuple[Length, Length] = Field((0.5, 0.5), description="sides of a quad, metres")
     radius: float = Field(0.1, gt=0, description="of a sphere, metres")
+    file: str | None = Field(None, description="mesh: PLY, OBJ or GLB; {data_root} is replaced")
+    position: Point = Field((0.0, 0.0, 0.0), description="of a spot; where the origin of a mesh's file comes to lie")
+    rotation: Turn = Field((0.0, 0.0, 0.0), description="of a mesh, degrees about x, then y, then z of the world")
+    scale: Length = Field(1.0, description="of a mesh: metres in a unit of its file")
+    intensity: Rgb | None = Field(None, description="of a spot along its axis, watts per steradian")
+    direction: Point | None = Field(None, description="along a spot's axis; or give its target")
+    target: Point | None = Field(None, description="point on a spot's axis")
+    cone_angle: float = Field(60.0, gt=0, le=178, description="of a spot's whole cone, edge to edge, degrees")
+    soft_edge: float = Field(5.0, gt=0, le=89, description="degrees inside the edge over which a spot fades out")
+
+    @model_validator(mode="after")
+    def _complete(self) -> "NewLight":
+        needed, allowed = _LIGHT_KEYS[self.shape]
+        for key in needed:
+            if getattr(self, key) is None or (key == "position" and "position" not in self.model_fields_set):
+                raise ValueError(f"a {self.shape} light needs {key}")
+        for key, field in type(self).model_fields.items():
+            if key not in ("shape", *needed, *allowed) and getattr(self, key) != field.default:
+                raise ValueError(f"a {self.shape} light has no {key}; it may have {', '.join(needed + allowed)}")
+        if self.shape == "quad" and not any(self.normal):
+            raise ValueError("the normal of a new quad light must not be zero")
+        if self.shape == "spot":
+            if (self.direction is None) == (self.target is None):
+                raise ValueError("a spot needs either direction or target")
+            axis = self.direction if self.target is None else tuple(map(sub, self.target, self.position))
+            if not any(axis):
+                raise ValueError("a spot's direction must not be zero, nor its target its position")
+            if self.soft_edge > self.cone_angle / 2:
+                raise ValueError(f"soft_edge must be at most half of cone_angle; found {self.soft_edge:g}")
+        return self
+
+
+Reflectance = Annotated[tuple[Fraction, Fraction, Fraction], Field(description="linear RGB, 0 to 1")]
+Roughness = Annotated[float, Field(ge=0.02, le=1)]
+
+
+class NewObject(Settings):
+    """An object to put into the room."""
+
+    file: str | None = Field(None, description="PLY, OBJ or GLB with its own materials; {data_root} is replaced")
+    shape: Literal["sphere", "cube"] | None = Field(None, description="or one of these, around its own centre")
+    size: Length = Field(0.3, description="of a shape: diameter of the sphere, side of the cube, metres")
+    position: Point = Field(description="where the file's origin, or the shape's centre, comes to lie")
+    rotation: Turn = Field((0.0, 0.0, 0.0), description="degrees about x, then y, then z of the world")
+    scale: Length = Field(1.0, description="metres in a unit of the file")
+    drop: bool = Field(False, description="falls straight down from there until it touches what is below")
+    base_color: Reflectance | None = Field(None, description="instead of the object's own, linear RGB")
+    roughness: Roughness | None = Field(None, description="instead of the object's own")
+    metallic: Fraction | None = Field(None, description="instead of the object's own")
+
+    @model_validator(mode="after")
+    def _complete(self) -> "NewObject":
+        if (self.file is None) == (self.shape is None):
+            raise ValueError("an object needs either file or shape")
+        return self
+
+
+class BrushBox(Settings):
+    """A box in the room."""
+
+    center: Point
+    size: tuple[Length, Length, Length] = Field(description="sides along x, y and z before it is turned, metres")
+    rotation: Angle = Field(0.0, description="about the up axis, degrees, counter-clockwise from above")
+
+
+class Removal(Settings):
+    """What vanishes: a segment by its number or by a point of it, or what is in a box. One of the three."""
+
+    segment: Count | None = Field(None, description="id of a fused segment, or of a connected part of the mesh")
+    at: Point | None = Field(None, description="the segment or part of the surface nearest to this point")
+    box: BrushBox | None = Field(None, description="triangles whose centre is in a box")
+
+    @model_validator(mode="after")
+    def _one(self) -> "Removal":
+        if sum(value is not None for value in (self.segment, self.at, self.box)) != 1:
+            raise ValueError("give one of segment, at and box")
+        return self
+
+
+class MaterialEdit(Removal):
+    """Another material on a segment or in a box (chosen by one of segment, at, box)."""
+
+    base_color: Reflectance | None = Field(None, description="instead of what was found, linear RGB")
+    tint: Rgb | None = Field(None, description="factor on the base colour that was found; the result is at most 1")
+    roughness: Roughness | None = Field(None, description="instead of what was found")
+    metallic: Fraction | None = Field(None, description="instead of what was found")
+
+    @model_validator(mode="after")
+    def _some(self) -> "MaterialEdit":
+        if self.base_color is not None and self.tint is not None:
+            raise ValueError("give base_color or tint, not both")
+        if all(value is None for value in (self.base_color, self.tint, self.roughness, self.metallic)):
+            raise ValueError("give at least one of base_color, tint, roughness and metallic")
+        return self
 
 
 class BackgroundEdit(Settings):
@@ -611,12 +717,15 @@ class OwnCameras(Settings):
 
 
 class RelightSetup(Settings):
-    """The room under other light."""
+    """The room under other light, with other things in it."""
 
     emitters: tuple[EmitterEdit, ...] = Field((), description="changes to found emitters, in order")
     lights: tuple[NewLight, ...] = Field((), description="lights to add")
     background: BackgroundEdit | None = Field(None, description="change of the light from outside")
     cameras: OwnCameras | None = Field(None, description="other cameras than the dataset's views")
+    objects: tuple[NewObject, ...] = Field((), description="objects to put in, one after the other")
+    materials: tuple[MaterialEdit, ...] = Field((), description="other materials, in order")
+    remove: tuple[Removal, ...] = Field((), description="what vanishes, before anything is put in")
     reference: str | None = Field(
         None,
         description="folder of linear photographs under this light, EXR or HDR, named as the views, of any one "
@@ -628,6 +737,11 @@ class RelightSetup(Settings):
         if self.cameras is not None and self.reference is not None:
             raise ValueError("reference is compared with views of the dataset; a setup with cameras renders none")
         return self
+
+    @property
+    def chooses_segments(self) -> bool:
+        """Whether it names a segment, by number or by a point."""
+        return any(entry.box is None for entry in (*self.materials, *self.remove))
 
 
 class Relight(Settings):
@@ -810,15 +924,17 @@ def validated(stage: str, values: Mapping[str, Any]) -> Any:
 
 
 def parse_setup(text: str) -> RelightSetup:
-    """Parse the JSON of a light setup.
+    """Read a light setup: JSON, or the path of a YAML file with the same keys.
 
     Raises
     ------
     FiptError
-        If it is not JSON, has unknown keys or values out of range.
+        If it is neither, has unknown keys or values out of range.
     """
     try:
-        return RelightSetup.model_validate_json(text)
+        if text.lstrip().startswith("{"):
+            return RelightSetup.model_validate_json(text)
+        return RelightSetup.model_validate(_yaml(text))
     except ValidationError as error:
         allowed = ", ".join(RelightSetup.model_fields)
         raise FiptError(explain(error, "setup"), f"allowed keys of a light setup: {allowed}") from error
@@ -836,6 +952,20 @@ def parse_cameras(text: str) -> OwnCameras:
         return OwnCameras.model_validate_json(text)
     except ValidationError as error:
         raise FiptError(explain(error, "cameras"), "give look_at or path, see config/README.md") from error
+
+
+def _yaml(path: str) -> Any:
+    import yaml
+
+    try:
+        return yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise FiptError(
+            f"the light setup must be JSON or the path of a YAML file; {path} cannot be read ({error.strerror})",
+            "check the path",
+        ) from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise FiptError(f"the light setup {path} is not YAML ({error})", "repair the file") from error
 
 
 def dumped(settings: Settings) -> dict[str, Any]:

@@ -53,6 +53,7 @@ VERBS: dict[str, Verb] = {
     "render": Verb("render", "Re-render the held-out views with the model."),
     "relight": Verb("relight", "Render the views under another light setup."),
     "video": Verb("video", "Join what a setup's own cameras see: PNG pictures, an MP4."),
+    "point": Verb("point", "Say where in the room a pixel of a view is, and of which segment."),
     "lamps": Verb("lamps", "Render views with each lamp alone, for the light mixer."),
     "export": Verb("export", "Write the room for Blender, Mitsuba, game engines, USD."),
     "check-export": Verb("check_export", "Load every exported file back and compare its pictures with ours."),

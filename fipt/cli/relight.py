@@ -27,7 +27,7 @@ def command(
     cache: CacheFile,
     model: ModelFile,
     emitters: EmittersFile,
-    setup: Annotated[str, typer.Option(help="Light setup, JSON: emitters to change, lights to add.")],
+    setup: Annotated[str, typer.Option(help="Setup, JSON or YAML file: lights, objects, materials, what goes.")],
     out: Annotated[Path, typer.Option(help="Folder of the pictures.")],
     manifest: ManifestFile,
     background: BackgroundFile = None,
@@ -35,6 +35,9 @@ def command(
     cameras: Annotated[
         list[str] | None,
         typer.Option(help="Of a setup with its own cameras: those to render, comma-separated; default: all."),
+    ] = None,
+    segments: Annotated[
+        Path | None, typer.Option(help="fusion.npz, whose ids the setup names; default: connected parts of the mesh.")
     ] = None,
     settings: SettingsJson = "{}",
     stats: StatsFile = None,
@@ -51,5 +54,7 @@ def command(
         light, names = parse_setup(setup), listed(cameras or [])
         if names and light.cameras is None:
             raise FiptError("--cameras needs a setup with cameras", "leave it out: the views of --hits are rendered")
-        inputs = (dataset, hits, cache, model, emitters, background)
-        write_pictures("relight", *inputs, light, out, manifest, chosen, figures, lamps, names)
+        write_pictures(
+            "relight", dataset, hits, cache, model, emitters, background, light, out, manifest, chosen, figures,
+            lamps=lamps, cameras=names, segments=segments,
+        )  # fmt: skip

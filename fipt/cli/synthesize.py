@@ -1,6 +1,5 @@
 """``fipt synthesize``: make a dataset with ground truth, or a RAW capture, from a room in code or a scene file."""
 
-import json
 from pathlib import Path
 from typing import Annotated
 
@@ -19,7 +18,7 @@ def command(
     stats: Annotated[Path | None, typer.Option(help="Figures of the run, JSON.")] = None,
     setup: Annotated[
         str | None,
-        typer.Option(help="Light setup as JSON: render only how the views look under it."),
+        typer.Option(help="Light setup, JSON or YAML file: render only how the views look under it."),
     ] = None,
     setup_name: Annotated[str | None, typer.Option(help="Name of the light setup.")] = None,
     raw: Annotated[
@@ -85,7 +84,8 @@ def command(
         record["scene_file"] = str(scene)
     light = None
     if setup is not None:
-        light, record["setup"] = parse_setup(setup), json.loads(setup)
+        light = parse_setup(setup)
+        record["setup"] = dumped(light)
         check_name(setup_name, "light setup")
 
     from fipt.render.variant import set_variant

@@ -11,7 +11,7 @@ import numpy as np
 from fipt.io.background import Background
 from fipt.io.cameras import Camera
 from fipt.io.images import srgb_decode
-from fipt.io.meshes import Mesh
+from fipt.io.meshes import Mesh, closed
 
 SHEET_GAP = 0.001
 """Distance of the two faces of a two-sided lamp in formats whose area lights have one side, metres."""
@@ -41,11 +41,7 @@ class Piece:
     @property
     def closed(self) -> bool:
         """Whether each edge belongs to two triangles, so that nobody sees the inside."""
-        # corners that a hundredth of a millimetre parts are one
-        _, vertex = np.unique(self.mesh.vertices.round(5), axis=0, return_inverse=True)
-        corner = vertex.reshape(-1)[self.mesh.triangles]
-        edges = np.sort(corner[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-        return bool((np.unique(edges, axis=0, return_counts=True)[1] == 2).all())
+        return closed(self.mesh)
 
 
 @dataclass(frozen=True)

@@ -200,12 +200,12 @@ def read_glb(path: str | Path) -> Asset:
     """
     content = existing_file(path, "a glTF file").read_bytes()
     try:
-        return _asset(*_chunks(content))
+        return _asset(*chunks(content))
     except (ValueError, KeyError, IndexError, TypeError, StopIteration, struct.error) as error:
         raise FiptError(f"{path} is not a room that fipt exported ({error!r})", "export it again") from error
 
 
-def _chunks(content: bytes) -> tuple[dict[str, Any], bytes]:
+def chunks(content: bytes) -> tuple[dict[str, Any], bytes]:
     """JSON document and binary data of a .glb file."""
     magic, version, total = struct.unpack_from("<III", content)
     if (magic, version, total) != (_MAGIC, 2, len(content)):

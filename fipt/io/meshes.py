@@ -93,6 +93,15 @@ def connected_parts(mesh: Mesh) -> np.ndarray:
     return connected_components(graph, directed=False)[1][corners[:, 0]].astype(np.int32)
 
 
+def closed(mesh: Mesh) -> bool:
+    """Whether each edge belongs to two triangles, so that nobody sees the inside."""
+    # corners that a hundredth of a millimetre parts are one
+    _, vertex = np.unique(mesh.vertices.round(5), axis=0, return_inverse=True)
+    corner = vertex.reshape(-1)[mesh.triangles]
+    edges = np.sort(corner[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    return bool((np.unique(edges, axis=0, return_counts=True)[1] == 2).all())
+
+
 def face_property(path: str | Path, name: str) -> np.ndarray:
     """(T,) values of a scalar property of a PLY's faces.
 

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 
 from fipt.conventions import LUMINANCE
-from fipt.errors import FiptError
 from fipt.io.background import Background
 from fipt.io.emitters import Emitters, chosen_lamps, read_names
 from fipt.io.meshes import Mesh
+from fipt.render.objects import light_mesh
 from fipt.render.surface import EmitterSet
 from fipt.settings import EmitterEdit, NewLight, RelightSetup
 
@@ -37,6 +37,8 @@ def apply_setup(
     lit, shine = [emitters.triangle], [radiance]
     next_vertex, next_triangle = len(mesh.vertices), len(mesh.triangles)
     for light in setup.lights:
+        if light.shape == "spot":  # shines without a surface
+            continue
         v, t = _geometry(light)
         vertices.append(v.astype(np.float32))
         triangles.append((t + next_vertex).astype(np.int32))
@@ -96,6 +98,9 @@ def _edited(radiance: np.ndarray, edit: EmitterEdit) -> np.ndarray:
 
 def _geometry(light: NewLight) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (V, 3) and triangles (T, 3) of a new light."""
+    if light.shape == "mesh":
+        mesh = light_mesh(light)
+        return mesh.vertices, mesh.triangles
     center = np.array(light.center)
     if light.shape == "sphere":
         import trimesh
@@ -103,8 +108,6 @@ def _geometry(light: NewLight) -> tuple[np.ndarray, np.ndarray]:
         sphere = trimesh.creation.icosphere(_SPHERE_SUBDIVISIONS, light.radius)
         return np.asarray(sphere.vertices) + center, np.asarray(sphere.faces)
     n = np.array(light.normal, np.float64)
-    if np.linalg.norm(n) < 1e-9:
-        raise FiptError("the normal of a new quad light must not be zero", "give the direction it faces")
     n /= np.linalg.norm(n)
     u = np.cross(n, [0.0, 1.0, 0.0] if abs(n[1]) < 0.9 else [1.0, 0.0, 0.0])
     u *= 0.5 * light.size[0] / np.linalg.norm(u)

@@ -22,6 +22,7 @@ from fipt.model.store import load_field
 from fipt.model.voxels import voxel_materials
 from fipt.progress import progress
 from fipt.relight.cameras import chosen_cameras
+from fipt.relight.changes import UNCHANGED, Changes, change
 from fipt.relight.lights import apply_setup, lights_alone
 from fipt.relight.maps import emission_of, hit_materials, material_maps
 from fipt.relight.standing import standing
@@ -77,38 +78,49 @@ def write_pictures(
     manifest: Path,
     settings: Render | Relight,
     stats: Stats,
+    *,
     lamps: Path | None = None,
-    names: Sequence[str] = (),
+    cameras: Sequence[str] = (),
+    segments: Path | None = None,
 ) -> None:
     """Path trace a shard's views with the model, under its own emitters or a light setup.
 
     Paths follow the model alone: the photographs' radiance is not read, so that the same holds under other light.
-    ``lamps`` is the list that has the names by which the setup chooses lamps.
-    Of a setup with its own cameras, those called ``names`` are rendered; of ``hits`` only the settings are used.
+
+    Parameters
+    ----------
+    lamps
+        List that has the names by which the setup chooses lamps.
+    cameras
+        Of a setup with its own cameras, those to render; of ``hits`` only the settings are used then.
+    segments
+        fusion.npz, whose ids the setup may name; None: it names connected parts of the mesh.
     """
     data, shard = Dataset(dataset), read_hits(hits)
     own = None if setup is None else setup.cameras
-    cameras = [data.camera(view) for view in shard.views] if own is None else chosen_cameras(own, data, names)
+    seen_by = [data.camera(view) for view in shard.views] if own is None else chosen_cameras(own, data, cameras)
     mesh, found, outside = data.mesh(), read_emitters(emitters), read_background(background)
-    lit = emitter_set(found)
+    lit, changes = emitter_set(found), UNCHANGED
     if setup is not None:
         room = mesh
         mesh, lit = apply_setup(room, found, setup, read_names(lamps, found))
         outside = edited(outside, setup.background)
-        if own or len(mesh.triangles) > len(room.triangles):  # new lights may hide what the views saw
-            shard = _traced(cameras, mesh, hits)
+        mesh, lit, changes = change(room, mesh, lit, setup, segments, outside)
+        if own or not np.array_equal(mesh.triangles, room.triangles):  # views see what is new, and behind what is gone
+            shard = changes.smooth(_traced(seen_by, mesh, hits), seen_by)
     if own:
-        stats["warnings"] = standing(RayScene(mesh), cameras, data.cameras)
+        stats["warnings"] = standing(RayScene(mesh), seen_by, data.cameras)
         for warning in stats.figures["warnings"]:
             print(f"warning: {warning}")
     field, metadata = load_field(model)
-    light = lights_of(mesh, read_cache(cache), field, [(lit, outside)], settings)[0]
+    light = lights_of(mesh, read_cache(cache), field, [(lit, outside)], settings, changes)[0]
     files = []
     with progress(stage, len(shard.position) * settings.spp, " paths") as bar:
         for index, view in enumerate(shard.views):
             brdf = view_materials(field, shard, index, metadata["settings"].footprint)
+            brdf = changes.materials(brdf, shard, index)
             files.append(out / f"{view}.exr")
-            write_exr(files[-1], {"": light.picture(shard, index, cameras[index], brdf, settings, bar.advance)})
+            write_exr(files[-1], {"": light.picture(shard, index, seen_by[index], brdf, settings, bar.advance)})
         stats["paths_per_s"] = bar.rate
     write_manifest(manifest, stage, files, dumped(settings))
 
@@ -164,13 +176,16 @@ def lights_of(
     field: Field,
     shining: Sequence[tuple[EmitterSet, Background]],
     settings: Render | Relight | Lamps,
+    changes: Changes = UNCHANGED,
 ) -> list["Light"]:
     """Return the room ready to be seen under each of several lights: emitting triangles, and light from outside."""
     scene, nothing = RayScene(mesh), np.zeros((len(voxels["key"]), 3), np.float32)
-    surface = SurfaceCache(voxels, nothing, np.zeros(len(nothing), bool), voxel_materials(field, voxels))
+    records = changes.records(voxel_materials(field, voxels), voxels["point"], voxels["facing"], scene)
+    unknown = np.zeros(len(nothing), bool)
+    surface = SurfaceCache(voxels, nothing, unknown, records, changes.of_triangles(), changes.first_object)
     path = PathSettings(settings.max_depth, cache_roughness=1.0, light_at_first=True)
     return [
-        Light(mesh, lit, outside, Shader(scene, Triangles(mesh, lit), surface, path, sky_of(outside)))
+        Light(mesh, lit, outside, Shader(scene, Triangles(mesh, lit), surface, path, sky_of(outside), changes.spots))
         for lit, outside in shining
     ]
 

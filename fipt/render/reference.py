@@ -17,7 +17,10 @@ import numpy as np
 from fipt.io.background import NOTHING, Background
 from fipt.io.cameras import Camera
 from fipt.io.meshes import Mesh
+from fipt.io.objects import MeshObject
 from fipt.render import bsdf
+from fipt.render.edits import Edit
+from fipt.render.spots import Spot
 from fipt.render.texels import Surface, Textures
 
 _MAX_LANES = 2**22
@@ -44,8 +47,8 @@ class Light:
     radiance
         (3,) linear RGB; zero for a lamp that is off. Lights absorb what falls on them.
     two_sided
-        Shine from both sides. Mitsuba's area lights have one, so this makes two sheets; lamps whose
-        back nobody can see, such as a closed globe, do without.
+        Shine from both sides. Mitsuba's area lights have one, so this makes two sheets, each triangle's moved along
+        its normal; lamps whose back nobody can see, such as a closed globe, do without.
     """
 
     mesh: Mesh
@@ -66,11 +69,15 @@ class TexturedMesh:
         Of all materials.
     material
         (T,) material of each triangle.
+    edits
+        Changes of the materials, in order.
     """
 
-    def __init__(self, mesh: Mesh, uv: np.ndarray, textures: Textures, material: np.ndarray) -> None:
+    def __init__(
+        self, mesh: Mesh, uv: np.ndarray, textures: Textures, material: np.ndarray, edits: Sequence[Edit] = ()
+    ) -> None:
         self._scene = mi.load_dict({"type": "scene", "mesh": _mesh("mesh", mesh, uv)})
-        self._surface = Surface(textures, material)
+        self._surface = Surface(textures, material, edits)
 
     def first_hits(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Trace rays.
@@ -124,6 +131,9 @@ def load_scene(
     material: np.ndarray,
     lights: Sequence[Light],
     background: Background = NOTHING,
+    edits: Sequence[Edit] = (),
+    objects: Sequence[MeshObject] = (),
+    spots: Sequence[Spot] = (),
 ) -> mi.Scene:
     """Make a scene to render.
 
@@ -137,10 +147,19 @@ def load_scene(
         What shines.
     background
         What shines from outside.
+    edits
+        Changes of the materials, in order.
+    objects, spots
+        What else stands in the scene, each with materials of its own; lights at points.
     """
     scene: dict[str, Any] = {"type": "scene"}
     if len(mesh.triangles):
-        scene["mesh"] = _mesh("mesh", mesh, uv, bsdf=bsdf.textured(Surface(textures, material)))
+        scene["mesh"] = _mesh("mesh", mesh, uv, bsdf=bsdf.textured(Surface(textures, material, edits)))
+    for index, thing in enumerate(objects):
+        own = bsdf.textured(Surface(Textures(thing.materials), thing.material))
+        scene[f"object{index}"] = _mesh(f"object{index}", *_smooth(thing), bsdf=own)
+    for index, spot in enumerate(spots):
+        scene[f"spot{index}"] = _spot(spot)
     for index, light in enumerate(lights):
         for side, sheet in enumerate(_sheets(light)):
             black = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}
@@ -236,11 +255,36 @@ def _sheets(light: Light) -> list[Mesh]:
     """One-sided meshes that together make a light."""
     if not light.two_sided:
         return [light.mesh]
-    shift = 0.5 * _SHEET_GAP * light.mesh.normals[0]
+    corners = light.mesh.corners
+    shift = 0.5 * _SHEET_GAP * light.mesh.normals[:, None]
+    triangles = np.arange(3 * len(corners), dtype=np.int32).reshape(-1, 3)
     return [
-        Mesh(light.mesh.vertices + shift, light.mesh.triangles),
-        Mesh(light.mesh.vertices - shift, light.mesh.triangles[:, ::-1]),
+        Mesh((corners + shift).reshape(-1, 3), triangles),
+        Mesh((corners - shift).reshape(-1, 3), triangles[:, ::-1]),
     ]
+
+
+def _smooth(thing: MeshObject) -> tuple[Mesh, np.ndarray, np.ndarray]:
+    """Mesh, texture coordinates and normals of an object; corners are its own where triangles show flat normals."""
+    corners = thing.mesh.triangles.reshape(-1)
+    mesh = Mesh(thing.mesh.vertices[corners], np.arange(len(corners), dtype=np.int32).reshape(-1, 3))
+    normals = thing.normals[corners]
+    flat = ~normals.any(axis=1)
+    normals[flat] = np.repeat(mesh.normals, 3, axis=0)[flat]
+    return mesh, thing.uv[corners], normals
+
+
+def _spot(spot: Spot) -> dict[str, Any]:
+    """Mitsuba's own emitter of a spot."""
+    at, axis = spot.position, spot.direction
+    side = [0, 1, 0] if abs(axis[1]) < 0.9 else [1, 0, 0]
+    return {
+        "type": "spot",
+        "to_world": mi.ScalarTransform4f().look_at(list(at), list(at + axis), side),
+        "intensity": {"type": "rgb", "value": spot.intensity.tolist()},
+        "cutoff_angle": float(np.degrees(spot.cutoff)),
+        "beam_width": float(np.degrees(spot.beam)),
+    }
 
 
 def _rays(origins: np.ndarray, directions: np.ndarray) -> mi.Ray3f:
@@ -255,9 +299,10 @@ def _mesh(
     name: str,
     mesh: Mesh,
     uv: np.ndarray | None = None,
+    normals: np.ndarray | None = None,
     **children: Any,
 ) -> mi.Mesh:
-    """Make a mesh with flat normals, and bsdf or emitter as children."""
+    """Make a mesh, with flat normals unless vertex normals are given, and bsdf or emitter as children."""
     props = mi.Properties()
     for key, child in children.items():
         props[key] = child
@@ -265,7 +310,7 @@ def _mesh(
         name,
         len(mesh.vertices),
         len(mesh.triangles),
-        has_vertex_normals=False,
+        has_vertex_normals=normals is not None,
         has_vertex_texcoords=uv is not None,
         props=props,
     )
@@ -274,5 +319,7 @@ def _mesh(
     params["faces"] = mi.UInt32(np.ascontiguousarray(mesh.triangles, np.uint32).ravel())
     if uv is not None:
         params["vertex_texcoords"] = mi.Float(np.ascontiguousarray(uv, np.float32).ravel())
+    if normals is not None:
+        params["vertex_normals"] = mi.Float(np.ascontiguousarray(normals, np.float32).ravel())
     params.update()
     return made

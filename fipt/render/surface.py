@@ -63,6 +63,11 @@ class SurfaceCache:
         (K,) bool: whether the radiance may end a path.
     materials
         ``base_color`` (K, 3), ``roughness`` (K,), ``metallic`` (K,); None in round 0, where no path goes on.
+    objects
+        Material of each of the O last triangles of the mesh, which have records of their own; None: of no triangle.
+        Their radiance is not known.
+    first_object
+        Number of the first of these triangles.
     """
 
     def __init__(
@@ -71,6 +76,8 @@ class SurfaceCache:
         radiance: np.ndarray,
         known: np.ndarray,
         materials: Materials | None = None,
+        objects: Materials | None = None,
+        first_object: int = 0,
     ) -> None:
         side, key = float(voxels["side"]), voxels["key"]
         n, count = int(voxels["resolution"]), len(key)
@@ -86,14 +93,30 @@ class SurfaceCache:
         # the sign of the roughness tells whether the radiance is known; the last record is "nothing here"
         light = np.concatenate([radiance, np.where(known, rough, -rough)[:, None]], axis=1)
         light = np.concatenate([light, [[0.0, 0.0, 0.0, -1.0]]])
+        self.first_object = None if objects is None else first_object
+        self.first_record = count + 1
+        if objects is not None:
+            light = np.concatenate([light, np.pad(-objects.roughness[:, None], ((0, 0), (3, 0)))])
         self.light = mi.Float(light.astype(np.float32).ravel())
         if materials is not None:
             material = np.concatenate([materials.base_color, materials.metallic[:, None]], axis=1)
             material = np.concatenate([material, [[0.5, 0.5, 0.5, 0.0]]])
+            if objects is not None:
+                material = np.concatenate([material, np.column_stack([objects.base_color, objects.metallic])])
             self.material = mi.Float(material.astype(np.float32).ravel())
 
-    def find(self, p: "mi.Point3f", normal: "mi.Vector3f", active: "mi.Bool") -> "mi.UInt32":
-        """Record number of the surface at p that faces along ``normal``."""
+    def find(
+        self, p: "mi.Point3f", normal: "mi.Vector3f", active: "mi.Bool", triangle: "mi.UInt32 | None" = None
+    ) -> "mi.UInt32":
+        """Record number of the surface at p, on ``triangle``, that faces along ``normal``."""
+        record = self._find(p, normal, active)
+        if self.first_object is None:
+            return record
+        own = triangle >= self.first_object
+        return dr.select(own, triangle - self.first_object + self.first_record, record)
+
+    def _find(self, p: "mi.Point3f", normal: "mi.Vector3f", active: "mi.Bool") -> "mi.UInt32":
+        """Record number of the room's surface, by voxel."""
         n = self.resolution
         cell = mi.Vector3i(dr.clip(dr.floor((p - mi.Point3f(*self.low)) * self.scale), 0, n - 1))
         cell = mi.UInt32(cell.x + n * (cell.y + n * cell.z))

@@ -6,7 +6,7 @@ triangles lost their numbers; here the mesh stays one.
 
 from __future__ import annotations  # Mitsuba has no classes before its variant is set
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 import drjit as dr
@@ -14,6 +14,7 @@ import mitsuba as mi
 import numpy as np
 
 from fipt.conventions import ROUGHNESS_MIN
+from fipt.render.edits import Box, Edit
 
 
 class Material(Protocol):
@@ -90,6 +91,8 @@ class Surface:
         Of all materials.
     material
         (T,) material of each triangle.
+    edits
+        Changes of them, in order; for a mesh of these T triangles.
 
     Attributes
     ----------
@@ -97,18 +100,47 @@ class Surface:
         What a `fipt.render.bsdf` asks for them: ``eval(si, active)``, ``eval_1(si, active)``.
     """
 
-    def __init__(self, textures: Textures, material: np.ndarray) -> None:
+    def __init__(self, textures: Textures, material: np.ndarray, edits: Sequence[Edit] = ()) -> None:
         number = mi.UInt32(np.ascontiguousarray(material, np.uint32))
+        places = [_Place(edit.where) for edit in edits]
         self.base_color, self.roughness, self.metallic = (
-            _Looked(texels, number) for texels in (textures.base_color, textures.roughness, textures.metallic)
+            _Looked(getattr(textures, name), number, [(p, _step(e, name)) for p, e in zip(places, edits, strict=True)])
+            for name in ("base_color", "roughness", "metallic")
         )
+
+
+def _step(edit: Edit, name: str) -> Callable[[Any], Any]:
+    """What an edit makes of a value of the map ``name``."""
+    change = edit.change
+    if name == "base_color" and change.tint is not None:
+        return lambda value: dr.minimum(value * mi.Color3f(*change.tint), 1)
+    wanted = getattr(change, name)
+    if wanted is None:
+        return lambda value: value
+    return lambda value: type(value)(wanted if name != "base_color" else mi.Color3f(*wanted))
+
+
+class _Place:
+    """Where an edit holds."""
+
+    def __init__(self, where: np.ndarray | Box) -> None:
+        self._where = where if isinstance(where, Box) else mi.UInt32(where.astype(np.uint32))
+
+    def holds(self, si: Any, active: Any) -> Any:
+        if not isinstance(self._where, Box):
+            return dr.gather(mi.UInt32, self._where, si.prim_index, active) > 0
+        away = si.p - mi.Point3f(*map(float, self._where.center))
+        inside = mi.Bool(True)
+        for axis, half in zip(self._where.turn.T, self._where.half, strict=True):
+            inside &= dr.abs(dr.dot(away, mi.Vector3f(*map(float, axis)))) <= float(half)
+        return inside
 
 
 class _Looked:
     """Texels on a mesh, with the two methods of a Mitsuba texture that a BSDF calls."""
 
-    def __init__(self, texels: Texels, material: Any) -> None:
-        self._texels, self._material = texels, material
+    def __init__(self, texels: Texels, material: Any, steps: Sequence[tuple[_Place, Callable[[Any], Any]]]) -> None:
+        self._texels, self._material, self._steps = texels, material, steps
 
     def eval(self, si: Any, active: Any = True) -> Any:
         return self._at(mi.Color3f, si, active)
@@ -118,4 +150,7 @@ class _Looked:
 
     def _at(self, kind: type, si: Any, active: Any) -> Any:
         material = dr.gather(mi.UInt32, self._material, si.prim_index, active)
-        return self._texels.lookup(kind, material, si.uv, active)
+        value = self._texels.lookup(kind, material, si.uv, active)
+        for place, step in self._steps:
+            value = dr.select(place.holds(si, active), step(value), value)
+        return value

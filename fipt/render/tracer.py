@@ -20,6 +20,7 @@ import numpy as np
 from fipt.render import ggx
 from fipt.render.background import Sky
 from fipt.render.scene import RayScene, vectors
+from fipt.render.spots import Spot
 from fipt.render.surface import SurfaceCache, Triangles
 
 _R2 = (0.7548776662466927, 0.5698402909980532)
@@ -77,6 +78,8 @@ class Shader:
         None in round 0, where the first vertex ends in the cache; else how paths go on.
     sky
         Radiance of rays that leave the mesh; None: zero.
+    spots
+        Lights at points, which paths see by shadow rays alone; only where ``path`` says how paths go on.
     """
 
     def __init__(
@@ -86,8 +89,10 @@ class Shader:
         cache: SurfaceCache,
         path: PathSettings | None,
         sky: Sky | None = None,
+        spots: Sequence[Spot] = (),
     ) -> None:
         self.scene, self.triangles, self.cache, self.path, self.sky = scene, triangles, cache, path, sky
+        self.spots = spots
 
     def shade(self, points: Points, levels: Sequence[float | np.ndarray], counts: Sequence[int]) -> np.ndarray:
         """Estimate Ld, Ls0 and Ls1 of every level.
@@ -147,6 +152,8 @@ class Shader:
                 density = self._density(g, roughness, weights, used) + pl * mi.Float(total)
                 self._splat(sums, g, roughness, dr.select(first & (density > 0), light / density, 0))
             L += dr.select(first, 0, light)
+            if dr.hint(len(self.spots) > 0, mode="scalar"):
+                L += self._spots(sums, sample, origin, n, wo, base, s, metallic, throughput, first, roughness)
 
             # -- a new direction: from the lobe mixture at x, from the material at y
             wi = self._first_direction(sample, shift1, shift2, frame0, wo, roughness, cumulated)
@@ -168,7 +175,9 @@ class Shader:
             n_y, emitter = self.triangles.lookup(found.prim_index, on_mesh)
             facing = dr.dot(n_y, wi)
             n_facing = dr.select(facing > 0, -n_y, n_y)
-            out, stop, p_light, record, s_y = self._arrive(y, wi, n_y, facing, emitter, on_mesh, alive, found.t, depth)
+            out, stop, p_light, record, s_y = self._arrive(
+                y, wi, n_y, facing, emitter, on_mesh, alive, found.t, depth, found.prim_index
+            )
             lit = on_mesh & (p_light > 0)
             # MIS: balance heuristic over the N lobe and N light samples at x, power heuristic later
             mis = dr.select(lit & ~first, dr.square(p_y) / (dr.square(p_y) + dr.square(p_light)), 1)
@@ -259,7 +268,21 @@ class Shader:
         at_y = throughput * value * radiance * (mis / p_light)
         return dr.select(ok, dr.select(first, radiance, at_y), 0), wl, dr.select(ok, p_light, 0)
 
-    def _arrive(self, y, wi, n_y, facing, emitter, on_mesh, alive, distance, depth):
+    def _spots(self, sums, sample, origin, n, wo, base, s, metallic, throughput, first, roughness):
+        """Light of the spots at p. At x it is added to all integrals, once a hit; at y: what the path gains."""
+        gained = mi.Color3f(0.0)
+        for spot in self.spots:
+            arriving, wl, distance = spot.at(origin)
+            ok = (~first | (sample == 0)) & (dr.dot(n, wl) > 0) & (dr.max(arriving) > 0)
+            ray = mi.Ray3f(origin, wl, distance * (1 - 1e-3), 0.0, [])
+            ok &= ~self.scene.scene.ray_test(ray, active=ok)
+            g = ggx.Geometry(n, wl, wo)
+            self._splat(sums, g, roughness, dr.select(ok & first, arriving, 0))
+            value, _ = ggx.evaluate(g, base, s, metallic)
+            gained += dr.select(ok & ~first, throughput * value * arriving, 0)
+        return gained
+
+    def _arrive(self, y, wi, n_y, facing, emitter, on_mesh, alive, distance, depth, triangle):
         """Radiance that y sends back; whether the path ends there; the density (per steradian) with which light
         sampling would have chosen y (0 where it could not); the cache's record of y and its roughness.
         """
@@ -279,7 +302,7 @@ class Shader:
             if not self.path.light_at_first:
                 p_light = dr.select(depth == 0, 0, p_light)
             ends |= on_mesh & (emitter > 0)
-        record = self.cache.find(y, normal, ~ends)
+        record = self.cache.find(y, normal, ~ends, triangle)
         radiance, s_y, known = self.cache.lookup_radiance(record, ~ends)
         last = depth + 1 >= self.path.max_depth
         read = ~ends & known & ((s_y > self.path.cache_roughness) | last)

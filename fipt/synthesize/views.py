@@ -7,14 +7,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fipt.conventions import LUMINANCE
-from fipt.errors import FiptError
 from fipt.io.background import edited
 from fipt.io.cameras import Camera
 from fipt.io.emitters import chosen_lamps
-from fipt.io.meshes import Mesh
+from fipt.io.meshes import Mesh, closed
+from fipt.io.objects import MeshObject
 from fipt.model.albedo import reflectance
 from fipt.render.denoise import denoise
+from fipt.render.edits import Edit, Segments, without
+from fipt.render.objects import appended, light_mesh, objects_in
 from fipt.render.reference import Light, PathTracer, TexturedMesh, load_scene
+from fipt.render.spots import spots_of
 from fipt.render.texels import Textures
 from fipt.settings import NewLight, RelightSetup, Synthesize
 from fipt.synthesize.room import Room
@@ -32,8 +35,8 @@ _LUMINANCE = np.array(LUMINANCE)
 # --- light setups -----------------------------------------------------------------------------
 
 
-def lights(room: Room, setup: RelightSetup | None = None) -> list[Light]:
-    """Return the room's lamps under a light setup: edited, then the new lights.
+def lights(room: Room, setup: RelightSetup | None = None, gone: np.ndarray | None = None) -> list[Light]:
+    """Return the room's lamps under a light setup: edited, without triangles that are ``gone``, then the new lights.
 
     An edit's ``index`` counts the room's lamps by their first triangle, as room.json lists them; their names are those
     of their parts there, and ``lamp-N``. Within an edit a new radiance comes first, then the colour (luminance kept),
@@ -57,9 +60,18 @@ def lights(room: Room, setup: RelightSetup | None = None) -> list[Light]:
                 radiance = color * (radiance @ _LUMINANCE) / max(color @ _LUMINANCE, 1e-9)
             if edit.scale is not None:
                 radiance = radiance * edit.scale
+        if gone is not None and gone[triangles].any():
+            triangles = triangles[~gone[triangles]]
+            if not len(triangles):
+                continue
         used, local = np.unique(room.mesh.triangles[triangles], return_inverse=True)
         found.append(Light(_mesh(room.mesh.vertices[used], local.reshape(-1, 3)), radiance))
-    return found + [new_light(light) for light in setup.lights]
+    return found + area_lights(setup)
+
+
+def area_lights(setup: RelightSetup | None) -> list[Light]:
+    """Return the new lights of a setup that have a surface."""
+    return [new_light(light) for light in setup.lights if light.shape != "spot"] if setup else []
 
 
 def new_light(light: NewLight) -> Light:
@@ -70,13 +82,15 @@ def new_light(light: NewLight) -> Light:
     """
     import trimesh
 
-    center, radiance = np.array(light.center, float), np.array(light.radiance, float)
+    radiance = np.array(light.radiance, float)
+    if light.shape == "mesh":
+        mesh = light_mesh(light)
+        return Light(mesh, radiance, two_sided=not closed(mesh))
+    center = np.array(light.center, float)
     if light.shape == "sphere":
         ball = trimesh.creation.icosphere(3, light.radius)
         return Light(_mesh(ball.vertices + center, ball.faces), radiance)
     normal = np.array(light.normal, float)
-    if np.linalg.norm(normal) < 1e-9:
-        raise FiptError("the normal of a new quad light must not be zero", "give where it faces")
     normal /= np.linalg.norm(normal)
     u = np.cross(normal, (0.0, 1.0, 0.0) if abs(normal[1]) < 0.9 else (1.0, 0.0, 0.0))
     u *= light.size[0] / np.linalg.norm(u)
@@ -89,18 +103,59 @@ def _mesh(vertices: np.ndarray, triangles: np.ndarray) -> Mesh:
     return Mesh(np.asarray(vertices, np.float32), np.asarray(triangles, np.int32))
 
 
+@dataclass(frozen=True)
+class Changed:
+    """What a setup changes beside the light, in a known room.
+
+    Attributes
+    ----------
+    gone
+        (T,) bool: triangles of the room that it removes.
+    edits
+        Other materials, in order.
+    objects
+        What it puts in.
+    """
+
+    gone: np.ndarray
+    edits: Sequence[Edit] = ()
+    objects: Sequence[MeshObject] = ()
+
+
+def changed(room: Room, setup: RelightSetup | None) -> Changed:
+    """Return what a setup changes beside the light; its segments are the connected parts of the room's mesh."""
+    if setup is None:
+        return Changed(np.zeros(len(room.mesh.triangles), bool))
+    up = room.outside.up
+    segments = Segments(room.mesh, None, up)
+    gone = segments.removed(setup)
+    around = appended(without(room.mesh, gone), *(light.mesh for light in area_lights(setup)))
+    return Changed(gone, segments.edits(setup), objects_in(around, setup.objects, up))
+
+
 def render_tracer(
-    room: Room, setup: RelightSetup | None, max_depth: int, textures: Textures | None = None
+    room: Room,
+    setup: RelightSetup | None,
+    max_depth: int,
+    textures: Textures | None = None,
+    change: Changed | None = None,
 ) -> PathTracer:
-    """Make the reference path tracer of the room under a setup; ``textures`` are those of its materials, if at hand."""
-    solid = np.flatnonzero(~room.emits)
+    """Make the reference path tracer of the room under a setup.
+
+    ``textures`` are those of its materials, and ``change`` what the setup changes, if at hand.
+    """
+    change = change or changed(room, setup)
+    solid = np.flatnonzero(~room.emits & ~change.gone)
     scene = load_scene(
         Mesh(room.mesh.vertices, room.mesh.triangles[solid]),
         room.uv,
         textures or Textures(room.materials),
         room.material[solid],
-        lights(room, setup),
+        lights(room, setup, change.gone),
         edited(room.outside, setup and setup.background),
+        [edit.of_triangles(solid) for edit in change.edits],
+        change.objects,
+        spots_of(setup.lights) if setup else (),
     )
     return PathTracer(scene, max_depth)
 
@@ -119,9 +174,17 @@ class Truth:
         New lights that a setup puts into it: they follow as further triangles, with part id 0.
     textures
         Of the room's materials, if at hand.
+    change
+        What else a setup changes; objects follow the lights, with part id 0.
     """
 
-    def __init__(self, room: Room, added: Sequence[Light] = (), textures: Textures | None = None) -> None:
+    def __init__(
+        self,
+        room: Room,
+        added: Sequence[Light] = (),
+        textures: Textures | None = None,
+        change: Changed | None = None,
+    ) -> None:
         vertices, triangles, uv = [room.mesh.vertices], [room.mesh.triangles], [room.uv]
         self._known = {"part": room.part, "semantic": room.semantic, "emission": room.radiance}
         material = [room.material]
@@ -134,10 +197,25 @@ class Truth:
             for key, column in self._known.items():
                 rows = np.broadcast_to(light.radiance if key == "emission" else 0, (count, *column.shape[1:]))
                 self._known[key] = np.concatenate([column, rows.astype(column.dtype)])
+        materials, edits = list(room.materials), ()
+        if change is not None:
+            triangles[0], edits = without(room.mesh, change.gone).triangles, change.edits
+            for thing in change.objects:
+                count = len(thing.mesh.triangles)
+                triangles.append(thing.mesh.triangles + sum(map(len, vertices)))
+                vertices.append(thing.mesh.vertices)
+                uv.append(thing.uv)
+                material.append(thing.material + len(materials))
+                materials += thing.materials
+                for key, column in self._known.items():
+                    self._known[key] = np.concatenate([column, np.zeros((count, *column.shape[1:]), column.dtype)])
+            edits = [edit.extended(sum(map(len, triangles))) for edit in edits]
         mesh = Mesh(np.concatenate(vertices), np.concatenate(triangles))
+        if len(materials) > len(room.materials):
+            textures = Textures(materials)
         self._one_sided = len(room.mesh.triangles)
         self._surface = TexturedMesh(
-            mesh, np.concatenate(uv), textures or Textures(room.materials), np.concatenate(material)
+            mesh, np.concatenate(uv), textures or Textures(room.materials), np.concatenate(material), edits
         )
         self.first_hits = self._surface.first_hits
 
@@ -271,8 +349,9 @@ def render_views(
     camera, (H, W, 3) float32 radiance, ground truth
     """
     textures = Textures(room.materials)
-    tracer = render_tracer(room, setup, settings.max_depth, textures)
-    truth = Truth(room, [new_light(light) for light in setup.lights] if setup else [], textures)
+    change = changed(room, setup)
+    tracer = render_tracer(room, setup, settings.max_depth, textures, change)
+    truth = Truth(room, area_lights(setup), textures, change if setup else None)
     for camera in cameras:
         known = view_truth(truth, camera)
         image = tracer.render(camera, settings.spp, path_seed(settings.seed, camera.name))

@@ -739,6 +739,53 @@ def test_a_light_setup_that_names_no_emitter(refused):
     assert "unknown key setup.lamps" in refused("relight", "--setup", '{"lamps": []}')
 
 
+def test_a_setup_whose_objects_cannot_be_used(refused, tmp_path):
+    def setup(**keys):
+        return ("--setup", json.dumps(keys))
+
+    (tmp_path / "a.ply").write_text("nothing")
+    thing = {"file": str(tmp_path / "a.ply"), "position": [2, 1, 2]}
+    assert "a.ply is not a readable mesh" in refused("relight", *setup(objects=[thing]))
+    assert "an object's file is missing" in refused("relight", *setup(objects=[thing | {"file": "none.glb"}]))
+    assert "names segment 77, which does not exist; there are 0" in refused("relight", *setup(remove=[{"segment": 77}]))
+    light = {"shape": "sphere", "center": [2, 1, 2], "radiance": [1, -1, 1]}
+    assert "setup.lights.0.radiance.1" in refused("relight", *setup(lights=[light]))
+
+
+def test_a_pixel_is_a_point_of_the_room(scene, capsys):
+    """Straight ahead of a camera is where it looks."""
+    eye, to = np.array([1.0, 1.2, 1.0]), np.array([2.4, 2.4, 3.4])
+    data = str(scene / "dataset")
+    assert main(["point", data, "c", str(scenes.WIDTH / 2), str(scenes.HEIGHT / 2)]) == 0
+    first, second = capsys.readouterr().out.splitlines()[-2:]
+    at = np.array(json.loads(first.removeprefix("at: ")))
+    scale = min((scenes.SIZE - eye) / (to - eye))
+    np.testing.assert_allclose(at, eye + scale * (to - eye), atol=2e-3)
+    assert second.startswith("segment 0, ")
+    assert main(["point", data, "c", "99", "0"]) == 2
+    assert "column 99, row 0 is outside" in capsys.readouterr().err
+
+
+def test_a_setup_file_puts_an_object_in_and_takes_a_wall_away(scene, tmp_path):
+    """The view sees a red cube before it; and where the far wall was, nothing but black."""
+    setup = tmp_path / "setup.yaml"
+    setup.write_text(
+        "objects:\n  - {shape: cube, size: 0.5, position: [2.0, 2.0, 2.7], base_color: [0.8, 0.02, 0.02]}\n"
+        "remove:\n  - {box: {center: [2, 1.5, 5], size: [4.1, 3.1, 0.1]}}\n"
+    )
+    out = ("--setup", setup, "--out", tmp_path / "out", "--manifest", tmp_path / "m.json")
+    assert call("relight", scene, *out) == 0
+    image, plain = read_rgb(tmp_path / "out" / "c.exr"), read_rgb(scene / "render" / "c.exr")
+    _, wall = scenes.picture(scenes.cameras()[2])
+    assert (wall == 6).sum() > 10
+    red = image[..., 0] > 3 * image[..., 1]
+    assert red.sum() > 3
+    gone = (wall == 6) & ~red
+    inner = binary_erosion(gone)
+    assert plain[inner].mean() > 0.01
+    assert image[inner].max() < 1e-3
+
+
 @pytest.mark.parametrize("verb", SETTINGS)
 def test_settings_that_do_not_exist(refused, verb):
     assert f"unknown key {verb}.stepz; allowed keys of {verb}: " in refused(verb, settings={"stepz": 3})

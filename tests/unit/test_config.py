@@ -95,6 +95,36 @@ def test_settings_are_sorted_json():
     assert values["steps"] == 3
 
 
+def test_files_of_setups_are_placed_and_listed(tmp_path):
+    (tmp_path / "chair.obj").write_text("mtllib chair.mtl\n")
+    (tmp_path / "chair.mtl").write_text("newmtl a\n")
+    setup = {
+        "lights": [{"shape": "mesh", "file": "{data_root}/lamp.ply", "radiance": [1, 1, 1]}],
+        "objects": [{"file": "{data_root}/chair.obj", "position": [0, 0, 0]}, {"shape": "cube", "position": [0, 0, 0]}],
+    }
+    room = scene({**ROOM, "setups": {"full": setup}}, data_root=str(tmp_path))
+    assert room.setup_files("full") == [str(tmp_path / name) for name in ("lamp.ply", "chair.obj", "chair.mtl")]
+    values = json.loads(room.setup_json("full"))
+    assert values["lights"][0]["file"] == str(tmp_path / "lamp.ply")
+    assert [entry["file"] for entry in values["objects"]] == [str(tmp_path / "chair.obj"), None]
+    with pytest.raises(FiptError, match=r"scenes\.room\.setups\.full is .*, but data_root is not set"):
+        scene({**ROOM, "setups": {"full": setup}}).setup_files("full")
+
+
+def test_setups_that_name_fused_segments():
+    setups = {
+        "cut": {"remove": [{"segment": 3}]},
+        "painted": {"materials": [{"at": [0, 0, 0], "metallic": 1}]},
+        "boxed": {"remove": [{"box": {"center": [0, 0, 0], "size": [1, 1, 1]}}]},
+    }
+    room = {"source": "procedural", "setups": setups}
+    parts, fused = scene(room), scene(room, segment={"mode": "geometry"})
+    assert parts.true_setups == list(setups)
+    assert not any(map(parts.names_fused, setups))
+    assert [name for name in setups if fused.names_fused(name)] == ["cut", "painted"]
+    assert fused.true_setups == ["boxed"]
+
+
 @pytest.mark.parametrize(
     ("keys", "message"),
     [

@@ -252,6 +252,31 @@ def test_segments_are_planned_alike(workspace, monkeypatch):
     assert '"segments": "none"' in here.snakemake("--dry-run", "--printshellcmds")
 
 
+def test_setups_with_objects_and_segments_are_planned_alike(workspace, monkeypatch):
+    """Their files are inputs; fused ids too, where a setup names some, and there is no truth of that."""
+    here = workspace(CONFIG)
+    monkeypatch.chdir(here.root)
+    config = changed(segment={"mode": "geometry"})
+    config["scenes"]["room"]["setups"] = {
+        "guest": {"objects": [{"file": "chair.obj", "position": [2, 1, 2]}]},
+        "bare": {"remove": [{"at": [2, 0, 2]}]},
+    }
+    (here.root / "chair.obj").write_text("mtllib chair.mtl\n")
+    (here.root / "chair.mtl").write_text("newmtl wood\n")
+    here.configure(config)
+    planned = here.planned()
+    assert (planned["relight_views"], planned["synthesize_relit"]) == (2, 1)
+    here.snakemake()
+    jobs = plan(load(config).scenes["room"])
+    assert sorted(here.calls()) == sorted([job.verb, *job.options] for job in jobs)
+    (bare,) = [job for job in jobs if job.label.startswith("relight.bare")]
+    assert bare.options[bare.options.index("--segments") + 1] == "results/room/segments/fusion.npz"
+    (here.root / "chair.mtl").write_text("newmtl oak\n")
+    after = here.planned()
+    assert (after["relight_views"], after["synthesize_relit"]) == (1, 1)
+    assert "fit" not in after
+
+
 def test_the_export_is_planned_alike(workspace):
     """With every run where it is enabled, by its target otherwise; other settings rerun it and the page."""
     here = workspace(CONFIG)

@@ -110,15 +110,14 @@ def images(*splits):
 
 
 def relit(pattern, known=False):
-    """Input function: the pattern for every relit shard and setup; only of ``known`` rooms where that is asked."""
+    """Input function: the pattern for every relit shard and setup; only setups with ``known`` truth if asked."""
 
     def files(wildcards):
         scene = scene_of(wildcards)
-        if known and not scene.synthesized:
-            return []
+        setups = scene.true_setups if known else scene.setups
         return [
             file
-            for setup in scene.setups
+            for setup in setups
             if setup not in scene.filmed
             for file in of_shards(pattern, scene, setup)
         ]
@@ -216,6 +215,11 @@ def fused(wildcards):
     """Input function: the fused ids; nothing where the dataset's are used, or none."""
     made = "results/{scene}/segments/fused.manifest.json".format(**wildcards)
     return [] if segmentation(wildcards) in ("dataset", "none") else [made]
+
+
+def fused_of_setup(wildcards):
+    """Input function: the fused ids, where a relight setup names some."""
+    return fused(wildcards) if scene_of(wildcards).names_fused(wildcards.setup) else []
 
 
 def background_file(wildcards):

@@ -1,6 +1,7 @@
 """The room under other light, and with each lamp alone.
 
-INPUTS:  results/{scene}/hits/{shard}.manifest.json, cache.npz, model and emitters of the last round, a setup of the config
+INPUTS:  results/{scene}/hits/{shard}.manifest.json, cache.npz, model and emitters of the last round, a setup of the config,
+         the files that it names, results/{scene}/segments/fusion.npz where it names fused segments
 OUTPUTS: results/{scene}/relight/{setup}.{shard}.manifest.json    lists relight/{setup}/{view}.exr (linear RGB radiance)
          results/{scene}/relight/{setup}.manifest.json            of a setup with its own cameras: lists relight/{setup}/*.png,
                                                                   transforms.json, and of a path relight/{setup}.mp4
@@ -20,6 +21,7 @@ rule relight_views:
         emitters=last_emitters,
         files=setup_files,
         lamps=listed_lamps,
+        segments=fused_of_setup,
     output:
         manifest="results/{scene}/relight/{setup}.{shard}.manifest.json",
         stats="results/{scene}/stats/relight.{setup}.{shard}.json",
@@ -40,13 +42,14 @@ rule relight_views:
         setup=setup_json,
         lamps=where("lamps", "--lamps", "results/{scene}/emitters/emitters.json"),
         cameras=cameras,
+        segments=where("segments", "--segments", "results/{scene}/segments/fusion.npz"),
         settings=settings("relight"),
         version=VERSIONS["relight"],
     shell:
         "fipt relight --dataset {params.dataset:q} --hits {params.hits:q} --cache {input.cache:q}"
         " --background {input.background:q}"
         " --model {input.model:q} --emitters {input.emitters:q} --setup {params.setup:q}"
-        " {params.lamps:q} {params.cameras:q}"
+        " {params.lamps:q} {params.cameras:q} {params.segments:q}"
         " --out {params.out:q} --manifest {output.manifest:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
 

@@ -11,6 +11,7 @@ from fipt.conventions import LUMINANCE
 from fipt.errors import FiptError
 from fipt.io.background import NOTHING, Background
 from fipt.io.emitters import Emitters
+from fipt.io.meshes import write_ply
 from fipt.settings import RelightSetup, parse_setup
 from tests import scenes
 
@@ -177,11 +178,6 @@ def test_all_of_no_emitters_may_be_edited(apply):
     assert lit.radiance.shape == (0, 3)
 
 
-def test_a_quad_must_face_somewhere(apply):
-    with pytest.raises(FiptError, match="normal of a new quad light must not be zero"):
-        apply(lights=[{"shape": "quad", "radiance": (1, 1, 1), "center": (0, 0, 0), "normal": (0, 0, 0)}])
-
-
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
@@ -189,12 +185,84 @@ def test_a_quad_must_face_somewhere(apply):
         ('{"lamps": []}', "unknown key setup.lamps"),
         ('{"emitters": [{"scale": -1}]}', r"setup\.emitters\.0\.scale"),
         ('{"lights": [{"shape": "cone", "radiance": [1, 1, 1], "center": [0, 0, 0]}]}', r"setup\.lights\.0\.shape"),
-        ('{"lights": [{"shape": "quad", "center": [0, 0, 0]}]}', r"setup\.lights\.0\.radiance"),
+        ('{"lights": [{"shape": "quad", "center": [0, 0, 0]}]}', r"setup\.lights\.0: a quad light needs radiance"),
+        (
+            '{"lights": [{"shape": "quad", "radiance": [1, 1, 1], "center": [0, 0, 0], "normal": [0, 0, 0]}]}',
+            "normal of a new quad light must not be zero",
+        ),
     ],
 )
 def test_a_setup_that_is_wrong_is_explained(text, problem):
     with pytest.raises(FiptError, match=problem):
         parse_setup(text)
+
+
+def entry(kind, **keys):
+    return json.dumps({kind: [keys]})
+
+
+SPOT = {"shape": "spot", "position": [0, 0, 0], "intensity": [1, 1, 1], "target": [1, 0, 0]}
+THING = {"shape": "cube", "position": [0, 0, 0]}
+BOX = {"center": [0, 0, 0], "size": [1, 1, 1]}
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        (entry("lights", **SPOT | {"intensity": [1, -1, 1]}), r"lights\.0\.intensity\.1.*greater than or equal to 0"),
+        ('{"lights": [{"shape": "quad", "center": [0, 0, 0], "radiance": [NaN, 1, 1]}]}', r"lights\.0\.radiance\.0"),
+        (entry("emitters", radiance=[1, 1, -2]), r"emitters\.0\.radiance\.2"),
+        (entry("lights", **SPOT | {"direction": [1, 0, 0]}), "either direction or target"),
+        (entry("lights", **SPOT | {"target": [0, 0, 0]}), "direction must not be zero, nor its target its position"),
+        (entry("lights", **SPOT | {"cone_angle": 20, "soft_edge": 15}), "soft_edge must be at most half of cone_angle"),
+        (entry("lights", **SPOT | {"radiance": [1, 1, 1]}), "a spot light has no radiance; it may have intensity"),
+        (entry("lights", shape="spot", intensity=[1, 1, 1], target=[1, 0, 0]), "a spot light needs position"),
+        (entry("lights", shape="mesh", radiance=[1, 1, 1]), "a mesh light needs file"),
+        (entry("objects", position=[0, 0, 0]), "an object needs either file or shape"),
+        (entry("objects", **THING, file="a.ply"), "an object needs either file or shape"),
+        (entry("objects", **THING, scale=0), r"objects\.0\.scale"),
+        (entry("objects", **THING, base_color=[1, 2, 1]), r"objects\.0\.base_color\.1"),
+        (entry("materials", metallic=1), "give one of segment, at and box"),
+        (entry("materials", metallic=1, segment=1, box=BOX), "give one of segment, at and box"),
+        (entry("materials", box=BOX), "at least one of base_color, tint, roughness and metallic"),
+        (entry("materials", box=BOX, tint=[1, 1, 1], base_color=[1, 1, 1]), "base_color or tint, not both"),
+        (entry("materials", box=BOX, roughness=0), r"materials\.0\.roughness"),
+        (entry("remove"), "give one of segment, at and box"),
+        ("nowhere.yaml", "nowhere.yaml cannot be read"),
+    ],
+)
+def test_entries_that_are_wrong_are_explained(text, problem):
+    with pytest.raises(FiptError, match=problem) as caught:
+        parse_setup(text)
+    assert "\n" not in str(caught.value)
+
+
+def test_setups_of_files_and_what_the_config_passes_on(tmp_path):
+    """YAML and JSON say the same; with all keys written out, as rules pass it, it stays the same."""
+    path = tmp_path / "a.yaml"
+    path.write_text("lights:\n  - {shape: spot, position: [0, 0, 0], intensity: [1, 1, 1], target: [1, 0, 0]}\n")
+    setup = parse_setup(str(path))
+    assert setup == parse_setup(entry("lights", **SPOT))
+    full = RelightSetup.model_validate({"lights": [SPOT], "objects": [THING], "remove": [{"box": BOX}]})
+    assert parse_setup(full.model_dump_json()) == full
+    path.write_text("lights: [")
+    with pytest.raises(FiptError, match=r"a\.yaml is not YAML"):
+        parse_setup(str(path))
+
+
+def test_mesh_lights_shine_and_spots_have_no_surface(apply, tmp_path):
+    write_ply(tmp_path / "a.ply", scenes.turned(scenes.box((-1, -1, -1), (1, 1, 1))))
+    light = {
+        "shape": "mesh",
+        "file": str(tmp_path / "a.ply"),
+        "radiance": [1, 2, 3],
+        "position": [2, 1, 2],
+        "scale": 0.1,
+    }
+    mesh, lit = apply(lights=[SPOT, light])
+    np.testing.assert_array_equal(lit.triangle[3:], np.arange(12, 24))
+    np.testing.assert_array_equal(lit.radiance[3:], [[1, 2, 3]] * 12)
+    np.testing.assert_allclose(mesh.corners[12:].min(axis=(0, 1)), [1.9, 0.9, 1.9], rtol=1e-6)
 
 
 # --- each lamp alone ------------------------------------------------------------------------------

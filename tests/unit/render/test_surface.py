@@ -167,3 +167,31 @@ def test_arrays_of_another_shape_are_refused(backend):
     for wrong in (np.zeros(3), np.zeros((2, 4))):
         with pytest.raises(ValueError, match=r"must have shape \(N, 3\)"):
             vectors(wrong, mi.Vector3f)
+
+
+def test_triangles_of_objects_have_records_of_their_own(backend):
+    """Whatever voxel they lie in; the room's triangles go by voxel as before."""
+    import mitsuba as mi
+
+    from fipt.render.surface import SurfaceCache
+
+    voxels = scenes.grid()
+    room, things = (
+        scenes.sides(voxels, scenes.METAL, scenes.GLOSSY),
+        scenes.Records(
+            np.float32([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]]), np.float32([0.7, 0.8]), np.float32([0.25, 0.75])
+        ),
+    )
+    known = np.ones(len(voxels["key"]), bool)
+    plain = SurfaceCache(voxels, voxels["radiance"], known, room)
+    surface = SurfaceCache(voxels, voxels["radiance"], known, room, things, first_object=12)
+    p, n, active = mi.Point3f(0.5, [0.5, -0.5, 0.5, 0.5], 0.5), mi.Vector3f(0, 1, 0), mi.Bool(True)
+    triangle = mi.UInt32([3, 11, 12, 13])
+    record = surface.find(p, n, active, triangle)
+    color, metallic = surface.lookup_material(record, active)
+    _, roughness, is_known = surface.lookup_radiance(record, active)
+    np.testing.assert_allclose(np.array(color).T[2:], things.base_color)
+    np.testing.assert_allclose(np.array(metallic)[2:], things.metallic)
+    np.testing.assert_allclose(np.array(roughness)[2:], things.roughness)
+    np.testing.assert_array_equal(np.array(is_known), [True, True, False, False])
+    np.testing.assert_array_equal(np.array(record)[:2], np.array(plain.find(p, n, active))[:2])

@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,10 +16,12 @@ from fipt.io.cameras import Camera
 from fipt.io.dataset import Dataset
 from fipt.io.exr import read_rgb
 from fipt.io.manifests import read_manifest
-from fipt.io.meshes import Mesh
+from fipt.io.meshes import Mesh, write_ply
 from fipt.model.albedo import reflectance
-from fipt.settings import EmitterEdit, NewLight, RelightSetup, Synthesize
+from fipt.settings import EmitterEdit, NewLight, RelightSetup, Synthesize, parse_setup
 from fipt.synthesize.room import build
+from tests import scenes
+from tests.objects import write_cube_glb
 
 TINY = {
     "train_views": 3,
@@ -334,6 +337,23 @@ def test_relit_truth_is_written_beside_the_dataset(folder):
     relit = read_rgb(folder / "relight_truth" / "dim" / "val_000.exr")
     np.testing.assert_allclose(relit, 0.5 * read_rgb(folder / "images" / "val_000.exr"), rtol=1e-4)
     assert list(read_manifest(manifest, "synthesize")["files"]) == ["dim/val_000.exr"]
+
+
+def test_the_example_of_the_documentation_fits_the_demo_room(views, tmp_path, monkeypatch, capsys):
+    text = (Path(__file__).parents[3] / "docs" / "relight.md").read_text(encoding="utf-8")
+    (tmp_path / "setup.yaml").write_text(text.partition("```yaml\n")[2].partition("```")[0])
+    write_ply(tmp_path / "ring.ply", scenes.turned(scenes.box((-0.1, -0.1, -0.1), (0.1, 0.1, 0.1))))
+    write_cube_glb(tmp_path / "chair.glb")
+    monkeypatch.chdir(tmp_path)
+    room, setup = build(0), parse_setup("setup.yaml")
+    change = views.changed(room, setup)
+    low = [thing.mesh.vertices[:, 1].min() for thing in change.objects]
+    np.testing.assert_allclose(low, 0.015, atol=2e-3)  # on the rug
+    named = {room.parts[part - 1] for part in room.part[change.gone]}
+    assert named == {"armchair"}
+    assert {room.parts[part - 1] for part in room.part[change.edits[0].where]} == {"rug"}
+    assert "warning" not in capsys.readouterr().out
+    assert [light.mesh.areas.sum() > 0 for light in views.area_lights(setup)] == [True] * 3
 
 
 # --- bad input --------------------------------------------------------------------------------

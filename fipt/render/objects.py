@@ -1,0 +1,98 @@
+"""Objects and mesh lights of a setup in their places; objects that are dropped fall onto what is below."""
+
+import numpy as np
+
+from fipt.errors import FiptError
+from fipt.io.meshes import Mesh
+from fipt.io.objects import MeshObject, moved, read_object, shape_object
+from fipt.render.scene import RayScene
+from fipt.settings import NewLight, NewObject
+
+_GAP = 0.0005
+"""Air left below a dropped object, metres: surfaces that touch would hide from each other's rays."""
+
+
+def turned(rotation: tuple[float, float, float]) -> np.ndarray:
+    """(3, 3) rotation by degrees about the world's x, then y, then z axis."""
+    matrix = np.eye(3)
+    for axis, angle in enumerate(np.radians(rotation)):
+        u, v = (axis + 1) % 3, (axis + 2) % 3
+        step = np.eye(3)
+        step[[u, u, v, v], [u, v, u, v]] = np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle)
+        matrix = step @ matrix
+    return matrix
+
+
+def light_mesh(light: NewLight) -> Mesh:
+    """Triangles of a mesh light, in its place."""
+    return _placed(read_object(light.file), light).mesh
+
+
+def objects_in(room: Mesh, entries: tuple[NewObject, ...], up: str) -> list[MeshObject]:
+    """Objects of a setup in their places, with their materials; what is dropped falls onto the room and what is before.
+
+    Parameters
+    ----------
+    room
+        Everything else.
+    up
+        Axis that points up, ``y`` or ``z``.
+    """
+    placed = []
+    for number, entry in enumerate(entries):
+        thing = read_object(entry.file) if entry.file else shape_object(entry.shape, entry.size)
+        thing = _placed(thing.changed(entry.base_color, entry.roughness, entry.metallic), entry)
+        if entry.drop:
+            thing = _dropped(thing, room, "xyz".index(up), f"objects.{number}")
+        placed.append(thing)
+        room = appended(room, thing.mesh)
+    return placed
+
+
+def appended(mesh: Mesh, *others: Mesh) -> Mesh:
+    """``mesh`` with others' triangles after its own."""
+    starts = np.cumsum([len(mesh.vertices)] + [len(other.vertices) for other in others])
+    shifted = [other.triangles + start for other, start in zip(others, starts, strict=False)]
+    return Mesh(
+        np.concatenate([mesh.vertices, *(other.vertices.astype(np.float32) for other in others)]),
+        np.concatenate([mesh.triangles, *(triangles.astype(np.int32) for triangles in shifted)]),
+    )
+
+
+def barycentric(corners: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """(N, 3) weights of the corners (N, 3, 3) of triangles at points near them, none negative, sum 1."""
+    corners, points = corners.astype(np.float64), points.astype(np.float64)
+    a, u, v = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    uu, uv, vv = (np.einsum("nk,nk->n", x, y) for x, y in ((u, u), (u, v), (v, v)))
+    pu, pv = (np.einsum("nk,nk->n", points - a, x) for x in (u, v))
+    scale = np.maximum(uu * vv - uv**2, 1e-300)
+    second, third = (vv * pu - uv * pv) / scale, (uu * pv - uv * pu) / scale
+    weights = np.clip(np.stack([1 - second - third, second, third], axis=1), 0, 1)
+    return weights / weights.sum(axis=1, keepdims=True)
+
+
+def _placed(thing: MeshObject, entry: NewLight | NewObject) -> MeshObject:
+    matrix, shift = entry.scale * turned(entry.rotation), np.array(entry.position)
+    vertices, normals = moved(thing.mesh.vertices, thing.normals, matrix, shift)
+    mesh = Mesh(vertices, thing.mesh.triangles)
+    return MeshObject(mesh, normals, thing.uv, thing.materials, thing.material)
+
+
+def _dropped(thing: MeshObject, room: Mesh, up: int, name: str) -> MeshObject:
+    """Move an object down until one of its corners meets the room, or one of the room's corners meets it."""
+    down = np.zeros(3, np.float32)
+    down[up] = -1
+    around = [axis for axis in range(3) if axis != up]
+    own = thing.mesh.vertices
+    low, high = own.min(axis=0), own.max(axis=0)
+    below = (room.vertices[:, around] >= low[around]) & (room.vertices[:, around] <= high[around])
+    below = room.vertices[below.all(axis=1) & (room.vertices[:, up] < high[up])]
+    falls = [RayScene(room).intersect(own, np.tile(down, (len(own), 1)))[0]]
+    if len(below):
+        falls.append(RayScene(thing.mesh).intersect(below, np.tile(-down, (len(below), 1)))[0])
+    fall = float(np.concatenate(falls).min())
+    if not np.isfinite(fall):
+        raise FiptError(f"{name} cannot be dropped: nothing is below it", "change its position")
+    shift = down * max(fall - _GAP, 0.0)
+    mesh = Mesh(own + shift, thing.mesh.triangles)
+    return MeshObject(mesh, thing.normals, thing.uv, thing.materials, thing.material)
