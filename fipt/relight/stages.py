@@ -122,7 +122,8 @@ def write_pictures(
             files.append(out / f"{view}.exr")
             write_exr(files[-1], {"": light.picture(shard, index, seen_by[index], brdf, settings, bar.advance)})
         stats["paths_per_s"] = bar.rate
-    write_manifest(manifest, stage, files, dumped(settings))
+    said = {} if setup is None else {"setup": setup.model_dump(mode="json", exclude_defaults=True)}
+    write_manifest(manifest, stage, files, dumped(settings) | said)
 
 
 def write_lamps(

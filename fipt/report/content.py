@@ -501,12 +501,12 @@ def _facts(data: Dataset | None, results: Path) -> list[str]:
 
 
 def _setups(results: Path) -> dict[str, str]:
-    """Settings of each light setup, as its manifests record them."""
+    """What each light setup changes, as its manifests record it."""
     setups = {}
     for folder in sorted((results / "relight").glob("*/")):
         manifests = sorted(folder.parent.glob(f"{folder.name}.*manifest.json"))
         content = _json(manifests[0]) if manifests else None
-        setups[folder.name] = _pretty((content or {}).get("settings", {}))
+        setups[folder.name] = _pretty((content or {}).get("settings", {}).get("setup", {}))
     return setups
 
 
