@@ -141,7 +141,7 @@ def _gather(
     away = np.where(sample == 0, -1.0, ((flat - mean[owner]) ** 2).sum(axis=1))
     chosen = np.lexsort((away, owner))[start] if len(start) else start
     position = flat[chosen]
-    # members are in R2 order, so that the first few are spread over the piece; small pieces repeat theirs
+    # members are in an order whose first few are spread over the piece; small pieces repeat theirs
     picks = start[:, None] + np.arange(SUB_POSITIONS) % size[:, None]
     return {
         "counts": np.bincount(pixel[start], minlength=pixels),
