@@ -10,7 +10,7 @@ import drjit
 import numpy as np
 import pytest
 import torch
-from scipy.ndimage import binary_erosion
+from scipy.ndimage import binary_dilation, binary_erosion
 
 from fipt.cli.main import main
 from fipt.conventions import SHADING_OUTPUTS
@@ -236,10 +236,11 @@ def test_the_lamp_is_found_and_seen(scene):
     np.testing.assert_array_equal(layers["emission_mask"] > 0, wall == 7)
     assert (wall == 7).any()
     assert layers["base_color"].shape == image.shape
-    # the lamp's pixels are exact; the rest is lit by it
+    # the lamp's pixels are exact, those at its edge show its share as far as nine rays tell; the rest is lit by it
     render = read_rgb(scene / "render" / "c.exr")
-    inside = (wall == 7) & (image == scenes.LAMP_RADIANCE).all(axis=-1)
+    inside, edge = binary_erosion(wall == 7), binary_dilation(wall == 7) & ~binary_erosion(wall == 7)
     np.testing.assert_allclose(render[inside], image[inside], rtol=1e-5)
+    np.testing.assert_allclose(render[edge], image[edge], atol=3)
     assert render[wall != 7].mean() > 0.01
 
 
@@ -381,7 +382,7 @@ def test_light_from_outside_is_found_and_lights_the_room(opened, tmp_path):
     lit, dark = (read_shading(tmp_path / name)[:][:, 0].mean(axis=0) for name in ("lit", "dark"))
     gained = lit - dark
     assert gained[1] > 0.05
-    np.testing.assert_allclose(gained / gained[1], scenes.COLORS[MISSING] / 0.5, atol=0.01)  # all green
+    np.testing.assert_allclose(gained / gained[1], scenes.COLORS[MISSING] / 0.5, atol=0.02)  # all green; few bits a value
 
 
 def test_setups_change_the_light_from_outside(opened, tmp_path):
