@@ -382,7 +382,7 @@ def test_light_from_outside_is_found_and_lights_the_room(opened, tmp_path):
     lit, dark = (read_shading(tmp_path / name)[:][:, 0].mean(axis=0) for name in ("lit", "dark"))
     gained = lit - dark
     assert gained[1] > 0.05
-    np.testing.assert_allclose(gained / gained[1], scenes.COLORS[MISSING] / 0.5, atol=0.02)  # all green; few bits a value
+    np.testing.assert_allclose(gained / gained[1], scenes.COLORS[MISSING] / 0.5, atol=0.02)  # green
 
 
 def test_setups_change_the_light_from_outside(opened, tmp_path):
