@@ -10,6 +10,7 @@ surfaces. The two share the scene and nothing else.
 
 import argparse
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,15 +19,16 @@ from scipy.spatial import cKDTree
 from fipt.config import RESULTS, read
 from fipt.conventions import LUMINANCE
 from fipt.evaluate.metrics import psnr
+from fipt.io.background import covered_share
 from fipt.io.cameras import Camera
 from fipt.io.dataset import Dataset
-from fipt.io.hits import Hits, read_hits
+from fipt.io.hits import read_hits
 from fipt.io.images import srgb_encode, to_display, write_png
 from fipt.io.voxels import read_cache
 from fipt.model.networks import Brdf
 from fipt.progress import progress
 from fipt.render.background import sky_of
-from fipt.render.picture import pixels_of_hits, radiance_of_hits
+from fipt.render.picture import Light, pictures
 from fipt.render.scene import RayScene
 from fipt.render.surface import EmitterSet, SurfaceCache, Triangles
 from fipt.render.tracer import PathSettings, Shader
@@ -36,23 +38,14 @@ from fipt.synthesize.room import Room
 from fipt.synthesize.views import Truth
 
 
-def true_brdf(truth: Truth, hits: Hits, index: int, camera: Camera) -> Brdf:
-    """Base colour (N, 3), roughness and metallic (N,) of a view's hits: means over the places of their footprint."""
-    own = hits.of_view(index)
-    position = np.asarray(hits.position[own], np.float64)
-    means: dict[str, np.ndarray] = {}
-    places = np.moveaxis(np.asarray(hits.sub[own], np.float64), 1, 0)
-    for offset in places:
-        ray = position + offset - camera.center
-        ray = (ray / np.linalg.norm(ray, axis=1, keepdims=True)).astype(np.float32)
-        found = truth.look(np.broadcast_to(camera.center.astype(np.float32), ray.shape), ray)
-        for key in ("base_color", "roughness", "metallic"):
-            means[key] = means.get(key, 0) + found[key] / len(places)
-    return Brdf(means["base_color"], means["roughness"], means["metallic"])
+def true_brdf(truth: Truth, camera: Camera, rays: np.ndarray) -> Brdf:
+    """Base colour (N, 3), roughness and metallic (N,) of what a camera's rays (N, 3) meet."""
+    found = truth.look(np.broadcast_to(camera.center.astype(np.float32), rays.shape), rays)
+    return Brdf(found["base_color"], found["roughness"], found["metallic"])
 
 
-def shader_of(room: Room, voxels: dict, known: list[tuple[np.ndarray, Brdf]]) -> Shader:
-    """Return a tracer of the room under its own light; voxels have the material of the nearest of the known points."""
+def light_of(room: Room, voxels: dict, known: list[tuple[np.ndarray, Brdf]]) -> Light:
+    """Return the room under its own light; voxels have the material of the nearest of the known points."""
     _, nearest = cKDTree(np.concatenate([position for position, _ in known])).query(voxels["point"])
     materials = Brdf(
         *(
@@ -65,7 +58,8 @@ def shader_of(room: Room, voxels: dict, known: list[tuple[np.ndarray, Brdf]]) ->
     nothing = np.zeros((len(voxels["key"]), 3), np.float32)
     surface = SurfaceCache(voxels, nothing, np.zeros(len(nothing), bool), materials)
     path = PathSettings(10, cache_roughness=1.0, light_at_first=True)
-    return Shader(RayScene(room.mesh), Triangles(room.mesh, lit), surface, path, sky_of(room.outside))
+    shader = Shader(RayScene(room.mesh), Triangles(room.mesh, lit), surface, path, sky_of(room.outside))
+    return Light(room.mesh, lit, room.outside, shader)
 
 
 def main() -> int:
@@ -74,7 +68,7 @@ def main() -> int:
     parser.add_argument("scene")
     parser.add_argument("--configfile", type=Path, required=True)
     parser.add_argument("--config", nargs="*", default=[], metavar="KEY=VALUE")
-    parser.add_argument("--spp", type=int, default=1024, help="paths per hit")
+    parser.add_argument("--spp", type=int, default=1024, help="paths per pixel")
     parser.add_argument("--picture", type=Path, help="a row a view: the picture, ours, five times the difference")
     arguments = parser.parse_args()
     scene = read([arguments.configfile], arguments.config).scenes[arguments.scene]
@@ -88,23 +82,25 @@ def main() -> int:
     shards = {name: read_hits(root / "hits" / name) for name in scene.shards("all")}
     for hits in shards.values():
         for index, view in enumerate(hits.views):
-            brdf = true_brdf(truth, hits, index, data.camera(view))
-            known.append((np.asarray(hits.position[hits.of_view(index)]), brdf))
-    shader = shader_of(room, read_cache(root / "cache.npz"), known)
+            camera, position = data.camera(view), np.asarray(hits.position[hits.of_view(index)])
+            rays = position - camera.center.astype(np.float32)
+            known.append((position, true_brdf(truth, camera, rays / np.linalg.norm(rays, axis=1, keepdims=True))))
+    light = light_of(room, read_cache(root / "cache.npz"), known)
+    grid = scene.settings["hits"].grid
     ratio, error, inside, rows = [], [], [], []
     held_out = [shards[name] for name in scene.shards("val")]
-    with progress("paths", sum(len(hits.position) for hits in held_out) * arguments.spp, " paths") as bar:
+    with progress("paths", sum(len(hits.center) for hits in held_out) * arguments.spp, " paths") as bar:
         for hits in held_out:
             for index, view in enumerate(hits.views):
                 camera, (image, valid) = data.camera(view), data.image(view)
-                brdf = true_brdf(truth, hits, index, camera)
-                values = (brdf.base_color, brdf.roughness, brdf.metallic)
-                ours = radiance_of_hits(shader, hits, index, camera, *values, arguments.spp, True, 0, bar.advance)
-                own = hits.of_view(index)
-                shines = room.emits[np.asarray(hits.triangle[own])].astype(float)
-                lamp = pixels_of_hits(np.repeat(shines[:, None], 3, 1), hits, index, np.ones(3))[..., 0] > 0
-                picture = pixels_of_hits(ours, hits, index, np.zeros(3))
-                pixels = hits.pixels(index)
+                look = partial(true_brdf, truth, camera)
+                (picture,) = pictures(
+                    [light], camera, lambda sight, look=look: look(-sight.wo), grid, arguments.spp, True, 0, bar.advance
+                )
+                pixels, own = hits.pixels(index), hits.of_view(index)
+                shines = room.emits[np.asarray(hits.triangle[own])]
+                lamp = np.bincount(hits.pixel_of_hit(index), shines, image.shape[0] * image.shape[1]) > 0
+                lamp = (lamp | (covered_share(hits, index) < 1)).reshape(image.shape[:2])
                 single = np.diff(hits.offsets[pixels.start : pixels.stop + 1]).reshape(image.shape[:2]) == 1
                 shown = ~lamp & (valid > 0)
                 gray = np.float32(LUMINANCE)
@@ -117,7 +113,7 @@ def main() -> int:
                     np.concatenate(list(map(to_display, (image, picture, 5 * np.abs(picture - image)))), axis=1)
                 )
     quartiles = np.percentile(np.concatenate(ratio), [50, 25, 75])
-    print(f"{len(ratio)} views, {sum(map(len, ratio))} pixels without lamps, {arguments.spp} paths a hit")
+    print(f"{len(ratio)} views, {sum(map(len, ratio))} pixels without lamps, {arguments.spp} paths a pixel")
     print("median ratio {:.3f} (quartiles {:.3f}, {:.3f})".format(*quartiles))
     tone_mapped, within = (psnr(float(np.concatenate(squares).mean())) for squares in (error, inside))
     print(f"PSNR tone-mapped {tone_mapped:.1f} dB, inside surfaces {within:.1f} dB")

@@ -463,7 +463,7 @@ class Materials(Settings):
 class Render(Settings):
     """Held-out views, path traced with the model."""
 
-    spp: Positive = Field(128, description="paths per hit")
+    spp: Positive = Field(128, description="paths per pixel, spread over its rays; two a ray at least")
     max_depth: Positive = Field(6, description="vertices after the first hit")
     denoise: bool = Field(True, description="denoise the rendered views")
     seed: Count = Field(0, description="seed of the random numbers")
@@ -748,7 +748,7 @@ class Relight(Settings):
     """Sampling of relit views."""
 
     split: Literal["train", "val", "all"] = Field("val", description="views to relight")
-    spp: Positive = Field(128, description="paths per hit")
+    spp: Positive = Field(128, description="paths per pixel, spread over its rays; two a ray at least")
     max_depth: Positive = Field(8, description="vertices after the first hit")
     denoise: bool = Field(True, description="denoise the rendered views")
     seed: Count = Field(0, description="seed of the random numbers")
@@ -768,7 +768,7 @@ class Lamps(Settings):
 
     views: Count = Field(3, description="held-out views (training views where there are none); 0 = no light mixer")
     separate: Positive = Field(8, description="most powerful lamps that are rendered one by one; the rest together")
-    spp: Positive = Field(256, description="paths per hit and lamp")
+    spp: Positive = Field(256, description="paths per pixel and lamp, spread over its rays; two a ray at least")
     max_depth: Positive = Field(8, description="vertices after the first hit")
     denoise: bool = Field(True, description="denoise the rendered views")
     seed: Count = Field(0, description="seed of the random numbers")

@@ -20,7 +20,16 @@ from fipt.io.manifests import read_manifest
 from fipt.io.usd import read_usd
 from fipt.progress import progress
 from fipt.render.denoise import denoise
-from fipt.render.exported import guides, load_asset, load_scene_file, path_integrator, picture, rays_of, rays_of_sensor
+from fipt.render.exported import (
+    emitted,
+    guides,
+    load_asset,
+    load_scene_file,
+    path_integrator,
+    picture,
+    rays_of,
+    rays_of_sensor,
+)
 from fipt.settings import Export, dumped
 from fipt.versions import VERSIONS
 
@@ -30,8 +39,9 @@ GOAL = 32.0
 FORMATS = {"glb": "scene.glb", "usd": "scene.usdc", "mitsuba": "mitsuba/scene.xml", "exact": "mitsuba/scene_exact.xml"}
 """Format -> its file in the exported folder."""
 
-Draw = Callable[[Camera, int], np.ndarray]
-"""Picture of a view, by its camera and number among the exported ones."""
+Draw = Callable[[Camera, int], tuple[np.ndarray, np.ndarray]]
+"""What a view shows of reflected light, and of the lamps and the outside themselves (no noise in it), by its camera and
+number among the exported ones."""
 
 
 def check_export(dataset: Path, hits: Sequence[Path], export: Path, render: Path, out: Path, settings: Export) -> None:
@@ -47,7 +57,7 @@ def check_export(dataset: Path, hits: Sequence[Path], export: Path, render: Path
     views = _chosen([name for name in data.views("val") if (render / f"{name}.exr").is_file()], settings.check_views)
     if not views:
         raise FiptError(f"{render} holds no picture of a held-out view", "run fipt render first")
-    # our pictures look through a grid of points in each pixel, these through the same
+    # our pictures look through several points of each pixel, these through the same
     grid = min(read_manifest(Path(f"{folder}.manifest.json"), "hits")["settings"]["grid"] for folder in hits)
     for file in FORMATS.values():
         existing_file(export / file, "an exported file")
@@ -56,7 +66,7 @@ def check_export(dataset: Path, hits: Sequence[Path], export: Path, render: Path
     asset = _with_outside(read_glb(export / FORMATS["glb"]), export)
     read_usd(export / FORMATS["usd"])  # a damaged file says so before anything is rendered
     scene = load_asset(asset)
-    guide = {view: guides(scene, asset, asset.cameras[names.index(view)]) for view in views}
+    guide = {view: guides(scene, asset, asset.cameras[names.index(view)], grid) for view in views}
     figures: dict[str, dict[str, float]] = {}
     photos = {"ours": [psnr(known[view], *photo[view]) for view in views]}
     with progress("check-export", len(FORMATS) * len(views), " pictures") as bar:
@@ -64,7 +74,8 @@ def check_export(dataset: Path, hits: Sequence[Path], export: Path, render: Path
             draw = _opened(kind, export, export / file, grid, settings)
             figures[kind], photos[kind] = {}, []
             for view in views:
-                seen = denoise(draw(asset.cameras[names.index(view)], names.index(view)), *guide[view])
+                reflected, shown = draw(asset.cameras[names.index(view)], names.index(view))
+                seen = denoise(reflected, *guide[view]) + shown  # lamps stay exact, as in our pictures
                 write_exr(out.parent / "check" / kind / f"{view}.exr", {"": seen}, half=True)
                 figures[kind][view] = round(psnr(seen, known[view]), 2)
                 photos[kind].append(psnr(seen, *photo[view]))
@@ -105,10 +116,12 @@ def _opened(kind: str, export: Path, path: Path, grid: int, settings: Export) ->
     scene = load_asset(own) if own else load_scene_file(path)
     integrator = path_integrator(settings.max_depth) if own else scene.integrator()
 
-    def draw(camera: Camera, number: int) -> np.ndarray:
+    def draw(camera: Camera, number: int) -> tuple[np.ndarray, np.ndarray]:
         rays = rays_of(own.cameras[number]) if own else rays_of_sensor(scene, number)
         shape = camera.height, camera.width
-        return picture(scene, integrator, rays, shape, grid, settings.check_spp, settings.seed)
+        shown = emitted(scene, rays, shape, grid)
+        whole = picture(scene, integrator, rays, shape, grid, settings.check_spp, settings.seed)
+        return np.maximum(whole - shown, 0), shown
 
     return draw
 

@@ -6,16 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
-from fipt.conventions import SUB_POSITIONS
 from fipt.io.background import Background
-from fipt.io.cameras import Camera
 from fipt.io.fusion import read_fusion
-from fipt.io.hits import Hits
 from fipt.io.meshes import Mesh
 from fipt.io.objects import MeshObject, joined
 from fipt.model.networks import Brdf
 from fipt.render.edits import Edit, Segments, without
 from fipt.render.objects import appended, barycentric, objects_in
+from fipt.render.picture import Sight
 from fipt.render.scene import RayScene
 from fipt.render.spots import Spot, spots_of
 from fipt.render.surface import EmitterSet
@@ -63,7 +61,7 @@ class Changes:
             out = np.zeros_like(points)
             out[np.arange(len(points)), facing // 2] = np.where(facing % 2 == 1, 1.0, -1.0)
             triangle = scene.intersect(points + scene.epsilon * out, -out)[1]
-        return self._edited(found, [edit.holds(points, triangle).astype(np.float32) for edit in self.edits])
+        return self._edited(found, [edit.holds(points, triangle) for edit in self.edits])
 
     def of_triangles(self) -> Brdf | None:
         """Mean material of every object's triangle, which later vertices of paths have; None without objects."""
@@ -73,63 +71,51 @@ class Changes:
         found = [self.objects.at(triangle, np.tile(w / w.sum(), (len(triangle), 1))) for w in _PLACES]
         return Brdf(*(np.mean(values, axis=0).astype(np.float32) for values in zip(*found, strict=True)))
 
-    def materials(self, found: Brdf, hits: Hits, index: int) -> Brdf:
-        """Materials of the first hits of view number ``index``: found ones edited, or those of the objects there."""
-        own = hits.of_view(index)
-        triangle, position = np.asarray(hits.triangle[own]), np.asarray(hits.position[own])
-        if self.edits:
-            points = (position[:, None] + np.asarray(hits.sub[own]).astype(np.float32)).reshape(-1, 3)
-            wide = np.repeat(triangle, SUB_POSITIONS)
-            shares = [edit.holds(points, wide).reshape(-1, SUB_POSITIONS).mean(axis=1) for edit in self.edits]
-            found = self._edited(found, [share.astype(np.float32) for share in shares])
-        if self.objects is None:
+    def materials(self, found: Brdf, sight: Sight) -> Brdf:
+        """Materials of first hits: found ones edited, or those of the objects there."""
+        found = self._edited(found, [edit.holds(sight.position, sight.triangle) for edit in self.edits])
+        there = self._objects_in(sight)
+        if len(there) == 0:
             return found
-        there = np.flatnonzero(triangle >= self.first_object)
-        number = triangle[there] - self.first_object
-        corners = self.objects.mesh.corners[number]
-        total = [0.0, 0.0, 0.0]
-        for k in range(SUB_POSITIONS):
-            point = position[there] + np.asarray(hits.sub[own])[there, k].astype(np.float32)
-            layers = self.objects.at(number, barycentric(corners, point))
-            total = [sum_ + layer / SUB_POSITIONS for sum_, layer in zip(total, layers, strict=True)]
+        number = sight.triangle[there] - self.first_object
+        own = self.objects.at(number, barycentric(self.objects.mesh.corners[number], sight.position[there]))
         arrays = found.base_color.copy(), found.roughness.copy(), found.metallic.copy()
-        for array, values in zip(arrays, total, strict=True):
+        for array, values in zip(arrays, own, strict=True):
             array[there] = values
         return Brdf(*arrays)
 
-    def smooth(self, hits: Hits, cameras: Sequence[Camera]) -> Hits:
-        """Hits with the objects' vertex normals, turned to the viewer."""
-        if self.objects is None:
-            return hits
-        normal = np.asarray(hits.normal).copy()
-        for index, camera in enumerate(cameras):
-            own = hits.of_view(index)
-            there = own.start + np.flatnonzero(np.asarray(hits.triangle[own]) >= self.first_object)
-            number, position = np.asarray(hits.triangle)[there] - self.first_object, np.asarray(hits.position)[there]
-            weights = barycentric(self.objects.mesh.corners[number], position)
-            corner = self.objects.normals[self.objects.mesh.triangles[number]]
-            smooth = np.einsum("nk,nkc->nc", weights, corner)
-            length = np.linalg.norm(smooth, axis=1, keepdims=True)
-            flat = (length[:, 0] < 1e-6) | (~corner.any(axis=2)).any(axis=1)
-            smooth = smooth / np.maximum(length, 1e-6)
-            smooth *= np.sign((smooth * normal[there]).sum(axis=1, keepdims=True))
-            wo = camera.center - position
-            wo /= np.linalg.norm(wo, axis=1, keepdims=True)
-            lift = np.maximum(_GRAZING - (smooth * wo).sum(axis=1, keepdims=True), 0)
-            smooth = smooth + lift * wo
-            smooth /= np.maximum(np.linalg.norm(smooth, axis=1, keepdims=True), 1e-6)
-            normal[there] = np.where(flat[:, None], normal[there], smooth)
-        return replace(hits, normal=normal)
+    def smooth(self, sight: Sight) -> Sight:
+        """First hits with the objects' vertex normals, turned to the viewer."""
+        there = self._objects_in(sight)
+        if len(there) == 0:
+            return sight
+        number, wo = sight.triangle[there] - self.first_object, sight.wo[there]
+        weights = barycentric(self.objects.mesh.corners[number], sight.position[there])
+        corner = self.objects.normals[self.objects.mesh.triangles[number]]
+        smooth = np.einsum("nk,nkc->nc", weights, corner)
+        length = np.linalg.norm(smooth, axis=1, keepdims=True)
+        flat = (length[:, 0] < 1e-6) | (~corner.any(axis=2)).any(axis=1)
+        smooth = smooth / np.maximum(length, 1e-6)
+        smooth *= np.sign((smooth * sight.normal[there]).sum(axis=1, keepdims=True))
+        smooth = smooth + np.maximum(_GRAZING - (smooth * wo).sum(axis=1, keepdims=True), 0) * wo
+        smooth /= np.maximum(np.linalg.norm(smooth, axis=1, keepdims=True), 1e-6)
+        normal = sight.normal.copy()
+        normal[there] = np.where(flat[:, None], normal[there], smooth)
+        return replace(sight, normal=normal)
 
-    def _edited(self, found: Brdf, shares: Sequence[np.ndarray]) -> Brdf:
-        """Materials (N) of which each edit changes a share (N,), in order."""
+    def _objects_in(self, sight: Sight) -> np.ndarray:
+        """Numbers of the first hits that lie on objects."""
+        return np.flatnonzero(sight.triangle >= self.first_object) if self.objects is not None else np.empty(0, int)
+
+    def _edited(self, found: Brdf, holds: Sequence[np.ndarray]) -> Brdf:
+        """Materials (N) that each edit changes where it ``holds`` (N,) bool, in order."""
         color, roughness, metallic = found.base_color, found.roughness, found.metallic
-        for edit, share in zip(self.edits, shares, strict=True):
-            color = color + share[:, None] * (edit.color(color) - color)
+        for edit, there in zip(self.edits, holds, strict=True):
+            color = np.where(there[:, None], edit.color(color), color)
             if edit.change.roughness is not None:
-                roughness = roughness + share * (edit.change.roughness - roughness)
+                roughness = np.where(there, edit.change.roughness, roughness)
             if edit.change.metallic is not None:
-                metallic = metallic + share * (edit.change.metallic - metallic)
+                metallic = np.where(there, edit.change.metallic, metallic)
         return Brdf(*(values.astype(np.float32) for values in (color, roughness, metallic)))
 
 

@@ -9,7 +9,7 @@ from fipt.io.emitters import Emitters
 from fipt.io.hits import Hits
 from fipt.model.albedo import reflectance
 from fipt.model.networks import Brdf, Field
-from fipt.render.surface import EmitterSet
+from fipt.render.surface import emitter_set
 
 
 def hit_materials(field: Field, hits: Hits, chosen: np.ndarray, average: bool, scale: float) -> Brdf:
@@ -42,16 +42,6 @@ def hit_materials(field: Field, hits: Hits, chosen: np.ndarray, average: bool, s
     )
 
 
-def emission_of(emitters: Emitters | EmitterSet, triangle: np.ndarray) -> np.ndarray:
-    """(N, 3) float32 radiance that triangles (N,) emit."""
-    order = np.argsort(emitters.triangle)
-    known = emitters.triangle[order]
-    if len(known) == 0:
-        return np.zeros((len(triangle), 3), np.float32)
-    place = np.minimum(np.searchsorted(known, triangle), len(known) - 1)
-    return np.where((known[place] == triangle)[:, None], emitters.radiance[order][place], 0.0).astype(np.float32)
-
-
 def material_maps(
     field: Field,
     emitters: Emitters,
@@ -78,7 +68,7 @@ def material_maps(
     position, normal = np.asarray(hits.position)[chosen], np.asarray(hits.normal)[chosen]
     wo = camera.center - position
     cos = (wo * normal).sum(1) / np.linalg.norm(wo, axis=1)
-    emission = emission_of(emitters, np.asarray(hits.triangle)[chosen])
+    emission = emitter_set(emitters).emitted(np.asarray(hits.triangle)[chosen])
 
     def spread(values: np.ndarray) -> np.ndarray:
         full = np.zeros((height * width, *values.shape[1:]), np.float32)

@@ -1,21 +1,21 @@
 """The stages materials, render, relight and lamps: files in, pictures out."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from fipt.errors import FiptError
-from fipt.io.background import Background, covered_share, edited, pixel_directions, read_background
+from fipt.io.background import Background, edited, read_background
 from fipt.io.cameras import Camera
 from fipt.io.confidence import read_confidence
 from fipt.io.dataset import Dataset
 from fipt.io.emitters import read_emitters, read_names
 from fipt.io.exr import write_exr
-from fipt.io.hits import Hits, read_hits
+from fipt.io.hits import read_hits
 from fipt.io.manifests import Stats, read_manifest, write_manifest
-from fipt.io.meshes import Mesh, connected_parts
+from fipt.io.meshes import Mesh
 from fipt.io.voxels import read_cache
 from fipt.model.networks import Brdf, Field
 from fipt.model.store import load_field
@@ -24,16 +24,13 @@ from fipt.progress import progress
 from fipt.relight.cameras import chosen_cameras
 from fipt.relight.changes import UNCHANGED, Changes, change
 from fipt.relight.lights import apply_setup, lights_alone
-from fipt.relight.maps import emission_of, hit_materials, material_maps
+from fipt.relight.maps import material_maps
 from fipt.relight.standing import standing
 from fipt.render.background import sky_of
-from fipt.render.denoise import denoise
-from fipt.render.first_hits import joined, trace_view
-from fipt.render.picture import pixels_of_hits, radiance_of_hits
+from fipt.render.picture import Light, Sight, paths_of_ray, pictures
 from fipt.render.scene import RayScene
 from fipt.render.surface import EmitterSet, SurfaceCache, Triangles, emitter_set
 from fipt.render.tracer import PathSettings, Shader
-from fipt.settings import Hits as HitsSettings
 from fipt.settings import Lamps, Materials, Relight, RelightSetup, Render, dumped
 
 
@@ -106,24 +103,13 @@ def write_pictures(
         mesh, lit = apply_setup(room, found, setup, read_names(lamps, found))
         outside = edited(outside, setup.background)
         mesh, lit, changes = change(room, mesh, lit, setup, segments, outside)
-        if own or not np.array_equal(mesh.triangles, room.triangles):  # views see what is new, and behind what is gone
-            shard = changes.smooth(_traced(seen_by, mesh, hits), seen_by)
     if own:
         stats["warnings"] = standing(RayScene(mesh), seen_by, data.cameras)
         for warning in stats.figures["warnings"]:
             print(f"warning: {warning}")
-    field, metadata = load_field(model)
-    light = lights_of(mesh, read_cache(cache), field, [(lit, outside)], settings, changes)[0]
-    files = []
-    with progress(stage, len(shard.position) * settings.spp, " paths") as bar:
-        for index, view in enumerate(shard.views):
-            brdf = view_materials(field, shard, index, metadata["settings"].footprint)
-            brdf = changes.materials(brdf, shard, index)
-            files.append(out / f"{view}.exr")
-            write_exr(files[-1], {"": light.picture(shard, index, seen_by[index], brdf, settings, bar.advance)})
-        stats["paths_per_s"] = bar.rate
     said = {} if setup is None else {"setup": setup.model_dump(mode="json", exclude_defaults=True)}
-    write_manifest(manifest, stage, files, dumped(settings) | said)
+    shining = {"": (lit, outside)}
+    _write_views(stage, seen_by, hits, cache, model, mesh, shining, changes, out, manifest, settings, said, stats)
 
 
 def write_lamps(
@@ -149,26 +135,59 @@ def write_lamps(
     if strange:
         raise FiptError(f"{hits} has no hits of the views {', '.join(strange)}", "give views of that shard")
     alone = lights_alone(read_emitters(emitters), read_background(background), settings.separate)
+    cameras = [data.camera(view) for view in shard.views if view in wanted and alone]
+    _write_views(
+        "lamps", cameras, hits, cache, model, data.mesh(), alone, UNCHANGED, out, manifest, settings, {}, stats
+    )
+
+
+def _write_views(
+    stage: str,
+    cameras: Sequence[Camera],
+    hits: Path,
+    cache: Path,
+    model: Path,
+    mesh: Mesh,
+    shining: Mapping[str, tuple[EmitterSet, Background]],
+    changes: Changes,
+    out: Path,
+    manifest: Path,
+    settings: Render | Relight | Lamps,
+    said: dict[str, Any],
+    stats: Stats,
+) -> None:
+    """Path trace views under each light, a layer of their files, then write the manifest, which also has ``said``.
+
+    Views are looked at with as many rays a pixel as their first hits, but anew: the mesh may have new lamps, and hits
+    know no lamps.
+    """
+    grid = int(read_manifest(Path(f"{hits}.manifest.json"), "hits")["settings"]["grid"])
     field, metadata = load_field(model)
-    lights = lights_of(data.mesh(), read_cache(cache), field, list(alone.values()), settings)
-    chosen = [index for index, view in enumerate(shard.views) if view in wanted and alone]
-    total = sum(len(shard.position[shard.of_view(index)]) for index in chosen) * len(lights) * settings.spp
+    scale = metadata["settings"].footprint
+    lights = lights_of(mesh, read_cache(cache), field, list(shining.values()), settings, changes)
+
+    def materials(sight: Sight) -> Brdf:
+        return changes.materials(field.query(sight.position, sight.footprint * scale), sight)
+
+    rays = grid**2 * len(lights) * sum(camera.width * camera.height for camera in cameras)
     files = []
-    with progress("lamps", total, " paths") as bar:
-        for index in chosen:
-            view = shard.views[index]
-            brdf = view_materials(field, shard, index, metadata["settings"].footprint)
-            seen = (shard, index, data.camera(view), brdf, settings, bar.advance)
-            files.append(out / f"{view}.exr")
-            write_exr(files[-1], {name: light.picture(*seen) for name, light in zip(alone, lights, strict=True)})
+    with progress(stage, rays * paths_of_ray(settings.spp, grid), " paths") as bar:
+        for camera in cameras:
+            seen = pictures(
+                lights,
+                camera,
+                materials,
+                grid,
+                settings.spp,
+                settings.denoise,
+                settings.seed,
+                bar.advance,
+                changes.smooth,
+            )
+            files.append(out / f"{camera.name}.exr")
+            write_exr(files[-1], dict(zip(shining, seen, strict=True)))
         stats["paths_per_s"] = bar.rate
-    write_manifest(manifest, "lamps", files, dumped(settings))
-
-
-def view_materials(field: Field, shard: Hits, index: int, scale: float) -> Brdf:
-    """Reflectance of the hits of view number ``index``; ``scale`` as in `hit_materials`."""
-    own = shard.of_view(index)
-    return hit_materials(field, shard, np.arange(own.start, own.stop), True, scale)
+    write_manifest(manifest, stage, files, dumped(settings) | said)
 
 
 def lights_of(
@@ -177,8 +196,8 @@ def lights_of(
     field: Field,
     shining: Sequence[tuple[EmitterSet, Background]],
     settings: Render | Relight | Lamps,
-    changes: Changes = UNCHANGED,
-) -> list["Light"]:
+    changes: Changes,
+) -> list[Light]:
     """Return the room ready to be seen under each of several lights: emitting triangles, and light from outside."""
     scene, nothing = RayScene(mesh), np.zeros((len(voxels["key"]), 3), np.float32)
     records = changes.records(voxel_materials(field, voxels), voxels["point"], voxels["facing"], scene)
@@ -189,67 +208,3 @@ def lights_of(
         Light(mesh, lit, outside, Shader(scene, Triangles(mesh, lit), surface, path, sky_of(outside), changes.spots))
         for lit, outside in shining
     ]
-
-
-@dataclass(frozen=True)
-class Light:
-    """The room under some light: what shines in it, what comes from outside, and the tracer that knows both."""
-
-    mesh: Mesh
-    lit: EmitterSet
-    outside: Background
-    shader: Shader
-
-    def picture(
-        self,
-        shard: Hits,
-        index: int,
-        camera: Camera,
-        brdf: Brdf,
-        settings: Render | Relight | Lamps,
-        advance: Callable[[int], None],
-    ) -> np.ndarray:
-        """(H, W, 3) float32 radiance of view number ``index``, whose hits have the materials ``brdf``."""
-        own = shard.of_view(index)
-        values = radiance_of_hits(
-            self.shader,
-            shard,
-            index,
-            camera,
-            brdf.base_color,
-            brdf.roughness,
-            brdf.metallic,
-            settings.spp,
-            settings.denoise,
-            settings.seed,
-            advance,
-        )
-        triangle = np.asarray(shard.triangle[own])
-        shining = np.isin(triangle, self.lit.triangle)
-        values[shining] = 0
-        emitted = np.zeros_like(values)
-        emitted[shining] = emission_of(self.lit, triangle[shining])
-        if not self.lit.two_sided:
-            away = (np.asarray(shard.normal[own]) * self.mesh.normals[triangle]).sum(axis=1) < 0
-            emitted[shining & away] = 0
-        behind = _behind(self.outside, shard, index, camera)
-        picture = pixels_of_hits(values, shard, index, np.zeros(3))
-        if settings.denoise:  # pieces of mixed pixels are too few to be denoised alone; lamps stay exact
-            bright = picture.any(axis=-1, keepdims=True) & picture.any(axis=(0, 1))
-            picture = np.where(bright, denoise(picture), 0)
-        return picture + pixels_of_hits(emitted, shard, index, behind)
-
-
-def _behind(outside: Background, hits: Hits, index: int, camera: Camera) -> np.ndarray:
-    """(pixels, 3) radiance from outside in the direction of every pixel of a view that hits do not cover."""
-    pixel = np.flatnonzero(covered_share(hits, index) < 1)
-    radiance = np.zeros((camera.width * camera.height, 3), np.float32)
-    radiance[pixel] = outside.lookup(pixel_directions(camera, pixel))
-    return radiance
-
-
-def _traced(cameras: list[Camera], mesh: Mesh, hits: Path) -> Hits:
-    """First hits of cameras on a mesh, with the settings of the hits there are."""
-    settings = HitsSettings(**read_manifest(Path(f"{hits}.manifest.json"), "hits")["settings"])
-    scene, parts = RayScene(mesh), connected_parts(mesh)
-    return joined(cameras, [trace_view(scene, parts, camera, settings) for camera in cameras])

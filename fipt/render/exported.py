@@ -2,7 +2,6 @@
 
 from __future__ import annotations  # Mitsuba has no classes before its variant is set
 
-import itertools
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -19,10 +18,12 @@ from fipt.io.cameras import Camera
 from fipt.io.images import to_display
 from fipt.model.albedo import albedo_terms
 from fipt.render import bsdf
+from fipt.render.first_hits import sub_pixel_points
 
-SPECULAR = 0.3
+SPECULAR = 0.2
 """Mitsuba's ``specular`` of dielectrics. 0.5 reflects 0.04 straight on, as ours; but its highlights lose nothing at
-grazing angles, so that over all directions they are brighter than ours. This is a compromise between the two."""
+grazing angles. With this value black dielectrics return about as much of uniform light as ours, between roughness 0.2
+and 0.65: highlights are dimmer straight on, and brighter at grazing angles. It holds for the whole scene."""
 
 _LAMBERT = 0.65
 """Roughness at which Mitsuba's diffuse lobe is nearest to Lambert's (of directional albedos)."""
@@ -30,7 +31,6 @@ _LAMBERT = 0.65
 _LEVELS = np.linspace(ROUGHNESS_MIN, 1.0, 12)
 _SAMPLES = 2**16
 _MAX_LANES = 2**22  # paths traced at once
-_GUIDE_RAYS = 4  # along a pixel
 
 
 def load_asset(asset: Asset) -> mi.Scene:
@@ -61,23 +61,43 @@ def load_asset(asset: Asset) -> mi.Scene:
     return mi.load_dict(scene)
 
 
-def guides(scene: mi.Scene, asset: Asset, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """Base colour and normal (H, W, 3) that a view shows, free of noise, for the denoiser; ``scene`` is the asset's."""
+def guides(scene: mi.Scene, asset: Asset, camera: Camera, grid: int) -> tuple[np.ndarray, np.ndarray]:
+    """Base colour and normal (H, W, 3) that a view shows, free of noise, for the denoiser; ``scene`` is the asset's.
+
+    Both are means over the rays of a pixel, lamps black: only what is reflected is denoised.
+    """
     color = _texture(asset.textures.linear_color)
-    surface = next(shape for shape in scene.shapes() if shape.id() == asset.surface.name)
-    rows, columns = np.indices((camera.height, camera.width)).reshape(2, -1)
-    steps = (np.arange(_GUIDE_RAYS) + 0.5) / _GUIDE_RAYS
-    total = np.zeros((2, camera.height * camera.width, 3))
-    origin = mi.Point3f(*map(float, camera.center))
-    for x, y in itertools.product(steps, steps):
-        directions = np.ascontiguousarray(camera.directions(columns + x, rows + y).T)
-        si = scene.ray_intersect(mi.Ray3f(origin, mi.Vector3f(*map(mi.Float, directions))))
-        # lamps are as bright as white, as the denoiser wants it; outside is black
-        seen = dr.select(si.shape == mi.ShapePtr(surface), color.eval(si), 1.0)
-        total += np.stack([np.array(dr.select(si.is_valid(), v, 0.0)).T for v in (seen, mi.Color3f(si.n))])
-    shape = camera.height, camera.width, 3
-    base, normal = (part.reshape(shape).astype(np.float32) for part in total / _GUIDE_RAYS**2)
-    return base, normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-6)
+    surface = mi.ShapePtr(next(shape for shape in scene.shapes() if shape.id() == asset.surface.name))
+
+    def seen(ray: mi.Ray3f) -> list[mi.Color3f]:
+        si = scene.ray_intersect(ray)
+        base = dr.select(si.is_valid() & (si.shape == surface), color.eval(si), 0.0)
+        return [base, dr.select(si.is_valid(), mi.Color3f(si.n), 0.0)]
+
+    base, normal = _mean_over_rays(rays_of(camera), (camera.height, camera.width), grid, seen)
+    return base, normal
+
+
+def emitted(scene: mi.Scene, rays: Rays, shape: tuple[int, int], grid: int) -> np.ndarray:
+    """(H, W, 3) radiance of the lamps and the outside that a view shows directly, through the rays of `picture`."""
+
+    def seen(ray: mi.Ray3f) -> list[mi.Color3f]:
+        si = scene.ray_intersect(ray)
+        return [mi.Color3f(si.emitter(scene).eval(si))]
+
+    return _mean_over_rays(rays, shape, grid, seen)[0]
+
+
+def _mean_over_rays(
+    rays: Rays, shape: tuple[int, int], grid: int, seen: Callable[[mi.Ray3f], list[mi.Color3f]]
+) -> list[np.ndarray]:
+    """(H, W, 3) float32 means over each pixel's grid^2 rays of what is seen along them."""
+    rows, columns = np.indices(shape).reshape(2, -1)
+    values = []
+    for x, y in sub_pixel_points(grid**2):
+        colors = seen(rays(mi.Float(columns + x), mi.Float(rows + y)))
+        values.append([np.array(color).T for color in colors])
+    return [mean.reshape(*shape, 3).astype(np.float32) for mean in np.mean(values, axis=0, dtype=np.float64)]
 
 
 def load_scene_file(path: Path) -> mi.Scene:
@@ -142,20 +162,20 @@ def picture(
     shape
         Height and width, pixels.
     grid
-        Rays leave through the middles of so many squares along a pixel, as those of our own pictures do: where a lamp
-        borders on something dark, a pixel depends much on where in it one looks.
+        A pixel is looked through by the square of this many rays, the same as of our own pictures: where a lamp borders
+        on something dark, a pixel depends much on where in it one looks.
     spp
-        Paths a pixel, rounded up to a multiple of the grid's squares.
+        Paths a pixel, rounded up to a multiple of its rays.
 
     Returns
     -------
     (H, W, 3) float32 radiance.
     """
     height, width = shape
-    pixels, squares = height * width, list(itertools.product((np.arange(grid) + 0.5) / grid, repeat=2))
-    each = -(-spp // len(squares))
+    pixels, places = height * width, sub_pixel_points(grid**2)
+    each = -(-spp // len(places))
     most = max(_MAX_LANES // pixels, 1)
-    passes = [(place, min(most, each - first)) for place in squares for first in range(0, each, most)]
+    passes = [(place, min(most, each - first)) for place in places for first in range(0, each, most)]
     sampler = mi.load_dict({"type": "independent"})
     total = np.zeros((pixels, 3))
     seeds = np.random.SeedSequence(seed).generate_state(len(passes))
@@ -169,7 +189,7 @@ def picture(
         color = mi.Color3f(integrator.sample(scene, sampler, mi.RayDifferential3f(ray))[0])
         dr.eval(color)
         total += np.stack([dr.block_reduce(dr.ReduceOp.Add, c, count).numpy() for c in color], axis=1)
-    return (total / (each * len(squares))).reshape(height, width, 3).astype(np.float32)
+    return (total / (each * len(places))).reshape(height, width, 3).astype(np.float32)
 
 
 def principled_textures(textures: Textures) -> Textures:

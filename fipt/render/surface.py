@@ -43,6 +43,15 @@ class EmitterSet:
         keep = self.radiance.max(axis=1, initial=0) > 0
         return EmitterSet(self.triangle[keep], self.radiance[keep], self.two_sided)
 
+    def emitted(self, triangle: np.ndarray) -> np.ndarray:
+        """(N, 3) float32 radiance that triangles (N,) of the mesh emit."""
+        order = np.argsort(self.triangle)
+        known = self.triangle[order]
+        if len(known) == 0:
+            return np.zeros((len(triangle), 3), np.float32)
+        place = np.minimum(np.searchsorted(known, triangle), len(known) - 1)
+        return np.where((known[place] == triangle)[:, None], self.radiance[order][place], 0.0).astype(np.float32)
+
 
 def emitter_set(emitters: Emitters) -> EmitterSet:
     """Found emitters as the tracer takes them."""

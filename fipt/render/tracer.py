@@ -51,11 +51,11 @@ class PathSettings:
 
 
 def random_keys(view: str, pixel: np.ndarray, piece: np.ndarray, seed: int) -> np.ndarray:
-    """(N,) uint64 keys that depend on view, pixel, piece and seed only, so that results do not depend on shards."""
+    """(N,) uint64 keys that depend on view, pixel, piece (below 256) and seed only: results do not depend on shards."""
     from hashlib import blake2b
 
     base = int.from_bytes(blake2b(f"{seed}/{view}".encode(), digest_size=8).digest(), "little")
-    x = (pixel.astype(np.uint64) * np.uint64(64) + piece.astype(np.uint64)) ^ np.uint64(base)
+    x = (pixel.astype(np.uint64) * np.uint64(256) + piece.astype(np.uint64)) ^ np.uint64(base)
     with np.errstate(over="ignore"):  # splitmix64, modulo 2^64
         x = x + np.uint64(0x9E3779B97F4A7C15)
         x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)

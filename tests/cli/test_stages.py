@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 from PIL import Image
-from scipy.ndimage import binary_erosion
+from scipy.ndimage import binary_dilation, binary_erosion
 
 from fipt.cli.main import main
 from fipt.conventions import LUMINANCE, SHADING_OUTPUTS
@@ -251,10 +251,11 @@ def test_the_lamp_is_found_and_seen(scene):
     np.testing.assert_array_equal(layers["emission_mask"] > 0, wall == 7)
     assert (wall == 7).any()
     assert layers["base_color"].shape == image.shape
-    # the lamp's pixels are exact; the rest is lit by it
+    # the lamp's pixels are exact, those at its edge show its share as far as nine rays tell; the rest is lit by it
     render = read_rgb(scene / "render" / "c.exr")
-    inside = (wall == 7) & (image == scenes.LAMP_RADIANCE).all(axis=-1)
+    inside, edge = binary_erosion(wall == 7), binary_dilation(wall == 7) & ~binary_erosion(wall == 7)
     np.testing.assert_allclose(render[inside], image[inside], rtol=1e-5)
+    np.testing.assert_allclose(render[edge], image[edge], atol=3)
     assert render[wall != 7].mean() > 0.01
 
 
@@ -293,19 +294,15 @@ def exported(scene, tmp_path_factory):
 
 
 def test_every_exported_file_shows_the_room(exported):
-    """Away from the lamp's edge: lamp and ceiling lie in one plane, and are one piece of a pixel in our pictures."""
     from fipt.export.check import psnr
 
     check = json.loads((exported / "check.json").read_text())
     assert list(check["formats"]) == ["glb", "usd", "mitsuba", "exact"]
     ours = read_rgb(exported.parent / "render" / "c.exr")
-    _, wall = scenes.picture(scenes.cameras()[2])
-    away = binary_erosion(wall == 7, border_value=1) | binary_erosion(wall != 7, border_value=1)
-    assert away.mean() > 0.6
     for kind, entry in check["formats"].items():
         picture = read_rgb(exported / "check" / kind / "c.exr")
-        assert psnr(picture, ours, away) > (27 if kind == "mitsuba" else 30), kind
-        assert psnr(picture[:, ::-1], ours, away) < 20, kind
+        assert psnr(picture, ours) > (27 if kind == "mitsuba" else 30), kind
+        assert psnr(picture[:, ::-1], ours) < 20, kind
         assert entry["psnr"] == pytest.approx(psnr(picture, ours), abs=0.1)
         assert set(entry["views"]) == {"c"}
 
@@ -501,7 +498,7 @@ def test_light_from_outside_is_found_and_lights_the_room(opened, tmp_path):
     lit, dark = (read_shading(tmp_path / name)[:][:, 0].mean(axis=0) for name in ("lit", "dark"))
     gained = lit - dark
     assert gained[1] > 0.05
-    np.testing.assert_allclose(gained / gained[1], scenes.COLORS[MISSING] / 0.5, atol=0.01)  # all green
+    np.testing.assert_allclose(gained / gained[1], scenes.COLORS[MISSING] / 0.5, atol=0.02)  # green
 
 
 def test_setups_change_the_light_from_outside(opened, tmp_path):

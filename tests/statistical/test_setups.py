@@ -83,19 +83,24 @@ def traced(mesh, camera=CAMERA):
 
 
 def ours(known, setup, spp=512, depth=5):
-    """The picture of the relight stage, without denoising; and its hits and their materials."""
+    """The picture of the relight stage, without denoising; what the pixels' centres see and its materials."""
     from fipt.relight.changes import change
     from fipt.relight.lights import apply_setup
-    from fipt.relight.stages import lights_of, view_materials
+    from fipt.relight.stages import lights_of
+    from fipt.render.picture import look, pictures
 
     setup = RelightSetup.model_validate(setup)
     mesh, lit = apply_setup(known.room.mesh, emitters(known.room), setup)
     mesh, lit, changes = change(known.room.mesh, mesh, lit, setup, None, NOTHING)
-    hits = changes.smooth(traced(mesh), [CAMERA])
-    brdf = changes.materials(view_materials(Grey(), hits, 0, 1.0), hits, 0)
-    settings = Relight(spp=spp, max_depth=depth, denoise=False)
-    light = lights_of(mesh, known.voxels, Grey(), [(lit, NOTHING)], settings, changes)[0]
-    return light.picture(hits, 0, CAMERA, brdf, settings, lambda done: None), hits, brdf
+    (light,) = lights_of(mesh, known.voxels, Grey(), [(lit, NOTHING)], Relight(max_depth=depth), changes)
+
+    def materials(sight):
+        return changes.materials(Grey().query(sight.position, sight.footprint), sight)
+
+    (picture,) = pictures([light], CAMERA, materials, 5, spp, False, 0, lambda done: None, changes.smooth)
+    sight = changes.smooth(look(light.shader.scene, CAMERA, np.array([0.5, 0.5]))[0])
+    assert len(sight.pixel) == WIDTH * HEIGHT  # the room is closed
+    return picture, sight, materials(sight)
 
 
 def theirs(known, setup, spp=512, depth=5):
@@ -135,7 +140,7 @@ def test_a_spot_a_red_object_and_a_block_that_is_gone(known):
     assert (hits.triangle >= len(known.room.mesh.triangles)).any()
     # the object tints what it stands on: the same without its red
     grey = ours(known, setup | {"objects": [RED_CUBE | {"base_color": [0.4, 0.4, 0.4]}]})[0]
-    walls = np.asarray(hits.triangle)[np.asarray(hits.offsets[:-1])] < 12
+    walls = hits.triangle < 12
     ratio = (picture / grey).reshape(-1, 3)[walls]
     assert np.median(ratio[:, 0]) > 1.02 * np.median(ratio[:, 1])
 

@@ -9,7 +9,7 @@ import pytest
 
 from fipt.export.mitsuba_files import write_mitsuba
 from fipt.io.asset import Asset, Piece, Textures, back, mitsuba_map
-from fipt.io.background import NOTHING, Background, texel_directions
+from fipt.io.background import NOTHING, Background, constant, texel_directions
 from fipt.io.cameras import Camera
 from fipt.io.images import srgb_decode, write_png
 from tests import assets, scenes
@@ -121,6 +121,22 @@ def test_both_ways_show_the_same_room(tmp_path):
         for other in (b, c):
             assert ((display(a) - display(other)) ** 2).mean() < 2e-3
             assert ((display(a) - display(other[:, ::-1])) ** 2).mean() > 6e-3
+
+
+def test_what_lamps_and_the_outside_show_themselves_has_no_noise(tmp_path):
+    """Of a room of lamps and sky alone it is the whole picture, to the last lamp's edge."""
+    from fipt.render.exported import emitted, load_scene_file, path_integrator, picture, rays_of_sensor
+
+    folder = write(tmp_path, assets.room(constant((0.5, 0.4, 0.3)), walls=4))
+    scene = load_scene_file(folder / "scene.xml")
+    width, height = scene.sensors()[0].film().size()
+    seen = rays_of_sensor(scene, 0), (height, width), 4
+    shown = emitted(scene, *seen)
+    np.testing.assert_allclose(shown, picture(scene, path_integrator(1), *seen, 16, 1), rtol=1e-5, atol=1e-6)
+    whole = picture(scene, path_integrator(3), *seen, 64, 1)
+    assert (whole - shown).min() > -1e-5
+    assert (whole - shown).max() > 0.01
+    assert len(np.unique(shown.reshape(-1, 3), axis=0)) > 3  # wall, lamp, sky, and pixels that show two of them
 
 
 def test_light_from_outside_comes_from_where_our_map_has_it(tmp_path):

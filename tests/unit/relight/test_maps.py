@@ -40,15 +40,6 @@ def lamp(*triangles):
     )
 
 
-def test_emission_by_triangle(maps):
-    got = maps.emission_of(lamp(9, 2, 5), np.array([0, 2, 5, 9, 9, 100, 3]))
-    np.testing.assert_array_equal(
-        got, [[0, 0, 0], [2, 4, 6], [5, 10, 15], [9, 18, 27], [9, 18, 27], [0, 0, 0], [0, 0, 0]]
-    )
-    assert got.dtype == np.float32
-    np.testing.assert_array_equal(maps.emission_of(lamp(), np.array([1, 2])), np.zeros((2, 3)))
-
-
 def view(position, counts, center=None, triangle=0):
     hits = scenes.hits_of(
         position, triangle, 1.0, counts, shapes=[(2, 2)], footprint=np.full(len(position), 0.04, np.float32)

@@ -182,9 +182,29 @@ def test_sub_pixel_points_start_at_the_centre_and_spread(backend):
     from fipt.render.first_hits import sub_pixel_points
 
     np.testing.assert_array_equal(sub_pixel_points(1), [[0.5, 0.5]])
-    points = sub_pixel_points(64)
-    np.testing.assert_array_equal(points[0], [0.5, 0.5])
-    assert points.min() >= 0
-    assert points.max() < 1
-    quarters = np.bincount((points[:, 0] > 0.5) * 2 + (points[:, 1] > 0.5), minlength=4)
-    assert quarters.min() >= 12
+    for count in (4, 9, 16, 64, 256):
+        points = sub_pixel_points(count)
+        np.testing.assert_array_equal(points[0], [0.5, 0.5])
+        assert points.min() >= 0
+        assert points.max() < 1
+        assert len(np.unique(points, axis=0)) == count
+        quarters = np.bincount((points[1:] > 0.5) @ [1, 2], minlength=4)
+        assert quarters.min() >= (count - 1) // 6
+        # three of the first four lie in different quarters
+        assert len(np.unique((points[1:4] > 0.5) @ [1, 2])) >= 2
+
+
+def test_sub_pixel_points_look_at_the_centre_on_average(backend, np_rng):
+    """Else pictures are moved; and the share of a half-plane is right whatever its direction and place."""
+    from fipt.render.first_hits import sub_pixel_points
+
+    x = (np.arange(200) + 0.5) / 200 - 0.5
+    inside = np.stack(np.meshgrid(x, x), axis=-1).reshape(-1, 2)
+    angle = np_rng.uniform(0, 2 * np.pi, 500)
+    edges = np.stack([np.cos(angle), np.sin(angle)]), np_rng.uniform(-0.5, 0.5, 500)
+    true = (inside @ edges[0] > edges[1]).mean(axis=0)
+    for grid, error in ((3, 0.1), (4, 0.055), (8, 0.018), (16, 0.008)):
+        points = sub_pixel_points(grid**2) - 0.5
+        assert np.abs(points.mean(axis=0)).max() < 0.25 / grid**2 + 0.0625 * (grid == 3) / 2
+        share = (points @ edges[0] > edges[1]).mean(axis=0)
+        assert np.sqrt(((share - true) ** 2).mean()) < error

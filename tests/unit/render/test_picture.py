@@ -1,41 +1,155 @@
-"""From hits to pictures: sums over a pixel's pieces, layers for the denoiser, radiance by materials."""
+"""Pictures of a model: what each pixel's rays meet, light that changes within a pixel; layers for the denoiser."""
 
 import numpy as np
 import pytest
 
-from fipt.io.meshes import connected_parts
-from fipt.model.albedo import specular_albedo
-from fipt.settings import Hits as HitsSettings
+from fipt.io.background import NOTHING, constant
+from fipt.model.albedo import reflectance
+from fipt.model.networks import Brdf
 from tests import scenes
+
+PIXEL = 0.25
+"""Width of a pixel at distance 1 of the camera below, metres."""
+
+
+def ahead(width=6, height=4):
+    """The origin, looking along -z; a pixel spans 0.25 at distance 1."""
+    return scenes.look_at("a", (0, 0, 0), (0, 0, -1), width=width, height=height, focal=4.0)
+
+
+def wall(x0, x1, z, y=(-9, 9)):
+    """A wall across the view that faces the camera."""
+    return scenes.quad((x0, y[0], z), (x1 - x0, 0, 0), (0, y[1] - y[0], 0))
+
+
+def of_one_material(base, roughness, metallic):
+    def materials(sight):
+        n = len(sight.pixel)
+        return Brdf(np.tile(np.float32(base), (n, 1)), np.full(n, roughness, np.float32), np.full(n, metallic, "f4"))
+
+    return materials
+
+
+@pytest.fixture
+def light(backend):
+    from fipt.render.background import sky_of
+    from fipt.render.picture import Light
+    from fipt.render.scene import RayScene
+    from fipt.render.surface import EmitterSet, SurfaceCache, Triangles
+    from fipt.render.tracer import PathSettings, Shader
+
+    def light(mesh, lamps=(), radiance=(0, 0, 0), outside=NOTHING, two_sided=True):
+        lit = EmitterSet(np.array(lamps, np.int32), np.tile(np.float32(radiance), (len(lamps), 1)), two_sided)
+        voxels = scenes.grid()
+        black = scenes.Surface((0, 0, 0), 1.0, 0.0)
+        cache = SurfaceCache(voxels, voxels["radiance"], np.zeros(8, bool), scenes.sides(voxels, black, black))
+        path = PathSettings(2, 1.0, True)
+        return Light(mesh, lit, outside, Shader(RayScene(mesh), Triangles(mesh, lit), cache, path, sky_of(outside)))
+
+    return light
+
+
+def see(lights, camera=None, materials=None, grid=2, spp=8, denoised=False, seed=0, advance=lambda paths: None):
+    from fipt.render.picture import pictures
+
+    materials = materials or of_one_material((0.5, 0.5, 0.5), 1.0, 0.0)
+    return pictures(lights, camera or ahead(), materials, grid, spp, denoised, seed, advance)
+
+
+@pytest.mark.parametrize("denoised", [False, True])
+def test_under_a_white_sky_a_wall_shows_its_reflectance(light, denoised):
+    """Half of it metal; above it the sky itself is seen."""
+    white = constant((1, 1, 1))
+    mesh, first = wall(-9, 9, -2, y=(-9, 9 if denoised else 0)), 0 if denoised else 4
+
+    def materials(sight):
+        left = sight.position[:, 0] < 0
+        base = np.where(left[:, None], [[0.8, 0.4, 0.2]], [[0.1, 0.5, 0.9]]).astype(np.float32)
+        return Brdf(base, np.where(left, 0.4, 0.9).astype("f4"), np.where(left, 1.0, 0.2).astype("f4"))
+
+    steps, camera = [], ahead(12, 8)
+    (got,) = see([light(mesh, outside=white)], camera, materials, 2, 1024, denoised, advance=steps.append)
+    assert sum(steps) == 12 * (8 - first) * 1024  # rays that leave the mesh have no paths
+    assert got.dtype == np.float32
+    np.testing.assert_allclose(got[:first], 1, rtol=1e-6)
+    rows, columns = np.indices((8, 12))[:, first:].reshape(2, -1)
+    rays = camera.directions(columns + 0.5, rows + 0.5)
+    left = (columns < 6)[:, None]
+    base = np.where(left, [[0.8, 0.4, 0.2]], [[0.1, 0.5, 0.9]])
+    expected = reflectance(base, np.where(left, 0.4, 0.9)[:, 0], np.where(left, 1.0, 0.2)[:, 0], -rays[:, 2])
+    ratio = got[first:].reshape(-1, 3) / expected
+    assert np.abs(ratio - 1).mean() < 0.03
+    assert abs(ratio.mean() - 1) < 0.01
+
+
+@pytest.mark.parametrize("share", [0.2, 0.65])
+def test_a_lamp_flush_with_the_wall_has_its_share_of_a_pixel(light, share):
+    """Lamp and wall are one connected part in one plane: a piece of a pixel would be all of one of them."""
+    edge = share * PIXEL
+    mesh = scenes.joined(wall(-9, edge, -1), wall(edge, 9, -1))
+    shine = np.array([4.0, 2.0, 1.0])
+    (got,) = see([light(mesh, (0, 1), shine)], grid=4)
+    expected = np.array([1, 1, 1, share, 0, 0])[:, None] * shine
+    np.testing.assert_allclose(got, np.broadcast_to(expected, got.shape), atol=4 * 1.2 / 16)
+    np.testing.assert_array_equal(got[:, 4:], 0)
+
+
+def test_the_edge_of_a_lamp_in_a_mirror_has_its_share_of_a_pixel(light):
+    """A lamp behind the camera, seen in a smooth metal: light changes within a piece of surface."""
+    share = 0.4
+    lamp_edge = 3 * share * PIXEL  # twice the mirror's distance and the lamp's own away
+    mesh = scenes.joined(wall(-9, 9, -1), scenes.turned(wall(-40, lamp_edge, 1, y=(-40, 40))))
+    (got,) = see([light(mesh, (2, 3), (2, 2, 2))], materials=of_one_material((1, 1, 1), 0.02, 1.0), grid=4, spp=512)
+    row = got[..., 0].mean(axis=0)
+    np.testing.assert_allclose(row[:3], 2, rtol=0.08)  # the highlight loses some at its slant
+    np.testing.assert_allclose(row[3], 2 * share, atol=0.2)
+    np.testing.assert_allclose(row[4:], 0, atol=0.02)
+
+
+def test_lamps_shine_from_the_side_they_face(light):
+    for mesh, seen in ((wall(-9, 9, -1), 3.0), (scenes.turned(wall(-9, 9, -1)), 0.0)):
+        for two_sided in (False, True):
+            (got,) = see([light(mesh, (0, 1), (3, 3, 3), two_sided=two_sided)])
+            np.testing.assert_array_equal(got, np.float32(3.0 if two_sided else seen))
+
+
+def test_lights_of_one_room_are_seen_at_once(light):
+    mesh = scenes.joined(wall(-9, 9, -2), scenes.lamp_quad((-1, 1), 1.5, (-1.5, -0.5)))
+    lights = [light(mesh, (2, 3), np.array([5.0, 4.0, 3.0]) * gain) for gain in (1, 0, 2)]
+    one, dark, two = see(lights)
+    np.testing.assert_array_equal(one, see(lights[:1])[0])
+    np.testing.assert_allclose(two, 2 * one, rtol=1e-5)
+    assert one.max() > 0.05
+    assert not dark.any()
+
+
+def test_the_same_seed_gives_the_same_picture(light):
+    room = light(wall(-9, 9, -2), outside=constant((1, 1, 1)))
+    first, again, other = (see([room], seed=seed)[0] for seed in (0, 0, 1))
+    np.testing.assert_array_equal(first, again)
+    assert np.abs(first - other).max() > 1e-3
+
+
+def test_every_ray_has_a_path_of_each_lobe(backend):
+    from fipt.render.picture import paths_of_ray
+
+    assert [paths_of_ray(spp, 4) for spp in (1, 32, 33, 128)] == [2, 2, 3, 8]
+    assert paths_of_ray(128, 1) == 128
+
+
+def test_lamps_keep_their_edge_where_pictures_are_denoised(light):
+    mesh = scenes.joined(wall(-9, 0, -1), wall(0, 9, -1))
+    room = light(mesh, (0, 1), (4, 0, 0), outside=constant((0.0, 0.3, 0.0)))
+    (got,) = see([room], ahead(24, 16), denoised=True)
+    np.testing.assert_array_equal(got[:, :12], np.broadcast_to(np.float32([4, 0, 0]), (16, 12, 3)))
+    assert not got[:, 12:, [0, 2]].any()  # no colour that nothing sends
+    assert got[:, 12:, 1].min() > 0
 
 
 def some_hits(counts, weight, shape):
     n = int(np.sum(counts))
     normal = np.tile(np.float32([0, 0, 1]), (n, 1))
     return scenes.hits_of(np.zeros((n, 3)), weight=weight, counts=counts, shapes=[shape], normal=normal)
-
-
-def test_a_pixel_is_the_sum_of_its_hits_and_the_background(backend):
-    from fipt.render.picture import pixels_of_hits
-
-    hits = some_hits([1, 2, 0, 1], [1.0, 0.25, 0.75, 0.5], (2, 2))
-    values = np.array([[1, 2, 3], [4, 0, 0], [8, 4, 0], [6, 6, 6]], float)
-    picture = pixels_of_hits(values, hits, 0, np.array([2.0, 0.0, 1.0]))
-    assert picture.dtype == np.float32
-    np.testing.assert_allclose(picture, [[[1, 2, 3], [7, 3, 0]], [[2, 0, 1], [4, 3, 3.5]]])
-
-
-def test_pictures_of_views_do_not_mix(backend):
-    from fipt.render.picture import pixels_of_hits
-
-    one = some_hits([1, 2], [1.0, 0.5, 0.5], (1, 2))
-    both = scenes.hits_of(
-        np.zeros((6, 3)), 0, np.tile(one.weight, 2), [1, 2, 1, 2], views=("a", "b"), shapes=[(1, 2), (1, 2)]
-    )
-    values = np.arange(9.0).reshape(3, 3)
-    np.testing.assert_array_equal(
-        pixels_of_hits(values, both, 1, np.zeros(3)), pixels_of_hits(values, one, 0, np.zeros(3))
-    )
 
 
 def test_layers_are_denoised_apart_and_complete(backend, monkeypatch):
@@ -71,40 +185,3 @@ def test_sparse_layers_stay_as_they_are(backend, monkeypatch):
     result = layers.denoise_hits(np.zeros((401, 1, 3)), hits, 0)
     assert result[8].max() == 0  # the second hit of pixel 7
     assert np.delete(result, 8, axis=0).min() == 100
-
-
-@pytest.mark.parametrize("denoised", [False, True])
-def test_radiance_in_a_furnace_is_the_reflectance(backend, denoised):
-    """Every pixel of a shining room reflects kd + ks A0 + A1 of its own material."""
-    from fipt.render.first_hits import joined, trace_view
-    from fipt.render.picture import radiance_of_hits
-    from fipt.render.scene import RayScene
-    from fipt.render.surface import EmitterSet, SurfaceCache, Triangles
-    from fipt.render.tracer import PathSettings, Shader
-
-    box = scenes.box((-1, -1, -1), (1, 1, 1))
-    scene, voxels = RayScene(box), scenes.grid()
-    camera = scenes.look_at("a", (0.2, 0.1, 0.6), (0, 0, -1), width=12, height=8, focal=8.0)
-    hits = joined([camera], [trace_view(scene, connected_parts(box), camera, HitsSettings(grid=2))])
-    count = len(hits.position)
-    left = hits.position[:, 0] < 0
-    base = np.where(left[:, None], [[0.8, 0.4, 0.2]], [[0.1, 0.5, 0.9]])
-    roughness, metallic = np.where(left, 0.4, 0.9).astype(np.float32), np.where(left, 1.0, 0.2)
-    shader = Shader(
-        scene,
-        Triangles(box, EmitterSet(np.arange(12), np.ones((12, 3), np.float32))),
-        SurfaceCache(voxels, voxels["radiance"], np.zeros(8, bool), scenes.sides(voxels, scenes.METAL, scenes.METAL)),
-        PathSettings(2, 1.0, True),
-    )
-    steps = []
-    got = radiance_of_hits(shader, hits, 0, camera, base, roughness, metallic, 256, denoised, 0, steps.append)
-    assert sum(steps) == count * 256
-    wo = camera.center - hits.position
-    cos = (wo * hits.normal).sum(1) / np.linalg.norm(wo, axis=1)
-    expected = np.empty((count, 3))
-    for i in range(count):
-        a0, a1 = specular_albedo(cos[i], roughness[i], 64)
-        m = metallic[i]
-        expected[i] = base[i] * (1 - m) + (0.04 * (1 - m) + base[i] * m) * a0 + a1
-    assert np.abs(got / expected - 1).mean() < 0.03
-    assert np.abs((got / expected).mean() - 1) < 0.01

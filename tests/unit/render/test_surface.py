@@ -195,3 +195,16 @@ def test_triangles_of_objects_have_records_of_their_own(backend):
     np.testing.assert_allclose(np.array(roughness)[2:], things.roughness)
     np.testing.assert_array_equal(np.array(is_known), [True, True, False, False])
     np.testing.assert_array_equal(np.array(record)[:2], np.array(plain.find(p, n, active))[:2])
+
+
+def test_emission_by_triangle(mi):
+    from fipt.render.surface import EmitterSet
+
+    lamps = np.array([9, 2, 5])
+    lit = EmitterSet(lamps.astype(np.int32), np.float32(lamps[:, None] * [1, 2, 3]))
+    seen = np.array([0, 2, 5, 9, 9, 100, 3])
+    got = lit.emitted(seen)
+    np.testing.assert_array_equal(got, np.where(np.isin(seen, lamps), seen, 0)[:, None] * [1, 2, 3])
+    assert got.dtype == np.float32
+    nothing = EmitterSet(np.zeros(0, np.int32), np.zeros((0, 3), np.float32))
+    np.testing.assert_array_equal(nothing.emitted(seen), np.zeros((7, 3)))
