@@ -276,7 +276,7 @@ class Scene:
     def names_in(self, setup: str) -> list[str]:
         """Names by which a relight setup chooses lamps, but for those that every lamp has."""
         called = [name for edit in self.setups[setup].emitters for name in edit.called]
-        return [name for name in called if not re.fullmatch(r"lamp-\d+", name)]
+        return [name for name in called if not re.fullmatch(r"lamp-(0|[1-9]\d*)", name)]
 
     def emission_options(self) -> list[str]:
         """Options of ``fipt emitters`` that say what a person decided about lamps; none where nobody did."""

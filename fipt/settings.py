@@ -542,7 +542,7 @@ class NewLight(Settings):
         for key, field in type(self).model_fields.items():
             if key not in ("shape", *needed, *allowed) and getattr(self, key) != field.default:
                 raise ValueError(f"a {self.shape} light has no {key}; it may have {', '.join(needed + allowed)}")
-        if self.shape == "quad" and not any(self.normal):
+        if self.shape == "quad" and max(map(abs, self.normal)) < 1e-6:
             raise ValueError("the normal of a new quad light must not be zero")
         if self.shape == "spot":
             if (self.direction is None) == (self.target is None):
@@ -894,7 +894,7 @@ def explain(error: ValidationError, where: str) -> str:
         return f"{path}: {problem['ctx']['error']}"
     if problem["type"] == "extra_forbidden":
         return f"unknown key {path}"
-    text = problem["msg"].removeprefix("Value error, ")
+    text = problem["msg"]
     return f"{path}: {text[0].lower()}{text[1:]}; found {problem.get('input')!r}"
 
 

@@ -182,7 +182,8 @@ def read_object(path: str | Path) -> MeshObject:
         scene = trimesh.load_scene(path, process=False)
         nodes = [scene.graph[node] for node in scene.graph.nodes_geometry]
         found = [(scene.geometry[name], placed) for placed, name in nodes]
-        pieces = [_piece(mesh, placed) for mesh, placed in found if len(getattr(mesh, "faces", ()))]
+        linear = path.suffix.lower() == ".glb"  # glTF's colours of vertices are, the others' are sRGB
+        pieces = [_piece(mesh, placed, linear) for mesh, placed in found if len(getattr(mesh, "faces", ()))]
     except Exception as error:  # trimesh raises whatever its parsers raise
         raise FiptError(
             f"{path} is not a readable mesh ({error or type(error).__name__})", "give a PLY, OBJ or GLB with triangles"
@@ -215,7 +216,7 @@ def _named(path: Path, pattern: str) -> list[Path]:
     return [path.parent / name for name in names if (path.parent / name).is_file()]
 
 
-def _piece(piece: Any, placed: np.ndarray) -> MeshObject:
+def _piece(piece: Any, placed: np.ndarray, linear_colors: bool) -> MeshObject:
     """One mesh of trimesh where its (4, 4) matrix puts it, with its normals, texture coordinates and material."""
     vertices, triangles = np.asarray(piece.vertices), np.asarray(piece.faces, np.int32)
     if triangles.min() < 0 or triangles.max() >= len(vertices):
@@ -223,16 +224,18 @@ def _piece(piece: Any, placed: np.ndarray) -> MeshObject:
     # trimesh makes up what a file lacks; only what it read is in the cache before it is asked
     given = piece._cache.cache.get("vertex_normals")
     normals = np.zeros_like(vertices) if given is None else np.asarray(given)
-    vertices, normals = moved(vertices, normals, placed[:3, :3], placed[:3, 3])
+    vertices, normals = moved(vertices, np.nan_to_num(normals, posinf=0, neginf=0), placed[:3, :3], placed[:3, 3])
     material, uv = uniform(*_NEUTRAL), None
     look = piece.visual
     if look.kind == "texture" and look.material is not None:
         material = _material(look.material)
         uv = look.uv
     elif look.kind == "vertex":
-        colors = srgb_decode(np.asarray(look.vertex_colors)[:, :3] / 255.0)
+        colors = np.asarray(look.vertex_colors)[:, :3] / 255.0
+        colors = colors if linear_colors else srgb_decode(colors)
         return _painted(Mesh(vertices, triangles), normals, colors)
     uv = np.zeros((len(vertices), 2)) if uv is None else np.asarray(uv)[:, :2] * (1, -1) + (0, 1)  # v = 0 is the top
+    uv = np.nan_to_num(uv, posinf=0, neginf=0)
     return MeshObject(
         Mesh(vertices, triangles), normals, uv.astype(np.float32), (material,), np.zeros(len(triangles), np.int32)
     )

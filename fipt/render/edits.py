@@ -91,9 +91,7 @@ class Segments:
             where = self._where(entry, f"remove.{number}")
             if isinstance(where, Box):
                 where = where.holds(self._mesh.corners.mean(axis=1))
-                print(f"remove.{number}: {int(where.sum())} triangles")
-                if not where.any():
-                    print(f"warning: remove.{number}: the box holds no triangle's centre; nothing is removed")
+                print(f"remove.{number}: {int(where.sum())} triangles have their centre in the box")
             gone |= where
         return gone
 

@@ -26,7 +26,8 @@ def sub_pixel_points(count: int) -> np.ndarray:
 
     Seen from any side no two of a lattice's points lie in line, and their mean is the pixel's centre: a sequence such
     as R2 looks a tenth of a pixel beside it on average, which moves the whole picture. Each point is the one farthest
-    from those before it, so that the first few are spread too.
+    from those before it, so that the first few are spread too. (Of 4 or 9 points the mean is 0.03 pixels
+    beside it, since one makes way for the centre.)
     """
     k = np.arange(count)
     lattices = [np.stack([k, k * step % count], axis=1) for step in range(1, count + 1) if gcd(step, count) == 1]

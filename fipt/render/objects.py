@@ -85,8 +85,9 @@ def _dropped(thing: MeshObject, room: Mesh, up: int, name: str) -> MeshObject:
     around = [axis for axis in range(3) if axis != up]
     own = thing.mesh.vertices
     low, high = own.min(axis=0), own.max(axis=0)
-    below = (room.vertices[:, around] >= low[around]) & (room.vertices[:, around] <= high[around])
-    below = room.vertices[below.all(axis=1) & (room.vertices[:, up] < high[up])]
+    there = room.vertices[np.unique(room.triangles[room.areas > 0])]  # not of what was removed
+    below = (there[:, around] >= low[around]) & (there[:, around] <= high[around])
+    below = there[below.all(axis=1) & (there[:, up] < high[up])]
     falls = [RayScene(room).intersect(own, np.tile(down, (len(own), 1)))[0]]
     if len(below):
         falls.append(RayScene(thing.mesh).intersect(below, np.tile(-down, (len(below), 1)))[0])

@@ -1,4 +1,4 @@
-"""Hits of a view as points to shade, a chunk at a time."""
+"""Points to shade, a chunk at a time; hits of a view as such points."""
 
 from collections.abc import Callable
 

@@ -152,6 +152,8 @@ class SurfaceCache:
 class Triangles:
     """Normal and emitter of every triangle, and sampling of emitters by power.
 
+    Lamps absorb what falls on them, also those that are off: light then adds up lamp by lamp.
+
     Parameters
     ----------
     mesh
@@ -161,24 +163,27 @@ class Triangles:
     """
 
     def __init__(self, mesh: Mesh, emitters: EmitterSet | None) -> None:
-        emitters = emitters.lit() if emitters is not None else None
-        self.has_emitters = emitters is not None and len(emitters.triangle) > 0
+        self.has_lamps = emitters is not None and len(emitters.triangle) > 0
         number = np.zeros(len(mesh.triangles), np.float32)
-        if self.has_emitters:
+        if self.has_lamps:
+            lamps, emitters = emitters.triangle, emitters.lit()
+            number[lamps] = 1 + len(emitters.triangle)  # the last row: lamps that are off, black
             number[emitters.triangle] = 1 + np.arange(len(emitters.triangle))
+        self.has_emitters = self.has_lamps and len(emitters.triangle) > 0
         self.face = mi.Float(np.concatenate([mesh.normals, number[:, None]], axis=1).astype(np.float32).ravel())
-        if not self.has_emitters:
+        if not self.has_lamps:
             return
         self.two_sided = emitters.two_sided
         self.count = len(emitters.triangle)
         area = np.maximum(mesh.areas[emitters.triangle], 1e-20)
         power = area * emitters.radiance.astype(np.float64).mean(axis=1)
-        chance = power / power.sum()
+        chance = power / max(power.sum(), 1e-300)
+        emitted = np.pad(np.concatenate([emitters.radiance, (chance / area)[:, None]], axis=1), ((0, 1), (0, 0)))
+        self.emitted = mi.Float(emitted.astype(np.float32).ravel())
+        if not self.has_emitters:
+            return
         prob, alias = alias_table(chance)
         self.alias = mi.Float(np.stack([prob, alias.astype(np.float64)], 1).astype(np.float32).ravel())
-        self.emitted = mi.Float(
-            np.concatenate([emitters.radiance, (chance / area)[:, None]], axis=1).astype(np.float32).ravel()
-        )
         corner = mesh.corners[emitters.triangle]
         a, u, v = corner[:, 0], corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
         self.corner, self.edge_u, self.edge_v = (

@@ -294,7 +294,7 @@ class Shader:
             radiance, s_y, _ = self.cache.lookup_radiance(record, on_mesh)
             out = self._outside(dr.select(on_mesh, radiance, 0), wi, alive & ~on_mesh)
             return out, mi.Bool(True), p_light, record, s_y
-        if self.triangles.has_emitters:
+        if self.triangles.has_lamps:
             hit = on_mesh & (emitter > 0) & self.triangles.shines(n_y, -wi)
             radiance, pdf = self.triangles.radiance(emitter - 1, hit)
             out = dr.select(hit, radiance, out)

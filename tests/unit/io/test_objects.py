@@ -65,6 +65,26 @@ def test_colours_of_vertices_are_linear_over_triangles(tmp_path, np_rng):
     np.testing.assert_allclose(thing.at(triangle, weights)[0], expected, atol=1e-5)
 
 
+def test_colours_of_vertices_of_gltf_are_linear_light(tmp_path):
+    import trimesh
+
+    colors = np.tile(np.uint8([128, 64, 255, 255]), (3, 1))
+    mesh = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], vertex_colors=colors, process=False)
+    (tmp_path / "a.glb").write_bytes(mesh.export(file_type="glb"))
+    color, *_ = read_object(tmp_path / "a.glb").at(np.array([0]), np.full((1, 3), 1 / 3))
+    np.testing.assert_allclose(color, [[128 / 255, 64 / 255, 1]], atol=3e-3)
+
+
+def test_normals_and_places_that_are_no_numbers_are_left_out(tmp_path):
+    lines = ["v 0 0 0", "v 1 0 0", "v 0 1 0", "vn nan nan nan", "vn 0 0 1", "vt nan 0", "vt 1 inf"]
+    lines.append("f 1/1/1 2/2/2 3/1/2")
+    (tmp_path / "a.obj").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    thing = read_object(tmp_path / "a.obj")
+    assert np.isfinite(thing.normals).all()
+    assert np.isfinite(thing.uv).all()
+    assert np.isfinite(thing.at(np.array([0]), np.full((1, 3), 1 / 3))[0]).all()
+
+
 def test_what_has_no_material_is_neutral_and_flat(tmp_path):
     write_ply(tmp_path / "a.ply", scenes.box((0, 0, 0), (1, 1, 1)))
     thing = read_object(tmp_path / "a.ply")

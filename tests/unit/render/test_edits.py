@@ -55,7 +55,7 @@ def test_a_segment_that_does_not_exist_is_answered_with_those_that_do():
 def test_a_box_takes_triangles_whose_centre_it_holds(capsys):
     np.testing.assert_array_equal(gone(box={"center": [1.5, 1, 1.5], "size": [1.2, 1.2, 1.2]}), BLOCK)
     assert not gone(box={"center": [3, 1, 3], "size": [0.1, 0.1, 0.1]}).any()
-    assert "warning: remove.0: the box holds no triangle's centre; nothing is removed" in capsys.readouterr().out
+    assert "remove.0: 0 triangles have their centre in the box" in capsys.readouterr().out
 
 
 def test_an_edit_of_nothing_is_said(capsys):

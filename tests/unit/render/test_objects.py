@@ -53,6 +53,14 @@ def test_objects_fall_onto_those_before(put):
     assert second.mesh.vertices[:, 1].min() == pytest.approx(0.4, abs=0.004)
 
 
+def test_objects_fall_through_what_was_removed(put):
+    from fipt.render.edits import without
+
+    post = np.arange(len(HANGING.triangles)) >= len(TABLE.triangles)
+    (thing,) = put(cube(3, 2, 3, drop=True), room=without(HANGING, post))
+    assert thing.mesh.vertices[:, 1].min() == pytest.approx(0, abs=0.002)
+
+
 def test_a_corner_falls_first(put):
     (thing,) = put(cube(3, 2, 3, rotation=[45, 0, 0], drop=True))
     assert thing.mesh.vertices[:, 1].min() == pytest.approx(0, abs=0.002)

@@ -38,11 +38,12 @@ def light(backend):
     from fipt.render.surface import EmitterSet, SurfaceCache, Triangles
     from fipt.render.tracer import PathSettings, Shader
 
-    def light(mesh, lamps=(), radiance=(0, 0, 0), outside=NOTHING, two_sided=True):
-        lit = EmitterSet(np.array(lamps, np.int32), np.tile(np.float32(radiance), (len(lamps), 1)), two_sided)
+    def light(mesh, lamps=(), radiance=(0, 0, 0), outside=NOTHING, two_sided=True, albedo=0.0):
+        shine = np.broadcast_to(np.float32(radiance), (len(lamps), 3))
+        lit = EmitterSet(np.array(lamps, np.int32), shine, two_sided)
         voxels = scenes.grid()
-        black = scenes.Surface((0, 0, 0), 1.0, 0.0)
-        cache = SurfaceCache(voxels, voxels["radiance"], np.zeros(8, bool), scenes.sides(voxels, black, black))
+        around = scenes.Surface((albedo,) * 3, 1.0, 0.0)
+        cache = SurfaceCache(voxels, voxels["radiance"], np.zeros(8, bool), scenes.sides(voxels, around, around))
         path = PathSettings(2, 1.0, True)
         return Light(mesh, lit, outside, Shader(RayScene(mesh), Triangles(mesh, lit), cache, path, sky_of(outside)))
 
@@ -121,6 +122,17 @@ def test_lights_of_one_room_are_seen_at_once(light):
     np.testing.assert_allclose(two, 2 * one, rtol=1e-5)
     assert one.max() > 0.05
     assert not dark.any()
+
+
+def test_light_adds_up_lamp_by_lamp(light):
+    """A lamp that is off is as black at bounces as it is for the camera."""
+    lamps = wall(-9, 9, 1), scenes.quad((-1, -9, -9), (0, 18, 0), (0, 0, 18))  # behind the camera, and on its left
+    mesh = scenes.joined(wall(-9, 9, -2), *lamps)
+    shine = np.float32([[4, 1, 2], [4, 1, 2], [1, 3, 2], [1, 3, 2]])
+    switched = [shine, shine * [[1], [1], [0], [0]], shine * [[0], [0], [1], [1]], 0 * shine]
+    both, first, second, none = see([light(mesh, (2, 3, 4, 5), each, albedo=0.9) for each in switched], spp=512)
+    np.testing.assert_allclose((first + second).mean(axis=(0, 1)), both.mean(axis=(0, 1)), rtol=0.01)
+    assert not none.any()
 
 
 def test_the_same_seed_gives_the_same_picture(light):

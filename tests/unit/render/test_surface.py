@@ -96,11 +96,11 @@ def test_triangles_know_their_normal_and_emitter(mi):
     normal, number = triangles.lookup(mi.UInt32(np.arange(12)), mi.Bool(True))
     np.testing.assert_array_equal(np.array(normal).T, mesh.normals)
     number = np.array(number)
-    assert (np.flatnonzero(number) == [7, 11]).all()  # triangle 2 has no radiance
-    radiance, pdf = triangles.radiance(mi.UInt32(number[[7, 11]] - 1), mi.Bool(True))
-    np.testing.assert_array_equal(np.array(radiance).T, colors[[0, 2]])
-    power = mesh.areas[[7, 11]] * colors[[0, 2]].mean(axis=1)
-    np.testing.assert_allclose(np.array(pdf), power / power.sum() / mesh.areas[[7, 11]], rtol=1e-6)
+    assert np.flatnonzero(number).tolist() == [2, 7, 11]
+    radiance, pdf = triangles.radiance(mi.UInt32(number[[7, 2, 11]] - 1), mi.Bool(True))
+    np.testing.assert_array_equal(np.array(radiance).T, colors)  # triangle 2 is off, but a lamp
+    power = mesh.areas[[7, 2, 11]] * colors.mean(axis=1)
+    np.testing.assert_allclose(np.array(pdf), power / power.sum() / mesh.areas[[7, 2, 11]], rtol=1e-6)
 
 
 @pytest.mark.parametrize("two_sided", [True, False])
