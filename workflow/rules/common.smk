@@ -152,6 +152,13 @@ def relit_hits(wildcards):
     return f"results/{scene.name}/hits/{shard}.manifest.json"
 
 
+def check_of_cameras(wildcards):
+    """Input function: which views are accepted, for a setup's own cameras; they are placed by these."""
+    scene = scene_of(wildcards)
+    filmed = wildcards.setup in scene.filmed
+    return [f"results/{scene.name}/dataset/check_poses.json"] if filmed else []
+
+
 def reference_files(wildcards):
     """Input function: photographs with which relit views are compared."""
     return readable(scene_of(wildcards).reference_files)
