@@ -377,6 +377,7 @@ class _Chain:
         options = ["--dataset", self.data, "--hits", ",".join(self.hits.values())]
         for name in ("materials", "render", "relight"):
             options += [f"--{name}", f"{self.root}/{name}"]
+        options += [f"--setups={','.join(sorted(self.scene.true_setups))}"]
         for setup, folder in self.scene.references.items():
             options += ["--reference", f"{setup}={folder}"]
         options += ["--emitters", self.emitters, "--out", metrics]
@@ -385,6 +386,8 @@ class _Chain:
         inputs += [*self.shown, self.emitters, *self.scene.reference_files()]
         self.add("metrics", "metrics", options, inputs, [metrics])
         options = ("--results", self.root, "--out", report)
+        seen, filmed = (",".join(sorted(names)) for names in (self.scene.relit, self.scene.filmed))
+        options += (f"--setups={seen}", f"--films={filmed}")
         self.add("report", "report", options, [metrics, *inputs, self.listed, *self.mixed, *self.exported], [report])
 
     def _training(self) -> tuple[str, ...]:

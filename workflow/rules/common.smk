@@ -114,13 +114,8 @@ def relit(pattern, known=False):
 
     def files(wildcards):
         scene = scene_of(wildcards)
-        setups = scene.true_setups if known else scene.setups
-        return [
-            file
-            for setup in setups
-            if setup not in scene.filmed
-            for file in of_shards(pattern, scene, setup)
-        ]
+        setups = scene.true_setups if known else scene.relit
+        return [file for setup in setups for file in of_shards(pattern, scene, setup)]
 
     return files
 
