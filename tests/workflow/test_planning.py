@@ -342,6 +342,14 @@ def test_own_cameras_and_references_are_planned_alike(workspace, monkeypatch):
     assert here.planned() == {"join_pictures": 1, "scene_report": 1}
     here.configure(filmed(loop=True))
     assert here.planned() == {"relight_views": 3, "join_pictures": 1, "scene_report": 1}
+    # A setup that is no more leaves the page, one that loses its cameras is seen by views and scored.
+    fewer = filmed()
+    del fewer["scenes"]["room"]["setups"]["still"]
+    here.configure(fewer)
+    assert here.planned() == only("scene_report")
+    fewer["scenes"]["room"]["setups"]["walk"] = {}
+    here.configure(fewer)
+    assert here.planned() == only("synthesize_relit", "relight_views", "scene_metrics", "scene_report")
     here.configure(config)
     (here.root / "photos" / "val_001.exr").write_text("another photograph")
     assert here.planned() == only("scene_metrics", "scene_report")
