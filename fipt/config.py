@@ -185,6 +185,11 @@ class Scene:
         return [name for name, setup in self.setups.items() if setup.cameras is not None]
 
     @property
+    def relit(self) -> list[str]:
+        """Setups that views of the dataset see."""
+        return [name for name in self.setups if name not in self.filmed]
+
+    @property
     def references(self) -> dict[str, str]:
         """Relight setup -> folder of photographs under its light."""
         given = {name: setup.reference for name, setup in self.setups.items() if setup.reference is not None}
@@ -301,8 +306,7 @@ class Scene:
     @property
     def true_setups(self) -> list[str]:
         """Setups of which there can be true pictures: views of a known room, whose segments are parts of its mesh."""
-        possible = [name for name in self.setups if name not in self.filmed and not self.names_fused(name)]
-        return possible if self.synthesized else []
+        return [name for name in self.relit if not self.names_fused(name)] if self.synthesized else []
 
     @property
     def synthesized(self) -> bool:

@@ -316,13 +316,15 @@ class _Chain:
         """What a setup's own cameras see, shard by shard; then these joined."""
         shards, name = self.scene.relit_shards(setup), f"relight/{setup}"
         traced = next(iter(self.hits))  # its settings are those of the cameras' hits
+        placed = [*files, self.checked]  # keyframes, directions and sizes are those of accepted views
         for shard, cameras in shards.items():
-            self._add_picture("relight", name, shard, (*options, "--cameras", ",".join(cameras)), files, traced)
+            self._add_picture("relight", name, shard, (*options, "--cameras", ",".join(cameras)), placed, traced)
         seen = [self.shown.pop() for _ in shards]  # the page shows what is made of them
         folder, made = f"{self.root}/{name}", manifest(f"{self.root}/{name}")
         options = ("--dataset", self.data, "--cameras", self.scene.cameras_json(setup), "--pictures", folder)
+        options += ("--max-views", str(self.scene.settings["report"].max_views))
         images = [file for files in self.images.values() for file in files]
-        inputs = [*self.geometry, *images, *seen]
+        inputs = [*self.geometry, self.checked, *images, *seen]
         self.add("video", f"video.{setup}", (*options, "--manifest", made), inputs, [made])
         self.mixed.append(made)
 
@@ -375,6 +377,7 @@ class _Chain:
         options = ["--dataset", self.data, "--hits", ",".join(self.hits.values())]
         for name in ("materials", "render", "relight"):
             options += [f"--{name}", f"{self.root}/{name}"]
+        options += [f"--setups={','.join(sorted(self.scene.true_setups))}"]
         for setup, folder in self.scene.references.items():
             options += ["--reference", f"{setup}={folder}"]
         options += ["--emitters", self.emitters, "--out", metrics]
@@ -383,6 +386,8 @@ class _Chain:
         inputs += [*self.shown, self.emitters, *self.scene.reference_files()]
         self.add("metrics", "metrics", options, inputs, [metrics])
         options = ("--results", self.root, "--out", report)
+        seen, filmed = (",".join(sorted(names)) for names in (self.scene.relit, self.scene.filmed))
+        options += (f"--setups={seen}", f"--films={filmed}")
         self.add("report", "report", options, [metrics, *inputs, self.listed, *self.mixed, *self.exported], [report])
 
     def _training(self) -> tuple[str, ...]:

@@ -20,6 +20,10 @@ def command(
         typer.Option(help="hits folders, comma-separated: they tell which triangles truly emit"),
     ] = "",
     relight: Annotated[Path | None, typer.Option(help="folder with one folder of pictures per light setup")] = None,
+    setups: Annotated[
+        str | None,
+        typer.Option(help="light setups whose truth counts, comma-separated; default: all that the dataset has"),
+    ] = None,
     reference: Annotated[
         list[str] | None,
         typer.Option(help="SETUP=FOLDER: photographs of the room under a light setup, named as the views; repeatable"),
@@ -31,6 +35,7 @@ def command(
 
     Definitions: docs/math.md, and in the file itself.
     """
+    from fipt.cli.options import listed
     from fipt.errors import FiptError
     from fipt.evaluate import scene
     from fipt.evaluate.metrics import DEFINITIONS
@@ -56,7 +61,8 @@ def command(
             for split in ("val", "train")
         }
         content["emitters"] = scene.emitter_figures(data, emitters, folders)
-        relit = scene.relight_figures(data, relight) if relight is not None else {}
+        counted = None if setups is None else listed([setups])
+        relit = scene.relight_figures(data, relight, counted) if relight is not None else {}
         for setup, photographs in references.items():
             relit[setup] = scene.reference_figures(data, relight / setup, photographs)
         if relit:

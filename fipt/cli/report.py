@@ -11,6 +11,13 @@ from fipt.settings import dumped, parse
 def command(
     results: Annotated[Path, typer.Option(help="results folder of the scene")],
     out: Annotated[Path, typer.Option(help="HTML file to write")],
+    setups: Annotated[
+        str | None,
+        typer.Option(help="light setups whose views are shown, comma-separated; default: all that the folder holds"),
+    ] = None,
+    films: Annotated[
+        str | None, typer.Option(help="light setups with cameras of their own that are shown; default: likewise")
+    ] = None,
     settings: Annotated[str, typer.Option(help="JSON of the config section `report`")] = "{}",
     stats: Annotated[Path | None, typer.Option(help="file for times and memory")] = None,
 ) -> None:
@@ -18,12 +25,14 @@ def command(
 
     Shows whatever the folder holds: files that do not exist yet are left out.
     """
+    from fipt.cli.options import listed
     from fipt.io.files import write_text
     from fipt.io.manifests import recorded
     from fipt.report.page import build_page
 
     options = parse("report", settings)
     with recorded(stats, "report", dumped(options)) as figures:
-        page = build_page(results, options)
+        chosen = (None if names is None else listed([names]) for names in (setups, films))
+        page = build_page(results, options, *chosen)
         write_text(out, page)
         figures["page_bytes"] = len(page.encode("utf-8"))

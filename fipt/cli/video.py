@@ -13,12 +13,19 @@ def command(
     cameras: Annotated[str, typer.Option(help="The section cameras of the light setup, JSON.")],
     pictures: Annotated[Path, typer.Option(help="Folder of the pictures that fipt relight wrote.")],
     manifest: ManifestFile,
+    max_views: Annotated[
+        int | None,
+        typer.Option(
+            min=1, help="Photographs that set the exposure: max_views of the section report; default: its own."
+        ),
+    ] = None,
     settings: SettingsJson = "{}",
     stats: StatsFile = None,
 ) -> None:
     """Write PICTURES/*.png and PICTURES/transforms.json, and of a path PICTURES.mp4; one exposure for all."""
     with stage("video", settings, stats, backend=False) as (chosen, figures):
         from fipt.relight.video import write_video
-        from fipt.settings import parse_cameras
+        from fipt.settings import Report, parse_cameras
 
-        write_video(dataset, parse_cameras(cameras), pictures, manifest, chosen, figures)
+        most = Report().max_views if max_views is None else max_views
+        write_video(dataset, parse_cameras(cameras), pictures, manifest, most, chosen, figures)

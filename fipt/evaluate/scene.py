@@ -1,7 +1,7 @@
 """The figures of a scene, from the files of its dataset and results."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -109,10 +109,12 @@ def _mean(per_view: dict[str, float | None]) -> float | None:
     return sum(values) / len(values) if values else None
 
 
-def relight_figures(data: Dataset, folder: Path) -> dict[str, Any]:
-    """PSNR of every light setup that the dataset has truth for."""
+def relight_figures(data: Dataset, folder: Path, setups: Sequence[str] | None = None) -> dict[str, Any]:
+    """PSNR of the light setups that the dataset has truth for; of these names only, where they are given."""
     result = {}
     for truth in sorted((data.root / "relight_truth").glob("*/")):
+        if setups is not None and truth.name not in setups:
+            continue  # of a setup that is no more, or is filmed now
         known = [camera for camera in data.cameras if (truth / f"{camera.name}.exr").is_file()]
         per_view = {}
         for camera in known:

@@ -12,19 +12,19 @@ from fipt.io.manifests import Stats, write_manifest
 from fipt.io.video import write_mp4
 from fipt.progress import progress
 from fipt.relight.cameras import own_cameras
-from fipt.settings import OwnCameras, Report, Video, dumped
+from fipt.settings import OwnCameras, Video, dumped
 
 
-def write_video(dataset: Path, own: OwnCameras, pictures: Path, manifest: Path, settings: Video, stats: Stats) -> None:
+def write_video(
+    dataset: Path, own: OwnCameras, pictures: Path, manifest: Path, max_views: int, settings: Video, stats: Stats
+) -> None:
     """Write PNG pictures and transforms.json into ``pictures``, a path's video beside it, then their manifest.
 
-    One exposure holds for all pictures: the stated one, else that of the report.
+    One exposure holds for all pictures: the stated one, else that of the report which shows ``max_views`` views.
     """
     data = Dataset(dataset)
     cameras = own_cameras(own, data)
-    exposure = settings.exposure or common_exposure(
-        data.image(view)[0] for view in shown_views(data, Report().max_views)
-    )
+    exposure = settings.exposure or common_exposure(data.image(view)[0] for view in shown_views(data, max_views))
     files = [pictures / "transforms.json"]
     with progress("video", len(cameras), " pictures") as bar:
         for camera in cameras:

@@ -2,6 +2,7 @@
 
 import json
 import platform
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import metadata
@@ -15,6 +16,7 @@ from fipt.errors import FiptError
 from fipt.io import display
 from fipt.io.cameras import Camera
 from fipt.io.dataset import Dataset, read_layers, rejected_views
+from fipt.io.emitters import default_name
 from fipt.io.exr import read_rgb
 from fipt.io.files import existing_file
 from fipt.io.references import find_references, read_reference
@@ -139,7 +141,7 @@ class Film:
     video
         The MP4 as data URI; None where there is none, or it is too large for the page.
     file
-        Where the video lies in the results folder, or None.
+        Where the video lies in the results folder; None where there is none.
     """
 
     setup: str
@@ -204,8 +206,16 @@ class Content:
     room: Room | None
 
 
-def gather(results: Path, settings: Report) -> Content:
+def gather(
+    results: Path, settings: Report, setups: Sequence[str] | None = None, films: Sequence[str] | None = None
+) -> Content:
     """Read a results folder.
+
+    Parameters
+    ----------
+    setups, films
+        Light setups that are shown: those seen by views of the dataset, and those with cameras of their own. The
+        folder may hold others, or what a setup was before; None: all that it holds, of each what was filmed if it was.
 
     Raises
     ------
@@ -220,9 +230,13 @@ def gather(results: Path, settings: Report) -> Content:
     stats = _stats(results / "stats")
     emitters = _emitters(results)
     scale = float((metrics.get("val") or {}).get("render_exposure_scale") or 1.0)
+    if films is None:
+        films = [name for name in _filmed(results / "relight") if name not in (setups or ())]
+    if setups is None:
+        setups = [path.name for path in (results / "relight").glob("*/") if path.name not in films]
     reader = _Reader(results, data, metrics, settings, scale)
     views = reader.rows()
-    relit = reader.relit_views()
+    relit = reader.relit_views(sorted(setups))
     export = read_check(results / "export" / "check.json")
     return Content(
         scene=results.resolve().name,
@@ -235,8 +249,8 @@ def gather(results: Path, settings: Report) -> Content:
         hidden_views=len(data.cameras) - len(views) if data else 0,
         emitters=emitters,
         relit=relit,
-        films=reader.films(),
-        setups=_setups(results),
+        films=reader.films(sorted(films)),
+        setups=_setups(results / "relight", setups, films),
         export=export,
         exported=reader.exported_views(export) if export else [],
         times=_times(stats),
@@ -326,14 +340,11 @@ class _Reader:
         path = folder / f"{name}.exr"
         return read_rgb(path) * self.scale if path.is_file() else None
 
-    def relit_views(self) -> list[RelitView]:
-        """Views that some light setup has rendered, beside their original."""
-        folder = self.results / "relight"
-        filmed = {path.name.removesuffix(".manifest.json") for path, _ in self._film_manifests()}
-        setups = sorted(path.name for path in folder.glob("*/") if path.name not in filmed)
-        if self.data is None or not setups:
+    def relit_views(self, setups: Sequence[str]) -> list[RelitView]:
+        """Views that these light setups have rendered, beside their original."""
+        if self.data is None:
             return []
-        rows = []
+        folder, rows = self.results / "relight", []
         for camera in self.data.cameras:
             relit, truth, photographed = [], [], []
             for setup in setups:
@@ -360,26 +371,25 @@ class _Reader:
         photo = read_reference(path, camera)[0] * figures["exposure"] * self.scale
         return self._toned("relit", f"{setup}, photographed", photo)
 
-    def _film_manifests(self) -> list[tuple[Path, Mapping[str, Any]]]:
-        """Manifests of the stage video, and their content."""
-        found = [(path, _json(path)) for path in sorted((self.results / "relight").glob("*.manifest.json"))]
-        return [(path, content) for path, content in found if (content or {}).get("stage") == "video"]
-
-    def films(self) -> list[Film]:
-        """What the own cameras of setups see."""
+    def films(self, setups: Sequence[str]) -> list[Film]:
+        """What the own cameras of these setups see, as far as it was joined."""
         films = []
-        for path, content in self._film_manifests():
-            setup = path.name.removesuffix(".manifest.json")
+        for setup in setups:
+            path = self.results / "relight" / f"{setup}.manifest.json"
+            content = _json(path)
+            if content is None:
+                continue
             names = [Path(file).stem for file in sorted(content["files"]) if file.endswith(".png")]
-            video = path.with_name(f"{setup}.mp4") if f"{setup}.mp4" in content["files"] else None
+            video = path.with_name(f"{setup}.mp4")
+            there = video.name in content["files"] and video.is_file()
             moving = bool(content["settings"]["cameras"].get("path"))
             most = min(len(names), _FRAMES_SHOWN if moving else self.settings.max_views)
             chosen = [names[pick] for pick in np.linspace(0, len(names) - 1, most).round().astype(int)]
             seen = [(name, self._computed(path.with_name(setup), name)) for name in chosen]
             shown = [self._toned("relit", name, picture) for name, picture in seen if picture is not None]
-            embedded = pictures.data_uri(video, "video/mp4", _LARGEST_VIDEO) if video and video.is_file() else None
+            embedded = pictures.data_uri(video, "video/mp4", _LARGEST_VIDEO) if there else None
             if shown:
-                file = video.relative_to(self.results).as_posix() if video else None
+                file = video.relative_to(self.results).as_posix() if there else None
                 films.append(Film(setup, shown, len(names), embedded, file))
         return films
 
@@ -460,7 +470,7 @@ def _lamp(entry: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """What the page shows of a lamp."""
     return {
         "index": int(entry["index"]),
-        "name": str(entry["name"]),
+        "name": _lamp_name(entry),
         "triangles": int(entry["triangles"]),
         "area": float(entry["area"]),
         "radiance": [float(value) for value in entry["radiance"]],
@@ -474,6 +484,11 @@ def _lamp(entry: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     }
 
 
+def _lamp_name(entry: Mapping[str, Any]) -> str:
+    """The lamp's name; extractions of older versions wrote none."""
+    return str(entry.get("name") or default_name(int(entry["index"])))
+
+
 def _thumbnail(entry: Mapping[str, Any], folder: Path) -> Picture | None:
     """Picture of a lamp; None where no view shows it, or there are none yet."""
     from PIL import Image
@@ -482,7 +497,7 @@ def _thumbnail(entry: Mapping[str, Any], folder: Path) -> Picture | None:
         return None
     with Image.open(existing_file(folder / entry["thumbnail"], "the picture of a lamp")) as image:
         pixels = np.asarray(image.convert("RGB"))
-    return Picture("lamp", str(entry["name"]), *pictures.embedded(pixels, pixels.shape[1]))
+    return Picture("lamp", _lamp_name(entry), *pictures.embedded(pixels, pixels.shape[1]))
 
 
 def _facts(data: Dataset | None, results: Path) -> list[str]:
@@ -500,14 +515,21 @@ def _facts(data: Dataset | None, results: Path) -> list[str]:
     return facts
 
 
-def _setups(results: Path) -> dict[str, str]:
-    """What each light setup changes, as its manifests record it."""
-    setups = {}
-    for folder in sorted((results / "relight").glob("*/")):
-        manifests = sorted(folder.parent.glob(f"{folder.name}.*manifest.json"))
-        content = _json(manifests[0]) if manifests else None
-        setups[folder.name] = _pretty((content or {}).get("settings", {}).get("setup", {}))
-    return setups
+def _filmed(relight: Path) -> list[str]:
+    """Light setups that have a manifest of the stage video."""
+    paths = relight.glob("*.manifest.json")
+    return [path.name.removesuffix(".manifest.json") for path in paths if _json(path).get("stage") == "video"]
+
+
+def _setups(relight: Path, setups: Sequence[str], films: Sequence[str]) -> dict[str, str]:
+    """What each light setup changes, as the manifest of its first shard records it."""
+    changes, manifests = {}, sorted(relight.glob("*.manifest.json"))
+    for setup in sorted(path.name for path in relight.glob("*/") if path.name in {*setups, *films}):
+        shard = re.compile(re.escape(setup) + (r"\.camera" if setup in films else r"\.(train|val)") + r"-\d+")
+        first = next((path for path in manifests if shard.fullmatch(path.name.removesuffix(".manifest.json"))), None)
+        content = _json(first) if first else {}
+        changes[setup] = _pretty(content.get("settings", {}).get("setup", {}))
+    return changes
 
 
 def _stats(folder: Path) -> list[tuple[str, int | None, Mapping[str, Any]]]:

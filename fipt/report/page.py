@@ -2,6 +2,7 @@
 
 import base64
 import hashlib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,9 +25,11 @@ _EMITTERS_SHOWN = 12
 """Emitters listed openly; the rest is folded."""
 
 
-def build_page(results: Path, settings: Report) -> str:
-    """Return the page of a results folder: HTML that loads nothing from anywhere."""
-    return render(gather(results, settings))
+def build_page(
+    results: Path, settings: Report, setups: Sequence[str] | None = None, films: Sequence[str] | None = None
+) -> str:
+    """Return the page of a results folder (see `gather`): HTML that loads nothing from anywhere."""
+    return render(gather(results, settings, setups, films))
 
 
 def render(content: Content) -> str:

@@ -54,6 +54,15 @@ def test_figures_of_a_scene_with_truth(results):
     assert json.loads((results / "stats" / "metrics.json").read_text())["stage"] == "metrics"
 
 
+def test_only_setups_that_there_are_count(results):
+    """Truth and relit views of setup dim are still there; it is filmed now, or no more."""
+    relight = ("--relight", results / "relight")
+    assert run(results, *relight, "--setups", "dim,other") == 0
+    assert set(read(results)["relight"]) == {"dim"}
+    assert run(results, *relight, "--setups", "") == 0
+    assert "relight" not in read(results)
+
+
 def test_emitting_triangles_are_judged_by_what_pixels_see(results):
     assert run(results, "--hits", results / "hits" / "train-000") == 0
     emitters = read(results)["emitters"]

@@ -369,6 +369,12 @@ def test_a_free_camera_sees_what_a_view_there_sees(work):
     with Image.open(out / "c.png") as shown:
         expected = 255 * np.clip(srgb_encode(np.clip(exposure * read_rgb(out / "c.exr"), 0, 1)), 0, 1)
         np.testing.assert_allclose(np.array(shown), expected, atol=0.51)
+    options = ["--dataset", work / "dataset", "--cameras", json.dumps(own), "--pictures", out, "--max-views", 1]
+    options += ["--manifest", work / "m.json", "--stats", work / "m.stats.json"]
+    assert main(["video", *map(str, options)]) == 0
+    assert json.loads((work / "m.stats.json").read_text())["exposure"] == pytest.approx(
+        0.2 / np.median(photos["abc".index("c")] @ LUMINANCE), rel=1e-5
+    )
     manifest = read_manifest(work / "relight" / "film.manifest.json", "video")
     assert set(manifest["files"]) == {"film/transforms.json", "film/c.png", "film/wide.png"}
     assert not (work / "relight" / "film.mp4").exists()

@@ -329,11 +329,27 @@ def test_own_cameras_and_references_are_planned_alike(workspace, monkeypatch):
     frames = [job.options[job.options.index("--cameras") + 1] for job in jobs if job.label.startswith("relight.walk")]
     assert frames == ["frame-0001,frame-0002", "frame-0003,frame-0004", "frame-0005"]
 
+    # What places cameras and exposes their pictures is an input of both.
+    for job in jobs:
+        if job.label.startswith(("relight.walk", "video")):
+            assert {"results/room/dataset/check_poses.json", "results/room/dataset/views.json"} <= set(job.inputs)
+    assert {job.options[job.options.index("--max-views") + 1] for job in jobs if job.verb == "video"} == {"12"}
+    here.configure({**config, "report": {"max_views": 3}})
+    assert here.planned() == {"join_pictures": 2, "scene_report": 1}
+
     # Another rate needs no other pictures; another keyframe needs all of that path.
     here.configure(filmed(fps=10, video="png"))
     assert here.planned() == {"join_pictures": 1, "scene_report": 1}
     here.configure(filmed(loop=True))
     assert here.planned() == {"relight_views": 3, "join_pictures": 1, "scene_report": 1}
+    # A setup that is no more leaves the page, one that loses its cameras is seen by views and scored.
+    fewer = filmed()
+    del fewer["scenes"]["room"]["setups"]["still"]
+    here.configure(fewer)
+    assert here.planned() == only("scene_report")
+    fewer["scenes"]["room"]["setups"]["walk"] = {}
+    here.configure(fewer)
+    assert here.planned() == only("synthesize_relit", "relight_views", "scene_metrics", "scene_report")
     here.configure(config)
     (here.root / "photos" / "val_001.exr").write_text("another photograph")
     assert here.planned() == only("scene_metrics", "scene_report")

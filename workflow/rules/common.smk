@@ -114,13 +114,8 @@ def relit(pattern, known=False):
 
     def files(wildcards):
         scene = scene_of(wildcards)
-        setups = scene.true_setups if known else scene.setups
-        return [
-            file
-            for setup in setups
-            if setup not in scene.filmed
-            for file in of_shards(pattern, scene, setup)
-        ]
+        setups = scene.true_setups if known else scene.relit
+        return [file for setup in setups for file in of_shards(pattern, scene, setup)]
 
     return files
 
@@ -150,6 +145,13 @@ def relit_hits(wildcards):
     own = wildcards.setup in scene.filmed
     shard = next(iter(shards_of(wildcards, "all"))) if own else wildcards.shard
     return f"results/{scene.name}/hits/{shard}.manifest.json"
+
+
+def check_of_cameras(wildcards):
+    """Input function: which views are accepted, for a setup's own cameras; they are placed by these."""
+    scene = scene_of(wildcards)
+    filmed = wildcards.setup in scene.filmed
+    return [f"results/{scene.name}/dataset/check_poses.json"] if filmed else []
 
 
 def reference_files(wildcards):

@@ -12,6 +12,7 @@ rule emitters:
     """Extract the emitters of a round."""
     input:
         transforms="results/{scene}/dataset/transforms.json",
+        views="results/{scene}/dataset/views.json",
         mesh="results/{scene}/dataset/mesh.ply",
         images=images("train"),
         hits=sharded("results/{scene}/hits/{shard}.manifest.json", "train"),
@@ -49,6 +50,7 @@ rule review:
     """List the lamps; bring emitters_review.yaml up to date, in which people decide about them."""
     input:
         transforms="results/{scene}/dataset/transforms.json",
+        views="results/{scene}/dataset/views.json",
         mesh="results/{scene}/dataset/mesh.ply",
         images=images("train"),
         hits=sharded("results/{scene}/hits/{shard}.manifest.json", "train"),

@@ -12,6 +12,7 @@ rule export_room:
     """Write the room for other programs."""
     input:
         transforms="results/{scene}/dataset/transforms.json",
+        views="results/{scene}/dataset/views.json",
         mesh="results/{scene}/dataset/mesh.ply",
         hits=sharded("results/{scene}/hits/{shard}.manifest.json", "train"),
         background="results/{scene}/background.npz",
@@ -48,6 +49,7 @@ rule check_export:
     """Load every exported file back, render it, and compare with our own pictures."""
     input:
         transforms="results/{scene}/dataset/transforms.json",
+        views="results/{scene}/dataset/views.json",
         hits=sharded("results/{scene}/hits/{shard}.manifest.json", "val"),
         export="results/{scene}/export.manifest.json",
         render=sharded("results/{scene}/render.{shard}.manifest.json", "val"),

@@ -16,6 +16,7 @@ rule fit:
     """Fit the networks of a round."""
     input:
         transforms="results/{scene}/dataset/transforms.json",
+        views="results/{scene}/dataset/views.json",
         images=images("train"),
         hits=sharded("results/{scene}/hits/{shard}.manifest.json", "train"),
         shading=sharded(

@@ -10,6 +10,7 @@ rule material_maps:
     """Write the material maps of a shard."""
     input:
         transforms="results/{scene}/dataset/transforms.json",
+        views="results/{scene}/dataset/views.json",
         hits="results/{scene}/hits/{shard}.manifest.json",
         model=LAST_MODEL,
         confidence=LAST_CONFIDENCE,

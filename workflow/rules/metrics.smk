@@ -9,6 +9,7 @@ rule scene_metrics:
     """Compare materials, emitters and renderings with the truth."""
     input:
         transforms="results/{scene}/dataset/transforms.json",
+        views="results/{scene}/dataset/views.json",
         images=images("all"),
         hits=sharded("results/{scene}/hits/{shard}.manifest.json", "all"),
         materials=sharded("results/{scene}/materials.{shard}.manifest.json", "all"),
@@ -35,12 +36,13 @@ rule scene_metrics:
         materials=folder("results/{scene}/materials"),
         render=folder("results/{scene}/render"),
         relight=folder("results/{scene}/relight"),
+        setups=true_setups,
         references=references,
         settings=settings("metrics"),
         version=VERSIONS["metrics"],
     shell:
         "fipt metrics --dataset {params.dataset:q} --hits {params.hits:q}"
         " --materials {params.materials:q} --render {params.render:q} --relight {params.relight:q}"
-        " {params.references:q}"
+        " --setups={params.setups:q} {params.references:q}"
         " --emitters {input.emitters:q} --out {output.metrics:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

@@ -51,6 +51,26 @@ def cameras_json(wildcards):
     return scene_of(wildcards).cameras_json(wildcards.setup)
 
 
+def report_views(wildcards):
+    """Params function: number of views that the report shows; their photographs set the exposure of videos."""
+    return scene_of(wildcards).settings["report"].max_views
+
+
+def true_setups(wildcards):
+    """Params function: the relight setups with a truth, comma-separated."""
+    return ",".join(sorted(readable(lambda: scene_of(wildcards).true_setups)))
+
+
+def relit_setups(wildcards):
+    """Params function: the relight setups that views of the dataset see, comma-separated."""
+    return ",".join(sorted(scene_of(wildcards).relit))
+
+
+def filmed_setups(wildcards):
+    """Params function: the relight setups with cameras of their own, comma-separated."""
+    return ",".join(sorted(scene_of(wildcards).filmed))
+
+
 def references(wildcards):
     """Params function: flags with the folders of photographs under the setups' lights."""
     given = readable(lambda: scene_of(wildcards).references)

@@ -1,7 +1,8 @@
 """The room under other light, and with each lamp alone.
 
 INPUTS:  results/{scene}/hits/{shard}.manifest.json, cache.npz, model and emitters of the last round, a setup of the config,
-         the files that it names, results/{scene}/segments/fusion.npz where it names fused segments
+         the files that it names, results/{scene}/segments/fusion.npz where it names fused segments;
+         of a setup with its own cameras dataset/check_poses.json and the pictures, which give their places and exposure
 OUTPUTS: results/{scene}/relight/{setup}.{shard}.manifest.json    lists relight/{setup}/{view}.exr (linear RGB radiance)
          results/{scene}/relight/{setup}.manifest.json            of a setup with its own cameras: lists relight/{setup}/*.png,
                                                                   transforms.json, and of a path relight/{setup}.mp4
@@ -13,7 +14,9 @@ rule relight_views:
     """Render a shard of views under a light setup, or of the setup's own cameras."""
     input:
         transforms="results/{scene}/dataset/transforms.json",
+        views="results/{scene}/dataset/views.json",
         mesh="results/{scene}/dataset/mesh.ply",
+        checked=check_of_cameras,
         hits=relit_hits,
         cache="results/{scene}/cache.npz",
         background="results/{scene}/background.npz",
@@ -58,6 +61,8 @@ rule join_pictures:
     """Show what a setup's own cameras see as PNG pictures, and join those of a path into a video."""
     input:
         transforms="results/{scene}/dataset/transforms.json",
+        views="results/{scene}/dataset/views.json",
+        checked="results/{scene}/dataset/check_poses.json",
         images=images("all"),
         pictures=seen_by_cameras,
     output:
@@ -74,11 +79,12 @@ rule join_pictures:
         dataset=folder("results/{scene}/dataset"),
         cameras=cameras_json,
         pictures=folder("results/{scene}/relight/{setup}"),
+        max_views=report_views,
         settings=settings("video"),
         version=VERSIONS["video"],
     shell:
         "fipt video --dataset {params.dataset:q} --cameras {params.cameras:q}"
-        " --pictures {params.pictures:q} --manifest {output.manifest:q}"
+        " --pictures {params.pictures:q} --max-views {params.max_views:q} --manifest {output.manifest:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
 
 
@@ -86,6 +92,7 @@ rule lamp_views:
     """Render views of a shard with each lamp alone."""
     input:
         transforms="results/{scene}/dataset/transforms.json",
+        views="results/{scene}/dataset/views.json",
         mesh="results/{scene}/dataset/mesh.ply",
         hits="results/{scene}/hits/{shard}.manifest.json",
         cache="results/{scene}/cache.npz",

@@ -9,6 +9,7 @@ rule render_views:
     """Render a held-out shard."""
     input:
         transforms="results/{scene}/dataset/transforms.json",
+        views="results/{scene}/dataset/views.json",
         mesh="results/{scene}/dataset/mesh.ply",
         hits="results/{scene}/hits/{shard}.manifest.json",
         cache="results/{scene}/cache.npz",

@@ -30,8 +30,11 @@ rule scene_report:
         mem_mb=4000,
     params:
         results=folder("results/{scene}"),
+        setups=relit_setups,
+        films=filmed_setups,
         settings=settings("report"),
         version=VERSIONS["report"],
     shell:
         "fipt report --results {params.results:q} --out {output.report:q}"
+        " --setups={params.setups:q} --films={params.films:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

@@ -12,6 +12,7 @@ rule segment:
     """Segment the views of a shard, each by itself."""
     input:
         transforms="results/{scene}/dataset/transforms.json",
+        views="results/{scene}/dataset/views.json",
         mesh="results/{scene}/dataset/mesh.ply",
         images=images("train"),
         hits="results/{scene}/hits/{shard}.manifest.json",
@@ -43,10 +44,11 @@ rule fuse:
     """Fuse the ids of all training views on the mesh, or grow segments on it."""
     input:
         transforms="results/{scene}/dataset/transforms.json",
+        views="results/{scene}/dataset/views.json",
         checked="results/{scene}/dataset/check_poses.json",
         mesh="results/{scene}/dataset/mesh.ply",
         images=images("train"),
-        views=segmented,
+        segments=segmented,
     output:
         manifest="results/{scene}/segments/fused.manifest.json",
         stats="results/{scene}/stats/fuse.json",
@@ -61,7 +63,7 @@ rule fuse:
     params:
         dataset=folder("results/{scene}/dataset"),
         segments=folder("results/{scene}/segments"),
-        grown=lambda wildcards, input: [] if input.views else ["--geometry"],
+        grown=lambda wildcards, input: [] if input.segments else ["--geometry"],
         settings=settings("fuse"),
         version=VERSIONS["fuse"],
     shell:

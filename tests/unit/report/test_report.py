@@ -215,7 +215,65 @@ def test_a_video_and_some_of_its_frames(results, monkeypatch):
     assert page.all("video") == []
     assert "The video is too large for this page: relight/walk.mp4" in page.words
     (results / "relight" / "walk.mp4").unlink()
-    Page(build_page(results, Report()))
+    page = Page(build_page(results, Report()))
+    assert "walk 6 pictures" in page.words
+    assert "The video is" not in page.words
+
+
+def setup_manifest(name, scale):
+    """Write the manifest of a shard that was rendered under lamps of this scale."""
+    write_text(name, json.dumps({"settings": {"setup": {"emitters": [{"scale": scale}]}}}))
+
+
+def test_a_setup_is_shown_as_it_is_now_not_as_it_was(results):
+    """Setup walk was filmed and is seen by views now; then the other way round, and deleted."""
+    write_film(results)
+    relight = results / "relight"
+    write_exr(relight / "walk" / "c.exr", {"": np.full((6, 8, 3), 0.3, np.float32)})
+    setup_manifest(relight / "walk.camera-000.manifest.json", 0.11)
+    setup_manifest(relight / "walk.val-000.manifest.json", 0.22)
+    seen = content.gather(results, Report(), ["dim", "walk"], [])
+    assert [picture.label for picture in seen.relit[0].relit] == ["dim", "walk"]
+    assert seen.films == []
+    assert "0.22" in seen.setups["walk"]
+    filmed = content.gather(results, Report(), [], ["walk"])
+    assert [film.setup for film in filmed.films] == ["walk"]
+    assert filmed.relit == []
+    assert list(filmed.setups) == ["walk"]
+    assert "0.11" in filmed.setups["walk"]
+    # By hand, nobody says what the setups are now: what was filmed is a film.
+    held = content.gather(results, Report())
+    assert [film.setup for film in held.films] == ["walk"]
+    assert [picture.label for picture in held.relit[0].relit] == ["dim"]
+
+
+def test_the_verb_is_told_which_setups_there_are(results, tmp_path):
+    write_film(results)
+    arguments = ["report", "--results", results, "--out", tmp_path / "page.html", "--setups", "", "--films", "walk"]
+    assert main([*map(str, arguments)]) == 0
+    page = Page((tmp_path / "page.html").read_text(encoding="utf-8"))
+    assert "walk 6 pictures" in page.words
+    assert "As captured, re-rendered dim" not in page.words
+
+
+def test_a_setup_has_its_own_manifest_not_that_of_a_longer_name(results):
+    for name in ("dim.a", "dim"):
+        write_exr(results / "relight" / name / "c.exr", {"": np.full((6, 8, 3), 0.3, np.float32)})
+    setup_manifest(results / "relight" / "dim.a.val-000.manifest.json", 0.11)
+    setup_manifest(results / "relight" / "dim.val-000.manifest.json", 0.22)
+    setups = content.gather(results, Report()).setups
+    assert "0.11" in setups["dim.a"]
+    assert "0.22" in setups["dim"]
+
+
+def test_emitters_of_an_older_version_have_their_default_names(results):
+    path = results / "round-1" / "emitters.json"
+    write_emitters(results, 2)
+    listed = json.loads(path.read_text())
+    for emitter in listed["emitters"]:
+        del emitter["name"]
+    path.write_text(json.dumps(listed))
+    assert [lamp["name"] for lamp in content.gather(results, Report()).emitters] == ["lamp-0", "lamp-1"]
 
 
 def test_a_photograph_stands_beside_its_relit_view(results, tmp_path):
