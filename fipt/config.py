@@ -22,7 +22,7 @@ import yaml
 from pydantic import BaseModel, Field, ValidationError, create_model
 
 from fipt.errors import FiptError
-from fipt.io.files import check_name
+from fipt.io.files import check_name, existing_file
 from fipt.io.review import FILE as REVIEW_FILE
 from fipt.io.review import Review, closest, read_review
 from fipt.settings import (
@@ -298,6 +298,22 @@ class Scene:
         named = [entry["file"] for entry in _with_files(dumped(self.setups[setup]))]
         files = [file for path in named for file in object_files(self._placed(path, f"setups.{setup}"))]
         return list(dict.fromkeys(files))
+
+    def check_setups(self) -> None:
+        """Look for the files and views that setups name: they may be read hours after the start.
+
+        Raises
+        ------
+        FiptError
+            If a file, a photograph or a keyframe's view is not there.
+        """
+        for setup in self.setups:
+            for path in self.setup_files(setup):
+                existing_file(path, f"a file of setups.{setup}")
+            if setup in self.filmed:
+                self.relit_shards(setup)
+        if self.references:
+            self.reference_files()
 
     def names_fused(self, setup: str) -> bool:
         """Whether a setup chooses segments that are fused from the views, not connected parts of the mesh."""

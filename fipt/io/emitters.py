@@ -158,7 +158,9 @@ def chosen_lamps(edit: EmitterEdit, names: Sequence[str]) -> list[int]:
         what = f"lamp {unknown!r}" if edit.index is None else f"emitter {edit.index}"
         raise FiptError(
             f"the light setup names {what}, which is none of {len(names)} lamps",
-            f"there are {closest(unknown, names)}" if names else "leave its emitters out",
+            (f"there are {closest(unknown, names)}" if edit.index is None else f"indices are 0 to {len(names) - 1}")
+            if names
+            else "leave its emitters out",
         )
     return [number for number, own in enumerate(called) if not own.isdisjoint(wanted)]
 

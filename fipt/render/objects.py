@@ -95,5 +95,6 @@ def _dropped(thing: MeshObject, room: Mesh, up: int, name: str) -> MeshObject:
     if not np.isfinite(fall):
         raise FiptError(f"{name} cannot be dropped: nothing is below it", "change its position")
     shift = down * max(fall - _GAP, 0.0)
+    print(f"{name} falls {-shift[up]:.2f} m, to {low[up] + shift[up]:.2f} m")
     mesh = Mesh(own + shift, thing.mesh.triangles)
     return MeshObject(mesh, thing.normals, thing.uv, thing.materials, thing.material)

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from fipt.errors import FiptError
 from fipt.io.dataset import read_layers
 from fipt.io.manifests import read_manifest
 from fipt.report import pictures
@@ -70,10 +69,12 @@ def read_mixer(results: Path, emitters: Sequence[Mapping[str, Any]] | None, expo
     exposure
         Factor on radiance, the page's.
 
+    None as well, with a warning, where they know other lamps than emitters.json: the mixer was switched off since.
+
     Raises
     ------
     FiptError
-        If a file is missing or damaged, or knows other lamps than emitters.json.
+        If a file is missing or damaged.
     """
     manifests = sorted(results.glob("lamps.*.manifest.json"))
     files = sorted(results / name for path in manifests for name in read_manifest(path, "lamps")["files"])
@@ -87,9 +88,10 @@ def read_mixer(results: Path, emitters: Sequence[Mapping[str, Any]] | None, expo
         layers = read_layers(path)
         own = sorted(layers, key=lambda key: order.index(key) if key in order else len(order))
         if not set(own) <= set(order) or own != (keys or own):
-            raise FiptError(
-                f"{path} has the lamps {', '.join(own)}, which are not those of emitters.json", "run fipt lamps again"
+            print(
+                f"warning: {path} shows other lamps than there are; without `fipt lamps` the page has no mixer"
             )
+            return None
         keys = own
         stack = np.stack([_scaled(layers[key] * np.float32(exposure)) for key in own])
         height, width = stack.shape[1:3]

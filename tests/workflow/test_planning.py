@@ -277,6 +277,23 @@ def test_setups_with_objects_and_segments_are_planned_alike(workspace, monkeypat
     assert "fit" not in after
 
 
+def test_what_setups_name_is_looked_for_though_all_is_done(workspace):
+    """Snakemake takes an error of an input function for "nothing to do" where the output exists."""
+    here = workspace(CONFIG)
+    here.snakemake()
+    walk = {"path": {"keyframes": ["train_000", "train_00"], "frames": 2}}
+    wrong = {
+        "objects": ({"objects": [{"file": "chair.obj", "position": [2, 1, 2]}]}, "chair.obj"),
+        "walk": ({"cameras": walk}, "train_00"),
+        "front": ({"reference": "photographs"}, "photographs"),
+    }
+    for name, (setup, said) in wrong.items():
+        config = changed()
+        config["scenes"]["room"]["setups"] = SETUP | {name: setup}
+        here.configure(config)
+        assert said in here.snakemake("--dry-run", succeeds=False)
+
+
 def test_the_export_is_planned_alike(workspace):
     """With every run where it is enabled, by its target otherwise; other settings rerun it and the page."""
     here = workspace(CONFIG)

@@ -30,8 +30,9 @@ try:
     CONFIG = load(config)
     for name in CONFIG.only if config.get("only") else ():
         CONFIG.scenes[name].views  # what was asked for by name is looked at now
-    for name in CONFIG.only:
+    for name in CONFIG.only:  # Snakemake would take an error of an input function for "nothing to do"
         CONFIG.scenes[name].review
+        CONFIG.scenes[name].check_setups()
 except FiptError as error:
     raise WorkflowError(f"config: {error}") from None
 validate(CONFIG.plain, "../schemas/config.schema.yaml", set_default=False)

@@ -117,7 +117,7 @@ def test_several_lights_keep_their_triangles_apart(apply):
 
 
 def test_an_emitter_that_was_not_found_is_named(apply):
-    with pytest.raises(FiptError, match="names emitter 2, which is none of 2 lamps; there are lamp-0, lamp-1"):
+    with pytest.raises(FiptError, match="names emitter 2, which is none of 2 lamps; indices are 0 to 1"):
         apply(emitters=[{"index": 2, "scale": 0}])
     with pytest.raises(FiptError, match="names emitter 0, which is none of 0 lamps; leave its emitters out"):
         apply(emitters=[{"index": 0, "scale": 0}], empty=True)
