@@ -88,9 +88,7 @@ def read_mixer(results: Path, emitters: Sequence[Mapping[str, Any]] | None, expo
         layers = read_layers(path)
         own = sorted(layers, key=lambda key: order.index(key) if key in order else len(order))
         if not set(own) <= set(order) or own != (keys or own):
-            print(
-                f"warning: {path} shows other lamps than there are; without `fipt lamps` the page has no mixer"
-            )
+            print(f"warning: {path} shows other lamps than there are; without `fipt lamps` the page has no mixer")
             return None
         keys = own
         stack = np.stack([_scaled(layers[key] * np.float32(exposure)) for key in own])
