@@ -30,11 +30,8 @@ try:
     CONFIG = load(config)
     for name in CONFIG.only if config.get("only") else ():
         CONFIG.scenes[name].views  # what was asked for by name is looked at now
-    for (
-        name
-    ) in (
-        CONFIG.only
-    ):  # Snakemake would take an error of an input function for "nothing to do"
+    # Snakemake would take an error of an input function for "nothing to do".
+    for name in CONFIG.only:
         CONFIG.scenes[name].review
         CONFIG.scenes[name].check_setups()
 except FiptError as error:
