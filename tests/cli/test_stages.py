@@ -736,7 +736,7 @@ def test_files_of_another_version(work, killed, refused, monkeypatch):
 
 
 def test_a_light_setup_that_names_no_emitter(refused):
-    assert "names emitter 7, which is none of 1 lamps; there are lamp-0" in refused(
+    assert "names emitter 7, which is none of 1 lamps; indices are 0 to 0" in refused(
         "relight", "--setup", '{"emitters": [{"index": 7, "scale": 0}]}'
     )
     assert "unknown key setup.lamps" in refused("relight", "--setup", '{"lamps": []}')
