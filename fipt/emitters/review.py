@@ -1,5 +1,6 @@
 """The lamps for people: a list with names and pictures, and the file in which a person decides about them."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from fipt.emitters.extract import INTERIOR
+from fipt.errors import FiptError
 from fipt.io.dataset import Dataset
 from fipt.io.emitters import default_name, lamp_facts, lamp_triangles, read_emitters, write_list
 from fipt.io.files import atomic_folder
@@ -25,6 +27,8 @@ _LEAST = 0.25
 _GREY = 0.25
 """Displayed level of the median of what surrounds the lamp, linear."""
 _LINE = np.array([255, 0, 200], np.uint8)
+_LISTED = re.compile(r"emitters\.json|(lamp|rejected)-\d+\.png")
+"""Names of the files of a list."""
 
 
 @dataclass(frozen=True)
@@ -48,12 +52,20 @@ def write_listing(
 ) -> None:
     """Write ``out``: emitters.json and a picture of every lamp; bring the file ``review`` up to date.
 
-    What a person decided in that file stays.
+    What a person decided in that file stays, also if that happens meanwhile.
+
+    Raises
+    ------
+    FiptError
+        If ``out`` holds something else than an earlier list, or ``review`` is wrong.
     """
+    strange = [path.name for path in sorted(out.glob("*")) if not _LISTED.fullmatch(path.name)]
+    if strange:
+        raise FiptError(f"the folder {out} is replaced, but holds {strange[0]}", "choose a folder for the list alone")
+    read_review(review)  # refused now, not after all views were looked at
     data, found = Dataset(dataset), read_emitters(emitters)
     mesh, shards = data.mesh(), [read_hits(folder) for folder in hits]
     decided = parse_decisions(decisions, len(mesh.triangles))
-    before = read_review(review)
     lamps = lamp_triangles(found)
     rejected = [np.array(sorted(numbers(text, len(mesh.triangles)))) for text in decided.reject]
     sightings = _sightings(data, shards, [*lamps, *rejected], len(mesh.triangles))
@@ -74,7 +86,7 @@ def write_listing(
     shown = [None if file is None else f"{out.name}/{file}" for file in thumbnails]
     facts = [_entry(row, own, file) for row, own, file in zip(rows, lamps, shown, strict=False)]
     pictures = {frozenset(own.tolist()): file for own, file in zip(rejected, shown[len(lamps) :], strict=True)}
-    write_review(review, refreshed(before, facts, len(mesh.triangles), pictures))
+    write_review(review, refreshed(read_review(review), facts, len(mesh.triangles), pictures))
     stats["lamps"], stats["rejected"], stats["named"] = len(lamps), len(rejected), len(decided.names)
     print(f"review: {len(lamps)} lamps listed in {out / 'emitters.json'}; decide about them in {review}")
 

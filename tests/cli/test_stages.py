@@ -840,6 +840,25 @@ def test_what_a_person_decides_reaches_the_pictures(work):
     assert (read_rgb(work / "render" / "c.exr").max(axis=-1)[wall == 1] > 0.1).all()
 
 
+def test_the_list_replaces_nothing_but_a_list(work, refused):
+    assert "is replaced, but holds" in refused("review", "--out", work / "round-0")
+    assert (work / "round-0" / "model.safetensors").is_file()
+
+
+def test_what_a_person_decides_while_lamps_are_looked_at_stays(work, monkeypatch):
+    from fipt.emitters import review as stage
+
+    path, look = work / "emitters_review.yaml", stage._sightings
+
+    def edited(*args):
+        path.write_text(path.read_text().replace("verdict: auto", "verdict: accept"))
+        return look(*args)
+
+    monkeypatch.setattr(stage, "_sightings", edited)
+    assert call("review", work) == 0
+    assert "verdict: accept" in path.read_text()
+
+
 def test_names_reach_setup_and_list(work, refused):
     triangles = len(scenes.room().mesh.triangles)
     named = {"mesh_triangles": triangles, "names": {"my lamp": ranges(scenes.room().triangle)}}
