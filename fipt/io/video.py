@@ -1,5 +1,7 @@
 """MP4 videos: the only module that calls ffmpeg, whose program comes with the package imageio-ffmpeg."""
 
+import errno
+import os
 import subprocess
 from pathlib import Path
 
@@ -33,7 +35,10 @@ def write_mp4(path: str | Path, pictures: Path, pattern: str, count: int, fps: f
         command += ["-movflags", "+faststart", "-fflags", "+bitexact", str(temporary.resolve())]
         done = subprocess.run(command, cwd=pictures, capture_output=True, text=True, check=False)
         if done.returncode:
-            raise FiptError(f"{path} could not be written: {done.stderr[-500:]}", "set video: png, and join elsewhere")
+            if "No space left" in done.stderr:
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))  # `atomic` says what to do
+            why = done.stderr[-500:].strip() or f"ffmpeg ended with {done.returncode}"
+            raise FiptError(f"{path} could not be written: {why}", "set video: png, and join elsewhere")
 
 
 def _size(picture: Path) -> tuple[int, int]:

@@ -30,6 +30,18 @@ def test_what_is_written_is_read(tmp_path, width, height):
         np.testing.assert_allclose(frame.reshape(-1, 3).astype(int), np.tile(color, (frame[..., 0].size, 1)), atol=6)
 
 
+@pytest.mark.parametrize(
+    ("error", "said"), [("x: No space left on device", "the disk is full"), ("", "ffmpeg ended with -9")]
+)
+def test_a_full_disk_and_a_killed_ffmpeg_say_so(tmp_path, monkeypatch, error, said):
+    write_png(tmp_path / "frame-0001.png", np.zeros((4, 4, 3), np.uint8))
+    ended = subprocess.CompletedProcess([], -9, "", error)
+    monkeypatch.setattr(subprocess, "run", lambda *args, **keys: ended)
+    with pytest.raises(FiptError, match=said):
+        video.write_mp4(tmp_path / "film.mp4", tmp_path, "frame-%04d.png", 1, 10, 20)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["frame-0001.png"]
+
+
 def test_what_ffmpeg_says_is_told_in_one_line(tmp_path, monkeypatch):
     write_png(tmp_path / "frame-0001.png", np.zeros((4, 4, 3), np.uint8))
     (tmp_path / "frame-0001.png").write_bytes((tmp_path / "frame-0001.png").read_bytes()[:60])
