@@ -9,7 +9,7 @@ import numpy as np
 from fipt.export.atlas import Atlas
 from fipt.io.asset import Asset, Piece, Textures
 from fipt.io.background import Background, texel_directions
-from fipt.io.cameras import Camera
+from fipt.io.cameras import Camera, up_axis
 from fipt.io.emitters import Emitters, default_name, read_names
 from fipt.io.meshes import Mesh
 
@@ -22,9 +22,8 @@ def upright(cameras: list[Camera]) -> np.ndarray:
 
     The source's world may have any axis up; nothing else in the program needs to know.
     """
-    up = np.mean([camera.world_from_camera[:3, 1] for camera in cameras], axis=0)
-    axis = int(np.abs(up).argmax())
-    sign = 1.0 if up[axis] > 0 else -1.0
+    up = up_axis(cameras)
+    axis, sign = int(np.abs(up).argmax()), float(up.sum())
     if axis == 1:
         return np.diag([1.0, sign, sign])
     turn = np.zeros((3, 3))

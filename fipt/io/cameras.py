@@ -124,6 +124,16 @@ def read_transforms(path: str | Path) -> list[Camera]:
     return cameras
 
 
+def up_axis(cameras: list[Camera]) -> np.ndarray:
+    """(3,) float64 world axis, or its opposite, that is nearest to the mean up direction of cameras.
+
+    The source's world may have any axis up.
+    """
+    mean = np.mean([camera.world_from_camera[:3, 1] for camera in cameras], axis=0)
+    axis = int(np.abs(mean).argmax())
+    return np.eye(3)[axis] * (1.0 if mean[axis] > 0 else -1.0)
+
+
 def check_cameras(cameras: list[Camera], path: str | Path) -> None:
     """Raise FiptError unless view names are unique, splits known, sizes positive and transforms rigid."""
     if not cameras:

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
 from fipt.errors import FiptError
-from fipt.io.cameras import Camera
+from fipt.io.cameras import Camera, up_axis
 from fipt.io.dataset import Dataset
 from fipt.io.files import check_name
 from fipt.settings import CameraPath, Lens, OwnCameras, check_keyframes
@@ -54,9 +54,7 @@ def up_of(lens: Lens, data: Dataset) -> np.ndarray:
     """(3,) unit vector that points up: as stated, else the world axis nearest to the mean of the views' own."""
     if lens.up is not None:
         return np.array(lens.up) / np.linalg.norm(lens.up)
-    mean = np.mean([camera.world_from_camera[:3, 1] for camera in data.cameras], axis=0)
-    axis = int(np.abs(mean).argmax())
-    return np.sign(mean[axis]) * np.eye(3)[axis]
+    return up_axis(data.cameras)
 
 
 def pose_towards(position: Sequence[float], target: Sequence[float], up: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from fipt.errors import FiptError
-from fipt.io.cameras import Camera
+from fipt.io.cameras import Camera, up_axis
 from fipt.io.dataset import Dataset, read_layers
 from fipt.io.hits import read_hits
 from fipt.io.meshes import Mesh
@@ -87,12 +87,11 @@ def read_room(results: Path, data: Dataset | None, emitters: Sequence[Mapping[st
     else:
         return None
     cameras = [camera for camera in data.cameras if camera.split == "val"] or data.cameras
-    up = turn @ np.mean([camera.world_from_camera[:3, 1] for camera in data.cameras], axis=0)
-    axis = int(np.abs(up).argmax())
+    up = np.round(turn @ up_axis(data.cameras))  # another world axis, where the export has turned the room
     return Room(
         model=pictures.packed(content),
         exported=exported,
-        up=[float(np.sign(up[axis])) if other == axis else 0.0 for other in range(3)],
+        up=up.tolist(),
         viewpoints=[_viewpoint(camera, turn) for camera in cameras[:_VIEWPOINTS]],
         lamps=[
             Marker(lamp["index"], lamp["name"], lamp["color"], (turn @ lamp["center"]).tolist())

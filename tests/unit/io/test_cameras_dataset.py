@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from fipt.errors import FiptError
-from fipt.io.cameras import Camera, check_cameras, read_transforms, write_transforms
+from fipt.io.cameras import Camera, check_cameras, read_transforms, up_axis, write_transforms
 from fipt.io.dataset import Dataset, read_layers, read_rejected, write_views
 from fipt.io.exr import write_exr
 from fipt.io.images import write_png
+from tests import scenes
 from tests.layouts import HEIGHT, POSES, WIDTH, matrix, photo
 
 
@@ -175,3 +176,11 @@ def test_transforms_json_is_nerfstudios(tmp_path: Path) -> None:
     assert set(frame) == {
         "file_path", "split", "w", "h", "fl_x", "fl_y", "cx", "cy", "transform_matrix",
     }  # fmt: skip
+
+
+def test_the_up_axis_is_an_axis_whatever_the_cameras():
+    one = scenes.look_at("a", (0, 0, 0), (0, -0.2, -1))
+    two = replace(one, world_from_camera=one.world_from_camera @ np.diag([-1.0, -1, 1, 1]))  # upside down
+    np.testing.assert_array_equal(up_axis([one]), [0, 1, 0])
+    np.testing.assert_array_equal(up_axis([two]), [0, -1, 0])
+    assert np.abs(up_axis([one, two])).sum() == 1  # they cancel: some axis
