@@ -293,9 +293,11 @@ class Scene:
 
     def setup_files(self, setup: str) -> list[str]:
         """Files that a relight setup names: another environment map, objects and mesh lights with their textures."""
-        from fipt.io.objects import object_files
-
         named = [entry["file"] for entry in _with_files(dumped(self.setups[setup]))]
+        if not named:
+            return []
+        from fipt.io.objects import object_files  # not for setups without files: it loads much
+
         files = [file for path in named for file in object_files(self._placed(path, f"setups.{setup}"))]
         return list(dict.fromkeys(files))
 

@@ -56,6 +56,7 @@ class Job:
 
 def plan(scene: Scene) -> list[Job]:
     """List the jobs of a scene, in an order in which every input exists when it is needed."""
+    scene.check_setups()
     chain = _Chain(scene)
     chain.add_dataset()
     chain.add_check()
