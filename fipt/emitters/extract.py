@@ -240,8 +240,8 @@ def _measured(
     )
 
 
-def _completed(mesh: Mesh, found: Emitters, observed: np.ndarray, decided: Decided, parts: bool) -> Emitters:
-    """Add triangles that no pixel shows alone: of accepted lamps, and with ``parts`` a globe's far side.
+def _completed(mesh: Mesh, found: Emitters, observed: np.ndarray, decided: Decided, complete: bool) -> Emitters:
+    """Add triangles that no pixel shows alone: of accepted lamps, and, with ``complete``, a globe's far side.
 
     That is the rest of a connected part that glows wherever it is seen.
     """
@@ -252,7 +252,7 @@ def _completed(mesh: Mesh, found: Emitters, observed: np.ndarray, decided: Decid
     areas, count = mesh.areas, int(part.max()) + 1
     glowing = np.bincount(part, areas * emits, count)
     whole = (glowing > 0) & (glowing >= _WHOLE * np.bincount(part, areas * (visible | emits), count))
-    hidden = whole[part] & ~visible & ~emits & ~decided.rejected if parts else np.zeros(len(part), bool)
+    hidden = whole[part] & ~visible & ~emits & ~decided.rejected if complete else np.zeros(len(part), bool)
     # an accepted lamp is a part of its own
     part = np.where(decided.lamp >= 0, count + decided.lamp, part)
     hidden = np.flatnonzero((hidden | (decided.lamp >= 0) & ~emits) & np.isin(part, part[found.triangle]))

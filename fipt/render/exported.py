@@ -93,11 +93,11 @@ def _mean_over_rays(
 ) -> list[np.ndarray]:
     """(H, W, 3) float32 means over each pixel's grid^2 rays of what is seen along them."""
     rows, columns = np.indices(shape).reshape(2, -1)
-    values = []
+    total: np.ndarray | float = 0.0
     for x, y in sub_pixel_points(grid**2):
         colors = seen(rays(mi.Float(columns + x), mi.Float(rows + y)))
-        values.append([np.array(color).T for color in colors])
-    return [mean.reshape(*shape, 3).astype(np.float32) for mean in np.mean(values, axis=0, dtype=np.float64)]
+        total = total + np.array([np.array(color).T for color in colors], np.float64)
+    return [(values / grid**2).reshape(*shape, 3).astype(np.float32) for values in total]
 
 
 def load_scene_file(path: Path) -> mi.Scene:

@@ -14,13 +14,9 @@ _GAP = 0.0005
 
 def turned(rotation: tuple[float, float, float]) -> np.ndarray:
     """(3, 3) rotation by degrees about the world's x, then y, then z axis."""
-    matrix = np.eye(3)
-    for axis, angle in enumerate(np.radians(rotation)):
-        u, v = (axis + 1) % 3, (axis + 2) % 3
-        step = np.eye(3)
-        step[[u, u, v, v], [u, v, u, v]] = np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle)
-        matrix = step @ matrix
-    return matrix
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_euler("xyz", rotation, degrees=True).as_matrix()
 
 
 def light_mesh(light: NewLight) -> Mesh:
