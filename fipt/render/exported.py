@@ -19,6 +19,7 @@ from fipt.io.images import to_display
 from fipt.model.albedo import albedo_terms
 from fipt.render import bsdf
 from fipt.render.first_hits import sub_pixel_points
+from fipt.render.scene import lanes
 
 SPECULAR = 0.2
 """Mitsuba's ``specular`` of dielectrics. 0.5 reflects 0.04 straight on, as ours; but its highlights lose nothing at
@@ -92,10 +93,10 @@ def _mean_over_rays(
     rays: Rays, shape: tuple[int, int], grid: int, seen: Callable[[mi.Ray3f], list[mi.Color3f]]
 ) -> list[np.ndarray]:
     """(H, W, 3) float32 means over each pixel's grid^2 rays of what is seen along them."""
-    rows, columns = np.indices(shape).reshape(2, -1)
+    rows, columns = np.indices(shape, np.float32).reshape(2, -1)
     total: np.ndarray | float = 0.0
     for x, y in sub_pixel_points(grid**2):
-        colors = seen(rays(mi.Float(columns + x), mi.Float(rows + y)))
+        colors = seen(rays(*(lanes(values, mi.Float) for values in (columns + np.float32(x), rows + np.float32(y)))))
         total = total + np.array([np.array(color).T for color in colors], np.float64)
     return [(values / grid**2).reshape(*shape, 3).astype(np.float32) for values in total]
 

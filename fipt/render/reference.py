@@ -20,6 +20,7 @@ from fipt.io.meshes import Mesh
 from fipt.io.objects import MeshObject
 from fipt.render import bsdf
 from fipt.render.edits import Edit
+from fipt.render.scene import lanes
 from fipt.render.spots import Spot
 from fipt.render.texels import Surface, Textures
 
@@ -289,7 +290,7 @@ def _spot(spot: Spot) -> dict[str, Any]:
 
 def _rays(origins: np.ndarray, directions: np.ndarray) -> mi.Ray3f:
     columns = [
-        [mi.Float(np.ascontiguousarray(column, np.float32)) for column in np.asarray(array).T]
+        [lanes(np.atleast_1d(column).astype(np.float32), mi.Float) for column in np.asarray(array).T]
         for array in (origins, directions)
     ]
     return mi.Ray3f(mi.Point3f(*columns[0]), mi.Vector3f(*columns[1]))

@@ -7,12 +7,28 @@ import numpy as np
 from fipt.conventions import RAY_EPSILON
 from fipt.io.meshes import Mesh
 
+_ALIGNMENT = 128
+"""Bytes of the widest register's worth of 64-bit numbers."""
+
+
+def lanes(array: np.ndarray, kind: type) -> object:
+    """Turn an (N,) array of the type's dtype into a Dr.Jit type.
+
+    NumPy's memory starts anywhere, Dr.Jit reads it in place, and a kernel whose inputs are aligned in another way is
+    compiled again: 50 ms for every few ones. So the values are copied to where all inputs are aligned.
+    """
+    memory = np.empty(array.nbytes + 2 * _ALIGNMENT, np.uint8)  # whole registers are read, also at the end
+    start = -memory.ctypes.data % _ALIGNMENT
+    aligned = memory[start : start + array.nbytes].view(array.dtype)
+    aligned[:] = array
+    return kind(aligned)
+
 
 def vectors(array: np.ndarray, kind: type) -> object:
     """Turn an (N, 3) array into a Dr.Jit point, vector or colour type."""
     if array.ndim != 2 or array.shape[1] != 3:
         raise ValueError(f"must have shape (N, 3), got {array.shape}")
-    return kind(*(type(kind().x)(np.ascontiguousarray(array[:, axis], np.float32)) for axis in range(3)))
+    return kind(*(lanes(column, type(kind().x)) for column in array.astype(np.float32).T))
 
 
 class RayScene:

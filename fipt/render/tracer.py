@@ -19,7 +19,7 @@ import numpy as np
 
 from fipt.render import ggx
 from fipt.render.background import Sky
-from fipt.render.scene import RayScene, vectors
+from fipt.render.scene import RayScene, lanes, vectors
 from fipt.render.spots import Spot
 from fipt.render.surface import SurfaceCache, Triangles
 
@@ -109,8 +109,8 @@ class Shader:
         (N, 1 + 2 len(levels), 3) float32: Ld, then Ls0 of every level, then Ls1 of every level.
         """
         p, n = vectors(points.position, mi.Point3f), vectors(points.normal, mi.Vector3f)
-        wo, key = vectors(points.wo, mi.Vector3f), mi.UInt64(points.key)
-        roughness = [mi.Float(level) if np.ndim(level) else float(level) for level in levels]
+        wo, key = vectors(points.wo, mi.Vector3f), lanes(points.key, mi.UInt64)
+        roughness = [lanes(level, mi.Float) if np.ndim(level) else float(level) for level in levels]
         cumulated = [mi.UInt32(int(c)) for c in np.cumsum(counts)]
         weights = [mi.Float(float(c)) for c in counts]
         dr.make_opaque(cumulated, weights)  # literals would compile a kernel for every sample count
