@@ -17,6 +17,7 @@ from benchmarks.timing import added_memory, in_turns
 from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
 from fipt.io.shading import Shading, save_shading
 from fipt.model.networks import Field, SceneBox
+from fipt.render.scene import RayScene
 from fipt.render.tracer import PathSettings, Points, Shader
 from fipt.settings import Bake, Refine
 from fipt.shading.bake import cache_shader
@@ -100,6 +101,64 @@ def bare_traversal(contestants: Contestants, points: Points, count: int) -> Work
         dr.sync_thread()
 
     return trace, len(p)
+
+
+class _Rays:
+    """Rays that a kernel traces, in the order in which it does so."""
+
+    def __init__(self, capacity: int) -> None:
+        self.count = dr.opaque(mi.UInt32, 0, 1)
+        self.columns = [dr.empty(mi.Float, capacity) for _ in range(7)]
+
+    def keep(self, ray: "mi.Ray3f", active: "mi.Bool") -> None:
+        """Note the rays of active lanes."""
+        place = dr.scatter_inc(self.count, mi.UInt32(0), active)
+        for column, value in zip(self.columns, (*ray.o, *ray.d, mi.Float(ray.maxt)), strict=True):
+            dr.scatter(column, value, place, active & (place < dr.width(column)))
+
+    def all(self) -> "mi.Ray3f":
+        """The rays, alone."""
+        count = int(self.count[0])
+        assert count <= dr.width(self.columns[0]), f"{count} rays, room for {dr.width(self.columns[0])}"
+        lane = dr.arange(mi.UInt32, count)
+        ox, oy, oz, dx, dy, dz, end = (dr.gather(mi.Float, column, lane) for column in self.columns)
+        ray = mi.Ray3f(mi.Point3f(ox, oy, oz), mi.Vector3f(dx, dy, dz), end, 0.0, [])
+        dr.eval(ray)
+        return ray
+
+
+class _Recorder:
+    """Stands in for a shader's `fipt.render.scene.RayScene` and keeps the rays that it traces."""
+
+    def __init__(self, room: RayScene, capacity: int) -> None:
+        self.scene, self.room, self.epsilon = self, room.scene, room.epsilon
+        self.closest, self.shadow = _Rays(capacity), _Rays(capacity)
+
+    def ray_intersect_preliminary(self, ray: "mi.Ray3f", coherent: bool, active: "mi.Bool") -> object:
+        self.closest.keep(ray, active)
+        return self.room.ray_intersect_preliminary(ray, coherent=coherent, active=active)
+
+    def ray_test(self, ray: "mi.Ray3f", active: "mi.Bool") -> "mi.Bool":
+        self.shadow.keep(ray, active)
+        return self.room.ray_test(ray, active=active)
+
+
+def bare_paths(shader: Shader, points: Points, counts: list[int]) -> Work:
+    """Tracing all rays of a shader's paths again and nothing else; samples are its paths."""
+    paths, room = len(points.position) * sum(counts), shader.scene
+    recorder = _Recorder(room, 3 * paths)  # of each kind; a scene with more would say so
+    shader.scene = recorder
+    shader.shade(points, ROUGHNESS_LEVELS, counts)
+    shader.scene = room
+    closest, shadow = recorder.closest.all(), recorder.shadow.all()
+
+    def trace() -> None:
+        found = room.scene.ray_intersect_preliminary(closest, coherent=False)
+        hidden = room.scene.ray_test(shadow)
+        dr.eval(found.t, found.prim_index, hidden)
+        dr.sync_thread()
+
+    return trace, paths
 
 
 def rates(works: dict[str, Work], repeats: int) -> dict[str, list[float]]:

@@ -79,12 +79,14 @@ def third_stage(contestants: Contestants, points: Points, size: Size) -> list[Ro
             "lit": shading.shade(contestants.lit_paths, points, OURS),
             "cached": shading.shade(contestants.plain_paths, points, scaled(THREE_LOBES, 48)),
             "network": shading.shade(contestants.network_paths, points, scaled(THREE_LOBES, 8)),
+            "bare": shading.bare_paths(contestants.paths, points, OURS),
         },
         size.slow_repeats,
     )
     return [
         _rates("stage 3, M paths/s, plain asks the network per vertex", found["ours"], found["network"], 30),
         _rates("stage 3, M paths/s, plain has cached materials", found["ours"], found["cached"], 5),
+        _rates("M paths/s of bare traversal of the same rays, in place of ours", found["bare"], found["cached"]),
         _rates("the same, ours with light samples at the first hit", found["lit"], found["cached"]),
     ]
 

@@ -77,3 +77,31 @@ def test_paths(backend, room, voxels, points, cache_roughness):
     plain = PlainShader(Rays(room.mesh), cache, path, lamps, network=lambda p: asked.append(len(p)))
     assert_agree(ours, plain, points)
     assert sum(asked) > len(points.position)
+
+
+def test_the_rays_of_paths_are_those_that_are_traced(backend, room, voxels, points):
+    """Paths of one bounce have a first ray, a ray to a lamp where it faces the surface, and at most one more."""
+    from benchmarks.shading import _Recorder, bare_paths
+    from fipt.render.surface import EmitterSet, SurfaceCache, Triangles
+    from fipt.render.tracer import PathSettings, RayScene, Shader
+
+    counts = [8] + [0] * len(ROUGHNESS_LEVELS)
+    materials = scenes.sides(voxels, scenes.DIFFUSE, scenes.DIFFUSE)
+    surface = SurfaceCache(voxels, voxels["radiance"], np.zeros(len(voxels["key"]), bool), materials)
+    lamps = Triangles(room.mesh, EmitterSet(room.triangle, room.radiance))
+    shader = Shader(RayScene(room.mesh), lamps, surface, PathSettings(2, 1.0, light_at_first=False))
+    scene, before = shader.scene, shader.shade(points, ROUGHNESS_LEVELS, counts)
+    recorder = _Recorder(scene, 4 * 8 * len(points.position))
+    shader.scene = recorder
+    np.testing.assert_array_equal(shader.shade(points, ROUGHNESS_LEVELS, counts), before)
+    shader.scene = scene
+    paths = 8 * len(points.position)
+    assert paths < int(recorder.closest.count[0]) <= 2 * paths
+    assert 0 < int(recorder.shadow.count[0]) <= paths
+    directions = np.array(recorder.closest.all().d)
+    np.testing.assert_allclose(np.linalg.norm(directions, axis=0), 1, atol=1e-4)
+
+    trace, counted = bare_paths(shader, points, counts)
+    trace()
+    assert counted == paths
+    assert shader.scene is scene
