@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from fipt.io.cameras import Camera
+from fipt.render.directions import all_around
 from fipt.render.scene import RayScene
 
 NEAREST = 0.03
@@ -42,7 +43,7 @@ def standing(scene: RayScene, cameras: Sequence[Camera], views: Sequence[Camera]
 
     seen = [_first_hits(scene, view.center, _spread(view)) for view in views]
     places, facing = (np.concatenate([hits[kind] for hits in seen]) for kind in (0, 1))
-    tree, around = cKDTree(places) if len(places) else None, _sphere(_AROUND)
+    tree, around = cKDTree(places) if len(places) else None, all_around(_AROUND)
     reach = _REACH * scene.extent
     near, inside, outside = {}, [], []
     for camera in cameras:
@@ -102,11 +103,3 @@ def _spread(view: Camera) -> np.ndarray:
     """(N, 3) float32 directions through a grid of points of a view."""
     x, y = np.meshgrid((np.arange(_GRID[0]) + 0.5) / _GRID[0], (np.arange(_GRID[1]) + 0.5) / _GRID[1])
     return view.directions(x.ravel() * view.width, y.ravel() * view.height)
-
-
-def _sphere(count: int) -> np.ndarray:
-    """(count, 3) float32 unit vectors spread evenly over all directions: a golden spiral."""
-    height = 1 - (2 * np.arange(count) + 1) / count
-    angle = np.pi * (3 - np.sqrt(5)) * np.arange(count)
-    radius = np.sqrt(1 - height**2)
-    return np.stack([radius * np.cos(angle), height, radius * np.sin(angle)], axis=1).astype(np.float32)

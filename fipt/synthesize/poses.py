@@ -18,6 +18,7 @@ from scipy.spatial import cKDTree
 
 from fipt.errors import FiptError
 from fipt.io.cameras import Camera
+from fipt.render.directions import all_around
 from fipt.settings import Synthesize
 from fipt.synthesize.room import Room
 
@@ -173,7 +174,7 @@ class OpenSpace:
         self.target = (bottom + top) / 2
         self.target[1] = bottom[1] + min(_EYES, size[1] / 2)
         self.depth = min(_MEDIAN_DEPTH, _DEPTH_SHARE * float(np.hypot(size[0], size[2])))
-        self._around = _sphere(_AROUND)
+        self._around = all_around(_AROUND)
         measured = " x ".join(f"{side:.2f}" for side in size)
         if (self.low >= self.high).any():
             raise FiptError(
@@ -238,14 +239,6 @@ def visible(eyes: np.ndarray, points: np.ndarray, first_hits: FirstHits) -> np.n
     directions = (way / np.maximum(length, 1e-9)[:, None]).astype(np.float32)
     distance, _ = first_hits(eyes.astype(np.float32), directions)
     return distance > length * (1 - 1e-3) - 1e-3
-
-
-def _sphere(count: int) -> np.ndarray:
-    """(count, 3) float32 directions evenly over the sphere, on a Fibonacci spiral."""
-    y = 1 - (2 * np.arange(count) + 1) / count
-    phi = np.pi * (3 - np.sqrt(5)) * np.arange(count)
-    ring = np.sqrt(1 - y * y)
-    return np.stack([ring * np.cos(phi), y, ring * np.sin(phi)], axis=1).astype(np.float32)
 
 
 def surface_points(room: Room, seed: int) -> np.ndarray:
