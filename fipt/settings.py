@@ -687,7 +687,7 @@ class CameraPath(Lens):
     keyframes: tuple[Keyframe, ...] = Field(
         min_length=2, description="names of views, or sections with position and target"
     )
-    frames: int = Field(ge=1, le=100_000, description="pictures along the way")
+    frames: int = Field(ge=1, le=9_999, description="pictures along the way")
     fps: float = Field(24.0, gt=0, le=240, description="pictures a second of the video")
     loop: bool = Field(False, description="go on from the last keyframe to the first; the video can be repeated")
     timing: Literal["speed", "keyframes"] = Field(

@@ -41,7 +41,7 @@ def write_export(
     hits: Sequence[Path],
     model: Path,
     emitters: Path,
-    names: Path | None,
+    lamps: Path | None,
     confidence: Path,
     background: Path | None,
     out: Path,
@@ -51,7 +51,7 @@ def write_export(
 ) -> None:
     """Write the room for other programs, complete or not at all, the manifest last.
 
-    ``names`` is the list of lamps that has their names.
+    ``lamps`` is the list that has their names.
 
     Raises
     ------
@@ -60,17 +60,17 @@ def write_export(
     """
     if out.exists() and not (out / _FACTS).is_file() and any(out.iterdir()):
         raise FiptError(f"the folder {out} exists and is no export", "choose another folder, or delete it")
-    data, lamps, sure = Dataset(dataset), read_emitters(emitters), read_confidence(confidence)
+    data, found, sure = Dataset(dataset), read_emitters(emitters), read_confidence(confidence)
     mesh, outside = data.mesh(), read_background(background)
     field, metadata = load_field(model)
     seen = coverage(field, [read_hits(folder) for folder in hits])
-    atlas = unwrap(mesh, _groups(mesh, lamps), *_layout(settings, seen.typical))
+    atlas = unwrap(mesh, _groups(mesh, found), *_layout(settings, seen.typical))
     known = texels(atlas)
     scale = metadata["settings"].footprint
     brdf = surface_brdf(field, mesh, atlas, known, seen, settings.samples, scale)
-    textures = surface_textures(brdf, lamps, atlas, known)
-    asset = room_asset(name, mesh, atlas, textures, lamps, data.cameras, outside, read_names(names, lamps))
-    emission = emission_texture(lamps, atlas, known)
+    textures = surface_textures(brdf, found, atlas, known)
+    asset = room_asset(name, mesh, atlas, textures, found, data.cameras, outside, read_names(lamps, found))
+    emission = emission_texture(found, atlas, known)
     manifest.unlink(missing_ok=True)
     with atomic_folder(out) as folder:
         _write_textures(folder / "textures", asset, emission, confidence_texture(sure, mesh, atlas, known))

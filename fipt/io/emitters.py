@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from fipt.conventions import LUMINANCE
 from fipt.errors import FiptError
 from fipt.io.arrays import load_npz, save_npz
 from fipt.io.files import existing_file, write_text
@@ -163,6 +164,18 @@ def chosen_lamps(edit: EmitterEdit, names: Sequence[str]) -> list[int]:
             else "leave its emitters out",
         )
     return [number for number, own in enumerate(called) if not own.isdisjoint(wanted)]
+
+
+def edited_radiance(radiance: np.ndarray, edit: EmitterEdit) -> np.ndarray:
+    """Radiance (N, 3) after an edit: exact radiance, then colour (luminance kept), then scale; or none."""
+    if edit.off:
+        return np.zeros_like(radiance)
+    if edit.radiance is not None:
+        radiance = np.broadcast_to(np.array(edit.radiance), radiance.shape)
+    if edit.color is not None:
+        color = np.array(edit.color)
+        radiance = (radiance @ np.array(LUMINANCE))[:, None] * color / max(float(color @ np.array(LUMINANCE)), 1e-9)
+    return radiance * (1.0 if edit.scale is None else edit.scale)
 
 
 def read_emitters(path: str | Path) -> Emitters:

@@ -31,6 +31,8 @@ def reference_files(folder: str | Path, views: Sequence[str]) -> dict[str, Path]
     """
     found = find_references(folder, views)
     if not found:
+        if not views:
+            raise FiptError(f"no held-out view can be compared with {folder}", "hold some views out, or leave it away")
         raise FiptError(
             f"the reference {folder} must hold photographs named as the relit views; none of "
             f"{', '.join(view + _ENDINGS[0] for view in views[:3])} is there (EXR or HDR)",

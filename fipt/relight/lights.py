@@ -5,13 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from fipt.conventions import LUMINANCE
 from fipt.io.background import Background
-from fipt.io.emitters import Emitters, chosen_lamps, read_names
+from fipt.io.emitters import Emitters, chosen_lamps, edited_radiance, read_names
 from fipt.io.meshes import Mesh
 from fipt.render.objects import light_mesh
 from fipt.render.surface import EmitterSet
-from fipt.settings import EmitterEdit, NewLight, RelightSetup
+from fipt.settings import NewLight, RelightSetup
 
 _SPHERE_SUBDIVISIONS = 3
 
@@ -32,7 +31,7 @@ def apply_setup(
     for edit in setup.emitters:
         chosen = chosen_lamps(edit, read_names(None, emitters) if names is None else names)
         own = np.isin(emitters.emitter, chosen)
-        radiance[own] = _edited(radiance[own], edit)
+        radiance[own] = edited_radiance(radiance[own], edit)
     vertices, triangles = [mesh.vertices], [mesh.triangles]
     lit, shine = [emitters.triangle], [radiance]
     next_vertex, next_triangle = len(mesh.vertices), len(mesh.triangles)
@@ -82,18 +81,6 @@ def lights_alone(emitters: Emitters, outside: Background, separate: int) -> dict
         dark = EmitterSet(emitters.triangle, np.zeros_like(emitters.radiance), emitters.two_sided)
         parts["outside"] = (dark, outside)
     return parts
-
-
-def _edited(radiance: np.ndarray, edit: EmitterEdit) -> np.ndarray:
-    """Radiance (N, 3) after an edit: exact radiance, then colour (luminance kept), then scale; or none."""
-    if edit.off:
-        return np.zeros_like(radiance)
-    if edit.radiance is not None:
-        radiance = np.broadcast_to(np.array(edit.radiance), radiance.shape)
-    if edit.color is not None:
-        color = np.array(edit.color)
-        radiance = (radiance @ np.array(LUMINANCE))[:, None] * color / max(float(color @ np.array(LUMINANCE)), 1e-9)
-    return radiance * (1.0 if edit.scale is None else edit.scale)
 
 
 def _geometry(light: NewLight) -> tuple[np.ndarray, np.ndarray]:

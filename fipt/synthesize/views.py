@@ -6,10 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fipt.conventions import LUMINANCE
 from fipt.io.background import edited
 from fipt.io.cameras import Camera
-from fipt.io.emitters import chosen_lamps
+from fipt.io.emitters import chosen_lamps, edited_radiance
 from fipt.io.meshes import Mesh, closed
 from fipt.io.objects import MeshObject
 from fipt.model.albedo import reflectance
@@ -29,8 +28,6 @@ _SUB = 4
 _PROBES, _PROBE_WIDTH, _PROBE_SPP = 8, 64, 64
 """Pictures by which a room is exposed: their number, width in pixels, paths a pixel."""
 
-_LUMINANCE = np.array(LUMINANCE)
-
 
 # --- light setups -----------------------------------------------------------------------------
 
@@ -49,17 +46,8 @@ def lights(room: Room, setup: RelightSetup | None = None, gone: np.ndarray | Non
     for index, triangles in enumerate(room.emitters):
         radiance = room.radiance[triangles[0]].astype(np.float64)
         for edit, chosen in edits:
-            if index not in chosen:
-                continue
-            if edit.off:
-                radiance = np.zeros(3)
-            if edit.radiance is not None:
-                radiance = np.array(edit.radiance, float)
-            if edit.color is not None:
-                color = np.array(edit.color, float)
-                radiance = color * (radiance @ _LUMINANCE) / max(color @ _LUMINANCE, 1e-9)
-            if edit.scale is not None:
-                radiance = radiance * edit.scale
+            if index in chosen:
+                radiance = edited_radiance(radiance[None], edit)[0]
         if gone is not None and gone[triangles].any():
             triangles = triangles[~gone[triangles]]
             if not len(triangles):

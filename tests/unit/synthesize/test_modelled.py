@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fipt.conventions import LUMINANCE
 from fipt.errors import FiptError
 from fipt.io.background import constant
 from fipt.io.cameras import Camera
@@ -231,7 +232,7 @@ def test_exposure_brings_the_median_to_where_it_belongs(room, cameras, modelled,
     lit = room.exposed(factor)
     assert lit.exposure == factor
     np.testing.assert_allclose(lit.radiance[lit.emits], np.float32(scene.LAMP) * np.ones((2, 1)) * factor, rtol=1e-5)
-    medians = [np.median(image @ views._LUMINANCE) for _, image, _ in views.render_views(lit, cameras[:5], SETTINGS)]
+    medians = [np.median(image @ np.array(LUMINANCE)) for _, image, _ in views.render_views(lit, cameras[:5], SETTINGS)]
     assert np.median(medians) == pytest.approx(modelled.MIDDLE, rel=0.15)
 
 
