@@ -403,7 +403,7 @@ class Refine(Settings):
 class Fit(Settings):
     """The BRDF and emission networks."""
 
-    steps: Positive = Field(500, description="optimiser steps of a round; at least two epochs where min_epochs is 2")
+    steps: Positive = Field(500, description="optimiser steps of a round")
     min_epochs: Weight = Field(0, description="at least this many passes over all training pixels")
     batch: Positive = Field(2048, description="pixels a step")
     queries: Positive = Field(2, le=4, description="material queries per hit and step, spread over its footprint")
