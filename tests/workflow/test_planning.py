@@ -203,8 +203,9 @@ def test_refuses_a_wrong_config_before_anything_runs(workspace, keys, said):
     assert not (here.root / "results").exists()
 
 
-def test_fipt_run_does_what_the_workflow_does(workspace):
+def test_fipt_run_does_what_the_workflow_does(workspace, monkeypatch):
     here = workspace(CONFIG)
+    monkeypatch.chdir(here.root)
     here.snakemake()
     jobs = plan(load(CONFIG).scenes["room"])
     assert sorted(here.calls()) == sorted([job.verb, *job.options] for job in jobs)
@@ -294,9 +295,10 @@ def test_what_setups_name_is_looked_for_though_all_is_done(workspace):
         assert said in here.snakemake("--dry-run", succeeds=False)
 
 
-def test_the_export_is_planned_alike(workspace):
+def test_the_export_is_planned_alike(workspace, monkeypatch):
     """With every run where it is enabled, by its target otherwise; other settings rerun it and the page."""
     here = workspace(CONFIG)
+    monkeypatch.chdir(here.root)
     assert here.planned("export").keys() >= {"export_room", "check_export", "render_views"}
     enabled = changed(export={"enabled": True})
     here.configure(enabled)

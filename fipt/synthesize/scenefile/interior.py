@@ -16,7 +16,6 @@ import numpy as np
 from fipt.errors import FiptError
 from fipt.io.background import Background, solid_angles, texel_directions
 from fipt.io.meshes import Mesh
-from fipt.render.directions import all_around
 from fipt.render.scene import RayScene
 
 ENCLOSED = 0.55
@@ -133,7 +132,7 @@ def _start(mesh: Mesh, scene: RayScene, cameras: Sequence[np.ndarray], where: st
     best = -1.0
     for pose in cameras:
         # Free places that the camera sees, its own first: they are never inside of things.
-        ahead = np.concatenate([[(0.0, 0, 1)], all_around(400)])
+        ahead = np.concatenate([[(0.0, 0, 1)], _sphere(400)])
         ahead = (ahead[ahead[:, 2] > _CONE] @ pose[:3, :3].T) / np.linalg.norm(pose[:3, 2])
         place = np.repeat(pose[None, :3, 3], len(ahead), axis=0)
         reach = _trace(scene, place, ahead)[0]
@@ -174,7 +173,7 @@ def _outdoors(where: str, share: float) -> FiptError:
 
 def _enclosed(scene: RayScene, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(N,) share of rays that meet a surface, 0 without floor or ceiling; (N,) median distance of what they meet."""
-    directions = np.concatenate([all_around(_DIRECTIONS), [(0, 1, 0), (0, -1, 0)]])
+    directions = np.concatenate([_sphere(_DIRECTIONS), [(0, 1, 0), (0, -1, 0)]])
     count = len(directions)
     distance, _ = _trace(scene, np.repeat(points, count, axis=0), np.tile(directions, (len(points), 1)))
     distance = distance.reshape(-1, count)
@@ -190,9 +189,17 @@ def _trace(scene: RayScene, origins: np.ndarray, directions: np.ndarray) -> tupl
     return scene.intersect(origins.astype(np.float32), directions.astype(np.float32))
 
 
+def _sphere(count: int) -> np.ndarray:
+    """(count, 3) directions that spread evenly (Fibonacci's spiral)."""
+    k = np.arange(count) + 0.5
+    phi, y = k * np.pi * (3 - 5**0.5), 1 - 2 * k / count
+    side = np.sqrt(1 - y * y)
+    return np.column_stack([side * np.cos(phi), y, side * np.sin(phi)])
+
+
 def _extent(scene: RayScene, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Bounds of what is seen from a point, a few far things left out, and a little more."""
-    directions = all_around(4096)
+    directions = _sphere(4096)
     distance, _ = _trace(scene, np.repeat(start[None], len(directions), axis=0), directions)
     met = np.isfinite(distance)
     seen = start + distance[met, None] * directions[met]
