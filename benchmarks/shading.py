@@ -17,7 +17,6 @@ from benchmarks.timing import added_memory, in_turns
 from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
 from fipt.io.shading import Shading, save_shading
 from fipt.model.networks import Field, SceneBox
-from fipt.render.scene import RayScene
 from fipt.render.tracer import PathSettings, Points, Shader
 from fipt.settings import Bake, Refine
 from fipt.shading.bake import cache_shader
@@ -128,35 +127,39 @@ class _Rays:
 
 
 class _Recorder:
-    """Stands in for a shader's `fipt.render.scene.RayScene` and keeps the rays that it traces."""
+    """Stands in for the scene of a `fipt.render.scene.RayScene` and keeps the rays that are traced."""
 
-    def __init__(self, room: RayScene, capacity: int) -> None:
-        self.scene, self.room, self.epsilon = self, room.scene, room.epsilon
+    def __init__(self, scene: "mi.Scene", capacity: int) -> None:
+        self.scene = scene
         self.closest, self.shadow = _Rays(capacity), _Rays(capacity)
 
     def ray_intersect_preliminary(self, ray: "mi.Ray3f", coherent: bool, active: "mi.Bool") -> object:
         self.closest.keep(ray, active)
-        return self.room.ray_intersect_preliminary(ray, coherent=coherent, active=active)
+        return self.scene.ray_intersect_preliminary(ray, coherent=coherent, active=active)
 
     def ray_test(self, ray: "mi.Ray3f", active: "mi.Bool") -> "mi.Bool":
         self.shadow.keep(ray, active)
-        return self.room.ray_test(ray, active=active)
+        return self.scene.ray_test(ray, active=active)
 
 
 def bare_paths(shader: Shader, points: Points, counts: list[int]) -> Work:
     """Tracing all rays of a shader's paths again and nothing else; samples are its paths."""
     paths, room = len(points.position) * sum(counts), shader.scene
-    recorder = _Recorder(room, 3 * paths)  # of each kind; a scene with more would say so
-    shader.scene = recorder
-    shader.shade(points, ROUGHNESS_LEVELS, counts)
-    shader.scene = room
+    scene, recorder = room.scene, _Recorder(room.scene, 3 * paths)  # of each kind; a scene with more would say so
+    room.scene = recorder
+    try:
+        shader.shade(points, ROUGHNESS_LEVELS, counts)
+    finally:
+        room.scene = scene
     closest, shadow = recorder.closest.all(), recorder.shadow.all()
 
-    def trace() -> None:
-        found = room.scene.ray_intersect_preliminary(closest, coherent=False)
-        hidden = room.scene.ray_test(shadow)
+    def trace() -> tuple[int, int]:
+        """Rays that meet the mesh, and shadow rays that do."""
+        found = scene.ray_intersect_preliminary(closest, coherent=False)
+        hidden = scene.ray_test(shadow)
         dr.eval(found.t, found.prim_index, hidden)
         dr.sync_thread()
+        return int(dr.count(found.is_valid())[0]), int(dr.count(hidden)[0])
 
     return trace, paths
 

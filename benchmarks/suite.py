@@ -86,8 +86,8 @@ def third_stage(contestants: Contestants, points: Points, size: Size) -> list[Ro
     return [
         _rates("stage 3, M paths/s, plain asks the network per vertex", found["ours"], found["network"], 30),
         _rates("stage 3, M paths/s, plain has cached materials", found["ours"], found["cached"], 5),
-        _rates("M paths/s of bare traversal of the same rays, in place of ours", found["bare"], found["cached"]),
         _rates("the same, ours with light samples at the first hit", found["lit"], found["cached"]),
+        _rates("M paths/s of bare traversal of the paths' rays, in place of ours", found["bare"], found["cached"]),
     ]
 
 

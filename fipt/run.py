@@ -55,7 +55,13 @@ class Job:
 
 
 def plan(scene: Scene) -> list[Job]:
-    """List the jobs of a scene, in an order in which every input exists when it is needed."""
+    """List the jobs of a scene, in an order in which every input exists when it is needed.
+
+    Raises
+    ------
+    FiptError
+        If a file or a view that a light setup names is not there.
+    """
     scene.check_setups()
     chain = _Chain(scene)
     chain.add_dataset()

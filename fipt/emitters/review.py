@@ -59,7 +59,7 @@ def write_listing(
     FiptError
         If ``out`` holds something else than an earlier list, or ``review`` is wrong.
     """
-    strange = [path.name for path in sorted(out.glob("*")) if not _LISTED.fullmatch(path.name)]
+    strange = [path.name for path in sorted(out.glob("[!.]*")) if not _LISTED.fullmatch(path.name)]
     if strange:
         raise FiptError(f"the folder {out} is replaced, but holds {strange[0]}", "choose a folder for the list alone")
     read_review(review)  # refused now, not after all views were looked at

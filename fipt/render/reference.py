@@ -208,9 +208,9 @@ class PathTracer:
 
     def _pass(self, camera: Camera, spp: int, seed: int) -> np.ndarray:
         """Return the (H * W, 3) sum of ``spp`` paths a pixel."""
-        lanes = camera.width * camera.height * spp
+        paths = camera.width * camera.height * spp
         sampler = mi.load_dict({"type": "independent"})
-        sampler.seed(mi.UInt32(seed), lanes)
+        sampler.seed(mi.UInt32(seed), paths)
         # Everything that differs between views is opaque, so that one kernel serves them all.
         width, count = (dr.opaque(mi.UInt32, n) for n in (camera.width, spp))
         intrinsics = (camera.fx, camera.fy, camera.cx, camera.cy)
@@ -218,7 +218,7 @@ class PathTracer:
         right, up, back, center = (
             mi.Vector3f(*(dr.opaque(mi.Float, float(n)) for n in camera.world_from_camera[:3, k])) for k in range(4)
         )
-        pixel = dr.arange(mi.UInt32, lanes) // count
+        pixel = dr.arange(mi.UInt32, paths) // count
         row = pixel // width
         jitter = sampler.next_2d()
         x = (mi.Float(pixel - row * width) + jitter.x - cx) / fx

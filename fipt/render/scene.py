@@ -8,16 +8,16 @@ from fipt.conventions import RAY_EPSILON
 from fipt.io.meshes import Mesh
 
 _ALIGNMENT = 128
-"""Bytes of the widest register's worth of 64-bit numbers."""
+"""Bytes: at least what any processor's vector registers hold."""
 
 
 def lanes(array: np.ndarray, kind: type) -> object:
     """Turn an (N,) array of the type's dtype into a Dr.Jit type.
 
-    NumPy's memory starts anywhere, Dr.Jit reads it in place, and a kernel whose inputs are aligned in another way is
-    compiled again: 50 ms for every few ones. So the values are copied to where all inputs are aligned.
+    NumPy's memory starts anywhere and Dr.Jit reads it in place: each new combination of aligned and unaligned inputs
+    compiles the kernel again, some 50 ms. So the values are copied to where all inputs are aligned.
     """
-    memory = np.empty(array.nbytes + 2 * _ALIGNMENT, np.uint8)  # whole registers are read, also at the end
+    memory = np.empty(array.nbytes + 2 * _ALIGNMENT, np.uint8)  # the last load is that of a whole register, too
     start = -memory.ctypes.data % _ALIGNMENT
     aligned = memory[start : start + array.nbytes].view(array.dtype)
     aligned[:] = array

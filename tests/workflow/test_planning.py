@@ -215,6 +215,12 @@ def test_fipt_run_does_what_the_workflow_does(workspace, monkeypatch):
             assert (here.root / path).exists()
 
 
+def test_fipt_run_first_looks_for_what_setups_name(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(FiptError, match=r"a file of setups\.evening is missing"):
+        plan(load(CONFIG).scenes["room"])
+
+
 def test_segments_are_planned_alike(workspace, monkeypatch):
     """Given ids by view, then fused; or grown on the mesh: by the workflow and by ``fipt run``."""
     here = workspace(CONFIG)

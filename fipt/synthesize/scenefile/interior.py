@@ -190,7 +190,10 @@ def _trace(scene: RayScene, origins: np.ndarray, directions: np.ndarray) -> tupl
 
 
 def _sphere(count: int) -> np.ndarray:
-    """(count, 3) directions that spread evenly (Fibonacci's spiral)."""
+    """(count, 3) directions that spread evenly (Fibonacci's spiral).
+
+    Not `fipt.render.directions.all_around`, which starts elsewhere: where openings are found hangs on it by decimetres.
+    """
     k = np.arange(count) + 0.5
     phi, y = k * np.pi * (3 - 5**0.5), 1 - 2 * k / count
     side = np.sqrt(1 - y * y)

@@ -81,7 +81,10 @@ def test_paths(backend, room, voxels, points, cache_roughness):
 
 def test_the_rays_of_paths_are_those_that_are_traced(backend, room, voxels, points):
     """Paths of one bounce have a first ray, a ray to a lamp where it faces the surface, and at most one more."""
-    from benchmarks.shading import _Recorder, bare_paths
+    import drjit as dr
+    import mitsuba as mi
+
+    from benchmarks.shading import bare_paths
     from fipt.render.surface import EmitterSet, SurfaceCache, Triangles
     from fipt.render.tracer import PathSettings, RayScene, Shader
 
@@ -90,18 +93,36 @@ def test_the_rays_of_paths_are_those_that_are_traced(backend, room, voxels, poin
     surface = SurfaceCache(voxels, voxels["radiance"], np.zeros(len(voxels["key"]), bool), materials)
     lamps = Triangles(room.mesh, EmitterSet(room.triangle, room.radiance))
     shader = Shader(RayScene(room.mesh), lamps, surface, PathSettings(2, 1.0, light_at_first=False))
-    scene, before = shader.scene, shader.shade(points, ROUGHNESS_LEVELS, counts)
-    recorder = _Recorder(scene, 4 * 8 * len(points.position))
-    shader.scene = recorder
-    np.testing.assert_array_equal(shader.shade(points, ROUGHNESS_LEVELS, counts), before)
-    shader.scene = scene
-    paths = 8 * len(points.position)
-    assert paths < int(recorder.closest.count[0]) <= 2 * paths
-    assert 0 < int(recorder.shadow.count[0]) <= paths
-    directions = np.array(recorder.closest.all().d)
-    np.testing.assert_allclose(np.linalg.norm(directions, axis=0), 1, atol=1e-4)
+    before = shader.shade(points, ROUGHNESS_LEVELS, counts)
+    scene, traced = shader.scene.scene, {}
 
-    trace, counted = bare_paths(shader, points, counts)
-    trace()
-    assert counted == paths
-    assert shader.scene is scene
+    class Counting:
+        """Counts what the shader's own rays meet."""
+
+        def ray_intersect_preliminary(self, ray, coherent, active):
+            found = scene.ray_intersect_preliminary(ray, coherent=coherent, active=active)
+            self.add("closest", active)
+            self.add("met", active & found.is_valid())
+            return found
+
+        def ray_test(self, ray, active):
+            hidden = scene.ray_test(ray, active=active)
+            self.add("shadow", active)
+            self.add("hidden", active & hidden)
+            return hidden
+
+        def add(self, name, where):
+            total = traced.setdefault(name, dr.opaque(mi.UInt32, 0, 1))
+            dr.scatter_reduce(dr.ReduceOp.Add, total, 1, mi.UInt32(0), where)
+
+    shader.scene.scene = Counting()
+    shader.shade(points, ROUGHNESS_LEVELS, counts)
+    shader.scene.scene = scene
+    rays = {name: int(total[0]) for name, total in traced.items()}
+    trace, paths = bare_paths(shader, points, counts)
+    assert paths == 8 * len(points.position)
+    assert paths < rays["closest"] <= 2 * paths
+    assert 0 < rays["hidden"] < rays["shadow"] <= paths
+    assert trace() == (rays["met"], rays["hidden"])
+    assert shader.scene.scene is scene
+    np.testing.assert_array_equal(shader.shade(points, ROUGHNESS_LEVELS, counts), before)
