@@ -153,13 +153,13 @@ def bare_paths(shader: Shader, points: Points, counts: list[int]) -> Work:
         room.scene = scene
     closest, shadow = recorder.closest.all(), recorder.shadow.all()
 
-    def trace() -> tuple[int, int]:
-        """Rays that meet the mesh, and shadow rays that do."""
+    def trace() -> "tuple[mi.Float, mi.Bool]":
+        """Distances, infinite where nothing is met, and which of the shadow rays meet something."""
         found = scene.ray_intersect_preliminary(closest, coherent=False)
-        hidden = scene.ray_test(shadow)
-        dr.eval(found.t, found.prim_index, hidden)
+        distance, hidden = mi.Float(found.t), scene.ray_test(shadow)
+        dr.eval(distance, found.prim_index, hidden)
         dr.sync_thread()
-        return int(dr.count(found.is_valid())[0]), int(dr.count(hidden)[0])
+        return distance, hidden
 
     return trace, paths
 
