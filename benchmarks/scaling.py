@@ -176,16 +176,21 @@ def growth(base: Work, doublings: int) -> dict[str, list[dict[str, object]]]:
 
 
 def draw(path: Path, found: Mapping[str, Sequence[Mapping]], caption: str) -> None:
-    """Draw seconds and peak memory of every stage against each kind of work."""
+    """Draw seconds and peak memory of the stages that cost most against each kind of work."""
     from matplotlib.figure import Figure
     from matplotlib.ticker import FuncFormatter, NullFormatter, NullLocator
 
     figure = Figure(figsize=(11, 9.5), layout="constrained", facecolor="white")
     axes = figure.subplots(3, 3, sharey="row")
     rows_of = {"seconds": "seconds", "processor": "processor seconds", "peak": "peak resident memory, MB"}
-    stages = list(found["views"][0]["stages"])  # ten at most, in the order they ran
     colors = ["#777777", "#0b6e99", "#c0561f", "#2f8f4e", "#7a4fa3"]
     colors += ["#c9a21b", "#b83a5e", "#3fa7a0", "#8a6d4b", "#111111"]
+    cost = {
+        stage: sum(rows[-1]["stages"][stage]["processor"] for rows in found.values())
+        for stage in found["views"][0]["stages"]
+    }
+    least = sorted(cost.values(), reverse=True)[: len(colors)][-1]
+    stages = [stage for stage in cost if cost[stage] >= least]  # in the order they ran
     for column, (axis, title) in enumerate(AXES.items()):
         rows = found[axis]
         x = [row[axis] for row in rows]
