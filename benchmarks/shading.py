@@ -113,13 +113,11 @@ class _Rays:
         """Note the rays of active lanes."""
         place = dr.scatter_inc(self.count, mi.UInt32(0), active)
         for column, value in zip(self.columns, (*ray.o, *ray.d, mi.Float(ray.maxt)), strict=True):
-            dr.scatter(column, value, place, active & (place < dr.width(column)))
+            dr.scatter(column, value, place, active)
 
-    def all(self) -> "mi.Ray3f":
+    def kept(self) -> "mi.Ray3f":
         """The rays, alone."""
-        count = int(self.count[0])
-        assert count <= dr.width(self.columns[0]), f"{count} rays, room for {dr.width(self.columns[0])}"
-        lane = dr.arange(mi.UInt32, count)
+        lane = dr.arange(mi.UInt32, int(self.count[0]))
         ox, oy, oz, dx, dy, dz, end = (dr.gather(mi.Float, column, lane) for column in self.columns)
         ray = mi.Ray3f(mi.Point3f(ox, oy, oz), mi.Vector3f(dx, dy, dz), end, 0.0, [])
         dr.eval(ray)
@@ -145,13 +143,14 @@ class _Recorder:
 def bare_paths(shader: Shader, points: Points, counts: list[int]) -> Work:
     """Tracing all rays of a shader's paths again and nothing else; samples are its paths."""
     paths, room = len(points.position) * sum(counts), shader.scene
-    scene, recorder = room.scene, _Recorder(room.scene, 3 * paths)  # of each kind; a scene with more would say so
+    # a path has at most so many rays of each kind
+    scene, recorder = room.scene, _Recorder(room.scene, shader.path.max_depth * paths)
     room.scene = recorder
     try:
         shader.shade(points, ROUGHNESS_LEVELS, counts)
     finally:
         room.scene = scene
-    closest, shadow = recorder.closest.all(), recorder.shadow.all()
+    closest, shadow = recorder.closest.kept(), recorder.shadow.kept()
 
     def trace() -> "tuple[mi.Float, mi.Bool]":
         """Distances, infinite where nothing is met, and which of the shadow rays meet something."""

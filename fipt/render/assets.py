@@ -14,6 +14,7 @@ import numpy as np
 
 from fipt.errors import FiptError
 from fipt.io.background import texel_directions
+from fipt.render.scene import vectors
 
 _NEGATIVE = re.compile(rb"^f[^\n]*[ \t/]-\d", re.MULTILINE)
 _SKY_ROWS, _SKY_FINER = 256, 6
@@ -143,6 +144,6 @@ def sky_map(options: Mapping[str, float | list[float]], turn: np.ndarray) -> np.
     rows, columns = _SKY_ROWS * _SKY_FINER, 2 * _SKY_ROWS * _SKY_FINER
     directions = texel_directions(rows, columns)
     si = mi.SurfaceInteraction3f()
-    si.wi = -mi.Vector3f(*(mi.Float(np.ascontiguousarray(axis, np.float32)) for axis in directions.T))
+    si.wi = -vectors(directions, mi.Vector3f)
     values = np.array(emitter.eval(si)).T.reshape(_SKY_ROWS, _SKY_FINER, 2 * _SKY_ROWS, _SKY_FINER, 3)
     return np.maximum(values.mean(axis=(1, 3)), 0).astype(np.float32)

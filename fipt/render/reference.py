@@ -20,7 +20,7 @@ from fipt.io.meshes import Mesh
 from fipt.io.objects import MeshObject
 from fipt.render import bsdf
 from fipt.render.edits import Edit
-from fipt.render.scene import lanes
+from fipt.render.scene import vectors
 from fipt.render.spots import Spot
 from fipt.render.texels import Surface, Textures
 
@@ -289,11 +289,7 @@ def _spot(spot: Spot) -> dict[str, Any]:
 
 
 def _rays(origins: np.ndarray, directions: np.ndarray) -> mi.Ray3f:
-    columns = [
-        [lanes(np.atleast_1d(column).astype(np.float32), mi.Float) for column in np.asarray(array).T]
-        for array in (origins, directions)
-    ]
-    return mi.Ray3f(mi.Point3f(*columns[0]), mi.Vector3f(*columns[1]))
+    return mi.Ray3f(vectors(np.atleast_2d(origins), mi.Point3f), vectors(np.atleast_2d(directions), mi.Vector3f))
 
 
 def _mesh(
