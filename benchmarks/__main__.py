@@ -45,16 +45,16 @@ def main() -> int:
         size = suite.QUICK if arguments.quick else suite.FULL
         rows, curves = suite.measure(measured, backend.torch_device, size, say)
         about["scene"] = f"{measured.name}, {len(measured.mesh.triangles)} triangles"
-        about["hits"] = len(measured.some(size.hits).position)
+        about["samples"] = len(measured.some(size.samples).position)
         say("done")
         caption = (
-            f"{about['scene']}, {about['hits']} hits; {about['cpu']}, {arguments.threads} threads, "
+            f"{about['scene']}, {about['samples']} samples; {about['cpu']}, {arguments.threads} threads, "
             f"{backend.device_name}; {about['date']}"
         )
         print(f"{caption}\n\n{report.table(rows)}")
         if out is not None:
             report.write_json(out / "benchmarks.json", about, rows, curves)
-            report.draw(out / "images" / "benchmark.png", curves, about["hits"], caption)
+            report.draw(out / "images" / "benchmark.png", curves, about["samples"], caption)
             print(f"\nwritten: {out}/benchmarks.json, {out}/images/benchmark.png")
     except FiptError as error:
         print(f"benchmarks: {error}", file=sys.stderr)

@@ -22,8 +22,9 @@ from pathlib import Path
 
 import numpy as np
 
-from fipt.io.cameras import Camera
-from fipt.settings import Capture, SimulatedCamera
+from fipt.scene.cameras import Camera
+from fipt.stages.capture.settings import CaptureSettings
+from fipt.synthetic.settings import SimulatedCamera
 
 CAMERA = SimulatedCamera(scale=1, principal_offset=(2.5, -1.5), dark_offset=(1.3, -0.7, 2.1, 0.4))
 """14 bits, a black level for each position, vignetting 0.53 in the corner, k1 = -0.10, nominal times, 5 x 2 EV."""
@@ -65,13 +66,13 @@ def error_table(width: int, height: int, folder: Path) -> list[dict[str, object]
     """Simulate one view and its calibration frames, develop it in every way, compare with the truth."""
     import cv2
 
-    from fipt.capture.brackets import read_capture
-    from fipt.capture.calibrate import calibrate
-    from fipt.capture.develop import develop
-    from fipt.io.dataset import read_layers
-    from fipt.io.lens import Lens
-    from fipt.synthesize import capture as writer
-    from fipt.synthesize.camera import optics
+    from fipt.scene.dataset import read_layers
+    from fipt.scene.lens import Lens
+    from fipt.stages.capture.brackets import read_capture
+    from fipt.stages.capture.calibrate import calibrate
+    from fipt.stages.capture.develop import develop
+    from fipt.synthetic import capture as writer
+    from fipt.synthetic.camera import optics
 
     focal = 0.714 * width
     view = Camera("view", "train", width, height, focal, focal, width / 2, height / 2, np.eye(4))
@@ -81,7 +82,7 @@ def error_table(width: int, height: int, folder: Path) -> list[dict[str, object]
     camera = json.loads((folder / "truth" / "camera.json").read_text())
     truth = read_layers(folder / "truth" / "view.exr")
     capture = read_capture(folder)
-    found = calibrate(capture, Capture())
+    found = calibrate(capture, CaptureSettings())
     sensor = camera["sensor"]
     exact = replace(found, lens=Lens(**{**sensor, "distortion": tuple(sensor["distortion"])}))
     true = truth[""]
@@ -91,7 +92,7 @@ def error_table(width: int, height: int, folder: Path) -> list[dict[str, object]
     for lens, calibration in (("calibrated", found), ("true", exact)):
         for merge in ("mosaic", "hat"):
             start = time.process_time()
-            developed = develop(capture.bracket("view"), calibration, Capture(merge=merge))
+            developed = develop(capture.bracket("view"), calibration, CaptureSettings(merge=merge))
             seconds = time.process_time() - start
             error = developed.radiance * camera["radiance_of_full_second"] / true - 1
             good = (developed.valid > 0.99) & (truth["outside"] == 0) & (truth["saturated"] == 0)
@@ -136,7 +137,7 @@ def write_large_bracket(folder: Path, width: int, height: int) -> None:
     """Write five raw files, 2 EV apart, of smooth light with noise: for speed, not for errors."""
     import cv2
 
-    from fipt.synthesize.dng import XYZ_FROM_SRGB, Header, write_dng
+    from fipt.synthetic.dng import XYZ_FROM_SRGB, Header, write_dng
 
     rng = np.random.default_rng(0)
     light = cv2.resize(rng.normal(0, 1.6, (40, 60)).astype(np.float32), (width, height), interpolation=cv2.INTER_CUBIC)
@@ -181,14 +182,14 @@ def develop_large(folder: Path) -> None:
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     import cv2
 
-    from fipt.capture.brackets import read_capture
-    from fipt.capture.calibration import Calibration, Noise, Vignetting
-    from fipt.capture.develop import develop_views
-    from fipt.io.lens import Lens
+    from fipt.scene.lens import Lens
+    from fipt.stages.capture.brackets import read_capture
+    from fipt.stages.capture.calibration import Calibration, Noise, Vignetting
+    from fipt.stages.capture.develop import develop_views
 
     cv2.setNumThreads(1)
     capture = read_capture(folder)
-    from fipt.capture.raw import read_raw
+    from fipt.stages.capture.raw import read_raw
 
     shape = read_raw(capture.brackets[0].shots[0].path).shape
     height, width = shape
@@ -202,7 +203,7 @@ def develop_large(folder: Path) -> None:
         white_balance=(1.8, 1.0, 1.5),
     )  # fmt: skip
     wall, cpu = time.perf_counter(), time.process_time()
-    develop_views(capture, [capture.brackets[0].view], calibration, folder / "out", Capture())
+    develop_views(capture, [capture.brackets[0].view], calibration, folder / "out", CaptureSettings())
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
     print(json.dumps({"wall": wall, "cpu": cpu, "peak": peak}))

@@ -11,15 +11,15 @@ import torch
 
 from benchmarks.timing import added_memory, in_turns
 from fipt.model.networks import Field, SceneBox
-from fipt.settings import Fit
+from fipt.model.settings import FitSettings
 
 MATERIAL_QUERIES = 8192
 EMISSION_QUERIES = 2048
-PAPER = Fit(levels=32, table_log2=19, growth=1.3)
+PAPER = FitSettings(levels=32, table_log2=19, growth=1.3)
 """Sizes of the published networks; the defaults of `Fit` are this program's."""
 
 
-def stepper(settings: Fit, backend: str, device: str) -> Callable[[], None]:
+def stepper(settings: FitSettings, backend: str, device: str) -> Callable[[], None]:
     """Return a function that runs one step and waits for its end."""
     field = Field(settings, SceneBox((0.0, 0.0, 0.0), 8.0), backend).to(device)
     optimizer = torch.optim.Adam(field.parameters(), lr=1e-3, fused=True)
@@ -42,7 +42,7 @@ def stepper(settings: Fit, backend: str, device: str) -> Callable[[], None]:
     return step
 
 
-def step_times(settings: Fit, device: str, repeats: int) -> dict[str, list[float]]:
+def step_times(settings: FitSettings, device: str, repeats: int) -> dict[str, list[float]]:
     """Seconds of steps with ``drjit`` kernels and with the ``torch`` twin, taken in turns."""
     steppers = {backend: stepper(settings, backend, device) for backend in ("drjit", "torch")}
     times = in_turns(steppers, repeats + 2)
@@ -50,7 +50,7 @@ def step_times(settings: Fit, device: str, repeats: int) -> dict[str, list[float
     return {backend: seconds[2:] for backend, seconds in times.items()}
 
 
-def step_memory(settings: Fit, device: str) -> dict[str, float | None]:
+def step_memory(settings: FitSettings, device: str) -> dict[str, float | None]:
     """Megabytes of networks, optimiser and two steps."""
 
     def two_steps(backend: str) -> None:

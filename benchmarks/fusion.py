@@ -21,20 +21,20 @@ SIZE = (640, 320)
 
 def write_scene(root: Path, views: int, triangles: int) -> int:
     """Write dataset and segments/views of so many views; return the mesh's triangles."""
-    from fipt.io.cameras import write_transforms
-    from fipt.io.dataset import write_views
-    from fipt.io.meshes import write_ply
-    from fipt.io.segments import write_view_ids
     from fipt.render.scene import RayScene
     from fipt.render.variant import set_variant
-    from fipt.segmentation.views import look
-    from fipt.settings import Synthesize
-    from fipt.synthesize.poses import OpenSpace, sample_cameras
-    from fipt.synthesize.room import build
+    from fipt.scene.cameras import write_transforms
+    from fipt.scene.dataset import write_views
+    from fipt.scene.mesh import write_ply
+    from fipt.scene.segments import write_view_ids
+    from fipt.stages.segment.views import look
+    from fipt.synthetic.poses import OpenSpace, sample_cameras
+    from fipt.synthetic.room import build
+    from fipt.synthetic.settings import SynthesizeSettings
 
     set_variant()
     room = build(0)
-    settings = Synthesize(train_views=views, val_views=1, width=SIZE[0], height=SIZE[1])
+    settings = SynthesizeSettings(train_views=views, val_views=1, width=SIZE[0], height=SIZE[1])
     tracer = RayScene(room.mesh)
     # the held-out view is not needed, but there has to be one
     cameras = sample_cameras(OpenSpace(room, tracer.intersect, settings.seed), settings)[:views]

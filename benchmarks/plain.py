@@ -18,11 +18,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from fipt.io.meshes import Mesh
 from fipt.model.networks import QUERY_CHUNK
 from fipt.render.scene import RayScene
 from fipt.render.surface import EmitterSet, Materials
 from fipt.render.tracer import PathSettings, Points
+from fipt.scene.mesh import Mesh
 
 BATCH = 1 << 19
 """Rays of a wavefront. Of 2^14 to 2^20 this or the next larger one was the fastest on two cores."""

@@ -18,24 +18,24 @@ from scipy.spatial import cKDTree
 
 from fipt.config import RESULTS, read
 from fipt.conventions import LUMINANCE
-from fipt.evaluate.metrics import psnr
-from fipt.io.background import covered_share
-from fipt.io.cameras import Camera
-from fipt.io.dataset import Dataset
-from fipt.io.hits import read_hits
-from fipt.io.images import srgb_encode, to_display, write_png
-from fipt.io.voxels import read_cache
+from fipt.formats.images import srgb_encode, to_display, write_png
 from fipt.model.networks import Brdf
 from fipt.progress import progress
-from fipt.render.background import sky_of
+from fipt.render.environment import sky_of
 from fipt.render.picture import Light, pictures
 from fipt.render.scene import RayScene
 from fipt.render.surface import EmitterSet, SurfaceCache, Triangles
 from fipt.render.tracer import PathSettings, Shader
 from fipt.render.variant import set_variant
-from fipt.synthesize.dataset import built
-from fipt.synthesize.room import Room
-from fipt.synthesize.views import Truth
+from fipt.scene.cameras import Camera
+from fipt.scene.dataset import Dataset
+from fipt.scene.environment import covered_share
+from fipt.scene.samples import read_samples
+from fipt.scene.voxels import read_cache
+from fipt.stages.evaluate.metrics import psnr
+from fipt.synthetic.dataset import built
+from fipt.synthetic.room import Room
+from fipt.synthetic.views import Truth
 
 
 def true_brdf(truth: Truth, camera: Camera, rays: np.ndarray) -> Brdf:
@@ -79,29 +79,29 @@ def main() -> int:
     room = built(root / "dataset", scene.settings["synthesize"], file)
     truth = Truth(room)
     known = []
-    shards = {name: read_hits(root / "hits" / name) for name in scene.shards("all")}
-    for hits in shards.values():
-        for index, view in enumerate(hits.views):
-            camera, position = data.camera(view), np.asarray(hits.position[hits.of_view(index)])
+    shards = {name: read_samples(root / "samples" / name) for name in scene.shards("all")}
+    for samples in shards.values():
+        for index, view in enumerate(samples.views):
+            camera, position = data.camera(view), np.asarray(samples.position[samples.of_view(index)])
             rays = position - camera.center.astype(np.float32)
             known.append((position, true_brdf(truth, camera, rays / np.linalg.norm(rays, axis=1, keepdims=True))))
     light = light_of(room, read_cache(root / "cache.npz"), known)
-    grid = scene.settings["hits"].grid
+    grid = scene.settings["samples"].grid
     ratio, error, inside, rows = [], [], [], []
     held_out = [shards[name] for name in scene.shards("val")]
-    with progress("paths", sum(len(hits.center) for hits in held_out) * arguments.spp, " paths") as bar:
-        for hits in held_out:
-            for index, view in enumerate(hits.views):
+    with progress("paths", sum(len(samples.center) for samples in held_out) * arguments.spp, " paths") as bar:
+        for samples in held_out:
+            for index, view in enumerate(samples.views):
                 camera, (image, valid) = data.camera(view), data.image(view)
                 look = partial(true_brdf, truth, camera)
                 (picture,) = pictures(
                     [light], camera, lambda sight, look=look: look(-sight.wo), grid, arguments.spp, True, 0, bar.advance
                 )
-                pixels, own = hits.pixels(index), hits.of_view(index)
-                shines = room.emits[np.asarray(hits.triangle[own])]
-                lamp = np.bincount(hits.pixel_of_hit(index), shines, image.shape[0] * image.shape[1]) > 0
-                lamp = (lamp | (covered_share(hits, index) < 1)).reshape(image.shape[:2])
-                single = np.diff(hits.offsets[pixels.start : pixels.stop + 1]).reshape(image.shape[:2]) == 1
+                pixels, own = samples.pixels(index), samples.of_view(index)
+                shines = room.emits[np.asarray(samples.triangle[own])]
+                lamp = np.bincount(samples.pixel_of_sample(index), shines, image.shape[0] * image.shape[1]) > 0
+                lamp = (lamp | (covered_share(samples, index) < 1)).reshape(image.shape[:2])
+                single = np.diff(samples.offsets[pixels.start : pixels.stop + 1]).reshape(image.shape[:2]) == 1
                 shown = ~lamp & (valid > 0)
                 gray = np.float32(LUMINANCE)
                 ratio.append((picture @ gray)[shown] / np.maximum((image @ gray)[shown], 1e-4))

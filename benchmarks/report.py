@@ -13,7 +13,7 @@ import numpy as np
 
 from benchmarks.shading import Curve
 from benchmarks.timing import Ratio
-from fipt.io.files import atomic, write_text
+from fipt.formats.files import atomic, write_text
 
 
 @dataclass(frozen=True)
@@ -101,9 +101,9 @@ def draw(path: Path, curves: dict[str, Curve], points: int, caption: str) -> Non
     looks = {"ours": ("#0b6e99", "o", "fipt"), "plain": ("#c0561f", "s", "plain implementation")}
     for who, curve in curves.items():
         color, marker, label = looks[who]
-        per_hit = 1e6 * np.median(curve.seconds, axis=1) / points
-        axes.plot(per_hit, curve.error, color=color, marker=marker, label=label)
-        for x, y, samples in zip(per_hit, curve.error, curve.samples, strict=True):
+        per_sample = 1e6 * np.median(curve.seconds, axis=1) / points
+        axes.plot(per_sample, curve.error, color=color, marker=marker, label=label)
+        for x, y, samples in zip(per_sample, curve.error, curve.samples, strict=True):
             # the curves fall to the right: samples stand below ours and above the plain one
             offset, align = ((-6, -11), "right") if who == "ours" else ((6, 5), "left")
             axes.annotate(str(samples), (x, y), offset, textcoords="offset points", ha=align, fontsize=8, color=color)

@@ -3,8 +3,8 @@
     python -m benchmarks.scaling [--out docs] [--quick]     plots, about 10 minutes on 2 cores
     python -m benchmarks.scaling --load 202 [--steps 40]    cache, fit and emitters of so many views of 640x320
 
-Every stage is one process, as in the workflow, so that its peak of memory is its own. The load test makes hits, shading
-and pictures of that size without rendering any: two views of the room in code, over and over, as files of their own
+Every stage is one process, as in the workflow, so that its peak of memory is its own. The load test makes samples,
+shading and pictures of that size without rendering any: two views of the room in code, over and over, as files of their own
 (about 25 MB a view in a temporary folder).
 """
 
@@ -24,9 +24,9 @@ import numpy as np
 from benchmarks.report import machine
 from fipt.config import RESULTS
 from fipt.config import load as load_config
-from fipt.io.files import atomic, write_text
-from fipt.io.meshes import Mesh, read_mesh, write_ply
+from fipt.formats.files import atomic, write_text
 from fipt.run import plan
+from fipt.scene.mesh import Mesh, read_mesh, write_ply
 
 
 @dataclass(frozen=True)
@@ -133,7 +133,7 @@ def chain(work: Work, root: Path) -> tuple[dict[str, Usage], int]:
     usage: dict[str, Usage] = {}
     mesh = root / RESULTS / "room" / "dataset" / "mesh.ply"
     for job in plan(load_config(config).scenes["room"]):
-        if job.verb == "hits" and "hits" not in usage:
+        if job.verb == "samples" and "samples" not in usage:
             _cut(mesh, work.cuts)
         stats = Path(job.options[job.options.index("--stats") + 1])
         used = call(job.verb, job.options, stats, root)
@@ -229,26 +229,26 @@ SIZE, SHARD = (640, 320), 16
 
 
 def write_load(root: Path, views: int) -> tuple[int, int]:
-    """Write dataset, hits and shading of so many views; return pixels and bytes of arrays that are mapped."""
+    """Write dataset, samples and shading of so many views; return pixels and bytes of arrays that are mapped."""
     from fipt.conventions import SHADING_OUTPUTS
-    from fipt.io.cameras import write_transforms
-    from fipt.io.exr import write_exr
-    from fipt.io.hits import Hits, write_hits
-    from fipt.io.images import write_png
-    from fipt.io.meshes import connected_parts
-    from fipt.io.shading import Shading, save_shading
-    from fipt.render.first_hits import trace_view
+    from fipt.formats.exr import write_exr
+    from fipt.formats.images import write_png
+    from fipt.render.footprint import trace_view
     from fipt.render.scene import RayScene
     from fipt.render.variant import set_variant
-    from fipt.settings import Hits as HitsSettings
-    from fipt.settings import Synthesize
-    from fipt.synthesize.poses import OpenSpace, sample_cameras
-    from fipt.synthesize.room import build
-    from fipt.synthesize.views import Truth
+    from fipt.scene.cameras import write_transforms
+    from fipt.scene.mesh import connected_parts
+    from fipt.scene.samples import FootprintSamples, write_samples
+    from fipt.scene.shading import Shading, save_shading
+    from fipt.stages.samples.settings import SamplesSettings
+    from fipt.synthetic.poses import OpenSpace, sample_cameras
+    from fipt.synthetic.room import build
+    from fipt.synthetic.settings import SynthesizeSettings
+    from fipt.synthetic.views import Truth
 
     set_variant()
     rng, (width, height) = np.random.default_rng(0), SIZE
-    settings = Synthesize(train_views=2, val_views=1, width=width, height=height)
+    settings = SynthesizeSettings(train_views=2, val_views=1, width=width, height=height)
     room = build(0)
     two = sample_cameras(OpenSpace(room, Truth(room).first_hits, 0), settings)[:2]
     names = [f"v{number:03d}" for number in range(views)]
@@ -257,7 +257,7 @@ def write_load(root: Path, views: int) -> tuple[int, int]:
     write_ply(data / "mesh.ply", room.mesh)
     write_transforms(data / "transforms.json", cameras)
     tracer, parts = RayScene(room.mesh), connected_parts(room.mesh)
-    traced, light = [trace_view(tracer, parts, camera, HitsSettings()) for camera in two], []
+    traced, light = [trace_view(tracer, parts, camera, SamplesSettings()) for camera in two], []
     for k, result in enumerate(traced):
         first = np.minimum(np.cumsum(result["counts"]) - result["counts"], len(result["triangle"]) - 1)
         triangle = result["triangle"][first].reshape(height, width)
@@ -271,12 +271,12 @@ def write_load(root: Path, views: int) -> tuple[int, int]:
         arrays = {name: np.concatenate([traced[k % 2][name] for k in own]) for name in traced[0]}
         offsets = np.concatenate([[0], np.cumsum(arrays.pop("counts"))]).astype(np.int64)
         shard = f"train-{start // SHARD:03d}"
-        for kind in ("hits", "shading"):
+        for kind in ("samples", "shading"):
             (root / kind / shard).mkdir(parents=True)
-        hits = Hits(tuple(names[k] for k in own), ((height, width),) * len(own), offsets, **arrays)
-        write_hits(root / "hits" / shard, hits)
+        samples = FootprintSamples(tuple(names[k] for k in own), ((height, width),) * len(own), offsets, **arrays)
+        write_samples(root / "samples" / shard, samples)
         save_shading(root / "shading" / shard, Shading(np.concatenate([light[k % 2] for k in own])))
-    mapped = sum(file.stat().st_size for kind in ("hits", "shading") for file in (root / kind).rglob("*.npy"))
+    mapped = sum(file.stat().st_size for kind in ("samples", "shading") for file in (root / kind).rglob("*.npy"))
     return views * width * height, mapped
 
 
@@ -287,8 +287,8 @@ def load(views: int, steps: int) -> dict[str, object]:
         print(f"writing {views} views of {SIZE[0]}x{SIZE[1]} to {root}", file=sys.stderr, flush=True)
         pixels, mapped = write_load(root, views)
         found: dict[str, object] = {"views": views, "size": SIZE, "pixels": pixels, "mapped_mb": mapped / 1e6}
-        hits, shading = (",".join(map(str, sorted((root / kind).iterdir()))) for kind in ("hits", "shading"))
-        train, model = {"dataset": "dataset", "hits": hits}, {"model": "model.safetensors"}
+        samples, shading = (",".join(map(str, sorted((root / kind).iterdir()))) for kind in ("samples", "shading"))
+        train, model = {"dataset": "dataset", "samples": samples}, {"model": "model.safetensors"}
         for verb, options, settings in (
             ("cache", {"out": "cache.npz"}, {}),
             ("fit", {"shading": shading, "out": model["model"]}, {"steps": steps}),

@@ -9,10 +9,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from fipt.errors import FiptError
-from fipt.io.meshes import Mesh
 from fipt.model.networks import Brdf
 from fipt.render.surface import EmitterSet
 from fipt.render.tracer import Points
+from fipt.scene.mesh import Mesh
 
 _VIEWS, _WIDTH, _HEIGHT, _SPP = 16, 160, 120, 32
 """Of the room: enough views for the cache to know most surfaces."""
@@ -35,7 +35,7 @@ class Scene:
     emitters
         Emitting triangles; both of their sides shine.
     view
-        All hits of one view.
+        All samples of one view.
     pixels
         Pixels of that view.
     """
@@ -49,7 +49,7 @@ class Scene:
     pixels: int
 
     def some(self, count: int) -> Points:
-        """About ``count`` of the view's hits, evenly spread."""
+        """About ``count`` of the view's samples, evenly spread."""
         step = max(len(self.view.position) // count, 1)
         view = self.view
         return Points(view.position[::step], view.normal[::step], view.wo[::step], view.key[::step])
@@ -73,41 +73,43 @@ def merged(cache: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 def demo_room() -> Scene:
     """The room in code under its own lamps, its cache filled from quickly rendered views."""
-    from fipt.io.meshes import connected_parts
-    from fipt.render.first_hits import joined, trace_view
+    from fipt.render.footprint import joined, trace_view
     from fipt.render.points import view_points
     from fipt.render.scene import RayScene
-    from fipt.settings import Cache, Hits, Synthesize
-    from fipt.shading.cache import build as build_cache
-    from fipt.synthesize.poses import OpenSpace, sample_cameras
-    from fipt.synthesize.room import build
-    from fipt.synthesize.views import Truth, render_views
+    from fipt.scene.mesh import connected_parts
+    from fipt.stages.cache.build import build as build_cache
+    from fipt.stages.cache.settings import CacheSettings
+    from fipt.stages.samples.settings import SamplesSettings
+    from fipt.synthetic.poses import OpenSpace, sample_cameras
+    from fipt.synthetic.room import build
+    from fipt.synthetic.settings import SynthesizeSettings
+    from fipt.synthetic.views import Truth, render_views
 
-    settings = Synthesize(train_views=_VIEWS, width=_WIDTH, height=_HEIGHT, spp=_SPP, denoise=False)
+    settings = SynthesizeSettings(train_views=_VIEWS, width=_WIDTH, height=_HEIGHT, spp=_SPP, denoise=False)
     room = build(settings.seed)
     truth = Truth(room)
     cameras = sample_cameras(OpenSpace(room, truth.first_hits, settings.seed), settings)[:_VIEWS]
     traced, parts = RayScene(room.mesh), connected_parts(room.mesh)
-    hits = joined(cameras, [trace_view(traced, parts, camera, Hits()) for camera in cameras])
+    samples = joined(cameras, [trace_view(traced, parts, camera, SamplesSettings()) for camera in cameras])
     images = (image.reshape(-1, 3) for _, image, _ in render_views(room, cameras, settings))
     pictures = ((image, np.ones(len(image), np.float32), np.zeros(len(image), bool)) for image in images)
-    cache = build_cache(room.mesh, [hits], pictures, Cache())
+    cache = build_cache(room.mesh, [samples], pictures, CacheSettings())
     voxels = merged(cache)
     lamps = np.flatnonzero(room.emits).astype(np.int32)
     return Scene(
         "the room in code",
         room.mesh,
         voxels,
-        _true_materials(truth, room.mesh, np.asarray(hits.position), np.asarray(hits.triangle), voxels["point"]),
+        _true_materials(truth, room.mesh, np.asarray(samples.position), np.asarray(samples.triangle), voxels["point"]),
         EmitterSet(lamps, room.radiance[lamps]),
-        view_points(hits, 0, cameras[0], seed=0),
+        view_points(samples, 0, cameras[0], seed=0),
         _WIDTH * _HEIGHT,
     )
 
 
 def _true_materials(truth: object, mesh: Mesh, place: np.ndarray, triangle: np.ndarray, points: np.ndarray) -> Brdf:
     """Materials of the room at points on its surface; ``place`` (N, 3) are such points of known triangles."""
-    from fipt.shading.cache import surface_points
+    from fipt.scene.mesh import surface_points
 
     low, high = mesh.vertices.min(axis=0) - 1, mesh.vertices.max(axis=0) + 1
     more, owner = surface_points(mesh, 0.02, low, high, seed=0)
@@ -119,30 +121,30 @@ def _true_materials(truth: object, mesh: Mesh, place: np.ndarray, triangle: np.n
 
 def of_results(folder: Path) -> Scene:
     """A scene that the pipeline has worked on: ``folder`` is results/NAME."""
-    from fipt.io.arrays import load_npz
-    from fipt.io.dataset import Dataset
-    from fipt.io.emitters import read_emitters
-    from fipt.io.hits import read_hits
+    from fipt.formats.arrays import load_npz
     from fipt.model.store import load_field
     from fipt.model.voxels import voxel_materials
     from fipt.render.points import view_points
     from fipt.render.surface import emitter_set
+    from fipt.scene.dataset import Dataset
+    from fipt.scene.emitters import read_emitters
+    from fipt.scene.samples import read_samples
 
     rounds = [path.parent for path in folder.glob("round-*/emitters.npz")]
     if not rounds:
         raise FiptError(f"{folder} holds no fitted model", "give the results of a finished scene, such as results/demo")
     last = max(rounds, key=lambda path: int(re.sub(r"\D", "", path.name)))
     dataset = Dataset(folder / "dataset")
-    hits = read_hits(min(folder.glob("hits/train-*[0-9]")))
+    samples = read_samples(min(folder.glob("samples/train-*[0-9]")))
     voxels = merged(load_npz(folder / "cache.npz"))
     field, _ = load_field(last / "model.safetensors")
-    camera = dataset.camera(hits.views[0])
+    camera = dataset.camera(samples.views[0])
     return Scene(
         folder.name,
         dataset.mesh(),
         voxels,
         voxel_materials(field, voxels),
         emitter_set(read_emitters(last / "emitters.npz")).lit(),
-        view_points(hits, 0, camera, seed=0),
+        view_points(samples, 0, camera, seed=0),
         camera.width * camera.height,
     )

@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.segmentation import degraded, renumbered
-from fipt.io.dataset import Dataset
-from fipt.io.images import write_png
+from fipt.formats.images import write_png
+from fipt.scene.dataset import Dataset
 
 COLUMNS = {
     "roughness_l1": "roughness L1",

@@ -19,14 +19,14 @@ from scipy.ndimage import gaussian_filter
 from scipy.optimize import linear_sum_assignment
 from scipy.special import ndtr
 
-from fipt.io.dataset import Dataset
-from fipt.io.fusion import read_fusion
-from fipt.io.images import read_ids
-from fipt.io.manifests import Stats
-from fipt.io.segments import write_view_ids
-from fipt.settings import Fuse
+from fipt.formats.images import read_ids
+from fipt.formats.manifests import Stats
+from fipt.scene.dataset import Dataset
+from fipt.scene.fusion import read_fusion
+from fipt.scene.segments import write_view_ids
+from fipt.stages.segment.settings import FuseSettings
 
-PLAIN = Fuse(
+PLAIN = FuseSettings(
     vote="count", associate="ids", speckles=False, sharpen=0, split=False, pieces="none", island=0, fill=False
 )  # fmt: skip
 """The supplement's count of pixels by triangle."""
@@ -73,9 +73,9 @@ def best_match(found: np.ndarray, true: np.ndarray, weight: np.ndarray | None = 
     return float(table[rows, columns].sum() / total)
 
 
-def run(data: Dataset, folder: Path, kind: str, settings: Fuse, new_numbers: bool, seed: int = 0) -> Score:
+def run(data: Dataset, folder: Path, kind: str, settings: FuseSettings, new_numbers: bool, seed: int = 0) -> Score:
     """Degrade the training views' ids, fuse them below ``folder``, compare."""
-    from fipt.segmentation.fuse import fuse_views
+    from fipt.stages.segment.fuse import fuse_views
 
     for number, view in enumerate(data.views("train")):
         rng = np.random.default_rng([seed, number])
@@ -88,7 +88,7 @@ def run(data: Dataset, folder: Path, kind: str, settings: Fuse, new_numbers: boo
 
 def score(data: Dataset, folder: Path, kind: str) -> Score:
     """Compare the fused parts below ``folder`` with the dataset's ids of a kind."""
-    from fipt.segmentation.views import look
+    from fipt.stages.segment.views import look
 
     views = data.views("train")
     found = np.concatenate([read_ids(folder / "fused" / "part" / f"{view}.png").ravel() for view in views])
@@ -104,9 +104,9 @@ def score(data: Dataset, folder: Path, kind: str) -> Score:
 
 def pictures(data: Dataset, folder: Path, kind: str, out: Path) -> None:
     """Write, of every third view: true ids, degraded ids, fused ids and agreement, side by side."""
-    from fipt.io.images import write_png
-    from fipt.io.segment_pictures import heat, in_colors, matching_colors
-    from fipt.io.segments import read_view_ids
+    from fipt.formats.images import write_png
+    from fipt.scene.segment_colors import heat, in_colors, matching_colors
+    from fipt.scene.segments import read_view_ids
 
     views = data.views("train")
     read = {
@@ -136,7 +136,7 @@ def main() -> int:
     cases = {
         "plain count": (PLAIN, True),
         "plain count, true numbers": (PLAIN, False),
-        "fused": (Fuse(), True),
+        "fused": (FuseSettings(), True),
     }
     for name, (settings, new_numbers) in cases.items():
         with tempfile.TemporaryDirectory() as temporary:

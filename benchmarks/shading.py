@@ -1,4 +1,4 @@
-"""Measurements of the shading stages: our kernels and the plain implementation in turns, on the same hits."""
+"""Measurements of the shading stages: our kernels and the plain implementation in turns, on the same samples."""
 
 import tempfile
 from collections.abc import Callable, Sequence
@@ -15,15 +15,15 @@ from benchmarks.plain import DenseCache, Lamps, PlainShader, Rays, sample_cosine
 from benchmarks.scene import Scene
 from benchmarks.timing import added_memory, in_turns
 from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
-from fipt.io.shading import Shading, save_shading
 from fipt.model.networks import Field, SceneBox
 from fipt.render.tracer import PathSettings, Points, Shader
-from fipt.settings import Bake, Refine
-from fipt.shading.bake import cache_shader
-from fipt.shading.integrate import sampling_plan
-from fipt.shading.refine import emitter_voxels, path_shader
+from fipt.scene.shading import Shading, save_shading
+from fipt.stages.shade.bake import cache_shader
+from fipt.stages.shade.integrate import sampling_plan
+from fipt.stages.shade.refine import emitter_voxels, path_shader
+from fipt.stages.shade.settings import BakeSettings, RefineSettings
 
-OURS = sampling_plan(Bake())[0][0]
+OURS = sampling_plan(BakeSettings())[0][0]
 """Samples of the lobes by default: one set of directions for all outputs."""
 SUPPLEMENT = [128] + [64] * len(ROUGHNESS_LEVELS)
 """Samples of the lobes in the paper's supplement, one lobe at a time."""
@@ -52,7 +52,7 @@ class Contestants:
 
     def __init__(self, scene: Scene, network: Field, device: str) -> None:
         voxels, known = scene.voxels, scene.voxels["count"] > 0
-        path = PathSettings(Refine().max_depth, Refine().cache_roughness, light_at_first=False)
+        path = PathSettings(RefineSettings().max_depth, RefineSettings().cache_roughness, light_at_first=False)
         lit_path = replace(path, light_at_first=True)
         rays = Rays(scene.mesh)
         seen = DenseCache(voxels, known, None, device)

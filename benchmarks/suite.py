@@ -9,15 +9,15 @@ from benchmarks.report import Row
 from benchmarks.scene import Scene
 from benchmarks.shading import OURS, SUPPLEMENT, THREE_LOBES, Contestants, Curve, scaled
 from benchmarks.timing import Ratio
+from fipt.model.settings import FitSettings
 from fipt.render.tracer import Points
-from fipt.settings import Fit
 
 
 @dataclass(frozen=True)
 class Size:
-    """How much is measured: hits, repeats of most measurements, of slow ones and of steps, scale of the reference."""
+    """Amounts: samples, repeats of most measurements, of slow ones and of steps, scale of the reference."""
 
-    hits: int
+    samples: int
     repeats: int
     slow_repeats: int
     steps: int
@@ -31,7 +31,7 @@ QUICK = Size(1024, 3, 1, 3, 0.1, {"ours": (0.1, 0.5, 1), "plain": (1 / 16, 1 / 4
 
 def measure(scene: Scene, device: str, size: Size, say: Callable[[str], None]) -> tuple[list[Row], dict[str, Curve]]:
     """Run all measurements; ``say`` is told what comes next."""
-    points = scene.some(size.hits)
+    points = scene.some(size.samples)
     contestants = Contestants(scene, shading.paper_network(scene, device), device)
     say("stage 1: rays per second")
     rows = first_stage(contestants, points, size)
@@ -43,7 +43,7 @@ def measure(scene: Scene, device: str, size: Size, say: Callable[[str], None]) -
     say("stage 3: paths per second")
     rows += third_stage(contestants, points, size)
     say("fit: one step")
-    for name, settings, target in (("our sizes", Fit(), None), ("the paper's sizes", fit_step.PAPER, 1.8)):
+    for name, settings, target in (("our sizes", FitSettings(), None), ("the paper's sizes", fit_step.PAPER, 1.8)):
         times = fit_step.step_times(settings, device, size.steps)
         rows.append(_times(f"fit, ms per step, {name}", times["drjit"], times["torch"], 1e3, target))
     say("memory and disk")

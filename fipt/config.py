@@ -22,20 +22,14 @@ import yaml
 from pydantic import BaseModel, Field, ValidationError, create_model
 
 from fipt.errors import FiptError
-from fipt.io.files import check_name, existing_file
-from fipt.io.review import FILE as REVIEW_FILE
-from fipt.io.review import Review, closest, read_review
-from fipt.settings import (
-    PRESETS,
-    STAGES,
-    Positive,
-    RelightSetup,
-    Settings,
-    check_background,
-    check_keyframes,
-    check_segment,
-    dumped,
-)
+from fipt.formats.files import check_name, existing_file
+from fipt.registry import settings_classes
+from fipt.scene.review import FILE as REVIEW_FILE
+from fipt.scene.review import Review, closest, read_review
+from fipt.scene.setup import RelightSetup, check_keyframes
+from fipt.settings import Positive, Settings, dumped
+from fipt.stages.environment.settings import check_environment
+from fipt.stages.segment.settings import check_segment
 
 RESULTS = "results"
 """Folder of all results, in the working directory."""
@@ -53,6 +47,11 @@ _CAMERA_FILES = (
     "cam.txt",
     "K_list.txt",
 )
+
+PRESETS = Path(__file__).resolve().parent.parent / "config" / "presets"
+
+STAGES = settings_classes()
+"""Section -> class of its settings."""
 
 Setups = dict[str, RelightSetup]
 
@@ -156,8 +155,8 @@ class Scene:
         if stage == "segment":
             for key in ("model", "path"):
                 values[key] = values[key] and self._placed(values[key], f"settings.segment.{key}")
-        if stage == "background" and values["file"]:
-            values["file"] = self.background_path()
+        if stage == "environment" and values["file"]:
+            values["file"] = self.environment_path()
         if stage == "check_poses":
             values["enabled"] = self.checks_poses
         if stage == "poses" and values["align"]["reference"]:
@@ -203,7 +202,7 @@ class Scene:
         FiptError
             If a setup names a folder without any.
         """
-        from fipt.io.references import reference_files
+        from fipt.scene.references import reference_files
 
         views = [view for shard in self.shards(self.settings["relight"].split).values() for view in shard]
         return [str(path) for folder in self.references.values() for path in reference_files(folder, views).values()]
@@ -216,10 +215,10 @@ class Scene:
         """Return the path of the mesh that the config names, or None."""
         return self._placed(self.mesh, "mesh") if self.mesh else None
 
-    def background_path(self) -> str | None:
+    def environment_path(self) -> str | None:
         """Return the environment map of mode given, or None."""
-        file = self.settings["background"].file
-        return self._placed(file, "settings.background.file") if file else None
+        file = self.settings["environment"].file
+        return self._placed(file, "settings.environment.file") if file else None
 
     def reference_path(self) -> str | None:
         """Return the file with known positions to which estimated poses are brought, or None."""
@@ -241,14 +240,14 @@ class Scene:
         if mode != "auto":
             return mode
         if self.source == "dataset":
-            from fipt.io.sources import has_segments
+            from fipt.formats.layouts import has_segments
 
             return "dataset" if has_segments(self._source) else "geometry"
         return "dataset" if self.synthesized or self.segments else "geometry"
 
     def segment_files(self) -> list[str]:
         """What the ids of views are made of beside the dataset: given ids, or a local folder of weights."""
-        from fipt.segmentation.given import id_files
+        from fipt.stages.segment.given import id_files
 
         chosen = self.settings["segment"]
         key = {"given": "path", "mask2former": "model"}[chosen.mode]
@@ -296,7 +295,7 @@ class Scene:
         named = [entry["file"] for entry in _with_files(dumped(self.setups[setup]))]
         if not named:
             return []
-        from fipt.io.objects import object_files  # not for setups without files: it loads much
+        from fipt.scene.objects import object_files  # not for setups without files: it loads much
 
         files = [file for path in named for file in object_files(self._placed(path, f"setups.{setup}"))]
         return list(dict.fromkeys(files))
@@ -469,27 +468,27 @@ class Scene:
 
     @cached_property
     def _scene_files(self) -> list[str]:
-        from fipt.synthesize.scenefile.xml import scene_files
+        from fipt.synthetic.scenefile.xml import scene_files
 
         return sorted(map(str, scene_files(Path(self.source_path()))))
 
     @cached_property
     def _source(self) -> Any:
-        from fipt.io.sources import read_source
+        from fipt.formats.layouts import read_source
 
         every = self.settings["import"].val_every
         return read_source(self.source_path(), self.format, every)
 
     @cached_property
     def _capture(self) -> Any:
-        from fipt.capture.brackets import read_capture
+        from fipt.stages.capture.brackets import read_capture
 
         return read_capture(self.source_path(), self.settings["capture"].frames)
 
     @cached_property
     def _photographed(self) -> list[Any]:
         """Posed views of which there are photographs."""
-        from fipt.io.sources import read_poses
+        from fipt.formats.layouts import read_poses
 
         poses = self.poses_path()
         posed = read_poses(poses, self.settings["import"].val_every)
@@ -520,7 +519,7 @@ class Scene:
 
     def lamp_shards(self) -> dict[str, list[str]]:
         """Shards of the views that are rendered with each lamp alone -> these views."""
-        chosen = (self.views["val"] or self.views["train"])[: self.settings["lamps"].views]
+        chosen = (self.views["val"] or self.views["train"])[: self.settings["olat"].views]
         own = {shard: [view for view in views if view in chosen] for shard, views in self.shards("all").items()}
         return {shard: views for shard, views in own.items() if views}
 
@@ -579,7 +578,7 @@ def load(values: Mapping[str, Any]) -> Configuration:
 
 def _with_files(setup: dict[str, Any]) -> list[dict[str, Any]]:
     """Entries of a dumped light setup that name a file."""
-    entries = [setup["background"] or {}, *setup["lights"], *setup["objects"]]
+    entries = [setup["environment"] or {}, *setup["lights"], *setup["objects"]]
     return [entry for entry in entries if entry.get("file")]
 
 
@@ -600,7 +599,7 @@ def _scene(name: str, entry: SceneEntry, config: Config) -> Scene:
         for layer in layers:
             _merge(values, _section(layer, stage))
         settings[stage] = model.model_validate(values)
-    check_background(settings["background"], f"scene {name}: background")
+    check_environment(settings["environment"], f"scene {name}: environment")
     possible = entry.poses == ESTIMATED and entry.simulate_raw
     if entry.source in ("procedural", "mitsuba") and entry.poses is not None and not possible:
         raise FiptError(

@@ -12,8 +12,8 @@ import yaml
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
-from fipt.config import Config, SceneEntry
-from fipt.settings import PRESETS, STAGES, RelightSetup
+from fipt.config import PRESETS, STAGES, Config, SceneEntry
+from fipt.scene.setup import RelightSetup
 
 SCHEMA = PRESETS.parent.parent / "workflow" / "schemas" / "config.schema.yaml"
 README = PRESETS.parent / "README.md"

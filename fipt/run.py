@@ -19,10 +19,10 @@ from pathlib import Path
 
 from fipt.config import RESULTS, Scene
 from fipt.errors import FiptError
-from fipt.io.files import existing_file, write_text
-from fipt.io.manifests import file_hash
-from fipt.io.review import FILE as REVIEW_FILE
-from fipt.versions import VERSIONS
+from fipt.formats.files import existing_file, write_text
+from fipt.formats.manifests import file_hash
+from fipt.registry import VERSIONS
+from fipt.scene.review import FILE as REVIEW_FILE
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ def plan(scene: Scene) -> list[Job]:
     chain = _Chain(scene)
     chain.add_dataset()
     chain.add_check()
-    chain.add_hits_and_cache()
+    chain.add_samples_and_cache()
     chain.add_segments()
     for round_ in range(scene.rounds + 1):
         chain.add_round(round_)
@@ -88,9 +88,9 @@ class _Chain:
         self.data = data = f"{self.root}/dataset"
         self.geometry = [f"{data}/transforms.json", f"{data}/views.json", f"{data}/mesh.ply"]
         self.checked = f"{data}/check_poses.json"
-        self.cache, self.background = f"{self.root}/cache.npz", f"{self.root}/background.npz"
+        self.cache, self.environment = f"{self.root}/cache.npz", f"{self.root}/environment.npz"
         self.shards, self.train = scene.shards("all"), list(scene.shards("train"))
-        self.hits = {shard: f"{self.root}/hits/{shard}" for shard in self.shards}
+        self.samples = {shard: f"{self.root}/samples/{shard}" for shard in self.shards}
         # What holds the pictures, segments and truth of a shard. An import writes the pictures of all views.
         self.images = {shard: [manifest(f"{data}/images.{shard}")] for shard in self.shards}
         if scene.source == "dataset" or scene.photographed:
@@ -214,15 +214,17 @@ class _Chain:
         inputs = [*self.geometry, *images]
         self.add("check-poses", "check_poses", (self.data, "--reject"), inputs, [self.checked], section="check_poses")
 
-    def add_hits_and_cache(self) -> None:
-        """Trace the first hits of every view; gather what the training pictures show of the surface and beyond it."""
+    def add_samples_and_cache(self) -> None:
+        """Trace the samples of every view; gather what the training pictures show of the surface and beyond it."""
         for shard, views in self.shards.items():
-            out = self.hits[shard]
+            out = self.samples[shard]
             options = ("--dataset", self.data, "--views", ",".join(views), "--out", out)
-            self.add("hits", f"hits.{shard}", options, [*self.geometry, self.checked], folders=[out])
-        given = self.scene.background_path()
+            self.add("samples", f"samples.{shard}", options, [*self.geometry, self.checked], folders=[out])
+        given = self.scene.environment_path()
         inputs = [*self._training_files(), *([given] if given else [])]
-        self.add("background", "background", (*self._training(), "--out", self.background), inputs, [self.background])
+        self.add(
+            "environment", "environment", (*self._training(), "--out", self.environment), inputs, [self.environment]
+        )
         options = (*self._training(), "--out", self.cache)
         self.add("cache", "cache", options, self._training_files(), [self.cache])
 
@@ -234,10 +236,10 @@ class _Chain:
         made = []
         for shard in self.train if mode in ("mask2former", "given") else ():
             made.append(manifest(f"{folder}/views.{shard}"))
-            hits = self.hits[shard]
-            options = ("--dataset", self.data, "--hits", hits, "--out", f"{folder}/views", "--manifest", made[-1])
+            samples = self.samples[shard]
+            options = ("--dataset", self.data, "--samples", samples, "--out", f"{folder}/views", "--manifest", made[-1])
             files = self.scene.segment_files()
-            inputs = [*self.geometry, *self.images[shard], manifest(hits), *files]
+            inputs = [*self.geometry, *self.images[shard], manifest(samples), *files]
             self.add("segment", f"segment.{shard}", options, inputs, [made[-1]])
         self.segments = f"{folder}/fused"
         grown, fused = () if made else ("--geometry",), manifest(self.segments)
@@ -252,9 +254,18 @@ class _Chain:
         self.shading = {shard: f"{folder}/shading/{shard}" for shard in self.train}
         self.model, self.confidence = f"{folder}/model.safetensors", f"{folder}/confidence.npz"
         for shard, out in self.shading.items():
-            stage, hits = "bake", self.hits[shard]
-            options = ("--dataset", self.data, "--hits", hits, "--cache", self.cache, "--background", self.background)
-            inputs = [*self.geometry, manifest(hits), self.cache, self.background]
+            stage, samples = "bake", self.samples[shard]
+            options = (
+                "--dataset",
+                self.data,
+                "--samples",
+                samples,
+                "--cache",
+                self.cache,
+                "--environment",
+                self.environment,
+            )
+            inputs = [*self.geometry, manifest(samples), self.cache, self.environment]
             if round_:
                 stage, previous = "refine", before[shard]
                 options += ("--model", model_before, "--emitters", emitters)
@@ -272,8 +283,8 @@ class _Chain:
         self.add(
             "fit",
             f"fit.round-{round_}",
-            (*options, *warm, "--cache", self.cache, "--background", self.background, *ids, "--out", self.model),
-            [*inputs, *previous, self.cache, self.background, *fused],
+            (*options, *warm, "--cache", self.cache, "--environment", self.environment, *ids, "--out", self.model),
+            [*inputs, *previous, self.cache, self.environment, *fused],
             [self.model, self.confidence],
         )
         if self.scene.emitters_round(round_) == round_:
@@ -293,7 +304,7 @@ class _Chain:
     def add_pictures(self) -> None:
         """Material maps of every view, held-out views, relit views."""
         model = ("--model", self.model, "--emitters", self.emitters)
-        traced = ("--cache", self.cache, "--background", self.background, *model)
+        traced = ("--cache", self.cache, "--environment", self.environment, *model)
         for shard in self.shards:
             self._add_picture("materials", "materials", shard, (*model, "--confidence", self.confidence))
         for shard in self.scene.shards("val"):
@@ -312,17 +323,17 @@ class _Chain:
                 self._add_picture("relight", f"relight/{setup}", shard, options, files)
 
         for shard, views in self.scene.lamp_shards().items():
-            made = manifest(f"{self.root}/lamps.{shard}")
-            options = ("--dataset", self.data, "--hits", self.hits[shard], *traced, "--views", ",".join(views))
+            made = manifest(f"{self.root}/olat.{shard}")
+            options = ("--dataset", self.data, "--samples", self.samples[shard], *traced, "--views", ",".join(views))
             options += ("--out", f"{self.root}/lamps", "--manifest", made)
-            inputs = [*self.geometry, manifest(self.hits[shard]), self.model, self.emitters]
-            self.add("lamps", f"lamps.{shard}", options, [*inputs, self.cache, self.background], [made])
+            inputs = [*self.geometry, manifest(self.samples[shard]), self.model, self.emitters]
+            self.add("olat", f"olat.{shard}", options, [*inputs, self.cache, self.environment], [made])
             self.mixed.append(made)
 
     def _add_film(self, setup: str, options: Iterable[str], files: Iterable[str]) -> None:
         """What a setup's own cameras see, shard by shard; then these joined."""
         shards, name = self.scene.relit_shards(setup), f"relight/{setup}"
-        traced = next(iter(self.hits))  # its settings are those of the cameras' hits
+        traced = next(iter(self.samples))  # its settings are those of the cameras' samples
         placed = [*files, self.checked]  # keyframes, directions and sizes are those of accepted views
         for shard, cameras in shards.items():
             self._add_picture("relight", name, shard, (*options, "--cameras", ",".join(cameras)), placed, traced)
@@ -344,12 +355,12 @@ class _Chain:
         files: Iterable[str] = (),
         traced: str | None = None,
     ) -> None:
-        hits, made = self.hits[traced or shard], manifest(f"{self.root}/{name}.{shard}")
+        samples, made = self.samples[traced or shard], manifest(f"{self.root}/{name}.{shard}")
         label = f"{name.replace('/', '.')}.{shard}"
-        options = ("--dataset", self.data, "--hits", hits, *options)
+        options = ("--dataset", self.data, "--samples", samples, *options)
         options += ("--out", f"{self.root}/{name}", "--manifest", made)
-        inputs = [*self.geometry, manifest(hits), self.model, self.emitters, *files]
-        extra = {"--cache": self.cache, "--background": self.background, "--confidence": self.confidence}
+        inputs = [*self.geometry, manifest(samples), self.model, self.emitters, *files]
+        extra = {"--cache": self.cache, "--environment": self.environment, "--confidence": self.confidence}
         inputs += [path for flag, path in extra.items() if flag in options]
         self.add(stage, label, options, inputs, [made])
         self.shown.append(made)
@@ -357,31 +368,31 @@ class _Chain:
     def add_export(self) -> None:
         """The room for other programs, and every file of it loaded back."""
         out, made = f"{self.root}/export", manifest(f"{self.root}/export")
-        hits = [self.hits[shard] for shard in self.train]
+        samples = [self.samples[shard] for shard in self.train]
         files = {
             "--model": self.model,
             "--emitters": self.emitters,
             "--confidence": self.confidence,
-            "--background": self.background,
+            "--environment": self.environment,
         }
-        options = ("--name", self.scene.name, "--dataset", self.data, "--hits", ",".join(hits))
+        options = ("--name", self.scene.name, "--dataset", self.data, "--samples", ",".join(samples))
         options += tuple(text for pair in files.items() for text in pair)
         options += self.lamps
-        inputs = [*self.geometry, *map(manifest, hits), *files.values(), self.listed]
+        inputs = [*self.geometry, *map(manifest, samples), *files.values(), self.listed]
         self.add("export", "export", (*options, "--out", out, "--manifest", made), inputs, [made])
         self.exported = [f"{out}/check.json"]
         held_out = self.scene.shards("val")
-        hits = [self.hits[shard] for shard in held_out]
-        options = ("--dataset", self.data, "--hits", ",".join(hits), "--export", out)
+        samples = [self.samples[shard] for shard in held_out]
+        options = ("--dataset", self.data, "--samples", ",".join(samples), "--export", out)
         options += ("--render", f"{self.root}/render", "--out", *self.exported)
-        inputs = [*self.geometry, made, *map(manifest, hits)]
+        inputs = [*self.geometry, made, *map(manifest, samples)]
         inputs += [manifest(f"{self.root}/render.{shard}") for shard in held_out]
         self.add("check-export", "check-export", options, inputs, self.exported, section="export")
 
     def add_figures(self) -> None:
         """Metrics and the page."""
         metrics, report = f"{self.root}/metrics.json", f"{self.root}/report.html"
-        options = ["--dataset", self.data, "--hits", ",".join(self.hits.values())]
+        options = ["--dataset", self.data, "--samples", ",".join(self.samples.values())]
         for name in ("materials", "render", "relight"):
             options += [f"--{name}", f"{self.root}/{name}"]
         options += [f"--setups={','.join(sorted(self.scene.true_setups))}"]
@@ -389,7 +400,7 @@ class _Chain:
             options += ["--reference", f"{setup}={folder}"]
         options += ["--emitters", self.emitters, "--out", metrics]
         inputs = [*self.geometry, *(file for files in self.images.values() for file in files)]
-        inputs += map(manifest, self.hits.values())
+        inputs += map(manifest, self.samples.values())
         inputs += [*self.shown, self.emitters, *self.scene.reference_files()]
         self.add("metrics", "metrics", options, inputs, [metrics])
         options = ("--results", self.root, "--out", report)
@@ -398,12 +409,12 @@ class _Chain:
         self.add("report", "report", options, [metrics, *inputs, self.listed, *self.mixed, *self.exported], [report])
 
     def _training(self) -> tuple[str, ...]:
-        hits = ",".join(self.hits[shard] for shard in self.train)
-        return "--dataset", self.data, "--hits", hits
+        samples = ",".join(self.samples[shard] for shard in self.train)
+        return "--dataset", self.data, "--samples", samples
 
     def _training_files(self) -> list[str]:
         images = [file for shard in self.train for file in self.images[shard]]
-        return [*self.geometry, *images, *(manifest(self.hits[shard]) for shard in self.train)]
+        return [*self.geometry, *images, *(manifest(self.samples[shard]) for shard in self.train)]
 
 
 def manifest(folder: str) -> str:

@@ -8,13 +8,13 @@ import numpy as np
 
 from fipt.conventions import LUMINANCE, ROUGHNESS_LEVELS
 from fipt.errors import FiptError
-from fipt.io.arrays import load_npz
-from fipt.io.dataset import Dataset
-from fipt.io.exr import read_exr
-from fipt.io.files import existing_file
-from fipt.io.hits import Hits, read_hits
-from fipt.io.images import read_ids, to_display
-from fipt.io.shading import read_shading
+from fipt.formats.arrays import load_npz
+from fipt.formats.exr import read_exr
+from fipt.formats.files import existing_file
+from fipt.formats.images import read_ids, to_display
+from fipt.scene.dataset import Dataset
+from fipt.scene.samples import FootprintSamples, read_samples
+from fipt.scene.shading import read_shading
 
 SHADING_LAYERS = (
     "Ld",
@@ -46,26 +46,26 @@ class Picture:
     note: str
 
 
-def picture(path: str | Path, layer: str = "", view: str = "", hits: str | Path | None = None) -> Picture:
+def picture(path: str | Path, layer: str = "", view: str = "", samples: str | Path | None = None) -> Picture:
     """Turn a file of the pipeline into a picture.
 
     Parameters
     ----------
     path
         ``.exr`` (all layers side by side unless one is named), id maps (``.png``), an array of a
-        hits folder or a shading.npy (``.npy``), ``.npz`` (a table of its arrays).
+        samples folder or a shading.npy (``.npy``), ``.npz`` (a table of its arrays).
     layer
         Layer of an EXR file, or output of a shading.npy (`SHADING_LAYERS`, default Ld).
     view
         View of a shard, default its first.
-    hits
-        Hits folder of a shading.npy, default ``hits/{shard}`` of the same results.
+    samples
+        Hits folder of a shading.npy, default ``samples/{shard}`` of the same results.
     """
     path = existing_file(path, "the file to view")
     readers: dict[str, Callable[[], Picture]] = {
         ".exr": lambda: _exr(path, layer),
         ".png": lambda: Picture(false_color(read_ids(path)), "ids in false colours"),
-        ".npy": lambda: _shard_array(path, layer, view, hits),
+        ".npy": lambda: _shard_array(path, layer, view, samples),
         ".npz": lambda: _table(path),
     }
     if path.suffix not in readers:
@@ -167,61 +167,61 @@ def _layers(channels: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 def _shard_array(path: Path, layer: str, view: str, folder: str | Path | None) -> Picture:
-    """One view of an array over a shard's hits (shading.npy or an array of the hits folder)."""
+    """One view of an array over a shard's samples (shading.npy or an array of the samples folder)."""
     if path.name != "shading.npy":
-        hits, name = read_hits(path.parent), path.stem
+        samples, name = read_samples(path.parent), path.stem
     else:
-        # results/S/round-k/shading/{shard}/shading.npy belongs to results/S/hits/{shard}
+        # results/S/round-k/shading/{shard}/shading.npy belongs to results/S/samples/{shard}
         root = path.resolve().parents
-        hits = read_hits(folder or root[3] / "hits" / root[0].name)
+        samples = read_samples(folder or root[3] / "samples" / root[0].name)
         name = layer or SHADING_LAYERS[0]
         if name not in SHADING_LAYERS:
             raise _no_layer(path, name, SHADING_LAYERS)
-    view = view or hits.views[0]
-    if view not in hits.views:
-        raise FiptError(f"the shard has no view {view}", f"choose one of {', '.join(hits.views)}")
-    index = hits.views.index(view)
-    note = f"view {view}, one of {len(hits.views)} from {hits.views[0]} to {hits.views[-1]}"
+    view = view or samples.views[0]
+    if view not in samples.views:
+        raise FiptError(f"the shard has no view {view}", f"choose one of {', '.join(samples.views)}")
+    index = samples.views.index(view)
+    note = f"view {view}, one of {len(samples.views)} from {samples.views[0]} to {samples.views[-1]}"
     if name in SHADING_LAYERS:
-        pixels, exposure = _shading(path, hits, index, SHADING_LAYERS.index(name))
+        pixels, exposure = _shading(path, samples, index, SHADING_LAYERS.index(name))
         note = f"shown times {exposure:.3g}; {note}"
     elif name in _PER_PIXEL:
-        pixels = _PER_PIXEL[name](hits, index)
+        pixels = _PER_PIXEL[name](samples, index)
     else:
         raise FiptError(f"{path} cannot be viewed", f"give shading.npy, {', '.join(_PER_PIXEL)}")
-    image = pixels.reshape(*hits.shapes[index], *pixels.shape[1:])
+    image = pixels.reshape(*samples.shapes[index], *pixels.shape[1:])
     return Picture(shown(name, image), f"{name} up to {pixels.max():.4g}; {note}")
 
 
-def _shading(path: Path, hits: Hits, index: int, output: int) -> tuple[np.ndarray, float]:
+def _shading(path: Path, samples: FootprintSamples, index: int, output: int) -> tuple[np.ndarray, float]:
     """(P, 3) output of shading.npy times an exposure that suits it, and that exposure."""
     shading = read_shading(path.parent)
-    if len(shading) != len(hits.position):
+    if len(shading) != len(samples.position):
         raise FiptError(
-            f"{path} holds shading of {len(shading)} hits; its hits folder has {len(hits.position)}",
-            "name the hits folder it was made from with --hits",
+            f"{path} holds shading of {len(shading)} samples; its samples folder has {len(samples.position)}",
+            "name the samples folder it was made from with --samples",
         )
-    own = hits.of_view(index)
-    values = shading[own][:, output].astype(np.float64) * hits.weight[own, None]
-    pixels = _summed(values, hits, index)
+    own = samples.of_view(index)
+    values = shading[own][:, output].astype(np.float64) * samples.weight[own, None]
+    pixels = _summed(values, samples, index)
     exposure = 1.0 / max(float(np.percentile(pixels, 98)), 1e-9)
     return pixels * exposure, exposure
 
 
-def _summed(values: np.ndarray, hits: Hits, index: int) -> np.ndarray:
-    """(P, ...) sums over each pixel's hits of a view's (hits, ...) values."""
-    pixels = hits.pixels(index)
+def _summed(values: np.ndarray, samples: FootprintSamples, index: int) -> np.ndarray:
+    """(P, ...) sums over each pixel's samples of a view's (samples, ...) values."""
+    pixels = samples.pixels(index)
     total = np.zeros((pixels.stop - pixels.start, *values.shape[1:]))
-    np.add.at(total, hits.pixel_of_hit(index), values)
+    np.add.at(total, samples.pixel_of_sample(index), values)
     return total
 
 
-def _first(name: str) -> Callable[[Hits, int], np.ndarray]:
+def _first(name: str) -> Callable[[FootprintSamples, int], np.ndarray]:
     """Reader of the value at each pixel's first hit; 0 where it has none."""
 
-    def read(hits: Hits, index: int) -> np.ndarray:
-        values, pixels = getattr(hits, name), hits.pixels(index)
-        starts = hits.offsets[pixels.start : pixels.stop + 1]
+    def read(samples: FootprintSamples, index: int) -> np.ndarray:
+        values, pixels = getattr(samples, name), samples.pixels(index)
+        starts = samples.offsets[pixels.start : pixels.stop + 1]
         result = np.zeros((len(starts) - 1, *values.shape[1:]))
         some = np.diff(starts) > 0
         result[some] = values[starts[:-1][some]] + (name == "triangle")  # 0 is black, for misses
@@ -235,15 +235,15 @@ def _first(name: str) -> Callable[[Hits, int], np.ndarray]:
     return read
 
 
-_PER_PIXEL: dict[str, Callable[[Hits, int], np.ndarray]] = {
+_PER_PIXEL: dict[str, Callable[[FootprintSamples, int], np.ndarray]] = {
     **{name: _first(name) for name in ("position", "normal", "triangle", "footprint")},
-    "weight": lambda hits, index: _summed(hits.weight[hits.of_view(index)], hits, index),
-    "center": lambda hits, index: hits.center[hits.pixels(index)].astype(np.float64),
-    "offsets": lambda hits, index: np.bincount(
-        hits.pixel_of_hit(index), minlength=hits.pixels(index).stop - hits.pixels(index).start
+    "weight": lambda samples, index: _summed(samples.weight[samples.of_view(index)], samples, index),
+    "center": lambda samples, index: samples.center[samples.pixels(index)].astype(np.float64),
+    "offsets": lambda samples, index: np.bincount(
+        samples.pixel_of_sample(index), minlength=samples.pixels(index).stop - samples.pixels(index).start
     ).astype(np.float64),
 }
-"""Array of a hits folder -> (P, ...) values of a view: weights summed, offsets as hits per pixel,
+"""Array of a samples folder -> (P, ...) values of a view: weights summed, offsets as samples per pixel,
 position and footprint scaled to [0, 1]."""
 
 

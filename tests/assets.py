@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from fipt.io.asset import Asset, Piece, Textures
-from fipt.io.background import NOTHING, Background
-from fipt.io.cameras import Camera
+from fipt.scene.asset import Asset, Piece, Textures
+from fipt.scene.cameras import Camera
+from fipt.scene.environment import NOTHING, EnvironmentMap
 from tests import scenes
 
 TILE = 16
@@ -30,7 +30,7 @@ def textures(roughness=1.0, metallic=0.0) -> Textures:
     return Textures(color, np.uint8(level * roughness), np.uint8(level * metallic))
 
 
-def room(outside: Background = NOTHING, two_sided=True, cameras=None, walls=6, **materials) -> Asset:
+def room(outside: EnvironmentMap = NOTHING, two_sided=True, cameras=None, walls=6, **materials) -> Asset:
     """A box [-2, 2] x [0, 2.5] x [-2, 3] with two lamps; its first ``walls`` walls."""
     box = scenes.box((-2, 0, -2), (2, 2.5, 3))
     mesh = type(box)(box.vertices[: 4 * walls], box.triangles[: 2 * walls])

@@ -18,13 +18,13 @@ from typing import Any
 
 import numpy as np
 
-from fipt.io.cameras import Camera
-from fipt.io.dataset import read_layers
-from fipt.settings import SimulatedCamera
-from fipt.synthesize import calibration
-from fipt.synthesize import capture as writer
-from fipt.synthesize.camera import Optics, expose_source, exposures, optics, read_out, reference_time
-from fipt.synthesize.dng import write_dng
+from fipt.scene.cameras import Camera
+from fipt.scene.dataset import read_layers
+from fipt.synthetic import calibration
+from fipt.synthetic import capture as writer
+from fipt.synthetic.camera import Optics, expose_source, exposures, optics, read_out, reference_time
+from fipt.synthetic.dng import write_dng
+from fipt.synthetic.settings import SimulatedCamera
 
 SIZE = (64, 48)
 """Width and height of a view; the sensor has twice that."""

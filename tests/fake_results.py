@@ -5,16 +5,16 @@ from pathlib import Path
 
 import numpy as np
 
-from fipt.io.arrays import save_npz
-from fipt.io.cameras import Camera, write_transforms
-from fipt.io.dataset import write_views
-from fipt.io.exr import write_exr
-from fipt.io.files import write_text
-from fipt.io.hits import Hits, write_hits
-from fipt.io.images import to_display, write_png
-from fipt.io.manifests import write_manifest
-from fipt.io.meshes import Mesh, write_ply
-from fipt.io.video import write_mp4
+from fipt.formats.arrays import save_npz
+from fipt.formats.exr import write_exr
+from fipt.formats.files import write_text
+from fipt.formats.images import to_display, write_png
+from fipt.formats.manifests import write_manifest
+from fipt.formats.video import write_mp4
+from fipt.scene.cameras import Camera, write_transforms
+from fipt.scene.dataset import write_views
+from fipt.scene.mesh import Mesh, write_ply
+from fipt.scene.samples import FootprintSamples, write_samples
 
 WIDTH, HEIGHT = 8, 6
 VIEWS = {"a": "train", "b": "train", "c": "val"}
@@ -70,7 +70,7 @@ def write_results(root: Path, truth: bool = True) -> Path:
             write_exr(root / "relight" / "dim" / f"{name}.exr", {"": picture / 2})
             if truth:
                 write_exr(data / "relight_truth" / "dim" / f"{name}.exr", {"": picture / 2})
-    write_hits(_folder(root / "hits" / "train-000"), hits(["a", "b"]))
+    write_samples(_folder(root / "samples" / "train-000"), samples(["a", "b"]))
     found = [0, 2]
     arrays = {name: np.ones(2, np.int32) for name in ("emitter", "views")}
     arrays |= {name: np.ones(2, np.float32) for name in ("area", "confidence")}
@@ -97,8 +97,8 @@ def write_extras(root: Path) -> None:
     run = {"stage": "bake", "version": 1, "fipt": "0.1.0", "wall_s": 75.0, "rays_per_s": 2e6}
     run |= {"peak_memory_bytes": 1_500_000_000, "settings": {"diffuse_spp": 64}}
     write_text(root / "stats" / "bake.round-0.train-000.json", json.dumps(run))
-    traced = {"stage": "hits", "wall_s": 1.0, "views_mostly_off_mesh": ["b"]}
-    write_text(root / "stats" / "hits.train-000.json", json.dumps(traced))
+    traced = {"stage": "samples", "wall_s": 1.0, "views_mostly_off_mesh": ["b"]}
+    write_text(root / "stats" / "samples.train-000.json", json.dumps(traced))
     write_views(root / "dataset" / "views.json", list(VIEWS), {"a": "it is blurred"})
     write_png(root / "dataset" / "overlay.png", np.full((6, 8, 3), 90, np.uint8))
     setup = {"settings": {"setup": {"emitters": [{"scale": 0.5}]}}}
@@ -122,9 +122,9 @@ def lamps() -> dict[str, np.ndarray]:
 def write_lamps(root: Path) -> None:
     """Write the held-out view under each lamp alone; of three emitters two are rendered together."""
     write_emitters(root, 3)
-    path = root / "lamps" / "c.exr"
+    path = root / "olat" / "c.exr"
     write_exr(path, lamps())
-    write_manifest(root / "lamps.val-000.manifest.json", "lamps", [path], {})
+    write_manifest(root / "olat.val-000.manifest.json", "olat", [path], {})
 
 
 def write_film(root: Path, count: int = 6) -> None:
@@ -141,12 +141,12 @@ def write_film(root: Path, count: int = 6) -> None:
     write_manifest(root / "relight" / "walk.manifest.json", "video", files, {"cameras": cameras})
 
 
-def hits(views: list[str]) -> Hits:
-    """First hits of views: one a pixel, triangle 0 in the top row and 1 below."""
+def samples(views: list[str]) -> FootprintSamples:
+    """Footprint samples of views: one a pixel, triangle 0 in the top row and 1 below."""
     pixels = len(views) * WIDTH * HEIGHT
     triangle = np.ones((len(views), HEIGHT, WIDTH), np.int32)
     triangle[:, 0] = 0
-    return Hits(
+    return FootprintSamples(
         views=tuple(views),
         shapes=((HEIGHT, WIDTH),) * len(views),
         offsets=np.arange(pixels + 1, dtype=np.int64),

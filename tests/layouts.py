@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fipt.io.exr import write_exr
-from fipt.io.meshes import Mesh, write_ply
+from fipt.formats.exr import write_exr
+from fipt.scene.mesh import Mesh, write_ply
 
 WIDTH, HEIGHT, FOCAL = 8, 6, 4.0
 """Pictures of 90 degrees across."""

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 
-from fipt.io.background import NOTHING, Background
-from fipt.synthesize.material import Material
-from fipt.synthesize.scenefile.scene import SceneContent, Surface
-from fipt.synthesize.shapes import Shape, box, panel
+from fipt.scene.environment import NOTHING, EnvironmentMap
+from fipt.synthetic.material import Material
+from fipt.synthetic.scenefile.scene import SceneContent, Surface
+from fipt.synthetic.shapes import Shape, box, panel
 
 SIZE = np.array([4.0, 2.6, 3.5])
 """Of the room, which stands with one lower corner at the origin; metres."""
@@ -43,7 +43,7 @@ def _around(low: np.ndarray, high: np.ndarray) -> Shape:
     return box(high - low).moved(middle[0], low[1], middle[2])
 
 
-def content(window: bool = False, background: Background = NOTHING, lamp: bool = True) -> SceneContent:
+def content(window: bool = False, environment: EnvironmentMap = NOTHING, lamp: bool = True) -> SceneContent:
     """Return the room: floor, four walls, ceiling, cupboard, lamp below the ceiling; the house around it.
 
     With a ``window`` the wall at z = 0 and the house are missing.
@@ -74,7 +74,7 @@ def content(window: bool = False, background: Background = NOTHING, lamp: bool =
     materials = [constant("paint", (0.7, 0.7, 0.6)), checks(), constant("steel", (0.6, 0.6, 0.6), 0.3, 1.0)]
     limits = np.array([np.zeros(3), SIZE]) if window else house
     return SceneContent(
-        surfaces, materials, background, limits.astype(np.float32), ["made in code"], [Path("room.xml")]
+        surfaces, materials, environment, limits.astype(np.float32), ["made in code"], [Path("room.xml")]
     )
 
 

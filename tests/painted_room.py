@@ -8,8 +8,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from fipt.io.cameras import Camera
-from fipt.io.exr import write_exr
+from fipt.formats.exr import write_exr
+from fipt.scene.cameras import Camera
 
 SIZE = np.array([5.0, 2.6, 4.0])
 """Metres; y is up."""

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from fipt.io.cameras import Camera
-from fipt.poses.model import Reconstruction, Tracks, transformed
+from fipt.scene.cameras import Camera
+from fipt.stages.poses.model import Reconstruction, Tracks, transformed
 
 SIZE = np.array([5.0, 2.7, 4.0])
 _SUB = (np.arange(2) + 0.5) / 2

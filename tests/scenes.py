@@ -13,12 +13,12 @@ from pathlib import Path
 import numpy as np
 
 from fipt.conventions import SUB_POSITIONS
-from fipt.io.cameras import Camera, write_transforms
-from fipt.io.dataset import write_views
-from fipt.io.exr import write_exr
-from fipt.io.hits import Hits
-from fipt.io.images import write_png
-from fipt.io.meshes import Mesh, write_ply
+from fipt.formats.exr import write_exr
+from fipt.formats.images import write_png
+from fipt.scene.cameras import Camera, write_transforms
+from fipt.scene.dataset import write_views
+from fipt.scene.mesh import Mesh, write_ply
+from fipt.scene.samples import FootprintSamples
 
 # --- meshes ---------------------------------------------------------------------------------------
 
@@ -178,10 +178,10 @@ def sides(voxels: dict[str, np.ndarray], left: Surface, right: Surface) -> Recor
     )
 
 
-# --- hits by hand ---------------------------------------------------------------------------------
+# --- samples by hand ---------------------------------------------------------------------------------
 
 
-def hits_of(position, triangle=0, weight=1.0, counts=None, views=("a",), shapes=None, **arrays) -> Hits:
+def samples_of(position, triangle=0, weight=1.0, counts=None, views=("a",), shapes=None, **arrays) -> FootprintSamples:
     """Hits at positions (H, 3), one a pixel unless ``counts`` (P,) says otherwise; all else may be given too."""
     position = np.float32(position).reshape(-1, 3)
     n = len(position)
@@ -196,7 +196,7 @@ def hits_of(position, triangle=0, weight=1.0, counts=None, views=("a",), shapes=
         "sub": np.zeros((n, SUB_POSITIONS, 3), np.float16),
     }
     offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-    return Hits(tuple(views), tuple(shapes or ((1, len(counts)),)), offsets, **(content | arrays))
+    return FootprintSamples(tuple(views), tuple(shapes or ((1, len(counts)),)), offsets, **(content | arrays))
 
 
 # --- a dataset ------------------------------------------------------------------------------------

@@ -16,9 +16,9 @@ def command(
 ) -> None:
     """Calibrate the camera of a capture: black, bad pixels, vignetting, lens, white balance."""
     with stage("capture", settings, stats, backend=False) as (chosen, figures):
-        from fipt.capture.brackets import read_capture
-        from fipt.capture.calibrate import calibrate, summary
-        from fipt.capture.calibration import write_calibration
+        from fipt.stages.capture.brackets import read_capture
+        from fipt.stages.capture.calibrate import calibrate, summary
+        from fipt.stages.capture.calibration import write_calibration
 
         found = calibrate(read_capture(capture, chosen.frames), chosen)
         write_calibration(out, found)

@@ -9,8 +9,8 @@ import typer
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from fipt.capture.brackets import Capture, Finding
-    from fipt.capture.qa import Quality
+    from fipt.stages.capture.brackets import Capture, Finding
+    from fipt.stages.capture.qa import Quality
 
 _STYLES = {"error": "bold red", "warning": "yellow", "note": "cyan"}
 
@@ -24,9 +24,9 @@ def command(
 
     Exit code 0 if nothing is worse than a warning, 2 with errors.
     """
-    from fipt.capture.brackets import read_capture
-    from fipt.capture.qa import calibration_notes, check, inspect
     from fipt.errors import EXIT_CODE
+    from fipt.stages.capture.brackets import read_capture
+    from fipt.stages.capture.qa import calibration_notes, check, inspect
 
     capture = read_capture(folder, frames)
     qualities, unreadable = ([], []) if quick else inspect(capture, os.cpu_count() or 1)
@@ -42,7 +42,7 @@ def show(capture: "Capture", qualities: "Sequence[Quality]", findings: "Sequence
     from rich.table import Table
     from rich.text import Text
 
-    from fipt.capture.qa import balance_text, span_text
+    from fipt.stages.capture.qa import balance_text, span_text
 
     # A log has no width: a long line stays one line there.
     console = Console(highlight=False, width=None if os.isatty(1) else 400)

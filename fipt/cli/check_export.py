@@ -5,12 +5,12 @@ from typing import Annotated
 
 import typer
 
-from fipt.cli.options import DatasetFolder, HitsFolders, SettingsJson, StatsFile, listed, stage
+from fipt.cli.options import DatasetFolder, SamplesFolders, SettingsJson, StatsFile, listed, stage
 
 
 def command(
     dataset: DatasetFolder,
-    hits: HitsFolders,
+    samples: SamplesFolders,
     export: Annotated[Path, typer.Option(help="Folder of the exported room.")],
     render: Annotated[Path, typer.Option(help="Folder of our pictures of held-out views.")],
     out: Annotated[Path, typer.Option(help="check.json to write; the pictures go to a folder check beside it.")],
@@ -19,6 +19,6 @@ def command(
 ) -> None:
     """Say how near the exported room, loaded back and path traced by Mitsuba, comes to our own pictures."""
     with stage("export", settings, stats) as (chosen, _):
-        from fipt.export.check import check_export
+        from fipt.stages.export.check import check_export
 
-        check_export(dataset, [Path(folder) for folder in listed(hits)], export, render, out, chosen)
+        check_export(dataset, [Path(folder) for folder in listed(samples)], export, render, out, chosen)

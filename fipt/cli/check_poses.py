@@ -23,17 +23,17 @@ def command(
     leaves it out. With --reject and enabled: false in the settings, every view is accepted unseen.
     """
     from fipt.errors import FiptError
-    from fipt.settings import parse
+    from fipt.registry import parse
 
     looks = not reject or parse("check_poses", settings).enabled is not False
     with stage("check_poses", settings, stats, backend=looks) as (chosen, figures):
-        from fipt.io.dataset import CHECKED, Dataset
-        from fipt.io.files import write_text
+        from fipt.formats.files import write_text
+        from fipt.scene.dataset import CHECKED, Dataset
 
         data = Dataset(dataset, unchecked=True)
         verdicts = []
         if looks:
-            from fipt.poses.check import check, enough, table
+            from fipt.stages.check_poses.compare import check, enough, table
 
             verdicts = check(data, chosen)
             print(table(verdicts))

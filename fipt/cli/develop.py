@@ -22,11 +22,11 @@ def command(
 ) -> None:
     """Develop brackets into calibrated, undistorted HDR views."""
     with stage("capture", settings, stats, backend=False) as (chosen, figures):
-        from fipt.capture.brackets import read_capture
-        from fipt.capture.calibration import read_calibration
-        from fipt.capture.develop import develop_views
-        from fipt.io.manifests import write_manifest
+        from fipt.formats.manifests import write_manifest
         from fipt.settings import dumped
+        from fipt.stages.capture.brackets import read_capture
+        from fipt.stages.capture.calibration import read_calibration
+        from fipt.stages.capture.develop import develop_views
 
         names = listed(views)
         found = read_capture(capture, chosen.frames)

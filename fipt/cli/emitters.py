@@ -8,8 +8,8 @@ import typer
 from fipt.cli.options import (
     DatasetFolder,
     DecisionsJson,
-    HitsFolders,
     ModelFile,
+    SamplesFolders,
     SettingsJson,
     ShadingFolders,
     StatsFile,
@@ -20,7 +20,7 @@ from fipt.cli.options import (
 
 def command(
     dataset: DatasetFolder,
-    hits: HitsFolders,
+    samples: SamplesFolders,
     shading: ShadingFolders,
     model: ModelFile,
     out: Annotated[Path, typer.Option(help="File to write, emitters.npz; emitters.json comes beside it.")],
@@ -32,19 +32,19 @@ def command(
     with stage("emitters", settings, stats) as (chosen, figures):
         import numpy as np
 
-        from fipt.emitters.extract import extract
-        from fipt.io.arrays import on_disk
-        from fipt.io.dataset import Dataset
-        from fipt.io.emitters import write_emitters
-        from fipt.io.hits import clipped_of, pixels_of
-        from fipt.io.review import numbers, parse_decisions
-        from fipt.io.shading import read_shards
+        from fipt.formats.arrays import on_disk
         from fipt.model.store import load_field
+        from fipt.scene.dataset import Dataset
+        from fipt.scene.emitters import write_emitters
+        from fipt.scene.review import numbers, parse_decisions
+        from fipt.scene.samples import clipped_of, pixels_of
+        from fipt.scene.shading import read_shards
+        from fipt.stages.emitters.extract import extract
 
         data = Dataset(dataset)
         mesh = data.mesh()
         decided = parse_decisions(decisions, len(mesh.triangles))
-        shards, baked = read_shards(listed(hits), listed(shading))
+        shards, baked = read_shards(listed(samples), listed(shading))
         empty = on_disk(out.parent)
         images = [pixels_of(data, shard, empty) for shard in shards]
         field, _ = load_field(model)

@@ -6,13 +6,13 @@ from typing import Annotated
 import typer
 
 from fipt.cli.options import (
-    BackgroundFile,
     DatasetFolder,
     EmittersFile,
-    HitsFolders,
+    EnvironmentFile,
     LampsFile,
     ManifestFile,
     ModelFile,
+    SamplesFolders,
     SettingsJson,
     StatsFile,
     listed,
@@ -22,25 +22,25 @@ from fipt.cli.options import (
 
 def command(
     dataset: DatasetFolder,
-    hits: HitsFolders,
+    samples: SamplesFolders,
     model: ModelFile,
     emitters: EmittersFile,
     confidence: Annotated[Path, typer.Option(help="confidence.npz of the model.")],
     out: Annotated[Path, typer.Option(help="Folder of the exported room.")],
     manifest: ManifestFile,
     name: Annotated[str, typer.Option(help="Name of the room in the files.")] = "room",
-    background: BackgroundFile = None,
+    environment: EnvironmentFile = None,
     lamps: LampsFile = None,
     settings: SettingsJson = "{}",
     stats: StatsFile = None,
 ) -> None:
     """Write the room for other programs: scene.glb, scene.usdc, mitsuba/, blender.py, textures/, cameras/."""
     with stage("export", settings, stats) as (chosen, figures):
-        from fipt.export.stages import write_export
-        from fipt.io.files import check_name
+        from fipt.formats.files import check_name
+        from fipt.stages.export.write import write_export
 
         check_name(name, "the room's name")
-        shards = [Path(folder) for folder in listed(hits)]
+        shards = [Path(folder) for folder in listed(samples)]
         write_export(
-            name, dataset, shards, model, emitters, lamps, confidence, background, out, manifest, chosen, figures
+            name, dataset, shards, model, emitters, lamps, confidence, environment, out, manifest, chosen, figures
         )

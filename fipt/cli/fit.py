@@ -1,4 +1,4 @@
-"""``fipt fit``: hits, shading, images and segments -> the model of a round."""
+"""``fipt fit``: samples, shading, images and segments -> the model of a round."""
 
 from pathlib import Path
 from typing import Annotated
@@ -6,9 +6,9 @@ from typing import Annotated
 import typer
 
 from fipt.cli.options import (
-    BackgroundFile,
     DatasetFolder,
-    HitsFolders,
+    EnvironmentFile,
+    SamplesFolders,
     SettingsJson,
     ShadingFolders,
     StatsFile,
@@ -19,12 +19,12 @@ from fipt.cli.options import (
 
 def command(
     dataset: DatasetFolder,
-    hits: HitsFolders,
+    samples: SamplesFolders,
     shading: ShadingFolders,
     out: Annotated[Path, typer.Option(help="File to write, model.safetensors.")],
     previous: Annotated[Path | None, typer.Option(help="Model of the round before.")] = None,
     cache: Annotated[Path | None, typer.Option(help="Radiance cache; absent: unseen surface is left alone.")] = None,
-    background: BackgroundFile = None,
+    environment: EnvironmentFile = None,
     segments: Annotated[
         Path | None, typer.Option(help="Folder of fused segment ids; absent: those of the dataset.")
     ] = None,
@@ -36,6 +36,8 @@ def command(
     A fit that was interrupted goes on from its last checkpoint.
     """
     with stage("fit", settings, stats) as (chosen, figures):
-        from fipt.fit.run import fit_model
+        from fipt.stages.fit.run import fit_model
 
-        fit_model(dataset, listed(hits), listed(shading), previous, cache, background, segments, out, chosen, figures)
+        fit_model(
+            dataset, listed(samples), listed(shading), previous, cache, environment, segments, out, chosen, figures
+        )

@@ -25,12 +25,12 @@ def command(
     ids of all views are then drawn from the mesh.
     """
     with stage("fuse", settings, stats) as (chosen, figures):
-        from fipt.io.files import make_folder
+        from fipt.formats.files import make_folder
 
         if geometry:
-            from fipt.segmentation.geometry import grow_parts as run
+            from fipt.stages.segment.geometry import grow_parts as run
         else:
-            from fipt.segmentation.fuse import fuse_views as run
+            from fipt.stages.segment.fuse import fuse_views as run
 
         make_folder(segments)
         run(dataset, segments, chosen, figures)

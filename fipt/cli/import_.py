@@ -28,9 +28,10 @@ def command(
 
     The format capture takes developed photographs: the folder that fipt develop and fipt qa wrote.
     """
-    from fipt.io.importers import import_scene
-    from fipt.io.manifests import recorded
-    from fipt.settings import dumped, parse
+    from fipt.formats.manifests import recorded
+    from fipt.registry import parse
+    from fipt.settings import dumped
+    from fipt.stages.importing.build import import_scene
 
     chosen = parse("import", settings)
     with recorded(stats, "import", dumped(chosen)) as figures:

@@ -8,9 +8,9 @@ import typer
 from fipt.cli.options import (
     DatasetFolder,
     EmittersFile,
-    HitsFolder,
     ManifestFile,
     ModelFile,
+    SamplesFolder,
     SettingsJson,
     StatsFile,
     stage,
@@ -19,7 +19,7 @@ from fipt.cli.options import (
 
 def command(
     dataset: DatasetFolder,
-    hits: HitsFolder,
+    samples: SamplesFolder,
     model: ModelFile,
     emitters: EmittersFile,
     confidence: Annotated[Path, typer.Option(help="confidence.npz of the model.")],
@@ -30,6 +30,6 @@ def command(
 ) -> None:
     """Write the material maps of every view."""
     with stage("materials", settings, stats) as (chosen, figures):
-        from fipt.relight.stages import write_materials
+        from fipt.stages.render.pictures import write_materials
 
-        write_materials(dataset, hits, model, emitters, confidence, out, manifest, chosen, figures)
+        write_materials(dataset, samples, model, emitters, confidence, out, manifest, chosen, figures)

@@ -6,7 +6,8 @@ from typing import Annotated, Any
 
 import typer
 
-from fipt.settings import dumped, parse
+from fipt.registry import parse
+from fipt.settings import dumped
 
 
 def command(
@@ -15,9 +16,9 @@ def command(
     render: Annotated[Path, typer.Option(help="folder of re-rendered views")],
     emitters: Annotated[Path, typer.Option(help="emitters.npz of the last round")],
     out: Annotated[Path, typer.Option(help="metrics.json to write")],
-    hits: Annotated[
+    samples: Annotated[
         str,
-        typer.Option(help="hits folders, comma-separated: they tell which triangles truly emit"),
+        typer.Option(help="samples folders, comma-separated: they tell which triangles truly emit"),
     ] = "",
     relight: Annotated[Path | None, typer.Option(help="folder with one folder of pictures per light setup")] = None,
     setups: Annotated[
@@ -37,15 +38,15 @@ def command(
     """
     from fipt.cli.options import listed
     from fipt.errors import FiptError
-    from fipt.evaluate import scene
-    from fipt.evaluate.metrics import DEFINITIONS
-    from fipt.io.dataset import Dataset
-    from fipt.io.files import write_text
-    from fipt.io.manifests import recorded
-    from fipt.versions import VERSIONS
+    from fipt.formats.files import write_text
+    from fipt.formats.manifests import recorded
+    from fipt.registry import VERSIONS
+    from fipt.scene.dataset import Dataset
+    from fipt.stages.evaluate import scene
+    from fipt.stages.evaluate.metrics import DEFINITIONS
 
     options = parse("metrics", settings)
-    folders = [Path(folder) for folder in hits.split(",") if folder]
+    folders = [Path(folder) for folder in samples.split(",") if folder]
     references = {name: Path(path) for name, _, path in (text.partition("=") for text in reference or [])}
     if not all(name and str(path) != "." for name, path in references.items()):
         raise FiptError(f"--reference must be SETUP=FOLDER; found {', '.join(reference or [])}", "name both")

@@ -9,14 +9,14 @@ import typer
 
 DatasetFolder = Annotated[Path, typer.Option("--dataset", help="Dataset folder.")]
 Names = Annotated[list[str], typer.Option("--views", help="Views, comma-separated; repeatable.")]
-HitsFolder = Annotated[Path, typer.Option("--hits", help="Folder of a hits shard.")]
-HitsFolders = Annotated[list[str], typer.Option("--hits", help="Hits shards, comma-separated; repeatable.")]
-ShadingFolders = Annotated[list[str], typer.Option("--shading", help="Shading of the hits shards, in their order.")]
+SamplesFolder = Annotated[Path, typer.Option("--samples", help="Folder of a samples shard.")]
+SamplesFolders = Annotated[list[str], typer.Option("--samples", help="Hits shards, comma-separated; repeatable.")]
+ShadingFolders = Annotated[list[str], typer.Option("--shading", help="Shading of the samples shards, in their order.")]
 CacheFile = Annotated[Path, typer.Option("--cache", help="Radiance cache, cache.npz.")]
 ModelFile = Annotated[Path, typer.Option("--model", help="Fitted model, model.safetensors.")]
 EmittersFile = Annotated[Path, typer.Option("--emitters", help="Emitters, emitters.npz.")]
-BackgroundFile = Annotated[
-    Path | None, typer.Option("--background", help="Light from outside, background.npz; without it there is none.")
+EnvironmentFile = Annotated[
+    Path | None, typer.Option("--environment", help="Light from outside, environment.npz; without it there is none.")
 ]
 LampsFile = Annotated[
     Path | None, typer.Option("--lamps", help="emitters.json of fipt review: names of lamps; without it, lamp-N.")
@@ -37,8 +37,9 @@ def listed(items: list[str]) -> list[str]:
 @contextmanager
 def stage(name: str, settings: str, stats: Path | None, backend: bool = True) -> Iterator[tuple[Any, Any]]:
     """Parse settings, choose the device, time the run: yields (settings model, figures to fill in)."""
-    from fipt.io.manifests import recorded
-    from fipt.settings import dumped, parse
+    from fipt.formats.manifests import recorded
+    from fipt.registry import parse
+    from fipt.settings import dumped
 
     chosen = parse(name, settings)
     if backend:

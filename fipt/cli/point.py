@@ -17,9 +17,9 @@ def command(
 ) -> None:
     """Say which point of the room a pixel shows, in metres, and of which segment."""
     from fipt.errors import FiptError
-    from fipt.io.dataset import Dataset
-    from fipt.io.fusion import read_fusion
     from fipt.render.variant import set_variant
+    from fipt.scene.dataset import Dataset
+    from fipt.scene.fusion import read_fusion
 
     data = Dataset(dataset)
     camera, mesh = data.camera(view), data.mesh()

@@ -30,8 +30,8 @@ def command(
     if (capture is None) == (source is None) or (source is None) != (intrinsics is None):
         raise FiptError("give --capture, or --source with --intrinsics", "see fipt pose --help")
     with stage("poses", settings, stats, backend=False) as (chosen, figures):
-        from fipt.poses.stage import estimate, write
-        from fipt.poses.views import read_capture, read_folder
+        from fipt.stages.poses.estimate import estimate, write
+        from fipt.stages.poses.views import read_capture, read_folder
 
         held = set(listed(held_out or []))
         views = read_capture(capture, held) if source is None else read_folder(source, intrinsics, held)

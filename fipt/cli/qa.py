@@ -19,10 +19,10 @@ def command(
 ) -> None:
     """Judge a developed capture: figures of every view, findings with a severity, rejected views."""
     with stage("capture", settings, stats, backend=False) as (chosen, figures):
-        from fipt.capture.brackets import read_capture
-        from fipt.capture.calibration import read_calibration
-        from fipt.capture.qa import report
-        from fipt.io.files import write_text
+        from fipt.formats.files import write_text
+        from fipt.stages.capture.brackets import read_capture
+        from fipt.stages.capture.calibration import read_calibration
+        from fipt.stages.capture.qa import report
 
         found = report(read_capture(capture, chosen.frames), developed, read_calibration(calibration))
         write_text(out, json.dumps(found, indent=1, allow_nan=False) + "\n")

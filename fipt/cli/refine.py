@@ -1,4 +1,4 @@
-"""``fipt refine``: hits, cache, model and emitters -> a shard's shading of the next round."""
+"""``fipt refine``: samples, cache, model and emitters -> a shard's shading of the next round."""
 
 from pathlib import Path
 from typing import Annotated
@@ -6,12 +6,12 @@ from typing import Annotated
 import typer
 
 from fipt.cli.options import (
-    BackgroundFile,
     CacheFile,
     DatasetFolder,
     EmittersFile,
-    HitsFolder,
+    EnvironmentFile,
     ModelFile,
+    SamplesFolder,
     SettingsJson,
     StatsFile,
     stage,
@@ -20,36 +20,36 @@ from fipt.cli.options import (
 
 def command(
     dataset: DatasetFolder,
-    hits: HitsFolder,
+    samples: SamplesFolder,
     cache: CacheFile,
     model: ModelFile,
     emitters: EmittersFile,
     previous: Annotated[Path, typer.Option(help="Shading of this shard of the round before.")],
     out: Annotated[Path, typer.Option(help="Folder of the shard to write.")],
-    background: BackgroundFile = None,
+    environment: EnvironmentFile = None,
     settings: SettingsJson = "{}",
     stats: StatsFile = None,
 ) -> None:
     """Path-trace the shading again with the fitted model."""
     with stage("refine", settings, stats) as (chosen, figures):
-        from fipt.io.background import read_background
-        from fipt.io.dataset import Dataset
-        from fipt.io.emitters import read_emitters
-        from fipt.io.hits import read_hits
-        from fipt.io.shading import read_shading
-        from fipt.io.voxels import read_cache
         from fipt.model.store import load_field
         from fipt.model.voxels import voxel_materials
         from fipt.render.surface import emitter_set
         from fipt.render.tracer import PathSettings
-        from fipt.shading.integrate import write_shading
-        from fipt.shading.refine import damped, path_shader
+        from fipt.scene.dataset import Dataset
+        from fipt.scene.emitters import read_emitters
+        from fipt.scene.environment import read_environment
+        from fipt.scene.samples import read_samples
+        from fipt.scene.shading import read_shading
+        from fipt.scene.voxels import read_cache
+        from fipt.stages.shade.integrate import write_shading
+        from fipt.stages.shade.refine import damped, path_shader
 
-        data, shard, voxels = Dataset(dataset), read_hits(hits), read_cache(cache)
+        data, shard, voxels = Dataset(dataset), read_samples(samples), read_cache(cache)
         field, _ = load_field(model)
         path = PathSettings(chosen.max_depth, chosen.cache_roughness, chosen.light_sampling)
         materials = voxel_materials(field, voxels)
-        found, outside = emitter_set(read_emitters(emitters)), read_background(background)
+        found, outside = emitter_set(read_emitters(emitters)), read_environment(environment)
         shader = path_shader(data.mesh(), voxels, materials, found, path, outside)
         before = read_shading(previous, shard)
         write_shading(

@@ -6,14 +6,14 @@ from typing import Annotated
 import typer
 
 from fipt.cli.options import (
-    BackgroundFile,
     CacheFile,
     DatasetFolder,
     EmittersFile,
-    HitsFolder,
+    EnvironmentFile,
     LampsFile,
     ManifestFile,
     ModelFile,
+    SamplesFolder,
     SettingsJson,
     StatsFile,
     listed,
@@ -23,14 +23,14 @@ from fipt.cli.options import (
 
 def command(
     dataset: DatasetFolder,
-    hits: HitsFolder,
+    samples: SamplesFolder,
     cache: CacheFile,
     model: ModelFile,
     emitters: EmittersFile,
     setup: Annotated[str, typer.Option(help="Setup, JSON or YAML file: lights, objects, materials, what goes.")],
     out: Annotated[Path, typer.Option(help="Folder of the pictures.")],
     manifest: ManifestFile,
-    background: BackgroundFile = None,
+    environment: EnvironmentFile = None,
     lamps: LampsFile = None,
     cameras: Annotated[
         list[str] | None,
@@ -42,19 +42,19 @@ def command(
     settings: SettingsJson = "{}",
     stats: StatsFile = None,
 ) -> None:
-    """Render the views of the hits under another light setup; or what the setup's own cameras see.
+    """Render the views of the samples under another light setup; or what the setup's own cameras see.
 
-    These trace their own hits, with the settings of --hits.
+    These trace their own samples, with the settings of --samples.
     """
     with stage("relight", settings, stats) as (chosen, figures):
         from fipt.errors import FiptError
-        from fipt.relight.stages import write_pictures
-        from fipt.settings import parse_setup
+        from fipt.scene.setup import parse_setup
+        from fipt.stages.render.pictures import write_pictures
 
         light, names = parse_setup(setup), listed(cameras or [])
         if names and light.cameras is None:
-            raise FiptError("--cameras needs a setup with cameras", "leave it out: the views of --hits are rendered")
+            raise FiptError("--cameras needs a setup with cameras", "leave it out: the views of --samples are rendered")
         write_pictures(
-            "relight", dataset, hits, cache, model, emitters, background, light, out, manifest, chosen, figures,
+            "relight", dataset, samples, cache, model, emitters, environment, light, out, manifest, chosen, figures,
             lamps=lamps, cameras=names, segments=segments,
         )  # fmt: skip

@@ -6,13 +6,13 @@ from typing import Annotated
 import typer
 
 from fipt.cli.options import (
-    BackgroundFile,
     CacheFile,
     DatasetFolder,
     EmittersFile,
-    HitsFolder,
+    EnvironmentFile,
     ManifestFile,
     ModelFile,
+    SamplesFolder,
     SettingsJson,
     StatsFile,
     stage,
@@ -21,20 +21,20 @@ from fipt.cli.options import (
 
 def command(
     dataset: DatasetFolder,
-    hits: HitsFolder,
+    samples: SamplesFolder,
     cache: CacheFile,
     model: ModelFile,
     emitters: EmittersFile,
     out: Annotated[Path, typer.Option(help="Folder of the pictures.")],
     manifest: ManifestFile,
-    background: BackgroundFile = None,
+    environment: EnvironmentFile = None,
     settings: SettingsJson = "{}",
     stats: StatsFile = None,
 ) -> None:
     """Re-render the held-out views with the model."""
     with stage("render", settings, stats) as (chosen, figures):
-        from fipt.relight.stages import write_pictures
+        from fipt.stages.render.pictures import write_pictures
 
         write_pictures(
-            "render", dataset, hits, cache, model, emitters, background, None, out, manifest, chosen, figures
+            "render", dataset, samples, cache, model, emitters, environment, None, out, manifest, chosen, figures
         )

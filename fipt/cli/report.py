@@ -5,7 +5,8 @@ from typing import Annotated
 
 import typer
 
-from fipt.settings import dumped, parse
+from fipt.registry import parse
+from fipt.settings import dumped
 
 
 def command(
@@ -26,9 +27,9 @@ def command(
     Shows whatever the folder holds: files that do not exist yet are left out.
     """
     from fipt.cli.options import listed
-    from fipt.io.files import write_text
-    from fipt.io.manifests import recorded
-    from fipt.report.page import build_page
+    from fipt.formats.files import write_text
+    from fipt.formats.manifests import recorded
+    from fipt.stages.report.page import build_page
 
     options = parse("report", settings)
     with recorded(stats, "report", dumped(options)) as figures:

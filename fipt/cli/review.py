@@ -9,7 +9,7 @@ from fipt.cli.options import (
     DatasetFolder,
     DecisionsJson,
     EmittersFile,
-    HitsFolders,
+    SamplesFolders,
     SettingsJson,
     StatsFile,
     listed,
@@ -19,7 +19,7 @@ from fipt.cli.options import (
 
 def command(
     dataset: DatasetFolder,
-    hits: HitsFolders,
+    samples: SamplesFolders,
     emitters: EmittersFile,
     out: Annotated[Path, typer.Option(help="Folder of emitters.json and the lamps' pictures.")],
     review: Annotated[Path, typer.Option(help="File for a person's decisions, emitters_review.yaml; they are kept.")],
@@ -29,7 +29,7 @@ def command(
 ) -> None:
     """List the lamps with names and pictures; bring emitters_review.yaml up to date."""
     with stage("review", settings, stats, backend=False) as (chosen, figures):
-        from fipt.emitters.review import write_listing
+        from fipt.stages.emitters.review import write_listing
 
-        shards = [Path(folder) for folder in listed(hits)]
+        shards = [Path(folder) for folder in listed(samples)]
         write_listing(dataset, shards, emitters, decisions, out, review, chosen, figures)

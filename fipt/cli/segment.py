@@ -5,12 +5,12 @@ from typing import Annotated
 
 import typer
 
-from fipt.cli.options import DatasetFolder, HitsFolder, ManifestFile, SettingsJson, StatsFile, stage
+from fipt.cli.options import DatasetFolder, ManifestFile, SamplesFolder, SettingsJson, StatsFile, stage
 
 
 def command(
     dataset: DatasetFolder,
-    hits: HitsFolder,
+    samples: SamplesFolder,
     out: Annotated[Path, typer.Option(help="Folder of the ids by view; classes.json is written beside it.")],
     manifest: ManifestFile,
     settings: SettingsJson = "{}",
@@ -18,6 +18,6 @@ def command(
 ) -> None:
     """Segment every view by itself: by Mask2Former, or from ids that exist already."""
     with stage("segment", settings, stats, backend=False) as (chosen, figures):
-        from fipt.segmentation.run import segment_views
+        from fipt.stages.segment.run import segment_views
 
-        segment_views(dataset, hits, out, manifest, chosen, figures)
+        segment_views(dataset, samples, out, manifest, chosen, figures)

@@ -46,10 +46,12 @@ def command(
     whole capture of the pictures of any dataset. The camera is the section raw of the settings.
     """
     from fipt.errors import FiptError
-    from fipt.io.files import check_name
-    from fipt.io.manifests import recorded, write_manifest
-    from fipt.settings import dumped, parse, parse_setup
-    from fipt.synthesize import dataset as writer
+    from fipt.formats.files import check_name
+    from fipt.formats.manifests import recorded, write_manifest
+    from fipt.registry import parse
+    from fipt.scene.setup import parse_setup
+    from fipt.settings import dumped
+    from fipt.synthetic import dataset as writer
 
     names = [name for item in views or [] for name in item.split(",") if name]
     if sum((room, bool(names), calibration is not None, from_images)) != 1:

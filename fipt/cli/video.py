@@ -24,8 +24,9 @@ def command(
 ) -> None:
     """Write PICTURES/*.png and PICTURES/transforms.json, and of a path PICTURES.mp4; one exposure for all."""
     with stage("video", settings, stats, backend=False) as (chosen, figures):
-        from fipt.relight.video import write_video
-        from fipt.settings import Report, parse_cameras
+        from fipt.scene.setup import parse_cameras
+        from fipt.stages.render.video import write_video
+        from fipt.stages.report.settings import ReportSettings
 
-        most = Report().max_views if max_views is None else max_views
+        most = ReportSettings().max_views if max_views is None else max_views
         write_video(dataset, parse_cameras(cameras), pictures, manifest, most, chosen, figures)

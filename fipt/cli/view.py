@@ -7,10 +7,12 @@ import typer
 
 
 def command(
-    file: Annotated[Path, typer.Argument(help="EXR, id map, npy of hits or shading, npz; or the folder of a dataset.")],
+    file: Annotated[
+        Path, typer.Argument(help="EXR, id map, npy of samples or shading, npz; or the folder of a dataset.")
+    ],
     layer: Annotated[str, typer.Option(help="EXR layer (kd, roughness, ...), or Ld, Ls0.0 to Ls1.5 of shading.")] = "",
     shard_view: Annotated[str, typer.Option(help="View of a shard; default: its first.")] = "",
-    hits: Annotated[Path | None, typer.Option(help="Hits folder of a shading.npy, if it is elsewhere.")] = None,
+    samples: Annotated[Path | None, typer.Option(help="Hits folder of a shading.npy, if it is elsewhere.")] = None,
     views: Annotated[str, typer.Option(help="Views of a dataset, comma-separated; default: four.")] = "",
     out: Annotated[Path | None, typer.Option(help="PNG or JPEG to write; default: here, named after FILE.")] = None,
 ) -> None:
@@ -20,13 +22,13 @@ def command(
     a table of what they hold. An EXR without --layer shows all its layers side by side, the folder
     of a dataset a row of pictures and truth for each view.
     """
-    from fipt.io.images import write_png
+    from fipt.formats.images import write_png
     from fipt.view import montage, picture
 
     if file.is_dir():
         made = montage(file, [view for view in views.split(",") if view])
     else:
-        made = picture(file, layer, shard_view, hits)
+        made = picture(file, layer, shard_view, samples)
     parts = [file.stem, shard_view, layer]
     out = out or Path(".".join(part for part in parts if part) + ".png")
     write_png(out, made.pixels)

@@ -16,7 +16,7 @@ from torch import nn
 
 from fipt.conventions import F0_DIELECTRIC, ROUGHNESS_MIN
 from fipt.model.hash_encoding import Backend, HashEncoding
-from fipt.settings import Fit
+from fipt.model.settings import FitSettings
 
 QUERY_CHUNK = 1 << 14
 """Points asked at once: few enough for their activations to stay in a processor's cache."""
@@ -107,7 +107,7 @@ class BrdfNetwork(nn.Module):
         Of the encoding, see `HashEncoding`.
     """
 
-    def __init__(self, settings: Fit, backend: Backend = "auto", width: int = 64) -> None:
+    def __init__(self, settings: FitSettings, backend: Backend = "auto", width: int = 64) -> None:
         super().__init__()
         self.encoding = HashEncoding(
             settings.levels,
@@ -200,7 +200,7 @@ class Field(nn.Module):
     emission_network : EmissionNetwork
     """
 
-    def __init__(self, settings: Fit, box: SceneBox, backend: Backend = "auto") -> None:
+    def __init__(self, settings: FitSettings, box: SceneBox, backend: Backend = "auto") -> None:
         super().__init__()
         self.box = box
         self.brdf_network = BrdfNetwork(settings, backend)

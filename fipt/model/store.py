@@ -12,11 +12,12 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 
 from fipt.errors import FiptError
-from fipt.io.files import atomic, existing_file
+from fipt.formats.files import atomic, existing_file
 from fipt.model.hash_encoding import Backend
 from fipt.model.networks import Field, SceneBox
-from fipt.settings import Fit, dumped, validated
-from fipt.versions import VERSIONS
+from fipt.model.settings import FitSettings
+from fipt.registry import VERSIONS
+from fipt.settings import dumped, validate
 
 Generators = Mapping[str, torch.Generator | np.random.Generator]
 
@@ -25,7 +26,7 @@ _Kind = Literal["field", "checkpoint"]
 _REQUIRED = {"field": {"extra"}, "checkpoint": {"extra", "step", "optimizer", "generators"}}
 
 
-def save_field(path: str | Path, field: Field, settings: Fit, extra: Mapping[str, Any] | None = None) -> None:
+def save_field(path: str | Path, field: Field, settings: FitSettings, extra: Mapping[str, Any] | None = None) -> None:
     """Write a fitted field.
 
     Parameters
@@ -74,7 +75,7 @@ def save_checkpoint(
     path: str | Path,
     field: Field,
     optimizer: torch.optim.Optimizer,
-    settings: Fit,
+    settings: FitSettings,
     step: int,
     generators: Generators | None = None,
     extra: Mapping[str, Any] | None = None,
@@ -123,7 +124,7 @@ def load_checkpoint(
     path: str | Path,
     field: Field,
     optimizer: torch.optim.Optimizer,
-    settings: Fit,
+    settings: FitSettings,
     generators: Generators | None = None,
 ) -> tuple[int, dict[str, Any]]:
     """Bring field, optimiser and generators, in place, to where a checkpoint left them.
@@ -180,7 +181,7 @@ def _weights(field: Field) -> dict[str, torch.Tensor]:
     return {f"field.{name}": tensor for name, tensor in field.state_dict().items()}
 
 
-def _description(field: Field, settings: Fit) -> dict[str, Any]:
+def _description(field: Field, settings: FitSettings) -> dict[str, Any]:
     return {"settings": dumped(settings), "box": asdict(field.box)}
 
 
@@ -220,7 +221,7 @@ def _read(path: str | Path, kind: _Kind) -> tuple[dict[str, torch.Tensor], dict[
                 # Copies: the library's tensors map the file, which may be replaced meanwhile.
                 names = file.keys()
                 tensors = {name: file.get_tensor(name).clone() for name in names}
-                metadata["settings"] = validated("fit", metadata["settings"])
+                metadata["settings"] = validate(FitSettings, "fit", metadata["settings"])
                 box = metadata["box"]
                 metadata["box"] = SceneBox(box["center"], box["side"])
                 missing = _REQUIRED[kind] - set(metadata)

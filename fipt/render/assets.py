@@ -13,8 +13,8 @@ import mitsuba as mi
 import numpy as np
 
 from fipt.errors import FiptError
-from fipt.io.background import texel_directions
 from fipt.render.scene import vectors
+from fipt.scene.environment import texel_directions
 
 _NEGATIVE = re.compile(rb"^f[^\n]*[ \t/]-\d", re.MULTILINE)
 _SKY_ROWS, _SKY_FINER = 256, 6
@@ -129,7 +129,7 @@ def metal(name: str) -> tuple[np.ndarray, np.ndarray] | None:
 
 
 def sky_map(options: Mapping[str, float | list[float]], turn: np.ndarray) -> np.ndarray:
-    """(h, w, 3) float32 map (`fipt.io.background`, y up) of Mitsuba's model of sky and sun.
+    """(h, w, 3) float32 map (`fipt.scene.environment`, y up) of Mitsuba's model of sky and sun.
 
     Parameters
     ----------

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fipt.errors import FiptError
-from fipt.io.meshes import Mesh, connected_parts
-from fipt.settings import BrushBox, MaterialEdit, RelightSetup, Removal
+from fipt.scene.mesh import Mesh, connected_parts
+from fipt.scene.setup import BrushBox, MaterialEdit, RelightSetup, Removal
 
 _LISTED = 12
 """Segments that an error lists with their places."""

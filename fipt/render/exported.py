@@ -13,13 +13,13 @@ import numpy as np
 
 from fipt.conventions import F0_DIELECTRIC, ROUGHNESS_MIN
 from fipt.errors import FiptError
-from fipt.io.asset import Asset, Piece, Textures, back, mitsuba_map
-from fipt.io.cameras import Camera
-from fipt.io.images import to_display
+from fipt.formats.images import to_display
 from fipt.model.albedo import albedo_terms
 from fipt.render import bsdf
-from fipt.render.first_hits import sub_pixel_points
+from fipt.render.footprint import sub_pixel_points
 from fipt.render.scene import lanes
+from fipt.scene.asset import Asset, Piece, Textures, back, mitsuba_map
+from fipt.scene.cameras import Camera
 
 SPECULAR = 0.2
 """Mitsuba's ``specular`` of dielectrics. 0.5 reflects 0.04 straight on, as ours; but its highlights lose nothing at

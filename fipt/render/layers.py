@@ -1,26 +1,26 @@
-"""Hits as images: the n-th hits of all pixels form a layer, so that image filters apply."""
+"""Hits as images: the n-th samples of all pixels form a layer, so that image filters apply."""
 
 import numpy as np
 
-from fipt.io.hits import Hits
 from fipt.render.denoise import denoise
+from fipt.scene.samples import FootprintSamples
 
 _FEWEST = 0.01
-"""Share of the pixels below which a layer is too sparse to be an image: its hits stay as they are."""
+"""Share of the pixels below which a layer is too sparse to be an image: its samples stay as they are."""
 
 
-def denoise_hits(values: np.ndarray, hits: Hits, index: int, quality: str = "high") -> np.ndarray:
-    """Denoise (N, K, 3) values of a view's hits as K images a layer.
+def denoise_samples(values: np.ndarray, samples: FootprintSamples, index: int, quality: str = "high") -> np.ndarray:
+    """Denoise (N, K, 3) values of a view's samples as K images a layer.
 
-    The n-th hits of all pixels form the n-th layer; pixels without an n-th hit show their last one, so that each
+    The n-th samples of all pixels form the n-th layer; pixels without an n-th hit show their last one, so that each
     image is complete. Pixels that miss the mesh are black.
     """
-    height, width = hits.shapes[index]
-    pixels, own = hits.pixels(index), hits.of_view(index)
-    first = np.asarray(hits.offsets[pixels]) - own.start
-    counts = np.diff(hits.offsets[pixels.start : pixels.stop + 1])
+    height, width = samples.shapes[index]
+    pixels, own = samples.pixels(index), samples.of_view(index)
+    first = np.asarray(samples.offsets[pixels]) - own.start
+    counts = np.diff(samples.offsets[pixels.start : pixels.stop + 1])
     covered = (counts > 0)[:, None]
-    normal = np.asarray(hits.normal[own])
+    normal = np.asarray(samples.normal[own])
     result = values.copy()
     for number in range(int(counts.max(initial=0))):
         has = counts > number

@@ -3,10 +3,10 @@
 import numpy as np
 
 from fipt.errors import FiptError
-from fipt.io.meshes import Mesh
-from fipt.io.objects import MeshObject, moved, read_object, shape_object
 from fipt.render.scene import RayScene
-from fipt.settings import NewLight, NewObject
+from fipt.scene.mesh import Mesh
+from fipt.scene.objects import MeshObject, moved, read_object, shape_object
+from fipt.scene.setup import NewLight, NewObject
 
 _GAP = 0.0005
 """Air left below a dropped object, metres: surfaces that touch would hide from each other's rays."""

@@ -10,16 +10,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from fipt.conventions import F0_DIELECTRIC
-from fipt.io.background import Background
-from fipt.io.cameras import Camera
-from fipt.io.meshes import Mesh
 from fipt.model.albedo import reflectance
 from fipt.render.denoise import denoise
-from fipt.render.first_hits import sub_pixel_points
+from fipt.render.footprint import sub_pixel_points
 from fipt.render.points import shade_in_chunks
 from fipt.render.scene import RayScene
 from fipt.render.surface import EmitterSet, Materials
 from fipt.render.tracer import Points, Shader, random_keys
+from fipt.scene.cameras import Camera
+from fipt.scene.environment import EnvironmentMap
+from fipt.scene.mesh import Mesh
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Light:
 
     mesh: Mesh
     lit: EmitterSet
-    outside: Background
+    outside: EnvironmentMap
     shader: Shader
 
     def shown(self, sight: Sight) -> np.ndarray:

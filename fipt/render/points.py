@@ -1,26 +1,26 @@
-"""Points to shade, a chunk at a time; hits of a view as such points."""
+"""Points to shade, a chunk at a time; samples of a view as such points."""
 
 from collections.abc import Callable
 
 import numpy as np
 
-from fipt.io.cameras import Camera
-from fipt.io.hits import Hits
 from fipt.render.tracer import Points, random_keys
+from fipt.scene.cameras import Camera
+from fipt.scene.samples import FootprintSamples
 
 CHUNK = 1 << 16
 """Hits a kernel launch: enough to fill a CPU, few enough for progress to move."""
 
 
-def view_points(hits: Hits, index: int, camera: Camera, seed: int) -> Points:
-    """First hits of view number ``index`` as points to shade."""
-    own = hits.of_view(index)
-    position = np.asarray(hits.position[own])
+def view_points(samples: FootprintSamples, index: int, camera: Camera, seed: int) -> Points:
+    """Footprint samples of view number ``index`` as points to shade."""
+    own = samples.of_view(index)
+    position = np.asarray(samples.position[own])
     wo = camera.center.astype(np.float32) - position
     wo /= np.linalg.norm(wo, axis=1, keepdims=True)
-    pixel = hits.pixel_of_hit(index)
-    piece = np.arange(own.start, own.stop) - np.asarray(hits.offsets[hits.pixels(index)])[pixel]
-    return Points(position, np.asarray(hits.normal[own]), wo, random_keys(camera.name, pixel, piece, seed))
+    pixel = samples.pixel_of_sample(index)
+    piece = np.arange(own.start, own.stop) - np.asarray(samples.offsets[samples.pixels(index)])[pixel]
+    return Points(position, np.asarray(samples.normal[own]), wo, random_keys(camera.name, pixel, piece, seed))
 
 
 def shade_in_chunks(

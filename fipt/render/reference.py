@@ -14,15 +14,15 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from fipt.io.background import NOTHING, Background
-from fipt.io.cameras import Camera
-from fipt.io.meshes import Mesh
-from fipt.io.objects import MeshObject
 from fipt.render import bsdf
 from fipt.render.edits import Edit
 from fipt.render.scene import vectors
 from fipt.render.spots import Spot
 from fipt.render.texels import Surface, Textures
+from fipt.scene.cameras import Camera
+from fipt.scene.environment import NOTHING, EnvironmentMap
+from fipt.scene.mesh import Mesh
+from fipt.scene.objects import MeshObject
 
 _MAX_LANES = 2**22
 """Paths traced at once: bounds the memory of a wavefront."""
@@ -58,7 +58,7 @@ class Light:
 
 
 class TexturedMesh:
-    """First hits on a mesh, with the material there.
+    """Footprint samples on a mesh, with the material there.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def load_scene(
     textures: Textures,
     material: np.ndarray,
     lights: Sequence[Light],
-    background: Background = NOTHING,
+    environment: EnvironmentMap = NOTHING,
     edits: Sequence[Edit] = (),
     objects: Sequence[MeshObject] = (),
     spots: Sequence[Spot] = (),
@@ -171,8 +171,8 @@ def load_scene(
                 parts["emitter"] = mi.load_dict(area)
             name = f"light{index}_{side}"
             scene[name] = _mesh(name, sheet, **parts)
-    if background.shines:
-        scene["background"] = _environment(background)
+    if environment.shines:
+        scene["environment"] = _environment(environment)
     return mi.load_dict(scene)
 
 
@@ -231,15 +231,15 @@ class PathTracer:
         return np.stack([dr.block_reduce(dr.ReduceOp.Add, c, spp).numpy() for c in color], axis=1)
 
 
-def _environment(background: Background) -> dict[str, Any]:
+def _environment(environment: EnvironmentMap) -> dict[str, Any]:
     """Mitsuba's own emitter of a background.
 
     Its maps begin at -z, have their first and last rows at the poles and are not turned; ours is looked up where its
     texels are, on a grid finer than our own.
     """
-    height, width = background.radiance.shape[:2]
+    height, width = environment.radiance.shape[:2]
     if height == 1:
-        return {"type": "constant", "radiance": {"type": "rgb", "value": background.radiance[0, 0].tolist()}}
+        return {"type": "constant", "radiance": {"type": "rgb", "value": environment.radiance[0, 0].tolist()}}
     finer = max(min(_FINER, _MOST_ROWS // height), 1)
     rows, columns = finer * height + 1, finer * width
     thetas = np.clip(np.linspace(0, np.pi, rows), 1e-4, np.pi - 1e-4)  # columns differ up to the poles
@@ -248,7 +248,7 @@ def _environment(background: Background) -> dict[str, Any]:
     for row, theta in enumerate(thetas):
         sine = np.sin(theta)
         directions = [sine * np.sin(phi), np.full(columns, np.cos(theta)), -sine * np.cos(phi)]
-        values[row] = background.lookup(np.stack(directions, axis=1))
+        values[row] = environment.lookup(np.stack(directions, axis=1))
     return {"type": "envmap", "bitmap": mi.Bitmap(values)}
 
 

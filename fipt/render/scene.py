@@ -5,7 +5,7 @@ import mitsuba as mi
 import numpy as np
 
 from fipt.conventions import RAY_EPSILON
-from fipt.io.meshes import Mesh
+from fipt.scene.mesh import Mesh
 
 _ALIGNMENT = 128
 """Bytes: at least what any processor's vector registers hold."""
@@ -64,7 +64,7 @@ class RayScene:
         self.extent, self.epsilon = float(extent), float(RAY_EPSILON * extent)
 
     def intersect(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Find first hits.
+        """Find footprint samples.
 
         Parameters
         ----------

@@ -7,7 +7,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from fipt.settings import NewLight
+from fipt.scene.setup import NewLight
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from fipt.io.emitters import Emitters
-from fipt.io.meshes import Mesh
+from fipt.scene.emitters import Emitters
+from fipt.scene.mesh import Mesh
 
 
 class Materials(Protocol):

@@ -1,4 +1,4 @@
-"""The path tracer: the factorised shading integrals of first hits, in one fused kernel.
+"""The path tracer: the factorised shading integrals of footprint samples, in one fused kernel.
 
 Legend: x first hit, y later vertices, n normal, wi direction to the light, wo to the viewer, N lobe samples a hit,
 p density of the lobe mixture times N (samples per steradian), q density of choosing a point on an emitter.
@@ -18,7 +18,7 @@ import mitsuba as mi
 import numpy as np
 
 from fipt.render import ggx
-from fipt.render.background import Sky
+from fipt.render.environment import Sky
 from fipt.render.scene import RayScene, lanes, vectors
 from fipt.render.spots import Spot
 from fipt.render.surface import SurfaceCache, Triangles
@@ -29,7 +29,7 @@ _R2 = (0.7548776662466927, 0.5698402909980532)
 
 @dataclass(frozen=True)
 class Points:
-    """First hits to shade: (N, 3) position (metres), unit normal, unit direction to the viewer; (N,) uint64 key
+    """Footprint samples to shade: (N, 3) position (metres), unit normal, unit direction to the viewer; (N,) uint64 key
     of their random numbers.
     """
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from fipt.cli.main import main
-from fipt.io.exr import write_exr
-from fipt.synthesize import capture as writer
+from fipt.formats.exr import write_exr
+from fipt.synthetic import capture as writer
 from tests import captures
 
 SOUND = "sound"

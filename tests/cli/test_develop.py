@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from fipt.cli.main import main
-from fipt.io.exr import read_exr
-from fipt.io.manifests import read_manifest
+from fipt.formats.exr import read_exr
+from fipt.formats.manifests import read_manifest
 from tests import captures
 
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from fipt.cli.main import main
-from fipt.io.dataset import Dataset
-from fipt.io.segments import write_view_ids
+from fipt.scene.dataset import Dataset
+from fipt.scene.segments import write_view_ids
 from tests.scenes import write_dataset
 
 

@@ -10,11 +10,11 @@ import yaml
 
 from fipt.cli.main import main
 from fipt.config import load
-from fipt.io.arrays import load_npz
-from fipt.io.cameras import write_transforms
-from fipt.io.dataset import read_layers
-from fipt.io.exr import read_exr, read_rgb, write_exr
-from fipt.io.images import write_png
+from fipt.formats.arrays import load_npz
+from fipt.formats.exr import read_exr, read_rgb, write_exr
+from fipt.formats.images import write_png
+from fipt.scene.cameras import write_transforms
+from fipt.scene.dataset import read_layers
 from tests import scenes
 from tests.cli.test_stages import threads  # noqa: F401 (a fixture)
 
@@ -23,7 +23,7 @@ CONFIG = {
     "scenes": {"room": {"source": "dataset", "format": "nerfstudio", "path": "photos", "mesh": "photos/mesh.ply"}},
     "rounds": 1,
     "import": {"overlay": False},
-    "hits": {"grid": 2},
+    "samples": {"grid": 2},
     "cache": {"resolution": 16},
     "bake": FEW,
     "refine": FEW | {"max_depth": 3},

@@ -11,9 +11,9 @@ import pytest
 from PIL import Image
 
 from fipt.cli.main import main
-from fipt.io.dataset import Dataset
-from fipt.io.exr import write_exr
-from fipt.io.images import write_png
+from fipt.formats.exr import write_exr
+from fipt.formats.images import write_png
+from fipt.scene.dataset import Dataset
 from tests.layouts import (
     HEIGHT,
     POSES,

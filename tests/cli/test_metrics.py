@@ -7,8 +7,8 @@ import pytest
 
 from fipt.cli.main import main
 from fipt.conventions import FLAG_SATURATED
-from fipt.io.exr import read_rgb, write_exr
-from fipt.io.files import write_text
+from fipt.formats.exr import read_rgb, write_exr
+from fipt.formats.files import write_text
 from tests.fake_results import HEIGHT, WIDTH, maps, write_maps, write_results
 
 
@@ -33,7 +33,7 @@ def results(tmp_path):
 
 
 def test_figures_of_a_scene_with_truth(results):
-    more = ("--hits", results / "hits" / "train-000", "--relight", results / "relight")
+    more = ("--samples", results / "samples" / "train-000", "--relight", results / "relight")
     assert run(results, *more, "--stats", results / "stats" / "metrics.json") == 0
     figures = read(results)
     for split, views in (("val", 1), ("train", 2)):
@@ -64,7 +64,7 @@ def test_only_setups_that_there_are_count(results):
 
 
 def test_emitting_triangles_are_judged_by_what_pixels_see(results):
-    assert run(results, "--hits", results / "hits" / "train-000") == 0
+    assert run(results, "--samples", results / "samples" / "train-000") == 0
     emitters = read(results)["emitters"]
     assert emitters["truth_from"] == "pixel centres that see them"
     assert (emitters["true_triangles"], emitters["found_triangles"]) == (1, 2)
@@ -74,7 +74,7 @@ def test_emitting_triangles_are_judged_by_what_pixels_see(results):
 def test_emitting_triangles_of_a_room_in_code(results):
     room = {"emitters": [{"triangles": [0]}, {"triangles": [1, 3]}]}
     write_text(results / "dataset" / "room.json", json.dumps(room))
-    assert run(results, "--hits", results / "hits" / "train-000") == 0
+    assert run(results, "--samples", results / "samples" / "train-000") == 0
     emitters = read(results)["emitters"]
     assert emitters["truth_from"] == "room.json"
     assert (emitters["true_triangles"], emitters["false_triangles"]) == (3, 1)
@@ -83,7 +83,7 @@ def test_emitting_triangles_of_a_room_in_code(results):
 
 def test_without_truth_only_pictures_are_judged(tmp_path):
     root = write_results(tmp_path / "real", truth=False)
-    assert run(root, "--hits", root / "hits" / "train-000", "--relight", root / "relight") == 0
+    assert run(root, "--samples", root / "samples" / "train-000", "--relight", root / "relight") == 0
     figures = read(root)
     assert figures["val"]["render_psnr"] == 100.0
     assert figures["val"]["kd_psnr"] is figures["val"]["emission_iou"] is None

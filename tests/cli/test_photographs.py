@@ -7,7 +7,7 @@ import pytest
 
 from fipt.cli.main import main
 from fipt.conventions import FLAG_SATURATED
-from fipt.io.dataset import Dataset
+from fipt.scene.dataset import Dataset
 from tests import captures
 from tests.layouts import room, write_ply
 

@@ -7,10 +7,10 @@ import pytest
 from PIL import Image
 
 from fipt.cli.main import main
-from fipt.io.cameras import read_transforms, write_transforms
-from fipt.io.dataset import read_rejected
-from fipt.io.exr import write_exr
-from fipt.poses.similarity import rotation_angles
+from fipt.formats.exr import write_exr
+from fipt.scene.cameras import read_transforms, write_transforms
+from fipt.scene.dataset import read_rejected
+from fipt.stages.poses.similarity import rotation_angles
 from tests import painted_room
 
 PLACE = painted_room.SIZE * (0.5, 0.55, 0.5)

@@ -15,21 +15,21 @@ from scipy.ndimage import binary_dilation, binary_erosion
 
 from fipt.cli.main import main
 from fipt.conventions import LUMINANCE, SHADING_OUTPUTS
-from fipt.fit import loop
-from fipt.io import files
-from fipt.io.arrays import load_npz, save_npy, save_npz
-from fipt.io.background import read_background
-from fipt.io.cameras import read_transforms, write_transforms
-from fipt.io.dataset import read_layers
-from fipt.io.emitters import read_emitters
-from fipt.io.exr import read_rgb, write_exr
-from fipt.io.hits import read_hits
-from fipt.io.images import srgb_encode
-from fipt.io.manifests import read_manifest
-from fipt.io.meshes import Mesh, write_ply
-from fipt.io.review import ranges, read_review
-from fipt.io.shading import read_shading
+from fipt.formats import files
+from fipt.formats.arrays import load_npz, save_npy, save_npz
+from fipt.formats.exr import read_rgb, write_exr
+from fipt.formats.images import srgb_encode
+from fipt.formats.manifests import read_manifest
 from fipt.model import store
+from fipt.scene.cameras import read_transforms, write_transforms
+from fipt.scene.dataset import read_layers
+from fipt.scene.emitters import read_emitters
+from fipt.scene.environment import read_environment
+from fipt.scene.mesh import Mesh, write_ply
+from fipt.scene.review import ranges, read_review
+from fipt.scene.samples import read_samples
+from fipt.scene.shading import read_shading
+from fipt.stages.fit import loop
 from tests import scenes
 
 FEW = {"diffuse_spp": 4, "specular_spp": 2, "smooth_spp": 2}
@@ -59,26 +59,38 @@ def threads(backend):
 
 def arguments(root: Path) -> dict[str, list]:
     """The call of every verb, by name."""
-    data, train, val = root / "dataset", root / "hits" / "train-000", root / "hits" / "val-000"
-    outside = ["--background", root / "background.npz"]
+    data, train, val = root / "dataset", root / "samples" / "train-000", root / "samples" / "val-000"
+    outside = ["--environment", root / "environment.npz"]
     cache, zero, one = root / "cache.npz", root / "round-0", root / "round-1"
     shading, model, emitters = zero / "shading" / "train-000", zero / "model.safetensors", zero / "emitters.npz"
     fitted = ["--dataset", data, "--model", model, "--emitters", emitters]
-    pictures = [*fitted, "--hits", val, "--cache", cache, *outside]
+    pictures = [*fitted, "--samples", val, "--cache", cache, *outside]
     return {
-        "hits": ["--dataset", data, "--views", "a,b", "--out", train],
-        "background": ["--dataset", data, "--hits", train, "--out", root / "background.npz"],
-        "cache": ["--dataset", data, "--hits", train, "--out", cache],
-        "bake": ["--dataset", data, "--hits", train, "--cache", cache, *outside, "--out", shading],
-        "fit": ["--dataset", data, "--hits", train, "--shading", shading, "--cache", cache, *outside, "--out", model],
-        "emitters": ["--dataset", data, "--hits", train, "--shading", shading, "--model", model, "--out", emitters],
+        "samples": ["--dataset", data, "--views", "a,b", "--out", train],
+        "environment": ["--dataset", data, "--samples", train, "--out", root / "environment.npz"],
+        "cache": ["--dataset", data, "--samples", train, "--out", cache],
+        "bake": ["--dataset", data, "--samples", train, "--cache", cache, *outside, "--out", shading],
+        "fit": [
+            "--dataset",
+            data,
+            "--samples",
+            train,
+            "--shading",
+            shading,
+            "--cache",
+            cache,
+            *outside,
+            "--out",
+            model,
+        ],
+        "emitters": ["--dataset", data, "--samples", train, "--shading", shading, "--model", model, "--out", emitters],
         "review": [
-            *("--dataset", data, "--hits", train, "--emitters", emitters),
+            *("--dataset", data, "--samples", train, "--emitters", emitters),
             *("--out", root / "emitters", "--review", root / "emitters_review.yaml"),
         ],
         "refine": [
             *fitted,
-            "--hits",
+            "--samples",
             train,
             "--cache",
             cache,
@@ -92,7 +104,7 @@ def arguments(root: Path) -> dict[str, list]:
             *fitted,
             "--confidence",
             zero / "confidence.npz",
-            "--hits",
+            "--samples",
             val,
             "--out",
             root / "materials",
@@ -109,21 +121,21 @@ def arguments(root: Path) -> dict[str, list]:
             "--manifest",
             root / "relight" / "night.val-000.manifest.json",
         ],
-        "lamps": [
+        "olat": [
             *pictures,
             "--views",
             "c",
             "--out",
-            root / "lamps",
+            root / "olat",
             "--manifest",
-            root / "lamps.val-000.manifest.json",
+            root / "olat.val-000.manifest.json",
         ],
     }
 
 
 SETTINGS = {
-    "hits": {"grid": 3},
-    "background": {},
+    "samples": {"grid": 3},
+    "environment": {},
     "cache": {"resolution": 32},
     "bake": FEW,
     "fit": FIT,
@@ -133,7 +145,7 @@ SETTINGS = {
     "materials": {},
     "render": {"spp": 16, "max_depth": 3},
     "relight": {"spp": 16, "max_depth": 3},
-    "lamps": {"spp": 16, "max_depth": 3},
+    "olat": {"spp": 16, "max_depth": 3},
 }
 
 
@@ -156,8 +168,8 @@ def scene(threads, tmp_path_factory):
     scenes.write_dataset(root / "dataset")
     for verb in SETTINGS:
         assert call(verb, root, stats=root / "stats" / f"{verb}.json") == 0, verb
-        if verb == "hits":
-            assert call("hits", root, "--views", "c", "--out", root / "hits" / "val-000") == 0
+        if verb == "samples":
+            assert call("samples", root, "--views", "c", "--out", root / "samples" / "val-000") == 0
     return root
 
 
@@ -172,9 +184,9 @@ def work(scene, tmp_path):
 
 def test_files_of_a_run(scene):
     found = {str(path.relative_to(scene)) for path in scene.rglob("*") if path.is_file()}
-    found = {name for name in found if not name.startswith(("dataset/", "hits/", "stats/"))}
+    found = {name for name in found if not name.startswith(("dataset/", "samples/", "stats/"))}
     assert found == {
-        "background.npz",
+        "environment.npz",
         "cache.npz",
         "round-0/shading/train-000/shading.npy",
         "round-0/shading/train-000.manifest.json",
@@ -194,8 +206,8 @@ def test_files_of_a_run(scene):
         "render.val-000.manifest.json",
         "relight/night/c.exr",
         "relight/night.val-000.manifest.json",
-        "lamps/c.exr",
-        "lamps.val-000.manifest.json",
+        "olat/c.exr",
+        "olat.val-000.manifest.json",
     }
 
 
@@ -216,14 +228,14 @@ def test_the_fit_knows_unseen_surface(scene):
 
 def test_manifests_name_what_was_written(scene):
     for verb, path in (
-        ("hits", "hits/train-000.manifest.json"),
+        ("samples", "samples/train-000.manifest.json"),
         ("bake", "round-0/shading/train-000.manifest.json"),
         ("refine", "round-1/shading/train-000.manifest.json"),
         ("review", "emitters.manifest.json"),
         ("materials", "materials.val-000.manifest.json"),
         ("render", "render.val-000.manifest.json"),
         ("relight", "relight/night.val-000.manifest.json"),
-        ("lamps", "lamps.val-000.manifest.json"),
+        ("olat", "olat.val-000.manifest.json"),
     ):
         manifest = read_manifest(scene / path, verb)
         assert SETTINGS[verb].items() <= manifest["settings"].items()
@@ -231,12 +243,12 @@ def test_manifests_name_what_was_written(scene):
         assert all(((scene / path).parent / name).is_file() for name in manifest["files"])
 
 
-def test_shading_fits_its_hits(scene):
-    hits = read_hits(scene / "hits" / "train-000")
+def test_shading_fits_its_samples(scene):
+    samples = read_samples(scene / "samples" / "train-000")
     cache = load_npz(scene / "cache.npz")
     for k in (0, 1):
         shading = read_shading(scene / f"round-{k}" / "shading" / "train-000")[:]
-        assert shading.shape == (len(hits.position), SHADING_OUTPUTS, 3)
+        assert shading.shape == (len(samples.position), SHADING_OUTPUTS, 3)
         assert np.isfinite(shading).all()
         assert 0.05 < shading[:, 0].mean() < cache["radiance"].max()
 
@@ -272,13 +284,13 @@ def test_the_new_light_is_red_and_the_old_one_off(scene):
 def exported(scene, tmp_path_factory):
     """The room for other programs, and the check of its files."""
     folder, zero = tmp_path_factory.mktemp("export"), scene / "round-0"
-    out, data, hits = folder / "export", scene / "dataset", scene / "hits"
+    out, data, samples = folder / "export", scene / "dataset", scene / "samples"
     fitted = {
         "--model": zero / "model.safetensors",
         "--emitters": zero / "emitters.npz",
         "--confidence": zero / "confidence.npz",
-        "--background": scene / "background.npz",
-        "--hits": hits / "train-000",
+        "--environment": scene / "environment.npz",
+        "--samples": samples / "train-000",
         "--manifest": folder / "export.manifest.json",
         "--settings": json.dumps({"texel_density": 20}),
     }
@@ -287,14 +299,14 @@ def exported(scene, tmp_path_factory):
     clean = folder / "render"
     settings = {"spp": 512, "max_depth": 3}
     assert call("render", scene, "--out", clean, "--manifest", folder / "render.json", settings=settings) == 0
-    options = ["--dataset", data, "--hits", hits / "val-000", "--export", out, "--render", clean]
+    options = ["--dataset", data, "--samples", samples / "val-000", "--export", out, "--render", clean]
     options += ["--out", out / "check.json", "--settings", json.dumps({"check_spp": 128, "max_depth": 5})]
     assert main(["check-export", *map(str, options)]) == 0
     return out
 
 
 def test_every_exported_file_shows_the_room(exported):
-    from fipt.export.check import psnr
+    from fipt.stages.export.check import psnr
 
     check = json.loads((exported / "check.json").read_text())
     assert list(check["formats"]) == ["glb", "usd", "mitsuba", "exact"]
@@ -320,14 +332,14 @@ def test_the_export_lists_its_files(exported):
 
 
 def test_a_check_without_its_files(exported, scene, refused, tmp_path):
-    common = ["--dataset", str(scene / "dataset"), "--hits", str(scene / "hits" / "val-000"), "--out", "x.json"]
+    common = ["--dataset", str(scene / "dataset"), "--samples", str(scene / "samples" / "val-000"), "--out", "x.json"]
     here = ["--render", str(scene / "render")]
     assert main(["check-export", *common, *here, "--export", str(tmp_path)]) == 2
     assert main(["check-export", *common, "--render", str(tmp_path), "--export", str(exported)]) == 2
 
 
 def test_the_only_lamp_alone_is_the_room_as_it_is(scene, tmp_path):
-    layers = read_layers(scene / "lamps" / "c.exr")
+    layers = read_layers(scene / "olat" / "c.exr")
     assert set(layers) == {"lamp-0"}
     assert call("relight", scene, "--setup", "{}", "--out", tmp_path, "--manifest", tmp_path / "m.json") == 0
     np.testing.assert_array_equal(layers["lamp-0"], read_rgb(tmp_path / "c.exr"))
@@ -442,7 +454,7 @@ def test_own_cameras_that_cannot_be(work, refused, capsys):
 
 def test_running_again_gives_the_same(work):
     """Also into folders that exist already."""
-    for verb in ("hits", "background", "cache", "bake", "fit", "emitters", "refine", "render"):
+    for verb in ("samples", "environment", "cache", "bake", "fit", "emitters", "refine", "render"):
         before = content(work, skip="stats")
         assert call(verb, work) == 0
         after = content(work, skip="stats")
@@ -453,11 +465,11 @@ def test_running_again_gives_the_same(work):
 def test_shards_of_one_view_give_the_same_shading(scene, tmp_path):
     """Results do not depend on the size of shards."""
     both = read_shading(scene / "round-0" / "shading" / "train-000")
-    hits = read_hits(scene / "hits" / "train-000")
+    samples = read_samples(scene / "samples" / "train-000")
     for index, view in enumerate("ab"):
-        assert call("hits", scene, "--views", view, "--out", tmp_path / "hits" / view) == 0
-        assert call("bake", scene, "--hits", tmp_path / "hits" / view, "--out", tmp_path / "bake" / view) == 0
-        np.testing.assert_array_equal(read_shading(tmp_path / "bake" / view)[:], both[hits.of_view(index)])
+        assert call("samples", scene, "--views", view, "--out", tmp_path / "samples" / view) == 0
+        assert call("bake", scene, "--samples", tmp_path / "samples" / view, "--out", tmp_path / "bake" / view) == 0
+        np.testing.assert_array_equal(read_shading(tmp_path / "bake" / view)[:], both[samples.of_view(index)])
 
 
 # --- light from outside ---------------------------------------------------------------------------
@@ -475,18 +487,18 @@ def opened(threads, tmp_path_factory):
     write_ply(root / "dataset" / "mesh.ply", Mesh(mesh.vertices, np.delete(mesh.triangles, [2, 3], axis=0)))
     for verb in SETTINGS:
         assert call(verb, root, stats=root / "stats" / f"{verb}.json") == 0, verb
-        if verb == "hits":
-            assert call("hits", root, "--views", "c", "--out", root / "hits" / "val-000") == 0
+        if verb == "samples":
+            assert call("samples", root, "--views", "c", "--out", root / "samples" / "val-000") == 0
     return root
 
 
 def test_a_closed_room_has_no_light_from_outside(scene):
-    assert json.loads((scene / "stats" / "background.json").read_text())["mode"] == "none"
-    assert load_npz(scene / "background.npz")["radiance"].shape == (1, 1, 3)
+    assert json.loads((scene / "stats" / "environment.json").read_text())["mode"] == "none"
+    assert load_npz(scene / "environment.npz")["radiance"].shape == (1, 1, 3)
 
 
 def test_light_from_outside_is_found_and_lights_the_room(opened, tmp_path):
-    found = read_background(opened / "background.npz")
+    found = read_environment(opened / "environment.npz")
     assert found.mode == "map"
     np.testing.assert_allclose(found.radiance, np.broadcast_to(scenes.COLORS[MISSING], (32, 64, 3)), rtol=1e-4)
     _, wall = scenes.picture(scenes.cameras()[2])
@@ -498,7 +510,7 @@ def test_light_from_outside_is_found_and_lights_the_room(opened, tmp_path):
     noisy = SETTINGS["bake"] | {"denoise": False}
     assert call("bake", opened, "--out", tmp_path / "lit", settings=noisy) == 0
     options = [str(a) for a in arguments(opened)["bake"]]
-    at = options.index("--background")
+    at = options.index("--environment")
     options[options.index("--out") + 1] = str(tmp_path / "dark")
     assert main(["bake", *options[:at], *options[at + 2 :], "--settings", json.dumps(noisy)]) == 0
     lit, dark = (read_shading(tmp_path / name)[:][:, 0].mean(axis=0) for name in ("lit", "dark"))
@@ -516,7 +528,7 @@ def test_setups_change_the_light_from_outside(opened, tmp_path):
         ({"radiance": [0, 0, 4]}, [0, 0, 4]),
         ({"file": str(tmp_path / "sky.exr"), "scale": 2}, [6, 0, 0]),
     ):
-        setup = json.dumps({"emitters": [{"scale": 0}], "background": edit})
+        setup = json.dumps({"emitters": [{"scale": 0}], "environment": edit})
         assert call("relight", opened, "--setup", setup, "--out", opened / "relight" / "other") == 0
         picture = read_rgb(opened / "relight" / "other" / "c.exr")
         shown = picture[outside]
@@ -529,15 +541,15 @@ def test_setups_change_the_light_from_outside(opened, tmp_path):
 def test_lamps_and_outside_alone_add_up_to_any_mix_of_them(opened, tmp_path):
     """Within 40 dB as displayed, denoised, though the denoiser is not linear."""
     many = {"spp": 1024, "max_depth": 3}
-    assert call("lamps", opened, "--out", tmp_path, "--manifest", tmp_path / "m.json", settings=many) == 0
+    assert call("olat", opened, "--out", tmp_path, "--manifest", tmp_path / "m.json", settings=many) == 0
     layers = read_layers(tmp_path / "c.exr")
     assert set(layers) == {"lamp-0", "outside"}
     tint = np.array([0.5, 1.0, 2.0])
     radiance = (scenes.LAMP_RADIANCE * tint).tolist()
     for setup, gains in (
         ({}, (1, 1)),
-        ({"emitters": [{"radiance": radiance}], "background": {"scale": 3}}, (tint, 3)),
-        ({"emitters": [{"scale": 0.2}], "background": {"scale": 2}}, (0.2, 2)),
+        ({"emitters": [{"radiance": radiance}], "environment": {"scale": 3}}, (tint, 3)),
+        ({"emitters": [{"scale": 0.2}], "environment": {"scale": 2}}, (0.2, 2)),
     ):
         relit = ("--setup", json.dumps(setup), "--out", tmp_path / "relit", "--manifest", tmp_path / "r.json")
         assert call("relight", opened, *relit, settings=many) == 0
@@ -548,27 +560,27 @@ def test_lamps_and_outside_alone_add_up_to_any_mix_of_them(opened, tmp_path):
         assert -10 * np.log10(((shown[0] - shown[1]) ** 2).mean()) > 40, setup
 
 
-def test_bad_backgrounds(work, refused, tmp_path):
+def test_bad_environments(work, refused, tmp_path):
     out = ("--out", work / "new.npz")
 
     def said(**settings):
-        return refused("background", *out, settings=settings)
+        return refused("environment", *out, settings=settings)
 
-    assert "background.mode is given, but background.file is missing" in said(mode="given")
-    assert "background.file is only for mode given; mode is auto" in said(file="sky.exr")
-    assert "background.radiance is only for mode constant; mode is map" in said(mode="map", radiance=[1, 1, 1])
-    assert "background.mode constant needs training pixels that see no surface" in said(mode="constant")
-    assert "background.mode: input should be" in said(mode="sky")
+    assert "environment.mode is given, but environment.file is missing" in said(mode="given")
+    assert "environment.file is only for mode given; mode is auto" in said(file="sky.exr")
+    assert "environment.radiance is only for mode constant; mode is map" in said(mode="map", radiance=[1, 1, 1])
+    assert "environment.mode constant needs training pixels that see no surface" in said(mode="constant")
+    assert "environment.mode: input should be" in said(mode="sky")
     assert "sky.exr" in said(mode="given", file=str(tmp_path / "sky.exr"))
     write_exr(tmp_path / "sky.exr", {"": np.full((4, 8, 3), np.nan)})
     assert "32 texels are NaN" in said(mode="given", file=str(tmp_path / "sky.exr"))
     assert "32 texels are NaN" in refused(
-        "relight", "--setup", json.dumps({"background": {"file": str(tmp_path / "sky.exr")}})
+        "relight", "--setup", json.dumps({"environment": {"file": str(tmp_path / "sky.exr")}})
     )
     save_npz(work / "flat.npz", mode=np.array("map"), radiance=np.ones((4, 8)), up=np.array("y"), rotation=0.0)
     for verb in ("bake", "fit", "refine", "render"):
         assert "must be a map of shape (height, width, 3); found (4, 8)" in refused(
-            verb, "--background", work / "flat.npz"
+            verb, "--environment", work / "flat.npz"
         )
 
 
@@ -608,27 +620,27 @@ def test_bad_meshes(work, refused):
     path, room = work / "dataset" / "mesh.ply", scenes.room().mesh
     out = ("--out", work / "new" / "train-000")
     path.unlink()
-    assert "the mesh is missing" in refused("hits", *out)
+    assert "the mesh is missing" in refused("samples", *out)
     write_ply(path, Mesh(room.vertices, room.triangles[:0]))
-    assert "must hold triangles" in refused("hits", *out) or "not a readable mesh" in refused("hits", *out)
+    assert "must hold triangles" in refused("samples", *out) or "not a readable mesh" in refused("samples", *out)
     vertices = room.vertices.copy()
     vertices[[2, 5], 1] = np.nan
     write_ply(path, Mesh(vertices, room.triangles))
-    assert "2 are NaN or infinite, the first is vertex 2" in refused("hits", *out)
+    assert "2 are NaN or infinite, the first is vertex 2" in refused("samples", *out)
 
 
 def test_a_view_that_sees_nothing(work, refused):
     cameras = scenes.cameras()
     away = scenes.look_at("b", (10, 1, 1), (20, 1, 1))
     write_transforms(work / "dataset" / "transforms.json", [cameras[0], away, cameras[2]])
-    assert "view b: all rays miss the mesh" in refused("hits", "--out", work / "hits" / "new")
+    assert "view b: all rays miss the mesh" in refused("samples", "--out", work / "samples" / "new")
 
 
 def test_an_unknown_view(refused):
-    assert "view d is not among the accepted views" in refused("hits", "--views", "a,d")
+    assert "view d is not among the accepted views" in refused("samples", "--views", "a,d")
 
 
-@pytest.mark.parametrize("verb", ["background", "cache", "fit", "emitters"])
+@pytest.mark.parametrize("verb", ["environment", "cache", "fit", "emitters"])
 def test_bad_pictures(work, refused, verb):
     path = work / "dataset" / "images" / "b.exr"
     image = read_rgb(path)
@@ -646,7 +658,7 @@ def test_bad_pictures(work, refused, verb):
     assert "missing" in refused(verb)
 
 
-def test_shading_of_other_hits(work, refused):
+def test_shading_of_other_samples(work, refused):
     shading = read_shading(work / "round-0" / "shading" / "train-000")
     save_npy(work / "other" / "shading.npy", shading.words[:-3])
     assert "must hold shading of shape" in refused("fit", "--shading", work / "other")
@@ -655,16 +667,16 @@ def test_shading_of_other_hits(work, refused):
 
 
 def test_shards_that_do_not_pair_up(work, refused):
-    two = f"{work}/hits/train-000,{work}/hits/val-000"
-    assert "--hits and --shading must name as many shards; 2 and 1 given" in refused("fit", "--hits", two)
-    assert "shards" in refused("emitters", "--hits", two)
+    two = f"{work}/samples/train-000,{work}/samples/val-000"
+    assert "--samples and --shading must name as many shards; 2 and 1 given" in refused("fit", "--samples", two)
+    assert "shards" in refused("emitters", "--samples", two)
 
 
 def test_damaged_files(work, refused):
     for verb, _option, path in (
         ("bake", "--cache", "cache.npz"),
         ("fit", "--cache", "cache.npz"),
-        ("render", "--background", "background.npz"),
+        ("render", "--environment", "environment.npz"),
         ("refine", "--emitters", "round-0/emitters.npz"),
         ("materials", "--model", "round-0/model.safetensors"),
         ("materials", "--confidence", "round-0/confidence.npz"),
@@ -803,13 +815,13 @@ def test_a_disk_that_is_too_small(work, refused, monkeypatch, capsys):
 @pytest.mark.skipif(os.geteuid() == 0, reason="nothing is forbidden to root")
 def test_a_folder_that_cannot_be_written(work, refused):
     (work / "closed").mkdir(mode=0o500)
-    for verb in ("hits", "cache", "bake", "fit", "emitters"):
+    for verb in ("samples", "cache", "bake", "fit", "emitters"):
         assert "cannot be written" in refused(verb, "--out", work / "closed" / "new" / "x.npz")
 
 
 def test_a_folder_that_is_a_file(work, refused):
     (work / "taken").write_text("mine")
-    for verb in ("hits", "cache", "bake", "emitters"):
+    for verb in ("samples", "cache", "bake", "emitters"):
         assert "taken" in refused(verb, "--out", work / "taken" / "x.npz")
 
 
@@ -849,7 +861,7 @@ def test_the_list_replaces_nothing_but_a_list(work, refused):
 
 
 def test_what_a_person_decides_while_lamps_are_looked_at_stays(work, monkeypatch):
-    from fipt.emitters import review as stage
+    from fipt.stages.emitters import review as stage
 
     path, look = work / "emitters_review.yaml", stage._sightings
 
@@ -899,6 +911,6 @@ def test_without_segments_the_fit_says_so(work, capsys):
 
 def test_lamps_of_a_view_that_the_shard_lacks(scene, tmp_path, capsys):
     made = ("--views", "nowhere", "--out", tmp_path / "lamps", "--manifest", tmp_path / "lamps.manifest.json")
-    assert call("lamps", scene, *made) == 2
-    assert "has no hits of the views nowhere" in capsys.readouterr().err
+    assert call("olat", scene, *made) == 2
+    assert "has no samples of the views nowhere" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())

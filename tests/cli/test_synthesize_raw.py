@@ -8,11 +8,11 @@ import pytest
 import rawpy
 
 from fipt.cli.main import main
-from fipt.io.cameras import read_transforms, write_transforms
-from fipt.io.dataset import read_layers
-from fipt.io.exr import read_rgb, write_exr
-from fipt.io.manifests import read_manifest
-from fipt.io.meshes import read_mesh, write_ply
+from fipt.formats.exr import read_rgb, write_exr
+from fipt.formats.manifests import read_manifest
+from fipt.scene.cameras import read_transforms, write_transforms
+from fipt.scene.dataset import read_layers
+from fipt.scene.mesh import read_mesh, write_ply
 from tests import captures, scenes
 
 CAMERA = {**captures.SMALL, "exposures": 3, "calibration_frames": 2, "read_noise": 0.5}

@@ -8,9 +8,9 @@ import pytest
 
 from fipt.cli.main import main
 from fipt.conventions import LUMINANCE
-from fipt.io.dataset import Dataset
-from fipt.io.exr import read_rgb
-from fipt.io.manifests import read_manifest
+from fipt.formats.exr import read_rgb
+from fipt.formats.manifests import read_manifest
+from fipt.scene.dataset import Dataset
 from tests import captures, modelled
 
 SETTINGS = {"train_views": 3, "val_views": 1, "width": 32, "height": 24, "spp": 32, "max_depth": 5, "denoise": False}

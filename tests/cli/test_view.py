@@ -9,12 +9,12 @@ from PIL import Image
 
 from fipt.cli.main import main
 from fipt.conventions import SHADING_OUTPUTS, SUB_POSITIONS
-from fipt.io.arrays import save_npz
-from fipt.io.dataset import Dataset
-from fipt.io.exr import write_exr
-from fipt.io.hits import Hits, write_hits
-from fipt.io.images import to_display, write_png
-from fipt.io.shading import Shading, save_shading
+from fipt.formats.arrays import save_npz
+from fipt.formats.exr import write_exr
+from fipt.formats.images import to_display, write_png
+from fipt.scene.dataset import Dataset
+from fipt.scene.samples import FootprintSamples, write_samples
+from fipt.scene.shading import Shading, save_shading
 from tests import scenes
 
 View = Callable[..., np.ndarray]
@@ -40,7 +40,7 @@ def results(tmp_path: Path) -> Path:
     offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     total = int(offsets[-1])
     normal = np.tile(np.array([0, 0, 1], np.float32), (total, 1))
-    hits = Hits(
+    samples = FootprintSamples(
         views=("a", "b"), shapes=((2, 2), (1, 3)), offsets=offsets,
         center=(counts > 0).astype(np.uint8),
         position=np.arange(3 * total, dtype=np.float32).reshape(total, 3), normal=normal,
@@ -48,7 +48,7 @@ def results(tmp_path: Path) -> Path:
         weight=np.array([1, 0.75, 0.25, 0.5, 1, 1], np.float32),
         sub=np.zeros((total, SUB_POSITIONS, 3), np.float16),
     )  # fmt: skip
-    write_hits(tmp_path / "hits" / "train-000", hits)
+    write_samples(tmp_path / "samples" / "train-000", samples)
     shading = np.zeros((total, SHADING_OUTPUTS, 3), np.float32)
     shading[:, 0] = np.array([1, 1, 0, 1, 0.5, 0.25])[:, None]
     shading[:, 3] = [2, 0, 0]
@@ -97,13 +97,13 @@ def test_shading_of_a_view(results: Path, view: View) -> None:
     np.testing.assert_allclose(red[0, 0], [255, 0, 0], atol=1)
 
 
-def test_hits_elsewhere(results: Path, view: View, capsys: pytest.CaptureFixture[str]) -> None:
+def test_samples_elsewhere(results: Path, view: View, capsys: pytest.CaptureFixture[str]) -> None:
     path = results / "round-0" / "shading" / "train-000" / "shading.npy"
     moved = path.rename(results / "shading.npy")
-    assert view(moved, "--hits", str(results / "hits" / "train-000")).shape == (2, 2, 3)
+    assert view(moved, "--samples", str(results / "samples" / "train-000")).shape == (2, 2, 3)
     save_shading(results, Shading.empty(2))
-    assert main(["view", str(moved), "--hits", str(results / "hits" / "train-000")]) == 2
-    assert "name the hits folder it was made from with --hits" in capsys.readouterr().err
+    assert main(["view", str(moved), "--samples", str(results / "samples" / "train-000")]) == 2
+    assert "name the samples folder it was made from with --samples" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -118,10 +118,10 @@ def test_hits_elsewhere(results: Path, view: View, capsys: pytest.CaptureFixture
         ("position", [0] * 3, None),
     ],
 )
-def test_arrays_of_a_hits_folder(
+def test_arrays_of_a_samples_folder(
     results: Path, view: View, name: str, first: list[int] | None, missed: list[int] | None
 ) -> None:
-    picture = view(results / "hits" / "train-000" / f"{name}.npy", "--shard-view", "a")
+    picture = view(results / "samples" / "train-000" / f"{name}.npy", "--shard-view", "a")
     assert picture.shape == (2, 2, 3)
     assert first is None or picture[0, 0].tolist() == first
     assert missed is None or picture[0, 1].tolist() == missed
@@ -157,9 +157,9 @@ def test_default_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ("arguments", "message"),
     [
         (["none.exr"], "the file to view is missing: none.exr"),
-        (["hits/train-000/views.json"], "cannot be viewed; give a file .exr, .png, .npy, .npz"),
-        (["hits/train-000/sub.npy"], "sub.npy cannot be viewed; give shading.npy, position"),
-        (["hits/train-000/normal.npy", "--shard-view", "x"], "no view x; choose one of a, b"),
+        (["samples/train-000/views.json"], "cannot be viewed; give a file .exr, .png, .npy, .npz"),
+        (["samples/train-000/sub.npy"], "sub.npy cannot be viewed; give shading.npy, position"),
+        (["samples/train-000/normal.npy", "--shard-view", "x"], "no view x; choose one of a, b"),
         (
             ["round-0/shading/train-000/shading.npy", "--layer", "Ls"],
             "has no layer Ls; choose one of Ld, Ls0.0, Ls0.1",

@@ -8,13 +8,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fipt.io.background import NOTHING
-from fipt.io.emitters import Emitters
-from fipt.io.meshes import connected_parts, write_ply
 from fipt.model.networks import Brdf
-from fipt.settings import Cache, Hits, Relight, RelightSetup
-from fipt.synthesize.material import Material
-from fipt.synthesize.room import Piece, assemble
+from fipt.scene.emitters import Emitters
+from fipt.scene.environment import NOTHING
+from fipt.scene.mesh import connected_parts, write_ply
+from fipt.scene.setup import RelightSetup
+from fipt.stages.cache.settings import CacheSettings
+from fipt.stages.render.settings import RelightSettings
+from fipt.stages.samples.settings import SamplesSettings
+from fipt.synthetic.material import Material
+from fipt.synthetic.room import Piece, assemble
 from tests import scenes
 from tests.objects import write_cube_glb
 
@@ -63,36 +66,36 @@ def emitters(made):
 @pytest.fixture(scope="module")
 def known(backend):
     """The room and its voxels."""
-    from fipt.shading.cache import build
+    from fipt.stages.cache.build import build
 
     made = room()
     # the voxels lie around what views see: these see the whole room
     around = [scenes.look_at("a", (x, 0, z), (-x, -x / 2, -z)) for x in (-0.9, 0.9) for z in (-0.9, 0.9)]
-    hits = [traced(made.mesh, camera) for camera in around]
+    samples = [traced(made.mesh, camera) for camera in around]
     dark = np.zeros((around[0].width * around[0].height, 3), np.float32)
     picture = (dark, dark[:, 0] + 1, dark[:, 0] > 1)
-    voxels = build(made.mesh, hits, [picture] * len(hits), Cache(resolution=32))
+    voxels = build(made.mesh, samples, [picture] * len(samples), CacheSettings(resolution=32))
     return SimpleNamespace(room=made, voxels=voxels)
 
 
 def traced(mesh, camera=CAMERA):
-    from fipt.render.first_hits import joined, trace_view
+    from fipt.render.footprint import joined, trace_view
     from fipt.render.scene import RayScene
 
-    return joined([camera], [trace_view(RayScene(mesh), connected_parts(mesh), camera, Hits(grid=5))])
+    return joined([camera], [trace_view(RayScene(mesh), connected_parts(mesh), camera, SamplesSettings(grid=5))])
 
 
 def ours(known, setup, spp=512, depth=5):
     """The picture of the relight stage, without denoising; what the pixels' centres see and its materials."""
-    from fipt.relight.changes import change
-    from fipt.relight.lights import apply_setup
-    from fipt.relight.stages import lights_of
     from fipt.render.picture import look, pictures
+    from fipt.stages.render.changes import change
+    from fipt.stages.render.lights import apply_setup
+    from fipt.stages.render.pictures import lights_of
 
     setup = RelightSetup.model_validate(setup)
     mesh, lit = apply_setup(known.room.mesh, emitters(known.room), setup)
     mesh, lit, changes = change(known.room.mesh, mesh, lit, setup, None, NOTHING)
-    (light,) = lights_of(mesh, known.voxels, Grey(), [(lit, NOTHING)], Relight(max_depth=depth), changes)
+    (light,) = lights_of(mesh, known.voxels, Grey(), [(lit, NOTHING)], RelightSettings(max_depth=depth), changes)
 
     def materials(sight):
         return changes.materials(Grey().query(sight.position, sight.footprint), sight)
@@ -104,7 +107,7 @@ def ours(known, setup, spp=512, depth=5):
 
 
 def theirs(known, setup, spp=512, depth=5):
-    from fipt.synthesize.views import render_tracer
+    from fipt.synthetic.views import render_tracer
 
     return render_tracer(known.room, RelightSetup.model_validate(setup), depth).render(CAMERA, spp, 1)
 
@@ -134,13 +137,13 @@ SPOT = {
 
 def test_a_spot_a_red_object_and_a_block_that_is_gone(known):
     setup = {"emitters": NIGHT, "lights": [SPOT], "objects": [RED_CUBE], "remove": [{"at": [-0.5, -0.45, -0.375]}]}
-    picture, hits, _ = ours(known, setup)
+    picture, samples, _ = ours(known, setup)
     assert_alike(picture, theirs(known, setup))
-    assert not np.isin(hits.triangle, np.arange(12, 24)).any()  # the block's triangles
-    assert (hits.triangle >= len(known.room.mesh.triangles)).any()
+    assert not np.isin(samples.triangle, np.arange(12, 24)).any()  # the block's triangles
+    assert (samples.triangle >= len(known.room.mesh.triangles)).any()
     # the object tints what it stands on: the same without its red
     grey = ours(known, setup | {"objects": [RED_CUBE | {"base_color": [0.4, 0.4, 0.4]}]})[0]
-    walls = hits.triangle < 12
+    walls = samples.triangle < 12
     ratio = (picture / grey).reshape(-1, 3)[walls]
     assert np.median(ratio[:, 0]) > 1.02 * np.median(ratio[:, 1])
 
@@ -162,21 +165,21 @@ def test_a_metal_sphere_a_mesh_light_and_edited_materials(known, tmp_path):
             {"box": {"center": [0, -1, 0.2], "size": [0.9, 0.1, 0.5], "rotation": 30}, "tint": [0.2, 1.2, 0.2]},
         ],
     }  # fmt: skip
-    picture, hits, brdf = ours(known, setup)
+    picture, samples, brdf = ours(known, setup)
     assert_alike(picture, theirs(known, setup), mean=0.03)
-    block = np.isin(hits.triangle, np.arange(12, 24))
+    block = np.isin(samples.triangle, np.arange(12, 24))
     np.testing.assert_allclose(brdf.base_color[block], np.tile([0.1, 0.3, 0.8], (block.sum(), 1)), rtol=1e-5)
     np.testing.assert_allclose(brdf.metallic[block], 0.5, rtol=1e-5)
-    ball = hits.triangle >= hits.triangle.max() - 5000
+    ball = samples.triangle >= samples.triangle.max() - 5000
     center = np.array([0.3, -0.7, -0.3])
-    away = hits.position[ball] - center
+    away = samples.position[ball] - center
     np.testing.assert_allclose(np.linalg.norm(away, axis=1), 0.3, atol=2e-3)  # it has fallen to the floor
-    np.testing.assert_allclose(hits.normal[ball], away / np.linalg.norm(away, axis=1, keepdims=True), atol=0.02)
+    np.testing.assert_allclose(samples.normal[ball], away / np.linalg.norm(away, axis=1, keepdims=True), atol=0.02)
     # the painted patch of the floor, counter-clockwise from above: x' = x cos + z sin
     c, s = np.cos(np.radians(30)), np.sin(np.radians(30))
-    x, z = hits.position[:, 0], hits.position[:, 2] - 0.2
-    inside = (np.abs(c * x - s * z) < 0.36) & (np.abs(s * x + c * z) < 0.16) & (hits.position[:, 1] < -0.99)
-    inside &= hits.triangle < 12
+    x, z = samples.position[:, 0], samples.position[:, 2] - 0.2
+    inside = (np.abs(c * x - s * z) < 0.36) & (np.abs(s * x + c * z) < 0.16) & (samples.position[:, 1] < -0.99)
+    inside &= samples.triangle < 12
     assert inside.sum() > 5
     np.testing.assert_allclose(
         brdf.base_color[inside], np.tile(np.minimum(np.array(GREY) * [0.2, 1.2, 0.2], 1), (inside.sum(), 1)), atol=0.02
@@ -193,9 +196,9 @@ def test_a_textured_object_from_a_file(known, tmp_path):
 
 def test_a_box_takes_out_what_it_holds(known):
     setup = {"remove": [{"box": {"center": [-0.5, -0.7, -0.4], "size": [0.8, 0.8, 0.8]}}]}
-    picture, hits, _ = ours(known, setup, spp=128)
+    picture, samples, _ = ours(known, setup, spp=128)
     assert_alike(picture, theirs(known, setup, spp=256))
-    assert not np.isin(hits.triangle, np.arange(12, 24)).any()
+    assert not np.isin(samples.triangle, np.arange(12, 24)).any()
 
 
 # --- spots --------------------------------------------------------------------------------------
@@ -221,7 +224,7 @@ def spot_shading(points, spots, wo=(0, 1, 0), roughness=0.4, mesh=None):
 
 def spot(**keys):
     from fipt.render.spots import spots_of
-    from fipt.settings import NewLight
+    from fipt.scene.setup import NewLight
 
     return spots_of([NewLight(shape="spot", **keys)])
 

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
-from fipt.io.background import NOTHING, Background, constant
 from fipt.model.albedo import specular_albedo
-from fipt.settings import Bake
-from fipt.synthesize.material import Material
+from fipt.scene.environment import NOTHING, EnvironmentMap, constant
+from fipt.stages.shade.settings import BakeSettings
+from fipt.synthetic.material import Material
 from tests import scenes
 
 SIGMAS = 4.5
@@ -34,15 +34,15 @@ def copies(position, normal, to_viewer, count, seed=0):
     return Points(*arrays, random_keys("test", number, np.zeros(count, int), seed))
 
 
-def bake_shader(mesh, voxels, background=NOTHING):
-    from fipt.shading.bake import cache_shader
+def bake_shader(mesh, voxels, environment=NOTHING):
+    from fipt.stages.shade.bake import cache_shader
 
-    return cache_shader(mesh, voxels, True, background)
+    return cache_shader(mesh, voxels, True, environment)
 
 
-def shader(lit, light_at_first=True, depth=1, two_sided=False, background=NOTHING, cache=None, surface=None):
+def shader(lit, light_at_first=True, depth=1, two_sided=False, environment=NOTHING, cache=None, surface=None):
     """A shader of paths through a scene; without ``cache`` no path ends in cached radiance."""
-    from fipt.render.background import sky_of
+    from fipt.render.environment import sky_of
     from fipt.render.scene import RayScene
     from fipt.render.surface import EmitterSet, SurfaceCache, Triangles
     from fipt.render.tracer import PathSettings, Shader
@@ -56,7 +56,7 @@ def shader(lit, light_at_first=True, depth=1, two_sided=False, background=NOTHIN
         Triangles(lit.mesh, emitters),
         SurfaceCache(voxels, voxels["radiance"], known, materials),
         PathSettings(depth, 0.6, light_at_first),
-        sky_of(background),
+        sky_of(environment),
     )
 
 
@@ -212,7 +212,7 @@ def test_rays_that_leave_the_mesh(backend):
     sky = np.array([0.5, 1.0, 2.0])
     a0, a1 = specular_albedo(0.5, 0.5)
     for tracer in (
-        shader(plain, depth=3, background=constant(sky)),
+        shader(plain, depth=3, environment=constant(sky)),
         bake_shader(plain.mesh, scenes.grid(), constant(sky)),
     ):
         assert_mean(tracer.shade(points, [0.5], [4, 4]), np.array([1.0, a0, a1])[:, None] * sky, slack=1e-3)
@@ -227,9 +227,9 @@ def test_a_convex_object_under_constant_light_is_a_furnace(backend):
     normal = unit((0.3, 0.5, -0.2))
     points = copies(normal, normal, unit(np.add(normal, (0.2, 0.1, 0.4))), 2000)
     light = np.array([0.5, 0.0, 2.0])
-    many = Background("map", np.broadcast_to(np.float32(light), (8, 16, 3)).copy(), "z", 30.0)
+    many = EnvironmentMap("map", np.broadcast_to(np.float32(light), (8, 16, 3)).copy(), "z", 30.0)
     for sky in (constant(light), many):
-        got = shader(scenes.Lit(mesh, None, None), depth=3, background=sky).shade(points, [0.5], [8, 8])
+        got = shader(scenes.Lit(mesh, None, None), depth=3, environment=sky).shade(points, [0.5], [8, 8])
         assert_mean(got[:, 0], light, slack=1e-3)
 
 
@@ -239,7 +239,7 @@ def test_a_cap_of_the_sky_has_its_closed_form(backend, axis, normal):
     radiance = np.zeros((512, 1024, 3), np.float32)
     radiance[:128] = [1, 2, 0]
     ground = scenes.floor() if axis == "y" else scenes.quad((-4, -4, 0), (8, 0, 0), (0, 8, 0))
-    sky = Background("given", radiance, axis)
+    sky = EnvironmentMap("given", radiance, axis)
     points = copies((0, 0, 0), normal, unit(np.add(normal, (0.3, 0.2, 0.1))), 4000)
     got = bake_shader(ground, scenes.grid(), sky).shade(points, [0.5], [16, 8])
     assert_mean(got[:, 0], np.array([0.5, 1, 0]), slack=4e-3)
@@ -249,10 +249,10 @@ def test_a_bright_texel_lights_what_faces_it(backend):
     """To the right of an unturned camera is the map's right half."""
     radiance = np.zeros((16, 32, 3), np.float32)
     radiance[7:9, 23:25] = 1  # on the horizon, along +x
-    sky = Background("given", radiance)
+    sky = EnvironmentMap("given", radiance)
     walls = scenes.Lit(scenes.floor(0.01), None, None)
     got = {
-        normal: shader(walls, background=sky).shade(copies((0, 1, 0), normal, normal, 4000), [0.5], [16, 8])[:, 0]
+        normal: shader(walls, environment=sky).shade(copies((0, 1, 0), normal, normal, 4000), [0.5], [16, 8])[:, 0]
         for normal in ((1, 0, 0), (-1, 0, 0), (0, 0, -1))
     }
     # bilinear: the light is that of the texels' values times their solid angles, over pi
@@ -263,7 +263,7 @@ def test_a_bright_texel_lights_what_faces_it(backend):
 
 
 def test_light_that_is_zero_changes_no_bit(backend):
-    from fipt.render.background import Sky
+    from fipt.render.environment import Sky
 
     points = copies(SPOTS[1][0], UP, unit(SPOTS[1][2]), 500)
     tracer = shader(scenes.cornell(), depth=4, surface=(scenes.METAL, scenes.GLOSSY))
@@ -305,7 +305,7 @@ def room():
     return scenes.cornell()
 
 
-def reference(room, surface, depth, background=NOTHING):
+def reference(room, surface, depth, environment=NOTHING):
     """(SPOTS, REPEATS, 3) radiance along the directions to the viewer by Mitsuba's path integrator."""
     import mitsuba as mi
 
@@ -325,7 +325,7 @@ def reference(room, surface, depth, background=NOTHING):
         mitsuba_scene.Light(scenes.Mesh(room.mesh.vertices, room.mesh.triangles[[t]]), color)
         for t, color in zip(room.triangle, room.radiance, strict=True)
     ]
-    scene = mitsuba_scene.load_scene(mesh, uv, Textures(materials), np.where(left, 0, 1), lights, background)
+    scene = mitsuba_scene.load_scene(mesh, uv, Textures(materials), np.where(left, 0, 1), lights, environment)
     path = mi.load_dict({"type": "path", "max_depth": depth + 1, "rr_depth": 100})
     spots = np.repeat(np.arange(len(SPOTS)), REPEATS)
     wo = np.array([unit(v) for _, _, v in SPOTS])[spots]
@@ -381,11 +381,11 @@ def test_light_from_outside_is_that_of_mitsuba(backend, np_rng, depth):
         moved[room.triangle].astype(np.int32),
         room.radiance,
     )
-    sky = Background("given", np_rng.uniform(0, 4, (6, 12, 3)).astype(np.float32) * [1, 0.5, 0], "y", 40.0)
+    sky = EnvironmentMap("given", np_rng.uniform(0, 4, (6, 12, 3)).astype(np.float32) * [1, 0.5, 0], "y", 40.0)
     surface = (scenes.DIFFUSE, scenes.GLOSSY)
     expected = reference(open_, surface, depth, sky)
     roughness = np.repeat([surface[int(p[0] > 0)].roughness for p, _, _ in SPOTS], REPEATS).astype(np.float32)
-    tracer = shader(open_, depth=depth, surface=surface, background=sky)
+    tracer = shader(open_, depth=depth, surface=surface, environment=sky)
     got = combined(tracer.shade(spot_points(), [roughness], [4, 4]), surface)
     dark = combined(shader(open_, depth=depth, surface=surface).shade(spot_points(), [roughness], [4, 4]), surface)
     for ours, theirs, without in zip(got, expected, dark, strict=True):
@@ -410,12 +410,12 @@ def test_light_sampling_at_the_first_hit_changes_the_noise_only(backend, room):
 
 
 def test_shared_and_separate_sampling_agree(backend, np_rng):
-    from fipt.shading.integrate import shade_chunk
+    from fipt.stages.shade.integrate import shade_chunk
 
     voxels = scenes.grid(np_rng.uniform(0, 2, (64, 3)), resolution=4)
     tracer = bake_shader(scenes.box((-1, -1, -1), (1, 1, 1)), voxels)
     points = copies((0.2, -0.3, 0.3), UP, slanted(0.6), 3000)
-    few = Bake(diffuse_spp=8, specular_spp=6, smooth_spp=4, denoise=False)
+    few = BakeSettings(diffuse_spp=8, specular_spp=6, smooth_spp=4, denoise=False)
     shared = shade_chunk(tracer, points, few)
     separate = shade_chunk(tracer, points, few.model_copy(update={"sampling": "separate"}))
     assert shared.shape == (3000, SHADING_OUTPUTS, 3)

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from fipt.config import load, read, read_yaml
+from fipt.config import PRESETS, STAGES, load, read, read_yaml
 from fipt.errors import FiptError
-from fipt.settings import PRESETS, STAGES
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 ROOM = {"source": "procedural"}
@@ -181,19 +180,19 @@ def test_data_root():
 def test_environment_maps_are_placed():
     room = {
         "source": "procedural",
-        "settings": {"background": {"mode": "given", "file": "{data_root}/sky.hdr"}},
-        "setups": {"night": {"background": {"file": "{data_root}/night.exr"}}, "dim": {"background": {"scale": 0.5}}},
+        "settings": {"environment": {"mode": "given", "file": "{data_root}/sky.hdr"}},
+        "setups": {"night": {"environment": {"file": "{data_root}/night.exr"}}, "dim": {"environment": {"scale": 0.5}}},
     }
     placed = scene(room, data_root="/data")
-    assert placed.background_path() == "/data/sky.hdr"
-    assert json.loads(placed.json("background"))["file"] == "/data/sky.hdr"
+    assert placed.environment_path() == "/data/sky.hdr"
+    assert json.loads(placed.json("environment"))["file"] == "/data/sky.hdr"
     assert placed.setup_files("night") == ["/data/night.exr"]
-    assert json.loads(placed.setup_json("night"))["background"]["file"] == "/data/night.exr"
+    assert json.loads(placed.setup_json("night"))["environment"]["file"] == "/data/night.exr"
     assert placed.setup_files("dim") == []
-    with pytest.raises(FiptError, match=r"settings\.background\.file is .*, but data_root is not set"):
-        scene(room).json("background")
-    with pytest.raises(FiptError, match=r"scene room: background\.radiance is only for mode constant; mode is none"):
-        scene({"source": "procedural"}, background={"mode": "none", "radiance": [1, 1, 1]})
+    with pytest.raises(FiptError, match=r"settings\.environment\.file is .*, but data_root is not set"):
+        scene(room).json("environment")
+    with pytest.raises(FiptError, match=r"scene room: environment\.radiance is only for mode constant; mode is none"):
+        scene({"source": "procedural"}, environment={"mode": "none", "radiance": [1, 1, 1]})
 
 
 def test_reads_files_and_overrides(tmp_path, monkeypatch):

@@ -4,8 +4,9 @@ import jsonschema
 import pytest
 import yaml
 
+from fipt.config import STAGES
 from fipt.config_docs import README, SCHEMA, schema_text, with_tables
-from fipt.settings import STAGES, BackgroundEdit, EmitterEdit, NewLight, RelightSetup
+from fipt.scene.setup import EmitterEdit, EnvironmentEdit, NewLight, RelightSetup
 
 REMEDY = "run: python -m fipt.config_docs"
 
@@ -19,7 +20,7 @@ def test_tables_are_in_step():
     assert text == with_tables(text), REMEDY
 
 
-@pytest.mark.parametrize("model", [*STAGES.values(), RelightSetup, BackgroundEdit, EmitterEdit, NewLight])
+@pytest.mark.parametrize("model", [*STAGES.values(), RelightSetup, EnvironmentEdit, EmitterEdit, NewLight])
 def test_every_key_is_described(model):
     assert [name for name, field in model.model_fields.items() if not field.description] == []
 

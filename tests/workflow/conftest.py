@@ -41,7 +41,7 @@ if verb in ("synthesize", "import") and ("--room" in rest or verb == "import"):
 if verb == "pose":
     for name in ("transforms.json", "views.json", "poses.json", "points.ply", "poses.png"):
         write(Path(flags["--out"], name), name)
-elif verb in ("hits", "bake", "refine", "review"):
+elif verb in ("samples", "bake", "refine", "review"):
     write(Path(flags["--out"], "part.npy"))
     if verb == os.environ.get("SLEEP"):
         Path("sleeping.pid").write_text(str(os.getpid()))

@@ -19,7 +19,7 @@ CONFIG = {
     "rounds": 1,
     "views_per_shard": 8,
     "synthesize": {"train_views": 8, "val_views": 2, "width": 32, "height": 24, "spp": 32},
-    "hits": {"grid": 2},
+    "samples": {"grid": 2},
     "cache": {"resolution": 64},
     "bake": {"diffuse_spp": 16, "specular_spp": 4, "smooth_spp": 4},
     "refine": {"diffuse_spp": 16, "specular_spp": 4, "smooth_spp": 4},

@@ -21,7 +21,7 @@ CONFIG = {
     "scenes": {"room": {"source": "procedural"}},
     "rounds": 0,
     "synthesize": {"train_views": 4, "val_views": 1, "width": 48, "height": 36, "spp": 4},
-    "hits": {"grid": 1},
+    "samples": {"grid": 1},
     "cache": {"resolution": 32},
     # Long enough to be killed in the middle, short enough to be repeated.
     "bake": {"diffuse_spp": 2048, "specular_spp": 256, "smooth_spp": 256, "denoise": False},
@@ -67,7 +67,7 @@ def room(tmp_path_factory):
     """Folder and jobs by label; everything before the bake is done."""
     folder = tmp_path_factory.mktemp("kill")
     jobs = {job.label: job for job in plan(load(CONFIG).scenes["room"])}
-    labels = ("synthesize", "synthesize.train-000", "hits.train-000", "background", "cache")
+    labels = ("synthesize", "synthesize.train-000", "samples.train-000", "environment", "cache")
     for label in labels:
         finish(jobs[label], folder)
     return folder, jobs

@@ -18,7 +18,7 @@ from fipt.run import plan
 from tests import captures, modelled
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-SETUP = {"evening": {"emitters": [{"scale": 0.0}], "background": {"file": "night.exr"}}}
+SETUP = {"evening": {"emitters": [{"scale": 0.0}], "environment": {"file": "night.exr"}}}
 CONFIG = {
     "scenes": {
         "room": {
@@ -37,8 +37,8 @@ FIRST = {
     "synthesize_views": 3,
     "synthesize_relit": 1,
     "check_poses": 1,
-    "hits": 3,
-    "background": 1,
+    "samples": 3,
+    "environment": 1,
     "cache": 1,
     "bake": 2,
     "fit": 2,
@@ -118,13 +118,13 @@ def test_runs_once_then_only_what_changed(workspace):
         "fit": after_fit,
         "bake": {"bake": 2, **after_fit},
         "cache": {"cache": 1, "bake": 2, **after_fit},
-        "background": {"background": 1, "bake": 2, **after_fit},
+        "environment": {"environment": 1, "bake": 2, **after_fit},
     }
     values = {
         "report": {"width": 100},
         "metrics": {"fit_exposure": True},
         "cache": {"resolution": 32},
-        "background": {"resolution": 8},
+        "environment": {"resolution": 8},
         "materials": {"average": False},
         "fit": {"steps": 7},
     }
@@ -140,7 +140,7 @@ def test_runs_once_then_only_what_changed(workspace):
     assert here.planned() == {**only("synthesize_relit", "relight_views", "scene_metrics", "scene_report")}
     # Content counts, not the time of a small file.
     here.configure(CONFIG)
-    (here.root / "results/room/hits/train-000.manifest.json").touch()
+    (here.root / "results/room/samples/train-000.manifest.json").touch()
     assert here.planned() == {}
     # A higher stage version is a reason to run.
     patch = here.root / "patch"
@@ -161,7 +161,7 @@ def test_targets_stop_where_they_say(workspace):
     for target, last in made.items():
         jobs = here.planned(target).keys() - {target}
         assert last <= jobs
-        later = {"dataset": {"hits"}, "shading": set(SHOWN), "metrics": {"scene_report"}}
+        later = {"dataset": {"samples"}, "shading": set(SHOWN), "metrics": {"scene_report"}}
         assert not jobs & later.get(target, set())
     assert "scene_report" in here.planned("results/room/report.html")
 
@@ -182,7 +182,7 @@ def test_only_restricts_the_scenes(workspace):
             "unknown key fit.stepz (did you mean steps?); allowed in fit: ",
         ),
         ({"fitt": {}}, "unknown key fitt (did you mean fit?)"),
-        ({"hits": {"grid": 17}}, "hits.grid: input should be less than or equal to 16; found 17"),
+        ({"samples": {"grid": 17}}, "samples.grid: input should be less than or equal to 16; found 17"),
         ({"rounds": -1}, "rounds: input should be greater than or equal to 0; found -1"),
         (
             {"scenes": {"room": {"source": "procedural", "preset": "fast"}}},
@@ -192,7 +192,7 @@ def test_only_restricts_the_scenes(workspace):
             {"scenes": {"room": {"source": "procedural", "settings": {"fit": {"batsh": 1}}}}},
             "unknown key scenes.room.settings.fit.batsh (did you mean batch?)",
         ),
-        ({"background": {"mode": "given"}}, "scene room: background.mode is given, but background.file is missing"),
+        ({"environment": {"mode": "given"}}, "scene room: environment.mode is given, but environment.file is missing"),
         ({"only": ["attic"]}, "only: there is no scene 'attic'; scenes: room"),
     ],
 )
@@ -432,7 +432,7 @@ def test_photographs_are_planned_alike(workspace, monkeypatch, config_of):
     here.configure(config)
     first = here.planned()
     assert (first["calibrate"], first["qa"], first["import_dataset"]) == (1, 1, 1)
-    assert first["develop"] == first["hits"]
+    assert first["develop"] == first["samples"]
     read = re.findall(r"^    input: (.*)\n    output: (.*)$", here.snakemake("--dry-run"), re.MULTILINE)
     here.snakemake()
     assert here.planned() == {}

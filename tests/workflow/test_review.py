@@ -12,7 +12,7 @@ import yaml
 
 from fipt.config import load
 from fipt.errors import FiptError
-from fipt.io.review import refreshed, write_review
+from fipt.scene.review import refreshed, write_review
 from fipt.run import plan, run
 
 CONFIG = {
@@ -33,7 +33,7 @@ NAMED["scenes"]["room"]["setups"]["desk"] = {"emitters": [{"names": ["desk lamp"
 LAST = {"material_maps": 3, "render_views": 1, "lamp_views": 1, "export_room": 1, "check_export": 1}
 AFTER_EMITTERS = {"emitters": 2, "refine": 2, "fit": 1, "review": 1, "relight_views": 1, **LAST}
 AFTER_EMITTERS |= {"scene_metrics": 1, "scene_report": 1}
-"""All that depends on what emits; hits, cache, background, bake and the fit of round 0 do not."""
+"""All that depends on what emits; samples, cache, background, bake and the fit of round 0 do not."""
 
 
 def lamps(*triangles):
@@ -121,7 +121,7 @@ def test_fipt_run_goes_on_where_the_decision_matters(tmp_path, monkeypatch):
     assert again == [label for label in first if label in again]
     kept = {label for label in first if label not in again}
     assert {label.split(".")[0] for label in kept} == {
-        *("synthesize", "check_poses", "hits", "background", "cache", "bake", "fit"),
+        *("synthesize", "check_poses", "samples", "environment", "cache", "bake", "fit"),
     }
     assert "fit.round-1" in again
     assert "fit.round-0" in kept

@@ -111,7 +111,7 @@ def test_one_run_at_a_time():
 
 def test_a_given_file_that_is_missing_is_told_before_anything_runs():
     verbs = Verbs()
-    scene = load({**CONFIG, "background": {"mode": "given", "file": "none.exr"}}).scenes["room"]
+    scene = load({**CONFIG, "environment": {"mode": "given", "file": "none.exr"}}).scenes["room"]
     with pytest.raises(FiptError, match=r"an input of background is missing: none\.exr"):
         run(scene, verbs)
     assert verbs.called == []

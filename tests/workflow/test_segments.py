@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from benchmarks import tiny_mask2former
-from fipt.io.images import read_ids
-from fipt.io.segments import read_view_ids
+from fipt.formats.images import read_ids
+from fipt.scene.segments import read_view_ids
 
 CONFIG = {
     "scenes": {"room": {"source": "procedural"}},
     "rounds": 0,
     "views_per_shard": 8,
     "synthesize": {"train_views": 4, "val_views": 1, "width": 48, "height": 36, "spp": 8},
-    "hits": {"grid": 1},
+    "samples": {"grid": 1},
     "cache": {"resolution": 32},
     "bake": {"diffuse_spp": 4, "specular_spp": 2, "smooth_spp": 2},
     "fit": {"steps": 20, "batch": 256, "levels": 4, "table_log2": 10},

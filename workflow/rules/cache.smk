@@ -1,6 +1,6 @@
 """The radiance cache: what the training pictures say about light that leaves the surface.
 
-INPUTS:  results/{scene}/hits/{shard}.manifest.json of the training shards, their pictures
+INPUTS:  results/{scene}/samples/{shard}.manifest.json of the training shards, their pictures
 OUTPUTS: results/{scene}/cache.npz    sparse voxel records over the surface
 """
 
@@ -9,7 +9,7 @@ rule cache:
     """Gather the pictures' radiance in voxels on the surface."""
     input:
         images=images("train"),
-        hits=sharded("results/{scene}/hits/{shard}.manifest.json", "train"),
+        samples=sharded("results/{scene}/samples/{shard}.manifest.json", "train"),
     output:
         cache="results/{scene}/cache.npz",
         stats="results/{scene}/stats/cache.json",
@@ -22,9 +22,9 @@ rule cache:
         mem_mb=8000,
     params:
         dataset=folder("results/{scene}/dataset"),
-        hits=folders_of("hits"),
+        samples=folders_of("samples"),
         settings=settings("cache"),
         version=VERSIONS["cache"],
     shell:
-        "fipt cache --dataset {params.dataset:q} --hits {params.hits:q} --out {output.cache:q}"
+        "fipt cache --dataset {params.dataset:q} --samples {params.samples:q} --out {output.cache:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

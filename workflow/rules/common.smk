@@ -19,7 +19,7 @@ from snakemake.utils import validate
 from fipt.config import load
 from fipt.errors import FiptError
 from fipt.run import locked
-from fipt.versions import VERSIONS
+from fipt.registry import VERSIONS
 
 # `fipt` is found beside the Python that runs Snakemake, even if its environment is not active.
 shell.prefix(
@@ -142,11 +142,11 @@ def films(wildcards):
 
 
 def relit_hits(wildcards):
-    """Input function: hits of a shard; for a setup's own cameras some hits, which tell the settings."""
+    """Input function: samples of a shard; for a setup's own cameras some samples, which tell the settings."""
     scene = scene_of(wildcards)
     own = wildcards.setup in scene.filmed
     shard = next(iter(shards_of(wildcards, "all"))) if own else wildcards.shard
-    return f"results/{scene.name}/hits/{shard}.manifest.json"
+    return f"results/{scene.name}/samples/{shard}.manifest.json"
 
 
 def check_of_cameras(wildcards):
@@ -163,7 +163,7 @@ def reference_files(wildcards):
 
 def lamps_of(wildcards):
     """Input function: manifests of the views with each lamp alone."""
-    pattern = "results/{scene}/lamps.{shard}.manifest.json"
+    pattern = "results/{scene}/olat.{shard}.manifest.json"
     shards = readable(scene_of(wildcards).lamp_shards)
     return expand(pattern, shard=shards, **wildcards)
 
@@ -226,9 +226,9 @@ def fused_of_setup(wildcards):
     return fused(wildcards) if scene_of(wildcards).names_fused(wildcards.setup) else []
 
 
-def background_file(wildcards):
+def environment_file(wildcards):
     """Input function: the environment map that the config names, if any."""
-    path = readable(scene_of(wildcards).background_path)
+    path = readable(scene_of(wildcards).environment_path)
     return [path] if path else []
 
 

@@ -1,6 +1,6 @@
 """Emitting triangles and their radiance; the list of lamps for people.
 
-INPUTS:  results/{scene}/round-{k}/model.safetensors, shading, hits and pictures of the training shards, mesh;
+INPUTS:  results/{scene}/round-{k}/model.safetensors, shading, samples and pictures of the training shards, mesh;
          the decisions in results/{scene}/emitters_review.yaml as parameters, that file itself never
 OUTPUTS: results/{scene}/round-{k}/emitters.npz     triangles, radiance, area (m2), patches, views, confidence
          results/{scene}/round-{k}/emitters.json    the same by patch, for people
@@ -15,7 +15,7 @@ rule emitters:
         views="results/{scene}/dataset/views.json",
         mesh="results/{scene}/dataset/mesh.ply",
         images=images("train"),
-        hits=sharded("results/{scene}/hits/{shard}.manifest.json", "train"),
+        samples=sharded("results/{scene}/samples/{shard}.manifest.json", "train"),
         shading=sharded(
             "results/{scene}/round-{round}/shading/{shard}.manifest.json", "train"
         ),
@@ -34,13 +34,13 @@ rule emitters:
         gpu=1,
     params:
         dataset=folder("results/{scene}/dataset"),
-        hits=folders_of("hits"),
+        samples=folders_of("samples"),
         shading=folders_of("shading"),
         decisions=emission,
         settings=settings("emitters"),
         version=VERSIONS["emitters"],
     shell:
-        "fipt emitters --dataset {params.dataset:q} --hits {params.hits:q}"
+        "fipt emitters --dataset {params.dataset:q} --samples {params.samples:q}"
         " --shading {params.shading:q} --model {input.model:q} --out {output.emitters:q}"
         " {params.decisions:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
@@ -53,7 +53,7 @@ rule review:
         views="results/{scene}/dataset/views.json",
         mesh="results/{scene}/dataset/mesh.ply",
         images=images("train"),
-        hits=sharded("results/{scene}/hits/{shard}.manifest.json", "train"),
+        samples=sharded("results/{scene}/samples/{shard}.manifest.json", "train"),
         emitters=last_emitters,
     output:
         folder=directory("results/{scene}/emitters"),
@@ -67,13 +67,13 @@ rule review:
         mem_mb=4000,
     params:
         dataset=folder("results/{scene}/dataset"),
-        hits=folders_of("hits"),
+        samples=folders_of("samples"),
         review=folder("results/{scene}/emitters_review.yaml"),
         decisions=listing,
         settings=settings("review"),
         version=VERSIONS["review"],
     shell:
-        "fipt review --dataset {params.dataset:q} --hits {params.hits:q}"
+        "fipt review --dataset {params.dataset:q} --samples {params.samples:q}"
         " --emitters {input.emitters:q} --out {output.folder:q} --review {params.review:q}"
         " {params.decisions:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

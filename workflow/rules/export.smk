@@ -1,6 +1,6 @@
 """The room for other programs: textures, glTF, Mitsuba, USD, Blender, cameras; every file loaded back and compared.
 
-INPUTS:  dataset, results/{scene}/hits/{shard}.manifest.json, background.npz, model and emitters of the last round,
+INPUTS:  dataset, results/{scene}/samples/{shard}.manifest.json, environment.npz, model and emitters of the last round,
          the names of lamps;
          for the check render.{shard}.manifest.json of the val shards
 OUTPUTS: results/{scene}/export.manifest.json     lists export/: scene.glb, scene.usdc, mitsuba/, textures/, cameras/, ...
@@ -14,8 +14,8 @@ rule export_room:
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
         mesh="results/{scene}/dataset/mesh.ply",
-        hits=sharded("results/{scene}/hits/{shard}.manifest.json", "train"),
-        background="results/{scene}/background.npz",
+        samples=sharded("results/{scene}/samples/{shard}.manifest.json", "train"),
+        environment="results/{scene}/environment.npz",
         model=LAST_MODEL,
         confidence=LAST_CONFIDENCE,
         emitters=last_emitters,
@@ -33,15 +33,15 @@ rule export_room:
         gpu=1,
     params:
         dataset=folder("results/{scene}/dataset"),
-        hits=folders_of("hits"),
+        samples=folders_of("samples"),
         lamps=folder("results/{scene}/emitters/emitters.json"),
         out=folder("results/{scene}/export"),
         settings=settings("export"),
         version=VERSIONS["export"],
     shell:
-        "fipt export --name {wildcards.scene:q} --dataset {params.dataset:q} --hits {params.hits:q}"
+        "fipt export --name {wildcards.scene:q} --dataset {params.dataset:q} --samples {params.samples:q}"
         " --model {input.model:q} --emitters {input.emitters:q} --confidence {input.confidence:q}"
-        " --background {input.background:q} --lamps {params.lamps:q} --out {params.out:q} --manifest {output.manifest:q}"
+        " --environment {input.environment:q} --lamps {params.lamps:q} --out {params.out:q} --manifest {output.manifest:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
 
 
@@ -50,7 +50,7 @@ rule check_export:
     input:
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
-        hits=sharded("results/{scene}/hits/{shard}.manifest.json", "val"),
+        samples=sharded("results/{scene}/samples/{shard}.manifest.json", "val"),
         export="results/{scene}/export.manifest.json",
         render=sharded("results/{scene}/render.{shard}.manifest.json", "val"),
     output:
@@ -66,12 +66,12 @@ rule check_export:
         gpu=1,
     params:
         dataset=folder("results/{scene}/dataset"),
-        hits=folders_of("hits"),
+        samples=folders_of("samples"),
         folder=folder("results/{scene}/export"),
         render=folder("results/{scene}/render"),
         settings=settings("export"),
         version=VERSIONS["export"],
     shell:
-        "fipt check-export --dataset {params.dataset:q} --hits {params.hits:q} --export {params.folder:q}"
+        "fipt check-export --dataset {params.dataset:q} --samples {params.samples:q} --export {params.folder:q}"
         " --render {params.render:q} --out {output.check:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

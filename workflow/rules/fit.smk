@@ -1,6 +1,6 @@
 """The fit: BRDF and emission networks to the training pictures, given their shading.
 
-INPUTS:  results/{scene}/round-{k}/shading/{shard}.manifest.json, hits/{shard}.manifest.json, pictures, cache.npz, background.npz,
+INPUTS:  results/{scene}/round-{k}/shading/{shard}.manifest.json, samples/{shard}.manifest.json, pictures, cache.npz, environment.npz,
          segments of the dataset or results/{scene}/segments/fused.manifest.json
          from round 1: the model of the round before
 OUTPUTS: results/{scene}/round-{k}/model.safetensors    networks, scene box, settings, stage version
@@ -18,12 +18,12 @@ rule fit:
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
         images=images("train"),
-        hits=sharded("results/{scene}/hits/{shard}.manifest.json", "train"),
+        samples=sharded("results/{scene}/samples/{shard}.manifest.json", "train"),
         shading=sharded(
             "results/{scene}/round-{round}/shading/{shard}.manifest.json", "train"
         ),
         cache="results/{scene}/cache.npz",
-        background="results/{scene}/background.npz",
+        environment="results/{scene}/environment.npz",
         segments=fused,
         previous=previous("results/{scene}/round-{round}/model.safetensors"),
     output:
@@ -40,14 +40,14 @@ rule fit:
         gpu=1,
     params:
         dataset=folder("results/{scene}/dataset"),
-        hits=folders_of("hits"),
+        samples=folders_of("samples"),
         shading=folders_of("shading"),
         previous=option("--previous", "previous"),
         segments=where("segments", "--segments", "results/{scene}/segments/fused"),
         settings=settings("fit"),
         version=VERSIONS["fit"],
     shell:
-        "fipt fit --dataset {params.dataset:q} --hits {params.hits:q} --shading {params.shading:q}"
-        " {params.previous:q} --cache {input.cache:q} --background {input.background:q}"
+        "fipt fit --dataset {params.dataset:q} --samples {params.samples:q} --shading {params.shading:q}"
+        " {params.previous:q} --cache {input.cache:q} --environment {input.environment:q}"
         " {params.segments:q} --out {output.model:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

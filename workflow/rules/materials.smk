@@ -1,6 +1,6 @@
 """Material maps of every view.
 
-INPUTS:  results/{scene}/hits/{shard}.manifest.json, model, its confidence and emitters of the last round
+INPUTS:  results/{scene}/samples/{shard}.manifest.json, model, its confidence and emitters of the last round
 OUTPUTS: results/{scene}/materials.{shard}.manifest.json    lists materials/{view}.exr: kd.RGB, base_color.RGB,
          reflectance.RGB, roughness.Y, metallic.Y, confidence.Y, emission.RGB, emission_mask.Y, hit.Y
 """
@@ -11,7 +11,7 @@ rule material_maps:
     input:
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
-        hits="results/{scene}/hits/{shard}.manifest.json",
+        samples="results/{scene}/samples/{shard}.manifest.json",
         model=LAST_MODEL,
         confidence=LAST_CONFIDENCE,
         emitters=last_emitters,
@@ -28,12 +28,12 @@ rule material_maps:
         gpu=1,
     params:
         dataset=folder("results/{scene}/dataset"),
-        hits=folders_of("hits"),
+        samples=folders_of("samples"),
         out=folder("results/{scene}/materials"),
         settings=settings("materials"),
         version=VERSIONS["materials"],
     shell:
-        "fipt materials --dataset {params.dataset:q} --hits {params.hits:q}"
+        "fipt materials --dataset {params.dataset:q} --samples {params.samples:q}"
         " --model {input.model:q} --emitters {input.emitters:q} --confidence {input.confidence:q}"
         " --out {params.out:q} --manifest {output.manifest:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

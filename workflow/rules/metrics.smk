@@ -11,7 +11,7 @@ rule scene_metrics:
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
         images=images("all"),
-        hits=sharded("results/{scene}/hits/{shard}.manifest.json", "all"),
+        samples=sharded("results/{scene}/samples/{shard}.manifest.json", "all"),
         materials=sharded("results/{scene}/materials.{shard}.manifest.json", "all"),
         render=sharded("results/{scene}/render.{shard}.manifest.json", "val"),
         relight=relit("results/{scene}/relight/{setup}.{shard}.manifest.json"),
@@ -32,7 +32,7 @@ rule scene_metrics:
         mem_mb=4000,
     params:
         dataset=folder("results/{scene}/dataset"),
-        hits=folders_of("hits"),
+        samples=folders_of("samples"),
         materials=folder("results/{scene}/materials"),
         render=folder("results/{scene}/render"),
         relight=folder("results/{scene}/relight"),
@@ -41,7 +41,7 @@ rule scene_metrics:
         settings=settings("metrics"),
         version=VERSIONS["metrics"],
     shell:
-        "fipt metrics --dataset {params.dataset:q} --hits {params.hits:q}"
+        "fipt metrics --dataset {params.dataset:q} --samples {params.samples:q}"
         " --materials {params.materials:q} --render {params.render:q} --relight {params.relight:q}"
         " --setups={params.setups:q} {params.references:q}"
         " --emitters {input.emitters:q} --out {output.metrics:q}"

@@ -1,12 +1,12 @@
 """The room under other light, and with each lamp alone.
 
-INPUTS:  results/{scene}/hits/{shard}.manifest.json, cache.npz, model and emitters of the last round, a setup of the config,
+INPUTS:  results/{scene}/samples/{shard}.manifest.json, cache.npz, model and emitters of the last round, a setup of the config,
          the files that it names, results/{scene}/segments/fusion.npz where it names fused segments;
          of a setup with its own cameras dataset/check_poses.json and the pictures, which give their places and exposure
 OUTPUTS: results/{scene}/relight/{setup}.{shard}.manifest.json    lists relight/{setup}/{view}.exr (linear RGB radiance)
          results/{scene}/relight/{setup}.manifest.json            of a setup with its own cameras: lists relight/{setup}/*.png,
                                                                   transforms.json, and of a path relight/{setup}.mp4
-         results/{scene}/lamps.{shard}.manifest.json              lists lamps/{view}.exr (a layer for each lamp)
+         results/{scene}/olat.{shard}.manifest.json              lists olat/{view}.exr (a layer for each lamp)
 """
 
 
@@ -17,9 +17,9 @@ rule relight_views:
         views="results/{scene}/dataset/views.json",
         mesh="results/{scene}/dataset/mesh.ply",
         checked=check_of_cameras,
-        hits=relit_hits,
+        samples=relit_hits,
         cache="results/{scene}/cache.npz",
-        background="results/{scene}/background.npz",
+        environment="results/{scene}/environment.npz",
         model=LAST_MODEL,
         emitters=last_emitters,
         files=setup_files,
@@ -40,7 +40,7 @@ rule relight_views:
         gpu=1,
     params:
         dataset=folder("results/{scene}/dataset"),
-        hits=folders_of("hits"),
+        samples=folders_of("samples"),
         out=folder("results/{scene}/relight/{setup}"),
         setup=setup_json,
         lamps=where("lamps", "--lamps", "results/{scene}/emitters/emitters.json"),
@@ -49,8 +49,8 @@ rule relight_views:
         settings=settings("relight"),
         version=VERSIONS["relight"],
     shell:
-        "fipt relight --dataset {params.dataset:q} --hits {params.hits:q} --cache {input.cache:q}"
-        " --background {input.background:q}"
+        "fipt relight --dataset {params.dataset:q} --samples {params.samples:q} --cache {input.cache:q}"
+        " --environment {input.environment:q}"
         " --model {input.model:q} --emitters {input.emitters:q} --setup {params.setup:q}"
         " {params.lamps:q} {params.cameras:q} {params.segments:q}"
         " --out {params.out:q} --manifest {output.manifest:q}"
@@ -94,32 +94,32 @@ rule lamp_views:
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
         mesh="results/{scene}/dataset/mesh.ply",
-        hits="results/{scene}/hits/{shard}.manifest.json",
+        samples="results/{scene}/samples/{shard}.manifest.json",
         cache="results/{scene}/cache.npz",
-        background="results/{scene}/background.npz",
+        environment="results/{scene}/environment.npz",
         model=LAST_MODEL,
         emitters=last_emitters,
     output:
-        manifest="results/{scene}/lamps.{shard}.manifest.json",
-        stats="results/{scene}/stats/lamps.{shard}.json",
+        manifest="results/{scene}/olat.{shard}.manifest.json",
+        stats="results/{scene}/stats/olat.{shard}.json",
     log:
-        "results/{scene}/logs/lamps.{shard}.log",
+        "results/{scene}/logs/olat.{shard}.log",
     benchmark:
-        "results/{scene}/benchmarks/lamps.{shard}.jsonl"
+        "results/{scene}/benchmarks/olat.{shard}.jsonl"
     threads: workflow.cores
     resources:
         mem_mb=8000,
         gpu=1,
     params:
         dataset=folder("results/{scene}/dataset"),
-        hits=folders_of("hits"),
-        out=folder("results/{scene}/lamps"),
+        samples=folders_of("samples"),
+        out=folder("results/{scene}/olat"),
         views=lamp_views,
-        settings=settings("lamps"),
-        version=VERSIONS["lamps"],
+        settings=settings("olat"),
+        version=VERSIONS["olat"],
     shell:
-        "fipt lamps --dataset {params.dataset:q} --hits {params.hits:q} --cache {input.cache:q}"
-        " --background {input.background:q}"
+        "fipt olat --dataset {params.dataset:q} --samples {params.samples:q} --cache {input.cache:q}"
+        " --environment {input.environment:q}"
         " --model {input.model:q} --emitters {input.emitters:q} --views {params.views:q}"
         " --out {params.out:q} --manifest {output.manifest:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

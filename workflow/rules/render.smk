@@ -1,6 +1,6 @@
 """Held-out views, path traced with the model.
 
-INPUTS:  results/{scene}/hits/{shard}.manifest.json of the val shards, cache.npz, model and emitters of the last round
+INPUTS:  results/{scene}/samples/{shard}.manifest.json of the val shards, cache.npz, model and emitters of the last round
 OUTPUTS: results/{scene}/render.{shard}.manifest.json    lists render/{view}.exr (linear RGB radiance)
 """
 
@@ -11,9 +11,9 @@ rule render_views:
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
         mesh="results/{scene}/dataset/mesh.ply",
-        hits="results/{scene}/hits/{shard}.manifest.json",
+        samples="results/{scene}/samples/{shard}.manifest.json",
         cache="results/{scene}/cache.npz",
-        background="results/{scene}/background.npz",
+        environment="results/{scene}/environment.npz",
         model=LAST_MODEL,
         emitters=last_emitters,
     output:
@@ -29,13 +29,13 @@ rule render_views:
         gpu=1,
     params:
         dataset=folder("results/{scene}/dataset"),
-        hits=folders_of("hits"),
+        samples=folders_of("samples"),
         out=folder("results/{scene}/render"),
         settings=settings("render"),
         version=VERSIONS["render"],
     shell:
-        "fipt render --dataset {params.dataset:q} --hits {params.hits:q} --cache {input.cache:q}"
-        " --background {input.background:q}"
+        "fipt render --dataset {params.dataset:q} --samples {params.samples:q} --cache {input.cache:q}"
+        " --environment {input.environment:q}"
         " --model {input.model:q} --emitters {input.emitters:q}"
         " --out {params.out:q} --manifest {output.manifest:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

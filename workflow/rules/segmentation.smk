@@ -1,6 +1,6 @@
 """Segment ids of the training views, where the dataset's own are not used: each view, then all fused on the mesh.
 
-INPUTS:  results/{scene}/hits/{shard}.manifest.json of the training shards, their pictures, mesh, check_poses.json
+INPUTS:  results/{scene}/samples/{shard}.manifest.json of the training shards, their pictures, mesh, check_poses.json
          given ids (segment.path), or the weights of a network (segment.model)
 OUTPUTS: results/{scene}/segments/views.{shard}.manifest.json  lists views/{view}.npz (ids, classes) and classes.json
          results/{scene}/segments/fused.manifest.json          lists fused/{part,semantic}/{view}.png with their names
@@ -15,7 +15,7 @@ rule segment:
         views="results/{scene}/dataset/views.json",
         mesh="results/{scene}/dataset/mesh.ply",
         images=images("train"),
-        hits="results/{scene}/hits/{shard}.manifest.json",
+        samples="results/{scene}/samples/{shard}.manifest.json",
         files=segment_files,
     output:
         manifest="results/{scene}/segments/views.{shard}.manifest.json",
@@ -30,12 +30,12 @@ rule segment:
         gpu=1,
     params:
         dataset=folder("results/{scene}/dataset"),
-        hits=folders_of("hits"),
+        samples=folders_of("samples"),
         out=folder("results/{scene}/segments/views"),
         settings=settings("segment"),
         version=VERSIONS["segment"],
     shell:
-        "fipt segment --dataset {params.dataset:q} --hits {params.hits:q} --out {params.out:q}"
+        "fipt segment --dataset {params.dataset:q} --samples {params.samples:q} --out {params.out:q}"
         " --manifest {output.manifest:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
 

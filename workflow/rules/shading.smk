@@ -1,8 +1,8 @@
-"""Shading of the training hits: from the cache in round 0, path traced with the model afterwards.
+"""Shading of the training samples: from the cache in round 0, path traced with the model afterwards.
 
-INPUTS:  results/{scene}/hits/{shard}.manifest.json, cache.npz, background.npz, mesh
+INPUTS:  results/{scene}/samples/{shard}.manifest.json, cache.npz, environment.npz, mesh
          from round 1: model, emitters and shading of the round before
-OUTPUTS: results/{scene}/round-{k}/shading/{shard}/shading.npy    (hits, 1 + levels) 32-bit words
+OUTPUTS: results/{scene}/round-{k}/shading/{shard}/shading.npy    (samples, 1 + levels) 32-bit words
          results/{scene}/round-{k}/shading/{shard}.manifest.json
 """
 
@@ -13,9 +13,9 @@ rule bake:
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
         mesh="results/{scene}/dataset/mesh.ply",
-        hits="results/{scene}/hits/{shard}.manifest.json",
+        samples="results/{scene}/samples/{shard}.manifest.json",
         cache="results/{scene}/cache.npz",
-        background="results/{scene}/background.npz",
+        environment="results/{scene}/environment.npz",
     output:
         shading=directory("results/{scene}/round-0/shading/{shard}"),
         manifest="results/{scene}/round-0/shading/{shard}.manifest.json",
@@ -30,12 +30,12 @@ rule bake:
         gpu=1,
     params:
         dataset=folder("results/{scene}/dataset"),
-        hits=folders_of("hits"),
+        samples=folders_of("samples"),
         settings=settings("bake"),
         version=VERSIONS["bake"],
     shell:
-        "fipt bake --dataset {params.dataset:q} --hits {params.hits:q} --cache {input.cache:q}"
-        " --background {input.background:q} --out {output.shading:q}"
+        "fipt bake --dataset {params.dataset:q} --samples {params.samples:q} --cache {input.cache:q}"
+        " --environment {input.environment:q} --out {output.shading:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
 
 
@@ -45,9 +45,9 @@ rule refine:
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
         mesh="results/{scene}/dataset/mesh.ply",
-        hits="results/{scene}/hits/{shard}.manifest.json",
+        samples="results/{scene}/samples/{shard}.manifest.json",
         cache="results/{scene}/cache.npz",
-        background="results/{scene}/background.npz",
+        environment="results/{scene}/environment.npz",
         model=previous("results/{scene}/round-{round}/model.safetensors"),
         emitters=previous_emitters,
         shading=previous("results/{scene}/round-{round}/shading/{shard}.manifest.json"),
@@ -67,13 +67,13 @@ rule refine:
         gpu=1,
     params:
         dataset=folder("results/{scene}/dataset"),
-        hits=folders_of("hits"),
+        samples=folders_of("samples"),
         previous=folders_of("shading"),
         settings=settings("refine"),
         version=VERSIONS["refine"],
     shell:
-        "fipt refine --dataset {params.dataset:q} --hits {params.hits:q} --cache {input.cache:q}"
-        " --background {input.background:q}"
+        "fipt refine --dataset {params.dataset:q} --samples {params.samples:q} --cache {input.cache:q}"
+        " --environment {input.environment:q}"
         " --model {input.model:q} --emitters {input.emitters:q} --previous {params.previous:q}"
         " --out {output.shading:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

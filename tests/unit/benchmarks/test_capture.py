@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks import capture
-from fipt.io.cameras import Camera
+from fipt.scene.cameras import Camera
 
 
 def test_errors_of_both_merges_with_both_lenses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -53,7 +53,7 @@ def assert_agree(one, other, points):
 
 def test_first_bounce_from_the_cache(backend, room, voxels, points):
     from benchmarks.plain import DenseCache, PlainShader, Rays
-    from fipt.shading.bake import cache_shader
+    from fipt.stages.shade.bake import cache_shader
 
     cache = DenseCache(voxels, voxels["count"] > 0, None, backend.torch_device)
     assert_agree(cache_shader(room.mesh, voxels, fill=False), PlainShader(Rays(room.mesh), cache), points)

@@ -29,7 +29,7 @@ def test_pixels_double():
 
 def test_a_verb_that_fails_ends_the_run(tmp_path):
     with pytest.raises(SystemExit, match="fipt cache failed"):
-        call("cache", ["--dataset", "none", "--hits", "none", "--out", "cache.npz"], Path("stats.json"), tmp_path)
+        call("cache", ["--dataset", "none", "--samples", "none", "--out", "cache.npz"], Path("stats.json"), tmp_path)
 
 
 def test_the_picture(tmp_path):

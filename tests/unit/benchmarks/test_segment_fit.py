@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.segment_fit import degrade, main, table
-from fipt.io.images import read_ids, write_png
+from fipt.formats.images import read_ids, write_png
 from tests.fake_results import HEIGHT, VIEWS, WIDTH, write_results
 
 

@@ -10,11 +10,11 @@ from safetensors import safe_open
 
 from fipt.errors import FiptError
 from fipt.model.networks import Field, SceneBox
+from fipt.model.settings import FitSettings
 from fipt.model.store import load_checkpoint, load_field, save_checkpoint, save_field
-from fipt.settings import Fit
-from fipt.versions import VERSIONS
+from fipt.registry import VERSIONS
 
-SETTINGS = Fit(levels=4, table_log2=10, growth=1.7, seed=3)
+SETTINGS = FitSettings(levels=4, table_log2=10, growth=1.7, seed=3)
 BOX = SceneBox((1.0, -2.0, 0.1), 4.3)
 
 
@@ -32,7 +32,7 @@ def one_thread(backend):
 class Toy:
     """A regression of a field to a few waves, with everything random from its own generators."""
 
-    def __init__(self, device: str, settings: Fit = SETTINGS) -> None:
+    def __init__(self, device: str, settings: FitSettings = SETTINGS) -> None:
         self.device, self.settings, self.done = device, settings, 0
         self.field = Field(settings, BOX).to(device)
         self.optimizer = torch.optim.Adam(self.field.parameters(), lr=1e-2, fused=True)

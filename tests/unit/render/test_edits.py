@@ -5,7 +5,7 @@ import pytest
 
 from fipt.errors import FiptError
 from fipt.render.edits import Box, Segments, without
-from fipt.settings import RelightSetup
+from fipt.scene.setup import RelightSetup
 from tests import scenes
 
 TWO = scenes.joined(scenes.box((0, 0, 0), (4, 3, 5)), scenes.turned(scenes.box((1, 0.5, 1), (2, 1.5, 2))))

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from fipt.errors import FiptError
-from fipt.io.meshes import write_ply
-from fipt.settings import RelightSetup
+from fipt.scene.mesh import write_ply
+from fipt.scene.setup import RelightSetup
 from tests import scenes
 
 TABLE = scenes.joined(scenes.box((0, 0, 0), (4, 3, 5)), scenes.turned(scenes.box((1, 0, 1), (2, 0.75, 2))))

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from fipt.io.background import NOTHING, constant
 from fipt.model.albedo import reflectance
 from fipt.model.networks import Brdf
+from fipt.scene.environment import NOTHING, constant
 from tests import scenes
 
 PIXEL = 0.25
@@ -32,7 +32,7 @@ def of_one_material(base, roughness, metallic):
 
 @pytest.fixture
 def light(backend):
-    from fipt.render.background import sky_of
+    from fipt.render.environment import sky_of
     from fipt.render.picture import Light
     from fipt.render.scene import RayScene
     from fipt.render.surface import EmitterSet, SurfaceCache, Triangles
@@ -158,14 +158,14 @@ def test_lamps_keep_their_edge_where_pictures_are_denoised(light):
     assert got[:, 12:, 1].min() > 0
 
 
-def some_hits(counts, weight, shape):
+def some_samples(counts, weight, shape):
     n = int(np.sum(counts))
     normal = np.tile(np.float32([0, 0, 1]), (n, 1))
-    return scenes.hits_of(np.zeros((n, 3)), weight=weight, counts=counts, shapes=[shape], normal=normal)
+    return scenes.samples_of(np.zeros((n, 3)), weight=weight, counts=counts, shapes=[shape], normal=normal)
 
 
 def test_layers_are_denoised_apart_and_complete(backend, monkeypatch):
-    """The second layer shows second hits, and first ones where a pixel has no second."""
+    """The second layer shows second samples, and first ones where a pixel has no second."""
     from fipt.render import layers
 
     seen = []
@@ -175,9 +175,9 @@ def test_layers_are_denoised_apart_and_complete(backend, monkeypatch):
         return image + 100
 
     monkeypatch.setattr(layers, "denoise", record)
-    hits = some_hits([1, 2, 0, 3], [1, 0.5, 0.5, 0.3, 0.3, 0.3], (2, 2))
+    samples = some_samples([1, 2, 0, 3], [1, 0.5, 0.5, 0.3, 0.3, 0.3], (2, 2))
     values = np.arange(6.0)[:, None, None] * np.ones((6, 2, 3)) + [[0.0], [0.5]]
-    result = layers.denoise_hits(values, hits, 0)
+    result = layers.denoise_samples(values, samples, 0)
     np.testing.assert_array_equal(result, values + 100)
     first, second, third = (image[..., 0].ravel() for image, _ in seen[::2])
     np.testing.assert_array_equal(first, [0, 1, 0, 3])
@@ -193,7 +193,7 @@ def test_sparse_layers_stay_as_they_are(backend, monkeypatch):
     monkeypatch.setattr(layers, "denoise", lambda image, normal, quality: image + 100)
     counts = np.ones(400, int)
     counts[7] = 2
-    hits = some_hits(counts, np.ones(401), (20, 20))
-    result = layers.denoise_hits(np.zeros((401, 1, 3)), hits, 0)
+    samples = some_samples(counts, np.ones(401), (20, 20))
+    result = layers.denoise_samples(np.zeros((401, 1, 3)), samples, 0)
     assert result[8].max() == 0  # the second hit of pixel 7
     assert np.delete(result, 8, axis=0).min() == 100

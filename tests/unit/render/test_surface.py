@@ -19,7 +19,7 @@ def points_of(mi, array):
 
 def test_a_point_finds_its_voxel(mi, np_rng):
     from fipt.render.surface import SurfaceCache
-    from fipt.shading.cache import voxel_keys
+    from fipt.stages.cache.build import voxel_keys
 
     voxels = scenes.grid(np_rng.random((512, 3)), resolution=8, side=4.0, center=(50.0, -3.0, 7.0))
     surface = SurfaceCache(voxels, voxels["radiance"], voxels["key"] % 3 > 0)
@@ -36,7 +36,7 @@ def test_a_point_finds_its_voxel(mi, np_rng):
 def test_a_point_finds_the_record_that_faces_its_way(mi, np_rng):
     """Where its voxel has none that does, it takes another."""
     from fipt.render.surface import SurfaceCache
-    from fipt.shading.cache import facings
+    from fipt.stages.cache.build import facings
 
     voxels = scenes.grid()
     both = np.sort(np_rng.choice(8 * 6, 25, replace=False))

@@ -1,0 +1,77 @@
+"""Arrays on disk: npy (memory-mapped) and npz, never pickled."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import DTypeLike
+
+from fipt.errors import FiptError
+from fipt.formats.files import atomic, existing_file, nameless
+
+
+def save_npy(path: str | Path, array: np.ndarray) -> None:
+    """Write ``array`` (any shape, no objects) as npy."""
+    with atomic(path) as temporary, open(temporary, "wb") as file:
+        np.save(file, np.ascontiguousarray(array), allow_pickle=False)
+
+
+def load_npy(path: str | Path, mmap: bool = True) -> np.ndarray:
+    """Read an npy file, memory-mapped read-only unless ``mmap`` is false.
+
+    Raises
+    ------
+    FiptError
+        If the file is missing or not a plain npy array.
+    """
+    existing_file(path, "an array file")
+    try:
+        return np.load(path, mmap_mode="r" if mmap else None, allow_pickle=False)
+    except (ValueError, EOFError) as error:
+        # numpy takes whatever it does not know for a pickle, and says how to load one.
+        why = "" if "pickle" in str(error) else f" ({error})"
+        raise FiptError(f"{path} is not a complete npy array{why}", "delete it and run its stage again") from error
+
+
+def on_disk(folder: str | Path) -> Callable[[tuple[int, ...], DTypeLike], np.ndarray]:
+    """Return a function like ``np.empty(shape, dtype)`` whose arrays lie in files without a name in ``folder``.
+
+    The system moves them in and out of memory, and removes them when the process ends.
+    """
+
+    def empty(shape: tuple[int, ...], dtype: DTypeLike) -> np.ndarray:
+        size = int(np.prod(shape)) * np.dtype(dtype).itemsize
+        if size == 0:
+            return np.empty(shape, dtype)
+        with nameless(folder, size) as file:
+            return np.memmap(file, dtype, "r+", shape=shape)
+
+    return empty
+
+
+def save_npz(path: str | Path, **arrays: np.ndarray) -> None:
+    """Write named arrays as npz (uncompressed)."""
+    with atomic(path) as temporary, open(temporary, "wb") as file:
+        np.savez(file, **arrays)
+
+
+def load_npz(path: str | Path, required: Sequence[str] = ()) -> dict[str, np.ndarray]:
+    """Read all arrays of an npz file.
+
+    Raises
+    ------
+    FiptError
+        If the file is missing or damaged, or one of the ``required`` arrays is not in it.
+    """
+    existing_file(path, "an array file")
+    try:
+        # Opened here: numpy leaves the file open where it is damaged.
+        with open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+    except Exception as error:  # zipfile, zlib and numpy each raise their own kinds for a damaged file
+        why = "" if "pickle" in str(error) else f" ({error})"
+        raise FiptError(f"{path} is not a complete npz file{why}", "delete it and run its stage again") from error
+    missing = [name for name in required if name not in arrays]
+    if missing:
+        raise FiptError(f"{path} lacks the arrays {', '.join(missing)}", "give the file of the stage that writes them")
+    return arrays

@@ -1,0 +1,88 @@
+"""OpenEXR files with named channels: the only module that reads or writes EXR."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from fipt.errors import FiptError
+from fipt.formats.files import atomic, existing_file
+
+
+def write_exr(
+    path: str | Path, channels: Mapping[str, np.ndarray], half: bool = False, compression: str = "ZIP"
+) -> None:
+    """Write named channels to one EXR file.
+
+    Parameters
+    ----------
+    path
+        File to write; it appears only when it is complete.
+    channels
+        Channel name -> (height, width) array; for example ``R``, ``kd.R`` or ``roughness.Y``.
+        An (height, width, 3) array under ``name`` is written as ``name.R``, ``name.G``, ``name.B``; under ``""`` as
+        ``R``, ``G``, ``B``. uint32 arrays keep their type.
+    half
+        Store floating-point channels in 16 bits.
+    compression
+        ``ZIP``, or ``PIZ``: also lossless, and faster to write for large noisy pictures.
+    """
+    import OpenEXR
+
+    flat: dict[str, np.ndarray] = {}
+    for name, array in channels.items():
+        array = np.asarray(array)
+        if array.ndim == 3:
+            for index, letter in enumerate("RGB"):
+                flat[f"{name}.{letter}" if name else letter] = array[..., index]
+        else:
+            flat[name] = array
+    dtype = np.float16 if half else np.float32
+    pixels = {
+        name: np.ascontiguousarray(array if array.dtype == np.uint32 else array.astype(dtype))
+        for name, array in flat.items()
+    }
+    header = {"compression": getattr(OpenEXR, f"{compression}_COMPRESSION"), "type": OpenEXR.scanlineimage}
+    with atomic(path) as temporary:
+        OpenEXR.File(header, pixels).write(str(temporary))
+
+
+def read_exr(path: str | Path, required: Sequence[str] = ()) -> dict[str, np.ndarray]:
+    """Read all channels of an EXR file.
+
+    Returns
+    -------
+    dict
+        Channel name -> (height, width) array, float32 (uint32 for integer channels).
+
+    Raises
+    ------
+    FiptError
+        If the file is missing or damaged, or one of the ``required`` channels is not in it.
+    """
+    import OpenEXR
+
+    existing_file(path, "an EXR file")
+    try:
+        with OpenEXR.File(str(path), separate_channels=True) as file:
+            channels = {name: np.array(channel.pixels) for name, channel in file.channels().items()}
+    except Exception as error:  # the package raises bare RuntimeError and ValueError
+        raise FiptError(f"{path} is not a readable EXR file ({error})", "replace the file") from error
+    missing = [name for name in required if name not in channels]
+    if missing:
+        raise FiptError(
+            f"{path} must have the channels {', '.join(required)}; {', '.join(missing)} not among "
+            f"{', '.join(sorted(channels))}",
+            "export the image with these channel names",
+        )
+    return {
+        name: array if array.dtype == np.uint32 else array.astype(np.float32, copy=False)
+        for name, array in channels.items()
+    }
+
+
+def read_rgb(path: str | Path, layer: str = "") -> np.ndarray:
+    """Read the RGB channels of a ``layer`` (the unnamed one by default) as an (height, width, 3) float32 array."""
+    names = [f"{layer}.{letter}" if layer else letter for letter in "RGB"]
+    channels = read_exr(path, required=names)
+    return np.stack([channels[name] for name in names], axis=-1)

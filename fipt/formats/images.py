@@ -1,0 +1,45 @@
+"""8-bit and 16-bit PNG, and the sRGB curve."""
+
+from pathlib import Path
+
+import numpy as np
+
+from fipt.errors import FiptError
+from fipt.formats.files import atomic, existing_file
+
+
+def srgb_encode(linear: np.ndarray) -> np.ndarray:
+    """Apply the sRGB curve to linear values >= 0; it goes on above 1, nothing is clipped there."""
+    linear = np.maximum(linear, 0.0)
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-8) ** (1 / 2.4) - 0.055)
+
+
+def srgb_decode(encoded: np.ndarray) -> np.ndarray:
+    """Invert `srgb_encode`."""
+    encoded = np.asarray(encoded)
+    return np.where(encoded <= 0.04045, encoded / 12.92, ((np.maximum(encoded, 0) + 0.055) / 1.055) ** 2.4)
+
+
+def to_display(linear: np.ndarray) -> np.ndarray:
+    """Return linear radiance or reflectance of any shape as uint8: clipped to [0, 1], sRGB curve."""
+    return (srgb_encode(np.clip(linear, 0.0, 1.0)) * 255.0 + 0.5).astype(np.uint8)
+
+
+def write_png(path: str | Path, pixels: np.ndarray) -> None:
+    """Write an (H, W[, 3]) uint8 image or an (H, W) uint16 id map as PNG."""
+    from PIL import Image
+
+    with atomic(path) as temporary:
+        Image.fromarray(pixels).save(temporary)
+
+
+def read_ids(path: str | Path) -> np.ndarray:
+    """Read an id map: (H, W) uint16, 0 = unknown."""
+    from PIL import Image
+
+    existing_file(path, "an id map")
+    with Image.open(path) as image:
+        ids = np.array(image)
+    if ids.ndim != 2 or ids.min() < 0 or ids.max() > 65535:
+        raise FiptError(f"{path} must be a grey PNG with ids from 0 to 65535", "export it as a 16-bit grey PNG")
+    return ids.astype(np.uint16)

@@ -1,0 +1,90 @@
+"""Manifests: what a stage wrote, with which settings; and the figures of its run."""
+
+import hashlib
+import json
+import resource
+import sys
+import time
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from fipt.errors import FiptError
+from fipt.formats.files import existing_file, write_text
+from fipt.registry import VERSIONS
+
+
+def file_hash(path: str | Path) -> str:
+    """SHA-256 of a file's content, as hex."""
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def write_manifest(path: str | Path, stage: str, files: Iterable[Path], settings: Mapping[str, Any]) -> None:
+    """Write the manifest of a stage's output: file names relative to it, hashes, settings, stage version.
+
+    It holds no time stamp, so that unchanged content reruns nothing downstream.
+    """
+    path = Path(path)
+    content = {
+        "stage": stage,
+        "version": VERSIONS[stage],
+        "settings": dict(settings),
+        "files": {str(file.relative_to(path.parent)): file_hash(file) for file in sorted(files)},
+    }
+    write_text(path, json.dumps(content, indent=1, sort_keys=True) + "\n")
+
+
+def read_manifest(path: str | Path, stage: str) -> dict[str, Any]:
+    """Read a manifest and check that this version of ``stage`` wrote it.
+
+    Raises
+    ------
+    FiptError
+        If it is missing, damaged, of another stage or another stage version.
+    """
+    existing_file(path, f"the manifest of stage {stage}")
+    try:
+        content = json.loads(Path(path).read_text(encoding="utf-8"))
+        found = (content["stage"], content["version"])
+    except (ValueError, KeyError, TypeError) as error:
+        raise FiptError(f"{path} is not a manifest ({error})", "delete it and run its stage again") from error
+    if found != (stage, VERSIONS[stage]):
+        raise FiptError(
+            f"{path} must be of stage {stage} version {VERSIONS[stage]}; found {found[0]} version {found[1]}",
+            "run that stage again",
+        )
+    return content
+
+
+class Stats:
+    """Figures of one run of a stage, filled in while it runs (see `recorded`)."""
+
+    def __init__(self) -> None:
+        self.figures: dict[str, Any] = {}
+
+    def __setitem__(self, name: str, value: Any) -> None:
+        self.figures[name] = value
+
+
+@contextmanager
+def recorded(path: str | Path | None, stage: str, settings: Mapping[str, Any]) -> Iterator[Stats]:
+    """Time a stage's run; write wall time, peak memory, the figures set in it, settings and versions to ``path``."""
+    from fipt import __version__
+
+    stats, start = Stats(), time.perf_counter()
+    yield stats
+    if path is None:
+        return
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+    content = {
+        "stage": stage,
+        "version": VERSIONS[stage],
+        "fipt": __version__,
+        "wall_s": round(time.perf_counter() - start, 3),
+        "peak_memory_bytes": peak,
+        **stats.figures,
+        "settings": dict(settings),
+    }
+    write_text(path, json.dumps(content, indent=1, sort_keys=True, default=str) + "\n")

@@ -1,0 +1,1 @@
+"""What stages share: cameras, mesh, footprint samples, environment map, emitters, segments, shading."""

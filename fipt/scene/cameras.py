@@ -1,0 +1,163 @@
+"""Cameras of a dataset, and transforms.json, the file they live in."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fipt.errors import FiptError
+from fipt.formats.files import check_name, existing_file, write_text
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A pinhole camera.
+
+    Attributes
+    ----------
+    name
+        View name, unique in its dataset.
+    split
+        ``train`` or ``val``.
+    width, height
+        Image size in pixels.
+    fx, fy, cx, cy
+        Focal lengths and principal point in pixels; the centre of the top left pixel is (0.5, 0.5).
+    world_from_camera
+        (4, 4) float64 rigid transform, OpenGL axes (x right, y up, looking along -z), metres.
+    """
+
+    name: str
+    split: str
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    world_from_camera: np.ndarray
+
+    @property
+    def center(self) -> np.ndarray:
+        """(3,) float64 position in world space, metres."""
+        return self.world_from_camera[:3, 3]
+
+    def directions(self, columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """Return unit world directions through image points.
+
+        Parameters
+        ----------
+        columns, rows
+            (...,) image coordinates in pixels; pixel (i, j) spans [j, j + 1) x [i, i + 1).
+
+        Returns
+        -------
+        (..., 3) float32 directions pointing away from the camera.
+        """
+        x = (np.asarray(columns, np.float64) - self.cx) / self.fx
+        y = -(np.asarray(rows, np.float64) - self.cy) / self.fy
+        d = np.stack([x, y, -np.ones_like(x)], axis=-1)
+        d /= np.linalg.norm(d, axis=-1, keepdims=True)
+        return (d @ self.world_from_camera[:3, :3].T).astype(np.float32)
+
+    def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Project (N, 3) world points; return (N, 2) image coordinates and (N,) depth along the view axis, metres."""
+        rotation = self.world_from_camera[:3, :3]
+        local = (np.asarray(points, np.float64) - self.center) @ rotation
+        depth = -local[:, 2]
+        safe = np.where(np.abs(depth) > 1e-12, depth, 1e-12)
+        image = np.stack([self.cx + self.fx * local[:, 0] / safe, self.cy - self.fy * local[:, 1] / safe], axis=1)
+        return image, depth
+
+
+def write_transforms(path: str | Path, cameras: list[Camera], folder: str = "images/") -> None:
+    """Write cameras as transforms.json (nerfstudio convention, intrinsics and split per frame).
+
+    ``folder`` of the pictures is relative to that of the file, with a slash at its end.
+    """
+    frames = [
+        {
+            "file_path": f"{folder}{camera.name}.exr",
+            "split": camera.split,
+            "w": camera.width,
+            "h": camera.height,
+            "fl_x": camera.fx,
+            "fl_y": camera.fy,
+            "cx": camera.cx,
+            "cy": camera.cy,
+            "transform_matrix": np.asarray(camera.world_from_camera, np.float64).tolist(),
+        }
+        for camera in cameras
+    ]
+    write_text(path, json.dumps({"camera_model": "PINHOLE", "frames": frames}, indent=1) + "\n")
+
+
+def read_transforms(path: str | Path) -> list[Camera]:
+    """Read the transforms.json of a dataset (as `write_transforms` writes it).
+
+    Raises
+    ------
+    FiptError
+        If the file is missing, not JSON, lacks a key, repeats a view name or holds a transform that is not rigid.
+    """
+    existing_file(path, "transforms.json")
+    try:
+        frames = json.loads(Path(path).read_text(encoding="utf-8"))["frames"]
+        cameras = [
+            Camera(
+                name=check_name(Path(frame["file_path"]).stem, "view"),
+                split=frame["split"],
+                width=int(frame["w"]),
+                height=int(frame["h"]),
+                fx=float(frame["fl_x"]),
+                fy=float(frame["fl_y"]),
+                cx=float(frame["cx"]),
+                cy=float(frame["cy"]),
+                world_from_camera=np.array(frame["transform_matrix"], np.float64),
+            )
+            for frame in frames
+        ]
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise FiptError(f"{path} is not a dataset's transforms.json ({error!r})", "run the import again") from error
+    check_cameras(cameras, path)
+    return cameras
+
+
+def up_axis(cameras: list[Camera]) -> np.ndarray:
+    """(3,) float64 world axis, or its opposite, that is nearest to the mean up direction of cameras.
+
+    The source's world may have any axis up.
+    """
+    mean = np.mean([camera.world_from_camera[:3, 1] for camera in cameras], axis=0)
+    axis = int(np.abs(mean).argmax())
+    return np.eye(3)[axis] * (1.0 if mean[axis] > 0 else -1.0)
+
+
+def check_cameras(cameras: list[Camera], path: str | Path) -> None:
+    """Raise FiptError unless view names are unique, splits known, sizes positive and transforms rigid."""
+    if not cameras:
+        raise FiptError(f"{path} must list at least one frame; it lists none", "check the source's cameras")
+    seen: set[str] = set()
+    for camera in cameras:
+        where = f"{path}, view {camera.name}"
+        if camera.name in seen:
+            raise FiptError(
+                f"{path}: view names must be unique; {camera.name} occurs twice",
+                "rename one of them",
+            )
+        seen.add(camera.name)
+        if camera.split not in ("train", "val"):
+            raise FiptError(f"{where}: split must be train or val; found {camera.split!r}", "correct the split")
+        if min(camera.width, camera.height) < 1 or not (camera.fx > 0 and camera.fy > 0):
+            raise FiptError(f"{where}: image size and focal lengths must be positive", "correct the intrinsics")
+        transform = camera.world_from_camera
+        if transform.shape != (4, 4) or not np.isfinite(transform).all():
+            raise FiptError(f"{where}: transform_matrix must be a finite 4x4 matrix", "correct the pose")
+        rotation = transform[:3, :3]
+        if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3) or np.linalg.det(rotation) < 0:
+            raise FiptError(
+                f"{where}: the rotation must be orthonormal with determinant 1; found determinant "
+                f"{np.linalg.det(rotation):.3f} (a mirrored or scaled camera)",
+                "correct the pose or leave the view out",
+            )

@@ -1,0 +1,202 @@
+"""The dataset folder: the one form every source is brought to."""
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from fipt.conventions import FLAG_SATURATED
+from fipt.errors import FiptError
+from fipt.formats.exr import read_exr
+from fipt.formats.files import write_text
+from fipt.formats.images import read_ids
+from fipt.formats.views import read_rejected
+from fipt.scene.cameras import Camera, read_transforms
+from fipt.scene.mesh import Mesh, read_mesh
+
+CHECKED = "check_poses.json"
+"""File of a dataset with the verdicts of ``fipt check-poses``, beside views.json and read like it."""
+
+TRUTH_RGB = ("kd", "base_color", "reflectance", "emission")
+TRUTH_SCALAR = ("roughness", "metallic", "emission_mask")
+"""Layers of truth/{view}.exr and materials/{view}.exr: RGB layers as name.R/.G/.B, scalar ones as name.Y."""
+
+
+class Dataset:
+    """Read access to a dataset folder; only accepted views are listed.
+
+    Attributes
+    ----------
+    root
+        The folder.
+    segments_root
+        Folder with ``part/`` and ``semantic/`` ids: of the dataset, or others made of its pictures.
+    cameras
+        Accepted cameras in the order of transforms.json.
+    rejected
+        View that a check rejected -> why: what the import knew (views.json) and what the mesh told (`CHECKED`).
+
+    Parameters
+    ----------
+    unchecked
+        Leave out what the mesh told: for the check itself.
+    """
+
+    def __init__(self, root: str | Path, segments: str | Path | None = None, unchecked: bool = False) -> None:
+        self.root = Path(root)
+        self.segments_root = Path(segments) if segments else self.root / "segments"
+        self.rejected = rejected_views(self.root)
+        if unchecked:
+            self.rejected = read_rejected(self.root / "views.json")
+        self.cameras = [c for c in read_transforms(self.root / "transforms.json") if c.name not in self.rejected]
+        self._by_name = {camera.name: camera for camera in self.cameras}
+        # Of the view that was read last: callers ask for them after its image, which is in the same file.
+        self._flags: dict[str, np.ndarray | None] = {}
+
+    def camera(self, view: str) -> Camera:
+        """Return the camera of an accepted view."""
+        if view not in self._by_name:
+            raise FiptError(
+                f"view {view} is not among the accepted views of {self.root}",
+                "choose one of " + ", ".join(list(self._by_name)[:8]),
+            )
+        return self._by_name[view]
+
+    def views(self, split: str) -> list[str]:
+        """Names of the accepted views of a split (``train`` or ``val``)."""
+        return [camera.name for camera in self.cameras if camera.split == split]
+
+    def accepted(self, views: Iterable[str]) -> list[str]:
+        """Return ``views`` without those that a check rejected: a plan is made before the checks."""
+        return [view for view in views if view not in self.rejected]
+
+    def mesh(self) -> Mesh:
+        """The room's mesh, metres."""
+        return read_mesh(self.root / "mesh.ply")
+
+    def image(self, view: str) -> tuple[np.ndarray, np.ndarray]:
+        """Read an image and its weights.
+
+        Returns
+        -------
+        radiance
+            (H, W, 3) float32 linear RGB, finite and >= 0 where the weight is positive.
+        valid
+            (H, W) float32 weights in [0, 1]; 1 where the file has no ``valid.Y``.
+
+        Raises
+        ------
+        FiptError
+            If the size differs from the camera's or pixels with weight are NaN, infinite or negative.
+        """
+        camera = self.camera(view)
+        path = self.root / "images" / f"{view}.exr"
+        channels = self._channels(view)
+        radiance = np.stack([channels[letter] for letter in "RGB"], axis=-1)
+        valid = np.clip(channels.get("valid.Y", np.ones(radiance.shape[:2], np.float32)), 0.0, 1.0)
+        check_image(radiance, valid, camera, path)
+        return np.where(valid[..., None] > 0, radiance, 0.0).astype(np.float32), valid
+
+    def flags(self, view: str) -> np.ndarray | None:
+        """(H, W) uint32 bits of conventions.FLAG_*, or None where the source gave none."""
+        if view not in self._flags:
+            self._channels(view)
+        return self._flags[view]
+
+    def clipped(self, view: str) -> np.ndarray:
+        """(H, W) bool: pixels whose radiance is only a lower bound; none where the source gave no flags."""
+        flags, camera = self.flags(view), self.camera(view)
+        if flags is None:
+            return np.zeros((camera.height, camera.width), bool)
+        return (flags & FLAG_SATURATED) > 0
+
+    def _channels(self, view: str) -> dict[str, np.ndarray]:
+        channels = read_exr(self.root / "images" / f"{view}.exr", required=("R", "G", "B"))
+        flags = channels.get("flags.Y")
+        self._flags = {view: None if flags is None else flags.astype(np.uint32)}
+        return channels
+
+    def segment_kind(self, wanted: str = "auto") -> str | None:
+        """Return the kind of segments to use: ``wanted`` itself, or for ``auto`` part, else semantic, else None."""
+        kinds = ("part", "semantic") if wanted == "auto" else () if wanted == "none" else (wanted,)
+        for kind in kinds:
+            if self.has_segments(kind):
+                return kind
+        if wanted not in ("auto", "none"):
+            raise FiptError(f"{self.segments_root} has no {wanted} segments", "set segments: auto, or import them")
+        return None
+
+    def has_segments(self, kind: str) -> bool:
+        """Whether there are segments of a kind, part or semantic."""
+        return (self.segments_root / kind).is_dir()
+
+    def segments(self, view: str, kind: str) -> np.ndarray:
+        """(H, W) uint16 segment ids of a view, 0 = unknown."""
+        path = self.segments_root / kind / f"{view}.png"
+        ids, camera = read_ids(path), self.camera(view)
+        if ids.shape != (camera.height, camera.width):
+            raise FiptError(
+                f"{path} must be {camera.width}x{camera.height} like its camera; it is {ids.shape[1]}x{ids.shape[0]}",
+                "export the ids at the image's size",
+            )
+        return ids
+
+    def truth(self, view: str) -> dict[str, np.ndarray] | None:
+        """Ground truth of a view, or None: layer name -> (H, W, 3) or (H, W) float32."""
+        path = self.root / "truth" / f"{view}.exr"
+        return read_layers(path) if path.is_file() else None
+
+
+def check_image(radiance: np.ndarray, valid: np.ndarray, camera: Camera, path: Path) -> None:
+    """Raise FiptError if an (H, W, 3) image does not fit its camera or holds NaN, infinite or negative pixels."""
+    if radiance.shape[:2] != (camera.height, camera.width):
+        raise FiptError(
+            f"{path} must be {camera.width}x{camera.height} like its camera; it is "
+            f"{radiance.shape[1]}x{radiance.shape[0]}",
+            "correct the camera's size or the image",
+        )
+    for what, bad in (
+        ("NaN", np.isnan(radiance)),
+        ("infinite", np.isinf(radiance)),
+        ("negative", radiance < 0),
+    ):
+        pixels = bad.any(axis=-1) & (valid > 0)
+        if pixels.any():
+            row, column = np.argwhere(pixels)[0]
+            raise FiptError(
+                f"{path} must hold finite radiance >= 0; {int(pixels.sum())} pixels are {what}, the first at row "
+                f"{row}, column {column}",
+                "repair the image, or set valid.Y to 0 there",
+            )
+
+
+def read_layers(path: str | Path) -> dict[str, np.ndarray]:
+    """Read an EXR of layers: ``name.R/.G/.B`` become (H, W, 3) under ``name``, ``name.Y`` (H, W)."""
+    channels = read_exr(path)
+    layers: dict[str, np.ndarray] = {}
+    for name in sorted({channel.rpartition(".")[0] for channel in channels}):
+        if f"{name}.Y" in channels:
+            layers[name] = channels[f"{name}.Y"]
+        else:
+            letters = [f"{name}.{letter}" if name else letter for letter in "RGB"]
+            missing = [letter for letter in letters if letter not in channels]
+            if missing:
+                raise FiptError(f"{path}: layer {name!r} lacks {', '.join(missing)}", "write all three channels")
+            layers[name] = np.stack([channels[letter] for letter in letters], axis=-1)
+    return layers
+
+
+def rejected_views(root: Path) -> dict[str, str]:
+    """View of a dataset that some check rejected -> why."""
+    return read_rejected(root / "views.json") | read_rejected(root / CHECKED)
+
+
+def write_views(path: str | Path, names: list[str], rejected: dict[str, str] | None = None) -> None:
+    """Write views.json: every view accepted, or rejected with its reason."""
+    rejected = rejected or {}
+    views = {
+        name: {"accepted": False, "reason": rejected[name]} if name in rejected else {"accepted": True}
+        for name in names
+    }
+    write_text(path, json.dumps({"views": views}, indent=1) + "\n")

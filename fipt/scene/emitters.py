@@ -1,0 +1,193 @@
+"""emitters.npz for programs and emitters.json for people."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fipt.conventions import LUMINANCE
+from fipt.errors import FiptError
+from fipt.formats.arrays import load_npz, save_npz
+from fipt.formats.files import existing_file, write_text
+from fipt.scene.mesh import Mesh
+from fipt.scene.review import closest, ranges
+from fipt.scene.setup import EmitterEdit
+
+
+@dataclass(frozen=True)
+class Emitters:
+    """Emitting triangles of a room.
+
+    Attributes
+    ----------
+    triangle
+        (E,) int32 indices into the mesh.
+    radiance
+        (E, 3) float32.
+    area
+        (E,) float32 square metres.
+    emitter
+        (E,) int32 number of the connected patch (lamp).
+    views
+        (E,) int32 training views that see the patch.
+    confidence
+        (E,) float32 in [0, 1]: agreement and number of the pixels that see it.
+    clipped
+        (E,) float32 share of the patch's pixels that are clipped.
+    lower_bound
+        (E,) bool: its radiance comes from clipped pixels, and may be higher.
+    two_sided
+        Whether they shine from both sides.
+    """
+
+    triangle: np.ndarray
+    radiance: np.ndarray
+    area: np.ndarray
+    emitter: np.ndarray
+    views: np.ndarray
+    confidence: np.ndarray
+    clipped: np.ndarray
+    lower_bound: np.ndarray
+    two_sided: bool = True
+
+
+_ARRAYS = ("triangle", "radiance", "area", "emitter", "views", "confidence", "clipped", "lower_bound")
+
+
+def default_name(number: int) -> str:
+    """What a lamp is called to which nobody gave a name."""
+    return f"lamp-{number}"
+
+
+def lamp_triangles(emitters: Emitters) -> list[np.ndarray]:
+    """Triangles of every lamp, in the order of their numbers."""
+    count = int(emitters.emitter.max(initial=-1)) + 1
+    return [emitters.triangle[emitters.emitter == number] for number in range(count)]
+
+
+def lamp_facts(emitters: Emitters, mesh: Mesh) -> list[dict[str, Any]]:
+    """What emitters.json says of every lamp.
+
+    Power is the flux of a Lambertian emitter, of each channel; ``share`` is that of the mean of the channels in the
+    power of all lamps.
+    """
+    lamps = []
+    sides = 2 if emitters.two_sided else 1
+    centers = mesh.corners.mean(axis=1)
+    for number, triangles in enumerate(lamp_triangles(emitters)):
+        own = emitters.emitter == number
+        area = emitters.area[own].astype(np.float64)
+        radiance = (emitters.radiance[own] * area[:, None]).sum(0) / area.sum()
+        lamps.append(
+            {
+                "index": number,
+                "name": default_name(number),
+                "triangles": int(own.sum()),
+                "ranges": ranges(triangles),
+                "area": float(area.sum()),
+                "radiance": [float(v) for v in radiance],
+                "power": [float(v) for v in sides * np.pi * area.sum() * radiance],
+                "center": [float(v) for v in (centers[triangles] * area[:, None]).sum(0) / area.sum()],
+                "views": int(emitters.views[own].max()),
+                "confidence": float(emitters.confidence[own].mean()),
+                "clipped": float(emitters.clipped[own].mean()),
+                "lower_bound": bool(emitters.lower_bound[own].any()),
+            }
+        )
+    total = sum(sum(lamp["power"]) for lamp in lamps)
+    return [lamp | {"share": sum(lamp["power"]) / total if total > 0 else 0.0} for lamp in lamps]
+
+
+def write_emitters(path: str | Path, emitters: Emitters, mesh: Mesh) -> None:
+    """Write ``path`` (npz) and, beside it, the JSON for people."""
+    save_npz(
+        path,
+        two_sided=np.array(emitters.two_sided),
+        **{name: getattr(emitters, name) for name in _ARRAYS},
+    )
+    write_list(Path(path).with_suffix(".json"), emitters.two_sided, lamp_facts(emitters, mesh))
+
+
+def write_list(path: Path, two_sided: bool, lamps: list[dict[str, Any]]) -> None:
+    """Write emitters.json."""
+    write_text(path, json.dumps({"two_sided": two_sided, "emitters": lamps}, indent=1) + "\n")
+
+
+def read_names(path: str | Path | None, emitters: Emitters) -> list[str]:
+    """Name of every lamp as emitters.json of the stage review has them; ``lamp-N`` where there is no such file.
+
+    Raises
+    ------
+    FiptError
+        If it is missing, damaged or lists other lamps.
+    """
+    known = list(map(default_name, range(len(lamp_triangles(emitters)))))
+    if path is None:
+        return known
+    content = existing_file(path, "the list of lamps").read_text(encoding="utf-8")
+    try:
+        names = [str(lamp["name"]) for lamp in json.loads(content)["emitters"]]
+    except (ValueError, KeyError, TypeError) as error:
+        raise FiptError(f"{path} is not a list of emitters ({error!r})", "run fipt review again") from error
+    if len(names) != len(known):
+        raise FiptError(f"{path} must list {len(known)} lamps; it has {len(names)}", "run fipt review again")
+    return names
+
+
+def chosen_lamps(edit: EmitterEdit, names: Sequence[str]) -> list[int]:
+    """Numbers of the lamps that an edit of a light setup is about.
+
+    Parameters
+    ----------
+    names
+        Of every lamp; ``lamp-N`` is always lamp N.
+
+    Raises
+    ------
+    FiptError
+        If there is no such lamp: lists those there are, closest first.
+    """
+    wanted = edit.called if edit.index is None else (default_name(edit.index),)
+    if not wanted:
+        return list(range(len(names)))
+    called = [{name, default_name(number)} for number, name in enumerate(names)]
+    unknown = next((name for name in wanted if not any(name in own for own in called)), None)
+    if unknown is not None:
+        what = f"lamp {unknown!r}" if edit.index is None else f"emitter {edit.index}"
+        raise FiptError(
+            f"the light setup names {what}, which is none of {len(names)} lamps",
+            (f"there are {closest(unknown, names)}" if edit.index is None else f"indices are 0 to {len(names) - 1}")
+            if names
+            else "leave its emitters out",
+        )
+    return [number for number, own in enumerate(called) if not own.isdisjoint(wanted)]
+
+
+def edited_radiance(radiance: np.ndarray, edit: EmitterEdit) -> np.ndarray:
+    """Radiance (N, 3) after an edit: exact radiance, then colour (luminance kept), then scale; or none."""
+    if edit.off:
+        return np.zeros_like(radiance)
+    if edit.radiance is not None:
+        radiance = np.broadcast_to(np.array(edit.radiance), radiance.shape)
+    if edit.color is not None:
+        color = np.array(edit.color)
+        radiance = (radiance @ np.array(LUMINANCE))[:, None] * color / max(float(color @ np.array(LUMINANCE)), 1e-9)
+    return radiance * (1.0 if edit.scale is None else edit.scale)
+
+
+def read_emitters(path: str | Path) -> Emitters:
+    """Read emitters.npz.
+
+    Raises
+    ------
+    FiptError
+        If it is missing, damaged or lacks an array.
+    """
+    arrays = load_npz(path)
+    missing = [name for name in (*_ARRAYS, "two_sided") if name not in arrays]
+    if missing:
+        raise FiptError(f"{path} lacks {', '.join(missing)}", "run the emitters stage again")
+    return Emitters(**{name: arrays[name] for name in _ARRAYS}, two_sided=bool(arrays["two_sided"]))

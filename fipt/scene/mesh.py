@@ -1,0 +1,208 @@
+"""Triangle meshes: read, check, write. Triangle order is kept: ids elsewhere refer to it."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from fipt.errors import FiptError
+from fipt.formats.files import atomic, existing_file
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """A triangle mesh in metres.
+
+    Attributes
+    ----------
+    vertices
+        (V, 3) float32 positions.
+    triangles
+        (T, 3) int32 vertex indices.
+    """
+
+    vertices: np.ndarray
+    triangles: np.ndarray
+
+    @property
+    def corners(self) -> np.ndarray:
+        """(T, 3, 3) float32 corner positions of every triangle."""
+        return self.vertices[self.triangles]
+
+    @property
+    def area_normals(self) -> np.ndarray:
+        """(T, 3) float64 geometric normals; their length is the triangle's area in square metres."""
+        a, b, c = np.moveaxis(self.corners.astype(np.float64), 1, 0)
+        return 0.5 * np.cross(b - a, c - a)
+
+    @property
+    def areas(self) -> np.ndarray:
+        """(T,) float64 areas in square metres."""
+        return np.linalg.norm(self.area_normals, axis=1)
+
+    @property
+    def normals(self) -> np.ndarray:
+        """(T, 3) float32 unit geometric normals by winding order; zero for degenerate triangles."""
+        n = self.area_normals
+        length = np.linalg.norm(n, axis=1, keepdims=True)
+        return (n / np.where(length > 0, length, 1.0)).astype(np.float32)
+
+
+def read_mesh(path: str | Path) -> Mesh:
+    """Read a PLY or OBJ mesh, all objects merged, vertices and triangles in file order.
+
+    Raises
+    ------
+    FiptError
+        If the file is missing, empty, not a mesh, has NaN vertices or indices out of range.
+    """
+    path = existing_file(path, "the mesh")
+    try:
+        read = _read_obj if path.suffix.lower() == ".obj" else _read_other
+        vertices, triangles = read(path)
+    except Exception as error:  # trimesh raises whatever its parsers raise
+        raise FiptError(f"{path} is not a readable mesh ({error})", "give a PLY or OBJ file with triangles") from error
+    if len(triangles) == 0 or triangles.ndim != 2 or triangles.shape[1] != 3:
+        raise FiptError(
+            f"the mesh {path} must hold triangles; it has none",
+            "give a PLY or OBJ file with triangles",
+        )
+    bad = ~np.isfinite(vertices).all(axis=1)
+    if bad.any():
+        raise FiptError(
+            f"the mesh {path} must have finite vertices; {int(bad.sum())} are NaN or infinite, the first is "
+            f"vertex {int(np.argmax(bad))}",
+            "repair the mesh",
+        )
+    if triangles.min() < 0 or triangles.max() >= len(vertices):
+        raise FiptError(f"the mesh {path} refers to vertices it does not have", "repair the mesh")
+    return Mesh(vertices, triangles)
+
+
+def connected_parts(mesh: Mesh) -> np.ndarray:
+    """(T,) int32 number of the connected component of each triangle; vertices at one place count as one."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    _, vertex = np.unique(mesh.vertices, axis=0, return_inverse=True)
+    corners = vertex.reshape(-1)[mesh.triangles]
+    rows, columns = corners[:, [0, 1]].ravel(), corners[:, [1, 2]].ravel()
+    count = int(corners.max()) + 1
+    graph = coo_matrix((np.ones(len(rows), np.int8), (rows, columns)), shape=(count, count))
+    return connected_components(graph, directed=False)[1][corners[:, 0]].astype(np.int32)
+
+
+def closed(mesh: Mesh) -> bool:
+    """Whether each edge belongs to two triangles, so that nobody sees the inside."""
+    # corners that a hundredth of a millimetre parts are one
+    _, vertex = np.unique(mesh.vertices.round(5), axis=0, return_inverse=True)
+    corner = vertex.reshape(-1)[mesh.triangles]
+    edges = np.sort(corner[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    return bool((np.unique(edges, axis=0, return_counts=True)[1] == 2).all())
+
+
+def surface_points(
+    mesh: Mesh, spacing: float, low: np.ndarray, high: np.ndarray, seed: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points on the mesh inside a box, about one per ``spacing`` squared and at least one a triangle.
+
+    Returns
+    -------
+    points
+        (N, 3) float32, metres.
+    triangle
+        (N,) int64 index of the triangle of each.
+    """
+    corners = mesh.corners
+    inside = (corners.max(axis=1) > low).all(axis=1) & (corners.min(axis=1) < high).all(axis=1)
+    areas = np.where(inside, mesh.areas, 0.0)
+    # a huge triangle may reach far out of the box: cap its points and keep those inside
+    counts = np.where(inside, 1 + np.minimum(areas / spacing**2, 4e6), 0).astype(np.int64)
+    owner = np.repeat(np.arange(len(counts)), counts)
+    u = np.random.default_rng(seed).random((len(owner), 2), dtype=np.float32)
+    root = np.sqrt(u[:, :1])
+    a, b, c = corners[owner, 0], corners[owner, 1], corners[owner, 2]
+    points = a * (1 - root) + b * (root * (1 - u[:, 1:])) + c * (root * u[:, 1:])
+    keep = ((points > low) & (points < high)).all(axis=1)
+    return points[keep].astype(np.float32), owner[keep]
+
+
+def face_property(path: str | Path, name: str) -> np.ndarray:
+    """(T,) values of a scalar property of a PLY's faces.
+
+    Raises
+    ------
+    FiptError
+        If the file is missing, not a PLY of triangles, or has no such property.
+    """
+    import trimesh
+
+    existing_file(path, "the labelled mesh")
+    try:
+        loaded = trimesh.load(path, process=False, maintain_order=True, force="mesh", file_type="ply")
+        faces = loaded.metadata["_ply_raw"]["face"]["data"]
+    except Exception as error:  # trimesh raises whatever its parsers raise
+        raise FiptError(f"{path} is not a readable PLY mesh ({error})", "give a PLY file with triangles") from error
+    names = faces.dtype.names if isinstance(faces, np.ndarray) else tuple(faces)
+    if name not in names:
+        raise FiptError(
+            f"the faces of {path} have no property {name!r}; found {', '.join(names)}", "name it with segment.property"
+        )
+    return np.asarray(faces[name]).reshape(-1)
+
+
+def _read_other(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    import trimesh
+
+    loaded = trimesh.load(path, process=False, maintain_order=True, force="mesh")
+    return np.asarray(loaded.vertices, np.float32), np.asarray(loaded.faces, np.int32)
+
+
+def _read_obj(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and faces of an OBJ file (trimesh reorders the faces of several materials)."""
+    vertices: list[list[str]] = []
+    triangles: list[tuple[int, int, int]] = []
+    with open(path, encoding="utf-8", errors="replace") as file:
+        for words in map(str.split, file):
+            if words[:1] == ["v"]:
+                vertices.append(words[1:4])
+            elif words[:1] == ["f"]:
+                numbers = [int(word.partition("/")[0]) for word in words[1:]]
+                # Numbers count from 1, negative ones backwards from the vertex read last.
+                first, *rest = (n - 1 if n > 0 else len(vertices) + n for n in numbers)
+                triangles += [(first, b, c) for b, c in pairwise(rest)]
+    return (
+        np.array(vertices, np.float32).reshape(-1, 3),
+        np.array(triangles, np.int32).reshape(-1, 3),
+    )
+
+
+def write_ply(path: str | Path, mesh: Mesh, colors: np.ndarray | None = None) -> None:
+    """Write a binary PLY file, vertices and triangles in order.
+
+    Parameters
+    ----------
+    colors
+        Optional (V, 3) uint8 vertex colours.
+    """
+    vertex_fields = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
+    if colors is not None:
+        vertex_fields += [("red", "u1"), ("green", "u1"), ("blue", "u1")]
+    vertices = np.zeros(len(mesh.vertices), vertex_fields)
+    for axis, name in enumerate("xyz"):
+        vertices[name] = mesh.vertices[:, axis]
+    if colors is not None:
+        for axis, name in enumerate(("red", "green", "blue")):
+            vertices[name] = colors[:, axis]
+    faces = np.zeros(len(mesh.triangles), [("count", "u1"), ("indices", "<i4", 3)])
+    faces["count"] = 3
+    faces["indices"] = mesh.triangles
+    types = {"<f4": "float", "u1": "uchar"}
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertices)}"]
+    header += [f"property {types[kind]} {name}" for name, kind in vertex_fields]
+    header += [f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header"]
+    with atomic(path) as temporary, open(temporary, "wb") as file:
+        file.write(("\n".join(header) + "\n").encode("ascii"))
+        file.write(vertices.tobytes())
+        file.write(faces.tobytes())

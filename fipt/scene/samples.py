@@ -1,0 +1,177 @@
+"""Footprint samples on disk: flat arrays over surface pieces, and each pixel's offset into them."""
+
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fipt.conventions import SUB_POSITIONS
+from fipt.errors import FiptError
+from fipt.formats.arrays import load_npy, save_npy
+from fipt.formats.files import existing_file, write_text
+from fipt.scene.dataset import Dataset
+
+Empty = Callable[..., np.ndarray]
+"""Makes an array of a shape and dtype, like ``np.empty``."""
+
+
+@dataclass(frozen=True)
+class FootprintSamples:
+    """Footprint samples of some views. A *hit* is one piece of surface inside one pixel.
+
+    The pixels of all views are concatenated, row-major within a view: P pixels hold H samples.
+
+    Attributes
+    ----------
+    views
+        Names of the views.
+    shapes
+        (height, width) of every view.
+    offsets
+        (P + 1,) int64; pixel p owns samples ``offsets[p]`` to ``offsets[p + 1]``.
+    center
+        (P,) uint8; 1 where the ray through the pixel's centre samples: the pixel's first hit is then that piece.
+    position, normal
+        (H, 3) float32; a point of the piece (metres), the geometric unit normal turned to the viewer.
+    triangle
+        (H,) int32 index into the mesh.
+    footprint
+        (H,) float32 width of the pixel at the hit, across the ray, metres.
+    weight
+        (H,) float32 share of the pixel that the piece covers.
+    sub
+        (H, SUB_POSITIONS, 3) float16 offsets (metres) from position to points of the piece spread over the pixel.
+    """
+
+    views: tuple[str, ...]
+    shapes: tuple[tuple[int, int], ...]
+    offsets: np.ndarray
+    center: np.ndarray
+    position: np.ndarray
+    normal: np.ndarray
+    triangle: np.ndarray
+    footprint: np.ndarray
+    weight: np.ndarray
+    sub: np.ndarray
+
+    @property
+    def first_pixels(self) -> np.ndarray:
+        """(V + 1,) int64 first pixel of every view, and P."""
+        return np.concatenate([[0], np.cumsum([h * w for h, w in self.shapes])]).astype(np.int64)
+
+    def pixels(self, index: int) -> slice:
+        """Pixels of view number ``index``."""
+        first = self.first_pixels
+        return slice(int(first[index]), int(first[index + 1]))
+
+    def of_view(self, index: int) -> slice:
+        """Hits of view number ``index``."""
+        pixels = self.pixels(index)
+        return slice(int(self.offsets[pixels.start]), int(self.offsets[pixels.stop]))
+
+    def pixel_of_sample(self, index: int) -> np.ndarray:
+        """(samples of the view,) int64: pixel number within view ``index`` of each of its samples."""
+        pixels = self.pixels(index)
+        counts = np.diff(self.offsets[pixels.start : pixels.stop + 1])
+        return np.repeat(np.arange(len(counts)), counts)
+
+
+_ARRAYS = ("offsets", "center", "position", "normal", "triangle", "footprint", "weight", "sub")
+
+
+def write_samples(folder: str | Path, samples: FootprintSamples) -> list[Path]:
+    """Write a shard's arrays into an existing folder; return the files."""
+    folder = Path(folder)
+    views = [{"name": n, "height": h, "width": w} for n, (h, w) in zip(samples.views, samples.shapes, strict=True)]
+    write_text(folder / "views.json", json.dumps({"views": views}) + "\n")
+    for name in _ARRAYS:
+        save_npy(folder / f"{name}.npy", getattr(samples, name))
+    return [folder / "views.json", *(folder / f"{name}.npy" for name in _ARRAYS)]
+
+
+def read_samples(folder: str | Path) -> FootprintSamples:
+    """Read a shard, arrays memory-mapped.
+
+    Raises
+    ------
+    FiptError
+        If a file is missing or the arrays do not belong together.
+    """
+    folder = Path(folder)
+    try:
+        views = json.loads(existing_file(folder / "views.json", "the views of a samples shard").read_text())["views"]
+        names = tuple(view["name"] for view in views)
+        shapes = tuple((int(view["height"]), int(view["width"])) for view in views)
+    except (ValueError, KeyError, TypeError) as error:
+        raise FiptError(f"{folder}/views.json is damaged ({error!r})", "run the samples stage again") from error
+    arrays = {name: load_npy(folder / f"{name}.npy") for name in _ARRAYS}
+    samples = FootprintSamples(names, shapes, **arrays)
+    count = len(samples.position)
+    if (
+        len(samples.offsets) != samples.first_pixels[-1] + 1
+        or samples.offsets[-1] != count
+        or len(samples.center) != samples.first_pixels[-1]
+        or samples.sub.shape != (count, SUB_POSITIONS, 3)
+        or any(len(getattr(samples, name)) != count for name in ("normal", "triangle", "footprint", "weight"))
+    ):
+        raise FiptError(
+            f"the arrays of {folder} do not belong together",
+            "delete it and run the samples stage again",
+        )
+    return samples
+
+
+def scene_box(shards: list[FootprintSamples]) -> tuple[np.ndarray, float]:
+    """Cube around all seen samples: (3,) float64 centre and side in metres (longest extent x 1.05)."""
+    positions = [shard.position for shard in shards if len(shard.position)]
+    if not positions:
+        raise FiptError("no camera ray hits the mesh", "check the poses, axes and units of the source")
+    low = np.min([p.min(axis=0) for p in positions], axis=0).astype(np.float64)
+    high = np.max([p.max(axis=0) for p in positions], axis=0).astype(np.float64)
+    return (low + high) / 2, float(max((high - low).max() * 1.05, 1e-6))
+
+
+def view_pixels(
+    dataset: Dataset, shards: list[FootprintSamples]
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Pixels of every view of every shard, one view at a time.
+
+    Yields
+    ------
+    Radiance (P, 3) and weight (P,) float32, and (P,) bool: the radiance is only a lower bound.
+    """
+    for shard in shards:
+        for view in shard.views:
+            image, weight = dataset.image(view)
+            yield image.reshape(-1, 3), weight.reshape(-1), dataset.clipped(view).reshape(-1)
+
+
+def pixels_of(dataset: Dataset, samples: FootprintSamples, empty: Empty = np.empty) -> tuple[np.ndarray, np.ndarray]:
+    """Radiance (P, 3) and weight (P,) float32 of all pixels of a shard, in its pixel order.
+
+    ``empty`` makes the arrays: in memory, or `fipt.formats.arrays.on_disk`.
+    """
+    count = int(samples.first_pixels[-1])
+    radiance, weight = empty((count, 3), np.float32), empty((count,), np.float32)
+    for index, view in enumerate(samples.views):
+        image, valid = dataset.image(view)
+        radiance[samples.pixels(index)], weight[samples.pixels(index)] = image.reshape(-1, 3), valid.reshape(-1)
+    return radiance, weight
+
+
+def segments_of(dataset: Dataset, samples: FootprintSamples, kind: str, empty: Empty = np.empty) -> np.ndarray:
+    """(P,) uint16 segment of all pixels of a shard, in its pixel order; ``empty`` as of `pixels_of`."""
+    ids = empty((int(samples.first_pixels[-1]),), np.uint16)
+    for index, view in enumerate(samples.views):
+        ids[samples.pixels(index)] = dataset.segments(view, kind).reshape(-1)
+    return ids
+
+
+def clipped_of(dataset: Dataset, samples: FootprintSamples, empty: Empty = np.empty) -> np.ndarray:
+    """(P,) bool of all pixels of a shard: the radiance is only a lower bound; order and ``empty`` as of `pixels_of`."""
+    clipped = empty((int(samples.first_pixels[-1]),), bool)
+    for index, view in enumerate(samples.views):
+        clipped[samples.pixels(index)] = dataset.clipped(view).reshape(-1)
+    return clipped

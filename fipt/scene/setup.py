@@ -1,0 +1,355 @@
+"""A relight setup: the room under other light, with other things in it, from other places."""
+
+from collections.abc import Sequence
+from difflib import get_close_matches
+from operator import sub
+from pathlib import Path
+from typing import Any, Literal, Self
+
+from pydantic import Field, ValidationError, model_validator
+
+from fipt.errors import FiptError
+from fipt.settings import (
+    Angle,
+    Count,
+    Fraction,
+    Length,
+    Point,
+    Reflectance,
+    Rgb,
+    Roughness,
+    Settings,
+    Turn,
+    Weight,
+    explain,
+)
+
+
+class EmitterEdit(Settings):
+    """A change to found emitters."""
+
+    index: Count | None = Field(None, description="number of a lamp in emitters.json; every lamp where none is chosen")
+    name: str | None = Field(None, description="name of a lamp: `lamp-N`, or as emitters_review.yaml calls it")
+    names: tuple[str, ...] | None = Field(None, description="names of several lamps", min_length=1)
+    off: bool = Field(False, description="switch off")
+    scale: Weight | None = Field(None, description="radiance factor; 0 switches off")
+    color: Rgb | None = Field(None, description="new chromaticity; the luminance is kept")
+    radiance: Rgb | None = Field(None, description="new radiance")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _yaml_off(cls, values: Any) -> Any:
+        """YAML reads the key ``off`` as the value false."""
+        return {"off" if key is False else key: v for key, v in values.items()} if isinstance(values, dict) else values
+
+    @model_validator(mode="after")
+    def _agrees(self) -> "EmitterEdit":
+        """Refuse what says two things at once."""
+        chosen = [key for key in ("index", "name", "names") if getattr(self, key) is not None]
+        if len(chosen) > 1:
+            raise ValueError(f"lamps are chosen by one of index, name and names, not by {' and '.join(chosen)}")
+        changed = [key for key in ("scale", "color", "radiance") if getattr(self, key) is not None]
+        if self.off and changed:
+            raise ValueError(f"off: true leaves no light for {' and '.join(changed)}")
+        return self
+
+    @property
+    def called(self) -> tuple[str, ...]:
+        """Names by which the edit chooses lamps; none where it chooses by number, or all of them."""
+        return self.names or ((self.name,) if self.name is not None else ())
+
+
+_LIGHT_KEYS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "quad": (("radiance", "center"), ("normal", "size")),
+    "sphere": (("radiance", "center"), ("radius",)),
+    "mesh": (("radiance", "file"), ("position", "rotation", "scale")),
+    "spot": (("intensity", "position"), ("direction", "target", "cone_angle", "soft_edge")),
+}
+"""Shape of a new light -> keys that it needs, keys that it may have."""
+
+
+class NewLight(Settings):
+    """A light to add: an area light (quad, sphere, mesh of a file) or a spot, which is a point."""
+
+    shape: Literal["quad", "sphere", "mesh", "spot"] = Field(description="what shines")
+    radiance: Rgb | None = Field(None, description="of quad, sphere and mesh")
+    center: Point | None = Field(None, description="of quad and sphere, metres")
+    normal: Point = Field((0.0, -1.0, 0.0), description="direction a quad faces")
+    size: tuple[Length, Length] = Field((0.5, 0.5), description="sides of a quad, metres")
+    radius: float = Field(0.1, gt=0, description="of a sphere, metres")
+    file: str | None = Field(None, description="mesh: PLY, OBJ or GLB; {data_root} is replaced")
+    position: Point = Field((0.0, 0.0, 0.0), description="of a spot; where the origin of a mesh's file comes to lie")
+    rotation: Turn = Field((0.0, 0.0, 0.0), description="of a mesh, degrees about x, then y, then z of the world")
+    scale: Length = Field(1.0, description="of a mesh: metres in a unit of its file")
+    intensity: Rgb | None = Field(None, description="of a spot along its axis, watts per steradian")
+    direction: Point | None = Field(None, description="along a spot's axis; or give its target")
+    target: Point | None = Field(None, description="point on a spot's axis")
+    cone_angle: float = Field(60.0, gt=0, le=178, description="of a spot's whole cone, edge to edge, degrees")
+    soft_edge: float = Field(5.0, gt=0, le=89, description="degrees inside the edge over which a spot fades out")
+
+    @model_validator(mode="after")
+    def _complete(self) -> "NewLight":
+        needed, allowed = _LIGHT_KEYS[self.shape]
+        for key in needed:
+            if getattr(self, key) is None or (key == "position" and "position" not in self.model_fields_set):
+                raise ValueError(f"a {self.shape} light needs {key}")
+        for key, field in type(self).model_fields.items():
+            if key not in ("shape", *needed, *allowed) and getattr(self, key) != field.default:
+                raise ValueError(f"a {self.shape} light has no {key}; it may have {', '.join(needed + allowed)}")
+        if self.shape == "quad" and max(map(abs, self.normal)) < 1e-6:
+            raise ValueError("the normal of a new quad light must not be zero")
+        if self.shape == "spot":
+            if (self.direction is None) == (self.target is None):
+                raise ValueError("a spot needs either direction or target")
+            axis = self.direction if self.target is None else tuple(map(sub, self.target, self.position))
+            if not any(axis):
+                raise ValueError("a spot's direction must not be zero, nor its target its position")
+            if self.soft_edge > self.cone_angle / 2:
+                raise ValueError(f"soft_edge must be at most half of cone_angle; found {self.soft_edge:g}")
+        return self
+
+
+class NewObject(Settings):
+    """An object to put into the room."""
+
+    file: str | None = Field(None, description="PLY, OBJ or GLB with its own materials; {data_root} is replaced")
+    shape: Literal["sphere", "cube"] | None = Field(None, description="or one of these, around its own centre")
+    size: Length = Field(0.3, description="of a shape: diameter of the sphere, side of the cube, metres")
+    position: Point = Field(description="where the file's origin, or the shape's centre, comes to lie")
+    rotation: Turn = Field((0.0, 0.0, 0.0), description="degrees about x, then y, then z of the world")
+    scale: Length = Field(1.0, description="metres in a unit of the file")
+    drop: bool = Field(False, description="falls straight down from there until it touches what is below")
+    base_color: Reflectance | None = Field(None, description="instead of the object's own, linear RGB")
+    roughness: Roughness | None = Field(None, description="instead of the object's own")
+    metallic: Fraction | None = Field(None, description="instead of the object's own")
+
+    @model_validator(mode="after")
+    def _complete(self) -> "NewObject":
+        if (self.file is None) == (self.shape is None):
+            raise ValueError("an object needs either file or shape")
+        return self
+
+
+class BrushBox(Settings):
+    """A box in the room."""
+
+    center: Point
+    size: tuple[Length, Length, Length] = Field(description="sides along x, y and z before it is turned, metres")
+    rotation: Angle = Field(0.0, description="about the up axis, degrees, counter-clockwise from above")
+
+
+class Removal(Settings):
+    """What vanishes: a segment by its number or by a point of it, or what is in a box. One of the three."""
+
+    segment: Count | None = Field(None, description="id of a fused segment, or of a connected part of the mesh")
+    at: Point | None = Field(None, description="the segment or part of the surface nearest to this point")
+    box: BrushBox | None = Field(None, description="triangles whose centre is in a box")
+
+    @model_validator(mode="after")
+    def _one(self) -> "Removal":
+        if sum(value is not None for value in (self.segment, self.at, self.box)) != 1:
+            raise ValueError("give one of segment, at and box")
+        return self
+
+
+class MaterialEdit(Removal):
+    """Another material on a segment or in a box (chosen by one of segment, at, box)."""
+
+    base_color: Reflectance | None = Field(None, description="instead of what was found, linear RGB")
+    tint: Rgb | None = Field(None, description="factor on the base colour that was found; the result is at most 1")
+    roughness: Roughness | None = Field(None, description="instead of what was found")
+    metallic: Fraction | None = Field(None, description="instead of what was found")
+
+    @model_validator(mode="after")
+    def _some(self) -> "MaterialEdit":
+        if self.base_color is not None and self.tint is not None:
+            raise ValueError("give base_color or tint, not both")
+        if all(value is None for value in (self.base_color, self.tint, self.roughness, self.metallic)):
+            raise ValueError("give at least one of base_color, tint, roughness and metallic")
+        return self
+
+
+class EnvironmentEdit(Settings):
+    """A change to the light from outside."""
+
+    file: str | None = Field(None, description="another map, EXR or HDR; {data_root} is replaced")
+    radiance: Rgb | None = Field(None, description="one radiance for all directions instead of a map")
+    scale: Weight | None = Field(None, description="radiance factor; 0 switches off")
+    rotation: Angle = Field(0.0, description="turns the map about the up axis, degrees, counter-clockwise from above")
+
+
+class CameraLens(Settings):
+    """How a setup's own cameras see; what is absent is as in the dataset's first view."""
+
+    fov: float | None = Field(None, ge=1, le=170, description="horizontal field of view, degrees")
+    vertical_fov: float | None = Field(None, ge=1, le=170, description="the vertical one instead, degrees")
+    width: int | None = Field(None, ge=1, le=16384, description="of the pictures, pixels")
+    height: int | None = Field(None, ge=1, le=16384, description="of the pictures, pixels")
+    up: Point | None = Field(
+        None, description="direction to the upper edge; absent: the world axis nearest to up in the dataset's views"
+    )
+
+    @model_validator(mode="after")
+    def _one_meaning(self) -> Self:
+        if self.fov is not None and self.vertical_fov is not None:
+            raise ValueError("give fov or vertical_fov, not both")
+        if self.up is not None and max(map(abs, self.up)) < 1e-6:
+            raise ValueError("up must have a length")
+        return self
+
+
+class LookAt(CameraLens):
+    """A camera that stands anywhere."""
+
+    position: Point
+    target: Point = Field(description="world position in the middle of the picture, metres")
+
+    @model_validator(mode="after")
+    def _apart(self) -> Self:
+        check_apart(self.position, self.target)
+        return self
+
+
+class Keyframe(Settings):
+    """A place on a camera's way: a view of the dataset (its name alone will do), or position and target."""
+
+    view: str | None = Field(None, description="name of a view of the dataset")
+    position: Point | None = Field(None, description="world position, metres")
+    target: Point | None = Field(None, description="world position in the middle of the picture, metres")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _named(cls, value: Any) -> Any:
+        return {"view": value} if isinstance(value, str) else value
+
+    @model_validator(mode="after")
+    def _one_place(self) -> Self:
+        if (self.view is None) == (self.position is None) or (self.position is None) != (self.target is None):
+            raise ValueError("a keyframe must be the name of a view, or position and target")
+        if self.position is not None:
+            check_apart(self.position, self.target)
+        return self
+
+
+class CameraPath(CameraLens):
+    """A camera that moves smoothly through keyframes."""
+
+    keyframes: tuple[Keyframe, ...] = Field(
+        min_length=2, description="names of views, or sections with position and target"
+    )
+    frames: int = Field(ge=1, le=9_999, description="pictures along the way")
+    fps: float = Field(24.0, gt=0, le=240, description="pictures a second of the video")
+    loop: bool = Field(False, description="go on from the last keyframe to the first; the video can be repeated")
+    timing: Literal["speed", "keyframes"] = Field(
+        "speed", description="the same speed all the way, or the same time between neighbouring keyframes"
+    )
+    video: Literal["mp4", "png"] = Field("mp4", description="join the pictures into an MP4, or leave them as they are")
+
+
+class OwnCameras(Settings):
+    """Cameras of a setup instead of the dataset's."""
+
+    look_at: dict[str, LookAt] | None = Field(None, min_length=1, description="name of a picture -> its camera")
+    path: CameraPath | None = Field(None, description="cameras along a way, for a video")
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> Self:
+        if (self.look_at is None) == (self.path is None):
+            raise ValueError("cameras must have look_at or path, one of them")
+        return self
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the pictures, in order."""
+        if self.path is None:
+            return list(self.look_at or {})
+        return [f"frame-{number:04d}" for number in range(1, self.path.frames + 1)]
+
+
+class RelightSetup(Settings):
+    """The room under other light, with other things in it."""
+
+    emitters: tuple[EmitterEdit, ...] = Field((), description="changes to found emitters, in order")
+    lights: tuple[NewLight, ...] = Field((), description="lights to add")
+    environment: EnvironmentEdit | None = Field(None, description="change of the light from outside")
+    cameras: OwnCameras | None = Field(None, description="other cameras than the dataset's views")
+    objects: tuple[NewObject, ...] = Field((), description="objects to put in, one after the other")
+    materials: tuple[MaterialEdit, ...] = Field((), description="other materials, in order")
+    remove: tuple[Removal, ...] = Field((), description="what vanishes, before anything is put in")
+    reference: str | None = Field(
+        None,
+        description="folder of linear photographs under this light, EXR or HDR, named as the views, of any one "
+        "exposure; relit views are compared with them; {data_root} is replaced",
+    )
+
+    @model_validator(mode="after")
+    def _views_to_compare(self) -> Self:
+        if self.cameras is not None and self.reference is not None:
+            raise ValueError("reference is compared with views of the dataset; a setup with cameras renders none")
+        return self
+
+    @property
+    def chooses_segments(self) -> bool:
+        """Whether it names a segment, by number or by a point."""
+        return any(entry.box is None for entry in (*self.materials, *self.remove))
+
+
+def check_apart(position: tuple[float, ...], target: tuple[float, ...]) -> None:
+    """Raise ValueError if a camera stands where it looks."""
+    if max(abs(a - b) for a, b in zip(position, target, strict=True)) < 1e-6:
+        raise ValueError("position and target must be apart, so that there is a direction to look in")
+
+
+def check_keyframes(path: CameraPath, views: Sequence[str]) -> None:
+    """Raise FiptError if a keyframe names none of the ``views``."""
+    for key in path.keyframes:
+        if key.view is not None and key.view not in views:
+            close = get_close_matches(key.view, views, n=3, cutoff=0.3) or list(views[:3])
+            raise FiptError(
+                f"a camera path goes through view {key.view!r}, which there is not", f"use {', '.join(close)}"
+            )
+
+
+def parse_setup(text: str) -> RelightSetup:
+    """Read a light setup: JSON, or the path of a YAML file with the same keys.
+
+    Raises
+    ------
+    FiptError
+        If it is neither, has unknown keys or values out of range.
+    """
+    try:
+        if text.lstrip().startswith("{"):
+            return RelightSetup.model_validate_json(text)
+        return RelightSetup.model_validate(_yaml(text))
+    except ValidationError as error:
+        allowed = ", ".join(RelightSetup.model_fields)
+        raise FiptError(explain(error, "setup"), f"allowed keys of a light setup: {allowed}") from error
+
+
+def parse_cameras(text: str) -> OwnCameras:
+    """Parse the JSON of a setup's own cameras.
+
+    Raises
+    ------
+    FiptError
+        If it is not JSON, has unknown keys or values out of range.
+    """
+    try:
+        return OwnCameras.model_validate_json(text)
+    except ValidationError as error:
+        raise FiptError(explain(error, "cameras"), "give look_at or path, see config/README.md") from error
+
+
+def _yaml(path: str) -> Any:
+    import yaml
+
+    try:
+        return yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise FiptError(
+            f"the light setup must be JSON or the path of a YAML file; {path} cannot be read ({error.strerror})",
+            "check the path",
+        ) from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise FiptError(f"the light setup {path} is not YAML ({error})", "repair the file") from error

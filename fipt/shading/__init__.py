@@ -1,1 +1,0 @@
-"""Shading: first hits, radiance cache, bake and refinement."""

@@ -1,0 +1,1 @@
+"""The radiance cache over the surface."""

@@ -1,0 +1,155 @@
+"""Radiance cache: the light that leaves the surface, averaged over all views (surface light field).
+
+A record belongs to a voxel and to the axis that the surface faces there, so that the two sides of a shelf, or a pane
+and the sill below it, do not lend each other their light.
+"""
+
+from collections.abc import Iterable
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from fipt.scene.mesh import Mesh, connected_parts, surface_points
+from fipt.scene.samples import FootprintSamples, scene_box
+from fipt.scene.voxels import FACINGS, facings, voxel_keys
+from fipt.stages.cache.settings import CacheSettings
+
+_INTERIOR = 0.95
+"""Pixels of which one piece covers at least this share tell a voxel's radiance; others mix surfaces."""
+_DIRECTIONS = np.repeat(np.eye(3, dtype=np.float32), 2, axis=0) * np.tile([[-1.0], [1.0]], (3, 1)).astype(np.float32)
+"""Unit vector of each facing."""
+_MIXED = 1e-3
+"""Weight of those others: they count only where nothing better is known."""
+
+
+def build(
+    mesh: Mesh,
+    shards: list[FootprintSamples],
+    pictures: Iterable[tuple[np.ndarray, np.ndarray, np.ndarray]],
+    settings: CacheSettings,
+) -> dict[str, np.ndarray]:
+    """Average the radiance of all pixels in voxels over the surface; one view at a time is in memory.
+
+    Parameters
+    ----------
+    pictures
+        Of every view of every shard, in order: (P, 3) float32 radiance, (P,) weight of its pixels, and (P,) bool
+        whether their radiance is only a lower bound.
+
+    Returns
+    -------
+    dict
+        ``center`` (3,) float64 and ``side`` of the box (metres), ``resolution``; K records sorted by ``key`` (K,) int64
+        of their voxel, then ``facing`` (K,) uint8; ``point`` (K, 3) float32 a point of that surface in the voxel,
+        ``radiance`` (K, 3) float32, ``count`` (K,) float32 pixels that it fills (0: its radiance is mixed or not
+        known), ``source`` (K,) int32 the record that stands for it where no view sees it: the nearest seen one, of
+        the same connected part if it can be.
+    """
+    center, side = scene_box(shards)
+    n = settings.resolution
+    views = [(samples, index) for samples in shards for index in range(len(samples.views))]
+
+    def keys(samples: FootprintSamples, own: slice) -> np.ndarray:
+        return voxel_keys(samples.position[own], center, side, n) * FACINGS + facings(samples.normal[own])
+
+    records = _Records()
+    for samples, index in views:
+        own = samples.of_view(index)
+        records.add(keys(samples, own), samples.position[own], samples.triangle[own])
+    surface, owner = surface_points(mesh, side / n / 3, center - side / 2, center + side / 2, seed=0)
+    voxel = voxel_keys(surface, center, side, n) * FACINGS
+    for turn in (1, -1):  # surfaces have two sides
+        records.add(voxel + facings(turn * mesh.normals[owner]), surface, owner)
+
+    size = len(records.key)
+    total, weights, count, seen = np.zeros((size, 3)), np.zeros(size), np.zeros(size), np.zeros(size, bool)
+    bounds = []
+    for (samples, index), (image, valid, clipped) in zip(views, pictures, strict=True):
+        own, pixel = samples.of_view(index), samples.pixel_of_sample(index)
+        record = np.searchsorted(records.key, keys(samples, own))
+        weight = valid[pixel] * np.where(samples.weight[own] >= _INTERIOR, 1.0, _MIXED)
+        seen[record[weight > 0]] = True
+        np.add.at(count, record, weight * (weight > _MIXED))
+        above = clipped[pixel]
+        bounds.append((record[above], image[pixel[above]], weight[above]))
+        record, pixel, weight = record[~above], pixel[~above], weight[~above]
+        # added one by one, so that the sums do not depend on how the views are cut into shards
+        np.add.at(weights, record, weight)
+        for channel in range(3):
+            np.add.at(total[:, channel], record, weight * image[pixel, channel])
+    _add_bounds(total, weights, *(np.concatenate(arrays) for arrays in zip(*bounds, strict=True)))
+    point, facing = records.point, (records.key % FACINGS).astype(np.uint8)
+    part = connected_parts(mesh)[records.triangle]
+    return {
+        "center": center,
+        "side": np.float64(side),
+        "resolution": np.int64(n),
+        "key": records.key // FACINGS,
+        "facing": facing,
+        "point": point,
+        "radiance": (total / np.maximum(weights, 1e-12)[:, None]).astype(np.float32),
+        "count": count.astype(np.float32),
+        "source": _nearest_seen(point, facing, part, seen, 8 * side / n),
+    }
+
+
+class _Records:
+    """Sorted keys of voxel and facing, with the first point added to each and its triangle."""
+
+    def __init__(self) -> None:
+        self.key = np.zeros(0, np.int64)
+        self.point = np.zeros((0, 3), np.float32)
+        self.triangle = np.zeros(0, np.int64)
+
+    def add(self, key: np.ndarray, point: np.ndarray, triangle: np.ndarray) -> None:
+        """Add points (N, 3) with their keys and triangles (N,)."""
+        key, first = np.unique(key, return_index=True)
+        place = np.searchsorted(self.key, key)
+        known = np.zeros(len(key), bool)
+        inside = place < len(self.key)
+        known[inside] = self.key[place[inside]] == key[inside]
+        place, first = place[~known], first[~known]
+        self.key = np.insert(self.key, place, key[~known])
+        self.point = np.insert(self.point, place, point[first], axis=0)
+        self.triangle = np.insert(self.triangle, place, triangle[first])
+
+
+def _add_bounds(
+    total: np.ndarray, weights: np.ndarray, record: np.ndarray, values: np.ndarray, weight: np.ndarray
+) -> None:
+    """Add lower bounds (N, 3) to sums of records, (K, 3) and (K,) in place, such that they do not darken them.
+
+    A bound below what others measure there says nothing new and counts as they do; a surface of which there are
+    only bounds is at least as bright as the highest of them.
+    """
+    highest = np.zeros_like(total)
+    usable = weight > _MIXED
+    np.maximum.at(highest, record[usable], values[usable])
+    measured = weights > 0
+    least = np.where(measured[:, None], total / np.maximum(weights, 1e-12)[:, None], highest)
+    raised = np.maximum(values, least[record])
+    for channel in range(3):
+        np.add.at(total[:, channel], record, weight * raised[:, channel])
+    np.add.at(weights, record, weight)
+
+
+def _nearest_seen(
+    points: np.ndarray, facing: np.ndarray, part: np.ndarray, seen: np.ndarray, turn: float
+) -> np.ndarray:
+    """(K,) int32 index of the nearest seen point, of the same connected part where that has one; itself where seen.
+
+    A surface that faces another way counts as ``turn`` metres further away.
+    """
+    source = np.arange(len(points), dtype=np.int32)
+    if seen.all() or not seen.any():
+        return source
+    extent = float(np.ptp(points, axis=0).max()) + 1.0
+    points = np.concatenate([points, turn * _DIRECTIONS[facing]], axis=1)
+    # the part as one more coordinate, so far apart that another part is nearest only where its own is unseen
+    place = np.concatenate([points, part[:, None] * (4.0 * extent)], axis=1)
+    _, same = cKDTree(place[seen]).query(place[~seen], workers=-1)
+    _, any_part = cKDTree(points[seen]).query(points[~seen], workers=-1)
+    chosen = np.flatnonzero(seen)
+    own = part[chosen[same]] == part[~seen]
+    source[~seen] = np.where(own, chosen[same], chosen[any_part])
+    return source

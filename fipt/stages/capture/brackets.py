@@ -1,0 +1,386 @@
+"""Which photographs of a folder belong to one view, and what is wrong with them."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from fipt.errors import FiptError
+from fipt.formats.files import check_name, existing_file
+from fipt.stages.capture.exposures import SAME_STOPS, exposure, shutter_text, stops
+from fipt.stages.capture.raw import LDR_SUFFIXES, MERGED_SUFFIXES, RAW_SUFFIXES, Shot, read_shot
+
+TABLE = "captures.tsv"
+"""Table of a capture folder that overrides EXIF."""
+
+_COLUMNS = ("view", "file", "shutter", "aperture", "iso")
+
+_PAUSE = (2.0, 30.0)
+"""Seconds between two shots that are never, and always, a pause between brackets."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something wrong with a capture.
+
+    Attributes
+    ----------
+    kind
+        Short name, for tests and tables: ``doubled``, ``missing``, ...
+    severity
+        ``error``: the views cannot be made; ``warning``: they can, and are worse for it; ``note``.
+    message, remedy
+        What was found, and what to do about it; one line each.
+    views
+        Views concerned.
+    """
+
+    kind: str
+    severity: str
+    message: str
+    remedy: str
+    views: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Bracket:
+    """The photographs of one view.
+
+    Attributes
+    ----------
+    view
+        Its name: of the table, else of the first photograph.
+    kind
+        ``raw``, ``ldr`` (JPEG, PNG) or ``merged`` (one EXR or HDR file).
+    shots
+        Longest exposure first.
+    """
+
+    view: str
+    kind: str
+    shots: tuple[Shot, ...]
+
+
+@dataclass(frozen=True)
+class Capture:
+    """A capture folder: its brackets in order of time, and what is wrong with them."""
+
+    folder: Path
+    brackets: tuple[Bracket, ...]
+    findings: tuple[Finding, ...]
+
+    @property
+    def kind(self) -> str:
+        """``raw``, ``ldr`` or ``merged``; a folder holds one kind."""
+        return self.brackets[0].kind
+
+    def bracket(self, view: str) -> Bracket:
+        """The bracket of a view.
+
+        Raises
+        ------
+        FiptError
+            If there is no such view, or something of severity ``error`` was found with it.
+        """
+        for finding in self.findings:
+            if finding.severity == "error" and view in finding.views:
+                raise FiptError(finding.message, finding.remedy)
+        for bracket in self.brackets:
+            if bracket.view == view:
+                return bracket
+        raise FiptError(
+            f"{self.folder} holds no view {view!r}", f"its views: {', '.join(b.view for b in self.brackets)}"
+        )
+
+
+def read_capture(folder: str | Path, frames: int = 0) -> Capture:
+    """Group the photographs of a folder (not of its subfolders) into brackets.
+
+    Parameters
+    ----------
+    folder
+        The capture folder. Its table ``captures.tsv`` (tab-separated; columns view, file and, where EXIF is to be
+        overridden, shutter in seconds or as 1/60, aperture, iso) says what belongs together; without one, exposures
+        and capture times do.
+    frames
+        Exposures of a bracket; 0 = find out.
+
+    Raises
+    ------
+    FiptError
+        If the folder is missing or holds no photographs, or the table is wrong. What is wrong with single
+        photographs stands in the findings.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise FiptError(f"the capture folder is missing: {folder}", "check the path")
+    table = folder / TABLE
+    if table.is_file():
+        kind, views, findings = _tabled(table)
+    else:
+        kind, views, findings = _grouped(folder, frames)
+    if not views and findings:
+        raise FiptError(findings[0].message, findings[0].remedy)
+    brackets = tuple(
+        Bracket(view, kind, tuple(sorted(shots, key=lambda shot: -exposure(shot)) if kind != "merged" else shots))
+        for view, shots in views.items()
+    )
+    return Capture(folder, brackets, (*findings, *(judge(brackets) if kind != "merged" else ())))
+
+
+def photographs(folder: Path) -> tuple[str, list[Path]]:
+    """Kind and files of a folder's photographs; where RAW files lie beside JPEGs of the same shots, the RAW files."""
+    files = sorted(path for path in folder.iterdir() if path.is_file() and not path.name.startswith("."))
+    for kind, suffixes in (("raw", RAW_SUFFIXES), ("merged", MERGED_SUFFIXES), ("ldr", LDR_SUFFIXES)):
+        found = [path for path in files if path.suffix.lower() in suffixes]
+        if found:
+            return kind, found
+    raise FiptError(
+        f"{folder} must hold photographs (RAW, EXR, HDR, JPEG or PNG); it holds {len(files)} other files",
+        "check the path; photographs in subfolders are not looked for",
+    )
+
+
+def group(shots: Sequence[Shot], frames: int = 0) -> list[tuple[Shot, ...]]:
+    """Group shots into brackets, each in order of time, whatever the order given.
+
+    Shots are put in order of time and cut at pauses: idle times between shots that are four times longer than usual.
+    What lies between two pauses is one bracket, or several of them shot without a pause: every exposure occurs once in
+    a bracket.
+
+    Parameters
+    ----------
+    shots
+        With shutter times.
+    frames
+        Exposures of a bracket; 0 = find out.
+    """
+    ordered = sorted(shots, key=lambda shot: (shot.time or 0.0, _natural(shot.path.name)))
+    runs = _between_pauses(ordered)
+    frames = frames or _usual_size(runs)
+    return [bracket for run in runs for bracket in _split(run, frames)]
+
+
+def judge(brackets: Sequence[Bracket]) -> list[Finding]:
+    """Find exposures that occur twice or are missing, and frames of another camera or orientation."""
+    findings: list[Finding] = []
+    usual = _usual_exposures(brackets)
+    for bracket in brackets:
+        view, shots = bracket.view, bracket.shots
+        for a, b in pairwise(shots):
+            if abs(stops(a) - stops(b)) < SAME_STOPS:
+                findings.append(
+                    Finding(
+                        "doubled",
+                        "error",
+                        f"view {view}: {a.path.name} and {b.path.name} have the same exposure "
+                        f"({shutter_text(a.shutter)})",
+                        "remove one of them, or list the files of each view in captures.tsv",
+                        (view,),
+                    )
+                )
+        if len(shots) < len(usual):
+            there = [stops(shot) for shot in shots]
+            absent = [shot for shot in usual if all(abs(stops(shot) - s) >= SAME_STOPS for s in there)]
+            which = ", ".join(shutter_text(shot.shutter) for shot in absent[: len(usual) - len(shots)])
+            findings.append(
+                Finding(
+                    "missing",
+                    "warning",
+                    f"view {view} has {len(shots)} exposures where the other views have {len(usual)}: {which} missing",
+                    "copy the file from the card again, or go on: the view has less range",
+                    (view,),
+                )
+            )
+        turned = {shot.orientation for shot in shots}
+        if len(turned) > 1:
+            odd = _odd_one(shots, "orientation")
+            findings.append(
+                Finding(
+                    "orientation",
+                    "error",
+                    f"view {view}: the frames of a bracket must have one orientation; {odd.path.name} differs",
+                    "remove it, or list the files of each view in captures.tsv",
+                    (view,),
+                )
+            )
+    cameras = Counter((shot.camera, shot.serial) for bracket in brackets for shot in bracket.shots)
+    if len(cameras) > 1:
+        main = cameras.most_common(1)[0][0]
+        odd = [(b.view, s) for b in brackets for s in b.shots if (s.camera, s.serial) != main]
+        findings.append(
+            Finding(
+                "camera",
+                "error",
+                f"the frames of a capture must be of one camera; {odd[0][1].path.name} and {len(odd) - 1} others are "
+                f"of {_named(odd[0][1])}, the rest of {' '.join(filter(None, main)) or 'an unnamed one'}",
+                "put the photographs of each camera into a folder of their own",
+                tuple(dict.fromkeys(view for view, _ in odd)),
+            )
+        )
+    return findings
+
+
+def _named(shot: Shot) -> str:
+    return " ".join(filter(None, (shot.camera, shot.serial))) or "an unnamed one"
+
+
+def _odd_one(shots: Sequence[Shot], field: str) -> Shot:
+    usual = Counter(getattr(shot, field) for shot in shots).most_common(1)[0][0]
+    return next(shot for shot in shots if getattr(shot, field) != usual)
+
+
+def _usual_exposures(brackets: Sequence[Bracket]) -> tuple[Shot, ...]:
+    """Shots of a bracket as most views have it: the usual number of frames, then the usual exposures."""
+    sizes = Counter(len(bracket.shots) for bracket in brackets)
+    size = max(sizes, key=lambda n: (sizes[n], n))
+    complete = [bracket for bracket in brackets if len(bracket.shots) == size]
+    keys = [tuple(round(stops(shot), 1) for shot in bracket.shots) for bracket in complete]
+    return complete[keys.index(Counter(keys).most_common(1)[0][0])].shots
+
+
+def _natural(name: str) -> list[tuple[int, str]]:
+    """Sort key in which IMG_9 comes before IMG_10."""
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", name)]
+
+
+def _between_pauses(ordered: list[Shot]) -> list[list[Shot]]:
+    if len(ordered) < 2 or any(shot.time is None for shot in ordered):
+        return [ordered]
+    time = np.array([shot.time for shot in ordered])
+    idle = np.diff(time) - np.array([shot.shutter for shot in ordered[:-1]])
+    pause = np.clip(4 * np.median(idle), *_PAUSE)
+    cuts = np.flatnonzero(idle > pause) + 1
+    return [list(run) for run in np.split(np.array(ordered, object), cuts)]
+
+
+def _usual_size(runs: list[list[Shot]]) -> int:
+    """Length of most runs, if no exposure repeats in them: a bracket; 0 where runs tell nothing."""
+    lengths = Counter(len(run) for run in runs if not _repeats(run))
+    length, count = lengths.most_common(1)[0] if lengths else (0, 0)
+    return length if len(runs) > 1 and 2 * count > len(runs) else 0
+
+
+def _split(run: list[Shot], frames: int) -> list[tuple[Shot, ...]]:
+    """Cut a run of shots without a pause into brackets."""
+    levels = [stops(shot) for shot in run]
+    distinct = 1 + int((np.diff(np.sort(levels)) >= SAME_STOPS).sum())
+    size = frames or distinct
+    chunks = [tuple(run[i : i + size]) for i in range(0, len(run), size)]
+    if len(run) % size == 0 and not any(map(_repeats, chunks)):
+        return chunks
+    pieces: list[list[Shot]] = [[]]
+    for shot in run:
+        if _repeats((*pieces[-1], shot)):
+            pieces.append([])
+        pieces[-1].append(shot)
+    # Short pieces, or none that is complete: a frame was taken twice. It is one bracket, and `judge` names the frame.
+    sizes = [len(piece) for piece in pieces]
+    if len(run) < 2 * size and (min(sizes) <= size / 2 or max(sizes) < size):
+        return [tuple(run)]
+    return [tuple(piece) for piece in pieces]
+
+
+def _repeats(shots: Sequence[Shot]) -> bool:
+    levels = np.sort([stops(shot) for shot in shots])
+    return bool((np.diff(levels) < SAME_STOPS).any())
+
+
+def _grouped(folder: Path, frames: int) -> tuple[str, dict[str, tuple[Shot, ...]], list[Finding]]:
+    kind, files = photographs(folder)
+    findings: list[Finding] = []
+    if kind == "merged":
+        return kind, {_view_name(path.stem, ()): (Shot(path),) for path in files}, findings
+    shots = []
+    for path in files:
+        try:
+            shot = read_shot(path)
+        except FiptError as error:
+            findings.append(Finding("unreadable", "error", error.message, error.remedy))
+            continue
+        if shot.shutter:
+            shots.append(shot)
+        else:
+            findings.append(
+                Finding(
+                    "exposure",
+                    "error",
+                    f"{path} states no exposure time",
+                    "give it in captures.tsv (columns view, file, shutter)",
+                )
+            )
+    views: dict[str, tuple[Shot, ...]] = {}
+    for bracket in group(shots, frames) if shots else ():
+        views[_view_name(bracket[0].path.stem, views)] = bracket
+    return kind, views, findings
+
+
+def _view_name(stem: str, taken: Sequence[str] | dict[str, object]) -> str:
+    """A view's name from a file's: what may not stand in a name becomes ``_``."""
+    name = re.sub(r"[^A-Za-z0-9_.-]|(?<=\.)\.", "_", stem).lstrip("_.-") or "view"
+    return name if name not in taken else f"{name}_{len(taken)}"
+
+
+def _tabled(table: Path) -> tuple[str, dict[str, tuple[Shot, ...]], list[Finding]]:
+    """Views of ``captures.tsv``."""
+    with table.open(encoding="utf-8-sig", newline="") as file:
+        reader = csv.DictReader(file, delimiter="\t")
+        columns = reader.fieldnames or []
+        unknown = [name for name in columns if name not in _COLUMNS]
+        if unknown or not {"view", "file"} <= set(columns):
+            raise FiptError(
+                f"{table} must have the columns view and file, and may have shutter, aperture, iso; "
+                f"found {', '.join(map(str, columns)) or 'nothing'}",
+                "separate the columns by tabs and name them in the first line",
+            )
+        rows = list(reader)
+    views: dict[str, tuple[Shot, ...]] = {}
+    kinds = set()
+    for number, row in enumerate(rows, start=2):
+        where = f"{table}, line {number}"
+        path = existing_file(table.parent / (row["file"] or ""), f"a photograph ({where})")
+        view = check_name(row["view"] or "", f"{where}: view")
+        given = {key: _positive(row.get(key), f"{where}: {key}") for key in ("shutter", "aperture", "iso")}
+        given = {key: value for key, value in given.items() if value is not None}
+        suffix = path.suffix.lower()
+        kind = "raw" if suffix in RAW_SUFFIXES else "merged" if suffix in MERGED_SUFFIXES else "ldr"
+        kinds.add(kind)
+        shot = Shot(path) if kind == "merged" else _read_tabled(path, "shutter" in given)
+        shot = replace(shot, **given)
+        if not shot.shutter and kind != "merged":
+            raise FiptError(f"{path} states no exposure time", f"give it in column shutter of {where}")
+        views[view] = (*views.get(view, ()), shot)
+    if not rows or len(kinds) > 1:
+        found = " and ".join(sorted(kinds)) or "no file"
+        raise FiptError(f"{table} must list files of one kind (raw, ldr or merged); found {found}", "correct the table")
+    return kinds.pop(), views, []
+
+
+def _read_tabled(path: Path, has_shutter: bool) -> Shot:
+    """Metadata of a listed file; a missing exposure time is no error where the table gives it."""
+    try:
+        return read_shot(path)
+    except FiptError:
+        if not has_shutter:
+            raise
+        return Shot(path)
+
+
+def _positive(text: str | None, where: str) -> float | None:
+    if text is None or not text.strip():
+        return None
+    try:
+        value = float(Fraction(text.strip()))
+    except (ValueError, ZeroDivisionError):
+        value = 0.0
+    if value <= 0:
+        raise FiptError(f"{where} must be a positive number such as 0.5 or 1/60; found {text!r}", "correct the table")
+    return value

@@ -1,0 +1,90 @@
+"""JPEG and PNG brackets: the camera's response by Debevec and Malik's method (OpenCV), and the merge through it.
+
+The light of such pictures went through a camera's colour processing: what comes out is a likeness, not a measurement,
+and is marked ``ldr`` wherever it goes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from fipt.errors import FiptError
+from fipt.formats.files import existing_file
+from fipt.stages.capture.brackets import Capture
+from fipt.stages.capture.exposures import exposure
+
+_LOWEST, _HIGHEST = 4, 251
+"""8-bit values outside count as black and as clipped."""
+
+_SAMPLES, _SMOOTHNESS = 200, 30.0
+_BRACKETS = 3
+"""Brackets from which the response is found; it is the same for all."""
+
+
+def read_ldr(path: Path) -> np.ndarray:
+    """Read a JPEG or PNG as (H, W, 3) uint8 RGB in the sensor's frame (EXIF orientation is not applied)."""
+    existing_file(path, "a photograph")
+    picture = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+    if picture is None:
+        raise FiptError(f"{path} is not a readable JPEG or PNG", "copy it from the card again")
+    return cv2.cvtColor(picture, cv2.COLOR_BGR2RGB)
+
+
+def response(capture: Capture) -> np.ndarray:
+    """(256, 3) float64 log exposure of each 8-bit value, 0 in its middle; from the first brackets of a capture.
+
+    Raises
+    ------
+    FiptError
+        If no bracket has two exposures or more.
+    """
+    curves = []
+    for bracket in capture.brackets:
+        if len(bracket.shots) < 2 or len(curves) == _BRACKETS:
+            continue
+        pictures = [read_ldr(shot.path) for shot in bracket.shots]
+        times = np.float32([exposure(shot) for shot in bracket.shots])
+        method = cv2.createCalibrateDebevec(_SAMPLES, _SMOOTHNESS, random=False)
+        curve = np.log(np.maximum(method.process(pictures, times).reshape(256, 3), 1e-9))
+        curves.append(curve - curve[128])
+    if not curves:
+        raise FiptError(
+            f"the response of JPEG and PNG needs a bracket of two exposures; {capture.folder} has none",
+            "photograph brackets, or RAW",
+        )
+    return np.mean(curves, axis=0).astype(np.float64)
+
+
+def merge_ldr(
+    pictures: Sequence[np.ndarray], exposures: Sequence[float], curve: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[float]]:
+    """Merge 8-bit pictures, longest first, through their response with hat weights.
+
+    Returns
+    -------
+    radiance
+        (H, W, 3) float32.
+    saturated, noisy
+        (H, W) bool: clipped in the shortest, black in the longest.
+    clipped
+        Share of clipped pixels of each exposure.
+    """
+    values = np.arange(256)
+    hat = np.minimum(values, 255 - values).astype(np.float32) + np.float32(0.01)
+    hat[values < _LOWEST] = hat[values > _HIGHEST] = 1e-4
+    light = np.exp(curve).astype(np.float32)
+    total = np.zeros(pictures[0].shape, np.float32)
+    weights = np.zeros_like(total)
+    clipped = []
+    for picture, e in zip(pictures, exposures, strict=True):
+        w = hat[picture]
+        total += w * np.stack([light[picture[..., c], c] for c in range(3)], axis=-1) / np.float32(e)
+        weights += w
+        clipped.append(float((picture > _HIGHEST).any(axis=-1).mean()))
+    saturated = (pictures[-1] > _HIGHEST).any(axis=-1)
+    noisy = (pictures[0] < _LOWEST).all(axis=-1)
+    return total / weights, saturated, noisy, clipped

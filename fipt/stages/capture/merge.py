@@ -1,0 +1,362 @@
+"""Brackets of raw mosaics to one linear picture, with masks of what is wrong in it.
+
+Signals are raw values above black over the sensor's range, exposures are in seconds at ISO 100 and f/8, so that
+radiance = signal / exposure is in sensor ranges per second. Frames come longest exposure first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import cv2
+import numpy as np
+
+from fipt.stages.capture.calibration import Noise, Vignetting
+from fipt.stages.capture.mosaic import demosaic, tiled
+from fipt.stages.capture.raw import RawFrame
+
+_STRIP = 8
+"""Rows worked on at once: arrays of a strip stay in the processor's cache."""
+
+_FULL_WELL, _READ = 40_000.0, 2.0**-12.5
+"""Electrons at full range at ISO 100, and read noise over the range: assumed where nothing tells."""
+
+_MOVED = 3.0
+"""Mean squared disagreement over its expectation above which exposures contradict each other."""
+_MOVED_BOX = 5
+"""Side of the box over which disagreement is averaged, pixels."""
+_MOVED_LEVELS = 255 / (2 * _MOVED)
+"""Steps in which disagreement is stored; more than twice the limit counts as that, so that masks do not grow."""
+
+_LOG_OFFSET = 16.0
+"""Standard deviations of the dark that are added before the logarithm, so that negative noise passes through it."""
+_LOG_ZERO, _LOG_MAX = 6_000.0, 65_000.0
+"""Codes of zero and of the brightest value that can occur; those below zero reach down to -10 standard deviations."""
+
+
+@dataclass
+class Merged:
+    """A bracket as one picture.
+
+    Attributes
+    ----------
+    codes
+        (H, W, 3) uint16 RGB; `radiance` decodes them. Vignetting and white balance are corrected.
+    table
+        (65536,) float32 radiance of each code, sensor ranges per second.
+    saturated, moved, noisy
+        (H, W) bool: clipped in the shortest exposure, exposures contradict each other, below the noise of the longest.
+    clipped
+        Share of the pixels that each exposure clips, longest first.
+    noise
+        Of the sensor, as used.
+    floor
+        Standard deviation of a dark pixel's radiance.
+    """
+
+    codes: np.ndarray
+    table: np.ndarray
+    saturated: np.ndarray
+    moved: np.ndarray
+    noisy: np.ndarray
+    clipped: list[float]
+    noise: Noise
+    floor: float
+
+
+@dataclass(frozen=True)
+class Gains:
+    """What a mosaic is multiplied by before it is demosaiced: white balance, and one over the vignetting."""
+
+    white_balance: np.ndarray = field(default_factory=lambda: np.ones(3))
+    vignetting: Vignetting | None = None
+
+    def by_color(self) -> np.ndarray:
+        """(4,) float32 gains by colour index: red, green, blue, second green."""
+        return np.float32(self.white_balance)[[0, 1, 2, 1]]
+
+    def apply(self, strip: np.ndarray, first: int) -> None:
+        """Divide a strip of rows from row ``first`` by the vignetting, in place; (rows, W[, 3])."""
+        if self.vignetting is None:
+            return
+        rows = np.arange(first, first + strip.shape[0], dtype=np.float32)[:, None] + np.float32(0.5)
+        columns = np.arange(strip.shape[1], dtype=np.float32)[None] + np.float32(0.5)
+        falloff = self.vignetting.falloff(columns, rows)
+        strip /= falloff if strip.ndim == 2 else falloff[..., None]
+
+
+def merge_mosaics(
+    frames: Sequence[RawFrame],
+    exposures: Sequence[float],
+    black: np.ndarray,
+    noise: Noise,
+    gains: Gains,
+    saturation: float,
+    motion: float,
+) -> Merged:
+    """Merge mosaics with inverse-variance weights, then demosaic once.
+
+    Saturation is decided on raw values. The weight of a frame is e^2 / (gain e L + read^2), one over the variance of
+    its radiance for photon and read noise, where L is the plain mean (sum of signals over sum of exposures); clipped
+    pixels have no weight. Demosaicing works on the logarithm of the white-balanced mosaic: edges have the same
+    height there in light and in shadow.
+
+    Parameters
+    ----------
+    frames, exposures
+        Longest first.
+    black
+        (4,) black level by colour index.
+    noise
+        Of the sensor at the frames' ISO.
+    gains
+        White balance and vignetting.
+    saturation
+        Share of the range above which a pixel is full.
+    motion
+        Relative disagreement of exposures that is tolerated beyond noise; 0 = do not look for motion.
+    """
+    first = frames[0]
+    height, width = first.shape
+    span = first.white - black
+    levels = tiled(black.astype(np.float32), first.pattern, _STRIP, width)
+    scale = tiled((1 / span).astype(np.float32), first.pattern, _STRIP, width)
+    limit = tiled(np.floor(black + saturation * span).astype(np.uint16), first.pattern, _STRIP, width)
+    balance = tiled(gains.by_color(), first.pattern, _STRIP, width)
+    photon, dark = np.float32(noise.gain / span.mean()), np.float32((noise.read / span.mean()) ** 2)
+    tolerance = np.float32(motion**2)
+    e = np.float32(exposures)
+
+    floor = float(np.sqrt(dark) / e[0])
+    offset = _LOG_OFFSET * floor * float(balance.max())
+    brightest = 1.05 / e[-1] * float(balance.max()) * _largest_gain(gains, first.shape)
+    step = np.log1p(brightest / offset) / (_LOG_MAX - _LOG_ZERO)
+    codes = np.empty((height, width), np.uint16)
+    saturated, noisy = np.zeros((height, width), bool), np.empty((height, width), np.uint8)
+    disagreement = np.zeros((height, width), np.uint8)
+    clipped = np.zeros(len(frames))
+    dim = noise_limit(photon, dark)
+
+    for top in range(0, height, _STRIP):
+        rows = slice(top, min(top + _STRIP, height))
+        n = rows.stop - rows.start
+        signals: list[np.ndarray] = []
+        usable: list[np.ndarray | None] = []  # None: all of it, which saves most of the work
+        light, time = np.zeros((n, width), np.float32), np.zeros((n, width), np.float32)
+        for k, frame in enumerate(frames):
+            raw = frame.mosaic[rows]
+            good = raw < limit[:n]
+            lost = good.size - np.count_nonzero(good)
+            clipped[k] += lost
+            z = raw - levels[:n]
+            z *= scale[:n]
+            signals.append(z)
+            usable.append(good if lost else None)
+            light += z * good if lost else z
+            time += good * e[k] if lost else e[k]
+        full = time == 0
+        if usable[-1] is not None:
+            saturated[rows] = ~usable[-1]
+        mean = light / np.where(full, 1, time)
+        positive = np.maximum(mean, 0)
+        value, weights = np.zeros_like(mean), np.zeros_like(mean)
+        for k in range(len(frames)):
+            # w = e^2 / (photon e L + dark); value gathers w z / e.
+            w = positive * np.float32(photon * e[k])
+            w += dark
+            np.divide(e[k], w, out=w)
+            if usable[k] is not None:
+                w *= usable[k]
+            value += w * signals[k]
+            w *= e[k]
+            weights += w
+        # Full in every frame: what the shortest holds is a lower bound.
+        value = np.where(full, signals[-1] / e[-1], value / np.where(full, 1, weights))
+        if motion > 0 and len(frames) > 1:
+            disagreement[rows] = _disagreement(signals, usable, full, value, e, photon, dark, tolerance, saturation)
+        noisy[rows] = np.clip(value * np.float32(e[0] / dim * 64), 0, 255)
+        value *= balance[:n]
+        gains.apply(value, top)
+        codes[rows] = encode(value, offset, step)
+    moved = cv2.blur(disagreement, (_MOVED_BOX, _MOVED_BOX)) > _MOVED * _MOVED_LEVELS
+    return Merged(
+        codes=demosaic(codes, first.pattern),
+        table=decoding_table(offset, step),
+        saturated=_solid(saturated),
+        moved=moved,
+        noisy=cv2.blur(noisy, (4, 4)) < 64,
+        clipped=(clipped / (height * width)).tolist(),
+        noise=noise,
+        floor=floor,
+    )
+
+
+def encode(value: np.ndarray, offset: float, step: float) -> np.ndarray:
+    """Logarithmic uint16 codes of radiance above -``offset``; changes ``value``."""
+    value *= np.float32(1 / offset)
+    np.maximum(value, np.float32(-0.999), out=value)
+    np.log1p(value, out=value)
+    value *= np.float32(1 / step)
+    value += np.float32(_LOG_ZERO + 0.5)
+    return np.clip(value, 0, 65535).astype(np.uint16)
+
+
+def decoding_table(offset: float, step: float) -> np.ndarray:
+    """(65536,) float32 radiance of each code of `encode`."""
+    return (offset * np.expm1((np.arange(65536) - _LOG_ZERO) * step)).astype(np.float32)
+
+
+def noise_limit(photon: float, dark: float) -> float:
+    """Signal that equals its own standard deviation."""
+    return float((photon + np.sqrt(photon**2 + 4 * dark)) / 2)
+
+
+def _disagreement(
+    signals: list[np.ndarray],
+    usable: list[np.ndarray | None],
+    full: np.ndarray,
+    value: np.ndarray,
+    e: np.ndarray,
+    photon: np.float32,
+    dark: np.float32,
+    tolerance: np.float32,
+    saturation: float,
+) -> np.ndarray:
+    """Squared differences between frames and merged value over their expectation, as uint8 steps."""
+    total, count = np.zeros_like(value), np.zeros_like(value)
+    for k, z in enumerate(signals):
+        expected = value * e[k]
+        variance = np.maximum(expected, 0)
+        variance *= tolerance * variance + photon
+        variance += dark
+        difference = z - expected
+        difference *= difference
+        difference /= variance
+        good = usable[k]
+        if good is None:
+            total += difference
+            count += 1
+            continue
+        # A clipped frame contradicts the others where they say that it should not be.
+        counted = good | (~full & (expected < np.float32(0.9 * saturation)))
+        total += difference * counted
+        count += counted
+    # The merged value takes one degree of freedom.
+    total *= np.float32(_MOVED_LEVELS)
+    total /= np.maximum(count - 1, 1)
+    total *= count > 1
+    return np.minimum(total, 255).astype(np.uint8)
+
+
+def _solid(mask: np.ndarray) -> np.ndarray:
+    """Close a mask over the mosaic: a pixel between those of one clipped colour has that colour clipped too."""
+    if not mask.any():
+        return mask
+    kernel = np.ones((3, 3), np.uint8)
+    return cv2.morphologyEx(mask.view(np.uint8), cv2.MORPH_CLOSE, kernel).view(bool)
+
+
+def _largest_gain(gains: Gains, shape: tuple[int, int]) -> float:
+    if gains.vignetting is None:
+        return 1.0
+    height, width = shape
+    edge = np.linspace(0, 1, 65, dtype=np.float32)
+    x, y = np.meshgrid(edge * width, edge * height)
+    return float(1 / max(gains.vignetting.falloff(x, y).min(), 0.02))
+
+
+# ------------------------------------------------------------------------------------------------------------ noise
+
+
+def assumed_noise(frame: RawFrame, black: np.ndarray) -> Noise:
+    """Noise of a usual sensor, for a bracket that does not tell its own."""
+    span = float((frame.white - black).mean())
+    iso = frame.shot.iso or 100.0
+    return Noise(span / _FULL_WELL * iso / 100, max(span * _READ, 0.5), iso)
+
+
+def measured_noise(frames: Sequence[RawFrame], exposures: Sequence[float], black: np.ndarray) -> Noise | None:
+    """Noise of the sensor from the differences of overlapping exposures; None where they do not tell.
+
+    A frame's difference to the next longer one, scaled to it, has the variance gain z (1 + 1/r) + read^2 (1 + 1/r^2)
+    at signal z and ratio r of exposures. Pixels are sorted by what the longer one says; the spread within a bin is
+    the median one, so that motion and edges do not count.
+    """
+    rows, columns = frames[0].shape
+    stride = 2 * (max(1, int(np.sqrt(rows * columns / 300_000))) // 2) + 1
+    phase = frames[0].pattern[np.ix_(np.arange(0, rows, stride) & 1, np.arange(0, columns, stride) & 1)]
+    offset, full = black[phase], frames[0].white[phase]
+    samples = [
+        np.where(f.mosaic[::stride, ::stride] < 0.95 * full, f.mosaic[::stride, ::stride] - offset, np.nan)
+        for f in frames
+    ]
+    design, target, importance = [], [], []
+    for k, (long, short) in enumerate(pairwise(samples)):
+        ratio = exposures[k] / exposures[k + 1]
+        expected = long / ratio
+        use = np.isfinite(long) & np.isfinite(short)
+        difference, expected = (short - expected)[use], expected[use]
+        # Ratios of exposures are a little off; from a few hundred units on, that would pass for noise.
+        edges = np.concatenate([[-np.inf], np.geomspace(4, 0.1 * np.median(full), 10)])
+        for low, high in pairwise(edges):
+            inside = (expected >= low) & (expected < high)
+            if inside.sum() < 200:
+                continue
+            part = difference[inside]
+            spread = 1.4826 * np.median(np.abs(part - np.median(part)))
+            design.append((max(float(expected[inside].mean()), 0.0) * (1 + 1 / ratio), 1 + 1 / ratio**2))
+            target.append(spread**2)
+            importance.append(np.sqrt(inside.sum()) / max(spread**2, 0.1))
+    if len(target) < 3:
+        return None
+    weight = np.array(importance)
+    from scipy.optimize import nnls
+
+    (gain, read2), _ = nnls(np.array(design) * weight[:, None], np.array(target) * weight)
+    if gain <= 0:
+        return None
+    return Noise(float(gain), float(np.sqrt(max(read2, 1 / 12))), frames[0].shot.iso or 100.0)
+
+
+# -------------------------------------------------------------------------------------------------------------- hat
+
+
+def merge_hat(
+    frames: Sequence[RawFrame],
+    exposures: Sequence[float],
+    black: np.ndarray,
+    gains: Gains,
+) -> np.ndarray:
+    """Demosaic each exposure, then merge with the hat weights of the paper's supplement (B.1).
+
+    The weight of a signal z in [0, 1] is min(2 z, 2 (1 - z)) clipped to [0, 1], except that the longest exposure keeps
+    1 in its dark half and the shortest in its bright half, so that every pixel has a value.
+
+    Returns
+    -------
+    (H, W, 3) float32 radiance in sensor ranges per second, vignetting and white balance corrected.
+    """
+    height, width = frames[0].shape
+    first = frames[0]
+    span = first.white - black
+    pedestal = 1024.0  # room for negative noise in 16 bits
+    total, weights = np.zeros((height, width, 3), np.float32), np.zeros((height, width, 3), np.float32)
+    for k, frame in enumerate(frames):
+        scale = (65535.0 - pedestal) / span * 0.999
+        shifted = frame.mosaic - tiled(black.astype(np.float32), first.pattern, height, width)
+        shifted *= tiled(scale.astype(np.float32), first.pattern, height, width)
+        rgb = demosaic(np.clip(shifted + (pedestal + 0.5), 0, 65535).astype(np.uint16), first.pattern)
+        z = (rgb - np.float32(pedestal)) / np.float32((65535.0 - pedestal) * 0.999)
+        w = np.clip(2 * np.minimum(z, 1 - z), 0, 1)
+        if k == 0:
+            w = np.where(z < 0.5, 1, w)
+        if k == len(frames) - 1:
+            w = np.where(z >= 0.5, 1, w)
+        total += w * z / np.float32(exposures[k])
+        weights += w
+    radiance = total / np.maximum(weights, 1e-9)
+    radiance *= np.float32(gains.white_balance)
+    gains.apply(radiance, 0)
+    return radiance

@@ -1,0 +1,1 @@
+"""Check of the cameras through the mesh."""

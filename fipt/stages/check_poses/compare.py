@@ -1,0 +1,380 @@
+"""Second check of the cameras, once there is a mesh: every view must show what the others show of the same surface.
+
+What a view sees is carried into another one through the mesh: the samples of its pixels are projected there, where
+the other camera sees them too (a ray says so) and from the same side. Brightness changes with the view on glossy
+surface, edges and texture stay in place: so the two pictures are compared by the correlation of their log luminance in
+small windows. A camera that is mirrored, turned or swapped disagrees with all others, a good one only with the wrong
+ones, which the median over its partners leaves out. (The two-step check of the paper's supplement, for any mesh.)
+"""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.ndimage import map_coordinates, uniform_filter
+
+from fipt.conventions import LUMINANCE
+from fipt.errors import FiptError
+from fipt.progress import progress
+from fipt.render.scene import RayScene
+from fipt.scene.cameras import Camera
+from fipt.scene.dataset import Dataset
+from fipt.stages.check_poses.settings import CheckPosesSettings
+
+_WINDOW = 9
+"""Side of the windows of correlation, pixels."""
+
+_FILLED = 0.6
+"""Share of a window that both views must show."""
+
+_FLAT = 0.04
+"""Standard deviation of log luminance in a window below which it shows no structure."""
+
+_STRONG = 0.4
+"""Structure counts by its standard deviation up to this one: a lamp's edge must not outweigh all else."""
+
+_GRAZING = 0.15
+"""Cosine between surface and view, at least."""
+
+_OFFSET = 0.02
+"""Distances that differ by less than this share are of one surface."""
+
+_SCAN = 400
+"""Pixels of a view by which the views are found that share most with it."""
+
+_STRUCTURE = 0.02
+"""Share of a view's pixels that must have structure in common with a partner for it to tell anything."""
+
+_POOR = 0.2
+"""Correlation below which a view fails, however poor the others are."""
+
+_SAMPLES = 0.02
+"""Share of a view's pixels that must meet the mesh."""
+
+_BEHIND = 0.1
+"""Share of a view that others see from the other side of the surface, from which on the camera stands outside."""
+
+_SAME = 0.2
+"""Difference of log luminance up to which a pixel looks the same from both sides, as diffuse surface does."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A view, reduced, and what its pixels show.
+
+    Attributes
+    ----------
+    camera
+        Of the reduced picture.
+    light
+        (H, W) float32 log luminance.
+    valid
+        (H, W) bool.
+    points
+        (H, W, 3) float32 footprint samples.
+    hit
+        (H, W) bool: whether there is one that is not seen at a grazing angle.
+    normals
+        (H, W, 3) float32 of the surface, turned to the camera.
+    """
+
+    camera: Camera
+    light: np.ndarray
+    valid: np.ndarray
+    points: np.ndarray
+    hit: np.ndarray
+    normals: np.ndarray
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the check says of a view.
+
+    Attributes
+    ----------
+    view
+        Its name.
+    score
+        Median over its partners of the correlation with them; None where none tells.
+    overlap
+        Share of its pixels that its best partner shows too.
+    behind
+        Share of its pixels that others see from the other side of the surface.
+    colour
+        Share of the compared pixels that look the same in both.
+    partners
+        Views that it was compared with.
+    accepted, reason
+        The verdict, and a sentence where there is something to say.
+    """
+
+    view: str
+    score: float | None
+    overlap: float
+    behind: float
+    colour: float | None
+    partners: tuple[str, ...]
+    accepted: bool
+    reason: str
+
+    def plain(self) -> dict[str, Any]:
+        """Return the content as plain JSON types."""
+        return asdict(self) | {"partners": list(self.partners)}
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What one view shows of another's surface.
+
+    Attributes
+    ----------
+    score
+        Correlation of log luminance in windows, weighted by their structure, in [-1, 1].
+    overlap, structure
+        Shares of the first view's pixels that the second shows too, and of those with structure around them.
+    colour
+        Share of the shared pixels whose luminance is the same.
+    """
+
+    score: float
+    overlap: float
+    structure: float
+    colour: float
+
+
+def check(dataset: Dataset, settings: CheckPosesSettings) -> list[Verdict]:
+    """Judge every view of a dataset by its mesh; verdicts in the order of its cameras."""
+    scene = RayScene(dataset.mesh())
+    pictures = []
+    with progress("check poses: footprint samples", len(dataset.cameras), " views") as bar:
+        for camera in dataset.cameras:
+            pictures.append(_seen(scene, *_reduced(dataset, camera, settings.width)))
+            bar.advance(1, camera.name)
+    return judge(scene, pictures, settings)
+
+
+def enough(verdicts: Sequence[Verdict], settings: CheckPosesSettings) -> None:
+    """Raise FiptError if fewer views than the share `keep` are left: then the mesh is not where the cameras are."""
+    failed = [verdict.view for verdict in verdicts if not verdict.accepted]
+    if len(failed) > (1 - settings.keep) * len(verdicts):
+        raise FiptError(
+            f"at least {settings.keep:.0%} of the views must show what others show through the mesh; "
+            f"{len(failed)} of {len(verdicts)} do not: {', '.join(failed)}",
+            "look at overlay.png: mesh and cameras must be in one frame and one unit",
+        )
+
+
+def judge(scene: RayScene, pictures: Sequence[Picture], settings: CheckPosesSettings) -> list[Verdict]:
+    """Compare every view with those that share most with it, and reject the worst until all agree.
+
+    The worst goes first, and the others are then judged without it. Who was rejected for wrong partners comes back
+    where those that are left agree with it.
+    """
+    shared, behind = _scan(scene, pictures)
+    partners = [[int(j) for j in np.argsort(-row, kind="stable")[: settings.partners] if row[j] > 0] for row in shared]
+    compared: dict[tuple[int, int], Comparison] = {}
+    with progress("check poses", sum(map(len, partners)), " pairs") as bar:
+        for i, chosen in enumerate(partners):
+            for j in chosen:
+                compared[i, j] = compare(scene, pictures[i], pictures[j])
+            bar.advance(len(chosen), pictures[i].camera.name)
+
+    def told(i: int, among: set[int]) -> list[int]:
+        return [j for j in partners[i] if j in among and compared[i, j].structure >= _STRUCTURE]
+
+    def score(i: int, among: set[int]) -> float | None:
+        values = [compared[i, j].score for j in told(i, among)]
+        return float(np.median(values)) if values else None
+
+    every = set(range(len(pictures)))
+    accepted = set(every)
+    least = _POOR
+    while known := {i: s for i in sorted(accepted) if (s := score(i, accepted)) is not None}:
+        least = max(settings.least_score * float(np.median(list(known.values()))), _POOR)
+        worst = min(known, key=known.get)
+        if known[worst] >= least:
+            break
+        accepted.remove(worst)
+    accepted |= {i for i in every - accepted if (score(i, accepted) or 0.0) >= least}
+
+    verdicts = []
+    for i, picture in enumerate(pictures):
+        used = told(i, accepted) or told(i, every)
+        value = score(i, set(used))
+        overlap = max((compared[i, j].overlap for j in partners[i]), default=0.0)
+        ok, reason = True, ""
+        if picture.hit.mean() < _SAMPLES:
+            ok, reason = False, f"meets the mesh in {picture.hit.mean():.1%} of its pixels only"
+        elif behind[i] > max(_BEHIND, overlap):
+            ok, reason = False, f"sees from behind what others see from the front, in {behind[i]:.0%} of its pixels"
+        elif overlap < settings.least_overlap or value is None:
+            reason = f"not judged: others show {overlap:.0%} of it, or it has no structure"
+        elif i not in accepted:
+            ok = False
+            reason = (
+                f"does not show what {len(used)} others show of the same surface (correlation {value:.2f}, at least "
+                f"{least:.2f}){_remark(scene, pictures, i, every - accepted, used, least)}"
+            )
+        colour = float(np.median([compared[i, j].colour for j in used])) if used else None
+        names = tuple(pictures[j].camera.name for j in used)
+        verdicts.append(Verdict(picture.camera.name, value, overlap, float(behind[i]), colour, names, ok, reason))
+    return verdicts
+
+
+def _remark(
+    scene: RayScene, pictures: Sequence[Picture], i: int, failed: set[int], partners: Sequence[int], least: float
+) -> str:
+    """Say what would fit instead at a camera that fails: another failing view's picture, or its own, mirrored."""
+    own = pictures[i]
+    others = {
+        f"; the picture of {pictures[k].camera.name} fits there: are they swapped?": pictures[k]
+        for k in sorted(failed - {i})
+        if pictures[k].light.shape == own.light.shape
+    }
+    mirrored = replace(own, light=own.light[:, ::-1], valid=own.valid[:, ::-1])
+    for remark, other in {**others, "; its picture fits there mirrored": mirrored}.items():
+        placed = replace(own, light=other.light, valid=other.valid)
+        if np.median([compare(scene, placed, pictures[j]).score for j in partners]) >= least:
+            return remark
+    return ""
+
+
+def compare(scene: RayScene, here: Picture, there: Picture) -> Comparison:
+    """Carry what ``there`` shows into ``here`` through the mesh, and correlate the two."""
+    points = here.points.reshape(-1, 3)
+    pixels, from_front, _ = _visible(scene, here, there, np.flatnonzero(here.hit))
+    row, column = pixels[:, 1] - 0.5, pixels[:, 0] - 0.5
+    light = np.zeros(len(points))
+    light[from_front] = map_coordinates(there.light, [row[from_front], column[from_front]], order=1, mode="nearest")
+    seen = np.zeros(len(points), bool)
+    seen[from_front] = map_coordinates(
+        there.valid.astype(np.float32), [row[from_front], column[from_front]], order=1, mode="nearest"
+    ) > 0.99  # fmt: skip
+    mask = seen.reshape(here.hit.shape) & here.valid
+    light = light.reshape(mask.shape)
+
+    share = uniform_filter(mask.astype(np.float64), _WINDOW, mode="constant")
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        return uniform_filter(values * mask, _WINDOW, mode="constant") / np.maximum(share, 1e-9)
+
+    a, b = here.light.astype(np.float64), light
+    mean_a, mean_b = mean(a), mean(b)
+    deviation_a, deviation_b = (
+        np.sqrt(np.maximum(mean(x * x) - m * m, 0)) for x, m in ((a, mean_a), (b, mean_b))
+    )  # fmt: skip
+    together = mean(a * b) - mean_a * mean_b
+    # Structure that only one of them shows counts in full: it is missing in the other.
+    structure = np.maximum(deviation_a, deviation_b)
+    used = mask & (share > _FILLED) & (structure > _FLAT)
+    if not used.any():
+        return Comparison(0.0, float(mask.mean()), 0.0, 0.0)
+    correlation = np.clip(together / np.maximum(deviation_a * deviation_b, (_FLAT / 2) ** 2), -1, 1)
+    weight = np.minimum(structure, _STRONG)[used]
+    return Comparison(
+        float(weight @ correlation[used] / weight.sum()),
+        float(mask.mean()),
+        float(used.mean()),
+        float((np.abs(a - b)[mask] < _SAME).mean()),
+    )
+
+
+def _visible(
+    scene: RayScene, here: Picture, there: Picture, index: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where another camera sees footprint samples of a view.
+
+    Parameters
+    ----------
+    index
+        Which pixels of ``here``, flat.
+
+    Returns
+    -------
+    pixels
+        (H W, 2) image coordinates in ``there``; NaN for pixels that were not asked for.
+    front, back
+        Flat pixels of ``here`` whose surface ``there`` sees from the same side, and from the other one.
+    """
+    points = here.points.reshape(-1, 3)[index].astype(np.float64)
+    projected, depth = there.camera.project(points)
+    size = (there.camera.width, there.camera.height)
+    inside = (depth > 1e-6) & ((projected > 0) & (projected < size)).all(axis=1)
+    index, points = index[inside], points[inside]
+    pixels = np.full((here.hit.size, 2), np.nan)
+    pixels[index] = projected[inside]
+    if len(index) == 0:
+        return pixels, index, index
+    center = there.camera.center
+    away = points - center
+    distance = np.linalg.norm(away, axis=1)
+    away /= np.maximum(distance, 1e-9)[:, None]
+    found, _ = scene.intersect(center.astype(np.float32), away.astype(np.float32))
+    reached = np.abs(found - distance) < _OFFSET * distance
+    cosine = -(here.normals.reshape(-1, 3)[index] * away).sum(axis=1)
+    return pixels, index[reached & (cosine > _GRAZING)], index[reached & (cosine < -_GRAZING)]
+
+
+def _scan(scene: RayScene, pictures: Sequence[Picture]) -> tuple[np.ndarray, np.ndarray]:
+    """(V, V) shares of each view's pixels that each other one shows, and (V,) most that one shows from behind only."""
+    shared = np.zeros((len(pictures), len(pictures)))
+    behind = np.zeros(len(pictures))
+    for i, here in enumerate(pictures):
+        hit = np.flatnonzero(here.hit)
+        some = hit[:: max(len(hit) // _SCAN, 1)]
+        for j, there in enumerate(pictures):
+            if i != j and len(some):
+                _, front, back = _visible(scene, here, there, some)
+                shared[i, j] = len(front) / len(some)
+                behind[i] = max(behind[i], len(back) / len(some))
+    return shared, behind
+
+
+def _reduced(dataset: Dataset, camera: Camera, width: int) -> tuple[Camera, np.ndarray, np.ndarray]:
+    """Camera, log luminance and mask of a view, reduced by whole blocks of pixels to at most ``width`` columns."""
+    image, weight = dataset.image(camera.name)
+    light = image.astype(np.float32) @ np.float32(LUMINANCE)
+    block = -(-camera.width // width)
+    rows, columns = camera.height // block, camera.width // block
+
+    def blocks(values: np.ndarray) -> np.ndarray:
+        return values[: rows * block, : columns * block].reshape(rows, block, columns, block)
+
+    valid = blocks(weight > 0).mean(axis=(1, 3)) > 0.5
+    light = blocks(light).mean(axis=(1, 3))
+    bright = np.median(light[valid]) if valid.any() else 1.0
+    small = replace(
+        camera, width=columns, height=rows, fx=camera.fx / block, fy=camera.fy / block,
+        cx=camera.cx / block, cy=camera.cy / block,
+    )  # fmt: skip
+    return small, np.log(np.maximum(light, 1e-3 * max(float(bright), 1e-6))).astype(np.float32), valid
+
+
+def _seen(scene: RayScene, camera: Camera, light: np.ndarray, valid: np.ndarray) -> Picture:
+    """Trace the footprint samples of a reduced view."""
+    rows, columns = np.mgrid[: camera.height, : camera.width] + 0.5
+    directions = camera.directions(columns, rows).reshape(-1, 3)
+    distance, triangle = scene.intersect(camera.center, directions)
+    normals = scene.normals[triangle]
+    cosine = -(normals * directions).sum(axis=1)
+    hit = (triangle >= 0) & (np.abs(cosine) > _GRAZING)
+    points = camera.center + np.where(hit, distance, 0.0)[:, None] * directions
+    normals = normals * np.sign(cosine)[:, None]
+    shape = light.shape
+    return Picture(
+        camera, light, valid, points.reshape(*shape, 3).astype(np.float32), hit.reshape(shape),
+        normals.reshape(*shape, 3).astype(np.float32),
+    )  # fmt: skip
+
+
+def table(verdicts: Sequence[Verdict]) -> str:
+    """Return the verdicts for the terminal, the worst first."""
+    lines = [f"{'view':<20} {'score':>6} {'shared':>7} {'colour':>7} {'with':>5}  verdict"]
+    for verdict in sorted(verdicts, key=lambda v: (v.accepted, v.score if v.score is not None else 2.0)):
+        score = "-" if verdict.score is None else f"{verdict.score:.2f}"
+        colour = "-" if verdict.colour is None else f"{verdict.colour:.0%}"
+        state = ("ok" if verdict.accepted else "REJECTED") + (f": {verdict.reason}" if verdict.reason else "")
+        numbers = f"{score:>6} {verdict.overlap:>7.0%} {colour:>7} {len(verdict.partners):>5}"
+        lines.append(f"{verdict.view:<20} {numbers}  {state}")
+    return "\n".join(lines)

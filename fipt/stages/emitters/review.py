@@ -1,0 +1,192 @@
+"""The lamps for people: a list with names and pictures, and the file in which a person decides about them."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fipt.errors import FiptError
+from fipt.formats.files import atomic_folder
+from fipt.formats.images import to_display, write_png
+from fipt.formats.manifests import Stats, write_manifest
+from fipt.progress import progress
+from fipt.scene.dataset import Dataset
+from fipt.scene.emitters import default_name, lamp_facts, lamp_triangles, read_emitters, write_list
+from fipt.scene.review import Decisions, matched, numbers, parse_decisions, read_review, refreshed, write_review
+from fipt.scene.samples import FootprintSamples, read_samples
+from fipt.settings import dumped
+from fipt.stages.emitters.extract import INTERIOR
+from fipt.stages.emitters.settings import ReviewSettings
+
+_AROUND = 1.0
+"""Of the lamp's size: what its picture shows on each side of it."""
+_LEAST = 0.25
+"""Of the view's width: a picture shows at least so much, for the lamp to be recognised by what surrounds it."""
+_GREY = 0.25
+"""Displayed level of the median of what surrounds the lamp, linear."""
+_LINE = np.array([255, 0, 200], np.uint8)
+_LISTED = re.compile(r"emitters\.json|(lamp|rejected)-\d+\.png")
+"""Names of the files of a list."""
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """Where a lamp is seen: names of the views that show it alone in a pixel, and the view that shows most of it."""
+
+    views: list[str]
+    best: tuple[int, int] | None
+    """Shard, and number of the view in it; None where no pixel shows any of it."""
+
+
+def write_listing(
+    dataset: Path,
+    samples: Sequence[Path],
+    emitters: Path,
+    decisions: str,
+    out: Path,
+    review: Path,
+    settings: ReviewSettings,
+    stats: Stats,
+) -> None:
+    """Write ``out``: emitters.json and a picture of every lamp; bring the file ``review`` up to date.
+
+    What a person decided in that file stays, also if that happens meanwhile.
+
+    Raises
+    ------
+    FiptError
+        If ``out`` holds something else than an earlier list, or ``review`` is wrong.
+    """
+    strange = [path.name for path in sorted(out.glob("[!.]*")) if not _LISTED.fullmatch(path.name)]
+    if strange:
+        raise FiptError(f"the folder {out} is replaced, but holds {strange[0]}", "choose a folder for the list alone")
+    read_review(review)  # refused now, not after all views were looked at
+    data, found = Dataset(dataset), read_emitters(emitters)
+    mesh, shards = data.mesh(), [read_samples(folder) for folder in samples]
+    decided = parse_decisions(decisions, len(mesh.triangles))
+    lamps = lamp_triangles(found)
+    rejected = [np.array(sorted(numbers(text, len(mesh.triangles)))) for text in decided.reject]
+    sightings = _sightings(data, shards, [*lamps, *rejected], len(mesh.triangles))
+    files = [f"lamp-{n}.png" for n in range(len(lamps))] + [f"rejected-{own[0]}.png" for own in rejected]
+    names = _names(decided, lamps, len(mesh.triangles))
+    rows = [row | {"name": name} for row, name in zip(lamp_facts(found, mesh), names, strict=True)]
+    thumbnails = []
+    with atomic_folder(out) as folder:
+        for file, own, seen in zip(files, [*lamps, *rejected], sightings, strict=True):
+            picture = _thumbnail(data, shards, seen, own, settings.width)
+            thumbnails.append(None if picture is None else file)
+            if picture is not None:
+                write_png(folder / file, picture)
+        for row, seen, file in zip(rows, sightings, thumbnails, strict=False):
+            row["seen_by"], row["thumbnail"] = seen.views, file
+        write_list(folder / "emitters.json", found.two_sided, rows)
+    write_manifest(Path(f"{out}.manifest.json"), "review", list(out.iterdir()), dumped(settings))
+    shown = [None if file is None else f"{out.name}/{file}" for file in thumbnails]
+    facts = [_entry(row, own, file) for row, own, file in zip(rows, lamps, shown, strict=False)]
+    pictures = {frozenset(own.tolist()): file for own, file in zip(rejected, shown[len(lamps) :], strict=True)}
+    write_review(review, refreshed(read_review(review), facts, len(mesh.triangles), pictures))
+    stats["lamps"], stats["rejected"], stats["named"] = len(lamps), len(rejected), len(decided.names)
+    print(f"review: {len(lamps)} lamps listed in {out / 'emitters.json'}; decide about them in {review}")
+
+
+def _names(decided: Decisions, lamps: Sequence[np.ndarray], triangles: int) -> list[str]:
+    """Name of every lamp: what a person gave to most of its triangles, else its number."""
+    given = [numbers(text, triangles) for text in decided.names.values()]
+    names = list(map(default_name, range(len(lamps))))
+    for number, lamp in matched(given, lamps).items():
+        names[lamp] = list(decided.names)[number]
+    return names
+
+
+def _entry(row: dict[str, Any], triangles: np.ndarray, thumbnail: str | None) -> dict[str, Any]:
+    """Facts of a lamp for the file of decisions, rounded for eyes."""
+    facts = {"area": row["area"], "power": sum(row["power"]) / 3, "share": row["share"]}
+    facts = {key: float(f"{value:.4g}") for key, value in (facts | {"confidence": row["confidence"]}).items()}
+    rest = {"lamp": default_name(row["index"]), "views": row["views"], "thumbnail": thumbnail}
+    return rest | facts | {"triangles": frozenset(triangles.tolist())}
+
+
+# --- pictures -------------------------------------------------------------------------------------
+
+
+def _sightings(
+    data: Dataset, shards: Sequence[FootprintSamples], lamps: Sequence[np.ndarray], triangles: int
+) -> list[Sighting]:
+    """Where each lamp (its triangles) is seen."""
+    number = np.full(triangles, len(lamps), np.int32)
+    for lamp, own in enumerate(lamps):
+        number[own] = lamp
+    views: list[list[str]] = [[] for _ in lamps]
+    best: list[tuple[int, int] | None] = [None for _ in lamps]
+    most = np.zeros(len(lamps))
+    with progress("review", sum(len(shard.views) for shard in shards), " views") as bar:
+        for which, shard in enumerate(shards):
+            for index, view in enumerate(shard.views):
+                samples = shard.of_view(index)
+                lamp, weight = number[np.asarray(shard.triangle[samples])], np.asarray(shard.weight[samples])
+                seen = np.bincount(lamp, weight, len(lamps) + 1)[:-1]
+                if seen.any():
+                    valid = data.image(view)[1].ravel()[shard.pixel_of_sample(index)] > 0
+                    alone = np.bincount(lamp[valid & (weight >= INTERIOR)], minlength=len(lamps) + 1)
+                    for k in np.flatnonzero(alone[:-1]):
+                        views[k].append(view)
+                for k in np.flatnonzero(seen > most):
+                    best[k] = (which, index)
+                most = np.maximum(most, seen)
+                bar.advance()
+    return [Sighting(*found) for found in zip(views, best, strict=True)]
+
+
+def _thumbnail(
+    data: Dataset, shards: Sequence[FootprintSamples], seen: Sighting, triangles: np.ndarray, width: int
+) -> np.ndarray | None:
+    """(3/4 width, width, 3) uint8 picture of a lamp in the view that shows most of it; None where none does."""
+    if seen.best is None:
+        return None
+    shard, index = shards[seen.best[0]], seen.best[1]
+    samples, (height, columns) = shard.of_view(index), shard.shapes[index]
+    covered = np.bincount(
+        shard.pixel_of_sample(index),
+        np.asarray(shard.weight[samples]) * np.isin(shard.triangle[samples], triangles),
+        height * columns,
+    ).reshape(height, columns)
+    mask = covered >= min(0.5, covered.max())
+    rows, cols = _crop(mask)
+    return _drawn(data.image(shard.views[index])[0][rows, cols], mask[rows, cols], (width, width * 3 // 4))
+
+
+def _crop(mask: np.ndarray) -> tuple[slice, slice]:
+    """Part of a view, of 4 : 3 where it is large enough, around the pixels (H, W) of a lamp."""
+    height, width = mask.shape
+    y, x = np.nonzero(mask)
+    tall, wide = y.max() - y.min() + 1, x.max() - x.min() + 1
+    across = max((1 + 2 * _AROUND) * max(wide, tall * 4 / 3), _LEAST * width)
+    size = np.minimum(np.ceil([across * 3 / 4, across]).astype(int), [height, width])
+    middle = np.array([y.min() + y.max() + 1, x.min() + x.max() + 1]) // 2
+    first = np.clip(middle - size // 2, 0, np.array([height, width]) - size)
+    return slice(first[0], first[0] + size[0]), slice(first[1], first[1] + size[1])
+
+
+def _drawn(radiance: np.ndarray, mask: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """Picture (h, w, 3) uint8 of at most a size, tone mapped so that lamp and surroundings show, the lamp outlined.
+
+    Highlights are compressed (Reinhard), the brightest is white.
+    """
+    from PIL import Image
+    from scipy.ndimage import binary_dilation, binary_erosion
+
+    level = radiance.mean(axis=-1)
+    around = level[~mask & (level > 0)]
+    exposed = radiance * (_GREY / max(float(np.median(around)) if len(around) else float(level.max()), 1e-9))
+    white = max(float(exposed.max()), 1.0)
+    toned = to_display(exposed * (1 + exposed / white**2) / (1 + exposed))
+    scale = min(size[0] / mask.shape[1], size[1] / mask.shape[0])
+    shape = max(1, round(mask.shape[1] * scale)), max(1, round(mask.shape[0] * scale))
+    picture = np.array(Image.fromarray(toned).resize(shape, Image.Resampling.BICUBIC))
+    lamp = np.array(Image.fromarray(np.uint8(255) * mask).resize(shape, Image.Resampling.BILINEAR)) > 127
+    picture[binary_dilation(lamp, iterations=3) & ~binary_erosion(lamp)] = 0
+    picture[binary_dilation(lamp, iterations=2) & ~lamp] = _LINE
+    return picture

@@ -1,0 +1,136 @@
+"""The background stage: stated, given, or fitted to the pixels that see no surface."""
+
+import numpy as np
+from scipy.sparse import coo_matrix, diags
+from scipy.sparse.linalg import spsolve
+
+from fipt.errors import FiptError
+from fipt.formats.manifests import Stats
+from fipt.scene.dataset import Dataset
+from fipt.scene.environment import (
+    NOTHING,
+    EnvironmentMap,
+    constant,
+    open_pixels,
+    pixel_directions,
+    read_map,
+    solid_angles,
+)
+from fipt.scene.samples import FootprintSamples
+from fipt.stages.environment.settings import EnvironmentSettings
+
+_ENOUGH = 1e-3
+"""Share of the training pixels that must see outside before mode auto believes that there is one."""
+
+
+def find_environment(
+    dataset: Dataset, shards: list[FootprintSamples], settings: EnvironmentSettings, stats: Stats
+) -> EnvironmentMap:
+    """Return the background that the settings ask for.
+
+    Raises
+    ------
+    FiptError
+        If the map of mode `given` is none, or a fit was asked for and no pixel sees outside.
+    """
+    if settings.mode == "none":
+        return NOTHING
+    if settings.mode == "given":
+        return read_map(settings.file, settings.up, settings.rotation)
+    if settings.radiance is not None:
+        return constant(settings.radiance, settings.up)
+    directions, radiance, weight, share = _observed(dataset, shards)
+    stats["open_pixels"] = share
+    if settings.mode == "auto" and share < _ENOUGH:
+        return NOTHING
+    if len(weight) == 0:
+        raise FiptError(
+            f"environment.mode {settings.mode} needs training pixels that see no surface; there is none "
+            "(a pixel counts where it and the eight around it miss the mesh)",
+            "use mode none or given, or constant with a stated radiance",
+        )
+    mean, seen = directional_mean(directions, radiance, weight, settings.resolution, settings.up)
+    angle = solid_angles(*seen.shape) * seen
+    stats["seen_directions"] = float(angle.sum() / (4 * np.pi))
+    if settings.mode == "constant":
+        return constant((mean * angle[..., None]).sum(axis=(0, 1)) / angle.sum(), settings.up)
+    return EnvironmentMap("map", filled(mean, seen), settings.up)
+
+
+def directional_mean(
+    directions: np.ndarray, radiance: np.ndarray, weight: np.ndarray, rows: int, up: str = "y"
+) -> tuple[np.ndarray, np.ndarray]:
+    """Average pixels by direction, in the texels of a map of ``rows`` x 2 ``rows``.
+
+    Parameters
+    ----------
+    directions, radiance
+        (N, 3) unit world directions and observed radiance.
+    weight
+        (N,) positive.
+
+    Returns
+    -------
+    mean
+        (rows, 2 rows, 3) mean radiance, 0 where nothing is seen.
+    seen
+        (rows, 2 rows) bool: whether a pixel looks along the texel.
+    """
+    shape = (rows, 2 * rows)
+    place = EnvironmentMap("map", np.zeros((*shape, 3), np.float32), up).texels(directions)
+    row, column = np.floor(place).astype(np.int64).T
+    texel = np.minimum(row, rows - 1) * 2 * rows + column % (2 * rows)
+    total = np.bincount(texel, weight, 2 * rows**2)
+    sums = [np.bincount(texel, weight * radiance[:, c], 2 * rows**2) for c in range(3)]
+    mean = np.stack(sums, axis=1) / np.maximum(total, 1e-12)[:, None]
+    return mean.reshape(*shape, 3), (total > 0).reshape(shape)
+
+
+def _observed(dataset: Dataset, shards: list[FootprintSamples]) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """Directions (N, 3), radiance (N, 3), weight (N,) of open training pixels; their share of all pixels' weight."""
+    directions, radiances, weights, everything = [], [], [], 0.0
+    for samples in shards:
+        for index, view in enumerate(samples.views):
+            image, valid = dataset.image(view)
+            pixel = np.flatnonzero(open_pixels(samples, index) & (valid > 0))
+            directions.append(pixel_directions(dataset.camera(view), pixel))
+            radiances.append(image.reshape(-1, 3)[pixel])
+            weights.append(valid.ravel()[pixel])
+            everything += float(valid.sum())
+    weight = np.concatenate(weights).astype(np.float64)
+    share = float(weight.sum() / max(everything, 1e-12))
+    return np.concatenate(directions), np.concatenate(radiances), weight, share
+
+
+def filled(radiance: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """Continue a map smoothly into the texels that are not ``seen``: Laplace's equation on the sphere.
+
+    The result stays between the smallest and largest seen values. Far from what is seen it tends to a mean of them.
+
+    Parameters
+    ----------
+    radiance, seen
+        (h, w, 3) and (h, w) bool, at least one texel seen.
+
+    Returns
+    -------
+    (h, w, 3) float32.
+    """
+    if seen.all():
+        return radiance.astype(np.float32)
+    height, width = seen.shape
+    number = np.arange(height * width).reshape(height, width)
+    theta = (np.arange(height) + 0.5) / height * np.pi
+    ratio = (np.pi / height) / (2 * np.pi / width)
+    beside = np.broadcast_to((ratio / np.sin(theta))[:, None], (height, width))
+    below = np.broadcast_to((np.sin(theta[:-1] + np.pi / height / 2) / ratio)[:, None], (height - 1, width))
+    a = np.concatenate([number.ravel(), number[:-1].ravel()])
+    b = np.concatenate([np.roll(number, -1, axis=1).ravel(), number[1:].ravel()])
+    flow = np.concatenate([beside.ravel(), below.ravel()])
+    graph = coo_matrix((flow, (a, b)), shape=(number.size,) * 2)
+    graph = (graph + graph.T).tocsr()
+    laplace = (diags(np.asarray(graph.sum(axis=1)).ravel()) - graph).tocsc()
+    free, fixed = np.flatnonzero(~seen), np.flatnonzero(seen)
+    values = radiance.reshape(-1, 3).astype(np.float64).copy()
+    values[free] = spsolve(laplace[free][:, free], -(laplace[free][:, fixed] @ values[fixed]))
+    return np.maximum(values, 0).reshape(height, width, 3).astype(np.float32)

@@ -1,0 +1,446 @@
+"""Figures of a result: materials, emission and pictures against ground truth and photographs.
+
+Everything here is a pure function of arrays. Views are streamed, so that a scene never has to fit
+in memory. A figure for which no pixel qualifies, or for which there is no truth, is None; NaN never
+leaves this module, because it is refused where it would enter.
+"""
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from fipt.conventions import LUMINANCE
+from fipt.errors import FiptError
+from fipt.formats.images import srgb_encode
+
+Layers = Mapping[str, np.ndarray]
+"""Layer name -> (H, W, 3) or (H, W) float32, as `fipt.scene.dataset.read_layers` gives them."""
+
+SMALLEST_MSE = 1e-10
+"""Mean squared errors are raised to this, so that a perfect result has 100 dB and not infinity."""
+
+PUBLISHED_ROUGHNESS = 0.2
+"""The published tables raise true and estimated roughness to this before comparing them."""
+
+CONFIDENCE_CLASSES = 5
+"""Classes of equal width into which confidence is divided."""
+
+_COMPARED = 100_000
+"""Pixels of a view, or up to twice as many, that tell the exposure of photographs."""
+_HUBER = 0.1
+"""Differences of log luminance up to this count as squares."""
+
+DEFINITIONS: dict[str, dict[str, str]] = {
+    "kd_psnr": {
+        "label": "Diffuse kd",
+        "unit": "dB",
+        "better": "higher",
+        "text": "PSNR of kd on linear values, peak 1, over pixels whose centre hits the mesh and "
+        "does not emit in truth, and that the picture's mask keeps; squared error pooled over the views of the split.",
+    },
+    "reflectance_psnr": {
+        "label": "Reflectance a'",
+        "unit": "dB",
+        "better": "higher",
+        "text": "PSNR of the directional albedo a' (diffuse and specular together) on linear "
+        "values, peak 1, over the same pixels, pooled in the same way.",
+    },
+    "base_color_psnr": {
+        "label": "Base colour",
+        "unit": "dB",
+        "better": "higher",
+        "text": "PSNR of the base colour on linear values, peak 1, over the same pixels, pooled in the same way.",
+    },
+    "roughness_l1": {
+        "label": "Roughness",
+        "unit": "L1",
+        "better": "lower",
+        "text": "Mean absolute difference of perceptual roughness over the same pixels.",
+    },
+    "metallic_l1": {
+        "label": "Metallic",
+        "unit": "L1",
+        "better": "lower",
+        "text": "Mean absolute difference of metallic over the same pixels.",
+    },
+    "emission_iou": {
+        "label": "Emission",
+        "unit": "IoU",
+        "better": "higher",
+        "text": "Pixels that emit in truth and in the estimate, over pixels that emit in either; "
+        "valid pixels whose centre hits the mesh, counts summed over the views.",
+    },
+    "log_radiance_error": {
+        "label": "Emitted radiance",
+        "unit": "|Δ ln|",
+        "better": "lower",
+        "text": "Mean absolute difference of the natural logarithm of the emitted radiance, over "
+        "pixels and channels that emit in both.",
+    },
+    "by_confidence": {
+        "label": "Error by confidence",
+        "unit": "",
+        "better": "",
+        "text": "Pixels whose centre hits the mesh and does not emit in truth, in five classes by the confidence of "
+        "the material maps: share of the pixels, PSNR of kd and a', mean absolute difference of roughness and "
+        "metallic. Where confidence tells the truth, errors fall from class to class.",
+    },
+    "render_psnr": {
+        "label": "Re-rendering",
+        "unit": "dB",
+        "better": "higher",
+        "text": "PSNR of the re-rendered view against its picture, both clipped to [0, 1] and sRGB "
+        "encoded, over all valid pixels that are not clipped; mean over the views of the split.",
+    },
+    "relight_psnr": {
+        "label": "Relighting",
+        "unit": "dB",
+        "better": "higher",
+        "text": "PSNR of the relit view against the truth under the same light, both clipped to "
+        "[0, 1] and sRGB encoded; mean over views. Against the truth the exposure is never fitted; photographs of "
+        "unknown exposure are first multiplied by one robustly fitted factor for the setup (exposure).",
+    },
+    "published": {
+        "label": "As published tables count",
+        "unit": "",
+        "better": "",
+        "text": "Values clipped to [0, 1] and cut to 8 bits; emitters set to 0 in both; kd set to "
+        "0 wherever the true roughness is below 1; roughness raised to 0.2; PSNR of every whole "
+        "image, then the mean over the images where a pixel qualifies. Emission: IoU, and log L2 = "
+        "mean squared difference of ln(1 + radiance), of every image with a true emitter, then the "
+        "mean.",
+    },
+}
+"""What each figure means, in which unit; written into metrics.json for whoever reads it."""
+
+
+@dataclass
+class Mean:
+    """A running mean: sums of many arrays, and how many numbers they held."""
+
+    total: float = 0.0
+    count: int = 0
+
+    def add(self, values: np.ndarray) -> None:
+        """Add all numbers of an array."""
+        self.total += float(np.sum(values, dtype=np.float64))
+        self.count += int(np.size(values))
+
+    @property
+    def value(self) -> float | None:
+        """The mean, or None if nothing was added."""
+        return self.total / self.count if self.count else None
+
+
+def psnr(mse: float | None) -> float | None:
+    """Peak signal-to-noise ratio for peak 1, dB, of a mean squared error; None stays None."""
+    return None if mse is None else float(-10.0 * np.log10(max(mse, SMALLEST_MSE)))
+
+
+def emits(layers: Layers) -> np.ndarray:
+    """Return (H, W) bool, the pixels that emit: by ``emission_mask`` or by radiance."""
+    if "emission_mask" in layers:
+        return layers["emission_mask"] > 0.5
+    return (layers["emission"] > 0).any(axis=-1)
+
+
+def finite(layers: Layers, where: str) -> Layers:
+    """Return ``layers`` if every value is finite.
+
+    Raises
+    ------
+    FiptError
+        If a layer holds NaN or infinity; ``where`` names the file.
+    """
+    for name, values in layers.items():
+        bad = int(np.count_nonzero(~np.isfinite(values)))
+        if bad:
+            raise FiptError(
+                f"{where} must hold finite values; {bad} of layer {name} are NaN or infinite",
+                "run the stage that writes it again, or repair the file",
+            )
+    return layers
+
+
+@dataclass
+class MaterialFigures:
+    """Figures of material maps against truth, gathered view by view with `add`."""
+
+    kd: Mean = field(default_factory=Mean)
+    reflectance: Mean = field(default_factory=Mean)
+    base_color: Mean = field(default_factory=Mean)
+    roughness: Mean = field(default_factory=Mean)
+    metallic: Mean = field(default_factory=Mean)
+    log_radiance: Mean = field(default_factory=Mean)
+    intersection: int = 0
+    union: int = 0
+    pixels: int = 0
+    by_confidence: list[dict[str, Mean]] = field(default_factory=list)
+    published: list[dict[str, float | None]] = field(default_factory=list)
+
+    def add(self, estimate: Layers, truth: Layers, valid: np.ndarray | bool = True) -> None:
+        """Count one view.
+
+        Parameters
+        ----------
+        estimate
+            Layers of materials/{view}.exr, ``hit`` among them.
+        truth
+            Layers of truth/{view}.exr; layers it lacks are left out of the figures.
+        valid
+            (H, W) bool, pixels of the picture that have weight; the others do not count.
+        """
+        hit = (estimate["hit"] > 0.5) & valid
+        true_emission, emission = emits(truth), emits(estimate)
+        counted = hit & ~true_emission
+        self.pixels += int(counted.sum())
+        errors = {}
+        for name in ("kd", "reflectance", "base_color", "roughness", "metallic"):
+            if name in truth:
+                error = np.float64(estimate[name][counted]) - truth[name][counted]
+                errors[name] = np.abs(error) if name in ("roughness", "metallic") else error**2
+                getattr(self, name).add(errors[name])
+        if "confidence" in estimate:
+            self._classify(estimate["confidence"][counted], errors)
+        self.intersection += int((hit & true_emission & emission).sum())
+        self.union += int((hit & (true_emission | emission)).sum())
+        if "emission" in truth:
+            both = hit & true_emission & emission
+            self.log_radiance.add(log_differences(estimate["emission"][both], truth["emission"][both]))
+            self.published.append(published_view(estimate, truth))
+
+    def _classify(self, confidence: np.ndarray, errors: Mapping[str, np.ndarray]) -> None:
+        """Count errors of pixels (N, ...) by their confidence (N,)."""
+        self.by_confidence = self.by_confidence or [defaultdict(Mean) for _ in range(CONFIDENCE_CLASSES)]
+        classes = np.minimum(confidence * CONFIDENCE_CLASSES, CONFIDENCE_CLASSES - 1).astype(int)
+        for number, means in enumerate(self.by_confidence):
+            own = classes == number
+            means["pixels"].add(own)
+            for name, error in errors.items():
+                means[name].add(error[own])
+
+    def figures(self) -> dict[str, Any]:
+        """Return the figures under their names in metrics.json, and the pixels counted."""
+        return {
+            "kd_psnr": psnr(self.kd.value),
+            "reflectance_psnr": psnr(self.reflectance.value),
+            "base_color_psnr": psnr(self.base_color.value),
+            "roughness_l1": self.roughness.value,
+            "metallic_l1": self.metallic.value,
+            "emission_iou": self.intersection / self.union if self.union else None,
+            "log_radiance_error": self.log_radiance.value,
+            "by_confidence": [
+                {
+                    "from": number / CONFIDENCE_CLASSES,
+                    "to": (number + 1) / CONFIDENCE_CLASSES,
+                    "share": means["pixels"].value,
+                    "kd_psnr": psnr(means["kd"].value),
+                    "reflectance_psnr": psnr(means["reflectance"].value),
+                    "roughness_l1": means["roughness"].value,
+                    "metallic_l1": means["metallic"].value,
+                }
+                for number, means in enumerate(self.by_confidence)
+            ]
+            or None,
+            "published": published_mean(self.published),
+            "pixels": {"materials": self.pixels, "emission_union": self.union},
+        }
+
+
+def log_differences(estimate: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """|ln estimate - ln truth| of the entries where both are positive; any shape in, (n,) out."""
+    both = (estimate > 0) & (truth > 0)
+    return np.abs(np.log(np.float64(estimate[both])) - np.log(np.float64(truth[both])))
+
+
+def _cut(values: np.ndarray) -> np.ndarray:
+    """Clip to [0, 1] and cut to 8 bits, as the published evaluation stores its maps."""
+    return np.floor(np.clip(np.float64(values), 0.0, 1.0) * 255.0) / 255.0
+
+
+def published_view(estimate: Layers, truth: Layers) -> dict[str, float | None]:
+    """Figures of one view as published tables count them (see ``DEFINITIONS["published"]``).
+
+    They are here to be compared with those tables and nothing else: zeroed pixels count as perfect.
+    """
+    true_emission = (truth["emission"] > 0).any(axis=-1)
+    emission = np.where(emits(estimate)[..., None], estimate["emission"], 0.0)
+    figures: dict[str, float | None] = dict.fromkeys(
+        ("kd_psnr", "reflectance_psnr", "roughness_psnr", "emission_iou", "log_l2")
+    )
+
+    def compare(name: str, qualifies: np.ndarray, floor: float = 0.0) -> float | None:
+        if name not in truth or not qualifies.any():
+            return None
+        pair = [np.maximum(_cut(layers[name]), floor) for layers in (estimate, truth)]
+        return psnr(np.mean(((pair[0] - pair[1]).T * qualifies.T) ** 2))
+
+    if "roughness" in truth:
+        diffuse = ~true_emission & (_cut(truth["roughness"]) == 1.0)
+        figures["kd_psnr"] = compare("kd", diffuse)
+    figures["reflectance_psnr"] = compare("reflectance", ~true_emission)
+    figures["roughness_psnr"] = compare("roughness", ~true_emission, PUBLISHED_ROUGHNESS)
+    if true_emission.any():
+        found = emission.sum(axis=-1) > 0
+        figures["emission_iou"] = float((found & true_emission).sum() / (found | true_emission).sum())
+        difference = np.log1p(np.float64(emission)) - np.log1p(np.float64(truth["emission"]))
+        figures["log_l2"] = float(np.mean(difference**2))
+    return figures
+
+
+def published_mean(views: Iterable[Mapping[str, float | None]]) -> dict[str, float | None]:
+    """Mean of each figure over the views that have it; None where no view has it."""
+    names = ("kd_psnr", "reflectance_psnr", "roughness_psnr", "emission_iou", "log_l2")
+    columns: dict[str, list[float]] = {name: [] for name in names}
+    for view in views:
+        for name in names:
+            if view[name] is not None:
+                columns[name].append(view[name])
+    return {name: float(np.mean(values)) if values else None for name, values in columns.items()}
+
+
+def picture_psnr(
+    picture: np.ndarray, reference: np.ndarray, valid: np.ndarray | None = None, scale: float = 1.0
+) -> float | None:
+    """PSNR of a picture after clipping to [0, 1] and the sRGB curve, dB.
+
+    Parameters
+    ----------
+    picture, reference
+        (H, W, 3) linear radiance, finite.
+    valid
+        (H, W) weights; pixels with weight 0 are left out. All count where it is absent.
+    scale
+        Exposure factor applied to ``picture``.
+
+    Returns
+    -------
+    float or None
+        None if no pixel is valid.
+    """
+    counted = np.ones(reference.shape[:2], bool) if valid is None else valid > 0
+    error = Mean()
+    encoded = [
+        srgb_encode(np.clip(np.float64(image[counted]), 0.0, 1.0)) for image in (scale * np.float64(picture), reference)
+    ]
+    error.add((encoded[0] - encoded[1]) ** 2)
+    return psnr(error.value)
+
+
+@dataclass
+class Exposure:
+    """The one factor that brings all renderings nearest to their photographs, by least squares.
+
+    Pixels clipped in the photograph's display range (a channel >= 1) do not take part: lamps would
+    decide alone.
+    """
+
+    product: float = 0.0
+    square: float = 0.0
+
+    def add(self, picture: np.ndarray, photo: np.ndarray, valid: np.ndarray) -> None:
+        """Take in one view: (H, W, 3) linear radiance twice, (H, W) weights."""
+        counted = (valid > 0) & (photo < 1.0).all(axis=-1)
+        rendered, seen = np.float64(picture[counted]), np.float64(photo[counted])
+        self.product += float(np.sum(rendered * seen))
+        self.square += float(np.sum(rendered**2))
+
+    @property
+    def scale(self) -> float:
+        """The factor for the rendering; 1 if nothing can be said."""
+        return self.product / self.square if self.product > 0 else 1.0
+
+
+@dataclass
+class PhotographedExposure:
+    """The one factor that brings photographs of unknown exposure to the radiance of renderings.
+
+    Least absolute differences of log luminance, smoothed to squares near 0 (Huber): a lamp, a clipped window or a
+    thing that was moved decides nothing.
+    """
+
+    differences: list[np.ndarray] = field(default_factory=list)
+
+    def add(self, picture: np.ndarray, photo: np.ndarray, valid: np.ndarray) -> None:
+        """Take in one view: (H, W, 3) linear radiance twice, (H, W) weights."""
+        rendered, seen = (np.float64(image[valid > 0]) @ LUMINANCE for image in (picture, photo))
+        both = (rendered > 0) & (seen > 0)
+        differences = np.log(rendered[both]) - np.log(seen[both])
+        self.differences.append(differences[:: max(1, len(differences) // _COMPARED)])
+
+    @property
+    def scale(self) -> float | None:
+        """The factor for the photographs; None if no pixel can be compared."""
+        differences = np.concatenate([np.zeros(0), *self.differences])
+        if len(differences) == 0:
+            return None
+        middle = np.median(differences)
+        for _ in range(20):
+            weight = 1 / np.maximum(np.abs(differences - middle), _HUBER)
+            middle = weight @ differences / weight.sum()
+        return float(np.exp(middle))
+
+
+def emitting_triangles(triangles: int, views: Iterable[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+    """Which triangles emit in truth, and which are seen, by what pixel centres show.
+
+    Parameters
+    ----------
+    triangles
+        Number of triangles of the mesh.
+    views
+        Pairs of (n,) triangle ids at pixel centres and (n,) bool, whether that pixel truly emits.
+
+    Returns
+    -------
+    emitting, seen : (triangles,) bool
+        A triangle emits if more than half of the pixel centres that see it emit.
+    """
+    seen, shining = np.zeros(triangles, np.int64), np.zeros(triangles, np.int64)
+    for ids, emitting in views:
+        seen += np.bincount(ids, minlength=triangles)
+        shining += np.bincount(ids[emitting], minlength=triangles)
+    return 2 * shining > seen, seen > 0
+
+
+def triangle_figures(
+    found: np.ndarray, truth: np.ndarray | None, areas: np.ndarray, seen: np.ndarray | None = None
+) -> dict[str, Any]:
+    """Compare the triangles found to emit with the true ones.
+
+    Parameters
+    ----------
+    found
+        (E,) ids of the triangles found to emit.
+    truth
+        (T,) bool, triangles that emit in truth; None where it is unknown.
+    areas
+        (T,) areas, square metres.
+    seen
+        (T,) bool, triangles that some pixel sees; a true one that none sees cannot be missed.
+
+    Returns
+    -------
+    dict
+        Counts and areas (m2) of found, true, false and missed triangles; None where unknown.
+    """
+    found_mask = np.zeros(len(areas), bool)
+    found_mask[found] = True
+    names = ("true", "false", "missed", "unseen")
+    sets: dict[str, np.ndarray | None] = dict.fromkeys(names)
+    if truth is not None:
+        visible = truth if seen is None else truth & seen
+        sets = {
+            "true": truth,
+            "false": found_mask & ~truth,
+            "missed": visible & ~found_mask,
+            "unseen": None if seen is None else truth & ~seen,
+        }
+    figures: dict[str, Any] = {}
+    for name, mask in {"found": found_mask, **sets}.items():
+        figures[f"{name}_triangles"] = None if mask is None else int(mask.sum())
+        figures[f"{name}_area"] = None if mask is None else float(areas[mask].sum())
+    return figures

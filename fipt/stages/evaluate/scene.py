@@ -1,0 +1,228 @@
+"""The figures of a scene, from the files of its dataset and results."""
+
+import json
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fipt.errors import FiptError
+from fipt.formats.arrays import load_npz
+from fipt.formats.exr import read_rgb
+from fipt.progress import progress
+from fipt.scene.dataset import Dataset, read_layers
+from fipt.scene.references import read_reference, reference_files
+from fipt.scene.samples import read_samples
+from fipt.stages.evaluate.metrics import (
+    Exposure,
+    Layers,
+    MaterialFigures,
+    PhotographedExposure,
+    emits,
+    emitting_triangles,
+    finite,
+    picture_psnr,
+    triangle_figures,
+)
+
+
+def material_figures(data: Dataset, folder: Path, split: str) -> dict[str, Any]:
+    """Figures of the material maps of a split; all None where the dataset has no truth."""
+    figures, views = MaterialFigures(), data.views(split)
+    with progress(f"metrics {split}", len(views), " views") as bar:
+        for view in views:
+            truth = data.truth(view)
+            if truth is not None:
+                path = folder / f"{view}.exr"
+                estimate = finite(read_layers(path), str(path))
+                truth = finite(truth, str(data.root / "truth" / f"{view}.exr"))
+                _check_layers(path, estimate, truth)
+                figures.add(estimate, truth, data.image(view)[1] > 0)
+            bar.advance()
+    return figures.figures()
+
+
+def _check_layers(path: Path, estimate: Layers, truth: Layers) -> None:
+    compared = ("kd", "reflectance", "base_color", "roughness", "metallic", "emission", "hit")
+    missing = [name for name in compared if name not in estimate and (name in truth or name == "hit")]
+    if missing:
+        raise FiptError(f"{path} lacks the layers {', '.join(missing)}", "run fipt materials again")
+    if "emission" not in truth and "emission_mask" not in truth:
+        raise FiptError(
+            f"the truth of {path.stem} must say what emits; it lacks emission and emission_mask",
+            "write one of these layers",
+        )
+    for name, values in truth.items():
+        if name in estimate and values.shape != estimate[name].shape:
+            raise FiptError(
+                f"{path}: layer {name} must have shape {values.shape} like its truth; it has {estimate[name].shape}",
+                "run fipt materials again",
+            )
+
+
+def _pictures(folder: Path, views: list[str], what: str) -> list[str]:
+    """Views whose picture exists: all or none, or some stage did not finish."""
+    present = [view for view in views if (folder / f"{view}.exr").is_file()]
+    missing = [view for view in views if view not in present]
+    if present and missing:
+        raise FiptError(
+            f"{folder} must hold a picture of every view; {', '.join(missing[:8])} missing",
+            f"run {what} for these views",
+        )
+    return present
+
+
+def _picture(path: Path, shape: tuple[int, ...]) -> np.ndarray:
+    """Read a finite (H, W, 3) picture of the expected shape."""
+    picture = read_rgb(path)
+    if picture.shape != shape:
+        raise FiptError(f"{path} must have shape {shape}; it has {picture.shape}", "render it again")
+    return finite({"RGB": picture}, str(path))["RGB"]
+
+
+def render_figures(data: Dataset, folder: Path, split: str, fit_exposure: bool) -> dict[str, Any]:
+    """PSNR of re-rendered views; None where the split was not rendered."""
+
+    def pairs() -> Iterator[tuple[str, np.ndarray, np.ndarray, np.ndarray]]:
+        for view in views:
+            photo, valid = data.image(view)
+            valid = valid * ~data.clipped(view)  # a lower bound is nothing to compare with
+            yield view, _picture(folder / f"{view}.exr", photo.shape), photo, valid
+
+    views = _pictures(folder, data.views(split), "fipt render")
+    exposure = Exposure()
+    if fit_exposure:
+        for _, picture, photo, valid in pairs():
+            exposure.add(picture, photo, valid)
+    per_view = {view: picture_psnr(picture, photo, valid, exposure.scale) for view, picture, photo, valid in pairs()}
+    return {
+        "render_psnr": _mean(per_view),
+        "render_psnr_views": per_view,
+        "render_exposure_scale": exposure.scale if per_view else None,
+        "render_exposure_fitted": fit_exposure,
+    }
+
+
+def _mean(per_view: dict[str, float | None]) -> float | None:
+    values = [value for value in per_view.values() if value is not None]
+    return sum(values) / len(values) if values else None
+
+
+def relight_figures(data: Dataset, folder: Path, setups: Sequence[str] | None = None) -> dict[str, Any]:
+    """PSNR of the light setups that the dataset has truth for; of these names only, where they are given."""
+    result = {}
+    for truth in sorted((data.root / "relight_truth").glob("*/")):
+        if setups is not None and truth.name not in setups:
+            continue  # of a setup that is no more, or is filmed now
+        known = [camera for camera in data.cameras if (truth / f"{camera.name}.exr").is_file()]
+        per_view = {}
+        for camera in known:
+            path = folder / truth.name / f"{camera.name}.exr"
+            if path.is_file():
+                shape = (camera.height, camera.width, 3)
+                reference = _picture(truth / path.name, shape)
+                per_view[camera.name] = picture_psnr(_picture(path, shape), reference)
+        if per_view:
+            figures = {"relight_psnr": _mean(per_view), "relight_psnr_views": per_view}
+            result[truth.name] = {**figures, "of": "truth", "exposure": 1.0}
+    return result
+
+
+def reference_figures(data: Dataset, folder: Path, reference: Path) -> dict[str, Any]:
+    """PSNR of a light setup's views against photographs of the room under that light.
+
+    Parameters
+    ----------
+    folder
+        The relit views.
+    reference
+        Photographs named as these, all of one unknown exposure; views without one are left out.
+    """
+    relit = [camera.name for camera in data.cameras if (folder / f"{camera.name}.exr").is_file()]
+    if not relit:
+        raise FiptError(f"{folder} has no relit view to compare with {reference}", "run fipt relight first")
+    photographs = reference_files(reference, relit)
+
+    def pairs() -> Iterator[tuple[str, np.ndarray, np.ndarray, np.ndarray]]:
+        for view, path in photographs.items():
+            photo, valid = read_reference(path, data.camera(view))
+            weight = valid * (data.image(view)[1] > 0)
+            yield view, _picture(folder / f"{view}.exr", photo.shape), photo, weight
+
+    exposure = PhotographedExposure()
+    for _, picture, photo, valid in pairs():
+        exposure.add(picture, photo, valid)
+    scale = exposure.scale
+    if scale is None:
+        raise FiptError(
+            f"{reference} and {folder} must have pixels in common that are valid and not black; there are none",
+            "check the photographs, their masks and the light setup",
+        )
+    per_view = {view: picture_psnr(picture, scale * photo, valid) for view, picture, photo, valid in pairs()}
+    print(f"{reference}: {len(photographs)} of {len(relit)} views are photographed; their radiance times {scale:.4g}")
+    return {
+        "relight_psnr": _mean(per_view),
+        "relight_psnr_views": per_view,
+        "of": "reference",
+        "exposure": scale,
+        "reference": str(reference),
+    }
+
+
+def emitter_figures(data: Dataset, path: Path, samples: list[Path]) -> dict[str, Any]:
+    """Found, false and missed emitting triangles."""
+    found, areas = load_npz(path), data.mesh().areas
+    seen = truth = None
+    if samples:
+        majority, seen = emitting_triangles(len(areas), _centre_triangles(data, samples))
+        truth = majority if any((data.root / "truth").glob("*.exr")) else None
+    source = "pixel centres that see them" if truth is not None else None
+    room = data.root / "room.json"
+    if room.is_file():
+        truth = np.zeros(len(areas), bool)
+        truth[_room_triangles(room, len(areas))] = True
+        source = "room.json"
+    return {
+        "emitters": len(np.unique(found["emitter"])),
+        **triangle_figures(found["triangle"], truth, areas, seen),
+        "truth_from": source,
+    }
+
+
+def _room_triangles(path: Path, triangles: int) -> np.ndarray:
+    """Ids of the emitting triangles that room.json lists."""
+    try:
+        emitters = json.loads(path.read_text(encoding="utf-8"))["emitters"]
+        lists = [np.asarray(emitter["triangles"], np.int64) for emitter in emitters]
+    except (ValueError, KeyError, TypeError) as error:
+        raise FiptError(
+            f"{path} does not list the triangles of its emitters ({error!r})", "synthesize again"
+        ) from error
+    ids = np.concatenate([np.zeros(0, np.int64), *lists])
+    if ids.size and (ids.min() < 0 or ids.max() >= triangles):
+        raise FiptError(f"{path} lists triangles that mesh.ply does not have", "synthesize again")
+    return ids
+
+
+def _centre_triangles(data: Dataset, folders: list[Path]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """For every view: triangles at pixel centres that hit, and whether these pixels truly emit."""
+    for folder in folders:
+        shard = read_samples(folder)
+        for index, view in enumerate(shard.views):
+            pixels = shard.pixels(index)
+            hit = shard.center[pixels] > 0
+            # The first hit of such a pixel is the surface at its centre.
+            ids = shard.triangle[shard.offsets[pixels][hit]].astype(np.int64)
+            truth = data.truth(view)
+            emitting = np.zeros(len(ids), bool) if truth is None else emits(truth).ravel()[hit]
+            yield ids, emitting
+
+
+def rounded(value: Any) -> Any:
+    """Round every float to six decimals: more is noise, and diffs stay readable."""
+    if isinstance(value, dict):
+        return {key: rounded(entry) for key, entry in value.items()}
+    if isinstance(value, list):
+        return [rounded(entry) for entry in value]
+    return round(value, 6) if isinstance(value, float) else value

@@ -1,0 +1,105 @@
+"""Open the exported room in Blender, and render a view of it if asked.
+
+    blender --python blender.py                                  the room, its lamps and the cameras of all views
+    blender --environment --python blender.py -- VIEW OUT.exr     one picture, path traced by Cycles
+
+It needs the files beside it, and nothing of fipt. MIT licence.
+"""
+
+import json
+import math
+import sys
+from pathlib import Path
+
+import bpy
+
+FOLDER = Path(__file__).resolve().parent
+
+
+def load() -> dict:
+    """Replace what is open by the room; return its cameras by view name."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.import_scene.gltf(filepath=str(FOLDER / "scene.glb"))
+    scene = bpy.context.scene
+    scene.render.engine = "CYCLES"
+    scene.cycles.max_bounces = 8
+    scene.cycles.diffuse_bounces = scene.cycles.glossy_bounces = 8
+    scene.cycles.sample_clamp_indirect = 0
+    scene.cycles.pixel_filter_type = "BOX"  # a pixel is the mean over its area
+    # radiance times nothing, sRGB curve: what fipt's own pictures show
+    scene.display_settings.display_device = "sRGB"
+    scene.view_settings.view_transform = "Standard"
+    scene.view_settings.look = "None"
+    _light_from_outside(scene)
+    return _cameras(scene)
+
+
+def _light_from_outside(scene: "bpy.types.Scene") -> None:
+    """Black where no light comes from outside; else the map, which glTF has no place for."""
+    world = scene.world or bpy.data.worlds.new("outside")
+    scene.world = world
+    if bpy.app.version < (5, 0):
+        world.use_nodes = True
+    nodes, links = world.node_tree.nodes, world.node_tree.links
+    nodes.clear()
+    environment, output = nodes.new("ShaderNodeBackground"), nodes.new("ShaderNodeOutputWorld")
+    environment.inputs["Color"].default_value = (0, 0, 0, 1)
+    links.new(environment.outputs["Background"], output.inputs["Surface"])
+    path = FOLDER / "textures" / "environment.exr"
+    if not path.is_file():
+        return
+    picture, mapping = nodes.new("ShaderNodeTexEnvironment"), nodes.new("ShaderNodeMapping")
+    coordinates = nodes.new("ShaderNodeTexCoord")
+    picture.image = bpy.data.images.load(str(path))
+    # the map's centre is seen along y here, Blender's along x
+    mapping.inputs["Rotation"].default_value = (0, 0, -math.pi / 2)
+    links.new(coordinates.outputs["Generated"], mapping.inputs["Vector"])
+    links.new(mapping.outputs["Vector"], picture.inputs["Vector"])
+    links.new(picture.outputs["Color"], environment.inputs["Color"])
+
+
+def _cameras(scene: "bpy.types.Scene") -> dict:
+    """Complete the cameras by what glTF cannot say: size of the picture, principal point."""
+    frames = json.loads((FOLDER / "cameras" / "transforms.json").read_text(encoding="utf-8"))["frames"]
+    found = {}
+    for frame in frames:
+        name = Path(frame["file_path"]).stem
+        camera = bpy.data.objects[name]
+        # shifts are in units of the side that the field of view is given for
+        units = {"HORIZONTAL": frame["w"], "VERTICAL": frame["h"], "AUTO": max(frame["w"], frame["h"])}
+        unit = units[camera.data.sensor_fit]
+        camera.data.shift_x = (frame["w"] / 2 - frame["cx"]) / unit
+        camera.data.shift_y = (frame["cy"] - frame["h"] / 2) / unit
+        camera["size"] = (frame["w"], frame["h"])
+        found[name] = camera
+    if found:
+        show(scene, next(iter(found.values())))
+    return found
+
+
+def show(scene: "bpy.types.Scene", camera: "bpy.types.Object") -> None:
+    """Look through a view's camera."""
+    scene.camera = camera
+    scene.render.resolution_x, scene.render.resolution_y = camera["size"]
+    scene.render.resolution_percentage = 100
+
+
+def render(camera: "bpy.types.Object", path: Path, samples: int = 256) -> None:
+    """Path trace a view; OpenEXR holds linear radiance, PNG the picture as shown."""
+    scene = bpy.context.scene
+    show(scene, camera)
+    scene.cycles.samples = samples
+    exr = path.suffix.lower() == ".exr"
+    scene.render.image_settings.file_format = "OPEN_EXR" if exr else "PNG"
+    if exr:
+        scene.render.image_settings.color_depth = "32"
+    scene.render.filepath = str(path.resolve())
+    bpy.ops.render.render(write_still=True)
+
+
+if __name__ == "__main__":
+    cameras = load()
+    wanted = sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else []
+    if wanted:
+        view, out = wanted
+        render(cameras[view], Path(out))

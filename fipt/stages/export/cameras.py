@@ -1,0 +1,30 @@
+"""Cameras as COLMAP's text model: cameras.txt, images.txt, points3D.txt."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from fipt.formats.files import write_text
+from fipt.scene.cameras import Camera
+
+_OPENCV = np.diag([1.0, -1.0, -1.0])
+"""Camera axes x right, y down, looking along +z, from ours."""
+
+
+def write_colmap(folder: Path, cameras: Sequence[Camera]) -> None:
+    """Write the poses of views; there are no points."""
+    from scipy.spatial.transform import Rotation
+
+    models, images = ["# id, model, width, height, fx, fy, cx, cy"], ["# id, q (w x y z), t, camera, name; then points"]
+    for number, camera in enumerate(cameras, 1):
+        intrinsics = " ".join(repr(float(v)) for v in (camera.fx, camera.fy, camera.cx, camera.cy))
+        models.append(f"{number} PINHOLE {camera.width} {camera.height} {intrinsics}")
+        turn = _OPENCV @ camera.world_from_camera[:3, :3].T  # camera from world
+        x, y, z, w = Rotation.from_matrix(turn).as_quat(canonical=True)
+        place = -turn @ camera.center
+        numbers = " ".join(repr(float(v)) for v in (w, x, y, z, *place))
+        images += [f"{number} {numbers} {number} {camera.name}.exr", ""]
+    texts = {"cameras.txt": models, "images.txt": images, "points3D.txt": ["# none"]}
+    for name, lines in texts.items():
+        write_text(folder / name, "\n".join(lines) + "\n")

@@ -1,0 +1,155 @@
+"""Every exported format, loaded back, path traced by Mitsuba and compared with our own pictures."""
+
+import json
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from fipt.errors import FiptError
+from fipt.formats.exr import read_rgb, write_exr
+from fipt.formats.files import existing_file, write_text
+from fipt.formats.images import srgb_encode
+from fipt.formats.manifests import read_manifest
+from fipt.progress import progress
+from fipt.registry import VERSIONS
+from fipt.render.denoise import denoise
+from fipt.render.exported import (
+    emitted,
+    guides,
+    load_asset,
+    load_scene_file,
+    path_integrator,
+    picture,
+    rays_of,
+    rays_of_sensor,
+)
+from fipt.scene.asset import Asset
+from fipt.scene.cameras import Camera
+from fipt.scene.dataset import Dataset
+from fipt.scene.environment import read_map
+from fipt.settings import dumped
+from fipt.stages.export.gltf import read_glb
+from fipt.stages.export.settings import ExportSettings
+from fipt.stages.export.usd import read_usd
+
+GOAL = 32.0
+"""PSNR that every format should reach, dB."""
+
+FORMATS = {"glb": "scene.glb", "usd": "scene.usdc", "mitsuba": "mitsuba/scene.xml", "exact": "mitsuba/scene_exact.xml"}
+"""Format -> its file in the exported folder."""
+
+Draw = Callable[[Camera, int], tuple[np.ndarray, np.ndarray]]
+"""What a view shows of reflected light, and of the lamps and the outside themselves (no noise in it), by its camera and
+number among the exported ones."""
+
+
+def check_export(
+    dataset: Path, samples: Sequence[Path], export: Path, render: Path, out: Path, settings: ExportSettings
+) -> None:
+    """Write check.json and check/FORMAT/VIEW.exr beside it.
+
+    Raises
+    ------
+    FiptError
+        If a file is missing or cannot be read back, or no held-out view has been rendered.
+    """
+    data = Dataset(dataset)
+    names = [camera.name for camera in data.cameras]
+    views = _chosen([name for name in data.views("val") if (render / f"{name}.exr").is_file()], settings.check_views)
+    if not views:
+        raise FiptError(f"{render} holds no picture of a held-out view", "run fipt render first")
+    # our pictures look through several points of each pixel, these through the same
+    grid = min(read_manifest(Path(f"{folder}.manifest.json"), "samples")["settings"]["grid"] for folder in samples)
+    for file in FORMATS.values():
+        existing_file(export / file, "an exported file")
+    known = {view: read_rgb(render / f"{view}.exr") for view in views}
+    photo = {view: _photograph(data, view) for view in views}
+    asset = _with_outside(read_glb(export / FORMATS["glb"]), export)
+    read_usd(export / FORMATS["usd"])  # a damaged file says so before anything is rendered
+    scene = load_asset(asset)
+    guide = {view: guides(scene, asset, asset.cameras[names.index(view)], grid) for view in views}
+    figures: dict[str, dict[str, float]] = {}
+    photos = {"ours": [psnr(known[view], *photo[view]) for view in views]}
+    with progress("check-export", len(FORMATS) * len(views), " pictures") as bar:
+        for kind, file in FORMATS.items():
+            draw = _opened(kind, export, export / file, grid, settings)
+            figures[kind], photos[kind] = {}, []
+            for view in views:
+                reflected, shown = draw(asset.cameras[names.index(view)], names.index(view))
+                seen = denoise(reflected, *guide[view]) + shown  # lamps stay exact, as in our pictures
+                write_exr(out.parent / "check" / kind / f"{view}.exr", {"": seen}, half=True)
+                figures[kind][view] = round(psnr(seen, known[view]), 2)
+                photos[kind].append(psnr(seen, *photo[view]))
+                bar.advance()
+    content = {
+        "definition": "PSNR of the exported room, loaded back and path traced by Mitsuba, against our own picture; "
+        "both clipped to [0, 1] and sRGB encoded, dB; photo: the same against the photograph, where it is valid",
+        "goal": GOAL,
+        "ours_photo": _mean(photos["ours"]),
+        "formats": {
+            kind: {
+                "file": FORMATS[kind],
+                "psnr": _mean(of_view.values()),
+                "photo": _mean(photos[kind]),
+                "views": of_view,
+            }
+            for kind, of_view in figures.items()
+        },
+        "settings": dumped(settings),
+        "version": VERSIONS["export"],
+    }
+    write_text(out, json.dumps(content, indent=1) + "\n")
+    for entry in content["formats"].values():
+        print(f"{entry['psnr']:.1f} dB  {entry['file']}")
+
+
+def _chosen(views: Sequence[str], count: int) -> list[str]:
+    """Views spread over the list."""
+    picks = np.linspace(0, len(views) - 1, min(count, len(views))).round().astype(int)
+    return [views[pick] for pick in picks]
+
+
+def _opened(kind: str, export: Path, path: Path, grid: int, settings: ExportSettings) -> Draw:
+    """Load a file; glTF and USD are seen by the cameras in them, a Mitsuba scene by its own sensors and integrator."""
+    own: Asset | None = None
+    if kind in ("glb", "usd"):
+        own = _with_outside((read_glb if kind == "glb" else read_usd)(path), export)
+    scene = load_asset(own) if own else load_scene_file(path)
+    integrator = path_integrator(settings.max_depth) if own else scene.integrator()
+
+    def draw(camera: Camera, number: int) -> tuple[np.ndarray, np.ndarray]:
+        rays = rays_of(own.cameras[number]) if own else rays_of_sensor(scene, number)
+        shape = camera.height, camera.width
+        shown = emitted(scene, rays, shape, grid)
+        whole = picture(scene, integrator, rays, shape, grid, settings.check_spp, settings.seed)
+        return np.maximum(whole - shown, 0), shown
+
+    return draw
+
+
+def _with_outside(asset: Asset, export: Path) -> Asset:
+    """The room with the exported map of the outside, where there is one."""
+    path = export / "textures" / "environment.exr"
+    return replace(asset, outside=read_map(path)) if path.is_file() else asset
+
+
+def _photograph(data: Dataset, view: str) -> tuple[np.ndarray, np.ndarray]:
+    """Radiance of a view, and (H, W) bool where it is known."""
+    radiance, valid = data.image(view)
+    return radiance, (valid > 0) & ~data.clipped(view)
+
+
+def _mean(values: Iterable[float]) -> float:
+    return round(float(np.mean(list(values))), 2)
+
+
+def psnr(seen: np.ndarray, known: np.ndarray, where: np.ndarray | None = None) -> float:
+    """PSNR of two (H, W, 3) radiance pictures, both clipped to [0, 1] and sRGB encoded, dB; at most 100.
+
+    ``where`` (H, W) bool restricts it to some pixels.
+    """
+    a, b = (srgb_encode(np.clip(np.asarray(p, np.float64), 0, 1)) for p in (seen, known))
+    error = ((a - b) ** 2)[... if where is None else where]
+    return float(-10 * np.log10(max(error.mean(), 1e-10))) if error.size else 100.0

@@ -1,0 +1,125 @@
+"""Textures of the surface: the networks asked over every texel, lamps, confidence."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fipt.formats.images import to_display
+from fipt.model.networks import Brdf, Field
+from fipt.progress import progress
+from fipt.scene.asset import Textures
+from fipt.scene.confidence import Confidence
+from fipt.scene.emitters import Emitters
+from fipt.scene.mesh import Mesh
+from fipt.scene.samples import FootprintSamples
+from fipt.scene.voxels import voxel_keys
+from fipt.stages.export.atlas import Atlas, Texels, filled, nearest_weights
+
+_CHUNK = 1 << 17
+"""Texels asked at once."""
+_VOXELS = 64
+"""Along the scene box: how finely the pixels' size over the surface is known."""
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """How large the pixels of the training views are on the surface: a mean by voxel of the scene box.
+
+    Attributes
+    ----------
+    footprint
+        (_VOXELS ** 3,) float32 metres; the median of all where no view looks.
+    typical
+        The finest quarter of all pixels are at most so large, metres.
+    """
+
+    footprint: np.ndarray
+    typical: float
+
+
+def coverage(field: Field, shards: Sequence[FootprintSamples]) -> Coverage:
+    """Pixel size over the surface, from the footprint samples of the training views."""
+    total, count = np.zeros(_VOXELS**3), np.zeros(_VOXELS**3)
+    sizes = []
+    for samples in shards:
+        key = _voxels(field, np.asarray(samples.position))
+        footprint = np.asarray(samples.footprint, np.float64)
+        total += np.bincount(key, footprint, _VOXELS**3)
+        count += np.bincount(key, minlength=_VOXELS**3)
+        sizes.append(footprint)
+    every = np.concatenate(sizes)
+    mean = np.where(count > 0, total / np.maximum(count, 1), np.median(every))
+    return Coverage(mean.astype(np.float32), float(np.quantile(every, 0.25)))
+
+
+def _voxels(field: Field, points: np.ndarray) -> np.ndarray:
+    return voxel_keys(points, np.asarray(field.box.center), field.box.side, _VOXELS)
+
+
+def surface_brdf(
+    field: Field, mesh: Mesh, atlas: Atlas, known: Texels, seen: Coverage, samples: int, scale: float
+) -> Brdf:
+    """Reflectance of every known texel: the mean of the networks' answers over it.
+
+    Queries are as wide as a pixel of the training views is there, or as a texel where that is more: finer detail has
+    been taught by no picture.
+
+    Parameters
+    ----------
+    samples
+        A texel is asked at the square of this many points.
+    scale
+        Size of a query in footprints, as the fit used it.
+    """
+    corners = mesh.corners.astype(np.float64)
+    flat = atlas.uv[atlas.triangles].astype(np.float64) * [atlas.width, atlas.height]
+    steps = (np.arange(samples) + 0.5) / samples
+    offsets = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    count, points = len(known.index), len(offsets)
+    values = np.empty((count, 5), np.float32)
+    with progress("textures", count * points, " queries") as bar:
+        for start in range(0, count, _CHUNK):
+            part = slice(start, min(start + _CHUNK, count))
+            texel, triangle = known.index[part], known.triangle[part]
+            corner = np.stack([texel % atlas.width, texel // atlas.width], axis=1)
+            place = (corner[:, None] + offsets).reshape(-1, 2)
+            owner = np.repeat(triangle, points)
+            weights, _ = nearest_weights(flat[owner], place)
+            p_world = np.einsum("nk,nkd->nd", weights, corners[owner])
+            footprint = np.maximum(seen.footprint[_voxels(field, p_world)], 1 / atlas.density)
+            brdf = field.query(p_world, (scale * footprint).astype(np.float32))
+            stacked = np.column_stack([brdf.base_color, brdf.roughness, brdf.metallic])
+            values[part] = stacked.reshape(-1, points, 5).mean(axis=1)
+            bar.advance(len(owner))
+    return Brdf(values[:, :3], values[:, 3], values[:, 4])
+
+
+def surface_textures(brdf: Brdf, emitters: Emitters, atlas: Atlas, known: Texels) -> Textures:
+    """Materials of the whole atlas; lamps are black and matte, as they are in our pictures."""
+    lamp = np.isin(known.triangle, emitters.triangle)
+    color = to_display(np.where(lamp[:, None], 0, brdf.base_color))
+    rough, metal = np.where(lamp, 1, brdf.roughness), np.where(lamp, 0, brdf.metallic)
+    size = atlas.height, atlas.width
+    return Textures(
+        filled(color, known, *size), filled(_in_bytes(rough), known, *size), filled(_in_bytes(metal), known, *size)
+    )
+
+
+def emission_texture(emitters: Emitters, atlas: Atlas, known: Texels) -> np.ndarray:
+    """(h, w, 3) float32 radiance that the surface emits."""
+    radiance = np.zeros((len(atlas.triangles), 3), np.float32)
+    radiance[emitters.triangle] = emitters.radiance
+    return filled(radiance[known.triangle], known, atlas.height, atlas.width)
+
+
+def confidence_texture(confidence: Confidence, mesh: Mesh, atlas: Atlas, known: Texels) -> np.ndarray:
+    """(h, w) uint8 confidence in the material, of the better seen side; 255 is 1."""
+    p_world = np.einsum("nk,nkd->nd", known.weights, mesh.corners[known.triangle])
+    normal = mesh.normals[known.triangle]
+    values = [confidence.at(p_world, side * normal, confidence.combined) for side in (1, -1)]
+    return filled(_in_bytes(np.maximum(*values)), known, atlas.height, atlas.width)
+
+
+def _in_bytes(values: np.ndarray) -> np.ndarray:
+    return np.uint8(np.clip(values, 0, 1) * 255 + 0.5)

@@ -1,0 +1,171 @@
+"""The stage export: files in, a folder for other programs out."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from fipt import __version__
+from fipt.errors import FiptError
+from fipt.formats.exr import write_exr
+from fipt.formats.files import atomic_folder, write_text
+from fipt.formats.images import to_display, write_png
+from fipt.formats.manifests import Stats, write_manifest
+from fipt.model.store import load_field
+from fipt.render.exported import SPECULAR, principled_textures
+from fipt.scene.asset import Asset, mitsuba_map
+from fipt.scene.cameras import write_transforms
+from fipt.scene.confidence import read_confidence
+from fipt.scene.dataset import Dataset
+from fipt.scene.emitters import Emitters, read_emitters, read_names
+from fipt.scene.environment import read_environment
+from fipt.scene.mesh import Mesh, connected_parts, write_ply
+from fipt.scene.samples import read_samples
+from fipt.settings import dumped
+from fipt.stages.export.atlas import Atlas, texels, unwrap
+from fipt.stages.export.blender import write_blender
+from fipt.stages.export.cameras import write_colmap
+from fipt.stages.export.gltf import write_glb
+from fipt.stages.export.mitsuba_files import write_mitsuba
+from fipt.stages.export.room import room_asset, upright
+from fipt.stages.export.settings import ExportSettings
+from fipt.stages.export.textures import confidence_texture, coverage, emission_texture, surface_brdf, surface_textures
+from fipt.stages.export.usd import write_usd
+
+_FACTS = "export.json"
+
+
+def write_export(
+    name: str,
+    dataset: Path,
+    samples: Sequence[Path],
+    model: Path,
+    emitters: Path,
+    lamps: Path | None,
+    confidence: Path,
+    environment: Path | None,
+    out: Path,
+    manifest: Path,
+    settings: ExportSettings,
+    stats: Stats,
+) -> None:
+    """Write the room for other programs, complete or not at all, the manifest last.
+
+    ``lamps`` is the list that has their names.
+
+    Raises
+    ------
+    FiptError
+        If ``out`` holds something else than an earlier export.
+    """
+    if out.exists() and not (out / _FACTS).is_file() and any(out.iterdir()):
+        raise FiptError(f"the folder {out} exists and is no export", "choose another folder, or delete it")
+    data, found, sure = Dataset(dataset), read_emitters(emitters), read_confidence(confidence)
+    mesh, outside = data.mesh(), read_environment(environment)
+    field, metadata = load_field(model)
+    seen = coverage(field, [read_samples(folder) for folder in samples])
+    atlas = unwrap(mesh, _groups(mesh, found), *_layout(settings, seen.typical))
+    known = texels(atlas)
+    scale = metadata["settings"].footprint
+    brdf = surface_brdf(field, mesh, atlas, known, seen, settings.samples, scale)
+    textures = surface_textures(brdf, found, atlas, known)
+    asset = room_asset(name, mesh, atlas, textures, found, data.cameras, outside, read_names(lamps, found))
+    emission = emission_texture(found, atlas, known)
+    manifest.unlink(missing_ok=True)
+    with atomic_folder(out) as folder:
+        _write_textures(folder / "textures", asset, emission, confidence_texture(sure, mesh, atlas, known))
+        write_glb(folder / "scene.glb", asset, settings.point_size)
+        write_usd(folder / "scene.usdc", asset, "textures")
+        _write_lamps(folder / "emitters.ply", asset)
+        environment = mitsuba_map(asset.outside) if asset.outside.shines else None
+        principled = principled_textures(textures)
+        write_mitsuba(folder / "mitsuba", asset, principled, SPECULAR, environment, settings.max_depth)
+        write_blender(folder / "blender.py", asset)
+        write_colmap(folder / "cameras" / "colmap", asset.cameras)
+        write_transforms(folder / "cameras" / "transforms.json", list(asset.cameras))
+        _write_facts(folder / _FACTS, asset, atlas, upright(data.cameras), float(emission.max()))
+    files = [path for path in out.rglob("*") if path.is_file()]
+    write_manifest(manifest, "export", files, dumped(settings))
+    stats["texels"] = len(known.index)
+    stats["atlas"] = [atlas.width, atlas.height]
+
+
+def _groups(mesh: Mesh, lamps: Emitters) -> np.ndarray:
+    """(T,) part of each triangle; lamps apart, so that their black does not bleed into what surrounds them."""
+    groups = connected_parts(mesh)
+    groups[lamps.triangle] += groups.max() + 1
+    return groups
+
+
+def _layout(settings: ExportSettings, typical: float) -> tuple[float, int, int]:
+    """Texels along a metre, texels between charts, longest side."""
+    density = settings.texel_density or 2 / typical
+    return density, settings.padding, settings.max_resolution
+
+
+def _write_textures(folder: Path, asset: Asset, emission: np.ndarray, confidence: np.ndarray) -> None:
+    """Write the atlas's textures."""
+    textures, strength = asset.textures, max(float(emission.max()), 1e-9)
+    packed = np.stack([np.zeros_like(textures.roughness), textures.roughness, textures.metallic], axis=-1)
+    pictures = {
+        "base_color": textures.base_color,
+        "metallic_roughness": packed,
+        "roughness": textures.roughness,
+        "metallic": textures.metallic,
+        "emission": to_display(emission / strength),
+        "confidence": confidence,
+    }
+    for name, pixels in pictures.items():
+        write_png(folder / f"{name}.png", pixels)
+    maps = {"emission": emission}
+    if asset.outside.shines:
+        maps["environment"] = asset.outside.radiance
+    for name, radiance in maps.items():
+        write_exr(folder / f"{name}.exr", {"": radiance})
+
+
+def _write_lamps(path: Path, asset: Asset) -> None:
+    """Write the emitting triangles with the colours of their light."""
+    vertices = [lamp.mesh.vertices for lamp in asset.lamps]
+    starts = np.cumsum([0, *map(len, vertices)])
+    triangles = [lamp.mesh.triangles + start for lamp, start in zip(asset.lamps, starts, strict=False)]
+    colors = [
+        np.tile(to_display(lamp.radiance / max(lamp.radiance.max(), 1e-9)), (len(lamp.mesh.vertices), 1))
+        for lamp in asset.lamps
+    ]
+    empty = [np.empty((0, 3), np.float32)], [np.empty((0, 3), np.int32)], [np.empty((0, 3), np.uint8)]
+    joined = [np.concatenate(a + b) for a, b in zip(empty, (vertices, triangles, colors), strict=True)]
+    write_ply(path, Mesh(joined[0], joined[1].astype(np.int32)), joined[2])
+
+
+def _write_facts(path: Path, asset: Asset, atlas: Atlas, turn: np.ndarray, strength: float) -> None:
+    """Write what the other files cannot say: lamps, density, how the world was turned."""
+    content = {
+        "generator": f"fipt {__version__}",
+        "scene": asset.name,
+        "axes": "y up, metres, right-handed; cameras look along -z",
+        "room_from_source": turn.tolist(),
+        "atlas": {
+            "width": atlas.width,
+            "height": atlas.height,
+            "texels_per_metre": atlas.density,
+            "charts": atlas.charts,
+            "vertices": len(atlas.vertex),
+            "triangles": len(atlas.triangles),
+        },
+        "emission_strength": strength,
+        "lamps_two_sided": asset.two_sided,
+        "lamps": [
+            {
+                "name": lamp.name,
+                "triangles": len(lamp.mesh.triangles),
+                "area": float(lamp.mesh.areas.sum()),
+                "radiance": lamp.radiance.astype(float).tolist(),
+                "low": lamp.mesh.vertices.min(axis=0).astype(float).tolist(),
+                "high": lamp.mesh.vertices.max(axis=0).astype(float).tolist(),
+            }
+            for lamp in asset.lamps
+        ],
+    }
+    write_text(path, json.dumps(content, indent=1) + "\n")

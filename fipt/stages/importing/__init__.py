@@ -1,0 +1,1 @@
+"""Other people's layouts into the dataset form."""

@@ -1,0 +1,168 @@
+"""The views whose poses are wanted: developed photographs, or HDR pictures of any folder with intrinsics."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fipt.conventions import FLAG_MOVED, FLAG_OUTSIDE
+from fipt.errors import FiptError
+from fipt.formats.exr import read_exr
+from fipt.formats.files import check_name, existing_file
+from fipt.scene.cameras import Camera
+
+FEWEST = 3
+"""Views from which poses can be estimated."""
+
+_KEYS = ("w", "h", "fl_x", "fl_y", "cx", "cy")
+
+
+@dataclass(frozen=True)
+class Views:
+    """Views without poses.
+
+    Attributes
+    ----------
+    cameras
+        Intrinsics of the views; their ``world_from_camera`` is the identity and means nothing.
+    pictures
+        View -> its EXR file.
+    rejected
+        View that an earlier check has rejected -> why; not among the cameras.
+    """
+
+    cameras: tuple[Camera, ...]
+    pictures: Mapping[str, Path]
+    rejected: Mapping[str, str]
+
+    def radiance(self, view: str) -> np.ndarray:
+        """(H, W, 3) float32 linear RGB of a view."""
+        return self.picture(view)[0]
+
+    def picture(self, view: str) -> tuple[np.ndarray, np.ndarray]:
+        """Read a view: (H, W, 3) float32 linear RGB, and (H, W) bool, where it shows something that stands still.
+
+        Raises
+        ------
+        FiptError
+            If the picture is missing, damaged or of another size than its camera.
+        """
+        path, camera = self.pictures[view], next(c for c in self.cameras if c.name == view)
+        channels = read_exr(path, required=("R", "G", "B"))
+        radiance = np.stack([channels[letter] for letter in "RGB"], axis=-1)
+        if radiance.shape[:2] != (camera.height, camera.width):
+            raise FiptError(
+                f"{path} must be {camera.width}x{camera.height} like its intrinsics; it is "
+                f"{radiance.shape[1]}x{radiance.shape[0]}",
+                "correct the intrinsics' w and h, or the picture",
+            )
+        shown = np.isfinite(radiance).all(axis=-1)
+        if "flags.Y" in channels:
+            shown &= channels["flags.Y"].astype(np.uint32) & (FLAG_OUTSIDE | FLAG_MOVED) == 0
+        return np.where(shown[..., None], radiance, 0).astype(np.float32), shown
+
+
+def read_capture(folder: str | Path, held_out: Collection[str]) -> Views:
+    """Read the developed views of a capture: hdr/VIEW.exr, VIEW.json, qa.json.
+
+    Parameters
+    ----------
+    folder
+        What ``fipt develop`` and ``fipt qa`` wrote.
+    held_out
+        Views that become ``val``.
+
+    Raises
+    ------
+    FiptError
+        A file is missing or damaged, nothing is known of the camera, or there are fewer than three views.
+    """
+    folder = Path(folder)
+    report = existing_file(folder / "qa.json", "the capture report")
+    try:
+        states = json.loads(report.read_text(encoding="utf-8"))["views"]
+        rejected = {name: str(state["reason"]) for name, state in states.items() if not state["accepted"]}
+        accepted = [name for name in states if name not in rejected]
+        facts = {
+            name: json.loads(existing_file(folder / f"{name}.json", "the facts of a view").read_text())["camera"]
+            for name in accepted
+        }
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise FiptError(
+            f"{report} or what stands beside it is damaged ({error!r})", "develop the views again"
+        ) from error
+    without = [name for name, keys in facts.items() if keys is None]
+    if without:
+        raise FiptError(
+            f"the intrinsics of every view must be known; those of {', '.join(without[:3])} are not",
+            "calibrate the camera (docs/capture.md), or run fipt pose with --source and --intrinsics",
+        )
+    cameras = tuple(_camera(name, facts[name], held_out, report) for name in accepted)
+    pictures = {name: folder / "hdr" / f"{name}.exr" for name in accepted}
+    return _checked(Views(cameras, pictures, rejected), folder)
+
+
+def read_folder(folder: str | Path, intrinsics: str | Path, held_out: Collection[str]) -> Views:
+    """Read the EXR pictures of a folder, undistorted, with intrinsics in the form of a transforms.json without poses.
+
+    Parameters
+    ----------
+    folder
+        Holds VIEW.exr.
+    intrinsics
+        JSON with w, h, fl_x and perhaps fl_y, cx, cy, in pixels; the same for all views, or in ``frames`` by
+        ``file_path``.
+    held_out
+        Views that become ``val``.
+    """
+    folder, path = Path(folder), existing_file(intrinsics, "the file of intrinsics")
+    try:
+        shared = json.loads(path.read_text(encoding="utf-8"))
+        own = {Path(frame["file_path"]).stem: frame for frame in shared.get("frames", ())}
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise FiptError(f"{path} must hold w, h and fl_x in JSON ({error!r})", "see docs/poses.md") from error
+    pictures = {check_name(file.stem, f"{folder}: view"): file for file in sorted(folder.glob("*.exr"))}
+    cameras = tuple(_camera(name, {**shared, **own.get(name, {})}, held_out, path) for name in pictures)
+    return _checked(Views(cameras, pictures, {}), folder)
+
+
+def _camera(name: str, keys: Mapping[str, Any], held_out: Collection[str], path: Path) -> Camera:
+    try:
+        known = {key: float(keys[key]) for key in _KEYS if keys.get(key) is not None}
+        width, height, fx = int(known["w"]), int(known["h"]), known["fl_x"]
+    except (KeyError, TypeError, ValueError) as error:
+        raise FiptError(
+            f"{path}: the intrinsics of view {name} must hold w, h and fl_x ({error!r})",
+            "add them, in pixels of the undistorted picture",
+        ) from error
+    if min(width, height) < 1 or not fx > 0 or not known.get("fl_y", fx) > 0:
+        raise FiptError(f"{path}, view {name}: image size and focal length must be positive", "correct the intrinsics")
+    return Camera(
+        name=name,
+        split="val" if name in held_out else "train",
+        width=width,
+        height=height,
+        fx=fx,
+        fy=known.get("fl_y", fx),
+        cx=known.get("cx", width / 2),
+        cy=known.get("cy", height / 2),
+        world_from_camera=np.eye(4),
+    )
+
+
+def _checked(views: Views, folder: Path) -> Views:
+    if len(views.cameras) < FEWEST:
+        names = ", ".join(camera.name for camera in views.cameras) or "none"
+        refused = f"; {len(views.rejected)} are rejected by the capture report" if views.rejected else ""
+        raise FiptError(
+            f"poses need at least {FEWEST} views; {folder} has {len(views.cameras)} ({names}{refused})",
+            "take more pictures, in steps of 15 degrees and half a metre",
+        )
+    for path in views.pictures.values():
+        existing_file(path, "the picture of a view")
+    return views

@@ -1,0 +1,88 @@
+"""Material maps: every layer of every view at the surface that the pixel's centre shows."""
+
+import numpy as np
+
+from fipt.conventions import SUB_POSITIONS
+from fipt.model.albedo import reflectance
+from fipt.model.networks import Brdf, Field
+from fipt.render.surface import emitter_set
+from fipt.scene.cameras import Camera
+from fipt.scene.confidence import Confidence
+from fipt.scene.emitters import Emitters
+from fipt.scene.samples import FootprintSamples
+
+
+def sample_materials(field: Field, samples: FootprintSamples, chosen: np.ndarray, average: bool, scale: float) -> Brdf:
+    """Reflectance of samples, averaged over their pieces of surface (or at one point of each).
+
+    Parameters
+    ----------
+    chosen
+        (N,) indices of samples.
+    average
+        Query every stored point of a hit and take the mean.
+    scale
+        Size of a query in footprints, as the fit used it (settings of fit).
+
+    Returns
+    -------
+    Brdf
+        N rows.
+    """
+    position, footprint = np.asarray(samples.position)[chosen], np.asarray(samples.footprint)[chosen] * scale
+    if not average:
+        return field.query(position, footprint)
+    points = position[:, None] + np.asarray(samples.sub)[chosen].astype(np.float32)
+    brdf = field.query(points.reshape(-1, 3), np.repeat(footprint, SUB_POSITIONS))
+    shape = (len(chosen), SUB_POSITIONS)
+    return Brdf(
+        brdf.base_color.reshape(*shape, 3).mean(1),
+        brdf.roughness.reshape(shape).mean(1),
+        brdf.metallic.reshape(shape).mean(1),
+    )
+
+
+def material_maps(
+    field: Field,
+    emitters: Emitters,
+    confidence: Confidence,
+    samples: FootprintSamples,
+    index: int,
+    camera: Camera,
+    average: bool,
+    scale: float,
+) -> dict[str, np.ndarray]:
+    """Layers of materials/{view}.exr for view number ``index`` of a shard.
+
+    Returns
+    -------
+    dict
+        ``kd``, ``base_color``, ``reflectance``, ``emission`` (H, W, 3); ``roughness.Y``, ``metallic.Y``,
+        ``confidence.Y``, ``emission_mask.Y``, ``hit.Y`` (H, W), float32; 0 where the pixel's centre misses the mesh.
+    """
+    height, width = samples.shapes[index]
+    pixels = samples.pixels(index)
+    hit = np.asarray(samples.center[pixels]) > 0
+    chosen = np.asarray(samples.offsets[pixels])[hit]
+    brdf = sample_materials(field, samples, chosen, average, scale)
+    position, normal = np.asarray(samples.position)[chosen], np.asarray(samples.normal)[chosen]
+    wo = camera.center - position
+    cos = (wo * normal).sum(1) / np.linalg.norm(wo, axis=1)
+    emission = emitter_set(emitters).emitted(np.asarray(samples.triangle)[chosen])
+
+    def spread(values: np.ndarray) -> np.ndarray:
+        full = np.zeros((height * width, *values.shape[1:]), np.float32)
+        full[hit] = values
+        return full.reshape(height, width, *values.shape[1:])
+
+    return {
+        "kd": spread(brdf.kd),
+        "base_color": spread(brdf.base_color),
+        "reflectance": spread(reflectance(brdf.base_color, brdf.roughness, brdf.metallic, cos)),
+        "roughness.Y": spread(brdf.roughness),
+        "metallic.Y": spread(brdf.metallic),
+        "confidence.Y": spread(confidence.at(position, normal, confidence.combined)),
+        "emission": spread(emission),
+        "emission_mask.Y": spread((emission.max(axis=1) > 0).astype(np.float32)),
+        "hit.Y": hit.reshape(height, width).astype(np.float32),
+    }

@@ -1,0 +1,115 @@
+"""One self-contained HTML page from what a results folder holds."""
+
+import base64
+import hashlib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from fipt.conventions import LUMINANCE
+from fipt.stages.report.content import COLUMNS, TILES, Content, gather
+from fipt.stages.report.mixer import Mixer
+from fipt.stages.report.pictures import DIFFERENCE_RANGE
+from fipt.stages.report.room import Room
+from fipt.stages.report.settings import ReportSettings
+
+_FOLDER = Path(__file__).parent
+
+_STYLES = ("style.css", "compare.css", "mixer.css", "room.css")
+_SCRIPTS = ("script.js", "compare.js", "data.js", "mixer.js", "room.js")
+"""In the order in which they run."""
+
+_EMITTERS_SHOWN = 12
+"""Emitters listed openly; the rest is folded."""
+
+
+def build_page(
+    results: Path, settings: ReportSettings, setups: Sequence[str] | None = None, films: Sequence[str] | None = None
+) -> str:
+    """Return the page of a results folder (see `gather`): HTML that loads nothing from anywhere."""
+    return render(gather(results, settings, setups, films))
+
+
+def render(content: Content) -> str:
+    """Fill the template; everything that comes from data is escaped."""
+    # autoescape on: names and messages of a scene are text, never markup.
+    environment = Environment(
+        loader=FileSystemLoader(_FOLDER),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters.update(number=number, figure=figure, duration=duration, size=size)
+    styles, scripts = (
+        [(_FOLDER / name).read_text(encoding="utf-8") for name in names] for names in (_STYLES, _SCRIPTS)
+    )
+    return environment.get_template("page.html").render(
+        content=content,
+        columns=COLUMNS,
+        tiles=TILES,
+        difference_range=DIFFERENCE_RANGE,
+        emitters_shown=_EMITTERS_SHOWN,
+        style="\n".join(styles),
+        scripts=scripts,
+        script_hashes=[_digest(script) for script in scripts],
+        mixer_facts=_mixer_facts(content.mixer),
+        mixed_keys=[part.key for part in content.mixer.parts] if content.mixer else [],
+        room_facts=_room_facts(content.room),
+    )
+
+
+def _digest(script: str) -> str:
+    """By which the page's security policy knows a script."""
+    return base64.b64encode(hashlib.sha256(script.encode("utf-8")).digest()).decode("ascii")
+
+
+def _mixer_facts(mixer: Mixer | None) -> dict[str, Any] | None:
+    """What mixer.js is told: everything but the pictures."""
+    if mixer is None:
+        return None
+    parts = [{"key": part.key, "lamps": part.lamps, "radiance": part.radiance} for part in mixer.parts]
+    views = [{"name": view.name, "width": view.width, "height": view.height} for view in mixer.views]
+    return {"luminance": LUMINANCE, "parts": parts, "views": views}
+
+
+def _room_facts(room: Room | None) -> dict[str, Any] | None:
+    """What room.js is told: everything but the model."""
+    if room is None:
+        return None
+    lamps = [{"center": lamp.center} for lamp in room.lamps]
+    return {"up": room.up, "viewpoints": [vars(place) for place in room.viewpoints], "lamps": lamps}
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """Format a number with so many significant digits; a dash where it is not known."""
+    if value is None:
+        return "–"  # noqa: RUF001 (a dash is meant)
+    text = f"{value:.{digits}g}"
+    return f"{value:.0f}" if "e+" in text else text
+
+
+def figure(value: float | None, unit: str = "dB") -> str:
+    """Format a figure of metrics.json: one decimal for dB, three for the others."""
+    if value is None:
+        return number(None)
+    return f"{value:.1f}" if unit == "dB" else f"{value:.3f}"
+
+
+def duration(seconds: float) -> str:
+    """Format seconds as ``0.4 s``, ``12 s`` or ``3 min 05 s``."""
+    if seconds < 10:
+        return f"{seconds:.1f} s"
+    if seconds < 60:
+        return f"{seconds:.0f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    if minutes < 60:
+        return f"{minutes} min {rest:02d} s"
+    return f"{minutes // 60} h {minutes % 60:02d} min"
+
+
+def size(count: float) -> str:
+    """Format bytes as MB or GB."""
+    return f"{count / 1e9:.2f} GB" if count >= 1e9 else f"{count / 1e6:.0f} MB"

@@ -1,0 +1,1 @@
+"""Footprint samples: what surface every pixel shows, traced once."""

@@ -1,0 +1,127 @@
+"""Parts without any network: smooth regions of the mesh, parted where the colour of the light that leaves them jumps.
+
+Regions grow from single triangles. In every round each region joins the neighbour, across sides that are not sharp,
+whose colour at their common border differs the least from its own (Borůvka's rounds: a few, however many triangles).
+Colour is compared at the border only, so that a wall that fades into shadow stays one region.
+"""
+
+from pathlib import Path
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from fipt.conventions import LUMINANCE
+from fipt.formats.manifests import Stats
+from fipt.progress import progress
+from fipt.scene.dataset import Dataset
+from fipt.stages.segment.fuse import Fused, numbered, write_fused
+from fipt.stages.segment.settings import FuseSettings
+from fipt.stages.segment.split import whole
+from fipt.stages.segment.surface import Surface, near_pieces, surface_of, tidied
+from fipt.stages.segment.views import Looks, look
+
+_BRIGHTNESS = 0.3
+"""Weight of brightness against hue: it changes with the light, hue hardly."""
+_NOISE = 0.3
+"""Standard deviation of the logarithm of one pixel's colour: texture and edges within the pixel."""
+_DARKEST = 1e-3
+"""Radiance that is added before the logarithm, in units of the brightest triangle's median."""
+
+
+def grow_parts(dataset: Path, segments: Path, settings: FuseSettings, stats: Stats) -> None:
+    """Grow parts from mesh and training pictures and write them as `fipt.stages.segment.fuse` writes fused ones."""
+    data = Dataset(dataset)
+    mesh = data.mesh()
+    surface = surface_of(mesh)
+    looks = look(mesh, [data.camera(view) for view in data.views("train")], segments)
+    color, pixels = seen_colors(data, looks, len(mesh.triangles))
+    ids = regions(surface, color, pixels, settings)
+    ids, kind = numbered(ids, np.zeros(int(ids.max()) + 1, np.int64), surface.area)
+    views = np.zeros(len(kind), np.int64)
+    for number in range(len(looks.cameras)):
+        cell, _ = looks.of(number)
+        views[np.unique(ids[cell[cell >= 0]])] += 1
+    found = Fused(ids, np.zeros_like(ids), (pixels > 0).astype(np.float64), pixels, kind, views)
+    about = {"source": "geometry", "views": len(looks.cameras)}
+    write_fused(segments, data, whole(mesh), found, ["part"], {}, about, settings, stats, looks)
+
+
+def seen_colors(data: Dataset, looks: Looks, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Colour (count, 3) of each triangle and the pixels (count,) that tell it; 0 where no training view sees it.
+
+    The colour is made for comparing: logarithms of red and blue over green, and of brightness with less weight.
+    """
+    total, pixels = np.zeros((count, 3)), np.zeros(count)
+    with progress("reading pictures", len(looks.cameras), " views") as bar:
+        for number, camera in enumerate(looks.cameras):
+            image, valid = data.image(camera.name)
+            cell, _ = looks.of(number)
+            usable = (cell >= 0) & (valid.ravel() > 0)
+            weight = valid.ravel()[usable]
+            pixels += np.bincount(cell[usable], weight, count)
+            for channel in range(3):
+                total[:, channel] += np.bincount(cell[usable], weight * image.reshape(-1, 3)[usable, channel], count)
+            bar.advance()
+    seen = pixels > 0
+    mean = total[seen] / pixels[seen, None]
+    bright = mean @ LUMINANCE
+    mean = mean + _DARKEST * max(float(np.median(bright)) if len(bright) else 1.0, 1e-12)
+    color = np.zeros((count, 3))
+    logs = np.log(mean)
+    color[seen] = np.stack(
+        [_BRIGHTNESS * np.log(mean @ LUMINANCE), logs[:, 0] - logs[:, 1], logs[:, 2] - logs[:, 1]], 1
+    )
+    return color, pixels
+
+
+def regions(surface: Surface, color: np.ndarray, pixels: np.ndarray, settings: FuseSettings) -> np.ndarray:
+    """(C,) int64 region from 1 of every triangle, given their ``color`` (C, 3) and the ``pixels`` (C,) that tell it."""
+    smooth = surface.bend >= np.cos(np.radians(settings.crease))
+    ids = _grown(surface, smooth, color, pixels, settings.colour) + 1
+    if settings.smallest == 0:
+        return ids
+    # small regions join the one they share most of their border with: first around no edge, then around any
+    weak = np.zeros(len(ids))
+    for borders in (smooth, None):
+        ids = tidied(surface, ids, weak, settings.smallest, borders)
+    # what is small and touches nothing (leaves) joins its like nearby
+    small = np.bincount(ids, surface.area)[ids] < settings.smallest
+    piece = near_pieces(surface, small.astype(np.int64), settings.gap)
+    return np.where(small, ids.max() + 1 + piece, ids)
+
+
+def _grown(surface: Surface, smooth: np.ndarray, color: np.ndarray, pixels: np.ndarray, most: float) -> np.ndarray:
+    """(C,) int64 region of each triangle: joined across ``smooth`` (E,) sides where colour jumps less than ``most``."""
+    a, b = surface.pairs[smooth].T
+    known = (pixels[a] > 0) & (pixels[b] > 0)
+    length = np.maximum(surface.border[smooth], 1e-9)
+    jump = np.where(known[:, None], color[a] - color[b], 0.0)
+    doubt = np.where(known, _NOISE**2 * (1 / np.maximum(pixels[a], 1e-9) + 1 / np.maximum(pixels[b], 1e-9)), 0.0)
+    region = np.arange(len(surface))
+    while True:
+        low, high = np.minimum(region[a], region[b]), np.maximum(region[a], region[b])
+        turn = np.where(region[a] < region[b], 1.0, -1.0)
+        key = low.astype(np.int64) << 32 | high
+        pairs, place = np.unique(key, return_inverse=True)
+        place = place.reshape(-1)
+        total = np.bincount(place, length)
+        told = np.bincount(place, length * known)
+        means = [np.bincount(place, length * turn * jump[:, k]) / np.maximum(told, 1e-9) for k in range(3)]
+        # of a mean over the border, weighted by length; colours that no view tells are taken for alike
+        noise = np.sqrt(np.bincount(place, length**2 * doubt)) / np.maximum(told, 1e-9)
+        cost = np.linalg.norm(means, axis=0) - noise
+        first, second = pairs >> 32, pairs & 0xFFFFFFFF
+        usable = (first != second) & (cost < most)
+        if not usable.any():
+            return region
+        first, second, cost, total = first[usable], second[usable], cost[usable], total[usable]
+        # the best neighbour of each region: the least jump, then the longest border, then the first pair
+        rank = np.empty(len(cost), np.int64)
+        rank[np.lexsort((-total, cost))] = np.arange(len(cost))
+        best = np.full(len(surface), len(rank), np.int64)
+        np.minimum.at(best, first, rank)
+        np.minimum.at(best, second, rank)
+        chosen = np.argsort(rank)[np.unique(best[best < len(rank)])]
+        links = coo_matrix((np.ones(len(chosen)), (first[chosen], second[chosen])), shape=(len(surface),) * 2)
+        region = connected_components(links, directed=False)[1].astype(np.int64)[region]

@@ -1,0 +1,295 @@
+"""Segment ids that exist already: pictures of ids by view, or a label for every triangle of the mesh.
+
+A folder holds ``VIEW.png`` or ``VIEW.exr``, directly or in ``part/``; ``semantic/`` beside ``part/`` gives the classes.
+Pictures hold one channel of ids, or colours that ``table.json`` turns into ids:
+
+    [{"id": 1, "color": [255, 0, 0], "class": "wall"}, ...]
+
+``color`` and ``class`` may be left out; black is unknown where the table does not list it.
+"""
+
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fipt.errors import FiptError
+from fipt.formats.arrays import load_npz
+from fipt.formats.exr import read_exr
+from fipt.scene.dataset import Dataset
+from fipt.scene.mesh import face_property
+from fipt.scene.samples import FootprintSamples
+from fipt.scene.segments import LARGEST_ID, nearest_ids
+from fipt.stages.segment.settings import SegmentSettings
+
+TABLE = "table.json"
+_SUFFIXES = (".png", ".exr")
+
+
+class GivenIds:
+    """Ids from ``settings.path``.
+
+    Attributes
+    ----------
+    names
+        Class -> name, as far as they are told.
+    warnings
+        What was noticed so far, for people.
+    """
+
+    def __init__(self, data: Dataset, shard: FootprintSamples, settings: SegmentSettings) -> None:
+        self.data, self.shard, self.settings = data, shard, settings
+        self.path = Path(settings.path).expanduser()
+        self.warnings: list[str] = []
+        self.names: dict[int, str] = {}
+        self._labels = self._table = None
+        if self.path.is_dir():
+            self._folders = id_folders(self.path)
+            self._files(self.shard.views)  # all of them are looked for before anything is done
+            self._read_names()
+        elif self.path.is_file():
+            self._labels, self._classes = triangle_labels(self.path, settings.property, len(data.mesh().triangles))
+        else:
+            raise FiptError(f"segment.path {self.path} does not exist", "name a folder of ids, or a PLY or NPZ file")
+
+    def views(self) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
+        """The views of the shard.
+
+        Yields
+        ------
+        View, ids (H, W) uint16 with 0 = unknown, classes (K,) int32 of the ids.
+        """
+        for index, view in enumerate(self.shard.views):
+            if self._labels is not None:
+                ids, classes = self._seen(index), self._classes
+            else:
+                ids, classes = self._read(view)
+            if not ids.any():
+                self._warn(f"{view} has no segment id at all")
+            yield view, ids, classes
+
+    def _seen(self, index: int) -> np.ndarray:
+        """(H, W) uint16 label of the triangle at each pixel's centre."""
+        shard, pixels = self.shard, self.shard.pixels(index)
+        hit = shard.center[pixels] > 0
+        ids = np.zeros(len(hit), np.uint16)
+        ids[hit] = self._labels[shard.triangle[shard.offsets[pixels][hit]]]
+        return ids.reshape(shard.shapes[index])
+
+    def _read(self, view: str) -> tuple[np.ndarray, np.ndarray]:
+        files = self._files([view])[view]
+        maps = {kind: self._fitted(read_id_picture(path, self._table), view, path) for kind, path in files.items()}
+        ids = maps.get("part", maps.get("semantic"))
+        count = int(ids.max(initial=0)) + 1
+        if "part" not in maps:
+            return ids, np.arange(count, dtype=np.int32)
+        if "semantic" in maps:
+            return ids, class_of_ids(ids, maps["semantic"])
+        classes = np.zeros(count, np.int32)
+        for k in np.unique(ids[ids > 0]) if self._class_of else ():
+            if int(k) not in self._class_of:
+                raise FiptError(
+                    f"{self.path / TABLE} must give the class of every id; it misses id {k} of {files['part'].name}",
+                    "add the id to the table, with its class",
+                )
+            classes[k] = self._class_of[int(k)]
+        return ids, classes
+
+    def _files(self, views: tuple[str, ...] | list[str]) -> dict[str, dict[str, Path]]:
+        """View -> kind -> its id picture."""
+        files: dict[str, dict[str, Path]] = {}
+        for kind, folder in self._folders.items():
+            found = {view: [folder / f"{view}{suffix}" for suffix in _SUFFIXES] for view in views}
+            absent = [view for view, paths in found.items() if not any(path.is_file() for path in paths)]
+            if absent:
+                raise FiptError(
+                    f"{folder} must hold VIEW.png or VIEW.exr of every training view; {', '.join(absent[:8])} missing",
+                    "add them, named as the views",
+                )
+            for view, paths in found.items():
+                files.setdefault(view, {})[kind] = next(path for path in paths if path.is_file())
+        return files
+
+    def _fitted(self, ids: np.ndarray, view: str, path: Path) -> np.ndarray:
+        """Ids at the size of their view."""
+        camera = self.data.camera(view)
+        shape, found = (camera.height, camera.width), ids.shape
+        if found == shape:
+            return ids
+        sizes = f"{found[1]}x{found[0]}, its view {shape[1]}x{shape[0]}"
+        if self.settings.other_size == "error":
+            raise FiptError(
+                f"{path} must have the size of its view; it has {sizes}", "or set segment.other_size: nearest"
+            )
+        self._warn(f"{path} has {sizes}: the nearest ids were taken")
+        return nearest_ids(ids, shape)
+
+    def _read_names(self) -> None:
+        """Tables beside the pictures: colours and classes of ids, names of classes."""
+        table, named = self.path / TABLE, self.path / "semantic.json"
+        self._class_of: dict[int, int] = {}
+        if table.is_file():
+            entries = _table_entries(table)
+            self._table = {tuple(e["color"]): e["id"] for e in entries if "color" in e}
+            order = sorted({e["class"] for e in entries if "class" in e})
+            self.names = dict(enumerate(order, start=1))
+            self._class_of = {e["id"]: order.index(e["class"]) + 1 for e in entries if "class" in e}
+        elif named.is_file():
+            try:
+                content = json.loads(named.read_text(encoding="utf-8"))
+                self.names = {int(k): str(name) for k, name in content.get("ids", content).items()}
+            except (ValueError, AttributeError) as error:
+                raise FiptError(f"{named} must map ids to names ({error})", "correct or remove it") from error
+
+    def _warn(self, text: str) -> None:
+        print(f"warning: {text}")
+        self.warnings.append(text)
+
+
+def id_folders(path: Path) -> dict[str, Path]:
+    """Kind of ids (part, semantic) -> folder of its pictures, below a folder or the folder itself."""
+    return {kind: path / kind for kind in ("part", "semantic") if (path / kind).is_dir()} or {"part": path}
+
+
+def id_files(path: Path) -> list[Path]:
+    """Every file that ids are read from: when one changes, they are read again."""
+    if not path.is_dir():
+        return [path]
+    found = [file for folder in id_folders(path).values() for file in folder.iterdir() if file.suffix in _SUFFIXES]
+    return sorted([*found, *(file for file in (path / TABLE, path / "semantic.json") if file.is_file())])
+
+
+def read_id_picture(path: Path, table: Mapping[tuple[int, ...], int] | None) -> np.ndarray:
+    """(H, W) uint16 ids of a picture: one channel of whole numbers, or colours of a table.
+
+    Raises
+    ------
+    FiptError
+        If it cannot be read, an id is no whole number from 0 to 65,535, or a colour is not in the table.
+    """
+    values = _channel(path) if path.suffix == ".exr" else _pixels(path)
+    if values.ndim == 3:
+        return _of_colors(values, path, table)
+    with np.errstate(invalid="ignore"):
+        bad = ~((values >= 0) & (values <= LARGEST_ID) & (values == np.floor(values)))
+    if bad.any():
+        raise FiptError(
+            f"{path} must hold whole ids from 0 to {LARGEST_ID}; {int(bad.sum())} pixels do not, such as "
+            f"{values[bad][0]:g}",
+            "number the segments anew, without filtering",
+        )
+    return values.astype(np.uint16)
+
+
+def _channel(path: Path) -> np.ndarray:
+    channels = read_exr(path)
+    first, *others = channels.values()
+    if not all(np.array_equal(first, other) for other in others):  # grey pictures are often written as RGB
+        raise FiptError(
+            f"{path} must have one channel of ids; found {', '.join(sorted(channels))}", "write ids, or colours as PNG"
+        )
+    return first
+
+
+def _pixels(path: Path) -> np.ndarray:
+    """(H, W) ids of a grey or palette PNG, (H, W, 3) colours of another."""
+    from PIL import Image
+
+    try:
+        with Image.open(path) as image:
+            values = np.array(image if image.mode in ("L", "P", "I", "I;16") else image.convert("RGB"))
+    except (OSError, SyntaxError, ValueError) as error:  # what Pillow raises for damaged files
+        raise FiptError(f"{path} is not a readable PNG ({error})", "replace the file") from error
+    return values
+
+
+def _of_colors(values: np.ndarray, path: Path, table: Mapping[tuple[int, ...], int] | None) -> np.ndarray:
+    if not table:
+        raise FiptError(
+            f"{path} is a colour picture, but {TABLE} with the id of each colour is missing or has none",
+            f'write {TABLE} beside it: [{{"id": 1, "color": [255, 0, 0]}}, ...], or export grey ids',
+        )
+    known = {(0, 0, 0): 0} | dict(table)
+    codes = np.array([r << 16 | g << 8 | b for r, g, b in known])
+    order = np.argsort(codes)
+    seen = values.astype(np.int64) @ np.array([1 << 16, 1 << 8, 1])
+    place = order[np.minimum(np.searchsorted(codes, seen, sorter=order), len(codes) - 1)]
+    strange = codes[place] != seen
+    if strange.any():
+        row, column = np.argwhere(strange)[0]
+        raise FiptError(
+            f"{path}: {int(strange.sum())} pixels have colours that {TABLE} does not list, the first at row {row}, "
+            f"column {column}: {values[row, column].tolist()}",
+            "add the colour, or export without smoothing and lossy compression",
+        )
+    return np.array(list(known.values()), np.uint16)[place]
+
+
+def _table_entries(path: Path) -> list[dict[str, Any]]:
+    """Checked entries of a table: id, and colour and class where they stand there."""
+    try:
+        entries = [dict(entry) for entry in json.loads(path.read_text(encoding="utf-8"))]
+        for entry in entries:
+            color = [int(c) for c in entry.get("color", (0, 0, 0))]
+            if not 0 <= int(entry["id"]) <= LARGEST_ID:
+                raise ValueError(f"id {entry['id']}: ids go from 0 to {LARGEST_ID}")
+            if len(color) != 3 or min(color) < 0 or max(color) > 255:
+                raise ValueError(f"color {color}: three numbers from 0 to 255")
+    except (ValueError, KeyError, TypeError) as error:
+        raise FiptError(
+            f"{path} is not a table of ids ({error})", 'write [{"id": 1, "color": [255, 0, 0], "class": "wall"}, ...]'
+        ) from error
+    return [entry | {"id": int(entry["id"])} for entry in entries]
+
+
+def class_of_ids(ids: np.ndarray, semantic: np.ndarray) -> np.ndarray:
+    """(K,) int32 class of every id: the one that most of its pixels have; 0 where that is unknown."""
+    codes, votes = np.unique(ids.astype(np.int64) << 16 | semantic, return_counts=True)
+    order = np.argsort(votes, kind="stable")
+    classes = np.zeros(int(ids.max(initial=0)) + 1, np.int32)
+    classes[codes[order] >> 16] = codes[order] & 0xFFFF  # the last write, with the most votes, stays
+    classes[0] = 0
+    return classes
+
+
+def triangle_labels(path: Path, name: str, triangles: int) -> tuple[np.ndarray, np.ndarray]:
+    """(T,) uint16 label of every triangle, and (K,) int32 class of every label, 0 = unknown.
+
+    Parameters
+    ----------
+    path
+        PLY with a face property ``name``; or npz with an array ``name`` (T,) and perhaps ``classes`` (K,).
+    triangles
+        T, of the room's mesh.
+    """
+    if path.suffix.lower() == ".npz":
+        arrays = load_npz(path, required=(name,))
+        labels, classes = arrays[name], arrays.get("classes")
+    elif path.suffix.lower() == ".ply":
+        labels, classes = face_property(path, name), None
+    else:
+        raise FiptError(f"segment.path {path} must be a folder, a PLY or an NPZ file", "convert the labels")
+    if labels.shape != (triangles,):
+        raise FiptError(
+            f"{path} must have a label for each of the mesh's {triangles} triangles; {name} has shape {labels.shape}",
+            "label the mesh that the scene uses, its triangles in the same order",
+        )
+    bad = ~((labels >= 0) & (labels <= LARGEST_ID) & (labels == np.floor(labels)))
+    if bad.any():
+        raise FiptError(
+            f"{path}: labels must be whole numbers from 0 to {LARGEST_ID}; triangle {int(np.argmax(bad))} has "
+            f"{labels[bad][0]}",
+            "number the segments anew",
+        )
+    count = int(labels.max(initial=0)) + 1
+    if classes is None:
+        classes = np.zeros(count, np.int32)
+    elif classes.ndim != 1 or len(classes) < count:
+        raise FiptError(
+            f"{path} must give the class of every label; classes has {len(classes)} entries, the largest label is "
+            f"{count - 1}",
+            "write a class for each label, index = label",
+        )
+    return labels.astype(np.uint16), classes.astype(np.int32)

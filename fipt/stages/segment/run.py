@@ -1,0 +1,57 @@
+"""The segment stage: ids of a shard's views, each view by itself."""
+
+import json
+from pathlib import Path
+
+from fipt.errors import FiptError
+from fipt.formats.files import write_text
+from fipt.formats.manifests import Stats, write_manifest
+from fipt.progress import progress
+from fipt.scene.dataset import Dataset
+from fipt.scene.samples import read_samples
+from fipt.scene.segments import write_view_ids
+from fipt.settings import dumped
+from fipt.stages.segment.given import GivenIds
+from fipt.stages.segment.predict import Mask2Former
+from fipt.stages.segment.settings import SegmentSettings, check_segment
+
+CLASSES = "classes.json"
+"""Names of the classes, beside the folder of the views."""
+
+
+def segment_views(
+    dataset: Path, samples: Path, out: Path, manifest: Path, settings: SegmentSettings, stats: Stats
+) -> None:
+    """Write the ids of the views of a samples shard to ``out``, the names of their classes beside it, and the manifest.
+
+    Raises
+    ------
+    FiptError
+        If the mode is none that makes ids of views, or the ids cannot be had.
+    """
+    check_segment(settings)
+    if settings.mode not in ("mask2former", "given"):
+        raise FiptError(
+            f"segment.mode must be mask2former or given, for ids of views; it is {settings.mode}", "set segment.mode"
+        )
+    data, shard = Dataset(dataset), read_samples(samples)
+    if settings.mode == "given":
+        source = GivenIds(data, shard, settings)
+        found = source.views()
+    else:
+        source = Mask2Former(settings)
+        found = source.views(data, list(shard.views))
+        stats["device"] = source.device
+    files = []
+    with progress("segment", len(shard.views), " views") as bar:
+        for view, ids, classes in found:
+            files.append(out / f"{view}.npz")
+            write_view_ids(files[-1], ids, classes)
+            bar.advance()
+        stats["views_per_s"] = bar.rate
+    # Every shard writes the same names.
+    names = {str(k): name for k, name in sorted(source.names.items())}
+    write_text(out.parent / CLASSES, json.dumps(names, indent=1, ensure_ascii=False) + "\n")
+    if settings.mode == "given" and source.warnings:
+        stats["warnings"] = source.warnings
+    write_manifest(manifest, "segment", [*files, out.parent / CLASSES], dumped(settings))

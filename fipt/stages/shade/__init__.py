@@ -1,0 +1,1 @@
+"""Shading: footprint samples, radiance cache, bake and refinement."""

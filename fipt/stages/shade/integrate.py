@@ -1,0 +1,102 @@
+"""Shading of the samples of a shard, view by view: sampling plan, denoising, storage. Shared by bake and refine."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
+from fipt.formats.files import atomic_folder, check_disk
+from fipt.formats.manifests import Stats, write_manifest
+from fipt.progress import progress
+from fipt.render.layers import denoise_samples
+from fipt.render.points import shade_in_chunks, view_points
+from fipt.render.tracer import Points, Shader
+from fipt.scene.dataset import Dataset
+from fipt.scene.samples import FootprintSamples
+from fipt.scene.shading import Shading, save_shading
+from fipt.settings import dumped
+from fipt.stages.shade.settings import BakeSettings, RefineSettings
+
+_LEVELS = len(ROUGHNESS_LEVELS)
+
+
+def sampling_plan(settings: BakeSettings | RefineSettings) -> list[tuple[list[int], list[int]]]:
+    """Return kernel runs as (samples of each lobe, outputs taken from the run).
+
+    ``shared``: one run whose rays serve all outputs. ``separate``: one run a lobe, as the paper.
+    """
+    specular = [settings.smooth_spp] + [settings.specular_spp] * (_LEVELS - 1)
+    counts = [settings.diffuse_spp, *specular]
+    if settings.sampling == "shared":
+        return [(counts, list(range(SHADING_OUTPUTS)))]
+    runs = []
+    for lobe, count in enumerate(counts):
+        only = [count if other == lobe else 0 for other in range(len(counts))]
+        runs.append((only, [0] if lobe == 0 else [lobe, lobe + _LEVELS]))
+    return runs
+
+
+def shade_chunk(shader: Shader, chunk: Points, settings: BakeSettings | RefineSettings) -> np.ndarray:
+    """(N, outputs, 3) float32 shading of points by the settings' sampling plan."""
+    result = np.empty((len(chunk.position), SHADING_OUTPUTS, 3), np.float32)
+    for counts, outputs in sampling_plan(settings):
+        result[:, outputs] = shader.shade(chunk, ROUGHNESS_LEVELS, counts)[:, outputs]
+    return result
+
+
+def denoise_shading(values: np.ndarray, samples: FootprintSamples, index: int) -> np.ndarray:
+    """Denoise the (N, outputs, 3) shading of view number ``index``.
+
+    Ls0 and Ls1 of a level come from the same samples: their sum is denoised and split as the samples split it. The
+    smoothest level keeps its detail, since denoisers take reflections for noise.
+    """
+    rough0, rough1 = values[:, 2 : 1 + _LEVELS], values[:, 2 + _LEVELS :]
+    total = rough0 + rough1
+    clean = denoise_samples(np.concatenate([values[:, :1], total], axis=1), samples, index, "fast")
+    scale = clean[:, 1:] / np.maximum(total, 1e-8)
+    result = values.copy()
+    result[:, 0] = clean[:, 0]
+    result[:, 2 : 1 + _LEVELS], result[:, 2 + _LEVELS :] = rough0 * scale, rough1 * scale
+    return result
+
+
+def write_shading(
+    stage: str,
+    shader: Shader,
+    dataset: Dataset,
+    samples: FootprintSamples,
+    settings: BakeSettings | RefineSettings,
+    out: Path,
+    stats: Stats,
+    finish: Callable[[int, np.ndarray], np.ndarray] | None = None,
+) -> None:
+    """Shade all samples of a shard and write ``out``/shading.npy and the manifest beside ``out``.
+
+    ``finish`` may change the (N, outputs, 3) shading of view number i before it is stored.
+    """
+    out = Path(out)
+    shading = Shading.empty(len(samples.position))
+    check_disk(out.parent, shading.nbytes, f"the {stage} shading")
+    paths = sum(sum(counts) for counts, _ in sampling_plan(settings))
+    with progress(stage, len(samples.position) * paths, " paths") as bar:
+        for index, view in enumerate(samples.views):
+            points = view_points(samples, index, dataset.camera(view), settings.seed)
+            values = shade_in_chunks(
+                points,
+                SHADING_OUTPUTS,
+                lambda chunk, _: shade_chunk(shader, chunk, settings),
+                bar.advance,
+                paths,
+            )
+            stats["paths_per_s"] = bar.rate
+            if settings.denoise:
+                values = denoise_shading(values, samples, index)
+            if finish is not None:
+                values = finish(index, values)
+            assert np.isfinite(values).all(), f"{stage}: NaN in the shading of {view}"
+            shading[samples.of_view(index)] = values
+    stats["bytes_per_pixel"] = shading.nbytes / max(samples.first_pixels[-1], 1)
+    with atomic_folder(out) as folder:
+        save_shading(folder, shading)
+    write_manifest(out.with_name(out.name + ".manifest.json"), stage, [out / "shading.npy"], dumped(settings))

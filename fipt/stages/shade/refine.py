@@ -1,0 +1,48 @@
+"""Later rounds: shading path traced with the current materials and emitters (method.md, stage 3)."""
+
+import numpy as np
+
+from fipt.render.environment import sky_of
+from fipt.render.scene import RayScene
+from fipt.render.surface import EmitterSet, Materials, SurfaceCache, Triangles
+from fipt.render.tracer import PathSettings, Shader
+from fipt.scene.environment import NOTHING, EnvironmentMap
+from fipt.scene.mesh import Mesh, surface_points
+from fipt.scene.voxels import voxel_keys
+
+
+def path_shader(
+    mesh: Mesh,
+    cache: dict,
+    materials: Materials,
+    emitters: EmitterSet | None,
+    path: PathSettings,
+    environment: EnvironmentMap = NOTHING,
+) -> Shader:
+    """Return a shader whose paths follow the current model.
+
+    Voxels that hold a point of an emitter are unknown to the cache: their pixels mix lamp and frame (method.md).
+
+    Parameters
+    ----------
+    cache
+        As `fipt.stages.cache.build.build` returns it.
+    """
+    known = cache["count"] > 0
+    if emitters is not None and len(emitters.triangle):
+        known &= ~np.isin(cache["key"], emitter_voxels(mesh, cache, emitters.triangle))
+    surface = SurfaceCache(cache, cache["radiance"], known, materials)
+    return Shader(RayScene(mesh), Triangles(mesh, emitters), surface, path, sky_of(environment))
+
+
+def emitter_voxels(mesh: Mesh, cache: dict, triangles: np.ndarray) -> np.ndarray:
+    """Keys of the voxels that emitting triangles pass through."""
+    center, side, n = cache["center"], float(cache["side"]), int(cache["resolution"])
+    lamps = Mesh(mesh.vertices, mesh.triangles[triangles])
+    points, _ = surface_points(lamps, side / n / 2, center - side / 2, center + side / 2, seed=0)
+    return np.unique(voxel_keys(points, center, side, n))
+
+
+def damped(new: np.ndarray, previous: np.ndarray, damping: float) -> np.ndarray:
+    """Keep a share of the previous round's shading: the loop fit-refine-fit oscillates otherwise."""
+    return new if damping == 0 else (1 - damping) * new + damping * previous

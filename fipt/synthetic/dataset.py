@@ -1,0 +1,222 @@
+"""Writes a room, in code or of a scene file, and its views as a dataset."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from fipt.errors import FiptError
+from fipt.formats.exr import write_exr
+from fipt.formats.files import existing_file, write_text
+from fipt.formats.images import write_png
+from fipt.progress import progress
+from fipt.scene.cameras import Camera, read_transforms, write_transforms
+from fipt.scene.dataset import Dataset, rejected_views, write_views
+from fipt.scene.mesh import read_mesh, write_ply
+from fipt.scene.setup import RelightSetup
+from fipt.synthetic.board import with_board
+from fipt.synthetic.camera import optics
+from fipt.synthetic.capture import simulate_capture, write_bracket, write_calibration
+from fipt.synthetic.modelled import exposure_of, modelled
+from fipt.synthetic.poses import OpenSpace, coverage, sample_cameras
+from fipt.synthetic.room import Room, build
+from fipt.synthetic.settings import SynthesizeSettings
+from fipt.synthetic.views import Truth, ViewTruth, render_views, view_truth
+
+
+def write_room(
+    folder: Path, settings: SynthesizeSettings, scene: Path | None = None
+) -> tuple[list[Path], dict[str, float]]:
+    """Write mesh, cameras, names of ids and the room's description.
+
+    Parameters
+    ----------
+    folder
+        Dataset to write.
+    settings
+        Of room, views and camera.
+    scene
+        Scene file; None for the room in code.
+
+    Returns
+    -------
+    files
+        What was written.
+    shown
+        How much of the surface the training views show.
+    """
+    room = _made(settings, scene)
+    for note in room.facts.get("notes", ()):
+        sys.stderr.write(f"{note}\n")
+    space = OpenSpace(room, Truth(room).first_hits, settings.seed)
+    cameras = sample_cameras(space, settings)
+    shown = coverage(space, cameras)
+    sys.stderr.write(
+        f"{settings.train_views} training views show {shown['seen']:.1%} of the surface that is visible, "
+        f"{shown['seen_twice']:.1%} at least twice\n"
+    )
+    if scene:
+        room = room.exposed(exposure_of(room, cameras[: settings.train_views], settings))
+    files = _write_names(folder, room)
+    write_ply(folder / "mesh.ply", room.mesh)
+    write_views(folder / "views.json", [camera.name for camera in cameras])
+    write_transforms(folder / "transforms.json", cameras)
+    write_text(folder / "room.json", json.dumps({**room.description(), "coverage": shown}, indent=1) + "\n")
+    return files + [folder / name for name in ("mesh.ply", "views.json", "transforms.json", "room.json")], shown
+
+
+def write_images(
+    folder: Path,
+    names: Sequence[str],
+    settings: SynthesizeSettings,
+    scene: Path | None = None,
+    setup: RelightSetup | None = None,
+    setup_name: str | None = None,
+) -> tuple[list[Path], float]:
+    """Render views and write them with their truth, or only the picture under a light setup.
+
+    Returns
+    -------
+    files
+        What was written.
+    rate
+        Paths per second.
+    """
+    room = built(folder, settings, scene)
+    cameras = _cameras(folder, names, settings if setup_name is None else None)
+    paths = [camera.width * camera.height * settings.spp for camera in cameras]
+    files: list[Path] = []
+    with progress("synthesize", sum(paths), " paths") as bar:
+        for done, (camera, image, truth) in zip(paths, render_views(room, cameras, settings, setup), strict=True):
+            if setup_name is None:
+                files += _write_truth(folder, camera, truth)
+                files.append(folder / "images" / f"{camera.name}.exr")
+            else:
+                files.append(folder / "relight_truth" / setup_name / f"{camera.name}.exr")
+            write_exr(files[-1], {"": image})
+            bar.advance(done, camera.name)
+        return files, bar.rate
+
+
+def write_brackets(
+    folder: Path, out: Path, names: Sequence[str], settings: SynthesizeSettings, scene: Path | None = None
+) -> tuple[list[Path], float]:
+    """Photograph views with the simulated camera instead of writing their pictures; their truth goes to the dataset.
+
+    Parameters
+    ----------
+    folder
+        Dataset with the room.
+    out
+        Folder of the capture; brackets are numbered by the view's place among all views.
+    names, settings, scene
+        Which views, and how, of which room.
+
+    Returns
+    -------
+    files
+        What was written, in both folders.
+    rate
+        Paths per second.
+    """
+    room = built(folder, settings, scene)
+    every = [camera.name for camera in read_transforms(folder / "transforms.json")]
+    chosen = [(every.index(camera.name), camera) for camera in _cameras(folder, names, settings)]
+    planes = [optics(camera, settings.raw) for _, camera in chosen]
+    # As many paths for a pixel of the view, which is the mean of several of the source.
+    spp = max(settings.spp // settings.raw.scale**2, 1)
+    rendered = render_views(room, [p.source for p in planes], settings.model_copy(update={"spp": spp}))
+    truth, files = Truth(room), []
+    paths = [p.source.width * p.source.height * spp for p in planes]
+    with progress("synthesize", sum(paths), " paths") as bar:
+        for done, (index, camera), plane, (_, image, _) in zip(paths, chosen, planes, rendered, strict=True):
+            files += _write_truth(folder, camera, view_truth(truth, camera))
+            files += write_bracket(out, index, image, plane, settings.raw)
+            bar.advance(done, camera.name)
+        return files, bar.rate
+
+
+def write_capture_rest(folder: Path, out: Path, settings: SynthesizeSettings) -> list[Path]:
+    """Write what a capture of the room has once: calibration frames, table of frames, cameras and mesh."""
+    names = [camera.name for camera in read_transforms(folder / "transforms.json")]
+    mesh = read_mesh(folder / "mesh.ply")
+    return write_calibration(out, _cameras(folder, names, settings), settings.raw, mesh)
+
+
+def photograph(folder: Path, out: Path, settings: SynthesizeSettings) -> list[Path]:
+    """Turn the pictures of any dataset into a capture; return its files."""
+    dataset = Dataset(folder)
+    images = (dataset.image(camera.name)[0] for camera in dataset.cameras)
+    return simulate_capture(images, dataset.cameras, settings.raw, out, dataset.mesh())
+
+
+def write_truths(
+    folder: Path, names: Sequence[str], settings: SynthesizeSettings, scene: Path | None = None
+) -> list[Path]:
+    """Write truth and ids of a dataset's views, whose pictures are developed photographs of the room."""
+    room = built(folder, settings, scene)
+    truth = Truth(room)
+    files = _write_names(folder, room)
+    # Developed photographs have the size that development gave them.
+    for camera in _cameras(folder, names, None):
+        files += _write_truth(folder, camera, view_truth(truth, camera))
+    return files
+
+
+def built(folder: Path, settings: SynthesizeSettings, scene: Path | None) -> Room:
+    """Return the room that the folder holds, which must be the one that settings and scene file say."""
+    described = json.loads(existing_file(folder / "room.json", "the room").read_text(encoding="utf-8"))
+    room = _made(settings, scene).exposed(described.get("exposure", 1.0) if scene else 1.0)
+    if {key: value for key, value in described.items() if key != "coverage"} != room.description():
+        raise _another(folder)
+    return room
+
+
+def _made(settings: SynthesizeSettings, scene: Path | None) -> Room:
+    room = modelled(scene, settings) if scene else build(settings.seed, settings.opening, settings.sky)
+    return with_board(room, settings.board) if settings.board.enabled else room
+
+
+def _another(folder: Path) -> FiptError:
+    return FiptError(f"{folder} holds a room made with other settings", "run fipt synthesize --room again")
+
+
+def _write_names(folder: Path, room: Room) -> list[Path]:
+    names = {
+        "part": {str(index + 1): name for index, name in enumerate(room.parts)},
+        "semantic": {str(index + 1): name for index, name in enumerate(room.semantics)},
+    }
+    files = []
+    for kind, table in names.items():
+        files.append(folder / "segments" / f"{kind}.json")
+        write_text(files[-1], json.dumps(table, indent=1) + "\n")
+    return files
+
+
+def _write_truth(folder: Path, camera: Camera, truth: ViewTruth) -> list[Path]:
+    layers = folder / "truth" / f"{camera.name}.exr"
+    write_exr(layers, truth.layers)
+    files = [layers]
+    for kind, ids in truth.ids.items():
+        files.append(folder / "segments" / kind / f"{camera.name}.png")
+        write_png(files[-1], ids)
+    return files
+
+
+def _cameras(folder: Path, names: Sequence[str], settings: SynthesizeSettings | None) -> list[Camera]:
+    """Read the cameras of some views, without those that a check rejected; check their size against settings."""
+    cameras = {camera.name: camera for camera in read_transforms(folder / "transforms.json")}
+    sizes = {(camera.width, camera.height) for camera in cameras.values()}
+    if settings is not None and sizes != {(settings.width, settings.height)}:
+        raise _another(folder)
+    rejected = rejected_views(folder)
+    names = [name for name in names if name not in rejected]
+    unknown = [name for name in names if name not in cameras]
+    if unknown:
+        raise FiptError(
+            f"{folder} has no view {', '.join(unknown)}",
+            "choose among " + ", ".join(list(cameras)[:8]),
+        )
+    return [cameras[name] for name in names]

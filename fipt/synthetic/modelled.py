@@ -1,0 +1,57 @@
+"""A room that someone modelled: the content of a scene file as a `Room`, exposed like a photograph."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from fipt.conventions import LUMINANCE
+from fipt.errors import FiptError
+from fipt.scene.cameras import Camera
+from fipt.synthetic.room import Piece, Room, assemble
+from fipt.synthetic.scenefile.scene import SceneContent, read_scene
+from fipt.synthetic.settings import SynthesizeSettings
+from fipt.synthetic.views import render_probes
+
+MIDDLE = 0.25
+"""Median over the views of their median luminance, after exposure."""
+
+
+def modelled(path: Path, settings: SynthesizeSettings, exposure: float = 1.0) -> Room:
+    """Read a scene file.
+
+    Parameters
+    ----------
+    path
+        The XML file.
+    settings
+        Section ``scene``: how it is read.
+    exposure
+        Factor on all its light.
+    """
+    return room_of(read_scene(path, settings.scene), path.name).exposed(exposure)
+
+
+def room_of(content: SceneContent, name: str) -> Room:
+    """Return what a scene file holds as a room: a part for each surface, a semantic id for each material."""
+    pieces = [
+        Piece(s.name, s.vertices, s.triangles, s.uv, s.material, s.material, s.radiance) for s in content.surfaces
+    ]
+    names = [material.name for material in content.materials]
+    facts = {"source": name, "notes": content.notes}
+    return assemble(pieces, content.materials, names, content.box, content.environment, facts=facts)
+
+
+def exposure_of(room: Room, cameras: Sequence[Camera], settings: SynthesizeSettings) -> float:
+    """Factor on the light with which the median over views of their median luminance is `MIDDLE`, six digits.
+
+    Measured on small, quickly rendered pictures of a few of the cameras.
+    """
+    medians = [float(np.median(image @ np.float32(LUMINANCE))) for image in render_probes(room, cameras, settings)]
+    middle = float(np.median(medians))
+    if not middle > 0:
+        raise FiptError(
+            f"no light reaches what the views show: their median luminance is {middle:g}",
+            "check the scene's lights, and whether something stands before them",
+        )
+    return float(f"{MIDDLE / middle:.6g}")

@@ -1,0 +1,149 @@
+"""Hits on disk: round trip, and what is said of damaged folders."""
+
+import json
+
+import numpy as np
+import pytest
+
+from fipt.errors import FiptError
+from fipt.formats.arrays import save_npy
+from fipt.scene.samples import clipped_of, pixels_of, read_samples, scene_box, segments_of, view_pixels, write_samples
+from tests import scenes
+
+ARRAYS = ("offsets", "center", "position", "normal", "triangle", "footprint", "weight", "sub")
+
+
+@pytest.fixture
+def samples(np_rng):
+    counts = [1, 2, 0, 1, 3, 1, 0, 1]
+    return scenes.samples_of(
+        np_rng.random((9, 3)),
+        np_rng.integers(0, 99, 9),
+        np_rng.random(9),
+        counts,
+        views=("b", "a"),
+        shapes=[(2, 3), (1, 2)],
+        sub=np_rng.random((9, 4, 3)).astype(np.float16),
+    )
+
+
+@pytest.fixture
+def folder(tmp_path, samples):
+    write_samples(tmp_path, samples)
+    return tmp_path
+
+
+def test_round_trip(tmp_path, samples):
+    files = write_samples(tmp_path, samples)
+    assert sorted(files) == sorted(tmp_path.iterdir())
+    read = read_samples(tmp_path)
+    assert read.views == samples.views
+    assert read.shapes == samples.shapes
+    for name in ARRAYS:
+        np.testing.assert_array_equal(getattr(read, name), getattr(samples, name))
+        assert getattr(read, name).dtype == getattr(samples, name).dtype
+    assert isinstance(read.position, np.memmap)
+
+
+def test_pixels_and_samples_of_views(samples):
+    assert samples.first_pixels.tolist() == [0, 6, 8]
+    assert samples.pixels(1) == slice(6, 8)
+    assert samples.of_view(0) == slice(0, 8)
+    assert samples.of_view(1) == slice(8, 9)
+    assert samples.pixel_of_sample(0).tolist() == [0, 1, 1, 3, 4, 4, 4, 5]
+    assert samples.pixel_of_sample(1).tolist() == [1]
+
+
+@pytest.mark.parametrize("name", ARRAYS)
+def test_missing_and_cut_arrays(folder, name):
+    path = folder / f"{name}.npy"
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) - 3])
+    with pytest.raises(FiptError, match=rf"{name}\.npy is not a complete npy array"):
+        read_samples(folder)
+    path.unlink()
+    with pytest.raises(FiptError, match=f"is missing: .*{name}"):
+        read_samples(folder)
+
+
+@pytest.mark.parametrize("name", [*ARRAYS[:1], *ARRAYS[2:]])
+def test_arrays_of_other_shards(folder, samples, name):
+    save_npy(folder / f"{name}.npy", getattr(samples, name)[:-1])
+    with pytest.raises(FiptError, match="do not belong together; delete it and run the samples stage again"):
+        read_samples(folder)
+
+
+def test_centres_of_another_shard(folder, samples):
+    save_npy(folder / "center.npy", samples.center[:-1])
+    with pytest.raises(FiptError, match="do not belong together"):
+        read_samples(folder)
+
+
+@pytest.mark.parametrize("text", ["{", "[]", '{"views": [{"name": "a"}]}', '{"views": 3}'])
+def test_damaged_views(folder, text):
+    (folder / "views.json").write_text(text)
+    with pytest.raises(FiptError, match=r"views\.json is damaged"):
+        read_samples(folder)
+
+
+def test_views_of_another_shard(folder):
+    (folder / "views.json").write_text(json.dumps({"views": [{"name": "a", "height": 2, "width": 2}]}))
+    with pytest.raises(FiptError, match="do not belong together"):
+        read_samples(folder)
+
+
+def test_box_of_the_scene(samples):
+    """Around what is seen, wherever that is; not around the origin."""
+    far = scenes.samples_of([(10, 20, 30), (12, 21, 30)])
+    center, side = scene_box([far])
+    np.testing.assert_allclose(center, (11, 20.5, 30))
+    assert side == pytest.approx(2 * 1.05)
+    center, side = scene_box([far, scenes.samples_of([(2, 20, 30)]), scenes.samples_of(np.zeros((0, 3)), counts=[0])])
+    np.testing.assert_allclose(center, (7, 20.5, 30))
+    assert side == pytest.approx(10 * 1.05)
+    assert scene_box([scenes.samples_of([(1, 1, 1)])])[1] > 0
+
+
+def test_pixels_of_views_in_their_order(samples):
+    class Data:
+        def image(self, view):
+            shape = {"b": (2, 3), "a": (1, 2)}[view]
+            return np.full((*shape, 3), ord(view)), np.arange(np.prod(shape)).reshape(shape)
+
+        def clipped(self, view):
+            return np.full({"b": (2, 3), "a": (1, 2)}[view], view == "a")
+
+    radiance, weight = pixels_of(Data(), samples)
+    np.testing.assert_array_equal(radiance, np.repeat([ord("b"), ord("a")], [6, 2])[:, None] * np.ones(3))
+    np.testing.assert_array_equal(weight, [0, 1, 2, 3, 4, 5, 0, 1])
+    one_by_one = list(view_pixels(Data(), [samples, samples]))
+    assert len(one_by_one) == 4
+    np.testing.assert_array_equal(np.concatenate([image for image, _, _ in one_by_one[2:]]), radiance)
+    np.testing.assert_array_equal(np.concatenate([valid for _, valid, _ in one_by_one[:2]]), weight)
+    assert [above.tolist() for _, _, above in one_by_one[2:]] == [[False] * 6, [True] * 2]
+
+
+def test_segments_of_views_in_their_order(samples):
+    class Data:
+        def segments(self, view, kind):
+            assert kind == "part"
+            return {"b": np.arange(6).reshape(2, 3), "a": np.array([[65535, 7]])}[view]
+
+    np.testing.assert_array_equal(segments_of(Data(), samples, "part"), [0, 1, 2, 3, 4, 5, 65535, 7])
+
+
+def test_clipped_pixels_of_views_in_their_order(samples):
+    class Data:
+        def clipped(self, view):
+            return np.array([[0, 1, 0], [1, 0, 0]], bool) if view == "b" else np.array([[1, 0]], bool)
+
+    made = []
+
+    def empty(shape, dtype):
+        made.append(np.ones(shape, dtype))
+        return made[-1]
+
+    clipped = clipped_of(Data(), samples, empty)
+    assert clipped is made[0]
+    np.testing.assert_array_equal(clipped, [0, 1, 0, 1, 0, 0, 1, 0])
+    np.testing.assert_array_equal(clipped_of(Data(), samples), clipped)

@@ -1,0 +1,300 @@
+"""Light setups: found emitters edited, new lights added."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+
+from fipt.conventions import LUMINANCE
+from fipt.errors import FiptError
+from fipt.scene.emitters import Emitters
+from fipt.scene.environment import NOTHING, EnvironmentMap
+from fipt.scene.mesh import write_ply
+from fipt.scene.setup import RelightSetup, parse_setup
+from tests import scenes
+
+
+@pytest.fixture
+def apply(backend):
+    from fipt.stages.render.lights import apply_setup
+
+    def apply(two_sided=True, empty=False, **setup):
+        return apply_setup(ROOM, found(two_sided, empty), RelightSetup.model_validate(setup))
+
+    return apply
+
+
+ROOM = scenes.box((0, 0, 0), (4, 3, 5))
+BRIGHT = float(np.dot(LUMINANCE, [2, 4, 6]))
+"""Luminance of the first lamp, which new colours keep."""
+RADIANCE = np.float32([[2, 4, 6], [2, 4, 6], [8, 8, 8]])
+
+
+def found(two_sided=True, empty=False):
+    keep = slice(0, 0) if empty else slice(None)
+    ones = np.ones(3, np.float32)[keep]
+    return Emitters(
+        np.array([6, 7, 2], np.int32)[keep],
+        RADIANCE[keep],
+        ones,
+        np.array([0, 0, 1], np.int32)[keep],
+        ones,
+        ones,
+        0 * ones,
+        ones > 1,
+        two_sided,
+    )
+
+
+def test_nothing_asked_changes_nothing(apply):
+    mesh, lit = apply()
+    np.testing.assert_array_equal(mesh.vertices, ROOM.vertices)
+    np.testing.assert_array_equal(mesh.triangles, ROOM.triangles)
+    np.testing.assert_array_equal(lit.triangle, [6, 7, 2])
+    np.testing.assert_array_equal(lit.radiance, RADIANCE)
+
+
+@pytest.mark.parametrize(
+    ("edit", "expected"),
+    [
+        ({"scale": 0}, [[0, 0, 0], [0, 0, 0], [0, 0, 0]]),
+        ({"scale": 2}, 2 * RADIANCE),
+        ({"index": 0, "scale": 0.5}, [[1, 2, 3], [1, 2, 3], [8, 8, 8]]),
+        ({"index": 1, "radiance": (1, 2, 3)}, [[2, 4, 6], [2, 4, 6], [1, 2, 3]]),
+        ({"radiance": (1, 2, 3), "scale": 10}, [[10, 20, 30]] * 3),
+        ({"index": 0, "color": (3, 3, 3)}, [[BRIGHT] * 3, [BRIGHT] * 3, [8, 8, 8]]),
+        ({"index": 1, "color": (0, 2, 0), "scale": 0.5}, [[2, 4, 6], [2, 4, 6], [0, 4 / LUMINANCE[1], 0]]),
+    ],
+)
+def test_edits(apply, edit, expected):
+    _, lit = apply(emitters=[edit])
+    np.testing.assert_allclose(lit.radiance, expected, rtol=1e-6)
+    assert lit.radiance.dtype == np.float32
+
+
+def test_edits_follow_one_another(apply):
+    _, lit = apply(emitters=[{"scale": 0}, {"index": 1, "radiance": (1, 1, 1)}, {"index": 1, "scale": 3}])
+    np.testing.assert_allclose(lit.radiance, [[0, 0, 0], [0, 0, 0], [3, 3, 3]])
+
+
+@pytest.mark.parametrize("normal", [(0, -1, 0), (0, 1, 0), (1, 0, 0), (1, -2, 0.5)])
+def test_a_quad_is_appended(apply, normal):
+    light = {"shape": "quad", "radiance": (5, 6, 7), "center": (2, 1.5, 2), "normal": normal, "size": (0.4, 0.6)}
+    mesh, lit = apply(two_sided=False, lights=[light])
+    np.testing.assert_array_equal(mesh.triangles[:12], ROOM.triangles)
+    np.testing.assert_array_equal(mesh.vertices[: len(ROOM.vertices)], ROOM.vertices)
+    np.testing.assert_array_equal(lit.triangle, [6, 7, 2, 12, 13])
+    np.testing.assert_array_equal(lit.radiance[3:], [[5, 6, 7]] * 2)
+    assert not lit.two_sided
+    unit = np.array(normal) / np.linalg.norm(normal)
+    np.testing.assert_allclose(mesh.normals[12:], [unit] * 2, atol=1e-5)
+    np.testing.assert_allclose(mesh.areas[12:].sum(), 0.24, rtol=1e-4)
+    np.testing.assert_allclose(mesh.corners[12:].reshape(-1, 3)[[0, 2]].mean(axis=0), (2, 1.5, 2), atol=1e-5)
+    sides = sorted(np.linalg.norm(np.diff(mesh.corners[12][:3], axis=0), axis=1))
+    np.testing.assert_allclose(sides, [0.4, 0.6], rtol=1e-4)
+
+
+def test_a_sphere_is_appended(apply):
+    light = {"shape": "sphere", "radiance": (5, 5, 5), "center": (2, 1, 3), "radius": 0.25}
+    mesh, lit = apply(lights=[light])
+    own = mesh.corners[12:] - np.float32([2, 1, 3])
+    np.testing.assert_allclose(np.linalg.norm(own, axis=-1), 0.25, rtol=1e-5)
+    assert (np.einsum("tc,tc->t", mesh.normals[12:], own.mean(axis=1)) > 0).all()  # facing outwards
+    assert mesh.areas[12:].sum() == pytest.approx(4 * np.pi * 0.25**2, rel=0.02)
+    np.testing.assert_array_equal(lit.triangle[3:], np.arange(12, len(mesh.triangles)))
+
+
+def test_several_lights_keep_their_triangles_apart(apply):
+    quad = {"shape": "quad", "radiance": (1, 0, 0), "center": (1, 2, 1)}
+    sphere = {"shape": "sphere", "radiance": (0, 1, 0), "center": (3, 1, 3)}
+    mesh, lit = apply(lights=[quad, sphere, quad | {"radiance": (0, 0, 1), "center": (2, 2, 2)}], empty=True)
+    for color, center in (((1, 0, 0), (1, 2, 1)), ((0, 1, 0), (3, 1, 3)), ((0, 0, 1), (2, 2, 2))):
+        own = lit.triangle[(lit.radiance == color).all(axis=1)]
+        np.testing.assert_allclose(mesh.corners[own].reshape(-1, 3).mean(axis=0), center, atol=0.2)
+    assert len(np.unique(lit.triangle)) == len(mesh.triangles) - 12
+
+
+def test_an_emitter_that_was_not_found_is_named(apply):
+    with pytest.raises(FiptError, match="names emitter 2, which is none of 2 lamps; indices are 0 to 1"):
+        apply(emitters=[{"index": 2, "scale": 0}])
+    with pytest.raises(FiptError, match="names emitter 0, which is none of 0 lamps; leave its emitters out"):
+        apply(emitters=[{"index": 0, "scale": 0}], empty=True)
+
+
+@pytest.mark.parametrize(
+    ("edit", "dark"),
+    [
+        ({"name": "window"}, [0, 1]),
+        ({"name": "lamp-0"}, [0, 1]),  # its number goes on being a name
+        ({"name": "lamp-1"}, [2]),
+        ({"names": ["lamp-1", "window"]}, [0, 1, 2]),
+        ({"index": 1}, [2]),
+        ({}, [0, 1, 2]),
+    ],
+)
+def test_lamps_are_chosen_by_name(backend, edit, dark):
+    from fipt.stages.render.lights import apply_setup
+
+    setup = RelightSetup.model_validate({"emitters": [edit | {"off": True}]})
+    _, lit = apply_setup(ROOM, found(), setup, ["window", "lamp-1"])
+    expected = RADIANCE.copy()
+    expected[dark] = 0
+    np.testing.assert_array_equal(lit.radiance, expected)
+
+
+def test_an_unknown_name_lists_the_lamps_closest_first(backend):
+    from fipt.stages.render.lights import apply_setup
+
+    setup = RelightSetup.model_validate({"emitters": [{"names": ["window", "my window"], "off": True}]})
+    with pytest.raises(FiptError, match="which is none of 2 lamps; there are window, desk lamp"):
+        apply_setup(ROOM, found(), setup, ["desk lamp", "window"])
+
+
+def test_off_needs_no_quotes_in_yaml():
+    for text in ("off: true", "'off': true"):
+        edit = RelightSetup.model_validate({"emitters": [yaml.safe_load(text)]}).emitters[0]
+        assert (edit.off, edit.scale) == (True, None)
+
+
+@pytest.mark.parametrize(
+    ("edit", "said"),
+    [
+        ({"index": 0, "name": "window"}, "by one of index, name and names, not by index and name"),
+        ({"name": "a", "names": ["b"]}, "not by name and names"),
+        ({"names": []}, "names: tuple should have at least 1 item"),
+        ({"off": True, "scale": 0.5}, "off: true leaves no light for scale"),
+        ({"off": True, "color": [1, 1, 1], "radiance": [1, 1, 1]}, "no light for color and radiance"),
+    ],
+)
+def test_edits_that_contradict_themselves_are_refused(edit, said):
+    with pytest.raises(FiptError, match=said):
+        parse_setup(json.dumps({"emitters": [edit]}))
+
+
+def test_all_of_no_emitters_may_be_edited(apply):
+    _, lit = apply(emitters=[{"scale": 0}, {"color": (1, 0, 0)}], empty=True)
+    assert lit.radiance.shape == (0, 3)
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("{", "setup"),
+        ('{"lamps": []}', "unknown key setup.lamps"),
+        ('{"emitters": [{"scale": -1}]}', r"setup\.emitters\.0\.scale"),
+        ('{"lights": [{"shape": "cone", "radiance": [1, 1, 1], "center": [0, 0, 0]}]}', r"setup\.lights\.0\.shape"),
+        ('{"lights": [{"shape": "quad", "center": [0, 0, 0]}]}', r"setup\.lights\.0: a quad light needs radiance"),
+        (
+            '{"lights": [{"shape": "quad", "radiance": [1, 1, 1], "center": [0, 0, 0], "normal": [0, 0, 0]}]}',
+            "normal of a new quad light must not be zero",
+        ),
+    ],
+)
+def test_a_setup_that_is_wrong_is_explained(text, problem):
+    with pytest.raises(FiptError, match=problem):
+        parse_setup(text)
+
+
+def entry(kind, **keys):
+    return json.dumps({kind: [keys]})
+
+
+SPOT = {"shape": "spot", "position": [0, 0, 0], "intensity": [1, 1, 1], "target": [1, 0, 0]}
+THING = {"shape": "cube", "position": [0, 0, 0]}
+BOX = {"center": [0, 0, 0], "size": [1, 1, 1]}
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        (entry("lights", **SPOT | {"intensity": [1, -1, 1]}), r"lights\.0\.intensity\.1.*greater than or equal to 0"),
+        ('{"lights": [{"shape": "quad", "center": [0, 0, 0], "radiance": [NaN, 1, 1]}]}', r"lights\.0\.radiance\.0"),
+        (entry("emitters", radiance=[1, 1, -2]), r"emitters\.0\.radiance\.2"),
+        (entry("lights", **SPOT | {"direction": [1, 0, 0]}), "either direction or target"),
+        (entry("lights", **SPOT | {"target": [0, 0, 0]}), "direction must not be zero, nor its target its position"),
+        (entry("lights", **SPOT | {"cone_angle": 20, "soft_edge": 15}), "soft_edge must be at most half of cone_angle"),
+        (entry("lights", **SPOT | {"radiance": [1, 1, 1]}), "a spot light has no radiance; it may have intensity"),
+        (entry("lights", shape="spot", intensity=[1, 1, 1], target=[1, 0, 0]), "a spot light needs position"),
+        (entry("lights", shape="mesh", radiance=[1, 1, 1]), "a mesh light needs file"),
+        (entry("objects", position=[0, 0, 0]), "an object needs either file or shape"),
+        (entry("objects", **THING, file="a.ply"), "an object needs either file or shape"),
+        (entry("objects", **THING, scale=0), r"objects\.0\.scale"),
+        (entry("objects", **THING, base_color=[1, 2, 1]), r"objects\.0\.base_color\.1"),
+        (entry("materials", metallic=1), "give one of segment, at and box"),
+        (entry("materials", metallic=1, segment=1, box=BOX), "give one of segment, at and box"),
+        (entry("materials", box=BOX), "at least one of base_color, tint, roughness and metallic"),
+        (entry("materials", box=BOX, tint=[1, 1, 1], base_color=[1, 1, 1]), "base_color or tint, not both"),
+        (entry("materials", box=BOX, roughness=0), r"materials\.0\.roughness"),
+        (entry("remove"), "give one of segment, at and box"),
+        ("nowhere.yaml", "nowhere.yaml cannot be read"),
+    ],
+)
+def test_entries_that_are_wrong_are_explained(text, problem):
+    with pytest.raises(FiptError, match=problem) as caught:
+        parse_setup(text)
+    assert "\n" not in str(caught.value)
+
+
+def test_setups_of_files_and_what_the_config_passes_on(tmp_path):
+    """YAML and JSON say the same; with all keys written out, as rules pass it, it stays the same."""
+    path = tmp_path / "a.yaml"
+    path.write_text("lights:\n  - {shape: spot, position: [0, 0, 0], intensity: [1, 1, 1], target: [1, 0, 0]}\n")
+    setup = parse_setup(str(path))
+    assert setup == parse_setup(entry("lights", **SPOT))
+    full = RelightSetup.model_validate({"lights": [SPOT], "objects": [THING], "remove": [{"box": BOX}]})
+    assert parse_setup(full.model_dump_json()) == full
+    path.write_text("lights: [")
+    with pytest.raises(FiptError, match=r"a\.yaml is not YAML"):
+        parse_setup(str(path))
+
+
+def test_mesh_lights_shine_and_spots_have_no_surface(apply, tmp_path):
+    write_ply(tmp_path / "a.ply", scenes.turned(scenes.box((-1, -1, -1), (1, 1, 1))))
+    light = {
+        "shape": "mesh",
+        "file": str(tmp_path / "a.ply"),
+        "radiance": [1, 2, 3],
+        "position": [2, 1, 2],
+        "scale": 0.1,
+    }
+    mesh, lit = apply(lights=[SPOT, light])
+    np.testing.assert_array_equal(lit.triangle[3:], np.arange(12, 24))
+    np.testing.assert_array_equal(lit.radiance[3:], [[1, 2, 3]] * 12)
+    np.testing.assert_allclose(mesh.corners[12:].min(axis=(0, 1)), [1.9, 0.9, 1.9], rtol=1e-6)
+
+
+# --- each lamp alone ------------------------------------------------------------------------------
+
+
+def alone(separate, outside=0.0, **changed):
+    from fipt.stages.render.lights import lights_alone
+
+    sky = EnvironmentMap("map", np.full((2, 4, 3), outside, np.float32))
+    return lights_alone(replace(found(), **changed), sky, separate)
+
+
+def test_parts_of_the_light_add_up_to_it(backend):
+    """Lamp 0 has two triangles of mean radiance 4, lamp 1 one of 8 and half the area."""
+    parts = alone(2, outside=3.0, area=np.float32([1, 1, 0.5]))
+    assert list(parts) == ["lamp-0", "lamp-1", "outside"]
+    np.testing.assert_array_equal(parts["lamp-0"][0].radiance, [[2, 4, 6], [2, 4, 6], [0, 0, 0]])
+    np.testing.assert_array_equal(parts["lamp-1"][0].radiance, [[0, 0, 0], [0, 0, 0], [8, 8, 8]])
+    np.testing.assert_array_equal(sum(lit.radiance for lit, _ in parts.values()), RADIANCE)
+    np.testing.assert_array_equal(sum(sky.radiance for _, sky in parts.values()), np.full((2, 4, 3), 3))
+    for lit, _ in parts.values():  # lamps that are off are black, not part of the wall
+        np.testing.assert_array_equal(lit.triangle, [6, 7, 2])
+
+
+def test_the_weaker_lamps_are_one_part(backend):
+    parts = alone(1, area=np.float32([1, 1, 2]))
+    assert list(parts) == ["lamp-1", "rest"]
+    np.testing.assert_array_equal(parts["rest"][0].radiance, [[2, 4, 6], [2, 4, 6], [0, 0, 0]])
+
+
+def test_no_light_has_no_parts(backend):
+    from fipt.stages.render.lights import lights_alone
+
+    assert lights_alone(found(empty=True), NOTHING, 3) == {}
+    assert list(alone(3, radiance=np.float32([[0] * 3, [0] * 3, [1] * 3]))) == ["lamp-1"]

@@ -1,0 +1,31 @@
+"""Light from outside: what the training pictures say about rays that leave the mesh.
+
+INPUTS:  results/{scene}/samples/{shard}.manifest.json of the training shards, their pictures
+         an environment map, where the config names one
+OUTPUTS: results/{scene}/environment.npz    map over all directions; one zero where nothing is seen outside
+"""
+
+
+rule environment:
+    """Find what light comes from outside the mesh."""
+    input:
+        images=images("train"),
+        samples=sharded("results/{scene}/samples/{shard}.manifest.json", "train"),
+        file=environment_file,
+    output:
+        environment="results/{scene}/environment.npz",
+        stats="results/{scene}/stats/environment.json",
+    log:
+        "results/{scene}/logs/environment.log",
+    benchmark:
+        "results/{scene}/benchmarks/environment.jsonl"
+    resources:
+        mem_mb=4000,
+    params:
+        dataset=folder("results/{scene}/dataset"),
+        samples=folders_of("samples"),
+        settings=settings("environment"),
+        version=VERSIONS["environment"],
+    shell:
+        "fipt environment --dataset {params.dataset:q} --samples {params.samples:q} --out {output.environment:q}"
+        " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

@@ -1,0 +1,35 @@
+"""Footprint samples of every pixel, traced once.
+
+INPUTS:  results/{scene}/dataset/transforms.json, views.json, mesh.ply, check_poses.json
+OUTPUTS: results/{scene}/samples/{shard}/*.npy               flat arrays over samples
+         results/{scene}/samples/{shard}.manifest.json       names, hashes, settings, stage version
+"""
+
+
+rule samples:
+    """Trace the footprint samples of a shard."""
+    input:
+        transforms="results/{scene}/dataset/transforms.json",
+        views="results/{scene}/dataset/views.json",
+        mesh="results/{scene}/dataset/mesh.ply",
+        checked="results/{scene}/dataset/check_poses.json",
+    output:
+        samples=directory("results/{scene}/samples/{shard}"),
+        manifest="results/{scene}/samples/{shard}.manifest.json",
+        stats="results/{scene}/stats/samples.{shard}.json",
+    log:
+        "results/{scene}/logs/samples.{shard}.log",
+    benchmark:
+        "results/{scene}/benchmarks/samples.{shard}.jsonl"
+    threads: workflow.cores
+    resources:
+        mem_mb=4000,
+        gpu=1,
+    params:
+        dataset=folder("results/{scene}/dataset"),
+        views=views,
+        settings=settings("samples"),
+        version=VERSIONS["samples"],
+    shell:
+        "fipt samples --dataset {params.dataset:q} --views {params.views:q} --out {output.samples:q}"
+        " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
