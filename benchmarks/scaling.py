@@ -4,8 +4,8 @@
     python -m benchmarks.scaling --load 202 [--steps 40]    cache, fit and emitters of so many views of 640x320
 
 Every stage is one process, as in the workflow, so that its peak of memory is its own. The load test makes samples,
-shading and pictures of that size without rendering any: two views of the room in code, over and over, as files of their own
-(about 25 MB a view in a temporary folder).
+shading and pictures of that size without rendering any: two views of the room in code, over and over, as files of their
+own (about 25 MB a view in a temporary folder).
 """
 
 import argparse
