@@ -10,7 +10,7 @@ from benchmarks.scene import Scene
 from benchmarks.shading import OURS, SUPPLEMENT, THREE_LOBES, Contestants, Curve, scaled
 from benchmarks.timing import Ratio
 from fipt.model.settings import FitSettings
-from fipt.render.tracer import Points
+from fipt.render.points import Points
 
 
 @dataclass(frozen=True)

@@ -124,7 +124,7 @@ def test_reflected_directions_follow_their_density(ggx, np_rng, roughness, degre
     assert (drawn[~facing][:, 2] <= 1e-6).all()
 
     def density(d):
-        geometry = ggx.Geometry(n, mi.Vector3f(*(mi.Float(c) for c in d.T)), o)
+        geometry = ggx.ReflectionGeometry(n, mi.Vector3f(*(mi.Float(c) for c in d.T)), o)
         return np.array(geometry.pdf_ggx(mi.Float(alpha)), np.float64)
 
     mirror = np.array([-wo[0], 0, wo[2]])
@@ -150,7 +150,7 @@ def test_reflected_directions_above_the_surface_are_all_in_the_density(ggx, np_r
     above = (np.array(2 * dr.square(h.z) - 1) > 0).mean()
 
     def density(d):
-        geometry = ggx.Geometry(n, mi.Vector3f(*(mi.Float(c) for c in d.T)), o)
+        geometry = ggx.ReflectionGeometry(n, mi.Vector3f(*(mi.Float(c) for c in d.T)), o)
         return np.array(geometry.pdf_ggx(mi.Float(alpha)), np.float64)
 
     edges = np.concatenate([[0], np.geomspace(alpha / 50, np.sqrt(2), 60)])
@@ -225,6 +225,6 @@ def test_opposite_directions_give_no_nan(backend):
 
     # exactly opposite, and nearly so, with a half vector that points into the surface
     below = mi.Vector3f([1, 1], [0, 0], [0, -3e-5])
-    g = ggx.Geometry(mi.Vector3f(0, 0, 1), dr.normalize(below), mi.Vector3f(-1, 0, 0))
+    g = ggx.ReflectionGeometry(mi.Vector3f(0, 0, 1), dr.normalize(below), mi.Vector3f(-1, 0, 0))
     values = [g.pdf_ggx(mi.Float(0.0004)), g.specular(mi.Float(0.02)), ggx.schlick(g.oh), g.pdf_cosine()]
     assert all(np.isfinite(np.array(value)).all() for value in values)
