@@ -107,7 +107,7 @@ def write_pictures(
         mesh, lit, changes = change(room, mesh, lit, setup, segments, outside)
     if own:
         stats["warnings"] = standing(RayScene(mesh), seen_by, data.cameras)
-        for warning in stats.figures["warnings"]:
+        for warning in stats["warnings"]:
             print(f"warning: {warning}")
     said = {} if setup is None else {"setup": setup.model_dump(mode="json", exclude_defaults=True)}
     shining = {"": (lit, outside)}
