@@ -47,7 +47,7 @@ def command(
         shards, baked = read_shards(listed(samples), listed(shading))
         empty = on_disk(out.parent)
         images = [pixels_of(data, shard, empty) for shard in shards]
-        field, _ = load_field(model)
+        field = load_field(model)
         clipped = [clipped_of(data, shard, empty) for shard in shards]
         found = extract(mesh, shards, baked, images, field.query_mask, chosen, clipped, decided)
         write_emitters(out, found, mesh)

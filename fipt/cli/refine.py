@@ -32,8 +32,8 @@ def command(
 ) -> None:
     """Path-trace the shading again with the fitted model."""
     with stage("refine", settings, stats) as (chosen, figures):
+        from fipt.model.fitted import voxel_materials
         from fipt.model.store import load_field
-        from fipt.model.voxels import voxel_materials
         from fipt.render.surface import emitter_set
         from fipt.render.tracer import PathSettings
         from fipt.scene.dataset import Dataset
@@ -46,7 +46,7 @@ def command(
         from fipt.stages.shade.refine import damped, path_shader
 
         data, shard, voxels = Dataset(dataset), read_samples(samples), read_cache(cache)
-        field, _ = load_field(model)
+        field = load_field(model)
         path = PathSettings(chosen.max_depth, chosen.cache_roughness, chosen.light_sampling)
         materials = voxel_materials(field, voxels)
         found, outside = emitter_set(read_emitters(emitters)), read_environment(environment)

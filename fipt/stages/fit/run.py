@@ -10,7 +10,6 @@ from fipt.errors import FiptError
 from fipt.formats.arrays import on_disk
 from fipt.formats.manifests import Stats
 from fipt.model.networks import Field, SceneBox
-from fipt.model.settings import FitSettings
 from fipt.model.store import load_field, save_field
 from fipt.scene.confidence import Confidence, write_confidence
 from fipt.scene.dataset import Dataset
@@ -23,6 +22,7 @@ from fipt.stages.fit.confidence import measure, of_pixels
 from fipt.stages.fit.hidden import find_hidden
 from fipt.stages.fit.loop import fit
 from fipt.stages.fit.parts import estimate_parts, part_classes, part_targets
+from fipt.stages.fit.settings import FitSettings
 
 
 def fit_model(
@@ -77,7 +77,7 @@ def fit_model(
     center, side = scene_box(shards)
     field = Field(settings, SceneBox(tuple(center.tolist()), side))
     if previous is not None and settings.warm_start:
-        field.load_state_dict(load_field(previous)[0].state_dict())
+        field.load_state_dict(load_field(previous).state_dict())
     made = [*samples, *shading, *([segments] if segments else [])]
     checkpoint = _checkpoint(out, made, [previous, cache, environment], settings)
     targets = hidden = None
