@@ -41,7 +41,7 @@ def run(inputs: EmittersInputs, settings: "EmittersSettings") -> dict[str, Any]:
     shards, baked = read_shards(inputs.samples, inputs.shading)
     empty = on_disk(inputs.out.parent)
     images = [pixels_of(data, shard, empty) for shard in shards]
-    field, _ = load_field(inputs.model)
+    field = load_field(inputs.model)
     clipped = [clipped_of(data, shard, empty) for shard in shards]
     found = extract(mesh, shards, baked, images, field.query_mask, settings, clipped, decided)
     write_emitters(inputs.out, found, mesh)

@@ -10,7 +10,6 @@ from fipt.errors import FiptError
 from fipt.formats.arrays import on_disk
 from fipt.formats.manifests import Stats
 from fipt.model.networks import Field, SceneBox
-from fipt.model.settings import FitSettings
 from fipt.model.store import load_field, save_field
 from fipt.scene.confidence import Confidence, write_confidence
 from fipt.scene.dataset import Dataset
@@ -23,7 +22,6 @@ from fipt.stages.fit.confidence import measure, of_pixels
 from fipt.stages.fit.hidden import find_hidden
 from fipt.stages.fit.loop import fit
 from fipt.stages.fit.parts import estimate_parts, part_classes, part_targets
-from fipt.stages.fit.stage import FitInputs
 
 
 def fit_model(inputs: FitInputs, settings: FitSettings) -> Stats:
@@ -54,7 +52,7 @@ def fit_model(inputs: FitInputs, settings: FitSettings) -> Stats:
     center, side = scene_box(shards)
     field = Field(settings, SceneBox(tuple(center.tolist()), side))
     if inputs.previous is not None and settings.warm_start:
-        field.load_state_dict(load_field(inputs.previous)[0].state_dict())
+        field.load_state_dict(load_field(inputs.previous).state_dict())
     checkpoint = _checkpoint(inputs, settings)
     targets = hidden = None
     if kind is not None and settings.part_search:

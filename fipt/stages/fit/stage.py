@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from fipt.inputs import DatasetFolder, EnvironmentFile, SamplesFolders, ShadingFolders
 
 if TYPE_CHECKING:
-    from fipt.model.settings import FitSettings
+    from fipt.stages.fit.settings import FitSettings
 
 
 @dataclass(frozen=True, kw_only=True)

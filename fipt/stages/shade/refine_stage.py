@@ -34,8 +34,8 @@ class RefineInputs:
 
 def run(inputs: RefineInputs, settings: "RefineSettings") -> dict[str, Any]:
     """Path-trace the shading again with the fitted model."""
+    from fipt.model.fitted import voxel_materials
     from fipt.model.store import load_field
-    from fipt.model.voxels import voxel_materials
     from fipt.render.surface import emitter_set
     from fipt.render.tracer import PathSettings
     from fipt.scene.dataset import Dataset
@@ -48,7 +48,7 @@ def run(inputs: RefineInputs, settings: "RefineSettings") -> dict[str, Any]:
     from fipt.stages.shade.refine import damped, path_shader
 
     data, shard, voxels = Dataset(inputs.dataset), read_samples(inputs.samples), read_cache(inputs.cache)
-    field, _ = load_field(inputs.model)
+    field = load_field(inputs.model)
     path = PathSettings(settings.max_depth, settings.cache_roughness, settings.light_sampling)
     materials = voxel_materials(field, voxels)
     found, outside = emitter_set(read_emitters(inputs.emitters)), read_environment(inputs.environment)

@@ -10,11 +10,11 @@ from fipt.errors import FiptError
 from fipt.formats.manifests import Stats
 from fipt.model import store
 from fipt.model.networks import Brdf, Field, SceneBox
-from fipt.model.settings import FitSettings
 from fipt.stages.fit import loop
 from fipt.stages.fit.batches import Pixels
 from fipt.stages.fit.losses import reflected
 from fipt.stages.fit.parts import estimate_parts, part_targets
+from fipt.stages.fit.settings import FitSettings
 from tests import scenes
 
 LEVELS = len(ROUGHNESS_LEVELS)
