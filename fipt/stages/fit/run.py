@@ -22,6 +22,8 @@ from fipt.stages.fit.confidence import measure, of_pixels
 from fipt.stages.fit.hidden import find_hidden
 from fipt.stages.fit.loop import fit
 from fipt.stages.fit.parts import estimate_parts, part_classes, part_targets
+from fipt.stages.fit.settings import FitSettings
+from fipt.stages.fit.stage import FitInputs
 
 
 def fit_model(inputs: FitInputs, settings: FitSettings) -> Stats:
