@@ -182,8 +182,8 @@ def test_emitters_are_chosen_by_power(lamps, np_rng):
 
     mesh, radiance, triangles = lamps
     power = mesh.areas * radiance.mean(axis=1)
-    q, normal, color, pdf = triangles.sample(*uniform(np_rng, 2_000_000), mi.Bool(True))
-    x, z = np.array(q.x, np.float64), np.array(q.z, np.float64)
+    drawn = triangles.sample(*uniform(np_rng, 2_000_000), mi.Bool(True))
+    x, z = np.array(drawn.p.x, np.float64), np.array(drawn.p.z, np.float64)
     chosen = np.floor(x).astype(int)
     observed = np.bincount(chosen, minlength=len(power))
     assert not observed[power == 0].any()
@@ -191,9 +191,9 @@ def test_emitters_are_chosen_by_power(lamps, np_rng):
     assert p_value(observed[on], observed.sum() * (power / power.sum())[on]) > SIGNIFICANCE
 
     # position, normal, radiance and density are those of the chosen one
-    np.testing.assert_array_equal(np.array(color).T, radiance[chosen])
-    np.testing.assert_allclose(np.array(pdf), (power / power.sum() / mesh.areas)[chosen], rtol=1e-4)
-    np.testing.assert_array_equal(np.array(normal).T, mesh.normals[chosen])
+    np.testing.assert_array_equal(np.array(drawn.radiance).T, radiance[chosen])
+    np.testing.assert_allclose(np.array(drawn.p_area), (power / power.sum() / mesh.areas)[chosen], rtol=1e-4)
+    np.testing.assert_array_equal(np.array(drawn.n).T, mesh.normals[chosen])
 
     # uniform on the triangle: its four congruent quarters are as likely
     size = mesh.corners[chosen, 1, 0] - mesh.corners[chosen, 0, 0]
