@@ -5,10 +5,10 @@ import pytest
 import yaml
 
 from fipt.config import STAGES
-from fipt.config_docs import README, SCHEMA, schema_text, with_tables
+from fipt.config.documentation import README, SCHEMA, schema_text, with_tables
 from fipt.scene.setup import EmitterEdit, EnvironmentEdit, NewLight, RelightSetup
 
-REMEDY = "run: python -m fipt.config_docs"
+REMEDY = "run: python -m fipt.config.documentation"
 
 
 def test_schema_is_in_step():

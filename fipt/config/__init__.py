@@ -48,7 +48,7 @@ _CAMERA_FILES = (
     "K_list.txt",
 )
 
-PRESETS = Path(__file__).resolve().parent.parent / "config" / "presets"
+PRESETS = Path(__file__).resolve().parent / "presets"
 
 STAGES = settings_classes()
 """Section -> class of its settings."""
@@ -70,7 +70,7 @@ class SceneEntry(Settings):
         description="procedural: a room in code; mitsuba: a room of a scene file, 24 + 8 views of 320x240 where "
         "nothing else is said; dataset: posed HDR views that exist; raw: bracketed photographs"
     )
-    preset: str = Field("default", description="name of a file in config/presets")
+    preset: str = Field("default", description="name of a file in fipt/config/presets")
     path: str | None = Field(
         None,
         description="folder (or transforms.json) of a dataset, or of photographs, or scene file (XML); {data_root} is "
@@ -668,7 +668,7 @@ def preset(name: str, where: str) -> Sections:
     if name not in known:
         raise FiptError(f"{where}: there is no preset {name!r}", f"presets: {', '.join(known)}")
     path = PRESETS / f"{name}.yaml"
-    return checked(Sections, read_yaml(path), f"config/presets/{path.name}: ")
+    return checked(Sections, read_yaml(path), f"fipt/config/presets/{path.name}: ")
 
 
 def _section(layer: Sections, stage: str) -> dict[str, Any]:
