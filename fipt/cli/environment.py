@@ -21,9 +21,7 @@ def command(
         from fipt.scene.environment import write_environment
         from fipt.scene.samples import read_samples
         from fipt.stages.environment.fit import find_environment
-        from fipt.stages.environment.settings import check_environment
 
-        check_environment(chosen)
         shards = [read_samples(folder) for folder in listed(samples)]
         found = find_environment(Dataset(dataset), shards, chosen, figures)
         write_environment(out, found)
