@@ -54,7 +54,7 @@ def test_map_of_what_is_seen(outdoors):
     stats = Stats()
     found = find_environment(*outdoors(OPEN), FittedMap(resolution=16), stats)
     assert (found.mode, found.radiance.shape) == ("map", (16, 32, 3))
-    assert 0.3 < stats.figures["seen_directions"] < 0.9
+    assert 0.3 < stats["seen_directions"] < 0.9
     directions = texel_directions(16, 32)
     seen = np.abs(directions[:, 1] - 0.1) < 0.4
     got = found.lookup(directions)

@@ -209,7 +209,7 @@ def test_the_stage_writes_ids_names_and_warnings(room, folder):
     ids, classes = read_view_ids(out / "a.npz")
     np.testing.assert_array_equal(ids, IDS)
     assert classes[7] == 1
-    assert stats.figures["warnings"] == ["b has no segment id at all"]
+    assert stats["warnings"] == ["b has no segment id at all"]
     with pytest.raises(FiptError, match=r"segment.mode must be mask2former or given, for ids of views; it is geometry"):
         segment_views(room / "dataset", room / "samples", out, room / "m.json", GrownSegments(), stats)
 
