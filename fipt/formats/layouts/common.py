@@ -66,7 +66,7 @@ def numbered_file(folder: Path, number: str) -> Path:
     return short if short.is_file() and not long.is_file() else long
 
 
-def matrix(rows: Sequence[Sequence[float]], flip: Sequence[int] = (1, 1, 1)) -> Matrix:
+def pose_matrix(rows: Sequence[Sequence[float]], flip: Sequence[int] = (1, 1, 1)) -> Matrix:
     """A 3x4 or 4x4 camera-to-world matrix as 4x4, camera axes multiplied by ``flip``."""
     if len(rows) not in (3, 4) or any(len(row) != 4 for row in rows):
         raise ValueError("transform_matrix must be 3x4 or 4x4")

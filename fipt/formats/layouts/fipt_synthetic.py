@@ -4,7 +4,7 @@ import re
 from pathlib import Path, PurePosixPath
 
 from fipt.errors import FiptError
-from fipt.formats.layouts.common import MALFORMED, PosedViews, SourceView, matrix, numbered_file
+from fipt.formats.layouts.common import MALFORMED, PosedViews, SourceView, numbered_file, pose_matrix
 from fipt.formats.layouts.nerfstudio import pinhole_intrinsics, read_entries
 
 
@@ -19,7 +19,7 @@ def read_fipt_synthetic(root: Path) -> PosedViews:
             where = f"{path}, frame {index}"
             try:
                 file_path = str(entry.get("file_path", ""))
-                matrix = matrix(entry["transform_matrix"], flip=(-1, 1, -1))
+                matrix = pose_matrix(entry["transform_matrix"], flip=(-1, 1, -1))
                 intrinsics = pinhole_intrinsics(where, {**shared, **entry})
             except MALFORMED as error:
                 raise FiptError(f"{where} is malformed ({error!r})", "correct the file") from error

@@ -8,7 +8,7 @@ from typing import Any
 
 from fipt.errors import FiptError
 from fipt.formats.files import existing_file
-from fipt.formats.layouts.common import MALFORMED, PosedViews, SourceView, matrix
+from fipt.formats.layouts.common import MALFORMED, PosedViews, SourceView, pose_matrix
 
 _INTRINSICS = ("w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_y")
 _DISTORTION = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
@@ -50,7 +50,7 @@ def nerfstudio_views(path: Path, developed: bool = True) -> list[SourceView]:
         where = f"{path}, frame {index}"
         try:
             file_path = str(entry["file_path"])
-            matrix = matrix(entry["transform_matrix"])
+            matrix = pose_matrix(entry["transform_matrix"])
             intrinsics = pinhole_intrinsics(where, {**shared, **entry}) if developed else _stated({**shared, **entry})
             mask = path.parent / entry["mask_path"] if entry.get("mask_path") else None
         except MALFORMED as error:
