@@ -225,9 +225,9 @@ def spot_shading(points, spots, wo=(0, 1, 0), roughness=0.4, mesh=None):
 
 def spot(**keys):
     from fipt.render.spots import spots_of
-    from fipt.scene.setup import NewLight
+    from fipt.scene.setup import SpotLight
 
-    return spots_of([NewLight(shape="spot", **keys)])
+    return spots_of([SpotLight(shape="spot", **keys)])
 
 
 def test_a_spot_on_a_floor_has_its_closed_form(backend):
