@@ -10,8 +10,8 @@ from scipy.spatial import cKDTree
 
 from fipt.errors import FiptError
 from fipt.model.networks import Brdf
+from fipt.render.points import Points
 from fipt.render.surface import EmitterSet
-from fipt.render.tracer import Points
 from fipt.scene.mesh import Mesh
 
 _VIEWS, _WIDTH, _HEIGHT, _SPP = 16, 160, 120, 32

@@ -30,7 +30,6 @@ from fipt.scene.cameras import Camera, check_cameras, write_transforms
 from fipt.scene.dataset import check_image, write_views
 from fipt.scene.mesh import Mesh, read_mesh, write_ply
 from fipt.settings import dumped
-from fipt.stages.importing.overlay import overlay
 from fipt.stages.importing.settings import ImportSettings
 
 TRUTH_FOLDERS = {
@@ -120,7 +119,7 @@ def import_scene(
                 ids = {"ids": names if kind == "semantic" else {}}
                 write_text(folder / "segments" / f"{kind}.json", json.dumps(ids, indent=1) + "\n")
         if settings.overlay:
-            write_png(folder / "overlay.png", overlay(room, *shown))
+            _write_overlay(folder / "overlay.png", room, *shown)
         # A manifest outside the folder must not vouch for a dataset that is being exchanged.
         manifest.unlink(missing_ok=True)
         (dataset / "import.manifest.json").unlink(missing_ok=True)
@@ -128,6 +127,16 @@ def import_scene(
     written = {"format": format, **dumped(settings), "scale": parsed.scale}
     write_manifest(manifest.resolve(), "import", files, written)
     return Imported(cameras, parsed)
+
+
+def _write_overlay(path: Path, mesh: Mesh, camera: Camera, radiance: np.ndarray) -> None:
+    """Draw the mesh's edges over a view. Rays are traced for it alone: without it an import needs no ray tracer."""
+    from fipt.render.variant import set_variant
+
+    set_variant()
+    from fipt.stages.importing.overlay import overlay
+
+    write_png(path, overlay(mesh, camera, radiance))
 
 
 def _parsed(source: str | Path, format: str, settings: ImportSettings, poses: str | Path | None) -> Source:

@@ -22,7 +22,7 @@ from fipt.scene.dataset import Dataset
 from fipt.scene.mesh import face_property
 from fipt.scene.samples import FootprintSamples
 from fipt.scene.segments import LARGEST_ID, nearest_ids
-from fipt.stages.segment.settings import SegmentSettings
+from fipt.stages.segment.settings import GivenSegments
 
 TABLE = "table.json"
 _SUFFIXES = (".png", ".exr")
@@ -39,7 +39,7 @@ class GivenIds:
         What was noticed so far, for people.
     """
 
-    def __init__(self, data: Dataset, shard: FootprintSamples, settings: SegmentSettings) -> None:
+    def __init__(self, data: Dataset, shard: FootprintSamples, settings: GivenSegments) -> None:
         self.data, self.shard, self.settings = data, shard, settings
         self.path = Path(settings.path).expanduser()
         self.warnings: list[str] = []

@@ -17,7 +17,7 @@ import torch
 
 from fipt.errors import FiptError
 from fipt.scene.dataset import Dataset
-from fipt.stages.segment.settings import SegmentSettings
+from fipt.stages.segment.settings import PredictedSegments
 
 _FILES = ("config.json", "preprocessor_config.json", "model.safetensors")
 _SHARDED = "model.safetensors.index.json"
@@ -38,7 +38,7 @@ class Mask2Former:
         ``cpu`` or ``cuda``.
     """
 
-    def __init__(self, settings: SegmentSettings) -> None:
+    def __init__(self, settings: PredictedSegments) -> None:
         self.settings = settings
         folder = model_folder(settings.model)
         if settings.threads:
