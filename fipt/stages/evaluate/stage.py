@@ -20,9 +20,7 @@ class MetricsInputs:
     render: Annotated[Path, "Folder of re-rendered views."]
     emitters: EmittersFile
     out: Annotated[Path, "metrics.json to write."]
-    samples: Annotated[
-        tuple[Path, ...], "Samples folders, comma-separated: they tell which triangles truly emit."
-    ] = ()
+    samples: Annotated[tuple[Path, ...], "Samples folders, comma-separated: they tell which triangles truly emit."] = ()
     relight: Annotated[Path | None, "Folder with one folder of images per relight setup."] = None
     setups: Annotated[
         tuple[str, ...] | None, "Setups whose truth counts, comma-separated; default: all that the dataset has."

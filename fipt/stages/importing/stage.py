@@ -17,12 +17,12 @@ class ImportInputs:
     dataset: Annotated[Path, "Dataset folder to write."]
     mesh: Annotated[Path | None, "PLY or OBJ mesh; default: the one in the source."] = None
     manifest: Annotated[Path | None, "Default: import.manifest.json in the dataset."] = None
-    poses: Annotated[
-        Path | None, "capture: transforms.json, COLMAP folder, Metashape XML or RealityCapture CSV."
-    ] = None
-    segments: Annotated[
-        Path | None, "capture: folder with part/VIEW.png or semantic/VIEW.png of developed views."
-    ] = None
+    poses: Annotated[Path | None, "capture: transforms.json, COLMAP folder, Metashape XML or RealityCapture CSV."] = (
+        None
+    )
+    segments: Annotated[Path | None, "capture: folder with part/VIEW.png or semantic/VIEW.png of developed views."] = (
+        None
+    )
 
 
 def run(inputs: ImportInputs, settings: "ImportSettings") -> dict[str, Any]:

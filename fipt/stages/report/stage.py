@@ -17,9 +17,9 @@ class ReportInputs:
     setups: Annotated[
         tuple[str, ...] | None, "Setups whose views are shown, comma-separated; default: all that the folder holds."
     ] = None
-    films: Annotated[
-        tuple[str, ...] | None, "Setups with cameras of their own that are shown; default: likewise."
-    ] = None
+    films: Annotated[tuple[str, ...] | None, "Setups with cameras of their own that are shown; default: likewise."] = (
+        None
+    )
 
 
 def run(inputs: ReportInputs, settings: "ReportSettings") -> dict[str, Any]:
