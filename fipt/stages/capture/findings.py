@@ -10,8 +10,8 @@ import numpy as np
 
 from fipt.stages.capture import lensfun
 from fipt.stages.capture.brackets import Bracket, Capture, Finding
-from fipt.stages.capture.calibrate import calibration_frames
 from fipt.stages.capture.calibration import Calibration
+from fipt.stages.capture.calibration_frames import calibration_frames
 from fipt.stages.capture.exposures import RATIO_TOLERANCE, shutter_text
 from fipt.stages.capture.quality import Quality
 from fipt.stages.capture.raw import Shot

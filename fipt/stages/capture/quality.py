@@ -13,7 +13,7 @@ import numpy as np
 from fipt.errors import FiptError
 from fipt.stages.capture.brackets import Bracket
 from fipt.stages.capture.exposures import exposure, measured_ratio
-from fipt.stages.capture.merge import assumed_noise, measured_noise
+from fipt.stages.capture.noise import assumed_noise, measured_noise
 from fipt.stages.capture.raw import RawFrame
 
 FULL = 0.99
