@@ -110,7 +110,9 @@ class SynthesizeSettings(Settings):
         False, description="room in code: leave the window's pane out, so that light comes from the sky"
     )
     sky: Rgb = Field((8.0, 9.75, 12.5), description="radiance of the sky's horizon, where there is an opening")
-    board: SimulatedBoard = Field(SimulatedBoard(), description="a ChArUco board that stands in the room")
+    board: SimulatedBoard = Field(
+        SimulatedBoard.model_validate({}), description="a ChArUco board that stands in the room"
+    )
     seed: Count = Field(0, description="seed of room, cameras and noise")
-    scene: SceneFile = Field(SceneFile(), description="how a scene file is read")
-    raw: SimulatedCamera = Field(SimulatedCamera(), description="the camera of `simulate_raw`")
+    scene: SceneFile = Field(SceneFile.model_validate({}), description="how a scene file is read")
+    raw: SimulatedCamera = Field(SimulatedCamera.model_validate({}), description="the camera of `simulate_raw`")

@@ -1,4 +1,4 @@
-"""Segment ids of pictures by Mask2Former (supplement: COCO panoptic, Swin-L), a view at a time.
+"""Segment ids of images by Mask2Former (supplement: COCO panoptic, Swin-L), a view at a time.
 
 The network proposes Q masks, each with the probabilities of its classes; `panoptic` and `semantic` turn them into one
 id a pixel (Cheng et al. 2021, section 3.4). Nothing is downloaded here, and nothing unpickled: weights are safetensors
@@ -65,14 +65,14 @@ class Mask2Former:
             alike = list(group)
             for first in range(0, len(alike), self.settings.batch):
                 batch = alike[first : first + self.settings.batch]
-                pictures = [network_input(data.image(view)[0], self.settings.exposure) for view in batch]
-                for view, found in zip(batch, self._segmented(pictures, shape), strict=True):
+                images = [network_input(data.image(view)[0], self.settings.exposure) for view in batch]
+                for view, found in zip(batch, self._segmented(images, shape), strict=True):
                     yield view, *found
 
     @torch.inference_mode()
-    def _segmented(self, pictures: list[np.ndarray], shape: tuple[int, int]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Ids and classes of pictures (H, W, 3) uint8 of one shape."""
-        inputs = self._processor(images=pictures, input_data_format="channels_last", return_tensors="pt")
+    def _segmented(self, images: list[np.ndarray], shape: tuple[int, int]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Ids and classes of images (H, W, 3) uint8 of one shape."""
+        inputs = self._processor(images=images, input_data_format="channels_last", return_tensors="pt")
         half = self.device == "cuda" and self.settings.half
         with torch.autocast(self.device, torch.float16, enabled=half):
             found = self._model(**inputs.to(self.device))
@@ -85,7 +85,7 @@ class Mask2Former:
 
 
 def network_input(radiance: np.ndarray, exposure: float) -> np.ndarray:
-    """(H, W, 3) uint8 picture of linear radiance (H, W, 3): gamma 1/2.2, clipped to [0, 1] (supplement)."""
+    """(H, W, 3) uint8 image of linear radiance (H, W, 3): gamma 1/2.2, clipped to [0, 1] (supplement)."""
     return (np.clip(radiance * exposure, 0, 1) ** (1 / 2.2) * 255 + 0.5).astype(np.uint8)
 
 
@@ -232,13 +232,14 @@ def _loaded(folder: Path) -> tuple[Any, Any]:
         kind = json.loads((folder / "config.json").read_text(encoding="utf-8"))["model_type"]
         if kind != "mask2former":
             raise ValueError(f"it is a {kind}")
-        model, info = Mask2FormerForUniversalSegmentation.from_pretrained(
+        loaded: Any = Mask2FormerForUniversalSegmentation.from_pretrained(
             folder,
             local_files_only=True,
             use_safetensors=True,
-            ignore_mismatched_sizes=True,  # told below
+            ignore_mismatched_sizes=True,  # reported below
             output_loading_info=True,
         )
+        model, info = loaded  # a pair, since the loading information is asked for
         processor = Mask2FormerImageProcessorPil.from_pretrained(folder, local_files_only=True)
     except Exception as error:  # parsers of JSON and safetensors, and transformers, each raise their own kinds
         raise FiptError(f"{folder} does not hold a readable Mask2Former ({error})", remedy) from error

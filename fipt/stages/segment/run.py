@@ -35,8 +35,9 @@ def segment_views(
             f"segment.mode must be mask2former or given, for ids of views; it is {settings.mode}", "set segment.mode"
         )
     data, shard = Dataset(dataset), read_samples(samples)
+    given: GivenIds | None = None
     if settings.mode == "given":
-        source = GivenIds(data, shard, settings)
+        given = source = GivenIds(data, shard, settings)
         found = source.views()
     else:
         source = Mask2Former(settings)
@@ -52,6 +53,6 @@ def segment_views(
     # Every shard writes the same names.
     names = {str(k): name for k, name in sorted(source.names.items())}
     write_text(out.parent / CLASSES, json.dumps(names, indent=1, ensure_ascii=False) + "\n")
-    if settings.mode == "given" and source.warnings:
-        stats["warnings"] = source.warnings
+    if given is not None and given.warnings:
+        stats["warnings"] = given.warnings
     write_manifest(manifest, "segment", [*files, out.parent / CLASSES], dumped(settings))
