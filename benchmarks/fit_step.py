@@ -11,7 +11,7 @@ import torch
 
 from benchmarks.timing import added_memory, in_turns
 from fipt.model.networks import Field, SceneBox
-from fipt.model.settings import FitSettings
+from fipt.stages.fit.settings import FitSettings
 
 MATERIAL_QUERIES = 8192
 EMISSION_QUERIES = 2048

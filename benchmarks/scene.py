@@ -10,8 +10,8 @@ from scipy.spatial import cKDTree
 
 from fipt.errors import FiptError
 from fipt.model.networks import Brdf
+from fipt.render.points import Points
 from fipt.render.surface import EmitterSet
-from fipt.render.tracer import Points
 from fipt.scene.mesh import Mesh
 
 _VIEWS, _WIDTH, _HEIGHT, _SPP = 16, 160, 120, 32
@@ -122,8 +122,8 @@ def _true_materials(truth: object, mesh: Mesh, place: np.ndarray, triangle: np.n
 def of_results(folder: Path) -> Scene:
     """A scene that the pipeline has worked on: ``folder`` is results/NAME."""
     from fipt.formats.arrays import load_npz
+    from fipt.model.fitted import voxel_materials
     from fipt.model.store import load_field
-    from fipt.model.voxels import voxel_materials
     from fipt.render.points import view_points
     from fipt.render.surface import emitter_set
     from fipt.scene.dataset import Dataset
@@ -137,7 +137,7 @@ def of_results(folder: Path) -> Scene:
     dataset = Dataset(folder / "dataset")
     samples = read_samples(min(folder.glob("samples/train-*[0-9]")))
     voxels = merged(load_npz(folder / "cache.npz"))
-    field, _ = load_field(last / "model.safetensors")
+    field = load_field(last / "model.safetensors")
     camera = dataset.camera(samples.views[0])
     return Scene(
         folder.name,

@@ -1,6 +1,6 @@
-"""The table of stages: which settings each section of the config has, and the version of what it writes.
+"""The tables of stages: the settings and version of each section of the config, and the verbs of the command line.
 
-A new stage adds a line here. Nothing is imported until it is asked for, so that the workflow and ``fipt --help`` can
+A new stage adds a line to each. Nothing is imported until it is asked for, so that the workflow and ``fipt --help`` can
 read the table at no cost.
 """
 
@@ -43,7 +43,7 @@ SECTIONS: dict[str, Section] = {
     "environment": Section("fipt.stages.environment.settings:EnvironmentSettings", 1),
     "cache": Section("fipt.stages.cache.settings:CacheSettings", 2),
     "bake": Section("fipt.stages.shade.settings:BakeSettings", 3),
-    "fit": Section("fipt.model.settings:FitSettings", 3),
+    "fit": Section("fipt.stages.fit.settings:FitSettings", 3),
     "emitters": Section("fipt.stages.emitters.settings:EmittersSettings", 2),
     "review": Section("fipt.stages.emitters.settings:ReviewSettings", 1),
     "refine": Section("fipt.stages.shade.settings:RefineSettings", 3),
@@ -57,6 +57,80 @@ SECTIONS: dict[str, Section] = {
     "report": Section("fipt.stages.report.settings:ReportSettings", 4),
 }
 """Section of the config -> its settings and version, in the order of the pipeline."""
+
+
+@dataclass(frozen=True)
+class Verb:
+    """A verb of the command line.
+
+    Attributes
+    ----------
+    help
+        Its line in ``fipt --help``.
+    module
+        Of a stage: the module with ``run(inputs, settings)``, from which the verb is derived. Else the one with a
+        function ``command`` with typer annotations.
+    section
+        Section of the config whose settings a stage takes; None: the verb is no stage.
+    rays
+        Whether it traces rays: the device is chosen before it runs.
+    """
+
+    help: str
+    module: str
+    section: str | None = None
+    rays: bool = False
+
+
+VERBS: dict[str, Verb] = {
+    "synthesize": Verb("Make a dataset with ground truth from a room in code or a scene file.", "fipt.cli.synthesize"),
+    "check-capture": Verb("Say what is wrong with a folder of photographs, in the room.", "fipt.cli.check_capture"),
+    "calibrate": Verb("Calibrate a camera: lens, vignetting, black, white balance.", "fipt.cli.calibrate"),
+    "develop": Verb("Merge bracketed photographs into calibrated HDR views.", "fipt.cli.develop"),
+    "qa": Verb("Judge a developed capture: figures, findings, rejected views.", "fipt.cli.qa"),
+    "pose": Verb("Estimate the poses of views, with evidence for every camera.", "fipt.cli.pose"),
+    "import": Verb("Bring posed HDR views of another layout into the dataset form.", "fipt.cli.import_"),
+    "check-poses": Verb("Check through the mesh that every view shows what the others show.", "fipt.cli.check_poses"),
+    "samples": Verb(
+        "Trace the footprint samples of every pixel, once.", "fipt.stages.samples.stage", "samples", rays=True
+    ),
+    "segment": Verb("Segment every view, by a network or from ids that are given.", "fipt.cli.segment"),
+    "fuse": Verb("Bring segment ids of single views together on the mesh.", "fipt.cli.fuse"),
+    "environment": Verb("Find what light comes from outside the mesh.", "fipt.stages.environment.stage", "environment"),
+    "cache": Verb("Gather the pictures' radiance in voxels on the surface.", "fipt.stages.cache.stage", "cache"),
+    "bake": Verb(
+        "Integrate the shading of every pixel from the radiance cache.",
+        "fipt.stages.shade.bake_stage",
+        "bake",
+        rays=True,
+    ),
+    "fit": Verb("Fit the BRDF and emission networks to the pictures.", "fipt.stages.fit.stage", "fit", rays=True),
+    "emitters": Verb(
+        "Extract the triangles that emit light and their radiance.", "fipt.stages.emitters.stage", "emitters", rays=True
+    ),
+    "review": Verb(
+        "List the lamps for people, who may accept, reject, name and merge them.",
+        "fipt.stages.emitters.review_stage",
+        "review",
+    ),
+    "refine": Verb(
+        "Path-trace the shading again with the fitted model.", "fipt.stages.shade.refine_stage", "refine", rays=True
+    ),
+    "materials": Verb("Write the material maps of every view.", "fipt.cli.materials"),
+    "render": Verb("Re-render the held-out views with the model.", "fipt.cli.render"),
+    "relight": Verb("Render the views under another light setup.", "fipt.cli.relight"),
+    "video": Verb("Join what a setup's own cameras see: PNG pictures, an MP4.", "fipt.cli.video"),
+    "point": Verb("Say where in the room a pixel of a view is, and of which segment.", "fipt.cli.point"),
+    "olat": Verb("Render views with one light at a time, for the light mixer.", "fipt.cli.olat"),
+    "export": Verb("Write the room for Blender, Mitsuba, game engines, USD.", "fipt.cli.export"),
+    "check-export": Verb("Load every exported file back and compare its pictures with ours.", "fipt.cli.check_export"),
+    "metrics": Verb("Compare materials, emitters and renderings with the truth.", "fipt.cli.metrics"),
+    "report": Verb("Write the HTML page that shows everything.", "fipt.cli.report"),
+    "run": Verb("Run the whole chain of a scene in one process.", "fipt.cli.run"),
+    "view": Verb("Write any result as an EXR or PNG picture.", "fipt.cli.view"),
+    "doctor": Verb("Check Python, packages, ray tracing backend, memory and disk.", "fipt.cli.doctor"),
+}
+"""Verb -> what it is, in the order of the pipeline."""
 
 VERSIONS = {name: section.version for name, section in SECTIONS.items()}
 """Section -> version of what its stage writes."""

@@ -40,6 +40,6 @@ def command(
         figures["views"], figures["exposure"] = len(cameras), done.source.scale
         if done.source.unposed:
             figures["warnings"] = [f"without a pose, left out: {', '.join(done.source.unposed)}"]
-            print(f"warning: {figures.figures['warnings'][0]}")
+            print(f"warning: {figures['warnings'][0]}")
     splits = [camera.split for camera in cameras]
     print(f"{dataset}: {splits.count('train')} train and {splits.count('val')} val views")

@@ -1,9 +1,8 @@
 """Entry point of the command line: ``fipt VERB [OPTIONS]``.
 
-The verbs stand in a table here with their one-line help, in the order of the pipeline. A verb's
-module is imported only when the verb is called, so ``fipt --help`` answers at once and
-``fipt doctor`` works even where a heavy package is broken. The module of a verb holds a function
-``command(...)`` with typer annotations; its docstring is the text of ``fipt VERB --help``.
+The verbs stand in the table `fipt.registry.VERBS`. The module of a verb is imported only when the verb is called, so
+that ``fipt --help`` answers at once and ``fipt doctor`` works even where a heavy package is broken. `fipt.cli.verbs`
+derives the command of a stage from its ``run(inputs, settings)``.
 
 Exit codes: 0 done, 1 a check of ``fipt doctor`` failed, 2 wrong usage or a `fipt.errors.FiptError`
 (one line on stderr), 130 interrupted. Anything else keeps its traceback.
@@ -14,56 +13,12 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from importlib import import_module
 from typing import Any
 
 from fipt import __version__
 from fipt.errors import EXIT_CODE, FiptError
 from fipt.logs import show_logs
-
-
-@dataclass(frozen=True)
-class Verb:
-    """One line of the table: the module under `fipt.cli` and the help shown by ``fipt --help``."""
-
-    module: str
-    help: str
-
-
-VERBS: dict[str, Verb] = {
-    "synthesize": Verb("synthesize", "Make a dataset with ground truth from a room in code or a scene file."),
-    "check-capture": Verb("check_capture", "Say what is wrong with a folder of photographs, in the room."),
-    "calibrate": Verb("calibrate", "Calibrate a camera: lens, vignetting, black, white balance."),
-    "develop": Verb("develop", "Merge bracketed photographs into calibrated HDR views."),
-    "qa": Verb("qa", "Judge a developed capture: figures, findings, rejected views."),
-    "pose": Verb("pose", "Estimate the poses of views, with evidence for every camera."),
-    "import": Verb("import_", "Bring posed HDR views of another layout into the dataset form."),
-    "check-poses": Verb("check_poses", "Check through the mesh that every view shows what the others show."),
-    "samples": Verb("samples", "Trace the footprint samples of every pixel, once."),
-    "segment": Verb("segment", "Segment every view, by a network or from ids that are given."),
-    "fuse": Verb("fuse", "Bring segment ids of single views together on the mesh."),
-    "environment": Verb("environment", "Find what light comes from outside the mesh."),
-    "cache": Verb("cache", "Gather the pictures' radiance in voxels on the surface."),
-    "bake": Verb("bake", "Integrate the shading of every pixel from the radiance cache."),
-    "fit": Verb("fit", "Fit the BRDF and emission networks to the pictures."),
-    "emitters": Verb("emitters", "Extract the triangles that emit light and their radiance."),
-    "review": Verb("review", "List the lamps for people, who may accept, reject, name and merge them."),
-    "refine": Verb("refine", "Path-trace the shading again with the fitted model."),
-    "materials": Verb("materials", "Write the material maps of every view."),
-    "render": Verb("render", "Re-render the held-out views with the model."),
-    "relight": Verb("relight", "Render the views under another light setup."),
-    "video": Verb("video", "Join what a setup's own cameras see: PNG pictures, an MP4."),
-    "point": Verb("point", "Say where in the room a pixel of a view is, and of which segment."),
-    "olat": Verb("olat", "Render views with one light at a time, for the light mixer."),
-    "export": Verb("export", "Write the room for Blender, Mitsuba, game engines, USD."),
-    "check-export": Verb("check_export", "Load every exported file back and compare its pictures with ours."),
-    "metrics": Verb("metrics", "Compare materials, emitters and renderings with the truth."),
-    "report": Verb("report", "Write the HTML page that shows everything."),
-    "run": Verb("run", "Run the whole chain of a scene in one process."),
-    "view": Verb("view", "Write any result as an EXR or PNG picture."),
-    "doctor": Verb("doctor", "Check Python, packages, ray tracing backend, memory and disk."),
-}
+from fipt.registry import VERBS
 
 
 def help_text() -> str:
@@ -126,8 +81,9 @@ def _dispatch(args: list[str]) -> int:
         return 0
     if name not in VERBS:
         return _fail(_unknown(name))
-    command = import_module(f"fipt.cli.{VERBS[name].module}").command
-    return run_command(command, rest, prog_name=f"fipt {name}")
+    from fipt.cli.verbs import command_of
+
+    return run_command(command_of(name), rest, prog_name=f"fipt {name}")
 
 
 def run_command(command: Callable[..., Any], args: Sequence[str], prog_name: str) -> int:

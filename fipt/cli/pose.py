@@ -41,6 +41,6 @@ def command(
         figures["views"], figures["rejected"] = len(views.cameras), list(refused)
         figures["points"] = len(found.reconstruction.points)
         figures["warnings"] = [f"view {name} is rejected: {reason}" for name, reason in refused.items()]
-        for warning in figures.figures["warnings"]:
+        for warning in figures["warnings"]:
             print(f"warning: {warning}")
         print(f"{out}: {len(found.reconstruction.cameras)} of {len(views.cameras)} views have a pose")

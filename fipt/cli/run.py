@@ -1,6 +1,5 @@
 """``fipt run``: the whole chain of a scene in one process."""
 
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -34,9 +33,9 @@ def command(
 
 def call(job: "Job") -> None:
     """Call the verb of a job in this process."""
-    from fipt.cli.main import VERBS, run_command
+    from fipt.cli.main import run_command
+    from fipt.cli.verbs import command_of
 
-    verb = import_module(f"fipt.cli.{VERBS[job.verb].module}").command
-    code = run_command(verb, job.options, prog_name=f"fipt {job.verb}")
+    code = run_command(command_of(job.verb), job.options, prog_name=f"fipt {job.verb}")
     if code:
         raise SystemExit(code)

@@ -58,14 +58,8 @@ def read_manifest(path: str | Path, stage: str) -> dict[str, Any]:
     return content
 
 
-class Stats:
-    """Figures of one run of a stage, filled in while it runs (see `recorded`)."""
-
-    def __init__(self) -> None:
-        self.figures: dict[str, Any] = {}
-
-    def __setitem__(self, name: str, value: Any) -> None:
-        self.figures[name] = value
+Stats = dict[str, Any]
+"""Figures of one run of a stage, for stats/."""
 
 
 @contextmanager
@@ -73,7 +67,8 @@ def recorded(path: str | Path | None, stage: str, settings: Mapping[str, Any]) -
     """Time a stage's run; write wall time, peak memory, the figures set in it, settings and versions to ``path``."""
     from fipt import __version__
 
-    stats, start = Stats(), time.perf_counter()
+    stats: Stats = {}
+    start = time.perf_counter()
     yield stats
     if path is None:
         return
@@ -84,7 +79,7 @@ def recorded(path: str | Path | None, stage: str, settings: Mapping[str, Any]) -
         "fipt": __version__,
         "wall_s": round(time.perf_counter() - start, 3),
         "peak_memory_bytes": peak,
-        **stats.figures,
+        **stats,
         "settings": dict(settings),
     }
     write_text(path, json.dumps(content, indent=1, sort_keys=True, default=str) + "\n")

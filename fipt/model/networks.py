@@ -16,7 +16,7 @@ from torch import nn
 
 from fipt.conventions import F0_DIELECTRIC, ROUGHNESS_MIN
 from fipt.model.hash_encoding import Backend, HashEncoding
-from fipt.model.settings import FitSettings
+from fipt.model.settings import NetworkSettings
 
 QUERY_CHUNK = 1 << 14
 """Points asked at once: few enough for their activations to stay in a processor's cache."""
@@ -101,13 +101,13 @@ class BrdfNetwork(nn.Module):
 
     Parameters
     ----------
-    settings : Fit
-        ``levels``, ``table_log2``, ``growth`` and ``seed`` are used.
+    settings : NetworkSettings
+        Sizes, start and seed.
     backend : {"auto", "drjit", "torch"}
         Of the encoding, see `HashEncoding`.
     """
 
-    def __init__(self, settings: FitSettings, backend: Backend = "auto", width: int = 64) -> None:
+    def __init__(self, settings: NetworkSettings, backend: Backend = "auto", width: int = 64) -> None:
         super().__init__()
         self.encoding = HashEncoding(
             settings.levels,
@@ -187,8 +187,8 @@ class Field(nn.Module):
 
     Parameters
     ----------
-    settings : Fit
-        Sizes and seed.
+    settings : NetworkSettings
+        Sizes, start and seed.
     box : SceneBox
         Where the scene is.
     backend : {"auto", "drjit", "torch"}
@@ -196,13 +196,15 @@ class Field(nn.Module):
 
     Attributes
     ----------
+    settings, box
+        As given.
     brdf_network : BrdfNetwork
     emission_network : EmissionNetwork
     """
 
-    def __init__(self, settings: FitSettings, box: SceneBox, backend: Backend = "auto") -> None:
+    def __init__(self, settings: NetworkSettings, box: SceneBox, backend: Backend = "auto") -> None:
         super().__init__()
-        self.box = box
+        self.settings, self.box = settings, box
         self.brdf_network = BrdfNetwork(settings, backend)
         self.emission_network = EmissionNetwork(settings.seed)
 

@@ -1,43 +1,18 @@
-"""Settings of the fit."""
-
-from typing import Literal
+"""Settings that say how the networks are built and asked; the fit adds those of its training."""
 
 from pydantic import Field
 
-from fipt.settings import Count, Fraction, Positive, Settings, Weight
+from fipt.settings import Count, Positive, Settings, Weight
 
 
-class FitSettings(Settings):
-    """The BRDF and emission networks."""
+class NetworkSettings(Settings):
+    """Sizes of the networks, and the size of what they are asked about."""
 
-    steps: Positive = Field(500, description="optimiser steps of a round")
-    min_epochs: Weight = Field(0, description="at least this many passes over all training pixels")
-    batch: Positive = Field(2048, description="pixels a step")
-    queries: Positive = Field(2, le=4, description="material queries per hit and step, spread over its footprint")
-    learning_rate: float = Field(5e-3, gt=0, le=1, description="of Adam")
-    final_learning_rate: float = Field(2e-4, gt=0, le=1, description="reached by exponential decay at the last step")
-    table_rate: float = Field(8.0, gt=0, le=100, description="learning rate of the hash table over the networks'")
-    start_rough: bool = Field(True, description="start rough and not metallic instead of in the middle")
-    evidence: Weight = Field(
-        1.5, description="pixels this much brighter than any reflection teach only the mask; 0 = off, as the paper"
+    levels: Positive = Field(default=16, le=32, description="levels of the hash encoding")
+    table_log2: int = Field(default=18, ge=8, le=24, description="log2 of the entries of a level")
+    growth: float = Field(default=1.45, gt=1, le=2, description="resolution ratio of neighbouring levels")
+    footprint: Weight = Field(
+        default=0.5, description="size of a query in pixel footprints; finer levels fade; 0 = points"
     )
-    footprint: Weight = Field(0.5, description="size of a query in pixel footprints; finer levels fade; 0 = points")
-    levels: Positive = Field(16, le=32, description="levels of the hash encoding")
-    table_log2: int = Field(18, ge=8, le=24, description="log2 of the entries of a level")
-    growth: float = Field(1.45, gt=1, le=2, description="resolution ratio of neighbouring levels")
-    colour_weight: Weight = Field(1.0, description="of the difference to the pictures")
-    emission_weight: Weight = Field(1.0, description="price of the emission mask")
-    diffuse_weight: Weight = Field(1e-3, description="prior towards rough and not metallic")
-    part_search: bool = Field(True, description="search roughness and metallic of whole segments before the fit")
-    target_weight: Weight = Field(3e-3, description="pull towards what the search found")
-    base_weight: Weight = Field(0.03, description="pull of parts that look like one colour towards it")
-    hidden: Count = Field(512, description="points of unseen surface a step that are drawn to their part; 0 = off")
-    part_weight: Weight = Field(2e-2, description="propagation within parts")
-    semantic_weight: Weight = Field(1e-3, description="propagation within semantic segments")
-    segments: Literal["auto", "part", "semantic", "none"] = Field("auto", description="which segment ids to use")
-    warm_start: bool = Field(True, description="start a later round from the model before it")
-    checkpoint_every: Positive = Field(250, description="steps between checkpoints")
-    confidence: bool = Field(False, description="weight part search, propagation and pull by confidence in the surface")
-    min_confidence: Fraction = Field(0.0, description="pixels of surface less sure than this teach nothing; 0 = all do")
-    threads: Count = Field(0, description="CPU threads, 0 = all; 1 repeats bit for bit")
-    seed: Count = Field(0, description="seed of the random numbers")
+    start_rough: bool = Field(default=True, description="start rough and not metallic instead of in the middle")
+    seed: Count = Field(default=0, description="seed of the random numbers")

@@ -6,7 +6,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
 import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
@@ -15,18 +14,16 @@ from fipt.errors import FiptError
 from fipt.formats.files import atomic, existing_file
 from fipt.model.hash_encoding import Backend
 from fipt.model.networks import Field, SceneBox
-from fipt.model.settings import FitSettings
+from fipt.model.settings import NetworkSettings
 from fipt.registry import VERSIONS
 from fipt.settings import dumped, validate
 
-Generators = Mapping[str, torch.Generator | np.random.Generator]
-
 _KEY = "fipt"  # of the JSON text in the file's metadata, whose values may only be strings
 _Kind = Literal["field", "checkpoint"]
-_REQUIRED = {"field": {"extra"}, "checkpoint": {"extra", "step", "optimizer", "generators"}}
+_REQUIRED = {"field": {"settings", "box"}, "checkpoint": {"settings", "box", "step", "optimizer"}}
 
 
-def save_field(path: str | Path, field: Field, settings: FitSettings, extra: Mapping[str, Any] | None = None) -> None:
+def save_field(path: str | Path, field: Field, settings: NetworkSettings) -> None:
     """Write a fitted field.
 
     Parameters
@@ -35,16 +32,14 @@ def save_field(path: str | Path, field: Field, settings: FitSettings, extra: Map
         File, ``*.safetensors``.
     field : Field
         What was fitted.
-    settings : Fit
-        With which it was made; the loader builds the networks by them.
-    extra : mapping, optional
-        Anything that JSON can hold, returned by `load_field`.
+    settings : NetworkSettings
+        With which it was made, those of the fit included; the loader builds the networks by them.
     """
-    _write(path, "field", _weights(field), _description(field, settings), extra)
+    _write(path, "field", _weights(field), _description(field, settings))
 
 
-def load_field(path: str | Path, backend: Backend = "auto") -> tuple[Field, dict[str, Any]]:
-    """Read a fitted field.
+def load_field(path: str | Path, backend: Backend = "auto") -> Field:
+    """Read a fitted field, on the CPU.
 
     Parameters
     ----------
@@ -53,34 +48,21 @@ def load_field(path: str | Path, backend: Backend = "auto") -> tuple[Field, dict
     backend : {"auto", "drjit", "torch"}
         Of the hash encoding.
 
-    Returns
-    -------
-    field : Field
-        On the CPU.
-    metadata : dict
-        ``settings`` (Fit), ``box`` (SceneBox), ``version`` (int), ``extra`` (dict).
-
     Raises
     ------
     FiptError
         If the file is missing, damaged or of another version of the stage.
     """
     tensors, metadata = _read(path, "field")
-    field = Field(metadata["settings"], metadata["box"], backend)
+    field = Field(_network_settings(path, metadata), _box(path, metadata), backend)
     _restore(path, field, tensors)
-    return field, metadata
+    return field
 
 
 def save_checkpoint(
-    path: str | Path,
-    field: Field,
-    optimizer: torch.optim.Optimizer,
-    settings: FitSettings,
-    step: int,
-    generators: Generators | None = None,
-    extra: Mapping[str, Any] | None = None,
+    path: str | Path, field: Field, optimizer: torch.optim.Optimizer, settings: NetworkSettings, step: int
 ) -> None:
-    """Write all that a fit needs to go on as if it had never stopped.
+    """Write all that a fit needs to go on as if it had never stopped; its random numbers are keyed by the step.
 
     Parameters
     ----------
@@ -88,14 +70,10 @@ def save_checkpoint(
         File, ``*.safetensors``; replaced whole or not at all.
     field, optimizer
         What is being fitted, and its optimiser.
-    settings : Fit
+    settings : NetworkSettings
         Of the fit; a checkpoint resumes only under equal ones.
     step : int
         Steps done.
-    generators : mapping of str to torch.Generator or numpy.random.Generator, optional
-        Everything random the fit draws from.
-    extra : mapping, optional
-        Anything that JSON can hold, such as the hashes of the inputs or a scheduler's state.
     """
     tensors = _weights(field)
     state = optimizer.state_dict()
@@ -106,40 +84,17 @@ def save_checkpoint(
                 tensors[f"optimizer.{index}.{name}"] = value
             else:
                 numbers.setdefault(str(index), {})[name] = value
-    states: dict[str, Any] = {}
-    for name, generator in (generators or {}).items():
-        if isinstance(generator, torch.Generator):
-            tensors[f"generator.{name}"] = generator.get_state()
-        else:
-            states[name] = generator.bit_generator.state
-    description = _description(field, settings) | {
-        "step": step,
-        "optimizer": {"numbers": numbers, "groups": state["param_groups"]},
-        "generators": states,
-    }
-    _write(path, "checkpoint", tensors, description, extra)
+    optimizer_state = {"numbers": numbers, "groups": state["param_groups"]}
+    _write(path, "checkpoint", tensors, _description(field, settings) | {"step": step, "optimizer": optimizer_state})
 
 
-def load_checkpoint(
-    path: str | Path,
-    field: Field,
-    optimizer: torch.optim.Optimizer,
-    settings: FitSettings,
-    generators: Generators | None = None,
-) -> tuple[int, dict[str, Any]]:
-    """Bring field, optimiser and generators, in place, to where a checkpoint left them.
+def load_checkpoint(path: str | Path, field: Field, optimizer: torch.optim.Optimizer, settings: NetworkSettings) -> int:
+    """Bring field and optimiser, in place, to where a checkpoint left them; return the steps done.
 
     Parameters
     ----------
-    path, field, optimizer, settings, generators
+    path, field, optimizer, settings
         As they were given to `save_checkpoint`.
-
-    Returns
-    -------
-    step : int
-        Steps done.
-    extra : dict
-        As given to `save_checkpoint`.
 
     Raises
     ------
@@ -148,40 +103,42 @@ def load_checkpoint(
         settings or another scene box. Nothing has been changed then.
     """
     tensors, metadata = _read(path, "checkpoint")
-    if metadata["settings"] != settings:
+    if metadata["settings"] != dumped(settings):
         raise FiptError(f"{path} was made with other settings", "delete it to fit from the start")
-    if metadata["box"] != field.box:
+    if _box(path, metadata) != field.box:
         raise FiptError(f"{path} was made for another scene", "delete it to fit from the start")
-    generators = generators or {}
     state: dict[int, dict[str, Any]] = {}
-    stored_generators: dict[str, Any] = dict(metadata["generators"])
-    for name in [name for name in tensors if name.startswith(("optimizer.", "generator."))]:
-        kind, _, rest = name.partition(".")
-        if kind == "generator":
-            stored_generators[rest] = tensors.pop(name)
-        else:
-            index, _, key = rest.partition(".")
-            state.setdefault(int(index), {})[key] = tensors.pop(name)
-    if set(stored_generators) != set(generators):
-        raise _damaged(path, f"generators {sorted(stored_generators)} for {sorted(generators)}")
+    for name in [name for name in tensors if name.startswith("optimizer.")]:
+        _, index, key = name.split(".", 2)
+        state.setdefault(int(index), {})[key] = tensors.pop(name)
     for index, values in metadata["optimizer"]["numbers"].items():
         state.setdefault(int(index), {}).update(values)
     _restore(path, field, tensors)
-    groups = metadata["optimizer"]["groups"]
-    optimizer.load_state_dict({"state": state, "param_groups": groups})
-    for name, generator in generators.items():
-        if isinstance(generator, torch.Generator):
-            generator.set_state(stored_generators[name])
-        else:
-            generator.bit_generator.state = stored_generators[name]
-    return metadata["step"], metadata["extra"]
+    optimizer.load_state_dict({"state": state, "param_groups": metadata["optimizer"]["groups"]})
+    return metadata["step"]
 
 
 def _weights(field: Field) -> dict[str, torch.Tensor]:
     return {f"field.{name}": tensor for name, tensor in field.state_dict().items()}
 
 
-def _description(field: Field, settings: FitSettings) -> dict[str, Any]:
+def _network_settings(path: str | Path, metadata: Mapping[str, Any]) -> NetworkSettings:
+    """Of all settings of the fit those that the networks need."""
+    try:
+        known = {name: metadata["settings"][name] for name in NetworkSettings.model_fields}
+        return validate(NetworkSettings, "fit", known)
+    except (FiptError, KeyError, TypeError) as error:
+        raise _damaged(path, str(error)) from error
+
+
+def _box(path: str | Path, metadata: Mapping[str, Any]) -> SceneBox:
+    try:
+        return SceneBox(metadata["box"]["center"], metadata["box"]["side"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise _damaged(path, str(error)) from error
+
+
+def _description(field: Field, settings: NetworkSettings) -> dict[str, Any]:
     return {"settings": dumped(settings), "box": asdict(field.box)}
 
 
@@ -199,10 +156,8 @@ def _write(
     kind: _Kind,
     tensors: dict[str, torch.Tensor],
     description: dict[str, Any],
-    extra: Mapping[str, Any] | None,
 ) -> None:
     metadata = {"kind": kind, "stage": "fit", "version": VERSIONS["fit"], **description}
-    metadata["extra"] = dict(extra or {})
     stored = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
     with atomic(path) as temporary:
         # Not the library's own file writer, which hides the system's errors that `atomic` explains.
@@ -221,13 +176,10 @@ def _read(path: str | Path, kind: _Kind) -> tuple[dict[str, torch.Tensor], dict[
                 # Copies: the library's tensors map the file, which may be replaced meanwhile.
                 names = file.keys()
                 tensors = {name: file.get_tensor(name).clone() for name in names}
-                metadata["settings"] = validate(FitSettings, "fit", metadata["settings"])
-                box = metadata["box"]
-                metadata["box"] = SceneBox(box["center"], box["side"])
                 missing = _REQUIRED[kind] - set(metadata)
                 if missing:
                     raise KeyError(f"no {', '.join(sorted(missing))}")
-    except (SafetensorError, FiptError, KeyError, TypeError, ValueError) as error:
+    except (SafetensorError, KeyError, TypeError, ValueError) as error:
         raise _damaged(path, str(error)) from error
     if found[0] != kind:
         raise FiptError(f"{path} is a {found[0]} of the fit, not a {kind}", "give the right file")

@@ -53,6 +53,12 @@ class Emitters:
     lower_bound: np.ndarray
     two_sided: bool = True
 
+    @classmethod
+    def none(cls) -> "Emitters":
+        """No emitting triangle."""
+        numbers, values = np.empty(0, np.int32), np.empty(0, np.float32)
+        return cls(numbers, np.empty((0, 3), np.float32), values, numbers, numbers, values, values, np.empty(0, bool))
+
 
 _ARRAYS = ("triangle", "radiance", "area", "emitter", "views", "confidence", "clipped", "lower_bound")
 

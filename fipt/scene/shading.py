@@ -1,5 +1,6 @@
 """Baked shading on disk: one 32-bit word for Ld and one for each roughness level of a hit (docs/adr/0007)."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -99,7 +100,9 @@ def read_shading(folder: str | Path, samples: FootprintSamples | None = None) ->
     return Shading(words)
 
 
-def read_shards(samples: list[str], shading: list[str]) -> tuple[list[FootprintSamples], list[Shading]]:
+def read_shards(
+    samples: Sequence[str | Path], shading: Sequence[str | Path]
+) -> tuple[list[FootprintSamples], list[Shading]]:
     """Read samples shards and the shading of each, given in the same order."""
     if len(samples) != len(shading):
         raise FiptError(

@@ -34,7 +34,7 @@ HEIGHTS = (0.5, 2.5)
 _EYES = 1.1
 """Height over the floor that the cameras turn to before they are turned away at random, metres."""
 
-_EYES_STANDING = 1.5
+_EYE_HEIGHT = 1.5
 """Height over the floor of cameras that walk, metres."""
 _DRAWN_IN = np.linspace(0.85, 0.15, 15)
 """Shares of the way from the room's middle to its walls at which they try to stand, in order."""
@@ -114,7 +114,7 @@ def _walk(space: OpenSpace, settings: SynthesizeSettings) -> list[Camera]:
     counts = {"train": settings.train_views, "val": settings.val_views}
     places = [((k + 0.5) / count, split, k) for split, count in counts.items() for k in range(count)]
     half = (space.high - space.low) / 2
-    eyes = min(space.low[1] - HEIGHTS[0] + _EYES_STANDING, space.high[1])
+    eyes = min(space.low[1] - HEIGHTS[0] + _EYE_HEIGHT, space.high[1])
     cameras = {}
     for number, (_, split, k) in enumerate(sorted(places)):
         angle = 2 * np.pi * number / len(places)

@@ -18,7 +18,7 @@ from fipt.scene.emitters import chosen_lamps, edited_radiance
 from fipt.scene.environment import edited
 from fipt.scene.mesh import Mesh, closed
 from fipt.scene.objects import MeshObject
-from fipt.scene.setup import NewLight, RelightSetup
+from fipt.scene.setup import AreaLight, MeshLight, RelightSetup, SphereLight, SpotLight
 from fipt.synthetic.room import SyntheticRoom
 from fipt.synthetic.settings import SynthesizeSettings
 from fipt.synthetic.shapes import panel
@@ -40,7 +40,7 @@ def lights(room: SyntheticRoom, setup: RelightSetup | None = None, gone: np.ndar
     of their parts there, and ``lamp-N``. Within an edit a new radiance comes first, then the colour (luminance kept),
     then the scale.
     """
-    setup = setup or RelightSetup.model_validate({})
+    setup = setup or RelightSetup()
     names = [room.parts[room.part[triangles[0]] - 1] for triangles in room.emitters]
     edits = [(edit, chosen_lamps(edit, names)) for edit in setup.emitters]
     found = []
@@ -60,10 +60,10 @@ def lights(room: SyntheticRoom, setup: RelightSetup | None = None, gone: np.ndar
 
 def area_lights(setup: RelightSetup | None) -> list[Light]:
     """Return the new lights of a setup that have a surface."""
-    return [new_light(light) for light in setup.lights if light.shape != "spot"] if setup else []
+    return [new_light(light) for light in setup.lights if not isinstance(light, SpotLight)] if setup else []
 
 
-def new_light(light: NewLight) -> Light:
+def new_light(light: AreaLight) -> Light:
     """Return the triangles of a light that a setup adds.
 
     A quad's first side is perpendicular to its normal and to y (to x where the quad lies level), its
@@ -72,11 +72,11 @@ def new_light(light: NewLight) -> Light:
     import trimesh
 
     radiance = np.array(light.radiance, float)
-    if light.shape == "mesh":
+    if isinstance(light, MeshLight):
         mesh = light_mesh(light)
         return Light(mesh, radiance, two_sided=not closed(mesh))
     center = np.array(light.center, float)
-    if light.shape == "sphere":
+    if isinstance(light, SphereLight):
         ball = trimesh.creation.icosphere(3, light.radius)
         return Light(_mesh(ball.vertices + center, ball.faces), radiance)
     normal = np.array(light.normal, float)

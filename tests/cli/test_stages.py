@@ -725,9 +725,7 @@ def test_a_killed_fit_goes_on_and_gives_the_same_model(work, killed, scene, caps
     assert call("fit", work, settings=killed) == 0
     assert "going on from step 20" in capsys.readouterr().out
     assert [path.name for path in (work / "round-0").glob("model*")] == ["model.safetensors"]
-    whole, resumed = (
-        store.load_field(root / "round-0" / "model.safetensors")[0].state_dict() for root in (scene, work)
-    )
+    whole, resumed = (store.load_field(root / "round-0" / "model.safetensors").state_dict() for root in (scene, work))
     assert all(torch.equal(value, resumed[name]) for name, value in whole.items())
 
 
@@ -863,13 +861,13 @@ def test_the_list_replaces_nothing_but_a_list(work, refused):
 def test_what_a_person_decides_while_lamps_are_looked_at_stays(work, monkeypatch):
     from fipt.stages.emitters import review as stage
 
-    path, look = work / "emitters_review.yaml", stage._sightings
+    path, look = work / "emitters_review.yaml", stage.sightings
 
     def edited(*args):
         path.write_text(path.read_text().replace("verdict: auto", "verdict: accept"))
         return look(*args)
 
-    monkeypatch.setattr(stage, "_sightings", edited)
+    monkeypatch.setattr(stage, "sightings", edited)
     assert call("review", work) == 0
     assert "verdict: accept" in path.read_text()
 

@@ -206,9 +206,10 @@ def test_a_box_takes_out_what_it_holds(known):
 
 def spot_shading(points, spots, wo=(0, 1, 0), roughness=0.4, mesh=None):
     """Ld and Ls0, Ls1 on a floor that nothing but spots lights."""
+    from fipt.render.points import Points, random_keys
     from fipt.render.scene import RayScene
     from fipt.render.surface import SurfaceCache, Triangles
-    from fipt.render.tracer import PathSettings, Points, Shader, random_keys
+    from fipt.render.tracer import PathSettings, Shader
 
     mesh, voxels, n = mesh or scenes.floor(), scenes.grid(side=9.0), len(points)
     materials = scenes.sides(voxels, scenes.DIFFUSE, scenes.DIFFUSE)
@@ -224,9 +225,9 @@ def spot_shading(points, spots, wo=(0, 1, 0), roughness=0.4, mesh=None):
 
 def spot(**keys):
     from fipt.render.spots import spots_of
-    from fipt.scene.setup import NewLight
+    from fipt.scene.setup import SpotLight
 
-    return spots_of([NewLight(shape="spot", **keys)])
+    return spots_of([SpotLight(shape="spot", **keys)])
 
 
 def test_a_spot_on_a_floor_has_its_closed_form(backend):

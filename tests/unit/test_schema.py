@@ -4,11 +4,12 @@ import jsonschema
 import pytest
 import yaml
 
-from fipt.config import STAGES
-from fipt.config_docs import README, SCHEMA, schema_text, with_tables
-from fipt.scene.setup import EmitterEdit, EnvironmentEdit, NewLight, RelightSetup
+from fipt.config import LAYERS
+from fipt.config.documentation import README, SCHEMA, schema_text, with_tables
+from fipt.scene.setup import EmitterEdit, EnvironmentEdit, MeshLight, QuadLight, RelightSetup, SphereLight, SpotLight
 
-REMEDY = "run: python -m fipt.config_docs"
+LIGHTS = (QuadLight, SphereLight, MeshLight, SpotLight)
+REMEDY = "run: python -m fipt.config.documentation"
 
 
 def test_schema_is_in_step():
@@ -20,7 +21,7 @@ def test_tables_are_in_step():
     assert text == with_tables(text), REMEDY
 
 
-@pytest.mark.parametrize("model", [*STAGES.values(), RelightSetup, EnvironmentEdit, EmitterEdit, NewLight])
+@pytest.mark.parametrize("model", [*LAYERS.values(), RelightSetup, EnvironmentEdit, EmitterEdit, *LIGHTS])
 def test_every_key_is_described(model):
     assert [name for name, field in model.model_fields.items() if not field.description] == []
 

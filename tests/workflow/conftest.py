@@ -19,6 +19,7 @@ import pytest
 import yaml
 
 REPOSITORY = Path(__file__).resolve().parents[2]
+WORKFLOW = REPOSITORY / "fipt" / "workflow"
 
 STAND_IN = '''#!{python}
 """Writes what a verb of fipt promises; notes its command line in calls.jsonl."""
@@ -33,7 +34,8 @@ with open("calls.jsonl", "a") as file:
 
 def write(path, what=""):
     Path(path).parent.mkdir(parents=True, exist_ok=True)
-    Path(path).write_text(f"{{what}} {{verb}} {{flags['--settings']}} {{flags.get('--setup')}} {{flags.get('--decisions')}}\\n")
+    told = [flags.get(flag) for flag in ("--settings", "--setup", "--decisions")]
+    Path(path).write_text(f"{{what}} {{verb}} {{told}}\\n")
 
 if verb in ("synthesize", "import") and ("--room" in rest or verb == "import"):
     for name in ("transforms.json", "views.json", "mesh.ply", "room.json"):
@@ -86,9 +88,9 @@ class Workspace:
 
     def command(self, *options: str) -> list[str]:
         """The command line of Snakemake with the real Snakefile and the local profile."""
-        profile = REPOSITORY / "workflow" / "profiles" / "local"
+        profile = WORKFLOW / "profiles" / "local"
         return [
-            *(sys.executable, "-m", "snakemake", "--snakefile", str(REPOSITORY / "Snakefile")),
+            *(sys.executable, "-m", "snakemake", "--snakefile", str(WORKFLOW / "Snakefile")),
             *("--workflow-profile", str(profile), "--cores", "2", *options),
         ]
 

@@ -107,7 +107,6 @@ def test_fit(room):
     expected = load_file(model)
     model.unlink()
 
-
     def checkpoints():
         return list(model.parent.glob("model.checkpoint-*.safetensors"))
 

@@ -12,8 +12,8 @@ import yaml
 
 from fipt.config import load
 from fipt.errors import FiptError
-from fipt.scene.review import refreshed, write_review
 from fipt.run import plan, run
+from fipt.scene.review import refreshed, write_review
 
 CONFIG = {
     "scenes": {
@@ -103,7 +103,11 @@ def test_fipt_run_goes_on_where_the_decision_matters(tmp_path, monkeypatch):
             (tmp_path / path).mkdir(parents=True)
         for path in job.outputs:
             (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
-            read = [] if path.endswith(".npz") and job.verb == "emitters" else [(tmp_path / p).read_text() for p in job.inputs]
+            read = (
+                []
+                if path.endswith(".npz") and job.verb == "emitters"
+                else [(tmp_path / p).read_text() for p in job.inputs]
+            )
             (tmp_path / path).write_text(repr((job.options, hash(tuple(read)))))
 
     def labels():

@@ -17,6 +17,7 @@ from fipt.conventions import FLAG_MOVED, FLAG_NOISE, FLAG_OUTSIDE, FLAG_SATURATE
 from fipt.errors import FiptError
 from fipt.formats.exr import read_exr, write_exr
 from fipt.formats.files import existing_file, write_text
+from fipt.formats.hdr import read_hdr
 from fipt.progress import progress
 from fipt.scene.lens import Lens
 from fipt.stages.capture.brackets import Bracket, Capture
@@ -312,10 +313,7 @@ def read_merged(path: Path) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     if path.suffix.lower() == ".exr":
         channels = read_exr(path, required="RGB")
         return np.stack([channels.pop(letter) for letter in "RGB"], axis=-1), channels
-    picture = cv2.imread(str(path), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR)
-    if picture is None:
-        raise FiptError(f"{path} is not a readable HDR picture", "write it again as EXR")
-    return cv2.cvtColor(picture.astype(np.float32), cv2.COLOR_BGR2RGB), {}
+    return read_hdr(path), {}
 
 
 def _passed_through(bracket: Bracket, calibration: Calibration) -> View:

@@ -8,18 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from fipt.errors import FiptError
-from fipt.formats.files import atomic_folder
-from fipt.formats.images import to_display, write_png
-from fipt.formats.manifests import Stats, write_manifest
+from fipt.formats.images import to_display
 from fipt.progress import progress
 from fipt.scene.dataset import Dataset
-from fipt.scene.emitters import default_name, lamp_facts, lamp_triangles, read_emitters, write_list
-from fipt.scene.review import Decisions, matched, numbers, parse_decisions, read_review, refreshed, write_review
-from fipt.scene.samples import FootprintSamples, read_samples
-from fipt.settings import dumped
+from fipt.scene.emitters import default_name
+from fipt.scene.review import Decisions, matched, numbers
+from fipt.scene.samples import FootprintSamples
 from fipt.stages.emitters.extract import INTERIOR
-from fipt.stages.emitters.settings import ReviewSettings
 
 _AROUND = 1.0
 """Of the lamp's size: what its picture shows on each side of it."""
@@ -41,58 +36,12 @@ class Sighting:
     """Shard, and number of the view in it; None where no pixel shows any of it."""
 
 
-def write_listing(
-    dataset: Path,
-    samples: Sequence[Path],
-    emitters: Path,
-    decisions: str,
-    out: Path,
-    review: Path,
-    settings: ReviewSettings,
-    stats: Stats,
-) -> None:
-    """Write ``out``: emitters.json and a picture of every lamp; bring the file ``review`` up to date.
-
-    What a person decided in that file stays, also if that happens meanwhile.
-
-    Raises
-    ------
-    FiptError
-        If ``out`` holds something else than an earlier list, or ``review`` is wrong.
-    """
-    strange = [path.name for path in sorted(out.glob("[!.]*")) if not _LISTED.fullmatch(path.name)]
-    if strange:
-        raise FiptError(f"the folder {out} is replaced, but holds {strange[0]}", "choose a folder for the list alone")
-    read_review(review)  # refused now, not after all views were looked at
-    data, found = Dataset(dataset), read_emitters(emitters)
-    mesh, shards = data.mesh(), [read_samples(folder) for folder in samples]
-    decided = parse_decisions(decisions, len(mesh.triangles))
-    lamps = lamp_triangles(found)
-    rejected = [np.array(sorted(numbers(text, len(mesh.triangles)))) for text in decided.reject]
-    sightings = _sightings(data, shards, [*lamps, *rejected], len(mesh.triangles))
-    files = [f"lamp-{n}.png" for n in range(len(lamps))] + [f"rejected-{own[0]}.png" for own in rejected]
-    names = _names(decided, lamps, len(mesh.triangles))
-    rows = [row | {"name": name} for row, name in zip(lamp_facts(found, mesh), names, strict=True)]
-    thumbnails = []
-    with atomic_folder(out) as folder:
-        for file, own, seen in zip(files, [*lamps, *rejected], sightings, strict=True):
-            picture = _thumbnail(data, shards, seen, own, settings.width)
-            thumbnails.append(None if picture is None else file)
-            if picture is not None:
-                write_png(folder / file, picture)
-        for row, seen, file in zip(rows, sightings, thumbnails, strict=False):
-            row["seen_by"], row["thumbnail"] = seen.views, file
-        write_list(folder / "emitters.json", found.two_sided, rows)
-    write_manifest(Path(f"{out}.manifest.json"), "review", list(out.iterdir()), dumped(settings))
-    shown = [None if file is None else f"{out.name}/{file}" for file in thumbnails]
-    facts = [_entry(row, own, file) for row, own, file in zip(rows, lamps, shown, strict=False)]
-    pictures = {frozenset(own.tolist()): file for own, file in zip(rejected, shown[len(lamps) :], strict=True)}
-    write_review(review, refreshed(read_review(review), facts, len(mesh.triangles), pictures))
-    stats["lamps"], stats["rejected"], stats["named"] = len(lamps), len(rejected), len(decided.names)
-    print(f"review: {len(lamps)} lamps listed in {out / 'emitters.json'}; decide about them in {review}")
+def strange_files(out: Path) -> list[str]:
+    """Names of the files in a folder that no list of lamps has."""
+    return [path.name for path in sorted(out.glob("[!.]*")) if not _LISTED.fullmatch(path.name)]
 
 
-def _names(decided: Decisions, lamps: Sequence[np.ndarray], triangles: int) -> list[str]:
+def lamp_names(decided: Decisions, lamps: Sequence[np.ndarray], triangles: int) -> list[str]:
     """Name of every lamp: what a person gave to most of its triangles, else its number."""
     given = [numbers(text, triangles) for text in decided.names.values()]
     names = list(map(default_name, range(len(lamps))))
@@ -101,18 +50,18 @@ def _names(decided: Decisions, lamps: Sequence[np.ndarray], triangles: int) -> l
     return names
 
 
-def _entry(row: dict[str, Any], triangles: np.ndarray, thumbnail: str | None) -> dict[str, Any]:
+def review_entry(row: dict[str, Any], triangles: np.ndarray, picture: str | None) -> dict[str, Any]:
     """Facts of a lamp for the file of decisions, rounded for eyes."""
     facts = {"area": row["area"], "power": sum(row["power"]) / 3, "share": row["share"]}
     facts = {key: float(f"{value:.4g}") for key, value in (facts | {"confidence": row["confidence"]}).items()}
-    rest = {"lamp": default_name(row["index"]), "views": row["views"], "thumbnail": thumbnail}
+    rest = {"lamp": default_name(row["index"]), "views": row["views"], "thumbnail": picture}
     return rest | facts | {"triangles": frozenset(triangles.tolist())}
 
 
 # --- pictures -------------------------------------------------------------------------------------
 
 
-def _sightings(
+def sightings(
     data: Dataset, shards: Sequence[FootprintSamples], lamps: Sequence[np.ndarray], triangles: int
 ) -> list[Sighting]:
     """Where each lamp (its triangles) is seen."""
@@ -140,7 +89,7 @@ def _sightings(
     return [Sighting(*found) for found in zip(views, best, strict=True)]
 
 
-def _thumbnail(
+def thumbnail(
     data: Dataset, shards: Sequence[FootprintSamples], seen: Sighting, triangles: np.ndarray, width: int
 ) -> np.ndarray | None:
     """(3/4 width, width, 3) uint8 picture of a lamp in the view that shows most of it; None where none does."""

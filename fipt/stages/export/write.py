@@ -63,11 +63,11 @@ def write_export(
         raise FiptError(f"the folder {out} exists and is no export", "choose another folder, or delete it")
     data, found, sure = Dataset(dataset), read_emitters(emitters), read_confidence(confidence)
     mesh, outside = data.mesh(), read_environment(environment)
-    field, metadata = load_field(model)
+    field = load_field(model)
     seen = coverage(field, [read_samples(folder) for folder in samples])
     atlas = unwrap(mesh, _groups(mesh, found), *_layout(settings, seen.typical))
     known = texels(atlas)
-    scale = metadata["settings"].footprint
+    scale = field.settings.footprint
     brdf = surface_brdf(field, mesh, atlas, known, seen, settings.samples, scale)
     textures = surface_textures(brdf, found, atlas, known)
     asset = room_asset(name, mesh, atlas, textures, found, data.cameras, outside, read_names(lamps, found))

@@ -10,7 +10,6 @@ import torch
 from fipt.errors import FiptError
 from fipt.formats.manifests import Stats
 from fipt.model.networks import Brdf, Field
-from fipt.model.settings import FitSettings
 from fipt.model.store import load_checkpoint, save_checkpoint
 from fipt.progress import progress
 from fipt.stages.fit.batches import Batch, Pixels, shuffled
@@ -24,6 +23,7 @@ from fipt.stages.fit.losses import (
     srgb,
 )
 from fipt.stages.fit.parts import PartTargets
+from fipt.stages.fit.settings import FitSettings
 
 _MASKED = 0.1
 """Emission mask above which a surface counts as a lamp while the fit goes on."""
@@ -153,7 +153,7 @@ def fit(
     optimizer = torch.optim.Adam(_parameter_groups(field, settings), fused=True)
     done = 0
     if checkpoint.exists():
-        done, _ = load_checkpoint(checkpoint, field, optimizer, settings)
+        done = load_checkpoint(checkpoint, field, optimizer, settings)
         print(f"fit: going on from step {done}")
     decay = (settings.final_learning_rate / settings.learning_rate) ** (1 / max(steps, 1))
     per_epoch = max(len(pixels) // settings.batch, 1)

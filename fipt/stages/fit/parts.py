@@ -21,10 +21,10 @@ import torch
 
 from fipt.conventions import F0_DIELECTRIC, ROUGHNESS_LEVELS, SHADING_OUTPUTS
 from fipt.formats.images import srgb_encode
-from fipt.model.settings import FitSettings
 from fipt.scene.shading import brightest_reflection
 from fipt.scene.voxels import FACINGS, facings, voxel_keys
 from fipt.stages.fit.batches import Pixels
+from fipt.stages.fit.settings import FitSettings
 
 _ROUGHNESS = (0.02, 0.06, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 _METALLIC = (0.0, 0.5, 0.75, 1.0)

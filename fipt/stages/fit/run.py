@@ -10,7 +10,6 @@ from fipt.errors import FiptError
 from fipt.formats.arrays import on_disk
 from fipt.formats.manifests import Stats
 from fipt.model.networks import Field, SceneBox
-from fipt.model.settings import FitSettings
 from fipt.model.store import load_field, save_field
 from fipt.scene.confidence import Confidence, write_confidence
 from fipt.scene.dataset import Dataset
@@ -23,45 +22,23 @@ from fipt.stages.fit.confidence import measure, of_pixels
 from fipt.stages.fit.hidden import find_hidden
 from fipt.stages.fit.loop import fit
 from fipt.stages.fit.parts import estimate_parts, part_classes, part_targets
+from fipt.stages.fit.settings import FitSettings
+from fipt.stages.fit.stage import FitInputs
 
 
-def fit_model(
-    dataset: Path,
-    samples: list[str],
-    shading: list[str],
-    previous: Path | None,
-    cache: Path | None,
-    environment: Path | None,
-    segments: Path | None,
-    out: Path,
-    settings: FitSettings,
-    stats: Stats,
-) -> None:
-    """Fit a round's model and write it to ``out``, confidence.npz beside it; the checkpoint goes away then.
-
-    Parameters
-    ----------
-    samples, shading
-        Folders of the training shards, in the same order.
-    previous
-        Model of the round before: the start, where ``settings.warm_start``.
-    cache
-        Radiance cache, which knows the surface that no view sees; None: that surface is left alone.
-    background
-        Light from outside, which pixels at the edge of an opening show too; None: not known.
-    segments
-        Folder of segment ids; None: those of the dataset.
-    """
+def fit_model(inputs: FitInputs, settings: FitSettings) -> Stats:
+    """Fit a round's model and write it to ``out``, confidence.npz beside it; the checkpoint goes away then."""
+    stats: Stats = {}
     torch.set_num_threads(settings.threads or torch.get_num_threads())
-    data = Dataset(dataset, segments)
-    shards, baked = read_shards(samples, shading)
+    data = Dataset(inputs.dataset, inputs.segments)
+    shards, baked = read_shards(inputs.samples, inputs.shading)
     kind = data.segment_kind(settings.segments)
     if kind is None:
         print(
             "warning: no segments; roughness and metallic are fitted point by point, without search or propagation: "
             "they are unsure wherever no view sees a highlight (docs/segmentation.md has figures)"
         )
-    empty = on_disk(out.parent)  # what there is for every pixel stays out of memory
+    empty = on_disk(inputs.out.parent)  # what there is for every pixel stays out of memory
     ids = kind and [segments_of(data, shard, kind, empty) for shard in shards]
     images = [pixels_of(data, shard, empty) for shard in shards]
     lamp_gain = settings.evidence or 1.5
@@ -70,16 +47,15 @@ def fit_model(
     confidence = measure(shards, baked, images, clipped, eyes, lamp_gain)
     if settings.min_confidence > 0:
         images = _sure_enough(shards, baked, images, clipped, confidence, settings.min_confidence, lamp_gain)
-    outside = read_environment(environment)
+    outside = read_environment(inputs.environment)
     edges = [beyond(shard, [data.camera(view) for view in shard.views], outside) for shard in shards]
     weighted = confidence if settings.confidence else None
     pixels = Pixels(shards, baked, images, ids or None, weighted, edges, clipped, empty)
     center, side = scene_box(shards)
     field = Field(settings, SceneBox(tuple(center.tolist()), side))
-    if previous is not None and settings.warm_start:
-        field.load_state_dict(load_field(previous)[0].state_dict())
-    made = [*samples, *shading, *([segments] if segments else [])]
-    checkpoint = _checkpoint(out, made, [previous, cache, environment], settings)
+    if inputs.previous is not None and settings.warm_start:
+        field.load_state_dict(load_field(inputs.previous).state_dict())
+    checkpoint = _checkpoint(inputs, settings)
     targets = hidden = None
     if kind is not None and settings.part_search:
         classes = None
@@ -95,15 +71,16 @@ def fit_model(
             | {"base_color": found.base_color[k].tolist(), "uniform": round(float(found.uniform[k]), 3)}
             for k in np.flatnonzero(found.pixels)
         ]
-        if cache is not None and settings.hidden > 0:
-            unseen = find_hidden(pixels, read_cache(cache), found.pixels > 0)
+        if inputs.cache is not None and settings.hidden > 0:
+            unseen = find_hidden(pixels, read_cache(inputs.cache), found.pixels > 0)
             hidden = unseen if len(unseen) else None
     fit(field, pixels, kind, settings, checkpoint, stats, targets, hidden)
-    write_confidence(out.with_name("confidence.npz"), confidence)
-    save_field(out, field, settings)
+    write_confidence(inputs.out.with_name("confidence.npz"), confidence)
+    save_field(inputs.out, field, settings)
     checkpoint.unlink(missing_ok=True)
     stats["segments"] = kind or "none"
-    stats["fused_segments"] = segments is not None
+    stats["fused_segments"] = inputs.segments is not None
+    return stats
 
 
 def _sure_enough(
@@ -132,9 +109,11 @@ def _sure_enough(
     return chosen
 
 
-def _checkpoint(out: Path, folders: list[str], files: list[Path | None], settings: FitSettings) -> Path:
+def _checkpoint(inputs: FitInputs, settings: FitSettings) -> Path:
     """Checkpoint file of exactly this fit; those of other inputs or settings are stale and removed."""
-    key = hashlib.sha256(settings.model_dump_json().encode())
+    key, out = hashlib.sha256(settings.model_dump_json().encode()), inputs.out
+    folders = [*inputs.samples, *inputs.shading, *([inputs.segments] if inputs.segments else [])]
+    files = [inputs.previous, inputs.cache, inputs.environment]
     for path in [*(Path(f"{folder}.manifest.json") for folder in folders), *files]:
         if path is not None and path.is_file():
             key.update(path.read_bytes())

@@ -9,9 +9,9 @@ import numpy as np
 from fipt.errors import FiptError
 from fipt.formats.exr import write_exr
 from fipt.formats.manifests import Stats, read_manifest, write_manifest
+from fipt.model.fitted import voxel_materials
 from fipt.model.networks import Brdf, Field
 from fipt.model.store import load_field
-from fipt.model.voxels import voxel_materials
 from fipt.progress import progress
 from fipt.render.environment import sky_of
 from fipt.render.picture import Light, Sight, paths_of_ray, pictures
@@ -50,8 +50,8 @@ def write_materials(
     """Write the material maps of a shard's views, materials/{view}.exr, then their manifest."""
     data, shard = Dataset(dataset), read_samples(samples)
     found, sure = read_emitters(emitters), read_confidence(confidence)
-    field, metadata = load_field(model)
-    scale = metadata["settings"].footprint
+    field = load_field(model)
+    scale = field.settings.footprint
     files = []
     with progress("materials", shard.first_pixels[-1], " pixels") as bar:
         for index, view in enumerate(shard.views):
@@ -107,7 +107,7 @@ def write_pictures(
         mesh, lit, changes = change(room, mesh, lit, setup, segments, outside)
     if own:
         stats["warnings"] = standing(RayScene(mesh), seen_by, data.cameras)
-        for warning in stats.figures["warnings"]:
+        for warning in stats["warnings"]:
             print(f"warning: {warning}")
     said = {} if setup is None else {"setup": setup.model_dump(mode="json", exclude_defaults=True)}
     shining = {"": (lit, outside)}
@@ -164,8 +164,8 @@ def _write_views(
     know no lamps.
     """
     grid = int(read_manifest(Path(f"{samples}.manifest.json"), "samples")["settings"]["grid"])
-    field, metadata = load_field(model)
-    scale = metadata["settings"].footprint
+    field = load_field(model)
+    scale = field.settings.footprint
     lights = lights_of(mesh, read_cache(cache), field, list(shining.values()), settings, changes)
 
     def materials(sight: Sight) -> Brdf:

@@ -23,7 +23,7 @@ from fipt.scene.dataset import Dataset
 from fipt.scene.mesh import face_property
 from fipt.scene.samples import FootprintSamples
 from fipt.scene.segments import LARGEST_ID, nearest_ids
-from fipt.stages.segment.settings import SegmentSettings
+from fipt.stages.segment.settings import GivenSegments
 
 log = logging.getLogger(__name__)
 
@@ -42,7 +42,7 @@ class GivenIds:
         What was noticed so far, for people.
     """
 
-    def __init__(self, data: Dataset, shard: FootprintSamples, settings: SegmentSettings) -> None:
+    def __init__(self, data: Dataset, shard: FootprintSamples, settings: GivenSegments) -> None:
         self.data, self.shard, self.settings = data, shard, settings
         self.path = Path(settings.path or "").expanduser()
         self.warnings: list[str] = []

@@ -7,7 +7,7 @@ in a folder, or in the local cache of huggingface_hub.
 
 import json
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ import torch
 
 from fipt.errors import FiptError
 from fipt.scene.dataset import Dataset
-from fipt.stages.segment.settings import SegmentSettings
+from fipt.stages.segment.settings import PredictedSegments
 
 _FILES = ("config.json", "preprocessor_config.json", "model.safetensors")
 _SHARDED = "model.safetensors.index.json"
@@ -38,7 +38,7 @@ class Mask2Former:
         ``cpu`` or ``cuda``.
     """
 
-    def __init__(self, settings: SegmentSettings) -> None:
+    def __init__(self, settings: PredictedSegments) -> None:
         self.settings = settings
         folder = model_folder(settings.model)
         if settings.threads:
@@ -136,15 +136,25 @@ def panoptic(
         owner[better] = query
         inside = torch.where(better, probability >= 0.5, inside)
         areas[query] = int((probability >= 0.5).sum())
+    best_query, inside_mask = owner.cpu().numpy(), inside.cpu().numpy()
+    masks = (
+        (int(labels[query]), own & inside_mask)
+        for query in kept
+        if (own := best_query == query).sum() >= overlap * areas[query]
+    )
+    return _numbered(masks, shape, stuff)
+
+
+def _numbered(
+    masks: Iterable[tuple[int, np.ndarray]], shape: tuple[int, int], stuff: Collection[int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Ids (H, W) and classes (K,) of masks with their labels; masks of one label in ``stuff`` are one segment."""
     ids = np.zeros(shape, np.uint16)
-    owner, inside = owner.cpu().numpy(), inside.cpu().numpy()
-    classes, merged = [0], {}
-    for query in kept:
-        own = owner == query
-        mask = own & inside
-        if not mask.any() or own.sum() < overlap * areas[query]:
+    classes: list[int] = [0]
+    merged: dict[int, int] = {}
+    for label, mask in masks:
+        if not mask.any():
             continue
-        label = int(labels[query])
         number = merged.get(label, len(classes))
         if number == len(classes):
             classes.append(label + 1)

@@ -6,9 +6,9 @@ import torch
 
 from fipt.conventions import ROUGHNESS_MIN
 from fipt.model.networks import Brdf, BrdfNetwork, EmissionNetwork, Field, SceneBox
-from fipt.model.settings import FitSettings
+from fipt.model.settings import NetworkSettings
 
-SETTINGS = FitSettings(levels=4, table_log2=10, seed=3)
+SETTINGS = NetworkSettings(levels=4, table_log2=10, seed=3)
 BOX = SceneBox((1.0, -2.0, 0.5), 4.0)
 
 

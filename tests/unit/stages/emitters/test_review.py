@@ -3,19 +3,21 @@
 import numpy as np
 import pytest
 
+from fipt.render.scene import RayScene
 from fipt.scene.dataset import Dataset
-from fipt.stages.emitters.review import _LINE, _crop, _drawn, _sightings, _thumbnail
+from fipt.stages.emitters.review import _LINE, _crop, _drawn, sightings, thumbnail
 from fipt.stages.importing.overlay import visible_triangles
 from tests import scenes
 
 
 @pytest.fixture(scope="module")
-def room(tmp_path_factory):
+def room(backend, tmp_path_factory):
     """The box room, its dataset, and the samples of its training views: one for each pixel."""
     data = Dataset(scenes.write_dataset(tmp_path_factory.mktemp("room")))
     cameras = [camera for camera in data.cameras if camera.split == "train"]
     mesh = data.mesh()
-    triangle = np.concatenate([visible_triangles(mesh, camera)[0].ravel() for camera in cameras])
+    rays = RayScene(mesh)
+    triangle = np.concatenate([visible_triangles(rays, camera)[0].ravel() for camera in cameras])
     position = np.zeros((len(triangle), 3), np.float32)
     shapes = [(camera.height, camera.width) for camera in cameras]
     samples = scenes.samples_of(position, triangle, views=tuple(camera.name for camera in cameras), shapes=shapes)
@@ -27,11 +29,11 @@ def test_the_view_that_shows_most_is_chosen(room):
     shown = {view: np.isin(samples.triangle[samples.of_view(k)], lamp).sum() for k, view in enumerate(samples.views)}
     assert len(set(shown.values())) == 2
     count = len(data.mesh().triangles)
-    seen, nothing = _sightings(data, [samples], [lamp, np.array([], int)], count)
+    seen, nothing = sightings(data, [samples], [lamp, np.array([], int)], count)
     assert seen.best == (0, list(samples.views).index(max(shown, key=shown.get)))
     assert seen.views == list(samples.views)
     assert (nothing.best, nothing.views) == (None, [])
-    assert _thumbnail(data, [samples], nothing, np.array([], int), 64) is None
+    assert thumbnail(data, [samples], nothing, np.array([], int), 64) is None
 
 
 def test_views_and_shards_are_counted_alike(room):
@@ -44,15 +46,15 @@ def test_views_and_shards_are_counted_alike(room):
         views=samples.views,
         shapes=samples.shapes,
     )
-    (seen,) = _sightings(data, [light, samples], [lamp], len(data.mesh().triangles))
+    (seen,) = sightings(data, [light, samples], [lamp], len(data.mesh().triangles))
     assert seen.views == list(samples.views)
     assert seen.best[0] == 1
 
 
 def test_the_picture_shows_the_lamp_outlined(room):
     data, samples, lamp = room
-    (seen,) = _sightings(data, [samples], [lamp], len(data.mesh().triangles))
-    picture = _thumbnail(data, [samples], seen, lamp, 96)
+    (seen,) = sightings(data, [samples], [lamp], len(data.mesh().triangles))
+    picture = thumbnail(data, [samples], seen, lamp, 96)
     assert picture.shape[1] <= 96
     assert picture.shape[0] <= 72
     assert (96 in picture.shape) or (72 in picture.shape)

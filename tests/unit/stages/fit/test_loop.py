@@ -10,11 +10,11 @@ from fipt.errors import FiptError
 from fipt.formats.manifests import Stats
 from fipt.model import store
 from fipt.model.networks import Brdf, Field, SceneBox
-from fipt.model.settings import FitSettings
 from fipt.stages.fit import loop
 from fipt.stages.fit.batches import Pixels
 from fipt.stages.fit.losses import reflected
 from fipt.stages.fit.parts import estimate_parts, part_targets
+from fipt.stages.fit.settings import FitSettings
 from tests import scenes
 
 LEVELS = len(ROUGHNESS_LEVELS)
@@ -98,10 +98,10 @@ def test_known_materials_come_back(one_thread, tmp_path):
     assert max(error.mean() for error in last) < 0.06
     assert last[0].mean() < 0.03
     assert field.query_mask(position).max() < 0.05  # nothing shines
-    curve = np.array(stats.figures["loss_curve"])
+    curve = np.array(stats["loss_curve"])
     assert curve[-1, 1] < 0.05 * curve[0, 1]
-    assert stats.figures["steps"] == SETTINGS.steps
-    assert set(stats.figures["loss"]) == {"colour", "emission", "diffuse", "part"}
+    assert stats["steps"] == SETTINGS.steps
+    assert set(stats["loss"]) == {"colour", "emission", "diffuse", "part"}
     assert list(tmp_path.iterdir()) == []
 
 
@@ -144,7 +144,7 @@ def test_parts_of_one_colour_are_spared_the_errors_of_their_shading(one_thread, 
         field = Field(own, BOX)
         loop.fit(field, pixels, "part", own, tmp_path / "c.safetensors", stats, part_targets(found, own))
         errors.append(np.abs(field.query(position).base_color - base).mean())
-    assert set(stats.figures["loss"]) == {"colour", "emission", "target", "base", "part"}
+    assert set(stats["loss"]) == {"colour", "emission", "target", "base", "part"}
     assert errors[1] < 0.75 * errors[0]
     assert errors[1] < 0.02
 
@@ -213,7 +213,7 @@ def test_epochs_set_the_fewest_steps(one_thread, tmp_path):
     settings = SETTINGS.model_copy(update={"steps": 2, "batch": 30, "min_epochs": 1.0})
     stats = Stats()
     loop.fit(Field(settings, BOX), pixels, "part", settings, tmp_path / "c.safetensors", stats)
-    assert stats.figures["steps"] == 4  # 100 pixels in batches of 30
+    assert stats["steps"] == 4  # 100 pixels in batches of 30
 
 
 def test_fewer_pixels_than_a_batch(one_thread, tmp_path):
@@ -221,4 +221,4 @@ def test_fewer_pixels_than_a_batch(one_thread, tmp_path):
     settings = SETTINGS.model_copy(update={"steps": 3})
     stats = Stats()
     loop.fit(Field(settings, BOX), pixels, "part", settings, tmp_path / "c.safetensors", stats)
-    assert np.isfinite(list(stats.figures["loss"].values())).all()
+    assert np.isfinite(list(stats["loss"].values())).all()

@@ -9,12 +9,12 @@ import torch
 from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
 from fipt.formats.images import srgb_encode
 from fipt.model.networks import Brdf, EmissionNetwork, SceneBox
-from fipt.model.settings import FitSettings
 from fipt.stages.fit import losses
 from fipt.stages.fit.batches import Batch
 from fipt.stages.fit.loop import evident_emitters
 from fipt.stages.fit.loop import losses as all_terms
 from fipt.stages.fit.parts import PartTargets
+from fipt.stages.fit.settings import FitSettings
 
 LEVELS = len(ROUGHNESS_LEVELS)
 

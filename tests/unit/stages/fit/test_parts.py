@@ -7,10 +7,10 @@ import pytest
 import torch
 
 from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
-from fipt.model.settings import FitSettings
 from fipt.stages.fit.batches import Pixels
 from fipt.stages.fit.losses import specular_at
 from fipt.stages.fit.parts import _linear, _of_classes, _Sample, _uniform, estimate_parts, part_classes, part_targets
+from fipt.stages.fit.settings import FitSettings
 from tests import scenes
 
 LEVELS = len(ROUGHNESS_LEVELS)

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 from fipt.errors import FiptError
-from fipt.formats.manifests import Stats, read_manifest
+from fipt.formats.manifests import read_manifest
 from fipt.scene.cameras import write_transforms
 from fipt.scene.dataset import Dataset, write_views
 from fipt.scene.mesh import write_ply
 from fipt.scene.samples import clipped_of, pixels_of, read_samples
 from fipt.stages.samples.settings import SamplesSettings
+from fipt.stages.samples.stage import SamplesInputs, run
 from tests import scenes
 
 SETTINGS = SamplesSettings(grid=2)
@@ -17,18 +18,13 @@ SETTINGS = SamplesSettings(grid=2)
 
 @pytest.fixture
 def write(backend, tmp_path):
-    from fipt.stages.samples.trace import write_shard
-
     def write(cameras, mesh=None):
         root = scenes.write_dataset(tmp_path / "dataset")
         write_transforms(root / "transforms.json", cameras)
         if mesh is not None:
             write_ply(root / "mesh.ply", mesh)
-        stats = Stats()
-        write_shard(
-            Dataset(root), [camera.name for camera in cameras], tmp_path / "samples" / "train-000", SETTINGS, stats
-        )
-        return stats.figures
+        names = tuple(camera.name for camera in cameras)
+        return run(SamplesInputs(dataset=root, views=names, out=tmp_path / "samples" / "train-000"), SETTINGS)
 
     return write
 
@@ -81,12 +77,10 @@ def test_views_that_see_little_are_warned_of(write, tmp_path, capsys):
 @pytest.mark.parametrize("rejected", [("b",), ("a", "b")])
 def test_rejected_views_are_left_out(backend, tmp_path, rejected):
     """A plan is made before the checks: it names views that have nothing from there on, perhaps a whole shard."""
-    from fipt.stages.samples.trace import write_shard
-
     root = scenes.write_dataset(tmp_path / "dataset")
     write_views(root / "views.json", ["a", "b", "c"], dict.fromkeys(rejected, "its bracket is incomplete"))
     data = Dataset(root)
-    write_shard(data, ["a", "b"], tmp_path / "samples" / "train-000", SETTINGS, Stats())
+    run(SamplesInputs(dataset=root, views=("a", "b"), out=tmp_path / "samples" / "train-000"), SETTINGS)
     samples = read_samples(tmp_path / "samples" / "train-000")
     assert samples.views == tuple(view for view in ("a", "b") if view not in rejected)
     assert len(pixels_of(data, samples)[0]) == len(clipped_of(data, samples)) == 192 * len(samples.views)

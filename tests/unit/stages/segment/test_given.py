@@ -17,7 +17,7 @@ from fipt.scene.samples import read_samples
 from fipt.scene.segments import read_view_ids, write_view_ids
 from fipt.stages.segment.given import GivenIds, class_of_ids
 from fipt.stages.segment.run import segment_views
-from fipt.stages.segment.settings import SegmentSettings
+from fipt.stages.segment.settings import GivenSegments, GrownSegments
 from tests.fake_results import write_results
 
 IDS = np.array([[7, 7, 7, 7, 65535, 65535, 0, 0]] * 3 + [[2, 2, 2, 2, 2, 2, 2, 2]] * 3, np.uint16)
@@ -40,7 +40,7 @@ def folder(tmp_path):
 
 def given(room, path, **keys):
     """The source, and what it says of its views."""
-    settings = SegmentSettings(mode="given", path=str(path), **keys)
+    settings = GivenSegments(path=str(path), **keys)
     source = GivenIds(Dataset(room / "dataset"), read_samples(room / "samples" / "train-000"), settings)
     return source, {view: (ids, classes) for view, ids, classes in source.views()}
 
@@ -201,7 +201,7 @@ def test_the_stage_writes_ids_names_and_warnings(room, folder):
     write_png(folder / "b.png", np.zeros((6, 8), np.uint16))
     table(folder, *({"id": k, "class": "Grün"} for k in (2, 7, 65535)))
     out, stats = room / "segments" / "views", Stats()
-    settings = SegmentSettings(mode="given", path=str(folder))
+    settings = GivenSegments(path=str(folder))
     segment_views(room / "dataset", room / "samples" / "train-000", out, room / "segments" / "m.json", settings, stats)
     listed = read_manifest(room / "segments" / "m.json", "segment")["files"]
     assert sorted(listed) == ["classes.json", "views/a.npz", "views/b.npz"]
@@ -209,9 +209,9 @@ def test_the_stage_writes_ids_names_and_warnings(room, folder):
     ids, classes = read_view_ids(out / "a.npz")
     np.testing.assert_array_equal(ids, IDS)
     assert classes[7] == 1
-    assert stats.figures["warnings"] == ["b has no segment id at all"]
+    assert stats["warnings"] == ["b has no segment id at all"]
     with pytest.raises(FiptError, match=r"segment.mode must be mask2former or given, for ids of views; it is geometry"):
-        segment_views(room / "dataset", room / "samples", out, room / "m.json", SegmentSettings(mode="geometry"), stats)
+        segment_views(room / "dataset", room / "samples", out, room / "m.json", GrownSegments(), stats)
 
 
 def test_ids_of_a_view_on_disk(tmp_path):
@@ -256,7 +256,7 @@ def test_the_mode_of_a_scene(room, folder, tmp_path):
     named = json.loads(scene(procedural, segment={"mode": "mask2former"}).json("segment"))["model"]
     assert named == "facebook/mask2former-swin-large-coco-panoptic"
 
-    with pytest.raises(FiptError, match=r"scene room: segment.mode is given, but .*segment.path is missing"):
+    with pytest.raises(FiptError, match=r"scene room: segment.path is missing; mode: given needs path: "):
         scene(procedural, segment={"mode": "given"})
     with pytest.raises(FiptError, match=r"segment.path is only for mode given; mode is auto"):
         scene(procedural, segment={"path": "x"})

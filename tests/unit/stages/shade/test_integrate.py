@@ -132,7 +132,7 @@ def test_a_shard_is_written_with_its_manifest(integrate, shard, tmp_path):
     manifest = read_manifest(tmp_path / "bake" / "train-000.manifest.json", "bake")
     assert list(manifest["files"]) == ["train-000/shading.npy"]
     assert manifest["settings"]["diffuse_spp"] == 5
-    assert stats.figures["bytes_per_pixel"] == pytest.approx(9 * 4 * (1 + LEVELS) / 8)
+    assert stats["bytes_per_pixel"] == pytest.approx(9 * 4 * (1 + LEVELS) / 8)
     assert shader.counts == [COUNTS] * 2
 
 
@@ -176,8 +176,7 @@ def test_a_bake_that_fails_leaves_the_old_one(integrate, shard, tmp_path):
 
 
 def test_points_of_a_view(backend, shard):
-    from fipt.render.points import view_points
-    from fipt.render.tracer import random_keys
+    from fipt.render.points import random_keys, view_points
 
     data, samples = shard
     camera = data.camera("b")

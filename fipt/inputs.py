@@ -1,0 +1,27 @@
+"""Files and names that the inputs of several stages share, each with the help of its option.
+
+The inputs of a stage are a frozen dataclass of fields ``Annotated[TYPE, "help"]``, and `fipt.cli.verbs` makes the
+options of its verb from them: the field ``held_out`` is ``--held-out``, one with a default may be left out. TYPE is
+`Path`, `str`, `int`, `float`, `bool` (a flag), a tuple of paths or strings (comma-separated, repeatable), or one of
+these or None. A field that carries `POSITIONAL` too is named by its place instead.
+"""
+
+from pathlib import Path
+from typing import Annotated
+
+POSITIONAL = object()
+"""Mark of a field that stands in the command line without the name of an option."""
+
+DatasetFolder = Annotated[Path, "Dataset folder."]
+Names = Annotated[tuple[str, ...], "Views, comma-separated; repeatable."]
+SamplesFolder = Annotated[Path, "Folder of a samples shard."]
+SamplesFolders = Annotated[tuple[Path, ...], "Samples shards, comma-separated; repeatable."]
+ShadingFolders = Annotated[tuple[Path, ...], "Shading of the samples shards, in their order."]
+CacheFile = Annotated[Path, "Radiance cache, cache.npz."]
+ModelFile = Annotated[Path, "Fitted model, model.safetensors."]
+ConfidenceFile = Annotated[Path, "confidence.npz of the model."]
+EmittersFile = Annotated[Path, "Emitters, emitters.npz."]
+EnvironmentFile = Annotated[Path | None, "Light from outside, environment.npz; without it there is none."]
+DecisionsJson = Annotated[str, "What emitters_review.yaml decides, by triangle, JSON (docs/emitters.md)."]
+ManifestFile = Annotated[Path, "Manifest of what was written."]
+ShardFolder = Annotated[Path, "Folder of the shard to write."]

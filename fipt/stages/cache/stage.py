@@ -1,0 +1,35 @@
+"""``fipt cache``: samples and images of the training views -> cache.npz."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from fipt.inputs import DatasetFolder, SamplesFolders
+
+if TYPE_CHECKING:
+    from fipt.stages.cache.settings import CacheSettings
+
+
+@dataclass(frozen=True, kw_only=True)
+class CacheInputs:
+    """Files of ``fipt cache``."""
+
+    dataset: DatasetFolder
+    samples: SamplesFolders
+    out: Annotated[Path, "File to write, cache.npz."]
+
+
+def run(inputs: CacheInputs, settings: "CacheSettings") -> dict[str, Any]:
+    """Gather the images' radiance in voxels on the surface."""
+    from fipt.scene.dataset import Dataset
+    from fipt.scene.samples import read_samples, view_pixels
+    from fipt.scene.voxels import write_cache
+    from fipt.stages.cache.build import build
+
+    data = Dataset(inputs.dataset)
+    shards = [read_samples(folder) for folder in inputs.samples]
+    cache = build(data.mesh(), shards, view_pixels(data, shards), settings)
+    write_cache(inputs.out, cache)
+    seen = int((cache["count"] > 0).sum())
+    print(f"cache: {seen} of {len(cache['key'])} surface voxels are seen")
+    return {"voxels": len(cache["key"]), "seen_voxels": seen}

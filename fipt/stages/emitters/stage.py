@@ -1,0 +1,73 @@
+"""``fipt emitters``: model and images -> emitting triangles of a round."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from fipt.inputs import DatasetFolder, DecisionsJson, ModelFile, SamplesFolders, ShadingFolders
+
+if TYPE_CHECKING:
+    from fipt.scene.emitters import Emitters
+    from fipt.scene.review import Decisions
+    from fipt.stages.emitters.settings import EmittersSettings
+
+
+@dataclass(frozen=True, kw_only=True)
+class EmittersInputs:
+    """Files of ``fipt emitters``."""
+
+    dataset: DatasetFolder
+    samples: SamplesFolders
+    shading: ShadingFolders
+    model: ModelFile
+    out: Annotated[Path, "File to write, emitters.npz; emitters.json comes beside it."]
+    decisions: DecisionsJson = ""
+
+
+def run(inputs: EmittersInputs, settings: "EmittersSettings") -> dict[str, Any]:
+    """Extract the triangles that emit light and their radiance."""
+    from fipt.formats.arrays import on_disk
+    from fipt.model.store import load_field
+    from fipt.scene.dataset import Dataset
+    from fipt.scene.emitters import write_emitters
+    from fipt.scene.review import parse_decisions
+    from fipt.scene.samples import clipped_of, pixels_of
+    from fipt.scene.shading import read_shards
+    from fipt.stages.emitters.extract import extract
+
+    data = Dataset(inputs.dataset)
+    mesh = data.mesh()
+    decided = parse_decisions(inputs.decisions, len(mesh.triangles))
+    shards, baked = read_shards(inputs.samples, inputs.shading)
+    empty = on_disk(inputs.out.parent)
+    images = [pixels_of(data, shard, empty) for shard in shards]
+    field = load_field(inputs.model)
+    clipped = [clipped_of(data, shard, empty) for shard in shards]
+    found = extract(mesh, shards, baked, images, field.query_mask, settings, clipped, decided)
+    write_emitters(inputs.out, found, mesh)
+    count = int(found.emitter.max(initial=-1)) + 1
+    warnings = _warnings(found, count, decided, len(mesh.triangles))
+    for warning in warnings:
+        print(f"warning: {warning}")
+    if count == 0:
+        print("warning: no emitter found; refined shading will have no light of its own")
+    else:
+        print(f"emitters: {count} emitters of {len(found.triangle)} triangles")
+    figures: dict[str, Any] = {"triangles": len(found.triangle), "emitters": count}
+    return figures | ({"warnings": warnings} if warnings else {})
+
+
+def _warnings(found: "Emitters", count: int, decided: "Decisions", triangles: int) -> list[str]:
+    """What a person should know of the emitters found."""
+    import numpy as np
+
+    from fipt.scene.review import numbers
+
+    warnings = []
+    bounds = len(np.unique(found.emitter[found.lower_bound]))
+    if bounds:
+        warnings.append(f"{bounds} of {count} emitters are clipped in every exposure: their radiance is a lower bound")
+    for text in decided.accept:
+        if not np.isin(sorted(numbers(text, triangles)), found.triangle).any():
+            warnings.append(f"no pixel shows the accepted triangles {text}: their radiance cannot be measured")
+    return warnings

@@ -1,0 +1,35 @@
+"""``fipt environment``: samples and images of the training views -> environment.npz."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from fipt.inputs import DatasetFolder, SamplesFolders
+
+if TYPE_CHECKING:
+    from fipt.stages.environment.settings import EnvironmentSettings
+
+
+@dataclass(frozen=True, kw_only=True)
+class EnvironmentInputs:
+    """Files of ``fipt environment``."""
+
+    dataset: DatasetFolder
+    samples: SamplesFolders
+    out: Annotated[Path, "File to write, environment.npz."]
+
+
+def run(inputs: EnvironmentInputs, settings: "EnvironmentSettings") -> dict[str, Any]:
+    """Find the radiance of rays that leave the mesh: stated, given, or seen by pixels without surface."""
+    from fipt.scene.dataset import Dataset
+    from fipt.scene.environment import write_environment
+    from fipt.scene.samples import read_samples
+    from fipt.stages.environment.fit import find_environment
+
+    figures: dict[str, Any] = {}
+    shards = [read_samples(folder) for folder in inputs.samples]
+    found = find_environment(Dataset(inputs.dataset), shards, settings, figures)
+    write_environment(inputs.out, found)
+    mean = found.mean
+    print(f"environment: {found.mode}, mean radiance {mean[0]:.4g} {mean[1]:.4g} {mean[2]:.4g}")
+    return figures | {"mode": found.mode, "mean": mean.tolist()}

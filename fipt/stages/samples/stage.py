@@ -1,0 +1,40 @@
+"""``fipt samples``: cameras and mesh -> footprint samples of a shard."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from fipt.inputs import DatasetFolder, Names, ShardFolder
+
+if TYPE_CHECKING:
+    from fipt.stages.samples.settings import SamplesSettings
+
+
+@dataclass(frozen=True, kw_only=True)
+class SamplesInputs:
+    """Files of ``fipt samples``."""
+
+    dataset: DatasetFolder
+    views: Names
+    out: ShardFolder
+
+
+def run(inputs: SamplesInputs, settings: "SamplesSettings") -> dict[str, Any]:
+    """Trace the footprint samples of every pixel, once. Views that a check rejected are left out."""
+    from fipt.formats.files import atomic_folder
+    from fipt.formats.manifests import write_manifest
+    from fipt.scene.dataset import Dataset
+    from fipt.scene.samples import write_samples
+    from fipt.settings import dumped
+    from fipt.stages.samples.trace import trace
+
+    figures: dict[str, Any] = {}
+    samples = trace(Dataset(inputs.dataset), inputs.views, settings, figures)
+    sparse = figures["views_mostly_off_mesh"]
+    if sparse:
+        print(f"warning: more than half of the pixels miss the mesh in {', '.join(sparse)}")
+    out = inputs.out
+    with atomic_folder(out) as folder:
+        names = [file.name for file in write_samples(folder, samples)]
+    files = [out / name for name in names]
+    write_manifest(out.with_name(out.name + ".manifest.json"), "samples", files, dumped(settings))
+    return figures

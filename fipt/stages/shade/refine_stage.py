@@ -1,0 +1,67 @@
+"""``fipt refine``: samples, cache, model and emitters -> a shard's shading of the next round."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from fipt.inputs import (
+    CacheFile,
+    DatasetFolder,
+    EmittersFile,
+    EnvironmentFile,
+    ModelFile,
+    SamplesFolder,
+    ShardFolder,
+)
+
+if TYPE_CHECKING:
+    from fipt.stages.shade.settings import RefineSettings
+
+
+@dataclass(frozen=True, kw_only=True)
+class RefineInputs:
+    """Files of ``fipt refine``."""
+
+    dataset: DatasetFolder
+    samples: SamplesFolder
+    cache: CacheFile
+    model: ModelFile
+    emitters: EmittersFile
+    previous: Annotated[Path, "Shading of this shard of the round before."]
+    out: ShardFolder
+    environment: EnvironmentFile = None
+
+
+def run(inputs: RefineInputs, settings: "RefineSettings") -> dict[str, Any]:
+    """Path-trace the shading again with the fitted model."""
+    from fipt.model.fitted import voxel_materials
+    from fipt.model.store import load_field
+    from fipt.render.surface import emitter_set
+    from fipt.render.tracer import PathSettings
+    from fipt.scene.dataset import Dataset
+    from fipt.scene.emitters import read_emitters
+    from fipt.scene.environment import read_environment
+    from fipt.scene.samples import read_samples
+    from fipt.scene.shading import read_shading
+    from fipt.scene.voxels import read_cache
+    from fipt.stages.shade.integrate import write_shading
+    from fipt.stages.shade.refine import damped, path_shader
+
+    data, shard, voxels = Dataset(inputs.dataset), read_samples(inputs.samples), read_cache(inputs.cache)
+    field = load_field(inputs.model)
+    path = PathSettings(settings.max_depth, settings.cache_roughness, settings.light_sampling)
+    materials = voxel_materials(field, voxels)
+    found, outside = emitter_set(read_emitters(inputs.emitters)), read_environment(inputs.environment)
+    shader = path_shader(data.mesh(), voxels, materials, found, path, outside)
+    before, figures = read_shading(inputs.previous, shard), {}
+    write_shading(
+        "refine",
+        shader,
+        data,
+        shard,
+        settings,
+        inputs.out,
+        figures,
+        finish=lambda index, new: damped(new, before[shard.of_view(index)], settings.damping),
+    )
+    return figures
