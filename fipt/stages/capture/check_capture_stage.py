@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from fipt.stages.capture.brackets import Capture, Finding
-    from fipt.stages.capture.qa import Quality
+    from fipt.stages.capture.quality import Quality
     from fipt.stages.capture.settings import CaptureSettings
 
 _STYLES = {"error": "bold red", "warning": "yellow", "note": "cyan"}
@@ -39,7 +39,8 @@ def run(inputs: CheckCaptureInputs, settings: "CaptureSettings") -> dict[str, An
     """
     from fipt.errors import FiptError
     from fipt.stages.capture.brackets import read_capture
-    from fipt.stages.capture.qa import calibration_notes, check, inspect
+    from fipt.stages.capture.findings import calibration_notes, check
+    from fipt.stages.capture.inspection import inspect
 
     capture = read_capture(inputs.folder, settings.frames if inputs.frames is None else inputs.frames)
     qualities, unreadable = ([], []) if inputs.quick else inspect(capture, os.cpu_count() or 1)
@@ -70,7 +71,7 @@ def _table(capture: "Capture", qualities: Sequence["Quality"], findings: Sequenc
     from rich.table import Table
     from rich.text import Text
 
-    from fipt.stages.capture.qa import balance_text, span_text
+    from fipt.stages.capture.inspection import balance_text, span_text
 
     measured = {quality.view: quality for quality in qualities}
     table = Table(box=None, pad_edge=False)
