@@ -242,7 +242,7 @@ class Scene:
         if mode != "auto":
             return mode
         if self.source == "dataset":
-            from fipt.formats.layouts import has_segments
+            from fipt.scene.sources import has_segments
 
             return "dataset" if has_segments(self._source) else "geometry"
         return "dataset" if self.synthesized or self.segments else "geometry"
@@ -476,7 +476,7 @@ class Scene:
 
     @cached_property
     def _source(self) -> Any:
-        from fipt.formats.layouts import read_source
+        from fipt.scene.sources import read_source
 
         every = self.settings["import"].val_every
         return read_source(self.source_path(), self.format, every)
@@ -490,7 +490,7 @@ class Scene:
     @cached_property
     def _photographed(self) -> list[Any]:
         """Posed views of which there are photographs."""
-        from fipt.formats.layouts import read_poses
+        from fipt.scene.sources import read_poses
 
         poses = self.poses_path()
         posed = read_poses(poses, self.settings["import"].val_every)
