@@ -48,7 +48,7 @@ def jobs_of(folder: Path, config: Mapping[str, Any] | None = None, target: str =
     environment = os.environ | {"PYTHONPATH": str(REPOSITORY)}
     done = subprocess.run([*command, "--", target], cwd=folder, env=environment, text=True, capture_output=True)
     assert done.returncode == 0, done.stdout + done.stderr
-    blocks = re.findall(r"^rule (\w+):\n(.*?)^Shell command: ([^\n]*)$", done.stdout, re.MULTILINE | re.DOTALL)
+    blocks = re.findall(r"^rule (\w+):\n(.*?)^Shell command: (fipt [^\n]*)$", done.stdout, re.MULTILINE | re.DOTALL)
     return [_job(rule, about, command) for rule, about, command in blocks]
 
 

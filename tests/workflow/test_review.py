@@ -82,7 +82,7 @@ def test_names_reach_the_setups_that_use_them(workspace, monkeypatch):
     file = File(here.root)
     file.decide(0, verdict="accept")
     file.decide(1, name="desk lamp", merge_with="lamp-0")
-    relit = {job.label: "--lamps" in job.options for job in here.jobs() if job.verb == "relight"}
+    relit = {job.label: "--emitter-names" in job.options for job in here.jobs() if job.verb == "relight"}
     assert relit == {"relight.off.val-000": False, "relight.desk.val-000": True}
     here.fipt_run()
     assert here.planned() == {}
@@ -108,6 +108,6 @@ def test_a_setup_may_only_use_names_that_were_given(workspace, monkeypatch):
     file = File(here.root)
     file.decide(1, name="desk lmp")
     with pytest.raises(FiptError, match=re.escape(said) + ".*there are desk lmp, lamp-N"):
-        load(NAMED).scenes["room"].names_in("desk")
+        load(NAMED).scenes["room"].review
     file.decide(1, name="desk lamp")
-    assert load(NAMED).scenes["room"].names_in("desk")
+    assert load(NAMED).scenes["room"].review
