@@ -108,6 +108,6 @@ def test_a_setup_may_only_use_names_that_were_given(workspace, monkeypatch):
     file = File(here.root)
     file.decide(1, name="desk lmp")
     with pytest.raises(FiptError, match=re.escape(said) + ".*there are desk lmp, lamp-N"):
-        load(NAMED).scenes["room"].review
+        assert load(NAMED).scenes["room"].review
     file.decide(1, name="desk lamp")
     assert load(NAMED).scenes["room"].review
