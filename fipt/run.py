@@ -299,16 +299,19 @@ class _Chain:
         options = (*self._training(), "--emitters", self.emitters, "--out", folder)
         options += ("--review", f"{self.root}/{REVIEW_FILE}", *self.scene.listing_options())
         self.add("review", "review", options, [*self._training_files(), self.emitters], folders=[folder])
-        self.listed, self.lamps = manifest(folder), ("--lamps", f"{folder}/emitters.json")
+        self.listed, self.lamps = manifest(folder), ("--emitter-list", f"{folder}/emitters.json")
 
     def add_pictures(self) -> None:
         """Material maps of every view, held-out views, relit views."""
         model = ("--model", self.model, "--emitters", self.emitters)
         traced = ("--cache", self.cache, "--environment", self.environment, *model)
         for shard in self.shards:
-            self._add_picture("materials", "materials", shard, (*model, "--confidence", self.confidence))
-        for shard in self.scene.shards("val"):
-            self._add_picture("render", "render", shard, traced)
+            samples = ("--samples", self.samples[shard], *model, "--confidence", self.confidence)
+            self._add_picture("materials", "materials", shard, samples, [manifest(self.samples[shard])])
+        grid = ("--rays-per-side", str(self.scene.settings["samples"].grid))
+        traced = (*traced, *grid)
+        for shard, views in self.scene.shards("val").items():
+            self._add_picture("render", "render", shard, (*traced, "--views", ",".join(views)), [self.checked])
         for setup in self.scene.setups:
             options, files = (*traced, "--setup", self.scene.setup_json(setup)), self.scene.setup_files(setup)
             if self.scene.names_in(setup):
@@ -319,27 +322,27 @@ class _Chain:
             if setup in self.scene.filmed:
                 self._add_film(setup, options, files)
                 continue
-            for shard in self.scene.relit_shards(setup):
-                self._add_picture("relight", f"relight/{setup}", shard, options, files)
+            for shard, views in self.scene.relit_shards(setup).items():
+                seen = (*options, "--views", ",".join(views))
+                self._add_picture("relight", f"relight/{setup}", shard, seen, [*files, self.checked])
 
         for shard, views in self.scene.lamp_shards().items():
             made = manifest(f"{self.root}/olat.{shard}")
-            options = ("--dataset", self.data, "--samples", self.samples[shard], *traced, "--views", ",".join(views))
-            options += ("--out", f"{self.root}/lamps", "--manifest", made)
-            inputs = [*self.geometry, manifest(self.samples[shard]), self.model, self.emitters]
+            options = ("--dataset", self.data, *traced, "--views", ",".join(views))
+            options += ("--out", f"{self.root}/olat", "--manifest", made)
+            inputs = [*self.geometry, self.checked, self.model, self.emitters]
             self.add("olat", f"olat.{shard}", options, [*inputs, self.cache, self.environment], [made])
             self.mixed.append(made)
 
     def _add_film(self, setup: str, options: Iterable[str], files: Iterable[str]) -> None:
         """What a setup's own cameras see, shard by shard; then these joined."""
         shards, name = self.scene.relit_shards(setup), f"relight/{setup}"
-        traced = next(iter(self.samples))  # its settings are those of the cameras' samples
         placed = [*files, self.checked]  # keyframes, directions and sizes are those of accepted views
         for shard, cameras in shards.items():
-            self._add_picture("relight", name, shard, (*options, "--cameras", ",".join(cameras)), placed, traced)
+            self._add_picture("relight", name, shard, (*options, "--cameras", ",".join(cameras)), placed)
         seen = [self.shown.pop() for _ in shards]  # the page shows what is made of them
         folder, made = f"{self.root}/{name}", manifest(f"{self.root}/{name}")
-        options = ("--dataset", self.data, "--cameras", self.scene.cameras_json(setup), "--pictures", folder)
+        options = ("--dataset", self.data, "--cameras", self.scene.cameras_json(setup), "--images", folder)
         options += ("--max-views", str(self.scene.settings["report"].max_views))
         images = [file for files in self.images.values() for file in files]
         inputs = [*self.geometry, self.checked, *images, *seen]
@@ -353,13 +356,12 @@ class _Chain:
         shard: str,
         options: Iterable[str],
         files: Iterable[str] = (),
-        traced: str | None = None,
     ) -> None:
-        samples, made = self.samples[traced or shard], manifest(f"{self.root}/{name}.{shard}")
+        made = manifest(f"{self.root}/{name}.{shard}")
         label = f"{name.replace('/', '.')}.{shard}"
-        options = ("--dataset", self.data, "--samples", samples, *options)
+        options = ("--dataset", self.data, *options)
         options += ("--out", f"{self.root}/{name}", "--manifest", made)
-        inputs = [*self.geometry, manifest(samples), self.model, self.emitters, *files]
+        inputs = [*self.geometry, self.model, self.emitters, *files]
         extra = {"--cache": self.cache, "--environment": self.environment, "--confidence": self.confidence}
         inputs += [path for flag, path in extra.items() if flag in options]
         self.add(stage, label, options, inputs, [made])

@@ -30,7 +30,7 @@ CONFIG = {
 NAMED = copy.deepcopy(CONFIG)
 NAMED["scenes"]["room"]["setups"]["desk"] = {"emitters": [{"names": ["desk lamp", "lamp-0"], "off": True}]}
 
-LAST = {"material_maps": 3, "render_views": 1, "lamp_views": 1, "export_room": 1, "check_export": 1}
+LAST = {"material_maps": 3, "render_views": 1, "olat_views": 1, "export_room": 1, "check_export": 1}
 AFTER_EMITTERS = {"emitters": 2, "refine": 2, "fit": 1, "review": 1, "relight_views": 1, **LAST}
 AFTER_EMITTERS |= {"scene_metrics": 1, "scene_report": 1}
 """All that depends on what emits; samples, cache, background, bake and the fit of round 0 do not."""
@@ -89,7 +89,7 @@ def test_fipt_run_calls_what_the_workflow_calls(workspace, monkeypatch):
     for job in jobs:
         for path in (*job.inputs, *job.outputs, *job.folders):
             assert (here.root / path).exists(), path
-    relit = {job.label: "--lamps" in job.options for job in jobs if job.verb == "relight"}
+    relit = {job.label: "--emitter-list" in job.options for job in jobs if job.verb == "relight"}
     assert relit == {"relight.off.val-000": False, "relight.desk.val-000": True}
 
 
