@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from fipt.inputs import EmitterNames
 from fipt.stages.render.inputs import TracedInputs
 
 if TYPE_CHECKING:
@@ -25,9 +26,7 @@ class RelightInputs(TracedInputs):
     cameras: Annotated[
         tuple[str, ...], "Of a setup with its own cameras: those to render, comma-separated; default: all."
     ] = ()
-    emitter_list: Annotated[
-        Path | None, "emitters.json of fipt review: names of emitters; without it their default names."
-    ] = None
+    emitter_names: EmitterNames = None
     segments: Annotated[Path | None, "fusion.npz, whose ids the setup names; default: connected parts of the mesh."] = (
         None
     )
@@ -46,7 +45,7 @@ def run(inputs: RelightInputs, settings: "RelightSettings") -> dict[str, Any]:
 
     setup, data = parse_setup(inputs.setup), Dataset(inputs.dataset)
     cameras = _cameras(inputs, setup, data)
-    scene = StagedScene.relit(inputs.fitted(data), setup, inputs.emitter_list, inputs.segments)
+    scene = StagedScene.relit(inputs.fitted(data), setup, inputs.emitter_names, inputs.segments)
     figures: dict[str, Any] = {}
     if setup.cameras is not None:
         figures["warnings"] = unlikely_viewpoints(RayScene(scene.mesh), cameras, data.cameras)

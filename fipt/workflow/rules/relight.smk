@@ -41,7 +41,9 @@ rule relight_views:
         dataset=folder("results/{scene}/dataset"),
         out=folder("results/{scene}/relight/{setup}"),
         setup=setup_json,
-        lamps=where("lamps", "--emitter-list", "results/{scene}/emitters/emitters.json"),
+        lamps=where(
+            "lamps", "--emitter-names", "results/{scene}/emitters/emitters.json"
+        ),
         seen=relit_views,
         rays_per_side=rays_per_side,
         segments=where("segments", "--segments", "results/{scene}/segments/fusion.npz"),
