@@ -151,20 +151,21 @@ class _Chain:
         known, files = scene.scene_options(), scene.scene_files()
         room = [*self.geometry] if scene.simulated else [*self.geometry, f"{self.data}/room.json"]
         if not scene.photographed:
-            self.add("synthesize", "synthesize", (*dataset, "--room", *known), files, room)
+            self.add("synthesize-room", "synthesize", (*dataset, *known), files, room, section="synthesize")
         for shard, views in self.shards.items():
             made = self.images[shard][-1]
-            only = ("--truth",) if scene.simulated else ()
+            verb = "synthesize-truth" if scene.simulated else "synthesize-views"
             label = f"truth.{shard}" if scene.simulated else f"synthesize.{shard}"
-            options = (*dataset, *only, "--views", ",".join(views), *known, "--manifest", made)
-            self.add("synthesize", label, options, [*room, *files], [made])
+            options = (*dataset, "--views", ",".join(views), *known, "--manifest", made)
+            self.add(verb, label, options, [*room, *files], [made], section="synthesize")
         for setup in scene.true_setups:
             light = ("--setup", scene.setup_json(setup), "--setup-name", setup)
             for shard, views in scene.relit_shards(setup).items():
                 made = manifest(f"{self.data}/relight_truth.{setup}.{shard}")
                 options = (*dataset, "--views", ",".join(views), *light, *known, "--manifest", made)
                 inputs = [*room, *scene.setup_files(setup), *files]
-                self.add("synthesize", f"synthesize.{setup}.{shard}", options, inputs, [made])
+                label = f"synthesize.{setup}.{shard}"
+                self.add("synthesize-relit", label, options, inputs, [made], section="synthesize")
                 self.shown.append(made)
 
     def _add_capture(self) -> list[str]:
@@ -175,15 +176,17 @@ class _Chain:
         if scene.simulated:
             room, known, modelled = ("--dataset", scene.room), scene.scene_options(), scene.scene_files()
             files = [f"{scene.room}/{name}" for name in ("transforms.json", "views.json", "mesh.ply", "room.json")]
-            self.add("synthesize", "synthesize", (*room, "--room", *known), modelled, files)
+            self.add("synthesize-room", "synthesize", (*room, *known), modelled, files, section="synthesize")
             frames = manifest(f"{root}/raw.calibration")
-            options = (*room, "--calibration", photographs, "--manifest", frames)
-            self.add("synthesize", "photograph.calibration", options, files, [frames])
+            options = (*room, "--raw", photographs, "--manifest", frames)
+            label = "photograph.calibration"
+            self.add("photograph-calibration", label, options, files, [frames], section="synthesize")
             brackets = {shard: [frames, manifest(f"{root}/raw.{shard}")] for shard in self.shards}
             for shard, views in self.shards.items():
                 made = brackets[shard][-1]
                 options = (*room, "--raw", photographs, "--views", ",".join(views), *known, "--manifest", made)
-                self.add("synthesize", f"photograph.{shard}", options, [*files, *modelled], [made])
+                label = f"photograph.{shard}"
+                self.add("photograph", label, options, [*files, *modelled], [made], section="synthesize")
             calibrated_from = list(dict.fromkeys(file for files in brackets.values() for file in files))
         else:
             brackets = {shard: scene.photographs(views) for shard, views in self.shards.items()}

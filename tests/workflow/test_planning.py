@@ -443,7 +443,7 @@ def test_photographs_are_planned_alike(workspace, monkeypatch, config_of):
         for path in (*job.inputs, *job.outputs, *job.folders):
             assert (here.root / path).exists(), path
     inputs = {made.split(", ")[0]: set(files.split(", ")) for files, made in read}
-    early = [job for job in jobs if job.verb in ("synthesize", "calibrate", "develop", "qa", "pose") and job.inputs]
+    early = [job for job in jobs if job.stage in ("synthesize", "capture", "poses") and job.inputs]
     assert ("pose" in {job.verb for job in jobs}) is (config["scenes"]["room"].get("poses") == "colmap")
     assert {job.outputs[0]: set(job.inputs) for job in early}.items() <= inputs.items()
 
