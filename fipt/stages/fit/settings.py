@@ -4,6 +4,7 @@ from typing import Literal
 
 from pydantic import Field
 
+from fipt.conventions import EMITTER_GAIN
 from fipt.model.settings import NetworkSettings
 from fipt.settings import Count, Fraction, Positive, Weight
 
@@ -19,7 +20,8 @@ class FitSettings(NetworkSettings):
     final_learning_rate: float = Field(2e-4, gt=0, le=1, description="reached by exponential decay at the last step")
     table_rate: float = Field(8.0, gt=0, le=100, description="learning rate of the hash table over the networks'")
     evidence: Weight = Field(
-        1.5, description="pixels this much brighter than any reflection teach only the mask; 0 = off, as the paper"
+        EMITTER_GAIN,
+        description="pixels this much brighter than any reflection teach only the mask; 0 = off, as the paper",
     )
     colour_weight: Weight = Field(1.0, description="of the difference to the photographs")
     emission_weight: Weight = Field(1.0, description="price of the emission mask")
@@ -36,3 +38,8 @@ class FitSettings(NetworkSettings):
     confidence: bool = Field(False, description="weight part search, propagation, priors by confidence in the surface")
     min_confidence: Fraction = Field(0.0, description="pixels of surface less sure than this teach nothing; 0 = all do")
     threads: Count = Field(0, description="CPU threads, 0 = all; 1 repeats bit for bit")
+
+    @property
+    def emitter_gain(self) -> float:
+        """Pixels this much brighter than any reflection show an emitter, also where ``evidence`` is off."""
+        return self.evidence or EMITTER_GAIN
