@@ -19,9 +19,10 @@ import torch
 from torch import Tensor
 
 from fipt.model.networks import QUERY_CHUNK
+from fipt.render.points import Points
 from fipt.render.scene import RayScene
 from fipt.render.surface import EmitterSet, Materials
-from fipt.render.tracer import PathSettings, Points
+from fipt.render.tracer import PathSettings
 from fipt.scene.mesh import Mesh
 
 BATCH = 1 << 19

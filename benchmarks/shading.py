@@ -16,7 +16,8 @@ from benchmarks.scene import Scene
 from benchmarks.timing import added_memory, in_turns
 from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
 from fipt.model.networks import Field, SceneBox
-from fipt.render.tracer import PathSettings, Points, Shader
+from fipt.render.points import Points
+from fipt.render.tracer import PathSettings, Shader
 from fipt.scene.shading import Shading, save_shading
 from fipt.stages.shade.bake import cache_shader
 from fipt.stages.shade.integrate import sampling_plan

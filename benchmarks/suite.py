@@ -9,7 +9,7 @@ from benchmarks.report import Row
 from benchmarks.scene import Scene
 from benchmarks.shading import OURS, SUPPLEMENT, THREE_LOBES, Contestants, Curve, scaled
 from benchmarks.timing import Ratio
-from fipt.render.tracer import Points
+from fipt.render.points import Points
 from fipt.stages.fit.settings import FitSettings
 
 

@@ -2,11 +2,13 @@
 
 import json
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal, Optional
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model
+from pydantic.fields import FieldInfo
+from pydantic_core import PydanticUndefined
 
-from fipt.errors import FiptError
+from fipt.validation import checked, kinds_of, of_another_kind
 
 Positive = Annotated[int, Field(ge=1)]
 Count = Annotated[int, Field(ge=0)]
@@ -29,24 +31,12 @@ Reflectance = Annotated[tuple[Fraction, Fraction, Fraction], Field(description="
 Roughness = Annotated[float, Field(ge=0.02, le=1)]
 
 
-def explain(error: ValidationError, where: str) -> str:
-    """Return one line for the first problem of a pydantic error: key path, what is allowed, what was found."""
-    problem = error.errors()[0]
-    path = ".".join([where, *(str(part) for part in problem["loc"])])
-    if problem["type"] == "value_error":  # keys that do not go together
-        return f"{path}: {problem['ctx']['error']}"
-    if problem["type"] == "extra_forbidden":
-        return f"unknown key {path}"
-    text = problem["msg"]
-    return f"{path}: {text[0].lower()}{text[1:]}; found {problem.get('input')!r}"
-
-
 def dumped(settings: Settings) -> dict[str, Any]:
     """Settings as plain JSON types."""
     return json.loads(settings.model_dump_json())
 
 
-def validate(model: type[Settings], section: str, values: Mapping[str, Any]) -> Any:
+def validate(model: Any, section: str, values: Mapping[str, Any]) -> Any:
     """Return ``values`` as ``model``.
 
     Raises
@@ -54,8 +44,56 @@ def validate(model: type[Settings], section: str, values: Mapping[str, Any]) -> 
     FiptError
         One line that names the key's path below ``section`` and what is allowed.
     """
-    try:
-        return model.model_validate(values)
-    except ValidationError as error:
-        allowed = ", ".join(model.model_fields)
-        raise FiptError(explain(error, section), f"allowed keys of {section}: {allowed}") from error
+    return checked(model, values, root=section)
+
+
+def by_mode(union: Any) -> BeforeValidator:
+    """Let values of layers choose a member of a union of settings classes by its ``mode``.
+
+    The first member is chosen where nothing is said. Layers of a configuration are merged before they are checked, and
+    one of them may tune a mode that another does not choose: such keys are left out. A key that has no default was
+    meant, and is refused where its mode was not chosen.
+    """
+
+    def prepared(values: Any) -> Any:
+        kinds = kinds_of(union)
+        if kinds is None or not isinstance(values, Mapping):
+            return values
+        mode: Any = values.get(kinds.key, next(iter(kinds.members)))
+        if not isinstance(mode, str) or mode not in kinds.members:
+            return values
+        own = kinds.members[mode].model_fields
+        key: Any
+        for key in values:
+            others = {tag: kind.model_fields[key] for tag, kind in kinds.members.items() if key in kind.model_fields}
+            if key in own or all(field.get_default() not in (None, PydanticUndefined) for field in others.values()):
+                continue
+            if values[key] is not None:
+                raise of_another_kind(key, kinds.key, others, mode)
+        known = {key for kind in kinds.members.values() for key in kind.model_fields}
+        return {kinds.key: mode} | {key: value for key, value in values.items() if key in own or key not in known}
+
+    return BeforeValidator(prepared)
+
+
+def layer_of(model: Any) -> type[Settings]:
+    """Class of what one layer of a configuration may say about a section: of a union, any key of any member."""
+    kinds = kinds_of(model)
+    if kinds is None:
+        return model
+    first, *_ = members = list(dict.fromkeys(kinds.members.values()))
+    meaning = "; ".join(f"`{tag}`: {_meaning(member)}" for tag, member in kinds.members.items())
+    choice = Field(next(iter(kinds.members)), description=meaning)
+    fields: dict[str, Any] = {kinds.key: (Literal[tuple(kinds.members)], choice)}
+    for member in members:
+        for key, field in member.model_fields.items():
+            kind: Any = Optional[field.annotation] if field.is_required() else field.annotation  # noqa: UP045 - a value
+            default = None if field.is_required() else field.default
+            fields.setdefault(key, (kind, FieldInfo.merge_field_infos(field, annotation=kind, default=default)))
+    base = next(kind for kind in reversed(first.__mro__) if issubclass(kind, Settings) and kind is not Settings)
+    return create_model(base.__name__.lstrip("_") + "Layer", __base__=Settings, __doc__=base.__doc__, **fields)
+
+
+def _meaning(model: type[BaseModel]) -> str:
+    text = (model.__doc__ or "").splitlines()[0].rstrip(".")
+    return text[0].lower() + text[1:]

@@ -13,13 +13,12 @@ import json
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from difflib import get_close_matches
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
 import yaml
-from pydantic import BaseModel, Field, ValidationError, create_model
+from pydantic import BaseModel, Field, create_model
 
 from fipt.errors import FiptError
 from fipt.formats.files import check_name, existing_file
@@ -27,9 +26,8 @@ from fipt.registry import settings_classes
 from fipt.scene.review import FILE as REVIEW_FILE
 from fipt.scene.review import Review, closest, read_review
 from fipt.scene.setup import RelightSetup, check_keyframes
-from fipt.settings import Positive, Settings, dumped
-from fipt.stages.environment.settings import check_environment
-from fipt.stages.segment.settings import check_segment
+from fipt.settings import Positive, Settings, dumped, layer_of
+from fipt.validation import checked
 
 RESULTS = "results"
 """Folder of all results, in the working directory."""
@@ -53,13 +51,16 @@ PRESETS = Path(__file__).resolve().parent / "presets"
 STAGES = settings_classes()
 """Section -> class of its settings."""
 
+LAYERS = {section: layer_of(model) for section, model in STAGES.items()}
+"""Section -> class of what one layer of the configuration may say about it."""
+
 Setups = dict[str, RelightSetup]
 
 Sections = create_model(
     "Sections",
     __base__=Settings,
     __doc__="One optional section for each stage; absent keys keep what the layer before says.",
-    **{stage: (model | None, Field(None, description=model.__doc__)) for stage, model in STAGES.items()},
+    **{stage: (layer | None, Field(default=None, description=layer.__doc__)) for stage, layer in LAYERS.items()},
 )
 
 
@@ -70,34 +71,35 @@ class SceneEntry(Settings):
         description="procedural: a room in code; mitsuba: a room of a scene file, 24 + 8 views of 320x240 where "
         "nothing else is said; dataset: posed HDR views that exist; raw: bracketed photographs"
     )
-    preset: str = Field("default", description="name of a file in fipt/config/presets")
+    preset: str = Field(default="default", description="name of a file in fipt/config/presets")
     path: str | None = Field(
-        None,
+        default=None,
         description="folder (or transforms.json) of a dataset, or of photographs, or scene file (XML); {data_root} is "
         "replaced by that key",
     )
     simulate_raw: bool | None = Field(
-        None,
+        default=None,
         description="true: a simulated camera (`synthesize.raw`) photographs the procedural or modelled room, and the "
         "scene starts at these RAW files",
     )
     format: Literal["nerfstudio", "fipt-synthetic", "fipt-real"] | None = Field(
-        None, description="layout of a dataset: they share file names, but not axes"
+        default=None, description="layout of a dataset: they share file names, but not axes"
     )
     mesh: str | None = Field(
-        None, description="mesh of photographs, or of a dataset whose layout brings none; {data_root} is replaced"
+        default=None,
+        description="mesh of photographs, or of a dataset whose layout brings none; {data_root} is replaced",
     )
     poses: str | None = Field(
-        None,
+        default=None,
         description="poses of photographed views: `colmap` estimates them; or a transforms.json, COLMAP folder, "
         "Metashape XML or RealityCapture CSV, by view name; {data_root} is replaced",
     )
     segments: str | None = Field(
-        None,
+        default=None,
         description="folder with part/VIEW.png or semantic/VIEW.png of photographed views; {data_root} is replaced",
     )
-    setups: Setups | None = Field(None, description="relight setups of this scene, beside the common ones")
-    settings: Sections | None = Field(None, description="stage sections of this scene")
+    setups: Setups | None = Field(default=None, description="relight setups of this scene, beside the common ones")
+    settings: Sections | None = Field(default=None, description="stage sections of this scene")
 
 
 class Config(Sections):
@@ -105,12 +107,12 @@ class Config(Sections):
 
     scenes: dict[str, SceneEntry] = Field(min_length=1, description="name of a scene -> where it comes from")
     rounds: Annotated[int, Field(ge=0, le=20)] = Field(
-        2, description="refinements after the first fit; 0 = bake and fit only"
+        default=2, description="refinements after the first fit; 0 = bake and fit only"
     )
-    views_per_shard: Positive = Field(16, description="views that one job works on")
-    setups: Setups | None = Field(None, description="relight setups of every scene")
-    only: str | list[str] | None = Field(None, description="names of the scenes to run; absent = all")
-    data_root: str | None = Field(None, description="folder that {data_root} in paths stands for")
+    views_per_shard: Positive = Field(default=16, description="views that one job works on")
+    setups: Setups | None = Field(default=None, description="relight setups of every scene")
+    only: str | list[str] | None = Field(default=None, description="names of the scenes to run; absent = all")
+    data_root: str | None = Field(default=None, description="folder that {data_root} in paths stands for")
 
 
 @dataclass(frozen=True)
@@ -153,9 +155,9 @@ class Scene:
         if stage == "fit" and self.segmentation == "none":
             values["segments"] = "none"
         if stage == "segment":
-            for key in ("model", "path"):
-                values[key] = values[key] and self._placed(values[key], f"settings.segment.{key}")
-        if stage == "environment" and values["file"]:
+            for key in {"model", "path"} & values.keys():
+                values[key] = self._placed(values[key], f"settings.segment.{key}")
+        if stage == "environment" and "file" in values:
             values["file"] = self.environment_path()
         if stage == "check_poses":
             values["enabled"] = self.checks_poses
@@ -217,7 +219,7 @@ class Scene:
 
     def environment_path(self) -> str | None:
         """Return the environment map of mode given, or None."""
-        file = self.settings["environment"].file
+        file = getattr(self.settings["environment"], "file", None)
         return self._placed(file, "settings.environment.file") if file else None
 
     def reference_path(self) -> str | None:
@@ -240,7 +242,7 @@ class Scene:
         if mode != "auto":
             return mode
         if self.source == "dataset":
-            from fipt.formats.layouts import has_segments
+            from fipt.scene.sources import has_segments
 
             return "dataset" if has_segments(self._source) else "geometry"
         return "dataset" if self.synthesized or self.segments else "geometry"
@@ -474,7 +476,7 @@ class Scene:
 
     @cached_property
     def _source(self) -> Any:
-        from fipt.formats.layouts import read_source
+        from fipt.scene.sources import read_source
 
         every = self.settings["import"].val_every
         return read_source(self.source_path(), self.format, every)
@@ -488,7 +490,7 @@ class Scene:
     @cached_property
     def _photographed(self) -> list[Any]:
         """Posed views of which there are photographs."""
-        from fipt.formats.layouts import read_poses
+        from fipt.scene.sources import read_poses
 
         poses = self.poses_path()
         posed = read_poses(poses, self.settings["import"].val_every)
@@ -598,15 +600,13 @@ def _scene(name: str, entry: SceneEntry, config: Config) -> Scene:
         values: dict[str, Any] = {}
         for layer in layers:
             _merge(values, _section(layer, stage))
-        settings[stage] = model.model_validate(values)
-    check_environment(settings["environment"], f"scene {name}: environment")
+        settings[stage] = checked(model, values, f"scene {name}: ", stage)
     possible = entry.poses == ESTIMATED and entry.simulate_raw
     if entry.source in ("procedural", "mitsuba") and entry.poses is not None and not possible:
         raise FiptError(
             f"{where}.poses of a known room may be {ESTIMATED}, where simulate_raw is true; found {entry.poses}",
             f"remove {where}.poses, or photograph the room",
         )
-    check_segment(settings["segment"], f"scene {name}: segment")
     return Scene(
         name=name,
         source=entry.source,
@@ -743,61 +743,3 @@ def _merge(into: dict[str, Any], values: Mapping[str, Any]) -> None:
             _merge(into[key], value)
         else:
             into[key] = value
-
-
-# --- Checking -----------------------------------------------------------------------------------
-
-
-def checked(model: type[Settings], values: Mapping[str, Any], where: str = "") -> Any:
-    """Return ``values`` as ``model``, or raise one line that names the key's path.
-
-    Parameters
-    ----------
-    model
-        Whole configuration or a part of it.
-    values
-        As read from YAML.
-    where
-        Put before the message.
-    """
-    try:
-        return model.model_validate(values)
-    except ValidationError as error:
-        # An unknown key explains more than the missing or wrong values that follow from it.
-        problems = sorted(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")
-        message, remedy = _explained(model, problems[0])
-        raise FiptError(where + message, remedy) from error
-
-
-def _explained(model: type[Settings], problem: Mapping[str, Any]) -> tuple[str, str]:
-    """Message and remedy for one problem that pydantic reports."""
-    # The members of a union of plain types stand in the location as if they were keys.
-    location = [str(part) for part in problem["loc"] if part not in ("str", "list[str]")]
-    path = ".".join(location)
-    if location[-1] == "[key]":
-        inside = ".".join(location[:-2])
-        found = f"{inside}: names must be text; found {problem['input']!r}"
-        return found, "put it in quotes: YAML reads no, off, yes, on and numbers as other things"
-    if problem["type"] != "extra_forbidden":
-        text = problem["msg"].removeprefix("Value error, ")
-        found = "" if problem["type"] == "missing" else f"; found {problem.get('input')!r}"
-        return f"{path}: {text[0].lower()}{text[1:]}{found}", "config/README.md explains every key"
-    parent: Any = model
-    for part in location[:-1]:
-        parent = _inner(parent, part)
-    allowed = list(parent.model_fields)
-    close = get_close_matches(location[-1], allowed, n=1)
-    hint = f" (did you mean {close[0]}?)" if close else ""
-    inside = ".".join(location[:-1]) or "the top level"
-    return f"unknown key {path}{hint}", f"allowed in {inside}: {', '.join(allowed)}"
-
-
-def _inner(annotation: Any, part: str) -> Any:
-    """Type of what stands below ``part`` (field, name or index) in a value of ``annotation``."""
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        annotation = annotation.model_fields[part].annotation
-    else:  # dict[str, Model] or tuple[Model, ...]
-        annotation = next(a for a in reversed(get_args(annotation)) if a is not Ellipsis)
-    options = [a for a in get_args(annotation) if a is not type(None)]
-    optional = type(None) in get_args(annotation)
-    return options[0] if optional else annotation

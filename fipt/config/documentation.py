@@ -12,8 +12,9 @@ import yaml
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
-from fipt.config import PRESETS, STAGES, Config, SceneEntry
+from fipt.config import LAYERS, PRESETS, Config, SceneEntry
 from fipt.scene.setup import RelightSetup
+from fipt.validation import inner_model, kinds_of
 
 ROOT = PRESETS.parent.parent.parent
 SCHEMA = ROOT / "fipt" / "workflow" / "schemas" / "config.schema.yaml"
@@ -34,10 +35,10 @@ def schema_text() -> str:
 
 def tables_text() -> str:
     """Markdown tables of every key: what it allows, its default, its meaning and unit."""
-    general = {key: Config.model_fields[key] for key in Config.model_fields if key not in STAGES}
+    general = {key: Config.model_fields[key] for key in Config.model_fields if key not in LAYERS}
     parts = ["### Top level\n", _table(general)]
     parts += ["### A scene: `scenes.NAME`\n", _table(SceneEntry.model_fields)]
-    for stage, model in STAGES.items():
+    for stage, model in LAYERS.items():
         parts += [f"### `{stage}`: {_first_line(model)}\n", _table(model.model_fields)]
         parts += _inner_tables(stage, model)
     parts += ["### A relight setup: `setups.NAME`\n", _table(RelightSetup.model_fields)]
@@ -46,20 +47,21 @@ def tables_text() -> str:
 
 
 def _inner_tables(path: str, model: type[BaseModel]) -> list[str]:
-    """Tables of the sections inside a section, and of the entries of its lists."""
+    """Tables of the sections inside a section, and of the entries of its lists; of a union one for each member."""
     parts = []
     for key, field in model.model_fields.items():
-        inner = _model(field.annotation)
-        if inner is not None:
+        kinds = next(filter(None, map(kinds_of, [field.annotation, *get_args(field.annotation)])), None)
+        inner = inner_model(field.annotation)
+        if kinds is not None:
+            for tag, member in kinds.members.items():
+                parts += [f"#### `{path}.{key}`, {kinds.key}: {tag}\n", _table(_without(member, kinds.key))]
+        elif inner is not None:
             parts += [f"#### `{path}.{key}`\n", _table(inner.model_fields), *_inner_tables(f"{path}.{key}", inner)]
     return parts
 
 
-def _model(annotation: Any) -> type[BaseModel] | None:
-    """Return the settings class that a key holds, on its own, optionally or in a list; None for plain values."""
-    if isinstance(annotation, type):
-        return annotation if issubclass(annotation, BaseModel) else None
-    return next((model for kind in get_args(annotation) if (model := _model(kind)) is not None), None)
+def _without(model: type[BaseModel], key: str) -> dict[str, Any]:
+    return {name: field for name, field in model.model_fields.items() if name != key}
 
 
 def with_tables(text: str) -> str:
@@ -90,7 +92,7 @@ def _values(annotation: Any, metadata: list[Any]) -> str:
     origin, inner = get_origin(annotation), get_args(annotation)
     if origin in (Union, UnionType):
         kinds = [_values(kind, metadata) for kind in inner if kind is not type(None)]
-        return " or ".join(kinds)
+        return " or ".join(dict.fromkeys(kinds))
     if origin is Literal:
         return ", ".join(f"`{choice}`" for choice in inner)
     if hasattr(annotation, "__metadata__"):

@@ -1,4 +1,4 @@
-"""8-bit and 16-bit PNG, and the sRGB curve."""
+"""8-bit and 16-bit PNG, what else OpenCV decodes, and the sRGB curve."""
 
 from pathlib import Path
 
@@ -43,3 +43,17 @@ def read_ids(path: str | Path) -> np.ndarray:
     if ids.ndim != 2 or ids.min() < 0 or ids.max() > 65535:
         raise FiptError(f"{path} must be a grey PNG with ids from 0 to 65535", "export it as a 16-bit grey PNG")
     return ids.astype(np.uint16)
+
+
+def decoded(path: str | Path, flags: int) -> np.ndarray | None:
+    """Read an image by OpenCV (flags ``cv2.IMREAD_*``); None where it cannot, without OpenCV's own lines on stderr."""
+    import cv2
+
+    data = np.frombuffer(Path(path).read_bytes(), np.uint8)
+    level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    try:
+        return cv2.imdecode(data, flags)
+    except cv2.error:  # an empty file
+        return None
+    finally:
+        cv2.utils.logging.setLogLevel(level)

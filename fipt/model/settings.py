@@ -8,9 +8,11 @@ from fipt.settings import Count, Positive, Settings, Weight
 class NetworkSettings(Settings):
     """Sizes of the networks, and the size of what they are asked about."""
 
-    levels: Positive = Field(16, le=32, description="levels of the hash encoding")
-    table_log2: int = Field(18, ge=8, le=24, description="log2 of the entries of a level")
-    growth: float = Field(1.45, gt=1, le=2, description="resolution ratio of neighbouring levels")
-    footprint: Weight = Field(0.5, description="size of a query in pixel footprints; finer levels fade; 0 = points")
-    start_rough: bool = Field(True, description="start rough and not metallic instead of in the middle")
-    seed: Count = Field(0, description="seed of the random numbers")
+    levels: Positive = Field(default=16, le=32, description="levels of the hash encoding")
+    table_log2: int = Field(default=18, ge=8, le=24, description="log2 of the entries of a level")
+    growth: float = Field(default=1.45, gt=1, le=2, description="resolution ratio of neighbouring levels")
+    footprint: Weight = Field(
+        default=0.5, description="size of a query in pixel footprints; finer levels fade; 0 = points"
+    )
+    start_rough: bool = Field(default=True, description="start rough and not metallic instead of in the middle")
+    seed: Count = Field(default=0, description="seed of the random numbers")

@@ -9,6 +9,8 @@ D normal distribution, G masking-shadowing divided by (n.i)(n.o), Fc = (1 - o.h)
 import drjit as dr
 import mitsuba as mi
 
+from fipt.conventions import F0_DIELECTRIC
+
 
 def d_ggx(cos_h: "mi.Float", sin2_h: "mi.Float", alpha: "mi.Float") -> "mi.Float":
     """GGX normal distribution D(h), per steradian.
@@ -53,7 +55,12 @@ def sample_half_vector(u1: "mi.Float", u2: "mi.Float", alpha: "mi.Float") -> "mi
     return mi.Vector3f(sin * cos_phi, sin * sin_phi, cos)
 
 
-class Geometry:
+def mirrored(wo: "mi.Vector3f", h: "mi.Vector3f") -> "mi.Vector3f":
+    """Unit direction that ``wo`` is reflected to about the half vector ``h``."""
+    return dr.normalize(dr.fma(2 * dr.dot(wo, h), h, -wo))
+
+
+class ReflectionGeometry:
     """Cosines of one pair of directions at a surface point with unit normal n (all clamped to >= 0)."""
 
     def __init__(self, n: "mi.Vector3f", wi: "mi.Vector3f", wo: "mi.Vector3f") -> None:
@@ -81,11 +88,11 @@ class Geometry:
 
 
 def evaluate(
-    g: Geometry, base_color: "mi.Color3f", s: "mi.Float", metallic: "mi.Float"
+    g: ReflectionGeometry, base_color: "mi.Color3f", s: "mi.Float", metallic: "mi.Float"
 ) -> tuple["mi.Color3f", "mi.Float"]:
     """Return f(i,o) (n.i) and the density of choosing i half by cosine, half by GGX."""
     kd = base_color * (1 - metallic)
-    ks = 0.04 * (1 - metallic) + base_color * metallic
+    ks = F0_DIELECTRIC * (1 - metallic) + base_color * metallic
     fc = schlick(g.oh)
     value = kd * (dr.inv_pi * g.ni) + (ks * (1 - fc) + fc) * g.specular(s)
     return value, 0.5 * (g.pdf_cosine() + g.pdf_ggx(dr.square(s)))

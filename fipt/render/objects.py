@@ -6,7 +6,7 @@ from fipt.errors import FiptError
 from fipt.render.scene import RayScene
 from fipt.scene.mesh import Mesh
 from fipt.scene.objects import MeshObject, moved, read_object, shape_object
-from fipt.scene.setup import NewLight, NewObject
+from fipt.scene.setup import MeshLight, NewObject
 
 _GAP = 0.0005
 """Air left below a dropped object, metres: surfaces that touch would hide from each other's rays."""
@@ -19,7 +19,7 @@ def turned(rotation: tuple[float, float, float]) -> np.ndarray:
     return Rotation.from_euler("xyz", rotation, degrees=True).as_matrix()
 
 
-def light_mesh(light: NewLight) -> Mesh:
+def light_mesh(light: MeshLight) -> Mesh:
     """Triangles of a mesh light, in its place."""
     return _placed(read_object(light.file), light).mesh
 
@@ -67,7 +67,7 @@ def barycentric(corners: np.ndarray, points: np.ndarray) -> np.ndarray:
     return weights / weights.sum(axis=1, keepdims=True)
 
 
-def _placed(thing: MeshObject, entry: NewLight | NewObject) -> MeshObject:
+def _placed(thing: MeshObject, entry: MeshLight | NewObject) -> MeshObject:
     matrix, shift = entry.scale * turned(entry.rotation), np.array(entry.position)
     vertices, normals = moved(thing.mesh.vertices, thing.normals, matrix, shift)
     mesh = Mesh(vertices, thing.mesh.triangles)

@@ -13,10 +13,10 @@ from fipt.conventions import F0_DIELECTRIC
 from fipt.model.albedo import reflectance
 from fipt.render.denoise import denoise
 from fipt.render.footprint import sub_pixel_points
-from fipt.render.points import shade_in_chunks
+from fipt.render.points import Points, random_keys, shade_in_chunks
 from fipt.render.scene import RayScene
 from fipt.render.surface import EmitterSet, Materials
-from fipt.render.tracer import Points, Shader, random_keys
+from fipt.render.tracer import Shader
 from fipt.scene.cameras import Camera
 from fipt.scene.environment import EnvironmentMap
 from fipt.scene.mesh import Mesh

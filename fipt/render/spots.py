@@ -7,7 +7,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from fipt.scene.setup import NewLight
+from fipt.scene.setup import NewLight, SpotLight
 
 
 @dataclass(frozen=True)
@@ -44,12 +44,12 @@ class Spot:
 
 def spots_of(lights: Sequence[NewLight]) -> list[Spot]:
     """The spots among the new lights of a setup."""
-    return [_spot(light) for light in lights if light.shape == "spot"]
+    return [_spot(light) for light in lights if isinstance(light, SpotLight)]
 
 
-def _spot(light: NewLight) -> Spot:
+def _spot(light: SpotLight) -> Spot:
     position = np.array(light.position, float)
-    axis = np.array(light.direction, float) if light.target is None else np.array(light.target, float) - position
+    axis = np.array(light.axis, float)
     cutoff = np.radians(light.cone_angle / 2)
     return Spot(
         position,

@@ -149,10 +149,30 @@ class SurfaceCache:
         return mi.Color3f(v.x, v.y, v.z), v.w
 
 
+@dataclass
+class EmitterPoint:
+    """Points on emitters, one a lane.
+
+    Attributes
+    ----------
+    p, n
+        Place (metres), normal by winding order.
+    radiance
+        What is emitted there.
+    p_area
+        Density of choosing the point, per square metre.
+    """
+
+    p: "mi.Point3f"
+    n: "mi.Vector3f"
+    radiance: "mi.Color3f"
+    p_area: "mi.Float"
+
+
 class Triangles:
     """Normal and emitter of every triangle, and sampling of emitters by power.
 
-    Lamps absorb what falls on them, also those that are off: light then adds up lamp by lamp.
+    Emitters absorb what falls on them, also those that are off: light then adds up emitter by emitter.
 
     Parameters
     ----------
@@ -160,18 +180,25 @@ class Triangles:
         The room.
     emitters
         Emitting triangles, or None.
+
+    Attributes
+    ----------
+    absorb
+        Whether there are emitters, perhaps all of them off.
+    has_emitters
+        Whether some emit.
     """
 
     def __init__(self, mesh: Mesh, emitters: EmitterSet | None) -> None:
-        self.has_lamps = emitters is not None and len(emitters.triangle) > 0
+        self.absorb = emitters is not None and len(emitters.triangle) > 0
         number = np.zeros(len(mesh.triangles), np.float32)
-        if self.has_lamps:
-            lamps, emitters = emitters.triangle, emitters.lit()
-            number[lamps] = 1 + len(emitters.triangle)  # the last row: lamps that are off, black
+        if self.absorb:
+            triangles, emitters = emitters.triangle, emitters.lit()
+            number[triangles] = 1 + len(emitters.triangle)  # the last row: emitters that are off, black
             number[emitters.triangle] = 1 + np.arange(len(emitters.triangle))
-        self.has_emitters = self.has_lamps and len(emitters.triangle) > 0
+        self.has_emitters = self.absorb and len(emitters.triangle) > 0
         self.face = mi.Float(np.concatenate([mesh.normals, number[:, None]], axis=1).astype(np.float32).ravel())
-        if not self.has_lamps:
+        if not self.absorb:
             return
         self.two_sided = emitters.two_sided
         self.count = len(emitters.triangle)
@@ -203,14 +230,12 @@ class Triangles:
         v = dr.gather(mi.Vector4f, self.emitted, emitter, active)
         return mi.Color3f(v.x, v.y, v.z), v.w
 
-    def shines(self, normal: "mi.Vector3f", away: "mi.Vector3f") -> "mi.Bool":
+    def emits_along(self, normal: "mi.Vector3f", away: "mi.Vector3f") -> "mi.Bool":
         """Whether an emitter with this winding normal emits along ``away``."""
         return mi.Bool(True) if self.two_sided else dr.dot(normal, away) > 0
 
-    def sample(
-        self, u: "mi.Float", u1: "mi.Float", u2: "mi.Float", active: "mi.Bool"
-    ) -> tuple["mi.Point3f", "mi.Vector3f", "mi.Color3f", "mi.Float"]:
-        """Choose a point on an emitter by power: position, winding normal, radiance, density per square metre."""
+    def sample(self, u: "mi.Float", u1: "mi.Float", u2: "mi.Float", active: "mi.Bool") -> EmitterPoint:
+        """Choose a point on an emitter by power."""
         x = u * self.count
         slot = dr.minimum(mi.UInt32(x), self.count - 1)
         entry = dr.gather(mi.Vector2f, self.alias, slot, active)
@@ -222,7 +247,7 @@ class Triangles:
         q = corner + edge_u * (root * (1 - u2)) + edge_v * (root * u2)
         n = dr.gather(mi.Vector4f, self.emitter_normal, e, active)
         radiance, pdf = self.radiance(e, active)
-        return mi.Point3f(q.x, q.y, q.z), mi.Vector3f(n.x, n.y, n.z), radiance, pdf
+        return EmitterPoint(mi.Point3f(q.x, q.y, q.z), mi.Vector3f(n.x, n.y, n.z), radiance, pdf)
 
 
 def alias_table(chance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -17,7 +17,8 @@ from pydantic import Field, ValidationError, field_validator
 
 from fipt.errors import FiptError
 from fipt.formats.files import write_text
-from fipt.settings import Count, Settings, explain
+from fipt.settings import Count, Settings
+from fipt.validation import explain
 
 FILE = "emitters_review.yaml"
 

@@ -1,12 +1,13 @@
 """A relight setup: the room under other light, with other things in it, from other places."""
 
+import json
 from collections.abc import Sequence
 from difflib import get_close_matches
 from operator import sub
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
 from fipt.errors import FiptError
 from fipt.settings import (
@@ -21,20 +22,22 @@ from fipt.settings import (
     Settings,
     Turn,
     Weight,
-    explain,
 )
+from fipt.validation import checked
 
 
 class EmitterEdit(Settings):
     """A change to found emitters."""
 
-    index: Count | None = Field(None, description="number of a lamp in emitters.json; every lamp where none is chosen")
-    name: str | None = Field(None, description="name of a lamp: `lamp-N`, or as emitters_review.yaml calls it")
-    names: tuple[str, ...] | None = Field(None, description="names of several lamps", min_length=1)
-    off: bool = Field(False, description="switch off")
-    scale: Weight | None = Field(None, description="radiance factor; 0 switches off")
-    color: Rgb | None = Field(None, description="new chromaticity; the luminance is kept")
-    radiance: Rgb | None = Field(None, description="new radiance")
+    index: Count | None = Field(
+        default=None, description="number of a lamp in emitters.json; every lamp where none is chosen"
+    )
+    name: str | None = Field(default=None, description="name of a lamp: `lamp-N`, or as emitters_review.yaml calls it")
+    names: tuple[str, ...] | None = Field(default=None, description="names of several lamps", min_length=1)
+    off: bool = Field(default=False, description="switch off")
+    scale: Weight | None = Field(default=None, description="radiance factor; 0 switches off")
+    color: Rgb | None = Field(default=None, description="new chromaticity; the luminance is kept")
+    radiance: Rgb | None = Field(default=None, description="new radiance")
 
     @model_validator(mode="before")
     @classmethod
@@ -59,69 +62,94 @@ class EmitterEdit(Settings):
         return self.names or ((self.name,) if self.name is not None else ())
 
 
-_LIGHT_KEYS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
-    "quad": (("radiance", "center"), ("normal", "size")),
-    "sphere": (("radiance", "center"), ("radius",)),
-    "mesh": (("radiance", "file"), ("position", "rotation", "scale")),
-    "spot": (("intensity", "position"), ("direction", "target", "cone_angle", "soft_edge")),
-}
-"""Shape of a new light -> keys that it needs, keys that it may have."""
+class _AreaLight(Settings):
+    radiance: Rgb = Field(description="of its surface")
 
 
-class NewLight(Settings):
-    """A light to add: an area light (quad, sphere, mesh of a file) or a spot, which is a point."""
+class QuadLight(_AreaLight):
+    """A rectangle that shines to both sides."""
 
-    shape: Literal["quad", "sphere", "mesh", "spot"] = Field(description="what shines")
-    radiance: Rgb | None = Field(None, description="of quad, sphere and mesh")
-    center: Point | None = Field(None, description="of quad and sphere, metres")
-    normal: Point = Field((0.0, -1.0, 0.0), description="direction a quad faces")
-    size: tuple[Length, Length] = Field((0.5, 0.5), description="sides of a quad, metres")
-    radius: float = Field(0.1, gt=0, description="of a sphere, metres")
-    file: str | None = Field(None, description="mesh: PLY, OBJ or GLB; {data_root} is replaced")
-    position: Point = Field((0.0, 0.0, 0.0), description="of a spot; where the origin of a mesh's file comes to lie")
-    rotation: Turn = Field((0.0, 0.0, 0.0), description="of a mesh, degrees about x, then y, then z of the world")
-    scale: Length = Field(1.0, description="of a mesh: metres in a unit of its file")
-    intensity: Rgb | None = Field(None, description="of a spot along its axis, watts per steradian")
-    direction: Point | None = Field(None, description="along a spot's axis; or give its target")
-    target: Point | None = Field(None, description="point on a spot's axis")
-    cone_angle: float = Field(60.0, gt=0, le=178, description="of a spot's whole cone, edge to edge, degrees")
-    soft_edge: float = Field(5.0, gt=0, le=89, description="degrees inside the edge over which a spot fades out")
+    shape: Literal["quad"] = Field(description="a rectangle")
+    center: Point = Field(description="metres")
+    normal: Point = Field(default=(0.0, -1.0, 0.0), description="direction it faces")
+    size: tuple[Length, Length] = Field(default=(0.5, 0.5), description="its sides, metres")
 
     @model_validator(mode="after")
-    def _complete(self) -> "NewLight":
-        needed, allowed = _LIGHT_KEYS[self.shape]
-        for key in needed:
-            if getattr(self, key) is None or (key == "position" and "position" not in self.model_fields_set):
-                raise ValueError(f"a {self.shape} light needs {key}")
-        for key, field in type(self).model_fields.items():
-            if key not in ("shape", *needed, *allowed) and getattr(self, key) != field.default:
-                raise ValueError(f"a {self.shape} light has no {key}; it may have {', '.join(needed + allowed)}")
-        if self.shape == "quad" and max(map(abs, self.normal)) < 1e-6:
+    def _faces(self) -> Self:
+        if max(map(abs, self.normal)) < 1e-6:
             raise ValueError("the normal of a new quad light must not be zero")
-        if self.shape == "spot":
-            if (self.direction is None) == (self.target is None):
-                raise ValueError("a spot needs either direction or target")
-            axis = self.direction if self.target is None else tuple(map(sub, self.target, self.position))
-            if not any(axis):
-                raise ValueError("a spot's direction must not be zero, nor its target its position")
-            if self.soft_edge > self.cone_angle / 2:
-                raise ValueError(f"soft_edge must be at most half of cone_angle; found {self.soft_edge:g}")
         return self
+
+
+class SphereLight(_AreaLight):
+    """A ball."""
+
+    shape: Literal["sphere"] = Field(description="a ball")
+    center: Point = Field(description="metres")
+    radius: float = Field(default=0.1, gt=0, description="metres")
+
+
+class MeshLight(_AreaLight):
+    """The surface of a file."""
+
+    shape: Literal["mesh"] = Field(description="the surface of a file")
+    file: str = Field(description="PLY, OBJ or GLB; {data_root} is replaced")
+    position: Point = Field(default=(0.0, 0.0, 0.0), description="where the origin of the file comes to lie")
+    rotation: Turn = Field(default=(0.0, 0.0, 0.0), description="degrees about x, then y, then z of the world")
+    scale: Length = Field(default=1.0, description="metres in a unit of the file")
+
+
+class SpotLight(Settings):
+    """A point that shines into a cone."""
+
+    shape: Literal["spot"] = Field(description="a point that shines into a cone")
+    intensity: Rgb = Field(description="along its axis, watts per steradian")
+    position: Point = Field(description="metres")
+    direction: Point | None = Field(default=None, description="along its axis; or give its target")
+    target: Point | None = Field(default=None, description="point on its axis")
+    cone_angle: float = Field(default=60.0, gt=0, le=178, description="of the whole cone, edge to edge, degrees")
+    soft_edge: float = Field(
+        default=5.0, gt=0, le=89, description="degrees inside the edge over which the light fades out"
+    )
+
+    @model_validator(mode="after")
+    def _aimed(self) -> Self:
+        if (self.direction is None) == (self.target is None):
+            raise ValueError("a spot needs either direction or target")
+        if not any(self.axis):
+            raise ValueError("a spot's direction must not be zero, nor its target its position")
+        if self.soft_edge > self.cone_angle / 2:
+            raise ValueError(f"soft_edge must be at most half of cone_angle; found {self.soft_edge:g}")
+        return self
+
+    @property
+    def axis(self) -> tuple[float, ...]:
+        """Where it shines, of any length."""
+        return tuple(map(sub, self.target, self.position)) if self.target is not None else self.direction or ()
+
+
+AreaLight = QuadLight | SphereLight | MeshLight
+"""A new light with a surface."""
+
+NewLight = Annotated[AreaLight | SpotLight, Field(discriminator="shape")]
+"""A light to add: an area light (quad, sphere, mesh of a file) or a spot, which is a point."""
 
 
 class NewObject(Settings):
     """An object to put into the room."""
 
-    file: str | None = Field(None, description="PLY, OBJ or GLB with its own materials; {data_root} is replaced")
-    shape: Literal["sphere", "cube"] | None = Field(None, description="or one of these, around its own centre")
-    size: Length = Field(0.3, description="of a shape: diameter of the sphere, side of the cube, metres")
+    file: str | None = Field(
+        default=None, description="PLY, OBJ or GLB with its own materials; {data_root} is replaced"
+    )
+    shape: Literal["sphere", "cube"] | None = Field(default=None, description="or one of these, around its own centre")
+    size: Length = Field(default=0.3, description="of a shape: diameter of the sphere, side of the cube, metres")
     position: Point = Field(description="where the file's origin, or the shape's centre, comes to lie")
-    rotation: Turn = Field((0.0, 0.0, 0.0), description="degrees about x, then y, then z of the world")
-    scale: Length = Field(1.0, description="metres in a unit of the file")
-    drop: bool = Field(False, description="falls straight down from there until it touches what is below")
-    base_color: Reflectance | None = Field(None, description="instead of the object's own, linear RGB")
-    roughness: Roughness | None = Field(None, description="instead of the object's own")
-    metallic: Fraction | None = Field(None, description="instead of the object's own")
+    rotation: Turn = Field(default=(0.0, 0.0, 0.0), description="degrees about x, then y, then z of the world")
+    scale: Length = Field(default=1.0, description="metres in a unit of the file")
+    drop: bool = Field(default=False, description="falls straight down from there until it touches what is below")
+    base_color: Reflectance | None = Field(default=None, description="instead of the object's own, linear RGB")
+    roughness: Roughness | None = Field(default=None, description="instead of the object's own")
+    metallic: Fraction | None = Field(default=None, description="instead of the object's own")
 
     @model_validator(mode="after")
     def _complete(self) -> "NewObject":
@@ -135,15 +163,15 @@ class BrushBox(Settings):
 
     center: Point
     size: tuple[Length, Length, Length] = Field(description="sides along x, y and z before it is turned, metres")
-    rotation: Angle = Field(0.0, description="about the up axis, degrees, counter-clockwise from above")
+    rotation: Angle = Field(default=0.0, description="about the up axis, degrees, counter-clockwise from above")
 
 
 class Removal(Settings):
     """What vanishes: a segment by its number or by a point of it, or what is in a box. One of the three."""
 
-    segment: Count | None = Field(None, description="id of a fused segment, or of a connected part of the mesh")
-    at: Point | None = Field(None, description="the segment or part of the surface nearest to this point")
-    box: BrushBox | None = Field(None, description="triangles whose centre is in a box")
+    segment: Count | None = Field(default=None, description="id of a fused segment, or of a connected part of the mesh")
+    at: Point | None = Field(default=None, description="the segment or part of the surface nearest to this point")
+    box: BrushBox | None = Field(default=None, description="triangles whose centre is in a box")
 
     @model_validator(mode="after")
     def _one(self) -> "Removal":
@@ -155,10 +183,12 @@ class Removal(Settings):
 class MaterialEdit(Removal):
     """Another material on a segment or in a box (chosen by one of segment, at, box)."""
 
-    base_color: Reflectance | None = Field(None, description="instead of what was found, linear RGB")
-    tint: Rgb | None = Field(None, description="factor on the base colour that was found; the result is at most 1")
-    roughness: Roughness | None = Field(None, description="instead of what was found")
-    metallic: Fraction | None = Field(None, description="instead of what was found")
+    base_color: Reflectance | None = Field(default=None, description="instead of what was found, linear RGB")
+    tint: Rgb | None = Field(
+        default=None, description="factor on the base colour that was found; the result is at most 1"
+    )
+    roughness: Roughness | None = Field(default=None, description="instead of what was found")
+    metallic: Fraction | None = Field(default=None, description="instead of what was found")
 
     @model_validator(mode="after")
     def _some(self) -> "MaterialEdit":
@@ -172,21 +202,24 @@ class MaterialEdit(Removal):
 class EnvironmentEdit(Settings):
     """A change to the light from outside."""
 
-    file: str | None = Field(None, description="another map, EXR or HDR; {data_root} is replaced")
-    radiance: Rgb | None = Field(None, description="one radiance for all directions instead of a map")
-    scale: Weight | None = Field(None, description="radiance factor; 0 switches off")
-    rotation: Angle = Field(0.0, description="turns the map about the up axis, degrees, counter-clockwise from above")
+    file: str | None = Field(default=None, description="another map, EXR or HDR; {data_root} is replaced")
+    radiance: Rgb | None = Field(default=None, description="one radiance for all directions instead of a map")
+    scale: Weight | None = Field(default=None, description="radiance factor; 0 switches off")
+    rotation: Angle = Field(
+        default=0.0, description="turns the map about the up axis, degrees, counter-clockwise from above"
+    )
 
 
 class CameraLens(Settings):
     """How a setup's own cameras see; what is absent is as in the dataset's first view."""
 
-    fov: float | None = Field(None, ge=1, le=170, description="horizontal field of view, degrees")
-    vertical_fov: float | None = Field(None, ge=1, le=170, description="the vertical one instead, degrees")
-    width: int | None = Field(None, ge=1, le=16384, description="of the pictures, pixels")
-    height: int | None = Field(None, ge=1, le=16384, description="of the pictures, pixels")
+    fov: float | None = Field(default=None, ge=1, le=170, description="horizontal field of view, degrees")
+    vertical_fov: float | None = Field(default=None, ge=1, le=170, description="the vertical one instead, degrees")
+    width: int | None = Field(default=None, ge=1, le=16384, description="of the pictures, pixels")
+    height: int | None = Field(default=None, ge=1, le=16384, description="of the pictures, pixels")
     up: Point | None = Field(
-        None, description="direction to the upper edge; absent: the world axis nearest to up in the dataset's views"
+        default=None,
+        description="direction to the upper edge; absent: the world axis nearest to up in the dataset's views",
     )
 
     @model_validator(mode="after")
@@ -213,9 +246,9 @@ class LookAt(CameraLens):
 class Keyframe(Settings):
     """A place on a camera's way: a view of the dataset (its name alone will do), or position and target."""
 
-    view: str | None = Field(None, description="name of a view of the dataset")
-    position: Point | None = Field(None, description="world position, metres")
-    target: Point | None = Field(None, description="world position in the middle of the picture, metres")
+    view: str | None = Field(default=None, description="name of a view of the dataset")
+    position: Point | None = Field(default=None, description="world position, metres")
+    target: Point | None = Field(default=None, description="world position in the middle of the picture, metres")
 
     @model_validator(mode="before")
     @classmethod
@@ -226,7 +259,7 @@ class Keyframe(Settings):
     def _one_place(self) -> Self:
         if (self.view is None) == (self.position is None) or (self.position is None) != (self.target is None):
             raise ValueError("a keyframe must be the name of a view, or position and target")
-        if self.position is not None:
+        if self.position is not None and self.target is not None:
             check_apart(self.position, self.target)
         return self
 
@@ -238,19 +271,23 @@ class CameraPath(CameraLens):
         min_length=2, description="names of views, or sections with position and target"
     )
     frames: int = Field(ge=1, le=9_999, description="pictures along the way")
-    fps: float = Field(24.0, gt=0, le=240, description="pictures a second of the video")
-    loop: bool = Field(False, description="go on from the last keyframe to the first; the video can be repeated")
-    timing: Literal["speed", "keyframes"] = Field(
-        "speed", description="the same speed all the way, or the same time between neighbouring keyframes"
+    fps: float = Field(default=24.0, gt=0, le=240, description="pictures a second of the video")
+    loop: bool = Field(
+        default=False, description="go on from the last keyframe to the first; the video can be repeated"
     )
-    video: Literal["mp4", "png"] = Field("mp4", description="join the pictures into an MP4, or leave them as they are")
+    timing: Literal["speed", "keyframes"] = Field(
+        default="speed", description="the same speed all the way, or the same time between neighbouring keyframes"
+    )
+    video: Literal["mp4", "png"] = Field(
+        default="mp4", description="join the pictures into an MP4, or leave them as they are"
+    )
 
 
 class OwnCameras(Settings):
     """Cameras of a setup instead of the dataset's."""
 
-    look_at: dict[str, LookAt] | None = Field(None, min_length=1, description="name of a picture -> its camera")
-    path: CameraPath | None = Field(None, description="cameras along a way, for a video")
+    look_at: dict[str, LookAt] | None = Field(default=None, min_length=1, description="name of a picture -> its camera")
+    path: CameraPath | None = Field(default=None, description="cameras along a way, for a video")
 
     @model_validator(mode="after")
     def _one_kind(self) -> Self:
@@ -269,15 +306,15 @@ class OwnCameras(Settings):
 class RelightSetup(Settings):
     """The room under other light, with other things in it."""
 
-    emitters: tuple[EmitterEdit, ...] = Field((), description="changes to found emitters, in order")
-    lights: tuple[NewLight, ...] = Field((), description="lights to add")
-    environment: EnvironmentEdit | None = Field(None, description="change of the light from outside")
-    cameras: OwnCameras | None = Field(None, description="other cameras than the dataset's views")
-    objects: tuple[NewObject, ...] = Field((), description="objects to put in, one after the other")
-    materials: tuple[MaterialEdit, ...] = Field((), description="other materials, in order")
-    remove: tuple[Removal, ...] = Field((), description="what vanishes, before anything is put in")
+    emitters: tuple[EmitterEdit, ...] = Field(default=(), description="changes to found emitters, in order")
+    lights: tuple[NewLight, ...] = Field(default=(), description="lights to add")
+    environment: EnvironmentEdit | None = Field(default=None, description="change of the light from outside")
+    cameras: OwnCameras | None = Field(default=None, description="other cameras than the dataset's views")
+    objects: tuple[NewObject, ...] = Field(default=(), description="objects to put in, one after the other")
+    materials: tuple[MaterialEdit, ...] = Field(default=(), description="other materials, in order")
+    remove: tuple[Removal, ...] = Field(default=(), description="what vanishes, before anything is put in")
     reference: str | None = Field(
-        None,
+        default=None,
         description="folder of linear photographs under this light, EXR or HDR, named as the views, of any one "
         "exposure; relit views are compared with them; {data_root} is replaced",
     )
@@ -318,13 +355,8 @@ def parse_setup(text: str) -> RelightSetup:
     FiptError
         If it is neither, has unknown keys or values out of range.
     """
-    try:
-        if text.lstrip().startswith("{"):
-            return RelightSetup.model_validate_json(text)
-        return RelightSetup.model_validate(_yaml(text))
-    except ValidationError as error:
-        allowed = ", ".join(RelightSetup.model_fields)
-        raise FiptError(explain(error, "setup"), f"allowed keys of a light setup: {allowed}") from error
+    values = _json(text, "setup") if text.lstrip().startswith("{") else _yaml(text)
+    return checked(RelightSetup, values, root="setup")
 
 
 def parse_cameras(text: str) -> OwnCameras:
@@ -335,10 +367,14 @@ def parse_cameras(text: str) -> OwnCameras:
     FiptError
         If it is not JSON, has unknown keys or values out of range.
     """
+    return checked(OwnCameras, _json(text, "cameras"), root="cameras")
+
+
+def _json(text: str, name: str) -> Any:
     try:
-        return OwnCameras.model_validate_json(text)
-    except ValidationError as error:
-        raise FiptError(explain(error, "cameras"), "give look_at or path, see config/README.md") from error
+        return json.loads(text)
+    except ValueError as error:
+        raise FiptError(f"{name} must be JSON ({error})", "see config/README.md") from error
 
 
 def _yaml(path: str) -> Any:

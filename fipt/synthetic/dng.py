@@ -1,33 +1,35 @@
 """Writes raw mosaics as DNG files (Adobe's DNG 1.4: TIFF with one uncompressed strip of 16-bit words).
 
-The words hold 12, 14 or 16 bits: the white level says how many. LibRaw reads the samples back bit for bit. Files
+Pillow encodes the directories of tags (docs/adr/0026-library-code.md says why not tifffile). The words hold 12, 14 or
+16 bits: the white level says how many. LibRaw reads the samples back bit for bit. Files
 without a mosaic (LinearRaw) can be written too: development must recognise and refuse them.
 """
 
 from __future__ import annotations
 
-import struct
+from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import datetime
 from fractions import Fraction
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fipt.errors import FiptError
 from fipt.formats.files import atomic
 
-XYZ_FROM_SRGB = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
-"""Linear sRGB to CIE XYZ under D65 (IEC 61966-2-1)."""
+if TYPE_CHECKING:
+    from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
 PATTERNS = ("RGGB", "BGGR", "GRBG", "GBRG")
 """Bayer patterns, named by their 2x2 cell read row by row."""
 
 SMALLEST = 22
-"""Pixels a side that LibRaw asks of a picture."""
+"""Pixels a side that LibRaw asks of an image."""
 
-_FORMATS = {"byte": (1, "B"), "ascii": (2, "s"), "short": (3, "H"), "long": (4, "I"), "undefined": (7, "s")}
-_RATIONALS = {"rational": (5, "I"), "srational": (10, "i")}
+_TYPES = {"byte": 1, "ascii": 2, "short": 3, "long": 4, "rational": 5, "srational": 10}
+"""Numbers of TIFF's types."""
 _D65 = 21
 
 
@@ -96,28 +98,23 @@ def write_dng(path: str | Path, mosaic: np.ndarray, header: Header) -> None:
     height, width = mosaic.shape[:2]
     if min(height, width) < SMALLEST:
         raise FiptError(
-            f"LibRaw reads no picture with less than {SMALLEST} pixels a side; found {width}x{height}",
+            f"LibRaw reads no image with less than {SMALLEST} pixels a side; found {width}x{height}",
             "simulate a larger sensor",
         )
     samples = np.ascontiguousarray(mosaic, "<u2")
-    exif = _directory(_exif_tags(header), start=8)
-    start = 8 + len(exif)
-    tags = _main_tags(samples.shape, header)
-    # The length of a directory does not depend on the offsets in it.
-    strip = start + len(_directory({**tags, 0x8769: ("long", [0]), 0x0111: ("long", [0])}, start))
-    main = _directory({**tags, 0x8769: ("long", [8]), 0x0111: ("long", [strip])}, start)
+    directory = _directory(_main_tags(samples.shape, header), _exif_tags(header))
     with atomic(path) as temporary, open(temporary, "wb") as file:
-        file.write(struct.pack("<2sHI", b"II", 42, start) + exif + main)
+        directory.save(file)
         samples.tofile(file)
 
 
-def _main_tags(shape: tuple[int, ...], header: Header) -> dict[int, tuple[str, object]]:
-    """Tags of the image itself, in DNG 1.4's numbers, without its offsets."""
+def _main_tags(shape: tuple[int, ...], header: Header) -> dict[int, tuple[str, Any]]:
+    """Tags of the image itself, in DNG 1.4's numbers, without its offsets: tag -> (type, value)."""
     (height, width), samples = shape[:2], (*shape, 1)[2]
     mosaic = {
         0x828D: ("short", [2, 2]),  # CFARepeatPatternDim
-        0x828E: ("byte", ["RGB".index(letter) for letter in header.pattern]),
-        0xC616: ("byte", [0, 1, 2]),  # CFAPlaneColor
+        0x828E: ("byte", bytes("RGB".index(letter) for letter in header.pattern)),
+        0xC616: ("byte", bytes([0, 1, 2])),  # CFAPlaneColor
         0xC617: ("short", [1]),  # CFALayout: rectangular
         0xC619: ("short", [2, 2]),  # BlackLevelRepeatDim
         0xC61A: ("rational", header.black),
@@ -139,8 +136,8 @@ def _main_tags(shape: tuple[int, ...], header: Header) -> dict[int, tuple[str, o
         0x011C: ("short", [1]),  # PlanarConfiguration
         0x0131: ("ascii", "fipt"),  # Software
         0x0132: ("ascii", stamp),
-        0xC612: ("byte", [1, 4, 0, 0]),  # DNGVersion
-        0xC613: ("byte", [1, 1, 0, 0]),  # DNGBackwardVersion
+        0xC612: ("byte", bytes([1, 4, 0, 0])),  # DNGVersion
+        0xC613: ("byte", bytes([1, 1, 0, 0])),  # DNGBackwardVersion
         0xC614: ("ascii", f"{header.make} {header.model}"),  # UniqueCameraModel
         0xC61D: ("long", [header.white] * samples),  # WhiteLevel
         0xC621: ("srational", np.ravel(header.color_matrix)),
@@ -150,47 +147,41 @@ def _main_tags(shape: tuple[int, ...], header: Header) -> dict[int, tuple[str, o
     }
 
 
-def _exif_tags(header: Header) -> dict[int, tuple[str, object]]:
+def _exif_tags(header: Header) -> dict[int, Any]:
+    """Tags of the shot; Pillow knows their types."""
     stamp = header.time.strftime("%Y:%m:%d %H:%M:%S")
-    exposure = {} if header.exposure is None else {0x829A: ("rational", [header.exposure])}
+    exposure = {} if header.exposure is None else {0x829A: _rationals([header.exposure])}
     return exposure | {
-        0x829D: ("rational", [header.f_number]),
-        0x8827: ("short", [header.iso]),
-        0x9000: ("undefined", b"0231"),  # ExifVersion
-        0x9003: ("ascii", stamp),  # DateTimeOriginal
-        0x9004: ("ascii", stamp),
-        0x920A: ("rational", [header.focal_length]),
-        0x9291: ("ascii", f"{header.time.microsecond // 10000:02d}"),  # SubSecTimeOriginal
-        0xA405: ("short", [round(header.focal_length_35)]),
-        0xA431: ("ascii", header.serial),
-        0xA434: ("ascii", header.lens),
+        0x829D: _rationals([header.f_number]),
+        0x8827: header.iso,
+        0x9000: b"0231",  # ExifVersion
+        0x9003: stamp,  # DateTimeOriginal
+        0x9004: stamp,
+        0x920A: _rationals([header.focal_length]),
+        0x9291: f"{header.time.microsecond // 10000:02d}",  # SubSecTimeOriginal
+        0xA405: round(header.focal_length_35),
+        0xA431: header.serial,
+        0xA434: header.lens,
     }
 
 
-def _directory(tags: dict[int, tuple[str, object]], start: int) -> bytes:
-    """Return a TIFF directory that begins at byte ``start`` of the file, with its long values behind it."""
-    entries, values = b"", b""
-    values_start = start + 2 + 12 * len(tags) + 4
-    for tag, (kind, value) in sorted(tags.items()):
-        code, count, data = _encoded(kind, value)
-        if len(data) > 4:
-            field = struct.pack("<I", values_start + len(values))
-            values += data + b"\0" * (len(data) % 2)
-        else:
-            field = data.ljust(4, b"\0")
-        entries += struct.pack("<HHI", tag, code, count) + field
-    return struct.pack("<H", len(tags)) + entries + struct.pack("<I", 0) + values
+def _directory(tags: dict[int, tuple[str, Any]], exif: dict[int, Any]) -> ImageFileDirectory_v2:
+    """A TIFF directory with an EXIF directory inside; the image's strip follows right behind it."""
+    from PIL.TiffImagePlugin import ImageFileDirectory_v2
+
+    directory = ImageFileDirectory_v2()
+    for tag, (kind, value) in tags.items():
+        directory.tagtype[tag] = _TYPES[kind]
+        directory[tag] = _rationals(value) if kind.endswith("rational") else value
+    directory[0x8769] = exif
+    directory.tagtype[0x0111] = _TYPES["long"]
+    directory[0x0111] = 0  # StripOffsets: Pillow counts from the directory's end
+    return directory
 
 
-def _encoded(kind: str, value: object) -> tuple[int, int, bytes]:
-    """TIFF type, count and bytes of a tag's value."""
-    if kind in _RATIONALS:
-        code, letter = _RATIONALS[kind]
-        pairs = [Fraction(float(v) if isinstance(v, np.floating) else v).limit_denominator(10**6) for v in value]
-        data = b"".join(struct.pack(f"<2{letter}", pair.numerator, pair.denominator) for pair in pairs)
-        return code, len(pairs), data
-    code, letter = _FORMATS[kind]
-    if letter == "s":
-        data = value if isinstance(value, bytes) else value.encode("ascii", "replace") + b"\0"
-        return code, len(data), data
-    return code, len(value), struct.pack(f"<{len(value)}{letter}", *value)
+def _rationals(values: Iterable[Any]) -> tuple[Any, ...]:
+    """Values as Pillow writes them, with denominators of up to a million."""
+    from PIL.TiffImagePlugin import IFDRational
+
+    exact = (Fraction(float(v) if isinstance(v, np.floating) else v).limit_denominator(10**6) for v in values)
+    return tuple(IFDRational(v) for v in exact)

@@ -124,7 +124,7 @@ def test_reflected_directions_follow_their_density(ggx, np_rng, roughness, degre
     assert (drawn[~facing][:, 2] <= 1e-6).all()
 
     def density(d):
-        geometry = ggx.Geometry(n, mi.Vector3f(*(mi.Float(c) for c in d.T)), o)
+        geometry = ggx.ReflectionGeometry(n, mi.Vector3f(*(mi.Float(c) for c in d.T)), o)
         return np.array(geometry.pdf_ggx(mi.Float(alpha)), np.float64)
 
     mirror = np.array([-wo[0], 0, wo[2]])
@@ -150,7 +150,7 @@ def test_reflected_directions_above_the_surface_are_all_in_the_density(ggx, np_r
     above = (np.array(2 * dr.square(h.z) - 1) > 0).mean()
 
     def density(d):
-        geometry = ggx.Geometry(n, mi.Vector3f(*(mi.Float(c) for c in d.T)), o)
+        geometry = ggx.ReflectionGeometry(n, mi.Vector3f(*(mi.Float(c) for c in d.T)), o)
         return np.array(geometry.pdf_ggx(mi.Float(alpha)), np.float64)
 
     edges = np.concatenate([[0], np.geomspace(alpha / 50, np.sqrt(2), 60)])
@@ -182,8 +182,8 @@ def test_emitters_are_chosen_by_power(lamps, np_rng):
 
     mesh, radiance, triangles = lamps
     power = mesh.areas * radiance.mean(axis=1)
-    q, normal, color, pdf = triangles.sample(*uniform(np_rng, 2_000_000), mi.Bool(True))
-    x, z = np.array(q.x, np.float64), np.array(q.z, np.float64)
+    drawn = triangles.sample(*uniform(np_rng, 2_000_000), mi.Bool(True))
+    x, z = np.array(drawn.p.x, np.float64), np.array(drawn.p.z, np.float64)
     chosen = np.floor(x).astype(int)
     observed = np.bincount(chosen, minlength=len(power))
     assert not observed[power == 0].any()
@@ -191,9 +191,9 @@ def test_emitters_are_chosen_by_power(lamps, np_rng):
     assert p_value(observed[on], observed.sum() * (power / power.sum())[on]) > SIGNIFICANCE
 
     # position, normal, radiance and density are those of the chosen one
-    np.testing.assert_array_equal(np.array(color).T, radiance[chosen])
-    np.testing.assert_allclose(np.array(pdf), (power / power.sum() / mesh.areas)[chosen], rtol=1e-4)
-    np.testing.assert_array_equal(np.array(normal).T, mesh.normals[chosen])
+    np.testing.assert_array_equal(np.array(drawn.radiance).T, radiance[chosen])
+    np.testing.assert_allclose(np.array(drawn.p_area), (power / power.sum() / mesh.areas)[chosen], rtol=1e-4)
+    np.testing.assert_array_equal(np.array(drawn.n).T, mesh.normals[chosen])
 
     # uniform on the triangle: its four congruent quarters are as likely
     size = mesh.corners[chosen, 1, 0] - mesh.corners[chosen, 0, 0]
@@ -225,6 +225,6 @@ def test_opposite_directions_give_no_nan(backend):
 
     # exactly opposite, and nearly so, with a half vector that points into the surface
     below = mi.Vector3f([1, 1], [0, 0], [0, -3e-5])
-    g = ggx.Geometry(mi.Vector3f(0, 0, 1), dr.normalize(below), mi.Vector3f(-1, 0, 0))
+    g = ggx.ReflectionGeometry(mi.Vector3f(0, 0, 1), dr.normalize(below), mi.Vector3f(-1, 0, 0))
     values = [g.pdf_ggx(mi.Float(0.0004)), g.specular(mi.Float(0.02)), ggx.schlick(g.oh), g.pdf_cosine()]
     assert all(np.isfinite(np.array(value)).all() for value in values)

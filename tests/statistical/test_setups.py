@@ -16,8 +16,8 @@ from fipt.scene.setup import RelightSetup
 from fipt.stages.cache.settings import CacheSettings
 from fipt.stages.render.settings import RelightSettings
 from fipt.stages.samples.settings import SamplesSettings
-from fipt.synthetic.material import Material
-from fipt.synthetic.room import Piece, assemble
+from fipt.synthetic.material import RoomMaterial
+from fipt.synthetic.room import RoomPiece, assemble
 from tests import scenes
 from tests.objects import write_cube_glb
 
@@ -31,7 +31,7 @@ def room():
     block = scenes.turned(scenes.box((-0.75, -0.96875, -0.625), (-0.25, -0.5, -0.125)))
     lamp = scenes.lamp_quad((-0.3, 0.3), 0.95, (-0.3, 0.3))
     pieces = [
-        Piece(name, mesh.vertices, mesh.triangles, np.zeros((len(mesh.vertices), 2)), 0, 0, light)
+        RoomPiece(name, mesh.vertices, mesh.triangles, np.zeros((len(mesh.vertices), 2)), 0, 0, light)
         for name, mesh, light in (
             ("walls", scenes.box((-1, -1, -1), (1, 1, 1)), None),
             ("block", block, None),
@@ -39,7 +39,7 @@ def room():
         )
     ]
     one = np.ones((1, 1), np.float32)
-    material = Material("grey", np.float32([[GREY]]), 0.5 * one, 0 * one)
+    material = RoomMaterial("grey", np.float32([[GREY]]), 0.5 * one, 0 * one)
     return assemble(pieces, [material], ["grey"], np.array([[-1, -1, -1], [1, 1, 1]]))
 
 
@@ -206,9 +206,10 @@ def test_a_box_takes_out_what_it_holds(known):
 
 def spot_shading(points, spots, wo=(0, 1, 0), roughness=0.4, mesh=None):
     """Ld and Ls0, Ls1 on a floor that nothing but spots lights."""
+    from fipt.render.points import Points, random_keys
     from fipt.render.scene import RayScene
     from fipt.render.surface import SurfaceCache, Triangles
-    from fipt.render.tracer import PathSettings, Points, Shader, random_keys
+    from fipt.render.tracer import PathSettings, Shader
 
     mesh, voxels, n = mesh or scenes.floor(), scenes.grid(side=9.0), len(points)
     materials = scenes.sides(voxels, scenes.DIFFUSE, scenes.DIFFUSE)
@@ -224,9 +225,9 @@ def spot_shading(points, spots, wo=(0, 1, 0), roughness=0.4, mesh=None):
 
 def spot(**keys):
     from fipt.render.spots import spots_of
-    from fipt.scene.setup import NewLight
+    from fipt.scene.setup import SpotLight
 
-    return spots_of([NewLight(shape="spot", **keys)])
+    return spots_of([SpotLight(shape="spot", **keys)])
 
 
 def test_a_spot_on_a_floor_has_its_closed_form(backend):

@@ -14,7 +14,7 @@ from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
 from fipt.model.albedo import specular_albedo
 from fipt.scene.environment import NOTHING, EnvironmentMap, constant
 from fipt.stages.shade.settings import BakeSettings
-from fipt.synthetic.material import Material
+from fipt.synthetic.material import RoomMaterial
 from tests import scenes
 
 SIGMAS = 4.5
@@ -27,7 +27,7 @@ def unit(v):
 
 def copies(position, normal, to_viewer, count, seed=0):
     """``count`` copies of a point to shade; or (count, 3) different ones."""
-    from fipt.render.tracer import Points, random_keys
+    from fipt.render.points import Points, random_keys
 
     arrays = [np.broadcast_to(np.float32(a), (count, 3)).copy() for a in (position, normal, to_viewer)]
     number = np.arange(count)
@@ -317,7 +317,7 @@ def reference(room, surface, depth, environment=NOTHING):
     left = corners[..., 0].mean(axis=1) < 0
     mesh = scenes.Mesh(corners.reshape(-1, 3), np.arange(3 * len(dark), dtype=np.int32).reshape(-1, 3))
     materials = [
-        Material("", np.float32([[s.base_color]]), np.float32([[s.roughness]]), np.float32([[s.metallic]]))
+        RoomMaterial("", np.float32([[s.base_color]]), np.float32([[s.roughness]]), np.float32([[s.metallic]]))
         for s in surface
     ]
     uv = np.zeros((3 * len(dark), 2), np.float32)
@@ -429,7 +429,7 @@ def tracer(backend):
 
 
 def part(points, index):
-    from fipt.render.tracer import Points
+    from fipt.render.points import Points
 
     return Points(points.position[index], points.normal[index], points.wo[index], points.key[index])
 
@@ -456,7 +456,7 @@ def test_seed_decides_the_random_numbers(tracer):
 
 
 def test_keys_name_view_pixel_piece_and_seed(backend):
-    from fipt.render.tracer import random_keys
+    from fipt.render.points import random_keys
 
     pixel, piece = (a.ravel() for a in np.meshgrid(np.arange(5000), np.arange(16)))
     keys = [random_keys(view, pixel, piece, seed) for view in ("a", "b") for seed in (0, 1)]

@@ -8,6 +8,7 @@ import pytest
 
 from fipt.config import PRESETS, STAGES, load, read, read_yaml
 from fipt.errors import FiptError
+from fipt.registry import validated
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 ROOM = {"source": "procedural"}
@@ -19,7 +20,7 @@ def scene(room=ROOM, **keys):
 
 def test_later_layers_win():
     defaults, demo = scene(), scene({**ROOM, "preset": "demo"})
-    assert defaults.settings == {stage: model() for stage, model in STAGES.items()}
+    assert defaults.settings == {stage: validated(stage, {}) for stage in STAGES}
     own = {"fit": {"seed": 5}}
     room = {**ROOM, "preset": "demo", "settings": own}
     both = scene(room, fit={"seed": 4, "batch": 77})

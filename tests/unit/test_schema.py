@@ -4,10 +4,11 @@ import jsonschema
 import pytest
 import yaml
 
-from fipt.config import STAGES
+from fipt.config import LAYERS
 from fipt.config.documentation import README, SCHEMA, schema_text, with_tables
-from fipt.scene.setup import EmitterEdit, EnvironmentEdit, NewLight, RelightSetup
+from fipt.scene.setup import EmitterEdit, EnvironmentEdit, MeshLight, QuadLight, RelightSetup, SphereLight, SpotLight
 
+LIGHTS = (QuadLight, SphereLight, MeshLight, SpotLight)
 REMEDY = "run: python -m fipt.config.documentation"
 
 
@@ -20,7 +21,7 @@ def test_tables_are_in_step():
     assert text == with_tables(text), REMEDY
 
 
-@pytest.mark.parametrize("model", [*STAGES.values(), RelightSetup, EnvironmentEdit, EmitterEdit, NewLight])
+@pytest.mark.parametrize("model", [*LAYERS.values(), RelightSetup, EnvironmentEdit, EmitterEdit, *LIGHTS])
 def test_every_key_is_described(model):
     assert [name for name, field in model.model_fields.items() if not field.description] == []
 

@@ -8,4 +8,4 @@ from fipt.settings import Settings
 class CacheSettings(Settings):
     """Radiance cache over the surface."""
 
-    resolution: int = Field(256, ge=8, le=1024, description="voxels along the scene box")
+    resolution: int = Field(default=256, ge=8, le=1024, description="voxels along the scene box")

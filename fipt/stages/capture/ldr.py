@@ -14,6 +14,7 @@ import numpy as np
 
 from fipt.errors import FiptError
 from fipt.formats.files import existing_file
+from fipt.formats.images import decoded
 from fipt.stages.capture.brackets import Capture
 from fipt.stages.capture.exposures import exposure
 
@@ -27,11 +28,10 @@ _BRACKETS = 3
 
 def read_ldr(path: Path) -> np.ndarray:
     """Read a JPEG or PNG as (H, W, 3) uint8 RGB in the sensor's frame (EXIF orientation is not applied)."""
-    existing_file(path, "a photograph")
-    picture = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
-    if picture is None:
+    image = decoded(existing_file(path, "a photograph"), cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION)
+    if image is None:
         raise FiptError(f"{path} is not a readable JPEG or PNG", "copy it from the card again")
-    return cv2.cvtColor(picture, cv2.COLOR_BGR2RGB)
+    return image
 
 
 def response(capture: Capture) -> np.ndarray:

@@ -9,13 +9,17 @@ class CheckPosesSettings(Settings):
     """Second check of the cameras, through the mesh: every view must show what the others show."""
 
     enabled: bool | None = Field(
-        None, description="check before the fit; absent: for true photographs and estimated poses"
+        default=None, description="check before the fit; absent: for true photographs and estimated poses"
     )
-    width: Positive = Field(192, description="pictures are reduced to this many columns at most")
-    partners: Positive = Field(10, description="other views that each view is compared with, those that share most")
+    width: Positive = Field(default=192, description="pictures are reduced to this many columns at most")
+    partners: Positive = Field(
+        default=10, description="other views that each view is compared with, those that share most"
+    )
     least_score: Fraction = Field(
-        0.55,
+        default=0.55,
         description="a view is rejected whose correlation with the others is below this share of the median view's",
     )
-    least_overlap: Fraction = Field(0.05, description="share of a view that others must show to judge it")
-    keep: Fraction = Field(0.7, description="with fewer views than this share left, stop: mesh and views do not match")
+    least_overlap: Fraction = Field(default=0.05, description="share of a view that others must show to judge it")
+    keep: Fraction = Field(
+        default=0.7, description="with fewer views than this share left, stop: mesh and views do not match"
+    )

@@ -8,16 +8,20 @@ from fipt.settings import Fraction, Positive, Settings
 class EmittersSettings(Settings):
     """Emitting triangles."""
 
-    threshold: Fraction = Field(0.01, description="a triangle emits where its mean mask exceeds this")
-    points: Positive = Field(100, description="points of a triangle at which the mask is queried")
-    every_round: bool = Field(True, description="extract after every fit, not only the first")
-    evidence: bool = Field(True, description="require more radiance than any reflectance could give")
-    complete: bool = Field(True, description="unseen triangles of a part that glows wherever it is seen emit too")
-    patches: bool = Field(True, description="one radiance for each connected lamp instead of each triangle")
-    two_sided: bool = Field(True, description="emitters shine from both sides")
+    threshold: Fraction = Field(default=0.01, description="a triangle emits where its mean mask exceeds this")
+    points: Positive = Field(default=100, description="points of a triangle at which the mask is queried")
+    every_round: bool = Field(default=True, description="extract after every fit, not only the first")
+    evidence: bool = Field(default=True, description="require more radiance than any reflectance could give")
+    complete: bool = Field(
+        default=True, description="unseen triangles of a part that glows wherever it is seen emit too"
+    )
+    patches: bool = Field(default=True, description="one radiance for each connected lamp instead of each triangle")
+    two_sided: bool = Field(default=True, description="emitters shine from both sides")
 
 
 class ReviewSettings(Settings):
     """The list of the lamps for people: names, pictures, and the file in which they decide."""
 
-    width: int = Field(192, ge=32, le=1024, description="of a lamp's picture, pixels; its height is three quarters")
+    width: int = Field(
+        default=192, ge=32, le=1024, description="of a lamp's picture, pixels; its height is three quarters"
+    )

@@ -17,7 +17,7 @@ from fipt.scene.environment import (
     solid_angles,
 )
 from fipt.scene.samples import FootprintSamples
-from fipt.stages.environment.settings import EnvironmentSettings
+from fipt.stages.environment.settings import ConstantEnvironment, EnvironmentSettings, GivenEnvironment, NoEnvironment
 
 _ENOUGH = 1e-3
 """Share of the training pixels that must see outside before mode auto believes that there is one."""
@@ -33,11 +33,11 @@ def find_environment(
     FiptError
         If the map of mode `given` is none, or a fit was asked for and no pixel sees outside.
     """
-    if settings.mode == "none":
+    if isinstance(settings, NoEnvironment):
         return NOTHING
-    if settings.mode == "given":
+    if isinstance(settings, GivenEnvironment):
         return read_map(settings.file, settings.up, settings.rotation)
-    if settings.radiance is not None:
+    if isinstance(settings, ConstantEnvironment) and settings.radiance is not None:
         return constant(settings.radiance, settings.up)
     directions, radiance, weight, share = _observed(dataset, shards)
     stats["open_pixels"] = share

@@ -25,9 +25,7 @@ def run(inputs: EnvironmentInputs, settings: "EnvironmentSettings") -> dict[str,
     from fipt.scene.environment import write_environment
     from fipt.scene.samples import read_samples
     from fipt.stages.environment.fit import find_environment
-    from fipt.stages.environment.settings import check_environment
 
-    check_environment(settings)
     figures: dict[str, Any] = {}
     shards = [read_samples(folder) for folder in inputs.samples]
     found = find_environment(Dataset(inputs.dataset), shards, settings, figures)

@@ -1,6 +1,5 @@
 """Mitsuba 3 scene files: with its own principled reflectance, and with ours as a plugin file."""
 
-import ast
 from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
@@ -15,7 +14,6 @@ from fipt.scene.cameras import Camera
 
 PLUGIN = "fipt_bsdf.py"
 PLUGIN_TYPE = "fipt_ggx"
-_PLUGIN_FUNCTIONS = ("register", "_bsdf_class")
 
 _PLUGIN_HEAD = '''"""The reflectance that fipt fits, as a plugin of Mitsuba 3.
 
@@ -60,18 +58,11 @@ def write_mitsuba(
 
 def plugin_source() -> str:
     """Return the plugin: the reflectance that we render with, its constants written out, registered on import."""
-    module = (Path(__file__).parents[2] / "render" / "bsdf.py").read_text(encoding="utf-8")
-    lines, kept = module.splitlines(), []
-    for node in ast.parse(module).body:
-        named = isinstance(node, ast.FunctionDef) and node.name in _PLUGIN_FUNCTIONS
-        imported = isinstance(node, ast.Import | ast.ImportFrom) and "fipt" not in ast.unparse(node)
-        if named or imported:
-            first = min([node.lineno, *(mark.lineno for mark in getattr(node, "decorator_list", ()))])
-            kept.append("\n".join(lines[first - 1 : node.end_lineno]) + "\n" * (1 + 2 * named))
-    constants = [f"NAME = {PLUGIN_TYPE!r}"]
-    constants += [f"{name} = {getattr(conventions, name)}" for name in ("F0_DIELECTRIC", "ROUGHNESS_MIN")]
-    kept.insert(sum(not text.startswith(("@", "def")) for text in kept), "\n" + "\n".join(constants) + "\n\n\n")
-    return f"{_PLUGIN_HEAD}{''.join(kept)}register()\n"
+    module = (Path(__file__).parents[2] / "render" / "bsdf_plugin.py").read_text(encoding="utf-8")
+    imports = "from fipt.conventions import F0_DIELECTRIC, ROUGHNESS_MIN\n"
+    _, _, code = module.partition('"""\n\n')
+    constants = "".join(f"{name} = {getattr(conventions, name)}\n" for name in ("F0_DIELECTRIC", "ROUGHNESS_MIN"))
+    return f"{_PLUGIN_HEAD}{code.replace(imports, constants)}"
 
 
 def _scene(asset: Asset, sheets: list[Piece], kind: str, specular: float, outside: bool, max_depth: int) -> str:

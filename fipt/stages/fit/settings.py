@@ -12,32 +12,48 @@ from fipt.settings import Count, Fraction, Positive, Weight
 class FitSettings(NetworkSettings):
     """The BRDF and emission networks, and how they are fitted."""
 
-    steps: Positive = Field(500, description="optimiser steps of a round")
-    min_epochs: Weight = Field(0, description="at least this many passes over all training pixels")
-    batch: Positive = Field(2048, description="pixels a step")
-    queries: Positive = Field(2, le=4, description="material queries per sample and step, spread over its footprint")
-    learning_rate: float = Field(5e-3, gt=0, le=1, description="of Adam")
-    final_learning_rate: float = Field(2e-4, gt=0, le=1, description="reached by exponential decay at the last step")
-    table_rate: float = Field(8.0, gt=0, le=100, description="learning rate of the hash table over the networks'")
+    steps: Positive = Field(default=500, description="optimiser steps of a round")
+    min_epochs: Weight = Field(default=0, description="at least this many passes over all training pixels")
+    batch: Positive = Field(default=2048, description="pixels a step")
+    queries: Positive = Field(
+        default=2, le=4, description="material queries per sample and step, spread over its footprint"
+    )
+    learning_rate: float = Field(default=5e-3, gt=0, le=1, description="of Adam")
+    final_learning_rate: float = Field(
+        default=2e-4, gt=0, le=1, description="reached by exponential decay at the last step"
+    )
+    table_rate: float = Field(
+        default=8.0, gt=0, le=100, description="learning rate of the hash table over the networks'"
+    )
     evidence: Weight = Field(
-        EMITTER_GAIN,
+        default=EMITTER_GAIN,
         description="pixels this much brighter than any reflection teach only the mask; 0 = off, as the paper",
     )
-    colour_weight: Weight = Field(1.0, description="of the difference to the photographs")
-    emission_weight: Weight = Field(1.0, description="price of the emission mask")
-    diffuse_weight: Weight = Field(1e-3, description="prior towards rough and not metallic")
-    part_search: bool = Field(True, description="search roughness and metallic of whole segments before the fit")
-    target_weight: Weight = Field(3e-3, description="prior towards what the search found")
-    base_weight: Weight = Field(0.03, description="prior of parts that seem to have one colour towards it")
-    hidden: Count = Field(512, description="points of unseen surface a step that are drawn to their part; 0 = off")
-    part_weight: Weight = Field(2e-2, description="propagation within parts")
-    semantic_weight: Weight = Field(1e-3, description="propagation within semantic segments")
-    segments: Literal["auto", "part", "semantic", "none"] = Field("auto", description="which segment ids to use")
-    warm_start: bool = Field(True, description="start a later round from the model before it")
-    checkpoint_every: Positive = Field(250, description="steps between checkpoints")
-    confidence: bool = Field(False, description="weight part search, propagation, priors by confidence in the surface")
-    min_confidence: Fraction = Field(0.0, description="pixels of surface less sure than this teach nothing; 0 = all do")
-    threads: Count = Field(0, description="CPU threads, 0 = all; 1 repeats bit for bit")
+    colour_weight: Weight = Field(default=1.0, description="of the difference to the photographs")
+    emission_weight: Weight = Field(default=1.0, description="price of the emission mask")
+    diffuse_weight: Weight = Field(default=1e-3, description="prior towards rough and not metallic")
+    part_search: bool = Field(
+        default=True, description="search roughness and metallic of whole segments before the fit"
+    )
+    target_weight: Weight = Field(default=3e-3, description="prior towards what the search found")
+    base_weight: Weight = Field(default=0.03, description="prior of parts that seem to have one colour towards it")
+    hidden: Count = Field(
+        default=512, description="points of unseen surface a step that are drawn to their part; 0 = off"
+    )
+    part_weight: Weight = Field(default=2e-2, description="propagation within parts")
+    semantic_weight: Weight = Field(default=1e-3, description="propagation within semantic segments")
+    segments: Literal["auto", "part", "semantic", "none"] = Field(
+        default="auto", description="which segment ids to use"
+    )
+    warm_start: bool = Field(default=True, description="start a later round from the model before it")
+    checkpoint_every: Positive = Field(default=250, description="steps between checkpoints")
+    confidence: bool = Field(
+        default=False, description="weight part search, propagation, priors by confidence in the surface"
+    )
+    min_confidence: Fraction = Field(
+        default=0.0, description="pixels of surface less sure than this teach nothing; 0 = all do"
+    )
+    threads: Count = Field(default=0, description="CPU threads, 0 = all; 1 repeats bit for bit")
 
     @property
     def emitter_gain(self) -> float:

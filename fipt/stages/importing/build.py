@@ -15,22 +15,14 @@ from fipt.errors import FiptError
 from fipt.formats.exr import read_exr, write_exr
 from fipt.formats.files import atomic_folder, existing_file, write_text
 from fipt.formats.images import read_ids, to_display, write_png
-from fipt.formats.layouts import (
-    CAPTURE,
-    SEGMENT_FOLDERS,
-    Frame,
-    Source,
-    numbered_file,
-    read_developed,
-    read_source,
-)
+from fipt.formats.layouts import SEGMENT_FOLDERS, SourceView, numbered_file
 from fipt.formats.manifests import write_manifest
 from fipt.progress import progress
 from fipt.scene.cameras import Camera, check_cameras, write_transforms
 from fipt.scene.dataset import check_image, write_views
 from fipt.scene.mesh import Mesh, read_mesh, write_ply
+from fipt.scene.sources import CAPTURE, ImageSource, read_developed, read_source
 from fipt.settings import dumped
-from fipt.stages.importing.overlay import overlay
 from fipt.stages.importing.settings import ImportSettings
 
 TRUTH_FOLDERS = {
@@ -56,7 +48,7 @@ class Imported:
     """The dataset's cameras, in the source's order, and the source as it was read."""
 
     cameras: list[Camera]
-    source: Source
+    source: ImageSource
 
 
 def import_scene(
@@ -82,7 +74,7 @@ def import_scene(
     manifest
         Default: ``import.manifest.json`` in the dataset.
     poses
-        Format ``capture``: poses of the views, see `fipt.formats.layouts.read_poses`. A room.json beside them or the
+        Format ``capture``: poses of the views, see `fipt.scene.sources.read_poses`. A room.json beside them or the
         mesh comes along.
     segments
         Format ``capture``: folder with ``part/VIEW.png`` or ``semantic/VIEW.png`` of the developed views, and names in
@@ -120,7 +112,7 @@ def import_scene(
                 ids = {"ids": names if kind == "semantic" else {}}
                 write_text(folder / "segments" / f"{kind}.json", json.dumps(ids, indent=1) + "\n")
         if settings.overlay:
-            write_png(folder / "overlay.png", overlay(room, *shown))
+            _write_overlay(folder / "overlay.png", room, *shown)
         # A manifest outside the folder must not vouch for a dataset that is being exchanged.
         manifest.unlink(missing_ok=True)
         (dataset / "import.manifest.json").unlink(missing_ok=True)
@@ -130,7 +122,17 @@ def import_scene(
     return Imported(cameras, parsed)
 
 
-def _parsed(source: str | Path, format: str, settings: ImportSettings, poses: str | Path | None) -> Source:
+def _write_overlay(path: Path, mesh: Mesh, camera: Camera, radiance: np.ndarray) -> None:
+    """Draw the mesh's edges over a view. Rays are traced for it alone: without it an import needs no ray tracer."""
+    from fipt.render.variant import set_variant
+
+    set_variant()
+    from fipt.stages.importing.overlay import overlay
+
+    write_png(path, overlay(mesh, camera, radiance))
+
+
+def _parsed(source: str | Path, format: str, settings: ImportSettings, poses: str | Path | None) -> ImageSource:
     if (format == CAPTURE) != (poses is not None):
         raise FiptError(f"--poses belongs to the format {CAPTURE}, and only to it", "give both or neither")
     if poses is None:
@@ -142,7 +144,7 @@ def _parsed(source: str | Path, format: str, settings: ImportSettings, poses: st
 # --- checks before anything is written ------------------------------------------------------------
 
 
-def _check_target(dataset: Path, manifest: Path, source: Source) -> None:
+def _check_target(dataset: Path, manifest: Path, source: ImageSource) -> None:
     """Refuse to replace anything but an earlier dataset."""
     place, root = dataset.resolve(), source.root.resolve()
     if place == root or place in root.parents:
@@ -167,7 +169,7 @@ def _check_target(dataset: Path, manifest: Path, source: Source) -> None:
         )
 
 
-def _check_present(frames: Iterable[Frame]) -> None:
+def _check_present(frames: Iterable[SourceView]) -> None:
     missing = [frame for frame in frames if not frame.image.is_file()]
     if missing:
         raise FiptError(
@@ -191,7 +193,7 @@ def _warn_outside(cameras: list[Camera], mesh: Mesh) -> None:
 # --- frames ---------------------------------------------------------------------------------------
 
 
-def _write_frames(folder: Path, source: Source) -> tuple[list[Camera], tuple[Camera, np.ndarray]]:
+def _write_frames(folder: Path, source: ImageSource) -> tuple[list[Camera], tuple[Camera, np.ndarray]]:
     """Write images, truth and ids of every frame.
 
     Returns the cameras, and camera and radiance of the train view that shows most detail.
@@ -219,7 +221,7 @@ def _write_frames(folder: Path, source: Source) -> tuple[list[Camera], tuple[Cam
     return cameras, shown
 
 
-def _read_image(frame: Frame) -> tuple[dict[str, np.ndarray], np.ndarray]:
+def _read_image(frame: SourceView) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Channels to write for an image ('' = RGB, its valid and flags), and its (H, W) weights."""
     found = read_exr(frame.image, required=("R", "G", "B"))
     channels = {"": np.stack([found[letter] for letter in "RGB"], axis=-1)}
@@ -236,7 +238,7 @@ def with_bounds(valid: np.ndarray, flags: np.ndarray) -> np.ndarray:
     return np.where(bound, 1.0, valid).astype(np.float32)
 
 
-def _scaled(radiance: np.ndarray, valid: np.ndarray, source: Source) -> np.ndarray:
+def _scaled(radiance: np.ndarray, valid: np.ndarray, source: ImageSource) -> np.ndarray:
     """Radiance in the dataset's unit. Noise of photographs may be negative; light is not, and becomes 0."""
     if not source.photographs:
         return radiance
@@ -257,7 +259,7 @@ def _read_mask(path: Path, shape: tuple[int, int]) -> np.ndarray:
     return mask
 
 
-def _camera(frame: Frame, width: int, height: int) -> Camera:
+def _camera(frame: SourceView, width: int, height: int) -> Camera:
     """Camera of a frame whose picture has this size (which its source need not state)."""
     k = frame.intrinsics
     width, height = int(k.get("w", width)), int(k.get("h", height))
@@ -287,7 +289,7 @@ def _camera(frame: Frame, width: int, height: int) -> Camera:
     )
 
 
-def _write_truth(folder: Path, frame: Frame, camera: Camera) -> None:
+def _write_truth(folder: Path, frame: SourceView, camera: Camera) -> None:
     if frame.folder is None:
         return
     layers: dict[str, np.ndarray] = {}
@@ -305,7 +307,7 @@ def _write_truth(folder: Path, frame: Frame, camera: Camera) -> None:
         write_exr(folder / "truth" / f"{frame.name}.exr", layers)
 
 
-def _write_segments(folder: Path, frame: Frame, camera: Camera) -> None:
+def _write_segments(folder: Path, frame: SourceView, camera: Camera) -> None:
     if frame.folder is None:
         return
     for kind, name in SEGMENT_FOLDERS.items():
@@ -375,7 +377,7 @@ def _copy_segments(out: Path, source: Path, cameras: list[Camera]) -> None:
             shutil.copyfile(source / f"{kind}.json", out / f"{kind}.json")
 
 
-def _semantic_names(source: Source) -> dict[str, str]:
+def _semantic_names(source: ImageSource) -> dict[str, str]:
     """Id -> name as far as meta.json of a FIPT folder tells: id i + 1 is its material i."""
     path = source.root / "meta.json"
     if not path.is_file() or source.frames[0].folder is None:

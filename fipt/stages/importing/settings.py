@@ -8,8 +8,8 @@ from fipt.settings import Length, Positive, Settings
 class ImportSettings(Settings):
     """Other people's layouts into a dataset."""
 
-    val_every: Positive = Field(8, description="every n-th view is held out where the source has no split")
-    overlay: bool = Field(True, description="write a picture of mesh edges over one photo")
+    val_every: Positive = Field(default=8, description="every n-th view is held out where the source has no split")
+    overlay: bool = Field(default=True, description="write a picture of mesh edges over one photo")
     exposure: Length | None = Field(
-        None, description="factor on a capture's radiance; absent: what brings its median luminance to 0.2"
+        default=None, description="factor on a capture's radiance; absent: what brings its median luminance to 0.2"
     )

@@ -12,11 +12,11 @@ import numpy as np
 
 from fipt.errors import FiptError
 from fipt.formats.files import write_text
-from fipt.formats.layouts import read_poses
 from fipt.progress import progress
 from fipt.scene.cameras import Camera, write_transforms
 from fipt.scene.dataset import write_views
 from fipt.scene.mesh import Mesh, write_ply
+from fipt.scene.sources import read_poses
 from fipt.stages.poses.align import align
 from fipt.stages.poses.diagram import draw
 from fipt.stages.poses.evidence import (

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from fipt.errors import FiptError
-from fipt.formats.layouts import read_poses
+from fipt.scene.sources import read_poses
 from fipt.stages.poses.model import Reconstruction
 from fipt.stages.poses.similarity import collinear, common_turn, distances, matrix, robust_similarity, rotation_angles
 

@@ -10,7 +10,7 @@ from fipt.render.surface import EmitterSet
 from fipt.scene.emitters import Emitters, chosen_lamps, edited_radiance, read_names
 from fipt.scene.environment import EnvironmentMap
 from fipt.scene.mesh import Mesh
-from fipt.scene.setup import NewLight, RelightSetup
+from fipt.scene.setup import AreaLight, MeshLight, RelightSetup, SphereLight, SpotLight
 
 _SPHERE_SUBDIVISIONS = 3
 
@@ -36,7 +36,7 @@ def apply_setup(
     lit, shine = [emitters.triangle], [radiance]
     next_vertex, next_triangle = len(mesh.vertices), len(mesh.triangles)
     for light in setup.lights:
-        if light.shape == "spot":  # shines without a surface
+        if isinstance(light, SpotLight):  # shines without a surface
             continue
         v, t = _geometry(light)
         vertices.append(v.astype(np.float32))
@@ -85,13 +85,13 @@ def lights_alone(
     return parts
 
 
-def _geometry(light: NewLight) -> tuple[np.ndarray, np.ndarray]:
+def _geometry(light: AreaLight) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (V, 3) and triangles (T, 3) of a new light."""
-    if light.shape == "mesh":
+    if isinstance(light, MeshLight):
         mesh = light_mesh(light)
         return mesh.vertices, mesh.triangles
     center = np.array(light.center)
-    if light.shape == "sphere":
+    if isinstance(light, SphereLight):
         import trimesh
 
         sphere = trimesh.creation.icosphere(_SPHERE_SUBDIVISIONS, light.radius)

@@ -10,43 +10,50 @@ from fipt.settings import Count, Length, Positive, Settings
 class MaterialsSettings(Settings):
     """Material maps of every view."""
 
-    average: bool = Field(True, description="average over the footprint instead of the pixel's centre")
+    average: bool = Field(default=True, description="average over the footprint instead of the pixel's centre")
 
 
 class RenderSettings(Settings):
     """Held-out views, path traced with the model."""
 
-    spp: Positive = Field(128, description="paths per pixel, spread over its rays; two a ray at least")
-    max_depth: Positive = Field(6, description="vertices after the first hit")
-    denoise: bool = Field(True, description="denoise the rendered views")
-    seed: Count = Field(0, description="seed of the random numbers")
+    spp: Positive = Field(default=128, description="paths per pixel, spread over its rays; two a ray at least")
+    max_depth: Positive = Field(default=6, description="vertices after the first hit")
+    denoise: bool = Field(default=True, description="denoise the rendered views")
+    seed: Count = Field(default=0, description="seed of the random numbers")
 
 
 class RelightSettings(Settings):
     """Sampling of relit views."""
 
-    split: Literal["train", "val", "all"] = Field("val", description="views to relight")
-    spp: Positive = Field(128, description="paths per pixel, spread over its rays; two a ray at least")
-    max_depth: Positive = Field(8, description="vertices after the first hit")
-    denoise: bool = Field(True, description="denoise the rendered views")
-    seed: Count = Field(0, description="seed of the random numbers")
+    split: Literal["train", "val", "all"] = Field(default="val", description="views to relight")
+    spp: Positive = Field(default=128, description="paths per pixel, spread over its rays; two a ray at least")
+    max_depth: Positive = Field(default=8, description="vertices after the first hit")
+    denoise: bool = Field(default=True, description="denoise the rendered views")
+    seed: Count = Field(default=0, description="seed of the random numbers")
 
 
 class VideoSettings(Settings):
     """Pictures and videos of what a setup's own cameras see."""
 
     exposure: Length | None = Field(
-        None, description="factor before the tone curve; absent: that of the report, by the dataset's photographs"
+        default=None,
+        description="factor before the tone curve; absent: that of the report, by the dataset's photographs",
     )
-    quality: int = Field(20, ge=0, le=51, description="of the MP4 (H.264 constant rate factor), lower is better")
+    quality: int = Field(
+        default=20, ge=0, le=51, description="of the MP4 (H.264 constant rate factor), lower is better"
+    )
 
 
 class OlatSettings(Settings):
     """Views with each lamp alone, for the report's light mixer."""
 
-    views: Count = Field(3, description="held-out views (training views where there are none); 0 = no light mixer")
-    separate: Positive = Field(8, description="most powerful lamps that are rendered one by one; the rest together")
-    spp: Positive = Field(256, description="paths per pixel and lamp, spread over its rays; two a ray at least")
-    max_depth: Positive = Field(8, description="vertices after the first hit")
-    denoise: bool = Field(True, description="denoise the rendered views")
-    seed: Count = Field(0, description="seed of the random numbers")
+    views: Count = Field(
+        default=3, description="held-out views (training views where there are none); 0 = no light mixer"
+    )
+    separate: Positive = Field(
+        default=8, description="most powerful lamps that are rendered one by one; the rest together"
+    )
+    spp: Positive = Field(default=256, description="paths per pixel and lamp, spread over its rays; two a ray at least")
+    max_depth: Positive = Field(default=8, description="vertices after the first hit")
+    denoise: bool = Field(default=True, description="denoise the rendered views")
+    seed: Count = Field(default=0, description="seed of the random numbers")

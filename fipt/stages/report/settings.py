@@ -8,5 +8,5 @@ from fipt.settings import Positive, Settings
 class ReportSettings(Settings):
     """The HTML page."""
 
-    max_views: Positive = Field(12, description="views shown")
-    width: Positive = Field(640, description="largest width of each picture, pixels")
+    max_views: Positive = Field(default=12, description="views shown")
+    width: Positive = Field(default=640, description="largest width of each picture, pixels")

@@ -9,8 +9,8 @@ class SamplesSettings(Settings):
     """Footprint samples of camera rays."""
 
     grid: Positive = Field(
-        4,
+        default=4,
         le=16,
         description="a pixel is sampled by the square of this many rays; 1 = its centre only",
     )
-    max_samples: Positive = Field(4, le=16, description="distinct surface pieces kept for each pixel")
+    max_samples: Positive = Field(default=4, le=16, description="distinct surface pieces kept for each pixel")

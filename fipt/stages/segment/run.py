@@ -13,7 +13,7 @@ from fipt.scene.segments import write_view_ids
 from fipt.settings import dumped
 from fipt.stages.segment.given import GivenIds
 from fipt.stages.segment.predict import Mask2Former
-from fipt.stages.segment.settings import SegmentSettings, check_segment
+from fipt.stages.segment.settings import GivenSegments, PredictedSegments, SegmentSettings
 
 CLASSES = "classes.json"
 """Names of the classes, beside the folder of the views."""
@@ -29,13 +29,12 @@ def segment_views(
     FiptError
         If the mode is none that makes ids of views, or the ids cannot be had.
     """
-    check_segment(settings)
-    if settings.mode not in ("mask2former", "given"):
+    if not isinstance(settings, PredictedSegments | GivenSegments):
         raise FiptError(
             f"segment.mode must be mask2former or given, for ids of views; it is {settings.mode}", "set segment.mode"
         )
     data, shard = Dataset(dataset), read_samples(samples)
-    if settings.mode == "given":
+    if isinstance(settings, GivenSegments):
         source = GivenIds(data, shard, settings)
         found = source.views()
     else:
@@ -52,6 +51,6 @@ def segment_views(
     # Every shard writes the same names.
     names = {str(k): name for k, name in sorted(source.names.items())}
     write_text(out.parent / CLASSES, json.dumps(names, indent=1, ensure_ascii=False) + "\n")
-    if settings.mode == "given" and source.warnings:
+    if isinstance(source, GivenIds) and source.warnings:
         stats["warnings"] = source.warnings
     write_manifest(manifest, "segment", [*files, out.parent / CLASSES], dumped(settings))

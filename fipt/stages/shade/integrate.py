@@ -10,8 +10,8 @@ from fipt.formats.files import atomic_folder, check_disk
 from fipt.formats.manifests import Stats, write_manifest
 from fipt.progress import progress
 from fipt.render.layers import denoise_samples
-from fipt.render.points import shade_in_chunks, view_points
-from fipt.render.tracer import Points, Shader
+from fipt.render.points import Points, shade_in_chunks, view_points
+from fipt.render.tracer import Shader
 from fipt.scene.dataset import Dataset
 from fipt.scene.samples import FootprintSamples
 from fipt.scene.shading import Shading, save_shading

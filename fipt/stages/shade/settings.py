@@ -11,26 +11,28 @@ class BakeSettings(Settings):
     """Shading of round 0, read from the cache."""
 
     sampling: Literal["shared", "separate"] = Field(
-        "shared", description="one ray set for all shading outputs, or one lobe at a time as the paper"
+        default="shared", description="one ray set for all shading outputs, or one lobe at a time as the paper"
     )
-    diffuse_spp: Positive = Field(64, description="rays per hit from the cosine lobe")
-    specular_spp: Positive = Field(16, description="rays per hit from each GGX lobe")
-    smooth_spp: Positive = Field(16, description="rays per hit from the smoothest GGX lobe")
-    denoise: bool = Field(True, description="denoise the shading images")
-    fill: bool = Field(True, description="give unseen surface the light of the nearest seen one instead of black")
-    seed: Count = Field(0, description="seed of the random numbers")
+    diffuse_spp: Positive = Field(default=64, description="rays per hit from the cosine lobe")
+    specular_spp: Positive = Field(default=16, description="rays per hit from each GGX lobe")
+    smooth_spp: Positive = Field(default=16, description="rays per hit from the smoothest GGX lobe")
+    denoise: bool = Field(default=True, description="denoise the shading images")
+    fill: bool = Field(
+        default=True, description="give unseen surface the light of the nearest seen one instead of black"
+    )
+    seed: Count = Field(default=0, description="seed of the random numbers")
 
 
 class RefineSettings(Settings):
     """Shading of later rounds, path traced with the current materials and emitters."""
 
-    sampling: Literal["shared", "separate"] = Field("shared", description="as of bake")
-    diffuse_spp: Positive = Field(64, description="paths per hit from the cosine lobe")
-    specular_spp: Positive = Field(16, description="paths per hit from each GGX lobe")
-    smooth_spp: Positive = Field(16, description="paths per hit from the smoothest GGX lobe")
-    light_sampling: bool = Field(True, description="sample emitters at the first hit too (the paper does not)")
-    max_depth: Positive = Field(5, description="vertices after the first hit")
-    cache_roughness: Fraction = Field(0.6, description="rougher vertices end the path in the radiance cache")
-    damping: Fraction = Field(0.5, lt=1, description="share of the previous round's shading that is kept")
-    denoise: bool = Field(True, description="denoise the shading images")
-    seed: Count = Field(0, description="seed of the random numbers")
+    sampling: Literal["shared", "separate"] = Field(default="shared", description="as of bake")
+    diffuse_spp: Positive = Field(default=64, description="paths per hit from the cosine lobe")
+    specular_spp: Positive = Field(default=16, description="paths per hit from each GGX lobe")
+    smooth_spp: Positive = Field(default=16, description="paths per hit from the smoothest GGX lobe")
+    light_sampling: bool = Field(default=True, description="sample emitters at the first hit too (the paper does not)")
+    max_depth: Positive = Field(default=5, description="vertices after the first hit")
+    cache_roughness: Fraction = Field(default=0.6, description="rougher vertices end the path in the radiance cache")
+    damping: Fraction = Field(default=0.5, lt=1, description="share of the previous round's shading that is kept")
+    denoise: bool = Field(default=True, description="denoise the shading images")
+    seed: Count = Field(default=0, description="seed of the random numbers")

@@ -30,7 +30,7 @@ def voxels():
 
 @pytest.fixture(scope="module")
 def points():
-    from fipt.render.tracer import Points
+    from fipt.render.points import Points
 
     position, normal, wo = (np.repeat(np.float32(column), COPIES, axis=0) for column in zip(*SPOTS, strict=True))
     wo /= np.linalg.norm(wo, axis=1, keepdims=True)
@@ -62,8 +62,9 @@ def test_first_bounce_from_the_cache(backend, room, voxels, points):
 @pytest.mark.parametrize("cache_roughness", [0.6, 1.0], ids=["ends in the cache", "goes on to the depth limit"])
 def test_paths(backend, room, voxels, points, cache_roughness):
     from benchmarks.plain import DenseCache, Lamps, PlainShader, Rays
+    from fipt.render.scene import RayScene
     from fipt.render.surface import EmitterSet, SurfaceCache, Triangles
-    from fipt.render.tracer import PathSettings, RayScene, Shader
+    from fipt.render.tracer import PathSettings, Shader
 
     materials = scenes.sides(voxels, scenes.GLOSSY, scenes.DIFFUSE)
     emitters = EmitterSet(room.triangle, room.radiance)
@@ -85,8 +86,9 @@ def test_the_rays_of_paths_are_those_that_are_traced(backend, room, voxels, poin
     import mitsuba as mi
 
     from benchmarks.shading import bare_paths
+    from fipt.render.scene import RayScene
     from fipt.render.surface import EmitterSet, SurfaceCache, Triangles
-    from fipt.render.tracer import PathSettings, RayScene, Shader
+    from fipt.render.tracer import PathSettings, Shader
 
     counts = [8] + [0] * len(ROUGHNESS_LEVELS)
     materials = scenes.sides(voxels, scenes.DIFFUSE, scenes.DIFFUSE)

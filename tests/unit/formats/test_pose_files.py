@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fipt.errors import FiptError
-from fipt.formats.layouts import read_poses
 from fipt.formats.pose_files import is_pose_file, read_pose_file
+from fipt.scene.sources import read_poses
 
 FLIP = np.diag([1.0, -1, -1, 1])
 """Between axes with y down that look along +z, and OpenGL's."""

@@ -29,9 +29,10 @@ def test_lanes_keep_their_values(backend, np_rng, dtype):
 def test_where_numpy_puts_arrays_compiles_nothing_again(backend):
     import drjit as dr
 
+    from fipt.render.points import Points
     from fipt.render.scene import RayScene
     from fipt.render.surface import SurfaceCache, Triangles
-    from fipt.render.tracer import Points, Shader
+    from fipt.render.tracer import Shader
 
     mesh, voxels, count = scenes.box((-1, -1, -1), (1, 1, 1)), scenes.grid(), 129
     cache = SurfaceCache(voxels, voxels["radiance"], np.ones(len(voxels["key"]), bool))

@@ -147,7 +147,7 @@ def test_large_maps_are_averaged_down(monkeypatch, tmp_path, np_rng):
 
 
 @pytest.mark.parametrize("width", [4, 300])  # narrow rows are written flat, others run-length coded
-def test_hdr_pictures_are_read_as_mitsuba_reads_them(backend, tmp_path, np_rng, width):
+def test_hdr_images_are_read_as_mitsuba_reads_them(backend, tmp_path, np_rng, width):
     import mitsuba as mi
 
     image = np.exp(np_rng.normal(0, 3, (5, width, 3))).astype(np.float32)
@@ -160,7 +160,7 @@ def test_hdr_pictures_are_read_as_mitsuba_reads_them(backend, tmp_path, np_rng, 
     assert (got[1, 0] == [0, 2, 0]).all()
 
 
-def test_hdr_pictures_that_are_damaged(backend, tmp_path):
+def test_hdr_images_that_are_damaged(backend, tmp_path):
     import mitsuba as mi
 
     path = tmp_path / "sky.hdr"
@@ -168,7 +168,7 @@ def test_hdr_pictures_that_are_damaged(backend, tmp_path):
     whole = path.read_bytes()
     for damaged in (whole[: len(whole) // 2], b"#?RADIANCE\n", whole.replace(b"-Y", b"+Y"), b""):
         path.write_bytes(damaged)
-        with pytest.raises(FiptError, match=r"not a readable \.hdr picture"):
+        with pytest.raises(FiptError, match=r"not a readable \.hdr image"):
             read_hdr(path)
 
 

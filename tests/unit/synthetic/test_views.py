@@ -18,7 +18,7 @@ from fipt.model.albedo import reflectance
 from fipt.scene.cameras import Camera
 from fipt.scene.dataset import Dataset
 from fipt.scene.mesh import Mesh, write_ply
-from fipt.scene.setup import EmitterEdit, NewLight, RelightSetup, parse_setup
+from fipt.scene.setup import EmitterEdit, QuadLight, RelightSetup, SphereLight, parse_setup
 from fipt.synthetic.room import build
 from fipt.synthetic.settings import SynthesizeSettings
 from tests import scenes
@@ -136,7 +136,7 @@ def test_texture_is_where_the_room_puts_it(views):
     floor = next(material for material in room.materials if material.name == "floor")
     x, z = np.float32([2.9, 4.3, 4.1]), np.float32([3.62, 2.1, 3.2])
     origins = np.stack([x, 0 * x + 0.05, z], axis=1)
-    found = views.Truth(room).look(origins, np.tile(np.float32([0, -1, 0]), (3, 1)))
+    found = views.Truth(room).trace(origins, np.tile(np.float32([0, -1, 0]), (3, 1)))
     assert {room.parts[i - 1] for i in found["part"]} == {"floor"}
     height, width = floor.base_color.shape[:2]
     u, v = x / 5.0 * (width - 1), z / 4.0 * (height - 1)
@@ -273,14 +273,14 @@ def test_light_is_linear_in_the_lamps(views):
 @pytest.mark.parametrize(
     "light",
     [
-        NewLight(
+        QuadLight(
             shape="quad",
             radiance=(3, 2, 1),
             center=(2.5, 1.4, 2.0),
             normal=(0, 0, 1),
             size=(0.6, 0.4),
         ),
-        NewLight(shape="sphere", radiance=(3, 2, 1), center=(2.5, 1.4, 2.0), radius=0.25),
+        SphereLight(shape="sphere", radiance=(3, 2, 1), center=(2.5, 1.4, 2.0), radius=0.25),
     ],
     ids=["quad", "sphere"],
 )
@@ -300,7 +300,7 @@ def test_new_lights_shine_to_both_sides(views, light, z):
 
 def test_sides_of_new_quads(views):
     for normal, sides in (((0, -1, 0), (0.4, 0, 0.6)), ((0, 0, 2), (0.6, 0.4, 0))):
-        light = NewLight(shape="quad", radiance=(1, 1, 1), center=(2, 1, 2), normal=normal, size=(0.6, 0.4))
+        light = QuadLight(shape="quad", radiance=(1, 1, 1), center=(2, 1, 2), normal=normal, size=(0.6, 0.4))
         mesh = views.new_light(light).mesh
         np.testing.assert_allclose(np.ptp(mesh.vertices, axis=0), sides, atol=1e-6)
         unit = np.array(normal) / np.linalg.norm(normal)
@@ -313,9 +313,9 @@ def test_new_lights_are_those_of_the_relight_stage(views):
     from fipt.stages.render import lights as stage
 
     for light in (
-        NewLight(shape="quad", radiance=(1, 1, 1), center=(2, 1, 2), normal=(0.2, -1, 0.3)),
-        NewLight(shape="quad", radiance=(1, 1, 1), center=(2, 1, 2), normal=(1, 0.2, 0)),
-        NewLight(shape="sphere", radiance=(1, 1, 1), center=(2, 1, 2), radius=0.2),
+        QuadLight(shape="quad", radiance=(1, 1, 1), center=(2, 1, 2), normal=(0.2, -1, 0.3)),
+        QuadLight(shape="quad", radiance=(1, 1, 1), center=(2, 1, 2), normal=(1, 0.2, 0)),
+        SphereLight(shape="sphere", radiance=(1, 1, 1), center=(2, 1, 2), radius=0.2),
     ):
         vertices, triangles = stage._geometry(light)
         mesh = views.new_light(light).mesh

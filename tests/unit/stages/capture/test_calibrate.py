@@ -13,11 +13,12 @@ from fipt.errors import FiptError
 from fipt.scene.lens import Lens
 from fipt.stages.capture import lensfun
 from fipt.stages.capture.brackets import read_capture
-from fipt.stages.capture.calibrate import calibrate, calibration_frames, summary
+from fipt.stages.capture.calibrate import calibrate, summary
 from fipt.stages.capture.calibration import Calibration, read_calibration, write_calibration
-from fipt.stages.capture.develop import pinhole_of
+from fipt.stages.capture.calibration_frames import calibration_frames
 from fipt.stages.capture.raw import Shot
 from fipt.stages.capture.settings import CaptureSettings
+from fipt.stages.capture.view import pinhole_of
 from tests import captures
 
 SETTINGS = CaptureSettings(board_square=0.03)
@@ -65,6 +66,13 @@ def test_vignetting_follows_the_true_falloff_about_the_true_centre(made: capture
     assert found.figures["vignetting"]["spread"] < 2e-3
 
 
+def distorted(lens: Lens, rays: np.ndarray) -> np.ndarray:
+    """Where a lens puts (H, W, 2) points of the plane z = 1, pixels."""
+    points = np.dstack([rays, np.ones(rays.shape[:2])]).reshape(-1, 3)
+    seen, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), lens.matrix, np.array(lens.distortion))
+    return seen.reshape(rays.shape) + 0.5
+
+
 def test_boards_give_the_true_lens(made: captures.Capture, found: Calibration) -> None:
     sensor = made.optics[0].sensor
     assert found.lens.fx == pytest.approx(sensor.fx, rel=2e-3)
@@ -78,7 +86,7 @@ def test_boards_give_the_true_lens(made: captures.Capture, found: Calibration) -
     def through(lens: Lens) -> np.ndarray:
         pinhole = pinhole_of(lens)
         rays = (points - (pinhole.cx, pinhole.cy)) / pinhole.fx
-        return lens.distort(rays * (lens.fx, lens.fy) + (lens.cx, lens.cy))
+        return distorted(lens, rays)
 
     assert np.sqrt(np.mean((through(found.lens) - through(true)) ** 2)) < 0.35
 
@@ -175,8 +183,9 @@ def test_charuco_boards_partly_seen(tmp_path: Path, np_rng: np.random.Generator)
     drawn = board.generateImage((1000, 700))
     lens = Lens(640, 480, 520.0, 520.0, 322.0, 238.0, (-0.08, 0.0, 0.0, 0.0, 0.0))
     columns, rows = np.meshgrid(np.arange(640) + 0.5, np.arange(480) + 0.5)
-    seen = lens.undistort(np.stack([columns, rows], axis=-1))
-    rays = np.dstack([(seen - (lens.cx, lens.cy)) / lens.fx, np.ones((480, 640))])
+    pixels = np.stack([columns, rows], axis=-1).reshape(-1, 1, 2) - 0.5
+    seen = cv2.undistortPoints(pixels, lens.matrix, np.array(lens.distortion))
+    rays = np.dstack([seen.reshape(480, 640, 2), np.ones((480, 640))])
     for k in range(8):
         angles = np.radians(np_rng.uniform((-25, -25, -10), (25, 25, 10)))
         turn = cv2.Rodrigues(angles)[0]
@@ -210,8 +219,8 @@ def test_lenses_by_name_agree_with_lensfun_itself() -> None:
     modifier.initialize(24.0, 4.0, 2.5, scale=1.0, pixel_format=np.float32)
     map_ = modifier.apply_geometry_distortion()[10::20, 10::20]
     rows, columns = np.mgrid[10:400:20, 10:600:20] + 0.5
-    scale, middle = lens.fx / 400, np.array([300.0, 200.0])  # 24 of 36 mm on 600 pixels
-    ours = lens.distort((np.stack([columns, rows], axis=-1) - middle) * scale + middle) - 0.5
+    rays = (np.stack([columns, rows], axis=-1) - (300.0, 200.0)) / 400  # 24 of 36 mm on 600 pixels
+    ours = distorted(lens, rays) - 0.5
     assert np.abs(map_ - np.stack([columns, rows], -1) + 0.5).max() > 5  # there is something to correct
     assert np.abs(ours - map_).max() < 0.3
     gain = np.ones((400, 600, 3), np.float32)

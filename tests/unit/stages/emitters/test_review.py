@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from fipt.render.scene import RayScene
 from fipt.scene.dataset import Dataset
 from fipt.stages.emitters.review import _LINE, _crop, _drawn, sightings, thumbnail
 from fipt.stages.importing.overlay import visible_triangles
@@ -10,12 +11,13 @@ from tests import scenes
 
 
 @pytest.fixture(scope="module")
-def room(tmp_path_factory):
+def room(backend, tmp_path_factory):
     """The box room, its dataset, and the samples of its training views: one for each pixel."""
     data = Dataset(scenes.write_dataset(tmp_path_factory.mktemp("room")))
     cameras = [camera for camera in data.cameras if camera.split == "train"]
     mesh = data.mesh()
-    triangle = np.concatenate([visible_triangles(mesh, camera)[0].ravel() for camera in cameras])
+    rays = RayScene(mesh)
+    triangle = np.concatenate([visible_triangles(rays, camera)[0].ravel() for camera in cameras])
     position = np.zeros((len(triangle), 3), np.float32)
     shapes = [(camera.height, camera.width) for camera in cameras]
     samples = scenes.samples_of(position, triangle, views=tuple(camera.name for camera in cameras), shapes=shapes)

@@ -179,7 +179,7 @@ def test_the_same_keyframe_twice_is_a_pause(data):
         ('{"path": {"keyframes": ["a", "b"], "frames": 2, "up": [0, 0, 0]}}', "up must have a length"),
         ("{}", "cameras must have look_at or path, one of them"),
         ('{"look_at": {}}', "at least 1 item"),
-        ("{", "cameras: invalid JSON"),
+        ("{", "cameras must be JSON"),
     ],
 )
 def test_what_is_no_camera(given, said):

@@ -185,7 +185,10 @@ def test_all_of_no_emitters_may_be_edited(apply):
         ('{"lamps": []}', "unknown key setup.lamps"),
         ('{"emitters": [{"scale": -1}]}', r"setup\.emitters\.0\.scale"),
         ('{"lights": [{"shape": "cone", "radiance": [1, 1, 1], "center": [0, 0, 0]}]}', r"setup\.lights\.0\.shape"),
-        ('{"lights": [{"shape": "quad", "center": [0, 0, 0]}]}', r"setup\.lights\.0: a quad light needs radiance"),
+        (
+            '{"lights": [{"shape": "quad", "center": [0, 0, 0]}]}',
+            r"setup\.lights\.0\.radiance is missing; shape: quad needs",
+        ),
         (
             '{"lights": [{"shape": "quad", "radiance": [1, 1, 1], "center": [0, 0, 0], "normal": [0, 0, 0]}]}',
             "normal of a new quad light must not be zero",
@@ -215,9 +218,15 @@ BOX = {"center": [0, 0, 0], "size": [1, 1, 1]}
         (entry("lights", **SPOT | {"direction": [1, 0, 0]}), "either direction or target"),
         (entry("lights", **SPOT | {"target": [0, 0, 0]}), "direction must not be zero, nor its target its position"),
         (entry("lights", **SPOT | {"cone_angle": 20, "soft_edge": 15}), "soft_edge must be at most half of cone_angle"),
-        (entry("lights", **SPOT | {"radiance": [1, 1, 1]}), "a spot light has no radiance; it may have intensity"),
-        (entry("lights", shape="spot", intensity=[1, 1, 1], target=[1, 0, 0]), "a spot light needs position"),
-        (entry("lights", shape="mesh", radiance=[1, 1, 1]), "a mesh light needs file"),
+        (
+            entry("lights", **SPOT | {"radiance": [1, 1, 1]}),
+            r"lights\.0\.radiance is only for shape quad or sphere or mesh; shape is spot",
+        ),
+        (
+            entry("lights", shape="spot", intensity=[1, 1, 1], target=[1, 0, 0]),
+            r"lights\.0\.position is missing; shape: spot needs",
+        ),
+        (entry("lights", shape="mesh", radiance=[1, 1, 1]), r"lights\.0\.file is missing; shape: mesh needs"),
         (entry("objects", position=[0, 0, 0]), "an object needs either file or shape"),
         (entry("objects", **THING, file="a.ply"), "an object needs either file or shape"),
         (entry("objects", **THING, scale=0), r"objects\.0\.scale"),

@@ -17,7 +17,7 @@ from fipt.scene.samples import read_samples
 from fipt.scene.segments import read_view_ids, write_view_ids
 from fipt.stages.segment.given import GivenIds, class_of_ids
 from fipt.stages.segment.run import segment_views
-from fipt.stages.segment.settings import SegmentSettings
+from fipt.stages.segment.settings import GivenSegments, GrownSegments
 from tests.fake_results import write_results
 
 IDS = np.array([[7, 7, 7, 7, 65535, 65535, 0, 0]] * 3 + [[2, 2, 2, 2, 2, 2, 2, 2]] * 3, np.uint16)
@@ -40,7 +40,7 @@ def folder(tmp_path):
 
 def given(room, path, **keys):
     """The source, and what it says of its views."""
-    settings = SegmentSettings(mode="given", path=str(path), **keys)
+    settings = GivenSegments(path=str(path), **keys)
     source = GivenIds(Dataset(room / "dataset"), read_samples(room / "samples" / "train-000"), settings)
     return source, {view: (ids, classes) for view, ids, classes in source.views()}
 
@@ -162,7 +162,7 @@ def test_ids_of_another_size(room, folder):
         given(room, folder, other_size="error")
 
 
-def test_bad_pictures(room, folder):
+def test_bad_images(room, folder):
     def said():
         with pytest.raises(FiptError) as error:
             given(room, folder)
@@ -171,7 +171,7 @@ def test_bad_pictures(room, folder):
     (folder / "b.png").write_bytes(b"no picture")
     assert "b.png is not a readable PNG" in said()
     write_png(folder / "b.png", np.full((6, 8, 3), 5, np.uint8))
-    assert "b.png is a colour picture, but table.json with the id of each colour is missing" in said()
+    assert "b.png is a colour image, but table.json with the id of each colour is missing" in said()
     table(folder, {"id": 1, "color": [5, 5, 4]})
     assert "48 pixels have colours that table.json does not list, the first at row 0, column 0: [5, 5, 5]" in said()
     (folder / "b.png").unlink()
@@ -201,7 +201,7 @@ def test_the_stage_writes_ids_names_and_warnings(room, folder):
     write_png(folder / "b.png", np.zeros((6, 8), np.uint16))
     table(folder, *({"id": k, "class": "Grün"} for k in (2, 7, 65535)))
     out, stats = room / "segments" / "views", Stats()
-    settings = SegmentSettings(mode="given", path=str(folder))
+    settings = GivenSegments(path=str(folder))
     segment_views(room / "dataset", room / "samples" / "train-000", out, room / "segments" / "m.json", settings, stats)
     listed = read_manifest(room / "segments" / "m.json", "segment")["files"]
     assert sorted(listed) == ["classes.json", "views/a.npz", "views/b.npz"]
@@ -211,7 +211,7 @@ def test_the_stage_writes_ids_names_and_warnings(room, folder):
     assert classes[7] == 1
     assert stats["warnings"] == ["b has no segment id at all"]
     with pytest.raises(FiptError, match=r"segment.mode must be mask2former or given, for ids of views; it is geometry"):
-        segment_views(room / "dataset", room / "samples", out, room / "m.json", SegmentSettings(mode="geometry"), stats)
+        segment_views(room / "dataset", room / "samples", out, room / "m.json", GrownSegments(), stats)
 
 
 def test_ids_of_a_view_on_disk(tmp_path):
@@ -256,7 +256,7 @@ def test_the_mode_of_a_scene(room, folder, tmp_path):
     named = json.loads(scene(procedural, segment={"mode": "mask2former"}).json("segment"))["model"]
     assert named == "facebook/mask2former-swin-large-coco-panoptic"
 
-    with pytest.raises(FiptError, match=r"scene room: segment.mode is given, but .*segment.path is missing"):
+    with pytest.raises(FiptError, match=r"scene room: segment.path is missing; mode: given needs path: "):
         scene(procedural, segment={"mode": "given"})
     with pytest.raises(FiptError, match=r"segment.path is only for mode given; mode is auto"):
         scene(procedural, segment={"path": "x"})

@@ -17,7 +17,7 @@ from fipt.errors import FiptError
 from fipt.formats.exr import write_exr
 from fipt.scene.dataset import Dataset
 from fipt.stages.segment.predict import Mask2Former, network_input, panoptic, semantic
-from fipt.stages.segment.settings import SegmentSettings
+from fipt.stages.segment.settings import PredictedSegments
 from tests.fake_results import write_results
 
 DECIDED = 8.0
@@ -51,7 +51,7 @@ def data(tmp_path, np_rng):
 
 
 def settings(model, **keys):
-    return SegmentSettings(mode="mask2former", model=str(model), **{"overlap": 0, "score": 0.2, **keys})
+    return PredictedSegments(model=str(model), **{"overlap": 0, "score": 0.2, **keys})
 
 
 def logits(queries, classes=5):
@@ -196,7 +196,7 @@ def test_finds_a_checkpoint_in_the_cache(model, tmp_path):
 
 def test_says_which_weights_are_missing(model, tmp_path):
     with pytest.raises(FiptError) as error:
-        Mask2Former(SegmentSettings(mode="mask2former"))
+        Mask2Former(PredictedSegments())
     for text in (
         "config.json, preprocessor_config.json, model.safetensors of facebook/mask2former-swin-large-coco-panoptic",
         str(tmp_path / "hub" / "models--facebook--mask2former-swin-large-coco-panoptic"),

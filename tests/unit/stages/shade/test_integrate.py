@@ -176,8 +176,7 @@ def test_a_bake_that_fails_leaves_the_old_one(integrate, shard, tmp_path):
 
 
 def test_points_of_a_view(backend, shard):
-    from fipt.render.points import view_points
-    from fipt.render.tracer import random_keys
+    from fipt.render.points import random_keys, view_points
 
     data, samples = shard
     camera = data.camera("b")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fipt.errors import FiptError
-from fipt.formats.layouts import read_source
+from fipt.scene.sources import read_source
 from tests.layouts import POSES, WRITERS, matrix, write_blender, write_nerfstudio
 
 
@@ -23,7 +23,7 @@ def rewrite(path: Path, **keys: object) -> None:
 
 def test_needs_the_standard_library_only() -> None:
     code = (
-        "import sys, fipt.formats.layouts; "
+        "import sys, fipt.scene.sources; "
         "print([m for m in ('numpy', 'pydantic', 'OpenEXR', 'trimesh') if m in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

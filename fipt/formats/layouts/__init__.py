@@ -1,0 +1,32 @@
+"""Other people's layouts of posed views, a reader each: the standard library alone, since plans are made from them.
+
+Layouts, and the axes of their cameras (inside, every camera has OpenGL axes, see `fipt.conventions`):
+
+========================  ==================================================  =====================
+format                    files                                               axes
+========================  ==================================================  =====================
+``nerfstudio``            transforms.json, or Blender's                       x right, y up,
+                          transforms_{train,val}.json; EXR images             looking along -z
+``fipt-synthetic``        {train,val}/transforms.json, {train,val}/Image/     x left, y up,
+                          NNN_0001.exr and truth beside it, scene.obj         looking along +z
+``fipt-real``             cam.txt, K_list.txt, Image/NNN_0001.exr,            x right, y down,
+                          segmentation/NNN.exr, scene.obj                     looking along +z
+========================  ==================================================  =====================
+"""
+
+from fipt.formats.layouts.common import Matrix, PosedViews, SourceView, numbered_file
+from fipt.formats.layouts.fipt_real import read_fipt_real
+from fipt.formats.layouts.fipt_synthetic import read_fipt_synthetic
+from fipt.formats.layouts.nerfstudio import nerfstudio_views, read_nerfstudio
+
+SEGMENT_FOLDERS = {"part": "IndexMA", "semantic": "segmentation"}
+"""Kind of segment ids -> folder of the FIPT layouts, where the source has it."""
+
+READERS = {
+    "nerfstudio": read_nerfstudio,
+    "fipt-synthetic": read_fipt_synthetic,
+    "fipt-real": read_fipt_real,
+}
+"""Name of a layout -> what reads it from its path."""
+
+__all__ = ["READERS", "SEGMENT_FOLDERS", "Matrix", "PosedViews", "SourceView", "nerfstudio_views", "numbered_file"]

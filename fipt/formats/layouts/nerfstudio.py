@@ -1,0 +1,137 @@
+"""nerfstudio's transforms.json, and Blender's transforms_{train,val}.json: OpenGL axes, EXR images."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from fipt.errors import FiptError
+from fipt.formats.files import existing_file
+from fipt.formats.layouts.common import MALFORMED, PosedViews, SourceView, pose_matrix
+
+_INTRINSICS = ("w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_y")
+_DISTORTION = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
+_PINHOLES = ("PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")
+"""Camera models that are pinholes once their distortion is zero."""
+_MESHES = ("mesh.ply", "mesh.obj", "scene.ply", "scene.obj")
+
+
+def read_nerfstudio(path: Path) -> PosedViews:
+    """Read transforms.json, or Blender's transforms_{train,val}.json; ``path`` is the file or its folder."""
+    root = path.parent if path.is_file() else path
+    single = path if path.is_file() else root / "transforms.json"
+    by_split = {split: root / f"transforms_{split}.json" for split in ("train", "val", "test")}
+    if single.is_file():
+        frames = nerfstudio_views(single)
+    elif by_split["train"].is_file():
+        only_test = by_split["test"].is_file() and not by_split["val"].is_file()
+        held_out = by_split["test" if only_test else "val"]
+        frames = [
+            replace(frame, name=f"{split}_{frame.name}", split=split)
+            for split, file in (("train", by_split["train"]), ("val", held_out))
+            for frame in nerfstudio_views(file)
+        ]
+    else:
+        raise FiptError(
+            f"{root} must hold transforms.json, or transforms_train.json and transforms_val.json",
+            "check the source's path and format",
+        )
+    meshes = [root / name for name in _MESHES if (root / name).is_file()]
+    return PosedViews(tuple(frames), meshes[0] if meshes else None, root)
+
+
+def nerfstudio_views(path: Path, developed: bool = True) -> list[SourceView]:
+    """Read the views of a transforms.json; not ``developed``: they may be photographs, distorted as they are."""
+    shared, entries = read_entries(path)
+    entries = _listed_splits(path, shared, entries)
+    frames = []
+    for index, entry in enumerate(entries):
+        where = f"{path}, frame {index}"
+        try:
+            file_path = str(entry["file_path"])
+            matrix = pose_matrix(entry["transform_matrix"])
+            intrinsics = pinhole_intrinsics(where, {**shared, **entry}) if developed else _stated({**shared, **entry})
+            mask = path.parent / entry["mask_path"] if entry.get("mask_path") else None
+        except MALFORMED as error:
+            raise FiptError(f"{where} is malformed ({error!r})", "correct the file") from error
+        name = _view_name(where, file_path) if developed else PurePosixPath(file_path).stem
+        complete = file_path.lower().endswith(".exr")
+        image = path.parent / (file_path if complete else f"{file_path}.exr")
+        split = _split(where, entry, entries)
+        frames.append(SourceView(name, split, image, matrix, intrinsics, mask=mask))
+    return frames
+
+
+def _listed_splits(path: Path, shared: Mapping[str, Any], entries: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Frames with the split that nerfstudio's lists give them; those in no list are left out."""
+    lists = {split: shared.get(f"{split}_filenames") for split in ("train", "val", "test")}
+    if all(names is None for names in lists.values()):
+        return entries
+    splits = dict.fromkeys(lists["val"] or lists["test"] or (), "val")
+    splits |= dict.fromkeys(lists["train"] or (), "train")
+    unknown = splits.keys() - {str(entry.get("file_path")) for entry in entries}
+    if unknown:
+        raise FiptError(
+            f"{path}: a split lists {min(unknown)}, which no frame has",
+            "correct train_filenames and val_filenames",
+        )
+    return [{**entry, "split": splits[entry["file_path"]]} for entry in entries if entry.get("file_path") in splits]
+
+
+def read_entries(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """Read the shared keys and the frames of a transforms.json."""
+    existing_file(path, "the camera file")
+    try:
+        shared = json.loads(path.read_text(encoding="utf-8"))
+        return shared, [dict(entry) for entry in shared.pop("frames")]
+    except MALFORMED as error:
+        raise FiptError(
+            f"{path} is not a transforms.json with frames ({error!r})", "check the source's format"
+        ) from error
+
+
+def _view_name(where: str, file_path: str) -> str:
+    """Name of the image without folder and .exr; names may hold other dots."""
+    name = PurePosixPath(file_path).name
+    suffix = PurePosixPath(name).suffix.lower()
+    if suffix in (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".hdr"):
+        raise FiptError(
+            f"{where}: images must be EXR files with linear radiance; found {file_path}",
+            "convert the images and correct file_path",
+        )
+    return name[: -len(suffix)] if suffix == ".exr" else name
+
+
+def _split(where: str, entry: Mapping[str, Any], entries: Sequence[Mapping[str, Any]]) -> str:
+    if not any("split" in other for other in entries):
+        return ""
+    if entry.get("split") not in ("train", "val"):
+        raise FiptError(
+            f"{where}: split must be train or val; found {entry.get('split')!r}",
+            "give every frame a split, or none",
+        )
+    return entry["split"]
+
+
+def pinhole_intrinsics(where: str, keys: Mapping[str, Any]) -> dict[str, float]:
+    """Intrinsics among ``keys``, once they describe a pinhole without distortion."""
+    model = keys.get("camera_model", "PINHOLE")
+    if keys.get("is_fisheye"):
+        model = "FISHEYE"
+    if model not in _PINHOLES:
+        raise FiptError(
+            f"{where}: cameras must be pinholes; found {model}",
+            "undistort the images first",
+        )
+    for key in _DISTORTION:
+        if float(keys.get(key) or 0.0) != 0.0:
+            raise FiptError(
+                f"{where}: lens distortion must be zero; found {key} = {keys[key]}",
+                "undistort the images first, then set the coefficients to 0",
+            )
+    return _stated(keys)
+
+
+def _stated(keys: Mapping[str, Any]) -> dict[str, float]:
+    return {key: float(keys[key]) for key in _INTRINSICS if keys.get(key) is not None}

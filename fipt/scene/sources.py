@@ -1,0 +1,174 @@
+"""The views of a source: read by its layout's reader, named, split, and judged by what earlier checks wrote.
+
+The workflow asks `read_source` when it plans, so nothing heavy may be imported here; the import reads the same views,
+so that both agree on names and splits. One more source than `fipt.formats.layouts` has is that of developed photographs
+(hdr/VIEW.exr, VIEW.json, qa.json, poses elsewhere): see `read_developed`.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from fipt.errors import FiptError
+from fipt.formats.files import check_name, existing_file
+from fipt.formats.layouts import READERS, SEGMENT_FOLDERS, SourceView, nerfstudio_views
+from fipt.formats.layouts.common import MALFORMED
+from fipt.formats.pose_files import is_pose_file, read_pose_file
+from fipt.formats.views import read_rejected
+
+CAPTURE = "capture"
+"""The format of developed photographs."""
+
+
+@dataclass(frozen=True)
+class ImageSource:
+    """All views of a source, and its mesh where it is known (None: the user names it).
+
+    Attributes
+    ----------
+    photographs
+        Whether the pictures are developed photographs, whose noise may be negative.
+    scale
+        Factor on all radiance of photographs.
+    rejected
+        View that a check has rejected -> why; not among the frames.
+    unposed
+        Views without a pose, left out.
+    """
+
+    frames: tuple[SourceView, ...]
+    mesh: Path | None
+    root: Path
+    photographs: bool = False
+    scale: float = 1.0
+    rejected: Mapping[str, str] = field(default_factory=dict)
+    unposed: tuple[str, ...] = ()
+
+
+def read_source(path: str | Path, format: str, val_every: int = 8) -> ImageSource:
+    """Read all frames of a source, without any picture.
+
+    Parameters
+    ----------
+    path
+        Folder of the source (``nerfstudio``: or its transforms.json).
+    format
+        A key of `READERS`; the layouts share file names but not axes, so it is never guessed.
+    val_every
+        Every n-th view, beginning with the first, becomes ``val`` where the source has no split.
+
+    Raises
+    ------
+    FiptError
+        A file is missing or malformed, a name is unusable or occurs twice, no view is for training.
+    """
+    if format not in READERS:
+        raise FiptError(f"unknown format {format!r}", f"choose one of {', '.join(READERS)}")
+    path = Path(path)
+    if not path.exists():
+        raise FiptError(f"the source {path} does not exist", "check the path")
+    layout = READERS[format](path)
+    return ImageSource(_checked(path, layout.views, val_every), layout.mesh, layout.root)
+
+
+def has_segments(source: ImageSource) -> bool:
+    """Whether every training view of a source has segment ids of some kind."""
+    folders = {frame.folder for frame in source.frames if frame.split == "train"}
+    return None not in folders and any(
+        all((folder / name).is_dir() for folder in folders) for name in SEGMENT_FOLDERS.values()
+    )
+
+
+def read_poses(path: str | Path, val_every: int = 8) -> tuple[SourceView, ...]:
+    """Read poses by view name: a nerfstudio or Blender transforms.json, or what `fipt.formats.pose_files` reads.
+
+    A view is called as its picture, without folder and ending; the pictures may be of any kind. ``image`` of the
+    frames means nothing.
+    """
+    path = Path(path)
+    if is_pose_file(path):
+        views = [SourceView(p.name, "", path, p.world_from_camera, p.intrinsics) for p in read_pose_file(path)]
+    else:
+        views = nerfstudio_views(path, developed=False)
+    return _checked(path, tuple(views), val_every)
+
+
+def read_developed(folder: str | Path, poses: str | Path, val_every: int = 8) -> ImageSource:
+    """Read the frames of developed photographs: those that the capture report accepts and that have a pose.
+
+    Parameters
+    ----------
+    folder
+        What ``fipt develop`` and ``fipt qa`` wrote: hdr/VIEW.exr, VIEW.json, qa.json.
+    poses
+        What `read_poses` reads; its intrinsics count only where calibration found none. Those of ``fipt pose`` (with a
+        poses.json beside them) are of the developed views, and count; views that it rejected stay rejected.
+
+    Raises
+    ------
+    FiptError
+        A file is missing or malformed, or no accepted view has a pose.
+    """
+    folder = Path(folder)
+    report = existing_file(folder / "qa.json", "the capture report")
+    posed, estimated = read_poses(poses, val_every), (Path(poses).parent / "poses.json").is_file()
+    judged = read_rejected(Path(poses).with_name("views.json")) if estimated else {}
+    try:
+        content = json.loads(report.read_text(encoding="utf-8"))
+        states = {name: None if state["accepted"] else str(state["reason"]) for name, state in content["views"].items()}
+        scale = float(content["exposure"]["scale"])
+        frames = []
+        for frame in posed:
+            if frame.name in states and states[frame.name] is None:
+                image = folder / "hdr" / f"{frame.name}.exr"
+                camera = json.loads(existing_file(folder / f"{frame.name}.json", "the facts of a view").read_text())
+                known = frame.intrinsics if estimated else camera["camera"] or frame.intrinsics
+                frames.append(replace(frame, image=image, intrinsics=known, mask=None))
+    except MALFORMED as error:
+        raise FiptError(
+            f"{report} or what stands beside it is damaged ({error!r})", "develop the views again"
+        ) from error
+    names = {frame.name for frame in posed} | judged.keys()
+    refused = judged | {name: why for name, why in states.items() if why is not None}
+    accepted = [name for name, why in states.items() if why is None]
+    if not any(frame.split == "train" for frame in frames):
+        raise FiptError(
+            f"{poses} must have the pose of an accepted training view of {folder}; it has "
+            f"{', '.join(sorted(names)[:3])}, accepted are {', '.join(accepted[:3]) or 'none'}",
+            "name the poses' pictures as the views of the capture, and see the findings of qa.json",
+        )
+    return ImageSource(
+        tuple(frames),
+        None,
+        folder,
+        photographs=True,
+        scale=scale,
+        rejected={name: why for name, why in refused.items() if name in names},
+        unposed=tuple(name for name in states if name not in names),
+    )
+
+
+def _checked(path: Path, frames: tuple[SourceView, ...], val_every: int) -> tuple[SourceView, ...]:
+    """Frames with usable, different names and with splits."""
+    if not frames:
+        raise FiptError(f"{path} must list at least one frame; it lists none", "check the source")
+    seen: set[str] = set()
+    for frame in frames:
+        check_name(frame.name, f"{path}: view")
+        if frame.name in seen:
+            raise FiptError(
+                f"{path}: view names must be unique; {frame.name} occurs twice",
+                "rename one of the images",
+            )
+        seen.add(frame.name)
+    if not any(frame.split for frame in frames):
+        frames = tuple(
+            replace(frame, split="train" if index % val_every else "val") for index, frame in enumerate(frames)
+        )
+    if not any(frame.split == "train" for frame in frames):
+        raise FiptError(
+            f"{path} must have at least one train view; all {len(frames)} are val",
+            "raise import.val_every or give the source a split",
+        )
+    return frames
