@@ -18,8 +18,7 @@ from typing import Any
 import pytest
 import yaml
 
-REPOSITORY = Path(__file__).resolve().parents[2]
-WORKFLOW = REPOSITORY / "fipt" / "workflow"
+from benchmarks.jobs import REPOSITORY, WORKFLOW, Job, jobs_of
 
 STAND_IN = '''#!{python}
 """Writes what a verb of fipt promises; notes its command line in calls.jsonl."""
@@ -116,6 +115,17 @@ class Workspace:
         table = text[text.index("Job stats:") :].split("\n\n")[0]
         jobs = {name: int(n) for name, n in re.findall(r"^(\w+) +(\d+)$", table, re.MULTILINE)}
         return {name: n for name, n in jobs.items() if name not in ("total", "all")}
+
+    def jobs(self, target: str = "report") -> list[Job]:
+        """Every job of the config, done or not."""
+        return jobs_of(self.root, target=target)
+
+    def fipt_run(self, *options: str, code: int = 0) -> str:
+        """Call ``fipt run room`` here and return what it says on standard error."""
+        command = [sys.executable, "-m", "fipt.cli.main", "run", "room", *options]
+        done = subprocess.run(command, cwd=self.root, env=self.environment, text=True, capture_output=True, timeout=900)
+        assert done.returncode == code, done.stderr + self.logs()
+        return done.stderr
 
     def calls(self) -> list[list[str]]:
         """Command lines that the stand-in has seen."""
