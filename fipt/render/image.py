@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fipt.conventions import F0_DIELECTRIC
 from fipt.model.albedo import reflectance
+from fipt.model.reflectance import diffuse_reflectance, specular_reflectance
 from fipt.render.denoise import denoise
 from fipt.render.footprint import sub_pixel_points
 from fipt.render.points import Points, random_keys, shade_in_chunks
@@ -118,7 +118,7 @@ class LitRoom:
 
         shading = shade_in_chunks(points, 3, shade, advance, paths)
         m = brdf.metallic[:, None]
-        kd, ks = brdf.base_color * (1 - m), F0_DIELECTRIC * (1 - m) + brdf.base_color * m
+        kd, ks = diffuse_reflectance(brdf.base_color, m), specular_reflectance(brdf.base_color, m)
         return kd * shading[:, 0] + ks * shading[:, 1] + shading[:, 2]
 
 
