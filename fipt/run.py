@@ -405,7 +405,7 @@ class _Chain:
         self.add("metrics", "metrics", options, inputs, [metrics])
         options = ("--results", self.root, "--out", report)
         seen, filmed = (",".join(sorted(names)) for names in (self.scene.relit, self.scene.filmed))
-        options += (f"--setups={seen}", f"--films={filmed}")
+        options += (f"--setups={seen}", f"--camera-setups={filmed}")
         self.add("report", "report", options, [metrics, *inputs, self.listed, *self.mixed, *self.exported], [report])
 
     def _training(self) -> tuple[str, ...]:
