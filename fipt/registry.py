@@ -83,7 +83,46 @@ class Verb:
 
 
 VERBS: dict[str, Verb] = {
-    "synthesize": Verb("Make a dataset with ground truth from a room in code or a scene file.", "fipt.cli.synthesize"),
+    "synthesize-room": Verb(
+        "Build a known room, in code or of a scene file; place its cameras.",
+        "fipt.stages.synthesize.room_stage",
+        "synthesize",
+        rays=True,
+    ),
+    "synthesize-views": Verb(
+        "Render images, segments and truth of views of a known room.",
+        "fipt.stages.synthesize.views_stage",
+        "synthesize",
+        rays=True,
+    ),
+    "synthesize-relit": Verb(
+        "Render views of a known room under a relight setup.",
+        "fipt.stages.synthesize.relit_stage",
+        "synthesize",
+        rays=True,
+    ),
+    "photograph-calibration": Verb(
+        "Take a simulated camera's calibration frames.",
+        "fipt.stages.synthesize.photograph_calibration_stage",
+        "synthesize",
+    ),
+    "photograph": Verb(
+        "Photograph views of a known room with a simulated camera.",
+        "fipt.stages.synthesize.photograph_stage",
+        "synthesize",
+        rays=True,
+    ),
+    "photograph-images": Verb(
+        "Photograph the images of any dataset with a simulated camera.",
+        "fipt.stages.synthesize.photograph_images_stage",
+        "synthesize",
+    ),
+    "synthesize-truth": Verb(
+        "Look up the truth of developed photographs of a known room.",
+        "fipt.stages.synthesize.truth_stage",
+        "synthesize",
+        rays=True,
+    ),
     "check-capture": Verb(
         "Say what is wrong with a folder of photographs, in the room.",
         "fipt.stages.capture.check_capture_stage",
