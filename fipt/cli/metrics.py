@@ -34,7 +34,7 @@ def command(
 ) -> None:
     """Write every figure that the files allow; what cannot be known is null.
 
-    Definitions: docs/math.md, and in the file itself.
+    Definitions: docs/method.md, and in the file itself.
     """
     from fipt.cli.options import listed
     from fipt.errors import FiptError

@@ -36,7 +36,7 @@ def fit_model(inputs: FitInputs, settings: FitSettings) -> Stats:
     if kind is None:
         print(
             "warning: no segments; roughness and metallic are fitted point by point, without search or propagation: "
-            "they are unsure wherever no view sees a highlight (docs/segmentation.md has figures)"
+            "they are unsure wherever no view sees a highlight (docs/stages/segment.md has figures)"
         )
     empty = on_disk(inputs.out.parent)  # what there is for every pixel stays out of memory
     ids = kind and [segments_of(data, shard, kind, empty) for shard in shards]
