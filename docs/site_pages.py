@@ -30,7 +30,9 @@ def command_line() -> str:
     sys.path.insert(0, str(ROOT))
     from fipt.registry import VERBS
 
-    return "\n".join(f"## fipt {name}\n\n{verb.help}\n\n```text\n{help_of(name)}\n```\n" for name, verb in VERBS.items())
+    return "\n".join(
+        f"## fipt {name}\n\n{verb.help}\n\n```text\n{help_of(name)}\n```\n" for name, verb in VERBS.items()
+    )
 
 
 def help_of(name: str) -> str:
@@ -42,7 +44,7 @@ def help_of(name: str) -> str:
         return command.get_help(context).strip()
 
 
-def click_command(name: str):  # noqa: ANN201 - a click.Command; click is imported when it is needed
+def click_command(name: str):
     """The command behind a verb, with its options."""
     import typer
 

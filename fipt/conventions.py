@@ -24,6 +24,9 @@ SHADING_OUTPUTS = 1 + 2 * len(ROUGHNESS_LEVELS)
 F0_DIELECTRIC = 0.04
 """Reflectance of a dielectric at normal incidence."""
 
+EMITTER_GAIN = 1.5
+"""What is this much brighter than any reflection there could be must emit."""
+
 LUMINANCE = (0.2126, 0.7152, 0.0722)
 """Weights of linear sRGB in luminance (ITU-R BT.709)."""
 
