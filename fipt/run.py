@@ -299,7 +299,7 @@ class _Chain:
         options = (*self._training(), "--emitters", self.emitters, "--out", folder)
         options += ("--review", f"{self.root}/{REVIEW_FILE}", *self.scene.listing_options())
         self.add("review", "review", options, [*self._training_files(), self.emitters], folders=[folder])
-        self.listed, self.lamps = manifest(folder), ("--lamps", f"{folder}/emitters.json")
+        self.listed, self.lamps = manifest(folder), ("--emitter-names", f"{folder}/emitters.json")
 
     def add_pictures(self) -> None:
         """Material maps of every view, held-out views, relit views."""

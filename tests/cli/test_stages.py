@@ -879,7 +879,7 @@ def test_names_reach_setup_and_list(work, refused):
     (lamp,) = json.loads((work / "emitters" / "emitters.json").read_text())["emitters"]
     assert (lamp["name"], lamp["share"], lamp["seen_by"]) == ("my lamp", 1.0, ["a", "b"])
     setup, lamps = json.dumps({"emitters": [{"name": "my lamp", "off": True}]}), work / "emitters" / "emitters.json"
-    assert call("relight", work, "--setup", setup, "--lamps", lamps) == 0
+    assert call("relight", work, "--setup", setup, "--emitter-names", lamps) == 0
     assert read_rgb(work / "relight" / "night" / "c.exr").max() < 0.01
     assert "names lamp 'my lamp', which is none of 1 lamps; there are lamp-0" in refused("relight", "--setup", setup)
     wrong = json.dumps(named | {"mesh_triangles": 3})

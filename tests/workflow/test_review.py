@@ -89,7 +89,7 @@ def test_fipt_run_calls_what_the_workflow_calls(workspace, monkeypatch):
     for job in jobs:
         for path in (*job.inputs, *job.outputs, *job.folders):
             assert (here.root / path).exists(), path
-    relit = {job.label: "--lamps" in job.options for job in jobs if job.verb == "relight"}
+    relit = {job.label: "--emitter-names" in job.options for job in jobs if job.verb == "relight"}
     assert relit == {"relight.off.val-000": False, "relight.desk.val-000": True}
 
 

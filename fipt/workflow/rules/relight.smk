@@ -43,7 +43,9 @@ rule relight_views:
         samples=folders_of("samples"),
         out=folder("results/{scene}/relight/{setup}"),
         setup=setup_json,
-        lamps=where("lamps", "--lamps", "results/{scene}/emitters/emitters.json"),
+        lamps=where(
+            "lamps", "--emitter-names", "results/{scene}/emitters/emitters.json"
+        ),
         cameras=cameras,
         segments=where("segments", "--segments", "results/{scene}/segments/fusion.npz"),
         settings=settings("relight"),
