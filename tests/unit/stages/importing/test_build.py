@@ -190,10 +190,10 @@ def test_the_manifest_may_stand_beside_the_dataset(tmp_path: Path) -> None:
 
 KILLED = """
 import os, signal, sys
-from fipt.stages.importing import build as importers
+from fipt.stages.importing import build, frames
 from fipt.stages.importing.settings import ImportSettings
-setattr(importers, sys.argv[1], lambda *_: os.kill(os.getpid(), signal.SIGKILL))
-importers.import_scene(sys.argv[2], "nerfstudio", sys.argv[3], ImportSettings(overlay=False))
+setattr(frames if sys.argv[1] == "write_exr" else build, sys.argv[1], lambda *_: os.kill(os.getpid(), signal.SIGKILL))
+build.import_scene(sys.argv[2], "nerfstudio", sys.argv[3], ImportSettings(overlay=False))
 """
 
 
