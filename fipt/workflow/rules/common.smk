@@ -8,6 +8,7 @@ asked for needs no data.
 """
 
 import contextlib
+import os
 import re
 import shlex
 import sys
@@ -18,12 +19,14 @@ from snakemake.utils import validate
 
 from fipt.config import load
 from fipt.errors import FiptError
-from fipt.run import locked
+from fipt.formats.files import existing_file
+from fipt.lock import locked
 from fipt.registry import VERSIONS
 
-# `fipt` is found beside the Python that runs Snakemake, even if its environment is not active.
+# `fipt` is found beside the Python that runs Snakemake, even if its environment is not active. It takes the place of the
+# shell and knows who called it: a job ends with the run that started it, even if that is killed.
 shell.prefix(
-    f'set -euo pipefail; PATH="$PATH":{shlex.quote(str(Path(sys.executable).parent))}; '
+    f'export PATH="$PATH":{shlex.quote(str(Path(sys.executable).parent))} FIPT_RUN={os.getpid()}; exec '
 )
 
 try:
@@ -34,8 +37,10 @@ try:
     for name in CONFIG.only:
         CONFIG.scenes[name].review
         CONFIG.scenes[name].check_setups()
+        if path := CONFIG.scenes[name].environment_path():
+            existing_file(path, "environment.file")
 except FiptError as error:
-    raise WorkflowError(f"config: {error}") from None
+    raise WorkflowError(f"fipt: error: {error}") from None
 validate(CONFIG.plain, "../schemas/config.schema.yaml", set_default=False)
 
 
@@ -74,13 +79,13 @@ def readable(function, *args):
     try:
         return function(*args)
     except FiptError as error:
-        raise WorkflowError(str(error)) from None
+        raise WorkflowError(f"fipt: error: {error}") from None
 
 
 def lock_scenes():
     """Keep other runs away from the scenes; unlike Snakemake's own lock, this one dies with the run."""
     for name in CONFIG.only:
-        readable(LOCKS.enter_context, locked(name))
+        readable(LOCKS.enter_context, locked(Path("results", name)))
 
 
 def shards_of(wildcards, *splits):
@@ -139,21 +144,6 @@ def films(wildcards):
     scene = scene_of(wildcards)
     made = "results/{scene}/relight/{setup}.manifest.json"
     return expand(made, scene=scene.name, setup=scene.filmed)
-
-
-def relit_hits(wildcards):
-    """Input function: samples of a shard; for a setup's own cameras some samples, which tell the settings."""
-    scene = scene_of(wildcards)
-    own = wildcards.setup in scene.filmed
-    shard = next(iter(shards_of(wildcards, "all"))) if own else wildcards.shard
-    return f"results/{scene.name}/samples/{shard}.manifest.json"
-
-
-def check_of_cameras(wildcards):
-    """Input function: which views are accepted, for a setup's own cameras; they are placed by these."""
-    scene = scene_of(wildcards)
-    filmed = wildcards.setup in scene.filmed
-    return [f"results/{scene.name}/dataset/check_poses.json"] if filmed else []
 
 
 def reference_files(wildcards):

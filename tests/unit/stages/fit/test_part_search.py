@@ -7,10 +7,12 @@ import pytest
 import torch
 
 from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
-from fipt.stages.fit.batches import Pixels
-from fipt.stages.fit.losses import specular_at
-from fipt.stages.fit.parts import _linear, _of_classes, _Sample, _uniform, estimate_parts, part_classes, part_targets
+from fipt.model.reflectance import specular_shading
+from fipt.stages.fit.inner_pixels import InnerPixels
+from fipt.stages.fit.part_colors import uniformity
+from fipt.stages.fit.part_search import _of_classes, estimate_parts, part_classes
 from fipt.stages.fit.settings import FitSettings
+from fipt.stages.fit.targets import part_targets
 from tests import scenes
 
 LEVELS = len(ROUGHNESS_LEVELS)
@@ -34,20 +36,20 @@ def pixels(rng, materials, varied=True, noise=0.01):
     radiance = np.empty((len(shading), 3), np.float32)
     for k, (base, s, m) in enumerate(materials):
         own = slice(k * PER_PART, (k + 1) * PER_PART)
-        ls0, ls1 = specular_at(torch.from_numpy(shading[own]), torch.full((PER_PART, 1), s))
+        ls0, ls1 = specular_shading(torch.from_numpy(shading[own]), torch.full((PER_PART, 1), s))
         kd, ks = np.array(base) * (1 - m), 0.04 * (1 - m) + np.array(base) * m
         radiance[own] = kd * shading[own, 0] + ks * ls0[:, 0].numpy() + ls1[:, 0].numpy()
     radiance *= 1 + noise * rng.standard_normal(radiance.shape)
     segment = np.repeat(np.arange(1, len(materials) + 1), PER_PART).astype(np.uint16)
     place = np.stack([np.arange(len(shading)) % PIECES, 3 * segment, np.zeros(len(shading))], axis=1) * 0.1
     samples = scenes.samples_of(place, segment)
-    return Pixels(
+    return scenes.training_pixels(
         [samples], [shading.astype(np.float16)], [(np.maximum(radiance, 0), np.ones(len(shading)))], [segment]
     )
 
 
 def found(data):
-    return estimate_parts(data, np.array([1.5, 1.5, 1.5]), 3.3, lamp_gain=1e9)
+    return estimate_parts(data, np.array([1.5, 1.5, 1.5]), 3.3, emitter_gain=1e9)
 
 
 def test_planted_materials_are_found(np_rng):
@@ -66,27 +68,27 @@ def test_without_evidence_a_part_is_matte(np_rng):
     np.testing.assert_array_equal(parts.metallic[1:], [0, 0])
 
 
-def test_pull_grows_with_evidence(np_rng):
+def test_the_weight_of_a_part_grows_with_evidence(np_rng):
     settings = FitSettings()
     parts = found(pixels(np_rng, [((0.6, 0.5, 0.4), 1.0, 0.0), ((0.9, 0.6, 0.4), 0.3, 1.0)]))
     targets = part_targets(parts, settings)
     unknown = targets.of(torch.tensor([0]))
     assert (unknown.roughness.item(), unknown.metallic.item(), unknown.uniform.item()) == (1, 0, 0)
-    assert unknown.pull.item() == pytest.approx(settings.diffuse_weight)
-    assert targets.pull[2] > 3 * targets.pull[1] >= 3 * settings.target_weight
+    assert unknown.weight.item() == pytest.approx(settings.diffuse_weight)
+    assert targets.weight[2] > 3 * targets.weight[1] >= 3 * settings.target_weight
     np.testing.assert_array_equal(targets.base_color, parts.base_color)
 
 
-def test_lamps_do_not_count(np_rng):
+def test_emitters_do_not_count(np_rng):
     """Pixels brighter than any reflection say nothing about a part's reflectance."""
     data = pixels(np_rng, [((0.6, 0.5, 0.4), 1.0, 0.0)])
     data.radiance[0][::2] *= 1000
-    parts = estimate_parts(data, np.array([1.5, 1.5, 1.5]), 3.3, lamp_gain=1.5)
+    parts = estimate_parts(data, np.array([1.5, 1.5, 1.5]), 3.3, emitter_gain=1.5)
     assert 0 < parts.pixels[1] <= PER_PART / 2
     assert parts.roughness[1] == 1
 
 
-def test_sure_pixels_decide(np_rng):
+def test_pixels_of_high_confidence_decide(np_rng):
     """Two thirds of a lacquered table lie in wrong shading, and are known to be unsure."""
     data = pixels(np_rng, [((0.5, 0.1, 0.1), 0.2, 0.0)])
     wrong = np.arange(PER_PART) % PIECES % 3 > 0
@@ -103,27 +105,6 @@ def test_sure_pixels_decide(np_rng):
     assert sure.roughness[1] == pytest.approx(0.2, abs=0.06)
     assert sure.gain[1] > plain.gain[1] + 0.2
     assert sure.pixels[1] == plain.pixels[1]
-
-
-# --- radiance as a line in the base colour --------------------------------------------------------
-
-
-def test_radiance_is_linear_in_base_colour_between_uneven_levels(np_rng):
-    """One roughness for all pixels, or one for each; NumPy interpolates."""
-    shading = np_rng.random((40, SHADING_OUTPUTS, 3)).astype(np.float32)
-    s, m = np_rng.uniform(0.02, 1, 40), np_rng.uniform(0, 1, 40)
-    s[: LEVELS + 2] = [*ROUGHNESS_LEVELS, 0.06, 0.17]  # the levels themselves, and both sides of the added one
-    alpha, beta = _linear(shading, s, m)
-    for k in range(40):
-        ls0, ls1 = (
-            [np.interp(s[k], ROUGHNESS_LEVELS, shading[k, first : first + LEVELS, c]) for c in range(3)]
-            for first in (1, 1 + LEVELS)
-        )
-        expected = 0.04 * (1 - m[k]) * np.array(ls0) + ls1, (1 - m[k]) * shading[k, 0] + m[k] * np.array(ls0)
-        alone = _linear(shading, float(s[k]), float(m[k]))
-        for got, other, truth in zip((alpha, beta), alone, expected, strict=True):
-            np.testing.assert_allclose(got[k], truth, rtol=1e-5)
-            np.testing.assert_allclose(other[k], truth, rtol=1e-5)
 
 
 # --- is a part one colour? ------------------------------------------------------------------------
@@ -151,7 +132,7 @@ def matte_parts(rng, parts):
         position, segment, views=[f"v{view}" for view in range(most)], shapes=[(1, len(position) // most)] * most
     )
     image = np.maximum(image, 0).astype(np.float32)
-    return Pixels([samples], [shading], [(image, np.ones(len(image)))], [segment.astype(np.uint16)])
+    return scenes.training_pixels([samples], [shading], [(image, np.ones(len(image)))], [segment.astype(np.uint16)])
 
 
 def test_parts_of_one_colour(np_rng):
@@ -179,8 +160,8 @@ def test_error_and_texture_by_pairs_of_views(np_rng):
     error = np.array([0.05, 0.2, 0.1, 0.2])[segment, None] * np_rng.standard_normal((count, 3))
     radiance = np.maximum(alpha + beta * (color[segment] + texture[fine] + error), 0)
     nothing = np.zeros((count, 3))
-    sample = _Sample(radiance, np.zeros((count, 1, 3)), nothing, nothing, segment, view)
-    got = _uniform(sample, alpha, beta, fine, fines, color)
+    sample = InnerPixels(radiance, np.zeros((count, 1, 3)), nothing, nothing, segment, view)
+    got = uniformity(sample, alpha, beta, fine, fines, color)
 
     off = {}
     for piece, looker in {*zip(fine.tolist(), view.tolist(), strict=True)}:
@@ -203,7 +184,7 @@ def test_error_and_texture_by_pairs_of_views(np_rng):
     np.testing.assert_allclose(got, expected, rtol=1e-6, atol=1e-9)
 
 
-def test_silent_parts_follow_a_class_that_agrees():
+def test_parts_without_a_claim_follow_a_class_that_agrees():
     """Parts 1 to 4 are of class 1, which agrees; 5 to 8 of class 2, which does not; 9 has no class."""
     roughness = np.array([1, 0.4, 0.5, 0.4, 1, 0.1, 0.9, 0.4, 1, 1])
     used = np.array([0, 10, 20, 10, 5, 10, 10, 10, 5, 5])
@@ -240,15 +221,15 @@ def test_shards_without_a_pixel_of_one_piece_tell_nothing(np_rng):
     images = [(np.ones((count, 3), np.float32), np.ones(count, np.float32)) for count in (4, 3)]
     ids = [np.ones(count, np.uint16) for count in (4, 3)]
     center = np.array([1.5, 1.5, 1.5])
-    alone = estimate_parts(Pixels([mixed, nothing], rows, images, ids), center, 3.3, lamp_gain=1e9)
+    alone = estimate_parts(scenes.training_pixels([mixed, nothing], rows, images, ids), center, 3.3, emitter_gain=1e9)
     np.testing.assert_array_equal(alone.pixels, 0)
     np.testing.assert_array_equal(alone.roughness, 1)
-    one = Pixels(
+    one = scenes.training_pixels(
         [nothing, *data.shards, mixed],
         [rows[1], *data.shading, rows[0]],
         [images[1], (data.radiance[0], data.valid[0]), images[0]],
         [ids[1], np.ones(PER_PART, np.uint16), ids[0]],
     )
-    together = estimate_parts(one, center, 3.3, lamp_gain=1e9)
+    together = estimate_parts(one, center, 3.3, emitter_gain=1e9)
     for name, values in vars(found(data)).items():
         np.testing.assert_array_equal(getattr(together, name), values, err_msg=name)
