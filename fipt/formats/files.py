@@ -133,7 +133,7 @@ def check_name(name: str, what: str) -> str:
 
 
 def check_disk(folder: str | Path, needed: int, what: str) -> None:
-    """Raise FiptError unless the disk of ``folder`` has ``needed`` bytes free for ``what``; print the estimate."""
+    """Raise FiptError unless the disk of ``folder`` has ``needed`` bytes free for ``what``; log the estimate."""
     place = Path(folder)
     while not place.exists():
         place = place.parent
