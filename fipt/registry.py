@@ -175,12 +175,25 @@ VERBS: dict[str, Verb] = {
     "refine": Verb(
         "Path-trace the shading again with the fitted model.", "fipt.stages.shade.refine_stage", "refine", rays=True
     ),
-    "materials": Verb("Write the material maps of every view.", "fipt.cli.materials"),
-    "render": Verb("Re-render the held-out views with the model.", "fipt.cli.render"),
-    "relight": Verb("Render the views under another light setup.", "fipt.cli.relight"),
-    "video": Verb("Join what a setup's own cameras see: PNG pictures, an MP4.", "fipt.cli.video"),
+    "materials": Verb(
+        "Write the material maps of every view.", "fipt.stages.render.materials_stage", "materials", rays=True
+    ),
+    "render": Verb(
+        "Re-render the held-out views with the model.", "fipt.stages.render.render_stage", "render", rays=True
+    ),
+    "relight": Verb(
+        "Render the views under another light setup.", "fipt.stages.render.relight_stage", "relight", rays=True
+    ),
+    "video": Verb(
+        "Join what a setup's own cameras see: PNG pictures, an MP4.", "fipt.stages.render.video_stage", "video"
+    ),
     "point": Verb("Say where in the room a pixel of a view is, and of which segment.", "fipt.cli.point"),
-    "olat": Verb("Render views with one light at a time, for the light mixer.", "fipt.cli.olat"),
+    "olat": Verb(
+        "Render views with one light at a time, for the light mixer.",
+        "fipt.stages.render.olat_stage",
+        "olat",
+        rays=True,
+    ),
     "export": Verb(
         "Write the room for Blender, Mitsuba, game engines, USD.", "fipt.stages.export.stage", "export", rays=True
     ),
