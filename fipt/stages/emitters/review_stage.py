@@ -1,5 +1,6 @@
 """``fipt review``: emitters -> the list of lamps for people, and the file in which they decide."""
 
+import logging
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,6 +14,8 @@ if TYPE_CHECKING:
     from fipt.scene.samples import FootprintSamples
     from fipt.stages.emitters.review import Sighting
     from fipt.stages.emitters.settings import ReviewSettings
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,7 +75,7 @@ def run(inputs: ReviewInputs, settings: "ReviewSettings") -> dict[str, Any]:
     facts = [review_entry(row, own, file) for row, own, file in zip(rows, lamps, shown, strict=False)]
     images = {frozenset(own.tolist()): file for own, file in zip(rejected, shown[len(lamps) :], strict=True)}
     write_review(review, refreshed(read_review(review), facts, len(mesh.triangles), images))
-    print(f"review: {len(lamps)} lamps listed in {out / 'emitters.json'}; decide about them in {review}")
+    log.info("review: %d emitters listed in %s; decide about them in %s", len(lamps), out / "emitters.json", review)
     return {"emitters": len(lamps), "rejected": len(rejected), "named": len(decided.names)}
 
 
