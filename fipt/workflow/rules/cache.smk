@@ -8,6 +8,10 @@ OUTPUTS: results/{scene}/cache.npz    sparse voxel records over the surface
 rule cache:
     """Gather the pictures' radiance in voxels on the surface."""
     input:
+        transforms="results/{scene}/dataset/transforms.json",
+        views="results/{scene}/dataset/views.json",
+        mesh="results/{scene}/dataset/mesh.ply",
+        checked="results/{scene}/dataset/check_poses.json",
         images=images("train"),
         samples=sharded("results/{scene}/samples/{shard}.manifest.json", "train"),
     output:

@@ -146,6 +146,13 @@ def films(wildcards):
     return expand(made, scene=scene.name, setup=scene.filmed)
 
 
+def frames(wildcards):
+    """Input function: manifests of what the cameras of all these setups see."""
+    scene = scene_of(wildcards)
+    made = "results/{scene}/relight/{setup}.{shard}.manifest.json"
+    return [file for setup in scene.filmed for file in of_shards(made, scene, setup)]
+
+
 def reference_files(wildcards):
     """Input function: photographs with which relit views are compared."""
     return readable(scene_of(wildcards).reference_files)

@@ -10,6 +10,9 @@ rule scene_metrics:
     input:
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
+        mesh="results/{scene}/dataset/mesh.ply",
+        checked="results/{scene}/dataset/check_poses.json",
+        room=room,
         images=images("all"),
         samples=sharded("results/{scene}/samples/{shard}.manifest.json", "all"),
         materials=sharded("results/{scene}/materials.{shard}.manifest.json", "all"),

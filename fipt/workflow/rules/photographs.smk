@@ -5,20 +5,27 @@ OUTPUTS: none; functions that turn wildcards into files and options
 """
 
 
+def judged_capture(wildcards):
+    """Input function: the capture report of photographed scenes."""
+    photographed = scene_of(wildcards).photographed
+    return (
+        ["results/{scene}/capture/qa.json".format(**wildcards)] if photographed else []
+    )
+
+
 def developed(wildcards):
     """Input function: the capture report and the developed views, of photographed scenes."""
     if not scene_of(wildcards).photographed:
         return []
-    judged = "results/{scene}/capture/qa.json".format(**wildcards)
     manifest = "results/{scene}/capture/hdr.{shard}.manifest.json"
-    return [judged, *sharded(manifest, "all")(wildcards)]
+    return [*judged_capture(wildcards), *sharded(manifest, "all")(wildcards)]
 
 
 def photographs(wildcards):
-    """Input function: the brackets of a shard; those of a simulated camera need its table of frames."""
+    """Input function: the brackets of a shard; of a simulated camera all, for frames are told apart together."""
     scene = scene_of(wildcards)
     if scene.simulated:
-        return simulated(wildcards, [wildcards.shard])
+        return simulated(wildcards, shards_of(wildcards, "all"))
     return readable(scene.photographs, shards_of(wildcards, "all")[wildcards.shard])
 
 
@@ -40,9 +47,16 @@ def calibrated_from(wildcards):
 
 
 def room(wildcards):
-    """Input function: the known room, where the dataset is made of it."""
-    made = "results/{scene}/dataset/room.json".format(**wildcards)
-    return [] if scene_of(wildcards).simulated else made
+    """Input function: what holds a known room, made here or imported with developed photographs."""
+    scene = scene_of(wildcards)
+    made = "images.manifest.json" if scene.simulated else "room.json"
+    return [f"results/{scene.name}/dataset/{made}"] if scene.synthesized else []
+
+
+def table_of_frames(wildcards):
+    """Input function: what a simulated camera took; true photographs are no files of ours."""
+    scene = scene_of(wildcards)
+    return simulated(wildcards, shards_of(wildcards, "all")) if scene.simulated else []
 
 
 def scene_files(wildcards):
