@@ -7,7 +7,7 @@ import numpy as np
 
 from fipt.render.objects import light_mesh
 from fipt.render.surface import EmitterSet
-from fipt.scene.emitters import Emitters, chosen_lamps, edited_radiance, read_names
+from fipt.scene.emitters import Emitters, chosen_emitters, default_name, edited_radiance, read_names
 from fipt.scene.environment import EnvironmentMap
 from fipt.scene.mesh import Mesh
 from fipt.scene.setup import AreaLight, MeshLight, RelightSetup, SphereLight, SpotLight
@@ -20,7 +20,7 @@ def apply_setup(
 ) -> tuple[Mesh, EmitterSet]:
     """Return the mesh with the new lights' triangles appended, and what emits.
 
-    ``names`` are those of the lamps; None: ``lamp-N``.
+    ``names`` are those of the lamps; None: ``emitter-N``.
 
     Raises
     ------
@@ -29,7 +29,7 @@ def apply_setup(
     """
     radiance = emitters.radiance.astype(np.float64)
     for edit in setup.emitters:
-        chosen = chosen_lamps(edit, read_names(None, emitters) if names is None else names)
+        chosen = chosen_emitters(edit, read_names(None, emitters) if names is None else names)
         own = np.isin(emitters.emitter, chosen)
         radiance[own] = edited_radiance(radiance[own], edit)
     vertices, triangles = [mesh.vertices], [mesh.triangles]
@@ -64,13 +64,13 @@ def lights_alone(
     Returns
     -------
     dict
-        ``lamp-N`` for lamp N of emitters.json, most powerful first; ``rest``; ``outside``. What shines in each part:
+        ``emitter-N`` for lamp N of emitters.json, most powerful first; ``rest``; ``outside``. What shines in each part:
         all emitting triangles are named, those of other parts with no radiance, and the light from outside.
     """
     strength = emitters.area * emitters.radiance.astype(np.float64).mean(axis=1)
     power = np.bincount(emitters.emitter, strength) if len(strength) else np.zeros(0)
     order = [int(lamp) for lamp in np.argsort(-power, kind="stable") if power[lamp] > 0]
-    groups = {f"lamp-{lamp}": [lamp] for lamp in order[:separate]}
+    groups = {default_name(lamp): [lamp] for lamp in order[:separate]}
     if order[separate:]:
         groups["rest"] = order[separate:]
     night = replace(outside, radiance=np.zeros_like(outside.radiance))

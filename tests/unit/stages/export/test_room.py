@@ -148,7 +148,7 @@ def test_every_lamp_is_a_mesh_of_one_radiance(box):
 
 @pytest.mark.parametrize(
     ("name", "expected"),
-    [("lamp-3", "lamp_3"), ("desk lamp", "lamp_3_desk_lamp"), ("../Ätna</a>", "lamp_3_tna_a"), ("灯", "lamp_3")],
+    [("emitter-3", "lamp_3"), ("desk lamp", "lamp_3_desk_lamp"), ("../Ätna</a>", "lamp_3_tna_a"), ("灯", "lamp_3")],
 )
 def test_meshes_of_lamps_have_plain_names(name, expected):
     assert mesh_name(3, name) == expected
