@@ -36,6 +36,12 @@ XYZ_FROM_SRGB = ((0.4124, 0.3576, 0.1805), (0.2126, 0.7152, 0.0722), (0.0193, 0.
 RAY_EPSILON = 3e-5
 """Offset of a ray's origin along the normal, as a fraction of the scene's largest extent."""
 
+RAYS_PER_SIDE = 4
+"""A pixel is looked through by the square of this many rays, unless the section ``samples`` says otherwise."""
+
+SHOWN_VIEWS = 12
+"""Views that the report shows, and whose photographs set the exposure of what is shown, unless it says otherwise."""
+
 SUB_POSITIONS = 4
 """Surface points stored for each hit, spread over its part of the pixel."""
 

@@ -83,7 +83,46 @@ class Verb:
 
 
 VERBS: dict[str, Verb] = {
-    "synthesize": Verb("Make a dataset with ground truth from a room in code or a scene file.", "fipt.cli.synthesize"),
+    "synthesize-room": Verb(
+        "Build a known room, in code or of a scene file; place its cameras.",
+        "fipt.stages.synthesize.room_stage",
+        "synthesize",
+        rays=True,
+    ),
+    "synthesize-views": Verb(
+        "Render images, segments and truth of views of a known room.",
+        "fipt.stages.synthesize.views_stage",
+        "synthesize",
+        rays=True,
+    ),
+    "synthesize-relit": Verb(
+        "Render views of a known room under a relight setup.",
+        "fipt.stages.synthesize.relit_stage",
+        "synthesize",
+        rays=True,
+    ),
+    "photograph-calibration": Verb(
+        "Take a simulated camera's calibration frames.",
+        "fipt.stages.synthesize.photograph_calibration_stage",
+        "synthesize",
+    ),
+    "photograph": Verb(
+        "Photograph views of a known room with a simulated camera.",
+        "fipt.stages.synthesize.photograph_stage",
+        "synthesize",
+        rays=True,
+    ),
+    "photograph-images": Verb(
+        "Photograph the images of any dataset with a simulated camera.",
+        "fipt.stages.synthesize.photograph_images_stage",
+        "synthesize",
+    ),
+    "synthesize-truth": Verb(
+        "Look up the truth of developed photographs of a known room.",
+        "fipt.stages.synthesize.truth_stage",
+        "synthesize",
+        rays=True,
+    ),
     "check-capture": Verb(
         "Say what is wrong with a folder of photographs, in the room.",
         "fipt.stages.capture.check_capture_stage",
@@ -136,12 +175,25 @@ VERBS: dict[str, Verb] = {
     "refine": Verb(
         "Path-trace the shading again with the fitted model.", "fipt.stages.shade.refine_stage", "refine", rays=True
     ),
-    "materials": Verb("Write the material maps of every view.", "fipt.cli.materials"),
-    "render": Verb("Re-render the held-out views with the model.", "fipt.cli.render"),
-    "relight": Verb("Render the views under another light setup.", "fipt.cli.relight"),
-    "video": Verb("Join what a setup's own cameras see: PNG pictures, an MP4.", "fipt.cli.video"),
+    "materials": Verb(
+        "Write the material maps of every view.", "fipt.stages.render.materials_stage", "materials", rays=True
+    ),
+    "render": Verb(
+        "Re-render the held-out views with the model.", "fipt.stages.render.render_stage", "render", rays=True
+    ),
+    "relight": Verb(
+        "Render the views under another light setup.", "fipt.stages.render.relight_stage", "relight", rays=True
+    ),
+    "video": Verb(
+        "Join what a setup's own cameras see: PNG pictures, an MP4.", "fipt.stages.render.video_stage", "video"
+    ),
     "point": Verb("Say where in the room a pixel of a view is, and of which segment.", "fipt.cli.point"),
-    "olat": Verb("Render views with one light at a time, for the light mixer.", "fipt.cli.olat"),
+    "olat": Verb(
+        "Render views with one light at a time, for the light mixer.",
+        "fipt.stages.render.olat_stage",
+        "olat",
+        rays=True,
+    ),
     "export": Verb(
         "Write the room for Blender, Mitsuba, game engines, USD.", "fipt.stages.export.stage", "export", rays=True
     ),

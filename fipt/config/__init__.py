@@ -349,7 +349,7 @@ class Scene:
         return self.synthesized and self.simulate_raw
 
     def scene_options(self) -> list[str]:
-        """Options of ``fipt synthesize`` that say which room; none for the room in code."""
+        """Options of the verbs of known rooms that say which; none for the room in code."""
         return ["--scene", self.source_path()] if self.source == "mitsuba" else []
 
     def scene_files(self) -> list[str]:

@@ -26,7 +26,7 @@ import json, os, sys, time
 from pathlib import Path
 
 verb, rest = sys.argv[1], sys.argv[2:]
-named = [i for i, text in enumerate(rest) if text.startswith("--") and text not in ("--room", "--reject")]
+named = [i for i, text in enumerate(rest) if text.startswith("--") and text != "--reject"]
 flags = {{rest[i]: rest[i + 1] for i in named}}
 with open("calls.jsonl", "a") as file:
     file.write(json.dumps(sys.argv[1:]) + "\\n")
@@ -36,7 +36,7 @@ def write(path, what=""):
     told = [flags.get(flag) for flag in ("--settings", "--setup", "--decisions")]
     Path(path).write_text(f"{{what}} {{verb}} {{told}}\\n")
 
-if verb in ("synthesize", "import") and ("--room" in rest or verb == "import"):
+if verb in ("synthesize-room", "import"):
     for name in ("transforms.json", "views.json", "mesh.ply", "room.json"):
         write(Path(flags["--dataset"], name), name)
 if verb == "pose":

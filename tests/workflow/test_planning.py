@@ -47,7 +47,7 @@ FIRST = {
     "material_maps": 3,
     "render_views": 1,
     "relight_views": 1,
-    "lamp_views": 1,
+    "olat_views": 1,
     "scene_metrics": 1,
     "scene_report": 1,
 }
@@ -61,7 +61,7 @@ def only(*rules):
     return {rule: FIRST[rule] for rule in rules}
 
 
-SHOWN = ("review", "material_maps", "render_views", "relight_views", "lamp_views", "scene_metrics", "scene_report")
+SHOWN = ("review", "material_maps", "render_views", "relight_views", "olat_views", "scene_metrics", "scene_report")
 
 
 def test_plans_everything_on_a_fresh_clone(workspace):
@@ -110,7 +110,7 @@ def test_runs_once_then_only_what_changed(workspace):
         "report": only("scene_report"),
         "metrics": only("scene_metrics", "scene_report"),
         "relight": only("relight_views", "scene_metrics", "scene_report"),
-        "lamps": only("lamp_views", "scene_report"),
+        "lamps": only("olat_views", "scene_report"),
         "render": only("render_views", "scene_metrics", "scene_report"),
         "materials": only("material_maps", "scene_metrics", "scene_report"),
         "refine": {"refine": 2, "fit": 1, "emitters": 1, **only(*SHOWN)},
@@ -327,7 +327,7 @@ def test_own_cameras_and_references_are_planned_alike(workspace, monkeypatch):
     config = filmed()
     here.configure(config)
     # the views once, and two and three shards of free cameras; only views have a truth
-    assert here.planned() == {**FIRST, "relight_views": 1 + 2 + 3, "join_pictures": 2}
+    assert here.planned() == {**FIRST, "relight_views": 1 + 2 + 3, "join_images": 2}
     here.snakemake()
     assert here.planned() == {}
     monkeypatch.chdir(here.root)
@@ -345,13 +345,13 @@ def test_own_cameras_and_references_are_planned_alike(workspace, monkeypatch):
             assert {"results/room/dataset/check_poses.json", "results/room/dataset/views.json"} <= set(job.inputs)
     assert {job.options[job.options.index("--max-views") + 1] for job in jobs if job.verb == "video"} == {"12"}
     here.configure({**config, "report": {"max_views": 3}})
-    assert here.planned() == {"join_pictures": 2, "scene_report": 1}
+    assert here.planned() == {"join_images": 2, "scene_report": 1}
 
     # Another rate needs no other pictures; another keyframe needs all of that path.
     here.configure(filmed(fps=10, video="png"))
-    assert here.planned() == {"join_pictures": 1, "scene_report": 1}
+    assert here.planned() == {"join_images": 1, "scene_report": 1}
     here.configure(filmed(loop=True))
-    assert here.planned() == {"relight_views": 3, "join_pictures": 1, "scene_report": 1}
+    assert here.planned() == {"relight_views": 3, "join_images": 1, "scene_report": 1}
     # A setup that is no more leaves the page, one that loses its cameras is seen by views and scored.
     fewer = filmed()
     del fewer["scenes"]["room"]["setups"]["still"]
@@ -427,7 +427,7 @@ def test_photographs_are_planned_alike(workspace, monkeypatch, config_of):
         for path in (*job.inputs, *job.outputs):
             assert (here.root / path).exists(), path
     inputs = {made.split(", ")[0]: set(files.split(", ")) for files, made in read}
-    early = [job for job in jobs if job.verb in ("synthesize", "calibrate", "develop", "qa", "pose") and job.inputs]
+    early = [job for job in jobs if job.stage in ("synthesize", "capture", "poses") and job.inputs]
     assert ("pose" in {job.verb for job in jobs}) is (config["scenes"]["room"].get("poses") == "colmap")
     assert {job.outputs[0]: set(job.inputs) for job in early}.items() <= inputs.items()
 

@@ -47,7 +47,7 @@ def room_asset(
 ) -> Asset:
     """Put the room together; each lamp is one mesh, or several where its triangles differ in radiance.
 
-    ``names`` are those of the lamps; None: ``lamp-N``.
+    ``names`` are those of the emitters; None: ``emitter-N``.
     """
     names = read_names(None, emitters) if names is None else names
     turn = upright(cameras)

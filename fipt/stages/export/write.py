@@ -66,7 +66,7 @@ def write_export(inputs: ExportInputs, settings: ExportSettings) -> Stats:
         write_glb(folder / "scene.glb", asset, settings.point_size)
         write_usd(folder / "scene.usdc", asset, "textures")
         _write_lamps(folder / "emitters.ply", asset)
-        environment = mitsuba_map(asset.outside) if asset.outside.shines else None
+        environment = mitsuba_map(asset.outside) if asset.outside.emits else None
         principled = principled_textures(textures)
         write_mitsuba(folder / "mitsuba", asset, principled, SPECULAR, environment, settings.max_depth)
         write_blender(folder / "blender.py", asset)
@@ -106,7 +106,7 @@ def _write_textures(folder: Path, asset: Asset, emission: np.ndarray, confidence
     for name, pixels in pictures.items():
         write_png(folder / f"{name}.png", pixels)
     maps = {"emission": emission}
-    if asset.outside.shines:
+    if asset.outside.emits:
         maps["environment"] = asset.outside.radiance
     for name, radiance in maps.items():
         write_exr(folder / f"{name}.exr", {"": radiance})

@@ -10,16 +10,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class ReportInputs:
-    """Files of ``fipt report``; setups and films of None are all that the folder holds."""
+    """Files of ``fipt report``; setups and camera_setups of None are all that the folder holds."""
 
     results: Annotated[Path, "Results folder of the scene."]
     out: Annotated[Path, "HTML file to write."]
     setups: Annotated[
         tuple[str, ...] | None, "Setups whose views are shown, comma-separated; default: all that the folder holds."
     ] = None
-    films: Annotated[tuple[str, ...] | None, "Setups with cameras of their own that are shown; default: likewise."] = (
-        None
-    )
+    camera_setups: Annotated[
+        tuple[str, ...] | None, "Setups with cameras of their own that are shown; default: likewise."
+    ] = None
 
 
 def run(inputs: ReportInputs, settings: "ReportSettings") -> dict[str, Any]:
@@ -30,6 +30,6 @@ def run(inputs: ReportInputs, settings: "ReportSettings") -> dict[str, Any]:
     from fipt.formats.files import write_text
     from fipt.stages.report.page import build_page
 
-    page = build_page(inputs.results, settings, inputs.setups, inputs.films)
+    page = build_page(inputs.results, settings, inputs.setups, inputs.camera_setups)
     write_text(inputs.out, page)
     return {"page_bytes": len(page.encode("utf-8"))}

@@ -146,21 +146,6 @@ def films(wildcards):
     return expand(made, scene=scene.name, setup=scene.filmed)
 
 
-def relit_hits(wildcards):
-    """Input function: samples of a shard; for a setup's own cameras some samples, which tell the settings."""
-    scene = scene_of(wildcards)
-    own = wildcards.setup in scene.filmed
-    shard = next(iter(shards_of(wildcards, "all"))) if own else wildcards.shard
-    return f"results/{scene.name}/samples/{shard}.manifest.json"
-
-
-def check_of_cameras(wildcards):
-    """Input function: which views are accepted, for a setup's own cameras; they are placed by these."""
-    scene = scene_of(wildcards)
-    filmed = wildcards.setup in scene.filmed
-    return [f"results/{scene.name}/dataset/check_poses.json"] if filmed else []
-
-
 def reference_files(wildcards):
     """Input function: photographs with which relit views are compared."""
     return readable(scene_of(wildcards).reference_files)

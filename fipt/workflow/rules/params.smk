@@ -37,13 +37,17 @@ def setup_json(wildcards):
     return scene_of(wildcards).setup_json(wildcards.setup)
 
 
-def cameras(wildcards):
-    """Params function: the flag with a shard of a setup's own cameras, comma-separated; nothing of the others."""
+def relit_views(wildcards):
+    """Params function: the views of a shard under a setup, or those of its own cameras, comma-separated, as an option."""
     scene = scene_of(wildcards)
-    if wildcards.setup not in scene.filmed:
-        return []
+    flag = "--cameras" if wildcards.setup in scene.filmed else "--views"
     shards = readable(scene.relit_shards, wildcards.setup)
-    return ["--cameras", ",".join(shards[wildcards.shard])]
+    return [flag, ",".join(shards[wildcards.shard])]
+
+
+def rays_per_side(wildcards):
+    """Params function: rays of a pixel along its side, as many as its samples have."""
+    return scene_of(wildcards).settings["samples"].grid
 
 
 def cameras_json(wildcards):

@@ -20,9 +20,9 @@ from tests import assets, scenes
 def emitters(triangle, radiance, emitter, two_sided=True) -> Emitters:
     n = len(triangle)
     rest = [np.ones(n, kind) for kind in (np.float32, np.int32)]
-    shine = np.asarray(radiance, np.float32).reshape(n, 3)
+    radiance = np.asarray(radiance, np.float32).reshape(n, 3)
     numbers = np.asarray(triangle, np.int32), np.asarray(emitter, np.int32)
-    return Emitters(numbers[0], shine, rest[0], numbers[1], rest[1], rest[0], rest[0], rest[0] < 0, two_sided)
+    return Emitters(numbers[0], radiance, rest[0], numbers[1], rest[1], rest[0], rest[0], rest[0] < 0, two_sided)
 
 
 @pytest.fixture(scope="module")

@@ -23,8 +23,8 @@ def wall(x0, x1, z, y=(-9, 9)):
 
 
 def of_one_material(base, roughness, metallic):
-    def materials(sight):
-        n = len(sight.pixel)
+    def materials(si):
+        n = len(si.pixel)
         return Brdf(np.tile(np.float32(base), (n, 1)), np.full(n, roughness, np.float32), np.full(n, metallic, "f4"))
 
     return materials
@@ -33,7 +33,7 @@ def of_one_material(base, roughness, metallic):
 @pytest.fixture
 def light(backend):
     from fipt.render.environment import sky_of
-    from fipt.render.picture import Light
+    from fipt.render.image import LitRoom
     from fipt.render.scene import RayScene
     from fipt.render.surface import EmitterSet, SurfaceCache, Triangles
     from fipt.render.tracer import PathSettings, Shader
@@ -45,16 +45,17 @@ def light(backend):
         around = scenes.Surface((albedo,) * 3, 1.0, 0.0)
         cache = SurfaceCache(voxels, voxels["radiance"], np.zeros(8, bool), scenes.sides(voxels, around, around))
         path = PathSettings(2, 1.0, True)
-        return Light(mesh, lit, outside, Shader(RayScene(mesh), Triangles(mesh, lit), cache, path, sky_of(outside)))
+        return LitRoom(mesh, lit, outside, Shader(RayScene(mesh), Triangles(mesh, lit), cache, path, sky_of(outside)))
 
     return light
 
 
 def see(lights, camera=None, materials=None, grid=2, spp=8, denoised=False, seed=0, advance=lambda paths: None):
-    from fipt.render.picture import pictures
+    from fipt.render.image import ImageSampling, render_images
 
     materials = materials or of_one_material((0.5, 0.5, 0.5), 1.0, 0.0)
-    return pictures(lights, camera or ahead(), materials, grid, spp, denoised, seed, advance)
+    sampling = ImageSampling(grid, spp, denoised, seed)
+    return render_images(lights, camera or ahead(), materials, sampling, advance)
 
 
 @pytest.mark.parametrize("denoised", [False, True])
@@ -63,8 +64,8 @@ def test_under_a_white_sky_a_wall_shows_its_reflectance(light, denoised):
     white = constant((1, 1, 1))
     mesh, first = wall(-9, 9, -2, y=(-9, 9 if denoised else 0)), 0 if denoised else 4
 
-    def materials(sight):
-        left = sight.position[:, 0] < 0
+    def materials(si):
+        left = si.position[:, 0] < 0
         base = np.where(left[:, None], [[0.8, 0.4, 0.2]], [[0.1, 0.5, 0.9]]).astype(np.float32)
         return Brdf(base, np.where(left, 0.4, 0.9).astype("f4"), np.where(left, 1.0, 0.2).astype("f4"))
 
@@ -143,10 +144,13 @@ def test_the_same_seed_gives_the_same_picture(light):
 
 
 def test_every_ray_has_a_path_of_each_lobe(backend):
-    from fipt.render.picture import paths_of_ray
+    from fipt.render.image import ImageSampling
 
-    assert [paths_of_ray(spp, 4) for spp in (1, 32, 33, 128)] == [2, 2, 3, 8]
-    assert paths_of_ray(128, 1) == 128
+    def paths_of_ray(rays_per_side, spp):
+        return ImageSampling(rays_per_side, spp, denoise=False, seed=0).paths_of_ray
+
+    assert [paths_of_ray(4, spp) for spp in (1, 32, 33, 128)] == [2, 2, 3, 8]
+    assert paths_of_ray(1, 128) == 128
 
 
 def test_lamps_keep_their_edge_where_pictures_are_denoised(light):

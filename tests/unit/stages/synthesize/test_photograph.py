@@ -1,4 +1,4 @@
-"""`fipt synthesize` with a simulated camera: the room, or any dataset, through RAW."""
+"""The simulated camera: a known room, or any dataset, through RAW."""
 
 import json
 import shutil
@@ -28,8 +28,8 @@ SETTINGS = {
 }
 
 
-def synthesize(*options, settings=SETTINGS) -> int:
-    return main(["synthesize", *map(str, options), "--settings", json.dumps(settings)])
+def call(verb, *options, settings=SETTINGS) -> int:
+    return main([verb, *map(str, options), "--settings", json.dumps(settings)])
 
 
 @pytest.fixture(scope="module")
@@ -37,12 +37,14 @@ def scene(backend, tmp_path_factory):
     """The room as dataset/, photographed into raw/."""
     root = tmp_path_factory.mktemp("scene")
     data, raw = root / "dataset", root / "raw"
-    assert synthesize("--dataset", data, "--room") == 0
-    assert synthesize("--dataset", data, "--calibration", raw, "--manifest", root / "raw.manifest.json") == 0
+    assert call("synthesize-room", "--dataset", data) == 0
+    assert (
+        call("photograph-calibration", "--dataset", data, "--raw", raw, "--manifest", root / "raw.manifest.json") == 0
+    )
     for split in ("train", "val"):
         made = root / f"raw.{split}-000.manifest.json"
         options = ("--views", f"{split}_000", "--raw", raw, "--manifest", made)
-        assert synthesize("--dataset", data, *options, "--stats", root / f"{split}.json") == 0
+        assert call("photograph", "--dataset", data, *options, "--stats", root / f"{split}.json") == 0
     return root
 
 
@@ -82,8 +84,8 @@ def test_the_capture_has_the_rooms_cameras_and_mesh(scene):
 
 def test_the_true_view_is_the_picture_that_would_have_been_written(scene, tmp_path):
     data = tmp_path / "dataset"
-    assert synthesize("--dataset", data, "--room") == 0
-    assert synthesize("--dataset", data, "--views", "val_000") == 0
+    assert call("synthesize-room", "--dataset", data) == 0
+    assert call("synthesize-views", "--dataset", data, "--views", "val_000") == 0
     picture = read_rgb(data / "images" / "val_000.exr")
     truth = read_layers(scene / "raw" / "truth" / "val_000.exr")[""]
     # Both are noisy renderings of the same view, with different paths.
@@ -100,14 +102,14 @@ def test_the_true_view_is_the_picture_that_would_have_been_written(scene, tmp_pa
 
 
 def test_the_room_with_an_open_window(backend, tmp_path):
-    """Every step must build the room that --room made."""
+    """Every step must build the room that synthesize-room made."""
     settings = SETTINGS | {"opening": True, "spp": 4, "max_depth": 2, "raw": CAMERA}
     room, data, raw = (tmp_path / name for name in ("room", "dataset", "raw"))
-    assert synthesize("--dataset", room, "--room", settings=settings) == 0
-    assert synthesize("--dataset", room, "--calibration", raw, settings=settings) == 0
-    assert synthesize("--dataset", room, "--views", "val_000", "--raw", raw, settings=settings) == 0
+    assert call("synthesize-room", "--dataset", room, settings=settings) == 0
+    assert call("photograph-calibration", "--dataset", room, "--raw", raw, settings=settings) == 0
+    assert call("photograph", "--dataset", room, "--views", "val_000", "--raw", raw, settings=settings) == 0
     shutil.copytree(room, data, ignore=shutil.ignore_patterns("truth"))
-    assert synthesize("--dataset", data, "--views", "val_000", "--truth", settings=settings) == 0
+    assert call("synthesize-truth", "--dataset", data, "--views", "val_000", settings=settings) == 0
     layers, again = (read_layers(folder / "truth" / "val_000.exr") for folder in (room, data))
     for name, values in layers.items():
         np.testing.assert_array_equal(again[name], values)
@@ -121,8 +123,8 @@ def test_any_dataset_can_be_photographed(scene, tmp_path):
         write_exr(tmp_path / "dataset" / "images" / f"{camera.name}.exr", {"": captures.picture(camera)})
     settings = {"raw": CAMERA | {"scale": 1}}
     stats = tmp_path / "stats.json"
-    options = ("--dataset", tmp_path / "dataset", "--from-images", "--raw", tmp_path / "raw", "--stats", stats)
-    assert synthesize(*options, settings=settings) == 0
+    options = ("--dataset", tmp_path / "dataset", "--raw", tmp_path / "raw", "--stats", stats)
+    assert call("photograph-images", *options, settings=settings) == 0
     views = read_transforms(tmp_path / "raw" / "transforms.json")
     assert [view.name for view in views] == [c.name for c in given]
     assert json.loads(stats.read_text())["views"] == len(views)
@@ -138,18 +140,16 @@ def test_any_dataset_can_be_photographed(scene, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    ("verb", "options", "message"),
     [
-        (["--room", "--raw", "raw"], "--raw belongs to --views"),
-        (["--views", "a", "--room"], "give one of --room, --views, --calibration and --from-images"),
-        (["--from-images"], "--from-images needs --raw"),
-        (["--views", "a", "--raw", "raw", "--setup", "{}", "--setup-name", "x"], "without --setup"),
-        (["--views", "a", "--raw", "raw", "--manifest", "other/m.json"], "raw is not below other"),
-        (["--views", "a", "--raw", "x/raw", "--manifest", "x/m.json"], "goes to data, which is not below x"),
+        ("photograph", ["--views", "a", "--raw", "raw", "--manifest", "other/m.json"], "raw is not below other"),
+        ("photograph", ["--views", "a", "--raw", "x/raw", "--manifest", "x/m.json"], "data is not below x"),
+        ("photograph-calibration", ["--raw", "raw", "--manifest", "other/m.json"], "raw is not below other"),
+        ("photograph-images", [], "--raw"),
     ],
 )
-def test_options_that_do_not_fit_together(capsys, options, message):
-    assert synthesize("--dataset", "data", *options) == 2
+def test_bad_options_get_code_2(capsys, verb, options, message):
+    assert call(verb, "--dataset", "data", *options) == 2
     assert message in capsys.readouterr().err
 
 
@@ -157,9 +157,9 @@ def test_a_camera_that_cannot_be_is_one_line(scene, capsys):
     folded = SETTINGS | {"raw": CAMERA | {"distortion": [-0.9, 0, 0, 0, 0]}}
     before = sorted(scene.rglob("*"))
     options = ("--dataset", scene / "dataset", "--views", "val_000", "--raw", scene / "raw")
-    assert synthesize(*options, settings=folded) == 2
+    assert call("photograph", *options, settings=folded) == 2
     assert "synthesize.raw.distortion" in capsys.readouterr().err
     assert sorted(scene.rglob("*")) == before
     wrong = SETTINGS | {"raw": {"lens": "RGGB"}}
-    assert synthesize(*options, settings=wrong) == 2
+    assert call("photograph", *options, settings=wrong) == 2
     assert "unknown key synthesize.raw.lens" in capsys.readouterr().err

@@ -1,9 +1,10 @@
-"""Pictures for the page: tone mapped, coloured, scaled down and embedded as data URIs."""
+"""Images for the page: tone mapped, coloured, scaled down and embedded as data URIs."""
 
 import base64
 import io
 import zlib
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,30 @@ DIFFERENCE_RANGE = 0.25
 """Difference of sRGB-encoded values that has the last colour of the difference map."""
 
 _QUALITY = 90
-"""Of the embedded WebP pictures."""
+"""Of the embedded WebP images."""
+
+
+@dataclass(frozen=True)
+class EmbeddedImage:
+    """One embedded image.
+
+    Attributes
+    ----------
+    key
+        Column it belongs to.
+    label
+        Short heading.
+    src
+        Data URI.
+    width, height
+        Pixels of the embedded image.
+    """
+
+    key: str
+    label: str
+    src: str
+    width: int
+    height: int
 
 
 def surface_map(values: np.ndarray, hit: np.ndarray | None, encode: bool) -> np.ndarray:
@@ -40,7 +64,7 @@ def surface_map(values: np.ndarray, hit: np.ndarray | None, encode: bool) -> np.
     return np.dstack([pixels, alpha])
 
 
-def difference_map(picture: np.ndarray, photo: np.ndarray, exposure: float) -> np.ndarray:
+def difference_map(render: np.ndarray, photo: np.ndarray, exposure: float) -> np.ndarray:
     """Colour the mean absolute difference of two (H, W, 3) radiance images as shown; uint8.
 
     Both are exposed, clipped and sRGB encoded first; black is no difference, the brightest colour
@@ -48,13 +72,13 @@ def difference_map(picture: np.ndarray, photo: np.ndarray, exposure: float) -> n
     """
     from matplotlib import colormaps
 
-    shown = [srgb_encode(np.clip(np.nan_to_num(p * exposure), 0, 1)) for p in (picture, photo)]
+    shown = [srgb_encode(np.clip(np.nan_to_num(p * exposure), 0, 1)) for p in (render, photo)]
     size = np.abs(shown[0] - shown[1]).mean(axis=-1)
     return colormaps["inferno"](np.clip(size / DIFFERENCE_RANGE, 0, 1), bytes=True)[..., :3]
 
 
 def swatch(radiance: Iterable[float]) -> str:
-    """Return the colour of a lamp as ``#rrggbb``: its radiance divided by the largest channel."""
+    """Return the colour of an emitter as ``#rrggbb``: its radiance divided by the largest channel."""
     rgb = np.maximum(np.asarray(list(radiance), np.float64), 0.0)
     peak = rgb.max(initial=0.0)
     red, green, blue = to_display(rgb / peak if peak > 0 else np.zeros(3))
@@ -62,7 +86,7 @@ def swatch(radiance: Iterable[float]) -> str:
 
 
 def embedded(pixels: np.ndarray, width: int) -> tuple[str, int, int]:
-    """Return a picture as a data URI (WebP), its width and height; wider ones are scaled down.
+    """Return an image as a data URI (WebP), its width and height; wider ones are scaled down.
 
     Parameters
     ----------

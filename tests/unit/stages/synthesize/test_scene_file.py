@@ -1,4 +1,4 @@
-"""`fipt synthesize --scene`: a scene file becomes a dataset, its relit truth and a RAW capture."""
+"""The verbs of known rooms with --scene: a scene file becomes a dataset, its relit truth and a RAW capture."""
 
 import json
 import shutil
@@ -17,8 +17,8 @@ SETTINGS = {"train_views": 3, "val_views": 1, "width": 32, "height": 24, "spp": 
 SHARDS = {"train-000": "train_000,train_001", "train-001": "train_002", "val-000": "val_000"}
 
 
-def synthesize(*options, settings=SETTINGS) -> int:
-    return main(["synthesize", *map(str, options), "--settings", json.dumps(settings)])
+def call(verb, *options, settings=SETTINGS) -> int:
+    return main([verb, *map(str, options), "--settings", json.dumps(settings)])
 
 
 @pytest.fixture(scope="module")
@@ -26,10 +26,10 @@ def scene(backend, tmp_path_factory):
     """A scene file in scene/, made into dataset/ in three shards."""
     root = tmp_path_factory.mktemp("modelled")
     file, data = modelled.write_scene(root / "scene"), root / "dataset"
-    assert synthesize("--dataset", data, "--scene", file, "--room", "--stats", root / "room.json") == 0
+    assert call("synthesize-room", "--dataset", data, "--scene", file, "--stats", root / "room.json") == 0
     for shard, views in SHARDS.items():
         options = ("--views", views, "--manifest", data / f"images.{shard}.manifest.json")
-        assert synthesize("--dataset", data, "--scene", file, *options) == 0
+        assert call("synthesize-views", "--dataset", data, "--scene", file, *options) == 0
     return root
 
 
@@ -70,7 +70,7 @@ def test_pictures_do_not_depend_on_the_shard(scene, tmp_path):
     data = tmp_path / "dataset"
     shutil.copytree(scene / "dataset", data, ignore=shutil.ignore_patterns("images"))
     file = scene / "scene" / "room.xml"
-    assert synthesize("--dataset", data, "--scene", file, "--views", "train_002,train_001") == 0
+    assert call("synthesize-views", "--dataset", data, "--scene", file, "--views", "train_002,train_001") == 0
     for view in ("train_001", "train_002"):
         name = f"images/{view}.exr"
         np.testing.assert_array_equal(read_rgb(data / name), read_rgb(scene / "dataset" / name))
@@ -79,7 +79,9 @@ def test_pictures_do_not_depend_on_the_shard(scene, tmp_path):
 def test_relit_truth_counts_lamps_as_room_json_lists_them(scene):
     setup = json.dumps({"emitters": [{"index": 0, "scale": 0.5}]})
     options = ("--views", "val_000", "--setup", setup, "--setup-name", "dim")
-    assert synthesize("--dataset", scene / "dataset", "--scene", scene / "scene" / "room.xml", *options) == 0
+    assert (
+        call("synthesize-relit", "--dataset", scene / "dataset", "--scene", scene / "scene" / "room.xml", *options) == 0
+    )
     relit = read_rgb(scene / "dataset" / "relight_truth" / "dim" / "val_000.exr")
     np.testing.assert_allclose(relit, 0.5 * read_rgb(scene / "dataset" / "images" / "val_000.exr"), rtol=1e-4)
 
@@ -87,29 +89,29 @@ def test_relit_truth_counts_lamps_as_room_json_lists_them(scene):
 def test_a_simulated_camera_photographs_it(scene, tmp_path):
     settings = SETTINGS | {"raw": {**captures.SMALL, "exposures": 3, "calibration_frames": 2}}
     file, room, raw = scene / "scene" / "room.xml", tmp_path / "room", tmp_path / "raw"
-    assert synthesize("--dataset", room, "--scene", file, "--room", settings=settings) == 0
-    assert synthesize("--dataset", room, "--calibration", raw, settings=settings) == 0
-    assert synthesize("--dataset", room, "--scene", file, "--views", "val_000", "--raw", raw, settings=settings) == 0
+    assert call("synthesize-room", "--dataset", room, "--scene", file, settings=settings) == 0
+    assert call("photograph-calibration", "--dataset", room, "--raw", raw, settings=settings) == 0
+    options = ("--dataset", room, "--scene", file, "--views", "val_000", "--raw", raw)
+    assert call("photograph", *options, settings=settings) == 0
     assert len(list(raw.glob("*.dng"))) == 3
     truth = read_rgb(raw / "truth" / "val_000.exr")
     assert np.median(truth) == pytest.approx(np.median(read_rgb(scene / "dataset/images/val_000.exr")), rel=0.2)
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    ("verb", "options", "message"),
     [
-        (["--views", "train_000", "--scene", "{scene}", "--settings", '{"width": 64}'], "other settings"),
-        (["--views", "train_000"], "other settings"),
-        (["--calibration", "raw", "--scene", "{scene}"], "--scene belongs to --room and --views"),
-        (["--room", "--scene", "nowhere.xml"], "nowhere.xml"),
+        ("views", ["--views", "train_000", "--scene", "{scene}", "--settings", '{"width": 64}'], "other settings"),
+        ("views", ["--views", "train_000"], "other settings"),
+        ("room", ["--scene", "nowhere.xml"], "nowhere.xml"),
     ],
 )
-def test_bad_input_gets_one_line_and_code_2(scene, capsys, options, message):
+def test_bad_input_gets_one_line_and_code_2(scene, capsys, verb, options, message):
     options = [text.format(scene=scene / "scene" / "room.xml") if "{scene}" in text else text for text in options]
     if "--settings" not in options:
         options += ["--settings", json.dumps(SETTINGS)]
     before = sorted(scene.rglob("*"))
-    assert main(["synthesize", "--dataset", str(scene / "dataset"), *options]) == 2
+    assert main([f"synthesize-{verb}", "--dataset", str(scene / "dataset"), *options]) == 2
     error = [line for line in capsys.readouterr().err.splitlines() if line.startswith("fipt: error")]
     assert len(error) == 1
     assert message in error[0]
