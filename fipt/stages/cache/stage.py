@@ -34,5 +34,5 @@ def run(inputs: CacheInputs, settings: "CacheSettings") -> dict[str, Any]:
     cache = build(data.mesh(), shards, view_pixels(data, shards), settings)
     write_cache(inputs.out, cache)
     seen = int((cache["count"] > 0).sum())
-    log.info(f"cache: {seen} of {len(cache['key'])} surface voxels are seen")
+    log.info("cache: %d of %d surface voxels are seen", seen, len(cache["key"]))
     return {"voxels": len(cache["key"]), "seen_voxels": seen}

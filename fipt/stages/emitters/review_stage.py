@@ -75,7 +75,7 @@ def run(inputs: ReviewInputs, settings: "ReviewSettings") -> dict[str, Any]:
     facts = [review_entry(row, own, file) for row, own, file in zip(rows, emitters, shown, strict=False)]
     images = {frozenset(own.tolist()): file for own, file in zip(rejected, shown[len(emitters) :], strict=True)}
     write_review(review, refreshed(read_review(review), facts, len(mesh.triangles), images))
-    log.info(f"review: {len(emitters)} emitters listed in {out / 'emitters.json'}; decide about them in {review}")
+    log.info("review: %d emitters listed in %s; decide about them in %s", len(emitters), out / "emitters.json", review)
     return {"emitters": len(emitters), "rejected": len(rejected), "named": len(decided.names)}
 
 

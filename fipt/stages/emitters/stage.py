@@ -46,11 +46,11 @@ def run(inputs: EmittersInputs, settings: "EmittersSettings") -> dict[str, Any]:
     count = int(found.emitter.max(initial=-1)) + 1
     warnings = _warnings(found, count, decided, len(mesh.triangles))
     for warning in warnings:
-        log.warning(warning)
+        log.warning("%s", warning)
     if count == 0:
         log.warning("no emitter found; refined shading will have no light of its own")
     else:
-        log.info(f"emitters: {count} emitters of {len(found.triangle)} triangles")
+        log.info("emitters: %d emitters of %d triangles", count, len(found.triangle))
     figures: dict[str, Any] = {"triangles": len(found.triangle), "emitters": count}
     return figures | ({"warnings": warnings} if warnings else {})
 

@@ -34,5 +34,5 @@ def run(inputs: EnvironmentInputs, settings: "EnvironmentSettings") -> dict[str,
     found = find_environment(Dataset(inputs.dataset), shards, settings, figures)
     write_environment(inputs.out, found)
     mean = found.mean
-    log.info(f"environment: {found.mode}, mean radiance {mean[0]:.4g} {mean[1]:.4g} {mean[2]:.4g}")
+    log.info("environment: %s, mean radiance %.4g %.4g %.4g", found.mode, *mean)
     return figures | {"mode": found.mode, "mean": mean.tolist()}

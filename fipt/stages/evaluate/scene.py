@@ -1,6 +1,7 @@
 """The figures of a scene, from the files of its dataset and results."""
 
 import json
+import logging
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,8 @@ from fipt.stages.evaluate.metrics import (
     picture_psnr,
     triangle_figures,
 )
+
+log = logging.getLogger(__name__)
 
 
 def material_figures(data: Dataset, folder: Path, split: str) -> dict[str, Any]:
@@ -160,7 +163,9 @@ def reference_figures(data: Dataset, folder: Path, reference: Path) -> dict[str,
             "check the photographs, their masks and the light setup",
         )
     per_view = {view: picture_psnr(picture, scale * photo, valid) for view, picture, photo, valid in pairs()}
-    print(f"{reference}: {len(photographs)} of {len(relit)} views are photographed; their radiance times {scale:.4g}")
+    log.info(
+        "%s: %d of %d views are photographed; their radiance times %.4g", reference, len(photographs), len(relit), scale
+    )
     return {
         "relight_psnr": _mean(per_view),
         "relight_psnr_views": per_view,

@@ -1,6 +1,7 @@
 """Every exported format, loaded back, path traced by Mitsuba and compared with our own pictures."""
 
 import json
+import logging
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -34,6 +35,9 @@ from fipt.stages.export.check_export_stage import CheckExportInputs
 from fipt.stages.export.gltf import read_glb
 from fipt.stages.export.settings import ExportSettings
 from fipt.stages.export.usd import read_usd
+
+log = logging.getLogger(__name__)
+
 
 GOAL = 32.0
 """PSNR that every format should reach, dB."""
@@ -104,7 +108,7 @@ def check_export(inputs: CheckExportInputs, settings: ExportSettings) -> Stats:
     }
     write_text(out, json.dumps(content, indent=1) + "\n")
     for entry in content["formats"].values():
-        print(f"{entry['psnr']:.1f} dB  {entry['file']}")
+        log.info("%.1f dB  %s", entry["psnr"], entry["file"])
     return {"psnr": {kind: entry["psnr"] for kind, entry in content["formats"].items()}}
 
 

@@ -34,7 +34,7 @@ def run(inputs: SamplesInputs, settings: "SamplesSettings") -> dict[str, Any]:
     samples = trace(Dataset(inputs.dataset), inputs.views, settings, figures)
     sparse = figures["views_mostly_off_mesh"]
     if sparse:
-        log.warning(f"more than half of the pixels miss the mesh in {', '.join(sparse)}")
+        log.warning("more than half of the pixels miss the mesh in %s", ", ".join(sparse))
     out = inputs.out
     with atomic_folder(out) as folder:
         names = [file.name for file in write_samples(folder, samples)]

@@ -148,7 +148,7 @@ def test_an_unknown_name_lists_the_lamps_closest_first(backend):
     from fipt.stages.render.lights import apply_setup
 
     setup = RelightSetup.model_validate({"emitters": [{"names": ["window", "my window"], "off": True}]})
-    with pytest.raises(FiptError, match="which is none of 2 lamps; there are window, desk lamp"):
+    with pytest.raises(FiptError, match="which is none of 2 emitters; there are window, desk lamp"):
         apply_setup(ROOM, found(), setup, ["desk lamp", "window"])
 
 
