@@ -57,7 +57,7 @@ def load_asset(asset: Asset) -> mi.Scene:
             value = [float(v) for v in emitter.radiance]
             parts["emitter"] = mi.load_dict({"type": "area", "radiance": {"type": "rgb", "value": value}})
         scene[emitter.name] = _shape(emitter, **parts)
-    if asset.outside.shines:
+    if asset.outside.emits:
         scene["outside"] = {"type": "envmap", "bitmap": mi.Bitmap(mitsuba_map(asset.outside))}
     return mi.load_dict(scene)
 

@@ -152,7 +152,7 @@ def load_scene(
                 parts["emitter"] = mi.load_dict(area)
             name = f"light{index}_{side}"
             scene[name] = _mesh(name, sheet, **parts)
-    if environment.shines:
+    if environment.emits:
         scene["environment"] = _environment(environment)
     return mi.load_dict(scene)
 

@@ -14,7 +14,7 @@ from fipt.render.reference import EmittingMesh, PathTracer, SurfaceProbe, load_s
 from fipt.render.spots import spots_of
 from fipt.render.texels import DeviceMaps, MappedMesh, MaterialMaps
 from fipt.scene.cameras import Camera
-from fipt.scene.emitters import chosen_lamps, edited_radiance
+from fipt.scene.emitters import chosen_emitters, edited_radiance
 from fipt.scene.environment import edited
 from fipt.scene.mesh import Mesh, closed
 from fipt.scene.objects import MeshObject
@@ -39,12 +39,12 @@ def lights(
     """Return the room's lamps under a light setup: edited, without triangles that are ``gone``, then the new lights.
 
     An edit's ``index`` counts the room's lamps by their first triangle, as room.json lists them; their names are those
-    of their parts there, and ``lamp-N``. Within an edit a new radiance comes first, then the colour (luminance kept),
-    then the scale.
+    of their parts there, and ``emitter-N``. Within an edit a new radiance comes first, then the colour (luminance
+    kept), then the scale.
     """
     setup = setup or RelightSetup()
     names = [room.parts[room.part[triangles[0]] - 1] for triangles in room.emitters]
-    edits = [(edit, chosen_lamps(edit, names)) for edit in setup.emitters]
+    edits = [(edit, chosen_emitters(edit, names)) for edit in setup.emitters]
     found = []
     for index, triangles in enumerate(room.emitters):
         radiance = room.radiance[triangles[0]].astype(np.float64)

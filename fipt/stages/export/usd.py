@@ -58,7 +58,7 @@ def write_usd(path: str | Path, asset: Asset, textures: str) -> None:
         _bind(mesh, _emitter_material(stage, f"{folder}/materials/{emitter.name}", emitter))
     for camera in asset.cameras:
         _define_camera(stage, f"{folder}/cameras/{Tf.MakeValidIdentifier(camera.name)}", camera)
-    if asset.outside.shines:
+    if asset.outside.emits:
         dome = UsdLux.DomeLight.Define(stage, f"{folder}/outside")
         dome.CreateTextureFileAttr(f"./{textures}/environment.exr")
         dome.CreateTextureFormatAttr(UsdLux.Tokens.latlong)

@@ -70,7 +70,7 @@ def write_export(inputs: ExportInputs, settings: ExportSettings) -> Stats:
         write_glb(folder / "scene.glb", asset, settings.point_size)
         write_usd(folder / "scene.usdc", asset, "textures")
         _write_emitters(folder / "emitters.ply", asset)
-        outside_map = mitsuba_map(asset.outside) if asset.outside.shines else None
+        outside_map = mitsuba_map(asset.outside) if asset.outside.emits else None
         principled = principled_textures(textures)
         write_mitsuba(folder / "mitsuba", asset, principled, SPECULAR, outside_map, settings.max_depth)
         write_blender(folder / "blender.py", asset)
@@ -110,7 +110,7 @@ def _write_textures(folder: Path, asset: Asset, emission: np.ndarray, confidence
     for name, pixels in images.items():
         write_png(folder / f"{name}.png", pixels)
     maps = {"emission": emission}
-    if asset.outside.shines:
+    if asset.outside.emits:
         maps["environment"] = asset.outside.radiance
     for name, radiance in maps.items():
         write_exr(folder / f"{name}.exr", {"": radiance})

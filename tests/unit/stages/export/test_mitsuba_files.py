@@ -22,7 +22,7 @@ def write(folder, asset):
 
     for name in ("base_color", "roughness", "metallic"):
         write_png(folder / "textures" / f"{name}.png", getattr(asset.textures, name))
-    sky = mitsuba_map(asset.outside) if asset.outside.shines else None
+    sky = mitsuba_map(asset.outside) if asset.outside.emits else None
     write_mitsuba(folder / "mitsuba", asset, principled_textures(asset.textures), SPECULAR, sky, 8)
     return folder / "mitsuba"
 
