@@ -243,9 +243,10 @@ def listed_lamps(wildcards):
 
 
 def checked_export(wildcards):
-    """Input function: the check of the export, where every run makes one."""
+    """Input function: the export and its check, where every run makes one."""
     scene = scene_of(wildcards)
-    return [f"results/{scene.name}/export/check.json"] if scene.exported else []
+    made = "export.manifest.json", "export/check.json", "export/check"
+    return [f"results/{scene.name}/{name}" for name in made] if scene.exported else []
 
 
 def of_asked_scenes(*files):

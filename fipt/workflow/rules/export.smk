@@ -53,10 +53,12 @@ rule check_export:
         views="results/{scene}/dataset/views.json",
         checked="results/{scene}/dataset/check_poses.json",
         samples=sharded("results/{scene}/samples/{shard}.manifest.json", "val"),
+        images=images("val"),
         export="results/{scene}/export.manifest.json",
         render=sharded("results/{scene}/render.{shard}.manifest.json", "val"),
     output:
         check="results/{scene}/export/check.json",
+        images=directory("results/{scene}/export/check"),
         stats="results/{scene}/stats/check-export.json",
     log:
         "results/{scene}/logs/check-export.log",
