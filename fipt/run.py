@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from fipt.config import RESULTS, Scene
+from fipt.config.legacy import RESULTS, Scene
 from fipt.errors import FiptError
 from fipt.formats.files import existing_file, write_text
 from fipt.formats.manifests import file_hash

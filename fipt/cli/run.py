@@ -21,7 +21,7 @@ def command(
 
     Results go to results/SCENE below the working directory.
     """
-    from fipt.config import read
+    from fipt.config.legacy import read
     from fipt.errors import FiptError
     from fipt.run import run
 
