@@ -137,7 +137,8 @@ def write_large_bracket(folder: Path, width: int, height: int) -> None:
     """Write five raw files, 2 EV apart, of smooth light with noise: for speed, not for errors."""
     import cv2
 
-    from fipt.synthetic.dng import XYZ_FROM_SRGB, Header, write_dng
+    from fipt.conventions import XYZ_FROM_SRGB
+    from fipt.synthetic.dng import Header, write_dng
 
     rng = np.random.default_rng(0)
     light = cv2.resize(rng.normal(0, 1.6, (40, 60)).astype(np.float32), (width, height), interpolation=cv2.INTER_CUBIC)

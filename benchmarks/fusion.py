@@ -27,7 +27,7 @@ def write_scene(root: Path, views: int, triangles: int) -> int:
     from fipt.scene.dataset import write_views
     from fipt.scene.mesh import write_ply
     from fipt.scene.segments import write_view_ids
-    from fipt.stages.segment.views import look
+    from fipt.stages.segment.views import observe
     from fipt.synthetic.poses import OpenSpace, sample_cameras
     from fipt.synthetic.room import build
     from fipt.synthetic.settings import SynthesizeSettings
@@ -39,10 +39,10 @@ def write_scene(root: Path, views: int, triangles: int) -> int:
     # the held-out view is not needed, but there has to be one
     cameras = sample_cameras(OpenSpace(room, tracer.intersect, settings.seed), settings)[:views]
     mesh, part = room.mesh, room.part
-    looks = look(mesh, cameras, root)
+    observations = observe(mesh, cameras, root)
     for number, camera in enumerate(cameras):
         rng = np.random.default_rng([0, number])
-        cell, _ = looks.of(number)
+        cell, _ = observations.of(number)
         true = np.where(cell >= 0, part[cell], 0).reshape(camera.height, camera.width)
         ids = renumbered(degraded(true.astype(np.uint16), rng), rng)
         write_view_ids(root / "segments" / "views" / f"{camera.name}.npz", ids, np.zeros(int(ids.max()) + 1, np.int32))

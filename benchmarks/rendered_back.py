@@ -34,17 +34,17 @@ from fipt.scene.samples import read_samples
 from fipt.scene.voxels import read_cache
 from fipt.stages.evaluate.metrics import psnr
 from fipt.synthetic.dataset import built
-from fipt.synthetic.room import Room
+from fipt.synthetic.room import SyntheticRoom
 from fipt.synthetic.views import Truth
 
 
 def true_brdf(truth: Truth, camera: Camera, rays: np.ndarray) -> Brdf:
     """Base colour (N, 3), roughness and metallic (N,) of what a camera's rays (N, 3) meet."""
-    found = truth.look(np.broadcast_to(camera.center.astype(np.float32), rays.shape), rays)
+    found = truth.trace(np.broadcast_to(camera.center.astype(np.float32), rays.shape), rays)
     return Brdf(found["base_color"], found["roughness"], found["metallic"])
 
 
-def light_of(room: Room, voxels: dict, known: list[tuple[np.ndarray, Brdf]]) -> Light:
+def light_of(room: SyntheticRoom, voxels: dict, known: list[tuple[np.ndarray, Brdf]]) -> Light:
     """Return the room under its own light; voxels have the material of the nearest of the known points."""
     _, nearest = cKDTree(np.concatenate([position for position, _ in known])).query(voxels["point"])
     materials = Brdf(

@@ -250,7 +250,7 @@ def write_load(root: Path, views: int) -> tuple[int, int]:
     rng, (width, height) = np.random.default_rng(0), SIZE
     settings = SynthesizeSettings(train_views=2, val_views=1, width=width, height=height)
     room = build(0)
-    two = sample_cameras(OpenSpace(room, Truth(room).first_hits, 0), settings)[:2]
+    two = sample_cameras(OpenSpace(room, Truth(room).intersect, 0), settings)[:2]
     names = [f"v{number:03d}" for number in range(views)]
     cameras = [replace(two[k % 2], name=name, split="train") for k, name in enumerate(names)]
     data = root / "dataset"

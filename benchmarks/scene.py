@@ -88,7 +88,7 @@ def demo_room() -> Scene:
     settings = SynthesizeSettings(train_views=_VIEWS, width=_WIDTH, height=_HEIGHT, spp=_SPP, denoise=False)
     room = build(settings.seed)
     truth = Truth(room)
-    cameras = sample_cameras(OpenSpace(room, truth.first_hits, settings.seed), settings)[:_VIEWS]
+    cameras = sample_cameras(OpenSpace(room, truth.intersect, settings.seed), settings)[:_VIEWS]
     traced, parts = RayScene(room.mesh), connected_parts(room.mesh)
     samples = joined(cameras, [trace_view(traced, parts, camera, SamplesSettings()) for camera in cameras])
     images = (image.reshape(-1, 3) for _, image, _ in render_views(room, cameras, settings))
@@ -115,7 +115,7 @@ def _true_materials(truth: object, mesh: Mesh, place: np.ndarray, triangle: np.n
     more, owner = surface_points(mesh, 0.02, low, high, seed=0)
     _, nearest = cKDTree(np.concatenate([place, more])).query(points, workers=-1)
     normal = mesh.normals[np.concatenate([triangle, owner])[nearest]]
-    seen = truth.look(points + np.float32(1e-3) * normal, -normal)
+    seen = truth.trace(points + np.float32(1e-3) * normal, -normal)
     return Brdf(seen["base_color"], np.maximum(seen["roughness"], np.float32(0.02)), seen["metallic"])
 
 

@@ -88,15 +88,15 @@ def run(data: Dataset, folder: Path, kind: str, settings: FuseSettings, new_numb
 
 def score(data: Dataset, folder: Path, kind: str) -> Score:
     """Compare the fused parts below ``folder`` with the dataset's ids of a kind."""
-    from fipt.stages.segment.views import look
+    from fipt.stages.segment.views import observe
 
     views = data.views("train")
     found = np.concatenate([read_ids(folder / "fused" / "part" / f"{view}.png").ravel() for view in views])
     true = np.concatenate([data.segments(view, kind).ravel() for view in views])
     mesh = data.mesh()
-    looks = look(mesh, [data.camera(view) for view in views], folder)
+    observations = observe(mesh, [data.camera(view) for view in views], folder)
     votes = np.zeros((len(mesh.triangles), int(true.max()) + 1), np.int32)
-    np.add.at(votes, (looks.cell[looks.cell >= 0], true[looks.cell >= 0]), 1)
+    np.add.at(votes, (observations.cell[observations.cell >= 0], true[observations.cell >= 0]), 1)
     fusion, about = read_fusion(folder / "fusion.npz")
     surface = best_match(fusion.part, votes.argmax(axis=1), fusion.seen.astype(np.float64))
     return Score(best_match(found, true), surface, len(about["segments"]))

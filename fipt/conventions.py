@@ -27,6 +27,9 @@ F0_DIELECTRIC = 0.04
 LUMINANCE = (0.2126, 0.7152, 0.0722)
 """Weights of linear sRGB in luminance (ITU-R BT.709)."""
 
+XYZ_FROM_SRGB = ((0.4124, 0.3576, 0.1805), (0.2126, 0.7152, 0.0722), (0.0193, 0.1192, 0.9505))
+"""CIE XYZ from linear sRGB under D65 (IEC 61966-2-1)."""
+
 RAY_EPSILON = 3e-5
 """Offset of a ray's origin along the normal, as a fraction of the scene's largest extent."""
 

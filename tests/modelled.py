@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from fipt.scene.environment import NOTHING, EnvironmentMap
-from fipt.synthetic.material import Material
-from fipt.synthetic.scenefile.scene import SceneContent, Surface
+from fipt.synthetic.material import RoomMaterial
+from fipt.synthetic.scenefile.scene import SceneContent, SceneShape
 from fipt.synthetic.shapes import Shape, box, panel
 
 SIZE = np.array([4.0, 2.6, 3.5])
@@ -20,19 +20,21 @@ TILE = 0.5
 LAMP = (6.0, 5.0, 4.0)
 
 
-def constant(name: str, color: tuple[float, float, float], roughness: float = 0.8, metallic: float = 0.0) -> Material:
-    return Material(name, np.float32([[color]]), np.float32([[roughness]]), np.float32([[metallic]]))
+def constant(
+    name: str, color: tuple[float, float, float], roughness: float = 0.8, metallic: float = 0.0
+) -> RoomMaterial:
+    return RoomMaterial(name, np.float32([[color]]), np.float32([[roughness]]), np.float32([[metallic]]))
 
 
-def checks(name: str = "tiles") -> Material:
+def checks(name: str = "tiles") -> RoomMaterial:
     """Four colours, two roughnesses: 2 x 2 and 1 x 2 texels."""
     color = np.float32([[[0.8, 0.2, 0.2], [0.2, 0.8, 0.2]], [[0.2, 0.2, 0.8], [0.6, 0.6, 0.1]]])
-    return Material(name, color, np.float32([[0.2, 0.6]]), np.float32([[0.0]]))
+    return RoomMaterial(name, color, np.float32([[0.2, 0.6]]), np.float32([[0.0]]))
 
 
-def surface(name: str, shape: Shape, material: int, radiance: tuple[float, float, float] | None = None) -> Surface:
+def surface(name: str, shape: Shape, material: int, radiance: tuple[float, float, float] | None = None) -> SceneShape:
     light = None if radiance is None else np.float32(radiance)
-    return Surface(
+    return SceneShape(
         name, shape.vertices.astype(np.float32), shape.triangles.astype(np.int32), shape.uv.astype(np.float32),
         material, light,
     )  # fmt: skip

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from fipt.stages.capture.brackets import Capture, Finding
-    from fipt.stages.capture.qa import Quality
+    from fipt.stages.capture.quality import Quality
 
 _STYLES = {"error": "bold red", "warning": "yellow", "note": "cyan"}
 
@@ -26,7 +26,8 @@ def command(
     """
     from fipt.errors import EXIT_CODE
     from fipt.stages.capture.brackets import read_capture
-    from fipt.stages.capture.qa import calibration_notes, check, inspect
+    from fipt.stages.capture.findings import calibration_notes, check
+    from fipt.stages.capture.inspection import inspect
 
     capture = read_capture(folder, frames)
     qualities, unreadable = ([], []) if quick else inspect(capture, os.cpu_count() or 1)
@@ -42,7 +43,7 @@ def show(capture: "Capture", qualities: "Sequence[Quality]", findings: "Sequence
     from rich.table import Table
     from rich.text import Text
 
-    from fipt.stages.capture.qa import balance_text, span_text
+    from fipt.stages.capture.inspection import balance_text, span_text
 
     # A log has no width: a long line stays one line there.
     console = Console(highlight=False, width=None if os.isatty(1) else 400)

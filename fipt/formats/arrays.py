@@ -50,7 +50,10 @@ def on_disk(folder: str | Path) -> Callable[[tuple[int, ...], DTypeLike], np.nda
 
 
 def save_npz(path: str | Path, **arrays: np.ndarray) -> None:
-    """Write named arrays as npz (uncompressed)."""
+    """Write named arrays (any shape, no objects) as npz (uncompressed)."""
+    for name, array in arrays.items():
+        if np.asarray(array).dtype.hasobject:  # numpy would pickle it
+            raise ValueError(f"{name} holds objects; nothing is pickled")
     with atomic(path) as temporary, open(temporary, "wb") as file:
         np.savez(file, **arrays)
 

@@ -24,9 +24,20 @@ class Material(Protocol):
     are bilinear.
     """
 
-    base_color: np.ndarray
-    roughness: np.ndarray
-    metallic: np.ndarray
+    @property
+    def base_color(self) -> np.ndarray:
+        """(h, w, 3) linear RGB."""
+        ...
+
+    @property
+    def roughness(self) -> np.ndarray:
+        """(h, w)."""
+        ...
+
+    @property
+    def metallic(self) -> np.ndarray:
+        """(h, w)."""
+        ...
 
 
 class Texels:

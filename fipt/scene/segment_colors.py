@@ -17,11 +17,11 @@ def color_table(count: int) -> np.ndarray:
     hue = number * _GOLDEN % 1.0
     colors = hsv_to_rgb(np.stack([hue, 0.45 + 0.5 * (number * 5 % 7) / 6, 0.95 - 0.4 * (number * 3 % 5) / 4], axis=1))
     colors[:1] = 0
-    return np.uint8(colors * 255 + 0.5)
+    return (colors * 255 + 0.5).astype(np.uint8)
 
 
 def in_colors(ids: np.ndarray, table: np.ndarray | None = None) -> np.ndarray:
-    """(H, W, 3) uint8 picture of ids (H, W); ``table`` (K, 3) uint8 has the colour of each id."""
+    """(H, W, 3) uint8 image of ids (H, W); ``table`` (K, 3) uint8 has the colour of each id."""
     table = color_table(int(ids.max(initial=0)) + 1) if table is None else table
     return table[ids]
 
@@ -51,11 +51,12 @@ def heat(share: np.ndarray) -> np.ndarray:
     """(H, W, 3) uint8 heat map of shares in [0, 1]: dark where votes disagree, bright where all agree, 0 black."""
     from matplotlib import colormaps
 
-    picture = colormaps["inferno"](np.clip(share, 0, 1), bytes=True)[..., :3].copy()
-    picture[share <= 0] = 0
-    return picture
+    image = colormaps["inferno"](np.clip(share, 0, 1), bytes=True)[..., :3].copy()
+    image[share <= 0] = 0
+    return image
 
 
 def over_photo(photo: np.ndarray, ids: np.ndarray, exposure: float, table: np.ndarray | None = None) -> np.ndarray:
     """(H, W, 3) uint8: a photograph (H, W, 3, radiance times ``exposure``) tinted with the colours of its ids."""
-    return np.uint8(0.5 * to_display(np.nan_to_num(photo * exposure)) + 0.5 * in_colors(ids, table) + 0.5)
+    tinted = 0.5 * to_display(np.nan_to_num(photo * exposure)) + 0.5 * in_colors(ids, table) + 0.5
+    return tinted.astype(np.uint8)

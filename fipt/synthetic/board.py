@@ -8,8 +8,8 @@ import numpy as np
 
 from fipt.errors import FiptError
 from fipt.scene.mesh import Mesh
-from fipt.synthetic.material import Material
-from fipt.synthetic.room import Room
+from fipt.synthetic.material import RoomMaterial
+from fipt.synthetic.room import SyntheticRoom
 from fipt.synthetic.settings import SimulatedBoard
 from fipt.synthetic.shapes import panel
 
@@ -25,10 +25,10 @@ _BLACK, _WHITE = 0.04, 0.8
 _ROUGHNESS = 0.9
 
 
-def with_board(room: Room, board: SimulatedBoard) -> Room:
+def with_board(room: SyntheticRoom, board: SimulatedBoard) -> SyntheticRoom:
     """Return the room with the board as its last part and last triangles; its white margin is half a square wide."""
-    picture = np.float32(_charuco(board).generateImage(_size(board), marginSize=_TEXELS // 2))
-    color = np.repeat((_BLACK + (_WHITE - _BLACK) / 255 * picture)[..., None], 3, axis=2)
+    image = np.asarray(_charuco(board).generateImage(_size(board), marginSize=_TEXELS // 2), np.float32)
+    color = np.repeat((_BLACK + (_WHITE - _BLACK) / 255 * image)[..., None], 3, axis=2)
     dull, no_metal = np.full((1, 1), _ROUGHNESS, np.float32), np.zeros((1, 1), np.float32)
     corner, u, v = _frame(board, room.box)
     columns, rows = (board.square * (count + 2) for count in (board.columns, board.rows))
@@ -48,7 +48,7 @@ def with_board(room: Room, board: SimulatedBoard) -> Room:
         room,
         parts=(*room.parts, "board"),
         semantics=(*room.semantics, "board"),
-        materials=(*room.materials, Material("board", color, dull, no_metal)),
+        materials=(*room.materials, RoomMaterial("board", color, dull, no_metal)),
         mesh=mesh,
         uv=more(room.uv, print_.uv),
         part=both(room.part, len(room.parts) + 1),

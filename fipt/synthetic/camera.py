@@ -17,9 +17,9 @@ from fractions import Fraction
 
 import numpy as np
 
+from fipt.conventions import XYZ_FROM_SRGB
 from fipt.errors import FiptError
 from fipt.scene.cameras import Camera
-from fipt.synthetic.dng import XYZ_FROM_SRGB
 from fipt.synthetic.settings import SimulatedCamera
 
 PRINTED_TIMES = (

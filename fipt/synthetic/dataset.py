@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-import sys
+import logging
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -21,9 +21,11 @@ from fipt.synthetic.camera import optics
 from fipt.synthetic.capture import simulate_capture, write_bracket, write_calibration
 from fipt.synthetic.modelled import exposure_of, modelled
 from fipt.synthetic.poses import OpenSpace, coverage, sample_cameras
-from fipt.synthetic.room import Room, build
+from fipt.synthetic.room import SyntheticRoom, build
 from fipt.synthetic.settings import SynthesizeSettings
 from fipt.synthetic.views import Truth, ViewTruth, render_views, view_truth
+
+log = logging.getLogger(__name__)
 
 
 def write_room(
@@ -49,13 +51,15 @@ def write_room(
     """
     room = _made(settings, scene)
     for note in room.facts.get("notes", ()):
-        sys.stderr.write(f"{note}\n")
-    space = OpenSpace(room, Truth(room).first_hits, settings.seed)
+        log.info("%s", note)
+    space = OpenSpace(room, Truth(room).intersect, settings.seed)
     cameras = sample_cameras(space, settings)
     shown = coverage(space, cameras)
-    sys.stderr.write(
-        f"{settings.train_views} training views show {shown['seen']:.1%} of the surface that is visible, "
-        f"{shown['seen_twice']:.1%} at least twice\n"
+    log.info(
+        "%d training views show %.1f%% of the surface that is visible, %.1f%% at least twice",
+        settings.train_views,
+        100 * shown["seen"],
+        100 * shown["seen_twice"],
     )
     if scene:
         room = room.exposed(exposure_of(room, cameras[: settings.train_views], settings))
@@ -165,7 +169,7 @@ def write_truths(
     return files
 
 
-def built(folder: Path, settings: SynthesizeSettings, scene: Path | None) -> Room:
+def built(folder: Path, settings: SynthesizeSettings, scene: Path | None) -> SyntheticRoom:
     """Return the room that the folder holds, which must be the one that settings and scene file say."""
     described = json.loads(existing_file(folder / "room.json", "the room").read_text(encoding="utf-8"))
     room = _made(settings, scene).exposed(described.get("exposure", 1.0) if scene else 1.0)
@@ -174,7 +178,7 @@ def built(folder: Path, settings: SynthesizeSettings, scene: Path | None) -> Roo
     return room
 
 
-def _made(settings: SynthesizeSettings, scene: Path | None) -> Room:
+def _made(settings: SynthesizeSettings, scene: Path | None) -> SyntheticRoom:
     room = modelled(scene, settings) if scene else build(settings.seed, settings.opening, settings.sky)
     return with_board(room, settings.board) if settings.board.enabled else room
 
@@ -183,7 +187,7 @@ def _another(folder: Path) -> FiptError:
     return FiptError(f"{folder} holds a room made with other settings", "run fipt synthesize --room again")
 
 
-def _write_names(folder: Path, room: Room) -> list[Path]:
+def _write_names(folder: Path, room: SyntheticRoom) -> list[Path]:
     names = {
         "part": {str(index + 1): name for index, name in enumerate(room.parts)},
         "semantic": {str(index + 1): name for index, name in enumerate(room.semantics)},

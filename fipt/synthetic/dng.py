@@ -22,9 +22,6 @@ from fipt.formats.files import atomic
 if TYPE_CHECKING:
     from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
-XYZ_FROM_SRGB = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
-"""Linear sRGB to CIE XYZ under D65 (IEC 61966-2-1)."""
-
 PATTERNS = ("RGGB", "BGGR", "GRBG", "GBRG")
 """Bayer patterns, named by their 2x2 cell read row by row."""
 

@@ -4,13 +4,25 @@ Lengths in metres, y up, the floor at y = 0; x runs along the window wall (z = 0
 sofa's wall (x = 0). Pieces stand a millimetre apart, so that no two surfaces coincide.
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from fipt.synthetic import textures
+from fipt.synthetic.parts import (
+    BLACK,
+    BRASS,
+    COPPER,
+    SILVER,
+    STEEL,
+    WHITE_PAINT,
+    RoomPart,
+    cushion,
+    lathed,
+    palette,
+    upright_rods,
+)
 from fipt.synthetic.shapes import (
     Shape,
     ball,
@@ -22,57 +34,20 @@ from fipt.synthetic.shapes import (
     panel,
     ring,
     rod,
-    turned_body,
 )
+from fipt.synthetic.textures import Rgb
 
 SIZE = (5.0, 2.7, 4.0)
 """Interior along x, y, z, metres; one lower corner is the origin."""
 
-SEMANTICS = (
-    "wall", "ceiling", "floor", "window", "lamp", "door", "rug", "sofa", "chair", "table",
-    "cupboard", "shelf", "book", "picture", "vase", "plant", "curtain",
-)  # fmt: skip
-"""Semantic names; their ids start at 1."""
 
-Rgb = tuple[float, float, float]
-
-
-@dataclass(frozen=True)
-class Part:
-    """One object of one material.
-
-    Attributes
-    ----------
-    name
-        Unique in the room.
-    semantic
-        One of `SEMANTICS`.
-    shape
-        Its triangles.
-    color
-        Base colour: RGB, or a (h, w, 3) texture over the shape's texture coordinates.
-    roughness, metallic
-        In [0.02, 1] and [0, 1].
-    radiance
-        Emitted radiance before the room's exposure; None where it emits nothing.
-    """
-
-    name: str
-    semantic: str
-    shape: Shape
-    color: Any
-    roughness: float = 1.0
-    metallic: float = 0.0
-    radiance: Rgb | None = None
-
-
-def furnish(rng: np.random.Generator, opening: bool = False) -> list[Part]:
+def furnish(rng: np.random.Generator, opening: bool = False) -> list[RoomPart]:
     """Return all parts, lamps first; ``rng`` draws the grain of woods, the books and the leaves.
 
     With an ``opening`` the window has no pane.
     """
     return [
-        *(part for part in _lamps() if not opening or part.name != "window pane"),
+        *(part for part in _emitters() if not opening or part.name != "window pane"),
         *_shell(rng),
         *_window(rng),
         *_sofa(rng),
@@ -81,82 +56,35 @@ def furnish(rng: np.random.Generator, opening: bool = False) -> list[Part]:
         *_desk(rng),
         *_sideboard(),
         *_bookcase(rng),
-        *_pictures(),
+        *_wall_art(),
         *_plant(rng),
         *_door(),
     ]
 
 
-# --- colours and small helpers ----------------------------------------------------------------
-
-_BRASS, _COPPER, _STEEL, _SILVER = (
-    {"color": color, "metallic": 1.0}
-    for color in ((0.83, 0.62, 0.30), (0.86, 0.47, 0.31), (0.60, 0.61, 0.63), (0.78, 0.77, 0.74))
-)
-_BLACK: Rgb = (0.0, 0.0, 0.0)
-_WHITE_PAINT: Rgb = (0.70, 0.69, 0.66)
+# --- shell and lamps --------------------------------------------------------------------------
 
 _CELL = 0.25
 """Side of the cells that walls are split into: visibility is counted by triangle."""
-
-_OUTLINES = {
-    # radius and height, from the bottom over the outside to the top
-    "lamp housing": "0.335 0.02, 0.335 0.005, 0.345 0, 0.36 0, 0.37 0.01, 0.37 0.105",
-    "lamp stand": "0 0, 0.085 0, 0.085 0.012, 0.02 0.022, 0.011 0.035, 0.011 0.275, 0.035 0.282,0.035 0.288, 0 0.288",
-    "table top": "0 0, 0.40 0, 0.425 0.006, 0.433 0.02, 0.425 0.034, 0.41 0.038, 0 0.038",
-    "copper vase": "0 0, 0.055 0, 0.085 0.04, 0.10 0.09, 0.092 0.14, 0.06 0.19, 0.038 0.225,"
-    "0.034 0.25, 0.048 0.285, 0.044 0.285, 0.028 0.25, 0 0.245",
-    "ceramic vase": "0 0, 0.06 0, 0.10 0.06, 0.115 0.13, 0.10 0.20, 0.055 0.27, 0.04 0.33,"
-    "0.055 0.36, 0.048 0.36, 0.03 0.33, 0 0.32",
-    "bowl": "0 0, 0.05 0, 0.10 0.03, 0.13 0.07, 0.122 0.07, 0.094 0.038, 0.05 0.014, 0 0.012",
-    "drum": "0 0, 0.19 0, 0.2 0.011, 0.2 0.44, 0.19 0.455, 0 0.455",
-    "mug": "0 0, 0.038 0, 0.042 0.01, 0.042 0.095, 0.037 0.095, 0.036 0.015, 0 0.012",
-    "small pot": "0 0, 0.07 0, 0.095 0.17, 0.085 0.17, 0.07 0.03, 0 0.03",
-    "plant pot": "0 0, 0.13 0, 0.14 0.01, 0.18 0.30, 0.185 0.33, 0.165 0.33, 0.16 0.29, 0 0.28",
-}
-
-
-def _turned(name: str, segments: int = 32) -> Shape:
-    points = [tuple(map(float, pair.split())) for pair in _OUTLINES[name].split(",")]
-    return turned_body(points, segments)
-
-
-def _soft(width: float, height: float, depth: float, radius: float) -> Shape:
-    """Cushion-like box."""
-    return box((width, height, depth), radius, 2)
-
-
-def _legs(xs: Sequence[float], zs: Sequence[float], top: float, radius: float) -> list[Shape]:
-    """Upright rods at all pairs of x and z."""
-    return [rod((x, 0.001, z), (x, top, z), radius, 8) for x in xs for z in zs]
-
-
-def _palette(*colors: Rgb) -> np.ndarray:
-    """Texture whose texels `Shape.tinted` picks."""
-    return np.float32(colors)[None]
-
-
-# --- shell and lamps --------------------------------------------------------------------------
-
 _HOLE = (0.85, 2.95, 0.90, 2.25)
 """The window's opening in the wall z = 0: x from, x to, y from, y to."""
 _RECESS = 0.18
 """Its depth; the pane closes the far end."""
-_CEILING_LAMP = (2.5, 2.595, 2.05)
+_CEILING_EMITTER = (2.5, 2.595, 2.05)
 _GLOBE = (4.70, 1.13, 1.45)
 
 
-def _lamps() -> Iterator[Part]:
+def _emitters() -> Iterator[RoomPart]:
     x0, x1, y0, y1 = _HOLE
     pane = panel((x0, y0, -_RECESS), (x1 - x0, 0, 0), (0, y1 - y0, 0), cell=0.7)
-    light = disc(0.33).moved(*_CEILING_LAMP).moved(0, 0.02, 0)
+    light = disc(0.33).moved(*_CEILING_EMITTER).moved(0, 0.02, 0)
     globe = ball(0.12).moved(*_GLOBE)
-    yield Part("window pane", "window", pane, _BLACK, radiance=(3.2, 3.9, 5.0))
-    yield Part("ceiling lamp", "lamp", light, _BLACK, radiance=(9.0, 7.6, 5.7))
-    yield Part("table lamp globe", "lamp", globe, _BLACK, radiance=(12.0, 7.8, 4.0))
+    yield RoomPart("window pane", "window", pane, BLACK, radiance=(3.2, 3.9, 5.0))
+    yield RoomPart("ceiling lamp", "lamp", light, BLACK, radiance=(9.0, 7.6, 5.7))
+    yield RoomPart("table lamp globe", "lamp", globe, BLACK, radiance=(12.0, 7.8, 4.0))
 
 
-def _shell(rng: np.random.Generator) -> Iterator[Part]:
+def _shell(rng: np.random.Generator) -> Iterator[RoomPart]:
     width, height, depth = SIZE
     x0, x1, y0, y1 = _HOLE
     inward = (0, 0, _RECESS)
@@ -186,18 +114,18 @@ def _shell(rng: np.random.Generator) -> Iterator[Part]:
         box((0.016, 0.08, depth)).moved(0.009, 0.001, depth / 2),
         box((0.016, 0.08, depth)).moved(width - 0.009, 0.001, depth / 2),
     ]
-    housing = _turned("lamp housing", 48).moved(*_CEILING_LAMP)
-    yield Part("north wall", "wall", joined(north), (0.72, 0.69, 0.63))
-    yield Part("west wall", "wall", west, (0.22, 0.38, 0.34))
-    yield Part("east wall", "wall", east, (0.62, 0.33, 0.22))
-    yield Part("south wall", "wall", south, (0.70, 0.60, 0.42))
-    yield Part("floor", "floor", floor, textures.planks(rng, (width, depth)), 0.3)
-    yield Part("ceiling", "ceiling", ceiling, (0.76, 0.76, 0.74))
-    yield Part("skirting", "wall", joined(skirting), _WHITE_PAINT, 0.6)
-    yield Part("ceiling lamp housing", "lamp", housing, (0.70, 0.70, 0.68), 0.4)
+    housing = lathed("lamp housing", 48).moved(*_CEILING_EMITTER)
+    yield RoomPart("north wall", "wall", joined(north), (0.72, 0.69, 0.63))
+    yield RoomPart("west wall", "wall", west, (0.22, 0.38, 0.34))
+    yield RoomPart("east wall", "wall", east, (0.62, 0.33, 0.22))
+    yield RoomPart("south wall", "wall", south, (0.70, 0.60, 0.42))
+    yield RoomPart("floor", "floor", floor, textures.planks(rng, (width, depth)), 0.3)
+    yield RoomPart("ceiling", "ceiling", ceiling, (0.76, 0.76, 0.74))
+    yield RoomPart("skirting", "wall", joined(skirting), WHITE_PAINT, 0.6)
+    yield RoomPart("ceiling lamp housing", "lamp", housing, (0.70, 0.70, 0.68), 0.4)
 
 
-def _window(rng: np.random.Generator) -> Iterator[Part]:
+def _window(rng: np.random.Generator) -> Iterator[RoomPart]:
     x0, x1, y0, y1 = _HOLE
     width, height, middle = x1 - x0, y1 - y0, (x0 + x1) / 2
     bars = [
@@ -216,13 +144,13 @@ def _window(rng: np.random.Generator) -> Iterator[Part]:
         *(rod((x, 2.48, 0.0), (x, 2.48, 0.16), 0.008, 6) for x in (0.45, 1.9, 3.35)),
     ]
     cotton = textures.weave(rng, (0.62, 0.50, 0.36))
-    yield Part("window frame", "window", joined(bars), (0.72, 0.71, 0.68), 0.5)
-    yield Part("window sill", "window", sill, (0.70, 0.67, 0.62), 0.35)
-    yield Part("curtains", "curtain", joined(cloths), cotton)
-    yield Part("curtain pole", "curtain", joined(pole), (0.62, 0.45, 0.22), 0.3, 1.0)
+    yield RoomPart("window frame", "window", joined(bars), (0.72, 0.71, 0.68), 0.5)
+    yield RoomPart("window sill", "window", sill, (0.70, 0.67, 0.62), 0.35)
+    yield RoomPart("curtains", "curtain", joined(cloths), cotton)
+    yield RoomPart("curtain pole", "curtain", joined(pole), (0.62, 0.45, 0.22), 0.3, 1.0)
 
 
-def _door() -> Iterator[Part]:
+def _door() -> Iterator[RoomPart]:
     x = 4.22
     leaves = [
         box((0.92, 2.08, 0.04), 0.006).moved(x, 0.001, 3.978),
@@ -238,65 +166,65 @@ def _door() -> Iterator[Part]:
         rod((3.832, 1.02, 3.905), (3.96, 1.02, 3.905), 0.010, 10),
         rod((3.84, 0.98, 3.956), (3.84, 1.06, 3.956), 0.018, 10),
     ]
-    yield Part("door", "door", joined(leaves), (0.60, 0.62, 0.60), 0.5)
-    yield Part("door frame", "door", joined(jamb), _WHITE_PAINT, 0.5)
-    yield Part("door handle", "door", joined(handle), **_STEEL, roughness=0.25)
+    yield RoomPart("door", "door", joined(leaves), (0.60, 0.62, 0.60), 0.5)
+    yield RoomPart("door frame", "door", joined(jamb), WHITE_PAINT, 0.5)
+    yield RoomPart("door handle", "door", joined(handle), **STEEL, roughness=0.25)
 
 
 # --- seats ------------------------------------------------------------------------------------
 
 
-def _sofa(rng: np.random.Generator) -> Iterator[Part]:
+def _sofa(rng: np.random.Generator) -> Iterator[RoomPart]:
     # Two metres wide, its back to the west wall.
     seats = (1.635, 2.465)
     sofa = [
-        _soft(0.92, 0.24, 2.00, 0.05).moved(0.52, 0.12, 2.05),
-        _soft(0.24, 0.66, 2.00, 0.09).moved(0.18, 0.16, 2.05),
-        *(_soft(0.90, 0.42, 0.20, 0.08).moved(0.54, 0.16, z) for z in (1.12, 2.98)),
-        *(_soft(0.66, 0.17, 0.82, 0.06).moved(0.62, 0.345, z) for z in seats),
-        *(_soft(0.18, 0.44, 0.80, 0.08).turned(12, "z").moved(0.37, 0.47, z) for z in seats),
+        cushion(0.92, 0.24, 2.00, 0.05).moved(0.52, 0.12, 2.05),
+        cushion(0.24, 0.66, 2.00, 0.09).moved(0.18, 0.16, 2.05),
+        *(cushion(0.90, 0.42, 0.20, 0.08).moved(0.54, 0.16, z) for z in (1.12, 2.98)),
+        *(cushion(0.66, 0.17, 0.82, 0.06).moved(0.62, 0.345, z) for z in seats),
+        *(cushion(0.18, 0.44, 0.80, 0.08).turned(12, "z").moved(0.37, 0.47, z) for z in seats),
     ]
-    light = _soft(0.14, 0.40, 0.40, 0.065).turned(24, "z").turned(-12).moved(0.58, 0.50, 1.45)
-    red = _soft(0.14, 0.36, 0.36, 0.060).turned(26, "z").turned(16).moved(0.58, 0.50, 2.68)
+    light = cushion(0.14, 0.40, 0.40, 0.065).turned(24, "z").turned(-12).moved(0.58, 0.50, 1.45)
+    red = cushion(0.14, 0.36, 0.36, 0.060).turned(26, "z").turned(16).moved(0.58, 0.50, 2.68)
     pillows = joined([light.tinted(0, 2), red.tinted(1, 2)])
-    feet = joined(_legs((0.14, 0.86), (1.2, 2.9), 0.13, 0.02))
+    feet = joined(upright_rods((0.14, 0.86), (1.2, 2.9), 0.13, 0.02))
     mustard = textures.weave(rng, (0.55, 0.35, 0.08), 160, 300)
-    yield Part("sofa", "sofa", joined(sofa).projected(2, 1), mustard)
-    yield Part("sofa feet", "sofa", feet, (0.08, 0.05, 0.03), 0.5)
-    yield Part("pillows", "sofa", pillows, _palette((0.60, 0.55, 0.47), (0.40, 0.10, 0.07)))
+    yield RoomPart("sofa", "sofa", joined(sofa).projected(2, 1), mustard)
+    yield RoomPart("sofa feet", "sofa", feet, (0.08, 0.05, 0.03), 0.5)
+    yield RoomPart("pillows", "sofa", pillows, palette((0.60, 0.55, 0.47), (0.40, 0.10, 0.07)))
 
 
-def _chairs(rng: np.random.Generator) -> Iterator[Part]:
+def _chairs(rng: np.random.Generator) -> Iterator[RoomPart]:
     def placed(shapes: list[Shape]) -> Shape:
         """Stand the armchair in its corner, turned to the coffee table."""
         return joined(shapes).turned(218).moved(3.42, 0, 3.30)
 
     armchair = [
-        _soft(0.66, 0.22, 0.62, 0.06).moved(0, 0.18, 0),
-        _soft(0.66, 0.62, 0.16, 0.07).turned(10, "x").moved(0, 0.22, -0.33),
-        *(_soft(0.14, 0.36, 0.70, 0.06).moved(x, 0.20, 0) for x in (-0.36, 0.36)),
-        _soft(0.56, 0.13, 0.54, 0.05).moved(0, 0.375, 0.03),
+        cushion(0.66, 0.22, 0.62, 0.06).moved(0, 0.18, 0),
+        cushion(0.66, 0.62, 0.16, 0.07).turned(10, "x").moved(0, 0.22, -0.33),
+        *(cushion(0.14, 0.36, 0.70, 0.06).moved(x, 0.20, 0) for x in (-0.36, 0.36)),
+        cushion(0.56, 0.13, 0.54, 0.05).moved(0, 0.375, 0.03),
     ]
     feet = [rod((x, 0.008, z), (0.72 * x, 0.2, 0.72 * z), 0.016, 8) for x in (-0.31, 0.31) for z in (-0.27, 0.27)]
     chair = [
         box((0.42, 0.035, 0.42), 0.015).moved(0, 0.45, 0),
         box((0.40, 0.20, 0.025), 0.01).turned(8, "x").moved(0, 0.68, -0.205),
-        *_legs((-0.18, 0.18), (0.18,), 0.45, 0.016),
+        *upright_rods((-0.18, 0.18), (0.18,), 0.45, 0.016),
         *(rod((x, 0.003, -0.18), (x, 0.86, -0.21), 0.016, 8) for x in (-0.18, 0.18)),
     ]
     walnut = textures.wood(rng, 64, 256, (0.30, 0.16, 0.08), (0.14, 0.065, 0.03))
     at_desk = joined(chair).turned(160).moved(4.12, 0, 0.98).projected(0, 1)
-    yield Part("armchair", "chair", placed(armchair), (0.075, 0.13, 0.26), 0.9)
-    yield Part("armchair feet", "chair", placed(feet), (0.22, 0.12, 0.05), 0.45)
-    yield Part("chair", "chair", at_desk, walnut, 0.45)
+    yield RoomPart("armchair", "chair", placed(armchair), (0.075, 0.13, 0.26), 0.9)
+    yield RoomPart("armchair feet", "chair", placed(feet), (0.22, 0.12, 0.05), 0.45)
+    yield RoomPart("chair", "chair", at_desk, walnut, 0.45)
 
 
 # --- tables -----------------------------------------------------------------------------------
 
 
-def _coffee_table(rng: np.random.Generator) -> Iterator[Part]:
+def _coffee_table(rng: np.random.Generator) -> Iterator[RoomPart]:
     x, z, level = 1.85, 2.05, 0.4385
-    top = _turned("table top", 56).moved(0, 0.40, 0).projected(0, 2).moved(x, 0, z)
+    top = lathed("table top", 56).moved(0, 0.40, 0).projected(0, 2).moved(x, 0, z)
     frame = [ring(0.33, 0.012).moved(0, 0.385, 0), ring(0.24, 0.010).moved(0, 0.12, 0)]
     for degrees in (30, 150, 270):
         leg = rod((0.20, 0.012, 0), (0.34, 0.395, 0), 0.014)
@@ -307,26 +235,26 @@ def _coffee_table(rng: np.random.Generator) -> Iterator[Part]:
     ]
     rug = box((2.30, 0.014, 1.65), 0.006).moved(1.98, 0.001, 2.05).projected(0, 2)
     cherry = textures.wood(rng, 128, 128, (0.30, 0.085, 0.035), (0.19, 0.042, 0.018))
-    covers = _palette((0.07, 0.22, 0.27), (0.66, 0.50, 0.20))
-    vase = _turned("copper vase", 40).moved(x + 0.14, level, z - 0.14)
-    bowl = _turned("bowl").moved(x - 0.20, level, z - 0.10)
-    drum = _turned("drum", 48).moved(0.42, 0.001, 3.42)
-    yield Part("rug", "rug", rug, textures.rug())
-    yield Part("coffee table", "table", top, cherry, 0.2)
+    covers = palette((0.07, 0.22, 0.27), (0.66, 0.50, 0.20))
+    vase = lathed("copper vase", 40).moved(x + 0.14, level, z - 0.14)
+    bowl = lathed("bowl").moved(x - 0.20, level, z - 0.10)
+    drum = lathed("drum", 48).moved(0.42, 0.001, 3.42)
+    yield RoomPart("rug", "rug", rug, textures.rug())
+    yield RoomPart("coffee table", "table", top, cherry, 0.2)
     legs = joined(frame).moved(x, 0.014, z)
-    yield Part("coffee table frame", "table", legs, **_BRASS, roughness=0.3)
-    yield Part("copper vase", "vase", vase, **_COPPER, roughness=0.25)
-    yield Part("bowl", "vase", bowl, (0.62, 0.66, 0.62), 0.3)
+    yield RoomPart("coffee table frame", "table", legs, **BRASS, roughness=0.3)
+    yield RoomPart("copper vase", "vase", vase, **COPPER, roughness=0.25)
+    yield RoomPart("bowl", "vase", bowl, (0.62, 0.66, 0.62), 0.3)
     pile = joined(magazines).moved(x - 0.08, level, z + 0.22)
-    yield Part("magazines", "book", pile, covers, 0.6)
-    yield Part("steel drum", "table", drum, **_STEEL, roughness=0.3)
+    yield RoomPart("magazines", "book", pile, covers, 0.6)
+    yield RoomPart("steel drum", "table", drum, **STEEL, roughness=0.3)
 
 
-def _desk(rng: np.random.Generator) -> Iterator[Part]:
+def _desk(rng: np.random.Generator) -> Iterator[RoomPart]:
     xs, zs, level = (3.62, 4.82), (0.14, 0.60), 0.7505
     top = box((1.30, 0.035, 0.58), 0.008).moved(4.22, 0.715, 0.37).projected(0, 2)
     frame = [
-        *_legs(xs, zs, 0.715, 0.018),
+        *upright_rods(xs, zs, 0.715, 0.018),
         *(rod((x, 0.70, zs[0]), (x, 0.70, zs[1]), 0.014, 8) for x in xs),
         rod((xs[0], 0.25, zs[0]), (xs[1], 0.25, zs[0]), 0.012, 8),
     ]
@@ -336,18 +264,18 @@ def _desk(rng: np.random.Generator) -> Iterator[Part]:
         box((0.19, 0.025, 0.13), 0.004).turned(-22).moved(0.01, 0.081, 0).tinted(2, 3),
     ]
     oak = textures.wood(rng, 120, 300, (0.55, 0.37, 0.20), (0.40, 0.24, 0.11))
-    covers = _palette((0.45, 0.09, 0.06), (0.60, 0.57, 0.50), (0.06, 0.12, 0.24))
-    mug = _turned("mug", 24).moved(3.86, level, 0.42)
-    yield Part("desk", "table", top, oak, 0.5)
-    yield Part("desk frame", "table", joined(frame), (0.045, 0.045, 0.05), 0.5)
-    yield Part("desk books", "book", joined(books).moved(4.58, level, 0.30), covers, 0.7)
-    yield Part("desk mug", "vase", mug, (0.66, 0.30, 0.12), 0.25)
+    covers = palette((0.45, 0.09, 0.06), (0.60, 0.57, 0.50), (0.06, 0.12, 0.24))
+    mug = lathed("mug", 24).moved(3.86, level, 0.42)
+    yield RoomPart("desk", "table", top, oak, 0.5)
+    yield RoomPart("desk frame", "table", joined(frame), (0.045, 0.045, 0.05), 0.5)
+    yield RoomPart("desk books", "book", joined(books).moved(4.58, level, 0.30), covers, 0.7)
+    yield RoomPart("desk mug", "vase", mug, (0.66, 0.30, 0.12), 0.25)
 
 
 # --- storage ----------------------------------------------------------------------------------
 
 
-def _sideboard() -> Iterator[Part]:
+def _sideboard() -> Iterator[RoomPart]:
     # Lacquered, at the east wall, with three doors.
     level = 0.7305
     body = [
@@ -358,16 +286,16 @@ def _sideboard() -> Iterator[Part]:
     for z in (1.72, 2.335, 2.48):
         handles.append(rod((4.492, 0.32, z), (4.492, 0.54, z), 0.007, 8))
         handles += [rod((4.492, y, z), (4.52, y, z), 0.005, 6) for y in (0.34, 0.52)]
-    legs = joined(_legs((4.60, 4.90), (1.28, 2.92), 0.13, 0.016))
-    stand = _turned("lamp stand", 28).moved(_GLOBE[0], level, _GLOBE[2])
-    vase = _turned("ceramic vase", 36).moved(4.76, level, 2.66)
+    legs = joined(upright_rods((4.60, 4.90), (1.28, 2.92), 0.13, 0.016))
+    stand = lathed("lamp stand", 28).moved(_GLOBE[0], level, _GLOBE[2])
+    vase = lathed("ceramic vase", 36).moved(4.76, level, 2.66)
     lacquer = ball(0.075, 28).moved(4.72, level + 0.075, 2.32)
-    yield Part("sideboard", "cupboard", joined(body), (0.028, 0.13, 0.15), 0.18)
-    yield Part("sideboard handles", "cupboard", joined(handles), **_BRASS, roughness=0.25)
-    yield Part("sideboard legs", "cupboard", legs, **_BRASS, roughness=0.3)
-    yield Part("table lamp stand", "lamp", stand, **_BRASS, roughness=0.25)
-    yield Part("ceramic vase", "vase", vase, (0.70, 0.68, 0.64), 0.15)
-    yield Part("lacquer ball", "vase", lacquer, (0.45, 0.045, 0.03), 0.15)
+    yield RoomPart("sideboard", "cupboard", joined(body), (0.028, 0.13, 0.15), 0.18)
+    yield RoomPart("sideboard handles", "cupboard", joined(handles), **BRASS, roughness=0.25)
+    yield RoomPart("sideboard legs", "cupboard", legs, **BRASS, roughness=0.3)
+    yield RoomPart("table lamp stand", "lamp", stand, **BRASS, roughness=0.25)
+    yield RoomPart("ceramic vase", "vase", vase, (0.70, 0.68, 0.64), 0.15)
+    yield RoomPart("lacquer ball", "vase", lacquer, (0.45, 0.045, 0.03), 0.15)
 
 
 _BOOK_COLORS = (
@@ -376,7 +304,7 @@ _BOOK_COLORS = (
 )  # fmt: skip
 
 
-def _bookcase(rng: np.random.Generator) -> Iterator[Part]:
+def _bookcase(rng: np.random.Generator) -> Iterator[RoomPart]:
     # 1.55 m wide, two bays of four shelves, at the south wall.
     left, width, top, front, back = 0.95, 1.55, 1.85, 3.70, 3.985
     middle, z, depth = left + width / 2, (front + back) / 2, back - front
@@ -403,23 +331,23 @@ def _bookcase(rng: np.random.Generator) -> Iterator[Part]:
                 book = box((w, h, d)).moved(x + w / 2, ground, back - 0.015 - d / 2)
                 books.append(book.tinted(int(rng.integers(colors)), colors))
                 x += w + 0.002
-    crates = _palette((0.46, 0.36, 0.24), (0.24, 0.32, 0.32))
+    crates = palette((0.46, 0.36, 0.24), (0.24, 0.32, 0.32))
     silver = ball(0.10, 32).moved(left + 0.17, 1.5085, z - 0.02)
-    pot = _turned("small pot", 28).moved(left + 0.35, top - 0.0015, z)
+    pot = lathed("small pot", 28).moved(left + 0.35, top - 0.0015, z)
     leaves = _foliage(rng, 22, (0.16, 0.30), 0.055, (0.02, 0.16), 0.20, (-0.3, -0.12), (0.3, 0.12))
     trailing = leaves.moved(left + 0.35, 2.00, z - 0.01)
-    yield Part("bookcase", "shelf", joined(case), (0.68, 0.66, 0.61), 0.6)
-    yield Part("books", "book", joined(books), _palette(*_BOOK_COLORS), 0.8)
-    yield Part("storage boxes", "shelf", joined(boxes), crates, 0.95)
-    yield Part("silver ball", "vase", silver, **_SILVER, roughness=0.25)
-    yield Part("bookcase pot", "vase", pot, (0.62, 0.60, 0.55), 0.4)
-    yield Part("trailing leaves", "plant", trailing, (0.09, 0.22, 0.05), 0.6)
+    yield RoomPart("bookcase", "shelf", joined(case), (0.68, 0.66, 0.61), 0.6)
+    yield RoomPart("books", "book", joined(books), palette(*_BOOK_COLORS), 0.8)
+    yield RoomPart("storage boxes", "shelf", joined(boxes), crates, 0.95)
+    yield RoomPart("silver ball", "vase", silver, **SILVER, roughness=0.25)
+    yield RoomPart("bookcase pot", "vase", pot, (0.62, 0.60, 0.55), 0.4)
+    yield RoomPart("trailing leaves", "plant", trailing, (0.09, 0.22, 0.05), 0.6)
 
 
 # --- pictures and plants ----------------------------------------------------------------------
 
 
-def _pictures() -> Iterator[Part]:
+def _wall_art() -> Iterator[RoomPart]:
     def framed(width: float, height: float, degrees: float, place: Rgb) -> tuple[Shape, Shape]:
         """Canvas and frame, turned from facing z and hung at ``place``."""
         canvas = panel((-width / 2, -height / 2, 0.012), (width, 0, 0), (0, height, 0))
@@ -434,20 +362,20 @@ def _pictures() -> Iterator[Part]:
     hills, hills_frame = framed(0.96, 0.72, -90, (4.985, 1.72, 2.25))
     arches, arches_frame = framed(0.57, 0.76, 90, (0.015, 1.58, 2.05))
     frames = joined([hills_frame, arches_frame])
-    yield Part("landscape", "picture", hills, textures.landscape(), 0.9)
-    yield Part("print", "picture", arches, textures.shapes_print(), 0.9)
-    yield Part("picture frames", "picture", frames, (0.10, 0.055, 0.025), 0.4)
+    yield RoomPart("landscape", "picture", hills, textures.landscape(), 0.9)
+    yield RoomPart("print", "picture", arches, textures.shapes_print(), 0.9)
+    yield RoomPart("picture frames", "picture", frames, (0.10, 0.055, 0.025), 0.4)
 
 
-def _plant(rng: np.random.Generator) -> Iterator[Part]:
+def _plant(rng: np.random.Generator) -> Iterator[RoomPart]:
     free = (-0.4, -0.44), (0.9, 0.9)
     leaves = [
         _foliage(rng, 15, (0.42, 0.60), 0.14, (0.45, 0.95), 0.55, *free),
         _foliage(rng, 9, (0.22, 0.36), 0.12, (0.75, 1.0), 0.30, *free),
     ]
-    pot = _turned("plant pot", 36).moved(0.46, 0.001, 0.50)
-    yield Part("plant pot", "plant", pot, (0.58, 0.25, 0.13), 0.7)
-    yield Part("plant", "plant", joined(leaves).moved(0.46, 0.29, 0.50), (0.055, 0.17, 0.045), 0.5)
+    pot = lathed("plant pot", 36).moved(0.46, 0.001, 0.50)
+    yield RoomPart("plant pot", "plant", pot, (0.58, 0.25, 0.13), 0.7)
+    yield RoomPart("plant", "plant", joined(leaves).moved(0.46, 0.29, 0.50), (0.055, 0.17, 0.045), 0.5)
 
 
 def _foliage(

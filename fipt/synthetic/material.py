@@ -6,7 +6,7 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Material:
+class RoomMaterial:
     """Base colour, roughness and metallic, each an image over [0, 1]^2 that repeats; 1x1 where it is constant.
 
     Attributes

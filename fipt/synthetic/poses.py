@@ -14,15 +14,15 @@ import zlib
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from fipt.errors import FiptError
 from fipt.render.directions import all_around
 from fipt.scene.cameras import Camera
-from fipt.synthetic.room import Room
+from fipt.synthetic.room import SyntheticRoom
 from fipt.synthetic.settings import SynthesizeSettings
 
-FirstHits = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+Intersect = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 """(N, 3) origins, (N, 3) unit directions -> (N,) distances in metres, (N,) triangles or -1."""
 
 CLEARANCE = 0.3
@@ -34,7 +34,7 @@ HEIGHTS = (0.5, 2.5)
 _EYES = 1.1
 """Height over the floor that the cameras turn to before they are turned away at random, metres."""
 
-_STANDING = 1.5
+_EYE_HEIGHT = 1.5
 """Height over the floor of cameras that walk, metres."""
 _DRAWN_IN = np.linspace(0.85, 0.15, 15)
 """Shares of the way from the room's middle to its walls at which they try to stand, in order."""
@@ -96,7 +96,7 @@ def sample_cameras(space: OpenSpace, settings: SynthesizeSettings) -> list[Camer
 
     covered = np.zeros(len(weight), bool)
     for camera in train:
-        covered[scan(camera, space.first_hits, (96, 72))[1]] = True
+        covered[scan(camera, space.intersect, (96, 72))[1]] = True
     val: list[Camera] = []
     for index in range(settings.val_views):
         options = _candidates(f"val_{index:03d}", space, settings)
@@ -114,7 +114,7 @@ def _walk(space: OpenSpace, settings: SynthesizeSettings) -> list[Camera]:
     counts = {"train": settings.train_views, "val": settings.val_views}
     places = [((k + 0.5) / count, split, k) for split, count in counts.items() for k in range(count)]
     half = (space.high - space.low) / 2
-    eyes = min(space.low[1] - HEIGHTS[0] + _STANDING, space.high[1])
+    eyes = min(space.low[1] - HEIGHTS[0] + _EYE_HEIGHT, space.high[1])
     cameras = {}
     for number, (_, split, k) in enumerate(sorted(places)):
         angle = 2 * np.pi * number / len(places)
@@ -164,10 +164,10 @@ class OpenSpace:
         If there is none.
     """
 
-    def __init__(self, room: Room, first_hits: FirstHits, seed: int) -> None:
+    def __init__(self, room: SyntheticRoom, intersect: Intersect, seed: int) -> None:
         bottom, top = room.box
         size = top - bottom
-        self.room, self.first_hits, self.seed = room, first_hits, seed
+        self.room, self.intersect, self.seed = room, intersect, seed
         self.low = bottom + np.array([CLEARANCE, HEIGHTS[0], CLEARANCE])
         self.high = top - CLEARANCE
         self.high[1] = min(bottom[1] + HEIGHTS[1], top[1] - CLEARANCE)
@@ -182,7 +182,7 @@ class OpenSpace:
                 f"{HEIGHTS[0]} m over the floor",
                 "check the unit of the scene file (synthesize.scene.scale)",
             )
-        self._surface = cKDTree(surface_points(room, seed))
+        self._surface = KDTree(surface_points(room, seed))
         drawn = np.random.default_rng([seed, 3]).uniform(self.low, self.high, (_DRAWN, 3))
         free = drawn[self._surface.query(drawn)[0] >= CLEARANCE][:_PLACES]
         remedy = "check the scene file's unit (synthesize.scene.scale), and that it is a room with floor and walls"
@@ -199,49 +199,49 @@ class OpenSpace:
                 "directions or the one straight down meet nothing",
                 remedy,
             )
-        self.places = _largest_group(enclosed.astype(np.float32), first_hits)
+        self.places = _largest_group(enclosed.astype(np.float32), intersect)
 
     def holds(self, place: np.ndarray) -> bool:
         """Whether a camera may stand at a place (3,) between `low` and `high`."""
         if self._surface.query(place)[0] < CLEARANCE or not self._enclosed(place[None])[0]:
             return False
-        seen = visible(np.broadcast_to(np.float32(place), self.places.shape), self.places, self.first_hits)
+        seen = visible(np.broadcast_to(np.float32(place), self.places.shape), self.places, self.intersect)
         return bool(seen.mean() >= _SEEN_PLACES)
 
     def _enclosed(self, places: np.ndarray) -> np.ndarray:
         """(N,) bool: whether (N, 3) places have ground below and surface in most directions."""
-        directions = np.concatenate([self._around, np.float32([[0, -1, 0]])])
+        directions = np.concatenate([self._around, np.array([[0, -1, 0]], np.float32)])
         origins = np.repeat(places.astype(np.float32), len(directions), axis=0)
-        _, triangle = self.first_hits(origins, np.tile(directions, (len(places), 1)))
+        _, triangle = self.intersect(origins, np.tile(directions, (len(places), 1)))
         meets = (triangle >= 0).reshape(len(places), -1)
         return (meets[:, :-1].mean(axis=1) >= 1 - _ESCAPING) & meets[:, -1]
 
 
-def _largest_group(places: np.ndarray, first_hits: FirstHits) -> np.ndarray:
+def _largest_group(places: np.ndarray, intersect: Intersect) -> np.ndarray:
     """Return those of (N, 3) places that form the largest group in which each sees another."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 
     first, second = np.triu_indices(len(places), 1)
-    seen = visible(places[first], places[second], first_hits)
+    seen = visible(places[first], places[second], intersect)
     pairs = (first[seen], second[seen])
     graph = coo_matrix((np.ones(len(pairs[0]), np.int8), pairs), shape=(len(places), len(places)))
     group = connected_components(graph, directed=False)[1]
     return places[group == np.bincount(group).argmax()]
 
 
-def visible(eyes: np.ndarray, points: np.ndarray, first_hits: FirstHits) -> np.ndarray:
+def visible(eyes: np.ndarray, points: np.ndarray, intersect: Intersect) -> np.ndarray:
     """(N,) bool: whether nothing is between (N, 3) eyes and (N, 3) points; a point may lie on a surface."""
     if len(points) == 0:  # Mitsuba cannot trace no rays
         return np.zeros(0, bool)
     way = (points - eyes).astype(np.float64)
     length = np.linalg.norm(way, axis=1)
     directions = (way / np.maximum(length, 1e-9)[:, None]).astype(np.float32)
-    distance, _ = first_hits(eyes.astype(np.float32), directions)
+    distance, _ = intersect(eyes.astype(np.float32), directions)
     return distance > length * (1 - 1e-3) - 1e-3
 
 
-def surface_points(room: Room, seed: int) -> np.ndarray:
+def surface_points(room: SyntheticRoom, seed: int) -> np.ndarray:
     """(N, 3) points at random on the surfaces in and around the interior, at most about `_SPACING` metres apart."""
     corners, areas = _nearby(room)
     counts = np.ceil(areas / _SPACING**2).astype(int)
@@ -256,7 +256,7 @@ def _on(corners: np.ndarray, counts: np.ndarray, rng: np.random.Generator) -> np
     return (1 - root) * corners[:, 0] + root * (1 - v) * corners[:, 1] + root * v * corners[:, 2]
 
 
-def _nearby(room: Room) -> tuple[np.ndarray, np.ndarray]:
+def _nearby(room: SyntheticRoom) -> tuple[np.ndarray, np.ndarray]:
     """Triangles (T, 3, 3) in and around the interior, and their areas (T,); those with long edges in pieces."""
     corners, done = room.mesh.corners.astype(np.float64), []
     low, high = room.box + np.array([[-CLEARANCE], [CLEARANCE]])
@@ -288,7 +288,7 @@ def coverage(space: OpenSpace, cameras: Sequence[Camera]) -> dict[str, float]:
     shown = np.zeros(len(points), bool)
     for place in space.places[:: max(len(space.places) // 32, 1)]:
         hidden = np.flatnonzero(~shown)
-        shown[hidden] = visible(np.broadcast_to(place, (len(hidden), 3)), points[hidden], space.first_hits)
+        shown[hidden] = visible(np.broadcast_to(place, (len(hidden), 3)), points[hidden], space.intersect)
     points = points[shown]
     views = np.zeros(len(points), int)
     for camera in cameras:
@@ -297,18 +297,18 @@ def coverage(space: OpenSpace, cameras: Sequence[Camera]) -> dict[str, float]:
             inside = (depth > 0) & (image >= 0).all(axis=1) & (image < (camera.width, camera.height)).all(axis=1)
             near = np.flatnonzero(inside)
             eyes = np.broadcast_to(camera.center.astype(np.float32), (len(near), 3))
-            views[near] += visible(eyes, points[near], space.first_hits)
+            views[near] += visible(eyes, points[near], space.intersect)
     shares = {"seen": float((views >= 1).mean()), "seen_twice": float((views >= 2).mean())}
     return {"points": len(points)} | {key: round(share, 4) for key, share in shares.items()}
 
 
-def scan(camera: Camera, first_hits: FirstHits, grid: tuple[int, int] = _SCAN) -> tuple[np.ndarray, np.ndarray]:
+def scan(camera: Camera, intersect: Intersect, grid: tuple[int, int] = _SCAN) -> tuple[np.ndarray, np.ndarray]:
     """Trace a grid of a view's rays; return (N,) distances and the distinct triangles hit."""
     columns = (np.arange(grid[0]) + 0.5) / grid[0] * camera.width
     rows = (np.arange(grid[1]) + 0.5) / grid[1] * camera.height
     directions = camera.directions(*np.meshgrid(columns, rows)).reshape(-1, 3)
     origins = np.broadcast_to(camera.center.astype(np.float32), directions.shape)
-    distance, triangle = first_hits(origins, directions)
+    distance, triangle = intersect(origins, directions)
     return distance, np.unique(triangle[triangle >= 0])
 
 
@@ -319,7 +319,7 @@ def _candidates(name: str, space: OpenSpace, settings: SynthesizeSettings) -> li
     options = []
     for _ in range(50 * _CANDIDATES):
         camera = _draw(name, rng, space, settings)
-        distance, shown = scan(camera, space.first_hits)
+        distance, shown = scan(camera, space.intersect)
         staring = np.median(distance) < space.depth
         blocked = (distance < 1.5 * CLEARANCE).mean() > _NEAR_SHARE
         if not staring and not blocked:

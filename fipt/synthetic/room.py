@@ -20,8 +20,9 @@ import numpy as np
 from fipt.errors import FiptError
 from fipt.scene.environment import NOTHING, EnvironmentMap
 from fipt.scene.mesh import Mesh
-from fipt.synthetic.furniture import SEMANTICS, SIZE, Part, furnish
-from fipt.synthetic.material import Material
+from fipt.synthetic.furniture import SIZE, furnish
+from fipt.synthetic.material import RoomMaterial
+from fipt.synthetic.parts import SEMANTICS, RoomPart
 from fipt.synthetic.sky import sky
 
 EXPOSURE = 2.5
@@ -32,7 +33,7 @@ _MOST_IDS = 65_535
 
 
 @dataclass(frozen=True)
-class Piece:
+class RoomPiece:
     """Triangles of one material before they are merged.
 
     Attributes
@@ -58,7 +59,7 @@ class Piece:
 
 
 @dataclass(frozen=True)
-class Room:
+class SyntheticRoom:
     """The finished room: one mesh and what is known of each of its T triangles.
 
     Attributes
@@ -89,7 +90,7 @@ class Room:
 
     parts: tuple[str, ...]
     semantics: tuple[str, ...]
-    materials: tuple[Material, ...]
+    materials: tuple[RoomMaterial, ...]
     mesh: Mesh
     uv: np.ndarray
     part: np.ndarray
@@ -104,16 +105,16 @@ class Room:
     @property
     def emits(self) -> np.ndarray:
         """(T,) bool: whether a triangle emits."""
-        return self.radiance.any(axis=1)
+        return np.asarray(self.radiance.any(axis=1))
 
     @property
     def emitters(self) -> list[np.ndarray]:
         """Triangle indices of each lamp (one part each), by increasing triangle index."""
-        shining = np.flatnonzero(self.emits)
-        lamps = np.split(shining, np.flatnonzero(np.diff(self.part[shining])) + 1)
-        return lamps if len(shining) else []
+        emitting = np.flatnonzero(self.emits)
+        by_part = np.split(emitting, np.flatnonzero(np.diff(self.part[emitting])) + 1)
+        return by_part if len(emitting) else []
 
-    def exposed(self, factor: float) -> Room:
+    def exposed(self, factor: float) -> SyntheticRoom:
         """Return the room with all its light times a factor."""
         light = np.float32(factor)
         outside = replace(self.outside, radiance=self.outside.radiance * light)
@@ -176,15 +177,15 @@ def _described(image: np.ndarray) -> Any:
 
 
 def assemble(
-    pieces: Sequence[Piece],
-    materials: Sequence[Material],
+    pieces: Sequence[RoomPiece],
+    materials: Sequence[RoomMaterial],
     semantics: Sequence[str],
     box: np.ndarray,
     outside: EnvironmentMap = NOTHING,
     exposure: float = 1.0,
     facts: dict[str, Any] | None = None,
-) -> Room:
-    """Merge pieces into a `Room`, their triangles in order."""
+) -> SyntheticRoom:
+    """Merge pieces into a `SyntheticRoom`, their triangles in order."""
     if max(len(pieces), len(semantics)) > _MOST_IDS:
         raise FiptError(
             f"a room may have {_MOST_IDS} parts and materials; this has {len(pieces)} and {len(semantics)}",
@@ -193,11 +194,11 @@ def assemble(
     counts = [len(piece.triangles) for piece in pieces]
     offsets = np.cumsum([0, *(len(piece.vertices) for piece in pieces)])
 
-    def per_triangle(values: Sequence, dtype: type) -> np.ndarray:
+    def per_triangle(values: Sequence[Any] | np.ndarray, dtype: type) -> np.ndarray:
         return np.repeat(np.asarray(values, dtype), counts, axis=0)
 
     triangles = [piece.triangles + offset for piece, offset in zip(pieces, offsets, strict=False)]
-    return Room(
+    return SyntheticRoom(
         parts=tuple(piece.name for piece in pieces),
         semantics=tuple(semantics),
         materials=tuple(materials),
@@ -218,7 +219,7 @@ def assemble(
 
 
 @lru_cache(4)
-def build(seed: int, opening: bool = False, horizon: tuple[float, float, float] = (8.0, 9.75, 12.5)) -> Room:
+def build(seed: int, opening: bool = False, horizon: tuple[float, float, float] = (8.0, 9.75, 12.5)) -> SyntheticRoom:
     """Build the room in code, closed or with an open window; equal seeds give equal rooms, down to every triangle.
 
     Parameters
@@ -242,20 +243,20 @@ def build(seed: int, opening: bool = False, horizon: tuple[float, float, float] 
     )
 
 
-def _material(part: Part) -> Material:
-    values = (np.atleast_2d(np.float32(value)) for value in (part.roughness, part.metallic))
-    return Material(part.name, _image(part), *values)
+def _material(part: RoomPart) -> RoomMaterial:
+    roughness, metallic = (np.full((1, 1), value, np.float32) for value in (part.roughness, part.metallic))
+    return RoomMaterial(part.name, _image(part), roughness, metallic)
 
 
-def _image(part: Part) -> np.ndarray:
+def _image(part: RoomPart) -> np.ndarray:
     color = np.asarray(part.color, np.float32)
     return color.reshape(1, 1, 3) if color.size == 3 else color
 
 
-def _piece(index: int, part: Part) -> Piece:
+def _piece(index: int, part: RoomPart) -> RoomPiece:
     """Return a part as a piece: its texture ends at the centres of its outermost texels, and so never repeats."""
     height, width = _image(part).shape[:2]
     uv = (0.5 + part.shape.uv * (width - 1, height - 1)) / (width, height)
     radiance = None if part.radiance is None else np.multiply(part.radiance, EXPOSURE)
     semantic = SEMANTICS.index(part.semantic)
-    return Piece(part.name, part.shape.vertices, part.shape.triangles, uv, index, semantic, radiance)
+    return RoomPiece(part.name, part.shape.vertices, part.shape.triangles, uv, index, semantic, radiance)

@@ -7,8 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
+
+Vector: TypeAlias = Sequence[float] | np.ndarray
+"""Three numbers."""
 
 
 @dataclass(frozen=True)
@@ -83,12 +87,12 @@ def _without_slivers(shape: Shape) -> Shape:
     return replace(shape, triangles=shape.triangles[area > 1e-10])
 
 
-def panel(origin: Sequence[float], u: Sequence[float], v: Sequence[float], cell: float = np.inf) -> Shape:
+def panel(origin: Vector, u: Vector, v: Vector, cell: float = np.inf) -> Shape:
     """Parallelogram ``origin + a u + b v`` with normal u x v, in cells of about ``cell`` metres."""
-    origin, u, v = (np.asarray(vector, float) for vector in (origin, u, v))
-    counts = [max(round(np.linalg.norm(side) / cell), 1) + 1 for side in (u, v)]
+    start, first, second = (np.asarray(vector, float) for vector in (origin, u, v))
+    counts = [max(round(float(np.linalg.norm(side)) / cell), 1) + 1 for side in (first, second)]
     a, b = (np.linspace(0, 1, count) for count in counts)
-    return _grid(origin + a[:, None, None] * u + b[None, :, None] * v)
+    return _grid(start + a[:, None, None] * first + b[None, :, None] * second)
 
 
 def box(size: Sequence[float], radius: float = 0.0, steps: int = 1) -> Shape:
@@ -137,7 +141,7 @@ def _ticks(half: float, radius: float, steps: int) -> np.ndarray:
     return np.concatenate([-right[::-1], right])
 
 
-def turned_body(profile: Sequence[tuple[float, float]], segments: int = 32) -> Shape:
+def turned_body(profile: Sequence[Sequence[float]], segments: int = 32) -> Shape:
     """Body of revolution around the y axis.
 
     Parameters
@@ -171,17 +175,17 @@ def ball(radius: float, segments: int = 24) -> Shape:
     return turned_body(list(zip(ring, radius * np.sin(angle), strict=True)), segments)
 
 
-def rod(start: Sequence[float], end: Sequence[float], radius: float, segments: int = 10) -> Shape:
+def rod(start: Vector, end: Vector, radius: float, segments: int = 10) -> Shape:
     """Closed cylinder between two points."""
-    start, end = np.asarray(start, float), np.asarray(end, float)
-    axis = end - start
-    length = np.linalg.norm(axis)
+    base = np.asarray(start, float)
+    axis = np.asarray(end, float) - base
+    length = float(np.linalg.norm(axis))
     body = turned_body([(0, 0), (radius, 0), (radius, length), (0, length)], segments)
     y = axis / length
     x = np.cross(y, (0, 0, 1) if abs(y[2]) < 0.9 else (1, 0, 0))
     x /= np.linalg.norm(x)
     frame = np.stack([x, y, np.cross(x, y)])
-    return replace(body, vertices=body.vertices @ frame + start)
+    return replace(body, vertices=body.vertices @ frame + base)
 
 
 def ring(radius: float, thickness: float, segments: int = 48, facets: int = 8) -> Shape:

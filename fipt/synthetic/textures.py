@@ -6,8 +6,10 @@ Row 0 is v = 0 and column 0 is u = 0; the outermost texel centres lie on the edg
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
+Rgb = tuple[float, float, float]
 
-def wood(rng: np.random.Generator, height: int, width: int, light: tuple, dark: tuple) -> np.ndarray:
+
+def wood(rng: np.random.Generator, height: int, width: int, light: Rgb, dark: Rgb) -> np.ndarray:
     """Grain along u between two colours."""
     grain = gaussian_filter(rng.standard_normal((height, width)), (1.0, 28), mode="wrap")
     waves = gaussian_filter(rng.standard_normal((height, width)), (6, 90), mode="wrap")
@@ -28,7 +30,7 @@ def planks(rng: np.random.Generator, size: tuple[float, float], texel: float = 0
             columns = slice(max(left, 0), max(left + length, 0))
             tone = 1.0 + 0.16 * rng.standard_normal()
             warm = 0.05 * rng.standard_normal()
-            image[rows, columns] *= np.float32([tone, tone * (1 - warm), tone * (1 - 2 * warm)])
+            image[rows, columns] *= np.array([tone, tone * (1 - warm), tone * (1 - 2 * warm)], np.float32)
             image[rows, columns][:, :1] *= 0.35
         image[top : top + 1] *= 0.35
     return np.clip(image, 0.01, 0.8)
@@ -57,7 +59,7 @@ def rug(height: int = 240, width: int = 340) -> np.ndarray:
 
 
 def landscape(height: int = 150, width: int = 200) -> np.ndarray:
-    """Picture: a sun over hills, v upwards."""
+    """Wall print: a sun over hills, v upwards."""
     y, x = np.meshgrid(np.linspace(0, 1, height), np.linspace(0, 1, width), indexing="ij")
     image = _mix((0.86, 0.62, 0.36), (0.22, 0.40, 0.58), np.clip(1.5 * y - 0.5, 0, 1))
     image[(x - 0.66) ** 2 * (width / height) ** 2 + (y - 0.62) ** 2 < 0.021] = (0.85, 0.30, 0.10)
@@ -72,7 +74,7 @@ def landscape(height: int = 150, width: int = 200) -> np.ndarray:
 
 
 def shapes_print(height: int = 160, width: int = 120) -> np.ndarray:
-    """Picture: circles and arches on cream."""
+    """Wall print: circles and arches on cream."""
     y, x = np.meshgrid(np.linspace(0, height / width, height), np.linspace(0, 1, width), indexing="ij")
     image = np.empty((height, width, 3), np.float32)
     image[:] = (0.72, 0.65, 0.53)
@@ -88,13 +90,13 @@ def shapes_print(height: int = 160, width: int = 120) -> np.ndarray:
     return image
 
 
-def weave(rng: np.random.Generator, color: tuple, height: int = 96, width: int = 96) -> np.ndarray:
+def weave(rng: np.random.Generator, color: Rgb, height: int = 96, width: int = 96) -> np.ndarray:
     """Cloth: one colour, slightly mottled."""
     noise = gaussian_filter(rng.standard_normal((height, width)), 2.0, mode="wrap")
     share = 1.0 + 0.10 * np.clip(noise / noise.std(), -2, 2)
-    return np.clip(np.float32(color) * share[..., None], 0, 0.9).astype(np.float32)
+    return np.clip(np.array(color, np.float32) * share[..., None], 0, 0.9).astype(np.float32)
 
 
-def _mix(first: tuple, second: tuple, share: np.ndarray) -> np.ndarray:
+def _mix(first: Rgb, second: Rgb, share: np.ndarray) -> np.ndarray:
     share = share[..., None].astype(np.float32)
-    return np.float32(first) * (1 - share) + np.float32(second) * share
+    return np.array(first, np.float32) * (1 - share) + np.array(second, np.float32) * share

@@ -12,14 +12,14 @@ from fipt.render.edits import Edit, Segments, without
 from fipt.render.objects import appended, light_mesh, objects_in
 from fipt.render.reference import Light, PathTracer, TexturedMesh, load_scene
 from fipt.render.spots import spots_of
-from fipt.render.texels import Textures
+from fipt.render.texels import Material, Textures
 from fipt.scene.cameras import Camera
 from fipt.scene.emitters import chosen_lamps, edited_radiance
 from fipt.scene.environment import edited
 from fipt.scene.mesh import Mesh, closed
 from fipt.scene.objects import MeshObject
 from fipt.scene.setup import AreaLight, MeshLight, RelightSetup, SphereLight, SpotLight
-from fipt.synthetic.room import Room
+from fipt.synthetic.room import SyntheticRoom
 from fipt.synthetic.settings import SynthesizeSettings
 from fipt.synthetic.shapes import panel
 
@@ -33,7 +33,7 @@ _PROBES, _PROBE_WIDTH, _PROBE_SPP = 8, 64, 64
 # --- light setups -----------------------------------------------------------------------------
 
 
-def lights(room: Room, setup: RelightSetup | None = None, gone: np.ndarray | None = None) -> list[Light]:
+def lights(room: SyntheticRoom, setup: RelightSetup | None = None, gone: np.ndarray | None = None) -> list[Light]:
     """Return the room's lamps under a light setup: edited, without triangles that are ``gone``, then the new lights.
 
     An edit's ``index`` counts the room's lamps by their first triangle, as room.json lists them; their names are those
@@ -111,7 +111,7 @@ class Changed:
     objects: Sequence[MeshObject] = ()
 
 
-def changed(room: Room, setup: RelightSetup | None) -> Changed:
+def changed(room: SyntheticRoom, setup: RelightSetup | None) -> Changed:
     """Return what a setup changes beside the light; its segments are the connected parts of the room's mesh."""
     if setup is None:
         return Changed(np.zeros(len(room.mesh.triangles), bool))
@@ -123,7 +123,7 @@ def changed(room: Room, setup: RelightSetup | None) -> Changed:
 
 
 def render_tracer(
-    room: Room,
+    room: SyntheticRoom,
     setup: RelightSetup | None,
     max_depth: int,
     textures: Textures | None = None,
@@ -169,7 +169,7 @@ class Truth:
 
     def __init__(
         self,
-        room: Room,
+        room: SyntheticRoom,
         added: Sequence[Light] = (),
         textures: Textures | None = None,
         change: Changed | None = None,
@@ -186,7 +186,8 @@ class Truth:
             for key, column in self._known.items():
                 rows = np.broadcast_to(light.radiance if key == "emission" else 0, (count, *column.shape[1:]))
                 self._known[key] = np.concatenate([column, rows.astype(column.dtype)])
-        materials, edits = list(room.materials), ()
+        materials: list[Material] = list(room.materials)
+        edits: Sequence[Edit] = ()
         if change is not None:
             triangles[0], edits = without(room.mesh, change.gone).triangles, change.edits
             for thing in change.objects:
@@ -206,9 +207,9 @@ class Truth:
         self._surface = TexturedMesh(
             mesh, np.concatenate(uv), textures or Textures(room.materials), np.concatenate(material), edits
         )
-        self.first_hits = self._surface.first_hits
+        self.intersect = self._surface.first_hits
 
-    def look(self, origins: np.ndarray, directions: np.ndarray) -> dict[str, np.ndarray]:
+    def trace(self, origins: np.ndarray, directions: np.ndarray) -> dict[str, np.ndarray]:
         """Return what (N, 3) rays meet first.
 
         Returns
@@ -225,10 +226,10 @@ class Truth:
         toward = -(normal * directions).sum(axis=1)
         for key, column in self._known.items():
             found[key] = np.where(hit.reshape(-1, *[1] * (column.ndim - 1)), column[triangle], 0)
-        lamp = found["emission"].any(axis=1)
-        dark = lamp & (toward < 0) & (triangle < self._one_sided)
+        emitter = found["emission"].any(axis=1)
+        dark = emitter & (toward < 0) & (triangle < self._one_sided)
         found["emission"][dark] = 0
-        found["base_color"][lamp], found["roughness"][lamp], found["metallic"][lamp] = 0, 1, 0
+        found["base_color"][emitter], found["roughness"][emitter], found["metallic"][emitter] = 0, 1, 0
         return found | {"normal": normal * np.sign(toward)[:, None], "cos": np.abs(toward)}
 
 
@@ -259,23 +260,23 @@ def view_truth(truth: Truth, camera: Camera) -> ViewTruth:
     """
     rows, columns = np.mgrid[: camera.height, : camera.width]
 
-    def look(dx: float, dy: float) -> dict[str, np.ndarray]:
+    def trace(dx: float, dy: float) -> dict[str, np.ndarray]:
         directions = camera.directions((columns + dx).ravel(), (rows + dy).ravel())
         origins = np.broadcast_to(camera.center.astype(np.float32), directions.shape)
-        return truth.look(origins, directions)
+        return truth.trace(origins, directions)
 
-    center = look(0.5, 0.5)
+    center = trace(0.5, 0.5)
     mean = {key: np.zeros(center[key].shape) for key in ("base_color", "roughness", "metallic")}
     weight = np.zeros(len(center["part"]))
     albedo, normal = np.zeros_like(center["base_color"]), np.zeros_like(center["base_color"])
     for index in range(_SUB**2):
-        sub = look((index % _SUB + 0.5) / _SUB, (index // _SUB + 0.5) / _SUB)
+        sub = trace((index % _SUB + 0.5) / _SUB, (index // _SUB + 0.5) / _SUB)
         same = sub["part"] == center["part"]
         for key, total in mean.items():
             total[same] += sub[key][same]
         weight += same
         # Lamps count as white: the denoiser's own convention.
-        albedo += sub["base_color"] + sub["emission"].any(axis=1)[:, None]
+        albedo += sub["base_color"] + np.asarray(sub["emission"].any(axis=1))[:, None]
         normal += sub["normal"]
     for key, total in mean.items():
         some = weight > 0
@@ -284,7 +285,7 @@ def view_truth(truth: Truth, camera: Camera) -> ViewTruth:
     color, roughness, metallic = mean.values()
 
     emission = center["emission"]
-    mask = emission.any(axis=1)
+    mask = np.asarray(emission.any(axis=1))
     reflects = (center["part"] > 0) & ~mask
     total = reflectance(color, roughness, metallic, center["cos"])
     layers = {
@@ -297,13 +298,13 @@ def view_truth(truth: Truth, camera: Camera) -> ViewTruth:
         "emission_mask.Y": mask,
     }
 
-    def picture(values: np.ndarray, dtype: type = np.float32) -> np.ndarray:
+    def as_image(values: np.ndarray, dtype: type = np.float32) -> np.ndarray:
         return values.reshape(*rows.shape, *values.shape[1:]).astype(dtype)
 
     return ViewTruth(
-        {name: picture(values) for name, values in layers.items()},
-        {kind: picture(center[kind], np.uint16) for kind in ("part", "semantic")},
-        {"albedo": picture(albedo / _SUB**2), "normal": picture(normal / _SUB**2)},
+        {name: as_image(values) for name, values in layers.items()},
+        {kind: as_image(center[kind], np.uint16) for kind in ("part", "semantic")},
+        {"albedo": as_image(albedo / _SUB**2), "normal": as_image(normal / _SUB**2)},
     )
 
 
@@ -316,7 +317,7 @@ def path_seed(seed: int, view: str) -> int:
 
 
 def render_views(
-    room: Room,
+    room: SyntheticRoom,
     cameras: Sequence[Camera],
     settings: SynthesizeSettings,
     setup: RelightSetup | None = None,
@@ -345,11 +346,11 @@ def render_views(
         known = view_truth(truth, camera)
         image = tracer.render(camera, settings.spp, path_seed(settings.seed, camera.name))
         if settings.denoise:
-            image = denoise(image, **known.guides)
+            image = denoise(image, albedo=known.guides["albedo"], normal=known.guides["normal"])
         yield camera, image, known
 
 
-def render_probes(room: Room, cameras: Sequence[Camera], settings: SynthesizeSettings) -> Iterator[np.ndarray]:
+def render_probes(room: SyntheticRoom, cameras: Sequence[Camera], settings: SynthesizeSettings) -> Iterator[np.ndarray]:
     """Yield small noisy pictures (h, w, 3) of at most `_PROBES` of the cameras, spread over them."""
     tracer = render_tracer(room, None, settings.max_depth)
     for camera in cameras[:: -(-len(cameras) // _PROBES)]:

@@ -26,7 +26,7 @@ def call(root: Path, *more: str) -> int:
 
 def test_views_become_ids_on_the_mesh(scene: Path, capsys) -> None:
     assert call(scene, "--stats", str(scene / "stats.json")) == 0
-    assert "of the votes agree" in capsys.readouterr().out
+    assert "of the votes agree" in capsys.readouterr().err
     written = {str(path.relative_to(scene / "segments")) for path in (scene / "segments").rglob("*") if path.is_file()}
     assert {f"fused/part/{view}.png" for view in "abc"} | {"fusion.npz", "fusion.json", "fused/part.json"} <= written
     assert json.loads((scene / "stats.json").read_text())["parts"] == 7

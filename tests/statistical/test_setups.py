@@ -16,8 +16,8 @@ from fipt.scene.setup import RelightSetup
 from fipt.stages.cache.settings import CacheSettings
 from fipt.stages.render.settings import RelightSettings
 from fipt.stages.samples.settings import SamplesSettings
-from fipt.synthetic.material import Material
-from fipt.synthetic.room import Piece, assemble
+from fipt.synthetic.material import RoomMaterial
+from fipt.synthetic.room import RoomPiece, assemble
 from tests import scenes
 from tests.objects import write_cube_glb
 
@@ -31,7 +31,7 @@ def room():
     block = scenes.turned(scenes.box((-0.75, -0.96875, -0.625), (-0.25, -0.5, -0.125)))
     lamp = scenes.lamp_quad((-0.3, 0.3), 0.95, (-0.3, 0.3))
     pieces = [
-        Piece(name, mesh.vertices, mesh.triangles, np.zeros((len(mesh.vertices), 2)), 0, 0, light)
+        RoomPiece(name, mesh.vertices, mesh.triangles, np.zeros((len(mesh.vertices), 2)), 0, 0, light)
         for name, mesh, light in (
             ("walls", scenes.box((-1, -1, -1), (1, 1, 1)), None),
             ("block", block, None),
@@ -39,7 +39,7 @@ def room():
         )
     ]
     one = np.ones((1, 1), np.float32)
-    material = Material("grey", np.float32([[GREY]]), 0.5 * one, 0 * one)
+    material = RoomMaterial("grey", np.float32([[GREY]]), 0.5 * one, 0 * one)
     return assemble(pieces, [material], ["grey"], np.array([[-1, -1, -1], [1, 1, 1]]))
 
 

@@ -14,7 +14,7 @@ from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
 from fipt.model.albedo import specular_albedo
 from fipt.scene.environment import NOTHING, EnvironmentMap, constant
 from fipt.stages.shade.settings import BakeSettings
-from fipt.synthetic.material import Material
+from fipt.synthetic.material import RoomMaterial
 from tests import scenes
 
 SIGMAS = 4.5
@@ -317,7 +317,7 @@ def reference(room, surface, depth, environment=NOTHING):
     left = corners[..., 0].mean(axis=1) < 0
     mesh = scenes.Mesh(corners.reshape(-1, 3), np.arange(3 * len(dark), dtype=np.int32).reshape(-1, 3))
     materials = [
-        Material("", np.float32([[s.base_color]]), np.float32([[s.roughness]]), np.float32([[s.metallic]]))
+        RoomMaterial("", np.float32([[s.base_color]]), np.float32([[s.roughness]]), np.float32([[s.metallic]]))
         for s in surface
     ]
     uv = np.zeros((3 * len(dark), 2), np.float32)

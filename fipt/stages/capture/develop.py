@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -13,63 +12,25 @@ from typing import Any
 import cv2
 import numpy as np
 
-from fipt.conventions import FLAG_MOVED, FLAG_NOISE, FLAG_OUTSIDE, FLAG_SATURATED, LUMINANCE
+from fipt.conventions import FLAG_NOISE, FLAG_OUTSIDE, FLAG_SATURATED
 from fipt.errors import FiptError
 from fipt.formats.exr import read_exr, write_exr
 from fipt.formats.files import existing_file, write_text
 from fipt.formats.hdr import read_hdr
 from fipt.progress import progress
-from fipt.scene.lens import Lens
 from fipt.stages.capture.brackets import Bracket, Capture
 from fipt.stages.capture.calibration import Calibration, Noise
 from fipt.stages.capture.exposures import RATIO_TOLERANCE, chained, exposure, measured_ratio
-from fipt.stages.capture.merge import Gains, Merged, assumed_noise, measured_noise, merge_hat, merge_mosaics
+from fipt.stages.capture.facts import exposure_facts, raw_facts, view_facts
+from fipt.stages.capture.merge import Gains, merge_hat, merge_mosaics
 from fipt.stages.capture.mosaic import replace_bad_pixels
+from fipt.stages.capture.noise import assumed_noise, measured_noise
 from fipt.stages.capture.raw import RawFrame, read_raw
 from fipt.stages.capture.settings import CaptureSettings
-
-_CLIPPED_SHORTEST = 0.01
-"""Share of clipped pixels in the shortest exposure above which a view is warned about."""
-
-_BAND = 128
-"""Rows undistorted at once: their maps stay in the processor's cache."""
-
-_PIXELS_JUDGED = 1_000_000
-"""Pixels from which percentiles are taken for the report."""
-
-_INVALID = FLAG_SATURATED | FLAG_OUTSIDE | FLAG_MOVED
-"""Flags of pixels that have no weight. What is below the noise is dark, and says so."""
+from fipt.stages.capture.view import View, downscaled, lens_maps, pinhole_of, to_srgb, undistorted
 
 _HALF_LARGEST, _HALF_STEP = 6e4, 6e-8
 """Largest value of 16-bit floats, and their step near zero."""
-
-
-@dataclass
-class View:
-    """A developed view.
-
-    Attributes
-    ----------
-    radiance
-        (H, W, 3) float32 linear RGB.
-    valid
-        (H, W) float32 weight in [0, 1].
-    flags
-        (H, W) uint32, bits of `fipt.conventions`.
-    lens
-        The pinhole camera of the picture; None where nothing is known of it.
-    floor
-        Standard deviation of a dark pixel, in units of radiance; 0 where unknown.
-    facts
-        For the capture report, plain JSON types.
-    """
-
-    radiance: np.ndarray
-    valid: np.ndarray
-    flags: np.ndarray
-    lens: Lens | None
-    floor: float = 0.0
-    facts: dict[str, Any] = field(default_factory=dict)
 
 
 def develop_views(
@@ -134,7 +95,7 @@ def develop(bracket: Bracket, calibration: Calibration, settings: CaptureSetting
         view = _from_ldr(bracket, calibration) if bracket.kind == "ldr" else _from_raw(bracket, calibration, settings)
     if settings.downscale > 1:
         view = downscaled(view, settings.downscale)
-    view.facts = _facts(bracket, view, calibration) | view.facts
+    view.facts = view_facts(bracket, view, calibration) | view.facts
     return view
 
 
@@ -149,9 +110,6 @@ def write_view(out: Path, name: str, view: View, half: bool) -> list[Path]:
     return [picture, facts]
 
 
-# -------------------------------------------------------------------------------------------------------------- RAW
-
-
 def _from_raw(bracket: Bracket, calibration: Calibration, settings: CaptureSettings) -> View:
     frames = read_frames(bracket, calibration)
     black = np.array(calibration.black) if calibration.black is not None else frames[0].black
@@ -160,9 +118,9 @@ def _from_raw(bracket: Bracket, calibration: Calibration, settings: CaptureSetti
     noise = sensor_noise(frames, exposures, black, calibration)
     merged = merge_mosaics(frames, exposures, black, noise, gains, settings.saturation, settings.motion)
     radiance = merge_hat(frames, exposures, black, gains) if settings.merge == "hat" else None
-    facts = _raw_facts(frames, exposures, ratios, merged, calibration)
+    facts = raw_facts(frames, exposures, ratios, merged, calibration)
     frames.clear()  # a bracket is large
-    view = _undistorted(merged, radiance, calibration.lens)
+    view = undistorted(merged, radiance, calibration.lens)
     if settings.color == "srgb" and calibration.color is not None:
         view.radiance = to_srgb(view.radiance, np.array(calibration.color))
     view.facts = facts
@@ -236,77 +194,6 @@ def sensor_noise(
     return measured_noise(frames, exposures, black) or assumed_noise(frames[0], black)
 
 
-def _undistorted(merged: Merged, radiance: np.ndarray | None, lens: Lens | None) -> View:
-    """Bring a merged bracket to a pinhole camera; decode its radiance unless it is given."""
-    flags = merged.noisy * np.uint8(FLAG_NOISE)
-    flags |= merged.saturated * np.uint8(FLAG_SATURATED)
-    flags |= merged.moved * np.uint8(FLAG_MOVED)
-    # Demosaicing spreads a clipped pixel to its neighbours: they have no weight, though their radiance is no bound.
-    valid = cv2.erode(((flags & _INVALID) == 0).view(np.uint8) * np.uint8(255), np.ones((3, 3), np.uint8))
-    if lens is None:
-        radiance = cv2.LUT(merged.codes, merged.table[None]) if radiance is None else radiance
-        return View(radiance, valid / np.float32(255), flags.astype(np.uint32), None, merged.floor)
-    pinhole = pinhole_of(lens)
-    source = merged.codes if radiance is None else radiance
-    view = View(
-        np.empty((*valid.shape, 3), np.float32),
-        np.empty(valid.shape, np.float32),
-        np.empty(valid.shape, np.uint32),
-        pinhole,
-        merged.floor,
-    )
-    for top in range(0, pinhole.height, _BAND):
-        rows = slice(top, min(top + _BAND, pinhole.height))
-        maps = lens_maps(lens, replace(pinhole, height=rows.stop - top, cy=pinhole.cy - top))
-        seen = cv2.remap(source, *maps, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-        view.radiance[rows] = cv2.LUT(seen, merged.table[None]) if radiance is None else seen
-        view.flags[rows] = cv2.remap(flags, *maps, cv2.INTER_NEAREST, borderValue=FLAG_OUTSIDE)
-        view.valid[rows] = cv2.remap(valid, *maps, cv2.INTER_LINEAR, borderValue=0)
-    view.valid /= 255
-    return view
-
-
-def pinhole_of(lens: Lens) -> Lens:
-    """The camera of undistorted pictures: square pixels, the principal point in the middle, no distortion."""
-    f = float(np.sqrt(lens.fx * lens.fy))
-    return Lens(lens.width, lens.height, f, f, lens.width / 2, lens.height / 2)
-
-
-def lens_maps(lens: Lens, pinhole: Lens) -> tuple[np.ndarray, np.ndarray]:
-    """Where each pixel of the pinhole picture lies in the photograph, for `cv2.remap`: two (H, W) float32."""
-    size = (pinhole.width, pinhole.height)
-    return cv2.initUndistortRectifyMap(lens.matrix, np.array(lens.distortion), None, pinhole.matrix, size, cv2.CV_32FC1)
-
-
-def to_srgb(radiance: np.ndarray, matrix: np.ndarray) -> np.ndarray:
-    """Linear sRGB from white-balanced camera RGB."""
-    if np.abs(matrix - np.eye(3)).max() < 1e-4:
-        return radiance
-    return cv2.transform(radiance, matrix.astype(np.float32))
-
-
-def downscaled(view: View, factor: int) -> View:
-    """Average radiance and weights over blocks of pixels; a block has the flags of any of its pixels, but for noise."""
-    height, width = (n // factor for n in view.valid.shape)
-    if min(height, width) < 1:
-        raise FiptError(f"capture.downscale {factor} leaves nothing of {view.valid.shape[1]}x{view.valid.shape[0]}")
-    used = np.s_[: height * factor, : width * factor]
-
-    def average(values: np.ndarray) -> np.ndarray:
-        return cv2.resize(np.ascontiguousarray(values[used]), (width, height), interpolation=cv2.INTER_AREA)
-
-    flags = np.zeros((height, width), np.uint32)
-    for bit in (FLAG_SATURATED, FLAG_NOISE, FLAG_OUTSIDE, FLAG_MOVED):
-        share = average((view.flags & bit > 0).astype(np.float32))
-        # Noise averages out: most of a block must be below it. The others spoil a block by a single pixel.
-        flags |= (share > (0.5 if bit == FLAG_NOISE else 0)) * np.uint32(bit)
-    lens = view.lens.downscaled(factor) if view.lens is not None else None
-    return View(average(view.radiance), average(view.valid), flags, lens, view.floor / factor, view.facts)
-
-
-# ---------------------------------------------------------------------------------------- merged views, JPEG and PNG
-
-
 def read_merged(path: Path) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Read an EXR or HDR picture: (H, W, 3) float32 radiance, and the other layers of an EXR."""
     existing_file(path, "an EXR or HDR picture")
@@ -337,7 +224,7 @@ def _from_ldr(bracket: Bracket, calibration: Calibration) -> View:
     radiance, saturated, noisy, clipped = merge_ldr(pictures, exposures, np.array(calibration.response))
     flags = (saturated * np.uint8(FLAG_SATURATED)) | (noisy * np.uint8(FLAG_NOISE))
     valid = (~saturated).astype(np.float32)
-    facts = {"exposures": _exposure_facts(bracket, exposures, clipped), "ratios": []}
+    facts = {"exposures": exposure_facts(bracket, exposures, clipped), "ratios": []}
     lens = calibration.lens
     if lens is None:
         return View(radiance, valid, flags.astype(np.uint32), None, facts=facts)
@@ -350,108 +237,3 @@ def _from_ldr(bracket: Bracket, calibration: Calibration) -> View:
         pinhole,
         facts=facts,
     )
-
-
-# ------------------------------------------------------------------------------------------------------------ facts
-
-
-def _raw_facts(
-    frames: Sequence[RawFrame],
-    exposures: Sequence[float],
-    ratios: list[dict[str, Any]],
-    merged: Merged,
-    calibration: Calibration,
-) -> dict[str, Any]:
-    """What only the raw frames tell."""
-    balance = next((frame.white_balance for frame in frames if frame.white_balance is not None), None)
-    warnings = [
-        f"{ratio['longer']} to {ratio['shorter']}: the exposures' ratio is {ratio['measured']:.3f}, "
-        f"not {ratio['stated']:.3f}"
-        for ratio in ratios
-        if ratio["differs"]
-    ]
-    if merged.clipped[-1] > _CLIPPED_SHORTEST:
-        warnings.append(f"{merged.clipped[-1]:.1%} of the pixels are clipped in the shortest exposure")
-    bracket = Bracket("", "raw", tuple(frame.shot for frame in frames))
-    return {
-        "exposures": _exposure_facts(bracket, exposures, merged.clipped),
-        "ratios": ratios,
-        "noise": asdict(merged.noise),
-        "measurable_stops": float(np.log2(1 / exposures[-1] / merged.floor)),
-        "camera_white_balance": None if balance is None else balance.tolist(),
-        "bad_pixels": len(calibration.bad_pixels),
-        "warnings": warnings,
-    }
-
-
-def _exposure_facts(bracket: Bracket, exposures: Sequence[float], clipped: Sequence[float]) -> list[dict[str, Any]]:
-    """One entry an exposure, longest first: the file, what it states, the exposure used, its clipped share."""
-    return [
-        {
-            "file": shot.path.name,
-            "shutter": shot.shutter,
-            "aperture": shot.aperture,
-            "iso": shot.iso,
-            "focal_length": shot.focal_length,
-            "exposure": value,
-            "clipped": share,
-        }
-        for shot, value, share in zip(bracket.shots, exposures, clipped, strict=True)
-    ]
-
-
-def _facts(bracket: Bracket, view: View, calibration: Calibration) -> dict[str, Any]:
-    """What every view tells; JSON types."""
-    step = max(1, int(np.sqrt(view.valid.size / _PIXELS_JUDGED)))
-    good = view.radiance[::step, ::step][view.valid[::step, ::step] > 0.5] @ np.float32(LUMINANCE)
-    low, high = np.percentile(good, (1, 99.9)) if good.size else (0.0, 0.0)
-    low = max(low, view.floor, 1e-12)
-    shares = {
-        name: np.count_nonzero(view.flags & bit) / view.flags.size
-        for name, bit in (
-            ("saturated", FLAG_SATURATED),
-            ("noisy", FLAG_NOISE),
-            ("outside", FLAG_OUTSIDE),
-            ("moved", FLAG_MOVED),
-        )
-    }
-    lens = view.lens
-    return {
-        "view": bracket.view,
-        "kind": bracket.kind,
-        "ldr": bracket.kind == "ldr",
-        "width": view.valid.shape[1],
-        "height": view.valid.shape[0],
-        "camera": None
-        if lens is None
-        else {"w": lens.width, "h": lens.height, "fl_x": lens.fx, "fl_y": lens.fy, "cx": lens.cx, "cy": lens.cy},
-        "shares": shares,
-        "valid": float(view.valid.mean()),
-        "scene_stops": float(np.log2(max(high / low, 1.0))),
-        "sharpness": sharpness(view),
-        "white_balance": list(calibration.white_balance),
-        "sources": calibration.sources,
-        "time": min((shot.time for shot in bracket.shots if shot.time is not None), default=None),
-        "orientation": bracket.shots[0].orientation,
-        "warnings": [],
-    }
-
-
-def sharpness(view: View) -> float:
-    """Steepest edges of a view: 99.5th percentile of the change of luminance between neighbours, stops a pixel.
-
-    Light below 20 times the noise, and pixels without weight, are left out. Of large views, bands of rows are judged.
-    """
-    height, width = view.valid.shape
-    bands = max(1, min(height // 64, _PIXELS_JUDGED // (64 * width)))
-    changes = []
-    for top in np.linspace(0, max(height - 64, 0), bands).astype(int):
-        rows = slice(top, top + 64)
-        luminance = view.radiance[rows] @ np.float32(LUMINANCE)
-        floor = max(20 * view.floor, 1e-3 * float(np.median(luminance)), 1e-12)
-        stops = cv2.GaussianBlur(np.log2(np.maximum(luminance, floor)), (3, 3), 0)
-        change = np.hypot(cv2.Sobel(stops, cv2.CV_32F, 1, 0) / 8, cv2.Sobel(stops, cv2.CV_32F, 0, 1) / 8)
-        good = cv2.erode((view.valid[rows] > 0.99).view(np.uint8), np.ones((5, 5), np.uint8)) > 0
-        changes.append(change[good])
-    judged = np.concatenate(changes)
-    return float(np.percentile(judged, 99.5)) if judged.size else 0.0

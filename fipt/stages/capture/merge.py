@@ -1,4 +1,4 @@
-"""Brackets of raw mosaics to one linear picture, with masks of what is wrong in it.
+"""Brackets of raw mosaics to one linear image, with masks of what is wrong in it.
 
 Signals are raw values above black over the sensor's range, exposures are in seconds at ISO 100 and f/8, so that
 radiance = signal / exposure is in sensor ranges per second. Frames come longest exposure first.
@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -20,18 +19,18 @@ from fipt.stages.capture.raw import RawFrame
 _STRIP = 8
 """Rows worked on at once: arrays of a strip stay in the processor's cache."""
 
-_FULL_WELL, _READ = 40_000.0, 2.0**-12.5
-"""Electrons at full range at ISO 100, and read noise over the range: assumed where nothing tells."""
-
 _MOVED = 3.0
 """Mean squared disagreement over its expectation above which exposures contradict each other."""
+
 _MOVED_BOX = 5
 """Side of the box over which disagreement is averaged, pixels."""
+
 _MOVED_LEVELS = 255 / (2 * _MOVED)
 """Steps in which disagreement is stored; more than twice the limit counts as that, so that masks do not grow."""
 
 _LOG_OFFSET = 16.0
 """Standard deviations of the dark that are added before the logarithm, so that negative noise passes through it."""
+
 _LOG_ZERO, _LOG_MAX = 6_000.0, 65_000.0
 """Codes of zero and of the brightest value that can occur; those below zero reach down to -10 standard deviations."""
 
@@ -87,6 +86,61 @@ class Gains:
         strip /= falloff if strip.ndim == 2 else falloff[..., None]
 
 
+@dataclass(frozen=True)
+class _Bracket:
+    """What turns raw values of a bracket into signals, and signals into weights.
+
+    Attributes
+    ----------
+    frames
+        Longest exposure first.
+    e
+        (K,) float32 exposures.
+    black, scale, limit, balance
+        (8, W) of a strip: black level, one over the range, raw value from which a pixel is full, white balance.
+    photon, dark
+        Variance of a signal z is photon z + dark.
+    saturation
+        Share of the range above which a pixel is full.
+    """
+
+    frames: Sequence[RawFrame]
+    e: np.ndarray
+    black: np.ndarray
+    scale: np.ndarray
+    limit: np.ndarray
+    balance: np.ndarray
+    photon: np.float32
+    dark: np.float32
+    saturation: float
+
+
+@dataclass(frozen=True)
+class _Strip:
+    """Signals of some rows, (n, W) each.
+
+    Attributes
+    ----------
+    signals
+        Of every frame, float32.
+    usable
+        Where every frame is not full; None: all of it, which saves most of the work.
+    light, time
+        Sums of usable signals and of their exposures.
+    full
+        Where no frame is usable.
+    lost
+        Full pixels of every frame.
+    """
+
+    signals: list[np.ndarray]
+    usable: list[np.ndarray | None]
+    light: np.ndarray
+    time: np.ndarray
+    full: np.ndarray
+    lost: np.ndarray
+
+
 def merge_mosaics(
     frames: Sequence[RawFrame],
     exposures: Sequence[float],
@@ -120,77 +174,109 @@ def merge_mosaics(
     """
     first = frames[0]
     height, width = first.shape
-    span = first.white - black
-    levels = tiled(black.astype(np.float32), first.pattern, _STRIP, width)
-    scale = tiled((1 / span).astype(np.float32), first.pattern, _STRIP, width)
-    limit = tiled(np.floor(black + saturation * span).astype(np.uint16), first.pattern, _STRIP, width)
-    balance = tiled(gains.by_color(), first.pattern, _STRIP, width)
-    photon, dark = np.float32(noise.gain / span.mean()), np.float32((noise.read / span.mean()) ** 2)
-    tolerance = np.float32(motion**2)
-    e = np.float32(exposures)
-
-    floor = float(np.sqrt(dark) / e[0])
-    offset = _LOG_OFFSET * floor * float(balance.max())
-    brightest = 1.05 / e[-1] * float(balance.max()) * _largest_gain(gains, first.shape)
+    bracket = _bracket(frames, exposures, black, noise, gains, saturation)
+    e, tolerance = bracket.e, np.float32(motion**2)
+    floor = float(np.sqrt(bracket.dark) / e[0])
+    largest = float(bracket.balance.max())
+    offset = _LOG_OFFSET * floor * largest
+    brightest = 1.05 / e[-1] * largest * _largest_gain(gains, first.shape)
     step = np.log1p(brightest / offset) / (_LOG_MAX - _LOG_ZERO)
     codes = np.empty((height, width), np.uint16)
     saturated, noisy = np.zeros((height, width), bool), np.empty((height, width), np.uint8)
     disagreement = np.zeros((height, width), np.uint8)
     clipped = np.zeros(len(frames))
-    dim = noise_limit(photon, dark)
-
+    dim = noise_limit(bracket.photon, bracket.dark)
     for top in range(0, height, _STRIP):
         rows = slice(top, min(top + _STRIP, height))
-        n = rows.stop - rows.start
-        signals: list[np.ndarray] = []
-        usable: list[np.ndarray | None] = []  # None: all of it, which saves most of the work
-        light, time = np.zeros((n, width), np.float32), np.zeros((n, width), np.float32)
-        for k, frame in enumerate(frames):
-            raw = frame.mosaic[rows]
-            good = raw < limit[:n]
-            lost = good.size - np.count_nonzero(good)
-            clipped[k] += lost
-            z = raw - levels[:n]
-            z *= scale[:n]
-            signals.append(z)
-            usable.append(good if lost else None)
-            light += z * good if lost else z
-            time += good * e[k] if lost else e[k]
-        full = time == 0
-        if usable[-1] is not None:
-            saturated[rows] = ~usable[-1]
-        mean = light / np.where(full, 1, time)
-        positive = np.maximum(mean, 0)
-        value, weights = np.zeros_like(mean), np.zeros_like(mean)
-        for k in range(len(frames)):
-            # w = e^2 / (photon e L + dark); value gathers w z / e.
-            w = positive * np.float32(photon * e[k])
-            w += dark
-            np.divide(e[k], w, out=w)
-            if usable[k] is not None:
-                w *= usable[k]
-            value += w * signals[k]
-            w *= e[k]
-            weights += w
-        # Full in every frame: what the shortest holds is a lower bound.
-        value = np.where(full, signals[-1] / e[-1], value / np.where(full, 1, weights))
+        strip = _strip(bracket, rows)
+        clipped += strip.lost
+        shortest = strip.usable[-1]
+        if shortest is not None:
+            saturated[rows] = ~shortest
+        value = _merged(bracket, strip)
         if motion > 0 and len(frames) > 1:
-            disagreement[rows] = _disagreement(signals, usable, full, value, e, photon, dark, tolerance, saturation)
+            disagreement[rows] = _disagreement(bracket, strip, value, tolerance)
         noisy[rows] = np.clip(value * np.float32(e[0] / dim * 64), 0, 255)
-        value *= balance[:n]
+        value *= bracket.balance[: len(value)]
         gains.apply(value, top)
         codes[rows] = encode(value, offset, step)
-    moved = cv2.blur(disagreement, (_MOVED_BOX, _MOVED_BOX)) > _MOVED * _MOVED_LEVELS
     return Merged(
         codes=demosaic(codes, first.pattern),
         table=decoding_table(offset, step),
         saturated=_solid(saturated),
-        moved=moved,
+        moved=cv2.blur(disagreement, (_MOVED_BOX, _MOVED_BOX)) > _MOVED * _MOVED_LEVELS,
         noisy=cv2.blur(noisy, (4, 4)) < 64,
         clipped=(clipped / (height * width)).tolist(),
         noise=noise,
         floor=floor,
     )
+
+
+def _bracket(
+    frames: Sequence[RawFrame],
+    exposures: Sequence[float],
+    black: np.ndarray,
+    noise: Noise,
+    gains: Gains,
+    saturation: float,
+) -> _Bracket:
+    """Bring levels and noise to signals, over the pattern of a strip."""
+    first, span = frames[0], frames[0].white - black
+
+    def spread(values: np.ndarray) -> np.ndarray:
+        return tiled(values, first.pattern, _STRIP, first.shape[1])
+
+    return _Bracket(
+        frames=frames,
+        e=np.float32(exposures),
+        black=spread(black.astype(np.float32)),
+        scale=spread((1 / span).astype(np.float32)),
+        limit=spread(np.floor(black + saturation * span).astype(np.uint16)),
+        balance=spread(gains.by_color()),
+        photon=np.float32(noise.gain / span.mean()),
+        dark=np.float32((noise.read / span.mean()) ** 2),
+        saturation=saturation,
+    )
+
+
+def _strip(bracket: _Bracket, rows: slice) -> _Strip:
+    """Read some rows of all frames as signals."""
+    n, width = rows.stop - rows.start, bracket.black.shape[1]
+    signals: list[np.ndarray] = []
+    usable: list[np.ndarray | None] = []
+    losses: list[int] = []
+    light, time = np.zeros((n, width), np.float32), np.zeros((n, width), np.float32)
+    for frame, e in zip(bracket.frames, bracket.e, strict=True):
+        raw = frame.mosaic[rows]
+        good = raw < bracket.limit[:n]
+        lost = good.size - np.count_nonzero(good)
+        z = raw - bracket.black[:n]
+        z *= bracket.scale[:n]
+        signals.append(z)
+        usable.append(good if lost else None)
+        losses.append(lost)
+        light += z * good if lost else z
+        time += good * e if lost else e
+    return _Strip(signals, usable, light, time, time == 0, np.array(losses))
+
+
+def _merged(bracket: _Bracket, strip: _Strip) -> np.ndarray:
+    """(n, W) float32 radiance by inverse-variance weights w = e^2 / (photon e L + dark)."""
+    mean = strip.light / np.where(strip.full, 1, strip.time)
+    positive = np.maximum(mean, 0)
+    value, weights = np.zeros_like(mean), np.zeros_like(mean)
+    for e, signal, usable in zip(bracket.e, strip.signals, strip.usable, strict=True):
+        # Here w lacks one e: value gathers w z / e.
+        w = positive * np.float32(bracket.photon * e)
+        w += bracket.dark
+        np.divide(e, w, out=w)
+        if usable is not None:
+            w *= usable
+        value += w * signal
+        w *= e
+        weights += w
+    # Full in every frame: what the shortest holds is a lower bound.
+    return np.where(strip.full, strip.signals[-1] / bracket.e[-1], value / np.where(strip.full, 1, weights))
 
 
 def encode(value: np.ndarray, offset: float, step: float) -> np.ndarray:
@@ -213,34 +299,23 @@ def noise_limit(photon: float, dark: float) -> float:
     return float((photon + np.sqrt(photon**2 + 4 * dark)) / 2)
 
 
-def _disagreement(
-    signals: list[np.ndarray],
-    usable: list[np.ndarray | None],
-    full: np.ndarray,
-    value: np.ndarray,
-    e: np.ndarray,
-    photon: np.float32,
-    dark: np.float32,
-    tolerance: np.float32,
-    saturation: float,
-) -> np.ndarray:
+def _disagreement(bracket: _Bracket, strip: _Strip, value: np.ndarray, tolerance: np.float32) -> np.ndarray:
     """Squared differences between frames and merged value over their expectation, as uint8 steps."""
     total, count = np.zeros_like(value), np.zeros_like(value)
-    for k, z in enumerate(signals):
-        expected = value * e[k]
+    for e, z, good in zip(bracket.e, strip.signals, strip.usable, strict=True):
+        expected = value * e
         variance = np.maximum(expected, 0)
-        variance *= tolerance * variance + photon
-        variance += dark
+        variance *= tolerance * variance + bracket.photon
+        variance += bracket.dark
         difference = z - expected
         difference *= difference
         difference /= variance
-        good = usable[k]
         if good is None:
             total += difference
             count += 1
             continue
         # A clipped frame contradicts the others where they say that it should not be.
-        counted = good | (~full & (expected < np.float32(0.9 * saturation)))
+        counted = good | (~strip.full & (expected < np.float32(0.9 * bracket.saturation)))
         total += difference * counted
         count += counted
     # The merged value takes one degree of freedom.
@@ -265,62 +340,6 @@ def _largest_gain(gains: Gains, shape: tuple[int, int]) -> float:
     edge = np.linspace(0, 1, 65, dtype=np.float32)
     x, y = np.meshgrid(edge * width, edge * height)
     return float(1 / max(gains.vignetting.falloff(x, y).min(), 0.02))
-
-
-# ------------------------------------------------------------------------------------------------------------ noise
-
-
-def assumed_noise(frame: RawFrame, black: np.ndarray) -> Noise:
-    """Noise of a usual sensor, for a bracket that does not tell its own."""
-    span = float((frame.white - black).mean())
-    iso = frame.shot.iso or 100.0
-    return Noise(span / _FULL_WELL * iso / 100, max(span * _READ, 0.5), iso)
-
-
-def measured_noise(frames: Sequence[RawFrame], exposures: Sequence[float], black: np.ndarray) -> Noise | None:
-    """Noise of the sensor from the differences of overlapping exposures; None where they do not tell.
-
-    A frame's difference to the next longer one, scaled to it, has the variance gain z (1 + 1/r) + read^2 (1 + 1/r^2)
-    at signal z and ratio r of exposures. Pixels are sorted by what the longer one says; the spread within a bin is
-    the median one, so that motion and edges do not count.
-    """
-    rows, columns = frames[0].shape
-    stride = 2 * (max(1, int(np.sqrt(rows * columns / 300_000))) // 2) + 1
-    phase = frames[0].pattern[np.ix_(np.arange(0, rows, stride) & 1, np.arange(0, columns, stride) & 1)]
-    offset, full = black[phase], frames[0].white[phase]
-    samples = [
-        np.where(f.mosaic[::stride, ::stride] < 0.95 * full, f.mosaic[::stride, ::stride] - offset, np.nan)
-        for f in frames
-    ]
-    design, target, importance = [], [], []
-    for k, (long, short) in enumerate(pairwise(samples)):
-        ratio = exposures[k] / exposures[k + 1]
-        expected = long / ratio
-        use = np.isfinite(long) & np.isfinite(short)
-        difference, expected = (short - expected)[use], expected[use]
-        # Ratios of exposures are a little off; from a few hundred units on, that would pass for noise.
-        edges = np.concatenate([[-np.inf], np.geomspace(4, 0.1 * np.median(full), 10)])
-        for low, high in pairwise(edges):
-            inside = (expected >= low) & (expected < high)
-            if inside.sum() < 200:
-                continue
-            part = difference[inside]
-            spread = 1.4826 * np.median(np.abs(part - np.median(part)))
-            design.append((max(float(expected[inside].mean()), 0.0) * (1 + 1 / ratio), 1 + 1 / ratio**2))
-            target.append(spread**2)
-            importance.append(np.sqrt(inside.sum()) / max(spread**2, 0.1))
-    if len(target) < 3:
-        return None
-    weight = np.array(importance)
-    from scipy.optimize import nnls
-
-    (gain, read2), _ = nnls(np.array(design) * weight[:, None], np.array(target) * weight)
-    if gain <= 0:
-        return None
-    return Noise(float(gain), float(np.sqrt(max(read2, 1 / 12))), frames[0].shot.iso or 100.0)
-
-
-# -------------------------------------------------------------------------------------------------------------- hat
 
 
 def merge_hat(

@@ -6,7 +6,6 @@ emission (KHR_materials_emissive_strength), a camera a view, and on request poin
 """
 
 import io
-import json
 import struct
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,7 @@ import numpy as np
 from fipt import __version__
 from fipt.errors import FiptError
 from fipt.formats.files import atomic, existing_file
-from fipt.formats.glb import BINARY_CHUNK, JSON_CHUNK, MAGIC, chunks
+from fipt.formats.glb import chunks, packed
 from fipt.scene.asset import Asset, Piece, Textures, intensity
 from fipt.scene.cameras import Camera
 from fipt.scene.environment import NOTHING
@@ -70,14 +69,9 @@ def write_glb(path: str | Path, asset: Asset, point_size: float = 0.0) -> None:
         document["extensionsUsed"] = used
     document |= {"accessors": binary.accessors, "bufferViews": binary.views}
     document["buffers"] = [{"byteLength": len(binary.data)}]
-    text = json.dumps(document, separators=(",", ":"), allow_nan=False).encode()
-    text += b" " * (-len(text) % 4)
-    total = 12 + 8 + len(text) + 8 + len(binary.data)
-    with atomic(path) as temporary, open(temporary, "wb") as file:
-        file.write(struct.pack("<III", MAGIC, 2, total))
-        file.write(struct.pack("<II", len(text), JSON_CHUNK) + text)
-        file.write(struct.pack("<II", len(binary.data), BINARY_CHUNK))
-        file.write(binary.data)
+    content = packed(document, binary.data)
+    with atomic(path) as temporary:
+        temporary.write_bytes(content)
 
 
 class _Binary:
@@ -116,8 +110,8 @@ class _Binary:
 def _document(asset: Asset, binary: _Binary) -> dict[str, Any]:
     """The file's head, with the textures."""
     textures = asset.textures
-    packed = np.stack([np.zeros_like(textures.roughness), textures.roughness, textures.metallic], axis=-1)
-    images = {"base_color": textures.base_color, "metallic_roughness": packed}
+    mixed = np.stack([np.zeros_like(textures.roughness), textures.roughness, textures.metallic], axis=-1)
+    images = {"base_color": textures.base_color, "metallic_roughness": mixed}
     return {
         "asset": {"version": "2.0", "generator": f"fipt {__version__}", "extras": {"scene": asset.name}},
         "scene": 0,
@@ -240,8 +234,8 @@ def _asset(document: dict[str, Any], binary: bytes) -> Asset:
     found = [piece(node) for node in children if "mesh" in node]
     (surface, material), *lamps = sorted(found, key=lambda entry: entry[1]["name"] != "surface")
     reflecting = material["pbrMetallicRoughness"]
-    packed = image(reflecting["metallicRoughnessTexture"])
-    textures = Textures(image(reflecting["baseColorTexture"]), packed[..., 1], packed[..., 2])
+    rest = image(reflecting["metallicRoughnessTexture"])
+    textures = Textures(image(reflecting["baseColorTexture"]), rest[..., 1], rest[..., 2])
     cameras = [_read_camera(node, document["cameras"][node["camera"]]) for node in children if "camera" in node]
     two_sided = all(material["doubleSided"] for _, material in lamps)
     return Asset(

@@ -1,7 +1,6 @@
 """The room in 3D on the page: the exported scene where there is one, else the mesh in the colours of its materials."""
 
 import json
-import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from fipt.errors import FiptError
+from fipt.formats import glb
 from fipt.scene.cameras import Camera, up_axis
 from fipt.scene.dataset import Dataset, read_layers
 from fipt.scene.mesh import Mesh
@@ -205,8 +205,4 @@ def _glb(vertices: np.ndarray, triangles: np.ndarray, colors: np.ndarray) -> byt
         ],
         "buffers": [{"byteLength": starts[-1]}],
     }
-    text = json.dumps(document, separators=(",", ":")).encode()
-    text += b" " * (-len(text) % 4)
-    head = struct.pack("<III", 0x46546C67, 2, 12 + 8 + len(text) + 8 + starts[-1])
-    chunks = struct.pack("<II", len(text), 0x4E4F534A) + text + struct.pack("<II", starts[-1], 0x004E4942)
-    return head + chunks + b"".join(array.tobytes() for array in arrays)
+    return glb.packed(document, b"".join(array.tobytes() for array in arrays))

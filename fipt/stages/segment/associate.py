@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_matrix, csr_matrix
+from scipy.sparse import csr_matrix
 
 from fipt.errors import FiptError
 from fipt.stages.segment.settings import FuseSettings
@@ -53,11 +53,11 @@ class Masks:
         return len(self.view)
 
 
-Look = Callable[[int], tuple[np.ndarray, np.ndarray]]
+CellsOfView = Callable[[int], tuple[np.ndarray, np.ndarray]]
 """Of a view's number: cell (N,) and mask (N,) of its pixels that show a cell and vote."""
 
 
-def associated(masks: Masks, look: Look, cells: int, settings: FuseSettings) -> np.ndarray:
+def associated(masks: Masks, cells_of: CellsOfView, cells: int, settings: FuseSettings) -> np.ndarray:
     """(N,) int64 segment from 1 of every mask, 0 where it has too few pixels.
 
     Raises
@@ -71,22 +71,24 @@ def associated(masks: Masks, look: Look, cells: int, settings: FuseSettings) -> 
         if not masks.kind.any():
             raise FiptError("fuse.associate is classes, but no view has classes", "set fuse.associate: overlap, or ids")
         return masks.kind.copy()
-    first, second, evidence = _evidence(masks, look, cells, settings.overlap)
+    first, second, evidence = _evidence(masks, cells_of, cells, settings.overlap)
     cluster = contracted(len(masks), first, second, evidence, masks.view)
     segments = np.unique(cluster, return_inverse=True)[1].reshape(-1) + 1
     return np.where(masks.pixels >= _FEWEST_PIXELS, segments, 0)
 
 
-def _evidence(masks: Masks, look: Look, cells: int, least: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _evidence(
+    masks: Masks, cells_of: CellsOfView, cells: int, least: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Pairs of masks (E,) < (E,) of different views that overlap, and what speaks for their being one (E,)."""
-    own = _sampled(masks, look, cells)
+    own = _sampled(masks, cells_of, cells)
     used = np.unique(own.indices)
     number = np.full(cells, -1, np.int64)
     number[used] = np.arange(len(used))
     places, found, shares, seen = [], [], [], []
     views = int(masks.view.max(initial=-1)) + 1
     for view in range(views):
-        cell, mask = look(view)
+        cell, mask = cells_of(view)
         place = number[cell]
         place, mask = place[place >= 0], mask[place >= 0]
         counts = np.bincount(place, minlength=len(used))
@@ -95,12 +97,12 @@ def _evidence(masks: Masks, look: Look, cells: int, least: float) -> tuple[np.nd
         shares.append(1.0 / counts[place])
         seen.append(np.flatnonzero(counts))
     places, found, shares = (np.concatenate(arrays) for arrays in (places, found, shares))
-    told = coo_matrix((shares, (places, found)), shape=(len(used), len(masks))).tocsr()
+    shares_of_cells = csr_matrix((shares, (places, found)), shape=(len(used), len(masks)))
     rows, columns = np.concatenate(seen), np.repeat(np.arange(views), [len(s) for s in seen])
-    looked = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(len(used), views)).tocsr()
+    observed = csr_matrix((np.ones(len(rows)), (rows, columns)), shape=(len(used), views))
     own = own[:, used]
-    both = np.asarray((own @ looked).todense())
-    shared = (own @ told).tocoo()
+    both = np.asarray((own @ observed).todense())
+    shared = (own @ shares_of_cells).tocoo()
     i, j, amount = shared.row.astype(np.int64), shared.col.astype(np.int64), shared.data
     i, j, amount = (values[masks.view[i] != masks.view[j]] for values in (i, j, amount))
     share = amount / both[i, masks.view[j]]  # of what the other's view sees of i, how much it gives to j
@@ -117,12 +119,12 @@ def _evidence(masks: Masks, look: Look, cells: int, least: float) -> tuple[np.nd
     return first, second, trust * (1 / union - np.where(differ, (1 + least) / 2, least))
 
 
-def _sampled(masks: Masks, look: Look, cells: int) -> csr_matrix:
+def _sampled(masks: Masks, cells_of: CellsOfView, cells: int) -> csr_matrix:
     """(N, cells) how often each cell was drawn for each mask: evenly over its pixels in the order of cells."""
     count = max(_FEWEST_SAMPLES, min(_SAMPLES, _MOST_SAMPLES // max(len(masks), 1)))
     rows, columns = [], []
     for view in range(int(masks.view.max(initial=-1)) + 1):
-        cell, mask = look(view)
+        cell, mask = cells_of(view)
         order = np.lexsort((cell, mask))
         cell, mask = cell[order], mask[order]
         present, start, size = np.unique(mask, return_index=True, return_counts=True)
@@ -131,7 +133,7 @@ def _sampled(masks: Masks, look: Look, cells: int) -> csr_matrix:
         columns.append(cell[start[:, None] + (step * size[:, None]).astype(np.int64)].reshape(-1))
         rows.append(np.repeat(present, count))
     row, column = np.concatenate(rows), np.concatenate(columns)
-    return coo_matrix((np.ones(len(row)), (row, column)), shape=(len(masks), cells)).tocsr()
+    return csr_matrix((np.ones(len(row)), (row, column)), shape=(len(masks), cells))
 
 
 def contracted(count: int, first: np.ndarray, second: np.ndarray, evidence: np.ndarray, view: np.ndarray) -> np.ndarray:

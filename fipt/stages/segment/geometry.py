@@ -15,11 +15,12 @@ from fipt.conventions import LUMINANCE
 from fipt.formats.manifests import Stats
 from fipt.progress import progress
 from fipt.scene.dataset import Dataset
-from fipt.stages.segment.fuse import Fused, numbered, write_fused
+from fipt.stages.segment.fuse import numbered
 from fipt.stages.segment.settings import FuseSettings
 from fipt.stages.segment.split import whole
-from fipt.stages.segment.surface import Surface, near_pieces, surface_of, tidied
-from fipt.stages.segment.views import Looks, look
+from fipt.stages.segment.surface import CellSurface, near_pieces, surface_of, tidied
+from fipt.stages.segment.views import Observations, observe
+from fipt.stages.segment.write import Fused, FusionResult, write_fused
 
 _BRIGHTNESS = 0.3
 """Weight of brightness against hue: it changes with the light, hue hardly."""
@@ -30,33 +31,34 @@ _DARKEST = 1e-3
 
 
 def grow_parts(dataset: Path, segments: Path, settings: FuseSettings, stats: Stats) -> None:
-    """Grow parts from mesh and training pictures and write them as `fipt.stages.segment.fuse` writes fused ones."""
+    """Grow parts from mesh and training images and write them as `fipt.stages.segment.fuse` writes fused ones."""
     data = Dataset(dataset)
     mesh = data.mesh()
     surface = surface_of(mesh)
-    looks = look(mesh, [data.camera(view) for view in data.views("train")], segments)
-    color, pixels = seen_colors(data, looks, len(mesh.triangles))
+    observations = observe(mesh, [data.camera(view) for view in data.views("train")], segments)
+    color, pixels = seen_colors(data, observations, len(mesh.triangles))
     ids = regions(surface, color, pixels, settings)
     ids, kind = numbered(ids, np.zeros(int(ids.max()) + 1, np.int64), surface.area)
     views = np.zeros(len(kind), np.int64)
-    for number in range(len(looks.cameras)):
-        cell, _ = looks.of(number)
+    for number in range(len(observations.cameras)):
+        cell, _ = observations.of(number)
         views[np.unique(ids[cell[cell >= 0]])] += 1
     found = Fused(ids, np.zeros_like(ids), (pixels > 0).astype(np.float64), pixels, kind, views)
-    about = {"source": "geometry", "views": len(looks.cameras)}
-    write_fused(segments, data, whole(mesh), found, ["part"], {}, about, settings, stats, looks)
+    about = {"source": "geometry", "views": len(observations.cameras)}
+    result = FusionResult(whole(mesh), found, ["part"], about, observations)
+    write_fused(segments, data, result, settings, stats)
 
 
-def seen_colors(data: Dataset, looks: Looks, count: int) -> tuple[np.ndarray, np.ndarray]:
+def seen_colors(data: Dataset, observations: Observations, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Colour (count, 3) of each triangle and the pixels (count,) that tell it; 0 where no training view sees it.
 
     The colour is made for comparing: logarithms of red and blue over green, and of brightness with less weight.
     """
     total, pixels = np.zeros((count, 3)), np.zeros(count)
-    with progress("reading pictures", len(looks.cameras), " views") as bar:
-        for number, camera in enumerate(looks.cameras):
+    with progress("reading images", len(observations.cameras), " views") as bar:
+        for number, camera in enumerate(observations.cameras):
             image, valid = data.image(camera.name)
-            cell, _ = looks.of(number)
+            cell, _ = observations.of(number)
             usable = (cell >= 0) & (valid.ravel() > 0)
             weight = valid.ravel()[usable]
             pixels += np.bincount(cell[usable], weight, count)
@@ -75,7 +77,7 @@ def seen_colors(data: Dataset, looks: Looks, count: int) -> tuple[np.ndarray, np
     return color, pixels
 
 
-def regions(surface: Surface, color: np.ndarray, pixels: np.ndarray, settings: FuseSettings) -> np.ndarray:
+def regions(surface: CellSurface, color: np.ndarray, pixels: np.ndarray, settings: FuseSettings) -> np.ndarray:
     """(C,) int64 region from 1 of every triangle, given their ``color`` (C, 3) and the ``pixels`` (C,) that tell it."""
     smooth = surface.bend >= np.cos(np.radians(settings.crease))
     ids = _grown(surface, smooth, color, pixels, settings.colour) + 1
@@ -91,7 +93,7 @@ def regions(surface: Surface, color: np.ndarray, pixels: np.ndarray, settings: F
     return np.where(small, ids.max() + 1 + piece, ids)
 
 
-def _grown(surface: Surface, smooth: np.ndarray, color: np.ndarray, pixels: np.ndarray, most: float) -> np.ndarray:
+def _grown(surface: CellSurface, smooth: np.ndarray, color: np.ndarray, pixels: np.ndarray, most: float) -> np.ndarray:
     """(C,) int64 region of each triangle: joined across ``smooth`` (E,) sides where colour jumps less than ``most``."""
     a, b = surface.pairs[smooth].T
     known = (pixels[a] > 0) & (pixels[b] > 0)
@@ -106,10 +108,10 @@ def _grown(surface: Surface, smooth: np.ndarray, color: np.ndarray, pixels: np.n
         pairs, place = np.unique(key, return_inverse=True)
         place = place.reshape(-1)
         total = np.bincount(place, length)
-        told = np.bincount(place, length * known)
-        means = [np.bincount(place, length * turn * jump[:, k]) / np.maximum(told, 1e-9) for k in range(3)]
+        known_length = np.bincount(place, length * known)
+        means = [np.bincount(place, length * turn * jump[:, k]) / np.maximum(known_length, 1e-9) for k in range(3)]
         # of a mean over the border, weighted by length; colours that no view tells are taken for alike
-        noise = np.sqrt(np.bincount(place, length**2 * doubt)) / np.maximum(told, 1e-9)
+        noise = np.sqrt(np.bincount(place, length**2 * doubt)) / np.maximum(known_length, 1e-9)
         cost = np.linalg.norm(means, axis=0) - noise
         first, second = pairs >> 32, pairs & 0xFFFFFFFF
         usable = (first != second) & (cost < most)

@@ -1,7 +1,7 @@
-"""Segment ids that exist already: pictures of ids by view, or a label for every triangle of the mesh.
+"""Segment ids that exist already: images of ids by view, or a label for every triangle of the mesh.
 
 A folder holds ``VIEW.png`` or ``VIEW.exr``, directly or in ``part/``; ``semantic/`` beside ``part/`` gives the classes.
-Pictures hold one channel of ids, or colours that ``table.json`` turns into ids:
+Images hold one channel of ids, or colours that ``table.json`` turns into ids:
 
     [{"id": 1, "color": [255, 0, 0], "class": "wall"}, ...]
 
@@ -9,6 +9,7 @@ Pictures hold one channel of ids, or colours that ``table.json`` turns into ids:
 """
 
 import json
+import logging
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,8 @@ from fipt.scene.samples import FootprintSamples
 from fipt.scene.segments import LARGEST_ID, nearest_ids
 from fipt.stages.segment.settings import GivenSegments
 
+log = logging.getLogger(__name__)
+
 TABLE = "table.json"
 _SUFFIXES = (".png", ".exr")
 
@@ -34,17 +37,20 @@ class GivenIds:
     Attributes
     ----------
     names
-        Class -> name, as far as they are told.
+        Class -> name, as far as the files name them.
     warnings
         What was noticed so far, for people.
     """
 
     def __init__(self, data: Dataset, shard: FootprintSamples, settings: GivenSegments) -> None:
         self.data, self.shard, self.settings = data, shard, settings
-        self.path = Path(settings.path).expanduser()
+        self.path = Path(settings.path or "").expanduser()
         self.warnings: list[str] = []
         self.names: dict[int, str] = {}
-        self._labels = self._table = None
+        self._labels: np.ndarray | None = None
+        self._classes: np.ndarray | None = None
+        self._table: dict[tuple[int, ...], int] | None = None
+        self._class_of: dict[int, int] = {}
         if self.path.is_dir():
             self._folders = id_folders(self.path)
             self._files(self.shard.views)  # all of them are looked for before anything is done
@@ -62,26 +68,26 @@ class GivenIds:
         View, ids (H, W) uint16 with 0 = unknown, classes (K,) int32 of the ids.
         """
         for index, view in enumerate(self.shard.views):
-            if self._labels is not None:
-                ids, classes = self._seen(index), self._classes
+            if self._labels is not None and self._classes is not None:
+                ids, classes = self._seen(index, self._labels), self._classes
             else:
                 ids, classes = self._read(view)
             if not ids.any():
                 self._warn(f"{view} has no segment id at all")
             yield view, ids, classes
 
-    def _seen(self, index: int) -> np.ndarray:
-        """(H, W) uint16 label of the triangle at each pixel's centre."""
+    def _seen(self, index: int, labels: np.ndarray) -> np.ndarray:
+        """(H, W) uint16 of ``labels`` (T,): that of the triangle at each pixel's centre."""
         shard, pixels = self.shard, self.shard.pixels(index)
         hit = shard.center[pixels] > 0
         ids = np.zeros(len(hit), np.uint16)
-        ids[hit] = self._labels[shard.triangle[shard.offsets[pixels][hit]]]
+        ids[hit] = labels[shard.triangle[shard.offsets[pixels][hit]]]
         return ids.reshape(shard.shapes[index])
 
     def _read(self, view: str) -> tuple[np.ndarray, np.ndarray]:
         files = self._files([view])[view]
-        maps = {kind: self._fitted(read_id_picture(path, self._table), view, path) for kind, path in files.items()}
-        ids = maps.get("part", maps.get("semantic"))
+        maps = {kind: self._fitted(read_id_image(path, self._table), view, path) for kind, path in files.items()}
+        ids = maps["part"] if "part" in maps else maps["semantic"]
         count = int(ids.max(initial=0)) + 1
         if "part" not in maps:
             return ids, np.arange(count, dtype=np.int32)
@@ -98,7 +104,7 @@ class GivenIds:
         return ids, classes
 
     def _files(self, views: tuple[str, ...] | list[str]) -> dict[str, dict[str, Path]]:
-        """View -> kind -> its id picture."""
+        """View -> kind -> its id image."""
         files: dict[str, dict[str, Path]] = {}
         for kind, folder in self._folders.items():
             found = {view: [folder / f"{view}{suffix}" for suffix in _SUFFIXES] for view in views}
@@ -127,9 +133,8 @@ class GivenIds:
         return nearest_ids(ids, shape)
 
     def _read_names(self) -> None:
-        """Tables beside the pictures: colours and classes of ids, names of classes."""
+        """Tables beside the images: colours and classes of ids, names of classes."""
         table, named = self.path / TABLE, self.path / "semantic.json"
-        self._class_of: dict[int, int] = {}
         if table.is_file():
             entries = _table_entries(table)
             self._table = {tuple(e["color"]): e["id"] for e in entries if "color" in e}
@@ -144,12 +149,12 @@ class GivenIds:
                 raise FiptError(f"{named} must map ids to names ({error})", "correct or remove it") from error
 
     def _warn(self, text: str) -> None:
-        print(f"warning: {text}")
+        log.warning("%s", text)
         self.warnings.append(text)
 
 
 def id_folders(path: Path) -> dict[str, Path]:
-    """Kind of ids (part, semantic) -> folder of its pictures, below a folder or the folder itself."""
+    """Kind of ids (part, semantic) -> folder of its images, below a folder or the folder itself."""
     return {kind: path / kind for kind in ("part", "semantic") if (path / kind).is_dir()} or {"part": path}
 
 
@@ -161,8 +166,8 @@ def id_files(path: Path) -> list[Path]:
     return sorted([*found, *(file for file in (path / TABLE, path / "semantic.json") if file.is_file())])
 
 
-def read_id_picture(path: Path, table: Mapping[tuple[int, ...], int] | None) -> np.ndarray:
-    """(H, W) uint16 ids of a picture: one channel of whole numbers, or colours of a table.
+def read_id_image(path: Path, table: Mapping[tuple[int, ...], int] | None) -> np.ndarray:
+    """(H, W) uint16 ids of an image: one channel of whole numbers, or colours of a table.
 
     Raises
     ------
@@ -186,7 +191,7 @@ def read_id_picture(path: Path, table: Mapping[tuple[int, ...], int] | None) -> 
 def _channel(path: Path) -> np.ndarray:
     channels = read_exr(path)
     first, *others = channels.values()
-    if not all(np.array_equal(first, other) for other in others):  # grey pictures are often written as RGB
+    if not all(np.array_equal(first, other) for other in others):  # grey images are often written as RGB
         raise FiptError(
             f"{path} must have one channel of ids; found {', '.join(sorted(channels))}", "write ids, or colours as PNG"
         )
@@ -208,7 +213,7 @@ def _pixels(path: Path) -> np.ndarray:
 def _of_colors(values: np.ndarray, path: Path, table: Mapping[tuple[int, ...], int] | None) -> np.ndarray:
     if not table:
         raise FiptError(
-            f"{path} is a colour picture, but {TABLE} with the id of each colour is missing or has none",
+            f"{path} is a colour image, but {TABLE} with the id of each colour is missing or has none",
             f'write {TABLE} beside it: [{{"id": 1, "color": [255, 0, 0]}}, ...], or export grey ids',
         )
     known = {(0, 0, 0): 0} | dict(table)

@@ -1,4 +1,4 @@
-"""Segment ids of pictures by Mask2Former (supplement: COCO panoptic, Swin-L), a view at a time.
+"""Segment ids of images by Mask2Former (supplement: COCO panoptic, Swin-L), a view at a time.
 
 The network proposes Q masks, each with the probabilities of its classes; `panoptic` and `semantic` turn them into one
 id a pixel (Cheng et al. 2021, section 3.4). Nothing is downloaded here, and nothing unpickled: weights are safetensors
@@ -7,7 +7,7 @@ in a folder, or in the local cache of huggingface_hub.
 
 import json
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -65,14 +65,14 @@ class Mask2Former:
             alike = list(group)
             for first in range(0, len(alike), self.settings.batch):
                 batch = alike[first : first + self.settings.batch]
-                pictures = [network_input(data.image(view)[0], self.settings.exposure) for view in batch]
-                for view, found in zip(batch, self._segmented(pictures, shape), strict=True):
+                images = [network_input(data.image(view)[0], self.settings.exposure) for view in batch]
+                for view, found in zip(batch, self._segmented(images, shape), strict=True):
                     yield view, *found
 
     @torch.inference_mode()
-    def _segmented(self, pictures: list[np.ndarray], shape: tuple[int, int]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Ids and classes of pictures (H, W, 3) uint8 of one shape."""
-        inputs = self._processor(images=pictures, input_data_format="channels_last", return_tensors="pt")
+    def _segmented(self, images: list[np.ndarray], shape: tuple[int, int]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Ids and classes of images (H, W, 3) uint8 of one shape."""
+        inputs = self._processor(images=images, input_data_format="channels_last", return_tensors="pt")
         half = self.device == "cuda" and self.settings.half
         with torch.autocast(self.device, torch.float16, enabled=half):
             found = self._model(**inputs.to(self.device))
@@ -85,7 +85,7 @@ class Mask2Former:
 
 
 def network_input(radiance: np.ndarray, exposure: float) -> np.ndarray:
-    """(H, W, 3) uint8 picture of linear radiance (H, W, 3): gamma 1/2.2, clipped to [0, 1] (supplement)."""
+    """(H, W, 3) uint8 image of linear radiance (H, W, 3): gamma 1/2.2, clipped to [0, 1] (supplement)."""
     return (np.clip(radiance * exposure, 0, 1) ** (1 / 2.2) * 255 + 0.5).astype(np.uint8)
 
 
@@ -136,15 +136,25 @@ def panoptic(
         owner[better] = query
         inside = torch.where(better, probability >= 0.5, inside)
         areas[query] = int((probability >= 0.5).sum())
+    best_query, inside_mask = owner.cpu().numpy(), inside.cpu().numpy()
+    masks = (
+        (int(labels[query]), own & inside_mask)
+        for query in kept
+        if (own := best_query == query).sum() >= overlap * areas[query]
+    )
+    return _numbered(masks, shape, stuff)
+
+
+def _numbered(
+    masks: Iterable[tuple[int, np.ndarray]], shape: tuple[int, int], stuff: Collection[int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Ids (H, W) and classes (K,) of masks with their labels; masks of one label in ``stuff`` are one segment."""
     ids = np.zeros(shape, np.uint16)
-    owner, inside = owner.cpu().numpy(), inside.cpu().numpy()
-    classes, merged = [0], {}
-    for query in kept:
-        own = owner == query
-        mask = own & inside
-        if not mask.any() or own.sum() < overlap * areas[query]:
+    classes: list[int] = [0]
+    merged: dict[int, int] = {}
+    for label, mask in masks:
+        if not mask.any():
             continue
-        label = int(labels[query])
         number = merged.get(label, len(classes))
         if number == len(classes):
             classes.append(label + 1)
@@ -232,13 +242,14 @@ def _loaded(folder: Path) -> tuple[Any, Any]:
         kind = json.loads((folder / "config.json").read_text(encoding="utf-8"))["model_type"]
         if kind != "mask2former":
             raise ValueError(f"it is a {kind}")
-        model, info = Mask2FormerForUniversalSegmentation.from_pretrained(
+        loaded: Any = Mask2FormerForUniversalSegmentation.from_pretrained(
             folder,
             local_files_only=True,
             use_safetensors=True,
-            ignore_mismatched_sizes=True,  # told below
+            ignore_mismatched_sizes=True,  # reported below
             output_loading_info=True,
         )
+        model, info = loaded  # a pair, since the loading information is asked for
         processor = Mask2FormerImageProcessorPil.from_pretrained(folder, local_files_only=True)
     except Exception as error:  # parsers of JSON and safetensors, and transformers, each raise their own kinds
         raise FiptError(f"{folder} does not hold a readable Mask2Former ({error})", remedy) from error

@@ -15,7 +15,7 @@ _WEAK = 0.5
 
 
 @dataclass(frozen=True)
-class Surface:
+class CellSurface:
     """Cells and their neighbours; two are neighbours where they share a side, wherever their corners are listed.
 
     Attributes
@@ -45,14 +45,14 @@ class Surface:
         """(C, C) symmetric matrix over the ``chosen`` (E,) pairs: ``weight`` (E,) or 1."""
         a, b = self.pairs[chosen].T
         values = np.ones(len(a)) if weight is None else weight[chosen]
-        return coo_matrix((np.tile(values, 2), (np.r_[a, b], np.r_[b, a])), shape=(len(self),) * 2).tocsr()
+        return csr_matrix((np.tile(values, 2), (np.r_[a, b], np.r_[b, a])), shape=(len(self),) * 2)
 
     def pieces(self, chosen: np.ndarray) -> np.ndarray:
         """(C,) int32 connected piece of each cell, over the ``chosen`` (E,) pairs."""
         return connected_components(self.graph(chosen), directed=False)[1]
 
 
-def surface_of(mesh: Mesh) -> Surface:
+def surface_of(mesh: Mesh) -> CellSurface:
     """Find the neighbours of all triangles of a mesh, in time in proportion to their number (but for one sort)."""
     _, place = np.unique(mesh.vertices, axis=0, return_inverse=True)
     corners = place.reshape(-1)[mesh.triangles].astype(np.int64)
@@ -73,10 +73,10 @@ def surface_of(mesh: Mesh) -> Surface:
     away = points[pairs, (sides % 3 + 2) % 3] - start
     away -= (away * along[:, None]).sum(axis=2, keepdims=True) * along[:, None]
     away /= np.maximum(np.linalg.norm(away, axis=2, keepdims=True), 1e-30)
-    return Surface(points.mean(axis=1), mesh.areas, pairs, border, -(away[:, 0] * away[:, 1]).sum(axis=1))
+    return CellSurface(points.mean(axis=1), mesh.areas, pairs, border, -(away[:, 0] * away[:, 1]).sum(axis=1))
 
 
-def filled(surface: Surface, ids: np.ndarray, smooth: np.ndarray) -> np.ndarray:
+def filled(surface: CellSurface, ids: np.ndarray, smooth: np.ndarray) -> np.ndarray:
     """(C,) ids whose zeros take the id of the nearest cell that has one, along the surface over ``smooth`` (E,) pairs.
 
     What no such way leads to stays 0.
@@ -94,7 +94,7 @@ def filled(surface: Surface, ids: np.ndarray, smooth: np.ndarray) -> np.ndarray:
 
 
 def tidied(
-    surface: Surface, ids: np.ndarray, agreement: np.ndarray, smallest: float, smooth: np.ndarray | None = None
+    surface: CellSurface, ids: np.ndarray, agreement: np.ndarray, smallest: float, smooth: np.ndarray | None = None
 ) -> np.ndarray:
     """(C,) ids of which small islands took the id of the neighbour that they share the longest border with.
 
@@ -129,7 +129,7 @@ def tidied(
     return ids
 
 
-def near_pieces(surface: Surface, ids: np.ndarray, gap: float) -> np.ndarray:
+def near_pieces(surface: CellSurface, ids: np.ndarray, gap: float) -> np.ndarray:
     """(C,) int64 number of the piece of its segment that each cell belongs to, -1 where its id is 0.
 
     Cells are of one piece where a chain of touching cells of their segment joins them, or of cells nearer than about

@@ -1,5 +1,6 @@
 """What the views show: the cell at the centre of every pixel, and the segment id that a view gives it."""
 
+import logging
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,6 +14,8 @@ from fipt.scene.cameras import Camera
 from fipt.scene.mesh import Mesh
 from fipt.scene.segments import nearest_ids, read_view_ids
 
+log = logging.getLogger(__name__)
+
 _SOME = 61
 """Every so many pixels tell how large pixels are on the surface."""
 _NUDGE = (0.013, 0.007)
@@ -22,7 +25,7 @@ _ALIKE = 2
 
 
 @dataclass(frozen=True)
-class Looks:
+class Observations:
     """Cells that the pixels of all views show, one view after the other, on disk.
 
     Attributes
@@ -53,7 +56,7 @@ class Looks:
         return np.asarray(self.cell[own]), np.asarray(self.cosine[own], np.float32)
 
 
-def look(mesh: Mesh, cameras: list[Camera], folder: Path) -> Looks:
+def observe(mesh: Mesh, cameras: list[Camera], folder: Path) -> Observations:
     """Trace the ray through the centre of every pixel; the result lies on the disk of ``folder``."""
     scene, empty = RayScene(mesh), on_disk(folder)
     pixels = sum(camera.width * camera.height for camera in cameras)
@@ -73,7 +76,7 @@ def look(mesh: Mesh, cameras: list[Camera], folder: Path) -> Looks:
             start = own.stop
             bar.advance(own.stop - own.start)
     width = np.concatenate(widths)
-    return Looks(cameras, found, cosine, float(np.median(width)) if len(width) else np.inf)
+    return Observations(cameras, found, cosine, float(np.median(width)) if len(width) else np.inf)
 
 
 def view_ids(folder: Path, camera: Camera, other_size: str) -> tuple[np.ndarray, np.ndarray]:
@@ -93,7 +96,7 @@ def view_ids(folder: Path, camera: Camera, other_size: str) -> tuple[np.ndarray,
     sizes = f"{path} must be {camera.width}x{camera.height} like its view; it is {ids.shape[1]}x{ids.shape[0]}"
     if other_size == "error":
         raise FiptError(sizes, "export the ids at the view's size, or set fuse.other_size: nearest")
-    print(f"warning: {sizes}; the nearest ids are taken")
+    log.warning("%s; the nearest ids are taken", sizes)
     return nearest_ids(ids, (camera.height, camera.width)), classes
 
 

@@ -104,11 +104,10 @@ def find_interior(mesh: Mesh, scene: RayScene, cameras: Sequence[np.ndarray], wh
     """
     start = _start(mesh, scene, cameras, where)
     low, high = _extent(scene, start)
-    for _ in range(2):  # first coarsely in all that is seen, then finely in the box that is found
-        found = _grown(scene, start, low, high)
-        margin = found.step + 0.05 * np.ptp(found.box, axis=0)
-        low, high = np.minimum(found.box[0], start) - margin, np.maximum(found.box[1], start) + margin
-    return found
+    found = _grown(scene, start, low, high)  # coarsely in all that is seen, then finely in the box that is found
+    margin = found.step + 0.05 * np.ptp(found.box, axis=0)
+    low, high = np.minimum(found.box[0], start) - margin, np.maximum(found.box[1], start) + margin
+    return _grown(scene, start, low, high)
 
 
 def _grown(scene: RayScene, start: np.ndarray, low: np.ndarray, high: np.ndarray) -> Interior:
@@ -239,7 +238,7 @@ def _box(scene: RayScene, points: np.ndarray, chosen: np.ndarray, shape: np.ndar
     for axis in range(3):
         for side, sign in enumerate((-1, 1)):
             beyond = np.roll(cells, -sign, axis)
-            edge = [slice(None)] * 3
+            edge: list[slice | int] = [slice(None)] * 3
             edge[axis] = -1 if sign > 0 else 0
             beyond[tuple(edge)] = False
             last = points[(cells & ~beyond).ravel()]
@@ -290,6 +289,7 @@ def close_openings(
     found: list[Opening] = []
     sky = _coarse(outside)
     points = interior.points
+    share = 1.0
     for _ in range(_ROUNDS):
         origins, directions = _leaving(scene, points, rng)
         for opening in found:
@@ -360,10 +360,12 @@ def _quads(scene: RayScene, origins: np.ndarray, directions: np.ndarray, box: np
             points = (o + distance[mine, k][:, None] * d)[:, others]
             cell = np.floor((points - box[0, others]) / _CELL).astype(int)
             cell -= cell.min(axis=0)
-            picture = np.zeros(cell.max(axis=0) + 1, bool)
-            picture[tuple(cell.T)] = True
+            mask = np.zeros(tuple(cell.max(axis=0) + 1), bool)
+            mask[tuple(cell.T)] = True
             # The bars of a window separate its panes by less than two cells.
-            number = label(binary_dilation(picture, np.ones((3, 3))), np.ones((3, 3)))[0][tuple(cell.T)]
+            bundle_of = np.zeros(mask.shape, np.int32)
+            label(binary_dilation(mask, np.ones((3, 3))), np.ones((3, 3)), output=bundle_of)
+            number = bundle_of[tuple(cell.T)]
             plane = box[1 if sign > 0 else 0, k]
             bundles = [number == n for n in range(1, number.max() + 1)]
             made += [_quad(scene, o[b], d[b], k, sign, plane) for b in bundles if b.sum() >= _FEWEST]

@@ -11,7 +11,7 @@ from fipt.render.assets import sky_map
 from fipt.scene.environment import NOTHING, EnvironmentMap, constant, read_map, solid_angles, texel_directions, texel_of
 from fipt.synthetic.scenefile import textures
 from fipt.synthetic.scenefile.shapes import AROUND
-from fipt.synthetic.scenefile.source import Source
+from fipt.synthetic.scenefile.source import SceneFileReader
 from fipt.synthetic.scenefile.values import COLORS, color, transform, vector
 from fipt.synthetic.scenefile.xml import Node
 
@@ -19,17 +19,19 @@ _SUN_RADIUS = 1.5
 """Radius of the disc that a directional light becomes in the background, degrees."""
 _MAP_ROWS = 256
 """Most rows of an environment map, and those of a directional light's."""
-_LAMP_RADIUS = 0.03
+_POINT_RADIUS = 0.03
 """Radius of what a point or spot light becomes, metres."""
 Z_UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 """Turns what has z up: x stays, z becomes y, y becomes -z."""
 _SKY = ("sky", "sun", "sunsky")
-_SKY_NUMBERS = ("turbidity", "sun_scale", "sky_scale", "sun_aperture", "latitude", "longitude", "timezone")
-_SKY_NUMBERS += ("year", "month", "day", "hour", "minute", "second")
+_SKY_NUMBERS = (
+    "turbidity", "sun_scale", "sky_scale", "sun_aperture", "latitude", "longitude", "timezone",
+    "year", "month", "day", "hour", "minute", "second",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
-class Lamp:
+class PointEmitter:
     """A small light in the file's world: a ball, or a disc that shines to one side.
 
     Attributes
@@ -50,7 +52,7 @@ class Lamp:
     intensity: np.ndarray
 
 
-def radiance(node: Node, source: Source) -> np.ndarray | None:
+def radiance(node: Node, source: SceneFileReader) -> np.ndarray | None:
     """(3,) radiance of the area light of a shape, or None where it has none; a textured one counts with its mean."""
     lights = node.objects("emitter") + node.objects("luminaire")
     if not lights:
@@ -63,7 +65,7 @@ def radiance(node: Node, source: Source) -> np.ndarray | None:
     return found.mean
 
 
-def outside(scene: Node, world_from_file: np.ndarray, source: Source) -> EnvironmentMap:
+def outside(scene: Node, world_from_file: np.ndarray, source: SceneFileReader) -> EnvironmentMap:
     """Return the light from outside, all its emitters together.
 
     Parameters
@@ -96,7 +98,7 @@ def outside(scene: Node, world_from_file: np.ndarray, source: Source) -> Environ
     return found
 
 
-def lamps(scene: Node, source: Source) -> list[Lamp]:
+def point_emitters(scene: Node, source: SceneFileReader) -> list[PointEmitter]:
     """Return point and spot lights; emitters without a rule become problems."""
     found = []
     for node in scene.objects("emitter"):
@@ -105,39 +107,41 @@ def lamps(scene: Node, source: Source) -> list[Lamp]:
         if node.type == "point":
             position = node.get("position")
             place = place if position is None else vector(position)
-            found.append(Lamp(_name(node), place, None, _light_color(node, "intensity")))
-            source.note(f"light {_name(node)}: a point; a ball of radius {_LAMP_RADIUS} m shines as much")
+            found.append(PointEmitter(_name(node), place, None, _light_color(node, "intensity")))
+            source.note(f"light {_name(node)}: a point; a ball of radius {_POINT_RADIUS} m shines as much")
         elif node.type in ("spot", "projector"):
             ahead = to_world[:3, 2] / np.linalg.norm(to_world[:3, 2])
-            found.append(Lamp(_name(node), place, ahead, _light_color(node, "intensity")))
+            found.append(PointEmitter(_name(node), place, ahead, _light_color(node, "intensity")))
             source.note(
-                f"light {_name(node)}: a {node.type}; a disc of radius {_LAMP_RADIUS} m shines as much along its axis, "
-                "and in a wider cone"
+                f"light {_name(node)}: a {node.type}; a disc of radius {_POINT_RADIUS} m shines as much along its "
+                "axis, and in a wider cone"
             )
         elif node.type not in ("constant", "envmap", "directional", "distant", *_SKY):
             source.refuse(node, f"emitter {node.type}")
     return found
 
 
-def lamp_shape(lamp: Lamp, position: np.ndarray, direction: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+def emitter_shape(
+    emitter: PointEmitter, position: np.ndarray, direction: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray]:
     """(V, 3) vertices in metres and (T, 3) triangles of a lamp at a position of the room."""
     import trimesh
 
     if direction is None:
-        ball = trimesh.creation.icosphere(2, _LAMP_RADIUS)
+        ball = trimesh.creation.icosphere(2, _POINT_RADIUS)
         return ball.vertices + position, np.asarray(ball.faces, np.int32)
     side = np.cross(direction, np.eye(3)[np.argmin(np.abs(direction))])
     side /= np.linalg.norm(side)
     phi = 2 * np.pi * np.arange(AROUND)[:, None] / AROUND
-    rim = position + _LAMP_RADIUS * (np.cos(phi) * side + np.sin(phi) * np.cross(direction, side))
+    rim = position + _POINT_RADIUS * (np.cos(phi) * side + np.sin(phi) * np.cross(direction, side))
     k = np.arange(AROUND)
     triangles = np.column_stack([k * 0 + AROUND, k, (k + 1) % AROUND]).astype(np.int32)
     return np.concatenate([rim, position[None]]), triangles
 
 
-def lamp_radiance(lamp: Lamp, scale: float) -> np.ndarray:
-    """(3,) radiance of `lamp_shape`: intensity over its visible area; lengths grow by ``scale``."""
-    return lamp.intensity * scale**2 / (np.pi * _LAMP_RADIUS**2)
+def emitter_radiance(emitter: PointEmitter, scale: float) -> np.ndarray:
+    """(3,) radiance of `emitter_shape`: intensity over its visible area; lengths grow by ``scale``."""
+    return emitter.intensity * scale**2 / (np.pi * _POINT_RADIUS**2)
 
 
 def _name(node: Node) -> str:
@@ -156,7 +160,7 @@ def _light_color(node: Node, *names: str) -> np.ndarray:
 # --- maps -----------------------------------------------------------------------------------------------
 
 
-def _envmap(node: Node, world_from_file: np.ndarray, source: Source) -> EnvironmentMap:
+def _envmap(node: Node, world_from_file: np.ndarray, source: SceneFileReader) -> EnvironmentMap:
     path = source.file(node.get("filename"))
     if path is None:
         return NOTHING
@@ -168,8 +172,8 @@ def _envmap(node: Node, world_from_file: np.ndarray, source: Source) -> Environm
             source.refuse(node, f"environment map {path.name}, which cannot be read")
             return NOTHING
     else:
-        picture = Node("texture", {"type": "bitmap"}, node.children, node.where)
-        radiance_map = textures.read_map(picture, 1.0, source, light=True).values
+        wrapped = Node("texture", {"type": "bitmap"}, node.children, node.where)
+        radiance_map = textures.read_map(wrapped, 1.0, source, light=True).values
     size = radiance_map.shape[:2]
     radiance_map = textures.shrunk(radiance_map, 2 * _MAP_ROWS, None)
     height, width = radiance_map.shape[:2]
@@ -190,7 +194,7 @@ def _rotation_of(matrix: np.ndarray) -> np.ndarray:
     return u @ vt
 
 
-def _sky(node: Node, world_from_file: np.ndarray, z_up: bool, source: Source) -> EnvironmentMap:
+def _sky(node: Node, world_from_file: np.ndarray, z_up: bool, source: SceneFileReader) -> EnvironmentMap:
     options: dict[str, float | list[float]] = {
         name: node.number(name, 0.0) for name in _SKY_NUMBERS if node.get(name) is not None
     }
@@ -199,8 +203,9 @@ def _sky(node: Node, world_from_file: np.ndarray, z_up: bool, source: Source) ->
         options["sun_scale"] = 0.0
     if node.type == "sun":
         options["sky_scale"] = 0.0
-    if node.get("sun_direction") is not None:
-        options["sun_direction"] = (world_from_file @ vector(node.get("sun_direction"))).tolist()
+    sun = node.get("sun_direction")
+    if sun is not None:
+        options["sun_direction"] = (world_from_file @ vector(sun)).tolist()
     turn = world_from_file @ _rotation_of(transform(node.get("to_world")))
     source.note(f"light {_name(node)}: {node.type} by the model of Mitsuba 3, as a map; black below the horizon")
     return EnvironmentMap("given", sky_map(options, turn if z_up else turn @ Z_UP) * np.float32(scale))

@@ -9,8 +9,8 @@ import numpy as np
 
 from fipt.conventions import LUMINANCE
 from fipt.render.assets import metal
-from fipt.synthetic.material import Material
-from fipt.synthetic.scenefile.source import Source
+from fipt.synthetic.material import RoomMaterial
+from fipt.synthetic.scenefile.source import SceneFileReader
 from fipt.synthetic.scenefile.textures import Map, constant, read_map
 from fipt.synthetic.scenefile.xml import Node
 
@@ -29,7 +29,7 @@ _NORMALS = ("bumpmap", "normalmap", "bump")
 
 
 @dataclass(frozen=True)
-class Look:
+class ConvertedBsdf:
     """What a bsdf becomes.
 
     Attributes
@@ -55,22 +55,22 @@ class Look:
     flagged: bool = False
 
 
-def _look(base: Map, roughness: Map | float, metallic: Map | float, rule: str) -> Look:
+def _converted(base: Map, roughness: Map | float, metallic: Map | float, rule: str) -> ConvertedBsdf:
     roughness, metallic = (m if isinstance(m, Map) else constant(m) for m in (roughness, metallic))
     flagged = any(found.flagged for found in (base, roughness, metallic))
-    return Look(base, roughness, metallic, rule, flagged=flagged)
+    return ConvertedBsdf(base, roughness, metallic, rule, flagged=flagged)
 
 
-def look(node: Node, source: Source) -> Look:
+def converted(node: Node, source: SceneFileReader) -> ConvertedBsdf:
     """Apply the rule of a bsdf's plugin; an unknown one is noted as a problem and becomes grey."""
     rule = _RULES.get(node.type)
     if rule is None:
         source.refuse(node, f"bsdf {node.type}")
-        return replace(_look(constant(_STAND_IN), MATTE, 0.0, f"unknown bsdf {node.type}: grey"), flagged=True)
+        return replace(_converted(constant(_STAND_IN), MATTE, 0.0, f"unknown bsdf {node.type}: grey"), flagged=True)
     return rule(node, source)
 
 
-def material(name: str, found: Look, smoothest: float) -> Material:
+def material(name: str, found: ConvertedBsdf, smoothest: float) -> RoomMaterial:
     """Return the finished material: values within their ranges."""
     roughness, metallic = (
         m.grey if m.constant or np.allclose(m.from_uv, found.base.from_uv) else m.grey.mean(keepdims=True)
@@ -78,18 +78,18 @@ def material(name: str, found: Look, smoothest: float) -> Material:
     )
     brightest = BRIGHTEST_METAL if metallic.mean() > 0.5 else BRIGHTEST
     base = found.base.values.clip(DARKEST, brightest)
-    return Material(name, base, roughness.clip(smoothest, 1), metallic.clip(0, 1), found.flagged)
+    return RoomMaterial(name, base, roughness.clip(smoothest, 1), metallic.clip(0, 1), found.flagged)
 
 
-def described(made: Material, found: Look) -> str:
+def described(made: RoomMaterial, found: ConvertedBsdf) -> str:
     """Return the log's line on a material."""
 
     def shown(values: np.ndarray) -> str:
         mean = np.atleast_1d(values.mean(axis=(0, 1)))
         return ", ".join(f"{v:.3g}" for v in mean) + (" in the mean" if values.shape[:2] != (1, 1) else "")
 
-    picture = f"{found.base.picture} ({shown(made.base_color)})" if found.base.picture else shown(made.base_color)
-    parts = [found.rule, f"base colour {picture}", f"roughness {shown(made.roughness)}"]
+    image = f"{found.base.image} ({shown(made.base_color)})" if found.base.image else shown(made.base_color)
+    parts = [found.rule, f"base colour {image}", f"roughness {shown(made.roughness)}"]
     parts.append(f"metallic {shown(made.metallic)}")
     if made.flagged:
         parts.append("FLAGGED: stands in for something missing or unknown")
@@ -99,35 +99,35 @@ def described(made: Material, found: Look) -> str:
 # --- the rules --------------------------------------------------------------------------------------
 
 
-def _diffuse(node: Node, source: Source) -> Look:
+def _diffuse(node: Node, source: SceneFileReader) -> ConvertedBsdf:
     base = read_map(node.get("reflectance", "diffuse_reflectance"), 0.5, source)
-    return _look(base, MATTE, 0.0, node.type)
+    return _converted(base, MATTE, 0.0, node.type)
 
 
-def _transmitter(node: Node, source: Source) -> Look:
+def _transmitter(node: Node, source: SceneFileReader) -> ConvertedBsdf:
     base = read_map(node.get("transmittance", "diffuse_transmittance"), 0.5, source)
-    return _look(base, MATTE, 0.0, f"{node.type}: as if it reflected what it lets through")
+    return _converted(base, MATTE, 0.0, f"{node.type}: as if it reflected what it lets through")
 
 
-def _plastic(node: Node, source: Source) -> Look:
+def _plastic(node: Node, source: SceneFileReader) -> ConvertedBsdf:
     base = read_map(node.get("diffuse_reflectance"), 0.5, source)
     roughness = 0.0 if node.type == "plastic" else _roughness(node, source, 0.1)
-    return _look(base, roughness, 0.0, node.type)
+    return _converted(base, roughness, 0.0, node.type)
 
 
-def _conductor(node: Node, source: Source) -> Look:
+def _conductor(node: Node, source: SceneFileReader) -> ConvertedBsdf:
     eta, k = _indices(node, source)
     tint = read_map(node.get("specular_reflectance"), 1.0, source)
     normal = ((eta - 1) ** 2 + k**2) / ((eta + 1) ** 2 + k**2)
     rough = node.type == "roughconductor"
-    found = _look(
+    found = _converted(
         tint.with_values(tint.values * normal.astype(np.float32)),
         _roughness(node, source, 0.1) if rough else 0.0, 1.0, node.type,
     )  # fmt: skip
     return replace(found, rule=f"{node.type}, reflectance at normal incidence")
 
 
-def _indices(node: Node, source: Source) -> tuple[np.ndarray, np.ndarray]:
+def _indices(node: Node, source: SceneFileReader) -> tuple[np.ndarray, np.ndarray]:
     """Eta and k (3,) relative to what is around, from a named metal or the values that are given."""
     eta, k = node.get("eta"), node.get("k")
     outside = node.get("ext_eta")
@@ -137,12 +137,13 @@ def _indices(node: Node, source: Source) -> tuple[np.ndarray, np.ndarray]:
         known = metal(name)
         if known is None:
             source.refuse(node, f"conductor {name}")
-            known = metal("none")
+            known = np.zeros(3), np.ones(3)  # Mitsuba's "none": a perfect mirror
         return known[0] / around, known[1] / around
-    return tuple(read_map(value, 0.0, source, light=True).mean / around for value in (eta, k))
+    first, second = (read_map(value, 0.0, source, light=True).mean / around for value in (eta, k))
+    return first, second
 
 
-def _roughness(node: Node, source: Source, default: float) -> Map:
+def _roughness(node: Node, source: SceneFileReader, default: float) -> Map:
     """Roughness of alpha (GGX, taken as it is for other distributions too): its square root; of two, the mean's."""
     sides = [node.get("alpha_u"), node.get("alpha_v")]
     if any(sides):
@@ -153,7 +154,7 @@ def _roughness(node: Node, source: Source, default: float) -> Map:
     return replace(alpha.with_values(np.sqrt(np.maximum(alpha.grey, 0))), flagged=alpha.flagged)
 
 
-def _lobe(node: Node, source: Source) -> Look:
+def _lobe(node: Node, source: SceneFileReader) -> ConvertedBsdf:
     """Phong and Ward: a diffuse and a glossy share; the larger one says whether it is a metal."""
     diffuse = read_map(node.get("diffuse_reflectance"), 0.5, source)
     gloss = read_map(node.get("specular_reflectance"), 0.2, source)
@@ -164,34 +165,34 @@ def _lobe(node: Node, source: Source) -> Look:
         roughness = _roughness(node, source, 0.1)
     metallic = float(gloss.mean @ LUMINANCE) > max(float(diffuse.mean @ LUMINANCE), 0.3)
     rule = f"{node.type}, its {'glossy' if metallic else 'diffuse'} share"
-    return _look(gloss if metallic else diffuse, roughness, float(metallic), rule)
+    return _converted(gloss if metallic else diffuse, roughness, float(metallic), rule)
 
 
-def _principled(node: Node, source: Source) -> Look:
+def _principled(node: Node, source: SceneFileReader) -> ConvertedBsdf:
     base = read_map(node.get("base_color"), 0.5, source)
     through = read_map(node.get("spec_trans"), 0.0, source).mean.mean()
-    found = _look(
+    found = _converted(
         base, read_map(node.get("roughness"), 0.5, source), read_map(node.get("metallic"), 0.0, source), node.type
     )
     return replace(found, clear=True, rule=f"{node.type} that transmits") if through > 0.5 else found
 
 
-def _dielectric(node: Node, source: Source) -> Look:
+def _dielectric(node: Node, source: SceneFileReader) -> ConvertedBsdf:
     let_through = read_map(node.get("specular_transmittance"), 1.0, source)
     if let_through.mean.max() > _OPAQUE:
-        return replace(_look(constant(1.0), 0.0, 0.0, node.type), clear=True)
+        return replace(_converted(constant(1.0), 0.0, 0.0, node.type), clear=True)
     roughness = _roughness(node, source, 0.1) if node.type == "roughdielectric" else 0.0
-    return _look(constant(0.0), roughness, 0.0, f"{node.type} that transmits nothing: black below a clear surface")
+    return _converted(constant(0.0), roughness, 0.0, f"{node.type} that transmits nothing: black below a clear surface")
 
 
-def _null(node: Node, source: Source) -> Look:
-    return replace(_look(constant(1.0), 0.0, 0.0, "null"), clear=True)
+def _null(node: Node, source: SceneFileReader) -> ConvertedBsdf:
+    return replace(_converted(constant(1.0), 0.0, 0.0, "null"), clear=True)
 
 
 # --- materials around others --------------------------------------------------------------------------
 
 
-def _nested(node: Node, source: Source) -> Look:
+def _nested(node: Node, source: SceneFileReader) -> ConvertedBsdf:
     """What is inside: of twosided, bump and normal maps that is all."""
     inner = node.objects("bsdf")
     if not inner:
@@ -200,10 +201,10 @@ def _nested(node: Node, source: Source) -> Look:
         source.note(f"bsdf {node.id or node.where}: two sides of different materials; both become the first")
     elif node.type in _NORMALS:
         _ignored(node, source)
-    return look(inner[0], source)
+    return converted(inner[0], source)
 
 
-def note_ignored(scene: Node, source: Source) -> None:
+def note_ignored(scene: Node, source: SceneFileReader) -> None:
     """Note bump and normal maps of the whole file: shapes may refer to what is inside them."""
     for bsdf in scene.objects("bsdf"):
         for node in bsdf.walk():
@@ -211,12 +212,12 @@ def note_ignored(scene: Node, source: Source) -> None:
                 _ignored(node, source)
 
 
-def _ignored(node: Node, source: Source) -> None:
+def _ignored(node: Node, source: SceneFileReader) -> None:
     named = next((inner.id for inner in node.walk() if inner.tag == "bsdf" and inner.id), node.where)
     source.note(f"bsdf {named}: the {node.type} is ignored")
 
 
-def _coating(node: Node, source: Source) -> Look:
+def _coating(node: Node, source: SceneFileReader) -> ConvertedBsdf:
     found = _nested(node, source)
     if found.clear or found.metallic.mean.mean() > 0.5:
         return found
@@ -224,7 +225,7 @@ def _coating(node: Node, source: Source) -> Look:
     return replace(found, roughness=coat, rule=f"{found.rule} under a {node.type}, whose roughness it takes")
 
 
-def _mask(node: Node, source: Source) -> Look:
+def _mask(node: Node, source: SceneFileReader) -> ConvertedBsdf:
     found = _nested(node, source)
     opacity = read_map(node.get("opacity"), 0.5, source)
     if opacity.alpha is not None:  # of a picture with an alpha channel, that is what the mask is
@@ -239,8 +240,8 @@ def _mask(node: Node, source: Source) -> Look:
     return replace(found, rule=rule, flagged=found.flagged or opacity.flagged)
 
 
-def _blend(node: Node, source: Source) -> Look:
-    inner = [look(child, source) for child in node.objects("bsdf")]
+def _blend(node: Node, source: SceneFileReader) -> ConvertedBsdf:
+    inner = [converted(child, source) for child in node.objects("bsdf")]
     if len(inner) < 2:
         raise node.wrong(f"a {node.type} must have two bsdfs inside; found {len(inner)}")
     if node.type == "mixturebsdf":
@@ -254,7 +255,7 @@ def _blend(node: Node, source: Source) -> Look:
     opaque = sum(float(share.mean.mean()) for _, share in solid)
     if opaque < 0.5:
         return replace(inner[0], clear=True, rule=f"{node.type}, mostly clear")
-    return Look(
+    return ConvertedBsdf(
         base=_mixed([(found.base, share) for found, share in solid]),
         roughness=_mixed([(found.roughness, share) for found, share in solid]),
         metallic=_mixed([(found.metallic, share) for found, share in solid]),
@@ -277,11 +278,11 @@ def _mixed(parts: list[tuple[Map, Map]]) -> Map:
 
     total = sum(fitted(share) for _, share in parts)
     mixed = sum(fitted(found) * fitted(share) for found, share in parts) / np.maximum(total, 1e-6)
-    pictures = " and ".join(sorted({found.picture for found, _ in parts if found.picture}))
-    return replace(frame.with_values(np.broadcast_to(mixed, (*shape, 3))), picture=pictures)
+    images = " and ".join(sorted({found.image for found, _ in parts if found.image}))
+    return replace(frame.with_values(np.broadcast_to(mixed, (*shape, 3))), image=images)
 
 
-_RULES: dict[str, Callable[[Node, Source], Look]] = {
+_RULES: dict[str, Callable[[Node, SceneFileReader], ConvertedBsdf]] = {
     **dict.fromkeys(("diffuse", "roughdiffuse", "orennayar"), _diffuse),
     **dict.fromkeys(("difftrans", "translucent"), _transmitter),
     **dict.fromkeys(("plastic", "roughplastic", "pplastic"), _plastic),

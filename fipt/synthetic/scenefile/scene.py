@@ -12,17 +12,17 @@ from fipt.progress import progress
 from fipt.render.scene import RayScene
 from fipt.scene.environment import NOTHING, EnvironmentMap
 from fipt.scene.mesh import Mesh
-from fipt.synthetic.material import Material
+from fipt.synthetic.material import RoomMaterial
 from fipt.synthetic.scenefile import lights
 from fipt.synthetic.scenefile.interior import Interior, close_openings, find_interior
-from fipt.synthetic.scenefile.materials import MATTE, Look, described, look, material, note_ignored
-from fipt.synthetic.scenefile.shapes import Geometry, cut, geometry, placed, without_slivers
-from fipt.synthetic.scenefile.source import Source
+from fipt.synthetic.scenefile.materials import MATTE, ConvertedBsdf, converted, described, material, note_ignored
+from fipt.synthetic.scenefile.shapes import ShapeGeometry, cut, geometry, placed, without_slivers
+from fipt.synthetic.scenefile.source import SceneFileReader
 from fipt.synthetic.scenefile.values import transform
 from fipt.synthetic.scenefile.xml import Node, read_tree, scene_files
 from fipt.synthetic.settings import SceneFile
 
-__all__ = ["SceneContent", "Surface", "read_scene", "scene_files"]
+__all__ = ["SceneContent", "SceneShape", "read_scene", "scene_files"]
 
 _HEIGHT = 2.7
 _PLAUSIBLE = (1.8, 8.0)
@@ -30,7 +30,7 @@ _PLAUSIBLE = (1.8, 8.0)
 
 
 @dataclass(frozen=True)
-class Surface:
+class SceneShape:
     """The triangles of a shape.
 
     Attributes
@@ -77,8 +77,8 @@ class SceneContent:
         Every file that was read, the scene file first.
     """
 
-    surfaces: list[Surface]
-    materials: list[Material]
+    surfaces: list[SceneShape]
+    materials: list[RoomMaterial]
     environment: EnvironmentMap
     box: np.ndarray
     notes: list[str]
@@ -96,7 +96,7 @@ def read_scene(path: str | Path, settings: SceneFile) -> SceneContent:
     """
     path = Path(path)
     tree = read_tree(path)
-    source = Source(path, settings)
+    source = SceneFileReader(path, settings)
     turn = _turn(tree.root, source)
     world = np.eye(4)
     world[:3, :3] = turn
@@ -109,7 +109,7 @@ def read_scene(path: str | Path, settings: SceneFile) -> SceneContent:
             bar.advance(note=shape.name)
     note_ignored(tree.root, source)
     environment = lights.outside(tree.root, turn, source)
-    small = lights.lamps(tree.root, source)
+    small = lights.point_emitters(tree.root, source)
     source.check()
     if not builder.surfaces:
         raise FiptError(f"{path} has no surfaces", "give a scene file with shapes that reflect light")
@@ -123,10 +123,10 @@ def read_scene(path: str | Path, settings: SceneFile) -> SceneContent:
         interior = interior.scaled(scale)
         builder.scale(scale)
         rays = RayScene(builder.mesh())
-    for lamp in small:
-        direction = None if lamp.direction is None else turn @ lamp.direction
-        vertices, triangles = lights.lamp_shape(lamp, scale * turn @ lamp.position, direction)
-        builder.add_light(lamp.name, vertices, triangles, lights.lamp_radiance(lamp, scale))
+    for emitter in small:
+        direction = None if emitter.direction is None else turn @ emitter.direction
+        vertices, triangles = lights.emitter_shape(emitter, scale * turn @ emitter.position, direction)
+        builder.add_light(emitter.name, vertices, triangles, lights.emitter_radiance(emitter, scale))
     environment = _let_in(environment, builder, rays, interior, source)
     if not environment.shines and not any(surface.radiance is not None for surface in builder.surfaces):
         raise FiptError(
@@ -143,7 +143,7 @@ def read_scene(path: str | Path, settings: SceneFile) -> SceneContent:
     )
 
 
-def _turn(scene: Node, source: Source) -> np.ndarray:
+def _turn(scene: Node, source: SceneFileReader) -> np.ndarray:
     """(3, 3) rotation that makes y up."""
     up = source.settings.up
     if up == "auto":
@@ -155,11 +155,11 @@ def _turn(scene: Node, source: Source) -> np.ndarray:
     return lights.Z_UP if up == "z" else np.eye(3)
 
 
-def _turned(shape: Geometry | None, turn: np.ndarray) -> Geometry | None:
-    return shape and Geometry(shape.vertices @ turn.T, shape.triangles, shape.uv)
+def _turned(shape: ShapeGeometry | None, turn: np.ndarray) -> ShapeGeometry | None:
+    return shape and ShapeGeometry(shape.vertices @ turn.T, shape.triangles, shape.uv)
 
 
-def _scale(interior: Interior, source: Source) -> float:
+def _scale(interior: Interior, source: SceneFileReader) -> float:
     """Metres in a unit of the file."""
     height = float(np.ptp(interior.box[:, 1]))
     if source.settings.scale is not None:
@@ -174,7 +174,7 @@ def _scale(interior: Interior, source: Source) -> float:
 
 
 def _let_in(
-    environment: EnvironmentMap, builder: _Builder, rays: RayScene, interior: Interior, source: Source
+    environment: EnvironmentMap, builder: _Builder, rays: RayScene, interior: Interior, source: SceneFileReader
 ) -> EnvironmentMap:
     """Return the background that stays; with ``quads``, put the light from outside into the openings."""
     if source.settings.environment == "keep" or not environment.shines:
@@ -200,24 +200,24 @@ def _let_in(
 class _Builder:
     """Gathers surfaces and the materials they use."""
 
-    def __init__(self, source: Source) -> None:
+    def __init__(self, source: SceneFileReader) -> None:
         self.source = source
-        self.surfaces: list[Surface] = []
-        self.materials: list[Material] = []
-        self._looks: dict[str, Look] = {}
+        self.surfaces: list[SceneShape] = []
+        self.materials: list[RoomMaterial] = []
+        self._conversions: dict[str, ConvertedBsdf] = {}
         self._index: dict[str, int] = {}
-        self._found: list[Look | None] = []
+        self._found: list[ConvertedBsdf | None] = []
         self._names: set[str] = set()
         self._clear: dict[str, int] = {}
         self._slivers = 0
 
-    def add(self, name: str, node: Node, shape: Geometry | None) -> None:
+    def add(self, name: str, node: Node, shape: ShapeGeometry | None) -> None:
         """Add a shape unless light passes through it; what emits is kept whatever it is made of."""
         bsdf = (node.objects("bsdf") or [_DEFAULT])[0]
         key = _content(bsdf)
-        known = self._looks.get(key)
+        known = self._conversions.get(key)
         if known is None:
-            known = self._looks[key] = look(bsdf, self.source)
+            known = self._conversions[key] = converted(bsdf, self.source)
         if len(node.objects("bsdf")) > 1:
             self.source.note(f"shape {name}: has several bsdfs; the first is used for all of it")
         radiance = lights.radiance(node, self.source)
@@ -255,7 +255,7 @@ class _Builder:
             self._index[_LIGHT] = len(self.materials)
             grey, matte, plain = (np.full((1, 1), value, np.float32) for value in (0.5, MATTE, 0.0))
             base = np.repeat(grey[..., None], 3, axis=2)
-            self.materials.append(Material(self._unique("light", "material"), base, matte, plain))
+            self.materials.append(RoomMaterial(self._unique("light", "material"), base, matte, plain))
             self._found.append(None)
         self._put(name, vertices, triangles, np.zeros((len(vertices), 2)), self._index[_LIGHT], radiance)
 
@@ -270,7 +270,7 @@ class _Builder:
     ) -> None:
         used, local = np.unique(triangles, return_inverse=True)
         self.surfaces.append(
-            Surface(
+            SceneShape(
                 self._unique(name),
                 vertices[used].astype(np.float32),
                 local.reshape(-1, 3).astype(np.int32),
@@ -280,7 +280,7 @@ class _Builder:
             )
         )
 
-    def _material(self, bsdf: Node, shape: str, known: Look) -> int:
+    def _material(self, bsdf: Node, shape: str, known: ConvertedBsdf) -> int:
         key = _content(bsdf)
         if key not in self._index:
             self._index[key] = len(self.materials)

@@ -9,7 +9,7 @@ import numpy as np
 
 from fipt.errors import FiptError
 from fipt.render.assets import LoadedMesh, load_mesh
-from fipt.synthetic.scenefile.source import Source
+from fipt.synthetic.scenefile.source import SceneFileReader
 from fipt.synthetic.scenefile.textures import Map
 from fipt.synthetic.scenefile.values import transform, vector
 from fipt.synthetic.scenefile.xml import Node
@@ -27,7 +27,7 @@ _INSIDE = np.array([(i + 1 / 3, j + 1 / 3) for i in range(6) for j in range(6 - 
 
 
 @dataclass(frozen=True)
-class Geometry:
+class ShapeGeometry:
     """Triangles of a shape.
 
     Attributes
@@ -46,7 +46,7 @@ class Geometry:
 
 
 @dataclass(frozen=True)
-class Placed:
+class PlacedShape:
     """A shape and where it stands: instances of a group are many of them."""
 
     node: Node
@@ -54,7 +54,7 @@ class Placed:
     name: str
 
 
-def placed(scene: Node, source: Source) -> Iterator[Placed]:
+def placed(scene: Node, source: SceneFileReader) -> Iterator[PlacedShape]:
     """Yield the shapes of a scene in order, those of instanced groups in place of the instances."""
     for number, node in enumerate(scene.objects("shape")):
         yield from _placed(node, np.eye(4), node.id or _named(node) or f"{node.type}-{number}", source)
@@ -64,7 +64,7 @@ def _named(node: Node) -> str:
     return node.text("filename").replace("\\", "/").rpartition("/")[2].rpartition(".")[0]
 
 
-def _placed(node: Node, above: np.ndarray, name: str, source: Source) -> Iterator[Placed]:
+def _placed(node: Node, above: np.ndarray, name: str, source: SceneFileReader) -> Iterator[PlacedShape]:
     if node.type == "shapegroup":
         return  # seen through its instances only
     to_world = above @ transform(node.get("to_world"))
@@ -77,10 +77,10 @@ def _placed(node: Node, above: np.ndarray, name: str, source: Source) -> Iterato
     if node.type not in _PLUGINS:
         source.refuse(node, f"shape {node.type}")
         return
-    yield Placed(node, to_world, name)
+    yield PlacedShape(node, to_world, name)
 
 
-def geometry(shape: Placed, source: Source) -> Geometry | None:
+def geometry(shape: PlacedShape, source: SceneFileReader) -> ShapeGeometry | None:
     """Return a shape's triangles in the scene's world; None where its file is missing or damaged."""
     mesh = _PLUGINS[shape.node.type](shape.node, source)
     if mesh is None:
@@ -97,19 +97,19 @@ def geometry(shape: Placed, source: Source) -> Geometry | None:
     if shape.node.flag("flip_normals", False):
         triangles = triangles[:, ::-1]
     uv = None if mesh.uv is None else np.nan_to_num(mesh.uv.astype(np.float64), posinf=0, neginf=0)
-    return Geometry(vertices, triangles, uv)
+    return ShapeGeometry(vertices, triangles, uv)
 
 
-def without_slivers(shape: Geometry) -> Geometry:
+def without_slivers(shape: ShapeGeometry) -> ShapeGeometry:
     """Drop degenerate triangles; the order of the others stays."""
     a, b, c = np.moveaxis(shape.vertices[shape.triangles], 1, 0)
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
     longest = np.max([((q - p) ** 2).sum(axis=1) for p, q in ((a, b), (b, c), (c, a))], axis=0)
     good = np.isfinite(area) & (area > _SLIVER * longest) & (longest > 0)
-    return Geometry(shape.vertices, shape.triangles[good], shape.uv)
+    return ShapeGeometry(shape.vertices, shape.triangles[good], shape.uv)
 
 
-def cut(shape: Geometry, opacity: Map) -> Geometry:
+def cut(shape: ShapeGeometry, opacity: Map) -> ShapeGeometry:
     """Leave out what a mask makes clear: triangles less than half of which is opaque, mixed ones first cut smaller."""
     if shape.uv is None or not len(shape.triangles):
         return shape
@@ -124,7 +124,7 @@ def cut(shape: Geometry, opacity: Map) -> Geometry:
         corners = np.stack([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]])  # (4, 3, M, 5)
         corners = np.moveaxis(corners, 2, 0).reshape(-1, 3, 5)
     found, index = np.unique(np.concatenate(kept).reshape(-1, 5), axis=0, return_inverse=True)
-    return Geometry(found[:, :3], index.reshape(-1, 3).astype(np.int32), found[:, 3:])
+    return ShapeGeometry(found[:, :3], index.reshape(-1, 3).astype(np.int32), found[:, 3:])
 
 
 def _opaque_share(uv: np.ndarray, opacity: Map) -> np.ndarray:
@@ -144,7 +144,7 @@ def _opaque_share(uv: np.ndarray, opacity: Map) -> np.ndarray:
 # --- plugins --------------------------------------------------------------------------------------------
 
 
-def _file(node: Node, source: Source) -> LoadedMesh | None:
+def _file(node: Node, source: SceneFileReader) -> LoadedMesh | None:
     path = source.file(node.get("filename"))
     if path is None:
         return None
@@ -162,17 +162,17 @@ def _file(node: Node, source: Source) -> LoadedMesh | None:
         return None
 
 
-def _cube(node: Node, source: Source) -> LoadedMesh:
+def _cube(node: Node, source: SceneFileReader) -> LoadedMesh:
     return load_mesh("cube")
 
 
-def _rectangle(node: Node, source: Source) -> LoadedMesh:
+def _rectangle(node: Node, source: SceneFileReader) -> LoadedMesh:
     corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)], float)
     vertices = np.column_stack([corners, np.zeros(4)])
     return LoadedMesh(vertices, np.array([(0, 1, 2), (0, 2, 3)], np.int32), _facing_z(4), (corners + 1) / 2)
 
 
-def _disk(node: Node, source: Source) -> LoadedMesh:
+def _disk(node: Node, source: SceneFileReader) -> LoadedMesh:
     """Two rings: the inner one is the centre, once for each segment, since u = 0 there at every v."""
     turn = np.arange(AROUND + 1) / AROUND
     rim = np.column_stack([np.cos(2 * np.pi * turn), np.sin(2 * np.pi * turn), 0 * turn])
@@ -188,7 +188,7 @@ def _facing_z(count: int) -> np.ndarray:
     return np.tile((0.0, 0.0, 1.0), (count, 1))
 
 
-def _sphere(node: Node, source: Source) -> LoadedMesh:
+def _sphere(node: Node, source: SceneFileReader) -> LoadedMesh:
     center, radius = node.get("center"), node.number("radius", 1.0)
     u, v = np.meshgrid(np.arange(AROUND + 1) / AROUND, np.arange(ALONG + 1) / ALONG)
     theta, phi = np.pi * v.ravel(), 2 * np.pi * u.ravel()
@@ -197,7 +197,7 @@ def _sphere(node: Node, source: Source) -> LoadedMesh:
     return LoadedMesh(vertices, _grid(ALONG, AROUND), normals, np.column_stack([u.ravel(), v.ravel()]))
 
 
-def _cylinder(node: Node, source: Source) -> LoadedMesh:
+def _cylinder(node: Node, source: SceneFileReader) -> LoadedMesh:
     ends = zip((node.get("p0"), node.get("p1")), ((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)), strict=True)
     p0, p1 = (np.array(default) if found is None else vector(found) for found, default in ends)
     x, y, z = axis = (p1 - p0) / np.linalg.norm(p1 - p0)
@@ -219,7 +219,7 @@ def _grid(rows: int, columns: int) -> np.ndarray:
     return np.stack([upper, np.column_stack([corner, below + 1, corner + 1])], axis=1).reshape(-1, 3).astype(np.int32)
 
 
-_PLUGINS: dict[str, Callable[[Node, Source], LoadedMesh | None]] = {
+_PLUGINS: dict[str, Callable[[Node, SceneFileReader], LoadedMesh | None]] = {
     **dict.fromkeys(("obj", "ply", "serialized"), _file),
     "cube": _cube,
     "rectangle": _rectangle,

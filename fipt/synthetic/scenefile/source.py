@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from fipt.errors import FiptError
 from fipt.synthetic.scenefile.xml import Node, inside
@@ -14,7 +15,7 @@ _LISTED = 12
 
 
 @dataclass
-class Source:
+class SceneFileReader:
     """Collects problems instead of stopping at the first, and notes.
 
     Attributes
@@ -82,7 +83,7 @@ class Source:
             self.note(problem)
 
 
-def _once(items: list, item: object) -> None:
+def _once(items: list[Any], item: object) -> None:
     if item not in items:
         items.append(item)
 

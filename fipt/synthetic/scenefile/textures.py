@@ -15,7 +15,7 @@ from fipt.errors import FiptError
 from fipt.formats.exr import read_exr
 from fipt.formats.hdr import read_hdr
 from fipt.formats.images import srgb_decode
-from fipt.synthetic.scenefile.source import Source
+from fipt.synthetic.scenefile.source import SceneFileReader
 from fipt.synthetic.scenefile.values import COLORS, color, transform
 from fipt.synthetic.scenefile.xml import Node
 
@@ -47,7 +47,7 @@ class Map:
     values: np.ndarray
     from_uv: np.ndarray
     alpha: np.ndarray | None = None
-    picture: str = ""
+    image: str = ""
     flagged: bool = False
 
     @property
@@ -77,7 +77,7 @@ def constant(value: float | np.ndarray) -> Map:
     return Map(np.broadcast_to(np.asarray(value, np.float32), (1, 1, 3)).copy(), _AS_IT_IS)
 
 
-def read_map(node: Node | None, default: float, source: Source, light: bool = False) -> Map:
+def read_map(node: Node | None, default: float, source: SceneFileReader, light: bool = False) -> Map:
     """Read a property that may be a number, a colour or a texture; ``default`` where it is absent."""
     if node is None:
         return constant(default)
@@ -92,7 +92,7 @@ def read_map(node: Node | None, default: float, source: Source, light: bool = Fa
     if node.type == "scale":
         inner = next((child for child in node.children if child.name != "scale"), None)
         found, factor = read_map(inner, default, source, light), node.get("scale")
-        return found.with_values(found.values * (1.0 if factor is None else color(factor, light)).astype(np.float32))
+        return found.with_values(found.values * np.asarray(1.0 if factor is None else color(factor, light), np.float32))
     if node.type in ("uniform", "rgb", "srgb", "constant", "d65", "blackbody"):
         return constant(color(replace(node, tag="spectrum"), light))
     source.refuse(node, f"texture {node.type}")
@@ -109,7 +109,7 @@ def _placed(node: Node) -> np.ndarray:
     return np.column_stack([np.diag(scale), [node.number("uoffset", 0.0), node.number("voffset", 0.0)]])
 
 
-def _pattern(node: Node, source: Source) -> Map:
+def _pattern(node: Node, source: SceneFileReader) -> Map:
     """A checkerboard, or a grid of lines."""
     first = read_map(node.get("color0"), 0.4 if node.type == "checkerboard" else 0.2, source).mean
     second = read_map(node.get("color1"), 0.2 if node.type == "checkerboard" else 0.4, source).mean
@@ -127,17 +127,17 @@ def _pattern(node: Node, source: Source) -> Map:
 # --- pictures -------------------------------------------------------------------------------------
 
 
-def _bitmap(node: Node, source: Source) -> Map:
+def _bitmap(node: Node, source: SceneFileReader) -> Map:
     path = source.file(node.get("filename"))
     if path is None:
-        return replace(constant(_GREY), flagged=True, picture=node.text("filename"))
+        return replace(constant(_GREY), flagged=True, image=node.text("filename"))
     gamma = 1.0 if node.flag("raw", False) else node.number("gamma", -1.0)
     try:
-        values, alpha, size = _picture(path, gamma, source.settings.max_texture)
+        values, alpha, size = _image(path, gamma, source.settings.max_texture)
     except FiptError as error:
         source.note(str(error))
         source.refuse(node, f"picture {path.name}, which cannot be read")
-        return replace(constant(_GREY), flagged=True, picture=path.name)
+        return replace(constant(_GREY), flagged=True, image=path.name)
     if size != values.shape[:2]:
         source.note(
             f"texture {path.name}: {size[1]}x{size[0]} averaged down to {values.shape[1]}x{values.shape[0]} "
@@ -147,7 +147,7 @@ def _bitmap(node: Node, source: Source) -> Map:
 
 
 @lru_cache(maxsize=4)
-def _picture(path: Path, gamma: float, most: int) -> tuple[np.ndarray, np.ndarray | None, tuple[int, int]]:
+def _image(path: Path, gamma: float, most: int) -> tuple[np.ndarray, np.ndarray | None, tuple[int, int]]:
     """Read a picture.
 
     Parameters
@@ -167,9 +167,9 @@ def _picture(path: Path, gamma: float, most: int) -> tuple[np.ndarray, np.ndarra
         (height, width) in the file.
     """
     if path.suffix.lower() in (".exr", ".hdr"):
-        pixels, table = _float_picture(path), None
+        pixels, table = _float_image(path), None
     else:
-        pixels = _encoded_picture(path)
+        pixels = _encoded_image(path)
         steps = np.linspace(0, 1, 256)
         table = (srgb_decode(steps) if gamma <= 0 else steps**gamma).astype(np.float32)
     size = pixels.shape[:2]
@@ -181,7 +181,7 @@ def _picture(path: Path, gamma: float, most: int) -> tuple[np.ndarray, np.ndarra
     return color, alpha if alpha.min() < 1 else None, size
 
 
-def _float_picture(path: Path) -> np.ndarray:
+def _float_image(path: Path) -> np.ndarray:
     if path.suffix.lower() == ".hdr":
         pixels = read_hdr(path)
     else:
@@ -193,7 +193,7 @@ def _float_picture(path: Path) -> np.ndarray:
     return np.nan_to_num(pixels, posinf=0, neginf=0).clip(0)
 
 
-def _encoded_picture(path: Path) -> np.ndarray:
+def _encoded_image(path: Path) -> np.ndarray:
     """(h, w, 3 or 4) uint8."""
     from PIL import Image
 

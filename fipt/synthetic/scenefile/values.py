@@ -42,7 +42,9 @@ def vector(node: Node, default: float = 0.0) -> np.ndarray:
 def transform(node: Node | None) -> np.ndarray:
     """(4, 4) float64 matrix of a ``transform``: its operations one after another; the identity where there is none."""
     matrix = np.eye(4)
-    for step in node.children if node is not None else ():
+    if node is None:
+        return matrix
+    for step in node.children:
         matrix = _operation(step) @ matrix
     if not np.isfinite(matrix).all():
         raise node.wrong("the transform must be finite")
@@ -82,8 +84,8 @@ def _look_at(origin: list[float], target: list[float], up: list[float]) -> np.nd
     """Local z looks from origin to target, y up, x to the left, as Mitsuba's cameras and spots do."""
     ahead = np.subtract(target, origin)
     ahead = ahead / np.linalg.norm(ahead)
-    up = np.array(up or ((0.0, 1.0, 0.0) if abs(ahead[1]) < 0.9 else (0.0, 0.0, 1.0)))
-    left = np.cross(up, ahead)
+    upward = np.array(up or ((0.0, 1.0, 0.0) if abs(ahead[1]) < 0.9 else (0.0, 0.0, 1.0)))
+    left = np.cross(upward, ahead)
     left /= np.linalg.norm(left)
     made = np.eye(4)
     made[:3] = np.stack([left, np.cross(ahead, left), ahead, origin], axis=1)

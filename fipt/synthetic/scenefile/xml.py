@@ -131,7 +131,7 @@ def read_tree(path: str | Path) -> SceneTree:
         includes a file outside its folder.
     """
     path = existing_file(path, "the scene file")
-    reader = _Reader(path.parent)
+    reader = _XmlReader(path.parent)
     root = reader.read(path)
     return SceneTree(reader.resolved(root, ()), reader.files)
 
@@ -160,7 +160,7 @@ def inside(folder: Path, text: str) -> Path | None:
     return path if path.resolve().is_relative_to(folder.resolve()) else None
 
 
-class _Reader:
+class _XmlReader:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.files: list[Path] = []

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 import rawpy
 
+from fipt.conventions import XYZ_FROM_SRGB
 from fipt.errors import FiptError
-from fipt.synthetic.dng import PATTERNS, XYZ_FROM_SRGB, Header, write_dng
+from fipt.synthetic.dng import PATTERNS, Header, write_dng
 
 BLACK = (512.25, 640.5, 100.0, 77.75)
 """Different at each position of the cell, and fractional."""

@@ -39,7 +39,7 @@ def room(modelled):
 
 @pytest.fixture(scope="module")
 def space(room, views):
-    return poses.OpenSpace(room, views.Truth(room).first_hits, 0)
+    return poses.OpenSpace(room, views.Truth(room).intersect, 0)
 
 
 @pytest.fixture(scope="module")
@@ -76,11 +76,11 @@ def test_a_part_for_each_surface_and_a_semantic_id_for_each_material(room):
 
 def test_lamps_are_told_apart_by_their_part():
     """Two lamps side by side, a dark piece between others: indices by increasing triangle."""
-    from fipt.synthetic.room import Piece
+    from fipt.synthetic.room import RoomPiece
 
     triangle = {"vertices": np.eye(3), "triangles": np.array([[0, 1, 2]]), "uv": np.zeros((3, 2))}
     light = [None, (1, 1, 1), (1, 1, 1), None, (0, 0, 2)]
-    pieces = [Piece(f"p{k}", **triangle, material=0, semantic=0, radiance=value) for k, value in enumerate(light)]
+    pieces = [RoomPiece(f"p{k}", **triangle, material=0, semantic=0, radiance=value) for k, value in enumerate(light)]
     room = assemble(pieces, [scene.constant("a", (0.5, 0.5, 0.5))], ["a"], np.array([[0, 0, 0], [1, 1, 1]]))
     assert [lamp.tolist() for lamp in room.emitters] == [[1], [2], [4]]
     with pytest.raises(FiptError, match="65535 parts"):
@@ -93,7 +93,7 @@ def test_textures_repeat(room, views):
     places = [
         (2.0 + tile * (u + i), 0.5, 2.0 + tile * (v + i)) for i in (0, 1) for u in (0.25, 0.5) for v in (0.25, 0.75)
     ]
-    found = views.Truth(room).look(*down(places))
+    found = views.Truth(room).trace(*down(places))
     assert {room.parts[i - 1] for i in found["part"]} == {"floor"}
     color, roughness = scene.checks().base_color, scene.checks().roughness
     by_hand = [color[0, 0], color[1, 0], (color[0, 0] + color[0, 1]) / 2, (color[1, 0] + color[1, 1]) / 2]
@@ -119,7 +119,7 @@ def test_lamps_shine_to_their_front_only(room, views):
     truth = views.Truth(room)
     below, above = np.float32([[2.0, 1.5, 2.0]]), np.float32([[2.0, 2.5, 2.0]])
     up = np.float32([[0, 1, 0]])
-    front, back = truth.look(below, up), truth.look(above, -up)
+    front, back = truth.trace(below, up), truth.trace(above, -up)
     lamp = room.parts.index("lamp") + 1
     assert (front["part"][0], back["part"][0]) == (lamp, lamp)
     np.testing.assert_allclose(front["emission"][0], scene.LAMP)
@@ -147,14 +147,14 @@ def test_cameras_stand_in_the_room_and_not_in_its_hollows(cameras, space):
 
 def test_no_view_stares_at_a_wall(cameras, space):
     for camera in cameras:
-        assert np.median(poses.scan(camera, space.first_hits)[0]) >= space.depth
+        assert np.median(poses.scan(camera, space.intersect)[0]) >= space.depth
 
 
 def test_small_rooms_have_shorter_views(views, modelled):
     content = scene.content()
     small = [replace(s, vertices=s.vertices * np.float32([0.5, 1, 0.5])) for s in content.surfaces]
     room = modelled.room_of(replace(content, surfaces=small, box=content.box * np.float32([0.5, 1, 0.5])), "small.xml")
-    narrow = poses.OpenSpace(room, views.Truth(room).first_hits, 0)
+    narrow = poses.OpenSpace(room, views.Truth(room).intersect, 0)
     assert narrow.depth == pytest.approx(0.3 * np.hypot(3.0, 2.75))
     assert len(poses.sample_cameras(narrow, SETTINGS)) == 7
 
@@ -164,7 +164,7 @@ def test_coverage_in_a_convex_room_is_the_share_in_the_frame(views, modelled, np
     content = scene.content()
     shell = replace(content, surfaces=content.surfaces[:6], box=np.float32([np.zeros(3), scene.SIZE]))
     room = modelled.room_of(shell, "shell.xml")
-    empty = poses.OpenSpace(room, views.Truth(room).first_hits, 0)
+    empty = poses.OpenSpace(room, views.Truth(room).intersect, 0)
     cameras = poses.sample_cameras(empty, SETTINGS)[:2]
     x, y, z = scene.SIZE
     points = np_rng.random((60_000, 3)) * scene.SIZE
@@ -202,7 +202,7 @@ def test_a_room_in_a_wrong_unit_is_too_small(views, modelled):
     small = [replace(s, vertices=s.vertices * np.float32(0.1)) for s in content.surfaces]
     room = modelled.room_of(replace(content, surfaces=small, box=content.box * np.float32(0.1)), "dm.xml")
     with pytest.raises(FiptError, match=r"interior is 0.60 x 0.26 x 0.55 m: too small for cameras"):
-        poses.OpenSpace(room, views.Truth(room).first_hits, 0)
+        poses.OpenSpace(room, views.Truth(room).intersect, 0)
 
 
 def test_a_full_room_has_no_free_space(views, modelled):
@@ -214,14 +214,14 @@ def test_a_full_room_has_no_free_space(views, modelled):
     ]  # fmt: skip
     room = modelled.room_of(replace(content, surfaces=[*content.surfaces, *boards]), "store.xml")
     with pytest.raises(FiptError, match="no free space for cameras: of 8192 places"):
-        poses.OpenSpace(room, views.Truth(room).first_hits, 0)
+        poses.OpenSpace(room, views.Truth(room).intersect, 0)
 
 
 def test_outdoors_is_said_in_one_line(views, modelled):
     content = scene.content()
     room = modelled.room_of(replace(content, surfaces=content.surfaces[:1]), "garden.xml")
     with pytest.raises(FiptError, match="is indoors"):
-        poses.OpenSpace(room, views.Truth(room).first_hits, 0)
+        poses.OpenSpace(room, views.Truth(room).intersect, 0)
 
 
 # --- light ------------------------------------------------------------------------------------

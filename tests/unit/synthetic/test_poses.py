@@ -12,15 +12,15 @@ SETTINGS = SynthesizeSettings(train_views=8, val_views=3, width=64, height=48)
 
 
 @pytest.fixture(scope="module")
-def first_hits(backend):
+def intersect(backend):
     from fipt.synthetic.views import Truth
 
-    return Truth(build(0)).first_hits
+    return Truth(build(0)).intersect
 
 
 @pytest.fixture(scope="module")
-def space(first_hits):
-    return poses.OpenSpace(build(0), first_hits, 0)
+def space(intersect):
+    return poses.OpenSpace(build(0), intersect, 0)
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +44,7 @@ def test_cameras_stand_free_in_the_room(cameras):
         assert nearest > poses.CLEARANCE - 0.04
 
 
-def test_cameras_look_into_the_room_and_hardly_roll(cameras, first_hits):
+def test_cameras_look_into_the_room_and_hardly_roll(cameras, intersect):
     for camera in cameras:
         right, _, back = camera.world_from_camera[:3, :3].T
         assert abs(np.degrees(np.arcsin(right[1]))) < 6
@@ -55,16 +55,16 @@ def test_cameras_look_into_the_room_and_hardly_roll(cameras, first_hits):
             atol=1e-12,
         )
         assert np.linalg.det(camera.world_from_camera[:3, :3]) == pytest.approx(1)
-        assert np.median(poses.scan(camera, first_hits)[0]) > 1.2
+        assert np.median(poses.scan(camera, intersect)[0]) > 1.2
 
 
-def test_held_out_views_show_what_training_views_show(cameras, first_hits):
+def test_held_out_views_show_what_training_views_show(cameras, intersect):
     areas = build(0).mesh.areas
     seen = np.zeros(len(areas), bool)
     for camera in cameras[:8]:
-        seen[poses.scan(camera, first_hits, (96, 72))[1]] = True
+        seen[poses.scan(camera, intersect, (96, 72))[1]] = True
     for camera in cameras[8:]:
-        shown = poses.scan(camera, first_hits)[1]
+        shown = poses.scan(camera, intersect)[1]
         assert areas[shown] @ seen[shown] / areas[shown].sum() > 0.8
 
 
@@ -79,7 +79,7 @@ def test_poses_repeat_and_more_views_keep_the_first(cameras, space):
     assert not np.allclose(other[0].world_from_camera, cameras[0].world_from_camera)
 
 
-def test_a_walk_goes_around_in_steps_that_show_much_of_the_same(space, first_hits):
+def test_a_walk_goes_around_in_steps_that_show_much_of_the_same(space, intersect):
     settings = SETTINGS.model_copy(update={"cameras": "walk", "train_views": 18, "val_views": 6})
     cameras = poses.sample_cameras(space, settings)
     assert [c.name for c in cameras] == [f"train_{i:03d}" for i in range(18)] + [f"val_{i:03d}" for i in range(6)]
@@ -93,6 +93,6 @@ def test_a_walk_goes_around_in_steps_that_show_much_of_the_same(space, first_hit
         assert depth[0] > 0
         assert 0 < column[0, 0] < camera.width  # it looks across the room
     order = np.argsort(yaw)
-    shown = [set(poses.scan(cameras[i], first_hits)[1]) for i in order]
+    shown = [set(poses.scan(cameras[i], intersect)[1]) for i in order]
     for one, other in zip(shown, shown[1:] + shown[:1], strict=True):
         assert len(one & other) > 0.3 * min(len(one), len(other))

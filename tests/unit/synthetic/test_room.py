@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from fipt.synthetic import shapes
-from fipt.synthetic.furniture import SEMANTICS, SIZE
+from fipt.synthetic.furniture import SIZE
+from fipt.synthetic.parts import SEMANTICS
 from fipt.synthetic.room import build
 
 
@@ -61,18 +62,18 @@ def test_it_has_the_surfaces_a_test_room_needs(room):
 
 def test_emitters_are_listed_with_their_radiance(room):
     described = json.loads(json.dumps(room.description()))
-    assert [lamp["part"] for lamp in described["emitters"]] == [
+    assert [emitter["part"] for emitter in described["emitters"]] == [
         "window pane",
         "ceiling lamp",
         "table lamp globe",
     ]
-    listed = np.concatenate([lamp["triangles"] for lamp in described["emitters"]])
+    listed = np.concatenate([emitter["triangles"] for emitter in described["emitters"]])
     np.testing.assert_array_equal(listed, np.flatnonzero(room.emits))
-    for lamp in described["emitters"]:
+    for emitter in described["emitters"]:
         np.testing.assert_allclose(
-            room.radiance[lamp["triangles"]], [lamp["radiance"]] * len(lamp["triangles"]), rtol=1e-5
+            room.radiance[emitter["triangles"]], [emitter["radiance"]] * len(emitter["triangles"]), rtol=1e-5
         )
-        assert lamp["area"] == pytest.approx(room.mesh.areas[lamp["triangles"]].sum(), abs=1e-5)
+        assert emitter["area"] == pytest.approx(room.mesh.areas[emitter["triangles"]].sum(), abs=1e-5)
 
 
 def test_room_is_closed_and_shows_lamps_from_their_front_only(room, backend, np_rng):
@@ -85,7 +86,7 @@ def test_room_is_closed_and_shows_lamps_from_their_front_only(room, backend, np_
     shell = [i + 1 for i, name in enumerate(room.parts) if name.endswith("wall") or name in ("floor", "ceiling")]
     for point in points:
         origin = np.broadcast_to(point.astype(np.float32), direction.shape)
-        distance, triangle = Truth(room).first_hits(origin, direction)
+        distance, triangle = Truth(room).intersect(origin, direction)
         assert (triangle >= 0).all()
         assert (distance < np.linalg.norm(SIZE) + 1).all()
         facing = -(normals[triangle] * direction).sum(axis=1)

@@ -136,7 +136,7 @@ def test_texture_is_where_the_room_puts_it(views):
     floor = next(material for material in room.materials if material.name == "floor")
     x, z = np.float32([2.9, 4.3, 4.1]), np.float32([3.62, 2.1, 3.2])
     origins = np.stack([x, 0 * x + 0.05, z], axis=1)
-    found = views.Truth(room).look(origins, np.tile(np.float32([0, -1, 0]), (3, 1)))
+    found = views.Truth(room).trace(origins, np.tile(np.float32([0, -1, 0]), (3, 1)))
     assert {room.parts[i - 1] for i in found["part"]} == {"floor"}
     height, width = floor.base_color.shape[:2]
     u, v = x / 5.0 * (width - 1), z / 4.0 * (height - 1)

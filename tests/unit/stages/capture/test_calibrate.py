@@ -13,11 +13,12 @@ from fipt.errors import FiptError
 from fipt.scene.lens import Lens
 from fipt.stages.capture import lensfun
 from fipt.stages.capture.brackets import read_capture
-from fipt.stages.capture.calibrate import calibrate, calibration_frames, summary
+from fipt.stages.capture.calibrate import calibrate, summary
 from fipt.stages.capture.calibration import Calibration, read_calibration, write_calibration
-from fipt.stages.capture.develop import pinhole_of
+from fipt.stages.capture.calibration_frames import calibration_frames
 from fipt.stages.capture.raw import Shot
 from fipt.stages.capture.settings import CaptureSettings
+from fipt.stages.capture.view import pinhole_of
 from tests import captures
 
 SETTINGS = CaptureSettings(board_square=0.03)

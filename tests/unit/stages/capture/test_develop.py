@@ -16,17 +16,10 @@ from fipt.scene.lens import Lens
 from fipt.stages.capture.brackets import read_capture
 from fipt.stages.capture.calibrate import calibrate
 from fipt.stages.capture.calibration import Calibration, Noise, Vignetting
-from fipt.stages.capture.develop import (
-    View,
-    bracket_exposures,
-    develop,
-    develop_views,
-    downscaled,
-    read_frames,
-    sharpness,
-    write_view,
-)
+from fipt.stages.capture.develop import bracket_exposures, develop, develop_views, read_frames, write_view
+from fipt.stages.capture.facts import sharpness
 from fipt.stages.capture.settings import CaptureSettings
+from fipt.stages.capture.view import View, downscaled
 from fipt.synthetic import capture as writer
 from fipt.synthetic.camera import optics, reference_time
 from fipt.synthetic.settings import SimulatedCamera

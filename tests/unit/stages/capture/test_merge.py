@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fipt.stages.capture import merge
+from fipt.stages.capture import merge, noise
 from fipt.stages.capture.calibration import Noise, Vignetting
 from fipt.stages.capture.exposures import chained, measured_ratio
 from fipt.stages.capture.mosaic import demosaic, replace_bad_pixels, tiled
@@ -127,10 +127,10 @@ def test_what_is_below_the_noise_of_the_longest_exposure_is_marked(np_rng) -> No
 def test_noise_is_measured_from_overlapping_exposures(np_rng) -> None:
     light = np.exp(np_rng.normal(7, 2, (40, 50))).repeat(12, 0).repeat(12, 1)
     frames = [frame(light, seconds, np_rng) for seconds in EXPOSURES]
-    found = merge.measured_noise(frames, EXPOSURES, BLACK)
+    found = noise.measured_noise(frames, EXPOSURES, BLACK)
     assert found.gain == pytest.approx(NOISE.gain, rel=0.1)
     assert found.read == pytest.approx(np.hypot(NOISE.read, 12**-0.5), rel=0.1)
-    assert merge.measured_noise(frames[:1], EXPOSURES[:1], BLACK) is None
+    assert noise.measured_noise(frames[:1], EXPOSURES[:1], BLACK) is None
 
 
 def test_ratios_are_measured_whatever_moved(np_rng) -> None:

@@ -10,7 +10,7 @@ from scipy.ndimage import gaussian_filter
 
 from fipt.errors import FiptError
 from fipt.formats.exr import write_exr
-from fipt.stages.capture import qa
+from fipt.stages.capture import findings, inspection, qa, quality
 from fipt.stages.capture.brackets import Bracket, Capture, read_capture
 from fipt.stages.capture.calibration import Calibration
 from fipt.stages.capture.raw import Shot
@@ -18,7 +18,7 @@ from tests import captures
 
 
 def inspected(folder):
-    qualities, unreadable = qa.inspect(read_capture(folder))
+    qualities, unreadable = inspection.inspect(read_capture(folder))
     assert unreadable == []
     return qualities
 
@@ -48,9 +48,9 @@ def test_clipped_share_is_the_lamps(tmp_path):
 def test_what_moves_is_found_in_its_view_only(tmp_path):
     captures.write(tmp_path, views=2, calibration_frames=1, ghosts=("train_000",))
     ghost, calm = inspected(tmp_path)
-    assert ghost.moved > qa.MOVED_SHARE
+    assert ghost.moved > findings.MOVED_SHARE
     assert calm.moved == 0
-    found = qa.check(read_capture(tmp_path), [], [ghost, calm])
+    found = findings.check(read_capture(tmp_path), [], [ghost, calm])
     assert [(finding.kind, finding.views) for finding in found] == [("moved", ("train_000",))]
 
 
@@ -60,7 +60,7 @@ def test_wrong_shutter_times_are_measured(tmp_path):
     true = [exposure["seconds"] for exposure in reversed(made.camera_truth["exposures"])]
     for frame, longer, shorter in zip(quality.frames[1:3], true, true[1:], strict=False):
         assert frame.measured == pytest.approx(longer / shorter, rel=0.005)
-    found = qa.check(read_capture(tmp_path), [], [quality])
+    found = findings.check(read_capture(tmp_path), [], [quality])
     assert {(finding.kind, finding.views) for finding in found} == {("ratio", ("train_000",))}
     assert "capture.times to measured" in found[0].remedy
 
@@ -99,17 +99,17 @@ def shots(view, **changes):
 )
 def test_what_should_be_the_same(change, kind, severity, said):
     capture = Capture(Path("folder"), (shots("a"), shots("b"), shots("odd", **change)), ())
-    (finding,) = qa.check(capture)
+    (finding,) = findings.check(capture)
     assert (finding.kind, finding.severity, finding.views) == (kind, severity, ("odd",))
     assert said in finding.message
     assert finding.remedy
     unknown = Capture(Path("folder"), (shots("a"), shots("b", **dict.fromkeys(change))), ())
-    assert qa.check(unknown) == []
+    assert findings.check(unknown) == []
 
 
 def figures(view, **changes):
-    frames = (qa.Frame("1.arw", 0.1, 0.0, None, None),)
-    return replace(qa.Quality(view, frames, 0.0, 0.0, 20.0, 1.0, 0.0, (2.0, 1.0, 1.5)), **changes)
+    frames = (quality.BracketFrame("1.arw", 0.1, 0.0, None, None),)
+    return replace(quality.Quality(view, frames, 0.0, 0.0, 20.0, 1.0, 0.0, (2.0, 1.0, 1.5)), **changes)
 
 
 @pytest.mark.parametrize(
@@ -124,10 +124,10 @@ def figures(view, **changes):
 )
 def test_figures_become_findings(change, kind, severity):
     capture = Capture(Path("folder"), tuple(map(shots, "abc")), ())
-    (finding,) = qa.check(capture, [], [figures("a"), figures("b"), figures("c", **change)])
+    (finding,) = findings.check(capture, [], [figures("a"), figures("b"), figures("c", **change)])
     assert (finding.kind, finding.severity, finding.views) == (kind, severity, ("c",))
     assert "c" in finding.message
-    assert qa.check(capture, [], [figures(view) for view in "abc"]) == []
+    assert findings.check(capture, [], [figures(view) for view in "abc"]) == []
 
 
 # --- developed views ------------------------------------------------------------------------------

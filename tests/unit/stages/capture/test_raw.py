@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fipt.conventions import XYZ_FROM_SRGB
 from fipt.errors import FiptError
 from fipt.stages.capture.raw import read_raw, read_shot
-from fipt.synthetic.dng import PATTERNS, XYZ_FROM_SRGB, Header, write_dng
+from fipt.synthetic.dng import PATTERNS, Header, write_dng
 
 MATRIX = np.linalg.inv(XYZ_FROM_SRGB)
 BLACK = (512.25, 509.5, 514.75, 511.0)

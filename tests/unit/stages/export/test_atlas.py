@@ -6,7 +6,7 @@ import pytest
 from fipt.errors import FiptError
 from fipt.scene.mesh import connected_parts
 from fipt.stages.export.atlas import filled, nearest_weights, texels, unwrap
-from tests import scenes
+from tests import planted, scenes
 
 
 @pytest.fixture(scope="module")
@@ -124,3 +124,23 @@ def test_unknown_texels_repeat_the_nearest():
     np.testing.assert_array_equal(texture[0, :2], [7, 7])
     np.testing.assert_array_equal(texture[3, 2:], [9, 9])
     assert set(np.unique(texture)) == {7, 9}
+
+
+@pytest.mark.parametrize(("failure", "fate"), [("hang", "did not end within 5 s"), ("crash", "SIGSEGV")])
+def test_a_hang_and_a_crash_of_xatlas_are_survived_and_told(room, tmp_path, monkeypatch, caplog, failure, fate):
+    mesh, expected = room
+    monkeypatch.setattr("fipt.stages.export.atlas.time_limit", lambda triangles: 5)
+    monkeypatch.syspath_prepend(planted.plant_xatlas(tmp_path, failure, failures=1))
+    atlas = unwrap(mesh, connected_parts(mesh), 40.0, 2, 4096)
+    np.testing.assert_array_equal(atlas.uv, expected.uv)
+    assert planted.attempts(tmp_path) == 2
+    [told] = caplog.messages
+    assert told.startswith("fipt.stages.export.unwrap:lay_out")
+    assert fate in told
+
+
+def test_an_xatlas_that_always_crashes_is_one_clear_error(room, tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(planted.plant_xatlas(tmp_path, "crash", failures=9))
+    with pytest.raises(FiptError, match="lay_out was ended by SIGSEGV in each of 3 attempts"):
+        unwrap(room[0], connected_parts(room[0]), 40.0, 2, 4096)
+    assert planted.attempts(tmp_path) == 3

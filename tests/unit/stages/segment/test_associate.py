@@ -36,16 +36,16 @@ def scene(views: int, seed: int, split_in: int | None = None, kinds=(0, 0, 0)):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_permuted_numbers_find_together(seed: int) -> None:
-    masks, look, truth = scene(12, seed)
-    segment = associated(masks, look, CELLS, FuseSettings())
+    masks, cells_of, truth = scene(12, seed)
+    segment = associated(masks, cells_of, CELLS, FuseSettings())
     for own in range(3):
         assert len(np.unique(segment[truth == own])) == 1
     assert len(np.unique(segment)) == 3
 
 
 def test_a_view_that_splits_an_object_does_not_split_the_segment() -> None:
-    masks, look, truth = scene(12, 1, split_in=5)
-    segment = associated(masks, look, CELLS, FuseSettings())
+    masks, cells_of, truth = scene(12, 1, split_in=5)
+    segment = associated(masks, cells_of, CELLS, FuseSettings())
     whole = truth == 0
     whole[masks.view == 5] = False
     assert len(np.unique(segment[whole])) == 1
@@ -62,13 +62,13 @@ def test_masks_of_one_view_stay_apart_though_a_third_view_takes_them_for_one() -
 
 
 def test_tiny_masks_are_left_out_and_other_ways_take_ids_or_classes() -> None:
-    masks, look, truth = scene(3, 0, kinds=(5, 6, 5))
-    np.testing.assert_array_equal(associated(masks, look, CELLS, FuseSettings(associate="ids")), masks.id)
-    np.testing.assert_array_equal(associated(masks, look, CELLS, FuseSettings(associate="classes")), masks.kind)
+    masks, cells_of, truth = scene(3, 0, kinds=(5, 6, 5))
+    np.testing.assert_array_equal(associated(masks, cells_of, CELLS, FuseSettings(associate="ids")), masks.id)
+    np.testing.assert_array_equal(associated(masks, cells_of, CELLS, FuseSettings(associate="classes")), masks.kind)
     few = Masks(masks.view, masks.id, np.zeros_like(masks.kind), np.where(truth == 1, 2, masks.pixels))
-    assert (associated(few, look, CELLS, FuseSettings())[truth == 1] == 0).all()
+    assert (associated(few, cells_of, CELLS, FuseSettings())[truth == 1] == 0).all()
     with pytest.raises(FiptError, match=r"no view has classes; set fuse\.associate"):
-        associated(few, look, CELLS, FuseSettings(associate="classes"))
+        associated(few, cells_of, CELLS, FuseSettings(associate="classes"))
 
 
 def test_contraction_joins_what_evidence_adds_up_to() -> None:

@@ -18,9 +18,10 @@ from fipt.scene.dataset import Dataset, write_views
 from fipt.scene.fusion import read_fusion
 from fipt.scene.mesh import write_ply
 from fipt.scene.segments import write_view_ids
-from fipt.stages.segment.fuse import fuse_views, most_votes, share_of
+from fipt.stages.segment.fuse import fuse_views
 from fipt.stages.segment.settings import FuseSettings
-from fipt.stages.segment.views import look, without_speckles
+from fipt.stages.segment.views import observe, without_speckles
+from fipt.stages.segment.votes import most_votes, share_of
 from fipt.synthetic.poses import OpenSpace, sample_cameras
 from fipt.synthetic.room import build
 from fipt.synthetic.settings import SynthesizeSettings
@@ -88,11 +89,11 @@ def test_speckles_against_brute_force(np_rng: np.random.Generator) -> None:
 def test_the_plain_count_is_a_count_with_the_largest_id_and_the_last_triangle(tmp_path: Path) -> None:
     data = Dataset(write_dataset(tmp_path / "dataset"))
     mesh, views, rng = data.mesh(), data.views("train"), np.random.default_rng(0)
-    looks = look(mesh, [data.camera(view) for view in views], tmp_path)
+    observations = observe(mesh, [data.camera(view) for view in views], tmp_path)
     votes: dict[int, list[int]] = {}
     out = tmp_path / "segments"
     for number, view in enumerate(views):
-        cell, _ = looks.of(number)
+        cell, _ = observations.of(number)
         ids = rng.choice(np.uint16([1, 7, 65535]), cell.shape, p=[0.3, 0.3, 0.4])
         last = cell == len(mesh.triangles) - 1
         ids[last] = 65535
@@ -124,8 +125,11 @@ def test_degraded_views_of_a_room_agree_on_the_true_parts(tmp_path: Path) -> Non
     write_ply(tmp_path / "dataset" / "mesh.ply", room.mesh)
     write_transforms(tmp_path / "dataset" / "transforms.json", cameras)
     write_views(tmp_path / "dataset" / "views.json", [camera.name for camera in cameras])
-    looks = look(room.mesh, cameras, tmp_path)
-    true = [np.where(looks.of(k)[0] >= 0, room.part[looks.of(k)[0]], 0).reshape(64, 96) for k in range(len(cameras))]
+    observations = observe(room.mesh, cameras, tmp_path)
+    true = [
+        np.where(observations.of(k)[0] >= 0, room.part[observations.of(k)[0]], 0).reshape(64, 96)
+        for k in range(len(cameras))
+    ]
     matched = {}
     for name, chosen in {"fused": FuseSettings(), "plain": PLAIN}.items():
         out = tmp_path / name
@@ -140,7 +144,7 @@ def test_degraded_views_of_a_room_agree_on_the_true_parts(tmp_path: Path) -> Non
     assert matched["plain"] < 0.6  # numbers mean nothing beyond their view
 
 
-def test_a_picture_on_a_wall_of_two_triangles_is_found_and_triangles_keep_their_order(tmp_path: Path) -> None:
+def test_a_print_on_a_wall_of_two_triangles_is_found_and_triangles_keep_their_order(tmp_path: Path) -> None:
     data = panels(tmp_path / "dataset", WALL)
     out = tmp_path / "segments"
     for number, view in enumerate(data.views("train")):
@@ -165,13 +169,13 @@ def test_a_picture_on_a_wall_of_two_triangles_is_found_and_triangles_keep_their_
 def test_classes_name_segments_and_pieces_of_a_class_without_instances_are_parts(tmp_path: Path) -> None:
     chairs = [quad((x, -0.3, 0.2), (0.5, 0, 0), (0, 0.6, 0)) for x in (-1.0, 0.6)]
     data = panels(tmp_path / "dataset", WALL, *chairs)
-    looks = look(data.mesh(), data.cameras, tmp_path)
+    observations = observe(data.mesh(), data.cameras, tmp_path)
     for name, apart in {"semantic": False, "panoptic": True}.items():
         out = tmp_path / name
         out.mkdir()
         (out / "classes.json").write_text(json.dumps({"3": "chair", "9": "wall"}))
         for number, view in enumerate(data.views("train")):
-            cell = looks.of(number)[0].reshape(64, 64)
+            cell = observations.of(number)[0].reshape(64, 64)
             ids = np.select([cell < 2, cell < 4], [1, 2], 3 if apart else 2).astype(np.uint16)
             labelled(out, view, ids, np.int32([0, 9, 3, 3]))
         fuse_views(data.root, out, FuseSettings(), Stats())
@@ -234,12 +238,12 @@ def given(tmp_path: Path) -> tuple[Dataset, Path]:
     return data, tmp_path / "segments"
 
 
-def test_ids_of_another_size_are_resampled_with_a_warning_or_refused(given, capsys) -> None:
+def test_ids_of_another_size_are_resampled_with_a_warning_or_refused(given, caplog) -> None:
     data, out = given
     ids = np.repeat(np.repeat(data.segments("a", "part"), 2, axis=0), 2, axis=1)
     labelled(out, "a", ids)
     fuse_views(data.root, out, FuseSettings(), Stats())
-    warned = [line for line in capsys.readouterr().out.splitlines() if line.startswith("warning")]
+    warned = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
     assert warned
     assert "a.npz must be 16x12 like its view; it is 32x24; the nearest ids are taken" in warned[0]
     assert best_match(fused(out, "a"), data.segments("a", "part")) > 0.95
@@ -247,12 +251,12 @@ def test_ids_of_another_size_are_resampled_with_a_warning_or_refused(given, caps
         fuse_views(data.root, out, FuseSettings(other_size="error"), Stats())
 
 
-def test_views_without_labels_are_named_and_none_at_all_is_an_error(given, capsys) -> None:
+def test_views_without_labels_are_named_and_none_at_all_is_an_error(given, caplog) -> None:
     data, out = given
     labelled(out, "a", np.zeros((12, 16), np.uint16))
     fuse_views(data.root, out, FuseSettings(), Stats())
-    assert "warning: views without any segment: a" in capsys.readouterr().out
-    assert read_fusion(out / "fusion.npz")[1]["silent_views"] == ["a"]
+    assert "views without any segment: a" in caplog.text
+    assert read_fusion(out / "fusion.npz")[1]["views_without_segments"] == ["a"]
     labelled(out, "b", np.zeros((12, 16), np.uint16))
     with pytest.raises(FiptError, match=r"no view of .* has a segment"):
         fuse_views(data.root, out, FuseSettings(), Stats())

@@ -162,7 +162,7 @@ def test_ids_of_another_size(room, folder):
         given(room, folder, other_size="error")
 
 
-def test_bad_pictures(room, folder):
+def test_bad_images(room, folder):
     def said():
         with pytest.raises(FiptError) as error:
             given(room, folder)
@@ -171,7 +171,7 @@ def test_bad_pictures(room, folder):
     (folder / "b.png").write_bytes(b"no picture")
     assert "b.png is not a readable PNG" in said()
     write_png(folder / "b.png", np.full((6, 8, 3), 5, np.uint8))
-    assert "b.png is a colour picture, but table.json with the id of each colour is missing" in said()
+    assert "b.png is a colour image, but table.json with the id of each colour is missing" in said()
     table(folder, {"id": 1, "color": [5, 5, 4]})
     assert "48 pixels have colours that table.json does not list, the first at row 0, column 0: [5, 5, 5]" in said()
     (folder / "b.png").unlink()

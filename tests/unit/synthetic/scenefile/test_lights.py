@@ -14,12 +14,12 @@ Z_UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 
 def outside(tmp_path, body: str, turn: np.ndarray | None = None, version: str = "3.0.0"):
     from fipt.synthetic.scenefile.lights import outside
-    from fipt.synthetic.scenefile.source import Source
+    from fipt.synthetic.scenefile.source import SceneFileReader
     from fipt.synthetic.scenefile.xml import read_tree
 
     path = tmp_path / "scene.xml"
     path.write_text(f'<scene version="{version}">{body}</scene>')
-    source = Source(path, SceneFile())
+    source = SceneFileReader(path, SceneFile())
     return outside(read_tree(path).root, np.eye(3) if turn is None else turn, source), source
 
 
@@ -107,19 +107,19 @@ def test_sky_and_sun(tmp_path, backend):
 @pytest.mark.parametrize("kind", ["point", "spot"])
 def test_small_lamps_have_the_intensity_of_what_they_stand_for(kind, tmp_path, backend):
     from fipt.scene.mesh import Mesh
-    from fipt.synthetic.scenefile.lights import lamp_radiance, lamp_shape, lamps
-    from fipt.synthetic.scenefile.source import Source
+    from fipt.synthetic.scenefile.lights import emitter_radiance, emitter_shape, point_emitters
+    from fipt.synthetic.scenefile.source import SceneFileReader
     from fipt.synthetic.scenefile.xml import read_tree
 
     path = tmp_path / "scene.xml"
     place = '<transform name="to_world"><lookat origin="1 2 3" target="1 0 3" up="1 0 0"/></transform>'
     path.write_text(f'<scene><emitter type="{kind}">{place}<spectrum name="intensity" value="0.8"/></emitter></scene>')
-    (lamp,) = lamps(read_tree(path).root, Source(path, SceneFile()))
+    (emitter,) = point_emitters(read_tree(path).root, SceneFileReader(path, SceneFile()))
     scale = 0.1
-    vertices, triangles = lamp_shape(lamp, lamp.position * scale, lamp.direction)
+    vertices, triangles = emitter_shape(emitter, emitter.position * scale, emitter.direction)
     mesh = Mesh(vertices.astype(np.float32), triangles)
     below = np.array([0, -1.0, 0])
     visible = np.maximum(mesh.area_normals @ below, 0).sum()
     # Half as far away in metres as in units: the same irradiance needs the square of the scale.
-    assert np.allclose(lamp_radiance(lamp, scale) * visible, 0.8 * scale**2, rtol=0.03)
+    assert np.allclose(emitter_radiance(emitter, scale) * visible, 0.8 * scale**2, rtol=0.03)
     assert np.allclose(mesh.vertices.mean(axis=0), [0.1, 0.2, 0.3], atol=1e-3)

@@ -14,11 +14,11 @@ from fipt.synthetic.settings import SceneFile
 
 def made(parsed, element: str, tmp_path: Path = Path(), **settings):
     """The material and the look of a bsdf, and what was noted."""
-    from fipt.synthetic.scenefile.materials import look, material
-    from fipt.synthetic.scenefile.source import Source
+    from fipt.synthetic.scenefile.materials import converted, material
+    from fipt.synthetic.scenefile.source import SceneFileReader
 
-    source = Source(tmp_path / "one.xml", SceneFile(**settings))
-    found = look(parsed(element), source)
+    source = SceneFileReader(tmp_path / "one.xml", SceneFile(**settings))
+    found = converted(parsed(element), source)
     return material("m", found, source.settings.smoothest), found, source
 
 
@@ -87,8 +87,8 @@ RULES = {
 @pytest.mark.parametrize("name", RULES)
 def test_rules(name, parsed):
     element, base, roughness, metallic = RULES[name]
-    material, look, source = made(parsed, element)
-    assert not look.clear
+    material, converted, source = made(parsed, element)
+    assert not converted.clear
     assert not source.unknown
     assert material.base_color.shape == (1, 1, 3)
     assert material.base_color.dtype == np.float32
@@ -128,9 +128,9 @@ def test_what_lets_light_through_is_dropped(element, parsed):
 
 
 def test_unknown_plugins_are_problems_and_flagged(parsed):
-    material, look, source = made(parsed, '<bsdf type="twosided"><bsdf type="hairy" id="H"/></bsdf>')
+    material, converted, source = made(parsed, '<bsdf type="twosided"><bsdf type="hairy" id="H"/></bsdf>')
     assert material.flagged
-    assert look.flagged
+    assert converted.flagged
     assert source.unknown == ["bsdf hairy (one.xml line 1)"]
     _, _, source = made(parsed, '<bsdf type="conductor"><string name="material" value="../Al"/></bsdf>')
     assert source.unknown == ["conductor ../Al (one.xml line 1)"]
@@ -143,9 +143,11 @@ def bitmap(name: str, file: str, more: str = "") -> str:
 def test_pictures_are_decoded_and_their_first_row_is_v_0(tmp_path, parsed):
     codes = np.arange(24, dtype=np.uint8).reshape(2, 4, 3) * 10
     Image.fromarray(codes).save(tmp_path / "p.png")
-    material, look, source = made(parsed, f'<bsdf type="diffuse">{bitmap("reflectance", "p.png")}</bsdf>', tmp_path)
+    material, converted, source = made(
+        parsed, f'<bsdf type="diffuse">{bitmap("reflectance", "p.png")}</bsdf>', tmp_path
+    )
     assert np.allclose(material.base_color, srgb_decode(codes / 255).clip(0.01, 0.9), atol=1e-5)
-    assert look.base.picture == "p.png"
+    assert converted.base.image == "p.png"
     assert source.files == [tmp_path / "p.png"]
     raw = bitmap("reflectance", "p.png", '<boolean name="raw" value="true"/>')
     material, _, _ = made(parsed, f'<bsdf type="diffuse">{raw}</bsdf>', tmp_path)
@@ -161,7 +163,7 @@ def test_texture_coordinates_are_turned_as_mitsuba_does(tmp_path, parsed):
         '<transform name="to_uv"><scale x="2" y="3"/><rotate z="1" angle="30"/><translate x="0.2" y="0.1"/></transform>'
     )
     texture = bitmap("reflectance", "p.png", place)
-    _, look, _ = made(parsed, f'<bsdf type="diffuse">{texture}</bsdf>', tmp_path)
+    _, converted, _ = made(parsed, f'<bsdf type="diffuse">{texture}</bsdf>', tmp_path)
     (tmp_path / "t.xml").write_text(
         f'<scene version="3.0.0"><shape type="rectangle"><bsdf type="diffuse" id="b">{texture}</bsdf></shape></scene>'
     )
@@ -170,11 +172,11 @@ def test_texture_coordinates_are_turned_as_mitsuba_does(tmp_path, parsed):
     si = mi.SurfaceInteraction3f()
     si.uv = mi.Point2f(*(mi.Float(axis.astype(np.float32)) for axis in uv.T))
     theirs = np.array(bsdf.eval_diffuse_reflectance(si)).T
-    place = (uv @ look.base.from_uv[:, :2].T + look.base.from_uv[:, 2]) * 16 - 0.5
+    place = (uv @ converted.base.from_uv[:, :2].T + converted.base.from_uv[:, 2]) * 16 - 0.5
     low = np.floor(place).astype(int)
     part = (place - low)[:, None]
     value = sum(
-        look.base.values[(low[:, 1] + j) % 16, (low[:, 0] + i) % 16]
+        converted.base.values[(low[:, 1] + j) % 16, (low[:, 0] + i) % 16]
         * ((part[..., 0] if i else 1 - part[..., 0]) * (part[..., 1] if j else 1 - part[..., 1]))
         for i in (0, 1)
         for j in (0, 1)
@@ -211,8 +213,8 @@ def test_a_masks_alpha_channel_is_its_opacity(tmp_path, parsed):
     pixels[:2, :, 3] = 0
     Image.fromarray(pixels).save(tmp_path / "leaf.png")
     leaf = f'<bsdf type="mask">{bitmap("opacity", "leaf.png")}<bsdf type="diffuse"/></bsdf>'
-    _, look, _ = made(parsed, leaf, tmp_path)
-    assert np.array_equal(look.opacity.grey, np.repeat([0, 0, 1, 1], 4).reshape(4, 4))
+    _, converted, _ = made(parsed, leaf, tmp_path)
+    assert np.array_equal(converted.opacity.grey, np.repeat([0, 0, 1, 1], 4).reshape(4, 4))
 
 
 def test_textured_roughness_is_the_root_of_alpha(tmp_path, parsed):

@@ -49,10 +49,10 @@ ROUND = ("disk", "sphere", "cylinder")
 
 def ours(path: Path):
     from fipt.synthetic.scenefile.shapes import geometry, placed
-    from fipt.synthetic.scenefile.source import Source
+    from fipt.synthetic.scenefile.source import SceneFileReader
     from fipt.synthetic.scenefile.xml import read_tree
 
-    source = Source(path, SceneFile())
+    source = SceneFileReader(path, SceneFile())
     found = [geometry(shape, source) for shape in placed(read_tree(path).root, source)]
     source.check()
     return found
@@ -142,19 +142,19 @@ def test_faces_that_count_backwards(tmp_path, backend):
 
 
 def test_slivers_go_and_the_rest_keeps_its_order(backend):
-    from fipt.synthetic.scenefile.shapes import Geometry, without_slivers
+    from fipt.synthetic.scenefile.shapes import ShapeGeometry, without_slivers
 
     vertices = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (2, 0, 0), (0, 0, 1), (np.nan, 0, 0)], float)
     triangles = np.array([(0, 1, 2), (0, 1, 3), (1, 1, 2), (0, 4, 2), (0, 5, 1)], np.int32)
-    kept = without_slivers(Geometry(vertices * 1e-3, triangles, None)).triangles
+    kept = without_slivers(ShapeGeometry(vertices * 1e-3, triangles, None)).triangles
     assert kept.tolist() == [[0, 1, 2], [0, 4, 2]]
 
 
 def test_a_mask_cuts_the_clear_half(backend):
-    from fipt.synthetic.scenefile.shapes import Geometry, cut
+    from fipt.synthetic.scenefile.shapes import ShapeGeometry, cut
     from fipt.synthetic.scenefile.textures import Map
 
-    quad = Geometry(
+    quad = ShapeGeometry(
         np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], float),
         np.array([(0, 1, 2), (0, 2, 3)], np.int32),
         np.array([(0, 0), (1, 0), (1, 1), (0, 1)], float),

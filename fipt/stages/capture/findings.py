@@ -1,0 +1,257 @@
+"""What is wrong with a capture, and what to do about it: findings with a severity, worst first."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from fipt.stages.capture import lensfun
+from fipt.stages.capture.brackets import Bracket, Capture, Finding
+from fipt.stages.capture.calibration import Calibration
+from fipt.stages.capture.calibration_frames import calibration_frames
+from fipt.stages.capture.exposures import RATIO_TOLERANCE, shutter_text
+from fipt.stages.capture.quality import Quality
+from fipt.stages.capture.raw import Shot
+
+SEVERITIES = ("error", "warning", "note")
+"""Of findings, worst first. With an error a view, or the capture, cannot be used."""
+
+CLIPPED_SHARE = 0.01
+"""Share of pixels that may be clipped in the shortest exposure: lamps; more is a window or a wrong exposure."""
+
+NOISY_SHARE = 0.1
+"""Share of pixels that may be darker than the read noise in the longest exposure."""
+
+MOVED_SHARE = 0.005
+"""Share of the picture that may differ between exposures."""
+
+REPROJECTION = 0.5
+"""Root mean square distance of board corners after calibration that is still good, pixels."""
+
+BLURRED = 0.4
+"""A view with less than this share of the capture's usual sharpness is blurred."""
+
+
+def check(capture: Capture, unreadable: Iterable[Finding] = (), qualities: Sequence[Quality] = ()) -> list[Finding]:
+    """All findings of a capture, worst first.
+
+    Parameters
+    ----------
+    capture
+        Its brackets, and what was found when they were grouped.
+    unreadable
+        What was found when the photographs were read.
+    qualities
+        Figures of the views that could be read.
+    """
+    found = [*capture.findings, *unreadable, *_mixed(capture.brackets), *_judged(qualities)]
+    return sorted(found, key=lambda finding: SEVERITIES.index(finding.severity))
+
+
+def _mixed(brackets: Sequence[Bracket]) -> list[Finding]:
+    """What should be the same in all photographs: aperture, ISO, focal length, lens."""
+    asked = (
+        (
+            "aperture",
+            "warning",
+            lambda shot: shot.aperture,
+            lambda value: f"f/{value:g}",
+            "vignetting and sharpness change with the aperture: keep it fixed (mode M)",
+        ),
+        (
+            "iso",
+            "warning",
+            lambda shot: shot.iso,
+            lambda value: f"ISO {value:g}",
+            "switch auto ISO off: noise and exposure ratios change with it",
+        ),
+        (
+            "focal-length",
+            "error",
+            lambda shot: shot.focal_length and round(shot.focal_length, 1),
+            lambda value: f"{value:g} mm",
+            "a capture has one camera: photograph these views again, or in a folder of their own",
+        ),
+        ("lens", "error", lambda shot: shot.lens, str, "a capture has one lens: put these views into another folder"),
+    )
+    findings = []
+    for kind, severity, value_of, text, remedy in asked:
+        usual, odd = _odd_shots(brackets, value_of)
+        if odd:
+            shots = [shot for _, shot in odd]
+            listed = ", ".join(dict.fromkeys(text(value_of(shot)) for shot in shots))
+            views = tuple(dict.fromkeys(view for view, _ in odd))
+            name = kind.replace("-", " ").replace("iso", "ISO")
+            findings.append(
+                Finding(
+                    kind,
+                    severity,
+                    f"mixed {name}: most photographs have {text(usual)}, but {_files(shots)} {listed} "
+                    f"({_views(views)})",
+                    remedy,
+                    views,
+                )
+            )
+    return findings
+
+
+def _odd_shots(brackets: Sequence[Bracket], value_of: Callable[[Shot], Any]) -> tuple[Any, list[tuple[str, Shot]]]:
+    """The usual value, and (view, shot) of the photographs that have another one."""
+    known = [(b.view, shot) for b in brackets for shot in b.shots if value_of(shot) is not None]
+    if not known:
+        return None, []
+    usual = Counter(value_of(shot) for _, shot in known).most_common(1)[0][0]
+    return usual, [(view, shot) for view, shot in known if value_of(shot) != usual]
+
+
+def _files(shots: Sequence[Shot]) -> str:
+    more = f" and {len(shots) - 3} more" if len(shots) > 3 else ""
+    return ", ".join(shot.path.name for shot in shots[:3]) + more
+
+
+def _views(views: Sequence[str]) -> str:
+    more = f" and {len(views) - 5} more" if len(views) > 5 else ""
+    return f"view{'s' if len(views) > 1 else ''} {', '.join(views[:5])}{more}"
+
+
+def _judged(qualities: Sequence[Quality]) -> list[Finding]:
+    """Findings from the figures of the views."""
+    findings = []
+
+    def add(kind: str, severity: str, wrong: list[Quality], message: str, remedy: str) -> None:
+        if wrong:
+            views = tuple(quality.view for quality in wrong)
+            findings.append(Finding(kind, severity, f"{_views(views)}: {message}", remedy, views))
+
+    for kind, figure, limit, message, remedy in (
+        (
+            "clipped",
+            lambda q: q.clipped,
+            CLIPPED_SHARE,
+            "the shortest exposure is clipped in up to {:.0%} of the pixels",
+            "add shorter exposures: what is clipped in all of them is only known to be brighter than that",
+        ),
+        (
+            "noise",
+            lambda q: q.noisy,
+            NOISY_SHARE,
+            "the longest exposure is below its noise in up to {:.0%} of the pixels",
+            "add longer exposures, or light the room",
+        ),
+        (
+            "moved",
+            lambda q: q.moved,
+            MOVED_SHARE,
+            "something moved between the exposures in up to {:.1%} of the picture",
+            "nobody and nothing may move; what moved is masked",
+        ),
+    ):
+        wrong = [q for q in qualities if figure(q) > limit]
+        add(kind, "warning", wrong, message.format(max(map(figure, wrong), default=0)), remedy)
+    if len(qualities) > 2:
+        usual = float(np.median([q.sharpness for q in qualities]))
+        blurred = [q for q in qualities if q.sharpness < BLURRED * usual]
+        add(
+            "blurred",
+            "warning",
+            blurred,
+            "less sharp than the others",
+            "photograph again: tripod, remote release, focus",
+        )
+    findings += _off_ratios(qualities)
+    balances = {q.view: q.white_balance for q in qualities if q.white_balance is not None}
+    if balances:
+        usual = np.median(list(balances.values()), axis=0)
+        odd = tuple(view for view, gains in balances.items() if np.abs(np.array(gains) / usual - 1).max() > 0.02)
+        if odd:
+            findings.append(
+                Finding(
+                    "white-balance",
+                    "note",
+                    f"mixed white balance: {_views(odd)} differ from the rest",
+                    "one white balance is used for all views of a capture; set it by hand in the camera",
+                    odd,
+                )
+            )
+    return findings
+
+
+def _off_ratios(qualities: Sequence[Quality]) -> list[Finding]:
+    """Exposures that gathered more or less light than stated, one finding for each shutter time and ratio."""
+    off: dict[tuple[str, str], list[tuple[str, float]]] = {}
+    for quality in qualities:
+        for frame in quality.frames:
+            if frame.measured is not None and abs(frame.measured / frame.ratio - 1) > RATIO_TOLERANCE:
+                key = shutter_text(frame.shutter), f"1/{frame.ratio:.4g}"
+                off.setdefault(key, []).append((quality.view, frame.measured))
+    findings = []
+    for (shutter, stated), seen in off.items():
+        views = tuple(view for view, _ in seen)
+        measured = f"1/{np.median([ratio for _, ratio in seen]):.4g}"
+        findings.append(
+            Finding(
+                "ratio",
+                "warning",
+                f"{_views(views)}: {shutter} gathered {measured} of the next longer exposure's light, not {stated}",
+                "set capture.times to measured, unless the light changed meanwhile",
+                views,
+            )
+        )
+    return findings
+
+
+def calibration_notes(capture: Capture) -> list[Finding]:
+    """What will not be known of the camera: missing calibration frames, and a lens that lensfun does not know."""
+    if capture.kind != "raw" or (capture.folder / "calibration.json").is_file():
+        return []
+    frames = calibration_frames(capture.folder)
+    board = "checkerboard" in frames or "charuco" in frames
+    there = {"board": board, **{kind: kind in frames for kind in ("flat", "dark", "white")}}
+    missing = [kind for kind, found in there.items() if not found]
+    findings = []
+    if missing:
+        message = f"no calibration frames of: {', '.join(missing)}"
+        findings.append(Finding("calibration", "note", message, "photograph them while you are here (docs/capture.md)"))
+    shot = capture.brackets[0].shots[0]
+    # Size and distance do not decide whether a lens is known.
+    if not (board and "flat" in frames) and lensfun.look_up(shot, 6000, 4000, 2.5) is None:
+        message = f"lensfun does not know the lens {shot.lens or 'without a name'} on {shot.camera or 'this camera'}"
+        findings.append(Finding("lens", "note", message, "photograph a board and an even surface"))
+    return findings
+
+
+def undeveloped(facts: Mapping[str, Mapping[str, Any]]) -> list[Finding]:
+    """A finding for every view that development has rejected."""
+    return [
+        Finding(
+            "rejected",
+            "error",
+            f"view {view}: {known['rejected']}",
+            "see the other findings, or take it again",
+            (view,),
+        )
+        for view, known in facts.items()
+        if "rejected" in known
+    ]
+
+
+def uncalibrated(calibration: Calibration) -> list[Finding]:
+    """What is not known of the camera; a reprojection error that is too large."""
+    found = [
+        Finding("uncalibrated", "note", sentence, "photograph the frames that are missing (docs/capture.md)")
+        for sentence in calibration.absent
+    ]
+    error = calibration.figures.get("board", {}).get("rms")
+    if error is not None and error > REPROJECTION:
+        found.append(
+            Finding(
+                "reprojection",
+                "warning",
+                f"the board's corners are off by {error:.2f} pixels (rms) after calibration",
+                "photograph a flat board, sharp, in all corners of the frame",
+            )
+        )
+    return found

@@ -1,0 +1,66 @@
+"""Reads every view of a capture and measures it, for the check before development."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+from fipt.errors import FiptError
+from fipt.progress import progress
+from fipt.stages.capture.brackets import Bracket, Capture, Finding
+from fipt.stages.capture.exposures import stops
+from fipt.stages.capture.quality import Quality, measure
+from fipt.stages.capture.raw import read_raw
+
+
+def inspect(capture: Capture, threads: int = 2) -> tuple[list[Quality], list[Finding]]:
+    """Read every view and measure those of a RAW capture; what is wrong with a file becomes a finding."""
+
+    def measured(bracket: Bracket) -> Quality | Finding | None:
+        try:
+            if bracket.kind != "raw":
+                return _not_finite(bracket) if bracket.kind == "merged" else None
+            frames = [read_raw(shot.path, shot) for shot in bracket.shots]
+        except FiptError as error:
+            message = f"view {bracket.view}: {error.message}"
+            return Finding("unreadable", "error", message, error.remedy, (bracket.view,))
+        try:
+            return measure(bracket, frames)
+        except FiptError as error:
+            return Finding("size", "error", error.message, error.remedy, (bracket.view,))
+
+    results = []
+    with progress("check", len(capture.brackets), " views") as bar, ThreadPoolExecutor(threads) as pool:
+        for result in pool.map(measured, capture.brackets):
+            results.append(result)
+            bar.advance()
+    qualities = [result for result in results if isinstance(result, Quality)]
+    findings = [result for result in results if isinstance(result, Finding)]
+    if capture.kind != "raw":
+        message = "these are no RAW files: exposure, noise, movement and sharpness are not measured"
+        findings.append(Finding("not-measured", "note", message, "give RAW brackets to have them checked"))
+    return qualities, findings
+
+
+def _not_finite(bracket: Bracket) -> Finding | None:
+    """What is wrong with the numbers of a merged view, if anything."""
+    from fipt.stages.capture.develop import read_merged
+
+    radiance, _ = read_merged(bracket.shots[0].path)
+    bad = int((~np.isfinite(radiance).all(axis=-1)).sum())
+    if bad == 0:
+        return None
+    message = f"view {bracket.view}: {bad} pixels are NaN or infinite; they get weight 0"
+    return Finding("not-finite", "warning", message, "merge the view again", (bracket.view,))
+
+
+def balance_text(gains: tuple[float, float, float] | None) -> str:
+    """White balance for a table: gains of red and blue over green."""
+    return "-" if gains is None else f"{gains[0]:.2f} {gains[2]:.2f}"
+
+
+def span_text(bracket: Bracket) -> str:
+    """Exposures of a bracket for a table: how many, and how many stops they span."""
+    levels = [stops(shot) for shot in bracket.shots if shot.shutter]
+    return f"{len(bracket.shots)}, {max(levels) - min(levels):.0f} EV" if levels else f"{len(bracket.shots)}"
