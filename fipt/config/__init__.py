@@ -9,3 +9,9 @@ loaded.
 - `scene`: a `SceneConfig`, with `views`, `segmentation`, `setups` and `decisions`; `layout`: every path of its results
 - `documentation`: generated schema and tables of keys
 """
+
+from fipt.config.layout import RESULTS, Layout
+from fipt.config.reading import Configuration, load, read
+from fipt.config.scene import SceneConfig
+
+__all__ = ["RESULTS", "Configuration", "Layout", "SceneConfig", "load", "read"]

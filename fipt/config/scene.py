@@ -99,9 +99,14 @@ class SceneConfig:
         return json.dumps(self.place.paths(values, f"settings.{section}"), sort_keys=True)
 
     @property
-    def grid(self) -> int:
-        """Rays along a pixel's side: what renders follows the footprint samples."""
+    def rays_per_side(self) -> int:
+        """Rays of a pixel along its side, as many as its footprint samples have."""
         return self.settings["samples"].grid
+
+    @property
+    def shown_views(self) -> int:
+        """Views that the report shows; their photographs set the exposure of videos."""
+        return self.settings["report"].max_views
 
     @property
     def checks_poses(self) -> bool:
@@ -111,11 +116,15 @@ class SceneConfig:
 
     # --- photographs
 
+    def judged(self) -> list[str]:
+        """The capture report, of photographed scenes."""
+        return [self.layout.capture_report] if self.source.photographed else []
+
     def developed(self) -> list[str]:
         """The capture report and the developed views, of photographed scenes."""
         if not self.source.photographed:
             return []
-        return [self.layout.capture_report, *self.sharded(self.layout.developed, ["all"])]
+        return [*self.judged(), *(self.layout.developed.format(shard=shard) for shard in self.views.shards("all"))]
 
     def brackets(self, shard: str) -> list[str]:
         """The photographs of a shard."""
@@ -133,10 +142,6 @@ class SceneConfig:
         return [self.place.path(file, "settings.poses.align.reference")] if file else []
 
     # --- the dataset
-
-    def sharded(self, pattern: str, splits: Sequence[str]) -> list[str]:
-        """A pattern with ``{shard}`` for every shard of splits, or of ``all``."""
-        return [pattern.format(shard=shard) for shard in self.views.shards(*splits)]
 
     def images(self, splits: Sequence[str], shard: str | None = None) -> list[str]:
         """Manifests of the images, ids and truth of splits or of ``all``; in a job of a shard, of that one."""
@@ -157,14 +162,16 @@ class SceneConfig:
 
     # --- the model and what is made of it
 
-    def emitters(self, round: int | None = None) -> str:
-        """The emitters that go with the model of a round, or of the last one."""
-        number = self.rounds if round is None else round
-        return self.layout.emitters.format(round=number if self.settings["emitters"].every_round else 0)
+    def last_emitters(self) -> str:
+        """The emitters that go with the last model."""
+        return self._emitters(self.rounds)
 
     def emitters_before(self, round: str) -> str:
         """The emitters that go with the model of the round before."""
-        return self.emitters(int(round) - 1)
+        return self._emitters(int(round) - 1)
+
+    def _emitters(self, round: int) -> str:
+        return self.layout.emitters.format(round=round if self.settings["emitters"].every_round else 0)
 
     def olat_shards(self) -> dict[str, list[str]]:
         """Shards of the views that are rendered with one light at a time -> these views."""

@@ -73,6 +73,11 @@ class SceneSetups:
         """The flag with a shard of a setup's own cameras, comma-separated; nothing of the others."""
         return ["--cameras", ",".join(self.shards(setup)[shard])] if self.given[setup].cameras else []
 
+    def seen_options(self, setup: str, shard: str) -> list[str]:
+        """The flag with a shard of the views that a setup relights, or of its own cameras, comma-separated."""
+        flag = "--cameras" if self.given[setup].cameras else "--views"
+        return [flag, ",".join(self.shards(setup)[shard])]
+
     def files(self, setup: str) -> list[str]:
         """Files that a setup names: another environment map, objects and mesh lights with their textures."""
         values = dumped(self.given[setup])
@@ -120,8 +125,10 @@ class SceneSetups:
         return [pattern.format(setup=name, shard=shard) for name in self.with_truth() for shard in self.shards(name)]
 
     def samples(self, setup: str, shard: str) -> list[str]:
-        """Footprint samples of the views of a shard; a setup's own cameras have none."""
-        return [] if self.given[setup].cameras else [self._place.layout.samples.format(shard=shard)]
+        """Footprint samples of the views of a shard; for a setup's own cameras some, which tell the settings."""
+        own = self.given[setup].cameras is not None
+        traced = next(iter(self._views.shards("all"))) if own else shard
+        return [self._place.layout.samples.format(shard=traced)]
 
     def placed_by(self, setup: str) -> list[str]:
         """Which views are accepted, for a setup's own cameras: they are placed by these."""

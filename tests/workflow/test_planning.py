@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from fipt.config import load
+from fipt.config.legacy import load
 from fipt.errors import FiptError
 from fipt.run import plan
 from tests import captures, modelled

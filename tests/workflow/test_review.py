@@ -10,7 +10,7 @@ from collections import Counter
 import pytest
 import yaml
 
-from fipt.config import load
+from fipt.config.legacy import load
 from fipt.errors import FiptError
 from fipt.run import plan, run
 from fipt.scene.review import refreshed, write_review

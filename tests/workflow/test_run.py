@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from fipt.config import load
+from fipt.config.legacy import load
 from fipt.errors import FiptError
 from fipt.run import locked, run
 

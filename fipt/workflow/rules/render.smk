@@ -15,7 +15,7 @@ rule render_views:
         cache="results/{scene}/cache.npz",
         environment="results/{scene}/environment.npz",
         model=LAST_MODEL,
-        emitters=last_emitters,
+        emitters=ask("last_emitters"),
     output:
         manifest="results/{scene}/render.{shard}.manifest.json",
         stats="results/{scene}/stats/render.{shard}.json",
