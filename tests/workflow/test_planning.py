@@ -111,7 +111,7 @@ def test_runs_once_then_only_what_changed(workspace):
         "report": only("scene_report"),
         "metrics": only("scene_metrics", "scene_report"),
         "relight": only("relight_views", "scene_metrics", "scene_report"),
-        "lamps": only("lamp_views", "scene_report"),
+        "olat": only("lamp_views", "scene_report"),
         "render": only("render_views", "scene_metrics", "scene_report"),
         "materials": only("material_maps", "scene_metrics", "scene_report"),
         "refine": {"refine": 2, "fit": 1, "emitters": 1, **only(*SHOWN)},
@@ -145,7 +145,7 @@ def test_runs_once_then_only_what_changed(workspace):
     # A higher stage version is a reason to run.
     patch = here.root / "patch"
     patch.mkdir()
-    (patch / "sitecustomize.py").write_text("import fipt.versions as v; v.VERSIONS['render'] += 1")
+    (patch / "sitecustomize.py").write_text("import fipt.registry as r; r.VERSIONS['render'] += 1")
     here.environment["PYTHONPATH"] += os.pathsep + str(patch)
     assert here.planned() == only("render_views", "scene_metrics", "scene_report")
 

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from fipt.config import checked
+from fipt.validation import checked
 from fipt.errors import FiptError
 from fipt.stages.poses.align import align, cameras_up, find_floor
 from fipt.stages.poses.settings import Align, KnownDistance, SceneBoard

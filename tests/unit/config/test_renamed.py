@@ -1,0 +1,38 @@
+import pytest
+
+from fipt.config import load
+from fipt.errors import FiptError
+
+ROOM = {"source": "procedural"}
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"hits": {"max_hits": 3}}, ["hits is samples now", "hits.max_hits is samples.max_samples now"]),
+        ({"samples": {"max_hits": 3}}, ["samples.max_hits is samples.max_samples now"]),
+        ({"background": {"mode": "none"}}, ["background is environment now"]),
+        ({"lamps": {"views": 1}}, ["lamps is olat now"]),
+        ({"setups": {"night": {"background": {"scale": 0}}}}, ["setups.night.background is called environment now"]),
+        (
+            {"scenes": {"attic": {**ROOM, "settings": {"hits": {}}, "setups": {"a": {"background": {}}}}}},
+            [
+                "scenes.attic.settings.hits is scenes.attic.settings.samples now",
+                "scenes.attic.setups.a.background is called environment now",
+            ],
+        ),
+    ],
+)
+def test_old_names_are_told_all_at_once(values, said):
+    with pytest.raises(FiptError) as caught:
+        load({"scenes": {"room": ROOM}} | values)
+    assert caught.value.message.split("; ") == said
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("values", [{"scenes": []}, {"scenes": {"room": 3}}, {"setups": [1]}, {"scenes": {"room": ROOM}}])
+def test_odd_configurations_are_left_to_the_check(values):
+    try:
+        load(values)
+    except FiptError as error:
+        assert " now" not in error.message
