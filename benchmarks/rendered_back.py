@@ -17,12 +17,13 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from fipt.config import RESULTS, read
+from fipt.config.sources.mitsuba import MitsubaRoom
 from fipt.conventions import LUMINANCE
 from fipt.formats.images import srgb_encode, to_display, write_png
 from fipt.model.networks import Brdf
 from fipt.progress import progress
 from fipt.render.environment import sky_of
-from fipt.render.picture import Light, pictures
+from fipt.render.image import ImageSampling, LitRoom, render_images
 from fipt.render.scene import RayScene
 from fipt.render.surface import EmitterSet, SurfaceCache, Triangles
 from fipt.render.tracer import PathSettings, Shader
@@ -44,7 +45,7 @@ def true_brdf(truth: Truth, camera: Camera, rays: np.ndarray) -> Brdf:
     return Brdf(found["base_color"], found["roughness"], found["metallic"])
 
 
-def light_of(room: SyntheticRoom, voxels: dict, known: list[tuple[np.ndarray, Brdf]]) -> Light:
+def light_of(room: SyntheticRoom, voxels: dict, known: list[tuple[np.ndarray, Brdf]]) -> LitRoom:
     """Return the room under its own light; voxels have the material of the nearest of the known points."""
     _, nearest = cKDTree(np.concatenate([position for position, _ in known])).query(voxels["point"])
     materials = Brdf(
@@ -59,7 +60,7 @@ def light_of(room: SyntheticRoom, voxels: dict, known: list[tuple[np.ndarray, Br
     surface = SurfaceCache(voxels, nothing, np.zeros(len(nothing), bool), materials)
     path = PathSettings(10, cache_roughness=1.0, light_at_first=True)
     shader = Shader(RayScene(room.mesh), Triangles(room.mesh, lit), surface, path, sky_of(room.outside))
-    return Light(room.mesh, lit, room.outside, shader)
+    return LitRoom(room.mesh, lit, room.outside, shader)
 
 
 def main() -> int:
@@ -75,11 +76,11 @@ def main() -> int:
     set_variant()
     root = Path(RESULTS, scene.name)
     data = Dataset(root / "dataset")
-    file = Path(scene.source_path()) if scene.source == "mitsuba" else None
+    file = Path(scene.source.path) if isinstance(scene.source, MitsubaRoom) else None
     room = built(root / "dataset", scene.settings["synthesize"], file)
     truth = Truth(room)
     known = []
-    shards = {name: read_samples(root / "samples" / name) for name in scene.shards("all")}
+    shards = {name: read_samples(root / "samples" / name) for name in scene.views.shards("all")}
     for samples in shards.values():
         for index, view in enumerate(samples.views):
             camera, position = data.camera(view), np.asarray(samples.position[samples.of_view(index)])
@@ -88,15 +89,14 @@ def main() -> int:
     light = light_of(room, read_cache(root / "cache.npz"), known)
     grid = scene.settings["samples"].grid
     ratio, error, inside, rows = [], [], [], []
-    held_out = [shards[name] for name in scene.shards("val")]
+    held_out = [shards[name] for name in scene.views.shards("val")]
     with progress("paths", sum(len(samples.center) for samples in held_out) * arguments.spp, " paths") as bar:
         for samples in held_out:
             for index, view in enumerate(samples.views):
                 camera, (image, valid) = data.camera(view), data.image(view)
-                look = partial(true_brdf, truth, camera)
-                (picture,) = pictures(
-                    [light], camera, lambda sight, look=look: look(-sight.wo), grid, arguments.spp, True, 0, bar.advance
-                )
+                brdf = partial(true_brdf, truth, camera)
+                sampling = ImageSampling(grid, arguments.spp, denoise=True, seed=0)
+                (picture,) = render_images([light], camera, lambda si, brdf=brdf: brdf(-si.wo), sampling, bar.advance)
                 pixels, own = samples.pixels(index), samples.of_view(index)
                 shines = room.emits[np.asarray(samples.triangle[own])]
                 lamp = np.bincount(samples.pixel_of_sample(index), shines, image.shape[0] * image.shape[1]) > 0

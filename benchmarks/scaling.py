@@ -21,11 +21,10 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.jobs import jobs_of
 from benchmarks.report import machine
 from fipt.config import RESULTS
-from fipt.config import load as load_config
 from fipt.formats.files import atomic, write_text
-from fipt.run import plan
 from fipt.scene.mesh import Mesh, read_mesh, write_ply
 
 
@@ -132,7 +131,7 @@ def chain(work: Work, root: Path) -> tuple[dict[str, Usage], int]:
     config = {"scenes": {"room": {"source": "procedural", "settings": settings}}, "rounds": 1, "views_per_shard": 1000}
     usage: dict[str, Usage] = {}
     mesh = root / RESULTS / "room" / "dataset" / "mesh.ply"
-    for job in plan(load_config(config).scenes["room"]):
+    for job in jobs_of(root, config):
         if job.verb == "samples" and "samples" not in usage:
             _cut(mesh, work.cuts)
         stats = Path(job.options[job.options.index("--stats") + 1])

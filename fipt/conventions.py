@@ -24,6 +24,9 @@ SHADING_OUTPUTS = 1 + 2 * len(ROUGHNESS_LEVELS)
 F0_DIELECTRIC = 0.04
 """Reflectance of a dielectric at normal incidence."""
 
+EMITTER_GAIN = 1.5
+"""What is this much brighter than any reflection there could be must emit."""
+
 LUMINANCE = (0.2126, 0.7152, 0.0722)
 """Weights of linear sRGB in luminance (ITU-R BT.709)."""
 
@@ -32,6 +35,12 @@ XYZ_FROM_SRGB = ((0.4124, 0.3576, 0.1805), (0.2126, 0.7152, 0.0722), (0.0193, 0.
 
 RAY_EPSILON = 3e-5
 """Offset of a ray's origin along the normal, as a fraction of the scene's largest extent."""
+
+RAYS_PER_SIDE = 4
+"""A pixel is looked through by the square of this many rays, unless the section ``samples`` says otherwise."""
+
+SHOWN_VIEWS = 12
+"""Views that the report shows, and whose photographs set the exposure of what is shown, unless it says otherwise."""
 
 SUB_POSITIONS = 4
 """Surface points stored for each hit, spread over its part of the pixel."""

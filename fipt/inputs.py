@@ -3,7 +3,8 @@
 The inputs of a stage are a frozen dataclass of fields ``Annotated[TYPE, "help"]``, and `fipt.cli.verbs` makes the
 options of its verb from them: the field ``held_out`` is ``--held-out``, one with a default may be left out. TYPE is
 `Path`, `str`, `int`, `float`, `bool` (a flag), a tuple of paths or strings (comma-separated, repeatable), or one of
-these or None. A field that carries `POSITIONAL` too is named by its place instead.
+these or None. A field that carries `POSITIONAL` too is named by its place instead, the items of a tuple that carries
+`UNSPLIT` may hold commas.
 """
 
 from pathlib import Path
@@ -11,6 +12,8 @@ from typing import Annotated
 
 POSITIONAL = object()
 """Mark of a field that stands in the command line without the name of an option."""
+UNSPLIT = object()
+"""Mark of a tuple whose items are given one by one, since they may hold commas."""
 
 DatasetFolder = Annotated[Path, "Dataset folder."]
 Names = Annotated[tuple[str, ...], "Views, comma-separated; repeatable."]
@@ -22,6 +25,7 @@ ModelFile = Annotated[Path, "Fitted model, model.safetensors."]
 ConfidenceFile = Annotated[Path, "confidence.npz of the model."]
 EmittersFile = Annotated[Path, "Emitters, emitters.npz."]
 EnvironmentFile = Annotated[Path | None, "Light from outside, environment.npz; without it there is none."]
-DecisionsJson = Annotated[str, "What emitters_review.yaml decides, by triangle, JSON (docs/emitters.md)."]
+EmitterNames = Annotated[Path | None, "emitters.json of fipt review: the emitters' names; without it, emitter-N."]
+DecisionsJson = Annotated[str, "What emitters_review.yaml decides, by triangle, JSON (docs/stages/emitters.md)."]
 ManifestFile = Annotated[Path, "Manifest of what was written."]
 ShardFolder = Annotated[Path, "Folder of the shard to write."]

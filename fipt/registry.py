@@ -83,19 +83,78 @@ class Verb:
 
 
 VERBS: dict[str, Verb] = {
-    "synthesize": Verb("Make a dataset with ground truth from a room in code or a scene file.", "fipt.cli.synthesize"),
-    "check-capture": Verb("Say what is wrong with a folder of photographs, in the room.", "fipt.cli.check_capture"),
-    "calibrate": Verb("Calibrate a camera: lens, vignetting, black, white balance.", "fipt.cli.calibrate"),
-    "develop": Verb("Merge bracketed photographs into calibrated HDR views.", "fipt.cli.develop"),
-    "qa": Verb("Judge a developed capture: figures, findings, rejected views.", "fipt.cli.qa"),
-    "pose": Verb("Estimate the poses of views, with evidence for every camera.", "fipt.cli.pose"),
-    "import": Verb("Bring posed HDR views of another layout into the dataset form.", "fipt.cli.import_"),
-    "check-poses": Verb("Check through the mesh that every view shows what the others show.", "fipt.cli.check_poses"),
+    "synthesize-room": Verb(
+        "Build a known room, in code or of a scene file; place its cameras.",
+        "fipt.stages.synthesize.room_stage",
+        "synthesize",
+        rays=True,
+    ),
+    "synthesize-views": Verb(
+        "Render images, segments and truth of views of a known room.",
+        "fipt.stages.synthesize.views_stage",
+        "synthesize",
+        rays=True,
+    ),
+    "synthesize-relit": Verb(
+        "Render views of a known room under a relight setup.",
+        "fipt.stages.synthesize.relit_stage",
+        "synthesize",
+        rays=True,
+    ),
+    "photograph-calibration": Verb(
+        "Take a simulated camera's calibration frames.",
+        "fipt.stages.synthesize.photograph_calibration_stage",
+        "synthesize",
+    ),
+    "photograph": Verb(
+        "Photograph views of a known room with a simulated camera.",
+        "fipt.stages.synthesize.photograph_stage",
+        "synthesize",
+        rays=True,
+    ),
+    "photograph-images": Verb(
+        "Photograph the images of any dataset with a simulated camera.",
+        "fipt.stages.synthesize.photograph_images_stage",
+        "synthesize",
+    ),
+    "synthesize-truth": Verb(
+        "Look up the truth of developed photographs of a known room.",
+        "fipt.stages.synthesize.truth_stage",
+        "synthesize",
+        rays=True,
+    ),
+    "check-capture": Verb(
+        "Say what is wrong with a folder of photographs, in the room.",
+        "fipt.stages.capture.check_capture_stage",
+        "capture",
+    ),
+    "calibrate": Verb(
+        "Calibrate a camera: lens, vignetting, black, white balance.", "fipt.stages.capture.calibrate_stage", "capture"
+    ),
+    "develop": Verb(
+        "Merge bracketed photographs into calibrated HDR views.", "fipt.stages.capture.develop_stage", "capture"
+    ),
+    "qa": Verb(
+        "Judge a developed capture: figures, findings, rejected views.", "fipt.stages.capture.qa_stage", "capture"
+    ),
+    "pose": Verb("Estimate the poses of views, with evidence for every camera.", "fipt.stages.poses.stage", "poses"),
+    "import": Verb(
+        "Bring posed HDR views of another layout into the dataset form.", "fipt.stages.importing.stage", "import"
+    ),
+    "check-poses": Verb(
+        "Check through the mesh that every view shows what the others show.",
+        "fipt.stages.check_poses.stage",
+        "check_poses",
+    ),
     "samples": Verb(
         "Trace the footprint samples of every pixel, once.", "fipt.stages.samples.stage", "samples", rays=True
     ),
-    "segment": Verb("Segment every view, by a network or from ids that are given.", "fipt.cli.segment"),
-    "fuse": Verb("Bring segment ids of single views together on the mesh.", "fipt.cli.fuse"),
+    "segment": Verb(
+        "Segment every view, by a network or from ids that are given.", "fipt.stages.segment.stage", "segment"
+    ),
+    "fuse": Verb(
+        "Bring segment ids of single views together on the mesh.", "fipt.stages.segment.fuse_stage", "fuse", rays=True
+    ),
     "environment": Verb("Find what light comes from outside the mesh.", "fipt.stages.environment.stage", "environment"),
     "cache": Verb("Gather the pictures' radiance in voxels on the surface.", "fipt.stages.cache.stage", "cache"),
     "bake": Verb(
@@ -116,16 +175,38 @@ VERBS: dict[str, Verb] = {
     "refine": Verb(
         "Path-trace the shading again with the fitted model.", "fipt.stages.shade.refine_stage", "refine", rays=True
     ),
-    "materials": Verb("Write the material maps of every view.", "fipt.cli.materials"),
-    "render": Verb("Re-render the held-out views with the model.", "fipt.cli.render"),
-    "relight": Verb("Render the views under another light setup.", "fipt.cli.relight"),
-    "video": Verb("Join what a setup's own cameras see: PNG pictures, an MP4.", "fipt.cli.video"),
+    "materials": Verb(
+        "Write the material maps of every view.", "fipt.stages.render.materials_stage", "materials", rays=True
+    ),
+    "render": Verb(
+        "Re-render the held-out views with the model.", "fipt.stages.render.render_stage", "render", rays=True
+    ),
+    "relight": Verb(
+        "Render the views under another light setup.", "fipt.stages.render.relight_stage", "relight", rays=True
+    ),
+    "video": Verb(
+        "Join what a setup's own cameras see: PNG pictures, an MP4.", "fipt.stages.render.video_stage", "video"
+    ),
     "point": Verb("Say where in the room a pixel of a view is, and of which segment.", "fipt.cli.point"),
-    "olat": Verb("Render views with one light at a time, for the light mixer.", "fipt.cli.olat"),
-    "export": Verb("Write the room for Blender, Mitsuba, game engines, USD.", "fipt.cli.export"),
-    "check-export": Verb("Load every exported file back and compare its pictures with ours.", "fipt.cli.check_export"),
-    "metrics": Verb("Compare materials, emitters and renderings with the truth.", "fipt.cli.metrics"),
-    "report": Verb("Write the HTML page that shows everything.", "fipt.cli.report"),
+    "olat": Verb(
+        "Render views with one light at a time, for the light mixer.",
+        "fipt.stages.render.olat_stage",
+        "olat",
+        rays=True,
+    ),
+    "export": Verb(
+        "Write the room for Blender, Mitsuba, game engines, USD.", "fipt.stages.export.stage", "export", rays=True
+    ),
+    "check-export": Verb(
+        "Load every exported file back and compare its pictures with ours.",
+        "fipt.stages.export.check_export_stage",
+        "export",
+        rays=True,
+    ),
+    "metrics": Verb(
+        "Compare materials, emitters and renderings with the truth.", "fipt.stages.evaluate.stage", "metrics"
+    ),
+    "report": Verb("Write the HTML page that shows everything.", "fipt.stages.report.stage", "report"),
     "run": Verb("Run the whole chain of a scene in one process.", "fipt.cli.run"),
     "view": Verb("Write any result as an EXR or PNG picture.", "fipt.cli.view"),
     "doctor": Verb("Check Python, packages, ray tracing backend, memory and disk.", "fipt.cli.doctor"),

@@ -13,6 +13,7 @@ from fipt.formats.manifests import write_manifest
 from fipt.formats.video import write_mp4
 from fipt.scene.cameras import Camera, write_transforms
 from fipt.scene.dataset import write_views
+from fipt.scene.emitters import default_name
 from fipt.scene.mesh import Mesh, write_ply
 from fipt.scene.samples import FootprintSamples, write_samples
 
@@ -87,7 +88,7 @@ def write_emitters(root: Path, count: int) -> None:
     emitter |= {"power": 12.5, "views": 2, "confidence": 0.9}
     content = {
         "two_sided": True,
-        "emitters": [emitter | {"index": index, "name": f"lamp-{index}"} for index in range(count)],
+        "emitters": [emitter | {"index": index, "name": default_name(index)} for index in range(count)],
     }
     write_text(root / "round-1" / "emitters.json", json.dumps(content))
 
@@ -105,29 +106,29 @@ def write_extras(root: Path) -> None:
     write_text(root / "relight" / "dim.val-000.manifest.json", json.dumps(setup))
 
 
-def lamps() -> dict[str, np.ndarray]:
+def olat_layers() -> dict[str, np.ndarray]:
     """Layers of the held-out view: lamp 0 lights the left, the other two the right, the outside a little everywhere."""
     x = np.linspace(0, 1, WIDTH, dtype=np.float32)[None, :, None]
     y = np.linspace(0.2, 1, HEIGHT, dtype=np.float32)[:, None, None]
     colors = np.float32([[0.5, 0.4, 0.2], [0.1, 0.2, 0.6], [0.02, 0.03, 0.01]])
     return dict(
         zip(
-            ("lamp-0", "rest", "outside"),
+            (default_name(0), "rest", "outside"),
             ((1 - x) * y * colors[0], x * y * colors[1], y * x**0 * colors[2]),
             strict=True,
         )
     )
 
 
-def write_lamps(root: Path) -> None:
+def write_olat(root: Path) -> None:
     """Write the held-out view under each lamp alone; of three emitters two are rendered together."""
     write_emitters(root, 3)
     path = root / "olat" / "c.exr"
-    write_exr(path, lamps())
+    write_exr(path, olat_layers())
     write_manifest(root / "olat.val-000.manifest.json", "olat", [path], {})
 
 
-def write_film(root: Path, count: int = 6) -> None:
+def write_camera_setup(root: Path, count: int = 6) -> None:
     """Write what a setup's own cameras see along a path: a picture that grows brighter, and its video."""
     folder = root / "relight" / "walk"
     names = [f"frame-{number:04d}" for number in range(1, count + 1)]

@@ -18,6 +18,7 @@ from fipt.formats.images import write_png
 from fipt.scene.cameras import Camera, write_transforms
 from fipt.scene.dataset import write_views
 from fipt.scene.mesh import Mesh, write_ply
+from fipt.scene.observed import ObservedShard
 from fipt.scene.samples import FootprintSamples
 
 # --- meshes ---------------------------------------------------------------------------------------
@@ -197,6 +198,20 @@ def samples_of(position, triangle=0, weight=1.0, counts=None, views=("a",), shap
     }
     offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     return FootprintSamples(tuple(views), tuple(shapes or ((1, len(counts)),)), offsets, **(content | arrays))
+
+
+def observed(samples, shading, images, clipped=None) -> list[ObservedShard]:
+    """Shards with what is seen there: images are pairs of radiance (P, 3) and weight (P,)."""
+    clipped = clipped or [np.zeros(len(weight), bool) for _, weight in images]
+    rows = zip(samples, shading, images, clipped, strict=True)
+    return [ObservedShard(shard, baked, *image, above) for shard, baked, image, above in rows]
+
+
+def training_pixels(samples, shading, images, segments=None, clipped=None, **others):
+    """Training pixels of the fit, as `observed` shards."""
+    from fipt.stages.fit.batches import Pixels
+
+    return Pixels(observed(samples, shading, images, clipped), segments, **others)
 
 
 # --- a dataset ------------------------------------------------------------------------------------

@@ -16,6 +16,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from fipt import __version__
+from fipt.cli.process import configure_logging, end_with_run, is_job, leave
 from fipt.errors import EXIT_CODE, FiptError
 from fipt.logs import show_logs
 from fipt.registry import VERBS
@@ -37,6 +38,17 @@ def help_text() -> str:
     return "\n".join(lines)
 
 
+def program() -> None:
+    """Be the program ``fipt``: run the command line and end with its exit code."""
+    job = is_job()
+    if job:
+        end_with_run()
+    code = main()
+    if job:
+        leave(code)
+    sys.exit(code)
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line.
 
@@ -55,6 +67,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     Exception
         Whatever a verb raises that is not anticipated.
     """
+    configure_logging()
     # Spinning OpenMP threads would starve the tracer's own (seen: 10 times slower steps).
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     show_logs()
@@ -135,4 +148,4 @@ def _fail(message: str) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    program()

@@ -19,10 +19,12 @@ EnvironmentFile = Annotated[
     Path | None, typer.Option("--environment", help="Light from outside, environment.npz; without it there is none.")
 ]
 LampsFile = Annotated[
-    Path | None, typer.Option("--lamps", help="emitters.json of fipt review: names of lamps; without it, lamp-N.")
+    Path | None,
+    typer.Option("--emitter-names", help="emitters.json of fipt review: names of emitters; else their numbers."),
 ]
 DecisionsJson = Annotated[
-    str, typer.Option("--decisions", help="What emitters_review.yaml decides, by triangle, JSON (docs/emitters.md).")
+    str,
+    typer.Option("--decisions", help="What emitters_review.yaml decides, by triangle, JSON (docs/stages/emitters.md)."),
 ]
 SettingsJson = Annotated[str, typer.Option("--settings", help="Settings of this stage, JSON.")]
 StatsFile = Annotated[Path | None, typer.Option("--stats", help="Write time, rate and memory here, JSON.")]

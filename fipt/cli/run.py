@@ -1,41 +1,76 @@
-"""``fipt run``: the whole chain of a scene in one process."""
+"""``fipt run``: a front to Snakemake for one scene; the rules files alone say what runs after what."""
 
+import contextlib
+import io
+import json
+import tempfile
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated, Any
 
 import typer
 
-if TYPE_CHECKING:
-    from fipt.run import Job
+from fipt.errors import FiptError
+
+WORKFLOW = Path(__file__).parents[1] / "workflow"
+STOPPING_POINTS = ("capture", "dataset", "shading", "materials", "render", "relight", "export", "metrics", "report")
+"""Targets of fipt/workflow/rules/targets.smk, in the order of the pipeline."""
 
 
 def command(
-    scene: Annotated[str, typer.Argument(help="name of a scene of the config")],
+    scene: Annotated[str, typer.Argument(help="Name of a scene of the config.")],
+    target: Annotated[
+        str, typer.Argument(help=f"Where to stop: {', '.join(STOPPING_POINTS)}; or a file below results/.")
+    ] = "report",
     configfile: Annotated[
-        list[Path] | None,
-        typer.Option(help="config file on top of config/config.yaml; may be repeated"),
+        list[Path] | None, typer.Option(help="Config file on top of config/config.yaml; repeatable.")
     ] = None,
-    config: Annotated[list[str] | None, typer.Option(help="KEY=VALUE on top of all files; may be repeated")] = None,
+    config: Annotated[list[str] | None, typer.Option(help="KEY=VALUE on top of all files; repeatable.")] = None,
+    cores: Annotated[int | None, typer.Option(min=1, help="Processors to use; default: all.")] = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", "-n", help="List the jobs that would run, and why.")] = False,
 ) -> None:
-    """Run every stage of SCENE that is not up to date; the same files as the workflow.
+    """Run every stage of SCENE that is not up to date, as far as TARGET.
 
-    Results go to results/SCENE below the working directory.
+    Snakemake runs the jobs; results/SCENE with its logs/ is below the working directory. A run that was killed goes on
+    when it is started again.
     """
-    from fipt.config.legacy import read
-    from fipt.errors import FiptError
-    from fipt.run import run
+    from fipt.config import read
 
-    scenes = read(configfile or (), config or ()).scenes
-    if scene not in scenes:
-        raise FiptError(f"there is no scene {scene!r}", f"scenes: {', '.join(scenes)}")
-    run(scenes[scene], call)
+    found = read(configfile or (), config or ())
+    if scene not in found.scenes:
+        raise FiptError(f"there is no scene {scene!r}", f"scenes: {', '.join(found.scenes)}")
+    if target not in STOPPING_POINTS and not target.startswith("results/"):
+        points = ", ".join(STOPPING_POINTS)
+        raise FiptError(f"there is no target {target!r}", f"targets: {points}, or a file below results/")
+    options = ["--cores", str(cores or "all"), *(("--dry-run",) if dry_run else ())]
+    raise typer.Exit(snakemake(found.plain | {"only": [scene]}, target, options))
 
 
-def call(job: "Job") -> None:
-    """Call the verb of a job in this process."""
-    from fipt.cli.main import run_command
-    from fipt.cli.verbs import command_of
+def snakemake(config: Mapping[str, Any], target: str, options: Sequence[str]) -> int:
+    """Run Snakemake in this process, with our view of it instead of its own; return the exit code.
 
-    code = run_command(command_of(job.verb), job.options, prog_name=f"fipt {job.verb}")
-    if code:
-        raise SystemExit(code)
+    Parameters
+    ----------
+    config : mapping
+        The whole configuration.
+    target : str
+        Rule or file to make.
+    options : sequence of str
+        More options of Snakemake's command line.
+    """
+    from snakemake.cli import args_to_api, parse_args
+    from snakemake_interface_logger_plugins.registry import LoggerPluginRegistry
+
+    from fipt.cli import run_view
+
+    LoggerPluginRegistry().register_plugin("snakemake_logger_plugin_fipt", run_view)
+    with tempfile.TemporaryDirectory() as folder:
+        configfile = Path(folder, "config.json")
+        configfile.write_text(json.dumps(config), encoding="utf-8")
+        argv = ["--snakefile", str(WORKFLOW / "Snakefile"), "--workflow-profile", str(WORKFLOW / "profiles" / "local")]
+        argv += ["--logger", "fipt", *options, "--configfile", str(configfile), "--", target]
+        with contextlib.redirect_stderr(io.StringIO()):  # it says which profile it uses
+            parser, args = parse_args(argv)
+        with run_view.interruptible():
+            done = args_to_api(args, parser)
+    return run_view.LogHandler.last.conclude(done)

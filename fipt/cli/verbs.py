@@ -10,7 +10,7 @@ from typing import Annotated, Any, get_args, get_origin
 
 import typer
 
-from fipt.inputs import POSITIONAL
+from fipt.inputs import POSITIONAL, UNSPLIT
 from fipt.registry import VERBS, Verb
 
 _SETTINGS = Annotated[str, typer.Option("--settings", help="Settings of this stage, JSON.")]
@@ -110,18 +110,19 @@ def _keyword(name: str, annotation: Any, default: Any) -> inspect.Parameter:
 
 def _converted(kind: type[Any], given: Mapping[str, Any]) -> dict[str, Any]:
     """Values for the dataclass from those that typer found: lists split and typed, what is left out left out."""
-    types = {field.name: get_args(field.type)[0] for field in fields(kind)}
+    types = {field.name: get_args(field.type) for field in fields(kind)}
     return {
-        name: _split(value, types[name]) if _is_list(types[name]) else value
+        name: _items(value, *types[name]) if _is_list(types[name][0]) else value
         for name, value in given.items()
-        if not (_is_list(types[name]) and not value)
+        if not (_is_list(types[name][0]) and not value)
     }
 
 
-def _split(items: Sequence[str], kind: Any) -> tuple[Any, ...]:
-    """Split repeated, comma-separated options."""
+def _items(given: Sequence[str], kind: Any, _text: str, *marks: object) -> tuple[Any, ...]:
+    """Items of repeated options, which are comma-separated unless the field is marked."""
     element = get_args(_list_of(kind))[0]
-    return tuple(element(name) for item in items for name in item.split(",") if name)
+    texts = given if UNSPLIT in marks else [part for text in given for part in text.split(",")]
+    return tuple(element(text) for text in texts if text)
 
 
 def _is_list(kind: Any) -> bool:

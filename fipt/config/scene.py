@@ -15,6 +15,7 @@ from fipt.config.segmentation import Segmentation
 from fipt.config.setups import SceneSetups
 from fipt.config.sources.base import Place, Source
 from fipt.config.views import Views
+from fipt.formats.files import existing_file
 from fipt.scene.setup import RelightSetup
 from fipt.settings import dumped
 
@@ -88,6 +89,8 @@ class SceneConfig:
         """
         self.decisions.review  # noqa: B018 - read here
         self.setups.check()
+        for path in self.environment_files():
+            existing_file(path, "environment.file")
 
     def settings_json(self, section: str) -> str:
         """Settings of a stage as sorted JSON, for ``--settings``."""

@@ -69,10 +69,6 @@ class SceneSetups:
         """A setup's own cameras as sorted JSON, for ``--cameras``."""
         return json.dumps(dumped(self.given[setup])["cameras"], sort_keys=True)
 
-    def camera_options(self, setup: str, shard: str) -> list[str]:
-        """The flag with a shard of a setup's own cameras, comma-separated; nothing of the others."""
-        return ["--cameras", ",".join(self.shards(setup)[shard])] if self.given[setup].cameras else []
-
     def seen_options(self, setup: str, shard: str) -> list[str]:
         """The flag with a shard of the views that a setup relights, or of its own cameras, comma-separated."""
         flag = "--cameras" if self.given[setup].cameras else "--views"
@@ -123,16 +119,6 @@ class SceneSetups:
         """Manifests of the true images under setups."""
         pattern = self._place.layout.relight_truth
         return [pattern.format(setup=name, shard=shard) for name in self.with_truth() for shard in self.shards(name)]
-
-    def samples(self, setup: str, shard: str) -> list[str]:
-        """Footprint samples of the views of a shard; for a setup's own cameras some, which tell the settings."""
-        own = self.given[setup].cameras is not None
-        traced = next(iter(self._views.shards("all"))) if own else shard
-        return [self._place.layout.samples.format(shard=traced)]
-
-    def placed_by(self, setup: str) -> list[str]:
-        """Which views are accepted, for a setup's own cameras: they are placed by these."""
-        return [self._place.layout.checked_poses] if self.given[setup].cameras else []
 
     def fused(self, setup: str) -> list[str]:
         """Manifest of the fused ids, where a setup names some."""

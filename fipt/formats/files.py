@@ -1,6 +1,7 @@
 """Files that are either complete or absent, and names that stay inside their folder."""
 
 import errno
+import logging
 import os
 import shutil
 import tempfile
@@ -11,6 +12,8 @@ from typing import IO
 
 from fipt.conventions import NAME_PATTERN
 from fipt.errors import FiptError
+
+log = logging.getLogger(__name__)
 
 
 def _explained(error: OSError, path: Path) -> Exception:
@@ -130,12 +133,12 @@ def check_name(name: str, what: str) -> str:
 
 
 def check_disk(folder: str | Path, needed: int, what: str) -> None:
-    """Raise FiptError unless the disk of ``folder`` has ``needed`` bytes free for ``what``; print the estimate."""
+    """Raise FiptError unless the disk of ``folder`` has ``needed`` bytes free for ``what``; log the estimate."""
     place = Path(folder)
     while not place.exists():
         place = place.parent
     free = shutil.disk_usage(place).free
-    print(f"{what} takes {needed / 1e6:.1f} MB; {free / 1e9:.1f} GB are free")
+    log.info("%s takes %.1f MB; %.1f GB are free", what, needed / 1e6, free / 1e9)
     if free < needed * 1.05:
         raise FiptError(
             f"{what} needs {needed / 1e9:.2f} GB in {folder}; {free / 1e9:.2f} GB are free",

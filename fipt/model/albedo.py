@@ -5,6 +5,7 @@ from functools import lru_cache
 import numpy as np
 
 from fipt.conventions import ROUGHNESS_MIN
+from fipt.model.reflectance import diffuse_reflectance, specular_reflectance
 
 _COSINES = np.linspace(0.02, 1.0, 50)
 _ROUGHNESSES = np.linspace(ROUGHNESS_MIN, 1.0, 50)
@@ -68,5 +69,5 @@ def reflectance(base_color: np.ndarray, roughness: np.ndarray, metallic: np.ndar
     """Material reflectance a' = kd + ks A0 + A1 of (..., 3) base colours and (...,) scalars; (..., 3) float32."""
     a0, a1 = albedo_terms(cos, roughness)
     m = np.asarray(metallic)[..., None]
-    kd, ks = base_color * (1 - m), 0.04 * (1 - m) + base_color * m
+    kd, ks = diffuse_reflectance(base_color, m), specular_reflectance(base_color, m)
     return (kd + ks * a0[..., None] + a1[..., None]).astype(np.float32)

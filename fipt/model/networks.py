@@ -14,8 +14,9 @@ import numpy as np
 import torch
 from torch import nn
 
-from fipt.conventions import F0_DIELECTRIC, ROUGHNESS_MIN
+from fipt.conventions import ROUGHNESS_MIN
 from fipt.model.hash_encoding import Backend, HashEncoding
+from fipt.model.reflectance import Brdf
 from fipt.model.settings import NetworkSettings
 
 QUERY_CHUNK = 1 << 14
@@ -24,36 +25,6 @@ QUERY_CHUNK = 1 << 14
 _INITIAL_EMISSION = 0.05
 _MATTE = (1.5, -3.0)
 """Logits of the first roughness and metallic (0.82 and 0.05) where the fit starts from matte."""
-
-
-@dataclass(frozen=True)
-class Brdf:
-    """Reflectance at N points, torch or numpy, float32.
-
-    Attributes
-    ----------
-    base_color
-        (N, 3) linear RGB in [0, 1].
-    roughness
-        (N,) perceptual, in [0.02, 1].
-    metallic
-        (N,) in [0, 1].
-    """
-
-    base_color: Any
-    roughness: Any
-    metallic: Any
-
-    @property
-    def kd(self) -> Any:
-        """(N, 3) diffuse reflectance a (1 - m)."""
-        return self.base_color * (1 - self.metallic[:, None])
-
-    @property
-    def ks(self) -> Any:
-        """(N, 3) specular reflectance at normal incidence 0.04 (1 - m) + a m."""
-        m = self.metallic[:, None]
-        return F0_DIELECTRIC * (1 - m) + self.base_color * m
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
 """Where a setup changes the room: segments and boxes, what vanishes there, and other materials."""
 
+import logging
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -7,6 +8,8 @@ import numpy as np
 from fipt.errors import FiptError
 from fipt.scene.mesh import Mesh, connected_parts
 from fipt.scene.setup import BrushBox, MaterialEdit, RelightSetup, Removal
+
+log = logging.getLogger(__name__)
 
 _LISTED = 12
 """Segments that an error lists with their places."""
@@ -91,7 +94,7 @@ class Segments:
             where = self._where(entry, f"remove.{number}")
             if isinstance(where, Box):
                 where = where.holds(self._mesh.corners.mean(axis=1))
-                print(f"remove.{number}: {int(where.sum())} triangles have their centre in the box")
+                log.info("remove.%d: %d triangles have their centre in the box", number, where.sum())
             gone |= where
         return gone
 
@@ -119,7 +122,7 @@ class Segments:
         own = self.ids == chosen
         if not own.any() or (self._fused and chosen == 0):
             raise FiptError(f"{name} names segment {chosen}, which does not exist", self._listing())
-        print(f"{name}: {self._described(chosen)}")
+        log.info("%s: %s", name, self._described(chosen))
         return own
 
     def _at(self, point: tuple[float, float, float], name: str) -> int:
@@ -139,7 +142,7 @@ class Segments:
         made = Box(np.array(box.center, float), np.array(box.size, float) / 2, turn)
         local = (self._mesh.corners - made.center) @ made.turn
         if not ((local.min(axis=1) <= made.half) & (local.max(axis=1) >= -made.half)).all(axis=1).any():
-            print(f"warning: {name}: the box touches no surface; nothing is changed")
+            log.warning("%s: the box touches no surface; nothing is changed", name)
         return made
 
     def _listing(self) -> str:

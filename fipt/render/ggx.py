@@ -9,7 +9,7 @@ D normal distribution, G masking-shadowing divided by (n.i)(n.o), Fc = (1 - o.h)
 import drjit as dr
 import mitsuba as mi
 
-from fipt.conventions import F0_DIELECTRIC
+from fipt.model.reflectance import diffuse_reflectance, specular_reflectance
 
 
 def d_ggx(cos_h: "mi.Float", sin2_h: "mi.Float", alpha: "mi.Float") -> "mi.Float":
@@ -91,8 +91,7 @@ def evaluate(
     g: ReflectionGeometry, base_color: "mi.Color3f", s: "mi.Float", metallic: "mi.Float"
 ) -> tuple["mi.Color3f", "mi.Float"]:
     """Return f(i,o) (n.i) and the density of choosing i half by cosine, half by GGX."""
-    kd = base_color * (1 - metallic)
-    ks = F0_DIELECTRIC * (1 - metallic) + base_color * metallic
+    kd, ks = diffuse_reflectance(base_color, metallic), specular_reflectance(base_color, metallic)
     fc = schlick(g.oh)
     value = kd * (dr.inv_pi * g.ni) + (ks * (1 - fc) + fc) * g.specular(s)
     return value, 0.5 * (g.pdf_cosine() + g.pdf_ggx(dr.square(s)))

@@ -1,5 +1,7 @@
 """Objects and mesh lights of a setup in their places; objects that are dropped fall onto what is below."""
 
+import logging
+
 import numpy as np
 
 from fipt.errors import FiptError
@@ -7,6 +9,8 @@ from fipt.render.scene import RayScene
 from fipt.scene.mesh import Mesh
 from fipt.scene.objects import MeshObject, moved, read_object, shape_object
 from fipt.scene.setup import MeshLight, NewObject
+
+log = logging.getLogger(__name__)
 
 _GAP = 0.0005
 """Air left below a dropped object, metres: surfaces that touch would hide from each other's rays."""
@@ -91,6 +95,6 @@ def _dropped(thing: MeshObject, room: Mesh, up: int, name: str) -> MeshObject:
     if not np.isfinite(fall):
         raise FiptError(f"{name} cannot be dropped: nothing is below it", "change its position")
     shift = down * max(fall - _GAP, 0.0)
-    print(f"{name} falls {-shift[up]:.2f} m, to {low[up] + shift[up]:.2f} m")
+    log.info("%s falls %.2f m, to %.2f m", name, -shift[up], low[up] + shift[up])
     mesh = Mesh(own + shift, thing.mesh.triangles)
     return MeshObject(mesh, thing.normals, thing.uv, thing.materials, thing.material)

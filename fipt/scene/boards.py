@@ -104,12 +104,7 @@ def board_corners(
     np.fill_diagonal(gaps, np.inf)
     square = float(np.median(gaps.min(axis=1)))
     side = int(np.clip(round(square), 8, 64))  # one texel of the pattern along one pixel
-    columns, rows = board.getChessboardSize()
-    pattern = board.generateImage((_TEXELS * columns, _TEXELS * rows), marginSize=0, borderBits=1)
-    pattern = cv2.resize(pattern, (side * columns, side * rows), interpolation=cv2.INTER_AREA)
-    # what ends at an edge would be pulled inwards by the picture's blur
-    rim = side // 3
-    pattern = pattern[rim:-rim, rim:-rim]
+    pattern, rim = _pattern(board, side)
     # from texels to pixels; both have their first centre at 0 for OpenCV
     warp = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1]]) @ rough
     first = (rim + 0.5) / side
@@ -129,6 +124,16 @@ def board_corners(
     height, width = grey.shape
     inside = ((found > 0) & (found < (width, height))).all(axis=1)
     return found[inside], np.flatnonzero(inside).astype(np.int32), match
+
+
+def _pattern(board: cv2.aruco.CharucoBoard, side: int) -> tuple[np.ndarray, int]:
+    """(H, W) uint8 drawing of a board with ``side`` texels a square, and the texels cut off around it."""
+    columns, rows = board.getChessboardSize()
+    pattern = board.generateImage((_TEXELS * columns, _TEXELS * rows), marginSize=0, borderBits=1)
+    pattern = cv2.resize(pattern, (side * columns, side * rows), interpolation=cv2.INTER_AREA)
+    # what ends at an edge would be pulled inwards by the image's blur
+    rim = side // 3
+    return pattern[rim:-rim, rim:-rim], rim
 
 
 def tag_corners(grey: np.ndarray, markers: cv2.aruco.Dictionary) -> dict[int, np.ndarray]:

@@ -1,7 +1,7 @@
 """The dataset folder: the one form every source is brought to."""
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -192,7 +192,7 @@ def rejected_views(root: Path) -> dict[str, str]:
     return read_rejected(root / "views.json") | read_rejected(root / CHECKED)
 
 
-def write_views(path: str | Path, names: list[str], rejected: dict[str, str] | None = None) -> None:
+def write_views(path: str | Path, names: Sequence[str], rejected: Mapping[str, str] | None = None) -> None:
     """Write views.json: every view accepted, or rejected with its reason."""
     rejected = rejected or {}
     views = {

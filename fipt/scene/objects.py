@@ -5,9 +5,9 @@ its colour at its vertices gets a map as well, of 2 x 2 texels for each triangle
 their parallelogram's fourth are linear over the triangle.
 """
 
+import logging
 import re
 import struct
-import sys
 from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
@@ -21,6 +21,8 @@ from fipt.formats.files import existing_file
 from fipt.formats.glb import chunks
 from fipt.formats.images import srgb_decode
 from fipt.scene.mesh import Mesh
+
+log = logging.getLogger(__name__)
 
 KINDS = (".ply", ".obj", ".glb")
 MANY = 1_000_000
@@ -195,7 +197,7 @@ def read_object(path: str | Path) -> MeshObject:
     if bad.any():
         raise FiptError(f"{path} has {int(bad.sum())} vertices that are NaN or infinite", "repair the mesh")
     if len(made.mesh.triangles) > MANY:
-        sys.stderr.write(f"warning: {path} has {len(made.mesh.triangles)} triangles; fewer would be faster\n")
+        log.warning("%s has %d triangles; fewer would be faster", path, len(made.mesh.triangles))
     return made
 
 

@@ -36,7 +36,7 @@ _HEAD = """\
 #            reject   these triangles never emit
 #   name: what this lamp is called in light setups, the report and the export
 #   merge_with: name, lamp-N or triangles of another entry: both are one lamp with one radiance
-# docs/emitters.md says more. Comments that you add are lost.
+# docs/stages/emitters.md says more. Comments that you add are lost.
 """
 
 
@@ -165,7 +165,7 @@ def parse_decisions(text: str, mesh_triangles: int) -> Decisions:
     try:
         found = Decisions.model_validate_json(text)
     except ValidationError as error:
-        raise FiptError(explain(error, "decisions"), f"they come from {FILE}; see docs/emitters.md") from error
+        raise FiptError(explain(error, "decisions"), f"they come from {FILE}; see docs/stages/emitters.md") from error
     if found.mesh_triangles != mesh_triangles:
         raise FiptError(
             f"{FILE} numbers the triangles of a mesh of {found.mesh_triangles}; the mesh has {mesh_triangles}",
@@ -262,7 +262,7 @@ def _top(path: Path, content: Any) -> tuple[int, Sequence[Any]]:
 
 def _entry(path: Path, place: int, values: Any) -> Entry:
     if not isinstance(values, dict):
-        raise FiptError(f"{path}: entry {place + 1} must hold keys; found {values!r}", "see docs/emitters.md")
+        raise FiptError(f"{path}: entry {place + 1} must hold keys; found {values!r}", "see docs/stages/emitters.md")
     try:
         return Entry.model_validate(values)
     except ValidationError as error:

@@ -1,6 +1,5 @@
 """Baked shading on disk: one 32-bit word for Ld and one for each roughness level of a hit (docs/adr/0007)."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +7,7 @@ import numpy as np
 from fipt.conventions import LUMINANCE, ROUGHNESS_LEVELS, SHADING_OUTPUTS
 from fipt.errors import FiptError
 from fipt.formats.arrays import load_npy, save_npy
-from fipt.scene.samples import FootprintSamples, read_samples
+from fipt.scene.samples import FootprintSamples
 
 _LEVELS = len(ROUGHNESS_LEVELS)
 _WORDS = 1 + _LEVELS
@@ -98,26 +97,6 @@ def read_shading(folder: str | Path, samples: FootprintSamples | None = None) ->
             "give the shading of the same shard, or bake it again",
         )
     return Shading(words)
-
-
-def read_shards(
-    samples: Sequence[str | Path], shading: Sequence[str | Path]
-) -> tuple[list[FootprintSamples], list[Shading]]:
-    """Read samples shards and the shading of each, given in the same order."""
-    if len(samples) != len(shading):
-        raise FiptError(
-            f"--samples and --shading must name as many shards; {len(samples)} and {len(shading)} given",
-            "give the same shards in the same order",
-        )
-    shards = [read_samples(folder) for folder in samples]
-    return shards, [read_shading(folder, shard) for folder, shard in zip(shading, shards, strict=True)]
-
-
-def brightest_reflection(shading: np.ndarray) -> np.ndarray:
-    """(H,) float32 mean over RGB of what a white surface or a mirror would show, the brighter, of (H, outputs, 3)."""
-    levels = len(ROUGHNESS_LEVELS)
-    mirror = (shading[:, 1 : 1 + levels] + shading[:, 1 + levels :]).max(axis=1)
-    return np.maximum(shading[:, 0], mirror).mean(axis=1)
 
 
 def _packed(values: np.ndarray) -> np.ndarray:

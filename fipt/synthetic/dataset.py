@@ -184,7 +184,7 @@ def _made(settings: SynthesizeSettings, scene: Path | None) -> SyntheticRoom:
 
 
 def _another(folder: Path) -> FiptError:
-    return FiptError(f"{folder} holds a room made with other settings", "run fipt synthesize --room again")
+    return FiptError(f"{folder} holds a room made with other settings", "run fipt synthesize-room again")
 
 
 def _write_names(folder: Path, room: SyntheticRoom) -> list[Path]:

@@ -6,10 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 
-from fipt.cli.main import main
-from fipt.config import load
+from benchmarks.jobs import jobs_of, run_all
 from fipt.formats.arrays import load_npz
 from fipt.formats.exr import read_exr, read_rgb, write_exr
 from fipt.formats.images import write_png
@@ -46,9 +44,8 @@ def photos(tmp_path, monkeypatch):
 
 
 def run(**changed) -> int:
-    """``fipt run`` with some keys of the configuration changed; its exit code."""
-    Path("room.yaml").write_text(yaml.safe_dump(CONFIG | changed))
-    return main(["run", "room", "--configfile", "room.yaml"])
+    """Run every job with some keys of the configuration changed; the exit code."""
+    return run_all(jobs_of(Path(), CONFIG | changed))
 
 
 def repaint(photos, change, views="abc"):
@@ -167,13 +164,10 @@ def test_a_threshold_that_leaves_some(photos):
 def test_parts_are_searched_all_the_same(tmp_path, monkeypatch, what):
     """The procedural room's layout has part ids: the search and the propagation see the bad pictures too."""
     monkeypatch.chdir(tmp_path)
-    from fipt.cli.run import call
-    from fipt.run import plan
-
     small = {"train_views": 1 if what == "one view" else 2, "val_views": 1, "width": 24, "height": 18, "spp": 1}
     config = CONFIG | {"scenes": {"room": {"source": "procedural"}}, "synthesize": small | {"denoise": False}}
-    for job in plan(load(config).scenes["room"]):
-        call(job)
+    for job in jobs_of(tmp_path, config):
+        assert job.run() == 0
         if job.label.startswith("synthesize."):
             for path in (RESULTS / "dataset" / "images").glob("*.exr"):
                 picture = read_rgb(path)

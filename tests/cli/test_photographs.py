@@ -39,7 +39,7 @@ def test_a_broken_view_stops_development_or_is_rejected(folder, capsys):
     assert developed(folder) == 2
     assert "truncated" in capsys.readouterr().err
     assert developed(folder, "--keep-going") == 0
-    assert "warning: view train_000 is rejected" in capsys.readouterr().out
+    assert "warning: view train_000 is rejected" in capsys.readouterr().err
     files = json.loads((folder / "capture" / "hdr.manifest.json").read_text())["files"]
     assert "train_000.json" in files
     assert "hdr/train_000.exr" not in files

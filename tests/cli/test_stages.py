@@ -64,7 +64,7 @@ def arguments(root: Path) -> dict[str, list]:
     cache, zero, one = root / "cache.npz", root / "round-0", root / "round-1"
     shading, model, emitters = zero / "shading" / "train-000", zero / "model.safetensors", zero / "emitters.npz"
     fitted = ["--dataset", data, "--model", model, "--emitters", emitters]
-    pictures = [*fitted, "--samples", val, "--cache", cache, *outside]
+    images = [*fitted, "--views", "c", "--cache", cache, *outside, "--rays-per-side", 3]
     return {
         "samples": ["--dataset", data, "--views", "a,b", "--out", train],
         "environment": ["--dataset", data, "--samples", train, "--out", root / "environment.npz"],
@@ -111,9 +111,9 @@ def arguments(root: Path) -> dict[str, list]:
             "--manifest",
             root / "materials.val-000.manifest.json",
         ],
-        "render": [*pictures, "--out", root / "render", "--manifest", root / "render.val-000.manifest.json"],
+        "render": [*images, "--out", root / "render", "--manifest", root / "render.val-000.manifest.json"],
         "relight": [
-            *pictures,
+            *images,
             "--setup",
             json.dumps(NIGHT),
             "--out",
@@ -122,7 +122,7 @@ def arguments(root: Path) -> dict[str, list]:
             root / "relight" / "night.val-000.manifest.json",
         ],
         "olat": [
-            *pictures,
+            *images,
             "--views",
             "c",
             "--out",
@@ -350,7 +350,7 @@ def film(root, own, name="film", **more):
     out, data = root / "relight" / name, root / "dataset"
     made = ("--setup", json.dumps({"cameras": own}), "--out", out, "--manifest", f"{out}.camera-000.manifest.json")
     code = call("relight", root, *made, stats=root / "stats" / "relight.json")
-    options = ["--dataset", data, "--cameras", json.dumps(own), "--pictures", out]
+    options = ["--dataset", data, "--cameras", json.dumps(own), "--images", out]
     options += ["--manifest", f"{out}.manifest.json", "--stats", root / "stats" / "video.json"]
     code = code or main(["video", *map(str, options), "--settings", json.dumps(more)])
     stats = [root / "stats" / f"{verb}.json" for verb in ("relight", "video")]
@@ -381,7 +381,7 @@ def test_a_free_camera_sees_what_a_view_there_sees(work):
     with Image.open(out / "c.png") as shown:
         expected = 255 * np.clip(srgb_encode(np.clip(exposure * read_rgb(out / "c.exr"), 0, 1)), 0, 1)
         np.testing.assert_allclose(np.array(shown), expected, atol=0.51)
-    options = ["--dataset", work / "dataset", "--cameras", json.dumps(own), "--pictures", out, "--max-views", 1]
+    options = ["--dataset", work / "dataset", "--cameras", json.dumps(own), "--images", out, "--max-views", 1]
     options += ["--manifest", work / "m.json", "--stats", work / "m.stats.json"]
     assert main(["video", *map(str, options)]) == 0
     assert json.loads((work / "m.stats.json").read_text())["exposure"] == pytest.approx(
@@ -396,7 +396,7 @@ def test_a_path_becomes_a_video_in_any_shards(work, capsys):
     path = {"keyframes": ["c", {"position": [2, 1.5, 2], "target": [2, 1, 0]}], "frames": 3, "width": 9, "height": 7}
     out, relit, joined, code = film(work, {"path": path}, exposure=0.5)
     assert code == 0
-    assert (joined["pictures"], joined["exposure"]) == (3, 0.5)
+    assert (joined["images"], joined["exposure"]) == (3, 0.5)
     assert relit["warnings"] == []
     assert (work / "relight" / "film.mp4").stat().st_size == joined["video_bytes"] > 500
     assert len(read_manifest(work / "relight" / "film.manifest.json", "video")["files"]) == 5
@@ -419,7 +419,7 @@ def test_cameras_that_stand_badly_are_told(work, capsys):
     close = {"position": [0.01, 1.5, 2], "target": [2, 1.5, 2]}
     out, relit, _, code = film(work, {"look_at": {"lost": outside, "close": close}})
     assert code == 0
-    said = capsys.readouterr().out
+    said = capsys.readouterr().err
     assert len(relit["warnings"]) == 2
     for text in ("less than 3 cm from a surface: close", "in a wall or object, or outside the room: lost"):
         assert f"warning: 1 of 2 cameras stand {text}" in said
@@ -439,7 +439,7 @@ def test_own_cameras_that_cannot_be(work, refused, capsys):
     out, *_, code = film(work, {"look_at": {"x": {"position": [2, 1, 2], "target": [1, 1, 1]}}})
     assert code == 0
     capsys.readouterr()
-    options = ["--dataset", work / "dataset", "--pictures", out, "--manifest", work / "none.json", "--cameras"]
+    options = ["--dataset", work / "dataset", "--images", out, "--manifest", work / "none.json", "--cameras"]
     taller = '{"look_at": {"x": {"position": [2, 1, 2], "target": [1, 1, 1], "height": 99}}}'
     assert main(["video", *map(str, options), taller]) == 2
     assert "x.exr must be 16x99 like its camera; it is 16x12; run fipt relight again" in capsys.readouterr().err
@@ -879,7 +879,7 @@ def test_names_reach_setup_and_list(work, refused):
     (lamp,) = json.loads((work / "emitters" / "emitters.json").read_text())["emitters"]
     assert (lamp["name"], lamp["share"], lamp["seen_by"]) == ("my lamp", 1.0, ["a", "b"])
     setup, lamps = json.dumps({"emitters": [{"name": "my lamp", "off": True}]}), work / "emitters" / "emitters.json"
-    assert call("relight", work, "--setup", setup, "--lamps", lamps) == 0
+    assert call("relight", work, "--setup", setup, "--emitter-names", lamps) == 0
     assert read_rgb(work / "relight" / "night" / "c.exr").max() < 0.01
     assert "names lamp 'my lamp', which is none of 1 lamps; there are lamp-0" in refused("relight", "--setup", setup)
     wrong = json.dumps(named | {"mesh_triangles": 3})
@@ -907,8 +907,9 @@ def test_without_segments_the_fit_says_so(work, capsys):
     assert "warning: no segments" in capsys.readouterr().out
 
 
-def test_lamps_of_a_view_that_the_shard_lacks(scene, tmp_path, capsys):
-    made = ("--views", "nowhere", "--out", tmp_path / "lamps", "--manifest", tmp_path / "lamps.manifest.json")
-    assert call("olat", scene, *made) == 2
-    assert "has no samples of the views nowhere" in capsys.readouterr().err
+@pytest.mark.parametrize("verb", ["render", "relight", "olat"])
+def test_a_view_that_the_dataset_lacks(verb, scene, tmp_path, capsys):
+    made = ("--views", "nowhere", "--out", tmp_path / "out", "--manifest", tmp_path / "out.manifest.json")
+    assert call(verb, scene, *made) == 2
+    assert "view nowhere is not among the accepted views" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())

@@ -14,7 +14,6 @@ from fipt.scene.environment import NOTHING
 from fipt.scene.mesh import connected_parts, write_ply
 from fipt.scene.setup import RelightSetup
 from fipt.stages.cache.settings import CacheSettings
-from fipt.stages.render.settings import RelightSettings
 from fipt.stages.samples.settings import SamplesSettings
 from fipt.synthetic.material import RoomMaterial
 from fipt.synthetic.room import RoomPiece, assemble
@@ -45,6 +44,8 @@ def room():
 
 class Grey:
     """A field of one material."""
+
+    settings = SimpleNamespace(footprint=1.0)
 
     def query(self, points, footprint):
         n = len(points)
@@ -87,23 +88,23 @@ def traced(mesh, camera=CAMERA):
 
 def ours(known, setup, spp=512, depth=5):
     """The picture of the relight stage, without denoising; what the pixels' centres see and its materials."""
-    from fipt.render.picture import look, pictures
+    from fipt.model.fitted import FittedScene
+    from fipt.render.image import ImageSampling, render_images, trace_pixels
     from fipt.stages.render.changes import change
-    from fipt.stages.render.lights import apply_setup
-    from fipt.stages.render.pictures import lights_of
+    from fipt.stages.render.lights import Illumination, apply_setup
+    from fipt.stages.render.views import StagedScene
 
     setup = RelightSetup.model_validate(setup)
     mesh, lit = apply_setup(known.room.mesh, emitters(known.room), setup)
     mesh, lit, changes = change(known.room.mesh, mesh, lit, setup, None, NOTHING)
-    (light,) = lights_of(mesh, known.voxels, Grey(), [(lit, NOTHING)], RelightSettings(max_depth=depth), changes)
-
-    def materials(sight):
-        return changes.materials(Grey().query(sight.position, sight.footprint), sight)
-
-    (picture,) = pictures([light], CAMERA, materials, 5, spp, False, 0, lambda done: None, changes.smooth)
-    sight = changes.smooth(look(light.shader.scene, CAMERA, np.array([0.5, 0.5]))[0])
-    assert len(sight.pixel) == WIDTH * HEIGHT  # the room is closed
-    return picture, sight, materials(sight)
+    fitted = FittedScene(known.room.mesh, Grey(), cache=known.voxels)
+    scene = StagedScene(fitted, mesh, {"": Illumination(lit, NOTHING)}, changes)
+    (room,) = scene.lit_rooms(depth)
+    sampling = ImageSampling(5, spp, denoise=False, seed=0)
+    (image,) = render_images([room], CAMERA, scene.materials, sampling, lambda done: None, changes.smooth)
+    si = changes.smooth(trace_pixels(room.shader.scene, CAMERA, np.array([0.5, 0.5]))[0])
+    assert len(si.pixel) == WIDTH * HEIGHT  # the room is closed
+    return image, si, scene.materials(si)
 
 
 def theirs(known, setup, spp=512, depth=5):

@@ -18,8 +18,7 @@ from typing import Any
 import pytest
 import yaml
 
-REPOSITORY = Path(__file__).resolve().parents[2]
-WORKFLOW = REPOSITORY / "fipt" / "workflow"
+from benchmarks.jobs import REPOSITORY, WORKFLOW, Job, jobs_of
 
 STAND_IN = '''#!{python}
 """Writes what a verb of fipt promises; notes its command line in calls.jsonl."""
@@ -27,7 +26,7 @@ import json, os, sys, time
 from pathlib import Path
 
 verb, rest = sys.argv[1], sys.argv[2:]
-named = [i for i, text in enumerate(rest) if text.startswith("--") and text not in ("--room", "--reject")]
+named = [i for i, text in enumerate(rest) if text.startswith("--") and text != "--reject"]
 flags = {{rest[i]: rest[i + 1] for i in named}}
 with open("calls.jsonl", "a") as file:
     file.write(json.dumps(sys.argv[1:]) + "\\n")
@@ -37,7 +36,7 @@ def write(path, what=""):
     told = [flags.get(flag) for flag in ("--settings", "--setup", "--decisions")]
     Path(path).write_text(f"{{what}} {{verb}} {{told}}\\n")
 
-if verb in ("synthesize", "import") and ("--room" in rest or verb == "import"):
+if verb in ("synthesize-room", "import"):
     for name in ("transforms.json", "views.json", "mesh.ply", "room.json"):
         write(Path(flags["--dataset"], name), name)
 if verb == "pose":
@@ -116,6 +115,17 @@ class Workspace:
         table = text[text.index("Job stats:") :].split("\n\n")[0]
         jobs = {name: int(n) for name, n in re.findall(r"^(\w+) +(\d+)$", table, re.MULTILINE)}
         return {name: n for name, n in jobs.items() if name not in ("total", "all")}
+
+    def jobs(self, target: str = "report") -> list[Job]:
+        """Every job of the config, done or not."""
+        return jobs_of(self.root, target=target)
+
+    def fipt_run(self, *options: str, code: int = 0) -> str:
+        """Call ``fipt run room`` here and return what it says on standard error."""
+        command = [sys.executable, "-m", "fipt.cli.main", "run", "room", *options]
+        done = subprocess.run(command, cwd=self.root, env=self.environment, text=True, capture_output=True, timeout=900)
+        assert done.returncode == code, done.stderr + self.logs()
+        return done.stderr
 
     def calls(self) -> list[list[str]]:
         """Command lines that the stand-in has seen."""

@@ -1,8 +1,6 @@
-"""The real Snakefile on a tiny room, two rounds, judged by thresholds; then ``fipt run``."""
+"""The real Snakefile on a tiny room, two rounds, judged by thresholds."""
 
 import json
-import subprocess
-import sys
 
 import pytest
 
@@ -42,7 +40,7 @@ def figures(folder):
 @pytest.mark.slow
 def test_finds_materials_and_lamps_of_a_room(workspace):
     here = workspace(CONFIG, stand_in=False)
-    here.snakemake()
+    here.fipt_run()
     assert here.planned() == {}
 
     found = figures(here.root)
@@ -57,17 +55,3 @@ def test_finds_materials_and_lamps_of_a_room(workspace):
     assert "data:video/mp4" in page
     assert len(list(here.root.glob("results/room/relight/walk/frame-*.png"))) == 2
     assert not list(here.root.rglob("*.tmp*"))
-
-    # The same chain in one process gives the same files, so the same figures.
-    alone = here.root / "alone"
-    alone.mkdir()
-    (here.root / "config").rename(alone / "config")
-    command = [sys.executable, "-m", "fipt.cli.main", "run", "room"]
-    for expected in ("bake.round-0.train-000", "report: up to date"):
-        done = subprocess.run(command, cwd=alone, env=here.environment, text=True, capture_output=True, timeout=300)
-        assert done.returncode == 0, done.stderr
-        assert expected in done.stderr
-    exact = "results/room/round-0/shading/train-000.manifest.json"
-    assert (alone / exact).read_text() == (here.root / exact).read_text()
-    again = figures(alone)
-    assert again["val"]["kd_psnr"] == pytest.approx(found["val"]["kd_psnr"], abs=0.5)

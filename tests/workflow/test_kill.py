@@ -12,10 +12,7 @@ import numpy as np
 import pytest
 from safetensors.numpy import load_file
 
-from fipt.config import load
-from fipt.run import Job, plan
-
-REPOSITORY = Path(__file__).resolve().parents[2]
+from benchmarks.jobs import REPOSITORY, Job, jobs_of
 
 CONFIG = {
     "scenes": {"room": {"source": "procedural"}},
@@ -35,7 +32,7 @@ pytestmark = pytest.mark.slow
 def start(job: Job, folder: Path) -> subprocess.Popen:
     """Start a job's verb in a process of its own."""
     return subprocess.Popen(
-        [sys.executable, "-m", "fipt.cli.main", job.stage, *job.options],
+        [sys.executable, "-m", "fipt.cli.main", job.verb, *job.options],
         cwd=folder,
         env=os.environ | {"PYTHONPATH": str(REPOSITORY)},
         stdout=subprocess.DEVNULL,
@@ -66,7 +63,7 @@ def kill_when(job: Job, folder: Path, ready: Callable[[], bool]) -> None:
 def room(tmp_path_factory):
     """Folder and jobs by label; everything before the bake is done."""
     folder = tmp_path_factory.mktemp("kill")
-    jobs = {job.label: job for job in plan(load(CONFIG).scenes["room"])}
+    jobs = {job.label: job for job in jobs_of(folder, CONFIG)}
     labels = ("synthesize", "synthesize.train-000", "samples.train-000", "environment", "cache")
     for label in labels:
         finish(jobs[label], folder)
@@ -76,7 +73,7 @@ def room(tmp_path_factory):
 def test_bake(room):
     folder, jobs = room
     job = jobs["bake.round-0.train-000"]
-    manifest, shading = folder / job.outputs[0], folder / job.folders[0] / "shading.npy"
+    shading, manifest = folder / job.outputs[0] / "shading.npy", folder / job.outputs[1]
     begin = time.monotonic()
     finish(job, folder)
     duration = time.monotonic() - begin
@@ -99,7 +96,7 @@ def test_bake(room):
 
 def test_fit(room):
     folder, jobs = room
-    if not (folder / jobs["bake.round-0.train-000"].outputs[0]).exists():
+    if not (folder / jobs["bake.round-0.train-000"].outputs[1]).exists():
         finish(jobs["bake.round-0.train-000"], folder)
     job = jobs["fit.round-0"]
     finish(job, folder)

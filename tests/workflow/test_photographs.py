@@ -1,8 +1,6 @@
-"""A tiny room photographed by a simulated camera, from RAW brackets to materials in one process."""
+"""A tiny room photographed by a simulated camera, from RAW brackets to materials."""
 
 import json
-import subprocess
-import sys
 
 import pytest
 
@@ -34,10 +32,7 @@ KD_PSNR = 12.0
 @pytest.mark.slow
 def test_raw_brackets_become_materials(workspace):
     here = workspace(CONFIG, stand_in=False)
-
-    command = [sys.executable, "-m", "fipt.cli.main", "run", "room"]
-    done = subprocess.run(command, cwd=here.root, env=here.environment, text=True, capture_output=True, timeout=900)
-    assert done.returncode == 0, done.stderr[-3000:]
+    here.fipt_run()
     results = here.root / "results" / "room"
     judged = json.loads((results / "capture" / "qa.json").read_text())
     assert all(state["accepted"] for state in judged["views"].values())

@@ -1,4 +1,4 @@
-"""Which jobs Snakemake plans, and that ``fipt run`` does the same; with a stand-in for ``fipt``."""
+"""Which jobs are planned, and which run again; with a stand-in for ``fipt``."""
 
 import copy
 import json
@@ -12,9 +12,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from fipt.config.legacy import load
+from fipt.config import load
 from fipt.errors import FiptError
-from fipt.run import plan
 from tests import captures, modelled
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -48,7 +47,7 @@ FIRST = {
     "material_maps": 3,
     "render_views": 1,
     "relight_views": 1,
-    "lamp_views": 1,
+    "olat_views": 1,
     "scene_metrics": 1,
     "scene_report": 1,
 }
@@ -62,7 +61,7 @@ def only(*rules):
     return {rule: FIRST[rule] for rule in rules}
 
 
-SHOWN = ("review", "material_maps", "render_views", "relight_views", "lamp_views", "scene_metrics", "scene_report")
+SHOWN = ("review", "material_maps", "render_views", "relight_views", "olat_views", "scene_metrics", "scene_report")
 
 
 def test_plans_everything_on_a_fresh_clone(workspace):
@@ -111,7 +110,7 @@ def test_runs_once_then_only_what_changed(workspace):
         "report": only("scene_report"),
         "metrics": only("scene_metrics", "scene_report"),
         "relight": only("relight_views", "scene_metrics", "scene_report"),
-        "olat": only("lamp_views", "scene_report"),
+        "lamps": only("olat_views", "scene_report"),
         "render": only("render_views", "scene_metrics", "scene_report"),
         "materials": only("material_maps", "scene_metrics", "scene_report"),
         "refine": {"refine": 2, "fit": 1, "emitters": 1, **only(*SHOWN)},
@@ -192,7 +191,7 @@ def test_only_restricts_the_scenes(workspace):
             {"scenes": {"room": {"source": "procedural", "settings": {"fit": {"batsh": 1}}}}},
             "unknown key scenes.room.settings.fit.batsh (did you mean batch?)",
         ),
-        ({"environment": {"mode": "given"}}, "scene room: environment.mode is given, but environment.file is missing"),
+        ({"environment": {"mode": "given"}}, "scene room: environment.file is missing; mode: given needs file: "),
         ({"only": ["attic"]}, "only: there is no scene 'attic'; scenes: room"),
     ],
 )
@@ -203,26 +202,16 @@ def test_refuses_a_wrong_config_before_anything_runs(workspace, keys, said):
     assert not (here.root / "results").exists()
 
 
-def test_fipt_run_does_what_the_workflow_does(workspace, monkeypatch):
+def test_a_first_look_finds_what_setups_name(workspace, monkeypatch):
     here = workspace(CONFIG)
+    (here.root / "night.exr").unlink()
     monkeypatch.chdir(here.root)
-    here.snakemake()
-    jobs = plan(load(CONFIG).scenes["room"])
-    assert sorted(here.calls()) == sorted([job.verb, *job.options] for job in jobs)
-    for job in jobs:
-        assert (here.root / "results/room/stats" / f"{job.label}.json").is_file()
-        for path in (*job.inputs, *job.outputs, *job.folders):
-            assert (here.root / path).exists()
-
-
-def test_fipt_run_first_looks_for_what_setups_name(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
     with pytest.raises(FiptError, match=r"a file of setups\.evening is missing"):
-        plan(load(CONFIG).scenes["room"])
+        load(CONFIG).scenes["room"].check()
 
 
 def test_segments_are_planned_alike(workspace, monkeypatch):
-    """Given ids by view, then fused; or grown on the mesh: by the workflow and by ``fipt run``."""
+    """Given ids by view, then fused; or grown on the mesh."""
     here = workspace(CONFIG)
     monkeypatch.chdir(here.root)
     ids = here.root / "ids"
@@ -235,8 +224,7 @@ def test_segments_are_planned_alike(workspace, monkeypatch):
     here.configure(given)
     assert here.planned() == {**FIRST, "segment": 2, "fuse": 1}
     here.snakemake()
-    jobs = plan(load(given).scenes["room"])
-    assert sorted(here.calls()) == sorted([job.verb, *job.options] for job in jobs)
+    jobs = here.jobs()
     fits = [job.options for job in jobs if job.verb == "fit"]
     assert all(options[options.index("--segments") + 1] == "results/room/segments/fused" for options in fits)
     for job in jobs:
@@ -250,7 +238,7 @@ def test_segments_are_planned_alike(workspace, monkeypatch):
     after = here.planned()
     assert "segment" not in after
     assert (after["fuse"], after["fit"]) == (1, 2)
-    grown = plan(load(changed(segment={"mode": "geometry"})).scenes["room"])
+    grown = here.jobs()
     assert [job.options[4:5] for job in grown if job.verb == "fuse"] == [("--geometry",)]
     assert "--geometry" in here.snakemake("--dry-run", "--printshellcmds")
 
@@ -274,8 +262,7 @@ def test_setups_with_objects_and_segments_are_planned_alike(workspace, monkeypat
     planned = here.planned()
     assert (planned["relight_views"], planned["synthesize_relit"]) == (2, 1)
     here.snakemake()
-    jobs = plan(load(config).scenes["room"])
-    assert sorted(here.calls()) == sorted([job.verb, *job.options] for job in jobs)
+    jobs = here.jobs()
     (bare,) = [job for job in jobs if job.label.startswith("relight.bare")]
     assert bare.options[bare.options.index("--segments") + 1] == "results/room/segments/fusion.npz"
     (here.root / "chair.mtl").write_text("newmtl oak\n")
@@ -311,8 +298,7 @@ def test_the_export_is_planned_alike(workspace, monkeypatch):
     assert here.planned() == {**FIRST, "export_room": 1, "check_export": 1}
     here.snakemake()
     assert here.planned() == {}
-    jobs = plan(load(enabled).scenes["room"])
-    assert sorted(here.calls()) == sorted([job.verb, *job.options] for job in jobs)
+    jobs = here.jobs()
     for job in jobs:
         assert (here.root / "results/room/stats" / f"{job.label}.json").is_file()
         for path in (*job.inputs, *job.outputs):
@@ -341,12 +327,11 @@ def test_own_cameras_and_references_are_planned_alike(workspace, monkeypatch):
     config = filmed()
     here.configure(config)
     # the views once, and two and three shards of free cameras; only views have a truth
-    assert here.planned() == {**FIRST, "relight_views": 1 + 2 + 3, "join_pictures": 2}
+    assert here.planned() == {**FIRST, "relight_views": 1 + 2 + 3, "join_images": 2}
     here.snakemake()
     assert here.planned() == {}
     monkeypatch.chdir(here.root)
-    jobs = plan(load(config).scenes["room"])
-    assert sorted(here.calls()) == sorted([job.verb, *job.options] for job in jobs)
+    jobs = here.jobs()
     for job in jobs:
         assert (here.root / "results/room/stats" / f"{job.label}.json").is_file()
         for path in (*job.inputs, *job.outputs):
@@ -360,13 +345,13 @@ def test_own_cameras_and_references_are_planned_alike(workspace, monkeypatch):
             assert {"results/room/dataset/check_poses.json", "results/room/dataset/views.json"} <= set(job.inputs)
     assert {job.options[job.options.index("--max-views") + 1] for job in jobs if job.verb == "video"} == {"12"}
     here.configure({**config, "report": {"max_views": 3}})
-    assert here.planned() == {"join_pictures": 2, "scene_report": 1}
+    assert here.planned() == {"join_images": 2, "scene_report": 1}
 
     # Another rate needs no other pictures; another keyframe needs all of that path.
     here.configure(filmed(fps=10, video="png"))
-    assert here.planned() == {"join_pictures": 1, "scene_report": 1}
+    assert here.planned() == {"join_images": 1, "scene_report": 1}
     here.configure(filmed(loop=True))
-    assert here.planned() == {"relight_views": 3, "join_pictures": 1, "scene_report": 1}
+    assert here.planned() == {"relight_views": 3, "join_images": 1, "scene_report": 1}
     # A setup that is no more leaves the page, one that loses its cameras is seen by views and scored.
     fewer = filmed()
     del fewer["scenes"]["room"]["setups"]["still"]
@@ -389,7 +374,7 @@ def test_own_cameras_and_references_that_cannot_be(workspace, monkeypatch):
     said = here.snakemake("--dry-run", succeeds=False)
     assert "reference photos must hold photographs named as the relit views; none of val_000.exr, val_001.exr" in said
     with pytest.raises(FiptError, match="reference photos must hold photographs"):
-        plan(load(filmed()).scenes["room"])
+        load(filmed()).scenes["room"].check()
     (here.root / "photos" / "val_000.hdr").touch()
     here.configure(filmed(keyframes=["train_000", "val_009"]))
     said = here.snakemake("--dry-run", succeeds=False)
@@ -426,7 +411,7 @@ def simulated_and_estimated(root):
 
 @pytest.mark.parametrize("config_of", [photographed, simulated, estimated, simulated_and_estimated])
 def test_photographs_are_planned_alike(workspace, monkeypatch, config_of):
-    """The same jobs by the workflow and by ``fipt run``; another bracket or other settings rerun what follows."""
+    """Another bracket or other settings rerun what follows."""
     here = workspace(CONFIG)
     config = config_of(here.root)
     here.configure(config)
@@ -437,13 +422,12 @@ def test_photographs_are_planned_alike(workspace, monkeypatch, config_of):
     here.snakemake()
     assert here.planned() == {}
     monkeypatch.chdir(here.root)
-    jobs = plan(load(config).scenes["room"])
-    assert sorted(here.calls()) == sorted([job.verb, *job.options] for job in jobs)
+    jobs = here.jobs()
     for job in jobs:
-        for path in (*job.inputs, *job.outputs, *job.folders):
+        for path in (*job.inputs, *job.outputs):
             assert (here.root / path).exists(), path
     inputs = {made.split(", ")[0]: set(files.split(", ")) for files, made in read}
-    early = [job for job in jobs if job.verb in ("synthesize", "calibrate", "develop", "qa", "pose") and job.inputs]
+    early = [job for job in jobs if job.stage in ("synthesize", "capture", "poses") and job.inputs]
     assert ("pose" in {job.verb for job in jobs}) is (config["scenes"]["room"].get("poses") == "colmap")
     assert {job.outputs[0]: set(job.inputs) for job in early}.items() <= inputs.items()
 
@@ -462,7 +446,7 @@ def test_photographs_are_planned_alike(workspace, monkeypatch, config_of):
 
 @pytest.mark.parametrize("simulate", [False, True])
 def test_scene_files_are_planned_alike(workspace, monkeypatch, simulate):
-    """The same jobs by the workflow and by ``fipt run``; a texture that changes makes the room's views anew."""
+    """A texture that changes makes the room's views anew."""
     here = workspace(CONFIG)
     modelled.write_scene(here.root / "scene")
     entry = CONFIG["scenes"]["room"] | {"source": "mitsuba", "path": "scene/room.xml", "simulate_raw": simulate}
@@ -476,8 +460,7 @@ def test_scene_files_are_planned_alike(workspace, monkeypatch, simulate):
     here.snakemake()
     assert here.planned() == {}
     monkeypatch.chdir(here.root)
-    jobs = plan(load(config).scenes["room"])
-    assert sorted(here.calls()) == sorted([job.verb, *job.options] for job in jobs)
+    jobs = here.jobs()
     files = {"scene/room.xml", "scene/models/cupboard.obj", "scene/textures/tiles.png"}
     rooms = [job for job in jobs if "--scene" in job.options]
     assert len(rooms) == (8 if simulate else 5)

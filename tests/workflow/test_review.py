@@ -1,6 +1,6 @@
 """emitters_review.yaml, which is no input of any job: what a person decides there reruns what depends on it alone.
 
-With a stand-in for ``fipt``; the workflow and ``fipt run`` plan the same.
+With a stand-in for ``fipt``.
 """
 
 import copy
@@ -9,10 +9,9 @@ from collections import Counter
 
 import pytest
 import yaml
-
 from fipt.config.legacy import load
+
 from fipt.errors import FiptError
-from fipt.run import plan, run
 from fipt.scene.review import refreshed, write_review
 
 CONFIG = {
@@ -30,7 +29,7 @@ CONFIG = {
 NAMED = copy.deepcopy(CONFIG)
 NAMED["scenes"]["room"]["setups"]["desk"] = {"emitters": [{"names": ["desk lamp", "lamp-0"], "off": True}]}
 
-LAST = {"material_maps": 3, "render_views": 1, "lamp_views": 1, "export_room": 1, "check_export": 1}
+LAST = {"material_maps": 3, "render_views": 1, "olat_views": 1, "export_room": 1, "check_export": 1}
 AFTER_EMITTERS = {"emitters": 2, "refine": 2, "fit": 1, "review": 1, "relight_views": 1, **LAST}
 AFTER_EMITTERS |= {"scene_metrics": 1, "scene_report": 1}
 """All that depends on what emits; samples, cache, background, bake and the fit of round 0 do not."""
@@ -75,7 +74,7 @@ def test_what_is_decided_reruns_what_depends_on_it(workspace, monkeypatch):
     assert [call[0] for call in calls] == ["emitters", "emitters", "review"]
 
 
-def test_fipt_run_calls_what_the_workflow_calls(workspace, monkeypatch):
+def test_names_reach_the_setups_that_use_them(workspace, monkeypatch):
     here = workspace(NAMED)
     monkeypatch.chdir(here.root)
     config = here.root / "config" / "config.yaml"
@@ -83,52 +82,10 @@ def test_fipt_run_calls_what_the_workflow_calls(workspace, monkeypatch):
     file = File(here.root)
     file.decide(0, verdict="accept")
     file.decide(1, name="desk lamp", merge_with="lamp-0")
-    here.snakemake()
-    jobs = plan(load(NAMED).scenes["room"])
-    assert sorted(here.calls()) == sorted([job.verb, *job.options] for job in jobs)
-    for job in jobs:
-        for path in (*job.inputs, *job.outputs, *job.folders):
-            assert (here.root / path).exists(), path
-    relit = {job.label: "--lamps" in job.options for job in jobs if job.verb == "relight"}
+    relit = {job.label: "--emitter-names" in job.options for job in here.jobs() if job.verb == "relight"}
     assert relit == {"relight.off.val-000": False, "relight.desk.val-000": True}
-
-
-def test_fipt_run_goes_on_where_the_decision_matters(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    called = []
-
-    def verb(job):
-        called.append(job.label)
-        for path in job.folders:
-            (tmp_path / path).mkdir(parents=True)
-        for path in job.outputs:
-            (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
-            read = (
-                []
-                if path.endswith(".npz") and job.verb == "emitters"
-                else [(tmp_path / p).read_text() for p in job.inputs]
-            )
-            (tmp_path / path).write_text(repr((job.options, hash(tuple(read)))))
-
-    def labels():
-        called.clear()
-        run(load(CONFIG).scenes["room"], verb)
-        return called
-
-    first = list(labels())
-    file = File(tmp_path)
-    assert labels() == []
-    file.decide(0, name="window")
-    assert labels() == ["review", "export", "check-export", "report"]
-    file.decide(0, verdict="reject")
-    again = labels()
-    assert again == [label for label in first if label in again]
-    kept = {label for label in first if label not in again}
-    assert {label.split(".")[0] for label in kept} == {
-        *("synthesize", "check_poses", "samples", "environment", "cache", "bake", "fit"),
-    }
-    assert "fit.round-1" in again
-    assert "fit.round-0" in kept
+    here.fipt_run()
+    assert here.planned() == {}
 
 
 def test_a_wrong_file_ends_the_run_before_anything_runs(workspace, monkeypatch):
@@ -139,19 +96,18 @@ def test_a_wrong_file_ends_the_run_before_anything_runs(workspace, monkeypatch):
     text = here.snakemake(succeeds=False)
     assert any(said in line for line in text.splitlines())
     assert "Traceback" not in text
-    with pytest.raises(FiptError, match=re.escape(said)):
-        run(load(CONFIG).scenes["room"], None)
+    assert said in here.fipt_run(code=2)
     assert not (here.root / "calls.jsonl").exists()
 
 
 def test_a_setup_may_only_use_names_that_were_given(workspace, monkeypatch):
     here = workspace(NAMED)
     monkeypatch.chdir(here.root)
-    said = "setups.desk of scene room names the lamp 'desk lamp', and no lamp has this name"
+    said = "setups.desk of scene room names the emitter 'desk lamp', and none has this name"
     assert said in here.snakemake("--dry-run", succeeds=False)
     file = File(here.root)
     file.decide(1, name="desk lmp")
-    with pytest.raises(FiptError, match=re.escape(said) + ".*there are desk lmp, lamp-N"):
-        plan(load(NAMED).scenes["room"])
+    with pytest.raises(FiptError, match=re.escape(said) + ".*there are desk lmp, emitter-N"):
+        assert load(NAMED).scenes["room"].decisions.review
     file.decide(1, name="desk lamp")
-    assert plan(load(NAMED).scenes["room"])
+    assert load(NAMED).scenes["room"].decisions.review

@@ -1,117 +1,198 @@
-"""``fipt run`` without numerics: what it calls, what it skips, what it never takes for finished."""
+"""``fipt run``: what it says and leaves, with a stand-in for the verbs."""
 
-import json
+import os
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import pytest
 
-from fipt.config.legacy import load
+from benchmarks.jobs import WORKFLOW
+from fipt.cli.run import STOPPING_POINTS
 from fipt.errors import FiptError
-from fipt.run import locked, run
+from fipt.lock import locked
 
-CONFIG = {
-    "scenes": {"room": {"source": "procedural", "setups": {"off": {"emitters": [{"scale": 0}]}}}},
-    "rounds": 1,
-}
+CONFIG = {"scenes": {"room": {"source": "procedural"}}, "rounds": 0, "synthesize": {"train_views": 2, "val_views": 1}}
 
 
-class Verbs:
-    """Stands in for the verbs: writes what a job promises and notes its label."""
-
-    def __init__(self, fail_in=None):
-        self.called = []
-        self.fail_in = fail_in
-
-    def __call__(self, job):
-        self.called.append(job.label)
-        for path in job.folders:
-            Path(path).mkdir(parents=True)
-        if job.label == self.fail_in:
-            raise KeyboardInterrupt
-        inputs = [Path(path).read_text() for path in job.inputs]
-        for path in job.outputs:
-            Path(path).parent.mkdir(parents=True, exist_ok=True)
-            Path(path).write_text(json.dumps([job.options, hash(tuple(inputs))]))
+def told(text):
+    """The line that says what is wrong; it is one line."""
+    (line,) = [line for line in text.splitlines() if line.startswith("fipt: ")]
+    assert "Traceback" not in text
+    return line
 
 
-@pytest.fixture(autouse=True)
-def _folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_a_run_then_nothing_to_do(workspace):
+    here = workspace(CONFIG)
+    first = here.fipt_run()
+    lines = first.splitlines()
+    assert lines[0].startswith("[1/18] synthesize")
+    assert "[18/18] report" in lines
+    assert (here.root / "results/room/report.html").is_file()
+    assert here.planned() == {}
+    assert here.fipt_run() == "everything is up to date\n"
 
 
-def called(config=CONFIG, **keys):
-    verbs = Verbs()
-    run(load({**config, **keys}).scenes["room"], verbs)
-    return verbs.called
+def test_plain_snakemake_goes_on_where_it_ended(workspace):
+    here = workspace(CONFIG)
+    here.fipt_run("materials")
+    assert not (here.root / "results/room/report.html").exists()
+    assert here.planned().keys() & {"material_maps", "fit", "bake"} == set()
 
 
-def test_a_second_run_has_nothing_to_do():
-    first = called()
-    assert first[0] == "synthesize"
-    assert first[-1] == "report"
-    assert called() == []
+def test_a_dry_run_lists_the_jobs(workspace):
+    here = workspace(CONFIG)
+    said = here.fipt_run("--dry-run", "--config", "fit={steps: 7}")
+    assert "fit.round-0: Missing output files" in said
+    assert not (here.root / "results").exists()
 
 
-def test_other_settings_run_the_stage_and_what_follows():
-    first = called()
-    after = called(fit={"steps": 3})
-    assert after == first[first.index("fit.round-0") :]
-    assert called(fit={"steps": 3}, report={"width": 9}) == ["report"]
+def test_targets_are_those_of_the_workflow():
+    rules = (WORKFLOW / "rules" / "targets.smk").read_text()
+    assert [line[5:-1] for line in rules.splitlines() if line.startswith("rule ")] == list(STOPPING_POINTS)
 
 
-def test_another_round_keeps_the_finished_ones():
-    called()
-    more = called(rounds=2)
-    assert [label for label in more if "round-" in label] == [
-        "refine.round-2.train-000",
-        "refine.round-2.train-001",
-        "fit.round-2",
-        "emitters.round-2",
-    ]
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--config", "fit={stepz: 3}"], "fipt: error: unknown key fit.stepz (did you mean steps?); allowed in fit: "),
+        (["reprt"], "fipt: error: there is no target 'reprt'; targets: capture, dataset, "),
+        (["results/room/nothing"], "fipt: error: No rule to produce results/room/nothing"),
+        (["--configfile", "none.yaml"], "fipt: error: config file none.yaml does not exist; check the path"),
+    ],
+)
+def test_what_the_user_can_mend_is_one_line(workspace, options, said):
+    here = workspace(CONFIG)
+    text = here.fipt_run(*options, code=2)
+    assert told(text).startswith(said)
+    assert not (here.root / "calls.jsonl").exists()
 
 
-def test_emitters_of_the_first_round_only():
-    labels = called(emitters={"every_round": False})
-    assert [label for label in labels if label.startswith("emitters")] == ["emitters.round-0"]
+def test_an_unknown_scene(workspace):
+    here = workspace({**CONFIG, "scenes": {"attic": {"source": "procedural"}}})
+    assert told(here.fipt_run(code=2)) == "fipt: error: there is no scene 'room'; scenes: attic"
 
 
-def test_missing_and_changed_outputs_are_made_again():
-    called()
-    Path("results/room/cache.npz").write_text("damaged")
-    assert called()[0] == "cache"
-    Path("results/room/metrics.json").unlink()
-    assert called() == ["metrics"]  # with the same content, the page stays
+@pytest.mark.parametrize("done", [False, True])
+def test_a_given_file_that_is_missing_is_told_before_anything_runs(workspace, done):
+    here = workspace(CONFIG)
+    if done:
+        here.fipt_run()
+        (here.root / "calls.jsonl").unlink()
+    said = told(here.fipt_run("--config", "environment={mode: given, file: none.exr}", code=2))
+    assert "none.exr" in said
+    assert not (here.root / "calls.jsonl").exists()
 
 
-def test_what_a_stopped_job_left_is_not_taken_for_finished():
-    called()
-    verbs = Verbs(fail_in="bake.round-0.train-000")
-    changed = load({**CONFIG, "bake": {"seed": 3}}).scenes["room"]
-    with pytest.raises(KeyboardInterrupt):
-        run(changed, verbs)
-    assert not Path("results/room/round-0/shading/train-000.manifest.json").exists()
-    assert called(bake={"seed": 3})[0] == "bake.round-0.train-000"
+FAILING = """#!{python}
+import sys
+{body}
+"""
 
 
-def test_an_output_that_is_missing_is_an_error():
-    with pytest.raises(FiptError, match="an output of synthesize is missing"):
-        run(load(CONFIG).scenes["room"], lambda job: None)
+def break_verbs(here, body):
+    """Put another program in the place of the verbs."""
+    (here.root / "bin" / "fipt").write_text(FAILING.format(python=sys.executable, body=body))
 
 
-def test_one_run_at_a_time():
+def test_the_line_of_a_verb_is_what_the_user_sees(workspace):
+    here = workspace(CONFIG)
+    break_verbs(here, "print('warning: dark'); sys.exit('fipt: error: the mesh has no triangles; repair it')")
+    said = here.fipt_run(code=2)
+    assert told(said) == "fipt: error: the mesh has no triangles; repair it"
+    assert "synthesize: warning: dark" in said
+    assert "snakemake" not in said.lower()
+
+
+def test_a_mistake_of_ours_shows_the_log(workspace):
+    here = workspace(CONFIG)
+    break_verbs(here, "1 / 0")
+    said = here.fipt_run(code=1)
+    assert "ZeroDivisionError: division by zero" in said
+    assert said.endswith("fipt: error: synthesize failed; the whole log is results/room/logs/synthesize.log\n")
+
+
+def asleep_in(here, verb):
+    """Start ``fipt run`` and wait until a verb sleeps; the run and the verb's process id."""
+    running = subprocess.Popen(
+        [sys.executable, "-m", "fipt.cli.main", "run", "room"],
+        cwd=here.root,
+        env=here.environment | {"SLEEP": verb},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        process_group=0,
+    )
+    asleep = here.root / "sleeping.pid"
+    end = time.monotonic() + 120
+    while not (asleep.exists() and asleep.read_text()):
+        assert time.monotonic() < end
+        time.sleep(0.1)
+    return running, int(asleep.read_text())
+
+
+def ended(pid):
+    """Whether a process ends within some seconds."""
+    end = time.monotonic() + 20
+    while time.monotonic() < end:
+        state = Path(f"/proc/{pid}/stat")
+        if not state.exists() or state.read_text().rpartition(")")[2].split()[0] == "Z":
+            return True
+        time.sleep(0.1)
+    return False
+
+
+def test_two_runs_refuse_each_other_and_a_killed_one_is_completed(workspace):
+    here = workspace(CONFIG)
+    running, _ = asleep_in(here, "bake")
+    assert told(here.fipt_run(code=2)) == (
+        "fipt: error: another run works on scene room; wait for it to end, or stop it"
+    )
+    assert "another run works on scene room" in here.snakemake(succeeds=False)
+    os.killpg(running.pid, signal.SIGKILL)
+    running.communicate()
+    assert here.planned()["bake"] == 1
+    assert "bake.round-0.train-000" in here.fipt_run()
+    assert here.planned() == {}
+
+
+def test_ctrl_c_ends_the_run_and_its_job(workspace):
+    here = workspace(CONFIG)
+    running, verb = asleep_in(here, "bake")
+    running.send_signal(signal.SIGINT)  # to the run alone: a terminal would send it to the verb as well
+    _, said = running.communicate(timeout=60)
+    assert running.returncode == 130
+    assert said.endswith("fipt: interrupted\n")
+    assert ended(verb)
+    assert "bake.round-0.train-000" in here.fipt_run()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the system kills a child with its parent on Linux")
+def test_no_job_outlives_a_run_that_is_killed(tmp_path):
+    """With the real ``fipt``, which asks for it."""
+    ask = "import os, time; from fipt.cli.process import end_with_run, is_job; assert is_job(); end_with_run()"
+    script = f"{ask}; print(os.getpid(), flush=True); time.sleep(60)"
+    start = (
+        "import os, subprocess, sys, time; os.environ['FIPT_RUN'] = str(os.getpid());"
+        f"subprocess.Popen([sys.executable, '-c', {script!r}]); time.sleep(60)"
+    )
+    run = subprocess.Popen([sys.executable, "-c", start], cwd=WORKFLOW.parents[1], stdout=subprocess.PIPE, text=True)
+    assert run.stdout is not None
+    job = int(run.stdout.readline())
+    run.kill()
+    run.wait()
+    assert ended(job)
+    run.stdout.close()
+
+
+def test_the_lock_ends_with_its_holder(tmp_path):
     with (
-        locked("room"),
+        locked(tmp_path / "room"),
         pytest.raises(FiptError, match="another run works on scene room"),
-        locked("room"),
+        locked(tmp_path / "room"),
     ):
         pytest.fail("two runs at a time")
-    with locked("room"):
+    with locked(tmp_path / "room"):
         pass
-
-
-def test_a_given_file_that_is_missing_is_told_before_anything_runs():
-    verbs = Verbs()
-    scene = load({**CONFIG, "environment": {"mode": "given", "file": "none.exr"}}).scenes["room"]
-    with pytest.raises(FiptError, match=r"an input of background is missing: none\.exr"):
-        run(scene, verbs)
-    assert verbs.called == []

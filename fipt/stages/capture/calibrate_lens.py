@@ -91,26 +91,35 @@ def _from_boards(
             f"{len(paths)}: {', '.join(used)}",
             "photograph the board from more sides",
         )
-    shape = (found.width, found.height)
-    # A richer model must pay: one that follows the noise of the corners bends the corners of the picture.
-    best, model = None, ""
-    for name, flags in _MODELS.items():
-        rms, matrix, distortion, _, _ = cv2.calibrateCamera(objects, images, shape, None, None, flags=flags)
-        if best is None or rms < _WORTH * best[0]:
-            best, model = (rms, matrix, distortion.ravel()[:5]), name
-    rms, matrix, distortion = best
-    lens = Lens(
-        *shape,
-        *(float(v) for v in (matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2])),
-        tuple(float(v) for v in distortion),
-    )
-    figures = {"kind": kind, "rms": float(rms), "frames": used, "not_found": len(paths) - len(used), "model": model}
+    lens, rms, model = _solved(objects, images, (found.width, found.height))
+    figures = {"kind": kind, "rms": rms, "frames": used, "not_found": len(paths) - len(used), "model": model}
     return replace(
         found,
         lens=lens,
         sources={**found.sources, "lens": counted(used, kind)},
         figures={**found.figures, "board": figures},
     )
+
+
+def _solved(
+    objects: Sequence[np.ndarray], images: Sequence[np.ndarray], shape: tuple[int, int]
+) -> tuple[Lens, float, str]:
+    """Lens with the fewest terms that explains the corners; its reprojection error in pixels, and its model."""
+    best, model = None, ""
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)  # several sum in an order of their own each time: distortion differed in the eighth digit
+    try:
+        # A richer model must pay: one that follows the noise of the corners bends the corners of the image.
+        for name, flags in _MODELS.items():
+            rms, matrix, distortion, _, _ = cv2.calibrateCamera(objects, images, shape, None, None, flags=flags)
+            if best is None or rms < _WORTH * best[0]:
+                best, model = (rms, matrix, distortion.ravel()[:5]), name
+    finally:
+        cv2.setNumThreads(threads)
+    assert best is not None
+    rms, matrix, (k1, k2, p1, p2, k3) = best[0], best[1], map(float, best[2])
+    fx, fy, cx, cy = (float(matrix[at]) for at in ((0, 0), (1, 1), (0, 2), (1, 2)))
+    return Lens(*shape, fx, fy, cx, cy, (k1, k2, p1, p2, k3)), float(rms), model
 
 
 def _checkerboard_corners(grey: np.ndarray, settings: CaptureSettings) -> tuple[np.ndarray, np.ndarray] | None:

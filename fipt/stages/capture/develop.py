@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-import sys
+import logging
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -28,6 +28,8 @@ from fipt.stages.capture.noise import assumed_noise, measured_noise
 from fipt.stages.capture.raw import RawFrame, read_raw
 from fipt.stages.capture.settings import CaptureSettings
 from fipt.stages.capture.view import View, downscaled, lens_maps, pinhole_of, to_srgb, undistorted
+
+log = logging.getLogger(__name__)
 
 _HALF_LARGEST, _HALF_STEP = 6e4, 6e-8
 """Largest value of 16-bit floats, and their step near zero."""
@@ -61,7 +63,7 @@ def develop_views(
             # A file that belongs to no view since it cannot be read: brackets are what the others make of them.
             if settings.incomplete == "error":
                 raise FiptError(finding.message, finding.remedy)
-            print(f"warning: {finding.message}; {finding.remedy}", file=sys.stderr)
+            log.warning("%s; %s", finding.message, finding.remedy)
     warnings = {name: [f.message for f in capture.findings if name in f.views] for name in names}
     files = []
     with progress("develop", len(names), " views") as bar:
@@ -74,7 +76,7 @@ def develop_views(
                 files.append(out / f"{name}.json")
                 write_text(files[-1], json.dumps({"view": name, "rejected": error.message}) + "\n")
                 (out / "hdr" / f"{name}.exr").unlink(missing_ok=True)
-                print(f"warning: view {name} is rejected: {error}")
+                log.warning("view %s is rejected: %s", name, error)
                 continue
             view.facts["warnings"] = warnings[name] + view.facts.get("warnings", [])
             files += write_view(out, name, view, settings.half)

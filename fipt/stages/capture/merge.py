@@ -153,9 +153,8 @@ def merge_mosaics(
     """Merge mosaics with inverse-variance weights, then demosaic once.
 
     Saturation is decided on raw values. The weight of a frame is e^2 / (gain e L + read^2), one over the variance of
-    its radiance for photon and read noise, where L is the plain mean (sum of signals over sum of exposures); clipped
-    pixels have no weight. Demosaicing works on the logarithm of the white-balanced mosaic: edges have the same
-    height there in light and in shadow.
+    its radiance, where L is the plain mean (sum of signals over sum of exposures); clipped pixels have none.
+    Demosaicing works on logarithms: edges have the same height there in light and in shadow.
 
     Parameters
     ----------
@@ -167,41 +166,33 @@ def merge_mosaics(
         Of the sensor at the frames' ISO.
     gains
         White balance and vignetting.
-    saturation
-        Share of the range above which a pixel is full.
-    motion
-        Relative disagreement of exposures that is tolerated beyond noise; 0 = do not look for motion.
+    saturation, motion
+        Share of the range above which a pixel is full; relative disagreement of exposures that is tolerated beyond
+        noise (0: motion is not searched for).
     """
-    first = frames[0]
-    height, width = first.shape
+    (height, width), pattern = frames[0].shape, frames[0].pattern
     bracket = _bracket(frames, exposures, black, noise, gains, saturation)
-    e, tolerance = bracket.e, np.float32(motion**2)
-    floor = float(np.sqrt(bracket.dark) / e[0])
-    largest = float(bracket.balance.max())
-    offset = _LOG_OFFSET * floor * largest
-    brightest = 1.05 / e[-1] * largest * _largest_gain(gains, first.shape)
-    step = np.log1p(brightest / offset) / (_LOG_MAX - _LOG_ZERO)
+    e, floor = bracket.e, float(np.sqrt(bracket.dark) / bracket.e[0])
+    offset, step = _coding(bracket, gains, floor)
     codes = np.empty((height, width), np.uint16)
     saturated, noisy = np.zeros((height, width), bool), np.empty((height, width), np.uint8)
-    disagreement = np.zeros((height, width), np.uint8)
-    clipped = np.zeros(len(frames))
-    dim = noise_limit(bracket.photon, bracket.dark)
+    disagreement, clipped = np.zeros((height, width), np.uint8), np.zeros(len(frames))
+    brightness = np.float32(e[0] / noise_limit(bracket.photon, bracket.dark) * 64)
     for top in range(0, height, _STRIP):
         rows = slice(top, min(top + _STRIP, height))
         strip = _strip(bracket, rows)
         clipped += strip.lost
-        shortest = strip.usable[-1]
-        if shortest is not None:
+        if (shortest := strip.usable[-1]) is not None:
             saturated[rows] = ~shortest
         value = _merged(bracket, strip)
         if motion > 0 and len(frames) > 1:
-            disagreement[rows] = _disagreement(bracket, strip, value, tolerance)
-        noisy[rows] = np.clip(value * np.float32(e[0] / dim * 64), 0, 255)
+            disagreement[rows] = _disagreement(bracket, strip, value, np.float32(motion**2))
+        noisy[rows] = np.clip(value * brightness, 0, 255)
         value *= bracket.balance[: len(value)]
         gains.apply(value, top)
         codes[rows] = encode(value, offset, step)
     return Merged(
-        codes=demosaic(codes, first.pattern),
+        codes=demosaic(codes, pattern),
         table=decoding_table(offset, step),
         saturated=_solid(saturated),
         moved=cv2.blur(disagreement, (_MOVED_BOX, _MOVED_BOX)) > _MOVED * _MOVED_LEVELS,
@@ -210,6 +201,14 @@ def merge_mosaics(
         noise=noise,
         floor=floor,
     )
+
+
+def _coding(bracket: _Bracket, gains: Gains, floor: float) -> tuple[float, float]:
+    """Offset and step of `encode` for a bracket whose dark pixels have the standard deviation ``floor``."""
+    largest = float(bracket.balance.max())
+    offset = _LOG_OFFSET * floor * largest
+    brightest = 1.05 / bracket.e[-1] * largest * _largest_gain(gains, bracket.frames[0].shape)
+    return offset, np.log1p(brightest / offset) / (_LOG_MAX - _LOG_ZERO)
 
 
 def _bracket(

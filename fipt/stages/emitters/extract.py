@@ -1,31 +1,29 @@
 """Which triangles emit, and how much (method.md, stage 2)."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from fipt.conventions import EMITTER_GAIN
+from fipt.model.reflectance import brightest_reflection
 from fipt.scene.emitters import Emitters
 from fipt.scene.mesh import Mesh, connected_parts
+from fipt.scene.observed import ObservedShard
 from fipt.scene.review import Decisions, numbers
-from fipt.scene.samples import FootprintSamples
-from fipt.scene.shading import Shading, brightest_reflection
 from fipt.stages.emitters.settings import EmittersSettings
 
 INTERIOR = 0.9
-"""Share of its pixel that a hit must cover to tell a triangle's own radiance."""
-_GAIN = 1.5
-"""How much brighter than the brightest reflector an emitter must be."""
+"""Share of its pixel that a sample must cover to tell a triangle's own radiance."""
 _WHOLE = 0.7
 """Share of a part's seen area that must emit before its unseen side is taken to emit too."""
 _BRIGHTEST = 0.9
-"""Quantile of the bounds of a clipped lamp that stands for its radiance; the last tenth may be sharpened edges."""
+"""Quantile of the bounds of a clipped emitter that stands for its radiance; the last tenth may be sharpened edges."""
 _SAME_RADIANCE = 0.35
-"""Relative difference up to which neighbouring triangles belong to one lamp."""
+"""Relative difference up to which neighbouring triangles belong to one emitter."""
 
 
 @dataclass(frozen=True)
@@ -34,15 +32,15 @@ class Decided:
 
     Attributes
     ----------
-    lamp
-        (T,) int32 number of the accepted lamp of a triangle, -1 for all others.
+    emitter
+        (T,) int32 number of the accepted emitter of a triangle, -1 for all others.
     rejected
         (T,) bool, never emit.
     merged
-        Triangles of lamps that are one lamp.
+        Triangles of emitters that are one emitter.
     """
 
-    lamp: np.ndarray
+    emitter: np.ndarray
     rejected: np.ndarray
     merged: tuple[np.ndarray, ...] = ()
 
@@ -53,21 +51,18 @@ class Decided:
         def rows(*texts: str) -> np.ndarray:
             return np.array(sorted(t for text in texts for t in numbers(text, triangles)), np.int64)
 
-        lamp, rejected = np.full(triangles, -1, np.int32), np.zeros(triangles, bool)
+        emitter, rejected = np.full(triangles, -1, np.int32), np.zeros(triangles, bool)
         for number, text in enumerate(decisions.accept):
-            lamp[rows(text)] = number
+            emitter[rows(text)] = number
         rejected[rows(*decisions.reject)] = True
-        return Decided(lamp, rejected, tuple(rows(*group) for group in decisions.merge))
+        return Decided(emitter, rejected, tuple(rows(*group) for group in decisions.merge))
 
 
 def extract(
     mesh: Mesh,
-    shards: list[FootprintSamples],
-    shading: Sequence[Shading | np.ndarray],
-    images: list[tuple[np.ndarray, np.ndarray]],
+    shards: Sequence[ObservedShard],
     query_mask: Callable[[np.ndarray], np.ndarray],
     settings: EmittersSettings,
-    clipped: list[np.ndarray] | None = None,
     decisions: Decisions | None = None,
 ) -> Emitters:
     """Find the emitting triangles.
@@ -79,74 +74,78 @@ def extract(
 
     Parameters
     ----------
-    shading
-        (H, outputs, 3) of each shard.
-    images
-        Per shard: (P, 3) radiance and (P,) weight.
+    shards
+        The training views.
     query_mask
         (N, 3) points -> (N,) emission mask.
-    clipped
-        Per shard: (P,) bool, pixels whose radiance is only a lower bound; None: there are none.
     decisions
-        Lamps that a person accepted (they emit whatever the pictures say, each by itself), rejected and merged.
+        Emitters that a person accepted (they emit whatever the photographs say, each by itself), rejected and merged.
     """
     decided = Decided.of(decisions or Decisions(), len(mesh.triangles))
-    pixels = partial(_pixels, shards, shading, images, clipped)
     observed, bright = (np.zeros(len(mesh.triangles), np.int64) for _ in range(2))
-    for triangle, _, _, ratio, _ in pixels():
-        observed += np.bincount(triangle, minlength=len(observed))
-        bright += np.bincount(triangle[ratio > _GAIN], minlength=len(observed))
+    for view in _observations(shards):
+        observed += np.bincount(view.triangle, minlength=len(observed))
+        bright += np.bincount(view.triangle[view.ratio > EMITTER_GAIN], minlength=len(observed))
     seen = np.flatnonzero(observed)
     if settings.evidence:
         # the mask network is asked only where the light could not be reflected: a median above needs half above
-        triangle, _, _, ratio, _ = _of_triangles(pixels(), (observed > 0) & (2 * bright >= observed))
-        seen, index = np.unique(triangle, return_inverse=True)
-        seen = seen[_grouped_median(ratio, index, len(seen)) > _GAIN]
+        found = _of_triangles(_observations(shards), (observed > 0) & (2 * bright >= observed))
+        seen, index = np.unique(found.triangle, return_inverse=True)
+        seen = seen[_grouped_median(found.ratio, index, len(seen)) > EMITTER_GAIN]
     emitting = np.zeros(len(observed), bool)
     emitting[seen[_mean_mask(mesh, seen, query_mask, settings) > settings.threshold]] = True
-    emitting = (emitting | (decided.lamp >= 0)) & ~decided.rejected
-    triangle, radiance, view, _, bound = _of_triangles(pixels(), emitting)
-    chosen, index = np.unique(triangle, return_inverse=True)
-    found = _measured(mesh, chosen, index, radiance, view, bound, decided, settings)
-    return _completed(mesh, found, np.flatnonzero(observed), decided, settings.complete)
+    emitting = (emitting | (decided.emitter >= 0)) & ~decided.rejected
+    measured = _measured(mesh, _of_triangles(_observations(shards), emitting), decided, settings)
+    return _completed(mesh, measured, np.flatnonzero(observed), decided, settings.complete)
 
 
-Observations = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-"""Of pixels: triangle, radiance (N, 3), number of the view, radiance over the most that could be reflected, and
-whether the radiance is only a lower bound.
-"""
+@dataclass(frozen=True)
+class Observations:
+    """N pixels that one triangle's piece fills.
+
+    Attributes
+    ----------
+    triangle, view
+        (N,) int64: the triangle, and the number of the view.
+    radiance
+        (N, 3) observed.
+    ratio
+        (N,) radiance over the most that could be reflected.
+    clipped
+        (N,) bool: the radiance is only a lower bound.
+    """
+
+    triangle: np.ndarray
+    radiance: np.ndarray
+    view: np.ndarray
+    ratio: np.ndarray
+    clipped: np.ndarray
 
 
-def _pixels(
-    shards: list[FootprintSamples],
-    shading: Sequence[Shading | np.ndarray],
-    images: list[tuple[np.ndarray, np.ndarray]],
-    clipped: list[np.ndarray] | None,
-) -> Iterator[Observations]:
+def _observations(shards: Sequence[ObservedShard]) -> Iterator[Observations]:
     """Yield the pixels of every view that one triangle's piece fills."""
     number = 0
-    clipped = clipped or [np.zeros(len(valid), bool) for _, valid in images]
-    for samples, baked, (image, valid), above in zip(shards, shading, images, clipped, strict=True):
+    for shard in shards:
+        samples = shard.samples
         for index in range(len(samples.views)):
             own, pixel = samples.of_view(index), samples.pixel_of_sample(index) + samples.pixels(index).start
-            use = np.flatnonzero((samples.weight[own] >= INTERIOR) & (valid[pixel] > 0))
-            light = np.asarray(baked[own], np.float32)[use]
-            seen = np.asarray(image[pixel[use]])
-            triangle = np.asarray(samples.triangle[own])[use]
-            yield (
-                triangle,
-                seen,
+            use = np.flatnonzero((samples.weight[own] >= INTERIOR) & (shard.weight[pixel] > 0))
+            shading = np.asarray(shard.shading[own], np.float32)[use]
+            radiance = np.asarray(shard.radiance[pixel[use]])
+            yield Observations(
+                np.asarray(samples.triangle[own])[use],
+                radiance,
                 np.full(len(use), number),
-                seen.mean(axis=1) / (brightest_reflection(light) + 1e-4),
-                above[pixel[use]],
+                radiance.mean(axis=1) / brightest_reflection(shading),
+                shard.clipped[pixel[use]],
             )
             number += 1
 
 
-def _of_triangles(pixels: Iterator[Observations], chosen: np.ndarray) -> Observations:
+def _of_triangles(views: Iterable[Observations], chosen: np.ndarray) -> Observations:
     """Observations of the triangles where ``chosen`` (T,) is true, all views together."""
-    parts = [[values[chosen[view[0]]] for values in view] for view in pixels]
-    return tuple(np.concatenate(values) for values in zip(*parts, strict=True))
+    parts = [[values[chosen[view.triangle]] for values in vars(view).values()] for view in views]
+    return Observations(*(np.concatenate(values) for values in zip(*parts, strict=True)))
 
 
 def _mean_mask(
@@ -205,43 +204,35 @@ def _levels(radiance: np.ndarray, bound: np.ndarray, index: np.ndarray, groups: 
     return level, unknown
 
 
-def _measured(
-    mesh: Mesh,
-    triangles: np.ndarray,
-    index: np.ndarray,
-    radiance: np.ndarray,
-    view: np.ndarray,
-    bound: np.ndarray,
-    decided: Decided,
-    settings: EmittersSettings,
-) -> Emitters:
-    """Median radiance of every triangle; with ``patches`` one radiance for each connected lamp."""
-    own, unknown = _levels(radiance, bound, index, len(triangles))
-    lamp = _lamps(mesh, triangles, own, decided)
-    group = lamp[index]
-    lamps = int(lamp.max(initial=-1)) + 1
-    level, unknown_lamp = _levels(radiance, bound, group, lamps)
-    clipped = np.bincount(group, bound, lamps) / np.maximum(np.bincount(group, minlength=lamps), 1)
-    spread = np.abs(radiance.mean(axis=1) / np.maximum(level.mean(axis=1)[group], 1e-6) - 1)
-    agreement = np.exp(-_grouped_median(spread, group, lamps) / 0.1)
-    seen_by = np.zeros(lamps, np.int64)
-    np.add.at(seen_by, np.unique(np.stack([group, view]), axis=1)[0], 1)
+def _measured(mesh: Mesh, seen: Observations, decided: Decided, settings: EmittersSettings) -> Emitters:
+    """Median radiance of every triangle; with ``patches`` one radiance for each connected emitter."""
+    triangles, index = np.unique(seen.triangle, return_inverse=True)
+    own, unknown = _levels(seen.radiance, seen.clipped, index, len(triangles))
+    emitter = _connected_emitters(mesh, triangles, own, decided)
+    group = emitter[index]
+    count = int(emitter.max(initial=-1)) + 1
+    level, unknown_level = _levels(seen.radiance, seen.clipped, group, count)
+    clipped = np.bincount(group, seen.clipped, count) / np.maximum(np.bincount(group, minlength=count), 1)
+    spread = np.abs(seen.radiance.mean(axis=1) / np.maximum(level.mean(axis=1)[group], 1e-6) - 1)
+    agreement = np.exp(-_grouped_median(spread, group, count) / 0.1)
+    seen_by = np.zeros(count, np.int64)
+    np.add.at(seen_by, np.unique(np.stack([group, seen.view]), axis=1)[0], 1)
     confidence = agreement * (1 - np.exp(-seen_by / 2))
     return Emitters(
         triangle=triangles.astype(np.int32),
-        radiance=(level[lamp] if settings.patches else own).astype(np.float32),
+        radiance=(level[emitter] if settings.patches else own).astype(np.float32),
         area=mesh.areas[triangles].astype(np.float32),
-        emitter=lamp.astype(np.int32),
-        views=seen_by[lamp].astype(np.int32),
-        confidence=confidence[lamp].astype(np.float32),
-        clipped=clipped[lamp].astype(np.float32),
-        lower_bound=unknown_lamp[lamp] if settings.patches else unknown,
+        emitter=emitter.astype(np.int32),
+        views=seen_by[emitter].astype(np.int32),
+        confidence=confidence[emitter].astype(np.float32),
+        clipped=clipped[emitter].astype(np.float32),
+        lower_bound=unknown_level[emitter] if settings.patches else unknown,
         two_sided=settings.two_sided,
     )
 
 
 def _completed(mesh: Mesh, found: Emitters, observed: np.ndarray, decided: Decided, complete: bool) -> Emitters:
-    """Add triangles that no pixel shows alone: of accepted lamps, and, with ``complete``, a globe's far side.
+    """Add triangles that no pixel shows alone: of accepted emitters, and, with ``complete``, a globe's far side.
 
     That is the rest of a connected part that glows wherever it is seen.
     """
@@ -253,19 +244,19 @@ def _completed(mesh: Mesh, found: Emitters, observed: np.ndarray, decided: Decid
     glowing = np.bincount(part, areas * emits, count)
     whole = (glowing > 0) & (glowing >= _WHOLE * np.bincount(part, areas * (visible | emits), count))
     hidden = whole[part] & ~visible & ~emits & ~decided.rejected if complete else np.zeros(len(part), bool)
-    # an accepted lamp is a part of its own
-    part = np.where(decided.lamp >= 0, count + decided.lamp, part)
-    hidden = np.flatnonzero((hidden | (decided.lamp >= 0) & ~emits) & np.isin(part, part[found.triangle]))
+    # an accepted emitter is a part of its own
+    part = np.where(decided.emitter >= 0, count + decided.emitter, part)
+    hidden = np.flatnonzero((hidden | (decided.emitter >= 0) & ~emits) & np.isin(part, part[found.triangle]))
     if len(hidden) == 0:
         return found
     # each takes after the nearest emitting triangle of its part
     centers = mesh.corners.mean(axis=1)
-    apart = 4 * float(np.ptp(mesh.vertices, axis=0).max() + 1)
-    place = np.concatenate([centers, part[:, None] * apart], axis=1)
-    _, like = cKDTree(place[found.triangle]).query(place[hidden])
+    far = 4 * float(np.ptp(mesh.vertices, axis=0).max() + 1)
+    place = np.concatenate([centers, part[:, None] * far], axis=1)
+    _, nearest = cKDTree(place[found.triangle]).query(place[hidden])
     triangle = np.concatenate([found.triangle, hidden.astype(np.int32)])
     order = np.argsort(triangle)
-    rows = np.concatenate([np.arange(len(found.triangle)), like])[order]
+    rows = np.concatenate([np.arange(len(found.triangle)), nearest])[order]
     return Emitters(
         triangle=triangle[order],
         radiance=found.radiance[rows],
@@ -279,10 +270,10 @@ def _completed(mesh: Mesh, found: Emitters, observed: np.ndarray, decided: Decid
     )
 
 
-def _lamps(mesh: Mesh, triangles: np.ndarray, radiance: np.ndarray, decided: Decided) -> np.ndarray:
-    """(E,) number of the lamp of each triangle: triangles that share a vertex and are about as bright.
+def _connected_emitters(mesh: Mesh, triangles: np.ndarray, radiance: np.ndarray, decided: Decided) -> np.ndarray:
+    """(E,) number of the emitter of each triangle: triangles that share a vertex and are about as bright.
 
-    An accepted lamp is one, and no other triangle belongs to it; then merged lamps become one.
+    An accepted emitter is one, and no other triangle belongs to it; then merged emitters become one.
     """
     if len(triangles) == 0:
         return np.empty(0, np.int64)
@@ -295,12 +286,12 @@ def _lamps(mesh: Mesh, triangles: np.ndarray, radiance: np.ndarray, decided: Dec
     a, b = owner[:-1][same], owner[1:][same]
     bright = radiance.mean(axis=1)
     alike = np.abs(bright[a] - bright[b]) <= _SAME_RADIANCE * np.maximum(bright[a], bright[b])
-    accepted = decided.lamp[triangles]
+    accepted = decided.emitter[triangles]
     alike &= accepted[a] == accepted[b]
-    whole = [np.flatnonzero(accepted == lamp) for lamp in np.unique(accepted[accepted >= 0])]
-    lamp = _connected([np.stack([a, b])[:, alike], *map(_chain, whole)], len(triangles))
-    merged = [np.unique(lamp[np.isin(triangles, group)]) for group in decided.merged]
-    return _connected([np.empty((2, 0), int), *map(_chain, merged)], int(lamp.max()) + 1)[lamp]
+    whole = [np.flatnonzero(accepted == number) for number in np.unique(accepted[accepted >= 0])]
+    emitter = _connected([np.stack([a, b])[:, alike], *map(_chain, whole)], len(triangles))
+    merged = [np.unique(emitter[np.isin(triangles, group)]) for group in decided.merged]
+    return _connected([np.empty((2, 0), int), *map(_chain, merged)], int(emitter.max()) + 1)[emitter]
 
 
 def _chain(nodes: np.ndarray) -> np.ndarray:

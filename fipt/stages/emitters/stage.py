@@ -30,20 +30,15 @@ def run(inputs: EmittersInputs, settings: "EmittersSettings") -> dict[str, Any]:
     from fipt.model.store import load_field
     from fipt.scene.dataset import Dataset
     from fipt.scene.emitters import write_emitters
+    from fipt.scene.observed import read_observed
     from fipt.scene.review import parse_decisions
-    from fipt.scene.samples import clipped_of, pixels_of
-    from fipt.scene.shading import read_shards
     from fipt.stages.emitters.extract import extract
 
     data = Dataset(inputs.dataset)
     mesh = data.mesh()
     decided = parse_decisions(inputs.decisions, len(mesh.triangles))
-    shards, baked = read_shards(inputs.samples, inputs.shading)
-    empty = on_disk(inputs.out.parent)
-    images = [pixels_of(data, shard, empty) for shard in shards]
-    field = load_field(inputs.model)
-    clipped = [clipped_of(data, shard, empty) for shard in shards]
-    found = extract(mesh, shards, baked, images, field.query_mask, settings, clipped, decided)
+    shards = read_observed(data, inputs.samples, inputs.shading, on_disk(inputs.out.parent))
+    found = extract(mesh, shards, load_field(inputs.model).query_mask, settings, decided)
     write_emitters(inputs.out, found, mesh)
     count = int(found.emitter.max(initial=-1)) + 1
     warnings = _warnings(found, count, decided, len(mesh.triangles))

@@ -11,7 +11,7 @@ from fipt.errors import FiptError
 from fipt.formats.exr import read_rgb, write_exr
 from fipt.formats.files import existing_file, write_text
 from fipt.formats.images import srgb_encode
-from fipt.formats.manifests import read_manifest
+from fipt.formats.manifests import Stats, read_manifest
 from fipt.progress import progress
 from fipt.registry import VERSIONS
 from fipt.render.denoise import denoise
@@ -30,6 +30,7 @@ from fipt.scene.cameras import Camera
 from fipt.scene.dataset import Dataset
 from fipt.scene.environment import read_map
 from fipt.settings import dumped
+from fipt.stages.export.check_export_stage import CheckExportInputs
 from fipt.stages.export.gltf import read_glb
 from fipt.stages.export.settings import ExportSettings
 from fipt.stages.export.usd import read_usd
@@ -45,9 +46,7 @@ Draw = Callable[[Camera, int], tuple[np.ndarray, np.ndarray]]
 number among the exported ones."""
 
 
-def check_export(
-    dataset: Path, samples: Sequence[Path], export: Path, render: Path, out: Path, settings: ExportSettings
-) -> None:
+def check_export(inputs: CheckExportInputs, settings: ExportSettings) -> Stats:
     """Write check.json and check/FORMAT/VIEW.exr beside it.
 
     Raises
@@ -55,13 +54,16 @@ def check_export(
     FiptError
         If a file is missing or cannot be read back, or no held-out view has been rendered.
     """
-    data = Dataset(dataset)
+    export, render, out = inputs.export, inputs.render, inputs.out
+    data = Dataset(inputs.dataset)
     names = [camera.name for camera in data.cameras]
     views = _chosen([name for name in data.views("val") if (render / f"{name}.exr").is_file()], settings.check_views)
     if not views:
         raise FiptError(f"{render} holds no picture of a held-out view", "run fipt render first")
     # our pictures look through several points of each pixel, these through the same
-    grid = min(read_manifest(Path(f"{folder}.manifest.json"), "samples")["settings"]["grid"] for folder in samples)
+    grid = min(
+        read_manifest(Path(f"{folder}.manifest.json"), "samples")["settings"]["grid"] for folder in inputs.samples
+    )
     for file in FORMATS.values():
         existing_file(export / file, "an exported file")
     known = {view: read_rgb(render / f"{view}.exr") for view in views}
@@ -103,6 +105,7 @@ def check_export(
     write_text(out, json.dumps(content, indent=1) + "\n")
     for entry in content["formats"].values():
         print(f"{entry['psnr']:.1f} dB  {entry['file']}")
+    return {"psnr": {kind: entry["psnr"] for kind, entry in content["formats"].items()}}
 
 
 def _chosen(views: Sequence[str], count: int) -> list[str]:

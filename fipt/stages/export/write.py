@@ -1,7 +1,6 @@
 """The stage export: files in, a folder for other programs out."""
 
 import json
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -30,49 +29,38 @@ from fipt.stages.export.gltf import write_glb
 from fipt.stages.export.mitsuba_files import write_mitsuba
 from fipt.stages.export.room import room_asset, upright
 from fipt.stages.export.settings import ExportSettings
+from fipt.stages.export.stage import ExportInputs
 from fipt.stages.export.textures import confidence_texture, coverage, emission_texture, surface_brdf, surface_textures
 from fipt.stages.export.usd import write_usd
 
 _FACTS = "export.json"
 
 
-def write_export(
-    name: str,
-    dataset: Path,
-    samples: Sequence[Path],
-    model: Path,
-    emitters: Path,
-    lamps: Path | None,
-    confidence: Path,
-    environment: Path | None,
-    out: Path,
-    manifest: Path,
-    settings: ExportSettings,
-    stats: Stats,
-) -> None:
+def write_export(inputs: ExportInputs, settings: ExportSettings) -> Stats:
     """Write the room for other programs, complete or not at all, the manifest last.
-
-    ``lamps`` is the list that has their names.
 
     Raises
     ------
     FiptError
         If ``out`` holds something else than an earlier export.
     """
+    out = inputs.out
     if out.exists() and not (out / _FACTS).is_file() and any(out.iterdir()):
         raise FiptError(f"the folder {out} exists and is no export", "choose another folder, or delete it")
-    data, found, sure = Dataset(dataset), read_emitters(emitters), read_confidence(confidence)
-    mesh, outside = data.mesh(), read_environment(environment)
-    field = load_field(model)
-    seen = coverage(field, [read_samples(folder) for folder in samples])
+    data, found, sure = Dataset(inputs.dataset), read_emitters(inputs.emitters), read_confidence(inputs.confidence)
+    mesh, outside = data.mesh(), read_environment(inputs.environment)
+    field = load_field(inputs.model)
+    seen = coverage(field, [read_samples(folder) for folder in inputs.samples])
     atlas = unwrap(mesh, _groups(mesh, found), *_layout(settings, seen.typical))
     known = texels(atlas)
     scale = field.settings.footprint
     brdf = surface_brdf(field, mesh, atlas, known, seen, settings.samples, scale)
     textures = surface_textures(brdf, found, atlas, known)
-    asset = room_asset(name, mesh, atlas, textures, found, data.cameras, outside, read_names(lamps, found))
+    asset = room_asset(
+        inputs.name, mesh, atlas, textures, found, data.cameras, outside, read_names(inputs.emitter_names, found)
+    )
     emission = emission_texture(found, atlas, known)
-    manifest.unlink(missing_ok=True)
+    inputs.manifest.unlink(missing_ok=True)
     with atomic_folder(out) as folder:
         _write_textures(folder / "textures", asset, emission, confidence_texture(sure, mesh, atlas, known))
         write_glb(folder / "scene.glb", asset, settings.point_size)
@@ -86,9 +74,8 @@ def write_export(
         write_transforms(folder / "cameras" / "transforms.json", list(asset.cameras))
         _write_facts(folder / _FACTS, asset, atlas, upright(data.cameras), float(emission.max()))
     files = [path for path in out.rglob("*") if path.is_file()]
-    write_manifest(manifest, "export", files, dumped(settings))
-    stats["texels"] = len(known.index)
-    stats["atlas"] = [atlas.width, atlas.height]
+    write_manifest(inputs.manifest, "export", files, dumped(settings))
+    return {"texels": len(known.index), "atlas": [atlas.width, atlas.height]}
 
 
 def _groups(mesh: Mesh, lamps: Emitters) -> np.ndarray:

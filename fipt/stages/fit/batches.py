@@ -9,6 +9,7 @@ import torch
 from fipt.conventions import SHADING_OUTPUTS, SUB_POSITIONS
 from fipt.errors import FiptError
 from fipt.scene.confidence import Confidence
+from fipt.scene.observed import ObservedShard
 from fipt.scene.samples import Empty, FootprintSamples
 from fipt.scene.shading import Shading
 
@@ -29,13 +30,13 @@ class Batch:
     clipped
         (B,) bool: the radiance is only a lower bound.
     owner
-        (H,) int64 pixel of each hit, 0 to B - 1.
+        (H,) int64 pixel of each sample, 0 to B - 1.
     weight
-        (H,) share of the hit in its pixel; sums to ``share`` over a pixel.
+        (H,) share of the sample in its pixel; sums to ``share`` over a pixel.
     points
         (H, Q, 3) world positions to query, metres.
     footprint
-        (H,) size of the pixel at the hit, metres.
+        (H,) size of the pixel at the sample, metres.
     shading
         (H, outputs, 3) Ld, Ls0 of every level, Ls1 of every level.
     segment
@@ -65,7 +66,7 @@ class Batch:
     @property
     def on_mesh(self) -> torch.Tensor:
         """(B, 3) observed radiance of the part of each pixel that shows the mesh."""
-        if self.beyond is None:
+        if self.beyond is None or self.share is None:
             return self.radiance
         return ((self.radiance - self.beyond) / self.share[:, None]).clamp_min(0)
 
@@ -76,45 +77,37 @@ class Pixels:
     Parameters
     ----------
     shards
-        Hits of the training shards.
-    shading
-        (H, outputs, 3) shading of each shard.
-    images
-        Per shard: (P, 3) radiance and (P,) weight of its pixels.
+        The training views.
     segments
         Per shard: (P,) uint16 segment id of each pixel; None to fit without.
     confidence
         Of the surface; None to trust all of it alike.
     beyond
         Per shard: pixels (K,) that show the outside too, and what it adds to them (K, 3); see `fipt.scene.environment`.
-    clipped
-        Per shard: (P,) bool, pixels whose radiance is only a lower bound; None: there are none.
     empty
         Makes the arrays over all pixels: in memory, or `fipt.formats.arrays.on_disk`.
     """
 
     def __init__(
         self,
-        shards: list[FootprintSamples],
-        shading: Sequence[Shading | np.ndarray],
-        images: list[tuple[np.ndarray, np.ndarray]],
-        segments: list[np.ndarray] | None,
+        shards: Sequence[ObservedShard],
+        segments: list[np.ndarray] | None = None,
         confidence: Confidence | None = None,
         beyond: list[tuple[np.ndarray, np.ndarray]] | None = None,
-        clipped: list[np.ndarray] | None = None,
         empty: Empty = np.empty,
     ) -> None:
-        self.shards, self.shading, self.confidence = shards, shading, confidence
+        self.shards, self.shading = [shard.samples for shard in shards], [shard.shading for shard in shards]
+        self.confidence = confidence
         self.beyond = beyond if beyond is not None and any(len(pixel) for pixel, _ in beyond) else None
-        self.radiance = [image for image, _ in images]
-        self.clipped = clipped or [np.zeros(len(valid), bool) for _, valid in images]
-        for shard, shade in zip(shards, shading, strict=True):
-            if shade.shape != (len(shard.position), SHADING_OUTPUTS, 3):
+        self.radiance, self.clipped = [shard.radiance for shard in shards], [shard.clipped for shard in shards]
+        for shard in shards:
+            if shard.shading.shape != (len(shard.samples.position), SHADING_OUTPUTS, 3):
                 raise FiptError(
-                    f"shading must have shape {(len(shard.position), SHADING_OUTPUTS, 3)}; found {shade.shape}",
+                    f"shading must have shape {(len(shard.samples.position), SHADING_OUTPUTS, 3)}; "
+                    f"found {shard.shading.shape}",
                     "bake this shard again",
                 )
-        self.valid = [_visible(shard, weight, empty) for shard, (_, weight) in zip(shards, images, strict=True)]
+        self.valid = [_visible(shard.samples, shard.weight, empty) for shard in shards]
         counts = [len(valid) for valid in self.valid]
         self._starts = np.concatenate([[0], np.cumsum(counts)])
         seen = [np.count_nonzero(valid) for valid in self.valid]
@@ -128,13 +121,13 @@ class Pixels:
         if len(self.index) == 0:
             raise FiptError("no training pixel shows the mesh", "check poses and masks of the training views")
         self._segments = segments
-        self.largest_segment, self._winner = (0, None) if segments is None else _vote(shards, segments)
+        self.largest_segment, self._winner = (0, None) if segments is None else _vote(self.shards, segments)
 
-    def _confidence(self, shard: np.ndarray, hit: np.ndarray, position: np.ndarray) -> np.ndarray:
+    def _confidence(self, shard: np.ndarray, sample: np.ndarray, position: np.ndarray) -> np.ndarray:
         """`confidence_at` of samples; their normals are read only where they are needed."""
         if self.confidence is None:
-            return np.ones(len(hit), np.float32)
-        return self.confidence_at(position, _gathered([each.normal for each in self.shards], shard, hit))
+            return np.ones(len(sample), np.float32)
+        return self.confidence_at(position, _gathered([each.normal for each in self.shards], shard, sample))
 
     def confidence_at(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
         """(N,) float32 confidence at surface points (N, 3) with normals (N, 3); 1 where it is not asked for."""
@@ -145,7 +138,7 @@ class Pixels:
         return len(self.index)
 
     def batch(self, chosen: np.ndarray, queries: int, rng: np.random.Generator) -> Batch:
-        """Gather pixels (B,) by number, in their order; each hit is queried at ``queries`` of its stored points."""
+        """Gather pixels (B,) by number, in their order; each sample is queried at ``queries`` of its stored points."""
         place = self.index[chosen].astype(np.int64)
         shard = np.searchsorted(self._starts, place, side="right") - 1
         pixel = place - self._starts[shard]
@@ -153,16 +146,16 @@ class Pixels:
         first = _gathered(offsets, shard, pixel)
         count = _gathered(offsets, shard, pixel + 1) - first
         owner = np.repeat(np.arange(len(pixel)), count)
-        hit = np.repeat(first - np.cumsum(count) + count, count) + np.arange(len(owner))
+        sample = np.repeat(first - np.cumsum(count) + count, count) + np.arange(len(owner))
 
         def of_samples(arrays: Sequence[Shading | np.ndarray]) -> np.ndarray:
-            return _gathered(arrays, shard[owner], hit)
+            return _gathered(arrays, shard[owner], sample)
 
         weight = of_samples([each.weight for each in self.shards])
         covered = np.bincount(owner, weight, minlength=len(pixel))
         outside = {} if self.beyond is None else self._outside(shard, pixel, covered)
         weight = weight / (covered / outside.get("share", 1.0))[owner]
-        turn = rng.integers(0, SUB_POSITIONS, len(hit))
+        turn = rng.integers(0, SUB_POSITIONS, len(sample))
         picks = (turn[:, None] + np.arange(queries) * SUB_POSITIONS // queries) % SUB_POSITIONS
         sub = np.take_along_axis(of_samples([each.sub for each in self.shards]), picks[..., None], axis=1)
         position = of_samples([each.position for each in self.shards])
@@ -175,8 +168,8 @@ class Pixels:
             "points": position[:, None] + sub.astype(np.float32),
             "footprint": of_samples([each.footprint for each in self.shards]),
             "shading": of_samples(self.shading).astype(np.float32),
-            "segment": self.segment_of(shard[owner], pixel[owner], hit),
-            "confidence": self._confidence(shard[owner], hit, position),
+            "segment": self.segment_of(shard[owner], pixel[owner], sample),
+            "confidence": self._confidence(shard[owner], sample, position),
             **outside,
         }
         return Batch(**{name: torch.from_numpy(array) for name, array in arrays.items()})
@@ -191,16 +184,16 @@ class Pixels:
             share[chosen[own]], beyond[chosen[own]] = covered[chosen[own]], radiance[place]
         return {"beyond": beyond, "share": share}
 
-    def segment_of(self, shard: np.ndarray, pixel: np.ndarray, hit: np.ndarray) -> np.ndarray:
+    def segment_of(self, shard: np.ndarray, pixel: np.ndarray, sample: np.ndarray) -> np.ndarray:
         """(N,) int64 segment of samples, given with their shards and pixels: the pixel's for its centre.
 
         An id map knows pixel centres only; the pieces beside the centre take the id most centres give their triangle.
         """
         if self._segments is None:
-            return np.zeros(len(hit), np.int64)
-        first = _gathered([each.offsets for each in self.shards], shard, pixel) == hit
+            return np.zeros(len(sample), np.int64)
+        first = _gathered([each.offsets for each in self.shards], shard, pixel) == sample
         center = first & (_gathered([each.center for each in self.shards], shard, pixel) > 0)
-        triangle = _gathered([each.triangle for each in self.shards], shard, hit)
+        triangle = _gathered([each.triangle for each in self.shards], shard, sample)
         return np.where(center, _gathered(self._segments, shard, pixel), self._winner[triangle]).astype(np.int64)
 
 

@@ -2,7 +2,7 @@
 
 A piece is what one voxel holds of a surface that faces one way. It gets two numbers in [0, 1].
 
-``views``: how far off its base colour may be. Under the baked shading every pixel tells an albedo by itself; they
+``views``: how far off its base colour may be. Under the baked shading every pixel has an albedo by itself; they
 differ by texture, wrong shading and highlights. With a relative spread v over the pixels of a piece, and n views
 (one that sees it at an angle counts by its cosine, one of which a pixel has only a share by that share),
 
@@ -16,13 +16,16 @@ only the variation of the ratio within a piece, d, tells them apart:
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from fipt.conventions import F0_DIELECTRIC, ROUGHNESS_LEVELS
+from fipt.conventions import ROUGHNESS_LEVELS
+from fipt.errors import FiptError
+from fipt.model.reflectance import exceeds_reflection, specular_reflectance
 from fipt.scene.confidence import Confidence, records
-from fipt.scene.samples import FootprintSamples, scene_box
-from fipt.scene.shading import Shading, brightest_reflection
+from fipt.scene.observed import ObservedShard
+from fipt.scene.samples import scene_box
 
 _LEVELS = len(ROUGHNESS_LEVELS)
 _FINEST = 96
@@ -39,69 +42,69 @@ _DARK = 1e-3
 """Radiance that counts as dark, added before ratios are taken."""
 
 
-def measure(
-    shards: list[FootprintSamples],
-    shading: Sequence[Shading | np.ndarray],
-    images: list[tuple[np.ndarray, np.ndarray]],
-    clipped: list[np.ndarray],
-    eyes: Mapping[str, np.ndarray],
-    lamp_gain: float,
-) -> Confidence:
+def measure(shards: Sequence[ObservedShard], eyes: Mapping[str, np.ndarray], emitter_gain: float) -> Confidence:
     """Judge all surface that the training views see; one view is held in memory at a time.
+
+    Clipped pixels say nothing, nor do those that show an emitter.
 
     Parameters
     ----------
-    shading
-        (H, outputs, 3) of each shard.
-    images
-        Per shard: (P, 3) radiance and (P,) weight.
-    clipped
-        Per shard: (P,) bool, pixels whose radiance is only a lower bound: they tell nothing.
+    shards
+        The training views.
     eyes
         (3,) position of the camera of each view, metres.
-    lamp_gain
-        Pixels this much brighter than any reflection are lamps; they say nothing of reflectance.
+    emitter_gain
+        Pixels this much brighter than any reflection show an emitter.
     """
-    center, side = scene_box(shards)
+    center, side = scene_box([shard.samples for shard in shards])
     resolution = _resolution(shards, side)
     keys, sums = [], []
-    for samples, baked, (image, valid), above in zip(shards, shading, images, clipped, strict=True):
+    for shard in shards:
+        samples = shard.samples
         for index, view in enumerate(samples.views):
             own = samples.of_view(index)
             position, normal = np.asarray(samples.position[own]), np.asarray(samples.normal[own])
-            pixel = samples.pixels(index).start + samples.pixel_of_sample(index)
             key, piece = np.unique(records(position, normal, center, side, resolution), return_inverse=True)
-            seen = np.asarray(samples.weight[own]) * valid[pixel] * ~above[pixel]
-            told = _told(image[pixel], np.asarray(baked[own], np.float32), seen, lamp_gain)
+            evidence = _evidence(shard, index, emitter_gain)
             toward = eyes[view] - position
             cosine = (toward * normal).sum(axis=1) / np.linalg.norm(toward, axis=1).clip(1e-9)
-            told = np.column_stack([told, told[:, 0] * cosine.clip(0, 1)])
+            evidence = np.column_stack([evidence, evidence[:, 0] * cosine.clip(0, 1)])
             keys.append(key)
-            sums.append(np.stack([np.bincount(piece, column, len(key)) for column in told.T], axis=1))
+            sums.append(_sums(piece, evidence, len(key)))
             sums[-1][:, -1] = np.minimum(sums[-1][:, -1], 1)
     record, piece = np.unique(np.concatenate(keys), return_inverse=True)
-    told = np.concatenate(sums)
-    total = np.stack([np.bincount(piece.reshape(-1), column, len(record)) for column in told.T], axis=1)
-    views, highlights = _judged(total)
+    views, highlights = _judged(_sums(piece.reshape(-1), np.concatenate(sums), len(record)))
     return Confidence(center, side, resolution, record, views, highlights)
 
 
-def _resolution(shards: list[FootprintSamples], side: float) -> int:
+def _sums(piece: np.ndarray, columns: np.ndarray, count: int) -> np.ndarray:
+    """(count, C) sums of rows (N, C) over pieces (N,)."""
+    return np.stack([np.bincount(piece, column, count) for column in columns.T], axis=1)
+
+
+def _resolution(shards: Sequence[ObservedShard], side: float) -> int:
     """Voxels along the box such that a pixel's footprint is about half a voxel."""
     total = count = 0.0
-    for samples in shards:
-        for index in range(len(samples.views)):
-            own = samples.of_view(index)
-            total += float(np.sum(samples.footprint[own], dtype=np.float64))
+    for shard in shards:
+        for index in range(len(shard.samples.views)):
+            own = shard.samples.of_view(index)
+            total += float(np.sum(shard.samples.footprint[own], dtype=np.float64))
             count += own.stop - own.start
     return int(np.clip(side / (2 * total / count), 8, _FINEST))
 
 
-def _told(radiance: np.ndarray, shading: np.ndarray, seen: np.ndarray, lamp_gain: float) -> np.ndarray:
-    """(N, C) what each hit adds to the sums of its piece: weight, log albedo and its square, log ratios and theirs."""
-    weight = np.where(_lamps(radiance, shading, lamp_gain), 0.0, seen)
+def _evidence(shard: ObservedShard, index: int, emitter_gain: float) -> np.ndarray:
+    """(N, C) what the samples of a view add to the sums of their pieces.
+
+    That is their weight, and, each times the weight, the log albedo and log ratios, then the squares of those.
+    """
+    samples, own = shard.samples, shard.samples.of_view(index)
+    pixel = samples.pixels(index).start + samples.pixel_of_sample(index)
+    radiance, shading = shard.radiance[pixel], np.asarray(shard.shading[own], np.float32)
+    weight = np.asarray(samples.weight[own]) * shard.weight[pixel] * ~shard.clipped[pixel]
+    weight = np.where(exceeds_reflection(radiance, shading, emitter_gain), 0.0, weight)
     light = shading.mean(axis=2)
-    specular = F0_DIELECTRIC * light[:, 1 : 1 + _LEVELS] + light[:, 1 + _LEVELS :]
+    specular = specular_reflectance(_GREY, 0.0) * light[:, 1 : 1 + _LEVELS] + light[:, 1 + _LEVELS :]
     albedo = np.log((radiance.mean(axis=1) + _DARK) / (light[:, 0] + specular[:, -1] + _DARK))
     diffuse = _GREY * light[:, :1] + _DARK
     ratio = np.log((diffuse + specular[:, :-1]) / (diffuse + specular[:, -1:]))
@@ -110,7 +113,7 @@ def _told(radiance: np.ndarray, shading: np.ndarray, seen: np.ndarray, lamp_gain
 
 
 def _judged(total: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Views and highlights (K,) float32 of sums (K, C) over a piece: those of `_told`, then the number of views."""
+    """Views and highlights (K,) float32 of sums (K, C) over a piece: those of `_evidence`, then the number of views."""
     weight, count = total[:, :1], total[:, -1]
     mean, square = np.split(total[:, 1:-1] / np.maximum(weight, 1e-9), 2, axis=1)
     variance = np.maximum(square - mean**2, 0)
@@ -122,27 +125,44 @@ def _judged(total: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return views.astype(np.float32), highlights.astype(np.float32)
 
 
-def of_pixels(
-    samples: FootprintSamples,
-    shading: Shading | np.ndarray,
-    radiance: np.ndarray,
-    confidence: Confidence,
-    lamp_gain: float,
-) -> tuple[np.ndarray, np.ndarray]:
-    """(P,) float32 combined confidence in what each pixel of a shard shows, and (P,) bool whether that is a lamp."""
-    result, shines = np.zeros(len(radiance), np.float32), np.zeros(len(radiance), bool)
+def of_pixels(shard: ObservedShard, confidence: Confidence, emitter_gain: float) -> tuple[np.ndarray, np.ndarray]:
+    """(P,) float32 combined confidence in what each pixel shows, and (P,) bool whether that is an emitter."""
+    samples = shard.samples
+    result, emits = np.zeros(len(shard.radiance), np.float32), np.zeros(len(shard.radiance), bool)
     for index in range(len(samples.views)):
         own, pixels = samples.of_view(index), samples.pixels(index)
         pixel = samples.pixel_of_sample(index)
-        sure = confidence.at(samples.position[own], samples.normal[own], confidence.combined)
-        lamp = _lamps(radiance[pixels][pixel], np.asarray(shading[own], np.float32), lamp_gain)
+        known = confidence.at(samples.position[own], samples.normal[own], confidence.combined)
+        shading = np.asarray(shard.shading[own], np.float32)
+        emitter = exceeds_reflection(shard.radiance[pixels][pixel], shading, emitter_gain)
         share, count = np.asarray(samples.weight[own]), pixels.stop - pixels.start
-        total = np.bincount(pixel, share * sure, count)
+        total = np.bincount(pixel, share * known, count)
         result[pixels] = total / np.maximum(np.bincount(pixel, share, count), 1e-9)
-        shines[pixels] = np.bincount(pixel, lamp, count) > 0
-    return result, shines
+        emits[pixels] = np.bincount(pixel, emitter, count) > 0
+    return result, emits
 
 
-def _lamps(radiance: np.ndarray, shading: np.ndarray, gain: float) -> np.ndarray:
-    """(N,) bool: samples whose pixel (N, 3) is ``gain`` times brighter than any reflection would be."""
-    return radiance.mean(axis=1) > gain * (brightest_reflection(shading) + 1e-4)
+def confident_pixels(
+    shards: Sequence[ObservedShard], confidence: Confidence, least: float, emitter_gain: float
+) -> list[ObservedShard]:
+    """The same shards; no weight is left to pixels that show surface of less confidence than ``least``.
+
+    Emitters keep theirs, and what is clipped may be one: they teach the mask, and nothing about reflectance.
+
+    Raises
+    ------
+    FiptError
+        If no pixel is left.
+    """
+    chosen, best = [], 0.0
+    for shard in shards:
+        known, emits = of_pixels(shard, confidence, emitter_gain)
+        weight = np.where((known >= least) | emits | shard.clipped, shard.weight, 0)
+        chosen.append(replace(shard, weight=weight))
+        best = max(best, float(known[shard.weight > 0].max(initial=0)))
+    if best < least:
+        raise FiptError(
+            f"fit.min_confidence {least} leaves no pixel of the training views; the highest confidence is {best:.3f}",
+            "lower fit.min_confidence",
+        )
+    return chosen

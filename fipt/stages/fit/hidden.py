@@ -10,7 +10,7 @@ from fipt.stages.fit.batches import Pixels
 
 
 @dataclass(frozen=True)
-class Hidden:
+class HiddenSurface:
     """Points of unseen surface.
 
     Attributes
@@ -37,7 +37,7 @@ class Hidden:
         return torch.from_numpy(self.points[chosen]), torch.from_numpy(self.segment[chosen]), size
 
 
-def find_hidden(pixels: Pixels, cache: dict[str, np.ndarray], known: np.ndarray) -> Hidden:
+def find_hidden(pixels: Pixels, cache: dict[str, np.ndarray], known: np.ndarray) -> HiddenSurface:
     """Unseen records of the radiance cache, with the segments of those that stand for them.
 
     Parameters
@@ -57,8 +57,8 @@ def find_hidden(pixels: Pixels, cache: dict[str, np.ndarray], known: np.ndarray)
             record = voxel_keys(shard.position[own], center, side, resolution) * FACINGS + facings(shard.normal[own])
             place = np.minimum(np.searchsorted(records, record), len(records) - 1)
             ids = pixels.segment_of(np.full(len(pixel), number), pixel, np.arange(own.start, own.stop))
-            told = (records[place] == record) & (ids > 0)
-            segment[place[told]] = ids[told]
+            known_here = (records[place] == record) & (ids > 0)
+            segment[place[known_here]] = ids[known_here]
     segment = segment[cache["source"]]
     chosen = (cache["source"] != np.arange(len(records))) & (segment > 0) & known[segment]
-    return Hidden(cache["point"][chosen], segment[chosen], side / resolution)
+    return HiddenSurface(cache["point"][chosen], segment[chosen], side / resolution)

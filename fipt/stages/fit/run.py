@@ -1,12 +1,13 @@
-"""The fit stage: files in, model out."""
+"""The fit of a round: its files read, its parts searched, its networks fitted, the model written."""
 
 import hashlib
+import logging
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 
-from fipt.errors import FiptError
 from fipt.formats.arrays import on_disk
 from fipt.formats.manifests import Stats
 from fipt.model.networks import Field, SceneBox
@@ -14,99 +15,86 @@ from fipt.model.store import load_field, save_field
 from fipt.scene.confidence import Confidence, write_confidence
 from fipt.scene.dataset import Dataset
 from fipt.scene.environment import beyond, read_environment
-from fipt.scene.samples import FootprintSamples, clipped_of, pixels_of, scene_box, segments_of
-from fipt.scene.shading import Shading, read_shards
+from fipt.scene.observed import read_observed
+from fipt.scene.samples import scene_box, segments_of
 from fipt.scene.voxels import read_cache
 from fipt.stages.fit.batches import Pixels
-from fipt.stages.fit.confidence import measure, of_pixels
+from fipt.stages.fit.confidence import confident_pixels, measure
 from fipt.stages.fit.hidden import find_hidden
+from fipt.stages.fit.inputs import FitInputs
 from fipt.stages.fit.loop import fit
-from fipt.stages.fit.parts import estimate_parts, part_classes, part_targets
+from fipt.stages.fit.objective import Objective
+from fipt.stages.fit.part_search import PartEstimates, estimate_parts, part_classes
 from fipt.stages.fit.settings import FitSettings
-from fipt.stages.fit.stage import FitInputs
+from fipt.stages.fit.targets import part_targets
+
+log = logging.getLogger(__name__)
 
 
 def fit_model(inputs: FitInputs, settings: FitSettings) -> Stats:
     """Fit a round's model and write it to ``out``, confidence.npz beside it; the checkpoint goes away then."""
-    stats: Stats = {}
     torch.set_num_threads(settings.threads or torch.get_num_threads())
     data = Dataset(inputs.dataset, inputs.segments)
-    shards, baked = read_shards(inputs.samples, inputs.shading)
     kind = data.segment_kind(settings.segments)
     if kind is None:
-        print(
-            "warning: no segments; roughness and metallic are fitted point by point, without search or propagation: "
-            "they are unsure wherever no view sees a highlight (docs/segmentation.md has figures)"
+        log.warning(
+            "no segments; roughness and metallic are fitted point by point, without search or propagation: "
+            "they are uncertain wherever no view sees a highlight (docs/stages/segment.md has figures)"
         )
-    empty = on_disk(inputs.out.parent)  # what there is for every pixel stays out of memory
-    ids = kind and [segments_of(data, shard, kind, empty) for shard in shards]
-    images = [pixels_of(data, shard, empty) for shard in shards]
-    lamp_gain = settings.evidence or 1.5
-    eyes = {view: data.camera(view).center for shard in shards for view in shard.views}
-    clipped = [clipped_of(data, shard, empty) for shard in shards]
-    confidence = measure(shards, baked, images, clipped, eyes, lamp_gain)
-    if settings.min_confidence > 0:
-        images = _sure_enough(shards, baked, images, clipped, confidence, settings.min_confidence, lamp_gain)
-    outside = read_environment(inputs.environment)
-    edges = [beyond(shard, [data.camera(view) for view in shard.views], outside) for shard in shards]
-    weighted = confidence if settings.confidence else None
-    pixels = Pixels(shards, baked, images, ids or None, weighted, edges, clipped, empty)
-    center, side = scene_box(shards)
-    field = Field(settings, SceneBox(tuple(center.tolist()), side))
+    pixels, confidence = _training_pixels(data, kind, inputs, settings)
+    center, side = scene_box(pixels.shards)
+    field = Field(settings, SceneBox((center[0], center[1], center[2]), side))
     if inputs.previous is not None and settings.warm_start:
         field.load_state_dict(load_field(inputs.previous).state_dict())
-    checkpoint = _checkpoint(inputs, settings)
+    figures: Stats = {"segments": kind or "none", "fused_segments": inputs.segments is not None}
     targets = hidden = None
     if kind is not None and settings.part_search:
-        classes = None
-        if kind == "part" and data.has_segments("semantic"):
-            views = [view for shard in shards for view in shard.views]
-            pairs = ((data.segments(view, "part"), data.segments(view, "semantic")) for view in views)
-            classes = part_classes(pairs, pixels.largest_segment + 1)
-        found = estimate_parts(pixels, center, side, lamp_gain, classes)
+        classes = _classes(data, pixels) if kind == "part" and data.has_segments("semantic") else None
+        found = estimate_parts(pixels, center, side, settings.emitter_gain, classes)
+        figures["parts"] = _described(found)
         targets = part_targets(found, settings)
-        stats["parts"] = [
-            {"segment": int(k), "roughness": float(found.roughness[k]), "metallic": float(found.metallic[k])}
-            | {"gain": round(float(found.gain[k]), 4), "pixels": int(found.pixels[k])}
-            | {"base_color": found.base_color[k].tolist(), "uniform": round(float(found.uniform[k]), 3)}
-            for k in np.flatnonzero(found.pixels)
-        ]
         if inputs.cache is not None and settings.hidden > 0:
-            unseen = find_hidden(pixels, read_cache(inputs.cache), found.pixels > 0)
-            hidden = unseen if len(unseen) else None
-    fit(field, pixels, kind, settings, checkpoint, stats, targets, hidden)
+            hidden = find_hidden(pixels, read_cache(inputs.cache), found.pixels > 0)
+    checkpoint = _checkpoint(inputs, settings)
+    figures |= fit(field, pixels, Objective(settings, kind, targets), checkpoint, hidden if hidden else None)
     write_confidence(inputs.out.with_name("confidence.npz"), confidence)
     save_field(inputs.out, field, settings)
     checkpoint.unlink(missing_ok=True)
-    stats["segments"] = kind or "none"
-    stats["fused_segments"] = inputs.segments is not None
-    return stats
+    return figures
 
 
-def _sure_enough(
-    shards: list[FootprintSamples],
-    shading: list[Shading],
-    images: list[tuple[np.ndarray, np.ndarray]],
-    clipped: list[np.ndarray],
-    confidence: Confidence,
-    least: float,
-    lamp_gain: float,
-) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Images (P, 3) and weights (P,) of each shard; no weight is left to pixels that show unsure surface.
+def _training_pixels(
+    data: Dataset, kind: str | None, inputs: FitInputs, settings: FitSettings
+) -> tuple[Pixels, Confidence]:
+    """All pixels that teach anything, and the confidence in the surface that they show."""
+    empty = on_disk(inputs.out.parent)  # what there is for every pixel stays out of memory
+    shards = read_observed(data, inputs.samples, inputs.shading, empty)
+    cameras = [[data.camera(view) for view in shard.samples.views] for shard in shards]
+    eyes = {camera.name: camera.center for own in cameras for camera in own}
+    confidence = measure(shards, eyes, settings.emitter_gain)
+    if settings.min_confidence > 0:
+        shards = confident_pixels(shards, confidence, settings.min_confidence, settings.emitter_gain)
+    outside = read_environment(inputs.environment)
+    edges = [beyond(shard.samples, own, outside) for shard, own in zip(shards, cameras, strict=True)]
+    ids = None if kind is None else [segments_of(data, shard.samples, kind, empty) for shard in shards]
+    return Pixels(shards, ids, confidence if settings.confidence else None, edges, empty), confidence
 
-    Lamps keep theirs, and what is clipped may be one: they teach the mask, and nothing about reflectance.
-    """
-    chosen, best = [], 0.0
-    for shard, baked, (radiance, valid), above in zip(shards, shading, images, clipped, strict=True):
-        sure, lamp = of_pixels(shard, baked, radiance, confidence, lamp_gain)
-        chosen.append((radiance, np.where((sure >= least) | lamp | above, valid, 0)))
-        best = max(best, float(sure[valid > 0].max(initial=0)))
-    if best < least:
-        raise FiptError(
-            f"fit.min_confidence {least} leaves no pixel of the training views; the surest has {best:.3f}",
-            "lower fit.min_confidence",
-        )
-    return chosen
+
+def _classes(data: Dataset, pixels: Pixels) -> np.ndarray:
+    """(S,) semantic class of every part."""
+    views = [view for samples in pixels.shards for view in samples.views]
+    pairs = ((data.segments(view, "part"), data.segments(view, "semantic")) for view in views)
+    return part_classes(pairs, pixels.largest_segment + 1)
+
+
+def _described(found: PartEstimates) -> list[dict[str, Any]]:
+    """What the search found, for the figures of the fit."""
+    return [
+        {"segment": int(k), "roughness": float(found.roughness[k]), "metallic": float(found.metallic[k])}
+        | {"gain": round(float(found.gain[k]), 4), "pixels": int(found.pixels[k])}
+        | {"base_color": found.base_color[k].tolist(), "uniform": round(float(found.uniform[k]), 3)}
+        for k in np.flatnonzero(found.pixels)
+    ]
 
 
 def _checkpoint(inputs: FitInputs, settings: FitSettings) -> Path:

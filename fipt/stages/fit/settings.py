@@ -4,6 +4,7 @@ from typing import Literal
 
 from pydantic import Field
 
+from fipt.conventions import EMITTER_GAIN
 from fipt.model.settings import NetworkSettings
 from fipt.settings import Count, Fraction, Positive, Weight
 
@@ -25,7 +26,7 @@ class FitSettings(NetworkSettings):
         default=8.0, gt=0, le=100, description="learning rate of the hash table over the networks'"
     )
     evidence: Weight = Field(
-        default=1.5,
+        default=EMITTER_GAIN,
         description="pixels this much brighter than any reflection teach only the mask; 0 = off, as the paper",
     )
     colour_weight: Weight = Field(default=1.0, description="of the difference to the photographs")
@@ -53,3 +54,8 @@ class FitSettings(NetworkSettings):
         default=0.0, description="pixels of surface less sure than this teach nothing; 0 = all do"
     )
     threads: Count = Field(default=0, description="CPU threads, 0 = all; 1 repeats bit for bit")
+
+    @property
+    def emitter_gain(self) -> float:
+        """Pixels this much brighter than any reflection show an emitter, also where ``evidence`` is off."""
+        return self.evidence or EMITTER_GAIN

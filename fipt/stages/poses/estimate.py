@@ -150,16 +150,7 @@ def estimate(views: Views, work: Path, settings: PosesSettings) -> Estimate:
             for a, b, matches in linked
         ],
         groups=[[model.cameras[i].name for i in group] for group in groups(shared, settings.min_shared)],
-        runs=[
-            {
-                "min_matches": run.min_matches,
-                "incremental": list(run.sizes[0]),
-                "global": list(run.sizes[1]),
-                "agreeing": sum(agrees(found, settings) for found in run.agreements.values()),
-                "believed": count,
-            }
-            for run, count in zip(runs, believed, strict=True)
-        ],
+        runs=[_plain(run, count, settings) for run, count in zip(runs, believed, strict=True)],
         chosen=runs[best].min_matches,
         align=report,
     )
@@ -221,6 +212,17 @@ def _runs(
                 sizes = tuple([len(model.cameras) for model in some] for some in (models, others))
                 runs.append(Run(least, models, agreement(models[0], twin, settings), sizes))
     return runs
+
+
+def _plain(run: Run, believed: int, settings: PosesSettings) -> dict[str, Any]:
+    """What poses.json says of a run, of whose cameras so many are believed."""
+    return {
+        "min_matches": run.min_matches,
+        "incremental": list(run.sizes[0]),
+        "global": list(run.sizes[1]),
+        "agreeing": sum(agrees(found, settings) for found in run.agreements.values()),
+        "believed": believed,
+    }
 
 
 def _aligned(model: Reconstruction, views: Views, settings: PosesSettings) -> tuple[np.ndarray, dict[str, Any]]:

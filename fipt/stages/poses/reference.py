@@ -73,17 +73,7 @@ def to_reference(reconstruction: Reconstruction, path: str | Path, seed: int = 0
     FiptError
         Fewer than three common cameras, cameras on a line, or no majority that fits.
     """
-    known = {frame.name: np.array(frame.world_from_camera) for frame in read_poses(path)}
-    common = [index for index, camera in enumerate(reconstruction.cameras) if camera.name in known]
-    names = [reconstruction.cameras[index].name for index in common]
-    if len(common) < 3:
-        raise FiptError(
-            f"{path} must have the positions of at least 3 estimated cameras; it has {len(common)} "
-            f"({', '.join(names) or 'none'})",
-            "name its frames as the views, and add more",
-        )
-    cameras = np.array([reconstruction.cameras[index].world_from_camera for index in common])
-    poses = np.array([known[name] for name in names])
+    names, cameras, poses = _common(reconstruction, path)
     source, target = cameras[:, :3, 3], poses[:, :3, 3]
     tolerance = _TOLERANCE * float(np.linalg.norm(np.ptp(target, axis=0)))
     if collinear(target, tolerance / 4):
@@ -92,11 +82,11 @@ def to_reference(reconstruction: Reconstruction, path: str | Path, seed: int = 0
             "add a position beside the line",
         )
     similarity, good = robust_similarity(source, target, tolerance, seed)
-    if good.sum() < max(3, _MOST * len(common)):
+    if good.sum() < max(3, _MOST * len(names)):
         raise FiptError(
-            f"{path}: only {int(good.sum())} of {len(common)} positions fit the estimated cameras within "
+            f"{path}: only {int(good.sum())} of {len(names)} positions fit the estimated cameras within "
             f"{tolerance:.3f} m",
-            "check that the reference is of these pictures and in metres",
+            "check that the reference is of these images and in metres",
         )
     rotation = similarity[:3, :3] / np.cbrt(np.linalg.det(similarity[:3, :3]))
     angle: float | None = _angle(rotation, cameras[good], poses[good])
@@ -116,6 +106,21 @@ def to_reference(reconstruction: Reconstruction, path: str | Path, seed: int = 0
         rms=float(np.sqrt((away[good] ** 2).mean())),
         largest=float(away[good].max()),
     )
+
+
+def _common(reconstruction: Reconstruction, path: str | Path) -> tuple[list[str], np.ndarray, np.ndarray]:
+    """Names, and (N, 4, 4) poses in the reconstruction and in the reference, of the cameras that both have."""
+    known = {frame.name: np.array(frame.world_from_camera) for frame in read_poses(path)}
+    common = [index for index, camera in enumerate(reconstruction.cameras) if camera.name in known]
+    names = [reconstruction.cameras[index].name for index in common]
+    if len(common) < 3:
+        raise FiptError(
+            f"{path} must have the positions of at least 3 estimated cameras; it has {len(common)} "
+            f"({', '.join(names) or 'none'})",
+            "name its frames as the views, and add more",
+        )
+    cameras = np.array([reconstruction.cameras[index].world_from_camera for index in common])
+    return names, cameras, np.array([known[name] for name in names])
 
 
 def _angle(rotation: np.ndarray, cameras: np.ndarray, poses: np.ndarray) -> float:

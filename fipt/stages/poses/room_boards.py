@@ -53,7 +53,7 @@ class Target:
 
 
 @dataclass(frozen=True)
-class Placed:
+class PlacedTarget:
     """A target in the reconstruction: x = scale rotation corner + shift.
 
     Attributes
@@ -174,7 +174,7 @@ def toned(radiance: np.ndarray, power: float = 0.5) -> list[np.ndarray]:
     return [(np.clip(light / max(white, 1e-12), 0, 1) ** power * 255 + 0.5).astype(np.uint8) for white in whites]
 
 
-def place(target: Target, cameras: Mapping[str, Camera]) -> Placed | None:
+def place(target: Target, cameras: Mapping[str, Camera]) -> PlacedTarget | None:
     """Find the similarity that brings a target's corners onto its pixels in all views; None if too little is seen.
 
     Corners seen twice are triangulated and give a start; the result minimises a robust sum of reprojection errors.
@@ -205,7 +205,7 @@ def place(target: Target, cameras: Mapping[str, Camera]) -> Placed | None:
     corners = scale * target.points @ rotation.T + shift
     located = _triangulated(target, used, cameras)
     apart = [np.linalg.norm(point - corners[i]) / scale * 1000 for i, point in located.items()]
-    return Placed(
+    return PlacedTarget(
         target.name, scale, deviation, rotation, shift, float(np.sqrt((errors**2).sum(axis=1).mean())),
         float(np.median(apart)) if apart else float("nan"), tuple(used),
         tuple(view for view in views if view not in used), corners,

@@ -60,7 +60,7 @@ def up_of(lens: CameraLens, data: Dataset) -> np.ndarray:
 def pose_towards(position: Sequence[float], target: Sequence[float], up: np.ndarray) -> np.ndarray:
     """(4, 4) world from a camera that looks from ``position`` to ``target``, with ``up`` to the upper edge.
 
-    Straight up and down, where ``up`` tells no edge, a world axis does.
+    Straight up and down, where ``up`` defines no edge, a world axis does.
     """
     forward = np.subtract(target, position)
     forward /= np.linalg.norm(forward)
@@ -150,7 +150,7 @@ def _coordinates(pose: np.ndarray, axes: np.ndarray) -> np.ndarray:
     right, above, back = (axes @ pose[:3, :3]).T
     forward = -back
     pitch = np.arcsin(np.clip(forward[2], -1, 1))
-    if np.hypot(*forward[:2]) < 1e-3:  # straight up or down: the picture's upper edge tells the heading
+    if np.hypot(*forward[:2]) < 1e-3:  # straight up or down: the image's upper edge gives the heading
         heading = -np.sign(forward[2]) * above
         return np.array([*pose[:3, 3], np.arctan2(heading[1], heading[0]), pitch, 0.0])
     yaw = np.arctan2(forward[1], forward[0])

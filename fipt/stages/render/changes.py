@@ -8,8 +8,8 @@ import numpy as np
 
 from fipt.model.networks import Brdf
 from fipt.render.edits import Edit, Segments, without
+from fipt.render.image import SurfaceInteractions
 from fipt.render.objects import appended, barycentric, objects_in
-from fipt.render.picture import Sight
 from fipt.render.scene import RayScene
 from fipt.render.spots import Spot, spots_of
 from fipt.render.surface import EmitterSet
@@ -71,41 +71,41 @@ class Changes:
         found = [self.objects.at(triangle, np.tile(w / w.sum(), (len(triangle), 1))) for w in _PLACES]
         return Brdf(*(np.mean(values, axis=0).astype(np.float32) for values in zip(*found, strict=True)))
 
-    def materials(self, found: Brdf, sight: Sight) -> Brdf:
+    def materials(self, found: Brdf, si: SurfaceInteractions) -> Brdf:
         """Materials of footprint samples: found ones edited, or those of the objects there."""
-        found = self._edited(found, [edit.holds(sight.position, sight.triangle) for edit in self.edits])
-        there = self._objects_in(sight)
+        found = self._edited(found, [edit.holds(si.position, si.triangle) for edit in self.edits])
+        there = self._objects_in(si)
         if len(there) == 0:
             return found
-        number = sight.triangle[there] - self.first_object
-        own = self.objects.at(number, barycentric(self.objects.mesh.corners[number], sight.position[there]))
+        number = si.triangle[there] - self.first_object
+        own = self.objects.at(number, barycentric(self.objects.mesh.corners[number], si.position[there]))
         arrays = found.base_color.copy(), found.roughness.copy(), found.metallic.copy()
         for array, values in zip(arrays, own, strict=True):
             array[there] = values
         return Brdf(*arrays)
 
-    def smooth(self, sight: Sight) -> Sight:
+    def smooth(self, si: SurfaceInteractions) -> SurfaceInteractions:
         """Footprint samples with the objects' vertex normals, turned to the viewer."""
-        there = self._objects_in(sight)
+        there = self._objects_in(si)
         if len(there) == 0:
-            return sight
-        number, wo = sight.triangle[there] - self.first_object, sight.wo[there]
-        weights = barycentric(self.objects.mesh.corners[number], sight.position[there])
+            return si
+        number, wo = si.triangle[there] - self.first_object, si.wo[there]
+        weights = barycentric(self.objects.mesh.corners[number], si.position[there])
         corner = self.objects.normals[self.objects.mesh.triangles[number]]
         smooth = np.einsum("nk,nkc->nc", weights, corner)
         length = np.linalg.norm(smooth, axis=1, keepdims=True)
         flat = (length[:, 0] < 1e-6) | (~corner.any(axis=2)).any(axis=1)
         smooth = smooth / np.maximum(length, 1e-6)
-        smooth *= np.sign((smooth * sight.normal[there]).sum(axis=1, keepdims=True))
+        smooth *= np.sign((smooth * si.normal[there]).sum(axis=1, keepdims=True))
         smooth = smooth + np.maximum(_GRAZING - (smooth * wo).sum(axis=1, keepdims=True), 0) * wo
         smooth /= np.maximum(np.linalg.norm(smooth, axis=1, keepdims=True), 1e-6)
-        normal = sight.normal.copy()
+        normal = si.normal.copy()
         normal[there] = np.where(flat[:, None], normal[there], smooth)
-        return replace(sight, normal=normal)
+        return replace(si, normal=normal)
 
-    def _objects_in(self, sight: Sight) -> np.ndarray:
+    def _objects_in(self, si: SurfaceInteractions) -> np.ndarray:
         """Numbers of the footprint samples that lie on objects."""
-        return np.flatnonzero(sight.triangle >= self.first_object) if self.objects is not None else np.empty(0, int)
+        return np.flatnonzero(si.triangle >= self.first_object) if self.objects is not None else np.empty(0, int)
 
     def _edited(self, found: Brdf, holds: Sequence[np.ndarray]) -> Brdf:
         """Materials (N) that each edit changes where it ``holds`` (N,) bool, in order."""

@@ -1,13 +1,13 @@
-"""Light setups: found emitters changed, new area lights added to the mesh; and each lamp alone."""
+"""Light setups: found emitters changed, new area lights added to the mesh; and one light at a time."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fipt.render.objects import light_mesh
 from fipt.render.surface import EmitterSet
-from fipt.scene.emitters import Emitters, chosen_lamps, edited_radiance, read_names
+from fipt.scene.emitters import Emitters, chosen_lamps, default_name, edited_radiance, read_names
 from fipt.scene.environment import EnvironmentMap
 from fipt.scene.mesh import Mesh
 from fipt.scene.setup import AreaLight, MeshLight, RelightSetup, SphereLight, SpotLight
@@ -20,12 +20,12 @@ def apply_setup(
 ) -> tuple[Mesh, EmitterSet]:
     """Return the mesh with the new lights' triangles appended, and what emits.
 
-    ``names`` are those of the lamps; None: ``lamp-N``.
+    ``names`` are those of the emitters; None: their default names.
 
     Raises
     ------
     FiptError
-        If the setup names a lamp that was not found.
+        If the setup names an emitter that was not found.
     """
     radiance = emitters.radiance.astype(np.float64)
     for edit in setup.emitters:
@@ -33,7 +33,7 @@ def apply_setup(
         own = np.isin(emitters.emitter, chosen)
         radiance[own] = edited_radiance(radiance[own], edit)
     vertices, triangles = [mesh.vertices], [mesh.triangles]
-    lit, shine = [emitters.triangle], [radiance]
+    lit, emitted = [emitters.triangle], [radiance]
     next_vertex, next_triangle = len(mesh.vertices), len(mesh.triangles)
     for light in setup.lights:
         if isinstance(light, SpotLight):  # shines without a surface
@@ -42,46 +42,52 @@ def apply_setup(
         vertices.append(v.astype(np.float32))
         triangles.append((t + next_vertex).astype(np.int32))
         lit.append(np.arange(next_triangle, next_triangle + len(t)))
-        shine.append(np.tile(np.array(light.radiance), (len(t), 1)))
+        emitted.append(np.tile(np.array(light.radiance), (len(t), 1)))
         next_vertex, next_triangle = next_vertex + len(v), next_triangle + len(t)
     return Mesh(np.concatenate(vertices), np.concatenate(triangles)), EmitterSet(
         np.concatenate(lit).astype(np.int32),
-        np.concatenate(shine).astype(np.float32),
+        np.concatenate(emitted).astype(np.float32),
         emitters.two_sided,
     )
 
 
-def lights_alone(
-    emitters: Emitters, outside: EnvironmentMap, separate: int
-) -> dict[str, tuple[EmitterSet, EnvironmentMap]]:
+@dataclass(frozen=True)
+class Illumination:
+    """The light of a room: emitting triangles, and what comes from outside."""
+
+    emitters: EmitterSet
+    environment: EnvironmentMap
+
+
+def one_at_a_time(emitters: Emitters, environment: EnvironmentMap, separate: int) -> dict[str, Illumination]:
     """Split a room's light into parts that add up to it.
 
     Parameters
     ----------
     separate
-        So many lamps, the most powerful ones, are parts of their own; the others are one part together.
+        So many emitters, the most powerful ones, are parts of their own; the others are one part together.
 
     Returns
     -------
     dict
-        ``lamp-N`` for lamp N of emitters.json, most powerful first; ``rest``; ``outside``. What shines in each part:
-        all emitting triangles are named, those of other parts with no radiance, and the light from outside.
+        Default name of each emitter of emitters.json, most powerful first; ``rest``; ``outside``. In each part all
+        emitting triangles are named, those of other parts with no radiance.
     """
     strength = emitters.area * emitters.radiance.astype(np.float64).mean(axis=1)
     power = np.bincount(emitters.emitter, strength) if len(strength) else np.zeros(0)
-    order = [int(lamp) for lamp in np.argsort(-power, kind="stable") if power[lamp] > 0]
-    groups = {f"lamp-{lamp}": [lamp] for lamp in order[:separate]}
+    order = [int(number) for number in np.argsort(-power, kind="stable") if power[number] > 0]
+    groups = {default_name(number): [number] for number in order[:separate]}
     if order[separate:]:
         groups["rest"] = order[separate:]
-    night = replace(outside, radiance=np.zeros_like(outside.radiance))
+    night = replace(environment, radiance=np.zeros_like(environment.radiance))
     parts = {}
-    for name, lamps in groups.items():
-        own = np.isin(emitters.emitter, lamps)[:, None]
+    for name, numbers in groups.items():
+        own = np.isin(emitters.emitter, numbers)[:, None]
         radiance = np.where(own, emitters.radiance, 0).astype(np.float32)
-        parts[name] = (EmitterSet(emitters.triangle, radiance, emitters.two_sided), night)
-    if outside.shines:
+        parts[name] = Illumination(EmitterSet(emitters.triangle, radiance, emitters.two_sided), night)
+    if environment.shines:
         dark = EmitterSet(emitters.triangle, np.zeros_like(emitters.radiance), emitters.two_sided)
-        parts["outside"] = (dark, outside)
+        parts["outside"] = Illumination(dark, environment)
     return parts
 
 

@@ -1,5 +1,7 @@
 """Material maps: every layer of every view at the surface that the pixel's centre shows."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from fipt.conventions import SUB_POSITIONS
@@ -12,24 +14,34 @@ from fipt.scene.emitters import Emitters
 from fipt.scene.samples import FootprintSamples
 
 
-def sample_materials(field: Field, samples: FootprintSamples, chosen: np.ndarray, average: bool, scale: float) -> Brdf:
+@dataclass(frozen=True)
+class FittedSurface:
+    """What is known of every place of the surface."""
+
+    field: Field
+    emitters: Emitters
+    confidence: Confidence
+
+
+def sample_materials(field: Field, samples: FootprintSamples, chosen: np.ndarray, average: bool) -> Brdf:
     """Reflectance of samples, averaged over their pieces of surface (or at one point of each).
+
+    The model is asked about as large a part of the footprint as in the fit (settings of the fit, ``footprint``).
 
     Parameters
     ----------
     chosen
         (N,) indices of samples.
     average
-        Query every stored point of a hit and take the mean.
-    scale
-        Size of a query in footprints, as the fit used it (settings of fit).
+        Query every stored point of a sample and take the mean.
 
     Returns
     -------
     Brdf
         N rows.
     """
-    position, footprint = np.asarray(samples.position)[chosen], np.asarray(samples.footprint)[chosen] * scale
+    position = np.asarray(samples.position)[chosen]
+    footprint = np.asarray(samples.footprint)[chosen] * field.settings.footprint
     if not average:
         return field.query(position, footprint)
     points = position[:, None] + np.asarray(samples.sub)[chosen].astype(np.float32)
@@ -43,14 +55,7 @@ def sample_materials(field: Field, samples: FootprintSamples, chosen: np.ndarray
 
 
 def material_maps(
-    field: Field,
-    emitters: Emitters,
-    confidence: Confidence,
-    samples: FootprintSamples,
-    index: int,
-    camera: Camera,
-    average: bool,
-    scale: float,
+    surface: FittedSurface, samples: FootprintSamples, index: int, camera: Camera, average: bool
 ) -> dict[str, np.ndarray]:
     """Layers of materials/{view}.exr for view number ``index`` of a shard.
 
@@ -64,11 +69,11 @@ def material_maps(
     pixels = samples.pixels(index)
     hit = np.asarray(samples.center[pixels]) > 0
     chosen = np.asarray(samples.offsets[pixels])[hit]
-    brdf = sample_materials(field, samples, chosen, average, scale)
+    brdf = sample_materials(surface.field, samples, chosen, average)
     position, normal = np.asarray(samples.position)[chosen], np.asarray(samples.normal)[chosen]
     wo = camera.center - position
     cos = (wo * normal).sum(1) / np.linalg.norm(wo, axis=1)
-    emission = emitter_set(emitters).emitted(np.asarray(samples.triangle)[chosen])
+    emission = emitter_set(surface.emitters).emitted(np.asarray(samples.triangle)[chosen])
 
     def spread(values: np.ndarray) -> np.ndarray:
         full = np.zeros((height * width, *values.shape[1:]), np.float32)
@@ -81,7 +86,7 @@ def material_maps(
         "reflectance": spread(reflectance(brdf.base_color, brdf.roughness, brdf.metallic, cos)),
         "roughness.Y": spread(brdf.roughness),
         "metallic.Y": spread(brdf.metallic),
-        "confidence.Y": spread(confidence.at(position, normal, confidence.combined)),
+        "confidence.Y": spread(surface.confidence.at(position, normal, surface.confidence.combined)),
         "emission": spread(emission),
         "emission_mask.Y": spread((emission.max(axis=1) > 0).astype(np.float32)),
         "hit.Y": hit.reshape(height, width).astype(np.float32),

@@ -9,7 +9,7 @@ from fipt.render.scene import RayScene
 from fipt.scene.cameras import Camera
 
 NEAREST = 0.03
-"""A surface nearer than this fills the picture, metres."""
+"""A surface nearer than this fills the image, metres."""
 _AROUND = 1024
 """Directions in which a camera looks around."""
 _GRID = (48, 36)
@@ -23,8 +23,8 @@ _KNOWN = 0.02
 _NEIGHBOURS = 8
 
 
-def standing(scene: RayScene, cameras: Sequence[Camera], views: Sequence[Camera]) -> list[str]:
-    """Return warnings about cameras that stand where no picture can be taken.
+def unlikely_viewpoints(scene: RayScene, cameras: Sequence[Camera], views: Sequence[Camera]) -> list[str]:
+    """Return warnings about cameras that stand where no image can be taken.
 
     Views were taken in the open, so their sides of surfaces are the right ones. A camera that mostly sees surfaces
     from the other side, or hardly any that they show, is inside something or behind a wall. Windings are not asked:
@@ -41,13 +41,13 @@ def standing(scene: RayScene, cameras: Sequence[Camera], views: Sequence[Camera]
     """
     from scipy.spatial import cKDTree
 
-    seen = [_first_hits(scene, view.center, _spread(view)) for view in views]
-    places, facing = (np.concatenate([samples[kind] for samples in seen]) for kind in (0, 1))
+    seen = [_visible(scene, view.center, _spread(view)) for view in views]
+    places, facing = (np.concatenate([found[kind] for found in seen]) for kind in (0, 1))
     tree, around = cKDTree(places) if len(places) else None, all_around(_AROUND)
     reach = _REACH * scene.extent
     near, inside, outside = {}, [], []
     for camera in cameras:
-        found, normals, distance = _first_hits(scene, camera.center, around)
+        found, normals, distance = _visible(scene, camera.center, around)
         if len(distance) == 0:
             outside.append(camera.name)
             continue
@@ -63,35 +63,33 @@ def standing(scene: RayScene, cameras: Sequence[Camera], views: Sequence[Camera]
         same, other = (alike > 0.5).any(axis=1), (alike < -0.5).any(axis=1)
         if same.sum() <= max((other & ~same).sum(), _KNOWN * len(found)):
             inside.append(camera.name)
-    return _said(near, inside, outside, len(cameras))
+    return _warnings(near, inside, outside, len(cameras))
 
 
-def _said(near: dict[str, float], inside: list[str], outside: list[str], count: int) -> list[str]:
-    said = []
+def _warnings(near: dict[str, float], inside: list[str], outside: list[str], count: int) -> list[str]:
+    warnings = []
     if near:
         least = min(near, key=near.get)
-        said.append(
+        warnings.append(
             f"{len(near)} of {count} cameras stand less than {100 * NEAREST:.0f} cm from a surface: "
             f"{_listed(list(near))} (nearest: {least}, {100 * near[least]:.1f} cm)"
         )
     if inside:
-        said.append(
+        warnings.append(
             f"{len(inside)} of {count} cameras stand in a wall or object, or outside the room: {_listed(inside)}; they "
             "mostly see sides of surfaces that no view of the dataset shows"
         )
     if outside:
-        said.append(f"{len(outside)} of {count} cameras have no surface around them: {_listed(outside)}")
-    return said
+        warnings.append(f"{len(outside)} of {count} cameras have no surface around them: {_listed(outside)}")
+    return warnings
 
 
 def _listed(names: list[str]) -> str:
     return ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
 
 
-def _first_hits(
-    scene: RayScene, origin: np.ndarray, directions: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Places (N, 3), normals turned to the origin (N, 3) and distances (N,) of the rays that hit."""
+def _visible(scene: RayScene, origin: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Places (N, 3), normals turned to the origin (N, 3) and distances (N,) of the rays that meet the mesh."""
     distance, triangle = scene.intersect(origin.astype(np.float32), directions)
     hit = triangle >= 0
     directions, distance, normals = directions[hit], distance[hit], scene.normals[triangle[hit]]

@@ -33,7 +33,7 @@ class RelightSettings(Settings):
 
 
 class VideoSettings(Settings):
-    """Pictures and videos of what a setup's own cameras see."""
+    """Images and videos of what a setup's own cameras see."""
 
     exposure: Length | None = Field(
         default=None,
@@ -45,15 +45,17 @@ class VideoSettings(Settings):
 
 
 class OlatSettings(Settings):
-    """Views with each lamp alone, for the report's light mixer."""
+    """Views with one light at a time, for the report's light mixer."""
 
     views: Count = Field(
         default=3, description="held-out views (training views where there are none); 0 = no light mixer"
     )
     separate: Positive = Field(
-        default=8, description="most powerful lamps that are rendered one by one; the rest together"
+        default=8, description="most powerful emitters that are rendered one by one; the rest together"
     )
-    spp: Positive = Field(default=256, description="paths per pixel and lamp, spread over its rays; two a ray at least")
+    spp: Positive = Field(
+        default=256, description="paths per pixel and light, spread over its rays; two a ray at least"
+    )
     max_depth: Positive = Field(default=8, description="vertices after the first hit")
     denoise: bool = Field(default=True, description="denoise the rendered views")
     seed: Count = Field(default=0, description="seed of the random numbers")

@@ -1,42 +1,30 @@
-"""The stage video: pictures of a setup's own cameras, shown as the report shows them and joined."""
+"""Images of a setup's own cameras, shown as the report shows them and joined."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from fipt.errors import FiptError
 from fipt.formats.exr import read_rgb
 from fipt.formats.images import write_png
-from fipt.formats.manifests import Stats, write_manifest
 from fipt.formats.video import write_mp4
 from fipt.progress import progress
-from fipt.scene.cameras import write_transforms
-from fipt.scene.dataset import Dataset
-from fipt.scene.display import common_exposure, shown_views, tone_mapped
-from fipt.scene.setup import OwnCameras
-from fipt.settings import dumped
-from fipt.stages.render.cameras import own_cameras
-from fipt.stages.render.settings import VideoSettings
+from fipt.scene.cameras import Camera, write_transforms
+from fipt.scene.display import tone_mapped
+from fipt.scene.setup import CameraPath
 
 
-def write_video(
-    dataset: Path,
-    own: OwnCameras,
-    pictures: Path,
-    manifest: Path,
-    max_views: int,
-    settings: VideoSettings,
-    stats: Stats,
-) -> None:
-    """Write PNG pictures and transforms.json into ``pictures``, a path's video beside it, then their manifest.
+def write_frames(folder: Path, cameras: Sequence[Camera], exposure: float) -> list[Path]:
+    """Write ``folder``'s transforms.json, and a PNG image beside each EXR image, all at one exposure; return them.
 
-    One exposure holds for all pictures: the stated one, else that of the report which shows ``max_views`` views.
+    Raises
+    ------
+    FiptError
+        If an image has not the size of its camera.
     """
-    data = Dataset(dataset)
-    cameras = own_cameras(own, data)
-    exposure = settings.exposure or common_exposure(data.image(view)[0] for view in shown_views(data, max_views))
-    files = [pictures / "transforms.json"]
-    with progress("video", len(cameras), " pictures") as bar:
+    files = [folder / "transforms.json"]
+    with progress("video", len(cameras), " images") as bar:
         for camera in cameras:
-            path = pictures / f"{camera.name}.exr"
+            path = folder / f"{camera.name}.exr"
             radiance = read_rgb(path)
             if radiance.shape[:2] != (camera.height, camera.width):
                 raise FiptError(
@@ -48,12 +36,14 @@ def write_video(
             write_png(files[-1], tone_mapped(radiance, exposure))
             bar.advance()
     write_transforms(files[0], cameras, folder="")
-    video = pictures.with_name(f"{pictures.name}.mp4")
-    if own.path is not None and own.path.video == "mp4":
-        write_mp4(video, pictures, "frame-%04d.png", len(cameras), own.path.fps, settings.quality)
-        files.append(video)
-        stats["video_bytes"] = video.stat().st_size
-    else:
-        video.unlink(missing_ok=True)  # of an earlier run with other settings
-    stats["pictures"], stats["exposure"] = len(cameras), exposure
-    write_manifest(manifest, "video", files, {**dumped(settings), "cameras": dumped(own)})
+    return files
+
+
+def write_film(folder: Path, path: CameraPath | None, frames: int, quality: int) -> Path | None:
+    """Join the frames of a camera path to ``folder``.mp4, where it asks for that; else remove an earlier one."""
+    film = folder.with_name(f"{folder.name}.mp4")
+    if path is None or path.video != "mp4":
+        film.unlink(missing_ok=True)  # of an earlier run with other settings
+        return None
+    write_mp4(film, folder, "frame-%04d.png", frames, path.fps, quality)
+    return film

@@ -12,7 +12,7 @@ from fipt.conventions import FLAG_MOVED, FLAG_SATURATED
 from fipt.errors import FiptError
 from fipt.scene import display
 from fipt.scene.dataset import Dataset
-from fipt.stages.report import pictures
+from fipt.stages.report import images
 
 MARKS = {FLAG_SATURATED: (255, 0, 144), FLAG_MOVED: (0, 200, 255)}
 """Colour of clipped pixels, and of those that moved, in the thumbnails."""
@@ -110,19 +110,21 @@ def _view(name: str, state: Mapping[str, Any], data: Dataset | None, exposure: f
         f"{state['moved']:.1%}",
         "–" if balance is None else f"{balance[0]:.2f}, {balance[2]:.2f}",  # noqa: RUF001 (a dash is meant)
     )
-    known = data is not None and name in {camera.name for camera in data.cameras}
+    thumbnail = None
+    if data is not None and name in {camera.name for camera in data.cameras}:
+        thumbnail = images.embedded(marked(data, name, exposure), _WIDTH)
     return CaptureView(
         name,
         None,
         f"{len(frames)}{f' over {span}' if span else ''}",
         f"{max(off):.1%}" if off else "–",  # noqa: RUF001
         figures,
-        pictures.embedded(marked(data, name, exposure), _WIDTH) if known else None,
+        thumbnail,
     )
 
 
 def marked(data: Dataset, view: str, exposure: float) -> np.ndarray:
-    """(H, W, 3) uint8 picture of a view in which clipped pixels, and those that moved, are marked."""
+    """(H, W, 3) uint8 image of a view in which clipped pixels, and those that moved, are marked."""
     pixels = display.tone_mapped(data.image(view)[0], exposure)
     flags = data.flags(view)
     if flags is not None:
@@ -136,5 +138,5 @@ def _fitted(coefficients: Sequence[float] | None) -> list[tuple[float, float]]:
     if not coefficients:
         return []
     radius = np.linspace(0, 1, 41)
-    light = 1 + sum(a * radius ** (2 * k) for k, a in enumerate(coefficients, start=1))
+    light = 1.0 + np.sum([a * radius ** (2 * k) for k, a in enumerate(coefficients, start=1)], axis=0)
     return list(zip(radius.tolist(), light.tolist(), strict=True))

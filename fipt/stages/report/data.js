@@ -1,5 +1,5 @@
 "use strict";
-// Numbers that the page carries as text: packed by fipt.report.pictures.packed.
+// Numbers that the page carries as text: packed by fipt.stages.report.images.packed.
 
 // Content of a data element as an ArrayBuffer.
 async function unpacked(id) {

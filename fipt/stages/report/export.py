@@ -46,7 +46,7 @@ def read_check(path: Path) -> ExportCheck | None:
         files = [
             ExportedFile(
                 kind,
-                _LABELS.get(kind, kind),
+                str(_LABELS.get(kind, kind)),
                 str(entry["file"]),
                 float(entry["psnr"]),
                 float(entry["photo"]),

@@ -68,9 +68,9 @@ if (mixer) {
       if (scale === "1" && !color) return;
       if (part.key === "outside") outside = `\n    background: {scale: ${scale}}`;
       const paint = on && color ? `, color: [${color.map(text).join(", ")}]` : "";
-      const lamps = part.lamps.map((name) => JSON.stringify(name)); // YAML reads JSON's strings
-      const chosen = lamps.length > 1 ? `names: [${lamps.join(", ")}]` : `name: ${lamps[0]}`;
-      if (lamps.length) edits.push(`\n      - {${chosen}, scale: ${scale}${paint}}`);
+      const names = part.emitters.map((name) => JSON.stringify(name)); // YAML reads JSON's strings
+      const chosen = names.length > 1 ? `names: [${names.join(", ")}]` : `name: ${names[0]}`;
+      if (names.length) edits.push(`\n      - {${chosen}, scale: ${scale}${paint}}`);
     });
     if (!edits.length && !outside) return "setups:\n  mix: {}  # as captured";
     return `setups:\n  mix:${edits.length ? "\n    emitters:" : ""}${edits.join("")}${outside}`;

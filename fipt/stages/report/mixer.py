@@ -1,5 +1,6 @@
-"""The light mixer's section of the page: views with each lamp alone, which the page adds up as the reader likes."""
+"""The light mixer's section of the page: views with each emitter alone, which the page adds up as the reader likes."""
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,34 +10,37 @@ import numpy as np
 
 from fipt.formats.manifests import read_manifest
 from fipt.scene.dataset import read_layers
-from fipt.stages.report import pictures
+from fipt.scene.emitters import default_name
+from fipt.stages.report import images
+
+log = logging.getLogger(__name__)
 
 _WIDTH = 400
-"""Largest width of the mixer's pictures, pixels: they are numbers of 16 bits, and there are many."""
+"""Largest width of the mixer's images, pixels: they are numbers of 16 bits, and there are many."""
 
 
 @dataclass(frozen=True)
-class Part:
-    """What shines in one layer of the pictures.
+class LightPart:
+    """What emits in one layer of the images.
 
     Attributes
     ----------
     key
-        Layer: ``lamp-N``, ``rest`` or ``outside``.
+        Layer: ``emitter-N``, ``rest`` or ``outside``.
     label
         For people.
-    lamps
+    emitters
         Names in emitters.json.
     radiance
-        (3,) of a lamp that can be given another colour; None for the rest and the outside, which have several, and
-        for a lamp without any light in some channel.
+        (3,) of an emitter that can be given another colour; None for the rest and the outside, which have several, and
+        for an emitter without any light in some channel.
     color
         ``#rrggbb`` of that radiance.
     """
 
     key: str
     label: str
-    lamps: Sequence[str]
+    emitters: Sequence[str]
     radiance: Sequence[float] | None
     color: str | None
 
@@ -55,12 +59,12 @@ class MixedView:
 class Mixer:
     """Parts of the light, in the order of the views' layers, and the views."""
 
-    parts: Sequence[Part]
+    parts: Sequence[LightPart]
     views: Sequence[MixedView]
 
 
 def read_mixer(results: Path, emitters: Sequence[Mapping[str, Any]] | None, exposure: float) -> Mixer | None:
-    """Read the views of lamps/ that the stage's manifests name; None where there are none.
+    """Read the views of olat/ that the stage's manifests name; None where there are none.
 
     Parameters
     ----------
@@ -69,7 +73,7 @@ def read_mixer(results: Path, emitters: Sequence[Mapping[str, Any]] | None, expo
     exposure
         Factor on radiance, the page's.
 
-    None as well, with a warning, where they know other lamps than emitters.json: the mixer was switched off since.
+    None as well, with a warning, where they know other emitters than emitters.json: the mixer was switched off since.
 
     Raises
     ------
@@ -81,14 +85,15 @@ def read_mixer(results: Path, emitters: Sequence[Mapping[str, Any]] | None, expo
     if not files:
         return None
     listed = list(emitters or ())
-    alone = {f"lamp-{entry['index']}": entry for entry in listed}
+    alone = {default_name(int(entry["index"])): entry for entry in listed}
     order = [*alone, "rest", "outside"]
-    views, keys = [], None
+    views: list[MixedView] = []
+    keys: list[str] = []
     for path in files:
         layers = read_layers(path)
         own = sorted(layers, key=lambda key: order.index(key) if key in order else len(order))
         if not set(own) <= set(order) or own != (keys or own):
-            print(f"warning: {path} shows other lamps than there are; without `fipt olat` the page has no mixer")
+            log.warning("%s shows other lamps than there are; without `fipt olat` the page has no mixer", path)
             return None
         keys = own
         stack = np.stack([_scaled(layers[key] * np.float32(exposure)) for key in own])
@@ -98,24 +103,24 @@ def read_mixer(results: Path, emitters: Sequence[Mapping[str, Any]] | None, expo
     return Mixer([_part(key, alone.get(key), rest) for key in keys], views)
 
 
-def _part(key: str, lamp: Mapping[str, Any] | None, rest: Sequence[str]) -> Part:
+def _part(key: str, emitter: Mapping[str, Any] | None, rest: Sequence[str]) -> LightPart:
     if key == "outside":
-        return Part(key, "Light from outside", [], None, None)
-    if lamp is None:
-        return Part(key, f"The other {len(rest)} lamps", rest, None, None)
-    radiance = lamp["radiance"] if min(lamp["radiance"]) > 0 else None
-    return Part(key, lamp["name"], [lamp["name"]], radiance, lamp["color"])
+        return LightPart(key, "Light from outside", [], None, None)
+    if emitter is None:
+        return LightPart(key, f"The other {len(rest)} lamps", rest, None, None)
+    radiance = emitter["radiance"] if min(emitter["radiance"]) > 0 else None
+    return LightPart(key, emitter["name"], [emitter["name"]], radiance, emitter["color"])
 
 
-def _scaled(picture: np.ndarray) -> np.ndarray:
-    """(H, W, 3) picture, averaged down by area to the mixer's width where it is wider."""
+def _scaled(image: np.ndarray) -> np.ndarray:
+    """(H, W, 3) image, averaged down by area to the mixer's width where it is wider."""
     from PIL import Image
 
-    height, width = picture.shape[:2]
+    height, width = image.shape[:2]
     if width <= _WIDTH:
-        return picture
+        return image
     size = (_WIDTH, max(1, round(height * _WIDTH / width)))
-    planes = [Image.fromarray(np.ascontiguousarray(picture[..., c])) for c in range(3)]
+    planes = [Image.fromarray(np.ascontiguousarray(image[..., c])) for c in range(3)]
     return np.stack([np.asarray(plane.resize(size, Image.Resampling.BOX)) for plane in planes], axis=-1)
 
 
@@ -126,4 +131,4 @@ def encoded(layers: np.ndarray) -> str:
     """
     largest = float(np.finfo(np.float16).max)
     planes = np.clip(np.nan_to_num(layers), 0, largest).transpose(0, 3, 1, 2).astype("<f2")
-    return pictures.packed(planes.reshape(-1, 1).view(np.uint8).T.tobytes())
+    return images.packed(planes.reshape(-1, 1).view(np.uint8).T.tobytes())

@@ -9,11 +9,12 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from fipt.conventions import LUMINANCE
-from fipt.stages.report.content import COLUMNS, TILES, Content, gather
+from fipt.stages.report.content import TILES, Content, gather
+from fipt.stages.report.images import DIFFERENCE_RANGE
 from fipt.stages.report.mixer import Mixer
-from fipt.stages.report.pictures import DIFFERENCE_RANGE
-from fipt.stages.report.room import Room
+from fipt.stages.report.room import RoomModel
 from fipt.stages.report.settings import ReportSettings
+from fipt.stages.report.views import COLUMNS
 
 _FOLDER = Path(__file__).parent
 
@@ -26,10 +27,13 @@ _EMITTERS_SHOWN = 12
 
 
 def build_page(
-    results: Path, settings: ReportSettings, setups: Sequence[str] | None = None, films: Sequence[str] | None = None
+    results: Path,
+    settings: ReportSettings,
+    setups: Sequence[str] | None = None,
+    camera_setups: Sequence[str] | None = None,
 ) -> str:
     """Return the page of a results folder (see `gather`): HTML that loads nothing from anywhere."""
-    return render(gather(results, settings, setups, films))
+    return render(gather(results, settings, setups, camera_setups))
 
 
 def render(content: Content) -> str:
@@ -67,20 +71,20 @@ def _digest(script: str) -> str:
 
 
 def _mixer_facts(mixer: Mixer | None) -> dict[str, Any] | None:
-    """What mixer.js is told: everything but the pictures."""
+    """What mixer.js needs: everything but the images."""
     if mixer is None:
         return None
-    parts = [{"key": part.key, "lamps": part.lamps, "radiance": part.radiance} for part in mixer.parts]
+    parts = [{"key": part.key, "emitters": part.emitters, "radiance": part.radiance} for part in mixer.parts]
     views = [{"name": view.name, "width": view.width, "height": view.height} for view in mixer.views]
     return {"luminance": LUMINANCE, "parts": parts, "views": views}
 
 
-def _room_facts(room: Room | None) -> dict[str, Any] | None:
-    """What room.js is told: everything but the model."""
+def _room_facts(room: RoomModel | None) -> dict[str, Any] | None:
+    """What room.js needs: everything but the model."""
     if room is None:
         return None
-    lamps = [{"center": lamp.center} for lamp in room.lamps]
-    return {"up": room.up, "viewpoints": [vars(place) for place in room.viewpoints], "lamps": lamps}
+    emitters = [{"center": emitter.center} for emitter in room.emitters]
+    return {"up": room.up, "viewpoints": [vars(place) for place in room.viewpoints], "emitters": emitters}
 
 
 def number(value: float | None, digits: int = 3) -> str:

@@ -1,4 +1,4 @@
-"""The section of the page on estimated poses: the picture, evidence of every view, links, alignment."""
+"""The section of the page on estimated poses: the overview, evidence of every view, links, alignment."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from fipt.errors import FiptError
-from fipt.stages.report import pictures
+from fipt.stages.report import images
 
 _WIDTH = 1500
-"""Of the picture, pixels."""
+"""Of the overview, pixels."""
 _UNKNOWN = "–"  # noqa: RUF001 (a dash is meant)
 
 
@@ -28,7 +28,7 @@ class PosesReport:
         Number of views with a pose.
     links, weakest
         Pairs of views that share points; the view with the fewest neighbours, and how many these are.
-    apart
+    weakly_linked
         Names of each smaller group of views, which too few points hold to the others.
     points, error
         Number of points; their mean reprojection error, pixels.
@@ -38,7 +38,7 @@ class PosesReport:
         The threshold used.
     align
         Key and value in words of how metres, up and axes were found.
-    picture
+    image
         Data URI, width, height; None where there is none.
     """
 
@@ -46,13 +46,13 @@ class PosesReport:
     accepted: int
     links: int
     weakest: tuple[str, int] | None
-    apart: Sequence[str]
+    weakly_linked: Sequence[str]
     points: int
     error: float
     runs: Sequence[Mapping[str, Any]]
     chosen: int
     align: Sequence[tuple[str, str]]
-    picture: tuple[str, int, int] | None
+    image: tuple[str, int, int] | None
 
 
 def read_poses(folder: Path) -> PosesReport | None:
@@ -69,13 +69,13 @@ def read_poses(folder: Path) -> PosesReport | None:
             accepted=len(near),
             links=sum(pair["shared_points"] > 0 for pair in content["graph"]),
             weakest=min(near.items(), key=lambda item: item[1], default=None),
-            apart=[", ".join(group) for group in content["groups"][1:]],
+            weakly_linked=[", ".join(group) for group in content["groups"][1:]],
             points=content["points"],
             error=content["error"],
             runs=content["runs"],
             chosen=content["min_matches"],
             align=[(key.replace("_", " "), _words(value)) for key, value in content["align"].items()],
-            picture=_picture(folder / "poses.png"),
+            image=_image(folder / "poses.png"),
         )
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise FiptError(f"{path} is not what fipt pose writes ({error!r})", "run fipt pose again") from error
@@ -107,10 +107,10 @@ def _words(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def _picture(path: Path) -> tuple[str, int, int] | None:
+def _image(path: Path) -> tuple[str, int, int] | None:
     from PIL import Image
 
     if not path.is_file():
         return None
-    with Image.open(path) as image:
-        return pictures.embedded(np.array(image.convert("RGB")), _WIDTH)
+    with Image.open(path) as opened:
+        return images.embedded(np.array(opened.convert("RGB")), _WIDTH)

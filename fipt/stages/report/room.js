@@ -231,7 +231,7 @@ async function openRoom(section) {
 
   function mark(matrix) {
     section.querySelectorAll(".mark-lamp").forEach((label, number) => {
-      const { x, y, w } = clipped(matrix, room.lamps[number].center);
+      const { x, y, w } = clipped(matrix, room.emitters[number].center);
       label.hidden = w <= 0 || Math.abs(x) > w || Math.abs(y) > w;
       label.style.left = `${50 + (50 * x) / w}%`;
       label.style.top = `${50 - (50 * y) / w}%`;

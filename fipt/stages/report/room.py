@@ -12,9 +12,10 @@ from fipt.errors import FiptError
 from fipt.formats import glb
 from fipt.scene.cameras import Camera, up_axis
 from fipt.scene.dataset import Dataset, read_layers
+from fipt.scene.emitters import default_name
 from fipt.scene.mesh import Mesh
 from fipt.scene.samples import read_samples
-from fipt.stages.report import pictures
+from fipt.stages.report import images
 
 _LARGEST = 12_000_000
 """Bytes of an exported scene that the page takes in; of a larger one it shows the coloured mesh instead."""
@@ -39,22 +40,22 @@ class Viewpoint:
 
 @dataclass(frozen=True)
 class Marker:
-    """A lamp: its number and name in emitters.json, colour as ``#rrggbb`` and (3,) centre."""
+    """An emitter: its default name, its name in emitters.json, colour as ``#rrggbb`` and (3,) centre."""
 
-    index: int
+    key: str
     name: str
     color: str
     center: Sequence[float]
 
 
 @dataclass(frozen=True)
-class Room:
+class RoomModel:
     """What the 3D view shows; all places are in the model's own axes.
 
     Attributes
     ----------
     model
-        A binary glTF file, packed (`fipt.stages.report.pictures.packed`).
+        A binary glTF file, packed (`fipt.stages.report.images.packed`).
     exported
         Whether it is the exported scene.
     up
@@ -65,10 +66,10 @@ class Room:
     exported: bool
     up: Sequence[float]
     viewpoints: Sequence[Viewpoint]
-    lamps: Sequence[Marker]
+    emitters: Sequence[Marker]
 
 
-def read_room(results: Path, data: Dataset | None, emitters: Sequence[Mapping[str, Any]] | None) -> Room | None:
+def read_room(results: Path, data: Dataset | None, emitters: Sequence[Mapping[str, Any]] | None) -> RoomModel | None:
     """Read the room of a results folder; None where neither an exported scene nor material maps exist.
 
     Parameters
@@ -88,14 +89,14 @@ def read_room(results: Path, data: Dataset | None, emitters: Sequence[Mapping[st
         return None
     cameras = [camera for camera in data.cameras if camera.split == "val"] or data.cameras
     up = np.round(turn @ up_axis(data.cameras))  # another world axis, where the export has turned the room
-    return Room(
-        model=pictures.packed(content),
+    return RoomModel(
+        model=images.packed(content),
         exported=exported,
         up=up.tolist(),
         viewpoints=[_viewpoint(camera, turn) for camera in cameras[:_VIEWPOINTS]],
-        lamps=[
-            Marker(lamp["index"], lamp["name"], lamp["color"], (turn @ lamp["center"]).tolist())
-            for lamp in emitters or ()
+        emitters=[
+            Marker(default_name(int(entry["index"])), entry["name"], entry["color"], (turn @ entry["center"]).tolist())
+            for entry in emitters or ()
         ],
     )
 
@@ -121,7 +122,7 @@ def _viewpoint(camera: Camera, turn: np.ndarray) -> Viewpoint:
 def _seen(results: Path, data: Dataset) -> tuple[np.ndarray, np.ndarray] | None:
     """Positions (N, 3) and linear colours (N, 3) in [0, 1] of pixels spread over all views; None where there are none.
 
-    Lamps have the colour of their light.
+    Emitters have the colour of their light.
     """
     shards = [read_samples(path.parent) for path in sorted((results / "samples").glob("*/views.json"))]
     views = [(shard, index, view) for shard in shards for index, view in enumerate(shard.views)]
@@ -171,8 +172,9 @@ def _cut(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
     largest = 4 * mesh.areas.sum() / _TRIANGLES
     cell = 1e-4 if len(triangles) <= _MOST else float(np.sqrt(2 * largest))
     while (large := np.flatnonzero(Mesh(vertices, triangles).areas > largest)).size:
-        vertices, triangles = subdivide(vertices, triangles, large)
-    _, first, vertex = np.unique(np.round(vertices / cell), axis=0, return_index=True, return_inverse=True)
+        vertices, triangles = subdivide(vertices, triangles, large)[:2]
+    cells = np.round(vertices / cell)
+    _, first, vertex = np.unique(cells, axis=0, return_index=True, return_inverse=True)
     triangles = vertex.reshape(-1)[triangles]
     a, b, c = triangles.T
     return vertices[first].astype(np.float32), triangles[(a != b) & (b != c) & (c != a)]

@@ -31,7 +31,7 @@ class SegmentsReport:
     agreement
         Share of all votes that the fused ids got; None where nothing voted.
     views
-        View -> its embedded pictures.
+        View -> its embedded images.
     segments
         id, name, area (square metres), views and agreement of each, largest first; ``more`` is how many are not shown.
     """
@@ -63,7 +63,7 @@ def read_segments(
     exposure
         Factor on radiance, the page's.
     embed
-        Embeds a picture (H, W, 3) uint8 under a heading.
+        Embeds an image (H, W, 3) uint8 under a heading.
     """
     path = folder / "fusion.json"
     if not path.is_file() or data is None:
@@ -82,7 +82,7 @@ def read_segments(
         source=_source(grown, mode),
         agreement=agreement,
         views={
-            view: [embed(*shown) for shown in _pictures(folder, data, view, kind, grown, exposure).items()]
+            view: [embed(*shown) for shown in _images(folder, data, view, kind, grown, exposure).items()]
             for view in chosen
         },
         segments=listed[:_LISTED],
@@ -98,8 +98,8 @@ def _source(grown: bool, mode: Mapping[str, Any]) -> str:
     return "Ids of each view are given" + (f" ({mode['path']})" if mode.get("path") else "")
 
 
-def _pictures(folder: Path, data: Dataset, view: str, kind: str, grown: bool, exposure: float) -> dict[str, np.ndarray]:
-    """Pictures of a view by heading; what was not fused from views has neither a before nor votes."""
+def _images(folder: Path, data: Dataset, view: str, kind: str, grown: bool, exposure: float) -> dict[str, np.ndarray]:
+    """Images of a view by heading; what was not fused from views has neither a before nor votes."""
     fused = read_ids(folder / "fused" / kind / f"{view}.png")
     shown = {"On the photograph": over_photo(data.image(view)[0], fused, exposure)}
     before = folder / "views" / f"{view}.npz"

@@ -2,6 +2,7 @@
 
 from pydantic import Field
 
+from fipt.conventions import RAYS_PER_SIDE
 from fipt.settings import Positive, Settings
 
 
@@ -9,7 +10,7 @@ class SamplesSettings(Settings):
     """Footprint samples of camera rays."""
 
     grid: Positive = Field(
-        default=4,
+        default=RAYS_PER_SIDE,
         le=16,
         description="a pixel is sampled by the square of this many rays; 1 = its centre only",
     )

@@ -8,6 +8,7 @@ views are asked for only when a rule of that scene is reached, so that a scene n
 """
 
 import contextlib
+import os
 import re
 import shlex
 import sys
@@ -18,12 +19,13 @@ from snakemake.utils import validate
 
 from fipt.config.reading import load
 from fipt.errors import FiptError
-from fipt.run import locked
+from fipt.lock import locked
 from fipt.registry import VERSIONS
 
-# `fipt` is found beside the Python that runs Snakemake, even if its environment is not active.
+# `fipt` is found beside the Python that runs Snakemake, even if its environment is not active. It takes the place of the
+# shell and knows who called it: a job ends with the run that started it, even if that is killed.
 shell.prefix(
-    f'set -euo pipefail; PATH="$PATH":{shlex.quote(str(Path(sys.executable).parent))}; '
+    f'export PATH="$PATH":{shlex.quote(str(Path(sys.executable).parent))} FIPT_RUN={os.getpid()}; exec '
 )
 
 try:
@@ -34,7 +36,7 @@ try:
     for name in CONFIG.only:
         CONFIG.scenes[name].check()
 except FiptError as error:
-    raise WorkflowError(f"config: {error}") from None
+    raise WorkflowError(f"fipt: error: {error}") from None
 validate(CONFIG.plain, "../schemas/config.schema.yaml", set_default=False)
 
 
@@ -77,13 +79,13 @@ def readable(function, *args, **named):
     try:
         return function(*args, **named)
     except FiptError as error:
-        raise WorkflowError(str(error)) from None
+        raise WorkflowError(f"fipt: error: {error}") from None
 
 
 def lock_scenes():
     """Keep other runs away from the scenes; unlike Snakemake's own lock, this one dies with the run."""
     for name in CONFIG.only:
-        readable(LOCKS.enter_context, locked(name))
+        readable(LOCKS.enter_context, locked(Path("results", name)))
 
 
 def ask(question, **known):

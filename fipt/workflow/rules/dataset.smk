@@ -70,7 +70,7 @@ rule synthesize_room:
         settings=settings("synthesize"),
         version=VERSIONS["synthesize"],
     shell:
-        "fipt synthesize --dataset {params.dataset:q} --room {params.scene:q}"
+        "fipt synthesize-room --dataset {params.dataset:q} {params.scene:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
 
 
@@ -102,7 +102,7 @@ rule synthesize_views:
         settings=settings("synthesize"),
         version=VERSIONS["synthesize"],
     shell:
-        "fipt synthesize --dataset {params.dataset:q} --views {params.views:q} {params.scene:q}"
+        "fipt synthesize-views --dataset {params.dataset:q} --views {params.views:q} {params.scene:q}"
         " --manifest {output.manifest:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
 
@@ -137,7 +137,7 @@ rule synthesize_relit:
         settings=settings("synthesize"),
         version=VERSIONS["synthesize"],
     shell:
-        "fipt synthesize --dataset {params.dataset:q} --views {params.views:q}"
+        "fipt synthesize-relit --dataset {params.dataset:q} --views {params.views:q}"
         " --setup {params.setup:q} --setup-name {wildcards.setup:q} {params.scene:q}"
         " --manifest {output.manifest:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

@@ -41,7 +41,7 @@ rule export_room:
     shell:
         "fipt export --name {wildcards.scene:q} --dataset {params.dataset:q} --samples {params.samples:q}"
         " --model {input.model:q} --emitters {input.emitters:q} --confidence {input.confidence:q}"
-        " --environment {input.environment:q} --lamps {params.lamps:q} --out {params.out:q} --manifest {output.manifest:q}"
+        " --environment {input.environment:q} --emitter-names {params.lamps:q} --out {params.out:q} --manifest {output.manifest:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
 
 

@@ -1,12 +1,12 @@
-"""The room under other light, and with each lamp alone.
+"""The room under other light, and with one light at a time.
 
-INPUTS:  results/{scene}/samples/{shard}.manifest.json, cache.npz, model and emitters of the last round, a setup of the config,
+INPUTS:  results/{scene}/dataset, cache.npz, environment.npz, model and emitters of the last round, a setup of the config,
          the files that it names, results/{scene}/segments/fusion.npz where it names fused segments;
-         of a setup with its own cameras dataset/check_poses.json and the pictures, which give their places and exposure
+         of a setup with its own cameras the photographs, which give their exposure
 OUTPUTS: results/{scene}/relight/{setup}.{shard}.manifest.json    lists relight/{setup}/{view}.exr (linear RGB radiance)
          results/{scene}/relight/{setup}.manifest.json            of a setup with its own cameras: lists relight/{setup}/*.png,
                                                                   transforms.json, and of a path relight/{setup}.mp4
-         results/{scene}/olat.{shard}.manifest.json              lists olat/{view}.exr (a layer for each lamp)
+         results/{scene}/olat.{shard}.manifest.json              lists olat/{view}.exr (a layer for each light)
 """
 
 
@@ -16,8 +16,7 @@ rule relight_views:
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
         mesh="results/{scene}/dataset/mesh.ply",
-        checked=ask("setups.placed_by"),
-        samples=ask("setups.samples"),
+        checked="results/{scene}/dataset/check_poses.json",
         cache="results/{scene}/cache.npz",
         environment="results/{scene}/environment.npz",
         model=LAST_MODEL,
@@ -40,31 +39,33 @@ rule relight_views:
         gpu=1,
     params:
         dataset=folder("results/{scene}/dataset"),
-        samples=folders_of("samples"),
         out=folder("results/{scene}/relight/{setup}"),
         setup=ask("setups.json"),
-        lamps=option("--lamps", "lamps", "results/{scene}/emitters/emitters.json"),
-        cameras=ask("setups.camera_options"),
+        lamps=option(
+            "--emitter-names", "lamps", "results/{scene}/emitters/emitters.json"
+        ),
+        seen=ask("setups.seen_options"),
+        rays_per_side=ask("rays_per_side"),
         segments=option("--segments", "segments", "results/{scene}/segments/fusion.npz"),
         settings=settings("relight"),
         version=VERSIONS["relight"],
     shell:
-        "fipt relight --dataset {params.dataset:q} --samples {params.samples:q} --cache {input.cache:q}"
+        "fipt relight --dataset {params.dataset:q} --cache {input.cache:q}"
         " --environment {input.environment:q}"
         " --model {input.model:q} --emitters {input.emitters:q} --setup {params.setup:q}"
-        " {params.lamps:q} {params.cameras:q} {params.segments:q}"
-        " --out {params.out:q} --manifest {output.manifest:q}"
+        " {params.lamps:q} {params.seen:q} {params.segments:q}"
+        " --rays-per-side {params.rays_per_side:q} --out {params.out:q} --manifest {output.manifest:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
 
 
-rule join_pictures:
-    """Show what a setup's own cameras see as PNG pictures, and join those of a path into a video."""
+rule join_images:
+    """Show what a setup's own cameras see as PNG images, and join those of a path into a video."""
     input:
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
         checked="results/{scene}/dataset/check_poses.json",
         images=ask("images", splits=["all"]),
-        pictures=ask("setups.seen"),
+        seen=ask("setups.seen"),
     output:
         manifest="results/{scene}/relight/{setup}.manifest.json",
         stats="results/{scene}/stats/video.{setup}.json",
@@ -78,23 +79,23 @@ rule join_pictures:
     params:
         dataset=folder("results/{scene}/dataset"),
         cameras=ask("setups.cameras_json"),
-        pictures=folder("results/{scene}/relight/{setup}"),
+        images=folder("results/{scene}/relight/{setup}"),
         max_views=ask("shown_views"),
         settings=settings("video"),
         version=VERSIONS["video"],
     shell:
         "fipt video --dataset {params.dataset:q} --cameras {params.cameras:q}"
-        " --pictures {params.pictures:q} --max-views {params.max_views:q} --manifest {output.manifest:q}"
+        " --images {params.images:q} --max-views {params.max_views:q} --manifest {output.manifest:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
 
 
-rule lamp_views:
-    """Render views of a shard with each lamp alone."""
+rule olat_views:
+    """Render views of a shard with one light at a time."""
     input:
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
         mesh="results/{scene}/dataset/mesh.ply",
-        samples="results/{scene}/samples/{shard}.manifest.json",
+        checked="results/{scene}/dataset/check_poses.json",
         cache="results/{scene}/cache.npz",
         environment="results/{scene}/environment.npz",
         model=LAST_MODEL,
@@ -112,14 +113,14 @@ rule lamp_views:
         gpu=1,
     params:
         dataset=folder("results/{scene}/dataset"),
-        samples=folders_of("samples"),
         out=folder("results/{scene}/olat"),
         views=ask("olat_views"),
+        rays_per_side=ask("rays_per_side"),
         settings=settings("olat"),
         version=VERSIONS["olat"],
     shell:
-        "fipt olat --dataset {params.dataset:q} --samples {params.samples:q} --cache {input.cache:q}"
+        "fipt olat --dataset {params.dataset:q} --cache {input.cache:q}"
         " --environment {input.environment:q}"
         " --model {input.model:q} --emitters {input.emitters:q} --views {params.views:q}"
-        " --out {params.out:q} --manifest {output.manifest:q}"
+        " --rays-per-side {params.rays_per_side:q} --out {params.out:q} --manifest {output.manifest:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

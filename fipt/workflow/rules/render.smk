@@ -1,6 +1,6 @@
 """Held-out views, path traced with the model.
 
-INPUTS:  results/{scene}/samples/{shard}.manifest.json of the val shards, cache.npz, model and emitters of the last round
+INPUTS:  results/{scene}/dataset, cache.npz, environment.npz, model and emitters of the last round
 OUTPUTS: results/{scene}/render.{shard}.manifest.json    lists render/{view}.exr (linear RGB radiance)
 """
 
@@ -11,7 +11,7 @@ rule render_views:
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
         mesh="results/{scene}/dataset/mesh.ply",
-        samples="results/{scene}/samples/{shard}.manifest.json",
+        checked="results/{scene}/dataset/check_poses.json",
         cache="results/{scene}/cache.npz",
         environment="results/{scene}/environment.npz",
         model=LAST_MODEL,
@@ -29,13 +29,14 @@ rule render_views:
         gpu=1,
     params:
         dataset=folder("results/{scene}/dataset"),
-        samples=folders_of("samples"),
+        views=ask("views.listed"),
+        rays_per_side=ask("rays_per_side"),
         out=folder("results/{scene}/render"),
         settings=settings("render"),
         version=VERSIONS["render"],
     shell:
-        "fipt render --dataset {params.dataset:q} --samples {params.samples:q} --cache {input.cache:q}"
+        "fipt render --dataset {params.dataset:q} --views {params.views:q} --cache {input.cache:q}"
         " --environment {input.environment:q}"
         " --model {input.model:q} --emitters {input.emitters:q}"
-        " --out {params.out:q} --manifest {output.manifest:q}"
+        " --rays-per-side {params.rays_per_side:q} --out {params.out:q} --manifest {output.manifest:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

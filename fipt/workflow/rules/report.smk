@@ -36,5 +36,5 @@ rule scene_report:
         version=VERSIONS["report"],
     shell:
         "fipt report --results {params.results:q} --out {output.report:q}"
-        " --setups={params.setups:q} --films={params.films:q}"
+        " --setups={params.setups:q} --camera-setups={params.films:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

@@ -32,7 +32,7 @@ rule photographed_room:
         settings=settings("synthesize"),
         version=VERSIONS["synthesize"],
     shell:
-        "fipt synthesize --dataset {params.dataset:q} --room {params.scene:q}"
+        "fipt synthesize-room --dataset {params.dataset:q} {params.scene:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
 
 
@@ -59,7 +59,7 @@ rule photograph_calibration:
         settings=settings("synthesize"),
         version=VERSIONS["synthesize"],
     shell:
-        "fipt synthesize --dataset {params.dataset:q} --calibration {params.raw:q}"
+        "fipt photograph-calibration --dataset {params.dataset:q} --raw {params.raw:q}"
         " --manifest {output.manifest:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
 
@@ -91,7 +91,7 @@ rule photograph_views:
         settings=settings("synthesize"),
         version=VERSIONS["synthesize"],
     shell:
-        "fipt synthesize --dataset {params.dataset:q} --raw {params.raw:q} --views {params.views:q} {params.scene:q}"
+        "fipt photograph --dataset {params.dataset:q} --raw {params.raw:q} --views {params.views:q} {params.scene:q}"
         " --manifest {output.manifest:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
 
@@ -123,6 +123,6 @@ rule synthesize_truth:
         settings=settings("synthesize"),
         version=VERSIONS["synthesize"],
     shell:
-        "fipt synthesize --dataset {params.dataset:q} --truth --views {params.views:q} {params.scene:q}"
+        "fipt synthesize-truth --dataset {params.dataset:q} --views {params.views:q} {params.scene:q}"
         " --manifest {output.manifest:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

@@ -143,7 +143,10 @@ def test_setups_that_name_fused_segments():
             {"scenes": {"x": {"source": "dataset", "path": "a", "format": "nerfstudio", "simulate_raw": True}}},
             "scenes.x.simulate_raw is only for source procedural or mitsuba; source is dataset",
         ),
-        ({"scenes": {"x": {**ROOM, "path": "a"}}}, "scenes.x.path is only for source mitsuba or dataset or raw; source is procedural"),
+        (
+            {"scenes": {"x": {**ROOM, "path": "a"}}},
+            "scenes.x.path is only for source mitsuba or dataset or raw; source is procedural",
+        ),
         (
             {"scenes": {"x": {"source": "dataset", "path": "a"}}},
             "one of nerfstudio, fipt-synthetic, fipt-real",
@@ -229,7 +232,9 @@ def test_config_of_the_repository(monkeypatch):
     assert read_yaml("config/config.yaml") == read_yaml(DEMO_FILE)
 
 
-@pytest.mark.parametrize("path", sorted((REPOSITORY / "config" / "examples").glob("*.yaml")), ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path", sorted((REPOSITORY / "config" / "examples").glob("*.yaml")), ids=lambda path: path.stem
+)
 def test_examples_are_valid(path, monkeypatch):
     monkeypatch.chdir(REPOSITORY)
     read([path], ["data_root=/data"])
@@ -249,7 +254,9 @@ def test_poses_of_a_known_room_are_estimated_from_photographs_only():
     assert set(pose_files(room.layout)) < set(room.source.imported_files())
     assert json.loads(room.settings_json("poses"))["align"]["reference"] == "/data/known.json"
     assert room.reference_files() == ["/data/known.json"]
-    with pytest.raises(FiptError, match=r"scenes\.room: poses of a known room may be colmap, where simulate_raw is true"):
+    with pytest.raises(
+        FiptError, match=r"scenes\.room: poses of a known room may be colmap, where simulate_raw is true"
+    ):
         scene({**ROOM, "poses": "colmap"})
     with pytest.raises(FiptError, match=r"scenes\.room\.poses: input should be 'colmap'; found 'poses\.json'"):
         scene({**ROOM, "poses": "poses.json", "simulate_raw": True})

@@ -30,7 +30,9 @@ def test_old_names_are_told_all_at_once(values, said):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("values", [{"scenes": []}, {"scenes": {"room": 3}}, {"setups": [1]}, {"scenes": {"room": ROOM}}])
+@pytest.mark.parametrize(
+    "values", [{"scenes": []}, {"scenes": {"room": 3}}, {"setups": [1]}, {"scenes": {"room": ROOM}}]
+)
 def test_odd_configurations_are_left_to_the_check(values):
     try:
         load(values)

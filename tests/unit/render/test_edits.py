@@ -27,9 +27,10 @@ def edits(up="y", **entry):
 
 
 @pytest.mark.parametrize("entry", [{"segment": 1}, {"at": [1.5, 1.6, 1.2]}, {"at": [1.02, 1.0, 1.5]}])
-def test_a_segment_by_number_and_by_a_point(entry, capsys):
+def test_a_segment_by_number_and_by_a_point(entry, caplog):
+    caplog.set_level("INFO")
     np.testing.assert_array_equal(gone(**entry), BLOCK)
-    assert "segment 1, 12 triangles, 6 m2, around (1.50, 1.00, 1.50)" in capsys.readouterr().out
+    assert "segment 1, 12 triangles, 6 m2, around (1.50, 1.00, 1.50)" in caplog.text
 
 
 def test_fused_segments_go_by_their_ids():
@@ -52,17 +53,19 @@ def test_a_segment_that_does_not_exist_is_answered_with_those_that_do():
         gone(np.repeat([1, 2, 9, 9], 6), segment=5)
 
 
-def test_a_box_takes_triangles_whose_centre_it_holds(capsys):
+def test_a_box_takes_triangles_whose_centre_it_holds(caplog):
+    caplog.set_level("INFO")
     np.testing.assert_array_equal(gone(box={"center": [1.5, 1, 1.5], "size": [1.2, 1.2, 1.2]}), BLOCK)
     assert not gone(box={"center": [3, 1, 3], "size": [0.1, 0.1, 0.1]}).any()
-    assert "remove.0: 0 triangles have their centre in the box" in capsys.readouterr().out
+    assert "remove.0: 0 triangles have their centre in the box" in caplog.text
 
 
-def test_an_edit_of_nothing_is_said(capsys):
+def test_an_edit_of_nothing_is_said(caplog):
     edits(box={"center": [3, 1, 3], "size": [0.1, 0.1, 0.1]}, metallic=1)
-    assert "warning: materials.0: the box touches no surface; nothing is changed" in capsys.readouterr().out
+    assert "materials.0: the box touches no surface; nothing is changed" in caplog.text
+    caplog.clear()
     edits(box={"center": [3, 0, 3], "size": [0.1, 0.1, 0.1]}, metallic=1)
-    assert "warning" not in capsys.readouterr().out
+    assert not caplog.records
 
 
 @pytest.mark.parametrize("up", ["y", "z"])

@@ -172,8 +172,8 @@ def test_files_that_cannot_be_objects(tmp_path, name, content, said):
     assert "\n" not in str(caught.value)
 
 
-def test_large_objects_are_taken_with_a_warning(tmp_path, monkeypatch, capsys):
+def test_large_objects_are_taken_with_a_warning(tmp_path, monkeypatch, caplog):
     monkeypatch.setattr(objects, "MANY", 10)
     write_ply(tmp_path / "a.ply", scenes.box((0, 0, 0), (1, 1, 1)))
     assert len(read_object(tmp_path / "a.ply").mesh.triangles) == 12
-    assert "has 12 triangles; fewer would be faster" in capsys.readouterr().err
+    assert "has 12 triangles; fewer would be faster" in caplog.text

@@ -54,11 +54,11 @@ def folder(backend, tmp_path_factory):
     """A dataset of two shards."""
     root = tmp_path_factory.mktemp("dataset")
     settings = json.dumps(TINY)
-    assert main(["synthesize", "--dataset", str(root), "--room", "--settings", settings]) == 0
+    assert main(["synthesize-room", "--dataset", str(root), "--settings", settings]) == 0
     for shard, names in {"train-000": "train_000,train_001", "val-000": "val_000"}.items():
         manifest = str(root / f"images.{shard}.manifest.json")
         assert main([
-            "synthesize", "--dataset", str(root), "--views", names,
+            "synthesize-views", "--dataset", str(root), "--views", names,
             "--settings", settings, "--manifest", manifest,
         ]) == 0  # fmt: skip
     return root
@@ -330,7 +330,7 @@ def test_relit_truth_is_written_beside_the_dataset(folder):
     setup = {"emitters": [{"scale": 0.5}]}
     manifest = folder / "relight_truth" / "dim.manifest.json"
     code = main([
-        "synthesize", "--dataset", str(folder), "--views", "val_000",
+        "synthesize-relit", "--dataset", str(folder), "--views", "val_000",
         "--settings", json.dumps(TINY),
         "--setup", json.dumps(setup), "--setup-name", "dim", "--manifest", str(manifest),
     ])  # fmt: skip
@@ -361,29 +361,24 @@ def test_the_example_of_the_documentation_fits_the_demo_room(views, tmp_path, mo
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
+    ("verb", "arguments", "message"),
     [
-        (["--room", "--views", "train_000"], "one of --room, --views"),
-        ([], "one of --room, --views"),
-        (["--views", "train_009"], "no view train_009"),
-        (["--views", "train_000", "--settings", json.dumps(TINY | {"seed": 5})], "other settings"),
+        ("views", ["--views", "train_009"], "no view train_009"),
+        ("views", ["--views", "train_000", "--settings", json.dumps(TINY | {"seed": 5})], "other settings"),
+        ("views", ["--views", "train_000", "--settings", json.dumps(TINY | {"width": 64})], "other settings"),
         (
-            ["--views", "train_000", "--settings", json.dumps(TINY | {"width": 64})],
-            "other settings",
-        ),
-        (["--views", "train_000", "--setup", "{}"], "belong together"),
-        (
+            "relit",
             ["--views", "train_000", "--setup", '{"lamps": []}', "--setup-name", "x"],
             "unknown key setup.lamps",
         ),
-        (["--views", "train_000", "--setup", "{}", "--setup-name", "../x"], "cannot be used"),
+        ("relit", ["--views", "train_000", "--setup", "{}", "--setup-name", "../x"], "cannot be used"),
     ],
 )
-def test_bad_input_gets_one_line_and_code_2(folder, capsys, arguments, message):
+def test_bad_input_gets_one_line_and_code_2(folder, capsys, verb, arguments, message):
     if "--settings" not in arguments:
         arguments = [*arguments, "--settings", json.dumps(TINY)]
     before = sorted(folder.rglob("*"))
-    assert main(["synthesize", "--dataset", str(folder), *arguments]) == 2
+    assert main([f"synthesize-{verb}", "--dataset", str(folder), *arguments]) == 2
     error = capsys.readouterr().err.strip()
     assert message in error
     assert len(error.splitlines()) == 1
@@ -396,5 +391,5 @@ def test_modules_can_be_imported_before_the_variant_is_chosen():
 
 
 def test_views_before_the_room_are_refused(backend, tmp_path, capsys):
-    assert main(["synthesize", "--dataset", str(tmp_path), "--views", "train_000"]) == 2
+    assert main(["synthesize-views", "--dataset", str(tmp_path), "--views", "train_000"]) == 2
     assert "room.json" in capsys.readouterr().err

@@ -289,12 +289,12 @@ def test_faults_are_one_line_that_names_the_file(tmp_path: Path, fault: str, mes
 
 
 def test_a_file_that_cannot_be_read_costs_its_exposure_and_is_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     captures.write(tmp_path, faults=("not raw",), calibration_frames=1)
     (tmp_path / "captures.tsv").unlink()
     capture = read_capture(tmp_path)
     develop_views(capture, ["DSC00001"], Calibration("raw", None, 128, 96), tmp_path / "out", CaptureSettings())
-    assert f"warning: {tmp_path}/DSC00002.dng is not a RAW file that LibRaw reads" in capsys.readouterr().err
+    assert f"{tmp_path}/DSC00002.dng is not a RAW file that LibRaw reads" in caplog.text
     warnings = json.loads((tmp_path / "out" / "DSC00001.json").read_text())["warnings"]
     assert warnings[0] == "view DSC00001 has 4 exposures where the other views have 5: 1/250 s missing"

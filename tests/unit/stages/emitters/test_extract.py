@@ -46,7 +46,7 @@ def seen(room, rng, per_triangle=6):
 
 def found(room, data, mask=is_lamp, **settings):
     samples, shading, image, valid = data
-    return extract(room, [samples], [shading], [(image, valid)], mask, EmittersSettings(**settings))
+    return extract(room, scenes.observed([samples], [shading], [(image, valid)]), mask, EmittersSettings(**settings))
 
 
 def test_lamps_are_found_with_their_radiance(room, np_rng):
@@ -138,7 +138,7 @@ def test_several_samples_of_a_pixel_and_several_shards(room, np_rng):
     ]
     baked = [np.full((len(position), SHADING_OUTPUTS, 3), 0.3, np.float16), shading[first:]]
     images = [(image[:first], valid[:first]), (image[first:], valid[first:])]
-    emitters = extract(room, shards, baked, images, is_lamp, EmittersSettings())
+    emitters = extract(room, scenes.observed(shards, baked, images), is_lamp, EmittersSettings())
     np.testing.assert_array_equal(emitters.triangle, np.arange(2, 10))
     np.testing.assert_allclose(emitters.radiance, [BLUE] * 4 + [RED] * 4)
     np.testing.assert_array_equal(emitters.views, 3)
@@ -200,7 +200,8 @@ def test_views_that_show_nothing_at_all(room):
 
 def bounded(room, data, clipped, **settings):
     samples, shading, image, valid = data
-    return extract(room, [samples], [shading], [(image, valid)], is_lamp, EmittersSettings(**settings), [clipped])
+    shards = scenes.observed([samples], [shading], [(image, valid)], [clipped])
+    return extract(room, shards, is_lamp, EmittersSettings(**settings))
 
 
 @pytest.mark.parametrize("patches", [True, False])
@@ -244,9 +245,8 @@ def test_a_clipped_core_in_a_dim_rim_is_a_lower_bound(room, np_rng):
 def reviewed(room, data, mask=is_lamp, settings=None, **decisions):
     samples, shading, image, valid = data
     decided = Decisions(mesh_triangles=len(room.triangles), **decisions)
-    return extract(
-        room, [samples], [shading], [(image, valid)], mask, EmittersSettings(**(settings or {})), None, decided
-    )
+    shards = scenes.observed([samples], [shading], [(image, valid)])
+    return extract(room, shards, mask, EmittersSettings(**(settings or {})), decided)
 
 
 def test_a_rejected_lamp_never_emits(room, np_rng):

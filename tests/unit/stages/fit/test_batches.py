@@ -6,7 +6,7 @@ import pytest
 from fipt.conventions import SHADING_OUTPUTS
 from fipt.errors import FiptError
 from fipt.formats.arrays import on_disk
-from fipt.stages.fit.batches import Pixels, shuffled
+from fipt.stages.fit.batches import shuffled
 from tests import scenes
 
 
@@ -31,7 +31,7 @@ def shards(rng, counts=((1, 2, 0, 3, 1), (2, 1, 1))):
 
 def test_a_batch_holds_the_chosen_pixels_and_all_their_samples(np_rng):
     samples, shading, images = shards(np_rng)
-    pixels = Pixels(samples, shading, images, None)
+    pixels = scenes.training_pixels(samples, shading, images, None)
     assert len(pixels) == 7  # pixel 2 of the first shard sees nothing
     batch = pixels.batch(np.array([5, 0, 3, 2, 6]), 2, np_rng)
     radiance = batch.radiance[:, 0].numpy()
@@ -53,7 +53,7 @@ def test_a_batch_holds_the_chosen_pixels_and_all_their_samples(np_rng):
 
 def test_queries_are_stored_points_of_the_hit(np_rng):
     samples, shading, images = shards(np_rng)
-    pixels = Pixels(samples, shading, images, None)
+    pixels = scenes.training_pixels(samples, shading, images, None)
     for queries in (1, 2, 4):
         batch = pixels.batch(np.arange(7), queries, np_rng)
         share = (batch.points - batch.points.floor())[..., 0].numpy() * 8
@@ -67,7 +67,7 @@ def test_queries_are_stored_points_of_the_hit(np_rng):
 def test_pixels_half_off_the_mesh_count_by_what_they_show(np_rng):
     samples = scenes.samples_of(np.zeros((3, 3)), weight=[0.25, 0.25, 0.75], counts=[2, 1])
     shading = [np.zeros((3, SHADING_OUTPUTS, 3), np.float16)]
-    pixels = Pixels([samples], shading, [(np.ones((2, 3)), np.array([1.0, 0.5]))], None)
+    pixels = scenes.training_pixels([samples], shading, [(np.ones((2, 3)), np.array([1.0, 0.5]))], None)
     batch = pixels.batch(np.array([0, 1]), 1, np_rng)
     np.testing.assert_allclose(batch.valid, [0.5, 0.375])
     np.testing.assert_allclose(batch.weight, [0.5, 0.5, 1.0])
@@ -77,12 +77,12 @@ def test_pixels_without_weight_are_left_out(np_rng):
     samples, shading, images = shards(np_rng)
     images[0][1][:] = 0
     images[1][1][1] = 0
-    pixels = Pixels(samples, shading, images, None)
+    pixels = scenes.training_pixels(samples, shading, images, None)
     assert sorted(pixels.batch(np.arange(len(pixels)), 1, np_rng).radiance[:, 0].tolist()) == [5, 7]
 
 
 def test_every_epoch_visits_every_pixel_once(np_rng):
-    pixels = Pixels(*shards(np_rng), None)
+    pixels = scenes.training_pixels(*shards(np_rng), None)
     orders = [shuffled(np.arange(7), len(pixels), [seed, epoch]) for seed in (0, 1) for epoch in (0, 1)]
     for order in orders:
         np.testing.assert_array_equal(np.sort(order), np.arange(7))
@@ -108,7 +108,7 @@ def test_a_shuffled_deck_is_random():
 
 
 def test_the_same_generator_draws_the_same_batch(np_rng):
-    pixels = Pixels(*shards(np_rng), None)
+    pixels = scenes.training_pixels(*shards(np_rng), None)
     first, again, other = (pixels.batch(np.arange(7), 1, np.random.default_rng([0, 1, step])) for step in (4, 4, 5))
     np.testing.assert_array_equal(first.points, again.points)
     assert (first.points != other.points).any()
@@ -138,8 +138,8 @@ def test_batches_do_not_depend_on_shards_nor_on_where_arrays_lie(np_rng, tmp_pat
         scenes.samples_of(**{name: array[cut] for name, array in arrays.items()}, counts=c, views=v, shapes=[(2, 2)])
         for cut, c, v in zip(cuts, counts, "abc", strict=True)
     ]
-    one = Pixels([whole], [shading], [(images, ones)], [ids])
-    many = Pixels(
+    one = scenes.training_pixels([whole], [shading], [(images, ones)], [ids])
+    many = scenes.training_pixels(
         single,
         [shading[cut] for cut in cuts],
         [(images[v], ones[v]) for v in views],
@@ -165,7 +165,9 @@ def test_samples_take_the_segment_of_their_pixel_or_the_most_of_their_triangle(n
     ids = np.array([7, 65535, 65535, 3, 0, 65535], np.uint16)
     samples = scenes.samples_of(np.zeros((8, 3)), triangle, 1.0, counts)
     samples.center[5] = 0  # the last pixel's centre sees nothing: its id belongs to no hit
-    pixels = Pixels([samples], [np.zeros((8, SHADING_OUTPUTS, 3), np.float16)], [(np.ones((6, 3)), np.ones(6))], [ids])
+    pixels = scenes.training_pixels(
+        [samples], [np.zeros((8, SHADING_OUTPUTS, 3), np.float16)], [(np.ones((6, 3)), np.ones(6))], [ids]
+    )
     batch = pixels.batch(np.arange(6), 1, np_rng)
     order = np.argsort(batch.owner.numpy(), kind="stable")
     # beside the centre: triangle 4 has most votes for 65535; triangle 9 has none; the unknown pixel stays unknown
@@ -176,7 +178,7 @@ def test_votes_are_counted_over_all_shards(np_rng):
     one = scenes.samples_of(np.zeros((3, 3)), [5, 5, 0], 1.0, [1, 2])
     two = scenes.samples_of(np.zeros((4, 3)), [5, 5, 5, 5], 1.0, [1, 1, 2])
     none = np.zeros((1, SHADING_OUTPUTS, 3), np.float16)
-    pixels = Pixels(
+    pixels = scenes.training_pixels(
         [one, two],
         [none.repeat(3, 0), none.repeat(4, 0)],
         [(np.zeros((2, 3)), np.ones(2)), (np.ones((3, 3)), np.ones(3))],
@@ -190,7 +192,7 @@ def test_votes_are_counted_over_all_shards(np_rng):
 def test_pictures_without_any_id(np_rng):
     samples, shading, images = shards(np_rng)
     empty = [np.zeros(5, np.uint16), np.zeros(3, np.uint16)]
-    pixels = Pixels(samples, shading, images, empty)
+    pixels = scenes.training_pixels(samples, shading, images, empty)
     assert not pixels.batch(np.arange(7), 1, np_rng).segment.any()
 
 
@@ -202,13 +204,13 @@ def test_shading_of_another_shard_is_refused(np_rng):
     with pytest.raises(
         FiptError, match=rf"shading must have shape \(7, {SHADING_OUTPUTS}, 3\); found \(4, {SHADING_OUTPUTS}, 3\)"
     ):
-        Pixels(samples, shading[::-1], images, None)
+        scenes.training_pixels(samples, shading[::-1], images, None)
 
 
 def test_without_any_pixel_there_is_nothing_to_fit(np_rng):
     samples, shading, images = shards(np_rng)
     with pytest.raises(FiptError, match="no training pixel shows the mesh"):
-        Pixels(samples, shading, [(image, 0 * valid) for image, valid in images], None)
+        scenes.training_pixels(samples, shading, [(image, 0 * valid) for image, valid in images], None)
 
 
 def test_pixels_at_the_edge_of_an_opening_keep_their_shares(np_rng):
@@ -217,7 +219,7 @@ def test_pixels_at_the_edge_of_an_opening_keep_their_shares(np_rng):
     for shard in samples:
         shard.weight[:] *= 0.75
     beyond = [(np.array([0, 3]), np.float32([[1, 2, 0], [0.5, 0, 0]])), (np.empty(0, np.int64), np.empty((0, 3)))]
-    pixels = Pixels(samples, shading, images, None, beyond=beyond)
+    pixels = scenes.training_pixels(samples, shading, images, None, beyond=beyond)
     batch = pixels.batch(np.array([5, 0, 3, 2, 6]), 2, np_rng)
     number = batch.radiance[:, 0].numpy()
     total = np.bincount(batch.owner.numpy(), batch.weight.numpy())
@@ -235,7 +237,9 @@ def test_without_openings_nothing_is_beyond(np_rng):
     samples, shading, images = shards(np_rng)
     nothing = [(np.empty(0, np.int64), np.empty((0, 3), np.float32))] * 2
     first, second = (
-        Pixels(samples, shading, images, None, beyond=beyond).batch(np.arange(7), 2, np.random.default_rng(1))
+        scenes.training_pixels(samples, shading, images, None, beyond=beyond).batch(
+            np.arange(7), 2, np.random.default_rng(1)
+        )
         for beyond in (None, nothing)
     )
     assert first.beyond is None
@@ -247,7 +251,7 @@ def test_without_openings_nothing_is_beyond(np_rng):
 def test_clipped_pixels_are_marked_in_every_batch(np_rng):
     samples, shading, images = shards(np_rng)
     clipped = [np.array([True, False, False, False, True]), np.array([False, True, False])]
-    batch = Pixels(samples, shading, images, None, clipped=clipped).batch(np.arange(7), 1, np_rng)
+    batch = scenes.training_pixels(samples, shading, images, None, clipped=clipped).batch(np.arange(7), 1, np_rng)
     marked = dict(zip(batch.radiance[:, 0].tolist(), batch.clipped.tolist(), strict=True))
     assert marked == {0: True, 1: False, 3: False, 4: True, 5: False, 6: True, 7: False}
-    assert not Pixels(samples, shading, images, None).batch(np.arange(7), 1, np_rng).clipped.any()
+    assert not scenes.training_pixels(samples, shading, images, None).batch(np.arange(7), 1, np_rng).clipped.any()

@@ -39,7 +39,7 @@ def glossy(shading, rng):
 def judge(samples, shading, radiance, valid=None, eyes=EYES, clipped=None):
     image = (radiance, np.ones(len(radiance)) if valid is None else valid)
     clipped = np.zeros(len(radiance), bool) if clipped is None else clipped
-    return measured.measure([samples], [shading], [image], [clipped], eyes, lamp_gain=1.5)
+    return measured.measure(scenes.observed([samples], [shading], [image], [clipped]), eyes, emitter_gain=1.5)
 
 
 def mean(found, name="views"):
@@ -86,7 +86,7 @@ def test_only_varied_highlights_are_evidence(np_rng):
     assert mean(judge(samples, glossy(shading, np_rng), radiance), "highlights") > 0.3
 
 
-def test_lamps_and_invalid_pixels_tell_nothing():
+def test_emitters_and_invalid_pixels_tell_nothing():
     samples = floor("ab")
     shading, radiance = even(samples)
     bright, valid = radiance.copy(), np.ones(len(radiance))
@@ -95,9 +95,10 @@ def test_lamps_and_invalid_pixels_tell_nothing():
     assert len(found.record)
     assert not found.views.any()
     assert not found.highlights.any()
-    sure, lamp = measured.of_pixels(samples, shading, bright, found, 1.5)
-    assert not sure.any()
-    np.testing.assert_array_equal(lamp, np.arange(128) < 64)
+    (shard,) = scenes.observed([samples], [shading], [(bright, valid)])
+    known, emits = measured.of_pixels(shard, found, 1.5)
+    assert not known.any()
+    np.testing.assert_array_equal(emits, np.arange(128) < 64)
 
 
 def test_clipped_pixels_tell_nothing():
@@ -117,10 +118,11 @@ def test_shards_do_not_matter(np_rng):
     whole = judge(samples, shading, radiance)
     parts = [slice(64 * k, 64 * (k + 1)) for k in range(3)]
     split = measured.measure(
-        [floor(view) for view in "abc"],
-        [shading[part] for part in parts],
-        [(radiance[part], np.ones(64)) for part in parts],
-        [np.zeros(64, bool)] * 3,
+        scenes.observed(
+            [floor(view) for view in "abc"],
+            [shading[part] for part in parts],
+            [(radiance[part], np.ones(64)) for part in parts],
+        ),
         EYES,
         1.5,
     )

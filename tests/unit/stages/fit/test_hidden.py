@@ -6,7 +6,6 @@ import torch
 
 from fipt.conventions import SHADING_OUTPUTS
 from fipt.scene.voxels import facings, voxel_keys
-from fipt.stages.fit.batches import Pixels
 from fipt.stages.fit.hidden import find_hidden
 from tests import scenes
 
@@ -55,7 +54,7 @@ def pixels():
     two = shard([(0.4, 0.4, -1.4), (-0.5, 0.5, -1.5)], [UP, (1, 0, 0)], ("b",))
     ids = [np.array([3, 0], np.uint16), np.array([7, 9], np.uint16)]
     shading = [np.zeros((2, SHADING_OUTPUTS, 3), np.float32)] * 2
-    return Pixels([one, two], shading, [(np.ones((2, 3)), np.ones(2))] * 2, ids)
+    return scenes.training_pixels([one, two], shading, [(np.ones((2, 3)), np.ones(2))] * 2, ids)
 
 
 def test_unseen_surface_takes_the_segment_of_what_stands_for_it(pixels, cache):

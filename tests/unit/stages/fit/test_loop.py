@@ -7,14 +7,14 @@ import torch
 
 from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
 from fipt.errors import FiptError
-from fipt.formats.manifests import Stats
 from fipt.model import store
 from fipt.model.networks import Brdf, Field, SceneBox
+from fipt.model.reflectance import reflected
 from fipt.stages.fit import loop
-from fipt.stages.fit.batches import Pixels
-from fipt.stages.fit.losses import reflected
-from fipt.stages.fit.parts import estimate_parts, part_targets
+from fipt.stages.fit.objective import Objective
+from fipt.stages.fit.part_search import estimate_parts
 from fipt.stages.fit.settings import FitSettings
+from fipt.stages.fit.targets import part_targets
 from tests import scenes
 
 LEVELS = len(ROUGHNESS_LEVELS)
@@ -73,7 +73,7 @@ def scene(lamp=False, size=28):
     samples = scenes.samples_of(position, stripe, sub=sub)
     segment = np.where(lit, 4, stripe + 1).astype(np.uint16)
     return (
-        Pixels([samples], [shading], [(image, np.ones(len(x)))], [segment]),
+        scenes.training_pixels([samples], [shading], [(image, np.ones(len(x)))], [segment]),
         position,
         (base, roughness, metallic),
         lit,
@@ -82,9 +82,9 @@ def scene(lamp=False, size=28):
 
 def test_known_materials_come_back(one_thread, tmp_path):
     pixels, position, (base, roughness, metallic), _ = scene()
-    field, stats = Field(SETTINGS, BOX), Stats()
+    field = Field(SETTINGS, BOX)
     before = field.query(position)
-    loop.fit(field, pixels, "part", SETTINGS, tmp_path / "c.safetensors", stats)
+    stats = loop.fit(field, pixels, Objective(SETTINGS, "part"), tmp_path / "c.safetensors")
     found = field.query(position)
     truth = (base, roughness, metallic)
     first, last = (
@@ -109,7 +109,7 @@ def test_a_lamp_opens_the_mask_and_nothing_else(one_thread, tmp_path):
     pixels, position, (base, *_), lit = scene(lamp=True)
     settings = SETTINGS.model_copy(update={"emission_weight": 0.05})
     field = Field(settings, BOX)
-    loop.fit(field, pixels, "part", settings, tmp_path / "c.safetensors", Stats())
+    loop.fit(field, pixels, Objective(settings, "part"), tmp_path / "c.safetensors")
     mask = field.query_mask(position)
     assert mask[lit].mean() > 0.3
     assert mask[~lit].mean() < 0.05
@@ -130,19 +130,23 @@ def wrongly_lit(error=0.15, views=4, size=20):
     names = [f"v{view}" for view in range(views)]
     samples = scenes.samples_of(np.tile(position, (views, 1)), stripe, views=names, shapes=[(size, size)] * views)
     segment = (stripe + 1).astype(np.uint16)
-    return Pixels([samples], [shading], [(image, np.ones(len(image)))], [segment]), position, base[: size**2]
+    return (
+        scenes.training_pixels([samples], [shading], [(image, np.ones(len(image)))], [segment]),
+        position,
+        base[: size**2],
+    )
 
 
 def test_parts_of_one_colour_are_spared_the_errors_of_their_shading(one_thread, tmp_path):
     pixels, position, base = wrongly_lit()
     settings = SETTINGS.model_copy(update={"steps": 300, "evidence": 0.0, "base_weight": 0.1})
-    found = estimate_parts(pixels, np.zeros(3), BOX.side, lamp_gain=1e9)
+    found = estimate_parts(pixels, np.zeros(3), BOX.side, emitter_gain=1e9)
     assert (found.uniform[1:] > 0.5).all()
     errors = []
     for weight in (0.0, 0.1):
-        own, stats = settings.model_copy(update={"base_weight": weight}), Stats()
+        own = settings.model_copy(update={"base_weight": weight})
         field = Field(own, BOX)
-        loop.fit(field, pixels, "part", own, tmp_path / "c.safetensors", stats, part_targets(found, own))
+        stats = loop.fit(field, pixels, Objective(own, "part", part_targets(found, own)), tmp_path / "c.safetensors")
         errors.append(np.abs(field.query(position).base_color - base).mean())
     assert set(stats["loss"]) == {"colour", "emission", "target", "base", "part"}
     assert errors[1] < 0.75 * errors[0]
@@ -153,13 +157,13 @@ class Killed(Exception):
     """Stands for kill -9 after some step."""
 
 
-def test_a_killed_fit_goes_on_as_if_it_had_not_stopped(one_thread, tmp_path, monkeypatch, capsys):
+def test_a_killed_fit_goes_on_as_if_it_had_not_stopped(one_thread, tmp_path, monkeypatch, caplog):
     settings = SETTINGS.model_copy(update={"steps": 25, "batch": 128, "checkpoint_every": 5, "queries": 2})
     pixels = scene()[0]
     whole = Field(settings, BOX)
-    loop.fit(whole, pixels, "part", settings, tmp_path / "a.safetensors", Stats())
+    loop.fit(whole, pixels, Objective(settings, "part"), tmp_path / "a.safetensors")
 
-    original, calls = loop.losses, []
+    original, calls = Objective.terms, []
 
     def killed_later(*arguments):
         calls.append(1)
@@ -168,14 +172,14 @@ def test_a_killed_fit_goes_on_as_if_it_had_not_stopped(one_thread, tmp_path, mon
         return original(*arguments)
 
     path = tmp_path / "b.safetensors"
-    monkeypatch.setattr(loop, "losses", killed_later)
+    monkeypatch.setattr(Objective, "terms", killed_later)
     with pytest.raises(Killed):
-        loop.fit(Field(settings, BOX), pixels, "part", settings, path, Stats())
-    monkeypatch.setattr(loop, "losses", original)
+        loop.fit(Field(settings, BOX), pixels, Objective(settings, "part"), path)
+    monkeypatch.setattr(Objective, "terms", original)
     resumed = Field(settings.model_copy(update={"seed": 9}), BOX)  # whatever it starts from
-    capsys.readouterr()
-    loop.fit(resumed, pixels, "part", settings, path, Stats())
-    assert "going on from step 15" in capsys.readouterr().out
+    with caplog.at_level("INFO"):
+        loop.fit(resumed, pixels, Objective(settings, "part"), path)
+    assert "going on from step 15" in caplog.text
     for name, value in whole.state_dict().items():
         assert torch.equal(value, resumed.state_dict()[name]), name
 
@@ -187,7 +191,7 @@ def test_a_checkpoint_of_other_settings_is_refused(one_thread, tmp_path):
     store.save_checkpoint(path, field, torch.optim.Adam(loop._parameter_groups(field, settings)), settings, 1)
     other = settings.model_copy(update={"part_weight": 0.5})
     with pytest.raises(FiptError, match="was made with other settings; delete it"):
-        loop.fit(Field(other, BOX), pixels, "part", other, path, Stats())
+        loop.fit(Field(other, BOX), pixels, Objective(other, "part"), path)
 
 
 def test_a_checkpoint_of_another_version_is_refused(one_thread, tmp_path, monkeypatch):
@@ -197,7 +201,7 @@ def test_a_checkpoint_of_another_version_is_refused(one_thread, tmp_path, monkey
     store.save_checkpoint(path, field, torch.optim.Adam(loop._parameter_groups(field, settings)), settings, 1)
     monkeypatch.setitem(store.VERSIONS, "fit", 99)
     with pytest.raises(FiptError, match=r"was written by version .* of the fit, this is version 99"):
-        loop.fit(Field(settings, BOX), pixels, "part", settings, path, Stats())
+        loop.fit(Field(settings, BOX), pixels, Objective(settings, "part"), path)
 
 
 def test_a_loss_that_is_not_finite_names_its_term(one_thread, tmp_path):
@@ -205,20 +209,18 @@ def test_a_loss_that_is_not_finite_names_its_term(one_thread, tmp_path):
     pixels.radiance[0][:] = np.inf
     settings = SETTINGS.model_copy(update={"steps": 3})
     with pytest.raises(FiptError, match=r"the loss is not finite at step 0 \(colour\)"):
-        loop.fit(Field(settings, BOX), pixels, "part", settings, tmp_path / "c.safetensors", Stats())
+        loop.fit(Field(settings, BOX), pixels, Objective(settings, "part"), tmp_path / "c.safetensors")
 
 
 def test_epochs_set_the_fewest_steps(one_thread, tmp_path):
     pixels = scene(size=10)[0]
     settings = SETTINGS.model_copy(update={"steps": 2, "batch": 30, "min_epochs": 1.0})
-    stats = Stats()
-    loop.fit(Field(settings, BOX), pixels, "part", settings, tmp_path / "c.safetensors", stats)
+    stats = loop.fit(Field(settings, BOX), pixels, Objective(settings, "part"), tmp_path / "c.safetensors")
     assert stats["steps"] == 4  # 100 pixels in batches of 30
 
 
 def test_fewer_pixels_than_a_batch(one_thread, tmp_path):
     pixels = scene(size=4)[0]
     settings = SETTINGS.model_copy(update={"steps": 3})
-    stats = Stats()
-    loop.fit(Field(settings, BOX), pixels, "part", settings, tmp_path / "c.safetensors", stats)
+    stats = loop.fit(Field(settings, BOX), pixels, Objective(settings, "part"), tmp_path / "c.safetensors")
     assert np.isfinite(list(stats["loss"].values())).all()

@@ -278,32 +278,32 @@ def test_mesh_lights_shine_and_spots_have_no_surface(apply, tmp_path):
 
 
 def alone(separate, outside=0.0, **changed):
-    from fipt.stages.render.lights import lights_alone
+    from fipt.stages.render.lights import one_at_a_time
 
     sky = EnvironmentMap("map", np.full((2, 4, 3), outside, np.float32))
-    return lights_alone(replace(found(), **changed), sky, separate)
+    return one_at_a_time(replace(found(), **changed), sky, separate)
 
 
 def test_parts_of_the_light_add_up_to_it(backend):
     """Lamp 0 has two triangles of mean radiance 4, lamp 1 one of 8 and half the area."""
     parts = alone(2, outside=3.0, area=np.float32([1, 1, 0.5]))
     assert list(parts) == ["lamp-0", "lamp-1", "outside"]
-    np.testing.assert_array_equal(parts["lamp-0"][0].radiance, [[2, 4, 6], [2, 4, 6], [0, 0, 0]])
-    np.testing.assert_array_equal(parts["lamp-1"][0].radiance, [[0, 0, 0], [0, 0, 0], [8, 8, 8]])
-    np.testing.assert_array_equal(sum(lit.radiance for lit, _ in parts.values()), RADIANCE)
-    np.testing.assert_array_equal(sum(sky.radiance for _, sky in parts.values()), np.full((2, 4, 3), 3))
-    for lit, _ in parts.values():  # lamps that are off are black, not part of the wall
-        np.testing.assert_array_equal(lit.triangle, [6, 7, 2])
+    np.testing.assert_array_equal(parts["lamp-0"].emitters.radiance, [[2, 4, 6], [2, 4, 6], [0, 0, 0]])
+    np.testing.assert_array_equal(parts["lamp-1"].emitters.radiance, [[0, 0, 0], [0, 0, 0], [8, 8, 8]])
+    np.testing.assert_array_equal(sum(part.emitters.radiance for part in parts.values()), RADIANCE)
+    np.testing.assert_array_equal(sum(part.environment.radiance for part in parts.values()), np.full((2, 4, 3), 3))
+    for part in parts.values():  # lamps that are off are black, not part of the wall
+        np.testing.assert_array_equal(part.emitters.triangle, [6, 7, 2])
 
 
 def test_the_weaker_lamps_are_one_part(backend):
     parts = alone(1, area=np.float32([1, 1, 2]))
     assert list(parts) == ["lamp-1", "rest"]
-    np.testing.assert_array_equal(parts["rest"][0].radiance, [[2, 4, 6], [2, 4, 6], [0, 0, 0]])
+    np.testing.assert_array_equal(parts["rest"].emitters.radiance, [[2, 4, 6], [2, 4, 6], [0, 0, 0]])
 
 
 def test_no_light_has_no_parts(backend):
-    from fipt.stages.render.lights import lights_alone
+    from fipt.stages.render.lights import one_at_a_time
 
-    assert lights_alone(found(empty=True), NOTHING, 3) == {}
+    assert one_at_a_time(found(empty=True), NOTHING, 3) == {}
     assert list(alone(3, radiance=np.float32([[0] * 3, [0] * 3, [1] * 3]))) == ["lamp-1"]

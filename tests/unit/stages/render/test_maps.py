@@ -22,8 +22,9 @@ def maps(backend):
 class Waves:
     """A field whose materials follow x; it notes the sizes it was asked for."""
 
-    def __init__(self):
+    def __init__(self, footprint=1.0):
         self.asked = []
+        self.settings = SimpleNamespace(footprint=footprint)
 
     def query(self, points, footprint):
         self.asked.append(np.asarray(footprint))
@@ -51,13 +52,14 @@ def view(position, counts, center=None, triangle=0):
 
 
 def test_materials_are_the_mean_over_a_hit(maps):
-    samples, field = view(np.float32([[0.4, 0, 0], [0.6, 0, 0], [0.5, 0, 0]]), [1, 1, 1, 0]), Waves()
-    brdf = maps.sample_materials(field, samples, np.array([2, 0]), average=True, scale=0.5)
+    samples, field = view(np.float32([[0.4, 0, 0], [0.6, 0, 0], [0.5, 0, 0]]), [1, 1, 1, 0]), Waves(footprint=0.5)
+    brdf = maps.sample_materials(field, samples, np.array([2, 0]), average=True)
     np.testing.assert_allclose(brdf.base_color[:, 0], [0.55, 0.45], rtol=1e-3)
     np.testing.assert_allclose(brdf.roughness, [0.375, 0.325], rtol=1e-3)
     np.testing.assert_allclose(brdf.metallic, [0.1375, 0.1125], rtol=1e-3)
     np.testing.assert_allclose(field.asked[0], np.full(8, 0.02), rtol=1e-6)
-    point = maps.sample_materials(field, samples, np.array([2, 0]), average=False, scale=1.0)
+    field.settings.footprint = 1.0
+    point = maps.sample_materials(field, samples, np.array([2, 0]), average=False)
     np.testing.assert_allclose(point.base_color[:, 0], [0.5, 0.4], rtol=1e-6)
     np.testing.assert_allclose(field.asked[1], np.full(2, 0.04), rtol=1e-6)
 
@@ -69,7 +71,7 @@ def test_layers_of_a_view(maps):
     camera = SimpleNamespace(center=np.array([0.5, 2.0, 0.3]))
     # a view saw only what lies at 0.25 <= x < 0.5 and faces up
     sure = Confidence(np.zeros(3), 2.0, 8, np.array([6 * (5 + 8 * (4 + 8 * 4)) + 3]), np.ones(1), np.full(1, 0.5))
-    layers = maps.material_maps(Waves(), lamp(7), sure, samples, 0, camera, average=False, scale=1.0)
+    layers = maps.material_maps(maps.FittedSurface(Waves(), lamp(7), sure), samples, 0, camera, average=False)
     x = np.float32([[0.1, 0.2], [0.4, 0.0]])
     hit = np.array([[1, 1], [1, 0]])
     np.testing.assert_array_equal(layers["hit.Y"], hit)

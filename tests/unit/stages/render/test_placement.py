@@ -32,7 +32,7 @@ def meshes():
 @pytest.fixture
 def said(backend):
     from fipt.render.scene import RayScene
-    from fipt.stages.render.placement import standing
+    from fipt.stages.render.placement import unlikely_viewpoints
 
     def judge(mesh, *positions):
         cameras = [scenes.look_at(f"at-{number}", place, (3.1, 1.3, 2.2)) for number, place in enumerate(positions)]
@@ -42,7 +42,7 @@ def said(backend):
                 [((3, 1.5, 4), (1, 0.5, 1)), ((0.5, 1.5, 0.5), (3, 0.5, 4)), ((2.5, 2, 0.5), (1.4, 0.4, 2.5))]
             )
         ]
-        return standing(RayScene(mesh), cameras, views)
+        return unlikely_viewpoints(RayScene(mesh), cameras, views)
 
     return judge
 

@@ -14,13 +14,16 @@ from PIL import Image
 
 from fipt.conventions import LUMINANCE
 from fipt.formats.images import srgb_decode, srgb_encode
+from fipt.scene.emitters import default_name
 from fipt.scene.setup import RelightSetup
-from fipt.stages.report import page, pictures, room
+from fipt.stages.report import images, page, room
 from fipt.stages.report.content import gather
 from fipt.stages.report.settings import ReportSettings
 from tests import browser as chromium
 from tests import scenes
-from tests.fake_results import lamps, write_extras, write_film, write_lamps, write_results
+from tests.fake_results import olat_layers, write_camera_setup, write_extras, write_olat, write_results
+
+FIRST = default_name(0)
 
 pytestmark = pytest.mark.skipif(chromium.executable() is None, reason="needs Chromium: apt-get install chromium")
 
@@ -38,8 +41,8 @@ def content(tmp_path_factory):
     """What the page shows: small fake results, and in 3D a room with one colour a wall."""
     root = write_results(tmp_path_factory.mktemp("results") / "a <b>& <script> room")
     write_extras(root)
-    write_lamps(root)
-    write_film(root)
+    write_olat(root)
+    write_camera_setup(root)
     (root / "dataset" / "views.json").unlink()
     return replace(gather(root, ReportSettings()), room=walls())
 
@@ -55,8 +58,8 @@ def walls():
         colors[wall] = color
     model = room.coloured(scenes.box((0, 0, 0), (4, 4, 4)), places.reshape(-1, 3), colors.reshape(-1, 3))
     ahead = room.Viewpoint("ahead", [2, 2, 2], [0, 0, -1], 60)
-    lamp = room.Marker(0, "lamp-0", "#ffffff", [2, 3, 1])
-    return room.Room(pictures.packed(model), False, [0, 1, 0], [ahead], [lamp])
+    lamp = room.Marker(FIRST, FIRST, "#ffffff", [2, 3, 1])
+    return room.RoomModel(images.packed(model), False, [0, 1, 0], [ahead], [lamp])
 
 
 @pytest.fixture
@@ -104,7 +107,7 @@ CURVES = {
 
 def expected(content, gains, stops=0.0, curve="clip"):
     """The mix by the linear model: layer -> gain of each channel."""
-    mixed = sum(layer * np.array(gains.get(name, 1.0)) for name, layer in lamps().items())
+    mixed = sum(layer * np.array(gains.get(name, 1.0)) for name, layer in olat_layers().items())
     linear = CURVES[curve](mixed * content.exposure * 2.0**stops)
     return 255 * srgb_encode(np.clip(linear, 0, 1))
 
@@ -121,15 +124,15 @@ def test_at_first_the_room_is_as_it_was_captured(shown, content):
 
 
 def test_strength_and_switch_of_every_part(shown, content):
-    set_control(shown, "#mix-lamp-0 [name=strength]", 1.5)
-    check(shown, content, {"lamp-0": 2.25})
+    set_control(shown, f"#mix-{FIRST} [name=strength]", 1.5)
+    check(shown, content, {FIRST: 2.25})
     set_control(shown, "#mix-rest [name=strength]", 0.5)
     set_control(shown, "#mix-outside [name=on]", False)
-    check(shown, content, {"lamp-0": 2.25, "rest": 0.25, "outside": 0})
+    check(shown, content, {FIRST: 2.25, "rest": 0.25, "outside": 0})
     shown.run("document.querySelector('#mix-rest [data-only]').click()")
-    check(shown, content, {"lamp-0": 0, "rest": 0.25, "outside": 0})
+    check(shown, content, {FIRST: 0, "rest": 0.25, "outside": 0})
     shown.run("document.querySelector('#mix-rest [data-only]').click()")
-    check(shown, content, {"lamp-0": 2.25, "rest": 0.25})
+    check(shown, content, {FIRST: 2.25, "rest": 0.25})
     shown.run("document.querySelector('[type=reset]').click()")
     shown.run("new Promise((done) => setTimeout(done, 100))")
     check(shown, content, {})
@@ -142,10 +145,10 @@ def recoloured(color):
 
 
 def test_another_colour_keeps_the_luminance(shown, content):
-    set_control(shown, "#mix-lamp-0 [name=color]", "#4080ff")
+    set_control(shown, f"#mix-{FIRST} [name=color]", "#4080ff")
     gain = recoloured([0x40, 0x80, 0xFF])
     assert (gain * [4, 4, 2]) @ LUMINANCE == pytest.approx(np.dot([4, 4, 2], LUMINANCE))
-    check(shown, content, {"lamp-0": gain})
+    check(shown, content, {FIRST: gain})
     assert not shown.run("document.querySelector('#mix-rest [name=color]') !== null")
 
 
@@ -160,28 +163,28 @@ def test_the_mix_is_a_light_setup_that_gives_the_same_light(shown, content):
     """The setup's own meaning of its keys, applied to the emitters, against the gains of the page."""
     text = "document.querySelector('.setup').textContent"
     assert yaml.safe_load(shown.run(text)) == {"setups": {"mix": {}}}
-    set_control(shown, "#mix-lamp-0 [name=strength]", 1.2)
-    set_control(shown, "#mix-lamp-0 [name=color]", "#4080ff")
+    set_control(shown, f"#mix-{FIRST} [name=strength]", 1.2)
+    set_control(shown, f"#mix-{FIRST} [name=color]", "#4080ff")
     set_control(shown, "#mix-rest [name=on]", False)
     set_control(shown, "#mix-outside [name=strength]", 0.5)
     setup = RelightSetup.model_validate(yaml.safe_load(shown.run(text))["setups"]["mix"])
     assert setup.environment.scale == pytest.approx(0.25)
     assert [(edit.called, edit.scale) for edit in setup.emitters] == [
-        (("lamp-0",), pytest.approx(1.44)),
-        (("lamp-1", "lamp-2"), 0),
+        ((FIRST,), pytest.approx(1.44)),
+        ((default_name(1), default_name(2)), 0),
     ]
     first = setup.emitters[0]
     color = np.array(first.color)
     meant = first.scale * (np.dot([4, 4, 2], LUMINANCE) / (color @ LUMINANCE)) * color / [4, 4, 2]
     np.testing.assert_allclose(meant, 1.44 * recoloured([0x40, 0x80, 0xFF]), rtol=1e-3)
-    check(shown, content, {"lamp-0": meant, "rest": 0, "outside": 0.25})
+    check(shown, content, {FIRST: meant, "rest": 0, "outside": 0.25})
 
 
 def test_the_keyboard_moves_every_control(shown, content):
-    shown.run("document.querySelector('#mix-lamp-0 [name=strength]').focus()")
+    shown.run(f"document.querySelector('#mix-{FIRST} [name=strength]').focus()")
     for _ in range(10):
         shown.press("ArrowLeft", 37)
-    check(shown, content, {"lamp-0": 0.81})
+    check(shown, content, {FIRST: 0.81})
     shown.run("document.querySelector('.stage input').focus()")
     for _ in range(4):
         shown.press("ArrowRight", 39)
@@ -280,7 +283,7 @@ def test_the_lamp_is_marked_where_it_is(shown, tmp_path):
     left, top = (float(shown.run(f"{style}.{side}")[:-1]) for side in ("left", "top"))
     assert left == pytest.approx(50, abs=0.1)
     assert top == pytest.approx(50 - 50 / np.tan(np.radians(30)) / (1 + 10 * step), abs=0.1)
-    assert shown.run("document.querySelector('.mark-lamp').getAttribute('href')") == "#mix-lamp-0"
+    assert shown.run("document.querySelector('.mark-lamp').getAttribute('href')") == f"#mix-{FIRST}"
 
 
 def test_textures_and_turned_nodes_of_other_programs(browser, content, tmp_path):
@@ -296,7 +299,7 @@ def test_textures_and_turned_nodes_of_other_programs(browser, content, tmp_path)
     scene.add_geometry(quad, transform=place)
     buffer = io.BytesIO(scene.export(file_type="glb"))
     seen = [room.Viewpoint(name, [2, 1 + y, 2], [1, 0, 0], 40) for name, y in (("high", 0.5), ("low", -0.5))]
-    model = room.Room(pictures.packed(buffer.getvalue()), True, [0, 1, 0], seen, [])
+    model = room.RoomModel(images.packed(buffer.getvalue()), True, [0, 1, 0], seen, [])
     shown = open_page(browser, replace(content, room=model), tmp_path)
     for number, row in enumerate((0, 7)):
         stand(shown, number)

@@ -11,16 +11,17 @@ from fipt.errors import FiptError
 from fipt.formats.exr import write_exr
 from fipt.formats.files import write_text
 from fipt.formats.manifests import write_manifest
+from fipt.scene.emitters import default_name
 from fipt.stages.report.content import gather
 from fipt.stages.report.mixer import _scaled, encoded
 from fipt.stages.report.settings import ReportSettings
-from tests.fake_results import HEIGHT, WIDTH, lamps, write_lamps, write_results
+from tests.fake_results import HEIGHT, WIDTH, olat_layers, write_olat, write_results
 
 
 @pytest.fixture
 def results(tmp_path):
     root = write_results(tmp_path / "scene")
-    write_lamps(root)
+    write_olat(root)
     return root
 
 
@@ -34,15 +35,16 @@ def test_layers_are_half_floats_at_the_pages_exposure(results):
     (view,) = content.mixer.views
     assert (view.name, view.width, view.height) == ("c", WIDTH, HEIGHT)
     planes = decoded(view.data, 3, 3, HEIGHT, WIDTH)
-    expected = np.stack([layer * content.exposure for layer in lamps().values()]).transpose(0, 3, 1, 2)
+    expected = np.stack([layer * content.exposure for layer in olat_layers().values()]).transpose(0, 3, 1, 2)
     np.testing.assert_allclose(planes, expected, rtol=2**-11, atol=2**-24)
 
 
 def test_parts_name_their_emitters(results):
+    first, second, third = map(default_name, range(3))
     parts = gather(results, ReportSettings()).mixer.parts
-    assert [(part.key, part.label, list(part.lamps)) for part in parts] == [
-        ("lamp-0", "lamp-0", ["lamp-0"]),
-        ("rest", "The other 2 lamps", ["lamp-1", "lamp-2"]),
+    assert [(part.key, part.label, list(part.emitters)) for part in parts] == [
+        (first, first, [first]),
+        ("rest", "The other 2 lamps", [second, third]),
         ("outside", "Light from outside", []),
     ]
     # only a lamp of one colour, with light in every channel, can be given another
@@ -61,11 +63,11 @@ def test_no_lamps_no_mixer(tmp_path):
     assert gather(root, ReportSettings()).mixer is None
 
 
-def test_lamps_of_another_run_are_not_mixed(results, capsys):
+def test_lamps_of_another_run_are_not_mixed(results, caplog):
     path = results / "olat" / "c.exr"
-    write_exr(path, {"lamp-7": lamps()["rest"]})
+    write_exr(path, {default_name(7): olat_layers()["rest"]})
     assert gather(results, ReportSettings()).mixer is None
-    assert "c.exr shows other lamps than there are" in capsys.readouterr().out
+    assert "c.exr shows other lamps than there are" in caplog.text
     path.unlink()
     with pytest.raises(FiptError, match=r"c\.exr"):
         gather(results, ReportSettings())

@@ -18,10 +18,11 @@ from fipt.formats.files import write_text
 from fipt.formats.images import write_png
 from fipt.scene import display
 from fipt.scene.dataset import Dataset
-from fipt.stages.report import capture, content, pictures
+from fipt.scene.emitters import default_name
+from fipt.stages.report import capture, content, images, views
 from fipt.stages.report.page import build_page, duration, figure, number, size
 from fipt.stages.report.settings import ReportSettings
-from tests.fake_results import write_emitters, write_extras, write_film, write_results
+from tests.fake_results import write_camera_setup, write_emitters, write_extras, write_results
 
 
 class Page(HTMLParser):
@@ -197,7 +198,7 @@ def test_one_exposure_brings_the_median_to_middle_grey():
 
 
 def test_a_video_and_some_of_its_frames(results, monkeypatch):
-    write_film(results)
+    write_camera_setup(results)
     text = build_page(results, ReportSettings())
     page = Page(text)
     (video,) = page.all("video")
@@ -206,17 +207,17 @@ def test_a_video_and_some_of_its_frames(results, monkeypatch):
     assert base64.b64decode(data) == (results / "relight" / "walk.mp4").read_bytes()
     assert "controls" in video
     assert video["poster"].startswith("data:image/webp;base64,")
-    assert "walk 6 pictures frame-0001 frame-0003 frame-0004 frame-0006" in page.words
+    assert "walk 6 images frame-0001 frame-0003 frame-0004 frame-0006" in page.words
     assert "media-src data:" in page.all("meta")[1]["content"]
     # a setup without cameras is still shown by views; a path as large as this only by its name
     assert "c As captured, re-rendered dim" in page.words
-    monkeypatch.setattr(content, "_LARGEST_VIDEO", 100)
+    monkeypatch.setattr(views, "_LARGEST_VIDEO", 100)
     page = Page(build_page(results, ReportSettings()))
     assert page.all("video") == []
     assert "The video is too large for this page: relight/walk.mp4" in page.words
     (results / "relight" / "walk.mp4").unlink()
     page = Page(build_page(results, ReportSettings()))
-    assert "walk 6 pictures" in page.words
+    assert "walk 6 images" in page.words
     assert "The video is" not in page.words
 
 
@@ -227,32 +228,42 @@ def setup_manifest(name, scale):
 
 def test_a_setup_is_shown_as_it_is_now_not_as_it_was(results):
     """Setup walk was filmed and is seen by views now; then the other way round, and deleted."""
-    write_film(results)
+    write_camera_setup(results)
     relight = results / "relight"
     write_exr(relight / "walk" / "c.exr", {"": np.full((6, 8, 3), 0.3, np.float32)})
     setup_manifest(relight / "walk.camera-000.manifest.json", 0.11)
     setup_manifest(relight / "walk.val-000.manifest.json", 0.22)
     seen = content.gather(results, ReportSettings(), ["dim", "walk"], [])
     assert [picture.label for picture in seen.relit[0].relit] == ["dim", "walk"]
-    assert seen.films == []
+    assert seen.camera_setups == []
     assert "0.22" in seen.setups["walk"]
     filmed = content.gather(results, ReportSettings(), [], ["walk"])
-    assert [film.setup for film in filmed.films] == ["walk"]
+    assert [film.setup for film in filmed.camera_setups] == ["walk"]
     assert filmed.relit == []
     assert list(filmed.setups) == ["walk"]
     assert "0.11" in filmed.setups["walk"]
     # By hand, nobody says what the setups are now: what was filmed is a film.
     held = content.gather(results, ReportSettings())
-    assert [film.setup for film in held.films] == ["walk"]
+    assert [film.setup for film in held.camera_setups] == ["walk"]
     assert [picture.label for picture in held.relit[0].relit] == ["dim"]
 
 
 def test_the_verb_is_told_which_setups_there_are(results, tmp_path):
-    write_film(results)
-    arguments = ["report", "--results", results, "--out", tmp_path / "page.html", "--setups", "", "--films", "walk"]
+    write_camera_setup(results)
+    arguments = [
+        "report",
+        "--results",
+        results,
+        "--out",
+        tmp_path / "page.html",
+        "--setups",
+        "",
+        "--camera-setups",
+        "walk",
+    ]
     assert main([*map(str, arguments)]) == 0
     page = Page((tmp_path / "page.html").read_text(encoding="utf-8"))
-    assert "walk 6 pictures" in page.words
+    assert "walk 6 images" in page.words
     assert "As captured, re-rendered dim" not in page.words
 
 
@@ -273,7 +284,10 @@ def test_emitters_of_an_older_version_have_their_default_names(results):
     for emitter in listed["emitters"]:
         del emitter["name"]
     path.write_text(json.dumps(listed))
-    assert [lamp["name"] for lamp in content.gather(results, ReportSettings()).emitters] == ["lamp-0", "lamp-1"]
+    assert [lamp["name"] for lamp in content.gather(results, ReportSettings()).emitters] == [
+        default_name(0),
+        default_name(1),
+    ]
 
 
 def test_a_photograph_stands_beside_its_relit_view(results, tmp_path):
@@ -293,20 +307,20 @@ def test_a_photograph_stands_beside_its_relit_view(results, tmp_path):
 
 
 def test_maps_are_transparent_where_nothing_is_hit():
-    pixels = pictures.surface_map(np.array([[0.5, 1.0]]), np.array([[1.0, 0.0]]), encode=False)
+    pixels = images.surface_map(np.array([[0.5, 1.0]]), np.array([[1.0, 0.0]]), encode=False)
     assert pixels.tolist() == [[[128, 128, 128, 255], [255, 255, 255, 0]]]
 
 
 def test_difference_is_black_where_pictures_agree():
     photo = np.array([[[0.2] * 3, [0.0] * 3]])
-    pixels = pictures.difference_map(np.array([[[0.2] * 3, [1.0] * 3]]), photo, 1.0)
+    pixels = images.difference_map(np.array([[[0.2] * 3, [1.0] * 3]]), photo, 1.0)
     assert pixels[0, 0].tolist() == [0, 0, 3]
     assert pixels[0, 1].min() > 150
 
 
 def test_a_swatch_is_the_lamps_colour_at_full_brightness():
-    assert pictures.swatch([8.0, 4.0, 0.0]) == "#ffbc00"
-    assert pictures.swatch([0.0, 0.0, 0.0]) == "#000000"
+    assert images.swatch([8.0, 4.0, 0.0]) == "#ffbc00"
+    assert images.swatch([0.0, 0.0, 0.0]) == "#000000"
 
 
 @pytest.mark.parametrize(
@@ -425,16 +439,16 @@ def test_estimated_poses_have_a_section(results):
 def test_lamps_have_names_and_pictures(results):
     """The list with names, where there is one, and not the last round's; names are text, never markup."""
     content = json.loads((results / "round-1" / "emitters.json").read_text())
-    content["emitters"][0] |= {"name": "</script><b>desk", "thumbnail": "lamp-0.png"}
+    content["emitters"][0] |= {"name": "</script><b>desk", "thumbnail": "emitter-0.png"}
     write_text(results / "emitters" / "emitters.json", json.dumps(content))
-    write_png(results / "emitters" / "lamp-0.png", np.full((72, 96, 3), 90, np.uint8))
+    write_png(results / "emitters" / "emitter-0.png", np.full((72, 96, 3), 90, np.uint8))
     page = build_page(results, ReportSettings())
     assert "<b>desk" not in page
     section = page[page.index('<section id="emitters">') :]
     assert '<th scope="row">&lt;/script&gt;&lt;b&gt;desk</th>' in section
     assert 'width="96" height="72" alt="&lt;/script&gt;&lt;b&gt;desk, outlined"' in section
-    (results / "emitters" / "lamp-0.png").unlink()
-    with pytest.raises(FiptError, match=r"the picture of a lamp is missing: .*lamp-0\.png"):
+    (results / "emitters" / "emitter-0.png").unlink()
+    with pytest.raises(FiptError, match=r"the image of an emitter is missing: .*emitter-0\.png"):
         build_page(results, ReportSettings())
 
 

@@ -97,7 +97,7 @@ def test_the_exported_scene_is_shown_where_there_is_one(tmp_path, monkeypatch):
     found = room.read_room(root, Dataset(root / "dataset"), [lamp])
     assert found.exported
     assert zlib.decompress(base64.b64decode(found.model)) == content
-    assert found.lamps[0].center == [1, 3, -2]
+    assert found.emitters[0].center == [1, 3, -2]
     monkeypatch.setattr(room, "_LARGEST", 3)  # too large for a page: the coloured mesh instead
     assert not gather(root, ReportSettings()).room.exported
 

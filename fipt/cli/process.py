@@ -1,0 +1,54 @@
+"""What the command line sets up once for its process: messages on standard error, and how the process ends."""
+
+from __future__ import annotations
+
+import ctypes
+import logging
+import os
+import signal
+import sys
+
+LEVELS = ("debug", "info", "warning", "error")
+
+
+class StandardError(logging.Handler):
+    """Writes records as plain lines: no prefix for information, the level before anything worse."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write a record to what is standard error now."""
+        level = f"{record.levelname.lower()}: " if record.levelno >= logging.WARNING else ""
+        print(f"{level}{self.format(record)}", file=sys.stderr, flush=True)
+
+
+def configure_logging(level: str = "") -> None:
+    """Send the messages of fipt to standard error; a second call only changes the level.
+
+    Parameters
+    ----------
+    level : str
+        debug, info, warning or error; empty: the variable FIPT_LOG, else info.
+    """
+    logger = logging.getLogger("fipt")
+    if not any(isinstance(handler, StandardError) for handler in logger.handlers):
+        logger.addHandler(StandardError())
+    named = (level or os.environ.get("FIPT_LOG", "")).lower()
+    logger.setLevel((named if named in LEVELS else "info").upper())
+
+
+def is_job() -> bool:
+    """Whether a rule of the workflow called this process (fipt/workflow/rules/common.smk)."""
+    return os.environ.get("FIPT_RUN") == str(os.getppid())
+
+
+def end_with_run() -> None:
+    """Let the system kill this job when the run that started it is killed, so that none works on unseen (Linux)."""
+    if sys.platform == "linux":
+        kill_when_parent_ends = 1  # PR_SET_PDEATHSIG of linux/prctl.h
+        ctypes.CDLL(None).prctl(kill_when_parent_ends, signal.SIGKILL)
+
+
+def leave(code: int) -> None:
+    """End the process at once: to take libraries down in order costs half a second with torch, and all is written."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)

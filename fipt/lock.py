@@ -1,0 +1,40 @@
+"""A lock on a folder that ends with the process that holds it, however that ends."""
+
+from __future__ import annotations
+
+import fcntl
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from fipt.errors import FiptError
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Let one run at a time work in a scene's folder of results.
+
+    The system releases the lock when the process ends, killed or not: nothing is left to be removed by hand.
+
+    Parameters
+    ----------
+    folder : Path
+        The scene's results, ``results/SCENE``; made if it is missing.
+
+    Raises
+    ------
+    FiptError
+        If another run holds the lock, or the folder cannot be written.
+    """
+    path = folder / ".lock"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        file = path.open("w")
+    except OSError as error:
+        raise FiptError(f"{path} cannot be written ({error.strerror})", "check the folder's permissions") from error
+    with file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise FiptError(f"another run works on scene {folder.name}", "wait for it to end, or stop it") from None
+        yield

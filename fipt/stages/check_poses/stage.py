@@ -1,0 +1,67 @@
+"""``fipt check-poses``: images, cameras and mesh -> which views show what the others show."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from fipt.inputs import POSITIONAL
+
+if TYPE_CHECKING:
+    from fipt.stages.check_poses.compare import Verdict
+    from fipt.stages.check_poses.settings import CheckPosesSettings
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckPosesInputs:
+    """Files of ``fipt check-poses``."""
+
+    dataset: Annotated[Path, "Dataset folder.", POSITIONAL]
+    reject: Annotated[bool, "Write the verdicts into the dataset: later stages leave such views out."] = False
+
+
+def run(inputs: CheckPosesInputs, settings: "CheckPosesSettings") -> dict[str, Any]:
+    """Check through the mesh that every view shows what the others show.
+
+    Finds cameras that are mirrored, turned or swapped. Exit code 2 if a view fails, unless --reject
+    leaves it out. With --reject and enabled: false in the settings, every view is accepted unseen.
+
+    Raises
+    ------
+    FiptError
+        If a view fails and is not left out.
+    """
+    from fipt.errors import FiptError
+    from fipt.formats.files import write_text
+    from fipt.scene.dataset import CHECKED
+
+    seen = not inputs.reject or settings.enabled is not False
+    verdicts = _verdicts(inputs.dataset, settings) if seen else []
+    failed = [verdict for verdict in verdicts if not verdict.accepted]
+    if inputs.reject:
+        views = {verdict.view: verdict.plain() for verdict in verdicts}
+        text = json.dumps({"checked": seen, "views": views}, indent=1, allow_nan=False)
+        write_text(inputs.dataset / CHECKED, text + "\n")
+    elif failed:
+        raise FiptError(
+            f"{len(failed)} of {len(verdicts)} views do not show what the others show: "
+            + ", ".join(verdict.view for verdict in failed),
+            "correct their cameras, or leave them out with --reject",
+        )
+    return {
+        "rejected": [verdict.view for verdict in failed],
+        "warnings": [f"{verdict.view} {verdict.reason}" for verdict in verdicts if verdict.reason],
+    }
+
+
+def _verdicts(dataset: Path, settings: "CheckPosesSettings") -> list["Verdict"]:
+    """Look at every view. The device is chosen here, since a check that is off starts none."""
+    from fipt.render.variant import set_variant
+    from fipt.scene.dataset import Dataset
+    from fipt.stages.check_poses.compare import check, enough, table
+
+    set_variant()
+    verdicts = check(Dataset(dataset, unchecked=True), settings)
+    print(table(verdicts))
+    enough(verdicts, settings)
+    return verdicts

@@ -1,0 +1,74 @@
+"""``fipt metrics``: compare materials, emitters and renderings with the truth."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from fipt.inputs import UNSPLIT, DatasetFolder, EmittersFile
+
+if TYPE_CHECKING:
+    from fipt.stages.evaluate.settings import MetricsSettings
+
+
+@dataclass(frozen=True, kw_only=True)
+class MetricsInputs:
+    """Files of ``fipt metrics``; setups of None are all that the dataset has."""
+
+    dataset: DatasetFolder
+    materials: Annotated[Path, "Folder of material maps."]
+    render: Annotated[Path, "Folder of re-rendered views."]
+    emitters: EmittersFile
+    out: Annotated[Path, "metrics.json to write."]
+    samples: Annotated[tuple[Path, ...], "Samples folders, comma-separated: they tell which triangles truly emit."] = ()
+    relight: Annotated[Path | None, "Folder with one folder of images per relight setup."] = None
+    setups: Annotated[
+        tuple[str, ...] | None, "Setups whose truth counts, comma-separated; default: all that the dataset has."
+    ] = None
+    reference: Annotated[
+        tuple[str, ...], "SETUP=FOLDER: photographs of the room under a setup, named as the views; repeatable.", UNSPLIT
+    ] = ()
+
+
+def run(inputs: MetricsInputs, settings: "MetricsSettings") -> dict[str, Any]:
+    """Write every figure that the files allow; what cannot be known is null.
+
+    Definitions: docs/method.md, and in the file itself.
+    """
+    from fipt.formats.files import write_text
+    from fipt.registry import VERSIONS
+    from fipt.scene.dataset import Dataset
+    from fipt.settings import dumped
+    from fipt.stages.evaluate import scene
+    from fipt.stages.evaluate.metrics import DEFINITIONS
+
+    references, data = _references(inputs), Dataset(inputs.dataset)
+    content: dict[str, Any] = {
+        split: {
+            **scene.material_figures(data, inputs.materials, split),
+            **scene.render_figures(data, inputs.render, split, settings.fit_exposure),
+        }
+        for split in ("val", "train")
+    }
+    content["emitters"] = scene.emitter_figures(data, inputs.emitters, list(inputs.samples))
+    relit = scene.relight_figures(data, inputs.relight, inputs.setups) if inputs.relight is not None else {}
+    for setup, (ours, photographs) in references.items():
+        relit[setup] = scene.reference_figures(data, ours, photographs)
+    if relit:
+        content["relight"] = relit
+    content |= {"definitions": DEFINITIONS, "settings": dumped(settings), "version": VERSIONS["metrics"]}
+    text = json.dumps(scene.rounded(content), indent=1, ensure_ascii=False, allow_nan=False)
+    write_text(inputs.out, text + "\n")
+    return {}
+
+
+def _references(inputs: MetricsInputs) -> dict[str, tuple[Path, Path]]:
+    """Setup -> our images and the photographs of it."""
+    from fipt.errors import FiptError
+
+    pairs = [text.partition("=")[::2] for text in inputs.reference]
+    if not all(name and path for name, path in pairs):
+        raise FiptError(f"--reference must be SETUP=FOLDER; found {', '.join(inputs.reference)}", "name both")
+    if pairs and inputs.relight is None:
+        raise FiptError("--reference needs --relight", "name the folder of the relit views")
+    return {name: (inputs.relight / name, Path(path)) for name, path in pairs if inputs.relight is not None}

@@ -1,0 +1,73 @@
+"""Pixels that one surface fills: what the search for materials of whole parts reads, grouped into pieces of a part."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fipt.conventions import SHADING_OUTPUTS
+from fipt.model.reflectance import exceeds_reflection
+from fipt.scene.voxels import FACINGS, facings, voxel_keys
+from fipt.stages.fit.batches import Pixels
+
+FEWEST = 4
+"""Pixels that a piece must have; with fewer the base colour explains anything."""
+_MOST_PIXELS = 400_000
+"""Pixels used at most: a part's two numbers do not need more."""
+
+
+@dataclass(frozen=True)
+class InnerPixels:
+    """N pixels that one sample fills: radiance, place, normal (N, 3), shading (N, outputs, 3), segment, view (N,)."""
+
+    radiance: np.ndarray
+    shading: np.ndarray
+    place: np.ndarray
+    normal: np.ndarray
+    segment: np.ndarray
+    view: np.ndarray
+
+
+def inner_pixels(pixels: Pixels, emitter_gain: float) -> InnerPixels:
+    """Pixels that one sample of a known segment fills, emitters left out."""
+    step = max(len(pixels) // _MOST_PIXELS, 1)
+    parts, passed, views = [], 0, 0
+    for number, shard in enumerate(pixels.shards):
+        use = (pixels.valid[number] > 0.99) & ~pixels.clipped[number]
+        single = np.flatnonzero((np.diff(shard.offsets) == 1) & use)
+        chosen = single[-passed % step :: step]  # the same ones however the views are spread over shards
+        passed += len(single)
+        first_view, views = views, views + len(shard.views)
+        if len(chosen) == 0:
+            continue
+        own = np.asarray(shard.offsets[chosen])
+        radiance = np.asarray(pixels.radiance[number][chosen], np.float32)
+        shading = pixels.shading[number][own].astype(np.float32, copy=False)
+        segment = pixels.segment_of(np.full(len(own), number), chosen, own)
+        view = first_view + np.searchsorted(shard.first_pixels, chosen, side="right") - 1
+        keep = ~exceeds_reflection(radiance, shading, emitter_gain) & (segment > 0)
+        arrays = (radiance, shading, shard.position[own], shard.normal[own], segment, view)
+        parts.append([array[keep] for array in arrays])
+    if not parts:
+        rows, ids = np.zeros((0, 3), np.float32), np.zeros(0, np.int64)
+        return InnerPixels(rows, np.zeros((0, SHADING_OUTPUTS, 3), np.float32), rows, rows, ids, ids)
+    return InnerPixels(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+
+
+def pieces_of(inner: InnerPixels, resolution: int, center: np.ndarray, side: float) -> tuple[np.ndarray, int]:
+    """(N,) piece of each pixel: voxel, segment and the axis its normal is nearest to; and their number."""
+    record = voxel_keys(inner.place, center, side, resolution) * FACINGS + facings(inner.normal)
+    _, piece = np.unique(record * 65536 + inner.segment, return_inverse=True)
+    return piece.reshape(-1), int(piece.max(initial=-1)) + 1
+
+
+def best_base_color(
+    radiance: np.ndarray, offset: np.ndarray, slope: np.ndarray, group: np.ndarray, groups: int
+) -> np.ndarray:
+    """(G, 3) base colour that explains the pixels of each group best, not clipped."""
+    weight = (radiance + 0.05) ** -1.2  # about the squared slope of the sRGB curve
+    base = np.empty((groups, 3))
+    for c in range(3):
+        w = weight[:, c] * slope[:, c]
+        over = np.bincount(group, w * (radiance[:, c] - offset[:, c]), groups)
+        base[:, c] = over / np.maximum(np.bincount(group, w * slope[:, c], groups), 1e-9)
+    return base

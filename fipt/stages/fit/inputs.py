@@ -1,0 +1,21 @@
+"""Files of the fit."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from fipt.inputs import DatasetFolder, EnvironmentFile, SamplesFolders, ShadingFolders
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitInputs:
+    """Files of ``fipt fit``; samples and shading are those of the training shards, in the same order."""
+
+    dataset: DatasetFolder
+    samples: SamplesFolders
+    shading: ShadingFolders
+    out: Annotated[Path, "File to write, model.safetensors; confidence.npz comes beside it."]
+    previous: Annotated[Path | None, "Model of the round before: the start, where the settings say so."] = None
+    cache: Annotated[Path | None, "Radiance cache; absent: unseen surface is left alone."] = None
+    environment: EnvironmentFile = None
+    segments: Annotated[Path | None, "Folder of fused segment ids; absent: those of the dataset."] = None

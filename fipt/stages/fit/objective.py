@@ -1,0 +1,96 @@
+"""The loss of a batch: what the networks say of it, and all terms with their weights."""
+
+from dataclasses import dataclass
+
+import torch
+
+from fipt.model.networks import Field
+from fipt.model.reflectance import Brdf, reflected
+from fipt.stages.fit.batches import Batch
+from fipt.stages.fit.settings import FitSettings
+from fipt.stages.fit.targets import PartTargets
+from fipt.stages.fit.terms.base_color_prior import base_color_prior, with_scaled_gradient
+from fipt.stages.fit.terms.data import data_term
+from fipt.stages.fit.terms.diffuse_prior import diffuse_prior
+from fipt.stages.fit.terms.emission import emission_term
+from fipt.stages.fit.terms.hidden_surface import hidden_surface_term
+from fipt.stages.fit.terms.part_prior import part_prior
+from fipt.stages.fit.terms.part_propagation import part_propagation
+from fipt.stages.fit.terms.semantic_propagation import semantic_propagation
+
+HiddenPoints = tuple[torch.Tensor, torch.Tensor, torch.Tensor]
+"""Points (N, 3), segments (N,) and sizes (N,) of surface that no view sees."""
+
+
+@dataclass(frozen=True)
+class Objective:
+    """What is minimised.
+
+    Attributes
+    ----------
+    settings
+        Weights of the terms.
+    kind
+        What the segment ids mean: ``part``, ``semantic`` or None.
+    targets
+        What each segment is drawn to; None: all to matte, as the paper.
+    """
+
+    settings: FitSettings
+    kind: str | None
+    targets: PartTargets | None = None
+
+    def terms(self, field: Field, batch: Batch, hidden: HiddenPoints | None = None) -> dict[str, torch.Tensor]:
+        """All terms of a batch, weighted; ``colour`` is the data term.
+
+        ``hidden`` are points that no view sees, drawn to what their segments are drawn to.
+        """
+        settings, queries = self.settings, batch.points.shape[1]
+        footprint = (batch.footprint * settings.footprint)[:, None].expand(-1, queries).reshape(-1)
+        brdf = field.brdf(batch.points.view(-1, 3), footprint)
+        part = None if self.targets is None else self.targets.of(batch.segment)
+        taught = brdf
+        if part is not None and settings.base_weight > 0:
+            taught = with_scaled_gradient(brdf, part, queries)
+        radiance, specular = reflected(taught, batch.shading, queries)
+        e = field.emission(batch.points[:, 0])
+        colour = data_term(batch, radiance, field.emission_network.mask(e), settings.evidence)
+        mean = Brdf(*(values.view(-1, queries, *values.shape[1:]).mean(1) for values in vars(brdf).values()))
+        return {
+            "colour": settings.colour_weight * colour,
+            "emission": settings.emission_weight * emission_term(e),
+            **self._priors(batch, brdf, mean, part),
+            **({} if hidden is None or part is None else {"hidden": self._hidden(field, hidden, len(batch.points))}),
+            **self._propagation(field, batch, mean, specular),
+        }
+
+    def _priors(self, batch: Batch, brdf: Brdf, mean: Brdf, part: PartTargets | None) -> dict[str, torch.Tensor]:
+        """Terms that know no photograph, of samples with these parts; ``mean`` is the mean over each one's queries."""
+        settings = self.settings
+        if part is None:
+            return {"diffuse": settings.diffuse_weight * diffuse_prior(mean.roughness, mean.metallic)}
+        doubt = 1.5 - batch.confidence if settings.confidence else 1.0  # what photographs do not tell, the part does
+        base = base_color_prior(brdf.base_color, part, batch.points.shape[1])
+        return {
+            "target": (doubt * part_prior(mean.roughness, mean.metallic, part)).mean(),
+            "base": settings.base_weight * (part.uniform * base).mean(),
+        }
+
+    def _hidden(self, field: Field, hidden: HiddenPoints, samples: int) -> torch.Tensor:
+        """Term of the hidden surface."""
+        assert self.targets is not None
+        points, segment, size = hidden
+        part = self.targets.of(segment)
+        return hidden_surface_term(field.brdf(points, size), part, self.settings.base_weight, samples)
+
+    def _propagation(self, field: Field, batch: Batch, mean: Brdf, specular: torch.Tensor) -> dict[str, torch.Tensor]:
+        """Term of the propagation that the segments call for."""
+        if self.kind == "part":
+            evidence = specular * batch.confidence
+            loss = part_propagation(mean.roughness, mean.metallic, evidence, batch.segment)
+            return {"part": self.settings.part_weight * loss}
+        if self.kind == "semantic":
+            place = field.box.to_signed(batch.points[:, 0])
+            loss = semantic_propagation(mean.roughness, mean.metallic, mean.base_color, place, batch.segment)
+            return {"semantic": self.settings.semantic_weight * loss}
+        return {}

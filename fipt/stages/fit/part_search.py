@@ -1,0 +1,177 @@
+"""Roughness, metallic and colour of whole parts, found by how well they explain what several views see.
+
+For given roughness s and metallic m a pixel's radiance is linear in the base colour a:
+
+    C = (1 - m) a Ld + (0.04 (1 - m) + m a) Ls0(s) + Ls1(s) = A + B a
+
+All pixels of one small piece of a part share a, whose best value is a weighted mean. What is left over measures the
+pair (s, m): a highlight that moves with the view, or a reflection, cannot be explained by a wrong one. The pair is
+searched on a grid, so that the fit cannot get caught between matte metal and matte dielectric, which appear the same.
+
+Whether a part has one colour is judged in `fipt.stages.fit.part_colors`.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from fipt.formats.images import srgb_encode
+from fipt.model.reflectance import line_in_base_color
+from fipt.stages.fit.batches import Pixels
+from fipt.stages.fit.inner_pixels import FEWEST, InnerPixels, best_base_color, inner_pixels, pieces_of
+from fipt.stages.fit.part_colors import FINE, median_colors, uniformity
+
+_ROUGHNESS = (0.02, 0.06, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
+_METALLIC = (0.0, 0.5, 0.75, 1.0)
+_RESOLUTION = 96
+"""Pieces along the scene box that share one base colour."""
+_METAL_GAIN = 0.1
+"""Share of the residual that metal must remove before it is believed."""
+_CAUTION = 0.5
+"""Smoothness must remove more than this / sqrt(pixels) of the residual; matte otherwise."""
+_LEAST_TRUST = 1e-4
+"""Weight of pixels that nothing is known about: they decide only where there are no others."""
+_OUTLIER = 0.2
+"""Residuals count up to here (sRGB-encoded): edges and shadows that the shading misses."""
+_FEWEST_WITNESSES = 3
+"""Parts of a semantic class that must claim the same roughness before the others are believed to have it."""
+_AGREE = 0.1
+"""Standard deviation of roughness up to which they claim the same."""
+
+
+@dataclass(frozen=True)
+class PartEstimates:
+    """Estimates by segment id.
+
+    Attributes
+    ----------
+    roughness, metallic
+        (S,) float32; 1 and 0 where nothing is known.
+    gain
+        (S,) float32 share of the matte residual that the estimate removes.
+    pixels
+        (S,) int64 pixels that one sample of the segment fills.
+    base_color
+        (S, 3) float32 median of the part.
+    uniform
+        (S,) float32 from 0 (textured, or not known) to 8: how much rather the part has one colour
+        (`fipt.stages.fit.part_colors`).
+    """
+
+    roughness: np.ndarray
+    metallic: np.ndarray
+    gain: np.ndarray
+    pixels: np.ndarray
+    base_color: np.ndarray
+    uniform: np.ndarray
+
+
+def part_classes(pairs: Iterable[tuple[np.ndarray, np.ndarray]], count: int) -> np.ndarray:
+    """(S,) semantic class of every part, 0 = unknown: the one that most of its pixels have.
+
+    Parameters
+    ----------
+    pairs
+        Part ids and semantic ids of each view, of one shape.
+    count
+        S, the largest part id and one.
+    """
+    codes = [np.unique(part.astype(np.int64) << 16 | other, return_counts=True) for part, other in pairs]
+    code, place = np.unique(np.concatenate([code for code, _ in codes]), return_inverse=True)
+    votes = np.bincount(place.reshape(-1), np.concatenate([votes for _, votes in codes]))
+    order = np.argsort(votes, kind="stable")
+    result = np.zeros(count, np.int64)
+    known = order[(code[order] >> 16) < count]
+    result[code[known] >> 16] = code[known] & 0xFFFF  # the last write, with the most votes, stays
+    result[0] = 0  # what has no part has no class
+    return result
+
+
+def estimate_parts(
+    pixels: Pixels, center: np.ndarray, side: float, emitter_gain: float, classes: np.ndarray | None = None
+) -> PartEstimates:
+    """Search roughness and metallic of every segment, and judge whether it has one colour.
+
+    A part whose own pixels speak for nothing but matte takes what the other parts of its semantic class agree on.
+
+    Parameters
+    ----------
+    center, side
+        The scene box, metres.
+    emitter_gain
+        Pixels this much brighter than any reflection show an emitter and are left out.
+    classes
+        (S,) semantic class of every segment, 0 = unknown; None: parts stand alone.
+    """
+    inner = inner_pixels(pixels, emitter_gain)
+    count = int(pixels.largest_segment) + 1
+    piece, pieces = pieces_of(inner, _RESOLUTION, center, side)
+    shared = np.bincount(piece, minlength=pieces)[piece] >= FEWEST
+    used = np.bincount(inner.segment, shared, count)
+    trust = shared * np.maximum(pixels.confidence_at(inner.place, inner.normal), _LEAST_TRUST)
+    trusted = np.maximum(np.bincount(inner.segment, trust, count), 1e-9)
+    residual = np.empty((len(_METALLIC), len(_ROUGHNESS), count))
+    for i, m in enumerate(_METALLIC):
+        for j, s in enumerate(_ROUGHNESS):
+            error = _residual(inner, piece, pieces, s, m)
+            residual[i, j] = np.bincount(inner.segment, error * trust, count) / trusted
+    roughness, metallic, gain = _chosen(residual, used)
+    if classes is not None:
+        roughness, metallic, gain = _of_classes((roughness, metallic, gain), used, classes)
+    offset, slope = line_in_base_color(inner.shading, roughness[inner.segment], metallic[inner.segment])
+    base = np.clip(best_base_color(inner.radiance, offset, slope, piece, pieces), 0, 1)
+    color = median_colors(base, inner.segment, piece, count)
+    fine, fines = pieces_of(inner, FINE, center, side)
+    uniform = uniformity(inner, offset, slope, fine, fines, color)
+    seen = np.bincount(inner.segment, minlength=count)
+    estimates = (roughness, metallic, gain, seen, color, uniform)
+    return PartEstimates(*(x if x.dtype == np.int64 else x.astype(np.float32) for x in estimates))
+
+
+def _residual(inner: InnerPixels, piece: np.ndarray, pieces: int, s: float, m: float) -> np.ndarray:
+    """(N,) mean absolute difference of sRGB-encoded radiance with the best base colour of each piece."""
+    offset, slope = line_in_base_color(inner.shading, s, m)
+    base = np.clip(best_base_color(inner.radiance, offset, slope, piece, pieces), 0, 1)
+    modelled = offset + slope * base[piece]
+    return np.minimum(np.abs(srgb_encode(modelled) - srgb_encode(inner.radiance)).mean(axis=1), _OUTLIER)
+
+
+def _chosen(residual: np.ndarray, used: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Roughness, metallic and gain (S,) from residuals (metallic, roughness, S); cautious where little is gained."""
+    rough = np.array(_ROUGHNESS)
+    caution = _CAUTION / np.sqrt(np.maximum(used, 1))
+    cautious = residual * (1 + caution * (1 - rough)[None, :, None])
+    per_metal = cautious.min(axis=1)
+    metal = per_metal.argmin(axis=0)
+    segments = np.arange(residual.shape[2])
+    believed = per_metal[metal, segments] < (1 - _METAL_GAIN - caution) * per_metal[0]
+    metal = np.where(believed, metal, 0)
+    choice = cautious[metal, :, segments].argmin(axis=1)
+    matte = residual[0, -1]
+    best = residual[metal, choice, segments]
+    known = used >= FEWEST
+    return (
+        np.where(known, rough[choice], 1.0),
+        np.where(known, np.array(_METALLIC)[metal], 0.0),
+        np.where(known, 1 - best / np.maximum(matte, 1e-9), 0.0),
+    )
+
+
+def _of_classes(
+    own: tuple[np.ndarray, np.ndarray, np.ndarray], used: np.ndarray, classes: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Estimates (S,) where parts that claim nothing have those of their semantic class.
+
+    A class counts where it is one material: several of its parts, with most of its pixels, claim nearly the same.
+    """
+    roughness, metallic, gain = (values.copy() for values in own)
+    claims = (own[0] < 1) | (own[1] > 0)
+    for k in np.unique(classes[classes > 0]):
+        known, unknown = (classes == k) & claims & (used > 0), (classes == k) & ~claims
+        agree = np.count_nonzero(known) >= _FEWEST_WITNESSES and np.ptp(own[1][known]) == 0
+        agree = agree and own[0][known].std() <= _AGREE
+        if agree and used[known].sum() >= used[unknown].sum():
+            for values, mine in zip((roughness, metallic, gain), own, strict=True):
+                values[unknown] = np.average(mine[known], weights=used[known])
+    return roughness, metallic, gain

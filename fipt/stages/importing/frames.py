@@ -1,0 +1,197 @@
+"""Images, truth and segment ids of a source's views, checked and written in the dataset's form."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from fipt.conventions import FLAG_MOVED, FLAG_OUTSIDE, FLAG_SATURATED
+from fipt.errors import FiptError
+from fipt.formats.exr import read_exr, write_exr
+from fipt.formats.files import existing_file
+from fipt.formats.images import to_display, write_png
+from fipt.formats.layouts import SEGMENT_FOLDERS, SourceView, numbered_file
+from fipt.progress import progress
+from fipt.scene.cameras import Camera, check_cameras
+from fipt.scene.dataset import check_image
+from fipt.scene.sources import ImageSource
+
+TRUTH_FOLDERS = {
+    "kd": "DiffCol",
+    "base_color": "BaseColor",
+    "reflectance": "albedo",
+    "emission": "Emit",
+    "roughness": "Roughness",
+    "metallic": "Metallic",
+}
+"""Layer of truth/{view}.exr -> folder of the FIPT synthetic layout, where the source has it."""
+
+_SCALARS = ("roughness", "metallic")
+
+
+def write_frames(folder: Path, source: ImageSource) -> tuple[list[Camera], tuple[Camera, np.ndarray]]:
+    """Write images, truth and ids of every frame.
+
+    Returns the cameras, and camera and radiance of the train view that shows most detail.
+    """
+    cameras: list[Camera] = []
+    most = -1.0
+    with progress("import", len(source.frames), " views") as bar:
+        for frame in source.frames:
+            channels, valid = _read_image(frame)
+            if source.photographs:
+                valid = channels["valid.Y"] = with_bounds(valid, channels["flags.Y"].astype(np.uint32))
+            radiance = channels[""] = _scaled(channels[""], valid, source)
+            camera = _camera(frame, *radiance.shape[1::-1])
+            check_cameras([camera], source.root)
+            check_image(radiance, valid, camera, frame.image)
+            channels[""] = radiance = np.where(valid[..., None] > 0, radiance, 0.0)
+            write_exr(folder / "images" / f"{frame.name}.exr", channels)
+            _write_truth(folder, frame, camera)
+            _write_segments(folder, frame, camera)
+            cameras.append(camera)
+            detail = float(np.abs(np.diff(to_display(radiance).astype(np.int16), axis=1)).mean())
+            if frame.split == "train" and detail > most:
+                shown, most = (camera, radiance), detail
+            bar.advance()
+    return cameras, shown
+
+
+def _read_image(frame: SourceView) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Channels to write for an image ('' = RGB, its valid and flags), and its (H, W) weights."""
+    found = read_exr(frame.image, required=("R", "G", "B"))
+    channels = {"": np.stack([found[letter] for letter in "RGB"], axis=-1)}
+    channels |= {name: found[name] for name in ("valid.Y", "flags.Y") if name in found}
+    if frame.mask is not None:
+        channels["valid.Y"] = _read_mask(frame.mask, channels[""].shape[:2])
+    valid = channels.get("valid.Y", np.ones(channels[""].shape[:2], np.float32))
+    return channels, np.clip(valid, 0.0, 1.0)
+
+
+def with_bounds(valid: np.ndarray, flags: np.ndarray) -> np.ndarray:
+    """(H, W) weights in which clipped pixels count, as the lower bounds that their flag says they are."""
+    bound = (flags & FLAG_SATURATED > 0) & (flags & (FLAG_OUTSIDE | FLAG_MOVED) == 0)
+    return np.where(bound, 1.0, valid).astype(np.float32)
+
+
+def _scaled(radiance: np.ndarray, valid: np.ndarray, source: ImageSource) -> np.ndarray:
+    """Radiance in the dataset's unit. Noise of photographs may be negative; light is not, and becomes 0."""
+    if not source.photographs:
+        return radiance
+    return np.where(valid[..., None] > 0, np.maximum(radiance, 0.0) * np.float32(source.scale), 0.0).astype(np.float32)
+
+
+def _read_mask(path: Path, shape: tuple[int, int]) -> np.ndarray:
+    from PIL import Image
+
+    existing_file(path, "the mask of a frame")
+    with Image.open(path) as image:
+        mask = (np.array(image.convert("L")) > 0).astype(np.float32)
+    if mask.shape != shape:
+        raise FiptError(
+            f"{path} must be {shape[1]}x{shape[0]} like its image; it is {mask.shape[1]}x{mask.shape[0]}",
+            "export the mask at the image's size",
+        )
+    return mask
+
+
+def _camera(frame: SourceView, width: int, height: int) -> Camera:
+    """Camera of a frame whose picture has this size (which its source need not state)."""
+    k = frame.intrinsics
+    width, height = int(k.get("w", width)), int(k.get("h", height))
+    focal = [
+        k[length] if length in k else 0.5 * size / np.tan(0.5 * k[angle]) if angle in k else None
+        for length, angle, size in (
+            ("fl_x", "camera_angle_x", width),
+            ("fl_y", "camera_angle_y", height),
+        )
+    ]
+    fx, fy = (focal[0] or focal[1], focal[1] or focal[0])  # square pixels where one is stated
+    if fx is None or fy is None:
+        raise FiptError(
+            f"view {frame.name}: the focal length must be known; found neither fl_x nor camera_angle_x",
+            "add it to the camera file",
+        )
+    return Camera(
+        name=frame.name,
+        split=frame.split,
+        width=width,
+        height=height,
+        fx=float(fx),
+        fy=float(fy),
+        cx=float(k.get("cx", width / 2)),
+        cy=float(k.get("cy", height / 2)),
+        world_from_camera=np.array(frame.world_from_camera, np.float64),
+    )
+
+
+def _write_truth(folder: Path, frame: SourceView, camera: Camera) -> None:
+    if frame.folder is None:
+        return
+    layers: dict[str, np.ndarray] = {}
+    for layer, name in TRUTH_FOLDERS.items():
+        if not (frame.folder / name).is_dir():
+            continue
+        path = numbered_file(frame.folder / name, frame.number)
+        channels = read_exr(path)
+        values = _scalar(channels, path) if layer in _SCALARS else _rgb(channels, path)
+        check_layer(values, camera, path)
+        layers[f"{layer}.Y" if layer in _SCALARS else layer] = values
+    if "emission" in layers:
+        layers["emission_mask.Y"] = (layers["emission"] > 0).any(axis=-1)
+    if layers:
+        write_exr(folder / "truth" / f"{frame.name}.exr", layers)
+
+
+def _write_segments(folder: Path, frame: SourceView, camera: Camera) -> None:
+    if frame.folder is None:
+        return
+    for kind, name in SEGMENT_FOLDERS.items():
+        if not (frame.folder / name).is_dir():
+            continue
+        path = numbered_file(frame.folder / name, frame.number)
+        ids = _scalar(read_exr(path), path).astype(np.float64)
+        check_layer(ids, camera, path)
+        whole = np.rint(ids)
+        bad = (np.abs(whole - ids) > 1e-3) | (whole > 65535)
+        if bad.any():
+            raise FiptError(
+                f"{path} must hold whole ids from 0 to 65535; {int(bad.sum())} pixels do not, such as {ids[bad][0]:g}",
+                "export the ids without filtering",
+            )
+        write_png(folder / "segments" / kind / f"{frame.name}.png", whole.astype(np.uint16))
+
+
+def _rgb(channels: Mapping[str, np.ndarray], path: Path) -> np.ndarray:
+    missing = [letter for letter in "RGB" if letter not in channels]
+    if missing:
+        raise FiptError(
+            f"{path} must have the channels R, G, B; {', '.join(missing)} not among {', '.join(sorted(channels))}",
+            "export the image with these channel names",
+        )
+    return np.stack([channels[letter] for letter in "RGB"], axis=-1)
+
+
+def _scalar(channels: Mapping[str, np.ndarray], path: Path) -> np.ndarray:
+    """The one channel of a grey image, or R of a grey one that was written as RGB."""
+    if len(channels) == 1:
+        return next(iter(channels.values()))
+    for name in ("R", "Y"):
+        if name in channels:
+            return channels[name]
+    raise FiptError(
+        f"{path} must have a channel R or Y; found {', '.join(sorted(channels))}",
+        "export the image with these channel names",
+    )
+
+
+def check_layer(values: np.ndarray, camera: Camera, path: Path) -> None:
+    """Refuse truth or ids of another size, or with values that are NaN, infinite or negative."""
+    if values.shape[:2] != (camera.height, camera.width):
+        raise FiptError(
+            f"{path} must be {camera.width}x{camera.height} like the image; it is {values.shape[1]}x{values.shape[0]}",
+            "export it at the image's size",
+        )
+    bad = ~(np.isfinite(values) & (values >= 0))
+    if bad.any():
+        raise FiptError(f"{path} must hold finite values >= 0; {int(bad.sum())} are not", "repair the file")

@@ -1,0 +1,48 @@
+"""``fipt import``: posed HDR views of another layout -> dataset/."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+if TYPE_CHECKING:
+    from fipt.stages.importing.settings import ImportSettings
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImportInputs:
+    """Files of ``fipt import``."""
+
+    source: Annotated[Path, "Folder of the views, or its transforms.json."]
+    format: Annotated[str, "nerfstudio, fipt-synthetic, fipt-real or capture."]
+    dataset: Annotated[Path, "Dataset folder to write."]
+    mesh: Annotated[Path | None, "PLY or OBJ mesh; default: the one in the source."] = None
+    manifest: Annotated[Path | None, "Default: import.manifest.json in the dataset."] = None
+    poses: Annotated[Path | None, "capture: transforms.json, COLMAP folder, Metashape XML or RealityCapture CSV."] = (
+        None
+    )
+    segments: Annotated[Path | None, "capture: folder with part/VIEW.png or semantic/VIEW.png of developed views."] = (
+        None
+    )
+
+
+def run(inputs: ImportInputs, settings: "ImportSettings") -> dict[str, Any]:
+    """Bring posed HDR views of another layout into the dataset form.
+
+    The layouts share file names but not axes, so the format is never guessed. Look at overlay.png
+    in the dataset afterwards: the lines are the mesh's edges and must lie on the photo's.
+
+    The format capture takes developed photographs: the folder that fipt develop and fipt qa wrote.
+    """
+    from fipt.stages.importing.build import import_scene
+
+    dataset = inputs.dataset
+    done = import_scene(
+        inputs.source, inputs.format, dataset, settings, inputs.mesh, inputs.manifest, inputs.poses, inputs.segments
+    )
+    figures: dict[str, Any] = {"views": len(done.cameras), "exposure": done.source.scale}
+    if done.source.unposed:
+        figures["warnings"] = [f"without a pose, left out: {', '.join(done.source.unposed)}"]
+        print(f"warning: {figures['warnings'][0]}")
+    splits = [camera.split for camera in done.cameras]
+    print(f"{dataset}: {splits.count('train')} train and {splits.count('val')} val views")
+    return figures

@@ -1,0 +1,165 @@
+"""Which way is up: by a board, by the floor, by how people hold cameras; and where the floor is."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from fipt.scene.cameras import Camera
+from fipt.stages.poses.model import Reconstruction
+from fipt.stages.poses.room_boards import PlacedTarget
+from fipt.stages.poses.settings import SceneBoard
+
+_STEEPEST = 25.0
+"""Degrees between the floor's normal and the cameras' mean up, at most."""
+
+_FLOOR_TRIES = 2000
+
+_FLOOR_SAMPLE = 5000
+
+_MORE = 3.0
+"""Points on the floor over those that any level slice of the walls would hold, at least."""
+
+_FLAT = 0.004
+"""Half the floor's thickness over the extent of the points."""
+
+
+@dataclass(frozen=True)
+class Plane:
+    """The floor: n . x = offset with n upwards, (3,) unit vector.
+
+    Attributes
+    ----------
+    normal, offset
+        In units of the reconstruction.
+    points
+        Points on it.
+    deviation
+        Root mean square distance of these.
+    """
+
+    normal: np.ndarray
+    offset: float
+    points: int
+    deviation: float
+
+
+def cameras_up(cameras: Sequence[Camera]) -> tuple[np.ndarray, float]:
+    """Up as photographers hold their cameras: nearly level, so that no camera's x axis points up or down.
+
+    Returns
+    -------
+    up
+        (3,) unit vector.
+    spread
+        Median angle between the cameras' x axes and the level plane, degrees.
+    """
+    axes = np.array([camera.world_from_camera[:3, :3] for camera in cameras])
+    mean, x = axes[:, :, 1].mean(axis=0), axes[:, :, 0]
+    up = mean / max(np.linalg.norm(mean), 1e-12)
+    # What is across two cameras' x axes is across those of most, if those two are not the odd ones.
+    pairs = np.array(list(combinations(range(len(x)), 2))[:: max(len(x) ** 2 // 4000, 1)], int).reshape(-1, 2)
+    across = np.cross(x[pairs[:, 0]], x[pairs[:, 1]])
+    length = np.linalg.norm(across, axis=1)
+    across = across[length > 0.2] / length[length > 0.2, None]
+    if len(across):
+        best = across[np.argmin(np.median(np.abs(across @ x.T), axis=1))]
+        level = x[np.abs(x @ best) < 0.2]
+        values, vectors = np.linalg.eigh(level.T @ level / len(level))
+        # Where cameras look one way, their x axes are one line, and any direction across it would do.
+        if values[1] > 0.02:
+            up = vectors[:, 0] * np.sign(vectors[:, 0] @ mean)
+    return up, float(np.median(np.degrees(np.arcsin(np.clip(np.abs(x @ up), 0, 1)))))
+
+
+def find_floor(points: np.ndarray, centers: np.ndarray, up: np.ndarray, seed: int) -> Plane | None:
+    """Find the floor by random triples of (P, 3) points below all cameras; None if no plane holds enough of them.
+
+    The floor is the lowest level plane with enough points, and little lies below it: a table may hold more points.
+    """
+    height, lowest = points @ up, (centers @ up).min()
+    if len(points) < 20:
+        return None
+    extent = np.linalg.norm(np.ptp(np.percentile(points, [2, 98], axis=0), axis=0))
+    low = points[height < lowest]
+    if len(low) < 20:
+        return None
+    tolerance = _FLAT * extent
+    rng = np.random.default_rng(seed)
+    triples = low[rng.integers(len(low), size=(_FLOOR_TRIES, 3))]
+    normals = np.cross(triples[:, 1] - triples[:, 0], triples[:, 2] - triples[:, 0])
+    length = np.linalg.norm(normals, axis=1)
+    # Thin triples have no certain normal.
+    wide = length > (0.05 * extent) ** 2
+    normals, corner = normals[wide] / length[wide, None], triples[wide, 0]
+    normals *= np.sign(normals @ up)[:, None]
+    level = normals @ up > np.cos(np.radians(_STEEPEST))
+    normals, offsets = normals[level], (normals[level] * corner[level]).sum(axis=1)
+    sample = low[rng.permutation(len(low))[:_FLOOR_SAMPLE]]
+    away = (sample @ normal - offset for normal, offset in zip(normals, offsets, strict=True))
+    counts = [((np.abs(each) < tolerance).sum(), (each < -2 * tolerance).sum()) for each in away]
+    on, below = np.array(counts, float).reshape(-1, 2).T
+    slices = max(int(np.ptp(sample @ up) / (2 * tolerance)), 1)
+    by_chance = np.median(np.histogram(sample @ up, slices)[0])
+    good = (on >= max(15, _MORE * by_chance, 0.1 * on.max(initial=0))) & (below < 0.5 * on)
+    if not good.any():
+        return None
+    # Of planes at one height, within the tolerance, the one with the most points.
+    middle = centers.mean(axis=0)
+    drop = (normals @ middle - offsets) / (normals @ up)
+    best = np.flatnonzero(good & (drop > drop[good].max() - 3 * tolerance))
+    best = best[np.argmax(on[best] - below[best])]
+    normal, offset = normals[best], offsets[best]
+    for reach in (tolerance, 0.6 * tolerance, 0.6 * tolerance):
+        near = low[np.abs(low @ normal - offset) < reach]
+        if len(near) < 10:
+            return None
+        _, _, axes = np.linalg.svd(near - near.mean(axis=0), full_matrices=False)
+        normal = axes[2] * np.sign(axes[2] @ up)
+        offset = float(normal @ near.mean(axis=0))
+    return Plane(normal, offset, len(near), float(np.sqrt(np.mean((near @ normal - offset) ** 2))))
+
+
+def board_up(
+    placed: Sequence[PlacedTarget], board: SceneBoard | None, centers: np.ndarray, own_up: np.ndarray
+) -> np.ndarray | None:
+    """Up by boards on the floor or on a wall: the mean over boards, weighted by the corners that show it."""
+    if not placed or board is None or board.place == "anywhere":
+        return None
+    found = []
+    for target in placed:
+        if board.place == "floor":
+            normal = target.rotation[:, 2]
+            found.append(normal * np.sign((centers.mean(axis=0) - target.shift) @ normal))
+        else:
+            sides = np.concatenate([target.rotation[:, :2].T, -target.rotation[:, :2].T])
+            found.append(sides[np.argmax(sides @ own_up)])
+    mean = np.sum([up / max(target.pixels, 0.05) for up, target in zip(found, placed, strict=True)], axis=0)
+    return mean / np.linalg.norm(mean)
+
+
+def degrees_between(a: np.ndarray, b: np.ndarray) -> float:
+    """Angle between two directions, degrees."""
+    return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)))
+
+
+def ground_height(
+    floor: Plane | None,
+    placed: Sequence[PlacedTarget],
+    board: SceneBoard | None,
+    reconstruction: Reconstruction,
+    up: np.ndarray,
+) -> tuple[float, dict[str, Any]]:
+    """Height of the floor along ``up`` under the middle of the cameras, in units of the reconstruction."""
+    if floor is not None:
+        middle = reconstruction.centers.mean(axis=0)
+        # Straight down from the middle of the cameras to the plane.
+        drop = (floor.normal @ middle - floor.offset) / (floor.normal @ up)
+        return float(middle @ up - drop), {"source": "plane", "points": floor.points}
+    if placed and board is not None and board.place == "floor":
+        return float(np.median(np.concatenate([target.corners for target in placed]) @ up)), {"source": "board"}
+    if len(reconstruction.points):
+        return float(np.percentile(reconstruction.points @ up, 1)), {"source": "lowest points"}
+    return float((reconstruction.centers @ up).min()), {"source": "lowest camera"}

@@ -1,0 +1,39 @@
+"""Files that all verbs which path trace views of a fitted scene take."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from fipt.conventions import RAYS_PER_SIDE
+from fipt.errors import FiptError
+from fipt.inputs import CacheFile, DatasetFolder, EmittersFile, EnvironmentFile, ManifestFile, ModelFile
+
+if TYPE_CHECKING:
+    from fipt.model.fitted import FittedScene
+    from fipt.scene.dataset import Dataset
+
+
+@dataclass(frozen=True, kw_only=True)
+class TracedInputs:
+    """Files of a fitted scene, and where its images go."""
+
+    dataset: DatasetFolder
+    cache: CacheFile
+    model: ModelFile
+    emitters: EmittersFile
+    out: Annotated[Path, "Folder of the images."]
+    manifest: ManifestFile
+    environment: EnvironmentFile = None
+    rays_per_side: Annotated[
+        int, "A pixel is looked through by the square of this many rays: grid of the section samples."
+    ] = RAYS_PER_SIDE
+
+    def __post_init__(self) -> None:
+        if self.rays_per_side < 1:
+            raise FiptError(f"--rays-per-side must be at least 1; it is {self.rays_per_side}", "give the samples' grid")
+
+    def fitted(self, data: "Dataset") -> "FittedScene":
+        """Read the scene."""
+        from fipt.model.fitted import FittedScene
+
+        return FittedScene.load(data.mesh(), self.model, self.emitters, self.environment, self.cache)

@@ -1,0 +1,23 @@
+"""Files of a results folder as the page reads them."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from fipt.errors import FiptError
+
+
+def read_json(path: Path) -> Any:
+    """Content of a JSON file; None where it is missing."""
+    if not path.is_file():
+        return None
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise FiptError(f"{path} is not JSON ({error})", "delete it and run its stage again") from error
+
+
+def round_folders(results: Path) -> list[Path]:
+    """Return the folders round-0, round-1, ... in order."""
+    folders = [path for path in results.glob("round-*/") if path.name[6:].isdigit()]
+    return sorted(folders, key=lambda path: int(path.name[6:]))

@@ -1,0 +1,235 @@
+"""The search for roughness and metallic of parts: planted ones are found, nothing is claimed without evidence."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import torch
+
+from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
+from fipt.model.reflectance import specular_shading
+from fipt.stages.fit.inner_pixels import InnerPixels
+from fipt.stages.fit.part_colors import uniformity
+from fipt.stages.fit.part_search import _of_classes, estimate_parts, part_classes
+from fipt.stages.fit.settings import FitSettings
+from fipt.stages.fit.targets import part_targets
+from tests import scenes
+
+LEVELS = len(ROUGHNESS_LEVELS)
+PER_PART = 600
+PIECES = 30
+
+
+def light(rng, count, varied):
+    """Shading whose specular outputs differ from pixel to pixel (highlights) or, not ``varied``, are all alike."""
+    shading = np.full((count, 1 + 2 * LEVELS, 3), 0.5, np.float32)
+    if varied:
+        for level in range(LEVELS):
+            shading[:, 1 + level] = rng.gamma(0.3, 2.0, (count, 1)) * (1 - 0.1 * level)
+            shading[:, 1 + LEVELS + level] = 0.1 * shading[:, 1 + level]
+    return shading
+
+
+def pixels(rng, materials, varied=True, noise=0.01):
+    """One shard whose segment k + 1 has materials[k] = (base colour, roughness, metallic), seen over and over."""
+    shading = light(rng, PER_PART * len(materials), varied)
+    radiance = np.empty((len(shading), 3), np.float32)
+    for k, (base, s, m) in enumerate(materials):
+        own = slice(k * PER_PART, (k + 1) * PER_PART)
+        ls0, ls1 = specular_shading(torch.from_numpy(shading[own]), torch.full((PER_PART, 1), s))
+        kd, ks = np.array(base) * (1 - m), 0.04 * (1 - m) + np.array(base) * m
+        radiance[own] = kd * shading[own, 0] + ks * ls0[:, 0].numpy() + ls1[:, 0].numpy()
+    radiance *= 1 + noise * rng.standard_normal(radiance.shape)
+    segment = np.repeat(np.arange(1, len(materials) + 1), PER_PART).astype(np.uint16)
+    place = np.stack([np.arange(len(shading)) % PIECES, 3 * segment, np.zeros(len(shading))], axis=1) * 0.1
+    samples = scenes.samples_of(place, segment)
+    return scenes.training_pixels(
+        [samples], [shading.astype(np.float16)], [(np.maximum(radiance, 0), np.ones(len(shading)))], [segment]
+    )
+
+
+def found(data):
+    return estimate_parts(data, np.array([1.5, 1.5, 1.5]), 3.3, emitter_gain=1e9)
+
+
+def test_planted_materials_are_found(np_rng):
+    """A matte wall, a lacquered table and a copper vase."""
+    planted = [((0.6, 0.5, 0.4), 1.0, 0.0), ((0.5, 0.1, 0.1), 0.2, 0.0), ((0.9, 0.6, 0.4), 0.3, 1.0)]
+    parts = found(pixels(np_rng, planted))
+    np.testing.assert_allclose(parts.roughness[1:], [1.0, 0.2, 0.3], atol=0.06)
+    np.testing.assert_array_equal(parts.metallic[1:], [0, 0, 1])
+    assert parts.gain[3] > 0.5 > 0.05 > parts.gain[1]
+
+
+def test_without_evidence_a_part_is_matte(np_rng):
+    """Even light shows no difference between materials: neither smoothness nor metal may be claimed."""
+    parts = found(pixels(np_rng, [((0.5, 0.1, 0.1), 0.2, 0.0), ((0.9, 0.6, 0.4), 0.3, 1.0)], varied=False))
+    np.testing.assert_array_equal(parts.roughness[1:], [1, 1])
+    np.testing.assert_array_equal(parts.metallic[1:], [0, 0])
+
+
+def test_the_weight_of_a_part_grows_with_evidence(np_rng):
+    settings = FitSettings()
+    parts = found(pixels(np_rng, [((0.6, 0.5, 0.4), 1.0, 0.0), ((0.9, 0.6, 0.4), 0.3, 1.0)]))
+    targets = part_targets(parts, settings)
+    unknown = targets.of(torch.tensor([0]))
+    assert (unknown.roughness.item(), unknown.metallic.item(), unknown.uniform.item()) == (1, 0, 0)
+    assert unknown.weight.item() == pytest.approx(settings.diffuse_weight)
+    assert targets.weight[2] > 3 * targets.weight[1] >= 3 * settings.target_weight
+    np.testing.assert_array_equal(targets.base_color, parts.base_color)
+
+
+def test_emitters_do_not_count(np_rng):
+    """Pixels brighter than any reflection say nothing about a part's reflectance."""
+    data = pixels(np_rng, [((0.6, 0.5, 0.4), 1.0, 0.0)])
+    data.radiance[0][::2] *= 1000
+    parts = estimate_parts(data, np.array([1.5, 1.5, 1.5]), 3.3, emitter_gain=1.5)
+    assert 0 < parts.pixels[1] <= PER_PART / 2
+    assert parts.roughness[1] == 1
+
+
+def test_pixels_of_high_confidence_decide(np_rng):
+    """Two thirds of a lacquered table lie in wrong shading, and are known to be unsure."""
+    data = pixels(np_rng, [((0.5, 0.1, 0.1), 0.2, 0.0)])
+    wrong = np.arange(PER_PART) % PIECES % 3 > 0
+    data.radiance[0][wrong] *= np_rng.uniform(0.5, 1.5, (wrong.sum(), 1)).astype(np.float32)
+    plain = found(data)
+    place = np.asarray(data.shards[0].position)[:, 0]
+    unsure = np.unique(place[wrong])
+
+    def at(points, normals, values):
+        return np.where(np.isin(points[:, 0], unsure), 0, 1).astype(np.float32)
+
+    data.confidence = SimpleNamespace(at=at, combined=None)
+    sure = found(data)
+    assert sure.roughness[1] == pytest.approx(0.2, abs=0.06)
+    assert sure.gain[1] > plain.gain[1] + 0.2
+    assert sure.pixels[1] == plain.pixels[1]
+
+
+# --- is a part one colour? ------------------------------------------------------------------------
+
+GRID = 24
+"""Places of a part along each side; further apart than the pieces that share a base colour."""
+
+
+def matte_parts(rng, parts):
+    """Matte squares under even light: (base colour, texture, error, views) each; see `test_parts_of_one_colour`."""
+    most = max(views for *_, views in parts)
+    truth = [np.clip(np.array(base) + texture * rng.standard_normal((GRID**2, 1)), 0, 1) for base, texture, *_ in parts]
+    x, z = (a.ravel() * 0.05 for a in np.meshgrid(np.arange(GRID), np.arange(GRID)))
+    place, segment, image = [], [], []
+    for view in range(most):
+        for k, (_, _, error, views) in enumerate(parts):
+            wrong = 1 + error * rng.standard_normal((GRID**2, 1))  # of the shading, at this place in this view
+            place.append(np.stack([x + 0.1, np.full_like(x, 0.6 * k + 0.1), z + 0.1], axis=1))
+            segment.append(np.full(GRID**2, k + 1 if view < views else 0))
+            image.append(truth[k] * 0.5 * wrong)
+    position, segment, image = (np.concatenate(rows) for rows in (place, segment, image))
+    shading = np.zeros((len(position), SHADING_OUTPUTS, 3), np.float32)
+    shading[:, 0] = 0.5
+    samples = scenes.samples_of(
+        position, segment, views=[f"v{view}" for view in range(most)], shapes=[(1, len(position) // most)] * most
+    )
+    image = np.maximum(image, 0).astype(np.float32)
+    return scenes.training_pixels([samples], [shading], [(image, np.ones(len(image)))], [segment.astype(np.uint16)])
+
+
+def test_parts_of_one_colour(np_rng):
+    """What views do not agree on is error; what they do agree on is texture; one view tells neither."""
+    wall, carpet, shelf, door = (0.5, 0.4, 0.3), (0.5, 0.5, 0.5), (0.4, 0.4, 0.6), (0.6, 0.6, 0.6)
+    planted = [(wall, 0, 0.15, 6), (carpet, 0.12, 0.05, 6), (shelf, 0, 0.15, 1), (door, 0.02, 0.12, 4)]
+    parts = found(matte_parts(np_rng, planted))
+    assert parts.uniform[0] == 0
+    assert parts.uniform[1] > 1.5
+    np.testing.assert_allclose(parts.base_color[1], wall, atol=0.02)
+    assert parts.uniform[2] == 0
+    assert parts.uniform[3] == 0
+    assert parts.uniform[4] > 0.5  # its texture drowns in the error
+
+
+def test_error_and_texture_by_pairs_of_views(np_rng):
+    """Against a loop over all pairs of views of all pieces; some pieces are seen by one view, some twice by one."""
+    count, fines = 600, 60
+    fine = np_rng.integers(0, fines, count)
+    segment = fine % 4  # of which the last has pieces that one view sees
+    view = np.where(segment == 3, 0, np_rng.integers(0, 5, count))
+    alpha, beta = 0.1 * np_rng.random((count, 3)), 0.3 + np_rng.random((count, 3))
+    color = np_rng.uniform(0.3, 0.6, (4, 3))
+    texture = 0.05 * np_rng.standard_normal((fines, 3)) * np.array([0, 0.5, 1, 1])[np.arange(fines) % 4, None]
+    error = np.array([0.05, 0.2, 0.1, 0.2])[segment, None] * np_rng.standard_normal((count, 3))
+    radiance = np.maximum(alpha + beta * (color[segment] + texture[fine] + error), 0)
+    nothing = np.zeros((count, 3))
+    sample = InnerPixels(radiance, np.zeros((count, 1, 3)), nothing, nothing, segment, view)
+    got = uniformity(sample, alpha, beta, fine, fines, color)
+
+    off = {}
+    for piece, looker in {*zip(fine.tolist(), view.tolist(), strict=True)}:
+        own = (fine == piece) & (view == looker)
+        a = np.empty(3)
+        for c in range(3):
+            root = (radiance[own, c] + 0.05) ** -0.6
+            a[c] = np.linalg.lstsq((root * beta[own, c])[:, None], root * (radiance - alpha)[own, c], rcond=None)[0][0]
+        off[piece, looker] = np.clip(a - color[piece % 4], -0.4, 0.4)
+    expected = np.zeros(4)
+    for k in range(3):
+        looks = [key for key in off if key[0] % 4 == k]
+        mean = np.mean([off[key] for key in looks], axis=0)
+        off |= {key: off[key] - mean for key in looks}
+        pairs = [np.mean(off[p, u] * off[q, v]) for p, u in looks for q, v in looks if p == q and u != v]
+        total, shared = np.mean([np.mean(off[key] ** 2) for key in looks]), max(np.mean(pairs), 0)
+        views = len(looks) / len({p for p, _ in looks})
+        expected[k] = np.clip((total - shared) / (shared + 0.01**2) / views - 1, 0, 8)
+    assert ((expected > 0.2) & (expected < 7)).any()  # the case is not trivial
+    np.testing.assert_allclose(got, expected, rtol=1e-6, atol=1e-9)
+
+
+def test_parts_without_a_claim_follow_a_class_that_agrees():
+    """Parts 1 to 4 are of class 1, which agrees; 5 to 8 of class 2, which does not; 9 has no class."""
+    roughness = np.array([1, 0.4, 0.5, 0.4, 1, 0.1, 0.9, 0.4, 1, 1])
+    used = np.array([0, 10, 20, 10, 5, 10, 10, 10, 5, 5])
+    own = (roughness, np.zeros(10), np.where(roughness < 1, 0.3, 0.0))
+    classes = np.array([0, 1, 1, 1, 1, 2, 2, 2, 2, 0])
+    found, metallic, gain = _of_classes(own, used, classes)
+    assert found[4] == pytest.approx((0.4 * 10 + 0.5 * 20 + 0.4 * 10) / 40)
+    assert gain[4] == pytest.approx(0.3)
+    others = np.arange(10) != 4
+    np.testing.assert_array_equal(found[others], roughness[others])
+    assert not metallic.any()
+    few = np.where(np.isin(np.arange(10), [1, 2, 3]), 1, used)  # the silent part has most of the pixels
+    np.testing.assert_array_equal(_of_classes(own, few, classes)[0], roughness)
+
+
+def test_a_part_has_the_class_of_most_of_its_pixels():
+    part = np.array([[1, 1, 1, 2], [2, 2, 5, 0]], np.uint16)
+    semantic = np.array([[7, 7, 9, 3], [3, 4, 6, 9]], np.uint16)
+    assert part_classes([(part, semantic), (part[:, :1], semantic[:, :1])], 4).tolist() == [0, 7, 3, 0]
+
+
+def test_clipped_pixels_do_not_count(np_rng):
+    data = pixels(np_rng, [((0.6, 0.5, 0.4), 1.0, 0.0)])
+    data.clipped[0][: PER_PART // 2] = True
+    assert 0 < found(data).pixels[1] <= PER_PART / 2
+
+
+def test_shards_without_a_pixel_of_one_piece_tell_nothing(np_rng):
+    """One has no samples at all, in the other every pixel shows two pieces."""
+    data = pixels(np_rng, [((0.5, 0.1, 0.1), 0.2, 0.0)])
+    place = np_rng.random((8, 3)).astype(np.float32)
+    mixed, nothing = scenes.samples_of(place, counts=[2] * 4), scenes.samples_of(np.zeros((0, 3)), counts=[0] * 3)
+    rows = [np.ones((len(samples.position), SHADING_OUTPUTS, 3), np.float32) for samples in (mixed, nothing)]
+    images = [(np.ones((count, 3), np.float32), np.ones(count, np.float32)) for count in (4, 3)]
+    ids = [np.ones(count, np.uint16) for count in (4, 3)]
+    center = np.array([1.5, 1.5, 1.5])
+    alone = estimate_parts(scenes.training_pixels([mixed, nothing], rows, images, ids), center, 3.3, emitter_gain=1e9)
+    np.testing.assert_array_equal(alone.pixels, 0)
+    np.testing.assert_array_equal(alone.roughness, 1)
+    one = scenes.training_pixels(
+        [nothing, *data.shards, mixed],
+        [rows[1], *data.shading, rows[0]],
+        [images[1], (data.radiance[0], data.valid[0]), images[0]],
+        [ids[1], np.ones(PER_PART, np.uint16), ids[0]],
+    )
+    together = estimate_parts(one, center, 3.3, emitter_gain=1e9)
+    for name, values in vars(found(data)).items():
+        np.testing.assert_array_equal(getattr(together, name), values, err_msg=name)
