@@ -9,8 +9,8 @@ from collections import Counter
 
 import pytest
 import yaml
-from fipt.config.legacy import load
 
+from fipt.config import load
 from fipt.errors import FiptError
 from fipt.scene.review import refreshed, write_review
 
