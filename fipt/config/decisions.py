@@ -11,7 +11,7 @@ from fipt.config.setups import SceneSetups
 from fipt.errors import FiptError
 from fipt.scene.review import Review, closest, read_review
 
-_NUMBERED = re.compile(r"(emitter|lamp)-(0|[1-9]\d*)")
+_NUMBERED = re.compile(r"emitter-(0|[1-9]\d*)")
 """Names that every emitter has."""
 
 

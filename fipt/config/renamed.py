@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -18,6 +19,10 @@ _SECTIONS = {
 
 _SETUPS = {"*.background": "environment"}
 """Old key of a relight setup -> its new name."""
+
+
+_EMITTER = re.compile(r"lamp-(\d+)")
+"""Name that every emitter had; it is emitter-N now."""
 
 
 def refuse_renamed(values: Mapping[str, Any]) -> None:
@@ -47,6 +52,20 @@ def _renamed(values: Mapping[str, Any]) -> Iterator[str]:
         for old, new in _SETUPS.items():
             for path in _paths(setups, old.split(".")):
                 yield f"{where}setups.{path} is called {new} now"
+        yield from _emitters(setups, f"{where}setups")
+
+
+def _emitters(setups: Any, where: str) -> Iterator[str]:
+    """Old names of emitters in edits."""
+    for name, setup in setups.items() if isinstance(setups, Mapping) else ():
+        edits = setup.get("emitters") if isinstance(setup, Mapping) else None
+        for edit in edits if isinstance(edits, list) else ():
+            if not isinstance(edit, Mapping):
+                continue
+            names = edit.get("names")
+            for called in [edit.get("name"), *(names if isinstance(names, list) else [])]:
+                if isinstance(called, str) and (number := _EMITTER.fullmatch(called)):
+                    yield f"{where}.{name}.emitters: {called} is emitter-{number[1]} now"
 
 
 def _paths(values: Any, keys: list[str]) -> Iterator[str]:

@@ -16,6 +16,10 @@ ROOM = {"source": "procedural"}
         ({"lamps": {"views": 1}}, ["lamps is olat now"]),
         ({"setups": {"night": {"background": {"scale": 0}}}}, ["setups.night.background is called environment now"]),
         (
+            {"setups": {"off": {"emitters": [{"name": "lamp-2"}, {"names": ["lamp-10", "desk lamp"]}]}}},
+            ["setups.off.emitters: lamp-2 is emitter-2 now", "setups.off.emitters: lamp-10 is emitter-10 now"],
+        ),
+        (
             {"scenes": {"attic": {**ROOM, "settings": {"hits": {}}, "setups": {"a": {"background": {}}}}}},
             [
                 "scenes.attic.settings.hits is scenes.attic.settings.samples now",
