@@ -12,7 +12,7 @@ rule cache:
         views="results/{scene}/dataset/views.json",
         mesh="results/{scene}/dataset/mesh.ply",
         checked="results/{scene}/dataset/check_poses.json",
-        images=images("train"),
+        images=ask("images", splits=["train"]),
         samples=sharded("results/{scene}/samples/{shard}.manifest.json", "train"),
     output:
         cache="results/{scene}/cache.npz",

@@ -15,7 +15,7 @@ rule emitters:
         views="results/{scene}/dataset/views.json",
         checked="results/{scene}/dataset/check_poses.json",
         mesh="results/{scene}/dataset/mesh.ply",
-        images=images("train"),
+        images=ask("images", splits=["train"]),
         samples=sharded("results/{scene}/samples/{shard}.manifest.json", "train"),
         shading=sharded(
             "results/{scene}/round-{round}/shading/{shard}.manifest.json", "train"
@@ -37,7 +37,7 @@ rule emitters:
         dataset=folder("results/{scene}/dataset"),
         samples=folders_of("samples"),
         shading=folders_of("shading"),
-        decisions=emission,
+        decisions=ask("decisions.emission"),
         settings=settings("emitters"),
         version=VERSIONS["emitters"],
     shell:
@@ -54,9 +54,9 @@ rule review:
         views="results/{scene}/dataset/views.json",
         checked="results/{scene}/dataset/check_poses.json",
         mesh="results/{scene}/dataset/mesh.ply",
-        images=images("train"),
+        images=ask("images", splits=["train"]),
         samples=sharded("results/{scene}/samples/{shard}.manifest.json", "train"),
-        emitters=last_emitters,
+        emitters=ask("last_emitters"),
     output:
         folder=directory("results/{scene}/emitters"),
         manifest="results/{scene}/emitters.manifest.json",
@@ -71,7 +71,7 @@ rule review:
         dataset=folder("results/{scene}/dataset"),
         samples=folders_of("samples"),
         review=folder("results/{scene}/emitters_review.yaml"),
-        decisions=listing,
+        decisions=ask("decisions.listing"),
         settings=settings("review"),
         version=VERSIONS["review"],
     shell:

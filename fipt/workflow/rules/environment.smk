@@ -12,9 +12,9 @@ rule environment:
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
         checked="results/{scene}/dataset/check_poses.json",
-        images=images("train"),
+        images=ask("images", splits=["train"]),
         samples=sharded("results/{scene}/samples/{shard}.manifest.json", "train"),
-        file=environment_file,
+        file=ask("environment_files"),
     output:
         environment="results/{scene}/environment.npz",
         stats="results/{scene}/stats/environment.json",

@@ -19,7 +19,7 @@ rule export_room:
         environment="results/{scene}/environment.npz",
         model=LAST_MODEL,
         confidence=LAST_CONFIDENCE,
-        emitters=last_emitters,
+        emitters=ask("last_emitters"),
         lamps="results/{scene}/emitters.manifest.json",
     output:
         manifest="results/{scene}/export.manifest.json",
@@ -53,7 +53,7 @@ rule check_export:
         views="results/{scene}/dataset/views.json",
         checked="results/{scene}/dataset/check_poses.json",
         samples=sharded("results/{scene}/samples/{shard}.manifest.json", "val"),
-        images=images("val"),
+        images=ask("images", splits=["val"]),
         export="results/{scene}/export.manifest.json",
         render=sharded("results/{scene}/render.{shard}.manifest.json", "val"),
     output:

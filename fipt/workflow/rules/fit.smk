@@ -18,14 +18,14 @@ rule fit:
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
         checked="results/{scene}/dataset/check_poses.json",
-        images=images("train"),
+        images=ask("images", splits=["train"]),
         samples=sharded("results/{scene}/samples/{shard}.manifest.json", "train"),
         shading=sharded(
             "results/{scene}/round-{round}/shading/{shard}.manifest.json", "train"
         ),
         cache="results/{scene}/cache.npz",
         environment="results/{scene}/environment.npz",
-        segments=fused,
+        segments=ask("segmentation.fused"),
         previous=previous("results/{scene}/round-{round}/model.safetensors"),
     output:
         model="results/{scene}/round-{round}/model.safetensors",
@@ -44,7 +44,7 @@ rule fit:
         samples=folders_of("samples"),
         shading=folders_of("shading"),
         previous=option("--previous", "previous"),
-        segments=where("segments", "--segments", "results/{scene}/segments/fused"),
+        segments=option("--segments", "segments", "results/{scene}/segments/fused"),
         settings=settings("fit"),
         version=VERSIONS["fit"],
     shell:

@@ -15,9 +15,9 @@ rule segment:
         views="results/{scene}/dataset/views.json",
         checked="results/{scene}/dataset/check_poses.json",
         mesh="results/{scene}/dataset/mesh.ply",
-        images=images("train"),
+        images=ask("images", splits=["train"]),
         samples="results/{scene}/samples/{shard}.manifest.json",
-        files=segment_files,
+        files=ask("segmentation.files"),
     output:
         manifest="results/{scene}/segments/views.{shard}.manifest.json",
         stats="results/{scene}/stats/segment.{shard}.json",
@@ -48,8 +48,8 @@ rule fuse:
         views="results/{scene}/dataset/views.json",
         checked="results/{scene}/dataset/check_poses.json",
         mesh="results/{scene}/dataset/mesh.ply",
-        images=images("train"),
-        segments=segmented,
+        images=ask("images", splits=["train"]),
+        segments=ask("segmentation.by_view"),
     output:
         manifest="results/{scene}/segments/fused.manifest.json",
         stats="results/{scene}/stats/fuse.json",
