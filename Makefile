@@ -5,7 +5,7 @@
 SHELL := /bin/bash
 MAKEFLAGS += --no-print-directory
 .DEFAULT_GOAL := help
-.PHONY: help setup llvm browser demo test lint bench scaling clean distclean
+.PHONY: help setup llvm browser demo test lint docs bench scaling clean distclean
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -82,6 +82,10 @@ lint: $(INSTALLED)  ## formatting, static checks, the workflow's linter, import 
 	@$(BIN)/snakemake --lint
 	@$(BIN)/lint-imports
 
+docs: $(INSTALLED)  ## the documentation as a site, site/index.html; a dead link or an unknown name is an error
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+	@echo "fipt: open $(CURDIR)/site/index.html"
+
 bench: setup  ## speed and quality against the reference methods
 	@$(BIN)/python -m benchmarks
 
@@ -89,7 +93,7 @@ scaling: setup  ## how time and memory grow with views, resolution and triangles
 	@$(BIN)/python -m benchmarks.scaling
 
 clean:  ## remove caches and build leftovers; results and .venv stay
-	rm -rf build dist *.egg-info .pytest_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf build dist site *.egg-info .pytest_cache .ruff_cache .import_linter_cache .hypothesis
 	find . -path ./$(VENV) -prune -o -name __pycache__ -type d -exec rm -rf {} +
 
 distclean: clean  ## remove .venv and the workflow's own records as well

@@ -18,7 +18,6 @@ from typing import Any
 from fipt import __version__
 from fipt.cli.process import configure_logging, end_with_run, is_job, leave
 from fipt.errors import EXIT_CODE, FiptError
-from fipt.logs import show_logs
 from fipt.registry import VERBS
 
 
@@ -70,7 +69,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     configure_logging()
     # Spinning OpenMP threads would starve the tracer's own (seen: 10 times slower steps).
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
-    show_logs()
     args = list(sys.argv[1:] if argv is None else argv)
     try:
         return _dispatch(args)

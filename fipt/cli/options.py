@@ -23,7 +23,8 @@ LampsFile = Annotated[
     typer.Option("--emitter-names", help="emitters.json of fipt review: names of emitters; else their numbers."),
 ]
 DecisionsJson = Annotated[
-    str, typer.Option("--decisions", help="What emitters_review.yaml decides, by triangle, JSON (docs/emitters.md).")
+    str,
+    typer.Option("--decisions", help="What emitters_review.yaml decides, by triangle, JSON (docs/stages/emitters.md)."),
 ]
 SettingsJson = Annotated[str, typer.Option("--settings", help="Settings of this stage, JSON.")]
 StatsFile = Annotated[Path | None, typer.Option("--stats", help="Write time, rate and memory here, JSON.")]

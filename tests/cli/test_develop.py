@@ -30,7 +30,7 @@ def develop(capture: Path, out: Path, views: str, **settings: object) -> int:
 def test_calibrate_then_develop(made: captures.Capture, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     calibration = tmp_path / "calibration.json"
     assert main(["calibrate", "--capture", str(made.folder), "--out", str(calibration)]) == 0
-    out = capsys.readouterr().out
+    out = capsys.readouterr().err
     assert "reprojection error" in out
     assert "vignetting: flat field (4 frames)" in out
     assert json.loads(calibration.read_text())["format"] == 1

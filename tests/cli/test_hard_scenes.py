@@ -112,7 +112,7 @@ def test_pictures_of_a_single_colour(photos, value, capsys):
     repaint(photos, lambda picture: 0 * picture + value)
     assert run() == 0
     assert_finite()
-    assert "no emitter found" in capsys.readouterr().out
+    assert "no emitter found" in capsys.readouterr().err
 
 
 def test_one_picture_is_black(photos):

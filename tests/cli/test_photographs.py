@@ -47,7 +47,7 @@ def test_a_broken_view_stops_development_or_is_rejected(folder, capsys):
 
     options = ("--calibration", folder / "capture" / "calibration.json", "--out", folder / "capture" / "qa.json")
     assert call("qa", "--capture", folder / "raw", "--developed", folder / "capture", *options) == 0
-    printed = capsys.readouterr().out
+    printed = capsys.readouterr().err
     assert "error: view train_000: " in printed
     assert "3 of 4 views are accepted" in printed
 

@@ -55,7 +55,7 @@ def test_cameras_are_found_and_a_bare_wall_is_rejected(ring, capsys):
     rejected = read_rejected(ring / "poses" / "views.json")
     assert list(rejected) == ["wall"]
     assert "too little texture" in rejected["wall"]
-    assert "warning: view wall is rejected" in capsys.readouterr().out
+    assert "warning: view wall is rejected" in capsys.readouterr().err
 
     content = json.loads((ring / "poses" / "poses.json").read_text())
     assert content["views"]["view_04"]["agreement"]["shift"] < 0.01

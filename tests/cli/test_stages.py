@@ -195,7 +195,7 @@ def test_files_of_a_run(scene):
         "round-0/emitters.npz",
         "round-0/emitters.json",
         "emitters/emitters.json",
-        "emitters/lamp-0.png",
+        "emitters/emitter-0.png",
         "emitters.manifest.json",
         "emitters_review.yaml",
         "round-1/shading/train-000/shading.npy",
@@ -326,7 +326,7 @@ def test_the_export_lists_its_files(exported):
     assert set(manifest["files"]) == written - checked
     facts = json.loads((exported / "export.json").read_text())
     assert facts["scene"] == "tiny"
-    assert [lamp["radiance"] for lamp in facts["lamps"]] == [pytest.approx(scenes.LAMP_RADIANCE)]
+    assert [lamp["radiance"] for lamp in facts["emitters"]] == [pytest.approx(scenes.LAMP_RADIANCE)]
     script = (exported / "blender.py").read_text()
     compile(script, "blender.py", "exec")
 
@@ -340,9 +340,9 @@ def test_a_check_without_its_files(exported, scene, refused, tmp_path):
 
 def test_the_only_lamp_alone_is_the_room_as_it_is(scene, tmp_path):
     layers = read_layers(scene / "olat" / "c.exr")
-    assert set(layers) == {"lamp-0"}
+    assert set(layers) == {"emitter-0"}
     assert call("relight", scene, "--setup", "{}", "--out", tmp_path, "--manifest", tmp_path / "m.json") == 0
-    np.testing.assert_array_equal(layers["lamp-0"], read_rgb(tmp_path / "c.exr"))
+    np.testing.assert_array_equal(layers["emitter-0"], read_rgb(tmp_path / "c.exr"))
 
 
 def film(root, own, name="film", **more):
@@ -543,7 +543,7 @@ def test_lamps_and_outside_alone_add_up_to_any_mix_of_them(opened, tmp_path):
     many = {"spp": 1024, "max_depth": 3}
     assert call("olat", opened, "--out", tmp_path, "--manifest", tmp_path / "m.json", settings=many) == 0
     layers = read_layers(tmp_path / "c.exr")
-    assert set(layers) == {"lamp-0", "outside"}
+    assert set(layers) == {"emitter-0", "outside"}
     tint = np.array([0.5, 1.0, 2.0])
     radiance = (scenes.LAMP_RADIANCE * tint).tolist()
     for setup, gains in (
@@ -554,7 +554,7 @@ def test_lamps_and_outside_alone_add_up_to_any_mix_of_them(opened, tmp_path):
         relit = ("--setup", json.dumps(setup), "--out", tmp_path / "relit", "--manifest", tmp_path / "r.json")
         assert call("relight", opened, *relit, settings=many) == 0
         direct = read_rgb(tmp_path / "relit" / "c.exr")
-        mixed = gains[0] * layers["lamp-0"] + gains[1] * layers["outside"]
+        mixed = gains[0] * layers["emitter-0"] + gains[1] * layers["outside"]
         shown = [srgb_encode(np.clip(2 * picture, 0, 1)) for picture in (mixed, direct)]
         assert 0.1 < shown[1].mean() < 0.9
         assert -10 * np.log10(((shown[0] - shown[1]) ** 2).mean()) > 40, setup
@@ -881,17 +881,19 @@ def test_names_reach_setup_and_list(work, refused):
     setup, lamps = json.dumps({"emitters": [{"name": "my lamp", "off": True}]}), work / "emitters" / "emitters.json"
     assert call("relight", work, "--setup", setup, "--emitter-names", lamps) == 0
     assert read_rgb(work / "relight" / "night" / "c.exr").max() < 0.01
-    assert "names lamp 'my lamp', which is none of 1 lamps; there are lamp-0" in refused("relight", "--setup", setup)
+    assert "names emitter 'my lamp', which is none of 1 emitters; there are emitter-0" in refused(
+        "relight", "--setup", setup
+    )
     wrong = json.dumps(named | {"mesh_triangles": 3})
     assert f"of a mesh of 3; the mesh has {triangles}" in refused("review", "--decisions", wrong)
-    (work / "emitters_review.yaml").write_text("lamps: [")
+    (work / "emitters_review.yaml").write_text("emitters: [")
     assert "emitters_review.yaml is not YAML" in refused("review")
 
 
 def test_no_emitter_is_no_error(work, capsys):
     """The run goes on: paths are dark but for the cache, and renders are black."""
     assert call("emitters", work, settings={"points": 5, "threshold": 1.0}) == 0
-    assert "warning: no emitter found" in capsys.readouterr().out
+    assert "warning: no emitter found" in capsys.readouterr().err
     assert json.loads((work / "round-0" / "emitters.json").read_text())["emitters"] == []
     for verb in ("refine", "materials", "render", "relight"):
         assert call(verb, work) == 0

@@ -1,5 +1,6 @@
 """``fipt cache``: samples and images of the training views -> cache.npz."""
 
+import logging
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -8,6 +9,8 @@ from fipt.inputs import DatasetFolder, SamplesFolders
 
 if TYPE_CHECKING:
     from fipt.stages.cache.settings import CacheSettings
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,5 +34,5 @@ def run(inputs: CacheInputs, settings: "CacheSettings") -> dict[str, Any]:
     cache = build(data.mesh(), shards, view_pixels(data, shards), settings)
     write_cache(inputs.out, cache)
     seen = int((cache["count"] > 0).sum())
-    print(f"cache: {seen} of {len(cache['key'])} surface voxels are seen")
+    log.info("cache: %d of %d surface voxels are seen", seen, len(cache["key"]))
     return {"voxels": len(cache["key"]), "seen_voxels": seen}

@@ -1,11 +1,14 @@
 """``fipt calibrate``: calibration frames -> calibration.json."""
 
+import logging
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 if TYPE_CHECKING:
     from fipt.stages.capture.settings import CaptureSettings
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,5 +27,5 @@ def run(inputs: CalibrateInputs, settings: "CaptureSettings") -> dict[str, Any]:
 
     found = calibrate(read_capture(inputs.capture, settings.frames), settings)
     write_calibration(inputs.out, found)
-    print(summary(found))
+    log.info("%s", summary(found))
     return {"sources": found.sources}

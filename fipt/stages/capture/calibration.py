@@ -1,4 +1,4 @@
-"""What is known of a camera, and calibration.json, the file it lives in (described in docs/capture.md)."""
+"""What is known of a camera, and calibration.json, the file it lives in (described in docs/stages/capture.md)."""
 
 from __future__ import annotations
 

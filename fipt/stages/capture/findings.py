@@ -214,7 +214,9 @@ def calibration_notes(capture: Capture) -> list[Finding]:
     findings = []
     if missing:
         message = f"no calibration frames of: {', '.join(missing)}"
-        findings.append(Finding("calibration", "note", message, "photograph them while you are here (docs/capture.md)"))
+        findings.append(
+            Finding("calibration", "note", message, "photograph them while you are here (docs/stages/capture.md)")
+        )
     shot = capture.brackets[0].shots[0]
     # Size and distance do not decide whether a lens is known.
     if not (board and "flat" in frames) and lensfun.find_lens(shot, 6000, 4000, 2.5) is None:
@@ -241,7 +243,7 @@ def undeveloped(facts: Mapping[str, Mapping[str, Any]]) -> list[Finding]:
 def uncalibrated(calibration: Calibration) -> list[Finding]:
     """What is not known of the camera; a reprojection error that is too large."""
     found = [
-        Finding("uncalibrated", "note", sentence, "photograph the frames that are missing (docs/capture.md)")
+        Finding("uncalibrated", "note", sentence, "photograph the frames that are missing (docs/stages/capture.md)")
         for sentence in calibration.absent
     ]
     error = calibration.figures.get("board", {}).get("rms")

@@ -1,12 +1,15 @@
 """``fipt qa``: developed views -> qa.json, which views are good and what is wrong with the others."""
 
 import json
+import logging
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 if TYPE_CHECKING:
     from fipt.stages.capture.settings import CaptureSettings
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,8 +34,9 @@ def run(inputs: QaInputs, settings: "CaptureSettings") -> dict[str, Any]:
     write_text(inputs.out, json.dumps(found, indent=1, allow_nan=False) + "\n")
     worse = [finding for finding in found["findings"] if finding["severity"] != "note"]
     for finding in worse:
-        print(f"{finding['severity']}: {finding['message']}; {finding['remedy']}")
+        level = logging.ERROR if finding["severity"] == "error" else logging.WARNING
+        log.log(level, "%s; %s", finding["message"], finding["remedy"])
     refused = [view for view, state in found["views"].items() if not state["accepted"]]
-    print(f"qa: {len(found['views']) - len(refused)} of {len(found['views'])} views are accepted")
+    log.info("qa: %d of %d views are accepted", len(found["views"]) - len(refused), len(found["views"]))
     warnings = [f"{finding['message']}; {finding['remedy']}" for finding in worse]
     return {"warnings": warnings, "views": len(found["views"]), "rejected": refused}

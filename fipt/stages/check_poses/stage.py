@@ -1,6 +1,7 @@
 """``fipt check-poses``: images, cameras and mesh -> which views show what the others show."""
 
 import json
+import logging
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,6 +11,8 @@ from fipt.inputs import POSITIONAL
 if TYPE_CHECKING:
     from fipt.stages.check_poses.compare import Verdict
     from fipt.stages.check_poses.settings import CheckPosesSettings
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,6 +65,6 @@ def _verdicts(dataset: Path, settings: "CheckPosesSettings") -> list["Verdict"]:
 
     set_variant()
     verdicts = check(Dataset(dataset, unchecked=True), settings)
-    print(table(verdicts))
+    log.info("%s", table(verdicts))
     enough(verdicts, settings)
     return verdicts

@@ -1,5 +1,6 @@
 """``fipt emitters``: model and images -> emitting triangles of a round."""
 
+import logging
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,6 +11,8 @@ if TYPE_CHECKING:
     from fipt.scene.emitters import Emitters
     from fipt.scene.review import Decisions
     from fipt.stages.emitters.settings import EmittersSettings
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,11 +46,11 @@ def run(inputs: EmittersInputs, settings: "EmittersSettings") -> dict[str, Any]:
     count = int(found.emitter.max(initial=-1)) + 1
     warnings = _warnings(found, count, decided, len(mesh.triangles))
     for warning in warnings:
-        print(f"warning: {warning}")
+        log.warning("%s", warning)
     if count == 0:
-        print("warning: no emitter found; refined shading will have no light of its own")
+        log.warning("no emitter found; refined shading will have no light of its own")
     else:
-        print(f"emitters: {count} emitters of {len(found.triangle)} triangles")
+        log.info("emitters: %d emitters of %d triangles", count, len(found.triangle))
     figures: dict[str, Any] = {"triangles": len(found.triangle), "emitters": count}
     return figures | ({"warnings": warnings} if warnings else {})
 

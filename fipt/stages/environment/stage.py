@@ -1,5 +1,6 @@
 """``fipt environment``: samples and images of the training views -> environment.npz."""
 
+import logging
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -8,6 +9,8 @@ from fipt.inputs import DatasetFolder, SamplesFolders
 
 if TYPE_CHECKING:
     from fipt.stages.environment.settings import EnvironmentSettings
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,5 +34,5 @@ def run(inputs: EnvironmentInputs, settings: "EnvironmentSettings") -> dict[str,
     found = find_environment(Dataset(inputs.dataset), shards, settings, figures)
     write_environment(inputs.out, found)
     mean = found.mean
-    print(f"environment: {found.mode}, mean radiance {mean[0]:.4g} {mean[1]:.4g} {mean[2]:.4g}")
+    log.info("environment: %s, mean radiance %.4g %.4g %.4g", found.mode, *mean)
     return figures | {"mode": found.mode, "mean": mean.tolist()}

@@ -1,1 +1,1 @@
-"""Figures against ground truth and photographs; definitions in docs/math.md."""
+"""Figures against ground truth and photographs; definitions in docs/method.md."""

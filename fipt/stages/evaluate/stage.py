@@ -33,7 +33,7 @@ class MetricsInputs:
 def run(inputs: MetricsInputs, settings: "MetricsSettings") -> dict[str, Any]:
     """Write every figure that the files allow; what cannot be known is null.
 
-    Definitions: docs/math.md, and in the file itself.
+    Definitions: docs/method.md, and in the file itself.
     """
     from fipt.formats.files import write_text
     from fipt.registry import VERSIONS

@@ -39,7 +39,7 @@ def fit_model(inputs: FitInputs, settings: FitSettings) -> Stats:
     if kind is None:
         log.warning(
             "no segments; roughness and metallic are fitted point by point, without search or propagation: "
-            "they are uncertain wherever no view sees a highlight (docs/segmentation.md has figures)"
+            "they are uncertain wherever no view sees a highlight (docs/stages/segment.md has figures)"
         )
     pixels, confidence = _training_pixels(data, kind, inputs, settings)
     center, side = scene_box(pixels.shards)

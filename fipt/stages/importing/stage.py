@@ -1,11 +1,14 @@
 """``fipt import``: posed HDR views of another layout -> dataset/."""
 
+import logging
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 if TYPE_CHECKING:
     from fipt.stages.importing.settings import ImportSettings
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,7 +45,7 @@ def run(inputs: ImportInputs, settings: "ImportSettings") -> dict[str, Any]:
     figures: dict[str, Any] = {"views": len(done.cameras), "exposure": done.source.scale}
     if done.source.unposed:
         figures["warnings"] = [f"without a pose, left out: {', '.join(done.source.unposed)}"]
-        print(f"warning: {figures['warnings'][0]}")
+        log.warning("%s", figures["warnings"][0])
     splits = [camera.split for camera in done.cameras]
-    print(f"{dataset}: {splits.count('train')} train and {splits.count('val')} val views")
+    log.info("%s: %d train and %d val views", dataset, splits.count("train"), splits.count("val"))
     return figures

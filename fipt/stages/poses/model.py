@@ -33,7 +33,7 @@ class Reconstruction:
     Attributes
     ----------
     cameras
-        ``world_from_camera`` in the project's axes (docs/conventions.md).
+        ``world_from_camera`` in the project's axes (docs/reference/conventions.md).
     points
         (P, 3) float64 world positions.
     errors

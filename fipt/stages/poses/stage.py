@@ -1,11 +1,14 @@
 """``fipt pose``: views without poses -> cameras in metres, with evidence."""
 
+import logging
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 if TYPE_CHECKING:
     from fipt.stages.poses.settings import PosesSettings
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,8 +45,8 @@ def run(inputs: PoseInputs, settings: "PosesSettings") -> dict[str, Any]:
     refused = {name: e.reason for name, e in found.evidence.items() if e.reason is not None}
     warnings = [f"view {name} is rejected: {reason}" for name, reason in refused.items()]
     for warning in warnings:
-        print(f"warning: {warning}")
-    print(f"{out}: {len(found.reconstruction.cameras)} of {len(views.cameras)} views have a pose")
+        log.warning("%s", warning)
+    log.info("%s: %d of %d views have a pose", out, len(found.reconstruction.cameras), len(views.cameras))
     return {
         "views": len(views.cameras),
         "rejected": list(refused),

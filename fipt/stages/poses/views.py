@@ -100,7 +100,7 @@ def read_capture(folder: str | Path, held_out: Collection[str]) -> Views:
     if without:
         raise FiptError(
             f"the intrinsics of every view must be known; those of {', '.join(without[:3])} are not",
-            "calibrate the camera (docs/capture.md), or run fipt pose with --source and --intrinsics",
+            "calibrate the camera (docs/stages/capture.md), or run fipt pose with --source and --intrinsics",
         )
     cameras = tuple(_camera(name, facts[name], held_out, report) for name in accepted)
     images = {name: folder / "hdr" / f"{name}.exr" for name in accepted}
@@ -125,7 +125,7 @@ def read_folder(folder: str | Path, intrinsics: str | Path, held_out: Collection
         shared = json.loads(path.read_text(encoding="utf-8"))
         own = {Path(frame["file_path"]).stem: frame for frame in shared.get("frames", ())}
     except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise FiptError(f"{path} must hold w, h and fl_x in JSON ({error!r})", "see docs/poses.md") from error
+        raise FiptError(f"{path} must hold w, h and fl_x in JSON ({error!r})", "see docs/stages/poses.md") from error
     images = {check_name(file.stem, f"{folder}: view"): file for file in sorted(folder.glob("*.exr"))}
     cameras = tuple(_camera(name, {**shared, **own.get(name, {})}, held_out, path) for name in images)
     return _checked(Views(cameras, images, {}), folder)

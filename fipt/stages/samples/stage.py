@@ -1,5 +1,6 @@
 """``fipt samples``: cameras and mesh -> footprint samples of a shard."""
 
+import logging
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -7,6 +8,8 @@ from fipt.inputs import DatasetFolder, Names, ShardFolder
 
 if TYPE_CHECKING:
     from fipt.stages.samples.settings import SamplesSettings
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,7 +34,7 @@ def run(inputs: SamplesInputs, settings: "SamplesSettings") -> dict[str, Any]:
     samples = trace(Dataset(inputs.dataset), inputs.views, settings, figures)
     sparse = figures["views_mostly_off_mesh"]
     if sparse:
-        print(f"warning: more than half of the pixels miss the mesh in {', '.join(sparse)}")
+        log.warning("more than half of the pixels miss the mesh in %s", ", ".join(sparse))
     out = inputs.out
     with atomic_folder(out) as folder:
         names = [file.name for file in write_samples(folder, samples)]

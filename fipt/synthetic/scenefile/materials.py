@@ -1,4 +1,4 @@
-"""Materials of a scene file as base colour, roughness and metallic; docs/scene-files.md has the rules as a table."""
+"""Materials of a scene file as base colour, roughness and metallic; docs/stages/scene-files.md has the rules."""
 
 from __future__ import annotations
 
