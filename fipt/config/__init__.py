@@ -275,14 +275,14 @@ class Scene:
                     raise FiptError(
                         f"setups.{setup} of scene {self.name} names the lamp {name!r}, and no lamp has this name",
                         f"name it in {path}, which a run without this setup writes; there are "
-                        f"{closest(name, [*found.names(), 'lamp-N'])}",
+                        f"{closest(name, [*found.names(), 'emitter-N'])}",
                     )
         return found
 
     def names_in(self, setup: str) -> list[str]:
         """Names by which a relight setup chooses lamps, but for those that every lamp has."""
         called = [name for edit in self.setups[setup].emitters for name in edit.called]
-        return [name for name in called if not re.fullmatch(r"lamp-(0|[1-9]\d*)", name)]
+        return [name for name in called if not re.fullmatch(r"emitter-(0|[1-9]\d*)", name)]
 
     def emission_options(self) -> list[str]:
         """Options of ``fipt emitters`` that say what a person decided about lamps; none where nobody did."""

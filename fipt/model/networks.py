@@ -1,7 +1,7 @@
 """The two networks that are fitted, and the scene box that their inputs are measured in.
 
 `BrdfNetwork` gives base colour, roughness and metallic, `EmissionNetwork` the mask of pixels that
-show a lamp; `Field` holds both with the box and answers in world coordinates. Sizes are those of
+show an emitter; `Field` holds both with the box and answers in world coordinates. Sizes are those of
 the paper's supplement.
 """
 

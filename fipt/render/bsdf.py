@@ -19,7 +19,7 @@ def register() -> None:
 
 
 def textured(surface: Any) -> Any:
-    """Return the BSDF of a `fipt.render.texels.TexturedSurface`."""
+    """Return the BSDF of a `fipt.render.texels.MappedSurface`."""
     import mitsuba as mi
 
     from fipt.render.bsdf_plugin import FiptGgx

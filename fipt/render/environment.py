@@ -46,4 +46,4 @@ class Sky:
 
 def sky_of(environment: EnvironmentMap) -> Sky | None:
     """Return the background for kernels; None where no light comes from outside, which costs nothing."""
-    return Sky(environment) if environment.shines else None
+    return Sky(environment) if environment.emits else None

@@ -18,7 +18,7 @@ from fipt.model.albedo import albedo_terms
 from fipt.render import bsdf
 from fipt.render.footprint import sub_pixel_points
 from fipt.render.scene import lanes
-from fipt.scene.asset import Asset, Piece, Textures, back, mitsuba_map
+from fipt.scene.asset import Asset, MaterialTextures, TexturedMesh, back, mitsuba_map
 from fipt.scene.cameras import Camera
 
 SPECULAR = 0.2
@@ -50,14 +50,14 @@ def load_asset(asset: Asset) -> mi.Scene:
         }
     )
     scene: dict[str, Any] = {"type": "scene", "surface": _shape(asset.surface, bsdf=surface)}
-    sheets = [*asset.lamps, *(back(lamp) for lamp in asset.lamps if asset.two_sided)]
-    for lamp in sheets:
+    sheets = [*asset.emitters, *(back(emitter) for emitter in asset.emitters if asset.two_sided)]
+    for emitter in sheets:
         parts = {"bsdf": mi.load_dict({"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}})}
-        if lamp.radiance.any():
-            value = [float(v) for v in lamp.radiance]
+        if emitter.radiance.any():
+            value = [float(v) for v in emitter.radiance]
             parts["emitter"] = mi.load_dict({"type": "area", "radiance": {"type": "rgb", "value": value}})
-        scene[lamp.name] = _shape(lamp, **parts)
-    if asset.outside.shines:
+        scene[emitter.name] = _shape(emitter, **parts)
+    if asset.outside.emits:
         scene["outside"] = {"type": "envmap", "bitmap": mi.Bitmap(mitsuba_map(asset.outside))}
     return mi.load_dict(scene)
 
@@ -65,7 +65,7 @@ def load_asset(asset: Asset) -> mi.Scene:
 def guides(scene: mi.Scene, asset: Asset, camera: Camera, grid: int) -> tuple[np.ndarray, np.ndarray]:
     """Base colour and normal (H, W, 3) that a view shows, free of noise, for the denoiser; ``scene`` is the asset's.
 
-    Both are means over the rays of a pixel, lamps black: only what is reflected is denoised.
+    Both are means over the rays of a pixel, emitters black: only what is reflected is denoised.
     """
     color = _texture(asset.textures.linear_color)
     surface = mi.ShapePtr(next(shape for shape in scene.shapes() if shape.id() == asset.surface.name))
@@ -80,7 +80,7 @@ def guides(scene: mi.Scene, asset: Asset, camera: Camera, grid: int) -> tuple[np
 
 
 def emitted(scene: mi.Scene, rays: Rays, shape: tuple[int, int], grid: int) -> np.ndarray:
-    """(H, W, 3) radiance of the lamps and the outside that a view shows directly, through the rays of `picture`."""
+    """(H, W, 3) radiance of emitters and the outside that a view shows directly, through the rays of `traced_image`."""
 
     def seen(ray: mi.Ray3f) -> list[mi.Color3f]:
         si = scene.ray_intersect(ray)
@@ -153,7 +153,7 @@ def rays_of_sensor(scene: mi.Scene, number: int) -> Rays:
     return rays
 
 
-def picture(
+def traced_image(
     scene: mi.Scene, integrator: mi.Integrator, rays: Rays, shape: tuple[int, int], grid: int, spp: int, seed: int
 ) -> np.ndarray:
     """Path trace a view of a scene.
@@ -193,7 +193,7 @@ def picture(
     return (total / (each * len(places))).reshape(height, width, 3).astype(np.float32)
 
 
-def principled_textures(textures: Textures) -> Textures:
+def principled_textures(textures: MaterialTextures) -> MaterialTextures:
     """Return parameters with which Mitsuba's ``principled`` comes near to our reflectance.
 
     Its diffuse lobe depends on roughness: nearest to Lambert's is that of `_LAMBERT`, which is taken for all rougher
@@ -214,7 +214,7 @@ def principled_textures(textures: Textures) -> Textures:
     offset, slope = albedo(_our_albedo(), rough)
     other, other_slope = albedo(_principled_albedo(), theirs)
     color = (offset + slope * textures.linear_color - other) / np.maximum(other_slope, 1e-3)
-    return Textures(to_display(color), np.uint8(theirs * 255 + 0.5), textures.metallic)
+    return MaterialTextures(to_display(color), np.uint8(theirs * 255 + 0.5), textures.metallic)
 
 
 def _our_albedo() -> np.ndarray:
@@ -256,7 +256,7 @@ def _texture(values: np.ndarray) -> mi.Texture:
     return mi.load_dict({"type": "bitmap", "data": mi.TensorXf(data), "raw": True, "wrap_mode": "clamp"})
 
 
-def _shape(piece: Piece, **children: Any) -> mi.Mesh:
+def _shape(piece: TexturedMesh, **children: Any) -> mi.Mesh:
     """Mesh with flat normals; bsdf and emitter as children."""
     props = mi.Properties()
     for key, child in children.items():

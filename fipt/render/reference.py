@@ -15,10 +15,9 @@ import mitsuba as mi
 import numpy as np
 
 from fipt.render import bsdf
-from fipt.render.edits import Edit
 from fipt.render.scene import vectors
 from fipt.render.spots import Spot
-from fipt.render.texels import Surface, Textures
+from fipt.render.texels import DeviceMaps, MappedMesh, MappedSurface
 from fipt.scene.cameras import Camera
 from fipt.scene.environment import NOTHING, EnvironmentMap
 from fipt.scene.mesh import Mesh
@@ -38,7 +37,7 @@ _SHEET_GAP = 0.001
 
 
 @dataclass(frozen=True)
-class Light:
+class EmittingMesh:
     """Triangles of one radiance.
 
     Attributes
@@ -46,10 +45,10 @@ class Light:
     mesh
         Its triangles, metres.
     radiance
-        (3,) linear RGB; zero for a lamp that is off. Lights absorb what falls on them.
+        (3,) linear RGB; zero for an emitter that is off. Emitters absorb what falls on them.
     two_sided
-        Shine from both sides. Mitsuba's area lights have one, so this makes two sheets, each triangle's moved along
-        its normal; lamps whose back nobody can see, such as a closed globe, do without.
+        Emit from both sides. Mitsuba's area lights have one, so this makes two sheets, each triangle's moved along
+        its normal; emitters whose back nobody can see, such as a closed globe, do without.
     """
 
     mesh: Mesh
@@ -57,30 +56,20 @@ class Light:
     two_sided: bool = False
 
 
-class TexturedMesh:
-    """Footprint samples on a mesh, with the material there.
+class SurfaceProbe:
+    """What rays meet on a mesh, and the material there.
 
     Parameters
     ----------
-    mesh
-        Triangles, which keep their numbers.
-    uv
-        (V, 2) float32 texture coordinates.
-    textures
-        Of all materials.
-    material
-        (T,) material of each triangle.
-    edits
-        Changes of the materials, in order.
+    room
+        The mesh; its triangles keep their numbers.
     """
 
-    def __init__(
-        self, mesh: Mesh, uv: np.ndarray, textures: Textures, material: np.ndarray, edits: Sequence[Edit] = ()
-    ) -> None:
-        self._scene = mi.load_dict({"type": "scene", "mesh": _mesh("mesh", mesh, uv)})
-        self._surface = Surface(textures, material, edits)
+    def __init__(self, room: MappedMesh) -> None:
+        self._scene = mi.load_dict({"type": "scene", "mesh": _mesh("mesh", room.mesh, room.uv)})
+        self._surface = MappedSurface(room)
 
-    def first_hits(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def intersect(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Trace rays.
 
         Parameters
@@ -95,14 +84,14 @@ class TexturedMesh:
         triangle
             (N,) int32, -1 where a ray meets nothing.
         """
-        hit = self._scene.ray_intersect_preliminary(_rays(origins, directions))
-        distance, triangle = mi.Float(hit.t), mi.Int32(hit.prim_index)
+        found = self._scene.ray_intersect_preliminary(_rays(origins, directions))
+        distance, triangle = mi.Float(found.t), mi.Int32(found.prim_index)
         dr.eval(distance, triangle)
         distance = np.array(distance)
         return distance, np.where(np.isfinite(distance), np.array(triangle), -1)
 
-    def look(self, origins: np.ndarray, directions: np.ndarray) -> dict[str, np.ndarray]:
-        """Trace rays and look at what they meet.
+    def materials(self, origins: np.ndarray, directions: np.ndarray) -> dict[str, np.ndarray]:
+        """Trace rays and tell the material of what they meet.
 
         Returns
         -------
@@ -111,10 +100,10 @@ class TexturedMesh:
             winding order; ``base_color`` (N, 3), ``roughness`` and ``metallic`` (N,) float32, 0 where nothing is met.
         """
         si = self._scene.ray_intersect(_rays(origins, directions))
-        hit = si.is_valid()
-        triangle = dr.select(hit, mi.Int32(si.prim_index), -1)
-        color = self._surface.base_color.eval(si, hit)
-        roughness, metallic = (getattr(self._surface, name).eval_1(si, hit) for name in ("roughness", "metallic"))
+        valid = si.is_valid()
+        triangle = dr.select(valid, mi.Int32(si.prim_index), -1)
+        color = self._surface.base_color.eval(si, valid)
+        roughness, metallic = (getattr(self._surface, name).eval_1(si, valid) for name in ("roughness", "metallic"))
         dr.eval(triangle, color, roughness, metallic, si.n)
         return {
             "triangle": np.array(triangle),
@@ -126,13 +115,9 @@ class TexturedMesh:
 
 
 def load_scene(
-    mesh: Mesh,
-    uv: np.ndarray,
-    textures: Textures,
-    material: np.ndarray,
-    lights: Sequence[Light],
+    room: MappedMesh,
+    emitters: Sequence[EmittingMesh],
     environment: EnvironmentMap = NOTHING,
-    edits: Sequence[Edit] = (),
     objects: Sequence[MeshObject] = (),
     spots: Sequence[Spot] = (),
 ) -> mi.Scene:
@@ -140,38 +125,34 @@ def load_scene(
 
     Parameters
     ----------
-    mesh
-        What reflects, T triangles (perhaps none); the lights' triangles are not among them.
-    uv, textures, material
-        Its materials, as in `TexturedMesh`.
-    lights
-        What shines.
-    background
-        What shines from outside.
-    edits
-        Changes of the materials, in order.
+    room
+        What reflects, T triangles (perhaps none); the emitters' triangles are not among them.
+    emitters
+        What emits.
+    environment
+        What comes from outside.
     objects, spots
         What else stands in the scene, each with materials of its own; lights at points.
     """
     scene: dict[str, Any] = {"type": "scene"}
-    if len(mesh.triangles):
-        scene["mesh"] = _mesh("mesh", mesh, uv, bsdf=bsdf.textured(Surface(textures, material, edits)))
+    if len(room.mesh.triangles):
+        scene["mesh"] = _mesh("mesh", room.mesh, room.uv, bsdf=bsdf.textured(MappedSurface(room)))
     for index, thing in enumerate(objects):
-        own = bsdf.textured(Surface(Textures(thing.materials), thing.material))
-        scene[f"object{index}"] = _mesh(f"object{index}", *_smooth(thing), bsdf=own)
+        mapped = MappedMesh(thing.mesh, thing.uv, DeviceMaps(thing.materials), thing.material)
+        scene[f"object{index}"] = _mesh(f"object{index}", *_smooth(thing), bsdf=bsdf.textured(MappedSurface(mapped)))
     for index, spot in enumerate(spots):
         scene[f"spot{index}"] = _spot(spot)
-    for index, light in enumerate(lights):
-        for side, sheet in enumerate(_sheets(light)):
+    for index, emitter in enumerate(emitters):
+        for side, sheet in enumerate(_sheets(emitter)):
             black = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}
             parts = {"bsdf": mi.load_dict(black)}
-            if np.any(light.radiance):
-                value = [float(c) for c in light.radiance]
+            if np.any(emitter.radiance):
+                value = [float(c) for c in emitter.radiance]
                 area = {"type": "area", "radiance": {"type": "rgb", "value": value}}
                 parts["emitter"] = mi.load_dict(area)
             name = f"light{index}_{side}"
             scene[name] = _mesh(name, sheet, **parts)
-    if environment.shines:
+    if environment.emits:
         scene["environment"] = _environment(environment)
     return mi.load_dict(scene)
 
@@ -197,7 +178,7 @@ class PathTracer:
     def render(self, camera: Camera, spp: int, seed: int) -> np.ndarray:
         """Return the (H, W, 3) float32 radiance of a view from ``spp`` paths a pixel."""
         pixels = camera.width * camera.height
-        # The passes depend on the image alone: the same seed gives the same picture everywhere.
+        # The passes depend on the image alone: the same seed gives the same image everywhere.
         most = max(_MAX_LANES // pixels, 1)
         counts = [most] * (spp // most) + [spp % most] * (spp % most > 0)
         seeds = np.random.SeedSequence(seed).generate_state(len(counts))
@@ -232,7 +213,7 @@ class PathTracer:
 
 
 def _environment(environment: EnvironmentMap) -> dict[str, Any]:
-    """Mitsuba's own emitter of a background.
+    """Mitsuba's own emitter of an environment map.
 
     Its maps begin at -z, have their first and last rows at the poles and are not turned; ours is looked up where its
     texels are, on a grid finer than our own.
@@ -252,12 +233,12 @@ def _environment(environment: EnvironmentMap) -> dict[str, Any]:
     return {"type": "envmap", "bitmap": mi.Bitmap(values)}
 
 
-def _sheets(light: Light) -> list[Mesh]:
-    """One-sided meshes that together make a light."""
-    if not light.two_sided:
-        return [light.mesh]
-    corners = light.mesh.corners
-    shift = 0.5 * _SHEET_GAP * light.mesh.normals[:, None]
+def _sheets(emitter: EmittingMesh) -> list[Mesh]:
+    """One-sided meshes that together make an emitter."""
+    if not emitter.two_sided:
+        return [emitter.mesh]
+    corners = emitter.mesh.corners
+    shift = 0.5 * _SHEET_GAP * emitter.mesh.normals[:, None]
     triangles = np.arange(3 * len(corners), dtype=np.int32).reshape(-1, 3)
     return [
         Mesh((corners + shift).reshape(-1, 3), triangles),

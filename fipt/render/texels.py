@@ -7,6 +7,7 @@ triangles lost their numbers; here the mesh stays one.
 from __future__ import annotations  # Mitsuba has no classes before its variant is set
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import drjit as dr
@@ -15,10 +16,11 @@ import numpy as np
 
 from fipt.conventions import ROUGHNESS_MIN
 from fipt.render.edits import Box, Edit
+from fipt.scene.mesh import Mesh
 
 
-class Material(Protocol):
-    """What `Texels` needs of a material: float32 images, 1 x 1 where they are constant; row 0 is v = 0.
+class MaterialMaps(Protocol):
+    """What `PackedMaps` needs of a material: float32 images, 1 x 1 where they are constant; row 0 is v = 0.
 
     Images repeat: (u, v) and (u + 1, v) are the same place. Texel centres are at half integers, values between them
     are bilinear.
@@ -40,7 +42,7 @@ class Material(Protocol):
         ...
 
 
-class Texels:
+class PackedMaps:
     """Images (h, w) or (h, w, 3) of several materials, in one array.
 
     Parameters
@@ -84,26 +86,47 @@ def _neighbours(place: Any, count: Any) -> tuple[Any, Any, Any]:
     return before, after, position - first
 
 
-class Textures:
-    """The textures of a room's materials, on the device."""
+class DeviceMaps:
+    """The maps of a room's materials, on the device."""
 
-    def __init__(self, materials: Sequence[Material]) -> None:
-        self.base_color = Texels([material.base_color for material in materials])
-        self.roughness = Texels([np.maximum(material.roughness, ROUGHNESS_MIN) for material in materials])
-        self.metallic = Texels([material.metallic for material in materials])
+    def __init__(self, materials: Sequence[MaterialMaps]) -> None:
+        self.base_color = PackedMaps([material.base_color for material in materials])
+        self.roughness = PackedMaps([np.maximum(material.roughness, ROUGHNESS_MIN) for material in materials])
+        self.metallic = PackedMaps([material.metallic for material in materials])
 
 
-class Surface:
-    """Reflectance of every place of a mesh.
+@dataclass(frozen=True)
+class MappedMesh:
+    """A mesh whose triangles have materials.
 
-    Parameters
+    Attributes
     ----------
-    textures
+    mesh
+        T triangles, metres.
+    uv
+        (V, 2) float32 texture coordinates.
+    maps
         Of all materials.
     material
         (T,) material of each triangle.
     edits
-        Changes of them, in order; for a mesh of these T triangles.
+        Changes of the materials, in order; for a mesh of these T triangles.
+    """
+
+    mesh: Mesh
+    uv: np.ndarray
+    maps: DeviceMaps
+    material: np.ndarray
+    edits: Sequence[Edit] = ()
+
+
+class MappedSurface:
+    """Reflectance of every place of a mesh, in kernels.
+
+    Parameters
+    ----------
+    room
+        The mesh.
 
     Attributes
     ----------
@@ -111,11 +134,15 @@ class Surface:
         What a `fipt.render.bsdf` asks for them: ``eval(si, active)``, ``eval_1(si, active)``.
     """
 
-    def __init__(self, textures: Textures, material: np.ndarray, edits: Sequence[Edit] = ()) -> None:
-        number = mi.UInt32(np.ascontiguousarray(material, np.uint32))
-        places = [_Place(edit.where) for edit in edits]
+    def __init__(self, room: MappedMesh) -> None:
+        number = mi.UInt32(np.ascontiguousarray(room.material, np.uint32))
+        places = [_EditPlace(edit.where) for edit in room.edits]
         self.base_color, self.roughness, self.metallic = (
-            _Looked(getattr(textures, name), number, [(p, _step(e, name)) for p, e in zip(places, edits, strict=True)])
+            _MapOnMesh(
+                getattr(room.maps, name),
+                number,
+                [(place, _step(edit, name)) for place, edit in zip(places, room.edits, strict=True)],
+            )
             for name in ("base_color", "roughness", "metallic")
         )
 
@@ -131,7 +158,7 @@ def _step(edit: Edit, name: str) -> Callable[[Any], Any]:
     return lambda value: type(value)(wanted if name != "base_color" else mi.Color3f(*wanted))
 
 
-class _Place:
+class _EditPlace:
     """Where an edit holds."""
 
     def __init__(self, where: np.ndarray | Box) -> None:
@@ -147,10 +174,12 @@ class _Place:
         return inside
 
 
-class _Looked:
+class _MapOnMesh:
     """Texels on a mesh, with the two methods of a Mitsuba texture that a BSDF calls."""
 
-    def __init__(self, texels: Texels, material: Any, steps: Sequence[tuple[_Place, Callable[[Any], Any]]]) -> None:
+    def __init__(
+        self, texels: PackedMaps, material: Any, steps: Sequence[tuple[_EditPlace, Callable[[Any], Any]]]
+    ) -> None:
         self._texels, self._material, self._steps = texels, material, steps
 
     def eval(self, si: Any, active: Any = True) -> Any:

@@ -1,4 +1,4 @@
-"""A room as other programs take it: one textured surface, lamps, cameras.
+"""A room as other programs take it: one textured surface, emitters, cameras.
 
 The world of an asset has y up and metres. Texture coordinates have their origin at the upper left corner of the
 textures, v pointing down; texel (row, column) is centred at u = (column + 0.5) / width, v = (row + 0.5) / height.
@@ -14,11 +14,11 @@ from fipt.scene.environment import EnvironmentMap
 from fipt.scene.mesh import Mesh, closed
 
 SHEET_GAP = 0.001
-"""Distance of the two faces of a two-sided lamp in formats whose area lights have one side, metres."""
+"""Distance of the two faces of a two-sided emitter in formats whose area lights have one side, metres."""
 
 
 @dataclass(frozen=True)
-class Piece:
+class TexturedMesh:
     """A mesh with texture coordinates.
 
     Attributes
@@ -30,7 +30,7 @@ class Piece:
     uv
         (V, 2) float32 texture coordinates.
     radiance
-        (3,) what a lamp emits; zero for the surface that only reflects, and for a lamp that is off.
+        (3,) what an emitter emits; zero for the surface that only reflects, and for an emitter that is off.
     """
 
     name: str
@@ -45,7 +45,7 @@ class Piece:
 
 
 @dataclass(frozen=True)
-class Textures:
+class MaterialTextures:
     """Materials of the surface, as 8-bit textures of one size.
 
     Attributes
@@ -77,10 +77,10 @@ class Asset:
         Of the scene.
     surface
         What reflects.
-    lamps
-        What shines; lamps absorb what falls on them.
+    emitters
+        What shines; emitters absorb what falls on them.
     two_sided
-        Whether lamps shine from both sides, or from the one that their winding faces.
+        Whether emitters emit from both sides, or from the one that their winding faces.
     textures
         Of the surface.
     cameras
@@ -90,16 +90,16 @@ class Asset:
     """
 
     name: str
-    surface: Piece
-    lamps: tuple[Piece, ...]
+    surface: TexturedMesh
+    emitters: tuple[TexturedMesh, ...]
     two_sided: bool
-    textures: Textures
+    textures: MaterialTextures
     cameras: tuple[Camera, ...]
     outside: EnvironmentMap
 
 
-def back(piece: Piece) -> Piece:
-    """Return the other side of a lamp: its triangles turned over and moved back a little, each by itself."""
+def back(piece: TexturedMesh) -> TexturedMesh:
+    """Return the other side of an emitter: its triangles turned over and moved back a little, each by itself."""
     mesh = piece.mesh
     corners = mesh.corners - SHEET_GAP * mesh.normals[:, None]
     triangles = np.arange(3 * len(corners), dtype=np.int32).reshape(-1, 3)[:, ::-1]
@@ -107,8 +107,8 @@ def back(piece: Piece) -> Piece:
     return replace(piece, name=f"{piece.name}_back", mesh=turned, uv=piece.uv[mesh.triangles].reshape(-1, 2))
 
 
-def intensity(piece: Piece, two_sided: bool) -> np.ndarray:
-    """(3,) radiant intensity of a point light in a lamp's place: its mean over all directions.
+def intensity(piece: TexturedMesh, two_sided: bool) -> np.ndarray:
+    """(3,) radiant intensity of a point light in an emitter's place: its mean over all directions.
 
     A convex body shows a quarter of its area on average; a sheet of two sides half, of one side a quarter.
     """

@@ -30,7 +30,7 @@ class Emitters:
     area
         (E,) float32 square metres.
     emitter
-        (E,) int32 number of the connected patch (lamp).
+        (E,) int32 number of the connected patch.
     views
         (E,) int32 training views that see the patch.
     confidence
@@ -64,30 +64,30 @@ _ARRAYS = ("triangle", "radiance", "area", "emitter", "views", "confidence", "cl
 
 
 def default_name(number: int) -> str:
-    """What a lamp is called to which nobody gave a name."""
-    return f"lamp-{number}"
+    """What an emitter is called to which nobody gave a name."""
+    return f"emitter-{number}"
 
 
-def lamp_triangles(emitters: Emitters) -> list[np.ndarray]:
-    """Triangles of every lamp, in the order of their numbers."""
+def emitter_triangles(emitters: Emitters) -> list[np.ndarray]:
+    """Triangles of every emitter, in the order of their numbers."""
     count = int(emitters.emitter.max(initial=-1)) + 1
     return [emitters.triangle[emitters.emitter == number] for number in range(count)]
 
 
-def lamp_facts(emitters: Emitters, mesh: Mesh) -> list[dict[str, Any]]:
-    """What emitters.json says of every lamp.
+def emitter_facts(emitters: Emitters, mesh: Mesh) -> list[dict[str, Any]]:
+    """What emitters.json says of every emitter.
 
     Power is the flux of a Lambertian emitter, of each channel; ``share`` is that of the mean of the channels in the
-    power of all lamps.
+    power of all emitters.
     """
-    lamps = []
+    rows = []
     sides = 2 if emitters.two_sided else 1
     centers = mesh.corners.mean(axis=1)
-    for number, triangles in enumerate(lamp_triangles(emitters)):
+    for number, triangles in enumerate(emitter_triangles(emitters)):
         own = emitters.emitter == number
         area = emitters.area[own].astype(np.float64)
         radiance = (emitters.radiance[own] * area[:, None]).sum(0) / area.sum()
-        lamps.append(
+        rows.append(
             {
                 "index": number,
                 "name": default_name(number),
@@ -103,8 +103,8 @@ def lamp_facts(emitters: Emitters, mesh: Mesh) -> list[dict[str, Any]]:
                 "lower_bound": bool(emitters.lower_bound[own].any()),
             }
         )
-    total = sum(sum(lamp["power"]) for lamp in lamps)
-    return [lamp | {"share": sum(lamp["power"]) / total if total > 0 else 0.0} for lamp in lamps]
+    total = sum(sum(row["power"]) for row in rows)
+    return [row | {"share": sum(row["power"]) / total if total > 0 else 0.0} for row in rows]
 
 
 def write_emitters(path: str | Path, emitters: Emitters, mesh: Mesh) -> None:
@@ -114,47 +114,47 @@ def write_emitters(path: str | Path, emitters: Emitters, mesh: Mesh) -> None:
         two_sided=np.array(emitters.two_sided),
         **{name: getattr(emitters, name) for name in _ARRAYS},
     )
-    write_list(Path(path).with_suffix(".json"), emitters.two_sided, lamp_facts(emitters, mesh))
+    write_list(Path(path).with_suffix(".json"), emitters.two_sided, emitter_facts(emitters, mesh))
 
 
-def write_list(path: Path, two_sided: bool, lamps: list[dict[str, Any]]) -> None:
+def write_list(path: Path, two_sided: bool, rows: list[dict[str, Any]]) -> None:
     """Write emitters.json."""
-    write_text(path, json.dumps({"two_sided": two_sided, "emitters": lamps}, indent=1) + "\n")
+    write_text(path, json.dumps({"two_sided": two_sided, "emitters": rows}, indent=1) + "\n")
 
 
 def read_names(path: str | Path | None, emitters: Emitters) -> list[str]:
-    """Name of every lamp as emitters.json of the stage review has them; ``lamp-N`` where there is no such file.
+    """Name of every emitter as emitters.json of the stage review has them; ``emitter-N`` where there is no such file.
 
     Raises
     ------
     FiptError
-        If it is missing, damaged or lists other lamps.
+        If it is missing, damaged or lists other emitters.
     """
-    known = list(map(default_name, range(len(lamp_triangles(emitters)))))
+    known = list(map(default_name, range(len(emitter_triangles(emitters)))))
     if path is None:
         return known
-    content = existing_file(path, "the list of lamps").read_text(encoding="utf-8")
+    content = existing_file(path, "the list of emitters").read_text(encoding="utf-8")
     try:
-        names = [str(lamp["name"]) for lamp in json.loads(content)["emitters"]]
+        names = [str(row["name"]) for row in json.loads(content)["emitters"]]
     except (ValueError, KeyError, TypeError) as error:
         raise FiptError(f"{path} is not a list of emitters ({error!r})", "run fipt review again") from error
     if len(names) != len(known):
-        raise FiptError(f"{path} must list {len(known)} lamps; it has {len(names)}", "run fipt review again")
+        raise FiptError(f"{path} must list {len(known)} emitters; it has {len(names)}", "run fipt review again")
     return names
 
 
-def chosen_lamps(edit: EmitterEdit, names: Sequence[str]) -> list[int]:
-    """Numbers of the lamps that an edit of a light setup is about.
+def chosen_emitters(edit: EmitterEdit, names: Sequence[str]) -> list[int]:
+    """Numbers of the emitters that an edit of a light setup is about.
 
     Parameters
     ----------
     names
-        Of every lamp; ``lamp-N`` is always lamp N.
+        Of every emitter; ``emitter-N`` is always emitter N.
 
     Raises
     ------
     FiptError
-        If there is no such lamp: lists those there are, closest first.
+        If there is no such emitter: lists those there are, closest first.
     """
     wanted = edit.called if edit.index is None else (default_name(edit.index),)
     if not wanted:
@@ -162,9 +162,11 @@ def chosen_lamps(edit: EmitterEdit, names: Sequence[str]) -> list[int]:
     called = [{name, default_name(number)} for number, name in enumerate(names)]
     unknown = next((name for name in wanted if not any(name in own for own in called)), None)
     if unknown is not None:
-        what = f"lamp {unknown!r}" if edit.index is None else f"emitter {edit.index}"
+        what = f"emitter {unknown!r}" if edit.index is None else f"emitter {edit.index}"
+        if names and unknown.startswith("lamp-"):
+            raise FiptError(f"the light setup names {what}", "lamp-N is called emitter-N now")
         raise FiptError(
-            f"the light setup names {what}, which is none of {len(names)} lamps",
+            f"the light setup names {what}, which is none of {len(names)} emitters",
             (f"there are {closest(unknown, names)}" if edit.index is None else f"indices are 0 to {len(names) - 1}")
             if names
             else "leave its emitters out",

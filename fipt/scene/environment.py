@@ -52,7 +52,7 @@ class EnvironmentMap:
         return self.mode != "none"
 
     @property
-    def shines(self) -> bool:
+    def emits(self) -> bool:
         """Whether any light comes from outside."""
         return bool(self.radiance.max() > 0)
 

@@ -33,26 +33,28 @@ _SUBDIVISIONS = 5
 
 
 @dataclass(frozen=True)
-class Material:
+class ObjectMaterial:
     """Maps of one material: base_color (h, w, 3), roughness (h, w), metallic (h, w), float32, each of its own size."""
 
     base_color: np.ndarray
     roughness: np.ndarray
     metallic: np.ndarray
 
-    def changed(self, color: tuple[float, ...] | None, roughness: float | None, metallic: float | None) -> "Material":
+    def changed(
+        self, color: tuple[float, ...] | None, roughness: float | None, metallic: float | None
+    ) -> "ObjectMaterial":
         """Return the material with constants in place of some maps."""
-        return Material(
+        return ObjectMaterial(
             self.base_color if color is None else np.full((1, 1, 3), color, np.float32),
             self.roughness if roughness is None else np.full((1, 1), roughness, np.float32),
             self.metallic if metallic is None else np.full((1, 1), metallic, np.float32),
         )
 
 
-def uniform(base_color: Any, roughness: float, metallic: float) -> Material:
+def uniform(base_color: Any, roughness: float, metallic: float) -> ObjectMaterial:
     """Return a material that is the same everywhere."""
     nothing = np.zeros((1, 1), np.float32)
-    return Material(np.zeros((1, 1, 3), np.float32), nothing, nothing).changed(base_color, roughness, metallic)
+    return ObjectMaterial(np.zeros((1, 1, 3), np.float32), nothing, nothing).changed(base_color, roughness, metallic)
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,7 @@ class MeshObject:
     mesh: Mesh
     normals: np.ndarray
     uv: np.ndarray
-    materials: tuple[Material, ...]
+    materials: tuple[ObjectMaterial, ...]
     material: np.ndarray
 
     def changed(self, color: tuple[float, ...] | None, roughness: float | None, metallic: float | None) -> "MeshObject":
@@ -171,7 +173,7 @@ def read_object(path: str | Path) -> MeshObject:
     Raises
     ------
     FiptError
-        If the file is missing, no mesh, or a picture in it cannot be read.
+        If the file is missing, no mesh, or an image in it cannot be read.
     """
     path = existing_file(path, "an object's file")
     if path.suffix.lower() not in KINDS:
@@ -179,7 +181,7 @@ def read_object(path: str | Path) -> MeshObject:
     import trimesh
 
     if path.suffix.lower() == ".glb":
-        _check_pictures(path)
+        _check_images(path)
     try:
         scene = trimesh.load_scene(path, process=False)
         nodes = [scene.graph[node] for node in scene.graph.nodes_geometry]
@@ -202,12 +204,12 @@ def read_object(path: str | Path) -> MeshObject:
 
 
 def object_files(path: str | Path) -> list[str]:
-    """Return an object's file and those that it refers to: an OBJ's materials and their pictures that exist."""
+    """Return an object's file and those that it refers to: an OBJ's materials and their images that exist."""
     files = [Path(path)]
     if files[0].suffix.lower() == ".obj" and files[0].is_file():
         materials = _named(files[0], r"mtllib\s+(.+)")
-        pictures = [name for file in materials for name in _named(file, r"map_Kd\s+(?:-\w+\s+\S+\s+)*(.+)")]
-        files += [*materials, *pictures]
+        images = [name for file in materials for name in _named(file, r"map_Kd\s+(?:-\w+\s+\S+\s+)*(.+)")]
+        files += [*materials, *images]
     return [str(file) for file in dict.fromkeys(files)]
 
 
@@ -228,12 +230,12 @@ def _piece(piece: Any, placed: np.ndarray, linear_colors: bool) -> MeshObject:
     normals = np.zeros_like(vertices) if given is None else np.asarray(given)
     vertices, normals = moved(vertices, np.nan_to_num(normals, posinf=0, neginf=0), placed[:3, :3], placed[:3, 3])
     material, uv = uniform(*_NEUTRAL), None
-    look = piece.visual
-    if look.kind == "texture" and look.material is not None:
-        material = _material(look.material)
-        uv = look.uv
-    elif look.kind == "vertex":
-        colors = np.asarray(look.vertex_colors)[:, :3] / 255.0
+    visual = piece.visual
+    if visual.kind == "texture" and visual.material is not None:
+        material = _material(visual.material)
+        uv = visual.uv
+    elif visual.kind == "vertex":
+        colors = np.asarray(visual.vertex_colors)[:, :3] / 255.0
         colors = colors if linear_colors else srgb_decode(colors)
         return _painted(Mesh(vertices, triangles), normals, colors)
     uv = np.zeros((len(vertices), 2)) if uv is None else np.asarray(uv)[:, :2] * (1, -1) + (0, 1)  # v = 0 is the top
@@ -243,7 +245,7 @@ def _piece(piece: Any, placed: np.ndarray, linear_colors: bool) -> MeshObject:
     )
 
 
-def _material(found: Any) -> Material:
+def _material(found: Any) -> ObjectMaterial:
     """A material of trimesh: textures times factors."""
     if hasattr(found, "to_pbr"):
         found = found.to_pbr()
@@ -256,7 +258,7 @@ def _material(found: Any) -> Material:
         rest = np.asarray(found.metallicRoughnessTexture.convert("RGB")) / 255.0
     rough, metal = (1.0 if f is None else f for f in (found.roughnessFactor, found.metallicFactor))
     maps = color * factor, np.clip(rest[..., 1] * rough, ROUGHNESS_MIN, 1), np.clip(rest[..., 2] * metal, 0, 1)
-    return Material(*(values.astype(np.float32) for values in maps))
+    return ObjectMaterial(*(values.astype(np.float32) for values in maps))
 
 
 def _painted(mesh: Mesh, normals: np.ndarray, colors: np.ndarray) -> MeshObject:
@@ -280,8 +282,8 @@ def _painted(mesh: Mesh, normals: np.ndarray, colors: np.ndarray) -> MeshObject:
     )
 
 
-def _check_pictures(path: Path) -> None:
-    """Raise an error that names the first picture of a GLB that cannot be read; trimesh would leave it out silently."""
+def _check_images(path: Path) -> None:
+    """Raise an error that names the first image of a GLB that cannot be read; trimesh would leave it out silently."""
     from PIL import Image
 
     try:
@@ -300,6 +302,6 @@ def _check_pictures(path: Path) -> None:
                 opened.load()
         except (OSError, ValueError, KeyError, IndexError, TypeError) as error:
             raise FiptError(
-                f"the picture {name!r} ({kind}) in {path} cannot be read",
+                f"the image {name!r} ({kind}) in {path} cannot be read",
                 "export the file with PNG or JPEG textures inside",
             ) from error

@@ -1,8 +1,8 @@
-"""emitters_review.yaml: the lamps that were found, and what a person decides about them.
+"""emitters_review.yaml: the emitters that were found, and what a person decides about them.
 
-The file is no input of any stage. The decisions in it, keyed by triangles, are parameters: lamps change their numbers
-between rounds and runs, triangles do not. An entry about which something was decided keeps its triangles; the others
-are written anew by every run.
+The file is no input of any stage. The decisions in it, keyed by triangles, are parameters: emitters change their
+numbers between rounds and runs, triangles do not. An entry about which something was decided keeps its triangles; the
+others are written anew by every run.
 """
 
 import json
@@ -24,33 +24,35 @@ FILE = "emitters_review.yaml"
 
 Triangles = frozenset[int]
 
-_RESERVED = re.compile(r"lamp[-_ ]?\d+|rest|outside|surface", re.IGNORECASE)
+_RESERVED = re.compile(r"(?:lamp|emitter)[-_ ]?\d+|rest|outside|surface", re.IGNORECASE)
 """Names that the program gives itself."""
 _LONGEST = 60
 _RANGE = re.compile(r"\s*(\d+)\s*(?:-\s*(\d+)\s*)?")
 
+_RENAMED = "write emitters: for lamps: and in each entry emitter: emitter-N for lamp: lamp-N, or delete the file"
+
 _HEAD = """\
-# The lamps that were found. You decide, the next run takes it up; what you decide is kept, the rest is written anew.
-#   verdict: auto     the pictures decide
-#            accept   these triangles emit in every round, with the radiance that the pictures show
+# The emitters that were found. You decide, the next run takes it up; what you decide is kept, the rest is written anew.
+#   verdict: auto     the photographs decide
+#            accept   these triangles emit in every round, with the radiance that the photographs show
 #            reject   these triangles never emit
-#   name: what this lamp is called in light setups, the report and the export
-#   merge_with: name, lamp-N or triangles of another entry: both are one lamp with one radiance
+#   name: what this emitter is called in light setups, the report and the export
+#   merge_with: name, emitter-N or triangles of another entry: both are one emitter with one radiance
 # docs/stages/emitters.md says more. Comments that you add are lost.
 """
 
 
 class Entry(Settings):
-    """One lamp of the file: what a person decides, then the facts of the last run that found it."""
+    """One emitter of the file: what a person decides, then the facts of the last run that found it."""
 
-    lamp: str | None = None
+    emitter: str | None = None
     verdict: Literal["auto", "accept", "reject"] = "auto"
     name: str | None = None
     merge_with: str | None = None
     triangles: str
     area: float | None = Field(None, description="square metres")
     power: float | None = Field(None, description="mean of red, green and blue")
-    share: float | None = Field(None, description="of the power of all lamps")
+    share: float | None = Field(None, description="of the power of all emitters")
     confidence: float | None = None
     views: Count | None = None
     thumbnail: str | None = None
@@ -69,7 +71,7 @@ class Entry(Settings):
         if name != name.strip() or not name.isprintable() or not 0 < len(name) <= _LONGEST:
             raise ValueError(f"a name must have 1 to {_LONGEST} printable characters, no blanks around them")
         if _RESERVED.fullmatch(name):
-            raise ValueError("names like lamp-3, rest, outside and surface are the program's own")
+            raise ValueError("names like emitter-3, rest, outside and surface are the program's own")
         return name
 
     @property
@@ -100,7 +102,7 @@ class Review:
     partner: tuple[int | None, ...] = ()
 
     def groups(self) -> list[list[int]]:
-        """Entries that are one lamp, with a decision about any of them; the one others are merged with comes first."""
+        """Entries that are one emitter, with a decision about any; the one that others are merged with comes first."""
         root = list(range(len(self.entries)))
         for number, other in enumerate(self.partner):
             if other is not None:
@@ -111,7 +113,7 @@ class Review:
         return [group for group in groups if len(group) > 1 or self.entries[group[0]].decided]
 
     def names(self) -> dict[str, Triangles]:
-        """Name that a person gave -> triangles of that lamp."""
+        """Name that a person gave -> triangles of that emitter."""
         found = {}
         for group in self.groups():
             given = next((self.entries[n].name for n in group if self.entries[n].name), None)
@@ -130,7 +132,7 @@ class Review:
         return self._json(accept=of("accept"), reject=of("reject"), merge=sorted(merged))
 
     def listing(self) -> str:
-        """What decides how lamps are listed, as `emission`: their names, and what was rejected."""
+        """What decides how emitters are listed, as `emission`: their names, and what was rejected."""
         rejected = [own for entry, own in zip(self.entries, self.triangles, strict=True) if entry.verdict == "reject"]
         return self._json(
             names={name: ranges(own) for name, own in self.names().items()},
@@ -224,8 +226,8 @@ def read_review(path: str | Path) -> Review | None:
         return None
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise FiptError(f"{path} is not YAML ({error})", "correct the line it names") from error
-    total, lamps = _top(path, content)
-    entries = [_entry(path, place, values) for place, values in enumerate(lamps)]
+    total, emitters = _top(path, content)
+    entries = [_entry(path, place, values) for place, values in enumerate(emitters)]
     labels = [_label(entry, place) for place, entry in enumerate(entries)]
     triangles: list[Triangles] = []
     for entry, label in zip(entries, labels, strict=True):
@@ -245,19 +247,21 @@ def read_review(path: str | Path) -> Review | None:
 
 
 def _top(path: Path, content: Any) -> tuple[int, Sequence[Any]]:
-    keys = ("mesh_triangles", "lamps")
+    keys = ("mesh_triangles", "emitters")
     remedy = f"its keys are {', '.join(keys)}; delete the file to have it written anew"
     if not isinstance(content, dict):
         raise FiptError(f"{path} must hold keys at its top level", remedy)
+    if "lamps" in content:
+        raise FiptError(f"{path}: the key lamps is called emitters now", _RENAMED)
     for key in content:
         if key not in keys:
             raise FiptError(f"{path}: unknown key {key}", remedy)
-    total, lamps = content.get("mesh_triangles"), content.get("lamps")
+    total, emitters = content.get("mesh_triangles"), content.get("emitters")
     if type(total) is not int or total < 0:
         raise FiptError(f"{path}: mesh_triangles must be a number of triangles; found {total!r}", remedy)
-    if not isinstance(lamps, list):
-        raise FiptError(f"{path}: lamps must be a list; found {lamps!r}", remedy)
-    return total, lamps
+    if not isinstance(emitters, list):
+        raise FiptError(f"{path}: emitters must be a list; found {emitters!r}", remedy)
+    return total, emitters
 
 
 def _entry(path: Path, place: int, values: Any) -> Entry:
@@ -266,14 +270,14 @@ def _entry(path: Path, place: int, values: Any) -> Entry:
     try:
         return Entry.model_validate(values)
     except ValidationError as error:
-        where = f"{values.get('name') or values.get('lamp') or f'entry {place + 1}'}"
+        where = f"{values.get('name') or values.get('emitter') or f'entry {place + 1}'}"
         allowed = "a person sets verdict (auto, accept, reject), name, merge_with"
         raise FiptError(f"{path}: {explain(error, where)}", allowed) from error
 
 
 def _label(entry: Entry, place: int) -> str:
     """What messages call an entry."""
-    return entry.name or entry.lamp or f"entry {place + 1}"
+    return entry.name or entry.emitter or f"entry {place + 1}"
 
 
 def _check_names(path: Path, entries: Sequence[Entry]) -> None:
@@ -284,7 +288,7 @@ def _check_names(path: Path, entries: Sequence[Entry]) -> None:
         other = seen.setdefault(entry.name.casefold(), entry.triangles)
         if other != entry.triangles:
             raise FiptError(
-                f"{path}: two lamps are named {entry.name!r} (triangles {other} and {entry.triangles})",
+                f"{path}: two emitters are named {entry.name!r} (triangles {other} and {entry.triangles})",
                 "give one of them another name, or merge them with merge_with",
             )
 
@@ -294,7 +298,7 @@ def _partners(
 ) -> list[int | None]:
     """For each entry the number of the one that it is merged with."""
     known: dict[str, int] = {}
-    for calls in (lambda n: ranges(triangles[n]), lambda n: entries[n].lamp, lambda n: entries[n].name):
+    for calls in (lambda n: ranges(triangles[n]), lambda n: entries[n].emitter, lambda n: entries[n].name):
         known |= {call: n for n in range(len(entries)) if (call := calls(n))}
     found: list[int | None] = []
     for number, (entry, label) in enumerate(zip(entries, labels, strict=True)):
@@ -305,10 +309,10 @@ def _partners(
         if other is None:
             near = closest(entry.merge_with, [call for n, call in enumerate(labels) if n != number])
             raise FiptError(
-                f"{path}: {label} is to merge with {entry.merge_with!r}, which is no lamp", f"there are {near}"
+                f"{path}: {label} is to merge with {entry.merge_with!r}, which is no emitter", f"there are {near}"
             )
         if other == number:
-            raise FiptError(f"{path}: {label} is to merge with itself", "name another lamp")
+            raise FiptError(f"{path}: {label} is to merge with itself", "name another emitter")
         for rejected in (number, other):
             if entries[rejected].verdict == "reject":
                 raise FiptError(
@@ -327,7 +331,7 @@ def closest(wanted: str, there: Sequence[str], most: int = 12) -> str:
 
     names = sorted(there, key=unlike)
     more = f" and {len(names) - most} more" if len(names) > most else ""
-    return (", ".join(names[:most]) or "no lamps") + more
+    return (", ".join(names[:most]) or "no emitters") + more
 
 
 # --- writing --------------------------------------------------------------------------------------
@@ -335,41 +339,41 @@ def closest(wanted: str, there: Sequence[str], most: int = 12) -> str:
 
 def refreshed(
     review: Review | None,
-    lamps: Sequence[Mapping[str, Any]],
+    emitters: Sequence[Mapping[str, Any]],
     mesh_triangles: int,
     rejected: Mapping[Triangles, str | None] | None = None,
 ) -> Review:
-    """Return the file's content after a run: decided entries keep their triangles, all other lamps are listed anew.
+    """Return the file's content after a run: decided entries keep their triangles, all other emitters are listed anew.
 
     Parameters
     ----------
     review
         What the file held.
-    lamps
-        Facts of each lamp that was found: keys of `Entry`, ``triangles`` as a set; in the order of the list.
+    emitters
+        Facts of each emitter that was found: keys of `Entry`, ``triangles`` as a set; in the order of the list.
     rejected
-        Triangles of a lamp that was rejected -> its picture.
+        Triangles of an emitter that was rejected -> its image.
     """
-    pictures = rejected or {}
+    images = rejected or {}
     old = review or Review(mesh_triangles)
     groups = old.groups()
     kept = sorted({n for group in groups for n in group} | {n for n, e in enumerate(old.entries) if e.decided})
     together = [frozenset().union(*(old.triangles[n] for n in group)) for group in groups]
-    found = matched(together, [lamp["triangles"] for lamp in lamps])
-    own = {groups[group][0]: lamp for group, lamp in found.items()}
+    found = matched(together, [emitter["triangles"] for emitter in emitters])
+    own = {groups[group][0]: emitter for group, emitter in found.items()}
     frozen = frozenset().union(*(old.triangles[n] for n in kept))
     rows: list[tuple[Entry, Triangles, int | None]] = []
-    heads = {lamp: head for head, lamp in own.items()}
-    for number, lamp in enumerate(lamps):
-        head, left = heads.get(number), frozenset(lamp["triangles"]) - frozen
+    heads = {emitter: head for head, emitter in own.items()}
+    for number, emitter in enumerate(emitters):
+        head, left = heads.get(number), frozenset(emitter["triangles"]) - frozen
         if head is not None:
-            facts = {key: value for key, value in lamp.items() if key != "triangles"}
+            facts = {key: value for key, value in emitter.items() if key != "triangles"}
             rows.append((old.entries[head].model_copy(update=facts), old.triangles[head], head))
         elif left:
-            rows.append((Entry(**{**lamp, "triangles": ranges(left)}), left, None))
+            rows.append((Entry(**{**emitter, "triangles": ranges(left)}), left, None))
     for n in kept:
         if n not in own:
-            facts = {"lamp": None, "thumbnail": pictures.get(old.triangles[n])}
+            facts = {"emitter": None, "thumbnail": images.get(old.triangles[n])}
             rows.append((old.entries[n].model_copy(update=facts), old.triangles[n], n))
     place = {n: at for at, (_, _, n) in enumerate(rows) if n is not None}
     partner = [None if n is None or old.partner[n] is None else place[old.partner[n]] for _, _, n in rows]
@@ -382,32 +386,32 @@ def refreshed(
 
 def _reference(entry: Entry, triangles: Triangles) -> str:
     """What another entry calls this one."""
-    return entry.name or entry.lamp or ranges(triangles)
+    return entry.name or entry.emitter or ranges(triangles)
 
 
 def matched(wanted: Sequence[Triangles], there: Sequence[Iterable[int]]) -> dict[int, int]:
     """Number in ``wanted`` -> number in ``there`` with which it shares most triangles; each is taken once."""
-    lamp_of = {int(t): number for number, own in enumerate(there) for t in own}
+    emitter_of = {int(t): number for number, own in enumerate(there) for t in own}
     shared: dict[tuple[int, int], int] = {}
     for number, triangles in enumerate(wanted):
-        for t in triangles & lamp_of.keys():
-            pair = number, lamp_of[t]
+        for t in triangles & emitter_of.keys():
+            pair = number, emitter_of[t]
             shared[pair] = shared.get(pair, 0) + 1
     found: dict[int, int] = {}
-    for (number, lamp), _ in sorted(shared.items(), key=lambda item: (-item[1], item[0])):
-        if number not in found and lamp not in found.values():
-            found[number] = lamp
+    for (number, emitter), _ in sorted(shared.items(), key=lambda item: (-item[1], item[0])):
+        if number not in found and emitter not in found.values():
+            found[number] = emitter
     return found
 
 
 def write_review(path: str | Path, review: Review) -> None:
     """Write the file, whole or not at all; nothing where it already says so."""
     path = Path(path)
-    lamps = [
+    emitters = [
         entry.model_dump() | {"triangles": ranges(own)}
         for entry, own in zip(review.entries, review.triangles, strict=True)
     ]
-    body = {"mesh_triangles": review.mesh_triangles, "lamps": lamps}
+    body = {"mesh_triangles": review.mesh_triangles, "emitters": emitters}
     text = _HEAD + yaml.safe_dump(body, sort_keys=False, allow_unicode=True, width=120)
     if not path.is_file() or path.read_text(encoding="utf-8") != text:
         write_text(path, text)

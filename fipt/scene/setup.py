@@ -32,7 +32,9 @@ class EmitterEdit(Settings):
     index: Count | None = Field(
         default=None, description="number of a lamp in emitters.json; every lamp where none is chosen"
     )
-    name: str | None = Field(default=None, description="name of a lamp: `lamp-N`, or as emitters_review.yaml calls it")
+    name: str | None = Field(
+        default=None, description="name of an emitter: `emitter-N`, or as emitters_review.yaml calls it"
+    )
     names: tuple[str, ...] | None = Field(default=None, description="names of several lamps", min_length=1)
     off: bool = Field(default=False, description="switch off")
     scale: Weight | None = Field(default=None, description="radiance factor; 0 switches off")

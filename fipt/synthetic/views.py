@@ -10,11 +10,11 @@ from fipt.model.albedo import reflectance
 from fipt.render.denoise import denoise
 from fipt.render.edits import Edit, Segments, without
 from fipt.render.objects import appended, light_mesh, objects_in
-from fipt.render.reference import Light, PathTracer, TexturedMesh, load_scene
+from fipt.render.reference import EmittingMesh, PathTracer, SurfaceProbe, load_scene
 from fipt.render.spots import spots_of
-from fipt.render.texels import Material, Textures
+from fipt.render.texels import DeviceMaps, MappedMesh, MaterialMaps
 from fipt.scene.cameras import Camera
-from fipt.scene.emitters import chosen_lamps, edited_radiance
+from fipt.scene.emitters import chosen_emitters, edited_radiance
 from fipt.scene.environment import edited
 from fipt.scene.mesh import Mesh, closed
 from fipt.scene.objects import MeshObject
@@ -33,16 +33,18 @@ _PROBES, _PROBE_WIDTH, _PROBE_SPP = 8, 64, 64
 # --- light setups -----------------------------------------------------------------------------
 
 
-def lights(room: SyntheticRoom, setup: RelightSetup | None = None, gone: np.ndarray | None = None) -> list[Light]:
+def lights(
+    room: SyntheticRoom, setup: RelightSetup | None = None, gone: np.ndarray | None = None
+) -> list[EmittingMesh]:
     """Return the room's lamps under a light setup: edited, without triangles that are ``gone``, then the new lights.
 
     An edit's ``index`` counts the room's lamps by their first triangle, as room.json lists them; their names are those
-    of their parts there, and ``lamp-N``. Within an edit a new radiance comes first, then the colour (luminance kept),
-    then the scale.
+    of their parts there, and ``emitter-N``. Within an edit a new radiance comes first, then the colour (luminance
+    kept), then the scale.
     """
     setup = setup or RelightSetup()
     names = [room.parts[room.part[triangles[0]] - 1] for triangles in room.emitters]
-    edits = [(edit, chosen_lamps(edit, names)) for edit in setup.emitters]
+    edits = [(edit, chosen_emitters(edit, names)) for edit in setup.emitters]
     found = []
     for index, triangles in enumerate(room.emitters):
         radiance = room.radiance[triangles[0]].astype(np.float64)
@@ -54,16 +56,16 @@ def lights(room: SyntheticRoom, setup: RelightSetup | None = None, gone: np.ndar
             if not len(triangles):
                 continue
         used, local = np.unique(room.mesh.triangles[triangles], return_inverse=True)
-        found.append(Light(_mesh(room.mesh.vertices[used], local.reshape(-1, 3)), radiance))
+        found.append(EmittingMesh(_mesh(room.mesh.vertices[used], local.reshape(-1, 3)), radiance))
     return found + area_lights(setup)
 
 
-def area_lights(setup: RelightSetup | None) -> list[Light]:
+def area_lights(setup: RelightSetup | None) -> list[EmittingMesh]:
     """Return the new lights of a setup that have a surface."""
     return [new_light(light) for light in setup.lights if not isinstance(light, SpotLight)] if setup else []
 
 
-def new_light(light: AreaLight) -> Light:
+def new_light(light: AreaLight) -> EmittingMesh:
     """Return the triangles of a light that a setup adds.
 
     A quad's first side is perpendicular to its normal and to y (to x where the quad lies level), its
@@ -74,18 +76,18 @@ def new_light(light: AreaLight) -> Light:
     radiance = np.array(light.radiance, float)
     if isinstance(light, MeshLight):
         mesh = light_mesh(light)
-        return Light(mesh, radiance, two_sided=not closed(mesh))
+        return EmittingMesh(mesh, radiance, two_sided=not closed(mesh))
     center = np.array(light.center, float)
     if isinstance(light, SphereLight):
         ball = trimesh.creation.icosphere(3, light.radius)
-        return Light(_mesh(ball.vertices + center, ball.faces), radiance)
+        return EmittingMesh(_mesh(ball.vertices + center, ball.faces), radiance)
     normal = np.array(light.normal, float)
     normal /= np.linalg.norm(normal)
     u = np.cross(normal, (0.0, 1.0, 0.0) if abs(normal[1]) < 0.9 else (1.0, 0.0, 0.0))
     u *= light.size[0] / np.linalg.norm(u)
     v = np.cross(normal, u) * light.size[1] / light.size[0]
     quad = panel(center - u / 2 - v / 2, u, v)
-    return Light(_mesh(quad.vertices, quad.triangles), radiance, two_sided=True)
+    return EmittingMesh(_mesh(quad.vertices, quad.triangles), radiance, two_sided=True)
 
 
 def _mesh(vertices: np.ndarray, triangles: np.ndarray) -> Mesh:
@@ -126,23 +128,26 @@ def render_tracer(
     room: SyntheticRoom,
     setup: RelightSetup | None,
     max_depth: int,
-    textures: Textures | None = None,
+    maps: DeviceMaps | None = None,
     change: Changed | None = None,
 ) -> PathTracer:
     """Make the reference path tracer of the room under a setup.
 
-    ``textures`` are those of its materials, and ``change`` what the setup changes, if at hand.
+    ``maps`` are those of its materials, and ``change`` what the setup changes, if at hand.
     """
     change = change or changed(room, setup)
     solid = np.flatnonzero(~room.emits & ~change.gone)
-    scene = load_scene(
+    surface = MappedMesh(
         Mesh(room.mesh.vertices, room.mesh.triangles[solid]),
         room.uv,
-        textures or Textures(room.materials),
+        maps or DeviceMaps(room.materials),
         room.material[solid],
+        [edit.of_triangles(solid) for edit in change.edits],
+    )
+    scene = load_scene(
+        surface,
         lights(room, setup, change.gone),
         edited(room.outside, setup and setup.environment),
-        [edit.of_triangles(solid) for edit in change.edits],
         change.objects,
         spots_of(setup.lights) if setup else (),
     )
@@ -161,7 +166,7 @@ class Truth:
         The room; its triangles keep their numbers.
     added
         New lights that a setup puts into it: they follow as further triangles, with part id 0.
-    textures
+    maps
         Of the room's materials, if at hand.
     change
         What else a setup changes; objects follow the lights, with part id 0.
@@ -170,8 +175,8 @@ class Truth:
     def __init__(
         self,
         room: SyntheticRoom,
-        added: Sequence[Light] = (),
-        textures: Textures | None = None,
+        added: Sequence[EmittingMesh] = (),
+        maps: DeviceMaps | None = None,
         change: Changed | None = None,
     ) -> None:
         vertices, triangles, uv = [room.mesh.vertices], [room.mesh.triangles], [room.uv]
@@ -186,7 +191,7 @@ class Truth:
             for key, column in self._known.items():
                 rows = np.broadcast_to(light.radiance if key == "emission" else 0, (count, *column.shape[1:]))
                 self._known[key] = np.concatenate([column, rows.astype(column.dtype)])
-        materials: list[Material] = list(room.materials)
+        materials: list[MaterialMaps] = list(room.materials)
         edits: Sequence[Edit] = ()
         if change is not None:
             triangles[0], edits = without(room.mesh, change.gone).triangles, change.edits
@@ -202,12 +207,11 @@ class Truth:
             edits = [edit.extended(sum(map(len, triangles))) for edit in edits]
         mesh = Mesh(np.concatenate(vertices), np.concatenate(triangles))
         if len(materials) > len(room.materials):
-            textures = Textures(materials)
+            maps = DeviceMaps(materials)
         self._one_sided = len(room.mesh.triangles)
-        self._surface = TexturedMesh(
-            mesh, np.concatenate(uv), textures or Textures(room.materials), np.concatenate(material), edits
-        )
-        self.intersect = self._surface.first_hits
+        maps = maps or DeviceMaps(room.materials)
+        self._surface = SurfaceProbe(MappedMesh(mesh, np.concatenate(uv), maps, np.concatenate(material), edits))
+        self.intersect = self._surface.intersect
 
     def trace(self, origins: np.ndarray, directions: np.ndarray) -> dict[str, np.ndarray]:
         """Return what (N, 3) rays meet first.
@@ -220,7 +224,7 @@ class Truth:
             ``cos``. ``normal`` faces the ray, ``cos`` is the cosine between the two. Lamps have
             base colour 0, roughness 1 and metallic 0, on their dark side too.
         """
-        found = self._surface.look(origins, directions)
+        found = self._surface.materials(origins, directions)
         triangle, normal = found.pop("triangle"), found["normal"]
         hit = triangle >= 0
         toward = -(normal * directions).sum(axis=1)
@@ -338,10 +342,10 @@ def render_views(
     ------
     camera, (H, W, 3) float32 radiance, ground truth
     """
-    textures = Textures(room.materials)
+    maps = DeviceMaps(room.materials)
     change = changed(room, setup)
-    tracer = render_tracer(room, setup, settings.max_depth, textures, change)
-    truth = Truth(room, area_lights(setup), textures, change if setup else None)
+    tracer = render_tracer(room, setup, settings.max_depth, maps, change)
+    truth = Truth(room, area_lights(setup), maps, change if setup else None)
     for camera in cameras:
         known = view_truth(truth, camera)
         image = tracer.render(camera, settings.spp, path_seed(settings.seed, camera.name))

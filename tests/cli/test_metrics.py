@@ -117,7 +117,7 @@ def test_nan_in_a_map_is_refused_and_nothing_is_written(results, capsys):
 def test_missing_pictures_and_layers_are_named(results, capsys):
     write_exr(results / "render" / "a.exr", {"": np.ones((HEIGHT, WIDTH, 3), np.float32)})
     assert run(results) == 2
-    assert "picture of every view; b missing" in capsys.readouterr().err
+    assert "image of every view; b missing" in capsys.readouterr().err
     write_maps(results / "materials" / "c.exr", maps())
     assert run(results) == 2
     assert "c.exr lacks the layers hit" in capsys.readouterr().err

@@ -310,7 +310,7 @@ def reference(room, surface, depth, environment=NOTHING):
     import mitsuba as mi
 
     from fipt.render import reference as mitsuba_scene
-    from fipt.render.texels import Textures
+    from fipt.render.texels import DeviceMaps, MappedMesh
 
     dark = np.setdiff1d(np.arange(len(room.mesh.triangles)), room.triangle)
     corners = room.mesh.corners[dark]
@@ -322,10 +322,11 @@ def reference(room, surface, depth, environment=NOTHING):
     ]
     uv = np.zeros((3 * len(dark), 2), np.float32)
     lights = [
-        mitsuba_scene.Light(scenes.Mesh(room.mesh.vertices, room.mesh.triangles[[t]]), color)
+        mitsuba_scene.EmittingMesh(scenes.Mesh(room.mesh.vertices, room.mesh.triangles[[t]]), color)
         for t, color in zip(room.triangle, room.radiance, strict=True)
     ]
-    scene = mitsuba_scene.load_scene(mesh, uv, Textures(materials), np.where(left, 0, 1), lights, environment)
+    mapped = MappedMesh(mesh, uv, DeviceMaps(materials), np.where(left, 0, 1))
+    scene = mitsuba_scene.load_scene(mapped, lights, environment)
     path = mi.load_dict({"type": "path", "max_depth": depth + 1, "rr_depth": 100})
     spots = np.repeat(np.arange(len(SPOTS)), REPEATS)
     wo = np.array([unit(v) for _, _, v in SPOTS])[spots]

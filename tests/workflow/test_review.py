@@ -27,7 +27,7 @@ CONFIG = {
     "export": {"enabled": True},
 }
 NAMED = copy.deepcopy(CONFIG)
-NAMED["scenes"]["room"]["setups"]["desk"] = {"emitters": [{"names": ["desk lamp", "lamp-0"], "off": True}]}
+NAMED["scenes"]["room"]["setups"]["desk"] = {"emitters": [{"names": ["desk lamp", "emitter-0"], "off": True}]}
 
 LAST = {"material_maps": 3, "render_views": 1, "olat_views": 1, "export_room": 1, "check_export": 1}
 AFTER_EMITTERS = {"emitters": 2, "refine": 2, "fit": 1, "review": 1, "relight_views": 1, **LAST}
@@ -36,7 +36,7 @@ AFTER_EMITTERS |= {"scene_metrics": 1, "scene_report": 1}
 
 
 def lamps(*triangles):
-    return [{"lamp": f"lamp-{n}", "triangles": frozenset(own), "power": 1.0} for n, own in enumerate(triangles)]
+    return [{"emitter": f"emitter-{n}", "triangles": frozenset(own), "power": 1.0} for n, own in enumerate(triangles)]
 
 
 class File:
@@ -48,7 +48,7 @@ class File:
 
     def decide(self, lamp, **values):
         content = yaml.safe_load(self.path.read_text())
-        content["lamps"][lamp] |= values
+        content["emitters"][lamp] |= values
         self.path.write_text(yaml.safe_dump(content))
 
 
@@ -81,7 +81,7 @@ def test_names_reach_the_setups_that_use_them(workspace, monkeypatch):
     config.write_text(config.read_text().replace("'off': true", "off: true"))  # a key that YAML takes for false
     file = File(here.root)
     file.decide(0, verdict="accept")
-    file.decide(1, name="desk lamp", merge_with="lamp-0")
+    file.decide(1, name="desk lamp", merge_with="emitter-0")
     relit = {job.label: "--emitter-names" in job.options for job in here.jobs() if job.verb == "relight"}
     assert relit == {"relight.off.val-000": False, "relight.desk.val-000": True}
     here.fipt_run()
@@ -91,8 +91,8 @@ def test_names_reach_the_setups_that_use_them(workspace, monkeypatch):
 def test_a_wrong_file_ends_the_run_before_anything_runs(workspace, monkeypatch):
     here = workspace(CONFIG)
     monkeypatch.chdir(here.root)
-    File(here.root).decide(1, merge_with="lamp-3")
-    said = "lamp-1 is to merge with 'lamp-3', which is no lamp; there are lamp-0"
+    File(here.root).decide(1, merge_with="emitter-3")
+    said = "emitter-1 is to merge with 'emitter-3', which is no emitter; there are emitter-0"
     text = here.snakemake(succeeds=False)
     assert any(said in line for line in text.splitlines())
     assert "Traceback" not in text
@@ -107,7 +107,7 @@ def test_a_setup_may_only_use_names_that_were_given(workspace, monkeypatch):
     assert said in here.snakemake("--dry-run", succeeds=False)
     file = File(here.root)
     file.decide(1, name="desk lmp")
-    with pytest.raises(FiptError, match=re.escape(said) + ".*there are desk lmp, lamp-N"):
+    with pytest.raises(FiptError, match=re.escape(said) + ".*there are desk lmp, emitter-N"):
         assert load(NAMED).scenes["room"].review
     file.decide(1, name="desk lamp")
     assert load(NAMED).scenes["room"].review

@@ -1,4 +1,4 @@
-"""The lamps for people: a list with names and pictures, and the file in which a person decides about them."""
+"""The emitters for people: a list with names and images, and the file in which a person decides about them."""
 
 import re
 from collections.abc import Sequence
@@ -17,19 +17,19 @@ from fipt.scene.samples import FootprintSamples
 from fipt.stages.emitters.extract import INTERIOR
 
 _AROUND = 1.0
-"""Of the lamp's size: what its picture shows on each side of it."""
+"""Of the emitter's size: what its image shows on each side of it."""
 _LEAST = 0.25
-"""Of the view's width: a picture shows at least so much, for the lamp to be recognised by what surrounds it."""
+"""Of the view's width: an image shows at least so much, for the emitter to be recognised by what surrounds it."""
 _GREY = 0.25
-"""Displayed level of the median of what surrounds the lamp, linear."""
+"""Displayed level of the median of what surrounds the emitter, linear."""
 _LINE = np.array([255, 0, 200], np.uint8)
-_LISTED = re.compile(r"emitters\.json|(lamp|rejected)-\d+\.png")
-"""Names of the files of a list."""
+_LISTED = re.compile(r"emitters\.json|(emitter|lamp|rejected)-\d+\.png")
+"""Names of the files of a list, also of one that an older version wrote."""
 
 
 @dataclass(frozen=True)
-class Sighting:
-    """Where a lamp is seen: names of the views that show it alone in a pixel, and the view that shows most of it."""
+class Visibility:
+    """Where an emitter is seen: the views that show it alone in a pixel, and the view that shows most of it."""
 
     views: list[str]
     best: tuple[int, int] | None
@@ -37,62 +37,62 @@ class Sighting:
 
 
 def strange_files(out: Path) -> list[str]:
-    """Names of the files in a folder that no list of lamps has."""
+    """Names of the files in a folder that no list of emitters has."""
     return [path.name for path in sorted(out.glob("[!.]*")) if not _LISTED.fullmatch(path.name)]
 
 
-def lamp_names(decided: Decisions, lamps: Sequence[np.ndarray], triangles: int) -> list[str]:
-    """Name of every lamp: what a person gave to most of its triangles, else its number."""
+def emitter_names(decided: Decisions, emitters: Sequence[np.ndarray], triangles: int) -> list[str]:
+    """Name of every emitter: what a person gave to most of its triangles, else its number."""
     given = [numbers(text, triangles) for text in decided.names.values()]
-    names = list(map(default_name, range(len(lamps))))
-    for number, lamp in matched(given, lamps).items():
-        names[lamp] = list(decided.names)[number]
+    names = list(map(default_name, range(len(emitters))))
+    for number, emitter in matched(given, emitters).items():
+        names[emitter] = list(decided.names)[number]
     return names
 
 
-def review_entry(row: dict[str, Any], triangles: np.ndarray, picture: str | None) -> dict[str, Any]:
-    """Facts of a lamp for the file of decisions, rounded for eyes."""
+def review_entry(row: dict[str, Any], triangles: np.ndarray, image: str | None) -> dict[str, Any]:
+    """Facts of an emitter for the file of decisions, rounded for eyes."""
     facts = {"area": row["area"], "power": sum(row["power"]) / 3, "share": row["share"]}
     facts = {key: float(f"{value:.4g}") for key, value in (facts | {"confidence": row["confidence"]}).items()}
-    rest = {"lamp": default_name(row["index"]), "views": row["views"], "thumbnail": picture}
+    rest = {"emitter": default_name(row["index"]), "views": row["views"], "thumbnail": image}
     return rest | facts | {"triangles": frozenset(triangles.tolist())}
 
 
-# --- pictures -------------------------------------------------------------------------------------
+# --- images -------------------------------------------------------------------------------------
 
 
-def sightings(
-    data: Dataset, shards: Sequence[FootprintSamples], lamps: Sequence[np.ndarray], triangles: int
-) -> list[Sighting]:
-    """Where each lamp (its triangles) is seen."""
-    number = np.full(triangles, len(lamps), np.int32)
-    for lamp, own in enumerate(lamps):
-        number[own] = lamp
-    views: list[list[str]] = [[] for _ in lamps]
-    best: list[tuple[int, int] | None] = [None for _ in lamps]
-    most = np.zeros(len(lamps))
+def visibilities(
+    data: Dataset, shards: Sequence[FootprintSamples], emitters: Sequence[np.ndarray], triangles: int
+) -> list[Visibility]:
+    """Where each emitter (its triangles) is seen."""
+    number = np.full(triangles, len(emitters), np.int32)
+    for emitter, own in enumerate(emitters):
+        number[own] = emitter
+    views: list[list[str]] = [[] for _ in emitters]
+    best: list[tuple[int, int] | None] = [None for _ in emitters]
+    most = np.zeros(len(emitters))
     with progress("review", sum(len(shard.views) for shard in shards), " views") as bar:
         for which, shard in enumerate(shards):
             for index, view in enumerate(shard.views):
                 samples = shard.of_view(index)
-                lamp, weight = number[np.asarray(shard.triangle[samples])], np.asarray(shard.weight[samples])
-                seen = np.bincount(lamp, weight, len(lamps) + 1)[:-1]
+                emitter, weight = number[np.asarray(shard.triangle[samples])], np.asarray(shard.weight[samples])
+                seen = np.bincount(emitter, weight, len(emitters) + 1)[:-1]
                 if seen.any():
                     valid = data.image(view)[1].ravel()[shard.pixel_of_sample(index)] > 0
-                    alone = np.bincount(lamp[valid & (weight >= INTERIOR)], minlength=len(lamps) + 1)
+                    alone = np.bincount(emitter[valid & (weight >= INTERIOR)], minlength=len(emitters) + 1)
                     for k in np.flatnonzero(alone[:-1]):
                         views[k].append(view)
                 for k in np.flatnonzero(seen > most):
                     best[k] = (which, index)
                 most = np.maximum(most, seen)
                 bar.advance()
-    return [Sighting(*found) for found in zip(views, best, strict=True)]
+    return [Visibility(*found) for found in zip(views, best, strict=True)]
 
 
 def thumbnail(
-    data: Dataset, shards: Sequence[FootprintSamples], seen: Sighting, triangles: np.ndarray, width: int
+    data: Dataset, shards: Sequence[FootprintSamples], seen: Visibility, triangles: np.ndarray, width: int
 ) -> np.ndarray | None:
-    """(3/4 width, width, 3) uint8 picture of a lamp in the view that shows most of it; None where none does."""
+    """(3/4 width, width, 3) uint8 image of an emitter in the view that shows most of it; None where none does."""
     if seen.best is None:
         return None
     shard, index = shards[seen.best[0]], seen.best[1]
@@ -108,7 +108,7 @@ def thumbnail(
 
 
 def _crop(mask: np.ndarray) -> tuple[slice, slice]:
-    """Part of a view, of 4 : 3 where it is large enough, around the pixels (H, W) of a lamp."""
+    """Part of a view, of 4 : 3 where it is large enough, around the pixels (H, W) of an emitter."""
     height, width = mask.shape
     y, x = np.nonzero(mask)
     tall, wide = y.max() - y.min() + 1, x.max() - x.min() + 1
@@ -120,7 +120,7 @@ def _crop(mask: np.ndarray) -> tuple[slice, slice]:
 
 
 def _drawn(radiance: np.ndarray, mask: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Picture (h, w, 3) uint8 of at most a size, tone mapped so that lamp and surroundings show, the lamp outlined.
+    """Image (h, w, 3) uint8 of at most a size, tone mapped so that emitter and surroundings show, the emitter outlined.
 
     Highlights are compressed (Reinhard), the brightest is white.
     """
@@ -134,8 +134,8 @@ def _drawn(radiance: np.ndarray, mask: np.ndarray, size: tuple[int, int]) -> np.
     toned = to_display(exposed * (1 + exposed / white**2) / (1 + exposed))
     scale = min(size[0] / mask.shape[1], size[1] / mask.shape[0])
     shape = max(1, round(mask.shape[1] * scale)), max(1, round(mask.shape[0] * scale))
-    picture = np.array(Image.fromarray(toned).resize(shape, Image.Resampling.BICUBIC))
-    lamp = np.array(Image.fromarray(np.uint8(255) * mask).resize(shape, Image.Resampling.BILINEAR)) > 127
-    picture[binary_dilation(lamp, iterations=3) & ~binary_erosion(lamp)] = 0
-    picture[binary_dilation(lamp, iterations=2) & ~lamp] = _LINE
-    return picture
+    image = np.array(Image.fromarray(toned).resize(shape, Image.Resampling.BICUBIC))
+    emitter = np.array(Image.fromarray(np.uint8(255) * mask).resize(shape, Image.Resampling.BILINEAR)) > 127
+    image[binary_dilation(emitter, iterations=3) & ~binary_erosion(emitter)] = 0
+    image[binary_dilation(emitter, iterations=2) & ~emitter] = _LINE
+    return image

@@ -1,4 +1,4 @@
-"""``fipt review``: emitters -> the list of lamps for people, and the file in which they decide."""
+"""``fipt review``: emitters -> the list of emitters for people, and the file in which they decide."""
 
 import logging
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     from fipt.scene.dataset import Dataset
     from fipt.scene.samples import FootprintSamples
-    from fipt.stages.emitters.review import Sighting
+    from fipt.stages.emitters.review import Visibility
     from fipt.stages.emitters.settings import ReviewSettings
 
 log = logging.getLogger(__name__)
@@ -25,13 +25,13 @@ class ReviewInputs:
     dataset: DatasetFolder
     samples: SamplesFolders
     emitters: EmittersFile
-    out: Annotated[Path, "Folder of emitters.json and the lamps' images."]
+    out: Annotated[Path, "Folder of emitters.json and the emitters' images."]
     review: Annotated[Path, "File for a person's decisions, emitters_review.yaml; they are kept."]
     decisions: DecisionsJson = ""
 
 
 def run(inputs: ReviewInputs, settings: "ReviewSettings") -> dict[str, Any]:
-    """List the lamps with names and images; bring emitters_review.yaml up to date.
+    """List the emitters with names and images; bring emitters_review.yaml up to date.
 
     What a person decided in that file stays, also if that happens meanwhile.
 
@@ -46,11 +46,11 @@ def run(inputs: ReviewInputs, settings: "ReviewSettings") -> dict[str, Any]:
     from fipt.formats.files import atomic_folder
     from fipt.formats.manifests import write_manifest
     from fipt.scene.dataset import Dataset
-    from fipt.scene.emitters import lamp_facts, lamp_triangles, read_emitters, write_list
+    from fipt.scene.emitters import emitter_facts, emitter_triangles, read_emitters, write_list
     from fipt.scene.review import numbers, parse_decisions, read_review, refreshed, write_review
     from fipt.scene.samples import read_samples
     from fipt.settings import dumped
-    from fipt.stages.emitters.review import lamp_names, review_entry, sightings, strange_files
+    from fipt.stages.emitters.review import emitter_names, review_entry, strange_files, visibilities
 
     out, review = inputs.out, inputs.review
     if strange := strange_files(out):
@@ -59,34 +59,34 @@ def run(inputs: ReviewInputs, settings: "ReviewSettings") -> dict[str, Any]:
     data, found = Dataset(inputs.dataset), read_emitters(inputs.emitters)
     mesh, shards = data.mesh(), [read_samples(folder) for folder in inputs.samples]
     decided = parse_decisions(inputs.decisions, len(mesh.triangles))
-    lamps = lamp_triangles(found)
+    emitters = emitter_triangles(found)
     rejected = [np.array(sorted(numbers(text, len(mesh.triangles)))) for text in decided.reject]
-    seen = sightings(data, shards, [*lamps, *rejected], len(mesh.triangles))
-    names = lamp_names(decided, lamps, len(mesh.triangles))
-    rows = [row | {"name": name} for row, name in zip(lamp_facts(found, mesh), names, strict=True)]
-    files = [f"lamp-{n}.png" for n in range(len(lamps))] + [f"rejected-{own[0]}.png" for own in rejected]
+    seen = visibilities(data, shards, [*emitters, *rejected], len(mesh.triangles))
+    names = emitter_names(decided, emitters, len(mesh.triangles))
+    rows = [row | {"name": name} for row, name in zip(emitter_facts(found, mesh), names, strict=True)]
+    files = [f"emitter-{n}.png" for n in range(len(emitters))] + [f"rejected-{own[0]}.png" for own in rejected]
     with atomic_folder(out) as folder:
-        written = _write_thumbnails(folder, files, [*lamps, *rejected], seen, (data, shards, settings.width))
+        written = _write_thumbnails(folder, files, [*emitters, *rejected], seen, (data, shards, settings.width))
         for row, where, file in zip(rows, seen, written, strict=False):
             row["seen_by"], row["thumbnail"] = where.views, file
         write_list(folder / "emitters.json", found.two_sided, rows)
     write_manifest(Path(f"{out}.manifest.json"), "review", list(out.iterdir()), dumped(settings))
     shown = [None if file is None else f"{out.name}/{file}" for file in written]
-    facts = [review_entry(row, own, file) for row, own, file in zip(rows, lamps, shown, strict=False)]
-    images = {frozenset(own.tolist()): file for own, file in zip(rejected, shown[len(lamps) :], strict=True)}
+    facts = [review_entry(row, own, file) for row, own, file in zip(rows, emitters, shown, strict=False)]
+    images = {frozenset(own.tolist()): file for own, file in zip(rejected, shown[len(emitters) :], strict=True)}
     write_review(review, refreshed(read_review(review), facts, len(mesh.triangles), images))
-    log.info("review: %d emitters listed in %s; decide about them in %s", len(lamps), out / "emitters.json", review)
-    return {"emitters": len(lamps), "rejected": len(rejected), "named": len(decided.names)}
+    log.info("review: %d emitters listed in %s; decide about them in %s", len(emitters), out / "emitters.json", review)
+    return {"emitters": len(emitters), "rejected": len(rejected), "named": len(decided.names)}
 
 
 def _write_thumbnails(
     folder: Path,
     files: list[str],
     triangles: list["np.ndarray"],
-    seen: list["Sighting"],
+    seen: list["Visibility"],
     views: tuple["Dataset", list["FootprintSamples"], int],
 ) -> list[str | None]:
-    """Write an image of every lamp that some view shows; return the names, None where there is none."""
+    """Write an image of every emitter that some view shows; return the names, None where there is none."""
     from fipt.formats.images import write_png
     from fipt.stages.emitters.review import thumbnail
 

@@ -15,13 +15,13 @@ class EmittersSettings(Settings):
     complete: bool = Field(
         default=True, description="unseen triangles of a part that glows wherever it is seen emit too"
     )
-    patches: bool = Field(default=True, description="one radiance for each connected lamp instead of each triangle")
+    patches: bool = Field(default=True, description="one radiance for each connected emitter instead of each triangle")
     two_sided: bool = Field(default=True, description="emitters shine from both sides")
 
 
 class ReviewSettings(Settings):
-    """The list of the lamps for people: names, pictures, and the file in which they decide."""
+    """The list of the emitters for people: names, images, and the file in which they decide."""
 
     width: int = Field(
-        default=192, ge=32, le=1024, description="of a lamp's picture, pixels; its height is three quarters"
+        default=192, ge=32, le=1024, description="of an emitter's image, pixels; its height is three quarters"
     )

@@ -1,4 +1,4 @@
-"""Figures of a result: materials, emission and pictures against ground truth and photographs.
+"""Figures of a result: materials, emission and images against ground truth and photographs.
 
 Everything here is a pure function of arrays. Views are streamed, so that a scene never has to fit
 in memory. A figure for which no pixel qualifies, or for which there is no truth, is None; NaN never
@@ -39,7 +39,7 @@ DEFINITIONS: dict[str, dict[str, str]] = {
         "unit": "dB",
         "better": "higher",
         "text": "PSNR of kd on linear values, peak 1, over pixels whose centre hits the mesh and "
-        "does not emit in truth, and that the picture's mask keeps; squared error pooled over the views of the split.",
+        "does not emit in truth, and that the image's mask keeps; squared error pooled over the views of the split.",
     },
     "reflectance_psnr": {
         "label": "Reflectance a'",
@@ -92,7 +92,7 @@ DEFINITIONS: dict[str, dict[str, str]] = {
         "label": "Re-rendering",
         "unit": "dB",
         "better": "higher",
-        "text": "PSNR of the re-rendered view against its picture, both clipped to [0, 1] and sRGB "
+        "text": "PSNR of the re-rendered view against its image, both clipped to [0, 1] and sRGB "
         "encoded, over all valid pixels that are not clipped; mean over the views of the split.",
     },
     "relight_psnr": {
@@ -144,7 +144,7 @@ def emits(layers: Layers) -> np.ndarray:
     """Return (H, W) bool, the pixels that emit: by ``emission_mask`` or by radiance."""
     if "emission_mask" in layers:
         return layers["emission_mask"] > 0.5
-    return (layers["emission"] > 0).any(axis=-1)
+    return np.any(layers["emission"] > 0, axis=-1)
 
 
 def finite(layers: Layers, where: str) -> Layers:
@@ -191,7 +191,7 @@ class MaterialFigures:
         truth
             Layers of truth/{view}.exr; layers it lacks are left out of the figures.
         valid
-            (H, W) bool, pixels of the picture that have weight; the others do not count.
+            (H, W) bool, pixels of the image that have weight; the others do not count.
         """
         hit = (estimate["hit"] > 0.5) & valid
         true_emission, emission = emits(truth), emits(estimate)
@@ -266,7 +266,7 @@ def published_view(estimate: Layers, truth: Layers) -> dict[str, float | None]:
 
     They are here to be compared with those tables and nothing else: zeroed pixels count as perfect.
     """
-    true_emission = (truth["emission"] > 0).any(axis=-1)
+    true_emission = np.any(truth["emission"] > 0, axis=-1)
     emission = np.where(emits(estimate)[..., None], estimate["emission"], 0.0)
     figures: dict[str, float | None] = dict.fromkeys(
         ("kd_psnr", "reflectance_psnr", "roughness_psnr", "emission_iou", "log_l2")
@@ -276,7 +276,7 @@ def published_view(estimate: Layers, truth: Layers) -> dict[str, float | None]:
         if name not in truth or not qualifies.any():
             return None
         pair = [np.maximum(_cut(layers[name]), floor) for layers in (estimate, truth)]
-        return psnr(np.mean(((pair[0] - pair[1]).T * qualifies.T) ** 2))
+        return psnr(float(np.mean(((pair[0] - pair[1]).T * qualifies.T) ** 2)))
 
     if "roughness" in truth:
         diffuse = ~true_emission & (_cut(truth["roughness"]) == 1.0)
@@ -297,24 +297,24 @@ def published_mean(views: Iterable[Mapping[str, float | None]]) -> dict[str, flo
     columns: dict[str, list[float]] = {name: [] for name in names}
     for view in views:
         for name in names:
-            if view[name] is not None:
-                columns[name].append(view[name])
+            if (value := view[name]) is not None:
+                columns[name].append(value)
     return {name: float(np.mean(values)) if values else None for name, values in columns.items()}
 
 
-def picture_psnr(
-    picture: np.ndarray, reference: np.ndarray, valid: np.ndarray | None = None, scale: float = 1.0
+def image_psnr(
+    image: np.ndarray, reference: np.ndarray, valid: np.ndarray | None = None, scale: float = 1.0
 ) -> float | None:
-    """PSNR of a picture after clipping to [0, 1] and the sRGB curve, dB.
+    """PSNR of an image after clipping to [0, 1] and the sRGB curve, dB.
 
     Parameters
     ----------
-    picture, reference
+    image, reference
         (H, W, 3) linear radiance, finite.
     valid
         (H, W) weights; pixels with weight 0 are left out. All count where it is absent.
     scale
-        Exposure factor applied to ``picture``.
+        Exposure factor applied to ``image``.
 
     Returns
     -------
@@ -324,14 +324,15 @@ def picture_psnr(
     counted = np.ones(reference.shape[:2], bool) if valid is None else valid > 0
     error = Mean()
     encoded = [
-        srgb_encode(np.clip(np.float64(image[counted]), 0.0, 1.0)) for image in (scale * np.float64(picture), reference)
+        srgb_encode(np.clip(np.asarray(shown[counted], np.float64), 0.0, 1.0))
+        for shown in (scale * np.asarray(image, np.float64), reference)
     ]
     error.add((encoded[0] - encoded[1]) ** 2)
     return psnr(error.value)
 
 
 @dataclass
-class Exposure:
+class RenderExposure:
     """The one factor that brings all renderings nearest to their photographs, by least squares.
 
     Pixels clipped in the photograph's display range (a channel >= 1) do not take part: lamps would
@@ -341,10 +342,10 @@ class Exposure:
     product: float = 0.0
     square: float = 0.0
 
-    def add(self, picture: np.ndarray, photo: np.ndarray, valid: np.ndarray) -> None:
+    def add(self, image: np.ndarray, photo: np.ndarray, valid: np.ndarray) -> None:
         """Take in one view: (H, W, 3) linear radiance twice, (H, W) weights."""
         counted = (valid > 0) & (photo < 1.0).all(axis=-1)
-        rendered, seen = np.float64(picture[counted]), np.float64(photo[counted])
+        rendered, seen = np.float64(image[counted]), np.float64(photo[counted])
         self.product += float(np.sum(rendered * seen))
         self.square += float(np.sum(rendered**2))
 
@@ -364,9 +365,9 @@ class PhotographedExposure:
 
     differences: list[np.ndarray] = field(default_factory=list)
 
-    def add(self, picture: np.ndarray, photo: np.ndarray, valid: np.ndarray) -> None:
+    def add(self, image: np.ndarray, photo: np.ndarray, valid: np.ndarray) -> None:
         """Take in one view: (H, W, 3) linear radiance twice, (H, W) weights."""
-        rendered, seen = (np.float64(image[valid > 0]) @ LUMINANCE for image in (picture, photo))
+        rendered, seen = (np.asarray(shown[valid > 0], np.float64) @ np.array(LUMINANCE) for shown in (image, photo))
         both = (rendered > 0) & (seen > 0)
         differences = np.log(rendered[both]) - np.log(seen[both])
         self.differences.append(differences[:: max(1, len(differences) // _COMPARED)])
@@ -399,11 +400,11 @@ def emitting_triangles(triangles: int, views: Iterable[tuple[np.ndarray, np.ndar
     emitting, seen : (triangles,) bool
         A triangle emits if more than half of the pixel centres that see it emit.
     """
-    seen, shining = np.zeros(triangles, np.int64), np.zeros(triangles, np.int64)
+    seen, emitting_pixels = np.zeros(triangles, np.int64), np.zeros(triangles, np.int64)
     for ids, emitting in views:
         seen += np.bincount(ids, minlength=triangles)
-        shining += np.bincount(ids[emitting], minlength=triangles)
-    return 2 * shining > seen, seen > 0
+        emitting_pixels += np.bincount(ids[emitting], minlength=triangles)
+    return 2 * emitting_pixels > seen, seen > 0
 
 
 def triangle_figures(

@@ -16,14 +16,14 @@ from fipt.scene.dataset import Dataset, read_layers
 from fipt.scene.references import read_reference, reference_files
 from fipt.scene.samples import read_samples
 from fipt.stages.evaluate.metrics import (
-    Exposure,
     Layers,
     MaterialFigures,
     PhotographedExposure,
+    RenderExposure,
     emits,
     emitting_triangles,
     finite,
-    picture_psnr,
+    image_psnr,
     triangle_figures,
 )
 
@@ -64,24 +64,24 @@ def _check_layers(path: Path, estimate: Layers, truth: Layers) -> None:
             )
 
 
-def _pictures(folder: Path, views: list[str], what: str) -> list[str]:
-    """Views whose picture exists: all or none, or some stage did not finish."""
+def _rendered_views(folder: Path, views: list[str], what: str) -> list[str]:
+    """Views whose image exists: all or none, or some stage did not finish."""
     present = [view for view in views if (folder / f"{view}.exr").is_file()]
     missing = [view for view in views if view not in present]
     if present and missing:
         raise FiptError(
-            f"{folder} must hold a picture of every view; {', '.join(missing[:8])} missing",
+            f"{folder} must hold an image of every view; {', '.join(missing[:8])} missing",
             f"run {what} for these views",
         )
     return present
 
 
-def _picture(path: Path, shape: tuple[int, ...]) -> np.ndarray:
-    """Read a finite (H, W, 3) picture of the expected shape."""
-    picture = read_rgb(path)
-    if picture.shape != shape:
-        raise FiptError(f"{path} must have shape {shape}; it has {picture.shape}", "render it again")
-    return finite({"RGB": picture}, str(path))["RGB"]
+def _rendered(path: Path, shape: tuple[int, ...]) -> np.ndarray:
+    """Read a finite (H, W, 3) image of the expected shape."""
+    image = read_rgb(path)
+    if image.shape != shape:
+        raise FiptError(f"{path} must have shape {shape}; it has {image.shape}", "render it again")
+    return finite({"RGB": image}, str(path))["RGB"]
 
 
 def render_figures(data: Dataset, folder: Path, split: str, fit_exposure: bool) -> dict[str, Any]:
@@ -91,14 +91,14 @@ def render_figures(data: Dataset, folder: Path, split: str, fit_exposure: bool) 
         for view in views:
             photo, valid = data.image(view)
             valid = valid * ~data.clipped(view)  # a lower bound is nothing to compare with
-            yield view, _picture(folder / f"{view}.exr", photo.shape), photo, valid
+            yield view, _rendered(folder / f"{view}.exr", photo.shape), photo, valid
 
-    views = _pictures(folder, data.views(split), "fipt render")
-    exposure = Exposure()
+    views = _rendered_views(folder, data.views(split), "fipt render")
+    exposure = RenderExposure()
     if fit_exposure:
-        for _, picture, photo, valid in pairs():
-            exposure.add(picture, photo, valid)
-    per_view = {view: picture_psnr(picture, photo, valid, exposure.scale) for view, picture, photo, valid in pairs()}
+        for _, image, photo, valid in pairs():
+            exposure.add(image, photo, valid)
+    per_view = {view: image_psnr(image, photo, valid, exposure.scale) for view, image, photo, valid in pairs()}
     return {
         "render_psnr": _mean(per_view),
         "render_psnr_views": per_view,
@@ -117,15 +117,15 @@ def relight_figures(data: Dataset, folder: Path, setups: Sequence[str] | None = 
     result = {}
     for truth in sorted((data.root / "relight_truth").glob("*/")):
         if setups is not None and truth.name not in setups:
-            continue  # of a setup that is no more, or is filmed now
+            continue  # of a setup that is no more, or has cameras of its own now
         known = [camera for camera in data.cameras if (truth / f"{camera.name}.exr").is_file()]
         per_view = {}
         for camera in known:
             path = folder / truth.name / f"{camera.name}.exr"
             if path.is_file():
                 shape = (camera.height, camera.width, 3)
-                reference = _picture(truth / path.name, shape)
-                per_view[camera.name] = picture_psnr(_picture(path, shape), reference)
+                reference = _rendered(truth / path.name, shape)
+                per_view[camera.name] = image_psnr(_rendered(path, shape), reference)
         if per_view:
             figures = {"relight_psnr": _mean(per_view), "relight_psnr_views": per_view}
             result[truth.name] = {**figures, "of": "truth", "exposure": 1.0}
@@ -151,20 +151,24 @@ def reference_figures(data: Dataset, folder: Path, reference: Path) -> dict[str,
         for view, path in photographs.items():
             photo, valid = read_reference(path, data.camera(view))
             weight = valid * (data.image(view)[1] > 0)
-            yield view, _picture(folder / f"{view}.exr", photo.shape), photo, weight
+            yield view, _rendered(folder / f"{view}.exr", photo.shape), photo, weight
 
     exposure = PhotographedExposure()
-    for _, picture, photo, valid in pairs():
-        exposure.add(picture, photo, valid)
+    for _, image, photo, valid in pairs():
+        exposure.add(image, photo, valid)
     scale = exposure.scale
     if scale is None:
         raise FiptError(
             f"{reference} and {folder} must have pixels in common that are valid and not black; there are none",
             "check the photographs, their masks and the light setup",
         )
-    per_view = {view: picture_psnr(picture, scale * photo, valid) for view, picture, photo, valid in pairs()}
+    per_view = {view: image_psnr(image, scale * photo, valid) for view, image, photo, valid in pairs()}
     log.info(
-        "%s: %d of %d views are photographed; their radiance times %.4g", reference, len(photographs), len(relit), scale
+        "%s: %d of %d views are photographed; their radiance times %.4g",
+        reference,
+        len(photographs),
+        len(relit),
+        scale,
     )
     return {
         "relight_psnr": _mean(per_view),

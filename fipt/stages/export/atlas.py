@@ -54,7 +54,7 @@ class Atlas:
 
 
 @dataclass(frozen=True)
-class Texels:
+class AtlasTexels:
     """Texels that show surface; N of them.
 
     Attributes
@@ -119,7 +119,7 @@ def time_limit(triangles: int) -> float:
     return 120.0 + 0.5 * (triangles / 1000) ** 2
 
 
-def texels(atlas: Atlas) -> Texels:
+def texels(atlas: Atlas) -> AtlasTexels:
     """Find the texels that show surface: centres inside a triangle, else those next to its edge."""
     corners = atlas.uv[atlas.triangles].astype(np.float64) * [atlas.width, atlas.height]
     count = atlas.width * atlas.height
@@ -135,7 +135,7 @@ def texels(atlas: Atlas) -> Texels:
             kept = kept[(away[kept] <= _REACH) & (away[kept] < best[texel[kept]])]
             best[texel[kept]], triangle[texel[kept]], weights[texel[kept]] = away[kept], owner[kept], near[kept]
     found = np.flatnonzero(triangle >= 0)
-    return Texels(found, triangle[found], weights[found])
+    return AtlasTexels(found, triangle[found], weights[found])
 
 
 def _candidates(
@@ -205,7 +205,7 @@ def _cross(u: np.ndarray, v: np.ndarray) -> np.ndarray:
     return u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
 
 
-def filled(values: np.ndarray, known: Texels, height: int, width: int) -> np.ndarray:
+def filled(values: np.ndarray, known: AtlasTexels, height: int, width: int) -> np.ndarray:
     """Textures (height, width, ...) of values (N, ...) at known texels; all others repeat the nearest known one.
 
     So mip maps and lookups past an edge never meet texels that nobody wrote.

@@ -1,7 +1,7 @@
 """Open the exported room in Blender, and render a view of it if asked.
 
-    blender --python blender.py                                  the room, its lamps and the cameras of all views
-    blender --environment --python blender.py -- VIEW OUT.exr     one picture, path traced by Cycles
+    blender --python blender.py                                  the room, its emitters and the cameras of all views
+    blender --background --python blender.py -- VIEW OUT.exr     one image, path traced by Cycles
 
 It needs the files beside it, and nothing of fipt. MIT licence.
 """
@@ -26,7 +26,7 @@ def load() -> dict:
     scene.cycles.diffuse_bounces = scene.cycles.glossy_bounces = 8
     scene.cycles.sample_clamp_indirect = 0
     scene.cycles.pixel_filter_type = "BOX"  # a pixel is the mean over its area
-    # radiance times nothing, sRGB curve: what fipt's own pictures show
+    # radiance times nothing, sRGB curve: what fipt's own images show
     scene.display_settings.display_device = "sRGB"
     scene.view_settings.view_transform = "Standard"
     scene.view_settings.look = "None"
@@ -48,18 +48,18 @@ def _light_from_outside(scene: "bpy.types.Scene") -> None:
     path = FOLDER / "textures" / "environment.exr"
     if not path.is_file():
         return
-    picture, mapping = nodes.new("ShaderNodeTexEnvironment"), nodes.new("ShaderNodeMapping")
+    image, mapping = nodes.new("ShaderNodeTexEnvironment"), nodes.new("ShaderNodeMapping")
     coordinates = nodes.new("ShaderNodeTexCoord")
-    picture.image = bpy.data.images.load(str(path))
+    image.image = bpy.data.images.load(str(path))
     # the map's centre is seen along y here, Blender's along x
     mapping.inputs["Rotation"].default_value = (0, 0, -math.pi / 2)
     links.new(coordinates.outputs["Generated"], mapping.inputs["Vector"])
-    links.new(mapping.outputs["Vector"], picture.inputs["Vector"])
-    links.new(picture.outputs["Color"], environment.inputs["Color"])
+    links.new(mapping.outputs["Vector"], image.inputs["Vector"])
+    links.new(image.outputs["Color"], environment.inputs["Color"])
 
 
 def _cameras(scene: "bpy.types.Scene") -> dict:
-    """Complete the cameras by what glTF cannot say: size of the picture, principal point."""
+    """Complete the cameras by what glTF cannot say: size of the image, principal point."""
     frames = json.loads((FOLDER / "cameras" / "transforms.json").read_text(encoding="utf-8"))["frames"]
     found = {}
     for frame in frames:
@@ -85,7 +85,7 @@ def show(scene: "bpy.types.Scene", camera: "bpy.types.Object") -> None:
 
 
 def render(camera: "bpy.types.Object", path: Path, samples: int = 256) -> None:
-    """Path trace a view; OpenEXR holds linear radiance, PNG the picture as shown."""
+    """Path trace a view; OpenEXR holds linear radiance, PNG the image as shown."""
     scene = bpy.context.scene
     show(scene, camera)
     scene.cycles.samples = samples

@@ -1,8 +1,8 @@
-"""Every exported format, loaded back, path traced by Mitsuba and compared with our own pictures."""
+"""Every exported format, loaded back, path traced by Mitsuba and compared with our own images."""
 
 import json
 import logging
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,9 +22,9 @@ from fipt.render.exported import (
     load_asset,
     load_scene_file,
     path_integrator,
-    picture,
     rays_of,
     rays_of_sensor,
+    traced_image,
 )
 from fipt.scene.asset import Asset
 from fipt.scene.cameras import Camera
@@ -38,7 +38,6 @@ from fipt.stages.export.usd import read_usd
 
 log = logging.getLogger(__name__)
 
-
 GOAL = 32.0
 """PSNR that every format should reach, dB."""
 
@@ -46,8 +45,8 @@ FORMATS = {"glb": "scene.glb", "usd": "scene.usdc", "mitsuba": "mitsuba/scene.xm
 """Format -> its file in the exported folder."""
 
 Draw = Callable[[Camera, int], tuple[np.ndarray, np.ndarray]]
-"""What a view shows of reflected light, and of the lamps and the outside themselves (no noise in it), by its camera and
-number among the exported ones."""
+"""What a view shows of reflected light, and of the emitters and the outside themselves (no noise in it), by its
+camera and number among the exported ones."""
 
 
 def check_export(inputs: CheckExportInputs, settings: ExportSettings) -> Stats:
@@ -63,8 +62,8 @@ def check_export(inputs: CheckExportInputs, settings: ExportSettings) -> Stats:
     names = [camera.name for camera in data.cameras]
     views = _chosen([name for name in data.views("val") if (render / f"{name}.exr").is_file()], settings.check_views)
     if not views:
-        raise FiptError(f"{render} holds no picture of a held-out view", "run fipt render first")
-    # our pictures look through several points of each pixel, these through the same
+        raise FiptError(f"{render} holds no image of a held-out view", "run fipt render first")
+    # our images look through several points of each pixel, these through the same
     grid = min(
         read_manifest(Path(f"{folder}.manifest.json"), "samples")["settings"]["grid"] for folder in inputs.samples
     )
@@ -78,19 +77,19 @@ def check_export(inputs: CheckExportInputs, settings: ExportSettings) -> Stats:
     guide = {view: guides(scene, asset, asset.cameras[names.index(view)], grid) for view in views}
     figures: dict[str, dict[str, float]] = {}
     photos = {"ours": [psnr(known[view], *photo[view]) for view in views]}
-    with progress("check-export", len(FORMATS) * len(views), " pictures") as bar:
+    with progress("check-export", len(FORMATS) * len(views), " images") as bar:
         for kind, file in FORMATS.items():
             draw = _opened(kind, export, export / file, grid, settings)
             figures[kind], photos[kind] = {}, []
             for view in views:
                 reflected, shown = draw(asset.cameras[names.index(view)], names.index(view))
-                seen = denoise(reflected, *guide[view]) + shown  # lamps stay exact, as in our pictures
+                seen = denoise(reflected, *guide[view]) + shown  # emitters stay exact, as in our images
                 write_exr(out.parent / "check" / kind / f"{view}.exr", {"": seen}, half=True)
                 figures[kind][view] = round(psnr(seen, known[view]), 2)
                 photos[kind].append(psnr(seen, *photo[view]))
                 bar.advance()
     content = {
-        "definition": "PSNR of the exported room, loaded back and path traced by Mitsuba, against our own picture; "
+        "definition": "PSNR of the exported room, loaded back and path traced by Mitsuba, against our own image; "
         "both clipped to [0, 1] and sRGB encoded, dB; photo: the same against the photograph, where it is valid",
         "goal": GOAL,
         "ours_photo": _mean(photos["ours"]),
@@ -112,7 +111,7 @@ def check_export(inputs: CheckExportInputs, settings: ExportSettings) -> Stats:
     return {"psnr": {kind: entry["psnr"] for kind, entry in content["formats"].items()}}
 
 
-def _chosen(views: Sequence[str], count: int) -> list[str]:
+def _chosen(views: list[str], count: int) -> list[str]:
     """Views spread over the list."""
     picks = np.linspace(0, len(views) - 1, min(count, len(views))).round().astype(int)
     return [views[pick] for pick in picks]
@@ -130,7 +129,7 @@ def _opened(kind: str, export: Path, path: Path, grid: int, settings: ExportSett
         rays = rays_of(own.cameras[number]) if own else rays_of_sensor(scene, number)
         shape = camera.height, camera.width
         shown = emitted(scene, rays, shape, grid)
-        whole = picture(scene, integrator, rays, shape, grid, settings.check_spp, settings.seed)
+        whole = traced_image(scene, integrator, rays, shape, grid, settings.check_spp, settings.seed)
         return np.maximum(whole - shown, 0), shown
 
     return draw
@@ -153,7 +152,7 @@ def _mean(values: Iterable[float]) -> float:
 
 
 def psnr(seen: np.ndarray, known: np.ndarray, where: np.ndarray | None = None) -> float:
-    """PSNR of two (H, W, 3) radiance pictures, both clipped to [0, 1] and sRGB encoded, dB; at most 100.
+    """PSNR of two (H, W, 3) radiance images, both clipped to [0, 1] and sRGB encoded, dB; at most 100.
 
     ``where`` (H, W) bool restricts it to some pixels.
     """

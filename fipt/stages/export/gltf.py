@@ -1,8 +1,8 @@
 """glTF 2.0 in one binary file (.glb): rooms out, and back in.
 
-Written and read is what `fipt.scene.asset` holds: one mesh with metallic-roughness textures, one mesh a lamp with an
-emission (KHR_materials_emissive_strength), a camera a view, and on request point lights in the place of small lamps
-(KHR_lights_punctual). There are no normals in the file: by the specification, surfaces without them are flat.
+Written and read is what `fipt.scene.asset` holds: one mesh with metallic-roughness textures, one mesh an emitter with
+an emission (KHR_materials_emissive_strength), a camera a view, and on request point lights in the place of small
+emitters (KHR_lights_punctual). There are no normals in the file: by the specification, surfaces without them are flat.
 """
 
 import io
@@ -16,7 +16,7 @@ from fipt import __version__
 from fipt.errors import FiptError
 from fipt.formats.files import atomic, existing_file
 from fipt.formats.glb import chunks, packed
-from fipt.scene.asset import Asset, Piece, Textures, intensity
+from fipt.scene.asset import Asset, MaterialTextures, TexturedMesh, intensity
 from fipt.scene.cameras import Camera
 from fipt.scene.environment import NOTHING
 from fipt.scene.mesh import Mesh
@@ -47,24 +47,31 @@ def write_glb(path: str | Path, asset: Asset, point_size: float = 0.0) -> None:
     asset
         The room; light from outside has no place in glTF and is left out.
     point_size
-        Lamps of less than this extent, metres, become point lights as well, for programs without area lights.
+        Emitters of less than this extent, metres, become point lights as well, for programs without area lights.
     """
     binary = _Binary()
     document = _document(asset, binary)
-    pieces = [asset.surface, *asset.lamps]
-    document["materials"] = [_surface_material(), *(_lamp_material(lamp, asset.two_sided) for lamp in asset.lamps)]
+    pieces = [asset.surface, *asset.emitters]
+    document["materials"] = [
+        _surface_material(),
+        *(_emitter_material(emitter, asset.two_sided) for emitter in asset.emitters),
+    ]
     document["meshes"] = [_mesh(piece, number, binary) for number, piece in enumerate(pieces)]
     nodes = [{"name": piece.name, "mesh": number} for number, piece in enumerate(pieces)]
     nodes += [_camera_node(camera, number) for number, camera in enumerate(asset.cameras)]
-    small = [lamp for lamp in asset.lamps if lamp.radiance.any() and np.ptp(lamp.mesh.vertices, 0).max() < point_size]
+    small = [
+        emitter
+        for emitter in asset.emitters
+        if emitter.radiance.any() and np.ptp(emitter.mesh.vertices, 0).max() < point_size
+    ]
     if small:
-        document["extensions"] = {_PUNCTUAL: {"lights": [_point_light(lamp, asset.two_sided) for lamp in small]}}
-        nodes += [_light_node(lamp, number) for number, lamp in enumerate(small)]
+        document["extensions"] = {_PUNCTUAL: {"lights": [_point_light(emitter, asset.two_sided) for emitter in small]}}
+        nodes += [_light_node(emitter, number) for number, emitter in enumerate(small)]
     document["nodes"] = [*nodes, {"name": asset.name, "children": list(range(len(nodes)))}]
     document["scenes"] = [{"name": asset.name, "nodes": [len(nodes)]}]
     if asset.cameras:
         document["cameras"] = [_camera(camera) for camera in asset.cameras]
-    used = [_EMISSION] * any(lamp.radiance.any() for lamp in asset.lamps) + [_PUNCTUAL] * bool(small)
+    used = [_EMISSION] * any(emitter.radiance.any() for emitter in asset.emitters) + [_PUNCTUAL] * bool(small)
     if used:
         document["extensionsUsed"] = used
     document |= {"accessors": binary.accessors, "bufferViews": binary.views}
@@ -132,30 +139,30 @@ def _surface_material() -> dict[str, Any]:
     }
 
 
-def _lamp_material(lamp: Piece, two_sided: bool) -> dict[str, Any]:
-    """Black, as lamps are in our pictures; the emission is a colour of at most 1 times a strength."""
-    strength = float(lamp.radiance.max())
+def _emitter_material(emitter: TexturedMesh, two_sided: bool) -> dict[str, Any]:
+    """Black, as emitters are in our images; the emission is a colour of at most 1 times a strength."""
+    strength = float(emitter.radiance.max())
     material: dict[str, Any] = {
-        "name": lamp.name,
+        "name": emitter.name,
         "doubleSided": two_sided,
         "pbrMetallicRoughness": {"baseColorFactor": [0, 0, 0, 1], "metallicFactor": 0, "roughnessFactor": 1},
     }
     if strength > 0:
-        material["emissiveFactor"] = (lamp.radiance.astype(np.float64) / strength).tolist()
+        material["emissiveFactor"] = (emitter.radiance.astype(np.float64) / strength).tolist()
         material["extensions"] = {_EMISSION: {"emissiveStrength": strength}}
     return material
 
 
-def _mesh(piece: Piece, material: int, binary: _Binary) -> dict[str, Any]:
+def _mesh(piece: TexturedMesh, material: int, binary: _Binary) -> dict[str, Any]:
     primitive: dict[str, Any] = {"attributes": {"POSITION": binary.vectors(piece.mesh.vertices)}, "material": material}
-    if material == 0:  # lamps have no textures
+    if material == 0:  # emitters have no textures
         primitive["attributes"]["TEXCOORD_0"] = binary.vectors(piece.uv)
     primitive["indices"] = binary.indices(piece.mesh.triangles)
     return {"name": piece.name, "primitives": [primitive]}
 
 
 def _camera(camera: Camera) -> dict[str, Any]:
-    """Field of view and shape of the picture; glTF knows no principal point, which stands in the extras."""
+    """Field of view and shape of the image; glTF knows no principal point, which stands in the extras."""
     width, height = camera.width / camera.fx, camera.height / camera.fy
     perspective = {"yfov": 2 * float(np.arctan(height / 2)), "aspectRatio": width / height, "znear": _ENGINE_NEAR}
     keys = ("split", "width", "height", "cx", "cy")
@@ -168,16 +175,16 @@ def _camera_node(camera: Camera, number: int) -> dict[str, Any]:
     return {"name": camera.name, "camera": number, "matrix": matrix}
 
 
-def _point_light(lamp: Piece, two_sided: bool) -> dict[str, Any]:
-    value = intensity(lamp, two_sided)
+def _point_light(emitter: TexturedMesh, two_sided: bool) -> dict[str, Any]:
+    value = intensity(emitter, two_sided)
     color = (value / value.max()).tolist()
-    return {"name": lamp.name, "type": "point", "color": color, "intensity": float(value.max())}
+    return {"name": emitter.name, "type": "point", "color": color, "intensity": float(value.max())}
 
 
-def _light_node(lamp: Piece, number: int) -> dict[str, Any]:
-    weight = lamp.mesh.areas[:, None] / lamp.mesh.areas.sum()
-    center = (lamp.mesh.corners.mean(axis=1) * weight).sum(axis=0)
-    name = f"{lamp.name}_point"
+def _light_node(emitter: TexturedMesh, number: int) -> dict[str, Any]:
+    weight = emitter.mesh.areas[:, None] / emitter.mesh.areas.sum()
+    center = (emitter.mesh.corners.mean(axis=1) * weight).sum(axis=0)
+    name = f"{emitter.name}_point"
     return {"name": name, "translation": center.tolist(), "extensions": {_PUNCTUAL: {"light": number}}}
 
 
@@ -185,7 +192,7 @@ def _light_node(lamp: Piece, number: int) -> dict[str, Any]:
 
 
 def read_glb(path: str | Path) -> Asset:
-    """Read a room that `write_glb` wrote; point lights, which repeat lamps, are left out.
+    """Read a room that `write_glb` wrote; point lights, which repeat emitters, are left out.
 
     Raises
     ------
@@ -217,7 +224,7 @@ def _asset(document: dict[str, Any], binary: bytes) -> Asset:
         with Image.open(io.BytesIO(view(source["bufferView"]))) as opened:
             return np.array(opened.convert("RGB"))
 
-    def piece(node: dict[str, Any]) -> tuple[Piece, dict[str, Any]]:
+    def piece(node: dict[str, Any]) -> tuple[TexturedMesh, dict[str, Any]]:
         [primitive] = document["meshes"][node["mesh"]]["primitives"]
         material = document["materials"][primitive["material"]]
         vertices = array(primitive["attributes"]["POSITION"])
@@ -226,20 +233,26 @@ def _asset(document: dict[str, Any], binary: bytes) -> Asset:
         strength = material.get("extensions", {}).get(_EMISSION, {}).get("emissiveStrength", 1.0)
         radiance = strength * np.array(material.get("emissiveFactor", (0, 0, 0)), np.float32)
         triangles = array(primitive["indices"]).reshape(-1, 3).astype(np.int32)
-        return Piece(node["name"], Mesh(vertices, triangles), uv, radiance), material
+        return TexturedMesh(node["name"], Mesh(vertices, triangles), uv, radiance), material
 
     nodes = document["nodes"]
     [root] = document["scenes"][document["scene"]]["nodes"]
     children = [nodes[number] for number in nodes[root]["children"]]
     found = [piece(node) for node in children if "mesh" in node]
-    (surface, material), *lamps = sorted(found, key=lambda entry: entry[1]["name"] != "surface")
+    (surface, material), *emitters = sorted(found, key=lambda entry: entry[1]["name"] != "surface")
     reflecting = material["pbrMetallicRoughness"]
     rest = image(reflecting["metallicRoughnessTexture"])
-    textures = Textures(image(reflecting["baseColorTexture"]), rest[..., 1], rest[..., 2])
+    textures = MaterialTextures(image(reflecting["baseColorTexture"]), rest[..., 1], rest[..., 2])
     cameras = [_read_camera(node, document["cameras"][node["camera"]]) for node in children if "camera" in node]
-    two_sided = all(material["doubleSided"] for _, material in lamps)
+    two_sided = all(material["doubleSided"] for _, material in emitters)
     return Asset(
-        nodes[root]["name"], surface, tuple(lamp for lamp, _ in lamps), two_sided, textures, tuple(cameras), NOTHING
+        nodes[root]["name"],
+        surface,
+        tuple(emitter for emitter, _ in emitters),
+        two_sided,
+        textures,
+        tuple(cameras),
+        NOTHING,
     )
 
 

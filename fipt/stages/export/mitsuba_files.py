@@ -9,7 +9,7 @@ from fipt import __version__, conventions
 from fipt.formats.exr import write_exr
 from fipt.formats.files import atomic, write_text
 from fipt.formats.images import write_png
-from fipt.scene.asset import Asset, Piece, Textures, back
+from fipt.scene.asset import Asset, MaterialTextures, TexturedMesh, back
 from fipt.scene.cameras import Camera
 
 PLUGIN = "fipt_bsdf.py"
@@ -25,7 +25,12 @@ Nothing of fipt is needed. MIT licence.
 
 
 def write_mitsuba(
-    folder: Path, asset: Asset, principled: Textures, specular: float, environment: np.ndarray | None, max_depth: int
+    folder: Path,
+    asset: Asset,
+    principled: MaterialTextures,
+    specular: float,
+    environment: np.ndarray | None,
+    max_depth: int,
 ) -> None:
     """Write scene.xml, scene_exact.xml and what they name.
 
@@ -42,9 +47,9 @@ def write_mitsuba(
     max_depth
         Longest path, segments.
     """
-    sheets = [asset.surface, *asset.lamps]
+    sheets = [asset.surface, *asset.emitters]
     if asset.two_sided:
-        sheets += [back(lamp) for lamp in asset.lamps]
+        sheets += [back(emitter) for emitter in asset.emitters]
     for piece in sheets:
         _write_ply(folder / f"{piece.name}.ply", piece)
     for name in ("base_color", "roughness"):
@@ -65,7 +70,7 @@ def plugin_source() -> str:
     return f"{_PLUGIN_HEAD}{code.replace(imports, constants)}"
 
 
-def _scene(asset: Asset, sheets: list[Piece], kind: str, specular: float, outside: bool, max_depth: int) -> str:
+def _scene(asset: Asset, sheets: list[TexturedMesh], kind: str, specular: float, outside: bool, max_depth: int) -> str:
     root = Element("scene", version="3.0.0")
     SubElement(root, "default", name="spp", value="256")
     integrator = SubElement(root, "integrator", type="path")
@@ -96,7 +101,9 @@ def _surface(root: Element, kind: str, specular: float) -> str:
     """Add the reflectance; return its id."""
     exact = kind == PLUGIN_TYPE
     outer = root if exact else SubElement(root, "bsdf", type="twosided", id="surface_material")
-    bsdf = SubElement(outer, "bsdf", type=kind, **({"id": "surface_material"} if exact else {}))
+    bsdf = SubElement(outer, "bsdf", type=kind)
+    if exact:
+        bsdf.set("id", "surface_material")
     folder = "../textures/" if exact else "principled_"
     for name, file, raw in (
         ("base_color", f"{folder}base_color.png", "false"),
@@ -141,7 +148,7 @@ def _numbers(values: np.ndarray) -> str:
     return " ".join(repr(float(value)) for value in np.ravel(values))
 
 
-def _write_ply(path: Path, piece: Piece) -> None:
+def _write_ply(path: Path, piece: TexturedMesh) -> None:
     """Binary PLY with texture coordinates as Mitsuba reads them (u, v)."""
     vertices = np.column_stack([piece.mesh.vertices, piece.uv]).astype("<f4")
     faces = np.zeros(len(piece.mesh.triangles), [("count", "u1"), ("indices", "<i4", 3)])

@@ -1,4 +1,4 @@
-"""The fitted room as an asset: surface, lamps, cameras and outside, in a world with y up."""
+"""The fitted room as an asset: surface, emitters, cameras and outside, in a world with y up."""
 
 import re
 from collections.abc import Sequence
@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fipt.scene.asset import Asset, Piece, Textures
+from fipt.scene.asset import Asset, MaterialTextures, TexturedMesh
 from fipt.scene.cameras import Camera, up_axis
 from fipt.scene.emitters import Emitters, default_name, read_names
 from fipt.scene.environment import EnvironmentMap, texel_directions
@@ -39,26 +39,26 @@ def room_asset(
     name: str,
     mesh: Mesh,
     atlas: Atlas,
-    textures: Textures,
+    textures: MaterialTextures,
     emitters: Emitters,
     cameras: list[Camera],
     sky: EnvironmentMap,
     names: Sequence[str] | None = None,
 ) -> Asset:
-    """Put the room together; each lamp is one mesh, or several where its triangles differ in radiance.
+    """Put the room together; each emitter is one mesh, or several where its triangles differ in radiance.
 
-    ``names`` are those of the lamps; None: ``lamp-N``.
+    ``names`` are those of the emitters; None: ``emitter-N``.
     """
     names = read_names(None, emitters) if names is None else names
     turn = upright(cameras)
     mesh = Mesh((mesh.vertices.astype(np.float64) @ turn.T).astype(np.float32), mesh.triangles)
     dark = np.ones(len(mesh.triangles), bool)
     dark[emitters.triangle] = False
-    surface = Piece("surface", *atlas.piece(mesh, np.flatnonzero(dark)), np.zeros(3, np.float32))
+    surface = TexturedMesh("surface", *atlas.piece(mesh, np.flatnonzero(dark)), np.zeros(3, np.float32))
     return Asset(
         name=name,
         surface=surface,
-        lamps=tuple(_lamps(mesh, atlas, emitters, names)),
+        emitters=tuple(_emitting_meshes(mesh, atlas, emitters, names)),
         two_sided=emitters.two_sided,
         textures=textures,
         cameras=tuple(_turned(camera, turn) for camera in cameras),
@@ -67,24 +67,24 @@ def room_asset(
 
 
 def mesh_name(number: int, name: str) -> str:
-    """Name of a lamp's mesh, and of its files: its number, and the name that a person gave it, in ASCII letters.
+    """Name of an emitter's mesh, and of its files: its number, and the name that a person gave it, in ASCII letters.
 
     The number keeps meshes apart whatever the names are.
     """
     plain = "" if name == default_name(number) else re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_")
-    return f"lamp_{number}_{plain}" if plain else f"lamp_{number}"
+    return f"emitter_{number}_{plain}" if plain else f"emitter_{number}"
 
 
-def _lamps(mesh: Mesh, atlas: Atlas, emitters: Emitters, names: Sequence[str]) -> list[Piece]:
-    lamps = []
-    for number, lamp in enumerate(names):
+def _emitting_meshes(mesh: Mesh, atlas: Atlas, emitters: Emitters, names: Sequence[str]) -> list[TexturedMesh]:
+    pieces = []
+    for number, given in enumerate(names):
         own = np.flatnonzero(emitters.emitter == number)
         levels, level = np.unique(emitters.radiance[own], axis=0, return_inverse=True)
         for index, radiance in enumerate(levels):
-            name = mesh_name(number, lamp) + (f"_{index}" if len(levels) > 1 else "")
+            name = mesh_name(number, given) + (f"_{index}" if len(levels) > 1 else "")
             chosen = emitters.triangle[own[level.reshape(-1) == index]]
-            lamps.append(Piece(name, *atlas.piece(mesh, chosen), radiance))
-    return lamps
+            pieces.append(TexturedMesh(name, *atlas.piece(mesh, chosen), radiance))
+    return pieces
 
 
 def _turned(camera: Camera, turn: np.ndarray) -> Camera:

@@ -19,7 +19,7 @@ class ExportSettings(Settings):
     padding: Positive = Field(default=2, le=32, description="texels between charts of the atlas")
     point_size: Weight = Field(
         default=0.0,
-        description="lamps smaller than this, metres, are point lights in glTF as well (KHR_lights_punctual); 0 = none",
+        description="emitters smaller than this, metres, are point lights in glTF too (KHR_lights_punctual); 0 = none",
     )
     check_views: Positive = Field(default=2, description="held-out views that the check renders from every format")
     check_spp: Positive = Field(default=256, description="paths per pixel of these")

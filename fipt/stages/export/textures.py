@@ -1,4 +1,4 @@
-"""Textures of the surface: the networks asked over every texel, lamps, confidence."""
+"""Textures of the surface: the networks asked over every texel, emitters, confidence."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,13 +8,13 @@ import numpy as np
 from fipt.formats.images import to_display
 from fipt.model.networks import Brdf, Field
 from fipt.progress import progress
-from fipt.scene.asset import Textures
+from fipt.scene.asset import MaterialTextures
 from fipt.scene.confidence import Confidence
 from fipt.scene.emitters import Emitters
 from fipt.scene.mesh import Mesh
 from fipt.scene.samples import FootprintSamples
 from fipt.scene.voxels import voxel_keys
-from fipt.stages.export.atlas import Atlas, Texels, filled, nearest_weights
+from fipt.stages.export.atlas import Atlas, AtlasTexels, filled, nearest_weights
 
 _CHUNK = 1 << 17
 """Texels asked at once."""
@@ -58,12 +58,12 @@ def _voxels(field: Field, points: np.ndarray) -> np.ndarray:
 
 
 def surface_brdf(
-    field: Field, mesh: Mesh, atlas: Atlas, known: Texels, seen: Coverage, samples: int, scale: float
+    field: Field, mesh: Mesh, atlas: Atlas, known: AtlasTexels, seen: Coverage, samples: int, scale: float
 ) -> Brdf:
     """Reflectance of every known texel: the mean of the networks' answers over it.
 
     Queries are as wide as a pixel of the training views is there, or as a texel where that is more: finer detail has
-    been taught by no picture.
+    been taught by no image.
 
     Parameters
     ----------
@@ -95,25 +95,25 @@ def surface_brdf(
     return Brdf(values[:, :3], values[:, 3], values[:, 4])
 
 
-def surface_textures(brdf: Brdf, emitters: Emitters, atlas: Atlas, known: Texels) -> Textures:
-    """Materials of the whole atlas; lamps are black and matte, as they are in our pictures."""
-    lamp = np.isin(known.triangle, emitters.triangle)
-    color = to_display(np.where(lamp[:, None], 0, brdf.base_color))
-    rough, metal = np.where(lamp, 1, brdf.roughness), np.where(lamp, 0, brdf.metallic)
+def surface_textures(brdf: Brdf, emitters: Emitters, atlas: Atlas, known: AtlasTexels) -> MaterialTextures:
+    """Materials of the whole atlas; emitters are black and matte, as they are in our images."""
+    emitting = np.isin(known.triangle, emitters.triangle)
+    color = to_display(np.where(emitting[:, None], 0, brdf.base_color))
+    rough, metal = np.where(emitting, 1, brdf.roughness), np.where(emitting, 0, brdf.metallic)
     size = atlas.height, atlas.width
-    return Textures(
+    return MaterialTextures(
         filled(color, known, *size), filled(_in_bytes(rough), known, *size), filled(_in_bytes(metal), known, *size)
     )
 
 
-def emission_texture(emitters: Emitters, atlas: Atlas, known: Texels) -> np.ndarray:
+def emission_texture(emitters: Emitters, atlas: Atlas, known: AtlasTexels) -> np.ndarray:
     """(h, w, 3) float32 radiance that the surface emits."""
     radiance = np.zeros((len(atlas.triangles), 3), np.float32)
     radiance[emitters.triangle] = emitters.radiance
     return filled(radiance[known.triangle], known, atlas.height, atlas.width)
 
 
-def confidence_texture(confidence: Confidence, mesh: Mesh, atlas: Atlas, known: Texels) -> np.ndarray:
+def confidence_texture(confidence: Confidence, mesh: Mesh, atlas: Atlas, known: AtlasTexels) -> np.ndarray:
     """(h, w) uint8 confidence in the material, of the better seen side; 255 is 1."""
     p_world = np.einsum("nk,nkd->nd", known.weights, mesh.corners[known.triangle])
     normal = mesh.normals[known.triangle]
@@ -122,4 +122,4 @@ def confidence_texture(confidence: Confidence, mesh: Mesh, atlas: Atlas, known: 
 
 
 def _in_bytes(values: np.ndarray) -> np.ndarray:
-    return np.uint8(np.clip(values, 0, 1) * 255 + 0.5)
+    return (np.clip(values, 0, 1) * 255 + 0.5).astype(np.uint8)

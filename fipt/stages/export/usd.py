@@ -1,6 +1,6 @@
 """Universal Scene Description: rooms out, and back in.
 
-The surface has a UsdPreviewSurface, each lamp a UsdLux MeshLight (radiance = intensity times colour) and the same
+The surface has a UsdPreviewSurface, each emitter a UsdLux MeshLight (radiance = intensity times colour) and the same
 emission as a material for programs that draw it but do not light with it. Texture coordinates start at the lower left.
 """
 
@@ -12,7 +12,7 @@ import numpy as np
 from fipt import __version__
 from fipt.errors import FiptError
 from fipt.formats.files import atomic, existing_file
-from fipt.scene.asset import Asset, Piece, Textures
+from fipt.scene.asset import Asset, MaterialTextures, TexturedMesh
 from fipt.scene.cameras import Camera
 from fipt.scene.environment import NOTHING
 from fipt.scene.mesh import Mesh
@@ -45,20 +45,20 @@ def write_usd(path: str | Path, asset: Asset, textures: str) -> None:
     folder = str(root.GetPath())
 
     _bind(_define_mesh(stage, f"{folder}/surface", asset.surface, True), _surface_material(stage, folder, textures))
-    for lamp in asset.lamps:
-        mesh = _define_mesh(stage, f"{folder}/lamps/{lamp.name}", lamp, asset.two_sided)
-        strength = float(lamp.radiance.max())
-        color = lamp.radiance / strength if strength > 0 else np.ones(3)
+    for emitter in asset.emitters:
+        mesh = _define_mesh(stage, f"{folder}/emitters/{emitter.name}", emitter, asset.two_sided)
+        strength = float(emitter.radiance.max())
+        color = emitter.radiance / strength if strength > 0 else np.ones(3)
         UsdLux.MeshLightAPI.Apply(mesh.GetPrim())
         light = UsdLux.LightAPI(mesh.GetPrim())
         light.CreateIntensityAttr(strength)
         light.CreateColorAttr(Gf.Vec3f(*map(float, color)))
         light.CreateNormalizeAttr(False)
         light.CreateMaterialSyncModeAttr(UsdLux.Tokens.noMaterialResponse)
-        _bind(mesh, _lamp_material(stage, f"{folder}/materials/{lamp.name}", lamp))
+        _bind(mesh, _emitter_material(stage, f"{folder}/materials/{emitter.name}", emitter))
     for camera in asset.cameras:
         _define_camera(stage, f"{folder}/cameras/{Tf.MakeValidIdentifier(camera.name)}", camera)
-    if asset.outside.shines:
+    if asset.outside.emits:
         dome = UsdLux.DomeLight.Define(stage, f"{folder}/outside")
         dome.CreateTextureFileAttr(f"./{textures}/environment.exr")
         dome.CreateTextureFormatAttr(UsdLux.Tokens.latlong)
@@ -67,7 +67,7 @@ def write_usd(path: str | Path, asset: Asset, textures: str) -> None:
         stage.GetRootLayer().Export(str(temporary))
 
 
-def _define_mesh(stage: Any, path: str, piece: Piece, two_sided: bool) -> Any:
+def _define_mesh(stage: Any, path: str, piece: TexturedMesh, two_sided: bool) -> Any:
     from pxr import Sdf, UsdGeom, Vt
 
     mesh = UsdGeom.Mesh.Define(stage, path)
@@ -117,12 +117,12 @@ def _surface_material(stage: Any, folder: str, textures: str) -> Any:
     return material
 
 
-def _lamp_material(stage: Any, path: str, lamp: Piece) -> Any:
+def _emitter_material(stage: Any, path: str, emitter: TexturedMesh) -> Any:
     from pxr import Gf, Sdf
 
     material, shader = _preview_surface(stage, path)
     shader.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f).Set(Gf.Vec3f(0, 0, 0))
-    shader.CreateInput("emissiveColor", Sdf.ValueTypeNames.Color3f).Set(Gf.Vec3f(*map(float, lamp.radiance)))
+    shader.CreateInput("emissiveColor", Sdf.ValueTypeNames.Color3f).Set(Gf.Vec3f(*map(float, emitter.radiance)))
     shader.CreateInput("roughness", Sdf.ValueTypeNames.Float).Set(1.0)
     return material
 
@@ -173,14 +173,14 @@ def read_usd(path: str | Path) -> Asset:
         stage = Usd.Stage.Open(str(path))
     except Tf.ErrorException as error:
         raise FiptError(f"{path} is not a readable USD file ({error})", "export it again") from error
-    surface, lamps, cameras, two_sided = None, [], [], True
+    surface, emitters, cameras, two_sided = None, [], [], True
     for prim in stage.Traverse():
         if prim.IsA(UsdGeom.Mesh):
             mesh = UsdGeom.Mesh(prim)
             if prim.HasAPI(UsdLux.MeshLightAPI):
                 light = UsdLux.LightAPI(prim)
                 color = np.array(light.GetColorAttr().Get(), np.float32)
-                lamps.append(_piece(mesh, light.GetIntensityAttr().Get() * color))
+                emitters.append(_piece(mesh, light.GetIntensityAttr().Get() * color))
                 two_sided &= mesh.GetDoubleSidedAttr().Get()
             else:
                 surface = _piece(mesh, np.zeros(3, np.float32))
@@ -191,11 +191,11 @@ def read_usd(path: str | Path) -> Asset:
     root = stage.GetDefaultPrim()
     textures = _textures(stage, f"{root.GetPath()}/materials/surface")
     return Asset(
-        root.GetDisplayName() or root.GetName(), surface, tuple(lamps), two_sided, textures, tuple(cameras), NOTHING
+        root.GetDisplayName() or root.GetName(), surface, tuple(emitters), two_sided, textures, tuple(cameras), NOTHING
     )
 
 
-def _piece(mesh: Any, radiance: np.ndarray) -> Piece:
+def _piece(mesh: Any, radiance: np.ndarray) -> TexturedMesh:
     from pxr import UsdGeom
 
     if set(mesh.GetFaceVertexCountsAttr().Get()) != {3}:
@@ -203,12 +203,12 @@ def _piece(mesh: Any, radiance: np.ndarray) -> Piece:
     vertices = np.array(mesh.GetPointsAttr().Get(), np.float32)
     triangles = np.array(mesh.GetFaceVertexIndicesAttr().Get(), np.int32).reshape(-1, 3)
     st = np.array(UsdGeom.PrimvarsAPI(mesh).GetPrimvar("st").Get(), np.float32)
-    return Piece(
+    return TexturedMesh(
         mesh.GetPrim().GetName(), Mesh(vertices, triangles), np.column_stack([st[:, 0], 1 - st[:, 1]]), radiance
     )
 
 
-def _textures(stage: Any, material: str) -> Textures:
+def _textures(stage: Any, material: str) -> MaterialTextures:
     from PIL import Image
     from pxr import UsdShade
 
@@ -218,7 +218,7 @@ def _textures(stage: Any, material: str) -> Textures:
             return np.array(image.convert("RGB"))
 
     packed = pixels("metallic_roughness")
-    return Textures(pixels("base_color"), packed[..., 1], packed[..., 2])
+    return MaterialTextures(pixels("base_color"), packed[..., 1], packed[..., 2])
 
 
 def _camera(camera: Any) -> Camera:

@@ -47,28 +47,32 @@ def write_export(inputs: ExportInputs, settings: ExportSettings) -> Stats:
     out = inputs.out
     if out.exists() and not (out / _FACTS).is_file() and any(out.iterdir()):
         raise FiptError(f"the folder {out} exists and is no export", "choose another folder, or delete it")
-    data, found, sure = Dataset(inputs.dataset), read_emitters(inputs.emitters), read_confidence(inputs.confidence)
+    data, emitters, confidence = (
+        Dataset(inputs.dataset),
+        read_emitters(inputs.emitters),
+        read_confidence(inputs.confidence),
+    )
     mesh, outside = data.mesh(), read_environment(inputs.environment)
     field = load_field(inputs.model)
     seen = coverage(field, [read_samples(folder) for folder in inputs.samples])
-    atlas = unwrap(mesh, _groups(mesh, found), *_layout(settings, seen.typical))
+    atlas = unwrap(mesh, _groups(mesh, emitters), *_layout(settings, seen.typical))
     known = texels(atlas)
     scale = field.settings.footprint
     brdf = surface_brdf(field, mesh, atlas, known, seen, settings.samples, scale)
-    textures = surface_textures(brdf, found, atlas, known)
+    textures = surface_textures(brdf, emitters, atlas, known)
     asset = room_asset(
-        inputs.name, mesh, atlas, textures, found, data.cameras, outside, read_names(inputs.emitter_names, found)
+        inputs.name, mesh, atlas, textures, emitters, data.cameras, outside, read_names(inputs.emitter_names, emitters)
     )
-    emission = emission_texture(found, atlas, known)
+    emission = emission_texture(emitters, atlas, known)
     inputs.manifest.unlink(missing_ok=True)
     with atomic_folder(out) as folder:
-        _write_textures(folder / "textures", asset, emission, confidence_texture(sure, mesh, atlas, known))
+        _write_textures(folder / "textures", asset, emission, confidence_texture(confidence, mesh, atlas, known))
         write_glb(folder / "scene.glb", asset, settings.point_size)
         write_usd(folder / "scene.usdc", asset, "textures")
-        _write_lamps(folder / "emitters.ply", asset)
-        environment = mitsuba_map(asset.outside) if asset.outside.shines else None
+        _write_emitters(folder / "emitters.ply", asset)
+        outside_map = mitsuba_map(asset.outside) if asset.outside.emits else None
         principled = principled_textures(textures)
-        write_mitsuba(folder / "mitsuba", asset, principled, SPECULAR, environment, settings.max_depth)
+        write_mitsuba(folder / "mitsuba", asset, principled, SPECULAR, outside_map, settings.max_depth)
         write_blender(folder / "blender.py", asset)
         write_colmap(folder / "cameras" / "colmap", asset.cameras)
         write_transforms(folder / "cameras" / "transforms.json", list(asset.cameras))
@@ -78,10 +82,10 @@ def write_export(inputs: ExportInputs, settings: ExportSettings) -> Stats:
     return {"texels": len(known.index), "atlas": [atlas.width, atlas.height]}
 
 
-def _groups(mesh: Mesh, lamps: Emitters) -> np.ndarray:
-    """(T,) part of each triangle; lamps apart, so that their black does not bleed into what surrounds them."""
+def _groups(mesh: Mesh, emitters: Emitters) -> np.ndarray:
+    """(T,) group of each triangle; emitters have their own, so that their black does not bleed into what is around."""
     groups = connected_parts(mesh)
-    groups[lamps.triangle] += groups.max() + 1
+    groups[emitters.triangle] += groups.max() + 1
     return groups
 
 
@@ -95,7 +99,7 @@ def _write_textures(folder: Path, asset: Asset, emission: np.ndarray, confidence
     """Write the atlas's textures."""
     textures, strength = asset.textures, max(float(emission.max()), 1e-9)
     packed = np.stack([np.zeros_like(textures.roughness), textures.roughness, textures.metallic], axis=-1)
-    pictures = {
+    images = {
         "base_color": textures.base_color,
         "metallic_roughness": packed,
         "roughness": textures.roughness,
@@ -103,23 +107,23 @@ def _write_textures(folder: Path, asset: Asset, emission: np.ndarray, confidence
         "emission": to_display(emission / strength),
         "confidence": confidence,
     }
-    for name, pixels in pictures.items():
+    for name, pixels in images.items():
         write_png(folder / f"{name}.png", pixels)
     maps = {"emission": emission}
-    if asset.outside.shines:
+    if asset.outside.emits:
         maps["environment"] = asset.outside.radiance
     for name, radiance in maps.items():
         write_exr(folder / f"{name}.exr", {"": radiance})
 
 
-def _write_lamps(path: Path, asset: Asset) -> None:
+def _write_emitters(path: Path, asset: Asset) -> None:
     """Write the emitting triangles with the colours of their light."""
-    vertices = [lamp.mesh.vertices for lamp in asset.lamps]
+    vertices = [emitter.mesh.vertices for emitter in asset.emitters]
     starts = np.cumsum([0, *map(len, vertices)])
-    triangles = [lamp.mesh.triangles + start for lamp, start in zip(asset.lamps, starts, strict=False)]
+    triangles = [emitter.mesh.triangles + start for emitter, start in zip(asset.emitters, starts, strict=False)]
     colors = [
-        np.tile(to_display(lamp.radiance / max(lamp.radiance.max(), 1e-9)), (len(lamp.mesh.vertices), 1))
-        for lamp in asset.lamps
+        np.tile(to_display(emitter.radiance / max(emitter.radiance.max(), 1e-9)), (len(emitter.mesh.vertices), 1))
+        for emitter in asset.emitters
     ]
     empty = [np.empty((0, 3), np.float32)], [np.empty((0, 3), np.int32)], [np.empty((0, 3), np.uint8)]
     joined = [np.concatenate(a + b) for a, b in zip(empty, (vertices, triangles, colors), strict=True)]
@@ -127,7 +131,7 @@ def _write_lamps(path: Path, asset: Asset) -> None:
 
 
 def _write_facts(path: Path, asset: Asset, atlas: Atlas, turn: np.ndarray, strength: float) -> None:
-    """Write what the other files cannot say: lamps, density, how the world was turned."""
+    """Write what the other files cannot say: emitters, density, how the world was turned."""
     content = {
         "generator": f"fipt {__version__}",
         "scene": asset.name,
@@ -142,17 +146,17 @@ def _write_facts(path: Path, asset: Asset, atlas: Atlas, turn: np.ndarray, stren
             "triangles": len(atlas.triangles),
         },
         "emission_strength": strength,
-        "lamps_two_sided": asset.two_sided,
-        "lamps": [
+        "emitters_two_sided": asset.two_sided,
+        "emitters": [
             {
-                "name": lamp.name,
-                "triangles": len(lamp.mesh.triangles),
-                "area": float(lamp.mesh.areas.sum()),
-                "radiance": lamp.radiance.astype(float).tolist(),
-                "low": lamp.mesh.vertices.min(axis=0).astype(float).tolist(),
-                "high": lamp.mesh.vertices.max(axis=0).astype(float).tolist(),
+                "name": emitter.name,
+                "triangles": len(emitter.mesh.triangles),
+                "area": float(emitter.mesh.areas.sum()),
+                "radiance": emitter.radiance.astype(float).tolist(),
+                "low": emitter.mesh.vertices.min(axis=0).astype(float).tolist(),
+                "high": emitter.mesh.vertices.max(axis=0).astype(float).tolist(),
             }
-            for lamp in asset.lamps
+            for emitter in asset.emitters
         ],
     }
     write_text(path, json.dumps(content, indent=1) + "\n")

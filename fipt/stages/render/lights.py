@@ -7,7 +7,7 @@ import numpy as np
 
 from fipt.render.objects import light_mesh
 from fipt.render.surface import EmitterSet
-from fipt.scene.emitters import Emitters, chosen_lamps, default_name, edited_radiance, read_names
+from fipt.scene.emitters import Emitters, chosen_emitters, default_name, edited_radiance, read_names
 from fipt.scene.environment import EnvironmentMap
 from fipt.scene.mesh import Mesh
 from fipt.scene.setup import AreaLight, MeshLight, RelightSetup, SphereLight, SpotLight
@@ -29,7 +29,7 @@ def apply_setup(
     """
     radiance = emitters.radiance.astype(np.float64)
     for edit in setup.emitters:
-        chosen = chosen_lamps(edit, read_names(None, emitters) if names is None else names)
+        chosen = chosen_emitters(edit, read_names(None, emitters) if names is None else names)
         own = np.isin(emitters.emitter, chosen)
         radiance[own] = edited_radiance(radiance[own], edit)
     vertices, triangles = [mesh.vertices], [mesh.triangles]
@@ -85,7 +85,7 @@ def one_at_a_time(emitters: Emitters, environment: EnvironmentMap, separate: int
         own = np.isin(emitters.emitter, numbers)[:, None]
         radiance = np.where(own, emitters.radiance, 0).astype(np.float32)
         parts[name] = Illumination(EmitterSet(emitters.triangle, radiance, emitters.two_sided), night)
-    if environment.shines:
+    if environment.emits:
         dark = EmitterSet(emitters.triangle, np.zeros_like(emitters.radiance), emitters.two_sided)
         parts["outside"] = Illumination(dark, environment)
     return parts

@@ -21,7 +21,7 @@ def path_shader(
 ) -> Shader:
     """Return a shader whose paths follow the current model.
 
-    Voxels that hold a point of an emitter are unknown to the cache: their pixels mix lamp and frame (method.md).
+    Voxels that hold a point of an emitter are unknown to the cache: their pixels mix emitter and frame (method.md).
 
     Parameters
     ----------
@@ -38,8 +38,8 @@ def path_shader(
 def emitter_voxels(mesh: Mesh, cache: dict, triangles: np.ndarray) -> np.ndarray:
     """Keys of the voxels that emitting triangles pass through."""
     center, side, n = cache["center"], float(cache["side"]), int(cache["resolution"])
-    lamps = Mesh(mesh.vertices, mesh.triangles[triangles])
-    points, _ = surface_points(lamps, side / n / 2, center - side / 2, center + side / 2, seed=0)
+    emitting = Mesh(mesh.vertices, mesh.triangles[triangles])
+    points, _ = surface_points(emitting, side / n / 2, center - side / 2, center + side / 2, seed=0)
     return np.unique(voxel_keys(points, center, side, n))
 
 

@@ -128,7 +128,7 @@ def read_scene(path: str | Path, settings: SceneFile) -> SceneContent:
         vertices, triangles = lights.emitter_shape(emitter, scale * turn @ emitter.position, direction)
         builder.add_light(emitter.name, vertices, triangles, lights.emitter_radiance(emitter, scale))
     environment = _let_in(environment, builder, rays, interior, source)
-    if not environment.shines and not any(surface.radiance is not None for surface in builder.surfaces):
+    if not environment.emits and not any(surface.radiance is not None for surface in builder.surfaces):
         raise FiptError(
             f"{path} has no light: no area, point or spot light that shines, and none from outside",
             "add an emitter to the scene file, or do not set environment: drop",
@@ -177,7 +177,7 @@ def _let_in(
     environment: EnvironmentMap, builder: _Builder, rays: RayScene, interior: Interior, source: SceneFileReader
 ) -> EnvironmentMap:
     """Return the background that stays; with ``quads``, put the light from outside into the openings."""
-    if source.settings.environment == "keep" or not environment.shines:
+    if source.settings.environment == "keep" or not environment.emits:
         return environment
     if source.settings.environment == "drop":
         source.note("light from outside: dropped (environment: drop)")

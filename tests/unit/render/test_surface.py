@@ -110,8 +110,8 @@ def test_sides_of_emitters(mi, two_sided):
     lit = scenes.two_planes((scenes.lamp_quad((0, 1), 1.0, (0, 1)), (1, 1, 1)))
     triangles = Triangles(lit.mesh, EmitterSet(lit.triangle, lit.radiance, two_sided))
     away = mi.Vector3f(mi.Float([0, 0]), mi.Float([-1, 1]), mi.Float([0, 0]))
-    shines = np.array(mi.Bool(triangles.emits_along(mi.Vector3f(0, -1, 0), away)))
-    np.testing.assert_array_equal(np.broadcast_to(shines, 2), [True, two_sided])
+    emits = np.array(mi.Bool(triangles.emits_along(mi.Vector3f(0, -1, 0), away)))
+    np.testing.assert_array_equal(np.broadcast_to(emits, 2), [True, two_sided])
 
 
 @pytest.mark.parametrize("radiance", [np.zeros((0, 3)), np.zeros((2, 3))])

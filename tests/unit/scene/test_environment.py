@@ -82,7 +82,7 @@ def test_setups_change_the_light_from_outside(tmp_path):
     dim = outside.edited(sky, EnvironmentEdit(scale=0.25, rotation=20))
     np.testing.assert_array_equal(dim.radiance, 0.25 * sky.radiance)
     assert (dim.up, dim.rotation) == ("z", 30.0)
-    assert not outside.edited(sky, EnvironmentEdit(scale=0)).shines
+    assert not outside.edited(sky, EnvironmentEdit(scale=0)).emits
     grey = outside.edited(NOTHING, EnvironmentEdit(radiance=(1, 2, 4), scale=0.5))
     np.testing.assert_array_equal(grey.lookup(np.float32([[0, 1, 0]])), [[0.5, 1, 2]])
     write_exr(tmp_path / "other.exr", {"": np.full((4, 8, 3), 7.0)})

@@ -158,8 +158,8 @@ def broken_glb(path, kind):
         ("a.obj", b"v 0 0 0\nv 1 0 0\nv nan 1 0\nf 1 2 3\n", "1 vertices that are NaN or infinite"),
         ("a.glb", b"hello", r"a\.glb is not a readable mesh"),
         ("a.stl", b"solid", "must be a PLY, OBJ or GLB file"),
-        ("a.glb", "ktx", r"the picture '?.*cannot be read; export the file with PNG or JPEG textures inside"),
-        ("a.glb", "outside", r"the picture 'wood\.png' .*cannot be read"),
+        ("a.glb", "ktx", r"the image '?.*cannot be read; export the file with PNG or JPEG textures inside"),
+        ("a.glb", "outside", r"the image 'wood\.png' .*cannot be read"),
     ],
 )
 def test_files_that_cannot_be_objects(tmp_path, name, content, said):

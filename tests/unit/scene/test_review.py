@@ -14,7 +14,7 @@ FACTS = {"area": 0.5, "power": 12.0, "share": 0.25, "confidence": 0.9, "views": 
 def lamps(*triangles):
     """Lamps as a run finds them, numbered in this order."""
     return [
-        {"lamp": f"lamp-{n}", "triangles": frozenset(own), "thumbnail": f"emitters/lamp-{n}.png", **FACTS}
+        {"emitter": f"emitter-{n}", "triangles": frozenset(own), "thumbnail": f"emitters/emitter-{n}.png", **FACTS}
         for n, own in enumerate(triangles)
     ]
 
@@ -28,10 +28,10 @@ def path(tmp_path):
 
 
 def decide(path, **decisions):
-    """Change entries, by number: decide(path, lamp_1={"verdict": "reject"})."""
+    """Change entries, by number: decide(path, emitter_1={"verdict": "reject"})."""
     content = yaml.safe_load(path.read_text())
     for key, values in decisions.items():
-        content["lamps"][int(key.removeprefix("lamp_"))] |= values
+        content["emitters"][int(key.removeprefix("emitter_"))] |= values
     path.write_text(yaml.safe_dump(content))
     return read_review(path)
 
@@ -66,16 +66,16 @@ def test_lamps_are_matched_by_the_triangles_they_share():
 
 def test_an_untouched_file_decides_what_no_file_decides(path):
     review = read_review(path)
-    assert [entry.lamp for entry in review.entries] == ["lamp-0", "lamp-1", "lamp-2"]
+    assert [entry.emitter for entry in review.entries] == ["emitter-0", "emitter-1", "emitter-2"]
     assert (review.emission(), review.listing()) == (Review(100).emission(), Review(100).listing()) == ("", "")
 
 
 def test_decisions_are_keyed_by_triangles(path):
     review = decide(
         path,
-        lamp_0={"verdict": "accept", "merge_with": "lamp-2"},
-        lamp_1={"verdict": "reject"},
-        lamp_2={"name": "window"},
+        emitter_0={"verdict": "accept", "merge_with": "emitter-2"},
+        emitter_1={"verdict": "reject"},
+        emitter_2={"name": "window"},
     )
     assert json.loads(review.emission()) == {
         "mesh_triangles": 100,
@@ -92,21 +92,21 @@ def test_decisions_are_keyed_by_triangles(path):
 
 def test_names_change_the_listing_alone(path):
     before = read_review(path).emission()
-    named = decide(path, lamp_1={"name": "desk lamp"})
+    named = decide(path, emitter_1={"name": "desk lamp"})
     assert named.emission() == before
     assert named.names() == {"desk lamp": {20}}
 
 
 def test_the_order_and_the_facts_decide_nothing(path):
-    review = decide(path, lamp_0={"verdict": "reject"}, lamp_2={"verdict": "reject"})
+    review = decide(path, emitter_0={"verdict": "reject"}, emitter_2={"verdict": "reject"})
     content = yaml.safe_load(path.read_text())
-    content["lamps"] = [entry | {"area": 9.0, "thumbnail": None} for entry in reversed(content["lamps"])]
+    content["emitters"] = [entry | {"area": 9.0, "thumbnail": None} for entry in reversed(content["emitters"])]
     path.write_text(yaml.safe_dump(content))
     assert read_review(path).emission() == review.emission()
 
 
 def test_decisions_of_another_mesh_are_refused(path):
-    text = decide(path, lamp_0={"verdict": "reject"}).emission()
+    text = decide(path, emitter_0={"verdict": "reject"}).emission()
     assert parse_decisions(text, 100).reject == ("5-7",)
     assert parse_decisions("", 3).reject == ()
     with pytest.raises(FiptError, match=r"of a mesh of 100; the mesh has 90; delete that file"):
@@ -120,16 +120,16 @@ def test_decisions_of_another_mesh_are_refused(path):
 
 def test_a_run_keeps_what_was_decided(path):
     """The rejected lamp is found no more, the named one has other triangles and another number, a new one is there."""
-    before = decide(path, lamp_0={"verdict": "reject"}, lamp_2={"name": "window"})
+    before = decide(path, emitter_0={"verdict": "reject"}, emitter_2={"name": "window"})
     after = refreshed(before, lamps({20, 21}, {30, 31, 41}, {50}), 100, {frozenset({5, 6, 7}): "emitters/r.png"})
     write_review(path, after)
     again = read_review(path)
     assert (again.emission(), again.listing()) == (before.emission(), before.listing())
-    rows = [(e.lamp, e.name, e.verdict, e.triangles, e.thumbnail) for e in again.entries]
+    rows = [(e.emitter, e.name, e.verdict, e.triangles, e.thumbnail) for e in again.entries]
     assert rows == [
-        ("lamp-0", None, "auto", "20-21", "emitters/lamp-0.png"),
-        ("lamp-1", "window", "auto", "30-31, 40", "emitters/lamp-1.png"),
-        ("lamp-2", None, "auto", "50", "emitters/lamp-2.png"),
+        ("emitter-0", None, "auto", "20-21", "emitters/emitter-0.png"),
+        ("emitter-1", "window", "auto", "30-31, 40", "emitters/emitter-1.png"),
+        ("emitter-2", None, "auto", "50", "emitters/emitter-2.png"),
         (None, None, "reject", "5-7", "emitters/r.png"),
     ]
     text = path.read_text()
@@ -140,28 +140,28 @@ def test_a_run_keeps_what_was_decided(path):
 
 
 def test_a_merged_lamp_keeps_both_entries(path):
-    before = decide(path, lamp_0={"merge_with": "lamp-1"})
+    before = decide(path, emitter_0={"merge_with": "emitter-1"})
     write_review(path, refreshed(before, lamps({30, 31, 40}, {5, 6, 7, 20}), 100))
     again = read_review(path)
     assert again.emission() == before.emission()
-    rows = {entry.triangles: (entry.lamp, entry.merge_with) for entry in again.entries}
-    assert rows == {"30-31, 40": ("lamp-0", None), "20": ("lamp-1", None), "5-7": (None, "lamp-1")}
+    rows = {entry.triangles: (entry.emitter, entry.merge_with) for entry in again.entries}
+    assert rows == {"30-31, 40": ("emitter-0", None), "20": ("emitter-1", None), "5-7": (None, "emitter-1")}
     # a round that finds neither keeps them too
     write_review(path, refreshed(again, lamps({30, 31, 40}), 100))
     assert read_review(path).emission() == before.emission()
 
 
 def test_a_decision_can_be_taken_back(path):
-    rejected = decide(path, lamp_1={"verdict": "reject"})
+    rejected = decide(path, emitter_1={"verdict": "reject"})
     write_review(path, refreshed(rejected, lamps({5, 6, 7}, {30, 31, 40}), 100))
-    taken_back = decide(path, lamp_2={"verdict": "auto"})
+    taken_back = decide(path, emitter_2={"verdict": "auto"})
     assert taken_back.emission() == ""
     assert len(refreshed(taken_back, lamps({5, 6, 7}, {20}, {30, 31, 40}), 100).entries) == 3
 
 
 def test_the_file_is_for_people(path):
     text = path.read_text()
-    assert text.startswith("# The lamps that were found.")
+    assert text.startswith("# The emitters that were found.")
     assert "  triangles: 30-31, 40\n" in text
     stamp = path.stat().st_mtime_ns
     write_review(path, read_review(path))
@@ -174,18 +174,24 @@ def test_the_file_is_for_people(path):
 @pytest.mark.parametrize(
     ("decisions", "said"),
     [
-        ({"lamp_0": {"verdct": "reject"}}, "unknown key lamp-0.verdct; a person sets verdict"),
-        ({"lamp_0": {"verdict": "no"}}, "lamp-0.verdict: input should be 'auto', 'accept' or 'reject'; found 'no'"),
-        ({"lamp_0": {"name": 7}}, "name: input should be a valid string; found 7"),
-        ({"lamp_0": {"name": "lamp-1"}}, "names like lamp-3, rest, outside and surface"),
-        ({"lamp_0": {"name": "a\nb"}}, "1 to 60 printable"),
-        ({"lamp_0": {"name": "Desk"}, "lamp_1": {"name": "desk"}}, "two lamps are named 'desk'"),
-        ({"lamp_0": {"merge_with": "lamp-9"}}, "lamp-0 is to merge with 'lamp-9', which is no lamp; there are lamp-1"),
-        ({"lamp_0": {"merge_with": "lamp-0"}}, "lamp-0 is to merge with itself"),
-        ({"lamp_0": {"merge_with": "lamp-1"}, "lamp_1": {"verdict": "reject"}}, "but lamp-1 is rejected"),
-        ({"lamp_0": {"triangles": "5-7, 20"}}, "lamp-1 and lamp-0 both have triangle 20"),
-        ({"lamp_0": {"triangles": "100"}}, "there is no triangle 100; triangles go from 0 to 99"),
-        ({"lamp_0": {"triangles": "some"}}, "triangles must be like 5-16, 20; found 'some'"),
+        ({"emitter_0": {"verdct": "reject"}}, "unknown key emitter-0.verdct; a person sets verdict"),
+        (
+            {"emitter_0": {"verdict": "no"}},
+            "emitter-0.verdict: input should be 'auto', 'accept' or 'reject'; found 'no'",
+        ),
+        ({"emitter_0": {"name": 7}}, "name: input should be a valid string; found 7"),
+        ({"emitter_0": {"name": "emitter-1"}}, "names like emitter-3, rest, outside and surface"),
+        ({"emitter_0": {"name": "a\nb"}}, "1 to 60 printable"),
+        ({"emitter_0": {"name": "Desk"}, "emitter_1": {"name": "desk"}}, "two emitters are named 'desk'"),
+        (
+            {"emitter_0": {"merge_with": "emitter-9"}},
+            "emitter-0 is to merge with 'emitter-9', which is no emitter; there are emitter-1",
+        ),
+        ({"emitter_0": {"merge_with": "emitter-0"}}, "emitter-0 is to merge with itself"),
+        ({"emitter_0": {"merge_with": "emitter-1"}, "emitter_1": {"verdict": "reject"}}, "but emitter-1 is rejected"),
+        ({"emitter_0": {"triangles": "5-7, 20"}}, "emitter-1 and emitter-0 both have triangle 20"),
+        ({"emitter_0": {"triangles": "100"}}, "there is no triangle 100; triangles go from 0 to 99"),
+        ({"emitter_0": {"triangles": "some"}}, "triangles must be like 5-16, 20; found 'some'"),
     ],
 )
 def test_a_wrong_file_is_explained(path, decisions, said):
@@ -198,12 +204,13 @@ def test_a_wrong_file_is_explained(path, decisions, said):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("lamps: [", "is not YAML"),
+        ("emitters: [", "is not YAML"),
         ("- 3", "must hold keys at its top level"),
-        ("mesh_triangles: 3\nlamps: []\nlamp: 3", "unknown key lamp; its keys are mesh_triangles, lamps"),
-        ("lamps: []", "mesh_triangles must be a number of triangles"),
-        ("mesh_triangles: 3\nlamps: 4", "lamps must be a list; found 4"),
-        ("mesh_triangles: 3\nlamps: [4]", "entry 1 must hold keys; found 4"),
+        ("mesh_triangles: 3\nemitters: []\nlamp: 3", "unknown key lamp; its keys are mesh_triangles, emitters"),
+        ("mesh_triangles: 3\nlamps: []", "the key lamps is called emitters now; write emitters: for lamps:"),
+        ("emitters: []", "mesh_triangles must be a number of triangles"),
+        ("mesh_triangles: 3\nemitters: 4", "emitters must be a list; found 4"),
+        ("mesh_triangles: 3\nemitters: [4]", "entry 1 must hold keys; found 4"),
     ],
 )
 def test_a_broken_file_is_explained(path, text, said):

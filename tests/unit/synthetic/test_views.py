@@ -245,7 +245,7 @@ def test_edits_change_the_lamps(views):
     np.testing.assert_array_equal(after[2], before[2])
 
 
-@pytest.mark.parametrize("edit", [{"name": "lamp-1"}, {"name": "ceiling lamp"}, {"index": 1}])
+@pytest.mark.parametrize("edit", [{"name": "emitter-1"}, {"name": "ceiling lamp"}, {"index": 1}])
 def test_true_lamps_are_called_as_room_json_calls_their_parts(views, edit):
     room = build(0)
     after = [light.radiance for light in views.lights(room, RelightSetup(emitters=(EmitterEdit(**edit, off=True),)))]
@@ -254,7 +254,7 @@ def test_true_lamps_are_called_as_room_json_calls_their_parts(views, edit):
 
 def test_an_unknown_lamp_of_the_truth_lists_those_there_are(views):
     setup = RelightSetup(emitters=(EmitterEdit(name="ceiling", off=True),))
-    with pytest.raises(FiptError, match="none of 3 lamps; there are ceiling lamp, "):
+    with pytest.raises(FiptError, match="none of 3 emitters; there are ceiling lamp, "):
         views.lights(build(0), setup)
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from fipt.render.scene import RayScene
 from fipt.scene.dataset import Dataset
-from fipt.stages.emitters.review import _LINE, _crop, _drawn, sightings, thumbnail
+from fipt.stages.emitters.review import _LINE, _crop, _drawn, thumbnail, visibilities
 from fipt.stages.importing.overlay import visible_triangles
 from tests import scenes
 
@@ -29,7 +29,7 @@ def test_the_view_that_shows_most_is_chosen(room):
     shown = {view: np.isin(samples.triangle[samples.of_view(k)], lamp).sum() for k, view in enumerate(samples.views)}
     assert len(set(shown.values())) == 2
     count = len(data.mesh().triangles)
-    seen, nothing = sightings(data, [samples], [lamp, np.array([], int)], count)
+    seen, nothing = visibilities(data, [samples], [lamp, np.array([], int)], count)
     assert seen.best == (0, list(samples.views).index(max(shown, key=shown.get)))
     assert seen.views == list(samples.views)
     assert (nothing.best, nothing.views) == (None, [])
@@ -46,14 +46,14 @@ def test_views_and_shards_are_counted_alike(room):
         views=samples.views,
         shapes=samples.shapes,
     )
-    (seen,) = sightings(data, [light, samples], [lamp], len(data.mesh().triangles))
+    (seen,) = visibilities(data, [light, samples], [lamp], len(data.mesh().triangles))
     assert seen.views == list(samples.views)
     assert seen.best[0] == 1
 
 
 def test_the_picture_shows_the_lamp_outlined(room):
     data, samples, lamp = room
-    (seen,) = sightings(data, [samples], [lamp], len(data.mesh().triangles))
+    (seen,) = visibilities(data, [samples], [lamp], len(data.mesh().triangles))
     picture = thumbnail(data, [samples], seen, lamp, 96)
     assert picture.shape[1] <= 96
     assert picture.shape[0] <= 72

@@ -90,10 +90,12 @@ def test_names_reach_setup_and_list(work, refused):
     setup, lamps = json.dumps({"emitters": [{"name": "my lamp", "off": True}]}), work / "emitters" / "emitters.json"
     assert call("relight", work, "--setup", setup, "--emitter-names", lamps) == 0
     assert read_rgb(work / "relight" / "night" / "c.exr").max() < 0.01
-    assert "names lamp 'my lamp', which is none of 1 lamps; there are lamp-0" in refused("relight", "--setup", setup)
+    assert "names emitter 'my lamp', which is none of 1 emitters; there are emitter-0" in refused(
+        "relight", "--setup", setup
+    )
     wrong = json.dumps(named | {"mesh_triangles": 3})
     assert f"of a mesh of 3; the mesh has {triangles}" in refused("review", "--decisions", wrong)
-    (work / "emitters_review.yaml").write_text("lamps: [")
+    (work / "emitters_review.yaml").write_text("emitters: [")
     assert "emitters_review.yaml is not YAML" in refused("review")
 
 

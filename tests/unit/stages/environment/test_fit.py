@@ -107,7 +107,7 @@ def test_a_closed_room_has_no_outside(outdoors, hole):
     data = outdoors(covered)
     found = find_environment(*data, AutoEnvironment(), Stats())
     assert not found.known
-    assert not found.shines
+    assert not found.emits
     for mode in ("map", "constant"):
         with pytest.raises(FiptError, match=f"environment.mode {mode} needs training pixels that see no surface"):
             find_environment(*data, MODES[mode], Stats())

@@ -46,7 +46,7 @@ def test_bad_environments(work, refused, tmp_path):
     def said(**settings):
         return refused("environment", *out, settings=settings)
 
-    assert "environment.mode is given, but environment.file is missing" in said(mode="given")
+    assert "environment.file is missing; mode: given needs file" in said(mode="given")
     assert "environment.file is only for mode given; mode is auto" in said(file="sky.exr")
     assert "environment.radiance is only for mode constant; mode is map" in said(mode="map", radiance=[1, 1, 1])
     assert "environment.mode constant needs training pixels that see no surface" in said(mode="constant")

@@ -5,11 +5,11 @@ import pytest
 
 from fipt.errors import FiptError
 from fipt.stages.evaluate.metrics import (
-    Exposure,
     MaterialFigures,
+    RenderExposure,
     emitting_triangles,
     finite,
-    picture_psnr,
+    image_psnr,
     psnr,
     published_mean,
     published_view,
@@ -180,19 +180,19 @@ def test_published_mean_is_over_the_views_that_have_the_figure():
 def test_picture_psnr_clips_and_skips_invalid_pixels():
     photo = np.array([[[5.0] * 3, [0.2] * 3]], np.float32)
     render = np.array([[[1.0] * 3, [np.float32(9)] * 3]], np.float32)
-    assert picture_psnr(render, photo, np.array([[1.0, 0.0]])) == pytest.approx(100.0)
-    assert picture_psnr(render, photo, np.zeros((1, 2))) is None
+    assert image_psnr(render, photo, np.array([[1.0, 0.0]])) == pytest.approx(100.0)
+    assert image_psnr(render, photo, np.zeros((1, 2))) is None
     black, white = np.zeros((1, 1, 3)), np.ones((1, 1, 3))
-    assert picture_psnr(black, white) == pytest.approx(0.0)
+    assert image_psnr(black, white) == pytest.approx(0.0)
 
 
 def test_exposure_is_found_from_unclipped_pixels():
     photo = np.array([[[0.2] * 3, [0.6] * 3, [50.0] * 3]])
-    exposure = Exposure()
+    exposure = RenderExposure()
     exposure.add(photo / 2, photo, np.ones((1, 3)))
     assert exposure.scale == pytest.approx(2.0)
-    assert picture_psnr(photo / 2, photo, scale=exposure.scale) == pytest.approx(100.0)
-    assert Exposure().scale == 1.0
+    assert image_psnr(photo / 2, photo, scale=exposure.scale) == pytest.approx(100.0)
+    assert RenderExposure().scale == 1.0
 
 
 def test_triangles_emit_by_majority_of_the_pixels_that_see_them():

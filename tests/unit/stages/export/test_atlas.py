@@ -97,7 +97,7 @@ def test_a_bilinear_lookup_on_the_surface_meets_its_own_chart_only(room):
 
 
 def test_groups_share_no_chart():
-    """Two halves of one wall, the second a lamp: no vertex of the atlas belongs to both."""
+    """Two halves of one wall, the second an emitter: no vertex of the atlas belongs to both."""
     mesh = scenes.quad((0, 0, 0), (1, 0, 0), (0, 1, 0))
     joined = unwrap(mesh, np.array([0, 0]), 20.0, 2, 4096)
     apart = unwrap(mesh, np.array([0, 1]), 20.0, 2, 4096)
@@ -117,9 +117,9 @@ def test_the_resolution_has_a_limit(room):
 
 
 def test_unknown_texels_repeat_the_nearest():
-    from fipt.stages.export.atlas import Texels
+    from fipt.stages.export.atlas import AtlasTexels
 
-    known = Texels(np.array([5, 10]), np.array([0, 1]), np.eye(3, dtype=np.float32)[:2])
+    known = AtlasTexels(np.array([5, 10]), np.array([0, 1]), np.eye(3, dtype=np.float32)[:2])
     texture = filled(np.array([7.0, 9.0]), known, 4, 4)  # (1, 1) and (2, 2)
     np.testing.assert_array_equal(texture[0, :2], [7, 7])
     np.testing.assert_array_equal(texture[3, 2:], [9, 9])

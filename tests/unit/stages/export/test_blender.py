@@ -26,7 +26,7 @@ def test_blender_sees_the_room_and_the_outside(tmp_path):
     write_exr(tmp_path / "textures" / "environment.exr", {"": sky.radiance})
     write_transforms(tmp_path / "cameras" / "transforms.json", [camera])
     write_blender(tmp_path / "blender.py", asset)
-    out = tmp_path / "picture.exr"
+    out = tmp_path / "image.exr"
     subprocess.run([python, str(tmp_path / "blender.py"), "--", "side", str(out)], check=True, capture_output=True)
     rows, columns = np.indices((30, 40)).reshape(2, -1)
     seen = 1 + 0.5 * camera.directions(columns + 0.5, rows + 0.5).reshape(30, 40, 3)

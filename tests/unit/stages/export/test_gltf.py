@@ -30,9 +30,9 @@ def document(path):
 
 
 def same(asset, read):
-    assert (read.name, read.two_sided, len(read.lamps)) == (asset.name, asset.two_sided, len(asset.lamps))
+    assert (read.name, read.two_sided, len(read.emitters)) == (asset.name, asset.two_sided, len(asset.emitters))
     np.testing.assert_allclose(read.surface.uv, asset.surface.uv, atol=1e-6)
-    for piece, other in zip((asset.surface, *asset.lamps), (read.surface, *read.lamps), strict=True):
+    for piece, other in zip((asset.surface, *asset.emitters), (read.surface, *read.emitters), strict=True):
         assert piece.name == other.name
         np.testing.assert_array_equal(piece.mesh.vertices, other.mesh.vertices)
         np.testing.assert_array_equal(piece.mesh.triangles, other.mesh.triangles)
@@ -72,10 +72,10 @@ def test_another_reader_finds_the_same_surface(written):
 def test_lamps_are_black_and_shine(written):
     asset, path = written
     materials = {material["name"]: material for material in document(path)["materials"]}
-    for lamp in asset.lamps:
-        material = materials[lamp.name]
+    for emitter in asset.emitters:
+        material = materials[emitter.name]
         strength = material["extensions"]["KHR_materials_emissive_strength"]["emissiveStrength"]
-        np.testing.assert_allclose(strength * np.array(material["emissiveFactor"]), lamp.radiance, rtol=1e-6)
+        np.testing.assert_allclose(strength * np.array(material["emissiveFactor"]), emitter.radiance, rtol=1e-6)
         assert max(material["emissiveFactor"]) <= 1
         assert material["pbrMetallicRoughness"]["baseColorFactor"] == [0, 0, 0, 1]
 
@@ -84,21 +84,21 @@ def test_small_lamps_are_point_lights_too(written):
     asset, path = written
     [light] = document(path)["extensions"]["KHR_lights_punctual"]["lights"]
     # a cube of side 0.1: a convex body shows a quarter of its area
-    expected = 0.25 * 6 * 0.01 * asset.lamps[1].radiance
+    expected = 0.25 * 6 * 0.01 * asset.emitters[1].radiance
     np.testing.assert_allclose(light["intensity"] * np.array(light["color"]), expected, rtol=1e-5)
-    node = next(node for node in document(path)["nodes"] if node["name"] == "lamp_1_point")
+    node = next(node for node in document(path)["nodes"] if node["name"] == "emitter_1_point")
     np.testing.assert_allclose(node["translation"], [1.25, 0.65, 0.05], atol=1e-6)
 
 
 def test_the_intensity_of_a_sheet_is_its_mean_over_all_directions():
-    lamp = assets.room().lamps[0]
+    emitter = assets.room().emitters[0]
     directions = np.random.default_rng(0).normal(size=(200_000, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     area = 1.2 * 1.2
     mean = area * np.abs(directions[:, 1]).mean()
-    np.testing.assert_allclose(intensity(lamp, True), mean * lamp.radiance, rtol=0.01)
-    np.testing.assert_allclose(intensity(lamp, False), mean / 2 * lamp.radiance, rtol=0.01)
-    assert not lamp.closed
+    np.testing.assert_allclose(intensity(emitter, True), mean * emitter.radiance, rtol=0.01)
+    np.testing.assert_allclose(intensity(emitter, False), mean / 2 * emitter.radiance, rtol=0.01)
+    assert not emitter.closed
 
 
 def test_a_room_without_lamps_and_cameras(tmp_path):
@@ -111,10 +111,12 @@ def test_a_room_without_lamps_and_cameras(tmp_path):
 
 def test_a_lamp_that_is_off_has_no_emission(tmp_path):
     asset = assets.room()
-    off = type(asset.lamps[0])("lamp_0", scenes.quad((0, 1, 0), (1, 0, 0), (0, 0, 1)), np.zeros((4, 2)), np.zeros(3))
+    off = type(asset.emitters[0])(
+        "emitter_0", scenes.quad((0, 1, 0), (1, 0, 0), (0, 0, 1)), np.zeros((4, 2)), np.zeros(3)
+    )
     asset = type(asset)("x", asset.surface, (off,), False, asset.textures, (), asset.outside)
     write_glb(tmp_path / "off.glb", asset)
-    assert not read_glb(tmp_path / "off.glb").lamps[0].radiance.any()
+    assert not read_glb(tmp_path / "off.glb").emitters[0].radiance.any()
     assert not read_glb(tmp_path / "off.glb").two_sided
 
 

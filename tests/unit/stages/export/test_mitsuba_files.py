@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fipt.formats.images import srgb_decode, write_png
-from fipt.scene.asset import Asset, Piece, Textures, back, mitsuba_map
+from fipt.scene.asset import Asset, MaterialTextures, TexturedMesh, back, mitsuba_map
 from fipt.scene.cameras import Camera
 from fipt.scene.environment import NOTHING, EnvironmentMap, constant, texel_directions
 from fipt.stages.export.mitsuba_files import write_mitsuba
@@ -22,7 +22,7 @@ def write(folder, asset):
 
     for name in ("base_color", "roughness", "metallic"):
         write_png(folder / "textures" / f"{name}.png", getattr(asset.textures, name))
-    sky = mitsuba_map(asset.outside) if asset.outside.shines else None
+    sky = mitsuba_map(asset.outside) if asset.outside.emits else None
     write_mitsuba(folder / "mitsuba", asset, principled_textures(asset.textures), SPECULAR, sky, 8)
     return folder / "mitsuba"
 
@@ -36,25 +36,25 @@ def drawn(path, sensor=0, spp=64):
     return np.array(mi.render(load_scene_file(path), sensor=sensor, spp=spp, seed=0))
 
 
-def display(picture):
-    return np.clip(picture, 0, 1) ** (1 / 2.2)
+def display(image):
+    return np.clip(image, 0, 1) ** (1 / 2.2)
 
 
 def traced(asset, camera, spp=64):
-    from fipt.render.exported import load_asset, path_integrator, picture, rays_of
+    from fipt.render.exported import load_asset, path_integrator, rays_of, traced_image
 
     shape = camera.height, camera.width
-    return picture(load_asset(asset), path_integrator(8), rays_of(camera), shape, 4, spp, 1)
+    return traced_image(load_asset(asset), path_integrator(8), rays_of(camera), shape, 4, spp, 1)
 
 
 def floor() -> tuple[Asset, np.ndarray]:
-    """A matte floor below a lamp; four colours, and four cameras that each look at the middle of one quarter."""
+    """A matte floor below an emitter; four colours, and four cameras that each look at the middle of one quarter."""
     color = np.uint8([[[200, 40, 40], [40, 200, 40]], [[40, 40, 200], [200, 200, 40]]])
     level = np.full((32, 32), 255, np.uint8)
-    texture = Textures(np.repeat(np.repeat(color, 16, axis=0), 16, axis=1), level, 0 * level)
+    texture = MaterialTextures(np.repeat(np.repeat(color, 16, axis=0), 16, axis=1), level, 0 * level)
     mesh = scenes.floor(4.0)
     uv = (mesh.vertices[:, [0, 2]] / 8 + 0.5).astype(np.float32)  # u along x, v along z
-    lamp = scenes.lamp_quad((-1, 1), 2.0, (-1, 1))
+    emitter = scenes.lamp_quad((-1, 1), 2.0, (-1, 1))
     cameras = []
     for row, column in np.ndindex(2, 2):
         pose = np.eye(4)
@@ -62,9 +62,9 @@ def floor() -> tuple[Asset, np.ndarray]:
         pose[:3, 3] = 4 * column - 2, 1.0, 4 * row - 2
         cameras.append(Camera(f"{row}{column}", "val", 2, 2, 200.0, 200.0, 1.0, 1.0, pose))
     none = np.zeros(3, np.float32)
-    shining = Piece("lamp_0", lamp, np.zeros((4, 2), np.float32), np.float32([10, 8, 6]))
-    made = Asset("floor", Piece("surface", mesh, uv, none), (shining,), True, texture, tuple(cameras), NOTHING)
-    # the quarters' middles lie at (+-2, +-2) below a lamp of [-1, 1]^2
+    shining = TexturedMesh("emitter_0", emitter, np.zeros((4, 2), np.float32), np.float32([10, 8, 6]))
+    made = Asset("floor", TexturedMesh("surface", mesh, uv, none), (shining,), True, texture, tuple(cameras), NOTHING)
+    # the quarters' middles lie at (+-2, +-2) below an emitter of [-1, 1]^2
     reflected = srgb_decode(color / 255.0) * [10, 8, 6] * scenes.form_factor((1, 3), 2.0, (1, 3))
     return made, reflected
 
@@ -95,48 +95,48 @@ def test_lamps_shine_to_both_sides_or_one(tmp_path):
         seen = [drawn(folder / "scene.xml", number, 4) for number in (0, 1)]
         np.testing.assert_allclose(seen[1], np.broadcast_to([10, 8, 6], (4, 4, 3)), rtol=1e-5)
         np.testing.assert_allclose(seen[0], seen[1] if two_sided else 0, rtol=1e-5)
-        for camera, picture in zip(cameras, seen, strict=True):
-            np.testing.assert_allclose(traced(both, camera, 4), picture, rtol=1e-5)
+        for camera, image in zip(cameras, seen, strict=True):
+            np.testing.assert_allclose(traced(both, camera, 4), image, rtol=1e-5)
 
 
 def test_the_other_side_of_a_lamp():
-    lamp = assets.room().lamps[1]
-    other = back(lamp)
-    np.testing.assert_allclose(other.mesh.normals, -lamp.mesh.normals, atol=1e-6)
-    np.testing.assert_allclose(other.mesh.areas, lamp.mesh.areas, rtol=1e-4)
-    behind = ((other.mesh.corners[:, ::-1] - lamp.mesh.corners) * lamp.mesh.normals[:, None]).sum(axis=2)
+    emitter = assets.room().emitters[1]
+    other = back(emitter)
+    np.testing.assert_allclose(other.mesh.normals, -emitter.mesh.normals, atol=1e-6)
+    np.testing.assert_allclose(other.mesh.areas, emitter.mesh.areas, rtol=1e-4)
+    behind = ((other.mesh.corners[:, ::-1] - emitter.mesh.corners) * emitter.mesh.normals[:, None]).sum(axis=2)
     np.testing.assert_allclose(behind, -0.001, atol=1e-6)
 
 
 def test_both_ways_show_the_same_room(tmp_path):
     """The file's sensors and our cameras (one with its principal point aside), the file's shapes and ours."""
-    from fipt.render.exported import load_scene_file, picture, rays_of_sensor
+    from fipt.render.exported import load_scene_file, rays_of_sensor, traced_image
 
     asset = assets.room(roughness=0.6)
     folder = write(tmp_path, asset)
     for number, camera in enumerate(asset.cameras):
         a, b = drawn(folder / "scene_exact.xml", number, 128), traced(asset, camera, 128)
         scene = load_scene_file(folder / "scene_exact.xml")
-        c = picture(scene, scene.integrator(), rays_of_sensor(scene, number), a.shape[:2], 4, 128, 2)
+        c = traced_image(scene, scene.integrator(), rays_of_sensor(scene, number), a.shape[:2], 4, 128, 2)
         for other in (b, c):
             assert ((display(a) - display(other)) ** 2).mean() < 2e-3
             assert ((display(a) - display(other[:, ::-1])) ** 2).mean() > 6e-3
 
 
 def test_what_lamps_and_the_outside_show_themselves_has_no_noise(tmp_path):
-    """Of a room of lamps and sky alone it is the whole picture, to the last lamp's edge."""
-    from fipt.render.exported import emitted, load_scene_file, path_integrator, picture, rays_of_sensor
+    """Of a room of emitters and sky alone it is the whole image, to the last emitter's edge."""
+    from fipt.render.exported import emitted, load_scene_file, path_integrator, rays_of_sensor, traced_image
 
     folder = write(tmp_path, assets.room(constant((0.5, 0.4, 0.3)), walls=4))
     scene = load_scene_file(folder / "scene.xml")
     width, height = scene.sensors()[0].film().size()
     seen = rays_of_sensor(scene, 0), (height, width), 4
     shown = emitted(scene, *seen)
-    np.testing.assert_allclose(shown, picture(scene, path_integrator(1), *seen, 16, 1), rtol=1e-5, atol=1e-6)
-    whole = picture(scene, path_integrator(3), *seen, 64, 1)
+    np.testing.assert_allclose(shown, traced_image(scene, path_integrator(1), *seen, 16, 1), rtol=1e-5, atol=1e-6)
+    whole = traced_image(scene, path_integrator(3), *seen, 64, 1)
     assert (whole - shown).min() > -1e-5
     assert (whole - shown).max() > 0.01
-    assert len(np.unique(shown.reshape(-1, 3), axis=0)) > 3  # wall, lamp, sky, and pixels that show two of them
+    assert len(np.unique(shown.reshape(-1, 3), axis=0)) > 3  # wall, emitter, sky, and pixels that show two of them
 
 
 def test_light_from_outside_comes_from_where_our_map_has_it(tmp_path):
@@ -147,8 +147,8 @@ def test_light_from_outside_comes_from_where_our_map_has_it(tmp_path):
     folder = write(tmp_path, asset)
     rows, columns = np.indices((30, 40)).reshape(2, -1)
     seen = 1 + 0.5 * camera.directions(columns + 0.5, rows + 0.5).reshape(30, 40, 3)
-    for picture in (drawn(folder / "scene.xml", 0, 16), traced(asset, camera, 16)):
-        np.testing.assert_allclose(picture[10:16, 12:28], seen[10:16, 12:28], atol=0.02)
+    for image in (drawn(folder / "scene.xml", 0, 16), traced(asset, camera, 16)):
+        np.testing.assert_allclose(image[10:16, 12:28], seen[10:16, 12:28], atol=0.02)
 
 
 _ALONE = """
@@ -168,13 +168,13 @@ np.savez(sys.argv[2], plain=np.array(plain), exact=np.array(exact))
 def test_the_files_open_with_nothing_of_ours_installed(tmp_path):
     asset = assets.room(roughness=0.3, metallic=0.5)
     folder = write(tmp_path, asset)
-    out = tmp_path / "pictures.npz"
+    out = tmp_path / "images.npz"
     command = [sys.executable, "-c", _ALONE, str(folder), str(out)]
     done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    pictures = np.load(out)
+    images = np.load(out)
     for name, file in (("exact", "scene_exact.xml"), ("plain", "scene.xml")):
-        error = ((display(pictures[name]) - display(drawn(folder / file, 0, 64))) ** 2).mean()
+        error = ((display(images[name]) - display(drawn(folder / file, 0, 64))) ** 2).mean()
         assert error < 2e-3
 
 
@@ -205,7 +205,7 @@ def test_principled_reflects_as_much_as_our_reflectance(color, roughness, metall
         return np.array(made.sample(mi.BSDFContext(), si, sampler.next_1d(), sampler.next_2d())[1].x).mean()
 
     one = np.ones((1, 1))
-    asked = Textures(
+    asked = MaterialTextures(
         np.repeat(to_display(color * one)[..., None], 3, axis=2),
         np.uint8(255 * roughness * one),
         np.uint8(255 * metallic * one),

@@ -1,4 +1,4 @@
-"""From the fit to the asset: the world turned upright, lamps apart, textures averaged, cameras for COLMAP."""
+"""From the fit to the asset: the world turned upright, emitters apart, textures averaged, cameras for COLMAP."""
 
 from types import SimpleNamespace
 
@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from fipt.model.networks import Brdf, SceneBox
 from fipt.scene.confidence import Confidence
-from fipt.scene.emitters import Emitters
+from fipt.scene.emitters import Emitters, default_name
 from fipt.scene.environment import NOTHING, EnvironmentMap, texel_directions
 from fipt.stages.export.atlas import texels, unwrap
 from fipt.stages.export.cameras import write_colmap
@@ -20,9 +20,9 @@ from tests import assets, scenes
 def emitters(triangle, radiance, emitter, two_sided=True) -> Emitters:
     n = len(triangle)
     rest = [np.ones(n, kind) for kind in (np.float32, np.int32)]
-    shine = np.asarray(radiance, np.float32).reshape(n, 3)
+    emit = np.asarray(radiance, np.float32).reshape(n, 3)
     numbers = np.asarray(triangle, np.int32), np.asarray(emitter, np.int32)
-    return Emitters(numbers[0], shine, rest[0], numbers[1], rest[1], rest[0], rest[0], rest[0] < 0, two_sided)
+    return Emitters(numbers[0], emit, rest[0], numbers[1], rest[1], rest[0], rest[0], rest[0] < 0, two_sided)
 
 
 @pytest.fixture(scope="module")
@@ -76,15 +76,15 @@ def test_lamps_are_black_in_the_textures_and_bright_in_the_emission(box):
     brdf = Brdf(np.full((n, 3), 0.5), np.full(n, 0.3), np.full(n, 1.0))
     textures = surface_textures(brdf, found, atlas, known)
     emission = emission_texture(found, atlas, known)
-    lamp = np.zeros(atlas.height * atlas.width, bool)
-    lamp[known.index[np.isin(known.triangle, found.triangle)]] = True
-    other = np.zeros_like(lamp)
+    emitter = np.zeros(atlas.height * atlas.width, bool)
+    emitter[known.index[np.isin(known.triangle, found.triangle)]] = True
+    other = np.zeros_like(emitter)
     other[known.index] = True
-    other &= ~lamp
+    other &= ~emitter
     flat = textures.base_color.reshape(-1, 3)
-    assert (flat[lamp] == 0).all()
+    assert (flat[emitter] == 0).all()
     assert (flat[other] == 188).all()  # 0.5, sRGB encoded
-    assert set(textures.roughness.ravel()[lamp]) == {255}
+    assert set(textures.roughness.ravel()[emitter]) == {255}
     assert set(textures.metallic.ravel()[other]) == {255}
     assert (emission.reshape(-1, 3)[other] == 0).all()
     assert emission.max() == 4
@@ -139,26 +139,31 @@ def test_a_world_with_y_up_stays_as_it_is():
 def test_every_lamp_is_a_mesh_of_one_radiance(box):
     mesh, atlas, _, found = box
     asset = room_asset("room", mesh, atlas, assets.textures(), found, [assets.camera()], NOTHING)
-    assert [lamp.name for lamp in asset.lamps] == ["lamp_0_0", "lamp_0_1"]
-    assert [lamp.radiance.tolist() for lamp in asset.lamps] == [[1, 0, 0], [4, 3, 2]]
-    corners = [piece.mesh.corners for piece in (*asset.lamps, asset.surface)]
+    assert [emitter.name for emitter in asset.emitters] == ["emitter_0_0", "emitter_0_1"]
+    assert [emitter.radiance.tolist() for emitter in asset.emitters] == [[1, 0, 0], [4, 3, 2]]
+    corners = [piece.mesh.corners for piece in (*asset.emitters, asset.surface)]
     assert [len(part) for part in corners] == [1, 2, 9]
     np.testing.assert_allclose(np.concatenate([corners[1], corners[0], corners[2]]), mesh.corners)
 
 
 @pytest.mark.parametrize(
     ("name", "expected"),
-    [("lamp-3", "lamp_3"), ("desk lamp", "lamp_3_desk_lamp"), ("../Ätna</a>", "lamp_3_tna_a"), ("灯", "lamp_3")],
+    [
+        (default_name(3), "emitter_3"),
+        ("desk lamp", "emitter_3_desk_lamp"),
+        ("../Ätna</a>", "emitter_3_tna_a"),
+        ("灯", "emitter_3"),
+    ],
 )
-def test_meshes_of_lamps_have_plain_names(name, expected):
+def test_meshes_of_emitters_have_plain_names(name, expected):
     assert mesh_name(3, name) == expected
 
 
-def test_lamps_carry_the_names_that_people_gave(box):
+def test_emitters_carry_the_names_that_people_gave(box):
     mesh, atlas, _, found = box
     views = assets.textures(), found, [assets.camera()], NOTHING
     asset = room_asset("room", mesh, atlas, *views, ["desk lamp"])
-    assert [lamp.name for lamp in asset.lamps] == ["lamp_0_desk_lamp_0", "lamp_0_desk_lamp_1"]
+    assert [emitter.name for emitter in asset.emitters] == ["emitter_0_desk_lamp_0", "emitter_0_desk_lamp_1"]
 
 
 def test_colmap_projects_as_our_cameras_do(tmp_path):

@@ -53,15 +53,15 @@ def test_lamps_are_mesh_lights_of_their_radiance(written):
     asset, path = written
     stage = Usd.Stage.Open(str(path))
     lights = [prim for prim in stage.Traverse() if prim.HasAPI(UsdLux.MeshLightAPI)]
-    assert [prim.GetName() for prim in lights] == [lamp.name for lamp in asset.lamps]
-    for prim, lamp in zip(lights, asset.lamps, strict=True):
+    assert [prim.GetName() for prim in lights] == [emitter.name for emitter in asset.emitters]
+    for prim, emitter in zip(lights, asset.emitters, strict=True):
         light = UsdLux.LightAPI(prim)
         radiance = light.GetIntensityAttr().Get() * np.array(light.GetColorAttr().Get())
-        np.testing.assert_allclose(radiance, lamp.radiance, rtol=1e-6)
+        np.testing.assert_allclose(radiance, emitter.radiance, rtol=1e-6)
         assert not light.GetNormalizeAttr().Get()
         material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()
         shader = UsdShade.Shader(material.GetSurfaceOutput().GetConnectedSources()[0][0].source)
-        np.testing.assert_allclose(shader.GetInput("emissiveColor").Get(), lamp.radiance, rtol=1e-6)
+        np.testing.assert_allclose(shader.GetInput("emissiveColor").Get(), emitter.radiance, rtol=1e-6)
 
 
 def test_the_stage_is_complete(written):

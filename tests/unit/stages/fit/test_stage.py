@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from fipt.model import store
-from fipt.stages.fit import loop
+from fipt.stages.fit.objective import Objective
 from tests.fitted import FEW, FIT, call
 
 
@@ -30,7 +30,7 @@ class Killed(Exception):
 @pytest.fixture
 def killed(work, monkeypatch):
     """The results after a fit that was killed in its 30th step; the settings of that fit."""
-    original, calls = loop.losses, []
+    original, calls = Objective.terms, []
 
     def later(*given):
         calls.append(1)
@@ -40,17 +40,17 @@ def killed(work, monkeypatch):
 
     settings = FIT | {"checkpoint_every": 10}
     (work / "round-0" / "model.safetensors").unlink()
-    monkeypatch.setattr(loop, "losses", later)
+    monkeypatch.setattr(Objective, "terms", later)
     with pytest.raises(Killed):
         call("fit", work, settings=settings)
-    monkeypatch.setattr(loop, "losses", original)
+    monkeypatch.setattr(Objective, "terms", original)
     assert len(list((work / "round-0").glob("model*"))) == 1  # the checkpoint, and no model
     return settings
 
 
 def test_a_killed_fit_goes_on_and_gives_the_same_model(work, killed, scene, capsys):
     assert call("fit", work, settings=killed) == 0
-    assert "going on from step 20" in capsys.readouterr().out
+    assert "going on from step 20" in capsys.readouterr().err
     assert [path.name for path in (work / "round-0").glob("model*")] == ["model.safetensors"]
     whole, resumed = (store.load_field(root / "round-0" / "model.safetensors").state_dict() for root in (scene, work))
     assert all(torch.equal(value, resumed[name]) for name, value in whole.items())
@@ -61,7 +61,7 @@ def test_a_checkpoint_of_another_fit_is_not_used(work, killed, change, capsys):
     if change == "inputs":
         assert call("bake", work, settings=FEW | {"seed": 3}) == 0
     assert call("fit", work, settings=killed | ({"seed": 3} if change == "settings" else {})) == 0
-    assert "going on" not in capsys.readouterr().out
+    assert "going on" not in capsys.readouterr().err
     assert [path.name for path in (work / "round-0").glob("model*")] == ["model.safetensors"]
 
 
@@ -75,4 +75,4 @@ def test_files_of_another_version(work, killed, refused, monkeypatch):
 def test_without_segments_the_fit_says_so(work, capsys):
     shutil.rmtree(work / "dataset" / "segments")
     assert call("fit", work, settings=FIT | {"steps": 2}) == 0
-    assert "warning: no segments" in capsys.readouterr().out
+    assert "warning: no segments" in capsys.readouterr().err

@@ -117,9 +117,9 @@ def test_several_lights_keep_their_triangles_apart(apply):
 
 
 def test_an_emitter_that_was_not_found_is_named(apply):
-    with pytest.raises(FiptError, match="names emitter 2, which is none of 2 lamps; indices are 0 to 1"):
+    with pytest.raises(FiptError, match="names emitter 2, which is none of 2 emitters; indices are 0 to 1"):
         apply(emitters=[{"index": 2, "scale": 0}])
-    with pytest.raises(FiptError, match="names emitter 0, which is none of 0 lamps; leave its emitters out"):
+    with pytest.raises(FiptError, match="names emitter 0, which is none of 0 emitters; leave its emitters out"):
         apply(emitters=[{"index": 0, "scale": 0}], empty=True)
 
 
@@ -127,9 +127,9 @@ def test_an_emitter_that_was_not_found_is_named(apply):
     ("edit", "dark"),
     [
         ({"name": "window"}, [0, 1]),
-        ({"name": "lamp-0"}, [0, 1]),  # its number goes on being a name
-        ({"name": "lamp-1"}, [2]),
-        ({"names": ["lamp-1", "window"]}, [0, 1, 2]),
+        ({"name": "emitter-0"}, [0, 1]),  # its number goes on being a name
+        ({"name": "emitter-1"}, [2]),
+        ({"names": ["emitter-1", "window"]}, [0, 1, 2]),
         ({"index": 1}, [2]),
         ({}, [0, 1, 2]),
     ],
@@ -138,7 +138,7 @@ def test_lamps_are_chosen_by_name(backend, edit, dark):
     from fipt.stages.render.lights import apply_setup
 
     setup = RelightSetup.model_validate({"emitters": [edit | {"off": True}]})
-    _, lit = apply_setup(ROOM, found(), setup, ["window", "lamp-1"])
+    _, lit = apply_setup(ROOM, found(), setup, ["window", "emitter-1"])
     expected = RADIANCE.copy()
     expected[dark] = 0
     np.testing.assert_array_equal(lit.radiance, expected)
@@ -148,7 +148,7 @@ def test_an_unknown_name_lists_the_lamps_closest_first(backend):
     from fipt.stages.render.lights import apply_setup
 
     setup = RelightSetup.model_validate({"emitters": [{"names": ["window", "my window"], "off": True}]})
-    with pytest.raises(FiptError, match="which is none of 2 lamps; there are window, desk lamp"):
+    with pytest.raises(FiptError, match="which is none of 2 emitters; there are window, desk lamp"):
         apply_setup(ROOM, found(), setup, ["desk lamp", "window"])
 
 
@@ -287,9 +287,9 @@ def alone(separate, outside=0.0, **changed):
 def test_parts_of_the_light_add_up_to_it(backend):
     """Lamp 0 has two triangles of mean radiance 4, lamp 1 one of 8 and half the area."""
     parts = alone(2, outside=3.0, area=np.float32([1, 1, 0.5]))
-    assert list(parts) == ["lamp-0", "lamp-1", "outside"]
-    np.testing.assert_array_equal(parts["lamp-0"].emitters.radiance, [[2, 4, 6], [2, 4, 6], [0, 0, 0]])
-    np.testing.assert_array_equal(parts["lamp-1"].emitters.radiance, [[0, 0, 0], [0, 0, 0], [8, 8, 8]])
+    assert list(parts) == ["emitter-0", "emitter-1", "outside"]
+    np.testing.assert_array_equal(parts["emitter-0"].emitters.radiance, [[2, 4, 6], [2, 4, 6], [0, 0, 0]])
+    np.testing.assert_array_equal(parts["emitter-1"].emitters.radiance, [[0, 0, 0], [0, 0, 0], [8, 8, 8]])
     np.testing.assert_array_equal(sum(part.emitters.radiance for part in parts.values()), RADIANCE)
     np.testing.assert_array_equal(sum(part.environment.radiance for part in parts.values()), np.full((2, 4, 3), 3))
     for part in parts.values():  # lamps that are off are black, not part of the wall
@@ -298,7 +298,7 @@ def test_parts_of_the_light_add_up_to_it(backend):
 
 def test_the_weaker_lamps_are_one_part(backend):
     parts = alone(1, area=np.float32([1, 1, 2]))
-    assert list(parts) == ["lamp-1", "rest"]
+    assert list(parts) == ["emitter-1", "rest"]
     np.testing.assert_array_equal(parts["rest"].emitters.radiance, [[2, 4, 6], [2, 4, 6], [0, 0, 0]])
 
 
@@ -306,4 +306,4 @@ def test_no_light_has_no_parts(backend):
     from fipt.stages.render.lights import one_at_a_time
 
     assert one_at_a_time(found(empty=True), NOTHING, 3) == {}
-    assert list(alone(3, radiance=np.float32([[0] * 3, [0] * 3, [1] * 3]))) == ["lamp-1"]
+    assert list(alone(3, radiance=np.float32([[0] * 3, [0] * 3, [1] * 3]))) == ["emitter-1"]

@@ -27,9 +27,9 @@ def test_the_new_light_is_red_and_the_old_one_off(scene):
 
 def test_the_only_lamp_alone_is_the_room_as_it_is(scene, tmp_path):
     layers = read_layers(scene / "olat" / "c.exr")
-    assert set(layers) == {"lamp-0"}
+    assert set(layers) == {"emitter-0"}
     assert call("relight", scene, "--setup", "{}", "--out", tmp_path, "--manifest", tmp_path / "m.json") == 0
-    np.testing.assert_array_equal(layers["lamp-0"], read_rgb(tmp_path / "c.exr"))
+    np.testing.assert_array_equal(layers["emitter-0"], read_rgb(tmp_path / "c.exr"))
 
 
 def test_setups_change_the_light_from_outside(opened, tmp_path):
@@ -56,7 +56,7 @@ def test_lamps_and_outside_alone_add_up_to_any_mix_of_them(opened, tmp_path):
     many = {"spp": 1024, "max_depth": 3}
     assert call("olat", opened, "--out", tmp_path, "--manifest", tmp_path / "m.json", settings=many) == 0
     layers = read_layers(tmp_path / "c.exr")
-    assert set(layers) == {"lamp-0", "outside"}
+    assert set(layers) == {"emitter-0", "outside"}
     tint = np.array([0.5, 1.0, 2.0])
     radiance = (scenes.LAMP_RADIANCE * tint).tolist()
     for setup, gains in (
@@ -67,7 +67,7 @@ def test_lamps_and_outside_alone_add_up_to_any_mix_of_them(opened, tmp_path):
         relit = ("--setup", json.dumps(setup), "--out", tmp_path / "relit", "--manifest", tmp_path / "r.json")
         assert call("relight", opened, *relit, settings=many) == 0
         direct = read_rgb(tmp_path / "relit" / "c.exr")
-        mixed = gains[0] * layers["lamp-0"] + gains[1] * layers["outside"]
+        mixed = gains[0] * layers["emitter-0"] + gains[1] * layers["outside"]
         shown = [srgb_encode(np.clip(2 * picture, 0, 1)) for picture in (mixed, direct)]
         assert 0.1 < shown[1].mean() < 0.9
         assert -10 * np.log10(((shown[0] - shown[1]) ** 2).mean()) > 40, setup
