@@ -70,13 +70,13 @@ def test_the_list_replaces_nothing_but_a_list(work, refused):
 def test_what_a_person_decides_while_lamps_are_looked_at_stays(work, monkeypatch):
     from fipt.stages.emitters import review as stage
 
-    path, look = work / "emitters_review.yaml", stage.sightings
+    path, look = work / "emitters_review.yaml", stage.visibilities
 
     def edited(*args):
         path.write_text(path.read_text().replace("verdict: auto", "verdict: accept"))
         return look(*args)
 
-    monkeypatch.setattr(stage, "sightings", edited)
+    monkeypatch.setattr(stage, "visibilities", edited)
     assert call("review", work) == 0
     assert "verdict: accept" in path.read_text()
 

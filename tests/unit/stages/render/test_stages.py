@@ -74,7 +74,7 @@ def test_lamps_and_outside_alone_add_up_to_any_mix_of_them(opened, tmp_path):
 
 
 def test_a_light_setup_that_names_no_emitter(refused):
-    assert "names emitter 7, which is none of 1 lamps; indices are 0 to 0" in refused(
+    assert "names emitter 7, which is none of 1 emitters; indices are 0 to 0" in refused(
         "relight", "--setup", '{"emitters": [{"index": 7, "scale": 0}]}'
     )
     assert "unknown key setup.lamps" in refused("relight", "--setup", '{"lamps": []}')
