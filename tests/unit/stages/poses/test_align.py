@@ -8,12 +8,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from fipt.config import checked
 from fipt.errors import FiptError
 from fipt.stages.poses.align import align
 from fipt.stages.poses.settings import Align, KnownDistance, SceneBoard
 from fipt.stages.poses.triangulate import nearest_point, triangulate
 from fipt.stages.poses.upright import cameras_up, find_floor
+from fipt.validation import checked
 from tests import room_views
 
 BOARD = {"columns": 4, "rows": 3, "square": 0.16, "marker": 0.12}
