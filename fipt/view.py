@@ -117,7 +117,7 @@ def montage(folder: str | Path, views: Sequence[str] = ()) -> NotedImage:
         raise FiptError(f"{folder} has no images yet", "render or import its views")
     views = list(views) or [names[k] for k in np.unique(np.linspace(0, len(names) - 1, 4).astype(int))]
     images = [data.image(view)[0] for view in views]
-    seen = np.concatenate([(image @ np.float32(LUMINANCE)).ravel() for image in images])
+    seen = np.concatenate([(image @ np.array(LUMINANCE, np.float32)).ravel() for image in images])
     exposure = _MIDDLE_GREY / max(float(np.median(seen)), 1e-9)
     rows, columns = [], ["image"]
     for view, image in zip(views, images, strict=True):
@@ -288,4 +288,4 @@ def _text(lines: list[str]) -> np.ndarray:
     _, _, right, bottom = ImageDraw.Draw(Image.new("L", (1, 1))).multiline_textbbox((0, 0), text, font)
     image = Image.new("RGB", (int(right) + 12, int(bottom) + 12), "white")
     ImageDraw.Draw(image).multiline_text((6, 6), text, "black", font)
-    return np.asarray(image.resize((2 * image.width, 2 * image.height), Image.NEAREST))
+    return np.asarray(image.resize((2 * image.width, 2 * image.height), Image.Resampling.NEAREST))
