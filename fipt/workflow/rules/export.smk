@@ -18,7 +18,7 @@ rule export_room:
         environment="results/{scene}/environment.npz",
         model=LAST_MODEL,
         confidence=LAST_CONFIDENCE,
-        emitters=last_emitters,
+        emitters=ask("last_emitters"),
         lamps="results/{scene}/emitters.manifest.json",
     output:
         manifest="results/{scene}/export.manifest.json",
