@@ -1,4 +1,4 @@
-"""Boards with markers in pictures: ChArUco boards and AprilTags, by OpenCV, in this program's pixels.
+"""Boards with markers in images: ChArUco boards and AprilTags, by OpenCV, in this program's pixels.
 
 Corners come as image coordinates with the centre of the top left pixel at (0.5, 0.5); OpenCV has it at (0, 0).
 """
@@ -9,7 +9,7 @@ import numpy as np
 from fipt.errors import FiptError
 
 _MATCH = 0.8
-"""Correlation of a board's pattern with the picture from which on the two are believed to be the same."""
+"""Correlation of a board's pattern with the image from which on the two are believed to be the same."""
 _MOVED = 0.1
 """How far corners may move when the whole pattern is matched, in squares."""
 _TEXELS = 224
@@ -39,7 +39,7 @@ def charuco_corners(
     Parameters
     ----------
     grey
-        (H, W) uint8 picture.
+        (H, W) uint8 image.
     board
         What to look for.
     least
@@ -73,12 +73,12 @@ def board_corners(
     """Find every corner of a flat board by matching its whole pattern; a small board is so known ten times better.
 
     Windows around corners of a board that is far away are a few pixels wide and hold its markers too. The homography
-    that makes the board's own picture match (Evangelidis and Psarakis 2008) hangs on all of its edges.
+    that makes the board's own image match (Evangelidis and Psarakis 2008) hangs on all of its edges.
 
     Parameters
     ----------
     grey
-        (H, W) uint8 picture without lens distortion, proportional to the light.
+        (H, W) uint8 image without lens distortion, proportional to the light.
     board
         What is there.
     pixels, ids
@@ -87,13 +87,13 @@ def board_corners(
     Returns
     -------
     pixels
-        (M, 2) float64 image coordinates of the corners inside the picture.
+        (M, 2) float64 image coordinates of the corners inside the image.
     ids
         (M,) int32 their numbers.
     match
-        Correlation of pattern and picture.
+        Correlation of pattern and image.
 
-    None if the picture does not show the board's pattern there.
+    None if the image does not show the board's pattern there.
     """
     places = np.array(board.getChessboardCorners())[:, :2].astype(np.float64) / board.getSquareLength()
     rough, _ = cv2.findHomography(places[ids], pixels, 0)
@@ -191,7 +191,7 @@ def refined(grey: np.ndarray, corners: np.ndarray, reach: float) -> np.ndarray:
     Parameters
     ----------
     grey
-        (H, W) uint8 picture.
+        (H, W) uint8 image.
     corners
         (N, 2) places in OpenCV's pixels, at least two; returned alike, float32.
     reach

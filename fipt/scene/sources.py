@@ -28,7 +28,7 @@ class ImageSource:
     Attributes
     ----------
     photographs
-        Whether the pictures are developed photographs, whose noise may be negative.
+        Whether the images are developed photographs, whose noise may be negative.
     scale
         Factor on all radiance of photographs.
     rejected
@@ -47,7 +47,7 @@ class ImageSource:
 
 
 def read_source(path: str | Path, format: str, val_every: int = 8) -> ImageSource:
-    """Read all frames of a source, without any picture.
+    """Read all frames of a source, without any image.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def has_segments(source: ImageSource) -> bool:
 def read_poses(path: str | Path, val_every: int = 8) -> tuple[SourceView, ...]:
     """Read poses by view name: a nerfstudio or Blender transforms.json, or what `fipt.formats.pose_files` reads.
 
-    A view is called as its picture, without folder and ending; the pictures may be of any kind. ``image`` of the
+    A view is called as its image, without folder and ending; the images may be of any kind. ``image`` of the
     frames means nothing.
     """
     path = Path(path)
@@ -136,7 +136,7 @@ def read_developed(folder: str | Path, poses: str | Path, val_every: int = 8) ->
         raise FiptError(
             f"{poses} must have the pose of an accepted training view of {folder}; it has "
             f"{', '.join(sorted(names)[:3])}, accepted are {', '.join(accepted[:3]) or 'none'}",
-            "name the poses' pictures as the views of the capture, and see the findings of qa.json",
+            "name the poses' images as the views of the capture, and see the findings of qa.json",
         )
     return ImageSource(
         tuple(frames),

@@ -66,7 +66,7 @@ def with_dark(found: Calibration, paths: Sequence[Path], bar: Any) -> Calibratio
 
 
 def with_flats(found: Calibration, paths: Sequence[Path], bar: Any) -> Calibration:
-    """Vignetting from pictures of an even surface; the sensor's noise where dark frames are there too."""
+    """Vignetting from images of an even surface; the sensor's noise where dark frames are there too."""
     if not paths:
         return found
     blocks, gains, total = [], [], np.float32(0)
@@ -116,7 +116,7 @@ def fit_vignetting(means: np.ndarray, width: int, height: int) -> tuple[Vignetti
     means
         (rows, columns) mean light of blocks of pixels, from the top left, as large as `_block` says.
     width, height
-        Of the picture, pixels.
+        Of the image, pixels.
 
     Returns
     -------

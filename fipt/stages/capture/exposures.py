@@ -1,4 +1,4 @@
-"""Exposures: true shutter times and f-numbers behind nominal ones, and ratios measured from the pictures."""
+"""Exposures: true shutter times and f-numbers behind nominal ones, and ratios measured from the images."""
 
 from __future__ import annotations
 

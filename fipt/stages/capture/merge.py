@@ -37,7 +37,7 @@ _LOG_ZERO, _LOG_MAX = 6_000.0, 65_000.0
 
 @dataclass
 class Merged:
-    """A bracket as one picture.
+    """A bracket as one image.
 
     Attributes
     ----------

@@ -65,7 +65,7 @@ def quality_of(facts: Mapping[str, Any]) -> Quality:
     )
 
 
-def exposure_scale(capture: Capture, pictures: Iterable[np.ndarray]) -> dict[str, Any]:
+def exposure_scale(capture: Capture, images: Iterable[np.ndarray]) -> dict[str, Any]:
     """Factor that brings a capture's radiance to the dataset's unit, and where it is from.
 
     A simulated capture says what its unit is, so that it can be compared with its truth; otherwise the median luminance
@@ -75,7 +75,7 @@ def exposure_scale(capture: Capture, pictures: Iterable[np.ndarray]) -> dict[str
     if truth.is_file():
         scale = float(json.loads(truth.read_text(encoding="utf-8"))["radiance_of_full_second"])
         return {"scale": scale, "from": "as the simulated camera states"}
-    luminance = np.concatenate([np.zeros(0, np.float32), *pictures])
+    luminance = np.concatenate([np.zeros(0, np.float32), *images])
     middle = float(np.median(luminance)) if len(luminance) else 0.0
     if not (math.isfinite(middle) and middle > 0):
         raise FiptError("no developed view has a lit pixel with weight", "see the findings of fipt check-capture")

@@ -76,7 +76,7 @@ class Quality:
         Share of the strongest edges' height within one cell of the mosaic, about 1 sharp, 0.2 badly blurred; of
         developed views, their steepness. Good for comparing views of a capture with each other.
     moved
-        Share of the picture where exposures disagree.
+        Share of the image where exposures disagree.
     white_balance
         Gains of red, green and blue as the camera has them; None where it has none.
     """
@@ -184,11 +184,11 @@ def _clipped(frame: RawFrame) -> np.ndarray:
 def _sharpness(green: np.ndarray) -> float:
     """Height of the strongest edges within `_NEAR` cells over that within `_FAR` cells."""
     # Square root: about the same noise everywhere, and a lamp's edge does not decide alone.
-    picture = np.sqrt(np.clip(green, 0.0, 1.0))
+    image = np.sqrt(np.clip(green, 0.0, 1.0))
     steps = []
     for distance in (_NEAR, _FAR):
-        across = np.abs(picture[:, distance:] - picture[:, :-distance])
-        down = np.abs(picture[distance:] - picture[:-distance])
+        across = np.abs(image[:, distance:] - image[:, :-distance])
+        down = np.abs(image[distance:] - image[:-distance])
         steps.append(max(np.quantile(across, 0.999), np.quantile(down, 0.999)))
     return float(steps[0] / max(steps[1], 1e-6))
 
@@ -196,7 +196,7 @@ def _sharpness(green: np.ndarray) -> float:
 def _moved(greens: Sequence[np.ndarray], full: Sequence[np.ndarray], ratios: Sequence[float | None]) -> float:
     """Share of blocks whose exposures disagree, among all blocks.
 
-    ``full`` are the clipped cells, ``ratios`` measured: stated ones may be wrong for the whole picture.
+    ``full`` are the clipped cells, ``ratios`` measured: stated ones may be wrong for the whole image.
     """
     rows, columns = (size // _BLOCK for size in greens[0].shape)
     if rows == 0 or columns == 0:

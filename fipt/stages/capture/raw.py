@@ -181,7 +181,7 @@ def _frame(path: Path, raw: Any, tags: dict[str, Any], shot: Shot) -> RawFrame:
         )
     # raw_pattern belongs to the whole sensor; the visible area may start at any of its positions. LibRaw's
     # black levels are by colour (R, G, B, second G), not by position.
-    # (raw_colors_visible says the same, but is as large as the picture.)
+    # (raw_colors_visible says the same, but is as large as the image.)
     top, left = raw.sizes.top_margin, raw.sizes.left_margin
     pattern = np.array([[raw.raw_color(top + i, left + j) for j in (0, 1)] for i in (0, 1)])
     black = np.array(raw.black_level_per_channel, np.float64)

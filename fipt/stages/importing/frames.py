@@ -96,7 +96,7 @@ def _read_mask(path: Path, shape: tuple[int, int]) -> np.ndarray:
 
 
 def _camera(frame: SourceView, width: int, height: int) -> Camera:
-    """Camera of a frame whose picture has this size (which its source need not state)."""
+    """Camera of a frame whose image has this size (which its source need not state)."""
     k = frame.intrinsics
     width, height = int(k.get("w", width)), int(k.get("h", height))
     focal = [
