@@ -12,6 +12,10 @@ a base colour, s roughness, m metallic, alpha = s^2.
     g(c) = 1 / (c (1 - k) + k),  k = (s + 1)^2 / 8
 """
 
+# The stubs of Mitsuba name the arrays of one variant, those of Dr.Jit others: the same values seem to be of two types.
+# pyright: reportArgumentType=false, reportAttributeAccessIssue=false, reportCallIssue=false
+# pyright: reportGeneralTypeIssues=false, reportOperatorIssue=false, reportReturnType=false
+
 from typing import Any
 
 import drjit as dr
