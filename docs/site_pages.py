@@ -36,11 +36,11 @@ def command_line() -> str:
 
 
 def help_of(name: str) -> str:
-    """Help of a verb, as the command line prints it, 100 columns wide."""
+    """Help of a verb, as the command line prints it, 88 columns wide."""
     import click
 
     command = click_command(name)
-    with click.Context(command, info_name=f"fipt {name}", terminal_width=100, max_content_width=100) as context:
+    with click.Context(command, info_name=f"fipt {name}", terminal_width=88, max_content_width=88) as context:
         return command.get_help(context).strip()
 
 
