@@ -15,6 +15,8 @@ from fipt.inputs import (
 )
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from fipt.stages.shade.settings import RefineSettings
 
 
@@ -53,15 +55,9 @@ def run(inputs: RefineInputs, settings: "RefineSettings") -> dict[str, Any]:
     materials = voxel_materials(field, voxels)
     found, outside = emitter_set(read_emitters(inputs.emitters)), read_environment(inputs.environment)
     shader = path_shader(data.mesh(), voxels, materials, found, path, outside)
-    before, figures = read_shading(inputs.previous, shard), {}
-    write_shading(
-        "refine",
-        shader,
-        data,
-        shard,
-        settings,
-        inputs.out,
-        figures,
-        finish=lambda index, new: damped(new, before[shard.of_view(index)], settings.damping),
-    )
-    return figures
+    before = read_shading(inputs.previous, shard)
+
+    def kept(index: int, new: "np.ndarray") -> "np.ndarray":
+        return damped(new, before[shard.of_view(index)], settings.damping)
+
+    return write_shading("refine", shader, data, shard, settings, inputs.out, kept)
