@@ -46,8 +46,8 @@ def theirs(
     )
     cells = [16 * growth**level - 1 for level in range(levels)]
 
-    def forward(table: ad.Float, place: ad.Array3f, width: ad.Float) -> ad.TensorXf:
-        grid.data = table
+    def forward(table: ad.Float, place: ad.Array3f, width: ad.Float) -> ad.ArrayXf:
+        setattr(grid, "data", table)  # noqa: B010 - Dr.Jit's stubs do not know it
         features = grid(place)
         fade = [dr.erf(1 / (8**0.5 * dr.maximum(0.5 * width, 1e-12) * cell)) for cell in cells]
         return ad.ArrayXf([feature * fade[number // 2] for number, feature in enumerate(features)])
@@ -58,7 +58,7 @@ def theirs(
         return dr.grad(table)
 
     both = dr.freeze(passes) if frozen else passes
-    table = torch.from_numpy(np.array(grid.data))
+    table = torch.from_numpy(np.array(grid.params))
 
     def step() -> object:
         gradient = both(ad.Float(table), ad.Array3f(points.T.contiguous()), ad.Float(footprint))

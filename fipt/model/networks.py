@@ -89,18 +89,13 @@ class BrdfNetwork(nn.Module):
         )
         generator = torch.Generator().manual_seed(settings.seed + 1)
         inputs = settings.levels * self.encoding.features
-        self.mlp = nn.Sequential(
-            _linear(inputs, width, generator),
-            nn.ReLU(),
-            _linear(width, width, generator),
-            nn.ReLU(),
-            _linear(width, 5, generator),
-            nn.Sigmoid(),
-        )
+        hidden = [_linear(inputs, width, generator), nn.ReLU(), _linear(width, width, generator), nn.ReLU()]
+        last = _linear(width, 5, generator)
+        self.mlp = nn.Sequential(*hidden, last, nn.Sigmoid())
         if settings.start_rough:
-            # matte metal and matte dielectric look the same: start where most surfaces are
+            # matte metal and matte dielectric appear the same: start where most surfaces are
             with torch.no_grad():
-                self.mlp[-2].bias[3:] += torch.tensor(_MATTE)
+                last.bias[3:] += torch.tensor(_MATTE)
 
     def forward(self, points: torch.Tensor, footprint: torch.Tensor | None = None) -> Brdf:
         """Reflectance at points (N, 3) in [0, 1], seen through footprints (N,) in box sides."""
@@ -121,6 +116,8 @@ class EmissionNetwork(nn.Module):
     bands, layers, width : int
         Frequency bands; hidden layers; their width.
     """
+
+    frequencies: torch.Tensor
 
     def __init__(self, seed: int = 0, bands: int = 10, layers: int = 6, width: int = 128) -> None:
         super().__init__()
@@ -256,6 +253,7 @@ def _chunked(ask: Callable[[slice], None], count: int, chunk: int) -> None:
 def _linear(inputs: int, outputs: int, generator: torch.Generator) -> nn.Linear:
     """Linear layer with torch's usual initial weights, but from a generator of our own."""
     layer = nn.utils.skip_init(nn.Linear, inputs, outputs)
+    assert isinstance(layer, nn.Linear)
     bound = 1 / math.sqrt(inputs)
     with torch.no_grad():
         layer.weight.uniform_(-bound, bound, generator=generator)

@@ -15,9 +15,12 @@ from fipt.scene.mesh import Mesh
 class Materials(Protocol):
     """Reflectance of K points, numpy float32: base_color (K, 3), roughness (K,), metallic (K,)."""
 
-    base_color: np.ndarray
-    roughness: np.ndarray
-    metallic: np.ndarray
+    @property
+    def base_color(self) -> np.ndarray: ...
+    @property
+    def roughness(self) -> np.ndarray: ...
+    @property
+    def metallic(self) -> np.ndarray: ...
 
 
 @dataclass(frozen=True)

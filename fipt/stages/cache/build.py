@@ -4,7 +4,8 @@ A record belongs to a voxel and to the axis that the surface faces there, so tha
 and the sill below it, do not lend each other their light.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -15,7 +16,7 @@ from fipt.scene.voxels import FACINGS, facings, voxel_keys
 from fipt.stages.cache.settings import CacheSettings
 
 _INTERIOR = 0.95
-"""Pixels of which one piece covers at least this share tell a voxel's radiance; others mix surfaces."""
+"""Pixels of which one piece covers at least this share give a voxel's radiance; others mix surfaces."""
 _DIRECTIONS = np.repeat(np.eye(3, dtype=np.float32), 2, axis=0) * np.tile([[-1.0], [1.0]], (3, 1)).astype(np.float32)
 """Unit vector of each facing."""
 _MIXED = 1e-3
@@ -25,14 +26,14 @@ _MIXED = 1e-3
 def build(
     mesh: Mesh,
     shards: list[FootprintSamples],
-    pictures: Iterable[tuple[np.ndarray, np.ndarray, np.ndarray]],
+    images: Iterable[tuple[np.ndarray, np.ndarray, np.ndarray]],
     settings: CacheSettings,
 ) -> dict[str, np.ndarray]:
     """Average the radiance of all pixels in voxels over the surface; one view at a time is in memory.
 
     Parameters
     ----------
-    pictures
+    images
         Of every view of every shard, in order: (P, 3) float32 radiance, (P,) weight of its pixels, and (P,) bool
         whether their radiance is only a lower bound.
 
@@ -46,27 +47,69 @@ def build(
         the same connected part if it can be.
     """
     center, side = scene_box(shards)
-    n = settings.resolution
-    views = [(samples, index) for samples in shards for index in range(len(samples.views))]
+    box = _Box(center, side, settings.resolution)
+    records = _surface_records(mesh, shards, box)
+    total, weights, count, seen = _gathered(shards, images, records, box)
+    point, facing = records.point, (records.key % FACINGS).astype(np.uint8)
+    part = connected_parts(mesh)[records.triangle]
+    return {
+        "center": center,
+        "side": np.asarray(side),
+        "resolution": np.asarray(box.resolution),
+        "key": records.key // FACINGS,
+        "facing": facing,
+        "point": point,
+        "radiance": (total / np.maximum(weights, 1e-12)[:, None]).astype(np.float32),
+        "count": count.astype(np.float32),
+        "source": _nearest_seen(point, facing, part, seen, 8 * side / box.resolution),
+    }
 
-    def keys(samples: FootprintSamples, own: slice) -> np.ndarray:
-        return voxel_keys(samples.position[own], center, side, n) * FACINGS + facings(samples.normal[own])
 
+@dataclass(frozen=True)
+class _Box:
+    """The scene box: its centre (3,), its side (metres), and the voxels along it."""
+
+    center: np.ndarray
+    side: float
+    resolution: int
+
+    def voxels(self, points: np.ndarray) -> np.ndarray:
+        """(N,) voxels of points (N, 3), times the number of facings."""
+        return voxel_keys(points, self.center, self.side, self.resolution) * FACINGS
+
+    def keys(self, samples: FootprintSamples, own: slice) -> np.ndarray:
+        """(N,) voxel and facing of the samples of a view."""
+        return self.voxels(samples.position[own]) + facings(samples.normal[own])
+
+
+def _surface_records(mesh: Mesh, shards: Sequence[FootprintSamples], box: _Box) -> "_Records":
+    """Records of all surface: what the views see, and the whole mesh inside the box."""
     records = _Records()
-    for samples, index in views:
-        own = samples.of_view(index)
-        records.add(keys(samples, own), samples.position[own], samples.triangle[own])
-    surface, owner = surface_points(mesh, side / n / 3, center - side / 2, center + side / 2, seed=0)
-    voxel = voxel_keys(surface, center, side, n) * FACINGS
+    for samples in shards:
+        for index in range(len(samples.views)):
+            own = samples.of_view(index)
+            records.add(box.keys(samples, own), samples.position[own], samples.triangle[own])
+    low, high = box.center - box.side / 2, box.center + box.side / 2
+    surface, owner = surface_points(mesh, box.side / box.resolution / 3, low, high, seed=0)
     for turn in (1, -1):  # surfaces have two sides
-        records.add(voxel + facings(turn * mesh.normals[owner]), surface, owner)
+        records.add(box.voxels(surface) + facings(turn * mesh.normals[owner]), surface, owner)
+    return records
 
+
+def _gathered(
+    shards: Sequence[FootprintSamples],
+    images: Iterable[tuple[np.ndarray, np.ndarray, np.ndarray]],
+    records: "_Records",
+    box: _Box,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Sums of radiance (K, 3) and weights (K,), pixels that a record fills (K,), whether any view sees it (K,)."""
+    views = [(samples, index) for samples in shards for index in range(len(samples.views))]
     size = len(records.key)
     total, weights, count, seen = np.zeros((size, 3)), np.zeros(size), np.zeros(size), np.zeros(size, bool)
     bounds = []
-    for (samples, index), (image, valid, clipped) in zip(views, pictures, strict=True):
+    for (samples, index), (image, valid, clipped) in zip(views, images, strict=True):
         own, pixel = samples.of_view(index), samples.pixel_of_sample(index)
-        record = np.searchsorted(records.key, keys(samples, own))
+        record = np.searchsorted(records.key, box.keys(samples, own))
         weight = valid[pixel] * np.where(samples.weight[own] >= _INTERIOR, 1.0, _MIXED)
         seen[record[weight > 0]] = True
         np.add.at(count, record, weight * (weight > _MIXED))
@@ -78,19 +121,7 @@ def build(
         for channel in range(3):
             np.add.at(total[:, channel], record, weight * image[pixel, channel])
     _add_bounds(total, weights, *(np.concatenate(arrays) for arrays in zip(*bounds, strict=True)))
-    point, facing = records.point, (records.key % FACINGS).astype(np.uint8)
-    part = connected_parts(mesh)[records.triangle]
-    return {
-        "center": center,
-        "side": np.float64(side),
-        "resolution": np.int64(n),
-        "key": records.key // FACINGS,
-        "facing": facing,
-        "point": point,
-        "radiance": (total / np.maximum(weights, 1e-12)[:, None]).astype(np.float32),
-        "count": count.astype(np.float32),
-        "source": _nearest_seen(point, facing, part, seen, 8 * side / n),
-    }
+    return total, weights, count, seen
 
 
 class _Records:
