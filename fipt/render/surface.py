@@ -16,11 +16,19 @@ class Materials(Protocol):
     """Reflectance of K points, numpy float32: base_color (K, 3), roughness (K,), metallic (K,)."""
 
     @property
-    def base_color(self) -> np.ndarray: ...
+    def base_color(self) -> np.ndarray:
+        """(K, 3)."""
+        ...
+
     @property
-    def roughness(self) -> np.ndarray: ...
+    def roughness(self) -> np.ndarray:
+        """(K,)."""
+        ...
+
     @property
-    def metallic(self) -> np.ndarray: ...
+    def metallic(self) -> np.ndarray:
+        """(K,)."""
+        ...
 
 
 @dataclass(frozen=True)
