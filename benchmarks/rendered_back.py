@@ -17,6 +17,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from fipt.config import RESULTS, read
+from fipt.config.sources.mitsuba import MitsubaRoom
 from fipt.conventions import LUMINANCE
 from fipt.formats.images import srgb_encode, to_display, write_png
 from fipt.model.networks import Brdf
@@ -75,11 +76,11 @@ def main() -> int:
     set_variant()
     root = Path(RESULTS, scene.name)
     data = Dataset(root / "dataset")
-    file = Path(scene.source_path()) if scene.source == "mitsuba" else None
+    file = Path(scene.source.path) if isinstance(scene.source, MitsubaRoom) else None
     room = built(root / "dataset", scene.settings["synthesize"], file)
     truth = Truth(room)
     known = []
-    shards = {name: read_samples(root / "samples" / name) for name in scene.shards("all")}
+    shards = {name: read_samples(root / "samples" / name) for name in scene.views.shards("all")}
     for samples in shards.values():
         for index, view in enumerate(samples.views):
             camera, position = data.camera(view), np.asarray(samples.position[samples.of_view(index)])
@@ -88,7 +89,7 @@ def main() -> int:
     light = light_of(room, read_cache(root / "cache.npz"), known)
     grid = scene.settings["samples"].grid
     ratio, error, inside, rows = [], [], [], []
-    held_out = [shards[name] for name in scene.shards("val")]
+    held_out = [shards[name] for name in scene.views.shards("val")]
     with progress("paths", sum(len(samples.center) for samples in held_out) * arguments.spp, " paths") as bar:
         for samples in held_out:
             for index, view in enumerate(samples.views):

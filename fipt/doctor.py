@@ -120,7 +120,7 @@ def check_backend() -> Iterator[Check]:
         backend = variant.choose_backend()
     except FiptError as error:
         yield Check("CUDA", "ok", cuda.problem or cuda.devices[0])
-        if others and newest.path.name not in error.message:
+        if newest is not None and newest.path.name not in error.message:
             yield Check("LLVM", "ok", f"found: {others}")
         yield Check("backend", "problem", error.message, error.remedy)
         return

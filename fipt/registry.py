@@ -83,6 +83,7 @@ class Verb:
 
 
 VERBS: dict[str, Verb] = {
+    "init": Verb("Write the configuration of a new room, with comments.", "fipt.cli.init"),
     "synthesize-room": Verb(
         "Build a known room, in code or of a scene file; place its cameras.",
         "fipt.stages.synthesize.room_stage",

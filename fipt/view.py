@@ -1,4 +1,4 @@
-"""Any file of the pipeline as a picture for eyes."""
+"""Any file of the pipeline as an image for eyes."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -24,15 +24,15 @@ SHADING_LAYERS = (
 """Names of the outputs in shading.npy; Ls0 and Ls1 by roughness level, 0 = smoothest."""
 
 _MIDDLE_GREY = 0.2
-"""Linear value that the median luminance of a dataset's pictures is shown at."""
+"""Linear value that the median luminance of a dataset's images is shown at."""
 
 _ID_FOLDERS = ("IndexMA", "segmentation")
 """Folders of the FIPT layouts whose EXR files hold ids as floating-point numbers."""
 
 
 @dataclass(frozen=True)
-class Picture:
-    """A picture and one line about it.
+class NotedImage:
+    """An image and one line about it.
 
     Attributes
     ----------
@@ -46,8 +46,8 @@ class Picture:
     note: str
 
 
-def picture(path: str | Path, layer: str = "", view: str = "", samples: str | Path | None = None) -> Picture:
-    """Turn a file of the pipeline into a picture.
+def viewed(path: str | Path, layer: str = "", view: str = "", samples: str | Path | None = None) -> NotedImage:
+    """Turn a file of the pipeline into an image.
 
     Parameters
     ----------
@@ -59,12 +59,12 @@ def picture(path: str | Path, layer: str = "", view: str = "", samples: str | Pa
     view
         View of a shard, default its first.
     samples
-        Hits folder of a shading.npy, default ``samples/{shard}`` of the same results.
+        Samples folder of a shading.npy, default ``samples/{shard}`` of the same results.
     """
     path = existing_file(path, "the file to view")
-    readers: dict[str, Callable[[], Picture]] = {
+    readers: dict[str, Callable[[], NotedImage]] = {
         ".exr": lambda: _exr(path, layer),
-        ".png": lambda: Picture(false_color(read_ids(path)), "ids in false colours"),
+        ".png": lambda: NotedImage(false_color(read_ids(path)), "ids in false colours"),
         ".npy": lambda: _shard_array(path, layer, view, samples),
         ".npz": lambda: _table(path),
     }
@@ -91,7 +91,7 @@ def shown(name: str, values: np.ndarray) -> np.ndarray:
 
 
 def false_color(ids: np.ndarray) -> np.ndarray:
-    """Give every id of an (H, W) map its own colour, the same in every picture; 0 and -1 black."""
+    """Give every id of an (H, W) map its own colour, the same in every image; 0 and -1 black."""
     keys = np.rint(ids).astype(np.int64)
     mixed = (keys.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(40)
     colors = np.stack([(mixed >> np.uint64(shift)) & np.uint64(255) for shift in (0, 8, 16)], -1)
@@ -101,27 +101,27 @@ def false_color(ids: np.ndarray) -> np.ndarray:
 # --- datasets -------------------------------------------------------------------------------------
 
 
-def montage(folder: str | Path, views: Sequence[str] = ()) -> Picture:
-    """Return a dataset at a glance: a row for each view with picture, true kd, roughness, metallic, emission, parts.
+def montage(folder: str | Path, views: Sequence[str] = ()) -> NotedImage:
+    """Return a dataset at a glance: a row for each view with its image, true kd, roughness, metallic, emission, parts.
 
     Parameters
     ----------
     folder
         Of the dataset; columns that it has nothing for are left out.
     views
-        Names; default: four of those that have pictures, spread over all.
+        Names; default: four of those that have images, spread over all.
     """
     data = Dataset(folder)
     names = [camera.name for camera in data.cameras if (data.root / "images" / f"{camera.name}.exr").is_file()]
     if not names:
-        raise FiptError(f"{folder} has no pictures yet", "render or import its views")
+        raise FiptError(f"{folder} has no images yet", "render or import its views")
     views = list(views) or [names[k] for k in np.unique(np.linspace(0, len(names) - 1, 4).astype(int))]
-    photos = [data.image(view)[0] for view in views]
-    seen = np.concatenate([(photo @ np.float32(LUMINANCE)).ravel() for photo in photos])
+    images = [data.image(view)[0] for view in views]
+    seen = np.concatenate([(image @ np.array(LUMINANCE, np.float32)).ravel() for image in images])
     exposure = _MIDDLE_GREY / max(float(np.median(seen)), 1e-9)
-    rows, columns = [], ["picture"]
-    for view, photo in zip(views, photos, strict=True):
-        tiles, truth = {"picture": to_display(photo * exposure)}, data.truth(view) or {}
+    rows, columns = [], ["image"]
+    for view, image in zip(views, images, strict=True):
+        tiles, truth = {"image": to_display(image * exposure)}, data.truth(view) or {}
         for name in ("kd", "roughness", "metallic"):
             if name in truth:
                 tiles[name] = shown(name, truth[name])
@@ -134,7 +134,7 @@ def montage(folder: str | Path, views: Sequence[str] = ()) -> Picture:
         columns = list(tiles)
     if len({row.shape for row in rows}) > 1:
         raise FiptError(f"the views {', '.join(views)} differ in size or in what is known of them", "choose others")
-    return Picture(
+    return NotedImage(
         np.concatenate(rows), f"rows: {', '.join(views)}; columns: {', '.join(columns)}; shown times {exposure:.3g}"
     )
 
@@ -142,7 +142,7 @@ def montage(folder: str | Path, views: Sequence[str] = ()) -> Picture:
 # --- EXR ------------------------------------------------------------------------------------------
 
 
-def _exr(path: Path, layer: str) -> Picture:
+def _exr(path: Path, layer: str) -> NotedImage:
     layers = _layers(read_exr(path))
     if layer and layer not in layers:
         raise _no_layer(path, layer, layers)
@@ -150,11 +150,11 @@ def _exr(path: Path, layer: str) -> Picture:
     ids = path.parent.name in _ID_FOLDERS
     tiles = [shown("ids" if ids else name, values) for name, values in chosen.items()]
     ranges = ", ".join(f"{name or 'RGB'} {v.min():.3g}..{v.max():.3g}" for name, v in chosen.items())
-    return Picture(np.concatenate(tiles, axis=1), f"left to right: {ranges}")
+    return NotedImage(np.concatenate(tiles, axis=1), f"left to right: {ranges}")
 
 
 def _layers(channels: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Group channels: RGB under their common name ('' for the picture itself), others alone."""
+    """Group channels: RGB under their common name ('' for the image itself), others alone."""
     layers, rest = {}, dict(channels)
     for name in sorted({channel.rpartition(".")[0] for channel in channels}):
         letters = [f"{name}.{letter}" if name else letter for letter in "RGB"]
@@ -166,7 +166,7 @@ def _layers(channels: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 # --- shards ---------------------------------------------------------------------------------------
 
 
-def _shard_array(path: Path, layer: str, view: str, folder: str | Path | None) -> Picture:
+def _shard_array(path: Path, layer: str, view: str, folder: str | Path | None) -> NotedImage:
     """One view of an array over a shard's samples (shading.npy or an array of the samples folder)."""
     if path.name != "shading.npy":
         samples, name = read_samples(path.parent), path.stem
@@ -190,7 +190,7 @@ def _shard_array(path: Path, layer: str, view: str, folder: str | Path | None) -
     else:
         raise FiptError(f"{path} cannot be viewed", f"give shading.npy, {', '.join(_PER_PIXEL)}")
     image = pixels.reshape(*samples.shapes[index], *pixels.shape[1:])
-    return Picture(shown(name, image), f"{name} up to {pixels.max():.4g}; {note}")
+    return NotedImage(shown(name, image), f"{name} up to {pixels.max():.4g}; {note}")
 
 
 def _shading(path: Path, samples: FootprintSamples, index: int, output: int) -> tuple[np.ndarray, float]:
@@ -217,7 +217,7 @@ def _summed(values: np.ndarray, samples: FootprintSamples, index: int) -> np.nda
 
 
 def _first(name: str) -> Callable[[FootprintSamples, int], np.ndarray]:
-    """Reader of the value at each pixel's first hit; 0 where it has none."""
+    """Reader of the value at each pixel's first sample; 0 where it has none."""
 
     def read(samples: FootprintSamples, index: int) -> np.ndarray:
         values, pixels = getattr(samples, name), samples.pixels(index)
@@ -255,7 +255,7 @@ def _no_layer(path: Path, layer: str, layers: Iterable[str]) -> FiptError:
 # --- npz ------------------------------------------------------------------------------------------
 
 
-def _table(path: Path) -> Picture:
+def _table(path: Path) -> NotedImage:
     """Arrays of an npz file, and one line for each emitter where it holds emitters."""
     arrays = load_npz(path)
     lines = [f"{path.name}: {len(arrays)} arrays"]
@@ -271,7 +271,7 @@ def _table(path: Path) -> Picture:
             mean = (arrays["radiance"][own] * area[:, None]).sum(0) / max(area.sum(), 1e-12)
             color = " ".join(f"{value:8.3f}" for value in mean)
             lines.append(f"{emitter:>4} {own.sum():>6} {area.sum():>8.4f} {color}")
-    return Picture(_text(lines), "\n".join(lines))
+    return NotedImage(_text(lines), "\n".join(lines))
 
 
 def _range(values: np.ndarray) -> str:
@@ -288,4 +288,4 @@ def _text(lines: list[str]) -> np.ndarray:
     _, _, right, bottom = ImageDraw.Draw(Image.new("L", (1, 1))).multiline_textbbox((0, 0), text, font)
     image = Image.new("RGB", (int(right) + 12, int(bottom) + 12), "white")
     ImageDraw.Draw(image).multiline_text((6, 6), text, "black", font)
-    return np.asarray(image.resize((2 * image.width, 2 * image.height), Image.NEAREST))
+    return np.asarray(image.resize((2 * image.width, 2 * image.height), Image.Resampling.NEAREST))

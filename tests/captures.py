@@ -4,7 +4,7 @@
     capture = write(tmp_path / "raw", faults=("missing frame",))
     capture = write(tmp_path / "raw", size=(48, 32), pattern="GBRG", exposures=3)
 
-Views show one smooth, coloured picture with a lamp, an edge and a dark corner (`picture`), so that nothing has to be
+Views show one smooth, coloured image with a lamp, an edge and a dark corner (`scene_image`), so that nothing has to be
 rendered. Every capture has its truth beside it: `Capture.truth` and truth/camera.json.
 """
 
@@ -86,7 +86,7 @@ def cameras(count: int = 2, size: tuple[int, int] = SIZE) -> list[Camera]:
     return found
 
 
-def picture(camera: Camera, lamp: float = 30.0) -> np.ndarray:
+def scene_image(camera: Camera, emitter: float = 30.0) -> np.ndarray:
     """(h, w, 3) float32 radiance for a camera: gradients of colour, an edge, a lamp, a dark corner."""
     columns, rows = np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5
     x, y = np.meshgrid((columns - camera.cx) / camera.fx, (rows - camera.cy) / camera.fy)
@@ -95,7 +95,7 @@ def picture(camera: Camera, lamp: float = 30.0) -> np.ndarray:
     level = 0.35 * np.exp(0.8 * np.sin(2 * x + y)) * np.where(x + 0.3 * y > 0.3, 0.25, 1.0)
     level = np.where((x < -0.45) & (y > 0.3), 0.01, level)
     image = tint * level[..., None]
-    image[np.hypot(x - 0.1, y + 0.25) < 0.08] = (lamp, 0.85 * lamp, 0.7 * lamp)
+    image[np.hypot(x - 0.1, y + 0.25) < 0.08] = (emitter, 0.85 * emitter, 0.7 * emitter)
     return image.astype(np.float32)
 
 
@@ -104,7 +104,7 @@ def write(
     views: int = 2,
     size: tuple[int, int] = SIZE,
     faults: Sequence[str] = (),
-    scene: Callable[[Camera], np.ndarray] = picture,
+    scene: Callable[[Camera], np.ndarray] = scene_image,
     header: Mapping[str, Any] | None = None,
     **camera: Any,
 ) -> Capture:
@@ -121,7 +121,7 @@ def write(
     faults
         Names in `FAULTS`; each spoils the first view or the calibration, as its docstring says.
     scene
-        Picture of a source camera.
+        Image of a source camera.
     header
         What the files of the brackets say otherwise: ``{"make": "SONY", "model": "ILCE-7M3", "lens": ...}``.
     **camera
@@ -204,7 +204,7 @@ def _not_raw(made: Capture) -> None:
 def _clipped_shortest(made: Capture) -> None:
     """The first view is 400 times as bright: most of its shortest exposure is clipped."""
     plane = made.optics[0]
-    writer.write_bracket(made.folder, 0, 400 * picture(plane.source), plane, made.settings)
+    writer.write_bracket(made.folder, 0, 400 * scene_image(plane.source), plane, made.settings)
 
 
 def _dark_centred_flat(made: Capture) -> None:
@@ -245,7 +245,7 @@ def _retake(made: Capture, frame: int, like: int | None = None, crop: int = 0, *
     plane, settings = made.optics[0], made.settings
     series = exposures(settings)
     taken = series[frame if like is None else like]
-    signal = expose_source(picture(plane.source), plane, settings)
+    signal = expose_source(scene_image(plane.source), plane, settings)
     raw = read_out(signal, taken.seconds, settings, f"again/{frame}")[:, : signal.shape[1] - crop]
     time = writer.START + timedelta(seconds=sum(s.seconds + 0.5 for s in series[:frame]))
     described = replace(writer.header_of(taken.printed, time, plane, settings), **header)
@@ -255,7 +255,7 @@ def _retake(made: Capture, frame: int, like: int | None = None, crop: int = 0, *
 
 
 def _recalibrate(made: Capture, kind: str, image: np.ndarray) -> None:
-    """Take all calibration frames of a kind again, of another picture whose white is 1."""
+    """Take all calibration frames of a kind again, of another image whose white is 1."""
     plane, settings = made.optics[0], made.settings
     taken = exposures(settings)[settings.exposures // 2]
     lit = calibration.FILL * settings.white_radiance * reference_time(settings) / taken.seconds

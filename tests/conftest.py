@@ -4,7 +4,7 @@
   same with and without a GPU; ``FIPT_BACKEND=cuda pytest`` runs the same tests on CUDA.
 * `np_rng`: a random generator with a fixed seed. No test seeds anything globally.
 * `living_room`: the folder of the optional real-size scene, named by ``FIPT_LIVING_ROOM``.
-* `fake_llvm`: writes libraries that claim to be some version of LLVM.
+* `fake_llvm`: writes files that look like libraries; by their names they are some version of LLVM.
 * ``gpu``: tests with this mark need a CUDA device and a CUDA run, and are skipped with a reason
   otherwise.
 """
@@ -12,7 +12,6 @@
 from __future__ import annotations
 
 import os
-import struct
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -71,21 +70,13 @@ def living_room() -> Path:
 
 @pytest.fixture
 def fake_llvm() -> Callable[..., Path]:
-    """A function that writes the smallest 64-bit ELF library with a name; it holds no code."""
-    own_machine = variant._elf_machine(Path(sys.executable))[1]
-    if own_machine == 0:
-        pytest.skip("reads the names of ELF libraries: Linux and BSD only")
+    """A function that writes a file that begins like a library of this machine, or of ``another``, without code."""
+    head = Path(sys.executable).read_bytes()[:64]
+    if not head.startswith(b"\x7fELF"):
+        pytest.skip("tells libraries of other architectures apart: Linux and BSD only")
 
-    def write(path: Path, soname: str, machine: int = own_machine) -> Path:
-        strings = b"\0" + soname.encode() + b"\0"
-        table_at, dynamic_at, strings_at = 64, 64 + 2 * 56, 64 + 2 * 56 + 3 * 16
-        size = strings_at + len(strings)
-        header = b"\x7fELF\x02\x01\x01" + bytes(9)
-        header += struct.pack("<HHIQQQIHHHHHH", 3, machine, 1, 0, table_at, 0, 0, 64, 56, 2, 0, 0, 0)
-        load = struct.pack("<IIQQQQQQ", 1, 5, 0, 0, 0, size, size, 4096)
-        dynamic = struct.pack("<IIQQQQQQ", 2, 6, dynamic_at, dynamic_at, 0, 48, 48, 8)
-        tags = struct.pack("<QQQQQQ", 5, strings_at, 14, 1, 0, 0)  # string table, name, end
-        path.write_bytes(header + load + dynamic + tags + strings)
+    def write(path: Path, another: bool = False) -> Path:
+        path.write_bytes(head[:18] + b"\xff\xff" + head[20:] if another else head)
         return path
 
     return write

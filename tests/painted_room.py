@@ -1,4 +1,4 @@
-"""A box with painted walls, seen by pinhole cameras: known poses, features everywhere, pictures in milliseconds."""
+"""A box with painted walls, seen by pinhole cameras: known poses, features everywhere, images in milliseconds."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SIZE = np.array([5.0, 2.6, 4.0])
 """Metres; y is up."""
 
 _TEXEL = 0.008
-"""Side of a texel of the walls, metres: about a pixel of the pictures."""
+"""Side of a texel of the walls, metres: about a pixel of the images."""
 
 
 def camera(name: str, place, yaw: float, pitch: float = -5.0, split: str = "train", width: int = 480) -> Camera:
@@ -42,7 +42,7 @@ def ring(
     return cameras
 
 
-def picture(view: Camera, seed: int = 0, blank: bool = False) -> np.ndarray:
+def image(view: Camera, seed: int = 0, blank: bool = False) -> np.ndarray:
     """(H, W, 3) float32 radiance of the room in a view; ``blank``: walls without paint."""
     rows, columns = np.mgrid[: view.height, : view.width] + 0.5
     directions = view.directions(columns, rows).astype(np.float64)
@@ -80,7 +80,7 @@ def _paint(axis: int, far: bool, seed: int) -> np.ndarray:
 def write_views(folder: Path, cameras: list[Camera], **options) -> Path:
     """Write VIEW.exr of every camera, and intrinsics.json; return the latter."""
     for view in cameras:
-        write_exr(folder / f"{view.name}.exr", {"": picture(view, **options)})
+        write_exr(folder / f"{view.name}.exr", {"": image(view, **options)})
     one = cameras[0]
     keys = {"w": one.width, "h": one.height, "fl_x": one.fx, "fl_y": one.fy, "cx": one.cx, "cy": one.cy}
     (folder / "intrinsics.json").write_text(json.dumps(keys))

@@ -1,7 +1,7 @@
-"""A box room drawn by plain NumPy: cameras, points and pictures whose truth is known, for the tests of poses.
+"""A box room drawn by plain NumPy: cameras, points and images whose truth is known, for the tests of poses.
 
-The room is 5.0 x 2.7 x 4.0 m, y up, floor at y = 0, its lower corner the origin. Every picture is the mean over 2 x 2
-rays a pixel that meet the walls, where rectangles are painted, and boards: flat pictures anywhere in the room.
+The room is 5.0 x 2.7 x 4.0 m, y up, floor at y = 0, its lower corner the origin. Every image is the mean over 2 x 2
+rays a pixel that meet the walls, where rectangles are painted, and boards: flat images anywhere in the room.
 """
 
 from dataclasses import dataclass
@@ -18,30 +18,30 @@ _SUB = (np.arange(2) + 0.5) / 2
 
 @dataclass(frozen=True)
 class Board:
-    """A flat picture: corner, sides u (along its columns) and v (down its rows) in metres, (h, w) values in [0, 1]."""
+    """A flat image: corner, sides u (along its columns) and v (down its rows) in metres, (h, w) values in [0, 1]."""
 
     corner: np.ndarray
     u: np.ndarray
     v: np.ndarray
-    picture: np.ndarray
+    image: np.ndarray
 
 
 def charuco(corner, u, v, columns=4, rows=3, square=0.08, name="DICT_5X5_100") -> Board:
     """A ChArUco board with inner corners ``columns`` x ``rows`` whose top left corner and directions are given."""
     markers = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
     board = cv2.aruco.CharucoBoard((columns + 1, rows + 1), square, 0.75 * square, markers)
-    picture = board.generateImage((40 * (columns + 1), 40 * (rows + 1)))
+    image = board.generateImage((40 * (columns + 1), 40 * (rows + 1)))
     u, v = (np.asarray(side, float) / np.linalg.norm(side) for side in (u, v))
-    return Board(np.asarray(corner, float), u * square * (columns + 1), v * square * (rows + 1), picture / 255.0)
+    return Board(np.asarray(corner, float), u * square * (columns + 1), v * square * (rows + 1), image / 255.0)
 
 
 def tag(corner, u, v, number=3, side=0.2, name="DICT_APRILTAG_36h11") -> Board:
     """An AprilTag with a white border of a quarter of its ``side``."""
     markers = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
-    picture = np.pad(cv2.aruco.generateImageMarker(markers, number, 160), 40, constant_values=255)
+    image = np.pad(cv2.aruco.generateImageMarker(markers, number, 160), 40, constant_values=255)
     u, v = (np.asarray(side_, float) / np.linalg.norm(side_) for side_ in (u, v))
     corner = np.asarray(corner, float) - 0.25 * side * (u + v)
-    return Board(corner, u * 1.5 * side, v * 1.5 * side, picture / 255.0)
+    return Board(corner, u * 1.5 * side, v * 1.5 * side, image / 255.0)
 
 
 def look_at(name: str, center, target, size=(480, 360), fov=70.0, roll=0.0) -> Camera:
@@ -114,8 +114,8 @@ def _shade(center: np.ndarray, rays: np.ndarray, boards) -> np.ndarray:
         place = center + distance[..., None] * rays - board.corner
         s, t = place @ board.u / (board.u @ board.u), place @ board.v / (board.v @ board.v)
         hit = (distance > 0) & (distance < nearest + 1e-6) & (s >= 0) & (s < 1) & (t >= 0) & (t < 1)
-        height, width = board.picture.shape
-        texel = board.picture[
+        height, width = board.image.shape
+        texel = board.image[
             np.clip(t * height, 0, height - 1).astype(int), np.clip(s * width, 0, width - 1).astype(int)
         ]
         value, nearest = np.where(hit, 0.05 + 0.8 * texel, value), np.where(hit, distance, nearest)

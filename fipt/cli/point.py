@@ -16,6 +16,8 @@ def command(
     ] = None,
 ) -> None:
     """Say which point of the room a pixel shows, in metres, and of which segment."""
+    import numpy as np
+
     from fipt.errors import FiptError
     from fipt.render.variant import set_variant
     from fipt.scene.dataset import Dataset
@@ -33,7 +35,7 @@ def command(
     from fipt.render.scene import RayScene
 
     ids = None if segments is None else read_fusion(segments)[0].part
-    direction = camera.directions([column], [row])
+    direction = camera.directions(np.array([column]), np.array([row]))
     distance, triangle = RayScene(mesh).intersect(camera.center, direction)
     if triangle[0] < 0:
         raise FiptError(f"column {column:g}, row {row:g} of {view} shows no surface", "choose another pixel")

@@ -12,23 +12,23 @@ def command(
     ],
     layer: Annotated[str, typer.Option(help="EXR layer (kd, roughness, ...), or Ld, Ls0.0 to Ls1.5 of shading.")] = "",
     shard_view: Annotated[str, typer.Option(help="View of a shard; default: its first.")] = "",
-    samples: Annotated[Path | None, typer.Option(help="Hits folder of a shading.npy, if it is elsewhere.")] = None,
+    samples: Annotated[Path | None, typer.Option(help="Samples folder of a shading.npy, if it is elsewhere.")] = None,
     views: Annotated[str, typer.Option(help="Views of a dataset, comma-separated; default: four.")] = "",
     out: Annotated[Path | None, typer.Option(help="PNG or JPEG to write; default: here, named after FILE.")] = None,
 ) -> None:
-    """Write any result as a PNG picture.
+    """Write any result as a PNG image.
 
     RGB is clipped to [0, 1] and sRGB-encoded, scalars are linear, ids get false colours, npz files
     a table of what they hold. An EXR without --layer shows all its layers side by side, the folder
-    of a dataset a row of pictures and truth for each view.
+    of a dataset a row of images and truth for each view.
     """
     from fipt.formats.images import write_png
-    from fipt.view import montage, picture
+    from fipt.view import montage, viewed
 
     if file.is_dir():
         made = montage(file, [view for view in views.split(",") if view])
     else:
-        made = picture(file, layer, shard_view, samples)
+        made = viewed(file, layer, shard_view, samples)
     parts = [file.stem, shard_view, layer]
     out = out or Path(".".join(part for part in parts if part) + ".png")
     write_png(out, made.pixels)

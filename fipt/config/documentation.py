@@ -12,7 +12,8 @@ import yaml
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
-from fipt.config import LAYERS, PRESETS, Config, SceneEntry
+from fipt.config.schema import Config, SceneEntry
+from fipt.config.sections import LAYERS, PRESETS
 from fipt.scene.setup import RelightSetup
 from fipt.validation import inner_model, kinds_of
 
@@ -37,7 +38,9 @@ def tables_text() -> str:
     """Markdown tables of every key: what it allows, its default, its meaning and unit."""
     general = {key: Config.model_fields[key] for key in Config.model_fields if key not in LAYERS}
     parts = ["### Top level\n", _table(general)]
-    parts += ["### A scene: `scenes.NAME`\n", _table(SceneEntry.model_fields)]
+    kinds = kinds_of(SceneEntry)
+    for name, entry in kinds.members.items() if kinds is not None else ():
+        parts += [f"### A scene: `scenes.NAME`, source: {name}\n\n{entry.__doc__}\n", _table(_without(entry, "source"))]
     for stage, model in LAYERS.items():
         parts += [f"### `{stage}`: {_first_line(model)}\n", _table(model.model_fields)]
         parts += _inner_tables(stage, model)

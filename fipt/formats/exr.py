@@ -25,7 +25,7 @@ def write_exr(
     half
         Store floating-point channels in 16 bits.
     compression
-        ``ZIP``, or ``PIZ``: also lossless, and faster to write for large noisy pictures.
+        ``ZIP``, or ``PIZ``: also lossless, and faster to write for large noisy images.
     """
     import OpenEXR
 

@@ -50,7 +50,7 @@ def decoded(path: str | Path, flags: int) -> np.ndarray | None:
     import cv2
 
     data = np.frombuffer(Path(path).read_bytes(), np.uint8)
-    level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_FATAL)
     try:
         return cv2.imdecode(data, flags)
     except cv2.error:  # an empty file

@@ -72,7 +72,7 @@ def read_pose_file(path: str | Path) -> list[Posed]:
     except (ValueError, KeyError, IndexError, TypeError, AttributeError, struct.error, ElementTree.ParseError) as error:
         raise FiptError(f"{path} is not a readable list of cameras ({error!r})", "export the cameras again") from error
     if not found:
-        raise FiptError(f"{path} must hold at least one pose; it holds none", "align the pictures first, then export")
+        raise FiptError(f"{path} must hold at least one pose; it holds none", "align the images first, then export")
     for posed in found:
         place = [row[3] for row in posed.world_from_camera[:3]]
         if not all(math.isfinite(x) and abs(x) < _FAR for x in place):
@@ -176,7 +176,7 @@ class _Bytes:
 
 def _colmap_intrinsics(model: str, width: int, height: int, parameters: Sequence[float]) -> dict[str, float]:
     if model not in _COLMAP_PARAMETERS:
-        raise FiptError(f"cameras must be pinholes; found COLMAP's {model}", "undistort the pictures first")
+        raise FiptError(f"cameras must be pinholes; found COLMAP's {model}", "undistort the images first")
     fx, *rest = parameters
     fy, cx, cy = (fx, *rest[:2]) if _COLMAP_PARAMETERS[model][2] else rest[:3]
     return {"w": width, "h": height, "fl_x": fx, "fl_y": fy, "cx": cx, "cy": cy}
@@ -219,7 +219,7 @@ def _metashape_intrinsics(sensor: ElementTree.Element) -> dict[str, float]:
     if sensor.get("type", "frame") != "frame":
         raise FiptError(
             f"cameras must be perspective ones; Metashape's sensor {sensor.get('label')} is {sensor.get('type')}",
-            "leave its pictures out",
+            "leave its images out",
         )
     calibrations = sensor.findall("calibration")
     adjusted = [c for c in calibrations if c.get("class") == "adjusted"] or calibrations
@@ -228,7 +228,7 @@ def _metashape_intrinsics(sensor: ElementTree.Element) -> dict[str, float]:
         return {}
     width, height = float(size.get("width", 0)), float(size.get("height", 0))
     f = float(adjusted[0].findtext("f", ""))
-    # The principal point is stated from the middle of the picture.
+    # The principal point is stated from the middle of the image.
     cx, cy = (float(adjusted[0].findtext(key, "0")) for key in ("cx", "cy"))
     return {"w": width, "h": height, "fl_x": f, "fl_y": f, "cx": width / 2 + cx, "cy": height / 2 + cy}
 
@@ -280,5 +280,5 @@ def _opengl(rows: Sequence[Sequence[float]]) -> Rows:
 
 
 def _view(label: str) -> str:
-    """A view is called as its picture, without folder and ending."""
+    """A view is called as its image, without folder and ending."""
     return PurePosixPath(label.replace("\\", "/")).stem

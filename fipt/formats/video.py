@@ -9,21 +9,21 @@ from fipt.errors import FiptError
 from fipt.formats.files import atomic
 
 
-def write_mp4(path: str | Path, pictures: Path, pattern: str, count: int, fps: float, quality: int) -> None:
-    """Join numbered pictures into an MP4 (H.264, 4:2:0, BT.709) that browsers play.
+def write_mp4(path: str | Path, images: Path, pattern: str, count: int, fps: float, quality: int) -> None:
+    """Join numbered images into an MP4 (H.264, 4:2:0, BT.709) that browsers play.
 
     Parameters
     ----------
-    pictures, pattern
+    images, pattern
         Folder, and file names such as ``frame-%04d.png``; numbers start at 1. All have one size.
     count
-        So many pictures; more may lie there.
+        So many images; more may lie there.
     fps
-        Pictures a second.
+        Images a second.
     quality
         Constant rate factor, 0 (lossless) to 51.
     """
-    width, height = _size(pictures / (pattern % 1))
+    width, height = _size(images / (pattern % 1))
     odd = (width % 2, height % 2)  # 4:2:0 wants even sizes: the last column or row is repeated
     filters = [f"pad={width + odd[0]}:{height + odd[1]}", f"fillborders=right={odd[0]}:bottom={odd[1]}:mode=smear"]
     color = "scale=in_range=full:out_range=tv:out_color_matrix=bt709,format=yuv420p"
@@ -33,7 +33,7 @@ def write_mp4(path: str | Path, pictures: Path, pattern: str, count: int, fps: f
         command += ["-i", pattern, "-frames:v", str(count), "-vf", ",".join([*(filters if any(odd) else []), color])]
         command += ["-c:v", "libx264", "-crf", str(quality), "-preset", "slow"]
         command += ["-movflags", "+faststart", "-fflags", "+bitexact", str(temporary.resolve())]
-        done = subprocess.run(command, cwd=pictures, capture_output=True, text=True, check=False)
+        done = subprocess.run(command, cwd=images, capture_output=True, text=True, check=False)
         if done.returncode:
             if "No space left" in done.stderr:
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))  # `atomic` says what to do
@@ -41,10 +41,10 @@ def write_mp4(path: str | Path, pictures: Path, pattern: str, count: int, fps: f
             raise FiptError(f"{path} could not be written: {why}", "set video: png, and join elsewhere")
 
 
-def _size(picture: Path) -> tuple[int, int]:
+def _size(path: Path) -> tuple[int, int]:
     from PIL import Image
 
-    with Image.open(picture) as image:
+    with Image.open(path) as image:
         return image.size
 
 

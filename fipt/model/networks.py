@@ -8,7 +8,7 @@ the paper's supplement.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -89,13 +89,18 @@ class BrdfNetwork(nn.Module):
         )
         generator = torch.Generator().manual_seed(settings.seed + 1)
         inputs = settings.levels * self.encoding.features
-        hidden = [_linear(inputs, width, generator), nn.ReLU(), _linear(width, width, generator), nn.ReLU()]
-        last = _linear(width, 5, generator)
-        self.mlp = nn.Sequential(*hidden, last, nn.Sigmoid())
+        self.mlp = nn.Sequential(
+            _linear(inputs, width, generator),
+            nn.ReLU(),
+            _linear(width, width, generator),
+            nn.ReLU(),
+            _linear(width, 5, generator),
+            nn.Sigmoid(),
+        )
         if settings.start_rough:
             # matte metal and matte dielectric appear the same: start where most surfaces are
             with torch.no_grad():
-                last.bias[3:] += torch.tensor(_MATTE)
+                cast("nn.Linear", self.mlp[-2]).bias[3:] += torch.tensor(_MATTE)
 
     def forward(self, points: torch.Tensor, footprint: torch.Tensor | None = None) -> Brdf:
         """Reflectance at points (N, 3) in [0, 1], seen through footprints (N,) in box sides."""
@@ -252,8 +257,7 @@ def _chunked(ask: Callable[[slice], None], count: int, chunk: int) -> None:
 
 def _linear(inputs: int, outputs: int, generator: torch.Generator) -> nn.Linear:
     """Linear layer with torch's usual initial weights, but from a generator of our own."""
-    layer = nn.utils.skip_init(nn.Linear, inputs, outputs)
-    assert isinstance(layer, nn.Linear)
+    layer = cast("nn.Linear", nn.utils.skip_init(nn.Linear, inputs, outputs))
     bound = 1 / math.sqrt(inputs)
     with torch.no_grad():
         layer.weight.uniform_(-bound, bound, generator=generator)

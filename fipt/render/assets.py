@@ -1,5 +1,9 @@
 """What Mitsuba's own loaders read for us: mesh files, spectra, optical constants of metals, models of the sky."""
 
+# The stubs of Mitsuba name the arrays of one variant, those of Dr.Jit others: the same values seem to be of two types.
+# pyright: reportArgumentType=false, reportAttributeAccessIssue=false, reportCallIssue=false
+# pyright: reportGeneralTypeIssues=false, reportOperatorIssue=false, reportReturnType=false
+
 from __future__ import annotations
 
 import re
@@ -34,7 +38,7 @@ class LoadedMesh:
     normals
         (V, 3) float32 vertex normals, or None.
     uv
-        (V, 2) float32, or None. Mitsuba has v = 0 in the first row of a picture.
+        (V, 2) float32, or None. Mitsuba has v = 0 in the first row of an image.
     """
 
     vertices: np.ndarray
@@ -125,7 +129,8 @@ def metal(name: str) -> tuple[np.ndarray, np.ndarray] | None:
         found = mi.traverse(mi.load_dict({"type": "conductor", "material": name}))
     except RuntimeError:
         return None
-    return tuple(np.broadcast_to(np.array(found[f"{key}.value"], float).ravel(), 3) for key in ("eta", "k"))
+    eta, k = (np.broadcast_to(np.array(found[f"{key}.value"], float).ravel(), 3) for key in ("eta", "k"))
+    return eta, k
 
 
 def sky_map(options: Mapping[str, float | list[float]], turn: np.ndarray) -> np.ndarray:

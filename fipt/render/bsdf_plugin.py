@@ -100,7 +100,7 @@ class FiptGgx(mi.BSDF):
         h = mi.Vector3f(cos_phi * sin_h, sin_phi * sin_h, dr.safe_sqrt(1 - sin2))
         reflected = 2 * dr.dot(to_camera, h) * h - to_camera
 
-        bs = dr.zeros(mi.BSDFSample3f)
+        bs: Any = dr.zeros(mi.BSDFSample3f)
         bs.wo = dr.select(from_ggx, reflected, cosine) * side
         bs.eta = 1.0
         bs.sampled_type = dr.select(

@@ -25,7 +25,7 @@ class Box:
 
     def holds(self, points: np.ndarray) -> np.ndarray:
         """(N,) bool of (N, 3) points."""
-        return (np.abs((points - self.center) @ self.turn) <= self.half).all(axis=1)
+        return np.all(np.abs((points - self.center) @ self.turn) <= self.half, axis=1)
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Edit:
     def color(self, found: np.ndarray) -> np.ndarray:
         """Base colour (N, 3) after the change."""
         if self.change.tint is not None:
-            return np.minimum(found * np.float32(self.change.tint), 1)
+            return np.minimum(found * np.array(self.change.tint, np.float32), 1)
         return found if self.change.base_color is None else np.broadcast_to(self.change.base_color, found.shape)
 
 
@@ -118,7 +118,10 @@ class Segments:
     def _where(self, entry: Removal, name: str) -> np.ndarray | Box:
         if entry.box is not None:
             return self._box(entry.box, name)
-        chosen = self._at(entry.at, name) if entry.segment is None else entry.segment
+        chosen = entry.segment
+        if chosen is None:
+            assert entry.at is not None  # one of the three is given
+            chosen = self._at(entry.at, name)
         own = self.ids == chosen
         if not own.any() or (self._fused and chosen == 0):
             raise FiptError(f"{name} names segment {chosen}, which does not exist", self._listing())

@@ -1,5 +1,9 @@
 """Exported rooms in Mitsuba: what other programs show of them, and the reflectance that they have for it."""
 
+# The stubs of Mitsuba name the arrays of one variant, those of Dr.Jit others: the same values seem to be of two types.
+# pyright: reportArgumentType=false, reportAttributeAccessIssue=false, reportCallIssue=false
+# pyright: reportGeneralTypeIssues=false, reportOperatorIssue=false, reportReturnType=false
+
 from __future__ import annotations  # Mitsuba has no classes before its variant is set
 
 from collections.abc import Callable

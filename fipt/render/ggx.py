@@ -6,6 +6,10 @@ D normal distribution, G masking-shadowing divided by (n.i)(n.o), Fc = (1 - o.h)
     f(i,o) = kd / pi + D(h; s) F(o.h) G(i,o; s) / 4,   F = ks (1 - Fc) + Fc
 """
 
+# The stubs of Mitsuba name the arrays of one variant, those of Dr.Jit others: the same values seem to be of two types.
+# pyright: reportArgumentType=false, reportAttributeAccessIssue=false, reportCallIssue=false
+# pyright: reportGeneralTypeIssues=false, reportOperatorIssue=false, reportReturnType=false
+
 import drjit as dr
 import mitsuba as mi
 

@@ -5,6 +5,10 @@ over the density of all lobes together. Drawing from one lobe at a time, as the 
 non-zero count.
 """
 
+# The stubs of Mitsuba name the arrays of one variant, those of Dr.Jit others: the same values seem to be of two types.
+# pyright: reportArgumentType=false, reportAttributeAccessIssue=false, reportCallIssue=false
+# pyright: reportGeneralTypeIssues=false, reportOperatorIssue=false, reportReturnType=false
+
 from collections.abc import Sequence
 
 import drjit as dr

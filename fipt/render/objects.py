@@ -40,8 +40,8 @@ def objects_in(room: Mesh, entries: tuple[NewObject, ...], up: str) -> list[Mesh
     """
     placed = []
     for number, entry in enumerate(entries):
-        thing = read_object(entry.file) if entry.file else shape_object(entry.shape, entry.size)
-        thing = _placed(thing.changed(entry.base_color, entry.roughness, entry.metallic), entry)
+        made = shape_object(entry.shape, entry.size) if entry.shape else read_object(str(entry.file))
+        thing = _placed(made.changed(entry.base_color, entry.roughness, entry.metallic), entry)
         if entry.drop:
             thing = _dropped(thing, room, "xyz".index(up), f"objects.{number}")
         placed.append(thing)

@@ -4,6 +4,10 @@ It shares no estimator with our tracer: its BSDF is `fipt.render.bsdf`, its ligh
 area lights.
 """
 
+# The stubs of Mitsuba name the arrays of one variant, those of Dr.Jit others: the same values seem to be of two types.
+# pyright: reportArgumentType=false, reportAttributeAccessIssue=false, reportCallIssue=false
+# pyright: reportGeneralTypeIssues=false, reportOperatorIssue=false, reportReturnType=false
+
 from __future__ import annotations  # Mitsuba has no classes before its variant is set
 
 from collections.abc import Sequence

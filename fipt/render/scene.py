@@ -1,5 +1,11 @@
 """The mesh as Mitsuba sees it: rays in, distances and triangles out."""
 
+# The stubs of Mitsuba name the arrays of one variant, those of Dr.Jit others: the same values seem to be of two types.
+# pyright: reportArgumentType=false, reportAttributeAccessIssue=false, reportCallIssue=false
+# pyright: reportGeneralTypeIssues=false, reportOperatorIssue=false, reportReturnType=false
+
+from typing import Any
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -11,7 +17,7 @@ _ALIGNMENT = 128
 """Bytes: at least what any processor's vector registers hold."""
 
 
-def lanes(array: np.ndarray, kind: type) -> object:
+def lanes(array: np.ndarray, kind: type) -> Any:
     """Turn an (N,) array of the type's dtype into a Dr.Jit type.
 
     NumPy's memory starts anywhere and Dr.Jit reads it in place: each new combination of aligned and unaligned inputs
@@ -24,7 +30,7 @@ def lanes(array: np.ndarray, kind: type) -> object:
     return kind(aligned)
 
 
-def vectors(array: np.ndarray, kind: type) -> object:
+def vectors(array: np.ndarray, kind: type) -> Any:
     """Turn an (N, 3) array into a Dr.Jit point, vector or colour type."""
     if array.ndim != 2 or array.shape[1] != 3:
         raise ValueError(f"must have shape (N, 3), got {array.shape}")
@@ -64,7 +70,7 @@ class RayScene:
         self.extent, self.epsilon = float(extent), float(RAY_EPSILON * extent)
 
     def intersect(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Find footprint samples.
+        """Find what rays meet first.
 
         Parameters
         ----------
@@ -76,9 +82,9 @@ class RayScene:
         Returns
         -------
         distance
-            (N,) float32 metres, infinite where nothing is hit.
+            (N,) float32 metres, infinite where nothing is met.
         triangle
-            (N,) int32, -1 where nothing is hit.
+            (N,) int32, -1 where nothing is met.
         """
         d = vectors(directions, mi.Vector3f)
         o = mi.Point3f(*map(float, origins)) if origins.ndim == 1 else vectors(origins, mi.Point3f)

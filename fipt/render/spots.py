@@ -1,5 +1,9 @@
 """Spots: lights at a point, with a cone and a soft edge; the falloff of Mitsuba's ``spot``."""
 
+# The stubs of Mitsuba name the arrays of one variant, those of Dr.Jit others: the same values seem to be of two types.
+# pyright: reportArgumentType=false, reportAttributeAccessIssue=false, reportCallIssue=false
+# pyright: reportGeneralTypeIssues=false, reportOperatorIssue=false, reportReturnType=false
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,5 +1,9 @@
 """What a ray finds on the surface: cached radiance and material by voxel, normal and emitter by triangle."""
 
+# The stubs of Mitsuba name the arrays of one variant, those of Dr.Jit others: the same values seem to be of two types.
+# pyright: reportArgumentType=false, reportAttributeAccessIssue=false, reportCallIssue=false
+# pyright: reportGeneralTypeIssues=false, reportOperatorIssue=false, reportReturnType=false
+
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
@@ -13,7 +17,7 @@ from fipt.scene.mesh import Mesh
 
 
 class Materials(Protocol):
-    """Reflectance of K points, numpy float32: base_color (K, 3), roughness (K,), metallic (K,)."""
+    """Reflectance of K points, numpy float32."""
 
     @property
     def base_color(self) -> np.ndarray:
@@ -130,7 +134,7 @@ class SurfaceCache:
     ) -> "mi.UInt32":
         """Record number of the surface at p, on ``triangle``, that faces along ``normal``."""
         record = self._find(p, normal, active)
-        if self.first_object is None:
+        if self.first_object is None or triangle is None:
             return record
         own = triangle >= self.first_object
         return dr.select(own, triangle - self.first_object + self.first_record, record)
@@ -201,13 +205,13 @@ class Triangles:
     """
 
     def __init__(self, mesh: Mesh, emitters: EmitterSet | None) -> None:
-        self.absorb = emitters is not None and len(emitters.triangle) > 0
+        known = EmitterSet(np.zeros(0, np.int32), np.zeros((0, 3), np.float32)) if emitters is None else emitters
+        self.absorb = len(known.triangle) > 0
+        emitters = known.lit()
+        self.has_emitters = len(emitters.triangle) > 0
         number = np.zeros(len(mesh.triangles), np.float32)
-        if self.absorb:
-            triangles, emitters = emitters.triangle, emitters.lit()
-            number[triangles] = 1 + len(emitters.triangle)  # the last row: emitters that are off, black
-            number[emitters.triangle] = 1 + np.arange(len(emitters.triangle))
-        self.has_emitters = self.absorb and len(emitters.triangle) > 0
+        number[known.triangle] = 1 + len(emitters.triangle)  # the last row: emitters that are off, black
+        number[emitters.triangle] = 1 + np.arange(len(emitters.triangle))
         self.face = mi.Float(np.concatenate([mesh.normals, number[:, None]], axis=1).astype(np.float32).ravel())
         if not self.absorb:
             return

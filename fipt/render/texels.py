@@ -149,9 +149,9 @@ class MappedSurface:
 
 def _step(edit: Edit, name: str) -> Callable[[Any], Any]:
     """What an edit makes of a value of the map ``name``."""
-    change = edit.change
-    if name == "base_color" and change.tint is not None:
-        return lambda value: dr.minimum(value * mi.Color3f(*change.tint), 1)
+    change, tint = edit.change, edit.change.tint
+    if name == "base_color" and tint is not None:
+        return lambda value: dr.minimum(value * mi.Color3f(*tint), 1)
     wanted = getattr(change, name)
     if wanted is None:
         return lambda value: value

@@ -15,6 +15,10 @@ Legend, in the symbols of the paper and of Mitsuba's `prb.py`:
     si  where a ray meets the mesh: y, the normal there, the triangle
 """
 
+# The stubs of Mitsuba name the arrays of one variant, those of Dr.Jit others: the same values seem to be of two types.
+# pyright: reportArgumentType=false, reportAttributeAccessIssue=false, reportCallIssue=false
+# pyright: reportGeneralTypeIssues=false, reportOperatorIssue=false, reportReturnType=false
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -150,7 +154,7 @@ class Shader:
         self.scene, self.triangles, self.cache, self.path, self.sky = scene, triangles, cache, path, sky
         self.spots = spots
         self._samples_emitters = path is not None and triangles.has_emitters
-        self._emitters_at_x = self._samples_emitters and path.light_at_first
+        self._emitters_at_x = path is not None and path.light_at_first and triangles.has_emitters
 
     def shade(self, points: Points, levels: Sequence[float | np.ndarray], counts: Sequence[int]) -> np.ndarray:
         """Estimate Ld, Ls0 and Ls1 of every level.
@@ -239,7 +243,7 @@ class Shader:
         """Light of one point on an emitter at v: what a path gains at y. At x all integrals get it instead."""
         if not self._samples_emitters:
             return mi.Color3f(0.0)
-        wanted = mi.Bool(True) if self.path.light_at_first else ~at_x
+        wanted = mi.Bool(True) if self._emitters_at_x else ~at_x
         ds = self.triangles.sample(rng.next_float32(), rng.next_float32(), rng.next_float32(), wanted)
         origin = self._origin(v)
         away = ds.p - origin

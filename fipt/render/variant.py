@@ -2,8 +2,8 @@
 
 Dr.Jit compiles its kernels with a shared LLVM library of the system (no Python wheel carries one).
 With LLVM 15 and older the *process* aborts in the middle of a kernel, so every library's version is
-read from its file here, before Dr.Jit may load it. This module imports neither Mitsuba nor torch
-until `set_variant` is called.
+known here before Dr.Jit may load it: by the name of its file, else by asking it in another process. This
+module imports neither Mitsuba nor torch until `set_variant` is called.
 """
 
 from __future__ import annotations
@@ -13,14 +13,13 @@ import importlib.util
 import os
 import re
 import shutil
-import struct
 import subprocess
 import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Literal
+from typing import Literal, cast
 
 from fipt.errors import FiptError
 
@@ -49,7 +48,7 @@ class LlvmLibrary:
     path : Path
         The file, links resolved.
     version : tuple of int
-        ``(major, minor, ...)`` as far as known; empty if the file could not be read as LLVM.
+        ``(major, minor, ...)`` as far as known; empty if the file is no LLVM library for this machine.
     """
 
     path: Path
@@ -149,35 +148,46 @@ def find_llvm() -> LlvmLibrary | None:
 
 def list_llvm() -> list[LlvmLibrary]:
     """List the LLVM libraries of this machine, newest first; files that are none are left out."""
-    machine = _elf_machine(Path(sys.executable))
-    libraries = []
-    for path in dict.fromkeys(path.resolve() for path in _candidates()):
-        if not path.is_file() or _elf_machine(path) != machine:
-            continue  # a broken link, or a library of another architecture
-        version = llvm_version(path)
-        if version:
-            libraries.append(LlvmLibrary(path, version))
+    paths = dict.fromkeys(path.resolve() for path in _candidates())
+    libraries = [LlvmLibrary(path, version) for path in paths if path.is_file() and (version := llvm_version(path))]
     return sorted(libraries, key=lambda library: library.version, reverse=True)
 
 
 def llvm_version(path: Path) -> tuple[int, ...]:
-    """Read the version of an LLVM library from its file.
+    """Find out the version of an LLVM library without loading it.
 
     Parameters
     ----------
     path : Path
-        A shared library.
+        A shared library, or a link to one.
 
     Returns
     -------
     tuple of int
-        ``(19, 1)`` for the name ``libLLVM.so.19.1`` that the linker wrote into the file. Where the
-        file holds no such name (macOS), the library itself is asked, in another process so
-        that nothing can happen to this one. Empty if the file is no usable LLVM library.
+        ``(19, 1)`` for a file ``libLLVM.so.19.1``. A file whose name tells no version (macOS) is asked, in
+        another process so that nothing can happen to this one. Empty if it is no LLVM library, or one of another
+        architecture.
     """
-    soname = _elf_soname(path)
-    version = _version_from_name(soname) if soname else ()
-    return version or _version_from_library(path)
+    path = path.resolve()  # libLLVM-19.so and libLLVM.so are links to a file whose name tells more
+    if not _for_this_machine(path):
+        return ()
+    # Up to LLVM 17 libLLVM-17.so.1 (the last number is no version), from 18 on libLLVM.so.18.1.
+    match = re.match(r"libLLVM-(\d+(?:\.\d+)*)\.", path.name) or re.match(r"libLLVM\.so\.(\d+(?:\.\d+)*)", path.name)
+    return tuple(map(int, match[1].split("."))) if match else _version_from_library(path)
+
+
+def _for_this_machine(path: Path) -> bool:
+    """Whether a binary begins like Python's own: same format and architecture. Mac files may hold several: all pass."""
+    heads = []
+    for binary in (path, Path(sys.executable)):
+        try:
+            with binary.open("rb") as file:
+                heads.append(file.read(20))
+        except OSError:
+            return False  # unreadable: not a library this user can load
+    # an ELF header: magic, word size, byte order; from byte 18 on the architecture
+    found, own = ((head[:6], head[18:20]) for head in heads)
+    return sys.platform == "darwin" or found == own
 
 
 def _candidates() -> Iterable[Path]:
@@ -204,12 +214,6 @@ def _linker_cache() -> list[Path]:
         return []
     listing = subprocess.run([ldconfig, "-p"], capture_output=True, text=True, check=False).stdout
     return [Path(match) for match in re.findall(r"^\s*libLLVM\S* .*=> (\S+)$", listing, re.M)]
-
-
-def _version_from_name(name: str) -> tuple[int, ...]:
-    # Up to LLVM 17 libLLVM-17.so.1 (the last number is no version), from 18 on libLLVM.so.18.1.
-    match = re.search(r"libLLVM-(\d+(?:\.\d+)*)", name) or re.search(r"libLLVM\.so\.(\d+(?:\.\d+)*)", name)
-    return tuple(map(int, match[1].split("."))) if match else ()
 
 
 # LLVMGetVersion exists from LLVM 16 on: a library without it is LLVM, but too old.
@@ -239,54 +243,6 @@ def _version_from_library(path: Path) -> tuple[int, ...]:
     except subprocess.TimeoutExpired:
         return ()
     return tuple(map(int, answer.stdout.split())) if answer.returncode == 0 else ()
-
-
-def _elf_machine(path: Path) -> tuple[int, int]:
-    """Word size and architecture from an ELF header; (0, 0) for any other kind of file."""
-    try:
-        with path.open("rb") as file:
-            head = file.read(20)
-    except OSError:
-        return (0, 0)  # unreadable: not a library this user can load
-    if len(head) < 20 or head[:4] != b"\x7fELF":
-        return (0, 0)
-    return head[4], struct.unpack_from("<H" if head[5] == 1 else ">H", head, 18)[0]
-
-
-def _elf_soname(path: Path) -> str | None:
-    """The name that the linker wrote into a 64-bit little-endian ELF library; None if absent."""
-    load, dynamic = 1, 2  # segment types
-    end, strtab, soname = 0, 5, 14  # tags of the dynamic section
-    try:
-        with path.open("rb") as file:
-            head = file.read(64)
-            if len(head) < 64 or head[:6] != b"\x7fELF\x02\x01":
-                return None
-            (table,) = struct.unpack_from("<Q", head, 32)
-            entry_size, entries = struct.unpack_from("<HH", head, 54)
-            segments = []  # type, offset in the file, address in memory, size in the file
-            file.seek(table)
-            for _ in range(entries):
-                kind, _flags, offset, address, _, size = struct.unpack_from("<IIQQQQ", file.read(entry_size))
-                segments.append((kind, offset, address, size))
-            tags: dict[int, int] = {}
-            for kind, offset, _, size in segments:
-                if kind != dynamic:
-                    continue
-                file.seek(offset)
-                for tag, value in struct.iter_unpack("<qQ", file.read(size - size % 16)):
-                    if tag == end:
-                        break
-                    tags.setdefault(tag, value)
-            if strtab not in tags or soname not in tags:
-                return None
-            for kind, offset, address, size in segments:
-                if kind == load and address <= tags[strtab] < address + size:
-                    file.seek(offset + tags[strtab] - address + tags[soname])
-                    return file.read(256).split(b"\0", 1)[0].decode("ascii", "replace")
-    except (OSError, struct.error):
-        return None  # unreadable or cut short: not a library anyone can use
-    return None
 
 
 # --- CUDA ---------------------------------------------------------------------------------------
@@ -401,7 +357,7 @@ def _preference_from_environment() -> Literal["auto", "cuda", "llvm"]:
     value = os.environ.get(BACKEND_VARIABLE, "auto").strip().lower()
     if value not in ("auto", "cuda", "llvm", ""):
         raise FiptError(f"{BACKEND_VARIABLE} must be auto, cuda or llvm; it is '{value}'")
-    return value or "auto"  # type: ignore[return-value]
+    return cast(Literal["auto", "cuda", "llvm"], value or "auto")
 
 
 _active: Backend | None = None

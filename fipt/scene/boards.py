@@ -1,4 +1,4 @@
-"""Boards with markers in pictures: ChArUco boards and AprilTags, by OpenCV, in this program's pixels.
+"""Boards with markers in images: ChArUco boards and AprilTags, by OpenCV, in this program's pixels.
 
 Corners come as image coordinates with the centre of the top left pixel at (0.5, 0.5); OpenCV has it at (0, 0).
 """
@@ -9,7 +9,7 @@ import numpy as np
 from fipt.errors import FiptError
 
 _MATCH = 0.8
-"""Correlation of a board's pattern with the picture from which on the two are believed to be the same."""
+"""Correlation of a board's pattern with the image from which on the two are believed to be the same."""
 _MOVED = 0.1
 """How far corners may move when the whole pattern is matched, in squares."""
 _TEXELS = 224
@@ -39,7 +39,7 @@ def charuco_corners(
     Parameters
     ----------
     grey
-        (H, W) uint8 picture.
+        (H, W) uint8 image.
     board
         What to look for.
     least
@@ -61,7 +61,7 @@ def charuco_corners(
     corners, ids, _, _ = cv2.aruco.CharucoDetector(board, parameters).detectBoard(grey)
     if ids is None or len(ids) < least:
         return None
-    objects, images = board.matchImagePoints(corners, ids)
+    objects, images = board.matchImagePoints(corners, ids)  # pyright: ignore[reportCallIssue, reportArgumentType] - stubs want a list
     # Windows end before the markers.
     clear = 0.4 * (board.getSquareLength() - board.getMarkerLength()) / board.getSquareLength()
     return objects.reshape(-1, 3), refined(grey, images.reshape(-1, 2), clear) + np.float32(0.5), ids.reshape(-1)
@@ -73,12 +73,12 @@ def board_corners(
     """Find every corner of a flat board by matching its whole pattern; a small board is so known ten times better.
 
     Windows around corners of a board that is far away are a few pixels wide and hold its markers too. The homography
-    that makes the board's own picture match (Evangelidis and Psarakis 2008) hangs on all of its edges.
+    that makes the board's own image match (Evangelidis and Psarakis 2008) hangs on all of its edges.
 
     Parameters
     ----------
     grey
-        (H, W) uint8 picture without lens distortion, proportional to the light.
+        (H, W) uint8 image without lens distortion, proportional to the light.
     board
         What is there.
     pixels, ids
@@ -87,13 +87,13 @@ def board_corners(
     Returns
     -------
     pixels
-        (M, 2) float64 image coordinates of the corners inside the picture.
+        (M, 2) float64 image coordinates of the corners inside the image.
     ids
         (M,) int32 their numbers.
     match
-        Correlation of pattern and picture.
+        Correlation of pattern and image.
 
-    None if the picture does not show the board's pattern there.
+    None if the image does not show the board's pattern there.
     """
     places = np.array(board.getChessboardCorners())[:, :2].astype(np.float64) / board.getSquareLength()
     rough, _ = cv2.findHomography(places[ids], pixels, 0)
@@ -110,9 +110,10 @@ def board_corners(
     first = (rim + 0.5) / side
     warp = warp @ np.array([[1 / side, 0, first], [0, 1 / side, first], [0, 0, 1]])
     stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-7)
+    everywhere = np.full(grey.shape, 255, np.uint8)
     try:
         match, warp = cv2.findTransformECC(
-            pattern, grey, (warp / warp[2, 2]).astype(np.float32), cv2.MOTION_HOMOGRAPHY, stop, None, 3
+            pattern, grey, (warp / warp[2, 2]).astype(np.float32), cv2.MOTION_HOMOGRAPHY, stop, everywhere, 3
         )
     except cv2.error:  # it does not converge where something else is there
         return None
@@ -182,7 +183,7 @@ def _sides_meet(grey: np.ndarray, corners: np.ndarray) -> np.ndarray:
 
 def tag_points(side: float) -> np.ndarray:
     """(4, 3) float32 corners of a marker of this side, metres, in the order of `tag_corners`; y goes down as a row."""
-    return np.float32([[0, 0, 0], [side, 0, 0], [side, side, 0], [0, side, 0]])
+    return np.array([[0, 0, 0], [side, 0, 0], [side, side, 0], [0, side, 0]], np.float32)
 
 
 def refined(grey: np.ndarray, corners: np.ndarray, reach: float) -> np.ndarray:
@@ -191,7 +192,7 @@ def refined(grey: np.ndarray, corners: np.ndarray, reach: float) -> np.ndarray:
     Parameters
     ----------
     grey
-        (H, W) uint8 picture.
+        (H, W) uint8 image.
     corners
         (N, 2) places in OpenCV's pixels, at least two; returned alike, float32.
     reach

@@ -74,7 +74,7 @@ class Camera:
 def write_transforms(path: str | Path, cameras: list[Camera], folder: str = "images/") -> None:
     """Write cameras as transforms.json (nerfstudio convention, intrinsics and split per frame).
 
-    ``folder`` of the pictures is relative to that of the file, with a slash at its end.
+    ``folder`` of the images is relative to that of the file, with a slash at its end.
     """
     frames = [
         {

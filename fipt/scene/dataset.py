@@ -31,7 +31,7 @@ class Dataset:
     root
         The folder.
     segments_root
-        Folder with ``part/`` and ``semantic/`` ids: of the dataset, or others made of its pictures.
+        Folder with ``part/`` and ``semantic/`` ids: of the dataset, or others made of its images.
     cameras
         Accepted cameras in the order of transforms.json.
     rejected

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -155,7 +156,7 @@ def face_property(path: str | Path, name: str) -> np.ndarray:
 def _read_other(path: Path) -> tuple[np.ndarray, np.ndarray]:
     import trimesh
 
-    loaded = trimesh.load(path, process=False, maintain_order=True, force="mesh")
+    loaded: Any = trimesh.load(path, process=False, maintain_order=True, force="mesh")
     return np.asarray(loaded.vertices, np.float32), np.asarray(loaded.faces, np.int32)
 
 

@@ -28,7 +28,7 @@ class ImageSource:
     Attributes
     ----------
     photographs
-        Whether the pictures are developed photographs, whose noise may be negative.
+        Whether the images are developed photographs, whose noise may be negative.
     scale
         Factor on all radiance of photographs.
     rejected
@@ -47,7 +47,7 @@ class ImageSource:
 
 
 def read_source(path: str | Path, format: str, val_every: int = 8) -> ImageSource:
-    """Read all frames of a source, without any picture.
+    """Read all frames of a source, without any image.
 
     Parameters
     ----------
@@ -75,15 +75,15 @@ def read_source(path: str | Path, format: str, val_every: int = 8) -> ImageSourc
 def has_segments(source: ImageSource) -> bool:
     """Whether every training view of a source has segment ids of some kind."""
     folders = {frame.folder for frame in source.frames if frame.split == "train"}
-    return None not in folders and any(
-        all((folder / name).is_dir() for folder in folders) for name in SEGMENT_FOLDERS.values()
+    return any(
+        all(folder is not None and (folder / name).is_dir() for folder in folders) for name in SEGMENT_FOLDERS.values()
     )
 
 
 def read_poses(path: str | Path, val_every: int = 8) -> tuple[SourceView, ...]:
     """Read poses by view name: a nerfstudio or Blender transforms.json, or what `fipt.formats.pose_files` reads.
 
-    A view is called as its picture, without folder and ending; the pictures may be of any kind. ``image`` of the
+    A view is called as its image, without folder and ending; the images may be of any kind. ``image`` of the
     frames means nothing.
     """
     path = Path(path)
@@ -136,7 +136,7 @@ def read_developed(folder: str | Path, poses: str | Path, val_every: int = 8) ->
         raise FiptError(
             f"{poses} must have the pose of an accepted training view of {folder}; it has "
             f"{', '.join(sorted(names)[:3])}, accepted are {', '.join(accepted[:3]) or 'none'}",
-            "name the poses' pictures as the views of the capture, and see the findings of qa.json",
+            "name the poses' images as the views of the capture, and see the findings of qa.json",
         )
     return ImageSource(
         tuple(frames),

@@ -32,7 +32,7 @@ def boards(planes: Optics, camera: SimulatedCamera, kind: str) -> Iterator[np.nd
 
     Yields
     ------
-    (h, w, 3) float32 source picture; white is 0.9.
+    (h, w, 3) float32 source image; white is 0.9.
     """
     drawn = drawn_charuco(camera) if kind == "charuco" else None
     for index in range(camera.calibration_frames):
@@ -113,7 +113,7 @@ def board(
 
 
 def grey(source: Camera, reflectance: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> np.ndarray:
-    """Picture, (h, w, 3) float32, of a grey scene given along rays (x, y, 1), averaged over each pixel."""
+    """Image, (h, w, 3) float32, of a grey scene given along rays (x, y, 1), averaged over each pixel."""
     total = np.zeros((source.height, source.width))
     for k in range(_SUB * _SUB):
         columns = np.arange(source.width) + (k % _SUB + 0.5) / _SUB
@@ -124,12 +124,12 @@ def grey(source: Camera, reflectance: Callable[[np.ndarray, np.ndarray], np.ndar
 
 
 def even(planes: Optics, value: float = 1.0) -> np.ndarray:
-    """Picture of an even wall (or, with 0, of nothing): (h, w, 3) float32."""
+    """Image of an even wall (or, with 0, of nothing): (h, w, 3) float32."""
     return np.full((planes.source.height, planes.source.width, 3), value, np.float32)
 
 
 def grey_card(planes: Optics) -> np.ndarray:
-    """Picture of a grey card that fills the middle 60 % of the frame, before a brown wall: (h, w, 3) float32."""
+    """Image of a grey card that fills the middle 60 % of the frame, before a brown wall: (h, w, 3) float32."""
     image = even(planes) * np.array((0.4, 0.25, 0.15), np.float32)
     height, width = image.shape[:2]
     rows, columns = (slice(round(0.2 * size), round(0.8 * size)) for size in (height, width))

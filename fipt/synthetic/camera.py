@@ -1,11 +1,11 @@
 """A simulated camera: linear HDR views in, raw values of an exposure bracket out.
 
-Light takes this way: a pinhole picture of the scene (the *source*, wider than the view that is wanted) is sampled
+Light takes this way: a pinhole image of the scene (the *source*, wider than the view that is wanted) is sampled
 where each pixel of the sensor looks (Brown-Conrady distortion), darkened towards the corners, filtered by the colour of
 the pixel, collected for the shutter time, and read out: photon noise, read noise, black level, rounding, clipping.
 
-Three image planes occur. The *view* is the undistorted picture that development shall give. The *sensor* has `scale`
-pixels along each pixel of the view, the same field at its middle, and the distortion. The *source* is a pinhole picture
+Three image planes occur. The *view* is the undistorted image that development shall give. The *sensor* has `scale`
+pixels along each pixel of the view, the same field at its middle, and the distortion. The *source* is a pinhole image
 with the sensor's pixel pitch and margins as wide as the sensor sees; the view is the mean of its scale x scale blocks.
 """
 
@@ -41,14 +41,14 @@ _NODES = 65
 
 
 @dataclass(frozen=True)
-class Exposure:
+class ShutterTime:
     """One frame of a bracket: the shutter time that the camera prints, and the true one in seconds."""
 
     printed: Fraction
     seconds: float
 
 
-def exposures(camera: SimulatedCamera) -> list[Exposure]:
+def exposures(camera: SimulatedCamera) -> list[ShutterTime]:
     """Return the frames of a bracket, shortest first.
 
     True times are 2^(n/3) seconds, off by ``shutter_error`` in the same way whenever that time is set.
@@ -62,7 +62,7 @@ def exposures(camera: SimulatedCamera) -> list[Exposure]:
             f"shutter times shorter than 1/8000 s",
             "take fewer exposures, smaller steps or a longer longest one",
         )
-    return [Exposure(Fraction(PRINTED_TIMES[_SLOWEST - n]), 2 ** (n / 3) * _shutter(n, camera)) for n in thirds]
+    return [ShutterTime(Fraction(PRINTED_TIMES[_SLOWEST - n]), 2 ** (n / 3) * _shutter(n, camera)) for n in thirds]
 
 
 def _shutter(n: int, camera: SimulatedCamera) -> float:
@@ -150,7 +150,7 @@ class Optics:
     sensor
         What takes the frames.
     source
-        Pinhole camera of the picture that must be known to simulate them.
+        Pinhole camera of the image that must be known to simulate them.
     left, top
         Where the view begins in the source, source pixels.
     """
@@ -186,7 +186,7 @@ def optics(view: Camera, camera: SimulatedCamera) -> Optics:
 
 
 def optics_within(source: Camera, camera: SimulatedCamera) -> Optics:
-    """Lay sensor and view into a pinhole picture that is given: the largest view around its middle."""
+    """Lay sensor and view into a pinhole image that is given: the largest view around its middle."""
     scale = camera.scale
     for margin in range(min(source.width, source.height) // (2 * scale)):
         width, height = source.width // scale - 2 * margin, source.height // scale - 2 * margin
@@ -205,7 +205,7 @@ def optics_within(source: Camera, camera: SimulatedCamera) -> Optics:
             return Optics(view, found.sensor, source, left, top)
     raise FiptError(
         f"view {source.name} of {source.width}x{source.height} pixels is too small for a sensor with this distortion",
-        "use larger pictures or weaker distortion",
+        "use larger images or weaker distortion",
     )
 
 
@@ -242,7 +242,7 @@ def expose_source(image: np.ndarray, planes: Optics, camera: SimulatedCamera) ->
     sensor, source = planes.sensor, planes.source
     if image.shape != (source.height, source.width, 3):
         raise FiptError(
-            f"the picture of {source.name} must be {source.width}x{source.height}; it is "
+            f"the image of {source.name} must be {source.width}x{source.height}; it is "
             f"{image.shape[1]}x{image.shape[0]}",
             "render it for the source camera",
         )
@@ -355,7 +355,7 @@ class Ghost:
     frame
         Index of that exposure, shortest first.
     image
-        (h, w, 3) float32 source picture of that moment.
+        (h, w, 3) float32 source image of that moment.
     """
 
     frame: int
@@ -401,9 +401,9 @@ def view_truth(
     falloff = sensor.falloff(columns, rows, camera.vignetting)[..., None]
     frames, matrix = exposures(camera), camera_rgb(camera).T.astype(np.float32)
 
-    def collected(picture: np.ndarray, frame: int) -> np.ndarray:
+    def collected(image: np.ndarray, frame: int) -> np.ndarray:
         ratio = frames[frame].seconds / reference_time(camera)
-        return np.minimum(picture @ matrix / camera.white_radiance * falloff * ratio, 1)
+        return np.minimum(image @ matrix / camera.white_radiance * falloff * ratio, 1)
 
     changed = np.zeros(seen.shape, bool)
     if moved is not None:

@@ -31,8 +31,8 @@ from fipt.scene.cameras import Camera, write_transforms
 from fipt.scene.mesh import Mesh, write_ply
 from fipt.synthetic import calibration
 from fipt.synthetic.camera import (
-    Exposure,
     Optics,
+    ShutterTime,
     camera_from_xyz,
     camera_rgb,
     defects,
@@ -227,7 +227,7 @@ def camera_truth(planes: Optics, camera: SimulatedCamera) -> dict[str, object]:
     def listed(indices: np.ndarray) -> list[list[int]]:
         return np.stack(np.unravel_index(indices, (sensor.height, sensor.width)), axis=-1).tolist()
 
-    def described(exposure: Exposure) -> dict[str, object]:
+    def described(exposure: ShutterTime) -> dict[str, object]:
         return {"printed": str(exposure.printed), "seconds": exposure.seconds}
 
     return {

@@ -113,6 +113,6 @@ def test_merged_views_are_read_and_said_to_be_unmeasured(tmp_path, capsys):
     assert "view good" not in printed
     assert "are not measured" in printed
     assert "nothing is wrong" not in printed
-    (tmp_path / "bad.exr").write_bytes(b"no picture")
+    (tmp_path / "bad.exr").write_bytes(b"no image")
     assert main(["check-capture", str(tmp_path)]) == 2
     assert "error: view bad: " in capsys.readouterr().out

@@ -14,7 +14,7 @@ from fipt.formats.images import write_png
 from fipt.scene.cameras import write_transforms
 from fipt.scene.dataset import read_layers
 from tests import scenes
-from tests.cli.test_stages import threads  # noqa: F401 (a fixture)
+from tests.fitted import kept_threads
 
 FEW = {"diffuse_spp": 4, "specular_spp": 2, "smooth_spp": 2}
 CONFIG = {
@@ -33,7 +33,12 @@ CONFIG = {
 }
 RESULTS = Path("results/room")
 
-pytestmark = pytest.mark.usefixtures("threads")
+
+@pytest.fixture(autouse=True)
+def threads(backend):
+    """Verbs may set the number of threads of the whole process."""
+    with kept_threads():
+        yield
 
 
 @pytest.fixture

@@ -64,7 +64,7 @@ def test_a_broken_view_stops_development_or_is_rejected(folder, capsys):
     assert clipped.any()
     assert (weight[clipped] == 1).all()
     made = captures.cameras(4)[2]
-    truth = captures.picture(made)
+    truth = captures.scene_image(made)
     inside = (data.flags("train_002") == 0) & (weight == 1)
     error = np.abs(radiance[inside] / truth[inside] - 1)
     assert np.median(error) < 0.05

@@ -1,4 +1,4 @@
-"""``fipt pose`` on pictures of a painted room: poses found, and every input that cannot give them refused."""
+"""``fipt pose`` on images of a painted room: poses found, and every input that cannot give them refused."""
 
 import json
 
@@ -26,7 +26,7 @@ def pose(folder, **settings):
 
 
 def made(folder, cameras, **options):
-    """Write pictures of the cameras, and what is true of them."""
+    """Write images of the cameras, and what is true of them."""
     painted_room.write_views(folder, cameras, **options)
     write_transforms(folder / "truth.json", cameras)
     return folder
@@ -37,7 +37,7 @@ def ring(tmp_path_factory):
     """Nine views of one wall of the room and its neighbours, and one that shows nothing."""
     cameras = [*painted_room.ring(9, width=320), painted_room.camera("wall", PLACE, 200, width=320)]
     folder = made(tmp_path_factory.mktemp("ring"), cameras)
-    write_exr(folder / "wall.exr", {"": painted_room.picture(cameras[-1], blank=True)})
+    write_exr(folder / "wall.exr", {"": painted_room.image(cameras[-1], blank=True)})
     return folder
 
 
@@ -66,8 +66,8 @@ def test_cameras_are_found_and_a_bare_wall_is_rejected(ring, capsys):
     assert [sorted(group) for group in content["groups"]] == [[camera.name for camera in found]]
     best = max(content["graph"], key=lambda pair: pair["shared_points"])
     assert abs(int(best["views"][0][-2:]) - int(best["views"][1][-2:])) == 1
-    with Image.open(ring / "poses" / "poses.png") as picture:
-        assert len(np.unique(np.array(picture))) > 50
+    with Image.open(ring / "poses" / "poses.png") as image:
+        assert len(np.unique(np.array(image))) > 50
     head = (ring / "poses" / "points.ply").read_bytes()[:200].decode("ascii", "replace")
     assert f"element vertex {content['points']}" in head
 
@@ -85,7 +85,7 @@ def test_the_same_poses_again_from_what_is_kept_and_from_nothing(ring):
     assert (ring / "poses" / "transforms.json").read_bytes() == before
 
 
-def test_pictures_from_which_no_poses_follow(tmp_path, capsys):
+def test_images_from_which_no_poses_follow(tmp_path, capsys):
     def said(name, cameras, **options):
         assert pose(made(tmp_path / name, cameras, **options)) == 2
         assert not (tmp_path / name / "poses" / "transforms.json").exists()
@@ -94,7 +94,7 @@ def test_pictures_from_which_no_poses_follow(tmp_path, capsys):
         return error
 
     turned = [painted_room.camera(f"view_{i}", PLACE, 20 * i, width=240) for i in range(4)]
-    assert "all 4 pictures are of one place" in said("panorama", turned)
+    assert "all 4 images are of one place" in said("panorama", turned)
     two = painted_room.ring(3, step=15, prefix="a", width=320) + painted_room.ring(3, 180, 15, "b", width=320)
     error = said("two", two)
     assert "fall into 2 groups" in error

@@ -1,4 +1,4 @@
-"""`fipt view`: every kind of file becomes a picture, and what it says where it cannot."""
+"""`fipt view`: every kind of file becomes an image, and what it says where it cannot."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -22,7 +22,7 @@ View = Callable[..., np.ndarray]
 
 @pytest.fixture
 def view(tmp_path: Path) -> View:
-    """Run ``fipt view`` and return the picture."""
+    """Run ``fipt view`` and return the image."""
 
     def run(path: Path, *options: str) -> np.ndarray:
         out = tmp_path / "out.png"
@@ -79,19 +79,19 @@ def test_ids_have_false_colours(tmp_path: Path, view: View) -> None:
     ids = np.array([[0, 1, 2], [2, 1, 700]], np.uint16)
     write_png(tmp_path / "a.png", ids)
     write_exr(tmp_path / "IndexMA" / "a.exr", {"": np.repeat(ids[..., None], 3, axis=-1)})
-    picture = view(tmp_path / "a.png")
-    assert picture[0, 0].tolist() == [0, 0, 0]
-    assert len(np.unique(picture.reshape(-1, 3), axis=0)) == 4
-    np.testing.assert_array_equal(picture, view(tmp_path / "IndexMA" / "a.exr"))
+    image = view(tmp_path / "a.png")
+    assert image[0, 0].tolist() == [0, 0, 0]
+    assert len(np.unique(image.reshape(-1, 3), axis=0)) == 4
+    np.testing.assert_array_equal(image, view(tmp_path / "IndexMA" / "a.exr"))
 
 
 def test_shading_of_a_view(results: Path, view: View) -> None:
     path = results / "round-0" / "shading" / "train-000" / "shading.npy"
-    picture = view(path)  # Ld of the first view: pixels 1, none, 0.75, 0.5
-    assert picture.shape == (2, 2, 3)
+    image = view(path)  # Ld of the first view: pixels 1, none, 0.75, 0.5
+    assert image.shape == (2, 2, 3)
     values = np.array([[1, 0], [0.75, 0.5]])
     expected = to_display(values / np.percentile(np.repeat(values.ravel(), 3), 98))
-    np.testing.assert_allclose(picture[..., 0].astype(int), expected, atol=3)
+    np.testing.assert_allclose(image[..., 0].astype(int), expected, atol=3)
     assert view(path, "--shard-view", "b").shape == (1, 3, 3)
     red = view(path, "--layer", "Ls0.2")
     np.testing.assert_allclose(red[0, 0], [255, 0, 0], atol=1)
@@ -121,11 +121,11 @@ def test_samples_elsewhere(results: Path, view: View, capsys: pytest.CaptureFixt
 def test_arrays_of_a_samples_folder(
     results: Path, view: View, name: str, first: list[int] | None, missed: list[int] | None
 ) -> None:
-    picture = view(results / "samples" / "train-000" / f"{name}.npy", "--shard-view", "a")
-    assert picture.shape == (2, 2, 3)
-    assert first is None or picture[0, 0].tolist() == first
-    assert missed is None or picture[0, 1].tolist() == missed
-    assert picture.any()
+    image = view(results / "samples" / "train-000" / f"{name}.npy", "--shard-view", "a")
+    assert image.shape == (2, 2, 3)
+    assert first is None or image[0, 0].tolist() == first
+    assert missed is None or image[0, 1].tolist() == missed
+    assert image.any()
 
 
 def test_npz_files_become_a_table(tmp_path: Path, view: View, capsys: pytest.CaptureFixture[str]) -> None:
@@ -185,7 +185,7 @@ def test_a_dataset_is_shown_as_a_row_for_each_view(view, tmp_path, capsys):
     names = [camera.name for camera in Dataset(tmp_path / "dataset").cameras]
     pixels = view(tmp_path / "dataset")
     said = capsys.readouterr().out
-    assert f"rows: {', '.join(names)}; columns: picture" in said
+    assert f"rows: {', '.join(names)}; columns: image" in said
     camera = Dataset(tmp_path / "dataset").camera(names[0])
     columns = said.partition("columns: ")[2].partition(";")[0].split(", ")
     assert pixels.shape == (len(names) * camera.height, len(columns) * camera.width, 3)

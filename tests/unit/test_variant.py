@@ -1,4 +1,4 @@
-"""The choice of the device, and reading LLVM's version from files."""
+"""The choice of the device, and which LLVM libraries there are."""
 
 import subprocess
 import sys
@@ -22,34 +22,41 @@ def lone_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("soname", "version"),
+    ("name", "version"),
     [
         ("libLLVM-14.so.1", (14,)),
         ("libLLVM-17.so.1", (17,)),
+        ("libLLVM-17.so", (17,)),
         ("libLLVM.so.18.1", (18, 1)),
         ("libLLVM.so.19.1", (19, 1)),
         ("libLLVM-14.0.6.so.1", (14, 0, 6)),
         ("libLLVM.so.20.1-rust", (20, 1)),
     ],
 )
-def test_version_is_read_from_the_name_inside_the_file(
-    fake_llvm, tmp_path: Path, soname: str, version: tuple[int, ...]
+def test_version_is_that_of_the_file_behind_all_links(
+    fake_llvm, tmp_path: Path, name: str, version: tuple[int, ...]
 ) -> None:
-    # The file's own name lies on purpose.
-    assert variant.llvm_version(fake_llvm(tmp_path / "libLLVM-99.so", soname)) == version
+    library = fake_llvm(tmp_path / name)
+    assert variant.llvm_version(library) == version
+    (tmp_path / "libLLVM.so").symlink_to(library)
+    assert variant.llvm_version(tmp_path / "libLLVM.so") == version
 
 
 @pytest.mark.parametrize("content", [b"", b"text", b"\x7fELF\x02\x01", b"\x7fELF\x02\x01" * 40])
-def test_a_file_that_is_no_library_has_no_version(tmp_path: Path, content: bytes) -> None:
-    path = tmp_path / "libLLVM.so.19.1"
-    path.write_bytes(content)
-    assert variant.llvm_version(path) == ()
+@pytest.mark.parametrize("name", ["libLLVM.so.19.1", "libLLVM.so"])
+def test_a_file_that_is_no_library_has_no_version(tmp_path: Path, name: str, content: bytes) -> None:
+    (tmp_path / name).write_bytes(content)
+    assert variant.llvm_version(tmp_path / name) == ()
+
+
+def test_a_library_that_cannot_be_loaded_has_no_version(fake_llvm, tmp_path: Path) -> None:
+    assert variant.llvm_version(fake_llvm(tmp_path / "libLLVM.so")) == ()
 
 
 def test_the_newest_library_wins_and_strangers_are_left_out(fake_llvm, lone_folder: Path) -> None:
-    fake_llvm(lone_folder / "libLLVM-14.so.1", "libLLVM-14.so.1")
-    newest = fake_llvm(lone_folder / "libLLVM.so.19.1", "libLLVM.so.19.1")
-    fake_llvm(lone_folder / "libLLVM.so.30.1", "libLLVM.so.30.1", machine=0xFFFF)
+    fake_llvm(lone_folder / "libLLVM-14.so.1")
+    newest = fake_llvm(lone_folder / "libLLVM.so.19.1")
+    fake_llvm(lone_folder / "libLLVM.so.30.1", another=True)
     (lone_folder / "libLLVM-19.so").symlink_to(newest)
     (lone_folder / "libLLVM.so.40.1").symlink_to(lone_folder / "gone")
     (lone_folder / "libLLVM.so.50.1").write_text("INPUT(libLLVM.so.19.1)")
@@ -69,10 +76,10 @@ def test_without_any_library_the_error_says_what_to_install(lone_folder: Path) -
         variant.choose_backend()
 
 
-@pytest.mark.parametrize("soname", ["libLLVM-14.so.1", "libLLVM-15.so.1"])
-def test_an_old_library_is_refused_with_its_remedy(fake_llvm, lone_folder: Path, soname: str) -> None:
-    fake_llvm(lone_folder / "libLLVM.so", soname)
-    with pytest.raises(FiptError, match=r"libLLVM.so is LLVM 1[45], too old .*apt install"):
+@pytest.mark.parametrize("name", ["libLLVM-14.so.1", "libLLVM-15.so.1"])
+def test_an_old_library_is_refused_with_its_remedy(fake_llvm, lone_folder: Path, name: str) -> None:
+    fake_llvm(lone_folder / name)
+    with pytest.raises(FiptError, match=r"libLLVM-1[45].so.1 is LLVM 1[45], too old .*apt install"):
         variant.choose_backend("llvm")
 
 
@@ -82,17 +89,17 @@ def test_a_named_old_library_is_not_replaced_in_silence(
     tmp_path_factory: pytest.TempPathFactory,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    old = fake_llvm(tmp_path_factory.mktemp("old") / "libLLVM.so", "libLLVM-15.so.1")
+    old = fake_llvm(tmp_path_factory.mktemp("old") / "libLLVM-15.so.1")
     monkeypatch.setenv(variant.LLVM_VARIABLE, str(old))
     with pytest.raises(FiptError, match=r"DRJIT_LIBLLVM_PATH names .* LLVM 15, too old .*install"):
         variant.choose_backend()
-    fake_llvm(lone_folder / "libLLVM.so.19.1", "libLLVM.so.19.1")
+    fake_llvm(lone_folder / "libLLVM.so.19.1")
     with pytest.raises(FiptError, match=r"unset it: .*libLLVM.so.19.1 is LLVM 19.1"):
         variant.choose_backend()
 
 
 def test_a_named_library_may_be_a_bare_name(fake_llvm, lone_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    library = fake_llvm(lone_folder / "libLLVM.so.19.1", "libLLVM.so.19.1")
+    library = fake_llvm(lone_folder / "libLLVM.so.19.1")
     monkeypatch.setenv(variant.LLVM_VARIABLE, "libLLVM.so.19.1")
     assert variant.choose_backend().llvm == variant.LlvmLibrary(library, (19, 1))
     monkeypatch.setenv(variant.LLVM_VARIABLE, "/nowhere/libLLVM.so.19.1")

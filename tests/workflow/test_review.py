@@ -103,11 +103,11 @@ def test_a_wrong_file_ends_the_run_before_anything_runs(workspace, monkeypatch):
 def test_a_setup_may_only_use_names_that_were_given(workspace, monkeypatch):
     here = workspace(NAMED)
     monkeypatch.chdir(here.root)
-    said = "setups.desk of scene room names the lamp 'desk lamp', and no lamp has this name"
+    said = "setups.desk of scene room names the emitter 'desk lamp', and none has this name"
     assert said in here.snakemake("--dry-run", succeeds=False)
     file = File(here.root)
     file.decide(1, name="desk lmp")
     with pytest.raises(FiptError, match=re.escape(said) + ".*there are desk lmp, emitter-N"):
-        assert load(NAMED).scenes["room"].review
+        assert load(NAMED).scenes["room"].decisions.review
     file.decide(1, name="desk lamp")
-    assert load(NAMED).scenes["room"].review
+    assert load(NAMED).scenes["room"].decisions.review

@@ -4,8 +4,7 @@ A record belongs to a voxel and to the axis that the surface faces there, so tha
 and the sill below it, do not lend each other their light.
 """
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -16,7 +15,7 @@ from fipt.scene.voxels import FACINGS, facings, voxel_keys
 from fipt.stages.cache.settings import CacheSettings
 
 _INTERIOR = 0.95
-"""Pixels of which one piece covers at least this share give a voxel's radiance; others mix surfaces."""
+"""Pixels of which one piece covers at least this share tell a voxel's radiance; others mix surfaces."""
 _DIRECTIONS = np.repeat(np.eye(3, dtype=np.float32), 2, axis=0) * np.tile([[-1.0], [1.0]], (3, 1)).astype(np.float32)
 """Unit vector of each facing."""
 _MIXED = 1e-3
@@ -47,81 +46,41 @@ def build(
         the same connected part if it can be.
     """
     center, side = scene_box(shards)
-    box = _Box(center, side, settings.resolution)
-    records = _surface_records(mesh, shards, box)
-    total, weights, count, seen = _gathered(shards, images, records, box)
+    n = settings.resolution
+    views = [(samples, index) for samples in shards for index in range(len(samples.views))]
+
+    def keys(samples: FootprintSamples, own: slice) -> np.ndarray:
+        return voxel_keys(samples.position[own], center, side, n) * FACINGS + facings(samples.normal[own])
+
+    records = _Records()
+    for samples, index in views:
+        own = samples.of_view(index)
+        records.add(keys(samples, own), samples.position[own], samples.triangle[own])
+    surface, owner = surface_points(mesh, side / n / 3, center - side / 2, center + side / 2, seed=0)
+    voxel = voxel_keys(surface, center, side, n) * FACINGS
+    for turn in (1, -1):  # surfaces have two sides
+        records.add(voxel + facings(turn * mesh.normals[owner]), surface, owner)
+
+    sums = _Sums(len(records.key))
+    for (samples, index), (image, valid, clipped) in zip(views, images, strict=True):
+        own, pixel = samples.of_view(index), samples.pixel_of_sample(index)
+        record = np.searchsorted(records.key, keys(samples, own))
+        weight = valid[pixel] * np.where(samples.weight[own] >= _INTERIOR, 1.0, _MIXED)
+        sums.add(record, image[pixel], weight, clipped[pixel])
+    sums.add_bounds()
     point, facing = records.point, (records.key % FACINGS).astype(np.uint8)
     part = connected_parts(mesh)[records.triangle]
     return {
         "center": center,
-        "side": np.asarray(side),
-        "resolution": np.asarray(box.resolution),
+        "side": np.array(side, np.float64),
+        "resolution": np.array(n, np.int64),
         "key": records.key // FACINGS,
         "facing": facing,
         "point": point,
-        "radiance": (total / np.maximum(weights, 1e-12)[:, None]).astype(np.float32),
-        "count": count.astype(np.float32),
-        "source": _nearest_seen(point, facing, part, seen, 8 * side / box.resolution),
+        "radiance": (sums.total / np.maximum(sums.weight, 1e-12)[:, None]).astype(np.float32),
+        "count": sums.count.astype(np.float32),
+        "source": _nearest_seen(point, facing, part, sums.seen, 8 * side / n),
     }
-
-
-@dataclass(frozen=True)
-class _Box:
-    """The scene box: its centre (3,), its side (metres), and the voxels along it."""
-
-    center: np.ndarray
-    side: float
-    resolution: int
-
-    def voxels(self, points: np.ndarray) -> np.ndarray:
-        """(N,) voxels of points (N, 3), times the number of facings."""
-        return voxel_keys(points, self.center, self.side, self.resolution) * FACINGS
-
-    def keys(self, samples: FootprintSamples, own: slice) -> np.ndarray:
-        """(N,) voxel and facing of the samples of a view."""
-        return self.voxels(samples.position[own]) + facings(samples.normal[own])
-
-
-def _surface_records(mesh: Mesh, shards: Sequence[FootprintSamples], box: _Box) -> "_Records":
-    """Records of all surface: what the views see, and the whole mesh inside the box."""
-    records = _Records()
-    for samples in shards:
-        for index in range(len(samples.views)):
-            own = samples.of_view(index)
-            records.add(box.keys(samples, own), samples.position[own], samples.triangle[own])
-    low, high = box.center - box.side / 2, box.center + box.side / 2
-    surface, owner = surface_points(mesh, box.side / box.resolution / 3, low, high, seed=0)
-    for turn in (1, -1):  # surfaces have two sides
-        records.add(box.voxels(surface) + facings(turn * mesh.normals[owner]), surface, owner)
-    return records
-
-
-def _gathered(
-    shards: Sequence[FootprintSamples],
-    images: Iterable[tuple[np.ndarray, np.ndarray, np.ndarray]],
-    records: "_Records",
-    box: _Box,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Sums of radiance (K, 3) and weights (K,), pixels that a record fills (K,), whether any view sees it (K,)."""
-    views = [(samples, index) for samples in shards for index in range(len(samples.views))]
-    size = len(records.key)
-    total, weights, count, seen = np.zeros((size, 3)), np.zeros(size), np.zeros(size), np.zeros(size, bool)
-    bounds = []
-    for (samples, index), (image, valid, clipped) in zip(views, images, strict=True):
-        own, pixel = samples.of_view(index), samples.pixel_of_sample(index)
-        record = np.searchsorted(records.key, box.keys(samples, own))
-        weight = valid[pixel] * np.where(samples.weight[own] >= _INTERIOR, 1.0, _MIXED)
-        seen[record[weight > 0]] = True
-        np.add.at(count, record, weight * (weight > _MIXED))
-        above = clipped[pixel]
-        bounds.append((record[above], image[pixel[above]], weight[above]))
-        record, pixel, weight = record[~above], pixel[~above], weight[~above]
-        # added one by one, so that the sums do not depend on how the views are cut into shards
-        np.add.at(weights, record, weight)
-        for channel in range(3):
-            np.add.at(total[:, channel], record, weight * image[pixel, channel])
-    _add_bounds(total, weights, *(np.concatenate(arrays) for arrays in zip(*bounds, strict=True)))
-    return total, weights, count, seen
 
 
 class _Records:
@@ -145,23 +104,52 @@ class _Records:
         self.triangle = np.insert(self.triangle, place, triangle[first])
 
 
-def _add_bounds(
-    total: np.ndarray, weights: np.ndarray, record: np.ndarray, values: np.ndarray, weight: np.ndarray
-) -> None:
-    """Add lower bounds (N, 3) to sums of records, (K, 3) and (K,) in place, such that they do not darken them.
+class _Sums:
+    """Sums over the samples of K records.
 
-    A bound below what others measure there says nothing new and counts as they do; a surface of which there are
-    only bounds is at least as bright as the highest of them.
+    Attributes
+    ----------
+    total, weight
+        (K, 3) radiance times weight; (K,) weight.
+    count
+        (K,) pixels that the records fill.
+    seen
+        (K,) bool, whether a valid pixel shows the record.
     """
-    highest = np.zeros_like(total)
-    usable = weight > _MIXED
-    np.maximum.at(highest, record[usable], values[usable])
-    measured = weights > 0
-    least = np.where(measured[:, None], total / np.maximum(weights, 1e-12)[:, None], highest)
-    raised = np.maximum(values, least[record])
-    for channel in range(3):
-        np.add.at(total[:, channel], record, weight * raised[:, channel])
-    np.add.at(weights, record, weight)
+
+    def __init__(self, size: int) -> None:
+        self.total, self.weight, self.count = np.zeros((size, 3)), np.zeros(size), np.zeros(size)
+        self.seen = np.zeros(size, bool)
+        self._bounds: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+
+    def add(self, record: np.ndarray, radiance: np.ndarray, weight: np.ndarray, clipped: np.ndarray) -> None:
+        """Add samples: records (N,), radiance (N, 3), weights (N,); ``clipped`` ones (N,) wait for `add_bounds`."""
+        self.seen[record[weight > 0]] = True
+        np.add.at(self.count, record, weight * (weight > _MIXED))
+        self._bounds.append((record[clipped], radiance[clipped], weight[clipped]))
+        record, radiance, weight = record[~clipped], radiance[~clipped], weight[~clipped]
+        # added one by one, so that the sums do not depend on how the views are cut into shards
+        np.add.at(self.weight, record, weight)
+        for channel in range(3):
+            np.add.at(self.total[:, channel], record, weight * radiance[:, channel])
+
+    def add_bounds(self) -> None:
+        """Add the clipped samples, which are lower bounds, such that they do not darken a record.
+
+        A bound below what others measure there says nothing new and counts as they do; a surface of which there are
+        only bounds is at least as bright as the highest of them.
+        """
+        record, values, weight = (np.concatenate(arrays) for arrays in zip(*self._bounds, strict=True))
+        highest = np.zeros_like(self.total)
+        usable = weight > _MIXED
+        np.maximum.at(highest, record[usable], values[usable])
+        measured = self.weight > 0
+        mean = self.total / np.maximum(self.weight, 1e-12)[:, None]
+        least = np.where(measured[:, None], mean, highest)
+        raised = np.maximum(values, least[record])
+        for channel in range(3):
+            np.add.at(self.total[:, channel], record, weight * raised[:, channel])
+        np.add.at(self.weight, record, weight)
 
 
 def _nearest_seen(

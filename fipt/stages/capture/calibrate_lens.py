@@ -46,7 +46,7 @@ def with_lens(
         if kind in frames:
             return _from_boards(found, kind, frames[kind], corners_of, settings, bar)
     if settings.lensfun and shot.lens:
-        fallback = lensfun.look_up(shot, found.width, found.height, settings.lensfun_distance)
+        fallback = lensfun.find_lens(shot, found.width, found.height, settings.lensfun_distance)
         if fallback is not None:
             return _with_lensfun(found, *fallback)
         found = replace(found, absent=(*found.absent, f"lens {shot.lens!r} is not in lensfun's database"))
@@ -141,16 +141,16 @@ def _charuco_corners(grey: np.ndarray, settings: CaptureSettings) -> tuple[np.nd
 
 
 def _grey(path: Path, found: Calibration) -> np.ndarray:
-    """(H, W) uint8 picture for corner detection: the square root of the light, vignetting corrected."""
+    """(H, W) uint8 image for corner detection: the square root of the light, vignetting corrected."""
     if path.suffix.lower() in LDR_SUFFIXES:
         from fipt.stages.capture.ldr import read_ldr
 
-        picture = read_ldr(path)
-        found.check_size(picture.shape[:2], path)
-        return cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
+        image = read_ldr(path)
+        found.check_size(image.shape[:2], path)
+        return cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     frame = read_frame(path, found)
     light = signal_of(frame, found) / tiled(frame.range.astype(np.float32), frame.pattern, *frame.shape)
-    # Boards are grey: with its colours brought to one level, the mosaic is a grey picture of full resolution.
+    # Boards are grey: with its colours brought to one level, the mosaic is a grey image of full resolution.
     for i, j in np.ndindex(2, 2):
         light[i::2, j::2] /= max(float(light[i::2, j::2].mean()), 1e-6)
     if found.vignetting is not None:

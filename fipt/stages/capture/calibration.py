@@ -26,7 +26,7 @@ class Vignetting:
     center
         (x, y) in pixels of the photograph as taken (before undistortion); pixel centres at halves.
     radius
-        Half the picture's diagonal in pixels.
+        Half the image's diagonal in pixels.
     coefficients
         a1, a2, ...
     """

@@ -45,7 +45,7 @@ def develop_views(
 ) -> list[Path]:
     """Develop views and write ``out/hdr/VIEW.exr`` and ``out/VIEW.json``; return the files.
 
-    With ``keep_going``, a view that cannot be developed is rejected: its VIEW.json says why, and it has no picture.
+    With ``keep_going``, a view that cannot be developed is rejected: its VIEW.json says why, and it has no image.
 
     Raises
     ------
@@ -102,14 +102,14 @@ def develop(bracket: Bracket, calibration: Calibration, settings: CaptureSetting
 
 
 def write_view(out: Path, name: str, view: View, half: bool) -> list[Path]:
-    """Write picture and facts of a view."""
-    picture, facts = out / "hdr" / f"{name}.exr", out / f"{name}.json"
+    """Write image and facts of a view."""
+    image, facts = out / "hdr" / f"{name}.exr", out / f"{name}.json"
     # Half floats lose nothing where their steps are far below the noise and nothing is too bright for them.
     safe = half and view.radiance.max(initial=0) < _HALF_LARGEST and view.floor > 4 * _HALF_STEP
     layers = {"": view.radiance, "valid.Y": view.valid, "flags.Y": view.flags}
-    write_exr(picture, layers, half=bool(safe), compression="PIZ")
+    write_exr(image, layers, half=bool(safe), compression="PIZ")
     write_text(facts, json.dumps(view.facts, indent=1) + "\n")
-    return [picture, facts]
+    return [image, facts]
 
 
 def _from_raw(bracket: Bracket, calibration: Calibration, settings: CaptureSettings) -> View:
@@ -197,8 +197,8 @@ def sensor_noise(
 
 
 def read_merged(path: Path) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Read an EXR or HDR picture: (H, W, 3) float32 radiance, and the other layers of an EXR."""
-    existing_file(path, "an EXR or HDR picture")
+    """Read an EXR or HDR image: (H, W, 3) float32 radiance, and the other layers of an EXR."""
+    existing_file(path, "an EXR or HDR image")
     if path.suffix.lower() == ".exr":
         channels = read_exr(path, required="RGB")
         return np.stack([channels.pop(letter) for letter in "RGB"], axis=-1), channels
@@ -209,7 +209,7 @@ def _passed_through(bracket: Bracket, calibration: Calibration) -> View:
     """A merged view as it is; values that are no numbers get weight 0."""
     radiance, layers = read_merged(bracket.shots[0].path)
     calibration.check_size(radiance.shape[:2], bracket.shots[0].path)
-    finite = np.isfinite(radiance).all(axis=-1)
+    finite = np.asarray(np.isfinite(radiance).all(axis=-1))
     valid = layers.get("valid.Y", np.ones(finite.shape, np.float32)) * finite
     flags = layers.get("flags.Y", np.zeros(finite.shape)).astype(np.uint32)
     return View(np.where(finite[..., None], radiance, 0), valid.astype(np.float32), flags, None)
@@ -218,12 +218,12 @@ def _passed_through(bracket: Bracket, calibration: Calibration) -> View:
 def _from_ldr(bracket: Bracket, calibration: Calibration) -> View:
     from fipt.stages.capture.ldr import merge_ldr, read_ldr
 
-    pictures = []
+    images = []
     for shot in bracket.shots:
-        pictures.append(read_ldr(shot.path))
-        calibration.check_size(pictures[-1].shape[:2], shot.path)
+        images.append(read_ldr(shot.path))
+        calibration.check_size(images[-1].shape[:2], shot.path)
     exposures = [exposure(shot) for shot in bracket.shots]
-    radiance, saturated, noisy, clipped = merge_ldr(pictures, exposures, np.array(calibration.response))
+    radiance, saturated, noisy, clipped = merge_ldr(images, exposures, np.array(calibration.response))
     flags = (saturated * np.uint8(FLAG_SATURATED)) | (noisy * np.uint8(FLAG_NOISE))
     valid = (~saturated).astype(np.float32)
     facts = {"exposures": exposure_facts(bracket, exposures, clipped), "ratios": []}

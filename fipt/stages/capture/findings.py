@@ -26,7 +26,7 @@ NOISY_SHARE = 0.1
 """Share of pixels that may be darker than the read noise in the longest exposure."""
 
 MOVED_SHARE = 0.005
-"""Share of the picture that may differ between exposures."""
+"""Share of the image that may differ between exposures."""
 
 REPROJECTION = 0.5
 """Root mean square distance of board corners after calibration that is still good, pixels."""
@@ -145,7 +145,7 @@ def _judged(qualities: Sequence[Quality]) -> list[Finding]:
             "moved",
             lambda q: q.moved,
             MOVED_SHARE,
-            "something moved between the exposures in up to {:.1%} of the picture",
+            "something moved between the exposures in up to {:.1%} of the image",
             "nobody and nothing may move; what moved is masked",
         ),
     ):
@@ -184,7 +184,9 @@ def _off_ratios(qualities: Sequence[Quality]) -> list[Finding]:
     off: dict[tuple[str, str], list[tuple[str, float]]] = {}
     for quality in qualities:
         for frame in quality.frames:
-            if frame.measured is not None and abs(frame.measured / frame.ratio - 1) > RATIO_TOLERANCE:
+            if frame.measured is None or frame.ratio is None:
+                continue
+            if abs(frame.measured / frame.ratio - 1) > RATIO_TOLERANCE:
                 key = shutter_text(frame.shutter), f"1/{frame.ratio:.4g}"
                 off.setdefault(key, []).append((quality.view, frame.measured))
     findings = []
@@ -219,7 +221,7 @@ def calibration_notes(capture: Capture) -> list[Finding]:
         )
     shot = capture.brackets[0].shots[0]
     # Size and distance do not decide whether a lens is known.
-    if not (board and "flat" in frames) and lensfun.look_up(shot, 6000, 4000, 2.5) is None:
+    if not (board and "flat" in frames) and lensfun.find_lens(shot, 6000, 4000, 2.5) is None:
         message = f"lensfun does not know the lens {shot.lens or 'without a name'} on {shot.camera or 'this camera'}"
         findings.append(Finding("lens", "note", message, "photograph a board and an even surface"))
     return findings

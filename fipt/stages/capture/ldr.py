@@ -1,6 +1,6 @@
 """JPEG and PNG brackets: the camera's response by Debevec and Malik's method (OpenCV), and the merge through it.
 
-The light of such pictures went through a camera's colour processing: what comes out is a likeness, not a measurement,
+The light of such images went through a camera's colour processing: what comes out is a likeness, not a measurement,
 and is marked ``ldr`` wherever it goes.
 """
 
@@ -46,10 +46,10 @@ def response(capture: Capture) -> np.ndarray:
     for bracket in capture.brackets:
         if len(bracket.shots) < 2 or len(curves) == _BRACKETS:
             continue
-        pictures = [read_ldr(shot.path) for shot in bracket.shots]
-        times = np.float32([exposure(shot) for shot in bracket.shots])
+        images = [read_ldr(shot.path) for shot in bracket.shots]
+        times = np.array([exposure(shot) for shot in bracket.shots], np.float32)
         method = cv2.createCalibrateDebevec(_SAMPLES, _SMOOTHNESS, random=False)
-        curve = np.log(np.maximum(method.process(pictures, times).reshape(256, 3), 1e-9))
+        curve = np.log(np.maximum(method.process(images, times).reshape(256, 3), 1e-9))
         curves.append(curve - curve[128])
     if not curves:
         raise FiptError(
@@ -60,9 +60,9 @@ def response(capture: Capture) -> np.ndarray:
 
 
 def merge_ldr(
-    pictures: Sequence[np.ndarray], exposures: Sequence[float], curve: np.ndarray
+    images: Sequence[np.ndarray], exposures: Sequence[float], curve: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[float]]:
-    """Merge 8-bit pictures, longest first, through their response with hat weights.
+    """Merge 8-bit images, longest first, through their response with hat weights.
 
     Returns
     -------
@@ -77,14 +77,14 @@ def merge_ldr(
     hat = np.minimum(values, 255 - values).astype(np.float32) + np.float32(0.01)
     hat[values < _LOWEST] = hat[values > _HIGHEST] = 1e-4
     light = np.exp(curve).astype(np.float32)
-    total = np.zeros(pictures[0].shape, np.float32)
+    total = np.zeros(images[0].shape, np.float32)
     weights = np.zeros_like(total)
     clipped = []
-    for picture, e in zip(pictures, exposures, strict=True):
-        w = hat[picture]
-        total += w * np.stack([light[picture[..., c], c] for c in range(3)], axis=-1) / np.float32(e)
+    for image, e in zip(images, exposures, strict=True):
+        w = hat[image]
+        total += w * np.stack([light[image[..., c], c] for c in range(3)], axis=-1) / np.float32(e)
         weights += w
-        clipped.append(float((picture > _HIGHEST).any(axis=-1).mean()))
-    saturated = (pictures[-1] > _HIGHEST).any(axis=-1)
-    noisy = (pictures[0] < _LOWEST).all(axis=-1)
+        clipped.append(float((image > _HIGHEST).any(axis=-1).mean()))
+    saturated = np.asarray((images[-1] > _HIGHEST).any(axis=-1))
+    noisy = np.asarray((images[0] < _LOWEST).all(axis=-1))
     return total / weights, saturated, noisy, clipped

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from fipt.scene.lens import Lens
@@ -12,7 +14,7 @@ _GRID = 48
 """Points along the longer side at which lensfun's models are sampled."""
 
 
-def look_up(shot: Shot, width: int, height: int, distance: float) -> tuple[str, Lens, Vignetting | None] | None:
+def find_lens(shot: Shot, width: int, height: int, distance: float) -> tuple[str, Lens, Vignetting | None] | None:
     """Return name, lens and vignetting of a shot's lens; None where lensfun does not know camera, lens or distortion.
 
     Lensfun has several models of distortion; they are sampled and brought to Brown-Conrady's radial terms, and its
@@ -62,14 +64,14 @@ def look_up(shot: Shot, width: int, height: int, distance: float) -> tuple[str, 
     powers = np.stack([r2**0, r2, r2**2, r2**3], axis=-1)
     design = np.concatenate([(x[..., None] * powers).reshape(-1, 4), (y[..., None] * powers).reshape(-1, 4)])
     factors = np.linalg.lstsq(design, np.concatenate([x_d.ravel(), y_d.ravel()]), rcond=None)[0]
-    # Lensfun's models may scale the middle of the picture; in ours that is the focal length.
+    # Lensfun's models may scale the middle of the image; in ours that is the focal length.
     scale, (k1, k2, k3) = factors[0], (factors[1:] / factors[0]).tolist()
     f = float(focal * scale)
     result = Lens(width, height, f, f, width / 2, height / 2, (k1, k2, 0.0, 0.0, k3))
     return f"{lens.maker} {lens.model}", result, _vignetting(modifier, width, height)
 
 
-def _vignetting(modifier: object, width: int, height: int) -> Vignetting | None:
+def _vignetting(modifier: Any, width: int, height: int) -> Vignetting | None:
     """Lensfun's correction, applied to ones, as a polynomial of the falloff."""
     gain = np.ones((height, width, 3), np.float32)  # lensfun corrects in place, contiguous float32 only
     if not modifier.apply_color_modification(gain):

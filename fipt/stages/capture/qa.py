@@ -65,7 +65,7 @@ def quality_of(facts: Mapping[str, Any]) -> Quality:
     )
 
 
-def exposure_scale(capture: Capture, pictures: Iterable[np.ndarray]) -> dict[str, Any]:
+def exposure_scale(capture: Capture, images: Iterable[np.ndarray]) -> dict[str, Any]:
     """Factor that brings a capture's radiance to the dataset's unit, and where it is from.
 
     A simulated capture says what its unit is, so that it can be compared with its truth; otherwise the median luminance
@@ -75,7 +75,7 @@ def exposure_scale(capture: Capture, pictures: Iterable[np.ndarray]) -> dict[str
     if truth.is_file():
         scale = float(json.loads(truth.read_text(encoding="utf-8"))["radiance_of_full_second"])
         return {"scale": scale, "from": "as the simulated camera states"}
-    luminance = np.concatenate([np.zeros(0, np.float32), *pictures])
+    luminance = np.concatenate([np.zeros(0, np.float32), *images])
     middle = float(np.median(luminance)) if len(luminance) else 0.0
     if not (math.isfinite(middle) and middle > 0):
         raise FiptError("no developed view has a lit pixel with weight", "see the findings of fipt check-capture")
@@ -86,7 +86,8 @@ def luminances(folder: Path, views: Iterable[str]) -> Iterator[np.ndarray]:
     """About ten thousand luminances (n,) of each developed view, of pixels with weight."""
     for view in views:
         channels = read_exr(folder / "hdr" / f"{view}.exr", required=("R", "G", "B"))
-        total = sum(weight * channels[letter] for weight, letter in zip(LUMINANCE, "RGB", strict=True))
+        red, green, blue = (weight * channels[letter] for weight, letter in zip(LUMINANCE, "RGB", strict=True))
+        total = red + green + blue
         usable = total[channels["valid.Y"] > 0.5] if "valid.Y" in channels else total.ravel()
         yield usable[:: max(len(usable) // 10_000, 1)]
 

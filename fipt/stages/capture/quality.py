@@ -76,7 +76,7 @@ class Quality:
         Share of the strongest edges' height within one cell of the mosaic, about 1 sharp, 0.2 badly blurred; of
         developed views, their steepness. Good for comparing views of a capture with each other.
     moved
-        Share of the picture where exposures disagree.
+        Share of the image where exposures disagree.
     white_balance
         Gains of red, green and blue as the camera has them; None where it has none.
     """
@@ -116,11 +116,12 @@ def measure(bracket: Bracket, frames: Sequence[RawFrame]) -> Quality:
     greens, full = [_green(frame) for frame in frames], [_clipped(frame) for frame in frames]
     sensor = measured_noise(frames, exposures, frames[0].black) or assumed_noise(frames[0], frames[0].black)
     noise = sensor.read / float(np.mean(frames[0].range))
+    gains = frames[0].white_balance
     best = max(greens, key=lambda green: float(((green > 0.05) & (green < 0.9)).mean()))
     return Quality(
         view=bracket.view,
         frames=tuple(
-            BracketFrame(shot.path.name, shot.shutter, math.log2(value / exposures[0]), ratio, found)
+            BracketFrame(shot.path.name, shot.seconds, math.log2(value / exposures[0]), ratio, found)
             for shot, value, ratio, found in zip(
                 bracket.shots, exposures, (None, *ratios), (None, *measured), strict=True
             )
@@ -130,7 +131,7 @@ def measure(bracket: Bracket, frames: Sequence[RawFrame]) -> Quality:
         dynamic_range=math.log2(exposures[0] / exposures[-1] / noise),
         sharpness=_sharpness(best),
         moved=_moved(greens, full, measured),
-        white_balance=None if frames[0].white_balance is None else tuple(map(float, frames[0].white_balance)),
+        white_balance=None if gains is None else (float(gains[0]), float(gains[1]), float(gains[2])),
     )
 
 
@@ -184,11 +185,11 @@ def _clipped(frame: RawFrame) -> np.ndarray:
 def _sharpness(green: np.ndarray) -> float:
     """Height of the strongest edges within `_NEAR` cells over that within `_FAR` cells."""
     # Square root: about the same noise everywhere, and a lamp's edge does not decide alone.
-    picture = np.sqrt(np.clip(green, 0.0, 1.0))
+    image = np.sqrt(np.clip(green, 0.0, 1.0))
     steps = []
     for distance in (_NEAR, _FAR):
-        across = np.abs(picture[:, distance:] - picture[:, :-distance])
-        down = np.abs(picture[distance:] - picture[:-distance])
+        across = np.abs(image[:, distance:] - image[:, :-distance])
+        down = np.abs(image[distance:] - image[:-distance])
         steps.append(max(np.quantile(across, 0.999), np.quantile(down, 0.999)))
     return float(steps[0] / max(steps[1], 1e-6))
 
@@ -196,7 +197,7 @@ def _sharpness(green: np.ndarray) -> float:
 def _moved(greens: Sequence[np.ndarray], full: Sequence[np.ndarray], ratios: Sequence[float | None]) -> float:
     """Share of blocks whose exposures disagree, among all blocks.
 
-    ``full`` are the clipped cells, ``ratios`` measured: stated ones may be wrong for the whole picture.
+    ``full`` are the clipped cells, ``ratios`` measured: stated ones may be wrong for the whole image.
     """
     rows, columns = (size // _BLOCK for size in greens[0].shape)
     if rows == 0 or columns == 0:

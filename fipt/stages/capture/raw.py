@@ -59,6 +59,13 @@ class Shot:
     time: float | None = None
     orientation: int = 1
 
+    @property
+    def seconds(self) -> float:
+        """The stated exposure time; FiptError where the file states none."""
+        if self.shutter is None:
+            raise _no_exposure_time(self.path)
+        return self.shutter
+
 
 @dataclass
 class RawFrame:
@@ -181,7 +188,7 @@ def _frame(path: Path, raw: Any, tags: dict[str, Any], shot: Shot) -> RawFrame:
         )
     # raw_pattern belongs to the whole sensor; the visible area may start at any of its positions. LibRaw's
     # black levels are by colour (R, G, B, second G), not by position.
-    # (raw_colors_visible says the same, but is as large as the picture.)
+    # (raw_colors_visible says the same, but is as large as the image.)
     top, left = raw.sizes.top_margin, raw.sizes.left_margin
     pattern = np.array([[raw.raw_color(top + i, left + j) for j in (0, 1)] for i in (0, 1)])
     black = np.array(raw.black_level_per_channel, np.float64)
@@ -237,7 +244,7 @@ def _tags(file: Any) -> dict[str, Any]:
     logging.getLogger("exifread").setLevel(logging.ERROR)  # files without EXIF are no news
     try:
         return exifread.process_file(file, details=False)
-    except (ValueError, KeyError, IndexError, TypeError, AttributeError, OSError, exifread.exceptions.ExifReadError):
+    except Exception:  # noqa: BLE001 - ExifRead raises whatever its parsers raise
         return {}  # a damaged header: LibRaw or the missing exposure time will say so
 
 

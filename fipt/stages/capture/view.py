@@ -33,7 +33,7 @@ class View:
     flags
         (H, W) uint32, bits of `fipt.conventions`.
     lens
-        The pinhole camera of the picture; None where nothing is known of it.
+        The pinhole camera of the image; None where nothing is known of it.
     floor
         Standard deviation of a dark pixel, in units of radiance; 0 where unknown.
     facts
@@ -79,13 +79,13 @@ def undistorted(merged: Merged, radiance: np.ndarray | None, lens: Lens | None) 
 
 
 def pinhole_of(lens: Lens) -> Lens:
-    """The camera of undistorted pictures: square pixels, the principal point in the middle, no distortion."""
+    """The camera of undistorted images: square pixels, the principal point in the middle, no distortion."""
     f = float(np.sqrt(lens.fx * lens.fy))
     return Lens(lens.width, lens.height, f, f, lens.width / 2, lens.height / 2)
 
 
 def lens_maps(lens: Lens, pinhole: Lens) -> tuple[np.ndarray, np.ndarray]:
-    """Where each pixel of the pinhole picture lies in the photograph, for `cv2.remap`: two (H, W) float32."""
+    """Where each pixel of the pinhole image lies in the photograph, for `cv2.remap`: two (H, W) float32."""
     size = (pinhole.width, pinhole.height)
     return cv2.initUndistortRectifyMap(lens.matrix, np.array(lens.distortion), None, pinhole.matrix, size, cv2.CV_32FC1)
 

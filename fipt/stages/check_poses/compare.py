@@ -2,7 +2,7 @@
 
 What a view sees is carried into another one through the mesh: the samples of its pixels are projected there, where
 the other camera sees them too (a ray says so) and from the same side. Brightness changes with the view on glossy
-surface, edges and texture stay in place: so the two pictures are compared by the correlation of their log luminance in
+surface, edges and texture stay in place: so the two views are compared by the correlation of their log luminance in
 small windows. A camera that is mirrored, turned or swapped disagrees with all others, a good one only with the wrong
 ones, which the median over its partners leaves out. (The two-step check of the paper's supplement, for any mesh.)
 """
@@ -60,13 +60,13 @@ _SAME = 0.2
 
 
 @dataclass(frozen=True)
-class Picture:
+class ReducedView:
     """A view, reduced, and what its pixels show.
 
     Attributes
     ----------
     camera
-        Of the reduced picture.
+        Of the reduced view.
     light
         (H, W) float32 log luminance.
     valid
@@ -146,12 +146,12 @@ class Comparison:
 def check(dataset: Dataset, settings: CheckPosesSettings) -> list[Verdict]:
     """Judge every view of a dataset by its mesh; verdicts in the order of its cameras."""
     scene = RayScene(dataset.mesh())
-    pictures = []
+    views = []
     with progress("check poses: footprint samples", len(dataset.cameras), " views") as bar:
         for camera in dataset.cameras:
-            pictures.append(_seen(scene, *_reduced(dataset, camera, settings.width)))
+            views.append(_seen(scene, *_reduced(dataset, camera, settings.width)))
             bar.advance(1, camera.name)
-    return judge(scene, pictures, settings)
+    return judge(scene, views, settings)
 
 
 def enough(verdicts: Sequence[Verdict], settings: CheckPosesSettings) -> None:
@@ -165,47 +165,47 @@ def enough(verdicts: Sequence[Verdict], settings: CheckPosesSettings) -> None:
         )
 
 
-def judge(scene: RayScene, pictures: Sequence[Picture], settings: CheckPosesSettings) -> list[Verdict]:
+def judge(scene: RayScene, views: Sequence[ReducedView], settings: CheckPosesSettings) -> list[Verdict]:
     """Compare every view with those that share most with it, and reject the worst until all agree.
 
     The worst goes first, and the others are then judged without it. Who was rejected for wrong partners comes back
     where those that are left agree with it.
     """
-    shared, behind = _scan(scene, pictures)
+    shared, behind = _scan(scene, views)
     partners = [[int(j) for j in np.argsort(-row, kind="stable")[: settings.partners] if row[j] > 0] for row in shared]
     compared: dict[tuple[int, int], Comparison] = {}
     with progress("check poses", sum(map(len, partners)), " pairs") as bar:
         for i, chosen in enumerate(partners):
             for j in chosen:
-                compared[i, j] = compare(scene, pictures[i], pictures[j])
-            bar.advance(len(chosen), pictures[i].camera.name)
+                compared[i, j] = compare(scene, views[i], views[j])
+            bar.advance(len(chosen), views[i].camera.name)
 
-    def told(i: int, among: set[int]) -> list[int]:
+    def telling(i: int, among: set[int]) -> list[int]:
         return [j for j in partners[i] if j in among and compared[i, j].structure >= _STRUCTURE]
 
     def score(i: int, among: set[int]) -> float | None:
-        values = [compared[i, j].score for j in told(i, among)]
+        values = [compared[i, j].score for j in telling(i, among)]
         return float(np.median(values)) if values else None
 
-    every = set(range(len(pictures)))
+    every = set(range(len(views)))
     accepted = set(every)
     least = _POOR
     while known := {i: s for i in sorted(accepted) if (s := score(i, accepted)) is not None}:
         least = max(settings.least_score * float(np.median(list(known.values()))), _POOR)
-        worst = min(known, key=known.get)
+        worst = min(known, key=known.__getitem__)
         if known[worst] >= least:
             break
         accepted.remove(worst)
     accepted |= {i for i in every - accepted if (score(i, accepted) or 0.0) >= least}
 
     verdicts = []
-    for i, picture in enumerate(pictures):
-        used = told(i, accepted) or told(i, every)
+    for i, view in enumerate(views):
+        used = telling(i, accepted) or telling(i, every)
         value = score(i, set(used))
         overlap = max((compared[i, j].overlap for j in partners[i]), default=0.0)
         ok, reason = True, ""
-        if picture.hit.mean() < _SAMPLES:
-            ok, reason = False, f"meets the mesh in {picture.hit.mean():.1%} of its pixels only"
+        if view.hit.mean() < _SAMPLES:
+            ok, reason = False, f"meets the mesh in {view.hit.mean():.1%} of its pixels only"
         elif behind[i] > max(_BEHIND, overlap):
             ok, reason = False, f"sees from behind what others see from the front, in {behind[i]:.0%} of its pixels"
         elif overlap < settings.least_overlap or value is None:
@@ -214,33 +214,33 @@ def judge(scene: RayScene, pictures: Sequence[Picture], settings: CheckPosesSett
             ok = False
             reason = (
                 f"does not show what {len(used)} others show of the same surface (correlation {value:.2f}, at least "
-                f"{least:.2f}){_remark(scene, pictures, i, every - accepted, used, least)}"
+                f"{least:.2f}){_remark(scene, views, i, every - accepted, used, least)}"
             )
         colour = float(np.median([compared[i, j].colour for j in used])) if used else None
-        names = tuple(pictures[j].camera.name for j in used)
-        verdicts.append(Verdict(picture.camera.name, value, overlap, float(behind[i]), colour, names, ok, reason))
+        names = tuple(views[j].camera.name for j in used)
+        verdicts.append(Verdict(view.camera.name, value, overlap, float(behind[i]), colour, names, ok, reason))
     return verdicts
 
 
 def _remark(
-    scene: RayScene, pictures: Sequence[Picture], i: int, failed: set[int], partners: Sequence[int], least: float
+    scene: RayScene, views: Sequence[ReducedView], i: int, failed: set[int], partners: Sequence[int], least: float
 ) -> str:
-    """Say what would fit instead at a camera that fails: another failing view's picture, or its own, mirrored."""
-    own = pictures[i]
+    """Say what would fit instead at a camera that fails: another failing view's image, or its own, mirrored."""
+    own = views[i]
     others = {
-        f"; the picture of {pictures[k].camera.name} fits there: are they swapped?": pictures[k]
+        f"; the image of {views[k].camera.name} fits there: are they swapped?": views[k]
         for k in sorted(failed - {i})
-        if pictures[k].light.shape == own.light.shape
+        if views[k].light.shape == own.light.shape
     }
     mirrored = replace(own, light=own.light[:, ::-1], valid=own.valid[:, ::-1])
-    for remark, other in {**others, "; its picture fits there mirrored": mirrored}.items():
+    for remark, other in {**others, "; its image fits there mirrored": mirrored}.items():
         placed = replace(own, light=other.light, valid=other.valid)
-        if np.median([compare(scene, placed, pictures[j]).score for j in partners]) >= least:
+        if np.median([compare(scene, placed, views[j]).score for j in partners]) >= least:
             return remark
     return ""
 
 
-def compare(scene: RayScene, here: Picture, there: Picture) -> Comparison:
+def compare(scene: RayScene, here: ReducedView, there: ReducedView) -> Comparison:
     """Carry what ``there`` shows into ``here`` through the mesh, and correlate the two."""
     points = here.points.reshape(-1, 3)
     pixels, from_front, _ = _visible(scene, here, there, np.flatnonzero(here.hit))
@@ -281,7 +281,7 @@ def compare(scene: RayScene, here: Picture, there: Picture) -> Comparison:
 
 
 def _visible(
-    scene: RayScene, here: Picture, there: Picture, index: np.ndarray
+    scene: RayScene, here: ReducedView, there: ReducedView, index: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Where another camera sees footprint samples of a view.
 
@@ -316,14 +316,14 @@ def _visible(
     return pixels, index[reached & (cosine > _GRAZING)], index[reached & (cosine < -_GRAZING)]
 
 
-def _scan(scene: RayScene, pictures: Sequence[Picture]) -> tuple[np.ndarray, np.ndarray]:
+def _scan(scene: RayScene, views: Sequence[ReducedView]) -> tuple[np.ndarray, np.ndarray]:
     """(V, V) shares of each view's pixels that each other one shows, and (V,) most that one shows from behind only."""
-    shared = np.zeros((len(pictures), len(pictures)))
-    behind = np.zeros(len(pictures))
-    for i, here in enumerate(pictures):
+    shared = np.zeros((len(views), len(views)))
+    behind = np.zeros(len(views))
+    for i, here in enumerate(views):
         hit = np.flatnonzero(here.hit)
         some = hit[:: max(len(hit) // _SCAN, 1)]
-        for j, there in enumerate(pictures):
+        for j, there in enumerate(views):
             if i != j and len(some):
                 _, front, back = _visible(scene, here, there, some)
                 shared[i, j] = len(front) / len(some)
@@ -334,7 +334,7 @@ def _scan(scene: RayScene, pictures: Sequence[Picture]) -> tuple[np.ndarray, np.
 def _reduced(dataset: Dataset, camera: Camera, width: int) -> tuple[Camera, np.ndarray, np.ndarray]:
     """Camera, log luminance and mask of a view, reduced by whole blocks of pixels to at most ``width`` columns."""
     image, weight = dataset.image(camera.name)
-    light = image.astype(np.float32) @ np.float32(LUMINANCE)
+    light = image.astype(np.float32) @ np.array(LUMINANCE, np.float32)
     block = -(-camera.width // width)
     rows, columns = camera.height // block, camera.width // block
 
@@ -351,7 +351,7 @@ def _reduced(dataset: Dataset, camera: Camera, width: int) -> tuple[Camera, np.n
     return small, np.log(np.maximum(light, 1e-3 * max(float(bright), 1e-6))).astype(np.float32), valid
 
 
-def _seen(scene: RayScene, camera: Camera, light: np.ndarray, valid: np.ndarray) -> Picture:
+def _seen(scene: RayScene, camera: Camera, light: np.ndarray, valid: np.ndarray) -> ReducedView:
     """Trace the footprint samples of a reduced view."""
     rows, columns = np.mgrid[: camera.height, : camera.width] + 0.5
     directions = camera.directions(columns, rows).reshape(-1, 3)
@@ -362,7 +362,7 @@ def _seen(scene: RayScene, camera: Camera, light: np.ndarray, valid: np.ndarray)
     points = camera.center + np.where(hit, distance, 0.0)[:, None] * directions
     normals = normals * np.sign(cosine)[:, None]
     shape = light.shape
-    return Picture(
+    return ReducedView(
         camera, light, valid, points.reshape(*shape, 3).astype(np.float32), hit.reshape(shape),
         normals.reshape(*shape, 3).astype(np.float32),
     )  # fmt: skip

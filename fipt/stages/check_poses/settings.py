@@ -11,7 +11,7 @@ class CheckPosesSettings(Settings):
     enabled: bool | None = Field(
         default=None, description="check before the fit; absent: for true photographs and estimated poses"
     )
-    width: Positive = Field(default=192, description="pictures are reduced to this many columns at most")
+    width: Positive = Field(default=192, description="images are reduced to this many columns at most")
     partners: Positive = Field(
         default=10, description="other views that each view is compared with, those that share most"
     )

@@ -96,7 +96,7 @@ def _read_mask(path: Path, shape: tuple[int, int]) -> np.ndarray:
 
 
 def _camera(frame: SourceView, width: int, height: int) -> Camera:
-    """Camera of a frame whose picture has this size (which its source need not state)."""
+    """Camera of a frame whose image has this size (which its source need not state)."""
     k = frame.intrinsics
     width, height = int(k.get("w", width)), int(k.get("h", height))
     focal = [
@@ -138,7 +138,7 @@ def _write_truth(folder: Path, frame: SourceView, camera: Camera) -> None:
         check_layer(values, camera, path)
         layers[f"{layer}.Y" if layer in _SCALARS else layer] = values
     if "emission" in layers:
-        layers["emission_mask.Y"] = (layers["emission"] > 0).any(axis=-1)
+        layers["emission_mask.Y"] = np.asarray((layers["emission"] > 0).any(axis=-1))
     if layers:
         write_exr(folder / "truth" / f"{frame.name}.exr", layers)
 

@@ -1,1 +1,1 @@
-"""Cameras from pictures: matching, mapping, evidence, metres and up."""
+"""Cameras from images: matching, mapping, evidence, metres and up."""

@@ -1,4 +1,4 @@
-"""A picture of cameras and points from above and from the side, and of the links between views."""
+"""An image of cameras and points from above and from the side, and of the links between views."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def draw(
     evidence: Mapping[str, Evidence],
     pairs: Sequence[tuple[str, str, int, int]],
 ) -> None:
-    """Write the picture: accepted cameras blue, rejected ones red, with their reasons below."""
+    """Write the image: accepted cameras blue, rejected ones red, with their reasons below."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

@@ -38,7 +38,7 @@ from fipt.stages.poses.reference import to_reference
 from fipt.stages.poses.settings import PosesSettings
 from fipt.stages.poses.views import FEWEST, Views
 
-_STEPS = "take pictures in steps of 15 degrees and half a metre"
+_STEPS = "take photographs in steps of 15 degrees and half a metre"
 _NAMED = 12
 """Views that a message names."""
 
@@ -76,7 +76,7 @@ class Estimate:
     refused
         Cameras that were placed and rejected, same frame.
     evidence
-        View -> evidence; every view that had a picture.
+        View -> evidence; every view that had an image.
     pairs
         (view, view, matches, shared points) of every verified pair.
     groups
@@ -105,19 +105,19 @@ def estimate(views: Views, work: Path, settings: PosesSettings) -> Estimate:
     views
         At least three.
     work
-        Folder of pictures, features, matches and models; what lies there is used again.
+        Folder of images, features, matches and models; what lies there is used again.
 
     Raises
     ------
     FiptError
-        Pictures without texture, of one place, without links, or too few cameras that can be believed.
+        Images without texture, of one place, without links, or too few cameras that can be believed.
     """
     if settings.align.reference is not None:
         read_poses(settings.align.reference)  # a file that is missing or damaged says so before the long work
     found = database(views, work, settings)
     features, pairs = counts(found, views.cameras), links(found, views.cameras)
     names = [camera.name for camera in views.cameras]
-    _check_pictures(names, features, pairs, views.cameras, settings)
+    _check_images(names, features, pairs, views.cameras, settings)
     runs = _runs(found, views.cameras, pairs, work, settings)
     if not runs:
         raise FiptError(
@@ -209,7 +209,7 @@ def _runs(
                 names = {camera.name for camera in models[0].cameras}
                 # Of the others, the one that shares most cameras with the largest.
                 twin = max(others, key=lambda o: sum(c.name in names for c in o.cameras), default=None)
-                sizes = tuple([len(model.cameras) for model in some] for some in (models, others))
+                sizes = [len(model.cameras) for model in models], [len(model.cameras) for model in others]
                 runs.append(Run(least, models, agreement(models[0], twin, settings), sizes))
     return runs
 
@@ -256,27 +256,27 @@ def _of(model: Reconstruction, kept: Sequence[bool]) -> Reconstruction:
 # ---------------------------------------------------------------------------------------------------- what goes wrong
 
 
-def _check_pictures(
+def _check_images(
     names: Sequence[str],
     features: np.ndarray,
     pairs: Sequence[Link],
     cameras: Sequence[Camera],
     settings: PosesSettings,
 ) -> None:
-    """Refuse pictures that cannot give poses, before any mapping."""
+    """Refuse images that cannot give poses, before any mapping."""
     plain = [name for name, count in zip(names, features, strict=True) if count < FEW_FEATURES]
     if len(names) - len(plain) < max(settings.min_share * len(names), FEWEST):
         raise FiptError(
             f"{len(plain)} of {len(names)} views show too little texture (fewer than {FEW_FEATURES} features: "
             f"{_listed(plain)})",
-            "take pictures with texture in view, or put posters or boards on bare walls",
+            "take photographs with texture in view, or put posters or boards on bare walls",
         )
     pixel = max(1.0, *(max(camera.width, camera.height) / settings.max_size for camera in cameras))
     if of_one_place(pairs, pixel):
         raise FiptError(
-            f"all {len(names)} pictures are of one place: turning the camera explains the matches between them, "
+            f"all {len(names)} images are of one place: turning the camera explains the matches between them, "
             "and without translation there is no depth",
-            "move the camera between pictures, half a metre to a metre each time",
+            "move the camera between photographs, half a metre to a metre each time",
         )
     if not pairs:
         raise FiptError(f"no two of the {len(names)} views show the same: each is isolated ({_listed(names)})", _STEPS)
@@ -285,8 +285,10 @@ def _check_pictures(
 def _grouped(names: Sequence[str], pairs: Sequence[Link]) -> str:
     """Which views are linked by matches, in words."""
     found = groups(link_strength(pairs, len(names)), FEWEST_MATCHES)
-    linked = [f"matches link {_listed([names[i] for i in group])}, too weakly" for group in found if len(group) > 1]
-    alone = [names[group[0]] for group in found if len(group) == 1]
+    linked = [
+        f"matches link {_listed([names[int(i)] for i in group])}, too weakly" for group in found if len(group) > 1
+    ]
+    alone = [names[int(group[0])] for group in found if len(group) == 1]
     return "; ".join([*linked[:3], *([f"isolated are {_listed(alone)}"] if alone else [])])
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,12 +16,12 @@ from fipt.stages.poses.settings import PosesSettings
 from fipt.stages.poses.similarity import camera_similarity, distances, rotation_angles
 
 FEW_FEATURES = 100
-"""Features below which a picture has no texture."""
+"""Features below which an image has no texture."""
 
 _TURN = 0.5
 """Distance of matches from a mere turn of the camera, below which they show no parallax, pixels."""
 _MOSTLY = 0.9
-"""Share of the links without parallax from which all pictures are of one place."""
+"""Share of the links without parallax from which all images are of one place."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Evidence:
     Attributes
     ----------
     features
-        Of its picture.
+        Of its image.
     neighbours
         Views that share at least ``min_shared`` points with it, or, without a pose, that it is matched with.
     points
@@ -139,7 +139,7 @@ def of_one_place(links: Sequence[Link], pixel: float) -> bool:
     links
         Verified pairs.
     pixel
-        Pixels of the view for one of the pictures in which features were found.
+        Pixels of the view for one of the images in which features were found.
     """
     still = [float(np.median(link.turn)) < _TURN * pixel for link in links]
     return bool(still) and sum(still) >= _MOSTLY * len(still)
@@ -161,7 +161,7 @@ def judged(
     names
         Of all views.
     features
-        (V,) of their pictures.
+        (V,) of their images.
     links
         Verified pairs of ``names``.
     models
@@ -185,7 +185,7 @@ def judged(
     found = {}
     for number, name in enumerate(names):
         if name not in placed:
-            partners = [names[other] for other in np.argsort(-matched[number], kind="stable") if matched[number, other]]
+            partners = [names[int(i)] for i in np.argsort(-matched[number], kind="stable") if matched[number, i]]
             reason = _unplaced(name, int(features[number]), partners, models)
             found[name] = Evidence(int(features[number]), tuple(partners), reason=reason)
             continue
@@ -202,17 +202,17 @@ def judged(
             agreement=agreements.get(name),
             spread=max(away, default=None),
         )
-        reason = _weak(evidence, settings) or _apart(index, held, placed, shared, settings)
-        found[name] = Evidence(**{**vars(evidence), "reason": reason})
+        reason = _weak(evidence, settings) or _of_other_group(index, held, placed, shared, settings)
+        found[name] = replace(evidence, reason=reason)
     return found
 
 
 def _unplaced(name: str, features: int, partners: Sequence[str], models: Sequence[Reconstruction]) -> str:
     """Why a view has no camera in the first model."""
     if features < FEW_FEATURES:
-        return f"no pose: only {features} features, its picture shows too little texture"
+        return f"no pose: only {features} features, its image shows too little texture"
     if not partners:
-        return "no pose: no other view shows enough of the same; take pictures between it and its neighbours"
+        return "no pose: no other view shows enough of the same; take photographs between it and its neighbours"
     for other in models[1:]:
         group = [camera.name for camera in other.cameras]
         if name in group:
@@ -235,7 +235,7 @@ def _weak(evidence: Evidence, settings: PosesSettings) -> str | None:
     return None
 
 
-def _apart(
+def _of_other_group(
     index: int, held: Sequence[np.ndarray], placed: Sequence[str], shared: np.ndarray, settings: PosesSettings
 ) -> str | None:
     """Why a camera of a smaller group is not believed: too few points hold its group to the others."""

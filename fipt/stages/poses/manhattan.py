@@ -1,8 +1,8 @@
-"""Which way the walls of a room face: the direction that most horizontal edges of its pictures have, up to 90 degrees.
+"""Which way the walls of a room face: the direction that most horizontal edges of its images have, up to 90 degrees.
 
-The plane through a camera and a straight edge in its picture holds the edge in space; its normal is n. A level edge has
+The plane through a camera and a straight edge in its image holds the edge in space; its normal is n. A level edge has
 the direction n x up, whatever its distance: every edge votes for one angle about the up axis, modulo 90 degrees, and
-those that are not level vote at random. Where pictures have too few edges, the points do: seen along a wall,
+those that are not level vote at random. Where images have too few edges, the points do: seen along a wall,
 they gather.
 """
 
@@ -16,10 +16,10 @@ from fipt.scene.cameras import Camera
 from fipt.stages.poses.room_boards import toned
 
 _WIDTH = 1600
-"""Pictures are reduced to this width for the search for edges."""
+"""Images are reduced to this width for the search for edges."""
 
 _SHORTEST = 0.03
-"""Edges shorter than this share of the picture's diagonal are left out."""
+"""Edges shorter than this share of the image's diagonal are left out."""
 
 _UPRIGHT = np.sin(np.radians(3.0))
 """An edge whose plane comes this close to holding the up axis may be upright: it does not vote."""
@@ -70,12 +70,12 @@ class Walls:
 def edge_votes(
     camera: Camera, radiance: np.ndarray, up: np.ndarray, level: np.ndarray, boards: Sequence[np.ndarray] = ()
 ) -> tuple[np.ndarray, ...]:
-    """Angles modulo 90 degrees that the straight edges of a picture vote for, and the weight of each vote.
+    """Angles modulo 90 degrees that the straight edges of an image vote for, and the weight of each vote.
 
     Parameters
     ----------
     camera, radiance
-        A view and its (H, W, 3) picture.
+        A view and its (H, W, 3) image.
     up
         (3,) unit vector.
     level

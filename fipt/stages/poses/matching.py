@@ -1,4 +1,4 @@
-"""Features and matches of pictures, in COLMAP databases that are kept and used again."""
+"""Features and matches of images, in COLMAP databases that are kept and used again."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from fipt.stages.poses.views import Views
 assert cv2  # imported for its place above
 
 FEWEST_MATCHES = 15
-"""Matches below which a pair of pictures is not taken for one of the same thing."""
+"""Matches below which a pair of images is not taken for one of the same thing."""
 
 _ENDING = ".png"
 
@@ -52,17 +52,17 @@ class Link:
 
 
 def database(views: Views, work: Path, settings: PosesSettings) -> Path:
-    """Make pictures, features and matches of views, or find them made; return the database.
+    """Make images, features and matches of views, or find them made; return the database.
 
     Parameters
     ----------
     views
         With intrinsics.
     work
-        Folder for pictures and databases; their names tell what they were made of.
+        Folder for images and databases; their names tell what they were made of.
     """
-    pictures = _pictures(views, work)
-    features = _features(views, pictures, work, settings)
+    images = _images(views, work)
+    features = _features(views, images, work, settings)
     return _matches(features, len(views.cameras), work, settings)
 
 
@@ -81,9 +81,9 @@ def colmap_log(work: Path) -> Iterator[None]:
         os.close(kept)
 
 
-def view_of(picture: str) -> str:
-    """Name of the view of a picture in a database."""
-    return picture.removesuffix(_ENDING)
+def view_of(image: str) -> str:
+    """Name of the view of an image in a database."""
+    return image.removesuffix(_ENDING)
 
 
 def key(*parts: object) -> str:
@@ -91,27 +91,27 @@ def key(*parts: object) -> str:
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:12]
 
 
-def _pictures(views: Views, work: Path) -> Path:
-    """Write 8-bit pictures and masks of all views to a folder named after their content."""
-    state = [(name, path.stat().st_size, path.stat().st_mtime_ns) for name, path in views.pictures.items()]
-    out = work / f"pictures-{key(state)}"
+def _images(views: Views, work: Path) -> Path:
+    """Write 8-bit images and masks of all views to a folder named after their content."""
+    state = [(name, path.stat().st_size, path.stat().st_mtime_ns) for name, path in views.images.items()]
+    out = work / f"images-{key(state)}"
     if out.is_dir():
         return out
-    with atomic_folder(out) as folder, progress("pictures", len(views.cameras), " views") as bar:
+    with atomic_folder(out) as folder, progress("images", len(views.cameras), " views") as bar:
         for camera in views.cameras:
-            radiance, shown = views.picture(camera.name)
+            radiance, shown = views.image(camera.name)
             write_png(folder / "grey" / f"{camera.name}{_ENDING}", local_contrast(radiance, shown))
-            # COLMAP looks for the picture's name with one more ending.
+            # COLMAP looks for the image's name with one more ending.
             write_png(folder / "mask" / f"{camera.name}{_ENDING}.png", mask(shown))
             bar.advance()
     return out
 
 
-def _features(views: Views, pictures: Path, work: Path, settings: PosesSettings) -> Path:
-    """Find the features of all pictures; views of the same intrinsics share a camera."""
+def _features(views: Views, images: Path, work: Path, settings: PosesSettings) -> Path:
+    """Find the features of all images; views of the same intrinsics share a camera."""
     kind = (settings.max_size, settings.max_features, settings.peak)
     grouped = [(k, [c.name for c in group]) for k, group in groupby(sorted(views.cameras, key=_k), key=_k)]
-    out = work / f"features-{key(pictures.name, kind, grouped)}.db"
+    out = work / f"features-{key(images.name, kind, grouped)}.db"
     if out.is_file():
         return out
     options = pycolmap.FeatureExtractionOptions()
@@ -125,9 +125,9 @@ def _features(views: Views, pictures: Path, work: Path, settings: PosesSettings)
             reader = pycolmap.ImageReaderOptions()
             reader.camera_model = "PINHOLE"
             reader.camera_params = ",".join(f"{value:.17g}" for value in intrinsics)
-            reader.mask_path = str(pictures / "mask")
+            reader.mask_path = str(images / "mask")
             listed = [f"{name}{_ENDING}" for name in names]
-            single, grey = pycolmap.CameraMode.SINGLE, pictures / "grey"
+            single, grey = pycolmap.CameraMode.SINGLE, images / "grey"
             with colmap_log(work):
                 # First the list: threads finish in any order, and numbers by that order would change the result.
                 pycolmap.import_images(temporary, grey, single, listed, reader)
@@ -164,12 +164,14 @@ def _matches(features: Path, count: int, work: Path, settings: PosesSettings) ->
     pairs = count * (count - 1) // 2 if exhaustive else count * settings.overlap
     with atomic(out) as temporary, progress("matching", pairs, " pairs") as bar:
         shutil.copyfile(features, temporary)
-        pairing = pycolmap.ExhaustivePairingOptions() if exhaustive else pycolmap.SequentialPairingOptions()
-        if not exhaustive:
-            pairing.overlap, pairing.quadratic_overlap = settings.overlap, True
-        match = pycolmap.match_exhaustive if exhaustive else pycolmap.match_sequential
+        near = pycolmap.SequentialPairingOptions()
+        near.overlap, near.quadratic_overlap = settings.overlap, True
+        every, device = pycolmap.ExhaustivePairingOptions(), pycolmap.Device.cpu
         with colmap_log(work):
-            match(temporary, options, pairing, verification, pycolmap.Device.cpu)
+            if exhaustive:
+                pycolmap.match_exhaustive(temporary, options, every, verification, device)
+            else:
+                pycolmap.match_sequential(temporary, options, near, verification, device)
         bar.advance(pairs)
     return out
 
@@ -209,7 +211,7 @@ def _rays(pixels: np.ndarray, camera: Camera) -> np.ndarray:
 
 def _off_a_turn(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """(M,) angles between directions b and directions a after the turn that fits most of them best, radians."""
-    good = np.ones(len(a), bool)
+    good, away = np.ones(len(a), bool), np.zeros(len(a))
     for _ in range(5):
         u, _, vt = np.linalg.svd(b[good].T @ a[good])
         rotation = u @ np.diag([1, 1, np.linalg.det(u @ vt)]) @ vt

@@ -1,4 +1,4 @@
-"""HDR views to 8-bit pictures in which dark corners show as many features as bright walls."""
+"""HDR views to 8-bit images in which dark corners show as many features as bright walls."""
 
 import cv2
 import numpy as np
@@ -14,7 +14,7 @@ _RIM = 4
 
 
 def local_contrast(radiance: np.ndarray, shown: np.ndarray) -> np.ndarray:
-    """(H, W) uint8 picture of (H, W, 3) linear radiance: logarithm of the luminance, contrast evened out by tiles.
+    """(H, W) uint8 image of (H, W, 3) linear radiance: logarithm of the luminance, contrast evened out by tiles.
 
     Parameters
     ----------
@@ -23,7 +23,7 @@ def local_contrast(radiance: np.ndarray, shown: np.ndarray) -> np.ndarray:
     shown
         (H, W) bool; the range is that of these pixels.
     """
-    luminance = np.maximum(radiance @ np.float32(LUMINANCE), 0)
+    luminance = np.maximum(radiance @ np.array(LUMINANCE, np.float32), 0)
     seen = luminance[shown & (luminance > 0)]
     if not seen.size:
         return np.zeros(luminance.shape, np.uint8)

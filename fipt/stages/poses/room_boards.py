@@ -27,7 +27,7 @@ _WHITES = (99.5, 90.0, 60.0)
 """Percentiles of the luminance that become white: a board may lie in the light or in the dark."""
 
 _MAGNIFIED = 3500
-"""Width up to which pictures are searched at twice and four times their size too: small markers are found there."""
+"""Width up to which images are searched at twice and four times their size too: small markers are found there."""
 
 _BIG = 0.3
 """Residual in pixels below which no view counts as wrong, however good the others are."""
@@ -67,7 +67,7 @@ class PlacedTarget:
     rotation, shift
         (3, 3) and (3,).
     pixels, millimetres
-        Root mean square residual in the pictures; median distance of corners triangulated on their own.
+        Root mean square residual in the images; median distance of corners triangulated on their own.
     views, rejected
         Views that were used, and those that contradict them.
     corners
@@ -98,6 +98,7 @@ def find_boards(cameras: Sequence[Camera], read_image: ReadImage, board: SceneBo
 
     markers = boards.dictionary(board.dictionary, "poses.align.board.dictionary")
     targets: dict[int, Target] = {}
+    charuco = None
     if board.kind == "charuco":
         if board.marker >= board.square:
             raise FiptError(
@@ -109,12 +110,12 @@ def find_boards(cameras: Sequence[Camera], read_image: ReadImage, board: SceneBo
     with progress("boards", len(cameras), " views") as bar:
         for camera in cameras:
             radiance = read_image(camera.name)
-            if board.kind == "charuco":
+            if charuco is not None:
                 corners = _charuco(radiance, charuco)
                 if corners is not None:
                     targets[0].seen[camera.name] = corners
             else:
-                for grey, size in _pictures(radiance, 1.0):
+                for grey, size in _images(radiance, 1.0):
                     for number, corners in boards.tag_corners(grey, markers).items():
                         new = Target(f"tag {number}", boards.tag_points(board.marker).astype(np.float64))
                         seen = targets.setdefault(number, new).seen
@@ -141,7 +142,7 @@ def _charuco(radiance: np.ndarray, board: "cv2.aruco.CharucoBoard") -> tuple[np.
     from fipt.scene import boards
 
     ids, pixels = np.empty(0, np.int32), np.empty((0, 2))
-    for grey, size in _pictures(radiance, 0.5):
+    for grey, size in _images(radiance, 0.5):
         found = boards.charuco_corners(grey, board, _LEAST, beside=1)
         if found is not None and len(found[2]) > len(ids):
             ids, pixels = found[2], found[1].astype(np.float64) / size
@@ -152,24 +153,24 @@ def _charuco(radiance: np.ndarray, board: "cv2.aruco.CharucoBoard") -> tuple[np.
     return (ids, pixels) if best is None else (best[1], best[0])
 
 
-def _pictures(radiance: np.ndarray, power: float) -> Iterator[tuple[np.ndarray, int]]:
-    """Grey pictures to search, and how many times larger than the view they are.
+def _images(radiance: np.ndarray, power: float) -> Iterator[tuple[np.ndarray, int]]:
+    """Grey images to search, and how many times larger than the view they are.
 
     Where the light is averaged over a pixel on an edge, a tone curve moves the edge into the dark: nothing to the
     corners between four squares, but a dark tag shrinks (by 1 % where it is 50 pixels wide).
     """
     import cv2
 
-    pictures = toned(radiance, power)
-    yield from ((grey, 1) for grey in pictures)
+    images = toned(radiance, power)
+    yield from ((grey, 1) for grey in images)
     for size in (2, 4):
         if radiance.shape[1] * size <= _MAGNIFIED:
-            yield from ((cv2.resize(g, None, fx=size, fy=size, interpolation=cv2.INTER_CUBIC), size) for g in pictures)
+            yield from ((cv2.resize(g, None, fx=size, fy=size, interpolation=cv2.INTER_CUBIC), size) for g in images)
 
 
 def toned(radiance: np.ndarray, power: float = 0.5) -> list[np.ndarray]:
-    """Grey pictures of (H, W, 3) radiance at several exposures, with a power as tone curve: (H, W) uint8."""
-    light = np.maximum(np.asarray(radiance, np.float32) @ np.float32(LUMINANCE), 0)
+    """Grey images of (H, W, 3) radiance at several exposures, with a power as tone curve: (H, W) uint8."""
+    light = np.maximum(np.asarray(radiance, np.float32) @ np.array(LUMINANCE, np.float32), 0)
     whites = np.percentile(light[::2, ::2], _WHITES)
     return [(np.clip(light / max(white, 1e-12), 0, 1) ** power * 255 + 0.5).astype(np.uint8) for white in whites]
 
@@ -193,7 +194,7 @@ def place(target: Target, cameras: Mapping[str, Camera]) -> PlacedTarget | None:
         solved = _solve(target, used, cameras, start)
         worst = {view: float(np.median(np.linalg.norm(_errors(target, [view], cameras, solved[0]), axis=1)))
                  for view in used}  # fmt: skip
-        wrong = max(used, key=worst.get)
+        wrong = max(used, key=worst.__getitem__)
         others = [worst[view] for view in used if view != wrong]
         # Two views cannot say which of them is wrong.
         if len(used) <= 2 or worst[wrong] <= max(_BIG, 5 * float(np.median(others))):
@@ -204,10 +205,10 @@ def place(target: Target, cameras: Mapping[str, Camera]) -> PlacedTarget | None:
     errors = _errors(target, used, cameras, solved[0])
     corners = scale * target.points @ rotation.T + shift
     located = _triangulated(target, used, cameras)
-    apart = [np.linalg.norm(point - corners[i]) / scale * 1000 for i, point in located.items()]
+    misses = [np.linalg.norm(point - corners[i]) / scale * 1000 for i, point in located.items()]
     return PlacedTarget(
         target.name, scale, deviation, rotation, shift, float(np.sqrt((errors**2).sum(axis=1).mean())),
-        float(np.median(apart)) if apart else float("nan"), tuple(used),
+        float(np.median(misses)) if misses else float("nan"), tuple(used),
         tuple(view for view in views if view not in used), corners,
     )  # fmt: skip
 

@@ -45,7 +45,7 @@ class Align(Settings):
     )
     board: SceneBoard | None = Field(default=None, description="a board of known size that stands in the room")
     points: dict[str, dict[str, Pixel]] = Field(
-        default={}, description="named points: view -> [column, row] of the undistorted picture, in two or more views"
+        default={}, description="named points: view -> [column, row] of the undistorted image, in two or more views"
     )
     distances: tuple[KnownDistance, ...] = Field(default=(), description="measured distances between named points")
     tripod_height: Length | None = Field(default=None, description="of the lens above the floor in all views, metres")
@@ -62,21 +62,21 @@ class Align(Settings):
 
 
 class PosesSettings(Settings):
-    """Cameras from pictures (COLMAP), where a scene has `poses: colmap`."""
+    """Cameras from images (COLMAP), where a scene has `poses: colmap`."""
 
     intrinsics: Literal["fixed", "refined"] = Field(
         default="fixed", description="focal lengths: as given, or estimated too"
     )
     max_size: Positive = Field(
-        default=2400, description="pictures are scaled down to this many pixels for finding features"
+        default=2400, description="images are scaled down to this many pixels for finding features"
     )
-    max_features: Positive = Field(default=8192, description="features of a picture, the largest ones")
+    max_features: Positive = Field(default=8192, description="features of an image, the largest ones")
     peak: float = Field(default=0.004, gt=0, le=0.1, description="contrast that a feature must have; lower finds more")
     exhaustive_below: Positive = Field(
-        default=300, description="fewer views than this: every pair of pictures is matched"
+        default=300, description="fewer views than this: every pair of images is matched"
     )
     overlap: Positive = Field(
-        default=12, description="otherwise: neighbours that a picture is matched with, and each 2^n-th"
+        default=12, description="otherwise: neighbours that an image is matched with, and each 2^n-th"
     )
     match_ratio: float = Field(
         default=0.8, gt=0, le=1, description="of the distances to best and second best match, at most"

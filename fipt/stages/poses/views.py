@@ -1,4 +1,4 @@
-"""The views whose poses are wanted: developed photographs, or HDR pictures of any folder with intrinsics."""
+"""The views whose poses are wanted: developed photographs, or HDR images of any folder with intrinsics."""
 
 from __future__ import annotations
 
@@ -30,38 +30,38 @@ class Views:
     ----------
     cameras
         Intrinsics of the views; their ``world_from_camera`` is the identity and means nothing.
-    pictures
+    images
         View -> its EXR file.
     rejected
         View that an earlier check has rejected -> why; not among the cameras.
     """
 
     cameras: tuple[Camera, ...]
-    pictures: Mapping[str, Path]
+    images: Mapping[str, Path]
     rejected: Mapping[str, str]
 
     def radiance(self, view: str) -> np.ndarray:
         """(H, W, 3) float32 linear RGB of a view."""
-        return self.picture(view)[0]
+        return self.image(view)[0]
 
-    def picture(self, view: str) -> tuple[np.ndarray, np.ndarray]:
+    def image(self, view: str) -> tuple[np.ndarray, np.ndarray]:
         """Read a view: (H, W, 3) float32 linear RGB, and (H, W) bool, where it shows something that stands still.
 
         Raises
         ------
         FiptError
-            If the picture is missing, damaged or of another size than its camera.
+            If the image is missing, damaged or of another size than its camera.
         """
-        path, camera = self.pictures[view], next(c for c in self.cameras if c.name == view)
+        path, camera = self.images[view], next(c for c in self.cameras if c.name == view)
         channels = read_exr(path, required=("R", "G", "B"))
         radiance = np.stack([channels[letter] for letter in "RGB"], axis=-1)
         if radiance.shape[:2] != (camera.height, camera.width):
             raise FiptError(
                 f"{path} must be {camera.width}x{camera.height} like its intrinsics; it is "
                 f"{radiance.shape[1]}x{radiance.shape[0]}",
-                "correct the intrinsics' w and h, or the picture",
+                "correct the intrinsics' w and h, or the image",
             )
-        shown = np.isfinite(radiance).all(axis=-1)
+        shown = np.asarray(np.isfinite(radiance).all(axis=-1))
         if "flags.Y" in channels:
             shown &= channels["flags.Y"].astype(np.uint32) & (FLAG_OUTSIDE | FLAG_MOVED) == 0
         return np.where(shown[..., None], radiance, 0).astype(np.float32), shown
@@ -103,12 +103,12 @@ def read_capture(folder: str | Path, held_out: Collection[str]) -> Views:
             "calibrate the camera (docs/stages/capture.md), or run fipt pose with --source and --intrinsics",
         )
     cameras = tuple(_camera(name, facts[name], held_out, report) for name in accepted)
-    pictures = {name: folder / "hdr" / f"{name}.exr" for name in accepted}
-    return _checked(Views(cameras, pictures, rejected), folder)
+    images = {name: folder / "hdr" / f"{name}.exr" for name in accepted}
+    return _checked(Views(cameras, images, rejected), folder)
 
 
 def read_folder(folder: str | Path, intrinsics: str | Path, held_out: Collection[str]) -> Views:
-    """Read the EXR pictures of a folder, undistorted, with intrinsics in the form of a transforms.json without poses.
+    """Read the EXR images of a folder, undistorted, with intrinsics in the form of a transforms.json without poses.
 
     Parameters
     ----------
@@ -126,9 +126,9 @@ def read_folder(folder: str | Path, intrinsics: str | Path, held_out: Collection
         own = {Path(frame["file_path"]).stem: frame for frame in shared.get("frames", ())}
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise FiptError(f"{path} must hold w, h and fl_x in JSON ({error!r})", "see docs/stages/poses.md") from error
-    pictures = {check_name(file.stem, f"{folder}: view"): file for file in sorted(folder.glob("*.exr"))}
-    cameras = tuple(_camera(name, {**shared, **own.get(name, {})}, held_out, path) for name in pictures)
-    return _checked(Views(cameras, pictures, {}), folder)
+    images = {check_name(file.stem, f"{folder}: view"): file for file in sorted(folder.glob("*.exr"))}
+    cameras = tuple(_camera(name, {**shared, **own.get(name, {})}, held_out, path) for name in images)
+    return _checked(Views(cameras, images, {}), folder)
 
 
 def _camera(name: str, keys: Mapping[str, Any], held_out: Collection[str], path: Path) -> Camera:
@@ -138,7 +138,7 @@ def _camera(name: str, keys: Mapping[str, Any], held_out: Collection[str], path:
     except (KeyError, TypeError, ValueError) as error:
         raise FiptError(
             f"{path}: the intrinsics of view {name} must hold w, h and fl_x ({error!r})",
-            "add them, in pixels of the undistorted picture",
+            "add them, in pixels of the undistorted image",
         ) from error
     if min(width, height) < 1 or not fx > 0 or not known.get("fl_y", fx) > 0:
         raise FiptError(f"{path}, view {name}: image size and focal length must be positive", "correct the intrinsics")
@@ -161,8 +161,8 @@ def _checked(views: Views, folder: Path) -> Views:
         refused = f"; {len(views.rejected)} are rejected by the capture report" if views.rejected else ""
         raise FiptError(
             f"poses need at least {FEWEST} views; {folder} has {len(views.cameras)} ({names}{refused})",
-            "take more pictures, in steps of 15 degrees and half a metre",
+            "take more photographs, in steps of 15 degrees and half a metre",
         )
-    for path in views.pictures.values():
-        existing_file(path, "the picture of a view")
+    for path in views.images.values():
+        existing_file(path, "the image of a view")
     return views

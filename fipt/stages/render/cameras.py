@@ -9,7 +9,7 @@ from fipt.errors import FiptError
 from fipt.formats.files import check_name
 from fipt.scene.cameras import Camera, up_axis
 from fipt.scene.dataset import Dataset
-from fipt.scene.setup import CameraLens, CameraPath, OwnCameras, check_keyframes
+from fipt.scene.setup import CameraLens, CameraPath, Keyframe, OwnCameras, check_keyframes
 
 _SAMPLES = 256
 """Points between two keyframes by which the length of the way is measured."""
@@ -86,13 +86,19 @@ def poses_along(path: CameraPath, data: Dataset) -> list[np.ndarray]:
             )
     check_keyframes(path, [camera.name for camera in data.cameras])
     up = up_of(path, data)
-    poses = [
-        data.camera(key.view).world_from_camera if key.view is not None else pose_towards(key.position, key.target, up)
-        for key in path.keyframes
-    ]
+    poses = [_keyframe_pose(key, data, up) for key in path.keyframes]
     axes = _axes(up)
     curve = _curve(np.array([_coordinates(pose, axes) for pose in poses]), path.loop)
     return [_from_coordinates(values, axes) for values in curve(_moments(path, curve))]
+
+
+def _keyframe_pose(key: Keyframe, data: Dataset, up: np.ndarray) -> np.ndarray:
+    """(4, 4) world from camera of a keyframe: that of a view, or from a place to another."""
+    if key.view is not None:
+        return data.camera(key.view).world_from_camera
+    assert key.position is not None  # a keyframe without a view has both
+    assert key.target is not None
+    return pose_towards(key.position, key.target, up)
 
 
 def _curve(keys: np.ndarray, loop: bool) -> CubicHermiteSpline:

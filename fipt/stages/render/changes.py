@@ -75,7 +75,7 @@ class Changes:
         """Materials of footprint samples: found ones edited, or those of the objects there."""
         found = self._edited(found, [edit.holds(si.position, si.triangle) for edit in self.edits])
         there = self._objects_in(si)
-        if len(there) == 0:
+        if self.objects is None or len(there) == 0:
             return found
         number = si.triangle[there] - self.first_object
         own = self.objects.at(number, barycentric(self.objects.mesh.corners[number], si.position[there]))
@@ -87,14 +87,14 @@ class Changes:
     def smooth(self, si: SurfaceInteractions) -> SurfaceInteractions:
         """Footprint samples with the objects' vertex normals, turned to the viewer."""
         there = self._objects_in(si)
-        if len(there) == 0:
+        if self.objects is None or len(there) == 0:
             return si
         number, wo = si.triangle[there] - self.first_object, si.wo[there]
         weights = barycentric(self.objects.mesh.corners[number], si.position[there])
         corner = self.objects.normals[self.objects.mesh.triangles[number]]
         smooth = np.einsum("nk,nkc->nc", weights, corner)
         length = np.linalg.norm(smooth, axis=1, keepdims=True)
-        flat = (length[:, 0] < 1e-6) | (~corner.any(axis=2)).any(axis=1)
+        flat = (length[:, 0] < 1e-6) | np.any(~np.any(corner, axis=2), axis=1)
         smooth = smooth / np.maximum(length, 1e-6)
         smooth *= np.sign((smooth * si.normal[there]).sum(axis=1, keepdims=True))
         smooth = smooth + np.maximum(_GRAZING - (smooth * wo).sum(axis=1, keepdims=True), 0) * wo

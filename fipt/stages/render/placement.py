@@ -69,7 +69,7 @@ def unlikely_viewpoints(scene: RayScene, cameras: Sequence[Camera], views: Seque
 def _warnings(near: dict[str, float], inside: list[str], outside: list[str], count: int) -> list[str]:
     warnings = []
     if near:
-        least = min(near, key=near.get)
+        least = min(near, key=lambda name: near[name])
         warnings.append(
             f"{len(near)} of {count} cameras stand less than {100 * NEAREST:.0f} cm from a surface: "
             f"{_listed(list(near))} (nearest: {least}, {100 * near[least]:.1f} cm)"

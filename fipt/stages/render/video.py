@@ -35,7 +35,7 @@ def write_frames(folder: Path, cameras: Sequence[Camera], exposure: float) -> li
             files.append(path.with_suffix(".png"))
             write_png(files[-1], tone_mapped(radiance, exposure))
             bar.advance()
-    write_transforms(files[0], cameras, folder="")
+    write_transforms(files[0], list(cameras), folder="")
     return files
 
 

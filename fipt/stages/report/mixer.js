@@ -66,7 +66,7 @@ if (mixer) {
       const part = mixer.parts[index];
       const scale = on ? text(strength) : "0";
       if (scale === "1" && !color) return;
-      if (part.key === "outside") outside = `\n    background: {scale: ${scale}}`;
+      if (part.key === "outside") outside = `\n    environment: {scale: ${scale}}`;
       const paint = on && color ? `, color: [${color.map(text).join(", ")}]` : "";
       const names = part.emitters.map((name) => JSON.stringify(name)); // YAML reads JSON's strings
       const chosen = names.length > 1 ? `names: [${names.join(", ")}]` : `name: ${names[0]}`;

@@ -29,8 +29,7 @@ def run(inputs: BakeInputs, settings: "BakeSettings") -> dict[str, Any]:
     from fipt.stages.shade.bake import cache_shader
     from fipt.stages.shade.integrate import write_shading
 
-    data, figures = Dataset(inputs.dataset), {}
+    data = Dataset(inputs.dataset)
     cache, outside = read_cache(inputs.cache), read_environment(inputs.environment)
     shader = cache_shader(data.mesh(), cache, settings.fill, outside)
-    write_shading("bake", shader, data, read_samples(inputs.samples), settings, inputs.out, figures)
-    return figures
+    return write_shading("bake", shader, data, read_samples(inputs.samples), settings, inputs.out)

@@ -68,14 +68,13 @@ def write_shading(
     samples: FootprintSamples,
     settings: BakeSettings | RefineSettings,
     out: Path,
-    stats: Stats,
     finish: Callable[[int, np.ndarray], np.ndarray] | None = None,
-) -> None:
-    """Shade all samples of a shard and write ``out``/shading.npy and the manifest beside ``out``.
+) -> Stats:
+    """Shade all samples of a shard and write ``out``/shading.npy and the manifest beside ``out``; return figures.
 
     ``finish`` may change the (N, outputs, 3) shading of view number i before it is stored.
     """
-    out = Path(out)
+    stats: Stats = {}
     shading = Shading.empty(len(samples.position))
     check_disk(out.parent, shading.nbytes, f"the {stage} shading")
     paths = sum(sum(counts) for counts, _ in sampling_plan(settings))
@@ -100,3 +99,4 @@ def write_shading(
     with atomic_folder(out) as folder:
         save_shading(folder, shading)
     write_manifest(out.with_name(out.name + ".manifest.json"), stage, [out / "shading.npy"], dumped(settings))
+    return stats

@@ -15,6 +15,8 @@ from fipt.inputs import (
 )
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from fipt.stages.shade.settings import RefineSettings
 
 
@@ -46,15 +48,9 @@ def run(inputs: RefineInputs, settings: "RefineSettings") -> dict[str, Any]:
     room = FittedScene.load(data.mesh(), inputs.model, inputs.emitters, inputs.environment, inputs.cache)
     path = PathSettings(settings.max_depth, settings.cache_roughness, settings.light_sampling)
     shader = fitted_shader(room, path)
-    before, figures = read_shading(inputs.previous, shard), {}
-    write_shading(
-        "refine",
-        shader,
-        data,
-        shard,
-        settings,
-        inputs.out,
-        figures,
-        finish=lambda index, new: damped(new, before[shard.of_view(index)], settings.damping),
-    )
-    return figures
+    before = read_shading(inputs.previous, shard)
+
+    def kept(index: int, new: "np.ndarray") -> "np.ndarray":
+        return damped(new, before[shard.of_view(index)], settings.damping)
+
+    return write_shading("refine", shader, data, shard, settings, inputs.out, kept)

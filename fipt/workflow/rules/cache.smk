@@ -8,7 +8,10 @@ OUTPUTS: results/{scene}/cache.npz    sparse voxel records over the surface
 rule cache:
     """Gather the pictures' radiance in voxels on the surface."""
     input:
-        images=images("train"),
+        transforms="results/{scene}/dataset/transforms.json",
+        views="results/{scene}/dataset/views.json",
+        mesh="results/{scene}/dataset/mesh.ply",
+        images=ask("images", splits=["train"]),
         samples=sharded("results/{scene}/samples/{shard}.manifest.json", "train"),
     output:
         cache="results/{scene}/cache.npz",

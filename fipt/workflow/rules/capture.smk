@@ -11,7 +11,7 @@ OUTPUTS: results/{scene}/capture/calibration.json          what is known of the 
 rule calibrate:
     """Calibrate the camera of a capture."""
     input:
-        calibrated_from,
+        ask("calibration_files"),
     output:
         calibration="results/{scene}/capture/calibration.json",
         stats="results/{scene}/stats/calibrate.json",
@@ -20,11 +20,11 @@ rule calibrate:
     benchmark:
         "results/{scene}/benchmarks/calibrate.jsonl"
     wildcard_constraints:
-        scene=scenes_that(lambda s: s.photographed),
+        scene=scenes_where("source.photographed"),
     resources:
         mem_mb=2000,
     params:
-        capture=capture_path,
+        capture=ask("source.photographs.folder"),
         settings=settings("capture"),
         version=VERSIONS["capture"],
     shell:
@@ -35,7 +35,7 @@ rule calibrate:
 rule develop:
     """Develop a shard of brackets into HDR views."""
     input:
-        photographs,
+        ask("brackets"),
         calibration="results/{scene}/capture/calibration.json",
     output:
         manifest="results/{scene}/capture/hdr.{shard}.manifest.json",
@@ -47,8 +47,8 @@ rule develop:
     resources:
         mem_mb=2000,
     params:
-        capture=capture_path,
-        views=views,
+        capture=ask("source.photographs.folder"),
+        views=ask("views.listed"),
         out=folder("results/{scene}/capture"),
         settings=settings("capture"),
         version=VERSIONS["capture"],
@@ -74,7 +74,7 @@ rule qa:
     resources:
         mem_mb=2000,
     params:
-        capture=capture_path,
+        capture=ask("source.photographs.folder"),
         out=folder("results/{scene}/capture"),
         settings=settings("capture"),
         version=VERSIONS["capture"],

@@ -8,7 +8,7 @@ OUTPUTS: results/{scene}/dataset/check_poses.json   verdict and figures of every
 rule check_poses:
     """Check through the mesh that every view shows what the others show."""
     input:
-        pictures_to_check,
+        ask("images_to_check"),
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
         mesh="results/{scene}/dataset/mesh.ply",

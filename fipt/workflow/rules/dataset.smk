@@ -17,8 +17,8 @@ OUTPUTS: results/{scene}/dataset/transforms.json   cameras, metres, OpenGL axes,
 rule import_dataset:
     """Bring posed HDR views of another layout, or developed photographs, into the dataset form."""
     input:
-        source_files,
-        developed,
+        ask("source.imported_files"),
+        ask("developed"),
     output:
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
@@ -30,12 +30,12 @@ rule import_dataset:
     benchmark:
         "results/{scene}/benchmarks/import.jsonl"
     wildcard_constraints:
-        scene=scenes_that(lambda s: s.source == "dataset" or s.photographed),
+        scene=scenes_where("source.imported"),
     threads: workflow.cores
     resources:
         mem_mb=4000,
     params:
-        source=import_options,
+        source=ask("source.import_options"),
         dataset=folder("results/{scene}/dataset"),
         settings=settings("import"),
         version=VERSIONS["import"],
@@ -48,7 +48,7 @@ rule import_dataset:
 rule synthesize_room:
     """Build a room in code or of a scene file, and place its cameras."""
     input:
-        scene_files,
+        ask("source.scene_files"),
     output:
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
@@ -60,13 +60,13 @@ rule synthesize_room:
     benchmark:
         "results/{scene}/benchmarks/synthesize.jsonl"
     wildcard_constraints:
-        scene=scenes_that(lambda s: s.synthesized and not s.simulated),
+        scene=scenes_where("source.rendered"),
     threads: workflow.cores
     resources:
         mem_mb=4000,
     params:
         dataset=folder("results/{scene}/dataset"),
-        scene=scene_options,
+        scene=ask("source.scene_options"),
         settings=settings("synthesize"),
         version=VERSIONS["synthesize"],
     shell:
@@ -77,7 +77,7 @@ rule synthesize_room:
 rule synthesize_views:
     """Render pictures, segments and ground truth of a shard of a known room."""
     input:
-        scene_files,
+        ask("source.scene_files"),
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
         mesh="results/{scene}/dataset/mesh.ply",
@@ -90,15 +90,15 @@ rule synthesize_views:
     benchmark:
         "results/{scene}/benchmarks/synthesize.{shard}.jsonl"
     wildcard_constraints:
-        scene=scenes_that(lambda s: s.synthesized and not s.simulated),
+        scene=scenes_where("source.rendered"),
     threads: workflow.cores
     resources:
         mem_mb=4000,
         gpu=1,
     params:
         dataset=folder("results/{scene}/dataset"),
-        views=views,
-        scene=scene_options,
+        views=ask("views.listed"),
+        scene=ask("source.scene_options"),
         settings=settings("synthesize"),
         version=VERSIONS["synthesize"],
     shell:
@@ -110,12 +110,12 @@ rule synthesize_views:
 rule synthesize_relit:
     """Render a shard of a known room under a relight setup, as the truth of relighting."""
     input:
-        scene_files,
+        ask("source.scene_files"),
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
         mesh="results/{scene}/dataset/mesh.ply",
-        room=room,
-        files=setup_files,
+        room=ask("source.room_files"),
+        files=ask("setups.files"),
     output:
         manifest="results/{scene}/dataset/relight_truth.{setup}.{shard}.manifest.json",
         stats="results/{scene}/stats/synthesize.{setup}.{shard}.json",
@@ -124,16 +124,16 @@ rule synthesize_relit:
     benchmark:
         "results/{scene}/benchmarks/synthesize.{setup}.{shard}.jsonl"
     wildcard_constraints:
-        scene=scenes_that(lambda s: s.synthesized),
+        scene=scenes_where("source.known"),
     threads: workflow.cores
     resources:
         mem_mb=4000,
         gpu=1,
     params:
         dataset=folder("results/{scene}/dataset"),
-        views=views,
-        setup=setup_json,
-        scene=scene_options,
+        views=ask("views.listed"),
+        setup=ask("setups.json"),
+        scene=ask("source.scene_options"),
         settings=settings("synthesize"),
         version=VERSIONS["synthesize"],
     shell:

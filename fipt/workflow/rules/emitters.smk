@@ -14,7 +14,7 @@ rule emitters:
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
         mesh="results/{scene}/dataset/mesh.ply",
-        images=images("train"),
+        images=ask("images", splits=["train"]),
         samples=sharded("results/{scene}/samples/{shard}.manifest.json", "train"),
         shading=sharded(
             "results/{scene}/round-{round}/shading/{shard}.manifest.json", "train"
@@ -36,7 +36,7 @@ rule emitters:
         dataset=folder("results/{scene}/dataset"),
         samples=folders_of("samples"),
         shading=folders_of("shading"),
-        decisions=emission,
+        decisions=ask("decisions.emission"),
         settings=settings("emitters"),
         version=VERSIONS["emitters"],
     shell:
@@ -52,9 +52,9 @@ rule review:
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
         mesh="results/{scene}/dataset/mesh.ply",
-        images=images("train"),
+        images=ask("images", splits=["train"]),
         samples=sharded("results/{scene}/samples/{shard}.manifest.json", "train"),
-        emitters=last_emitters,
+        emitters=ask("last_emitters"),
     output:
         folder=directory("results/{scene}/emitters"),
         manifest="results/{scene}/emitters.manifest.json",
@@ -69,7 +69,7 @@ rule review:
         dataset=folder("results/{scene}/dataset"),
         samples=folders_of("samples"),
         review=folder("results/{scene}/emitters_review.yaml"),
-        decisions=listing,
+        decisions=ask("decisions.listing"),
         settings=settings("review"),
         version=VERSIONS["review"],
     shell:

@@ -9,9 +9,11 @@ OUTPUTS: results/{scene}/environment.npz    map over all directions; one zero wh
 rule environment:
     """Find what light comes from outside the mesh."""
     input:
-        images=images("train"),
+        transforms="results/{scene}/dataset/transforms.json",
+        views="results/{scene}/dataset/views.json",
+        images=ask("images", splits=["train"]),
         samples=sharded("results/{scene}/samples/{shard}.manifest.json", "train"),
-        file=environment_file,
+        file=ask("environment_files"),
     output:
         environment="results/{scene}/environment.npz",
         stats="results/{scene}/stats/environment.json",

@@ -17,14 +17,14 @@ rule fit:
     input:
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
-        images=images("train"),
+        images=ask("images", splits=["train"]),
         samples=sharded("results/{scene}/samples/{shard}.manifest.json", "train"),
         shading=sharded(
             "results/{scene}/round-{round}/shading/{shard}.manifest.json", "train"
         ),
         cache="results/{scene}/cache.npz",
         environment="results/{scene}/environment.npz",
-        segments=fused,
+        segments=ask("segmentation.fused"),
         previous=previous("results/{scene}/round-{round}/model.safetensors"),
     output:
         model="results/{scene}/round-{round}/model.safetensors",
@@ -43,7 +43,7 @@ rule fit:
         samples=folders_of("samples"),
         shading=folders_of("shading"),
         previous=option("--previous", "previous"),
-        segments=where("segments", "--segments", "results/{scene}/segments/fused"),
+        segments=option("--segments", "segments", "results/{scene}/segments/fused"),
         settings=settings("fit"),
         version=VERSIONS["fit"],
     shell:

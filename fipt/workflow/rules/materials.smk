@@ -14,7 +14,7 @@ rule material_maps:
         samples="results/{scene}/samples/{shard}.manifest.json",
         model=LAST_MODEL,
         confidence=LAST_CONFIDENCE,
-        emitters=last_emitters,
+        emitters=ask("last_emitters"),
     output:
         manifest="results/{scene}/materials.{shard}.manifest.json",
         stats="results/{scene}/stats/materials.{shard}.json",

@@ -14,8 +14,8 @@ OUTPUTS: results/{scene}/poses/transforms.json   cameras that are believed, metr
 rule estimate_poses:
     """Estimate the poses of developed views."""
     input:
-        developed,
-        reference=reference_file,
+        ask("developed"),
+        reference=ask("reference_files"),
     output:
         transforms="results/{scene}/poses/transforms.json",
         views="results/{scene}/poses/views.json",
@@ -28,13 +28,13 @@ rule estimate_poses:
     benchmark:
         "results/{scene}/benchmarks/pose.jsonl"
     wildcard_constraints:
-        scene=scenes_that(lambda s: s.estimated),
+        scene=scenes_where("source.estimated"),
     threads: workflow.cores
     resources:
         mem_mb=6000,
     params:
         capture=folder("results/{scene}/capture"),
-        held_out=held_out,
+        held_out=ask("views.held_out"),
         out=folder("results/{scene}/poses"),
         settings=settings("poses"),
         version=VERSIONS["poses"],

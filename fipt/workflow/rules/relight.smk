@@ -20,10 +20,10 @@ rule relight_views:
         cache="results/{scene}/cache.npz",
         environment="results/{scene}/environment.npz",
         model=LAST_MODEL,
-        emitters=last_emitters,
-        files=setup_files,
-        lamps=listed_lamps,
-        segments=fused_of_setup,
+        emitters=ask("last_emitters"),
+        files=ask("setups.files"),
+        lamps=ask("decisions.names"),
+        segments=ask("setups.fused"),
     output:
         manifest="results/{scene}/relight/{setup}.{shard}.manifest.json",
         stats="results/{scene}/stats/relight.{setup}.{shard}.json",
@@ -40,13 +40,13 @@ rule relight_views:
     params:
         dataset=folder("results/{scene}/dataset"),
         out=folder("results/{scene}/relight/{setup}"),
-        setup=setup_json,
-        lamps=where(
-            "lamps", "--emitter-names", "results/{scene}/emitters/emitters.json"
+        setup=ask("setups.json"),
+        lamps=option(
+            "--emitter-names", "lamps", "results/{scene}/emitters/emitters.json"
         ),
-        seen=relit_views,
-        rays_per_side=rays_per_side,
-        segments=where("segments", "--segments", "results/{scene}/segments/fusion.npz"),
+        seen=ask("setups.seen_options"),
+        rays_per_side=ask("rays_per_side"),
+        segments=option("--segments", "segments", "results/{scene}/segments/fusion.npz"),
         settings=settings("relight"),
         version=VERSIONS["relight"],
     shell:
@@ -64,8 +64,8 @@ rule join_images:
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
         checked="results/{scene}/dataset/check_poses.json",
-        images=images("all"),
-        seen=seen_by_cameras,
+        images=ask("images", splits=["all"]),
+        seen=ask("setups.seen"),
     output:
         manifest="results/{scene}/relight/{setup}.manifest.json",
         stats="results/{scene}/stats/video.{setup}.json",
@@ -78,9 +78,9 @@ rule join_images:
         mem_mb=4000,
     params:
         dataset=folder("results/{scene}/dataset"),
-        cameras=cameras_json,
+        cameras=ask("setups.cameras_json"),
         images=folder("results/{scene}/relight/{setup}"),
-        max_views=report_views,
+        max_views=ask("shown_views"),
         settings=settings("video"),
         version=VERSIONS["video"],
     shell:
@@ -99,7 +99,7 @@ rule olat_views:
         cache="results/{scene}/cache.npz",
         environment="results/{scene}/environment.npz",
         model=LAST_MODEL,
-        emitters=last_emitters,
+        emitters=ask("last_emitters"),
     output:
         manifest="results/{scene}/olat.{shard}.manifest.json",
         stats="results/{scene}/stats/olat.{shard}.json",
@@ -114,8 +114,8 @@ rule olat_views:
     params:
         dataset=folder("results/{scene}/dataset"),
         out=folder("results/{scene}/olat"),
-        views=lamp_views,
-        rays_per_side=rays_per_side,
+        views=ask("olat_views"),
+        rays_per_side=ask("rays_per_side"),
         settings=settings("olat"),
         version=VERSIONS["olat"],
     shell:

@@ -15,7 +15,7 @@ rule render_views:
         cache="results/{scene}/cache.npz",
         environment="results/{scene}/environment.npz",
         model=LAST_MODEL,
-        emitters=last_emitters,
+        emitters=ask("last_emitters"),
     output:
         manifest="results/{scene}/render.{shard}.manifest.json",
         stats="results/{scene}/stats/render.{shard}.json",
@@ -29,8 +29,8 @@ rule render_views:
         gpu=1,
     params:
         dataset=folder("results/{scene}/dataset"),
-        views=views,
-        rays_per_side=rays_per_side,
+        views=ask("views.listed"),
+        rays_per_side=ask("rays_per_side"),
         out=folder("results/{scene}/render"),
         settings=settings("render"),
         version=VERSIONS["render"],

@@ -10,15 +10,15 @@ rule scene_report:
     """Write the page of a scene."""
     input:
         metrics="results/{scene}/metrics.json",
-        images=images("all"),
+        images=ask("images", splits=["all"]),
         materials=sharded("results/{scene}/materials.{shard}.manifest.json", "all"),
         render=sharded("results/{scene}/render.{shard}.manifest.json", "val"),
-        relight=relit("results/{scene}/relight/{setup}.{shard}.manifest.json"),
-        films=films,
-        lamps=lamps_of,
-        emitters=last_emitters,
+        relight=ask("setups.relit"),
+        films=ask("setups.joined"),
+        lamps=ask("olat"),
+        emitters=ask("last_emitters"),
         listed="results/{scene}/emitters.manifest.json",
-        export=checked_export,
+        export=ask("export_check"),
     output:
         report="results/{scene}/report.html",
         stats="results/{scene}/stats/report.json",
@@ -30,8 +30,8 @@ rule scene_report:
         mem_mb=4000,
     params:
         results=folder("results/{scene}"),
-        setups=relit_setups,
-        films=filmed_setups,
+        setups=listed("setups.of_views"),
+        films=listed("setups.with_cameras"),
         settings=settings("report"),
         version=VERSIONS["report"],
     shell:

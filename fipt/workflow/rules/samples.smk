@@ -27,7 +27,7 @@ rule samples:
         gpu=1,
     params:
         dataset=folder("results/{scene}/dataset"),
-        views=views,
+        views=ask("views.listed"),
         settings=settings("samples"),
         version=VERSIONS["samples"],
     shell:

@@ -14,9 +14,9 @@ rule segment:
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
         mesh="results/{scene}/dataset/mesh.ply",
-        images=images("train"),
+        images=ask("images", splits=["train"]),
         samples="results/{scene}/samples/{shard}.manifest.json",
-        files=segment_files,
+        files=ask("segmentation.files"),
     output:
         manifest="results/{scene}/segments/views.{shard}.manifest.json",
         stats="results/{scene}/stats/segment.{shard}.json",
@@ -47,8 +47,8 @@ rule fuse:
         views="results/{scene}/dataset/views.json",
         checked="results/{scene}/dataset/check_poses.json",
         mesh="results/{scene}/dataset/mesh.ply",
-        images=images("train"),
-        segments=segmented,
+        images=ask("images", splits=["train"]),
+        segments=ask("segmentation.by_view"),
     output:
         manifest="results/{scene}/segments/fused.manifest.json",
         stats="results/{scene}/stats/fuse.json",

@@ -49,7 +49,7 @@ rule refine:
         cache="results/{scene}/cache.npz",
         environment="results/{scene}/environment.npz",
         model=previous("results/{scene}/round-{round}/model.safetensors"),
-        emitters=previous_emitters,
+        emitters=ask("emitters_before"),
         shading=previous("results/{scene}/round-{round}/shading/{shard}.manifest.json"),
     output:
         shading=directory("results/{scene}/round-{round}/shading/{shard}"),

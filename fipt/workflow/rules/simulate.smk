@@ -10,7 +10,7 @@ OUTPUTS: results/{scene}/room/                                    mesh, cameras 
 rule photographed_room:
     """Build a room in code or of a scene file and place its cameras, to be photographed."""
     input:
-        scene_files,
+        ask("source.scene_files"),
     output:
         transforms="results/{scene}/room/transforms.json",
         views="results/{scene}/room/views.json",
@@ -22,13 +22,13 @@ rule photographed_room:
     benchmark:
         "results/{scene}/benchmarks/synthesize.jsonl"
     wildcard_constraints:
-        scene=scenes_that(lambda s: s.simulated),
+        scene=scenes_where("source.simulated"),
     threads: workflow.cores
     resources:
         mem_mb=4000,
     params:
         dataset=folder("results/{scene}/room"),
-        scene=scene_options,
+        scene=ask("source.scene_options"),
         settings=settings("synthesize"),
         version=VERSIONS["synthesize"],
     shell:
@@ -67,7 +67,7 @@ rule photograph_calibration:
 rule photograph_views:
     """Photograph a shard of a known room with the simulated camera."""
     input:
-        scene_files,
+        ask("source.scene_files"),
         transforms="results/{scene}/room/transforms.json",
         views="results/{scene}/room/views.json",
         mesh="results/{scene}/room/mesh.ply",
@@ -86,8 +86,8 @@ rule photograph_views:
     params:
         dataset=folder("results/{scene}/room"),
         raw=folder("results/{scene}/raw"),
-        views=views,
-        scene=scene_options,
+        views=ask("views.listed"),
+        scene=ask("source.scene_options"),
         settings=settings("synthesize"),
         version=VERSIONS["synthesize"],
     shell:
@@ -99,7 +99,7 @@ rule photograph_views:
 rule synthesize_truth:
     """Look up ids and ground truth of a shard of developed photographs of a known room."""
     input:
-        scene_files,
+        ask("source.scene_files"),
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
         mesh="results/{scene}/dataset/mesh.ply",
@@ -111,15 +111,15 @@ rule synthesize_truth:
     benchmark:
         "results/{scene}/benchmarks/truth.{shard}.jsonl"
     wildcard_constraints:
-        scene=scenes_that(lambda s: s.simulated),
+        scene=scenes_where("source.simulated"),
     threads: workflow.cores
     resources:
         mem_mb=4000,
         gpu=1,
     params:
         dataset=folder("results/{scene}/dataset"),
-        views=views,
-        scene=scene_options,
+        views=ask("views.listed"),
+        scene=ask("source.scene_options"),
         settings=settings("synthesize"),
         version=VERSIONS["synthesize"],
     shell:

@@ -20,19 +20,15 @@ localrules:
 rule capture:
     """The capture report of every photographed scene."""
     input:
-        of_asked_scenes(
-            lambda wildcards: (
-                expand("results/{scene}/capture/qa.json", **wildcards)
-                if scene_of(wildcards).photographed
-                else []
-            )
-        ),
+        of_asked_scenes(ask("judged")),
 
 
 rule dataset:
     """Cameras, pictures, mesh, segments and truth."""
     input:
-        of_asked_scenes("results/{scene}/dataset/transforms.json", images("all")),
+        of_asked_scenes(
+            "results/{scene}/dataset/transforms.json", ask("images", splits=["all"])
+        ),
 
 
 rule shading:
@@ -63,9 +59,7 @@ rule render:
 rule relight:
     """Every view of every relight setup."""
     input:
-        of_asked_scenes(
-            relit("results/{scene}/relight/{setup}.{shard}.manifest.json"), films
-        ),
+        of_asked_scenes(ask("setups.relit"), ask("setups.joined")),
 
 
 rule export:

@@ -10,7 +10,7 @@ from fipt.errors import FiptError
 from fipt.scene.cameras import Camera
 from fipt.synthetic import camera as sim
 from fipt.synthetic.settings import SimulatedCamera
-from tests.captures import cameras, picture
+from tests.captures import cameras, scene_image
 
 LENS = (-0.12, 0.03, 0.002, -0.003, 0.004)
 VIEW = cameras(1)[0]
@@ -241,7 +241,7 @@ def test_bad_pixels_are_the_same_in_every_frame():
 def test_a_view_is_the_mean_of_its_blocks():
     settings = camera(scale=3)
     planes = sim.optics(VIEW, settings)
-    image = picture(planes.source)
+    image = scene_image(planes.source)
     truth = sim.view_truth(image, planes, settings)
     assert truth[""].shape == (VIEW.height, VIEW.width, 3)
     row, column = 17, 41
@@ -249,7 +249,7 @@ def test_a_view_is_the_mean_of_its_blocks():
     block = image[top : top + 3, left : left + 3]
     np.testing.assert_allclose(truth[""][row, column], block.mean(axis=(0, 1)), rtol=1e-6)
     # The view's own camera sees the same smooth picture.
-    direct = picture(VIEW)
+    direct = scene_image(VIEW)
     assert np.median(np.abs(truth[""] / direct - 1)) < 0.003
 
 
@@ -257,7 +257,7 @@ def test_saturation_in_the_truth_is_that_of_the_shortest_frame():
     """Without distortion the sensor's pixels are those of the truth: compare with a noise-free read-out."""
     settings = camera(distortion=(0, 0, 0, 0, 0), principal_offset=(0, 0), scale=2, white_radiance=20)
     planes = sim.optics(VIEW, settings)
-    image = picture(planes.source)
+    image = scene_image(planes.source)
     truth = sim.view_truth(image, planes, settings)["saturated.Y"]
     signal = sim.expose_source(image, planes, settings)
     full = (signal >= 1).reshape(VIEW.height, 2, VIEW.width, 2)
@@ -270,7 +270,7 @@ def test_pincushion_distortion_leaves_corners_unseen_and_barrel_does_not():
     for k1, seen in ((0.1, False), (-0.1, True)):
         settings = SimulatedCamera(distortion=(k1, 0, 0, 0, 0), scale=2)
         planes = sim.optics(VIEW, settings)
-        outside = sim.view_truth(picture(planes.source), planes, settings)["outside.Y"]
+        outside = sim.view_truth(scene_image(planes.source), planes, settings)["outside.Y"]
         assert outside[0, 0] == (0 if seen else 1)
         assert outside.any() != seen
         assert outside[VIEW.height // 2, VIEW.width // 2] == 0
@@ -280,7 +280,7 @@ def test_pincushion_distortion_leaves_corners_unseen_and_barrel_does_not():
 def test_a_ghost_changes_one_exposure_where_its_mask_says(white):
     settings = camera(ghosts=(VIEW.name,), white_radiance=white)
     planes = sim.optics(VIEW, settings)
-    image = picture(planes.source)
+    image = scene_image(planes.source)
     moved = sim.ghost(image, planes, settings)
     assert moved.frame == 2
     mask = sim.view_truth(image, planes, settings, moved)["moved.Y"]

@@ -97,7 +97,7 @@ def test_exposures_may_come_in_any_order(tmp_path):
 
 def test_a_view_is_the_same_whoever_is_photographed_with_it(made, tmp_path):
     plane = made.optics[1]
-    files = writer.write_bracket(tmp_path, 1, captures.picture(plane.source), plane, made.settings)
+    files = writer.write_bracket(tmp_path, 1, captures.scene_image(plane.source), plane, made.settings)
     assert [f.name for f in files[:-1]] == [f.name for f in made.frames("val_001")]
     for again, before in zip(files, [*made.frames("val_001"), made.folder / "truth" / "val_001.exr"], strict=True):
         assert again.read_bytes() == before.read_bytes()
@@ -311,8 +311,8 @@ def test_posed_pictures_become_a_capture(tmp_path):
     settings = SimulatedCamera(**captures.SMALL | {"scale": 1, "exposures": 3})
     given = captures.cameras(2, (80, 60))
     mesh = scenes.quad((0, 0, 0), (1, 0, 0), (0, 1, 0))
-    pictures = (captures.picture(camera) for camera in given)
-    files = writer.simulate_capture(pictures, given, settings, tmp_path / "raw", mesh)
+    images = (captures.scene_image(camera) for camera in given)
+    files = writer.simulate_capture(images, given, settings, tmp_path / "raw", mesh)
     assert all(file.is_file() for file in files)
     assert len(list((tmp_path / "raw").glob("*.dng"))) == 6
     assert len(read_mesh(tmp_path / "raw" / "mesh.ply").triangles) == 2
@@ -320,7 +320,7 @@ def test_posed_pictures_become_a_capture(tmp_path):
     for view in views:
         assert 60 < view.width < 80
         made = captures.Capture(tmp_path / "raw", views, [], settings)
-        np.testing.assert_allclose(made.truth(view.name)[""], captures.picture(view), rtol=2e-3)
+        np.testing.assert_allclose(made.truth(view.name)[""], captures.scene_image(view), rtol=2e-3)
 
 
 def test_a_capture_has_one_camera(tmp_path):

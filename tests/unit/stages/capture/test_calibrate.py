@@ -78,7 +78,7 @@ def test_boards_give_the_true_lens(made: captures.Capture, found: Calibration) -
     assert found.lens.fx == pytest.approx(sensor.fx, rel=2e-3)
     assert found.figures["board"]["rms"] < 0.15
     assert len(found.figures["board"]["frames"]) == made.settings.calibration_frames
-    # Where the pixels of the undistorted picture lie in the photograph.
+    # Where the pixels of the undistorted image lie in the photograph.
     true = Lens(**{**made.camera_truth["sensor"], "distortion": tuple(made.camera_truth["sensor"]["distortion"])})
     columns, rows = np.meshgrid(np.linspace(0, sensor.width, 41), np.linspace(0, sensor.height, 31))
     points = np.stack([columns, rows], axis=-1)
@@ -176,7 +176,7 @@ def test_boards_that_are_not_found_say_what_was_looked_for_and_where(tmp_path: P
 
 
 def test_charuco_boards_partly_seen(tmp_path: Path, np_rng: np.random.Generator) -> None:
-    """Boards drawn by OpenCV, seen through a known lens; JPEG-like pictures, since only corners matter."""
+    """Boards drawn by OpenCV, seen through a known lens; JPEG-like images, since only corners matter."""
     (tmp_path / "calibration" / "charuco").mkdir(parents=True)
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_100)
     board = cv2.aruco.CharucoBoard((10, 7), 0.025, 0.018, dictionary)
@@ -194,8 +194,8 @@ def test_charuco_boards_partly_seen(tmp_path: Path, np_rng: np.random.Generator)
         pose = np.column_stack([turn[:, 0], turn[:, 1], place - turn @ middle])
         plane = rays @ np.linalg.inv(pose).T
         plane = plane[..., :2] / plane[..., 2:] * 4000 - 0.5
-        picture = cv2.remap(drawn, *np.moveaxis(plane.astype(np.float32), -1, 0), cv2.INTER_AREA, borderValue=128)
-        cv2.imwrite(str(tmp_path / "calibration" / "charuco" / f"{k}.png"), picture)
+        image = cv2.remap(drawn, *np.moveaxis(plane.astype(np.float32), -1, 0), cv2.INTER_AREA, borderValue=128)
+        cv2.imwrite(str(tmp_path / "calibration" / "charuco" / f"{k}.png"), image)
     lines = ["view\tfile\tshutter"]
     for name, time, light in (("a", "1/4", 0.9), ("b", "1/16", 0.4)):
         ramp = np.linspace(0.1, 1, 640) ** 2 * np.ones((480, 1)) * light
@@ -211,7 +211,7 @@ def test_charuco_boards_partly_seen(tmp_path: Path, np_rng: np.random.Generator)
 
 def test_lenses_by_name_agree_with_lensfun_itself() -> None:
     shot = Shot(Path("a"), 1.0, 4.0, 100, 24.0, camera="Sony ILCE-7M3", lens="FE 24-105mm f/4 G OSS")
-    name, lens, vignetting = lensfun.look_up(shot, 600, 400, 2.5)
+    name, lens, vignetting = lensfun.find_lens(shot, 600, 400, 2.5)
     assert name == "Sony FE 24-105mm f/4 G OSS"
     database = lensfunpy.Database()
     camera = database.find_cameras("Sony", "ILCE-7M3")[0]
@@ -228,8 +228,8 @@ def test_lenses_by_name_agree_with_lensfun_itself() -> None:
     fitted = vignetting.falloff(columns.astype(np.float32), rows.astype(np.float32))
     assert np.abs(fitted * gain[10::20, 10::20, 1] - 1).max() < 0.005
     assert gain.max() > 1.5
-    assert lensfun.look_up(replace(shot, lens="no such lens 1-2mm"), 600, 400, 2.5) is None
-    assert lensfun.look_up(replace(shot, camera="Nobody Nothing"), 600, 400, 2.5) is None
+    assert lensfun.find_lens(replace(shot, lens="no such lens 1-2mm"), 600, 400, 2.5) is None
+    assert lensfun.find_lens(replace(shot, camera="Nobody Nothing"), 600, 400, 2.5) is None
 
 
 def test_empty_folders_of_frames_are_no_frames(tmp_path: Path) -> None:

@@ -28,8 +28,8 @@ from tests import captures
 SMALL = {"scale": 1, "full_well": 40_000.0}
 
 
-def lamp(camera: object) -> np.ndarray:
-    return captures.picture(camera, lamp=200.0)
+def bright(camera: object) -> np.ndarray:
+    return captures.scene_image(camera, emitter=200.0)
 
 
 def bracket(folder: Path, **changes: object) -> tuple[Calibration, dict[str, np.ndarray], float]:
@@ -37,7 +37,7 @@ def bracket(folder: Path, **changes: object) -> tuple[Calibration, dict[str, np.
     settings = SimulatedCamera(**{**SMALL, **changes})
     view = captures.cameras(1, (160, 120))[0]
     planes = optics(view, settings)
-    writer.write_bracket(folder, 0, lamp(planes.source), planes, settings)
+    writer.write_bracket(folder, 0, bright(planes.source), planes, settings)
     sensor = planes.sensor
     calibration = Calibration(
         "raw",
@@ -196,26 +196,26 @@ def test_half_floats_only_where_they_lose_nothing(tmp_path: Path) -> None:
         assert exact[1, 1] == np.float32(1 + 1e-4)
 
 
-# --- other pictures ---------------------------------------------------------------------------
+# --- other images ---------------------------------------------------------------------------
 
 
 def test_merged_views_pass_through_untouched(tmp_path: Path, np_rng: np.random.Generator) -> None:
-    picture = np_rng.uniform(0, 9, (6, 8, 3)).astype(np.float32)
-    picture[2, 3, 1] = np.nan
-    write_exr(tmp_path / "kitchen 1.exr", {"": picture})
+    image = np_rng.uniform(0, 9, (6, 8, 3)).astype(np.float32)
+    image[2, 3, 1] = np.nan
+    write_exr(tmp_path / "kitchen 1.exr", {"": image})
     capture = read_capture(tmp_path)
     assert [found.view for found in capture.brackets] == ["kitchen_1"]
     calibration = calibrate(capture, CaptureSettings())
     view = develop(capture.brackets[0], calibration, CaptureSettings())
-    good = np.isfinite(picture).all(axis=2)
-    assert (view.radiance[good] == picture[good]).all()
+    good = np.isfinite(image).all(axis=2)
+    assert (view.radiance[good] == image[good]).all()
     assert (view.valid == good).all()
     assert view.facts["camera"] is None
     assert "taken as they are" in calibration.absent[0]
 
 
 def test_8_bit_brackets_give_radiance_up_to_a_factor_and_say_what_they_are(tmp_path: Path) -> None:
-    """Pictures through a gamma curve, which is not told."""
+    """Images through a gamma curve, which is not told."""
     x, y = np.meshgrid(np.linspace(0, 1, 96), np.linspace(0, 1, 64))
     light = (0.02 * np.exp(5.0 * x + 0.8 * np.sin(9 * y)))[..., None] * np.array([0.8, 1.0, 1.2])
     light[20:30, 60:70] = 400.0
@@ -227,14 +227,14 @@ def test_8_bit_brackets_give_radiance_up_to_a_factor_and_say_what_they_are(tmp_p
     (tmp_path / "captures.tsv").write_text("\n".join(lines))
     capture = read_capture(tmp_path)
     view = develop(capture.bracket("v"), calibrate(capture, CaptureSettings()), CaptureSettings())
-    lamp = np.zeros(light.shape[:2], bool)
-    lamp[20:30, 60:70] = True
-    ratio = (view.radiance / light)[~lamp]
+    emitter = np.zeros(light.shape[:2], bool)
+    emitter[20:30, 60:70] = True
+    ratio = (view.radiance / light)[~emitter]
     ratio /= np.median(ratio, axis=0)
     assert np.percentile(np.abs(ratio - 1), 50) < 0.02
     assert np.percentile(np.abs(ratio - 1), 90) < 0.06
-    assert ((view.flags & FLAG_SATURATED > 0) == lamp).all()
-    assert (view.valid[lamp] == 0).all()
+    assert ((view.flags & FLAG_SATURATED > 0) == emitter).all()
+    assert (view.valid[emitter] == 0).all()
     assert view.facts["ldr"] is True
 
 

@@ -67,13 +67,13 @@ def test_wrong_shutter_times_are_measured(tmp_path):
 
 def test_sharpness_tells_blur_from_contrast(tmp_path):
     def blurred(camera):
-        return gaussian_filter(captures.picture(camera), (4, 4, 0))
+        return gaussian_filter(captures.scene_image(camera), (4, 4, 0))
 
     def dimmed(camera):
-        return 0.5 * captures.picture(camera)
+        return 0.5 * captures.scene_image(camera)
 
     values = {}
-    for name, scene in (("sharp", captures.picture), ("blurred", blurred), ("dimmed", dimmed)):
+    for name, scene in (("sharp", captures.scene_image), ("blurred", blurred), ("dimmed", dimmed)):
         captures.write(tmp_path / name, views=1, calibration_frames=1, scene=scene)
         (values[name],) = inspected(tmp_path / name)
     assert values["blurred"].sharpness < 0.6 * values["sharp"].sharpness

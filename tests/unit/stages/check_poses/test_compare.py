@@ -1,4 +1,4 @@
-"""Wrong cameras are found through the mesh, and no good one is rejected; pictures are drawn by plain NumPy."""
+"""Wrong cameras are found through the mesh, and no good one is rejected; views are drawn by plain NumPy."""
 
 import json
 from dataclasses import replace
@@ -18,7 +18,7 @@ SIZE = (120, 90)
 
 
 @pytest.fixture(scope="module")
-def pictures():
+def views():
     """Twelve views of the box room with a board on the floor and one on a wall."""
     boards = [
         room_views.charuco((1.6, 0.001, 1.4), (1, 0, 0.3), (-0.3, 0, 1), square=0.3),
@@ -32,10 +32,10 @@ def ring():
     return room_views.cameras(12, size=SIZE, target=(2.5, 0.9, 2.0))
 
 
-def written(folder, cameras, pictures):
-    """The dataset of some cameras and their pictures."""
-    for camera, picture in zip(cameras, pictures, strict=True):
-        write_exr(folder / "images" / f"{camera.name}.exr", {"": picture})
+def written(folder, cameras, views):
+    """The dataset of some cameras and their views."""
+    for camera, image in zip(cameras, views, strict=True):
+        write_exr(folder / "images" / f"{camera.name}.exr", {"": image})
     write_transforms(folder / "transforms.json", cameras)
     write_views(folder / "views.json", [camera.name for camera in cameras])
     write_ply(folder / "mesh.ply", scenes.box((0, 0, 0), room_views.SIZE))
@@ -71,19 +71,19 @@ def verdicts(folder, **settings):
     return {verdict.view: verdict for verdict in check(Dataset(folder), CheckPosesSettings(**settings))}
 
 
-def test_good_cameras_stay(backend, tmp_path, pictures):
-    found = verdicts(written(tmp_path, ring(), pictures.values()))
+def test_good_cameras_stay(backend, tmp_path, views):
+    found = verdicts(written(tmp_path, ring(), views.values()))
     assert all(verdict.accepted and not verdict.reason for verdict in found.values())
     assert min(verdict.score for verdict in found.values()) > 0.8
     assert found == verdicts(tmp_path)  # the same numbers again
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_a_mirrored_a_turned_and_two_swapped_cameras_are_found(backend, tmp_path, pictures, seed):
+def test_a_mirrored_a_turned_and_two_swapped_cameras_are_found(backend, tmp_path, views, seed):
     """The plants of the issue, three times; nothing else is rejected."""
     rng = np.random.default_rng(seed)
     a, b, c, d = rng.choice(12, 4, replace=False)
-    cameras, shown = ring(), list(pictures.values())
+    cameras, shown = ring(), list(views.values())
     cameras[a] = mirrored(cameras[a], int(rng.choice([0, 2])))
     cameras[b] = posed(cameras[b], by_degrees(5, rng.normal(size=3)))
     shown[c], shown[d] = shown[d], shown[c]
@@ -92,25 +92,25 @@ def test_a_mirrored_a_turned_and_two_swapped_cameras_are_found(backend, tmp_path
     good = [verdict.score for verdict in found.values() if verdict.accepted]
     bad = [verdict.score for verdict in found.values() if not verdict.accepted and verdict.score is not None]
     assert min(good) > 2 * max(bad)
-    assert f"the picture of v{d} fits there: are they swapped?" in found[f"v{c}"].reason
+    assert f"the image of v{d} fits there: are they swapped?" in found[f"v{c}"].reason
 
 
-def test_a_mirrored_picture_and_a_camera_outside_are_named(backend, tmp_path, pictures):
-    cameras, shown = ring(), list(pictures.values())
+def test_a_mirrored_image_and_a_camera_outside_are_named(backend, tmp_path, views):
+    cameras, shown = ring(), list(views.values())
     shown[2] = shown[2][:, ::-1]
     cameras[7] = mirrored(cameras[7], 0)
     pose = cameras[7].world_from_camera.copy()
     pose[0, 3] = 5.0 + (5.0 - pose[0, 3])  # beyond the wall
     cameras[7] = replace(cameras[7], world_from_camera=pose)
     found = verdicts(written(tmp_path, cameras, shown))
-    assert found["v2"].reason.endswith("its picture fits there mirrored")
+    assert found["v2"].reason.endswith("its image fits there mirrored")
     assert "v7" in {view for view, verdict in found.items() if not verdict.accepted}
     assert sum(not verdict.accepted for verdict in found.values()) == 2
 
 
-def test_a_view_of_nothing_is_not_judged(backend, tmp_path, pictures):
+def test_a_view_of_nothing_is_not_judged(backend, tmp_path, views):
     """A bare wall proves nothing against a camera: it stays, and the reason says so."""
-    shown = dict(pictures)
+    shown = dict(views)
     shown["v4"] = np.full_like(shown["v4"], 0.4)
     cameras = ring()
     cameras[4] = room_views.look_at("v4", (2.5, 1.5, 1.5), (2.5, 2.7, 1.4), SIZE, fov=30)  # the ceiling
@@ -119,17 +119,17 @@ def test_a_view_of_nothing_is_not_judged(backend, tmp_path, pictures):
     assert found["v4"].reason.startswith("not judged: others show")
 
 
-def test_colour_of_a_lamp_does_not_matter(backend, tmp_path, pictures):
-    """Pictures of another exposure have the same structure."""
-    shown = [picture * factor for picture, factor in zip(pictures.values(), np.linspace(0.3, 3, 12), strict=True)]
+def test_colour_of_a_lamp_does_not_matter(backend, tmp_path, views):
+    """Images of another exposure have the same structure."""
+    shown = [image * factor for image, factor in zip(views.values(), np.linspace(0.3, 3, 12), strict=True)]
     found = verdicts(written(tmp_path, ring(), shown))
     assert all(verdict.accepted for verdict in found.values())
 
 
-def test_the_command_prints_fails_and_rejects(backend, tmp_path, pictures, capsys):
+def test_the_command_prints_fails_and_rejects(backend, tmp_path, views, capsys):
     cameras = ring()
     cameras[5] = posed(cameras[5], by_degrees(5, (0, 1, 0)))
-    written(tmp_path, cameras, pictures.values())
+    written(tmp_path, cameras, views.values())
     assert main(["check-poses", str(tmp_path)]) == 2
     said = capsys.readouterr()
     assert "1 of 12 views do not show what the others show: v5; correct their cameras, or leave them" in said.err
@@ -147,23 +147,23 @@ def test_the_command_prints_fails_and_rejects(backend, tmp_path, pictures, capsy
     assert len(Dataset(tmp_path).cameras) == 12
 
 
-def test_a_mesh_elsewhere_is_an_error(backend, tmp_path, pictures, capsys):
-    written(tmp_path, ring(), pictures.values())
+def test_a_mesh_elsewhere_is_an_error(backend, tmp_path, views, capsys):
+    written(tmp_path, ring(), views.values())
     write_ply(tmp_path / "mesh.ply", scenes.box((-1.5, -1, -1), (7, 4, 6)))
     assert main(["check-poses", str(tmp_path), "--reject"]) == 2
     assert "at least 70% of the views must show what others show through the mesh" in capsys.readouterr().err
     assert not (tmp_path / CHECKED).exists()
 
 
-def test_the_reduced_camera_is_the_same_camera(tmp_path, pictures):
+def test_the_reduced_camera_is_the_same_camera(tmp_path, views):
     from fipt.stages.check_poses.compare import _reduced
 
     camera = ring()[0]
-    written(tmp_path, [camera], [pictures["v0"]])
+    written(tmp_path, [camera], [views["v0"]])
     small, light, valid = _reduced(Dataset(tmp_path), camera, 50)
     assert (small.width, small.height) == (40, 30) == light.shape[::-1]
     assert valid.all()
     corners = np.array([[0.0, 0.0], [40.0, 30.0]])
     np.testing.assert_allclose(small.directions(*corners.T), camera.directions(*(3 * corners).T), atol=1e-6)
-    block = pictures["v0"][3:6, 6:9, 1].mean()
+    block = views["v0"][3:6, 6:9, 1].mean()
     assert np.exp(light[1, 2]) == pytest.approx(block, rel=1e-4)

@@ -8,12 +8,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from fipt.config import checked
 from fipt.errors import FiptError
 from fipt.stages.poses.align import align
 from fipt.stages.poses.settings import Align, KnownDistance, SceneBoard
 from fipt.stages.poses.triangulate import nearest_point, triangulate
 from fipt.stages.poses.upright import cameras_up, find_floor
+from fipt.validation import checked
 from tests import room_views
 
 BOARD = {"columns": 4, "rows": 3, "square": 0.16, "marker": 0.12}
@@ -26,8 +26,8 @@ BOARDS = {
 
 
 @cache
-def pictures_of(boards, ring):
-    """View -> picture of the room with boards, for keywords of `room_views.cameras`."""
+def images_of(boards, ring):
+    """View -> image of the room with boards, for keywords of `room_views.cameras`."""
     return {
         view.name: room_views.draw(view, [BOARDS[name] for name in boards]) for view in room_views.cameras(**dict(ring))
     }
@@ -41,8 +41,8 @@ def aligned(settings, boards=(), points=None, change=lambda views: views, **ring
     points = room_views.surface_points() if points is None else points
     found, truth = room_views.reconstruction(views, points)
     found = replace(found, cameras=tuple(change(list(found.cameras))))
-    pictures = pictures_of(tuple(boards), tuple(ring.items()))
-    similarity, report = align(found, pictures.__getitem__, settings)
+    images = images_of(tuple(boards), tuple(ring.items()))
+    similarity, report = align(found, images.__getitem__, settings)
     off = similarity @ np.linalg.inv(truth)
     scale = np.cbrt(np.linalg.det(off[:3, :3]))
     rotation = off[:3, :3] / scale
@@ -77,11 +77,11 @@ def test_a_board_gives_metres_and_up(board, boards, ring):
 def test_a_dark_corner_and_a_bright_lamp_do_not_hide_the_board():
     views = room_views.cameras()
     found, truth = room_views.reconstruction(views, room_views.surface_points())
-    pictures = {}
+    images = {}
     for view in views:
-        pictures[view.name] = 0.02 * pictures_of(("lying",), ())[view.name]
-        pictures[view.name][:40] = 30.0  # a window
-    similarity, _ = align(found, pictures.__getitem__, Align(board=SceneBoard(**BOARD)))
+        images[view.name] = 0.02 * images_of(("lying",), ())[view.name]
+        images[view.name][:40] = 30.0  # a window
+    similarity, _ = align(found, images.__getitem__, Align(board=SceneBoard(**BOARD)))
     assert abs(np.cbrt(np.linalg.det(similarity @ np.linalg.inv(truth))) - 1) < 0.003
 
 

@@ -234,26 +234,26 @@ def scene(entry, **settings):
 
 def test_the_mode_of_a_scene(room, folder, tmp_path):
     procedural = {"source": "procedural"}
-    assert scene(procedural).segmentation == "dataset"
-    assert scene(procedural, segment={"mode": "geometry"}).segmentation == "geometry"
+    assert scene(procedural).segmentation.origin == "dataset"
+    assert scene(procedural, segment={"mode": "geometry"}).segmentation.origin == "geometry"
     without = scene(procedural, segment={"mode": "none"})
-    assert without.segmentation == "none"
-    assert json.loads(without.json("fit"))["segments"] == "none"
-    assert scene(procedural, segment={"mode": "mask2former"}, fit={"segments": "none"}).segmentation == "none"
+    assert without.segmentation.origin == "none"
+    assert json.loads(without.settings_json("fit"))["segments"] == "none"
+    assert scene(procedural, segment={"mode": "mask2former"}, fit={"segments": "none"}).segmentation.origin == "none"
 
     raw = {"source": "raw", "path": "p", "poses": "q", "mesh": "m"}
-    assert scene(raw).segmentation == "geometry"
-    assert scene({**raw, "segments": "s"}).segmentation == "dataset"
+    assert scene(raw).segmentation.origin == "geometry"
+    assert scene({**raw, "segments": "s"}).segmentation.origin == "dataset"
 
     shutil.copy(room / "dataset" / "transforms.json", room / "dataset" / "images")
     posed = {"source": "dataset", "format": "nerfstudio", "path": str(room / "dataset")}
-    assert scene(posed).segmentation == "geometry"  # this layout brings no ids
+    assert scene(posed).segmentation.origin == "geometry"  # this layout brings no ids
 
     chosen = scene(procedural, segment={"mode": "given", "path": "{data_root}/ids"})
-    assert json.loads(chosen.json("segment"))["path"] == "/data/ids"
+    assert json.loads(chosen.settings_json("segment"))["path"] == "/data/ids"
     chosen = scene(procedural, segment={"mode": "given", "path": str(folder)})
-    assert chosen.segment_files() == [str(folder / "a.png"), str(folder / "b.png")]
-    named = json.loads(scene(procedural, segment={"mode": "mask2former"}).json("segment"))["model"]
+    assert chosen.segmentation.files() == [str(folder / "a.png"), str(folder / "b.png")]
+    named = json.loads(scene(procedural, segment={"mode": "mask2former"}).settings_json("segment"))["model"]
     assert named == "facebook/mask2former-swin-large-coco-panoptic"
 
     with pytest.raises(FiptError, match=r"scene room: segment.path is missing; mode: given needs path: "):
@@ -273,4 +273,4 @@ def test_a_published_scene_brings_ids_or_not(tmp_path, name, mode):
         (tmp_path / split / "transforms.json").write_text(json.dumps(cameras))
         (tmp_path / split / "Image" / "000_0001.exr").touch()
     entry = {"source": "dataset", "format": "fipt-synthetic", "path": str(tmp_path)}
-    assert scene(entry).segmentation == mode
+    assert scene(entry).segmentation.origin == mode

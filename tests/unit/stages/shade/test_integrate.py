@@ -8,7 +8,7 @@ import pytest
 from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
 from fipt.errors import FiptError
 from fipt.formats.files import shutil as files_shutil
-from fipt.formats.manifests import Stats, read_manifest
+from fipt.formats.manifests import read_manifest
 from fipt.scene.shading import read_shading
 from fipt.stages.shade.settings import BakeSettings
 from tests import scenes
@@ -123,9 +123,9 @@ def shard():
 
 
 def test_a_shard_is_written_with_its_manifest(integrate, shard, tmp_path):
-    shader, stats = Constant(), Stats()
+    shader = Constant()
     settings = FEW.model_copy(update={"denoise": False})
-    integrate.write_shading("bake", shader, *shard, settings, tmp_path / "bake" / "train-000", stats)
+    stats = integrate.write_shading("bake", shader, *shard, settings, tmp_path / "bake" / "train-000")
     shading = read_shading(tmp_path / "bake" / "train-000")
     assert shading.shape == (9, SHADING_OUTPUTS, 3)
     np.testing.assert_allclose(shading[:][..., 0], np.tile(np.arange(1, 1 + SHADING_OUTPUTS), (9, 1)), rtol=0.05)
@@ -143,7 +143,7 @@ def test_values_too_large_and_below_zero_are_clipped(integrate, shard, tmp_path)
         return values + index
 
     out = tmp_path / "train-000"
-    integrate.write_shading("bake", Constant(), *shard, FEW.model_copy(update={"denoise": False}), out, Stats(), change)
+    integrate.write_shading("bake", Constant(), *shard, FEW.model_copy(update={"denoise": False}), out, change)
     shading = read_shading(out)[:]
     assert np.isfinite(shading).all()
     assert shading.min() == 0
@@ -154,21 +154,21 @@ def test_a_full_disk_is_found_before_anything_is_traced(integrate, shard, tmp_pa
     monkeypatch.setattr(files_shutil, "disk_usage", lambda place: SimpleNamespace(free=100))
     shader = Constant()
     with pytest.raises(FiptError, match="the bake shading needs"):
-        integrate.write_shading("bake", shader, *shard, FEW, tmp_path / "new" / "train-000", Stats())
+        integrate.write_shading("bake", shader, *shard, FEW, tmp_path / "new" / "train-000")
     assert not shader.counts
     assert not (tmp_path / "new").exists()
 
 
 def test_a_bake_that_fails_leaves_the_old_one(integrate, shard, tmp_path):
     out, settings = tmp_path / "train-000", FEW.model_copy(update={"denoise": False})
-    integrate.write_shading("bake", Constant(), *shard, settings, out, Stats())
+    integrate.write_shading("bake", Constant(), *shard, settings, out)
     before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
 
     def fail(index, values):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        integrate.write_shading("bake", Constant(), *shard, settings, out, Stats(), fail)
+        integrate.write_shading("bake", Constant(), *shard, settings, out, fail)
     assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
 
 

@@ -120,7 +120,7 @@ def test_any_dataset_can_be_photographed(scene, tmp_path):
     write_transforms(tmp_path / "dataset" / "transforms.json", given)
     write_ply(tmp_path / "dataset" / "mesh.ply", scenes.quad((0, 0, 0), (1, 0, 0), (0, 1, 0)))
     for camera in given:
-        write_exr(tmp_path / "dataset" / "images" / f"{camera.name}.exr", {"": captures.picture(camera)})
+        write_exr(tmp_path / "dataset" / "images" / f"{camera.name}.exr", {"": captures.scene_image(camera)})
     settings = {"raw": CAMERA | {"scale": 1}}
     stats = tmp_path / "stats.json"
     options = ("--dataset", tmp_path / "dataset", "--raw", tmp_path / "raw", "--stats", stats)

@@ -6,11 +6,15 @@ from pathlib import Path
 
 import pytest
 
-from fipt.config import PRESETS, STAGES, load, read, read_yaml
+from fipt.config import load, read
+from fipt.config.files import read_yaml
+from fipt.config.reading import DEMO_FILE
+from fipt.config.sections import LAYERS, PRESETS, STAGES
+from fipt.config.sources.known import pose_files
 from fipt.errors import FiptError
 from fipt.registry import validated
 
-REPOSITORY = Path(__file__).resolve().parents[2]
+REPOSITORY = Path(__file__).resolve().parents[3]
 ROOM = {"source": "procedural"}
 
 
@@ -41,16 +45,16 @@ def test_a_modelled_room_has_views_of_its_own_size_below_every_preset():
     made = scene(room, data_root="/rooms")
     chosen = made.settings["synthesize"]
     assert (chosen.train_views, chosen.val_views, chosen.width, chosen.height) == (24, 8, 320, 240)
-    assert made.scene_options() == ["--scene", "/rooms/scene.xml"]
+    assert made.source.scene_options() == ["--scene", "/rooms/scene.xml"]
     assert (
         scene({**room, "preset": "demo"}).settings["synthesize"]
         == scene({**ROOM, "preset": "demo"}).settings["synthesize"]
     )
-    assert (made.synthesized, made.simulated, made.photographed) == (True, False, False)
+    assert (made.source.known, made.source.simulated, made.source.photographed) == (True, False, False)
     raw = scene({**room, "simulate_raw": True})
-    assert (raw.synthesized, raw.simulated, raw.photographed) == (True, True, True)
-    assert not scene({**ROOM, "simulate_raw": False}).simulated
-    assert scene().scene_options() == scene().scene_files() == []
+    assert (raw.source.known, raw.source.simulated, raw.source.photographed) == (True, True, True)
+    assert not scene({**ROOM, "simulate_raw": False}).source.simulated
+    assert scene().source.scene_options() == scene().source.scene_files() == []
 
 
 @pytest.mark.parametrize("preset", sorted(path.stem for path in PRESETS.glob("*.yaml")))
@@ -75,23 +79,23 @@ def test_preset_paper_is_the_paper():
 
 def test_views_and_shards():
     room = scene(views_per_shard=2, synthesize={"train_views": 3, "val_views": 1})
-    assert room.views == {"train": ["train_000", "train_001", "train_002"], "val": ["val_000"]}
+    assert room.source.views == {"train": ["train_000", "train_001", "train_002"], "val": ["val_000"]}
     train = {"train-000": ["train_000", "train_001"], "train-001": ["train_002"]}
-    assert room.shards("train") == train
-    assert room.shards("all") == {**train, "val-000": ["val_000"]}
+    assert room.views.shards("train") == train
+    assert room.views.shards("all") == {**train, "val-000": ["val_000"]}
 
 
 def test_setups_are_joined():
     warm, off = {"emitters": [{"color": [1, 0.5, 0.2]}]}, {"emitters": [{"scale": 0}]}
     room = scene({**ROOM, "setups": {"off": off}}, setups={"warm": warm, "off": warm})
-    assert list(room.setups) == ["warm", "off"]
-    assert json.loads(room.setup_json("off"))["emitters"][0]["scale"] == 0
+    assert list(room.setups.given) == ["warm", "off"]
+    assert json.loads(room.setups.json("off"))["emitters"][0]["scale"] == 0
 
 
 def test_settings_are_sorted_json():
-    text = scene(fit={"steps": 3}).json("fit")
+    text = scene(fit={"steps": 3}).settings_json("fit")
     values = json.loads(text)
-    assert list(values) == sorted(STAGES["fit"].model_fields)
+    assert list(values) == sorted(LAYERS["fit"].model_fields)
     assert values["steps"] == 3
 
 
@@ -103,12 +107,12 @@ def test_files_of_setups_are_placed_and_listed(tmp_path):
         "objects": [{"file": "{data_root}/chair.obj", "position": [0, 0, 0]}, {"shape": "cube", "position": [0, 0, 0]}],
     }
     room = scene({**ROOM, "setups": {"full": setup}}, data_root=str(tmp_path))
-    assert room.setup_files("full") == [str(tmp_path / name) for name in ("lamp.ply", "chair.obj", "chair.mtl")]
-    values = json.loads(room.setup_json("full"))
+    assert room.setups.files("full") == [str(tmp_path / name) for name in ("lamp.ply", "chair.obj", "chair.mtl")]
+    values = json.loads(room.setups.json("full"))
     assert values["lights"][0]["file"] == str(tmp_path / "lamp.ply")
     assert [entry["file"] for entry in values["objects"]] == [str(tmp_path / "chair.obj"), None]
     with pytest.raises(FiptError, match=r"scenes\.room\.setups\.full is .*, but data_root is not set"):
-        scene({**ROOM, "setups": {"full": setup}}).setup_files("full")
+        scene({**ROOM, "setups": {"full": setup}}).setups.files("full")
 
 
 def test_setups_that_name_fused_segments():
@@ -119,10 +123,10 @@ def test_setups_that_name_fused_segments():
     }
     room = {"source": "procedural", "setups": setups}
     parts, fused = scene(room), scene(room, segment={"mode": "geometry"})
-    assert parts.true_setups == list(setups)
-    assert not any(map(parts.names_fused, setups))
-    assert [name for name in setups if fused.names_fused(name)] == ["cut", "painted"]
-    assert fused.true_setups == ["boxed"]
+    assert parts.setups.with_truth() == list(setups)
+    assert not any(map(parts.setups.fused, setups))
+    assert [name for name in setups if fused.setups.fused(name)] == ["cut", "painted"]
+    assert fused.setups.with_truth() == ["boxed"]
 
 
 @pytest.mark.parametrize(
@@ -132,11 +136,17 @@ def test_setups_that_name_fused_segments():
         ({"scenes": {"../x": ROOM}}, "scene '../x' cannot be used as a file name"),
         ({"scenes": {"x": {"source": "movie"}}}, "scenes.x.source: input should be 'procedural'"),
         ({"scenes": {"x": {"source": "mitsuba"}}}, "source: mitsuba needs path: a scene file (XML)"),
+        ({"scenes": {"x": {"path": "a"}}}, "scenes.x.source is missing"),
+        ({"scenes": {"x": {"source": "raw", "path": "a", "poses": "b"}}}, "source: raw needs mesh: the room's mesh"),
+        ({"scenes": {"x": {**ROOM, "presset": "demo"}}}, "unknown key scenes.x.presset (did you mean preset?)"),
         (
             {"scenes": {"x": {"source": "dataset", "path": "a", "format": "nerfstudio", "simulate_raw": True}}},
-            "scenes.x.simulate_raw is only for source: procedural or mitsuba",
+            "scenes.x.simulate_raw is only for source procedural or mitsuba; source is dataset",
         ),
-        ({"scenes": {"x": {**ROOM, "path": "a"}}}, "scenes.x.path is only for source: mitsuba or dataset or raw"),
+        (
+            {"scenes": {"x": {**ROOM, "path": "a"}}},
+            "scenes.x.path is only for source mitsuba or dataset or raw; source is procedural",
+        ),
         (
             {"scenes": {"x": {"source": "dataset", "path": "a"}}},
             "one of nerfstudio, fipt-synthetic, fipt-real",
@@ -173,9 +183,9 @@ def test_refuses(keys, message):
 
 def test_data_root():
     room = {"source": "dataset", "format": "fipt-real", "path": "{data_root}/dataset"}
-    assert scene(room, data_root="/data").source_path() == "/data/dataset"
+    assert scene(room, data_root="/data").source.path == "/data/dataset"
     with pytest.raises(FiptError, match=r"data_root is not set; add --config data_root=FOLDER"):
-        scene(room).source_path()
+        _ = scene(room).source.path
 
 
 def test_environment_maps_are_placed():
@@ -185,21 +195,20 @@ def test_environment_maps_are_placed():
         "setups": {"night": {"environment": {"file": "{data_root}/night.exr"}}, "dim": {"environment": {"scale": 0.5}}},
     }
     placed = scene(room, data_root="/data")
-    assert placed.environment_path() == "/data/sky.hdr"
-    assert json.loads(placed.json("environment"))["file"] == "/data/sky.hdr"
-    assert placed.setup_files("night") == ["/data/night.exr"]
-    assert json.loads(placed.setup_json("night"))["environment"]["file"] == "/data/night.exr"
-    assert placed.setup_files("dim") == []
+    assert placed.environment_files() == ["/data/sky.hdr"]
+    assert json.loads(placed.settings_json("environment"))["file"] == "/data/sky.hdr"
+    assert placed.setups.files("night") == ["/data/night.exr"]
+    assert json.loads(placed.setups.json("night"))["environment"]["file"] == "/data/night.exr"
+    assert placed.setups.files("dim") == []
     with pytest.raises(FiptError, match=r"settings\.environment\.file is .*, but data_root is not set"):
-        scene(room).json("environment")
+        scene(room).settings_json("environment")
     with pytest.raises(FiptError, match=r"scene room: environment\.radiance is only for mode constant; mode is none"):
         scene({"source": "procedural"}, environment={"mode": "none", "radiance": [1, 1, 1]})
 
 
 def test_reads_files_and_overrides(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(FiptError, match=r"config/config\.yaml does not exist"):
-        read()
+    assert list(read().scenes) == ["demo"]  # what is shipped, where there is nothing
     extra = tmp_path / "extra.yaml"
     extra.write_text("scenes: {attic: {source: procedural}}\nfit: {learning_rate: 1e-4, seed: 1}\n")
     assert list(read([extra]).scenes) == ["attic"]
@@ -220,6 +229,15 @@ def test_config_of_the_repository(monkeypatch):
     monkeypatch.chdir(REPOSITORY)
     assert list(read().scenes) == ["demo"]
     assert list(read(["config/examples/living_room.yaml"]).scenes) == ["demo", "living_room"]
+    assert read_yaml("config/config.yaml") == read_yaml(DEMO_FILE)
+
+
+@pytest.mark.parametrize(
+    "path", sorted((REPOSITORY / "config" / "examples").glob("*.yaml")), ids=lambda path: path.stem
+)
+def test_examples_are_valid(path, monkeypatch):
+    monkeypatch.chdir(REPOSITORY)
+    read([path], ["data_root=/data"])
 
 
 def test_the_workflow_loads_nothing_heavy():
@@ -228,13 +246,21 @@ def test_the_workflow_loads_nothing_heavy():
     assert done.stdout.strip() == "set()"
 
 
-def test_poses_of_a_procedural_room_are_estimated_from_photographs_only():
+def test_poses_of_a_known_room_are_estimated_from_photographs_only():
     raw = {"poses": {"align": {"reference": "{data_root}/known.json"}}}
     room = scene({**ROOM, "simulate_raw": True, "poses": "colmap"}, **raw, data_root="/data")
-    assert room.estimated
-    assert room.poses_path() == "results/room/poses/transforms.json"
-    assert set(room.pose_files) < set(room.source_files())
-    assert json.loads(room.json("poses"))["align"]["reference"] == "/data/known.json"
-    for entry in ({"poses": "colmap"}, {"poses": "poses.json", "simulate_raw": True}):
-        with pytest.raises(FiptError, match=r"scenes\.room\.poses of a known room may be colmap"):
-            scene({**ROOM, **entry})
+    assert room.source.estimated
+    assert "--poses=results/room/poses/transforms.json" in as_flags(room.source.import_options())
+    assert set(pose_files(room.layout)) < set(room.source.imported_files())
+    assert json.loads(room.settings_json("poses"))["align"]["reference"] == "/data/known.json"
+    assert room.reference_files() == ["/data/known.json"]
+    with pytest.raises(
+        FiptError, match=r"scenes\.room: poses of a known room may be colmap, where simulate_raw is true"
+    ):
+        scene({**ROOM, "poses": "colmap"})
+    with pytest.raises(FiptError, match=r"scenes\.room\.poses: input should be 'colmap'; found 'poses\.json'"):
+        scene({**ROOM, "poses": "poses.json", "simulate_raw": True})
+
+
+def as_flags(options):
+    return [f"{flag}={value}" for flag, value in zip(options[::2], options[1::2], strict=True)]

@@ -4,11 +4,14 @@ import jsonschema
 import pytest
 import yaml
 
-from fipt.config import LAYERS
 from fipt.config.documentation import README, SCHEMA, schema_text, with_tables
+from fipt.config.schema import SceneEntry
+from fipt.config.sections import LAYERS
 from fipt.scene.setup import EmitterEdit, EnvironmentEdit, MeshLight, QuadLight, RelightSetup, SphereLight, SpotLight
+from fipt.validation import kinds_of
 
 LIGHTS = (QuadLight, SphereLight, MeshLight, SpotLight)
+ENTRIES = tuple(kinds_of(SceneEntry).members.values())
 REMEDY = "run: python -m fipt.config.documentation"
 
 
@@ -21,7 +24,7 @@ def test_tables_are_in_step():
     assert text == with_tables(text), REMEDY
 
 
-@pytest.mark.parametrize("model", [*LAYERS.values(), RelightSetup, EnvironmentEdit, EmitterEdit, *LIGHTS])
+@pytest.mark.parametrize("model", [*LAYERS.values(), RelightSetup, EnvironmentEdit, EmitterEdit, *LIGHTS, *ENTRIES])
 def test_every_key_is_described(model):
     assert [name for name, field in model.model_fields.items() if not field.description] == []
 
@@ -34,6 +37,10 @@ def test_every_key_is_described(model):
         ({"fit": {"steps": 0}}, False),
         ({"fit": {"stepz": 3}}, False),
         ({"scenes": {}}, False),
+        ({"scenes": {"room": {"source": "mitsuba"}}}, False),
+        ({"scenes": {"room": {"source": "procedural", "path": "a"}}}, False),
+        ({"segment": {"exposure": 2}}, True),
+        ({"setups": {"a": {"lights": [{"shape": "spot", "radiance": [1, 1, 1]}]}}}, False),
         ({"setups": {"a": {"emitters": [{"color": [1, 2]}]}}}, False),
     ],
 )

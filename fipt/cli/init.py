@@ -1,0 +1,30 @@
+"""``fipt init``: the configuration of a new room."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def command(
+    folder: Annotated[Path, typer.Argument(help="Folder of the new room; made if it is missing.")],
+    source: Annotated[
+        str, typer.Option(help="Where the room comes from: raw (photographs), dataset, mitsuba, procedural.")
+    ] = "raw",
+    path: Annotated[
+        Path | None, typer.Option(help="Folder of photographs or of a dataset, or a Mitsuba scene file.")
+    ] = None,
+    mesh: Annotated[Path | None, typer.Option(help="Mesh of photographs, or of a dataset without one.")] = None,
+    name: Annotated[str | None, typer.Option(help="Name of the scene; default: that of the folder.")] = None,
+    poses: Annotated[str, typer.Option(help="Of photographs: colmap estimates them; or a file of poses.")] = "colmap",
+    format: Annotated[
+        str, typer.Option(help="Layout of a dataset: nerfstudio, fipt-synthetic, fipt-real.")
+    ] = "nerfstudio",
+) -> None:
+    """Write FOLDER/config/config.yaml for a new room, with comments. Nothing is overwritten."""
+    from fipt.config.new import NewRoom, write_config
+
+    chosen = name or folder.resolve().name
+    room = NewRoom(source=source, name=chosen, path=path, mesh=mesh, poses=poses, format=format)
+    file = write_config(folder, room)
+    print(f"{file} is written: look through it, then\n    cd {folder}\n    fipt run {chosen}")

@@ -1,0 +1,91 @@
+"""The configuration of a new room, with comments."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from string import Template
+
+import yaml
+
+from fipt.config.reading import CONFIG_FILE, load
+from fipt.errors import FiptError
+from fipt.formats.files import check_name, write_text
+
+TEMPLATES = Path(__file__).resolve().parent / "templates"
+"""Folder of the configurations, one for each source."""
+
+SOURCES = ("raw", "dataset", "mitsuba", "procedural")
+
+_PLACES = {"raw": "photos", "dataset": "dataset", "mitsuba": "scene.xml"}
+"""Source -> where its data are where nobody says."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class NewRoom:
+    """What is known of a new room.
+
+    Attributes
+    ----------
+    source
+        Where its data come from, one of `SOURCES`.
+    name
+        Of the scene.
+    path, mesh
+        Its data and its mesh; None: a name to be replaced by hand.
+    poses
+        Of photographs: ``colmap``, or a file.
+    format
+        Layout of a dataset.
+    """
+
+    source: str = "raw"
+    name: str = "room"
+    path: Path | None = None
+    mesh: Path | None = None
+    poses: str = "colmap"
+    format: str = "nerfstudio"
+
+
+def write_config(folder: Path, room: NewRoom) -> Path:
+    """Write the configuration of a new room, config/config.yaml in a folder; return its path.
+
+    Raises
+    ------
+    FiptError
+        If there is one already, or what is said of the room cannot be.
+    """
+    check_name(room.name, "scene")
+    if room.source not in SOURCES:
+        raise FiptError(f"there is no source {room.source!r}", f"sources: {', '.join(SOURCES)}")
+    for key, only in (("path", ("raw", "dataset", "mitsuba")), ("mesh", ("raw", "dataset"))):
+        if getattr(room, key) is not None and room.source not in only:
+            raise FiptError(f"--{key} is only for source {' or '.join(only)}; source is {room.source}", f"omit --{key}")
+    file = folder / CONFIG_FILE
+    if file.exists():
+        raise FiptError(f"{file} exists already", "choose another folder, or edit that file")
+    text = config_text(folder, room)
+    load(yaml.safe_load(text))  # what cannot be is told now
+    write_text(file, text)
+    return file
+
+
+def config_text(folder: Path, room: NewRoom) -> str:
+    """Configuration of a new room, for a folder in which it will be run."""
+    template = Template((TEMPLATES / f"{room.source}.yaml").read_text(encoding="utf-8"))
+    poses = room.poses if room.poses == "colmap" else _written(folder, Path(room.poses))
+    return template.substitute(
+        name=room.name,
+        path=_written(folder, room.path) if room.path else _PLACES.get(room.source, ""),
+        mesh=_written(folder, room.mesh) if room.mesh else "mesh.ply",
+        mesh_comment="" if room.mesh else "# ",
+        poses=poses,
+        format=json.dumps(room.format),
+    )
+
+
+def _written(folder: Path, path: Path) -> str:
+    """A path as the configuration has it: below the folder relative to it, elsewhere absolute."""
+    whole, base = path.expanduser().resolve(), folder.resolve()
+    return json.dumps(str(whole.relative_to(base) if whole.is_relative_to(base) else whole), ensure_ascii=False)

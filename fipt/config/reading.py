@@ -1,0 +1,127 @@
+"""Configurations from files and overrides, checked, with the settings of every scene resolved."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from fipt.config.files import merge, parse_yaml, read_yaml
+from fipt.config.layout import Layout
+from fipt.config.renamed import refuse_renamed
+from fipt.config.scene import SceneConfig
+from fipt.config.schema import Config, SceneEntry, source_of
+from fipt.config.sections import Sections, given, preset, resolved
+from fipt.config.sources.base import Place
+from fipt.errors import FiptError
+from fipt.formats.files import check_name
+from fipt.validation import checked
+
+CONFIG_FILE = "config/config.yaml"
+"""The configuration that is read where it exists, in the working directory."""
+
+DEMO_FILE = Path(__file__).resolve().parent / "demo.yaml"
+"""The configuration where there is none."""
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """The checked configuration.
+
+    Attributes
+    ----------
+    scenes
+        Every scene of the config.
+    only
+        Names of the scenes that were asked for.
+    rounds
+        The last round of every scene.
+    plain
+        The configuration as plain JSON types, as given (no defaults filled in).
+    """
+
+    scenes: dict[str, SceneConfig]
+    only: tuple[str, ...]
+    rounds: int
+    plain: Mapping[str, Any]
+
+
+def read(files: Iterable[str | Path] = (), overrides: Iterable[str] = ()) -> Configuration:
+    """Read the configuration as the workflow does.
+
+    Parameters
+    ----------
+    files
+        Config files on top of ``config/config.yaml`` (which is left out where it does not exist
+        and other files are given; the demo where no file is); later ones win, mapping by mapping.
+    overrides
+        ``key=value`` with YAML values, on top of all files.
+
+    Raises
+    ------
+    FiptError
+        If a file cannot be read, or what it says cannot be.
+    """
+    values: dict[str, Any] = {}
+    for path in config_files(files):
+        merge(values, read_yaml(path))
+    for text in overrides:
+        key, equals, value = text.partition("=")
+        if not equals:
+            raise FiptError(f"--config must be KEY=VALUE; found {text!r}", "for example rounds=1")
+        try:
+            merge(values, {key: parse_yaml(value)})
+        except yaml.YAMLError as error:
+            raise FiptError(f"--config {text!r} is not YAML ({error})", "quote it for the shell") from error
+    return load(values)
+
+
+def config_files(files: Iterable[str | Path] = ()) -> list[Path]:
+    """The files that hold together: that of the working directory, those named; where there is none, the demo's."""
+    base = Path(CONFIG_FILE)
+    return [*([base] if base.exists() else []), *map(Path, files)] or [DEMO_FILE]
+
+
+def load(values: Mapping[str, Any]) -> Configuration:
+    """Check a configuration and resolve the settings of every scene.
+
+    Raises
+    ------
+    FiptError
+        One line that names the key's path and what is allowed.
+    """
+    refuse_renamed(values)
+    config: Config = checked(Config, values)
+    scenes = {name: _scene(name, entry, config) for name, entry in config.scenes.items()}
+    only = [config.only] if isinstance(config.only, str) else config.only
+    for name in only or ():
+        if name not in scenes:
+            raise FiptError(f"only: there is no scene {name!r}", f"scenes: {', '.join(scenes)}")
+    return Configuration(
+        scenes=scenes,
+        only=tuple(dict.fromkeys(scenes if only is None else only)),
+        rounds=config.rounds,
+        plain=given(config),
+    )
+
+
+def _scene(name: str, entry: SceneEntry, config: Config) -> SceneConfig:
+    check_name(name, "scene")
+    setups = (config.setups or {}) | (entry.setups or {})
+    for setup, light in setups.items():
+        check_name(setup, "relight setup")
+        for camera in light.cameras.names if light.cameras is not None else ():
+            check_name(camera, f"camera of setup {setup}:")
+    below = Sections.model_validate(entry.below)
+    layers = (below, preset(entry.preset, f"scenes.{name}.preset"), config, entry.settings or Sections())
+    place = Place(name, Layout(name), resolved(layers, f"scene {name}: "), config.data_root)
+    return SceneConfig(
+        place=place,
+        source=source_of(entry, place),
+        given_setups=setups,
+        rounds=config.rounds,
+        views_per_shard=config.views_per_shard,
+    )

@@ -1,0 +1,207 @@
+"""A scene, its settings resolved: what the rules ask."""
+
+from __future__ import annotations
+
+import inspect
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from fipt.config.decisions import Decisions
+from fipt.config.layout import Layout
+from fipt.config.segmentation import Segmentation
+from fipt.config.setups import SceneSetups
+from fipt.config.sources.base import Place, Source
+from fipt.config.views import Views
+from fipt.formats.files import existing_file
+from fipt.scene.setup import RelightSetup
+from fipt.settings import dumped
+
+
+@dataclass(frozen=True)
+class SceneConfig:
+    """A scene, its settings resolved.
+
+    Attributes
+    ----------
+    place
+        Its name, the paths of its results, its settings.
+    source
+        Where its data come from.
+    given_setups
+        Relight setup -> what it changes.
+    rounds
+        The last round.
+    views_per_shard
+        Views in a shard.
+    """
+
+    place: Place
+    source: Source
+    given_setups: Mapping[str, RelightSetup]
+    rounds: int
+    views_per_shard: int
+
+    @property
+    def name(self) -> str:
+        """Its folder below results/."""
+        return self.place.scene
+
+    @property
+    def layout(self) -> Layout:
+        """Paths of its results."""
+        return self.place.layout
+
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        """Section -> settings."""
+        return self.place.settings
+
+    @cached_property
+    def views(self) -> Views:
+        """Its views, in shards."""
+        return Views(self.source, self.views_per_shard)
+
+    @cached_property
+    def segmentation(self) -> Segmentation:
+        """Where its segment ids come from."""
+        return Segmentation(self.place, self.source, self.views)
+
+    @cached_property
+    def setups(self) -> SceneSetups:
+        """Its relight setups."""
+        return SceneSetups(self.given_setups, self.place, self.views, self.segmentation, self.source.known)
+
+    @cached_property
+    def decisions(self) -> Decisions:
+        """What a person decided about its emitters."""
+        return Decisions(self.name, self.layout, self.setups)
+
+    def check(self) -> None:
+        """Look for what is named and read late.
+
+        Raises
+        ------
+        FiptError
+            If emitters_review.yaml is wrong, or something that a relight setup names is not there.
+        """
+        self.decisions.review  # noqa: B018 - read here
+        self.setups.check()
+        for path in self.environment_files():
+            existing_file(path, "environment.file")
+
+    def settings_json(self, section: str) -> str:
+        """Settings of a stage as sorted JSON, for ``--settings``."""
+        values = dumped(self.settings[section])
+        if section == "fit" and self.segmentation.origin == "none":
+            values["segments"] = "none"
+        if section == "check_poses":
+            values["enabled"] = self.checks_poses
+        return json.dumps(self.place.paths(values, f"settings.{section}"), sort_keys=True)
+
+    @property
+    def rays_per_side(self) -> int:
+        """Rays of a pixel along its side, as many as its footprint samples have."""
+        return self.settings["samples"].grid
+
+    @property
+    def shown_views(self) -> int:
+        """Views that the report shows; their photographs set the exposure of videos."""
+        return self.settings["report"].max_views
+
+    @property
+    def checks_poses(self) -> bool:
+        """Whether cameras are checked through the mesh: photographs' and estimated ones, unless settings say."""
+        wanted = self.settings["check_poses"].enabled
+        return self.source.checks_poses if wanted is None else wanted
+
+    # --- photographs
+
+    def judged(self) -> list[str]:
+        """The capture report, of photographed scenes."""
+        return [self.layout.capture_report] if self.source.photographed else []
+
+    def developed(self) -> list[str]:
+        """The capture report and the developed views, of photographed scenes."""
+        if not self.source.photographed:
+            return []
+        return [*self.judged(), *(self.layout.developed.format(shard=shard) for shard in self.views.shards("all"))]
+
+    def brackets(self, shard: str) -> list[str]:
+        """The photographs of a shard."""
+        assert self.source.photographs is not None
+        return self.source.photographs.of(self.views.shards("all")[shard], shard)
+
+    def calibration_files(self) -> list[str]:
+        """What tells the camera."""
+        assert self.source.photographs is not None
+        return self.source.photographs.calibration(self.views.shards("all"))
+
+    def reference_files(self) -> list[str]:
+        """Known positions that estimated poses are brought to, if the config names any."""
+        file = self.settings["poses"].align.reference
+        return [self.place.path(file, "settings.poses.align.reference")] if file else []
+
+    # --- the dataset
+
+    def images(self, splits: Sequence[str], shard: str | None = None) -> list[str]:
+        """Manifests of the images, ids and truth of splits or of ``all``; in a job of a shard, of that one."""
+        shards = list(self.views.shards(*splits)) if shard is None else [shard]
+        if self.source.rendered:
+            return [self.layout.images.format(shard=name) for name in shards]
+        truth = [self.layout.truth.format(shard=name) for name in shards] if self.source.simulated else []
+        return [self.layout.imported_images, *truth]
+
+    def images_to_check(self) -> list[str]:
+        """Manifests of all images, where cameras are checked."""
+        return self.images(["all"]) if self.checks_poses else []
+
+    def environment_files(self) -> list[str]:
+        """The environment map that the config names, if any."""
+        file = getattr(self.settings["environment"], "file", None)
+        return [self.place.path(file, "settings.environment.file")] if file else []
+
+    # --- the model and what is made of it
+
+    def last_emitters(self) -> str:
+        """The emitters that go with the last model."""
+        return self._emitters(self.rounds)
+
+    def emitters_before(self, round: str) -> str:
+        """The emitters that go with the model of the round before."""
+        return self._emitters(int(round) - 1)
+
+    def _emitters(self, round: int) -> str:
+        return self.layout.emitters.format(round=round if self.settings["emitters"].every_round else 0)
+
+    def olat_shards(self) -> dict[str, list[str]]:
+        """Shards of the views that are rendered with one light at a time -> these views."""
+        chosen = (self.views.of("val") or self.views.of("train"))[: self.settings["olat"].views]
+        own = {shard: [view for view in views if view in chosen] for shard, views in self.views.shards("all").items()}
+        return {shard: views for shard, views in own.items() if views}
+
+    def olat(self) -> list[str]:
+        """Manifests of the views with one light at a time."""
+        return [self.layout.olat.format(shard=shard) for shard in self.olat_shards()]
+
+    def olat_views(self, shard: str) -> str:
+        """Views of a shard that are rendered with one light at a time, comma-separated."""
+        return ",".join(self.olat_shards()[shard])
+
+    def export_check(self) -> list[str]:
+        """The check of the export, where every run makes one."""
+        return [self.layout.export_check] if self.settings["export"].enabled else []
+
+    # --- asking
+
+    def answer(self, question: str, **known: Any) -> Any:
+        """Attribute or method by its dotted name; a method is given those of ``known`` that it takes."""
+        found: Any = self
+        for name in question.split("."):
+            found = getattr(found, name)
+        if not callable(found):
+            return found
+        takes = inspect.signature(found).parameters
+        return found(**{name: value for name, value in known.items() if name in takes})

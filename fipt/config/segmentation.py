@@ -1,0 +1,60 @@
+"""Where the segment ids of a scene come from."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from pathlib import Path
+
+from fipt.config.sources.base import Place, Source
+from fipt.config.views import Views
+from fipt.stages.segment.settings import GivenSegments, PredictedSegments
+
+
+class Segmentation:
+    """Where the segment ids of a scene come from."""
+
+    def __init__(self, place: Place, source: Source, views: Views) -> None:
+        self._place, self._source, self._views = place, source, views
+        self._settings = place.settings["segment"]
+
+    @cached_property
+    def origin(self) -> str:
+        """``dataset``, or a mode: mask2former, given, geometry, none.
+
+        Raises
+        ------
+        FiptError
+            If the source must be read to know it, and cannot be.
+        """
+        if self._settings.mode == "none" or self._place.settings["fit"].segments == "none":
+            return "none"
+        if self._settings.mode != "auto":
+            return self._settings.mode
+        return "dataset" if self._source.has_segments else "geometry"
+
+    @property
+    def is_fused(self) -> bool:
+        """Whether ids are fused on the mesh."""
+        return self.origin not in ("dataset", "none")
+
+    def fused(self) -> list[str]:
+        """Manifest of the fused ids; nothing where the dataset's are used, or none."""
+        return [self._place.layout.fused] if self.is_fused else []
+
+    def by_view(self) -> list[str]:
+        """Manifests of the training views' ids, where they are made view by view."""
+        if self.origin not in ("mask2former", "given"):
+            return []
+        return [self._place.layout.view_segments.format(shard=shard) for shard in self._views.shards("train")]
+
+    def files(self) -> list[str]:
+        """What the ids of views are made of beside the dataset: given ids, or a local folder of weights."""
+        if isinstance(self._settings, PredictedSegments):
+            folder = Path(self._place.path(self._settings.model, "settings.segment.model"))
+            return sorted(str(path) for path in folder.glob("*") if path.suffix in (".json", ".safetensors"))
+        if isinstance(self._settings, GivenSegments):
+            from fipt.stages.segment.given import id_files
+
+            place = Path(self._place.path(self._settings.path, "settings.segment.path"))
+            return [str(path) for path in id_files(place)]
+        return []

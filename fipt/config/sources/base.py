@@ -1,0 +1,193 @@
+"""What every source of a scene has."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, ClassVar
+
+from pydantic import Field
+
+from fipt.config.layout import Layout
+from fipt.config.sections import Sections
+from fipt.errors import FiptError
+from fipt.scene.setup import RelightSetup
+from fipt.settings import Settings
+
+ESTIMATED = "colmap"
+"""What `poses` of a scene says where poses are estimated."""
+
+Setups = dict[str, RelightSetup]
+
+
+class Entry(Settings):
+    """What a person writes about a scene, whatever its source."""
+
+    preset: str = Field(default="default", description="name of a file in fipt/config/presets")
+    setups: Setups | None = Field(default=None, description="relight setups of this scene, beside the common ones")
+    settings: Sections | None = Field(default=None, description="stage sections of this scene")  # pyright: ignore[reportInvalidTypeForm] - made by create_model
+
+    below: ClassVar[Mapping[str, Any]] = {}
+    """Stage sections that lie below the preset of such a scene."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """What a source knows of its scene.
+
+    Attributes
+    ----------
+    scene
+        Its name.
+    layout
+        Paths of its results.
+    settings
+        Section -> settings.
+    data_root
+        What {data_root} in paths stands for; None: nothing was said.
+    """
+
+    scene: str
+    layout: Layout
+    settings: Mapping[str, Any]
+    data_root: str | None
+
+    def path(self, text: str, key: str) -> str:
+        """A path as given by ``key`` of the scene, {data_root} and ~ replaced.
+
+        Raises
+        ------
+        FiptError
+            If {data_root} was not set.
+        """
+        if "{data_root}" in text and not self.data_root:
+            raise FiptError(
+                f"scenes.{self.scene}.{key} is {text}, but data_root is not set",
+                "add --config data_root=FOLDER",
+            )
+        return str(Path(text.replace("{data_root}", self.data_root or "")).expanduser())
+
+    def paths(self, values: Any, key: str) -> Any:
+        """Plain values with every text placed that names {data_root} or starts with ~."""
+        if isinstance(values, dict):
+            return {name: self.paths(value, f"{key}.{name}") for name, value in values.items()}
+        if isinstance(values, list):
+            return [self.paths(value, key) for value in values]
+        if isinstance(values, str) and ("{data_root}" in values or values.startswith("~")):
+            return self.path(values, key)
+        return values
+
+
+class Photographs(ABC):
+    """Photographs that a scene starts at: true ones, or those of a simulated camera."""
+
+    @property
+    @abstractmethod
+    def folder(self) -> str:
+        """Folder of the photographs."""
+
+    @abstractmethod
+    def of(self, views: list[str], shard: str) -> list[str]:
+        """Files of the brackets of a shard, which are those of its views, and what is needed to read them."""
+
+    @abstractmethod
+    def calibration(self, shards: Mapping[str, list[str]]) -> list[str]:
+        """Files that tell the camera: calibration frames, and photographs."""
+
+
+class Source(ABC):
+    """Where the data of a scene come from.
+
+    Attributes
+    ----------
+    known
+        Whether the room is known: in code, or of a scene file. There is truth then.
+    photographs
+        What the scene starts at, where it starts at photographs.
+    """
+
+    known: bool = False
+    photographs: Photographs | None = None
+
+    def __init__(self, place: Place) -> None:
+        self.place = place
+
+    @cached_property
+    @abstractmethod
+    def views(self) -> dict[str, list[str]]:
+        """Split (``train``, ``val``) -> names of its views, in the source's order.
+
+        Raises
+        ------
+        FiptError
+            If the source cannot be read.
+        """
+
+    @property
+    @abstractmethod
+    def has_segments(self) -> bool:
+        """Whether its dataset has segment ids.
+
+        Raises
+        ------
+        FiptError
+            If the source must be read to know it, and cannot be.
+        """
+
+    @property
+    def photographed(self) -> bool:
+        """Whether the dataset comes from photographs, true or simulated."""
+        return self.photographs is not None
+
+    @property
+    def simulated(self) -> bool:
+        """Whether a known room is photographed by a simulated camera."""
+        return self.known and self.photographed
+
+    @property
+    def rendered(self) -> bool:
+        """Whether a known room is the dataset itself."""
+        return self.known and not self.photographed
+
+    @property
+    def imported(self) -> bool:
+        """Whether the dataset is imported: from another layout, or from developed photographs."""
+        return not self.rendered
+
+    @property
+    def estimated(self) -> bool:
+        """Whether the poses of photographed views are estimated from the images."""
+        return False
+
+    @property
+    def checks_poses(self) -> bool:
+        """Whether cameras are checked through the mesh where the settings do not say."""
+        return self.estimated
+
+    def imported_files(self) -> list[str]:
+        """What an import reads beside developed photographs; when one changes, it is imported again."""
+        return []
+
+    def import_options(self) -> list[str]:
+        """Options of ``fipt import`` that say what is imported."""
+        return []
+
+    def scene_files(self) -> list[str]:
+        """A scene file and every file that it refers to."""
+        return []
+
+    def scene_options(self) -> list[str]:
+        """Options of ``fipt synthesize`` that say which room."""
+        return []
+
+    def room_files(self) -> list[str]:
+        """What is known of the room, where the dataset is made of it."""
+        return [self.place.layout.known_room] if self.rendered else []
+
+
+def options(**values: str | None) -> list[str]:
+    """Flags and values of a command line; what is None is left out."""
+    return [text for key, value in values.items() if value is not None for text in (f"--{key}", value)]

@@ -1,0 +1,83 @@
+"""Posed HDR views that exist already."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import Field
+
+from fipt.config.sources.base import Entry, Place, Source, options
+
+_CAMERA_FILES = (
+    "transforms.json",
+    *(f"transforms_{split}.json" for split in ("train", "val", "test")),
+    *(f"{split}/transforms.json" for split in ("train", "val")),
+    "cam.txt",
+    "K_list.txt",
+)
+
+
+class DatasetEntry(Entry):
+    """Posed HDR views that exist."""
+
+    source: Literal["dataset"] = Field(description="posed HDR views that exist")
+    path: str = Field(description="the folder of the dataset, or its transforms.json; {data_root} is replaced")
+    format: Literal["nerfstudio", "fipt-synthetic", "fipt-real"] = Field(
+        description="one of nerfstudio, fipt-synthetic, fipt-real: these layouts share file names, but not axes"
+    )
+    mesh: str | None = Field(
+        default=None, description="mesh of a dataset whose layout brings none; {data_root} is replaced"
+    )
+
+
+class DatasetSource(Source):
+    """Posed HDR views that exist."""
+
+    def __init__(self, entry: DatasetEntry, place: Place) -> None:
+        super().__init__(place)
+        self.entry = entry
+
+    @property
+    def path(self) -> str:
+        """The folder of the dataset, or its transforms.json."""
+        return self.place.path(self.entry.path, "path")
+
+    @cached_property
+    def views(self) -> dict[str, list[str]]:
+        """Split -> names of its views."""
+        return {split: [frame.name for frame in self._read.frames if frame.split == split] for split in SPLITS}
+
+    @property
+    def has_segments(self) -> bool:
+        """Whether its layout brings segment ids."""
+        from fipt.scene.sources import has_segments
+
+        return has_segments(self._read)
+
+    def imported_files(self) -> list[str]:
+        """Cameras, mesh and images."""
+        root, mesh = self._read.root, self._mesh or self._read.mesh
+        found = [root / name for name in _CAMERA_FILES if (root / name).is_file()]
+        if Path(self.path).is_file():
+            found.append(Path(self.path))
+        found += [frame.image for frame in self._read.frames]
+        return sorted({str(path) for path in [*found, *([mesh] if mesh else [])]})
+
+    def import_options(self) -> list[str]:
+        """What is imported: the layout, and the mesh that the config names."""
+        return options(source=self.path, format=self.entry.format, mesh=self._mesh)
+
+    @property
+    def _mesh(self) -> str | None:
+        return self.place.path(self.entry.mesh, "mesh") if self.entry.mesh else None
+
+    @cached_property
+    def _read(self) -> Any:
+        from fipt.scene.sources import read_source
+
+        return read_source(self.path, self.entry.format, self.place.settings["import"].val_every)
+
+
+SPLITS = ("train", "val")

@@ -1,0 +1,142 @@
+"""Bracketed photographs of a room."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import Field
+
+from fipt.config.sources.base import ESTIMATED, Entry, Photographs, Place, Source, options
+from fipt.config.sources.known import pose_files
+from fipt.errors import FiptError
+
+
+class RawEntry(Entry):
+    """Bracketed photographs."""
+
+    source: Literal["raw"] = Field(description="bracketed photographs")
+    path: str = Field(description="the folder of the photographs; {data_root} is replaced")
+    poses: str = Field(
+        description="colmap estimates them; or a transforms.json with the pose of every view, a COLMAP folder, "
+        "Metashape XML or RealityCapture CSV, by view name; {data_root} is replaced"
+    )
+    mesh: str = Field(description="the room's mesh; {data_root} is replaced")
+    segments: str | None = Field(
+        default=None, description="folder with part/VIEW.png or semantic/VIEW.png; {data_root} is replaced"
+    )
+
+
+class TruePhotographs(Photographs):
+    """A folder of photographs, perhaps with calibration frames or a table of captures."""
+
+    def __init__(self, entry: RawEntry, place: Place) -> None:
+        self.entry, self.place = entry, place
+
+    @property
+    def folder(self) -> str:
+        """Folder of the photographs."""
+        return self.place.path(self.entry.path, "path")
+
+    @property
+    def views(self) -> list[str]:
+        """Names of the photographed views."""
+        return [bracket.view for bracket in self._read.brackets]
+
+    def of(self, views: list[str], shard: str) -> list[str]:
+        """Files of the brackets of some views, and the table where there is one."""
+        brackets = {bracket.view: bracket for bracket in self._read.brackets}
+        table = self._read.folder / "captures.tsv"
+        files = [shot.path for view in views for shot in brackets[view].shots]
+        return sorted(map(str, [*files, *([table] if table.is_file() else [])]))
+
+    def calibration(self, shards: Mapping[str, list[str]]) -> list[str]:
+        """Calibration frames or calibration.json, perhaps none; and the photographs of the first shard."""
+        folder = Path(self.folder)
+        found = [path for path in (folder / "calibration").glob("*/*") if path.is_file()]
+        given = folder / "calibration.json"
+        frames = sorted(map(str, [*found, *([given] if given.is_file() else [])]))
+        # The first photograph tells the camera; which one that is, the table may say.
+        shard, views = next(iter(shards.items()))
+        return [*frames, *self.of(views, shard)]
+
+    @cached_property
+    def _read(self) -> Any:
+        from fipt.stages.capture.brackets import read_capture
+
+        return read_capture(self.folder, self.place.settings["capture"].frames)
+
+
+class RawSource(Source):
+    """Bracketed photographs, with a mesh and poses that are given or estimated."""
+
+    def __init__(self, entry: RawEntry, place: Place) -> None:
+        super().__init__(place)
+        self.entry = entry
+        self.photographs = self._taken = TruePhotographs(entry, place)
+
+    @property
+    def has_segments(self) -> bool:
+        """Whether ids of the views are given."""
+        return self.entry.segments is not None
+
+    @property
+    def estimated(self) -> bool:
+        """Whether the poses are estimated from the images."""
+        return self.entry.poses == ESTIMATED
+
+    @property
+    def checks_poses(self) -> bool:
+        """True photographs' cameras are checked."""
+        return True
+
+    @cached_property
+    def views(self) -> dict[str, list[str]]:
+        """Split -> names of the views that have a pose; of all where poses are to be estimated."""
+        if self.estimated:
+            names = self._taken.views
+            held_out = names[:: self.place.settings["import"].val_every]
+            return {"train": [name for name in names if name not in held_out], "val": held_out}
+        return {split: [frame.name for frame in self._posed if frame.split == split] for split in ("train", "val")}
+
+    def imported_files(self) -> list[str]:
+        """Poses, mesh and ids."""
+        files = [*(pose_files(self.place.layout) if self.estimated else [self._poses]), self._mesh]
+        if self._segments:
+            files += map(str, sorted(Path(self._segments).glob("*/*.png")))
+        return files
+
+    def import_options(self) -> list[str]:
+        """What was developed, with mesh, poses and ids."""
+        developed = self.place.layout.capture_folder
+        return options(source=developed, format="capture", mesh=self._mesh, poses=self._poses, segments=self._segments)
+
+    @property
+    def _poses(self) -> str:
+        return pose_files(self.place.layout)[0] if self.estimated else self.place.path(self.entry.poses, "poses")
+
+    @property
+    def _mesh(self) -> str:
+        return self.place.path(self.entry.mesh, "mesh")
+
+    @property
+    def _segments(self) -> str | None:
+        return self.place.path(self.entry.segments, "segments") if self.entry.segments else None
+
+    @cached_property
+    def _posed(self) -> list[Any]:
+        """Posed views of which there are photographs."""
+        from fipt.scene.sources import read_poses
+
+        posed = read_poses(self._poses, self.place.settings["import"].val_every)
+        known = self._taken.views
+        frames = [frame for frame in posed if frame.name in known]
+        if not any(frame.split == "train" for frame in frames):
+            raise FiptError(
+                f"{self._poses} must have poses of the views in {self._taken.folder}; it has "
+                f"{', '.join(frame.name for frame in posed[:3])}, photographed are {', '.join(known[:3])}",
+                "name the poses' images as the views",
+            )
+        return frames

@@ -1,0 +1,112 @@
+"""``fipt emitters`` and ``fipt review``: what is found, and what a person decides."""
+
+import json
+
+import numpy as np
+from scipy.ndimage import binary_dilation, binary_erosion
+
+from fipt.formats.exr import read_rgb
+from fipt.scene.dataset import read_layers
+from fipt.scene.emitters import read_emitters
+from fipt.scene.review import ranges, read_review
+from fipt.scene.shading import read_shading
+from tests import scenes
+from tests.fitted import call
+
+
+def test_the_lamp_is_found_and_seen(scene):
+    emitters = read_emitters(scene / "round-0" / "emitters.npz")
+    np.testing.assert_array_equal(np.sort(emitters.triangle), scenes.room().triangle)
+    np.testing.assert_allclose(emitters.radiance, [scenes.LAMP_RADIANCE] * 2, rtol=1e-5)
+    layers = read_layers(scene / "materials" / "c.exr")
+    image, wall = scenes.picture(scenes.cameras()[2])
+    np.testing.assert_array_equal(layers["hit"], 1)
+    np.testing.assert_array_equal(layers["emission_mask"] > 0, wall == 7)
+    assert (wall == 7).any()
+    assert layers["base_color"].shape == image.shape
+    # the lamp's pixels are exact, those at its edge show its share as far as nine rays tell; the rest is lit by it
+    render = read_rgb(scene / "render" / "c.exr")
+    inside, edge = binary_erosion(wall == 7), binary_dilation(wall == 7) & ~binary_erosion(wall == 7)
+    np.testing.assert_allclose(render[inside], image[inside], rtol=1e-5)
+    np.testing.assert_allclose(render[edge], image[edge], atol=3)
+    assert render[wall != 7].mean() > 0.01
+
+
+def test_what_a_person_decides_reaches_the_pictures(work):
+    """The only lamp is rejected, and the room is dark; then a wall is accepted, and shines as the pictures show it."""
+    lamp = scenes.room().triangle
+    decided = {"mesh_triangles": len(scenes.room().mesh.triangles), "reject": [ranges(lamp)]}
+    review = work / "emitters_review.yaml"
+    before = read_review(review)
+    assert (before.triangles, before.emission()) == ((frozenset(lamp.tolist()),), "")
+    text = review.read_text().replace("verdict: auto", "verdict: reject")
+    review.write_text(text)
+    assert json.loads(read_review(review).emission()) == decided
+    assert call("emitters", work, "--decisions", json.dumps(decided)) == 0
+    assert call("review", work, "--decisions", read_review(review).listing()) == 0
+    assert json.loads((work / "emitters" / "emitters.json").read_text())["emitters"] == []
+    assert [path.name for path in (work / "emitters").glob("*.png")] == [f"rejected-{lamp.min()}.png"]
+    assert read_review(review).emission() == json.dumps(decided, sort_keys=True)
+    assert call("render", work) == 0
+    wall = scenes.picture(scenes.cameras()[2])[1]
+    assert read_rgb(work / "render" / "c.exr").max() < 0.01
+
+    assert call("emitters", work, "--decisions", json.dumps(decided | {"accept": ["0-1"]})) == 0
+    found = read_emitters(work / "round-0" / "emitters.npz")
+    np.testing.assert_array_equal(found.triangle, [0, 1])
+    np.testing.assert_allclose(found.radiance, [scenes.COLORS[0]] * 2, rtol=1e-5)
+    assert call("render", work) == 0
+    assert (read_rgb(work / "render" / "c.exr").max(axis=-1)[wall == 1] > 0.1).all()
+
+
+def test_the_list_replaces_nothing_but_a_list(work, refused):
+    assert "is replaced, but holds" in refused("review", "--out", work / "round-0")
+    assert (work / "round-0" / "model.safetensors").is_file()
+    assert call("review", work) == 0
+    (work / "emitters" / ".stamp").touch()  # as workflow engines leave it
+    assert call("review", work) == 0
+
+
+def test_what_a_person_decides_while_lamps_are_looked_at_stays(work, monkeypatch):
+    from fipt.stages.emitters import review as stage
+
+    path, look = work / "emitters_review.yaml", stage.visibilities
+
+    def edited(*args):
+        path.write_text(path.read_text().replace("verdict: auto", "verdict: accept"))
+        return look(*args)
+
+    monkeypatch.setattr(stage, "visibilities", edited)
+    assert call("review", work) == 0
+    assert "verdict: accept" in path.read_text()
+
+
+def test_names_reach_setup_and_list(work, refused):
+    triangles = len(scenes.room().mesh.triangles)
+    named = {"mesh_triangles": triangles, "names": {"my lamp": ranges(scenes.room().triangle)}}
+    assert call("review", work, "--decisions", json.dumps(named)) == 0
+    (lamp,) = json.loads((work / "emitters" / "emitters.json").read_text())["emitters"]
+    assert (lamp["name"], lamp["share"], lamp["seen_by"]) == ("my lamp", 1.0, ["a", "b"])
+    setup, lamps = json.dumps({"emitters": [{"name": "my lamp", "off": True}]}), work / "emitters" / "emitters.json"
+    assert call("relight", work, "--setup", setup, "--emitter-names", lamps) == 0
+    assert read_rgb(work / "relight" / "night" / "c.exr").max() < 0.01
+    assert "names emitter 'my lamp', which is none of 1 emitters; there are emitter-0" in refused(
+        "relight", "--setup", setup
+    )
+    wrong = json.dumps(named | {"mesh_triangles": 3})
+    assert f"of a mesh of 3; the mesh has {triangles}" in refused("review", "--decisions", wrong)
+    (work / "emitters_review.yaml").write_text("emitters: [")
+    assert "emitters_review.yaml is not YAML" in refused("review")
+
+
+def test_no_emitter_is_no_error(work, capsys):
+    """The run goes on: paths are dark but for the cache, and renders are black."""
+    assert call("emitters", work, settings={"points": 5, "threshold": 1.0}) == 0
+    assert "warning: no emitter found" in capsys.readouterr().err
+    assert json.loads((work / "round-0" / "emitters.json").read_text())["emitters"] == []
+    for verb in ("refine", "materials", "render", "relight"):
+        assert call(verb, work) == 0
+    assert not read_layers(work / "materials" / "c.exr")["emission_mask"].any()
+    assert read_rgb(work / "render" / "c.exr").max() < 0.01
+    assert read_shading(work / "round-1" / "shading" / "train-000")[:][:, 0].mean() > 0
+    assert read_rgb(work / "relight" / "night" / "c.exr")[..., 0].max() > 0.05  # the new light

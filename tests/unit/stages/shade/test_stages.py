@@ -1,0 +1,50 @@
+"""``fipt bake`` and ``fipt refine``."""
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from fipt.conventions import SHADING_OUTPUTS
+from fipt.formats import files
+from fipt.formats.arrays import load_npz, save_npy
+from fipt.scene.samples import read_samples
+from fipt.scene.shading import read_shading
+from tests.fitted import call
+
+
+def test_shading_fits_its_samples(scene):
+    samples = read_samples(scene / "samples" / "train-000")
+    cache = load_npz(scene / "cache.npz")
+    for k in (0, 1):
+        shading = read_shading(scene / f"round-{k}" / "shading" / "train-000")[:]
+        assert shading.shape == (len(samples.position), SHADING_OUTPUTS, 3)
+        assert np.isfinite(shading).all()
+        assert 0.05 < shading[:, 0].mean() < cache["radiance"].max()
+
+
+def test_shards_of_one_view_give_the_same_shading(scene, tmp_path):
+    """Results do not depend on the size of shards."""
+    both = read_shading(scene / "round-0" / "shading" / "train-000")
+    samples = read_samples(scene / "samples" / "train-000")
+    for index, view in enumerate("ab"):
+        assert call("samples", scene, "--views", view, "--out", tmp_path / "samples" / view) == 0
+        assert call("bake", scene, "--samples", tmp_path / "samples" / view, "--out", tmp_path / "bake" / view) == 0
+        np.testing.assert_array_equal(read_shading(tmp_path / "bake" / view)[:], both[samples.of_view(index)])
+
+
+def test_shading_of_other_samples(work, refused):
+    shading = read_shading(work / "round-0" / "shading" / "train-000")
+    save_npy(work / "other" / "shading.npy", shading.words[:-3])
+    assert "must hold shading of shape" in refused("fit", "--shading", work / "other")
+    assert "shading" in refused("emitters", "--shading", work / "other")
+    assert "shading" in refused("refine", "--previous", work / "other")
+
+
+def test_a_cache_that_is_something_else(work, refused):
+    assert "emitters.npz" in refused("bake", "--cache", work / "round-0" / "emitters.npz")
+
+
+def test_a_disk_that_is_too_small(work, refused, monkeypatch, capsys):
+    monkeypatch.setattr(files.shutil, "disk_usage", lambda place: SimpleNamespace(free=1000))
+    for verb in ("bake", "refine"):
+        assert f"the {verb} shading needs" in refused(verb)
