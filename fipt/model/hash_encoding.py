@@ -58,6 +58,9 @@ class HashEncoding(torch.nn.Module):
         (entries, features) float32, level after level.
     """
 
+    cells: torch.Tensor
+    grid: torch.Tensor
+
     def __init__(
         self,
         levels: int,

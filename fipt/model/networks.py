@@ -8,7 +8,7 @@ the paper's supplement.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -98,9 +98,9 @@ class BrdfNetwork(nn.Module):
             nn.Sigmoid(),
         )
         if settings.start_rough:
-            # matte metal and matte dielectric look the same: start where most surfaces are
+            # matte metal and matte dielectric appear the same: start where most surfaces are
             with torch.no_grad():
-                self.mlp[-2].bias[3:] += torch.tensor(_MATTE)
+                cast("nn.Linear", self.mlp[-2]).bias[3:] += torch.tensor(_MATTE)
 
     def forward(self, points: torch.Tensor, footprint: torch.Tensor | None = None) -> Brdf:
         """Reflectance at points (N, 3) in [0, 1], seen through footprints (N,) in box sides."""
@@ -121,6 +121,8 @@ class EmissionNetwork(nn.Module):
     bands, layers, width : int
         Frequency bands; hidden layers; their width.
     """
+
+    frequencies: torch.Tensor
 
     def __init__(self, seed: int = 0, bands: int = 10, layers: int = 6, width: int = 128) -> None:
         super().__init__()
@@ -255,7 +257,7 @@ def _chunked(ask: Callable[[slice], None], count: int, chunk: int) -> None:
 
 def _linear(inputs: int, outputs: int, generator: torch.Generator) -> nn.Linear:
     """Linear layer with torch's usual initial weights, but from a generator of our own."""
-    layer = nn.utils.skip_init(nn.Linear, inputs, outputs)
+    layer = cast("nn.Linear", nn.utils.skip_init(nn.Linear, inputs, outputs))
     bound = 1 / math.sqrt(inputs)
     with torch.no_grad():
         layer.weight.uniform_(-bound, bound, generator=generator)

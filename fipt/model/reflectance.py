@@ -83,7 +83,7 @@ def specular_shading(shading: Any, roughness: Any) -> tuple[Any, Any]:
     """
     plain = isinstance(shading, np.ndarray)
     s = np.asarray(roughness) if plain else roughness
-    levels = np.array(ROUGHNESS_LEVELS) if plain else s.new_tensor(ROUGHNESS_LEVELS)
+    levels = np.array(ROUGHNESS_LEVELS) if isinstance(s, np.ndarray) else s.new_tensor(ROUGHNESS_LEVELS)
     low = ((s[..., None] >= levels).sum(-1) - 1).clip(0, _LEVELS - 2)
     t = ((s - levels[low]) / (levels[low + 1] - levels[low]))[..., None]
     rows = np.arange(len(shading)).reshape(-1, *[1] * (s.ndim - 1)) if s.ndim else slice(None)

@@ -186,7 +186,7 @@ def write_environment(path: str | Path, environment: EnvironmentMap) -> None:
         mode=np.array(environment.mode),
         radiance=environment.radiance.astype(np.float32),
         up=np.array(environment.up),
-        rotation=np.float64(environment.rotation),
+        rotation=np.array(environment.rotation, np.float64),
     )
 
 
@@ -235,7 +235,8 @@ def beyond(
     found = list(_edges(samples, cameras, environment)) if environment.known else []
     if not found:
         return np.empty(0, np.int64), np.empty((0, 3), np.float32)
-    return tuple(np.concatenate(parts) for parts in zip(*found, strict=True))
+    pixels, radiances = zip(*found, strict=True)
+    return np.concatenate(pixels), np.concatenate(radiances)
 
 
 def _edges(

@@ -51,12 +51,12 @@ def read_reference(path: Path, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     """
     channels: dict[str, np.ndarray] = {}
     if path.suffix == ".hdr":
-        picture = read_hdr(path)
+        image = read_hdr(path)
     else:
         channels = read_exr(path, required=("R", "G", "B"))
-        picture = np.stack([channels[letter] for letter in "RGB"], axis=-1)
-    valid = np.clip(channels.get("valid.Y", np.ones(picture.shape[:2], np.float32)), 0.0, 1.0)
+        image = np.stack([channels[letter] for letter in "RGB"], axis=-1)
+    valid = np.clip(channels.get("valid.Y", np.ones(image.shape[:2], np.float32)), 0.0, 1.0)
     if "flags.Y" in channels:
         valid = valid * ((channels["flags.Y"].astype(np.uint32) & FLAG_SATURATED) == 0)
-    check_image(picture, valid, camera, path)
-    return np.where(valid[..., None] > 0, picture, 0.0).astype(np.float32), valid
+    check_image(image, valid, camera, path)
+    return np.where(valid[..., None] > 0, image, 0.0).astype(np.float32), valid

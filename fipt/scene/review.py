@@ -376,7 +376,8 @@ def refreshed(
             facts = {"emitter": None, "thumbnail": images.get(old.triangles[n])}
             rows.append((old.entries[n].model_copy(update=facts), old.triangles[n], n))
     place = {n: at for at, (_, _, n) in enumerate(rows) if n is not None}
-    partner = [None if n is None or old.partner[n] is None else place[old.partner[n]] for _, _, n in rows]
+    others = [None if n is None else old.partner[n] for _, _, n in rows]
+    partner = [None if other is None else place[other] for other in others]
     entries = [
         entry if other is None else entry.model_copy(update={"merge_with": _reference(*rows[other][:2])})
         for (entry, _, _), other in zip(rows, partner, strict=True)

@@ -240,8 +240,8 @@ class LookAt(CameraLens):
     target: Point = Field(description="world position in the middle of the picture, metres")
 
     @model_validator(mode="after")
-    def _apart(self) -> Self:
-        check_apart(self.position, self.target)
+    def _distinct(self) -> Self:
+        check_distinct(self.position, self.target)
         return self
 
 
@@ -262,7 +262,7 @@ class Keyframe(Settings):
         if (self.view is None) == (self.position is None) or (self.position is None) != (self.target is None):
             raise ValueError("a keyframe must be the name of a view, or position and target")
         if self.position is not None and self.target is not None:
-            check_apart(self.position, self.target)
+            check_distinct(self.position, self.target)
         return self
 
 
@@ -333,7 +333,7 @@ class RelightSetup(Settings):
         return any(entry.box is None for entry in (*self.materials, *self.remove))
 
 
-def check_apart(position: tuple[float, ...], target: tuple[float, ...]) -> None:
+def check_distinct(position: tuple[float, ...], target: tuple[float, ...]) -> None:
     """Raise ValueError if a camera stands where it looks."""
     if max(abs(a - b) for a, b in zip(position, target, strict=True)) < 1e-6:
         raise ValueError("position and target must be apart, so that there is a direction to look in")

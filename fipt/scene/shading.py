@@ -21,7 +21,7 @@ _LOWEST = np.float32(-16)
 """log2 of the smallest luminance that is not zero; the largest is 2^16."""
 _STEPS = (2.0 ** _BITS[0] / 32).astype(np.float32)
 """Luminance codes an octave, (1, words)."""
-_LUMINANCE = np.float32(LUMINANCE)
+_LUMINANCE = np.array(LUMINANCE, np.float32)
 _TINY, _MOST = np.float32(1e-30), np.float32(1e30)
 _CHUNK = 1 << 14
 """Hits unpacked at a time: what is worked on stays in the processor's cache."""

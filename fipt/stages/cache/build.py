@@ -25,14 +25,14 @@ _MIXED = 1e-3
 def build(
     mesh: Mesh,
     shards: list[FootprintSamples],
-    pictures: Iterable[tuple[np.ndarray, np.ndarray, np.ndarray]],
+    images: Iterable[tuple[np.ndarray, np.ndarray, np.ndarray]],
     settings: CacheSettings,
 ) -> dict[str, np.ndarray]:
     """Average the radiance of all pixels in voxels over the surface; one view at a time is in memory.
 
     Parameters
     ----------
-    pictures
+    images
         Of every view of every shard, in order: (P, 3) float32 radiance, (P,) weight of its pixels, and (P,) bool
         whether their radiance is only a lower bound.
 
@@ -61,35 +61,25 @@ def build(
     for turn in (1, -1):  # surfaces have two sides
         records.add(voxel + facings(turn * mesh.normals[owner]), surface, owner)
 
-    size = len(records.key)
-    total, weights, count, seen = np.zeros((size, 3)), np.zeros(size), np.zeros(size), np.zeros(size, bool)
-    bounds = []
-    for (samples, index), (image, valid, clipped) in zip(views, pictures, strict=True):
+    sums = _Sums(len(records.key))
+    for (samples, index), (image, valid, clipped) in zip(views, images, strict=True):
         own, pixel = samples.of_view(index), samples.pixel_of_sample(index)
         record = np.searchsorted(records.key, keys(samples, own))
         weight = valid[pixel] * np.where(samples.weight[own] >= _INTERIOR, 1.0, _MIXED)
-        seen[record[weight > 0]] = True
-        np.add.at(count, record, weight * (weight > _MIXED))
-        above = clipped[pixel]
-        bounds.append((record[above], image[pixel[above]], weight[above]))
-        record, pixel, weight = record[~above], pixel[~above], weight[~above]
-        # added one by one, so that the sums do not depend on how the views are cut into shards
-        np.add.at(weights, record, weight)
-        for channel in range(3):
-            np.add.at(total[:, channel], record, weight * image[pixel, channel])
-    _add_bounds(total, weights, *(np.concatenate(arrays) for arrays in zip(*bounds, strict=True)))
+        sums.add(record, image[pixel], weight, clipped[pixel])
+    sums.add_bounds()
     point, facing = records.point, (records.key % FACINGS).astype(np.uint8)
     part = connected_parts(mesh)[records.triangle]
     return {
         "center": center,
-        "side": np.float64(side),
-        "resolution": np.int64(n),
+        "side": np.array(side, np.float64),
+        "resolution": np.array(n, np.int64),
         "key": records.key // FACINGS,
         "facing": facing,
         "point": point,
-        "radiance": (total / np.maximum(weights, 1e-12)[:, None]).astype(np.float32),
-        "count": count.astype(np.float32),
-        "source": _nearest_seen(point, facing, part, seen, 8 * side / n),
+        "radiance": (sums.total / np.maximum(sums.weight, 1e-12)[:, None]).astype(np.float32),
+        "count": sums.count.astype(np.float32),
+        "source": _nearest_seen(point, facing, part, sums.seen, 8 * side / n),
     }
 
 
@@ -114,23 +104,52 @@ class _Records:
         self.triangle = np.insert(self.triangle, place, triangle[first])
 
 
-def _add_bounds(
-    total: np.ndarray, weights: np.ndarray, record: np.ndarray, values: np.ndarray, weight: np.ndarray
-) -> None:
-    """Add lower bounds (N, 3) to sums of records, (K, 3) and (K,) in place, such that they do not darken them.
+class _Sums:
+    """Sums over the samples of K records.
 
-    A bound below what others measure there says nothing new and counts as they do; a surface of which there are
-    only bounds is at least as bright as the highest of them.
+    Attributes
+    ----------
+    total, weight
+        (K, 3) radiance times weight; (K,) weight.
+    count
+        (K,) pixels that the records fill.
+    seen
+        (K,) bool, whether a valid pixel shows the record.
     """
-    highest = np.zeros_like(total)
-    usable = weight > _MIXED
-    np.maximum.at(highest, record[usable], values[usable])
-    measured = weights > 0
-    least = np.where(measured[:, None], total / np.maximum(weights, 1e-12)[:, None], highest)
-    raised = np.maximum(values, least[record])
-    for channel in range(3):
-        np.add.at(total[:, channel], record, weight * raised[:, channel])
-    np.add.at(weights, record, weight)
+
+    def __init__(self, size: int) -> None:
+        self.total, self.weight, self.count = np.zeros((size, 3)), np.zeros(size), np.zeros(size)
+        self.seen = np.zeros(size, bool)
+        self._bounds: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+
+    def add(self, record: np.ndarray, radiance: np.ndarray, weight: np.ndarray, clipped: np.ndarray) -> None:
+        """Add samples: records (N,), radiance (N, 3), weights (N,); ``clipped`` ones (N,) wait for `add_bounds`."""
+        self.seen[record[weight > 0]] = True
+        np.add.at(self.count, record, weight * (weight > _MIXED))
+        self._bounds.append((record[clipped], radiance[clipped], weight[clipped]))
+        record, radiance, weight = record[~clipped], radiance[~clipped], weight[~clipped]
+        # added one by one, so that the sums do not depend on how the views are cut into shards
+        np.add.at(self.weight, record, weight)
+        for channel in range(3):
+            np.add.at(self.total[:, channel], record, weight * radiance[:, channel])
+
+    def add_bounds(self) -> None:
+        """Add the clipped samples, which are lower bounds, such that they do not darken a record.
+
+        A bound below what others measure there says nothing new and counts as they do; a surface of which there are
+        only bounds is at least as bright as the highest of them.
+        """
+        record, values, weight = (np.concatenate(arrays) for arrays in zip(*self._bounds, strict=True))
+        highest = np.zeros_like(self.total)
+        usable = weight > _MIXED
+        np.maximum.at(highest, record[usable], values[usable])
+        measured = self.weight > 0
+        mean = self.total / np.maximum(self.weight, 1e-12)[:, None]
+        least = np.where(measured[:, None], mean, highest)
+        raised = np.maximum(values, least[record])
+        for channel in range(3):
+            np.add.at(self.total[:, channel], record, weight * raised[:, channel])
+        np.add.at(self.weight, record, weight)
 
 
 def _nearest_seen(
