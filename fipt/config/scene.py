@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from fipt.config.decisions import Decisions
+from fipt.config.decisions import SceneDecisions
 from fipt.config.layout import Layout
-from fipt.config.segmentation import Segmentation
+from fipt.config.segmentation import SceneSegmentation
 from fipt.config.setups import SceneSetups
 from fipt.config.sources.base import Place, Source
-from fipt.config.views import Views
+from fipt.config.views import SceneViews
 from fipt.formats.files import existing_file
 from fipt.scene.setup import RelightSetup
 from fipt.settings import dumped
@@ -35,7 +35,7 @@ class SceneConfig:
     rounds
         The last round.
     views_per_shard
-        Views in a shard.
+        SceneViews in a shard.
     """
 
     place: Place
@@ -60,14 +60,14 @@ class SceneConfig:
         return self.place.settings
 
     @cached_property
-    def views(self) -> Views:
+    def views(self) -> SceneViews:
         """Its views, in shards."""
-        return Views(self.source, self.views_per_shard)
+        return SceneViews(self.source, self.views_per_shard)
 
     @cached_property
-    def segmentation(self) -> Segmentation:
+    def segmentation(self) -> SceneSegmentation:
         """Where its segment ids come from."""
-        return Segmentation(self.place, self.source, self.views)
+        return SceneSegmentation(self.place, self.source, self.views)
 
     @cached_property
     def setups(self) -> SceneSetups:
@@ -75,9 +75,9 @@ class SceneConfig:
         return SceneSetups(self.given_setups, self.place, self.views, self.segmentation, self.source.known)
 
     @cached_property
-    def decisions(self) -> Decisions:
+    def decisions(self) -> SceneDecisions:
         """What a person decided about its emitters."""
-        return Decisions(self.name, self.layout, self.setups)
+        return SceneDecisions(self.name, self.layout, self.setups)
 
     def check(self) -> None:
         """Look for what is named and read late.
@@ -130,9 +130,15 @@ class SceneConfig:
         return [*self.judged(), *(self.layout.developed.format(shard=shard) for shard in self.views.shards("all"))]
 
     def brackets(self, shard: str) -> list[str]:
-        """The photographs of a shard."""
+        """The photographs of a shard; of a simulated camera all, since it is their table that tells brackets apart."""
         assert self.source.photographs is not None
+        if self.source.simulated:
+            return self.calibration_files()
         return self.source.photographs.of(self.views.shards("all")[shard], shard)
+
+    def simulated_frames(self) -> list[str]:
+        """Manifests of what a simulated camera took; true photographs are no files of ours."""
+        return self.calibration_files() if self.source.simulated else []
 
     def calibration_files(self) -> list[str]:
         """What tells the camera."""
@@ -190,9 +196,10 @@ class SceneConfig:
         """Views of a shard that are rendered with one light at a time, comma-separated."""
         return ",".join(self.olat_shards()[shard])
 
-    def export_check(self) -> list[str]:
-        """The check of the export, where every run makes one."""
-        return [self.layout.export_check] if self.settings["export"].enabled else []
+    def checked_export(self) -> list[str]:
+        """The export, its check and what that rendered, where every run makes one."""
+        made = [self.layout.export, self.layout.export_check, self.layout.export_check_folder]
+        return made if self.settings["export"].enabled else []
 
     # --- asking
 

@@ -22,7 +22,7 @@ from fipt.progress import progress
 from fipt.scene.cameras import Camera
 from fipt.stages.poses.readable import local_contrast, mask
 from fipt.stages.poses.settings import PosesSettings
-from fipt.stages.poses.views import Views
+from fipt.stages.poses.views import UnposedViews
 
 assert cv2  # imported for its place above
 
@@ -51,7 +51,7 @@ class Link:
     turn: np.ndarray
 
 
-def database(views: Views, work: Path, settings: PosesSettings) -> Path:
+def database(views: UnposedViews, work: Path, settings: PosesSettings) -> Path:
     """Make images, features and matches of views, or find them made; return the database.
 
     Parameters
@@ -91,7 +91,7 @@ def key(*parts: object) -> str:
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:12]
 
 
-def _images(views: Views, work: Path) -> Path:
+def _images(views: UnposedViews, work: Path) -> Path:
     """Write 8-bit images and masks of all views to a folder named after their content."""
     state = [(name, path.stat().st_size, path.stat().st_mtime_ns) for name, path in views.images.items()]
     out = work / f"images-{key(state)}"
@@ -107,7 +107,7 @@ def _images(views: Views, work: Path) -> Path:
     return out
 
 
-def _features(views: Views, images: Path, work: Path, settings: PosesSettings) -> Path:
+def _features(views: UnposedViews, images: Path, work: Path, settings: PosesSettings) -> Path:
     """Find the features of all images; views of the same intrinsics share a camera."""
     kind = (settings.max_size, settings.max_features, settings.peak)
     grouped = [(k, [c.name for c in group]) for k, group in groupby(sorted(views.cameras, key=_k), key=_k)]
@@ -164,12 +164,14 @@ def _matches(features: Path, count: int, work: Path, settings: PosesSettings) ->
     pairs = count * (count - 1) // 2 if exhaustive else count * settings.overlap
     with atomic(out) as temporary, progress("matching", pairs, " pairs") as bar:
         shutil.copyfile(features, temporary)
-        pairing = pycolmap.ExhaustivePairingOptions() if exhaustive else pycolmap.SequentialPairingOptions()
-        if not exhaustive:
-            pairing.overlap, pairing.quadratic_overlap = settings.overlap, True
-        match = pycolmap.match_exhaustive if exhaustive else pycolmap.match_sequential
+        near = pycolmap.SequentialPairingOptions()
+        near.overlap, near.quadratic_overlap = settings.overlap, True
+        every, device = pycolmap.ExhaustivePairingOptions(), pycolmap.Device.cpu
         with colmap_log(work):
-            match(temporary, options, pairing, verification, pycolmap.Device.cpu)
+            if exhaustive:
+                pycolmap.match_exhaustive(temporary, options, every, verification, device)
+            else:
+                pycolmap.match_sequential(temporary, options, near, verification, device)
         bar.advance(pairs)
     return out
 
@@ -209,7 +211,7 @@ def _rays(pixels: np.ndarray, camera: Camera) -> np.ndarray:
 
 def _off_a_turn(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """(M,) angles between directions b and directions a after the turn that fits most of them best, radians."""
-    good = np.ones(len(a), bool)
+    good, away = np.ones(len(a), bool), np.zeros(len(a))
     for _ in range(5):
         u, _, vt = np.linalg.svd(b[good].T @ a[good])
         rotation = u @ np.diag([1, 1, np.linalg.det(u @ vt)]) @ vt

@@ -19,7 +19,7 @@ from fipt.stages.segment.fuse import numbered
 from fipt.stages.segment.settings import FuseSettings
 from fipt.stages.segment.split import whole
 from fipt.stages.segment.surface import CellSurface, near_pieces, surface_of, tidied
-from fipt.stages.segment.views import Observations, observe
+from fipt.stages.segment.views import CellObservations, observe
 from fipt.stages.segment.write import Fused, FusionResult, write_fused
 
 _BRIGHTNESS = 0.3
@@ -30,7 +30,7 @@ _DARKEST = 1e-3
 """Radiance that is added before the logarithm, in units of the brightest triangle's median."""
 
 
-def grow_parts(dataset: Path, segments: Path, settings: FuseSettings, stats: Stats) -> None:
+def grow_parts(dataset: Path, segments: Path, settings: FuseSettings) -> Stats:
     """Grow parts from mesh and training images and write them as `fipt.stages.segment.fuse` writes fused ones."""
     data = Dataset(dataset)
     mesh = data.mesh()
@@ -46,10 +46,10 @@ def grow_parts(dataset: Path, segments: Path, settings: FuseSettings, stats: Sta
     found = Fused(ids, np.zeros_like(ids), (pixels > 0).astype(np.float64), pixels, kind, views)
     about = {"source": "geometry", "views": len(observations.cameras)}
     result = FusionResult(whole(mesh), found, ["part"], about, observations)
-    write_fused(segments, data, result, settings, stats)
+    return write_fused(segments, data, result, settings)
 
 
-def seen_colors(data: Dataset, observations: Observations, count: int) -> tuple[np.ndarray, np.ndarray]:
+def seen_colors(data: Dataset, observations: CellObservations, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Colour (count, 3) of each triangle and the pixels (count,) that tell it; 0 where no training view sees it.
 
     The colour is made for comparing: logarithms of red and blue over green, and of brightness with less weight.

@@ -17,7 +17,7 @@ from fipt.scene.fusion import Fusion, write_fusion
 from fipt.settings import dumped
 from fipt.stages.segment.settings import FuseSettings
 from fipt.stages.segment.split import Cells
-from fipt.stages.segment.views import Observations, observe
+from fipt.stages.segment.views import CellObservations, observe
 from fipt.stages.segment.votes import most_votes
 
 log = logging.getLogger(__name__)
@@ -71,12 +71,12 @@ class FusionResult:
     fused: Fused
     kinds: list[str]
     about: dict[str, Any]
-    observations: Observations
+    observations: CellObservations
     names: dict[int, str] = field(default_factory=dict)
 
 
-def write_fused(out: Path, data: Dataset, result: FusionResult, settings: FuseSettings, stats: Stats) -> None:
-    """Write the ids of every view below ``out``/fused, fusion.npz and .json, and the manifest, which comes last."""
+def write_fused(out: Path, data: Dataset, result: FusionResult, settings: FuseSettings) -> Stats:
+    """Write the ids of every view below ``out``/fused, fusion.npz and .json, the manifest last; return figures."""
     manifest = out / "fused.manifest.json"
     manifest.unlink(missing_ok=True)
     segments = _segments(result)
@@ -89,15 +89,13 @@ def write_fused(out: Path, data: Dataset, result: FusionResult, settings: FuseSe
     write_fusion(out / "fusion.npz", fusion, content)
     files = [*(out / "fused").rglob("*"), out / "fusion.npz", out / "fusion.json"]
     write_manifest(manifest, "fuse", [file for file in files if file.is_file()], dumped(settings))
-    stats["parts"] = len(segments)
-    for name, value in figures.items():
-        stats[name] = value
     log.info(
         "fuse: %d segments on %d cells; %.1f%% of the votes agree",
         len(segments),
         len(result.cells),
         100 * _agreement(result.fused),
     )
+    return {"parts": len(segments), **figures}
 
 
 def _write_views(folder: Path, scratch: Path, data: Dataset, result: FusionResult) -> None:

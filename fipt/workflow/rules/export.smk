@@ -13,6 +13,7 @@ rule export_room:
     input:
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
+        checked="results/{scene}/dataset/check_poses.json",
         mesh="results/{scene}/dataset/mesh.ply",
         samples=sharded("results/{scene}/samples/{shard}.manifest.json", "train"),
         environment="results/{scene}/environment.npz",
@@ -50,11 +51,13 @@ rule check_export:
     input:
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
-        samples=sharded("results/{scene}/samples/{shard}.manifest.json", "val"),
+        checked="results/{scene}/dataset/check_poses.json",
+        images=ask("images", splits=["val"]),
         export="results/{scene}/export.manifest.json",
         render=sharded("results/{scene}/render.{shard}.manifest.json", "val"),
     output:
         check="results/{scene}/export/check.json",
+        images=directory("results/{scene}/export/check"),
         stats="results/{scene}/stats/check-export.json",
     log:
         "results/{scene}/logs/check-export.log",
@@ -66,12 +69,12 @@ rule check_export:
         gpu=1,
     params:
         dataset=folder("results/{scene}/dataset"),
-        samples=folders_of("samples"),
         folder=folder("results/{scene}/export"),
         render=folder("results/{scene}/render"),
+        rays_per_side=ask("rays_per_side"),
         settings=settings("export"),
         version=VERSIONS["export"],
     shell:
-        "fipt check-export --dataset {params.dataset:q} --samples {params.samples:q} --export {params.folder:q}"
-        " --render {params.render:q} --out {output.check:q}"
+        "fipt check-export --dataset {params.dataset:q} --export {params.folder:q}"
+        " --rays-per-side {params.rays_per_side:q} --render {params.render:q} --out {output.check:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
