@@ -7,6 +7,7 @@ import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent
 _MARK = re.compile(r"^<!-- site: ([\w-]+) -->$", re.M)
@@ -37,10 +38,9 @@ def command_line() -> str:
 
 def help_of(name: str) -> str:
     """Help of a verb, as the command line prints it, 88 columns wide."""
-    import click
-
     command = click_command(name)
-    with click.Context(command, info_name=f"fipt {name}", terminal_width=88, max_content_width=88) as context:
+    width: Any = {"terminal_width": 88, "max_content_width": 88}
+    with command.make_context(f"fipt {name}", [], resilient_parsing=True, **width) as context:
         return command.get_help(context).strip()
 
 

@@ -29,3 +29,4 @@ EmitterNames = Annotated[Path | None, "emitters.json of fipt review: the emitter
 DecisionsJson = Annotated[str, "What emitters_review.yaml decides, by triangle, JSON (docs/stages/emitters.md)."]
 ManifestFile = Annotated[Path, "Manifest of what was written."]
 ShardFolder = Annotated[Path, "Folder of the shard to write."]
+RaysPerSide = Annotated[int, "A pixel is looked through by the square of this many rays: grid of the section samples."]

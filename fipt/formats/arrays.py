@@ -55,7 +55,7 @@ def save_npz(path: str | Path, **arrays: np.ndarray) -> None:
         if np.asarray(array).dtype.hasobject:  # numpy would pickle it
             raise ValueError(f"{name} holds objects; nothing is pickled")
     with atomic(path) as temporary, open(temporary, "wb") as file:
-        np.savez(file, **arrays)
+        np.savez(file, **arrays)  # pyright: ignore[reportArgumentType] - none is called allow_pickle
 
 
 def load_npz(path: str | Path, required: Sequence[str] = ()) -> dict[str, np.ndarray]:

@@ -12,10 +12,6 @@ a base colour, s roughness, m metallic, alpha = s^2.
     g(c) = 1 / (c (1 - k) + k),  k = (s + 1)^2 / 8
 """
 
-# The stubs of Mitsuba name the arrays of one variant, those of Dr.Jit others: the same values seem to be of two types.
-# pyright: reportArgumentType=false, reportAttributeAccessIssue=false, reportCallIssue=false
-# pyright: reportGeneralTypeIssues=false, reportOperatorIssue=false, reportReturnType=false
-
 from typing import Any
 
 import drjit as dr
@@ -104,7 +100,7 @@ class FiptGgx(mi.BSDF):
         h = mi.Vector3f(cos_phi * sin_h, sin_phi * sin_h, dr.safe_sqrt(1 - sin2))
         reflected = 2 * dr.dot(to_camera, h) * h - to_camera
 
-        bs = dr.zeros(mi.BSDFSample3f)
+        bs: Any = dr.zeros(mi.BSDFSample3f)
         bs.wo = dr.select(from_ggx, reflected, cosine) * side
         bs.eta = 1.0
         bs.sampled_type = dr.select(

@@ -61,7 +61,7 @@ def charuco_corners(
     corners, ids, _, _ = cv2.aruco.CharucoDetector(board, parameters).detectBoard(grey)
     if ids is None or len(ids) < least:
         return None
-    objects, images = board.matchImagePoints(corners, ids)
+    objects, images = board.matchImagePoints(corners, ids)  # pyright: ignore[reportCallIssue, reportArgumentType] - stubs want a list
     # Windows end before the markers.
     clear = 0.4 * (board.getSquareLength() - board.getMarkerLength()) / board.getSquareLength()
     return objects.reshape(-1, 3), refined(grey, images.reshape(-1, 2), clear) + np.float32(0.5), ids.reshape(-1)
@@ -110,9 +110,10 @@ def board_corners(
     first = (rim + 0.5) / side
     warp = warp @ np.array([[1 / side, 0, first], [0, 1 / side, first], [0, 0, 1]])
     stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-7)
+    everywhere = np.full(grey.shape, 255, np.uint8)
     try:
         match, warp = cv2.findTransformECC(
-            pattern, grey, (warp / warp[2, 2]).astype(np.float32), cv2.MOTION_HOMOGRAPHY, stop, None, 3
+            pattern, grey, (warp / warp[2, 2]).astype(np.float32), cv2.MOTION_HOMOGRAPHY, stop, everywhere, 3
         )
     except cv2.error:  # it does not converge where something else is there
         return None
@@ -182,7 +183,7 @@ def _sides_meet(grey: np.ndarray, corners: np.ndarray) -> np.ndarray:
 
 def tag_points(side: float) -> np.ndarray:
     """(4, 3) float32 corners of a marker of this side, metres, in the order of `tag_corners`; y goes down as a row."""
-    return np.float32([[0, 0, 0], [side, 0, 0], [side, side, 0], [0, side, 0]])
+    return np.array([[0, 0, 0], [side, 0, 0], [side, side, 0], [0, side, 0]], np.float32)
 
 
 def refined(grey: np.ndarray, corners: np.ndarray, reach: float) -> np.ndarray:

@@ -75,8 +75,8 @@ def read_source(path: str | Path, format: str, val_every: int = 8) -> ImageSourc
 def has_segments(source: ImageSource) -> bool:
     """Whether every training view of a source has segment ids of some kind."""
     folders = {frame.folder for frame in source.frames if frame.split == "train"}
-    return None not in folders and any(
-        all((folder / name).is_dir() for folder in folders) for name in SEGMENT_FOLDERS.values()
+    return any(
+        all(folder is not None and (folder / name).is_dir() for folder in folders) for name in SEGMENT_FOLDERS.values()
     )
 
 

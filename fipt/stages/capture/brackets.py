@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import pairwise
@@ -182,7 +182,7 @@ def judge(brackets: Sequence[Bracket]) -> list[Finding]:
                         "doubled",
                         "error",
                         f"view {view}: {a.path.name} and {b.path.name} have the same exposure "
-                        f"({shutter_text(a.shutter)})",
+                        f"({shutter_text(a.seconds)})",
                         "remove one of them, or list the files of each view in captures.tsv",
                         (view,),
                     )
@@ -190,7 +190,7 @@ def judge(brackets: Sequence[Bracket]) -> list[Finding]:
         if len(shots) < len(usual):
             there = [stops(shot) for shot in shots]
             absent = [shot for shot in usual if all(abs(stops(shot) - s) >= SAME_STOPS for s in there)]
-            which = ", ".join(shutter_text(shot.shutter) for shot in absent[: len(usual) - len(shots)])
+            which = ", ".join(shutter_text(shot.seconds) for shot in absent[: len(usual) - len(shots)])
             findings.append(
                 Finding(
                     "missing",
@@ -323,7 +323,7 @@ def _grouped(folder: Path, frames: int) -> tuple[str, dict[str, tuple[Shot, ...]
     return kind, views, findings
 
 
-def _view_name(stem: str, taken: Sequence[str] | dict[str, object]) -> str:
+def _view_name(stem: str, taken: Collection[str]) -> str:
     """A view's name from a file's: what may not stand in a name becomes ``_``."""
     name = re.sub(r"[^A-Za-z0-9_.-]|(?<=\.)\.", "_", stem).lstrip("_.-") or "view"
     return name if name not in taken else f"{name}_{len(taken)}"

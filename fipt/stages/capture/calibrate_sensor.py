@@ -30,11 +30,11 @@ def with_dark(found: Calibration, paths: Sequence[Path], bar: Any) -> Calibratio
     """Black levels and hot pixels from the mean of the dark frames."""
     if not paths:
         return found
-    total, noises = None, []
+    total, noises = np.zeros((found.height, found.width), np.float32), []
     for path in paths:
         frame = read_frame(path, found)
         values = frame.mosaic.astype(np.float32)
-        total = values if total is None else total + values
+        total += values
         noises.append(1.4826 * np.median(np.abs(values[::2, ::2] - np.median(values[::2, ::2]))))
         bar.advance()
     mean, read = total / len(paths), max(float(np.median(noises)), 12**-0.5)
@@ -69,7 +69,7 @@ def with_flats(found: Calibration, paths: Sequence[Path], bar: Any) -> Calibrati
     """Vignetting from images of an even surface; the sensor's noise where dark frames are there too."""
     if not paths:
         return found
-    blocks, gains, total = [], [], np.float32(0)
+    blocks, gains, total = [], [], np.zeros((found.height, found.width), np.float32)
     for path in paths:
         frame = read_frame(path, found)
         signal = signal_of(frame, found)
@@ -77,7 +77,7 @@ def with_flats(found: Calibration, paths: Sequence[Path], bar: Any) -> Calibrati
         _check_flat(path, frame, signal, means, found)
         blocks.append(means / np.median(means, axis=(0, 1)))
         gains.append(_photon_gain(signal, found.figures.get("read_noise", 0.0)))
-        total = total + signal
+        total += signal
         bar.advance()
     dead = _dead_pixels(total)
     mean = np.mean(blocks, axis=0).mean(axis=2)
@@ -105,7 +105,7 @@ def _dead_pixels(light: np.ndarray) -> list[tuple[int, int]]:
     for i, j in np.ndindex(2, 2):
         part = np.ascontiguousarray(light[i::2, j::2])
         dead[i::2, j::2] = part < 0.7 * cv2.medianBlur(part, 5)
-    return list(map(tuple, np.argwhere(dead).tolist()))
+    return [(int(row), int(column)) for row, column in np.argwhere(dead)]
 
 
 def fit_vignetting(means: np.ndarray, width: int, height: int) -> tuple[Vignetting, list[list[float]], float]:
@@ -199,5 +199,5 @@ def _photon_gain(signal: np.ndarray, read: float) -> float:
 
 
 def _corner(vignetting: Vignetting, found: Calibration) -> float:
-    x, y = np.float32([0, found.width, 0, found.width]), np.float32([0, 0, found.height, found.height])
+    x, y = np.array([[0, found.width, 0, found.width], [0, 0, found.height, found.height]], np.float32)
     return float(vignetting.falloff(x, y).mean())

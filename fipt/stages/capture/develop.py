@@ -209,7 +209,7 @@ def _passed_through(bracket: Bracket, calibration: Calibration) -> View:
     """A merged view as it is; values that are no numbers get weight 0."""
     radiance, layers = read_merged(bracket.shots[0].path)
     calibration.check_size(radiance.shape[:2], bracket.shots[0].path)
-    finite = np.isfinite(radiance).all(axis=-1)
+    finite = np.asarray(np.isfinite(radiance).all(axis=-1))
     valid = layers.get("valid.Y", np.ones(finite.shape, np.float32)) * finite
     flags = layers.get("flags.Y", np.zeros(finite.shape)).astype(np.uint32)
     return View(np.where(finite[..., None], radiance, 0), valid.astype(np.float32), flags, None)

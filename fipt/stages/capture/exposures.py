@@ -54,7 +54,7 @@ def exposure(shot: Shot, snap: bool = True) -> float:
     snap
         Take nominal times as their true third-stop values. Apertures always are.
     """
-    time = snapped(shot.shutter) if snap else shot.shutter
+    time = snapped(shot.seconds) if snap else shot.seconds
     gain = (shot.iso or REFERENCE_ISO) / REFERENCE_ISO
     aperture = snapped_aperture(shot.aperture) if shot.aperture else REFERENCE_APERTURE
     return time * gain * (REFERENCE_APERTURE / aperture) ** 2

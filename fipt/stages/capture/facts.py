@@ -71,7 +71,7 @@ def exposure_facts(bracket: Bracket, exposures: Sequence[float], clipped: Sequen
 def view_facts(bracket: Bracket, view: View, calibration: Calibration) -> dict[str, Any]:
     """What every view tells; JSON types."""
     step = max(1, int(np.sqrt(view.valid.size / _PIXELS_JUDGED)))
-    good = view.radiance[::step, ::step][view.valid[::step, ::step] > 0.5] @ np.float32(LUMINANCE)
+    good = view.radiance[::step, ::step][view.valid[::step, ::step] > 0.5] @ np.array(LUMINANCE, np.float32)
     low, high = np.percentile(good, (1, 99.9)) if good.size else (0.0, 0.0)
     low = max(low, view.floor, 1e-12)
     shares = {
@@ -115,7 +115,7 @@ def sharpness(view: View) -> float:
     changes = []
     for top in np.linspace(0, max(height - 64, 0), bands).astype(int):
         rows = slice(top, top + 64)
-        luminance = view.radiance[rows] @ np.float32(LUMINANCE)
+        luminance = view.radiance[rows] @ np.array(LUMINANCE, np.float32)
         floor = max(20 * view.floor, 1e-3 * float(np.median(luminance)), 1e-12)
         stops = cv2.GaussianBlur(np.log2(np.maximum(luminance, floor)), (3, 3), 0)
         change = np.hypot(cv2.Sobel(stops, cv2.CV_32F, 1, 0) / 8, cv2.Sobel(stops, cv2.CV_32F, 0, 1) / 8)

@@ -184,7 +184,9 @@ def _off_ratios(qualities: Sequence[Quality]) -> list[Finding]:
     off: dict[tuple[str, str], list[tuple[str, float]]] = {}
     for quality in qualities:
         for frame in quality.frames:
-            if frame.measured is not None and abs(frame.measured / frame.ratio - 1) > RATIO_TOLERANCE:
+            if frame.measured is None or frame.ratio is None:
+                continue
+            if abs(frame.measured / frame.ratio - 1) > RATIO_TOLERANCE:
                 key = shutter_text(frame.shutter), f"1/{frame.ratio:.4g}"
                 off.setdefault(key, []).append((quality.view, frame.measured))
     findings = []

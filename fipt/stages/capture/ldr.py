@@ -47,7 +47,7 @@ def response(capture: Capture) -> np.ndarray:
         if len(bracket.shots) < 2 or len(curves) == _BRACKETS:
             continue
         images = [read_ldr(shot.path) for shot in bracket.shots]
-        times = np.float32([exposure(shot) for shot in bracket.shots])
+        times = np.array([exposure(shot) for shot in bracket.shots], np.float32)
         method = cv2.createCalibrateDebevec(_SAMPLES, _SMOOTHNESS, random=False)
         curve = np.log(np.maximum(method.process(images, times).reshape(256, 3), 1e-9))
         curves.append(curve - curve[128])
@@ -85,6 +85,6 @@ def merge_ldr(
         total += w * np.stack([light[image[..., c], c] for c in range(3)], axis=-1) / np.float32(e)
         weights += w
         clipped.append(float((image > _HIGHEST).any(axis=-1).mean()))
-    saturated = (images[-1] > _HIGHEST).any(axis=-1)
-    noisy = (images[0] < _LOWEST).all(axis=-1)
+    saturated = np.asarray((images[-1] > _HIGHEST).any(axis=-1))
+    noisy = np.asarray((images[0] < _LOWEST).all(axis=-1))
     return total / weights, saturated, noisy, clipped

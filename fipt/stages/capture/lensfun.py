@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from fipt.scene.lens import Lens
@@ -69,7 +71,7 @@ def find_lens(shot: Shot, width: int, height: int, distance: float) -> tuple[str
     return f"{lens.maker} {lens.model}", result, _vignetting(modifier, width, height)
 
 
-def _vignetting(modifier: object, width: int, height: int) -> Vignetting | None:
+def _vignetting(modifier: Any, width: int, height: int) -> Vignetting | None:
     """Lensfun's correction, applied to ones, as a polynomial of the falloff."""
     gain = np.ones((height, width, 3), np.float32)  # lensfun corrects in place, contiguous float32 only
     if not modifier.apply_color_modification(gain):

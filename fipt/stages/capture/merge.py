@@ -74,7 +74,7 @@ class Gains:
 
     def by_color(self) -> np.ndarray:
         """(4,) float32 gains by colour index: red, green, blue, second green."""
-        return np.float32(self.white_balance)[[0, 1, 2, 1]]
+        return np.asarray(self.white_balance, np.float32)[[0, 1, 2, 1]]
 
     def apply(self, strip: np.ndarray, first: int) -> None:
         """Divide a strip of rows from row ``first`` by the vignetting, in place; (rows, W[, 3])."""
@@ -227,7 +227,7 @@ def _bracket(
 
     return _Bracket(
         frames=frames,
-        e=np.float32(exposures),
+        e=np.array(exposures, np.float32),
         black=spread(black.astype(np.float32)),
         scale=spread((1 / span).astype(np.float32)),
         limit=spread(np.floor(black + saturation * span).astype(np.uint16)),
@@ -253,7 +253,7 @@ def _strip(bracket: _Bracket, rows: slice) -> _Strip:
         z *= bracket.scale[:n]
         signals.append(z)
         usable.append(good if lost else None)
-        losses.append(lost)
+        losses.append(int(lost))
         light += z * good if lost else z
         time += good * e if lost else e
     return _Strip(signals, usable, light, time, time == 0, np.array(losses))
@@ -293,7 +293,7 @@ def decoding_table(offset: float, step: float) -> np.ndarray:
     return (offset * np.expm1((np.arange(65536) - _LOG_ZERO) * step)).astype(np.float32)
 
 
-def noise_limit(photon: float, dark: float) -> float:
+def noise_limit(photon: float | np.float32, dark: float | np.float32) -> float:
     """Signal that equals its own standard deviation."""
     return float((photon + np.sqrt(photon**2 + 4 * dark)) / 2)
 

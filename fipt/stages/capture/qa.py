@@ -86,7 +86,8 @@ def luminances(folder: Path, views: Iterable[str]) -> Iterator[np.ndarray]:
     """About ten thousand luminances (n,) of each developed view, of pixels with weight."""
     for view in views:
         channels = read_exr(folder / "hdr" / f"{view}.exr", required=("R", "G", "B"))
-        total = sum(weight * channels[letter] for weight, letter in zip(LUMINANCE, "RGB", strict=True))
+        red, green, blue = (weight * channels[letter] for weight, letter in zip(LUMINANCE, "RGB", strict=True))
+        total = red + green + blue
         usable = total[channels["valid.Y"] > 0.5] if "valid.Y" in channels else total.ravel()
         yield usable[:: max(len(usable) // 10_000, 1)]
 

@@ -116,11 +116,12 @@ def measure(bracket: Bracket, frames: Sequence[RawFrame]) -> Quality:
     greens, full = [_green(frame) for frame in frames], [_clipped(frame) for frame in frames]
     sensor = measured_noise(frames, exposures, frames[0].black) or assumed_noise(frames[0], frames[0].black)
     noise = sensor.read / float(np.mean(frames[0].range))
+    gains = frames[0].white_balance
     best = max(greens, key=lambda green: float(((green > 0.05) & (green < 0.9)).mean()))
     return Quality(
         view=bracket.view,
         frames=tuple(
-            BracketFrame(shot.path.name, shot.shutter, math.log2(value / exposures[0]), ratio, found)
+            BracketFrame(shot.path.name, shot.seconds, math.log2(value / exposures[0]), ratio, found)
             for shot, value, ratio, found in zip(
                 bracket.shots, exposures, (None, *ratios), (None, *measured), strict=True
             )
@@ -130,7 +131,7 @@ def measure(bracket: Bracket, frames: Sequence[RawFrame]) -> Quality:
         dynamic_range=math.log2(exposures[0] / exposures[-1] / noise),
         sharpness=_sharpness(best),
         moved=_moved(greens, full, measured),
-        white_balance=None if frames[0].white_balance is None else tuple(map(float, frames[0].white_balance)),
+        white_balance=None if gains is None else (float(gains[0]), float(gains[1]), float(gains[2])),
     )
 
 

@@ -59,6 +59,13 @@ class Shot:
     time: float | None = None
     orientation: int = 1
 
+    @property
+    def seconds(self) -> float:
+        """The stated exposure time; FiptError where the file states none."""
+        if self.shutter is None:
+            raise _no_exposure_time(self.path)
+        return self.shutter
+
 
 @dataclass
 class RawFrame:
@@ -237,7 +244,7 @@ def _tags(file: Any) -> dict[str, Any]:
     logging.getLogger("exifread").setLevel(logging.ERROR)  # files without EXIF are no news
     try:
         return exifread.process_file(file, details=False)
-    except (ValueError, KeyError, IndexError, TypeError, AttributeError, OSError, exifread.exceptions.ExifReadError):
+    except Exception:  # noqa: BLE001 - ExifRead raises whatever its parsers raise
         return {}  # a damaged header: LibRaw or the missing exposure time will say so
 
 

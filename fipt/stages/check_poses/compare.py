@@ -192,7 +192,7 @@ def judge(scene: RayScene, views: Sequence[ReducedView], settings: CheckPosesSet
     least = _POOR
     while known := {i: s for i in sorted(accepted) if (s := score(i, accepted)) is not None}:
         least = max(settings.least_score * float(np.median(list(known.values()))), _POOR)
-        worst = min(known, key=known.get)
+        worst = min(known, key=known.__getitem__)
         if known[worst] >= least:
             break
         accepted.remove(worst)
@@ -334,7 +334,7 @@ def _scan(scene: RayScene, views: Sequence[ReducedView]) -> tuple[np.ndarray, np
 def _reduced(dataset: Dataset, camera: Camera, width: int) -> tuple[Camera, np.ndarray, np.ndarray]:
     """Camera, log luminance and mask of a view, reduced by whole blocks of pixels to at most ``width`` columns."""
     image, weight = dataset.image(camera.name)
-    light = image.astype(np.float32) @ np.float32(LUMINANCE)
+    light = image.astype(np.float32) @ np.array(LUMINANCE, np.float32)
     block = -(-camera.width // width)
     rows, columns = camera.height // block, camera.width // block
 

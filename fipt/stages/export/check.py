@@ -12,7 +12,7 @@ from fipt.errors import FiptError
 from fipt.formats.exr import read_rgb, write_exr
 from fipt.formats.files import existing_file, write_text
 from fipt.formats.images import srgb_encode
-from fipt.formats.manifests import Stats, read_manifest
+from fipt.formats.manifests import Stats
 from fipt.progress import progress
 from fipt.registry import VERSIONS
 from fipt.render.denoise import denoise
@@ -63,10 +63,7 @@ def check_export(inputs: CheckExportInputs, settings: ExportSettings) -> Stats:
     views = _chosen([name for name in data.views("val") if (render / f"{name}.exr").is_file()], settings.check_views)
     if not views:
         raise FiptError(f"{render} holds no image of a held-out view", "run fipt render first")
-    # our images look through several points of each pixel, these through the same
-    grid = min(
-        read_manifest(Path(f"{folder}.manifest.json"), "samples")["settings"]["grid"] for folder in inputs.samples
-    )
+    grid = inputs.rays_per_side  # our images look through several points of each pixel, these through the same
     for file in FORMATS.values():
         existing_file(export / file, "an exported file")
     known = {view: read_rgb(render / f"{view}.exr") for view in views}

@@ -4,7 +4,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from fipt.inputs import DatasetFolder, SamplesFolders
+from fipt.conventions import RAYS_PER_SIDE
+from fipt.errors import FiptError
+from fipt.inputs import DatasetFolder, RaysPerSide
 
 if TYPE_CHECKING:
     from fipt.stages.export.settings import ExportSettings
@@ -15,10 +17,14 @@ class CheckExportInputs:
     """Files of ``fipt check-export``."""
 
     dataset: DatasetFolder
-    samples: SamplesFolders
     export: Annotated[Path, "Folder of the exported room."]
     render: Annotated[Path, "Folder of our images of held-out views."]
     out: Annotated[Path, "check.json to write; the images go to a folder check beside it."]
+    rays_per_side: RaysPerSide = RAYS_PER_SIDE
+
+    def __post_init__(self) -> None:
+        if self.rays_per_side < 1:
+            raise FiptError(f"--rays-per-side must be at least 1; it is {self.rays_per_side}", "give the samples' grid")
 
 
 def run(inputs: CheckExportInputs, settings: "ExportSettings") -> dict[str, Any]:

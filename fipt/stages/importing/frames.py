@@ -138,7 +138,7 @@ def _write_truth(folder: Path, frame: SourceView, camera: Camera) -> None:
         check_layer(values, camera, path)
         layers[f"{layer}.Y" if layer in _SCALARS else layer] = values
     if "emission" in layers:
-        layers["emission_mask.Y"] = (layers["emission"] > 0).any(axis=-1)
+        layers["emission_mask.Y"] = np.asarray((layers["emission"] > 0).any(axis=-1))
     if layers:
         write_exr(folder / "truth" / f"{frame.name}.exr", layers)
 

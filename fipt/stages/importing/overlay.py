@@ -35,7 +35,7 @@ def overlay(mesh: Mesh, camera: Camera, radiance: np.ndarray) -> np.ndarray:
     from PIL import Image
 
     size = (_WIDTH, max(1, round(camera.height * _WIDTH / camera.width)))
-    photo = np.asarray(Image.fromarray(to_display(radiance)).resize(size, Image.BICUBIC))
+    photo = np.asarray(Image.fromarray(to_display(radiance)).resize(size, Image.Resampling.BICUBIC))
     small = resized(camera, *size)
     triangle, depth = visible_triangles(RayScene(mesh), small)
     image = photo.copy()

@@ -209,7 +209,7 @@ def _runs(
                 names = {camera.name for camera in models[0].cameras}
                 # Of the others, the one that shares most cameras with the largest.
                 twin = max(others, key=lambda o: sum(c.name in names for c in o.cameras), default=None)
-                sizes = tuple([len(model.cameras) for model in some] for some in (models, others))
+                sizes = [len(model.cameras) for model in models], [len(model.cameras) for model in others]
                 runs.append(Run(least, models, agreement(models[0], twin, settings), sizes))
     return runs
 
@@ -285,8 +285,10 @@ def _check_images(
 def _grouped(names: Sequence[str], pairs: Sequence[Link]) -> str:
     """Which views are linked by matches, in words."""
     found = groups(link_strength(pairs, len(names)), FEWEST_MATCHES)
-    linked = [f"matches link {_listed([names[i] for i in group])}, too weakly" for group in found if len(group) > 1]
-    alone = [names[group[0]] for group in found if len(group) == 1]
+    linked = [
+        f"matches link {_listed([names[int(i)] for i in group])}, too weakly" for group in found if len(group) > 1
+    ]
+    alone = [names[int(group[0])] for group in found if len(group) == 1]
     return "; ".join([*linked[:3], *([f"isolated are {_listed(alone)}"] if alone else [])])
 
 

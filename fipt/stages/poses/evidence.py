@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -185,7 +185,7 @@ def judged(
     found = {}
     for number, name in enumerate(names):
         if name not in placed:
-            partners = [names[other] for other in np.argsort(-matched[number], kind="stable") if matched[number, other]]
+            partners = [names[int(i)] for i in np.argsort(-matched[number], kind="stable") if matched[number, i]]
             reason = _unplaced(name, int(features[number]), partners, models)
             found[name] = Evidence(int(features[number]), tuple(partners), reason=reason)
             continue
@@ -203,7 +203,7 @@ def judged(
             spread=max(away, default=None),
         )
         reason = _weak(evidence, settings) or _of_other_group(index, held, placed, shared, settings)
-        found[name] = Evidence(**{**vars(evidence), "reason": reason})
+        found[name] = replace(evidence, reason=reason)
     return found
 
 

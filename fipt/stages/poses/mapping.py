@@ -115,5 +115,6 @@ def _read(folder: Path, cameras: Sequence[Camera]) -> Reconstruction:
 def _camera(image: pycolmap.Image, view: Camera) -> Camera:
     pose = np.eye(4)
     pose[:3] = image.cam_from_world().inverse().matrix()
+    assert image.camera is not None
     fx, fy, cx, cy = image.camera.params
     return Camera(view.name, view.split, view.width, view.height, fx, fy, cx, cy, pose @ _OPENGL)

@@ -164,12 +164,14 @@ def _matches(features: Path, count: int, work: Path, settings: PosesSettings) ->
     pairs = count * (count - 1) // 2 if exhaustive else count * settings.overlap
     with atomic(out) as temporary, progress("matching", pairs, " pairs") as bar:
         shutil.copyfile(features, temporary)
-        pairing = pycolmap.ExhaustivePairingOptions() if exhaustive else pycolmap.SequentialPairingOptions()
-        if not exhaustive:
-            pairing.overlap, pairing.quadratic_overlap = settings.overlap, True
-        match = pycolmap.match_exhaustive if exhaustive else pycolmap.match_sequential
+        near = pycolmap.SequentialPairingOptions()
+        near.overlap, near.quadratic_overlap = settings.overlap, True
+        every, device = pycolmap.ExhaustivePairingOptions(), pycolmap.Device.cpu
         with colmap_log(work):
-            match(temporary, options, pairing, verification, pycolmap.Device.cpu)
+            if exhaustive:
+                pycolmap.match_exhaustive(temporary, options, every, verification, device)
+            else:
+                pycolmap.match_sequential(temporary, options, near, verification, device)
         bar.advance(pairs)
     return out
 
@@ -209,7 +211,7 @@ def _rays(pixels: np.ndarray, camera: Camera) -> np.ndarray:
 
 def _off_a_turn(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """(M,) angles between directions b and directions a after the turn that fits most of them best, radians."""
-    good = np.ones(len(a), bool)
+    good, away = np.ones(len(a), bool), np.zeros(len(a))
     for _ in range(5):
         u, _, vt = np.linalg.svd(b[good].T @ a[good])
         rotation = u @ np.diag([1, 1, np.linalg.det(u @ vt)]) @ vt

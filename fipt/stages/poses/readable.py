@@ -23,7 +23,7 @@ def local_contrast(radiance: np.ndarray, shown: np.ndarray) -> np.ndarray:
     shown
         (H, W) bool; the range is that of these pixels.
     """
-    luminance = np.maximum(radiance @ np.float32(LUMINANCE), 0)
+    luminance = np.maximum(radiance @ np.array(LUMINANCE, np.float32), 0)
     seen = luminance[shown & (luminance > 0)]
     if not seen.size:
         return np.zeros(luminance.shape, np.uint8)

@@ -98,6 +98,7 @@ def find_boards(cameras: Sequence[Camera], read_image: ReadImage, board: SceneBo
 
     markers = boards.dictionary(board.dictionary, "poses.align.board.dictionary")
     targets: dict[int, Target] = {}
+    charuco = None
     if board.kind == "charuco":
         if board.marker >= board.square:
             raise FiptError(
@@ -109,7 +110,7 @@ def find_boards(cameras: Sequence[Camera], read_image: ReadImage, board: SceneBo
     with progress("boards", len(cameras), " views") as bar:
         for camera in cameras:
             radiance = read_image(camera.name)
-            if board.kind == "charuco":
+            if charuco is not None:
                 corners = _charuco(radiance, charuco)
                 if corners is not None:
                     targets[0].seen[camera.name] = corners
@@ -169,7 +170,7 @@ def _images(radiance: np.ndarray, power: float) -> Iterator[tuple[np.ndarray, in
 
 def toned(radiance: np.ndarray, power: float = 0.5) -> list[np.ndarray]:
     """Grey images of (H, W, 3) radiance at several exposures, with a power as tone curve: (H, W) uint8."""
-    light = np.maximum(np.asarray(radiance, np.float32) @ np.float32(LUMINANCE), 0)
+    light = np.maximum(np.asarray(radiance, np.float32) @ np.array(LUMINANCE, np.float32), 0)
     whites = np.percentile(light[::2, ::2], _WHITES)
     return [(np.clip(light / max(white, 1e-12), 0, 1) ** power * 255 + 0.5).astype(np.uint8) for white in whites]
 
@@ -193,7 +194,7 @@ def place(target: Target, cameras: Mapping[str, Camera]) -> PlacedTarget | None:
         solved = _solve(target, used, cameras, start)
         worst = {view: float(np.median(np.linalg.norm(_errors(target, [view], cameras, solved[0]), axis=1)))
                  for view in used}  # fmt: skip
-        wrong = max(used, key=worst.get)
+        wrong = max(used, key=worst.__getitem__)
         others = [worst[view] for view in used if view != wrong]
         # Two views cannot say which of them is wrong.
         if len(used) <= 2 or worst[wrong] <= max(_BIG, 5 * float(np.median(others))):

@@ -78,7 +78,7 @@ def camera_similarity(source: np.ndarray, target: np.ndarray, tolerance: float, 
     a, b = source[:, :3, 3] @ rotation.T, target[:, :3, 3]
     best, fewest = matrix(1.0, rotation, b.mean(axis=0) - a.mean(axis=0)), np.inf
     for i, j in _subsets(len(a), 2, seed):
-        scale = np.linalg.norm(b[j] - b[i]) / max(np.linalg.norm(a[j] - a[i]), 1e-12)
+        scale = float(np.linalg.norm(b[j] - b[i]) / max(np.linalg.norm(a[j] - a[i]), 1e-12))
         shift = (b[i] + b[j] - scale * (a[i] + a[j])) / 2
         cost = np.minimum(np.linalg.norm(scale * a + shift - b, axis=1), tolerance).sum()
         if cost < fewest:

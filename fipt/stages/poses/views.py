@@ -61,7 +61,7 @@ class UnposedViews:
                 f"{radiance.shape[1]}x{radiance.shape[0]}",
                 "correct the intrinsics' w and h, or the image",
             )
-        shown = np.isfinite(radiance).all(axis=-1)
+        shown = np.asarray(np.isfinite(radiance).all(axis=-1))
         if "flags.Y" in channels:
             shown &= channels["flags.Y"].astype(np.uint32) & (FLAG_OUTSIDE | FLAG_MOVED) == 0
         return np.where(shown[..., None], radiance, 0).astype(np.float32), shown

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from fipt.conventions import RAYS_PER_SIDE
 from fipt.errors import FiptError
-from fipt.inputs import CacheFile, DatasetFolder, EmittersFile, EnvironmentFile, ManifestFile, ModelFile
+from fipt.inputs import CacheFile, DatasetFolder, EmittersFile, EnvironmentFile, ManifestFile, ModelFile, RaysPerSide
 
 if TYPE_CHECKING:
     from fipt.model.fitted import FittedScene
@@ -24,9 +24,7 @@ class TracedInputs:
     out: Annotated[Path, "Folder of the images."]
     manifest: ManifestFile
     environment: EnvironmentFile = None
-    rays_per_side: Annotated[
-        int, "A pixel is looked through by the square of this many rays: grid of the section samples."
-    ] = RAYS_PER_SIDE
+    rays_per_side: RaysPerSide = RAYS_PER_SIDE
 
     def __post_init__(self) -> None:
         if self.rays_per_side < 1:

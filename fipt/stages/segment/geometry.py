@@ -19,7 +19,7 @@ from fipt.stages.segment.fuse import numbered
 from fipt.stages.segment.settings import FuseSettings
 from fipt.stages.segment.split import whole
 from fipt.stages.segment.surface import CellSurface, near_pieces, surface_of, tidied
-from fipt.stages.segment.views import SegmentObservations, observe
+from fipt.stages.segment.views import CellObservations, observe
 from fipt.stages.segment.write import Fused, FusionResult, write_fused
 
 _BRIGHTNESS = 0.3
@@ -49,7 +49,7 @@ def grow_parts(dataset: Path, segments: Path, settings: FuseSettings, stats: Sta
     write_fused(segments, data, result, settings, stats)
 
 
-def seen_colors(data: Dataset, observations: SegmentObservations, count: int) -> tuple[np.ndarray, np.ndarray]:
+def seen_colors(data: Dataset, observations: CellObservations, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Colour (count, 3) of each triangle and the pixels (count,) that tell it; 0 where no training view sees it.
 
     The colour is made for comparing: logarithms of red and blue over green, and of brightness with less weight.

@@ -25,7 +25,7 @@ _ALIKE = 2
 
 
 @dataclass(frozen=True)
-class SegmentObservations:
+class CellObservations:
     """Cells that the pixels of all views show, one view after the other, on disk.
 
     Attributes
@@ -56,7 +56,7 @@ class SegmentObservations:
         return np.asarray(self.cell[own]), np.asarray(self.cosine[own], np.float32)
 
 
-def observe(mesh: Mesh, cameras: list[Camera], folder: Path) -> SegmentObservations:
+def observe(mesh: Mesh, cameras: list[Camera], folder: Path) -> CellObservations:
     """Trace the ray through the centre of every pixel; the result lies on the disk of ``folder``."""
     scene, empty = RayScene(mesh), on_disk(folder)
     pixels = sum(camera.width * camera.height for camera in cameras)
@@ -76,7 +76,7 @@ def observe(mesh: Mesh, cameras: list[Camera], folder: Path) -> SegmentObservati
             start = own.stop
             bar.advance(own.stop - own.start)
     width = np.concatenate(widths)
-    return SegmentObservations(cameras, found, cosine, float(np.median(width)) if len(width) else np.inf)
+    return CellObservations(cameras, found, cosine, float(np.median(width)) if len(width) else np.inf)
 
 
 def view_ids(folder: Path, camera: Camera, other_size: str) -> tuple[np.ndarray, np.ndarray]:

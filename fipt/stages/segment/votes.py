@@ -12,7 +12,7 @@ from fipt.formats.arrays import on_disk
 from fipt.scene.segments import LARGEST_ID
 from fipt.stages.segment.associate import Masks
 from fipt.stages.segment.settings import FuseSettings
-from fipt.stages.segment.views import SegmentObservations, view_ids, without_speckles
+from fipt.stages.segment.views import CellObservations, view_ids, without_speckles
 
 log = logging.getLogger(__name__)
 
@@ -44,7 +44,7 @@ class VoteMasks:
         Names of views without any segment.
     """
 
-    def __init__(self, folder: Path, observations: SegmentObservations, settings: FuseSettings) -> None:
+    def __init__(self, folder: Path, observations: CellObservations, settings: FuseSettings) -> None:
         self.observations, self.settings = observations, settings
         self._mask = on_disk(folder.parent)(observations.cell.shape, np.int32)
         view, ids, kinds, pixels = [], [], [], []

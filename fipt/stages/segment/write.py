@@ -17,7 +17,7 @@ from fipt.scene.fusion import Fusion, write_fusion
 from fipt.settings import dumped
 from fipt.stages.segment.settings import FuseSettings
 from fipt.stages.segment.split import Cells
-from fipt.stages.segment.views import SegmentObservations, observe
+from fipt.stages.segment.views import CellObservations, observe
 from fipt.stages.segment.votes import most_votes
 
 log = logging.getLogger(__name__)
@@ -71,7 +71,7 @@ class FusionResult:
     fused: Fused
     kinds: list[str]
     about: dict[str, Any]
-    observations: SegmentObservations
+    observations: CellObservations
     names: dict[int, str] = field(default_factory=dict)
 
 

@@ -50,7 +50,7 @@ rule check_export:
     input:
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
-        samples=sharded("results/{scene}/samples/{shard}.manifest.json", "val"),
+        images=ask("images", splits=["val"]),
         export="results/{scene}/export.manifest.json",
         render=sharded("results/{scene}/render.{shard}.manifest.json", "val"),
     output:
@@ -66,12 +66,12 @@ rule check_export:
         gpu=1,
     params:
         dataset=folder("results/{scene}/dataset"),
-        samples=folders_of("samples"),
         folder=folder("results/{scene}/export"),
         render=folder("results/{scene}/render"),
+        rays_per_side=ask("rays_per_side"),
         settings=settings("export"),
         version=VERSIONS["export"],
     shell:
-        "fipt check-export --dataset {params.dataset:q} --samples {params.samples:q} --export {params.folder:q}"
-        " --render {params.render:q} --out {output.check:q}"
+        "fipt check-export --dataset {params.dataset:q} --export {params.folder:q}"
+        " --rays-per-side {params.rays_per_side:q} --render {params.render:q} --out {output.check:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

@@ -1,15 +1,17 @@
 """RAW files: what is read of them, and what is said of those that cannot be used."""
 
+import struct
 from datetime import datetime
 from fractions import Fraction
 from pathlib import Path
 
+import exifread
 import numpy as np
 import pytest
 
 from fipt.conventions import XYZ_FROM_SRGB
 from fipt.errors import FiptError
-from fipt.stages.capture.raw import read_raw, read_shot
+from fipt.stages.capture.raw import Shot, read_raw, read_shot
 from fipt.synthetic.dng import PATTERNS, Header, write_dng
 
 MATRIX = np.linalg.inv(XYZ_FROM_SRGB)
@@ -88,3 +90,13 @@ def test_only_the_header_is_needed_to_see_that_a_time_is_missing(tmp_path: Path,
     write_dng(tmp_path / "a.dng", mosaic, header(exposure=None))
     with pytest.raises(FiptError, match="states no exposure time"):
         read_shot(tmp_path / "a.dng")
+
+
+@pytest.mark.parametrize("error", [EOFError, struct.error, NotImplementedError, ValueError])
+def test_a_header_that_exifread_cannot_read_tells_nothing(tmp_path, monkeypatch, error):
+    def damaged(*_, **__):
+        raise error
+
+    (tmp_path / "a.jpg").write_bytes(b"no EXIF")
+    monkeypatch.setattr(exifread, "process_file", damaged)
+    assert read_shot(tmp_path / "a.jpg") == Shot(tmp_path / "a.jpg")

@@ -30,7 +30,7 @@ def exported(scene, tmp_path_factory):
     clean = folder / "render"
     settings = {"spp": 512, "max_depth": 3}
     assert call("render", scene, "--out", clean, "--manifest", folder / "render.json", settings=settings) == 0
-    options = ["--dataset", data, "--samples", samples / "val-000", "--export", out, "--render", clean]
+    options = ["--dataset", data, "--rays-per-side", 3, "--export", out, "--render", clean]
     options += ["--out", out / "check.json", "--settings", json.dumps({"check_spp": 128, "max_depth": 5})]
     assert main(["check-export", *map(str, options)]) == 0
     return out
@@ -63,7 +63,7 @@ def test_the_export_lists_its_files(exported):
 
 
 def test_a_check_without_its_files(exported, scene, refused, tmp_path):
-    common = ["--dataset", str(scene / "dataset"), "--samples", str(scene / "samples" / "val-000"), "--out", "x.json"]
+    common = ["--dataset", str(scene / "dataset"), "--out", "x.json"]
     here = ["--render", str(scene / "render")]
     assert main(["check-export", *common, *here, "--export", str(tmp_path)]) == 2
     assert main(["check-export", *common, "--render", str(tmp_path), "--export", str(exported)]) == 2

@@ -1,0 +1,113 @@
+"""What the rules ask of a scene."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from fipt.config import load
+from fipt.errors import FiptError
+
+RULES = sorted((Path(__file__).resolve().parents[3] / "fipt" / "workflow" / "rules").glob("*.smk"))
+SIZE = {"synthesize": {"train_views": 3, "val_views": 1}}
+LOOK_AT = {"look_at": {"door": {"position": [0, 0, 0], "target": [1, 0, 0]}}}
+
+
+def scene(entry=None, **keys):
+    room = {"source": "procedural", "settings": SIZE} | (entry or {})
+    return load({"scenes": {"room": room}, "views_per_shard": 2, **keys}).scenes["room"]
+
+
+def test_a_question_takes_the_wildcards_that_it_names():
+    room = scene(setups={"night": {}, "walk": {"cameras": LOOK_AT}})
+    answer = room.answer
+    assert answer("source.known") is True
+    assert answer("views.listed", scene="room", shard="train-001", setup="night") == "train_002"
+    assert answer("settings_json", section="cache", scene="room") == '{"resolution": 256}'
+    assert answer("setups.seen_options", setup="night", shard="val-000") == ["--views", "val_000"]
+    assert answer("setups.seen_options", setup="walk", shard="camera-000") == ["--cameras", "door"]
+    with pytest.raises(AttributeError):
+        answer("source.colour")
+
+
+def test_the_rules_ask_what_there_is():
+    room, raw = scene(), scene({"source": "raw", "path": "p", "poses": "colmap", "mesh": "m", "settings": None})
+    asked = {
+        question for path in RULES for question in re.findall(r'(?:ask|listed|where)\("([\w.]+)"', path.read_text())
+    }
+    assert len(asked) > 20
+    for question in asked:
+        found = raw if question.startswith("source.photographs") else room
+        for name in question.split("."):
+            assert hasattr(type(found), name) or hasattr(found, name), question
+            found = room.source if name == "source" and found is room else getattr(found, name)
+
+
+def test_rules_files_have_few_functions():
+    text = "".join(path.read_text() for path in RULES)
+    assert len(re.findall(r"^ *def |lambda", text, re.MULTILINE)) <= 25
+
+
+def test_images_of_every_kind_of_source():
+    made = "results/room/dataset/images.{}.manifest.json"
+    imported, truth = "results/room/dataset/images.manifest.json", "results/room/dataset/truth.{}.manifest.json"
+    assert scene().images(["train"]) == [made.format("train-000"), made.format("train-001")]
+    assert scene().images(["train"], shard="train-001") == [made.format("train-001")]
+    simulated = scene({"simulate_raw": True})
+    assert simulated.images(["val"]) == [imported, truth.format("val-000")]
+    assert simulated.developed()[0] == "results/room/capture/qa.json"
+    assert scene().developed() == scene().judged() == []
+
+
+def test_poses_are_checked_where_they_may_be_wrong():
+    assert not scene().checks_poses
+    assert scene().images_to_check() == []
+    estimated = scene({"simulate_raw": True, "poses": "colmap"})
+    assert estimated.checks_poses
+    assert json.loads(estimated.settings_json("check_poses"))["enabled"] is True
+    assert scene(check_poses={"enabled": True}).images_to_check() == scene().images(["all"])
+
+
+def test_emitters_of_rounds():
+    room = scene(rounds=3)
+    assert room.last_emitters() == "results/room/round-3/emitters.npz"
+    assert room.emitters_before("2") == "results/room/round-1/emitters.npz"
+    once = scene(rounds=3, emitters={"every_round": False})
+    assert once.last_emitters() == once.emitters_before("2") == "results/room/round-0/emitters.npz"
+
+
+def test_one_light_at_a_time_is_of_held_out_views():
+    assert scene().olat_shards() == {"val-000": ["val_000"]}
+    assert scene().olat_views("val-000") == "val_000"
+    assert scene(olat={"views": 0}).olat() == []
+
+
+def test_setups_are_seen_by_views_or_by_cameras_of_their_own():
+    room = scene(setups={"night": {}, "walk": {"cameras": LOOK_AT}})
+    assert (room.setups.of_views(), room.setups.with_cameras()) == (["night"], ["walk"])
+    assert room.setups.relit() == ["results/room/relight/night.val-000.manifest.json"]
+    assert room.setups.joined() == ["results/room/relight/walk.manifest.json"]
+    assert room.setups.seen("walk") == ["results/room/relight/walk.camera-000.manifest.json"]
+    assert room.setups.truth() == ["results/room/dataset/relight_truth.night.val-000.manifest.json"]
+
+
+def test_what_is_read_late_is_looked_for_early(tmp_path):
+    given = {"mode": "given", "file": str(tmp_path / "sky.exr")}
+    with pytest.raises(FiptError, match=r"environment\.file is missing"):
+        scene(environment=given).check()
+    (tmp_path / "sky.exr").touch()
+    scene(environment=given).check()
+
+
+def test_a_layer_may_tune_a_mode_that_another_does_not_choose():
+    tuned = {"segment": {"exposure": 2.0, "batch": 4}, "environment": {"resolution": 64}}
+    assert scene(**tuned).settings["segment"].mode == "auto"
+    network = scene({"settings": SIZE | {"segment": {"mode": "mask2former"}}}, **tuned).settings["segment"]
+    assert (network.exposure, network.batch) == (2.0, 4)
+    paper = scene({"preset": "paper"}, **tuned)
+    assert paper.settings["environment"].mode == "none"
+    with pytest.raises(
+        FiptError, match=r"scene room: segment\.path is only for mode given; mode is auto; remove it, or"
+    ):
+        scene(segment={"path": "ids"})
