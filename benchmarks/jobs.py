@@ -35,13 +35,15 @@ class Job:
         return main([self.verb, *self.options])
 
 
-def jobs_of(folder: Path, config: Mapping[str, Any] | None = None, target: str = "report") -> list[Job]:
+def jobs_of(
+    folder: Path, config: Mapping[str, Any] | None = None, target: str = "report", workflow: Path = WORKFLOW
+) -> list[Job]:
     """Every job that the target needs, done or not, in an order in which they can run.
 
     ``config`` lies on top of config/config.yaml in the folder, where there is one.
     """
-    command = [sys.executable, "-m", "snakemake", "--snakefile", str(WORKFLOW / "Snakefile")]
-    command += ["--workflow-profile", str(WORKFLOW / "profiles" / "local"), "--cores", "2", "--dry-run", "--forceall"]
+    command = [sys.executable, "-m", "snakemake", "--snakefile", str(workflow / "Snakefile")]
+    command += ["--workflow-profile", str(workflow / "profiles" / "local"), "--cores", "2", "--dry-run", "--forceall"]
     if config is not None:
         (folder / "jobs.json").write_text(json.dumps(config))
         command += ["--configfile", "jobs.json"]

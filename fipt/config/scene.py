@@ -130,9 +130,15 @@ class SceneConfig:
         return [*self.judged(), *(self.layout.developed.format(shard=shard) for shard in self.views.shards("all"))]
 
     def brackets(self, shard: str) -> list[str]:
-        """The photographs of a shard."""
+        """The photographs of a shard; of a simulated camera all, since it is their table that tells brackets apart."""
         assert self.source.photographs is not None
+        if self.source.simulated:
+            return self.calibration_files()
         return self.source.photographs.of(self.views.shards("all")[shard], shard)
+
+    def simulated_frames(self) -> list[str]:
+        """Manifests of what a simulated camera took; true photographs are no files of ours."""
+        return self.calibration_files() if self.source.simulated else []
 
     def calibration_files(self) -> list[str]:
         """What tells the camera."""
@@ -190,9 +196,10 @@ class SceneConfig:
         """Views of a shard that are rendered with one light at a time, comma-separated."""
         return ",".join(self.olat_shards()[shard])
 
-    def export_check(self) -> list[str]:
-        """The check of the export, where every run makes one."""
-        return [self.layout.export_check] if self.settings["export"].enabled else []
+    def checked_export(self) -> list[str]:
+        """The export, its check and what that rendered, where every run makes one."""
+        made = [self.layout.export, self.layout.export_check, self.layout.export_check_folder]
+        return made if self.settings["export"].enabled else []
 
     # --- asking
 

@@ -111,6 +111,10 @@ class SceneSetups:
         """Manifests of the views of the dataset under every setup that they see."""
         return [file for setup in self.of_views() for file in self.seen(setup)]
 
+    def frames(self) -> list[str]:
+        """Manifests of what is rendered of every setup with cameras of its own."""
+        return [file for setup in self.with_cameras() for file in self.seen(setup)]
+
     def joined(self) -> list[str]:
         """Manifests of what setups' own cameras see."""
         return [self._place.layout.joined.format(setup=setup) for setup in self.with_cameras()]

@@ -110,7 +110,7 @@ def test_runs_once_then_only_what_changed(workspace):
         "report": only("scene_report"),
         "metrics": only("scene_metrics", "scene_report"),
         "relight": only("relight_views", "scene_metrics", "scene_report"),
-        "lamps": only("olat_views", "scene_report"),
+        "olat": only("olat_views", "scene_report"),
         "render": only("render_views", "scene_metrics", "scene_report"),
         "materials": only("material_maps", "scene_metrics", "scene_report"),
         "refine": {"refine": 2, "fit": 1, "emitters": 1, **only(*SHOWN)},

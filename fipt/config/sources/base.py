@@ -184,8 +184,9 @@ class Source(ABC):
         return []
 
     def room_files(self) -> list[str]:
-        """What is known of the room, where the dataset is made of it."""
-        return [self.place.layout.known_room] if self.rendered else []
+        """What holds a known room, made with the dataset or imported with developed photographs."""
+        made = self.place.layout.known_room if self.rendered else self.place.layout.imported_images
+        return [made] if self.known else []
 
 
 def options(**values: str | None) -> list[str]:

@@ -11,6 +11,7 @@ rule cache:
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
         mesh="results/{scene}/dataset/mesh.ply",
+        checked="results/{scene}/dataset/check_poses.json",
         images=ask("images", splits=["train"]),
         samples=sharded("results/{scene}/samples/{shard}.manifest.json", "train"),
     output:

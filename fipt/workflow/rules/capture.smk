@@ -62,6 +62,7 @@ rule develop:
 rule qa:
     """Judge the developed views, and reject those that could not be developed."""
     input:
+        ask("simulated_frames"),
         calibration="results/{scene}/capture/calibration.json",
         developed=sharded("results/{scene}/capture/hdr.{shard}.manifest.json", "all"),
     output:

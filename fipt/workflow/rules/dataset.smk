@@ -54,6 +54,8 @@ rule synthesize_room:
         views="results/{scene}/dataset/views.json",
         mesh="results/{scene}/dataset/mesh.ply",
         room="results/{scene}/dataset/room.json",
+        parts="results/{scene}/dataset/segments/part.json",
+        semantic="results/{scene}/dataset/segments/semantic.json",
         stats="results/{scene}/stats/synthesize.json",
     log:
         "results/{scene}/logs/synthesize.log",

@@ -13,6 +13,7 @@ rule emitters:
     input:
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
+        checked="results/{scene}/dataset/check_poses.json",
         mesh="results/{scene}/dataset/mesh.ply",
         images=ask("images", splits=["train"]),
         samples=sharded("results/{scene}/samples/{shard}.manifest.json", "train"),
@@ -51,6 +52,7 @@ rule review:
     input:
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
+        checked="results/{scene}/dataset/check_poses.json",
         mesh="results/{scene}/dataset/mesh.ply",
         images=ask("images", splits=["train"]),
         samples=sharded("results/{scene}/samples/{shard}.manifest.json", "train"),

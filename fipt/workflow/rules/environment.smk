@@ -11,6 +11,7 @@ rule environment:
     input:
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
+        checked="results/{scene}/dataset/check_poses.json",
         images=ask("images", splits=["train"]),
         samples=sharded("results/{scene}/samples/{shard}.manifest.json", "train"),
         file=ask("environment_files"),

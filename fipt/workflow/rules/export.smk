@@ -13,6 +13,7 @@ rule export_room:
     input:
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
+        checked="results/{scene}/dataset/check_poses.json",
         mesh="results/{scene}/dataset/mesh.ply",
         samples=sharded("results/{scene}/samples/{shard}.manifest.json", "train"),
         environment="results/{scene}/environment.npz",
@@ -50,11 +51,13 @@ rule check_export:
     input:
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
+        checked="results/{scene}/dataset/check_poses.json",
         images=ask("images", splits=["val"]),
         export="results/{scene}/export.manifest.json",
         render=sharded("results/{scene}/render.{shard}.manifest.json", "val"),
     output:
         check="results/{scene}/export/check.json",
+        images=directory("results/{scene}/export/check"),
         stats="results/{scene}/stats/check-export.json",
     log:
         "results/{scene}/logs/check-export.log",

@@ -17,6 +17,7 @@ rule fit:
     input:
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
+        checked="results/{scene}/dataset/check_poses.json",
         images=ask("images", splits=["train"]),
         samples=sharded("results/{scene}/samples/{shard}.manifest.json", "train"),
         shading=sharded(

@@ -11,6 +11,7 @@ rule material_maps:
     input:
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
+        checked="results/{scene}/dataset/check_poses.json",
         samples="results/{scene}/samples/{shard}.manifest.json",
         model=LAST_MODEL,
         confidence=LAST_CONFIDENCE,

@@ -11,6 +11,8 @@ rule scene_metrics:
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
         mesh="results/{scene}/dataset/mesh.ply",
+        checked="results/{scene}/dataset/check_poses.json",
+        room=ask("source.room_files"),
         images=ask("images", splits=["all"]),
         samples=sharded("results/{scene}/samples/{shard}.manifest.json", "all"),
         materials=sharded("results/{scene}/materials.{shard}.manifest.json", "all"),

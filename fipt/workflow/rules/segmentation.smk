@@ -13,6 +13,7 @@ rule segment:
     input:
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
+        checked="results/{scene}/dataset/check_poses.json",
         mesh="results/{scene}/dataset/mesh.ply",
         images=ask("images", splits=["train"]),
         samples="results/{scene}/samples/{shard}.manifest.json",

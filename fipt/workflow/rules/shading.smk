@@ -12,6 +12,7 @@ rule bake:
     input:
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
+        checked="results/{scene}/dataset/check_poses.json",
         mesh="results/{scene}/dataset/mesh.ply",
         samples="results/{scene}/samples/{shard}.manifest.json",
         cache="results/{scene}/cache.npz",
@@ -44,6 +45,7 @@ rule refine:
     input:
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
+        checked="results/{scene}/dataset/check_poses.json",
         mesh="results/{scene}/dataset/mesh.ply",
         samples="results/{scene}/samples/{shard}.manifest.json",
         cache="results/{scene}/cache.npz",

@@ -16,6 +16,8 @@ rule photographed_room:
         views="results/{scene}/room/views.json",
         mesh="results/{scene}/room/mesh.ply",
         room="results/{scene}/room/room.json",
+        parts="results/{scene}/room/segments/part.json",
+        semantic="results/{scene}/room/segments/semantic.json",
         stats="results/{scene}/stats/synthesize.json",
     log:
         "results/{scene}/logs/synthesize.log",
@@ -103,6 +105,7 @@ rule synthesize_truth:
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
         mesh="results/{scene}/dataset/mesh.ply",
+        room="results/{scene}/dataset/images.manifest.json",
     output:
         manifest="results/{scene}/dataset/truth.{shard}.manifest.json",
         stats="results/{scene}/stats/truth.{shard}.json",
