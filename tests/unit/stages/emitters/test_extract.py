@@ -19,9 +19,11 @@ def room():
     """A floor under two lamps of four triangles each (2 to 5, 6 to 9) and a fifth that no view sees (10, 11)."""
 
     def lamp(x):
-        return scenes.joined(scenes.lamp_quad((x, x + 1), 2.0, (0, 1)), scenes.lamp_quad((x + 1, x + 2), 2.0, (0, 1)))
+        return scenes.joined(
+            scenes.emitter_quad((x, x + 1), 2.0, (0, 1)), scenes.emitter_quad((x + 1, x + 2), 2.0, (0, 1))
+        )
 
-    hidden = scenes.lamp_quad((9, 10), 2.0, (0, 1))
+    hidden = scenes.emitter_quad((9, 10), 2.0, (0, 1))
     return scenes.lit(scenes.floor(), (lamp(-3), BLUE), (lamp(1), RED), (hidden, RED)).mesh
 
 
