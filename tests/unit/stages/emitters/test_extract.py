@@ -5,7 +5,7 @@ import pytest
 
 from fipt.conventions import SHADING_OUTPUTS
 from fipt.scene.emitters import read_emitters, write_emitters
-from fipt.scene.review import Decisions
+from fipt.scene.review import ReviewDecisions
 from fipt.stages.emitters.extract import extract
 from fipt.stages.emitters.settings import EmittersSettings
 from tests import scenes
@@ -246,7 +246,7 @@ def test_a_clipped_core_in_a_dim_rim_is_a_lower_bound(room, np_rng):
 
 def reviewed(room, data, mask=is_emitter, settings=None, **decisions):
     samples, shading, image, valid = data
-    decided = Decisions(mesh_triangles=len(room.triangles), **decisions)
+    decided = ReviewDecisions(mesh_triangles=len(room.triangles), **decisions)
     shards = scenes.observed([samples], [shading], [(image, valid)])
     return extract(room, shards, mask, EmittersSettings(**(settings or {})), decided)
 
