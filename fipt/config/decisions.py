@@ -15,7 +15,7 @@ _NUMBERED = re.compile(r"emitter-(0|[1-9]\d*)")
 """Names that every emitter has."""
 
 
-class Decisions:
+class SceneDecisions:
     """What a person decided, in results/SCENE/emitters_review.yaml.
 
     The file is no input of any job: what it says is passed as parameters, which run again what they change.

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from fipt.config.decisions import Decisions
+from fipt.config.decisions import SceneDecisions
 from fipt.config.layout import Layout
-from fipt.config.segmentation import Segmentation
+from fipt.config.segmentation import SceneSegmentation
 from fipt.config.setups import SceneSetups
 from fipt.config.sources.base import Place, Source
-from fipt.config.views import Views
+from fipt.config.views import SceneViews
 from fipt.formats.files import existing_file
 from fipt.scene.setup import RelightSetup
 from fipt.settings import dumped
@@ -35,7 +35,7 @@ class SceneConfig:
     rounds
         The last round.
     views_per_shard
-        Views in a shard.
+        SceneViews in a shard.
     """
 
     place: Place
@@ -60,14 +60,14 @@ class SceneConfig:
         return self.place.settings
 
     @cached_property
-    def views(self) -> Views:
+    def views(self) -> SceneViews:
         """Its views, in shards."""
-        return Views(self.source, self.views_per_shard)
+        return SceneViews(self.source, self.views_per_shard)
 
     @cached_property
-    def segmentation(self) -> Segmentation:
+    def segmentation(self) -> SceneSegmentation:
         """Where its segment ids come from."""
-        return Segmentation(self.place, self.source, self.views)
+        return SceneSegmentation(self.place, self.source, self.views)
 
     @cached_property
     def setups(self) -> SceneSetups:
@@ -75,9 +75,9 @@ class SceneConfig:
         return SceneSetups(self.given_setups, self.place, self.views, self.segmentation, self.source.known)
 
     @cached_property
-    def decisions(self) -> Decisions:
+    def decisions(self) -> SceneDecisions:
         """What a person decided about its emitters."""
-        return Decisions(self.name, self.layout, self.setups)
+        return SceneDecisions(self.name, self.layout, self.setups)
 
     def check(self) -> None:
         """Look for what is named and read late.

@@ -6,14 +6,14 @@ from functools import cached_property
 from pathlib import Path
 
 from fipt.config.sources.base import Place, Source
-from fipt.config.views import Views
+from fipt.config.views import SceneViews
 from fipt.stages.segment.settings import GivenSegments, PredictedSegments
 
 
-class Segmentation:
+class SceneSegmentation:
     """Where the segment ids of a scene come from."""
 
-    def __init__(self, place: Place, source: Source, views: Views) -> None:
+    def __init__(self, place: Place, source: Source, views: SceneViews) -> None:
         self._place, self._source, self._views = place, source, views
         self._settings = place.settings["segment"]
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 
-from fipt.config.segmentation import Segmentation
+from fipt.config.segmentation import SceneSegmentation
 from fipt.config.sources.base import Place
-from fipt.config.views import Views
+from fipt.config.views import SceneViews
 from fipt.formats.files import existing_file
 from fipt.scene.setup import RelightSetup, check_keyframes
 from fipt.settings import dumped
@@ -31,7 +31,12 @@ class SceneSetups:
     """
 
     def __init__(
-        self, given: Mapping[str, RelightSetup], place: Place, views: Views, segmentation: Segmentation, known: bool
+        self,
+        given: Mapping[str, RelightSetup],
+        place: Place,
+        views: SceneViews,
+        segmentation: SceneSegmentation,
+        known: bool,
     ) -> None:
         self.given = dict(given)
         self._place, self._views, self._segmentation, self._known = place, views, segmentation, known

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from fipt.config.sources.base import Source
 
 
-class Views:
+class SceneViews:
     """Views by split, cut into shards. The source is read when they are asked for.
 
     Parameters
@@ -15,7 +15,7 @@ class Views:
     source
         Where the views come from.
     size
-        Views in a shard.
+        SceneViews in a shard.
     """
 
     def __init__(self, source: Source, size: int) -> None:

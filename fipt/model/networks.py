@@ -98,7 +98,7 @@ class BrdfNetwork(nn.Module):
             nn.Sigmoid(),
         )
         if settings.start_rough:
-            # matte metal and matte dielectric look the same: start where most surfaces are
+            # matte metal and matte dielectric appear the same: start where most surfaces are
             with torch.no_grad():
                 cast("nn.Linear", self.mlp[-2]).bias[3:] += torch.tensor(_MATTE)
 

@@ -60,4 +60,9 @@ def write_confidence(path: str | Path, confidence: Confidence) -> None:
 def read_confidence(path: str | Path) -> Confidence:
     """Read confidence.npz; FiptError where it is missing, damaged or something else."""
     arrays = load_npz(path, required=_ARRAYS)
-    return Confidence(**{**arrays, "side": float(arrays["side"]), "resolution": int(arrays["resolution"])})
+    return Confidence(
+        arrays["center"],
+        float(arrays["side"]),
+        int(arrays["resolution"]),
+        *(arrays[name] for name in ("record", "views", "highlights")),
+    )

@@ -23,7 +23,7 @@ ESTIMATED = "colmap"
 Setups = dict[str, RelightSetup]
 
 
-class Entry(Settings):
+class SourceEntry(Settings):
     """What a person writes about a scene, whatever its source."""
 
     preset: str = Field(default="default", description="name of a file in fipt/config/presets")

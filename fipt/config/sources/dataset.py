@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from fipt.config.sources.base import Entry, Place, Source, options
+from fipt.config.sources.base import Place, Source, SourceEntry, options
 
 _CAMERA_FILES = (
     "transforms.json",
@@ -19,7 +19,7 @@ _CAMERA_FILES = (
 )
 
 
-class DatasetEntry(Entry):
+class DatasetEntry(SourceEntry):
     """Posed HDR views that exist."""
 
     source: Literal["dataset"] = Field(description="posed HDR views that exist")

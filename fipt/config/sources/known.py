@@ -9,10 +9,10 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 
 from fipt.config.layout import Layout
-from fipt.config.sources.base import ESTIMATED, Entry, Photographs, Place, Source, options
+from fipt.config.sources.base import ESTIMATED, Photographs, Place, Source, SourceEntry, options
 
 
-class KnownEntry(Entry):
+class KnownEntry(SourceEntry):
     """What a person writes about a known room."""
 
     simulate_raw: bool = Field(

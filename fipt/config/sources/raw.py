@@ -9,12 +9,12 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from fipt.config.sources.base import ESTIMATED, Entry, Photographs, Place, Source, options
+from fipt.config.sources.base import ESTIMATED, Photographs, Place, Source, SourceEntry, options
 from fipt.config.sources.known import pose_files
 from fipt.errors import FiptError
 
 
-class RawEntry(Entry):
+class RawEntry(SourceEntry):
     """Bracketed photographs."""
 
     source: Literal["raw"] = Field(description="bracketed photographs")

@@ -153,7 +153,7 @@ class Pixels:
 
         weight = of_samples([each.weight for each in self.shards])
         covered = np.bincount(owner, weight, minlength=len(pixel))
-        outside = {} if self.beyond is None else self._outside(shard, pixel, covered)
+        outside = {} if self.beyond is None else self._outside(self.beyond, shard, pixel, covered)
         weight = weight / (covered / outside.get("share", 1.0))[owner]
         turn = rng.integers(0, SUB_POSITIONS, len(sample))
         picks = (turn[:, None] + np.arange(queries) * SUB_POSITIONS // queries) % SUB_POSITIONS
@@ -174,11 +174,14 @@ class Pixels:
         }
         return Batch(**{name: torch.from_numpy(array) for name, array in arrays.items()})
 
-    def _outside(self, shard: np.ndarray, pixel: np.ndarray, covered: np.ndarray) -> dict[str, np.ndarray]:
+    @staticmethod
+    def _outside(
+        edges: list[tuple[np.ndarray, np.ndarray]], shard: np.ndarray, pixel: np.ndarray, covered: np.ndarray
+    ) -> dict[str, np.ndarray]:
         """``beyond`` and ``share`` of pixels (B,) of shards (B,), of which ``covered`` (B,) is mesh."""
         share, beyond = np.ones(len(pixel), np.float32), np.zeros((len(pixel), 3), np.float32)
         for number in np.unique(shard):
-            edge, radiance = self.beyond[number]
+            edge, radiance = edges[number]
             chosen = np.flatnonzero(shard == number)
             own, place = np.intersect1d(pixel[chosen], edge, return_indices=True)[1:]
             share[chosen[own]], beyond[chosen[own]] = covered[chosen[own]], radiance[place]
@@ -189,7 +192,7 @@ class Pixels:
 
         An id map knows pixel centres only; the pieces beside the centre take the id most centres give their triangle.
         """
-        if self._segments is None:
+        if self._segments is None or self._winner is None:
             return np.zeros(len(sample), np.int64)
         first = _gathered([each.offsets for each in self.shards], shard, pixel) == sample
         center = first & (_gathered([each.center for each in self.shards], shard, pixel) > 0)

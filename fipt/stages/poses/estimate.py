@@ -36,7 +36,7 @@ from fipt.stages.poses.matching import FEWEST_MATCHES, Link, counts, database, l
 from fipt.stages.poses.model import Reconstruction, Tracks, transformed
 from fipt.stages.poses.reference import to_reference
 from fipt.stages.poses.settings import PosesSettings
-from fipt.stages.poses.views import FEWEST, Views
+from fipt.stages.poses.views import FEWEST, UnposedViews
 
 _STEPS = "take photographs in steps of 15 degrees and half a metre"
 _NAMED = 12
@@ -97,7 +97,7 @@ class Estimate:
     align: dict[str, Any]
 
 
-def estimate(views: Views, work: Path, settings: PosesSettings) -> Estimate:
+def estimate(views: UnposedViews, work: Path, settings: PosesSettings) -> Estimate:
     """Estimate the poses of views.
 
     Parameters
@@ -156,7 +156,7 @@ def estimate(views: Views, work: Path, settings: PosesSettings) -> Estimate:
     )
 
 
-def write(out: Path, views: Views, found: Estimate) -> None:
+def write(out: Path, views: UnposedViews, found: Estimate) -> None:
     """Write transforms.json, views.json, poses.json, points.ply and poses.png."""
     order = {camera.name: number for number, camera in enumerate(views.cameras)}
     cameras = sorted(found.reconstruction.cameras, key=lambda camera: order[camera.name])
@@ -170,7 +170,7 @@ def write(out: Path, views: Views, found: Estimate) -> None:
     write_transforms(out / "transforms.json", cameras)
 
 
-def content(views: Views, found: Estimate) -> dict[str, Any]:
+def content(views: UnposedViews, found: Estimate) -> dict[str, Any]:
     """What poses.json holds: evidence of every view, the view graph, the runs, the alignment."""
     earlier = {name: {"accepted": False, "reason": reason} for name, reason in views.rejected.items()}
     return {
@@ -225,7 +225,7 @@ def _plain(run: Run, believed: int, settings: PosesSettings) -> dict[str, Any]:
     }
 
 
-def _aligned(model: Reconstruction, views: Views, settings: PosesSettings) -> tuple[np.ndarray, dict[str, Any]]:
+def _aligned(model: Reconstruction, views: UnposedViews, settings: PosesSettings) -> tuple[np.ndarray, dict[str, Any]]:
     """Similarity that brings a reconstruction to metres, and what it was found from."""
     if settings.align.reference is not None:
         similarity, report = to_reference(model, settings.align.reference, settings.seed)

@@ -22,7 +22,7 @@ from fipt.progress import progress
 from fipt.scene.cameras import Camera
 from fipt.stages.poses.readable import local_contrast, mask
 from fipt.stages.poses.settings import PosesSettings
-from fipt.stages.poses.views import Views
+from fipt.stages.poses.views import UnposedViews
 
 assert cv2  # imported for its place above
 
@@ -51,7 +51,7 @@ class Link:
     turn: np.ndarray
 
 
-def database(views: Views, work: Path, settings: PosesSettings) -> Path:
+def database(views: UnposedViews, work: Path, settings: PosesSettings) -> Path:
     """Make images, features and matches of views, or find them made; return the database.
 
     Parameters
@@ -91,7 +91,7 @@ def key(*parts: object) -> str:
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:12]
 
 
-def _images(views: Views, work: Path) -> Path:
+def _images(views: UnposedViews, work: Path) -> Path:
     """Write 8-bit images and masks of all views to a folder named after their content."""
     state = [(name, path.stat().st_size, path.stat().st_mtime_ns) for name, path in views.images.items()]
     out = work / f"images-{key(state)}"
@@ -107,7 +107,7 @@ def _images(views: Views, work: Path) -> Path:
     return out
 
 
-def _features(views: Views, images: Path, work: Path, settings: PosesSettings) -> Path:
+def _features(views: UnposedViews, images: Path, work: Path, settings: PosesSettings) -> Path:
     """Find the features of all images; views of the same intrinsics share a camera."""
     kind = (settings.max_size, settings.max_features, settings.peak)
     grouped = [(k, [c.name for c in group]) for k, group in groupby(sorted(views.cameras, key=_k), key=_k)]

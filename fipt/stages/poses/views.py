@@ -23,7 +23,7 @@ _KEYS = ("w", "h", "fl_x", "fl_y", "cx", "cy")
 
 
 @dataclass(frozen=True)
-class Views:
+class UnposedViews:
     """Views without poses.
 
     Attributes
@@ -67,7 +67,7 @@ class Views:
         return np.where(shown[..., None], radiance, 0).astype(np.float32), shown
 
 
-def read_capture(folder: str | Path, held_out: Collection[str]) -> Views:
+def read_capture(folder: str | Path, held_out: Collection[str]) -> UnposedViews:
     """Read the developed views of a capture: hdr/VIEW.exr, VIEW.json, qa.json.
 
     Parameters
@@ -104,10 +104,10 @@ def read_capture(folder: str | Path, held_out: Collection[str]) -> Views:
         )
     cameras = tuple(_camera(name, facts[name], held_out, report) for name in accepted)
     images = {name: folder / "hdr" / f"{name}.exr" for name in accepted}
-    return _checked(Views(cameras, images, rejected), folder)
+    return _checked(UnposedViews(cameras, images, rejected), folder)
 
 
-def read_folder(folder: str | Path, intrinsics: str | Path, held_out: Collection[str]) -> Views:
+def read_folder(folder: str | Path, intrinsics: str | Path, held_out: Collection[str]) -> UnposedViews:
     """Read the EXR images of a folder, undistorted, with intrinsics in the form of a transforms.json without poses.
 
     Parameters
@@ -128,7 +128,7 @@ def read_folder(folder: str | Path, intrinsics: str | Path, held_out: Collection
         raise FiptError(f"{path} must hold w, h and fl_x in JSON ({error!r})", "see docs/stages/poses.md") from error
     images = {check_name(file.stem, f"{folder}: view"): file for file in sorted(folder.glob("*.exr"))}
     cameras = tuple(_camera(name, {**shared, **own.get(name, {})}, held_out, path) for name in images)
-    return _checked(Views(cameras, images, {}), folder)
+    return _checked(UnposedViews(cameras, images, {}), folder)
 
 
 def _camera(name: str, keys: Mapping[str, Any], held_out: Collection[str], path: Path) -> Camera:
@@ -155,7 +155,7 @@ def _camera(name: str, keys: Mapping[str, Any], held_out: Collection[str], path:
     )
 
 
-def _checked(views: Views, folder: Path) -> Views:
+def _checked(views: UnposedViews, folder: Path) -> UnposedViews:
     if len(views.cameras) < FEWEST:
         names = ", ".join(camera.name for camera in views.cameras) or "none"
         refused = f"; {len(views.rejected)} are rejected by the capture report" if views.rejected else ""

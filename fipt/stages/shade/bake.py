@@ -1,5 +1,9 @@
 """Round 0: shading integrals with incoming light read from the radiance cache (method.md, stage 1)."""
 
+from collections.abc import Mapping
+
+import numpy as np
+
 from fipt.render.environment import sky_of
 from fipt.render.scene import RayScene
 from fipt.render.surface import SurfaceCache, Triangles
@@ -8,7 +12,9 @@ from fipt.scene.environment import NOTHING, EnvironmentMap
 from fipt.scene.mesh import Mesh
 
 
-def cache_shader(mesh: Mesh, cache: dict, fill: bool, environment: EnvironmentMap = NOTHING) -> Shader:
+def cache_shader(
+    mesh: Mesh, cache: Mapping[str, np.ndarray], fill: bool, environment: EnvironmentMap = NOTHING
+) -> Shader:
     """Return a shader whose rays end in the cache at the first surface they meet, or outside.
 
     Parameters

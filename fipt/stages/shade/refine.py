@@ -1,25 +1,35 @@
 """Later rounds: shading path traced with the current materials and emitters (method.md, stage 3)."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
+from fipt.model.fitted import FittedScene
 from fipt.render.environment import sky_of
 from fipt.render.scene import RayScene
-from fipt.render.surface import EmitterSet, Materials, SurfaceCache, Triangles
+from fipt.render.surface import EmitterSet, Materials, SurfaceCache, Triangles, emitter_set
 from fipt.render.tracer import PathSettings, Shader
 from fipt.scene.environment import NOTHING, EnvironmentMap
 from fipt.scene.mesh import Mesh, surface_points
 from fipt.scene.voxels import voxel_keys
 
 
+def fitted_shader(room: FittedScene, path: PathSettings) -> Shader:
+    """Return a shader whose paths follow the current model of a room, loaded with its cache."""
+    return path_shader(
+        room.mesh, room.cache, room.cached_materials(), emitter_set(room.emitters), path, room.environment
+    )
+
+
 def path_shader(
     mesh: Mesh,
-    cache: dict,
+    cache: Mapping[str, np.ndarray],
     materials: Materials,
     emitters: EmitterSet | None,
     path: PathSettings,
     environment: EnvironmentMap = NOTHING,
 ) -> Shader:
-    """Return a shader whose paths follow the current model.
+    """Return a shader whose paths follow the given materials and emitters.
 
     Voxels that hold a point of an emitter are unknown to the cache: their pixels mix emitter and frame (method.md).
 
@@ -35,7 +45,7 @@ def path_shader(
     return Shader(RayScene(mesh), Triangles(mesh, emitters), surface, path, sky_of(environment))
 
 
-def emitter_voxels(mesh: Mesh, cache: dict, triangles: np.ndarray) -> np.ndarray:
+def emitter_voxels(mesh: Mesh, cache: Mapping[str, np.ndarray], triangles: np.ndarray) -> np.ndarray:
     """Keys of the voxels that emitting triangles pass through."""
     center, side, n = cache["center"], float(cache["side"]), int(cache["resolution"])
     emitting = Mesh(mesh.vertices, mesh.triangles[triangles])

@@ -36,25 +36,18 @@ class RefineInputs:
 
 def run(inputs: RefineInputs, settings: "RefineSettings") -> dict[str, Any]:
     """Path-trace the shading again with the fitted model."""
-    from fipt.model.fitted import voxel_materials
-    from fipt.model.store import load_field
-    from fipt.render.surface import emitter_set
+    from fipt.model.fitted import FittedScene
     from fipt.render.tracer import PathSettings
     from fipt.scene.dataset import Dataset
-    from fipt.scene.emitters import read_emitters
-    from fipt.scene.environment import read_environment
     from fipt.scene.samples import read_samples
     from fipt.scene.shading import read_shading
-    from fipt.scene.voxels import read_cache
     from fipt.stages.shade.integrate import write_shading
-    from fipt.stages.shade.refine import damped, path_shader
+    from fipt.stages.shade.refine import damped, fitted_shader
 
-    data, shard, voxels = Dataset(inputs.dataset), read_samples(inputs.samples), read_cache(inputs.cache)
-    field = load_field(inputs.model)
+    data, shard = Dataset(inputs.dataset), read_samples(inputs.samples)
+    room = FittedScene.load(data.mesh(), inputs.model, inputs.emitters, inputs.environment, inputs.cache)
     path = PathSettings(settings.max_depth, settings.cache_roughness, settings.light_sampling)
-    materials = voxel_materials(field, voxels)
-    found, outside = emitter_set(read_emitters(inputs.emitters)), read_environment(inputs.environment)
-    shader = path_shader(data.mesh(), voxels, materials, found, path, outside)
+    shader = fitted_shader(room, path)
     before = read_shading(inputs.previous, shard)
 
     def kept(index: int, new: "np.ndarray") -> "np.ndarray":

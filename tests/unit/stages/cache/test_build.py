@@ -128,10 +128,10 @@ def test_shards_of_one_view_give_the_same_cache_to_the_bit(np_rng):
     ends = np.cumsum(counts)
     cuts = [slice(end - count, end) for end, count in zip(ends, counts, strict=True)]
     above = np_rng.random(120) < 0.3
-    pictures = [(image[cut], valid[cut], above[cut]) for cut in cuts]
+    images = [(image[cut], valid[cut], above[cut]) for cut in cuts]
     whole = scenes.samples_of(place, weight=weight, views="abc", shapes=[(1, count) for count in counts])
     single = [scenes.samples_of(place[cut], weight=weight[cut]) for cut in cuts]
-    one, many = (cache.build(scenes.floor(), shards, pictures, SETTINGS) for shards in ([whole], single))
+    one, many = (cache.build(scenes.floor(), shards, images, SETTINGS) for shards in ([whole], single))
     for name, values in one.items():
         np.testing.assert_array_equal(values, many[name], err_msg=name)
 
@@ -180,7 +180,7 @@ def test_every_voxel_on_the_surface_has_a_record(np_rng):
 
 
 def test_points_are_spread_evenly_and_every_triangle_has_one():
-    mesh = scenes.joined(scenes.floor(2.0), scenes.lamp_quad((0, 0.001), 1.0, (0, 0.001)))
+    mesh = scenes.joined(scenes.floor(2.0), scenes.emitter_quad((0, 0.001), 1.0, (0, 0.001)))
     points, owner = cache.surface_points(mesh, 0.1, np.full(3, -3.0), np.full(3, 3.0), seed=0)
     np.testing.assert_allclose(np.bincount(owner, minlength=4), [801, 801, 1, 1], atol=1)
     assert abs((points[owner < 2][:, 0] > 0).mean() - 0.5) < 0.06
