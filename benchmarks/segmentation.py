@@ -20,7 +20,6 @@ from scipy.optimize import linear_sum_assignment
 from scipy.special import ndtr
 
 from fipt.formats.images import read_ids
-from fipt.formats.manifests import Stats
 from fipt.scene.dataset import Dataset
 from fipt.scene.fusion import read_fusion
 from fipt.scene.segments import write_view_ids
@@ -82,7 +81,7 @@ def run(data: Dataset, folder: Path, kind: str, settings: FuseSettings, new_numb
         ids = degraded(data.segments(view, kind), rng)
         ids = renumbered(ids, rng) if new_numbers else ids
         write_view_ids(folder / "views" / f"{view}.npz", ids, np.zeros(int(ids.max()) + 1, np.int32))
-    fuse_views(data.root, folder, settings, Stats())
+    fuse_views(data.root, folder, settings)
     return score(data, folder, kind)
 
 

@@ -38,7 +38,7 @@ def room(outside: EnvironmentMap = NOTHING, two_sided=True, cameras=None, walls=
     uv = np.concatenate([np.add(quarter, (wall, 0)) / (6, 1) for wall in range(walls)]).astype(np.float32)
     none = np.zeros(3, np.float32)
     # one far from any wall, seen from both sides; one small
-    sheet = scenes.lamp_quad((-0.6, 0.6), 2.0, (-0.5, 0.7))
+    sheet = scenes.emitter_quad((-0.6, 0.6), 2.0, (-0.5, 0.7))
     small = scenes.turned(scenes.box((1.2, 0.6, 0.0), (1.3, 0.7, 0.1)))
     emitters = tuple(
         TexturedMesh(f"emitter_{n}", mesh, np.zeros((len(mesh.vertices), 2), np.float32), np.float32(radiance))

@@ -1,10 +1,10 @@
 """Small scenes as code, which every test of the stages shares.
 
 * `box`: a closed room, its triangles facing inwards; with all walls shining it is a white furnace.
-* `two_planes`: a floor and a rectangular lamp above it, whose light on the floor has a closed form.
-* `cornell`: a room with a block and two lamps. Its materials depend on the side of x = 0 alone, where its triangles and
-  the voxels of `grid` are cut, so that our tracer and Mitsuba see the same materials everywhere.
-* `write_dataset`: a box room with a lamp in its ceiling and three views, as a dataset folder.
+* `two_planes`: a floor and a rectangular emitter above it, whose light on the floor has a closed form.
+* `cornell`: a room with a block and two emitters. Its materials depend on the side of x = 0 alone, where its triangles
+  and the voxels of `grid` are cut, so that our tracer and Mitsuba see the same materials everywhere.
+* `write_dataset`: a box room with an emitter in its ceiling and three views, as a dataset folder.
 """
 
 from dataclasses import dataclass
@@ -59,7 +59,7 @@ def turned(mesh: Mesh) -> Mesh:
     return Mesh(mesh.vertices, mesh.triangles[:, ::-1].copy())
 
 
-def lamp_quad(x, y, z) -> Mesh:
+def emitter_quad(x, y, z) -> Mesh:
     """A rectangle at height y that faces down; ``x`` and ``z`` are its ranges."""
     return quad((x[0], y, z[0]), (x[1] - x[0], 0, 0), (0, 0, z[1] - z[0]))
 
@@ -73,15 +73,15 @@ class Lit:
     radiance: np.ndarray
 
 
-def lit(dark: Mesh, *lamps: tuple[Mesh, tuple[float, float, float]]) -> Lit:
-    """``dark`` with lamps appended, each a mesh and its radiance."""
+def lit(dark: Mesh, *emitters: tuple[Mesh, tuple[float, float, float]]) -> Lit:
+    """``dark`` with emitters appended, each a mesh and its radiance."""
     first = len(dark.triangles)
-    radiance = np.concatenate([np.tile(np.float32(color), (len(mesh.triangles), 1)) for mesh, color in lamps])
-    mesh = joined(dark, *(mesh for mesh, _ in lamps))
+    radiance = np.concatenate([np.tile(np.float32(color), (len(mesh.triangles), 1)) for mesh, color in emitters])
+    mesh = joined(dark, *(mesh for mesh, _ in emitters))
     return Lit(mesh, np.arange(first, first + len(radiance), dtype=np.int32), radiance)
 
 
-# --- a floor below rectangular lamps --------------------------------------------------------------
+# --- a floor below rectangular emitters -----------------------------------------------------------
 
 
 def floor(half: float = 4.0) -> Mesh:
@@ -89,9 +89,9 @@ def floor(half: float = 4.0) -> Mesh:
     return quad((-half, 0, -half), (0, 0, 2 * half), (2 * half, 0, 0))
 
 
-def two_planes(*lamps: tuple[Mesh, tuple[float, float, float]]) -> Lit:
-    """A floor and lamps above it."""
-    return lit(floor(), *lamps)
+def two_planes(*emitters: tuple[Mesh, tuple[float, float, float]]) -> Lit:
+    """A floor and emitters above it."""
+    return lit(floor(), *emitters)
 
 
 def form_factor(x, y, z) -> float:
@@ -109,7 +109,7 @@ def form_factor(x, y, z) -> float:
 
 
 def cornell() -> Lit:
-    """A room [-1, 1]^3 cut at x = 0, a turned block on its left half, a lamp below the ceiling and a small one."""
+    """A room [-1, 1]^3 cut at x = 0, a turned block on its left half, an emitter below the ceiling and a small one."""
     halves = []
     for x in ((-1, 0), (0, 1)):
         walls = box((x[0], -1, -1), (x[1], 1, 1))
@@ -120,8 +120,8 @@ def cornell() -> Lit:
     c, s = np.cos(0.4), np.sin(0.4)
     turn = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
     block = Mesh((block.vertices @ turn.T + (-0.45, -0.62, -0.2)).astype(np.float32), block.triangles)
-    large = (lamp_quad((-0.4, 0.3), 0.97, (-0.3, 0.4)), (6.0, 5.0, 4.0))
-    small = (lamp_quad((0.6, 0.7), 0.5, (0.55, 0.65)), (30.0, 60.0, 90.0))
+    large = (emitter_quad((-0.4, 0.3), 0.97, (-0.3, 0.4)), (6.0, 5.0, 4.0))
+    small = (emitter_quad((0.6, 0.7), 0.5, (0.55, 0.65)), (30.0, 60.0, 90.0))
     return lit(joined(*halves, block), large, small)
 
 
@@ -218,13 +218,13 @@ def training_pixels(samples, shading, images, segments=None, clipped=None, **oth
 
 WIDTH, HEIGHT, FOCAL = 16, 12, 8.0
 SIZE = np.array([4.0, 3.0, 5.0])
-LAMP = ((1.0, 3.0), (1.5, 3.5))
-"""x and z ranges of the lamp, metres."""
-LAMP_RADIANCE = (9.0, 8.0, 7.0)
+EMITTER = ((1.0, 3.0), (1.5, 3.5))
+"""x and z ranges of the emitter, metres."""
+EMITTER_RADIANCE = (9.0, 8.0, 7.0)
 COLORS = np.array(
     [[0.5, 0.1, 0.1], [0.1, 0.5, 0.1], [0.3, 0.3, 0.3], [0.2, 0.2, 0.2], [0.2, 0.2, 0.5], [0.4, 0.4, 0.2]]
 )
-"""Radiance of the walls -x, +x, -y, +y, -z, +z; so even that none is taken for a lamp."""
+"""Radiance of the walls -x, +x, -y, +y, -z, +z; so even that none is taken for an emitter."""
 VIEWS = {"a": "train", "b": "train", "c": "val"}
 _EYES = {
     "a": ((0.6, 1.4, 4.5), (2.2, 2.2, 1.5)),
@@ -249,37 +249,38 @@ def cameras() -> list[Camera]:
 
 
 def room() -> Lit:
-    """The box room; its lamp is a rectangle of the ceiling, cut out of it."""
+    """The box room; its emitter is a rectangle of the ceiling, cut out of it."""
     walls = box((0, 0, 0), SIZE)
-    (x0, x1), (z0, z1) = LAMP
+    (x0, x1), (z0, z1) = EMITTER
     y, (w, _, d) = SIZE[1], SIZE
     around = [((0, w), (0, z0)), ((0, w), (z1, d)), ((0, x0), (z0, z1)), ((x1, w), (z0, z1))]
     dark = Mesh(walls.vertices, np.delete(walls.triangles, [6, 7], axis=0))
     return lit(
-        joined(dark, *(lamp_quad(x, y, z) for x, z in around)), (lamp_quad(*LAMP[:1], y, *LAMP[1:]), LAMP_RADIANCE)
+        joined(dark, *(emitter_quad(x, y, z) for x, z in around)),
+        (emitter_quad(*EMITTER[:1], y, *EMITTER[1:]), EMITTER_RADIANCE),
     )
 
 
-def picture(camera: Camera, samples: int = 4) -> tuple[np.ndarray, np.ndarray]:
-    """(H, W, 3) radiance of a view of the box room, by pixel area; (H, W) wall at the pixel's centre + 1, lamp 7."""
+def image(camera: Camera, samples: int = 4) -> tuple[np.ndarray, np.ndarray]:
+    """(H, W, 3) radiance of a view of the box room, by pixel area; (H, W) wall at the pixel's centre + 1, emitter 7."""
     rows, columns = np.divmod(np.arange(camera.width * camera.height), camera.width)
 
-    def look(dx: float, dy: float) -> tuple[np.ndarray, np.ndarray]:
+    def seen(dx: float, dy: float) -> tuple[np.ndarray, np.ndarray]:
         d = camera.directions(columns + dx, rows + dy).astype(np.float64)
         with np.errstate(divide="ignore"):
             t = np.where(d > 0, (SIZE - camera.center) / d, np.where(d < 0, -camera.center / d, np.inf))
         axis = t.argmin(axis=1)
         wall = 2 * axis + (d[np.arange(len(d)), axis] > 0)
         p = camera.center + t.min(axis=1)[:, None] * d
-        lamp = (wall == 3) & np.all(
-            [(p[:, k] > low) & (p[:, k] < high) for k, (low, high) in zip((0, 2), LAMP, strict=True)], axis=0
+        emitter = (wall == 3) & np.all(
+            [(p[:, k] > low) & (p[:, k] < high) for k, (low, high) in zip((0, 2), EMITTER, strict=True)], axis=0
         )
-        return np.where(lamp[:, None], LAMP_RADIANCE, COLORS[wall]), np.where(lamp, 7, wall + 1)
+        return np.where(emitter[:, None], EMITTER_RADIANCE, COLORS[wall]), np.where(emitter, 7, wall + 1)
 
     steps = (np.arange(samples) + 0.5) / samples
-    mean = np.mean([look(dx, dy)[0] for dx in steps for dy in steps], axis=0)
+    mean = np.mean([seen(dx, dy)[0] for dx in steps for dy in steps], axis=0)
     shape = (camera.height, camera.width)
-    return mean.reshape(*shape, 3).astype(np.float32), look(0.5, 0.5)[1].reshape(shape).astype(np.uint16)
+    return mean.reshape(*shape, 3).astype(np.float32), seen(0.5, 0.5)[1].reshape(shape).astype(np.uint16)
 
 
 def write_dataset(root: Path) -> Path:
@@ -288,7 +289,7 @@ def write_dataset(root: Path) -> Path:
     write_transforms(root / "transforms.json", cameras())
     write_views(root / "views.json", list(VIEWS))
     for camera in cameras():
-        image, part = picture(camera)
-        write_exr(root / "images" / f"{camera.name}.exr", {"": image})
+        radiance, part = image(camera)
+        write_exr(root / "images" / f"{camera.name}.exr", {"": radiance})
         write_png(root / "segments" / "part" / f"{camera.name}.png", part)
     return root

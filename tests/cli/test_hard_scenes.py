@@ -131,8 +131,8 @@ def test_a_view_that_sees_nothing_but_a_lamp(photos):
     cameras = scenes.cameras()
     under = scenes.look_at("b", (1.5, 2.9, 2.52), (1.5, 3.0, 2.5), focal=30.0)
     write_transforms(photos / "transforms.json", [cameras[0], under, cameras[2]])
-    write_exr(photos / "images" / "b.exr", {"": scenes.picture(under)[0]})
-    assert (read_rgb(photos / "images" / "b.exr") == scenes.LAMP_RADIANCE).all()
+    write_exr(photos / "images" / "b.exr", {"": scenes.image(under)[0]})
+    assert (read_rgb(photos / "images" / "b.exr") == scenes.EMITTER_RADIANCE).all()
     assert run() == 0
     assert_finite()
     found = read_layers(RESULTS / "materials" / "b.exr")

@@ -162,7 +162,7 @@ def test_reflected_directions_above_the_surface_are_all_in_the_density(ggx, np_r
 
 
 @pytest.fixture
-def lamps(backend, np_rng):
+def emitters(backend, np_rng):
     """300 small triangles, number k at x = k, with areas and radiances over several decades."""
     from fipt.render.surface import EmitterSet, Triangles
 
@@ -177,10 +177,10 @@ def lamps(backend, np_rng):
     return mesh, radiance, Triangles(mesh, EmitterSet(order, radiance[order]))
 
 
-def test_emitters_are_chosen_by_power(lamps, np_rng):
+def test_emitters_are_chosen_by_power(emitters, np_rng):
     import mitsuba as mi
 
-    mesh, radiance, triangles = lamps
+    mesh, radiance, triangles = emitters
     power = mesh.areas * radiance.mean(axis=1)
     drawn = triangles.sample(*uniform(np_rng, 2_000_000), mi.Bool(True))
     x, z = np.array(drawn.p.x, np.float64), np.array(drawn.p.z, np.float64)

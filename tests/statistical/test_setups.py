@@ -1,6 +1,6 @@
 """Setups in the relight stage against Mitsuba's own lights, BSDF and integrator: objects, spots, edits, what vanishes.
 
-A small room has one material and one lamp; both renderers get the same setup, and their pictures must agree.
+A small room has one material and one emitter; both renderers get the same setup, and their images must agree.
 """
 
 from types import SimpleNamespace
@@ -22,19 +22,19 @@ from tests.objects import write_cube_glb
 
 GREY = (0.6, 0.55, 0.5)
 WIDTH, HEIGHT, BLOCK = 24, 16, 4
-LAMP = (6.0, 5.0, 4.0)
+EMITTER = (6.0, 5.0, 4.0)
 
 
 def room():
-    """Walls, a block that stands on the floor, a lamp below the ceiling."""
+    """Walls, a block that stands on the floor, an emitter below the ceiling."""
     block = scenes.turned(scenes.box((-0.75, -0.96875, -0.625), (-0.25, -0.5, -0.125)))
-    lamp = scenes.lamp_quad((-0.3, 0.3), 0.95, (-0.3, 0.3))
+    emitter = scenes.emitter_quad((-0.3, 0.3), 0.95, (-0.3, 0.3))
     pieces = [
         RoomPiece(name, mesh.vertices, mesh.triangles, np.zeros((len(mesh.vertices), 2)), 0, 0, light)
         for name, mesh, light in (
             ("walls", scenes.box((-1, -1, -1), (1, 1, 1)), None),
             ("block", block, None),
-            ("lamp", lamp, LAMP),
+            ("emitter", emitter, EMITTER),
         )
     ]
     one = np.ones((1, 1), np.float32)
@@ -56,11 +56,11 @@ CAMERA = scenes.look_at("a", (0.75, 0.3, 0.9), (-0.2, -0.6, -0.3), width=WIDTH, 
 
 
 def emitters(made):
-    (lamp,) = made.emitters
-    ones = np.ones(len(lamp), np.float32)
+    (emitter,) = made.emitters
+    ones = np.ones(len(emitter), np.float32)
     return Emitters(
-        lamp.astype(np.int32), made.radiance[lamp], made.mesh.areas[lamp].astype(np.float32), 0 * lamp.astype(np.int32),
-        ones, ones, 0 * ones, ones > 1, two_sided=False,
+        emitter.astype(np.int32), made.radiance[emitter], made.mesh.areas[emitter].astype(np.float32),
+        0 * emitter.astype(np.int32), ones, ones, 0 * ones, ones > 1, two_sided=False,
     )  # fmt: skip
 
 
@@ -74,8 +74,8 @@ def known(backend):
     around = [scenes.look_at("a", (x, 0, z), (-x, -x / 2, -z)) for x in (-0.9, 0.9) for z in (-0.9, 0.9)]
     samples = [traced(made.mesh, camera) for camera in around]
     dark = np.zeros((around[0].width * around[0].height, 3), np.float32)
-    picture = (dark, dark[:, 0] + 1, dark[:, 0] > 1)
-    voxels = build(made.mesh, samples, [picture] * len(samples), CacheSettings(resolution=32))
+    image = (dark, dark[:, 0] + 1, dark[:, 0] > 1)
+    voxels = build(made.mesh, samples, [image] * len(samples), CacheSettings(resolution=32))
     return SimpleNamespace(room=made, voxels=voxels)
 
 
@@ -87,7 +87,7 @@ def traced(mesh, camera=CAMERA):
 
 
 def ours(known, setup, spp=512, depth=5):
-    """The picture of the relight stage, without denoising; what the pixels' centres see and its materials."""
+    """The image of the relight stage, without denoising; what the pixels' centres see and its materials."""
     from fipt.model.fitted import FittedScene
     from fipt.render.image import ImageSampling, render_images, trace_pixels
     from fipt.stages.render.changes import change
@@ -114,7 +114,7 @@ def theirs(known, setup, spp=512, depth=5):
 
 
 def assert_alike(a, b, mean=0.02, each=0.08):
-    """Pictures agree: in the mean, and block by block, where 16 pixels have averaged most noise away."""
+    """Images agree: in the mean, and block by block, where 16 pixels have averaged most noise away."""
 
     def blocks(image):
         return image.reshape(HEIGHT // BLOCK, BLOCK, WIDTH // BLOCK, BLOCK, 3).mean(axis=(1, 3))
@@ -138,23 +138,23 @@ SPOT = {
 
 def test_a_spot_a_red_object_and_a_block_that_is_gone(known):
     setup = {"emitters": NIGHT, "lights": [SPOT], "objects": [RED_CUBE], "remove": [{"at": [-0.5, -0.45, -0.375]}]}
-    picture, samples, _ = ours(known, setup)
-    assert_alike(picture, theirs(known, setup))
+    image, samples, _ = ours(known, setup)
+    assert_alike(image, theirs(known, setup))
     assert not np.isin(samples.triangle, np.arange(12, 24)).any()  # the block's triangles
     assert (samples.triangle >= len(known.room.mesh.triangles)).any()
     # the object tints what it stands on: the same without its red
     grey = ours(known, setup | {"objects": [RED_CUBE | {"base_color": [0.4, 0.4, 0.4]}]})[0]
     walls = samples.triangle < 12
-    ratio = (picture / grey).reshape(-1, 3)[walls]
+    ratio = (image / grey).reshape(-1, 3)[walls]
     assert np.median(ratio[:, 0]) > 1.02 * np.median(ratio[:, 1])
 
 
 def test_a_metal_sphere_a_mesh_light_and_edited_materials(known, tmp_path):
-    write_ply(tmp_path / "lamp.ply", scenes.turned(scenes.box((-0.1, -0.1, -0.1), (0.1, 0.1, 0.1))))
+    write_ply(tmp_path / "light.ply", scenes.turned(scenes.box((-0.1, -0.1, -0.1), (0.1, 0.1, 0.1))))
     setup = {
         "emitters": [{"color": [1, 0.6, 0.3], "scale": 0.5}],
         "lights": [
-            {"shape": "mesh", "file": str(tmp_path / "lamp.ply"), "position": [-0.6, 0, 0.1], "rotation": [0, 45, 20],
+            {"shape": "mesh", "file": str(tmp_path / "light.ply"), "position": [-0.6, 0, 0.1], "rotation": [0, 45, 20],
              "radiance": [0.5, 1, 4]},
         ],
         "objects": [
@@ -166,8 +166,8 @@ def test_a_metal_sphere_a_mesh_light_and_edited_materials(known, tmp_path):
             {"box": {"center": [0, -1, 0.2], "size": [0.9, 0.1, 0.5], "rotation": 30}, "tint": [0.2, 1.2, 0.2]},
         ],
     }  # fmt: skip
-    picture, samples, brdf = ours(known, setup)
-    assert_alike(picture, theirs(known, setup), mean=0.03)
+    image, samples, brdf = ours(known, setup)
+    assert_alike(image, theirs(known, setup), mean=0.03)
     block = np.isin(samples.triangle, np.arange(12, 24))
     np.testing.assert_allclose(brdf.base_color[block], np.tile([0.1, 0.3, 0.8], (block.sum(), 1)), rtol=1e-5)
     np.testing.assert_allclose(brdf.metallic[block], 0.5, rtol=1e-5)
@@ -190,15 +190,15 @@ def test_a_metal_sphere_a_mesh_light_and_edited_materials(known, tmp_path):
 def test_a_textured_object_from_a_file(known, tmp_path):
     cube = {"file": str(write_cube_glb(tmp_path / "cube.glb")), "position": [0.2, 0, -0.1], "rotation": [0, 25, 0]}
     setup = {"objects": [cube | {"scale": 0.6, "drop": True}], "remove": [{"segment": 1}]}
-    picture, _, brdf = ours(known, setup)
-    assert_alike(picture, theirs(known, setup))
-    assert len(np.unique(brdf.base_color.round(2), axis=0)) >= 4  # the room's and three of the picture's
+    image, _, brdf = ours(known, setup)
+    assert_alike(image, theirs(known, setup))
+    assert len(np.unique(brdf.base_color.round(2), axis=0)) >= 4  # the room's and three of the image's
 
 
 def test_a_box_takes_out_what_it_holds(known):
     setup = {"remove": [{"box": {"center": [-0.5, -0.7, -0.4], "size": [0.8, 0.8, 0.8]}}]}
-    picture, samples, _ = ours(known, setup, spp=128)
-    assert_alike(picture, theirs(known, setup, spp=256))
+    image, samples, _ = ours(known, setup, spp=128)
+    assert_alike(image, theirs(known, setup, spp=256))
     assert not np.isin(samples.triangle, np.arange(12, 24)).any()
 
 
@@ -234,19 +234,19 @@ def spot(**keys):
 def test_a_spot_on_a_floor_has_its_closed_form(backend):
     """I falloff cos / d^2 / pi, whatever the number of samples; linear in the angle at the edge; none behind a wall."""
     height = 1.5
-    lamp = spot(position=[0, height, 0], direction=[0, -1, 0], cone_angle=80, soft_edge=20, intensity=[3, 6, 9])
+    emitter = spot(position=[0, height, 0], direction=[0, -1, 0], cone_angle=80, soft_edge=20, intensity=[3, 6, 9])
     x = np.linspace(0, 2.5, 40)
     points = np.stack([x, 0 * x, 0.3 * x], axis=1)
     radius = np.hypot(points[:, 0], points[:, 2])
     angle, distance2 = np.degrees(np.arctan2(radius, height)), radius**2 + height**2
     falloff = np.clip((40 - angle) / 20, 0, 1)
     expected = falloff * height / distance2**1.5 / np.pi
-    got = spot_shading(points, lamp)
+    got = spot_shading(points, emitter)
     np.testing.assert_allclose(got[:, 0], expected[:, None] * [3, 6, 9], rtol=5e-3, atol=1e-5)
     assert (falloff > 0).any()
     assert (falloff == 0).any()
     shade = scenes.joined(scenes.floor(), scenes.quad((-9, 1, -9), (18, 0, 0), (0, 0, 18)))
-    assert not spot_shading(points, lamp, mesh=shade).any()
+    assert not spot_shading(points, emitter, mesh=shade).any()
 
 
 def test_two_spots_add_up_and_aim_at_their_targets(backend):
@@ -263,14 +263,14 @@ def test_the_falloff_is_mitsubas(backend):
 
     from fipt.render.reference import _spot
 
-    (lamp,) = spot(position=[0.3, 1.2, -0.4], target=[1, 0, 0.2], cone_angle=70, soft_edge=15, intensity=[3, 2, 1])
+    (emitter,) = spot(position=[0.3, 1.2, -0.4], target=[1, 0, 0.2], cone_angle=70, soft_edge=15, intensity=[3, 2, 1])
     rng = np.random.default_rng(5)
     origin = rng.uniform(-1, 1, (500, 3)) * (1, 0.5, 1)
     points = mi.Point3f(*(mi.Float(np.float32(c)) for c in origin.T))
-    got, wl, distance = lamp.at(points)
+    got, wl, distance = emitter.at(points)
     si = mi.SurfaceInteraction3f()
     si.p = points
-    direction, weight = mi.load_dict(_spot(lamp)).sample_direction(si, mi.Point2f(0.5))
+    direction, weight = mi.load_dict(_spot(emitter)).sample_direction(si, mi.Point2f(0.5))
     assert (np.array(weight) > 0).any()
     np.testing.assert_allclose(np.array(got), np.array(weight), rtol=2e-3, atol=1e-5)
     np.testing.assert_allclose(np.array(wl), np.array(direction.d), atol=1e-5)

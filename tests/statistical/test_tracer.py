@@ -109,7 +109,7 @@ def test_furnace_of_the_bake(backend, cos):
 
 @pytest.mark.parametrize("light_at_first", [True, False])
 @pytest.mark.parametrize("two_sided", [True, False])
-def test_furnace_of_the_refinement_in_a_room_that_shines(backend, light_at_first, two_sided):
+def test_furnace_of_the_refinement_in_a_room_that_emits(backend, light_at_first, two_sided):
     box = scenes.box((-1, -1, -1), (1, 1, 1))
     walls = scenes.Lit(box, np.arange(12), np.full((12, 3), 2.0, np.float32))
     shade = shader(walls, light_at_first, depth=3, two_sided=two_sided).shade
@@ -146,33 +146,36 @@ def test_furnace_of_walls_that_reflect_once(backend, surface):
 
 WEAK = ((-1.5, 1.0), (-1.0, 2.0))
 TINY = ((1.6, 1.64), (0.5, 0.53))
-"""Ranges in x and z of lamps; the tiny one, at a height of 0.9, hides nothing of the weak one at 1.2."""
+"""Ranges in x and z of emitters; the tiny one, at a height of 0.9, hides nothing of the weak one at 1.2."""
 
 
 @pytest.mark.parametrize("light_at_first", [True, False])
 def test_rectangle_above_a_floor(backend, light_at_first):
-    lit = scenes.two_planes((scenes.lamp_quad(WEAK[0], 1.2, WEAK[1]), (3.0, 2.0, 1.0)))
+    lit = scenes.two_planes((scenes.emitter_quad(WEAK[0], 1.2, WEAK[1]), (3.0, 2.0, 1.0)))
     expected = scenes.form_factor(WEAK[0], 1.2, WEAK[1]) * np.array([3.0, 2.0, 1.0])
     got = shader(lit, light_at_first).shade(copies((0, 0, 0), UP, slanted(0.8), 6000), [0.5], [8, 8])
     error = assert_mean(got[:, 0], expected, slack=2e-4)
     assert (error < 0.01 * expected).all()
 
 
-def test_very_unequal_lamps(backend):
-    """A tiny strong lamp beside a large weak one; each gives about as much light as the other."""
+def test_very_unequal_emitters(backend):
+    """A tiny strong emitter beside a large weak one; each gives about as much light as the other."""
     strong, weak = np.array([20000.0, 15000.0, 5000.0]), np.array([0.5, 1.0, 2.0])
-    lamps = [(scenes.lamp_quad(TINY[0], 0.9, TINY[1]), strong), (scenes.lamp_quad(WEAK[0], 1.2, WEAK[1]), weak)]
+    emitters = [
+        (scenes.emitter_quad(TINY[0], 0.9, TINY[1]), strong),
+        (scenes.emitter_quad(WEAK[0], 1.2, WEAK[1]), weak),
+    ]
     parts = [scenes.form_factor(TINY[0], 0.9, TINY[1]) * strong, scenes.form_factor(WEAK[0], 1.2, WEAK[1]) * weak]
     assert 0.2 < parts[0].mean() / parts[1].mean() < 5  # so that losing either would show
-    got = shader(scenes.two_planes(*lamps)).shade(copies((0, 0, 0), UP, slanted(0.8), 8000), [0.5], [8, 8])
+    got = shader(scenes.two_planes(*emitters)).shade(copies((0, 0, 0), UP, slanted(0.8), 8000), [0.5], [8, 8])
     error = assert_mean(got[:, 0], sum(parts), slack=5e-4)
     assert (error < 0.02 * sum(parts)).all()
 
 
 @pytest.mark.parametrize("light_at_first", [True, False])
-def test_back_of_a_lamp(backend, light_at_first):
-    """A lamp that faces away is dark where lamps have one side, and shines where they have two."""
-    above = scenes.turned(scenes.lamp_quad(WEAK[0], 1.2, WEAK[1]))
+def test_back_of_an_emitter(backend, light_at_first):
+    """An emitter that faces away is dark where emitters have one side, and shines where they have two."""
+    above = scenes.turned(scenes.emitter_quad(WEAK[0], 1.2, WEAK[1]))
     lit = scenes.two_planes((above, (3.0, 2.0, 1.0)))
     points = copies((0, 0, 0), UP, slanted(0.8), 4000)
     assert not shader(lit, light_at_first).shade(points, [0.5], [8, 8]).any()
@@ -181,14 +184,14 @@ def test_back_of_a_lamp(backend, light_at_first):
     assert_mean(got[:, 0], expected, slack=2e-4)
 
 
-def test_lamps_of_two_sides_are_lamps_of_either_side_together(backend):
-    lamp = scenes.lamp_quad(WEAK[0], 1.2, WEAK[1])
+def test_emitters_of_two_sides_are_emitters_of_either_side_together(backend):
+    emitter = scenes.emitter_quad(WEAK[0], 1.2, WEAK[1])
     ceiling = scenes.turned(scenes.floor())
     dark = scenes.joined(scenes.floor(), scenes.Mesh(ceiling.vertices + np.float32([0, 2, 0]), ceiling.triangles))
     points = copies((2.0, 0, 0.1), UP, slanted(0.6), 6000)
     voxels, white = scenes.grid(side=20.0), (scenes.DIFFUSE, scenes.DIFFUSE)
     results = []
-    for shape, two_sided in ((lamp, False), (scenes.turned(lamp), False), (lamp, True)):
+    for shape, two_sided in ((emitter, False), (scenes.turned(emitter), False), (emitter, True)):
         lit = scenes.lit(dark, (shape, (3.0, 2.0, 1.0)))
         tracer = shader(lit, depth=2, two_sided=two_sided)
         tracer.cache = _unknown(voxels, white)

@@ -19,7 +19,7 @@ class PoseInputs:
     capture: Annotated[Path | None, "Developed photographs: the folder of fipt develop."] = None
     source: Annotated[Path | None, "Or any folder of undistorted VIEW.exr."] = None
     intrinsics: Annotated[Path | None, "With --source: JSON with w, h, fl_x, ... in pixels."] = None
-    held_out: Annotated[tuple[str, ...], "UnposedViews that become val, comma-separated; repeatable."] = ()
+    held_out: Annotated[tuple[str, ...], "Views that become val, comma-separated; repeatable."] = ()
 
 
 def run(inputs: PoseInputs, settings: "PosesSettings") -> dict[str, Any]:

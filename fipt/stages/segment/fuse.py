@@ -172,7 +172,7 @@ def _views_of(ids: np.ndarray, vote_masks: VoteMasks, views: int) -> np.ndarray:
 # --- files ----------------------------------------------------------------------------------------
 
 
-def fuse_views(dataset: Path, segments: Path, settings: FuseSettings, stats: Stats) -> None:
+def fuse_views(dataset: Path, segments: Path, settings: FuseSettings) -> Stats:
     """Fuse ``segments``/views of the training views and write ``segments``/fused and fusion.npz, .json."""
     data = Dataset(dataset)
     names = class_names(segments / "classes.json")
@@ -196,7 +196,7 @@ def fuse_views(dataset: Path, segments: Path, settings: FuseSettings, stats: Sta
     kinds = ["semantic"] if found.kind.any() else []
     if settings.associate != "classes" or settings.pieces != "none":
         kinds.append("part")
-    write_fused(segments, data, FusionResult(cells, found, kinds, about, observations, names), settings, stats)
+    return write_fused(segments, data, FusionResult(cells, found, kinds, about, observations, names), settings)
 
 
 def class_names(path: Path) -> dict[int, str]:

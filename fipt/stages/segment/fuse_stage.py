@@ -32,7 +32,5 @@ def run(inputs: FuseInputs, settings: "FuseSettings") -> dict[str, Any]:
     else:
         from fipt.stages.segment.fuse import fuse_views as fused
 
-    figures: dict[str, Any] = {}
     make_folder(inputs.segments)
-    fused(inputs.dataset, inputs.segments, settings, figures)
-    return figures
+    return fused(inputs.dataset, inputs.segments, settings)

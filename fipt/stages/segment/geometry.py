@@ -30,7 +30,7 @@ _DARKEST = 1e-3
 """Radiance that is added before the logarithm, in units of the brightest triangle's median."""
 
 
-def grow_parts(dataset: Path, segments: Path, settings: FuseSettings, stats: Stats) -> None:
+def grow_parts(dataset: Path, segments: Path, settings: FuseSettings) -> Stats:
     """Grow parts from mesh and training images and write them as `fipt.stages.segment.fuse` writes fused ones."""
     data = Dataset(dataset)
     mesh = data.mesh()
@@ -46,7 +46,7 @@ def grow_parts(dataset: Path, segments: Path, settings: FuseSettings, stats: Sta
     found = Fused(ids, np.zeros_like(ids), (pixels > 0).astype(np.float64), pixels, kind, views)
     about = {"source": "geometry", "views": len(observations.cameras)}
     result = FusionResult(whole(mesh), found, ["part"], about, observations)
-    write_fused(segments, data, result, settings, stats)
+    return write_fused(segments, data, result, settings)
 
 
 def seen_colors(data: Dataset, observations: CellObservations, count: int) -> tuple[np.ndarray, np.ndarray]:

@@ -1,7 +1,6 @@
 """The segment stage: ids of a shard's views, each view by itself."""
 
 import json
-from pathlib import Path
 
 from fipt.errors import FiptError
 from fipt.formats.files import write_text
@@ -14,15 +13,14 @@ from fipt.settings import dumped
 from fipt.stages.segment.given import GivenIds
 from fipt.stages.segment.predict import Mask2Former
 from fipt.stages.segment.settings import GivenSegments, PredictedSegments, SegmentSettings
+from fipt.stages.segment.stage import SegmentInputs
 
 CLASSES = "classes.json"
 """Names of the classes, beside the folder of the views."""
 
 
-def segment_views(
-    dataset: Path, samples: Path, out: Path, manifest: Path, settings: SegmentSettings, stats: Stats
-) -> None:
-    """Write the ids of the views of a samples shard to ``out``, the names of their classes beside it, and the manifest.
+def segment_views(inputs: SegmentInputs, settings: SegmentSettings) -> Stats:
+    """Write the ids of the views of a samples shard, the names of their classes and the manifest; return figures.
 
     Raises
     ------
@@ -33,7 +31,8 @@ def segment_views(
         raise FiptError(
             f"segment.mode must be mask2former or given, for ids of views; it is {settings.mode}", "set segment.mode"
         )
-    data, shard = Dataset(dataset), read_samples(samples)
+    data, shard, out = Dataset(inputs.dataset), read_samples(inputs.samples), inputs.out
+    stats: Stats = {}
     if isinstance(settings, GivenSegments):
         source = GivenIds(data, shard, settings)
         found = source.views()
@@ -53,4 +52,5 @@ def segment_views(
     write_text(out.parent / CLASSES, json.dumps(names, indent=1, ensure_ascii=False) + "\n")
     if isinstance(source, GivenIds) and source.warnings:
         stats["warnings"] = source.warnings
-    write_manifest(manifest, "segment", [*files, out.parent / CLASSES], dumped(settings))
+    write_manifest(inputs.manifest, "segment", [*files, out.parent / CLASSES], dumped(settings))
+    return stats

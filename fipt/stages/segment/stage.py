@@ -24,6 +24,4 @@ def run(inputs: SegmentInputs, settings: "SegmentSettings") -> dict[str, Any]:
     """Segment every view by itself: by Mask2Former, or from ids that exist already."""
     from fipt.stages.segment.run import segment_views
 
-    figures: dict[str, Any] = {}
-    segment_views(inputs.dataset, inputs.samples, inputs.out, inputs.manifest, settings, figures)
-    return figures
+    return segment_views(inputs, settings)

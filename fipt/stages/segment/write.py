@@ -75,8 +75,8 @@ class FusionResult:
     names: dict[int, str] = field(default_factory=dict)
 
 
-def write_fused(out: Path, data: Dataset, result: FusionResult, settings: FuseSettings, stats: Stats) -> None:
-    """Write the ids of every view below ``out``/fused, fusion.npz and .json, and the manifest, which comes last."""
+def write_fused(out: Path, data: Dataset, result: FusionResult, settings: FuseSettings) -> Stats:
+    """Write the ids of every view below ``out``/fused, fusion.npz and .json, the manifest last; return figures."""
     manifest = out / "fused.manifest.json"
     manifest.unlink(missing_ok=True)
     segments = _segments(result)
@@ -89,15 +89,13 @@ def write_fused(out: Path, data: Dataset, result: FusionResult, settings: FuseSe
     write_fusion(out / "fusion.npz", fusion, content)
     files = [*(out / "fused").rglob("*"), out / "fusion.npz", out / "fusion.json"]
     write_manifest(manifest, "fuse", [file for file in files if file.is_file()], dumped(settings))
-    stats["parts"] = len(segments)
-    for name, value in figures.items():
-        stats[name] = value
     log.info(
         "fuse: %d segments on %d cells; %.1f%% of the votes agree",
         len(segments),
         len(result.cells),
         100 * _agreement(result.fused),
     )
+    return {"parts": len(segments), **figures}
 
 
 def _write_views(folder: Path, scratch: Path, data: Dataset, result: FusionResult) -> None:

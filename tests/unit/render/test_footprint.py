@@ -68,7 +68,7 @@ def test_inside_a_surface_a_pixel_has_one_whole_hit(trace):
     np.testing.assert_array_equal(result["normal"], np.tile([0, 0, 1], (24, 1)))
 
 
-def test_the_first_hit_is_where_the_centre_looks(trace):
+def test_the_first_sample_is_at_the_centre(trace):
     result = trace(edge(0.8))
     first = np.cumsum(result["counts"]) - result["counts"]
     image, _ = ahead().project(result["position"][first])
@@ -195,7 +195,7 @@ def test_sub_pixel_points_start_at_the_centre_and_spread(backend):
 
 
 def test_sub_pixel_points_look_at_the_centre_on_average(backend, np_rng):
-    """Else pictures are moved; and the share of a half-plane is right whatever its direction and place."""
+    """Else images are moved; and the share of a half-plane is right whatever its direction and place."""
     from fipt.render.footprint import sub_pixel_points
 
     x = (np.arange(200) + 0.5) / 200 - 0.5

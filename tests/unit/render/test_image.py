@@ -1,4 +1,4 @@
-"""Pictures of a model: what each pixel's rays meet, light that changes within a pixel; layers for the denoiser."""
+"""Images of a model: what each pixel's rays meet, light that changes within a pixel; layers for the denoiser."""
 
 import numpy as np
 import pytest
@@ -38,9 +38,9 @@ def light(backend):
     from fipt.render.surface import EmitterSet, SurfaceCache, Triangles
     from fipt.render.tracer import PathSettings, Shader
 
-    def light(mesh, lamps=(), radiance=(0, 0, 0), outside=NOTHING, two_sided=True, albedo=0.0):
-        shine = np.broadcast_to(np.float32(radiance), (len(lamps), 3))
-        lit = EmitterSet(np.array(lamps, np.int32), shine, two_sided)
+    def light(mesh, emitters=(), radiance=(0, 0, 0), outside=NOTHING, two_sided=True, albedo=0.0):
+        emitted = np.broadcast_to(np.float32(radiance), (len(emitters), 3))
+        lit = EmitterSet(np.array(emitters, np.int32), emitted, two_sided)
         voxels = scenes.grid()
         around = scenes.Surface((albedo,) * 3, 1.0, 0.0)
         cache = SurfaceCache(voxels, voxels["radiance"], np.zeros(8, bool), scenes.sides(voxels, around, around))
@@ -85,22 +85,22 @@ def test_under_a_white_sky_a_wall_shows_its_reflectance(light, denoised):
 
 
 @pytest.mark.parametrize("share", [0.2, 0.65])
-def test_a_lamp_flush_with_the_wall_has_its_share_of_a_pixel(light, share):
-    """Lamp and wall are one connected part in one plane: a piece of a pixel would be all of one of them."""
+def test_an_emitter_flush_with_the_wall_has_its_share_of_a_pixel(light, share):
+    """Emitter and wall are one connected part in one plane: a piece of a pixel would be all of one of them."""
     edge = share * PIXEL
     mesh = scenes.joined(wall(-9, edge, -1), wall(edge, 9, -1))
-    shine = np.array([4.0, 2.0, 1.0])
-    (got,) = see([light(mesh, (0, 1), shine)], grid=4)
-    expected = np.array([1, 1, 1, share, 0, 0])[:, None] * shine
+    emitted = np.array([4.0, 2.0, 1.0])
+    (got,) = see([light(mesh, (0, 1), emitted)], grid=4)
+    expected = np.array([1, 1, 1, share, 0, 0])[:, None] * emitted
     np.testing.assert_allclose(got, np.broadcast_to(expected, got.shape), atol=4 * 1.2 / 16)
     np.testing.assert_array_equal(got[:, 4:], 0)
 
 
-def test_the_edge_of_a_lamp_in_a_mirror_has_its_share_of_a_pixel(light):
-    """A lamp behind the camera, seen in a smooth metal: light changes within a piece of surface."""
+def test_the_edge_of_an_emitter_in_a_mirror_has_its_share_of_a_pixel(light):
+    """An emitter behind the camera, seen in a smooth metal: light changes within a piece of surface."""
     share = 0.4
-    lamp_edge = 3 * share * PIXEL  # twice the mirror's distance and the lamp's own away
-    mesh = scenes.joined(wall(-9, 9, -1), scenes.turned(wall(-40, lamp_edge, 1, y=(-40, 40))))
+    emitter_edge = 3 * share * PIXEL  # twice the mirror's distance and the emitter's own away
+    mesh = scenes.joined(wall(-9, 9, -1), scenes.turned(wall(-40, emitter_edge, 1, y=(-40, 40))))
     (got,) = see([light(mesh, (2, 3), (2, 2, 2))], materials=of_one_material((1, 1, 1), 0.02, 1.0), grid=4, spp=512)
     row = got[..., 0].mean(axis=0)
     np.testing.assert_allclose(row[:3], 2, rtol=0.08)  # the highlight loses some at its slant
@@ -108,7 +108,7 @@ def test_the_edge_of_a_lamp_in_a_mirror_has_its_share_of_a_pixel(light):
     np.testing.assert_allclose(row[4:], 0, atol=0.02)
 
 
-def test_lamps_shine_from_the_side_they_face(light):
+def test_emitters_emit_from_the_side_they_face(light):
     for mesh, seen in ((wall(-9, 9, -1), 3.0), (scenes.turned(wall(-9, 9, -1)), 0.0)):
         for two_sided in (False, True):
             (got,) = see([light(mesh, (0, 1), (3, 3, 3), two_sided=two_sided)])
@@ -116,7 +116,7 @@ def test_lamps_shine_from_the_side_they_face(light):
 
 
 def test_lights_of_one_room_are_seen_at_once(light):
-    mesh = scenes.joined(wall(-9, 9, -2), scenes.lamp_quad((-1, 1), 1.5, (-1.5, -0.5)))
+    mesh = scenes.joined(wall(-9, 9, -2), scenes.emitter_quad((-1, 1), 1.5, (-1.5, -0.5)))
     lights = [light(mesh, (2, 3), np.array([5.0, 4.0, 3.0]) * gain) for gain in (1, 0, 2)]
     one, dark, two = see(lights)
     np.testing.assert_array_equal(one, see(lights[:1])[0])
@@ -125,18 +125,18 @@ def test_lights_of_one_room_are_seen_at_once(light):
     assert not dark.any()
 
 
-def test_light_adds_up_lamp_by_lamp(light):
-    """A lamp that is off is as black at bounces as it is for the camera."""
-    lamps = wall(-9, 9, 1), scenes.quad((-1, -9, -9), (0, 18, 0), (0, 0, 18))  # behind the camera, and on its left
-    mesh = scenes.joined(wall(-9, 9, -2), *lamps)
-    shine = np.float32([[4, 1, 2], [4, 1, 2], [1, 3, 2], [1, 3, 2]])
-    switched = [shine, shine * [[1], [1], [0], [0]], shine * [[0], [0], [1], [1]], 0 * shine]
+def test_light_adds_up_emitter_by_emitter(light):
+    """An emitter that is off is as black at bounces as it is for the camera."""
+    emitters = wall(-9, 9, 1), scenes.quad((-1, -9, -9), (0, 18, 0), (0, 0, 18))  # behind the camera, and on its left
+    mesh = scenes.joined(wall(-9, 9, -2), *emitters)
+    emitted = np.float32([[4, 1, 2], [4, 1, 2], [1, 3, 2], [1, 3, 2]])
+    switched = [emitted, emitted * [[1], [1], [0], [0]], emitted * [[0], [0], [1], [1]], 0 * emitted]
     both, first, second, none = see([light(mesh, (2, 3, 4, 5), each, albedo=0.9) for each in switched], spp=512)
     np.testing.assert_allclose((first + second).mean(axis=(0, 1)), both.mean(axis=(0, 1)), rtol=0.01)
     assert not none.any()
 
 
-def test_the_same_seed_gives_the_same_picture(light):
+def test_the_same_seed_gives_the_same_image(light):
     room = light(wall(-9, 9, -2), outside=constant((1, 1, 1)))
     first, again, other = (see([room], seed=seed)[0] for seed in (0, 0, 1))
     np.testing.assert_array_equal(first, again)
@@ -153,7 +153,7 @@ def test_every_ray_has_a_path_of_each_lobe(backend):
     assert paths_of_ray(1, 128) == 128
 
 
-def test_lamps_keep_their_edge_where_pictures_are_denoised(light):
+def test_emitters_keep_their_edge_where_images_are_denoised(light):
     mesh = scenes.joined(wall(-9, 0, -1), wall(0, 9, -1))
     room = light(mesh, (0, 1), (4, 0, 0), outside=constant((0.0, 0.3, 0.0)))
     (got,) = see([room], ahead(24, 16), denoised=True)
@@ -168,7 +168,7 @@ def some_samples(counts, weight, shape):
     return scenes.samples_of(np.zeros((n, 3)), weight=weight, counts=counts, shapes=[shape], normal=normal)
 
 
-def test_layers_are_denoised_apart_and_complete(backend, monkeypatch):
+def test_layers_are_denoised_singly_and_complete(backend, monkeypatch):
     """The second layer shows second samples, and first ones where a pixel has no second."""
     from fipt.render import layers
 

@@ -98,7 +98,7 @@ def test_triangles_know_their_normal_and_emitter(mi):
     number = np.array(number)
     assert np.flatnonzero(number).tolist() == [2, 7, 11]
     radiance, pdf = triangles.radiance(mi.UInt32(number[[7, 2, 11]] - 1), mi.Bool(True))
-    np.testing.assert_array_equal(np.array(radiance).T, colors)  # triangle 2 is off, but a lamp
+    np.testing.assert_array_equal(np.array(radiance).T, colors)  # triangle 2 is off, but an emitter
     power = mesh.areas[[7, 2, 11]] * colors.mean(axis=1)
     np.testing.assert_allclose(np.array(pdf), power / power.sum() / mesh.areas[[7, 2, 11]], rtol=1e-6)
 
@@ -107,7 +107,7 @@ def test_triangles_know_their_normal_and_emitter(mi):
 def test_sides_of_emitters(mi, two_sided):
     from fipt.render.surface import EmitterSet, Triangles
 
-    lit = scenes.two_planes((scenes.lamp_quad((0, 1), 1.0, (0, 1)), (1, 1, 1)))
+    lit = scenes.two_planes((scenes.emitter_quad((0, 1), 1.0, (0, 1)), (1, 1, 1)))
     triangles = Triangles(lit.mesh, EmitterSet(lit.triangle, lit.radiance, two_sided))
     away = mi.Vector3f(mi.Float([0, 0]), mi.Float([-1, 1]), mi.Float([0, 0]))
     emits = np.array(mi.Bool(triangles.emits_along(mi.Vector3f(0, -1, 0), away)))
@@ -200,11 +200,11 @@ def test_triangles_of_objects_have_records_of_their_own(backend):
 def test_emission_by_triangle(mi):
     from fipt.render.surface import EmitterSet
 
-    lamps = np.array([9, 2, 5])
-    lit = EmitterSet(lamps.astype(np.int32), np.float32(lamps[:, None] * [1, 2, 3]))
+    emitters = np.array([9, 2, 5])
+    lit = EmitterSet(emitters.astype(np.int32), np.float32(emitters[:, None] * [1, 2, 3]))
     seen = np.array([0, 2, 5, 9, 9, 100, 3])
     got = lit.emitted(seen)
-    np.testing.assert_array_equal(got, np.where(np.isin(seen, lamps), seen, 0)[:, None] * [1, 2, 3])
+    np.testing.assert_array_equal(got, np.where(np.isin(seen, emitters), seen, 0)[:, None] * [1, 2, 3])
     assert got.dtype == np.float32
     nothing = EmitterSet(np.zeros(0, np.int32), np.zeros((0, 3), np.float32))
     np.testing.assert_array_equal(nothing.emitted(seen), np.zeros((7, 3)))

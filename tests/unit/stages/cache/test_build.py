@@ -180,7 +180,7 @@ def test_every_voxel_on_the_surface_has_a_record(np_rng):
 
 
 def test_points_are_spread_evenly_and_every_triangle_has_one():
-    mesh = scenes.joined(scenes.floor(2.0), scenes.lamp_quad((0, 0.001), 1.0, (0, 0.001)))
+    mesh = scenes.joined(scenes.floor(2.0), scenes.emitter_quad((0, 0.001), 1.0, (0, 0.001)))
     points, owner = cache.surface_points(mesh, 0.1, np.full(3, -3.0), np.full(3, 3.0), seed=0)
     np.testing.assert_allclose(np.bincount(owner, minlength=4), [801, 801, 1, 1], atol=1)
     assert abs((points[owner < 2][:, 0] > 0).mean() - 0.5) < 0.06

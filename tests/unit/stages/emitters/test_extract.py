@@ -5,7 +5,7 @@ import pytest
 
 from fipt.conventions import SHADING_OUTPUTS
 from fipt.scene.emitters import read_emitters, write_emitters
-from fipt.scene.review import Decisions
+from fipt.scene.review import ReviewDecisions
 from fipt.stages.emitters.extract import extract
 from fipt.stages.emitters.settings import EmittersSettings
 from tests import scenes
@@ -19,9 +19,11 @@ def room():
     """A floor under two lamps of four triangles each (2 to 5, 6 to 9) and a fifth that no view sees (10, 11)."""
 
     def lamp(x):
-        return scenes.joined(scenes.lamp_quad((x, x + 1), 2.0, (0, 1)), scenes.lamp_quad((x + 1, x + 2), 2.0, (0, 1)))
+        return scenes.joined(
+            scenes.emitter_quad((x, x + 1), 2.0, (0, 1)), scenes.emitter_quad((x + 1, x + 2), 2.0, (0, 1))
+        )
 
-    hidden = scenes.lamp_quad((9, 10), 2.0, (0, 1))
+    hidden = scenes.emitter_quad((9, 10), 2.0, (0, 1))
     return scenes.lit(scenes.floor(), (lamp(-3), BLUE), (lamp(1), RED), (hidden, RED)).mesh
 
 
@@ -244,7 +246,7 @@ def test_a_clipped_core_in_a_dim_rim_is_a_lower_bound(room, np_rng):
 
 def reviewed(room, data, mask=is_lamp, settings=None, **decisions):
     samples, shading, image, valid = data
-    decided = Decisions(mesh_triangles=len(room.triangles), **decisions)
+    decided = ReviewDecisions(mesh_triangles=len(room.triangles), **decisions)
     shards = scenes.observed([samples], [shading], [(image, valid)])
     return extract(room, shards, mask, EmittersSettings(**(settings or {})), decided)
 

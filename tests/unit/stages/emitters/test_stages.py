@@ -17,9 +17,9 @@ from tests.fitted import call
 def test_the_lamp_is_found_and_seen(scene):
     emitters = read_emitters(scene / "round-0" / "emitters.npz")
     np.testing.assert_array_equal(np.sort(emitters.triangle), scenes.room().triangle)
-    np.testing.assert_allclose(emitters.radiance, [scenes.LAMP_RADIANCE] * 2, rtol=1e-5)
+    np.testing.assert_allclose(emitters.radiance, [scenes.EMITTER_RADIANCE] * 2, rtol=1e-5)
     layers = read_layers(scene / "materials" / "c.exr")
-    image, wall = scenes.picture(scenes.cameras()[2])
+    image, wall = scenes.image(scenes.cameras()[2])
     np.testing.assert_array_equal(layers["hit"], 1)
     np.testing.assert_array_equal(layers["emission_mask"] > 0, wall == 7)
     assert (wall == 7).any()
@@ -48,7 +48,7 @@ def test_what_a_person_decides_reaches_the_pictures(work):
     assert [path.name for path in (work / "emitters").glob("*.png")] == [f"rejected-{lamp.min()}.png"]
     assert read_review(review).emission() == json.dumps(decided, sort_keys=True)
     assert call("render", work) == 0
-    wall = scenes.picture(scenes.cameras()[2])[1]
+    wall = scenes.image(scenes.cameras()[2])[1]
     assert read_rgb(work / "render" / "c.exr").max() < 0.01
 
     assert call("emitters", work, "--decisions", json.dumps(decided | {"accept": ["0-1"]})) == 0

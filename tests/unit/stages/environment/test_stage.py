@@ -25,7 +25,7 @@ def test_light_from_outside_is_found_and_lights_the_room(opened, tmp_path):
     found = read_environment(opened / "environment.npz")
     assert found.mode == "map"
     np.testing.assert_allclose(found.radiance, np.broadcast_to(scenes.COLORS[MISSING], (32, 64, 3)), rtol=1e-4)
-    _, wall = scenes.picture(scenes.cameras()[2])
+    _, wall = scenes.image(scenes.cameras()[2])
     outside = binary_erosion(wall == MISSING + 1)
     assert outside.sum() > 20
     shown = read_rgb(opened / "render" / "c.exr")[outside]

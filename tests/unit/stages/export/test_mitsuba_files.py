@@ -54,7 +54,7 @@ def floor() -> tuple[Asset, np.ndarray]:
     texture = MaterialTextures(np.repeat(np.repeat(color, 16, axis=0), 16, axis=1), level, 0 * level)
     mesh = scenes.floor(4.0)
     uv = (mesh.vertices[:, [0, 2]] / 8 + 0.5).astype(np.float32)  # u along x, v along z
-    emitter = scenes.lamp_quad((-1, 1), 2.0, (-1, 1))
+    emitter = scenes.emitter_quad((-1, 1), 2.0, (-1, 1))
     cameras = []
     for row, column in np.ndindex(2, 2):
         pose = np.eye(4)

@@ -57,7 +57,7 @@ def test_the_export_lists_its_files(exported):
     assert set(manifest["files"]) == written - checked
     facts = json.loads((exported / "export.json").read_text())
     assert facts["scene"] == "tiny"
-    assert [lamp["radiance"] for lamp in facts["emitters"]] == [pytest.approx(scenes.LAMP_RADIANCE)]
+    assert [lamp["radiance"] for lamp in facts["emitters"]] == [pytest.approx(scenes.EMITTER_RADIANCE)]
     script = (exported / "blender.py").read_text()
     compile(script, "blender.py", "exec")
 

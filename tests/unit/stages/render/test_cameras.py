@@ -37,12 +37,12 @@ def ahead(cameras):
 
 
 def test_a_free_camera_sees_its_target_in_the_middle(data):
-    look = {"position": (1, 2, 3), "target": (2, 0.5, -1), "fov": 90, "width": 200, "height": 100}
-    (camera,) = own_cameras(OwnCameras.model_validate({"look_at": {"desk": look}}), data)
+    aim = {"position": (1, 2, 3), "target": (2, 0.5, -1), "fov": 90, "width": 200, "height": 100}
+    (camera,) = own_cameras(OwnCameras.model_validate({"look_at": {"desk": aim}}), data)
     assert (camera.name, camera.width, camera.height) == ("desk", 200, 100)
-    image, depth = camera.project(np.array([look["target"], (1, 3, 3.0)]))
+    image, depth = camera.project(np.array([aim["target"], (1, 3, 3.0)]))
     np.testing.assert_allclose(image[0], (100, 50), atol=1e-9)
-    assert depth[0] == pytest.approx(np.linalg.norm(np.subtract(look["target"], look["position"])))
+    assert depth[0] == pytest.approx(np.linalg.norm(np.subtract(aim["target"], aim["position"])))
     assert image[1][0] == pytest.approx(100)  # what is above stands above
     # 90 degrees from the left edge to the right one
     edges = camera.directions(np.array([0, 200]), np.array([50, 50])).astype(float)
@@ -73,9 +73,9 @@ def test_a_path_goes_through_its_keyframes_at_one_speed(data):
     steps = np.linalg.norm(np.diff(places(cameras), axis=0), axis=1)
     assert steps.std() < 2e-3 * steps.mean()
     for key in keys:
-        apart = np.linalg.norm(places(cameras) - key["position"], axis=1)
-        nearest = int(apart.argmin())
-        assert apart[nearest] < steps[0]
+        away = np.linalg.norm(places(cameras) - key["position"], axis=1)
+        nearest = int(away.argmin())
+        assert away[nearest] < steps[0]
         direction = np.subtract(key["target"], key["position"])
         cos = ahead(cameras)[nearest] @ direction / np.linalg.norm(direction)
         assert np.degrees(np.arccos(min(cos, 1))) < 0.5
@@ -130,10 +130,10 @@ def test_any_direction_of_a_view_is_kept(data, turn):
 def test_a_loop_closes_without_a_seam(data):
     corners = [at(0, 1, 0, (1, 0, 0)), at(2, 1, 0, (0, 0, 1)), at(2, 1, 2, (-1, 0, 0)), at(0, 1, 2, (0, 0, -1))]
     cameras = along(data, *corners, frames=80, loop=True)
-    ring, looks = places([*cameras, *cameras[:2]]), ahead([*cameras, *cameras[:2]])
+    ring, directions = places([*cameras, *cameras[:2]]), ahead([*cameras, *cameras[:2]])
     steps = np.linalg.norm(np.diff(ring, axis=0), axis=1)
     assert np.ptp(steps) < 0.01 * steps.mean()
-    turned = np.degrees(np.arccos(np.clip((looks[1:] * looks[:-1]).sum(axis=1), -1, 1)))
+    turned = np.degrees(np.arccos(np.clip((directions[1:] * directions[:-1]).sum(axis=1), -1, 1)))
     np.testing.assert_allclose(turned.sum() - turned[-1], 360, rtol=0.02)  # once around, never back
     assert turned.max() < 12
 
@@ -142,9 +142,9 @@ def test_a_turn_on_the_spot_stays_there(data):
     cameras = along(data, at(0, 1, 0), at(1, 1, 0), at(1, 1, 0, (1, 0, 0)), at(1, 1, 2, (1, 0, 0)), frames=201)
     here = np.linalg.norm(places(cameras) - (1, 1, 0), axis=1) < 1e-6
     assert here.sum() > 50
-    looks = ahead(cameras)[here]
-    assert looks[0] @ (0, 0, -1) > 0.999
-    assert looks[-1] @ (1, 0, 0) > 0.999
+    directions = ahead(cameras)[here]
+    assert directions[0] @ (0, 0, -1) > 0.999
+    assert directions[-1] @ (1, 0, 0) > 0.999
 
 
 def test_the_same_time_between_keyframes(data):

@@ -28,7 +28,7 @@ def apply(backend):
 
 ROOM = scenes.box((0, 0, 0), (4, 3, 5))
 BRIGHT = float(np.dot(LUMINANCE, [2, 4, 6]))
-"""Luminance of the first lamp, which new colours keep."""
+"""Luminance of the first emitter, which new colours keep."""
 RADIANCE = np.float32([[2, 4, 6], [2, 4, 6], [8, 8, 8]])
 
 
@@ -106,7 +106,7 @@ def test_a_sphere_is_appended(apply):
     np.testing.assert_array_equal(lit.triangle[3:], np.arange(12, len(mesh.triangles)))
 
 
-def test_several_lights_keep_their_triangles_apart(apply):
+def test_several_lights_keep_their_own_triangles(apply):
     quad = {"shape": "quad", "radiance": (1, 0, 0), "center": (1, 2, 1)}
     sphere = {"shape": "sphere", "radiance": (0, 1, 0), "center": (3, 1, 3)}
     mesh, lit = apply(lights=[quad, sphere, quad | {"radiance": (0, 0, 1), "center": (2, 2, 2)}], empty=True)
@@ -134,7 +134,7 @@ def test_an_emitter_that_was_not_found_is_named(apply):
         ({}, [0, 1, 2]),
     ],
 )
-def test_lamps_are_chosen_by_name(backend, edit, dark):
+def test_emitters_are_chosen_by_name(backend, edit, dark):
     from fipt.stages.render.lights import apply_setup
 
     setup = RelightSetup.model_validate({"emitters": [edit | {"off": True}]})
@@ -144,12 +144,12 @@ def test_lamps_are_chosen_by_name(backend, edit, dark):
     np.testing.assert_array_equal(lit.radiance, expected)
 
 
-def test_an_unknown_name_lists_the_lamps_closest_first(backend):
+def test_an_unknown_name_lists_the_emitters_closest_first(backend):
     from fipt.stages.render.lights import apply_setup
 
     setup = RelightSetup.model_validate({"emitters": [{"names": ["window", "my window"], "off": True}]})
-    with pytest.raises(FiptError, match="which is none of 2 emitters; there are window, desk lamp"):
-        apply_setup(ROOM, found(), setup, ["desk lamp", "window"])
+    with pytest.raises(FiptError, match="which is none of 2 emitters; there are window, desk emitter"):
+        apply_setup(ROOM, found(), setup, ["desk emitter", "window"])
 
 
 def test_off_needs_no_quotes_in_yaml():
@@ -259,7 +259,7 @@ def test_setups_of_files_and_what_the_config_passes_on(tmp_path):
         parse_setup(str(path))
 
 
-def test_mesh_lights_shine_and_spots_have_no_surface(apply, tmp_path):
+def test_mesh_lights_emit_and_spots_have_no_surface(apply, tmp_path):
     write_ply(tmp_path / "a.ply", scenes.turned(scenes.box((-1, -1, -1), (1, 1, 1))))
     light = {
         "shape": "mesh",
@@ -274,7 +274,7 @@ def test_mesh_lights_shine_and_spots_have_no_surface(apply, tmp_path):
     np.testing.assert_allclose(mesh.corners[12:].min(axis=(0, 1)), [1.9, 0.9, 1.9], rtol=1e-6)
 
 
-# --- each lamp alone ------------------------------------------------------------------------------
+# --- each emitter alone ------------------------------------------------------------------------------
 
 
 def alone(separate, outside=0.0, **changed):
@@ -285,18 +285,18 @@ def alone(separate, outside=0.0, **changed):
 
 
 def test_parts_of_the_light_add_up_to_it(backend):
-    """Lamp 0 has two triangles of mean radiance 4, lamp 1 one of 8 and half the area."""
+    """Emitter 0 has two triangles of mean radiance 4, emitter 1 one of 8 and half the area."""
     parts = alone(2, outside=3.0, area=np.float32([1, 1, 0.5]))
     assert list(parts) == ["emitter-0", "emitter-1", "outside"]
     np.testing.assert_array_equal(parts["emitter-0"].emitters.radiance, [[2, 4, 6], [2, 4, 6], [0, 0, 0]])
     np.testing.assert_array_equal(parts["emitter-1"].emitters.radiance, [[0, 0, 0], [0, 0, 0], [8, 8, 8]])
     np.testing.assert_array_equal(sum(part.emitters.radiance for part in parts.values()), RADIANCE)
     np.testing.assert_array_equal(sum(part.environment.radiance for part in parts.values()), np.full((2, 4, 3), 3))
-    for part in parts.values():  # lamps that are off are black, not part of the wall
+    for part in parts.values():  # emitters that are off are black, not part of the wall
         np.testing.assert_array_equal(part.emitters.triangle, [6, 7, 2])
 
 
-def test_the_weaker_lamps_are_one_part(backend):
+def test_the_weaker_emitters_are_one_part(backend):
     parts = alone(1, area=np.float32([1, 1, 2]))
     assert list(parts) == ["emitter-1", "rest"]
     np.testing.assert_array_equal(parts["rest"].emitters.radiance, [[2, 4, 6], [2, 4, 6], [0, 0, 0]])

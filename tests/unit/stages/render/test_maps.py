@@ -32,7 +32,7 @@ class Waves:
         return Brdf(np.stack([x, x / 2, 0 * x], axis=1), 0.1 + 0.5 * x, x / 4)
 
 
-def lamp(*triangles):
+def emitter(*triangles):
     n = len(triangles)
     ones = np.ones(n, np.float32)
     radiance = np.float32([[t, 2 * t, 3 * t] for t in triangles]).reshape(-1, 3)
@@ -70,8 +70,8 @@ def test_layers_of_a_view(maps):
     samples = view(position, [1, 2, 1, 1], [1, 1, 1, 0], triangle=[0, 7, 0, 0, 7])
     camera = SimpleNamespace(center=np.array([0.5, 2.0, 0.3]))
     # a view saw only what lies at 0.25 <= x < 0.5 and faces up
-    sure = Confidence(np.zeros(3), 2.0, 8, np.array([6 * (5 + 8 * (4 + 8 * 4)) + 3]), np.ones(1), np.full(1, 0.5))
-    layers = maps.material_maps(maps.FittedSurface(Waves(), lamp(7), sure), samples, 0, camera, average=False)
+    confidence = Confidence(np.zeros(3), 2.0, 8, np.array([6 * (5 + 8 * (4 + 8 * 4)) + 3]), np.ones(1), np.full(1, 0.5))
+    layers = maps.material_maps(maps.FittedSurface(Waves(), emitter(7), confidence), samples, 0, camera, average=False)
     x = np.float32([[0.1, 0.2], [0.4, 0.0]])
     hit = np.array([[1, 1], [1, 0]])
     np.testing.assert_array_equal(layers["hit.Y"], hit)

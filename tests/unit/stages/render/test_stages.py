@@ -20,12 +20,12 @@ def test_the_new_light_is_red_and_the_old_one_off(scene):
     night = read_rgb(scene / "relight" / "night" / "c.exr")
     assert night[..., 1:].max() < 1e-3  # the denoiser is never quite black
     assert night[..., 0].max() > 0.05
-    _, _wall = scenes.picture(scenes.cameras()[2])
-    lamp = read_layers(scene / "materials" / "c.exr")["emission_mask"] > 0
-    assert night[lamp].max() < 1.0
+    _, _wall = scenes.image(scenes.cameras()[2])
+    emitter = read_layers(scene / "materials" / "c.exr")["emission_mask"] > 0
+    assert night[emitter].max() < 1.0
 
 
-def test_the_only_lamp_alone_is_the_room_as_it_is(scene, tmp_path):
+def test_the_only_emitter_alone_is_the_room_as_it_is(scene, tmp_path):
     layers = read_layers(scene / "olat" / "c.exr")
     assert set(layers) == {"emitter-0"}
     assert call("relight", scene, "--setup", "{}", "--out", tmp_path, "--manifest", tmp_path / "m.json") == 0
@@ -33,7 +33,7 @@ def test_the_only_lamp_alone_is_the_room_as_it_is(scene, tmp_path):
 
 
 def test_setups_change_the_light_from_outside(opened, tmp_path):
-    _, wall = scenes.picture(scenes.cameras()[2])
+    _, wall = scenes.image(scenes.cameras()[2])
     outside = binary_erosion(wall == MISSING + 1)
     write_exr(tmp_path / "sky.exr", {"": np.broadcast_to(np.float32([3, 0, 0]), (4, 8, 3))})
     for edit, expected in (
@@ -43,22 +43,22 @@ def test_setups_change_the_light_from_outside(opened, tmp_path):
     ):
         setup = json.dumps({"emitters": [{"scale": 0}], "environment": edit})
         assert call("relight", opened, "--setup", setup, "--out", opened / "relight" / "other") == 0
-        picture = read_rgb(opened / "relight" / "other" / "c.exr")
-        shown = picture[outside]
+        image = read_rgb(opened / "relight" / "other" / "c.exr")
+        shown = image[outside]
         np.testing.assert_allclose(shown, np.broadcast_to(expected, shown.shape), rtol=1e-3, atol=1e-5)
-        inside = picture[wall == 4].mean(axis=0)
+        inside = image[wall == 4].mean(axis=0)
         assert inside.argmax() == np.argmax(expected)
         assert inside.max() > 2e-3
 
 
-def test_lamps_and_outside_alone_add_up_to_any_mix_of_them(opened, tmp_path):
+def test_emitters_and_outside_alone_add_up_to_any_mix_of_them(opened, tmp_path):
     """Within 40 dB as displayed, denoised, though the denoiser is not linear."""
     many = {"spp": 1024, "max_depth": 3}
     assert call("olat", opened, "--out", tmp_path, "--manifest", tmp_path / "m.json", settings=many) == 0
     layers = read_layers(tmp_path / "c.exr")
     assert set(layers) == {"emitter-0", "outside"}
     tint = np.array([0.5, 1.0, 2.0])
-    radiance = (scenes.LAMP_RADIANCE * tint).tolist()
+    radiance = (scenes.EMITTER_RADIANCE * tint).tolist()
     for setup, gains in (
         ({}, (1, 1)),
         ({"emitters": [{"radiance": radiance}], "environment": {"scale": 3}}, (tint, 3)),
@@ -68,7 +68,7 @@ def test_lamps_and_outside_alone_add_up_to_any_mix_of_them(opened, tmp_path):
         assert call("relight", opened, *relit, settings=many) == 0
         direct = read_rgb(tmp_path / "relit" / "c.exr")
         mixed = gains[0] * layers["emitter-0"] + gains[1] * layers["outside"]
-        shown = [srgb_encode(np.clip(2 * picture, 0, 1)) for picture in (mixed, direct)]
+        shown = [srgb_encode(np.clip(2 * image, 0, 1)) for image in (mixed, direct)]
         assert 0.1 < shown[1].mean() < 0.9
         assert -10 * np.log10(((shown[0] - shown[1]) ** 2).mean()) > 40, setup
 
@@ -103,7 +103,7 @@ def test_a_setup_file_puts_an_object_in_and_takes_a_wall_away(scene, tmp_path):
     out = ("--setup", setup, "--out", tmp_path / "out", "--manifest", tmp_path / "m.json")
     assert call("relight", scene, *out) == 0
     image, plain = read_rgb(tmp_path / "out" / "c.exr"), read_rgb(scene / "render" / "c.exr")
-    _, wall = scenes.picture(scenes.cameras()[2])
+    _, wall = scenes.image(scenes.cameras()[2])
     assert (wall == 6).sum() > 10
     red = image[..., 0] > 3 * image[..., 1]
     assert red.sum() > 3

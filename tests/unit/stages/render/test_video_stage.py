@@ -17,7 +17,7 @@ from tests.fitted import call
 
 
 def film(root, own, name="film", **more):
-    """Render a setup's own cameras and join the pictures; return the folder, both stats and the exit code."""
+    """Render a setup's own cameras and join the images; return the folder, both stats and the exit code."""
     out, data = root / "relight" / name, root / "dataset"
     made = ("--setup", json.dumps({"cameras": own}), "--out", out, "--manifest", f"{out}.camera-000.manifest.json")
     code = call("relight", root, *made, stats=root / "stats" / "relight.json")
@@ -40,7 +40,7 @@ def test_a_free_camera_sees_what_a_view_there_sees(work):
     same = work / "same"
     assert call("relight", work, "--setup", "{}", "--out", same, "--manifest", work / "same.manifest.json") == 0
     np.testing.assert_allclose(read_rgb(out / "c.exr"), read_rgb(same / "c.exr"), rtol=1e-2, atol=2e-2)
-    image, wall = scenes.picture(view)
+    image, wall = scenes.image(view)
     np.testing.assert_array_equal(read_rgb(out / "c.exr")[wall == 7].max(), image[wall == 7].max())
     cameras = {camera.name: camera for camera in read_transforms(out / "transforms.json")}
     np.testing.assert_allclose(cameras["c"].world_from_camera, view.world_from_camera, atol=1e-12)
@@ -75,14 +75,14 @@ def test_a_path_becomes_a_video_in_any_shards(work, capsys):
     assert call("relight", work, *alone, "--cameras", "frame-0002") == 0
     assert [made.name for made in (work / "x").iterdir()] == ["frame-0002.exr"]
     np.testing.assert_array_equal(read_rgb(work / "x" / "frame-0002.exr"), read_rgb(out / "frame-0002.exr"))
-    # fewer frames, and pictures alone: nothing of before is taken along
+    # fewer frames, and images alone: nothing of before is taken along
     *_, code = film(work, {"path": path | {"frames": 2, "video": "png"}})
     assert code == 0
     assert not (work / "relight" / "film.mp4").exists()
     assert len(read_manifest(work / "relight" / "film.manifest.json", "video")["files"]) == 3
 
 
-def test_cameras_that_stand_badly_are_told(work, capsys):
+def test_cameras_that_stand_badly_are_warned_of(work, capsys):
     outside = {"position": [9, 9, 9], "target": [12, 9, 9]}
     close = {"position": [0.01, 1.5, 2], "target": [2, 1.5, 2]}
     out, relit, _, code = film(work, {"look_at": {"lost": outside, "close": close}})

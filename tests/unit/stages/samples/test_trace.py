@@ -50,7 +50,7 @@ def test_a_shard_of_views(write, tmp_path, caplog):
     assert not [record for record in caplog.records if record.levelname == "WARNING"]
     # triangles agree with what the dataset's pictures show at pixel centres
     for index, camera in enumerate(scenes.cameras()[:2]):
-        _, wall = scenes.picture(camera)
+        _, wall = scenes.image(camera)
         first = samples.offsets[samples.pixels(index)]
         lamp = np.isin(samples.triangle[first], scenes.room().triangle)
         np.testing.assert_array_equal(lamp, wall.ravel() == 7)

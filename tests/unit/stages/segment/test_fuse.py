@@ -11,7 +11,7 @@ from scipy.sparse import csr_matrix
 from benchmarks.segmentation import PLAIN, best_match, degraded, renumbered
 from fipt.errors import FiptError
 from fipt.formats.images import read_ids
-from fipt.formats.manifests import Stats, read_manifest
+from fipt.formats.manifests import read_manifest
 from fipt.render.scene import RayScene
 from fipt.scene.cameras import write_transforms
 from fipt.scene.dataset import Dataset, write_views
@@ -101,7 +101,7 @@ def test_the_plain_count_is_a_count_with_the_largest_id_and_the_last_triangle(tm
         for triangle, own in zip(cell.tolist(), ids.tolist(), strict=True):
             votes.setdefault(triangle, []).append(own)
     assert len(mesh.triangles) - 1 in votes
-    fuse_views(data.root, out, PLAIN, Stats())
+    fuse_views(data.root, out, PLAIN)
     fusion, about = read_fusion(out / "fusion.npz")
     groups: dict[int, set[int]] = {}
     for triangle, given in votes.items():
@@ -137,7 +137,7 @@ def test_degraded_views_of_a_room_agree_on_the_true_parts(tmp_path: Path) -> Non
             rng = np.random.default_rng([3, number])
             ids = degraded(true[number].astype(np.uint16), rng, shift=1.5)  # of so few pixels
             labelled(out, camera.name, renumbered(ids, rng))
-        fuse_views(tmp_path / "dataset", out, chosen, Stats())
+        fuse_views(tmp_path / "dataset", out, chosen)
         found = np.concatenate([fused(out, camera.name).ravel() for camera in cameras])
         matched[name] = best_match(found, np.concatenate(true).ravel())
     assert matched["fused"] > 0.92
@@ -151,7 +151,7 @@ def test_a_print_on_a_wall_of_two_triangles_is_found_and_triangles_keep_their_or
         place = points(data, view)
         inside = (np.abs(place[..., 0]) < 0.7) & (np.abs(place[..., 1] - 0.2) < 0.5)
         labelled(out, view, np.where(inside, *((1, 2) if number % 2 else (2, 1))).astype(np.uint16))
-    fuse_views(data.root, out, FuseSettings(), Stats())
+    fuse_views(data.root, out, FuseSettings())
     fusion, about = read_fusion(out / "fusion.npz")
     assert len(about["segments"]) == 2
     assert fusion.split.all()
@@ -162,7 +162,7 @@ def test_a_print_on_a_wall_of_two_triangles_is_found_and_triangles_keep_their_or
         far = np.maximum(np.abs(place[..., 0]) - 0.7, np.abs(place[..., 1] - 0.2) - 0.5)
         clear = np.abs(far) > 0.07
         np.testing.assert_array_equal(fused(out, view)[clear], np.where(far < 0, 2, 1)[clear])
-    fuse_views(data.root, out, FuseSettings(split=False), Stats())
+    fuse_views(data.root, out, FuseSettings(split=False))
     assert not read_fusion(out / "fusion.npz")[0].split.any()
 
 
@@ -178,7 +178,7 @@ def test_classes_name_segments_and_pieces_of_a_class_without_instances_are_parts
             cell = observations.of(number)[0].reshape(64, 64)
             ids = np.select([cell < 2, cell < 4], [1, 2], 3 if apart else 2).astype(np.uint16)
             labelled(out, view, ids, np.int32([0, 9, 3, 3]))
-        fuse_views(data.root, out, FuseSettings(), Stats())
+        fuse_views(data.root, out, FuseSettings())
         fusion, about = read_fusion(out / "fusion.npz")
         assert [segment["class"] for segment in about["segments"]] == [9, 3, 3]
         assert about["segments"][0]["name"] == "wall 1"
@@ -188,7 +188,7 @@ def test_classes_name_segments_and_pieces_of_a_class_without_instances_are_parts
         assert json.loads((out / "fused" / "semantic.json").read_text()) == {"ids": {"3": "chair", "9": "wall"}}
         np.testing.assert_array_equal(np.unique(fused(out, "v0", "semantic")), [3, 9])
     paper = PLAIN.model_copy(update={"associate": "classes"})
-    fuse_views(data.root, out, paper, Stats())
+    fuse_views(data.root, out, paper)
     assert not (out / "fused" / "part").exists()  # classes are no parts
     np.testing.assert_array_equal(np.unique(fused(out, "v0", "semantic")), [3, 9])
 
@@ -203,13 +203,13 @@ def test_unseen_surface_takes_the_id_of_its_smooth_region_and_held_out_views_are
     out = tmp_path / "segments"
     for camera in train:
         labelled(out, camera.name, np.full((64, 64), 5, np.uint16))
-    fuse_views(data.root, out, FuseSettings(), Stats())
+    fuse_views(data.root, out, FuseSettings())
     fusion, about = read_fusion(out / "fusion.npz")
     np.testing.assert_array_equal(fusion.part, [1, 1, 1, 1, 0, 0])
     np.testing.assert_array_equal(fusion.seen[2:], 0)
     assert (fused(out, data.cameras[-1].name) == 1).all()
     assert about["area_without_id"] == pytest.approx(16)
-    fuse_views(data.root, out, FuseSettings(fill=False), Stats())
+    fuse_views(data.root, out, FuseSettings(fill=False))
     np.testing.assert_array_equal(read_fusion(out / "fusion.npz")[0].part[2:], 0)
 
 
@@ -219,7 +219,7 @@ def test_a_fusion_repeats_to_the_byte_and_has_a_manifest(tmp_path: Path) -> None
         for number, view in enumerate(data.views("train")):
             rng = np.random.default_rng(number)
             labelled(tmp_path / name, view, degraded(data.segments(view, "part"), rng))
-        fuse_views(data.root, tmp_path / name, FuseSettings(), Stats())
+        fuse_views(data.root, tmp_path / name, FuseSettings())
     first, second = (read_manifest(tmp_path / name / "fused.manifest.json", "fuse") for name in ("one", "two"))
     assert first == second
     assert {"fusion.npz", "fusion.json", "fused/part/a.png", "fused/part/c.png", "fused/agreement/a.png"} <= set(
@@ -242,34 +242,34 @@ def test_ids_of_another_size_are_resampled_with_a_warning_or_refused(given, capl
     data, out = given
     ids = np.repeat(np.repeat(data.segments("a", "part"), 2, axis=0), 2, axis=1)
     labelled(out, "a", ids)
-    fuse_views(data.root, out, FuseSettings(), Stats())
+    fuse_views(data.root, out, FuseSettings())
     warned = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
     assert warned
     assert "a.npz must be 16x12 like its view; it is 32x24; the nearest ids are taken" in warned[0]
     assert best_match(fused(out, "a"), data.segments("a", "part")) > 0.95
     with pytest.raises(FiptError, match=r"must be 16x12 like its view; it is 32x24; .*fuse\.other_size"):
-        fuse_views(data.root, out, FuseSettings(other_size="error"), Stats())
+        fuse_views(data.root, out, FuseSettings(other_size="error"))
 
 
 def test_views_without_labels_are_named_and_none_at_all_is_an_error(given, caplog) -> None:
     data, out = given
     labelled(out, "a", np.zeros((12, 16), np.uint16))
-    fuse_views(data.root, out, FuseSettings(), Stats())
+    fuse_views(data.root, out, FuseSettings())
     assert "views without any segment: a" in caplog.text
     assert read_fusion(out / "fusion.npz")[1]["views_without_segments"] == ["a"]
     labelled(out, "b", np.zeros((12, 16), np.uint16))
     with pytest.raises(FiptError, match=r"no view of .* has a segment"):
-        fuse_views(data.root, out, FuseSettings(), Stats())
+        fuse_views(data.root, out, FuseSettings())
 
 
 def test_ids_that_do_not_fit_16_bits_missing_files_and_bad_tables_are_refused(given) -> None:
     data, out = given
     np.savez(out / "views" / "a.npz", ids=np.full((12, 16), 65536, np.int32), classes=np.zeros(65537, np.int32))
     with pytest.raises(FiptError, match=r"a\.npz must hold ids .* uint16 .* up to 65536"):
-        fuse_views(data.root, out, FuseSettings(), Stats())
+        fuse_views(data.root, out, FuseSettings())
     (out / "views" / "a.npz").unlink()
     with pytest.raises(FiptError, match=r"missing: .*a\.npz"):
-        fuse_views(data.root, out, FuseSettings(), Stats())
+        fuse_views(data.root, out, FuseSettings())
     (out / "classes.json").write_text("[1, 2]")
     with pytest.raises(FiptError, match=r"classes\.json must map class numbers to names"):
-        fuse_views(data.root, out, FuseSettings(), Stats())
+        fuse_views(data.root, out, FuseSettings())

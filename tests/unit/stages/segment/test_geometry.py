@@ -7,7 +7,6 @@ import pytest
 
 from benchmarks.segmentation import best_match
 from fipt.formats.images import read_ids
-from fipt.formats.manifests import Stats
 from fipt.scene.dataset import Dataset
 from fipt.scene.fusion import read_fusion
 from fipt.stages.segment.geometry import grow_parts, regions
@@ -19,7 +18,7 @@ from tests.scenes import box, joined, quad, write_dataset
 
 def test_a_box_room_falls_into_its_walls_and_its_lamp(tmp_path: Path, backend) -> None:
     data = Dataset(write_dataset(tmp_path / "dataset"))
-    grow_parts(data.root, tmp_path / "segments", FuseSettings(), Stats())
+    grow_parts(data.root, tmp_path / "segments", FuseSettings())
     views = data.views("train")
     found = np.concatenate([read_ids(tmp_path / "segments" / "fused" / "part" / f"{view}.png") for view in views])
     true = np.concatenate([data.segments(view, "part") for view in views])

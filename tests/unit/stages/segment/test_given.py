@@ -11,13 +11,13 @@ from fipt.errors import FiptError
 from fipt.formats.arrays import save_npz
 from fipt.formats.exr import write_exr
 from fipt.formats.images import write_png
-from fipt.formats.manifests import Stats, read_manifest
+from fipt.formats.manifests import read_manifest
 from fipt.scene.dataset import Dataset
 from fipt.scene.samples import read_samples
 from fipt.scene.segments import read_view_ids, write_view_ids
 from fipt.stages.segment.given import GivenIds, class_of_ids
-from fipt.stages.segment.run import segment_views
 from fipt.stages.segment.settings import GivenSegments, GrownSegments
+from fipt.stages.segment.stage import SegmentInputs, run
 from tests.fake_results import write_results
 
 IDS = np.array([[7, 7, 7, 7, 65535, 65535, 0, 0]] * 3 + [[2, 2, 2, 2, 2, 2, 2, 2]] * 3, np.uint16)
@@ -200,9 +200,11 @@ def test_bad_tables(room, folder):
 def test_the_stage_writes_ids_names_and_warnings(room, folder):
     write_png(folder / "b.png", np.zeros((6, 8), np.uint16))
     table(folder, *({"id": k, "class": "Grün"} for k in (2, 7, 65535)))
-    out, stats = room / "segments" / "views", Stats()
+    out = room / "segments" / "views"
     settings = GivenSegments(path=str(folder))
-    segment_views(room / "dataset", room / "samples" / "train-000", out, room / "segments" / "m.json", settings, stats)
+    shard, manifest = room / "samples" / "train-000", room / "segments" / "m.json"
+    inputs = SegmentInputs(dataset=room / "dataset", samples=shard, out=out, manifest=manifest)
+    stats = run(inputs, settings)
     listed = read_manifest(room / "segments" / "m.json", "segment")["files"]
     assert sorted(listed) == ["classes.json", "views/a.npz", "views/b.npz"]
     assert json.loads((room / "segments" / "classes.json").read_text()) == {"1": "Grün"}
@@ -211,7 +213,7 @@ def test_the_stage_writes_ids_names_and_warnings(room, folder):
     assert classes[7] == 1
     assert stats["warnings"] == ["b has no segment id at all"]
     with pytest.raises(FiptError, match=r"segment.mode must be mask2former or given, for ids of views; it is geometry"):
-        segment_views(room / "dataset", room / "samples", out, room / "m.json", GrownSegments(), stats)
+        run(inputs, GrownSegments())
 
 
 def test_ids_of_a_view_on_disk(tmp_path):

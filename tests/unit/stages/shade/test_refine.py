@@ -13,7 +13,7 @@ def test_voxels_of_emitters_are_not_read(backend):
     from fipt.render.tracer import PathSettings
     from fipt.stages.shade.refine import emitter_voxels, path_shader
 
-    lit = scenes.two_planes((scenes.lamp_quad((0.1, 0.9), 0.9, (-0.4, 0.2)), (1, 1, 1)))
+    lit = scenes.two_planes((scenes.emitter_quad((0.1, 0.9), 0.9, (-0.4, 0.2)), (1, 1, 1)))
     voxels = scenes.grid(1.0, resolution=8, side=2.0)
     found = emitter_voxels(lit.mesh, voxels, lit.triangle)
     x, z = np.meshgrid(np.linspace(0.101, 0.899, 30), np.linspace(-0.399, 0.199, 30))

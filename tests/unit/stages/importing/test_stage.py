@@ -243,7 +243,7 @@ def test_success_in_a_process_of_its_own(tmp_path: Path) -> None:
         "--format", "nerfstudio", "--dataset", "results/room/dataset", "--mesh", "room.obj",
         "--stats", "results/room/stats/import.json",
     ]  # fmt: skip
-    root = Path(__file__).parents[2]
+    root = Path(__file__).parents[4]
     done = subprocess.run(
         arguments, cwd=tmp_path, env={"PYTHONPATH": str(root)},
         capture_output=True, text=True, check=False,
@@ -260,7 +260,7 @@ def test_success_in_a_process_of_its_own(tmp_path: Path) -> None:
 
 
 def test_a_failure_in_a_process_of_its_own(tmp_path: Path) -> None:
-    root = Path(__file__).parents[2]
+    root = Path(__file__).parents[4]
     done = subprocess.run(
         [sys.executable, "-m", "fipt.cli.main", "import", "--source", str(tmp_path / "none"),
          "--format", "fipt-real", "--dataset", str(tmp_path / "out")],
