@@ -157,19 +157,19 @@ VERBS: dict[str, Verb] = {
         "Bring segment ids of single views together on the mesh.", "fipt.stages.segment.fuse_stage", "fuse", rays=True
     ),
     "environment": Verb("Find what light comes from outside the mesh.", "fipt.stages.environment.stage", "environment"),
-    "cache": Verb("Gather the pictures' radiance in voxels on the surface.", "fipt.stages.cache.stage", "cache"),
+    "cache": Verb("Gather the images' radiance in voxels on the surface.", "fipt.stages.cache.stage", "cache"),
     "bake": Verb(
         "Integrate the shading of every pixel from the radiance cache.",
         "fipt.stages.shade.bake_stage",
         "bake",
         rays=True,
     ),
-    "fit": Verb("Fit the BRDF and emission networks to the pictures.", "fipt.stages.fit.stage", "fit", rays=True),
+    "fit": Verb("Fit the BRDF and emission networks to the images.", "fipt.stages.fit.stage", "fit", rays=True),
     "emitters": Verb(
         "Extract the triangles that emit light and their radiance.", "fipt.stages.emitters.stage", "emitters", rays=True
     ),
     "review": Verb(
-        "List the lamps for people, who may accept, reject, name and merge them.",
+        "List the emitters for people, who may accept, reject, name and merge them.",
         "fipt.stages.emitters.review_stage",
         "review",
     ),
@@ -186,7 +186,7 @@ VERBS: dict[str, Verb] = {
         "Render the views under another light setup.", "fipt.stages.render.relight_stage", "relight", rays=True
     ),
     "video": Verb(
-        "Join what a setup's own cameras see: PNG pictures, an MP4.", "fipt.stages.render.video_stage", "video"
+        "Join what a setup's own cameras see: PNG images, an MP4.", "fipt.stages.render.video_stage", "video"
     ),
     "point": Verb("Say where in the room a pixel of a view is, and of which segment.", "fipt.cli.point"),
     "olat": Verb(
@@ -199,7 +199,7 @@ VERBS: dict[str, Verb] = {
         "Write the room for Blender, Mitsuba, game engines, USD.", "fipt.stages.export.stage", "export", rays=True
     ),
     "check-export": Verb(
-        "Load every exported file back and compare its pictures with ours.",
+        "Load every exported file back and compare its images with ours.",
         "fipt.stages.export.check_export_stage",
         "export",
         rays=True,
@@ -209,7 +209,7 @@ VERBS: dict[str, Verb] = {
     ),
     "report": Verb("Write the HTML page that shows everything.", "fipt.stages.report.stage", "report"),
     "run": Verb("Run the whole chain of a scene in one process.", "fipt.cli.run"),
-    "view": Verb("Write any result as an EXR or PNG picture.", "fipt.cli.view"),
+    "view": Verb("Write any result as an EXR or PNG image.", "fipt.cli.view"),
     "doctor": Verb("Check Python, packages, ray tracing backend, memory and disk.", "fipt.cli.doctor"),
 }
 """Verb -> what it is, in the order of the pipeline."""

@@ -27,7 +27,7 @@ def help_text() -> str:
     lines = [
         "Usage: fipt [--help | --version] VERB [OPTIONS]",
         "",
-        "Inverse path tracing of rooms: from posed HDR pictures to materials, lamps, relit views.",
+        "Inverse path tracing of rooms: from posed HDR images to materials, lamps, relit views.",
         "",
         "Verbs, in the order of the pipeline:",
         *(f"  {name:<{width}}  {verb.help}" for name, verb in VERBS.items()),

@@ -9,7 +9,7 @@ import typer
 def command(
     dataset: Annotated[Path, typer.Argument(help="Dataset folder.")],
     view: Annotated[str, typer.Argument(help="Name of a view.")],
-    column: Annotated[float, typer.Argument(help="Column of its picture, pixels from the left edge.")],
+    column: Annotated[float, typer.Argument(help="Column of its image, pixels from the left edge.")],
     row: Annotated[float, typer.Argument(help="Row, pixels from the upper edge.")],
     segments: Annotated[
         Path | None, typer.Option(help="fusion.npz; default: segments are the connected parts of the mesh.")

@@ -4,6 +4,7 @@
 """
 
 import json
+import sys
 from pathlib import Path
 from types import UnionType
 from typing import Any, Literal, Union, get_args, get_origin
@@ -134,7 +135,7 @@ def main() -> None:
     SCHEMA.parent.mkdir(parents=True, exist_ok=True)
     SCHEMA.write_text(schema_text(), encoding="utf-8")
     README.write_text(with_tables(README.read_text(encoding="utf-8")), encoding="utf-8")
-    print(f"wrote {_relative(SCHEMA)} and {_relative(README)}")
+    sys.stdout.write(f"wrote {_relative(SCHEMA)} and {_relative(README)}\n")
 
 
 def _relative(path: Path) -> Path:

@@ -42,7 +42,7 @@ _HEAD = """\
 """
 
 
-class Entry(Settings):
+class ReviewEntry(Settings):
     """One emitter of the file: what a person decides, then the facts of the last run that found it."""
 
     emitter: str | None = None
@@ -97,7 +97,7 @@ class Review:
     """
 
     mesh_triangles: int
-    entries: tuple[Entry, ...] = ()
+    entries: tuple[ReviewEntry, ...] = ()
     triangles: tuple[Triangles, ...] = ()
     partner: tuple[int | None, ...] = ()
 
@@ -144,7 +144,7 @@ class Review:
         return json.dumps({"mesh_triangles": self.mesh_triangles, **given}, sort_keys=True) if given else ""
 
 
-class Decisions(Settings):
+class ReviewDecisions(Settings):
     """The JSON of ``--decisions``; triangles as ranges."""
 
     mesh_triangles: Count = 0
@@ -154,7 +154,7 @@ class Decisions(Settings):
     names: dict[str, str] = Field(default_factory=dict)
 
 
-def parse_decisions(text: str, mesh_triangles: int) -> Decisions:
+def parse_decisions(text: str, mesh_triangles: int) -> ReviewDecisions:
     """Parse the JSON of ``--decisions``; nothing is decided where it is empty.
 
     Raises
@@ -163,9 +163,9 @@ def parse_decisions(text: str, mesh_triangles: int) -> Decisions:
         If it is no such JSON, or belongs to a mesh with another number of triangles.
     """
     if not text:
-        return Decisions()
+        return ReviewDecisions()
     try:
-        found = Decisions.model_validate_json(text)
+        found = ReviewDecisions.model_validate_json(text)
     except ValidationError as error:
         raise FiptError(explain(error, "decisions"), f"they come from {FILE}; see docs/stages/emitters.md") from error
     if found.mesh_triangles != mesh_triangles:
@@ -264,23 +264,23 @@ def _top(path: Path, content: Any) -> tuple[int, Sequence[Any]]:
     return total, emitters
 
 
-def _entry(path: Path, place: int, values: Any) -> Entry:
+def _entry(path: Path, place: int, values: Any) -> ReviewEntry:
     if not isinstance(values, dict):
         raise FiptError(f"{path}: entry {place + 1} must hold keys; found {values!r}", "see docs/stages/emitters.md")
     try:
-        return Entry.model_validate(values)
+        return ReviewEntry.model_validate(values)
     except ValidationError as error:
         where = f"{values.get('name') or values.get('emitter') or f'entry {place + 1}'}"
         allowed = "a person sets verdict (auto, accept, reject), name, merge_with"
         raise FiptError(f"{path}: {explain(error, where)}", allowed) from error
 
 
-def _label(entry: Entry, place: int) -> str:
+def _label(entry: ReviewEntry, place: int) -> str:
     """What messages call an entry."""
     return entry.name or entry.emitter or f"entry {place + 1}"
 
 
-def _check_names(path: Path, entries: Sequence[Entry]) -> None:
+def _check_names(path: Path, entries: Sequence[ReviewEntry]) -> None:
     seen: dict[str, str] = {}
     for entry in entries:
         if entry.name is None:
@@ -294,7 +294,7 @@ def _check_names(path: Path, entries: Sequence[Entry]) -> None:
 
 
 def _partners(
-    path: Path, entries: Sequence[Entry], labels: Sequence[str], triangles: Sequence[Triangles]
+    path: Path, entries: Sequence[ReviewEntry], labels: Sequence[str], triangles: Sequence[Triangles]
 ) -> list[int | None]:
     """For each entry the number of the one that it is merged with."""
     known: dict[str, int] = {}
@@ -350,7 +350,7 @@ def refreshed(
     review
         What the file held.
     emitters
-        Facts of each emitter that was found: keys of `Entry`, ``triangles`` as a set; in the order of the list.
+        Facts of each emitter that was found: keys of `ReviewEntry`, ``triangles`` as a set; in the order of the list.
     rejected
         Triangles of an emitter that was rejected -> its image.
     """
@@ -362,7 +362,7 @@ def refreshed(
     found = matched(together, [emitter["triangles"] for emitter in emitters])
     own = {groups[group][0]: emitter for group, emitter in found.items()}
     frozen = frozenset().union(*(old.triangles[n] for n in kept))
-    rows: list[tuple[Entry, Triangles, int | None]] = []
+    rows: list[tuple[ReviewEntry, Triangles, int | None]] = []
     heads = {emitter: head for head, emitter in own.items()}
     for number, emitter in enumerate(emitters):
         head, left = heads.get(number), frozenset(emitter["triangles"]) - frozen
@@ -370,7 +370,7 @@ def refreshed(
             facts = {key: value for key, value in emitter.items() if key != "triangles"}
             rows.append((old.entries[head].model_copy(update=facts), old.triangles[head], head))
         elif left:
-            rows.append((Entry(**{**emitter, "triangles": ranges(left)}), left, None))
+            rows.append((ReviewEntry(**{**emitter, "triangles": ranges(left)}), left, None))
     for n in kept:
         if n not in own:
             facts = {"emitter": None, "thumbnail": images.get(old.triangles[n])}
@@ -385,7 +385,7 @@ def refreshed(
     return Review(mesh_triangles, tuple(entries), tuple(own for _, own, _ in rows), tuple(partner))
 
 
-def _reference(entry: Entry, triangles: Triangles) -> str:
+def _reference(entry: ReviewEntry, triangles: Triangles) -> str:
     """What another entry calls this one."""
     return entry.name or entry.emitter or ranges(triangles)
 

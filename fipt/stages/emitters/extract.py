@@ -13,7 +13,7 @@ from fipt.model.reflectance import brightest_reflection
 from fipt.scene.emitters import Emitters
 from fipt.scene.mesh import Mesh, connected_parts
 from fipt.scene.observed import ObservedShard
-from fipt.scene.review import Decisions, numbers
+from fipt.scene.review import ReviewDecisions, numbers
 from fipt.stages.emitters.settings import EmittersSettings
 
 INTERIOR = 0.9
@@ -45,8 +45,8 @@ class Decided:
     merged: tuple[np.ndarray, ...] = ()
 
     @staticmethod
-    def of(decisions: Decisions, triangles: int) -> "Decided":
-        """Decisions about a mesh of so many triangles."""
+    def of(decisions: ReviewDecisions, triangles: int) -> "Decided":
+        """ReviewDecisions about a mesh of so many triangles."""
 
         def rows(*texts: str) -> np.ndarray:
             return np.array(sorted(t for text in texts for t in numbers(text, triangles)), np.int64)
@@ -63,7 +63,7 @@ def extract(
     shards: Sequence[ObservedShard],
     query_mask: Callable[[np.ndarray], np.ndarray],
     settings: EmittersSettings,
-    decisions: Decisions | None = None,
+    decisions: ReviewDecisions | None = None,
 ) -> Emitters:
     """Find the emitting triangles.
 
@@ -81,7 +81,7 @@ def extract(
     decisions
         Emitters that a person accepted (they emit whatever the photographs say, each by itself), rejected and merged.
     """
-    decided = Decided.of(decisions or Decisions(), len(mesh.triangles))
+    decided = Decided.of(decisions or ReviewDecisions(), len(mesh.triangles))
     observed, bright = (np.zeros(len(mesh.triangles), np.int64) for _ in range(2))
     for view in _observations(shards):
         observed += np.bincount(view.triangle, minlength=len(observed))

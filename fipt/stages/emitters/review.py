@@ -12,7 +12,7 @@ from fipt.formats.images import to_display
 from fipt.progress import progress
 from fipt.scene.dataset import Dataset
 from fipt.scene.emitters import default_name
-from fipt.scene.review import Decisions, matched, numbers
+from fipt.scene.review import ReviewDecisions, matched, numbers
 from fipt.scene.samples import FootprintSamples
 from fipt.stages.emitters.extract import INTERIOR
 
@@ -41,7 +41,7 @@ def strange_files(out: Path) -> list[str]:
     return [path.name for path in sorted(out.glob("[!.]*")) if not _LISTED.fullmatch(path.name)]
 
 
-def emitter_names(decided: Decisions, emitters: Sequence[np.ndarray], triangles: int) -> list[str]:
+def emitter_names(decided: ReviewDecisions, emitters: Sequence[np.ndarray], triangles: int) -> list[str]:
     """Name of every emitter: what a person gave to most of its triangles, else its number."""
     given = [numbers(text, triangles) for text in decided.names.values()]
     names = list(map(default_name, range(len(emitters))))

@@ -9,7 +9,7 @@ from fipt.inputs import DatasetFolder, DecisionsJson, ModelFile, SamplesFolders,
 
 if TYPE_CHECKING:
     from fipt.scene.emitters import Emitters
-    from fipt.scene.review import Decisions
+    from fipt.scene.review import ReviewDecisions
     from fipt.stages.emitters.settings import EmittersSettings
 
 log = logging.getLogger(__name__)
@@ -55,7 +55,7 @@ def run(inputs: EmittersInputs, settings: "EmittersSettings") -> dict[str, Any]:
     return figures | ({"warnings": warnings} if warnings else {})
 
 
-def _warnings(found: "Emitters", count: int, decided: "Decisions", triangles: int) -> list[str]:
+def _warnings(found: "Emitters", count: int, decided: "ReviewDecisions", triangles: int) -> list[str]:
     """What a person should know of the emitters found."""
     import numpy as np
 

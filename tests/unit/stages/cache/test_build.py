@@ -128,10 +128,10 @@ def test_shards_of_one_view_give_the_same_cache_to_the_bit(np_rng):
     ends = np.cumsum(counts)
     cuts = [slice(end - count, end) for end, count in zip(ends, counts, strict=True)]
     above = np_rng.random(120) < 0.3
-    pictures = [(image[cut], valid[cut], above[cut]) for cut in cuts]
+    images = [(image[cut], valid[cut], above[cut]) for cut in cuts]
     whole = scenes.samples_of(place, weight=weight, views="abc", shapes=[(1, count) for count in counts])
     single = [scenes.samples_of(place[cut], weight=weight[cut]) for cut in cuts]
-    one, many = (cache.build(scenes.floor(), shards, pictures, SETTINGS) for shards in ([whole], single))
+    one, many = (cache.build(scenes.floor(), shards, images, SETTINGS) for shards in ([whole], single))
     for name, values in one.items():
         np.testing.assert_array_equal(values, many[name], err_msg=name)
 

@@ -5,7 +5,7 @@ import pytest
 
 from fipt.conventions import SHADING_OUTPUTS
 from fipt.scene.emitters import read_emitters, write_emitters
-from fipt.scene.review import Decisions
+from fipt.scene.review import ReviewDecisions
 from fipt.stages.emitters.extract import extract
 from fipt.stages.emitters.settings import EmittersSettings
 from tests import scenes
@@ -27,7 +27,7 @@ def room():
     return scenes.lit(scenes.floor(), (lamp(-3), BLUE), (lamp(1), RED), (hidden, RED)).mesh
 
 
-def is_lamp(points):
+def is_emitter(points):
     """The mask that a fit should have learnt: open on everything above the floor."""
     return np.where(points[:, 1] > 1, 0.4, 0.001).astype(np.float32)
 
@@ -46,12 +46,12 @@ def seen(room, rng, per_triangle=6):
     return samples, shading, image, np.ones(count, np.float32)
 
 
-def found(room, data, mask=is_lamp, **settings):
+def found(room, data, mask=is_emitter, **settings):
     samples, shading, image, valid = data
     return extract(room, scenes.observed([samples], [shading], [(image, valid)]), mask, EmittersSettings(**settings))
 
 
-def test_lamps_are_found_with_their_radiance(room, np_rng):
+def test_emitters_are_found_with_their_radiance(room, np_rng):
     emitters = found(room, seen(room, np_rng))
     np.testing.assert_array_equal(emitters.triangle, np.arange(2, 10))
     np.testing.assert_array_equal(emitters.emitter, [0] * 4 + [1] * 4)
@@ -81,7 +81,7 @@ def without(data, *triangles):
     return fewer, shading[keep], image[keep], valid[keep]
 
 
-def test_the_far_side_of_a_lamp_shines_like_its_near_side(room, np_rng):
+def test_the_far_side_of_an_emitter_emits_like_its_near_side(room, np_rng):
     data = without(seen(room, np_rng), 5)
     whole = found(room, data, complete=True)
     np.testing.assert_array_equal(whole.triangle, np.arange(2, 10))
@@ -91,7 +91,7 @@ def test_the_far_side_of_a_lamp_shines_like_its_near_side(room, np_rng):
     np.testing.assert_array_equal(found(room, data, complete=False).triangle, [2, 3, 4, 6, 7, 8, 9])
 
 
-def test_a_part_that_glows_in_one_place_is_no_lamp_all_over(room, np_rng):
+def test_a_part_that_glows_in_one_place_is_no_emitter_all_over(room, np_rng):
     """Of the first lamp, triangle 5 is unseen and 3 and 4 are dark."""
     samples, shading, image, valid = without(seen(room, np_rng), 5)
     image[np.isin(samples.triangle, (3, 4))] = 0.1
@@ -100,7 +100,7 @@ def test_a_part_that_glows_in_one_place_is_no_lamp_all_over(room, np_rng):
     )
 
 
-def test_one_lamp_has_the_median_of_all_its_pixels(room, np_rng):
+def test_one_emitter_has_the_median_of_all_its_pixels(room, np_rng):
     samples, shading, image, valid = seen(room, np_rng)
     lamp = np.flatnonzero((samples.triangle >= 2) & (samples.triangle < 6))
     image[lamp] *= np_rng.uniform(0.9, 1.1, (len(lamp), 1)).astype(np.float32)
@@ -140,13 +140,13 @@ def test_several_samples_of_a_pixel_and_several_shards(room, np_rng):
     ]
     baked = [np.full((len(position), SHADING_OUTPUTS, 3), 0.3, np.float16), shading[first:]]
     images = [(image[:first], valid[:first]), (image[first:], valid[first:])]
-    emitters = extract(room, scenes.observed(shards, baked, images), is_lamp, EmittersSettings())
+    emitters = extract(room, scenes.observed(shards, baked, images), is_emitter, EmittersSettings())
     np.testing.assert_array_equal(emitters.triangle, np.arange(2, 10))
     np.testing.assert_allclose(emitters.radiance, [BLUE] * 4 + [RED] * 4)
     np.testing.assert_array_equal(emitters.views, 3)
 
 
-def test_what_could_be_reflected_is_no_lamp(room, np_rng):
+def test_what_could_be_reflected_is_no_emitter(room, np_rng):
     """With evidence, an open mask alone is not enough; without, it is."""
     samples, shading, image, valid = seen(room, np_rng)
     lit = samples.triangle >= 6
@@ -157,18 +157,18 @@ def test_what_could_be_reflected_is_no_lamp(room, np_rng):
     )
 
 
-def test_brightness_alone_is_no_lamp(room, np_rng):
+def test_brightness_alone_is_no_emitter(room, np_rng):
     """A closed mask keeps a bright triangle from shining."""
     data = seen(room, np_rng)
-    closed = found(room, data, lambda points: np.where(points[:, 0] < 0, is_lamp(points), 0.001))
+    closed = found(room, data, lambda points: np.where(points[:, 0] < 0, is_emitter(points), 0.001))
     np.testing.assert_array_equal(closed.triangle, np.arange(2, 6))
     # the mean over a triangle decides: a fifth of it is open, 0.08 in the mean
-    partly = found(room, data, lambda points: np.where(points[:, 0] < -2.5, is_lamp(points), 0.0), threshold=0.02)
+    partly = found(room, data, lambda points: np.where(points[:, 0] < -2.5, is_emitter(points), 0.0), threshold=0.02)
     assert set(partly.triangle) == {2, 3}
     assert len(found(room, data, threshold=0.5).triangle) == 0
 
 
-def test_touching_lamps_of_other_brightness_are_two(room, np_rng):
+def test_touching_emitters_of_other_brightness_are_two(room, np_rng):
     samples, shading, image, valid = seen(room, np_rng)
     image[np.isin(samples.triangle, (4, 5))] *= 3
     emitters = found(room, (samples, shading, image, valid))
@@ -181,7 +181,7 @@ def test_settings_reach_the_result(room, np_rng):
 
 
 @pytest.mark.parametrize("evidence", [True, False])
-def test_without_lamps_the_result_is_empty_and_can_be_stored(room, np_rng, tmp_path, evidence):
+def test_without_emitters_the_result_is_empty_and_can_be_stored(room, np_rng, tmp_path, evidence):
     emitters = found(room, seen(room, np_rng), lambda points: np.zeros(len(points)), evidence=evidence)
     assert len(emitters.triangle) == 0
     assert emitters.radiance.shape == (0, 3)
@@ -203,11 +203,11 @@ def test_views_that_show_nothing_at_all(room):
 def bounded(room, data, clipped, **settings):
     samples, shading, image, valid = data
     shards = scenes.observed([samples], [shading], [(image, valid)], [clipped])
-    return extract(room, shards, is_lamp, EmittersSettings(**settings))
+    return extract(room, shards, is_emitter, EmittersSettings(**settings))
 
 
 @pytest.mark.parametrize("patches", [True, False])
-def test_a_lamp_clipped_in_every_pixel_is_a_lower_bound(room, np_rng, patches):
+def test_an_emitter_clipped_in_every_pixel_is_a_lower_bound(room, np_rng, patches):
     """Its bounds differ, as vignetting makes them: the brightest come nearest to the truth."""
     samples, shading, image, valid = seen(room, np_rng)
     blue = (samples.triangle >= 2) & (samples.triangle < 6)
@@ -244,14 +244,14 @@ def test_a_clipped_core_in_a_dim_rim_is_a_lower_bound(room, np_rng):
 # --- what a person decided ------------------------------------------------------------------------
 
 
-def reviewed(room, data, mask=is_lamp, settings=None, **decisions):
+def reviewed(room, data, mask=is_emitter, settings=None, **decisions):
     samples, shading, image, valid = data
-    decided = Decisions(mesh_triangles=len(room.triangles), **decisions)
+    decided = ReviewDecisions(mesh_triangles=len(room.triangles), **decisions)
     shards = scenes.observed([samples], [shading], [(image, valid)])
     return extract(room, shards, mask, EmittersSettings(**(settings or {})), decided)
 
 
-def test_a_rejected_lamp_never_emits(room, np_rng):
+def test_a_rejected_emitter_never_emits(room, np_rng):
     data = seen(room, np_rng)
     np.testing.assert_array_equal(reviewed(room, data, reject=["2-5"]).triangle, np.arange(6, 10))
     # nor does a triangle that no view shows, of a lamp that is otherwise as it was
@@ -260,7 +260,7 @@ def test_a_rejected_lamp_never_emits(room, np_rng):
 
 
 @pytest.mark.parametrize("settings", [{}, {"complete": False}, {"evidence": False}])
-def test_an_accepted_lamp_emits_whatever_the_mask_says(room, np_rng, settings):
+def test_an_accepted_emitter_emits_whatever_the_mask_says(room, np_rng, settings):
     """Nothing is found; triangles 3 and 4 are accepted, of which no pixel shows 4."""
     data = without(seen(room, np_rng), 4)
     found = reviewed(room, data, lambda points: np.zeros(len(points)), settings, accept=["3-4"])
@@ -276,7 +276,7 @@ def test_an_accepted_wall_has_the_radiance_of_its_pixels(room, np_rng):
     np.testing.assert_allclose(found.radiance[:2], 0.2)
 
 
-def test_an_accepted_lamp_is_exactly_its_triangles(room, np_rng):
+def test_an_accepted_emitter_is_exactly_its_triangles(room, np_rng):
     """Its neighbours are another lamp, and its own parts are one however they differ."""
     samples, shading, image, valid = seen(room, np_rng)
     image[samples.triangle == 2] *= 5
@@ -291,7 +291,7 @@ def test_accepted_triangles_that_no_pixel_shows_are_left_out(room, np_rng):
     np.testing.assert_array_equal(found.triangle, np.arange(2, 10))
 
 
-def test_merged_lamps_are_one_of_one_radiance(room, np_rng):
+def test_merged_emitters_are_one_of_one_radiance(room, np_rng):
     data = seen(room, np_rng)
     one = reviewed(room, data, merge=[["2-5", "6-9"]])
     np.testing.assert_array_equal(one.emitter, 0)

@@ -25,11 +25,11 @@ def room(backend, tmp_path_factory):
 
 
 def test_the_view_that_shows_most_is_chosen(room):
-    data, samples, lamp = room
-    shown = {view: np.isin(samples.triangle[samples.of_view(k)], lamp).sum() for k, view in enumerate(samples.views)}
+    data, samples, emitter = room
+    shown = {view: np.isin(samples.triangle[samples.of_view(k)], emitter).sum() for k, view in enumerate(samples.views)}
     assert len(set(shown.values())) == 2
     count = len(data.mesh().triangles)
-    seen, nothing = visibilities(data, [samples], [lamp, np.array([], int)], count)
+    seen, nothing = visibilities(data, [samples], [emitter, np.array([], int)], count)
     assert seen.best == (0, list(samples.views).index(max(shown, key=shown.get)))
     assert seen.views == list(samples.views)
     assert (nothing.best, nothing.views) == (None, [])
@@ -38,7 +38,7 @@ def test_the_view_that_shows_most_is_chosen(room):
 
 def test_views_and_shards_are_counted_alike(room):
     """A view whose pixels have no weight shows the lamp, but not alone in a pixel."""
-    data, samples, lamp = room
+    data, samples, emitter = room
     light = scenes.samples_of(
         samples.position,
         samples.triangle,
@@ -46,24 +46,24 @@ def test_views_and_shards_are_counted_alike(room):
         views=samples.views,
         shapes=samples.shapes,
     )
-    (seen,) = visibilities(data, [light, samples], [lamp], len(data.mesh().triangles))
+    (seen,) = visibilities(data, [light, samples], [emitter], len(data.mesh().triangles))
     assert seen.views == list(samples.views)
     assert seen.best[0] == 1
 
 
-def test_the_picture_shows_the_lamp_outlined(room):
-    data, samples, lamp = room
-    (seen,) = visibilities(data, [samples], [lamp], len(data.mesh().triangles))
-    picture = thumbnail(data, [samples], seen, lamp, 96)
-    assert picture.shape[1] <= 96
-    assert picture.shape[0] <= 72
-    assert (96 in picture.shape) or (72 in picture.shape)
-    line = (picture == _LINE).all(axis=-1)
+def test_the_image_shows_the_emitter_outlined(room):
+    data, samples, emitter = room
+    (seen,) = visibilities(data, [samples], [emitter], len(data.mesh().triangles))
+    image = thumbnail(data, [samples], seen, emitter, 96)
+    assert image.shape[1] <= 96
+    assert image.shape[0] <= 72
+    assert (96 in image.shape) or (72 in image.shape)
+    line = (image == _LINE).all(axis=-1)
     assert line.any()
     # inside the outline it is white, outside there is the colour of walls, neither black nor white
-    inside = picture.min(axis=-1) > 240
+    inside = image.min(axis=-1) > 240
     assert inside.any()
-    walls = picture[~inside & (picture.max(axis=-1) > 0) & ~line]
+    walls = image[~inside & (image.max(axis=-1) > 0) & ~line]
     assert 40 < np.median(walls) < 220
 
 
@@ -75,7 +75,7 @@ def test_the_picture_shows_the_lamp_outlined(room):
         ((0, 120), (0, 160), ((0, 120), (0, 160))),
     ],
 )
-def test_the_part_of_the_view_around_a_lamp(rows, columns, expected):
+def test_the_part_of_the_view_around_an_emitter(rows, columns, expected):
     mask = np.zeros((120, 160), bool)
     mask[slice(*rows), slice(*columns)] = True
     y, x = _crop(mask)
@@ -84,21 +84,21 @@ def test_the_part_of_the_view_around_a_lamp(rows, columns, expected):
     assert (y.start <= rows[0], y.stop >= rows[1], x.start <= columns[0], x.stop >= columns[1]) == (True,) * 4
 
 
-@pytest.mark.parametrize("lamp", [10.0, 1e6])
-def test_lamp_and_surroundings_are_both_recognised(lamp):
+@pytest.mark.parametrize("emitter", [10.0, 1e6])
+def test_emitter_and_surroundings_are_both_recognised(emitter):
     """However bright the lamp is, the wall has the same grey, and a mark on it is seen."""
     radiance = np.full((48, 64, 3), 0.02, np.float32)
     radiance[:8] = 0.005
     mask = np.zeros((48, 64), bool)
     mask[20:30, 30:40] = True
-    radiance[mask] = lamp
-    picture = _drawn(radiance, mask, (64, 48))
-    assert picture.shape == (48, 64, 3)
-    assert picture[25, 35].min() > 250
-    assert 110 < picture[15, 5].mean() < 135
-    assert 40 < picture[2, 5].mean() < 90
+    radiance[mask] = emitter
+    image = _drawn(radiance, mask, (64, 48))
+    assert image.shape == (48, 64, 3)
+    assert image[25, 35].min() > 250
+    assert 110 < image[15, 5].mean() < 135
+    assert 40 < image[2, 5].mean() < 90
 
 
-def test_black_pictures_and_lamps_that_fill_all(room):
+def test_black_images_and_emitters_that_fill_all(room):
     assert _drawn(np.zeros((12, 16, 3), np.float32), np.zeros((12, 16), bool), (64, 48)).shape == (48, 64, 3)
     assert _drawn(np.ones((12, 16, 3), np.float32), np.ones((12, 16), bool), (64, 48)).min() >= 0

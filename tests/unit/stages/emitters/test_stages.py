@@ -14,7 +14,7 @@ from tests import scenes
 from tests.fitted import call
 
 
-def test_the_lamp_is_found_and_seen(scene):
+def test_the_emitter_is_found_and_seen(scene):
     emitters = read_emitters(scene / "round-0" / "emitters.npz")
     np.testing.assert_array_equal(np.sort(emitters.triangle), scenes.room().triangle)
     np.testing.assert_allclose(emitters.radiance, [scenes.EMITTER_RADIANCE] * 2, rtol=1e-5)
@@ -32,20 +32,20 @@ def test_the_lamp_is_found_and_seen(scene):
     assert render[wall != 7].mean() > 0.01
 
 
-def test_what_a_person_decides_reaches_the_pictures(work):
+def test_what_a_person_decides_reaches_the_images(work):
     """The only lamp is rejected, and the room is dark; then a wall is accepted, and shines as the pictures show it."""
-    lamp = scenes.room().triangle
-    decided = {"mesh_triangles": len(scenes.room().mesh.triangles), "reject": [ranges(lamp)]}
+    emitter = scenes.room().triangle
+    decided = {"mesh_triangles": len(scenes.room().mesh.triangles), "reject": [ranges(emitter)]}
     review = work / "emitters_review.yaml"
     before = read_review(review)
-    assert (before.triangles, before.emission()) == ((frozenset(lamp.tolist()),), "")
+    assert (before.triangles, before.emission()) == ((frozenset(emitter.tolist()),), "")
     text = review.read_text().replace("verdict: auto", "verdict: reject")
     review.write_text(text)
     assert json.loads(read_review(review).emission()) == decided
     assert call("emitters", work, "--decisions", json.dumps(decided)) == 0
     assert call("review", work, "--decisions", read_review(review).listing()) == 0
     assert json.loads((work / "emitters" / "emitters.json").read_text())["emitters"] == []
-    assert [path.name for path in (work / "emitters").glob("*.png")] == [f"rejected-{lamp.min()}.png"]
+    assert [path.name for path in (work / "emitters").glob("*.png")] == [f"rejected-{emitter.min()}.png"]
     assert read_review(review).emission() == json.dumps(decided, sort_keys=True)
     assert call("render", work) == 0
     wall = scenes.image(scenes.cameras()[2])[1]
@@ -67,7 +67,7 @@ def test_the_list_replaces_nothing_but_a_list(work, refused):
     assert call("review", work) == 0
 
 
-def test_what_a_person_decides_while_lamps_are_looked_at_stays(work, monkeypatch):
+def test_what_a_person_decides_while_emitters_are_looked_at_stays(work, monkeypatch):
     from fipt.stages.emitters import review as stage
 
     path, look = work / "emitters_review.yaml", stage.visibilities
@@ -85,8 +85,8 @@ def test_names_reach_setup_and_list(work, refused):
     triangles = len(scenes.room().mesh.triangles)
     named = {"mesh_triangles": triangles, "names": {"my lamp": ranges(scenes.room().triangle)}}
     assert call("review", work, "--decisions", json.dumps(named)) == 0
-    (lamp,) = json.loads((work / "emitters" / "emitters.json").read_text())["emitters"]
-    assert (lamp["name"], lamp["share"], lamp["seen_by"]) == ("my lamp", 1.0, ["a", "b"])
+    (emitter,) = json.loads((work / "emitters" / "emitters.json").read_text())["emitters"]
+    assert (emitter["name"], emitter["share"], emitter["seen_by"]) == ("my lamp", 1.0, ["a", "b"])
     setup, lamps = json.dumps({"emitters": [{"name": "my lamp", "off": True}]}), work / "emitters" / "emitters.json"
     assert call("relight", work, "--setup", setup, "--emitter-names", lamps) == 0
     assert read_rgb(work / "relight" / "night" / "c.exr").max() < 0.01

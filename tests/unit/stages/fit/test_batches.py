@@ -51,7 +51,7 @@ def test_a_batch_holds_the_chosen_pixels_and_all_their_samples(np_rng):
     assert batch.segment.tolist() == [0] * len(owner)
 
 
-def test_queries_are_stored_points_of_the_hit(np_rng):
+def test_queries_are_stored_points_of_the_sample(np_rng):
     samples, shading, images = shards(np_rng)
     pixels = scenes.training_pixels(samples, shading, images, None)
     for queries in (1, 2, 4):
@@ -184,12 +184,12 @@ def test_votes_are_counted_over_all_shards(np_rng):
         [(np.zeros((2, 3)), np.ones(2)), (np.ones((3, 3)), np.ones(3))],
         [np.array([1, 1], np.uint16), np.array([2, 2, 2], np.uint16)],
     )
-    shard, pixel, hit = np.repeat([0, 1], [3, 4]), np.array([0, 1, 1, 0, 1, 2, 2]), np.array([0, 1, 2, 0, 1, 2, 3])
-    assert pixels.segment_of(shard, pixel, hit).tolist() == [1, 1, 0, 2, 2, 2, 2]
+    shard, pixel, sample = np.repeat([0, 1], [3, 4]), np.array([0, 1, 1, 0, 1, 2, 2]), np.array([0, 1, 2, 0, 1, 2, 3])
+    assert pixels.segment_of(shard, pixel, sample).tolist() == [1, 1, 0, 2, 2, 2, 2]
     assert pixels.largest_segment == 2
 
 
-def test_pictures_without_any_id(np_rng):
+def test_images_without_any_id(np_rng):
     samples, shading, images = shards(np_rng)
     empty = [np.zeros(5, np.uint16), np.zeros(3, np.uint16)]
     pixels = scenes.training_pixels(samples, shading, images, empty)

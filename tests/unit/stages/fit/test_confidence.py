@@ -63,13 +63,13 @@ def test_the_formula_of_views():
         np.testing.assert_allclose(found.views, 1 / (1 + sigma2 / 0.05**2), rtol=0.01)
 
 
-def test_grazing_views_are_less_sure():
+def test_grazing_views_are_less_confident():
     low = {name: eye * (1, 0.02, 1) for name, eye in EYES.items()}
     samples = floor(footprint=np.full(192, 0.01, np.float32))
     assert mean(judge(samples, *even(samples), eyes=low)) < 0.5 * mean(judge(samples, *even(samples)))
 
 
-def test_views_that_disagree_are_less_sure(np_rng):
+def test_views_that_disagree_are_less_confident(np_rng):
     samples = floor()
     shading, radiance = even(samples)
     wrong = radiance * np_rng.uniform(0.3, 1.7, (len(radiance), 1)).astype(np.float32)
@@ -170,7 +170,7 @@ def test_confidence_predicts_the_error_of_the_base_colour(np_rng):
 
 
 @pytest.mark.parametrize("channel", [0, 1, 2])
-def test_dark_pictures_give_numbers(channel):
+def test_dark_images_give_numbers(channel):
     samples = floor()
     shading, radiance = even(samples)
     radiance[:, channel] = 0

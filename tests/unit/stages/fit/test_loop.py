@@ -50,7 +50,7 @@ def one_thread(backend):
     drjit.set_thread_count(before[1])
 
 
-def scene(lamp=False, size=28):
+def scene(emitter=False, size=28):
     """A plate of three stripes with known materials under perfect shading of varied lobes; and their truth."""
     rng = np.random.default_rng(3)
     x, z = (a.ravel() for a in np.meshgrid(np.linspace(-1, 1, size), np.linspace(-1, 1, size)))
@@ -67,7 +67,7 @@ def scene(lamp=False, size=28):
     base, roughness, metallic = (np.float32([m[k] for m in MATERIALS])[stripe] for k in range(3))
     brdf = Brdf(*map(torch.from_numpy, (base, roughness, metallic)))
     image = reflected(brdf, torch.from_numpy(shading.astype(np.float32)), 1)[0].numpy()
-    lit = (np.abs(x) < 0.2) & (np.abs(z) < 0.2) & lamp
+    lit = (np.abs(x) < 0.2) & (np.abs(z) < 0.2) & emitter
     image[lit] = 25.0
     sub = rng.uniform(-0.01, 0.01, (len(x), 4, 3)).astype(np.float16)
     samples = scenes.samples_of(position, stripe, sub=sub)
@@ -105,8 +105,8 @@ def test_known_materials_come_back(one_thread, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_lamp_opens_the_mask_and_nothing_else(one_thread, tmp_path):
-    pixels, position, (base, *_), lit = scene(lamp=True)
+def test_an_emitter_opens_the_mask_and_nothing_else(one_thread, tmp_path):
+    pixels, position, (base, *_), lit = scene(emitter=True)
     settings = SETTINGS.model_copy(update={"emission_weight": 0.05})
     field = Field(settings, BOX)
     loop.fit(field, pixels, Objective(settings, "part"), tmp_path / "c.safetensors")

@@ -101,10 +101,10 @@ def test_pixels_of_high_confidence_decide(np_rng):
         return np.where(np.isin(points[:, 0], unsure), 0, 1).astype(np.float32)
 
     data.confidence = SimpleNamespace(at=at, combined=None)
-    sure = found(data)
-    assert sure.roughness[1] == pytest.approx(0.2, abs=0.06)
-    assert sure.gain[1] > plain.gain[1] + 0.2
-    assert sure.pixels[1] == plain.pixels[1]
+    confident = found(data)
+    assert confident.roughness[1] == pytest.approx(0.2, abs=0.06)
+    assert confident.gain[1] > plain.gain[1] + 0.2
+    assert confident.pixels[1] == plain.pixels[1]
 
 
 # --- is a part one colour? ------------------------------------------------------------------------
@@ -173,12 +173,12 @@ def test_error_and_texture_by_pairs_of_views(np_rng):
         off[piece, looker] = np.clip(a - color[piece % 4], -0.4, 0.4)
     expected = np.zeros(4)
     for k in range(3):
-        looks = [key for key in off if key[0] % 4 == k]
-        mean = np.mean([off[key] for key in looks], axis=0)
-        off |= {key: off[key] - mean for key in looks}
-        pairs = [np.mean(off[p, u] * off[q, v]) for p, u in looks for q, v in looks if p == q and u != v]
-        total, shared = np.mean([np.mean(off[key] ** 2) for key in looks]), max(np.mean(pairs), 0)
-        views = len(looks) / len({p for p, _ in looks})
+        suggestions = [key for key in off if key[0] % 4 == k]
+        mean = np.mean([off[key] for key in suggestions], axis=0)
+        off |= {key: off[key] - mean for key in suggestions}
+        pairs = [np.mean(off[p, u] * off[q, v]) for p, u in suggestions for q, v in suggestions if p == q and u != v]
+        total, shared = np.mean([np.mean(off[key] ** 2) for key in suggestions]), max(np.mean(pairs), 0)
+        views = len(suggestions) / len({p for p, _ in suggestions})
         expected[k] = np.clip((total - shared) / (shared + 0.01**2) / views - 1, 0, 8)
     assert ((expected > 0.2) & (expected < 7)).any()  # the case is not trivial
     np.testing.assert_allclose(got, expected, rtol=1e-6, atol=1e-9)

@@ -17,8 +17,8 @@ def test_voxels_of_emitters_are_not_read(backend):
     voxels = scenes.grid(1.0, resolution=8, side=2.0)
     found = emitter_voxels(lit.mesh, voxels, lit.triangle)
     x, z = np.meshgrid(np.linspace(0.101, 0.899, 30), np.linspace(-0.399, 0.199, 30))
-    on_lamp = np.float32(np.stack([x, np.full_like(x, 0.9), z], axis=-1).reshape(-1, 3))
-    assert set(found) == set(voxel_keys(on_lamp, voxels["center"], 2.0, 8))
+    on_emitter = np.float32(np.stack([x, np.full_like(x, 0.9), z], axis=-1).reshape(-1, 3))
+    assert set(found) == set(voxel_keys(on_emitter, voxels["center"], 2.0, 8))
 
     voxels["count"][5] = 0  # no pixel told its radiance
     emitters = EmitterSet(lit.triangle, lit.radiance)
