@@ -15,7 +15,7 @@ from fipt.stages.samples.settings import SamplesSettings
 from tests import scenes
 
 HERE = Path("none")
-FILES = {name: HERE for name in ("dataset", "cache", "model", "emitters", "out", "manifest")}
+FILES = dict.fromkeys(("dataset", "cache", "model", "emitters", "out", "manifest"), HERE)
 
 
 def test_what_is_left_out_is_as_in_the_sections_samples_and_report():
