@@ -68,7 +68,7 @@ browser:  ## Chromium, for the tests of the report
 	@command -v chromium chromium-browser google-chrome >/dev/null || { $(call apt-install,chromium,Chromium is missing); }
 
 demo: setup  ## the demo room, from nothing to its report (10 minutes on 2 cores)
-	@$(BIN)/snakemake --workflow-profile fipt/workflow/profiles/local --config 'only=[demo]' -- report
+	@$(BIN)/fipt run demo
 	@echo "fipt: open $(CURDIR)/results/demo/report.html"
 
 test: setup lint  ## all checks, then the tests
