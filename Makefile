@@ -68,19 +68,20 @@ browser:  ## Chromium, for the tests of the report
 	@command -v chromium chromium-browser google-chrome >/dev/null || { $(call apt-install,chromium,Chromium is missing); }
 
 demo: setup  ## the demo room, from nothing to its report (10 minutes on 2 cores)
-	@$(BIN)/snakemake --workflow-profile fipt/workflow/profiles/local --config 'only=[demo]' -- report
+	@$(BIN)/fipt run demo
 	@echo "fipt: open $(CURDIR)/results/demo/report.html"
 
 test: setup lint  ## all checks, then the tests
 	@$(BIN)/python -m pytest -q
 
-lint: $(INSTALLED)  ## formatting, static checks, the workflow's linter, import directions
+lint: $(INSTALLED)  ## formatting, static checks, the workflow's linter, import directions, types
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/codespell
 	@$(BIN)/snakefmt --check Snakefile fipt/workflow
 	@$(BIN)/snakemake --lint
 	@$(BIN)/lint-imports
+	@$(BIN)/basedpyright --level error
 
 docs: $(INSTALLED)  ## the documentation as a site, site/index.html; a dead link or an unknown name is an error
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict

@@ -43,7 +43,7 @@ def command(
         points = ", ".join(STOPPING_POINTS)
         raise FiptError(f"there is no target {target!r}", f"targets: {points}, or a file below results/")
     options = ["--cores", str(cores or "all"), *(("--dry-run",) if dry_run else ())]
-    raise typer.Exit(snakemake(found.plain | {"only": [scene]}, target, options))
+    raise typer.Exit(snakemake({**found.plain, "only": [scene]}, target, options))
 
 
 def snakemake(config: Mapping[str, Any], target: str, options: Sequence[str]) -> int:

@@ -3,7 +3,6 @@
 import copy
 import json
 import os
-import re
 import signal
 import subprocess
 import time
@@ -418,7 +417,6 @@ def test_photographs_are_planned_alike(workspace, monkeypatch, config_of):
     first = here.planned()
     assert (first["calibrate"], first["qa"], first["import_dataset"]) == (1, 1, 1)
     assert first["develop"] == first["samples"]
-    read = re.findall(r"^    input: (.*)\n    output: (.*)$", here.snakemake("--dry-run"), re.MULTILINE)
     here.snakemake()
     assert here.planned() == {}
     monkeypatch.chdir(here.root)
@@ -426,10 +424,7 @@ def test_photographs_are_planned_alike(workspace, monkeypatch, config_of):
     for job in jobs:
         for path in (*job.inputs, *job.outputs):
             assert (here.root / path).exists(), path
-    inputs = {made.split(", ")[0]: set(files.split(", ")) for files, made in read}
-    early = [job for job in jobs if job.stage in ("synthesize", "capture", "poses") and job.inputs]
     assert ("pose" in {job.verb for job in jobs}) is (config["scenes"]["room"].get("poses") == "colmap")
-    assert {job.outputs[0]: set(job.inputs) for job in early}.items() <= inputs.items()
 
     here.configure({**config, "capture": {"saturation": 0.9}})
     again = here.planned()
