@@ -74,13 +74,14 @@ demo: setup  ## the demo room, from nothing to its report (10 minutes on 2 cores
 test: setup lint  ## all checks, then the tests
 	@$(BIN)/python -m pytest -q
 
-lint: $(INSTALLED)  ## formatting, static checks, the workflow's linter, import directions
+lint: $(INSTALLED)  ## formatting, static checks, the workflow's linter, import directions, types
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/codespell
 	@$(BIN)/snakefmt --check Snakefile fipt/workflow
 	@$(BIN)/snakemake --lint
 	@$(BIN)/lint-imports
+	@$(BIN)/basedpyright --level error
 
 docs: $(INSTALLED)  ## the documentation as a site, site/index.html; a dead link or an unknown name is an error
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
