@@ -208,7 +208,7 @@ VERBS: dict[str, Verb] = {
         "Compare materials, emitters and renderings with the truth.", "fipt.stages.evaluate.stage", "metrics"
     ),
     "report": Verb("Write the HTML page that shows everything.", "fipt.stages.report.stage", "report"),
-    "run": Verb("Run the whole chain of a scene in one process.", "fipt.cli.run"),
+    "run": Verb("Run a scene as far as a target: a front to the workflow.", "fipt.cli.run"),
     "view": Verb("Write any result as an EXR or PNG image.", "fipt.cli.view"),
     "doctor": Verb("Check Python, packages, ray tracing backend, memory and disk.", "fipt.cli.doctor"),
 }

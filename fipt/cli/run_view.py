@@ -15,7 +15,7 @@ import time
 from collections.abc import Iterator
 from logging import LogRecord
 from pathlib import Path
-from typing import Any, ClassVar, TextIO
+from typing import Any, ClassVar
 
 from snakemake_interface_logger_plugins.base import LogHandlerBase
 from snakemake_interface_logger_plugins.common import LogEvent
@@ -210,9 +210,10 @@ def interruptible() -> Iterator[None]:
     from snakemake.shell import shell
 
     def interrupt(number: int, frame: Any) -> None:
-        LogHandler.last.interrupted = True
-        for jobid in list(LogHandler.last.running):
-            shell.terminate(jobid)
+        if hasattr(LogHandler, "last"):  # Snakemake has begun
+            LogHandler.last.interrupted = True
+            for jobid in list(LogHandler.last.running):
+                shell.terminate(jobid)
         raise KeyboardInterrupt
 
     before = signal.signal(signal.SIGINT, interrupt)
@@ -251,8 +252,8 @@ def _explain_error(event: Any) -> int:
     return EXIT_CODE
 
 
-def _tell(text: str, to: TextIO | None = None) -> None:
-    print(f"fipt: {text}", file=to or sys.stderr)
+def _tell(text: str) -> None:
+    print(f"fipt: {text}", file=sys.stderr)
 
 
 def _shortened(reason: str) -> str:
