@@ -72,7 +72,8 @@ demo: setup  ## the demo room, from nothing to its report (10 minutes on 2 cores
 	@echo "fipt: open $(CURDIR)/results/demo/report.html"
 
 test: setup lint  ## all checks, then the tests
-	@$(BIN)/python -m pytest -q
+	@# Files of tests go to two processes; tests of a file stay together, since they share fixtures.
+	@$(BIN)/python -m pytest -q -n 2 --dist loadfile
 
 lint: $(INSTALLED)  ## formatting, static checks, the workflow's linter, import directions, types
 	@$(BIN)/ruff check .

@@ -146,7 +146,7 @@ def test_a_view_that_sees_nothing_but_a_lamp(photos):
 def test_a_threshold_that_leaves_no_pixel(photos, capsys):
     assert run(fit=CONFIG["fit"] | {"min_confidence": 1.0}) == 2
     error = capsys.readouterr().err.strip().splitlines()[-1]
-    assert "fit.min_confidence 1.0 leaves no pixel of the training views; the surest has 0." in error
+    assert "fit.min_confidence 1.0 leaves no pixel of the training views; the highest confidence is 0." in error
     assert "lower fit.min_confidence" in error
     assert not list(RESULTS.glob("round-0/model*"))
     assert not list(RESULTS.glob("round-0/confidence*"))
