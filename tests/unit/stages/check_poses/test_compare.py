@@ -134,7 +134,8 @@ def test_the_command_prints_fails_and_rejects(backend, tmp_path, views, capsys):
     said = capsys.readouterr()
     assert "1 of 12 views do not show what the others show: v5; correct their cameras, or leave them" in said.err
     table = said.err.partition("verdict\n")[2].splitlines()
-    assert table[0].startswith("v5") and "REJECTED" in table[0]
+    assert table[0].startswith("v5")
+    assert "REJECTED" in table[0]
     assert not (tmp_path / CHECKED).exists()
 
     assert main(["check-poses", str(tmp_path), "--reject"]) == 0
