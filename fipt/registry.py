@@ -43,7 +43,7 @@ SECTIONS: dict[str, Section] = {
     "environment": Section("fipt.stages.environment.settings:EnvironmentSettings", 1),
     "cache": Section("fipt.stages.cache.settings:CacheSettings", 3),
     "bake": Section("fipt.stages.shade.settings:BakeSettings", 3),
-    "fit": Section("fipt.stages.fit.settings:FitSettings", 4),
+    "fit": Section("fipt.stages.fit.settings:FitSettings", 3),
     "emitters": Section("fipt.stages.emitters.settings:EmittersSettings", 2),
     "review": Section("fipt.stages.emitters.settings:ReviewSettings", 1),
     "refine": Section("fipt.stages.shade.settings:RefineSettings", 3),
