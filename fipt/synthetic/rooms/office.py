@@ -226,7 +226,7 @@ def _on_desks() -> Iterator[RoomPart]:
         box((0.21, 0.012, 0.297)).turned(18 * k + 7).moved(x + 0.5, 0.741, z) for k, (x, z, _) in enumerate(_DESKS)
     ]
     mugs = [lathed(OUTLINES["mug"], 24).moved(x - 0.52, 0.741, z + 0.1) for x, z, _ in _DESKS[1:3]]
-    lamp = [
+    light = [
         rod((4.98, 0.7415, 1.16), (4.98, 0.752, 1.16), 0.08, 24),
         rod((4.98, 0.752, 1.16), (4.98, 1.10, 1.16), 0.008, 8),
         rod((4.98, 1.10, 1.16), (4.98, 1.10, 1.30), 0.008, 8),
@@ -238,8 +238,8 @@ def _on_desks() -> Iterator[RoomPart]:
     yield RoomPart("keyboards", "screen", joined(keys), (0.06, 0.06, 0.065), 0.6)
     yield RoomPart("papers", "book", joined(paper), (0.74, 0.73, 0.70), 0.9)
     yield RoomPart("mugs", "vase", joined(mugs), (0.55, 0.09, 0.06), 0.2)
-    yield RoomPart("desk light body", "lamp", joined(lamp[:3]), (0.60, 0.30, 0.05), 0.35)
-    yield RoomPart("desk light shade", "lamp", joined(lamp[3:]), (0.60, 0.30, 0.05), 0.5)
+    yield RoomPart("desk light body", "lamp", joined(light[:3]), (0.60, 0.30, 0.05), 0.35)
+    yield RoomPart("desk light shade", "lamp", joined(light[3:]), (0.60, 0.30, 0.05), 0.5)
 
 
 # --- glass wall and meeting corner ------------------------------------------------------------
