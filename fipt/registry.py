@@ -41,7 +41,7 @@ SECTIONS: dict[str, Section] = {
     "segment": Section("fipt.stages.segment.settings:SegmentSettings", 1),
     "fuse": Section("fipt.stages.segment.settings:FuseSettings", 1),
     "environment": Section("fipt.stages.environment.settings:EnvironmentSettings", 1),
-    "cache": Section("fipt.stages.cache.settings:CacheSettings", 2),
+    "cache": Section("fipt.stages.cache.settings:CacheSettings", 3),
     "bake": Section("fipt.stages.shade.settings:BakeSettings", 3),
     "fit": Section("fipt.stages.fit.settings:FitSettings", 3),
     "emitters": Section("fipt.stages.emitters.settings:EmittersSettings", 2),
