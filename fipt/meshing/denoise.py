@@ -67,8 +67,8 @@ def filtered_normals(mesh: Mesh, sigma: float, steps: int) -> np.ndarray:
     normals = mesh.normals.astype(np.float64)
     a, b = pairs.T
     for _ in range(steps):
-        apart = ((normals[a] - normals[b]) ** 2).sum(axis=1)
-        near = np.exp(-apart / (2 * sigma**2))
+        squared = ((normals[a] - normals[b]) ** 2).sum(axis=1)
+        near = np.exp(-squared / (2 * sigma**2))
         total = normals * area[:, None]
         for one, other in ((a, b), (b, a)):
             weight = near * area[other]

@@ -86,11 +86,7 @@ def import_scene(
 
     with atomic_folder(dataset) as folder:
         cameras, shown = write_frames(folder, parsed)
-        room, figures = _prepared(room, cameras, settings)
-        write_ply(folder / "mesh.ply", room)
-        # without the time it took: the same source gives the same files
-        told = {name: value for name, value in figures.items() if name != "seconds"}
-        write_text(folder / "prepare.json", json.dumps(told, indent=1) + "\n")
+        room, figures = _write_mesh(folder, room, cameras, settings)
         _write_cameras(folder, cameras, parsed, room)
         if segments is not None:
             _copy_segments(folder / "segments", Path(segments), cameras)
@@ -114,16 +110,23 @@ def _room(source: str | Path, path: str | Path | None) -> Mesh:
     return read_mesh(path)
 
 
-def _prepared(mesh: Mesh, cameras: Iterable[Camera], settings: ImportSettings) -> tuple[Mesh, dict[str, Any]]:
-    """Return the mesh made fit for the pipeline where it asks for that, and figures. Rays are traced for it."""
-    if settings.prepare == "never":
-        return mesh, {"prepared": False, "triangles": len(mesh.triangles)}
-    from fipt.render.variant import set_variant
+def _write_mesh(
+    folder: Path, mesh: Mesh, cameras: Iterable[Camera], settings: ImportSettings
+) -> tuple[Mesh, dict[str, Any]]:
+    """Write the mesh, made fit for the pipeline where it asks for that, and figures. Rays are traced for it."""
+    figures: dict[str, Any] = {"prepared": False, "triangles": len(mesh.triangles)}
+    if settings.prepare != "never":
+        from fipt.render.variant import set_variant
 
-    set_variant()
-    from fipt.meshing.prepare import prepared
+        set_variant()
+        from fipt.meshing.prepare import prepared
 
-    return prepared(mesh, [camera for camera in cameras if camera.split == "train"], settings)
+        mesh, figures = prepared(mesh, [camera for camera in cameras if camera.split == "train"], settings)
+    write_ply(folder / "mesh.ply", mesh)
+    # without the time it took: the same source gives the same files
+    lasting = {name: value for name, value in figures.items() if name != "seconds"}
+    write_text(folder / "prepare.json", json.dumps(lasting, indent=1) + "\n")
+    return mesh, figures
 
 
 def _write_cameras(folder: Path, cameras: list[Camera], source: ImageSource, mesh: Mesh) -> None:
