@@ -91,6 +91,8 @@ class Layout:
     # the rounds
     shading_folder = Below("round-{round}/shading/{shard}")
     shading = Below("round-{round}/shading/{shard}.manifest.json")
+    regrouped_folder = Below("round-{round}/segments")
+    regrouped = Below("round-{round}/segments.manifest.json")
     model = Below("round-{round}/model.safetensors")
     confidence = Below("round-{round}/confidence.npz")
     emitters = Below("round-{round}/emitters.npz")

@@ -9,6 +9,15 @@ from fipt.config.sources.base import Place, Source
 from fipt.config.views import SceneViews
 from fipt.stages.segment.settings import GivenSegments, PredictedSegments
 
+_FUSED = ("mask2former", "given")
+_REGROUPED = {
+    "none": (),
+    "grown": ("geometry",),
+    "fused": ("geometry", *_FUSED),
+    "all": ("geometry", *_FUSED, "dataset"),
+}
+"""Setting -> origins of ids that are regrouped."""
+
 
 class SceneSegmentation:
     """Where the segment ids of a scene come from."""
@@ -41,9 +50,21 @@ class SceneSegmentation:
         """Manifest of the fused ids; nothing where the dataset's are used, or none."""
         return [self._place.layout.fused] if self.is_fused else []
 
+    @property
+    def is_regrouped(self) -> bool:
+        """Whether segments of one material are joined before each fit; that makes parts, whatever else there is."""
+        wanted = self._place.settings["regroup"].ids
+        if self._place.settings["fit"].segments == "semantic":
+            return False
+        return self.origin in _REGROUPED[wanted]
+
+    def of_round(self, round: str) -> list[str]:
+        """Manifest of the ids that the fit of a round takes; nothing where the dataset's are used, or none."""
+        return [self._place.layout.regrouped.format(round=round)] if self.is_regrouped else self.fused()
+
     def by_view(self) -> list[str]:
         """Manifests of the training views' ids, where they are made view by view."""
-        if self.origin not in ("mask2former", "given"):
+        if self.origin not in _FUSED:
             return []
         return [self._place.layout.view_segments.format(shard=shard) for shard in self._views.shards("train")]
 

@@ -236,13 +236,25 @@ def test_segments_are_planned_alike(workspace, monkeypatch):
     here.configure(changed(segment={"mode": "geometry"}))
     after = here.planned()
     assert "segment" not in after
-    assert (after["fuse"], after["fit"]) == (1, 2)
+    assert (after["fuse"], after["regroup"], after["fit"]) == (1, 2, 2)
     grown = here.jobs()
+    fits = [job.options for job in grown if job.verb == "fit"]
+    assert [options[options.index("--segments") + 1] for options in fits] == [
+        "results/room/round-0/segments",
+        "results/room/round-1/segments",
+    ]
     assert [job.options[4:5] for job in grown if job.verb == "fuse"] == [("--geometry",)]
     assert "--geometry" in here.snakemake("--dry-run", "--printshellcmds")
 
-    here.configure(changed(segment={"mode": "none"}))
-    assert "fuse" not in here.planned()
+    here.configure(changed(segment={"mode": "geometry"}, regroup={"ids": "none"}))
+    assert "regroup" not in here.planned()
+    here.configure(changed(regroup={"ids": "all"}))
+    assert here.planned()["regroup"] == 2
+    here.configure(changed(regroup={"ids": "all"}, fit={"segments": "semantic"}))
+    assert "regroup" not in here.planned()
+
+    here.configure(changed(segment={"mode": "none"}, regroup={"ids": "all"}))
+    assert {"fuse", "regroup"}.isdisjoint(here.planned())
     assert '"segments": "none"' in here.snakemake("--dry-run", "--printshellcmds")
 
 

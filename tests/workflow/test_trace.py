@@ -120,6 +120,7 @@ def test_a_room_in_code_with_given_ids(folder):
             folder / "ids" / f"train_{view:03d}.png", np.repeat([1, 2], 16 * 24).reshape(24, 32).astype(np.uint16)
         )
     config = CONFIG | {"scenes": {"room": ROOM}, "segment": {"mode": "given", "path": "ids"}}
+    config["regroup"] = {"ids": "fused"}
     found, rules = traced(config)
     RULES.update(rules)
     assert not found, "\n".join(found)

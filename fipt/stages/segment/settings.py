@@ -118,3 +118,13 @@ class FuseSettings(Settings):
         default=0.25, description="of --geometry: regions end where colour jumps more, in natural logarithms"
     )
     smallest: Weight = Field(default=0.01, description="of --geometry: smaller regions join a neighbour, square metres")
+
+
+class RegroupSettings(Settings):
+    """Segments that the pictures show to be of one material become one part, in every round."""
+
+    ids: Literal["none", "grown", "fused", "all"] = Field(
+        default="grown",
+        description="which ids are joined: those grown on the mesh, also those of a network or given (`fused`), also "
+        "the dataset's (`all`)",
+    )

@@ -136,6 +136,19 @@ def option(flag, name, pattern=None):
     return given
 
 
+def option_folder(flag, name):
+    """Params function: a flag where there is an input ``name``, with the folder that this manifest describes."""
+
+    def given(wildcards, input):
+        return [
+            word
+            for path in input[name]
+            for word in (flag, path.removesuffix(".manifest.json"))
+        ]
+
+    return given
+
+
 def folder(pattern):
     """Params function: a path of the scene that is no input or output as it stands."""
     return lambda wildcards: pattern.format(**wildcards)

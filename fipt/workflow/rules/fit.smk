@@ -1,7 +1,7 @@
 """The fit: BRDF and emission networks to the training pictures, given their shading.
 
 INPUTS:  results/{scene}/round-{k}/shading/{shard}.manifest.json, samples/{shard}.manifest.json, pictures, cache.npz, environment.npz,
-         segments of the dataset or results/{scene}/segments/fused.manifest.json
+         segments of the dataset, results/{scene}/segments/fused.manifest.json or round-{k}/segments.manifest.json
          from round 1: the model of the round before
 OUTPUTS: results/{scene}/round-{k}/model.safetensors    networks, scene box, settings, stage version
          results/{scene}/round-{k}/confidence.npz       how well the pictures determine the surface
@@ -25,7 +25,7 @@ rule fit:
         ),
         cache="results/{scene}/cache.npz",
         environment="results/{scene}/environment.npz",
-        segments=ask("segmentation.fused"),
+        segments=ask("segmentation.of_round"),
         previous=previous("results/{scene}/round-{round}/model.safetensors"),
     output:
         model="results/{scene}/round-{round}/model.safetensors",
@@ -44,7 +44,7 @@ rule fit:
         samples=folders_of("samples"),
         shading=folders_of("shading"),
         previous=option("--previous", "previous"),
-        segments=option("--segments", "segments", "results/{scene}/segments/fused"),
+        segments=option_folder("--segments", "segments"),
         settings=settings("fit"),
         version=VERSIONS["fit"],
     shell:

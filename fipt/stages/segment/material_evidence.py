@@ -1,0 +1,165 @@
+"""What pixels at a region say of its material: how well each roughness and metallic explains them, and which colour.
+
+With a *trial*, a roughness and a metallic, radiance is a line in the base colour. All pixels at one small piece of a
+region share the base colour that explains them best; what is left over measures the trial. The sum of what is left
+over pieces, and the sum of its products between trials, tell how much better one trial is than another and how sure
+that is. Both add up when regions are joined.
+"""
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from fipt.formats.images import srgb_encode
+from fipt.model.reflectance import line_in_base_color
+from fipt.scene.voxels import FACINGS, facings, voxel_keys
+from fipt.stages.segment.region_pixels import RegionPixels
+
+ROUGHNESS = (0.02, 0.1, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0)
+TRIALS = tuple(product((0.0, 1.0), ROUGHNESS))
+"""(metallic, roughness); the first half is not metal."""
+HALF = len(ROUGHNESS)
+_RESOLUTION = 96
+"""Pieces along the scene box, as in the part search of the fit."""
+_FEWEST = 4
+"""RegionPixels that a piece must have to judge a trial: with fewer the base colour explains anything."""
+_OUTLIER = 0.2
+"""What is left counts up to here (sRGB-encoded): edges and shadows that the shading misses."""
+_DARKEST = 0.01
+"""Base colour that is added before the logarithm: below it differences are noise."""
+_SOME_PIECES = 5
+"""Pieces that a region must have in either half to tell the spread of base colour within it."""
+_DEVIATION = 1.4826
+"""Standard deviation over the median absolute deviation of normal noise."""
+_UNKNOWN = 0.1
+"""Standard deviation of the colour where no region is large enough to tell."""
+_METAL_GAIN = 0.1
+_CAUTION = 0.5
+"""Metal must remove this share of what is left, and _CAUTION / sqrt(pixels) more, before it is believed."""
+
+
+@dataclass(frozen=True)
+class MaterialEvidence:
+    """Evidence of R regions under T trials.
+
+    Attributes
+    ----------
+    left
+        (R, T) sum over the pieces of what a trial leaves unexplained.
+    products
+        (R, T, T) sum over the pieces of the products of what two trials leave.
+    color
+        (R, T, 3) mean base colour, made for comparing: `comparable`.
+    pixels
+        (R,) float64 number of pixels.
+    metal
+        (R,) bool: the pixels are explained by metal only.
+    variance
+        (R, 3) of the region's comparable colour: its error, and that of few pieces.
+    """
+
+    left: np.ndarray
+    products: np.ndarray
+    color: np.ndarray
+    pixels: np.ndarray
+    metal: np.ndarray
+    variance: np.ndarray
+
+
+def comparable(color: np.ndarray) -> np.ndarray:
+    """(..., 3) mean logarithm of base colours (..., 3), and logarithms of red and of blue over green."""
+    logs = np.log(np.clip(color, 0, 1.5) + _DARKEST)
+    return np.stack([logs.mean(-1), logs[..., 0] - logs[..., 1], logs[..., 2] - logs[..., 1]], axis=-1)
+
+
+def measure(pixels: RegionPixels, region: np.ndarray, count: int, center: np.ndarray, side: float) -> MaterialEvidence:
+    """Measure the evidence.
+
+    Parameters
+    ----------
+    region
+        (N,) region of each pixel, from 0.
+    count
+        R, regions.
+    center, side
+        The scene box, metres.
+    """
+    record = voxel_keys(pixels.place, center, side, _RESOLUTION) * FACINGS + facings(pixels.normal)
+    key, piece = np.unique(record * count + region, return_inverse=True)
+    piece, owner = piece.reshape(-1), key % count
+    number = np.bincount(piece, minlength=len(key)).astype(np.float64)
+    judged = number >= _FEWEST
+    left, color = _tried(pixels, piece, len(key))
+    left[~judged] = 0
+    total = np.stack([np.bincount(owner, column, count) for column in left.T], axis=1)
+    order = np.argsort(owner, kind="stable")
+    bounds = np.searchsorted(owner[order], np.arange(count + 1))
+    place = np.stack([np.bincount(piece, axis, len(key)) for axis in pixels.place.T], axis=1) / number[:, None]
+    products = np.zeros((count, len(TRIALS), len(TRIALS)))
+    means = np.zeros((count, len(TRIALS), 3))
+    pieces, noise = np.ones(count), _ColorNoise()
+    for k in range(count):
+        own = order[bounds[k] : bounds[k + 1]]
+        products[k] = left[own].T @ left[own]
+        own = own[judged[own]] if judged[own].any() else own
+        means[k] = np.average(color[own], axis=0, weights=number[own])
+        pieces[k] = len(own)
+        noise.add(color[own, total[k].argmin()], place[own])
+    metal = _is_metal(total, np.bincount(owner, number * judged, count))
+    return MaterialEvidence(total, products, means, np.bincount(owner, number, count), metal, noise.variance(pieces))
+
+
+class _ColorNoise:
+    """How far off the colour of a region is, learned from regions that are large enough to be cut in halves.
+
+    Halves of one region are of one material, but for texture: what their means differ by is the error of the shading,
+    as it is from one region to the next. It does not become less with more pieces. What pieces differ by does.
+    """
+
+    def __init__(self) -> None:
+        self._spread: list[np.ndarray] = []
+        self._halves: list[np.ndarray] = []
+
+    def add(self, color: np.ndarray, place: np.ndarray) -> None:
+        """Learn from pieces of one region: comparable colours (N, 3) and places (N, 3)."""
+        if len(color) < 2 * _SOME_PIECES:
+            return
+        self._spread.append(_DEVIATION * np.median(np.abs(color - np.median(color, axis=0)), axis=0))
+        away = place - place.mean(axis=0)
+        along = away @ np.linalg.svd(away, full_matrices=False)[2][0]
+        high = along > np.median(along)
+        if 0 < np.count_nonzero(high) < len(high):
+            self._halves.append(np.median(color[high], axis=0) - np.median(color[~high], axis=0))
+
+    def variance(self, pieces: np.ndarray) -> np.ndarray:
+        """(R, 3) variance of the colour of regions of so many pieces (R,)."""
+        if not self._halves:
+            return np.full((len(pieces), 3), _UNKNOWN**2)
+        shared = _DEVIATION * np.median(np.abs(self._halves), axis=0)
+        spread = np.median(self._spread, axis=0)
+        return np.maximum(shared**2 / 2 + spread**2 / pieces[:, None], _DARKEST**2 / 4)
+
+
+def _tried(pixels: RegionPixels, piece: np.ndarray, pieces: int) -> tuple[np.ndarray, np.ndarray]:
+    """What each trial leaves of each piece (G, T), and the comparable base colour (G, T, 3) that goes with it."""
+    seen = srgb_encode(pixels.radiance)
+    weight = (pixels.radiance + 0.05) ** -1.2  # about the squared slope of the sRGB curve
+    left, color = np.empty((pieces, len(TRIALS))), np.empty((pieces, len(TRIALS), 3))
+    for k, (metallic, roughness) in enumerate(TRIALS):
+        offset, slope = line_in_base_color(pixels.shading, roughness, metallic)
+        steep, above = weight * slope, pixels.radiance - offset
+        over = [np.bincount(piece, steep[:, c] * above[:, c], pieces) for c in range(3)]
+        under = [np.bincount(piece, steep[:, c] * slope[:, c], pieces) for c in range(3)]
+        base = np.stack(over, axis=1) / np.maximum(np.stack(under, axis=1), 1e-9)
+        color[:, k] = comparable(base)
+        modelled = srgb_encode(offset + slope * np.clip(base, 0, 1)[piece])
+        error = np.minimum(np.abs(modelled - seen).mean(axis=1), _OUTLIER)
+        left[:, k] = np.bincount(piece, error, pieces)
+    return left, color
+
+
+def _is_metal(left: np.ndarray, judged: np.ndarray) -> np.ndarray:
+    """(R,) bool: metal leaves clearly less (R, T) of the pixels that judge it (R,); as cautious as the part search."""
+    caution = _METAL_GAIN + _CAUTION / np.sqrt(np.maximum(judged, 1))
+    return left[:, HALF:].min(axis=1) < (1 - caution) * left[:, :HALF].min(axis=1)

@@ -1,0 +1,57 @@
+"""``fipt regroup``: segment ids and the shading of a round -> parts, one for each material."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from fipt.inputs import DatasetFolder, ManifestFile, SamplesFolders, ShadingFolders
+
+if TYPE_CHECKING:
+    from fipt.stages.segment.settings import RegroupSettings
+
+
+@dataclass(frozen=True, kw_only=True)
+class RegroupInputs:
+    """Files of ``fipt regroup``; samples and shading are those of the training shards, in the same order."""
+
+    dataset: DatasetFolder
+    samples: SamplesFolders
+    shading: ShadingFolders
+    out: Annotated[Path, "Folder to write: part/VIEW.png of every training view."]
+    manifest: ManifestFile
+    segments: Annotated[Path | None, "Folder of fused segment ids; absent: those of the dataset."] = None
+
+
+def run(inputs: RegroupInputs, settings: "RegroupSettings") -> dict[str, Any]:
+    """Join segments that the pictures show to be of one material.
+
+    Under a round's shading each segment has a base colour and a roughness. Those that differ by no more than noise
+    become one part.
+    """
+    from fipt.formats.files import atomic_folder
+    from fipt.formats.images import write_png
+    from fipt.formats.manifests import write_manifest
+    from fipt.scene.dataset import Dataset
+    from fipt.scene.observed import read_observed
+    from fipt.scene.samples import segments_of
+    from fipt.settings import dumped
+    from fipt.stages.segment.regroup import regrouped
+
+    data = Dataset(inputs.dataset, inputs.segments)
+    shards = read_observed(data, inputs.samples, inputs.shading)
+    before = [segments_of(data, shard.samples, "part") for shard in shards]
+    parts, materials = regrouped(shards, before)
+    inputs.manifest.unlink(missing_ok=True)
+    with atomic_folder(inputs.out) as folder:
+        for shard, ids in zip(shards, parts, strict=True):
+            for index, view in enumerate(shard.samples.views):
+                own = ids[shard.samples.pixels(index)].reshape(shard.samples.shapes[index])
+                write_png(folder / "part" / f"{view}.png", own)
+    files = [path for path in inputs.out.rglob("*") if path.is_file()]
+    write_manifest(inputs.manifest, "regroup", files, dumped(settings))
+    return {"segments": _count(before), "parts": _count(parts), "materials": materials}
+
+
+def _count(ids: list[Any]) -> int:
+    """Number of different ids from 1 in arrays."""
+    return len({int(k) for own in ids for k in set(own.tolist())} - {0})

@@ -1,0 +1,41 @@
+"""Parts for the fit of a round: segments that the pictures show to be of one material, under its shading, are joined.
+
+INPUTS:  results/{scene}/round-{k}/shading/{shard}.manifest.json, samples/{shard}.manifest.json, images,
+         segments of the dataset or results/{scene}/segments/fused.manifest.json
+OUTPUTS: results/{scene}/round-{k}/segments.manifest.json    lists segments/part/{view}.png of the training views
+"""
+
+
+rule regroup:
+    """Join the segments of a round."""
+    input:
+        transforms="results/{scene}/dataset/transforms.json",
+        views="results/{scene}/dataset/views.json",
+        checked="results/{scene}/dataset/check_poses.json",
+        images=ask("images", splits=["train"]),
+        samples=sharded("results/{scene}/samples/{shard}.manifest.json", "train"),
+        shading=sharded(
+            "results/{scene}/round-{round}/shading/{shard}.manifest.json", "train"
+        ),
+        segments=ask("segmentation.fused"),
+    output:
+        manifest="results/{scene}/round-{round}/segments.manifest.json",
+        stats="results/{scene}/stats/regroup.round-{round}.json",
+    log:
+        "results/{scene}/logs/regroup.round-{round}.log",
+    benchmark:
+        "results/{scene}/benchmarks/regroup.round-{round}.jsonl"
+    resources:
+        mem_mb=4000,
+    params:
+        dataset=folder("results/{scene}/dataset"),
+        samples=folders_of("samples"),
+        shading=folders_of("shading"),
+        out=folder("results/{scene}/round-{round}/segments"),
+        segments=option_folder("--segments", "segments"),
+        settings=settings("regroup"),
+        version=VERSIONS["regroup"],
+    shell:
+        "fipt regroup --dataset {params.dataset:q} --samples {params.samples:q} --shading {params.shading:q}"
+        " {params.segments:q} --out {params.out:q} --manifest {output.manifest:q}"
+        " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

@@ -1,0 +1,104 @@
+"""Regions of one material become one part, those of two do not."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
+from fipt.formats.images import read_ids, write_png
+from fipt.model.reflectance import line_in_base_color
+from fipt.scene.dataset import Dataset
+from fipt.stages.segment.material_evidence import HALF, TRIALS, measure
+from fipt.stages.segment.region_pixels import RegionPixels
+from fipt.stages.segment.regroup import joined
+from fipt.stages.segment.regroup_stage import RegroupInputs, run
+from fipt.stages.segment.settings import RegroupSettings
+
+_LEVELS = len(ROUGHNESS_LEVELS)
+
+
+def pixels(rng: np.random.Generator, materials: list[tuple[tuple[float, float, float], float, float]]) -> RegionPixels:
+    """Regions of 1 m x 1 m side by side, one for each (base colour, roughness, metallic), of 400 pixels each.
+
+    Shading is wrong by some percent, slowly over the surface; highlights move with the pixel.
+    """
+    count = 400
+    parts = []
+    for k, (color, roughness, metallic) in enumerate(materials):
+        spots = (rng.integers(0, 6, (count, 2)) + 0.5) / 6  # several pixels at each
+        place = np.c_[k + spots[:, 0], spots[:, 1], np.zeros(count)].astype(np.float32)
+        shading = np.zeros((count, SHADING_OUTPUTS, 3), np.float32)
+        shading[:, 0] = 1
+        # what a smooth surface reflects varies much between pixels, what a matte one does hardly
+        mirrored = rng.gamma(0.3, 3, (count, 1))
+        for level in range(_LEVELS):
+            share = (1 - level / (_LEVELS - 1)) ** 2
+            light = share * mirrored + (1 - share)
+            shading[:, 1 + level], shading[:, 1 + _LEVELS + level] = 0.9 * light, 0.05 * light
+        offset, slope = line_in_base_color(shading, roughness, metallic)
+        error = 1 + 0.04 * np.sin(3 * (place[:, :1] + place[:, 1:2])) + rng.normal(0, 0.01, (count, 1))
+        radiance = ((offset + slope * np.array(color)) * error).astype(np.float32)
+        parts.append((radiance, shading, place, np.tile([0, 0, 1], (count, 1)), np.full(count, k)))
+    return RegionPixels(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+
+
+RED, ORANGE, WHITE = (0.6, 0.2, 0.2), (0.6, 0.3, 0.2), (0.7, 0.7, 0.7)
+
+
+@pytest.mark.parametrize(
+    ("materials", "expected"),
+    [
+        ([(RED, 0.8, 0.0)] * 3, [0, 0, 0]),
+        ([(RED, 0.8, 0.0), (ORANGE, 0.8, 0.0), (RED, 0.8, 0.0)], [0, 1, 0]),
+        ([(WHITE, 0.1, 0.0), (WHITE, 0.8, 0.0), (WHITE, 0.1, 0.0)], [0, 1, 0]),
+        ([(WHITE, 0.2, 1.0), (WHITE, 0.8, 0.0), (WHITE, 0.2, 1.0)], [0, 1, 0]),
+    ],
+    ids=["one material", "two colours", "two roughnesses", "metal and plaster"],
+)
+def test_regions_of_one_material_join(np_rng, materials, expected):
+    found = pixels(np_rng, materials)
+    label = joined(measure(found, found.region, len(materials), np.array([1.5, 0.5, 0.0]), 3.0))
+    first = {k: int(label[k]) for k in reversed(range(len(label)))}
+    assert [int(np.flatnonzero(label == first[k])[0]) for k in range(len(label))] == expected
+
+
+def test_a_region_of_few_looks_joins_the_colour_that_is_its_own(np_rng):
+    found = pixels(np_rng, [(RED, 0.8, 0.0), (ORANGE, 0.8, 0.0), (RED, 0.8, 0.0)])
+    few = np.r_[np.arange(802), 1100]
+    found = RegionPixels(*(values[few] for values in vars(found).values()))
+    label = joined(measure(found, found.region, 3, np.array([1.5, 0.5, 0.0]), 3.0))
+    assert label[2] == label[0] != label[1]
+
+
+def test_evidence_names_the_trial_and_the_metal(np_rng):
+    found = pixels(np_rng, [(WHITE, 0.2, 1.0), (WHITE, 0.2, 0.0)])
+    evidence = measure(found, found.region, 2, np.array([1.0, 0.5, 0.0]), 2.0)
+    assert evidence.metal.tolist() == [True, False]
+    assert TRIALS[evidence.left[0].argmin()] == (1.0, 0.2)
+    assert TRIALS[evidence.left[1, :HALF].argmin()] == (0.0, 0.2)
+    assert evidence.pixels.tolist() == [400, 400]
+
+
+def test_the_verb_joins_segments_whole_and_loses_none(scene: Path, tmp_path: Path):
+    data, cut = Dataset(scene / "dataset"), tmp_path / "cut"
+    for view in data.views("train"):
+        part = data.segments(view, "part")
+        right = np.arange(part.shape[1]) >= part.shape[1] // 2
+        write_png(cut / "part" / f"{view}.png", (part + 10 * right * (part > 0)).astype(np.uint16))
+    inputs = RegroupInputs(
+        dataset=data.root,
+        samples=(scene / "samples" / "train-000",),
+        shading=(scene / "round-0" / "shading" / "train-000",),
+        segments=cut,
+        out=tmp_path / "segments",
+        manifest=tmp_path / "segments.manifest.json",
+    )
+    figures = run(inputs, RegroupSettings())
+    assert figures["materials"] <= figures["parts"] < figures["segments"]
+    paths = [Path("part") / f"{view}.png" for view in data.views("train")]
+    before, after = (np.concatenate([read_ids(root / path) for path in paths]) for root in (cut, inputs.out))
+    assert ((after > 0) == (before > 0)).all()
+    pairs = np.unique(np.stack([before.ravel(), after.ravel()]), axis=1)
+    assert len(np.unique(pairs[0])) == pairs.shape[1]
+    assert inputs.manifest.is_file()
