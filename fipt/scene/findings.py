@@ -53,7 +53,7 @@ class RoomFinding:
         Views, ``position`` (metres), ``segments`` or ``triangles`` where it shows; plain JSON types.
     numbers
         More numbers by name.
-    picture
+    file
         File of its picture, relative to findings.json; None: there is none.
     image
         (H, W, 3) uint8 picture before it is written.
@@ -66,7 +66,7 @@ class RoomFinding:
     remedy: str
     where: Mapping[str, Any] = field(default_factory=dict)
     numbers: Mapping[str, float] = field(default_factory=dict)
-    picture: str | None = None
+    file: str | None = None
     image: np.ndarray | None = None
 
     @property
@@ -92,7 +92,7 @@ def write_findings(path: Path, findings: Sequence[RoomFinding], measured: Mappin
             "remedy": finding.remedy,
             "where": dict(finding.where),
             "numbers": dict(finding.numbers),
-            "picture": None if finding.image is None else f"findings/{finding.id}.png",
+            "file": None if finding.image is None else f"findings/{finding.id}.png",
         }
         for finding in findings
     ]

@@ -20,10 +20,10 @@ def likely_place(room: JudgedRoom) -> np.ndarray | None:
     """(3,) place of the missing lamp, metres; None where no unseen surface sees what is too dark."""
     rng = np.random.default_rng(room.settings.seed)
     points, normals, excess = _excess(room, rng)
-    lamps = _candidates(room, rng)
-    if not len(lamps) or not len(points) or excess.max(initial=0) <= 0:
+    places = _candidates(room, rng)
+    if not len(places) or not len(points) or excess.max(initial=0) <= 0:
         return None
-    toward = lamps[:, None] - points[None]
+    toward = places[:, None] - points[None]
     distance = np.linalg.norm(toward, axis=-1)
     toward = toward / np.maximum(distance[..., None], 1e-9)
     cosine = np.maximum((toward * normals).sum(axis=-1), 0)
@@ -36,7 +36,7 @@ def likely_place(room: JudgedRoom) -> np.ndarray | None:
     norm = np.sqrt(np.maximum((pattern**2).sum(axis=1), 1e-12))
     score = (pattern @ excess) / norm
     best = int(score.argmax())
-    return lamps[best] if score[best] > 0 else None
+    return places[best] if score[best] > 0 else None
 
 
 def _excess(room: JudgedRoom, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -29,10 +29,10 @@ def severity(value: float, threshold: float, error: float = 0.0) -> str | None:
     value, threshold
         Not negative, in one unit.
     """
-    sure = value - SIGMAS * error
-    if not np.isfinite(sure) or sure <= threshold:
+    least = value - SIGMAS * error
+    if not np.isfinite(least) or least <= threshold:
         return None
-    return "serious" if sure > SERIOUS * threshold else "warning"
+    return "serious" if least > SERIOUS * threshold else "warning"
 
 
 def spread(values: np.ndarray) -> float:

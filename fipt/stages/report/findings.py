@@ -25,7 +25,7 @@ class ListedFinding:
     remedy: str
     measure: str
     where: str
-    picture: EmbeddedImage | None
+    image: EmbeddedImage | None
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ def read_room_findings(results: Path) -> FindingsReport | None:
             found.remedy,
             found.measure.text,
             _where(found.where),
-            _picture(results / found.picture) if found.picture else None,
+            _embedded(results / found.file) if found.file else None,
         )
         for found in read_findings(path)
     ]
@@ -66,7 +66,7 @@ def _where(where: Mapping[str, Any]) -> str:
     return "; ".join(texts)
 
 
-def _picture(path: Path) -> EmbeddedImage | None:
+def _embedded(path: Path) -> EmbeddedImage | None:
     if not path.is_file():
         return None
     from PIL import Image

@@ -26,7 +26,7 @@ rule findings:
         emitters=ask("last_emitters"),
     output:
         findings="results/{scene}/findings.json",
-        pictures=directory("results/{scene}/findings"),
+        folder=directory("results/{scene}/findings"),
         stats="results/{scene}/stats/findings.json",
     log:
         "results/{scene}/logs/findings.log",

@@ -12,7 +12,7 @@ rule scene_report:
     input:
         metrics="results/{scene}/metrics.json",
         findings="results/{scene}/findings.json",
-        pictures="results/{scene}/findings",
+        shown="results/{scene}/findings",
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
         mesh="results/{scene}/dataset/mesh.ply",

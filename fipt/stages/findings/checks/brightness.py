@@ -7,9 +7,9 @@ reflection (a white matte surface or a mirror, the brighter) by more than the to
 import numpy as np
 
 from fipt.scene.findings import Measure, RoomFinding
+from fipt.stages.findings.drawing import compared, spread_over
 from fipt.stages.findings.explained import ExplainedPixels
 from fipt.stages.findings.notes import Notes
-from fipt.stages.findings.pictures import compared, spread_over
 from fipt.stages.findings.room import JudgedRoom
 from fipt.stages.findings.tolerance import TOLERANCE, mean_error
 
@@ -39,7 +39,7 @@ def check(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:
             measure,
             "Photograph the ceiling, all lamps and all windows, and make sure that they are part of the mesh.",
             {"views": [pixels.views[view]], "position": place_of(pixels, over)},
-            image=picture(room, pixels, view, over),
+            image=drawn(room, pixels, view, over),
         )
     ]
 
@@ -49,7 +49,7 @@ def place_of(pixels: ExplainedPixels, chosen: np.ndarray) -> list[float]:
     return [round(float(v), 2) for v in np.median(pixels.position[chosen], axis=0)]
 
 
-def picture(room: JudgedRoom, pixels: ExplainedPixels, view: int, marked: np.ndarray) -> np.ndarray:
+def drawn(room: JudgedRoom, pixels: ExplainedPixels, view: int, marked: np.ndarray) -> np.ndarray:
     """Photograph and what the fit says of a view, with marked pixels (N,) outlined."""
     own = pixels.view == view
     camera = room.data.camera(pixels.views[view])

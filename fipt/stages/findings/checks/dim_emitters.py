@@ -8,7 +8,7 @@ of one place in several views are compared: does the radiance change with the vi
 import numpy as np
 
 from fipt.scene.findings import Measure, RoomFinding
-from fipt.stages.findings.checks.brightness import picture, place_of
+from fipt.stages.findings.checks.brightness import drawn, place_of
 from fipt.stages.findings.explained import ExplainedPixels
 from fipt.stages.findings.notes import Notes
 from fipt.stages.findings.room import JudgedRoom
@@ -42,7 +42,7 @@ def check(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:
             measure,
             "If it emits, accept it in emitters_review.yaml (fipt point tells its triangles).",
             {"views": [pixels.views[view]], "position": place, "segments": segments[:20]},
-            image=picture(room, pixels, view, steady),
+            image=drawn(room, pixels, view, steady),
         )
     ]
 

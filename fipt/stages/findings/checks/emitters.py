@@ -7,8 +7,8 @@ from scipy.spatial import cKDTree
 
 from fipt.scene.findings import Measure, RoomFinding
 from fipt.scene.mesh import Mesh, surface_points
+from fipt.stages.findings.drawing import plan
 from fipt.stages.findings.notes import Notes
-from fipt.stages.findings.pictures import plan
 from fipt.stages.findings.room import JudgedRoom
 from fipt.stages.findings.tolerance import TOLERANCE
 
@@ -34,9 +34,9 @@ def _torn(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:
     pixel = float(np.median(footprint)) if len(footprint) else 0.0
     number = np.unique(emitters.emitter, return_inverse=True)[1].reshape(-1)
     speckles = np.bincount(number, emitters.area) < (_SPECKLE * pixel) ** 2
-    lamps = groups(room.mesh, emitters.triangle, number, _GAP * pixel)
+    group = groups(room.mesh, emitters.triangle, number, _GAP * pixel)
     # each group but its largest piece: what would be in one piece if the mesh were what the pictures show
-    extra = int(speckles.sum()) - int(np.unique(lamps[speckles]).size)
+    extra = int(speckles.sum()) - int(np.unique(group[speckles]).size)
     measure = Measure("speckles that would be parts of larger emitters in a picture", float(extra), float(_MANY), "")
     level = notes.judge("torn-emitters", measure)
     if level is None:
@@ -45,13 +45,13 @@ def _torn(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:
         RoomFinding(
             "torn-emitters",
             level,
-            f"{len(speckles)} emitters were found where pictures would show {int(lamps.max()) + 1}: noise of the mesh "
+            f"{len(speckles)} emitters were found where pictures would show {int(group.max()) + 1}: noise of the mesh "
             "tears lamps and windows into speckles, each judged by a few pixels.",
             measure,
             "Prepare the mesh (smooth and decimate it to what pixels resolve), or accept and merge the pieces in "
             "emitters_review.yaml.",
             {"triangles": emitters.triangle[speckles[number]][:100].tolist()},
-            {"emitters": len(speckles), "groups": int(lamps.max()) + 1},
+            {"emitters": len(speckles), "groups": int(group.max()) + 1},
             image=plan(room.mesh, [each.camera for each in room.retakes], emitters, []),
         )
     ]

@@ -6,9 +6,9 @@ A view's gain is the median ratio of its photograph to the fit, over its pixels 
 import numpy as np
 
 from fipt.scene.findings import Measure, RoomFinding
-from fipt.stages.findings.checks.brightness import picture
+from fipt.stages.findings.checks.brightness import drawn
+from fipt.stages.findings.drawing import log_ratio
 from fipt.stages.findings.notes import Notes
-from fipt.stages.findings.pictures import log_ratio
 from fipt.stages.findings.room import JudgedRoom
 from fipt.stages.findings.tolerance import OUTLIER, TOLERANCE, spread
 
@@ -50,6 +50,6 @@ def check(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:
             "out.",
             {"views": names},
             {name: gain[name] for name in names},
-            image=picture(room, pixels, worst[0], np.zeros(len(pixels), bool)),
+            image=drawn(room, pixels, worst[0], np.zeros(len(pixels), bool)),
         )
     ]

@@ -10,8 +10,8 @@ from fipt.scene.confidence import records
 from fipt.scene.display import tone_mapped
 from fipt.scene.findings import Measure, RoomFinding
 from fipt.scene.samples import FootprintSamples, scene_box
+from fipt.stages.findings.drawing import row
 from fipt.stages.findings.notes import Notes
-from fipt.stages.findings.pictures import row
 from fipt.stages.findings.room import JudgedRoom
 from fipt.stages.findings.tolerance import mean_error
 
@@ -51,7 +51,7 @@ def check(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:
             "Take more photographs, from other places: above all of what is outlined in the picture.",
             {"views": [view]},
             {"seen_by_one": float((every == 1).mean())},
-            image=_picture(room, view, count, room.held_out[number], index),
+            image=_drawn(room, view, count, room.held_out[number], index),
         )
     ]
 
@@ -82,7 +82,7 @@ def seen_counts(
     return found
 
 
-def _picture(room: JudgedRoom, view: str, count: np.ndarray, samples: FootprintSamples, index: int) -> np.ndarray:
+def _drawn(room: JudgedRoom, view: str, count: np.ndarray, samples: FootprintSamples, index: int) -> np.ndarray:
     shape, pixels = samples.shapes[index], samples.pixels(index)
     mask = np.zeros(shape[0] * shape[1], bool)
     mask[np.asarray(samples.center[pixels]) > 0] = count == 0

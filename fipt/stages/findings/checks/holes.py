@@ -8,8 +8,8 @@ import numpy as np
 
 from fipt.conventions import RAY_EPSILON
 from fipt.scene.findings import Measure, RoomFinding
+from fipt.stages.findings.drawing import plan
 from fipt.stages.findings.notes import Notes
-from fipt.stages.findings.pictures import plan
 from fipt.stages.findings.room import JudgedRoom
 from fipt.stages.findings.tolerance import TOLERANCE, share_error
 

@@ -8,8 +8,8 @@ the medians of cells, and its standard error comes from their scatter about it.
 import numpy as np
 
 from fipt.scene.findings import Measure, RoomFinding
+from fipt.stages.findings.drawing import compared, log_ratio, plan
 from fipt.stages.findings.notes import Notes
-from fipt.stages.findings.pictures import compared, log_ratio, plan
 from fipt.stages.findings.retakes import Retake
 from fipt.stages.findings.room import JudgedRoom
 from fipt.stages.findings.tolerance import TOLERANCE, median_error
@@ -101,12 +101,10 @@ def _slope(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:
     )
     marks = [("too dark", dark), ("too bright", bright)]
     cameras = [retake.camera for retake in room.retakes]
-    picture = plan(
-        room.mesh, cameras, room.fitted.emitters, marks, (centers, medians - np.median(medians), "log ratio")
-    )
+    drawn = plan(room.mesh, cameras, room.fitted.emitters, marks, (centers, medians - np.median(medians), "log ratio"))
     remedy = f"Photograph the ceiling, lamps and windows near {_place(dark)}; check the mesh there for holes and leaks."
     where = {"position": [round(float(v), 2) for v in dark]}
-    return [RoomFinding("light-slope", level, cause, measure, remedy, where, {"standard_error": error}, image=picture)]
+    return [RoomFinding("light-slope", level, cause, measure, remedy, where, {"standard_error": error}, image=drawn)]
 
 
 def _cells(place: np.ndarray, value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from fipt.scene.findings import Measure, RoomFinding
-from fipt.stages.findings.checks.brightness import picture
+from fipt.stages.findings.checks.brightness import drawn
 from fipt.stages.findings.explained import ExplainedPixels
 from fipt.stages.findings.notes import Notes
 from fipt.stages.findings.room import JudgedRoom
@@ -21,7 +21,7 @@ _FEWEST = 40
 """Pixels that a piece must have."""
 _GAP = 6.0
 """Pixels between two pieces of surface, at least."""
-_APART = np.log(2.0)
+_DISTINCT = np.log(2.0)
 """Logarithm of the ratio of two colours that are two: one is twice the other in a channel."""
 
 
@@ -51,7 +51,7 @@ def check(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:
             measure,
             "Correct the ids, or let parts be grown (segment.mode: geometry).",
             {"views": [pixels.views[view]], "segments": joined[:50]},
-            image=picture(room, pixels, view, marked),
+            image=drawn(room, pixels, view, marked),
         )
     ]
 
@@ -69,9 +69,9 @@ def several(pixels: ExplainedPixels, own: np.ndarray) -> bool:
         return False
     levels = np.array([np.median(group, axis=0) for group in groups])
     within = np.array([NORMAL * np.median(np.abs(group - np.median(group, axis=0)), axis=0) for group in groups])
-    apart = np.abs(levels[:, None] - levels[None]).max(axis=-1)
+    difference = np.abs(levels[:, None] - levels[None]).max(axis=-1)
     scatter = np.maximum(within[:, None], within[None]).max(axis=-1)
-    return bool((apart > np.maximum(_APART, OUTLIER * scatter)).any())
+    return bool((difference > np.maximum(_DISTINCT, OUTLIER * scatter)).any())
 
 
 def pieces(place: np.ndarray, normal: np.ndarray, gap: float) -> np.ndarray:

@@ -3,9 +3,9 @@
 import numpy as np
 
 from fipt.scene.findings import Measure, RoomFinding
+from fipt.stages.findings.drawing import plan
 from fipt.stages.findings.missing_light import likely_place
 from fipt.stages.findings.notes import Notes
-from fipt.stages.findings.pictures import plan
 from fipt.stages.findings.room import JudgedRoom
 
 

@@ -7,9 +7,9 @@ fills. It stands out against the other parts of the room, and against the tolera
 import numpy as np
 
 from fipt.scene.findings import Measure, RoomFinding
-from fipt.stages.findings.checks.brightness import picture, place_of
+from fipt.stages.findings.checks.brightness import drawn, place_of
+from fipt.stages.findings.drawing import log_ratio
 from fipt.stages.findings.notes import Notes
-from fipt.stages.findings.pictures import log_ratio
 from fipt.stages.findings.room import JudgedRoom
 from fipt.stages.findings.tolerance import TOLERANCE
 
@@ -54,6 +54,6 @@ def check(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:
             "Look at the picture: accept lamps in emitters_review.yaml, complete the mesh around mirrors and glass.",
             {"views": [pixels.views[view]], "segments": bad, "position": place_of(pixels, marked)},
             {f"part_{part}": round(worst[part], 3) for part in bad[:_LISTED]},
-            image=picture(room, pixels, view, marked),
+            image=drawn(room, pixels, view, marked),
         )
     ]

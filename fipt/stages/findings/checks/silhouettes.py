@@ -8,8 +8,8 @@ import numpy as np
 
 from fipt.scene.findings import Measure, RoomFinding
 from fipt.stages.findings.checks.light_balance import usable
+from fipt.stages.findings.drawing import compared, log_ratio
 from fipt.stages.findings.notes import Notes
-from fipt.stages.findings.pictures import compared, log_ratio
 from fipt.stages.findings.retakes import Retake
 from fipt.stages.findings.room import JudgedRoom
 from fipt.stages.findings.tolerance import TOLERANCE, median_error

@@ -7,7 +7,7 @@ import numpy as np
 
 from fipt.scene.findings import Measure, RoomFinding
 from fipt.scene.mesh import connected_parts
-from fipt.stages.findings.checks.brightness import picture
+from fipt.stages.findings.checks.brightness import drawn
 from fipt.stages.findings.notes import Notes
 from fipt.stages.findings.room import JudgedRoom
 
@@ -38,7 +38,7 @@ def check(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:
             measure,
             "Photograph with more pixels or from nearer, or give such parts the id of a thicker one of their material.",
             {"views": [pixels.views[view]]},
-            image=picture(room, pixels, view, marked),
+            image=drawn(room, pixels, view, marked),
         )
     ]
 

@@ -20,8 +20,8 @@ def test_a_run_without_its_emitters(work):
     first = next(iter(found))
     assert first == "no-emitter"
     assert found[first].severity == "serious"
-    assert found[first].picture == "findings/no-emitter.png"
-    assert decoded(work / found[first].picture, 1).shape[2] == 3
+    assert found[first].file == "findings/no-emitter.png"
+    assert decoded(work / found[first].file, 1).shape[2] == 3
     assert json.loads((work / "stats/findings.json").read_text())["findings"]["no-emitter"] == "serious"
 
 

@@ -117,8 +117,8 @@ def plan(
         drawn = axes.scatter(*points[:, across].T, c=values, s=14, cmap="RdBu_r", vmin=-_RANGE, vmax=_RANGE)
         figure.colorbar(drawn, label=name, shrink=0.7)
     eyes = np.array([camera.center for camera in cameras])
-    looks = np.array([-camera.world_from_camera[:3, 2] for camera in cameras])
-    axes.quiver(*eyes[:, across].T, *looks[:, across].T, color="tab:blue", width=0.004, scale=18)
+    ahead = np.array([-camera.world_from_camera[:3, 2] for camera in cameras])
+    axes.quiver(*eyes[:, across].T, *ahead[:, across].T, color="tab:blue", width=0.004, scale=18)
     axes.scatter(*eyes[:, across].T, s=14, color="tab:blue", label="cameras")
     if len(emitters.triangle):
         centers = mesh.corners[emitters.triangle].mean(axis=1)
