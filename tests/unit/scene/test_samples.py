@@ -86,6 +86,28 @@ def test_damaged_views(folder, text):
         read_samples(folder)
 
 
+def test_box_leaves_out_what_a_doorway_shows(np_rng):
+    """A ground of a hundred metres in a half percent of the pixels does not take the voxels of the room."""
+    room, ground = np_rng.random((9950, 3)) * (8, 3, 12), np_rng.random((50, 3)) * (200, 0, 200)
+    center, side = scene_box([scenes.samples_of(room), scenes.samples_of(ground)])
+    assert 12 < side < 14
+    assert np.all((room >= center - side / 2) & (room <= center + side / 2))
+
+
+@pytest.mark.parametrize("share", [0.03, 0.5])
+def test_box_holds_the_next_room(np_rng, share):
+    """What many pixels show is not left out, however far it is."""
+    count = int(10_000 * share)
+    positions = np.concatenate([np_rng.random((10_000 - count, 3)), 50 + np_rng.random((count, 3))])
+    assert scene_box([scenes.samples_of(positions)])[1] == pytest.approx(51 * 1.05, rel=0.01)
+
+
+def test_box_of_a_room_that_few_see_to_its_end(np_rng):
+    """A corner that few pixels see stays: leaving it out would not make the voxels much finer."""
+    positions = np.concatenate([np_rng.random((9_990, 3)), 1.5 + np_rng.random((10, 3)) * 0.3])
+    assert scene_box([scenes.samples_of(positions)])[1] > 1.7
+
+
 def test_views_of_another_shard(folder):
     (folder / "views.json").write_text(json.dumps({"views": [{"name": "a", "height": 2, "width": 2}]}))
     with pytest.raises(FiptError, match="do not belong together"):
