@@ -25,6 +25,8 @@ _SHOWN = 6
 def check(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:
     """Tell edges that are not where photographs show them."""
     patches = room.patches
+    if len(patches.view) < _FEWEST:
+        return []
     offset = displacements(patches)
     judged = np.flatnonzero(np.isfinite(offset))
     if len(judged) < _FEWEST:
@@ -57,7 +59,7 @@ def check(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:
 def displacements(patches: EdgePatches) -> np.ndarray:
     """(P,) signed displacement across each patch's edge, pixels; NaN where the fit has no strong edge."""
     photo, predicted = patches.photo.mean(axis=-1), patches.predicted.mean(axis=-1)
-    little = 0.05 * float(np.median(photo)) + 1e-9 if len(photo) else 1.0
+    little = 0.05 * float(np.median(photo)) + 1e-9
     photo, predicted = np.log(photo + little), np.log(predicted + little)
     down, across = (np.gradient(predicted, axis=axis)[:, 1:-1, 1:-1].reshape(len(photo), -1) for axis in (1, 2))
     left = (predicted - photo)[:, 1:-1, 1:-1].reshape(len(photo), -1)
