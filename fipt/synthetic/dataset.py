@@ -179,7 +179,7 @@ def built(folder: Path, settings: SynthesizeSettings, scene: Path | None) -> Syn
 
 
 def _made(settings: SynthesizeSettings, scene: Path | None) -> SyntheticRoom:
-    room = modelled(scene, settings) if scene else build(settings.seed, settings.opening, settings.sky)
+    room = modelled(scene, settings) if scene else build(settings.seed, settings.opening, settings.sky, settings.room)
     return with_board(room, settings.board) if settings.board.enabled else room
 
 

@@ -1,4 +1,4 @@
-"""What the furniture of the room in code is made of: parts, outlines, a few materials."""
+"""What the furniture of the rooms in code is made of: parts, outlines, a few materials."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,24 +25,27 @@ class RoomPart:
     name
         Unique in the room.
     semantic
-        One of `SEMANTICS`.
+        What it is called; the living room's are `SEMANTICS`.
     shape
         Its triangles.
     color
         Base colour: RGB, or a (h, w, 3) texture over the shape's texture coordinates.
-    roughness, metallic
-        In [0.02, 1] and [0, 1].
+    roughness
+        In [0.02, 1]; or a (h, w) texture as large as the colour's.
+    metallic
+        In [0, 1].
     radiance
-        Emitted radiance before the room's exposure; None where it emits nothing.
+        Emitted radiance before the room's exposure, RGB or (T, 3) for the shape's triangles; None where it emits
+        nothing.
     """
 
     name: str
     semantic: str
     shape: Shape
     color: Any
-    roughness: float = 1.0
+    roughness: Any = 1.0
     metallic: float = 0.0
-    radiance: Rgb | None = None
+    radiance: Any = None
 
 
 BRASS, COPPER, STEEL, SILVER = (
@@ -52,8 +55,7 @@ BRASS, COPPER, STEEL, SILVER = (
 BLACK: Rgb = (0.0, 0.0, 0.0)
 WHITE_PAINT: Rgb = (0.70, 0.69, 0.66)
 
-_OUTLINES = {
-    # radius and height, from the bottom over the outside to the top
+OUTLINES = {
     "lamp housing": "0.335 0.02, 0.335 0.005, 0.345 0, 0.36 0, 0.37 0.01, 0.37 0.105",
     "lamp stand": "0 0, 0.085 0, 0.085 0.012, 0.02 0.022, 0.011 0.035, 0.011 0.275, 0.035 0.282,0.035 0.288, 0 0.288",
     "table top": "0 0, 0.40 0, 0.425 0.006, 0.433 0.02, 0.425 0.034, 0.41 0.038, 0 0.038",
@@ -67,11 +69,12 @@ _OUTLINES = {
     "small pot": "0 0, 0.07 0, 0.095 0.17, 0.085 0.17, 0.07 0.03, 0 0.03",
     "plant pot": "0 0, 0.13 0, 0.14 0.01, 0.18 0.30, 0.185 0.33, 0.165 0.33, 0.16 0.29, 0 0.28",
 }
+"""Outlines for `lathed`."""
 
 
-def lathed(name: str, segments: int = 32) -> Shape:
-    """Body of revolution of an outline."""
-    points = [tuple(map(float, pair.split())) for pair in _OUTLINES[name].split(",")]
+def lathed(outline: str, segments: int = 32) -> Shape:
+    """Body of revolution; the outline is pairs "radius height" between commas, from the bottom over the outside."""
+    points = [tuple(map(float, pair.split())) for pair in outline.split(",")]
     return turned_body(points, segments)
 
 

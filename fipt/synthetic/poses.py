@@ -61,6 +61,8 @@ _SEEN_PLACES = 0.05
 """Share of the places of open space that another place in it sees."""
 _TRIES = 2000
 _SPACING = 0.04
+_EDGE = 3.0
+"""Pixels around a view in which what no view shall show must not lie either."""
 _LONGEST_EDGE = 3.0
 _JUDGED = 20_000
 """Points of the surface by which coverage is measured."""
@@ -132,7 +134,13 @@ def _walk(space: OpenSpace, settings: SynthesizeSettings) -> list[Camera]:
         yaw = np.arctan2(way[0], way[2])
         level = np.arctan2(space.target[1] - eyes, np.linalg.norm(half[[0, 2]]))
         cameras[name] = _camera(name, center, _turn(1, yaw) @ _turn(0, level), settings)
-    return [cameras[f"{split}_{k:03d}"] for split, count in counts.items() for k in range(count)]
+    found = [cameras[f"{split}_{k:03d}"] for split, count in counts.items() for k in range(count)]
+    if any(map(space.shows_unseen, found)):
+        raise FiptError(
+            f"no view may show {', '.join(space.room.unseen)}; cameras that walk do",
+            "let the cameras stand anywhere (synthesize.cameras: scattered)",
+        )
+    return found
 
 
 class OpenSpace:
@@ -183,6 +191,7 @@ class OpenSpace:
                 "check the unit of the scene file (synthesize.scene.scale)",
             )
         self._surface = KDTree(surface_points(room, seed))
+        self._unseen = _unseen_points(room, seed)
         drawn = np.random.default_rng([seed, 3]).uniform(self.low, self.high, (_DRAWN, 3))
         free = drawn[self._surface.query(drawn)[0] >= CLEARANCE][:_PLACES]
         remedy = "check the scene file's unit (synthesize.scene.scale), and that it is a room with floor and walls"
@@ -207,6 +216,17 @@ class OpenSpace:
             return False
         seen = visible(np.broadcast_to(np.float32(place), self.places.shape), self.places, self.intersect)
         return bool(seen.mean() >= _SEEN_PLACES)
+
+    def shows_unseen(self, camera: Camera) -> bool:
+        """Whether a view shows a part that no view shall show, or nearly so."""
+        if not len(self._unseen):
+            return False
+        image, depth = camera.project(self._unseen)
+        size = (camera.width, camera.height)
+        near = (depth > 0) & (image >= -_EDGE).all(axis=1) & (image < np.add(size, _EDGE)).all(axis=1)
+        points = self._unseen[near]
+        eyes = np.broadcast_to(camera.center.astype(np.float32), points.shape)
+        return bool(visible(eyes, points, self.intersect).any())
 
     def _enclosed(self, places: np.ndarray) -> np.ndarray:
         """(N,) bool: whether (N, 3) places have ground below and surface in most directions."""
@@ -246,6 +266,14 @@ def surface_points(room: SyntheticRoom, seed: int) -> np.ndarray:
     corners, areas = _nearby(room)
     counts = np.ceil(areas / _SPACING**2).astype(int)
     return _on(corners, counts, np.random.default_rng([seed, 2]))
+
+
+def _unseen_points(room: SyntheticRoom, seed: int) -> np.ndarray:
+    """(N, 3) float32 points at random on the parts that no view shows, about `_SPACING` metres apart."""
+    ids = [index + 1 for index, name in enumerate(room.parts) if name in room.unseen]
+    chosen = np.isin(room.part, ids)
+    counts = np.ceil(room.mesh.areas[chosen] / _SPACING**2).astype(int)
+    return _on(room.mesh.corners[chosen], counts, np.random.default_rng([seed, 5])).astype(np.float32)
 
 
 def _on(corners: np.ndarray, counts: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -322,7 +350,7 @@ def _candidates(name: str, space: OpenSpace, settings: SynthesizeSettings) -> li
         distance, shown = scan(camera, space.intersect)
         staring = np.median(distance) < space.depth
         blocked = (distance < 1.5 * CLEARANCE).mean() > _NEAR_SHARE
-        if not staring and not blocked:
+        if not staring and not blocked and not space.shows_unseen(camera):
             options.append((camera, shown))
         if len(options) == _CANDIDATES:
             break

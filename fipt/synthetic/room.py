@@ -1,10 +1,10 @@
-"""A room: one mesh, and what is known of each of its triangles. The room in code is built here.
+"""A room: one mesh, and what is known of each of its triangles. Rooms in code are built here.
 
-It is a furnished living room of 5.0 x 4.0 x 2.7 m, y up, with every material and lamp known; rooms from scene files
-are made in `fipt.synthetic.modelled`.
+Their content stands in `fipt.synthetic.rooms`: every material and emitter is known. Rooms from scene files are made in
+`fipt.synthetic.modelled`.
 
-All emitting surfaces of the room in code are seen from one side only (the pane closes the wall's recess, the ceiling
-lamp its housing, the globe itself), so one-sided and two-sided emission are the same there. Lamps absorb what falls on
+All emitting surfaces of rooms in code are seen from one side only (panes close the recesses of walls, lamps their
+housings, globes themselves), so one-sided and two-sided emission are the same there. Emitters absorb what falls on
 them: observed radiance is emitted radiance.
 """
 
@@ -20,13 +20,11 @@ import numpy as np
 from fipt.errors import FiptError
 from fipt.scene.environment import NOTHING, EnvironmentMap
 from fipt.scene.mesh import Mesh
-from fipt.synthetic.furniture import SIZE, furnish
 from fipt.synthetic.material import RoomMaterial
-from fipt.synthetic.parts import SEMANTICS, RoomPart
+from fipt.synthetic.parts import RoomPart
+from fipt.synthetic.rooms import DEFAULT, ROOMS
+from fipt.synthetic.rooms.design import PANE
 from fipt.synthetic.sky import sky
-
-EXPOSURE = 2.5
-"""Factor on every lamp of the room in code, chosen once so that the median pixel of a view is about 0.25."""
 
 _MOST_IDS = 65_535
 """Ids are pixels of 16-bit PNG files; 0 is unknown."""
@@ -45,8 +43,8 @@ class RoomPiece:
     material, semantic
         Indices into the room's materials and semantic names.
     radiance
-        (3,) emitted radiance to the front (the triangles are wound counter-clockwise there); None where it emits
-        nothing.
+        (3,) or (T, 3) emitted radiance to the front (the triangles are wound counter-clockwise there); None where it
+        emits nothing.
     """
 
     name: str
@@ -86,6 +84,8 @@ class SyntheticRoom:
         Factor that radiance and outside have on what the room's author said.
     facts
         What else room.json says of the room.
+    unseen
+        Names of parts that no view shows.
     """
 
     parts: tuple[str, ...]
@@ -101,6 +101,7 @@ class SyntheticRoom:
     box: np.ndarray
     exposure: float
     facts: dict[str, Any]
+    unseen: tuple[str, ...] = ()
 
     @property
     def emits(self) -> np.ndarray:
@@ -109,10 +110,12 @@ class SyntheticRoom:
 
     @property
     def emitters(self) -> list[np.ndarray]:
-        """Triangle indices of each lamp (one part each), by increasing triangle index."""
+        """Triangle indices of each emitter (one part and one radiance each), by increasing triangle index."""
         emitting = np.flatnonzero(self.emits)
-        by_part = np.split(emitting, np.flatnonzero(np.diff(self.part[emitting])) + 1)
-        return by_part if len(emitting) else []
+        another = np.diff(self.part[emitting]) != 0
+        another |= np.diff(self.radiance[emitting], axis=0).any(axis=1)
+        found = np.split(emitting, np.flatnonzero(another) + 1)
+        return found if len(emitting) else []
 
     def exposed(self, factor: float) -> SyntheticRoom:
         """Return the room with all its light times a factor."""
@@ -210,7 +213,7 @@ def assemble(
         part=per_triangle(np.arange(len(pieces)) + 1, np.uint16),
         semantic=per_triangle([piece.semantic + 1 for piece in pieces], np.uint16),
         material=per_triangle([piece.material for piece in pieces], np.int32),
-        radiance=per_triangle([np.zeros(3) if p.radiance is None else p.radiance for p in pieces], np.float32),
+        radiance=np.concatenate([_radiance(piece) for piece in pieces]).astype(np.float32),
         outside=outside,
         box=np.asarray(box, np.float64),
         exposure=exposure,
@@ -218,34 +221,64 @@ def assemble(
     )
 
 
-@lru_cache(4)
-def build(seed: int, opening: bool = False, horizon: tuple[float, float, float] = (8.0, 9.75, 12.5)) -> SyntheticRoom:
-    """Build the room in code, closed or with an open window; equal seeds give equal rooms, down to every triangle.
+def _radiance(piece: RoomPiece) -> np.ndarray:
+    """(T, 3) radiance of a piece's triangles."""
+    radiance = np.zeros(3) if piece.radiance is None else piece.radiance
+    return np.broadcast_to(radiance, (len(piece.triangles), 3))
+
+
+@lru_cache(8)
+def build(
+    seed: int,
+    opening: bool = False,
+    horizon: tuple[float, float, float] = (8.0, 9.75, 12.5),
+    name: str = DEFAULT,
+) -> SyntheticRoom:
+    """Build a room in code, closed or with open windows; equal seeds give equal rooms, down to every triangle.
 
     Parameters
     ----------
     seed
         Of its random details.
     opening
-        Leave out the window's pane: the sky is seen and shines in.
+        Leave out the windows' panes: the sky is seen and shines in.
     horizon
         Radiance of that sky's horizon.
+    name
+        Which of `ROOMS`.
+
+    Raises
+    ------
+    FiptError
+        If it has no window to open.
     """
-    parts = furnish(np.random.default_rng([seed, 1]), opening)
-    return assemble(
-        [_piece(index, part) for index, part in enumerate(parts)],
+    design = ROOMS[name]
+    parts = design.furnish(np.random.default_rng([seed, 1]))
+    if opening:
+        closed, parts = parts, [part for part in parts if not part.name.startswith(PANE)]
+        if len(parts) == len(closed):
+            raise FiptError(f"the room {name} has no window to open", "leave synthesize.opening out")
+    semantics = design.semantics or tuple(dict.fromkeys(part.semantic for part in parts))
+    named = {} if name == DEFAULT else {"room": name}
+    room = assemble(
+        [_piece(index, part, semantics, design.exposure) for index, part in enumerate(parts)],
         [_material(part) for part in parts],
-        SEMANTICS,
-        np.array([np.zeros(3), SIZE]),
+        semantics,
+        np.array([np.zeros(3), design.size]),
         sky(horizon) if opening else NOTHING,
-        EXPOSURE,
-        {"seed": seed, "size": list(SIZE)},
+        design.exposure,
+        {**named, "seed": seed, "size": list(design.size)},
     )
+    return replace(room, unseen=design.unseen)
 
 
 def _material(part: RoomPart) -> RoomMaterial:
-    roughness, metallic = (np.full((1, 1), value, np.float32) for value in (part.roughness, part.metallic))
-    return RoomMaterial(part.name, _image(part), roughness, metallic)
+    """Return a part's material; textures of roughness are as large as those of the colour."""
+    image = _image(part)
+    roughness, metallic = (np.atleast_2d(np.float32(value)) for value in (part.roughness, part.metallic))
+    if roughness.shape not in ((1, 1), image.shape[:2]):
+        raise ValueError(f"{part.name}: roughness of {roughness.shape} texels, colour of {image.shape[:2]}")
+    return RoomMaterial(part.name, image, roughness, metallic)
 
 
 def _image(part: RoomPart) -> np.ndarray:
@@ -253,10 +286,10 @@ def _image(part: RoomPart) -> np.ndarray:
     return color.reshape(1, 1, 3) if color.size == 3 else color
 
 
-def _piece(index: int, part: RoomPart) -> RoomPiece:
+def _piece(index: int, part: RoomPart, semantics: Sequence[str], exposure: float) -> RoomPiece:
     """Return a part as a piece: its texture ends at the centres of its outermost texels, and so never repeats."""
     height, width = _image(part).shape[:2]
     uv = (0.5 + part.shape.uv * (width - 1, height - 1)) / (width, height)
-    radiance = None if part.radiance is None else np.multiply(part.radiance, EXPOSURE)
-    semantic = SEMANTICS.index(part.semantic)
+    radiance = None if part.radiance is None else np.multiply(part.radiance, exposure)
+    semantic = semantics.index(part.semantic)
     return RoomPiece(part.name, part.shape.vertices, part.shape.triangles, uv, index, semantic, radiance)

@@ -6,6 +6,9 @@ from pydantic import Field
 
 from fipt.settings import Angle, Count, Fraction, Length, Point, Positive, Rgb, Settings, Weight
 
+RoomName = Literal["living_room", "office", "blinds", "skylight"]
+"""Rooms in code: files of `fipt.synthetic.rooms`."""
+
 Quad = tuple[float, float, float, float]
 
 
@@ -108,6 +111,7 @@ class SimulatedBoard(Settings):
 class SynthesizeSettings(Settings):
     """A room in code or of a scene file, and its views."""
 
+    room: RoomName = Field(default="living_room", description="which room in code")
     train_views: Positive = Field(default=24, description="number of training views")
     val_views: Positive = Field(default=6, description="number of held-out views")
     cameras: Literal["scattered", "walk"] = Field(
@@ -122,7 +126,7 @@ class SynthesizeSettings(Settings):
     max_depth: Positive = Field(default=10, description="longest path, bounces")
     denoise: bool = Field(default=True, description="denoise the rendered views")
     opening: bool = Field(
-        default=False, description="room in code: leave the window's pane out, so that light comes from the sky"
+        default=False, description="room in code: leave the panes of its windows out, so that light comes from the sky"
     )
     sky: Rgb = Field(default=(8.0, 9.75, 12.5), description="radiance of the sky's horizon, where there is an opening")
     board: SimulatedBoard = Field(default=SimulatedBoard(), description="a ChArUco board that stands in the room")

@@ -100,3 +100,49 @@ def weave(rng: np.random.Generator, color: Rgb, height: int = 96, width: int = 9
 def _mix(first: Rgb, second: Rgb, share: np.ndarray) -> np.ndarray:
     share = share[..., None].astype(np.float32)
     return np.array(first, np.float32) * (1 - share) + np.array(second, np.float32) * share
+
+
+def grid(
+    rng: np.random.Generator,
+    size: tuple[float, float],
+    cell: tuple[float, float],
+    joint: float,
+    colors: tuple[Rgb, Rgb],
+    spread: float = 0.04,
+    offset: float = 0.0,
+    texel: float = 0.006,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Tiles with joints between them.
+
+    Parameters
+    ----------
+    rng
+        Draws the tone of each tile.
+    size, cell
+        Of the surface and of a tile with its joint, along u and v, metres.
+    joint
+        Width of the joints, metres.
+    colors
+        Of tiles and of joints.
+    spread
+        Standard deviation of the tiles' tones.
+    offset
+        Shift of every other row, as a share of a tile.
+    texel
+        Side of a texel, metres.
+
+    Returns
+    -------
+    image, is_joint
+        (h, w, 3) float32 colours; (h, w) bool.
+    """
+    width, height = (max(round(side / texel), 2) for side in size)
+    v, u = np.meshgrid(np.linspace(0, size[1], height), np.linspace(0, size[0], width), indexing="ij")
+    row = np.floor(v / cell[1])
+    shifted = u + offset * cell[0] * (row % 2)
+    column = np.floor(shifted / cell[0])
+    tone = 1 + spread * rng.standard_normal((int(row.max()) + 1, int(column.max()) + 1))
+    image = np.array(colors[0], np.float32) * tone[row.astype(int), column.astype(int), None]
+    is_joint = (shifted % cell[0] < joint) | (v % cell[1] < joint)
+    image[is_joint] = colors[1]
+    return np.clip(image, 0.01, 0.85).astype(np.float32), is_joint

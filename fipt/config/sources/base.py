@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 from pydantic import Field
 
@@ -30,8 +30,10 @@ class SourceEntry(Settings):
     setups: Setups | None = Field(default=None, description="relight setups of this scene, beside the common ones")
     settings: Sections | None = Field(default=None, description="stage sections of this scene")  # pyright: ignore[reportInvalidTypeForm] - made by create_model
 
-    below: ClassVar[Mapping[str, Any]] = {}
-    """Stage sections that lie below the preset of such a scene."""
+    @property
+    def below(self) -> Mapping[str, Any]:
+        """Stage sections that lie below the preset of such a scene."""
+        return {}
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from fipt.synthetic import poses
-from fipt.synthetic.furniture import SIZE
 from fipt.synthetic.room import build
+from fipt.synthetic.rooms.living_room import SIZE
 from fipt.synthetic.settings import SynthesizeSettings
 
 SETTINGS = SynthesizeSettings(train_views=8, val_views=3, width=64, height=48)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from fipt.synthetic import shapes
-from fipt.synthetic.furniture import SIZE
 from fipt.synthetic.parts import SEMANTICS
 from fipt.synthetic.room import build
+from fipt.synthetic.rooms.living_room import SIZE
 
 
 @pytest.fixture(scope="module")

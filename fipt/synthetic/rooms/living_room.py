@@ -1,11 +1,10 @@
-"""What stands in the living room: its shell, lamps and furniture, piece by piece.
+"""The living room, which the demo shows: its shell, lamps and furniture, piece by piece.
 
 Lengths in metres, y up, the floor at y = 0; x runs along the window wall (z = 0), away from the
 sofa's wall (x = 0). Pieces stand a millimetre apart, so that no two surfaces coincide.
 """
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
@@ -14,6 +13,8 @@ from fipt.synthetic.parts import (
     BLACK,
     BRASS,
     COPPER,
+    OUTLINES,
+    SEMANTICS,
     SILVER,
     STEEL,
     WHITE_PAINT,
@@ -23,6 +24,8 @@ from fipt.synthetic.parts import (
     palette,
     upright_rods,
 )
+from fipt.synthetic.rooms.design import RoomDesign
+from fipt.synthetic.rooms.pieces import BOOK_COLORS, foliage, framed
 from fipt.synthetic.shapes import (
     Shape,
     ball,
@@ -30,24 +33,19 @@ from fipt.synthetic.shapes import (
     curtain,
     disc,
     joined,
-    leaf,
     panel,
     ring,
     rod,
 )
-from fipt.synthetic.textures import Rgb
 
 SIZE = (5.0, 2.7, 4.0)
 """Interior along x, y, z, metres; one lower corner is the origin."""
 
 
-def furnish(rng: np.random.Generator, opening: bool = False) -> list[RoomPart]:
-    """Return all parts, lamps first; ``rng`` draws the grain of woods, the books and the leaves.
-
-    With an ``opening`` the window has no pane.
-    """
+def furnish(rng: np.random.Generator) -> list[RoomPart]:
+    """Return all parts, lamps first; ``rng`` draws the grain of woods, the books and the leaves."""
     return [
-        *(part for part in _emitters() if not opening or part.name != "window pane"),
+        *_emitters(),
         *_shell(rng),
         *_window(rng),
         *_sofa(rng),
@@ -114,7 +112,7 @@ def _shell(rng: np.random.Generator) -> Iterator[RoomPart]:
         box((0.016, 0.08, depth)).moved(0.009, 0.001, depth / 2),
         box((0.016, 0.08, depth)).moved(width - 0.009, 0.001, depth / 2),
     ]
-    housing = lathed("lamp housing", 48).moved(*_CEILING_EMITTER)
+    housing = lathed(OUTLINES["lamp housing"], 48).moved(*_CEILING_EMITTER)
     yield RoomPart("north wall", "wall", joined(north), (0.72, 0.69, 0.63))
     yield RoomPart("west wall", "wall", west, (0.22, 0.38, 0.34))
     yield RoomPart("east wall", "wall", east, (0.62, 0.33, 0.22))
@@ -224,7 +222,7 @@ def _chairs(rng: np.random.Generator) -> Iterator[RoomPart]:
 
 def _coffee_table(rng: np.random.Generator) -> Iterator[RoomPart]:
     x, z, level = 1.85, 2.05, 0.4385
-    top = lathed("table top", 56).moved(0, 0.40, 0).projected(0, 2).moved(x, 0, z)
+    top = lathed(OUTLINES["table top"], 56).moved(0, 0.40, 0).projected(0, 2).moved(x, 0, z)
     frame = [ring(0.33, 0.012).moved(0, 0.385, 0), ring(0.24, 0.010).moved(0, 0.12, 0)]
     for degrees in (30, 150, 270):
         leg = rod((0.20, 0.012, 0), (0.34, 0.395, 0), 0.014)
@@ -236,9 +234,9 @@ def _coffee_table(rng: np.random.Generator) -> Iterator[RoomPart]:
     rug = box((2.30, 0.014, 1.65), 0.006).moved(1.98, 0.001, 2.05).projected(0, 2)
     cherry = textures.wood(rng, 128, 128, (0.30, 0.085, 0.035), (0.19, 0.042, 0.018))
     covers = palette((0.07, 0.22, 0.27), (0.66, 0.50, 0.20))
-    vase = lathed("copper vase", 40).moved(x + 0.14, level, z - 0.14)
-    bowl = lathed("bowl").moved(x - 0.20, level, z - 0.10)
-    drum = lathed("drum", 48).moved(0.42, 0.001, 3.42)
+    vase = lathed(OUTLINES["copper vase"], 40).moved(x + 0.14, level, z - 0.14)
+    bowl = lathed(OUTLINES["bowl"]).moved(x - 0.20, level, z - 0.10)
+    drum = lathed(OUTLINES["drum"], 48).moved(0.42, 0.001, 3.42)
     yield RoomPart("rug", "rug", rug, textures.rug())
     yield RoomPart("coffee table", "table", top, cherry, 0.2)
     legs = joined(frame).moved(x, 0.014, z)
@@ -265,7 +263,7 @@ def _desk(rng: np.random.Generator) -> Iterator[RoomPart]:
     ]
     oak = textures.wood(rng, 120, 300, (0.55, 0.37, 0.20), (0.40, 0.24, 0.11))
     covers = palette((0.45, 0.09, 0.06), (0.60, 0.57, 0.50), (0.06, 0.12, 0.24))
-    mug = lathed("mug", 24).moved(3.86, level, 0.42)
+    mug = lathed(OUTLINES["mug"], 24).moved(3.86, level, 0.42)
     yield RoomPart("desk", "table", top, oak, 0.5)
     yield RoomPart("desk frame", "table", joined(frame), (0.045, 0.045, 0.05), 0.5)
     yield RoomPart("desk books", "book", joined(books).moved(4.58, level, 0.30), covers, 0.7)
@@ -287,8 +285,8 @@ def _sideboard() -> Iterator[RoomPart]:
         handles.append(rod((4.492, 0.32, z), (4.492, 0.54, z), 0.007, 8))
         handles += [rod((4.492, y, z), (4.52, y, z), 0.005, 6) for y in (0.34, 0.52)]
     legs = joined(upright_rods((4.60, 4.90), (1.28, 2.92), 0.13, 0.016))
-    stand = lathed("lamp stand", 28).moved(_GLOBE[0], level, _GLOBE[2])
-    vase = lathed("ceramic vase", 36).moved(4.76, level, 2.66)
+    stand = lathed(OUTLINES["lamp stand"], 28).moved(_GLOBE[0], level, _GLOBE[2])
+    vase = lathed(OUTLINES["ceramic vase"], 36).moved(4.76, level, 2.66)
     lacquer = ball(0.075, 28).moved(4.72, level + 0.075, 2.32)
     yield RoomPart("sideboard", "cupboard", joined(body), (0.028, 0.13, 0.15), 0.18)
     yield RoomPart("sideboard handles", "cupboard", joined(handles), **BRASS, roughness=0.25)
@@ -296,12 +294,6 @@ def _sideboard() -> Iterator[RoomPart]:
     yield RoomPart("table lamp stand", "lamp", stand, **BRASS, roughness=0.25)
     yield RoomPart("ceramic vase", "vase", vase, (0.70, 0.68, 0.64), 0.15)
     yield RoomPart("lacquer ball", "vase", lacquer, (0.45, 0.045, 0.03), 0.15)
-
-
-_BOOK_COLORS = (
-    (0.42, 0.09, 0.05), (0.06, 0.14, 0.28), (0.62, 0.55, 0.40), (0.10, 0.26, 0.20),
-    (0.60, 0.36, 0.08), (0.25, 0.10, 0.17), (0.55, 0.60, 0.62), (0.08, 0.08, 0.09),
-)  # fmt: skip
 
 
 def _bookcase(rng: np.random.Generator) -> Iterator[RoomPart]:
@@ -315,7 +307,7 @@ def _bookcase(rng: np.random.Generator) -> Iterator[RoomPart]:
         *(box((0.03, top, depth), 0.004).moved(x, 0.001, z) for x in uprights),
         box((width, top, 0.012)).moved(middle, 0.001, back),
     ]
-    colors = len(_BOOK_COLORS)
+    colors = len(BOOK_COLORS)
     books, boxes = [], []
     for shelf, y in enumerate(boards[:-1]):
         for bay, start in enumerate((left + 0.035, middle + 0.02)):
@@ -333,11 +325,11 @@ def _bookcase(rng: np.random.Generator) -> Iterator[RoomPart]:
                 x += w + 0.002
     crates = palette((0.46, 0.36, 0.24), (0.24, 0.32, 0.32))
     silver = ball(0.10, 32).moved(left + 0.17, 1.5085, z - 0.02)
-    pot = lathed("small pot", 28).moved(left + 0.35, top - 0.0015, z)
-    leaves = _foliage(rng, 22, (0.16, 0.30), 0.055, (0.02, 0.16), 0.20, (-0.3, -0.12), (0.3, 0.12))
+    pot = lathed(OUTLINES["small pot"], 28).moved(left + 0.35, top - 0.0015, z)
+    leaves = foliage(rng, 22, (0.16, 0.30), 0.055, (0.02, 0.16), 0.20, (-0.3, -0.12), (0.3, 0.12))
     trailing = leaves.moved(left + 0.35, 2.00, z - 0.01)
     yield RoomPart("bookcase", "shelf", joined(case), (0.68, 0.66, 0.61), 0.6)
-    yield RoomPart("books", "book", joined(books), palette(*_BOOK_COLORS), 0.8)
+    yield RoomPart("books", "book", joined(books), palette(*BOOK_COLORS), 0.8)
     yield RoomPart("storage boxes", "shelf", joined(boxes), crates, 0.95)
     yield RoomPart("silver ball", "vase", silver, **SILVER, roughness=0.25)
     yield RoomPart("bookcase pot", "vase", pot, (0.62, 0.60, 0.55), 0.4)
@@ -348,17 +340,6 @@ def _bookcase(rng: np.random.Generator) -> Iterator[RoomPart]:
 
 
 def _wall_art() -> Iterator[RoomPart]:
-    def framed(width: float, height: float, degrees: float, place: Rgb) -> tuple[Shape, Shape]:
-        """Canvas and frame, turned from facing z and hung at ``place``."""
-        canvas = panel((-width / 2, -height / 2, 0.012), (width, 0, 0), (0, height, 0))
-        t = 0.025
-        sides = [
-            *(box((width + 2 * t, t, 0.03)).moved(0, y, 0.015) for y in (-height / 2 - t, height / 2)),
-            *(box((t, height, 0.03)).moved(x, -height / 2, 0.015) for x in (-(width + t) / 2, (width + t) / 2)),
-        ]
-        canvas, frame = canvas.projected(0, 1), joined(sides)
-        return canvas.turned(degrees).moved(*place), frame.turned(degrees).moved(*place)
-
     hills, hills_frame = framed(0.96, 0.72, -90, (4.985, 1.72, 2.25))
     arches, arches_frame = framed(0.57, 0.76, 90, (0.015, 1.58, 2.05))
     frames = joined([hills_frame, arches_frame])
@@ -370,34 +351,15 @@ def _wall_art() -> Iterator[RoomPart]:
 def _plant(rng: np.random.Generator) -> Iterator[RoomPart]:
     free = (-0.4, -0.44), (0.9, 0.9)
     leaves = [
-        _foliage(rng, 15, (0.42, 0.60), 0.14, (0.45, 0.95), 0.55, *free),
-        _foliage(rng, 9, (0.22, 0.36), 0.12, (0.75, 1.0), 0.30, *free),
+        foliage(rng, 15, (0.42, 0.60), 0.14, (0.45, 0.95), 0.55, *free),
+        foliage(rng, 9, (0.22, 0.36), 0.12, (0.75, 1.0), 0.30, *free),
     ]
-    pot = lathed("plant pot", 36).moved(0.46, 0.001, 0.50)
+    pot = lathed(OUTLINES["plant pot"], 36).moved(0.46, 0.001, 0.50)
     yield RoomPart("plant pot", "plant", pot, (0.58, 0.25, 0.13), 0.7)
     yield RoomPart("plant", "plant", joined(leaves).moved(0.46, 0.29, 0.50), (0.055, 0.17, 0.045), 0.5)
 
 
-def _foliage(
-    rng: np.random.Generator,
-    count: int,
-    length: tuple[float, float],
-    width: float,
-    rise: tuple[float, float],
-    droop: float,
-    low: tuple[float, float],
-    high: tuple[float, float],
-) -> Shape:
-    """Leaves all around the origin, shortened to stay within ``low`` and ``high`` in x and z."""
-    leaves = []
-    for index in range(count):
-        shape = leaf(
-            rng.uniform(*length),
-            width * rng.uniform(0.8, 1.2),
-            rng.uniform(*rise),
-            droop * rng.uniform(0.6, 1.2),
-        ).turned(137.5 * index + rng.uniform(-15, 15))
-        flat = shape.vertices[:, [0, 2]]
-        excess = max((flat / high).max(), (flat / low).max(), 1.0)
-        leaves.append(replace(shape, vertices=shape.vertices / (excess, 1, excess)))
-    return joined(leaves)
+EXPOSURE = 2.5
+"""Factor on all emitters, chosen once so that the median pixel of a view is about 0.25."""
+
+DESIGN = RoomDesign(SIZE, EXPOSURE, furnish, SEMANTICS)
