@@ -29,7 +29,9 @@ _RESOLUTION = 96
 _METAL_GAIN = 0.1
 """Share of the residual that metal must remove before it is believed."""
 _CAUTION = 0.5
-"""Smoothness must remove more than this / sqrt(pixels) of the residual; matte otherwise."""
+"""Smoothness must remove more than this / sqrt(free deviations) of the residual; matte otherwise."""
+_PAIR = 2
+"""Numbers that the search finds of a part."""
 _LEAST_TRUST = 1e-4
 """Weight of pixels that nothing is known about: they decide only where there are no others."""
 _NO_ERROR = 1e-4
@@ -117,7 +119,7 @@ def estimate_parts(
     for i, m in enumerate(_METALLIC):
         for j, s in enumerate(_ROUGHNESS):
             residual[i, j] = groups.residual(s, m)
-    roughness, metallic, gain = _chosen(residual, used)
+    roughness, metallic, gain = _chosen(residual, groups.free)
     if classes is not None:
         roughness, metallic, gain = _of_classes((roughness, metallic, gain), used, classes)
     offset, slope = line_in_base_color(inner.shading, roughness[inner.segment], metallic[inner.segment])
@@ -145,6 +147,11 @@ class _Pieces:
         (N,) weight of each pixel.
     count
         Number of segments S.
+
+    Attributes
+    ----------
+    free
+        (S,) deviations that are left of a segment's pixels, without one colour a piece and the pair.
     """
 
     def __init__(self, inner: InnerPixels, piece: np.ndarray, trust: np.ndarray, count: int) -> None:
@@ -159,6 +166,7 @@ class _Pieces:
             np.bincount(self._segment, self._weight > 0, count),
         )
         self._between = pieces / np.maximum(pixels, 1)
+        self.free = pixels - pieces - _PAIR
 
     def residual(self, s: float, m: float) -> np.ndarray:
         """(S,) mean absolute differences of sRGB-encoded radiance within pieces and between them, together."""
@@ -189,10 +197,10 @@ def _difference(modelled: np.ndarray, radiance: np.ndarray) -> np.ndarray:
     return np.minimum(np.abs(srgb_encode(np.maximum(modelled, 0)) - srgb_encode(radiance)).mean(axis=1), _OUTLIER)
 
 
-def _chosen(residual: np.ndarray, used: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _chosen(residual: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Roughness, metallic and gain (S,) from residuals (metallic, roughness, S); cautious where little is gained."""
     rough = np.array(_ROUGHNESS)
-    caution = _CAUTION / np.sqrt(np.maximum(used, 1))
+    caution = _CAUTION / np.sqrt(np.maximum(free, 1))
     cautious = residual * (1 + caution * (1 - rough)[None, :, None])
     per_metal = cautious.min(axis=1)
     metal = per_metal.argmin(axis=0)
@@ -205,7 +213,7 @@ def _chosen(residual: np.ndarray, used: np.ndarray) -> tuple[np.ndarray, np.ndar
     choice = cautious[metal, :, segments].argmin(axis=1)
     matte = residual[0, -1]
     best = residual[metal, choice, segments]
-    known = used >= FEWEST
+    known = free >= 1
     return (
         np.where(known, rough[choice], 1.0),
         np.where(known, np.array(_METALLIC)[metal], 0.0),
