@@ -9,8 +9,10 @@ from fipt.meshing.clean import clean
 from fipt.meshing.denoise import filtered_normals, fitted_to_normals, normal_deviation
 from fipt.meshing.planes import find_planes, flattened, grown
 from fipt.meshing.prepare import prepared
+from fipt.meshing.topology import border_vertices
+from fipt.render.scene import RayScene
 from fipt.scene.cameras import Camera
-from fipt.scene.mesh import Mesh
+from fipt.scene.mesh import Mesh, surface_points
 from tests.scenes import box, joined, quad, sheet
 
 BOX = box((0, 0, 0), (2, 2, 2))
@@ -32,6 +34,13 @@ def camera(width: int = 40) -> Camera:
     pose = np.eye(4)
     pose[:3] = np.stack([right, np.cross(back, right), back, 3 * back], 1)
     return Camera("view", "train", width, width, width, width, width / 2, width / 2, pose)
+
+
+def inside() -> Camera:
+    """A wide view from the middle of the room."""
+    pose = np.eye(4)
+    pose[:3, 3] = 1
+    return Camera("view", "train", 40, 40, 15, 15, 20, 20, pose)
 
 
 def dark(view: str) -> tuple[np.ndarray, np.ndarray]:
@@ -115,3 +124,29 @@ def test_triangles_without_area_go() -> None:
 
 def test_creases_are_no_noise() -> None:
     assert normal_deviation(BOX).max() < 1e-6
+
+
+def test_a_prepared_room_leaks_no_light(backend) -> None:
+    """Rays that start on its surface, as far off it as the tracer's, meet another wall, never their own or nothing."""
+    x, y, z = 2 * np.eye(3)
+    walls = [sheet((0, 0, 0), u, v, 40) for u, v in ((x, y), (y, z), (z, x))]
+    walls += [sheet((2, 2, 2), -u, -v, 40) for u, v in ((y, x), (z, y), (x, z))]
+    mesh, _ = clean(joined(*walls), 0.0)
+    moved = mesh.vertices + np.random.default_rng(0).normal(0, 0.004, mesh.vertices.shape)
+    done, figures = prepared(Mesh(moved.astype(np.float32), mesh.triangles), [inside()], dark, AUTO)
+    assert figures["planes"] == 6
+    assert not border_vertices(done).any()
+    scene, middle = RayScene(done), np.array([1.0, 1.0, 1.0])
+    rng = np.random.default_rng(1)
+    points, triangle = surface_points(done, 0.05, np.full(3, -1.0), np.full(3, 3.0), 0)
+    normals = done.normals[triangle]
+    normals = np.where(((middle - points) * normals).sum(axis=1, keepdims=True) < 0, -normals, normals)
+    directions = rng.normal(size=points.shape)
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    directions = np.where((directions * normals).sum(axis=1, keepdims=True) < 0, -directions, directions)
+    distance, met = scene.intersect(points + normals * scene.epsilon, directions.astype(np.float32))
+    # the corners of a room are round by no more than its noise
+    inner = (np.abs(points - 1) < 0.98).sum(axis=1) >= 2
+    steep = (directions * normals).sum(axis=1) > 0.1
+    assert (met[inner] >= 0).all()
+    assert distance[inner & steep].min() > 0.001
