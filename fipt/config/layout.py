@@ -94,6 +94,7 @@ class Layout:
     shading = Below("round-{round}/shading/{shard}.manifest.json")
     model = Below("round-{round}/model.safetensors")
     confidence = Below("round-{round}/confidence.npz")
+    settled = Below("round-{round}/settled.json")
     emitters = Below("round-{round}/emitters.npz")
     emitters_for_people = Below("round-{round}/emitters.json")
 
