@@ -56,7 +56,7 @@ def run(inputs: FindingsInputs, settings: "FindingsSettings") -> dict[str, Any]:
                 write_png(folder / f"{finding.id}.png", finding.image)
     write_findings(inputs.out, found, notes.measures)
     for finding in found:
-        log.warning("%s", finding.headline)
+        log.warning("%s %s", finding.cause, finding.remedy)
     return {"findings": {finding.id: finding.severity for finding in found}}
 
 
