@@ -157,8 +157,8 @@ def cupboard(size: Sequence[float], fronts: tuple[int, int], plinth: float = 0.0
         for j in range(rows)
     ]
     body = box((width, height - plinth, depth - 0.02)).moved(0, plinth, -0.01)
-    foot = box((width - 0.02, plinth, depth - 0.08)).moved(0, GAP, -0.03)
-    return joined([body, foot, *doors])
+    foot = [box((width - 0.02, plinth, depth - 0.08)).moved(0, GAP, -0.03)] if plinth else []
+    return joined([body, *foot, *doors])
 
 
 def handles(size: Sequence[float], fronts: tuple[int, int], length: float, plinth: float = 0.08) -> Shape:
