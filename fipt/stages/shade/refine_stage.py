@@ -36,6 +36,7 @@ class RefineInputs:
 
 def run(inputs: RefineInputs, settings: "RefineSettings") -> dict[str, Any]:
     """Path-trace the shading again with the fitted model."""
+    from fipt.formats.manifests import manifest_stage
     from fipt.model.fitted import FittedScene
     from fipt.render.tracer import PathSettings
     from fipt.scene.dataset import Dataset
@@ -47,10 +48,13 @@ def run(inputs: RefineInputs, settings: "RefineSettings") -> dict[str, Any]:
     data, shard = Dataset(inputs.dataset), read_samples(inputs.samples)
     room = FittedScene.load(data.mesh(), inputs.model, inputs.emitters, inputs.environment, inputs.cache)
     path = PathSettings(settings.max_depth, settings.cache_roughness, settings.light_sampling)
-    shader = fitted_shader(room, path)
     before = read_shading(inputs.previous, shard)
+    # round 0 knew nothing of light that no view shows: neither its shading nor its materials are to be kept
+    baked = manifest_stage(inputs.previous.with_name(f"{inputs.previous.name}.manifest.json")) == "bake"
+    anew = baked and bool(room.emitters.guessed.any())
+    shader, damping = fitted_shader(room, path, filled=anew), 0.0 if anew else settings.damping
 
     def kept(index: int, new: "np.ndarray") -> "np.ndarray":
-        return damped(new, before[shard.of_view(index)], settings.damping)
+        return damped(new, before[shard.of_view(index)], damping)
 
     return write_shading("refine", shader, data, shard, settings, inputs.out, kept)
