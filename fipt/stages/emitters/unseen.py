@@ -171,7 +171,7 @@ def _gathered(kept: np.ndarray, block: np.ndarray, columns: tuple[np.ndarray, ..
     middle = np.bincount(owner, level, rows) / views
     spread = np.sqrt(np.bincount(owner, (level - middle[owner]) ** 2, rows) / np.maximum(views - 1, 1))
     order = np.argsort(row, kind="stable")
-    start = np.concatenate([[0], np.cumsum(count)[:-1]]).astype(np.int64)
+    start = np.cumsum(count) - count
     pick = (np.random.default_rng(0).random((rows, 4)) * count[:, None]).astype(np.int64)
     chosen = order[start[:, None] + pick]
     return Blocks(position[chosen], normal[chosen], np.exp(mean), spread, group[order[start]])

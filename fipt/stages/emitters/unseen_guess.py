@@ -90,7 +90,7 @@ def with_guess(
     if not guess.determined:
         return Guessed(found, _undetermined(guess, leaves), {"guess": figures})
     emitters = _added(mesh, found, patches, guess)
-    return Guessed(emitters, _told(mesh, emitters, guess, environment.up), {"guess": figures})
+    return Guessed(emitters, _advice(mesh, emitters, guess, environment.up), {"guess": figures})
 
 
 def _added(mesh: Mesh, found: Emitters, patches: Patches, guess: Guess) -> Emitters:
@@ -120,7 +120,7 @@ def _added(mesh: Mesh, found: Emitters, patches: Patches, guess: Guess) -> Emitt
     return replace(found, **{name: values[order] for name, values in joined.items()})
 
 
-def _told(mesh: Mesh, emitters: Emitters, guess: Guess, up: str) -> tuple[str, ...]:
+def _advice(mesh: Mesh, emitters: Emitters, guess: Guess, up: str) -> tuple[str, ...]:
     """What a person should know of a guess: where to photograph, and how sure it is."""
     own = emitters.guessed
     power = emitters.area[own] * emitters.radiance[own].mean(axis=1)

@@ -16,6 +16,7 @@ from fipt.stages.findings.checks import (
     dim_emitters,
     emitters,
     exposures,
+    guessed_light,
     hardly_seen,
     holes,
     light_balance,
@@ -56,6 +57,7 @@ def lit(found=None, environment=NOTHING):
         silhouettes.check,
         rerendering.check,
         no_emitter.check,
+        guessed_light.check,
         settled.check,
         hardly_seen.check,
     ],
@@ -85,6 +87,17 @@ def test_light_that_falls_off_to_one_side():
     found = told(light_balance.check, retakes=[judged.retake(k, across) for k in range(VIEWS)])["light-slope"]
     assert found.where["position"][0] < SIDE / 4
     assert found.measure.value > 0.4
+
+
+def test_guessed_light_is_told():
+    found = judged.emitters()
+    guessed = replace(
+        found, guessed=np.ones(len(found.triangle), bool), spread=np.full(len(found.triangle), 0.3, np.float32)
+    )
+    told_of = told(guessed_light.check, fitted=lit(guessed))["guessed-light"]
+    assert "100 % of the emitted power is a guess, known within 30 %" in told_of.cause
+    assert told_of.image.shape[2] == 3
+    assert not told(no_emitter.check, fitted=lit(guessed))
 
 
 def test_without_any_emitter():
