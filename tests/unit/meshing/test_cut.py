@@ -137,6 +137,15 @@ def test_an_edge_that_moves_with_the_viewer_is_none(backend) -> None:
     assert len(find_edges(WALL, cameras, radiance)) == 0
 
 
+def test_a_surface_full_of_edges_is_cut_coarser(monkeypatch) -> None:
+    places = np.random.default_rng(0).uniform(0, 2, (4000, 3)) * [1, 1, 0]
+    edges = RadianceEdges(places, np.full(4000, 0.01))
+    monkeypatch.setattr("fipt.meshing.cut._MOST", 1000)
+    done = cut_at(WALL, edges)
+    assert is_sound(done, WALL)
+    assert len(done.triangles) < 3000
+
+
 def test_without_edges_the_mesh_stays() -> None:
     assert cut_at(WALL, RadianceEdges(np.zeros((0, 3)), np.zeros(0))) is WALL
 
