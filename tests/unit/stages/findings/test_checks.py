@@ -1,5 +1,6 @@
 """Every check: silent where all is sound, and the right finding for a planted trouble."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
