@@ -16,6 +16,7 @@ class FitInputs:
     shading: ShadingFolders
     out: Annotated[Path, "File to write, model.safetensors; confidence.npz comes beside it."]
     previous: Annotated[Path | None, "Model of the round before: the start, where the settings say so."] = None
+    emitters: Annotated[Path | None, "What emits or may emit teaches no material; absent: the mask alone tells."] = None
     cache: Annotated[Path | None, "Radiance cache; absent: unseen surface is left alone."] = None
     environment: EnvironmentFile = None
     segments: Annotated[Path | None, "Folder of fused segment ids; absent: those of the dataset."] = None

@@ -3,6 +3,7 @@
 INPUTS:  results/{scene}/round-{k}/shading/{shard}.manifest.json, samples/{shard}.manifest.json, pictures, cache.npz, environment.npz,
          segments of the dataset or results/{scene}/segments/fused.manifest.json
          from round 1: the model of the round before
+         round-{k}/emitters.npz where they are decided before the fit
 OUTPUTS: results/{scene}/round-{k}/model.safetensors    networks, scene box, settings, stage version
          results/{scene}/round-{k}/confidence.npz       how well the pictures determine the surface
 
@@ -27,6 +28,7 @@ rule fit:
         environment="results/{scene}/environment.npz",
         segments=ask("segmentation.fused"),
         previous=previous("results/{scene}/round-{round}/model.safetensors"),
+        emitters=ask("emitters_of_fit"),
     output:
         model="results/{scene}/round-{round}/model.safetensors",
         confidence="results/{scene}/round-{round}/confidence.npz",
@@ -44,11 +46,12 @@ rule fit:
         samples=folders_of("samples"),
         shading=folders_of("shading"),
         previous=option("--previous", "previous"),
+        emitters=option("--emitters", "emitters"),
         segments=option("--segments", "segments", "results/{scene}/segments/fused"),
         settings=settings("fit"),
         version=VERSIONS["fit"],
     shell:
         "fipt fit --dataset {params.dataset:q} --samples {params.samples:q} --shading {params.shading:q}"
-        " {params.previous:q} --cache {input.cache:q} --environment {input.environment:q}"
+        " {params.previous:q} {params.emitters:q} --cache {input.cache:q} --environment {input.environment:q}"
         " {params.segments:q} --out {output.model:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
