@@ -35,7 +35,7 @@ SECTIONS: dict[str, Section] = {
     "synthesize": Section("fipt.synthetic.settings:SynthesizeSettings", 2),
     "capture": Section("fipt.stages.capture.settings:CaptureSettings", 1),
     "poses": Section("fipt.stages.poses.settings:PosesSettings", 2),
-    "import": Section("fipt.stages.importing.settings:ImportSettings", 1),
+    "import": Section("fipt.stages.importing.settings:ImportSettings", 2),
     "check_poses": Section("fipt.stages.check_poses.settings:CheckPosesSettings", 1),
     "samples": Section("fipt.stages.samples.settings:SamplesSettings", 2),
     "segment": Section("fipt.stages.segment.settings:SegmentSettings", 1),
@@ -54,6 +54,7 @@ SECTIONS: dict[str, Section] = {
     "olat": Section("fipt.stages.render.settings:OlatSettings", 2),
     "export": Section("fipt.stages.export.settings:ExportSettings", 2),
     "metrics": Section("fipt.stages.evaluate.settings:MetricsSettings", 4),
+    "findings": Section("fipt.stages.findings.settings:FindingsSettings", 1),
     "report": Section("fipt.stages.report.settings:ReportSettings", 4),
 }
 """Section of the config -> its settings and version, in the order of the pipeline."""
@@ -206,6 +207,9 @@ VERBS: dict[str, Verb] = {
     ),
     "metrics": Verb(
         "Compare materials, emitters and renderings with the truth.", "fipt.stages.evaluate.stage", "metrics"
+    ),
+    "findings": Verb(
+        "Say what is wrong with a run, why, and what to do.", "fipt.stages.findings.stage", "findings", rays=True
     ),
     "report": Verb("Write the HTML page that shows everything.", "fipt.stages.report.stage", "report"),
     "run": Verb("Run a scene as far as a target: a front to the workflow.", "fipt.cli.run"),

@@ -116,6 +116,8 @@ class Layout:
     export_check = Below("export/check.json")
     export_check_folder = Below("export/check")
     metrics = Below("metrics.json")
+    findings = Below("findings.json")
+    findings_folder = Below("findings")
     report = Below("report.html")
 
     @classmethod

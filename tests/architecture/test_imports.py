@@ -16,9 +16,9 @@ WORKFLOW = sorted(
     if path.is_file() and path.suffix in ("", ".smk", ".py")
 )
 HEAVY = {
-    "cv2", "drjit", "exifread", "imageio_ffmpeg", "lensfunpy", "matplotlib", "mitsuba", "numpy", "OpenEXR", "PIL",
-    "pxr", "pycolmap", "pydantic", "pyoidn", "rawpy", "safetensors", "scipy", "snakemake", "torch", "transformers",
-    "trimesh", "xatlas",
+    "cv2", "drjit", "exifread", "fast_simplification", "imageio_ffmpeg", "lensfunpy", "matplotlib", "mitsuba",
+    "numpy", "OpenEXR", "PIL", "pxr", "pycolmap", "pydantic", "pyoidn", "rawpy", "safetensors", "scipy",
+    "snakemake", "torch", "transformers", "trimesh", "xatlas",
 }  # fmt: skip
 
 

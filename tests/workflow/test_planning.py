@@ -48,6 +48,7 @@ FIRST = {
     "relight_views": 1,
     "olat_views": 1,
     "scene_metrics": 1,
+    "findings": 1,
     "scene_report": 1,
 }
 
@@ -60,7 +61,16 @@ def only(*rules):
     return {rule: FIRST[rule] for rule in rules}
 
 
-SHOWN = ("review", "material_maps", "render_views", "relight_views", "olat_views", "scene_metrics", "scene_report")
+SHOWN = (
+    "review",
+    "material_maps",
+    "render_views",
+    "relight_views",
+    "olat_views",
+    "scene_metrics",
+    "findings",
+    "scene_report",
+)
 
 
 def test_plans_everything_on_a_fresh_clone(workspace):
@@ -108,6 +118,7 @@ def test_runs_once_then_only_what_changed(workspace):
     expected = {
         "report": only("scene_report"),
         "metrics": only("scene_metrics", "scene_report"),
+        "findings": only("findings", "scene_report"),
         "relight": only("relight_views", "scene_metrics", "scene_report"),
         "olat": only("olat_views", "scene_report"),
         "render": only("render_views", "scene_metrics", "scene_report"),
@@ -121,6 +132,7 @@ def test_runs_once_then_only_what_changed(workspace):
     values = {
         "report": {"width": 100},
         "metrics": {"fit_exposure": True},
+        "findings": {"views": 2},
         "cache": {"resolution": 32},
         "environment": {"resolution": 8},
         "materials": {"average": False},

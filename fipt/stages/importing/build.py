@@ -7,6 +7,7 @@ import shutil
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -26,7 +27,7 @@ from fipt.stages.importing.settings import ImportSettings
 log = logging.getLogger(__name__)
 
 _KNOWN = re.compile(
-    r"mesh\.ply|transforms\.json|views\.json|room\.json|overlay\.png|images|segments|truth"
+    r"mesh\.ply|transforms\.json|views\.json|room\.json|prepare\.json|overlay\.png|images|segments|truth"
     r"|relight_truth|[\w.-]+\.manifest\.json|\..*"
 )
 """What may lie in a dataset folder that an import replaces."""
@@ -34,10 +35,11 @@ _KNOWN = re.compile(
 
 @dataclass(frozen=True)
 class Imported:
-    """The dataset's cameras, in the source's order, and the source as it was read."""
+    """The dataset's cameras, in the source's order, the source as it was read, and what was done to the mesh."""
 
     cameras: list[Camera]
     source: ImageSource
+    mesh: dict[str, Any]
 
 
 def import_scene(
@@ -83,8 +85,8 @@ def import_scene(
         shutil.rmtree(leftover)
 
     with atomic_folder(dataset) as folder:
-        write_ply(folder / "mesh.ply", room)
         cameras, shown = write_frames(folder, parsed)
+        room, figures = _write_mesh(folder, room, cameras, settings)
         _write_cameras(folder, cameras, parsed, room)
         if segments is not None:
             _copy_segments(folder / "segments", Path(segments), cameras)
@@ -99,13 +101,32 @@ def import_scene(
     files = [path for path in dataset.resolve().rglob("*") if path.is_file()]
     written = {"format": format, **dumped(settings), "scale": parsed.scale}
     write_manifest(manifest.resolve(), "import", files, written)
-    return Imported(cameras, parsed)
+    return Imported(cameras, parsed, figures)
 
 
 def _room(source: str | Path, path: str | Path | None) -> Mesh:
     if path is None:
         raise FiptError(f"{source} has no mesh.ply", "name the room's mesh with --mesh")
     return read_mesh(path)
+
+
+def _write_mesh(
+    folder: Path, mesh: Mesh, cameras: Iterable[Camera], settings: ImportSettings
+) -> tuple[Mesh, dict[str, Any]]:
+    """Write the mesh, made fit for the pipeline where it asks for that, and figures. Rays are traced for it."""
+    figures: dict[str, Any] = {"prepared": False, "triangles": len(mesh.triangles)}
+    if settings.prepare != "never":
+        from fipt.render.variant import set_variant
+
+        set_variant()
+        from fipt.meshing.prepare import prepared
+
+        mesh, figures = prepared(mesh, [camera for camera in cameras if camera.split == "train"], settings)
+    write_ply(folder / "mesh.ply", mesh)
+    # without the time it took: the same source gives the same files
+    lasting = {name: value for name, value in figures.items() if name != "seconds"}
+    write_text(folder / "prepare.json", json.dumps(lasting, indent=1) + "\n")
+    return mesh, figures
 
 
 def _write_cameras(folder: Path, cameras: list[Camera], source: ImageSource, mesh: Mesh) -> None:

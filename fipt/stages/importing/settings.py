@@ -1,5 +1,7 @@
 """Settings of the import."""
 
+from typing import Literal
+
 from pydantic import Field
 
 from fipt.settings import Length, Positive, Settings
@@ -12,4 +14,11 @@ class ImportSettings(Settings):
     overlay: bool = Field(default=True, description="write an image of mesh edges over one photo")
     exposure: Length | None = Field(
         default=None, description="factor on a capture's radiance; absent: what brings its median luminance to 0.2"
+    )
+    prepare: Literal["auto", "always", "never"] = Field(
+        default="auto",
+        description="smooth, flatten and decimate the mesh; auto: where it is noisy or finer than pixels",
+    )
+    triangle_size: Length = Field(
+        default=1.0, description="side of a prepared mesh's triangles on curved surface, in pixels of the nearest view"
     )

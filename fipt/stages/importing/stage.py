@@ -32,7 +32,8 @@ def run(inputs: ImportInputs, settings: "ImportSettings") -> dict[str, Any]:
     """Bring posed HDR views of another layout into the dataset form.
 
     The layouts share file names but not axes, so the format is never guessed. Look at overlay.png
-    in the dataset afterwards: the lines are the mesh's edges and must lie on the photo's.
+    in the dataset afterwards: the lines are the mesh's edges and must lie on the photo's. A mesh that is noisy or
+    finer than the pixels is smoothed, its planes flattened, and decimated (import.prepare); prepare.json says how.
 
     The format capture takes developed photographs: the folder that fipt develop and fipt qa wrote.
     """
@@ -42,7 +43,7 @@ def run(inputs: ImportInputs, settings: "ImportSettings") -> dict[str, Any]:
     done = import_scene(
         inputs.source, inputs.format, dataset, settings, inputs.mesh, inputs.manifest, inputs.poses, inputs.segments
     )
-    figures: dict[str, Any] = {"views": len(done.cameras), "exposure": done.source.scale}
+    figures: dict[str, Any] = {"views": len(done.cameras), "exposure": done.source.scale, "mesh": done.mesh}
     if done.source.unposed:
         figures["warnings"] = [f"without a pose, left out: {', '.join(done.source.unposed)}"]
         log.warning("%s", figures["warnings"][0])

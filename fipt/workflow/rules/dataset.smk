@@ -7,6 +7,7 @@ INPUTS:  source: dataset     cameras, pictures and mesh of another layout (path,
 OUTPUTS: results/{scene}/dataset/transforms.json   cameras, metres, OpenGL axes, with split
          results/{scene}/dataset/views.json        which views are accepted
          results/{scene}/dataset/mesh.ply          triangles, metres
+         results/{scene}/dataset/prepare.json      what an import did to a noisy mesh
          results/{scene}/dataset/images[.{shard}].manifest.json  lists images/*.exr (linear RGB radiance),
                                                    segments/*/*.png (16-bit ids) and truth/*.exr
          results/{scene}/dataset/relight_truth.{setup}.{shard}.manifest.json
@@ -23,6 +24,7 @@ rule import_dataset:
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
         mesh="results/{scene}/dataset/mesh.ply",
+        prepare="results/{scene}/dataset/prepare.json",
         manifest="results/{scene}/dataset/images.manifest.json",
         stats="results/{scene}/stats/import.json",
     log:

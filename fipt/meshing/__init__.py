@@ -1,0 +1,1 @@
+"""What is done to a foreign mesh before anything refers to its triangles: clean, smooth, flatten, decimate, cut."""

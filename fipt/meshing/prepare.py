@@ -1,0 +1,150 @@
+"""A foreign mesh made fit for the pipeline, where it asks for that."""
+
+import logging
+import time
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from fipt.meshing.clean import clean
+from fipt.meshing.decimate import decimated
+from fipt.meshing.denoise import filtered_normals, fitted_to_normals, normal_deviation, taubin, weighted_median
+from fipt.meshing.footprints import SeenSurface, seen_surface
+from fipt.meshing.planes import Planes, find_planes, flattened, grown
+from fipt.meshing.topology import triangle_sides
+from fipt.scene.cameras import Camera
+from fipt.scene.mesh import Mesh
+
+log = logging.getLogger(__name__)
+
+NOISY = 1.0
+"""Degrees that normals deviate by, above which a mesh is noisy: at 60 degrees of incidence it changes what a surface
+receives by 3 %. A modeller's mesh has rounding of coordinates, a hundredth of this."""
+_SMALL = 16.0
+"""Area in footprints below which a triangle can carry noise. Corners of larger ones are a modeller's."""
+FINE = 1.0
+"""Triangles that the median pixel's footprint holds, above which a mesh is too fine: no pixel is then filled by one
+triangle, and nothing is known of a single triangle."""
+_EQUILATERAL = 0.433
+"""Area of a triangle with equal sides of length 1."""
+_PASSES = 20
+"""Of the filters of normals and vertices: they reach four triangles far."""
+_CREASE = 4.0
+"""Width of the filter of normals, in deviations of normals: differences that noise makes are averaged, others kept."""
+_PLANE_ANGLE = 2.5
+"""Angle within which a triangle may lie on a plane, in deviations of normals before they were filtered."""
+_PLANE_DISTANCE = 3.0
+"""Distance within which it may, in deviations of vertices."""
+_UNSEEN = 0.005
+"""Displacement in footprints that no pixel shows: the least noise that is assumed."""
+_PLANE_SIDE = 6.0
+"""Side of the smallest plane in footprints: below it a plane is not told from a curve."""
+_COARSE = 4.0
+"""Side of triangles on planes, in footprints, that the number of triangles counts with."""
+
+
+class PrepareSettings(Protocol):
+    """What a person chooses."""
+
+    @property
+    def prepare(self) -> str:
+        """``auto`` or ``always``."""
+        ...
+
+    @property
+    def triangle_size(self) -> float:
+        """Side of triangles on curved surface, in pixel footprints."""
+        ...
+
+
+def prepared(mesh: Mesh, cameras: Sequence[Camera], settings: PrepareSettings) -> tuple[Mesh, dict[str, Any]]:
+    """Return the mesh to go on with, and figures about it; Mitsuba's variant must be set.
+
+    A mesh that does not ask for it is returned as it is: smooth normals and triangles that pixels resolve.
+
+    Parameters
+    ----------
+    cameras
+        The training views.
+    """
+    start = time.perf_counter()
+    figures: dict[str, Any] = {"prepared": False, "triangles_before": len(mesh.triangles)}
+    seen = seen_surface(mesh, cameras)
+    asks = _asks(mesh, seen)
+    figures |= asks
+    noisy = asks["small_share"] >= 0.5 and asks["normal_deviation_degrees"] > NOISY
+    if settings.prepare == "always" or noisy or asks["triangles_per_pixel"] > FINE:
+        mesh, made = _made(mesh, cameras, seen, settings)
+        figures |= {"prepared": True, **made}
+    figures |= {"triangles": len(mesh.triangles), "seconds": round(time.perf_counter() - start, 2)}
+    if figures["prepared"]:
+        log.info(
+            "mesh prepared: normals deviate by %.1f degrees, %.1f triangles a pixel; %d of %d triangles kept, "
+            "%d planes, %d floaters dropped, %.0f s",
+            asks["normal_deviation_degrees"], asks["triangles_per_pixel"], figures["triangles"],
+            figures["triangles_before"], figures["planes"], figures["floaters"], figures["seconds"],
+        )  # fmt: skip
+    else:
+        log.info(
+            "mesh taken as it is: normals deviate by %.2f degrees, %.2f triangles a pixel",
+            asks["normal_deviation_degrees"], asks["triangles_per_pixel"],
+        )  # fmt: skip
+    return mesh, figures
+
+
+def _asks(mesh: Mesh, seen: SeenSurface) -> dict[str, float]:
+    """What tells whether a mesh needs preparation: measured over the surface that pixels see, pixel by pixel."""
+    pixels = seen.footprint.astype(np.float64) ** 2 / np.maximum(mesh.areas[seen.triangle], 1e-30)
+    small = pixels * _SMALL > 1.0
+    deviation = normal_deviation(mesh)[seen.triangle[small]]
+    return {
+        "normal_deviation_degrees": round(float(np.degrees(np.median(deviation))), 4) if small.any() else 0.0,
+        "small_share": round(float(small.mean()), 4) if len(small) else 0.0,
+        "triangles_per_pixel": round(float(np.median(pixels)), 4) if len(pixels) else 0.0,
+    }
+
+
+def _made(
+    mesh: Mesh, cameras: Sequence[Camera], seen: SeenSurface, settings: PrepareSettings
+) -> tuple[Mesh, dict[str, Any]]:
+    """Clean, smooth, flatten and decimate."""
+    footprint = float(np.median(seen.footprint))
+    needed = np.zeros(len(mesh.triangles), bool)
+    needed[seen.triangle] = True
+    mesh, cleaned = clean(mesh, (_PLANE_SIDE * footprint) ** 2, needed)
+    edge, deviation = _edge(mesh), weighted_median(normal_deviation(mesh), mesh.areas)
+    # of vertices along the normal, metres; never less than what no pixel can tell
+    noise = max(edge * deviation, _UNSEEN * footprint)
+    log.info("noise of the mesh: %.2g mm; %d triangles", 1e3 * noise, len(mesh.triangles))
+    smooth = taubin(mesh, 10)
+    smooth = decimated(smooth, _count(smooth, seen, settings.triangle_size, None))
+    deviation = weighted_median(normal_deviation(smooth), smooth.areas)
+    smooth = fitted_to_normals(smooth, filtered_normals(smooth, _CREASE * deviation, _PASSES), _PASSES)
+    planes = find_planes(smooth, _PLANE_ANGLE * deviation, _PLANE_DISTANCE * noise, (_PLANE_SIDE * footprint) ** 2)
+    planes = grown(smooth, planes, 0.5 * edge, 2)
+    flat = flattened(smooth, planes, 2 * edge)
+    flat_area = float(flat.areas[planes.of >= 0].sum())
+    done = decimated(flat, _count(flat, seen, settings.triangle_size, planes))
+    done, _ = clean(done, 0.0)
+    return done, {
+        "noise_mm": round(1e3 * noise, 3),
+        **cleaned.__dict__,
+        "planes": len(planes.offset),
+        "plane_share": round(flat_area / max(float(flat.areas.sum()), 1e-30), 4),
+        "footprint_mm": round(1e3 * footprint, 2),
+    }
+
+
+def _edge(mesh: Mesh) -> float:
+    """Median length of a side, metres."""
+    corners = mesh.vertices[np.stack(np.divmod(np.unique(triangle_sides(mesh.triangles)), 1 << 32), axis=1)]
+    return float(np.median(np.linalg.norm(corners[:, 0] - corners[:, 1], axis=1)))
+
+
+def _count(mesh: Mesh, seen: SeenSurface, size: float, planes: Planes | None) -> int:
+    """Triangles that the surface needs, if their sides are ``size`` footprints; on planes, more."""
+    side = size * seen.footprint_at(mesh.corners.mean(axis=1))
+    if planes is not None:
+        side = side * np.where(planes.of >= 0, _COARSE, 1.0)
+    return int((mesh.areas / (_EQUILATERAL * side**2)).sum()) + 1

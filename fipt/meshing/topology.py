@@ -1,0 +1,59 @@
+"""Which triangles touch, and what is broken about how they do."""
+
+import numpy as np
+from scipy.sparse import coo_matrix, csr_matrix
+from scipy.sparse.csgraph import connected_components
+
+from fipt.scene.mesh import Mesh
+
+
+def triangle_sides(triangles: np.ndarray) -> np.ndarray:
+    """(T, 3) int64 key of each triangle's sides (corners 0-1, 1-2, 2-0); equal keys are one edge of the mesh."""
+    a = triangles.astype(np.int64)
+    b = np.roll(a, -1, axis=1)
+    return np.minimum(a, b) << 32 | np.maximum(a, b)
+
+
+def neighbours(triangles: np.ndarray) -> np.ndarray:
+    """(P, 2) int64 pairs of triangles that share an edge; of an edge of more than two, those next in order."""
+    keys = triangle_sides(triangles).ravel()
+    order = np.argsort(keys, kind="stable")
+    same = np.flatnonzero(keys[order[1:]] == keys[order[:-1]])
+    return np.stack([order[same] // 3, order[same + 1] // 3], axis=1)
+
+
+def vertex_links(mesh: Mesh) -> csr_matrix:
+    """(V, V) sparse matrix, 1 where two vertices share an edge."""
+    a = mesh.triangles.astype(np.int64)
+    rows, columns = a.ravel(), np.roll(a, -1, axis=1).ravel()
+    count = len(mesh.vertices)
+    links = coo_matrix((np.ones(len(rows), np.float32), (rows, columns)), shape=(count, count))
+    links = (links + links.T).tocsr()
+    links.data[:] = 1.0
+    return links
+
+
+def border_vertices(mesh: Mesh) -> np.ndarray:
+    """(V,) bool: vertices of an edge that only one triangle has."""
+    keys, count = np.unique(triangle_sides(mesh.triangles), return_counts=True)
+    open_edges = keys[count == 1]
+    border = np.zeros(len(mesh.vertices), bool)
+    border[open_edges >> 32] = border[open_edges & 0xFFFFFFFF] = True
+    return border
+
+
+def pieces(mesh: Mesh) -> np.ndarray:
+    """(T,) int32 number of the piece of each triangle: triangles that share a vertex are of one piece."""
+    a = mesh.triangles
+    count = len(mesh.vertices)
+    rows, columns = a[:, [0, 1]].ravel(), a[:, [1, 2]].ravel()
+    graph = coo_matrix((np.ones(len(rows), np.int8), (rows, columns)), shape=(count, count))
+    return connected_components(graph, directed=False)[1][a[:, 0]]
+
+
+def compact(vertices: np.ndarray, triangles: np.ndarray) -> Mesh:
+    """Return a mesh of these triangles without vertices that none of them uses."""
+    used = np.zeros(len(vertices), bool)
+    used[triangles] = True
+    number = np.cumsum(used) - 1
+    return Mesh(vertices[used].astype(np.float32), number[triangles].astype(np.int32))

@@ -1,0 +1,123 @@
+"""Meshes made fit for the pipeline: noise and planes found, a modeller's mesh left alone."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from fipt.meshing.clean import clean
+from fipt.meshing.denoise import filtered_normals, fitted_to_normals, normal_deviation
+from fipt.meshing.planes import find_planes, flattened, grown
+from fipt.meshing.prepare import prepared
+from fipt.scene.cameras import Camera
+from fipt.scene.mesh import Mesh
+from tests.scenes import box, joined, quad
+
+BOX = box((0, 0, 0), (2, 2, 2))
+AUTO = SimpleNamespace(prepare="auto", triangle_size=1.0)
+
+
+def sheet(corner, u, v, count: int) -> Mesh:
+    """A parallelogram of 2 * count^2 triangles."""
+    corner, u, v = (np.asarray(x, np.float64) for x in (corner, u, v))
+    row, column = np.mgrid[: count + 1, : count + 1]
+    places = corner + (row / count)[..., None] * u + (column / count)[..., None] * v
+    at = (np.arange(count)[:, None] * (count + 1) + np.arange(count)).ravel()
+    one = np.stack([at, at + count + 1, at + 1], 1)
+    other = np.stack([at + 1, at + count + 1, at + count + 2], 1)
+    return Mesh(places.reshape(-1, 3).astype(np.float32), np.concatenate([one, other]).astype(np.int32))
+
+
+def scan(noise: float, count: int = 50) -> Mesh:
+    """The inside of a corner of a room, three walls of 2 m welded together, with noise in metres."""
+    x, y, z = 2 * np.eye(3)
+    mesh, _ = clean(joined(*(sheet((0, 0, 0), u, v, count) for u, v in ((x, y), (y, z), (z, x)))), 0.0)
+    moved = mesh.vertices + np.random.default_rng(0).normal(0, noise, mesh.vertices.shape)
+    return Mesh(moved.astype(np.float32), mesh.triangles)
+
+
+def camera(width: int = 40) -> Camera:
+    """A view into the corner at the origin, from 3 m."""
+    back = np.ones(3) / np.sqrt(3)
+    right = np.cross([0, 0, 1], back) / np.linalg.norm(np.cross([0, 0, 1], back))
+    pose = np.eye(4)
+    pose[:3] = np.stack([right, np.cross(back, right), back, 3 * back], 1)
+    return Camera("view", "train", width, width, width, width, width / 2, width / 2, pose)
+
+
+def off_plane(mesh: Mesh) -> np.ndarray:
+    """(T,) degrees between each triangle's normal and the nearest axis."""
+    return np.degrees(np.arccos(np.clip(np.abs(mesh.normals).max(axis=1), 0, 1)))
+
+
+@pytest.mark.parametrize("mesh", [BOX, joined(BOX, quad((1, 1, 1), (0.5, 0, 0), (0, 0.5, 0)))])
+def test_a_modellers_mesh_is_not_touched(backend, mesh) -> None:
+    done, figures = prepared(mesh, [camera()], AUTO)
+    assert done is mesh
+    assert not figures["prepared"]
+
+
+def test_a_noisy_corner_becomes_three_planes_and_a_sharp_corner(backend) -> None:
+    mesh = scan(0.004)
+    assert np.median(off_plane(mesh)) > 3
+    done, figures = prepared(mesh, [camera()], AUTO)
+    assert figures["prepared"]
+    assert figures["planes"] == 3
+    assert len(done.triangles) < 0.2 * len(mesh.triangles)
+    assert np.average(off_plane(done) < 0.3, weights=done.areas) > 0.98
+    assert np.linalg.norm(done.vertices, axis=1).min() < 0.004  # the corner itself
+    assert done.areas.sum() == pytest.approx(12, rel=0.02)
+
+
+def test_measured_noise_is_that_of_the_vertices(backend) -> None:
+    one, other = (prepared(scan(noise), [camera()], AUTO)[1]["noise_mm"] for noise in (0.002, 0.004))
+    assert 1 < one < 4
+    assert other == pytest.approx(2 * one, rel=0.2)
+
+
+def test_shallow_furniture_keeps_its_step() -> None:
+    wall = sheet((0, 0, 0), (2, 0, 0), (0, 2, 0), 60)
+    board = (np.abs(wall.vertices[:, :2] - 1) < 0.4).all(axis=1)
+    noise = np.random.default_rng(0).normal(0, 0.001, wall.vertices.shape)
+    mesh = Mesh((wall.vertices + noise + np.outer(board, [0, 0, 0.012])).astype(np.float32), wall.triangles)
+    smooth = fitted_to_normals(mesh, filtered_normals(mesh, 0.2, 20), 20)
+    planes = find_planes(smooth, np.radians(6), 0.003, 0.1)
+    flat = flattened(smooth, grown(smooth, planes, 0.01, 2), 0.05)
+    height = flat.vertices[:, 2]
+    inner = (np.abs(wall.vertices[:, :2] - 1) < 0.3).all(axis=1)
+    outer = (np.abs(wall.vertices[:, :2] - 1) > 0.5).any(axis=1)
+    assert np.abs(height[inner] - 0.012).max() < 0.001
+    assert np.abs(height[outer]).max() < 0.001
+
+
+def test_two_sheets_ten_centimetres_apart_stay_apart(backend) -> None:
+    wall = joined(sheet((0, 0, 0), (0, 2, 0), (0, 0, 2), 60), sheet((-0.1, 0, 0), (0, 0, 2), (0, 2, 0), 60))
+    noise = np.random.default_rng(0).normal(0, 0.004, wall.vertices.shape)
+    done, figures = prepared(Mesh((wall.vertices + noise).astype(np.float32), wall.triangles), [camera()], AUTO)
+    assert figures["prepared"]
+    x = done.vertices[:, 0]
+    assert ((np.abs(x) < 0.004) | (np.abs(x + 0.1) < 0.004)).all()
+    corners = x[done.triangles]
+    assert np.ptp(corners, axis=1).max() < 0.01  # no triangle leads across
+    assert (done.normals[corners.mean(axis=1) > -0.05, 0] > 0.9).all()
+
+
+def test_floaters_go_unless_a_view_needs_them() -> None:
+    wall, crumb = sheet((0, 0, 0), (2, 0, 0), (0, 2, 0), 4), quad((1, 1, 1), (0.1, 0, 0), (0, 0.1, 0))
+    mesh = joined(wall, crumb, crumb)
+    done, figures = clean(mesh, 0.05)
+    assert (len(done.triangles), figures.duplicate, figures.floaters, figures.floater_triangles) == (32, 2, 1, 2)
+    needed = np.zeros(36, bool)
+    needed[32] = True
+    assert len(clean(mesh, 0.05, needed)[0].triangles) == 34
+
+
+def test_triangles_without_area_go() -> None:
+    wall = sheet((0, 0, 0), (2, 0, 0), (0, 2, 0), 4)
+    mesh = Mesh(wall.vertices, np.concatenate([wall.triangles, [[0, 1, 1], [0, 1, 2]]]).astype(np.int32))
+    done, figures = clean(mesh, 0.0)
+    assert (len(done.triangles), figures.degenerate) == (32, 2)
+
+
+def test_creases_are_no_noise() -> None:
+    assert normal_deviation(BOX).max() < 1e-6
