@@ -13,7 +13,7 @@ from fipt.scene.emitters import Emitters, Undecided
 from fipt.scene.mesh import Mesh, connected_parts
 from fipt.scene.observed import ObservedShard
 from fipt.scene.review import ReviewDecisions, numbers
-from fipt.stages.emitters.hypotheses import Evidence, judge
+from fipt.stages.emitters.hypotheses import RegionEvidence, judge
 from fipt.stages.emitters.observations import (
     Observations,
     grouped_median,
@@ -28,7 +28,7 @@ from fipt.stages.emitters.shape import shaped
 
 _MOST_PIXELS = 4_000_000
 """Pixels used at most to find regions: medians do not need more."""
-_MATTERS = 0.01
+_RELEVANT = 0.01
 """Share of the light of all emitters that makes a region worth a question."""
 _MOST_UNDECIDED = 20
 """Regions that are asked about at most."""
@@ -154,12 +154,14 @@ def _masked(
     return emitting, observed
 
 
-def _undecided(mesh: Mesh, surface: Surface, evidence: Evidence, label: np.ndarray, decided: Decided) -> Undecided:
+def _undecided(
+    mesh: Mesh, surface: Surface, evidence: RegionEvidence, label: np.ndarray, decided: Decided
+) -> Undecided:
     """Regions for which emission is ahead, but not by enough; those whose light would matter, the brightest first."""
     free = (surface.region >= 0) & (label < 0) & (decided.emitter < 0) & ~decided.rejected
     flux = np.nan_to_num(surface.radiance.mean(axis=1)) * mesh.areas
     each = np.bincount(surface.region[free], flux[free], surface.count) * evidence.undecided
-    chosen = np.flatnonzero(each > _MATTERS * flux[label >= 0].sum())
+    chosen = np.flatnonzero(each > _RELEVANT * flux[label >= 0].sum())
     chosen = chosen[np.argsort(-each[chosen])][:_MOST_UNDECIDED]
     number = np.full(surface.count + 1, -1)
     number[chosen] = np.arange(len(chosen))
@@ -267,9 +269,9 @@ def _textured(
         spread = np.median(np.abs(middle[own] - np.median(middle[own])))
         if spread > max(_TEXTURE_SIGMA * np.median(error[own]), _LEAST_TEXTURE):
             texels = surface.radiance[shown[own]]
-            told = (emitter == number) & np.isfinite(surface.radiance[triangles, 0])
+            known = (emitter == number) & np.isfinite(surface.radiance[triangles, 0])
             # a rim, blurred with what is dark around, is no darker than the darkest texel
-            result[told] = np.clip(surface.radiance[triangles[told]], texels.min(axis=0), texels.max(axis=0))
+            result[known] = np.clip(surface.radiance[triangles[known]], texels.min(axis=0), texels.max(axis=0))
     return result
 
 

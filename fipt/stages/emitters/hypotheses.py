@@ -58,7 +58,7 @@ _TYPICAL = 2.0
 
 
 @dataclass(frozen=True)
-class Evidence:
+class RegionEvidence:
     """What speaks for each of R regions, natural logarithms.
 
     Attributes
@@ -95,7 +95,7 @@ class Evidence:
         return (self.reflects - self.emits > 0.5 * self.price) & ~self.emitting
 
 
-def judge(shards: Sequence[ObservedShard], seen: Observations, surface: Surface) -> Evidence:
+def judge(shards: Sequence[ObservedShard], seen: Observations, surface: Surface) -> RegionEvidence:
     """Weigh reflection against emission for every region.
 
     ``seen`` are pixels of all training views, sorted by view.
@@ -103,7 +103,7 @@ def judge(shards: Sequence[ObservedShard], seen: Observations, surface: Surface)
     pixels = np.bincount(surface.region[seen.triangle] + 1, minlength=surface.count + 1)[1:]
     price = np.log(max(len(seen.triangle), 1) / np.maximum(pixels, 1))
     reflects, emits, views = (np.zeros(surface.count) for _ in range(3))
-    chosen, ordinary = _worth_a_look(shards, seen, surface)
+    chosen, ordinary = _candidates(shards, seen, surface)
     if chosen.any() or ordinary.any():
         cells = _cells(
             shards,
@@ -115,7 +115,7 @@ def judge(shards: Sequence[ObservedShard], seen: Observations, surface: Surface)
         reflects, emits, views = _costs(cells, scale, error)
         reflects, emits = reflects * chosen, emits * chosen
         price = price + 0.5 * np.log(np.maximum(views, 1))  # of L, as BIC has it
-    return Evidence(reflects, emits, price, views * float(_cost(np.array(_TYPICAL))), pixels)
+    return RegionEvidence(reflects, emits, price, views * float(_cost(np.array(_TYPICAL))), pixels)
 
 
 @dataclass(frozen=True)
@@ -172,9 +172,7 @@ class _Cells:
         return np.bincount(self.pair, self.pixels * difference) / self.pixels_of_pair
 
 
-def _worth_a_look(
-    shards: Sequence[ObservedShard], seen: Observations, surface: Surface
-) -> tuple[np.ndarray, np.ndarray]:
+def _candidates(shards: Sequence[ObservedShard], seen: Observations, surface: Surface) -> tuple[np.ndarray, np.ndarray]:
     """(R,) bool each: regions that are brighter than white in places; and others, which show what is ordinary."""
     bright, total = (np.zeros(surface.count) for _ in range(2))
     for shard, own in _by_view(shards, seen):
