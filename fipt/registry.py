@@ -46,7 +46,7 @@ SECTIONS: dict[str, Section] = {
     "fit": Section("fipt.stages.fit.settings:FitSettings", 4),
     "emitters": Section("fipt.stages.emitters.settings:EmittersSettings", 3),
     "review": Section("fipt.stages.emitters.settings:ReviewSettings", 1),
-    "refine": Section("fipt.stages.shade.settings:RefineSettings", 3),
+    "refine": Section("fipt.stages.shade.settings:RefineSettings", 4),
     "materials": Section("fipt.stages.render.settings:MaterialsSettings", 2),
     "render": Section("fipt.stages.render.settings:RenderSettings", 3),
     "relight": Section("fipt.stages.render.settings:RelightSettings", 3),

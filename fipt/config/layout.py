@@ -67,6 +67,7 @@ class Layout:
     transforms = Below("dataset/transforms.json")
     views = Below("dataset/views.json")
     mesh = Below("dataset/mesh.ply")
+    prepared = Below("dataset/prepare.json")
     known_room = Below("dataset/room.json")
     parts = Below("dataset/segments/part.json")
     semantic = Below("dataset/segments/semantic.json")
@@ -93,6 +94,7 @@ class Layout:
     shading = Below("round-{round}/shading/{shard}.manifest.json")
     model = Below("round-{round}/model.safetensors")
     confidence = Below("round-{round}/confidence.npz")
+    settled = Below("round-{round}/settled.json")
     emitters = Below("round-{round}/emitters.npz")
     emitters_for_people = Below("round-{round}/emitters.json")
 

@@ -77,8 +77,8 @@ def test_plans_everything_on_a_fresh_clone(workspace):
     config = yaml.safe_load((REPOSITORY / "config" / "config.yaml").read_text())
     here = workspace(config)
     jobs = here.planned()
-    assert (jobs["fit"], jobs["refine"], jobs["bake"]) == (3, 2, 1)
-    assert "results/demo/round-2/model.safetensors" in here.snakemake("--dry-run")
+    assert (jobs["fit"], jobs["refine"], jobs["bake"]) == (5, 4, 1)
+    assert "results/demo/round-4/model.safetensors" in here.snakemake("--dry-run")
 
 
 def test_plans_the_example_of_an_imported_scene(workspace):

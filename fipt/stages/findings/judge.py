@@ -10,6 +10,7 @@ from fipt.scene.findings import SEVERITIES, RoomFinding
 from fipt.stages.findings.checks import (
     brightness,
     dim_emitters,
+    edges,
     emitters,
     exposures,
     hardly_seen,
@@ -21,7 +22,6 @@ from fipt.stages.findings.checks import (
     parts,
     rerendering,
     settled,
-    silhouettes,
     thin,
 )
 from fipt.stages.findings.notes import Notes
@@ -43,7 +43,7 @@ CHECKS: tuple[Check, ...] = (
     exposures.check,
     mixed_ids.check,
     parts.check,
-    silhouettes.check,
+    edges.check,
     rerendering.check,
 )
 """What says why stands before what only says that something is wrong: findings keep this order."""

@@ -18,6 +18,7 @@ from fipt.scene.emitters import read_emitters
 from fipt.scene.environment import beyond, read_environment
 from fipt.scene.observed import read_observed, without_triangles
 from fipt.scene.samples import scene_box, segments_of
+from fipt.scene.settled import read_state
 from fipt.scene.voxels import read_cache
 from fipt.stages.fit.batches import Pixels
 from fipt.stages.fit.confidence import confident_pixels, measure
@@ -27,6 +28,7 @@ from fipt.stages.fit.loop import fit
 from fipt.stages.fit.objective import Objective
 from fipt.stages.fit.part_search import PartEstimates, estimate_parts, part_classes
 from fipt.stages.fit.settings import FitSettings
+from fipt.stages.fit.settling import copy_round, judge_round
 from fipt.stages.fit.targets import part_targets
 
 log = logging.getLogger(__name__)
@@ -35,6 +37,9 @@ log = logging.getLogger(__name__)
 def fit_model(inputs: FitInputs, settings: FitSettings) -> Stats:
     """Fit a round's model and write it to ``out``, confidence.npz beside it; the checkpoint goes away then."""
     torch.set_num_threads(settings.threads or torch.get_num_threads())
+    state = read_state(inputs.settled)
+    if state is not None and state.settled is not None:
+        return copy_round(inputs, state)
     data = Dataset(inputs.dataset, inputs.segments)
     kind = data.segment_kind(settings.segments)
     if kind is None:
@@ -45,8 +50,9 @@ def fit_model(inputs: FitInputs, settings: FitSettings) -> Stats:
     pixels, confidence = _training_pixels(data, kind, inputs, settings)
     center, side = scene_box(pixels.shards)
     field = Field(settings, SceneBox((center[0], center[1], center[2]), side))
-    if inputs.previous is not None and settings.warm_start:
-        field.load_state_dict(load_field(inputs.previous).state_dict())
+    before = None if inputs.previous is None else load_field(inputs.previous)
+    if before is not None and settings.warm_start:
+        field.load_state_dict(before.state_dict())
     figures: Stats = {"segments": kind or "none", "fused_segments": inputs.segments is not None}
     targets = hidden = None
     if kind is not None and settings.part_search:
@@ -60,6 +66,7 @@ def fit_model(inputs: FitInputs, settings: FitSettings) -> Stats:
     figures |= fit(field, pixels, Objective(settings, kind, targets), checkpoint, hidden if hidden else None)
     write_confidence(inputs.out.with_name("confidence.npz"), confidence)
     save_field(inputs.out, field, settings)
+    figures |= judge_round(inputs, field, before, settings.settled)
     checkpoint.unlink(missing_ok=True)
     return figures
 
