@@ -43,7 +43,7 @@ SECTIONS: dict[str, Section] = {
     "environment": Section("fipt.stages.environment.settings:EnvironmentSettings", 1),
     "cache": Section("fipt.stages.cache.settings:CacheSettings", 3),
     "bake": Section("fipt.stages.shade.settings:BakeSettings", 3),
-    "fit": Section("fipt.stages.fit.settings:FitSettings", 4),
+    "fit": Section("fipt.stages.fit.settings:FitSettings", 5),
     "emitters": Section("fipt.stages.emitters.settings:EmittersSettings", 3),
     "review": Section("fipt.stages.emitters.settings:ReviewSettings", 1),
     "refine": Section("fipt.stages.shade.settings:RefineSettings", 4),
@@ -53,7 +53,7 @@ SECTIONS: dict[str, Section] = {
     "video": Section("fipt.stages.render.settings:VideoSettings", 1),
     "olat": Section("fipt.stages.render.settings:OlatSettings", 2),
     "export": Section("fipt.stages.export.settings:ExportSettings", 2),
-    "metrics": Section("fipt.stages.evaluate.settings:MetricsSettings", 4),
+    "metrics": Section("fipt.stages.evaluate.settings:MetricsSettings", 5),
     "findings": Section("fipt.stages.findings.settings:FindingsSettings", 1),
     "report": Section("fipt.stages.report.settings:ReportSettings", 4),
 }

@@ -28,8 +28,8 @@ from fipt.stages.emitters.shape import shaped
 
 _MOST_PIXELS = 4_000_000
 """Pixels used at most to find regions: medians do not need more."""
-_RELEVANT = 0.01
-"""Share of the light of all emitters that makes a region worth a question."""
+_RELEVANT = 1e-3
+"""Share of the light of all emitters that makes a region worth a question: less changes no picture."""
 _MOST_UNDECIDED = 20
 """Regions that are asked about at most."""
 _PIXELS_OF_TEXEL = 9
@@ -107,7 +107,7 @@ def extract(
         seen = _all_pixels(shards)
         surface = find_regions(mesh, shards, seen)
         evidence = judge(shards, seen, surface)
-        label = shaped(mesh, surface, evidence.emitting)
+        label = shaped(mesh, surface, evidence.emitting(surface.touching))
         tells = label == surface.region  # a rim has the light of the region inside, but mixed with what is around
         observed = surface.pixels
         undecided = _undecided(mesh, surface, evidence, label, decided)

@@ -17,7 +17,8 @@ A view is one observation of a region: its pixels share what is wrong with the s
 absolute difference of log radiance, costs as a Student-t variable, whose scale is the residual of this room's ordinary
 surface; g costs (ln g)^2 / 2 sigma^2, with sigma how much shading and radiance disagree between pieces of ordinary
 regions. Both are measured anew in every round. Emission is believed if it explains the region better by more than its
-price: the logarithm of how many regions of this size there are.
+price: the logarithm of how many regions of this size there are, or of how many touch what emits. What emission leaves
+unexplained itself, beyond what ordinary surface does, counts against it once more: then both may be wrong.
 """
 
 from collections.abc import Sequence
@@ -51,10 +52,10 @@ _LEAST_SPREAD = 0.02
 """Least scale of residuals: shading and camera noise are never below."""
 _LEAST_ERROR = 0.05
 """Least sigma of the shading."""
+_LEAST_PRICE = float(np.log(2))
+"""Price of emission beside an emitter, for each region that could: even odds."""
 _EXCESS = 0.1
 """Share of a region's pixels that must be brighter than white before it is looked at."""
-_TYPICAL = 2.0
-"""Residual of emission, over the scale, up to which it explains what is seen: as 95 of 100 ordinary ones."""
 
 
 @dataclass(frozen=True)
@@ -67,8 +68,8 @@ class RegionEvidence:
         (R,) cost of the best material, and of emission with or without a gloss; 0 where not looked at.
     price
         (R,) what emission must explain better.
-    typical
-        (R,) cost of emission with residuals as ordinary surface has them.
+    ordinary
+        (R,) cost of residuals of one scale.
     pixels
         (R,) int64 pixels of the region.
     """
@@ -76,23 +77,39 @@ class RegionEvidence:
     reflects: np.ndarray
     emits: np.ndarray
     price: np.ndarray
-    typical: np.ndarray
+    ordinary: np.ndarray
     pixels: np.ndarray
 
     @property
-    def gain(self) -> np.ndarray:
-        """(R,) evidence for emission, after its price."""
-        return self.reflects - self.emits - self.price
-
-    @property
-    def emitting(self) -> np.ndarray:
-        """(R,) bool: emission explains the region, and better."""
-        return (self.gain > 0) & (self.emits <= self.typical)
+    def lead(self) -> np.ndarray:
+        """(R,) evidence for emission before its price."""
+        return self.reflects - self.emits - np.maximum(self.emits - self.ordinary, 0)
 
     @property
     def undecided(self) -> np.ndarray:
-        """(R,) bool: emission is ahead, but by less than its price, or explains little itself."""
-        return (self.reflects - self.emits > 0.5 * self.price) & ~self.emitting
+        """(R,) bool: emission explains the region better, but not by its price."""
+        ahead = self.reflects - self.emits
+        return (ahead > 0.5 * self.price) & (self.lead <= self.price)
+
+    def emitting(self, pairs: np.ndarray) -> np.ndarray:
+        """(R,) bool: emission is worth its price. Where a region touches another that emits, few others do.
+
+        Parameters
+        ----------
+        pairs
+            (2, N) regions that touch.
+        """
+        result = self.lead > self.price
+        for _ in range(len(result)):
+            beside = np.zeros(len(result), bool)
+            for a, b in (pairs, pairs[::-1]):
+                beside[b[result[a]]] = True
+            beside &= ~result
+            more = beside & (self.lead > np.log(max(int(beside.sum()), 1)) + _LEAST_PRICE)
+            if not more.any():
+                break
+            result |= more
+        return result
 
 
 def judge(shards: Sequence[ObservedShard], seen: Observations, surface: Surface) -> RegionEvidence:
@@ -115,7 +132,7 @@ def judge(shards: Sequence[ObservedShard], seen: Observations, surface: Surface)
         reflects, emits, views = _costs(cells, scale, error)
         reflects, emits = reflects * chosen, emits * chosen
         price = price + 0.5 * np.log(np.maximum(views, 1))  # of L, as BIC has it
-    return RegionEvidence(reflects, emits, price, views * float(_cost(np.array(_TYPICAL))), pixels)
+    return RegionEvidence(reflects, emits, price, views * float(_cost(np.array(1.0))), pixels)
 
 
 @dataclass(frozen=True)

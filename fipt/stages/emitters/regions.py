@@ -47,6 +47,8 @@ class Surface:
         (T,) connected part of the mesh.
     region
         (T,) int64 region, -1 where the radiance is not known.
+    touching
+        (2, N) pairs of regions that share an edge.
     dark
         Radiance below which differences do not count.
     """
@@ -56,6 +58,7 @@ class Surface:
     width: np.ndarray
     part: np.ndarray
     region: np.ndarray
+    touching: np.ndarray
     dark: float
 
     @property
@@ -70,11 +73,14 @@ def find_regions(mesh: Mesh, shards: Sequence[ObservedShard], seen: Observations
     radiance, width = _fused(mesh, shards, seen, part)
     pixels = np.bincount(seen.triangle, minlength=len(part))
     dark = _DARK * float(np.median(seen.radiance.mean(axis=1))) if len(seen.triangle) else 1.0
-    first = _merged(np.log(radiance + max(dark, 1e-9)), pixels, neighbours(mesh))
+    pairs = neighbours(mesh)
+    first = _merged(np.log(radiance + max(dark, 1e-9)), pixels, pairs)
     known = np.isfinite(radiance[:, 0])
     region = np.full(len(part), -1, np.int64)
     region[known] = np.unique(first[known], return_inverse=True)[1].reshape(-1)
-    return Surface(radiance, pixels, width, part, region, dark)
+    touching = region[pairs]
+    touching = np.unique(touching[:, (touching >= 0).all(axis=0) & (touching[0] != touching[1])], axis=1)
+    return Surface(radiance, pixels, width, part, region, touching, dark)
 
 
 def rows_of(shards: Sequence[ObservedShard], seen: Observations, name: str) -> np.ndarray:
