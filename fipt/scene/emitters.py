@@ -71,6 +71,10 @@ class Emitters:
         (E, 3) float32 standard error of the patch's radiance; zero where nobody measured it.
     undecided
         What may emit, too.
+    guessed
+        (E,) bool: no view shows it; it explains the light of what views show.
+    spread
+        (E,) float32 relative standard deviation of the power of all that is guessed; 0 where it is measured.
     """
 
     triangle: np.ndarray
@@ -84,10 +88,18 @@ class Emitters:
     two_sided: bool = True
     error: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), np.float32))
     undecided: Undecided = field(default_factory=Undecided.none)
+    guessed: np.ndarray = field(default_factory=lambda: np.empty(0, bool))
+    spread: np.ndarray = field(default_factory=lambda: np.empty(0, np.float32))
 
     def __post_init__(self) -> None:
-        if len(self.error) != len(self.triangle):
-            object.__setattr__(self, "error", np.zeros((len(self.triangle), 3), np.float32))
+        count = len(self.triangle)
+        for name, shape, kind in (
+            ("error", (count, 3), np.float32),
+            ("guessed", (count,), bool),
+            ("spread", (count,), np.float32),
+        ):
+            if len(getattr(self, name)) != count:  # left out: measured, nobody knows how well
+                object.__setattr__(self, name, np.zeros(shape, kind))
 
     @property
     def possible(self) -> np.ndarray:
@@ -101,7 +113,19 @@ class Emitters:
         return cls(numbers, np.empty((0, 3), np.float32), values, numbers, numbers, values, values, np.empty(0, bool))
 
 
-_ARRAYS = ("triangle", "radiance", "area", "emitter", "views", "confidence", "clipped", "lower_bound", "error")
+_ARRAYS = (
+    "triangle",
+    "radiance",
+    "area",
+    "emitter",
+    "views",
+    "confidence",
+    "clipped",
+    "lower_bound",
+    "error",
+    "guessed",
+    "spread",
+)
 _UNDECIDED = ("triangle", "region", "reflects", "emits", "price")
 
 
@@ -120,7 +144,7 @@ def emitter_facts(emitters: Emitters, mesh: Mesh) -> list[dict[str, Any]]:
     """What emitters.json says of every emitter.
 
     Power is the flux of a Lambertian emitter, of each channel; ``share`` is that of the mean of the channels in the
-    power of all emitters.
+    power of all emitters. ``spread`` is the relative standard deviation of the power of all that is ``guessed``.
     """
     rows = []
     sides = 2 if emitters.two_sided else 1
@@ -144,6 +168,8 @@ def emitter_facts(emitters: Emitters, mesh: Mesh) -> list[dict[str, Any]]:
                 "confidence": float(emitters.confidence[own].mean()),
                 "clipped": float(emitters.clipped[own].mean()),
                 "lower_bound": bool(emitters.lower_bound[own].any()),
+                "guessed": bool(emitters.guessed[own].any()),
+                "spread": float(emitters.spread[own].max()),
             }
         )
     total = sum(sum(row["power"]) for row in rows)

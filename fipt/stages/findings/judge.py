@@ -13,6 +13,7 @@ from fipt.stages.findings.checks import (
     edges,
     emitters,
     exposures,
+    guessed_light,
     hardly_seen,
     holes,
     light_balance,
@@ -31,6 +32,7 @@ Check = Callable[[JudgedRoom, Notes], list[RoomFinding]]
 
 CHECKS: tuple[Check, ...] = (
     no_emitter.check,
+    guessed_light.check,
     light_balance.check,
     brightness.check,
     holes.check,

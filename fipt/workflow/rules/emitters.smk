@@ -1,6 +1,6 @@
 """Emitting triangles and their radiance; the list of lamps for people.
 
-INPUTS:  results/{scene}/round-{k}/shading, samples and pictures of the training shards, mesh;
+INPUTS:  results/{scene}/round-{k}/shading, samples and pictures of the training shards, mesh, cache.npz, environment.npz;
          round-{k}/model.safetensors where its mask decides; else the fit of the round comes after this
          the decisions in results/{scene}/emitters_review.yaml as parameters, that file itself never
 OUTPUTS: results/{scene}/round-{k}/emitters.npz     triangles, radiance, area (m2), patches, views, confidence
@@ -22,6 +22,8 @@ rule emitters:
             "results/{scene}/round-{round}/shading/{shard}.manifest.json", "train"
         ),
         model=ask("model_of_emitters"),
+        cache="results/{scene}/cache.npz",
+        environment="results/{scene}/environment.npz",
     output:
         emitters="results/{scene}/round-{round}/emitters.npz",
         listed="results/{scene}/round-{round}/emitters.json",
@@ -45,7 +47,7 @@ rule emitters:
     shell:
         "fipt emitters --dataset {params.dataset:q} --samples {params.samples:q}"
         " --shading {params.shading:q} {params.model:q} --out {output.emitters:q}"
-        " {params.decisions:q}"
+        " --cache {input.cache:q} --environment {input.environment:q} {params.decisions:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
 
 

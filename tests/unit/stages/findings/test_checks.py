@@ -1,5 +1,6 @@
 """Every check: silent where all is sound, and the right finding for a planted trouble."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,6 +17,7 @@ from fipt.stages.findings.checks import (
     edges,
     emitters,
     exposures,
+    guessed_light,
     hardly_seen,
     holes,
     light_balance,
@@ -56,6 +58,7 @@ def lit(found=None, environment=NOTHING):
         parts.check,
         rerendering.check,
         no_emitter.check,
+        guessed_light.check,
         settled.check,
         hardly_seen.check,
     ],
@@ -85,6 +88,17 @@ def test_light_that_falls_off_to_one_side():
     found = told(light_balance.check, retakes=[judged.retake(k, across) for k in range(VIEWS)])["light-slope"]
     assert found.where["position"][0] < SIDE / 4
     assert found.measure.value > 0.4
+
+
+def test_guessed_light_is_told():
+    found = judged.emitters()
+    guessed = replace(
+        found, guessed=np.ones(len(found.triangle), bool), spread=np.full(len(found.triangle), 0.3, np.float32)
+    )
+    told_of = told(guessed_light.check, fitted=lit(guessed))["guessed-light"]
+    assert "100 % of the emitted power is a guess, known within 30 %" in told_of.cause
+    assert told_of.image.shape[2] == 3
+    assert not told(no_emitter.check, fitted=lit(guessed))
 
 
 def test_without_any_emitter():
