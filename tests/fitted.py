@@ -39,13 +39,14 @@ SETTINGS: dict[str, dict[str, Any]] = {
     "cache": {"resolution": 32},
     "bake": FEW,
     "fit": FIT,
-    "emitters": {"points": 20},
+    "emitters": {"decide": "mask", "points": 20},  # its walls have colours that no light gives
     "review": {"width": 96},
     "refine": FEW | {"max_depth": 3},
     "materials": {},
     "render": {"spp": 16, "max_depth": 3},
     "relight": {"spp": 16, "max_depth": 3},
     "olat": {"spp": 16, "max_depth": 3},
+    "findings": {"views": 2, "width": 16, "spp": 8, "max_depth": 3, "pixels": 1000},
 }
 """Verb -> settings, in the order of the pipeline."""
 
@@ -69,7 +70,7 @@ OWN: dict[str, dict[str, Any]] = {
     "environment": {"out": Path("environment.npz")},
     "cache": {"out": Path("cache.npz")},
     "bake": {"out": SHADING},
-    "fit": {"out": Path("round-0/model.safetensors")},
+    "fit": {"out": Path("round-0/model.safetensors"), "emitters": None},
     "emitters": {"out": Path("round-0/emitters.npz")},
     "review": {"out": Path("emitters"), "review": Path("emitters_review.yaml")},
     "refine": {"previous": SHADING, "out": Path("round-1/shading/train-000")},
@@ -77,6 +78,7 @@ OWN: dict[str, dict[str, Any]] = {
     "render": {"out": Path("render")},
     "relight": {"out": Path("relight/night"), "setup": json.dumps(NIGHT)},
     "olat": {"out": Path("olat")},
+    "findings": {"out": Path("findings.json")},
 }
 """Verb -> fields whose value is its own."""
 

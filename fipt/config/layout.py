@@ -67,6 +67,7 @@ class Layout:
     transforms = Below("dataset/transforms.json")
     views = Below("dataset/views.json")
     mesh = Below("dataset/mesh.ply")
+    prepared = Below("dataset/prepare.json")
     known_room = Below("dataset/room.json")
     parts = Below("dataset/segments/part.json")
     semantic = Below("dataset/segments/semantic.json")
@@ -95,6 +96,7 @@ class Layout:
     regrouped = Below("round-{round}/segments.manifest.json")
     model = Below("round-{round}/model.safetensors")
     confidence = Below("round-{round}/confidence.npz")
+    settled = Below("round-{round}/settled.json")
     emitters = Below("round-{round}/emitters.npz")
     emitters_for_people = Below("round-{round}/emitters.json")
 
@@ -118,6 +120,8 @@ class Layout:
     export_check = Below("export/check.json")
     export_check_folder = Below("export/check")
     metrics = Below("metrics.json")
+    findings = Below("findings.json")
+    findings_folder = Below("findings")
     report = Below("report.html")
 
     @classmethod

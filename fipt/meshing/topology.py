@@ -7,11 +7,27 @@ from scipy.sparse.csgraph import connected_components
 from fipt.scene.mesh import Mesh
 
 
+def distinct_rows(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """First index (K,) of each different row of (N, 3), and (N,) which of them each row is; faster than np.unique."""
+    order = np.lexsort(rows.T)  # stable: of equal rows the first comes first
+    new = np.ones(len(rows), bool)
+    new[1:] = (rows[order[1:]] != rows[order[:-1]]).any(axis=1)
+    which = np.empty(len(rows), np.int64)
+    which[order] = np.cumsum(new) - 1
+    return order[new], which
+
+
 def triangle_sides(triangles: np.ndarray) -> np.ndarray:
     """(T, 3) int64 key of each triangle's sides (corners 0-1, 1-2, 2-0); equal keys are one edge of the mesh."""
     a = triangles.astype(np.int64)
     b = np.roll(a, -1, axis=1)
     return np.minimum(a, b) << 32 | np.maximum(a, b)
+
+
+def side_list(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(E, 2) vertices of every edge of the mesh, and (T, 3) the edge of each triangle's sides 0-1, 1-2, 2-0."""
+    keys, side = np.unique(triangle_sides(triangles), return_inverse=True)
+    return np.stack([keys >> 32, keys & 0xFFFFFFFF], axis=1), side.reshape(-1, 3)
 
 
 def neighbours(triangles: np.ndarray) -> np.ndarray:

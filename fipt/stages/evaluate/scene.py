@@ -2,7 +2,7 @@
 
 import json
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,19 +15,21 @@ from fipt.progress import progress
 from fipt.scene.dataset import Dataset, read_layers
 from fipt.scene.references import read_reference, reference_files
 from fipt.scene.samples import read_samples
+from fipt.stages.evaluate.emission import emitted_ratios, emitting_triangles, triangle_figures
 from fipt.stages.evaluate.metrics import (
     Layers,
     MaterialFigures,
     PhotographedExposure,
     RenderExposure,
     emits,
-    emitting_triangles,
     finite,
     image_psnr,
-    triangle_figures,
 )
 
 log = logging.getLogger(__name__)
+
+_GRAZING = 0.1
+"""Least cosine of a view that counts: an area seen at less is uncertain by more than half."""
 
 
 def material_figures(data: Dataset, folder: Path, split: str) -> dict[str, Any]:
@@ -180,38 +182,75 @@ def reference_figures(data: Dataset, folder: Path, reference: Path) -> dict[str,
 
 
 def emitter_figures(data: Dataset, path: Path, samples: list[Path]) -> dict[str, Any]:
-    """Found, false and missed emitting triangles."""
+    """Found, false and missed emitting triangles; emitting area and flux over the true ones."""
     found, areas = load_npz(path), data.mesh().areas
     seen = truth = None
+    shown = {"emitted_area": None, "emitted_flux": None}
     if samples:
         majority, seen = emitting_triangles(len(areas), _centre_triangles(data, samples))
         truth = majority if any((data.root / "truth").glob("*.exr")) else None
+        shown = emitted_ratios(_seen_emission(data, samples, found, len(areas)))
     source = "pixel centres that see them" if truth is not None else None
     room = data.root / "room.json"
     if room.is_file():
-        truth = np.zeros(len(areas), bool)
-        truth[_room_triangles(room, len(areas))] = True
-        source = "room.json"
+        ids = _room_triangles(room, areas)
+        if ids is None:
+            log.warning("%s is of another mesh than mesh.ply: emitting triangles are judged by pixels", room)
+        else:
+            truth = np.zeros(len(areas), bool)
+            truth[ids] = True
+            source = "room.json"
     return {
         "emitters": len(np.unique(found["emitter"])),
         **triangle_figures(found["triangle"], truth, areas, seen),
         "truth_from": source,
+        **shown,
     }
 
 
-def _room_triangles(path: Path, triangles: int) -> np.ndarray:
-    """Ids of the emitting triangles that room.json lists."""
+def _seen_emission(
+    data: Dataset, folders: list[Path], found: Mapping[str, np.ndarray], triangles: int
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """For every view with truth: area (n,) that each pixel centre stands for, true and found radiance (n, 3) there."""
+    radiance = np.zeros((triangles, 3))
+    radiance[found["triangle"]] = found["radiance"]
+    for folder in folders:
+        shard = read_samples(folder)
+        for index, view in enumerate(shard.views):
+            truth = data.truth(view)
+            if truth is None or "emission" not in truth:
+                continue
+            pixels = shard.pixels(index)
+            hit = shard.center[pixels] > 0
+            first = shard.offsets[pixels][hit]
+            toward = data.camera(view).center - shard.position[first]
+            cosine = np.abs((toward * shard.normal[first]).sum(axis=1)) / np.linalg.norm(toward, axis=1).clip(1e-9)
+            area = shard.footprint[first].astype(np.float64) ** 2 / np.maximum(cosine, _GRAZING)
+            true = truth["emission"].reshape(-1, 3)[hit] * emits(truth).ravel()[hit, None]
+            yield area, true, radiance[shard.triangle[first]]
+
+
+def _room_triangles(path: Path, areas: np.ndarray) -> np.ndarray | None:
+    """Ids of the emitting triangles that room.json lists; None where it is of another mesh than these (T,) areas."""
     try:
-        emitters = json.loads(path.read_text(encoding="utf-8"))["emitters"]
-        lists = [np.asarray(emitter["triangles"], np.int64) for emitter in emitters]
-    except (ValueError, KeyError, TypeError) as error:
+        room = json.loads(path.read_text(encoding="utf-8"))
+        lists = [np.asarray(emitter["triangles"], np.int64) for emitter in room["emitters"]]
+        said = [emitter.get("area") for emitter in room["emitters"]]
+        count = int(room.get("triangles", len(areas)))
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise FiptError(
             f"{path} does not list the triangles of its emitters ({error!r})", "synthesize again"
         ) from error
+    if count != len(areas):
+        return None
     ids = np.concatenate([np.zeros(0, np.int64), *lists])
-    if ids.size and (ids.min() < 0 or ids.max() >= triangles):
+    if ids.size and (ids.min() < 0 or ids.max() >= len(areas)):
         raise FiptError(f"{path} lists triangles that mesh.ply does not have", "synthesize again")
-    return ids
+    # a scan may have as many triangles by chance, but not the emitters' areas
+    alike = [
+        area is None or np.isclose(areas[rows].sum(), area, rtol=0.01) for rows, area in zip(lists, said, strict=True)
+    ]
+    return ids if all(alike) else None
 
 
 def _centre_triangles(data: Dataset, folders: list[Path]) -> Iterator[tuple[np.ndarray, np.ndarray]]:

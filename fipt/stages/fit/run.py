@@ -14,9 +14,11 @@ from fipt.model.networks import Field, SceneBox
 from fipt.model.store import load_field, save_field
 from fipt.scene.confidence import Confidence, write_confidence
 from fipt.scene.dataset import Dataset
+from fipt.scene.emitters import read_emitters
 from fipt.scene.environment import beyond, read_environment
-from fipt.scene.observed import read_observed
+from fipt.scene.observed import read_observed, without_triangles
 from fipt.scene.samples import scene_box, segments_of
+from fipt.scene.settled import read_state
 from fipt.scene.voxels import read_cache
 from fipt.stages.fit.batches import Pixels
 from fipt.stages.fit.confidence import confident_pixels, measure
@@ -26,6 +28,7 @@ from fipt.stages.fit.loop import fit
 from fipt.stages.fit.objective import Objective
 from fipt.stages.fit.part_search import PartEstimates, estimate_parts, part_classes
 from fipt.stages.fit.settings import FitSettings
+from fipt.stages.fit.settling import copy_round, judge_round
 from fipt.stages.fit.targets import part_targets
 
 log = logging.getLogger(__name__)
@@ -34,6 +37,9 @@ log = logging.getLogger(__name__)
 def fit_model(inputs: FitInputs, settings: FitSettings) -> Stats:
     """Fit a round's model and write it to ``out``, confidence.npz beside it; the checkpoint goes away then."""
     torch.set_num_threads(settings.threads or torch.get_num_threads())
+    state = read_state(inputs.settled)
+    if state is not None and state.settled is not None:
+        return copy_round(inputs, state)
     data = Dataset(inputs.dataset, inputs.segments)
     kind = data.segment_kind(settings.segments)
     if kind is None:
@@ -44,8 +50,9 @@ def fit_model(inputs: FitInputs, settings: FitSettings) -> Stats:
     pixels, confidence = _training_pixels(data, kind, inputs, settings)
     center, side = scene_box(pixels.shards)
     field = Field(settings, SceneBox((center[0], center[1], center[2]), side))
-    if inputs.previous is not None and settings.warm_start:
-        field.load_state_dict(load_field(inputs.previous).state_dict())
+    before = None if inputs.previous is None else load_field(inputs.previous)
+    if before is not None and settings.warm_start:
+        field.load_state_dict(before.state_dict())
     figures: Stats = {"segments": kind or "none", "fused_segments": inputs.segments is not None}
     targets = hidden = None
     if kind is not None and settings.part_search:
@@ -59,6 +66,7 @@ def fit_model(inputs: FitInputs, settings: FitSettings) -> Stats:
     figures |= fit(field, pixels, Objective(settings, kind, targets), checkpoint, hidden if hidden else None)
     write_confidence(inputs.out.with_name("confidence.npz"), confidence)
     save_field(inputs.out, field, settings)
+    figures |= judge_round(inputs, field, before, settings.settled)
     checkpoint.unlink(missing_ok=True)
     return figures
 
@@ -69,6 +77,8 @@ def _training_pixels(
     """All pixels that teach anything, and the confidence in the surface that they show."""
     empty = on_disk(inputs.out.parent)  # what there is for every pixel stays out of memory
     shards = read_observed(data, inputs.samples, inputs.shading, empty)
+    if inputs.emitters is not None:
+        shards = without_triangles(shards, read_emitters(inputs.emitters).possible)
     cameras = [[data.camera(view) for view in shard.samples.views] for shard in shards]
     eyes = {camera.name: camera.center for own in cameras for camera in own}
     confidence = measure(shards, eyes, settings.emitter_gain)
@@ -101,7 +111,7 @@ def _checkpoint(inputs: FitInputs, settings: FitSettings) -> Path:
     """Checkpoint file of exactly this fit; those of other inputs or settings are stale and removed."""
     key, out = hashlib.sha256(settings.model_dump_json().encode()), inputs.out
     folders = [*inputs.samples, *inputs.shading, *([inputs.segments] if inputs.segments else [])]
-    files = [inputs.previous, inputs.cache, inputs.environment]
+    files = [inputs.previous, inputs.emitters, inputs.cache, inputs.environment]
     for path in [*(Path(f"{folder}.manifest.json") for folder in folders), *files]:
         if path is not None and path.is_file():
             key.update(path.read_bytes())

@@ -21,7 +21,7 @@ from fipt.scene.dataset import write_views
 from fipt.scene.mesh import Mesh, read_mesh, write_ply
 from fipt.scene.sources import CAPTURE, ImageSource, read_developed, read_source
 from fipt.settings import dumped
-from fipt.stages.importing.frames import check_layer, write_frames
+from fipt.stages.importing.frames import check_layer, write_frames, written_radiance
 from fipt.stages.importing.settings import ImportSettings
 
 log = logging.getLogger(__name__)
@@ -90,8 +90,7 @@ def import_scene(
         _write_cameras(folder, cameras, parsed, room)
         if segments is not None:
             _copy_segments(folder / "segments", Path(segments), cameras)
-        if poses is not None:
-            _copy_room(folder, poses, mesh)
+        _copy_beside(folder, parsed, poses, mesh)
         _name_segments(folder / "segments", names)
         if settings.overlay:
             _write_overlay(folder / "overlay.png", room, *shown)
@@ -121,7 +120,10 @@ def _write_mesh(
         set_variant()
         from fipt.meshing.prepare import prepared
 
-        mesh, figures = prepared(mesh, [camera for camera in cameras if camera.split == "train"], settings)
+        def radiance(view: str) -> tuple[np.ndarray, np.ndarray]:
+            return written_radiance(folder, view)
+
+        mesh, figures = prepared(mesh, [camera for camera in cameras if camera.split == "train"], radiance, settings)
     write_ply(folder / "mesh.ply", mesh)
     # without the time it took: the same source gives the same files
     lasting = {name: value for name, value in figures.items() if name != "seconds"}
@@ -136,8 +138,13 @@ def _write_cameras(folder: Path, cameras: list[Camera], source: ImageSource, mes
     write_views(folder / "views.json", [*(camera.name for camera in cameras), *source.rejected], source.rejected)
 
 
-def _copy_room(folder: Path, *beside: str | Path | None) -> None:
-    """Copy the room.json that lies beside one of some files; the last one counts."""
+def _copy_beside(folder: Path, source: ImageSource, poses: str | Path | None, mesh: str | Path | None) -> None:
+    """Copy what is known of a whole room: room.json, beside poses and mesh or of a dataset, whose ids have names."""
+    own = source.frames[0].dataset
+    for kind in SEGMENT_FOLDERS if own is not None else ():
+        if (folder / "segments" / kind).is_dir() and (own / "segments" / f"{kind}.json").is_file():
+            shutil.copyfile(own / "segments" / f"{kind}.json", folder / "segments" / f"{kind}.json")
+    beside = (own / "mesh.ply",) if own is not None else (poses, mesh) if poses is not None else ()
     for path in beside:
         if path is not None and (Path(path).parent / "room.json").is_file():
             shutil.copyfile(Path(path).parent / "room.json", folder / "room.json")

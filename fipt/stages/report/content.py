@@ -15,6 +15,7 @@ from fipt.stages.report.capture import CaptureReport, read_capture
 from fipt.stages.report.emitters import read_emitter_entries
 from fipt.stages.report.export import ExportCheck, read_check
 from fipt.stages.report.files import read_json, round_folders
+from fipt.stages.report.findings import FindingsReport, read_room_findings
 from fipt.stages.report.images import EmbeddedImage
 from fipt.stages.report.mixer import Mixer, read_mixer
 from fipt.stages.report.poses import PosesReport, read_poses
@@ -64,6 +65,7 @@ class Content:
     setups: Mapping[str, str]
     export: ExportCheck | None
     exported: Sequence[RelitView]
+    findings: FindingsReport | None
     times: Sequence[StageTime]
     settings: Mapping[str, str]
     versions: Mapping[str, str]
@@ -124,6 +126,7 @@ def gather(
         setups=_setups(results / "relight", setups, camera_setups),
         export=export,
         exported=reader.exported_views(export) if export else [],
+        findings=read_room_findings(results),
         times=stage_times(runs),
         settings=stage_settings(runs),
         versions=versions_used(runs),

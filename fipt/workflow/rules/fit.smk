@@ -2,9 +2,11 @@
 
 INPUTS:  results/{scene}/round-{k}/shading/{shard}.manifest.json, samples/{shard}.manifest.json, pictures, cache.npz, environment.npz,
          segments of the dataset, results/{scene}/segments/fused.manifest.json or round-{k}/segments.manifest.json
-         from round 1: the model of the round before
+         from round 1: the model of the round before, and whether the loop settled in it
+         round-{k}/emitters.npz where they are decided before the fit
 OUTPUTS: results/{scene}/round-{k}/model.safetensors    networks, scene box, settings, stage version
          results/{scene}/round-{k}/confidence.npz       how well the pictures determine the surface
+         results/{scene}/round-{k}/settled.json         what the round changed, and whether the loop has settled
 
 A killed fit goes on from round-{k}/model.checkpoint-HASH.safetensors, the hash being that of its
 settings and inputs. The checkpoint is not an output here, since Snakemake deletes the outputs of jobs
@@ -27,9 +29,13 @@ rule fit:
         environment="results/{scene}/environment.npz",
         segments=ask("segmentation.of_round"),
         previous=previous("results/{scene}/round-{round}/model.safetensors"),
+        emitters=ask("emitters_of_fit"),
+        confidence=previous("results/{scene}/round-{round}/confidence.npz"),
+        settled=previous("results/{scene}/round-{round}/settled.json"),
     output:
         model="results/{scene}/round-{round}/model.safetensors",
         confidence="results/{scene}/round-{round}/confidence.npz",
+        settled="results/{scene}/round-{round}/settled.json",
         stats="results/{scene}/stats/fit.round-{round}.json",
     log:
         "results/{scene}/logs/fit.round-{round}.log",
@@ -44,11 +50,14 @@ rule fit:
         samples=folders_of("samples"),
         shading=folders_of("shading"),
         previous=option("--previous", "previous"),
+        emitters=option("--emitters", "emitters"),
+        settled=option("--settled", "settled"),
         segments=option_folder("--segments", "segments"),
         settings=settings("fit"),
         version=VERSIONS["fit"],
     shell:
         "fipt fit --dataset {params.dataset:q} --samples {params.samples:q} --shading {params.shading:q}"
-        " {params.previous:q} --cache {input.cache:q} --environment {input.environment:q}"
+        " {params.previous:q} {params.emitters:q} {params.settled:q} --cache {input.cache:q}"
+        " --environment {input.environment:q}"
         " {params.segments:q} --out {output.model:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

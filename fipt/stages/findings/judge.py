@@ -1,0 +1,73 @@
+"""All checks of a run, and their findings, worst first.
+
+A new check is a module in ``checks`` and a line in `CHECKS`.
+"""
+
+from collections.abc import Callable
+
+from fipt.progress import progress
+from fipt.scene.findings import SEVERITIES, RoomFinding
+from fipt.stages.findings.checks import (
+    brightness,
+    dim_emitters,
+    edges,
+    emitters,
+    exposures,
+    guessed_light,
+    hardly_seen,
+    holes,
+    light_balance,
+    mesh,
+    mixed_ids,
+    no_emitter,
+    parts,
+    rerendering,
+    settled,
+    thin,
+)
+from fipt.stages.findings.notes import Notes
+from fipt.stages.findings.room import JudgedRoom
+
+Check = Callable[[JudgedRoom, Notes], list[RoomFinding]]
+
+CHECKS: tuple[Check, ...] = (
+    no_emitter.check,
+    guessed_light.check,
+    light_balance.check,
+    brightness.check,
+    holes.check,
+    mesh.check,
+    emitters.check,
+    dim_emitters.check,
+    thin.check,
+    hardly_seen.check,
+    settled.check,
+    exposures.check,
+    mixed_ids.check,
+    parts.check,
+    edges.check,
+    rerendering.check,
+)
+"""What says why stands before what only says that something is wrong: findings keep this order."""
+
+_FIT = frozenset({"emitter-or-mirror", "edges-off", "unexplained-parts", "mixed-ids", "exposure"})
+"""What the fit's own residual tells: no evidence where the light is missing under which it was made."""
+
+EXPLAINS: dict[str, frozenset[str]] = {
+    "no-emitter": _FIT | {"too-bright", "rerendering", "view-unlike"},
+    "too-bright": _FIT | {"rerendering", "view-unlike"},
+    "noisy-mesh": frozenset({"fine-mesh"}),
+}
+"""Finding -> findings that it explains: these are left out, so that the cause stands alone."""
+
+
+def judged(room: JudgedRoom) -> tuple[list[RoomFinding], Notes]:
+    """Make every check; return the findings, worst first, and what was measured."""
+    notes, found = Notes(), []
+    with progress("findings", len(CHECKS), " checks") as bar:
+        for check in CHECKS:
+            found += check(room, notes)
+            bar.advance()
+    explained = {other for finding in found for other in EXPLAINS.get(finding.id, ())}
+    causes = [finding for finding in found if finding.id not in explained]
+    return sorted(causes, key=lambda finding: SEVERITIES.index(finding.severity)), notes
