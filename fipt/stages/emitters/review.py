@@ -14,7 +14,7 @@ from fipt.scene.dataset import Dataset
 from fipt.scene.emitters import default_name
 from fipt.scene.review import ReviewDecisions, matched, numbers
 from fipt.scene.samples import FootprintSamples
-from fipt.stages.emitters.extract import INTERIOR
+from fipt.stages.emitters.observations import INTERIOR
 
 _AROUND = 1.0
 """Of the emitter's size: what its image shows on each side of it."""
@@ -55,6 +55,7 @@ def review_entry(row: dict[str, Any], triangles: np.ndarray, image: str | None) 
     facts = {"area": row["area"], "power": sum(row["power"]) / 3, "share": row["share"]}
     facts = {key: float(f"{value:.4g}") for key, value in (facts | {"confidence": row["confidence"]}).items()}
     rest = {"emitter": default_name(row["index"]), "views": row["views"], "thumbnail": image}
+    rest["guessed"] = row["guessed"]
     return rest | facts | {"triangles": frozenset(triangles.tolist())}
 
 

@@ -1,5 +1,6 @@
 """Every check: silent where all is sound, and the right finding for a planted trouble."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,12 +11,14 @@ from fipt.scene.emitters import Emitters
 from fipt.scene.environment import NOTHING, constant
 from fipt.scene.mesh import Mesh
 from fipt.scene.samples import FootprintSamples
+from fipt.scene.settled import RoundState
 from fipt.stages.findings.checks import (
     brightness,
     dim_emitters,
     edges,
     emitters,
     exposures,
+    guessed_light,
     hardly_seen,
     holes,
     light_balance,
@@ -56,6 +59,7 @@ def lit(found=None, environment=NOTHING):
         parts.check,
         rerendering.check,
         no_emitter.check,
+        guessed_light.check,
         settled.check,
         hardly_seen.check,
     ],
@@ -87,6 +91,17 @@ def test_light_that_falls_off_to_one_side():
     assert found.measure.value > 0.4
 
 
+def test_guessed_light_is_told():
+    found = judged.emitters()
+    guessed = replace(
+        found, guessed=np.ones(len(found.triangle), bool), spread=np.full(len(found.triangle), 0.3, np.float32)
+    )
+    told_of = told(guessed_light.check, fitted=lit(guessed))["guessed-light"]
+    assert "100 % of the emitted power is a guess, known within 30 %" in told_of.cause
+    assert told_of.image.shape[2] == 3
+    assert not told(no_emitter.check, fitted=lit(guessed))
+
+
 def test_without_any_emitter():
     dark = [judged.retake(k, 0.2) for k in range(VIEWS)]
     changed = {"fitted": lit(Emitters.none()), "retakes": dark}
@@ -104,7 +119,7 @@ def test_no_emitter_and_where_it_may_be(backend):
     assert found.severity == "serious"
     assert np.allclose(np.array(found.where["position"])[[0, 2]], [3, 1], atol=0.7)
     assert found.where["position"][1] > 0.5 * SIDE
-    assert "Photograph the ceiling near (" in found.remedy
+    assert " near (" in found.remedy
 
 
 def test_light_from_outside_is_light():
@@ -285,6 +300,14 @@ def test_rounds_that_had_not_settled():
     assert told(settled.check, **_rounds(0.03)) == {}
     found = told(settled.check, **_rounds(0.3))["not-settled"]
     assert found.measure.value == pytest.approx(0.3, abs=0.05)
+
+
+def test_rounds_that_settled_or_go_on_slowly():
+    settled_in_2 = RoundState(2, 2, 0.3, 0.1, 0.1)
+    assert told(settled.check, **_rounds(0.3), rounds=(settled_in_2,)) == {}
+    slow = RoundState(2, None, 0.06, 0.01, 0.1), RoundState(3, None, 0.05, 0.01, 0.1)
+    found = told(settled.check, **_rounds(0.05), rounds=slow)["not-settled"]
+    assert found.measure.value == pytest.approx(0.25, abs=0.08)
 
 
 def _samples(place):
