@@ -22,7 +22,7 @@ from fipt.stages.fit.batches import Pixels
 from fipt.stages.fit.inner_pixels import FEWEST, InnerPixels, best_base_color, inner_pixels, pieces_of
 from fipt.stages.fit.part_colors import FINE, median_colors, uniformity
 
-_ROUGHNESS = (0.02, 0.06, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
+ROUGHNESS = (0.02, 0.06, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 _METALLIC = (0.0, 0.5, 0.75, 1.0)
 _RESOLUTION = 96
 """Pieces along the scene box that share one base colour."""
@@ -57,6 +57,10 @@ class PartEstimates:
     uniform
         (S,) float32 from 0 (textured, or not known) to 8: how much rather the part has one colour
         (`fipt.stages.fit.part_colors`).
+    residual
+        (2, roughnesses, S) float32 residual of every roughness as dielectric and as metal.
+    used
+        (S,) int64 pixels that it was measured on.
     """
 
     roughness: np.ndarray
@@ -65,6 +69,8 @@ class PartEstimates:
     pixels: np.ndarray
     base_color: np.ndarray
     uniform: np.ndarray
+    residual: np.ndarray
+    used: np.ndarray
 
 
 def part_classes(pairs: Iterable[tuple[np.ndarray, np.ndarray]], count: int) -> np.ndarray:
@@ -111,9 +117,9 @@ def estimate_parts(
     used = np.bincount(inner.segment, shared, count)
     trust = shared * np.maximum(pixels.confidence_at(inner.place, inner.normal), _LEAST_TRUST)
     trusted = np.maximum(np.bincount(inner.segment, trust, count), 1e-9)
-    residual = np.empty((len(_METALLIC), len(_ROUGHNESS), count))
+    residual = np.empty((len(_METALLIC), len(ROUGHNESS), count))
     for i, m in enumerate(_METALLIC):
-        for j, s in enumerate(_ROUGHNESS):
+        for j, s in enumerate(ROUGHNESS):
             error = _residual(inner, piece, pieces, s, m)
             residual[i, j] = np.bincount(inner.segment, error * trust, count) / trusted
     roughness, metallic, gain = _chosen(residual, used)
@@ -125,7 +131,7 @@ def estimate_parts(
     fine, fines = pieces_of(inner, FINE, center, side)
     uniform = uniformity(inner, offset, slope, fine, fines, color)
     seen = np.bincount(inner.segment, minlength=count)
-    estimates = (roughness, metallic, gain, seen, color, uniform)
+    estimates = (roughness, metallic, gain, seen, color, uniform, residual[[0, -1]], used.astype(np.int64))
     return PartEstimates(*(x if x.dtype == np.int64 else x.astype(np.float32) for x in estimates))
 
 
@@ -139,7 +145,7 @@ def _residual(inner: InnerPixels, piece: np.ndarray, pieces: int, s: float, m: f
 
 def _chosen(residual: np.ndarray, used: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Roughness, metallic and gain (S,) from residuals (metallic, roughness, S); cautious where little is gained."""
-    rough = np.array(_ROUGHNESS)
+    rough = np.array(ROUGHNESS)
     caution = _CAUTION / np.sqrt(np.maximum(used, 1))
     cautious = residual * (1 + caution * (1 - rough)[None, :, None])
     per_metal = cautious.min(axis=1)
