@@ -43,18 +43,19 @@ SECTIONS: dict[str, Section] = {
     "environment": Section("fipt.stages.environment.settings:EnvironmentSettings", 1),
     "cache": Section("fipt.stages.cache.settings:CacheSettings", 3),
     "bake": Section("fipt.stages.shade.settings:BakeSettings", 3),
-    "fit": Section("fipt.stages.fit.settings:FitSettings", 3),
+    "fit": Section("fipt.stages.fit.settings:FitSettings", 4),
     "emitters": Section("fipt.stages.emitters.settings:EmittersSettings", 2),
     "review": Section("fipt.stages.emitters.settings:ReviewSettings", 1),
-    "refine": Section("fipt.stages.shade.settings:RefineSettings", 3),
-    "materials": Section("fipt.stages.render.settings:MaterialsSettings", 2),
+    "refine": Section("fipt.stages.shade.settings:RefineSettings", 4),
+    "materials": Section("fipt.stages.render.settings:MaterialsSettings", 3),
     "render": Section("fipt.stages.render.settings:RenderSettings", 3),
     "relight": Section("fipt.stages.render.settings:RelightSettings", 3),
     "video": Section("fipt.stages.render.settings:VideoSettings", 1),
     "olat": Section("fipt.stages.render.settings:OlatSettings", 2),
     "export": Section("fipt.stages.export.settings:ExportSettings", 2),
-    "metrics": Section("fipt.stages.evaluate.settings:MetricsSettings", 4),
-    "report": Section("fipt.stages.report.settings:ReportSettings", 4),
+    "metrics": Section("fipt.stages.evaluate.settings:MetricsSettings", 5),
+    "findings": Section("fipt.stages.findings.settings:FindingsSettings", 1),
+    "report": Section("fipt.stages.report.settings:ReportSettings", 5),
 }
 """Section of the config -> its settings and version, in the order of the pipeline."""
 
@@ -206,6 +207,9 @@ VERBS: dict[str, Verb] = {
     ),
     "metrics": Verb(
         "Compare materials, emitters and renderings with the truth.", "fipt.stages.evaluate.stage", "metrics"
+    ),
+    "findings": Verb(
+        "Say what is wrong with a run, why, and what to do.", "fipt.stages.findings.stage", "findings", rays=True
     ),
     "report": Verb("Write the HTML page that shows everything.", "fipt.stages.report.stage", "report"),
     "run": Verb("Run a scene as far as a target: a front to the workflow.", "fipt.cli.run"),

@@ -46,6 +46,7 @@ SETTINGS: dict[str, dict[str, Any]] = {
     "render": {"spp": 16, "max_depth": 3},
     "relight": {"spp": 16, "max_depth": 3},
     "olat": {"spp": 16, "max_depth": 3},
+    "findings": {"views": 2, "width": 16, "spp": 8, "max_depth": 3, "pixels": 1000},
 }
 """Verb -> settings, in the order of the pipeline."""
 
@@ -77,6 +78,7 @@ OWN: dict[str, dict[str, Any]] = {
     "render": {"out": Path("render")},
     "relight": {"out": Path("relight/night"), "setup": json.dumps(NIGHT)},
     "olat": {"out": Path("olat")},
+    "findings": {"out": Path("findings.json")},
 }
 """Verb -> fields whose value is its own."""
 

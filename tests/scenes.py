@@ -41,6 +41,17 @@ def quad(corner, u, v) -> Mesh:
     return Mesh(np.stack([corner, corner + u, corner + u + v, corner + v]), QUAD)
 
 
+def sheet(corner, u, v, count: int) -> Mesh:
+    """A parallelogram of 2 * count^2 triangles."""
+    corner, u, v = (np.asarray(x, np.float64) for x in (corner, u, v))
+    row, column = np.mgrid[: count + 1, : count + 1]
+    places = corner + (row / count)[..., None] * u + (column / count)[..., None] * v
+    at = (np.arange(count)[:, None] * (count + 1) + np.arange(count)).ravel()
+    one = np.stack([at, at + count + 1, at + 1], 1)
+    other = np.stack([at + 1, at + count + 1, at + count + 2], 1)
+    return Mesh(places.reshape(-1, 3).astype(np.float32), np.concatenate([one, other]).astype(np.int32))
+
+
 def box(low, high) -> Mesh:
     """A closed box of 12 triangles that face inwards: -x, +x, -y, +y, -z, +z, two each."""
     low, high = np.asarray(low, float), np.asarray(high, float)

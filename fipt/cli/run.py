@@ -43,7 +43,24 @@ def command(
         points = ", ".join(STOPPING_POINTS)
         raise FiptError(f"there is no target {target!r}", f"targets: {points}, or a file below results/")
     options = ["--cores", str(cores or "all"), *(("--dry-run",) if dry_run else ())]
-    raise typer.Exit(snakemake({**found.plain, "only": [scene]}, target, options))
+    code = snakemake({**found.plain, "only": [scene]}, target, options)
+    results = Path("results", scene)
+    if code == 0 and not dry_run and target in ("report", str(results / "findings.json"), str(results / "report.html")):
+        tell_findings(results)
+    raise typer.Exit(code)
+
+
+def tell_findings(results: Path) -> None:
+    """Say on standard error what a run found wrong with itself; findings are no failure."""
+    from fipt.scene.findings import read_findings
+
+    found = read_findings(results / "findings.json")
+    if not found:
+        typer.echo("fipt: nothing was found wrong", err=True)
+        return
+    typer.echo(f"fipt: {len(found)} finding{'s' if len(found) > 1 else ''} (pictures: {results}/findings):", err=True)
+    for finding in found:
+        typer.echo(f"  {finding.headline}", err=True)
 
 
 def snakemake(config: Mapping[str, Any], target: str, options: Sequence[str]) -> int:

@@ -93,6 +93,7 @@ class Layout:
     shading = Below("round-{round}/shading/{shard}.manifest.json")
     model = Below("round-{round}/model.safetensors")
     confidence = Below("round-{round}/confidence.npz")
+    settled = Below("round-{round}/settled.json")
     emitters = Below("round-{round}/emitters.npz")
     emitters_for_people = Below("round-{round}/emitters.json")
 
@@ -116,6 +117,8 @@ class Layout:
     export_check = Below("export/check.json")
     export_check_folder = Below("export/check")
     metrics = Below("metrics.json")
+    findings = Below("findings.json")
+    findings_folder = Below("findings")
     report = Below("report.html")
 
     @classmethod

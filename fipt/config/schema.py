@@ -37,7 +37,8 @@ class Config(Sections):
 
     scenes: dict[str, SceneEntry] = Field(min_length=1, description="name of a scene -> where it comes from")
     rounds: Annotated[int, Field(ge=0, le=20)] = Field(
-        default=2, description="refinements after the first fit; 0 = bake and fit only"
+        default=4,
+        description="most refinements after the first fit, fewer where the loop settles; 0 = bake and fit only",
     )
     views_per_shard: Positive = Field(default=16, description="views that one job works on")
     setups: Setups | None = Field(default=None, description="relight setups of every scene")

@@ -68,6 +68,19 @@ def atomic_folder(path: str | Path) -> Iterator[Path]:
         shutil.rmtree(temporary, ignore_errors=True)
 
 
+def link_folder(source: str | Path, path: str | Path) -> list[Path]:
+    """Make ``path`` a folder of the same files as ``source``, hard-linked where the disk can; return them."""
+    source, path = Path(source), Path(path)
+    names = sorted(file.name for file in source.iterdir() if file.is_file())
+    with atomic_folder(path) as folder:
+        for name in names:
+            try:
+                os.link(source / name, folder / name)
+            except OSError:
+                shutil.copyfile(source / name, folder / name)
+    return [path / name for name in names]
+
+
 def make_folder(path: str | Path) -> None:
     """Make a folder and those above it where they are missing.
 

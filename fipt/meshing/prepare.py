@@ -3,15 +3,19 @@
 import logging
 import time
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any, Protocol
 
 import numpy as np
 
 from fipt.meshing.clean import clean
+from fipt.meshing.cut import cut_at
 from fipt.meshing.decimate import decimated
 from fipt.meshing.denoise import filtered_normals, fitted_to_normals, normal_deviation, taubin, weighted_median
 from fipt.meshing.footprints import SeenSurface, seen_surface
+from fipt.meshing.holes import without_small_holes
 from fipt.meshing.planes import Planes, find_planes, flattened, grown
+from fipt.meshing.radiance_edges import Radiance, find_edges
 from fipt.meshing.topology import triangle_sides
 from fipt.scene.cameras import Camera
 from fipt.scene.mesh import Mesh
@@ -40,6 +44,8 @@ _UNSEEN = 0.005
 """Displacement in footprints that no pixel shows: the least noise that is assumed."""
 _PLANE_SIDE = 6.0
 """Side of the smallest plane in footprints: below it a plane is not told from a curve."""
+_HOLE = 4.0
+"""Width of a hole in footprints up to which it is closed: what lies behind it fills no pixel by itself."""
 _COARSE = 4.0
 """Side of triangles on planes, in footprints, that the number of triangles counts with."""
 
@@ -57,16 +63,23 @@ class PrepareSettings(Protocol):
         """Side of triangles on curved surface, in pixel footprints."""
         ...
 
+    @property
+    def cut_edges(self) -> bool:
+        """Whether triangles are cut along sharp edges of radiance."""
+        ...
 
-def prepared(mesh: Mesh, cameras: Sequence[Camera], settings: PrepareSettings) -> tuple[Mesh, dict[str, Any]]:
+
+def prepared(
+    mesh: Mesh, cameras: Sequence[Camera], radiance: Radiance, settings: PrepareSettings
+) -> tuple[Mesh, dict[str, Any]]:
     """Return the mesh to go on with, and figures about it; Mitsuba's variant must be set.
 
     A mesh that does not ask for it is returned as it is: smooth normals and triangles that pixels resolve.
 
     Parameters
     ----------
-    cameras
-        The training views.
+    cameras, radiance
+        The training views, and what they show.
     """
     start = time.perf_counter()
     figures: dict[str, Any] = {"prepared": False, "triangles_before": len(mesh.triangles)}
@@ -75,15 +88,20 @@ def prepared(mesh: Mesh, cameras: Sequence[Camera], settings: PrepareSettings) -
     figures |= asks
     noisy = asks["small_share"] >= 0.5 and asks["normal_deviation_degrees"] > NOISY
     if settings.prepare == "always" or noisy or asks["triangles_per_pixel"] > FINE:
-        mesh, made = _made(mesh, cameras, seen, settings)
+        mesh, made = _made(mesh, seen, settings)
         figures |= {"prepared": True, **made}
+        if settings.cut_edges:
+            edges = find_edges(mesh, cameras, radiance)
+            mesh = cut_at(mesh, edges)
+            figures["edge_points"] = len(edges)
     figures |= {"triangles": len(mesh.triangles), "seconds": round(time.perf_counter() - start, 2)}
     if figures["prepared"]:
         log.info(
             "mesh prepared: normals deviate by %.1f degrees, %.1f triangles a pixel; %d of %d triangles kept, "
-            "%d planes, %d floaters dropped, %.0f s",
+            "%d planes, %d floaters dropped, %d holes closed, %d left (%.2g m2), %.0f s",
             asks["normal_deviation_degrees"], asks["triangles_per_pixel"], figures["triangles"],
-            figures["triangles_before"], figures["planes"], figures["floaters"], figures["seconds"],
+            figures["triangles_before"], figures["planes"], figures["floaters"], figures["holes_closed"],
+            figures["holes_open"], figures["hole_area"], figures["seconds"],
         )  # fmt: skip
     else:
         log.info(
@@ -105,14 +123,13 @@ def _asks(mesh: Mesh, seen: SeenSurface) -> dict[str, float]:
     }
 
 
-def _made(
-    mesh: Mesh, cameras: Sequence[Camera], seen: SeenSurface, settings: PrepareSettings
-) -> tuple[Mesh, dict[str, Any]]:
-    """Clean, smooth, flatten and decimate."""
+def _made(mesh: Mesh, seen: SeenSurface, settings: PrepareSettings) -> tuple[Mesh, dict[str, Any]]:
+    """Clean, close small holes, smooth, flatten and decimate."""
     footprint = float(np.median(seen.footprint))
     needed = np.zeros(len(mesh.triangles), bool)
     needed[seen.triangle] = True
     mesh, cleaned = clean(mesh, (_PLANE_SIDE * footprint) ** 2, needed)
+    mesh, holes = without_small_holes(mesh, _HOLE * footprint)
     edge, deviation = _edge(mesh), weighted_median(normal_deviation(mesh), mesh.areas)
     # of vertices along the normal, metres; never less than what no pixel can tell
     noise = max(edge * deviation, _UNSEEN * footprint)
@@ -129,7 +146,8 @@ def _made(
     done, _ = clean(done, 0.0)
     return done, {
         "noise_mm": round(1e3 * noise, 3),
-        **cleaned.__dict__,
+        **asdict(cleaned),
+        **asdict(holes),
         "planes": len(planes.offset),
         "plane_share": round(flat_area / max(float(flat.areas.sum()), 1e-30), 4),
         "footprint_mm": round(1e3 * footprint, 2),

@@ -14,6 +14,12 @@ def triangle_sides(triangles: np.ndarray) -> np.ndarray:
     return np.minimum(a, b) << 32 | np.maximum(a, b)
 
 
+def side_list(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(E, 2) vertices of every edge of the mesh, and (T, 3) the edge of each triangle's sides 0-1, 1-2, 2-0."""
+    keys, side = np.unique(triangle_sides(triangles), return_inverse=True)
+    return np.stack([keys >> 32, keys & 0xFFFFFFFF], axis=1), side.reshape(-1, 3)
+
+
 def neighbours(triangles: np.ndarray) -> np.ndarray:
     """(P, 2) int64 pairs of triangles that share an edge; of an edge of more than two, those next in order."""
     keys = triangle_sides(triangles).ravel()

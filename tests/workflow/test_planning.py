@@ -48,6 +48,7 @@ FIRST = {
     "relight_views": 1,
     "olat_views": 1,
     "scene_metrics": 1,
+    "findings": 1,
     "scene_report": 1,
 }
 
@@ -60,15 +61,24 @@ def only(*rules):
     return {rule: FIRST[rule] for rule in rules}
 
 
-SHOWN = ("review", "material_maps", "render_views", "relight_views", "olat_views", "scene_metrics", "scene_report")
+SHOWN = (
+    "review",
+    "material_maps",
+    "render_views",
+    "relight_views",
+    "olat_views",
+    "scene_metrics",
+    "findings",
+    "scene_report",
+)
 
 
 def test_plans_everything_on_a_fresh_clone(workspace):
     config = yaml.safe_load((REPOSITORY / "config" / "config.yaml").read_text())
     here = workspace(config)
     jobs = here.planned()
-    assert (jobs["fit"], jobs["refine"], jobs["bake"]) == (3, 2, 1)
-    assert "results/demo/round-2/model.safetensors" in here.snakemake("--dry-run")
+    assert (jobs["fit"], jobs["refine"], jobs["bake"]) == (5, 4, 1)
+    assert "results/demo/round-4/model.safetensors" in here.snakemake("--dry-run")
 
 
 def test_plans_the_example_of_an_imported_scene(workspace):
@@ -108,6 +118,7 @@ def test_runs_once_then_only_what_changed(workspace):
     expected = {
         "report": only("scene_report"),
         "metrics": only("scene_metrics", "scene_report"),
+        "findings": only("findings", "scene_report"),
         "relight": only("relight_views", "scene_metrics", "scene_report"),
         "olat": only("olat_views", "scene_report"),
         "render": only("render_views", "scene_metrics", "scene_report"),
@@ -121,6 +132,7 @@ def test_runs_once_then_only_what_changed(workspace):
     values = {
         "report": {"width": 100},
         "metrics": {"fit_exposure": True},
+        "findings": {"views": 2},
         "cache": {"resolution": 32},
         "environment": {"resolution": 8},
         "materials": {"average": False},

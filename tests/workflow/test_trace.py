@@ -44,6 +44,7 @@ CONFIG = {
     "render": {"spp": 4},
     "relight": {"spp": 4},
     "olat": {"spp": 4},
+    "findings": {"views": 1, "width": 16, "spp": 4, "pixels": 1000},
     "export": {"enabled": True, "samples": 1, "max_resolution": 1024},
 }
 ROOM = {

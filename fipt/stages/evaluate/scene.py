@@ -189,9 +189,13 @@ def emitter_figures(data: Dataset, path: Path, samples: list[Path]) -> dict[str,
     source = "pixel centres that see them" if truth is not None else None
     room = data.root / "room.json"
     if room.is_file():
-        truth = np.zeros(len(areas), bool)
-        truth[_room_triangles(room, len(areas))] = True
-        source = "room.json"
+        ids = _room_triangles(room, areas)
+        if ids is None:
+            log.warning("%s is of another mesh than mesh.ply: emitting triangles are judged by pixels", room)
+        else:
+            truth = np.zeros(len(areas), bool)
+            truth[ids] = True
+            source = "room.json"
     return {
         "emitters": len(np.unique(found["emitter"])),
         **triangle_figures(found["triangle"], truth, areas, seen),
@@ -199,19 +203,27 @@ def emitter_figures(data: Dataset, path: Path, samples: list[Path]) -> dict[str,
     }
 
 
-def _room_triangles(path: Path, triangles: int) -> np.ndarray:
-    """Ids of the emitting triangles that room.json lists."""
+def _room_triangles(path: Path, areas: np.ndarray) -> np.ndarray | None:
+    """Ids of the emitting triangles that room.json lists; None where it is of another mesh than these (T,) areas."""
     try:
-        emitters = json.loads(path.read_text(encoding="utf-8"))["emitters"]
-        lists = [np.asarray(emitter["triangles"], np.int64) for emitter in emitters]
-    except (ValueError, KeyError, TypeError) as error:
+        room = json.loads(path.read_text(encoding="utf-8"))
+        lists = [np.asarray(emitter["triangles"], np.int64) for emitter in room["emitters"]]
+        said = [emitter.get("area") for emitter in room["emitters"]]
+        count = int(room.get("triangles", len(areas)))
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise FiptError(
             f"{path} does not list the triangles of its emitters ({error!r})", "synthesize again"
         ) from error
+    if count != len(areas):
+        return None
     ids = np.concatenate([np.zeros(0, np.int64), *lists])
-    if ids.size and (ids.min() < 0 or ids.max() >= triangles):
+    if ids.size and (ids.min() < 0 or ids.max() >= len(areas)):
         raise FiptError(f"{path} lists triangles that mesh.ply does not have", "synthesize again")
-    return ids
+    # a scan may have as many triangles by chance, but not the emitters' areas
+    alike = [
+        area is None or np.isclose(areas[rows].sum(), area, rtol=0.01) for rows, area in zip(lists, said, strict=True)
+    ]
+    return ids if all(alike) else None
 
 
 def _centre_triangles(data: Dataset, folders: list[Path]) -> Iterator[tuple[np.ndarray, np.ndarray]]:

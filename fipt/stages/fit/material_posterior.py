@@ -56,7 +56,7 @@ def no_parts(levels: np.ndarray, count: int) -> MaterialPosterior:
 
 
 def posterior(
-    levels: np.ndarray, residual: np.ndarray, used: np.ndarray, classes: np.ndarray | None = None
+    levels: np.ndarray, residual: np.ndarray, free: np.ndarray, classes: np.ndarray | None = None
 ) -> MaterialPosterior:
     """Probabilities of every segment.
 
@@ -66,16 +66,16 @@ def posterior(
         (L,) roughnesses.
     residual
         (2, L, S) residuals of the search for dielectric and metal.
-    used
+    free
         (S,) pixels that they were measured on; a segment with fewer than `FEWEST` has only its prior.
     classes
         (S,) semantic class of every segment, 0 = unknown; None: only the room is shared.
     """
-    start, known = _nothing_known(levels), np.flatnonzero(used >= FEWEST)
+    start, known = _nothing_known(levels), np.flatnonzero(free >= FEWEST)
     least = np.maximum(residual.min(axis=(0, 1)), 1e-9)
-    excess = (residual / least - 1) / (_SYSTEMATIC + _NOISE / np.sqrt(np.maximum(used, 1)))
-    likelihood = np.where(used >= FEWEST, np.exp(-excess), 1.0)
-    names, owner = np.unique(np.zeros(len(used), int) if classes is None else classes, return_inverse=True)
+    excess = (residual / least - 1) / (_SYSTEMATIC + _NOISE / np.sqrt(np.maximum(free, 1)))
+    likelihood = np.where(free >= FEWEST, np.exp(-excess), 1.0)
+    names, owner = np.unique(np.zeros(len(free), int) if classes is None else classes, return_inverse=True)
     prior = np.repeat(start[:, :, None], len(names), axis=2)
     for _ in range(_ITERATIONS):
         probability = likelihood * prior[:, :, owner]

@@ -29,9 +29,13 @@ _RESOLUTION = 96
 _METAL_GAIN = 0.1
 """Share of the residual that metal must remove before it is believed."""
 _CAUTION = 0.5
-"""Smoothness must remove more than this / sqrt(pixels) of the residual; matte otherwise."""
+"""Smoothness must remove more than this / sqrt(free deviations) of the residual; matte otherwise."""
+_PAIR = 2
+"""Numbers that the search finds of a part."""
 _LEAST_TRUST = 1e-4
 """Weight of pixels that nothing is known about: they decide only where there are no others."""
+_NO_ERROR = 1e-4
+"""Residuals below this are none: a fortieth of a step of 8 bits."""
 _OUTLIER = 0.2
 """Residuals count up to here (sRGB-encoded): edges and shadows that the shading misses."""
 _FEWEST_WITNESSES = 3
@@ -59,8 +63,8 @@ class PartEstimates:
         (`fipt.stages.fit.part_colors`).
     residual
         (2, roughnesses, S) float32 residual of every roughness as dielectric and as metal.
-    used
-        (S,) int64 pixels that it was measured on.
+    free
+        (S,) int64 pixels that it was measured on, without one for each colour that they had of their own.
     """
 
     roughness: np.ndarray
@@ -70,7 +74,7 @@ class PartEstimates:
     base_color: np.ndarray
     uniform: np.ndarray
     residual: np.ndarray
-    used: np.ndarray
+    free: np.ndarray
 
 
 def part_classes(pairs: Iterable[tuple[np.ndarray, np.ndarray]], count: int) -> np.ndarray:
@@ -116,13 +120,12 @@ def estimate_parts(
     shared = np.bincount(piece, minlength=pieces)[piece] >= FEWEST
     used = np.bincount(inner.segment, shared, count)
     trust = shared * np.maximum(pixels.confidence_at(inner.place, inner.normal), _LEAST_TRUST)
-    trusted = np.maximum(np.bincount(inner.segment, trust, count), 1e-9)
+    groups = _Pieces(inner, piece, trust, count)
     residual = np.empty((len(_METALLIC), len(ROUGHNESS), count))
     for i, m in enumerate(_METALLIC):
         for j, s in enumerate(ROUGHNESS):
-            error = _residual(inner, piece, pieces, s, m)
-            residual[i, j] = np.bincount(inner.segment, error * trust, count) / trusted
-    roughness, metallic, gain = _chosen(residual, used)
+            residual[i, j] = groups.residual(s, m)
+    roughness, metallic, gain = _chosen(residual, groups.free)
     if classes is not None:
         roughness, metallic, gain = _of_classes((roughness, metallic, gain), used, classes)
     offset, slope = line_in_base_color(inner.shading, roughness[inner.segment], metallic[inner.segment])
@@ -131,32 +134,101 @@ def estimate_parts(
     fine, fines = pieces_of(inner, FINE, center, side)
     uniform = uniformity(inner, offset, slope, fine, fines, color)
     seen = np.bincount(inner.segment, minlength=count)
-    estimates = (roughness, metallic, gain, seen, color, uniform, residual[[0, -1]], used.astype(np.int64))
+    estimates = (
+        roughness,
+        metallic,
+        gain,
+        seen,
+        color,
+        uniform,
+        residual[[0, -1]],
+        np.maximum(groups.free, 0).astype(np.int64),
+    )
     return PartEstimates(*(x if x.dtype == np.int64 else x.astype(np.float32) for x in estimates))
 
 
-def _residual(inner: InnerPixels, piece: np.ndarray, pieces: int, s: float, m: float) -> np.ndarray:
-    """(N,) mean absolute difference of sRGB-encoded radiance with the best base colour of each piece."""
-    offset, slope = line_in_base_color(inner.shading, s, m)
-    base = np.clip(best_base_color(inner.radiance, offset, slope, piece, pieces), 0, 1)
-    modelled = offset + slope * base[piece]
-    return np.minimum(np.abs(srgb_encode(modelled) - srgb_encode(inner.radiance)).mean(axis=1), _OUTLIER)
+class _Pieces:
+    """What is left of the pixels for a pair (s, m), by segment: within its pieces and between them.
+
+    A piece with a colour of its own explains away much of what a wrong pair does: the fewer pixels it has, the more.
+    So the residual of pieces from one colour of the whole part counts too. Were residuals normal, the likelihood of n
+    pixels in P pieces would have n - P deviations within and P between: both residuals enter with these exponents.
+
+    Parameters
+    ----------
+    piece
+        (N,) piece of each pixel.
+    trust
+        (N,) weight of each pixel.
+    count
+        Number of segments S.
+
+    Attributes
+    ----------
+    free
+        (S,) deviations that are left of a segment's pixels, without one colour a piece and the pair.
+    """
+
+    def __init__(self, inner: InnerPixels, piece: np.ndarray, trust: np.ndarray, count: int) -> None:
+        self._inner, self._piece, self._trust, self._count = inner, piece, trust, count
+        self._pieces = int(piece.max(initial=-1)) + 1
+        self._weight = np.bincount(piece, trust, self._pieces)
+        self._segment = np.zeros(self._pieces, np.int64)
+        self._segment[piece] = inner.segment
+        self._radiance = self._means(inner.radiance)
+        pixels, pieces = (
+            np.bincount(inner.segment, trust > 0, count),
+            np.bincount(self._segment, self._weight > 0, count),
+        )
+        self._between = pieces / np.maximum(pixels, 1)
+        self.free = pixels - pieces - _PAIR
+
+    def residual(self, s: float, m: float) -> np.ndarray:
+        """(S,) mean absolute differences of sRGB-encoded radiance within pieces and between them, together."""
+        inner = self._inner
+        offset, slope = line_in_base_color(inner.shading, s, m)
+        own = np.clip(best_base_color(inner.radiance, offset, slope, self._piece, self._pieces), 0, 1)[self._piece]
+        within = self._mean(_difference(offset + slope * own, inner.radiance), inner.segment, self._trust)
+        offset, slope = self._means(offset), self._means(slope)
+        part = best_base_color(self._radiance, offset, slope, self._segment, self._count, self._weight)
+        modelled = offset + slope * np.clip(part, 0, 1)[self._segment]
+        between = self._mean(_difference(modelled, self._radiance), self._segment, self._weight)
+        return np.maximum(within, _NO_ERROR) ** (1 - self._between) * np.maximum(between, _NO_ERROR) ** self._between
+
+    def _means(self, values: np.ndarray) -> np.ndarray:
+        """(pieces, 3) means of values (N, 3)."""
+        total = [np.bincount(self._piece, self._trust * values[:, c], self._pieces) for c in range(3)]
+        return np.stack(total, axis=1) / np.maximum(self._weight, 1e-12)[:, None]
+
+    def _mean(self, error: np.ndarray, segment: np.ndarray, weight: np.ndarray) -> np.ndarray:
+        """(S,) weighted means of errors by segment."""
+        return np.bincount(segment, error * weight, self._count) / np.maximum(
+            np.bincount(segment, weight, self._count), 1e-9
+        )
 
 
-def _chosen(residual: np.ndarray, used: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _difference(modelled: np.ndarray, radiance: np.ndarray) -> np.ndarray:
+    """(N,) mean absolute difference of sRGB-encoded radiance."""
+    return np.minimum(np.abs(srgb_encode(np.maximum(modelled, 0)) - srgb_encode(radiance)).mean(axis=1), _OUTLIER)
+
+
+def _chosen(residual: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Roughness, metallic and gain (S,) from residuals (metallic, roughness, S); cautious where little is gained."""
     rough = np.array(ROUGHNESS)
-    caution = _CAUTION / np.sqrt(np.maximum(used, 1))
+    caution = _CAUTION / np.sqrt(np.maximum(free, 1))
     cautious = residual * (1 + caution * (1 - rough)[None, :, None])
     per_metal = cautious.min(axis=1)
     metal = per_metal.argmin(axis=0)
     segments = np.arange(residual.shape[2])
-    believed = per_metal[metal, segments] < (1 - _METAL_GAIN - caution) * per_metal[0]
+    # a surface is metal or not: what is neither must explain as much more than metal as metal must than dielectric
+    pure = per_metal[-1] * (1 - _METAL_GAIN) <= per_metal[metal, segments]
+    metal = np.where((metal > 0) & pure, len(_METALLIC) - 1, metal)
+    believed = per_metal.min(axis=0) < (1 - _METAL_GAIN - caution) * per_metal[0]
     metal = np.where(believed, metal, 0)
     choice = cautious[metal, :, segments].argmin(axis=1)
     matte = residual[0, -1]
     best = residual[metal, choice, segments]
-    known = used >= FEWEST
+    known = free >= 1
     return (
         np.where(known, rough[choice], 1.0),
         np.where(known, np.array(_METALLIC)[metal], 0.0),

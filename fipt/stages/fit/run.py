@@ -17,6 +17,7 @@ from fipt.scene.dataset import Dataset
 from fipt.scene.environment import beyond, read_environment
 from fipt.scene.observed import read_observed
 from fipt.scene.samples import scene_box, segments_of
+from fipt.scene.settled import read_state
 from fipt.scene.shading import read_shading
 from fipt.scene.voxels import read_cache
 from fipt.stages.fit.batches import Pixels
@@ -28,6 +29,7 @@ from fipt.stages.fit.material_posterior import no_parts, posterior
 from fipt.stages.fit.objective import Objective
 from fipt.stages.fit.part_search import ROUGHNESS, PartEstimates, estimate_parts, part_classes
 from fipt.stages.fit.settings import FitSettings
+from fipt.stages.fit.settling import copy_round, judge_round
 from fipt.stages.fit.targets import part_targets
 from fipt.stages.fit.uncertainty import predict
 
@@ -37,6 +39,9 @@ log = logging.getLogger(__name__)
 def fit_model(inputs: FitInputs, settings: FitSettings) -> Stats:
     """Fit a round's model and write it to ``out``, confidence.npz beside it; the checkpoint goes away then."""
     torch.set_num_threads(settings.threads or torch.get_num_threads())
+    state = read_state(inputs.settled)
+    if state is not None and state.settled is not None:
+        return copy_round(inputs, state)
     data = Dataset(inputs.dataset, inputs.segments)
     kind = data.segment_kind(settings.segments)
     if kind is None:
@@ -47,8 +52,9 @@ def fit_model(inputs: FitInputs, settings: FitSettings) -> Stats:
     pixels = _training_pixels(data, kind, inputs, settings)
     center, side = scene_box(pixels.shards)
     field = Field(settings, SceneBox((center[0], center[1], center[2]), side))
-    if inputs.previous is not None and settings.warm_start:
-        field.load_state_dict(load_field(inputs.previous).state_dict())
+    before = None if inputs.previous is None else load_field(inputs.previous)
+    if before is not None and settings.warm_start:
+        field.load_state_dict(before.state_dict())
     figures: Stats = {"segments": kind or "none", "fused_segments": inputs.segments is not None}
     targets = hidden = found = classes = None
     if kind is not None and settings.part_search:
@@ -64,6 +70,7 @@ def fit_model(inputs: FitInputs, settings: FitSettings) -> Stats:
         inputs.out.with_name("confidence.npz"), _confidence(field, pixels, found, classes, inputs, settings)
     )
     save_field(inputs.out, field, settings)
+    figures |= judge_round(inputs, field, before, settings.settled)
     checkpoint.unlink(missing_ok=True)
     return figures
 
@@ -98,7 +105,7 @@ def _confidence(
         uniform = np.zeros(int(pixels.largest_segment) + 1)
         materials = no_parts(np.array(ROUGHNESS), len(uniform))
     else:
-        materials = posterior(np.array(ROUGHNESS), found.residual, found.used, classes)
+        materials = posterior(np.array(ROUGHNESS), found.residual, found.free, classes)
         uniform = found.uniform if settings.base_weight > 0 else np.zeros_like(found.uniform)
     earlier = [read_shading(folder, own) for folder, own in zip(inputs.first_shading, pixels.shards, strict=False)]
     return predict(field, pixels, materials, uniform, settings.emitter_gain, earlier)

@@ -53,6 +53,10 @@ class FitSettings(NetworkSettings):
     min_confidence: Fraction = Field(
         default=0.0, description="pixels of surface less sure than this teach nothing; 0 = all do"
     )
+    settled: Weight = Field(
+        default=1.0,
+        description="from round 2: change of shading over its noise below which later rounds are copies; 0 = never",
+    )
     threads: Count = Field(default=0, description="CPU threads, 0 = all; 1 repeats bit for bit")
 
     @property

@@ -21,7 +21,7 @@ from fipt.scene.dataset import write_views
 from fipt.scene.mesh import Mesh, read_mesh, write_ply
 from fipt.scene.sources import CAPTURE, ImageSource, read_developed, read_source
 from fipt.settings import dumped
-from fipt.stages.importing.frames import check_layer, write_frames
+from fipt.stages.importing.frames import check_layer, write_frames, written_radiance
 from fipt.stages.importing.settings import ImportSettings
 
 log = logging.getLogger(__name__)
@@ -121,7 +121,10 @@ def _write_mesh(
         set_variant()
         from fipt.meshing.prepare import prepared
 
-        mesh, figures = prepared(mesh, [camera for camera in cameras if camera.split == "train"], settings)
+        def radiance(view: str) -> tuple[np.ndarray, np.ndarray]:
+            return written_radiance(folder, view)
+
+        mesh, figures = prepared(mesh, [camera for camera in cameras if camera.split == "train"], radiance, settings)
     write_ply(folder / "mesh.ply", mesh)
     # without the time it took: the same source gives the same files
     lasting = {name: value for name, value in figures.items() if name != "seconds"}

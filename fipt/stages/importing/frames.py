@@ -57,6 +57,13 @@ def write_frames(folder: Path, source: ImageSource) -> tuple[list[Camera], tuple
     return cameras, shown
 
 
+def written_radiance(folder: Path, view: str) -> tuple[np.ndarray, np.ndarray]:
+    """Read back the (H, W, 3) radiance and (H, W) weights of a view that `write_frames` wrote."""
+    channels = read_exr(folder / "images" / f"{view}.exr", required=("R", "G", "B"))
+    radiance = np.stack([channels[letter] for letter in "RGB"], axis=-1)
+    return radiance, np.clip(channels.get("valid.Y", np.ones(radiance.shape[:2], np.float32)), 0.0, 1.0)
+
+
 def _read_image(frame: SourceView) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Channels to write for an image ('' = RGB, its valid and flags), and its (H, W) weights."""
     found = read_exr(frame.image, required=("R", "G", "B"))

@@ -22,3 +22,6 @@ class ImportSettings(Settings):
     triangle_size: Length = Field(
         default=1.0, description="side of a prepared mesh's triangles on curved surface, in pixels of the nearest view"
     )
+    cut_edges: bool = Field(
+        default=True, description="cut a prepared mesh along sharp edges of radiance that the training views agree on"
+    )

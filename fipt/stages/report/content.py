@@ -11,10 +11,12 @@ import numpy as np
 from fipt.errors import FiptError
 from fipt.scene.dataset import Dataset
 from fipt.stages.report import images
+from fipt.stages.report.calibration import calibration_plot
 from fipt.stages.report.capture import CaptureReport, read_capture
 from fipt.stages.report.emitters import read_emitter_entries
 from fipt.stages.report.export import ExportCheck, read_check
 from fipt.stages.report.files import read_json, round_folders
+from fipt.stages.report.findings import FindingsReport, read_room_findings
 from fipt.stages.report.images import EmbeddedImage
 from fipt.stages.report.mixer import Mixer, read_mixer
 from fipt.stages.report.poses import PosesReport, read_poses
@@ -64,6 +66,8 @@ class Content:
     setups: Mapping[str, str]
     export: ExportCheck | None
     exported: Sequence[RelitView]
+    findings: FindingsReport | None
+    calibration: EmbeddedImage | None
     times: Sequence[StageTime]
     settings: Mapping[str, str]
     versions: Mapping[str, str]
@@ -124,6 +128,8 @@ def gather(
         setups=_setups(results / "relight", setups, camera_setups),
         export=export,
         exported=reader.exported_views(export) if export else [],
+        findings=read_room_findings(results),
+        calibration=calibration_plot(metrics),
         times=stage_times(runs),
         settings=stage_settings(runs),
         versions=versions_used(runs),

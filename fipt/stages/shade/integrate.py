@@ -14,6 +14,7 @@ from fipt.render.points import Points, shade_in_chunks, view_points
 from fipt.render.tracer import Shader
 from fipt.scene.dataset import Dataset
 from fipt.scene.samples import FootprintSamples
+from fipt.scene.settled import ShadingChange, write_change
 from fipt.scene.shading import Shading, save_shading
 from fipt.settings import dumped
 from fipt.stages.shade.settings import BakeSettings, RefineSettings
@@ -68,11 +69,11 @@ def write_shading(
     samples: FootprintSamples,
     settings: BakeSettings | RefineSettings,
     out: Path,
-    finish: Callable[[int, np.ndarray], np.ndarray] | None = None,
+    finish: Callable[[Shading], ShadingChange] | None = None,
 ) -> Stats:
     """Shade all samples of a shard and write ``out``/shading.npy and the manifest beside ``out``; return figures.
 
-    ``finish`` may change the (N, outputs, 3) shading of view number i before it is stored.
+    ``finish`` may change the shading before it is stored; what it says of that is written beside it.
     """
     stats: Stats = {}
     shading = Shading.empty(len(samples.position))
@@ -91,12 +92,19 @@ def write_shading(
             stats["paths_per_s"] = bar.rate
             if settings.denoise:
                 values = denoise_shading(values, samples, index)
-            if finish is not None:
-                values = finish(index, values)
             assert np.isfinite(values).all(), f"{stage}: NaN in the shading of {view}"
             shading[samples.of_view(index)] = values
     stats["bytes_per_pixel"] = shading.nbytes / max(samples.first_pixels[-1], 1)
+    change = None if finish is None else finish(shading)
     with atomic_folder(out) as folder:
         save_shading(folder, shading)
-    write_manifest(out.with_name(out.name + ".manifest.json"), stage, [out / "shading.npy"], dumped(settings))
+        if change is not None:
+            write_change(folder, change)
+            stats |= change.figures
+    write_shading_manifest(stage, out, settings)
     return stats
+
+
+def write_shading_manifest(stage: str, out: Path, settings: BakeSettings | RefineSettings) -> None:
+    """Write the manifest of the shading folder ``out`` beside it."""
+    write_manifest(out.with_name(out.name + ".manifest.json"), stage, sorted(out.iterdir()), dumped(settings))

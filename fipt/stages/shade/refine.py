@@ -51,8 +51,3 @@ def emitter_voxels(mesh: Mesh, cache: Mapping[str, np.ndarray], triangles: np.nd
     emitting = Mesh(mesh.vertices, mesh.triangles[triangles])
     points, _ = surface_points(emitting, side / n / 2, center - side / 2, center + side / 2, seed=0)
     return np.unique(voxel_keys(points, center, side, n))
-
-
-def damped(new: np.ndarray, previous: np.ndarray, damping: float) -> np.ndarray:
-    """Keep a share of the previous round's shading: the loop fit-refine-fit oscillates otherwise."""
-    return new if damping == 0 else (1 - damping) * new + damping * previous

@@ -1,5 +1,6 @@
 """``fipt refine``: samples, cache, model and emitters -> a shard's shading of the next round."""
 
+import logging
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,13 +12,16 @@ from fipt.inputs import (
     EnvironmentFile,
     ModelFile,
     SamplesFolder,
+    SettledFile,
     ShardFolder,
 )
 
 if TYPE_CHECKING:
-    import numpy as np
-
+    from fipt.scene.settled import ShadingChange
+    from fipt.scene.shading import Shading
     from fipt.stages.shade.settings import RefineSettings
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,25 +36,46 @@ class RefineInputs:
     previous: Annotated[Path, "Shading of this shard of the round before."]
     out: ShardFolder
     environment: EnvironmentFile = None
+    settled: SettledFile = None
 
 
 def run(inputs: RefineInputs, settings: "RefineSettings") -> dict[str, Any]:
-    """Path-trace the shading again with the fitted model."""
+    """Path-trace the shading again with the fitted model.
+
+    Where the loop of fit and refinement has settled, the shading of the round before is the result.
+    """
+    from fipt.formats.files import link_folder
+    from fipt.scene.settled import read_state
+    from fipt.stages.shade.integrate import write_shading_manifest
+
+    state = read_state(inputs.settled)
+    if state is not None and state.settled is not None:
+        link_folder(inputs.previous, inputs.out)
+        write_shading_manifest("refine", inputs.out, settings)
+        log.info("settled in round %d: the shading of the round before stays", state.settled)
+        return {"copied": True, "settled_in_round": state.settled}
+    return _refined(inputs, settings, 1 if state is None else state.round + 1)
+
+
+def _refined(inputs: RefineInputs, settings: "RefineSettings", number: int) -> dict[str, Any]:
+    """Trace the shading of round ``number``, each with random numbers of its own, and join it with the one before."""
     from fipt.model.fitted import FittedScene
     from fipt.render.tracer import PathSettings
     from fipt.scene.dataset import Dataset
     from fipt.scene.samples import read_samples
     from fipt.scene.shading import read_shading
+    from fipt.stages.shade.change import keep_share
     from fipt.stages.shade.integrate import write_shading
-    from fipt.stages.shade.refine import damped, fitted_shader
+    from fipt.stages.shade.refine import fitted_shader
 
     data, shard = Dataset(inputs.dataset), read_samples(inputs.samples)
     room = FittedScene.load(data.mesh(), inputs.model, inputs.emitters, inputs.environment, inputs.cache)
     path = PathSettings(settings.max_depth, settings.cache_roughness, settings.light_sampling)
     shader = fitted_shader(room, path)
     before = read_shading(inputs.previous, shard)
+    own = settings.model_copy(update={"seed": settings.seed + number})
 
-    def kept(index: int, new: "np.ndarray") -> "np.ndarray":
-        return damped(new, before[shard.of_view(index)], settings.damping)
+    def joined(new: "Shading") -> "ShadingChange":
+        return keep_share(shard, new, before, settings.damping)
 
-    return write_shading("refine", shader, data, shard, settings, inputs.out, kept)
+    return write_shading("refine", shader, data, shard, own, inputs.out, joined) | {"round": number}

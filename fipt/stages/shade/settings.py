@@ -33,6 +33,8 @@ class RefineSettings(Settings):
     light_sampling: bool = Field(default=True, description="sample emitters at the first hit too (the paper does not)")
     max_depth: Positive = Field(default=5, description="vertices after the first hit")
     cache_roughness: Fraction = Field(default=0.6, description="rougher vertices end the path in the radiance cache")
-    damping: Fraction = Field(default=0.5, lt=1, description="share of the previous round's shading that is kept")
+    damping: Fraction = Field(
+        default=0.5, lt=1, description="share of the previous round's shading that is kept where both differ by noise"
+    )
     denoise: bool = Field(default=True, description="denoise the shading images")
     seed: Count = Field(default=0, description="seed of the random numbers")

@@ -54,6 +54,12 @@ def scenes_where(question):
 
 LOCKS = contextlib.ExitStack()
 LATER_ROUNDS = one_of(str(k) for k in range(1, CONFIG.rounds + 1))
+LAST_SHADING = (
+    f"results/{{scene}}/round-{CONFIG.rounds}/shading/{{shard}}.manifest.json"
+)
+SHADING_BEFORE = (
+    f"results/{{scene}}/round-{CONFIG.rounds - 1}/shading/{{shard}}.manifest.json"
+)
 LAST_MODEL = f"results/{{scene}}/round-{CONFIG.rounds}/model.safetensors"
 LAST_CONFIDENCE = f"results/{{scene}}/round-{CONFIG.rounds}/confidence.npz"
 

@@ -2,9 +2,10 @@
 
 INPUTS:  results/{scene}/round-{k}/shading/{shard}.manifest.json, samples/{shard}.manifest.json, pictures, cache.npz, environment.npz,
          segments of the dataset or results/{scene}/segments/fused.manifest.json
-         from round 1: the model of the round before, the shading of round 0
+         from round 1: the model of the round before, whether the loop settled in it, the shading of round 0
 OUTPUTS: results/{scene}/round-{k}/model.safetensors    networks, scene box, settings, stage version
          results/{scene}/round-{k}/confidence.npz       predicted errors of the material, by voxel and facing
+         results/{scene}/round-{k}/settled.json         what the round changed, and whether the loop has settled
 
 A killed fit goes on from round-{k}/model.checkpoint-HASH.safetensors, the hash being that of its
 settings and inputs. The checkpoint is not an output here, since Snakemake deletes the outputs of jobs
@@ -28,9 +29,12 @@ rule fit:
         segments=ask("segmentation.fused"),
         previous=previous("results/{scene}/round-{round}/model.safetensors"),
         first_shading=first_shading,
+        confidence=previous("results/{scene}/round-{round}/confidence.npz"),
+        settled=previous("results/{scene}/round-{round}/settled.json"),
     output:
         model="results/{scene}/round-{round}/model.safetensors",
         confidence="results/{scene}/round-{round}/confidence.npz",
+        settled="results/{scene}/round-{round}/settled.json",
         stats="results/{scene}/stats/fit.round-{round}.json",
     log:
         "results/{scene}/logs/fit.round-{round}.log",
@@ -46,11 +50,13 @@ rule fit:
         shading=folders_of("shading"),
         previous=option("--previous", "previous"),
         first_shading=given_folders("--first-shading", "first_shading"),
+        settled=option("--settled", "settled"),
         segments=option("--segments", "segments", "results/{scene}/segments/fused"),
         settings=settings("fit"),
         version=VERSIONS["fit"],
     shell:
         "fipt fit --dataset {params.dataset:q} --samples {params.samples:q} --shading {params.shading:q}"
-        " {params.previous:q} {params.first_shading:q} --cache {input.cache:q} --environment {input.environment:q}"
+        " {params.previous:q} {params.settled:q} {params.first_shading:q}"
+        " --cache {input.cache:q} --environment {input.environment:q}"
         " {params.segments:q} --out {output.model:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

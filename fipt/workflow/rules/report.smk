@@ -1,7 +1,8 @@
 """The page that shows everything.
 
 INPUTS:  results/{scene}/metrics.json, material maps, renders, relit views, views with each lamp alone, emitters of the
-         last round, the list of lamps, export/check.json where export.enabled, stats/
+         last round, the list of lamps, export/check.json where export.enabled, findings.json
+         and its pictures, stats/
 OUTPUTS: results/{scene}/report.html    one self-contained page
 """
 
@@ -10,6 +11,8 @@ rule scene_report:
     """Write the page of a scene."""
     input:
         metrics="results/{scene}/metrics.json",
+        findings="results/{scene}/findings.json",
+        shown="results/{scene}/findings",
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
         mesh="results/{scene}/dataset/mesh.ply",

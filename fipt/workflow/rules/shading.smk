@@ -1,7 +1,7 @@
 """Shading of the training samples: from the cache in round 0, path traced with the model afterwards.
 
 INPUTS:  results/{scene}/samples/{shard}.manifest.json, cache.npz, environment.npz, mesh
-         from round 1: model, emitters and shading of the round before
+         from round 1: model, emitters and shading of the round before, and whether the loop settled in it
 OUTPUTS: results/{scene}/round-{k}/shading/{shard}/shading.npy    (samples, 1 + levels) 32-bit words
          results/{scene}/round-{k}/shading/{shard}.manifest.json
 """
@@ -53,6 +53,7 @@ rule refine:
         model=previous("results/{scene}/round-{round}/model.safetensors"),
         emitters=ask("emitters_before"),
         shading=previous("results/{scene}/round-{round}/shading/{shard}.manifest.json"),
+        settled=previous("results/{scene}/round-{round}/settled.json"),
     output:
         shading=directory("results/{scene}/round-{round}/shading/{shard}"),
         manifest="results/{scene}/round-{round}/shading/{shard}.manifest.json",
@@ -77,5 +78,5 @@ rule refine:
         "fipt refine --dataset {params.dataset:q} --samples {params.samples:q} --cache {input.cache:q}"
         " --environment {input.environment:q}"
         " --model {input.model:q} --emitters {input.emitters:q} --previous {params.previous:q}"
-        " --out {output.shading:q}"
+        " --settled {input.settled:q} --out {output.shading:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

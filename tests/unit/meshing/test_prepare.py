@@ -9,23 +9,14 @@ from fipt.meshing.clean import clean
 from fipt.meshing.denoise import filtered_normals, fitted_to_normals, normal_deviation
 from fipt.meshing.planes import find_planes, flattened, grown
 from fipt.meshing.prepare import prepared
+from fipt.meshing.topology import border_vertices
+from fipt.render.scene import RayScene
 from fipt.scene.cameras import Camera
-from fipt.scene.mesh import Mesh
-from tests.scenes import box, joined, quad
+from fipt.scene.mesh import Mesh, surface_points
+from tests.scenes import box, joined, quad, sheet
 
 BOX = box((0, 0, 0), (2, 2, 2))
-AUTO = SimpleNamespace(prepare="auto", triangle_size=1.0)
-
-
-def sheet(corner, u, v, count: int) -> Mesh:
-    """A parallelogram of 2 * count^2 triangles."""
-    corner, u, v = (np.asarray(x, np.float64) for x in (corner, u, v))
-    row, column = np.mgrid[: count + 1, : count + 1]
-    places = corner + (row / count)[..., None] * u + (column / count)[..., None] * v
-    at = (np.arange(count)[:, None] * (count + 1) + np.arange(count)).ravel()
-    one = np.stack([at, at + count + 1, at + 1], 1)
-    other = np.stack([at + 1, at + count + 1, at + count + 2], 1)
-    return Mesh(places.reshape(-1, 3).astype(np.float32), np.concatenate([one, other]).astype(np.int32))
+AUTO = SimpleNamespace(prepare="auto", triangle_size=1.0, cut_edges=True)
 
 
 def scan(noise: float, count: int = 50) -> Mesh:
@@ -45,6 +36,18 @@ def camera(width: int = 40) -> Camera:
     return Camera("view", "train", width, width, width, width, width / 2, width / 2, pose)
 
 
+def inside() -> Camera:
+    """A wide view from the middle of the room."""
+    pose = np.eye(4)
+    pose[:3, 3] = 1
+    return Camera("view", "train", 40, 40, 15, 15, 20, 20, pose)
+
+
+def dark(view: str) -> tuple[np.ndarray, np.ndarray]:
+    """A view without any edge."""
+    return np.ones((40, 40, 3)), np.ones((40, 40))
+
+
 def off_plane(mesh: Mesh) -> np.ndarray:
     """(T,) degrees between each triangle's normal and the nearest axis."""
     return np.degrees(np.arccos(np.clip(np.abs(mesh.normals).max(axis=1), 0, 1)))
@@ -52,7 +55,7 @@ def off_plane(mesh: Mesh) -> np.ndarray:
 
 @pytest.mark.parametrize("mesh", [BOX, joined(BOX, quad((1, 1, 1), (0.5, 0, 0), (0, 0.5, 0)))])
 def test_a_modellers_mesh_is_not_touched(backend, mesh) -> None:
-    done, figures = prepared(mesh, [camera()], AUTO)
+    done, figures = prepared(mesh, [camera()], dark, AUTO)
     assert done is mesh
     assert not figures["prepared"]
 
@@ -60,7 +63,7 @@ def test_a_modellers_mesh_is_not_touched(backend, mesh) -> None:
 def test_a_noisy_corner_becomes_three_planes_and_a_sharp_corner(backend) -> None:
     mesh = scan(0.004)
     assert np.median(off_plane(mesh)) > 3
-    done, figures = prepared(mesh, [camera()], AUTO)
+    done, figures = prepared(mesh, [camera()], dark, AUTO)
     assert figures["prepared"]
     assert figures["planes"] == 3
     assert len(done.triangles) < 0.2 * len(mesh.triangles)
@@ -70,7 +73,7 @@ def test_a_noisy_corner_becomes_three_planes_and_a_sharp_corner(backend) -> None
 
 
 def test_measured_noise_is_that_of_the_vertices(backend) -> None:
-    one, other = (prepared(scan(noise), [camera()], AUTO)[1]["noise_mm"] for noise in (0.002, 0.004))
+    one, other = (prepared(scan(noise), [camera()], dark, AUTO)[1]["noise_mm"] for noise in (0.002, 0.004))
     assert 1 < one < 4
     assert other == pytest.approx(2 * one, rel=0.2)
 
@@ -93,7 +96,7 @@ def test_shallow_furniture_keeps_its_step() -> None:
 def test_two_sheets_ten_centimetres_apart_stay_apart(backend) -> None:
     wall = joined(sheet((0, 0, 0), (0, 2, 0), (0, 0, 2), 60), sheet((-0.1, 0, 0), (0, 0, 2), (0, 2, 0), 60))
     noise = np.random.default_rng(0).normal(0, 0.004, wall.vertices.shape)
-    done, figures = prepared(Mesh((wall.vertices + noise).astype(np.float32), wall.triangles), [camera()], AUTO)
+    done, figures = prepared(Mesh((wall.vertices + noise).astype(np.float32), wall.triangles), [camera()], dark, AUTO)
     assert figures["prepared"]
     x = done.vertices[:, 0]
     assert ((np.abs(x) < 0.004) | (np.abs(x + 0.1) < 0.004)).all()
@@ -121,3 +124,29 @@ def test_triangles_without_area_go() -> None:
 
 def test_creases_are_no_noise() -> None:
     assert normal_deviation(BOX).max() < 1e-6
+
+
+def test_a_prepared_room_leaks_no_light(backend) -> None:
+    """Rays that start on its surface, as far off it as the tracer's, meet another wall, never their own or nothing."""
+    x, y, z = 2 * np.eye(3)
+    walls = [sheet((0, 0, 0), u, v, 40) for u, v in ((x, y), (y, z), (z, x))]
+    walls += [sheet((2, 2, 2), -u, -v, 40) for u, v in ((y, x), (z, y), (x, z))]
+    mesh, _ = clean(joined(*walls), 0.0)
+    moved = mesh.vertices + np.random.default_rng(0).normal(0, 0.004, mesh.vertices.shape)
+    done, figures = prepared(Mesh(moved.astype(np.float32), mesh.triangles), [inside()], dark, AUTO)
+    assert figures["planes"] == 6
+    assert not border_vertices(done).any()
+    scene, middle = RayScene(done), np.array([1.0, 1.0, 1.0])
+    rng = np.random.default_rng(1)
+    points, triangle = surface_points(done, 0.05, np.full(3, -1.0), np.full(3, 3.0), 0)
+    normals = done.normals[triangle]
+    normals = np.where(((middle - points) * normals).sum(axis=1, keepdims=True) < 0, -normals, normals)
+    directions = rng.normal(size=points.shape)
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    directions = np.where((directions * normals).sum(axis=1, keepdims=True) < 0, -directions, directions)
+    distance, met = scene.intersect(points + normals * scene.epsilon, directions.astype(np.float32))
+    # the corners of a room are round by no more than its noise
+    inner = (np.abs(points - 1) < 0.98).sum(axis=1) >= 2
+    steep = (directions * normals).sum(axis=1) > 0.1
+    assert (met[inner] >= 0).all()
+    assert distance[inner & steep].min() > 0.001

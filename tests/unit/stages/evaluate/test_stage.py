@@ -81,6 +81,14 @@ def test_emitting_triangles_of_a_room_in_code(results):
     assert (emitters["missed_triangles"], emitters["unseen_triangles"]) == (1, 1)
 
 
+@pytest.mark.parametrize("other", [{"triangles": 9}, {"emitters": [{"triangles": [0], "area": 77.0}]}])
+def test_a_room_of_another_mesh_does_not_say_which_triangles_emit(results, other):
+    """The mesh was scanned, or prepared: its triangles are not those of the room."""
+    write_text(results / "dataset" / "room.json", json.dumps({"emitters": [{"triangles": [0]}], **other}))
+    assert run(results, "--samples", results / "samples" / "train-000") == 0
+    assert read(results)["emitters"]["truth_from"] == "pixel centres that see them"
+
+
 def test_without_truth_only_pictures_are_judged(tmp_path):
     root = write_results(tmp_path / "real", truth=False)
     assert run(root, "--samples", root / "samples" / "train-000", "--relight", root / "relight") == 0

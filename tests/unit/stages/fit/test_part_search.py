@@ -10,7 +10,7 @@ from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
 from fipt.model.reflectance import specular_shading
 from fipt.stages.fit.inner_pixels import InnerPixels
 from fipt.stages.fit.part_colors import uniformity
-from fipt.stages.fit.part_search import _of_classes, estimate_parts, part_classes
+from fipt.stages.fit.part_search import _chosen, _of_classes, estimate_parts, part_classes
 from fipt.stages.fit.settings import FitSettings
 from fipt.stages.fit.targets import part_targets
 from tests import scenes
@@ -206,17 +206,64 @@ def test_a_part_has_the_class_of_most_of_its_pixels():
     assert part_classes([(part, semantic), (part[:, :1], semantic[:, :1])], 4).tolist() == [0, 7, 3, 0]
 
 
+def test_pixels_that_pieces_of_one_part_fill(np_rng):
+    """A chair's leg is nowhere flat over a whole pixel: its pieces count together, with the mean of their shading."""
+    whole = pixels(np_rng, [((0.9, 0.6, 0.4), 0.3, 1.0)])
+    shading, samples = whole.shading[0][:], whole.shards[0]
+    cut = scenes.samples_of(
+        np.repeat(samples.position, 2, axis=0), 1, np.tile([0.25, 0.75], PER_PART), counts=[2] * PER_PART
+    )
+    away = np_rng.uniform(-0.2, 0.2, shading.shape).astype(np.float32) * shading
+    rows = np.stack([shading + 3 * away, shading - away], axis=1).reshape(-1, *shading.shape[1:])
+    ids = np.ones(PER_PART, np.uint16)
+    parts = found(scenes.training_pixels([cut], [rows], [(whole.radiance[0], whole.valid[0])], [ids]))
+    assert parts.pixels[1] == PER_PART
+    assert (parts.metallic[1], parts.roughness[1]) == (1.0, pytest.approx(0.3, abs=0.06))
+
+
+def test_one_colour_tells_metal_where_pieces_have_few_pixels(np_rng):
+    """Four pixels a piece: colours of their own would explain most of what a dielectric cannot."""
+    count = 400
+    shading = light(np_rng, count, True)
+    spread = np_rng.gamma(2.0, 0.5, (count // 4, 1, 1)).astype(np.float32)
+    shading[:, 1:] = np.repeat(spread, 4, axis=0) * (1 + 0.05 * np_rng.standard_normal((count, 2 * LEVELS, 1)))
+    ls0, ls1 = specular_shading(torch.from_numpy(shading), torch.full((count, 1), 0.4))
+    radiance = 0.6 * ls0[:, 0].numpy() + ls1[:, 0].numpy()
+    radiance *= 1 + 0.03 * np_rng.standard_normal(radiance.shape)
+    place = np.stack([np.repeat(np.arange(count // 4), 4), np.zeros(count), np.zeros(count)], axis=1) * 0.1
+    data = scenes.training_pixels(
+        [scenes.samples_of(place, 1)],
+        [shading],
+        [(np.maximum(radiance, 0).astype(np.float32), np.ones(count))],
+        [np.ones(count, np.uint16)],
+    )
+    parts = estimate_parts(data, np.array([5.0, 0, 0]), 10.1, emitter_gain=1e9)
+    assert parts.metallic[1] == 1.0
+    np.testing.assert_allclose(parts.base_color[1], 0.6, atol=0.05)
+
+
+@pytest.mark.parametrize(("residuals", "metallic"), [((1, 0.5, 0.5, 0.52), 1.0), ((1, 0.5, 0.5, 0.7), 0.5)])
+def test_a_surface_is_metal_or_not(residuals, metallic):
+    """What is neither is believed only where metal explains clearly less."""
+    residual = np.tile(np.array(residuals)[:, None, None], (1, 16, 1))
+    assert _chosen(residual, np.array([1000]))[1] == metallic
+
+
 def test_clipped_pixels_do_not_count(np_rng):
     data = pixels(np_rng, [((0.6, 0.5, 0.4), 1.0, 0.0)])
     data.clipped[0][: PER_PART // 2] = True
     assert 0 < found(data).pixels[1] <= PER_PART / 2
 
 
-def test_shards_without_a_pixel_of_one_piece_tell_nothing(np_rng):
-    """One has no samples at all, in the other every pixel shows two pieces."""
+def test_shards_without_a_pixel_of_one_part_tell_nothing(np_rng):
+    """One has no samples at all, in the other every pixel shows a piece of unknown surface too."""
     data = pixels(np_rng, [((0.5, 0.1, 0.1), 0.2, 0.0)])
     place = np_rng.random((8, 3)).astype(np.float32)
-    mixed, nothing = scenes.samples_of(place, counts=[2] * 4), scenes.samples_of(np.zeros((0, 3)), counts=[0] * 3)
+    unknown = np.tile([0, 9], 4)
+    mixed, nothing = (
+        scenes.samples_of(place, unknown, counts=[2] * 4),
+        scenes.samples_of(np.zeros((0, 3)), counts=[0] * 3),
+    )
     rows = [np.ones((len(samples.position), SHADING_OUTPUTS, 3), np.float32) for samples in (mixed, nothing)]
     images = [(np.ones((count, 3), np.float32), np.ones(count, np.float32)) for count in (4, 3)]
     ids = [np.ones(count, np.uint16) for count in (4, 3)]

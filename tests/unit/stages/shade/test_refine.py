@@ -1,8 +1,7 @@
-"""Parts of the refinement: which voxels the cache may answer for, and damping."""
+"""Parts of the refinement: which voxels the cache may answer for."""
 
 import numpy as np
 
-from fipt.conventions import SHADING_OUTPUTS
 from fipt.stages.cache.build import voxel_keys
 from tests import scenes
 
@@ -28,12 +27,3 @@ def test_voxels_of_emitters_are_not_read(backend):
     np.testing.assert_array_equal(np.flatnonzero(stored < 0), np.union1d(found, [5]))
     dark = path_shader(lit.mesh, voxels, records, None, PathSettings(5, 0.6, True))
     np.testing.assert_array_equal(np.flatnonzero(np.array(dark.cache.light).reshape(-1, 4)[:-1, 3] < 0), [5])
-
-
-def test_damping_keeps_a_share_of_the_round_before(backend):
-    from fipt.stages.shade.refine import damped
-
-    new, previous = np.full((2, SHADING_OUTPUTS, 3), 4.0, np.float32), np.full((2, SHADING_OUTPUTS, 3), 1.0, np.float16)
-    np.testing.assert_array_equal(damped(new, previous, 0.0), new)
-    np.testing.assert_allclose(damped(new, previous, 0.25), 3.25)
-    assert damped(new, previous, 0.25).dtype == np.float32

@@ -1,5 +1,6 @@
 """``fipt bake`` and ``fipt refine``."""
 
+import json
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,6 +9,7 @@ from fipt.conventions import SHADING_OUTPUTS
 from fipt.formats import files
 from fipt.formats.arrays import load_npz, save_npy
 from fipt.scene.samples import read_samples
+from fipt.scene.settled import RoundState, read_changes, write_state
 from fipt.scene.shading import read_shading
 from tests.fitted import call
 
@@ -30,6 +32,23 @@ def test_shards_of_one_view_give_the_same_shading(scene, tmp_path):
         assert call("samples", scene, "--views", view, "--out", tmp_path / "samples" / view) == 0
         assert call("bake", scene, "--samples", tmp_path / "samples" / view, "--out", tmp_path / "bake" / view) == 0
         np.testing.assert_array_equal(read_shading(tmp_path / "bake" / view)[:], both[samples.of_view(index)])
+
+
+def test_a_refinement_says_what_it_changed(scene):
+    figures = json.loads((scene / "stats" / "refine.json").read_text())
+    assert figures["round"] == 1
+    assert 0 <= figures["kept"] <= 0.5
+    assert figures["change"] >= 0
+    (change,) = read_changes([scene / "round-1" / "shading" / "train-000"])
+    assert change.figures.items() <= figures.items()
+
+
+def test_every_round_has_random_numbers_of_its_own(work):
+    for number in (1, 2):
+        write_state(work / "settled.json", RoundState(number))
+        assert call("refine", work, "--settled", work / "settled.json", "--out", work / f"after-{number}") == 0
+    first, second = (read_shading(work / f"after-{number}")[:] for number in (1, 2))
+    assert np.any(first != second)
 
 
 def test_shading_of_other_samples(work, refused):

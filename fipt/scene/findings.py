@@ -1,0 +1,132 @@
+"""findings.json: what is wrong with a run, why, and what to do; for programs, the report and the command line."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fipt.errors import FiptError
+from fipt.formats.files import existing_file, write_text
+
+SEVERITIES = ("serious", "warning")
+"""Worst first. With a serious finding the results are not to be trusted."""
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A number that tells a finding: what it is, its value, and the threshold that it crossed, in one unit.
+
+    The unit is put behind the number; ``%`` stands for shares, whose values are in [0, 1].
+    """
+
+    name: str
+    value: float
+    threshold: float
+    unit: str = "%"
+
+    @property
+    def text(self) -> str:
+        """The measure in words."""
+        return f"{self.name}: {_shown(self.value, self.unit)} (told from {_shown(self.threshold, self.unit)})"
+
+
+@dataclass(frozen=True)
+class RoomFinding:
+    """Something that is wrong with a run.
+
+    Attributes
+    ----------
+    id
+        Which check found what, stable over versions.
+    severity
+        One of `SEVERITIES`.
+    cause
+        One plain sentence.
+    measure
+        The number that tells it.
+    remedy
+        What a person can do.
+    where
+        Views, ``position`` (metres), ``segments`` or ``triangles`` where it shows; plain JSON types.
+    numbers
+        More numbers by name.
+    file
+        File of its picture, relative to findings.json; None: there is none.
+    image
+        (H, W, 3) uint8 picture before it is written.
+    """
+
+    id: str
+    severity: str
+    cause: str
+    measure: Measure
+    remedy: str
+    where: Mapping[str, Any] = field(default_factory=dict)
+    numbers: Mapping[str, float] = field(default_factory=dict)
+    file: str | None = None
+    image: np.ndarray | None = None
+
+    @property
+    def headline(self) -> str:
+        """One line for the command line."""
+        return f"{self.severity}: {self.cause} {self.remedy}"
+
+
+def write_findings(path: Path, findings: Sequence[RoomFinding], measured: Mapping[str, tuple[Measure, float]]) -> None:
+    """Write findings.json, in the order given.
+
+    Parameters
+    ----------
+    measured
+        Id of a finding that a check might have made -> the measure and its standard error, also where nothing is wrong.
+    """
+    rows = [
+        {
+            "id": finding.id,
+            "severity": finding.severity,
+            "cause": finding.cause,
+            "measure": vars(finding.measure),
+            "remedy": finding.remedy,
+            "where": dict(finding.where),
+            "numbers": dict(finding.numbers),
+            "file": None if finding.image is None else f"findings/{finding.id}.png",
+        }
+        for finding in findings
+    ]
+    looked = {key: vars(measure) | {"error": error} for key, (measure, error) in measured.items()}
+    write_text(path, json.dumps({"findings": rows, "measured": looked}, indent=1) + "\n")
+
+
+def read_findings(path: str | Path) -> list[RoomFinding]:
+    """Read findings.json.
+
+    Raises
+    ------
+    FiptError
+        If it is missing or damaged.
+    """
+    content = existing_file(path, "the findings").read_text(encoding="utf-8")
+    try:
+        rows = json.loads(content)["findings"]
+        return [RoomFinding(**{**row, "measure": Measure(**row["measure"])}) for row in rows]
+    except (ValueError, KeyError, TypeError) as error:
+        raise FiptError(f"{path} is not a list of findings ({error!r})", "run fipt findings again") from error
+
+
+def read_measured(path: str | Path) -> list[Measure]:
+    """Read every measure of findings.json, also where nothing is wrong; errors as of `read_findings`."""
+    content = existing_file(path, "the findings").read_text(encoding="utf-8")
+    try:
+        rows = json.loads(content)["measured"].values()
+        return [Measure(row["name"], row["value"], row["threshold"], row["unit"]) for row in rows]
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise FiptError(f"{path} is not a list of findings ({error!r})", "run fipt findings again") from error
+
+
+def _shown(value: float, unit: str) -> str:
+    if unit == "%":
+        return f"{100 * value:.3g} %"
+    return f"{value:.3g} {unit}".rstrip()

@@ -1,0 +1,75 @@
+"""Whether the rounds had come to rest: how much the diffuse shading changed between the last two.
+
+Changes are taken as medians of cells of the surface, so that the noise of single pixels does not count. With damping d
+a round goes 1 - d of the way to what it would be: the shading is as far from rest as it changed, times d / (1 - d), and
+further where the rounds themselves converge slowly.
+"""
+
+import numpy as np
+
+from fipt.scene.findings import Measure, RoomFinding
+from fipt.scene.voxels import FACINGS, facings, voxel_keys
+from fipt.stages.findings.drawing import plan
+from fipt.stages.findings.notes import Notes
+from fipt.stages.findings.room import JudgedRoom
+from fipt.stages.findings.tolerance import TOLERANCE
+
+_CELLS = 24
+"""Cells along the longest side of the room."""
+_FEWEST = 20
+"""Samples that a cell must have."""
+_DARK = 0.01
+"""Share of the median shading that is added before ratios are taken: noise decides there."""
+_STRIDE = 3
+"""Every third sample is enough."""
+
+
+def check(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:
+    """Tell rounds that had not settled."""
+    if room.earlier is None:
+        return []
+    place, change = changes(room)
+    if not len(change):
+        return []
+    typical = float(np.expm1(np.median(np.abs(change))))
+    measure = Measure("change of the shading in the last round, typical cell", typical, TOLERANCE)
+    largest = float(np.expm1(np.percentile(np.abs(change), 90)))
+    level = notes.judge("not-settled", measure)
+    if level is None:
+        return []
+    worst = place[np.abs(change).argmax()]
+    cameras = [each.camera for each in room.retakes]
+    return [
+        RoomFinding(
+            "not-settled",
+            level,
+            f"The rounds had not settled: in the last one the light on a typical surface still changed by "
+            f"{100 * typical:.0f} %.",
+            measure,
+            "Run more rounds (rounds: 5 in the configuration); the rounds that are done are kept.",
+            {"position": [round(float(v), 2) for v in worst]},
+            {"ninety_percent_below": largest},
+            image=plan(room.mesh, cameras, room.fitted.emitters, [], (place, change, "log change")),
+        )
+    ]
+
+
+def changes(room: JudgedRoom) -> tuple[np.ndarray, np.ndarray]:
+    """Place (C, 3) and median logarithm (C,) of the ratio of the last two rounds' Ld, for cells of the surface."""
+    position = np.concatenate([np.asarray(shard.samples.position[::_STRIDE]) for shard in room.shards])
+    normal = np.concatenate([np.asarray(shard.samples.normal[::_STRIDE]) for shard in room.shards])
+    now, before = (
+        np.concatenate([shading[::_STRIDE][:, 0].mean(axis=1) for shading in rounds])
+        for rounds in ([shard.shading for shard in room.shards], room.earlier or [])
+    )
+    if not len(position):
+        return position, np.zeros(0)
+    little = _DARK * float(np.median(now)) + 1e-9
+    value = np.log((now + little) / (before + little))
+    low, high = np.percentile(position, (1, 99), axis=0)  # what a window shows outside may be far away
+    key = voxel_keys(position, (low + high) / 2, float((high - low).max()) * 1.01, _CELLS) * FACINGS + facings(normal)
+    order = np.argsort(key, kind="stable")
+    groups = np.split(order, np.flatnonzero(np.diff(key[order])) + 1)
+    groups = [group for group in groups if len(group) >= _FEWEST]
+    place = np.array([position[group].mean(axis=0) for group in groups]).reshape(-1, 3)
+    return place, np.array([np.median(value[group]) for group in groups])

@@ -1,0 +1,59 @@
+"""All checks of a run, and their findings, worst first.
+
+A new check is a module in ``checks`` and a line in `CHECKS`.
+"""
+
+from collections.abc import Callable
+
+from fipt.progress import progress
+from fipt.scene.findings import SEVERITIES, RoomFinding
+from fipt.stages.findings.checks import (
+    brightness,
+    dim_emitters,
+    emitters,
+    exposures,
+    hardly_seen,
+    holes,
+    light_balance,
+    mesh,
+    mixed_ids,
+    no_emitter,
+    parts,
+    rerendering,
+    settled,
+    silhouettes,
+    thin,
+)
+from fipt.stages.findings.notes import Notes
+from fipt.stages.findings.room import JudgedRoom
+
+Check = Callable[[JudgedRoom, Notes], list[RoomFinding]]
+
+CHECKS: tuple[Check, ...] = (
+    no_emitter.check,
+    light_balance.check,
+    brightness.check,
+    holes.check,
+    mesh.check,
+    emitters.check,
+    dim_emitters.check,
+    thin.check,
+    hardly_seen.check,
+    settled.check,
+    exposures.check,
+    mixed_ids.check,
+    parts.check,
+    silhouettes.check,
+    rerendering.check,
+)
+"""What says why stands before what only says that something is wrong: findings keep this order."""
+
+
+def judged(room: JudgedRoom) -> tuple[list[RoomFinding], Notes]:
+    """Make every check; return the findings, worst first, and what was measured."""
+    notes, found = Notes(), []
+    with progress("findings", len(CHECKS), " checks") as bar:
+        for check in CHECKS:
+            found += check(room, notes)
+            bar.advance()
+    return sorted(found, key=lambda finding: SEVERITIES.index(finding.severity)), notes

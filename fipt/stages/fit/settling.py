@@ -1,0 +1,81 @@
+"""Whether the loop of fit and refinement has settled; and a round that is a copy of the one before it."""
+
+import logging
+import shutil
+from pathlib import Path
+
+import numpy as np
+
+from fipt.errors import FiptError
+from fipt.formats.files import atomic
+from fipt.formats.manifests import Stats
+from fipt.model.networks import Field
+from fipt.scene.settled import SETTLED, RoundState, read_changes, read_state, together, write_state
+from fipt.scene.voxels import read_cache
+from fipt.stages.fit.inputs import FitInputs
+
+log = logging.getLogger(__name__)
+
+_COPIED = ("model.safetensors", "confidence.npz")
+_POINTS = 4096
+"""Points of seen surface at which kd of two rounds is compared: the figure is known to a few hundredths of itself."""
+_FIRST = 2
+"""Round that may settle the loop: what round 1 changes is the difference to the cache's light, another estimate."""
+
+
+def copy_round(inputs: FitInputs, state: RoundState) -> Stats:
+    """Write the model of the round before as that of this round, since the loop has settled."""
+    if inputs.previous is None:
+        raise FiptError("a settled round must have a model to copy; --previous is missing", "give the model before it")
+    for name in _COPIED:
+        with atomic(inputs.out.with_name(name)) as temporary:
+            shutil.copyfile(inputs.previous.with_name(name), temporary)
+    write_state(inputs.out.with_name(SETTLED), state.after())
+    log.info("settled in round %d: the model of the round before stays", state.settled)
+    return {"copied": True, "settled_in_round": state.settled}
+
+
+def judge_round(inputs: FitInputs, field: Field, before: Field | None, settled: float) -> Stats:
+    """Write settled.json of a fitted round, say it in a line, and return its figures.
+
+    Parameters
+    ----------
+    field, before
+        The model, and the one before it.
+    settled
+        Change of shading over its noise below which the loop has settled; 0: never.
+    """
+    last = read_state(inputs.settled)
+    number = 0 if inputs.previous is None else 1 if last is None else last.round + 1
+    found = together(read_changes([Path(folder) for folder in inputs.shading]))
+    if found is None:
+        write_state(inputs.out.with_name(SETTLED), RoundState(number))
+        return {}
+    over = found.change < settled * found.noise and number >= _FIRST
+    kd = None if before is None else _kd_change(inputs, field, before)
+    state = RoundState(number, number if over else None, round(found.change, 5), round(found.noise, 5), kd)
+    write_state(inputs.out.with_name(SETTLED), state)
+    log.info(
+        "round %d: shading changed by %.1f %% (noise %.1f %%)%s: %s",
+        number,
+        100 * found.change,
+        100 * found.noise,
+        "" if kd is None else f", kd by {kd:.3f}",
+        "settled" if over else "not settled yet",
+    )
+    figures = {"change": state.change, "noise": state.noise, "settled": over}
+    return figures | ({} if kd is None else {"kd_change": kd})
+
+
+def _kd_change(inputs: FitInputs, field: Field, before: Field) -> float | None:
+    """Root mean square of the change of kd over surface that views see; None without a cache."""
+    if inputs.cache is None:
+        return None
+    cache = read_cache(inputs.cache)
+    seen = np.flatnonzero(cache["count"] > 0)
+    if len(seen) == 0:
+        return None
+    points = cache["point"][seen[:: max(1, len(seen) // _POINTS)]]
+    size = np.full(len(points), float(cache["side"]) / int(cache["resolution"]), np.float32)
+    difference = field.query(points, size).kd - before.query(points, size).kd
+    return round(float(np.sqrt(np.mean(np.square(difference)))), 5)

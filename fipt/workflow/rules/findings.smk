@@ -1,0 +1,53 @@
+"""What is wrong with a run, why, and what to do.
+
+INPUTS:  results/{scene}/dataset, samples, shading of the last two rounds, model and emitters of the last round, cache.npz,
+         environment.npz, fused segments where there are some
+OUTPUTS: results/{scene}/findings.json    findings, worst first, and all that was measured
+         results/{scene}/findings/        their pictures
+"""
+
+
+rule findings:
+    """Look for what went wrong; findings are no failure."""
+    input:
+        transforms="results/{scene}/dataset/transforms.json",
+        views="results/{scene}/dataset/views.json",
+        mesh="results/{scene}/dataset/mesh.ply",
+        checked="results/{scene}/dataset/check_poses.json",
+        images=ask("images", splits=["all"]),
+        samples=sharded("results/{scene}/samples/{shard}.manifest.json", "train"),
+        held_out=sharded("results/{scene}/samples/{shard}.manifest.json", "val"),
+        shading=sharded(LAST_SHADING, "train"),
+        earlier=sharded(SHADING_BEFORE, "train") if CONFIG.rounds else [],
+        cache="results/{scene}/cache.npz",
+        environment="results/{scene}/environment.npz",
+        segments=ask("segmentation.fused"),
+        model=LAST_MODEL,
+        emitters=ask("last_emitters"),
+    output:
+        findings="results/{scene}/findings.json",
+        folder=directory("results/{scene}/findings"),
+        stats="results/{scene}/stats/findings.json",
+    log:
+        "results/{scene}/logs/findings.log",
+    benchmark:
+        "results/{scene}/benchmarks/findings.jsonl"
+    threads: workflow.cores
+    resources:
+        mem_mb=8000,
+        gpu=1,
+    params:
+        dataset=folder("results/{scene}/dataset"),
+        samples=folders_of("samples"),
+        held_out=folders_of("held_out"),
+        shading=folders_of("shading"),
+        earlier=folders_of("earlier"),
+        segments=option("--segments", "segments", "results/{scene}/segments/fused"),
+        settings=settings("findings"),
+        version=VERSIONS["findings"],
+    shell:
+        "fipt findings --dataset {params.dataset:q} --samples {params.samples:q} --shading {params.shading:q}"
+        " --held-out={params.held_out:q} --earlier={params.earlier:q} {params.segments:q}"
+        " --cache {input.cache:q} --environment {input.environment:q}"
+        " --model {input.model:q} --emitters {input.emitters:q} --out {output.findings:q}"
+        " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

@@ -1,0 +1,312 @@
+"""Every check: silent where all is sound, and the right finding for a planted trouble."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from fipt.render.scene import RayScene
+from fipt.scene.emitters import Emitters
+from fipt.scene.environment import NOTHING, constant
+from fipt.scene.mesh import Mesh
+from fipt.scene.samples import FootprintSamples
+from fipt.stages.findings.checks import (
+    brightness,
+    dim_emitters,
+    emitters,
+    exposures,
+    hardly_seen,
+    holes,
+    light_balance,
+    mesh,
+    mixed_ids,
+    no_emitter,
+    parts,
+    rerendering,
+    settled,
+    silhouettes,
+    thin,
+)
+from fipt.stages.findings.notes import Notes
+from tests import judged
+from tests.judged import GRID, SIDE, VIEWS
+
+
+def told(check, **changed):
+    """Id -> finding of a check on the sound room with what is changed."""
+    return {found.id: found for found in check(judged.room(**changed), Notes())}
+
+
+def lit(found=None, environment=NOTHING):
+    return SimpleNamespace(emitters=judged.emitters() if found is None else found, environment=environment)
+
+
+@pytest.mark.parametrize(
+    "check",
+    [
+        light_balance.check,
+        brightness.check,
+        mesh.check,
+        emitters.check,
+        dim_emitters.check,
+        exposures.check,
+        mixed_ids.check,
+        parts.check,
+        silhouettes.check,
+        rerendering.check,
+        no_emitter.check,
+        settled.check,
+        hardly_seen.check,
+    ],
+)
+def test_a_sound_room_is_silent(check):
+    assert told(check) == {}
+
+
+# --- light ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("ratio", "word", "level"), [(0.75, "25 % less", "serious"), (1.18, "18 % more", "warning")])
+def test_light_that_is_missing_or_too_much(ratio, word, level):
+    found = told(light_balance.check, retakes=[judged.retake(k, ratio) for k in range(VIEWS)])["light-balance"]
+    assert word in found.cause
+    assert found.severity == level
+    assert found.measure.value == pytest.approx(abs(ratio - 1), abs=0.01)
+    assert found.image.shape[2] == 3
+
+
+def test_a_little_less_light_is_not_told():
+    assert not told(light_balance.check, retakes=[judged.retake(k, 0.93) for k in range(VIEWS)])
+
+
+def test_light_that_falls_off_to_one_side():
+    across = np.exp(np.linspace(-0.3, 0.3, GRID))[None]
+    found = told(light_balance.check, retakes=[judged.retake(k, across) for k in range(VIEWS)])["light-slope"]
+    assert found.where["position"][0] < SIDE / 4
+    assert found.measure.value > 0.4
+
+
+def test_without_any_emitter():
+    dark = [judged.retake(k, 0.2) for k in range(VIEWS)]
+    changed = {"fitted": lit(Emitters.none()), "retakes": dark}
+    assert told(light_balance.check, **changed) == {}
+
+
+def test_no_emitter_and_where_it_may_be(backend):
+    """The lamp's light on the floor tells that it hangs near the middle of the ceiling, which no view shows."""
+    room = judged.room(fitted=lit(Emitters.none()))
+    room.rays = RayScene(room.mesh)
+    off = np.square(room.explained.position[: GRID * GRID] - [3, 0, 1]).sum(axis=1).reshape(GRID, GRID)
+    light = 1 / (1 + off / SIDE**2) ** 2  # of a small lamp below the ceiling, above (3, 1)
+    room.retakes = [judged.retake(k, np.maximum(1 - light, 0.01)) for k in range(VIEWS)]
+    (found,) = no_emitter.check(room, Notes())
+    assert found.severity == "serious"
+    assert np.allclose(np.array(found.where["position"])[[0, 2]], [3, 1], atol=0.7)
+    assert found.where["position"][1] > 0.5 * SIDE
+    assert "Photograph the ceiling near (" in found.remedy
+
+
+def test_light_from_outside_is_light():
+    assert told(no_emitter.check, fitted=lit(Emitters.none(), constant((1.0, 1.0, 1.0), "y"))) == {}
+
+
+def test_brighter_than_anything_could_be():
+    photo = judged.pixels().photo.copy()
+    photo[judged.pixels().column > GRID / 2] = 3
+    found = told(brightness.check, explained=judged.pixels(photo=photo))["too-bright"]
+    assert found.severity == "serious"
+    assert found.where["position"][0] > SIDE / 2
+
+
+def test_holes(backend):
+    room = judged.room()
+    room.rays = RayScene(room.mesh)
+    assert holes.check(room, Notes()) == []
+    room.mesh = Mesh(room.mesh.vertices, np.delete(room.mesh.triangles, [6, 7, 12, 13], axis=0))
+    room.rays = RayScene(room.mesh)
+    room.fitted = lit(Emitters.none())
+    (found,) = holes.check(room, Notes())
+    assert found.id == "holes"
+    assert found.where["position"][1] == pytest.approx(SIDE, abs=0.01)
+    room.fitted = lit(Emitters.none(), constant((1.0, 1.0, 1.0), "y"))
+    assert holes.check(room, Notes()) == []
+
+
+# --- emitters -------------------------------------------------------------------------------------
+
+
+def _speckles():
+    """A ceiling lamp cut into 200 triangles."""
+    x, z = np.meshgrid(np.linspace(1.5, 2.5, 11), np.linspace(1.5, 2.5, 11), indexing="ij")
+    vertices = np.stack([x, np.full_like(x, SIDE - 0.01), z], axis=-1).reshape(-1, 3)
+    first = (np.arange(10)[:, None] * 11 + np.arange(10)).reshape(-1)
+    quads = np.concatenate([first[:, None] + [0, 1, 12], first[:, None] + [0, 12, 11]])
+    return Mesh(vertices.astype(np.float32), quads.astype(np.int32))
+
+
+def test_an_emitter_in_speckles():
+    lamp = _speckles()
+    torn = judged.emitters(range(200), area=np.full(200, 0.005, np.float32), emitter=np.arange(200, dtype=np.int32))
+    found = told(emitters.check, mesh=lamp, fitted=lit(torn))["torn-emitters"]
+    assert found.numbers == {"emitters": 200, "groups": 1}
+    whole = judged.emitters(range(200), area=np.full(200, 0.005, np.float32))
+    assert told(emitters.check, mesh=lamp, fitted=lit(whole)) == {}
+
+
+def test_a_clipped_emitter():
+    found = told(emitters.check, fitted=lit(judged.emitters(lower_bound=np.ones(2, bool))))["clipped-emitters"]
+    assert "clipped in every exposure" in found.cause
+
+
+def test_a_screen_that_may_be_a_mirror():
+    screen = (np.abs(judged.pixels().position - [1, 0, 1]).max(axis=1) < 0.9)[:, None]
+    photo = np.where(screen, 1.3, judged.pixels().photo)
+    explained = judged.pixels(photo=photo, footprint=np.full(len(photo), SIDE / GRID / 4))
+    found = told(dim_emitters.check, explained=explained)["emitter-or-mirror"]
+    assert np.allclose(found.where["position"], [1, 0, 1], atol=0.2)
+    moving = np.where(screen, 1.2 + 0.5 * judged.pixels().view[:, None], judged.pixels().photo)
+    assert told(dim_emitters.check, explained=judged.pixels(photo=moving, footprint=explained.footprint)) == {}
+
+
+# --- mesh and parts -------------------------------------------------------------------------------
+
+
+def _floor(noise):
+    """A floor of 800 triangles whose vertices err by ``noise`` metres; each pixel shows one of them."""
+    x, z = np.meshgrid(np.linspace(0, SIDE, 21), np.linspace(0, SIDE, 21), indexing="ij")
+    height = noise * np.random.default_rng(0).normal(size=x.shape)
+    vertices = np.stack([x, height, z], axis=-1).reshape(-1, 3)
+    first = (np.arange(20)[:, None] * 21 + np.arange(20)).reshape(-1)
+    quads = np.concatenate([first[:, None] + [0, 1, 22], first[:, None] + [0, 22, 21]])
+    return Mesh(vertices.astype(np.float32), quads.astype(np.int32))
+
+
+def test_a_noisy_mesh():
+    pixel = judged.pixels()
+    shown = judged.pixels(triangle=np.arange(len(pixel)) % 800, footprint=np.full(len(pixel), 0.05))
+    assert told(mesh.check, mesh=_floor(0.002), explained=shown) == {}
+    noisy = told(mesh.check, mesh=_floor(0.05), explained=shown)
+    assert set(noisy) == {"noisy-mesh"}
+
+
+def test_triangles_that_no_pixel_resolves():
+    pixel = judged.pixels()
+    coarse = judged.pixels(triangle=np.arange(len(pixel)) % 800, footprint=np.full(len(pixel), 0.3))
+    assert set(told(mesh.check, mesh=_floor(0.0), explained=coarse)) == {"fine-mesh"}
+
+
+def _shard(triangle, weight):
+    count = len(triangle)
+    return SimpleNamespace(
+        samples=SimpleNamespace(triangle=np.array(triangle, np.int32), weight=np.full(count, weight, np.float32))
+    )
+
+
+def test_parts_that_never_fill_a_pixel():
+    """The lamp is a part of its own: in half of the pixels, with half of each."""
+    alone, mixed = _shard([4] * 50, 1.0), _shard([4, 12] * 20, 0.5)
+    found = told(thin.check, shards=[alone, mixed])["thin-parts"]
+    assert found.measure.value == pytest.approx(10 / 70)
+    assert told(thin.check, shards=[alone, mixed, _shard([12], 1.0)]) == {}
+
+
+def test_ids_that_hold_two_things():
+    pixel = judged.pixels()
+    left, right = pixel.position[:, 0] < 1.2, pixel.position[:, 0] > 2.8
+    photo = np.where(right[:, None], [0.1, 0.2, 0.5], pixel.photo)
+    small = np.full(len(pixel), SIDE / GRID / 4)
+    apart = judged.pixels(photo=photo, use=left | right, footprint=small)
+    assert set(told(mixed_ids.check, explained=apart)) == {"mixed-ids"}
+    texture = np.where((pixel.row // 2 + pixel.column // 2)[:, None] % 2, 0.1, 0.6)
+    assert told(mixed_ids.check, explained=judged.pixels(photo=texture, use=left | right, footprint=small)) == {}
+
+
+def test_a_part_that_no_material_explains():
+    pixel = judged.pixels()
+    odd = pixel.position[:, 0] < 1
+    explained = judged.pixels(
+        segment=np.where(odd, 2, 1), photo=np.where(odd[:, None], 0.5 + 0.5 * pixel.view[:, None], pixel.photo)
+    )
+    found = told(parts.check, explained=explained)["unexplained-parts"]
+    assert found.where["segments"] == [2]
+
+
+# --- views and rounds -----------------------------------------------------------------------------
+
+
+def test_a_view_with_another_exposure():
+    pixel = judged.pixels()
+    photo = pixel.photo * np.where(pixel.view == 3, 1.2, 1.0)[:, None]
+    found = told(exposures.check, explained=judged.pixels(photo=photo))["exposure"]
+    assert found.where["views"] == ["v3"]
+    assert found.numbers["v3"] == pytest.approx(1.2, abs=0.02)
+
+
+def test_a_view_that_is_unlike_its_rendering():
+    shaken = [judged.retake(k) for k in range(VIEWS - 1)]
+    stripes = np.where(np.arange(GRID) % 4 < 2, 0.6, 1.5)[None]
+    found = told(rerendering.check, retakes=[*shaken, judged.retake(5, stripes)])
+    assert set(found) == {"view-unlike"}
+    assert found["view-unlike"].where["views"] == ["v5"]
+    all_off = told(rerendering.check, retakes=[judged.retake(k, stripes) for k in range(VIEWS)])
+    assert set(all_off) == {"rerendering"}
+
+
+def test_silhouettes_that_are_off():
+    """A block on the floor; beside its edges the rendering shows the wrong thing."""
+
+    def shown(number, shifted):
+        sound = judged.retake(number)
+        position, render = sound.position.copy(), sound.render.copy()
+        position[8:16, 8:16, 1] = 1.0
+        if shifted:
+            render[7:9, 6:18] = render[15:17, 6:18] = render[6:18, 7:9] = render[6:18, 15:17] = 0.1
+        return replace(sound, position=position, render=render)
+
+    assert told(silhouettes.check, retakes=[shown(k, False) for k in range(VIEWS)]) == {}
+    assert set(told(silhouettes.check, retakes=[shown(k, True) for k in range(VIEWS)])) == {"silhouettes"}
+
+
+def _rounds(change):
+    rng = np.random.default_rng(0)
+    count = 60_000
+    position = np.column_stack([rng.uniform(0, SIDE, (count, 2)), np.zeros(count)])[:, [0, 2, 1]]
+    before = np.exp(0.1 * rng.normal(size=(count, 1, 3)))
+    now = np.exp(0.1 * rng.normal(size=(count, 1, 3))) * (1 + change)
+    samples = SimpleNamespace(position=position, normal=np.tile([0.0, 1.0, 0.0], (count, 1)))
+    return {"shards": [SimpleNamespace(samples=samples, shading=now)], "earlier": [before]}
+
+
+def test_rounds_that_had_not_settled():
+    assert told(settled.check, **_rounds(0.03)) == {}
+    found = told(settled.check, **_rounds(0.3))["not-settled"]
+    assert found.measure.value == pytest.approx(0.3, abs=0.05)
+
+
+def _samples(place):
+    """One view of a plane; what it shows is ``place`` (GRID, 3)."""
+    count = len(place)
+    zero = np.zeros(count, np.float32)
+    return FootprintSamples(
+        ("a",),
+        ((1, count),),
+        np.arange(count + 1),
+        np.ones(count, np.uint8),
+        place.astype(np.float32),
+        np.tile(np.float32([0, 1, 0]), (count, 1)),
+        zero.astype(np.int32),
+        zero + 0.1,
+        zero + 1,
+        np.zeros((count, 4, 3), np.float16),
+    )
+
+
+def test_surface_that_no_training_view_shows():
+    line = np.column_stack([np.linspace(0, SIDE, 100), np.zeros((100, 2))])
+    data = SimpleNamespace(image=lambda view: (np.full((1, 100, 3), 0.5, np.float32), None))
+    seen = {"shards": [SimpleNamespace(samples=_samples(line))], "data": data}
+    assert told(hardly_seen.check, **seen, held_out=[_samples(line)]) == {}
+    half = {"shards": [SimpleNamespace(samples=_samples(line[:50]))], "data": data}
+    found = told(hardly_seen.check, **half, held_out=[_samples(line)])["unseen"]
+    assert found.measure.value == pytest.approx(0.5, abs=0.06)

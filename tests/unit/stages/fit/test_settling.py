@@ -1,0 +1,62 @@
+"""A loop that runs until it has settled: the figure, and rounds that are copies."""
+
+import json
+
+import pytest
+
+from fipt.scene.settled import RoundState, ShadingChange, read_state, write_change, write_state
+from tests.fitted import FIT, SHADING, call
+
+FEW_STEPS = FIT | {"steps": 2}
+
+
+def later(work, number, change, noise=0.05):
+    """Fit round ``number`` of a loop whose shading changed so much."""
+    write_change(work / SHADING, ShadingChange(change, noise, 0.3, 500))
+    folder = work / f"round-{number}"
+    write_state(work / "before.json", RoundState(number - 1))
+    options = ("--previous", work / "round-0/model.safetensors", "--settled", work / "before.json")
+    assert call("fit", work, *options, "--out", folder / "model.safetensors", settings=FEW_STEPS) == 0
+    return read_state(folder / "settled.json")
+
+
+def test_the_first_round_has_not_settled(scene):
+    assert read_state(scene / "round-0" / "settled.json") == RoundState(0)
+
+
+@pytest.mark.parametrize(
+    ("number", "change", "settled"), [(1, 0.01, None), (2, 0.06, None), (2, 0.04, 2), (3, 0.04, 3)]
+)
+def test_settled_where_noise_is_more_than_the_change(work, capsys, number, change, settled):
+    state = later(work, number, change)
+    assert (state.round, state.settled) == (number, settled)
+    assert (state.change, state.noise) == (change, 0.05)
+    assert state.kd_change > 0
+    said = capsys.readouterr().err
+    assert f"round {number}: shading changed by {100 * change:.1f} % (noise 5.0 %), kd by" in said
+    assert said.count("not settled yet") == (settled is None)
+
+
+def test_later_rounds_are_copies(work):
+    write_state(work / "settled.json", RoundState(2, 2, 0.01, 0.05, 0.001))
+    given = ("--settled", work / "settled.json")
+    model, folder = work / "round-0" / "model.safetensors", work / "round-3"
+    stats = work / "stats.json"
+    options = ("--previous", model, *given, "--out", folder / "model.safetensors")
+    assert call("fit", work, *options, stats=stats) == 0
+    for name in ("model.safetensors", "confidence.npz"):
+        assert (folder / name).read_bytes() == model.with_name(name).read_bytes()
+    assert read_state(folder / "settled.json") == RoundState(3, 2, 0.01, 0.05, 0.001)
+    assert {"copied": True, "settled_in_round": 2}.items() <= json.loads(stats.read_text()).items()
+
+    shading = folder / "shading" / "train-000"
+    assert call("refine", work, *given, "--out", shading, stats=stats) == 0
+    assert (shading / "shading.npy").read_bytes() == (work / SHADING / "shading.npy").read_bytes()
+    assert json.loads(stats.read_text())["copied"] is True
+    manifest = json.loads(shading.with_name("train-000.manifest.json").read_text())
+    assert manifest["stage"] == "refine"
+
+
+def test_a_copy_needs_something_to_copy(work, refused):
+    write_state(work / "settled.json", RoundState(2, 2))
+    assert "--previous is missing" in refused("fit", "--settled", work / "settled.json")
