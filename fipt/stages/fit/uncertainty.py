@@ -36,7 +36,7 @@ from fipt.stages.fit.batches import Pixels
 from fipt.stages.fit.evidence import piece_resolution, sums_by
 from fipt.stages.fit.material_posterior import MaterialPosterior
 
-COMPONENTS = {"ambiguity": 1.5, "residual": 5.5, "shading": 0.15, "mixing": 0.9, "part": 0.55, "room": 0.08}
+COMPONENTS = {"ambiguity": 1.1, "residual": 5.5, "shading": 0.15, "mixing": 0.85, "part": 0.55, "room": 0.08}
 """What the terms are multiplied by."""
 _NOTHING = 1 / 12
 """Variance of a number between 0 and 1 of which nothing is known."""
