@@ -44,7 +44,7 @@ SECTIONS: dict[str, Section] = {
     "cache": Section("fipt.stages.cache.settings:CacheSettings", 3),
     "bake": Section("fipt.stages.shade.settings:BakeSettings", 3),
     "fit": Section("fipt.stages.fit.settings:FitSettings", 4),
-    "emitters": Section("fipt.stages.emitters.settings:EmittersSettings", 2),
+    "emitters": Section("fipt.stages.emitters.settings:EmittersSettings", 3),
     "review": Section("fipt.stages.emitters.settings:ReviewSettings", 1),
     "refine": Section("fipt.stages.shade.settings:RefineSettings", 4),
     "materials": Section("fipt.stages.render.settings:MaterialsSettings", 3),

@@ -127,5 +127,6 @@ def room(**changed) -> SimpleNamespace:
         "shards": [],
         "held_out": [],
         "earlier": None,
+        "prepared": {},
     }
     return SimpleNamespace(**known | changed)

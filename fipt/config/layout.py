@@ -67,6 +67,7 @@ class Layout:
     transforms = Below("dataset/transforms.json")
     views = Below("dataset/views.json")
     mesh = Below("dataset/mesh.ply")
+    prepared = Below("dataset/prepare.json")
     known_room = Below("dataset/room.json")
     parts = Below("dataset/segments/part.json")
     semantic = Below("dataset/segments/semantic.json")

@@ -119,6 +119,10 @@ class SceneConfig:
 
     # --- photographs
 
+    def prepared(self) -> list[str]:
+        """What an import did to a noisy mesh, of imported scenes."""
+        return [self.layout.prepared] if self.source.imported else []
+
     def judged(self) -> list[str]:
         """The capture report, of photographed scenes."""
         return [self.layout.capture_report] if self.source.photographed else []

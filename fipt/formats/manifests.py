@@ -58,6 +58,14 @@ def read_manifest(path: str | Path, stage: str) -> dict[str, Any]:
     return content
 
 
+def manifest_stage(path: str | Path) -> str | None:
+    """Stage that wrote a manifest; None where there is none, or it is damaged."""
+    try:
+        return str(json.loads(Path(path).read_text(encoding="utf-8"))["stage"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
 Stats = dict[str, Any]
 """Figures of one run of a stage, for stats/."""
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fipt.meshing.topology import compact, pieces
+from fipt.meshing.topology import compact, distinct_rows, pieces
 from fipt.scene.mesh import Mesh
 
 
@@ -36,12 +36,12 @@ def clean(mesh: Mesh, smallest: float, needed: np.ndarray | None = None) -> tupl
     needed
         (T,) bool: triangles that views need; None: none.
     """
-    places, vertex = np.unique(mesh.vertices, axis=0, return_inverse=True)
-    triangles = vertex.reshape(-1)[mesh.triangles]
+    kept, vertex = distinct_rows(mesh.vertices)
+    places, triangles = mesh.vertices[kept], vertex[mesh.triangles]
     sound = (triangles[:, 0] != triangles[:, 1]) & (triangles[:, 1] != triangles[:, 2])
     sound &= (triangles[:, 2] != triangles[:, 0]) & (mesh.areas > 0)
     first = np.zeros(len(triangles), bool)
-    first[np.unique(np.sort(triangles, axis=1), axis=0, return_index=True)[1]] = True
+    first[distinct_rows(np.sort(triangles, axis=1))[0]] = True
     keep = sound & first
     found = Mesh(places, triangles)
     piece = pieces(Mesh(places, triangles[keep]))

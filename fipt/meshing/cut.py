@@ -1,6 +1,7 @@
 """The mesh cut along edges of radiance, so that what emits and what does not share no triangle."""
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -13,6 +14,9 @@ from fipt.scene.mesh import Mesh
 SIDE = 2.0
 """Longest side in footprints of triangles that an edge runs through: it is straight within one, so that a curve of
 radius r lies beside it by 1 / (2 r), all in footprints."""
+_MOST = 400_000
+"""Triangles that a cut may add: a room full of texture is cut coarser, so that later stages take no longer than with a
+mesh that was not decimated."""
 _NEAREST = 12
 """Edge points that a straight piece of an edge is fitted to: a few views with a point each pixel."""
 _REACH = 1.0
@@ -32,18 +36,23 @@ def cut_at(mesh: Mesh, edges: RadianceEdges, side: float = SIDE) -> Mesh:
     if len(edges) < _NEAREST:
         return mesh
     curve = _Curve.of(edges)
+    while True:
+        fine = subdivided(mesh, partial(_too_large, curve, side))
+        if len(fine.triangles) <= len(mesh.triangles) + _MOST:
+            return _split(_snapped(fine, curve), curve)
+        side *= 2
 
-    def too_large(now: Mesh) -> np.ndarray:
-        corners = now.corners.astype(np.float64)
-        longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-        center = corners.mean(axis=1)
-        radius = np.linalg.norm(corners - center[:, None], axis=2).max(axis=1)
-        result = longest > side * curve.footprint.min()
-        distance, index = curve.tree.query(center[result], workers=-1)
-        result[result] = (longest[result] > side * curve.footprint[index]) & (distance < radius[result])
-        return result
 
-    return _split(_snapped(subdivided(mesh, too_large), curve), curve)
+def _too_large(curve: "_Curve", side: float, mesh: Mesh) -> np.ndarray:
+    """(T,) bool: triangles that the edge may run through with sides of more than ``side`` footprints."""
+    corners = mesh.corners.astype(np.float64)
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    center = corners.mean(axis=1)
+    radius = np.linalg.norm(corners - center[:, None], axis=2).max(axis=1)
+    result = longest > side * curve.footprint.min()
+    distance, index = curve.tree.query(center[result], workers=-1)
+    result[result] = (longest[result] > side * curve.footprint[index]) & (distance < radius[result])
+    return result
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ _SECONDS_A_TRIANGLE = 1e-4
 """Of the time limit: some fifty times what a slow computer needs."""
 
 
-def decimated(mesh: Mesh, count: int, aggressiveness: float = 4.0) -> Mesh:
+def decimated(mesh: Mesh, count: int, aggressiveness: float = 3.0) -> Mesh:
     """Collapse edges until about ``count`` triangles are left, those first that change the surface least.
 
     Parameters

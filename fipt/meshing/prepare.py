@@ -86,9 +86,12 @@ def prepared(
     seen = seen_surface(mesh, cameras)
     asks = _asks(mesh, seen)
     figures |= asks
+    if len(seen.position) == 0:
+        log.warning("no training view sees the mesh: it is taken as it is")
+        return mesh, {**figures, "triangles": len(mesh.triangles)}
     noisy = asks["small_share"] >= 0.5 and asks["normal_deviation_degrees"] > NOISY
     if settings.prepare == "always" or noisy or asks["triangles_per_pixel"] > FINE:
-        mesh, made = _made(mesh, seen, settings)
+        mesh, made = _made(mesh, seen, np.radians(asks["normal_deviation_degrees"]), settings)
         figures |= {"prepared": True, **made}
         if settings.cut_edges:
             edges = find_edges(mesh, cameras, radiance)
@@ -123,14 +126,14 @@ def _asks(mesh: Mesh, seen: SeenSurface) -> dict[str, float]:
     }
 
 
-def _made(mesh: Mesh, seen: SeenSurface, settings: PrepareSettings) -> tuple[Mesh, dict[str, Any]]:
-    """Clean, close small holes, smooth, flatten and decimate."""
+def _made(mesh: Mesh, seen: SeenSurface, deviation: float, settings: PrepareSettings) -> tuple[Mesh, dict[str, Any]]:
+    """Clean, close small holes, smooth, flatten and decimate; ``deviation`` of normals in radians."""
     footprint = float(np.median(seen.footprint))
     needed = np.zeros(len(mesh.triangles), bool)
     needed[seen.triangle] = True
     mesh, cleaned = clean(mesh, (_PLANE_SIDE * footprint) ** 2, needed)
     mesh, holes = without_small_holes(mesh, _HOLE * footprint)
-    edge, deviation = _edge(mesh), weighted_median(normal_deviation(mesh), mesh.areas)
+    edge = _edge(mesh)
     # of vertices along the normal, metres; never less than what no pixel can tell
     noise = max(edge * deviation, _UNSEEN * footprint)
     log.info("noise of the mesh: %.2g mm; %d triangles", 1e3 * noise, len(mesh.triangles))

@@ -5,7 +5,7 @@ the viewer (a mirror's image, the outline of something before the surface) belon
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import maximum_filter, minimum_filter
@@ -21,6 +21,8 @@ _DARKEST = 0.01
 """Luminance that is added before a ratio is taken, in medians of the view: noise of dark pixels is no edge."""
 _POINTS = 400_000
 """Edge points kept of all views at most."""
+_PIXELS = 400_000
+"""Pixels of a view that are looked at most; those of larger images are averaged in blocks."""
 _FLAT = 1.0
 """Distance in footprints of the neighbours' surface from the plane at an edge above which the edge is an outline."""
 _SAME_DEPTH = 3.0
@@ -66,7 +68,8 @@ class _View:
 def find_edges(mesh: Mesh, cameras: Sequence[Camera], radiance: Radiance) -> RadianceEdges:
     """Find the radiance edges of a mesh; Mitsuba's variant must be set."""
     scene = RayScene(mesh)
-    views = [_seen(scene, camera, *radiance(camera.name), _POINTS // max(len(cameras), 1)) for camera in cameras]
+    most = _POINTS // max(len(cameras), 1)
+    views = [_seen(scene, *reduced(camera, *radiance(camera.name), _PIXELS), most) for camera in cameras]
     position = np.concatenate([view.position for view in views])
     footprint = np.concatenate([view.footprint for view in views])
     own = np.repeat(np.arange(len(views)), [len(view.position) for view in views])
@@ -78,6 +81,23 @@ def find_edges(mesh: Mesh, cameras: Sequence[Camera], radiance: Radiance) -> Rad
         agreed += visible & edge & other
     keep = agreed >= _AGREE * seen
     return RadianceEdges(position[keep], footprint[keep])
+
+
+def reduced(
+    camera: Camera, radiance: np.ndarray, valid: np.ndarray, most: int
+) -> tuple[Camera, np.ndarray, np.ndarray]:
+    """View of at most about ``most`` pixels: means over square blocks; one has weight where all its pixels have."""
+    step = int(np.ceil(np.sqrt(camera.width * camera.height / most)))
+    if step <= 1:
+        return camera, radiance, valid
+    width, height = camera.width // step, camera.height // step
+    small = replace(
+        camera, width=width, height=height,
+        fx=camera.fx / step, fy=camera.fy / step, cx=camera.cx / step, cy=camera.cy / step,
+    )  # fmt: skip
+    blocks = radiance[: height * step, : width * step].reshape(height, step, width, step, 3)
+    weights = valid[: height * step, : width * step].reshape(height, step, width, step)
+    return small, blocks.mean(axis=(1, 3)), weights.min(axis=(1, 3))
 
 
 def _votes(view: _View, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -92,7 +112,7 @@ def _votes(view: _View, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _seen(scene: RayScene, camera: Camera, radiance: np.ndarray, valid: np.ndarray, most: int) -> _View:
     rows, columns = np.mgrid[: camera.height, : camera.width] + 0.5
-    depth, _, _, _ = _surface(scene, camera, columns.ravel(), rows.ravel())
+    depth = _surface(scene, camera, columns.ravel(), rows.ravel())[0].astype(np.float32)
     column, row = edge_points(radiance @ LUMINANCE, valid)
     edge = np.zeros(depth.size, bool).reshape(rows.shape)
     edge[row.astype(np.int64), column.astype(np.int64)] = True

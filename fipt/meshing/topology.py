@@ -7,6 +7,16 @@ from scipy.sparse.csgraph import connected_components
 from fipt.scene.mesh import Mesh
 
 
+def distinct_rows(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """First index (K,) of each different row of (N, 3), and (N,) which of them each row is; faster than np.unique."""
+    order = np.lexsort(rows.T)  # stable: of equal rows the first comes first
+    new = np.ones(len(rows), bool)
+    new[1:] = (rows[order[1:]] != rows[order[:-1]]).any(axis=1)
+    which = np.empty(len(rows), np.int64)
+    which[order] = np.cumsum(new) - 1
+    return order[new], which
+
+
 def triangle_sides(triangles: np.ndarray) -> np.ndarray:
     """(T, 3) int64 key of each triangle's sides (corners 0-1, 1-2, 2-0); equal keys are one edge of the mesh."""
     a = triangles.astype(np.int64)

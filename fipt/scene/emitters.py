@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +41,10 @@ class Emitters:
         (E,) bool: its radiance comes from clipped pixels, and may be higher.
     two_sided
         Whether they shine from both sides.
+    guessed
+        (E,) bool: no view shows it; it explains the light of what views show.
+    spread
+        (E,) float32 relative standard deviation of the power of all that is guessed; 0 where it is measured.
     """
 
     triangle: np.ndarray
@@ -52,6 +56,14 @@ class Emitters:
     clipped: np.ndarray
     lower_bound: np.ndarray
     two_sided: bool = True
+    guessed: np.ndarray = field(default_factory=lambda: np.empty(0, bool))
+    spread: np.ndarray = field(default_factory=lambda: np.empty(0, np.float32))
+
+    def __post_init__(self) -> None:
+        count = len(self.triangle)
+        for name, kind in (("guessed", bool), ("spread", np.float32)):
+            if len(getattr(self, name)) != count:  # left out: measured
+                object.__setattr__(self, name, np.zeros(count, kind))
 
     @classmethod
     def none(cls) -> "Emitters":
@@ -60,7 +72,18 @@ class Emitters:
         return cls(numbers, np.empty((0, 3), np.float32), values, numbers, numbers, values, values, np.empty(0, bool))
 
 
-_ARRAYS = ("triangle", "radiance", "area", "emitter", "views", "confidence", "clipped", "lower_bound")
+_ARRAYS = (
+    "triangle",
+    "radiance",
+    "area",
+    "emitter",
+    "views",
+    "confidence",
+    "clipped",
+    "lower_bound",
+    "guessed",
+    "spread",
+)
 
 
 def default_name(number: int) -> str:
@@ -78,7 +101,7 @@ def emitter_facts(emitters: Emitters, mesh: Mesh) -> list[dict[str, Any]]:
     """What emitters.json says of every emitter.
 
     Power is the flux of a Lambertian emitter, of each channel; ``share`` is that of the mean of the channels in the
-    power of all emitters.
+    power of all emitters. ``spread`` is the relative standard deviation of the power of all that is ``guessed``.
     """
     rows = []
     sides = 2 if emitters.two_sided else 1
@@ -101,6 +124,8 @@ def emitter_facts(emitters: Emitters, mesh: Mesh) -> list[dict[str, Any]]:
                 "confidence": float(emitters.confidence[own].mean()),
                 "clipped": float(emitters.clipped[own].mean()),
                 "lower_bound": bool(emitters.lower_bound[own].any()),
+                "guessed": bool(emitters.guessed[own].any()),
+                "spread": float(emitters.spread[own].max()),
             }
         )
     total = sum(sum(row["power"]) for row in rows)

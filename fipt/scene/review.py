@@ -55,6 +55,7 @@ class ReviewEntry(Settings):
     share: float | None = Field(None, description="of the power of all emitters")
     confidence: float | None = None
     views: Count | None = None
+    guessed: bool | None = Field(None, description="no view shows it: it explains the light of what views show")
     thumbnail: str | None = None
 
     @field_validator("triangles", mode="before")

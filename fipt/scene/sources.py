@@ -14,6 +14,7 @@ from fipt.errors import FiptError
 from fipt.formats.files import check_name, existing_file
 from fipt.formats.layouts import READERS, SEGMENT_FOLDERS, SourceView, nerfstudio_views
 from fipt.formats.layouts.common import MALFORMED
+from fipt.formats.layouts.own import ids_file
 from fipt.formats.pose_files import is_pose_file, read_pose_file
 from fipt.formats.views import read_rejected
 
@@ -74,6 +75,11 @@ def read_source(path: str | Path, format: str, val_every: int = 8) -> ImageSourc
 
 def has_segments(source: ImageSource) -> bool:
     """Whether every training view of a source has segment ids of some kind."""
+    own = [frame for frame in source.frames if frame.split == "train" and frame.dataset is not None]
+    if own:
+        return any(
+            all(ids_file(frame.dataset, kind, frame.name).is_file() for frame in own) for kind in SEGMENT_FOLDERS
+        )
     folders = {frame.folder for frame in source.frames if frame.split == "train"}
     return any(
         all(folder is not None and (folder / name).is_dir() for folder in folders) for name in SEGMENT_FOLDERS.values()

@@ -6,7 +6,7 @@ from pydantic import Field
 
 from fipt.settings import Angle, Count, Fraction, Length, Point, Positive, Rgb, Settings, Weight
 
-RoomName = Literal["living_room", "office", "blinds", "skylight"]
+RoomName = Literal["living_room", "bathroom", "office", "kitchen", "blinds", "skylight"]
 """Rooms in code: files of `fipt.synthetic.rooms`."""
 
 Quad = tuple[float, float, float, float]

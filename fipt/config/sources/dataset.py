@@ -12,6 +12,10 @@ from fipt.config.sources.base import Place, Source, SourceEntry, options
 
 _CAMERA_FILES = (
     "transforms.json",
+    "views.json",
+    "room.json",
+    "segments/part.json",
+    "segments/semantic.json",
     *(f"transforms_{split}.json" for split in ("train", "val", "test")),
     *(f"{split}/transforms.json" for split in ("train", "val")),
     "cam.txt",
@@ -24,8 +28,9 @@ class DatasetEntry(SourceEntry):
 
     source: Literal["dataset"] = Field(description="posed HDR views that exist")
     path: str = Field(description="the folder of the dataset, or its transforms.json; {data_root} is replaced")
-    format: Literal["nerfstudio", "fipt-synthetic", "fipt-real"] = Field(
-        description="one of nerfstudio, fipt-synthetic, fipt-real: these layouts share file names, but not axes"
+    format: Literal["nerfstudio", "fipt-synthetic", "fipt-real", "fipt"] = Field(
+        description="one of nerfstudio, fipt-synthetic, fipt-real, or fipt (a dataset folder of this program, with its "
+        "truth and ids): these layouts share file names, but not axes"
     )
     mesh: str | None = Field(
         default=None, description="mesh of a dataset whose layout brings none; {data_root} is replaced"
@@ -57,12 +62,15 @@ class DatasetSource(Source):
         return has_segments(self._read)
 
     def imported_files(self) -> list[str]:
-        """Cameras, mesh and images."""
+        """Cameras, mesh and images; of a dataset of this program also truth and ids."""
+        from fipt.formats.layouts import known_files
+
         root, mesh = self._read.root, self._mesh or self._read.mesh
         found = [root / name for name in _CAMERA_FILES if (root / name).is_file()]
         if Path(self.path).is_file():
             found.append(Path(self.path))
         found += [frame.image for frame in self._read.frames]
+        found += [file for frame in self._read.frames for file in known_files(frame)]
         return sorted({str(path) for path in [*found, *([mesh] if mesh else [])]})
 
     def import_options(self) -> list[str]:

@@ -11,6 +11,8 @@ format                    files                                               ax
                           NNN_0001.exr and truth beside it, scene.obj         looking along +z
 ``fipt-real``             cam.txt, K_list.txt, Image/NNN_0001.exr,            x right, y down,
                           segmentation/NNN.exr, scene.obj                     looking along +z
+``fipt``                  a dataset folder of this program, with truth/ and   x right, y up,
+                          segments/ where it has them                         looking along -z
 ========================  ==================================================  =====================
 """
 
@@ -18,6 +20,7 @@ from fipt.formats.layouts.common import Matrix, PosedViews, SourceView, numbered
 from fipt.formats.layouts.fipt_real import read_fipt_real
 from fipt.formats.layouts.fipt_synthetic import read_fipt_synthetic
 from fipt.formats.layouts.nerfstudio import nerfstudio_views, read_nerfstudio
+from fipt.formats.layouts.own import known_files, read_own
 
 SEGMENT_FOLDERS = {"part": "IndexMA", "semantic": "segmentation"}
 """Kind of segment ids -> folder of the FIPT layouts, where the source has it."""
@@ -26,7 +29,17 @@ READERS = {
     "nerfstudio": read_nerfstudio,
     "fipt-synthetic": read_fipt_synthetic,
     "fipt-real": read_fipt_real,
+    "fipt": read_own,
 }
 """Name of a layout -> what reads it from its path."""
 
-__all__ = ["READERS", "SEGMENT_FOLDERS", "Matrix", "PosedViews", "SourceView", "nerfstudio_views", "numbered_file"]
+__all__ = [
+    "READERS",
+    "SEGMENT_FOLDERS",
+    "Matrix",
+    "PosedViews",
+    "SourceView",
+    "known_files",
+    "nerfstudio_views",
+    "numbered_file",
+]

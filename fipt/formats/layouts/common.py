@@ -29,6 +29,8 @@ class SourceView:
         An 8-bit image, 0 where pixels are not to be used.
     folder, number
         FIPT layouts: where folders like ``Image`` and ``DiffCol`` lie, and the view's number there.
+    dataset
+        A dataset of this program: its folder, with truth/ and segments/.
     """
 
     name: str
@@ -39,6 +41,7 @@ class SourceView:
     mask: Path | None = None
     folder: Path | None = None
     number: str = ""
+    dataset: Path | None = None
 
 
 @dataclass(frozen=True)

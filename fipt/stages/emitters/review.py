@@ -55,6 +55,7 @@ def review_entry(row: dict[str, Any], triangles: np.ndarray, image: str | None) 
     facts = {"area": row["area"], "power": sum(row["power"]) / 3, "share": row["share"]}
     facts = {key: float(f"{value:.4g}") for key, value in (facts | {"confidence": row["confidence"]}).items()}
     rest = {"emitter": default_name(row["index"]), "views": row["views"], "thumbnail": image}
+    rest["guessed"] = row["guessed"]
     return rest | facts | {"triangles": frozenset(triangles.tolist())}
 
 

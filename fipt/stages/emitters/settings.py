@@ -17,6 +17,10 @@ class EmittersSettings(Settings):
     )
     patches: bool = Field(default=True, description="one radiance for each connected emitter instead of each triangle")
     two_sided: bool = Field(default=True, description="emitters shine from both sides")
+    guess: bool = Field(
+        default=True,
+        description="unseen surface emits what explains the photographs, where seen emitters do not and it is told",
+    )
 
 
 class ReviewSettings(Settings):

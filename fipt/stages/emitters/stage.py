@@ -5,10 +5,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from fipt.inputs import DatasetFolder, DecisionsJson, ModelFile, SamplesFolders, ShadingFolders
+from fipt.inputs import DatasetFolder, DecisionsJson, EnvironmentFile, ModelFile, SamplesFolders, ShadingFolders
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from fipt.scene.emitters import Emitters
+    from fipt.scene.mesh import Mesh
+    from fipt.scene.observed import ObservedShard
     from fipt.scene.review import ReviewDecisions
     from fipt.stages.emitters.settings import EmittersSettings
 
@@ -25,6 +29,8 @@ class EmittersInputs:
     model: ModelFile
     out: Annotated[Path, "File to write, emitters.npz; emitters.json comes beside it."]
     decisions: DecisionsJson = ""
+    cache: Annotated[Path | None, "Radiance cache; absent: light that no view shows is not looked for."] = None
+    environment: EnvironmentFile = None
 
 
 def run(inputs: EmittersInputs, settings: "EmittersSettings") -> dict[str, Any]:
@@ -42,17 +48,45 @@ def run(inputs: EmittersInputs, settings: "EmittersSettings") -> dict[str, Any]:
     decided = parse_decisions(inputs.decisions, len(mesh.triangles))
     shards = read_observed(data, inputs.samples, inputs.shading, on_disk(inputs.out.parent))
     found = extract(mesh, shards, load_field(inputs.model).query_mask, settings, decided)
+    guess: tuple[str, ...] = ()
+    figures: dict[str, Any] = {}
+    if settings.guess and inputs.cache is not None:
+        found, guess, figures = _guessed(inputs, found, mesh, shards, decided)
     write_emitters(inputs.out, found, mesh)
     count = int(found.emitter.max(initial=-1)) + 1
-    warnings = _warnings(found, count, decided, len(mesh.triangles))
+    warnings = [*_warnings(found, count, decided, len(mesh.triangles)), *guess]
     for warning in warnings:
         log.warning("%s", warning)
     if count == 0:
         log.warning("no emitter found; refined shading will have no light of its own")
     else:
         log.info("emitters: %d emitters of %d triangles", count, len(found.triangle))
-    figures: dict[str, Any] = {"triangles": len(found.triangle), "emitters": count}
+    figures = {"triangles": len(found.triangle), "emitters": count, **figures}
     return figures | ({"warnings": warnings} if warnings else {})
+
+
+def _guessed(
+    inputs: EmittersInputs,
+    found: "Emitters",
+    mesh: "Mesh",
+    shards: "Sequence[ObservedShard]",
+    decided: "ReviewDecisions",
+) -> tuple["Emitters", tuple[str, ...], dict[str, Any]]:
+    """Emitters with what no view shows, warnings and figures about it."""
+    import numpy as np
+
+    from fipt.scene.environment import read_environment
+    from fipt.scene.review import numbers
+    from fipt.scene.voxels import read_cache
+    from fipt.stages.emitters.unseen_guess import with_guess
+
+    assert inputs.cache is not None
+    rejected = np.zeros(len(mesh.triangles), bool)
+    for text in decided.reject:
+        rejected[sorted(numbers(text, len(rejected)))] = True
+    outside = read_environment(inputs.environment)
+    guessed = with_guess(mesh, shards, found, read_cache(inputs.cache), outside, rejected)
+    return guessed.emitters, guessed.warnings, dict(guessed.figures)
 
 
 def _warnings(found: "Emitters", count: int, decided: "ReviewDecisions", triangles: int) -> list[str]:

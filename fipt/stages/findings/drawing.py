@@ -127,6 +127,8 @@ def plan(
         axes.plot(*np.asarray(place)[across], "x", color="crimson", markersize=12, markeredgewidth=3)
         axes.annotate(text, np.asarray(place)[across], color="crimson", xytext=(6, 6), textcoords="offset points")
     axes.set_aspect("equal")
+    if np.cross(np.eye(3)[across[0]], np.eye(3)[across[1]]) @ up < 0:
+        axes.invert_yaxis()  # or the room would be seen in a mirror
     axes.set_xlabel(f"{'xyz'[across[0]]}, metres")
     axes.set_ylabel(f"{'xyz'[across[1]]}, metres")
     axes.legend(loc="upper right", fontsize=8)

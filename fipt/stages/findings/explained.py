@@ -86,18 +86,40 @@ def explained_pixels(data: Dataset, shards: Sequence[ObservedShard], fitted: Fit
     for shard in shards:
         for index in range(len(shard.samples.views)):
             ids = None if kind is None else data.segments(views[number], kind).reshape(-1)
-            parts.append(_of_view(shard, index, number, fitted, ids, stride))
+            own = pixels_of_view(shard, index, grid(shard.samples.shapes[index], stride), fitted, ids)
+            parts.append(own | {"view": np.full(len(own["row"]), number)})
             number += 1
     return ExplainedPixels(tuple(views), **{name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
 
 
-def _of_view(
-    shard: ObservedShard, index: int, number: int, fitted: FittedScene, ids: np.ndarray | None, stride: int
+def grid(shape: tuple[int, int], stride: int) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns (N,) of an evenly strided grid of pixels."""
+    rows, columns = np.mgrid[stride // 2 : shape[0] : stride, stride // 2 : shape[1] : stride].reshape(2, -1)
+    return rows, columns
+
+
+def pixels_of_view(
+    shard: ObservedShard,
+    index: int,
+    place: tuple[np.ndarray, np.ndarray],
+    fitted: FittedScene,
+    ids: np.ndarray | None = None,
+    queries: int = 2,
 ) -> dict[str, np.ndarray]:
+    """Fields of `ExplainedPixels` for pixels of view number ``index`` of a shard that show the mesh.
+
+    Parameters
+    ----------
+    place
+        Rows and columns (N,).
+    ids
+        (H W,) segment ids of the view; None: there are none.
+    queries
+        Points of each sample at which the model is asked.
+    """
     samples = shard.samples
-    height, width = samples.shapes[index]
-    rows, columns = np.mgrid[stride // 2 : height : stride, stride // 2 : width : stride].reshape(2, -1)
-    local = rows * width + columns
+    rows, columns = place
+    local = rows * samples.shapes[index][1] + columns
     pixel = samples.pixels(index).start + local
     first, last = np.asarray(samples.offsets[pixel]), np.asarray(samples.offsets[pixel + 1])
     seen = last > first
@@ -107,7 +129,7 @@ def _of_view(
     sample = np.repeat(first - np.cumsum(count) + count, count) + np.arange(len(owner))
     weight = np.asarray(samples.weight[sample])
     covered = np.bincount(owner, weight, len(pixel))
-    light = _light(shard, fitted, sample)
+    light = _light(shard, fitted, sample, queries)
     mean = {name: _pooled(values, owner, weight / covered[owner]) for name, values in light.items()}
     order = np.lexsort((-weight, owner))
     main = sample[order][np.cumsum(count) - count]
@@ -115,7 +137,6 @@ def _of_view(
     whole = np.where(ids is not None and np.asarray(samples.center[pixel]) > 0, 0 if ids is None else ids[local], 0)
     use = (shard.weight[pixel] > _COVERED) & (covered > _COVERED) & ~shard.clipped[pixel]
     return {
-        "view": np.full(len(pixel), number),
         "row": rows,
         "column": columns,
         "photo": np.asarray(shard.radiance[pixel]),
@@ -137,15 +158,16 @@ def _of_view(
     }
 
 
-def _light(shard: ObservedShard, fitted: FittedScene, sample: np.ndarray) -> dict[str, np.ndarray]:
-    """What samples (H,) send to the viewer, and their materials, averaged over the points of each."""
+def _light(shard: ObservedShard, fitted: FittedScene, sample: np.ndarray, queries: int) -> dict[str, np.ndarray]:
+    """What samples (H,) send to the viewer, and their materials, averaged over points of each."""
     samples = shard.samples
-    points = np.asarray(samples.position[sample])[:, None] + np.asarray(samples.sub[sample]).astype(np.float32)
-    footprint = np.repeat(np.asarray(samples.footprint[sample]), SUB_POSITIONS)
-    brdf = fitted.reflectance(points.reshape(-1, 3), footprint)
-    base = brdf.base_color.reshape(-1, SUB_POSITIONS, 3).mean(1)
-    roughness = brdf.roughness.reshape(-1, SUB_POSITIONS).mean(1)
-    metallic = brdf.metallic.reshape(-1, SUB_POSITIONS).mean(1)
+    picks = np.arange(queries) * SUB_POSITIONS // queries
+    spread = np.asarray(samples.sub[sample])[:, picks].astype(np.float32)
+    points = np.asarray(samples.position[sample])[:, None] + spread
+    brdf = fitted.reflectance(points.reshape(-1, 3), np.repeat(np.asarray(samples.footprint[sample]), queries))
+    base = brdf.base_color.reshape(-1, queries, 3).mean(1)
+    roughness = brdf.roughness.reshape(-1, queries).mean(1)
+    metallic = brdf.metallic.reshape(-1, queries).mean(1)
     shading = np.asarray(shard.shading[sample], np.float32)
     offset, slope = line_in_base_color(shading, roughness, metallic)
     emitted = emitter_set(fitted.emitters).emitted(np.asarray(samples.triangle[sample]))

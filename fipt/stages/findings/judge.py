@@ -10,8 +10,10 @@ from fipt.scene.findings import SEVERITIES, RoomFinding
 from fipt.stages.findings.checks import (
     brightness,
     dim_emitters,
+    edges,
     emitters,
     exposures,
+    guessed_light,
     hardly_seen,
     holes,
     light_balance,
@@ -21,7 +23,6 @@ from fipt.stages.findings.checks import (
     parts,
     rerendering,
     settled,
-    silhouettes,
     thin,
 )
 from fipt.stages.findings.notes import Notes
@@ -31,6 +32,7 @@ Check = Callable[[JudgedRoom, Notes], list[RoomFinding]]
 
 CHECKS: tuple[Check, ...] = (
     no_emitter.check,
+    guessed_light.check,
     light_balance.check,
     brightness.check,
     holes.check,
@@ -43,7 +45,7 @@ CHECKS: tuple[Check, ...] = (
     exposures.check,
     mixed_ids.check,
     parts.check,
-    silhouettes.check,
+    edges.check,
     rerendering.check,
 )
 """What says why stands before what only says that something is wrong: findings keep this order."""

@@ -16,6 +16,7 @@ from fipt.scene.observed import ObservedShard
 from fipt.scene.samples import FootprintSamples
 from fipt.scene.shading import Shading
 from fipt.stages.findings.explained import ExplainedPixels, explained_pixels
+from fipt.stages.findings.patches import EdgePatches, edge_patches
 from fipt.stages.findings.retakes import Retake, retakes
 from fipt.stages.findings.settings import FindingsSettings
 
@@ -36,8 +37,8 @@ class JudgedRoom:
         Shading of the training views in the round before; None where there was one round only.
     settings
         How much is looked at.
-    stats
-        Figures that stages wrote of themselves: stage -> figures.
+    prepared
+        Figures of the mesh's preparation (prepare.json); empty where there are none.
     """
 
     data: Dataset
@@ -46,7 +47,7 @@ class JudgedRoom:
     held_out: Sequence[FootprintSamples]
     earlier: Sequence[Shading] | None
     settings: FindingsSettings
-    stats: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    prepared: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def mesh(self) -> Mesh:
@@ -69,6 +70,11 @@ class JudgedRoom:
         views = self.data.views("train")
         picks = np.unique(np.linspace(0, len(views) - 1, min(self.settings.views, len(views))).round().astype(int))
         return retakes(self.data, self.fitted, [views[pick] for pick in picks], self.settings)
+
+    @cached_property
+    def patches(self) -> EdgePatches:
+        """Patches of the training views around edges."""
+        return edge_patches(self.shards, self.fitted, self.settings.patches)
 
     @cached_property
     def exposure(self) -> float:

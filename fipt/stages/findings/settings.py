@@ -15,4 +15,5 @@ class FindingsSettings(Settings):
     pixels: int = Field(
         default=100_000, ge=1000, description="training pixels compared with what the fit says of them, about"
     )
+    patches: Positive = Field(default=320, description="patches around edges whose place is compared, about")
     seed: Count = Field(default=0, description="seed of the random numbers")

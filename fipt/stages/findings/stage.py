@@ -79,4 +79,12 @@ def _room(inputs: FindingsInputs, settings: "FindingsSettings") -> "JudgedRoom":
         [read_samples(path) for path in inputs.held_out],
         earlier if len(earlier) == len(shards) else None,
         settings,
+        _prepared(inputs.dataset / "prepare.json"),
     )
+
+
+def _prepared(path: Path) -> dict[str, Any]:
+    """Figures of the mesh's preparation; none where nothing was prepared."""
+    import json
+
+    return json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}

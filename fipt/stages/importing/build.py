@@ -90,8 +90,7 @@ def import_scene(
         _write_cameras(folder, cameras, parsed, room)
         if segments is not None:
             _copy_segments(folder / "segments", Path(segments), cameras)
-        if poses is not None:
-            _copy_room(folder, poses, mesh)
+        _copy_beside(folder, parsed, poses, mesh)
         _name_segments(folder / "segments", names)
         if settings.overlay:
             _write_overlay(folder / "overlay.png", room, *shown)
@@ -139,8 +138,13 @@ def _write_cameras(folder: Path, cameras: list[Camera], source: ImageSource, mes
     write_views(folder / "views.json", [*(camera.name for camera in cameras), *source.rejected], source.rejected)
 
 
-def _copy_room(folder: Path, *beside: str | Path | None) -> None:
-    """Copy the room.json that lies beside one of some files; the last one counts."""
+def _copy_beside(folder: Path, source: ImageSource, poses: str | Path | None, mesh: str | Path | None) -> None:
+    """Copy what is known of a whole room: room.json, beside poses and mesh or of a dataset, whose ids have names."""
+    own = source.frames[0].dataset
+    for kind in SEGMENT_FOLDERS if own is not None else ():
+        if (folder / "segments" / kind).is_dir() and (own / "segments" / f"{kind}.json").is_file():
+            shutil.copyfile(own / "segments" / f"{kind}.json", folder / "segments" / f"{kind}.json")
+    beside = (own / "mesh.ply",) if own is not None else (poses, mesh) if poses is not None else ()
     for path in beside:
         if path is not None and (Path(path).parent / "room.json").is_file():
             shutil.copyfile(Path(path).parent / "room.json", folder / "room.json")

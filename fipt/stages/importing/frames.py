@@ -1,5 +1,6 @@
 """Images, truth and segment ids of a source's views, checked and written in the dataset's form."""
 
+import shutil
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -9,11 +10,12 @@ from fipt.conventions import FLAG_MOVED, FLAG_OUTSIDE, FLAG_SATURATED
 from fipt.errors import FiptError
 from fipt.formats.exr import read_exr, write_exr
 from fipt.formats.files import existing_file
-from fipt.formats.images import to_display, write_png
+from fipt.formats.images import read_ids, to_display, write_png
 from fipt.formats.layouts import SEGMENT_FOLDERS, SourceView, numbered_file
+from fipt.formats.layouts.own import ids_file, truth_file
 from fipt.progress import progress
 from fipt.scene.cameras import Camera, check_cameras
-from fipt.scene.dataset import check_image
+from fipt.scene.dataset import check_image, read_layers
 from fipt.scene.sources import ImageSource
 
 TRUTH_FOLDERS = {
@@ -133,6 +135,10 @@ def _camera(frame: SourceView, width: int, height: int) -> Camera:
 
 
 def _write_truth(folder: Path, frame: SourceView, camera: Camera) -> None:
+    if frame.dataset is not None and (path := truth_file(frame.dataset, frame.name)).is_file():
+        for values in read_layers(path).values():
+            check_layer(values, camera, path)
+        _copied(path, folder / "truth" / path.name)
     if frame.folder is None:
         return
     layers: dict[str, np.ndarray] = {}
@@ -150,7 +156,16 @@ def _write_truth(folder: Path, frame: SourceView, camera: Camera) -> None:
         write_exr(folder / "truth" / f"{frame.name}.exr", layers)
 
 
+def _copied(path: Path, out: Path) -> None:
+    out.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(path, out)
+
+
 def _write_segments(folder: Path, frame: SourceView, camera: Camera) -> None:
+    for kind in SEGMENT_FOLDERS if frame.dataset is not None else ():
+        if (path := ids_file(frame.dataset, kind, frame.name)).is_file():
+            check_layer(read_ids(path), camera, path)
+            _copied(path, folder / "segments" / kind / path.name)
     if frame.folder is None:
         return
     for kind, name in SEGMENT_FOLDERS.items():

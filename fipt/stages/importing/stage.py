@@ -16,7 +16,7 @@ class ImportInputs:
     """Files of ``fipt import``."""
 
     source: Annotated[Path, "Folder of the views, or its transforms.json."]
-    format: Annotated[str, "nerfstudio, fipt-synthetic, fipt-real or capture."]
+    format: Annotated[str, "nerfstudio, fipt-synthetic, fipt-real, fipt or capture."]
     dataset: Annotated[Path, "Dataset folder to write."]
     mesh: Annotated[Path | None, "PLY or OBJ mesh; default: the one in the source."] = None
     manifest: Annotated[Path | None, "Default: import.manifest.json in the dataset."] = None

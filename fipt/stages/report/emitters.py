@@ -45,6 +45,7 @@ def _entry(entry: Mapping[str, Any], folder: Path) -> dict[str, Any]:
         "views": int(entry["views"]),
         "confidence": float(entry["confidence"]),
         "lower_bound": bool(entry.get("lower_bound")),
+        "guessed": bool(entry.get("guessed")),
         "thumbnail": _thumbnail(entry, folder),
     }
 

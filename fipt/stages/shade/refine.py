@@ -1,6 +1,7 @@
 """Later rounds: shading path traced with the current materials and emitters (method.md, stage 3)."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,11 +15,21 @@ from fipt.scene.mesh import Mesh, surface_points
 from fipt.scene.voxels import voxel_keys
 
 
-def fitted_shader(room: FittedScene, path: PathSettings) -> Shader:
-    """Return a shader whose paths follow the current model of a room, loaded with its cache."""
-    return path_shader(
-        room.mesh, room.cache, room.cached_materials(), emitter_set(room.emitters), path, room.environment
-    )
+def fitted_shader(room: FittedScene, path: PathSettings, filled: bool = False) -> Shader:
+    """Return a shader whose paths follow the current model of a room, loaded with its cache.
+
+    Parameters
+    ----------
+    filled
+        Paths end in the cache at their first vertex, as in round 0, or on an emitter. Unseen surface has the light of
+        the nearest seen one. For materials that were fitted to a light that was wrong.
+    """
+    cache = room.cache
+    if filled:
+        everything = np.ones_like(cache["count"])
+        cache = {**cache, "radiance": cache["radiance"][cache["source"]], "count": everything}
+        path = replace(path, cache_roughness=-1.0)
+    return path_shader(room.mesh, cache, room.cached_materials(), emitter_set(room.emitters), path, room.environment)
 
 
 def path_shader(

@@ -17,6 +17,7 @@ from fipt.synthetic.rooms.pieces import (
     framed,
     handles,
     placed,
+    skirting,
     table,
 )
 from fipt.synthetic.rooms.shell import Hole, sides
@@ -52,20 +53,13 @@ def furnish(rng: np.random.Generator) -> list[RoomPart]:
 def _shell(rng: np.random.Generator) -> Iterator[RoomPart]:
     room = sides(SIZE)
     width, _, depth = SIZE
-    t = 0.014
-    skirting = [
-        box((width, 0.07, t)).moved(width / 2, GAP, GAP + t / 2),
-        box((width, 0.07, t)).moved(width / 2, GAP, depth - GAP - t / 2),
-        box((t, 0.07, depth - 0.05)).moved(GAP + t / 2, GAP, depth / 2),
-        box((t, 0.07, depth - 0.05)).moved(width - GAP - t / 2, GAP, depth / 2),
-    ]
     yield RoomPart("north wall", "wall", room["north"].surface((_WINDOW,)), (0.68, 0.66, 0.62))
     yield RoomPart("west wall", "wall", room["west"].surface(), (0.60, 0.46, 0.34))
     yield RoomPart("east wall", "wall", room["east"].surface(), (0.68, 0.66, 0.62))
     yield RoomPart("south wall", "wall", room["south"].surface(), (0.36, 0.44, 0.38))
     yield RoomPart("floor", "floor", room["floor"].surface(), textures.planks(rng, (depth, width)), 0.35)
     yield RoomPart("ceiling", "ceiling", room["ceiling"].surface(), (0.74, 0.74, 0.72))
-    yield RoomPart("skirting", "wall", joined(skirting), WHITE_PAINT, 0.6)
+    yield RoomPart("skirting", "wall", skirting(SIZE), WHITE_PAINT, 0.6)
 
 
 def _blinds() -> Iterator[RoomPart]:

@@ -25,6 +25,7 @@ from fipt.synthetic.rooms.pieces import (
     office_chair,
     placed,
     screen,
+    skirting,
     table,
 )
 from fipt.synthetic.rooms.shell import Hole, sides
@@ -130,20 +131,13 @@ def _shell(rng: np.random.Generator) -> Iterator[RoomPart]:
     )
     carpet = carpet * (1 + 0.06 * rng.standard_normal(seam.shape)[..., None])
     tiles, _ = textures.grid(rng, (width, depth), (0.6, 0.6), 0.024, ((0.74, 0.74, 0.72), (0.60, 0.60, 0.60)), 0.01)
-    t = 0.014
-    skirting = [
-        box((width, 0.07, t)).moved(width / 2, GAP, GAP + t / 2),
-        box((width, 0.07, t)).moved(width / 2, GAP, depth - GAP - t / 2),
-        box((t, 0.07, depth - 0.05)).moved(GAP + t / 2, GAP, depth / 2),
-        box((t, 0.07, depth - 0.05)).moved(width - GAP - t / 2, GAP, depth / 2),
-    ]
     yield RoomPart("north wall", "wall", room["north"].surface(_WINDOWS), (0.70, 0.70, 0.68))
     yield RoomPart("west wall", "wall", room["west"].surface((_FACADE,)), (0.70, 0.70, 0.68))
     yield RoomPart("east wall", "wall", room["east"].surface(), (0.30, 0.40, 0.45))
     yield RoomPart("south wall", "wall", room["south"].surface(), (0.64, 0.58, 0.48))
     yield RoomPart("floor", "floor", room["floor"].surface(), np.clip(carpet, 0.01, 0.8).astype(np.float32))
     yield RoomPart("ceiling", "ceiling", room["ceiling"].surface(), tiles)
-    yield RoomPart("skirting", "wall", joined(skirting), _GRAPHITE, 0.5)
+    yield RoomPart("skirting", "wall", skirting(SIZE), _GRAPHITE, 0.5)
 
 
 def _windows() -> Iterator[RoomPart]:

@@ -157,8 +157,8 @@ def cupboard(size: Sequence[float], fronts: tuple[int, int], plinth: float = 0.0
         for j in range(rows)
     ]
     body = box((width, height - plinth, depth - 0.02)).moved(0, plinth, -0.01)
-    foot = box((width - 0.02, plinth, depth - 0.08)).moved(0, GAP, -0.03)
-    return joined([body, foot, *doors])
+    foot = [box((width - 0.02, plinth, depth - 0.08)).moved(0, GAP, -0.03)] if plinth else []
+    return joined([body, *foot, *doors])
 
 
 def handles(size: Sequence[float], fronts: tuple[int, int], length: float, plinth: float = 0.08) -> Shape:
@@ -177,3 +177,83 @@ def handles(size: Sequence[float], fronts: tuple[int, int], length: float, plint
                 rod((x, y + dy, front), (x, y + dy, front + 0.028), 0.004, 6) for dy in (-0.4 * length, 0.4 * length)
             ]
     return joined(found)
+
+
+def basin(outer: Sequence[float], wall: float, depth: float) -> Shape:
+    """Closed tub on the ground, centred in x and z, open at the top.
+
+    Parameters
+    ----------
+    outer
+        Lengths along x, y, z, metres.
+    wall, depth
+        Thickness of its walls and depth of its inside, metres.
+    """
+    width, height, length = outer
+    x, z = width / 2, length / 2
+    inner_x, inner_z, low = x - wall, z - wall, height - depth
+
+    def ground(half_x: float, half_z: float, y: float) -> Shape:
+        return panel((-half_x, y, -half_z), (0, 0, 2 * half_z), (2 * half_x, 0, 0))
+
+    def around(half_x: float, half_z: float, y0: float, y1: float, inward: bool) -> list[Shape]:
+        up, found = np.array([0, y1 - y0, 0]), []
+        corners = [np.array([a * half_x, y0, b * half_z]) for a, b in ((-1, 1), (1, 1), (1, -1), (-1, -1))]
+        for first, second in zip(corners, corners[1:] + corners[:1], strict=True):
+            sides = (up, second - first) if inward else (second - first, up)
+            found.append(panel(first, *sides))
+        return found
+
+    rim = [
+        panel((-x, height, -z), (0, 0, 2 * z), (wall, 0, 0)),
+        panel((inner_x, height, -z), (0, 0, 2 * z), (wall, 0, 0)),
+        panel((-inner_x, height, -z), (0, 0, wall), (2 * inner_x, 0, 0)),
+        panel((-inner_x, height, inner_z), (0, 0, wall), (2 * inner_x, 0, 0)),
+    ]
+    below = panel((-x, 0, -z), (2 * x, 0, 0), (0, 0, 2 * z))
+    sides = [*around(x, z, 0, height, False), *around(inner_x, inner_z, low, height, True)]
+    return joined([ground(inner_x, inner_z, low), below, *rim, *sides])
+
+
+def skirting(size: Sequence[float], height: float = 0.07, thickness: float = 0.014) -> Shape:
+    """Strips along the walls of a room of ``size`` (3,), a millimetre off floor and walls."""
+    width, _, depth = size
+    off = GAP + thickness / 2
+    return joined(
+        [
+            *(box((width, height, thickness)).moved(width / 2, GAP, z) for z in (off, depth - off)),
+            *(box((thickness, height, depth - 0.05)).moved(x, GAP, depth / 2) for x in (off, width - off)),
+        ]
+    )
+
+
+def door(width: float = 0.86, height: float = 2.05) -> tuple[Shape, Shape, Shape]:
+    """Leaf, jamb and handle of a closed door whose back lies a millimetre before z = 0."""
+    leaf_shape = box((width, height, 0.03), 0.004).moved(0, GAP, 0.018)
+    jamb = [
+        *(
+            box((0.06, height + 0.06, 0.045), 0.005).moved(x, GAP, 0.025)
+            for x in (-width / 2 - 0.031, width / 2 + 0.031)
+        ),
+        box((width, 0.058, 0.045), 0.005).moved(0, height + 2 * GAP, 0.025),
+    ]
+    x = width / 2 - 0.07
+    handle = [
+        rod((x, 1.0, 0.034), (x, 1.0, 0.085), 0.010, 10),
+        rod((x + 0.008, 1.0, 0.085), (x - 0.12, 1.0, 0.085), 0.010, 10),
+        rod((x, 1.0, 0.034), (x, 1.0, 0.040), 0.024, 12),
+    ]
+    return leaf_shape, joined(jamb), joined(handle)
+
+
+def tap(height: float, reach: float) -> Shape:
+    """Upright pipe with a spout towards +z and a lever."""
+    return joined(
+        [
+            rod((0, 0, 0), (0, 0.012, 0), 0.028, 16),
+            rod((0, 0.012, 0), (0, height, 0), 0.014, 12),
+            rod((0, height - 0.014, 0), (0, height - 0.014, reach), 0.012, 12),
+            rod((0, height - 0.014, reach - 0.012), (0, height - 0.05, reach - 0.012), 0.011, 12),
+            rod((0.012, 0.06, 0), (0.075, 0.09, 0), 0.007, 8),
+        ]
+    )

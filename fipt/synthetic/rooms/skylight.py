@@ -17,6 +17,7 @@ from fipt.synthetic.rooms.pieces import (
     framed,
     handles,
     placed,
+    skirting,
     table,
 )
 from fipt.synthetic.rooms.shell import Hole, sides
@@ -46,13 +47,6 @@ def furnish(rng: np.random.Generator) -> list[RoomPart]:
 def _shell(rng: np.random.Generator) -> Iterator[RoomPart]:
     room = sides(SIZE)
     width, _, depth = SIZE
-    t = 0.014
-    skirting = [
-        box((width, 0.07, t)).moved(width / 2, GAP, GAP + t / 2),
-        box((width, 0.07, t)).moved(width / 2, GAP, depth - GAP - t / 2),
-        box((t, 0.07, depth - 0.05)).moved(GAP + t / 2, GAP, depth / 2),
-        box((t, 0.07, depth - 0.05)).moved(width - GAP - t / 2, GAP, depth / 2),
-    ]
     brick, _ = textures.grid(
         rng, (depth, SIZE[1]), (0.24, 0.08), 0.012, ((0.42, 0.20, 0.13), (0.46, 0.43, 0.39)), 0.14, 0.5
     )
@@ -62,7 +56,7 @@ def _shell(rng: np.random.Generator) -> Iterator[RoomPart]:
     yield RoomPart("south wall", "wall", room["south"].surface(), (0.30, 0.40, 0.50))
     yield RoomPart("floor", "floor", room["floor"].surface(), textures.planks(rng, (depth, width)), 0.4)
     yield RoomPart("ceiling", "ceiling", room["ceiling"].surface((_SKYLIGHT,)), (0.74, 0.73, 0.70))
-    yield RoomPart("skirting", "wall", joined(skirting), WHITE_PAINT, 0.6)
+    yield RoomPart("skirting", "wall", skirting(SIZE), WHITE_PAINT, 0.6)
 
 
 def _bed(rng: np.random.Generator) -> Iterator[RoomPart]:

@@ -1,6 +1,7 @@
 """Emitting triangles and their radiance; the list of lamps for people.
 
-INPUTS:  results/{scene}/round-{k}/model.safetensors, shading, samples and pictures of the training shards, mesh;
+INPUTS:  results/{scene}/round-{k}/model.safetensors, shading, samples and pictures of the training shards, mesh,
+         cache.npz and environment.npz;
          the decisions in results/{scene}/emitters_review.yaml as parameters, that file itself never
 OUTPUTS: results/{scene}/round-{k}/emitters.npz     triangles, radiance, area (m2), patches, views, confidence
          results/{scene}/round-{k}/emitters.json    the same by patch, for people
@@ -21,6 +22,8 @@ rule emitters:
             "results/{scene}/round-{round}/shading/{shard}.manifest.json", "train"
         ),
         model="results/{scene}/round-{round}/model.safetensors",
+        cache="results/{scene}/cache.npz",
+        environment="results/{scene}/environment.npz",
     output:
         emitters="results/{scene}/round-{round}/emitters.npz",
         listed="results/{scene}/round-{round}/emitters.json",
@@ -43,7 +46,7 @@ rule emitters:
     shell:
         "fipt emitters --dataset {params.dataset:q} --samples {params.samples:q}"
         " --shading {params.shading:q} --model {input.model:q} --out {output.emitters:q}"
-        " {params.decisions:q}"
+        " --cache {input.cache:q} --environment {input.environment:q} {params.decisions:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
 
 

@@ -14,6 +14,7 @@ rule findings:
         views="results/{scene}/dataset/views.json",
         mesh="results/{scene}/dataset/mesh.ply",
         checked="results/{scene}/dataset/check_poses.json",
+        prepare=ask("prepared"),
         images=ask("images", splits=["all"]),
         samples=sharded("results/{scene}/samples/{shard}.manifest.json", "train"),
         held_out=sharded("results/{scene}/samples/{shard}.manifest.json", "val"),

@@ -1,11 +1,13 @@
 """The mesh cut along edges of radiance."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from fipt.meshing.cut import cut_at
 from fipt.meshing.holes import without_small_holes
-from fipt.meshing.radiance_edges import RadianceEdges, edge_points, find_edges
+from fipt.meshing.radiance_edges import RadianceEdges, edge_points, find_edges, reduced
 from fipt.meshing.subdivide import halved, split_sides, subdivided
 from fipt.meshing.topology import border_vertices, neighbours, side_list
 from fipt.scene.cameras import Camera
@@ -77,6 +79,21 @@ def test_no_edge_is_found_beside_pixels_without_weight() -> None:
     assert len(edge_points(image(60, lambda x, _: x < 1.05), valid)[0]) == 0
 
 
+def test_large_images_are_averaged_in_blocks() -> None:
+    camera = replace(above("a", 1.2), width=62, height=61)
+    radiance = np.random.default_rng(0).random((61, 62, 3))
+    valid = np.ones((61, 62))
+    valid[5, 7] = 0
+    small, means, weights = reduced(camera, radiance, valid, 421)
+    assert (small.width, small.height, small.fx) == (20, 20, 20)
+    assert means[1, 2] == pytest.approx(radiance[3:6, 6:9].mean(axis=(0, 1)))
+    assert weights[1, 2] == 0
+    assert weights.sum() == 399
+    place = np.array([[0.7, 1.1, 0.0]])
+    assert small.project(place)[0] == pytest.approx(camera.project(place)[0] / 3)
+    assert reduced(camera, radiance, valid, 10_000)[1] is radiance
+
+
 def above(name: str, x: float) -> Camera:
     """A view straight down onto the wall from 2 m, moved sideways."""
     pose = np.eye(4)
@@ -118,6 +135,15 @@ def test_an_edge_that_moves_with_the_viewer_is_none(backend) -> None:
         return np.repeat(seen[..., None], 3, axis=2), np.ones((60, 60))
 
     assert len(find_edges(WALL, cameras, radiance)) == 0
+
+
+def test_a_surface_full_of_edges_is_cut_coarser(monkeypatch) -> None:
+    places = np.random.default_rng(0).uniform(0, 2, (4000, 3)) * [1, 1, 0]
+    edges = RadianceEdges(places, np.full(4000, 0.01))
+    monkeypatch.setattr("fipt.meshing.cut._MOST", 1000)
+    done = cut_at(WALL, edges)
+    assert is_sound(done, WALL)
+    assert len(done.triangles) < 3000
 
 
 def test_without_edges_the_mesh_stays() -> None:

@@ -13,6 +13,8 @@ from fipt.meshing.topology import border_vertices
 from fipt.render.scene import RayScene
 from fipt.scene.cameras import Camera
 from fipt.scene.mesh import Mesh, surface_points
+from fipt.synthetic.room import build
+from fipt.synthetic.rooms import ROOMS
 from tests.scenes import box, joined, quad, sheet
 
 BOX = box((0, 0, 0), (2, 2, 2))
@@ -55,6 +57,25 @@ def off_plane(mesh: Mesh) -> np.ndarray:
 
 @pytest.mark.parametrize("mesh", [BOX, joined(BOX, quad((1, 1, 1), (0.5, 0, 0), (0, 0.5, 0)))])
 def test_a_modellers_mesh_is_not_touched(backend, mesh) -> None:
+    done, figures = prepared(mesh, [camera()], dark, AUTO)
+    assert done is mesh
+    assert not figures["prepared"]
+
+
+@pytest.mark.parametrize("name", ROOMS)
+def test_a_room_in_code_is_not_touched(backend, name) -> None:
+    room = build(0, name=name)
+    cameras = []
+    for number, turn in enumerate((0.3, 1.9, 3.5, 5.1)):
+        pose = np.eye(4)
+        pose[:3, :3] = [[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [-np.sin(turn), 0, np.cos(turn)]]
+        pose[:3, 3] = room.box.mean(axis=0)
+        cameras.append(Camera(f"view_{number}", "train", 80, 60, 50, 50, 40, 30, pose))
+    assert prepared(room.mesh, cameras, dark, AUTO)[0] is room.mesh
+
+
+def test_a_mesh_that_no_view_sees_is_not_touched(backend) -> None:
+    mesh = Mesh(scan(0.004).vertices + np.float32(100), scan(0.004).triangles)
     done, figures = prepared(mesh, [camera()], dark, AUTO)
     assert done is mesh
     assert not figures["prepared"]

@@ -7,6 +7,7 @@ from scipy.spatial import cKDTree
 
 from fipt.scene.findings import Measure, RoomFinding
 from fipt.scene.mesh import Mesh, surface_points
+from fipt.stages.findings.checks.brightness import drawn
 from fipt.stages.findings.drawing import plan
 from fipt.stages.findings.notes import Notes
 from fipt.stages.findings.room import JudgedRoom
@@ -52,9 +53,18 @@ def _torn(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:
             "emitters_review.yaml.",
             {"triangles": emitters.triangle[speckles[number]][:100].tolist()},
             {"emitters": len(speckles), "groups": int(group.max()) + 1},
-            image=plan(room.mesh, [each.camera for each in room.retakes], emitters, []),
+            image=_drawn(room, emitters.triangle[speckles[number]]),
         )
     ]
+
+
+def _drawn(room: JudgedRoom, speckles: np.ndarray) -> np.ndarray:
+    """The view that shows most pixels of speckles, emitters outlined; a plan where none shows any."""
+    pixels = room.explained
+    shown = np.isin(pixels.triangle, speckles)
+    if not shown.any():
+        return plan(room.mesh, [each.camera for each in room.retakes], room.fitted.emitters, [])
+    return drawn(room, pixels, int(np.bincount(pixels.view[shown]).argmax()), pixels.emits)
 
 
 def groups(mesh: Mesh, triangle: np.ndarray, number: np.ndarray, gap: float) -> np.ndarray:

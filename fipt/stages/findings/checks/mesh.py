@@ -6,14 +6,19 @@ size of a triangle is compared with the pixel that shows it.
 
 import numpy as np
 
+from fipt.conventions import ROUGHNESS_LEVELS
 from fipt.scene.findings import Measure, RoomFinding
 from fipt.scene.mesh import Mesh
 from fipt.stages.findings.notes import Notes
 from fipt.stages.findings.room import JudgedRoom
-from fipt.stages.findings.tolerance import TOLERANCE
 
 _CREASE = np.deg2rad(40)
 """An edge sharper than this is meant."""
+_NOISY = ROUGHNESS_LEVELS[2] ** 2 / np.sqrt(2)
+"""Error of normals, radians, at which noise alone makes a mirror look as rough as the second level after it.
+
+GGX of roughness s tilts microfacets by s squared over the square root of two.
+"""
 _SMALL = 0.5
 """Share of the pixels that may show a triangle smaller than themselves: half of them."""
 _REMEDY = "Prepare the mesh: smooth it within planes and parts, and decimate it to triangles that pixels resolve."
@@ -29,11 +34,10 @@ def check(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:
     noise = float(np.median(bend[known])) if known.any() else 0.0
     small = float((mesh.areas[pixels.triangle] < pixels.footprint**2).mean())
     found = []
-    # tan(45 degrees) times the angle is the relative error of light that falls in at 45 degrees
     measure = Measure(
         "noise of the normals that a typical pixel shows",
         float(np.rad2deg(noise)),
-        float(np.rad2deg(TOLERANCE)),
+        float(np.rad2deg(_NOISY)),
         "degrees",
     )
     level = notes.judge("noisy-mesh", measure)

@@ -14,8 +14,10 @@ from fipt.scene.samples import FootprintSamples
 from fipt.stages.findings.checks import (
     brightness,
     dim_emitters,
+    edges,
     emitters,
     exposures,
+    guessed_light,
     hardly_seen,
     holes,
     light_balance,
@@ -25,10 +27,11 @@ from fipt.stages.findings.checks import (
     parts,
     rerendering,
     settled,
-    silhouettes,
     thin,
 )
 from fipt.stages.findings.notes import Notes
+from fipt.stages.findings.patches import SIDE as SIDE_OF_PATCH
+from fipt.stages.findings.patches import EdgePatches
 from tests import judged
 from tests.judged import GRID, SIDE, VIEWS
 
@@ -53,9 +56,9 @@ def lit(found=None, environment=NOTHING):
         exposures.check,
         mixed_ids.check,
         parts.check,
-        silhouettes.check,
         rerendering.check,
         no_emitter.check,
+        guessed_light.check,
         settled.check,
         hardly_seen.check,
     ],
@@ -85,6 +88,17 @@ def test_light_that_falls_off_to_one_side():
     found = told(light_balance.check, retakes=[judged.retake(k, across) for k in range(VIEWS)])["light-slope"]
     assert found.where["position"][0] < SIDE / 4
     assert found.measure.value > 0.4
+
+
+def test_guessed_light_is_told():
+    found = judged.emitters()
+    guessed = replace(
+        found, guessed=np.ones(len(found.triangle), bool), spread=np.full(len(found.triangle), 0.3, np.float32)
+    )
+    told_of = told(guessed_light.check, fitted=lit(guessed))["guessed-light"]
+    assert "100 % of the emitted power is a guess, known within 30 %" in told_of.cause
+    assert told_of.image.shape[2] == 3
+    assert not told(no_emitter.check, fitted=lit(guessed))
 
 
 def test_without_any_emitter():
@@ -253,19 +267,22 @@ def test_a_view_that_is_unlike_its_rendering():
     assert set(all_off) == {"rerendering"}
 
 
-def test_silhouettes_that_are_off():
-    """A block on the floor; beside its edges the rendering shows the wrong thing."""
+def _patches(shift):
+    """Edges that the fit has ``shift`` pixels beside where the photographs have them; another contrast, too."""
+    columns = np.arange(SIDE_OF_PATCH) - SIDE_OF_PATCH / 2
+    place = np.random.default_rng(0).uniform(-3, 3, 60)
+    photo, fit = (1 + 2 / (1 + np.exp(-2 * (columns + at[:, None]))) for at in (place, place + shift))
+    photo, predicted = (
+        np.broadcast_to(edge[:, None, :, None], (60, SIDE_OF_PATCH, SIDE_OF_PATCH, 3)) for edge in (photo, 1.1 * fit)
+    )
+    return EdgePatches(("v0",) * 60, np.zeros((60, 2), int), photo, predicted)
 
-    def shown(number, shifted):
-        sound = judged.retake(number)
-        position, render = sound.position.copy(), sound.render.copy()
-        position[8:16, 8:16, 1] = 1.0
-        if shifted:
-            render[7:9, 6:18] = render[15:17, 6:18] = render[6:18, 7:9] = render[6:18, 15:17] = 0.1
-        return replace(sound, position=position, render=render)
 
-    assert told(silhouettes.check, retakes=[shown(k, False) for k in range(VIEWS)]) == {}
-    assert set(told(silhouettes.check, retakes=[shown(k, True) for k in range(VIEWS)])) == {"silhouettes"}
+@pytest.mark.parametrize("shift", [0.03, 0.2, -0.5])
+def test_edges_that_are_off(shift):
+    found = told(edges.check, patches=_patches(shift))
+    assert set(found) == (set() if shift == 0.03 else {"edges-off"})
+    assert abs(np.nanmedian(edges.displacements(_patches(shift)))) == pytest.approx(abs(shift), rel=0.2)
 
 
 def _rounds(change):

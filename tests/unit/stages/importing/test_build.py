@@ -283,3 +283,33 @@ def test_living_room_written_cameras_equal_the_source(living_room: Path, living_
     for frame, camera in zip(source["frames"], cameras, strict=True):
         expected = np.array(frame["transform_matrix"]) @ np.diag([-1, 1, -1, 1])
         np.testing.assert_array_equal(camera.world_from_camera, expected)
+
+
+def test_a_dataset_is_imported_with_truth_and_ids_and_another_mesh(tmp_path: Path) -> None:
+    from fipt.scene.mesh import write_ply
+    from fipt.scene.sources import has_segments, read_source
+
+    first = imported(tmp_path, "fipt-synthetic")
+    (first.root / "room.json").write_text("{}")
+    write_ply(tmp_path / "scan.ply", room())
+    import_scene(first.root, "fipt", tmp_path / "again", PLAIN, tmp_path / "scan.ply")
+    again = Dataset(tmp_path / "again")
+    assert [(c.name, c.split) for c in again.cameras] == [(c.name, c.split) for c in first.cameras]
+    assert has_segments(read_source(first.root, "fipt")) == has_segments(
+        read_source(tmp_path / "source", "fipt-synthetic")
+    )
+    assert (again.root / "room.json").is_file()
+    for camera in first.cameras:
+        truth, expected = again.truth(camera.name), first.truth(camera.name)
+        assert truth is not None
+        assert expected is not None
+        assert set(truth) == set(expected)
+        for name, values in expected.items():
+            np.testing.assert_array_equal(truth[name], values)
+        for kind in ("part", "semantic"):
+            assert again.has_segments(kind) == first.has_segments(kind)
+            if first.has_segments(kind):
+                np.testing.assert_array_equal(again.segments(camera.name, kind), first.segments(camera.name, kind))
+                assert (again.root / f"segments/{kind}.json").read_text() == (
+                    first.root / f"segments/{kind}.json"
+                ).read_text()

@@ -1,0 +1,407 @@
+"""Light that no view shows, first half: unseen surface as patches, and the light that each of them would give.
+
+What seen surface sends back is measured: the radiance cache has it, whatever lights it. So the irradiance of a point is
+known up to the rays that end on unseen surface, and linear in what is emitted there:
+
+    E_i = E_seen_i + sum_p T_ip (0.5 E_p + e_p),        C_i = rho_i E_i
+
+E is irradiance over pi, e the radiance that a patch emits, C the radiance that is seen. Unseen surface reflects as
+well, taken for grey of `GREY`. Nothing here depends on the fit or on its materials.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from fipt.render.scene import RayScene
+from fipt.scene.emitters import Emitters
+from fipt.scene.environment import EnvironmentMap
+from fipt.scene.mesh import Mesh, connected_parts
+from fipt.scene.observed import ObservedShard
+from fipt.scene.voxels import FACINGS, facings, voxel_keys
+
+GREY = 0.5
+"""Reflectance of unseen surface: the middle of what rooms are painted with."""
+_INTERIOR = 0.9
+"""Share of its pixel that a sample must cover to tell the radiance of its place."""
+_GRIDS = (16, 24, 32, 48, 64, 96, 128)
+"""Blocks along the scene box: the coarsest grid that has `_MOST_BLOCKS` blocks, of which so many are used."""
+_MOST_BLOCKS = 1000
+"""Blocks whose light is traced: it is a smooth function of place, and there are at most `_MOST_PATCHES` unknowns."""
+_LEAST_PIXELS = 4
+"""Pixels that a block needs for a mean."""
+_RAYS = 512
+"""Rays from a block: the standard error of its seen light is then 1 / sqrt(512) of the spread of what it sees, 4 %."""
+_PATCH_ROWS = 12
+"""Patches along the box at most; `patches_of` makes them larger where there would be too many."""
+_MOST_PATCHES = 200
+_PATCH_POINTS = 4
+"""Points of a patch at which light arrives, and from which it leaves."""
+_TOWARDS = 2
+"""Points of a block from which rays go to those of each patch."""
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """N pieces of seen surface, each of one connected part that faces one way.
+
+    Attributes
+    ----------
+    position, normal
+        (N, R, 3) float32: R samples of each, with repeats.
+    radiance
+        (N, 3) geometric mean of the pixels.
+    spread
+        (N,) standard deviation of the log of the radiance between views: highlights move, matte surface does not.
+    group
+        (N,) int64 number of the part and facing: surface that may be of one colour.
+    """
+
+    position: np.ndarray
+    normal: np.ndarray
+    radiance: np.ndarray
+    spread: np.ndarray
+    group: np.ndarray
+
+
+@dataclass(frozen=True)
+class Patches:
+    """P pieces of unseen surface.
+
+    Attributes
+    ----------
+    number
+        (T,) int64 patch of each triangle, -1 for triangles that are seen.
+    center
+        (P, 3) metres.
+    area
+        (P,) square metres.
+    """
+
+    number: np.ndarray
+    center: np.ndarray
+    area: np.ndarray
+
+
+@dataclass(frozen=True)
+class Transport:
+    """How light gets to N blocks.
+
+    Attributes
+    ----------
+    seen
+        (N, 3) irradiance over pi of what is seen, and of what unseen surface reflects of it.
+    unseen
+        (N, P) irradiance over pi for each unit of radiance that a patch emits, interreflection of unseen surface
+        included.
+    open
+        (N,) share of the cosine lobe that leaves the mesh to where nothing is known.
+    """
+
+    seen: np.ndarray
+    unseen: np.ndarray
+    open: np.ndarray
+
+    @classmethod
+    def without(cls, seen: np.ndarray, outside: np.ndarray) -> "Transport":
+        """What is seen alone, before any patch is traced."""
+        return cls(seen, np.zeros((len(seen), 0)), outside)
+
+
+def blocks_of(shards: Sequence[ObservedShard], mesh: Mesh, found: Emitters, box: Mapping[str, np.ndarray]) -> Blocks:
+    """Gather the pixels of all training views into blocks.
+
+    Parameters
+    ----------
+    found
+        What is known to emit: its pixels tell nothing of a reflectance.
+    box
+        ``center`` and ``side`` of the scene box (cache.npz).
+    """
+    part, emitting = connected_parts(mesh), np.zeros(len(mesh.triangles), bool)
+    emitting[found.triangle] = True
+    columns: list[list[np.ndarray]] = []
+    number = 0
+    for shard in shards:
+        samples = shard.samples
+        for index in range(len(samples.views)):
+            own, pixel = samples.of_view(index), samples.pixel_of_sample(index) + samples.pixels(index).start
+            triangle = np.asarray(samples.triangle[own])
+            use = (samples.weight[own] >= _INTERIOR) & (shard.weight[pixel] > 0) & ~shard.clipped[pixel]
+            use = np.flatnonzero(use & ~emitting[triangle])
+            position, normal = np.asarray(samples.position[own])[use], np.asarray(samples.normal[own])[use]
+            color = np.log(np.maximum(np.asarray(shard.radiance[pixel[use]], np.float64), 1e-5))
+            columns.append([position, normal, color, part[triangle[use]], np.full(len(use), number)])
+            number += 1
+    position, normal, color, owner, view = (np.concatenate(c) for c in zip(*columns, strict=True))
+    facing = facings(normal).astype(np.int64)
+    _, group = np.unique(owner.astype(np.int64) * FACINGS + facing, return_inverse=True)
+    block, kept = np.zeros(len(group), np.int64), np.zeros(0, np.int64)
+    for rows in _GRIDS:
+        voxel = voxel_keys(position, box["center"], float(box["side"]), rows) * (group.max(initial=0) + 1) + group
+        _, own, count = np.unique(voxel, return_inverse=True, return_counts=True)
+        full = np.flatnonzero(count >= _LEAST_PIXELS)
+        if len(full) < len(kept):  # pixels are larger than the cells
+            break
+        block, kept = own, full
+        if len(kept) >= _MOST_BLOCKS:
+            break
+    if len(kept) > _MOST_BLOCKS:
+        kept = np.sort(np.random.default_rng(0).permutation(kept)[:_MOST_BLOCKS])
+    return _gathered(kept, block, (position, normal, color, group, view))
+
+
+def _gathered(kept: np.ndarray, block: np.ndarray, columns: tuple[np.ndarray, ...]) -> Blocks:
+    """Means of the blocks that are ``kept``; ``block`` (S,) is that of each sample."""
+    position, normal, color, group, view = columns
+    place = np.full(int(block.max(initial=-1)) + 1, -1)
+    place[kept] = np.arange(len(kept))
+    row = place[block]
+    position, normal, color, group, view, row = (a[row >= 0] for a in (position, normal, color, group, view, row))
+    rows = len(kept)
+    count = np.bincount(row, minlength=rows)
+    mean = np.stack([np.bincount(row, color[:, c], rows) / np.maximum(count, 1) for c in range(3)], axis=1)
+    # between views: variance of the means of views
+    pair, inverse = np.unique(row * (int(view.max(initial=0)) + 1) + view, return_inverse=True)
+    level = np.bincount(inverse, color.mean(axis=1)) / np.bincount(inverse)
+    owner = pair // (int(view.max(initial=0)) + 1)
+    views = np.maximum(np.bincount(owner, minlength=rows), 1)
+    middle = np.bincount(owner, level, rows) / views
+    spread = np.sqrt(np.bincount(owner, (level - middle[owner]) ** 2, rows) / np.maximum(views - 1, 1))
+    order = np.argsort(row, kind="stable")
+    start = np.cumsum(count) - count
+    pick = (np.random.default_rng(0).random((rows, 4)) * count[:, None]).astype(np.int64)
+    chosen = order[start[:, None] + pick]
+    return Blocks(position[chosen], normal[chosen], np.exp(mean), spread, group[order[start]])
+
+
+def hidden_triangles(mesh: Mesh, shards: Sequence[ObservedShard], found: Emitters) -> np.ndarray:
+    """(T,) bool: triangles that no pixel shows, and that lie farther from what is seen than two pixels are wide."""
+    seen = np.zeros(len(mesh.triangles), bool)
+    seen[found.triangle] = True
+    gap = 0.0
+    positions = [np.zeros((0, 3), np.float32)]
+    for shard in shards:
+        inner = np.asarray(shard.samples.weight) >= _INTERIOR
+        seen[np.asarray(shard.samples.triangle)[inner]] = True
+        positions.append(np.asarray(shard.samples.position)[inner])
+        gap = max(gap, 2 * float(np.quantile(shard.samples.footprint, 0.9))) if inner.any() else gap
+    points, hidden = np.concatenate(positions), ~seen & (mesh.areas > 0)
+    unseen = np.flatnonzero(hidden)
+    if len(points) and len(unseen):
+        # one point a cell of half the gap is near enough
+        _, first = np.unique(np.floor(points / (gap / 2)).astype(np.int64), axis=0, return_index=True)
+        tree = cKDTree(points[first])
+        away, _ = tree.query(mesh.corners[unseen].mean(axis=1), distance_upper_bound=gap, workers=-1)
+        hidden[unseen[np.isfinite(away)]] = False
+    return hidden
+
+
+def patches_of(mesh: Mesh, hidden: np.ndarray) -> Patches:
+    """Gather triangles (T,) bool into cells of a grid, by facing; a coarser grid where they would be too many."""
+    number, chosen = np.full(len(mesh.triangles), -1, np.int64), np.flatnonzero(hidden)
+    if len(chosen) == 0:
+        return Patches(number, np.zeros((0, 3)), np.zeros(0))
+    centers, areas = mesh.corners[chosen].mean(axis=1), mesh.areas[chosen]
+    low, extent = centers.min(axis=0), float(np.ptp(centers, axis=0).max())
+    facing = facings(mesh.normals[chosen]).astype(np.int64) // 2
+    patch = np.zeros(len(chosen), np.int64)
+    for rows in range(_PATCH_ROWS, 0, -1):
+        cell = np.floor((centers - low) / max(extent / rows, 1e-9)).astype(np.int64)
+        _, patch = np.unique(np.column_stack([cell, facing]), axis=0, return_inverse=True)
+        patch = patch.reshape(-1)
+        if patch.max() < _MOST_PATCHES:
+            break
+    number[chosen] = patch
+    area = np.bincount(patch, areas)
+    center = np.stack([np.bincount(patch, areas * centers[:, c]) for c in range(3)], axis=1)
+    return Patches(number, center / area[:, None], area)
+
+
+# --- transport ------------------------------------------------------------------------------------
+
+
+class Lights:
+    """What rays find: measured radiance, or unseen surface.
+
+    Parameters
+    ----------
+    hidden
+        (T,) bool: triangles that no view shows.
+    cache
+        The radiance cache.
+    found
+        Emitters that views show: their triangles have their radiance.
+
+    Attributes
+    ----------
+    met
+        (T,) bool: triangles that a ray has met so far.
+    """
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        hidden: np.ndarray,
+        cache: Mapping[str, np.ndarray],
+        found: Emitters,
+        environment: EnvironmentMap,
+    ) -> None:
+        self.mesh, self.hidden, self.cache, self.environment = mesh, hidden, cache, environment
+        self.met = np.zeros(len(mesh.triangles), bool)
+        self.scene = RayScene(mesh)
+        self.emitted = np.full((len(mesh.triangles), 3), np.nan)
+        self.emitted[found.triangle] = found.radiance
+        self._key = cache["key"] * FACINGS + cache["facing"]
+        self._radiance = cache["radiance"][cache["source"]]
+
+    def arriving(self, position: np.ndarray, normal: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Integrate what arrives at points by ``count`` cosine-distributed rays each.
+
+        Returns
+        -------
+        (N, 3) irradiance over pi of what is known, and (N,) share of the rays that leave the mesh to where nothing is
+        known.
+        """
+        rng = np.random.default_rng(0)
+        known, open_ = np.zeros((len(position), 3)), np.zeros(len(position))
+        chunk = max((1 << 20) // count, 1)
+        for start in range(0, len(position), chunk):
+            rows = slice(start, start + chunk)
+            p, n = np.repeat(position[rows], count, axis=0), np.repeat(normal[rows], count, axis=0)
+            direction = _cosine(n, rng)
+            origin = p + self.scene.epsilon * n
+            distance, triangle = self.scene.intersect(origin, direction)
+            row = start + np.repeat(np.arange(len(position[rows])), count)
+            radiance, leaves = self._found(origin, direction, distance, triangle)
+            for c in range(3):
+                known[:, c] += np.bincount(row, radiance[:, c], len(position)) / count
+            open_ += np.bincount(row[leaves], minlength=len(position)) / count
+        return known, open_
+
+    def _found(
+        self, origin: np.ndarray, direction: np.ndarray, distance: np.ndarray, triangle: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Radiance of each ray (0 where it is not known), and whether it is lost outside."""
+        met = triangle >= 0
+        self.met[triangle[met]] = True
+        radiance = np.zeros((len(origin), 3))
+        surface = np.flatnonzero(met & ~self.hidden[triangle])
+        normal = self.mesh.normals[triangle[surface]]
+        normal = np.where((normal * direction[surface]).sum(axis=1, keepdims=True) > 0, -normal, normal)
+        place = origin[surface] + distance[surface, None] * direction[surface]
+        own = self.emitted[triangle[surface]]
+        radiance[surface] = np.where(np.isnan(own), self._cached(place, normal), own)
+        if self.environment.known:
+            radiance[~met] = self.environment.lookup(direction[~met])
+        return radiance, ~met & (not self.environment.known)
+
+    def _cached(self, place: np.ndarray, normal: np.ndarray) -> np.ndarray:
+        """Radiance of seen surface at points that face along a normal."""
+        box = self.cache
+        voxel = voxel_keys(place, box["center"], float(box["side"]), int(box["resolution"]))
+        record = np.searchsorted(self._key, voxel * FACINGS + facings(normal))
+        record = np.minimum(record, len(self._key) - 1)
+        # another facing of the same voxel is better than none
+        same = self._key[record] // FACINGS == voxel
+        record = np.where(same, record, np.maximum(record - 1, 0))
+        return np.where((self._key[record] // FACINGS == voxel)[:, None], self._radiance[record], 0.0)
+
+    def given(self, patches: Patches, position: np.ndarray, normal: np.ndarray) -> np.ndarray:
+        """(N, P) irradiance over pi at points (N, 3) for each unit of radiance of a patch, by rays to points of it.
+
+        Small patches would be missed by rays that are drawn from the surface.
+        """
+        points, normals = _patch_points(self.mesh, patches)
+        result = np.zeros((len(position), len(patches.area)))
+        origin = position + self.scene.epsilon * normal
+        for k in range(points.shape[1]):
+            for first in range(0, len(position), 4096):
+                rows = slice(first, first + 4096)
+                away = points[None, :, k] - origin[rows, None]
+                distance2 = (away**2).sum(axis=-1)
+                distance = np.sqrt(distance2)
+                direction = away / distance[..., None]
+                cos = np.clip(np.einsum("npc,nc->np", direction, normal[rows]), 0, None)
+                cos_patch = np.abs(np.einsum("npc,pc->np", direction, normals[:, k]))
+                # a disc seen from along its axis: right far away, and never above 1
+                share = cos * cos_patch * patches.area / (np.pi * distance2 + patches.area)
+                row, column = np.nonzero(share > 1e-5)
+                if len(row) == 0:  # Dr.Jit traces no empty bundle
+                    continue
+                met, _ = self.scene.intersect(
+                    np.ascontiguousarray(origin[rows][row], np.float32),
+                    np.ascontiguousarray(direction[row, column], np.float32),
+                )
+                free = met >= distance[row, column] * (1 - 1e-3) - 2 * self.scene.epsilon
+                result[first + row[free], column[free]] += share[row[free], column[free]] / points.shape[1]
+        return result
+
+
+def _patch_points(mesh: Mesh, patches: Patches) -> tuple[np.ndarray, np.ndarray]:
+    """Random points (P, K, 3) float32 of every patch, by area, and the normals (P, K, 3) there."""
+    rng = np.random.default_rng(1)
+    count = len(patches.area)
+    triangles = np.flatnonzero(patches.number >= 0)
+    triangles = triangles[np.argsort(patches.number[triangles], kind="stable")]
+    total = np.cumsum(mesh.areas[triangles])
+    edges = np.searchsorted(patches.number[triangles], np.arange(count + 1))
+    before = np.concatenate([[0.0], total])[edges]
+    u = (np.arange(_PATCH_POINTS) + rng.random((count, _PATCH_POINTS))) / _PATCH_POINTS
+    at = before[:-1, None] + u * (before[1:] - before[:-1])[:, None]
+    pick = np.minimum(np.searchsorted(total, at), edges[1:, None] - 1)
+    chosen = triangles[pick]
+    a, b = np.sqrt(rng.random(chosen.shape)), rng.random(chosen.shape)
+    weights = np.stack([1 - a, a * (1 - b), a * b], axis=-1)
+    points = np.einsum("pkv,pkvc->pkc", weights, mesh.corners[chosen])
+    return points.astype(np.float32), mesh.normals[chosen]
+
+
+def _cosine(normal: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """(N, 3) float32 directions about normals (N, 3): a normal plus a point of the unit sphere."""
+    sphere = rng.standard_normal((len(normal), 3), dtype=np.float32)
+    sphere /= np.maximum(np.linalg.norm(sphere, axis=1, keepdims=True), 1e-9)
+    direction = normal + sphere * (1 - 1e-4)
+    return (direction / np.linalg.norm(direction, axis=1, keepdims=True)).astype(np.float32)
+
+
+def seen_light(blocks: Blocks, lights: Lights) -> Transport:
+    """Trace the measured light of the blocks, by rays of the cosine lobe."""
+    rows, points = blocks.position.shape[:2]
+    flat = blocks.position.reshape(-1, 3), blocks.normal.reshape(-1, 3)
+    known, outside = lights.arriving(*flat, _RAYS // points)
+    return Transport.without(known.reshape(rows, points, 3).mean(axis=1), outside.reshape(rows, points).mean(axis=1))
+
+
+def with_patches(blocks: Blocks, patches: Patches, lights: Lights, known: Transport) -> Transport:
+    """Add to the measured light what patches reflect of it, and what each would give; rays go to points of them."""
+    rows = len(blocks.position)
+    flat = blocks.position[:, :_TOWARDS].reshape(-1, 3), blocks.normal[:, :_TOWARDS].reshape(-1, 3)
+    given = lights.given(patches, *flat).reshape(rows, _TOWARDS, -1).mean(axis=1)
+    at_patches, among = _among(patches, lights)
+    # radiosity of unseen surface: what it sends back of seen light, and of its own
+    solved = np.linalg.inv(np.eye(len(among)) - GREY * among)
+    reflected = solved @ (GREY * at_patches)
+    return Transport(known.seen + given @ reflected, given @ solved, known.open)
+
+
+def _among(patches: Patches, lights: Lights) -> tuple[np.ndarray, np.ndarray]:
+    """What arrives at the patches: (P, 3) of seen surface, and (P, P) for each unit of radiance of another patch.
+
+    A patch faces to where light can come from: of its two sides the one that sees more of the seen surface.
+    """
+    points, normals = _patch_points(lights.mesh, patches)
+    count, per = points.shape[:2]
+    sides = []
+    for turn in (1, -1):
+        flat = points.reshape(-1, 3), (turn * normals).reshape(-1, 3).astype(np.float32)
+        known, _ = lights.arriving(*flat, 64)
+        given = lights.given(patches, *flat)
+        sides.append((known.reshape(count, per, 3).mean(axis=1), given.reshape(count, per, -1).mean(axis=1)))
+    better = sides[0][0].mean(axis=1) >= sides[1][0].mean(axis=1)
+    known, given = (np.where(better[:, None], a, b) for a, b in zip(*sides, strict=True))
+    np.fill_diagonal(given, 0)
+    # rounding of the estimate must not make light out of nothing
+    return known, given / np.maximum(given.sum(axis=1, keepdims=True), 1.0)

@@ -1,0 +1,321 @@
+"""Light that no view shows, second half: which unseen patches emit, and whether the photographs tell at all.
+
+The radiance C_i of a block of seen surface is rho_g E_i, with one reflectance rho_g for all blocks of a group and
+E = E_seen + T e (`fipt.stages.emitters.unseen`). What is minimised, in logarithms, is
+
+    (1 / tau) sum_i student((ln C_i - ln rho_g - ln E_i) / sigma) + prior of the reflectances
+
+over e >= 0 and ln rho. Patches are added one by one, the best first, as long as the gain pays for them: each costs
+ln(P sqrt(N / tau)), the extended Bayesian information criterion (Chen and Chen 2008), P being the number of patches to
+choose from. sigma is measured: the spread of what is left. tau says how many neighbouring blocks err alike, so that
+N / tau of them count; it is measured, too. Rooms whose shading is merely 5 to 15 % off therefore have no guess.
+
+With no emitter in any view the scale of the light hangs on what seen surface gives to seen surface, which is measured,
+and on the prior of the reflectances.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import minimize
+from scipy.sparse import csr_matrix
+from scipy.spatial import cKDTree
+
+from fipt.stages.emitters.unseen import Blocks, Patches, Transport
+
+MIDDLE, MIDDLE_SPREAD = np.log(0.4), 0.3
+"""Mean log reflectance of a room and how much rooms differ: those of development have 0.32 to 0.45."""
+_WITHIN = 0.6
+"""Standard deviation of the log reflectances of a room's surfaces; of those rooms 0.62."""
+_WHITE, _ABOVE = np.log(0.9), 0.1
+"""No paint reflects more than 0.9; relative error of the light above which a brighter one is not believed."""
+_COLOR, _LEAN = 0.2, 0.15
+"""Standard deviation of the log of a channel about grey: of lights, and of the mean reflectance of a room."""
+_FREEDOM = 4.0
+"""Degrees of freedom of the residuals (Student): edges, highlights and textures are outliers."""
+_LEAST_SIGMA = 0.05
+"""Least relative error of what was traced: 512 rays a block."""
+_GLOSSY = 0.3
+"""Standard deviation of the log radiance between views above which a block is not matte."""
+_ERROR = 0.15
+"""Relative error of the light in rooms whose emitters are all seen (docs/measurements/accuracy.md)."""
+_UNSURE = 0.5
+"""Relative standard deviation of the power above which nothing is guessed: 0 is then within two of them.
+
+With `_ERROR` it says that less than 30 % of the light is never guessed.
+"""
+_TRIED = 16
+"""Patches that are tried at several brightnesses before one is added."""
+_AMPLITUDES = np.geomspace(0.02, 50, 14)
+"""Of one patch's share, relative to the light that there is."""
+
+
+@dataclass(frozen=True)
+class Guess:
+    """What unseen surface emits.
+
+    Attributes
+    ----------
+    radiance
+        (P, 3) of each patch; zero where nothing is guessed.
+    spread
+        Relative standard deviation of the whole power.
+    share
+        Median share of the light of the blocks that is guessed.
+    gain
+        Gain of the criterion over the room without it, in nats; nothing is guessed below 0.
+    left, before
+        Median absolute log residual times 1.48: with the guess, and without.
+    determined
+        Whether the guess is to be used.
+    """
+
+    radiance: np.ndarray
+    spread: float = 0.0
+    share: float = 0.0
+    gain: float = 0.0
+    left: float = 0.0
+    before: float = 0.0
+    determined: bool = False
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """N blocks in G groups, P patches; one channel.
+
+    ``log_color`` (N,), ``seen`` (N,), ``unseen`` (N, P), ``group`` (N,), ``sigma``, ``tau``.
+    """
+
+    log_color: np.ndarray
+    seen: np.ndarray
+    unseen: np.ndarray
+    group: np.ndarray
+    sigma: float = 0.15
+    tau: float = 1.0
+
+    @property
+    def groups(self) -> int:
+        return int(self.group.max(initial=-1)) + 1
+
+
+@dataclass(frozen=True)
+class _State:
+    """A minimum: radiance of the patches in ``support``, log reflectances, the room's mean of these, the cost."""
+
+    support: tuple[int, ...]
+    radiance: np.ndarray
+    log_rho: np.ndarray
+    middle: float
+    cost: float
+
+    def light(self, problem: _Problem) -> np.ndarray:
+        """(N,) irradiance over pi."""
+        return problem.seen + problem.unseen[:, list(self.support)] @ self.radiance
+
+    def residual(self, problem: _Problem) -> np.ndarray:
+        """(N,) log residual."""
+        return problem.log_color - self.log_rho[problem.group] - np.log(self.light(problem))
+
+
+def explained(blocks: Blocks, transport: Transport) -> bool:
+    """Whether seen light explains the radiance of the blocks: evenly, and by reflectances that rooms have.
+
+    ``transport`` is without patches.
+    """
+    light = transport.seen.mean(axis=1)
+    use = np.flatnonzero((blocks.spread < _GLOSSY) & (light > 1e-3 * np.median(light)))
+    if len(use) == 0:
+        return True
+    _, group = np.unique(blocks.group[use], return_inverse=True)
+    problem = _Problem(np.log(blocks.radiance[use].mean(axis=1)), light[use], np.zeros((len(use), 0)), group)
+    state = _minimum(problem, ())
+    return _scale(state, problem) <= _ERROR and state.middle <= MIDDLE + 2 * MIDDLE_SPREAD
+
+
+def explain(blocks: Blocks, patches: Patches, transport: Transport) -> Guess:
+    """Find the emission of unseen patches that explains the radiance of the blocks best, if any does."""
+    nothing = Guess(np.zeros((len(patches.area), 3)))
+    light = transport.seen.mean(axis=1)
+    lit = light > 1e-3 * np.median(light) if len(light) else np.zeros(0, bool)
+    use = np.flatnonzero((blocks.spread < _GLOSSY) & (lit | (transport.unseen.sum(axis=1) > 0)))
+    if len(use) < 2 * len(np.unique(blocks.group[use])) or len(patches.area) == 0:
+        return nothing
+    _, group = np.unique(blocks.group[use], return_inverse=True)
+    floor = 1e-3 * max(float(np.median(light[use])), 1e-9)
+    problem = _Problem(
+        np.log(blocks.radiance[use].mean(axis=1)), np.maximum(light[use], floor), transport.unseen[use], group
+    )
+    before, after, problem = _chosen(problem, blocks.position[use, 0])
+    gain = before.cost - _criterion(after, problem)
+    if not after.support or gain <= 0:
+        return replace(
+            nothing, gain=float(min(gain, 0.0)), left=_scale(before, problem), before=_scale(before, problem)
+        )
+    whole = np.zeros(len(patches.area))
+    whole[list(after.support)] = after.radiance
+    share = float(np.median(1 - problem.seen / after.light(problem)))
+    # all light may be off by as much as in rooms without unseen emitters, and the guess makes up for it
+    spread = float(
+        np.hypot(_power_spread(after, problem, patches.area[list(after.support)]), _ERROR / max(share, 1e-9))
+    )
+    color = _color(blocks.radiance[use], transport.seen[use], problem, after)
+    return Guess(
+        whole[:, None] * color,
+        spread=spread,
+        share=share,
+        gain=float(gain),
+        left=_scale(after, problem),
+        before=_scale(before, problem),
+        determined=spread < _UNSURE,
+    )
+
+
+def _chosen(problem: _Problem, place: np.ndarray) -> tuple[_State, _State, _Problem]:
+    """The minimum without any patch, that with the best patches, and the problem with its measured errors."""
+    for _ in range(2):  # the errors are known when the light is
+        start = _minimum(problem, ())
+        state = start
+        while len(state.support) < problem.unseen.shape[1]:
+            wider = _minimum(problem, (*state.support, _next(problem, state)), state)
+            if _criterion(wider, problem) >= _criterion(state, problem):
+                break
+            state = wider
+        left = state.residual(problem)
+        sigma = max(_scale(state, problem), _LEAST_SIGMA)
+        problem = replace(problem, sigma=sigma, tau=_alike(left / sigma, place, problem.group))
+    start, state = _minimum(problem, ()), _minimum(problem, state.support, state)
+    return start, state, problem
+
+
+def _scale(state: _State, problem: _Problem) -> float:
+    """Spread of the residuals, by their median."""
+    return float(1.48 * np.median(np.abs(state.residual(problem))))
+
+
+def _criterion(state: _State, problem: _Problem) -> float:
+    """Cost of a minimum and of its patches."""
+    count, patches = problem.unseen.shape
+    return state.cost + len(state.support) * (0.5 * np.log(count / problem.tau) + np.log(patches))
+
+
+def _alike(residual: np.ndarray, place: np.ndarray, group: np.ndarray) -> float:
+    """How many blocks err as one: 1 + the sum of the correlations with a block's neighbours of the same group."""
+    z = np.clip(residual, -2, 2)
+    z = z - z.mean()
+    reach = 3 * float(np.median(cKDTree(place).query(place, k=min(5, len(place)))[0][:, -1]))
+    pairs = cKDTree(place).query_pairs(reach, output_type="ndarray")
+    a, b = pairs[group[pairs[:, 0]] == group[pairs[:, 1]]].T
+    return max(1.0, float(1 + 2 * (z[a] * z[b]).sum() / max((z * z).sum(), 1e-12)))
+
+
+def _minimum(problem: _Problem, support: tuple[int, ...], start: _State | None = None) -> _State:
+    """Minimise the cost over the radiance of some patches and all reflectances."""
+    count, groups = len(support), problem.groups
+    given = problem.unseen[:, list(support)]
+    begin = np.concatenate([np.zeros(count), np.full(groups, MIDDLE), [MIDDLE]])
+    unit = np.ones(count)
+    if count:  # a unit of radiance doubles the light of the blocks that a patch lights most
+        unit = float(np.median(problem.seen)) / np.maximum(np.quantile(given, 0.95, axis=0), 1e-6)
+    if start is not None:
+        begin[count:] = np.append(start.log_rho, start.middle)
+        begin[: len(start.radiance)] = start.radiance / unit[: len(start.radiance)]
+        begin[len(start.radiance) : count] = 0.3
+
+    def cost(x: np.ndarray) -> tuple[float, np.ndarray]:
+        e, g, middle = x[:count] * unit, x[count:-1], x[-1]
+        light = problem.seen + given @ e
+        r = (problem.log_color - g[problem.group] - np.log(light)) / problem.sigma
+        q = 1 + r * r / _FREEDOM
+        slope = (_FREEDOM + 1) * r / _FREEDOM / q / problem.sigma / problem.tau
+        z, above = (g - middle) / _WITHIN, np.maximum(g - _WHITE, 0) / _ABOVE
+        value = 0.5 * (_FREEDOM + 1) * np.log(q).sum() / problem.tau + 0.5 * (z @ z + above @ above)
+        value += 0.5 * ((middle - MIDDLE) / MIDDLE_SPREAD) ** 2
+        of_g = z / _WITHIN + above / _ABOVE - np.bincount(problem.group, slope, groups)
+        of_middle = (middle - MIDDLE) / MIDDLE_SPREAD**2 - z.sum() / _WITHIN
+        return float(value), np.concatenate([-(given.T @ (slope / light)) * unit, of_g, [of_middle]])
+
+    bounds = [(0, None)] * count + [(None, None)] * (groups + 1)
+    options = {"maxiter": 300, "ftol": 1e-7}
+    found = minimize(cost, begin, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+    x = found.x
+    return _State(support, x[:count] * unit, x[count:-1], float(x[-1]), float(found.fun))
+
+
+def _next(problem: _Problem, state: _State) -> int:
+    """The patch that lowers the cost most when it is added alone, reflectances following.
+
+    The most promising ones by slope and curvature where they are dark are tried at several brightnesses.
+    """
+    light, groups = state.light(problem), problem.groups
+    members = csr_matrix((np.ones(len(light)), (problem.group, np.arange(len(light)))), shape=(groups, len(light)))
+    noise = problem.sigma**2 * problem.tau
+    size = np.bincount(problem.group, minlength=groups) / noise
+    r = state.residual(problem) / problem.sigma
+    weight = (_FREEDOM + 1) / (_FREEDOM + r * r) / noise
+    change = problem.unseen / light[:, None]
+    mean = (members @ (weight[:, None] * change)) / ((members @ weight) + 1 / _WITHIN**2)[:, None]
+    change -= mean[problem.group]
+    slope = (weight * r * problem.sigma) @ change
+    # a group that is brighter than white asks for light by itself
+    slope += (np.maximum(state.log_rho - _WHITE, 0) / _ABOVE**2) @ mean
+    promise = np.where(slope > 0, slope**2 / np.maximum(weight @ change**2, 1e-12), -1.0)
+    promise[list(state.support)] = -2.0
+    best, chosen = np.inf, int(np.argmax(promise))
+    for patch in np.argsort(-promise)[:_TRIED]:
+        given = problem.unseen[:, patch]
+        unit = float(np.median(light)) / max(float(np.quantile(given, 0.95)), 1e-6)
+        y = problem.log_color[:, None] - np.log(light[:, None] + given[:, None] * (unit * _AMPLITUDES))
+        g = state.log_rho[:, None] + 0 * _AMPLITUDES
+        for _ in range(2):  # towards each group's mean, outliers counting less
+            own = 1 / (1 + ((y - g[problem.group]) / problem.sigma) ** 2 / _FREEDOM) / noise
+            g = (members @ (own * y)) + state.middle / _WITHIN**2
+            g /= (members @ own) + 1 / _WITHIN**2
+            g = np.minimum(g, _WHITE + _ABOVE / np.sqrt(np.maximum(size, 1e-9))[:, None])
+        left = (y - g[problem.group]) / problem.sigma
+        cost = 0.5 * (_FREEDOM + 1) * np.log1p(left * left / _FREEDOM).sum(axis=0) / problem.tau
+        cost += 0.5 * (((g - state.middle) / _WITHIN) ** 2).sum(axis=0)
+        if cost.min() < best:
+            best, chosen = float(cost.min()), int(patch)
+    return chosen
+
+
+def _power_spread(state: _State, problem: _Problem, area: np.ndarray) -> float:
+    """Relative standard deviation of the whole power: Laplace's approximation, the reflectances being free."""
+    light, count, groups = state.light(problem), len(state.support), problem.groups
+    jacobian = np.zeros((len(light), count + groups + 1))
+    jacobian[:, :count] = problem.unseen[:, list(state.support)] / light[:, None]
+    jacobian[np.arange(len(light)), count + problem.group] = 1
+    r = state.residual(problem) / problem.sigma
+    weight = (_FREEDOM + 1) / (_FREEDOM + r * r) / problem.sigma**2 / problem.tau
+    normal = (jacobian * weight[:, None]).T @ jacobian
+    diagonal = np.arange(count, count + groups)
+    normal[diagonal, diagonal] += 1 / _WITHIN**2 + (state.log_rho > _WHITE) / _ABOVE**2
+    normal[diagonal, -1] -= 1 / _WITHIN**2
+    normal[-1, diagonal] -= 1 / _WITHIN**2
+    normal[-1, -1] += groups / _WITHIN**2 + 1 / MIDDLE_SPREAD**2
+    power = np.concatenate([area, np.zeros(groups + 1)])
+    variance = float(power @ np.linalg.pinv(normal, hermitian=True) @ power)
+    return float(np.sqrt(max(variance, 0.0)) / max(float(area @ state.radiance), 1e-12))
+
+
+def _color(radiance: np.ndarray, seen: np.ndarray, problem: _Problem, state: _State) -> np.ndarray:
+    """(3,) colour of what is guessed, of mean 1.
+
+    It is told by surface of one colour that guessed light reaches unevenly. Beyond that, reflectances of a room are
+    grey on the mean within `_LEAN`, and so are lights within `_COLOR`.
+    """
+    given = state.light(problem) - problem.seen
+    scales, groups = np.geomspace(0.4, 2.5, 61), problem.groups
+    size = np.bincount(problem.group, minlength=groups)
+    found = np.ones(3)
+    for c in range(3):
+        cost = 0.5 * (np.log(scales) / _COLOR) ** 2
+        for k, scale in enumerate(scales):
+            light = np.maximum(seen[:, c], 1e-3 * np.median(problem.seen)) + scale * given
+            y = np.log(np.maximum(radiance[:, c], 1e-6)) - np.log(light) - state.log_rho[problem.group]
+            tint = np.bincount(problem.group, y, groups) / size
+            left = (y - tint[problem.group]) / problem.sigma
+            cost[k] += 0.5 * (tint.mean() / _LEAN) ** 2
+            cost[k] += 0.5 * (_FREEDOM + 1) * np.log1p(left**2 / _FREEDOM).sum() / problem.tau
+        found[c] = scales[int(np.argmin(cost))]
+    return found / found.mean()

@@ -1,0 +1,161 @@
+"""Light that no view shows: guessed emitters beside those that were found, where the photographs tell of them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from fipt.scene.emitters import Emitters
+from fipt.scene.environment import EnvironmentMap
+from fipt.scene.mesh import Mesh
+from fipt.scene.observed import ObservedShard
+from fipt.stages.emitters.unseen import (
+    Lights,
+    Patches,
+    blocks_of,
+    hidden_triangles,
+    patches_of,
+    seen_light,
+    with_patches,
+)
+from fipt.stages.emitters.unseen_fit import Guess, explain, explained
+
+_LEAST_BLOCKS = 30
+"""Pieces of seen surface without which no light is told from a reflectance."""
+_LEVEL = 0.7
+"""Cosine with the vertical above which a surface is floor or ceiling."""
+_OPEN = 0.15
+"""Share of the light's directions that may leave the mesh unknown; more is an error like those of shading."""
+
+
+@dataclass(frozen=True)
+class Guessed:
+    """Emitters with what was guessed, and what to say about it.
+
+    Attributes
+    ----------
+    emitters
+        Found ones, then guessed ones.
+    warnings
+        For people.
+    figures
+        For stats/.
+    """
+
+    emitters: Emitters
+    warnings: tuple[str, ...]
+    figures: Mapping[str, Any]
+
+
+def with_guess(
+    mesh: Mesh,
+    shards: Sequence[ObservedShard],
+    found: Emitters,
+    cache: Mapping[str, np.ndarray],
+    environment: EnvironmentMap,
+    rejected: np.ndarray,
+) -> Guessed:
+    """Add the emission of unseen surface that explains the photographs, where seen light does not.
+
+    Parameters
+    ----------
+    shards
+        The training views.
+    found
+        Emitters that views show.
+    rejected
+        (T,) bool: triangles that a person said not to emit.
+    """
+    blocks = blocks_of(shards, mesh, found, cache)
+    if len(blocks.radiance) < _LEAST_BLOCKS:
+        return Guessed(found, (), {"guess": {"blocks": len(blocks.radiance)}})
+    lights = Lights(mesh, hidden_triangles(mesh, shards, found), cache, found, environment)
+    known = seen_light(blocks, lights)
+    if explained(blocks, known):
+        return Guessed(found, (), {"guess": {"explained": True}})
+    patches = patches_of(mesh, lights.hidden & lights.met & ~rejected)
+    guess = explain(blocks, patches, with_patches(blocks, patches, lights, known))
+    leaves = float(np.median(known.open)) if len(known.open) else 0.0
+    figures = {
+        "explained": False,
+        "determined": guess.determined,
+        "patches": len(patches.area),
+        "gain": guess.gain,
+        "share": guess.share,
+        "spread": guess.spread,
+        "residual": [guess.before, guess.left],
+        "open": leaves,
+    }
+    if not guess.determined:
+        return Guessed(found, _undetermined(guess, leaves), {"guess": figures})
+    emitters = _added(mesh, found, patches, guess)
+    return Guessed(emitters, _advice(mesh, emitters, guess, environment.up), {"guess": figures})
+
+
+def _added(mesh: Mesh, found: Emitters, patches: Patches, guess: Guess) -> Emitters:
+    """Emitters with the triangles of every patch that emits; each patch is an emitter."""
+    emits = np.flatnonzero(guess.radiance.max(axis=1) > 0)
+    number = np.full(len(patches.area) + 1, -1)
+    number[emits] = int(found.emitter.max(initial=-1)) + 1 + np.arange(len(emits))
+    triangle = np.flatnonzero(number[patches.number] >= 0)
+    patch = patches.number[triangle]
+    count = len(triangle)
+    # the spread as a share of the power, on the scale of agreement: halves where the power is known by a factor of 2
+    confidence = 0.5 * np.exp(-guess.spread / 0.5)
+    rows = {
+        "triangle": triangle.astype(np.int32),
+        "radiance": guess.radiance[patch].astype(np.float32),
+        "area": mesh.areas[triangle].astype(np.float32),
+        "emitter": number[patch].astype(np.int32),
+        "views": np.zeros(count, np.int32),
+        "confidence": np.full(count, confidence, np.float32),
+        "clipped": np.zeros(count, np.float32),
+        "lower_bound": np.zeros(count, bool),
+        "guessed": np.ones(count, bool),
+        "spread": np.full(count, guess.spread, np.float32),
+    }
+    joined = {name: np.concatenate([getattr(found, name), own]) for name, own in rows.items()}
+    order = np.argsort(joined["triangle"], kind="stable")
+    return replace(found, **{name: values[order] for name, values in joined.items()})
+
+
+def _advice(mesh: Mesh, emitters: Emitters, guess: Guess, up: str) -> tuple[str, ...]:
+    """What a person should know of a guess: where to photograph, and how sure it is."""
+    own = emitters.guessed
+    power = emitters.area[own] * emitters.radiance[own].mean(axis=1)
+    triangle = emitters.triangle[own]
+    strongest = emitters.emitter[own] == np.bincount(emitters.emitter[own], power).argmax()
+    weight = power[strongest]
+    centers = mesh.corners[triangle[strongest]].mean(axis=1)
+    place = (centers * weight[:, None]).sum(axis=0) / weight.sum()
+    text = ", ".join(f"{v:.2f}" for v in place)
+    kind = _kind(mesh, triangle[strongest], place, up)
+    return (
+        f"the emitters that views show cannot explain the photographs: {100 * guess.share:.0f} % of the light is "
+        f"guessed, with a power known within {100 * guess.spread:.0f} %; photograph the {kind} near ({text})",
+    )
+
+
+def _kind(mesh: Mesh, triangles: np.ndarray, place: np.ndarray, up: str) -> str:
+    """Ceiling, floor or wall."""
+    axis = 1 if up == "y" else 2
+    normal = np.abs(mesh.area_normals[triangles]).sum(axis=0)
+    if normal[axis] < _LEVEL * np.linalg.norm(normal):
+        return "wall"
+    return "ceiling" if place[axis] > mesh.vertices[:, axis].mean() else "floor"
+
+
+def _undetermined(guess: Guess, leaves: float) -> tuple[str, ...]:
+    """What to say where seen light does not explain the photographs, and no guess does."""
+    if leaves > _OPEN:
+        return (
+            f"the light that is seen cannot explain the photographs, and {100 * leaves:.0f} % of the directions leave "
+            "the mesh to where no view looks: photograph the openings, or give environment.file",
+        )
+    if guess.before <= 2 * _OPEN:
+        return ()
+    return (
+        "the light that is seen cannot explain the photographs, and where the rest comes from is not determined: "
+        "photograph the ceiling, the windows and whatever else shines",
+    )

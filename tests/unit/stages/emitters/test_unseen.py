@@ -1,0 +1,245 @@
+"""Light that no view shows: transport from unseen surface, the guess, and its refusal."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from fipt.scene.emitters import Emitters, emitter_facts, read_emitters, write_emitters
+from fipt.scene.environment import NOTHING, constant
+from fipt.scene.voxels import facings, voxel_keys
+from fipt.stages.emitters import unseen_guess
+from fipt.stages.emitters.unseen import (
+    Blocks,
+    Lights,
+    Patches,
+    Transport,
+    blocks_of,
+    hidden_triangles,
+    patches_of,
+    seen_light,
+)
+from fipt.stages.emitters.unseen_fit import Guess, explain, explained
+from tests import scenes
+
+CENTER, SIDE, CELLS = np.array([0.0, 1.03, 0.0]), 8.0, 64
+
+
+def cache_of(points, normals, radiance) -> dict[str, np.ndarray]:
+    """A radiance cache of seen surface points (N, 3)."""
+    key = voxel_keys(points, CENTER, SIDE, CELLS) * 6 + facings(normals)
+    key, first = np.unique(key, return_index=True)
+    return {
+        "center": CENTER,
+        "side": np.array(SIDE),
+        "resolution": np.array(CELLS),
+        "key": key // 6,
+        "facing": (key % 6).astype(np.uint8),
+        "point": points[first],
+        "radiance": np.broadcast_to(np.float32(radiance), points.shape)[first],
+        "count": np.ones(len(first), np.float32),
+        "source": np.arange(len(first), dtype=np.int32),
+    }
+
+
+@pytest.fixture(scope="module")
+def floor_and_ceiling(backend):
+    """A floor (triangles 0, 1) that views see, and a panel of 1 m2, 2 m above it, that none sees (2, 3)."""
+    return scenes.joined(scenes.floor(), scenes.emitter_quad((-0.5, 0.5), 2.0, (-0.5, 0.5)))
+
+
+def floor_samples(rng, count=400):
+    position = np.column_stack([rng.uniform(-2, 2, count), np.zeros(count), rng.uniform(-2, 2, count)])
+    triangle = np.where(position[:, 0] < position[:, 2], 0, 1)
+    return scenes.samples_of(position.astype(np.float32), triangle, views=("a", "b"), shapes=[(1, count // 2)] * 2)
+
+
+def lights(mesh, samples, radiance=0.4, environment=NOTHING):
+    shards = scenes.observed(
+        [samples],
+        [np.zeros((len(samples.position), 1, 3))],
+        [(samples.position * 0 + 0.2, np.ones(len(samples.position)))],
+    )
+    hidden = hidden_triangles(mesh, shards, Emitters.none())
+    x, z = np.meshgrid(np.linspace(-3.99, 3.99, 160), np.linspace(-3.99, 3.99, 160))
+    surface = np.column_stack([x.ravel(), 0 * x.ravel(), z.ravel()]).astype(np.float32)
+    cache = cache_of(surface, np.tile(np.float32([0, 1, 0]), (x.size, 1)), radiance)
+    return shards, hidden, Lights(mesh, hidden, cache, Emitters.none(), environment)
+
+
+def test_what_no_pixel_shows_is_hidden(floor_and_ceiling, np_rng):
+    _, hidden, _ = lights(floor_and_ceiling, floor_samples(np_rng))
+    np.testing.assert_array_equal(np.flatnonzero(hidden[-2:]), [0, 1])
+    assert not hidden[0]
+
+
+def test_light_of_a_patch_is_that_of_its_form_factor(floor_and_ceiling, np_rng):
+    """A square of side a above a point: the textbook's form factor of four rectangles that meet over it."""
+    _, hidden, own = lights(floor_and_ceiling, floor_samples(np_rng))
+    patches = patches_of(floor_and_ceiling, hidden & (np.arange(len(hidden)) >= len(hidden) - 2))
+    assert patches.area.sum() == pytest.approx(1.0)
+    x = 0.25
+    corner = x / np.sqrt(1 + x**2) * np.arctan(x / np.sqrt(1 + x**2)) / np.pi
+    given = own.given(patches, np.zeros((1, 3), np.float32), np.float32([[0, 1, 0]]))
+    assert given.sum() == pytest.approx(4 * corner, rel=0.08)
+    below = own.given(patches, np.zeros((1, 3), np.float32), np.float32([[0, -1, 0]]))
+    assert below.sum() == 0
+
+
+def test_rays_read_the_cache_and_know_what_they_do_not(floor_and_ceiling, np_rng):
+    samples = floor_samples(np_rng, 4000)
+    _, _, own = lights(floor_and_ceiling, samples)
+    down = np.float32([[0, 1, 0]]), np.float32([[0, -1, 0]])
+    known, outside = own.arriving(*down, 4096)
+    assert known[0] == pytest.approx(0.4 * (1 - outside[0]), rel=0.15)
+    known, outside = own.arriving(np.float32([[0, 0, 0]]), np.float32([[0, 1, 0]]), 4096)
+    np.testing.assert_allclose(known, 0)  # the panel is not known, and nothing is outside
+    assert outside[0] == pytest.approx(1 - 0.0768, abs=0.02)
+    assert own.met[-2:].all()
+    _, _, lit = lights(floor_and_ceiling, samples, environment=constant((2.0, 2.0, 2.0)))
+    known, outside = lit.arriving(np.float32([[0, 0, 0]]), np.float32([[0, 1, 0]]), 4096)
+    assert outside[0] == 0
+    assert known[0, 0] == pytest.approx(2 * (1 - 0.0768), rel=0.02)
+
+
+def test_blocks_are_means_of_pixels(floor_and_ceiling, np_rng):
+    samples = floor_samples(np_rng)
+    shards, _, own = lights(floor_and_ceiling, samples)
+    blocks = blocks_of(shards, floor_and_ceiling, Emitters.none(), own.cache)
+    assert len(blocks.radiance)
+    np.testing.assert_allclose(blocks.radiance, 0.2, rtol=1e-5)
+    np.testing.assert_allclose(blocks.spread, 0, atol=1e-6)
+    assert seen_light(blocks, own).seen.shape == (len(blocks.radiance), 3)
+
+
+# --- the guess ------------------------------------------------------------------------------------
+
+
+def problem(rng, emitted, noise=0.05, groups=30, per=20):
+    """Blocks of a room whose light falls off from two of forty unseen patches, and their transport."""
+    count, patches = groups * per, 40
+    place = rng.uniform(0, 4, (count, 3))
+    group = np.repeat(np.arange(groups), per)
+    at = np.column_stack([rng.uniform(0, 4, (patches, 2)), np.full(patches, 4.0)])
+    distance2 = ((place[:, None] - at) ** 2).sum(axis=-1)
+    unseen = 0.2 / (np.pi * (distance2 + 0.1))
+    seen = np.repeat(0.15 + 0.05 * np.sin(place[:, :1]), 3, axis=1)
+    rho = np.exp(np.log(0.4) + 0.5 * rng.standard_normal(groups)).clip(0.03, 0.85)
+    light = seen + (unseen @ emitted)[:, None]
+    radiance = rho[group][:, None] * light * np.exp(noise * rng.standard_normal((count, 1)))
+    normal = np.tile(np.float32([0, 0, 1]), (count, 1))
+    blocks = Blocks(place[:, None].astype(np.float32), normal[:, None], radiance, np.zeros(count), group)
+    number = np.full(100, -1)
+    number[:patches] = np.arange(patches)
+    return blocks, Patches(number, at, np.full(patches, 0.2)), Transport(seen, unseen, np.zeros(count))
+
+
+def test_missing_light_is_guessed(np_rng):
+    emitted = np.zeros(40)
+    emitted[[3, 17]] = 12, 6
+    blocks, patches, transport = problem(np_rng, emitted)
+    assert not explained(blocks, Transport.without(transport.seen, transport.open))
+    guess = explain(blocks, patches, transport)
+    assert guess.determined
+    assert guess.radiance.mean(axis=1).sum() == pytest.approx(18, rel=0.3)
+    assert guess.radiance[[3, 17]].sum() > 0.8 * guess.radiance.sum()
+    assert guess.left < 0.07 < guess.before
+    np.testing.assert_allclose(guess.radiance[3] / guess.radiance[3].mean(), 1, atol=0.1)
+
+
+def test_a_room_without_missing_light_has_no_guess(np_rng):
+    """Shading that is 10 % off, block by block, is no light."""
+    blocks, patches, transport = problem(np_rng, np.zeros(40), noise=0.1)
+    assert explained(blocks, Transport.without(transport.seen, transport.open))
+    guess = explain(blocks, patches, transport)
+    assert not guess.determined
+    assert not guess.radiance.any() or guess.spread > 0.5
+
+
+def test_colour_of_the_guess(np_rng):
+    emitted = np.zeros(40)
+    emitted[5] = 15
+    blocks, patches, transport = problem(np_rng, emitted)
+    share = 1 - transport.seen[:, :1] / (transport.seen[:, :1] + (transport.unseen @ emitted)[:, None])
+    warm = blocks.radiance * (1 + share * (np.array([1.2, 1.0, 0.8]) - 1))
+    guess = explain(Blocks(blocks.position, blocks.normal, warm, blocks.spread, blocks.group), patches, transport)
+    found = guess.radiance.sum(axis=0) / guess.radiance.mean(axis=1).sum()
+    np.testing.assert_allclose(found, [1.2, 1.0, 0.8], atol=0.08)
+
+
+def test_nothing_unseen_is_no_guess(np_rng):
+    blocks, _, transport = problem(np_rng, np.full(40, 5.0))
+    none = Patches(np.full(100, -1), np.zeros((0, 3)), np.zeros(0))
+    assert not explain(blocks, none, Transport.without(transport.seen, transport.open)).determined
+
+
+# --- what comes of it -----------------------------------------------------------------------------
+
+
+@pytest.fixture
+def guessing(monkeypatch, floor_and_ceiling):
+    """`with_guess` on the floor below its panel, with what `explain` should have found put in its place."""
+
+    def run(guess: Guess, open_share: float = 0.0, is_explained: bool = False):
+        blocks = SimpleNamespace(radiance=np.ones((50, 3)))
+        number = np.full(len(floor_and_ceiling.triangles), -1)
+        number[-2:] = 0
+        patches = Patches(number, np.array([[0.0, 2.0, 0.0]]), np.array([1.0]))
+        known = Transport.without(np.ones((5, 3)), np.full(5, open_share))
+        for name, value in {
+            "blocks_of": blocks,
+            "hidden_triangles": number >= 0,
+            "Lights": SimpleNamespace(hidden=number >= 0, met=number >= 0),
+            "seen_light": known,
+            "explained": is_explained,
+            "patches_of": patches,
+            "with_patches": known,
+            "explain": guess,
+        }.items():
+            monkeypatch.setattr(unseen_guess, name, lambda *_, value=value: value)
+        rejected = np.zeros(len(number), bool)
+        return unseen_guess.with_guess(floor_and_ceiling, [], Emitters.none(), {}, NOTHING, rejected)
+
+    return run
+
+
+def test_guessed_emitters_are_marked_and_named(guessing, floor_and_ceiling, tmp_path):
+    told = guessing(Guess(np.array([[9.0, 8.0, 7.0]]), 0.3, 0.6, 400.0, 0.06, 0.25, True))
+    found = told.emitters
+    count = len(floor_and_ceiling.triangles)
+    np.testing.assert_array_equal(found.triangle, [count - 2, count - 1])
+    assert found.guessed.all()
+    assert found.confidence.max() < 0.5
+    (warning,) = told.warnings
+    assert "60 % of the light is guessed" in warning
+    assert "photograph the ceiling near (0.00, 2.00, 0.00)" in warning
+    write_emitters(tmp_path / "emitters.npz", found, floor_and_ceiling)
+    again = read_emitters(tmp_path / "emitters.npz")
+    np.testing.assert_array_equal(again.guessed, True)
+    (fact,) = emitter_facts(again, floor_and_ceiling)
+    assert fact["guessed"]
+    assert fact["spread"] == pytest.approx(0.3)
+
+
+def test_what_is_not_determined_is_said(guessing):
+    nothing = Guess(np.zeros((1, 3)), before=0.4, left=0.4)
+    told = guessing(nothing)
+    assert len(told.emitters.triangle) == 0
+    assert "not determined" in told.warnings[0]
+    assert "photograph the openings" in guessing(nothing, open_share=0.4).warnings[0]
+
+
+def test_a_room_that_seen_light_explains_is_left_alone(guessing):
+    told = guessing(Guess(np.ones((1, 3)), determined=True), is_explained=True)
+    assert len(told.emitters.triangle) == 0
+    assert told.warnings == ()
+
+
+def test_measured_emitters_are_not_guessed():
+    found = Emitters.none()
+    assert found.guessed.dtype == bool
+    assert len(found.guessed) == len(found.spread) == 0
+
+
+def test_a_mesh_without_unseen_surface_has_no_patches(floor_and_ceiling):
+    assert len(patches_of(floor_and_ceiling, np.zeros(len(floor_and_ceiling.triangles), bool)).area) == 0
