@@ -39,7 +39,7 @@ SETTINGS: dict[str, dict[str, Any]] = {
     "cache": {"resolution": 32},
     "bake": FEW,
     "fit": FIT,
-    "emitters": {"points": 20},
+    "emitters": {"decide": "mask", "points": 20},  # its walls have colours that no light gives
     "review": {"width": 96},
     "refine": FEW | {"max_depth": 3},
     "materials": {},
@@ -70,7 +70,7 @@ OWN: dict[str, dict[str, Any]] = {
     "environment": {"out": Path("environment.npz")},
     "cache": {"out": Path("cache.npz")},
     "bake": {"out": SHADING},
-    "fit": {"out": Path("round-0/model.safetensors")},
+    "fit": {"out": Path("round-0/model.safetensors"), "emitters": None},
     "emitters": {"out": Path("round-0/emitters.npz")},
     "review": {"out": Path("emitters"), "review": Path("emitters_review.yaml")},
     "refine": {"previous": SHADING, "out": Path("round-1/shading/train-000")},

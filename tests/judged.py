@@ -128,5 +128,6 @@ def room(**changed) -> SimpleNamespace:
         "held_out": [],
         "earlier": None,
         "prepared": {},
+        "rounds": (),
     }
     return SimpleNamespace(**known | changed)

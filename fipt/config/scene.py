@@ -183,6 +183,16 @@ class SceneConfig:
         """The emitters that go with the model of the round before."""
         return self._emitters(int(round) - 1)
 
+    def model_of_emitters(self, round: str) -> list[str]:
+        """The model whose mask decides what emits, where it does."""
+        if self.settings["emitters"].decide == "regions":
+            return []
+        return [self.layout.model.format(round=round)]
+
+    def emitters_of_fit(self, round: str) -> list[str]:
+        """The emitters that a fit leaves out, where they are decided before it."""
+        return [self._emitters(int(round))] if self.settings["emitters"].decide == "regions" else []
+
     def _emitters(self, round: int) -> str:
         return self.layout.emitters.format(round=round if self.settings["emitters"].every_round else 0)
 

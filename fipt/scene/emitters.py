@@ -18,6 +18,32 @@ from fipt.scene.setup import EmitterEdit
 
 
 @dataclass(frozen=True)
+class Undecided:
+    """Regions of U triangles that may emit or reflect: the photographs do not tell.
+
+    Attributes
+    ----------
+    triangle, region
+        (U,) int32 indices into the mesh; number of the region of each.
+    reflects, emits, price
+        (R,) float32 cost of the best material, of emission, and what emission should have explained better, all as
+        negative log likelihoods.
+    """
+
+    triangle: np.ndarray
+    region: np.ndarray
+    reflects: np.ndarray
+    emits: np.ndarray
+    price: np.ndarray
+
+    @classmethod
+    def none(cls) -> "Undecided":
+        """No region."""
+        numbers, values = np.empty(0, np.int32), np.empty(0, np.float32)
+        return cls(numbers, numbers, values, values, values)
+
+
+@dataclass(frozen=True)
 class Emitters:
     """Emitting triangles of a room.
 
@@ -41,6 +67,10 @@ class Emitters:
         (E,) bool: its radiance comes from clipped pixels, and may be higher.
     two_sided
         Whether they shine from both sides.
+    error
+        (E, 3) float32 standard error of the patch's radiance; zero where nobody measured it.
+    undecided
+        What may emit, too.
     guessed
         (E,) bool: no view shows it; it explains the light of what views show.
     spread
@@ -56,14 +86,25 @@ class Emitters:
     clipped: np.ndarray
     lower_bound: np.ndarray
     two_sided: bool = True
+    error: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), np.float32))
+    undecided: Undecided = field(default_factory=Undecided.none)
     guessed: np.ndarray = field(default_factory=lambda: np.empty(0, bool))
     spread: np.ndarray = field(default_factory=lambda: np.empty(0, np.float32))
 
     def __post_init__(self) -> None:
         count = len(self.triangle)
-        for name, kind in (("guessed", bool), ("spread", np.float32)):
-            if len(getattr(self, name)) != count:  # left out: measured
-                object.__setattr__(self, name, np.zeros(count, kind))
+        for name, shape, kind in (
+            ("error", (count, 3), np.float32),
+            ("guessed", (count,), bool),
+            ("spread", (count,), np.float32),
+        ):
+            if len(getattr(self, name)) != count:  # left out: measured, nobody knows how well
+                object.__setattr__(self, name, np.zeros(shape, kind))
+
+    @property
+    def possible(self) -> np.ndarray:
+        """Triangles that emit or may emit."""
+        return np.union1d(self.triangle, self.undecided.triangle)
 
     @classmethod
     def none(cls) -> "Emitters":
@@ -81,9 +122,11 @@ _ARRAYS = (
     "confidence",
     "clipped",
     "lower_bound",
+    "error",
     "guessed",
     "spread",
 )
+_UNDECIDED = ("triangle", "region", "reflects", "emits", "price")
 
 
 def default_name(number: int) -> str:
@@ -118,6 +161,7 @@ def emitter_facts(emitters: Emitters, mesh: Mesh) -> list[dict[str, Any]]:
                 "ranges": ranges(triangles),
                 "area": float(area.sum()),
                 "radiance": [float(v) for v in radiance],
+                "error": [float(v) for v in emitters.error[own].max(axis=0)],
                 "power": [float(v) for v in sides * np.pi * area.sum() * radiance],
                 "center": [float(v) for v in (centers[triangles] * area[:, None]).sum(0) / area.sum()],
                 "views": int(emitters.views[own].max()),
@@ -132,19 +176,35 @@ def emitter_facts(emitters: Emitters, mesh: Mesh) -> list[dict[str, Any]]:
     return [row | {"share": sum(row["power"]) / total if total > 0 else 0.0} for row in rows]
 
 
+def undecided_facts(undecided: Undecided, mesh: Mesh) -> list[dict[str, Any]]:
+    """What emitters.json says of every region that may emit."""
+    rows, areas, centers = [], mesh.areas, mesh.corners.mean(axis=1)
+    costs = zip(undecided.reflects, undecided.emits, undecided.price, strict=True)
+    for number, (reflects, emits, price) in enumerate(costs):
+        own = undecided.triangle[undecided.region == number]
+        center = (centers[own] * areas[own, None]).sum(axis=0) / max(areas[own].sum(), 1e-12)
+        evidence = {"reflects": float(reflects), "emits": float(emits), "price": float(price)}
+        where = {"area": float(areas[own].sum()), "center": [float(v) for v in center]}
+        rows.append({"question": "emitter or mirror?", "ranges": ranges(own), **where, "evidence": evidence})
+    return rows
+
+
 def write_emitters(path: str | Path, emitters: Emitters, mesh: Mesh) -> None:
     """Write ``path`` (npz) and, beside it, the JSON for people."""
     save_npz(
         path,
         two_sided=np.array(emitters.two_sided),
         **{name: getattr(emitters, name) for name in _ARRAYS},
+        **{f"undecided_{name}": getattr(emitters.undecided, name) for name in _UNDECIDED},
     )
-    write_list(Path(path).with_suffix(".json"), emitters.two_sided, emitter_facts(emitters, mesh))
+    questions = undecided_facts(emitters.undecided, mesh)
+    write_list(Path(path).with_suffix(".json"), emitters.two_sided, emitter_facts(emitters, mesh), questions)
 
 
-def write_list(path: Path, two_sided: bool, rows: list[dict[str, Any]]) -> None:
+def write_list(path: Path, two_sided: bool, rows: list[dict[str, Any]], undecided: list[dict[str, Any]]) -> None:
     """Write emitters.json."""
-    write_text(path, json.dumps({"two_sided": two_sided, "emitters": rows}, indent=1) + "\n")
+    content = {"two_sided": two_sided, "emitters": rows, "undecided": undecided}
+    write_text(path, json.dumps(content, indent=1) + "\n")
 
 
 def read_names(path: str | Path | None, emitters: Emitters) -> list[str]:
@@ -220,7 +280,10 @@ def read_emitters(path: str | Path) -> Emitters:
         If it is missing, damaged or lacks an array.
     """
     arrays = load_npz(path)
-    missing = [name for name in (*_ARRAYS, "two_sided") if name not in arrays]
+    questions = {name: f"undecided_{name}" for name in _UNDECIDED}
+    missing = [name for name in (*_ARRAYS, "two_sided", *questions.values()) if name not in arrays]
     if missing:
         raise FiptError(f"{path} lacks {', '.join(missing)}", "run the emitters stage again")
-    return Emitters(**{name: arrays[name] for name in _ARRAYS}, two_sided=bool(arrays["two_sided"]))
+    undecided = Undecided(**{name: arrays[key] for name, key in questions.items()})
+    known = {name: arrays[name] for name in _ARRAYS}
+    return Emitters(**known, two_sided=bool(arrays["two_sided"]), undecided=undecided)

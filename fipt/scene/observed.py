@@ -1,7 +1,7 @@
 """What the photographs show of a shard's footprint samples, with the shading that was baked there."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -60,3 +60,20 @@ def read_observed(
         own = read_shading(baked, shard)
         shards.append(ObservedShard(shard, own, *pixels_of(dataset, shard, empty), clipped_of(dataset, shard, empty)))
     return shards
+
+
+def without_triangles(shards: Sequence[ObservedShard], triangles: np.ndarray) -> list[ObservedShard]:
+    """The same shards; no weight is left to pixels that show one of these triangles, if only in part."""
+    if len(triangles) == 0:
+        return list(shards)
+    named = np.zeros(int(triangles.max()) + 1, bool)
+    named[triangles] = True
+    result = []
+    for shard in shards:
+        samples, weight = shard.samples, np.array(shard.weight)
+        for index in range(len(samples.views)):
+            triangle = np.asarray(samples.triangle[samples.of_view(index)])
+            shown = named[np.minimum(triangle, len(named) - 1)] & (triangle < len(named))
+            weight[samples.pixel_of_sample(index)[shown] + samples.pixels(index).start] = 0
+        result.append(replace(shard, weight=weight))
+    return result

@@ -76,6 +76,13 @@ class Shading:
         self.words[samples] = _packed(values)
 
 
+def diffuse_shading(shading: Shading | np.ndarray, samples: np.ndarray) -> np.ndarray:
+    """(N, 3) Ld of some samples (N,); the rest is not unpacked."""
+    if isinstance(shading, Shading):
+        return _unpacked(np.asarray(shading.words[samples]), 1)[:, 0]
+    return np.asarray(shading[samples], np.float32)[:, 0]
+
+
 def save_shading(folder: Path, shading: Shading) -> None:
     """Write the shading of a shard into an existing folder."""
     save_npy(folder / "shading.npy", shading.words)
@@ -120,20 +127,21 @@ def _packed(values: np.ndarray) -> np.ndarray:
     return np.bitwise_or.reduce(field << _SHIFT)
 
 
-def _unpacked(words: np.ndarray) -> np.ndarray:
-    """(N, outputs, 3) float32 of (N, words)."""
-    field = (words >> _SHIFT) & _TOP
+def _unpacked(words: np.ndarray, count: int = _WORDS) -> np.ndarray:
+    """(N, outputs, 3) float32 of (N, words), or of their first ``count`` only."""
+    top = _TOP[..., :count]
+    field = (words[:, :count] >> _SHIFT[..., :count]) & top
     value = field.astype(np.float32)
     # the smallest and the largest code are exact: what is black stays so
-    value -= _DITHER[:, field[1, :, 0]] * ((field > 0) & (field < _TOP))
-    luminance = np.exp2(value[0] / _STEPS + _LOWEST) * (field[0] > 0)
-    value /= _TOP.astype(np.float32)
+    value -= _DITHER[:, field[1, :, 0], :count] * ((field > 0) & (field < top))
+    luminance = np.exp2(value[0] / _STEPS[:, :count] + _LOWEST) * (field[0] > 0)
+    value /= top.astype(np.float32)
     share, red, blue = np.square(value[1:], out=value[1:])
     green = np.maximum(1 - red - blue, 0)
     r, g, b = _LUMINANCE
     luminance /= r * red + g * green + b * blue  # now the sum of the three
-    result = np.empty((len(words), SHADING_OUTPUTS, 3), np.float32)
-    colour, ls1 = result[:, :_WORDS], result[:, _WORDS:]
+    result = np.empty((len(words), 2 * count - 1, 3), np.float32)
+    colour, ls1 = result[:, :count], result[:, count:]
     for channel, part in enumerate((red, green, blue)):
         np.multiply(luminance, part, out=colour[..., channel])
     np.multiply(colour[:, 1:], share[:, 1:, None], out=ls1)

@@ -1,7 +1,7 @@
 """Which triangles emit, and how much (method.md, stage 2)."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -9,19 +9,37 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from fipt.conventions import EMITTER_GAIN
-from fipt.model.reflectance import brightest_reflection
-from fipt.scene.emitters import Emitters
+from fipt.scene.emitters import Emitters, Undecided
 from fipt.scene.mesh import Mesh, connected_parts
 from fipt.scene.observed import ObservedShard
 from fipt.scene.review import ReviewDecisions, numbers
+from fipt.stages.emitters.hypotheses import RegionEvidence, judge
+from fipt.stages.emitters.observations import (
+    Observations,
+    grouped_median,
+    levels,
+    observations,
+    of_triangles,
+    standard_errors,
+)
+from fipt.stages.emitters.regions import Surface, find_regions
 from fipt.stages.emitters.settings import EmittersSettings
+from fipt.stages.emitters.shape import shaped
 
-INTERIOR = 0.9
-"""Share of its pixel that a sample must cover to tell a triangle's own radiance."""
+_MOST_PIXELS = 4_000_000
+"""Pixels used at most to find regions: medians do not need more."""
+_RELEVANT = 1e-3
+"""Share of the light of all emitters that makes a region worth a question: less changes no picture."""
+_MOST_UNDECIDED = 20
+"""Regions that are asked about at most."""
+_PIXELS_OF_TEXEL = 9
+"""Pixels that a triangle needs for its median to count as a texel."""
+_TEXTURE_SIGMA = 3.0
+"""Median deviation between texels, in standard errors, above which they are a texture."""
+_LEAST_TEXTURE = 0.05
+"""The same, relative: less is below what shading can tell."""
 _WHOLE = 0.7
 """Share of a part's seen area that must emit before its unseen side is taken to emit too."""
-_BRIGHTEST = 0.9
-"""Quantile of the bounds of a clipped emitter that stands for its radiance; the last tenth may be sharpened edges."""
 _SAME_RADIANCE = 0.35
 """Relative difference up to which neighbouring triangles belong to one emitter."""
 
@@ -61,91 +79,100 @@ class Decided:
 def extract(
     mesh: Mesh,
     shards: Sequence[ObservedShard],
-    query_mask: Callable[[np.ndarray], np.ndarray],
+    query_mask: Callable[[np.ndarray], np.ndarray] | None,
     settings: EmittersSettings,
     decisions: ReviewDecisions | None = None,
 ) -> Emitters:
     """Find the emitting triangles.
 
-    A triangle emits where the mask, averaged over points of it, exceeds the threshold and, with ``evidence``, where
-    pixels that it fills are brighter than any reflectance would be under the shading there. Triangles that no pixel
-    sees are dropped, unless ``complete`` and their part glows wherever it is seen. One view at a time is in memory, and
-    the pixels of triangles that may emit.
+    With ``decide: regions`` a region of like radiance emits where emission explains what all views show of it better
+    than any material does (`fipt.stages.emitters.hypotheses`). With ``decide: mask`` a triangle emits where the mask,
+    averaged over points of it, exceeds the threshold and, with ``evidence``, where pixels that it fills are brighter
+    than any reflectance would be under the shading there. Triangles that no pixel sees are dropped, unless
+    ``complete`` and their part glows wherever it is seen.
 
     Parameters
     ----------
     shards
         The training views.
     query_mask
-        (N, 3) points -> (N,) emission mask.
+        (N, 3) points -> (N,) emission mask; None with ``decide: regions``.
     decisions
         Emitters that a person accepted (they emit whatever the photographs say, each by itself), rejected and merged.
     """
     decided = Decided.of(decisions or ReviewDecisions(), len(mesh.triangles))
+    undecided, surface = Undecided.none(), None
+    views: Iterable[Observations]
+    if settings.decide == "regions":
+        seen = _all_pixels(shards)
+        surface = find_regions(mesh, shards, seen)
+        evidence = judge(shards, seen, surface)
+        label = shaped(mesh, surface, evidence.emitting(surface.touching))
+        tells = label == surface.region  # a rim has the light of the region inside, but mixed with what is around
+        observed = surface.pixels
+        undecided = _undecided(mesh, surface, evidence, label, decided)
+        first, views = surface.count, [seen]
+    else:
+        assert query_mask is not None
+        emitting, observed = _masked(mesh, shards, query_mask, settings)
+        label = np.where(emitting, np.arange(len(emitting)), -1)
+        tells, first, views = np.ones(len(label), bool), len(label), observations(shards)
+    label = np.where(decided.emitter >= 0, first + decided.emitter, label)
+    label[decided.rejected] = -1
+    tells = (label >= 0) & (tells | (decided.emitter >= 0))
+    measured = _measured(mesh, of_triangles(views, tells), label, decided, settings, surface)
+    found = _completed(mesh, measured, np.flatnonzero(observed), decided, settings.complete)
+    return replace(found, undecided=undecided)
+
+
+def _all_pixels(shards: Sequence[ObservedShard]) -> Observations:
+    """Pixels of all views that one piece of surface fills, every n-th where there are too many."""
+    total = sum(int(shard.samples.first_pixels[-1]) for shard in shards)
+    step = max(total // _MOST_PIXELS, 1)
+    return Observations.joined(view[::step] for view in observations(shards, ratios=False))
+
+
+def _masked(
+    mesh: Mesh,
+    shards: Sequence[ObservedShard],
+    query_mask: Callable[[np.ndarray], np.ndarray],
+    settings: EmittersSettings,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Which triangles (T,) the mask says to emit, and (T,) how many pixels show each alone."""
     observed, bright = (np.zeros(len(mesh.triangles), np.int64) for _ in range(2))
-    for view in _observations(shards):
+    for view in observations(shards):
         observed += np.bincount(view.triangle, minlength=len(observed))
         bright += np.bincount(view.triangle[view.ratio > EMITTER_GAIN], minlength=len(observed))
     seen = np.flatnonzero(observed)
     if settings.evidence:
         # the mask network is asked only where the light could not be reflected: a median above needs half above
-        found = _of_triangles(_observations(shards), (observed > 0) & (2 * bright >= observed))
+        found = of_triangles(observations(shards), (observed > 0) & (2 * bright >= observed))
         seen, index = np.unique(found.triangle, return_inverse=True)
-        seen = seen[_grouped_median(found.ratio, index, len(seen)) > EMITTER_GAIN]
+        seen = seen[grouped_median(found.ratio, index, len(seen)) > EMITTER_GAIN]
     emitting = np.zeros(len(observed), bool)
     emitting[seen[_mean_mask(mesh, seen, query_mask, settings) > settings.threshold]] = True
-    emitting = (emitting | (decided.emitter >= 0)) & ~decided.rejected
-    measured = _measured(mesh, _of_triangles(_observations(shards), emitting), decided, settings)
-    return _completed(mesh, measured, np.flatnonzero(observed), decided, settings.complete)
+    return emitting, observed
 
 
-@dataclass(frozen=True)
-class Observations:
-    """N pixels that one triangle's piece fills.
-
-    Attributes
-    ----------
-    triangle, view
-        (N,) int64: the triangle, and the number of the view.
-    radiance
-        (N, 3) observed.
-    ratio
-        (N,) radiance over the most that could be reflected.
-    clipped
-        (N,) bool: the radiance is only a lower bound.
-    """
-
-    triangle: np.ndarray
-    radiance: np.ndarray
-    view: np.ndarray
-    ratio: np.ndarray
-    clipped: np.ndarray
-
-
-def _observations(shards: Sequence[ObservedShard]) -> Iterator[Observations]:
-    """Yield the pixels of every view that one triangle's piece fills."""
-    number = 0
-    for shard in shards:
-        samples = shard.samples
-        for index in range(len(samples.views)):
-            own, pixel = samples.of_view(index), samples.pixel_of_sample(index) + samples.pixels(index).start
-            use = np.flatnonzero((samples.weight[own] >= INTERIOR) & (shard.weight[pixel] > 0))
-            shading = np.asarray(shard.shading[own], np.float32)[use]
-            radiance = np.asarray(shard.radiance[pixel[use]])
-            yield Observations(
-                np.asarray(samples.triangle[own])[use],
-                radiance,
-                np.full(len(use), number),
-                radiance.mean(axis=1) / brightest_reflection(shading),
-                shard.clipped[pixel[use]],
-            )
-            number += 1
-
-
-def _of_triangles(views: Iterable[Observations], chosen: np.ndarray) -> Observations:
-    """Observations of the triangles where ``chosen`` (T,) is true, all views together."""
-    parts = [[values[chosen[view.triangle]] for values in vars(view).values()] for view in views]
-    return Observations(*(np.concatenate(values) for values in zip(*parts, strict=True)))
+def _undecided(
+    mesh: Mesh, surface: Surface, evidence: RegionEvidence, label: np.ndarray, decided: Decided
+) -> Undecided:
+    """Regions for which emission is ahead, but not by enough; those whose light would matter, the brightest first."""
+    free = (surface.region >= 0) & (label < 0) & (decided.emitter < 0) & ~decided.rejected
+    flux = np.nan_to_num(surface.radiance.mean(axis=1)) * mesh.areas
+    each = np.bincount(surface.region[free], flux[free], surface.count) * evidence.undecided
+    chosen = np.flatnonzero(each > _RELEVANT * flux[label >= 0].sum())
+    chosen = chosen[np.argsort(-each[chosen])][:_MOST_UNDECIDED]
+    number = np.full(surface.count + 1, -1)
+    number[chosen] = np.arange(len(chosen))
+    region = np.where(free, number[surface.region], -1)
+    triangle = np.flatnonzero(region >= 0)
+    costs = (evidence.reflects, evidence.emits, evidence.price)
+    return Undecided(
+        triangle.astype(np.int32),
+        region[triangle].astype(np.int32),
+        *(cost[chosen].astype(np.float32) for cost in costs),
+    )
 
 
 def _mean_mask(
@@ -169,66 +196,83 @@ def _mean_mask(
     return result
 
 
-def _grouped_median(values: np.ndarray, index: np.ndarray, groups: int) -> np.ndarray:
-    """(groups,) median of ``values`` (N,) per group; every group must have a member."""
-    return _grouped_quantile(values, index, groups, 0.5)
+def _measured(
+    mesh: Mesh,
+    seen: Observations,
+    label: np.ndarray,
+    decided: Decided,
+    settings: EmittersSettings,
+    surface: Surface | None,
+) -> Emitters:
+    """Median radiance of every label; with ``patches`` one radiance for each connected emitter.
 
-
-def _grouped_quantile(values: np.ndarray, index: np.ndarray, groups: int, share: float) -> np.ndarray:
-    """(groups,) quantile of ``values`` (N,) per group: the mean of the two members around it."""
-    order = np.lexsort((values, index))
-    count = np.bincount(index, minlength=groups)
-    start = np.concatenate([[0], np.cumsum(count)[:-1]]).astype(np.int64)
-    place, ordered = share * (count - 1), values[order]
-    return 0.5 * (ordered[start + np.floor(place).astype(np.int64)] + ordered[start + np.ceil(place).astype(np.int64)])
-
-
-def _levels(radiance: np.ndarray, bound: np.ndarray, index: np.ndarray, groups: int) -> tuple[np.ndarray, np.ndarray]:
-    """Median radiance (groups, 3) of each group, and whether (groups,) that is only a lower bound.
-
-    A clipped pixel below the median of what was measured agrees with it and counts as much. Where at least half of the
-    pixels are bounds above it, nobody knows the radiance: the brightest bounds come nearest.
+    Parameters
+    ----------
+    seen
+        Pixels that tell the radiance of what is labelled.
+    label
+        (T,) what a triangle shares its radiance with, -1 where it does not emit; labels that no pixel tells go.
+    surface
+        What the views show; None: an emitter is not looked at for a texture.
     """
-    measured, inverse = np.unique(index[~bound], return_inverse=True)
-    least = np.zeros((groups, 3))
-    for c in range(3):
-        least[measured, c] = _grouped_median(radiance[~bound, c], inverse, len(measured))
-    above = bound & (radiance.mean(axis=1) > least[index].mean(axis=1))
-    unknown = 2 * np.bincount(index, above, groups) >= np.maximum(np.bincount(index, minlength=groups), 1)
-    raised = np.where(bound[:, None], np.maximum(radiance, least[index]), radiance)
-    level = np.stack([_grouped_median(raised[:, c], index, groups) for c in range(3)], axis=1).reshape(-1, 3)
-    bounds = above & unknown[index]
-    clipped, inverse = np.unique(index[bounds], return_inverse=True)
-    for c in range(3):
-        level[clipped, c] = _grouped_quantile(radiance[bounds, c], inverse, len(clipped), _BRIGHTEST)
-    return level, unknown
-
-
-def _measured(mesh: Mesh, seen: Observations, decided: Decided, settings: EmittersSettings) -> Emitters:
-    """Median radiance of every triangle; with ``patches`` one radiance for each connected emitter."""
-    triangles, index = np.unique(seen.triangle, return_inverse=True)
-    own, unknown = _levels(seen.radiance, seen.clipped, index, len(triangles))
-    emitter = _connected_emitters(mesh, triangles, own, decided)
-    group = emitter[index]
+    labels, index = np.unique(label[seen.triangle], return_inverse=True)
+    own, unknown = levels(seen.radiance, seen.clipped, index.reshape(-1), len(labels))
+    triangles = np.flatnonzero(np.isin(label, labels) & (label >= 0))
+    row = np.searchsorted(labels, label[triangles])
+    emitter = _connected_emitters(mesh, triangles, own[row], decided)
+    # an island beside an emitter that no pixel shows alone
+    shown = np.isin(emitter, emitter[np.isin(triangles, seen.triangle)])
+    triangles, row = triangles[shown], row[shown]
+    emitter = np.unique(emitter[shown], return_inverse=True)[1].reshape(-1)
+    group = emitter[np.searchsorted(triangles, seen.triangle)]
     count = int(emitter.max(initial=-1)) + 1
-    level, unknown_level = _levels(seen.radiance, seen.clipped, group, count)
+    level, unknown_level = levels(seen.radiance, seen.clipped, group, count)
+    error = standard_errors(seen.radiance, seen.view, group, count)
     clipped = np.bincount(group, seen.clipped, count) / np.maximum(np.bincount(group, minlength=count), 1)
     spread = np.abs(seen.radiance.mean(axis=1) / np.maximum(level.mean(axis=1)[group], 1e-6) - 1)
-    agreement = np.exp(-_grouped_median(spread, group, count) / 0.1)
+    agreement = np.exp(-grouped_median(spread, group, count) / 0.1)
     seen_by = np.zeros(count, np.int64)
     np.add.at(seen_by, np.unique(np.stack([group, seen.view]), axis=1)[0], 1)
     confidence = agreement * (1 - np.exp(-seen_by / 2))
+    radiance = level[emitter] if settings.patches else own[row]
+    if surface is not None and settings.patches:
+        radiance = _textured(radiance, triangles, emitter, seen, surface)
     return Emitters(
         triangle=triangles.astype(np.int32),
-        radiance=(level[emitter] if settings.patches else own).astype(np.float32),
+        radiance=radiance.astype(np.float32),
         area=mesh.areas[triangles].astype(np.float32),
         emitter=emitter.astype(np.int32),
         views=seen_by[emitter].astype(np.int32),
         confidence=confidence[emitter].astype(np.float32),
         clipped=clipped[emitter].astype(np.float32),
-        lower_bound=unknown_level[emitter] if settings.patches else unknown,
+        lower_bound=unknown_level[emitter] if settings.patches else unknown[row],
+        error=error[emitter].astype(np.float32),
         two_sided=settings.two_sided,
     )
+
+
+def _textured(
+    radiance: np.ndarray, triangles: np.ndarray, emitter: np.ndarray, seen: Observations, surface: Surface
+) -> np.ndarray:
+    """(E, 3) radiance, that of each triangle where an emitter's triangles differ by more than their pixels' noise."""
+    bright = np.log(np.maximum(seen.radiance.mean(axis=1), 1e-9))
+    shown, index = np.unique(seen.triangle, return_inverse=True)
+    index = index.reshape(-1)
+    middle = grouped_median(bright, index, len(shown))
+    noise = grouped_median(np.abs(bright - middle[index]), index, len(shown))
+    error = 1.2533 * noise / np.sqrt(surface.pixels[shown])
+    use = surface.pixels[shown] >= _PIXELS_OF_TEXEL
+    of = emitter[np.searchsorted(triangles, shown)]
+    result = radiance.copy()
+    for number in np.unique(of[use]):
+        own = use & (of == number)
+        spread = np.median(np.abs(middle[own] - np.median(middle[own])))
+        if spread > max(_TEXTURE_SIGMA * np.median(error[own]), _LEAST_TEXTURE):
+            texels = surface.radiance[shown[own]]
+            known = (emitter == number) & np.isfinite(surface.radiance[triangles, 0])
+            # a rim, blurred with what is dark around, is no darker than the darkest texel
+            result[known] = np.clip(surface.radiance[triangles[known]], texels.min(axis=0), texels.max(axis=0))
+    return result
 
 
 def _completed(mesh: Mesh, found: Emitters, observed: np.ndarray, decided: Decided, complete: bool) -> Emitters:
@@ -266,6 +310,7 @@ def _completed(mesh: Mesh, found: Emitters, observed: np.ndarray, decided: Decid
         confidence=found.confidence[rows],
         clipped=found.clipped[rows],
         lower_bound=found.lower_bound[rows],
+        error=found.error[rows],
         two_sided=found.two_sided,
     )
 

@@ -14,7 +14,7 @@ from fipt.scene.dataset import Dataset
 from fipt.scene.emitters import default_name
 from fipt.scene.review import ReviewDecisions, matched, numbers
 from fipt.scene.samples import FootprintSamples
-from fipt.stages.emitters.extract import INTERIOR
+from fipt.stages.emitters.observations import INTERIOR
 
 _AROUND = 1.0
 """Of the emitter's size: what its image shows on each side of it."""

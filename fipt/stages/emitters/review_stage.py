@@ -46,7 +46,7 @@ def run(inputs: ReviewInputs, settings: "ReviewSettings") -> dict[str, Any]:
     from fipt.formats.files import atomic_folder
     from fipt.formats.manifests import write_manifest
     from fipt.scene.dataset import Dataset
-    from fipt.scene.emitters import emitter_facts, emitter_triangles, read_emitters, write_list
+    from fipt.scene.emitters import emitter_facts, emitter_triangles, read_emitters, undecided_facts, write_list
     from fipt.scene.review import numbers, parse_decisions, read_review, refreshed, write_review
     from fipt.scene.samples import read_samples
     from fipt.settings import dumped
@@ -69,7 +69,7 @@ def run(inputs: ReviewInputs, settings: "ReviewSettings") -> dict[str, Any]:
         written = _write_thumbnails(folder, files, [*emitters, *rejected], seen, (data, shards, settings.width))
         for row, where, file in zip(rows, seen, written, strict=False):
             row["seen_by"], row["thumbnail"] = where.views, file
-        write_list(folder / "emitters.json", found.two_sided, rows)
+        write_list(folder / "emitters.json", found.two_sided, rows, undecided_facts(found.undecided, mesh))
     write_manifest(Path(f"{out}.manifest.json"), "review", list(out.iterdir()), dumped(settings))
     shown = [None if file is None else f"{out.name}/{file}" for file in written]
     facts = [review_entry(row, own, file) for row, own, file in zip(rows, emitters, shown, strict=False)]

@@ -1,5 +1,7 @@
 """Settings of the emitters and of their list."""
 
+from typing import Literal
+
 from pydantic import Field
 
 from fipt.settings import Fraction, Positive, Settings
@@ -8,10 +10,15 @@ from fipt.settings import Fraction, Positive, Settings
 class EmittersSettings(Settings):
     """Emitting triangles."""
 
-    threshold: Fraction = Field(default=0.01, description="a triangle emits where its mean mask exceeds this")
-    points: Positive = Field(default=100, description="points of a triangle at which the mask is queried")
+    decide: Literal["regions", "mask"] = Field(
+        default="regions",
+        description="`regions`: what explains all views of a region best, reflection or emission, before the fit; "
+        "`mask`: the emission mask of each triangle, after the fit",
+    )
+    threshold: Fraction = Field(default=0.01, description="`mask`: a triangle emits where its mean mask exceeds this")
+    points: Positive = Field(default=100, description="`mask`: points of a triangle at which the mask is queried")
     every_round: bool = Field(default=True, description="extract after every fit, not only the first")
-    evidence: bool = Field(default=True, description="require more radiance than any reflectance could give")
+    evidence: bool = Field(default=True, description="`mask`: require more radiance than any reflectance could give")
     complete: bool = Field(
         default=True, description="unseen triangles of a part that glows wherever it is seen emit too"
     )

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from fipt.inputs import DatasetFolder, DecisionsJson, EnvironmentFile, ModelFile, SamplesFolders, ShadingFolders
+from fipt.inputs import DatasetFolder, DecisionsJson, EnvironmentFile, SamplesFolders, ShadingFolders
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,8 +26,8 @@ class EmittersInputs:
     dataset: DatasetFolder
     samples: SamplesFolders
     shading: ShadingFolders
-    model: ModelFile
     out: Annotated[Path, "File to write, emitters.npz; emitters.json comes beside it."]
+    model: Annotated[Path | None, "Fitted model, where its emission mask decides."] = None
     decisions: DecisionsJson = ""
     cache: Annotated[Path | None, "Radiance cache; absent: light that no view shows is not looked for."] = None
     environment: EnvironmentFile = None
@@ -35,33 +35,38 @@ class EmittersInputs:
 
 def run(inputs: EmittersInputs, settings: "EmittersSettings") -> dict[str, Any]:
     """Extract the triangles that emit light and their radiance."""
+    from fipt.errors import FiptError
     from fipt.formats.arrays import on_disk
     from fipt.model.store import load_field
     from fipt.scene.dataset import Dataset
-    from fipt.scene.emitters import write_emitters
+    from fipt.scene.emitters import undecided_facts, write_emitters
     from fipt.scene.observed import read_observed
     from fipt.scene.review import parse_decisions
     from fipt.stages.emitters.extract import extract
 
+    if settings.decide == "mask" and inputs.model is None:
+        raise FiptError("emitters.decide: mask needs a fitted model; none is given", "give --model, or decide: regions")
+    query_mask = load_field(inputs.model).query_mask if inputs.model and settings.decide == "mask" else None
     data = Dataset(inputs.dataset)
     mesh = data.mesh()
     decided = parse_decisions(inputs.decisions, len(mesh.triangles))
     shards = read_observed(data, inputs.samples, inputs.shading, on_disk(inputs.out.parent))
-    found = extract(mesh, shards, load_field(inputs.model).query_mask, settings, decided)
+    found = extract(mesh, shards, query_mask, settings, decided)
     guess: tuple[str, ...] = ()
     figures: dict[str, Any] = {}
     if settings.guess and inputs.cache is not None:
         found, guess, figures = _guessed(inputs, found, mesh, shards, decided)
     write_emitters(inputs.out, found, mesh)
     count = int(found.emitter.max(initial=-1)) + 1
-    warnings = [*_warnings(found, count, decided, len(mesh.triangles)), *guess]
+    questions = undecided_facts(found.undecided, mesh)
+    warnings = [*_warnings(found, count, decided, len(mesh.triangles)), *_questions(questions), *guess]
     for warning in warnings:
         log.warning("%s", warning)
     if count == 0:
         log.warning("no emitter found; refined shading will have no light of its own")
     else:
         log.info("emitters: %d emitters of %d triangles", count, len(found.triangle))
-    figures = {"triangles": len(found.triangle), "emitters": count, **figures}
+    figures = {"triangles": len(found.triangle), "emitters": count, "undecided": len(questions), **figures}
     return figures | ({"warnings": warnings} if warnings else {})
 
 
@@ -87,6 +92,15 @@ def _guessed(
     outside = read_environment(inputs.environment)
     guessed = with_guess(mesh, shards, found, read_cache(inputs.cache), outside, rejected)
     return guessed.emitters, guessed.warnings, dict(guessed.figures)
+
+
+def _questions(regions: "Sequence[dict[str, Any]]") -> list[str]:
+    """What a person is asked about regions that may emit."""
+    return [
+        f"emitter or mirror? The photographs do not tell for triangles {row['ranges']} ({row['area']:.3f} m2); "
+        "accept or reject them in emitters_review.yaml, or photograph them from other sides"
+        for row in regions
+    ]
 
 
 def _warnings(found: "Emitters", count: int, decided: "ReviewDecisions", triangles: int) -> list[str]:

@@ -106,6 +106,7 @@ def _added(mesh: Mesh, found: Emitters, patches: Patches, guess: Guess) -> Emitt
     rows = {
         "triangle": triangle.astype(np.int32),
         "radiance": guess.radiance[patch].astype(np.float32),
+        "error": (guess.spread * guess.radiance[patch]).astype(np.float32),
         "area": mesh.areas[triangle].astype(np.float32),
         "emitter": number[patch].astype(np.int32),
         "views": np.zeros(count, np.int32),

@@ -2,7 +2,7 @@
 
 import json
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,19 +15,21 @@ from fipt.progress import progress
 from fipt.scene.dataset import Dataset, read_layers
 from fipt.scene.references import read_reference, reference_files
 from fipt.scene.samples import read_samples
+from fipt.stages.evaluate.emission import emitted_ratios, emitting_triangles, triangle_figures
 from fipt.stages.evaluate.metrics import (
     Layers,
     MaterialFigures,
     PhotographedExposure,
     RenderExposure,
     emits,
-    emitting_triangles,
     finite,
     image_psnr,
-    triangle_figures,
 )
 
 log = logging.getLogger(__name__)
+
+_GRAZING = 0.1
+"""Least cosine of a view that counts: an area seen at less is uncertain by more than half."""
 
 
 def material_figures(data: Dataset, folder: Path, split: str) -> dict[str, Any]:
@@ -180,12 +182,14 @@ def reference_figures(data: Dataset, folder: Path, reference: Path) -> dict[str,
 
 
 def emitter_figures(data: Dataset, path: Path, samples: list[Path]) -> dict[str, Any]:
-    """Found, false and missed emitting triangles."""
+    """Found, false and missed emitting triangles; emitting area and flux over the true ones."""
     found, areas = load_npz(path), data.mesh().areas
     seen = truth = None
+    shown = {"emitted_area": None, "emitted_flux": None}
     if samples:
         majority, seen = emitting_triangles(len(areas), _centre_triangles(data, samples))
         truth = majority if any((data.root / "truth").glob("*.exr")) else None
+        shown = emitted_ratios(_seen_emission(data, samples, found, len(areas)))
     source = "pixel centres that see them" if truth is not None else None
     room = data.root / "room.json"
     if room.is_file():
@@ -200,7 +204,30 @@ def emitter_figures(data: Dataset, path: Path, samples: list[Path]) -> dict[str,
         "emitters": len(np.unique(found["emitter"])),
         **triangle_figures(found["triangle"], truth, areas, seen),
         "truth_from": source,
+        **shown,
     }
+
+
+def _seen_emission(
+    data: Dataset, folders: list[Path], found: Mapping[str, np.ndarray], triangles: int
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """For every view with truth: area (n,) that each pixel centre stands for, true and found radiance (n, 3) there."""
+    radiance = np.zeros((triangles, 3))
+    radiance[found["triangle"]] = found["radiance"]
+    for folder in folders:
+        shard = read_samples(folder)
+        for index, view in enumerate(shard.views):
+            truth = data.truth(view)
+            if truth is None or "emission" not in truth:
+                continue
+            pixels = shard.pixels(index)
+            hit = shard.center[pixels] > 0
+            first = shard.offsets[pixels][hit]
+            toward = data.camera(view).center - shard.position[first]
+            cosine = np.abs((toward * shard.normal[first]).sum(axis=1)) / np.linalg.norm(toward, axis=1).clip(1e-9)
+            area = shard.footprint[first].astype(np.float64) ** 2 / np.maximum(cosine, _GRAZING)
+            true = truth["emission"].reshape(-1, 3)[hit] * emits(truth).ravel()[hit, None]
+            yield area, true, radiance[shard.triangle[first]]
 
 
 def _room_triangles(path: Path, areas: np.ndarray) -> np.ndarray | None:

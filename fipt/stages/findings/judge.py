@@ -50,6 +50,16 @@ CHECKS: tuple[Check, ...] = (
 )
 """What says why stands before what only says that something is wrong: findings keep this order."""
 
+_FIT = frozenset({"emitter-or-mirror", "edges-off", "unexplained-parts", "mixed-ids", "exposure"})
+"""What the fit's own residual tells: no evidence where the light is missing under which it was made."""
+
+EXPLAINS: dict[str, frozenset[str]] = {
+    "no-emitter": _FIT | {"too-bright", "rerendering", "view-unlike"},
+    "too-bright": _FIT | {"rerendering", "view-unlike"},
+    "noisy-mesh": frozenset({"fine-mesh"}),
+}
+"""Finding -> findings that it explains: these are left out, so that the cause stands alone."""
+
 
 def judged(room: JudgedRoom) -> tuple[list[RoomFinding], Notes]:
     """Make every check; return the findings, worst first, and what was measured."""
@@ -58,4 +68,6 @@ def judged(room: JudgedRoom) -> tuple[list[RoomFinding], Notes]:
         for check in CHECKS:
             found += check(room, notes)
             bar.advance()
-    return sorted(found, key=lambda finding: SEVERITIES.index(finding.severity)), notes
+    explained = {other for finding in found for other in EXPLAINS.get(finding.id, ())}
+    causes = [finding for finding in found if finding.id not in explained]
+    return sorted(causes, key=lambda finding: SEVERITIES.index(finding.severity)), notes

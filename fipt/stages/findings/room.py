@@ -14,6 +14,7 @@ from fipt.scene.display import common_exposure
 from fipt.scene.mesh import Mesh
 from fipt.scene.observed import ObservedShard
 from fipt.scene.samples import FootprintSamples
+from fipt.scene.settled import RoundState
 from fipt.scene.shading import Shading
 from fipt.stages.findings.explained import ExplainedPixels, explained_pixels
 from fipt.stages.findings.patches import EdgePatches, edge_patches
@@ -39,6 +40,8 @@ class JudgedRoom:
         How much is looked at.
     prepared
         Figures of the mesh's preparation (prepare.json); empty where there are none.
+    rounds
+        Whether the loop had settled in the last rounds; empty where that is not known.
     """
 
     data: Dataset
@@ -48,6 +51,7 @@ class JudgedRoom:
     earlier: Sequence[Shading] | None
     settings: FindingsSettings
     prepared: Mapping[str, Any] = field(default_factory=dict)
+    rounds: Sequence[RoundState] = ()
 
     @property
     def mesh(self) -> Mesh:

@@ -36,6 +36,7 @@ class FindingsInputs:
     environment: EnvironmentFile = None
     held_out: Annotated[tuple[Path, ...], "Samples shards of the held-out views; without them none are judged."] = ()
     earlier: Annotated[tuple[Path, ...], "Shading of the round before, as --shading; without it, one round ran."] = ()
+    settled: Annotated[tuple[Path, ...], "settled.json of the last rounds, in their order."] = ()
     segments: Annotated[Path | None, "Folder of fused segment ids; absent: those of the dataset."] = None
 
 
@@ -56,7 +57,7 @@ def run(inputs: FindingsInputs, settings: "FindingsSettings") -> dict[str, Any]:
                 write_png(folder / f"{finding.id}.png", finding.image)
     write_findings(inputs.out, found, notes.measures)
     for finding in found:
-        log.warning("%s", finding.headline)
+        log.warning("%s %s", finding.cause, finding.remedy)
     return {"findings": {finding.id: finding.severity for finding in found}}
 
 
@@ -66,6 +67,7 @@ def _room(inputs: FindingsInputs, settings: "FindingsSettings") -> "JudgedRoom":
     from fipt.scene.dataset import Dataset
     from fipt.scene.observed import read_observed
     from fipt.scene.samples import read_samples
+    from fipt.scene.settled import read_state
     from fipt.scene.shading import read_shading
     from fipt.stages.findings.room import JudgedRoom
 
@@ -80,6 +82,7 @@ def _room(inputs: FindingsInputs, settings: "FindingsSettings") -> "JudgedRoom":
         earlier if len(earlier) == len(shards) else None,
         settings,
         _prepared(inputs.dataset / "prepare.json"),
+        [state for state in map(read_state, inputs.settled) if state is not None],
     )
 
 

@@ -228,7 +228,7 @@ def _chosen(residual: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, np.ndar
     choice = cautious[metal, :, segments].argmin(axis=1)
     matte = residual[0, -1]
     best = residual[metal, choice, segments]
-    known = free >= 1
+    known = free >= FEWEST
     return (
         np.where(known, rough[choice], 1.0),
         np.where(known, np.array(_METALLIC)[metal], 0.0),

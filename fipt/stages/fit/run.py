@@ -14,8 +14,9 @@ from fipt.model.networks import Field, SceneBox
 from fipt.model.store import load_field, save_field
 from fipt.scene.confidence import Confidence, write_confidence
 from fipt.scene.dataset import Dataset
+from fipt.scene.emitters import read_emitters
 from fipt.scene.environment import beyond, read_environment
-from fipt.scene.observed import read_observed
+from fipt.scene.observed import read_observed, without_triangles
 from fipt.scene.samples import scene_box, segments_of
 from fipt.scene.settled import read_state
 from fipt.scene.shading import read_shading
@@ -79,6 +80,8 @@ def _training_pixels(data: Dataset, kind: str | None, inputs: FitInputs, setting
     """All pixels that teach anything."""
     empty = on_disk(inputs.out.parent)  # what there is for every pixel stays out of memory
     shards = read_observed(data, inputs.samples, inputs.shading, empty)
+    if inputs.emitters is not None:
+        shards = without_triangles(shards, read_emitters(inputs.emitters).possible)
     cameras = [[data.camera(view) for view in shard.samples.views] for shard in shards]
     evidence = None
     if settings.confidence or settings.min_confidence > 0:
@@ -132,7 +135,7 @@ def _checkpoint(inputs: FitInputs, settings: FitSettings) -> Path:
     """Checkpoint file of exactly this fit; those of other inputs or settings are stale and removed."""
     key, out = hashlib.sha256(settings.model_dump_json().encode()), inputs.out
     folders = [*inputs.samples, *inputs.shading, *([inputs.segments] if inputs.segments else [])]
-    files = [inputs.previous, inputs.cache, inputs.environment]
+    files = [inputs.previous, inputs.emitters, inputs.cache, inputs.environment]
     for path in [*(Path(f"{folder}.manifest.json") for folder in folders), *files]:
         if path is not None and path.is_file():
             key.update(path.read_bytes())

@@ -60,6 +60,9 @@ LAST_SHADING = (
 SHADING_BEFORE = (
     f"results/{{scene}}/round-{CONFIG.rounds - 1}/shading/{{shard}}.manifest.json"
 )
+LAST_STATES = [
+    f"results/{{scene}}/round-{k}/settled.json" for k in range(CONFIG.rounds + 1)[-2:]
+]
 LAST_MODEL = f"results/{{scene}}/round-{CONFIG.rounds}/model.safetensors"
 LAST_CONFIDENCE = f"results/{{scene}}/round-{CONFIG.rounds}/confidence.npz"
 

@@ -1,7 +1,7 @@
 """Emitting triangles and their radiance; the list of lamps for people.
 
-INPUTS:  results/{scene}/round-{k}/model.safetensors, shading, samples and pictures of the training shards, mesh,
-         cache.npz and environment.npz;
+INPUTS:  results/{scene}/round-{k}/shading, samples and pictures of the training shards, mesh, cache.npz, environment.npz;
+         round-{k}/model.safetensors where its mask decides; else the fit of the round comes after this
          the decisions in results/{scene}/emitters_review.yaml as parameters, that file itself never
 OUTPUTS: results/{scene}/round-{k}/emitters.npz     triangles, radiance, area (m2), patches, views, confidence
          results/{scene}/round-{k}/emitters.json    the same by patch, for people
@@ -21,7 +21,7 @@ rule emitters:
         shading=sharded(
             "results/{scene}/round-{round}/shading/{shard}.manifest.json", "train"
         ),
-        model="results/{scene}/round-{round}/model.safetensors",
+        model=ask("model_of_emitters"),
         cache="results/{scene}/cache.npz",
         environment="results/{scene}/environment.npz",
     output:
@@ -40,12 +40,13 @@ rule emitters:
         dataset=folder("results/{scene}/dataset"),
         samples=folders_of("samples"),
         shading=folders_of("shading"),
+        model=option("--model", "model"),
         decisions=ask("decisions.emission"),
         settings=settings("emitters"),
         version=VERSIONS["emitters"],
     shell:
         "fipt emitters --dataset {params.dataset:q} --samples {params.samples:q}"
-        " --shading {params.shading:q} --model {input.model:q} --out {output.emitters:q}"
+        " --shading {params.shading:q} {params.model:q} --out {output.emitters:q}"
         " --cache {input.cache:q} --environment {input.environment:q} {params.decisions:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
 

@@ -20,6 +20,7 @@ rule findings:
         held_out=sharded("results/{scene}/samples/{shard}.manifest.json", "val"),
         shading=sharded(LAST_SHADING, "train"),
         earlier=sharded(SHADING_BEFORE, "train") if CONFIG.rounds else [],
+        settled=LAST_STATES,
         cache="results/{scene}/cache.npz",
         environment="results/{scene}/environment.npz",
         segments=ask("segmentation.fused"),
@@ -43,12 +44,14 @@ rule findings:
         held_out=folders_of("held_out"),
         shading=folders_of("shading"),
         earlier=folders_of("earlier"),
+        settled=lambda _, input: ",".join(input.settled),
         segments=option("--segments", "segments", "results/{scene}/segments/fused"),
         settings=settings("findings"),
         version=VERSIONS["findings"],
     shell:
         "fipt findings --dataset {params.dataset:q} --samples {params.samples:q} --shading {params.shading:q}"
         " --held-out={params.held_out:q} --earlier={params.earlier:q} {params.segments:q}"
+        " --settled={params.settled:q}"
         " --cache {input.cache:q} --environment {input.environment:q}"
         " --model {input.model:q} --emitters {input.emitters:q} --out {output.findings:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

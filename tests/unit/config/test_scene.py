@@ -73,6 +73,11 @@ def test_emitters_of_rounds():
     room = scene(rounds=3)
     assert room.last_emitters() == "results/room/round-3/emitters.npz"
     assert room.emitters_before("2") == "results/room/round-1/emitters.npz"
+    assert room.emitters_of_fit("2") == ["results/room/round-2/emitters.npz"]
+    assert room.model_of_emitters("2") == []
+    masked = scene(rounds=3, emitters={"decide": "mask"})
+    assert masked.emitters_of_fit("2") == []
+    assert masked.model_of_emitters("2") == ["results/room/round-2/model.safetensors"]
     once = scene(rounds=3, emitters={"every_round": False})
     assert once.last_emitters() == once.emitters_before("2") == "results/room/round-0/emitters.npz"
 

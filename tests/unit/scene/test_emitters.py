@@ -69,7 +69,11 @@ def test_no_emitters(tmp_path, mesh, emitters):
     empty = replace(emitters, **{name: getattr(emitters, name)[:0] for name in ARRAYS})
     write_emitters(tmp_path / "emitters.npz", empty, mesh)
     assert read_emitters(tmp_path / "emitters.npz").radiance.shape == (0, 3)
-    assert json.loads((tmp_path / "emitters.json").read_text()) == {"two_sided": False, "emitters": []}
+    assert json.loads((tmp_path / "emitters.json").read_text()) == {
+        "two_sided": False,
+        "emitters": [],
+        "undecided": [],
+    }
 
 
 @pytest.mark.parametrize("name", [*ARRAYS, "two_sided"])

@@ -1,13 +1,16 @@
 """Whether the rounds had come to rest: how much the diffuse shading changed between the last two.
 
-Changes are taken as medians of cells of the surface, so that the noise of single pixels does not count. With damping d
-a round goes 1 - d of the way to what it would be: the shading is as far from rest as it changed, times d / (1 - d), and
-further where the rounds themselves converge slowly.
+Changes are taken as medians of cells of the surface, so that the noise of single pixels does not count. What is still
+to come is the rest of a geometric series: its quotient is that of the last two rounds' changes, where settled.json
+tells them.
 """
+
+from collections.abc import Sequence
 
 import numpy as np
 
 from fipt.scene.findings import Measure, RoomFinding
+from fipt.scene.settled import RoundState
 from fipt.scene.voxels import FACINGS, facings, voxel_keys
 from fipt.stages.findings.drawing import plan
 from fipt.stages.findings.notes import Notes
@@ -20,20 +23,24 @@ _FEWEST = 20
 """Samples that a cell must have."""
 _DARK = 0.01
 """Share of the median shading that is added before ratios are taken: noise decides there."""
+_DAMPED = 0.5
+"""Quotient of the changes of two rounds where nothing is known: the default damping lets half of a change for later."""
+_QUOTIENT = (0.1, 0.9)
+"""Between these the quotient is believed: noise decides below, and above there may be no end."""
 _STRIDE = 3
 """Every third sample is enough."""
 
 
 def check(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:
     """Tell rounds that had not settled."""
-    if room.earlier is None:
+    if room.earlier is None or any(state.settled is not None for state in room.rounds[-1:]):
         return []
     place, change = changes(room)
     if not len(change):
         return []
     typical = float(np.expm1(np.median(np.abs(change))))
-    measure = Measure("change of the shading in the last round, typical cell", typical, TOLERANCE)
-    largest = float(np.expm1(np.percentile(np.abs(change), 90)))
+    ahead = typical * remaining(room.rounds)
+    measure = Measure("light on a typical surface, change that is still to come", ahead, TOLERANCE)
     level = notes.judge("not-settled", measure)
     if level is None:
         return []
@@ -44,14 +51,24 @@ def check(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:
             "not-settled",
             level,
             f"The rounds had not settled: in the last one the light on a typical surface still changed by "
-            f"{100 * typical:.0f} %.",
+            f"{100 * typical:.0f} %, and {100 * ahead:.0f} % are still to come.",
             measure,
-            "Run more rounds (rounds: 5 in the configuration); the rounds that are done are kept.",
+            "Run more rounds (raise rounds in the configuration); the rounds that are done are kept.",
             {"position": [round(float(v), 2) for v in worst]},
-            {"ninety_percent_below": largest},
+            {"change": typical, "ninety_percent_below": float(np.expm1(np.percentile(np.abs(change), 90)))},
             image=plan(room.mesh, cameras, room.fitted.emitters, [], (place, change, "log change")),
         )
     ]
+
+
+def remaining(rounds: Sequence[RoundState]) -> float:
+    """Change that is still to come, relative to that of the last round.
+
+    Changes of rounds are taken for a geometric series, whose quotient the last two tell.
+    """
+    known = [state.change for state in rounds if state.change]
+    quotient = float(np.clip(known[-1] / known[-2], *_QUOTIENT)) if len(known) > 1 else _DAMPED
+    return quotient / (1 - quotient)
 
 
 def changes(room: JudgedRoom) -> tuple[np.ndarray, np.ndarray]:

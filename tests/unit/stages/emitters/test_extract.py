@@ -48,7 +48,12 @@ def seen(room, rng, per_triangle=6):
 
 def found(room, data, mask=is_emitter, **settings):
     samples, shading, image, valid = data
-    return extract(room, scenes.observed([samples], [shading], [(image, valid)]), mask, EmittersSettings(**settings))
+    return extract(
+        room,
+        scenes.observed([samples], [shading], [(image, valid)]),
+        mask,
+        EmittersSettings(**{"decide": "mask"} | settings),
+    )
 
 
 def test_emitters_are_found_with_their_radiance(room, np_rng):
@@ -140,7 +145,7 @@ def test_several_samples_of_a_pixel_and_several_shards(room, np_rng):
     ]
     baked = [np.full((len(position), SHADING_OUTPUTS, 3), 0.3, np.float16), shading[first:]]
     images = [(image[:first], valid[:first]), (image[first:], valid[first:])]
-    emitters = extract(room, scenes.observed(shards, baked, images), is_emitter, EmittersSettings())
+    emitters = extract(room, scenes.observed(shards, baked, images), is_emitter, EmittersSettings(decide="mask"))
     np.testing.assert_array_equal(emitters.triangle, np.arange(2, 10))
     np.testing.assert_allclose(emitters.radiance, [BLUE] * 4 + [RED] * 4)
     np.testing.assert_array_equal(emitters.views, 3)
@@ -203,7 +208,7 @@ def test_views_that_show_nothing_at_all(room):
 def bounded(room, data, clipped, **settings):
     samples, shading, image, valid = data
     shards = scenes.observed([samples], [shading], [(image, valid)], [clipped])
-    return extract(room, shards, is_emitter, EmittersSettings(**settings))
+    return extract(room, shards, is_emitter, EmittersSettings(**{"decide": "mask"} | settings))
 
 
 @pytest.mark.parametrize("patches", [True, False])
@@ -248,7 +253,7 @@ def reviewed(room, data, mask=is_emitter, settings=None, **decisions):
     samples, shading, image, valid = data
     decided = ReviewDecisions(mesh_triangles=len(room.triangles), **decisions)
     shards = scenes.observed([samples], [shading], [(image, valid)])
-    return extract(room, shards, mask, EmittersSettings(**(settings or {})), decided)
+    return extract(room, shards, mask, EmittersSettings(**{"decide": "mask"} | (settings or {})), decided)
 
 
 def test_a_rejected_emitter_never_emits(room, np_rng):

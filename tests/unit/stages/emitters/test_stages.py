@@ -101,7 +101,7 @@ def test_names_reach_setup_and_list(work, refused):
 
 def test_no_emitter_is_no_error(work, capsys):
     """The run goes on: paths are dark but for the cache, and renders are black."""
-    assert call("emitters", work, settings={"points": 5, "threshold": 1.0}) == 0
+    assert call("emitters", work, settings={"decide": "mask", "points": 5, "threshold": 1.0}) == 0
     assert "warning: no emitter found" in capsys.readouterr().err
     assert json.loads((work / "round-0" / "emitters.json").read_text())["emitters"] == []
     for verb in ("refine", "materials", "render", "relight"):

@@ -4,16 +4,15 @@ import numpy as np
 import pytest
 
 from fipt.errors import FiptError
+from fipt.stages.evaluate.emission import emitted_ratios, emitting_triangles, triangle_figures
 from fipt.stages.evaluate.metrics import (
     MaterialFigures,
     RenderExposure,
-    emitting_triangles,
     finite,
     image_psnr,
     psnr,
     published_mean,
     published_view,
-    triangle_figures,
 )
 
 
@@ -244,3 +243,12 @@ def test_false_missed_and_unseen_triangles():
     unknown = triangle_figures(np.array([], int), None, np.ones(4))
     assert unknown["found_triangles"] == 0
     assert unknown["false_triangles"] is None
+
+
+def test_area_and_flux_do_not_depend_on_triangles():
+    """Of two pixels that emit in truth one is found, twice as bright; a third is false."""
+    grey = np.ones((1, 3))
+    area, true, found = np.array([1.0, 3.0, 2.0]), np.array([[4], [4], [0]]) * grey, np.array([[0], [8], [1]]) * grey
+    result = emitted_ratios([(area, true, found), (area, 0 * true, 0 * found)])
+    assert result == {"emitted_area": pytest.approx(5 / 4), "emitted_flux": pytest.approx(26 / 16)}
+    assert emitted_ratios([(area, 0 * true, found)]) == {"emitted_area": None, "emitted_flux": None}

@@ -1,0 +1,74 @@
+"""The shape of emitters: which triangles belong to a region that emits, up to half of the step of radiance at its edge.
+
+Pixels at an edge see both sides, and triangles there have radiance in between. An ideal picture reaches half of the
+step exactly at the edge. So every triangle that is smaller than a pixel and lies within the blur of an emitter belongs
+to it if it has more than the mean of the radiance inside and outside. That takes in the small regions between (holes,
+speckles) and removes rims that would be emitters of their own.
+"""
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from fipt.scene.mesh import Mesh
+from fipt.stages.emitters.observations import grouped_median
+from fipt.stages.emitters.regions import Surface, by_part
+
+_BLUR = 2.0
+"""Widths of a pixel within which an edge mixes both sides: one for the pixel, one for the mesh being off by one."""
+_NEAREST = 8
+"""Triangles of emitters that are looked at around each triangle."""
+_THIN = 0.9
+"""Share of its area within the blur of a brighter emitter that makes a region a rim of that."""
+
+
+def shaped(mesh: Mesh, surface: Surface, emits: np.ndarray) -> np.ndarray:
+    """(T,) int64 region whose light a triangle sends out, -1 where it sends out none.
+
+    Parameters
+    ----------
+    emits
+        (R,) bool, regions that emit.
+    """
+    bright = surface.radiance.mean(axis=1)
+    own = np.append(emits, False)[surface.region]  # the last for what has no region
+    result = np.where(own, surface.region, -1)
+    # what is larger than a pixel has pixels of its own
+    small = np.flatnonzero((surface.region >= 0) & (np.sqrt(mesh.areas) <= surface.width))
+    if not own.any() or len(small) == 0:
+        return result
+    inside = _medians(bright[own], surface.region[own], surface.count)
+    distance, near = _emitters_around(mesh, surface, own, small)
+    dark = ~own[small] & (distance[:, 0] > _BLUR) & (distance[:, 0] <= 2 * _BLUR)
+    outside = _medians(bright[small[dark]], near[dark, 0], surface.count)
+    level = np.where(distance <= _BLUR, inside[near], -1.0)
+    region = near[np.arange(len(small)), level.argmax(axis=1)]  # the brightest emitter nearby
+    level = level.max(axis=1)
+    close = level >= 0
+    rim = _rims(mesh, surface, small, region, close & own[small])
+    asked = close & (~own[small] | (surface.region[small] == region) | rim[surface.region[small]])
+    passes = bright[small] > 0.5 * (level + outside[region])
+    result[small[asked]] = np.where(passes, region, -1)[asked]
+    return result
+
+
+def _medians(values: np.ndarray, region: np.ndarray, regions: int) -> np.ndarray:
+    """(R,) median of the values (N,) of each region; 0 where there is none."""
+    result = np.zeros(regions)
+    found, index = np.unique(region, return_inverse=True)
+    result[found] = grouped_median(values, index.reshape(-1), len(found))
+    return result
+
+
+def _emitters_around(mesh: Mesh, surface: Surface, own: np.ndarray, small: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Distance (N, K), in widths of a pixel, and region of the nearest emitting triangles to those of ``small``."""
+    places, seeds = by_part(mesh.corners.mean(axis=1).astype(np.float64), surface.part), np.flatnonzero(own)
+    distance, near = cKDTree(places[seeds]).query(places[small], k=min(_NEAREST, len(seeds)), workers=-1)
+    distance, near = distance.reshape(len(small), -1), near.reshape(len(small), -1)
+    return distance / surface.width[small, None], surface.region[seeds[near]]
+
+
+def _rims(mesh: Mesh, surface: Surface, small: np.ndarray, region: np.ndarray, near: np.ndarray) -> np.ndarray:
+    """(R,) bool: regions nearly all of which is in the blur of another, brighter one."""
+    rows, areas, known = near & (region != surface.region[small]), mesh.areas, surface.region >= 0
+    within = np.bincount(surface.region[small[rows]], areas[small[rows]], surface.count)
+    return within > _THIN * np.bincount(surface.region[known], areas[known], surface.count)

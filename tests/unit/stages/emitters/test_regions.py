@@ -1,0 +1,186 @@
+"""Emission as a hypothesis of a region: a wall with panels, by what is seen of it and the shading there."""
+
+import numpy as np
+import pytest
+
+from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
+from fipt.scene.emitters import emitter_facts, read_emitters, undecided_facts, write_emitters
+from fipt.scene.mesh import Mesh
+from fipt.scene.observed import without_triangles
+from fipt.scene.review import ReviewDecisions
+from fipt.stages.emitters.extract import extract
+from fipt.stages.emitters.settings import EmittersSettings
+from tests import scenes
+
+WIDTH, HEIGHT = 3.0, 2.0
+VIEWS = ("a", "b", "c", "d", "e", "f")
+LEVELS = len(ROUGHNESS_LEVELS)
+FOOTPRINT = 0.04
+"""Width of a pixel, metres."""
+WHITE = 0.5
+"""Ld of the wall: what a white surface would show."""
+WALL = 0.3
+PANEL = (1.0, 1.8, 0.6, 1.4)
+"""x and y from and to."""
+
+
+def wall(cell):
+    """A wall in the plane z = 0 of square cells, two triangles each, all connected."""
+    nx, ny = round(WIDTH / cell), round(HEIGHT / cell)
+    x, y = np.meshgrid(np.arange(nx + 1) * cell, np.arange(ny + 1) * cell, indexing="ij")
+    vertices = np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3).astype(np.float32)
+    corner = (np.arange(nx)[:, None] * (ny + 1) + np.arange(ny)).reshape(-1)
+    first = np.stack([corner, corner + ny + 1, corner + ny + 2], axis=1)
+    second = np.stack([corner, corner + ny + 2, corner + 1], axis=1)
+    return Mesh(vertices, np.stack([first, second], axis=1).reshape(-1, 3).astype(np.int32))
+
+
+def on_panel(place, panel=PANEL):
+    x0, x1, y0, y1 = panel
+    return (place[:, 0] > x0) & (place[:, 0] < x1) & (place[:, 1] > y0) & (place[:, 1] < y1)
+
+
+class Seen:
+    """Pixels of six views on the wall, which is grey and evenly lit unless a test says otherwise."""
+
+    def __init__(self, rng, cell=0.05, pixels=2000):
+        self.mesh, self.rng = wall(cell), rng
+        nx, ny = round(WIDTH / cell), round(HEIGHT / cell)
+        count = pixels * len(VIEWS)
+        self.place = rng.uniform((0, 0), (WIDTH, HEIGHT), (count, 2))
+        i, j = np.minimum((self.place / cell).astype(int), (nx - 1, ny - 1)).T
+        inside = self.place / cell - np.stack([i, j], axis=1)
+        self.triangle = 2 * (i * ny + j) + (inside[:, 1] > inside[:, 0])
+        self.view = np.repeat(np.arange(len(VIEWS)), pixels)
+        self.image = np.full((count, 3), WALL)
+        self.shading = np.zeros((count, SHADING_OUTPUTS, 3), np.float32)
+        self.shading[:, 0] = WHITE
+        self.shading[:, 1 : 1 + LEVELS] = WHITE
+        self.panel = on_panel(self.place)
+
+    def found(self, noise=0.03, decisions=None):
+        """Emitters; image and shading noisy by a relative amount."""
+        noisy = self.image * np.exp(noise * self.rng.standard_normal((len(self.image), 1)))
+        return extract(self.mesh, self.shards(noisy), None, EmittersSettings(), decisions)
+
+    def shards(self, image):
+        place = np.concatenate([self.place, np.zeros((len(self.place), 1))], axis=1)
+        normal, footprint = np.tile(np.float32([0, 0, 1]), (len(place), 1)), np.full(len(place), np.float32(FOOTPRINT))
+        shapes = [(1, len(place) // len(VIEWS))] * len(VIEWS)
+        arrays = {"normal": normal, "footprint": footprint, "views": VIEWS, "shapes": shapes}
+        samples = scenes.samples_of(place, self.triangle, **arrays)
+        image = image.astype(np.float32)
+        return scenes.observed([samples], [self.shading], [(image, np.ones(len(image), np.float32))])
+
+    def overlap(self, emitters, panel=PANEL):
+        """Intersection over union, by area, of what emits and the panel."""
+        emits = np.zeros(len(self.mesh.triangles), bool)
+        emits[emitters.triangle] = True
+        true, area = on_panel(self.mesh.corners.mean(axis=1), panel), self.mesh.areas
+        return area[emits & true].sum() / area[emits | true].sum()
+
+
+def test_a_dim_emitter_is_brighter_than_white(np_rng):
+    """It is dimmer than a mirror could be, whose picture here and there shows a window."""
+    seen = Seen(np_rng)
+    seen.image[seen.panel] = (1.2, 1.3, 1.5)
+    window = seen.panel & (seen.place[:, 0] > 1.1 + 0.1 * seen.view) & (seen.place[:, 0] < 1.3 + 0.1 * seen.view)
+    seen.shading[window, 1] = 20.0
+    found = seen.found()
+    assert seen.overlap(found) > 0.97
+    (facts,) = emitter_facts(found, seen.mesh)
+    np.testing.assert_allclose(facts["radiance"], (1.2, 1.3, 1.5), rtol=0.02)
+    assert 0 < max(facts["error"]) < 0.05
+    assert facts["views"] == len(VIEWS)
+    assert len(found.undecided.price) == 0
+
+
+def test_a_mirror_is_none_though_it_is_brighter_than_white(np_rng):
+    """Its picture moves with the viewer, as the shading says."""
+    seen = Seen(np_rng)
+    picture = 0.8 + 0.6 * np.sin(7 * seen.place[:, 0] + 1.1 * seen.view)
+    seen.image[seen.panel] = 0.9 * picture[seen.panel, None]
+    for level in range(LEVELS):
+        seen.shading[seen.panel, 1 + level] = picture[seen.panel, None] * (1 - level / LEVELS) + 0.8 * level / LEVELS
+    assert (seen.image[seen.panel] > 1.5 * WHITE).any()
+    assert len(seen.found().triangle) == 0
+
+
+def test_a_white_wall_is_none(np_rng):
+    seen = Seen(np_rng)
+    seen.image[seen.panel] = 0.98 * WHITE
+    assert len(seen.found().triangle) == 0
+
+
+def test_a_little_more_than_white_is_a_question(np_rng, tmp_path):
+    """The shading may be that wrong; a person is asked."""
+    seen = Seen(np_rng)
+    lamp = on_panel(seen.place, (0.2, 0.6, 0.2, 0.6))
+    seen.image[lamp] = 3.0
+    seen.image[seen.panel] = 1.2 * WHITE
+    seen.shading[:, 0] *= np.exp(0.1 * np.sin(5 * seen.place[:, :1]))  # what shading and radiance disagree by here
+    found = seen.found()
+    assert seen.overlap(found, (0.2, 0.6, 0.2, 0.6)) > 0.97
+    (question,) = undecided_facts(found.undecided, seen.mesh)
+    assert question["area"] == pytest.approx(0.64, rel=0.05)
+    assert question["evidence"]["reflects"] > question["evidence"]["emits"]
+    write_emitters(tmp_path / "emitters.npz", found, seen.mesh)
+    again = read_emitters(tmp_path / "emitters.npz")
+    np.testing.assert_array_equal(again.possible, found.possible)
+    assert len(again.possible) > len(again.triangle)
+
+
+@pytest.mark.parametrize("cell", [0.02, 0.04])
+def test_a_scan_gives_no_speckles(np_rng, cell):
+    """Triangles half as wide as a pixel, of which many are seen by none; pixels at the edge mix both sides."""
+    seen = Seen(np_rng, cell, pixels=3000)
+    x0, x1, y0, y1 = PANEL
+    across = np.minimum(seen.place - (x0, y0), (x1, y1) - seen.place).min(axis=1) / FOOTPRINT + 0.5
+    seen.image += (12.0 - WALL) * across.clip(0, 1)[:, None]
+    found = seen.found(noise=0.1)
+    assert seen.overlap(found) > 0.9
+    assert found.emitter.max() == 0
+    assert found.area.sum() == pytest.approx(0.64, rel=0.1)
+    np.testing.assert_allclose(found.radiance, 12.0, rtol=0.05)
+
+
+def test_a_textured_emitter_has_a_texture(np_rng):
+    """A shade that is brighter towards its lamp."""
+    seen = Seen(np_rng, 0.1, pixels=4000)
+    light = 4.0 + 2.0 * (seen.place[:, 1] - 1.0) / 0.4
+    seen.image[seen.panel] = light[seen.panel, None]
+    found = seen.found()
+    assert seen.overlap(found) > 0.97
+    true = 4.0 + 2.0 * (seen.mesh.corners[found.triangle].mean(axis=1)[:, 1] - 1.0) / 0.4
+    np.testing.assert_allclose(found.radiance[:, 0], true, rtol=0.15)
+
+
+def test_an_even_emitter_has_none(np_rng):
+    seen = Seen(np_rng, 0.1)
+    seen.image[seen.panel] = 4.0
+    assert len(np.unique(seen.found().radiance, axis=0)) == 1
+
+
+def test_what_a_person_decides_goes_first(np_rng):
+    seen = Seen(np_rng, 0.1)
+    seen.image[seen.panel] = 4.0
+    panel = np.flatnonzero(on_panel(seen.mesh.corners.mean(axis=1)))
+    text = ", ".join(map(str, panel))
+    rejected = ReviewDecisions(mesh_triangles=len(seen.mesh.triangles), reject=[text])
+    assert len(seen.found(decisions=rejected).triangle) == 0
+    accepted = ReviewDecisions(mesh_triangles=len(seen.mesh.triangles), accept=["0-1"])
+    found = seen.found(decisions=accepted)
+    np.testing.assert_array_equal(found.triangle, [0, 1, *panel])
+    np.testing.assert_allclose(found.radiance[:2], WALL, rtol=0.05)
+
+
+def test_nothing_seen(np_rng):
+    seen = Seen(np_rng, 0.5, pixels=0)
+    assert len(seen.found().triangle) == 0
+
+
+def test_pixels_that_show_an_emitter_have_no_weight(np_rng):
+    seen = Seen(np_rng, 0.5, pixels=50)
+    (left,) = without_triangles(seen.shards(seen.image), np.array([3, 4]))
+    np.testing.assert_array_equal(left.weight > 0, ~np.isin(seen.triangle, (3, 4)))
+    assert len(without_triangles(seen.shards(seen.image), np.zeros(0, int))) == 1
