@@ -43,8 +43,8 @@ SECTIONS: dict[str, Section] = {
     "environment": Section("fipt.stages.environment.settings:EnvironmentSettings", 1),
     "cache": Section("fipt.stages.cache.settings:CacheSettings", 3),
     "bake": Section("fipt.stages.shade.settings:BakeSettings", 3),
-    "fit": Section("fipt.stages.fit.settings:FitSettings", 6),
     "emitters": Section("fipt.stages.emitters.settings:EmittersSettings", 4),
+    "fit": Section("fipt.stages.fit.settings:FitSettings", 6),
     "review": Section("fipt.stages.emitters.settings:ReviewSettings", 1),
     "refine": Section("fipt.stages.shade.settings:RefineSettings", 4),
     "materials": Section("fipt.stages.render.settings:MaterialsSettings", 3),
@@ -165,10 +165,10 @@ VERBS: dict[str, Verb] = {
         "bake",
         rays=True,
     ),
-    "fit": Verb("Fit the BRDF and emission networks to the images.", "fipt.stages.fit.stage", "fit", rays=True),
     "emitters": Verb(
         "Extract the triangles that emit light and their radiance.", "fipt.stages.emitters.stage", "emitters", rays=True
     ),
+    "fit": Verb("Fit the BRDF and emission networks to the images.", "fipt.stages.fit.stage", "fit", rays=True),
     "review": Verb(
         "List the emitters for people, who may accept, reject, name and merge them.",
         "fipt.stages.emitters.review_stage",

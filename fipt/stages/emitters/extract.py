@@ -107,7 +107,7 @@ def extract(
         seen = _all_pixels(shards)
         surface = find_regions(mesh, shards, seen)
         evidence = judge(shards, seen, surface)
-        label = shaped(mesh, surface, evidence.emitting(surface.touching))
+        label = shaped(mesh, surface, evidence.emitting(surface.touching), shards)
         tells = label == surface.region  # a rim has the light of the region inside, but mixed with what is around
         observed = surface.pixels
         undecided = _undecided(mesh, surface, evidence, label, decided)

@@ -19,12 +19,12 @@ from fipt.scene.mesh import Mesh, connected_parts
 from fipt.scene.observed import ObservedShard
 from fipt.stages.emitters.observations import Observations, grouped_median
 
-_PIXELS = 9
+PIXELS = 9
 """Pixels that a triangle's median needs: with fewer one or two mixed ones shift it."""
-_ALIKE = 0.5
+ALIKE = 0.5
 """Least cosine between normals of surface that lends radiance: a side face does not take that of the front."""
 _STEP = 0.03
-"""Steps of log radiance that are never an edge: about what is left of noise in a median of `_PIXELS` pixels."""
+"""Steps of log radiance that are never an edge: about what is left of noise in a median of `PIXELS` pixels."""
 _NOISE = 0.3
 """Steps of log radiance that one pixel alone does not tell from none: three times the spread in a triangle (0.1)."""
 _DARK = 0.05
@@ -123,15 +123,15 @@ def _fused(
     footprint = rows_of(shards, seen, "footprint").astype(np.float64)
     radiance[shown] = grouped_median(seen.radiance, index.reshape(-1), len(shown))
     width[shown] = grouped_median(footprint, index.reshape(-1), len(shown))
-    few = np.flatnonzero(np.bincount(seen.triangle, minlength=len(part)) < _PIXELS)
+    few = np.flatnonzero(np.bincount(seen.triangle, minlength=len(part)) < PIXELS)
     places = by_part(np.concatenate([rows_of(shards, seen, "position"), mesh.corners[few].mean(axis=1)]),
                      np.concatenate([part[seen.triangle], part[few]]))  # fmt: skip
     pixels = len(seen.triangle)
-    distance, near = cKDTree(places[:pixels]).query(places[pixels:], k=min(_PIXELS, pixels), workers=-1)
+    distance, near = cKDTree(places[:pixels]).query(places[pixels:], k=min(PIXELS, pixels), workers=-1)
     distance, near = distance.reshape(len(few), -1), near.reshape(len(few), -1)
     own = np.sqrt(mesh.areas[few])[:, None]
     facing = np.abs((mesh.normals[few][:, None] * rows_of(shards, seen, "normal")[near]).sum(axis=-1))
-    lends = (distance <= footprint[near] + own / 2) & (facing > _ALIKE)
+    lends = (distance <= footprint[near] + own / 2) & (facing > ALIKE)
     row = np.repeat(np.arange(len(few)), lends.sum(axis=1))
     found, index = np.unique(row, return_inverse=True)
     radiance[few[found]] = grouped_median(seen.radiance[near[lends]], index.reshape(-1), len(found))

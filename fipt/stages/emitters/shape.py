@@ -4,28 +4,40 @@ Pixels at an edge see both sides, and triangles there have radiance in between. 
 step exactly at the edge. So every triangle that is smaller than a pixel and lies within the blur of an emitter belongs
 to it if it has more than the mean of the radiance inside and outside. That takes in the small regions between (holes,
 speckles) and removes rims that would be emitters of their own.
+
+What such a triangle has is the mean of the pixels around it, also of those that it shares with other surface, by their
+shares: pixels that only one surface fills are all on one side of the edge.
 """
+
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from fipt.scene.mesh import Mesh
+from fipt.scene.observed import ObservedShard
 from fipt.stages.emitters.observations import grouped_median
-from fipt.stages.emitters.regions import Surface, by_part
+from fipt.stages.emitters.regions import ALIKE, PIXELS, Surface, by_part
 
 _BLUR = 2.0
 """Widths of a pixel within which an edge mixes both sides: one for the pixel, one for the mesh being off by one."""
 _NEAREST = 8
 """Triangles of emitters that are looked at around each triangle."""
+_AROUND = 6
+"""Pixels around a small triangle that are averaged: the fewest that surround it."""
+_LEAST_SHARE = 0.2
+"""Share of a pixel below which it says little of a surface."""
 _THIN = 0.9
 """Share of its area within the blur of a brighter emitter that makes a region a rim of that."""
 
 
-def shaped(mesh: Mesh, surface: Surface, emits: np.ndarray) -> np.ndarray:
+def shaped(mesh: Mesh, surface: Surface, emits: np.ndarray, shards: Sequence[ObservedShard]) -> np.ndarray:
     """(T,) int64 region whose light a triangle sends out, -1 where it sends out none.
 
     Parameters
     ----------
+    shards
+        The training views.
     emits
         (R,) bool, regions that emit.
     """
@@ -46,9 +58,47 @@ def shaped(mesh: Mesh, surface: Surface, emits: np.ndarray) -> np.ndarray:
     close = level >= 0
     rim = _rims(mesh, surface, small, region, close & own[small])
     asked = close & (~own[small] | (surface.region[small] == region) | rim[surface.region[small]])
+    blurred, near_edge = small[asked & (surface.pixels[small] < PIXELS)], np.zeros(len(bright), bool)
+    near_edge[small[distance[:, 0] <= 2 * _BLUR]] = True
+    bright[blurred] = _mixed(mesh, surface, shards, near_edge, blurred, bright[blurred])
     passes = bright[small] > 0.5 * (level + outside[region])
     result[small[asked]] = np.where(passes, region, -1)[asked]
     return result
+
+
+def _mixed(
+    mesh: Mesh,
+    surface: Surface,
+    shards: Sequence[ObservedShard],
+    zone: np.ndarray,
+    triangles: np.ndarray,
+    default: np.ndarray,
+) -> np.ndarray:
+    """(N,) mean radiance of the pixels around small triangles (N,), by shares; ``default`` (N,) where there are none.
+
+    ``zone`` (T,) are the triangles whose samples may be around.
+    """
+    columns: list[tuple[np.ndarray, ...]] = []
+    for shard in shards:
+        samples = shard.samples
+        for index in range(len(samples.views)):
+            own, pixel = samples.of_view(index), samples.pixel_of_sample(index) + samples.pixels(index).start
+            triangle, share = np.asarray(samples.triangle[own]), np.asarray(samples.weight[own])
+            use = np.flatnonzero(zone[triangle] & (share >= _LEAST_SHARE) & (shard.weight[pixel] > 0))
+            arrays = (samples.position[own][use], samples.normal[own][use], samples.footprint[own][use])
+            columns.append((*arrays, share[use], shard.radiance[pixel[use]].mean(axis=1), surface.part[triangle[use]]))
+    place, normal, width, share, radiance, part = (np.concatenate(column) for column in zip(*columns, strict=True))
+    if len(place) == 0 or len(triangles) == 0:
+        return default
+    centers = mesh.corners[triangles].mean(axis=1)
+    places = by_part(np.concatenate([place, centers]), np.concatenate([part, surface.part[triangles]]))
+    distance, near = cKDTree(places[: len(place)]).query(places[len(place) :], k=min(_AROUND, len(place)), workers=-1)
+    distance, near = distance.reshape(len(triangles), -1), near.reshape(len(triangles), -1)
+    facing = np.abs((mesh.normals[triangles][:, None] * normal[near]).sum(axis=-1)) > ALIKE
+    reach = 0.5 * (width[near] + np.sqrt(mesh.areas[triangles])[:, None])
+    weight = share[near] * (facing & (distance <= reach))
+    total = weight.sum(axis=1)
+    return np.where(total > 0, (weight * radiance[near]).sum(axis=1) / np.maximum(total, 1e-9), default)
 
 
 def _medians(values: np.ndarray, region: np.ndarray, regions: int) -> np.ndarray:
