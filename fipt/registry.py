@@ -35,7 +35,7 @@ SECTIONS: dict[str, Section] = {
     "synthesize": Section("fipt.synthetic.settings:SynthesizeSettings", 2),
     "capture": Section("fipt.stages.capture.settings:CaptureSettings", 1),
     "poses": Section("fipt.stages.poses.settings:PosesSettings", 2),
-    "import": Section("fipt.stages.importing.settings:ImportSettings", 2),
+    "import": Section("fipt.stages.importing.settings:ImportSettings", 3),
     "check_poses": Section("fipt.stages.check_poses.settings:CheckPosesSettings", 1),
     "samples": Section("fipt.stages.samples.settings:SamplesSettings", 2),
     "segment": Section("fipt.stages.segment.settings:SegmentSettings", 1),

@@ -17,6 +17,9 @@ _ALIKE = 0.1
 """Smallest singular value of the normals of planes that meet, below which they are taken for nearly parallel: their
 line lies too uncertain to put a vertex onto it."""
 
+_LEANS = 0.5
+"""Cosine to a plane above which rounded surface may belong to it: the tip of a corner of three planes has 0.58."""
+
 
 @dataclass(frozen=True)
 class Planes:
@@ -142,8 +145,7 @@ def grown(mesh: Mesh, planes: Planes, reach: float, steps: int) -> Planes:
             n = planes.normal[plane]
             away = np.abs(np.einsum("fck,fk->fc", corners[face], n) - planes.offset[plane][:, None]).max(axis=1)
             turned = (normals[face] * n).sum(axis=1)
-            # it leans towards the plane more than away from it
-            fits = (away < reach) & (turned > np.sqrt(0.5)) & (turned > best[face])
+            fits = (away < reach) & (turned > _LEANS) & (turned > best[face])
             best[face[fits]], chosen[face[fits]] = turned[fits], plane[fits]
         if not (chosen >= 0).any():
             break

@@ -16,6 +16,7 @@ from fipt.meshing.footprints import SeenSurface, seen_surface
 from fipt.meshing.holes import without_small_holes
 from fipt.meshing.planes import Planes, find_planes, flattened, grown
 from fipt.meshing.radiance_edges import Radiance, find_edges
+from fipt.meshing.separate import separated
 from fipt.meshing.topology import triangle_sides
 from fipt.scene.cameras import Camera
 from fipt.scene.mesh import Mesh
@@ -42,6 +43,10 @@ _PLANE_DISTANCE = 3.0
 """Distance within which it may, in deviations of vertices."""
 _UNSEEN = 0.005
 """Displacement in footprints that no pixel shows: the least noise that is assumed."""
+_ROUNDED, _ROUNDED_RINGS = 1.0, 3
+"""How far a crease is rounded by fusion and filters: sides of the scan off its planes, and triangles to either side."""
+_ERROR = 0.1
+"""Distance in footprints by which decimation may leave the surface: a pixel's shading hardly changes."""
 _PLANE_SIDE = 6.0
 """Side of the smallest plane in footprints: below it a plane is not told from a curve."""
 _HOLE = 4.0
@@ -95,8 +100,8 @@ def prepared(
         figures |= {"prepared": True, **made}
         if settings.cut_edges:
             edges = find_edges(mesh, cameras, radiance)
-            mesh = cut_at(mesh, edges)
-            figures["edge_points"] = len(edges)
+            mesh, regions = separated(cut_at(mesh, edges), cameras, radiance)
+            figures |= {"edge_points": len(edges), "regions": regions}
     figures |= {"triangles": len(mesh.triangles), "seconds": round(time.perf_counter() - start, 2)}
     if figures["prepared"]:
         log.info(
@@ -138,17 +143,17 @@ def _made(mesh: Mesh, seen: SeenSurface, deviation: float, settings: PrepareSett
     noise = max(edge * deviation, _UNSEEN * footprint)
     log.info("noise of the mesh: %.2g mm; %d triangles", 1e3 * noise, len(mesh.triangles))
     smooth = taubin(mesh, 10)
-    smooth = decimated(smooth, _count(smooth, seen, settings.triangle_size, None))
+    smooth = decimated(smooth, _count(smooth, seen, settings.triangle_size, None), max(noise, _ERROR * footprint))
     deviation = weighted_median(normal_deviation(smooth), smooth.areas)
     smooth = fitted_to_normals(smooth, filtered_normals(smooth, _CREASE * deviation, _PASSES), _PASSES)
     planes = find_planes(smooth, _PLANE_ANGLE * deviation, _PLANE_DISTANCE * noise, (_PLANE_SIDE * footprint) ** 2)
-    planes = grown(smooth, planes, 0.5 * edge, 2)
+    planes = grown(smooth, planes, _ROUNDED * edge, _ROUNDED_RINGS)
     flat = flattened(smooth, planes, 2 * edge)
     flat_area = float(flat.areas[planes.of >= 0].sum())
-    done = decimated(flat, _count(flat, seen, settings.triangle_size, planes))
+    done = decimated(flat, _count(flat, seen, settings.triangle_size, planes), _ERROR * footprint)
     done, _ = clean(done, 0.0)
     return done, {
-        "noise_mm": round(1e3 * noise, 3),
+        "noise_mm": round(float(1e3 * noise), 3),
         **asdict(cleaned),
         **asdict(holes),
         "planes": len(planes.offset),

@@ -75,11 +75,10 @@ def read_source(path: str | Path, format: str, val_every: int = 8) -> ImageSourc
 
 def has_segments(source: ImageSource) -> bool:
     """Whether every training view of a source has segment ids of some kind."""
-    own = [frame for frame in source.frames if frame.split == "train" and frame.dataset is not None]
-    if own:
-        return any(
-            all(ids_file(frame.dataset, kind, frame.name).is_file() for frame in own) for kind in SEGMENT_FOLDERS
-        )
+    training = [frame for frame in source.frames if frame.split == "train"]
+    if training[0].dataset is not None:
+        own = training[0].dataset
+        return any(all(ids_file(own, kind, frame.name).is_file() for frame in training) for kind in SEGMENT_FOLDERS)
     folders = {frame.folder for frame in source.frames if frame.split == "train"}
     return any(
         all(folder is not None and (folder / name).is_dir() for folder in folders) for name in SEGMENT_FOLDERS.values()

@@ -131,7 +131,7 @@ def plan(
         axes.invert_yaxis()  # or the room would be seen in a mirror
     axes.set_xlabel(f"{'xyz'[across[0]]}, metres")
     axes.set_ylabel(f"{'xyz'[across[1]]}, metres")
-    axes.legend(loc="upper right", fontsize=8)
+    figure.legend(loc="outside lower center", ncols=2, fontsize=8)
     canvas.draw()
     return np.asarray(canvas.buffer_rgba())[..., :3].copy()
 

@@ -50,7 +50,7 @@ CHECKS: tuple[Check, ...] = (
 )
 """What says why stands before what only says that something is wrong: findings keep this order."""
 
-_FIT = frozenset({"emitter-or-mirror", "edges-off", "unexplained-parts", "mixed-ids", "exposure"})
+_FIT = frozenset({"emitter-or-mirror", "undecided-emitters", "edges-off", "unexplained-parts", "mixed-ids", "exposure"})
 """What the fit's own residual tells: no evidence where the light is missing under which it was made."""
 
 EXPLAINS: dict[str, frozenset[str]] = {

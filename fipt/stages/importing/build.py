@@ -141,10 +141,12 @@ def _write_cameras(folder: Path, cameras: list[Camera], source: ImageSource, mes
 def _copy_beside(folder: Path, source: ImageSource, poses: str | Path | None, mesh: str | Path | None) -> None:
     """Copy what is known of a whole room: room.json, beside poses and mesh or of a dataset, whose ids have names."""
     own = source.frames[0].dataset
-    for kind in SEGMENT_FOLDERS if own is not None else ():
-        if (folder / "segments" / kind).is_dir() and (own / "segments" / f"{kind}.json").is_file():
-            shutil.copyfile(own / "segments" / f"{kind}.json", folder / "segments" / f"{kind}.json")
-    beside = (own / "mesh.ply",) if own is not None else (poses, mesh) if poses is not None else ()
+    beside = (poses, mesh) if poses is not None else ()
+    if own is not None:
+        beside = (own / "mesh.ply",)
+        for kind in SEGMENT_FOLDERS:
+            if (folder / "segments" / kind).is_dir() and (own / "segments" / f"{kind}.json").is_file():
+                shutil.copyfile(own / "segments" / f"{kind}.json", folder / "segments" / f"{kind}.json")
     for path in beside:
         if path is not None and (Path(path).parent / "room.json").is_file():
             shutil.copyfile(Path(path).parent / "room.json", folder / "room.json")

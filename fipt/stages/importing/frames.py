@@ -162,10 +162,11 @@ def _copied(path: Path, out: Path) -> None:
 
 
 def _write_segments(folder: Path, frame: SourceView, camera: Camera) -> None:
-    for kind in SEGMENT_FOLDERS if frame.dataset is not None else ():
-        if (path := ids_file(frame.dataset, kind, frame.name)).is_file():
-            check_layer(read_ids(path), camera, path)
-            _copied(path, folder / "segments" / kind / path.name)
+    if frame.dataset is not None:
+        for kind in SEGMENT_FOLDERS:
+            if (path := ids_file(frame.dataset, kind, frame.name)).is_file():
+                check_layer(read_ids(path), camera, path)
+                _copied(path, folder / "segments" / kind / path.name)
     if frame.folder is None:
         return
     for kind, name in SEGMENT_FOLDERS.items():

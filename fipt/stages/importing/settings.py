@@ -23,5 +23,6 @@ class ImportSettings(Settings):
         default=1.0, description="side of a prepared mesh's triangles on curved surface, in pixels of the nearest view"
     )
     cut_edges: bool = Field(
-        default=True, description="cut a prepared mesh along sharp edges of radiance that the training views agree on"
+        default=True,
+        description="cut a prepared mesh along sharp edges of radiance, and part what they enclose",
     )

@@ -153,7 +153,7 @@ def _windows() -> Iterator[RoomPart]:
         ):
             size = np.abs((right - left) * side.u + (high - low) * side.v + 0.05 * side.normal)
             center = side.at((left + right) / 2, low, -0.15)
-            bars.append(box(size).moved(*center))
+            bars.append(box(size.tolist()).moved(*center))
     yield RoomPart("window frames", "window", joined(bars), _GRAPHITE, 0.4)
     sills = [
         box((2.0, 0.025, 0.16), 0.006).moved((hole.left + hole.right) / 2, 0.9 - 0.028, 0.083) for hole in _WINDOWS

@@ -10,9 +10,9 @@ from fipt.meshing.holes import without_small_holes
 from fipt.meshing.radiance_edges import RadianceEdges, edge_points, find_edges, reduced
 from fipt.meshing.subdivide import halved, split_sides, subdivided
 from fipt.meshing.topology import border_vertices, neighbours, side_list
-from fipt.scene.cameras import Camera
 from fipt.scene.mesh import Mesh
 from tests.scenes import sheet
+from tests.unit.meshing.views import above, image
 
 WALL = sheet((0, 0, 0), (2, 0, 0), (0, 2, 0), 2)
 
@@ -54,13 +54,6 @@ def test_sides_split_anywhere_leave_no_cracks(seed) -> None:
     assert is_sound(done, WALL)
 
 
-def image(width: int, bright, over: int = 8) -> np.ndarray:
-    """(width, width) luminance of a square of 2 m seen from straight above, 10 where ``bright(x, y)``, else 1."""
-    x = (np.arange(width * over) + 0.5) / (width * over) * 2
-    fine = np.where(bright(*np.meshgrid(x, x[::-1])), 10.0, 1.0)
-    return fine.reshape(width, over, width, over).mean(axis=(1, 3))
-
-
 def test_edge_points_lie_on_the_edge_to_fractions_of_a_pixel() -> None:
     def slanted(x, y):
         return x + 0.2 * y < 1.13
@@ -92,13 +85,6 @@ def test_large_images_are_averaged_in_blocks() -> None:
     place = np.array([[0.7, 1.1, 0.0]])
     assert small.project(place)[0] == pytest.approx(camera.project(place)[0] / 3)
     assert reduced(camera, radiance, valid, 10_000)[1] is radiance
-
-
-def above(name: str, x: float) -> Camera:
-    """A view straight down onto the wall from 2 m, moved sideways."""
-    pose = np.eye(4)
-    pose[:3, 3] = x, 1, 2
-    return Camera(name, "train", 60, 60, 60, 60, 30 + 30 * (x - 1), 30, pose)
 
 
 @pytest.mark.parametrize("shape", ["line", "disc"])

@@ -89,7 +89,7 @@ def test_a_noisy_corner_becomes_three_planes_and_a_sharp_corner(backend) -> None
     assert figures["planes"] == 3
     assert len(done.triangles) < 0.2 * len(mesh.triangles)
     assert np.average(off_plane(done) < 0.3, weights=done.areas) > 0.98
-    assert np.linalg.norm(done.vertices, axis=1).min() < 0.004  # the corner itself
+    assert np.linalg.norm(done.vertices, axis=1).min() < 0.02  # the corner itself: half a side
     assert done.areas.sum() == pytest.approx(12, rel=0.02)
 
 

@@ -24,6 +24,39 @@ _AREA = 16
 
 def check(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:
     """Tell surface of which the views cannot say whether it emits or mirrors."""
+    return [*_undecided(room, notes), *_steady(room, notes)]
+
+
+def _undecided(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:
+    """What the emitters' stage left undecided, if it is much of the light."""
+    emitters, pixels = room.fitted.emitters, room.explained
+    shown = np.isin(pixels.triangle, emitters.undecided.triangle)
+    if not shown.any():
+        return []
+    area = float(room.mesh.areas[emitters.undecided.triangle].sum())
+    open_power = area * float(pixels.photo[shown].mean())
+    power = float((emitters.area * emitters.radiance.mean(axis=1)).sum())
+    share = open_power / max(open_power + power, 1e-12)
+    measure = Measure("light of what may emit or mirror, of all light", share, TOLERANCE)
+    level = notes.judge("undecided-emitters", measure)
+    if level is None:
+        return []
+    view, place = int(np.bincount(pixels.view[shown]).argmax()), place_of(pixels, shown)
+    return [
+        RoomFinding(
+            "undecided-emitters",
+            level,
+            f"{len(emitters.undecided.emits)} regions emit or mirror, and the photographs do not tell which: "
+            f"{100 * share:.0f} % of the light hangs on them, most near ({', '.join(f'{v:.1f}' for v in place)}).",
+            measure,
+            "Decide about them in emitters_review.yaml, which has a picture of each.",
+            {"views": [pixels.views[view]], "position": place},
+            image=drawn(room, pixels, view, shown),
+        )
+    ]
+
+
+def _steady(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:
     pixels = room.explained
     steady, shown = steady_places(pixels)
     measure = Measure("places brighter than a matte surface, and alike from everywhere", float(shown), _AREA, "")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fipt.render.scene import RayScene
-from fipt.scene.emitters import Emitters
+from fipt.scene.emitters import Emitters, Undecided
 from fipt.scene.environment import NOTHING, constant
 from fipt.scene.mesh import Mesh
 from fipt.scene.samples import FootprintSamples
@@ -182,6 +182,13 @@ def test_a_screen_that_may_be_a_mirror():
     assert np.allclose(found.where["position"], [1, 0, 1], atol=0.2)
     moving = np.where(screen, 1.2 + 0.5 * judged.pixels().view[:, None], judged.pixels().photo)
     assert told(dim_emitters.check, explained=judged.pixels(photo=moving, footprint=explained.footprint)) == {}
+
+
+def test_emitters_that_are_undecided():
+    one = np.ones(1, np.float32)
+    asked = Undecided(np.array([4, 5], np.int32), np.zeros(2, np.int32), one, one, one)
+    found = told(dim_emitters.check, fitted=lit(judged.emitters(undecided=asked)))["undecided-emitters"]
+    assert found.measure.value == pytest.approx(SIDE**2 * 0.5 / (SIDE**2 * 0.5 + 8), rel=0.02)
 
 
 # --- mesh and parts -------------------------------------------------------------------------------
