@@ -46,7 +46,7 @@ _DARK = 1e-3
 
 
 @dataclass(frozen=True)
-class Evidence(SurfaceRecords):
+class PhotoEvidence(SurfaceRecords):
     """What the photographs tell, by voxel and facing.
 
     Attributes
@@ -66,7 +66,7 @@ class Evidence(SurfaceRecords):
         return (self.views * (0.5 + 0.5 * self.highlights)).astype(np.float32)
 
 
-def measure(shards: Sequence[ObservedShard], eyes: Mapping[str, np.ndarray], emitter_gain: float) -> Evidence:
+def measure(shards: Sequence[ObservedShard], eyes: Mapping[str, np.ndarray], emitter_gain: float) -> PhotoEvidence:
     """Judge all surface that the training views see; one view is held in memory at a time.
 
     Clipped pixels say nothing, nor do those that show an emitter.
@@ -98,7 +98,7 @@ def measure(shards: Sequence[ObservedShard], eyes: Mapping[str, np.ndarray], emi
             sums[-1][:, -1] = np.minimum(sums[-1][:, -1], 1)
     record, piece = np.unique(np.concatenate(keys), return_inverse=True)
     views, highlights = _judged(sums_by(piece.reshape(-1), np.concatenate(sums), len(record)))
-    return Evidence(center, side, resolution, record, views, highlights)
+    return PhotoEvidence(center, side, resolution, record, views, highlights)
 
 
 def sums_by(piece: np.ndarray, columns: np.ndarray, count: int) -> np.ndarray:
@@ -149,7 +149,7 @@ def _judged(total: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return views.astype(np.float32), highlights.astype(np.float32)
 
 
-def of_pixels(shard: ObservedShard, evidence: Evidence, emitter_gain: float) -> tuple[np.ndarray, np.ndarray]:
+def of_pixels(shard: ObservedShard, evidence: PhotoEvidence, emitter_gain: float) -> tuple[np.ndarray, np.ndarray]:
     """(P,) float32 combined confidence in what each pixel shows, and (P,) bool whether that is an emitter."""
     samples = shard.samples
     result, emits = np.zeros(len(shard.radiance), np.float32), np.zeros(len(shard.radiance), bool)
@@ -167,7 +167,7 @@ def of_pixels(shard: ObservedShard, evidence: Evidence, emitter_gain: float) -> 
 
 
 def confident_pixels(
-    shards: Sequence[ObservedShard], evidence: Evidence, least: float, emitter_gain: float
+    shards: Sequence[ObservedShard], evidence: PhotoEvidence, least: float, emitter_gain: float
 ) -> list[ObservedShard]:
     """The same shards; no weight is left to pixels that show surface of less confidence than ``least``.
 

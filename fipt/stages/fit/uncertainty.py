@@ -8,7 +8,7 @@ A piece is what one voxel holds of a part's surface that faces one way. The vari
                 weight of it is the room's median
     shading     (kd d)^2, d = ln of the shading over that of round 0: two estimates of the same light, of which one
                 reads the photographs' radiance and the other follows paths; what they differ by, either may err
-    mixing      q^2 / 12, q = mean share of the pixels that shows other surface: such a piece is told from others by
+    mixing      q^2 / 12, q = mean share of the pixels that shows other surface: such a piece is evident from others by
                 its model alone, and of what nothing is known, the variance is 1/12 (anything from 0 to 1 alike)
     part        (kd d_k)^2, d_k = mean of d over the part: what its pieces do not average out
     room        (kd r_room)^2, r_room = median of |C - C'| / C' over all pieces
@@ -59,7 +59,7 @@ _HARDLY = 1.0
 _MOSTLY = 0.5
 """Share of a record's surface of which something must be known."""
 
-_SUMS = ("share", "mixed", "asked", "kd", "base", "roughness", "metallic", "change", "told", "residual", "relative")
+_SUMS = ("share", "mixed", "asked", "kd", "base", "roughness", "metallic", "change", "evident", "residual", "relative")
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class FittedPieces:
     record, segment
         (G,) int64 voxel with facing, and part.
     share
-        (G,) pixels' shares that show it; ``told``: of those that say something of its reflectance.
+        (G,) pixels' shares that show it; ``evident``: of those that say something of its reflectance.
     mixed, kd, base, roughness, metallic
         (G,) other surface in its pixels, and the fitted material, colours averaged over the channels.
     change
@@ -89,7 +89,7 @@ class FittedPieces:
     roughness: np.ndarray
     metallic: np.ndarray
     change: np.ndarray
-    told: np.ndarray
+    evident: np.ndarray
     residual: np.ndarray
     relative: np.ndarray
 
@@ -125,7 +125,7 @@ def predict(
     keys, sums = [], []
     for number, samples in enumerate(pixels.shards):
         for index in range(len(samples.views)):
-            view = _View(pixels, number, index, every)
+            view = _FittedView(pixels, number, index, every)
             key, place = np.unique(view.keys(box), return_inverse=True)
             keys.append(key)
             sums.append(sums_by(place.reshape(-1), view.columns(field, emitter_gain, earlier), len(key)))
@@ -137,7 +137,7 @@ def predict(
 
 
 @dataclass(frozen=True)
-class _View:
+class _FittedView:
     """One view of one shard."""
 
     pixels: Pixels
@@ -180,7 +180,7 @@ class _View:
         samples, own, pixel = self.samples, self.own.start + self.asked, self.pixel[self.asked]
         shading = np.asarray(self.pixels.shading[self.number][own], np.float32)
         brdf = field.query(samples.position[own], samples.footprint[own] * field.settings.footprint)
-        residual, told = self._residuals(brdf, shading, emitter_gain)
+        residual, evident = self._residuals(brdf, shading, emitter_gain)
         change = np.full(len(shading), _UNCHECKED)
         if earlier:
             light, before = shading[:, 0].mean(axis=1), earlier[self.number][own][:, 0].mean(axis=1)
@@ -192,7 +192,7 @@ class _View:
         weight = np.asarray(samples.weight[self.own], np.float64)[:, None]
         columns = np.zeros((len(weight), len(_SUMS)))
         columns[:, :1], columns[:, 1:2] = 1, 1 - weight
-        columns[self.asked, 2:] = np.column_stack([*shown, *(told * x for x in off)])
+        columns[self.asked, 2:] = np.column_stack([*shown, *(evident * x for x in off)])
         return weight * columns
 
     def _residuals(self, brdf: Brdf, shading: np.ndarray, emitter_gain: float) -> tuple[np.ndarray, np.ndarray]:
@@ -219,12 +219,12 @@ def _means(key: np.ndarray, total: np.ndarray) -> FittedPieces:
     rest = whole * (total[:, :1] / np.maximum(whole[:, :1], _TINY))
     sums = dict(zip(_SUMS, np.where(total[:, 2:3] > 0, total, rest).T, strict=True))
     share, mixed = total[:, 0], total[:, 1]
-    asked, told = np.maximum(sums.pop("asked"), _TINY), sums["told"]
-    divisor = {"residual": np.maximum(told, _TINY), "relative": np.maximum(told, _TINY)}
+    asked, evident = np.maximum(sums.pop("asked"), _TINY), sums["evident"]
+    divisor = {"residual": np.maximum(evident, _TINY), "relative": np.maximum(evident, _TINY)}
     names = ("kd", "base", "roughness", "metallic", "change", "residual", "relative")
     means = {name: sums[name] / divisor.get(name, asked) for name in names}
-    told = told * share / asked
-    return FittedPieces(key >> 16, key & 0xFFFF, share, mixed / np.maximum(share, _TINY), told=told, **means)
+    evident = evident * share / asked
+    return FittedPieces(key >> 16, key & 0xFFFF, share, mixed / np.maximum(share, _TINY), evident=evident, **means)
 
 
 def components(pieces: FittedPieces, materials: MaterialPosterior, uniform: np.ndarray) -> dict[str, np.ndarray]:
@@ -234,10 +234,10 @@ def components(pieces: FittedPieces, materials: MaterialPosterior, uniform: np.n
     alone = 1 / (1 + uniform[segment]) ** 2
     count = len(uniform)
     by_part = np.bincount(segment, share * pieces.change, count) / np.maximum(np.bincount(segment, share, count), _TINY)
-    known = pieces.told > _LEAST_SHARE
+    known = pieces.evident > _LEAST_SHARE
     typical = np.median(pieces.relative[known]) if known.any() else _UNCHECKED
     # with one pixel's weight every piece has the room's residual: some have hardly a pixel of their own
-    residual = (pieces.told * pieces.residual + pieces.kd * typical) / (pieces.told + 1)
+    residual = (pieces.evident * pieces.residual + pieces.kd * typical) / (pieces.evident + 1)
     wrong = metal * (1 - pieces.metallic) ** 2 + (1 - metal) * pieces.metallic**2
     return {
         "ambiguity": pieces.base**2 * wrong,
@@ -258,7 +258,7 @@ def _merged(
     pieces: FittedPieces, variance: np.ndarray, materials: MaterialPosterior, box: tuple[np.ndarray, float, int]
 ) -> Confidence:
     """Errors by voxel and facing: means over the parts that meet there, by their shares."""
-    known = pieces.told > _LEAST_SHARE
+    known = pieces.evident > _LEAST_SHARE
     metal = materials.metal(pieces.segment)
     off_metal = metal * (1 - pieces.metallic) + (1 - metal) * pieces.metallic
     errors = np.column_stack([variance, materials.roughness_error(pieces.segment, pieces.roughness), off_metal])
@@ -266,7 +266,7 @@ def _merged(
     place, share = place.reshape(-1), np.maximum(pieces.share, _TINY)[:, None]
     total = sums_by(place, np.concatenate([share, share * errors, share * known[:, None]], axis=1), len(record))
     means = total[:, 1:] / total[:, :1]
-    hardly = pieces.told < _HARDLY
+    hardly = pieces.evident < _HARDLY
     unseen = errors[hardly if hardly.any() else slice(None)].mean(axis=0)
     return Confidence(
         *box,

@@ -92,8 +92,7 @@ def gather(
     ----------
     setups, camera_setups
         Light setups that are shown: those seen by views of the dataset, and those with cameras of their own. The
-        folder may hold others, or what a setup was before; None: all that it holds, of each
-        what its own cameras saw if it had some.
+        folder may hold others, or what a setup was before; None: all, of each what its own cameras saw if it had some.
 
     Raises
     ------

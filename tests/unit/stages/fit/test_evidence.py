@@ -148,7 +148,7 @@ def test_surface_is_found_by_voxel_and_facing():
 
 def test_half_of_it_needs_highlights():
     views, highlights = np.float32([0, 0.8, 0.8, 1]), np.float32([1, 0, 1, 1])
-    known = measured.Evidence(np.zeros(3), 1.0, 8, np.arange(4), views, highlights)
+    known = measured.PhotoEvidence(np.zeros(3), 1.0, 8, np.arange(4), views, highlights)
     np.testing.assert_allclose(known.combined, [0, 0.4, 0.8, 1])
 
 
