@@ -68,6 +68,12 @@ def atomic_folder(path: str | Path) -> Iterator[Path]:
         shutil.rmtree(temporary, ignore_errors=True)
 
 
+def copy_file(source: str | Path, path: str | Path) -> None:
+    """Copy a file, whole or not at all; the copy is as new as it is, so that nothing is done again for its age."""
+    with atomic(path) as temporary:
+        shutil.copyfile(existing_file(source, "a file to copy"), temporary)
+
+
 def link_folder(source: str | Path, path: str | Path) -> list[Path]:
     """Make ``path`` a folder of the same files as ``source``, hard-linked where the disk can; return them."""
     source, path = Path(source), Path(path)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from fipt.inputs import DatasetFolder, DecisionsJson, EnvironmentFile, SamplesFolders, ShadingFolders
+from fipt.inputs import DatasetFolder, DecisionsJson, EnvironmentFile, SamplesFolders, SettledFile, ShadingFolders
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -31,10 +31,26 @@ class EmittersInputs:
     decisions: DecisionsJson = ""
     cache: Annotated[Path | None, "Radiance cache; absent: light that no view shows is not looked for."] = None
     environment: EnvironmentFile = None
+    settled: SettledFile = None
+    previous: Annotated[Path | None, "Emitters of the round before, which stay where the loop has settled."] = None
 
 
 def run(inputs: EmittersInputs, settings: "EmittersSettings") -> dict[str, Any]:
     """Extract the triangles that emit light and their radiance."""
+    from fipt.formats.files import copy_file
+    from fipt.scene.settled import read_state
+
+    state = read_state(inputs.settled)
+    if state is not None and state.settled is not None and inputs.previous is not None:
+        for suffix in (".npz", ".json"):
+            copy_file(inputs.previous.with_suffix(suffix), inputs.out.with_suffix(suffix))
+        log.info("settled in round %d: the emitters of the round before stay", state.settled)
+        return {"copied": True, "settled_in_round": state.settled}
+    return _found(inputs, settings)
+
+
+def _found(inputs: EmittersInputs, settings: "EmittersSettings") -> dict[str, Any]:
+    """Extract them; return the figures."""
     from fipt.errors import FiptError
     from fipt.formats.arrays import on_disk
     from fipt.model.store import load_field

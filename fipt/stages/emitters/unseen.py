@@ -37,6 +37,8 @@ _RAYS = 512
 _PATCH_ROWS = 12
 """Patches along the box at most; `patches_of` makes them larger where there would be too many."""
 _MOST_PATCHES = 200
+_LEVELS = 128
+"""Steps along the box by which planes that face the same way are told apart: a pane from the ceiling around it."""
 _PATCH_POINTS = 4
 """Points of a patch at which light arrives, and from which it leaves."""
 _TOWARDS = 2
@@ -78,11 +80,24 @@ class Patches:
         (P, 3) metres.
     area
         (P,) square metres.
+    piece
+        (P,) int64 number of the connected plane that each belongs to; -1 where that is small.
     """
 
     number: np.ndarray
     center: np.ndarray
     area: np.ndarray
+    piece: np.ndarray
+
+    @property
+    def candidates(self) -> np.ndarray:
+        """(P, Q) float64, 1 where a candidate has a patch: every patch, then every piece of several patches.
+
+        A pane shines as a whole.
+        """
+        pieces, count = np.unique(self.piece[self.piece >= 0], return_counts=True)
+        whole = self.piece[:, None] == pieces[count > 1]
+        return np.concatenate([np.eye(len(self.area)), whole], axis=1)
 
 
 @dataclass(frozen=True)
@@ -203,21 +218,31 @@ def patches_of(mesh: Mesh, hidden: np.ndarray) -> Patches:
     """Gather triangles (T,) bool into cells of a grid, by facing; a coarser grid where they would be too many."""
     number, chosen = np.full(len(mesh.triangles), -1, np.int64), np.flatnonzero(hidden)
     if len(chosen) == 0:
-        return Patches(number, np.zeros((0, 3)), np.zeros(0))
+        return Patches(number, np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.int64))
     centers, areas = mesh.corners[chosen].mean(axis=1), mesh.areas[chosen]
     low, extent = centers.min(axis=0), float(np.ptp(centers, axis=0).max())
     facing = facings(mesh.normals[chosen]).astype(np.int64) // 2
-    patch = np.zeros(len(chosen), np.int64)
+    level = np.round(
+        (np.take_along_axis(centers, facing[:, None], 1)[:, 0] - low[facing]) * (_LEVELS / max(extent, 1e-9))
+    )
+    plane = np.column_stack([connected_parts(mesh)[chosen], facing, level.astype(np.int64)])
+    _, piece = np.unique(plane, axis=0, return_inverse=True)
+    piece = piece.reshape(-1)
+    size = np.bincount(piece, areas)
+    patch, own = np.zeros(len(chosen), np.int64), piece
     for rows in range(_PATCH_ROWS, 0, -1):
         cell = np.floor((centers - low) / max(extent / rows, 1e-9)).astype(np.int64)
-        _, patch = np.unique(np.column_stack([cell, facing]), axis=0, return_inverse=True)
+        own = np.where(size[piece] > (extent / rows) ** 2, piece, -1)
+        _, patch = np.unique(np.column_stack([cell, facing, own]), axis=0, return_inverse=True)
         patch = patch.reshape(-1)
         if patch.max() < _MOST_PATCHES:
             break
     number[chosen] = patch
     area = np.bincount(patch, areas)
     center = np.stack([np.bincount(patch, areas * centers[:, c]) for c in range(3)], axis=1)
-    return Patches(number, center / area[:, None], area)
+    of_patch = np.zeros(len(area), np.int64)
+    of_patch[patch] = own
+    return Patches(number, center / area[:, None], area, of_patch)
 
 
 # --- transport ------------------------------------------------------------------------------------

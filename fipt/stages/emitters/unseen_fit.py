@@ -142,22 +142,21 @@ def explain(blocks: Blocks, patches: Patches, transport: Transport) -> Guess:
         return nothing
     _, group = np.unique(blocks.group[use], return_inverse=True)
     floor = 1e-3 * max(float(np.median(light[use])), 1e-9)
-    problem = _Problem(
-        np.log(blocks.radiance[use].mean(axis=1)), np.maximum(light[use], floor), transport.unseen[use], group
-    )
+    members = patches.candidates
+    given = transport.unseen[use] @ members
+    problem = _Problem(np.log(blocks.radiance[use].mean(axis=1)), np.maximum(light[use], floor), given, group)
     before, after, problem = _chosen(problem, blocks.position[use, 0])
+    after = _joined(problem, after, members)
     gain = before.cost - _criterion(after, problem)
     if not after.support or gain <= 0:
         return replace(
             nothing, gain=float(min(gain, 0.0)), left=_scale(before, problem), before=_scale(before, problem)
         )
-    whole = np.zeros(len(patches.area))
-    whole[list(after.support)] = after.radiance
+    chosen = members[:, list(after.support)]
+    whole = chosen @ after.radiance
     share = float(np.median(1 - problem.seen / after.light(problem)))
     # all light may be off by as much as in rooms without unseen emitters, and the guess makes up for it
-    spread = float(
-        np.hypot(_power_spread(after, problem, patches.area[list(after.support)]), _ERROR / max(share, 1e-9))
-    )
+    spread = float(np.hypot(_power_spread(after, problem, patches.area @ chosen), _ERROR / max(share, 1e-9)))
     color = _color(blocks.radiance[use], transport.seen[use], problem, after)
     return Guess(
         whole[:, None] * color,
@@ -185,6 +184,18 @@ def _chosen(problem: _Problem, place: np.ndarray) -> tuple[_State, _State, _Prob
         problem = replace(problem, sigma=sigma, tau=_alike(left / sigma, place, problem.group))
     start, state = _minimum(problem, ()), _minimum(problem, state.support, state)
     return start, state, problem
+
+
+def _joined(problem: _Problem, state: _State, members: np.ndarray) -> _State:
+    """Put pieces in the place of their patches where that costs less; patches were added one by one."""
+    for piece in range(len(members), members.shape[1]):
+        rest = tuple(k for k in state.support if not members[:, piece] @ members[:, k] or k == piece)
+        if piece in rest or len(rest) == len(state.support):
+            continue
+        whole = _minimum(problem, (*rest, piece))
+        if _criterion(whole, problem) <= _criterion(state, problem):
+            state = whole
+    return state
 
 
 def _scale(state: _State, problem: _Problem) -> float:

@@ -94,10 +94,13 @@ def with_guess(
 
 
 def _added(mesh: Mesh, found: Emitters, patches: Patches, guess: Guess) -> Emitters:
-    """Emitters with the triangles of every patch that emits; each patch is an emitter."""
+    """Emitters with the triangles of every patch that emits; equally bright patches of a piece are one emitter."""
     emits = np.flatnonzero(guess.radiance.max(axis=1) > 0)
+    # a patch of no piece is one by itself
+    owner = np.where(patches.piece[emits] >= 0, patches.piece[emits], -1 - emits)
+    _, own = np.unique(np.column_stack([owner, guess.radiance[emits].mean(axis=1)]), axis=0, return_inverse=True)
     number = np.full(len(patches.area) + 1, -1)
-    number[emits] = int(found.emitter.max(initial=-1)) + 1 + np.arange(len(emits))
+    number[emits] = int(found.emitter.max(initial=-1)) + 1 + own.reshape(-1)
     triangle = np.flatnonzero(number[patches.number] >= 0)
     patch = patches.number[triangle]
     count = len(triangle)

@@ -1,13 +1,12 @@
 """Whether the loop of fit and refinement has settled; and a round that is a copy of the one before it."""
 
 import logging
-import shutil
 from pathlib import Path
 
 import numpy as np
 
 from fipt.errors import FiptError
-from fipt.formats.files import atomic
+from fipt.formats.files import copy_file
 from fipt.formats.manifests import Stats
 from fipt.model.networks import Field
 from fipt.scene.settled import SETTLED, RoundState, read_changes, read_state, together, write_state
@@ -28,8 +27,7 @@ def copy_round(inputs: FitInputs, state: RoundState) -> Stats:
     if inputs.previous is None:
         raise FiptError("a settled round must have a model to copy; --previous is missing", "give the model before it")
     for name in _COPIED:
-        with atomic(inputs.out.with_name(name)) as temporary:
-            shutil.copyfile(inputs.previous.with_name(name), temporary)
+        copy_file(inputs.previous.with_name(name), inputs.out.with_name(name))
     write_state(inputs.out.with_name(SETTLED), state.after())
     log.info("settled in round %d: the model of the round before stays", state.settled)
     return {"copied": True, "settled_in_round": state.settled}

@@ -2,6 +2,7 @@
 
 INPUTS:  results/{scene}/round-{k}/shading, samples and pictures of the training shards, mesh, cache.npz, environment.npz;
          round-{k}/model.safetensors where its mask decides; else the fit of the round comes after this
+         from round 1: whether the loop settled in the round before, and its emitters, which stay then
          the decisions in results/{scene}/emitters_review.yaml as parameters, that file itself never
 OUTPUTS: results/{scene}/round-{k}/emitters.npz     triangles, radiance, area (m2), patches, views, confidence
          results/{scene}/round-{k}/emitters.json    the same by patch, for people
@@ -24,6 +25,9 @@ rule emitters:
         model=ask("model_of_emitters"),
         cache="results/{scene}/cache.npz",
         environment="results/{scene}/environment.npz",
+        settled=previous("results/{scene}/round-{round}/settled.json"),
+        previous=previous("results/{scene}/round-{round}/emitters.npz"),
+        listed=previous("results/{scene}/round-{round}/emitters.json"),
     output:
         emitters="results/{scene}/round-{round}/emitters.npz",
         listed="results/{scene}/round-{round}/emitters.json",
@@ -41,6 +45,8 @@ rule emitters:
         samples=folders_of("samples"),
         shading=folders_of("shading"),
         model=option("--model", "model"),
+        settled=option("--settled", "settled"),
+        previous=option("--previous", "previous"),
         decisions=ask("decisions.emission"),
         settings=settings("emitters"),
         version=VERSIONS["emitters"],
@@ -48,6 +54,7 @@ rule emitters:
         "fipt emitters --dataset {params.dataset:q} --samples {params.samples:q}"
         " --shading {params.shading:q} {params.model:q} --out {output.emitters:q}"
         " --cache {input.cache:q} --environment {input.environment:q} {params.decisions:q}"
+        " {params.settled:q} {params.previous:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
 
 

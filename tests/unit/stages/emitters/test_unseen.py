@@ -131,7 +131,11 @@ def problem(rng, emitted, noise=0.05, groups=30, per=20):
     blocks = Blocks(place[:, None].astype(np.float32), normal[:, None], radiance, np.zeros(count), group)
     number = np.full(100, -1)
     number[:patches] = np.arange(patches)
-    return blocks, Patches(number, at, np.full(patches, 0.2)), Transport(seen, unseen, np.zeros(count))
+    return (
+        blocks,
+        Patches(number, at, np.full(patches, 0.2), np.full(patches, -1)),
+        Transport(seen, unseen, np.zeros(count)),
+    )
 
 
 def test_missing_light_is_guessed(np_rng):
@@ -169,7 +173,7 @@ def test_colour_of_the_guess(np_rng):
 
 def test_nothing_unseen_is_no_guess(np_rng):
     blocks, _, transport = problem(np_rng, np.full(40, 5.0))
-    none = Patches(np.full(100, -1), np.zeros((0, 3)), np.zeros(0))
+    none = Patches(np.full(100, -1), np.zeros((0, 3)), np.zeros(0), np.zeros(0, int))
     assert not explain(blocks, none, Transport.without(transport.seen, transport.open)).determined
 
 
@@ -184,7 +188,7 @@ def guessing(monkeypatch, floor_and_ceiling):
         blocks = SimpleNamespace(radiance=np.ones((50, 3)))
         number = np.full(len(floor_and_ceiling.triangles), -1)
         number[-2:] = 0
-        patches = Patches(number, np.array([[0.0, 2.0, 0.0]]), np.array([1.0]))
+        patches = Patches(number, np.array([[0.0, 2.0, 0.0]]), np.array([1.0]), np.array([0]))
         known = Transport.without(np.ones((5, 3)), np.full(5, open_share))
         for name, value in {
             "blocks_of": blocks,
@@ -243,3 +247,28 @@ def test_measured_emitters_are_not_guessed():
 
 def test_a_mesh_without_unseen_surface_has_no_patches(floor_and_ceiling):
     assert len(patches_of(floor_and_ceiling, np.zeros(len(floor_and_ceiling.triangles), bool)).area) == 0
+
+
+def test_a_plane_of_several_patches_is_a_candidate_of_its_own(floor_and_ceiling):
+    """Two panels that touch at an edge, one 0.3 m lower: each is a piece."""
+    wide = scenes.joined(*(scenes.emitter_quad((x, x + 1), 2.0, (0, 1)) for x in range(4)))
+    low = scenes.joined(*(scenes.emitter_quad((x, x + 1), 1.7, (0, 1)) for x in range(4)))
+    mesh = scenes.joined(wide, low)
+    patches = patches_of(mesh, np.ones(len(mesh.triangles), bool))
+    count = len(patches.area)
+    candidates = patches.candidates
+    np.testing.assert_array_equal(candidates[:, :count], np.eye(count))
+    np.testing.assert_allclose(np.sort(patches.area @ candidates[:, count:]), [4, 4])
+
+
+def test_a_pane_is_found_as_a_whole(np_rng):
+    emitted = np.zeros(40)
+    emitted[8:16] = 4
+    blocks, patches, transport = problem(np_rng, emitted)
+    piece = np.full(40, -1)
+    piece[8:16] = 0
+    guess = explain(blocks, Patches(patches.number, patches.center, patches.area, piece), transport)
+    assert guess.determined
+    pane = guess.radiance[8:16].mean(axis=1)
+    np.testing.assert_allclose(pane, pane[0], rtol=1e-9)
+    assert pane[0] == pytest.approx(4, rel=0.3)

@@ -56,6 +56,13 @@ def test_later_rounds_are_copies(work):
     manifest = json.loads(shading.with_name("train-000.manifest.json").read_text())
     assert manifest["stage"] == "refine"
 
+    emitters = work / "round-0" / "emitters.npz"
+    options = ("--previous", emitters, *given, "--out", folder / "emitters.npz")
+    assert call("emitters", work, *options, stats=stats) == 0
+    for suffix in (".npz", ".json"):
+        assert (folder / f"emitters{suffix}").read_bytes() == emitters.with_suffix(suffix).read_bytes()
+    assert json.loads(stats.read_text())["copied"] is True
+
 
 def test_a_copy_needs_something_to_copy(work, refused):
     write_state(work / "settled.json", RoundState(2, 2))
