@@ -45,10 +45,10 @@ SECTIONS: dict[str, Section] = {
     "bake": Section("fipt.stages.shade.settings:BakeSettings", 3),
     "regroup": Section("fipt.stages.segment.settings:RegroupSettings", 1),
     "emitters": Section("fipt.stages.emitters.settings:EmittersSettings", 4),
-    "fit": Section("fipt.stages.fit.settings:FitSettings", 5),
+    "fit": Section("fipt.stages.fit.settings:FitSettings", 6),
     "review": Section("fipt.stages.emitters.settings:ReviewSettings", 1),
     "refine": Section("fipt.stages.shade.settings:RefineSettings", 4),
-    "materials": Section("fipt.stages.render.settings:MaterialsSettings", 2),
+    "materials": Section("fipt.stages.render.settings:MaterialsSettings", 3),
     "render": Section("fipt.stages.render.settings:RenderSettings", 3),
     "relight": Section("fipt.stages.render.settings:RelightSettings", 3),
     "video": Section("fipt.stages.render.settings:VideoSettings", 1),
@@ -56,7 +56,7 @@ SECTIONS: dict[str, Section] = {
     "export": Section("fipt.stages.export.settings:ExportSettings", 2),
     "metrics": Section("fipt.stages.evaluate.settings:MetricsSettings", 5),
     "findings": Section("fipt.stages.findings.settings:FindingsSettings", 1),
-    "report": Section("fipt.stages.report.settings:ReportSettings", 4),
+    "report": Section("fipt.stages.report.settings:ReportSettings", 5),
 }
 """Section of the config -> its settings and version, in the order of the pipeline."""
 

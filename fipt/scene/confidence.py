@@ -1,4 +1,8 @@
-"""How well the photographs determine the surface, by voxel and facing: confidence.npz beside a model."""
+"""How far off the fitted material may be, by voxel and facing of the surface: confidence.npz beside a model.
+
+Confidence in [0, 1] is the predicted error of kd in decibels: 0 at 10 dB, 1 at 35 dB, so that each of five classes of
+equal width holds 5 dB.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,10 +12,13 @@ import numpy as np
 from fipt.formats.arrays import load_npz, save_npz
 from fipt.scene.voxels import FACINGS, facings, voxel_keys
 
+_LEAST, _MOST = 10.0, 35.0
+"""Decibels of confidence 0 and 1: a surface of which nothing is known has 10.8 dB; 35 dB is an error of 0.018."""
+
 
 @dataclass(frozen=True)
-class Confidence:
-    """K records of the surface that training views see; what has no record is seen by none.
+class SurfaceRecords:
+    """K records of the surface that training views see.
 
     Attributes
     ----------
@@ -19,29 +26,61 @@ class Confidence:
         The scene box (metres) and the voxels along it.
     record
         (K,) int64 sorted: voxel and facing.
-    views
-        (K,) float32 in [0, 1]: evidence for the base colour, from number, angle and agreement of the views.
-    highlights
-        (K,) float32 in [0, 1]: evidence for roughness and metallic, from the light that they would change.
     """
 
     center: np.ndarray
     side: float
     resolution: int
     record: np.ndarray
-    views: np.ndarray
-    highlights: np.ndarray
+
+    def at(self, points: np.ndarray, normals: np.ndarray, values: np.ndarray, unseen: float = 0.0) -> np.ndarray:
+        """(N,) float32 of (K,) ``values`` at surface points (N, 3) with normals (N, 3); ``unseen`` where none is."""
+        wanted = records(points, normals, self.center, self.side, self.resolution)
+        place = np.minimum(np.searchsorted(self.record, wanted), len(self.record) - 1)
+        return np.where(self.record[place] == wanted, values[place], unseen).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class Confidence(SurfaceRecords):
+    """Predicted errors of the fitted material.
+
+    Attributes
+    ----------
+    kd_error
+        (K,) float32 standard error of kd, linear, mean over the channels.
+    roughness_error, metallic_error
+        (K,) float32 expected absolute errors.
+    known
+        (K,) bool: some pixel tells of it; not so where all that see it are clipped, masked, or show an emitter.
+    unseen
+        (3,) float32 the three errors where no training view sees the surface.
+    """
+
+    kd_error: np.ndarray
+    roughness_error: np.ndarray
+    metallic_error: np.ndarray
+    known: np.ndarray
+    unseen: np.ndarray
 
     @property
     def combined(self) -> np.ndarray:
-        """(K,) the confidence in the material as a whole: half of it needs highlights, all of it views."""
-        return (self.views * (0.5 + 0.5 * self.highlights)).astype(np.float32)
+        """(K,) float32 confidence in [0, 1]; 0 where nothing is known."""
+        return np.where(self.known, confidence_of(self.kd_error), 0).astype(np.float32)
 
-    def at(self, points: np.ndarray, normals: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """(N,) float32 of (K,) ``values`` at surface points (N, 3) with normals (N, 3); 0 where no view sees them."""
-        wanted = records(points, normals, self.center, self.side, self.resolution)
-        place = np.minimum(np.searchsorted(self.record, wanted), len(self.record) - 1)
-        return np.where(self.record[place] == wanted, values[place], 0).astype(np.float32)
+    def layers(self, points: np.ndarray, normals: np.ndarray) -> dict[str, np.ndarray]:
+        """(N,) float32 ``confidence`` and the three errors at surface points (N, 3) with normals (N, 3)."""
+        errors = ("kd_error", "roughness_error", "metallic_error")
+        known = {
+            name: self.at(points, normals, getattr(self, name), float(unseen))
+            for name, unseen in zip(errors, self.unseen, strict=True)
+        }
+        return {"confidence": self.at(points, normals, self.combined), **known}
+
+
+def confidence_of(kd_error: np.ndarray) -> np.ndarray:
+    """Confidence in [0, 1] of a standard error of kd."""
+    decibels = -20 * np.log10(np.maximum(kd_error, 1e-6))
+    return np.clip((decibels - _LEAST) / (_MOST - _LEAST), 0, 1)
 
 
 def records(points: np.ndarray, normals: np.ndarray, center: np.ndarray, side: float, resolution: int) -> np.ndarray:
@@ -49,7 +88,8 @@ def records(points: np.ndarray, normals: np.ndarray, center: np.ndarray, side: f
     return voxel_keys(points, center, side, resolution) * FACINGS + facings(normals)
 
 
-_ARRAYS = ("center", "side", "resolution", "record", "views", "highlights")
+_ROWS = ("record", "kd_error", "roughness_error", "metallic_error", "known", "unseen")
+_ARRAYS = ("center", "side", "resolution", *_ROWS)
 
 
 def write_confidence(path: str | Path, confidence: Confidence) -> None:
@@ -60,9 +100,5 @@ def write_confidence(path: str | Path, confidence: Confidence) -> None:
 def read_confidence(path: str | Path) -> Confidence:
     """Read confidence.npz; FiptError where it is missing, damaged or something else."""
     arrays = load_npz(path, required=_ARRAYS)
-    return Confidence(
-        arrays["center"],
-        float(arrays["side"]),
-        int(arrays["resolution"]),
-        *(arrays[name] for name in ("record", "views", "highlights")),
-    )
+    rows = (arrays[name] for name in _ROWS)
+    return Confidence(arrays["center"], float(arrays["side"]), int(arrays["resolution"]), *rows)

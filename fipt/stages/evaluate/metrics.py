@@ -5,7 +5,6 @@ in memory. A figure for which no pixel qualifies, or for which there is no truth
 leaves this module, because it is refused where it would enter.
 """
 
-from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -15,18 +14,14 @@ import numpy as np
 from fipt.conventions import LUMINANCE
 from fipt.errors import FiptError
 from fipt.formats.images import srgb_encode
+from fipt.stages.evaluate.calibration import PREDICTED, ConfidenceFigures
+from fipt.stages.evaluate.means import Mean, psnr
 
 Layers = Mapping[str, np.ndarray]
 """Layer name -> (H, W, 3) or (H, W) float32, as `fipt.scene.dataset.read_layers` gives them."""
 
-SMALLEST_MSE = 1e-10
-"""Mean squared errors are raised to this, so that a perfect result has 100 dB and not infinity."""
-
 PUBLISHED_ROUGHNESS = 0.2
 """The published tables raise true and estimated roughness to this before comparing them."""
-
-CONFIDENCE_CLASSES = 5
-"""Classes of equal width into which confidence is divided."""
 
 _COMPARED = 100_000
 """Pixels of a view, or up to twice as many, that tell the exposure of photographs."""
@@ -86,7 +81,17 @@ DEFINITIONS: dict[str, dict[str, str]] = {
         "better": "",
         "text": "Pixels whose centre hits the mesh and does not emit in truth, in five classes by the confidence of "
         "the material maps: share of the pixels, PSNR of kd and a', mean absolute difference of roughness and "
-        "metallic. Where confidence tells the truth, errors fall from class to class.",
+        "metallic; beside them (predicted_...) what the maps' layers of errors say of the same pixels. Where "
+        "confidence tells the truth, errors fall from class to class.",
+    },
+    "calibration": {
+        "label": "Predicted against found errors",
+        "unit": "",
+        "better": "",
+        "text": "ordered: the found error of kd falls from class to class of confidence. kd, roughness, metallic: the "
+        "share of pixels in classes whose predicted error is within a factor of 1.5 of the found one (of kd root mean "
+        "squares, of the others means; errors below 0.01 count as 0.01). Classes with less than 1 % of the pixels are "
+        "left out.",
     },
     "render_psnr": {
         "label": "Re-rendering",
@@ -115,29 +120,6 @@ DEFINITIONS: dict[str, dict[str, str]] = {
     },
 }
 """What each figure means, in which unit; written into metrics.json for whoever reads it."""
-
-
-@dataclass
-class Mean:
-    """A running mean: sums of many arrays, and how many numbers they held."""
-
-    total: float = 0.0
-    count: int = 0
-
-    def add(self, values: np.ndarray) -> None:
-        """Add all numbers of an array."""
-        self.total += float(np.sum(values, dtype=np.float64))
-        self.count += int(np.size(values))
-
-    @property
-    def value(self) -> float | None:
-        """The mean, or None if nothing was added."""
-        return self.total / self.count if self.count else None
-
-
-def psnr(mse: float | None) -> float | None:
-    """Peak signal-to-noise ratio for peak 1, dB, of a mean squared error; None stays None."""
-    return None if mse is None else float(-10.0 * np.log10(max(mse, SMALLEST_MSE)))
 
 
 def emits(layers: Layers) -> np.ndarray:
@@ -178,7 +160,7 @@ class MaterialFigures:
     intersection: int = 0
     union: int = 0
     pixels: int = 0
-    by_confidence: list[dict[str, Mean]] = field(default_factory=list)
+    by_confidence: ConfidenceFigures = field(default_factory=ConfidenceFigures)
     published: list[dict[str, float | None]] = field(default_factory=list)
 
     def add(self, estimate: Layers, truth: Layers, valid: np.ndarray | bool = True) -> None:
@@ -204,23 +186,14 @@ class MaterialFigures:
                 errors[name] = np.abs(error) if name in ("roughness", "metallic") else error**2
                 getattr(self, name).add(errors[name])
         if "confidence" in estimate:
-            self._classify(estimate["confidence"][counted], errors)
+            predicted = {name: estimate[name][counted] for name in PREDICTED if name in estimate}
+            self.by_confidence.add(estimate["confidence"][counted], errors, predicted)
         self.intersection += int((hit & true_emission & emission).sum())
         self.union += int((hit & (true_emission | emission)).sum())
         if "emission" in truth:
             both = hit & true_emission & emission
             self.log_radiance.add(log_differences(estimate["emission"][both], truth["emission"][both]))
             self.published.append(published_view(estimate, truth))
-
-    def _classify(self, confidence: np.ndarray, errors: Mapping[str, np.ndarray]) -> None:
-        """Count errors of pixels (N, ...) by their confidence (N,)."""
-        self.by_confidence = self.by_confidence or [defaultdict(Mean) for _ in range(CONFIDENCE_CLASSES)]
-        classes = np.minimum(confidence * CONFIDENCE_CLASSES, CONFIDENCE_CLASSES - 1).astype(int)
-        for number, means in enumerate(self.by_confidence):
-            own = classes == number
-            means["pixels"].add(own)
-            for name, error in errors.items():
-                means[name].add(error[own])
 
     def figures(self) -> dict[str, Any]:
         """Return the figures under their names in metrics.json, and the pixels counted."""
@@ -232,19 +205,7 @@ class MaterialFigures:
             "metallic_l1": self.metallic.value,
             "emission_iou": self.intersection / self.union if self.union else None,
             "log_radiance_error": self.log_radiance.value,
-            "by_confidence": [
-                {
-                    "from": number / CONFIDENCE_CLASSES,
-                    "to": (number + 1) / CONFIDENCE_CLASSES,
-                    "share": means["pixels"].value,
-                    "kd_psnr": psnr(means["kd"].value),
-                    "reflectance_psnr": psnr(means["reflectance"].value),
-                    "roughness_l1": means["roughness"].value,
-                    "metallic_l1": means["metallic"].value,
-                }
-                for number, means in enumerate(self.by_confidence)
-            ]
-            or None,
+            **self.by_confidence.figures(),
             "published": published_mean(self.published),
             "pixels": {"materials": self.pixels, "emission_union": self.union},
         }

@@ -8,10 +8,10 @@ import torch
 
 from fipt.conventions import SHADING_OUTPUTS, SUB_POSITIONS
 from fipt.errors import FiptError
-from fipt.scene.confidence import Confidence
 from fipt.scene.observed import ObservedShard
 from fipt.scene.samples import Empty, FootprintSamples
 from fipt.scene.shading import Shading
+from fipt.stages.fit.evidence import PhotoEvidence
 
 _BLOCK = 1 << 20
 """Pixels looked at together."""
@@ -92,7 +92,7 @@ class Pixels:
         self,
         shards: Sequence[ObservedShard],
         segments: list[np.ndarray] | None = None,
-        confidence: Confidence | None = None,
+        confidence: PhotoEvidence | None = None,
         beyond: list[tuple[np.ndarray, np.ndarray]] | None = None,
         empty: Empty = np.empty,
     ) -> None:

@@ -21,3 +21,6 @@ class FitInputs:
     environment: EnvironmentFile = None
     settled: SettledFile = None
     segments: Annotated[Path | None, "Folder of fused segment ids; absent: those of the dataset."] = None
+    first_shading: Annotated[
+        tuple[Path, ...], "Shading of round 0, of the same shards: what it differs by tells how far off shading may be."
+    ] = ()

@@ -22,7 +22,7 @@ from fipt.stages.fit.batches import Pixels
 from fipt.stages.fit.inner_pixels import FEWEST, InnerPixels, best_base_color, inner_pixels, pieces_of
 from fipt.stages.fit.part_colors import FINE, median_colors, uniformity
 
-_ROUGHNESS = (0.02, 0.06, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
+ROUGHNESS = (0.02, 0.06, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 _METALLIC = (0.0, 0.5, 0.75, 1.0)
 _RESOLUTION = 96
 """Pieces along the scene box that share one base colour."""
@@ -61,6 +61,10 @@ class PartEstimates:
     uniform
         (S,) float32 from 0 (textured, or not known) to 8: how much rather the part has one colour
         (`fipt.stages.fit.part_colors`).
+    residual
+        (2, roughnesses, S) float32 residual of every roughness as dielectric and as metal.
+    free
+        (S,) int64 pixels that it was measured on, without one for each colour that they had of their own.
     """
 
     roughness: np.ndarray
@@ -69,6 +73,8 @@ class PartEstimates:
     pixels: np.ndarray
     base_color: np.ndarray
     uniform: np.ndarray
+    residual: np.ndarray
+    free: np.ndarray
 
 
 def part_classes(pairs: Iterable[tuple[np.ndarray, np.ndarray]], count: int) -> np.ndarray:
@@ -115,9 +121,9 @@ def estimate_parts(
     used = np.bincount(inner.segment, shared, count)
     trust = shared * np.maximum(pixels.confidence_at(inner.place, inner.normal), _LEAST_TRUST)
     groups = _Pieces(inner, piece, trust, count)
-    residual = np.empty((len(_METALLIC), len(_ROUGHNESS), count))
+    residual = np.empty((len(_METALLIC), len(ROUGHNESS), count))
     for i, m in enumerate(_METALLIC):
-        for j, s in enumerate(_ROUGHNESS):
+        for j, s in enumerate(ROUGHNESS):
             residual[i, j] = groups.residual(s, m)
     roughness, metallic, gain = _chosen(residual, groups.free)
     if classes is not None:
@@ -128,7 +134,16 @@ def estimate_parts(
     fine, fines = pieces_of(inner, FINE, center, side)
     uniform = uniformity(inner, offset, slope, fine, fines, color)
     seen = np.bincount(inner.segment, minlength=count)
-    estimates = (roughness, metallic, gain, seen, color, uniform)
+    estimates = (
+        roughness,
+        metallic,
+        gain,
+        seen,
+        color,
+        uniform,
+        residual[[0, -1]],
+        np.maximum(groups.free, 0).astype(np.int64),
+    )
     return PartEstimates(*(x if x.dtype == np.int64 else x.astype(np.float32) for x in estimates))
 
 
@@ -199,7 +214,7 @@ def _difference(modelled: np.ndarray, radiance: np.ndarray) -> np.ndarray:
 
 def _chosen(residual: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Roughness, metallic and gain (S,) from residuals (metallic, roughness, S); cautious where little is gained."""
-    rough = np.array(_ROUGHNESS)
+    rough = np.array(ROUGHNESS)
     caution = _CAUTION / np.sqrt(np.maximum(free, 1))
     cautious = residual * (1 + caution * (1 - rough)[None, :, None])
     per_metal = cautious.min(axis=1)

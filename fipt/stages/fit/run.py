@@ -19,17 +19,20 @@ from fipt.scene.environment import beyond, read_environment
 from fipt.scene.observed import read_observed, without_triangles
 from fipt.scene.samples import scene_box, segments_of
 from fipt.scene.settled import read_state
+from fipt.scene.shading import read_shading
 from fipt.scene.voxels import read_cache
 from fipt.stages.fit.batches import Pixels
-from fipt.stages.fit.confidence import confident_pixels, measure
+from fipt.stages.fit.evidence import confident_pixels, measure
 from fipt.stages.fit.hidden import find_hidden
 from fipt.stages.fit.inputs import FitInputs
 from fipt.stages.fit.loop import fit
+from fipt.stages.fit.material_posterior import no_parts, posterior
 from fipt.stages.fit.objective import Objective
-from fipt.stages.fit.part_search import PartEstimates, estimate_parts, part_classes
+from fipt.stages.fit.part_search import ROUGHNESS, PartEstimates, estimate_parts, part_classes
 from fipt.stages.fit.settings import FitSettings
 from fipt.stages.fit.settling import copy_round, judge_round
 from fipt.stages.fit.targets import part_targets
+from fipt.stages.fit.uncertainty import predict
 
 log = logging.getLogger(__name__)
 
@@ -47,14 +50,14 @@ def fit_model(inputs: FitInputs, settings: FitSettings) -> Stats:
             "no segments; roughness and metallic are fitted point by point, without search or propagation: "
             "they are uncertain wherever no view sees a highlight (docs/stages/segment.md has figures)"
         )
-    pixels, confidence = _training_pixels(data, kind, inputs, settings)
+    pixels = _training_pixels(data, kind, inputs, settings)
     center, side = scene_box(pixels.shards)
     field = Field(settings, SceneBox((center[0], center[1], center[2]), side))
     before = None if inputs.previous is None else load_field(inputs.previous)
     if before is not None and settings.warm_start:
         field.load_state_dict(before.state_dict())
     figures: Stats = {"segments": kind or "none", "fused_segments": inputs.segments is not None}
-    targets = hidden = None
+    targets = hidden = found = classes = None
     if kind is not None and settings.part_search:
         classes = _classes(data, pixels) if kind == "part" and data.has_segments("semantic") else None
         found = estimate_parts(pixels, center, side, settings.emitter_gain, classes)
@@ -64,30 +67,51 @@ def fit_model(inputs: FitInputs, settings: FitSettings) -> Stats:
             hidden = find_hidden(pixels, read_cache(inputs.cache), found.pixels > 0)
     checkpoint = _checkpoint(inputs, settings)
     figures |= fit(field, pixels, Objective(settings, kind, targets), checkpoint, hidden if hidden else None)
-    write_confidence(inputs.out.with_name("confidence.npz"), confidence)
+    write_confidence(
+        inputs.out.with_name("confidence.npz"), _confidence(field, pixels, found, classes, inputs, settings)
+    )
     save_field(inputs.out, field, settings)
     figures |= judge_round(inputs, field, before, settings.settled)
     checkpoint.unlink(missing_ok=True)
     return figures
 
 
-def _training_pixels(
-    data: Dataset, kind: str | None, inputs: FitInputs, settings: FitSettings
-) -> tuple[Pixels, Confidence]:
-    """All pixels that teach anything, and the confidence in the surface that they show."""
+def _training_pixels(data: Dataset, kind: str | None, inputs: FitInputs, settings: FitSettings) -> Pixels:
+    """All pixels that teach anything."""
     empty = on_disk(inputs.out.parent)  # what there is for every pixel stays out of memory
     shards = read_observed(data, inputs.samples, inputs.shading, empty)
     if inputs.emitters is not None:
         shards = without_triangles(shards, read_emitters(inputs.emitters).possible)
     cameras = [[data.camera(view) for view in shard.samples.views] for shard in shards]
-    eyes = {camera.name: camera.center for own in cameras for camera in own}
-    confidence = measure(shards, eyes, settings.emitter_gain)
-    if settings.min_confidence > 0:
-        shards = confident_pixels(shards, confidence, settings.min_confidence, settings.emitter_gain)
+    evidence = None
+    if settings.confidence or settings.min_confidence > 0:
+        eyes = {camera.name: camera.center for own in cameras for camera in own}
+        evidence = measure(shards, eyes, settings.emitter_gain)
+    if evidence is not None and settings.min_confidence > 0:
+        shards = confident_pixels(shards, evidence, settings.min_confidence, settings.emitter_gain)
     outside = read_environment(inputs.environment)
     edges = [beyond(shard.samples, own, outside) for shard, own in zip(shards, cameras, strict=True)]
     ids = None if kind is None else [segments_of(data, shard.samples, kind, empty) for shard in shards]
-    return Pixels(shards, ids, confidence if settings.confidence else None, edges, empty), confidence
+    return Pixels(shards, ids, evidence if settings.confidence else None, edges, empty)
+
+
+def _confidence(
+    field: Field,
+    pixels: Pixels,
+    found: PartEstimates | None,
+    classes: np.ndarray | None,
+    inputs: FitInputs,
+    settings: FitSettings,
+) -> Confidence:
+    """Predicted errors of what was fitted."""
+    if found is None:
+        uniform = np.zeros(int(pixels.largest_segment) + 1)
+        materials = no_parts(np.array(ROUGHNESS), len(uniform))
+    else:
+        materials = posterior(np.array(ROUGHNESS), found.residual, found.free, classes)
+        uniform = found.uniform if settings.base_weight > 0 else np.zeros_like(found.uniform)
+    earlier = [read_shading(folder, own) for folder, own in zip(inputs.first_shading, pixels.shards, strict=False)]
+    return predict(field, pixels, materials, uniform, settings.emitter_gain, earlier)
 
 
 def _classes(data: Dataset, pixels: Pixels) -> np.ndarray:

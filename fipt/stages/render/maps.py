@@ -63,7 +63,8 @@ def material_maps(
     -------
     dict
         ``kd``, ``base_color``, ``reflectance``, ``emission`` (H, W, 3); ``roughness.Y``, ``metallic.Y``,
-        ``confidence.Y``, ``emission_mask.Y``, ``hit.Y`` (H, W), float32; 0 where the pixel's centre misses the mesh.
+        ``confidence.Y``, ``kd_error.Y``, ``roughness_error.Y``, ``metallic_error.Y``, ``emission_mask.Y``, ``hit.Y``
+        (H, W), float32; 0 where the pixel's centre misses the mesh.
     """
     height, width = samples.shapes[index]
     pixels = samples.pixels(index)
@@ -86,7 +87,7 @@ def material_maps(
         "reflectance": spread(reflectance(brdf.base_color, brdf.roughness, brdf.metallic, cos)),
         "roughness.Y": spread(brdf.roughness),
         "metallic.Y": spread(brdf.metallic),
-        "confidence.Y": spread(surface.confidence.at(position, normal, surface.confidence.combined)),
+        **{f"{name}.Y": spread(values) for name, values in surface.confidence.layers(position, normal).items()},
         "emission": spread(emission),
         "emission_mask.Y": spread((emission.max(axis=1) > 0).astype(np.float32)),
         "hit.Y": hit.reshape(height, width).astype(np.float32),

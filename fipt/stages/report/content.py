@@ -11,6 +11,7 @@ import numpy as np
 from fipt.errors import FiptError
 from fipt.scene.dataset import Dataset
 from fipt.stages.report import images
+from fipt.stages.report.calibration import calibration_plot
 from fipt.stages.report.capture import CaptureReport, read_capture
 from fipt.stages.report.emitters import read_emitter_entries
 from fipt.stages.report.export import ExportCheck, read_check
@@ -66,6 +67,7 @@ class Content:
     export: ExportCheck | None
     exported: Sequence[RelitView]
     findings: FindingsReport | None
+    calibration: EmbeddedImage | None
     times: Sequence[StageTime]
     settings: Mapping[str, str]
     versions: Mapping[str, str]
@@ -90,8 +92,7 @@ def gather(
     ----------
     setups, camera_setups
         Light setups that are shown: those seen by views of the dataset, and those with cameras of their own. The
-        folder may hold others, or what a setup was before; None: all that it holds, of each
-        what its own cameras saw if it had some.
+        folder may hold others, or what a setup was before; None: all, of each what its own cameras saw if it had some.
 
     Raises
     ------
@@ -127,6 +128,7 @@ def gather(
         export=export,
         exported=reader.exported_views(export) if export else [],
         findings=read_room_findings(results),
+        calibration=calibration_plot(metrics),
         times=stage_times(runs),
         settings=stage_settings(runs),
         versions=versions_used(runs),

@@ -173,6 +173,21 @@ def folders_of(name):
     return joined
 
 
+def first_shading(wildcards):
+    """Input function: the training shading of round 0, in later rounds."""
+    if int(wildcards.round) == 0:
+        return []
+    pattern = "results/{scene}/round-0/shading/{shard}.manifest.json"
+    return sharded(pattern, "train")(wildcards)
+
+
+def given_folders(flag, name):
+    """Params function: a flag and `folders_of` an input ``name``, where it has any file."""
+    return lambda wildcards, input: (
+        [flag, folders_of(name)(wildcards, input)] if input[name] else []
+    )
+
+
 def of_asked_scenes(*files):
     """Input function: patterns, and files of input functions, for every scene that was asked for."""
     return lambda _: [

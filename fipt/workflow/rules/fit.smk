@@ -2,10 +2,10 @@
 
 INPUTS:  results/{scene}/round-{k}/shading/{shard}.manifest.json, samples/{shard}.manifest.json, pictures, cache.npz, environment.npz,
          segments of the dataset, results/{scene}/segments/fused.manifest.json or round-{k}/segments.manifest.json
-         from round 1: the model of the round before, and whether the loop settled in it
+         from round 1: the model of the round before, whether the loop settled in it, the shading of round 0
          round-{k}/emitters.npz where they are decided before the fit
 OUTPUTS: results/{scene}/round-{k}/model.safetensors    networks, scene box, settings, stage version
-         results/{scene}/round-{k}/confidence.npz       how well the pictures determine the surface
+         results/{scene}/round-{k}/confidence.npz       predicted errors of the material, by voxel and facing
          results/{scene}/round-{k}/settled.json         what the round changed, and whether the loop has settled
 
 A killed fit goes on from round-{k}/model.checkpoint-HASH.safetensors, the hash being that of its
@@ -29,6 +29,7 @@ rule fit:
         environment="results/{scene}/environment.npz",
         segments=ask("segmentation.of_round"),
         previous=previous("results/{scene}/round-{round}/model.safetensors"),
+        first_shading=first_shading,
         emitters=ask("emitters_of_fit"),
         confidence=previous("results/{scene}/round-{round}/confidence.npz"),
         settled=previous("results/{scene}/round-{round}/settled.json"),
@@ -50,6 +51,7 @@ rule fit:
         samples=folders_of("samples"),
         shading=folders_of("shading"),
         previous=option("--previous", "previous"),
+        first_shading=given_folders("--first-shading", "first_shading"),
         emitters=option("--emitters", "emitters"),
         settled=option("--settled", "settled"),
         segments=option_folder("--segments", "segments"),
@@ -57,7 +59,7 @@ rule fit:
         version=VERSIONS["fit"],
     shell:
         "fipt fit --dataset {params.dataset:q} --samples {params.samples:q} --shading {params.shading:q}"
-        " {params.previous:q} {params.emitters:q} {params.settled:q} --cache {input.cache:q}"
-        " --environment {input.environment:q}"
+        " {params.previous:q} {params.emitters:q} {params.settled:q} {params.first_shading:q}"
+        " --cache {input.cache:q} --environment {input.environment:q}"
         " {params.segments:q} --out {output.model:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

@@ -97,6 +97,31 @@ def test_errors_by_confidence():
         ("kd_psnr", "reflectance_psnr", "roughness_l1", "metallic_l1")
     )
     assert figures((layers(), layers()))["by_confidence"] is None  # maps of another program
+    assert figures((layers(), layers()))["calibration"] is None
+
+
+def test_predicted_errors_stand_beside_those_found():
+    """Two classes whose errors of kd are predicted well and four times too large; roughness is predicted exactly."""
+    truth = layers((1, 4), **emission(0, 0, 0, 0))
+    estimate = layers(
+        (1, 4),
+        kd=[[[0.52] * 3, [0.48] * 3, [0.6] * 3, [0.4] * 3]],
+        roughness=[[0.7, 0.7, 0.6, 0.6]],
+        confidence=[[1.0, 0.9, 0.1, 0.1]],
+        kd_error=[[0.025, 0.025, 0.4, 0.4]],
+        roughness_error=[[0.1, 0.1, 0.0, 0.0]],
+        metallic_error=[[0.3, 0.3, 0.0, 0.0]],
+        hit=[[1, 1, 1, 1]],
+        **emission(0, 0, 0, 0),
+    )
+    found = figures((estimate, truth))
+    low, high = found["by_confidence"][0], found["by_confidence"][4]
+    assert high["predicted_kd_psnr"] == pytest.approx(-20 * np.log10(0.025), rel=1e-5)
+    assert low["predicted_kd_psnr"] == pytest.approx(-20 * np.log10(0.4), rel=1e-5)
+    assert high["predicted_roughness_l1"] == pytest.approx(0.1)
+    assert found["calibration"] == {"ordered": True, "kd": 0.5, "roughness": 1.0, "metallic": 0.5}
+    swapped = estimate | {"confidence": 1 - estimate["confidence"]}
+    assert not figures((swapped, truth))["calibration"]["ordered"]
 
 
 def test_squared_error_is_pooled_over_views_not_averaged_per_view():

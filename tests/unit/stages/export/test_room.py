@@ -91,13 +91,20 @@ def test_lamps_are_black_in_the_textures_and_bright_in_the_emission(box):
     assert emission.shape == (atlas.height, atlas.width, 3)
 
 
+def predicted(record) -> Confidence:
+    """An error of 30 dB in the records (K,) of a box of one voxel: confidence 0.8."""
+    count = len(record)
+    errors = np.full(count, 10**-1.5), np.zeros(count), np.zeros(count)
+    return Confidence(np.array([1.0, 0.5, 0.75]), 2.1, 1, record, *errors, np.ones(count, bool), np.zeros(3))
+
+
 def test_confidence_is_that_of_the_better_seen_side(box):
     mesh, atlas, known, _ = box
-    confidence = Confidence(np.array([1.0, 0.5, 0.75]), 2.1, 1, np.arange(6), np.full(6, 0.8), np.ones(6))
+    confidence = predicted(np.arange(6))
     one = confidence_texture(confidence, mesh, atlas, known)
     assert set(one.ravel()) == {204}
     # facing +x only: walls at both ends, whichever way their winding faces
-    facing = Confidence(confidence.center, 2.1, 1, np.array([1]), np.array([0.8]), np.ones(1))
+    facing = predicted(np.array([1]))
     texture = confidence_texture(facing, mesh, atlas, known).ravel()[known.index]
     along_x = np.abs(mesh.normals[known.triangle][:, 0]) > 0.5
     assert set(texture[along_x]) == {204}

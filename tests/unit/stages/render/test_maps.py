@@ -70,7 +70,9 @@ def test_layers_of_a_view(maps):
     samples = view(position, [1, 2, 1, 1], [1, 1, 1, 0], triangle=[0, 7, 0, 0, 7])
     camera = SimpleNamespace(center=np.array([0.5, 2.0, 0.3]))
     # a view saw only what lies at 0.25 <= x < 0.5 and faces up
-    confidence = Confidence(np.zeros(3), 2.0, 8, np.array([6 * (5 + 8 * (4 + 8 * 4)) + 3]), np.ones(1), np.full(1, 0.5))
+    place = np.array([6 * (5 + 8 * (4 + 8 * 4)) + 3])
+    errors = (np.full(1, error) for error in (0.1, 0.2, 0.3))
+    confidence = Confidence(np.zeros(3), 2.0, 8, place, *errors, np.ones(1, bool), np.float32([0.25, 0.5, 0.75]))
     layers = maps.material_maps(maps.FittedSurface(Waves(), emitter(7), confidence), samples, 0, camera, average=False)
     x = np.float32([[0.1, 0.2], [0.4, 0.0]])
     hit = np.array([[1, 1], [1, 0]])
@@ -78,7 +80,10 @@ def test_layers_of_a_view(maps):
     np.testing.assert_allclose(layers["base_color"][..., 0], x)
     np.testing.assert_allclose(layers["metallic.Y"], x / 4)
     np.testing.assert_allclose(layers["roughness.Y"], (0.1 + 0.5 * x) * hit, rtol=1e-6)
-    np.testing.assert_array_equal(layers["confidence.Y"], [[0, 0], [0.75, 0]])
+    np.testing.assert_allclose(layers["confidence.Y"], [[0, 0], [0.4, 0]], rtol=1e-6)  # 20 dB
+    np.testing.assert_allclose(layers["kd_error.Y"], [[0.25, 0.25], [0.1, 0]], rtol=1e-6)
+    np.testing.assert_allclose(layers["roughness_error.Y"], [[0.5, 0.5], [0.2, 0]], rtol=1e-6)
+    np.testing.assert_allclose(layers["metallic_error.Y"], [[0.75, 0.75], [0.3, 0]], rtol=1e-6)
     np.testing.assert_allclose(layers["kd"][..., 0], x * (1 - x / 4), rtol=1e-6)
     np.testing.assert_array_equal(layers["emission"][..., 0], [[0, 7], [0, 0]])
     np.testing.assert_array_equal(layers["emission_mask.Y"], [[0, 1], [0, 0]])

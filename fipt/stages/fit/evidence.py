@@ -1,4 +1,7 @@
-"""How well the photographs determine each piece of surface, before anything is fitted to them.
+"""What the photographs tell of each piece of surface, before anything is fitted to them.
+
+It is what `fit.confidence` and `fit.min_confidence` go by; what is off after the fit is predicted in
+`fipt.stages.fit.uncertainty`.
 
 A piece is what one voxel holds of a surface that faces one way. It gets two numbers in [0, 1].
 
@@ -16,16 +19,16 @@ only the variation of the ratio within a piece, d, tells them apart:
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fipt.conventions import ROUGHNESS_LEVELS
 from fipt.errors import FiptError
 from fipt.model.reflectance import exceeds_reflection, specular_reflectance
-from fipt.scene.confidence import Confidence, records
+from fipt.scene.confidence import SurfaceRecords, records
 from fipt.scene.observed import ObservedShard
-from fipt.scene.samples import scene_box
+from fipt.scene.samples import FootprintSamples, scene_box
 
 _LEVELS = len(ROUGHNESS_LEVELS)
 _FINEST = 96
@@ -42,7 +45,28 @@ _DARK = 1e-3
 """Radiance that counts as dark, added before ratios are taken."""
 
 
-def measure(shards: Sequence[ObservedShard], eyes: Mapping[str, np.ndarray], emitter_gain: float) -> Confidence:
+@dataclass(frozen=True)
+class PhotoEvidence(SurfaceRecords):
+    """What the photographs tell, by voxel and facing.
+
+    Attributes
+    ----------
+    views
+        (K,) float32 in [0, 1]: evidence for the base colour, from number, angle and agreement of the views.
+    highlights
+        (K,) float32 in [0, 1]: evidence for roughness and metallic, from the light that they would change.
+    """
+
+    views: np.ndarray
+    highlights: np.ndarray
+
+    @property
+    def combined(self) -> np.ndarray:
+        """(K,) the evidence for the material as a whole: half of it needs highlights, all of it views."""
+        return (self.views * (0.5 + 0.5 * self.highlights)).astype(np.float32)
+
+
+def measure(shards: Sequence[ObservedShard], eyes: Mapping[str, np.ndarray], emitter_gain: float) -> PhotoEvidence:
     """Judge all surface that the training views see; one view is held in memory at a time.
 
     Clipped pixels say nothing, nor do those that show an emitter.
@@ -57,7 +81,7 @@ def measure(shards: Sequence[ObservedShard], eyes: Mapping[str, np.ndarray], emi
         Pixels this much brighter than any reflection show an emitter.
     """
     center, side = scene_box([shard.samples for shard in shards])
-    resolution = _resolution(shards, side)
+    resolution = piece_resolution([shard.samples for shard in shards], side)
     keys, sums = [], []
     for shard in shards:
         samples = shard.samples
@@ -70,25 +94,25 @@ def measure(shards: Sequence[ObservedShard], eyes: Mapping[str, np.ndarray], emi
             cosine = (toward * normal).sum(axis=1) / np.linalg.norm(toward, axis=1).clip(1e-9)
             evidence = np.column_stack([evidence, evidence[:, 0] * cosine.clip(0, 1)])
             keys.append(key)
-            sums.append(_sums(piece, evidence, len(key)))
+            sums.append(sums_by(piece, evidence, len(key)))
             sums[-1][:, -1] = np.minimum(sums[-1][:, -1], 1)
     record, piece = np.unique(np.concatenate(keys), return_inverse=True)
-    views, highlights = _judged(_sums(piece.reshape(-1), np.concatenate(sums), len(record)))
-    return Confidence(center, side, resolution, record, views, highlights)
+    views, highlights = _judged(sums_by(piece.reshape(-1), np.concatenate(sums), len(record)))
+    return PhotoEvidence(center, side, resolution, record, views, highlights)
 
 
-def _sums(piece: np.ndarray, columns: np.ndarray, count: int) -> np.ndarray:
+def sums_by(piece: np.ndarray, columns: np.ndarray, count: int) -> np.ndarray:
     """(count, C) sums of rows (N, C) over pieces (N,)."""
     return np.stack([np.bincount(piece, column, count) for column in columns.T], axis=1)
 
 
-def _resolution(shards: Sequence[ObservedShard], side: float) -> int:
+def piece_resolution(shards: Sequence[FootprintSamples], side: float) -> int:
     """Voxels along the box such that a pixel's footprint is about half a voxel."""
     total = count = 0.0
-    for shard in shards:
-        for index in range(len(shard.samples.views)):
-            own = shard.samples.of_view(index)
-            total += float(np.sum(shard.samples.footprint[own], dtype=np.float64))
+    for samples in shards:
+        for index in range(len(samples.views)):
+            own = samples.of_view(index)
+            total += float(np.sum(samples.footprint[own], dtype=np.float64))
             count += own.stop - own.start
     return int(np.clip(side / (2 * total / count), 8, _FINEST))
 
@@ -125,14 +149,14 @@ def _judged(total: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return views.astype(np.float32), highlights.astype(np.float32)
 
 
-def of_pixels(shard: ObservedShard, confidence: Confidence, emitter_gain: float) -> tuple[np.ndarray, np.ndarray]:
+def of_pixels(shard: ObservedShard, evidence: PhotoEvidence, emitter_gain: float) -> tuple[np.ndarray, np.ndarray]:
     """(P,) float32 combined confidence in what each pixel shows, and (P,) bool whether that is an emitter."""
     samples = shard.samples
     result, emits = np.zeros(len(shard.radiance), np.float32), np.zeros(len(shard.radiance), bool)
     for index in range(len(samples.views)):
         own, pixels = samples.of_view(index), samples.pixels(index)
         pixel = samples.pixel_of_sample(index)
-        known = confidence.at(samples.position[own], samples.normal[own], confidence.combined)
+        known = evidence.at(samples.position[own], samples.normal[own], evidence.combined)
         shading = np.asarray(shard.shading[own], np.float32)
         emitter = exceeds_reflection(shard.radiance[pixels][pixel], shading, emitter_gain)
         share, count = np.asarray(samples.weight[own]), pixels.stop - pixels.start
@@ -143,7 +167,7 @@ def of_pixels(shard: ObservedShard, confidence: Confidence, emitter_gain: float)
 
 
 def confident_pixels(
-    shards: Sequence[ObservedShard], confidence: Confidence, least: float, emitter_gain: float
+    shards: Sequence[ObservedShard], evidence: PhotoEvidence, least: float, emitter_gain: float
 ) -> list[ObservedShard]:
     """The same shards; no weight is left to pixels that show surface of less confidence than ``least``.
 
@@ -156,7 +180,7 @@ def confident_pixels(
     """
     chosen, best = [], 0.0
     for shard in shards:
-        known, emits = of_pixels(shard, confidence, emitter_gain)
+        known, emits = of_pixels(shard, evidence, emitter_gain)
         weight = np.where((known >= least) | emits | shard.clipped, shard.weight, 0)
         chosen.append(replace(shard, weight=weight))
         best = max(best, float(known[shard.weight > 0].max(initial=0)))

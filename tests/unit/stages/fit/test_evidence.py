@@ -1,12 +1,11 @@
-"""Confidence grows with views, angle, agreement and highlights; nothing is sure of what nobody sees."""
+"""Evidence grows with views, angle, agreement and highlights; nothing is sure of what nobody sees."""
 
 import numpy as np
 import pytest
 
 from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
 from fipt.formats.images import srgb_encode
-from fipt.scene.confidence import Confidence, read_confidence, write_confidence
-from fipt.stages.fit import confidence as measured
+from fipt.stages.fit import evidence as measured
 from tests import scenes
 
 LEVELS = len(ROUGHNESS_LEVELS)
@@ -63,13 +62,13 @@ def test_the_formula_of_views():
         np.testing.assert_allclose(found.views, 1 / (1 + sigma2 / 0.05**2), rtol=0.01)
 
 
-def test_grazing_views_are_less_confident():
+def test_grazing_views_are_less_evidence():
     low = {name: eye * (1, 0.02, 1) for name, eye in EYES.items()}
     samples = floor(footprint=np.full(192, 0.01, np.float32))
     assert mean(judge(samples, *even(samples), eyes=low)) < 0.5 * mean(judge(samples, *even(samples)))
 
 
-def test_views_that_disagree_are_less_confident(np_rng):
+def test_views_that_disagree_are_less_evidence(np_rng):
     samples = floor()
     shading, radiance = even(samples)
     wrong = radiance * np_rng.uniform(0.3, 1.7, (len(radiance), 1)).astype(np.float32)
@@ -137,11 +136,9 @@ def test_voxels_follow_the_pixels():
     assert judge(fine, *even(fine)).resolution == 96
 
 
-def test_surface_is_found_by_voxel_and_facing(tmp_path):
+def test_surface_is_found_by_voxel_and_facing():
     samples = floor()
-    known = judge(samples, *even(samples))
-    write_confidence(tmp_path / "confidence.npz", known)
-    found = read_confidence(tmp_path / "confidence.npz")
+    found = judge(samples, *even(samples))
     up, down = np.tile([0.0, 1, 0], (64, 1)), np.tile([0.0, -1, 0], (64, 1))
     at = found.at(GRID, up, found.combined)
     assert ((at > 0) & (at < 1)).all()
@@ -151,11 +148,11 @@ def test_surface_is_found_by_voxel_and_facing(tmp_path):
 
 def test_half_of_it_needs_highlights():
     views, highlights = np.float32([0, 0.8, 0.8, 1]), np.float32([1, 0, 1, 1])
-    known = Confidence(np.zeros(3), 1.0, 8, np.arange(4), views, highlights)
+    known = measured.PhotoEvidence(np.zeros(3), 1.0, 8, np.arange(4), views, highlights)
     np.testing.assert_allclose(known.combined, [0, 0.4, 0.8, 1])
 
 
-def test_confidence_predicts_the_error_of_the_base_colour(np_rng):
+def test_evidence_falls_with_the_error_of_the_base_colour(np_rng):
     """Noisy shading, known albedo: the error of the mean over views falls from the least to the most sure pieces."""
     views = "abcdefghi"
     count = 64 * len(views)
