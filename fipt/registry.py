@@ -39,7 +39,7 @@ SECTIONS: dict[str, Section] = {
     "check_poses": Section("fipt.stages.check_poses.settings:CheckPosesSettings", 1),
     "samples": Section("fipt.stages.samples.settings:SamplesSettings", 2),
     "segment": Section("fipt.stages.segment.settings:SegmentSettings", 1),
-    "fuse": Section("fipt.stages.segment.settings:FuseSettings", 1),
+    "fuse": Section("fipt.stages.segment.settings:FuseSettings", 2),
     "environment": Section("fipt.stages.environment.settings:EnvironmentSettings", 1),
     "cache": Section("fipt.stages.cache.settings:CacheSettings", 3),
     "bake": Section("fipt.stages.shade.settings:BakeSettings", 3),

@@ -40,7 +40,7 @@ class ConfidenceFigures:
             for name, error in errors.items():
                 means[name].add(error[own])
             for name, values in predicted.items():
-                means[name].add(np.float64(values[own]) ** (2 if name == "kd_error" else 1))
+                means[name].add(values[own].astype(np.float64) ** (2 if name == "kd_error" else 1))
 
     def figures(self) -> dict[str, Any]:
         """``by_confidence`` and ``calibration`` of metrics.json; None where no map holds confidence."""
@@ -80,9 +80,9 @@ def _agreed(classes: list[dict[str, Mean]], layer: str, name: str) -> float | No
     """Share of the pixels of classes whose predicted and found errors agree; None without both."""
     pixels = agreed = 0.0
     for means in classes:
-        pair = [means[key].value for key in (layer, name)]
-        if None not in pair:
-            errors = [max(np.sqrt(value) if name == "kd" else value, _FLOOR) for value in pair]
+        pair = [value for key in (layer, name) if (value := means[key].value) is not None]
+        if len(pair) == 2:
+            errors = [max(float(np.sqrt(value)) if name == "kd" else value, _FLOOR) for value in pair]
             share = means["pixels"].total
             pixels += share
             agreed += share * (max(errors) <= _FACTOR * min(errors))

@@ -92,7 +92,7 @@ def plan(
     mesh: Mesh,
     cameras: Sequence[Camera],
     emitters: Emitters,
-    marks: Sequence[tuple[str, Sequence[float]]],
+    marks: Sequence[tuple[str, Sequence[float] | np.ndarray]],
     colored: tuple[np.ndarray, np.ndarray, str] | None = None,
 ) -> np.ndarray:
     """Draw the room from above: surface, cameras, emitters, and marked places.
@@ -124,8 +124,9 @@ def plan(
         centers = mesh.corners[emitters.triangle].mean(axis=1)
         axes.scatter(*centers[:, across].T, s=26, color="gold", edgecolors="black", label="emitters found")
     for text, place in marks:
-        axes.plot(*np.asarray(place)[across], "x", color="crimson", markersize=12, markeredgewidth=3)
-        axes.annotate(text, np.asarray(place)[across], color="crimson", xytext=(6, 6), textcoords="offset points")
+        x, y = np.asarray(place)[across]
+        axes.plot(x, y, "x", color="crimson", markersize=12, markeredgewidth=3)
+        axes.annotate(text, (x, y), color="crimson", xytext=(6, 6), textcoords="offset points")
     axes.set_aspect("equal")
     if np.cross(np.eye(3)[across[0]], np.eye(3)[across[1]]) @ up < 0:
         axes.invert_yaxis()  # or the room would be seen in a mirror

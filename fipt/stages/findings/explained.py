@@ -133,7 +133,7 @@ def pixels_of_view(
     mean = {name: _pooled(values, owner, weight / covered[owner]) for name, values in light.items()}
     order = np.lexsort((-weight, owner))
     main = sample[order][np.cumsum(count) - count]
-    place = order[np.cumsum(count) - count]
+    chief = order[np.cumsum(count) - count]
     whole = np.where(ids is not None and np.asarray(samples.center[pixel]) > 0, 0 if ids is None else ids[local], 0)
     use = (shard.weight[pixel] > _COVERED) & (covered > _COVERED) & ~shard.clipped[pixel]
     return {
@@ -145,11 +145,11 @@ def pixels_of_view(
         "brightest": mean["brightest"],
         "position": np.asarray(samples.position[main]),
         "normal": np.asarray(samples.normal[main]),
-        "base_color": light["base_color"][place],
-        "roughness": light["roughness"][place],
-        "metallic": light["metallic"][place],
+        "base_color": light["base_color"][chief],
+        "roughness": light["roughness"][chief],
+        "metallic": light["metallic"][chief],
         "footprint": np.asarray(samples.footprint[main]),
-        "share": weight[place],
+        "share": weight[chief],
         "mixed": count > 1,
         "segment": whole.astype(np.int64),
         "triangle": np.asarray(samples.triangle[main]).astype(np.int64),

@@ -43,7 +43,10 @@ class MaterialPosterior:
     def roughness_error(self, segment: np.ndarray, roughness: np.ndarray) -> np.ndarray:
         """(N,) expected absolute error of fitted roughnesses (N,) of segments (N,)."""
         chance = self.probability.sum(axis=0)
-        return sum(chance[j, segment] * np.abs(roughness - level) for j, level in enumerate(self.levels))
+        error = np.zeros(len(segment))
+        for j, level in enumerate(self.levels):
+            error += chance[j, segment] * np.abs(roughness - level)
+        return error
 
     def metal(self, segment: np.ndarray) -> np.ndarray:
         """(N,) probability that segments (N,) are metal."""

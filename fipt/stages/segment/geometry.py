@@ -2,7 +2,10 @@
 
 Regions grow from single triangles. In every round each region joins the neighbour, across sides that are not sharp,
 whose colour at their common border differs the least from its own (Borůvka's rounds: a few, however many triangles).
-Colour is compared at the border only, so that a wall that fades into shadow stays one region.
+Where the mesh was scanned, its creases are round and edges of colour are spread over some triangles, so that no side
+parts anything: what regions are as a whole, the way they face and their mean colour, must not differ more than sides
+may. A wall that fades into shadow may become two regions, and a round shape several; `fipt.stages.segment.regroup`
+joins them.
 """
 
 from pathlib import Path
@@ -37,7 +40,7 @@ def grow_parts(dataset: Path, segments: Path, settings: FuseSettings) -> Stats:
     surface = surface_of(mesh)
     observations = observe(mesh, [data.camera(view) for view in data.views("train")], segments)
     color, pixels = seen_colors(data, observations, len(mesh.triangles))
-    ids = regions(surface, color, pixels, settings)
+    ids = regions(surface, color, pixels, settings, mesh.normals)
     ids, kind = numbered(ids, np.zeros(int(ids.max()) + 1, np.int64), surface.area)
     views = np.zeros(len(kind), np.int64)
     for number in range(len(observations.cameras)):
@@ -77,10 +80,20 @@ def seen_colors(data: Dataset, observations: CellObservations, count: int) -> tu
     return color, pixels
 
 
-def regions(surface: CellSurface, color: np.ndarray, pixels: np.ndarray, settings: FuseSettings) -> np.ndarray:
-    """(C,) int64 region from 1 of every triangle, given their ``color`` (C, 3) and the ``pixels`` (C,) that tell it."""
+def regions(
+    surface: CellSurface, color: np.ndarray, pixels: np.ndarray, settings: FuseSettings, normal: np.ndarray
+) -> np.ndarray:
+    """(C,) int64 region from 1 of every triangle.
+
+    Parameters
+    ----------
+    color, pixels
+        (C, 3) colour of each triangle, and the pixels (C,) that tell it.
+    normal
+        (C, 3) unit normals.
+    """
     smooth = surface.bend >= np.cos(np.radians(settings.crease))
-    ids = _grown(surface, smooth, color, pixels, settings.colour) + 1
+    ids = _grown(surface, smooth, color, pixels, settings, normal) + 1
     if settings.smallest == 0:
         return ids
     # small regions join the one they share most of their border with: first around no edge, then around any
@@ -93,14 +106,22 @@ def regions(surface: CellSurface, color: np.ndarray, pixels: np.ndarray, setting
     return np.where(small, ids.max() + 1 + piece, ids)
 
 
-def _grown(surface: CellSurface, smooth: np.ndarray, color: np.ndarray, pixels: np.ndarray, most: float) -> np.ndarray:
-    """(C,) int64 region of each triangle: joined across ``smooth`` (E,) sides where colour jumps less than ``most``."""
+def _grown(
+    surface: CellSurface,
+    smooth: np.ndarray,
+    color: np.ndarray,
+    pixels: np.ndarray,
+    settings: FuseSettings,
+    normal: np.ndarray,
+) -> np.ndarray:
+    """(C,) int64 region of each triangle, joined across ``smooth`` (E,) sides; arguments as of `regions`."""
     a, b = surface.pairs[smooth].T
-    known = (pixels[a] > 0) & (pixels[b] > 0)
     length = np.maximum(surface.border[smooth], 1e-9)
+    known = (pixels[a] > 0) & (pixels[b] > 0)
     jump = np.where(known[:, None], color[a] - color[b], 0.0)
     doubt = np.where(known, _NOISE**2 * (1 / np.maximum(pixels[a], 1e-9) + 1 / np.maximum(pixels[b], 1e-9)), 0.0)
     region = np.arange(len(surface))
+    turns = np.cos(np.radians(settings.crease))
     while True:
         low, high = np.minimum(region[a], region[b]), np.maximum(region[a], region[b])
         turn = np.where(region[a] < region[b], 1.0, -1.0)
@@ -112,13 +133,15 @@ def _grown(surface: CellSurface, smooth: np.ndarray, color: np.ndarray, pixels: 
         means = [np.bincount(place, length * turn * jump[:, k]) / np.maximum(known_length, 1e-9) for k in range(3)]
         # of a mean over the border, weighted by length; colours that no view tells are taken for alike
         noise = np.sqrt(np.bincount(place, length**2 * doubt)) / np.maximum(known_length, 1e-9)
-        cost = np.linalg.norm(means, axis=0) - noise
         first, second = pairs >> 32, pairs & 0xFFFFFFFF
-        usable = (first != second) & (cost < most)
+        off, alike = _as_a_whole(region, first, second, color, pixels, surface.area[:, None] * normal)
+        cost = np.maximum(np.linalg.norm(means, axis=0) - noise, off)
+        usable = (first != second) & (cost < settings.colour) & (alike > turns)
         if not usable.any():
             return region
+        # the best neighbour of each region: the least jump and turn, then the longest border, then the first pair
+        cost = cost / settings.colour + (1 - alike) / (1 - turns)
         first, second, cost, total = first[usable], second[usable], cost[usable], total[usable]
-        # the best neighbour of each region: the least jump, then the longest border, then the first pair
         rank = np.empty(len(cost), np.int64)
         rank[np.lexsort((-total, cost))] = np.arange(len(cost))
         best = np.full(len(surface), len(rank), np.int64)
@@ -127,3 +150,34 @@ def _grown(surface: CellSurface, smooth: np.ndarray, color: np.ndarray, pixels: 
         chosen = np.argsort(rank)[np.unique(best[best < len(rank)])]
         links = coo_matrix((np.ones(len(chosen)), (first[chosen], second[chosen])), shape=(len(surface),) * 2)
         region = connected_components(links, directed=False)[1].astype(np.int64)[region]
+
+
+def _as_a_whole(
+    region: np.ndarray,
+    first: np.ndarray,
+    second: np.ndarray,
+    color: np.ndarray,
+    pixels: np.ndarray,
+    weighted_normal: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """By how much the mean colours of pairs of regions differ beyond noise (K,), and the cosine of their turn (K,).
+
+    Parameters
+    ----------
+    region
+        (C,) of each triangle.
+    first, second
+        (K,) the pairs.
+    weighted_normal
+        (C, 3) normals times areas.
+    """
+    count = int(region.max(initial=0)) + 1
+    seen = np.bincount(region, pixels, count)
+    mean = np.stack([np.bincount(region, pixels * values, count) for values in color.T], axis=1)
+    mean /= np.maximum(seen, 1e-9)[:, None]
+    facing = np.stack([np.bincount(region, values, count) for values in weighted_normal.T], axis=1)
+    facing /= np.maximum(np.linalg.norm(facing, axis=1, keepdims=True), 1e-30)
+    noise = _NOISE * np.sqrt(1 / np.maximum(seen[first], 1e-9) + 1 / np.maximum(seen[second], 1e-9))
+    known = (seen[first] > 0) & (seen[second] > 0)
+    off = np.where(known, np.linalg.norm(mean[first] - mean[second], axis=1) - noise, 0.0)
+    return off, (facing[first] * facing[second]).sum(axis=1)

@@ -51,9 +51,7 @@ def region_pixels(shards: Sequence[ObservedShard], regions: Sequence[np.ndarray]
     """
     step = max(sum(len(each) for each in regions) // _MOST, 1)
     found = [_of_shard(shard, own, step) for shard, own in zip(shards, regions, strict=True)]
-    radiance, shading, place, normal, region, sole = (
-        np.concatenate(arrays) if arrays else np.zeros(0) for arrays in zip(*found, strict=True)
-    )
+    radiance, shading, place, normal, region, sole = map(np.concatenate, zip(*found, strict=True))
     filled = np.zeros(int(region.max(initial=0)) + 1, bool)
     filled[region[sole]] = True
     use = sole | ~filled[region]

@@ -4,6 +4,8 @@ Counted on the held-out views, which look where people look; without any, on sur
 place is seen by the views of which a pixel's centre falls into its cell, which is two pixels wide.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from fipt.scene.confidence import records
@@ -57,7 +59,7 @@ def check(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:
 
 
 def seen_counts(
-    train: list[FootprintSamples], wanted: list[FootprintSamples]
+    train: Sequence[FootprintSamples], wanted: Sequence[FootprintSamples]
 ) -> list[tuple[str, np.ndarray, tuple[int, int]]]:
     """For each wanted view: its name, the training views that see each pixel whose centre hits, shard and number."""
     center, side = scene_box([*train, *wanted])

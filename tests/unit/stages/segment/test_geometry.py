@@ -1,5 +1,6 @@
 """Parts by shape and colour alone."""
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from fipt.scene.fusion import read_fusion
 from fipt.stages.segment.geometry import grow_parts, regions
 from fipt.stages.segment.settings import FuseSettings
 from fipt.stages.segment.split import split
-from fipt.stages.segment.surface import surface_of
+from fipt.stages.segment.surface import CellSurface, surface_of
 from tests.scenes import box, joined, quad, write_dataset
 
 
@@ -43,10 +44,15 @@ def wall(jump: float, fade: float):
     return surface, color, np.full(len(x), 50.0)
 
 
-@pytest.mark.parametrize(("jump", "fade", "count"), [(0, 0, 1), (0, 0.5, 1), (0.6, 0.5, 2)])
+def facing(surface: CellSurface) -> np.ndarray:
+    """Normals of a wall along z."""
+    return np.tile((0.0, 0.0, 1.0), (len(surface), 1))
+
+
+@pytest.mark.parametrize(("jump", "fade", "count"), [(0, 0, 1), (0, 0.05, 1), (0.6, 0.05, 2)])
 def test_a_jump_of_colour_parts_a_plane_and_fading_does_not(jump, fade, count) -> None:
     surface, color, pixels = wall(jump, fade)
-    ids = regions(surface, color, pixels, FuseSettings())
+    ids = regions(surface, color, pixels, FuseSettings(), facing(surface))
     assert len(np.unique(ids)) == count
     if count == 2:
         away = np.abs(surface.center[:, 0] - 2) > 0.1
@@ -57,7 +63,7 @@ def test_a_jump_of_colour_parts_a_plane_and_fading_does_not(jump, fade, count) -
 def test_noise_of_few_pixels_does_not_part_a_plane(np_rng: np.random.Generator) -> None:
     surface, color, _ = wall(0, 0)
     color += np_rng.normal(0, 0.1, color.shape)
-    assert len(np.unique(regions(surface, color, np.ones(len(color)), FuseSettings()))) == 1
+    assert len(np.unique(regions(surface, color, np.ones(len(color)), FuseSettings(), facing(surface)))) == 1
 
 
 def test_creases_part_unseen_surface_and_small_regions_join(np_rng: np.random.Generator) -> None:
@@ -65,16 +71,27 @@ def test_creases_part_unseen_surface_and_small_regions_join(np_rng: np.random.Ge
     cells = split(mesh, np.ones(12, bool), 0.5, 10**6)
     surface = surface_of(cells.mesh)
     unseen = np.zeros(len(surface))
-    ids = regions(surface, np.zeros((len(surface), 3)), unseen, FuseSettings())
+    ids = regions(surface, np.zeros((len(surface), 3)), unseen, FuseSettings(), cells.mesh.normals)
     for side in range(6):
         assert len(np.unique(ids[cells.parent // 2 == side])) == 1
     assert len(np.unique(ids)) == 6
     # scattered leaves become one region, a chair-sized piece stays
     leaves = joined(*(quad(place, (0.02, 0, 0), (0, 0.02, 0)) for place in np_rng.random((200, 3)) * 0.2))
-    ids = regions(
-        surface_of(joined(leaves, quad((5, 0, 0), (1, 0, 0), (0, 1, 0)))),
-        np.zeros((402, 3)),
-        np.zeros(402),
-        FuseSettings(),
-    )
+    mesh = joined(leaves, quad((5, 0, 0), (1, 0, 0), (0, 1, 0)))
+    ids = regions(surface_of(mesh), np.zeros((402, 3)), np.zeros(402), FuseSettings(), mesh.normals)
     assert len(np.unique(ids)) == 2
+
+
+def test_a_round_crease_parts_two_walls() -> None:
+    # a quarter of a cylinder of 2 cm between two walls, as a scan shows the corner: no side turns by 10 degrees
+    angle = np.radians(np.linspace(0, 90, 10))
+    profile = [(-2.0, 0.0), *((0.02 * np.sin(a), 0.02 - 0.02 * np.cos(a)) for a in angle), (0.02, 2.0)]
+    strips = [quad((x0, y0, 0), (x1 - x0, y1 - y0, 0), (0, 0, 1)) for (x0, y0), (x1, y1) in pairwise(profile)]
+    mesh = joined(*strips)
+    cells = split(mesh, np.ones(len(mesh.triangles), bool), 0.1, 10**6)
+    surface = surface_of(cells.mesh)
+    unseen = np.zeros(len(surface))
+    ids = regions(surface, np.zeros((len(surface), 3)), unseen, FuseSettings(), cells.mesh.normals)
+    first, last = ids[cells.parent < 2], ids[cells.parent >= len(mesh.triangles) - 2]
+    assert len(np.unique(first)) == len(np.unique(last)) == 1
+    assert first[0] != last[0]
