@@ -82,6 +82,7 @@ def write_findings(path: Path, findings: Sequence[RoomFinding], measured: Mappin
     ----------
     measured
         Id of a finding that a check might have made -> the measure and its standard error, also where nothing is wrong.
+        An error of infinity, of a single view for example, is written as null.
     """
     rows = [
         {
@@ -96,8 +97,11 @@ def write_findings(path: Path, findings: Sequence[RoomFinding], measured: Mappin
         }
         for finding in findings
     ]
-    looked = {key: vars(measure) | {"error": error} for key, (measure, error) in measured.items()}
-    write_text(path, json.dumps({"findings": rows, "measured": looked}, indent=1) + "\n")
+    looked = {
+        key: vars(measure) | {"error": error if np.isfinite(error) else None}
+        for key, (measure, error) in measured.items()
+    }
+    write_text(path, json.dumps({"findings": rows, "measured": looked}, indent=1, allow_nan=False) + "\n")
 
 
 def read_findings(path: str | Path) -> list[RoomFinding]:

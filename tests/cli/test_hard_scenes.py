@@ -27,7 +27,8 @@ CONFIG = {
     "refine": FEW | {"max_depth": 3},
     "fit": {"steps": 25, "batch": 128, "levels": 4, "table_log2": 10, "learning_rate": 0.01, "emission_weight": 0.1}
     | {"threads": 1},
-    "emitters": {"points": 20},
+    # the pictures have radiance that no light of theirs gives: every region would emit
+    "emitters": {"points": 20, "decide": "mask"},
     "render": {"spp": 4, "max_depth": 3},
     "report": {"width": 32},
 }

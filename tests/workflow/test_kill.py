@@ -98,6 +98,7 @@ def test_fit(room):
     folder, jobs = room
     if not (folder / jobs["bake.round-0.train-000"].outputs[1]).exists():
         finish(jobs["bake.round-0.train-000"], folder)
+    finish(jobs["emitters.round-0"], folder)
     job = jobs["fit.round-0"]
     finish(job, folder)
     model = folder / job.outputs[0]

@@ -218,7 +218,7 @@ def _seen_emission(
         shard = read_samples(folder)
         for index, view in enumerate(shard.views):
             truth = data.truth(view)
-            if truth is None or "emission" not in truth:
+            if truth is None or "emission" not in truth or view in data.rejected:
                 continue
             pixels = shard.pixels(index)
             hit = shard.center[pixels] > 0

@@ -8,7 +8,7 @@ A piece is what one voxel holds of a part's surface that faces one way. The vari
                 weight of it is the room's median
     shading     (kd d)^2, d = ln of the shading over that of round 0: two estimates of the same light, of which one
                 reads the photographs' radiance and the other follows paths; what they differ by, either may err
-    mixing      q^2 / 12, q = mean share of the pixels that shows other surface: such a piece is evident from others by
+    mixing      q^2 / 12, q = mean share of the pixels that shows other surface: such a piece is told from others by
                 its model alone, and of what nothing is known, the variance is 1/12 (anything from 0 to 1 alike)
     part        (kd d_k)^2, d_k = mean of d over the part: what its pieces do not average out
     room        (kd r_room)^2, r_room = median of |C - C'| / C' over all pieces

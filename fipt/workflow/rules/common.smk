@@ -145,30 +145,21 @@ def option(flag, name, pattern=None):
     return given
 
 
-def option_folder(flag, name):
-    """Params function: a flag where there is an input ``name``, with the folder that this manifest describes."""
-
-    def given(wildcards, input):
-        return [
-            word
-            for path in input[name]
-            for word in (flag, path.removesuffix(".manifest.json"))
-        ]
-
-    return given
-
-
 def folder(pattern):
     """Params function: a path of the scene that is no input or output as it stands."""
     return lambda wildcards: pattern.format(**wildcards)
 
 
-def folders_of(name):
-    """Params function: the folders that the manifests in input ``name`` describe, comma-separated."""
+def folders_of(name, flag=None):
+    """Params function: the folders that the manifests in input ``name`` describe, comma-separated.
+
+    Other files stand for themselves. A ``flag`` comes first, where the input has any file.
+    """
 
     def joined(wildcards, input):
         paths = [input[name]] if isinstance(input[name], str) else input[name]
-        return ",".join(path.removesuffix(".manifest.json") for path in paths)
+        folders = ",".join(path.removesuffix(".manifest.json") for path in paths)
+        return folders if flag is None else [flag, folders] if folders else []
 
     return joined
 
@@ -179,13 +170,6 @@ def first_shading(wildcards):
         return []
     pattern = "results/{scene}/round-0/shading/{shard}.manifest.json"
     return sharded(pattern, "train")(wildcards)
-
-
-def given_folders(flag, name):
-    """Params function: a flag and `folders_of` an input ``name``, where it has any file."""
-    return lambda wildcards, input: (
-        [flag, folders_of(name)(wildcards, input)] if input[name] else []
-    )
 
 
 def of_asked_scenes(*files):

@@ -44,7 +44,7 @@ rule findings:
         held_out=folders_of("held_out"),
         shading=folders_of("shading"),
         earlier=folders_of("earlier"),
-        settled=lambda _, input: ",".join(input.settled),
+        settled=folders_of("settled"),
         segments=option("--segments", "segments", "results/{scene}/segments/fused"),
         settings=settings("findings"),
         version=VERSIONS["findings"],

@@ -51,10 +51,10 @@ rule fit:
         samples=folders_of("samples"),
         shading=folders_of("shading"),
         previous=option("--previous", "previous"),
-        first_shading=given_folders("--first-shading", "first_shading"),
+        first_shading=folders_of("first_shading", "--first-shading"),
         emitters=option("--emitters", "emitters"),
         settled=option("--settled", "settled"),
-        segments=option_folder("--segments", "segments"),
+        segments=folders_of("segments", "--segments"),
         settings=settings("fit"),
         version=VERSIONS["fit"],
     shell:

@@ -32,7 +32,7 @@ rule regroup:
         samples=folders_of("samples"),
         shading=folders_of("shading"),
         out=folder("results/{scene}/round-{round}/segments"),
-        segments=option_folder("--segments", "segments"),
+        segments=folders_of("segments", "--segments"),
         settings=settings("regroup"),
         version=VERSIONS["regroup"],
     shell:

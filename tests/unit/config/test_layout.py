@@ -15,7 +15,7 @@ def literals(text):
     """Paths of a rules file as patterns: the text in quotes, with the wildcards of f-strings as they are meant."""
     without_docs = re.sub(r'"""[\s\S]*?"""', "", text)
     for literal in re.findall(r'"(results/[^"]*)"', without_docs):
-        yield literal.replace("{{", "{").replace("}}", "}").replace("{CONFIG.rounds}", "{round}")
+        yield re.sub(r"\{CONFIG\.rounds( - 1)?\}|\{k\}", "{round}", literal.replace("{{", "{").replace("}}", "}"))
 
 
 def matches(literal, pattern):
