@@ -28,7 +28,7 @@ def test_a_run_then_nothing_to_do(workspace):
     here = workspace(CONFIG)
     first = here.fipt_run()
     lines = first.splitlines()
-    assert lines[0].startswith("[1/18] synthesize")
+    assert lines[0].startswith("[1/19] synthesize")
     assert "[18/18] report" in lines
     assert (here.root / "results/room/report.html").is_file()
     assert here.planned() == {}
