@@ -32,7 +32,7 @@ def test_a_run_then_nothing_to_do(workspace):
     assert "[19/19] report" in lines
     assert (here.root / "results/room/report.html").is_file()
     assert here.planned() == {}
-    assert here.fipt_run() == "everything is up to date\n"
+    assert here.fipt_run() == "everything is up to date\nfipt: nothing was found wrong\n"
 
 
 def test_plain_snakemake_goes_on_where_it_ended(workspace):
