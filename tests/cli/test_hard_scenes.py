@@ -27,8 +27,7 @@ CONFIG = {
     "refine": FEW | {"max_depth": 3},
     "fit": {"steps": 25, "batch": 128, "levels": 4, "table_log2": 10, "learning_rate": 0.01, "emission_weight": 0.1}
     | {"threads": 1},
-    # the pictures have radiance that no light of theirs gives: every region would emit
-    "emitters": {"points": 20, "decide": "mask"},
+    "emitters": {"points": 20},
     "render": {"spp": 4, "max_depth": 3},
     "report": {"width": 32},
 }
@@ -154,7 +153,8 @@ def test_a_threshold_that_leaves_no_pixel(photos, capsys):
 
 
 def test_a_threshold_that_leaves_some(photos):
-    assert run(fit=CONFIG["fit"] | {"min_confidence": 0.3}) == 0
+    mask = CONFIG["emitters"] | {"decide": "mask"}
+    assert run(fit=CONFIG["fit"] | {"min_confidence": 0.3}, emitters=mask) == 0
     assert_finite()
     used, whole = (json.loads((RESULTS / f"stats/fit.round-{k}.json").read_text())["pixels"] for k in (0, 1))
     assert 0 < used < 2 * scenes.WIDTH * scenes.HEIGHT

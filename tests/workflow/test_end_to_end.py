@@ -18,8 +18,6 @@ CONFIG = {
     "views_per_shard": 8,
     "synthesize": {"train_views": 8, "val_views": 2, "width": 32, "height": 24, "spp": 32},
     "samples": {"grid": 2},
-    # at so few pixels regions miss most emitters (docs/stages/emitters.md)
-    "emitters": {"decide": "mask"},
     "cache": {"resolution": 64},
     "bake": {"diffuse_spp": 16, "specular_spp": 4, "smooth_spp": 4},
     "refine": {"diffuse_spp": 16, "specular_spp": 4, "smooth_spp": 4},

@@ -19,8 +19,6 @@ CONFIG = {
     "views_per_shard": 4,
     "synthesize": {"train_views": 4, "val_views": 1, "width": 32, "height": 24, "spp": 32},
     "samples": {"grid": 2},
-    # at so few pixels regions miss most emitters (docs/stages/emitters.md)
-    "emitters": {"decide": "mask"},
     "cache": {"resolution": 48},
     "bake": {"diffuse_spp": 16, "specular_spp": 4, "smooth_spp": 4},
     "fit": {"steps": 150, "batch": 512, "levels": 8, "table_log2": 14},

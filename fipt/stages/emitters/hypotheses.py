@@ -19,6 +19,10 @@ surface; g costs (ln g)^2 / 2 sigma^2, with sigma how much shading and radiance 
 regions. Both are measured anew in every round. Emission is believed if it explains the region better by more than its
 price: the logarithm of how many regions of this size there are, or of how many touch what emits. What emission leaves
 unexplained itself, beyond what ordinary surface does, counts against it once more: then both may be wrong.
+
+A small emitter fills a few pixels, and so few views are worth less than any price. Where emission is ahead by half of
+its price, and half of the region's pixels are brighter by `EMITTER_GAIN` than any material could be, mirrors included,
+it is believed too; not beside another emitter, whose light its few pixels may share.
 """
 
 from collections.abc import Sequence
@@ -27,7 +31,8 @@ from functools import cached_property
 
 import numpy as np
 
-from fipt.model.reflectance import line_in_base_color
+from fipt.conventions import EMITTER_GAIN
+from fipt.model.reflectance import brightest_reflection, line_in_base_color
 from fipt.scene.observed import ObservedShard
 from fipt.scene.samples import scene_box
 from fipt.scene.shading import diffuse_shading
@@ -52,6 +57,10 @@ _LEAST_SPREAD = 0.02
 """Least scale of residuals: shading and camera noise are never below."""
 _LEAST_ERROR = 0.05
 """Least sigma of the shading."""
+_UNMEASURED = 0.1
+"""Both, where too little ordinary surface is seen to measure them: shading is off by about this in whole rooms."""
+_MEASURED = 6
+"""Observations below which a median deviation is itself off by half and more."""
 _LEAST_PRICE = float(np.log(2))
 """Price of emission beside an emitter, for each region that could: even odds."""
 _EXCESS = 0.1
@@ -68,6 +77,8 @@ class RegionEvidence:
         (R,) cost of the best material, and of emission with or without a gloss; 0 where not looked at.
     price
         (R,) what emission must explain better.
+    excess
+        (R,) bool: half of its pixels are brighter by `EMITTER_GAIN` than any reflection.
     ordinary
         (R,) cost of residuals of one scale.
     pixels
@@ -77,6 +88,7 @@ class RegionEvidence:
     reflects: np.ndarray
     emits: np.ndarray
     price: np.ndarray
+    excess: np.ndarray
     ordinary: np.ndarray
     pixels: np.ndarray
 
@@ -86,10 +98,14 @@ class RegionEvidence:
         return self.reflects - self.emits - np.maximum(self.emits - self.ordinary, 0)
 
     @property
+    def ahead(self) -> np.ndarray:
+        """(R,) bool: emission explains the region better, by at least half of its price."""
+        return self.reflects - self.emits > 0.5 * self.price
+
+    @property
     def undecided(self) -> np.ndarray:
         """(R,) bool: emission explains the region better, but not by its price."""
-        ahead = self.reflects - self.emits
-        return (ahead > 0.5 * self.price) & (self.lead <= self.price)
+        return self.ahead & (self.lead <= self.price) & ~self.excess
 
     def emitting(self, pairs: np.ndarray) -> np.ndarray:
         """(R,) bool: emission is worth its price. Where a region touches another that emits, few others do.
@@ -101,15 +117,20 @@ class RegionEvidence:
         """
         result = self.lead > self.price
         for _ in range(len(result)):
-            beside = np.zeros(len(result), bool)
-            for a, b in (pairs, pairs[::-1]):
-                beside[b[result[a]]] = True
-            beside &= ~result
+            beside = self._beside(result, pairs)
             more = beside & (self.lead > np.log(max(int(beside.sum()), 1)) + _LEAST_PRICE)
             if not more.any():
                 break
             result |= more
-        return result
+        return result | self.ahead & self.excess & ~self._beside(result, pairs)
+
+    @staticmethod
+    def _beside(chosen: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+        """(R,) bool: regions that touch a chosen one (R,), and are none."""
+        result = np.zeros(len(chosen), bool)
+        for a, b in (pairs, pairs[::-1]):
+            result[b[chosen[a]]] = True
+        return result & ~chosen
 
 
 def judge(shards: Sequence[ObservedShard], seen: Observations, surface: Surface) -> RegionEvidence:
@@ -120,7 +141,7 @@ def judge(shards: Sequence[ObservedShard], seen: Observations, surface: Surface)
     pixels = np.bincount(surface.region[seen.triangle] + 1, minlength=surface.count + 1)[1:]
     price = np.log(max(len(seen.triangle), 1) / np.maximum(pixels, 1))
     reflects, emits, views = (np.zeros(surface.count) for _ in range(3))
-    chosen, ordinary = _candidates(shards, seen, surface)
+    chosen, excess, ordinary = _candidates(shards, seen, surface)
     if chosen.any() or ordinary.any():
         cells = _cells(
             shards,
@@ -132,7 +153,7 @@ def judge(shards: Sequence[ObservedShard], seen: Observations, surface: Surface)
         reflects, emits, views = _costs(cells, scale, error)
         reflects, emits = reflects * chosen, emits * chosen
         price = price + 0.5 * np.log(np.maximum(views, 1))  # of L, as BIC has it
-    return RegionEvidence(reflects, emits, price, views * float(_cost(np.array(1.0))), pixels)
+    return RegionEvidence(reflects, emits, price, excess, views * float(_cost(np.array(1.0))), pixels)
 
 
 @dataclass(frozen=True)
@@ -189,21 +210,25 @@ class _Cells:
         return np.bincount(self.pair, self.pixels * difference) / self.pixels_of_pair
 
 
-def _candidates(shards: Sequence[ObservedShard], seen: Observations, surface: Surface) -> tuple[np.ndarray, np.ndarray]:
-    """(R,) bool each: regions that are brighter than white in places; and others, which show what is ordinary."""
-    bright, total = (np.zeros(surface.count) for _ in range(2))
+def _candidates(
+    shards: Sequence[ObservedShard], seen: Observations, surface: Surface
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(R,) bool each: brighter than white in places; than any reflection in half of it; and others, ordinary ones."""
+    bright, brightest, total = (np.zeros(surface.count) for _ in range(3))
     for shard, own in _by_view(shards, seen):
         region = surface.region[seen.triangle[own]]
         known = region >= 0
-        white = diffuse_shading(shard.shading, seen.sample[own][known])
-        excess = seen.radiance[own][known].mean(axis=1) > white.mean(axis=1)
-        bright += np.bincount(region[known], excess, surface.count)
-        total += np.bincount(region[known], minlength=surface.count)
+        region, sample, radiance = region[known], seen.sample[own][known], seen.radiance[own][known].mean(axis=1)
+        over = radiance > diffuse_shading(shard.shading, sample).mean(axis=1)
+        most = brightest_reflection(np.asarray(shard.shading[sample[over]], np.float32))
+        bright += np.bincount(region, over, surface.count)
+        brightest += np.bincount(region[over], radiance[over] > EMITTER_GAIN * most, surface.count)
+        total += np.bincount(region, minlength=surface.count)
     chosen = bright > _EXCESS * np.maximum(total, 1)
     others = np.flatnonzero(~chosen & (total >= _WHOLE))
     ordinary = np.zeros(surface.count, bool)
     ordinary[others[:: max(len(others) // _ORDINARY, 1)]] = True
-    return chosen, ordinary
+    return chosen, 2 * brightest > total, ordinary
 
 
 def _by_view(shards: Sequence[ObservedShard], seen: Observations) -> "list[tuple[ObservedShard, slice]]":
@@ -248,7 +273,7 @@ def _scales(cells: _Cells, ordinary: np.ndarray) -> tuple[float, float]:
     for gloss, own in (_coated(cells, roughness) for roughness in (None, *_GLOSS)):
         least = np.minimum(least, cells.residual(gloss + np.minimum(own, cells.white)[cells.piece]))
     use = ordinary[cells.region_of_pair] & (cells.pixels_of_pair >= _WHOLE)
-    scale = 1.4826 * float(np.median(least[use])) if use.any() else 0.0
+    scale = _spread(least[use], _LEAST_SPREAD)
     albedo = np.log(cells.median(cells.radiance).mean(axis=1) + cells.dark)
     albedo -= np.log(cells.white.mean(axis=1) + cells.dark)
     sound = ordinary[cells.region_of_piece] & (np.bincount(cells.piece, cells.pixels) >= _WHOLE)
@@ -256,8 +281,14 @@ def _scales(cells: _Cells, ordinary: np.ndarray) -> tuple[float, float]:
     owners, index = np.unique(cells.region_of_piece[sound], return_inverse=True)
     middle = grouped_median(albedo[sound], index.reshape(-1), len(owners))
     deviation = np.abs(albedo[sound] - middle[index.reshape(-1)])
-    error = 1.4826 * float(np.median(deviation)) if len(deviation) else 0.0
-    return max(scale, _LEAST_SPREAD), max(error, _LEAST_ERROR)
+    return scale, _spread(deviation, _LEAST_ERROR)
+
+
+def _spread(deviation: np.ndarray, least: float) -> float:
+    """Standard deviation of which these are absolute deviations, at least ``least``; `_UNMEASURED` of too few."""
+    if len(deviation) < _MEASURED:
+        return _UNMEASURED
+    return max(1.4826 * float(np.median(deviation)), least)
 
 
 def _coated(cells: _Cells, roughness: float | None) -> tuple[np.ndarray | float, np.ndarray]:

@@ -37,16 +37,34 @@ class EmittersInputs:
 
 def run(inputs: EmittersInputs, settings: "EmittersSettings") -> dict[str, Any]:
     """Extract the triangles that emit light and their radiance."""
-    from fipt.formats.files import copy_file
     from fipt.scene.settled import read_state
 
     state = read_state(inputs.settled)
     if state is not None and state.settled is not None and inputs.previous is not None:
-        for suffix in (".npz", ".json"):
-            copy_file(inputs.previous.with_suffix(suffix), inputs.out.with_suffix(suffix))
+        _copy(inputs.previous, inputs.out)
         log.info("settled in round %d: the emitters of the round before stay", state.settled)
         return {"copied": True, "settled_in_round": state.settled}
+    if settings.decide == "regions" and inputs.previous is not None and _without_light(inputs.previous, inputs):
+        _copy(inputs.previous, inputs.out)
+        log.warning("no emitter found: shading without any light tells no emitter, so that nothing is decided anew")
+        return {"copied": True, "triangles": 0, "emitters": 0}
     return _found(inputs, settings)
+
+
+def _copy(previous: Path, out: Path) -> None:
+    """Take over the emitters of the round before, and their list."""
+    from fipt.formats.files import copy_file
+
+    for suffix in (".npz", ".json"):
+        copy_file(previous.with_suffix(suffix), out.with_suffix(suffix))
+
+
+def _without_light(previous: Path, inputs: EmittersInputs) -> bool:
+    """Whether this round's shading was traced without a source of light: then every surface seems too bright."""
+    from fipt.scene.emitters import read_emitters
+    from fipt.scene.environment import read_environment
+
+    return len(read_emitters(previous).triangle) == 0 and not read_environment(inputs.environment).radiance.any()
 
 
 def _found(inputs: EmittersInputs, settings: "EmittersSettings") -> dict[str, Any]:

@@ -1,5 +1,7 @@
 """Emission as a hypothesis of a region: a wall with panels, by what is seen of it and the shading there."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,9 @@ from fipt.scene.mesh import Mesh
 from fipt.scene.observed import without_triangles
 from fipt.scene.review import ReviewDecisions
 from fipt.stages.emitters.extract import extract
+from fipt.stages.emitters.hypotheses import _UNMEASURED, RegionEvidence, _spread, judge
+from fipt.stages.emitters.observations import Observations, observations
+from fipt.stages.emitters.regions import find_regions
 from fipt.stages.emitters.settings import EmittersSettings
 from tests import scenes
 
@@ -184,3 +189,37 @@ def test_pixels_that_show_an_emitter_have_no_weight(np_rng):
     (left,) = without_triangles(seen.shards(seen.image), np.array([3, 4]))
     np.testing.assert_array_equal(left.weight > 0, ~np.isin(seen.triangle, (3, 4)))
     assert len(without_triangles(seen.shards(seen.image), np.zeros(0, int))) == 1
+
+
+def test_a_few_pixels_brighter_than_any_reflection_are_an_emitter():
+    """Three regions of few pixels, and a fourth that emits for sure."""
+    nothing, price = np.zeros(4), np.array([7.2, 7.2, 7.2, 4.0])
+    excess = np.array([True, False, True, True])
+    costs = {"reflects": np.array([6.9, 6.9, 6.9, 60.0]), "emits": nothing, "ordinary": nothing}
+    evidence = RegionEvidence(price=price, excess=excess, pixels=np.array([3, 3, 3, 900]), **costs)
+    touching = np.array([[2], [3]])
+    # the second may reflect; the third touches the fourth, and pays the lower price of that
+    assert evidence.emitting(touching).tolist() == [True, False, True, True]
+    rim = replace(evidence, reflects=np.array([3.0, 3.0, 0.5, 60.0]), price=np.array([7.2, 7.2, 0.8, 4.0]))
+    assert rim.emitting(touching).tolist() == [False, False, False, True]
+    assert evidence.undecided.tolist() == [False, True, False, False]
+
+
+@pytest.mark.parametrize(("mirrored", "expected"), [(0.5, True), (20.0, False)])
+def test_what_a_mirror_could_show_is_no_excess(np_rng, mirrored, expected):
+    seen = Seen(np_rng)
+    seen.image[seen.panel] = 20.0
+    seen.shading[seen.panel, 1 : 1 + LEVELS] = mirrored
+    shards = seen.shards(seen.image)
+    pixels = Observations.joined(observations(shards, ratios=False))
+    surface = find_regions(seen.mesh, shards, pixels)
+    inside = on_panel(seen.mesh.corners.mean(axis=1), (1.1, 1.7, 0.7, 1.3))
+    excess = judge(shards, pixels, surface).excess
+    assert excess[np.unique(surface.region[inside])].any() == expected
+    assert not excess[np.unique(surface.region[~on_panel(seen.mesh.corners.mean(axis=1), (0.9, 1.9, 0.5, 1.5))])].any()
+
+
+def test_shading_that_nothing_measures_is_not_taken_for_perfect():
+    assert _spread(np.full(3, 0.001), 0.02) == _UNMEASURED
+    assert _spread(np.full(100, 0.001), 0.02) == 0.02
+    assert _spread(np.full(100, 0.2), 0.02) == pytest.approx(0.29652)
