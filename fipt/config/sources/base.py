@@ -173,6 +173,16 @@ class Source(ABC):
         """What an import reads beside developed photographs; when one changes, it is imported again."""
         return []
 
+    def given_files(self) -> list[str]:
+        """Files of somebody else that an import or a room is made of, as far as they are known without their pixels.
+
+        Raises
+        ------
+        FiptError
+            If the source cannot be read.
+        """
+        return self.scene_files()
+
     def import_options(self) -> list[str]:
         """Options of ``fipt import`` that say what is imported."""
         return []

@@ -16,6 +16,7 @@ from fipt.formats.files import atomic_folder, write_text
 from fipt.formats.images import read_ids, write_png
 from fipt.formats.layouts import SEGMENT_FOLDERS, SourceView
 from fipt.formats.manifests import write_manifest
+from fipt.formats.places import OwnedPlaces
 from fipt.scene.cameras import Camera, write_transforms
 from fipt.scene.dataset import write_views
 from fipt.scene.mesh import Mesh, read_mesh, write_ply
@@ -79,6 +80,7 @@ def import_scene(
     dataset = Path(dataset)
     manifest = dataset / "import.manifest.json" if manifest is None else Path(manifest)
     _check_target(dataset, manifest, parsed)
+    _check_outside(dataset, [frame.image for frame in parsed.frames], (mesh or parsed.mesh, poses, segments))
     _check_present(parsed.frames)
     room, names = _room(source, mesh or parsed.mesh), _semantic_names(parsed)
     for leftover in dataset.parent.glob(f".{dataset.name}.*.tmp"):  # of an import that was killed
@@ -202,6 +204,14 @@ def _check_target(dataset: Path, manifest: Path, source: ImageSource) -> None:
             f"the folder {dataset} exists and is not a dataset (it holds {foreign[0]})",
             "choose another folder, or delete it",
         )
+
+
+def _check_outside(dataset: Path, images: Iterable[Path], given: Iterable[str | Path | None]) -> None:
+    """Refuse inputs that lie in the folder that is replaced, links followed."""
+    owned = OwnedPlaces([("", dataset)])
+    for path in (*images, *given):
+        if path is not None and owned.owner(path) is not None:
+            raise FiptError(f"{path} lies in the dataset {dataset}, which is replaced", "choose another folder")
 
 
 def _check_present(frames: Iterable[SourceView]) -> None:

@@ -17,6 +17,7 @@ from pathlib import Path
 from snakemake.exceptions import WorkflowError
 from snakemake.utils import validate
 
+from fipt.config.kept import check_kept
 from fipt.config.reading import load
 from fipt.errors import FiptError
 from fipt.lock import locked
@@ -30,6 +31,7 @@ shell.prefix(
 
 try:
     CONFIG = load(config)
+    check_kept(CONFIG)
     for name in CONFIG.only if config.get("only") else ():
         CONFIG.scenes[name].source.views  # what was asked for by name is looked at now
     # Snakemake would take an error of an input function for "nothing to do".
