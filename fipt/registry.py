@@ -35,7 +35,7 @@ SECTIONS: dict[str, Section] = {
     "synthesize": Section("fipt.synthetic.settings:SynthesizeSettings", 2),
     "capture": Section("fipt.stages.capture.settings:CaptureSettings", 1),
     "poses": Section("fipt.stages.poses.settings:PosesSettings", 2),
-    "import": Section("fipt.stages.importing.settings:ImportSettings", 3),
+    "import": Section("fipt.stages.importing.settings:ImportSettings", 4),
     "check_poses": Section("fipt.stages.check_poses.settings:CheckPosesSettings", 1),
     "samples": Section("fipt.stages.samples.settings:SamplesSettings", 2),
     "segment": Section("fipt.stages.segment.settings:SegmentSettings", 1),
@@ -247,7 +247,7 @@ def parse(section: str, text: str) -> Any:
     """
     try:
         values = json.loads(text)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise FiptError(f"--settings must be JSON ({error})", "give for example '{}'") from error
     return validated(section, values)
 

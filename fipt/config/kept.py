@@ -15,6 +15,7 @@ from typing import Any
 from fipt.config.layout import RESULTS
 from fipt.config.reading import Configuration
 from fipt.config.scene import SceneConfig
+from fipt.config.sources.base import plain_path
 from fipt.errors import FiptError
 from fipt.formats.places import OwnedPlaces, same_place
 from fipt.settings import dumped
@@ -35,9 +36,10 @@ def check_kept(config: Configuration) -> None:
     for name, scene in config.scenes.items():
         for key, path in _named(scene):
             for file in (path, *_links(path)):
-                _check_input(name, key, file, owned)
+                _check_input(scene, key, file, owned)
         for file in _files(scene):
-            _check_input(name, "path", file, owned)
+            plain_path(file)
+            _check_input(scene, "path", file, owned)
         _check_foreign(Path(RESULTS, name))
 
 
@@ -47,20 +49,26 @@ def _files(scene: SceneConfig) -> list[str]:
     return []
 
 
-def _check_input(scene: str, key: str, path: str, owned: OwnedPlaces) -> None:
+def _check_input(scene: SceneConfig, key: str, path: str, owned: OwnedPlaces) -> None:
     found = owned.owner(path)
     if found is None:
         return
     owner, place = found
-    if owner != scene and place == Path(RESULTS, owner) and (place / "stats").is_dir():
-        return  # what another scene has made may be imported: its own run makes it again
+    if place == Path(RESULTS, owner) and (place / "stats").is_dir() and _is_made(scene, owner, path):
+        return
     real = Path(path).resolve()
     shown = "" if real == Path.cwd() / path else f" (that is {real})"
     through = "" if place == Path(RESULTS, owner) else f", through the link {place}"
     raise FiptError(
-        f"scene {scene}: {key} names {path}{shown}, which lies in {RESULTS}/{owner}{through}; a run would clear it",
+        f"scene {scene.name}: {key} names {path}{shown}; it lies in {RESULTS}/{owner}{through}: a run would clear it",
         f"move it out of {RESULTS}/{owner} and correct {key}",
     )
+
+
+def _is_made(scene: SceneConfig, owner: str, path: str) -> bool:
+    """Whether a run makes again what a scene reads there: another scene's results, the room that it photographs."""
+    room = Path(scene.layout.room_folder).resolve()
+    return owner != scene.name or (scene.source.simulated and Path(path).resolve().is_relative_to(room))
 
 
 def _check_foreign(results: Path) -> None:

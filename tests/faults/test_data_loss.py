@@ -156,7 +156,7 @@ def test_a_disk_that_ignores_case_is_looked_at_by_identity(monkeypatch: pytest.M
     planned_in("results/x/dataset", "Results/X/Dataset")
     true_stat = os.stat
     monkeypatch.setattr(os, "stat", lambda path, **keys: true_stat(_lower(path), **keys))
-    with pytest.raises(FiptError, match="path names Results/X/Dataset, which lies in results/x"):
+    with pytest.raises(FiptError, match="path names Results/X/Dataset; it lies in results/x"):
         check_kept(read())
 
 
@@ -190,13 +190,26 @@ def test_what_another_scene_made_may_be_imported() -> None:
     check_kept(read())
 
 
+def test_the_room_that_a_scene_photographs_may_be_its_reference() -> None:
+    Path("results/x/room").mkdir(parents=True)
+    Path("results/x/room/transforms.json").write_text("{}")
+    Path("config").mkdir()
+    scene = {"source": "procedural", "simulate_raw": True, "poses": "colmap"}
+    poses = {"align": {"reference": "results/x/room/transforms.json"}}
+    Path("config/config.yaml").write_text(yaml.safe_dump({"scenes": {"x": scene}, "poses": poses}))
+    with pytest.raises(FiptError, match="a run would clear it"):
+        check_kept(read())  # nobody made it
+    Path("results/x/stats").mkdir()
+    check_kept(read())
+
+
 @pytest.mark.parametrize("front", ["fipt run", "snakemake"])
 def test_both_fronts_refuse_before_anything_runs(front: str, tmp_path: Path) -> None:
     linked("results/x/dataset", "src", "src")
     here = Workspace(tmp_path, yaml.safe_load(Path("config/config.yaml").read_text()), stand_in=False)
     before = contents(tmp_path / "src")
     said = here.fipt_run(code=2, scene="x") if front == "fipt run" else here.snakemake(succeeds=False)
-    assert "which lies in results/x, through the link results/x/dataset; a run would clear it" in said
+    assert "it lies in results/x, through the link results/x/dataset: a run would clear it" in said
     assert "Traceback" not in said
     assert contents(tmp_path / "src") == before
 
