@@ -71,10 +71,13 @@ class Camera:
         return image, depth
 
 
-def write_transforms(path: str | Path, cameras: list[Camera], folder: str = "images/") -> None:
+def write_transforms(
+    path: str | Path, cameras: list[Camera], folder: str = "images/", origin: np.ndarray | None = None
+) -> None:
     """Write cameras as transforms.json (nerfstudio convention, intrinsics and split per frame).
 
-    ``folder`` of the images is relative to that of the file, with a slash at its end.
+    ``folder`` of the images is relative to that of the file, with a slash at its end. ``origin`` (3,) is what was
+    subtracted from the positions of the source, metres; it is written where it is not zero.
     """
     frames = [
         {
@@ -90,7 +93,26 @@ def write_transforms(path: str | Path, cameras: list[Camera], folder: str = "ima
         }
         for camera in cameras
     ]
-    write_text(path, json.dumps({"camera_model": "PINHOLE", "frames": frames}, indent=1) + "\n")
+    moved = {"origin": origin.tolist()} if origin is not None and origin.any() else {}
+    write_text(path, json.dumps({"camera_model": "PINHOLE", **moved, "frames": frames}, indent=1) + "\n")
+
+
+def read_origin(path: str | Path) -> np.ndarray:
+    """(3,) float64 what was subtracted from the positions of the source of a dataset, metres; mostly zeros.
+
+    Raises
+    ------
+    FiptError
+        If the transforms.json is missing or damaged.
+    """
+    existing_file(path, "transforms.json")
+    try:
+        found = np.array(json.loads(Path(path).read_text(encoding="utf-8")).get("origin", (0, 0, 0)), np.float64)
+        if found.shape != (3,) or not np.isfinite(found).all():
+            raise ValueError(f"origin must be three numbers; found {found}")
+    except (ValueError, TypeError, AttributeError) as error:
+        raise FiptError(f"{path} is not a dataset's transforms.json ({error!r})", "run the import again") from error
+    return found
 
 
 def read_transforms(path: str | Path) -> list[Camera]:

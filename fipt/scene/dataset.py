@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,9 @@ from fipt.scene.mesh import Mesh, read_mesh
 
 CHECKED = "check_poses.json"
 """File of a dataset with the verdicts of ``fipt check-poses``, beside views.json and read like it."""
+
+_VIEWPOINTS = 16
+"""Cameras that tell how far a room reaches; others stand between them."""
 
 TRUTH_RGB = ("kd", "base_color", "reflectance", "emission")
 TRUTH_SCALAR = ("roughness", "metallic", "emission_mask")
@@ -72,8 +76,10 @@ class Dataset:
         return [view for view in views if view not in self.rejected]
 
     def mesh(self) -> Mesh:
-        """The room's mesh, metres."""
-        return read_mesh(self.root / "mesh.ply")
+        """The room's mesh, metres, with the places where its cameras stand."""
+        step = max(1, len(self.cameras) // _VIEWPOINTS)
+        centers = np.array([camera.center for camera in self.cameras[::step]]).reshape(-1, 3)
+        return replace(read_mesh(self.root / "mesh.ply"), seen_from=centers)
 
     def image(self, view: str) -> tuple[np.ndarray, np.ndarray]:
         """Read an image and its weights.

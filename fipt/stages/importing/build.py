@@ -19,10 +19,11 @@ from fipt.formats.manifests import write_manifest
 from fipt.formats.places import OwnedPlaces
 from fipt.scene.cameras import Camera, write_transforms
 from fipt.scene.dataset import write_views
-from fipt.scene.mesh import Mesh, read_mesh, write_ply
+from fipt.scene.mesh import Mesh, read_geometry, write_ply
 from fipt.scene.sources import CAPTURE, ImageSource, read_developed, read_source
 from fipt.settings import dumped
 from fipt.stages.importing.frames import check_layer, write_frames, written_radiance
+from fipt.stages.importing.place import PlacedMesh, check_scale, placed
 from fipt.stages.importing.settings import ImportSettings
 
 log = logging.getLogger(__name__)
@@ -82,20 +83,21 @@ def import_scene(
     _check_target(dataset, manifest, parsed)
     _check_outside(dataset, [frame.image for frame in parsed.frames], (mesh or parsed.mesh, poses, segments))
     _check_present(parsed.frames)
-    room, names = _room(source, mesh or parsed.mesh), _semantic_names(parsed)
+    names = _semantic_names(parsed)
+    parsed, room = placed(parsed, _geometry(source, mesh or parsed.mesh), settings.unit)
     for leftover in dataset.parent.glob(f".{dataset.name}.*.tmp"):  # of an import that was killed
         shutil.rmtree(leftover)
 
     with atomic_folder(dataset) as folder:
         cameras, shown = write_frames(folder, parsed)
-        room, figures = _write_mesh(folder, room, cameras, settings)
+        mesh_used, figures = _write_mesh(folder, room, cameras, settings)
         _write_cameras(folder, cameras, parsed, room)
         if segments is not None:
             _copy_segments(folder / "segments", Path(segments), cameras)
         _copy_beside(folder, parsed, poses, mesh)
         _name_segments(folder / "segments", names)
         if settings.overlay:
-            _write_overlay(folder / "overlay.png", room, *shown)
+            _write_overlay(folder / "overlay.png", mesh_used, *shown)
         # A manifest outside the folder must not vouch for a dataset that is being exchanged.
         manifest.unlink(missing_ok=True)
         (dataset / "import.manifest.json").unlink(missing_ok=True)
@@ -105,27 +107,31 @@ def import_scene(
     return Imported(cameras, parsed, figures)
 
 
-def _room(source: str | Path, path: str | Path | None) -> Mesh:
+def _geometry(source: str | Path, path: str | Path | None) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (V, 3) float64 and triangles (T, 3) of the room's mesh, in the source's unit and place."""
     if path is None:
         raise FiptError(f"{source} has no mesh.ply", "name the room's mesh with --mesh")
-    return read_mesh(path)
+    return read_geometry(path)
 
 
 def _write_mesh(
-    folder: Path, mesh: Mesh, cameras: Iterable[Camera], settings: ImportSettings
+    folder: Path, room: PlacedMesh, cameras: list[Camera], settings: ImportSettings
 ) -> tuple[Mesh, dict[str, Any]]:
     """Write the mesh, made fit for the pipeline where it asks for that, and figures. Rays are traced for it."""
+    mesh = room.mesh
     figures: dict[str, Any] = {"prepared": False, "triangles": len(mesh.triangles)}
     if settings.prepare != "never":
         from fipt.render.variant import set_variant
 
         set_variant()
+        check_scale(mesh, cameras)
         from fipt.meshing.prepare import prepared
 
         def radiance(view: str) -> tuple[np.ndarray, np.ndarray]:
             return written_radiance(folder, view)
 
         mesh, figures = prepared(mesh, [camera for camera in cameras if camera.split == "train"], radiance, settings)
+    figures |= room.figures
     write_ply(folder / "mesh.ply", mesh)
     # without the time it took: the same source gives the same files
     lasting = {name: value for name, value in figures.items() if name != "seconds"}
@@ -133,10 +139,10 @@ def _write_mesh(
     return mesh, figures
 
 
-def _write_cameras(folder: Path, cameras: list[Camera], source: ImageSource, mesh: Mesh) -> None:
+def _write_cameras(folder: Path, cameras: list[Camera], source: ImageSource, room: PlacedMesh) -> None:
     """Write transforms.json and views.json."""
-    _warn_outside(cameras, mesh)
-    write_transforms(folder / "transforms.json", cameras)
+    _warn_outside(cameras, room.mesh)
+    write_transforms(folder / "transforms.json", cameras, origin=room.origin)
     write_views(folder / "views.json", [*(camera.name for camera in cameras), *source.rejected], source.rejected)
 
 

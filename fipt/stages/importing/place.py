@@ -1,0 +1,141 @@
+"""A source brought to metres and near the origin, and whether its mesh and its cameras are of one scale."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from fipt.errors import FiptError
+from fipt.meshing.mend import far_origin, mended
+from fipt.scene.cameras import Camera
+from fipt.scene.mesh import Mesh
+from fipt.scene.sources import ImageSource
+
+_UNITS = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254, "feet": 0.3048, "kilometres": 1000.0}
+"""Unit -> metres."""
+_ROOM = (0.1, 100.0)
+"""Metres from cameras to what they see, by the median: lenses do not focus nearer, no room is wider."""
+_LIKELY = 20.0
+"""Metres to what is seen that make a unit likely: few rooms are wider."""
+_SPREAD = 20.0
+"""From the nearest tenth of what is seen to the farthest, and from that to the extent of the mesh: what is more is a
+landscape, or a corner of a room in another unit.
+"""
+_SEEN = 0.01
+"""Share of the pixels that must see the mesh: with fewer, a view in a hundred is not of this room."""
+_GRID = 12
+"""Rays along a side of a view: a hundred and more tell shares of a hundredth."""
+_VIEWS = 16
+"""Views that are asked at most."""
+
+
+@dataclass(frozen=True)
+class PlacedMesh:
+    """The mesh of a source in metres, near the origin.
+
+    Attributes
+    ----------
+    mesh
+        Without what no mesh should have.
+    origin
+        (3,) float64 metres that were subtracted from the source's positions.
+    figures
+        What was done: ``mended``, ``origin``, ``warnings``.
+    """
+
+    mesh: Mesh
+    origin: np.ndarray
+    figures: dict[str, Any]
+
+
+def placed(source: ImageSource, geometry: tuple[np.ndarray, np.ndarray], unit: float) -> tuple[ImageSource, PlacedMesh]:
+    """Bring cameras and mesh to metres, near the origin; take out of the mesh what none should have.
+
+    Parameters
+    ----------
+    geometry
+        (V, 3) float64 vertices and (T, 3) int32 triangles.
+    unit
+        Metres in a unit of the source.
+    """
+    poses = [np.array(frame.world_from_camera, np.float64) for frame in source.frames]
+    centers = np.array([pose[:3, 3] for pose in poses]) * unit
+    if not np.isfinite(centers).all():  # which view it is, the check of its camera tells
+        return source, PlacedMesh(mended(*geometry, np.zeros(3)).mesh, np.zeros(3), {})
+    origin = far_origin(centers)
+    frames = source.frames
+    if unit != 1.0 or origin.any():
+        moved = []
+        for frame, pose, center in zip(frames, poses, centers, strict=True):
+            pose[:3, 3] = center - origin
+            moved.append(replace(frame, world_from_camera=tuple(map(tuple, pose.tolist()))))
+        frames = tuple(moved)
+    found = mended(geometry[0] * unit, geometry[1], origin)
+    warnings = found.warnings()
+    if origin.any():
+        shift = ", ".join(f"{x:.0f}" for x in origin)
+        warnings.append(f"positions are those of a map: ({shift}) is subtracted, see origin in transforms.json")
+    figures = {"mended": found.figures, "origin": origin.tolist(), "warnings": warnings}
+    return replace(source, frames=frames), PlacedMesh(found.mesh, origin, figures)
+
+
+def check_scale(mesh: Mesh, cameras: Sequence[Camera]) -> None:
+    """Refuse a mesh that the cameras do not see, or only in another unit; Mitsuba's variant must be set.
+
+    Raises
+    ------
+    FiptError
+        One line that says what is seen, and which unit would explain it.
+    """
+    chosen = cameras[:: max(1, len(cameras) // _VIEWS)]
+    share, near, median, far = _seen(mesh, chosen)
+    extent = float(np.ptp(mesh.vertices, axis=0).max())
+    if share >= _SEEN and far <= _SPREAD * near and extent <= _SPREAD * far:
+        if not _ROOM[0] <= median <= _ROOM[1]:
+            raise _of_another_unit(median)
+        return
+    # One of both in another unit: the cameras stand beside the room, or in a corner of what seems a huge one.
+    for name, unit in _UNITS.items():
+        for factor, what in ((unit, "the mesh"), (1 / unit, "the cameras")):
+            scaled = Mesh((mesh.vertices * np.float64(factor)).astype(np.float32), mesh.triangles)
+            seen, *_, distance, _ = _seen(scaled, chosen)
+            distance *= 1.0 if what == "the mesh" else unit
+            if seen > 0.5 and _ROOM[0] <= distance <= _LIKELY:
+                raise FiptError(
+                    f"mesh and cameras must have one unit; {share:.0%} of the rays meet the mesh, half of these within "
+                    f"{median:.3g} m. If {what} are in {name}, {seen:.0%} would, within {distance:.2g} m",
+                    f"scale {what} by {unit:g}",
+                )
+    if share < _SEEN:
+        said = f"the cameras must see the mesh; {share:.0%} of their rays meet it"
+        raise FiptError(said, "check axes, unit and place of both")
+    if not _ROOM[0] <= median <= _ROOM[1]:
+        raise _of_another_unit(median)
+
+
+def _of_another_unit(median: float) -> FiptError:
+    likely = [f"{name} (import.unit: {unit:g})" for name, unit in _UNITS.items() if 0.5 <= median * unit <= _LIKELY]
+    return FiptError(
+        f"cameras must see the room from {_ROOM[0]:g} to {_ROOM[1]:g} m away; their median is {median:.3g} m",
+        f"give the unit of mesh and cameras; likely {' or '.join(likely) or 'import.unit'}",
+    )
+
+
+def _seen(mesh: Mesh, cameras: Sequence[Camera]) -> tuple[float, float, float, float]:
+    """Share of rays through pixels that meet a mesh; the 0.1, 0.5 and 0.9 quantiles of their lengths, metres."""
+    from fipt.render.scene import RayScene
+
+    scene, lengths = RayScene(mesh), []
+    for camera in cameras:
+        x, y = (np.arange(_GRID) + 0.5) / _GRID * camera.width, (np.arange(_GRID) + 0.5) / _GRID * camera.height
+        columns, rows = (grid.ravel() for grid in np.meshgrid(x, y))
+        lengths.append(scene.intersect(camera.center, camera.directions(columns, rows))[0])
+    length = np.concatenate(lengths)
+    met = length[np.isfinite(length)]
+    if len(met) == 0:
+        return 0.0, np.inf, np.inf, np.inf
+    near, median, far = np.quantile(met, (0.1, 0.5, 0.9)).tolist()
+    return len(met) / len(length), near, median, far
