@@ -167,6 +167,29 @@ def existing_file(path: str | Path, what: str) -> Path:
     return path
 
 
+def made_again(path: str | Path) -> str:
+    """Remedy for a damaged result: what to delete, so that the workflow makes it again.
+
+    The workflow knows the files of a folder by their manifest only, which lies beside the folder or above it.
+    """
+    path = Path(path)
+    for folder in list(path.parents)[:4]:
+        beside = folder.with_name(f"{folder.name}.manifest.json")
+        above = sorted(manifest for manifest in folder.glob("*.manifest.json") if _lists(manifest, path))
+        for manifest in (beside, *above):
+            if manifest.is_file():
+                return f"delete {manifest} and run again"
+    return f"delete {path} and run again"
+
+
+def _lists(manifest: Path, path: Path) -> bool:
+    """Whether a manifest names a file, by its text alone."""
+    try:
+        return f'"{path.relative_to(manifest.parent)}":' in manifest.read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return False
+
+
 def check_name(name: str, what: str) -> str:
     """Return ``name`` if it can become a file name inside the results folder.
 

@@ -12,6 +12,7 @@ from typing import Any
 
 from fipt.errors import FiptError
 from fipt.formats.files import existing_file, write_text
+from fipt.formats.text import MALFORMED
 from fipt.registry import VERSIONS
 
 
@@ -48,7 +49,7 @@ def read_manifest(path: str | Path, stage: str) -> dict[str, Any]:
     try:
         content = json.loads(Path(path).read_text(encoding="utf-8"))
         found = (content["stage"], content["version"])
-    except (ValueError, KeyError, TypeError) as error:
+    except MALFORMED as error:
         raise FiptError(f"{path} is not a manifest ({error})", "delete it and run its stage again") from error
     if found != (stage, VERSIONS[stage]):
         raise FiptError(
@@ -62,7 +63,7 @@ def manifest_stage(path: str | Path) -> str | None:
     """Stage that wrote a manifest; None where there is none, or it is damaged."""
     try:
         return str(json.loads(Path(path).read_text(encoding="utf-8"))["stage"])
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, *MALFORMED):
         return None
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from fipt.errors import FiptError
 from fipt.formats.files import check_name, existing_file, write_text
+from fipt.formats.text import MALFORMED
 
 
 @dataclass(frozen=True)
@@ -110,7 +111,7 @@ def read_origin(path: str | Path) -> np.ndarray:
         found = np.array(json.loads(Path(path).read_text(encoding="utf-8")).get("origin", (0, 0, 0)), np.float64)
         if found.shape != (3,) or not np.isfinite(found).all():
             raise ValueError(f"origin must be three numbers; found {found}")
-    except (ValueError, TypeError, AttributeError) as error:
+    except MALFORMED as error:
         raise FiptError(f"{path} is not a dataset's transforms.json ({error!r})", "run the import again") from error
     return found
 
@@ -140,7 +141,7 @@ def read_transforms(path: str | Path) -> list[Camera]:
             )
             for frame in frames
         ]
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except MALFORMED as error:
         raise FiptError(f"{path} is not a dataset's transforms.json ({error!r})", "run the import again") from error
     check_cameras(cameras, path)
     return cameras
@@ -171,8 +172,16 @@ def check_cameras(cameras: list[Camera], path: str | Path) -> None:
         seen.add(camera.name)
         if camera.split not in ("train", "val"):
             raise FiptError(f"{where}: split must be train or val; found {camera.split!r}", "correct the split")
-        if min(camera.width, camera.height) < 1 or not (camera.fx > 0 and camera.fy > 0):
-            raise FiptError(f"{where}: image size and focal lengths must be positive", "correct the intrinsics")
+        if min(camera.width, camera.height) < 1 or not (0 < camera.fx < np.inf and 0 < camera.fy < np.inf):
+            raise FiptError(
+                f"{where}: image size and focal lengths must be positive and finite", "correct the intrinsics"
+            )
+        if not (0 <= camera.cx <= camera.width and 0 <= camera.cy <= camera.height):
+            raise FiptError(
+                f"{where}: the principal point must lie in the image; found {camera.cx:g}, {camera.cy:g} of "
+                f"{camera.width}x{camera.height}",
+                "correct the intrinsics",
+            )
         transform = camera.world_from_camera
         if transform.shape != (4, 4) or not np.isfinite(transform).all():
             raise FiptError(f"{where}: transform_matrix must be a finite 4x4 matrix", "correct the pose")

@@ -11,6 +11,7 @@ from fipt.conventions import SUB_POSITIONS
 from fipt.errors import FiptError
 from fipt.formats.arrays import load_npy, save_npy
 from fipt.formats.files import existing_file, write_text
+from fipt.formats.text import MALFORMED
 from fipt.scene.dataset import Dataset
 
 Empty = Callable[..., np.ndarray]
@@ -104,7 +105,7 @@ def read_samples(folder: str | Path) -> FootprintSamples:
         views = json.loads(existing_file(folder / "views.json", "the views of a samples shard").read_text())["views"]
         names = tuple(view["name"] for view in views)
         shapes = tuple((int(view["height"]), int(view["width"])) for view in views)
-    except (ValueError, KeyError, TypeError) as error:
+    except MALFORMED as error:
         raise FiptError(f"{folder}/views.json is damaged ({error!r})", "run the samples stage again") from error
     arrays = {name: load_npy(folder / f"{name}.npy") for name in _ARRAYS}
     samples = FootprintSamples(names, shapes, **arrays)

@@ -17,6 +17,7 @@ from fipt.formats.images import read_ids, write_png
 from fipt.formats.layouts import SEGMENT_FOLDERS, SourceView
 from fipt.formats.manifests import write_manifest
 from fipt.formats.places import OwnedPlaces
+from fipt.formats.text import MALFORMED
 from fipt.scene.cameras import Camera, write_transforms
 from fipt.scene.dataset import write_views
 from fipt.scene.mesh import Mesh, read_geometry, write_ply
@@ -265,5 +266,5 @@ def _semantic_names(source: ImageSource) -> dict[str, str]:
     try:
         materials = json.loads(path.read_text(encoding="utf-8"))["materials"]
         return {str(index): str(entry["name"]) for index, entry in enumerate(materials, start=1)}
-    except (ValueError, KeyError, TypeError) as error:
+    except MALFORMED as error:
         raise FiptError(f"{path} must list materials with names ({error!r})", "correct or remove it") from error
