@@ -1,1 +1,1 @@
-"""The room's geometry from posed views."""
+"""Geometry: depth maps of posed views, and the mesh that they make."""
