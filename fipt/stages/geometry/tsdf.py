@@ -51,18 +51,8 @@ def fused(
         ``vertices`` (V, 3) float32 and ``triangles`` (T, 3) int32, in an order that the same input gives again.
     """
     o3d = _open3d()
-    grid = o3d.t.geometry.VoxelBlockGrid(
-        ("tsdf", "weight"), (o3d.core.float32, o3d.core.float32), ((1,), (1,)), float(voxel), BLOCK, 20_000
-    )
     cameras = [_Camera(*parts) for parts in zip(intrinsics, world_from_camera, strict=True)]
-    for camera, image in zip(cameras, depth, strict=True):
-        if (image > 0).any():
-            near = grid.compute_unique_block_coordinates(
-                o3d.t.geometry.Image(o3d.core.Tensor(np.ascontiguousarray(image[..., None]))),
-                o3d.core.Tensor(camera.matrix()), o3d.core.Tensor(camera.extrinsics()),
-                1.0, float(image.max()) + 1.0, TRUNCATION,
-            )  # fmt: skip
-            grid.hashmap().activate(near)
+    grid = _grid(o3d, cameras, depth, voxel)
     slot = grid.hashmap().active_buf_indices()
     base = grid.hashmap().key_tensor().numpy()[slot.numpy()].astype(np.float64) * BLOCK * voxel
     places, where = grid.voxel_coordinates_and_flattened_indices(slot)
@@ -83,6 +73,24 @@ def fused(
     certain[flat] = o3d.core.Tensor(known.astype(np.float32).reshape(-1, 1))
     mesh = grid.extract_triangle_mesh(0.5)
     return _ordered(mesh.vertex.positions.numpy(), mesh.triangle.indices.numpy())
+
+
+def _grid(o3d: Any, cameras: list["_Camera"], depth: np.ndarray, voxel: float) -> Any:
+    """Blocks of voxels near what the views show; their values are not set."""
+    kinds = o3d.core.float32, o3d.core.float32
+    grid = o3d.t.geometry.VoxelBlockGrid(("tsdf", "weight"), kinds, ((1,), (1,)), float(voxel), BLOCK, 20_000)
+    for camera, image in zip(cameras, depth, strict=True):
+        if (image > 0).any():
+            near = grid.compute_unique_block_coordinates(
+                o3d.t.geometry.Image(o3d.core.Tensor(np.ascontiguousarray(image[..., None]))),
+                o3d.core.Tensor(camera.matrix()),
+                o3d.core.Tensor(camera.extrinsics()),
+                1.0,  # depth in metres, as far as there is any: the defaults are millimetres and 3 m
+                float(image.max()) + 1.0,
+                TRUNCATION,
+            )
+            grid.hashmap().activate(near)
+    return grid
 
 
 def _open3d() -> Any:
