@@ -14,6 +14,8 @@ from fipt.scene.cameras import Camera
 from fipt.scene.mesh import Mesh
 from fipt.scene.sources import ImageSource
 
+Geometry = tuple[np.ndarray, np.ndarray]
+"""Vertices (V, 3) float64 and triangles (T, 3) int32."""
 _UNITS = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254, "feet": 0.3048, "kilometres": 1000.0}
 """Unit -> metres."""
 _ROOM = (0.1, 100.0)
@@ -39,32 +41,35 @@ class PlacedMesh:
     Attributes
     ----------
     mesh
-        Without what no mesh should have.
+        Without what no mesh should have; None: there are views alone.
     origin
         (3,) float64 metres that were subtracted from the source's positions.
     figures
         What was done: ``mended``, ``origin``, ``warnings``.
     """
 
-    mesh: Mesh
+    mesh: Mesh | None
     origin: np.ndarray
     figures: dict[str, Any]
 
 
-def placed(source: ImageSource, geometry: tuple[np.ndarray, np.ndarray], unit: float) -> tuple[ImageSource, PlacedMesh]:
+def placed(
+    source: ImageSource, geometry: tuple[np.ndarray, np.ndarray] | None, unit: float
+) -> tuple[ImageSource, PlacedMesh]:
     """Bring cameras and mesh to metres, near the origin; take out of the mesh what none should have.
 
     Parameters
     ----------
     geometry
-        (V, 3) float64 vertices and (T, 3) int32 triangles.
+        (V, 3) float64 vertices and (T, 3) int32 triangles; None: there is no mesh.
     unit
         Metres in a unit of the source.
     """
     poses = [np.array(frame.world_from_camera, np.float64) for frame in source.frames]
     centers = np.array([pose[:3, 3] for pose in poses]) * unit
     if not np.isfinite(centers).all():  # which view it is, the check of its camera tells
-        return source, PlacedMesh(mended(*geometry, np.zeros(3)).mesh, np.zeros(3), {})
+        found = None if geometry is None else mended(*geometry, np.zeros(3)).mesh
+        return source, PlacedMesh(found, np.zeros(3), {})
     origin = far_origin(centers)
     frames = source.frames
     if unit != 1.0 or origin.any():
@@ -73,13 +78,15 @@ def placed(source: ImageSource, geometry: tuple[np.ndarray, np.ndarray], unit: f
             pose[:3, 3] = center - origin
             moved.append(replace(frame, world_from_camera=tuple(map(tuple, pose.tolist()))))
         frames = tuple(moved)
-    found = mended(geometry[0] * unit, geometry[1], origin)
-    warnings = found.warnings()
+    found = None if geometry is None else mended(geometry[0] * unit, geometry[1], origin)
+    warnings = [] if found is None else found.warnings()
     if origin.any():
         shift = ", ".join(f"{x:.0f}" for x in origin)
         warnings.append(f"positions are those of a map: ({shift}) is subtracted, see origin in transforms.json")
-    figures = {"mended": found.figures, "origin": origin.tolist(), "warnings": warnings}
-    return replace(source, frames=frames), PlacedMesh(found.mesh, origin, figures)
+    figures = {"origin": origin.tolist(), "warnings": warnings}
+    if found is None:
+        return replace(source, frames=frames), PlacedMesh(None, origin, figures)
+    return replace(source, frames=frames), PlacedMesh(found.mesh, origin, figures | {"mended": found.figures})
 
 
 def check_scale(mesh: Mesh, cameras: Sequence[Camera]) -> None:
