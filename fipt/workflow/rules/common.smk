@@ -32,7 +32,9 @@ shell.prefix(
 
 try:
     for path in map(Path, workflow.configfiles):
-        if path.suffix != ".json":  # read once more: Snakemake keeps the last of equal keys
+        if (
+            path.suffix != ".json"
+        ):  # read once more: Snakemake keeps the last of equal keys
             read_yaml(path)
     CONFIG = load(config)
     check_kept(CONFIG)
