@@ -46,7 +46,7 @@ SECTIONS: dict[str, Section] = {
     "regroup": Section("fipt.stages.segment.settings:RegroupSettings", 1),
     "emitters": Section("fipt.stages.emitters.settings:EmittersSettings", 6),
     "fit": Section("fipt.stages.fit.settings:FitSettings", 6),
-    "review": Section("fipt.stages.emitters.settings:ReviewSettings", 1),
+    "review": Section("fipt.stages.emitters.settings:ReviewSettings", 2),
     "refine": Section("fipt.stages.shade.settings:RefineSettings", 4),
     "materials": Section("fipt.stages.render.settings:MaterialsSettings", 3),
     "render": Section("fipt.stages.render.settings:RenderSettings", 3),
