@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from fipt.scene.dataset import Dataset
+    from fipt.scene.emitters import Emitters
     from fipt.scene.samples import FootprintSamples
     from fipt.stages.emitters.review import Visibility
     from fipt.stages.emitters.settings import ReviewSettings
@@ -48,17 +49,15 @@ def run(inputs: ReviewInputs, settings: "ReviewSettings") -> dict[str, Any]:
     from fipt.formats.manifests import write_manifest
     from fipt.scene.dataset import Dataset
     from fipt.scene.emitters import (
-        emitter_facts,
         emitter_triangles,
         question_triangles,
         read_emitters,
-        undecided_facts,
         write_list,
     )
     from fipt.scene.review import numbers, parse_decisions, read_review, refreshed, write_review
     from fipt.scene.samples import read_samples
     from fipt.settings import dumped
-    from fipt.stages.emitters.review import emitter_names, review_entry, review_question, strange_files, visibilities
+    from fipt.stages.emitters.review import emitter_names, review_entry, review_question, strange_files
 
     out, review = inputs.out, inputs.review
     if strange := strange_files(out):
@@ -69,34 +68,50 @@ def run(inputs: ReviewInputs, settings: "ReviewSettings") -> dict[str, Any]:
     decided = parse_decisions(inputs.decisions, len(mesh.triangles))
     emitters = emitter_triangles(found)
     rejected = [np.array(sorted(numbers(text, len(mesh.triangles)))) for text in decided.reject]
-    questions = question_triangles(found)
-    shapes = [*emitters, *questions, *rejected]
-    seen = visibilities(data, shards, shapes, len(mesh.triangles))
-    names = emitter_names(decided, emitters, len(mesh.triangles))
-    rows = [row | {"name": name} for row, name in zip(emitter_facts(found, mesh), names, strict=True)]
-    asked = undecided_facts(found.undecided, mesh)
-    files = [f"emitter-{n}.png" for n in range(len(emitters))] + [f"undecided-{n}.png" for n in range(len(questions))]
-    files += [f"rejected-{own[0]}.png" for own in rejected]
     with atomic_folder(out) as folder:
-        written = _write_thumbnails(folder, files, shapes, seen, (data, shards, settings.width))
-        for row, where, file in zip([*rows, *asked], seen, written, strict=False):
-            row["seen_by"], row["thumbnail"] = where.views, file
+        rows, asked, written = _drawn(folder, found, (data, shards, settings.width), rejected)
+        names = emitter_names(decided, emitters, len(mesh.triangles))
+        for row, name in zip(rows, names, strict=True):
+            row["name"] = name
         write_list(folder / "emitters.json", found.two_sided, rows, asked)
     write_manifest(Path(f"{out}.manifest.json"), "review", list(out.iterdir()), dumped(settings))
     shown = iter([None if file is None else f"{out.name}/{file}" for file in written])  # in the order of the shapes
     facts = [review_entry(row, own, next(shown)) for row, own in zip(rows, emitters, strict=True)]
-    facts += [review_question(row, own, next(shown)) for row, own in zip(asked, questions, strict=True)]
+    facts += [review_question(row, own, next(shown)) for row, own in zip(asked, question_triangles(found), strict=True)]
     pictures = {frozenset(own.tolist()): next(shown) for own in rejected}
     write_review(review, refreshed(read_review(review), facts, len(mesh.triangles), pictures))
     log.info("review: %d emitters listed in %s; decide about them in %s", len(emitters), out / "emitters.json", review)
-    if questions:
-        log.info("review: %d surfaces may emit or reflect, and are for you to decide there", len(questions))
+    if asked:
+        log.info("review: %d surfaces may emit or reflect, and are for you to decide there", len(asked))
     return {
         "emitters": len(emitters),
-        "undecided": len(questions),
+        "undecided": len(asked),
         "rejected": len(rejected),
         "named": len(decided.names),
     }
+
+
+def _drawn(
+    folder: Path,
+    found: "Emitters",
+    views: tuple["Dataset", list["FootprintSamples"], int],
+    rejected: list["np.ndarray"],
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]], list[str | None]]:
+    """Write the images; return facts of emitters and questions, and their images, those of the rejected last."""
+    from fipt.scene.emitters import emitter_facts, emitter_triangles, question_triangles, undecided_facts
+    from fipt.stages.emitters.review import visibilities
+
+    data, shards, _ = views
+    mesh, emitters, questions = data.mesh(), emitter_triangles(found), question_triangles(found)
+    shapes = [*emitters, *questions, *rejected]
+    seen = visibilities(data, shards, shapes, len(mesh.triangles))
+    files = [f"emitter-{n}.png" for n in range(len(emitters))] + [f"undecided-{n}.png" for n in range(len(questions))]
+    files += [f"rejected-{own[0]}.png" for own in rejected]
+    written = _write_thumbnails(folder, files, shapes, seen, views)
+    rows, asked = emitter_facts(found, mesh), undecided_facts(found.undecided, mesh)
+    for row, where, file in zip([*rows, *asked], seen, written, strict=False):
+        row["seen_by"], row["thumbnail"] = where.views, file
+    return rows, asked, written
 
 
 def _write_thumbnails(
