@@ -78,8 +78,8 @@ def same_emitters(
     starts = np.searchsorted(owner[order], np.arange(count + 1))
     own = [points[order[starts[k] : starts[k + 1]]] for k in range(count)]
     low, high = (np.stack([side(each, axis=0) for each in own]) for side in (np.min, np.max))
-    apart = np.linalg.norm(np.maximum(np.maximum(low[a] - high[b], low[b] - high[a]), 0), axis=1)
-    a, b, reach = a[apart <= reach], b[apart <= reach], reach[apart <= reach]
+    distance = np.linalg.norm(np.maximum(np.maximum(low[a] - high[b], low[b] - high[a]), 0), axis=1)
+    a, b, reach = a[distance <= reach], b[distance <= reach], reach[distance <= reach]
     trees = {k: cKDTree(own[k]) for k in np.unique(a)}
     near = [trees[i].query(own[j], distance_upper_bound=r)[0].min() <= r for i, j, r in zip(a, b, reach, strict=True)]
     return np.stack([a, b])[:, np.array(near, bool)]

@@ -78,8 +78,8 @@ def run(inputs: ReviewInputs, settings: "ReviewSettings") -> dict[str, Any]:
     shown = iter([None if file is None else f"{out.name}/{file}" for file in written])  # in the order of the shapes
     facts = [review_entry(row, own, next(shown)) for row, own in zip(rows, emitters, strict=True)]
     facts += [review_question(row, own, next(shown)) for row, own in zip(asked, question_triangles(found), strict=True)]
-    pictures = {frozenset(own.tolist()): next(shown) for own in rejected}
-    write_review(review, refreshed(read_review(review), facts, len(mesh.triangles), pictures))
+    images = {frozenset(own.tolist()): next(shown) for own in rejected}
+    write_review(review, refreshed(read_review(review), facts, len(mesh.triangles), images))
     log.info("review: %d emitters listed in %s; decide about them in %s", len(emitters), out / "emitters.json", review)
     if asked:
         log.info("review: %d surfaces may emit or reflect, and are for you to decide there", len(asked))
