@@ -111,7 +111,7 @@ def _alike(level: np.ndarray, error: np.ndarray, a: np.ndarray, b: np.ndarray) -
     """(N,) bool: the radiances of fragments ``a`` and ``b`` do not differ."""
     allowed = SIGMA * np.hypot(error[a], error[b])
     allowed = np.maximum(allowed, LEAST_DIFFERENCE * np.maximum(level[a], level[b]).mean(axis=1, keepdims=True))
-    return (np.abs(level[a] - level[b]) <= allowed).all(axis=1)
+    return np.all(np.abs(level[a] - level[b]) <= allowed, axis=1)
 
 
 def _coplanar(planes: _Planes, a: np.ndarray, b: np.ndarray, pixel: float) -> np.ndarray:
