@@ -22,10 +22,6 @@ _ROOM = (0.1, 100.0)
 """Metres from cameras to what they see, by the median: lenses do not focus nearer, no room is wider."""
 _LIKELY = 20.0
 """Metres to what is seen that make a unit likely: few rooms are wider."""
-_SPREAD = 20.0
-"""From the nearest tenth of what is seen to the farthest, and from that to the extent of the mesh: what is more is a
-landscape, or a corner of a room in another unit.
-"""
 _SEEN = 0.01
 """Share of the pixels that must see the mesh: with fewer, a view in a hundred is not of this room."""
 _GRID = 12
@@ -98,29 +94,43 @@ def check_scale(mesh: Mesh, cameras: Sequence[Camera]) -> None:
         One line that says what is seen, and which unit would explain it.
     """
     chosen = cameras[:: max(1, len(cameras) // _VIEWS)]
-    share, near, median, far = _seen(mesh, chosen)
-    extent = float(np.ptp(mesh.vertices, axis=0).max())
-    if share >= _SEEN and far <= _SPREAD * near and extent <= _SPREAD * far:
-        if not _ROOM[0] <= median <= _ROOM[1]:
-            raise _of_another_unit(median)
-        return
-    # One of both in another unit: the cameras stand beside the room, or in a corner of what seems a huge one.
-    for name, unit in _UNITS.items():
-        for factor, what in ((unit, "the mesh"), (1 / unit, "the cameras")):
-            scaled = Mesh((mesh.vertices * np.float64(factor)).astype(np.float32), mesh.triangles)
-            seen, *_, distance, _ = _seen(scaled, chosen)
-            distance *= 1.0 if what == "the mesh" else unit
-            if seen > 0.5 and _ROOM[0] <= distance <= _LIKELY:
-                raise FiptError(
-                    f"mesh and cameras must have one unit; {share:.0%} of the rays meet the mesh, half of these within "
-                    f"{median:.3g} m. If {what} are in {name}, {seen:.0%} would, within {distance:.2g} m",
-                    f"scale {what} by {unit:g}",
-                )
+    share, median, far = _seen(mesh, chosen)
     if share < _SEEN:
+        for name, unit in _UNITS.items():
+            _refuse_scaled(mesh, chosen, share, (name, unit, 1.0))
+            _refuse_scaled(mesh, chosen, share, (name, 1.0, unit))
         said = f"the cameras must see the mesh; {share:.0%} of their rays meet it"
         raise FiptError(said, "check axes, unit and place of both")
+    extent = float(np.ptp(mesh.vertices, axis=0).max())
+    if far > _ROOM[1] or extent > 10 * _ROOM[1]:  # a landscape, or cameras in a corner of what seems a huge room
+        for name in ("millimetres", "centimetres"):
+            _refuse_scaled(mesh, chosen, share, (name, _UNITS[name], 1.0))
     if not _ROOM[0] <= median <= _ROOM[1]:
         raise _of_another_unit(median)
+
+
+def _refuse_scaled(mesh: Mesh, cameras: Sequence[Camera], share: float, unit: tuple[str, float, float]) -> None:
+    """Raise FiptError if the cameras see the mesh as they see a room once one of both is scaled.
+
+    Parameters
+    ----------
+    share
+        Of the rays that meet the mesh as it is.
+    unit
+        Name, and factors of the mesh and of the cameras.
+    """
+    name, of_mesh, of_cameras = unit
+    scaled = Mesh((mesh.vertices * np.float64(of_mesh / of_cameras)).astype(np.float32), mesh.triangles)
+    seen, distance, _ = _seen(scaled, cameras)
+    distance *= of_cameras
+    if seen <= 0.5 or not _ROOM[0] <= distance <= _LIKELY:
+        return
+    what = "the mesh" if of_cameras == 1.0 else "the cameras"
+    raise FiptError(
+        f"mesh and cameras must have one unit; {share:.0%} of the rays meet the mesh. If {what} were in {name}, "
+        f"{seen:.0%} would, half of these within {distance:.2g} m",
+        f"scale {what} by {of_mesh * of_cameras:g}",
+    )
 
 
 def _of_another_unit(median: float) -> FiptError:
@@ -131,8 +141,8 @@ def _of_another_unit(median: float) -> FiptError:
     )
 
 
-def _seen(mesh: Mesh, cameras: Sequence[Camera]) -> tuple[float, float, float, float]:
-    """Share of rays through pixels that meet a mesh; the 0.1, 0.5 and 0.9 quantiles of their lengths, metres."""
+def _seen(mesh: Mesh, cameras: Sequence[Camera]) -> tuple[float, float, float]:
+    """Share of rays through pixels that meet a mesh; the 0.5 and 0.9 quantiles of their lengths, metres."""
     from fipt.render.scene import RayScene
 
     scene, lengths = RayScene(mesh), []
@@ -143,6 +153,6 @@ def _seen(mesh: Mesh, cameras: Sequence[Camera]) -> tuple[float, float, float, f
     length = np.concatenate(lengths)
     met = length[np.isfinite(length)]
     if len(met) == 0:
-        return 0.0, np.inf, np.inf, np.inf
-    near, median, far = np.quantile(met, (0.1, 0.5, 0.9)).tolist()
-    return len(met) / len(length), near, median, far
+        return 0.0, np.inf, np.inf
+    median, far = np.quantile(met, (0.5, 0.9)).tolist()
+    return len(met) / len(length), median, far
