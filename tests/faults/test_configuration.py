@@ -35,9 +35,9 @@ def dataset(path: str) -> None:
 
 def image_with_braces() -> None:
     dataset("src")
-    content = Path("src/transforms.json").read_text().replace("images/", "im{a}ges/")
+    content = Path("src/transforms.json").read_text().replace("images/", "a{b}c/")
     Path("src/transforms.json").write_text(content)
-    Path("src/images").rename("src/im{a}ges")
+    Path("src/images").rename("src/a{b}c")
 
 
 def fault(name: str, text: str | bytes, said: str) -> Fault:
@@ -103,7 +103,7 @@ def test_a_wrong_configuration_is_one_line(fault: Fault) -> None:
 NO_BRACES = "paths must hold no braces or control characters; found "
 PATHS = [
     Fault("braces in the path", lambda: dataset("src{x}"), NO_BRACES + "'src{x}'"),
-    Fault("braces in an image", image_with_braces, NO_BRACES + "'src/im{a}ges"),
+    Fault("braces in an image", image_with_braces, NO_BRACES + "'src/a{b}c"),
     Fault("a path of a user that there is not", lambda: written(
         "scenes: {x: {source: dataset, format: nerfstudio, path: ~no_user/a}}\n"), "scenes.x.path is ~no_user/a"),
 ]  # fmt: skip
