@@ -17,6 +17,8 @@ import pytest
 from benchmarks.jobs import WORKFLOW, Job, jobs_of
 from fipt.formats.images import write_png
 from tests.opened import opened
+from tests.unit.stages.geometry.test_depth import camera
+from tests.unit.stages.geometry.test_stage import write_dataset
 
 pytestmark = [
     pytest.mark.slow,
@@ -147,6 +149,16 @@ def test_a_room_that_is_photographed(folder):
     (job,) = [job for job in jobs_of(folder, config) if job.rule == "estimate_poses"]
     assert wrong(job, {}) == []
     RULES.add("estimate_poses")
+
+
+def test_a_room_whose_mesh_is_made_of_its_views(folder):
+    write_dataset(folder / "views", [camera(f"v{i}", 0.15 * i, 0.1 * (i % 2)) for i in range(5)])
+    (folder / "views" / "views.json").unlink()  # of this program's layout
+    entry = {"source": "dataset", "path": "views", "format": "nerfstudio"}
+    found, rules = traced(CONFIG | {"scenes": {"room": entry}}, "results/room/dataset/mesh.ply")
+    RULES.update(rules)
+    assert not found, "\n".join(found)
+    assert {"import_views", "depth", "mesh", "import_dataset"} <= rules
 
 
 def test_every_rule_was_traced():
