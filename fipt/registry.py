@@ -37,6 +37,7 @@ SECTIONS: dict[str, Section] = {
     "poses": Section("fipt.stages.poses.settings:PosesSettings", 2),
     "import": Section("fipt.stages.importing.settings:ImportSettings", 3),
     "depth": Section("fipt.stages.geometry.settings:DepthSettings", 1),
+    "geometry": Section("fipt.stages.geometry.mesh_settings:GeometrySettings", 1),
     "check_poses": Section("fipt.stages.check_poses.settings:CheckPosesSettings", 1),
     "samples": Section("fipt.stages.samples.settings:SamplesSettings", 2),
     "segment": Section("fipt.stages.segment.settings:SegmentSettings", 1),
@@ -150,6 +151,9 @@ VERBS: dict[str, Verb] = {
         "fipt.stages.geometry.depth_stage",
         "depth",
         rays=True,
+    ),
+    "mesh": Verb(
+        "Make the room's mesh of the depth maps of its views.", "fipt.stages.geometry.mesh_stage", "geometry", rays=True
     ),
     "check-poses": Verb(
         "Check through the mesh that every view shows what the others show.",
