@@ -9,6 +9,7 @@ import re
 import shutil
 import sys
 from collections.abc import Iterable
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -152,6 +153,7 @@ def test_a_room_that_is_photographed(folder):
 
 
 def test_a_room_whose_mesh_is_made_of_its_views(folder):
+    pytest.importorskip("open3d", reason="make setup brings it")
     write_dataset(folder / "views", [camera(f"v{i}", 0.15 * i, 0.1 * (i % 2)) for i in range(5)])
     (folder / "views" / "views.json").unlink()  # of this program's layout
     entry = {"source": "dataset", "path": "views", "format": "nerfstudio"}
@@ -168,4 +170,5 @@ def test_every_rule_was_traced():
     targets = set(re.findall(r"^rule (\w+):", (WORKFLOW / "rules" / "targets.smk").read_text(), re.MULTILINE))
     if not RULES:
         pytest.skip("run with the other tests of this file")
-    assert rules - targets - RULES == set()
+    unseen = set() if find_spec("open3d") else {"import_views", "depth", "mesh"}
+    assert rules - targets - RULES == unseen
