@@ -179,3 +179,17 @@ def test_a_dataset_knows_where_its_cameras_stand(backend: Backend) -> None:
     seen_from = data.mesh().seen_from
     assert seen_from is not None
     np.testing.assert_array_equal(seen_from, [camera.center for camera in read_transforms("src.out/transforms.json")])
+
+
+def test_a_mesh_made_of_imported_views_is_in_their_place(backend: Backend) -> None:
+    """Views alone are imported first, the mesh is made of them, and both come together."""
+    shift = (431234.5, 5412345.25, 312.0)
+    source("map", replace(ROOM, vertices=ROOM.vertices * 1000), scale=1000, shift=tuple(1000 * x for x in shift))
+    start = ["import", "--source", "map", "--format", "nerfstudio", "--settings", json.dumps(QUICK | {"unit": 0.001})]
+    assert main([*start, "--mesh", "none", "--dataset", "geometry/views"]) == 0
+    origin = read_origin("geometry/views/transforms.json")
+    made = (ROOM.vertices + np.array(shift) - origin).astype(np.float32)
+    write_ply(Path("geometry/mesh.ply"), replace(ROOM, vertices=made))
+    assert main([*start, "--mesh", "geometry/mesh.ply", "--dataset", "out"]) == 0
+    np.testing.assert_array_equal(read_origin("out/transforms.json"), origin)
+    np.testing.assert_allclose(Dataset("out").mesh().vertices, made, atol=1e-6)

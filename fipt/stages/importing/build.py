@@ -12,19 +12,19 @@ from typing import Any
 import numpy as np
 
 from fipt.errors import FiptError
-from fipt.formats.files import atomic_folder, write_text
+from fipt.formats.files import atomic_folder, existing_file, write_text
 from fipt.formats.images import read_ids, write_png
 from fipt.formats.layouts import SEGMENT_FOLDERS, SourceView
 from fipt.formats.manifests import write_manifest
 from fipt.formats.places import OwnedPlaces
 from fipt.formats.text import MALFORMED
-from fipt.scene.cameras import Camera, write_transforms
+from fipt.scene.cameras import Camera, read_origin, write_transforms
 from fipt.scene.dataset import write_views
 from fipt.scene.mesh import Mesh, read_geometry, write_ply
 from fipt.scene.sources import CAPTURE, ImageSource, read_developed, read_source
 from fipt.settings import dumped
 from fipt.stages.importing.frames import check_layer, write_frames, written_radiance
-from fipt.stages.importing.place import PlacedMesh, check_scale, placed
+from fipt.stages.importing.place import Geometry, PlacedMesh, check_scale, placed
 from fipt.stages.importing.settings import ImportSettings
 
 log = logging.getLogger(__name__)
@@ -48,6 +48,25 @@ class Imported:
     mesh: dict[str, Any]
 
 
+@dataclass(frozen=True)
+class Beside:
+    """What stands beside developed photographs, format ``capture``.
+
+    Attributes
+    ----------
+    poses
+        Of the views, see `fipt.scene.sources.read_poses`.
+    segments
+        Folder with ``part/VIEW.png`` or ``semantic/VIEW.png``, names in ``{part,semantic}.json``.
+    room
+        room.json of a known room; default: one beside poses or mesh.
+    """
+
+    poses: Path | None = None
+    segments: Path | None = None
+    room: Path | None = None
+
+
 def import_scene(
     source: str | Path,
     format: str,
@@ -55,8 +74,7 @@ def import_scene(
     settings: ImportSettings,
     mesh: str | Path | None = None,
     manifest: str | Path | None = None,
-    poses: str | Path | None = None,
-    segments: str | Path | None = None,
+    beside: Beside = Beside(),
 ) -> Imported:
     """Write the dataset folder of a source: complete, with its manifest last, or not at all.
 
@@ -70,25 +88,24 @@ def import_scene(
         PLY or OBJ file in the source's world; default: the one that the layout names. `VIEWS_ALONE`: no mesh.
     manifest
         Default: ``import.manifest.json`` in the dataset.
-    poses
-        Format ``capture``: poses of the views, see `fipt.scene.sources.read_poses`. A room.json beside them or the
-        mesh comes along.
-    segments
-        Format ``capture``: folder with ``part/VIEW.png`` or ``semantic/VIEW.png``, names in ``{part,semantic}.json``.
+    beside
+        Of developed photographs: their poses, and what else is known.
 
     Raises
     ------
     FiptError
         The source is incomplete or inconsistent, or the folder must not be replaced.
     """
-    parsed = _parsed(source, format, settings, poses)
+    parsed = _parsed(source, format, settings, beside.poses)
     dataset = Path(dataset)
     manifest = dataset / "import.manifest.json" if manifest is None else Path(manifest)
     _check_target(dataset, manifest, parsed)
-    _check_outside(dataset, [frame.image for frame in parsed.frames], (mesh or parsed.mesh, poses, segments))
+    _check_outside(
+        dataset, [frame.image for frame in parsed.frames], (mesh or parsed.mesh, beside.poses, beside.segments)
+    )
     _check_present(parsed.frames)
     names = _semantic_names(parsed)
-    parsed, room = placed(parsed, _geometry(source, mesh or parsed.mesh), settings.unit)
+    parsed, room = placed(parsed, _geometry(source, mesh or parsed.mesh, settings.unit), settings.unit)
     for leftover in dataset.parent.glob(f".{dataset.name}.*.tmp"):  # of an import that was killed
         shutil.rmtree(leftover)
 
@@ -96,9 +113,9 @@ def import_scene(
         cameras, shown = write_frames(folder, parsed)
         mesh_used, figures = _write_mesh(folder, room, cameras, settings)
         _write_cameras(folder, cameras, parsed, room.origin)
-        if segments is not None:
-            _copy_segments(folder / "segments", Path(segments), cameras)
-        _copy_beside(folder, parsed, poses, mesh)
+        if beside.segments is not None:
+            _copy_segments(folder / "segments", beside.segments, cameras)
+        _copy_known(folder, parsed, beside, mesh)
         _name_segments(folder / "segments", names)
         if settings.overlay and mesh_used is not None:
             _write_overlay(folder / "overlay.png", mesh_used, *shown)
@@ -111,11 +128,17 @@ def import_scene(
     return Imported(cameras, parsed, figures)
 
 
-def _geometry(source: str | Path, path: str | Path | None) -> tuple[np.ndarray, np.ndarray] | None:
-    """Vertices (V, 3) float64 and triangles (T, 3) of the room's mesh, in the source's unit and place."""
+def _geometry(source: str | Path, path: str | Path | None, unit: float) -> Geometry | None:
+    """Vertices and triangles of the room's mesh, in the source's unit and place; None: there are views alone."""
     if path is None:
         raise FiptError(f"{source} has no mesh.ply", "name the room's mesh with --mesh, or --mesh none for views alone")
-    return None if str(path) == VIEWS_ALONE else read_geometry(path)
+    if str(path) == VIEWS_ALONE:
+        return None
+    vertices, triangles = read_geometry(path)
+    views = Path(path).parent / "views" / "transforms.json"
+    if views.is_file():  # a mesh that was made of imported views: in metres, near their origin
+        vertices = (vertices + read_origin(views)) / unit
+    return vertices, triangles
 
 
 def _write_mesh(
@@ -152,18 +175,22 @@ def _write_cameras(folder: Path, cameras: list[Camera], source: ImageSource, ori
     write_views(folder / "views.json", [*(camera.name for camera in cameras), *source.rejected], source.rejected)
 
 
-def _copy_beside(folder: Path, source: ImageSource, poses: str | Path | None, mesh: str | Path | None) -> None:
-    """Copy what is known of a whole room: room.json, beside poses and mesh or of a dataset, whose ids have names."""
+def _copy_known(folder: Path, source: ImageSource, given: Beside, mesh: str | Path | None) -> None:
+    """Copy what is known of a whole room: room.json, named, beside poses or mesh, or of a dataset; names of its ids."""
     own = source.frames[0].dataset
-    beside = (poses, mesh) if poses is not None else ()
+    places = []
     if own is not None:
-        beside = (own / "mesh.ply",)
+        places = [own / "room.json"]
         for kind in SEGMENT_FOLDERS:
             if (folder / "segments" / kind).is_dir() and (own / "segments" / f"{kind}.json").is_file():
                 shutil.copyfile(own / "segments" / f"{kind}.json", folder / "segments" / f"{kind}.json")
-    for path in beside:
-        if path is not None and str(path) != VIEWS_ALONE and (Path(path).parent / "room.json").is_file():
-            shutil.copyfile(Path(path).parent / "room.json", folder / "room.json")
+    elif given.room is not None:
+        places = [existing_file(given.room, "what is known of the room")]
+    elif given.poses is not None and str(mesh) != VIEWS_ALONE:
+        places = [Path(path).parent / "room.json" for path in (given.poses, mesh) if path is not None]
+    for place in places:
+        if place.is_file():
+            shutil.copyfile(place, folder / "room.json")
 
 
 def _name_segments(folder: Path, names: Mapping[str, str]) -> None:
