@@ -1,6 +1,6 @@
 """What a run reads is never cleared: inputs are compared with the folders of results before anything runs.
 
-Snakemake removes what a job will write, and a stage replaces whole folders. So nothing that the configuration names may
+The workflow removes what a job will write, and a stage replaces whole folders. So nothing that the configuration names may
 lie in results/SCENE, whatever it is called there: by its path, by a link, or on a disk that ignores case.
 """
 

@@ -229,7 +229,7 @@ def plain_path(path: str) -> str:
     Raises
     ------
     FiptError
-        If it holds braces, which Snakemake takes for wildcards, or a control character.
+        If it holds braces, which the workflow takes for wildcards, or a control character.
     """
     if any(letter in "{}" or ord(letter) < 32 for letter in path):
         raise FiptError(f"paths must hold no braces or control characters; found {path!r}", "rename the file or folder")
