@@ -22,7 +22,7 @@ _LEAST_SPREAD = 1e-4
 
 
 @dataclass(frozen=True)
-class _Lines:
+class _ShareLines:
     """The line through the pixels of each of T triangles.
 
     Attributes
@@ -88,7 +88,7 @@ def grown(
     )
 
 
-def _lines(shards: Sequence[ObservedShard], asked: np.ndarray) -> _Lines:
+def _lines(shards: Sequence[ObservedShard], asked: np.ndarray) -> _ShareLines:
     """Lines of the triangles where ``asked`` (T,) is true, through all pixels that show any of them."""
     count = len(asked)
     sums, most, best, number = np.zeros((3, count)), np.zeros(count), np.zeros(count, np.int64), 0
@@ -117,4 +117,4 @@ def _lines(shards: Sequence[ObservedShard], asked: np.ndarray) -> _Lines:
     left = np.maximum(colors[2] / n[:, None] - c**2 - slope**2 * spread[:, None], 0)
     error = np.sqrt(left * (1 / n + (1 - w) ** 2 / (n * spread))[:, None])
     at_one, at_zero = c + slope * (1 - w)[:, None], np.maximum(c - slope * w[:, None], 0)
-    return _Lines(np.where(known[:, None], at_one, -np.inf), at_zero, error, sums[1], best)
+    return _ShareLines(np.where(known[:, None], at_one, -np.inf), at_zero, error, sums[1], best)
