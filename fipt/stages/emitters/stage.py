@@ -71,7 +71,7 @@ def _without_light(previous: Path, inputs: EmittersInputs) -> bool:
 
 
 def _too_dark(previous: Path, shards: "Sequence[ObservedShard]") -> str | None:
-    """What to say of shading in which most surface would have to emit: light is missing, and nothing told by it."""
+    """What to say of shading in which most surface would have to emit: light is missing, and it tells nothing."""
     from fipt.scene.emitters import read_emitters
     from fipt.stages.emitters.observations import share_above_white
 
@@ -102,10 +102,10 @@ def _found(inputs: EmittersInputs, settings: "EmittersSettings") -> dict[str, An
     mesh = data.mesh()
     decided = parse_decisions(inputs.decisions, len(mesh.triangles))
     shards = read_observed(data, inputs.samples, inputs.shading, on_disk(inputs.out.parent))
-    if settings.decide == "regions" and inputs.previous is not None and (told := _too_dark(inputs.previous, shards)):
+    if settings.decide == "regions" and inputs.previous is not None and (missing := _too_dark(inputs.previous, shards)):
         _copy(inputs.previous, inputs.out)
-        log.warning("%s", told)
-        return {"copied": True, "warnings": [told]}
+        log.warning("%s", missing)
+        return {"copied": True, "warnings": [missing]}
     found = extract(mesh, shards, query_mask, settings, decided)
     guess: tuple[str, ...] = ()
     figures: dict[str, Any] = {}
