@@ -133,7 +133,6 @@ SCALES = [
     Fault("mesh in millimetres", lambda: source("src", mesh_scaled(1000)), "scale the mesh by 0.001"),
     Fault("mesh in centimetres", lambda: source("src", mesh_scaled(100)), "scale the mesh by 0.01"),
     Fault("cameras in millimetres", lambda: source("src", ROOM, scale=1000), "scale the cameras by 0.001"),
-    Fault("mesh of another place", lambda: source("src", ROOM, shift=(0, 400.0, 0)), "check axes, unit and place"),
 ]  # fmt: skip
 
 
@@ -193,3 +192,10 @@ def test_a_mesh_made_of_imported_views_is_in_their_place(backend: Backend) -> No
     assert main([*start, "--mesh", "geometry/mesh.ply", "--dataset", "out"]) == 0
     np.testing.assert_array_equal(read_origin("out/transforms.json"), origin)
     np.testing.assert_allclose(Dataset("out").mesh().vertices, made, atol=1e-6)
+
+
+def test_a_mesh_of_another_place_is_told(backend: Backend, capsys: pytest.CaptureFixture[str]) -> None:
+    """No unit explains it: the samples refuse it in one line when they are traced."""
+    source("src", ROOM, shift=(0, 400.0, 0))
+    imported("src")
+    assert "0% of the cameras' rays meet the mesh; check axes, unit and place of both" in capsys.readouterr().err

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -13,6 +14,8 @@ from fipt.meshing.mend import far_origin, mended
 from fipt.scene.cameras import Camera
 from fipt.scene.mesh import Mesh
 from fipt.scene.sources import ImageSource
+
+log = logging.getLogger(__name__)
 
 Geometry = tuple[np.ndarray, np.ndarray]
 """Vertices (V, 3) float64 and triangles (T, 3) int32."""
@@ -86,7 +89,7 @@ def placed(
 
 
 def check_scale(mesh: Mesh, cameras: Sequence[Camera]) -> None:
-    """Refuse a mesh that the cameras do not see, or only in another unit; Mitsuba's variant must be set.
+    """Refuse mesh and cameras that another unit would explain better; Mitsuba's variant must be set.
 
     Raises
     ------
@@ -99,8 +102,8 @@ def check_scale(mesh: Mesh, cameras: Sequence[Camera]) -> None:
         for name, unit in _UNITS.items():
             _refuse_scaled(mesh, chosen, share, (name, unit, 1.0))
             _refuse_scaled(mesh, chosen, share, (name, 1.0, unit))
-        said = f"the cameras must see the mesh; {share:.0%} of their rays meet it"
-        raise FiptError(said, "check axes, unit and place of both")
+        log.warning("%.0f%% of the cameras' rays meet the mesh; check axes, unit and place of both", 100 * share)
+        return
     extent = float(np.ptp(mesh.vertices, axis=0).max())
     if far > _ROOM[1] or extent > 10 * _ROOM[1]:  # a landscape, or cameras in a corner of what seems a huge room
         for name in ("millimetres", "centimetres"):
