@@ -1,7 +1,7 @@
 """What a run reads is never cleared: inputs are compared with the folders of results before anything runs.
 
-The workflow removes what a job will write, and a stage replaces whole folders. So nothing that the configuration names may
-lie in results/SCENE, whatever it is called there: by its path, by a link, or on a disk that ignores case.
+The workflow removes what a job will write, and a stage replaces whole folders. So nothing that the configuration names
+may lie in results/SCENE, whatever it is called there: by its path, by a link, or on a disk that ignores case.
 """
 
 from __future__ import annotations
