@@ -4,7 +4,7 @@ import json
 import logging
 import re
 import shutil
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from fipt.errors import FiptError
-from fipt.formats.files import atomic_folder, write_text
+from fipt.formats.files import atomic_folder, existing_file, write_text
 from fipt.formats.images import read_ids, write_png
 from fipt.formats.layouts import SEGMENT_FOLDERS, SourceView
 from fipt.formats.manifests import write_manifest
@@ -32,6 +32,9 @@ _KNOWN = re.compile(
 )
 """What may lie in a dataset folder that an import replaces."""
 
+VIEWS_ALONE = "none"
+"""Said in place of a mesh: a dataset without one, for what estimates it."""
+
 
 @dataclass(frozen=True)
 class Imported:
@@ -42,6 +45,25 @@ class Imported:
     mesh: dict[str, Any]
 
 
+@dataclass(frozen=True)
+class Beside:
+    """What stands beside developed photographs, format ``capture``.
+
+    Attributes
+    ----------
+    poses
+        Of the views, see `fipt.scene.sources.read_poses`.
+    segments
+        Folder with ``part/VIEW.png`` or ``semantic/VIEW.png``, names in ``{part,semantic}.json``.
+    room
+        room.json of a known room; default: one beside poses or mesh.
+    """
+
+    poses: Path | None = None
+    segments: Path | None = None
+    room: Path | None = None
+
+
 def import_scene(
     source: str | Path,
     format: str,
@@ -49,8 +71,7 @@ def import_scene(
     settings: ImportSettings,
     mesh: str | Path | None = None,
     manifest: str | Path | None = None,
-    poses: str | Path | None = None,
-    segments: str | Path | None = None,
+    beside: Beside = Beside(),
 ) -> Imported:
     """Write the dataset folder of a source: complete, with its manifest last, or not at all.
 
@@ -61,21 +82,18 @@ def import_scene(
     dataset
         Folder to write; an earlier dataset there is replaced.
     mesh
-        PLY or OBJ file in the source's world; default: the one that the layout names.
+        PLY or OBJ file in the source's world; default: the one that the layout names. `VIEWS_ALONE`: no mesh.
     manifest
         Default: ``import.manifest.json`` in the dataset.
-    poses
-        Format ``capture``: poses of the views, see `fipt.scene.sources.read_poses`. A room.json beside them or the
-        mesh comes along.
-    segments
-        Format ``capture``: folder with ``part/VIEW.png`` or ``semantic/VIEW.png``, names in ``{part,semantic}.json``.
+    beside
+        Of developed photographs: their poses, and what else is known.
 
     Raises
     ------
     FiptError
         The source is incomplete or inconsistent, or the folder must not be replaced.
     """
-    parsed = _parsed(source, format, settings, poses)
+    parsed = _parsed(source, format, settings, beside.poses)
     dataset = Path(dataset)
     manifest = dataset / "import.manifest.json" if manifest is None else Path(manifest)
     _check_target(dataset, manifest, parsed)
@@ -87,12 +105,12 @@ def import_scene(
     with atomic_folder(dataset) as folder:
         cameras, shown = write_frames(folder, parsed)
         room, figures = _write_mesh(folder, room, cameras, settings)
-        _write_cameras(folder, cameras, parsed, room)
-        if segments is not None:
-            _copy_segments(folder / "segments", Path(segments), cameras)
-        _copy_beside(folder, parsed, poses, mesh)
+        _write_cameras(folder, cameras, parsed)
+        if beside.segments is not None:
+            _copy_segments(folder / "segments", beside.segments, cameras)
+        _copy_known(folder, parsed, beside, mesh)
         _name_segments(folder / "segments", names)
-        if settings.overlay:
+        if settings.overlay and room is not None:
             _write_overlay(folder / "overlay.png", room, *shown)
         # A manifest outside the folder must not vouch for a dataset that is being exchanged.
         manifest.unlink(missing_ok=True)
@@ -103,16 +121,18 @@ def import_scene(
     return Imported(cameras, parsed, figures)
 
 
-def _room(source: str | Path, path: str | Path | None) -> Mesh:
+def _room(source: str | Path, path: str | Path | None) -> Mesh | None:
     if path is None:
-        raise FiptError(f"{source} has no mesh.ply", "name the room's mesh with --mesh")
-    return read_mesh(path)
+        raise FiptError(f"{source} has no mesh.ply", "name the room's mesh with --mesh, or --mesh none for views alone")
+    return None if str(path) == VIEWS_ALONE else read_mesh(path)
 
 
 def _write_mesh(
-    folder: Path, mesh: Mesh, cameras: Iterable[Camera], settings: ImportSettings
-) -> tuple[Mesh, dict[str, Any]]:
+    folder: Path, mesh: Mesh | None, cameras: Sequence[Camera], settings: ImportSettings
+) -> tuple[Mesh | None, dict[str, Any]]:
     """Write the mesh, made fit for the pipeline where it asks for that, and figures. Rays are traced for it."""
+    if mesh is None:
+        return None, {}
     figures: dict[str, Any] = {"prepared": False, "triangles": len(mesh.triangles)}
     if settings.prepare != "never":
         from fipt.render.variant import set_variant
@@ -128,28 +148,32 @@ def _write_mesh(
     # without the time it took: the same source gives the same files
     lasting = {name: value for name, value in figures.items() if name != "seconds"}
     write_text(folder / "prepare.json", json.dumps(lasting, indent=1) + "\n")
+    _warn_outside(cameras, mesh)
     return mesh, figures
 
 
-def _write_cameras(folder: Path, cameras: list[Camera], source: ImageSource, mesh: Mesh) -> None:
+def _write_cameras(folder: Path, cameras: list[Camera], source: ImageSource) -> None:
     """Write transforms.json and views.json."""
-    _warn_outside(cameras, mesh)
     write_transforms(folder / "transforms.json", cameras)
     write_views(folder / "views.json", [*(camera.name for camera in cameras), *source.rejected], source.rejected)
 
 
-def _copy_beside(folder: Path, source: ImageSource, poses: str | Path | None, mesh: str | Path | None) -> None:
-    """Copy what is known of a whole room: room.json, beside poses and mesh or of a dataset, whose ids have names."""
+def _copy_known(folder: Path, source: ImageSource, given: Beside, mesh: str | Path | None) -> None:
+    """Copy what is known of a whole room: room.json, named, beside poses or mesh, or of a dataset; names of its ids."""
     own = source.frames[0].dataset
-    beside = (poses, mesh) if poses is not None else ()
+    places = []
     if own is not None:
-        beside = (own / "mesh.ply",)
+        places = [own / "room.json"]
         for kind in SEGMENT_FOLDERS:
             if (folder / "segments" / kind).is_dir() and (own / "segments" / f"{kind}.json").is_file():
                 shutil.copyfile(own / "segments" / f"{kind}.json", folder / "segments" / f"{kind}.json")
-    for path in beside:
-        if path is not None and (Path(path).parent / "room.json").is_file():
-            shutil.copyfile(Path(path).parent / "room.json", folder / "room.json")
+    elif given.room is not None:
+        places = [existing_file(given.room, "what is known of the room")]
+    elif given.poses is not None and str(mesh) != VIEWS_ALONE:
+        places = [Path(path).parent / "room.json" for path in (given.poses, mesh) if path is not None]
+    for place in places:
+        if place.is_file():
+            shutil.copyfile(place, folder / "room.json")
 
 
 def _name_segments(folder: Path, names: Mapping[str, str]) -> None:
@@ -214,7 +238,7 @@ def _check_present(frames: Iterable[SourceView]) -> None:
         )
 
 
-def _warn_outside(cameras: list[Camera], mesh: Mesh) -> None:
+def _warn_outside(cameras: Sequence[Camera], mesh: Mesh) -> None:
     """Warn of cameras outside the mesh's bounds: wrong axes, units, or a mesh of something else."""
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     outside = [c.name for c in cameras if ((c.center < low) | (c.center > high)).any()]
