@@ -47,7 +47,7 @@ SECTIONS: dict[str, Section] = {
     "bake": Section("fipt.stages.shade.settings:BakeSettings", 3),
     "regroup": Section("fipt.stages.segment.settings:RegroupSettings", 1),
     "emitters": Section("fipt.stages.emitters.settings:EmittersSettings", 7),
-    "fit": Section("fipt.stages.fit.settings:FitSettings", 6),
+    "fit": Section("fipt.stages.fit.settings:FitSettings", 7),
     "review": Section("fipt.stages.emitters.settings:ReviewSettings", 2),
     "refine": Section("fipt.stages.shade.settings:RefineSettings", 4),
     "materials": Section("fipt.stages.render.settings:MaterialsSettings", 3),
