@@ -33,6 +33,9 @@ UNLISTED = {
 }
 """Files that a rule's verb may read and write though the rule does not name them, as regular expressions."""
 
+COMPARED = re.compile(r"results/room/(dataset|geometry/views)/[\w.-]+\.manifest\.json")
+"""Manifests of datasets: hashes in them say whether content is what was written. Content itself must be listed."""
+
 SMALL = {"diffuse_spp": 4, "specular_spp": 2, "smooth_spp": 2, "denoise": False}
 CONFIG = {
     "rounds": 1,
@@ -79,6 +82,7 @@ def wrong(job: Job, known: dict[str, tuple[str, ...]]) -> list[str]:
     known[job.rule] = job.outputs
     own = {f"{root}/logs/{job.label}.log", f"{root}/benchmarks/{job.label}.jsonl"}
     read = undeclared(seen.read, [*job.inputs, *job.outputs, *own])
+    read = [path for path in read if not COMPARED.fullmatch(str(path))]
     written = undeclared(seen.written, [*job.outputs, *own])
     found = [f"rule {job.rule} does not list {path}, which `fipt {job.verb}` reads" for path in read]
     found += [f"rule {job.rule} does not declare {path}, which `fipt {job.verb}` writes" for path in written]

@@ -200,6 +200,10 @@ class Source(ABC):
         """Whether the mesh is made of the images."""
         return False
 
+    def mesh_origin(self) -> list[str]:
+        """Cameras of the views that a mesh was made of: they say where its origin is."""
+        return [self.place.layout.posed_transforms] if self.reconstructed else []
+
     def view_files(self) -> list[str]:
         """What an import of the views alone reads, for a mesh that is made of them."""
         return [path for path in self.imported_files() if path != self.place.layout.estimated_mesh]

@@ -19,6 +19,7 @@ rule import_dataset:
     """Bring posed HDR views of another layout, or developed photographs, into the dataset form."""
     input:
         ask("source.imported_files"),
+        ask("source.mesh_origin"),
         ask("developed"),
     output:
         transforms="results/{scene}/dataset/transforms.json",
