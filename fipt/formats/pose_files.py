@@ -70,6 +70,9 @@ def read_pose_file(path: str | Path) -> list[Posed]:
     read = readers.get(path.suffix.lower(), _colmap)
     try:
         found = read(path)
+    except FiptError as error:
+        message = error.message if str(path) in error.message else f"{path}: {error.message}"
+        raise FiptError(message, error.remedy) from error
     except (*MALFORMED, OSError, struct.error, csv.Error, ElementTree.ParseError) as error:
         raise FiptError(f"{path} is not a readable list of cameras ({error!r})", "export the cameras again") from error
     if not found:

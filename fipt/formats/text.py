@@ -9,7 +9,7 @@ from typing import Any
 from fipt.errors import FiptError
 from fipt.formats.files import existing_file
 
-MALFORMED = (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError, RecursionError)
+MALFORMED = (KeyError, TypeError, ValueError, AttributeError, IndexError, ArithmeticError, RecursionError)
 """What damaged content of a file raises, when it is parsed and when its values are taken out."""
 
 

@@ -129,7 +129,7 @@ def read_transforms(path: str | Path) -> list[Camera]:
         frames = json.loads(Path(path).read_text(encoding="utf-8"))["frames"]
         cameras = [
             Camera(
-                name=check_name(Path(frame["file_path"]).stem, "view"),
+                name=check_name(Path(frame["file_path"]).stem, f"{path}: view"),
                 split=frame["split"],
                 width=int(frame["w"]),
                 height=int(frame["h"]),
