@@ -14,6 +14,7 @@ from fipt.scene.mesh import Mesh, connected_parts
 from fipt.scene.observed import ObservedShard
 from fipt.scene.review import ReviewDecisions, numbers
 from fipt.stages.emitters.hypotheses import RegionEvidence, judge
+from fipt.stages.emitters.mixed import mixed_emitters
 from fipt.stages.emitters.observations import (
     Observations,
     grouped_median,
@@ -104,7 +105,7 @@ def extract(
     undecided, surface = Undecided.none(), None
     views: Iterable[Observations]
     if settings.decide == "regions":
-        seen = _all_pixels(shards)
+        seen = _all_pixels(mesh, shards)
         surface = find_regions(mesh, shards, seen)
         evidence = judge(shards, seen, surface)
         label = shaped(mesh, surface, evidence.emitting(surface.touching), shards)
@@ -125,11 +126,16 @@ def extract(
     return replace(found, undecided=undecided)
 
 
-def _all_pixels(shards: Sequence[ObservedShard]) -> Observations:
-    """Pixels of all views that one piece of surface fills, every n-th where there are too many."""
+def _all_pixels(mesh: Mesh, shards: Sequence[ObservedShard]) -> Observations:
+    """Pixels of all views that one piece of surface fills, every n-th where there are too many; sorted by view.
+
+    With them those from which an emitter's light is told that others stand before.
+    """
     total = sum(int(shard.samples.first_pixels[-1]) for shard in shards)
     step = max(total // _MOST_PIXELS, 1)
-    return Observations.joined(view[::step] for view in observations(shards, ratios=False))
+    alone = Observations.joined(view[::step] for view in observations(shards, ratios=False))
+    seen = Observations.joined([alone, mixed_emitters(mesh, shards)])
+    return seen[np.argsort(seen.view, kind="stable")]
 
 
 def _masked(
