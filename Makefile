@@ -5,7 +5,7 @@
 SHELL := /bin/bash
 MAKEFLAGS += --no-print-directory
 .DEFAULT_GOAL := help
-.PHONY: help setup llvm browser demo test lint docs bench scaling clean distclean
+.PHONY: help setup llvm open3d browser demo test lint docs bench scaling clean distclean
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -17,6 +17,9 @@ export PATH := $(CURDIR)/$(BIN):$(PATH)
 PYTHONS := $(or $(PYTHON),python3.13 python3.12 python3.11 python3.14 python3)
 # LLVM 16 or newer compiles the ray tracer's kernels; 19 is the one tested.
 LLVM_PACKAGES := libllvm19 libllvm20 libllvm21 libllvm18 libllvm17 libllvm16
+
+# Libraries that open3d's wheel expects of the system; without them all but `fipt mesh` works.
+OPEN3D_PACKAGES := libgl1 libegl1 libx11-6 libusb-1.0-0
 
 CAN_RUN := -c 'import sys; sys.exit(sys.version_info < (3, 11))'
 LLVM_USABLE := -c 'import sys; from fipt.render.variant import find_llvm; \
@@ -37,7 +40,7 @@ endef
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
-setup: $(INSTALLED) llvm  ## .venv, the pinned packages, fipt itself, LLVM
+setup: $(INSTALLED) llvm open3d  ## .venv, the pinned packages, fipt itself, LLVM, libraries of open3d
 
 $(BIN)/python:
 	@for python in $(PYTHONS); do \
@@ -63,6 +66,11 @@ $(INSTALLED): requirements.lock pyproject.toml | $(BIN)/python
 llvm: | $(BIN)/python
 	@$(BIN)/python $(LLVM_USABLE) 2>/dev/null || { $(call apt-install,$(LLVM_PACKAGES),LLVM 16 or newer is missing); }
 	@$(BIN)/python $(LLVM_USABLE) 2>/dev/null || { echo "fipt: LLVM is still not usable: see $(BIN)/fipt doctor" >&2; exit 1; }
+
+open3d: $(INSTALLED)
+	@$(BIN)/python -c 'import open3d' 2>/dev/null || for library in $(OPEN3D_PACKAGES); do \
+	  ( $(call apt-install,$$library,open3d cannot be imported, which makes meshes of photographs) ) || true; \
+	done
 
 browser:  ## Chromium, for the tests of the report
 	@command -v chromium chromium-browser google-chrome >/dev/null || { $(call apt-install,chromium,Chromium is missing); }

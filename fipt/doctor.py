@@ -69,6 +69,7 @@ def run_checks(results: Path = Path("results")) -> list[Check]:
         check_python(),
         *check_packages(),
         *check_backend(),
+        check_open3d(),
         check_memory(),
         check_disk(results),
     ]
@@ -220,6 +221,24 @@ def _probe(backend: variant.Backend) -> Iterator[Check]:
 def _text(output: bytes | str | None) -> str:
     """What a process wrote before its time was over: bytes even where text was asked for."""
     return output.decode("utf-8", "replace") if isinstance(output, bytes) else output or ""
+
+
+def check_open3d() -> Check:
+    """Import open3d, which fuses depth maps, in another process: the wheel lacks libraries of the system."""
+    process = subprocess.run(
+        [sys.executable, "-c", "import open3d; print(open3d.__version__)"],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    if process.returncode == 0:
+        return Check("open3d", "ok", process.stdout.strip().splitlines()[-1])
+    words = process.stderr.strip().splitlines()
+    why = words[-1] if words else f"exit code {process.returncode}"
+    libraries = "sudo apt-get install libgl1 libegl1 libx11-6 libusb-1.0-0"
+    remedy = REINSTALL if "ModuleNotFoundError" in why else libraries
+    return Check("open3d", "warning", f"cannot be imported: {why}", f"only for meshes of photographs: {remedy}")
 
 
 def check_memory() -> Check:

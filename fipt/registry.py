@@ -36,6 +36,8 @@ SECTIONS: dict[str, Section] = {
     "capture": Section("fipt.stages.capture.settings:CaptureSettings", 1),
     "poses": Section("fipt.stages.poses.settings:PosesSettings", 2),
     "import": Section("fipt.stages.importing.settings:ImportSettings", 3),
+    "depth": Section("fipt.stages.geometry.settings:DepthSettings", 1),
+    "geometry": Section("fipt.stages.geometry.mesh_settings:GeometrySettings", 1),
     "check_poses": Section("fipt.stages.check_poses.settings:CheckPosesSettings", 1),
     "samples": Section("fipt.stages.samples.settings:SamplesSettings", 2),
     "segment": Section("fipt.stages.segment.settings:SegmentSettings", 1),
@@ -143,6 +145,15 @@ VERBS: dict[str, Verb] = {
     "pose": Verb("Estimate the poses of views, with evidence for every camera.", "fipt.stages.poses.stage", "poses"),
     "import": Verb(
         "Bring posed HDR views of another layout into the dataset form.", "fipt.stages.importing.stage", "import"
+    ),
+    "depth": Verb(
+        "Estimate the depth of every training view from what the others show.",
+        "fipt.stages.geometry.depth_stage",
+        "depth",
+        rays=True,
+    ),
+    "mesh": Verb(
+        "Make the room's mesh of the depth maps of its views.", "fipt.stages.geometry.mesh_stage", "geometry", rays=True
     ),
     "check-poses": Verb(
         "Check through the mesh that every view shows what the others show.",

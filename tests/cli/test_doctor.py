@@ -43,6 +43,7 @@ def test_a_working_machine(tmp_path: Path) -> None:
         "ray tracing",
         "torch",
         "denoiser",
+        "open3d",
         "memory",
         "disk",
     ]

@@ -4,7 +4,7 @@ import json
 import logging
 import re
 import shutil
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -31,6 +31,9 @@ _KNOWN = re.compile(
     r"|relight_truth|[\w.-]+\.manifest\.json|\..*"
 )
 """What may lie in a dataset folder that an import replaces."""
+
+VIEWS_ALONE = "none"
+"""Said in place of a mesh: a dataset without one, for what estimates it."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +64,7 @@ def import_scene(
     dataset
         Folder to write; an earlier dataset there is replaced.
     mesh
-        PLY or OBJ file in the source's world; default: the one that the layout names.
+        PLY or OBJ file in the source's world; default: the one that the layout names. `VIEWS_ALONE`: no mesh.
     manifest
         Default: ``import.manifest.json`` in the dataset.
     poses
@@ -87,12 +90,12 @@ def import_scene(
     with atomic_folder(dataset) as folder:
         cameras, shown = write_frames(folder, parsed)
         room, figures = _write_mesh(folder, room, cameras, settings)
-        _write_cameras(folder, cameras, parsed, room)
+        _write_cameras(folder, cameras, parsed)
         if segments is not None:
             _copy_segments(folder / "segments", Path(segments), cameras)
         _copy_beside(folder, parsed, poses, mesh)
         _name_segments(folder / "segments", names)
-        if settings.overlay:
+        if settings.overlay and room is not None:
             _write_overlay(folder / "overlay.png", room, *shown)
         # A manifest outside the folder must not vouch for a dataset that is being exchanged.
         manifest.unlink(missing_ok=True)
@@ -103,16 +106,18 @@ def import_scene(
     return Imported(cameras, parsed, figures)
 
 
-def _room(source: str | Path, path: str | Path | None) -> Mesh:
+def _room(source: str | Path, path: str | Path | None) -> Mesh | None:
     if path is None:
-        raise FiptError(f"{source} has no mesh.ply", "name the room's mesh with --mesh")
-    return read_mesh(path)
+        raise FiptError(f"{source} has no mesh.ply", "name the room's mesh with --mesh, or --mesh none for views alone")
+    return None if str(path) == VIEWS_ALONE else read_mesh(path)
 
 
 def _write_mesh(
-    folder: Path, mesh: Mesh, cameras: Iterable[Camera], settings: ImportSettings
-) -> tuple[Mesh, dict[str, Any]]:
+    folder: Path, mesh: Mesh | None, cameras: Sequence[Camera], settings: ImportSettings
+) -> tuple[Mesh | None, dict[str, Any]]:
     """Write the mesh, made fit for the pipeline where it asks for that, and figures. Rays are traced for it."""
+    if mesh is None:
+        return None, {}
     figures: dict[str, Any] = {"prepared": False, "triangles": len(mesh.triangles)}
     if settings.prepare != "never":
         from fipt.render.variant import set_variant
@@ -128,12 +133,12 @@ def _write_mesh(
     # without the time it took: the same source gives the same files
     lasting = {name: value for name, value in figures.items() if name != "seconds"}
     write_text(folder / "prepare.json", json.dumps(lasting, indent=1) + "\n")
+    _warn_outside(cameras, mesh)
     return mesh, figures
 
 
-def _write_cameras(folder: Path, cameras: list[Camera], source: ImageSource, mesh: Mesh) -> None:
+def _write_cameras(folder: Path, cameras: list[Camera], source: ImageSource) -> None:
     """Write transforms.json and views.json."""
-    _warn_outside(cameras, mesh)
     write_transforms(folder / "transforms.json", cameras)
     write_views(folder / "views.json", [*(camera.name for camera in cameras), *source.rejected], source.rejected)
 
@@ -148,7 +153,7 @@ def _copy_beside(folder: Path, source: ImageSource, poses: str | Path | None, me
             if (folder / "segments" / kind).is_dir() and (own / "segments" / f"{kind}.json").is_file():
                 shutil.copyfile(own / "segments" / f"{kind}.json", folder / "segments" / f"{kind}.json")
     for path in beside:
-        if path is not None and (Path(path).parent / "room.json").is_file():
+        if path is not None and str(path) != VIEWS_ALONE and (Path(path).parent / "room.json").is_file():
             shutil.copyfile(Path(path).parent / "room.json", folder / "room.json")
 
 
@@ -214,7 +219,7 @@ def _check_present(frames: Iterable[SourceView]) -> None:
         )
 
 
-def _warn_outside(cameras: list[Camera], mesh: Mesh) -> None:
+def _warn_outside(cameras: Sequence[Camera], mesh: Mesh) -> None:
     """Warn of cameras outside the mesh's bounds: wrong axes, units, or a mesh of something else."""
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     outside = [c.name for c in cameras if ((c.center < low) | (c.center > high)).any()]

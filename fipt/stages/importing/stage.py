@@ -18,7 +18,7 @@ class ImportInputs:
     source: Annotated[Path, "Folder of the views, or its transforms.json."]
     format: Annotated[str, "nerfstudio, fipt-synthetic, fipt-real, fipt or capture."]
     dataset: Annotated[Path, "Dataset folder to write."]
-    mesh: Annotated[Path | None, "PLY or OBJ mesh; default: the one in the source."] = None
+    mesh: Annotated[Path | None, "PLY or OBJ mesh, or none: views alone; default: the one in the source."] = None
     manifest: Annotated[Path | None, "Default: import.manifest.json in the dataset."] = None
     poses: Annotated[Path | None, "capture: transforms.json, COLMAP folder, Metashape XML or RealityCapture CSV."] = (
         None

@@ -129,7 +129,7 @@ BAD: list[tuple[str, Callable[[Path], object], str]] = [
     (N, lambda root: (root / VIEW).write_text("no image"), "is not a readable EXR file"),
     (N, frame(1, mask_path="mask.png"), "the mask of a frame is missing"),
     # mesh
-    (N, remove("mesh.ply"), "has no mesh.ply; name the room's mesh with --mesh"),
+    (N, remove("mesh.ply"), "has no mesh.ply; name the room's mesh with --mesh, or --mesh none for views alone"),
     (R, remove("scene.obj"), "the mesh is missing"),
     (R, lambda root: (root / "scene.obj").write_text(""), "must hold triangles; it has none"),
     (R, lines("scene.obj", lambda c: c.__setitem__(2, "v nan 0 0")),
@@ -224,6 +224,22 @@ def test_folders_that_are_no_dataset_stay(tmp_path: Path, capsys: pytest.Capture
         assert call(source, "nerfstudio", target) == 2
         assert message in capsys.readouterr().err
         assert sorted(target.rglob("*")) == before
+
+
+def test_views_alone_need_no_mesh(tmp_path: Path) -> None:
+    WRITERS["nerfstudio"](tmp_path / "source")
+    assert call(tmp_path / "source", "nerfstudio", tmp_path / "with") == 0
+    remove("mesh.ply")(tmp_path / "source")
+    assert call(tmp_path / "source", "nerfstudio", tmp_path / "out", "--mesh", "none") == 0
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        "images",
+        "import.manifest.json",
+        "transforms.json",
+        "views.json",
+    }
+    one, other = Dataset(tmp_path / "with"), Dataset(tmp_path / "out")
+    for view in one.views("train"):
+        assert np.array_equal(one.image(view)[0], other.image(view)[0])
 
 
 def test_a_distorted_mask(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,0 +1,1 @@
+"""Geometry: depth maps of posed views, and the mesh that they make."""

@@ -1,0 +1,124 @@
+"""Depth maps with their cameras and pictures, as what fuses them sees them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from fipt.errors import FiptError
+from fipt.scene.cameras import Camera
+from fipt.scene.dataset import Dataset
+from fipt.scene.depth_maps import DepthMap, read_depth_map
+
+_SAMPLES = 2_000
+"""Pixels of a view whose depth is compared with that of others: a deviation is then known to two percent."""
+_PARTNERS = 4
+"""Nearest other views that it is compared with."""
+_SAME = 0.05
+"""Share of its depth by which two views' depths of one surface may differ: above, one sees past the other."""
+_FINEST = 0.05
+"""Noise of depth that is assumed at least, in pixels of parallax over a baseline as long as the depth."""
+
+
+@dataclass(frozen=True)
+class DepthView:
+    """A view with its depth.
+
+    Attributes
+    ----------
+    camera
+        Of these pixels.
+    map
+        Its depth map.
+    radiance
+        (H, W, 3) float32 linear RGB.
+    """
+
+    camera: Camera
+    map: DepthMap
+    radiance: np.ndarray
+
+    @cached_property
+    def rays(self) -> np.ndarray:
+        """(H, W, 3) float64 from the camera's centre to the points at depth 1 of the pixels' centres, world axes."""
+        camera = self.camera
+        rows, columns = np.mgrid[: camera.height, : camera.width] + 0.5
+        local = np.stack([(columns - camera.cx) / camera.fx, -(rows - camera.cy) / camera.fy, -np.ones_like(rows)], -1)
+        return local @ camera.world_from_camera[:3, :3].T
+
+    @cached_property
+    def points(self) -> np.ndarray:
+        """(H, W, 3) float64 places of the pixels, metres; the camera's centre where the depth is unknown."""
+        return self.camera.center + self.rays * self.map.depth[..., None]
+
+    def with_map(self, changed: DepthMap) -> "DepthView":
+        """Return the view with another depth map."""
+        return replace(self, map=changed)
+
+
+def pixels_of(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Row, column (0 where outside), depth and whether they are in the image, (N,) each, of (N, 3) points."""
+    image, depth = camera.project(points)
+    inside = (depth > 1e-6) & (image >= 0).all(axis=1) & (image < [camera.width, camera.height]).all(axis=1)
+    column, row = np.where(inside[:, None], image, 0).astype(np.int64).T
+    return row, column, depth, inside
+
+
+def depth_noise(views: Sequence[DepthView], seed: int = 0) -> float:
+    """Deviation of depth at one metre, metres: it grows with the square of the depth.
+
+    Measured: points of each view against the tangent planes that its nearest views have there.
+    """
+    rng = np.random.default_rng(seed)
+    centers = np.array([view.camera.center for view in views])
+    found = []
+    for view in views:
+        row, column = np.nonzero(view.map.known)
+        if len(row) == 0:
+            continue
+        some = rng.choice(len(row), min(_SAMPLES, len(row)), replace=False)
+        points = view.points[row[some], column[some]]
+        near = np.argsort(np.linalg.norm(centers - view.camera.center, axis=1))
+        for other in [views[number] for number in near if views[number] is not view][:_PARTNERS]:
+            at_row, at_column, depth, inside = pixels_of(other.camera, points)
+            normal, there = other.map.normal[at_row, at_column], other.map.depth[at_row, at_column]
+            same = inside & (there > 0) & (np.abs(there - depth) < _SAME * depth) & ((normal**2).sum(axis=1) > 0.5)
+            across = ((points - other.points[at_row, at_column]) * normal).sum(axis=1)[same]
+            # either depth moves its point along its ray
+            expected = [
+                z**2 * (rays * normal).sum(axis=1)
+                for z, rays in ((view.map.depth[row[some], column[some]], view.rays[row[some], column[some]]),
+                                (there, other.rays[at_row, at_column]))
+            ]  # fmt: skip
+            found.append(np.abs(across) / np.maximum(np.hypot(*expected)[same], 1e-12))
+    focal = float(np.median([view.camera.fx for view in views]))
+    values = np.concatenate(found) if found else np.zeros(0)
+    measured = float(1.4826 * np.median(values)) if len(values) else 0.0
+    return max(measured, _FINEST / focal)
+
+
+def read_views(dataset: Dataset, folder: Path) -> list[DepthView]:
+    """Read depth maps and pictures of the training views of a dataset.
+
+    Raises
+    ------
+    FiptError
+        If there is no training view, or a depth map is missing or not of its camera's size.
+    """
+    cameras = [camera for camera in dataset.cameras if camera.split == "train"]
+    if not cameras:
+        raise FiptError(f"{dataset.root} must have training views; it has none", "look at its views.json")
+    views = []
+    for camera in cameras:
+        path = folder / f"{camera.name}.exr"
+        found = read_depth_map(path)
+        if found.depth.shape != (camera.height, camera.width):
+            raise FiptError(
+                f"{path} must be {camera.width}x{camera.height} like its view; it is "
+                f"{found.depth.shape[1]}x{found.depth.shape[0]}",
+                "make the depth maps of these views",
+            )
+        views.append(DepthView(camera, found, dataset.image(camera.name)[0]))
+    return views

@@ -1,0 +1,83 @@
+"""One mesh from the depth maps of all views."""
+
+import logging
+from collections.abc import Sequence
+
+import numpy as np
+
+from fipt.child import run_in_child
+from fipt.errors import FiptError
+from fipt.scene.mesh import Mesh
+from fipt.stages.geometry.depth_views import DepthView
+from fipt.stages.geometry.tsdf import BLOCK, fused, memory
+
+log = logging.getLogger(__name__)
+
+_SECONDS_A_VIEW = 60.0
+"""Of the time limit: some twenty times what a view takes."""
+_LAYERS = 3.0
+"""Blocks that lie over each other along a surface, of those that its truncation touches."""
+
+
+def voxel_size(views: Sequence[DepthView], finest: float) -> float:
+    """Side of a voxel, metres: the median pixel's width where it falls, at least ``finest``."""
+    widths = [view.map.depth[view.map.known] / view.camera.fx for view in views]
+    if not sum(map(len, widths)):
+        raise FiptError("the depth maps must hold depth; all pixels are unknown", "look at the photographs of fipt qa")
+    return max(float(np.median(np.concatenate(widths))), finest)
+
+
+def check_memory(views: Sequence[DepthView], voxel: float, most: float) -> None:
+    """Refuse what would need more than ``most`` gigabytes, before it starts."""
+    places = [view.points[view.map.known][::17] for view in views]
+    side = BLOCK * voxel
+    blocks = len(np.unique(np.floor(np.concatenate(places) / side).astype(np.int64), axis=0))
+    needed = memory(int(_LAYERS * blocks)) / 1e9
+    if needed > most:
+        raise FiptError(
+            f"fusing the depth maps at voxels of {1e3 * voxel:.0f} mm needs about {needed:.1f} GB; "
+            f"geometry.memory_gb is {most:g}",
+            "raise geometry.voxel or geometry.memory_gb",
+        )
+
+
+def fuse(views: Sequence[DepthView], carves: Sequence[np.ndarray], noise: float, voxel: float) -> Mesh:
+    """Fuse depth maps in a process of its own.
+
+    Parameters
+    ----------
+    carves
+        (H, W) bool of each view: pixels that say that nothing lies before their surface.
+    noise
+        Deviation of depth at one metre, metres.
+    voxel
+        Side of a voxel, metres.
+
+    Raises
+    ------
+    FiptError
+        If open3d is missing, or nothing was fused.
+    """
+    rows, columns = max(v.camera.height for v in views), max(v.camera.width for v in views)
+    shape = len(views), rows, columns
+    depth, weight = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+    normal, free = np.zeros((*shape, 3), np.float32), np.zeros(shape, bool)
+    for number, view in enumerate(views):
+        inside = np.s_[number, : view.camera.height, : view.camera.width]
+        depth[inside], normal[inside], free[inside] = view.map.depth, view.map.normal, carves[number]
+        # a voxel rounds what falls into it; the rest is the noise of the depth
+        variance = (noise * view.map.depth.astype(np.float64) ** 2) ** 2 + (voxel / 4) ** 2
+        weight[inside] = view.map.confidence * (voxel**2 / variance)
+    arguments = {
+        "depth": depth,
+        "normal": normal,
+        "weight": weight,
+        "carves": free,
+        "intrinsics": np.array([(v.camera.fx, v.camera.fy, v.camera.cx, v.camera.cy) for v in views]),
+        "world_from_camera": np.array([v.camera.world_from_camera for v in views]),
+        "voxel": voxel,
+    }
+    found = run_in_child(fused, arguments, 120 + _SECONDS_A_VIEW * len(views))
+    if len(found["triangles"]) == 0:
+        raise FiptError("the depth maps must agree on a surface; fusing them gave none", "check units and poses")
+    return Mesh(found["vertices"], found["triangles"])

@@ -1,0 +1,25 @@
+"""Settings of the mesh that is made of depth maps."""
+
+from typing import Literal
+
+from pydantic import Field
+
+from fipt.settings import Length, Settings
+
+
+class GeometrySettings(Settings):
+    """A mesh from depth maps: fused, smoothed, flattened, decimated, cut along edges of radiance."""
+
+    voxel: Length = Field(default=0.01, description="finest voxel, metres; the median pixel's footprint where larger")
+    memory_gb: Length = Field(default=12.0, description="memory above which a fusion is refused before it starts")
+    triangle_size: Length = Field(
+        default=1.0, description="side of triangles on curved surface, in pixels of the nearest view"
+    )
+    cut_edges: bool = Field(
+        default=True, description="cut along sharp edges of radiance, and part what they enclose: emitters are parts"
+    )
+
+    @property
+    def prepare(self) -> Literal["always"]:
+        """What `fipt.meshing.prepare` is asked for: fused depth is a scan."""
+        return "always"

@@ -1,0 +1,40 @@
+"""``fipt mesh``: depth maps of posed views -> the room's mesh."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from fipt.inputs import DatasetFolder
+
+if TYPE_CHECKING:
+    from fipt.stages.geometry.mesh_settings import GeometrySettings
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeshInputs:
+    """Files of ``fipt mesh``."""
+
+    dataset: DatasetFolder
+    depth: Annotated[Path, "Folder of the depth maps of the training views, VIEW.exr."]
+    out: Annotated[Path, "Folder for mesh.ply and geometry.json."]
+
+
+def run(inputs: MeshInputs, settings: "GeometrySettings") -> dict[str, Any]:
+    """Make one mesh of the depth maps of the training views.
+
+    The maps are fused, and the surface is smoothed, flattened, decimated and cut like a scan's. The
+    dataset needs no mesh.
+    """
+    from fipt.formats.files import make_folder, write_text
+    from fipt.scene.dataset import Dataset
+    from fipt.scene.mesh import write_ply
+    from fipt.stages.geometry.build import build
+    from fipt.stages.geometry.depth_views import read_views
+
+    dataset = Dataset(inputs.dataset)
+    made = build(read_views(dataset, inputs.depth), dataset.image, settings)
+    make_folder(inputs.out)
+    write_text(inputs.out / "geometry.json", json.dumps(made.about, indent=1, allow_nan=False) + "\n")
+    write_ply(inputs.out / "mesh.ply", made.mesh)
+    return made.figures

@@ -1,0 +1,20 @@
+"""Settings of the depth maps of posed views."""
+
+from pydantic import Field
+
+from fipt.settings import Count, Fraction, Length, Positive, Settings
+
+
+class DepthSettings(Settings):
+    """Depth of posed views, from how a surface moves between them."""
+
+    sources: Positive = Field(default=5, ge=3, le=8, description="other views that each view is matched with, at most")
+    consistent_views: Positive = Field(default=2, description="other views that must confirm the depth of a pixel")
+    correlation: Fraction = Field(default=0.5, description="correlation with its sources that a pixel needs")
+    nearest: Length = Field(default=0.3, description="distance of the nearest surface from a camera, metres")
+    rounds: Positive = Field(default=6, description="rounds of refinement on the smallest pictures")
+    later_rounds: Positive = Field(default=4, description="rounds of refinement on each larger size")
+    poor: Fraction = Field(
+        default=0.05, description="a view with a smaller share of known pixels is named in a warning"
+    )
+    seed: Count = Field(default=0, description="seed of the planes that are tried")

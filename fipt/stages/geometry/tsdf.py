@@ -1,0 +1,186 @@
+"""Depth maps fused into one surface, for a process of its own: this module imports little."""
+
+from typing import Any
+
+import numpy as np
+
+from fipt.errors import FiptError
+
+BLOCK = 8
+"""Voxels along a side of a block: at four voxels of truncation, larger blocks hold mostly free space."""
+TRUNCATION = 4.0
+"""Largest distance that the field holds, voxels: some deviations of the depth where a voxel is as large as a pixel."""
+_VOXEL_BYTES = 40
+"""Of memory for a voxel while a view is added: field, weight, place and what a projection needs."""
+
+
+def fused(
+    depth: np.ndarray,
+    normal: np.ndarray,
+    weight: np.ndarray,
+    carves: np.ndarray,
+    intrinsics: np.ndarray,
+    world_from_camera: np.ndarray,
+    voxel: float,
+) -> dict[str, np.ndarray]:
+    """Fuse depth maps as a truncated signed distance field (Curless and Levoy 1996) and mesh its zero.
+
+    A voxel's distance is that to the tangent plane of the pixel that it falls into: so a slanted surface is as sharp as
+    one that faces the camera.
+
+    Parameters
+    ----------
+    depth
+        (N, H, W) float32 along the viewing axis, metres, 0 where unknown.
+    normal
+        (N, H, W, 3) float32 world normals that face the camera; 0 where unknown.
+    weight
+        (N, H, W) float32, inverse variances up to a factor.
+    carves
+        (N, H, W) bool: pixels that say that nothing lies before their surface.
+    intrinsics
+        (N, 4) fx, fy, cx, cy; the centre of the first pixel is (0.5, 0.5).
+    world_from_camera
+        (N, 4, 4), OpenGL axes.
+    voxel
+        Side of a voxel, metres.
+
+    Returns
+    -------
+    dict
+        ``vertices`` (V, 3) float32 and ``triangles`` (T, 3) int32, in an order that the same input gives again.
+    """
+    o3d = _open3d()
+    cameras = [_Camera(*parts) for parts in zip(intrinsics, world_from_camera, strict=True)]
+    grid = _grid(o3d, cameras, depth, voxel)
+    slot = grid.hashmap().active_buf_indices()
+    base = grid.hashmap().key_tensor().numpy()[slot.numpy()].astype(np.float64) * BLOCK * voxel
+    places, where = grid.voxel_coordinates_and_flattened_indices(slot)
+    within = places.numpy()[: BLOCK**3].astype(np.float64) - base[0]
+    total = np.zeros((len(base), BLOCK**3), np.float32)
+    heavy = np.zeros_like(total)
+    for number, camera in enumerate(cameras):
+        seen = camera.blocks(base + 0.5 * BLOCK * voxel, BLOCK * voxel, depth[number].shape, float(depth[number].max()))
+        add = camera.distances(
+            base[seen], within, depth[number], normal[number], weight[number], carves[number], TRUNCATION * voxel
+        )
+        total[seen] += add[0]
+        heavy[seen] += add[1]
+    known = heavy > 0
+    flat = where.numpy()
+    field, certain = grid.attribute("tsdf").reshape((-1, 1)), grid.attribute("weight").reshape((-1, 1))
+    field[flat] = o3d.core.Tensor(np.where(known, total / np.where(known, heavy, 1), 0).reshape(-1, 1))
+    certain[flat] = o3d.core.Tensor(known.astype(np.float32).reshape(-1, 1))
+    mesh = grid.extract_triangle_mesh(0.5)
+    return _ordered(mesh.vertex.positions.numpy(), mesh.triangle.indices.numpy())
+
+
+def _grid(o3d: Any, cameras: list["_Camera"], depth: np.ndarray, voxel: float) -> Any:
+    """Blocks of voxels near what the views show; their values are not set."""
+    kinds = o3d.core.float32, o3d.core.float32
+    grid = o3d.t.geometry.VoxelBlockGrid(("tsdf", "weight"), kinds, ((1,), (1,)), float(voxel), BLOCK, 20_000)
+    for camera, image in zip(cameras, depth, strict=True):
+        if (image > 0).any():
+            near = grid.compute_unique_block_coordinates(
+                o3d.t.geometry.Image(o3d.core.Tensor(np.ascontiguousarray(image[..., None]))),
+                o3d.core.Tensor(camera.matrix()),
+                o3d.core.Tensor(camera.extrinsics()),
+                1.0,  # depth in metres, as far as there is any: the defaults are millimetres and 3 m
+                float(image.max()) + 1.0,
+                TRUNCATION,
+            )
+            grid.hashmap().activate(near)
+    return grid
+
+
+def _open3d() -> Any:
+    try:
+        import open3d
+    except (ImportError, OSError) as error:  # OSError: a library of the system is missing
+        raise FiptError(f"open3d must be importable to fuse depth maps ({error})", "see fipt doctor") from error
+    return open3d
+
+
+class _Camera:
+    """Projection of one view."""
+
+    def __init__(self, intrinsics: np.ndarray, world_from_camera: np.ndarray) -> None:
+        self.fx, self.fy, self.cx, self.cy = (float(value) for value in intrinsics)
+        # image axes: x right, y down, z forward
+        self.rotation = world_from_camera[:3, :3].astype(np.float64) @ np.diag([1.0, -1.0, -1.0])
+        self.center = world_from_camera[:3, 3].astype(np.float64)
+
+    def matrix(self) -> np.ndarray:
+        """(3, 3) intrinsics of pixels counted from their centres."""
+        return np.array([[self.fx, 0, self.cx - 0.5], [0, self.fy, self.cy - 0.5], [0, 0, 1]])
+
+    def extrinsics(self) -> np.ndarray:
+        """(4, 4) image axes from world axes."""
+        result = np.eye(4)
+        result[:3, :3], result[:3, 3] = self.rotation.T, -self.rotation.T @ self.center
+        return result
+
+    def blocks(self, middle: np.ndarray, side: float, shape: tuple[int, ...], deepest: float) -> np.ndarray:
+        """Numbers of the blocks, by their (B, 3) middles, that may lie in the image before its deepest pixel."""
+        local = (middle - self.center) @ self.rotation
+        reach, z = side, np.maximum(local[:, 2], side)
+        u, v = self.fx * local[:, 0] / z + self.cx, self.fy * local[:, 1] / z + self.cy
+        rim = self.fx * reach / z
+        inside = (local[:, 2] > -reach) & (local[:, 2] < deepest + 2 * side)
+        inside &= (u > -rim) & (u < shape[1] + rim) & (v > -rim) & (v < shape[0] + rim)
+        return np.flatnonzero(inside)
+
+    def distances(
+        self,
+        base: np.ndarray,
+        within: np.ndarray,
+        depth: np.ndarray,
+        normal: np.ndarray,
+        weight: np.ndarray,
+        carves: np.ndarray,
+        most: float,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Weighted distances in truncations, and weights, (B, K) float32 each, of the voxels of blocks."""
+        local = ((base - self.center) @ self.rotation)[:, None] + (within @ self.rotation)[None]
+        local = local.astype(np.float32)
+        x, y, z = np.moveaxis(local, -1, 0)
+        ahead = z > 1e-3
+        safe = np.where(ahead, z, 1.0)
+        u, v = self.fx * x / safe + self.cx, self.fy * y / safe + self.cy
+        rows, columns = depth.shape
+        ahead &= (u >= 0) & (v >= 0) & (u < columns) & (v < rows)
+        pixel = (np.where(ahead, v, 0).astype(np.int64), np.where(ahead, u, 0).astype(np.int64))
+        found, w = depth[pixel], weight[pixel]
+        ahead &= (found > 0) & (w > 0)
+        # point of the pixel's centre on its surface, and the tangent plane there
+        tangent = (normal @ self.rotation).astype(np.float32)[pixel]
+        point = np.stack([
+            (pixel[1] + 0.5 - self.cx) / self.fx * found, (pixel[0] + 0.5 - self.cy) / self.fy * found, found
+        ], axis=-1)  # fmt: skip
+        straight = found - z
+        leaning = ((local - point) * tangent).sum(axis=-1)
+        flat = (tangent**2).sum(axis=-1) > 0.5
+        # before an outline's pixel the tangent plane of a grazing surface tells nothing
+        signed = np.where(flat & (np.abs(straight) < 4 * most), leaning, straight) / np.float32(most)
+        ahead &= (signed > -1) & (carves[pixel] | (signed < 1)) & (straight > -4 * most)
+        w = np.where(ahead, w, 0)
+        return w * np.minimum(signed, 1), w
+
+
+def _ordered(vertices: np.ndarray, triangles: np.ndarray) -> dict[str, Any]:
+    """Vertices and triangles in an order of their places: the grid's hash map leaves another at each run."""
+    order = np.lexsort(vertices.T)
+    number = np.empty(len(order), np.int64)
+    number[order] = np.arange(len(order))
+    corner = number[triangles.astype(np.int64)]
+    first = corner.argmin(axis=1)
+    corner = corner[np.arange(len(corner))[:, None], (first[:, None] + np.arange(3)) % 3]
+    return {
+        "vertices": vertices[order].astype(np.float32),
+        "triangles": corner[np.lexsort(corner.T[::-1])].astype(np.int32),
+    }
+
+
+def memory(blocks: int) -> int:
+    """Bytes that so many blocks need."""
+    return blocks * BLOCK**3 * _VOXEL_BYTES

@@ -1,0 +1,116 @@
+"""Depth of two slanted planes with texture comes out as it is; views without parallax or overlap are refused."""
+
+import numpy as np
+import pytest
+
+from fipt.errors import FiptError
+from fipt.render.variant import set_variant
+from fipt.scene.cameras import Camera
+from fipt.scene.depth_maps import DepthMap
+from fipt.stages.geometry.depth import depth_maps
+from fipt.stages.geometry.neighbours import choose_sources
+from fipt.stages.geometry.settings import DepthSettings
+from fipt.stages.geometry.stereo_view import StereoView, noise_of, normals_of, transfer
+
+WIDTH, HEIGHT, FOCAL = 96, 72, 80.0
+PLANES = (((0.5, 0.1, 1.0), -2.4), ((-0.4, 0.2, 1.0), -2.2))
+"""Normals and offsets of two planes: the nearer one is seen."""
+
+
+def camera(name: str, x: float, y: float = 0.0, turn: float = 0.0) -> Camera:
+    pose = np.eye(4)
+    cosine, sine = np.cos(np.radians(turn)), np.sin(np.radians(turn))
+    pose[:3, :3] = [[cosine, 0, sine], [0, 1, 0], [-sine, 0, cosine]]
+    pose[:3, 3] = x, y, 0.0
+    return Camera(name, "train", WIDTH, HEIGHT, FOCAL, FOCAL, WIDTH / 2, HEIGHT / 2, pose)
+
+
+def seen(taken: Camera) -> tuple[StereoView, np.ndarray, np.ndarray]:
+    """A view of the planes, its true depth and its true normals."""
+    blank = StereoView(taken, np.zeros((HEIGHT, WIDTH), np.float32), 0.0)
+    rays = blank.rays @ blank.rotation  # world axes, at depth 1
+    depth, normal = np.full((HEIGHT, WIDTH), np.inf), np.zeros((HEIGHT, WIDTH, 3))
+    for direction, offset in PLANES:
+        unit = np.array(direction) / np.linalg.norm(direction)
+        away = (offset / np.linalg.norm(direction) - taken.center @ unit) / (rays @ unit)
+        nearer = (away > 0) & (away < depth)
+        depth[nearer], normal[nearer] = away[nearer], unit
+    points = taken.center + rays * np.minimum(depth, 10.0)[..., None]
+    waves = np.random.default_rng(5).normal(size=(24, 3)) * 9.0
+    light = np.sin(points @ waves.T + np.arange(24)).sum(axis=-1) * 0.1
+    return StereoView(taken, light.astype(np.float32), 1e-3), depth, normal
+
+
+@pytest.fixture(scope="module")
+def estimated() -> list[tuple[DepthMap, np.ndarray, np.ndarray]]:
+    """Depth maps of five views, with their truth."""
+    import drjit
+
+    cameras = [camera(f"v{i}", *at) for i, at in enumerate([(0, 0), (-0.3, 0.1), (0.3, 0, 4), (0, -0.3), (0.1, 0.3)])]
+    views = [seen(taken) for taken in cameras]
+    dj = getattr(drjit, set_variant().name)
+    found = depth_maps(dj, [view for view, _, _ in views], DepthSettings())
+    return [(made, depth, normal) for (_, made), (_, depth, normal) in zip(found, views, strict=True)]
+
+
+def test_slanted_planes_come_out_as_they_are(estimated: list[tuple[DepthMap, np.ndarray, np.ndarray]]) -> None:
+    for made, depth, normal in estimated:
+        inner = np.zeros(depth.shape, bool)
+        inner[12:-12, 18:-18] = True
+        assert made.known[inner].mean() > 0.85
+        wrong = np.abs(made.depth / depth - 1)[made.known]
+        assert np.median(wrong) < 0.003
+        assert (wrong < 0.02).mean() > 0.97
+        cosine = (made.normal * normal).sum(axis=-1)[made.known]
+        assert np.degrees(np.arccos(np.clip(np.median(cosine), -1, 1))) < 5
+
+
+def test_what_is_unknown_is_zero(estimated: list[tuple[DepthMap, np.ndarray, np.ndarray]]) -> None:
+    for made, _, _ in estimated:
+        unknown = ~made.known
+        assert unknown.any()
+        assert not made.confidence[unknown].any()
+        assert not made.normal[unknown].any()
+        assert 0 < made.confidence[made.known].min() <= made.confidence.max() <= 1
+
+
+def test_transfer_goes_through_world_points(np_rng: np.random.Generator) -> None:
+    here, there = camera("a", 0.2, 0.1, 10.0), camera("b", -0.4, 0.0, -5.0)
+    points = np_rng.uniform((-0.5, -0.5, -4), (0.5, 0.5, -2), (20, 3))
+    (pixel, depth), (expected, other) = here.project(points), there.project(points)
+    blank = np.zeros((HEIGHT, WIDTH), np.float32)
+    turn, shift = transfer(StereoView(here, blank, 0.0), StereoView(there, blank, 0.0))
+    at = np.column_stack([pixel - 0.5, np.ones(20)]) @ turn.T + shift / depth[:, None]
+    assert np.allclose(at[:, :2] / at[:, 2:] + 0.5, expected)
+    assert np.allclose(at[:, 2] * depth, other)
+
+
+def test_normals_are_those_of_the_plane() -> None:
+    view, depth, normal = seen(camera("a", 0.1, 0.0, 7.0))
+    q = 1 / depth
+    planes = np.stack([q, np.gradient(q, axis=1), np.gradient(q, axis=0)])
+    apart = (normals_of(view, planes) * normal).sum(axis=-1)
+    assert np.quantile(apart, 0.1) > 0.9999
+
+
+def test_noise_is_told_from_shading(np_rng: np.random.Generator) -> None:
+    shading = np.add.outer(np.linspace(0, 2, 80), np.linspace(0, 1, 90) ** 2)
+    assert noise_of(shading) < 1e-4
+    assert noise_of(shading + np_rng.normal(0, 0.05, shading.shape)) == pytest.approx(0.05, rel=0.1)
+
+
+def test_a_panorama_is_refused() -> None:
+    with pytest.raises(FiptError, match="one place, as in a panorama"):
+        choose_sources([camera(f"v{i}", 0.001 * i, turn=8.0 * i) for i in range(6)], 4, 0.3)
+
+
+def test_views_that_do_not_overlap_are_refused() -> None:
+    with pytest.raises(FiptError, match="at least 3 views"):
+        choose_sources([camera("a", 0.0), camera("b", 0.3), camera("c", 0.0, turn=180.0)], 4, 0.3)
+
+
+def test_sources_look_at_the_same_from_the_side() -> None:
+    cameras = [camera("a", 0.0), camera("near", 0.01), camera("side", 0.4), camera("back", 0.4, turn=180.0)]
+    cameras += [camera("other", 0.2, 0.3)]
+    chosen = choose_sources(cameras, 2, 0.3)[0]
+    assert {cameras[j].name for j in chosen} == {"side", "other"}

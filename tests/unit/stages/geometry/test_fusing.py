@@ -1,0 +1,112 @@
+"""Depth maps of a known room, fused into one mesh."""
+
+import importlib.util
+
+import numpy as np
+import pytest
+
+from fipt.errors import FiptError
+from fipt.scene.cameras import Camera
+from fipt.scene.depth_maps import DepthMap
+from fipt.scene.mesh import Mesh
+from fipt.stages.geometry.depth_views import DepthView, depth_noise
+from fipt.stages.geometry.fusing import check_memory, fuse, voxel_size
+from fipt.stages.geometry.tsdf import fused
+
+needs_open3d = pytest.mark.skipif(importlib.util.find_spec("open3d") is None, reason="open3d is not installed")
+HALF = 1.5
+"""Half of the side of the room, a cube around the origin."""
+
+
+def view_of_cube(name: str, center: tuple[float, float, float], turn: float, noise: float = 0.0) -> DepthView:
+    """A view from within the cube, turned about the vertical axis; its depth is exact but for noise."""
+    pose = np.eye(4)
+    c, s = np.cos(turn), np.sin(turn)
+    pose[:3, :3] = [[c, 0, s], [0, 1, 0], [-s, 0, c]]
+    pose[:3, 3] = center
+    camera = Camera(name, "train", 80, 60, 50.0, 50.0, 40.0, 30.0, pose)
+    empty = DepthMap(np.zeros((60, 80), np.float32), np.zeros((60, 80), np.float32), np.zeros((60, 80, 3), np.float32))
+    view = DepthView(camera, empty, np.ones((60, 80, 3), np.float32))
+    with np.errstate(divide="ignore"):
+        far = np.where(view.rays > 0, (HALF - camera.center) / view.rays, (-HALF - camera.center) / view.rays)
+    far = np.where(np.abs(view.rays) > 1e-9, far, np.inf)
+    axis, depth = far.argmin(axis=-1), far.min(axis=-1)
+    normal = -np.sign(np.take_along_axis(view.rays, axis[..., None], -1)) * np.eye(3)[axis]
+    depth = depth + noise * depth**2 * np.random.default_rng(len(name)).standard_normal(depth.shape)
+    found = DepthMap(depth.astype(np.float32), np.ones(depth.shape, np.float32), normal.astype(np.float32))
+    return view.with_map(found)
+
+
+def around(noise: float = 0.0) -> list[DepthView]:
+    """Views in all directions."""
+    return [view_of_cube(f"v{i}" + "x" * i, (0.4 * (i % 3 - 1), 0.1, 0.3), i * np.pi / 4, noise) for i in range(8)]
+
+
+def off_the_walls(mesh: Mesh) -> np.ndarray:
+    return np.abs(HALF - np.abs(mesh.vertices)).min(axis=1)
+
+
+@needs_open3d
+def test_a_cube_is_fused_from_its_views():
+    views = around()
+    mesh = fuse(views, [view.map.known for view in views], 1e-3, 0.05)
+    off = off_the_walls(mesh)
+    assert np.percentile(off, 95) < 0.002
+    centers = mesh.corners.mean(axis=1)
+    inward = (mesh.normals * -centers).sum(axis=1) > 0  # towards the cameras
+    assert mesh.areas[inward].sum() > 0.99 * mesh.areas.sum()
+    assert mesh.areas[np.abs(centers[:, 1]) < 1].sum() > 0.9 * 4 * 2 * HALF * 2
+
+
+@needs_open3d
+def test_the_same_input_gives_the_same_mesh():
+    views = around()[:3]
+    one, other = (fuse(views, [view.map.known for view in views], 1e-3, 0.1) for _ in range(2))
+    np.testing.assert_array_equal(one.vertices, other.vertices)
+    np.testing.assert_array_equal(one.triangles, other.triangles)
+
+
+@needs_open3d
+def test_free_space_carves_what_one_view_says_by_mistake():
+    views = around()
+    wrong = views[0].map.depth.copy()
+    wrong[25:35, 35:45] = 0.7
+    views[0] = views[0].with_map(DepthMap(wrong, views[0].map.confidence, views[0].map.normal))
+    here = views[0].camera.center + 0.7 * views[0].rays[30, 40]
+    carved = fuse(views, [view.map.known for view in views], 1e-3, 0.05)
+    kept = fuse(views, [np.zeros_like(view.map.known) for view in views], 1e-3, 0.05)
+    near_carved, near_kept = (
+        np.linalg.norm(mesh.vertices - here, axis=1).min() if len(mesh.vertices) else np.inf for mesh in (carved, kept)
+    )
+    assert near_kept < 0.05 < near_carved
+
+
+def test_noise_is_measured():
+    assert depth_noise(around(0.01)) == pytest.approx(0.01, rel=0.15)
+    # without noise, what a pixel can tell
+    assert depth_noise(around()) < 0.002
+
+
+def test_voxels_are_as_large_as_pixels():
+    views = around()
+    depth = np.concatenate([view.map.depth.ravel() for view in views])
+    assert voxel_size(views, 0.001) == pytest.approx(np.median(depth) / 50)
+    assert voxel_size(views, 0.5) == 0.5
+
+
+def test_memory_is_refused_before_it_is_used():
+    with pytest.raises(FiptError, match=r"geometry\.memory_gb is 0\.01"):
+        check_memory(around(), 0.005, 0.01)
+
+
+def test_no_depth_at_all_is_said():
+    view = around()[0]
+    empty = view.with_map(DepthMap(0 * view.map.depth, 0 * view.map.depth, view.map.normal))
+    with pytest.raises(FiptError, match="all pixels are unknown"):
+        voxel_size([empty], 0.01)
+
+
+def test_a_missing_open3d_is_said(monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "open3d", None)
+    with pytest.raises(FiptError, match="open3d must be importable"):
+        fused(*(np.zeros(1) for _ in range(6)), 0.1)
