@@ -8,8 +8,9 @@ that faces one way is about equally bright. So the pixels of a tile tell the rad
 by least squares, with a standard error from what is left. Shares are counted by few rays. The error of a share w, of
 variance f w (1 - w) / rays, would draw all kinds to the mean; what it adds to the squares is taken out.
 
-An *island* is surface of one facing, connected, of which nine in ten pixels are mixed. In every tile the island that
-fills most is a kind of its own; other islands that face one way are one kind, and so is other surface.
+An *island* is surface of one facing, connected, of which nine in ten pixels are mixed. In a tile, an island that fills
+an eighth of it, and the one that fills most, is a kind of its own; other islands that face one way are one kind, and so
+is other surface.
 """
 
 from collections.abc import Sequence
@@ -32,9 +33,15 @@ _RARE = 0.1
 _TILE = 16
 """Side of a tile, pixels: some hundred pixels for a dozen unknowns."""
 _COUNTED = 0.18 / RAYS_PER_SIDE**2
-"""Variance of a share over w (1 - w): an edge has an error of 0.043 (docs/measurements/accuracy.md), against 1 / 6 / 16."""
+"""Variance of a share over w (1 - w).
+
+An edge's has a standard error of 0.043 (docs/measurements/accuracy.md), and w (1 - w) is 1 / 6 on average.
+"""
+_OWN = 1 / 8
+"""Share of a tile that makes an island a kind of its own: as many unknowns as a tile can tell, with other surface."""
 _LEAST = 4.0
 """Pixels that a kind must fill in a tile, all shares together."""
+
 
 @dataclass(frozen=True)
 class Unmixed:
@@ -99,22 +106,29 @@ def unmixed(
     for part in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(tile[rows])) + 1) if len(rows) else []:
         sample = rows[part]
         mixed = number[sample] >= 0
-        names, of = np.unique(number[sample][mixed], return_inverse=True)
-        chief = names[np.bincount(of.reshape(-1), share[sample][mixed]).argmax()] if mixed.any() else -2
-        kind = np.where(mixed, facing[part] + FACINGS, facing[part])
-        kind = np.where(number[sample] == chief, 2 * FACINGS, kind)
         row = np.unique(pixel[sample], return_inverse=True)
+        large = _large(number[sample], share[sample], len(row[0]))
+        kind = np.where(mixed, facing[part] + FACINGS, facing[part])
+        kind = np.where(large, 2 * FACINGS + number[sample], kind)
         solved = _solved(kind, row[1].reshape(-1), share[sample], radiance[row[0]])
         if solved is None:
             continue
         level, error = solved
         known = mixed & np.isfinite(error)
-        island_of = np.where(number[sample] == chief, chief, -1)
+        island_of = np.where(large, number[sample], -1)
         found.append((sample[known], island_of[known], level[known], error[known], tile[sample][known]))
     if not found:
         none = np.zeros(0, np.int64)
         return Unmixed(none, none, np.zeros((0, 3)), np.zeros(0), none)
     return Unmixed(*(np.concatenate(column) for column in zip(*found, strict=True)))
+
+
+def _large(island: np.ndarray, share: np.ndarray, pixels: int) -> np.ndarray:
+    """(N,) bool: samples of islands that fill enough of a tile of so many pixels, and of the one that fills most."""
+    names, of = np.unique(island, return_inverse=True)
+    fills = np.where(names >= 0, np.bincount(of.reshape(-1), share, len(names)), 0)
+    own = (fills >= _OWN * pixels) | (fills == fills.max(initial=0))
+    return (own & (names >= 0))[of.reshape(-1)]
 
 
 def _solved(

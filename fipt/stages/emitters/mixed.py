@@ -6,6 +6,7 @@ standard errors aside. Its pixels are then observations as others are, with the 
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -24,6 +25,25 @@ _FEWEST = 3
 """Tiles whose scatter tells an error."""
 
 
+@dataclass(frozen=True)
+class _Told:
+    """N samples of islands whose radiance a tile tells.
+
+    ``island``, ``view``, ``tile``, ``sample``, ``triangle`` (N,) int64; ``radiance`` (N, 3); ``error``, ``share`` of
+    the pixel and ``most``, the brightest reflection, (N,).
+    """
+
+    island: np.ndarray
+    radiance: np.ndarray
+    error: np.ndarray
+    tile: np.ndarray
+    view: np.ndarray
+    sample: np.ndarray
+    triangle: np.ndarray
+    share: np.ndarray
+    most: np.ndarray
+
+
 def mixed_emitters(mesh: Mesh, shards: Sequence[ObservedShard]) -> Observations:
     """Find emitters that are seen in mixed pixels; return these pixels, sorted by view, with the emitter's radiance.
 
@@ -32,39 +52,49 @@ def mixed_emitters(mesh: Mesh, shards: Sequence[ObservedShard]) -> Observations:
     shards
         The training views.
     """
+    told = _told(mesh, shards)
+    radiance, tells = told.radiance.astype(np.float32), np.zeros(len(told.island), bool)
+    for name in np.unique(told.island):
+        own = np.flatnonzero(told.island == name)
+        most = float(np.average(told.most[own], weights=told.share[own]))
+        mean = _emitted(told.radiance[own], told.error[own], told.tile[own], most)
+        if mean is not None:
+            radiance[own] = mean
+            tells[own] = (told.share[own] >= _LEAST_SHARE) & (told.share[own] < ALONE)
+    nothing = np.zeros(int(tells.sum()), np.float32)
+    return Observations(
+        told.triangle[tells], radiance[tells], told.view[tells], nothing, nothing.astype(bool), told.sample[tells]
+    )
+
+
+def _told(mesh: Mesh, shards: Sequence[ObservedShard]) -> _Told:
+    """What tiles tell of islands, in all views."""
     island = islands(mesh, [shard.samples for shard in shards])
-    columns: list[tuple[np.ndarray, ...]] = []
-    view = 0
+    parts = []
+    tiles = 0
     for shard in shards:
         samples = shard.samples
         for index in range(len(samples.views)):
             own, pixels = samples.of_view(index), samples.pixels(index)
             usable = (np.asarray(shard.weight[pixels]) > 0) & ~np.asarray(shard.clipped[pixels])
             found = unmixed(samples, index, island, np.asarray(shard.radiance[pixels]), usable)
-            chief = np.flatnonzero(found.island >= 0)
-            rows = found.sample[chief] + own.start
-            most = brightest_reflection(np.asarray(shard.shading[rows], np.float32))
-            share, triangle = np.asarray(samples.weight[rows]), np.asarray(samples.triangle[rows]).astype(np.int64)
-            _, tile = np.unique(found.tile[chief], return_inverse=True)
-            tile = tile.reshape(-1) + (columns[-1][3].max(initial=-1) + 1 if columns else 0)
-            error, radiance = found.error[chief], found.radiance[chief]
-            columns.append((found.island[chief], radiance, error, tile, most, share, triangle, np.full(len(rows), view), rows))  # fmt: skip
-            view += 1
-    number, radiance, error, tile, most, share, triangle, views, rows = (
-        np.concatenate(column) for column in zip(*columns, strict=True)
-    )
-    tells = np.zeros(len(number), bool)
-    for name in np.unique(number):
-        own = np.flatnonzero(number == name)
-        mean = _emitted(radiance[own], error[own], tile[own], np.average(most[own], weights=share[own]))
-        if mean is None:
-            continue
-        radiance[own] = mean
-        tells[own] = (share[own] >= _LEAST_SHARE) & (share[own] < ALONE)
-    nothing = np.zeros(int(tells.sum()), np.float32)
-    return Observations(
-        triangle[tells], radiance[tells].astype(np.float32), views[tells], nothing, nothing.astype(bool), rows[tells]
-    )
+            alone = np.flatnonzero(found.island >= 0)
+            rows, tile = found.sample[alone] + own.start, found.tile[alone]
+            parts.append(
+                _Told(
+                    found.island[alone],
+                    found.radiance[alone],
+                    found.error[alone],
+                    tiles + tile,
+                    np.full(len(rows), len(parts)),
+                    rows,
+                    np.asarray(samples.triangle[rows]).astype(np.int64),
+                    np.asarray(samples.weight[rows]),
+                    brightest_reflection(np.asarray(shard.shading[rows], np.float32)),
+                )
+            )
+            tiles += int(tile.max(initial=-1)) + 1
+    return _Told(*(np.concatenate([getattr(part, own.name) for part in parts]) for own in fields(_Told)))
 
 
 def _emitted(radiance: np.ndarray, error: np.ndarray, tile: np.ndarray, most: float) -> np.ndarray | None:

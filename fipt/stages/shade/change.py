@@ -11,8 +11,8 @@ If y has no bias, and x the bias c, then (1 - k) y + k x is best with k = v / D 
 where they differ by noise alone, y alone where all views agree that x was wrong.
 
 It has a bias where emitters are missing: then less arrives than the photographs show, in all views alike, and fits make
-up for it by base colours near white. What tells is surface that is brighter than white under y, and not under x. Nothing
-is taken from such a round.
+up for it by base colours near white. What tells is surface that is brighter than white under y, and not under x.
+Nothing is taken from such a round.
 """
 
 from collections.abc import Iterable
