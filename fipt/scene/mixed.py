@@ -10,7 +10,7 @@ variance f w (1 - w) / rays, would draw all kinds to the mean; what it adds to t
 
 An *island* is surface of one facing, connected, of which nine in ten pixels are mixed. In a tile, an island that fills
 an eighth of it, and the one that fills most, is a kind of its own; other islands that face one way are one kind, and so
-is other surface.
+is other surface of one connected part. Tiles of which islands fill less than half tell nothing.
 """
 
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from fipt.conventions import RAYS_PER_SIDE
-from fipt.scene.mesh import Mesh, touching_triangles
+from fipt.scene.mesh import Mesh, connected_parts, touching_triangles
 from fipt.scene.samples import FootprintSamples
 from fipt.scene.voxels import FACINGS, facings
 
@@ -32,6 +32,8 @@ _RARE = 0.1
 """Share of what is seen of a triangle that pixels may show alone: they lie at gaps and at its edges."""
 _TILE = 16
 """Side of a tile, pixels: some hundred pixels for a dozen unknowns."""
+_MOST = 0.5
+"""Share of a tile that islands must fill: where it shows more of other surface, uneven light of that falls on them."""
 _COUNTED = 0.18 / RAYS_PER_SIDE**2
 """Variance of a share over w (1 - w).
 
@@ -68,8 +70,24 @@ class Unmixed:
     tile: np.ndarray
 
 
-def islands(mesh: Mesh, shards: Sequence[FootprintSamples]) -> np.ndarray:
-    """(T,) int64 island of each triangle, -1 where pixels show it alone, or nothing shows it."""
+@dataclass(frozen=True)
+class Islands:
+    """Of T triangles.
+
+    Attributes
+    ----------
+    number
+        (T,) int64 island, -1 where pixels show the triangle alone, or nothing shows it.
+    part
+        (T,) int64 connected part of the mesh.
+    """
+
+    number: np.ndarray
+    part: np.ndarray
+
+
+def find_islands(mesh: Mesh, shards: Sequence[FootprintSamples]) -> Islands:
+    """Find the surface that hardly a pixel of any view shows alone."""
     total, alone = np.zeros((2, len(mesh.triangles)))
     for samples in shards:
         triangle, share = np.asarray(samples.triangle), np.asarray(samples.weight)
@@ -80,25 +98,25 @@ def islands(mesh: Mesh, shards: Sequence[FootprintSamples]) -> np.ndarray:
     a, b = touching_triangles(mesh)
     joined = mixed[a] & mixed[b] & (axis[a] == axis[b])
     graph = coo_matrix((np.ones(joined.sum()), (a[joined], b[joined])), shape=(len(total), len(total)))
-    return np.where(mixed, connected_components(graph, directed=False)[1], -1).astype(np.int64)
+    number = np.where(mixed, connected_components(graph, directed=False)[1], -1)
+    return Islands(number.astype(np.int64), connected_parts(mesh).astype(np.int64))
 
 
 def unmixed(
-    samples: FootprintSamples, index: int, island: np.ndarray, radiance: np.ndarray, usable: np.ndarray
+    samples: FootprintSamples, index: int, islands: Islands, radiance: np.ndarray, usable: np.ndarray
 ) -> Unmixed:
     """Tell the radiance of the islands in view number ``index``.
 
     Parameters
     ----------
-    island
-        (T,) of `islands`.
     radiance, usable
         (P, 3) and (P,) bool of the view's pixels.
     """
     own, pixel = samples.of_view(index), samples.pixel_of_sample(index)
     width = samples.shapes[index][1]
     tile = (pixel // width // _TILE) * (width // _TILE + 1) + pixel % width // _TILE
-    number, share = island[np.asarray(samples.triangle[own])], np.asarray(samples.weight[own], np.float64)
+    triangle, share = np.asarray(samples.triangle[own]), np.asarray(samples.weight[own], np.float64)
+    number, owner = islands.number[triangle], islands.part[triangle]
     rows = np.flatnonzero(np.isin(tile, tile[number >= 0]) & usable[pixel])
     rows = rows[np.argsort(tile[rows], kind="stable")]
     facing = facings(np.asarray(samples.normal[own])[rows]).astype(np.int64)
@@ -106,10 +124,13 @@ def unmixed(
     for part in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(tile[rows])) + 1) if len(rows) else []:
         sample = rows[part]
         mixed = number[sample] >= 0
+        if share[sample][mixed].sum() < _MOST * share[sample].sum():
+            continue
         row = np.unique(pixel[sample], return_inverse=True)
         large = _large(number[sample], share[sample], len(row[0]))
-        kind = np.where(mixed, facing[part] + FACINGS, facing[part])
-        kind = np.where(large, 2 * FACINGS + number[sample], kind)
+        # three ranges of numbers: other surface by part and facing, islands by facing, large ones by themselves
+        kind = np.where(mixed, -1 - facing[part], owner[sample] * FACINGS + facing[part])
+        kind = np.where(large, -1 - FACINGS - number[sample], kind)
         solved = _solved(kind, row[1].reshape(-1), share[sample], radiance[row[0]])
         if solved is None:
             continue

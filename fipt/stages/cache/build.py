@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from fipt.scene.mesh import Mesh, connected_parts, surface_points
-from fipt.scene.mixed import islands, unmixed
+from fipt.scene.mixed import find_islands, unmixed
 from fipt.scene.samples import FootprintSamples, scene_box
 from fipt.scene.voxels import FACINGS, facings, voxel_keys
 from fipt.stages.cache.settings import CacheSettings
@@ -62,13 +62,13 @@ def build(
     for turn in (1, -1):  # surfaces have two sides
         records.add(voxel + facings(turn * mesh.normals[owner]), surface, owner)
 
-    sums, island = _Sums(len(records.key)), islands(mesh, shards)
+    sums, islands = _Sums(len(records.key)), find_islands(mesh, shards)
     for (samples, index), (image, valid, clipped) in zip(views, images, strict=True):
         own, pixel = samples.of_view(index), samples.pixel_of_sample(index)
         record = np.searchsorted(records.key, keys(samples, own))
         weight = valid[pixel] * np.where(samples.weight[own] >= _INTERIOR, 1.0, _MIXED)
         light = image[pixel].astype(np.float64)
-        alone = unmixed(samples, index, island, image, (valid > 0) & ~clipped)
+        alone = unmixed(samples, index, islands, image, (valid > 0) & ~clipped)
         light[alone.sample] = np.where(weight[alone.sample, None] > _MIXED, light[alone.sample], alone.radiance)
         doubt = alone.error / np.maximum(image[pixel[alone.sample]].mean(axis=1), 1e-6)
         weight[alone.sample] /= np.where(weight[alone.sample] > _MIXED, 1, 1 + doubt**2)

@@ -13,7 +13,7 @@ import numpy as np
 from fipt.conventions import EMITTER_GAIN
 from fipt.model.reflectance import brightest_reflection
 from fipt.scene.mesh import Mesh
-from fipt.scene.mixed import ALONE, islands, unmixed
+from fipt.scene.mixed import ALONE, Islands, find_islands, unmixed
 from fipt.scene.observed import ObservedShard
 from fipt.stages.emitters.observations import Observations
 
@@ -29,17 +29,14 @@ _FEWEST = 3
 class _Told:
     """N samples of islands whose radiance a tile tells.
 
-    ``island``, ``view``, ``tile``, ``sample``, ``triangle`` (N,) int64; ``radiance`` (N, 3); ``error``, ``share`` of
-    the pixel and ``most``, the brightest reflection, (N,).
+    ``island`` and ``tile`` (N,) int64; ``radiance`` (N, 3); ``error``, ``share`` of the pixel and ``most``, the
+    brightest reflection, (N,).
     """
 
     island: np.ndarray
     radiance: np.ndarray
     error: np.ndarray
     tile: np.ndarray
-    view: np.ndarray
-    sample: np.ndarray
-    triangle: np.ndarray
     share: np.ndarray
     most: np.ndarray
 
@@ -52,24 +49,36 @@ def mixed_emitters(mesh: Mesh, shards: Sequence[ObservedShard]) -> Observations:
     shards
         The training views.
     """
-    told = _told(mesh, shards)
-    radiance, tells = told.radiance.astype(np.float32), np.zeros(len(told.island), bool)
+    islands = find_islands(mesh, [shard.samples for shard in shards])
+    told = _told(islands, shards)
+    level = np.full((len(islands.number) + 1, 3), np.nan, np.float32)
     for name in np.unique(told.island):
         own = np.flatnonzero(told.island == name)
         most = float(np.average(told.most[own], weights=told.share[own]))
         mean = _emitted(told.radiance[own], told.error[own], told.tile[own], most)
         if mean is not None:
-            radiance[own] = mean
-            tells[own] = (told.share[own] >= _LEAST_SHARE) & (told.share[own] < ALONE)
-    nothing = np.zeros(int(tells.sum()), np.float32)
-    return Observations(
-        told.triangle[tells], radiance[tells], told.view[tells], nothing, nothing.astype(bool), told.sample[tells]
-    )
+            level[name] = mean
+    return _observed(shards, level[islands.number])
 
 
-def _told(mesh: Mesh, shards: Sequence[ObservedShard]) -> _Told:
+def _observed(shards: Sequence[ObservedShard], emitted: np.ndarray) -> Observations:
+    """Pixels that show, with others, a triangle that is known to emit; ``emitted`` (T, 3) is NaN for all others."""
+    columns: list[tuple[np.ndarray, ...]] = []
+    for shard in shards:
+        samples = shard.samples
+        for index in range(len(samples.views)):
+            own, pixel = samples.of_view(index), samples.pixel_of_sample(index) + samples.pixels(index).start
+            triangle, share = np.asarray(samples.triangle[own]), np.asarray(samples.weight[own])
+            use = np.isfinite(emitted[triangle, 0]) & (share >= _LEAST_SHARE) & (share < ALONE)
+            rows = np.flatnonzero(use & (np.asarray(shard.weight[pixel]) > 0))
+            columns.append((triangle[rows].astype(np.int64), np.full(len(rows), len(columns)), rows + own.start))
+    triangle, view, sample = (np.concatenate(column) for column in zip(*columns, strict=True))
+    nothing = np.zeros(len(triangle), np.float32)
+    return Observations(triangle, emitted[triangle], view, nothing, nothing.astype(bool), sample)
+
+
+def _told(islands: Islands, shards: Sequence[ObservedShard]) -> _Told:
     """What tiles tell of islands, in all views."""
-    island = islands(mesh, [shard.samples for shard in shards])
     parts = []
     tiles = 0
     for shard in shards:
@@ -77,7 +86,7 @@ def _told(mesh: Mesh, shards: Sequence[ObservedShard]) -> _Told:
         for index in range(len(samples.views)):
             own, pixels = samples.of_view(index), samples.pixels(index)
             usable = (np.asarray(shard.weight[pixels]) > 0) & ~np.asarray(shard.clipped[pixels])
-            found = unmixed(samples, index, island, np.asarray(shard.radiance[pixels]), usable)
+            found = unmixed(samples, index, islands, np.asarray(shard.radiance[pixels]), usable)
             alone = np.flatnonzero(found.island >= 0)
             rows, tile = found.sample[alone] + own.start, found.tile[alone]
             parts.append(
@@ -86,9 +95,6 @@ def _told(mesh: Mesh, shards: Sequence[ObservedShard]) -> _Told:
                     found.radiance[alone],
                     found.error[alone],
                     tiles + tile,
-                    np.full(len(rows), len(parts)),
-                    rows,
-                    np.asarray(samples.triangle[rows]).astype(np.int64),
                     np.asarray(samples.weight[rows]),
                     brightest_reflection(np.asarray(shard.shading[rows], np.float32)),
                 )

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fipt.scene.mixed import islands, unmixed
+from fipt.scene.mixed import Islands, find_islands, unmixed
 from tests import scenes
 
 ROWS, COLUMNS = 32, 48
@@ -41,7 +41,7 @@ def blinds(np_rng):
 
 
 def test_islands_are_what_no_pixel_shows_alone(mesh, blinds):
-    island = islands(mesh, [blinds[0]])
+    island = find_islands(mesh, [blinds[0]]).number
     assert island[0] == island[1] >= 0
     assert island[2] == island[3] >= 0
     assert island[0] != island[2]
@@ -50,7 +50,7 @@ def test_islands_are_what_no_pixel_shows_alone(mesh, blinds):
 
 def test_each_kind_is_told_by_its_shares(mesh, blinds):
     samples, image = blinds
-    found = unmixed(samples, 0, islands(mesh, [samples]), image, np.ones(len(image), bool))
+    found = unmixed(samples, 0, find_islands(mesh, [samples]), image, np.ones(len(image), bool))
     triangle = np.asarray(samples.triangle)[found.sample]
     assert set(triangle) == {0, 1, 2, 3}
     np.testing.assert_allclose(np.median(found.radiance[triangle < 2], axis=0), WINDOW, rtol=0.05)
@@ -61,7 +61,7 @@ def test_each_kind_is_told_by_its_shares(mesh, blinds):
 
 def test_pixels_that_are_not_usable_tell_nothing(mesh, blinds):
     samples, image = blinds
-    island = islands(mesh, [samples])
+    island = find_islands(mesh, [samples])
     half = np.arange(len(image)) < len(image) // 2
     broken = np.where(half[:, None], image, 100)
     found = unmixed(samples, 0, island, broken, half)
@@ -71,5 +71,5 @@ def test_pixels_that_are_not_usable_tell_nothing(mesh, blinds):
 
 def test_a_view_without_islands_tells_nothing(mesh, blinds):
     samples, image = blinds
-    found = unmixed(samples, 0, np.full(6, -1), image, np.ones(len(image), bool))
+    found = unmixed(samples, 0, Islands(np.full(6, -1), np.zeros(6, int)), image, np.ones(len(image), bool))
     assert found.radiance.shape == (0, 3)
