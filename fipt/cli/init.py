@@ -14,7 +14,9 @@ def command(
     path: Annotated[
         Path | None, typer.Option(help="Folder of photographs or of a dataset, or a Mitsuba scene file.")
     ] = None,
-    mesh: Annotated[Path | None, typer.Option(help="Mesh of photographs, or of a dataset without one.")] = None,
+    mesh: Annotated[
+        Path | None, typer.Option(help="Mesh of the room; default: that of a dataset, else made of the views.")
+    ] = None,
     name: Annotated[str | None, typer.Option(help="Name of the scene; default: that of the folder.")] = None,
     poses: Annotated[str, typer.Option(help="Of photographs: colmap estimates them; or a file of poses.")] = "colmap",
     format: Annotated[

@@ -62,6 +62,17 @@ class Layout:
     poses_points = Below("poses/points.ply")
     poses_diagram = Below("poses/poses.png")
 
+    # a mesh from the images
+    posed = Below("geometry/views")
+    posed_transforms = Below("geometry/views/transforms.json")
+    posed_views = Below("geometry/views/views.json")
+    posed_images = Below("geometry/views/images.manifest.json")
+    depth_folder = Below("geometry/depth")
+    depth = Below("geometry/depth.manifest.json")
+    geometry_folder = Below("geometry")
+    estimated_mesh = Below("geometry/mesh.ply")
+    geometry = Below("geometry/geometry.json")
+
     # the dataset
     dataset = Below("dataset")
     transforms = Below("dataset/transforms.json")

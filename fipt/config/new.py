@@ -10,6 +10,7 @@ from string import Template
 import yaml
 
 from fipt.config.reading import CONFIG_FILE, load
+from fipt.config.sources.base import RECONSTRUCTED
 from fipt.errors import FiptError
 from fipt.formats.files import check_name, write_text
 
@@ -33,7 +34,7 @@ class NewRoom:
     name
         Of the scene.
     path, mesh
-        Its data and its mesh; None: a name to be replaced by hand.
+        Its data, a name to be replaced by hand where it is None; and its mesh, made of the images where it is.
     poses
         Of photographs: ``colmap``, or a file.
     format
@@ -78,7 +79,7 @@ def config_text(folder: Path, room: NewRoom) -> str:
     return template.substitute(
         name=room.name,
         path=_written(folder, room.path) if room.path else _PLACES.get(room.source, ""),
-        mesh=_written(folder, room.mesh) if room.mesh else "mesh.ply",
+        mesh=_written(folder, room.mesh) if room.mesh else "mesh.ply" if room.source == "dataset" else RECONSTRUCTED,
         mesh_comment="" if room.mesh else "# ",
         poses=poses,
         format=json.dumps(room.format),

@@ -140,6 +140,12 @@ def emitter_triangles(emitters: Emitters) -> list[np.ndarray]:
     return [emitters.triangle[emitters.emitter == number] for number in range(count)]
 
 
+def question_triangles(emitters: Emitters) -> list[np.ndarray]:
+    """Triangles of every region that may emit, in the order of `undecided_facts`, without those that do emit."""
+    undecided, open_ = emitters.undecided, ~np.isin(emitters.undecided.triangle, emitters.triangle)
+    return [undecided.triangle[open_ & (undecided.region == number)] for number in range(len(undecided.emits))]
+
+
 def emitter_facts(emitters: Emitters, mesh: Mesh) -> list[dict[str, Any]]:
     """What emitters.json says of every emitter.
 

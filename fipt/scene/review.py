@@ -36,6 +36,8 @@ _HEAD = """\
 #   verdict: auto     the photographs decide
 #            accept   these triangles emit in every round, with the radiance that the photographs show
 #            reject   these triangles never emit
+#   question: the photographs do not tell what this is: look at its image, then accept (an emitter) or reject (a mirror,
+#             metal, paint); with auto it does not emit
 #   name: what this emitter is called in light setups, the report and the export
 #   merge_with: name, emitter-N or triangles of another entry: both are one emitter with one radiance
 # docs/stages/emitters.md says more. Comments that you add are lost.
@@ -46,6 +48,7 @@ class ReviewEntry(Settings):
     """One emitter of the file: what a person decides, then the facts of the last run that found it."""
 
     emitter: str | None = None
+    question: str | None = Field(None, description="what the photographs do not tell; null for emitters")
     verdict: Literal["auto", "accept", "reject"] = "auto"
     name: str | None = None
     merge_with: str | None = None
@@ -351,7 +354,8 @@ def refreshed(
     review
         What the file held.
     emitters
-        Facts of each emitter that was found: keys of `ReviewEntry`, ``triangles`` as a set; in the order of the list.
+        Facts of each emitter that was found, and of each surface that may emit: keys of `ReviewEntry`, ``triangles`` as
+        a set, no two of which share one; in the order of the list.
     rejected
         Triangles of an emitter that was rejected -> its image.
     """
@@ -374,7 +378,7 @@ def refreshed(
             rows.append((ReviewEntry(**{**emitter, "triangles": ranges(left)}), left, None))
     for n in kept:
         if n not in own:
-            facts = {"emitter": None, "thumbnail": images.get(old.triangles[n])}
+            facts = {"emitter": None, "question": None, "thumbnail": images.get(old.triangles[n])}
             rows.append((old.entries[n].model_copy(update=facts), old.triangles[n], n))
     place = {n: at for at, (_, _, n) in enumerate(rows) if n is not None}
     others = [None if n is None else old.partner[n] for _, _, n in rows]

@@ -13,7 +13,7 @@ from fipt.inputs import POSITIONAL
 from fipt.registry import VERBS
 
 RULES = Path(fipt.__file__).parent / "workflow" / "rules"
-BY_HAND = {"check-capture", "photograph-images", "depth", "mesh"}
+BY_HAND = {"check-capture", "photograph-images"}
 """Stages that no rule calls: people do."""
 
 

@@ -20,6 +20,9 @@ from fipt.settings import Settings
 ESTIMATED = "colmap"
 """What `poses` of a scene says where poses are estimated."""
 
+RECONSTRUCTED = "reconstruct"
+"""What `mesh` of a scene says where the mesh is made of the images."""
+
 Setups = dict[str, RelightSetup]
 
 
@@ -176,6 +179,20 @@ class Source(ABC):
     def import_options(self) -> list[str]:
         """Options of ``fipt import`` that say what is imported."""
         return []
+
+    @property
+    def reconstructed(self) -> bool:
+        """Whether the mesh is made of the images."""
+        return False
+
+    def view_files(self) -> list[str]:
+        """What an import of the views alone reads, for a mesh that is made of them."""
+        return [path for path in self.imported_files() if path != self.place.layout.estimated_mesh]
+
+    def view_options(self) -> list[str]:
+        """Options of ``fipt import`` for the views alone."""
+        estimated = self.place.layout.estimated_mesh
+        return ["none" if text == estimated else text for text in self.import_options()]
 
     def scene_files(self) -> list[str]:
         """A scene file and every file that it refers to."""

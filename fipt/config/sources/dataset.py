@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from fipt.config.sources.base import Place, Source, SourceEntry, options
+from fipt.config.sources.base import RECONSTRUCTED, Place, Source, SourceEntry, options
 
 _CAMERA_FILES = (
     "transforms.json",
@@ -33,7 +33,9 @@ class DatasetEntry(SourceEntry):
         "truth and ids): these layouts share file names, but not axes"
     )
     mesh: str | None = Field(
-        default=None, description="mesh of a dataset whose layout brings none; {data_root} is replaced"
+        default=None,
+        description="the room's mesh; {data_root} is replaced. `reconstruct` makes one of the views; absent: the one "
+        "that the layout names, else `reconstruct`",
     )
 
 
@@ -78,7 +80,14 @@ class DatasetSource(Source):
         return options(source=self.path, format=self.entry.format, mesh=self._mesh)
 
     @property
+    def reconstructed(self) -> bool:
+        """Whether the mesh is made of the views: asked for, or there is none."""
+        return self.entry.mesh == RECONSTRUCTED or (self.entry.mesh is None and self._read.mesh is None)
+
+    @property
     def _mesh(self) -> str | None:
+        if self.reconstructed:
+            return self.place.layout.estimated_mesh
         return self.place.path(self.entry.mesh, "mesh") if self.entry.mesh else None
 
     @cached_property

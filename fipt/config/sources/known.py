@@ -9,7 +9,7 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 
 from fipt.config.layout import Layout
-from fipt.config.sources.base import ESTIMATED, Photographs, Place, Source, SourceEntry, options
+from fipt.config.sources.base import ESTIMATED, RECONSTRUCTED, Photographs, Place, Source, SourceEntry, options
 
 
 class KnownEntry(SourceEntry):
@@ -23,11 +23,16 @@ class KnownEntry(SourceEntry):
     poses: Literal["colmap"] | None = Field(
         default=None, description="with `simulate_raw`: `colmap` estimates the poses of the photographs"
     )
+    mesh: Literal["reconstruct"] | None = Field(
+        default=None,
+        description="with `simulate_raw`: `reconstruct` makes a mesh of the photographs; absent: the true one",
+    )
 
     @model_validator(mode="after")
     def _photographed_if_estimated(self) -> Self:
-        if self.poses is not None and not self.simulate_raw:
-            raise ValueError(f"poses of a known room may be {self.poses}, where simulate_raw is true")
+        for key, value in (("poses", self.poses), ("mesh", self.mesh)):
+            if value is not None and not self.simulate_raw:
+                raise ValueError(f"{key} of a known room may be {value}, where simulate_raw is true")
         return self
 
 
@@ -72,6 +77,11 @@ class KnownRoom(Source):
         """Whether the poses of photographed views are estimated from the images."""
         return self.entry.poses == ESTIMATED
 
+    @property
+    def reconstructed(self) -> bool:
+        """Whether the mesh is made of the photographs."""
+        return self.entry.mesh == RECONSTRUCTED
+
     @cached_property
     def views(self) -> dict[str, list[str]]:
         """Split -> names of its views, as the settings count them."""
@@ -84,14 +94,19 @@ class KnownRoom(Source):
         if not self.simulated:
             return []
         layout = self.place.layout
-        return [layout.room_mesh, *self._poses, layout.room]
+        return [self._mesh, *self._poses, layout.room]
 
     def import_options(self) -> list[str]:
-        """What was developed, the room's mesh, and poses."""
+        """What was developed, the room's mesh, poses, and what is known of the room."""
         if not self.simulated:
             return []
         layout = self.place.layout
-        return options(source=layout.capture_folder, format="capture", mesh=layout.room_mesh, poses=self._poses[0])
+        named = {"mesh": self._mesh, "poses": self._poses[0], "room": layout.room}
+        return options(source=layout.capture_folder, format="capture", **named)
+
+    @property
+    def _mesh(self) -> str:
+        return self.place.layout.estimated_mesh if self.reconstructed else self.place.layout.room_mesh
 
     @property
     def _poses(self) -> list[str]:

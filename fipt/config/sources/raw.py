@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from fipt.config.sources.base import ESTIMATED, Photographs, Place, Source, SourceEntry, options
+from fipt.config.sources.base import ESTIMATED, RECONSTRUCTED, Photographs, Place, Source, SourceEntry, options
 from fipt.config.sources.known import pose_files
 from fipt.errors import FiptError
 
@@ -23,7 +23,10 @@ class RawEntry(SourceEntry):
         description="colmap estimates them; or a transforms.json with the pose of every view, a COLMAP folder, "
         "Metashape XML or RealityCapture CSV, by view name; {data_root} is replaced"
     )
-    mesh: str = Field(description="the room's mesh; {data_root} is replaced")
+    mesh: str = Field(
+        default=RECONSTRUCTED,
+        description="the room's mesh; {data_root} is replaced. `reconstruct` makes one of the photographs",
+    )
     segments: str | None = Field(
         default=None, description="folder with part/VIEW.png or semantic/VIEW.png; {data_root} is replaced"
     )
@@ -88,6 +91,11 @@ class RawSource(Source):
         return self.entry.poses == ESTIMATED
 
     @property
+    def reconstructed(self) -> bool:
+        """Whether the mesh is made of the photographs."""
+        return self.entry.mesh == RECONSTRUCTED
+
+    @property
     def checks_poses(self) -> bool:
         """True photographs' cameras are checked."""
         return True
@@ -119,7 +127,7 @@ class RawSource(Source):
 
     @property
     def _mesh(self) -> str:
-        return self.place.path(self.entry.mesh, "mesh")
+        return self.place.layout.estimated_mesh if self.reconstructed else self.place.path(self.entry.mesh, "mesh")
 
     @property
     def _segments(self) -> str | None:

@@ -13,6 +13,7 @@ from fipt.scene.emitters import Emitters, Undecided
 from fipt.scene.mesh import Mesh, connected_parts
 from fipt.scene.observed import ObservedShard
 from fipt.scene.review import ReviewDecisions, numbers
+from fipt.stages.emitters.fragments import LEAST_DIFFERENCE, SIGMA, same_emitters
 from fipt.stages.emitters.hypotheses import RegionEvidence, judge
 from fipt.stages.emitters.mixed import mixed_emitters
 from fipt.stages.emitters.observations import (
@@ -35,10 +36,6 @@ _MOST_UNDECIDED = 20
 """Regions that are asked about at most."""
 _PIXELS_OF_TEXEL = 9
 """Pixels that a triangle needs for its median to count as a texel."""
-_TEXTURE_SIGMA = 3.0
-"""Median deviation between texels, in standard errors, above which they are a texture."""
-_LEAST_TEXTURE = 0.05
-"""The same, relative: less is below what shading can tell."""
 _WHOLE = 0.7
 """Share of a part's seen area that must emit before its unseen side is taken to emit too."""
 _SAME_RADIANCE = 0.35
@@ -232,6 +229,9 @@ def _measured(
     emitter = np.unique(emitter[shown], return_inverse=True)[1].reshape(-1)
     group = emitter[np.searchsorted(triangles, seen.triangle)]
     count = int(emitter.max(initial=-1)) + 1
+    if surface is not None:
+        emitter = _whole_emitters(mesh, triangles, emitter, seen, surface, decided)
+        group, count = emitter[np.searchsorted(triangles, seen.triangle)], int(emitter.max(initial=-1)) + 1
     level, unknown_level = levels(seen.radiance, seen.clipped, group, count)
     error = standard_errors(seen.radiance, seen.view, group, count)
     clipped = np.bincount(group, seen.clipped, count) / np.maximum(np.bincount(group, minlength=count), 1)
@@ -273,7 +273,7 @@ def _textured(
     for number in np.unique(of[use]):
         own = use & (of == number)
         spread = np.median(np.abs(middle[own] - np.median(middle[own])))
-        if spread > max(_TEXTURE_SIGMA * np.median(error[own]), _LEAST_TEXTURE):
+        if spread > max(SIGMA * np.median(error[own]), LEAST_DIFFERENCE):
             texels = surface.radiance[shown[own]]
             known = (emitter == number) & np.isfinite(surface.radiance[triangles, 0])
             # a rim, blurred with what is dark around, is no darker than the darkest texel
@@ -343,6 +343,20 @@ def _connected_emitters(mesh: Mesh, triangles: np.ndarray, radiance: np.ndarray,
     emitter = _connected([np.stack([a, b])[:, alike], *map(_chain, whole)], len(triangles))
     merged = [np.unique(emitter[np.isin(triangles, group)]) for group in decided.merged]
     return _connected([np.empty((2, 0), int), *map(_chain, merged)], int(emitter.max()) + 1)[emitter]
+
+
+def _whole_emitters(
+    mesh: Mesh, triangles: np.ndarray, emitter: np.ndarray, seen: Observations, surface: Surface, decided: Decided
+) -> np.ndarray:
+    """(E,) number of the emitter of each triangle, fragments of one joined; accepted ones stay by themselves."""
+    count = int(emitter.max(initial=-1)) + 1
+    group = emitter[np.searchsorted(triangles, seen.triangle)]
+    level = levels(seen.radiance, seen.clipped, group, count)[0]
+    error = standard_errors(seen.radiance, seen.view, group, count)
+    pixel = float(np.median(surface.width[triangles])) if count else 0.0
+    pairs = same_emitters(mesh, triangles, emitter, level, error, pixel)
+    alone = np.isin(np.arange(count), emitter[decided.emitter[triangles] >= 0])
+    return _connected([pairs[:, ~alone[pairs].any(axis=0)]], count)[emitter]
 
 
 def _chain(nodes: np.ndarray) -> np.ndarray:

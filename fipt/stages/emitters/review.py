@@ -23,7 +23,7 @@ _LEAST = 0.25
 _GREY = 0.25
 """Displayed level of the median of what surrounds the emitter, linear."""
 _LINE = np.array([255, 0, 200], np.uint8)
-_LISTED = re.compile(r"emitters\.json|(emitter|lamp|rejected)-\d+\.png")
+_LISTED = re.compile(r"emitters\.json|(emitter|lamp|rejected|undecided)-\d+\.png")
 """Names of the files of a list, also of one that an older version wrote."""
 
 
@@ -54,9 +54,16 @@ def review_entry(row: dict[str, Any], triangles: np.ndarray, image: str | None) 
     """Facts of an emitter for the file of decisions, rounded for eyes."""
     facts = {"area": row["area"], "power": sum(row["power"]) / 3, "share": row["share"]}
     facts = {key: float(f"{value:.4g}") for key, value in (facts | {"confidence": row["confidence"]}).items()}
-    rest = {"emitter": default_name(row["index"]), "views": row["views"], "thumbnail": image}
+    rest = {"emitter": default_name(row["index"]), "question": None, "views": row["views"], "thumbnail": image}
     rest["guessed"] = row["guessed"]
     return rest | facts | {"triangles": frozenset(triangles.tolist())}
+
+
+def review_question(row: dict[str, Any], triangles: np.ndarray, image: str | None) -> dict[str, Any]:
+    """Facts of a surface that may emit for the file of decisions."""
+    unknown = dict.fromkeys(("emitter", "power", "share", "confidence", "views"))
+    facts = {"question": row["question"], "area": float(f"{row['area']:.4g}"), "thumbnail": image}
+    return unknown | facts | {"triangles": frozenset(triangles.tolist())}
 
 
 # --- images -------------------------------------------------------------------------------------

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from fipt.scene.dataset import Dataset
+    from fipt.scene.emitters import Emitters
     from fipt.scene.samples import FootprintSamples
     from fipt.stages.emitters.review import Visibility
     from fipt.stages.emitters.settings import ReviewSettings
@@ -33,7 +34,8 @@ class ReviewInputs:
 def run(inputs: ReviewInputs, settings: "ReviewSettings") -> dict[str, Any]:
     """List the emitters with names and images; bring emitters_review.yaml up to date.
 
-    What a person decided in that file stays, also if that happens meanwhile.
+    What may emit or reflect becomes an entry with an image too. What a person decided in that file stays, also if that
+    happens meanwhile.
 
     Raises
     ------
@@ -46,11 +48,16 @@ def run(inputs: ReviewInputs, settings: "ReviewSettings") -> dict[str, Any]:
     from fipt.formats.files import atomic_folder
     from fipt.formats.manifests import write_manifest
     from fipt.scene.dataset import Dataset
-    from fipt.scene.emitters import emitter_facts, emitter_triangles, read_emitters, undecided_facts, write_list
+    from fipt.scene.emitters import (
+        emitter_triangles,
+        question_triangles,
+        read_emitters,
+        write_list,
+    )
     from fipt.scene.review import numbers, parse_decisions, read_review, refreshed, write_review
     from fipt.scene.samples import read_samples
     from fipt.settings import dumped
-    from fipt.stages.emitters.review import emitter_names, review_entry, strange_files, visibilities
+    from fipt.stages.emitters.review import emitter_names, review_entry, review_question, strange_files
 
     out, review = inputs.out, inputs.review
     if strange := strange_files(out):
@@ -61,22 +68,50 @@ def run(inputs: ReviewInputs, settings: "ReviewSettings") -> dict[str, Any]:
     decided = parse_decisions(inputs.decisions, len(mesh.triangles))
     emitters = emitter_triangles(found)
     rejected = [np.array(sorted(numbers(text, len(mesh.triangles)))) for text in decided.reject]
-    seen = visibilities(data, shards, [*emitters, *rejected], len(mesh.triangles))
-    names = emitter_names(decided, emitters, len(mesh.triangles))
-    rows = [row | {"name": name} for row, name in zip(emitter_facts(found, mesh), names, strict=True)]
-    files = [f"emitter-{n}.png" for n in range(len(emitters))] + [f"rejected-{own[0]}.png" for own in rejected]
     with atomic_folder(out) as folder:
-        written = _write_thumbnails(folder, files, [*emitters, *rejected], seen, (data, shards, settings.width))
-        for row, where, file in zip(rows, seen, written, strict=False):
-            row["seen_by"], row["thumbnail"] = where.views, file
-        write_list(folder / "emitters.json", found.two_sided, rows, undecided_facts(found.undecided, mesh))
+        rows, asked, written = _drawn(folder, found, (data, shards, settings.width), rejected)
+        names = emitter_names(decided, emitters, len(mesh.triangles))
+        for row, name in zip(rows, names, strict=True):
+            row["name"] = name
+        write_list(folder / "emitters.json", found.two_sided, rows, asked)
     write_manifest(Path(f"{out}.manifest.json"), "review", list(out.iterdir()), dumped(settings))
-    shown = [None if file is None else f"{out.name}/{file}" for file in written]
-    facts = [review_entry(row, own, file) for row, own, file in zip(rows, emitters, shown, strict=False)]
-    images = {frozenset(own.tolist()): file for own, file in zip(rejected, shown[len(emitters) :], strict=True)}
+    shown = iter([None if file is None else f"{out.name}/{file}" for file in written])  # in the order of the shapes
+    facts = [review_entry(row, own, next(shown)) for row, own in zip(rows, emitters, strict=True)]
+    facts += [review_question(row, own, next(shown)) for row, own in zip(asked, question_triangles(found), strict=True)]
+    images = {frozenset(own.tolist()): next(shown) for own in rejected}
     write_review(review, refreshed(read_review(review), facts, len(mesh.triangles), images))
     log.info("review: %d emitters listed in %s; decide about them in %s", len(emitters), out / "emitters.json", review)
-    return {"emitters": len(emitters), "rejected": len(rejected), "named": len(decided.names)}
+    if asked:
+        log.info("review: %d surfaces may emit or reflect, and are for you to decide there", len(asked))
+    return {
+        "emitters": len(emitters),
+        "undecided": len(asked),
+        "rejected": len(rejected),
+        "named": len(decided.names),
+    }
+
+
+def _drawn(
+    folder: Path,
+    found: "Emitters",
+    views: tuple["Dataset", list["FootprintSamples"], int],
+    rejected: list["np.ndarray"],
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]], list[str | None]]:
+    """Write the images; return facts of emitters and questions, and their images, those of the rejected last."""
+    from fipt.scene.emitters import emitter_facts, emitter_triangles, question_triangles, undecided_facts
+    from fipt.stages.emitters.review import visibilities
+
+    data, shards, _ = views
+    mesh, emitters, questions = data.mesh(), emitter_triangles(found), question_triangles(found)
+    shapes = [*emitters, *questions, *rejected]
+    seen = visibilities(data, shards, shapes, len(mesh.triangles))
+    files = [f"emitter-{n}.png" for n in range(len(emitters))] + [f"undecided-{n}.png" for n in range(len(questions))]
+    files += [f"rejected-{own[0]}.png" for own in rejected]
+    written = _write_thumbnails(folder, files, shapes, seen, views)
+    rows, asked = emitter_facts(found, mesh), undecided_facts(found.undecided, mesh)
+    for row, where, file in zip([*rows, *asked], seen, written, strict=False):
+        row["seen_by"], row["thumbnail"] = where.views, file
+    return rows, asked, written
 
 
 def _write_thumbnails(

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from fipt.errors import FiptError
-from fipt.formats.files import atomic_folder, write_text
+from fipt.formats.files import atomic_folder, existing_file, write_text
 from fipt.formats.images import read_ids, write_png
 from fipt.formats.layouts import SEGMENT_FOLDERS, SourceView
 from fipt.formats.manifests import write_manifest
@@ -45,6 +45,25 @@ class Imported:
     mesh: dict[str, Any]
 
 
+@dataclass(frozen=True)
+class Beside:
+    """What stands beside developed photographs, format ``capture``.
+
+    Attributes
+    ----------
+    poses
+        Of the views, see `fipt.scene.sources.read_poses`.
+    segments
+        Folder with ``part/VIEW.png`` or ``semantic/VIEW.png``, names in ``{part,semantic}.json``.
+    room
+        room.json of a known room; default: one beside poses or mesh.
+    """
+
+    poses: Path | None = None
+    segments: Path | None = None
+    room: Path | None = None
+
+
 def import_scene(
     source: str | Path,
     format: str,
@@ -52,8 +71,7 @@ def import_scene(
     settings: ImportSettings,
     mesh: str | Path | None = None,
     manifest: str | Path | None = None,
-    poses: str | Path | None = None,
-    segments: str | Path | None = None,
+    beside: Beside = Beside(),
 ) -> Imported:
     """Write the dataset folder of a source: complete, with its manifest last, or not at all.
 
@@ -67,18 +85,15 @@ def import_scene(
         PLY or OBJ file in the source's world; default: the one that the layout names. `VIEWS_ALONE`: no mesh.
     manifest
         Default: ``import.manifest.json`` in the dataset.
-    poses
-        Format ``capture``: poses of the views, see `fipt.scene.sources.read_poses`. A room.json beside them or the
-        mesh comes along.
-    segments
-        Format ``capture``: folder with ``part/VIEW.png`` or ``semantic/VIEW.png``, names in ``{part,semantic}.json``.
+    beside
+        Of developed photographs: their poses, and what else is known.
 
     Raises
     ------
     FiptError
         The source is incomplete or inconsistent, or the folder must not be replaced.
     """
-    parsed = _parsed(source, format, settings, poses)
+    parsed = _parsed(source, format, settings, beside.poses)
     dataset = Path(dataset)
     manifest = dataset / "import.manifest.json" if manifest is None else Path(manifest)
     _check_target(dataset, manifest, parsed)
@@ -91,9 +106,9 @@ def import_scene(
         cameras, shown = write_frames(folder, parsed)
         room, figures = _write_mesh(folder, room, cameras, settings)
         _write_cameras(folder, cameras, parsed)
-        if segments is not None:
-            _copy_segments(folder / "segments", Path(segments), cameras)
-        _copy_beside(folder, parsed, poses, mesh)
+        if beside.segments is not None:
+            _copy_segments(folder / "segments", beside.segments, cameras)
+        _copy_known(folder, parsed, beside, mesh)
         _name_segments(folder / "segments", names)
         if settings.overlay and room is not None:
             _write_overlay(folder / "overlay.png", room, *shown)
@@ -143,18 +158,22 @@ def _write_cameras(folder: Path, cameras: list[Camera], source: ImageSource) -> 
     write_views(folder / "views.json", [*(camera.name for camera in cameras), *source.rejected], source.rejected)
 
 
-def _copy_beside(folder: Path, source: ImageSource, poses: str | Path | None, mesh: str | Path | None) -> None:
-    """Copy what is known of a whole room: room.json, beside poses and mesh or of a dataset, whose ids have names."""
+def _copy_known(folder: Path, source: ImageSource, given: Beside, mesh: str | Path | None) -> None:
+    """Copy what is known of a whole room: room.json, named, beside poses or mesh, or of a dataset; names of its ids."""
     own = source.frames[0].dataset
-    beside = (poses, mesh) if poses is not None else ()
+    places = []
     if own is not None:
-        beside = (own / "mesh.ply",)
+        places = [own / "room.json"]
         for kind in SEGMENT_FOLDERS:
             if (folder / "segments" / kind).is_dir() and (own / "segments" / f"{kind}.json").is_file():
                 shutil.copyfile(own / "segments" / f"{kind}.json", folder / "segments" / f"{kind}.json")
-    for path in beside:
-        if path is not None and str(path) != VIEWS_ALONE and (Path(path).parent / "room.json").is_file():
-            shutil.copyfile(Path(path).parent / "room.json", folder / "room.json")
+    elif given.room is not None:
+        places = [existing_file(given.room, "what is known of the room")]
+    elif given.poses is not None and str(mesh) != VIEWS_ALONE:
+        places = [Path(path).parent / "room.json" for path in (given.poses, mesh) if path is not None]
+    for place in places:
+        if place.is_file():
+            shutil.copyfile(place, folder / "room.json")
 
 
 def _name_segments(folder: Path, names: Mapping[str, str]) -> None:

@@ -26,6 +26,7 @@ class ImportInputs:
     segments: Annotated[Path | None, "capture: folder with part/VIEW.png or semantic/VIEW.png of developed views."] = (
         None
     )
+    room: Annotated[Path | None, "capture: room.json of a known room; default: one beside poses or mesh."] = None
 
 
 def run(inputs: ImportInputs, settings: "ImportSettings") -> dict[str, Any]:
@@ -37,12 +38,11 @@ def run(inputs: ImportInputs, settings: "ImportSettings") -> dict[str, Any]:
 
     The format capture takes developed photographs: the folder that fipt develop and fipt qa wrote.
     """
-    from fipt.stages.importing.build import import_scene
+    from fipt.stages.importing.build import Beside, import_scene
 
     dataset = inputs.dataset
-    done = import_scene(
-        inputs.source, inputs.format, dataset, settings, inputs.mesh, inputs.manifest, inputs.poses, inputs.segments
-    )
+    beside = Beside(inputs.poses, inputs.segments, inputs.room)
+    done = import_scene(inputs.source, inputs.format, dataset, settings, inputs.mesh, inputs.manifest, beside)
     figures: dict[str, Any] = {"views": len(done.cameras), "exposure": done.source.scale, "mesh": done.mesh}
     if done.source.unposed:
         figures["warnings"] = [f"without a pose, left out: {', '.join(done.source.unposed)}"]

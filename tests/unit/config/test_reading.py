@@ -137,7 +137,7 @@ def test_setups_that_name_fused_segments():
         ({"scenes": {"x": {"source": "movie"}}}, "scenes.x.source: input should be 'procedural'"),
         ({"scenes": {"x": {"source": "mitsuba"}}}, "source: mitsuba needs path: a scene file (XML)"),
         ({"scenes": {"x": {"path": "a"}}}, "scenes.x.source is missing"),
-        ({"scenes": {"x": {"source": "raw", "path": "a", "poses": "b"}}}, "source: raw needs mesh: the room's mesh"),
+        ({"scenes": {"x": {"source": "raw", "path": "a"}}}, "source: raw needs poses: colmap estimates them"),
         ({"scenes": {"x": {**ROOM, "presset": "demo"}}}, "unknown key scenes.x.presset (did you mean preset?)"),
         (
             {"scenes": {"x": {"source": "dataset", "path": "a", "format": "nerfstudio", "simulate_raw": True}}},

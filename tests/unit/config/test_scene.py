@@ -8,6 +8,7 @@ import pytest
 
 from fipt.config import load
 from fipt.errors import FiptError
+from tests.layouts import WRITERS
 
 RULES = sorted((Path(__file__).resolve().parents[3] / "fipt" / "workflow" / "rules").glob("*.smk"))
 SIZE = {"synthesize": {"train_views": 3, "val_views": 1}}
@@ -58,6 +59,47 @@ def test_images_of_every_kind_of_source():
     assert simulated.images(["val"]) == [imported, truth.format("val-000")]
     assert simulated.developed()[0] == "results/room/capture/qa.json"
     assert scene().developed() == scene().judged() == []
+
+
+RAW = {"source": "raw", "path": "p", "poses": "p.json", "settings": None}
+MADE = "results/room/geometry/mesh.ply"
+
+
+@pytest.mark.parametrize(
+    ("entry", "views"),
+    [
+        (RAW, ["p.json"]),
+        (RAW | {"mesh": "reconstruct"}, ["p.json"]),
+        (
+            {"simulate_raw": True, "mesh": "reconstruct"},
+            ["results/room/room/transforms.json", "results/room/room/room.json"],
+        ),
+    ],
+    ids=["nothing said", "asked for", "simulated"],
+)
+def test_a_mesh_is_made_of_the_images_where_none_is_given(entry, views):
+    source = scene(entry).source
+    assert source.reconstructed
+    assert MADE in source.imported_files()
+    assert sorted(source.view_files()) == sorted(views)
+    assert source.import_options()[source.import_options().index("--mesh") + 1] == MADE
+    assert source.view_options()[source.view_options().index("--mesh") + 1] == "none"
+
+
+def test_a_mesh_that_is_given_is_used(tmp_path):
+    assert not scene(RAW | {"mesh": "m.ply"}).source.reconstructed
+    assert not scene({"simulate_raw": True}).source.reconstructed
+    with pytest.raises(FiptError, match="mesh of a known room may be reconstruct, where simulate_raw is true"):
+        scene({"mesh": "reconstruct"})
+    WRITERS["nerfstudio"](tmp_path)
+    dataset = {"source": "dataset", "path": str(tmp_path), "format": "nerfstudio", "settings": None}
+    assert not scene(dataset).source.reconstructed
+    assert str(tmp_path / "mesh.ply") in scene(dataset).source.imported_files()
+    asked = scene(dataset | {"mesh": "reconstruct"}).source
+    assert asked.reconstructed
+    assert not any(path.endswith(".ply") for path in asked.view_files())
+    (tmp_path / "mesh.ply").unlink()
+    assert scene(dataset).source.reconstructed
 
 
 def test_poses_are_checked_where_they_may_be_wrong():

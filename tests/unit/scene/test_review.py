@@ -14,7 +14,13 @@ FACTS = {"area": 0.5, "power": 12.0, "share": 0.25, "confidence": 0.9, "views": 
 def lamps(*triangles):
     """Lamps as a run finds them, numbered in this order."""
     return [
-        {"emitter": f"emitter-{n}", "triangles": frozenset(own), "thumbnail": f"emitters/emitter-{n}.png", **FACTS}
+        {
+            "emitter": f"emitter-{n}",
+            "question": None,
+            "triangles": frozenset(own),
+            "thumbnail": f"emitters/emitter-{n}.png",
+            **FACTS,
+        }
         for n, own in enumerate(triangles)
     ]
 
@@ -137,6 +143,34 @@ def test_a_run_keeps_what_was_decided(path):
         path, refreshed(again, lamps({20, 21}, {30, 31, 41}, {50}), 100, {frozenset({5, 6, 7}): "emitters/r.png"})
     )
     assert path.read_text() == text
+
+
+def question(*triangles, number=0):
+    """Surface that may emit, as a run finds it."""
+    image = f"emitters/undecided-{number}.png"
+    return {"emitter": None, "question": "emitter or mirror?", "thumbnail": image, "triangles": frozenset(triangles)}
+
+
+def test_what_is_undecided_is_an_entry_that_a_person_decides(path):
+    write_review(path, refreshed(read_review(path), [*lamps({5, 6, 7}), question(50, 51)], 100))
+    asked = read_review(path).entries[1]
+    assert (asked.question, asked.verdict, asked.triangles) == ("emitter or mirror?", "auto", "50-51")
+    assert read_review(path).emission() == ""
+    accepted = decide(path, emitter_1={"verdict": "accept"})
+    assert json.loads(accepted.emission()) == {"accept": ["50-51"], "mesh_triangles": 100}
+    after = refreshed(accepted, lamps({5, 6, 7}, {50, 51}), 100)
+    rows = [(e.emitter, e.question, e.verdict, e.triangles) for e in after.entries]
+    assert rows == [("emitter-0", None, "auto", "5-7"), ("emitter-1", None, "accept", "50-51")]
+
+
+def test_a_rejected_question_stays_rejected_and_is_asked_no_more(path):
+    write_review(path, refreshed(read_review(path), [*lamps({5, 6, 7}), question(50, 51)], 100))
+    rejected = decide(path, emitter_1={"verdict": "reject"})
+    write_review(path, refreshed(rejected, lamps({5, 6, 7}), 100, {frozenset({50, 51}): "emitters/rejected-50.png"}))
+    again = read_review(path)
+    assert again.emission() == rejected.emission()
+    last = again.entries[-1]
+    assert (last.question, last.verdict, last.thumbnail) == (None, "reject", "emitters/rejected-50.png")
 
 
 def test_a_merged_lamp_keeps_both_entries(path):

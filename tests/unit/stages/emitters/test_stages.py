@@ -1,13 +1,14 @@
 """``fipt emitters`` and ``fipt review``: what is found, and what a person decides."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 from scipy.ndimage import binary_dilation, binary_erosion
 
 from fipt.formats.exr import read_rgb
-from fipt.scene.dataset import read_layers
-from fipt.scene.emitters import read_emitters
+from fipt.scene.dataset import Dataset, read_layers
+from fipt.scene.emitters import Undecided, read_emitters, write_emitters
 from fipt.scene.review import ranges, read_review
 from fipt.scene.shading import read_shading
 from tests import scenes
@@ -57,6 +58,24 @@ def test_what_a_person_decides_reaches_the_images(work):
     np.testing.assert_allclose(found.radiance, [scenes.COLORS[0]] * 2, rtol=1e-5)
     assert call("render", work) == 0
     assert (read_rgb(work / "render" / "c.exr").max(axis=-1)[wall == 1] > 0.1).all()
+
+
+def test_what_is_undecided_is_listed_with_an_image(work):
+    """A wall that may emit beside the emitter: an entry, a picture, in the list; what emits is none."""
+    path, emitter = work / "round-0" / "emitters.npz", scenes.room().triangle
+    cost = np.array([20.0], np.float32)
+    open_ = Undecided(np.array([0, 1, emitter[0]], np.int32), np.zeros(3, np.int32), cost, cost / 4, cost)
+    write_emitters(path, replace(read_emitters(path), undecided=open_), Dataset(work / "dataset").mesh())
+    assert call("review", work) == 0
+    entries = read_review(work / "emitters_review.yaml").entries
+    assert [(entry.question, entry.triangles) for entry in entries] == [
+        (None, ranges(emitter)),
+        ("emitter or mirror?", "0-1"),
+    ]
+    assert entries[1].thumbnail == "emitters/undecided-0.png"
+    assert (work / entries[1].thumbnail).is_file()
+    (asked,) = json.loads((work / "emitters" / "emitters.json").read_text())["undecided"]
+    assert asked["thumbnail"] == "undecided-0.png"
 
 
 def test_the_list_replaces_nothing_but_a_list(work, refused):

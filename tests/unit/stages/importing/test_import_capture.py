@@ -14,7 +14,7 @@ from fipt.formats.images import write_png
 from fipt.scene.cameras import Camera, read_transforms, write_transforms
 from fipt.scene.dataset import Dataset, read_rejected, write_views
 from fipt.scene.mesh import write_ply
-from fipt.stages.importing.build import import_scene
+from fipt.stages.importing.build import Beside, import_scene
 from fipt.stages.importing.settings import ImportSettings
 from tests.layouts import POSES, room
 
@@ -71,7 +71,8 @@ def developed(tmp_path: Path) -> Path:
 
 def imported(root: Path, settings: ImportSettings = PLAIN, **options: object) -> Dataset:
     chosen = {"mesh": root / "mesh.ply", "poses": root / "poses" / "transforms.json", **options}
-    import_scene(root / "capture", "capture", root / "dataset", settings, **chosen)
+    mesh, beside = chosen.pop("mesh"), Beside(**chosen)
+    import_scene(root / "capture", "capture", root / "dataset", settings, mesh, beside=beside)
     return Dataset(root / "dataset")
 
 

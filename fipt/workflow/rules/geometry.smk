@@ -1,0 +1,96 @@
+"""The mesh from the images, for scenes that bring none: rules/dataset.smk imports it like one that was given.
+
+INPUTS:  what rules/dataset.smk imports, without a mesh
+OUTPUTS: results/{scene}/geometry/views/transforms.json, views.json   cameras, as in dataset/
+         results/{scene}/geometry/views/images.manifest.json          lists images/*.exr
+         results/{scene}/geometry/depth.manifest.json                 lists depth/*.exr: depth, confidence, normal
+         results/{scene}/geometry/mesh.ply                            triangles, metres
+         results/{scene}/geometry/geometry.json                       what was measured
+"""
+
+
+rule import_views:
+    """Bring posed HDR views, or developed photographs, into the dataset form, without a mesh."""
+    input:
+        ask("source.view_files"),
+        ask("developed"),
+    output:
+        transforms="results/{scene}/geometry/views/transforms.json",
+        views="results/{scene}/geometry/views/views.json",
+        manifest="results/{scene}/geometry/views/images.manifest.json",
+        stats="results/{scene}/stats/import_views.json",
+    log:
+        "results/{scene}/logs/import_views.log",
+    benchmark:
+        "results/{scene}/benchmarks/import_views.jsonl"
+    wildcard_constraints:
+        scene=scenes_where("source.imported"),
+    threads: workflow.cores
+    resources:
+        mem_mb=4000,
+    params:
+        source=ask("source.view_options"),
+        dataset=folder("results/{scene}/geometry/views"),
+        settings=settings("import"),
+        version=VERSIONS["import"],
+    shell:
+        "fipt import {params.source:q}"
+        " --dataset {params.dataset:q} --manifest {output.manifest:q}"
+        " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
+
+
+rule depth:
+    """Estimate the depth of every training view."""
+    input:
+        transforms="results/{scene}/geometry/views/transforms.json",
+        views="results/{scene}/geometry/views/views.json",
+        images="results/{scene}/geometry/views/images.manifest.json",
+    output:
+        manifest="results/{scene}/geometry/depth.manifest.json",
+        stats="results/{scene}/stats/depth.json",
+    log:
+        "results/{scene}/logs/depth.log",
+    benchmark:
+        "results/{scene}/benchmarks/depth.jsonl"
+    threads: workflow.cores
+    resources:
+        mem_mb=6000,
+        gpu=1,
+    params:
+        dataset=folder("results/{scene}/geometry/views"),
+        out=folder("results/{scene}/geometry/depth"),
+        settings=settings("depth"),
+        version=VERSIONS["depth"],
+    shell:
+        "fipt depth --dataset {params.dataset:q} --out {params.out:q}"
+        " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
+
+
+rule mesh:
+    """Make the room's mesh of the depth maps."""
+    input:
+        transforms="results/{scene}/geometry/views/transforms.json",
+        views="results/{scene}/geometry/views/views.json",
+        images="results/{scene}/geometry/views/images.manifest.json",
+        depth="results/{scene}/geometry/depth.manifest.json",
+    output:
+        mesh="results/{scene}/geometry/mesh.ply",
+        about="results/{scene}/geometry/geometry.json",
+        stats="results/{scene}/stats/mesh.json",
+    log:
+        "results/{scene}/logs/mesh.log",
+    benchmark:
+        "results/{scene}/benchmarks/mesh.jsonl"
+    threads: workflow.cores
+    resources:
+        mem_mb=6000,
+        gpu=1,
+    params:
+        dataset=folder("results/{scene}/geometry/views"),
+        depth=folder("results/{scene}/geometry/depth"),
+        out=folder("results/{scene}/geometry"),
+        settings=settings("geometry"),
+        version=VERSIONS["geometry"],
+    shell:
+        "fipt mesh --dataset {params.dataset:q} --depth {params.depth:q} --out {params.out:q}"
+        " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
