@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fipt.scene.mesh import Mesh
+from fipt.scene.mesh import Mesh, touching_triangles
 from fipt.scene.observed import ObservedShard
 from fipt.stages.emitters.observations import Observations
-from fipt.stages.emitters.regions import PIXELS, Surface, neighbours
+from fipt.stages.emitters.regions import PIXELS, Surface
 
 _SIGMA = 2.0
 """Standard errors of its radiance by which a triangle must have more than half of the step."""
@@ -62,7 +62,7 @@ def grown(
         return label, nothing
     pixel = float(np.median(surface.width[emits]))
     asked = ~emits & (surface.pixels < PIXELS) & (np.sqrt(mesh.areas) > pixel)  # smaller ones have the blur's rule
-    pairs = neighbours(mesh)
+    pairs = touching_triangles(mesh)
     pairs = np.concatenate([pairs, pairs[::-1]], axis=1)
     pairs = pairs[:, asked[pairs[1]] & (asked | emits)[pairs[0]]]
     if not emits[pairs[0]].any():

@@ -16,7 +16,6 @@ from fipt.scene.review import ReviewDecisions, numbers
 from fipt.stages.emitters.behind import grown
 from fipt.stages.emitters.fragments import LEAST_DIFFERENCE, SIGMA, same_emitters
 from fipt.stages.emitters.hypotheses import RegionEvidence, judge
-from fipt.stages.emitters.mixed import mixed_emitters
 from fipt.stages.emitters.observations import (
     Observations,
     grouped_median,
@@ -103,7 +102,7 @@ def extract(
     undecided, surface = Undecided.none(), None
     views: Iterable[Observations]
     if settings.decide == "regions":
-        seen = _all_pixels(mesh, shards)
+        seen = _all_pixels(shards)
         surface = find_regions(mesh, shards, seen)
         evidence = judge(shards, seen, surface)
         label = shaped(mesh, surface, evidence.emitting(surface.touching), shards)
@@ -128,16 +127,11 @@ def extract(
     return replace(found, undecided=undecided)
 
 
-def _all_pixels(mesh: Mesh, shards: Sequence[ObservedShard]) -> Observations:
-    """Pixels of all views that one piece of surface fills, every n-th where there are too many; sorted by view.
-
-    With them those from which an emitter's light is told that others stand before.
-    """
+def _all_pixels(shards: Sequence[ObservedShard]) -> Observations:
+    """Pixels of all views that one piece of surface fills, every n-th where there are too many."""
     total = sum(int(shard.samples.first_pixels[-1]) for shard in shards)
     step = max(total // _MOST_PIXELS, 1)
-    alone = Observations.joined(view[::step] for view in observations(shards, ratios=False))
-    seen = Observations.joined([alone, mixed_emitters(mesh, shards)])
-    return seen[np.argsort(seen.view, kind="stable")]
+    return Observations.joined(view[::step] for view in observations(shards, ratios=False))
 
 
 def _masked(
