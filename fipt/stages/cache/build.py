@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from fipt.scene.mesh import Mesh, connected_parts, surface_points
-from fipt.scene.mixed import find_islands, unmixed
+from fipt.scene.mixed import Unmixed, find_islands, unmixed
 from fipt.scene.samples import FootprintSamples, scene_box
 from fipt.scene.voxels import FACINGS, facings, voxel_keys
 from fipt.stages.cache.settings import CacheSettings
@@ -67,11 +67,8 @@ def build(
         own, pixel = samples.of_view(index), samples.pixel_of_sample(index)
         record = np.searchsorted(records.key, keys(samples, own))
         weight = valid[pixel] * np.where(samples.weight[own] >= _INTERIOR, 1.0, _MIXED)
-        light = image[pixel].astype(np.float64)
         alone = unmixed(samples, index, islands, image, (valid > 0) & ~clipped)
-        light[alone.sample] = np.where(weight[alone.sample, None] > _MIXED, light[alone.sample], alone.radiance)
-        doubt = alone.error / np.maximum(image[pixel[alone.sample]].mean(axis=1), 1e-6)
-        weight[alone.sample] /= np.where(weight[alone.sample] > _MIXED, 1, 1 + doubt**2)
+        light, weight = _told_apart(alone, image[pixel], weight)
         sums.add(record, light, weight, clipped[pixel])
     sums.add_bounds()
     point, facing = records.point, (records.key % FACINGS).astype(np.uint8)
@@ -87,6 +84,16 @@ def build(
         "count": sums.count.astype(np.float32),
         "source": _nearest_seen(point, facing, part, sums.seen, 8 * side / n),
     }
+
+
+def _told_apart(alone: Unmixed, light: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Radiance (N, 3) and weight (N,) of a view's samples: mixed ones have their own radiance where that is told."""
+    mixed = weight[alone.sample] <= _MIXED
+    rows, light, weight = alone.sample[mixed], light.astype(np.float64), weight.astype(np.float64)
+    doubt = alone.error[mixed] / np.maximum(light[rows].mean(axis=1), 1e-6)
+    light[rows] = alone.radiance[mixed]
+    weight[rows] /= 1 + doubt**2
+    return light, weight
 
 
 class _Records:
