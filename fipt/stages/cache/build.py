@@ -53,7 +53,7 @@ def build(
     def keys(samples: FootprintSamples, own: slice) -> np.ndarray:
         return voxel_keys(samples.position[own], center, side, n) * FACINGS + facings(samples.normal[own])
 
-    records = _Records()
+    records, islands = _Records(), find_islands(mesh, shards)
     for samples, index in views:
         own = samples.of_view(index)
         records.add(keys(samples, own), samples.position[own], samples.triangle[own])
@@ -62,14 +62,13 @@ def build(
     for turn in (1, -1):  # surfaces have two sides
         records.add(voxel + facings(turn * mesh.normals[owner]), surface, owner)
 
-    sums, islands = _Sums(len(records.key)), find_islands(mesh, shards)
+    sums = _Sums(len(records.key))
     for (samples, index), (image, valid, clipped) in zip(views, images, strict=True):
         own, pixel = samples.of_view(index), samples.pixel_of_sample(index)
         record = np.searchsorted(records.key, keys(samples, own))
         weight = valid[pixel] * np.where(samples.weight[own] >= _INTERIOR, 1.0, _MIXED)
-        alone = unmixed(samples, index, islands, image, (valid > 0) & ~clipped)
-        light, weight = _told_apart(alone, image[pixel], weight)
-        sums.add(record, light, weight, clipped[pixel])
+        found = unmixed(samples, index, islands, image, (valid > 0) & ~clipped)
+        sums.add(record, *_unmixed_light(found, image[pixel], weight), clipped[pixel])
     sums.add_bounds()
     point, facing = records.point, (records.key % FACINGS).astype(np.uint8)
     part = connected_parts(mesh)[records.triangle]
@@ -86,12 +85,12 @@ def build(
     }
 
 
-def _told_apart(alone: Unmixed, light: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _unmixed_light(found: Unmixed, light: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Radiance (N, 3) and weight (N,) of a view's samples: mixed ones have their own radiance where that is told."""
-    mixed = weight[alone.sample] <= _MIXED
-    rows, light, weight = alone.sample[mixed], light.astype(np.float64), weight.astype(np.float64)
-    doubt = alone.error[mixed] / np.maximum(light[rows].mean(axis=1), 1e-6)
-    light[rows] = alone.radiance[mixed]
+    mixed = weight[found.sample] <= _MIXED
+    rows, light, weight = found.sample[mixed], light.astype(np.float64), weight.astype(np.float64)
+    doubt = found.error[mixed] / np.maximum(light[rows].mean(axis=1), 1e-6)
+    light[rows] = found.radiance[mixed]
     weight[rows] /= 1 + doubt**2
     return light, weight
 

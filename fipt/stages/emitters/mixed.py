@@ -26,7 +26,7 @@ _FEWEST = 3
 
 
 @dataclass(frozen=True)
-class _Told:
+class _IslandSamples:
     """N samples of islands whose radiance a tile tells.
 
     ``island`` and ``tile`` (N,) int64; ``radiance`` (N, 3); ``error``, ``share`` of the pixel and ``most``, the
@@ -50,12 +50,12 @@ def mixed_emitters(mesh: Mesh, shards: Sequence[ObservedShard]) -> Observations:
         The training views.
     """
     islands = find_islands(mesh, [shard.samples for shard in shards])
-    told = _told(islands, shards)
+    known = _island_samples(islands, shards)
     level = np.full((len(islands.number) + 1, 3), np.nan, np.float32)
-    for name in np.unique(told.island):
-        own = np.flatnonzero(told.island == name)
-        most = float(np.average(told.most[own], weights=told.share[own]))
-        mean = _emitted(told.radiance[own], told.error[own], told.tile[own], most)
+    for name in np.unique(known.island):
+        own = np.flatnonzero(known.island == name)
+        most = float(np.average(known.most[own], weights=known.share[own]))
+        mean = _emitted(known.radiance[own], known.error[own], known.tile[own], most)
         if mean is not None:
             level[name] = mean
     return _observed(shards, level[islands.number])
@@ -77,7 +77,7 @@ def _observed(shards: Sequence[ObservedShard], emitted: np.ndarray) -> Observati
     return Observations(triangle, emitted[triangle], view, nothing, nothing.astype(bool), sample)
 
 
-def _told(islands: Islands, shards: Sequence[ObservedShard]) -> _Told:
+def _island_samples(islands: Islands, shards: Sequence[ObservedShard]) -> _IslandSamples:
     """What tiles tell of islands, in all views."""
     parts = []
     tiles = 0
@@ -90,7 +90,7 @@ def _told(islands: Islands, shards: Sequence[ObservedShard]) -> _Told:
             alone = np.flatnonzero(found.island >= 0)
             rows, tile = found.sample[alone] + own.start, found.tile[alone]
             parts.append(
-                _Told(
+                _IslandSamples(
                     found.island[alone],
                     found.radiance[alone],
                     found.error[alone],
@@ -100,7 +100,9 @@ def _told(islands: Islands, shards: Sequence[ObservedShard]) -> _Told:
                 )
             )
             tiles += int(tile.max(initial=-1)) + 1
-    return _Told(*(np.concatenate([getattr(part, own.name) for part in parts]) for own in fields(_Told)))
+    return _IslandSamples(
+        *(np.concatenate([getattr(part, own.name) for part in parts]) for own in fields(_IslandSamples))
+    )
 
 
 def _emitted(radiance: np.ndarray, error: np.ndarray, tile: np.ndarray, most: float) -> np.ndarray | None:
