@@ -42,8 +42,10 @@ from fipt.stages.emitters.observations import Observations, grouped_median
 from fipt.stages.emitters.regions import Surface
 from fipt.stages.emitters.texture import TextureOdds, deviation
 
-_RESOLUTION = 96
-"""Pieces along the scene box: a few pixels wide, so that mirrors' pictures and the room's light differ between them."""
+_RESOLUTION = (48, 96)
+"""Pieces along the scene box, at least and at most: a mirror's picture and the room's light differ between them."""
+_PIECE = 4.0
+"""Width of a piece, pixels, between these: enough pixels for a median."""
 _GLOSS = (0.02, 0.118, 0.3, 0.5)
 """Roughness of a gloss over a diffuse or emitting surface; rougher ones hardly depend on the view."""
 _METAL = (0.02, 0.1, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0)
@@ -286,12 +288,16 @@ def _by_view(shards: Sequence[ObservedShard], seen: Observations) -> "list[tuple
 def _cells(shards: Sequence[ObservedShard], seen: Observations, region: np.ndarray, surface: Surface) -> _Cells:
     """Cells of the triangles whose ``region`` (T,) is not negative; one view's shading is in memory at a time."""
     center, side = scene_box([shard.samples for shard in shards])
+    widths = surface.width[surface.width > 0]
+    resolution = (
+        int(np.clip(side / (_PIECE * float(np.median(widths))), *_RESOLUTION)) if len(widths) else _RESOLUTION[0]
+    )
     columns: list[tuple[np.ndarray, ...]] = []
     for view, (shard, own) in enumerate(_by_view(shards, seen)):
         of = region[seen.triangle[own]]
         rows, of = seen.sample[own][of >= 0], of[of >= 0]
         place, normal = np.asarray(shard.samples.position[rows]), np.asarray(shard.samples.normal[rows])
-        record = voxel_keys(place, center, side, _RESOLUTION).astype(np.int64) * FACINGS + facings(normal)
+        record = voxel_keys(place, center, side, resolution).astype(np.int64) * FACINGS + facings(normal)
         key, cell, count = np.unique(record * surface.count + of, return_inverse=True, return_counts=True)
         radiance = seen.radiance[own][region[seen.triangle[own]] >= 0]
         values = np.concatenate([radiance[:, None], shard.shading[rows]], axis=1).reshape(len(rows), -1)
