@@ -51,7 +51,7 @@ _GLOSS = (0.02, 0.118, 0.3, 0.5)
 _METAL = (0.02, 0.1, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0)
 _GAIN = np.exp([0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.6, 0.8, 1.1, 1.5, 2, 3])
 """How much too dark the shading may be."""
-_TOLD = 4
+_FEWEST_PIXELS = 4
 """Pixels of a piece that tell its share of a region's texture: with fewer one mixed one shifts it."""
 _LEAST_BASE = 1e-3
 """Base colour of metal below which only noise differs."""
@@ -159,11 +159,11 @@ class RegionEvidence:
         So few others have it by chance that it is worth the other half: one of many panels, where the room is bright.
         """
         asked = ~chosen & (self.lead >= 0) & (np.maximum(self.lead, self.texture) > 0.5 * self.price)
-        sure, others = self.level[chosen & self.excess], self.level[(self.pixels >= _WHOLE) & ~chosen]
+        certain, others = self.level[chosen & self.excess], self.level[(self.pixels >= _WHOLE) & ~chosen]
         result = np.zeros(len(chosen), bool)
         for region in np.flatnonzero(asked & (self.pixels >= _WHOLE)):
             own = self.level[region]
-            near, by_chance = ((np.abs(other - own) <= _SAME * own.mean()).all(axis=1) for other in (sure, others))
+            near, by_chance = ((np.abs(other - own) <= _SAME * own.mean()).all(axis=1) for other in (certain, others))
             result[region] = near.any() and -np.log(by_chance.mean()) > 0.5 * self.price[region]  # itself is among them
         return result
 
@@ -385,7 +385,7 @@ def _costs(cells: _Cells, scale: float, error: float) -> _Costs:
 
     def uneven(values: np.ndarray) -> np.ndarray:
         pixels = np.bincount(cells.piece, cells.pixels)
-        return deviation(np.log(values), pixels * (pixels >= _TOLD), cells.region_of_piece, cells.regions)
+        return deviation(np.log(values), pixels * (pixels >= _FEWEST_PIXELS), cells.region_of_piece, cells.regions)
 
     even = uneven(cells.median(cells.radiance).mean(axis=1) + cells.dark)
 
