@@ -29,7 +29,7 @@ def locked(folder: Path) -> Iterator[None]:
     path = folder / ".lock"
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        file = path.open("w")
+        file = path.open("a")  # never truncated: it may be a link
     except OSError as error:
         raise FiptError(f"{path} cannot be written ({error.strerror})", "check the folder's permissions") from error
     with file:

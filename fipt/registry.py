@@ -35,7 +35,7 @@ SECTIONS: dict[str, Section] = {
     "synthesize": Section("fipt.synthetic.settings:SynthesizeSettings", 2),
     "capture": Section("fipt.stages.capture.settings:CaptureSettings", 1),
     "poses": Section("fipt.stages.poses.settings:PosesSettings", 2),
-    "import": Section("fipt.stages.importing.settings:ImportSettings", 3),
+    "import": Section("fipt.stages.importing.settings:ImportSettings", 4),
     "depth": Section("fipt.stages.geometry.settings:DepthSettings", 1),
     "geometry": Section("fipt.stages.geometry.mesh_settings:GeometrySettings", 1),
     "check_poses": Section("fipt.stages.check_poses.settings:CheckPosesSettings", 1),
@@ -47,7 +47,7 @@ SECTIONS: dict[str, Section] = {
     "bake": Section("fipt.stages.shade.settings:BakeSettings", 3),
     "regroup": Section("fipt.stages.segment.settings:RegroupSettings", 2),
     "emitters": Section("fipt.stages.emitters.settings:EmittersSettings", 7),
-    "fit": Section("fipt.stages.fit.settings:FitSettings", 6),
+    "fit": Section("fipt.stages.fit.settings:FitSettings", 7),
     "review": Section("fipt.stages.emitters.settings:ReviewSettings", 2),
     "refine": Section("fipt.stages.shade.settings:RefineSettings", 4),
     "materials": Section("fipt.stages.render.settings:MaterialsSettings", 3),
@@ -258,7 +258,7 @@ def parse(section: str, text: str) -> Any:
     """
     try:
         values = json.loads(text)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise FiptError(f"--settings must be JSON ({error})", "give for example '{}'") from error
     return validated(section, values)
 

@@ -2,16 +2,26 @@
 
 import json
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, Optional
+from typing import Annotated, Any, Literal, Optional, get_args
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, create_model, model_validator
 from pydantic.fields import FieldInfo
-from pydantic_core import PydanticUndefined
+from pydantic_core import PydanticCustomError, PydanticUndefined
 
 from fipt.validation import checked, kinds_of, of_another_kind
 
-Positive = Annotated[int, Field(ge=1)]
-Count = Annotated[int, Field(ge=0)]
+_MOST = 2**32 - 1
+"""Largest number of things, and largest seed: samplers take 32 bits, and a machine of today computes no more."""
+
+
+def _countable(value: int) -> int:
+    if value > _MOST:
+        raise ValueError(f"must be at most {_MOST}; found {str(value)[:30]}")
+    return value
+
+
+Positive = Annotated[int, Field(ge=1), AfterValidator(_countable)]
+Count = Annotated[int, Field(ge=0), AfterValidator(_countable)]
 Weight = Annotated[float, Field(ge=0)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
 Length = Annotated[float, Field(gt=0)]
@@ -24,6 +34,28 @@ class Settings(BaseModel):
     """Base of all settings: frozen, unknown keys refused, NaN refused."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _numbers_are_no_truth_values(cls, values: Any) -> Any:
+        """Refuse yes and no where a number or text is wanted; pydantic takes them for 1 and 0."""
+        if isinstance(values, Mapping):
+            for name, field in cls.model_fields.items():
+                if name in values and _holds_truth(values[name]) and not _admits_truth(field.annotation):
+                    said = "yes" if values[name] is True else "no" if values[name] is False else "yes or no"
+                    raise PydanticCustomError("truth_value", "{key} must be no truth value; found {said}",
+                                              {"key": name, "said": said})  # fmt: skip
+        return values
+
+
+def _holds_truth(value: Any) -> bool:
+    """Whether a value is true or false, or a list with one of these."""
+    return isinstance(value, bool) or (isinstance(value, list | tuple) and any(map(_holds_truth, value)))
+
+
+def _admits_truth(annotation: Any) -> bool:
+    """Whether bool is among the types of an annotation, at any depth."""
+    return annotation in (bool, Any) or any(_admits_truth(part) for part in get_args(annotation))
 
 
 Turn = Annotated[tuple[Angle, Angle, Angle], Field(description="degrees about x, then y, then z of the world")]

@@ -124,6 +124,9 @@ def _explained(model: Any, problem: Any, root: Sequence[str]) -> tuple[str, str]
         )
     if kind == "extra_forbidden":
         return _unknown(path, parents)
+    if kind == "truth_value":
+        said = problem["ctx"]
+        return f"{_joined(path, said['key'])}: must be no truth value; found {said['said']}", _SEE
     if kind == "of_another_kind":
         said = problem["ctx"]
         return f"{_joined(path, said['key'])} {said['said']}", f"remove it, or set {_joined(path, said['set'])}"

@@ -10,9 +10,13 @@ from typing import Annotated, Any, get_args, get_origin
 
 import typer
 
+from fipt.errors import FiptError
+from fipt.formats.places import same_place
 from fipt.inputs import POSITIONAL, UNSPLIT
 from fipt.registry import VERBS, Verb
 
+_WRITTEN = ("out", "manifest", "raw", "stats")
+"""Fields of stages' inputs that name what is written."""
 _SETTINGS = Annotated[str, typer.Option("--settings", help="Settings of this stage, JSON.")]
 _STATS = Annotated[Path | None, typer.Option("--stats", help="Write time, rate and memory here, JSON.")]
 
@@ -74,12 +78,35 @@ def execute(verb: Verb, run: Callable[..., Any], inputs: Any, settings: str, sta
 
     assert verb.section is not None
     chosen = parse(verb.section, settings)
+    check_written(inputs, stats)
     if verb.rays:
         from fipt.render.variant import set_variant
 
         set_variant(threads=getattr(chosen, "threads", 0) or None)
     with recorded(stats, verb.section, dumped(chosen)) as figures:
         figures.update(run(inputs, chosen))
+
+
+def check_written(inputs: Any, stats: Path | None = None) -> None:
+    """Refuse to write what is read: a file or folder that the options name as both, whatever it is called.
+
+    Raises
+    ------
+    FiptError
+        One line that names both options.
+    """
+    named: list[tuple[str, Path]] = [] if stats is None else [("stats", stats)]
+    for field in fields(inputs):
+        value = getattr(inputs, field.name)
+        paths = value if isinstance(value, tuple) else (value,)
+        named += [(field.name, path) for path in paths if isinstance(path, Path)]
+    for option, path in named:
+        if option not in _WRITTEN:
+            continue
+        for other, given in named:
+            if other != option and same_place(path, given):
+                names = f"--{option} and --{other.replace('_', '-')}"
+                raise FiptError(f"{names} are the same place, {path}: it would be overwritten", f"change --{option}")
 
 
 def description(run: Callable[..., Any]) -> str:

@@ -22,14 +22,20 @@ def command(
     a table of what they hold. An EXR without --layer shows all its layers side by side, the folder
     of a dataset a row of images and truth for each view.
     """
+    from fipt.errors import FiptError
     from fipt.formats.images import write_png
+    from fipt.formats.places import same_place
     from fipt.view import montage, viewed
 
+    parts = [file.stem, shard_view, layer]
+    out = out or Path(".".join(part for part in parts if part) + ".png")
+    if out.suffix.lower() not in (".png", ".jpg", ".jpeg"):
+        raise FiptError(f"--out must be a PNG or JPEG file; found {out}", "give it the ending .png")
+    if same_place(file, out):
+        raise FiptError(f"{out} is the file that is shown: it would be overwritten", "name another file with --out")
     if file.is_dir():
         made = montage(file, [view for view in views.split(",") if view])
     else:
         made = viewed(file, layer, shard_view, samples)
-    parts = [file.stem, shard_view, layer]
-    out = out or Path(".".join(part for part in parts if part) + ".png")
     write_png(out, made.pixels)
     print(f"{made.note}\n{out}")

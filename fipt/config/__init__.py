@@ -7,6 +7,7 @@ loaded.
 - `schema`: what a person writes; `sources`: one module a source of scenes; `sections`: stage sections and their layers
 - `reading`: files and overrides to a checked `Configuration`; `renamed`: old names of keys
 - `scene`: a `SceneConfig`, with `views`, `segmentation`, `setups` and `decisions`; `layout`: every path of its results
+- `kept`: what a run reads is never cleared
 - `documentation`: generated schema and tables of keys
 """
 

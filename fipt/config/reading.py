@@ -124,4 +124,5 @@ def _scene(name: str, entry: SceneEntry, config: Config) -> SceneConfig:
         given_setups=setups,
         rounds=config.rounds,
         views_per_shard=config.views_per_shard,
+        said=given(entry),
     )

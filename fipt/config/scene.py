@@ -36,6 +36,8 @@ class SceneConfig:
         The last round.
     views_per_shard
         SceneViews in a shard.
+    said
+        What a person wrote about it, as plain JSON types.
     """
 
     place: Place
@@ -43,6 +45,7 @@ class SceneConfig:
     given_setups: Mapping[str, RelightSetup]
     rounds: int
     views_per_shard: int
+    said: Mapping[str, Any]
 
     @property
     def name(self) -> str:

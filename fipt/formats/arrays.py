@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from fipt.errors import FiptError
-from fipt.formats.files import atomic, existing_file, nameless
+from fipt.formats.files import atomic, existing_file, made_again, nameless
 
 
 def save_npy(path: str | Path, array: np.ndarray) -> None:
@@ -26,11 +26,14 @@ def load_npy(path: str | Path, mmap: bool = True) -> np.ndarray:
     """
     existing_file(path, "an array file")
     try:
-        return np.load(path, mmap_mode="r" if mmap else None, allow_pickle=False)
-    except (ValueError, EOFError) as error:
+        if mmap:
+            return np.lib.format.open_memmap(path, mode="r")
+        with open(path, "rb") as file:
+            return np.lib.format.read_array(file, allow_pickle=False)
+    except Exception as error:  # an absurd header raises kinds of its own: OverflowError, SyntaxError, MemoryError
         # numpy takes whatever it does not know for a pickle, and says how to load one.
         why = "" if "pickle" in str(error) else f" ({error})"
-        raise FiptError(f"{path} is not a complete npy array{why}", "delete it and run its stage again") from error
+        raise FiptError(f"{path} is not a complete npy array{why}", made_again(path)) from error
 
 
 def on_disk(folder: str | Path) -> Callable[[tuple[int, ...], DTypeLike], np.ndarray]:
@@ -73,7 +76,7 @@ def load_npz(path: str | Path, required: Sequence[str] = ()) -> dict[str, np.nda
             arrays = {name: file[name] for name in file.files}
     except Exception as error:  # zipfile, zlib and numpy each raise their own kinds for a damaged file
         why = "" if "pickle" in str(error) else f" ({error})"
-        raise FiptError(f"{path} is not a complete npz file{why}", "delete it and run its stage again") from error
+        raise FiptError(f"{path} is not a complete npz file{why}", made_again(path)) from error
     missing = [name for name in required if name not in arrays]
     if missing:
         raise FiptError(f"{path} lacks the arrays {', '.join(missing)}", "give the file of the stage that writes them")

@@ -68,6 +68,11 @@ def read_exr(path: str | Path, required: Sequence[str] = ()) -> dict[str, np.nda
             channels = {name: np.array(channel.pixels) for name, channel in file.channels().items()}
     except Exception as error:  # the package raises bare RuntimeError and ValueError
         raise FiptError(f"{path} is not a readable EXR file ({error})", "replace the file") from error
+    shapes = {array.shape for array in channels.values()}
+    if len(shapes) != 1 or len(next(iter(shapes))) != 2:
+        raise FiptError(
+            f"{path} must have channels of one size; found {sorted(shapes)}", "export it without subsampling"
+        )
     missing = [name for name in required if name not in channels]
     if missing:
         raise FiptError(

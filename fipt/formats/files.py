@@ -3,6 +3,7 @@
 import errno
 import logging
 import os
+import re
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -52,9 +53,23 @@ def atomic(path: str | Path) -> Iterator[Path]:
 
 
 @contextmanager
-def atomic_folder(path: str | Path) -> Iterator[Path]:
-    """Yield a fresh temporary folder beside ``path``; replace ``path`` by it when the block ends well."""
+def atomic_folder(path: str | Path, holds: str = ".*") -> Iterator[Path]:
+    """Yield a fresh temporary folder beside ``path``; replace ``path`` by it when the block ends well.
+
+    Parameters
+    ----------
+    path
+        Folder to write.
+    holds
+        Regular expression of the names that may lie in the folder that is replaced.
+
+    Raises
+    ------
+    FiptError
+        If the folder holds something else, is a link or a file, or cannot be written.
+    """
     path = Path(path)
+    check_replaced(path, holds)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         temporary.mkdir(parents=True)
@@ -66,6 +81,23 @@ def atomic_folder(path: str | Path) -> Iterator[Path]:
         raise _explained(error, path) from error
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
+
+
+def check_replaced(path: Path, holds: str) -> None:
+    """Refuse to replace a folder that is a link or holds names other than ``holds`` and hidden ones.
+
+    Raises
+    ------
+    FiptError
+        One line that names what would be lost.
+    """
+    if path.is_symlink():
+        raise FiptError(f"the folder {path} is replaced, but is a link to {path.readlink()}", "remove the link")
+    if not path.is_dir():
+        return  # a file in its place is told by the system
+    foreign = sorted(file.name for file in path.iterdir() if not re.fullmatch(rf"{holds}|\..*", file.name))
+    if foreign:
+        raise FiptError(f"the folder {path} is replaced, but holds {foreign[0]}", "choose another folder")
 
 
 def copy_file(source: str | Path, path: str | Path) -> None:
@@ -133,6 +165,29 @@ def existing_file(path: str | Path, what: str) -> Path:
     if not path.is_file():
         raise FiptError(f"{what} is missing: {path}", "check the path, or run the stage that writes it")
     return path
+
+
+def made_again(path: str | Path) -> str:
+    """Remedy for a damaged result: what to delete, so that the workflow makes it again.
+
+    The workflow knows the files of a folder by their manifest only, which lies beside the folder or above it.
+    """
+    path = Path(path)
+    for folder in list(path.parents)[:4]:
+        beside = folder.with_name(f"{folder.name}.manifest.json")
+        above = sorted(manifest for manifest in folder.glob("*.manifest.json") if _lists(manifest, path))
+        for manifest in (beside, *above):
+            if manifest.is_file():
+                return f"delete {manifest} and run again"
+    return f"delete {path} and run again"
+
+
+def _lists(manifest: Path, path: Path) -> bool:
+    """Whether a manifest names a file, by its text alone."""
+    try:
+        return f'"{path.relative_to(manifest.parent)}":' in manifest.read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return False
 
 
 def check_name(name: str, what: str) -> str:

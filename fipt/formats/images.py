@@ -1,5 +1,6 @@
 """8-bit and 16-bit PNG, what else OpenCV decodes, and the sRGB curve."""
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -33,14 +34,30 @@ def write_png(path: str | Path, pixels: np.ndarray) -> None:
         Image.fromarray(pixels).save(temporary)
 
 
-def read_ids(path: str | Path) -> np.ndarray:
-    """Read an id map: (H, W) uint16, 0 = unknown."""
+def read_pixels(path: str | Path, what: str, mode: str | None = None) -> np.ndarray:
+    """Read an image of 8 or 16 bits; ``mode`` is that of Pillow to convert to, such as ``L``.
+
+    Raises
+    ------
+    FiptError
+        If it is missing, cut, of another format, or of more pixels than any camera has.
+    """
     from PIL import Image
 
-    existing_file(path, "an id map")
-    with Image.open(path) as image:
-        ids = np.array(image)
-    if ids.ndim != 2 or ids.min() < 0 or ids.max() > 65535:
+    existing_file(path, what)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", Image.DecompressionBombWarning)
+            with Image.open(path) as image:
+                return np.array(image if mode is None else image.convert(mode))
+    except Exception as error:  # each decoder raises its own kinds
+        raise FiptError(f"{path} is not a readable image ({error})", "replace the file") from error
+
+
+def read_ids(path: str | Path) -> np.ndarray:
+    """Read an id map: (H, W) uint16, 0 = unknown."""
+    ids = read_pixels(path, "an id map")
+    if ids.size == 0 or ids.dtype == bool or ids.ndim != 2 or ids.min() < 0 or ids.max() > 65535:
         raise FiptError(f"{path} must be a grey PNG with ids from 0 to 65535", "export it as a 16-bit grey PNG")
     return ids.astype(np.uint16)
 

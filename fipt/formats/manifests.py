@@ -12,6 +12,7 @@ from typing import Any
 
 from fipt.errors import FiptError
 from fipt.formats.files import existing_file, write_text
+from fipt.formats.text import MALFORMED
 from fipt.registry import VERSIONS
 
 
@@ -48,7 +49,7 @@ def read_manifest(path: str | Path, stage: str) -> dict[str, Any]:
     try:
         content = json.loads(Path(path).read_text(encoding="utf-8"))
         found = (content["stage"], content["version"])
-    except (ValueError, KeyError, TypeError) as error:
+    except MALFORMED as error:
         raise FiptError(f"{path} is not a manifest ({error})", "delete it and run its stage again") from error
     if found != (stage, VERSIONS[stage]):
         raise FiptError(
@@ -58,11 +59,66 @@ def read_manifest(path: str | Path, stage: str) -> dict[str, Any]:
     return content
 
 
+class ListedFiles:
+    """What manifests say of the files below a folder: a file that is read must be the one that was written.
+
+    Parameters
+    ----------
+    folder
+        What is read. Its manifest is FOLDER.manifest.json, or stands in it; files that none lists are not checked.
+    """
+
+    def __init__(self, folder: str | Path) -> None:
+        self.folder = Path(folder)
+        self._listed: dict[str, tuple[str, Path]] | None = None
+        self._checked: set[tuple[str, int, int]] = set()
+
+    def check(self, path: str | Path) -> Path:
+        """Return the path of a file of the folder, once its content is what its stage wrote.
+
+        Raises
+        ------
+        FiptError
+            If it is cut, changed or of another run.
+        """
+        path = Path(path)
+        listed = self._entries().get(str(path))
+        if listed is None or not path.is_file():
+            return path  # a missing file is told by what reads it
+        state = path.stat()
+        key = (str(path), state.st_size, state.st_mtime_ns)
+        if key not in self._checked and file_hash(path) != listed[0]:
+            raise FiptError(
+                f"{path} is not what its stage wrote: its content differs from that of {listed[1].name}",
+                f"delete {listed[1]} and run again",
+            )
+        self._checked.add(key)
+        return path
+
+    def _entries(self) -> dict[str, tuple[str, Path]]:
+        """Path -> hash and manifest."""
+        if self._listed is None:
+            beside = self.folder.with_name(f"{self.folder.name}.manifest.json")
+            self._listed = {}
+            for manifest in (beside, *sorted(self.folder.glob("*.manifest.json"))):
+                for name, value in _files_of(manifest).items():
+                    self._listed[str(manifest.parent / name)] = (str(value), manifest)
+        return self._listed
+
+
+def _files_of(manifest: Path) -> dict[str, Any]:
+    """Names and hashes of a manifest; none where there is no manifest, or none that can be read."""
+    try:
+        return dict(json.loads(manifest.read_text(encoding="utf-8"))["files"])
+    except (OSError, *MALFORMED):
+        return {}
+
+
 def manifest_stage(path: str | Path) -> str | None:
     """Stage that wrote a manifest; None where there is none, or it is damaged."""
     try:
         return str(json.loads(Path(path).read_text(encoding="utf-8"))["stage"])
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, *MALFORMED):
         return None
 
 

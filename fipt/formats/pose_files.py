@@ -24,6 +24,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from fipt.errors import FiptError
+from fipt.formats.text import MALFORMED
 
 Rows = tuple[tuple[float, ...], ...]
 
@@ -37,8 +38,8 @@ _COLMAP_PARAMETERS = {
 }
 """Model -> its number in binary files, number of parameters, one focal length or two."""
 
-_FAR = 1e5
-"""Coordinates above this are those of a map, not of a room."""
+_FAR = 1e8
+"""Coordinates above this are on no planet of ours; those of a map are brought near the origin by an import."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,7 @@ def read_pose_file(path: str | Path) -> list[Posed]:
     read = readers.get(path.suffix.lower(), _colmap)
     try:
         found = read(path)
-    except (ValueError, KeyError, IndexError, TypeError, AttributeError, struct.error, ElementTree.ParseError) as error:
+    except (*MALFORMED, OSError, struct.error, csv.Error, ElementTree.ParseError) as error:
         raise FiptError(f"{path} is not a readable list of cameras ({error!r})", "export the cameras again") from error
     if not found:
         raise FiptError(f"{path} must hold at least one pose; it holds none", "align the images first, then export")
@@ -77,8 +78,8 @@ def read_pose_file(path: str | Path) -> list[Posed]:
         place = [row[3] for row in posed.world_from_camera[:3]]
         if not all(math.isfinite(x) and abs(x) < _FAR for x in place):
             raise FiptError(
-                f"{path}, {posed.name}: positions must be metres in a room; found {', '.join(f'{x:g}' for x in place)}",
-                "export in local coordinates, not in those of a map",
+                f"{path}, {posed.name}: positions must be metres; found {', '.join(f'{x:g}' for x in place)}",
+                "export the cameras again",
             )
     return found
 

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 from fipt.errors import FiptError
+from fipt.formats.text import MALFORMED
 
 
 def read_rejected(path: str | Path) -> dict[str, str]:
@@ -14,5 +15,5 @@ def read_rejected(path: str | Path) -> dict[str, str]:
     try:
         views = json.loads(path.read_text(encoding="utf-8"))["views"]
         return {name: state["reason"] for name, state in views.items() if not state["accepted"]}
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except MALFORMED as error:
         raise FiptError(f"{path} is not a {path.name} ({error!r})", "run what wrote it again") from error

@@ -12,6 +12,7 @@ from safetensors.torch import save
 
 from fipt.errors import FiptError
 from fipt.formats.files import atomic, existing_file
+from fipt.formats.text import MALFORMED
 from fipt.model.hash_encoding import Backend
 from fipt.model.networks import Field, SceneBox
 from fipt.model.settings import NetworkSettings
@@ -134,7 +135,7 @@ def _network_settings(path: str | Path, metadata: Mapping[str, Any]) -> NetworkS
 def _box(path: str | Path, metadata: Mapping[str, Any]) -> SceneBox:
     try:
         return SceneBox(metadata["box"]["center"], metadata["box"]["side"])
-    except (KeyError, TypeError, ValueError) as error:
+    except MALFORMED as error:
         raise _damaged(path, str(error)) from error
 
 

@@ -165,4 +165,4 @@ class Segments:
 
 def without(mesh: Mesh, gone: np.ndarray) -> Mesh:
     """Return a mesh whose triangles (T,) ``gone`` are points that no ray meets; numbers stay as they are."""
-    return Mesh(mesh.vertices, np.where(gone[:, None], mesh.triangles[:, :1], mesh.triangles))
+    return replace(mesh, triangles=np.where(gone[:, None], mesh.triangles[:, :1], mesh.triangles))

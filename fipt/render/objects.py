@@ -1,6 +1,7 @@
 """Objects and mesh lights of a setup in their places; objects that are dropped fall onto what is below."""
 
 import logging
+from dataclasses import replace
 
 import numpy as np
 
@@ -53,9 +54,10 @@ def appended(mesh: Mesh, *others: Mesh) -> Mesh:
     """``mesh`` with others' triangles after its own."""
     starts = np.cumsum([len(mesh.vertices)] + [len(other.vertices) for other in others])
     shifted = [other.triangles + start for other, start in zip(others, starts, strict=False)]
-    return Mesh(
-        np.concatenate([mesh.vertices, *(other.vertices.astype(np.float32) for other in others)]),
-        np.concatenate([mesh.triangles, *(triangles.astype(np.int32) for triangles in shifted)]),
+    return replace(
+        mesh,
+        vertices=np.concatenate([mesh.vertices, *(other.vertices.astype(np.float32) for other in others)]),
+        triangles=np.concatenate([mesh.triangles, *(triangles.astype(np.int32) for triangles in shifted)]),
     )
 
 

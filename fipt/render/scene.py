@@ -13,6 +13,10 @@ import numpy as np
 from fipt.conventions import RAY_EPSILON
 from fipt.scene.mesh import Mesh
 
+_DIRECTIONS = 256
+"""Rays around a place that tell how far a room reaches: 10 degrees apart, and it counts by halves."""
+_NEAR = 0.99
+"""Share of what is seen that is the room, as `fipt.scene.samples.scene_box` has it."""
 _ALIGNMENT = 128
 """Bytes: at least what any processor's vector registers hold."""
 
@@ -37,6 +41,11 @@ def vectors(array: np.ndarray, kind: type) -> Any:
     return kind(*(lanes(column, type(kind().x)) for column in array.astype(np.float32).T))
 
 
+def _bounds(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest coordinates (3,) float64 of points (N, 3)."""
+    return points.min(axis=0).astype(np.float64), points.max(axis=0).astype(np.float64)
+
+
 class RayScene:
     """A mesh to trace rays against.
 
@@ -46,10 +55,13 @@ class RayScene:
         The Mitsuba scene; its only shape is the mesh.
     normals
         (T, 3) float32 geometric normals by winding order.
-    epsilon
-        Offset of ray origins along the normal, metres.
     extent
-        Longest side of the mesh's bounds, metres.
+        Longest side of the bounds of the triangles, metres; of what is seen from where cameras stand, if these are
+        known and that is less than half of it. A ground or an object far away does not set the scale of a room.
+    middle
+        (3,) centre of these bounds, metres.
+    epsilon
+        Offset of ray origins along the normal inside these bounds, metres.
     """
 
     def __init__(self, mesh: Mesh) -> None:
@@ -66,8 +78,31 @@ class RayScene:
         parameters.update()
         self.scene = mi.load_dict({"type": "scene", "room": shape})
         self.normals = mesh.normals
-        extent = np.ptp(mesh.vertices, axis=0).max()
-        self.extent, self.epsilon = float(extent), float(RAY_EPSILON * extent)
+        low, high = _bounds(mesh.vertices[np.unique(mesh.triangles)])
+        if mesh.seen_from is not None and len(mesh.seen_from):
+            near = self._nearest(mesh.seen_from)
+            seen = _bounds(near) if len(near) else (low, high)
+            if np.ptp(seen, axis=0).max() < np.ptp((low, high), axis=0).max() / 2:
+                low, high = seen
+        self.middle, self.extent = (low + high) / 2, float((high - low).max())
+        self.epsilon = float(RAY_EPSILON * self.extent)
+
+    def offset(self, points: "mi.Point3f") -> "mi.Float":
+        """Offset of rays from points (N,): `epsilon`, more as far outside the bounds as positions are coarser there."""
+        away = dr.abs(points - mi.Point3f(*map(float, self.middle)))
+        return self.epsilon * dr.maximum(1.0, dr.max(away) / max(self.extent, 1e-30))
+
+    def _nearest(self, places: np.ndarray) -> np.ndarray:
+        """(N, 3) points that are seen from places (P, 3) all around, but for the farthest hundredth."""
+        k = np.arange(_DIRECTIONS) + 0.5
+        polar, azimuth = np.arccos(1 - 2 * k / _DIRECTIONS), np.pi * (1 + 5**0.5) * k
+        around = np.column_stack([np.cos(azimuth) * np.sin(polar), np.sin(azimuth) * np.sin(polar), np.cos(polar)])
+        origins = np.repeat(places, _DIRECTIONS, axis=0)
+        directions = np.tile(around, (len(places), 1)).astype(np.float32)
+        distance, triangle = self.intersect(origins, directions)
+        met = triangle >= 0
+        points = origins[met] + distance[met, None] * directions[met].astype(np.float64)
+        return points[distance[met] <= np.quantile(distance[met], _NEAR)] if met.any() else points
 
     def intersect(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Find what rays meet first.

@@ -253,7 +253,7 @@ class Shader:
         cos = dr.abs(dr.dot(ds.n, wi))
         p_emitter = ds.p_area * distance2 / cos
         visible = wanted & (dr.dot(v.n, wi) > 0) & (cos > 1e-6) & self.triangles.emits_along(ds.n, -wi)
-        visible &= ~self._blocked(origin, wi, distance * (1 - 1e-3) - self.scene.epsilon, visible)
+        visible &= ~self._blocked(origin, wi, distance * (1 - 1e-3) - self.scene.offset(v.p), visible)
         if self._emitters_at_x:
             g = ggx.ReflectionGeometry(v.n, wi, v.wo)
             density = lobes.density(g) + dr.select(visible, p_emitter, 0) * mi.Float(lobes.total)
@@ -344,4 +344,4 @@ class Shader:
 
     def _origin(self, v: Vertex) -> "mi.Point3f":
         """Where rays from v start: a little above the surface."""
-        return v.p + v.n * self.scene.epsilon
+        return v.p + v.n * self.scene.offset(v.p)

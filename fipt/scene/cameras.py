@@ -8,6 +8,7 @@ import numpy as np
 
 from fipt.errors import FiptError
 from fipt.formats.files import check_name, existing_file, write_text
+from fipt.formats.text import MALFORMED
 
 
 @dataclass(frozen=True)
@@ -71,10 +72,13 @@ class Camera:
         return image, depth
 
 
-def write_transforms(path: str | Path, cameras: list[Camera], folder: str = "images/") -> None:
+def write_transforms(
+    path: str | Path, cameras: list[Camera], folder: str = "images/", origin: np.ndarray | None = None
+) -> None:
     """Write cameras as transforms.json (nerfstudio convention, intrinsics and split per frame).
 
-    ``folder`` of the images is relative to that of the file, with a slash at its end.
+    ``folder`` of the images is relative to that of the file, with a slash at its end. ``origin`` (3,) is what was
+    subtracted from the positions of the source, metres; it is written where it is not zero.
     """
     frames = [
         {
@@ -90,7 +94,26 @@ def write_transforms(path: str | Path, cameras: list[Camera], folder: str = "ima
         }
         for camera in cameras
     ]
-    write_text(path, json.dumps({"camera_model": "PINHOLE", "frames": frames}, indent=1) + "\n")
+    moved = {"origin": origin.tolist()} if origin is not None and origin.any() else {}
+    write_text(path, json.dumps({"camera_model": "PINHOLE", **moved, "frames": frames}, indent=1) + "\n")
+
+
+def read_origin(path: str | Path) -> np.ndarray:
+    """(3,) float64 what was subtracted from the positions of the source of a dataset, metres; mostly zeros.
+
+    Raises
+    ------
+    FiptError
+        If the transforms.json is missing or damaged.
+    """
+    existing_file(path, "transforms.json")
+    try:
+        found = np.array(json.loads(Path(path).read_text(encoding="utf-8")).get("origin", (0, 0, 0)), np.float64)
+        if found.shape != (3,) or not np.isfinite(found).all():
+            raise ValueError(f"origin must be three numbers; found {found}")
+    except MALFORMED as error:
+        raise FiptError(f"{path} is not a dataset's transforms.json ({error!r})", "run the import again") from error
+    return found
 
 
 def read_transforms(path: str | Path) -> list[Camera]:
@@ -118,7 +141,7 @@ def read_transforms(path: str | Path) -> list[Camera]:
             )
             for frame in frames
         ]
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except MALFORMED as error:
         raise FiptError(f"{path} is not a dataset's transforms.json ({error!r})", "run the import again") from error
     check_cameras(cameras, path)
     return cameras
@@ -149,8 +172,16 @@ def check_cameras(cameras: list[Camera], path: str | Path) -> None:
         seen.add(camera.name)
         if camera.split not in ("train", "val"):
             raise FiptError(f"{where}: split must be train or val; found {camera.split!r}", "correct the split")
-        if min(camera.width, camera.height) < 1 or not (camera.fx > 0 and camera.fy > 0):
-            raise FiptError(f"{where}: image size and focal lengths must be positive", "correct the intrinsics")
+        if min(camera.width, camera.height) < 1 or not (0 < camera.fx < np.inf and 0 < camera.fy < np.inf):
+            raise FiptError(
+                f"{where}: image size and focal lengths must be positive and finite", "correct the intrinsics"
+            )
+        if not (0 <= camera.cx <= camera.width and 0 <= camera.cy <= camera.height):
+            raise FiptError(
+                f"{where}: the principal point must lie in the image; found {camera.cx:g}, {camera.cy:g} of "
+                f"{camera.width}x{camera.height}",
+                "correct the intrinsics",
+            )
         transform = camera.world_from_camera
         if transform.shape != (4, 4) or not np.isfinite(transform).all():
             raise FiptError(f"{where}: transform_matrix must be a finite 4x4 matrix", "correct the pose")

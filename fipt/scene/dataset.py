@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +12,16 @@ from fipt.errors import FiptError
 from fipt.formats.exr import read_exr
 from fipt.formats.files import write_text
 from fipt.formats.images import read_ids
+from fipt.formats.manifests import ListedFiles
 from fipt.formats.views import read_rejected
 from fipt.scene.cameras import Camera, read_transforms
 from fipt.scene.mesh import Mesh, read_mesh
 
 CHECKED = "check_poses.json"
 """File of a dataset with the verdicts of ``fipt check-poses``, beside views.json and read like it."""
+
+_VIEWPOINTS = 16
+"""Cameras that tell how far a room reaches; others stand between them."""
 
 TRUTH_RGB = ("kd", "base_color", "reflectance", "emission")
 TRUTH_SCALAR = ("roughness", "metallic", "emission_mask")
@@ -51,6 +56,8 @@ class Dataset:
             self.rejected = read_rejected(self.root / "views.json")
         self.cameras = [c for c in read_transforms(self.root / "transforms.json") if c.name not in self.rejected]
         self._by_name = {camera.name: camera for camera in self.cameras}
+        self._listed = ListedFiles(self.root)
+        self._listed_ids = self._listed if segments is None else ListedFiles(self.segments_root)
         # Of the view that was read last: callers ask for them after its image, which is in the same file.
         self._flags: dict[str, np.ndarray | None] = {}
 
@@ -72,8 +79,10 @@ class Dataset:
         return [view for view in views if view not in self.rejected]
 
     def mesh(self) -> Mesh:
-        """The room's mesh, metres."""
-        return read_mesh(self.root / "mesh.ply")
+        """The room's mesh, metres, with the places where its cameras stand."""
+        step = max(1, len(self.cameras) // _VIEWPOINTS)
+        centers = np.array([camera.center for camera in self.cameras[::step]]).reshape(-1, 3)
+        return replace(read_mesh(self._listed.check(self.root / "mesh.ply")), seen_from=centers)
 
     def image(self, view: str) -> tuple[np.ndarray, np.ndarray]:
         """Read an image and its weights.
@@ -112,7 +121,8 @@ class Dataset:
         return (flags & FLAG_SATURATED) > 0
 
     def _channels(self, view: str) -> dict[str, np.ndarray]:
-        channels = read_exr(self.root / "images" / f"{view}.exr", required=("R", "G", "B"))
+        path = self._listed.check(self.root / "images" / f"{view}.exr")
+        channels = read_exr(path, required=("R", "G", "B"))
         flags = channels.get("flags.Y")
         self._flags = {view: None if flags is None else flags.astype(np.uint32)}
         return channels
@@ -133,7 +143,7 @@ class Dataset:
 
     def segments(self, view: str, kind: str) -> np.ndarray:
         """(H, W) uint16 segment ids of a view, 0 = unknown."""
-        path = self.segments_root / kind / f"{view}.png"
+        path = self._listed_ids.check(self.segments_root / kind / f"{view}.png")
         ids, camera = read_ids(path), self.camera(view)
         if ids.shape != (camera.height, camera.width):
             raise FiptError(
@@ -144,7 +154,7 @@ class Dataset:
 
     def truth(self, view: str) -> dict[str, np.ndarray] | None:
         """Ground truth of a view, or None: layer name -> (H, W, 3) or (H, W) float32."""
-        path = self.root / "truth" / f"{view}.exr"
+        path = self._listed.check(self.root / "truth" / f"{view}.exr")
         return read_layers(path) if path.is_file() else None
 
 

@@ -12,6 +12,7 @@ from fipt.conventions import LUMINANCE
 from fipt.errors import FiptError
 from fipt.formats.arrays import load_npz, save_npz
 from fipt.formats.files import existing_file, write_text
+from fipt.formats.text import MALFORMED
 from fipt.scene.mesh import Mesh
 from fipt.scene.review import closest, ranges
 from fipt.scene.setup import EmitterEdit
@@ -227,7 +228,7 @@ def read_names(path: str | Path | None, emitters: Emitters) -> list[str]:
     content = existing_file(path, "the list of emitters").read_text(encoding="utf-8")
     try:
         names = [str(row["name"]) for row in json.loads(content)["emitters"]]
-    except (ValueError, KeyError, TypeError) as error:
+    except MALFORMED as error:
         raise FiptError(f"{path} is not a list of emitters ({error!r})", "run fipt review again") from error
     if len(names) != len(known):
         raise FiptError(f"{path} must list {len(known)} emitters; it has {len(names)}", "run fipt review again")

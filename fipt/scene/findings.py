@@ -10,6 +10,7 @@ import numpy as np
 
 from fipt.errors import FiptError
 from fipt.formats.files import existing_file, write_text
+from fipt.formats.text import MALFORMED
 
 SEVERITIES = ("serious", "warning")
 """Worst first. With a serious finding the results are not to be trusted."""
@@ -116,7 +117,7 @@ def read_findings(path: str | Path) -> list[RoomFinding]:
     try:
         rows = json.loads(content)["findings"]
         return [RoomFinding(**{**row, "measure": Measure(**row["measure"])}) for row in rows]
-    except (ValueError, KeyError, TypeError) as error:
+    except MALFORMED as error:
         raise FiptError(f"{path} is not a list of findings ({error!r})", "run fipt findings again") from error
 
 
@@ -126,7 +127,7 @@ def read_measured(path: str | Path) -> list[Measure]:
     try:
         rows = json.loads(content)["measured"].values()
         return [Measure(row["name"], row["value"], row["threshold"], row["unit"]) for row in rows]
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except MALFORMED as error:
         raise FiptError(f"{path} is not a list of findings ({error!r})", "run fipt findings again") from error
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from fipt.errors import FiptError
 from fipt.formats.arrays import load_npz, save_npz
 from fipt.formats.files import existing_file, write_text
+from fipt.formats.text import MALFORMED
 
 _ARRAYS = ("part", "semantic", "agreement", "seen", "split")
 
@@ -57,5 +58,5 @@ def read_fusion(path: str | Path) -> tuple[Fusion, dict[str, Any]]:
     about = existing_file(path.with_suffix(".json"), "the list of fused segments")
     try:
         return Fusion(**{name: arrays[name] for name in _ARRAYS}), json.loads(about.read_text(encoding="utf-8"))
-    except ValueError as error:
+    except MALFORMED as error:
         raise FiptError(f"{about} is not JSON ({error})", "run fipt fuse again") from error

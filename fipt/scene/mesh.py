@@ -21,10 +21,14 @@ class Mesh:
         (V, 3) float32 positions.
     triangles
         (T, 3) int32 vertex indices.
+    seen_from
+        (N, 3) float64 places where cameras stand, metres: what is far from all that they see does not set the scale.
+        None: nothing is known of them.
     """
 
     vertices: np.ndarray
     triangles: np.ndarray
+    seen_from: np.ndarray | None = None
 
     @property
     def corners(self) -> np.ndarray:
@@ -58,6 +62,12 @@ def read_mesh(path: str | Path) -> Mesh:
     FiptError
         If the file is missing, empty, not a mesh, has NaN vertices or indices out of range.
     """
+    vertices, triangles = read_geometry(path)
+    return Mesh(vertices.astype(np.float32), triangles)
+
+
+def read_geometry(path: str | Path) -> tuple[np.ndarray, np.ndarray]:
+    """Read a mesh as `read_mesh` does: (V, 3) float64 vertices, which may lie far from the origin, (T, 3) int32."""
     path = existing_file(path, "the mesh")
     try:
         read = _read_obj if path.suffix.lower() == ".obj" else _read_other
@@ -69,7 +79,7 @@ def read_mesh(path: str | Path) -> Mesh:
             f"the mesh {path} must hold triangles; it has none",
             "give a PLY or OBJ file with triangles",
         )
-    bad = ~np.isfinite(vertices).all(axis=1)
+    bad = ~(np.abs(vertices) <= np.finfo(np.float32).max).all(axis=1)
     if bad.any():
         raise FiptError(
             f"the mesh {path} must have finite vertices; {int(bad.sum())} are NaN or infinite, the first is "
@@ -78,7 +88,7 @@ def read_mesh(path: str | Path) -> Mesh:
         )
     if triangles.min() < 0 or triangles.max() >= len(vertices):
         raise FiptError(f"the mesh {path} refers to vertices it does not have", "repair the mesh")
-    return Mesh(vertices, triangles)
+    return vertices, triangles
 
 
 def connected_parts(mesh: Mesh) -> np.ndarray:
@@ -157,7 +167,7 @@ def _read_other(path: Path) -> tuple[np.ndarray, np.ndarray]:
     import trimesh
 
     loaded: Any = trimesh.load(path, process=False, maintain_order=True, force="mesh")
-    return np.asarray(loaded.vertices, np.float32), np.asarray(loaded.faces, np.int32)
+    return np.asarray(loaded.vertices, np.float64), np.asarray(loaded.faces, np.int32)
 
 
 def _read_obj(path: Path) -> tuple[np.ndarray, np.ndarray]:
@@ -174,7 +184,7 @@ def _read_obj(path: Path) -> tuple[np.ndarray, np.ndarray]:
                 first, *rest = (n - 1 if n > 0 else len(vertices) + n for n in numbers)
                 triangles += [(first, b, c) for b, c in pairwise(rest)]
     return (
-        np.array(vertices, np.float32).reshape(-1, 3),
+        np.array(vertices, np.float64).reshape(-1, 3),
         np.array(triangles, np.int32).reshape(-1, 3),
     )
 

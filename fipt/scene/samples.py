@@ -11,6 +11,8 @@ from fipt.conventions import SUB_POSITIONS
 from fipt.errors import FiptError
 from fipt.formats.arrays import load_npy, save_npy
 from fipt.formats.files import existing_file, write_text
+from fipt.formats.manifests import ListedFiles
+from fipt.formats.text import MALFORMED
 from fipt.scene.dataset import Dataset
 
 Empty = Callable[..., np.ndarray]
@@ -100,13 +102,15 @@ def read_samples(folder: str | Path) -> FootprintSamples:
         If a file is missing or the arrays do not belong together.
     """
     folder = Path(folder)
+    listed = ListedFiles(folder)
+    file = listed.check(existing_file(folder / "views.json", "the views of a samples shard"))
     try:
-        views = json.loads(existing_file(folder / "views.json", "the views of a samples shard").read_text())["views"]
+        views = json.loads(file.read_text(encoding="utf-8"))["views"]
         names = tuple(view["name"] for view in views)
         shapes = tuple((int(view["height"]), int(view["width"])) for view in views)
-    except (ValueError, KeyError, TypeError) as error:
+    except MALFORMED as error:
         raise FiptError(f"{folder}/views.json is damaged ({error!r})", "run the samples stage again") from error
-    arrays = {name: load_npy(folder / f"{name}.npy") for name in _ARRAYS}
+    arrays = {name: load_npy(listed.check(folder / f"{name}.npy")) for name in _ARRAYS}
     samples = FootprintSamples(names, shapes, **arrays)
     count = len(samples.position)
     if (

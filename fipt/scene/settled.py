@@ -12,6 +12,7 @@ from typing import TypeVar
 
 from fipt.errors import FiptError
 from fipt.formats.files import existing_file, write_text
+from fipt.formats.text import MALFORMED
 
 _T = TypeVar("_T")
 
@@ -135,5 +136,5 @@ def _parsed(path: Path, kind: type[_T]) -> _T:
     """
     try:
         return kind(**json.loads(path.read_text(encoding="utf-8")))
-    except (ValueError, TypeError) as error:
+    except MALFORMED as error:
         raise FiptError(f"{path} is damaged ({error})", "run the stage again that wrote it") from error

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from fipt.errors import FiptError
+from fipt.formats.text import MALFORMED
 from fipt.settings import (
     Angle,
     Count,
@@ -375,7 +376,7 @@ def parse_cameras(text: str) -> OwnCameras:
 def _json(text: str, name: str) -> Any:
     try:
         return json.loads(text)
-    except ValueError as error:
+    except MALFORMED as error:
         raise FiptError(f"{name} must be JSON ({error})", "see config/README.md") from error
 
 

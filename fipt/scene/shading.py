@@ -7,6 +7,7 @@ import numpy as np
 from fipt.conventions import LUMINANCE, ROUGHNESS_LEVELS, SHADING_OUTPUTS
 from fipt.errors import FiptError
 from fipt.formats.arrays import load_npy, save_npy
+from fipt.formats.manifests import ListedFiles
 from fipt.scene.samples import FootprintSamples
 
 _LEVELS = len(ROUGHNESS_LEVELS)
@@ -96,7 +97,7 @@ def read_shading(folder: str | Path, samples: FootprintSamples | None = None) ->
     FiptError
         If it is missing or is not the shading of ``samples``.
     """
-    words = load_npy(Path(folder) / "shading.npy")
+    words = load_npy(ListedFiles(folder).check(Path(folder) / "shading.npy"))
     expected = (len(words) if samples is None else len(samples.position), _WORDS)
     if words.shape != expected or words.dtype != np.uint32:
         raise FiptError(

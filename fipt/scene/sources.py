@@ -13,9 +13,9 @@ from pathlib import Path
 from fipt.errors import FiptError
 from fipt.formats.files import check_name, existing_file
 from fipt.formats.layouts import READERS, SEGMENT_FOLDERS, SourceView, nerfstudio_views
-from fipt.formats.layouts.common import MALFORMED
 from fipt.formats.layouts.own import ids_file
 from fipt.formats.pose_files import is_pose_file, read_pose_file
+from fipt.formats.text import MALFORMED
 from fipt.formats.views import read_rejected
 
 CAPTURE = "capture"

@@ -104,9 +104,9 @@ class Workspace:
         """Every job of the config, done or not."""
         return jobs_of(self.root, target=target)
 
-    def fipt_run(self, *options: str, code: int = 0) -> str:
-        """Call ``fipt run room`` here and return what it says on standard error."""
-        command = [sys.executable, "-m", "fipt.cli.main", "run", "room", *options]
+    def fipt_run(self, *options: str, code: int = 0, scene: str = "room") -> str:
+        """Call ``fipt run`` of a scene here and return what it says on standard error."""
+        command = [sys.executable, "-m", "fipt.cli.main", "run", scene, *options]
         done = subprocess.run(command, cwd=self.root, env=self.environment, text=True, capture_output=True, timeout=900)
         assert done.returncode == code, done.stderr + self.logs()
         return done.stderr

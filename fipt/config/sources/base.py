@@ -66,14 +66,19 @@ class Place:
         Raises
         ------
         FiptError
-            If {data_root} was not set.
+            If {data_root} was not set, or it cannot be a path of the workflow.
         """
         if "{data_root}" in text and not self.data_root:
             raise FiptError(
                 f"scenes.{self.scene}.{key} is {text}, but data_root is not set",
                 "add --config data_root=FOLDER",
             )
-        return str(Path(text.replace("{data_root}", self.data_root or "")).expanduser())
+        try:
+            return plain_path(str(Path(text.replace("{data_root}", self.data_root or "")).expanduser()))
+        except FiptError as error:
+            raise FiptError(f"scenes.{self.scene}.{key}: {error.message}", error.remedy) from error
+        except RuntimeError as error:  # ~ of a user that there is not
+            raise FiptError(f"scenes.{self.scene}.{key} is {text} ({error})", "write the whole path") from error
 
     def paths(self, values: Any, key: str) -> Any:
         """Plain values with every text placed that names {data_root} or starts with ~."""
@@ -176,6 +181,16 @@ class Source(ABC):
         """What an import reads beside developed photographs; when one changes, it is imported again."""
         return []
 
+    def given_files(self) -> list[str]:
+        """Files of somebody else that an import or a room is made of, as far as they are known without their pixels.
+
+        Raises
+        ------
+        FiptError
+            If the source cannot be read.
+        """
+        return self.scene_files()
+
     def import_options(self) -> list[str]:
         """Options of ``fipt import`` that say what is imported."""
         return []
@@ -206,6 +221,19 @@ class Source(ABC):
         """What holds a known room, made with the dataset or imported with developed photographs."""
         made = self.place.layout.known_room if self.rendered else self.place.layout.imported_images
         return [made] if self.known else []
+
+
+def plain_path(path: str) -> str:
+    """Return a path that the workflow can name.
+
+    Raises
+    ------
+    FiptError
+        If it holds braces, which the workflow takes for wildcards, or a control character.
+    """
+    if any(letter in "{}" or ord(letter) < 32 for letter in path):
+        raise FiptError(f"paths must hold no braces or control characters; found {path!r}", "rename the file or folder")
+    return path
 
 
 def options(**values: str | None) -> list[str]:

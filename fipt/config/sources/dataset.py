@@ -75,6 +75,10 @@ class DatasetSource(Source):
         found += [file for frame in self._read.frames for file in known_files(frame)]
         return sorted({str(path) for path in [*found, *([mesh] if mesh else [])]})
 
+    def given_files(self) -> list[str]:
+        """What an import reads, masks too."""
+        return [*self.view_files(), *(str(frame.mask) for frame in self._read.frames if frame.mask is not None)]
+
     def import_options(self) -> list[str]:
         """What is imported: the layout, and the mesh that the config names."""
         return options(source=self.path, format=self.entry.format, mesh=self._mesh)

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from fipt.errors import FiptError
-from fipt.formats.files import existing_file
 from fipt.formats.layouts.common import Matrix, PosedViews, SourceView, numbered_file
+from fipt.formats.text import MALFORMED, read_text
 
 
 def read_fipt_real(root: Path) -> PosedViews:
@@ -34,12 +34,11 @@ def read_fipt_real(root: Path) -> PosedViews:
 
 def _triples(path: Path) -> list[Matrix]:
     """Read a count, then three lines of three numbers for each camera."""
-    existing_file(path, "the camera list")
-    lines = [line.split() for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
+    lines = [line.split() for line in read_text(path, "the camera list").splitlines() if line.strip()]
     try:
         (count,) = (int(float(text)) for text in lines[0])
         rows = [tuple(map(float, line)) for line in lines[1:]]
-    except (ValueError, IndexError) as error:
+    except MALFORMED as error:
         raise FiptError(
             f"{path} must hold a count, then lines of three numbers ({error})", "correct the list"
         ) from error

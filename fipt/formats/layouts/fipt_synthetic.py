@@ -4,8 +4,9 @@ import re
 from pathlib import Path, PurePosixPath
 
 from fipt.errors import FiptError
-from fipt.formats.layouts.common import MALFORMED, PosedViews, SourceView, numbered_file, pose_matrix
+from fipt.formats.layouts.common import PosedViews, SourceView, numbered_file, pose_matrix
 from fipt.formats.layouts.nerfstudio import pinhole_intrinsics, read_entries
+from fipt.formats.text import MALFORMED
 
 
 def read_fipt_synthetic(root: Path) -> PosedViews:

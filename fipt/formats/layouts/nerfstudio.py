@@ -1,14 +1,14 @@
 """nerfstudio's transforms.json, and Blender's transforms_{train,val}.json: OpenGL axes, EXR images."""
 
-import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 from fipt.errors import FiptError
-from fipt.formats.files import existing_file
-from fipt.formats.layouts.common import MALFORMED, PosedViews, SourceView, pose_matrix
+from fipt.formats.layouts.common import PosedViews, SourceView, pose_matrix
+from fipt.formats.text import MALFORMED, read_json
 
 _INTRINSICS = ("w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_y")
 _DISTORTION = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
@@ -81,9 +81,8 @@ def _listed_splits(path: Path, shared: Mapping[str, Any], entries: list[dict[str
 
 def read_entries(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """Read the shared keys and the frames of a transforms.json."""
-    existing_file(path, "the camera file")
+    shared = read_json(path, "the camera file", "check the source's format")
     try:
-        shared = json.loads(path.read_text(encoding="utf-8"))
         return shared, [dict(entry) for entry in shared.pop("frames")]
     except MALFORMED as error:
         raise FiptError(
@@ -134,4 +133,8 @@ def pinhole_intrinsics(where: str, keys: Mapping[str, Any]) -> dict[str, float]:
 
 
 def _stated(keys: Mapping[str, Any]) -> dict[str, float]:
-    return {key: float(keys[key]) for key in _INTRINSICS if keys.get(key) is not None}
+    found = {key: float(keys[key]) for key in _INTRINSICS if keys.get(key) is not None}
+    for key, value in found.items():
+        if not math.isfinite(value) or (key not in ("cx", "cy") and value <= 0):
+            raise ValueError(f"{key} must be a finite number above 0; found {value:g}")
+    return found

@@ -11,6 +11,7 @@ import numpy as np
 
 from fipt.errors import FiptError
 from fipt.formats.files import existing_file, write_text
+from fipt.formats.text import MALFORMED
 from fipt.scene.lens import Lens
 
 FORMAT = 1
@@ -144,7 +145,7 @@ def read_calibration(path: str | Path) -> Calibration:
     try:
         content = json.loads(Path(path).read_text(encoding="utf-8"))
         version = content.pop("format")
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except MALFORMED as error:
         raise FiptError(f"{path} is not a calibration ({error!r})", "run fipt calibrate again") from error
     if version != FORMAT:
         raise FiptError(f"{path} must have format {FORMAT}; found {version}", "run fipt calibrate again")
@@ -156,7 +157,7 @@ def read_calibration(path: str | Path) -> Calibration:
             vignetting=vignetting and Vignetting(**{key: _tuples(value) for key, value in vignetting.items()}),
             lens=lens and Lens(**{key: _tuples(value) for key, value in lens.items()}),
         )
-    except (KeyError, TypeError) as error:
+    except MALFORMED as error:
         raise FiptError(f"{path} is not a calibration ({error!r})", "run fipt calibrate again") from error
 
 

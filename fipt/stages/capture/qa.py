@@ -14,6 +14,7 @@ import numpy as np
 from fipt.conventions import LUMINANCE
 from fipt.errors import FiptError
 from fipt.formats.exr import read_exr
+from fipt.formats.text import MALFORMED
 from fipt.stages.capture.brackets import Capture
 from fipt.stages.capture.calibration import Calibration
 from fipt.stages.capture.findings import check, uncalibrated, undeveloped
@@ -32,7 +33,7 @@ def read_facts(folder: Path, capture: Capture) -> dict[str, dict[str, Any]]:
             continue
         try:
             facts[bracket.view] = dict(json.loads(path.read_text(encoding="utf-8")))
-        except (ValueError, TypeError) as error:
+        except MALFORMED as error:
             raise FiptError(f"{path} does not hold the facts of a view ({error})", "develop the view again") from error
     if not facts:
         raise FiptError(f"{folder} must hold developed views of {capture.folder}; it holds none", "run fipt develop")

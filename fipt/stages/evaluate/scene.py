@@ -11,6 +11,7 @@ import numpy as np
 from fipt.errors import FiptError
 from fipt.formats.arrays import load_npz
 from fipt.formats.exr import read_rgb
+from fipt.formats.text import MALFORMED
 from fipt.progress import progress
 from fipt.scene.dataset import Dataset, read_layers
 from fipt.scene.references import read_reference, reference_files
@@ -237,7 +238,7 @@ def _room_triangles(path: Path, areas: np.ndarray) -> np.ndarray | None:
         lists = [np.asarray(emitter["triangles"], np.int64) for emitter in room["emitters"]]
         said = [emitter.get("area") for emitter in room["emitters"]]
         count = int(room.get("triangles", len(areas)))
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except MALFORMED as error:
         raise FiptError(
             f"{path} does not list the triangles of its emitters ({error!r})", "synthesize again"
         ) from error

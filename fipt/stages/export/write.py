@@ -14,7 +14,7 @@ from fipt.formats.manifests import Stats, write_manifest
 from fipt.model.store import load_field
 from fipt.render.exported import SPECULAR, principled_textures
 from fipt.scene.asset import Asset, mitsuba_map
-from fipt.scene.cameras import write_transforms
+from fipt.scene.cameras import read_origin, write_transforms
 from fipt.scene.confidence import read_confidence
 from fipt.scene.dataset import Dataset
 from fipt.scene.emitters import Emitters, read_emitters, read_names
@@ -76,7 +76,8 @@ def write_export(inputs: ExportInputs, settings: ExportSettings) -> Stats:
         write_blender(folder / "blender.py", asset)
         write_colmap(folder / "cameras" / "colmap", asset.cameras)
         write_transforms(folder / "cameras" / "transforms.json", list(asset.cameras))
-        _write_facts(folder / _FACTS, asset, atlas, upright(data.cameras), float(emission.max()))
+        turned = upright(data.cameras), read_origin(inputs.dataset / "transforms.json")
+        _write_facts(folder / _FACTS, asset, atlas, turned, float(emission.max()))
     files = [path for path in out.rglob("*") if path.is_file()]
     write_manifest(inputs.manifest, "export", files, dumped(settings))
     return {"texels": len(known.index), "atlas": [atlas.width, atlas.height]}
@@ -130,13 +131,17 @@ def _write_emitters(path: Path, asset: Asset) -> None:
     write_ply(path, Mesh(joined[0], joined[1].astype(np.int32)), joined[2])
 
 
-def _write_facts(path: Path, asset: Asset, atlas: Atlas, turn: np.ndarray, strength: float) -> None:
-    """Write what the other files cannot say: emitters, density, how the world was turned."""
+def _write_facts(
+    path: Path, asset: Asset, atlas: Atlas, turned: tuple[np.ndarray, np.ndarray], strength: float
+) -> None:
+    """Write what the other files cannot say: emitters, density, how the world was turned, from which origin."""
+    turn, origin = turned
     content = {
         "generator": f"fipt {__version__}",
         "scene": asset.name,
         "axes": "y up, metres, right-handed; cameras look along -z",
         "room_from_source": turn.tolist(),
+        "source_origin": origin.tolist(),
         "atlas": {
             "width": atlas.width,
             "height": atlas.height,

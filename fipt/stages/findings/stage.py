@@ -51,7 +51,7 @@ def run(inputs: FindingsInputs, settings: "FindingsSettings") -> dict[str, Any]:
     from fipt.stages.findings.judge import judged
 
     found, notes = judged(_room(inputs, settings))
-    with atomic_folder(inputs.out.parent / "findings") as folder:
+    with atomic_folder(inputs.out.parent / "findings", r"[\w.-]+\.png") as folder:
         for finding in found:
             if finding.image is not None:
                 write_png(folder / f"{finding.id}.png", finding.image)

@@ -6,10 +6,15 @@ A piece is what one voxel holds of a part's surface that faces one way. The vari
                 or the other way round (`fipt.stages.fit.material_posterior`)
     residual    r^2, r = mean of |C - C'| / C' kd: what the fitted pixels C' leave of the photographs C; a pixel's
                 weight of it is the room's median
+    metal       m (r a)^2: the kd of a metal is 0 whatever is left of its photographs, and what a metal explains badly
+                may be none
     shading     (kd d)^2, d = ln of the shading over that of round 0: two estimates of the same light, of which one
                 reads the photographs' radiance and the other follows paths; what they differ by, either may err
     mixing      q^2 / 12, q = mean share of the pixels that shows other surface: such a piece is told from others by
                 its model alone, and of what nothing is known, the variance is 1/12 (anything from 0 to 1 alike)
+    outline     P e^2, e^2 = mean of (kd' - kd)^2 over the eight pixels around, kd' = kd C(there) / C, at most 1: the
+                outline of surface may lie beside where the mesh has it, and P is the share of such pixels in this
+                room: r^2 over the mean of (C(there) / C - 1)^2, where that is largest
     part        (kd d_k)^2, d_k = mean of d over the part: what its pieces do not average out
     room        (kd r_room)^2, r_room = median of |C - C'| / C' over all pieces
 
@@ -36,7 +41,10 @@ from fipt.stages.fit.batches import Pixels
 from fipt.stages.fit.evidence import piece_resolution, sums_by
 from fipt.stages.fit.material_posterior import MaterialPosterior
 
-COMPONENTS = {"ambiguity": 1.1, "residual": 5.5, "shading": 0.15, "mixing": 0.85, "part": 0.55, "room": 0.08}
+COMPONENTS = {
+    "ambiguity": 1.1, "residual": 5.5, "metal": 3.0, "shading": 0.4, "mixing": 0.4, "outline": 1.0, "part": 0.55,
+    "room": 0.08,
+}  # fmt: skip
 """What the terms are multiplied by."""
 _NOTHING = 1 / 12
 """Variance of a number between 0 and 1 of which nothing is known."""
@@ -48,6 +56,10 @@ _MOST_OFF = 1.0
 """Relative residuals count up to here."""
 _LEAST_SHARE = 0.05
 """Pixels' shares that a piece must have before anything is known of it."""
+_STEEPEST = 0.9
+"""Quantile of contrast above which residuals are those of outlines that lie elsewhere, not of noise."""
+_AROUND = tuple((row, column) for row in range(3) for column in range(3) if (row, column) != (1, 1))
+"""Places of the pixels around the middle one of nine."""
 _WHOLE = 0.99
 """Share of a pixel that the mesh must fill before its radiance is compared."""
 _MOST_SAMPLES = 150_000
@@ -59,7 +71,8 @@ _HARDLY = 1.0
 _MOSTLY = 0.5
 """Share of a record's surface of which something must be known."""
 
-_SUMS = ("share", "mixed", "asked", "kd", "base", "roughness", "metallic", "change", "evident", "residual", "relative")
+_PHOTOGRAPHED = ("residual", "relative", "contrast", "steepness")
+_SUMS = ("share", "mixed", "asked", "kd", "base", "roughness", "metallic", "change", "evident", *_PHOTOGRAPHED)
 
 
 @dataclass(frozen=True)
@@ -78,6 +91,8 @@ class FittedPieces:
         (G,) ln of the shading over that of round 0.
     residual, relative
         (G,) mean absolute residual, in kd, and relative to the radiance.
+    contrast, steepness
+        (G,) mean squared difference to the pixels around, likewise.
     """
 
     record: np.ndarray
@@ -92,6 +107,8 @@ class FittedPieces:
     evident: np.ndarray
     residual: np.ndarray
     relative: np.ndarray
+    contrast: np.ndarray
+    steepness: np.ndarray
 
 
 def predict(
@@ -188,12 +205,25 @@ class _FittedView:
             change = np.log((light + dark) / (before + dark))
         one = np.ones(len(own))
         shown = one, brdf.kd.mean(axis=1), brdf.base_color.mean(axis=1), brdf.roughness, brdf.metallic, change
-        off = one, (residual[pixel] * brdf.kd).mean(axis=1), residual[pixel].mean(axis=1)
+        off = one, (residual[pixel] * brdf.kd).mean(axis=1), residual[pixel].mean(axis=1), *self._contrast(brdf.kd)
         weight = np.asarray(samples.weight[self.own], np.float64)[:, None]
         columns = np.zeros((len(weight), len(_SUMS)))
         columns[:, :1], columns[:, 1:2] = 1, 1 - weight
         columns[self.asked, 2:] = np.column_stack([*shown, *(evident * x for x in off)])
         return weight * columns
+
+    def _contrast(self, kd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(M,) mean squared difference to the pixels around the asked ones, in kd (M, 3) and relative to them."""
+        height, width = self.samples.shapes[self.index]
+        image = np.asarray(self.pixels.radiance[self.number][self.span], np.float64).reshape(height, width, 3)
+        image = np.pad(image + _DARK * image.mean() + _TINY, ((1, 1), (1, 1), (0, 0)), mode="edge")
+        row, column = np.divmod(self.pixel[self.asked], width)
+        contrast, steepness = np.zeros(len(kd)), np.zeros(len(kd))
+        for down, right in _AROUND:
+            ratio = image[row + down, column + right] / image[row + 1, column + 1]
+            contrast += ((np.minimum(kd * ratio, 1) - kd) ** 2).mean(axis=1)
+            steepness += (np.clip(ratio - 1, -_MOST_OFF, _MOST_OFF) ** 2).mean(axis=1)
+        return contrast / len(_AROUND), steepness / len(_AROUND)
 
     def _residuals(self, brdf: Brdf, shading: np.ndarray, emitter_gain: float) -> tuple[np.ndarray, np.ndarray]:
         """(P, 3) relative absolute residuals of its pixels, and (M,) bool: the sample's pixel tells something."""
@@ -220,9 +250,9 @@ def _means(key: np.ndarray, total: np.ndarray) -> FittedPieces:
     sums = dict(zip(_SUMS, np.where(total[:, 2:3] > 0, total, rest).T, strict=True))
     share, mixed = total[:, 0], total[:, 1]
     asked, evident = np.maximum(sums.pop("asked"), _TINY), sums["evident"]
-    divisor = {"residual": np.maximum(evident, _TINY), "relative": np.maximum(evident, _TINY)}
-    names = ("kd", "base", "roughness", "metallic", "change", "residual", "relative")
-    means = {name: sums[name] / divisor.get(name, asked) for name in names}
+    of_all = ("kd", "base", "roughness", "metallic", "change")
+    means = {name: sums[name] / asked for name in of_all}
+    means |= {name: sums[name] / np.maximum(evident, _TINY) for name in _PHOTOGRAPHED}
     evident = evident * share / asked
     return FittedPieces(key >> 16, key & 0xFFFF, share, mixed / np.maximum(share, _TINY), evident=evident, **means)
 
@@ -238,15 +268,28 @@ def components(pieces: FittedPieces, materials: MaterialPosterior, uniform: np.n
     typical = np.median(pieces.relative[known]) if known.any() else _UNCHECKED
     # with one pixel's weight every piece has the room's residual: some have hardly a pixel of their own
     residual = (pieces.evident * pieces.residual + pieces.kd * typical) / (pieces.evident + 1)
+    relative = (pieces.evident * pieces.relative + typical) / (pieces.evident + 1)
     wrong = metal * (1 - pieces.metallic) ** 2 + (1 - metal) * pieces.metallic**2
     return {
         "ambiguity": pieces.base**2 * wrong,
         "residual": alone * residual**2,
+        "metal": pieces.metallic * (pieces.base * relative) ** 2,
         "shading": alone * (pieces.kd * pieces.change) ** 2,
         "mixing": alone * pieces.mixed**2 * _NOTHING,
+        "outline": misplaced(pieces) * pieces.contrast,
         "part": (pieces.kd * by_part[segment]) ** 2,
         "room": (pieces.kd * typical) ** 2,
     }
+
+
+def misplaced(pieces: FittedPieces) -> float:
+    """Share of the pixels beside an outline that show the other side of it: of the steepest pieces, what is left."""
+    known = pieces.evident > _LEAST_SHARE
+    if not known.any():
+        return 0.0
+    steep = known & (pieces.steepness >= np.quantile(pieces.steepness[known], _STEEPEST))
+    weight = pieces.evident[steep]
+    return float(min(weight @ pieces.relative[steep] ** 2 / max(weight @ pieces.steepness[steep], _TINY), 1.0))
 
 
 def bounded(variance: np.ndarray) -> np.ndarray:

@@ -6,9 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from fipt.meshing.prepare import prepared
 from fipt.meshing.radiance_edges import Radiance
 from fipt.scene.mesh import Mesh
+from fipt.stages.geometry.completion import complete
 from fipt.stages.geometry.depth_views import DepthView, depth_noise
 from fipt.stages.geometry.fusing import check_memory, fuse, voxel_size
 from fipt.stages.geometry.mesh_settings import GeometrySettings
@@ -36,16 +39,31 @@ def build(views: Sequence[DepthView], radiance: Radiance, settings: GeometrySett
     start = time.perf_counter()
     noise, voxel = depth_noise(views), voxel_size(views, settings.voxel)
     check_memory(views, voxel, settings.memory_gb)
-    known = sum(float(view.map.known.mean()) for view in views) / len(views)
+    known = _share([view.map.known for view in views])
     log.info("%d depth maps, %.0f %% known; noise %.2g mm at 1 m; voxels of %.2g mm",
-             len(views), 100 * known, 1e3 * noise, 1e3 * voxel)  # fmt: skip
-    mesh = fuse(views, [view.map.known for view in views], noise, voxel)
+             len(views), 100 * known, 1e3 * noise.at_1m, 1e3 * voxel)  # fmt: skip
+    planes: list[dict[str, Any]] = []
+    carves = [view.map.known for view in views]
+    if settings.planes:
+        maps, found = complete(views, noise)
+        views, carves, planes = [m.view for m in maps], [m.measured for m in maps], found.plain()
+        log.info("%d planes, %d along the room's directions; %.0f %% of the pixels have a depth now",
+                 len(found), (found.axis >= 0).sum(), 100 * _share([v.map.known for v in views]))  # fmt: skip
+    mesh = fuse(views, carves, noise.at_1m, voxel)
     mesh, about = prepared(mesh, [view.camera for view in views], radiance, settings)
     lasting = {
         "views": len(views),
         "known": round(known, 4),
-        "noise_mm_at_1m": round(1e3 * noise, 4),
+        "completed": round(_share([view.map.known for view in views]), 4),
+        "noise_mm_at_1m": round(1e3 * noise.at_1m, 4),
+        "confident": round(noise.confident, 4),
         "voxel_mm": round(1e3 * voxel, 3),
+        "planes": planes,
         "prepared": {name: value for name, value in about.items() if name != "seconds"},
     }
-    return Geometry(mesh, lasting, {**lasting, "seconds": round(time.perf_counter() - start, 2)})
+    return Geometry(mesh, lasting, {**lasting, "planes": len(planes), "seconds": round(time.perf_counter() - start, 2)})
+
+
+def _share(masks: Sequence[np.ndarray]) -> float:
+    """Mean over views of the share of pixels that a mask holds."""
+    return float(np.mean([mask.mean() for mask in masks]))

@@ -10,8 +10,9 @@ from fipt.stages.geometry.stereo_view import StereoView, normals_of, transfer
 
 _PIXELS = 1.0
 """Pixels by which a point may miss itself when it comes back: what correlation tells at worst."""
-_DEPTH = 0.02
-"""Share of its depth by which it may differ: pixels tell nothing of depth along a short baseline."""
+_DEPTH = 0.01
+"""Share of its depth by which it may differ: pixels tell nothing of depth along a short baseline. (Both as Yao et al.
+2018 have it.)"""
 _TURN = 0.8
 """Cosine between the normals of two views, at least (37 degrees): normals of small windows are rough."""
 

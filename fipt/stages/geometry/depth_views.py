@@ -18,6 +18,10 @@ _PARTNERS = 4
 """Nearest other views that it is compared with."""
 _SAME = 0.05
 """Share of its depth by which two views' depths of one surface may differ: above, one sees past the other."""
+_BINS = 10
+"""Parts of equal size, by confidence, whose noise is measured."""
+_WORSE = 3.0
+"""Noise, in that of the best part, above which depth is not believed where planes tell another."""
 _FINEST = 0.05
 """Noise of depth that is assumed at least, in pixels of parallax over a baseline as long as the depth."""
 
@@ -53,6 +57,16 @@ class DepthView:
         """(H, W, 3) float64 places of the pixels, metres; the camera's centre where the depth is unknown."""
         return self.camera.center + self.rays * self.map.depth[..., None]
 
+    def confident(self, least: float) -> "DepthView":
+        """Return the view without the depth of less confident pixels."""
+        keep = self.map.known & (self.map.confidence >= least)
+        return self.with_map(
+            DepthMap(
+                np.where(keep, self.map.depth, 0), np.where(keep, self.map.confidence, 0),
+                np.where(keep[..., None], self.map.normal, 0),
+            )
+        )  # fmt: skip
+
     def with_map(self, changed: DepthMap) -> "DepthView":
         """Return the view with another depth map."""
         return replace(self, map=changed)
@@ -66,37 +80,69 @@ def pixels_of(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarra
     return row, column, depth, inside
 
 
-def depth_noise(views: Sequence[DepthView], seed: int = 0) -> float:
-    """Deviation of depth at one metre, metres: it grows with the square of the depth.
+@dataclass(frozen=True)
+class DepthNoise:
+    """How well depth is known.
 
-    Measured: points of each view against the tangent planes that its nearest views have there.
+    Attributes
+    ----------
+    at_1m
+        Deviation of depth at one metre, metres: it grows with the square of the depth.
+    confident
+        Confidence above which that holds; below, depth is worse.
     """
+
+    at_1m: float
+    confident: float
+
+
+def depth_noise(views: Sequence[DepthView], seed: int = 0) -> DepthNoise:
+    """Measure noise: points of each view against the tangent planes that its nearest views have there."""
     rng = np.random.default_rng(seed)
     centers = np.array([view.camera.center for view in views])
-    found = []
+    off, confidence = [np.zeros(0)], [np.zeros(0)]
     for view in views:
         row, column = np.nonzero(view.map.known)
         if len(row) == 0:
             continue
         some = rng.choice(len(row), min(_SAMPLES, len(row)), replace=False)
-        points = view.points[row[some], column[some]]
+        row, column = row[some], column[some]
         near = np.argsort(np.linalg.norm(centers - view.camera.center, axis=1))
         for other in [views[number] for number in near if views[number] is not view][:_PARTNERS]:
-            at_row, at_column, depth, inside = pixels_of(other.camera, points)
-            normal, there = other.map.normal[at_row, at_column], other.map.depth[at_row, at_column]
-            same = inside & (there > 0) & (np.abs(there - depth) < _SAME * depth) & ((normal**2).sum(axis=1) > 0.5)
-            across = ((points - other.points[at_row, at_column]) * normal).sum(axis=1)[same]
-            # either depth moves its point along its ray
-            expected = [
-                z**2 * (rays * normal).sum(axis=1)
-                for z, rays in ((view.map.depth[row[some], column[some]], view.rays[row[some], column[some]]),
-                                (there, other.rays[at_row, at_column]))
-            ]  # fmt: skip
-            found.append(np.abs(across) / np.maximum(np.hypot(*expected)[same], 1e-12))
-    focal = float(np.median([view.camera.fx for view in views]))
-    values = np.concatenate(found) if found else np.zeros(0)
-    measured = float(1.4826 * np.median(values)) if len(values) else 0.0
-    return max(measured, _FINEST / focal)
+            values, same, at = _off(view, row, column, other)
+            off.append(values)
+            confidence.append(np.minimum(view.map.confidence[row, column][same], other.map.confidence[at]))
+    floor = _FINEST / float(np.median([view.camera.fx for view in views]))
+    values, certain = np.concatenate(off), np.concatenate(confidence)
+    if len(values) < _BINS**2:
+        return DepthNoise(floor, 0.0)
+    parts = np.array_split(np.argsort(certain, kind="stable"), _BINS)
+    noise = np.array([1.4826 * np.median(values[part]) for part in parts])
+    # the lowest confidence from which on no part is much worse than the best
+    worse = np.flatnonzero(noise > _WORSE * max(noise.min(), floor))
+    first = 0 if len(worse) == 0 else min(int(worse[-1]) + 1, _BINS - 1)
+    good = np.concatenate(parts[first:])
+    measured = float(1.4826 * np.median(values[good]))
+    return DepthNoise(max(measured, floor), float(certain[good].min()) if first else 0.0)
+
+
+def _off(
+    view: DepthView, row: np.ndarray, column: np.ndarray, other: DepthView
+) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]:
+    """Distances of pixels' points from the tangent planes that another view has there, in what one unit of noise makes.
+
+    Also which (N,) bool pixels see the same surface, and where the other view sees them.
+    """
+    points = view.points[row, column]
+    at_row, at_column, depth, inside = pixels_of(other.camera, points)
+    normal, there = other.map.normal[at_row, at_column], other.map.depth[at_row, at_column]
+    same = inside & (there > 0) & (np.abs(there - depth) < _SAME * depth) & ((normal**2).sum(axis=1) > 0.5)
+    across = ((points - other.points[at_row, at_column]) * normal).sum(axis=1)
+    # either depth moves its point along its ray
+    own = view.map.depth[row, column] ** 2 * (view.rays[row, column] * normal).sum(axis=1)
+    its = there**2 * (other.rays[at_row, at_column] * normal).sum(axis=1)
+    values = np.abs(across[same]) / np.maximum(np.hypot(own, its)[same], 1e-12)
+    return values, same, (at_row[same], at_column[same])
 
 
 def read_views(dataset: Dataset, folder: Path) -> list[DepthView]:

@@ -8,8 +8,9 @@ from fipt.settings import Length, Settings
 
 
 class GeometrySettings(Settings):
-    """A mesh from depth maps: fused, smoothed, flattened, decimated, cut along edges of radiance."""
+    """A mesh from depth maps: completed by planes, fused, smoothed, flattened, cut along edges of radiance."""
 
+    planes: bool = Field(default=True, description="complete bare surface by the planes of what lies beside it")
     voxel: Length = Field(default=0.01, description="finest voxel, metres; the median pixel's footprint where larger")
     memory_gb: Length = Field(default=12.0, description="memory above which a fusion is refused before it starts")
     triangle_size: Length = Field(

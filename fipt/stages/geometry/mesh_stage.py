@@ -23,8 +23,8 @@ class MeshInputs:
 def run(inputs: MeshInputs, settings: "GeometrySettings") -> dict[str, Any]:
     """Make one mesh of the depth maps of the training views.
 
-    The maps are fused, and the surface is smoothed, flattened, decimated and cut like a scan's. The
-    dataset needs no mesh.
+    Bare surface is completed by the planes of what lies beside it, the maps are fused, and the
+    surface is smoothed, flattened, decimated and cut like a scan's. The dataset needs no mesh.
     """
     from fipt.formats.files import make_folder, write_text
     from fipt.scene.dataset import Dataset

@@ -16,12 +16,15 @@ from fipt.formats.files import atomic_folder, existing_file, write_text
 from fipt.formats.images import read_ids, write_png
 from fipt.formats.layouts import SEGMENT_FOLDERS, SourceView
 from fipt.formats.manifests import write_manifest
-from fipt.scene.cameras import Camera, write_transforms
+from fipt.formats.places import OwnedPlaces
+from fipt.formats.text import MALFORMED
+from fipt.scene.cameras import Camera, read_origin, write_transforms
 from fipt.scene.dataset import write_views
-from fipt.scene.mesh import Mesh, read_mesh, write_ply
+from fipt.scene.mesh import Mesh, read_geometry, write_ply
 from fipt.scene.sources import CAPTURE, ImageSource, read_developed, read_source
 from fipt.settings import dumped
 from fipt.stages.importing.frames import check_layer, write_frames, written_radiance
+from fipt.stages.importing.place import Geometry, PlacedMesh, check_scale, placed
 from fipt.stages.importing.settings import ImportSettings
 
 log = logging.getLogger(__name__)
@@ -97,21 +100,25 @@ def import_scene(
     dataset = Path(dataset)
     manifest = dataset / "import.manifest.json" if manifest is None else Path(manifest)
     _check_target(dataset, manifest, parsed)
+    _check_outside(
+        dataset, [frame.image for frame in parsed.frames], (mesh or parsed.mesh, beside.poses, beside.segments)
+    )
     _check_present(parsed.frames)
-    room, names = _room(source, mesh or parsed.mesh), _semantic_names(parsed)
+    names = _semantic_names(parsed)
+    parsed, room = placed(parsed, _geometry(source, mesh or parsed.mesh, settings.unit), settings.unit)
     for leftover in dataset.parent.glob(f".{dataset.name}.*.tmp"):  # of an import that was killed
         shutil.rmtree(leftover)
 
     with atomic_folder(dataset) as folder:
         cameras, shown = write_frames(folder, parsed)
-        room, figures = _write_mesh(folder, room, cameras, settings)
-        _write_cameras(folder, cameras, parsed)
+        mesh_used, figures = _write_mesh(folder, room, cameras, settings)
+        _write_cameras(folder, cameras, parsed, room.origin)
         if beside.segments is not None:
             _copy_segments(folder / "segments", beside.segments, cameras)
         _copy_known(folder, parsed, beside, mesh)
         _name_segments(folder / "segments", names)
-        if settings.overlay and room is not None:
-            _write_overlay(folder / "overlay.png", room, *shown)
+        if settings.overlay and mesh_used is not None:
+            _write_overlay(folder / "overlay.png", mesh_used, *shown)
         # A manifest outside the folder must not vouch for a dataset that is being exchanged.
         manifest.unlink(missing_ok=True)
         (dataset / "import.manifest.json").unlink(missing_ok=True)
@@ -121,29 +128,39 @@ def import_scene(
     return Imported(cameras, parsed, figures)
 
 
-def _room(source: str | Path, path: str | Path | None) -> Mesh | None:
+def _geometry(source: str | Path, path: str | Path | None, unit: float) -> Geometry | None:
+    """Vertices and triangles of the room's mesh, in the source's unit and place; None: there are views alone."""
     if path is None:
         raise FiptError(f"{source} has no mesh.ply", "name the room's mesh with --mesh, or --mesh none for views alone")
-    return None if str(path) == VIEWS_ALONE else read_mesh(path)
+    if str(path) == VIEWS_ALONE:
+        return None
+    vertices, triangles = read_geometry(path)
+    views = Path(path).parent / "views" / "transforms.json"
+    if views.is_file():  # a mesh that was made of imported views: in metres, near their origin
+        vertices = (vertices + read_origin(views)) / unit
+    return vertices, triangles
 
 
 def _write_mesh(
-    folder: Path, mesh: Mesh | None, cameras: Sequence[Camera], settings: ImportSettings
+    folder: Path, room: PlacedMesh, cameras: Sequence[Camera], settings: ImportSettings
 ) -> tuple[Mesh | None, dict[str, Any]]:
     """Write the mesh, made fit for the pipeline where it asks for that, and figures. Rays are traced for it."""
+    mesh = room.mesh
     if mesh is None:
-        return None, {}
+        return None, room.figures
     figures: dict[str, Any] = {"prepared": False, "triangles": len(mesh.triangles)}
     if settings.prepare != "never":
         from fipt.render.variant import set_variant
 
         set_variant()
+        check_scale(mesh, cameras)
         from fipt.meshing.prepare import prepared
 
         def radiance(view: str) -> tuple[np.ndarray, np.ndarray]:
             return written_radiance(folder, view)
 
         mesh, figures = prepared(mesh, [camera for camera in cameras if camera.split == "train"], radiance, settings)
+    figures |= room.figures
     write_ply(folder / "mesh.ply", mesh)
     # without the time it took: the same source gives the same files
     lasting = {name: value for name, value in figures.items() if name != "seconds"}
@@ -152,9 +169,9 @@ def _write_mesh(
     return mesh, figures
 
 
-def _write_cameras(folder: Path, cameras: list[Camera], source: ImageSource) -> None:
+def _write_cameras(folder: Path, cameras: list[Camera], source: ImageSource, origin: np.ndarray) -> None:
     """Write transforms.json and views.json."""
-    write_transforms(folder / "transforms.json", cameras)
+    write_transforms(folder / "transforms.json", cameras, origin=origin)
     write_views(folder / "views.json", [*(camera.name for camera in cameras), *source.rejected], source.rejected)
 
 
@@ -228,6 +245,14 @@ def _check_target(dataset: Path, manifest: Path, source: ImageSource) -> None:
         )
 
 
+def _check_outside(dataset: Path, images: Iterable[Path], given: Iterable[str | Path | None]) -> None:
+    """Refuse inputs that lie in the folder that is replaced, links followed."""
+    owned = OwnedPlaces([("", dataset)])
+    for path in (*images, *given):
+        if path is not None and owned.owner(path) is not None:
+            raise FiptError(f"{path} lies in the dataset {dataset}, which is replaced", "choose another folder")
+
+
 def _check_present(frames: Iterable[SourceView]) -> None:
     missing = [frame for frame in frames if not frame.image.is_file()]
     if missing:
@@ -273,5 +298,5 @@ def _semantic_names(source: ImageSource) -> dict[str, str]:
     try:
         materials = json.loads(path.read_text(encoding="utf-8"))["materials"]
         return {str(index): str(entry["name"]) for index, entry in enumerate(materials, start=1)}
-    except (ValueError, KeyError, TypeError) as error:
+    except MALFORMED as error:
         raise FiptError(f"{path} must list materials with names ({error!r})", "correct or remove it") from error

@@ -9,8 +9,7 @@ import numpy as np
 from fipt.conventions import FLAG_MOVED, FLAG_OUTSIDE, FLAG_SATURATED
 from fipt.errors import FiptError
 from fipt.formats.exr import read_exr, write_exr
-from fipt.formats.files import existing_file
-from fipt.formats.images import read_ids, to_display, write_png
+from fipt.formats.images import read_ids, read_pixels, to_display, write_png
 from fipt.formats.layouts import SEGMENT_FOLDERS, SourceView, numbered_file
 from fipt.formats.layouts.own import ids_file, truth_file
 from fipt.progress import progress
@@ -91,11 +90,7 @@ def _scaled(radiance: np.ndarray, valid: np.ndarray, source: ImageSource) -> np.
 
 
 def _read_mask(path: Path, shape: tuple[int, int]) -> np.ndarray:
-    from PIL import Image
-
-    existing_file(path, "the mask of a frame")
-    with Image.open(path) as image:
-        mask = (np.array(image.convert("L")) > 0).astype(np.float32)
+    mask = (read_pixels(path, "the mask of a frame", "L") > 0).astype(np.float32)
     if mask.shape != shape:
         raise FiptError(
             f"{path} must be {shape[1]}x{shape[0]} like its image; it is {mask.shape[1]}x{mask.shape[0]}",

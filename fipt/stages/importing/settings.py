@@ -15,6 +15,9 @@ class ImportSettings(Settings):
     exposure: Length | None = Field(
         default=None, description="factor on a capture's radiance; absent: what brings its median luminance to 0.2"
     )
+    unit: Length = Field(
+        default=1.0, description="metres in a unit of the source's mesh and cameras; 0.001 where it is in millimetres"
+    )
     prepare: Literal["auto", "always", "never"] = Field(
         default="auto",
         description="smooth, flatten and decimate the mesh; auto: where it is noisy or finer than pixels",

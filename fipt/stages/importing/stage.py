@@ -44,9 +44,13 @@ def run(inputs: ImportInputs, settings: "ImportSettings") -> dict[str, Any]:
     beside = Beside(inputs.poses, inputs.segments, inputs.room)
     done = import_scene(inputs.source, inputs.format, dataset, settings, inputs.mesh, inputs.manifest, beside)
     figures: dict[str, Any] = {"views": len(done.cameras), "exposure": done.source.scale, "mesh": done.mesh}
+    warnings = list(done.mesh.get("warnings", ()))
     if done.source.unposed:
-        figures["warnings"] = [f"without a pose, left out: {', '.join(done.source.unposed)}"]
-        log.warning("%s", figures["warnings"][0])
+        warnings.append(f"without a pose, left out: {', '.join(done.source.unposed)}")
+    for warning in warnings:
+        log.warning("%s", warning)
+    if warnings:
+        figures["warnings"] = warnings
     splits = [camera.split for camera in done.cameras]
     log.info("%s: %d train and %d val views", dataset, splits.count("train"), splits.count("val"))
     return figures

@@ -14,6 +14,7 @@ from fipt.conventions import FLAG_MOVED, FLAG_OUTSIDE
 from fipt.errors import FiptError
 from fipt.formats.exr import read_exr
 from fipt.formats.files import check_name, existing_file
+from fipt.formats.text import MALFORMED
 from fipt.scene.cameras import Camera
 
 FEWEST = 3
@@ -92,7 +93,7 @@ def read_capture(folder: str | Path, held_out: Collection[str]) -> UnposedViews:
             name: json.loads(existing_file(folder / f"{name}.json", "the facts of a view").read_text())["camera"]
             for name in accepted
         }
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except MALFORMED as error:
         raise FiptError(
             f"{report} or what stands beside it is damaged ({error!r})", "develop the views again"
         ) from error
@@ -124,7 +125,7 @@ def read_folder(folder: str | Path, intrinsics: str | Path, held_out: Collection
     try:
         shared = json.loads(path.read_text(encoding="utf-8"))
         own = {Path(frame["file_path"]).stem: frame for frame in shared.get("frames", ())}
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except MALFORMED as error:
         raise FiptError(f"{path} must hold w, h and fl_x in JSON ({error!r})", "see docs/stages/poses.md") from error
     images = {check_name(file.stem, f"{folder}: view"): file for file in sorted(folder.glob("*.exr"))}
     cameras = tuple(_camera(name, {**shared, **own.get(name, {})}, held_out, path) for name in images)
@@ -135,7 +136,7 @@ def _camera(name: str, keys: Mapping[str, Any], held_out: Collection[str], path:
     try:
         known = {key: float(keys[key]) for key in _KEYS if keys.get(key) is not None}
         width, height, fx = int(known["w"]), int(known["h"]), known["fl_x"]
-    except (KeyError, TypeError, ValueError) as error:
+    except MALFORMED as error:
         raise FiptError(
             f"{path}: the intrinsics of view {name} must hold w, h and fl_x ({error!r})",
             "add them, in pixels of the undistorted image",

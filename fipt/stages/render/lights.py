@@ -44,7 +44,7 @@ def apply_setup(
         lit.append(np.arange(next_triangle, next_triangle + len(t)))
         emitted.append(np.tile(np.array(light.radiance), (len(t), 1)))
         next_vertex, next_triangle = next_vertex + len(v), next_triangle + len(t)
-    return Mesh(np.concatenate(vertices), np.concatenate(triangles)), EmitterSet(
+    return replace(mesh, vertices=np.concatenate(vertices), triangles=np.concatenate(triangles)), EmitterSet(
         np.concatenate(lit).astype(np.int32),
         np.concatenate(emitted).astype(np.float32),
         emitters.two_sided,

@@ -10,6 +10,7 @@ import numpy as np
 
 from fipt.conventions import FLAG_MOVED, FLAG_SATURATED
 from fipt.errors import FiptError
+from fipt.formats.text import MALFORMED
 from fipt.scene import display
 from fipt.scene.dataset import Dataset
 from fipt.stages.report import images
@@ -91,7 +92,7 @@ def read_capture(path: Path, data: Dataset | None, exposure: float) -> CaptureRe
             measured=[(float(r), float(light)) for r, light in curve.get("curve", ())],
             fitted=_fitted(calibration.get("vignetting")),
         )
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except MALFORMED as error:
         raise FiptError(f"{path} is not a capture report ({error!r})", "run fipt qa again") from error
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fipt.errors import FiptError
+from fipt.formats.text import MALFORMED
 
 _LABELS = {"glb": "glTF", "usd": "USD", "mitsuba": "Mitsuba, principled", "exact": "Mitsuba, our reflectance"}
 
@@ -55,5 +56,5 @@ def read_check(path: Path) -> ExportCheck | None:
             for kind, entry in content["formats"].items()
         ]
         return ExportCheck(float(content["goal"]), float(content["ours_photo"]), files)
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except MALFORMED as error:
         raise FiptError(f"{path} is not the check of an export ({error!r})", "run fipt check-export again") from error

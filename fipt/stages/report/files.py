@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from fipt.errors import FiptError
+from fipt.formats.text import MALFORMED
 
 
 def read_json(path: Path) -> Any:
@@ -13,7 +14,7 @@ def read_json(path: Path) -> Any:
         return None
     try:
         return json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
+    except MALFORMED as error:
         raise FiptError(f"{path} is not JSON ({error})", "delete it and run its stage again") from error
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from fipt.errors import FiptError
+from fipt.formats.text import MALFORMED
 from fipt.stages.report import images
 
 _WIDTH = 1500
@@ -77,7 +78,7 @@ def read_poses(folder: Path) -> PosesReport | None:
             align=[(key.replace("_", " "), _words(value)) for key, value in content["align"].items()],
             image=_image(folder / "poses.png"),
         )
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except MALFORMED as error:
         raise FiptError(f"{path} is not what fipt pose writes ({error!r})", "run fipt pose again") from error
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from fipt.errors import FiptError
 from fipt.formats import glb
+from fipt.formats.text import MALFORMED
 from fipt.scene.cameras import Camera, up_axis
 from fipt.scene.dataset import Dataset, read_layers
 from fipt.scene.emitters import default_name
@@ -106,7 +107,7 @@ def _turn(path: Path) -> np.ndarray:
     try:
         turn = np.array(json.loads(path.read_text(encoding="utf-8"))["room_from_source"], np.float64)
         return turn.reshape(3, 3)
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, *MALFORMED) as error:
         raise FiptError(f"{path} does not say how the export was turned ({error!r})", "export again") from error
 
 

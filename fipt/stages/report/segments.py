@@ -10,6 +10,7 @@ import numpy as np
 
 from fipt.errors import FiptError
 from fipt.formats.images import read_ids
+from fipt.formats.text import MALFORMED
 from fipt.scene.dataset import Dataset
 from fipt.scene.segment_colors import heat, in_colors, matching_colors, over_photo
 from fipt.scene.segments import read_view_ids
@@ -74,7 +75,7 @@ def read_segments(
         kind = content["kinds"][-1]
         grown = content["source"] != "views"
         agreement = None if grown else float(content["agreement"])
-    except (ValueError, KeyError, TypeError, IndexError) as error:
+    except MALFORMED as error:
         raise FiptError(f"{path} is not a list of fused segments ({error!r})", "run fipt fuse again") from error
     train = data.views("train")
     chosen = [train[k] for k in np.unique(np.linspace(0, len(train) - 1, _VIEWS).round().astype(int))]

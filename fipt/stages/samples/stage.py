@@ -36,7 +36,7 @@ def run(inputs: SamplesInputs, settings: "SamplesSettings") -> dict[str, Any]:
     if sparse:
         log.warning("more than half of the pixels miss the mesh in %s", ", ".join(sparse))
     out = inputs.out
-    with atomic_folder(out) as folder:
+    with atomic_folder(out, r"\w+\.npy|views\.json") as folder:
         names = [file.name for file in write_samples(folder, samples)]
     files = [out / name for name in names]
     write_manifest(out.with_name(out.name + ".manifest.json"), "samples", files, dumped(settings))

@@ -13,6 +13,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from fipt.errors import FiptError
 from fipt.formats.manifests import Stats
+from fipt.formats.text import MALFORMED
 from fipt.progress import progress
 from fipt.scene.dataset import Dataset
 from fipt.scene.segments import LARGEST_ID
@@ -206,5 +207,5 @@ def class_names(path: Path) -> dict[int, str]:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
         return {int(number): str(name) for number, name in content.items()}
-    except (ValueError, TypeError, AttributeError) as error:
+    except MALFORMED as error:
         raise FiptError(f"{path} must map class numbers to names ({error!r})", "correct or remove it") from error

@@ -19,6 +19,7 @@ import numpy as np
 from fipt.errors import FiptError
 from fipt.formats.arrays import load_npz
 from fipt.formats.exr import read_exr
+from fipt.formats.text import MALFORMED
 from fipt.scene.dataset import Dataset
 from fipt.scene.mesh import face_property
 from fipt.scene.samples import FootprintSamples
@@ -145,7 +146,7 @@ class GivenIds:
             try:
                 content = json.loads(named.read_text(encoding="utf-8"))
                 self.names = {int(k): str(name) for k, name in content.get("ids", content).items()}
-            except (ValueError, AttributeError) as error:
+            except MALFORMED as error:
                 raise FiptError(f"{named} must map ids to names ({error})", "correct or remove it") from error
 
     def _warn(self, text: str) -> None:
@@ -242,7 +243,7 @@ def _table_entries(path: Path) -> list[dict[str, Any]]:
                 raise ValueError(f"id {entry['id']}: ids go from 0 to {LARGEST_ID}")
             if len(color) != 3 or min(color) < 0 or max(color) > 255:
                 raise ValueError(f"color {color}: three numbers from 0 to 255")
-    except (ValueError, KeyError, TypeError) as error:
+    except MALFORMED as error:
         raise FiptError(
             f"{path} is not a table of ids ({error})", 'write [{"id": 1, "color": [255, 0, 0], "class": "wall"}, ...]'
         ) from error

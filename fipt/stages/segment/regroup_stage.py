@@ -42,7 +42,7 @@ def run(inputs: RegroupInputs, settings: "RegroupSettings") -> dict[str, Any]:
     before = [segments_of(data, shard.samples, "part") for shard in shards]
     parts, materials = regrouped(shards, before)
     inputs.manifest.unlink(missing_ok=True)
-    with atomic_folder(inputs.out) as folder:
+    with atomic_folder(inputs.out, "part") as folder:
         for shard, ids in zip(shards, parts, strict=True):
             for index, view in enumerate(shard.samples.views):
                 own = ids[shard.samples.pixels(index)].reshape(shard.samples.shapes[index])

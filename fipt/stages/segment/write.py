@@ -80,7 +80,7 @@ def write_fused(out: Path, data: Dataset, result: FusionResult, settings: FuseSe
     manifest = out / "fused.manifest.json"
     manifest.unlink(missing_ok=True)
     segments = _segments(result)
-    with atomic_folder(out / "fused") as folder:
+    with atomic_folder(out / "fused", r"part|semantic|agreement|\w+\.json") as folder:
         _write_views(folder, out, data, result)
         _write_names(folder, segments, result)
     fusion = on_triangles(result.cells, result.fused)

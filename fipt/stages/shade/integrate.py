@@ -96,7 +96,7 @@ def write_shading(
             shading[samples.of_view(index)] = values
     stats["bytes_per_pixel"] = shading.nbytes / max(samples.first_pixels[-1], 1)
     change = None if finish is None else finish(shading)
-    with atomic_folder(out) as folder:
+    with atomic_folder(out, r"\w+\.npy|\w+\.json") as folder:
         save_shading(folder, shading)
         if change is not None:
             write_change(folder, change)

@@ -17,6 +17,8 @@ from pathlib import Path
 from snakemake.exceptions import WorkflowError
 from snakemake.utils import validate
 
+from fipt.config.files import read_yaml
+from fipt.config.kept import check_kept
 from fipt.config.reading import load
 from fipt.errors import FiptError
 from fipt.lock import locked
@@ -29,7 +31,13 @@ shell.prefix(
 )
 
 try:
+    for path in map(Path, workflow.configfiles):
+        if (
+            path.suffix != ".json"
+        ):  # read once more: Snakemake keeps the last of equal keys
+            read_yaml(path)
     CONFIG = load(config)
+    check_kept(CONFIG)
     for name in CONFIG.only if config.get("only") else ():
         CONFIG.scenes[name].source.views  # what was asked for by name is looked at now
     # Snakemake would take an error of an input function for "nothing to do".

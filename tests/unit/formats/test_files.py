@@ -120,3 +120,21 @@ def test_usable_names(name: str) -> None:
 def test_names_that_would_leave_the_folder(name: str) -> None:
     with pytest.raises(FiptError, match="cannot be used as a file name"):
         check_name(name, "view")
+
+
+@pytest.mark.parametrize("holds", [r"\w+\.npy", "part"])
+def test_a_folder_with_other_files_is_not_replaced(tmp_path: Path, holds: str) -> None:
+    folder = tmp_path / "photos"
+    folder.mkdir()
+    (folder / "holiday.jpg").write_text("mine")
+    with pytest.raises(FiptError, match=r"photos is replaced, but holds holiday\.jpg"), atomic_folder(folder, holds):
+        pass
+    assert (folder / "holiday.jpg").read_text() == "mine"
+
+
+def test_a_folder_that_is_a_link_is_not_replaced(tmp_path: Path) -> None:
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "out").symlink_to(tmp_path / "mine")
+    with pytest.raises(FiptError, match=r"is a link to .*mine; remove the link"), atomic_folder(tmp_path / "out"):
+        pass
+    assert (tmp_path / "mine").is_dir()

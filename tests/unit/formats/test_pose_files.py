@@ -127,8 +127,8 @@ def test_reality_capture(tmp_path):
         np.testing.assert_allclose(found[name][:3, 1], up, atol=1e-12)
     expected = Rotation.from_euler("ZXY", [-angles[0], angles[1], angles[2]], degrees=True).as_matrix()
     np.testing.assert_allclose(found["any"][:3, :3], expected, atol=1e-12)
-    path.write_text(path.read_text().replace(",1,2,3,", ",4500000,2,3,"))
-    with pytest.raises(FiptError, match="local coordinates"):
+    path.write_text(path.read_text().replace(",1,2,3,", ",4500000000,2,3,"))
+    with pytest.raises(FiptError, match="positions must be metres"):
         read_pose_file(path)
     path.write_text("#name,x,y\na.jpg,1,2\n")
     with pytest.raises(FiptError, match="not a readable list of cameras"):

@@ -6,7 +6,6 @@ the share of the light that is lost there.
 
 import numpy as np
 
-from fipt.conventions import RAY_EPSILON
 from fipt.scene.findings import Measure, RoomFinding
 from fipt.stages.findings.drawing import plan
 from fipt.stages.findings.notes import Notes
@@ -59,7 +58,7 @@ def rays(room: JudgedRoom) -> tuple[np.ndarray, np.ndarray]:
     sphere /= np.linalg.norm(sphere, axis=1, keepdims=True)
     directions = normal + sphere  # a point of the unit sphere around the normal's end: cosine distributed
     directions /= np.maximum(np.linalg.norm(directions, axis=1, keepdims=True), 1e-9)
-    lift = RAY_EPSILON * float(np.ptp(room.mesh.vertices, axis=0).max())
+    lift = room.rays.epsilon
     origins = np.repeat(pixels.position[chosen], _DIRECTIONS, axis=0) + lift * normal
     return origins.astype(np.float32), directions.astype(np.float32)
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fipt.conventions import SHADING_OUTPUTS
+from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
 from fipt.model.reflectance import Brdf
 from fipt.stages.fit import uncertainty
 from fipt.stages.fit.material_posterior import MaterialPosterior
@@ -32,6 +32,15 @@ class Grey:
         return Brdf(np.full((count, 3), KD, np.float32), rough, metal)
 
 
+class Halves(Grey):
+    """Two colours that meet in the middle of the floor."""
+
+    def query(self, points, footprint):
+        brdf = super().query(points, footprint)
+        factor = np.where(points[:, :1] < 0.5, 1.6, 0.4).astype(np.float32)
+        return Brdf(brdf.base_color * factor, brdf.roughness, brdf.metallic)
+
+
 def materials(metal=0.0, segments=2):
     """Each segment is metal with this probability, and of roughness 0.25 or 0.75."""
     chance = np.array([[1 - metal] * 2, [metal] * 2])[:, :, None] / 2
@@ -44,18 +53,21 @@ def floor(views="abc", **arrays):
     return scenes.samples_of(position, views=tuple(views), shapes=shapes, **arrays)
 
 
-def shaded(samples, light=1.0):
+def shaded(samples, light=1.0, mirrored=0.0):
     shading = np.zeros((len(samples.position), SHADING_OUTPUTS, 3), np.float32)
     shading[:, 0] = light
+    shading[:, 1 : 1 + len(ROUGHNESS_LEVELS)] = mirrored
     return shading
 
 
-def predicted(samples, factor=1.0, field=None, known=None, uniform=0.0, earlier=None, clipped=None, gain=1.5):
+def predicted(
+    samples, factor=1.0, field=None, known=None, uniform=0.0, earlier=None, clipped=None, gain=1.5, mirrored=0.0
+):
     """Of a grey floor whose pixels are ``factor`` (P,) times what the fit says."""
     count = len(samples.position)
     radiance = np.broadcast_to(KD * np.float32(np.reshape(factor, (-1, 1))), (count, 3)).astype(np.float32)
     images = [(radiance, np.ones(count))]
-    pixels = scenes.training_pixels([samples], [shaded(samples)], images, clipped=clipped)
+    pixels = scenes.training_pixels([samples], [shaded(samples, mirrored=mirrored)], images, clipped=clipped)
     before = [] if earlier is None else [shaded(samples, earlier)]
     return uncertainty.predict(field or Grey(), pixels, known or materials(), np.full(2, uniform), gain, before)
 
@@ -96,9 +108,30 @@ def test_what_may_be_metal_has_an_error_of_its_whole_colour():
     found = predicted(floor(), known=materials(metal=0.5), earlier=1.0)
     assert found.kd_error.min() > 0.15
     np.testing.assert_allclose(found.metallic_error, 0.5)
-    taken = predicted(floor(), field=Grey(metallic=1.0), known=materials(metal=1.0), gain=1e9, earlier=1.0)
+    metal = {"field": Grey(metallic=1.0), "known": materials(metal=1.0), "gain": 1e9, "earlier": 1.0}
+    taken = predicted(floor(), **metal, mirrored=1.0)
     np.testing.assert_allclose(taken.metallic_error, 0)
     assert taken.kd_error.max() < 1e-3
+    unexplained = predicted(floor(), **metal, mirrored=0.7)  # no residual in kd, which is 0
+    assert unexplained.kd_error.min() > 0.15
+
+
+def test_outlines_beside_where_the_mesh_has_them_are_doubtful():
+    """A view in four shows the border between two colours a pixel further on, another a pixel before it.
+
+    A part of one colour averages what is left of its photographs; which pixels show it, it does not.
+    """
+    straight = [np.where(GRID[:, 0] < 0.5, 1.6, 0.4)] * 4
+    shifted = [np.where(GRID[:, 0] < 0.5 + away / 8, 1.6, 0.4) for away in (0, 0, 1, -1)]
+    sure, doubtful = (
+        predicted(floor("abcd"), np.concatenate(factor), Halves(), uniform=8.0, earlier=1.0)
+        for factor in (straight, shifted)
+    )
+    assert sure.kd_error.max() < 1e-3
+    error = doubtful.at(GRID, UP, doubtful.kd_error)
+    away = np.abs(GRID[:, 0] - 0.5)
+    assert error[away < 0.1].min() > 0.05
+    assert error[away > 0.3].max() < 1e-3
 
 
 def test_surface_that_only_shares_pixels_is_doubtful():

@@ -82,9 +82,9 @@ def test_free_space_carves_what_one_view_says_by_mistake():
 
 
 def test_noise_is_measured():
-    assert depth_noise(around(0.01)) == pytest.approx(0.01, rel=0.15)
+    assert depth_noise(around(0.01)).at_1m == pytest.approx(0.01, rel=0.15)
     # without noise, what a pixel can tell
-    assert depth_noise(around()) < 0.002
+    assert depth_noise(around()).at_1m < 0.002
 
 
 def test_voxels_are_as_large_as_pixels():

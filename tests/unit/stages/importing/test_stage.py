@@ -65,21 +65,22 @@ def remove(name: str) -> Callable[[Path], None]:
 
 
 VIEW = "images/view_1.exr"
-SCALED = (2 * np.eye(4)).tolist()
+SCALED = np.diag([2.0, 2, 2, 1]).tolist()
 MIRRORED = np.diag([-1.0, 1, 1, 1]).tolist()
 N, S, R = WRITERS
 EMPTY = np.zeros((HEIGHT, WIDTH))
 BAD: list[tuple[str, Callable[[Path], object], str]] = [
     # cameras
     (N, remove("transforms.json"), "must hold transforms.json, or transforms_train"),
-    (N, lambda root: (root / "transforms.json").write_text("{"), "is not a transforms.json"),
+    (N, lambda root: (root / "transforms.json").write_text("{"), "is not JSON"),
     (N, transforms(lambda c: c.pop("frames")), "is not a transforms.json with frames"),
     (N, transforms(lambda c: c["frames"].clear()), "must list at least one frame"),
     (N, transforms(lambda c: c["frames"][1].pop("file_path")), "frame 1 is malformed"),
     (N, frame(1, transform_matrix=[[1, 2]]), "frame 1 is malformed"),
     (N, frame(1, transform_matrix=SCALED), "view view_1: the rotation must be orthonormal"),
     (N, frame(1, transform_matrix=MIRRORED), "a mirrored or scaled camera"),
-    (N, frame(1, fl_x=-3), "image size and focal lengths must be positive"),
+    (N, frame(1, fl_x=-3), "fl_x must be a finite number above 0; found -3"),
+    (N, frame(1, cx=-3), "the principal point must lie in the image; found -3, 3 of 8x6"),
     (N, frame(1, w="wide"), "frame 1 is malformed"),
     (N, transforms(lambda c: (c.pop("fl_x"), c.pop("fl_y"))),
      "view view_0: the focal length must be known"),

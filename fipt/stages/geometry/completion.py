@@ -1,0 +1,279 @@
+"""Depth maps completed by planes: where a view's picture is bare, the plane of what lies beside it goes on."""
+
+import heapq
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from fipt.scene.depth_maps import DepthMap
+from fipt.stages.geometry.depth_views import DepthNoise, DepthView, pixels_of
+from fipt.stages.geometry.room_box import RoomBox, find_box
+from fipt.stages.geometry.room_planes import WITHIN, RoomPlanes, find_room_planes
+from fipt.stages.geometry.superpixels import Superpixels, superpixels
+
+_SUPPORTED = 0.6
+"""Share of a superpixel's known pixels that must lie on a plane."""
+_BARE = 3
+"""Known pixels below which a superpixel may take a plane that they do not tell."""
+_BARRIER = float(np.log(2.0))
+"""Contrast that no plane crosses: what is so much brighter than what lies beside it may emit, and be a thing of its
+own (`fipt.meshing.radiance_edges.JUMP`)."""
+_STEP = 0.05
+"""Cost of a step between superpixels without contrast, in log radiance: a near plane is likelier than a far one."""
+_PROBES = 5
+"""Pixels of a superpixel that other views are asked about."""
+_THROUGH = 0.15
+"""Share of what other views tell of a superpixel that may see through it: more than outliers make."""
+_TEXTURED, _BESIDE = 0.5, 0.1
+"""Confidence of a completed pixel in units of the view's median: with own known pixels on the plane, and without."""
+_WORSE_VARIANCE = 9.0
+"""Factor on the variance of depth of little confidence: its noise is at least three times that of the rest."""
+_EVERY = 4
+"""Pixels along a row and a column of which one is carried into other views: a superpixel gets some."""
+_PIXELS = 60_000
+"""Known pixels of a view that are held against the planes at once."""
+
+
+@dataclass(frozen=True)
+class Completed:
+    """A view, completed.
+
+    Attributes
+    ----------
+    view
+        With its depth map completed, and pixels near planes put onto them.
+    measured
+        (H, W) bool: pixels whose depth is the view's own.
+    plane
+        (H, W) int32 plane of each pixel, -1 for none.
+    """
+
+    view: DepthView
+    measured: np.ndarray
+    plane: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Others:
+    """Depth of all views at once: (V, 3, 4) image axes from world, (V, 4) intrinsics, (V, H, W) depth."""
+
+    extrinsics: np.ndarray
+    intrinsics: np.ndarray
+    depth: np.ndarray
+
+    @staticmethod
+    def of(views: Sequence[DepthView]) -> "_Others":
+        rows, columns = max(v.camera.height for v in views), max(v.camera.width for v in views)
+        depth = np.zeros((len(views), rows, columns), np.float32)
+        extrinsics, intrinsics = np.zeros((len(views), 3, 4)), np.zeros((len(views), 4))
+        for i, view in enumerate(views):
+            camera = view.camera
+            depth[i, : camera.height, : camera.width] = view.map.depth
+            rotation = np.diag([1.0, -1.0, -1.0]) @ camera.world_from_camera[:3, :3].T
+            extrinsics[i, :, :3], extrinsics[i, :, 3] = rotation, -rotation @ camera.center
+            intrinsics[i] = camera.fx, camera.fy, camera.cx, camera.cy
+        return _Others(extrinsics, intrinsics, depth)
+
+    def say(self, points: np.ndarray, own: int, noise: float) -> tuple[int, int]:
+        """How many (point, view) pairs see through (N, 3) points, and how many see them there."""
+        local = np.einsum("vij,nj->vni", self.extrinsics[..., :3], points) + self.extrinsics[:, None, :, 3]
+        x, y, z = np.moveaxis(local, -1, 0)
+        ahead = z > 1e-3
+        safe = np.where(ahead, z, 1.0)
+        fx, fy, cx, cy = self.intrinsics.T[:, :, None]
+        u, v = fx * x / safe + cx, fy * y / safe + cy
+        rows, columns = self.depth.shape[1:]
+        inside = ahead & (u >= 0) & (v >= 0) & (u < columns) & (v < rows)
+        inside[own] = False
+        i, n = np.nonzero(inside)
+        there = self.depth[i, v[i, n].astype(np.int64), u[i, n].astype(np.int64)]
+        depth = z[i, n]
+        far = WITHIN * noise * np.hypot(there**2, depth**2) + depth / fx[i, 0]
+        known = there > 0
+        return int((known & (there > depth + far)).sum()), int((known & (np.abs(there - depth) <= far)).sum())
+
+
+def complete(views: Sequence[DepthView], noise: DepthNoise) -> tuple[list[Completed], RoomPlanes]:
+    """Find the room's planes on confident depth, and complete the depth maps of all views by them.
+
+    A superpixel whose known pixels lie on a plane takes it. From there planes along the room's directions go on to bare
+    superpixels, along the least contrast first, where they stay in the room's box and no other view sees through them;
+    and once more from what other views found.
+    Depth of little confidence counts for nothing in this, and stays where no plane tells another.
+    """
+    confident = [view.confident(noise.confident) for view in views]
+    pieces = [superpixels(view.radiance) for view in views]
+    planes = find_room_planes(confident, pieces, noise.at_1m)
+    check = _Check(_Others.of(confident), find_box(confident, planes), noise.at_1m)
+    slopes, straight = [planes.slopes(view) for view in confident], planes.axis >= 0
+    own, labels = [], []
+    for number, (view, piece) in enumerate(zip(confident, pieces, strict=True)):
+        label, known = _supported(view, piece, slopes[number], noise.at_1m)
+        own.append(label >= 0)
+        labels.append(_spread(piece, label, known, straight, partial(check.possible, number, view, slopes[number])))
+    carried = _carried(confident, pieces, slopes, labels, straight)
+    result = []
+    for number, (view, piece) in enumerate(zip(confident, pieces, strict=True)):
+        possible = partial(check.possible, number, view, slopes[number])
+        bare = np.bincount(piece.label[view.map.known], minlength=piece.count) < _BARE
+        label, probes = labels[number].copy(), _probes(piece)
+        for k in np.flatnonzero((label < 0) & bare & (carried[number] >= 0)):
+            if possible(*probes[k], int(carried[number][k])):
+                label[k] = carried[number][k]
+        label = _spread(piece, label, np.where(bare, 0, _BARE), straight, possible)
+        done = _filled(view, piece, slopes[number], label, own[number], planes, noise.at_1m)
+        result.append(_with_doubtful(done, views[number], noise))
+    return result, planes
+
+
+def _carried(
+    views: Sequence[DepthView],
+    pieces: Sequence[Superpixels],
+    slopes: Sequence[np.ndarray],
+    labels: Sequence[np.ndarray],
+    straight: np.ndarray,
+) -> list[np.ndarray]:
+    """Plane of each superpixel of each view that most of what other views see there lies on, -1 for none."""
+    points, planes = [np.zeros((0, 3))], [np.zeros(0, np.int64)]
+    for view, piece, slope, label in zip(views, pieces, slopes, labels, strict=True):
+        plane = label[piece.label[::_EVERY, ::_EVERY]]
+        on = (plane >= 0) & np.append(straight, False)[plane]
+        rays = view.rays[::_EVERY, ::_EVERY][on]
+        points.append(view.camera.center + rays / (rays * slope[plane[on]]).sum(axis=-1, keepdims=True))
+        planes.append(plane[on].astype(np.int64))
+    place, plane = np.concatenate(points), np.concatenate(planes)
+    result = []
+    for view, piece, slope in zip(views, pieces, slopes, strict=True):
+        row, column, _, inside = pixels_of(view.camera, place)
+        inside &= (slope[plane] ** 2).sum(axis=1) > 0  # planes that face the view
+        votes = np.zeros((piece.count, len(straight) + 1), np.int32)
+        np.add.at(votes, (piece.label[row[inside], column[inside]], plane[inside]), 1)
+        result.append(np.where(votes.max(axis=1) > 0, votes.argmax(axis=1), -1))
+    return result
+
+
+def _with_doubtful(done: Completed, view: DepthView, noise: DepthNoise) -> Completed:
+    """Add depth of little confidence where there is no other; it does not say what is free."""
+    add = view.map.known & ~done.view.map.known
+    low = view.map.confidence / _WORSE_VARIANCE
+    found = DepthMap(
+        np.where(add, view.map.depth, done.view.map.depth),
+        np.where(add, low, done.view.map.confidence),
+        np.where(add[..., None], view.map.normal, done.view.map.normal),
+    )
+    return Completed(view.with_map(found), done.measured, done.plane)
+
+
+def _supported(view: DepthView, pieces: Superpixels, slopes: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarray]:
+    """Plane of each superpixel that its known pixels lie on, -1 for none, and how many known pixels it has."""
+    row, column = np.nonzero(view.map.known)
+    step = max(1, len(row) // _PIXELS)
+    row, column = row[::step], column[::step]
+    label = pieces.label[row, column].astype(np.int64)
+    count = np.bincount(label, minlength=pieces.count)
+    if len(slopes) == 0:
+        return np.full(pieces.count, -1), count * step
+    off = view.rays[row, column] @ slopes.T - 1 / view.map.depth[row, column, None]
+    near = np.abs(off) < WITHIN * noise
+    inside, spread = np.zeros((pieces.count, len(slopes))), np.zeros((pieces.count, len(slopes)))
+    np.add.at(inside, label, near)
+    np.add.at(spread, label, np.minimum((off / noise) ** 2, WITHIN**2))
+    share = inside / np.maximum(count, 1)[:, None]
+    spread = np.where(share >= _SUPPORTED, spread, np.inf)
+    best = spread.argmin(axis=1)
+    good = np.isfinite(spread[np.arange(len(best)), best]) & (count * step >= _BARE)
+    return np.where(good, best, -1), count * step
+
+
+def _spread(
+    pieces: Superpixels,
+    own: np.ndarray,
+    known: np.ndarray,
+    straight: np.ndarray,
+    possible: Callable[[np.ndarray, np.ndarray, int], bool],
+) -> np.ndarray:
+    """Plane of each superpixel after those of superpixels with support went on to bare ones; -1 for none.
+
+    ``straight`` planes may go on, where ``possible`` (rows, columns, plane) says so.
+    """
+    label = own.copy()
+    probes = _probes(pieces)
+    queue: list[tuple[float, int, int]] = []
+
+    def offer(cost: float, piece: int) -> None:
+        for beside, contrast in pieces.neighbours[piece]:
+            if label[beside] < 0 and known[beside] < _BARE and contrast < _BARRIER and straight[label[piece]]:
+                heapq.heappush(queue, (cost + _STEP + contrast, beside, int(label[piece])))
+
+    for piece in np.flatnonzero(own >= 0):
+        offer(0.0, int(piece))
+    refused: set[tuple[int, int]] = set()
+    while queue:
+        cost, piece, plane = heapq.heappop(queue)
+        if label[piece] >= 0 or (piece, plane) in refused:
+            continue
+        if not possible(*probes[piece], plane):
+            refused.add((piece, plane))
+            continue
+        label[piece] = plane
+        offer(cost, piece)
+    return label
+
+
+@dataclass(frozen=True)
+class _Check:
+    """What speaks against a plane in some pixels."""
+
+    others: _Others
+    box: RoomBox
+    noise: float
+
+    def possible(
+        self, number: int, view: DepthView, slopes: np.ndarray, row: np.ndarray, column: np.ndarray, plane: int
+    ) -> bool:
+        """Whether pixels of a view may show a plane: in the room, and no view sees through it."""
+        q = view.rays[row, column] @ slopes[plane]
+        if (q <= 0).any():
+            return False
+        points = view.camera.center + view.rays[row, column] / q[:, None]
+        if not self.box.holds(points, WITHIN * self.noise / q.min() ** 2):
+            return False
+        through, there = self.others.say(points, number, self.noise)
+        return through <= max(1.0, _THROUGH * (through + there))
+
+
+def _probes(pieces: Superpixels) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Rows and columns of some pixels, evenly chosen, of each superpixel."""
+    flat = pieces.label.ravel()
+    order = np.argsort(flat, kind="stable")
+    parts = np.split(order, np.cumsum(np.bincount(flat))[:-1])
+    return [np.divmod(part[:: max(1, len(part) // _PROBES)], pieces.label.shape[1]) for part in parts]
+
+
+def _filled(
+    view: DepthView,
+    pieces: Superpixels,
+    slopes: np.ndarray,
+    label: np.ndarray,
+    own: np.ndarray,
+    planes: RoomPlanes,
+    noise: float,
+) -> Completed:
+    """The view with known pixels put onto the planes of their superpixels, and unknown ones filled."""
+    found = view.map
+    plane = label[pieces.label]
+    slope = slopes[plane] if len(planes) else np.zeros((*plane.shape, 3))
+    q = np.where(plane >= 0, (view.rays * slope).sum(axis=-1), 0.0)
+    depth = np.where(q > 0, 1 / np.where(q > 0, q, 1.0), 0.0)
+    near = found.known & (q > 0) & (np.abs(q - 1 / np.where(found.known, found.depth, 1.0)) < WITHIN * noise)
+    bare = ~found.known & (q > 0)
+    onto = near | bare
+    usual = float(np.median(found.confidence[found.known])) if found.known.any() else 1.0
+    confidence = np.where(bare, np.where(own[pieces.label], _TEXTURED, _BESIDE) * usual, found.confidence)
+    normal = np.where(onto[..., None], planes.normal[plane] if len(planes) else 0.0, found.normal)
+    complete = DepthMap(
+        np.where(onto, depth, found.depth).astype(np.float32), confidence.astype(np.float32), normal.astype(np.float32)
+    )
+    return Completed(view.with_map(complete), found.known, np.where(onto, plane, -1).astype(np.int32))

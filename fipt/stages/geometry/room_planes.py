@@ -1,0 +1,273 @@
+"""Planes of a room: fitted to superpixels of single views, joined across views, brought to the room's directions."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fipt.stages.geometry.depth_views import DepthView
+from fipt.stages.geometry.superpixels import Superpixels
+
+WITHIN = 3.0
+"""Deviations within which depth lies on a plane."""
+_ROUNDS = 4
+"""Refits without what lies farther; they have settled before."""
+_FILLED = 0.6
+"""Share of a superpixel's known pixels that must lie on its plane."""
+_LEAST = 8
+"""Known pixels of a superpixel that a plane is fitted to: a plane has three numbers, and some pixels are wrong."""
+_LIES = 2.0
+"""Root mean square distance of a superpixel's points from a plane that it lies on, in deviations: one is their noise,
+and the depth of a whole superpixel errs together."""
+_TURN = np.cos(np.radians(45.0))
+"""Cosine between the normals of a plane and of a superpixel's own, at least: those of small ones are uncertain."""
+_NEARLY = np.cos(np.radians(10.0))
+"""Cosine to a direction above which a plane tells of the room's directions at first."""
+_SNAP = np.cos(np.radians(3.0))
+"""Cosine to one of the room's directions above which a plane is brought to it: walls are built so, and within noise."""
+_SMALLEST = 0.05
+"""Square metres that a plane shows in the view that sees most of it: a sheet of paper."""
+_MOST_SEEDS = 3_000
+"""Superpixels that are tried as the start of a plane, the largest first: a bound on time."""
+
+
+@dataclass(frozen=True)
+class RoomPlanes:
+    """Planes of a room.
+
+    Attributes
+    ----------
+    normal
+        (K, 3) float64 unit normals towards the cameras that see them.
+    offset
+        (K,) float64 metres: normal . x = offset.
+    sigma
+        (K,) float64 deviation of the offset, metres.
+    area
+        (K,) float64 square metres in the view that shows most of it.
+    views
+        (K,) int64 views that show it.
+    axis
+        (K,) int64 0, 1, 2: along this direction of the room; -1: along none.
+    directions
+        (3, 3) float64 the room's directions, rows.
+    """
+
+    normal: np.ndarray
+    offset: np.ndarray
+    sigma: np.ndarray
+    area: np.ndarray
+    views: np.ndarray
+    axis: np.ndarray
+    directions: np.ndarray
+
+    def __len__(self) -> int:
+        """How many."""
+        return len(self.offset)
+
+    def plain(self) -> list[dict[str, Any]]:
+        """The planes as plain types, for JSON."""
+        return [
+            {
+                "normal": [round(float(value), 6) for value in self.normal[k]],
+                "offset": round(float(self.offset[k]), 5),
+                "offset_deviation": round(float(self.sigma[k]), 6),
+                "area": round(float(self.area[k]), 4),
+                "views": int(self.views[k]),
+                "axis": None if self.axis[k] < 0 else "xyz"[self.axis[k]],
+            }
+            for k in range(len(self))
+        ]
+
+    def slopes(self, view: DepthView) -> np.ndarray:
+        """(K, 3) vectors a of the planes: the inverse depth in a pixel is a . ray; 0 for planes that turn away."""
+        behind = self.offset - self.normal @ view.camera.center  # negative where the camera is before the plane
+        front = behind < -1e-6
+        return np.where(front[:, None], self.normal / np.where(front, behind, -1.0)[:, None], 0.0)
+
+
+@dataclass(frozen=True)
+class _Patches:
+    """Planes of superpixels: normal (P, 3) to the camera, centre (P, 3), deviation of points across it (P,), weight
+    (P,), first and second moments (P, 3), (P, 3, 3) of weighted points, area (P,) and view (P,).
+    """
+
+    normal: np.ndarray
+    center: np.ndarray
+    deviation: np.ndarray
+    weight: np.ndarray
+    first: np.ndarray
+    second: np.ndarray
+    area: np.ndarray
+    view: np.ndarray
+
+    def on(self, n: np.ndarray, d: float) -> np.ndarray:
+        """(P,) bool: patches that lie on a plane and face the same side."""
+        square = np.einsum("pij,i,j->p", self.second, n, n) - 2 * d * (self.first @ n) + d * d * self.weight
+        return (square < (_LIES * self.deviation) ** 2 * self.weight) & (self.normal @ n > _TURN)
+
+
+def find_room_planes(views: Sequence[DepthView], pieces: Sequence[Superpixels], noise: float) -> RoomPlanes:
+    """Find the planes that several views show.
+
+    Parameters
+    ----------
+    pieces
+        Superpixels of each view.
+    noise
+        Deviation of depth at one metre, metres; that of inverse depth.
+    """
+    patches = _joined(
+        [_patches(view, piece, noise, i) for i, (view, piece) in enumerate(zip(views, pieces, strict=True))]
+    )
+    planes = _grouped(patches)
+    directions = _directions(planes)
+    return _snapped(planes, patches, directions)
+
+
+def _patches(view: DepthView, pieces: Superpixels, noise: float, number: int) -> _Patches:
+    """Fit a plane to the known pixels of each superpixel: inverse depth is linear in the ray, its noise even."""
+    known = view.map.known
+    label, rays = pieces.label[known].astype(np.int64), view.rays[known]
+    q, count = 1 / view.map.depth[known].astype(np.float64), pieces.count
+    weight = view.map.confidence[known].astype(np.float64)
+    use = np.ones(len(q), bool)
+    slope = np.zeros((count, 3))
+    for _ in range(_ROUNDS):
+        w = weight * use
+        matrix = np.stack([
+            np.bincount(label, w * rays[:, i] * rays[:, j], count) for i in range(3) for j in range(3)
+        ], axis=1).reshape(-1, 3, 3)  # fmt: skip
+        right = np.stack([np.bincount(label, w * rays[:, i] * q, count) for i in range(3)], axis=1)
+        ridge = 1e-9 * np.trace(matrix, axis1=1, axis2=2) + 1e-12
+        slope = np.linalg.solve(matrix + ridge[:, None, None] * np.eye(3), right[..., None])[..., 0]
+        off = np.abs((slope[label] * rays).sum(axis=1) - q)
+        # the first plane may be turned by outliers: what is farther than most goes first
+        spread = _median_of(off, label, count)
+        use = off < np.maximum(WITHIN * noise, 2 * spread)[label]
+    use = off < WITHIN * noise
+    inside, total = np.bincount(label, use, count), np.bincount(label, minlength=count)
+    good = (inside >= _LEAST) & (inside >= _FILLED * total) & (np.linalg.norm(slope, axis=1) > 1e-6)
+    use &= good[label]
+    label, rays, q = np.cumsum(good)[label[use]] - 1, rays[use], q[use]
+    return _measured(view, slope[good], label, rays, q, noise, number)
+
+
+def _median_of(values: np.ndarray, label: np.ndarray, count: int) -> np.ndarray:
+    """(count,) median of the values of each label; 0 for none."""
+    order = np.lexsort((values, label))
+    size = np.bincount(label, minlength=count)
+    first = np.concatenate([[0], np.cumsum(size)[:-1]])
+    result = np.zeros(count)
+    some = size > 0
+    result[some] = values[order][(first + size // 2)[some]]
+    return result
+
+
+def _measured(
+    view: DepthView, slope: np.ndarray, label: np.ndarray, rays: np.ndarray, q: np.ndarray, noise: float, number: int
+) -> _Patches:
+    """Patches of planes a (P, 3) and of their pixels' labels, rays and inverse depths."""
+    count = len(slope)
+    length = np.linalg.norm(slope, axis=1)
+    normal = -slope / length[:, None]
+    points = view.camera.center + rays / q[:, None]
+    lean = np.maximum(-(rays * normal[label]).sum(axis=1), 1e-3)
+    weight = 1 / (noise * lean / q**2) ** 2
+    total = np.maximum(np.bincount(label, weight, count), 1e-30)
+    first = np.stack([np.bincount(label, weight * points[:, i], count) for i in range(3)], axis=1)
+    second = np.stack([
+        np.bincount(label, weight * points[:, i] * points[:, j], count) for i in range(3) for j in range(3)
+    ], axis=1).reshape(-1, 3, 3)  # fmt: skip
+    area = np.bincount(label, 1 / (q**2 * view.camera.fx * view.camera.fy * lean), count)
+    deviation = np.sqrt(np.bincount(label, minlength=count) / total)
+    return _Patches(normal, first / total[:, None], deviation, total, first, second, area, np.full(count, number))
+
+
+def _joined(patches: list[_Patches]) -> _Patches:
+    return _Patches(*(np.concatenate([getattr(p, name) for p in patches]) for name in _Patches.__dataclass_fields__))
+
+
+def _grouped(patches: _Patches) -> RoomPlanes:
+    """Join patches that lie on one plane, beginning at the largest."""
+    free = np.ones(len(patches.area), bool)
+    found = []
+    for seed in np.argsort(-patches.area)[:_MOST_SEEDS]:
+        if not free[seed]:
+            continue
+        n, d = patches.normal[seed], float(patches.normal[seed] @ patches.center[seed])
+        on = np.zeros(len(free), bool)
+        for _ in range(_ROUNDS):
+            on = free & patches.on(n, d)
+            if not on.any():
+                break
+            n, d = _plane_of(patches, on, n)
+        free[seed] = False
+        if not on.any():
+            continue
+        area = np.bincount(patches.view[on], patches.area[on])
+        if area.max() < _SMALLEST or (area > 0).sum() < 2:
+            continue
+        free &= ~on
+        sigma = float(np.sqrt(1 / (1 / patches.deviation[on] ** 2).sum()))
+        found.append((n, d, sigma, float(area.max()), int((area > 0).sum())))
+    parts = [np.array([f[i] for f in found]) for i in range(5)]
+    return RoomPlanes(
+        parts[0].reshape(-1, 3), parts[1], parts[2], parts[3], parts[4].astype(np.int64),
+        np.full(len(found), -1), np.eye(3),
+    )  # fmt: skip
+
+
+def _plane_of(patches: _Patches, on: np.ndarray, like: np.ndarray) -> tuple[np.ndarray, float]:
+    """Plane of least squares through the points of patches, turned like another."""
+    total = patches.weight[on].sum()
+    middle = patches.first[on].sum(axis=0) / total
+    spread = patches.second[on].sum(axis=0) / total - np.outer(middle, middle)
+    n = np.linalg.eigh(spread)[1][:, 0]
+    n = n if n @ like > 0 else -n
+    return n, float(n @ middle)
+
+
+def _directions(planes: RoomPlanes) -> np.ndarray:
+    """(3, 3) the room's directions: the world's axes, turned to the planes near them."""
+    directions = np.eye(3)
+    for limit in (_NEARLY, _SNAP, _SNAP):
+        cosine = planes.normal @ directions.T
+        axis = np.abs(cosine).argmax(axis=1) if len(planes) else np.zeros(0, np.int64)
+        best = np.take_along_axis(cosine, axis[:, None], 1)[:, 0]
+        near = np.abs(best) > limit
+        target = np.eye(3)[axis[near]] * np.sign(best[near])[:, None]
+        correlation = (planes.normal[near] * (planes.area * planes.views)[near, None]).T @ target
+        # few planes leave turns open: the world's axes hold these
+        u, _, v = np.linalg.svd(correlation + 1e-3 * max(float(planes.area.sum()), 1e-3) * directions.T)
+        turn = u @ np.diag([1, 1, np.sign(np.linalg.det(u @ v))]) @ v
+        directions = turn.T
+    return directions
+
+
+def _snapped(planes: RoomPlanes, patches: _Patches, directions: np.ndarray) -> RoomPlanes:
+    """Bring planes to the room's directions, and join those that then are one."""
+    kept: list[tuple[np.ndarray, float, float, float, int, int]] = []
+    for k in np.argsort(-planes.area):
+        n, d, axis = planes.normal[k], float(planes.offset[k]), -1
+        cosine = directions @ n
+        nearest = int(np.abs(cosine).argmax())
+        on = patches.on(n, d)
+        if abs(cosine[nearest]) > _SNAP and on.any():
+            straight = np.sign(cosine[nearest]) * directions[nearest]
+            height = patches.center[on] @ straight
+            middle = float(np.average(height, weights=patches.weight[on]))
+            # a small slope that the noise does not hide is a slope
+            if np.median(patches.on(straight, middle)[on]):
+                n, d, axis = straight, middle, nearest
+        same = any(
+            n @ other[0] > 0.9999 and abs(d - other[1]) < WITHIN * np.hypot(planes.sigma[k], other[2]) for other in kept
+        )
+        if not same:
+            kept.append((n, d, float(planes.sigma[k]), float(planes.area[k]), int(planes.views[k]), axis))
+    parts = [np.array([item[i] for item in kept]) for i in range(6)]
+    return RoomPlanes(
+        parts[0].reshape(-1, 3), parts[1], parts[2], parts[3],
+        parts[4].astype(np.int64), parts[5].astype(np.int64), directions,
+    )  # fmt: skip

@@ -1,0 +1,152 @@
+"""Files between stages: what a verb reads is what its stage wrote, and the printed remedy makes it again."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fipt.cli.main import main
+from fipt.conventions import SHADING_OUTPUTS
+from fipt.errors import FiptError
+from fipt.formats.arrays import load_npy, save_npy
+from fipt.formats.files import made_again
+from fipt.formats.manifests import write_manifest
+from fipt.render.variant import Backend
+from fipt.scene.dataset import Dataset
+from fipt.scene.samples import read_samples
+from fipt.scene.shading import Shading, read_shading, save_shading
+from tests.faults.faults import refused
+from tests.layouts import write_synthetic
+
+
+@pytest.fixture
+def made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, backend: Backend) -> Path:
+    """A tiny dataset and the samples of a shard, as the workflow lays them out."""
+    monkeypatch.chdir(tmp_path)
+    write_synthetic(Path("src"))
+    root = Path("results/x")
+    settings = json.dumps({"overlay": False, "prepare": "never"})
+    into = ("--dataset", str(root / "dataset"), "--manifest", str(root / "dataset/images.manifest.json"))
+    assert main(["import", "--source", "src", "--format", "fipt-synthetic", *into, "--settings", settings]) == 0
+    sampled(root)
+    return root
+
+
+def sampled(root: Path, code: int = 0) -> None:
+    shard = root / "samples" / "train-000"
+    views = "train_000,train_001"
+    assert main(["samples", "--dataset", str(root / "dataset"), "--views", views, "--out", str(shard)]) == code
+
+
+def flipped(path: Path) -> None:
+    """One bit differs, the size stays."""
+    data = bytearray(path.read_bytes())
+    data[-1] ^= 1
+    path.write_bytes(bytes(data))
+
+
+def cut(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-7])
+
+
+def lengthened(path: Path) -> None:
+    path.write_bytes(path.read_bytes() + b"\0")
+
+
+def of_another_run(path: Path) -> None:
+    """A whole file, of something else."""
+    array, text = path.suffix == ".npy", path.read_bytes()
+    path.write_bytes(b"ply\nformat ascii 1.0\nend_header\n" if not array else text.replace(b"descr", b"Descr"))
+
+
+HARMS = [flipped, cut, lengthened, of_another_run]
+
+
+def _ids(root: Path) -> np.ndarray:
+    return Dataset(root / "dataset").segments("train_000", "part")
+
+
+SAID = r"is not what its stage wrote.*; delete .*manifest\.json and run again"
+READ: dict[str, tuple[str, Callable[[Path], object]]] = {
+    "image": ("dataset/images/train_000.exr", lambda root: Dataset(root / "dataset").image("train_000")),
+    "flags": ("dataset/images/train_000.exr", lambda root: Dataset(root / "dataset").flags("train_000")),
+    "truth": ("dataset/truth/train_000.exr", lambda root: Dataset(root / "dataset").truth("train_000")),
+    "ids": (
+        "dataset/segments/part/train_000.png",
+        lambda root: Dataset(root / "dataset").segments("train_000", "part"),
+    ),
+    "mesh": ("dataset/mesh.ply", lambda root: Dataset(root / "dataset").mesh()),
+    "positions": ("samples/train-000/position.npy", lambda root: read_samples(root / "samples/train-000")),
+    "views": ("samples/train-000/views.json", lambda root: read_samples(root / "samples/train-000")),
+}
+
+
+@pytest.mark.parametrize("name", READ)
+def test_what_changed_since_it_was_written_is_refused(name: str, made: Path) -> None:
+    file, read = READ[name]
+    path, whole = made / file, (made / file).read_bytes()
+    read(made)
+    for harm in HARMS:
+        harm(path)
+        with pytest.raises(
+            FiptError, match=r"is not what its stage wrote.*; delete .*manifest\.json and run again"
+        ) as caught:
+            read(made)
+        assert str(path) in str(caught.value)
+        path.write_bytes(whole)
+    read(made)
+
+
+def test_shading_too(tmp_path: Path) -> None:
+    folder = tmp_path / "round-0" / "shading" / "train-000"
+    folder.mkdir(parents=True)
+    save_shading(folder, Shading.of(np.ones((5, SHADING_OUTPUTS, 3), np.float32)))
+    write_manifest(folder.with_name("train-000.manifest.json"), "bake", sorted(folder.iterdir()), {})
+    read_shading(folder)
+    flipped(folder / "shading.npy")
+    with pytest.raises(FiptError, match=r"delete .*train-000\.manifest\.json and run again"):
+        read_shading(folder)
+
+
+def test_the_printed_remedy_works(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The manifest that the line names is an output of the rule: without it the job runs again, and all is well."""
+    flipped(made / "samples/train-000/weight.npy")
+    cache = ("cache", "--dataset", str(made / "dataset"), "--samples", str(made / "samples/train-000"))
+    said = refused(capsys, *cache, "--out", str(made / "cache.npz"))
+    manifest = Path(said.split("; delete ")[1].split(" and run again")[0])
+    assert manifest == made / "samples/train-000.manifest.json"
+    manifest.unlink()
+    sampled(made)
+    assert main([*cache, "--out", str(made / "cache.npz")]) == 0
+
+
+def test_a_verb_reads_no_image_of_another_import(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    flipped(made / "dataset/mesh.ply")
+    sampled(made, code=2)
+    assert "mesh.ply is not what its stage wrote" in capsys.readouterr().err
+
+
+def test_files_without_a_manifest_are_read(tmp_path: Path) -> None:
+    """What somebody made by hand has none, and a damaged manifest says nothing."""
+    folder = tmp_path / "shading"
+    folder.mkdir()
+    save_shading(folder, Shading.of(np.ones((5, SHADING_OUTPUTS, 3), np.float32)))
+    read_shading(folder)
+    for text in ("{", '{"files": 3}', "\xff"):
+        folder.with_name("shading.manifest.json").write_text(text, encoding="latin-1")
+        read_shading(folder)
+
+
+def test_the_remedy_names_what_the_workflow_knows(tmp_path: Path) -> None:
+    alone = tmp_path / "a.npy"
+    alone.write_bytes(b"\x93NUMPY\x01\x00")
+    with pytest.raises(FiptError, match=r"; delete .*a\.npy and run again"):
+        load_npy(alone)
+    folder = tmp_path / "shard" / "sub"
+    save_npy(folder / "b.npy", np.zeros(3))
+    write_manifest(tmp_path / "all.manifest.json", "samples", [folder / "b.npy"], {})
+    assert made_again(folder / "b.npy") == f"delete {tmp_path}/all.manifest.json and run again"
+    write_manifest(tmp_path / "shard.manifest.json", "samples", [], {})
+    assert made_again(folder / "b.npy") == f"delete {tmp_path}/shard.manifest.json and run again"

@@ -1,0 +1,119 @@
+"""Planes of a known room: found on textured pixels, and carried on over bare ones."""
+
+import numpy as np
+
+from fipt.scene.depth_maps import DepthMap
+from fipt.stages.geometry.completion import complete
+from fipt.stages.geometry.depth_views import DepthNoise, DepthView, depth_noise
+from fipt.stages.geometry.room_box import find_box
+from fipt.stages.geometry.room_planes import find_room_planes
+from fipt.stages.geometry.superpixels import superpixels
+from tests.unit.stages.geometry.test_fusing import HALF, around, view_of_cube
+
+NOISE = 0.002
+
+
+def painted(view: DepthView, lamp: bool = False) -> DepthView:
+    """The view with walls of different greys, and an emitter in the middle of one where asked for."""
+    axis = np.abs(view.map.normal).argmax(axis=-1)
+    side = np.take_along_axis(view.map.normal, axis[..., None], -1)[..., 0] > 0
+    grey = 0.3 + 0.12 * axis + 0.05 * side
+    if lamp:
+        points = view.points
+        grey = np.where((points[..., 2] < -HALF + 0.01) & (np.abs(points[..., :2]) < 0.25).all(axis=-1), 20.0, grey)
+    return DepthView(view.camera, view.map, np.repeat(grey[..., None], 3, axis=-1).astype(np.float32))
+
+
+def without(view: DepthView, lost: np.ndarray) -> DepthView:
+    """The view with (H, W) bool pixels unknown."""
+    found = view.map
+    return view.with_map(
+        DepthMap(
+            np.where(lost, 0, found.depth),
+            np.where(lost, 0, found.confidence),
+            np.where(lost[..., None], 0, found.normal).astype(np.float32),
+        )
+    )
+
+
+def inner(view: DepthView) -> np.ndarray:
+    """(H, W) bool: pixels farther than 30 cm from any edge of the cube, as bare walls are unknown."""
+    return np.sort(np.abs(view.points), axis=-1)[..., 1] < HALF - 0.3
+
+
+def test_the_walls_of_a_cube_are_found_and_along_its_directions():
+    views = [painted(view) for view in around(NOISE)]
+    planes = find_room_planes(views, [superpixels(view.radiance) for view in views], NOISE)
+    walls = [k for k in range(len(planes)) if planes.area[k] > 0.5]
+    assert len(walls) == 4  # floor and ceiling are in no view
+    assert (planes.axis[walls] >= 0).all()
+    np.testing.assert_allclose(planes.directions, np.eye(3), atol=0.003)
+    np.testing.assert_allclose(planes.offset[walls], -HALF, atol=0.003)
+    box = find_box(views, planes)
+    assert box.wall[:, [0, 2]].all()
+    np.testing.assert_allclose([box.low[[0, 2]], box.high[[0, 2]]], [[-HALF] * 2, [HALF] * 2], atol=0.01)
+
+
+def test_bare_walls_are_completed():
+    true = [painted(view) for view in around()]
+    noisy = [without(view, inner(view)) for view in around(NOISE)]
+    views = [DepthView(view.camera, view.map, known.radiance) for view, known in zip(noisy, true, strict=True)]
+    done, _ = complete(views, depth_noise(views))
+    bare = np.concatenate([inner(view).ravel() for view in true])
+    found = np.concatenate([d.view.map.depth.ravel() for d in done])[bare]
+    depth = np.concatenate([view.map.depth.ravel() for view in true])[bare]
+    known = found > 0
+    assert known.mean() > 0.95
+    assert np.percentile(np.abs(found - depth)[known], 95) < 0.01
+    assert np.concatenate([d.measured.ravel() for d in done])[bare].mean() < 0.02  # as noise moves the border
+
+
+def test_an_emitter_inherits_no_plane():
+    true = [painted(view, lamp=True) for view in around()]
+    views = [without(view, inner(view)) for view in true]
+    done, _ = complete(views, DepthNoise(NOISE, 0.0))
+    bright = np.concatenate([(view.radiance[..., 0] > 1).ravel() for view in true])
+    assert bright.sum() > 100
+    assert (np.concatenate([d.view.map.depth.ravel() for d in done])[bright] == 0).mean() > 0.95
+
+
+def test_what_another_view_sees_through_is_not_completed():
+    true = [painted(view) for view in around()]
+    # one view is sure of a wall far nearer than it is; its own neighbours see through that
+    wrong = true[0]
+    near = DepthMap(0.6 * wrong.map.depth, wrong.map.confidence, wrong.map.normal)
+    views = [without(wrong.with_map(near), inner(wrong)), *true[1:]]
+    done, _ = complete(views, DepthNoise(NOISE, 0.0))
+    bare = inner(wrong)
+    found = done[0].view.map.depth[bare]
+    assert (np.abs(found - 0.6 * wrong.map.depth[bare]) > 0.05).mean() > 0.9
+
+
+def test_confidence_that_means_nothing_is_told():
+    good = around(0.001)
+    doubtful = [
+        view_of_cube(view.camera.name, tuple(view.camera.center), i * np.pi / 4, 0.02) for i, view in enumerate(good)
+    ]
+    views = []
+    for view, other in zip(good, doubtful, strict=True):
+        left = np.arange(80) < 40
+        low = np.where(left[None, :], 0.3, 0.9) * np.ones((60, 80))
+        depth = np.where(left, other.map.depth, view.map.depth)
+        views.append(view.with_map(DepthMap(depth.astype(np.float32), low.astype(np.float32), view.map.normal)))
+    noise = depth_noise(views)
+    assert 0.3 < noise.confident <= 0.9
+    assert noise.at_1m < 0.003
+
+
+def test_superpixels_end_at_edges():
+    image = np.full((60, 80, 3), 0.2, np.float32)
+    image[:, 40:] = 0.3
+    image[20:30, 10:20] = 5.0
+    pieces = superpixels(image)
+    for part in (np.s_[:, 40:], np.s_[20:30, 10:20]):
+        inside = np.zeros((60, 80), bool)
+        inside[part] = True
+        count = np.bincount(pieces.label.ravel())
+        share = np.bincount(pieces.label.ravel(), inside.ravel()) / count
+        assert (np.minimum(share, 1 - share) * count).sum() < 0.05 * inside.sum()
+    assert pieces.contrast.max() > 2
