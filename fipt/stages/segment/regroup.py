@@ -103,13 +103,13 @@ class _Materials:
         trials = slice(HALF, None) if self._metal[k] else slice(None, HALF)
         best = (self._left[like, trials] + self._left[k, trials]).argmin(axis=1) + trials.indices(2 * HALF)[0]
         off = self._color[like, best] - self._color[k, best]
-        apart = (off**2 / (self._variance[like] + self._variance[k])).sum(axis=1)
-        near = apart < _CHI_SQUARE
+        difference = (off**2 / (self._variance[like] + self._variance[k])).sum(axis=1)
+        near = difference < _CHI_SQUARE
         at, like, best = at[near], like[near], best[near]
         same = np.full(len(like), k)
         agrees = ~_worse(self._left[like], self._products[like], best, trials)
         agrees &= ~_worse(self._left[same], self._products[same], best, trials)
-        result[at[agrees]] = apart[near][agrees]
+        result[at[agrees]] = difference[near][agrees]
         return result
 
     def join(self, own: int, other: int) -> None:
