@@ -104,6 +104,18 @@ def connected_parts(mesh: Mesh) -> np.ndarray:
     return connected_components(graph, directed=False)[1][corners[:, 0]].astype(np.int32)
 
 
+def touching_triangles(mesh: Mesh) -> np.ndarray:
+    """(2, N) pairs of triangles that share an edge; vertices at one place count as one."""
+    _, vertex = np.unique(mesh.vertices, axis=0, return_inverse=True)
+    corner = vertex.reshape(-1)[mesh.triangles].astype(np.int64)
+    edge = np.sort(corner[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    key = edge[:, 0] * (int(corner.max(initial=0)) + 1) + edge[:, 1]
+    order = np.argsort(key, kind="stable")
+    owner = np.repeat(np.arange(len(corner)), 3)[order]
+    same = key[order][1:] == key[order][:-1]
+    return np.stack([owner[:-1][same], owner[1:][same]])
+
+
 def closed(mesh: Mesh) -> bool:
     """Whether each edge belongs to two triangles, so that nobody sees the inside."""
     # corners that a hundredth of a millimetre parts are one

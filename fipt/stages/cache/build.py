@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from fipt.scene.mesh import Mesh, connected_parts, surface_points
+from fipt.scene.mixed import Unmixed, find_islands, unmixed
 from fipt.scene.samples import FootprintSamples, scene_box
 from fipt.scene.voxels import FACINGS, facings, voxel_keys
 from fipt.stages.cache.settings import CacheSettings
@@ -52,7 +53,7 @@ def build(
     def keys(samples: FootprintSamples, own: slice) -> np.ndarray:
         return voxel_keys(samples.position[own], center, side, n) * FACINGS + facings(samples.normal[own])
 
-    records = _Records()
+    records, islands = _Records(), find_islands(mesh, shards)
     for samples, index in views:
         own = samples.of_view(index)
         records.add(keys(samples, own), samples.position[own], samples.triangle[own])
@@ -66,7 +67,8 @@ def build(
         own, pixel = samples.of_view(index), samples.pixel_of_sample(index)
         record = np.searchsorted(records.key, keys(samples, own))
         weight = valid[pixel] * np.where(samples.weight[own] >= _INTERIOR, 1.0, _MIXED)
-        sums.add(record, image[pixel], weight, clipped[pixel])
+        found = unmixed(samples, index, islands, image, (valid > 0) & ~clipped)
+        sums.add(record, *_unmixed_light(found, image[pixel], weight), clipped[pixel])
     sums.add_bounds()
     point, facing = records.point, (records.key % FACINGS).astype(np.uint8)
     part = connected_parts(mesh)[records.triangle]
@@ -81,6 +83,16 @@ def build(
         "count": sums.count.astype(np.float32),
         "source": _nearest_seen(point, facing, part, sums.seen, 8 * side / n),
     }
+
+
+def _unmixed_light(found: Unmixed, light: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Radiance (N, 3) and weight (N,) of a view's samples: mixed ones have their own radiance where that is told."""
+    mixed = weight[found.sample] <= _MIXED
+    rows, light, weight = found.sample[mixed], light.astype(np.float64), weight.astype(np.float64)
+    doubt = found.error[mixed] / np.maximum(light[rows].mean(axis=1), 1e-6)
+    light[rows] = found.radiance[mixed]
+    weight[rows] /= 1 + doubt**2
+    return light, weight
 
 
 class _Records:

@@ -13,9 +13,9 @@ from fipt.scene.emitters import Emitters, Undecided
 from fipt.scene.mesh import Mesh, connected_parts
 from fipt.scene.observed import ObservedShard
 from fipt.scene.review import ReviewDecisions, numbers
-from fipt.stages.emitters.behind import grown
 from fipt.stages.emitters.fragments import LEAST_DIFFERENCE, SIGMA, same_emitters
 from fipt.stages.emitters.hypotheses import RegionEvidence, judge
+from fipt.stages.emitters.mixed import mixed_emitters
 from fipt.stages.emitters.observations import (
     Observations,
     grouped_median,
@@ -102,11 +102,10 @@ def extract(
     undecided, surface = Undecided.none(), None
     views: Iterable[Observations]
     if settings.decide == "regions":
-        seen = _all_pixels(shards)
+        seen = _all_pixels(mesh, shards)
         surface = find_regions(mesh, shards, seen)
         evidence = judge(shards, seen, surface)
         label = shaped(mesh, surface, evidence.emitting(surface.touching), shards)
-        label, behind = grown(mesh, surface, shards, label)
         tells = label == surface.region  # a rim has the light of the region inside, but mixed with what is around
         observed = surface.pixels
         undecided = _undecided(mesh, surface, evidence, label, decided)
@@ -116,22 +115,24 @@ def extract(
         emitting, observed = _masked(mesh, shards, query_mask, settings)
         label = np.where(emitting, np.arange(len(emitting)), -1)
         tells, first, views = np.ones(len(label), bool), len(label), observations(shards)
-        behind = Observations.none()
     label = np.where(decided.emitter >= 0, first + decided.emitter, label)
     label[decided.rejected] = -1
     tells = (label >= 0) & (tells | (decided.emitter >= 0))
-    behind = behind[(label[behind.triangle] >= 0) & (decided.emitter[behind.triangle] < 0)]
-    seen = Observations.joined([of_triangles(views, tells), behind])
-    measured = _measured(mesh, seen, label, decided, settings, surface)
+    measured = _measured(mesh, of_triangles(views, tells), label, decided, settings, surface)
     found = _completed(mesh, measured, np.flatnonzero(observed), decided, settings.complete)
     return replace(found, undecided=undecided)
 
 
-def _all_pixels(shards: Sequence[ObservedShard]) -> Observations:
-    """Pixels of all views that one piece of surface fills, every n-th where there are too many."""
+def _all_pixels(mesh: Mesh, shards: Sequence[ObservedShard]) -> Observations:
+    """Pixels of all views that one piece of surface fills, every n-th where there are too many; sorted by view.
+
+    With them those from which an emitter's light is told that others stand before.
+    """
     total = sum(int(shard.samples.first_pixels[-1]) for shard in shards)
     step = max(total // _MOST_PIXELS, 1)
-    return Observations.joined(view[::step] for view in observations(shards, ratios=False))
+    alone = Observations.joined(view[::step] for view in observations(shards, ratios=False))
+    seen = Observations.joined([alone, mixed_emitters(mesh, shards)])
+    return seen[np.argsort(seen.view, kind="stable")]
 
 
 def _masked(
@@ -265,7 +266,7 @@ def _textured(
     index = index.reshape(-1)
     middle = grouped_median(bright, index, len(shown))
     noise = grouped_median(np.abs(bright - middle[index]), index, len(shown))
-    error = 1.2533 * noise / np.sqrt(np.maximum(surface.pixels[shown], 1))
+    error = 1.2533 * noise / np.sqrt(surface.pixels[shown])
     use = surface.pixels[shown] >= _PIXELS_OF_TEXEL
     of = emitter[np.searchsorted(triangles, shown)]
     result = radiance.copy()

@@ -11,7 +11,7 @@ of `line_in_base_color` at roughness s, the hypotheses are
 
 g >= 1 says that the shading of the whole region is too dark. Surface that could be matte and grey cannot be told from
 an emitter, and counts as grey: what speaks for emission is more light than white would send back, unless a mirror
-explains it view by view.
+explains it view by view; or an evenness under uneven light that paint has by chance alone (`texture`).
 
 A view is one observation of a region: its pixels share what is wrong with the shading. Its residual e, the mean
 absolute difference of log radiance, costs as a Student-t variable, whose scale is the residual of this room's ordinary
@@ -22,11 +22,12 @@ unexplained itself, beyond what ordinary surface does, counts against it once mo
 
 A small emitter fills a few pixels, and so few views are worth less than any price. Where emission is ahead by half of
 its price, and half of the region's pixels are brighter by `EMITTER_GAIN` than any material could be, mirrors included,
-it is believed too; not beside another emitter, whose light its few pixels may share.
+it is believed too; not beside another emitter, whose light its few pixels may share. Half of the price is also enough
+where the radiance is that of an emitter of which there is no doubt, and few other regions have it.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -39,14 +40,21 @@ from fipt.scene.shading import diffuse_shading
 from fipt.scene.voxels import FACINGS, facings, voxel_keys
 from fipt.stages.emitters.observations import Observations, grouped_median
 from fipt.stages.emitters.regions import Surface
+from fipt.stages.emitters.texture import TextureOdds, deviation
 
-_RESOLUTION = 48
-"""Pieces along the scene box: some pixels wide, so that a mirror's picture differs between them."""
+_RESOLUTION = (48, 96)
+"""Pieces along the scene box, at least and at most: a mirror's picture and the room's light differ between them."""
+_PIECE = 4.0
+"""Width of a piece, pixels, between these: enough pixels for a median."""
 _GLOSS = (0.02, 0.118, 0.3, 0.5)
 """Roughness of a gloss over a diffuse or emitting surface; rougher ones hardly depend on the view."""
 _METAL = (0.02, 0.1, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0)
 _GAIN = np.exp([0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.6, 0.8, 1.1, 1.5, 2, 3])
 """How much too dark the shading may be."""
+_FEWEST_PIXELS = 4
+"""Pixels of a piece that tell its share of a region's texture: with fewer one mixed one shifts it."""
+_LEAST_BASE = 1e-3
+"""Base colour of metal below which only noise differs."""
 _FREEDOM = 3.0
 """Degrees of freedom of residuals: the fewest with a finite variance; edges and leaks make the tail heavy."""
 _WHOLE = 8
@@ -63,6 +71,8 @@ _MEASURED = 6
 """Observations below which a median deviation is itself off by half and more."""
 _LEAST_PRICE = float(np.log(2))
 """Price of emission beside an emitter, for each region that could: even odds."""
+_SAME = 0.05
+"""Relative difference of radiances that are the same: less is below what shading can tell."""
 _EXCESS = 0.1
 """Share of a region's pixels that must be brighter than white before it is looked at."""
 
@@ -75,6 +85,10 @@ class RegionEvidence:
     ----------
     reflects, emits
         (R,) cost of the best material, and of emission with or without a gloss; 0 where not looked at.
+    texture
+        (R,) what the cost of the best material grows by, if it pays for the texture that it needs.
+    compared
+        Regions among which `texture` says how rare it is.
     price
         (R,) what emission must explain better.
     excess
@@ -83,14 +97,19 @@ class RegionEvidence:
         (R,) cost of residuals of one scale.
     pixels
         (R,) int64 pixels of the region.
+    level
+        (R, 3) median radiance; 0 without pixels.
     """
 
     reflects: np.ndarray
     emits: np.ndarray
+    texture: np.ndarray
+    compared: int
     price: np.ndarray
     excess: np.ndarray
     ordinary: np.ndarray
     pixels: np.ndarray
+    level: np.ndarray
 
     @property
     def lead(self) -> np.ndarray:
@@ -103,9 +122,18 @@ class RegionEvidence:
         return self.reflects - self.emits > 0.5 * self.price
 
     @property
+    def needed(self) -> np.ndarray:
+        """(R,) evidence of texture needed: the price, and more than one region of all compared has by chance."""
+        return np.maximum(self.price, np.log(self.compared + 1))
+
+    @property
     def undecided(self) -> np.ndarray:
-        """(R,) bool: emission explains the region better, but not by its price."""
-        return self.ahead & (self.lead <= self.price) & ~self.excess
+        """(R,) bool: emission explains the region better, but not by its price, or only with both kinds of evidence.
+
+        They are no sum: wrong shading makes a region too bright and too even at once.
+        """
+        both = (self.texture > 0) & (self.lead + self.texture > self.needed)
+        return (self.ahead | both) & (self.lead <= self.price) & (self.texture <= self.needed) & ~self.excess
 
     def emitting(self, pairs: np.ndarray) -> np.ndarray:
         """(R,) bool: emission is worth its price. Where a region touches another that emits, few others do.
@@ -115,7 +143,8 @@ class RegionEvidence:
         pairs
             (2, N) regions that touch.
         """
-        result = self.lead > self.price
+        result = (self.lead > self.price) | (self.texture > self.needed)
+        result |= self._kin(result)
         for _ in range(len(result)):
             beside = self._beside(result, pairs)
             more = beside & (self.lead > np.log(max(int(beside.sum()), 1)) + _LEAST_PRICE)
@@ -123,6 +152,20 @@ class RegionEvidence:
                 break
             result |= more
         return result | self.ahead & self.excess & ~self._beside(result, pairs)
+
+    def _kin(self, chosen: np.ndarray) -> np.ndarray:
+        """(R,) bool: half of the price is there, and the radiance is that of an emitter brighter than any material.
+
+        So few others have it by chance that it is worth the other half: one of many panels, where the room is bright.
+        """
+        asked = ~chosen & (self.lead >= 0) & (np.maximum(self.lead, self.texture) > 0.5 * self.price)
+        certain, others = self.level[chosen & self.excess], self.level[(self.pixels >= _WHOLE) & ~chosen]
+        result = np.zeros(len(chosen), bool)
+        for region in np.flatnonzero(asked & (self.pixels >= _WHOLE)):
+            own = self.level[region]
+            near, by_chance = ((np.abs(other - own) <= _SAME * own.mean()).all(axis=1) for other in (certain, others))
+            result[region] = near.any() and -np.log(by_chance.mean()) > 0.5 * self.price[region]  # itself is among them
+        return result
 
     @staticmethod
     def _beside(chosen: np.ndarray, pairs: np.ndarray) -> np.ndarray:
@@ -140,20 +183,24 @@ def judge(shards: Sequence[ObservedShard], seen: Observations, surface: Surface)
     """
     pixels = np.bincount(surface.region[seen.triangle] + 1, minlength=surface.count + 1)[1:]
     price = np.log(max(len(seen.triangle), 1) / np.maximum(pixels, 1))
-    reflects, emits, views = (np.zeros(surface.count) for _ in range(3))
     chosen, excess, ordinary = _candidates(shards, seen, surface)
-    if chosen.any() or ordinary.any():
-        cells = _cells(
-            shards,
-            seen,
-            np.append(np.where(chosen | ordinary, np.arange(surface.count), -1), -1)[surface.region],
-            surface,
-        )
-        scale, error = _scales(cells, ordinary)
-        reflects, emits, views = _costs(cells, scale, error)
-        reflects, emits = reflects * chosen, emits * chosen
-        price = price + 0.5 * np.log(np.maximum(views, 1))  # of L, as BIC has it
-    return RegionEvidence(reflects, emits, price, excess, views * float(_cost(np.array(1.0))), pixels)
+    known, nothing = chosen | ordinary, np.zeros(surface.count)
+    level, found, index = np.zeros((surface.count, 3)), *np.unique(surface.region[seen.triangle], return_inverse=True)
+    level[found[found >= 0]] = grouped_median(seen.radiance, index.reshape(-1), len(found))[found >= 0]
+    if not known.any():
+        return RegionEvidence(nothing, nothing, nothing, 0, price, excess, nothing, pixels, level)
+    cells = _cells(shards, seen, np.append(np.where(known, np.arange(surface.count), -1), -1)[surface.region], surface)
+    costs = _costs(cells, *_scales(cells, ordinary))
+    reflects, emits = costs.reflects.min(axis=0), np.where(known, costs.emits, 0)
+    # no darker than white anywhere: by its radiance it is no emitter, whatever fits
+    reflects = np.where(chosen, reflects, np.minimum(reflects, emits) * known)
+    price = price + 0.5 * np.log(np.maximum(costs.views, 1))  # of L, as BIC has it
+    found = RegionEvidence(
+        reflects, emits, nothing, 0, price, excess, costs.views * float(_cost(np.array(1.0))), pixels, level
+    )
+    odds = TextureOdds.of(costs.texture[0, (costs.texture[0] != 0) & (found.lead <= price)])
+    paid = (costs.reflects + odds(costs.texture)).min(axis=0) - costs.reflects.min(axis=0)
+    return replace(found, texture=np.where(known, paid, 0), compared=odds.regions)
 
 
 @dataclass(frozen=True)
@@ -241,12 +288,16 @@ def _by_view(shards: Sequence[ObservedShard], seen: Observations) -> "list[tuple
 def _cells(shards: Sequence[ObservedShard], seen: Observations, region: np.ndarray, surface: Surface) -> _Cells:
     """Cells of the triangles whose ``region`` (T,) is not negative; one view's shading is in memory at a time."""
     center, side = scene_box([shard.samples for shard in shards])
+    widths = surface.width[surface.width > 0]
+    resolution = (
+        int(np.clip(side / (_PIECE * float(np.median(widths))), *_RESOLUTION)) if len(widths) else _RESOLUTION[0]
+    )
     columns: list[tuple[np.ndarray, ...]] = []
     for view, (shard, own) in enumerate(_by_view(shards, seen)):
         of = region[seen.triangle[own]]
         rows, of = seen.sample[own][of >= 0], of[of >= 0]
         place, normal = np.asarray(shard.samples.position[rows]), np.asarray(shard.samples.normal[rows])
-        record = voxel_keys(place, center, side, _RESOLUTION).astype(np.int64) * FACINGS + facings(normal)
+        record = voxel_keys(place, center, side, resolution).astype(np.int64) * FACINGS + facings(normal)
         key, cell, count = np.unique(record * surface.count + of, return_inverse=True, return_counts=True)
         radiance = seen.radiance[own][region[seen.triangle[own]] >= 0]
         values = np.concatenate([radiance[:, None], shard.shading[rows]], axis=1).reshape(len(rows), -1)
@@ -306,24 +357,54 @@ def _metal(cells: _Cells, roughness: float) -> tuple[np.ndarray, np.ndarray, np.
     return offset, slope, np.stack(over, axis=1) / np.maximum(np.stack(under, axis=1), 1e-12)
 
 
-def _costs(cells: _Cells, scale: float, error: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Least cost (R,) of reflection and of emission, and number of views (R,)."""
+@dataclass(frozen=True)
+class _Costs:
+    """Costs of R regions.
+
+    Attributes
+    ----------
+    reflects, texture
+        (M, R) least cost of each of M materials, matte first, and how much more texture it needs than emission: the
+        logarithm of the ratio, 0 where too few pieces tell.
+    emits, views
+        (R,) least cost of emission, and number of views.
+    """
+
+    reflects: np.ndarray
+    texture: np.ndarray
+    emits: np.ndarray
+    views: np.ndarray
+
+
+def _costs(cells: _Cells, scale: float, error: float) -> _Costs:
+    """Cost of every material, and of emission."""
 
     def cost(modelled: np.ndarray) -> np.ndarray:
         each = cells.weight_of_pair * _cost(cells.residual(modelled) / scale)
         return np.bincount(cells.region_of_pair, each, cells.regions)
 
-    reflects, emits = (np.full(cells.regions, np.inf) for _ in range(2))
+    def uneven(values: np.ndarray) -> np.ndarray:
+        pixels = np.bincount(cells.piece, cells.pixels)
+        return deviation(np.log(values), pixels * (pixels >= _FEWEST_PIXELS), cells.region_of_piece, cells.regions)
+
+    even = uneven(cells.median(cells.radiance).mean(axis=1) + cells.dark)
+
+    def texture(values: np.ndarray) -> np.ndarray:
+        found = uneven(values)
+        return np.where((found > 0) & (even > 0), np.log(np.maximum(found, 1e-9) / np.maximum(even, 1e-9)), 0)
+
+    emits, reflects, textures = np.full(cells.regions, np.inf), [], []
+    penalty = 0.5 * (np.log(_GAIN) / error) ** 2
     for roughness in (None, *_GLOSS):
         gloss, own = _coated(cells, roughness)
         emits = np.minimum(emits, cost(gloss + own[cells.piece]) + (roughness is not None))
-        for gain in _GAIN:
-            grey = np.minimum(own, gain * cells.white)[cells.piece]
-            reflects = np.minimum(reflects, cost(gloss + grey) + 0.5 * (np.log(gain) / error) ** 2)
+        grey = (cost(gloss + np.minimum(own, gain * cells.white)[cells.piece]) for gain in _GAIN)
+        reflects.append(np.min([each + more for each, more in zip(grey, penalty, strict=True)], axis=0))
+        textures.append(texture((own.mean(axis=1) + cells.dark) / (cells.white.mean(axis=1) + cells.dark)))
     for roughness in _METAL:
         offset, slope, base = _metal(cells, roughness)
-        for gain in _GAIN:
-            modelled = gain * (offset + slope * np.clip(base / gain, 0, 1)[cells.piece])
-            reflects = np.minimum(reflects, cost(modelled) + 0.5 * (np.log(gain) / error) ** 2)
+        metal = (cost(gain * (offset + slope * np.clip(base / gain, 0, 1)[cells.piece])) for gain in _GAIN)
+        reflects.append(np.min([each + more for each, more in zip(metal, penalty, strict=True)], axis=0))
+        textures.append(texture(np.maximum(base.mean(axis=1), _LEAST_BASE)))
     views = np.bincount(cells.region_of_pair, cells.weight_of_pair, cells.regions)
-    return reflects, emits, views
+    return _Costs(np.array(reflects), np.array(textures), emits, views)

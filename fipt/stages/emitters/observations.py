@@ -7,7 +7,6 @@ import numpy as np
 
 from fipt.model.reflectance import brightest_reflection
 from fipt.scene.observed import ObservedShard
-from fipt.scene.shading import diffuse_shading
 
 INTERIOR = 0.9
 """Share of its pixel that a sample must cover to tell its surface's own radiance."""
@@ -42,12 +41,6 @@ class Observations:
 
     def __getitem__(self, rows: slice | np.ndarray) -> "Observations":
         return Observations(*(getattr(self, own.name)[rows] for own in fields(self)))
-
-    @staticmethod
-    def none() -> "Observations":
-        """No pixel."""
-        number, value = np.empty(0, np.int64), np.empty(0)
-        return Observations(number, np.empty((0, 3), np.float32), number, value, np.empty(0, bool), number)
 
     @staticmethod
     def joined(parts: Iterable["Observations"]) -> "Observations":
@@ -141,15 +134,3 @@ def _error_of_median(values: np.ndarray, index: np.ndarray, groups: int) -> np.n
     count = np.maximum(np.bincount(index, minlength=groups), 1)[:, None]
     spread = grouped_median(np.abs(values - grouped_median(values, index, groups)[index]), index, groups)
     return 1.2533 * 1.4826 * spread / np.sqrt(count)
-
-
-def share_above_white(shards: Sequence[ObservedShard], left_out: np.ndarray) -> float:
-    """Share of the pixels that are brighter than white surface could be there, without those of triangles (N,)."""
-    above = total = 0
-    for shard in shards:
-        for view in observations([shard], ratios=False):
-            use = ~np.isin(view.triangle, left_out)
-            white = diffuse_shading(shard.shading, view.sample[use]).mean(axis=1)
-            above += int((view.radiance[use].mean(axis=1) > white).sum())
-            total += len(white)
-    return above / max(total, 1)

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from fipt.scene.mesh import Mesh, connected_parts
+from fipt.scene.mesh import Mesh, connected_parts, touching_triangles
 from fipt.scene.observed import ObservedShard
 from fipt.stages.emitters.observations import Observations, grouped_median
 
@@ -73,7 +73,7 @@ def find_regions(mesh: Mesh, shards: Sequence[ObservedShard], seen: Observations
     radiance, width = _fused(mesh, shards, seen, part)
     pixels = np.bincount(seen.triangle, minlength=len(part))
     dark = _DARK * float(np.median(seen.radiance.mean(axis=1))) if len(seen.triangle) else 1.0
-    pairs = neighbours(mesh)
+    pairs = touching_triangles(mesh)
     first = _merged(np.log(radiance + max(dark, 1e-9)), pixels, pairs)
     known = np.isfinite(radiance[:, 0])
     region = np.full(len(part), -1, np.int64)
@@ -92,18 +92,6 @@ def rows_of(shards: Sequence[ObservedShard], seen: Observations, name: str) -> n
         result.append(np.asarray(getattr(shard.samples, name)[seen.sample[done:end]]))
         done = end
     return np.concatenate(result)
-
-
-def neighbours(mesh: Mesh) -> np.ndarray:
-    """(2, N) pairs of triangles that share an edge; vertices at one place count as one."""
-    _, vertex = np.unique(mesh.vertices, axis=0, return_inverse=True)
-    corner = vertex.reshape(-1)[mesh.triangles].astype(np.int64)
-    edge = np.sort(corner[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    key = edge[:, 0] * (int(corner.max(initial=0)) + 1) + edge[:, 1]
-    order = np.argsort(key, kind="stable")
-    owner = np.repeat(np.arange(len(corner)), 3)[order]
-    same = key[order][1:] == key[order][:-1]
-    return np.stack([owner[:-1][same], owner[1:][same]])
 
 
 def by_part(points: np.ndarray, part: np.ndarray) -> np.ndarray:

@@ -18,9 +18,6 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-_MOST_ABOVE_WHITE = 0.5
-"""Share of pixels brighter than white above which shading is wrong: emitters are the exception, not the rule."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class EmittersInputs:
@@ -70,20 +67,6 @@ def _without_light(previous: Path, inputs: EmittersInputs) -> bool:
     return len(read_emitters(previous).triangle) == 0 and not read_environment(inputs.environment).radiance.any()
 
 
-def _too_dark(previous: Path, shards: "Sequence[ObservedShard]") -> str | None:
-    """What to say of shading in which most surface would have to emit: light is missing, and it tells nothing."""
-    from fipt.scene.emitters import read_emitters
-    from fipt.stages.emitters.observations import share_above_white
-
-    share = share_above_white(shards, read_emitters(previous).possible)
-    if share <= _MOST_ABOVE_WHITE:
-        return None
-    return (
-        f"{100 * share:.0f} % of the pixels are brighter than white surface would be under the light that was found: "
-        "light is missing, so that the emitters of the round before stay"
-    )
-
-
 def _found(inputs: EmittersInputs, settings: "EmittersSettings") -> dict[str, Any]:
     """Extract them; return the figures."""
     from fipt.errors import FiptError
@@ -102,10 +85,6 @@ def _found(inputs: EmittersInputs, settings: "EmittersSettings") -> dict[str, An
     mesh = data.mesh()
     decided = parse_decisions(inputs.decisions, len(mesh.triangles))
     shards = read_observed(data, inputs.samples, inputs.shading, on_disk(inputs.out.parent))
-    if settings.decide == "regions" and inputs.previous is not None and (missing := _too_dark(inputs.previous, shards)):
-        _copy(inputs.previous, inputs.out)
-        log.warning("%s", missing)
-        return {"copied": True, "warnings": [missing]}
     found = extract(mesh, shards, query_mask, settings, decided)
     guess: tuple[str, ...] = ()
     figures: dict[str, Any] = {}

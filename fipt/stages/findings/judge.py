@@ -56,6 +56,8 @@ _FIT = frozenset({"emitter-or-mirror", "undecided-emitters", "edges-off", "unexp
 EXPLAINS: dict[str, frozenset[str]] = {
     "no-emitter": _FIT | {"too-bright", "rerendering", "view-unlike"},
     "too-bright": _FIT | {"rerendering", "view-unlike"},
+    # views see different parts of a light that still changes, and edges lie where it changes most
+    "not-settled": frozenset({"edges-off", "exposure", "rerendering", "view-unlike"}),
     "noisy-mesh": frozenset({"fine-mesh"}),
 }
 """Finding -> findings that it explains: these are left out, so that the cause stands alone."""

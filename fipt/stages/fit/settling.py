@@ -49,7 +49,8 @@ def judge_round(inputs: FitInputs, field: Field, before: Field | None, settled: 
     if found is None:
         write_state(inputs.out.with_name(SETTLED), RoundState(number))
         return {}
-    over = found.change < settled * found.noise and number >= _FIRST
+    # where nothing of a refinement was kept, the next one would be given the same
+    over = (found.change < settled * found.noise or (settled > 0 and found.kept == 1)) and number >= _FIRST
     kd = None if before is None else _kd_change(inputs, field, before)
     state = RoundState(number, number if over else None, round(found.change, 5), round(found.noise, 5), kd)
     write_state(inputs.out.with_name(SETTLED), state)

@@ -1,14 +1,13 @@
 """Parts from materials: regions of the surface that the pictures show to be of one material become one part.
 
-Regions that were grown on the mesh end where they should, but there are far too many of them: a chair is ten. Each
-region, the best known first, joins the material that it agrees with best, or is the first of a new one. It agrees with
-a material where
+Regions that were grown on the mesh end where they should, but there are far too many of them: a chair is ten. The two
+that differ the least become one, again and again, as long as any two agree. Two agree where
 
 - base colours differ by no more than noise: the squared difference of each channel over its variance, summed, stays
   below the 95 % quantile of chi square. The variance is that of pieces of one region, which holds texture and the error
   of the shading, which is much larger in brightness than in hue;
-- one roughness and metallic explains both: it leaves more unexplained than the best of each alone by no more than
-  three standard errors, as the differences of pieces tell.
+- both are metal, or neither, and one roughness and metallic explains both: it leaves more unexplained than the best of
+  each alone by no more than three standard errors, as the differences of pieces tell.
 """
 
 from collections.abc import Sequence
@@ -57,37 +56,69 @@ def regrouped(shards: Sequence[ObservedShard], regions: Sequence[np.ndarray]) ->
 
 
 def joined(evidence: MaterialEvidence) -> np.ndarray:
-    """(R,) int64 material of each region, from 0 in the order in which they are founded."""
+    """(R,) int64 material of each region, from 0 in the order in which their first regions are numbered.
+
+    The two that differ the least join, again and again, until no two agree. So two whites part where there are two,
+    whichever is met first.
+    """
+    materials = _Materials(evidence)
     count = len(evidence.pixels)
-    label = np.zeros(count, np.int64)
-    left, products = np.zeros_like(evidence.left), np.zeros_like(evidence.products)
-    color, pixels = np.zeros_like(evidence.color), np.zeros(count)
-    metal = np.zeros(count, bool)
-    variance = np.zeros_like(evidence.variance)
-    materials = 0
-    for k in np.argsort(-evidence.pixels, kind="stable"):
-        like = np.flatnonzero(metal[:materials] == evidence.metal[k])
-        trials = slice(HALF, None) if evidence.metal[k] else slice(None, HALF)
-        best = (left[like, trials] + evidence.left[k, trials]).argmin(axis=1) + trials.indices(2 * HALF)[0]
-        off = color[like, best] - evidence.color[k, best]
-        distance = (off**2 / (variance[like] + evidence.variance[k])).sum(axis=1)
-        near = distance < _CHI_SQUARE
-        like, best, distance = like[near], best[near], distance[near]
-        agrees = ~_worse(left[like], products[like], best, trials)
-        same = np.zeros(len(like), np.int64) + k
-        agrees &= ~_worse(evidence.left[same], evidence.products[same], best, trials)
-        if agrees.any():
-            own = like[agrees][distance[agrees].argmin()]
-        else:
-            own, materials = materials, materials + 1
-            metal[own] = evidence.metal[k]
-        label[k] = own
-        share = evidence.pixels[k] / (pixels[own] + evidence.pixels[k])
-        color[own] += share * (evidence.color[k] - color[own])
-        left[own], products[own] = left[own] + evidence.left[k], products[own] + evidence.products[k]
-        variance[own] = (1 - share) ** 2 * variance[own] + share**2 * evidence.variance[k]
-        pixels[own] += evidence.pixels[k]
-    return label
+    label, alive = np.arange(count), np.arange(count)
+    distance = np.full((count, count), np.inf, np.float32)
+    for k in range(count):
+        distance[:k, k] = distance[k, :k] = materials.distances(k, alive[:k])
+    nearest = distance.argmin(axis=1)
+    while len(alive):
+        least = distance[alive, nearest[alive]]
+        own = alive[least.argmin()]
+        other = nearest[own]
+        if not np.isfinite(least.min()):
+            break
+        materials.join(own, other)
+        label[label == other] = own
+        distance[other] = distance[:, other] = np.inf
+        alive = alive[alive != other]
+        others = alive[alive != own]
+        distance[own, others] = distance[others, own] = materials.distances(own, others)
+        nearer = others[distance[others, own] < distance[others, nearest[others]]]
+        nearest[nearer] = own
+        lost = alive[(nearest[alive] == own) | (nearest[alive] == other) | (alive == own)]
+        nearest[lost] = distance[lost].argmin(axis=1)
+    return np.unique(label, return_inverse=True)[1].reshape(-1)
+
+
+class _Materials:
+    """The evidence of regions that become materials: of one that joined others, the sum."""
+
+    def __init__(self, evidence: MaterialEvidence) -> None:
+        self._left, self._products = evidence.left.copy(), evidence.products.copy()
+        self._color, self._variance = evidence.color.copy(), evidence.variance.copy()
+        self._pixels, self._metal = evidence.pixels.copy(), evidence.metal
+
+    def distances(self, k: int, others: np.ndarray) -> np.ndarray:
+        """(K,) squared distance of the colours of ``k`` and of ``others`` (K,), in variances; inf: they disagree."""
+        result = np.full(len(others), np.inf)
+        at = np.flatnonzero(self._metal[others] == self._metal[k])
+        like = others[at]
+        trials = slice(HALF, None) if self._metal[k] else slice(None, HALF)
+        best = (self._left[like, trials] + self._left[k, trials]).argmin(axis=1) + trials.indices(2 * HALF)[0]
+        off = self._color[like, best] - self._color[k, best]
+        difference = (off**2 / (self._variance[like] + self._variance[k])).sum(axis=1)
+        near = difference < _CHI_SQUARE
+        at, like, best = at[near], like[near], best[near]
+        same = np.full(len(like), k)
+        agrees = ~_worse(self._left[like], self._products[like], best, trials)
+        agrees &= ~_worse(self._left[same], self._products[same], best, trials)
+        result[at[agrees]] = difference[near][agrees]
+        return result
+
+    def join(self, own: int, other: int) -> None:
+        """Let ``other`` become part of ``own``; colours weigh by their pixels."""
+        share = self._pixels[other] / (self._pixels[own] + self._pixels[other])
+        self._color[own] += share * (self._color[other] - self._color[own])
+        self._variance[own] = (1 - share) ** 2 * self._variance[own] + share**2 * self._variance[other]
+        for total in (self._left, self._products, self._pixels):
+            total[own] += total[other]
 
 
 def _worse(left: np.ndarray, products: np.ndarray, trial: np.ndarray, trials: slice) -> np.ndarray:

@@ -9,10 +9,18 @@ difference d = ln y - ln x of diffuse shading, with its mean in each view of a s
 
 If y has no bias, and x the bias c, then (1 - k) y + k x is best with k = v / D = (1 - c^2 / D) / 2: the mean of both
 where they differ by noise alone, y alone where all views agree that x was wrong.
+
+It has a bias where emitters are missing: then less arrives than the photographs show, in all views alike, and fits make
+up for it by base colours near white. What tells is surface that is brighter than white under y, and not under x.
+Nothing is taken from such a round.
 """
+
+from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 
+from fipt.model.reflectance import brightest_reflection
 from fipt.scene.samples import FootprintSamples, scene_box
 from fipt.scene.settled import ShadingChange
 from fipt.scene.shading import Shading
@@ -24,9 +32,17 @@ _MOST = 1.0
 """Differences count up to here, a factor of 2.7: corners into which no light falls have no logarithm."""
 _DARKEST = 1e-4
 """Radiance below which shading counts as black."""
+_TOLERANCE = 0.1
+"""Relative error of light that is tolerated, and share of the pixels that may be brighter than white."""
+_SIGMAS = 3.0
+"""Standard errors, from the scatter over views, by which that share must grow."""
+_FULL = 0.9
+"""Share of its pixel that a sample must cover to show its surface's own radiance."""
 
 
-def keep_share(samples: FootprintSamples, new: Shading, old: Shading, damping: float) -> ShadingChange:
+def keep_share(
+    samples: FootprintSamples, new: Shading, old: Shading, damping: float, whole: bool = False
+) -> ShadingChange:
     """Join the shading of a shard with that of the round before, in place; say what changed.
 
     Parameters
@@ -35,10 +51,13 @@ def keep_share(samples: FootprintSamples, new: Shading, old: Shading, damping: f
         Of all H samples; ``new`` becomes the mean of both.
     damping
         Share of ``old`` to keep, were their difference noise alone.
+    whole
+        Keep all of it.
     """
     views = [samples.of_view(index) for index in range(len(samples.views))]
     diffuse = [np.concatenate([each[own][:, 0].mean(axis=1) for own in views]) for each in (new, old)]
     found = measure_change(samples, diffuse[0], diffuse[1], damping)
+    found = replace(found, kept=1.0) if whole else found
     if found.kept > 0:
         for own in views:
             new[own] = (1 - found.kept) * new[own] + found.kept * old[own]
@@ -84,3 +103,34 @@ def _across_views(samples: FootprintSamples, d: np.ndarray, weight: np.ndarray) 
         return 0.0
     product = np.bincount(piece, mean) ** 2 - np.bincount(piece, mean**2)
     return float(np.average(product[pairs] / (views * (views - 1))[pairs], weights=covered[pairs]))
+
+
+def light_is_missing(
+    samples: FootprintSamples,
+    new: Shading,
+    old: Shading,
+    views: Iterable[tuple[np.ndarray, np.ndarray, np.ndarray]],
+    emitting: np.ndarray,
+) -> bool:
+    """Whether many more pixels are brighter than any reflection under the new shading than under the old.
+
+    Parameters
+    ----------
+    views
+        Of every view: (P, 3) radiance, (P,) weight, and (P,) bool whether the radiance is only a lower bound.
+    emitting
+        Triangles that emit: their pixels are no reflection.
+    """
+    more = []
+    for index, (radiance, weight, clipped) in enumerate(views):
+        own, pixel = samples.of_view(index), samples.pixel_of_sample(index)
+        use = (np.asarray(samples.weight[own]) >= _FULL) & (weight[pixel] > _FULL) & ~clipped[pixel]
+        use = np.flatnonzero(use & ~np.isin(np.asarray(samples.triangle[own]), emitting))
+        if len(use) == 0:
+            continue
+        bright, rows = radiance[pixel[use]].mean(axis=1), use + own.start
+        over = [bright > (1 + _TOLERANCE) * brightest_reflection(np.asarray(each[rows])) for each in (new, old)]
+        more.append(over[0].mean() - over[1].mean())
+    if len(more) < 2:
+        return False
+    return bool(np.mean(more) - _SIGMAS * np.std(more, ddof=1) / len(more) ** 0.5 > _TOLERANCE)

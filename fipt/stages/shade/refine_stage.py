@@ -63,9 +63,9 @@ def _refined(inputs: RefineInputs, settings: "RefineSettings", number: int) -> d
     from fipt.model.fitted import FittedScene
     from fipt.render.tracer import PathSettings
     from fipt.scene.dataset import Dataset
-    from fipt.scene.samples import read_samples
+    from fipt.scene.samples import read_samples, view_pixels
     from fipt.scene.shading import read_shading
-    from fipt.stages.shade.change import keep_share
+    from fipt.stages.shade.change import keep_share, light_is_missing
     from fipt.stages.shade.integrate import write_shading
     from fipt.stages.shade.refine import fitted_shader
 
@@ -79,7 +79,15 @@ def _refined(inputs: RefineInputs, settings: "RefineSettings", number: int) -> d
     shader, damping = fitted_shader(room, path, filled=anew), 0.0 if anew else settings.damping
     own = settings.model_copy(update={"seed": settings.seed + number})
 
-    def joined(new: "Shading") -> "ShadingChange":
-        return keep_share(shard, new, before, damping)
+    missing = False
 
-    return write_shading("refine", shader, data, shard, own, inputs.out, joined) | {"round": number}
+    def joined(new: "Shading") -> "ShadingChange":
+        nonlocal missing
+        emitting = room.emitters.triangle
+        missing = not anew and light_is_missing(shard, new, before, view_pixels(data, [shard]), emitting)
+        if missing:
+            log.warning("the emitters that were found give too little light: the shading of the round before stays")
+        return keep_share(shard, new, before, damping, whole=missing)
+
+    figures = write_shading("refine", shader, data, shard, own, inputs.out, joined)
+    return figures | {"round": number, "light_is_missing": missing}

@@ -1,7 +1,7 @@
 """Shading of the training samples: from the cache in round 0, path traced with the model afterwards.
 
 INPUTS:  results/{scene}/samples/{shard}.manifest.json, cache.npz, environment.npz, mesh
-         from round 1: model, emitters and shading of the round before, and whether the loop settled in it
+         from round 1: model, emitters and shading of the round before, whether the loop settled in it, pictures
 OUTPUTS: results/{scene}/round-{k}/shading/{shard}/shading.npy    (samples, 1 + levels) 32-bit words
          results/{scene}/round-{k}/shading/{shard}.manifest.json
 """
@@ -47,6 +47,7 @@ rule refine:
         views="results/{scene}/dataset/views.json",
         checked="results/{scene}/dataset/check_poses.json",
         mesh="results/{scene}/dataset/mesh.ply",
+        images=ask("images", splits=["train"]),
         samples="results/{scene}/samples/{shard}.manifest.json",
         cache="results/{scene}/cache.npz",
         environment="results/{scene}/environment.npz",

@@ -3,6 +3,10 @@
 Some training views are rendered with the model alone. The median logarithm of the ratio to the photograph is one number
 a view; its median over views is the balance, their scatter its error. A slope of the ratio over the room is fitted to
 the medians of cells, and its standard error comes from their scatter about it.
+
+Too little light need not be light that is missing. Were it missing, the fit would make up for it by base colours near
+white, until they are as white as can be. Where few are, the rendering is dark because base colours are: the shading
+under which they were found was brighter than that of the emitters.
 """
 
 import numpy as np
@@ -25,6 +29,12 @@ _RANGE = (5, 95)
 _MISSING = (
     "Look for light that no view shows (photograph the whole ceiling and every window), for holes of the mesh, and for "
     "surface inside the mesh that hides a lamp."
+)
+_WHITE = 0.9
+"""Base colour above which surface is whiter than paint is."""
+_DARK_COLORS = (
+    "Run more rounds (raise rounds in the configuration): base colours follow the light of the emitters. If it stays, "
+    "look for surface that no view shows, whose colour is a guess, and photograph it."
 )
 _EXCESS = "Look for emitters that are none or too large in the list of emitters, and reject them."
 
@@ -55,10 +65,16 @@ def _offset(room: JudgedRoom, notes: Notes, ratios: np.ndarray) -> list[RoomFind
     if level is None:
         return []
     typical = room.retakes[int(np.abs(ratios - offset).argmin())]
-    less = offset < 0
+    less, white = offset < 0, _white_share(room)
+    dark = less and white <= TOLERANCE
+    wrong = (
+        "base colours are too dark, since few are near white, as they would be if a lamp were missing"
+        if dark
+        else "base colours or emitters are wrong by about as much"
+    )
     cause = (
         f"The emitters and materials found give {100 * measure.value:.0f} % {'less' if less else 'more'} light than "
-        "the photographs show: base colours or emitters are wrong by about as much."
+        f"the photographs show: {wrong}."
     )
     return [
         RoomFinding(
@@ -66,12 +82,20 @@ def _offset(room: JudgedRoom, notes: Notes, ratios: np.ndarray) -> list[RoomFind
             level,
             cause,
             measure,
-            _MISSING if less else _EXCESS,
+            _DARK_COLORS if dark else _MISSING if less else _EXCESS,
             {"views": [typical.camera.name]},
-            {"ratio": float(np.exp(offset)), "standard_error": median_error(ratios)},
+            {"ratio": float(np.exp(offset)), "standard_error": median_error(ratios), "white": white},
             image=compared(typical.photo, typical.render, room.exposure),
         )
     ]
+
+
+def _white_share(room: JudgedRoom) -> float:
+    """Share of the pixels that one piece of surface fills whose base colour is near white, or who are brighter."""
+    pixels = room.explained
+    chosen = pixels.use & ~pixels.emits & ~pixels.mixed
+    over = (pixels.base_color.mean(axis=1) > _WHITE) | (pixels.photo.mean(axis=1) > (1 + TOLERANCE) * pixels.brightest)
+    return float(over[chosen].mean()) if chosen.any() else 0.0
 
 
 def _slope(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:

@@ -227,3 +227,28 @@ def test_masked_pixels_are_no_bounds_either():
     radiance, count = with_bounds([3, 7, 50], [True, True, True], [1, 1, 0])
     np.testing.assert_allclose(radiance, 7, rtol=1e-6)
     assert count == 2
+
+
+def test_a_window_behind_slats_has_its_own_radiance(np_rng):
+    """Every pixel shows both; their shares tell 6 and 1, where all records would hold the mixture."""
+    side = 32
+    mesh = scenes.joined(scenes.quad((0, 0, 0), (0, 2, 0), (2, 0, 0)), scenes.quad((0, 1, 1), (2, 0, 0), (0, 0, 1)))
+    share = np_rng.integers(3, 13, side * side) / 16
+    place = np_rng.uniform(0, 2, (side * side, 2, 2))
+    window = np.column_stack([place[:, 0], np.zeros(len(share))])
+    slat = np.column_stack([place[:, 1, 0], np.ones(len(share)), 1 + place[:, 1, 1] / 2])
+    samples = scenes.samples_of(
+        np.stack([window, slat], axis=1),
+        np.tile([0, 2], len(share)),
+        np.stack([share, 1 - share], axis=1).reshape(-1),
+        np.full(len(share), 2),
+        shapes=[(side, side)],
+        normal=np.tile(np.float32([[0, 0, 1], [0, 1, 0]]), (len(share), 1)),
+    )
+    result = built(mesh, samples, (share * 6 + (1 - share))[:, None] * np.ones(3))
+    seen = result["radiance"][:, 0] > 0
+    for facing, expected in ((5, 6.0), (3, 1.0)):
+        own = seen & (result["facing"] == facing)
+        assert own.sum() > 10
+        np.testing.assert_allclose(result["radiance"][own], expected, atol=0.5)  # the mixture is 3.3
+        assert (result["count"][own] == 0).all()

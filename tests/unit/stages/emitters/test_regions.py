@@ -196,7 +196,8 @@ def test_a_few_pixels_brighter_than_any_reflection_are_an_emitter():
     nothing, price = np.zeros(4), np.array([7.2, 7.2, 7.2, 4.0])
     excess = np.array([True, False, True, True])
     costs = {"reflects": np.array([6.9, 6.9, 6.9, 60.0]), "emits": nothing, "ordinary": nothing}
-    evidence = RegionEvidence(price=price, excess=excess, pixels=np.array([3, 3, 3, 900]), **costs)
+    others = {"texture": nothing, "compared": 0, "level": np.zeros((4, 3))}
+    evidence = RegionEvidence(price=price, excess=excess, pixels=np.array([3, 3, 3, 900]), **costs, **others)
     touching = np.array([[2], [3]])
     # the second may reflect; the third touches the fourth, and pays the lower price of that
     assert evidence.emitting(touching).tolist() == [True, False, True, True]

@@ -78,15 +78,6 @@ def test_what_is_undecided_is_listed_with_an_image(work):
     assert asked["thumbnail"] == "undecided-0.png"
 
 
-def test_where_light_is_missing_the_emitters_of_the_round_before_stay(work, capsys, monkeypatch):
-    """Some walls have colours that no light gives; if that were most of them, it would be the shading that is wrong."""
-    monkeypatch.setattr("fipt.stages.emitters.stage._MOST_ABOVE_WHITE", 0.01)
-    before, after = work / "round-0" / "emitters.npz", work / "round-1" / "emitters.npz"
-    assert call("emitters", work, "--previous", before, "--out", after, settings={"decide": "regions"}) == 0
-    assert "light is missing, so that the emitters of the round before stay" in capsys.readouterr().err
-    assert after.read_bytes() == before.read_bytes()
-
-
 def test_the_list_replaces_nothing_but_a_list(work, refused):
     assert "is replaced, but holds" in refused("review", "--out", work / "round-0")
     assert (work / "round-0" / "model.safetensors").is_file()

@@ -80,6 +80,19 @@ def test_light_that_is_missing_or_too_much(ratio, word, level):
     assert found.image.shape[2] == 3
 
 
+def test_a_lamp_is_missing_only_where_colours_are_near_white():
+    retakes = [judged.retake(k, 0.75) for k in range(VIEWS)]
+    dark = told(light_balance.check, retakes=retakes)["light-balance"]
+    assert "base colours are too dark" in dark.cause
+    assert "more rounds" in dark.remedy
+    pixels = judged.pixels()
+    white = replace(pixels, base_color=np.full_like(pixels.base_color, 0.97))
+    missing = told(light_balance.check, retakes=retakes, explained=white)["light-balance"]
+    assert "ceiling" in missing.remedy
+    over = replace(pixels, brightest=np.full(len(pixels), 0.4))
+    assert "ceiling" in told(light_balance.check, retakes=retakes, explained=over)["light-balance"].remedy
+
+
 def test_a_little_less_light_is_not_told():
     assert not told(light_balance.check, retakes=[judged.retake(k, 0.93) for k in range(VIEWS)])
 

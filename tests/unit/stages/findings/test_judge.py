@@ -34,3 +34,8 @@ def test_a_cause_hides_what_it_explains(monkeypatch):
     found, measured = _judged(monkeypatch, _check("no-emitter"), _check("edges-off", "holes"))
     assert found == ["no-emitter", "holes"]
     assert "edges-off" in measured
+
+
+def test_light_that_still_changes_hides_what_is_off_with_it(monkeypatch):
+    found, _ = _judged(monkeypatch, _check("not-settled"), _check("edges-off", "exposure", "view-unlike", "noisy-mesh"))
+    assert found == ["not-settled", "noisy-mesh"]

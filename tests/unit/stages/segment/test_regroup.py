@@ -1,5 +1,6 @@
 """Regions of one material become one part, those of two do not."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -69,6 +70,17 @@ def test_a_region_of_few_looks_joins_the_colour_that_is_its_own(np_rng):
     found = RegionPixels(*(values[few] for values in vars(found).values()))
     label = joined(measure(found, found.region, 3, np.array([1.5, 0.5, 0.0]), 3.0))
     assert label[2] == label[0] != label[1]
+
+
+def test_what_lies_between_two_colours_does_not_join_them(np_rng):
+    # the largest region lies between two others that differ: it takes the nearer one, and both stay apart
+    materials = [((0.7, 0.7, level), 0.8, 0.0) for level in (0.60, 0.61, 0.66, 0.70)]
+    found = pixels(np_rng, materials)
+    evidence = measure(found, found.region, len(materials), np.array([2.0, 0.5, 0.0]), 4.0)
+    hue = evidence.color[0, 0, 2] - evidence.color[3, 0, 2]
+    noise = np.full_like(evidence.variance, (hue / 6) ** 2)  # the first and the largest alone would agree
+    largest = replace(evidence, variance=noise, pixels=np.array([400.0, 400, 4000, 400]))
+    assert joined(largest).tolist() == [0, 0, 1, 1]
 
 
 def test_evidence_names_the_trial_and_the_metal(np_rng):

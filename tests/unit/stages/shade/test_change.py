@@ -5,7 +5,7 @@ import pytest
 
 from fipt.conventions import SHADING_OUTPUTS
 from fipt.scene.shading import Shading
-from fipt.stages.shade.change import keep_share, measure_change
+from fipt.stages.shade.change import keep_share, light_is_missing, measure_change
 from tests import scenes
 
 VIEWS, ROW = 8, 4000
@@ -73,3 +73,26 @@ def test_the_mean_is_written(samples):
     same = Shading.of(np.full((size, SHADING_OUTPUTS, 3), 1.0, np.float32))
     assert keep_share(samples, same, old, 0.5).change < 0.005
     np.testing.assert_allclose(same[:][:, 0], 1.0, rtol=0.03)
+
+
+@pytest.mark.parametrize(("light", "expected"), [(0.2, True), (0.7, False), (1.3, False)])
+def test_missing_light_is_told_by_surface_brighter_than_white(samples, light, expected):
+    """A grey room of albedo 0.5 under a light of 1, of which a round finds a share."""
+    size = VIEWS * ROW
+    photo = np.full((ROW, 3), 0.5, np.float32)
+    views = [(photo, np.ones(ROW), np.zeros(ROW, bool))] * VIEWS
+    old = Shading.of(np.full((size, SHADING_OUTPUTS, 3), 1.0, np.float32))
+    new = Shading.of(np.full((size, SHADING_OUTPUTS, 3), light, np.float32))
+    assert light_is_missing(samples, new, old, views, np.array([5])) == expected
+    assert not light_is_missing(samples, new, new, views, np.array([5]))
+    assert not light_is_missing(samples, new, old, views, np.array([0]))  # all that is seen emits
+
+
+def test_all_of_the_round_before_stays(samples):
+    size = VIEWS * ROW
+    old = Shading.of(np.full((size, SHADING_OUTPUTS, 3), 1.0, np.float32))
+    new = Shading.of(np.full((size, SHADING_OUTPUTS, 3), 0.2, np.float32))
+    found = keep_share(samples, new, old, 0.5, whole=True)
+    assert found.kept == 1
+    assert found.change == pytest.approx(1.0, abs=0.1)  # differences count up to there
+    np.testing.assert_allclose(new[:][:, 0], 1.0, rtol=0.03)
