@@ -33,7 +33,8 @@ def gpu_skip_reason() -> str:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Skip tests marked ``gpu`` where they cannot run."""
+    """Run the long files of tests/workflow first, so that no process waits for one; skip ``gpu`` tests."""
+    items.sort(key=lambda item: "tests/workflow/" not in item.path.as_posix())
     marked = [item for item in items if item.get_closest_marker("gpu")]
     if not marked:
         return
