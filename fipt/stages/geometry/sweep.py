@@ -103,7 +103,7 @@ class _Windows:
         self.noise = reference.noise**2 + 1e-8
 
     def correlation(self, source: StereoView, homography: np.ndarray) -> np.ndarray:
-        """(H, W) float32 zero-mean normalised correlation with a source, brought here; `UNSEEN` where it says little."""
+        """(H, W) float32 zero-mean normalised correlation with a source, brought here; `UNSEEN` if it tells little."""
         rows, columns = self.light.shape
         known = np.isfinite(source.light).astype(np.float32)
         both = np.dstack([np.where(known > 0, source.light - self.offset, 0.0).astype(np.float32), known])
