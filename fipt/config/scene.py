@@ -5,8 +5,10 @@ from __future__ import annotations
 import inspect
 import json
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 from fipt.config.decisions import SceneDecisions
@@ -15,9 +17,11 @@ from fipt.config.segmentation import SceneSegmentation
 from fipt.config.setups import SceneSetups
 from fipt.config.sources.base import Place, Source
 from fipt.config.views import SceneViews
+from fipt.errors import FiptError
 from fipt.formats.files import existing_file
 from fipt.scene.setup import RelightSetup
 from fipt.settings import dumped
+from fipt.stages.geometry.library import check_installed
 
 
 @dataclass(frozen=True)
@@ -88,12 +92,21 @@ class SceneConfig:
         Raises
         ------
         FiptError
-            If emitters_review.yaml is wrong, or something that a relight setup names is not there.
+            If emitters_review.yaml is wrong, something that a relight setup names is not there, or a mesh is to be made
+            and open3d is missing.
         """
         self.decisions.review  # noqa: B018 - read here
         self.setups.check()
+        if self._makes_mesh():
+            check_installed()
         for path in self.environment_files():
             existing_file(path, "environment.file")
+
+    def _makes_mesh(self) -> bool:
+        """Whether a run makes the mesh; not known of a source that cannot be read, which says so when it is."""
+        with suppress(FiptError):
+            return self.source.reconstructed and not Path(self.layout.estimated_mesh).is_file()
+        return False
 
     def settings_json(self, section: str) -> str:
         """Settings of a stage as sorted JSON, for ``--settings``."""
