@@ -211,7 +211,7 @@ def _score(matching: _Matching, window: list[Any], x: Any, y: Any, plane: tuple[
 
     start = (dj.Int32(0), *(dr.full(dj.Float, UNSEEN, dr.width(x)) for _ in range(BEST)))
     _, *held = dr.while_loop(start, lambda s, *_: s < matching.count, compare_source, label="sources")
-    count = sum(dr.select(best > UNSEEN, 1.0, 0.0) for best in held)
+    count: Any = sum(dr.select(best > UNSEEN, 1.0, 0.0) for best in held)
     total = sum(dr.select(best > UNSEEN, best, 0.0) for best in held)
     return dr.select(count >= LEAST, total / dr.maximum(count, 1), -1.0)
 
