@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 import resource
 import sys
 import time
@@ -11,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from fipt.errors import FiptError
-from fipt.formats.files import existing_file, write_text
+from fipt.formats.files import existing_file, manifest_beside, write_text
 from fipt.formats.text import MALFORMED
 from fipt.registry import VERSIONS
 
@@ -82,7 +83,7 @@ class ListedFiles:
             If it is cut, changed or of another run.
         """
         path = Path(path)
-        listed = self._entries().get(str(path))
+        listed = self._entries().get(os.path.realpath(path))
         if listed is None or not path.is_file():
             return path  # a missing file is told by what reads it
         state = path.stat()
@@ -96,13 +97,12 @@ class ListedFiles:
         return path
 
     def _entries(self) -> dict[str, tuple[str, Path]]:
-        """Path -> hash and manifest."""
+        """Real path -> hash and manifest."""
         if self._listed is None:
-            beside = self.folder.with_name(f"{self.folder.name}.manifest.json")
             self._listed = {}
-            for manifest in (beside, *sorted(self.folder.glob("*.manifest.json"))):
+            for manifest in (manifest_beside(self.folder), *sorted(self.folder.glob("*.manifest.json"))):
                 for name, value in _files_of(manifest).items():
-                    self._listed[str(manifest.parent / name)] = (str(value), manifest)
+                    self._listed[os.path.realpath(manifest.parent / name)] = (str(value), manifest)
         return self._listed
 
 
