@@ -12,7 +12,7 @@ from fipt.conventions import SHADING_OUTPUTS
 from fipt.errors import FiptError
 from fipt.formats.arrays import load_npy, load_npz, save_npy
 from fipt.formats.files import atomic_folder, made_again
-from fipt.formats.manifests import write_manifest
+from fipt.formats.manifests import ListedFiles, write_manifest
 from fipt.render.variant import Backend
 from fipt.scene.dataset import Dataset
 from fipt.scene.samples import read_samples
@@ -194,3 +194,29 @@ def test_a_folder_without_a_name_is_not_replaced(folder: str, tmp_path: Path, mo
     with pytest.raises(FiptError, match="has no name of its own"), atomic_folder(folder):
         pass
     assert contents(tmp_path) == before
+
+
+def test_one_manifest_that_is_right_is_enough(tmp_path: Path) -> None:
+    """Shards that are cut in another way leave manifests of images that were written again since."""
+    image = tmp_path / "images" / "train_012.exr"
+    image.parent.mkdir()
+    for shard, content in (("train-003", b"old"), ("train-001", b"new")):
+        image.write_bytes(content)
+        write_manifest(tmp_path / f"images.{shard}.manifest.json", "synthesize", [image], {})
+    assert ListedFiles(tmp_path).check(image) == image
+    image.write_bytes(b"neither")
+    with pytest.raises(FiptError, match=r"delete .*images\.train-001\.manifest\.json and run again"):
+        ListedFiles(tmp_path).check(image)
+
+
+def test_samples_that_are_killed_before_their_manifest_leave_none(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shard = made / "samples" / "train-000"
+
+    def killed(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("fipt.formats.manifests.write_manifest", killed)
+    views = ("--dataset", str(made / "dataset"), "--views", "train_000")
+    assert main(["samples", *views, "--out", str(shard)]) != 0
+    assert read_samples(shard).views == ("train_000",)
+    assert not shard.with_name("train-000.manifest.json").exists()

@@ -44,12 +44,13 @@ def run(inputs: RefineInputs, settings: "RefineSettings") -> dict[str, Any]:
 
     Where the loop of fit and refinement has settled, the shading of the round before is the result.
     """
-    from fipt.formats.files import link_folder
+    from fipt.formats.files import link_folder, manifest_beside
     from fipt.scene.settled import read_state
     from fipt.stages.shade.integrate import write_shading_manifest
 
     state = read_state(inputs.settled)
     if state is not None and state.settled is not None:
+        manifest_beside(inputs.out).unlink(missing_ok=True)
         link_folder(inputs.previous, inputs.out)
         write_shading_manifest("refine", inputs.out, settings)
         log.info("settled in round %d: the shading of the round before stays", state.settled)
