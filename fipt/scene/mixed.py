@@ -8,9 +8,9 @@ that faces one way is about equally bright. So the pixels of a tile tell the rad
 by least squares, with a standard error from what is left. Shares are counted by few rays. The error of a share w, of
 variance f w (1 - w) / rays, would draw all kinds to the mean; what it adds to the squares is taken out.
 
-An *island* is surface of one facing, connected, of which nine in ten pixels are mixed. In a tile, an island that fills
-an eighth of it, and the one that fills most, is a kind of its own; other islands that face one way are one kind, and so
-is other surface of one connected part. Tiles of which islands fill less than half tell nothing.
+An *island* is connected surface that faces along one axis, of which nine in ten pixels are mixed. In a tile, an island
+that fills an eighth of it, and the one that fills most, is a kind of its own; other islands that face one way are one
+kind, and so is other surface of one connected part. Tiles of which islands fill less than half tell nothing.
 """
 
 from collections.abc import Sequence
@@ -23,11 +23,9 @@ from scipy.sparse.csgraph import connected_components
 
 from fipt.conventions import RAYS_PER_SIDE
 from fipt.scene.mesh import Mesh, connected_parts, touching_triangles
-from fipt.scene.samples import FootprintSamples
+from fipt.scene.samples import ALONE, FootprintSamples
 from fipt.scene.voxels import FACINGS, facings
 
-ALONE = 0.9
-"""Share of its pixel that a sample must cover to be shown alone."""
 _RARE = 0.1
 """Share of what is seen of a triangle that pixels may show alone: they lie at gaps and at its edges."""
 _TILE = 16
@@ -94,7 +92,7 @@ def find_islands(mesh: Mesh, shards: Sequence[FootprintSamples]) -> Islands:
         total += np.bincount(triangle, share, len(total))
         alone += np.bincount(triangle, share >= ALONE, len(total))
     mixed = (total > 0) & (alone <= _RARE * total)
-    axis = facings(mesh.area_normals) // 2
+    axis = facings(mesh.area_normals) // 2  # both sides of a sheet are one island: samples face either way
     a, b = touching_triangles(mesh)
     joined = mixed[a] & mixed[b] & (axis[a] == axis[b])
     graph = coo_matrix((np.ones(joined.sum()), (a[joined], b[joined])), shape=(len(total), len(total)))
@@ -158,7 +156,7 @@ def _solved(
     """Radiance (N, 3) of the kinds (N,) of samples in the pixels ``row`` (N,), and its standard error (N,).
 
     ``radiance`` (P, 3) is that of the pixels. The error is infinite where a kind hardly fills any; None where there are
-    too few pixels.
+    too few pixels, or no solution is found.
     """
     names, column = np.unique(kind, return_inverse=True)
     shares = np.zeros((len(radiance), len(names)))
@@ -170,7 +168,10 @@ def _solved(
     values = np.maximum(values, _COUNTED)  # less is noise
     root = np.sqrt(values)[:, None] * vectors.T
     goal = (vectors.T @ (shares.T @ radiance)) / np.sqrt(values)[:, None]
-    solution = np.stack([nnls(root, channel)[0] for channel in goal.T], axis=1)
+    try:
+        solution = np.stack([nnls(root, channel)[0] for channel in goal.T], axis=1)
+    except RuntimeError:  # no convergence: this tile tells nothing
+        return None
     left = np.square(radiance - shares @ solution).sum(axis=0).mean() / (len(radiance) - len(names))
     inverse = (vectors / values) @ vectors.T
     error = np.where(shares.sum(axis=0) >= _LEAST, np.sqrt(left * np.diag(inverse)), np.inf)

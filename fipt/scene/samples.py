@@ -17,6 +17,8 @@ from fipt.scene.dataset import Dataset
 
 Empty = Callable[..., np.ndarray]
 """Makes an array of a shape and dtype, like ``np.empty``."""
+ALONE = 0.9
+"""Share of its pixel that a sample must cover to show its surface's own radiance."""
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ written and read by stages that know nothing of each other.
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -36,12 +36,15 @@ class ShadingChange:
         Share of the last round's shading that was kept.
     samples
         Samples that were compared.
+    light_missing
+        Share of the shading that was kept whole, since the emitters that were found give too little light.
     """
 
     change: float
     noise: float
     kept: float
     samples: int
+    light_missing: float = 0.0
 
     @property
     def figures(self) -> dict[str, float]:
@@ -51,6 +54,7 @@ class ShadingChange:
             "noise": round(self.noise, 5),
             "kept": round(self.kept, 4),
             "samples": self.samples,
+            "light_missing": round(self.light_missing, 4),
         }
 
 
@@ -68,6 +72,8 @@ class RoundState:
         Of the shading, over all shards; None in round 0.
     kd_change
         Root mean square of the change of kd at surface that views see; None in round 0.
+    light_missing
+        As in `ShadingChange`, over all shards.
     """
 
     round: int
@@ -75,6 +81,7 @@ class RoundState:
     change: float | None = None
     noise: float | None = None
     kd_change: float | None = None
+    light_missing: float = 0.0
 
     @property
     def copied(self) -> bool:
@@ -83,7 +90,7 @@ class RoundState:
 
     def after(self) -> "RoundState":
         """State of the next round, where that is a copy of this one."""
-        return RoundState(self.round + 1, self.settled, self.change, self.noise, self.kd_change)
+        return replace(self, round=self.round + 1)
 
 
 def write_change(folder: Path, found: ShadingChange) -> Path:
@@ -113,7 +120,8 @@ def together(changes: Sequence[ShadingChange]) -> ShadingChange | None:
 
     change = mean([each.change**2 for each in changes]) ** 0.5
     noise = mean([each.noise**2 for each in changes]) ** 0.5
-    return ShadingChange(change, noise, mean([each.kept for each in changes]), total)
+    kept, missing = (mean([getattr(each, name) for each in changes]) for name in ("kept", "light_missing"))
+    return ShadingChange(change, noise, kept, total, missing)
 
 
 def write_state(path: Path, state: RoundState) -> None:

@@ -131,7 +131,7 @@ def _all_pixels(mesh: Mesh, shards: Sequence[ObservedShard]) -> Observations:
     total = sum(int(shard.samples.first_pixels[-1]) for shard in shards)
     step = max(total // _MOST_PIXELS, 1)
     alone = Observations.joined(view[::step] for view in observations(shards, ratios=False))
-    seen = Observations.joined([alone, mixed_emitters(mesh, shards)])
+    seen = Observations.joined([alone, mixed_emitters(mesh, shards)[::step]])
     return seen[np.argsort(seen.view, kind="stable")]
 
 

@@ -69,20 +69,22 @@ def same_emitters(
         return np.empty((2, 0), np.int64)
     points, owner = _points(mesh, triangles, emitter, pixel)
     planes = _planes(points, owner, count)
-    a, b = np.triu_indices(count, 1)
-    alike = _alike(level, error, a, b)
-    a, b = a[alike], b[alike]
-    reach = np.where(_coplanar(planes, a, b, pixel), _GAP * np.minimum(planes.width[a], planes.width[b]), 0)
-    reach = np.maximum(reach, _TOUCHING * pixel)
     order = np.argsort(owner, kind="stable")
     starts = np.searchsorted(owner[order], np.arange(count + 1))
     own = [points[order[starts[k] : starts[k + 1]]] for k in range(count)]
     low, high = (np.stack([side(each, axis=0) for each in own]) for side in (np.min, np.max))
-    distance = np.linalg.norm(np.maximum(np.maximum(low[a] - high[b], low[b] - high[a]), 0), axis=1)
-    a, b, reach = a[distance <= reach], b[distance <= reach], reach[distance <= reach]
-    trees = {k: cKDTree(own[k]) for k in np.unique(a)}
-    near = [trees[i].query(own[j], distance_upper_bound=r)[0].min() <= r for i, j, r in zip(a, b, reach, strict=True)]
-    return np.stack([a, b])[:, np.array(near, bool)]
+    pairs: list[tuple[int, int]] = []
+    for a in range(count - 1):  # one by one: scans have thousands, and few are alike
+        b = a + 1 + np.flatnonzero(_alike(level, error, a, np.arange(a + 1, count)))
+        reach = np.where(_coplanar(planes, a, b, pixel), _GAP * np.minimum(planes.width[a], planes.width[b]), 0)
+        reach = np.maximum(reach, _TOUCHING * pixel)
+        close = np.linalg.norm(np.maximum(np.maximum(low[a] - high[b], low[b] - high[a]), 0), axis=1) <= reach
+        if close.any():
+            tree = cKDTree(own[a])
+            for k, within in zip(b[close].tolist(), reach[close], strict=True):
+                if tree.query(own[k], distance_upper_bound=within)[0].min() <= within:
+                    pairs.append((a, k))
+    return np.array(pairs, np.int64).reshape(-1, 2).T
 
 
 def _points(mesh: Mesh, triangles: np.ndarray, emitter: np.ndarray, pixel: float) -> tuple[np.ndarray, np.ndarray]:
@@ -107,15 +109,18 @@ def _planes(points: np.ndarray, owner: np.ndarray, count: int) -> _Planes:
     return _Planes(center, vectors[..., 0], np.sqrt(values[:, 0]), np.sqrt(12 * values[:, 1]))
 
 
-def _alike(level: np.ndarray, error: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(N,) bool: the radiances of fragments ``a`` and ``b`` do not differ."""
+def _alike(level: np.ndarray, error: np.ndarray, a: int, b: np.ndarray) -> np.ndarray:
+    """(N,) bool: the radiances of fragment ``a`` and of fragments ``b`` do not differ."""
     allowed = SIGMA * np.hypot(error[a], error[b])
     allowed = np.maximum(allowed, LEAST_DIFFERENCE * np.maximum(level[a], level[b]).mean(axis=1, keepdims=True))
     return np.all(np.abs(level[a] - level[b]) <= allowed, axis=1)
 
 
-def _coplanar(planes: _Planes, a: np.ndarray, b: np.ndarray, pixel: float) -> np.ndarray:
-    """(N,) bool: each lies in the plane of the other, as well as in its own; half a pixel shows in no picture."""
+def _coplanar(planes: _Planes, a: int, b: np.ndarray, pixel: float) -> np.ndarray:
+    """(N,) bool: ``a`` and each of ``b`` lie in the other's plane, as well as in their own.
+
+    Half a pixel shows in no picture.
+    """
     between = planes.center[b] - planes.center[a]
     off = np.maximum(np.abs((between * planes.normal[a]).sum(axis=1)), np.abs((between * planes.normal[b]).sum(axis=1)))
     return off <= np.maximum(_FLATNESS * np.hypot(planes.flatness[a], planes.flatness[b]), 0.5 * pixel)

@@ -38,6 +38,7 @@ from fipt.scene.observed import ObservedShard
 from fipt.scene.samples import scene_box
 from fipt.scene.shading import diffuse_shading
 from fipt.scene.voxels import FACINGS, facings, voxel_keys
+from fipt.stages.emitters.fragments import LEAST_DIFFERENCE
 from fipt.stages.emitters.observations import Observations, grouped_median
 from fipt.stages.emitters.regions import Surface
 from fipt.stages.emitters.texture import TextureOdds, deviation
@@ -71,8 +72,6 @@ _MEASURED = 6
 """Observations below which a median deviation is itself off by half and more."""
 _LEAST_PRICE = float(np.log(2))
 """Price of emission beside an emitter, for each region that could: even odds."""
-_SAME = 0.05
-"""Relative difference of radiances that are the same: less is below what shading can tell."""
 _EXCESS = 0.1
 """Share of a region's pixels that must be brighter than white before it is looked at."""
 
@@ -163,7 +162,9 @@ class RegionEvidence:
         result = np.zeros(len(chosen), bool)
         for region in np.flatnonzero(asked & (self.pixels >= _WHOLE)):
             own = self.level[region]
-            near, by_chance = ((np.abs(other - own) <= _SAME * own.mean()).all(axis=1) for other in (certain, others))
+            near, by_chance = (
+                (np.abs(other - own) <= LEAST_DIFFERENCE * own.mean()).all(axis=1) for other in (certain, others)
+            )
             result[region] = near.any() and -np.log(by_chance.mean()) > 0.5 * self.price[region]  # itself is among them
         return result
 

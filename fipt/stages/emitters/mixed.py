@@ -13,8 +13,9 @@ import numpy as np
 from fipt.conventions import EMITTER_GAIN
 from fipt.model.reflectance import brightest_reflection
 from fipt.scene.mesh import Mesh
-from fipt.scene.mixed import ALONE, Islands, find_islands, unmixed
+from fipt.scene.mixed import Islands, find_islands, unmixed
 from fipt.scene.observed import ObservedShard
+from fipt.scene.samples import ALONE
 from fipt.stages.emitters.observations import Observations
 
 _LEAST_SHARE = 0.2

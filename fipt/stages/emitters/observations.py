@@ -7,9 +7,8 @@ import numpy as np
 
 from fipt.model.reflectance import brightest_reflection
 from fipt.scene.observed import ObservedShard
+from fipt.scene.samples import ALONE
 
-INTERIOR = 0.9
-"""Share of its pixel that a sample must cover to tell its surface's own radiance."""
 _BRIGHTEST = 0.9
 """Quantile of the bounds of a clipped emitter that stands for its radiance; the last tenth may be sharpened edges."""
 
@@ -56,7 +55,7 @@ def observations(shards: Sequence[ObservedShard], ratios: bool = True) -> Iterat
         samples = shard.samples
         for index in range(len(samples.views)):
             own, pixel = samples.of_view(index), samples.pixel_of_sample(index) + samples.pixels(index).start
-            use = np.flatnonzero((samples.weight[own] >= INTERIOR) & (shard.weight[pixel] > 0))
+            use = np.flatnonzero((samples.weight[own] >= ALONE) & (shard.weight[pixel] > 0))
             radiance, rows = np.asarray(shard.radiance[pixel[use]]), use + own.start
             ratio = np.zeros(len(use), np.float32)
             if ratios:

@@ -13,8 +13,7 @@ from fipt.progress import progress
 from fipt.scene.dataset import Dataset
 from fipt.scene.emitters import default_name
 from fipt.scene.review import ReviewDecisions, matched, numbers
-from fipt.scene.samples import FootprintSamples
-from fipt.stages.emitters.observations import INTERIOR
+from fipt.scene.samples import ALONE, FootprintSamples
 
 _AROUND = 1.0
 """Of the emitter's size: what its image shows on each side of it."""
@@ -87,7 +86,7 @@ def visibilities(
                 seen = np.bincount(emitter, weight, len(emitters) + 1)[:-1]
                 if seen.any():
                     valid = data.image(view)[1].ravel()[shard.pixel_of_sample(index)] > 0
-                    alone = np.bincount(emitter[valid & (weight >= INTERIOR)], minlength=len(emitters) + 1)
+                    alone = np.bincount(emitter[valid & (weight >= ALONE)], minlength=len(emitters) + 1)
                     for k in np.flatnonzero(alone[:-1]):
                         views[k].append(view)
                 for k in np.flatnonzero(seen > most):

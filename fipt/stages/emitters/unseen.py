@@ -20,12 +20,11 @@ from fipt.scene.emitters import Emitters
 from fipt.scene.environment import EnvironmentMap
 from fipt.scene.mesh import Mesh, connected_parts
 from fipt.scene.observed import ObservedShard
+from fipt.scene.samples import ALONE
 from fipt.scene.voxels import FACINGS, facings, voxel_keys
 
 GREY = 0.5
 """Reflectance of unseen surface: the middle of what rooms are painted with."""
-_INTERIOR = 0.9
-"""Share of its pixel that a sample must cover to tell the radiance of its place."""
 _GRIDS = (16, 24, 32, 48, 64, 96, 128)
 """Blocks along the scene box: the coarsest grid that has `_MOST_BLOCKS` blocks, of which so many are used."""
 _MOST_BLOCKS = 1000
@@ -144,7 +143,7 @@ def blocks_of(shards: Sequence[ObservedShard], mesh: Mesh, found: Emitters, box:
         for index in range(len(samples.views)):
             own, pixel = samples.of_view(index), samples.pixel_of_sample(index) + samples.pixels(index).start
             triangle = np.asarray(samples.triangle[own])
-            use = (samples.weight[own] >= _INTERIOR) & (shard.weight[pixel] > 0) & ~shard.clipped[pixel]
+            use = (samples.weight[own] >= ALONE) & (shard.weight[pixel] > 0) & ~shard.clipped[pixel]
             use = np.flatnonzero(use & ~emitting[triangle])
             position, normal = np.asarray(samples.position[own])[use], np.asarray(samples.normal[own])[use]
             color = np.log(np.maximum(np.asarray(shard.radiance[pixel[use]], np.float64), 1e-5))
@@ -199,7 +198,7 @@ def hidden_triangles(mesh: Mesh, shards: Sequence[ObservedShard], found: Emitter
     gap = 0.0
     positions = [np.zeros((0, 3), np.float32)]
     for shard in shards:
-        inner = np.asarray(shard.samples.weight) >= _INTERIOR
+        inner = np.asarray(shard.samples.weight) >= ALONE
         seen[np.asarray(shard.samples.triangle)[inner]] = True
         positions.append(np.asarray(shard.samples.position)[inner])
         gap = max(gap, 2 * float(np.quantile(shard.samples.footprint, 0.9))) if inner.any() else gap

@@ -55,6 +55,7 @@ _FIT = frozenset({"emitter-or-mirror", "undecided-emitters", "edges-off", "unexp
 
 EXPLAINS: dict[str, frozenset[str]] = {
     "no-emitter": _FIT | {"too-bright", "rerendering", "view-unlike"},
+    "light-missing": _FIT | {"rerendering", "view-unlike"},
     "too-bright": _FIT | {"rerendering", "view-unlike"},
     # views see different parts of a light that still changes, and edges lie where it changes most
     "not-settled": frozenset({"edges-off", "exposure", "rerendering", "view-unlike"}),

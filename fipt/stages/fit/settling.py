@@ -52,7 +52,8 @@ def judge_round(inputs: FitInputs, field: Field, before: Field | None, settled: 
     # where nothing of a refinement was kept, the next one would be given the same
     over = (found.change < settled * found.noise or (settled > 0 and found.kept == 1)) and number >= _FIRST
     kd = None if before is None else _kd_change(inputs, field, before)
-    state = RoundState(number, number if over else None, round(found.change, 5), round(found.noise, 5), kd)
+    end = number if over else None
+    state = RoundState(number, end, round(found.change, 5), round(found.noise, 5), kd, round(found.light_missing, 4))
     write_state(inputs.out.with_name(SETTLED), state)
     log.info(
         "round %d: shading changed by %.1f %% (noise %.1f %%)%s: %s",
@@ -60,10 +61,19 @@ def judge_round(inputs: FitInputs, field: Field, before: Field | None, settled: 
         100 * found.change,
         100 * found.noise,
         "" if kd is None else f", kd by {kd:.3f}",
-        "settled" if over else "not settled yet",
+        _in_words(found.light_missing, over),
     )
     figures = {"change": state.change, "noise": state.noise, "settled": over}
     return figures | ({} if kd is None else {"kd_change": kd})
+
+
+def _in_words(light_missing: float, over: bool) -> str:
+    """How a round ended."""
+    if light_missing > 0:
+        stays = f"{100 * light_missing:.0f} % of the shading stays"
+        stays += ", since the emitters that were found give too little light"
+        return f"{stays}; later rounds are copies" if over else stays
+    return "settled" if over else "not settled yet"
 
 
 def _kd_change(inputs: FitInputs, field: Field, before: Field) -> float | None:

@@ -21,7 +21,7 @@ from dataclasses import replace
 import numpy as np
 
 from fipt.model.reflectance import brightest_reflection
-from fipt.scene.samples import FootprintSamples, scene_box
+from fipt.scene.samples import ALONE, FootprintSamples, scene_box
 from fipt.scene.settled import ShadingChange
 from fipt.scene.shading import Shading
 from fipt.scene.voxels import FACINGS, facings, voxel_keys
@@ -36,8 +36,6 @@ _TOLERANCE = 0.1
 """Relative error of light that is tolerated, and share of the pixels that may be brighter than white."""
 _SIGMAS = 3.0
 """Standard errors, from the scatter over views, by which that share must grow."""
-_FULL = 0.9
-"""Share of its pixel that a sample must cover to show its surface's own radiance."""
 
 
 def keep_share(
@@ -52,12 +50,12 @@ def keep_share(
     damping
         Share of ``old`` to keep, were their difference noise alone.
     whole
-        Keep all of it.
+        Keep all of it, since light is missing in ``new``.
     """
     views = [samples.of_view(index) for index in range(len(samples.views))]
     diffuse = [np.concatenate([each[own][:, 0].mean(axis=1) for own in views]) for each in (new, old)]
     found = measure_change(samples, diffuse[0], diffuse[1], damping)
-    found = replace(found, kept=1.0) if whole else found
+    found = replace(found, kept=1.0, light_missing=1.0) if whole else found
     if found.kept > 0:
         for own in views:
             new[own] = (1 - found.kept) * new[own] + found.kept * old[own]
@@ -124,7 +122,7 @@ def light_is_missing(
     more = []
     for index, (radiance, weight, clipped) in enumerate(views):
         own, pixel = samples.of_view(index), samples.pixel_of_sample(index)
-        use = (np.asarray(samples.weight[own]) >= _FULL) & (weight[pixel] > _FULL) & ~clipped[pixel]
+        use = (np.asarray(samples.weight[own]) >= ALONE) & (weight[pixel] > ALONE) & ~clipped[pixel]
         use = np.flatnonzero(use & ~np.isin(np.asarray(samples.triangle[own]), emitting))
         if len(use) == 0:
             continue

@@ -81,15 +81,11 @@ def _refined(inputs: RefineInputs, settings: "RefineSettings", number: int) -> d
     shader, damping = fitted_shader(room, path, filled=anew), 0.0 if anew else settings.damping
     own = settings.model_copy(update={"seed": settings.seed + number})
 
-    missing = False
-
     def joined(new: "Shading") -> "ShadingChange":
-        nonlocal missing
         emitting = room.emitters.triangle
         missing = not anew and light_is_missing(shard, new, before, view_pixels(data, [shard]), emitting)
         if missing:
             log.warning("the emitters that were found give too little light: the shading of the round before stays")
         return keep_share(shard, new, before, damping, whole=missing)
 
-    figures = write_shading("refine", shader, data, shard, own, inputs.out, joined)
-    return figures | {"round": number, "light_is_missing": missing}
+    return write_shading("refine", shader, data, shard, own, inputs.out, joined) | {"round": number}

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from fipt.scene import mixed
 from fipt.scene.mixed import Islands, find_islands, unmixed
 from tests import scenes
 
@@ -73,3 +74,13 @@ def test_a_view_without_islands_tells_nothing(mesh, blinds):
     samples, image = blinds
     found = unmixed(samples, 0, Islands(np.full(6, -1), np.zeros(6, int)), image, np.ones(len(image), bool))
     assert found.radiance.shape == (0, 3)
+
+
+def test_a_tile_that_has_no_solution_tells_nothing(mesh, blinds, monkeypatch):
+    def endless(*_):
+        raise RuntimeError("Maximum number of iterations reached.")
+
+    monkeypatch.setattr(mixed, "nnls", endless)
+    samples, image = blinds
+    found = unmixed(samples, 0, find_islands(mesh, [samples]), image, np.ones(len(image), bool))
+    assert len(found.sample) == 0

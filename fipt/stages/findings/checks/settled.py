@@ -1,4 +1,6 @@
-"""Whether the rounds had come to rest: how much the diffuse shading changed between the last two.
+"""How the rounds ended: whether a refinement found light missing, and whether they had come to rest.
+
+Coming to rest is told by how much the diffuse shading changed between the last two rounds.
 
 Changes are taken as medians of cells of the surface, so that the noise of single pixels does not count. What is still
 to come is the rest of a geometric series: its quotient is that of the last two rounds' changes, where settled.json
@@ -32,7 +34,10 @@ _STRIDE = 3
 
 
 def check(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:
-    """Tell rounds that had not settled."""
+    """Tell rounds that found light missing, or had not settled."""
+    missing = _light_missing(room, notes)
+    if missing:
+        return missing
     if room.earlier is None or any(state.settled is not None for state in room.rounds[-1:]):
         return []
     place, change = changes(room)
@@ -59,6 +64,26 @@ def check(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:
             image=plan(room.mesh, cameras, room.fitted.emitters, [], (place, change, "log change")),
         )
     ]
+
+
+def _light_missing(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:
+    """Tell rounds whose shading was not taken, since it explains the photographs worse than that before."""
+    share = max((state.light_missing for state in room.rounds[-1:]), default=0.0)
+    measure = Measure("shading that a refinement kept whole, since less light arrived than photographs show", share, 0)
+    level = notes.judge("light-missing", measure)
+    if level is None:
+        return []
+    finding = RoomFinding(
+        "light-missing",
+        level,
+        f"The emitters that were found give too little light: {100 * measure.value:.0f} % of the shading is that of a "
+        "round before, without their reflections.",
+        measure,
+        "Look for lamps and windows that are missing in emitters.json, accept them in the review "
+        "(emitters_review.yaml), or photograph them.",
+        image=plan(room.mesh, [each.camera for each in room.retakes], room.fitted.emitters, []),
+    )
+    return [finding]
 
 
 def remaining(rounds: Sequence[RoundState]) -> float:

@@ -322,6 +322,15 @@ def test_rounds_that_had_not_settled():
     assert found.measure.value == pytest.approx(0.3, abs=0.05)
 
 
+def test_rounds_that_found_light_missing():
+    """Later rounds are copies, which must not pass for a good end."""
+    refused = RoundState(2, 2, 0.9, 0.1, 0.0, light_missing=1.0).after()
+    found = told(settled.check, **_rounds(0.0), rounds=(refused,))["light-missing"]
+    assert found.severity == "serious"
+    assert "100 % of the shading" in found.cause
+    assert told(settled.check, **_rounds(0.0), rounds=(RoundState(2, 2, 0.01, 0.1, 0.0),)) == {}
+
+
 def test_rounds_that_settled_or_go_on_slowly():
     settled_in_2 = RoundState(2, 2, 0.3, 0.1, 0.1)
     assert told(settled.check, **_rounds(0.3), rounds=(settled_in_2,)) == {}

@@ -37,6 +37,19 @@ def test_settled_where_noise_is_more_than_the_change(work, capsys, number, chang
     assert said.count("not settled yet") == (settled is None)
 
 
+def test_a_round_that_found_light_missing_does_not_call_itself_settled(work, capsys):
+    write_change(work / SHADING, ShadingChange(0.9, 0.05, 1.0, 500, light_missing=1.0))
+    write_state(work / "before.json", RoundState(1))
+    folder = work / "round-2"
+    options = ("--previous", work / "round-0/model.safetensors", "--settled", work / "before.json")
+    assert call("fit", work, *options, "--out", folder / "model.safetensors", settings=FEW_STEPS) == 0
+    state = read_state(folder / "settled.json")
+    assert (state.settled, state.light_missing) == (2, 1.0)
+    said = capsys.readouterr().err
+    assert "100 % of the shading stays, since the emitters that were found give too little light" in said
+    assert "settled" not in said.replace("settled.json", "")
+
+
 def test_later_rounds_are_copies(work):
     write_state(work / "settled.json", RoundState(2, 2, 0.01, 0.05, 0.001))
     given = ("--settled", work / "settled.json")

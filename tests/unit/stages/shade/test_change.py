@@ -93,6 +93,6 @@ def test_all_of_the_round_before_stays(samples):
     old = Shading.of(np.full((size, SHADING_OUTPUTS, 3), 1.0, np.float32))
     new = Shading.of(np.full((size, SHADING_OUTPUTS, 3), 0.2, np.float32))
     found = keep_share(samples, new, old, 0.5, whole=True)
-    assert found.kept == 1
+    assert (found.kept, found.light_missing) == (1, 1)
     assert found.change == pytest.approx(1.0, abs=0.1)  # differences count up to there
     np.testing.assert_allclose(new[:][:, 0], 1.0, rtol=0.03)
