@@ -89,13 +89,15 @@ def atomic_folder(path: str | Path, holds: str) -> Iterator[Path]:
 
 
 def check_replaced(path: Path, holds: str) -> None:
-    """Refuse to replace a folder that is a link or holds names other than ``holds`` and hidden ones.
+    """Refuse to replace a folder that has no name, is a link or holds names other than ``holds`` and hidden ones.
 
     Raises
     ------
     FiptError
         One line that names what would be lost.
     """
+    if path.name in ("", ".."):
+        raise FiptError(f"the folder {path} is replaced, but has no name of its own", "name it from the folder above")
     if path.is_symlink():
         raise FiptError(f"the folder {path} is replaced, but is a link to {path.readlink()}", "remove the link")
     if not path.is_dir():
@@ -175,6 +177,14 @@ def existing_file(path: str | Path, what: str) -> Path:
     return path
 
 
+def manifest_beside(folder: str | Path) -> Path:
+    """Path of the manifest beside a folder, ``FOLDER.manifest.json``; ``.`` and ``..`` are called by their names."""
+    folder = Path(folder)
+    if folder.name in ("", ".."):
+        folder = folder.resolve()
+    return folder.parent / f"{folder.name}.manifest.json"
+
+
 def made_again(path: str | Path) -> str:
     """Remedy for a damaged result: what to delete, so that the workflow makes it again.
 
@@ -182,9 +192,8 @@ def made_again(path: str | Path) -> str:
     """
     path = Path(path)
     for folder in list(path.parents)[:4]:
-        beside = folder.with_name(f"{folder.name}.manifest.json")
         above = sorted(manifest for manifest in folder.glob("*.manifest.json") if _lists(manifest, path))
-        for manifest in (beside, *above):
+        for manifest in (manifest_beside(folder), *above):
             if manifest.is_file():
                 return f"delete {manifest} and run again"
     return f"delete {path} and run again"

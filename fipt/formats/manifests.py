@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 import resource
 import sys
 import time
@@ -11,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from fipt.errors import FiptError
-from fipt.formats.files import existing_file, write_text
+from fipt.formats.files import existing_file, manifest_beside, write_text
 from fipt.formats.text import MALFORMED
 from fipt.registry import VERSIONS
 
@@ -65,12 +66,13 @@ class ListedFiles:
     Parameters
     ----------
     folder
-        What is read. Its manifest is FOLDER.manifest.json, or stands in it; files that none lists are not checked.
+        What is read. Its manifest is FOLDER.manifest.json, or stands in it. Of several that list a file, one must be
+        right; files that none lists are not checked.
     """
 
     def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)
-        self._listed: dict[str, tuple[str, Path]] | None = None
+        self._listed: dict[str, dict[str, Path]] | None = None
         self._checked: set[tuple[str, int, int]] = set()
 
     def check(self, path: str | Path) -> Path:
@@ -82,27 +84,27 @@ class ListedFiles:
             If it is cut, changed or of another run.
         """
         path = Path(path)
-        listed = self._entries().get(str(path))
-        if listed is None or not path.is_file():
+        listed = self._entries().get(os.path.realpath(path))
+        if not listed or not path.is_file():
             return path  # a missing file is told by what reads it
         state = path.stat()
         key = (str(path), state.st_size, state.st_mtime_ns)
-        if key not in self._checked and file_hash(path) != listed[0]:
+        if key not in self._checked and file_hash(path) not in listed:
+            newest = max(listed.values(), key=lambda manifest: manifest.stat().st_mtime_ns)
             raise FiptError(
-                f"{path} is not what its stage wrote: its content differs from that of {listed[1].name}",
-                f"delete {listed[1]} and run again",
+                f"{path} is not what its stage wrote: its content differs from that of {newest.name}",
+                f"delete {newest} and run again",
             )
         self._checked.add(key)
         return path
 
-    def _entries(self) -> dict[str, tuple[str, Path]]:
-        """Path -> hash and manifest."""
+    def _entries(self) -> dict[str, dict[str, Path]]:
+        """Real path -> hash -> manifest. Shards that are cut in another way leave manifests of what was."""
         if self._listed is None:
-            beside = self.folder.with_name(f"{self.folder.name}.manifest.json")
             self._listed = {}
-            for manifest in (beside, *sorted(self.folder.glob("*.manifest.json"))):
+            for manifest in (manifest_beside(self.folder), *sorted(self.folder.glob("*.manifest.json"))):
                 for name, value in _files_of(manifest).items():
-                    self._listed[str(manifest.parent / name)] = (str(value), manifest)
+                    self._listed.setdefault(os.path.realpath(manifest.parent / name), {})[str(value)] = manifest
         return self._listed
 
 

@@ -10,14 +10,14 @@ import pytest
 from fipt.cli.main import main
 from fipt.conventions import SHADING_OUTPUTS
 from fipt.errors import FiptError
-from fipt.formats.arrays import load_npy, save_npy
-from fipt.formats.files import made_again
-from fipt.formats.manifests import write_manifest
+from fipt.formats.arrays import load_npy, load_npz, save_npy
+from fipt.formats.files import atomic_folder, made_again
+from fipt.formats.manifests import ListedFiles, write_manifest
 from fipt.render.variant import Backend
 from fipt.scene.dataset import Dataset
 from fipt.scene.samples import read_samples
 from fipt.scene.shading import Shading, read_shading, save_shading
-from tests.faults.faults import refused
+from tests.faults.faults import contents, refused
 from tests.layouts import write_synthetic
 
 
@@ -64,10 +64,6 @@ def of_another_run(path: Path) -> None:
 HARMS = [flipped, cut, lengthened, of_another_run]
 
 
-def _ids(root: Path) -> np.ndarray:
-    return Dataset(root / "dataset").segments("train_000", "part")
-
-
 SAID = r"is not what its stage wrote.*; delete .*manifest\.json and run again"
 READ: dict[str, tuple[str, Callable[[Path], object]]] = {
     "image": ("dataset/images/train_000.exr", lambda root: Dataset(root / "dataset").image("train_000")),
@@ -90,9 +86,7 @@ def test_what_changed_since_it_was_written_is_refused(name: str, made: Path) -> 
     read(made)
     for harm in HARMS:
         harm(path)
-        with pytest.raises(
-            FiptError, match=r"is not what its stage wrote.*; delete .*manifest\.json and run again"
-        ) as caught:
+        with pytest.raises(FiptError, match=SAID) as caught:
             read(made)
         assert str(path) in str(caught.value)
         path.write_bytes(whole)
@@ -150,3 +144,79 @@ def test_the_remedy_names_what_the_workflow_knows(tmp_path: Path) -> None:
     assert made_again(folder / "b.npy") == f"delete {tmp_path}/all.manifest.json and run again"
     write_manifest(tmp_path / "shard.manifest.json", "samples", [], {})
     assert made_again(folder / "b.npy") == f"delete {tmp_path}/shard.manifest.json and run again"
+
+
+@pytest.mark.parametrize(
+    ("folder", "file", "read"),
+    [
+        ("dataset", "images/train_000.exr", lambda: Dataset(".").image("train_000")),
+        ("dataset", "mesh.ply", lambda: Dataset(".").mesh()),
+        ("dataset/images", "train_000.exr", lambda: Dataset("..").image("train_000")),
+        ("samples/train-000", "position.npy", lambda: read_samples(".")),
+    ],
+)
+def test_the_working_directory_is_a_folder_like_others(
+    folder: str, file: str, read: Callable[[], object], made: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """``--dataset .`` and ``--samples .``: their manifests lie in them, or beside them."""
+    monkeypatch.chdir(made / folder)
+    read()
+    flipped(Path(file))
+    with pytest.raises(FiptError, match=SAID):
+        read()
+
+
+@pytest.mark.parametrize("path", ["a.npz", "results/x/a.npz", "./a.npz", "../a.npz"])
+def test_a_damaged_array_of_a_relative_path_is_one_line(
+    path: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "w" / "results" / "x").mkdir(parents=True)
+    monkeypatch.chdir(tmp_path / "w")
+    Path(path).write_bytes(b"PK\x03\x04")
+    with pytest.raises(FiptError, match=r"a\.npz is not a complete npz file.*; delete .*a\.npz and run again"):
+        load_npz(path)
+
+
+def test_a_manifest_beside_the_working_directory_is_the_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    save_npy(tmp_path / "shard" / "a.npy", np.zeros(3))
+    write_manifest(tmp_path / "shard.manifest.json", "samples", [tmp_path / "shard" / "a.npy"], {})
+    monkeypatch.chdir(tmp_path / "shard")
+    cut(Path("a.npy"))
+    with pytest.raises(FiptError, match=f"delete {tmp_path}/shard.manifest.json and run again"):
+        load_npy("a.npy")
+
+
+@pytest.mark.parametrize("folder", [".", "..", "a/.."])
+def test_a_folder_without_a_name_is_not_replaced(folder: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "w" / "a").mkdir(parents=True)
+    monkeypatch.chdir(tmp_path / "w")
+    before = contents(tmp_path)
+    with pytest.raises(FiptError, match="has no name of its own"), atomic_folder(folder):
+        pass
+    assert contents(tmp_path) == before
+
+
+def test_one_manifest_that_is_right_is_enough(tmp_path: Path) -> None:
+    """Shards that are cut in another way leave manifests of images that were written again since."""
+    image = tmp_path / "images" / "train_012.exr"
+    image.parent.mkdir()
+    for shard, content in (("train-003", b"old"), ("train-001", b"new")):
+        image.write_bytes(content)
+        write_manifest(tmp_path / f"images.{shard}.manifest.json", "synthesize", [image], {})
+    assert ListedFiles(tmp_path).check(image) == image
+    image.write_bytes(b"neither")
+    with pytest.raises(FiptError, match=r"delete .*images\.train-001\.manifest\.json and run again"):
+        ListedFiles(tmp_path).check(image)
+
+
+def test_samples_that_are_killed_before_their_manifest_leave_none(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shard = made / "samples" / "train-000"
+
+    def killed(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("fipt.formats.manifests.write_manifest", killed)
+    views = ("--dataset", str(made / "dataset"), "--views", "train_000")
+    assert main(["samples", *views, "--out", str(shard)]) != 0
+    assert read_samples(shard).views == ("train_000",)
+    assert not shard.with_name("train-000.manifest.json").exists()

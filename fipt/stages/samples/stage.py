@@ -23,7 +23,7 @@ class SamplesInputs:
 
 def run(inputs: SamplesInputs, settings: "SamplesSettings") -> dict[str, Any]:
     """Trace the footprint samples of every pixel, once. Views that a check rejected are left out."""
-    from fipt.formats.files import atomic_folder
+    from fipt.formats.files import atomic_folder, manifest_beside
     from fipt.formats.manifests import write_manifest
     from fipt.scene.dataset import Dataset
     from fipt.scene.samples import write_samples
@@ -35,9 +35,10 @@ def run(inputs: SamplesInputs, settings: "SamplesSettings") -> dict[str, Any]:
     sparse = figures["views_mostly_off_mesh"]
     if sparse:
         log.warning("more than half of the pixels miss the mesh in %s", ", ".join(sparse))
-    out = inputs.out
+    out, manifest = inputs.out, manifest_beside(inputs.out)
     with atomic_folder(out, r"\w+\.npy|views\.json") as folder:
         names = [file.name for file in write_samples(folder, samples)]
+        manifest.unlink(missing_ok=True)  # it must not vouch for, or against, what is being exchanged
     files = [out / name for name in names]
-    write_manifest(out.with_name(out.name + ".manifest.json"), "samples", files, dumped(settings))
+    write_manifest(manifest, "samples", files, dumped(settings))
     return figures

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
-from fipt.formats.files import atomic_folder, check_disk
+from fipt.formats.files import atomic_folder, check_disk, manifest_beside
 from fipt.formats.manifests import Stats, write_manifest
 from fipt.progress import progress
 from fipt.render.layers import denoise_samples
@@ -103,10 +103,11 @@ def write_shading(
         if change is not None:
             write_change(folder, change)
             stats |= change.figures
+        manifest_beside(out).unlink(missing_ok=True)  # it must not vouch for, or against, what is being exchanged
     write_shading_manifest(stage, out, settings)
     return stats
 
 
 def write_shading_manifest(stage: str, out: Path, settings: BakeSettings | RefineSettings) -> None:
     """Write the manifest of the shading folder ``out`` beside it."""
-    write_manifest(out.with_name(out.name + ".manifest.json"), stage, sorted(out.iterdir()), dumped(settings))
+    write_manifest(manifest_beside(out), stage, sorted(out.iterdir()), dumped(settings))

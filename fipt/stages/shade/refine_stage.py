@@ -44,12 +44,13 @@ def run(inputs: RefineInputs, settings: "RefineSettings") -> dict[str, Any]:
 
     Where the loop of fit and refinement has settled, the shading of the round before is the result.
     """
-    from fipt.formats.files import link_folder
+    from fipt.formats.files import link_folder, manifest_beside
     from fipt.scene.settled import read_state
     from fipt.stages.shade.integrate import HOLDS, write_shading_manifest
 
     state = read_state(inputs.settled)
     if state is not None and state.settled is not None:
+        manifest_beside(inputs.out).unlink(missing_ok=True)
         link_folder(inputs.previous, inputs.out, HOLDS)
         write_shading_manifest("refine", inputs.out, settings)
         log.info("settled in round %d: the shading of the round before stays", state.settled)
@@ -59,6 +60,7 @@ def run(inputs: RefineInputs, settings: "RefineSettings") -> dict[str, Any]:
 
 def _refined(inputs: RefineInputs, settings: "RefineSettings", number: int) -> dict[str, Any]:
     """Trace the shading of round ``number``, each with random numbers of its own, and join it with the one before."""
+    from fipt.formats.files import manifest_beside
     from fipt.formats.manifests import manifest_stage
     from fipt.model.fitted import FittedScene
     from fipt.render.tracer import PathSettings
@@ -74,7 +76,7 @@ def _refined(inputs: RefineInputs, settings: "RefineSettings", number: int) -> d
     path = PathSettings(settings.max_depth, settings.cache_roughness, settings.light_sampling)
     before = read_shading(inputs.previous, shard)
     # round 0 knew nothing of light that no view shows: neither its shading nor its materials are to be kept
-    baked = manifest_stage(inputs.previous.with_name(f"{inputs.previous.name}.manifest.json")) == "bake"
+    baked = manifest_stage(manifest_beside(inputs.previous)) == "bake"
     anew = baked and bool(room.emitters.guessed.any())
     shader, damping = fitted_shader(room, path, filled=anew), 0.0 if anew else settings.damping
     own = settings.model_copy(update={"seed": settings.seed + number})

@@ -172,6 +172,23 @@ def test_a_bake_that_fails_leaves_the_old_one(integrate, shard, tmp_path):
     assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
 
 
+def test_a_bake_that_is_killed_before_its_manifest_leaves_none(integrate, shard, tmp_path, monkeypatch):
+    """The manifest of the shading before would refuse the new one."""
+    out, settings = tmp_path / "train-000", FEW.model_copy(update={"denoise": False})
+
+    class Brighter(Constant):
+        def shade(self, *asked):
+            return 2 * super().shade(*asked)
+
+    integrate.write_shading("bake", Constant(), *shard, settings, out)
+    with monkeypatch.context() as patched:
+        patched.setattr(integrate, "write_manifest", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+        with pytest.raises(KeyboardInterrupt):
+            integrate.write_shading("bake", Brighter(), *shard, settings, out)
+    assert read_shading(out)[:].max() > LEVELS * 2
+    assert not (tmp_path / "train-000.manifest.json").exists()
+
+
 # --- points ---------------------------------------------------------------------------------------
 
 
