@@ -33,7 +33,7 @@ def run(inputs: DepthInputs, settings: "DepthSettings") -> dict[str, Any]:
     import drjit
 
     from fipt.errors import FiptError
-    from fipt.formats.files import atomic_folder, check_replaced
+    from fipt.formats.files import atomic_folder, check_replaced, manifest_beside
     from fipt.formats.manifests import write_manifest
     from fipt.formats.places import OwnedPlaces
     from fipt.progress import human
@@ -54,12 +54,13 @@ def run(inputs: DepthInputs, settings: "DepthSettings") -> dict[str, Any]:
     pixels = sum(view.light.size for view in views)
     log.info("depth of %d views takes about %sB of memory", len(views), human(pixels * BYTES_PER_PIXEL))
     known: dict[str, float] = {}
+    manifest_beside(out).unlink(missing_ok=True)
     with atomic_folder(out, _HOLDS) as folder:
         for view, depth_map in depth_maps(getattr(drjit, set_variant().name), views, settings):
             write_depth_map(folder / f"{view}.exr", depth_map)
             known[view] = round(float(depth_map.known.mean()), 4)
     files = [out / f"{view}.exr" for view in known]
-    write_manifest(out.with_name(out.name + ".manifest.json"), "depth", files, dumped(settings))
+    write_manifest(manifest_beside(out), "depth", files, dumped(settings))
     figures: dict[str, Any] = {"views": len(known), "known": sum(known.values()) / len(known), "known_of_view": known}
     poor = [view for view, share in known.items() if share < settings.poor]
     if poor:
