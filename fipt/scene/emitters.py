@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -106,6 +106,12 @@ class Emitters:
     def possible(self) -> np.ndarray:
         """Triangles that emit or may emit."""
         return np.union1d(self.triangle, self.undecided.triangle)
+
+    def chosen(self, rows: np.ndarray) -> "Emitters":
+        """Those triangles alone where ``rows`` (E,) is true; emitters are numbered anew, without gaps."""
+        arrays = {name: getattr(self, name)[rows] for name in _ARRAYS}
+        arrays["emitter"] = np.unique(arrays["emitter"], return_inverse=True)[1].reshape(-1).astype(np.int32)
+        return replace(self, **arrays)
 
     @classmethod
     def none(cls) -> "Emitters":
