@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import json
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -15,6 +16,7 @@ from fipt.config.segmentation import SceneSegmentation
 from fipt.config.setups import SceneSetups
 from fipt.config.sources.base import Place, Source
 from fipt.config.views import SceneViews
+from fipt.errors import FiptError
 from fipt.formats.files import existing_file
 from fipt.scene.setup import RelightSetup
 from fipt.settings import dumped
@@ -88,12 +90,21 @@ class SceneConfig:
         Raises
         ------
         FiptError
-            If emitters_review.yaml is wrong, or something that a relight setup names is not there.
+            If emitters_review.yaml is wrong, something that a relight setup names is not there, or a file of the
+            source has a name that the workflow cannot use.
         """
+        for path in self.given_files():
+            self.place.plain(path, "path")
         self.decisions.review  # noqa: B018 - read here
         self.setups.check()
         for path in self.environment_files():
             existing_file(path, "environment.file")
+
+    def given_files(self) -> list[str]:
+        """Files of somebody else that its source names; none where the source cannot be read, or not yet."""
+        with suppress(FiptError):  # a scene that nobody asked for needs no data
+            return self.source.given_files()
+        return []
 
     def settings_json(self, section: str) -> str:
         """Settings of a stage as sorted JSON, for ``--settings``."""
