@@ -21,6 +21,7 @@ from typing import Literal
 
 from fipt.errors import FiptError
 from fipt.render import variant
+from fipt.stages.geometry.library import tried
 
 #: Below this the baking of an ordinary scene starts to swap.
 LOW_MEMORY_GB = 4.0
@@ -225,20 +226,12 @@ def _text(output: bytes | str | None) -> str:
 
 def check_open3d() -> Check:
     """Import open3d, which fuses depth maps, in another process: the wheel lacks libraries of the system."""
-    process = subprocess.run(
-        [sys.executable, "-c", "import open3d; print(open3d.__version__)"],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
-    if process.returncode == 0:
-        return Check("open3d", "ok", process.stdout.strip().splitlines()[-1])
-    words = process.stderr.strip().splitlines()
-    why = words[-1] if words else f"exit code {process.returncode}"
+    works, said = tried()
+    if works:
+        return Check("open3d", "ok", said)
     libraries = "sudo apt-get install libgl1 libegl1 libx11-6 libusb-1.0-0"
-    remedy = REINSTALL if "ModuleNotFoundError" in why else libraries
-    return Check("open3d", "warning", f"cannot be imported: {why}", f"only for meshes of photographs: {remedy}")
+    remedy = "pip install 'fipt[geometry]'" if "ModuleNotFoundError" in said else libraries
+    return Check("open3d", "warning", f"cannot be imported: {said}", f"only for meshes of photographs: {remedy}")
 
 
 def check_memory() -> Check:

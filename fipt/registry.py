@@ -36,7 +36,7 @@ SECTIONS: dict[str, Section] = {
     "capture": Section("fipt.stages.capture.settings:CaptureSettings", 1),
     "poses": Section("fipt.stages.poses.settings:PosesSettings", 2),
     "import": Section("fipt.stages.importing.settings:ImportSettings", 4),
-    "depth": Section("fipt.stages.geometry.settings:DepthSettings", 1),
+    "depth": Section("fipt.stages.geometry.settings:DepthSettings", 2),
     "geometry": Section("fipt.stages.geometry.mesh_settings:GeometrySettings", 2),
     "check_poses": Section("fipt.stages.check_poses.settings:CheckPosesSettings", 1),
     "samples": Section("fipt.stages.samples.settings:SamplesSettings", 2),

@@ -4,6 +4,7 @@
   same with and without a GPU; ``FIPT_BACKEND=cuda pytest`` runs the same tests on CUDA.
 * `np_rng`: a random generator with a fixed seed. No test seeds anything globally.
 * `living_room`: the folder of the optional real-size scene, named by ``FIPT_LIVING_ROOM``.
+* `open3d`: skips where it cannot be imported.
 * `fake_llvm`: writes files that look like libraries; by their names they are some version of LLVM.
 * ``gpu``: tests with this mark need a CUDA device and a CUDA run, and are skipped with a reason
   otherwise.
@@ -20,6 +21,7 @@ import numpy as np
 import pytest
 
 from fipt.render import variant
+from fipt.stages.geometry.library import tried
 
 
 def gpu_skip_reason() -> str:
@@ -55,6 +57,14 @@ def backend() -> variant.Backend:
 def np_rng() -> np.random.Generator:
     """A NumPy generator with a fixed seed, fresh for every test."""
     return np.random.default_rng(20231002)
+
+
+@pytest.fixture(scope="session")
+def open3d() -> None:
+    """Skip where open3d cannot be imported: it is an extra, and expects libraries of the system."""
+    works, said = tried()
+    if not works:
+        pytest.skip(f"open3d cannot be imported: {said}")
 
 
 @pytest.fixture(scope="session")

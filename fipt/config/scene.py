@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 from fipt.config.decisions import SceneDecisions
@@ -20,6 +21,7 @@ from fipt.errors import FiptError
 from fipt.formats.files import existing_file
 from fipt.scene.setup import RelightSetup
 from fipt.settings import dumped
+from fipt.stages.geometry.library import check_installed
 
 
 @dataclass(frozen=True)
@@ -90,13 +92,15 @@ class SceneConfig:
         Raises
         ------
         FiptError
-            If emitters_review.yaml is wrong, something that a relight setup names is not there, or a file of the
-            source has a name that the workflow cannot use.
+            If emitters_review.yaml is wrong, something that a relight setup names is not there, a file of the source has
+            a name that the workflow cannot use, or a mesh is to be made and open3d is missing.
         """
         for path in self.given_files():
             self.place.plain(path, "path")
         self.decisions.review  # noqa: B018 - read here
         self.setups.check()
+        if self._makes_mesh():
+            check_installed()
         for path in self.environment_files():
             existing_file(path, "environment.file")
 
@@ -105,6 +109,12 @@ class SceneConfig:
         with suppress(FiptError):  # a scene that nobody asked for needs no data
             return self.source.given_files()
         return []
+
+    def _makes_mesh(self) -> bool:
+        """Whether a run makes the mesh; not known of a source that cannot be read, which says so when it is."""
+        with suppress(FiptError):
+            return self.source.reconstructed and not Path(self.layout.estimated_mesh).is_file()
+        return False
 
     def settings_json(self, section: str) -> str:
         """Settings of a stage as sorted JSON, for ``--settings``."""

@@ -52,8 +52,12 @@ def atomic(path: str | Path) -> Iterator[Path]:
             temporary.unlink(missing_ok=True)
 
 
+ANYTHING = ".*"
+"""Names in a folder that may be replaced whatever it holds: its caller has looked at it."""
+
+
 @contextmanager
-def atomic_folder(path: str | Path, holds: str = ".*") -> Iterator[Path]:
+def atomic_folder(path: str | Path, holds: str) -> Iterator[Path]:
     """Yield a fresh temporary folder beside ``path``; replace ``path`` by it when the block ends well.
 
     Parameters
@@ -61,7 +65,8 @@ def atomic_folder(path: str | Path, holds: str = ".*") -> Iterator[Path]:
     path
         Folder to write.
     holds
-        Regular expression of the names that may lie in the folder that is replaced.
+        Regular expression of the names that may lie in the folder that is replaced: what its writer leaves there. A
+        caller that has looked itself gives `ANYTHING`.
 
     Raises
     ------
@@ -108,11 +113,14 @@ def copy_file(source: str | Path, path: str | Path) -> None:
         shutil.copyfile(existing_file(source, "a file to copy"), temporary)
 
 
-def link_folder(source: str | Path, path: str | Path) -> list[Path]:
-    """Make ``path`` a folder of the same files as ``source``, hard-linked where the disk can; return them."""
+def link_folder(source: str | Path, path: str | Path, holds: str) -> list[Path]:
+    """Make ``path`` a folder of the same files as ``source``, hard-linked where the disk can; return them.
+
+    ``holds`` as for `atomic_folder`.
+    """
     source, path = Path(source), Path(path)
     names = sorted(file.name for file in source.iterdir() if file.is_file())
-    with atomic_folder(path) as folder:
+    with atomic_folder(path, holds) as folder:
         for name in names:
             try:
                 os.link(source / name, folder / name)

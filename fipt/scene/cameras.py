@@ -65,11 +65,18 @@ class Camera:
         -------
         (..., 3) float32 directions pointing away from the camera.
         """
-        x = (np.asarray(columns, np.float64) - self.cx) / self.fx
-        y = -(np.asarray(rows, np.float64) - self.cy) / self.fy
-        d = np.stack([x, y, -np.ones_like(x)], axis=-1)
+        d = self._local_rays(columns, rows)
         d /= np.linalg.norm(d, axis=-1, keepdims=True)
         return (d @ self.world_from_camera[:3, :3].T).astype(np.float32)
+
+    def rays(self, columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """(..., 3) float64 world vectors from the centre to depth 1 along the view axis, through image points."""
+        return self._local_rays(columns, rows) @ self.world_from_camera[:3, :3].T
+
+    def _local_rays(self, columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        x = (np.asarray(columns, np.float64) - self.cx) / self.fx
+        y = -(np.asarray(rows, np.float64) - self.cy) / self.fy
+        return np.stack([x, y, -np.ones_like(x)], axis=-1)
 
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Project (N, 3) world points; return (N, 2) image coordinates and (N,) depth along the view axis, metres."""

@@ -11,7 +11,7 @@ from fipt.cli.main import main
 from fipt.conventions import SHADING_OUTPUTS
 from fipt.errors import FiptError
 from fipt.formats.arrays import load_npy, load_npz, save_npy
-from fipt.formats.files import atomic_folder, made_again
+from fipt.formats.files import ANYTHING, atomic_folder, made_again
 from fipt.formats.manifests import ListedFiles, write_manifest
 from fipt.render.variant import Backend
 from fipt.scene.dataset import Dataset
@@ -191,7 +191,7 @@ def test_a_folder_without_a_name_is_not_replaced(folder: str, tmp_path: Path, mo
     (tmp_path / "w" / "a").mkdir(parents=True)
     monkeypatch.chdir(tmp_path / "w")
     before = contents(tmp_path)
-    with pytest.raises(FiptError, match="has no name of its own"), atomic_folder(folder):
+    with pytest.raises(FiptError, match="has no name of its own"), atomic_folder(folder, ANYTHING):
         pass
     assert contents(tmp_path) == before
 

@@ -19,6 +19,8 @@ from fipt.formats.images import write_png
 from fipt.formats.manifests import write_manifest
 from tests.faults.faults import Fault, contents, named, refused
 from tests.layouts import room, write_nerfstudio, write_obj
+from tests.unit.stages.geometry.test_depth import camera
+from tests.unit.stages.geometry.test_stage import write_dataset
 from tests.workflow.conftest import Workspace
 
 
@@ -286,6 +288,14 @@ def other_files(folder: str, file: str) -> None:
     Path(folder, file).write_text("mine")
 
 
+def depth_over(folder: str, file: str) -> None:
+    """A dataset of views, and a folder of somebody else."""
+    cameras = [camera("a", 0.0), camera("b", 0.2), camera("c", -0.2)]
+    write_dataset(Path("src"), cameras)
+    Path(folder).mkdir(exist_ok=True)
+    Path(folder, file).write_text("mine")
+
+
 VERBS: list[tuple[Fault, list[str]]] = [
     (Fault("mesh in the dataset", mesh_in_target, "out/mesh.ply lies in the dataset out, which is replaced"),
      import_into("--mesh", "out/mesh.ply")),
@@ -304,6 +314,10 @@ VERBS: list[tuple[Fault, list[str]]] = [
      ["bake", "--dataset", "d", "--samples", "s", "--cache", "d/c.npz", "--out", "l.npz"]),
     (Fault("figures over an input", lambda: other_files("d", "cache.npz"), "--stats and --cache"),
      ["bake", "--dataset", "d", "--samples", "s", "--cache", "d/cache.npz", "--out", "o", "--stats", "d/cache.npz"]),
+    (Fault("depth over photographs", lambda: depth_over("photos", "a.dng"), "photos is replaced, but holds a.dng"),
+     ["depth", "--dataset", "src", "--out", "photos"]),
+    (Fault("depth over a dataset's images", lambda: depth_over("src/images", "b.exr"), "lies in the dataset src"),
+     ["depth", "--dataset", "src", "--out", "src/images"]),
 ]  # fmt: skip
 
 

@@ -9,7 +9,6 @@ import re
 import shutil
 import sys
 from collections.abc import Iterable
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +16,7 @@ import pytest
 
 from benchmarks.jobs import WORKFLOW, Job, jobs_of
 from fipt.formats.images import write_png
+from fipt.stages.geometry.library import tried
 from tests.opened import opened
 from tests.unit.stages.geometry.test_depth import camera
 from tests.unit.stages.geometry.test_stage import write_dataset
@@ -156,8 +156,7 @@ def test_a_room_that_is_photographed(folder):
     RULES.add("estimate_poses")
 
 
-def test_a_room_whose_mesh_is_made_of_its_views(folder):
-    pytest.importorskip("open3d", reason="make setup brings it")
+def test_a_room_whose_mesh_is_made_of_its_views(folder, open3d):
     write_dataset(folder / "views", [camera(f"v{i}", 0.15 * i, 0.1 * (i % 2)) for i in range(5)])
     (folder / "views" / "views.json").unlink()  # of this program's layout
     entry = {"source": "dataset", "path": "views", "format": "nerfstudio"}
@@ -174,5 +173,5 @@ def test_every_rule_was_traced():
     targets = set(re.findall(r"^rule (\w+):", (WORKFLOW / "rules" / "targets.smk").read_text(), re.MULTILINE))
     if not RULES:
         pytest.skip("run with the other tests of this file")
-    unseen = set() if find_spec("open3d") else {"import_views", "depth", "mesh"}
+    unseen = set() if tried()[0] else {"import_views", "depth", "mesh"}
     assert rules - targets - RULES == unseen

@@ -45,7 +45,7 @@ def run(inputs: ReviewInputs, settings: "ReviewSettings") -> dict[str, Any]:
     import numpy as np
 
     from fipt.errors import FiptError
-    from fipt.formats.files import atomic_folder
+    from fipt.formats.files import ANYTHING, atomic_folder
     from fipt.formats.manifests import write_manifest
     from fipt.scene.dataset import Dataset
     from fipt.scene.emitters import (
@@ -68,7 +68,7 @@ def run(inputs: ReviewInputs, settings: "ReviewSettings") -> dict[str, Any]:
     decided = parse_decisions(inputs.decisions, len(mesh.triangles))
     emitters = emitter_triangles(found)
     rejected = [np.array(sorted(numbers(text, len(mesh.triangles)))) for text in decided.reject]
-    with atomic_folder(out) as folder:
+    with atomic_folder(out, ANYTHING) as folder:
         rows, asked, written = _drawn(folder, found, (data, shards, settings.width), rejected)
         names = emitter_names(decided, emitters, len(mesh.triangles))
         for row, name in zip(rows, names, strict=True):

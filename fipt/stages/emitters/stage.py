@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
+_MOST_NAMED = 3
+"""Undecided regions that a warning names."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class EmittersInputs:
@@ -93,7 +96,7 @@ def _found(inputs: EmittersInputs, settings: "EmittersSettings") -> dict[str, An
     write_emitters(inputs.out, found, mesh)
     count = int(found.emitter.max(initial=-1)) + 1
     questions = undecided_facts(found.undecided, mesh)
-    warnings = [*_warnings(found, count, decided, len(mesh.triangles)), *_questions(questions), *guess]
+    warnings = [*_warnings(found, count, decided, len(mesh.triangles)), *questions_in_words(questions), *guess]
     for warning in warnings:
         log.warning("%s", warning)
     if count == 0:
@@ -128,12 +131,16 @@ def _guessed(
     return guessed.emitters, guessed.warnings, dict(guessed.figures)
 
 
-def _questions(regions: "Sequence[dict[str, Any]]") -> list[str]:
-    """What a person is asked about regions that may emit."""
+def questions_in_words(regions: "Sequence[dict[str, Any]]") -> list[str]:
+    """What a person is asked about regions that may emit, in one line: which triangles stands in the review file."""
+    if not regions:
+        return []
+    largest = sorted(regions, key=lambda row: -row["area"])[:_MOST_NAMED]
+    places = "; ".join(f"{row['area']:.3f} m2 near ({', '.join(f'{v:.2f}' for v in row['center'])})" for row in largest)
+    more = f"; and {len(regions) - len(largest)} more" if len(regions) > len(largest) else ""
     return [
-        f"emitter or mirror? The photographs do not tell for triangles {row['ranges']} ({row['area']:.3f} m2); "
-        "accept or reject them in emitters_review.yaml, or photograph them from other sides"
-        for row in regions
+        f"emitter or mirror? The photographs do not tell for {len(regions)} regions: {places}{more}. "
+        "Accept or reject them in emitters_review.yaml, or photograph them from other sides"
     ]
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from fipt import __version__
 from fipt.errors import FiptError
 from fipt.formats.exr import write_exr
-from fipt.formats.files import atomic_folder, write_text
+from fipt.formats.files import ANYTHING, atomic_folder, write_text
 from fipt.formats.images import to_display, write_png
 from fipt.formats.manifests import Stats, write_manifest
 from fipt.model.store import load_field
@@ -65,7 +65,7 @@ def write_export(inputs: ExportInputs, settings: ExportSettings) -> Stats:
     )
     emission = emission_texture(emitters, atlas, known)
     inputs.manifest.unlink(missing_ok=True)
-    with atomic_folder(out) as folder:
+    with atomic_folder(out, ANYTHING) as folder:
         _write_textures(folder / "textures", asset, emission, confidence_texture(confidence, mesh, atlas, known))
         write_glb(folder / "scene.glb", asset, settings.point_size)
         write_usd(folder / "scene.usdc", asset, "textures")

@@ -5,10 +5,11 @@ from types import ModuleType
 
 import numpy as np
 
+from fipt.errors import FiptError
 from fipt.progress import progress
 from fipt.scene.depth_maps import DepthMap
 from fipt.stages.geometry.consistency import Matched, agreed
-from fipt.stages.geometry.neighbours import choose_sources
+from fipt.stages.geometry.neighbours import choose_again, choose_sources
 from fipt.stages.geometry.patch_match import refine
 from fipt.stages.geometry.settings import DepthSettings
 from fipt.stages.geometry.stereo_view import StereoView
@@ -39,10 +40,11 @@ def depth_maps(dj: ModuleType, views: Sequence[StereoView], settings: DepthSetti
     Raises
     ------
     FiptError
-        If fewer than three views overlap, or all stand in one place.
+        If fewer than three views overlap, all stand in one place, or no pixel of any view has a depth.
     """
     cameras = [view.camera for view in views]
-    sources = choose_sources(cameras, settings.sources, settings.nearest)
+    by_cameras = choose_sources(cameras, settings.sources, settings.nearest)
+    sources = by_cameras
     levels = [list(views)]
     while max(view.camera.width for view in levels[-1]) > _SWEPT:
         levels.append([view.halved() for view in levels[-1]])
@@ -71,7 +73,12 @@ def depth_maps(dj: ModuleType, views: Sequence[StereoView], settings: DepthSetti
         own = [agreed(found, sources, i, least, settings.correlation) for i in range(len(views))]
         maps = [_completed(*pair) for pair in zip(own, maps, strict=True)] if number else own
         if number < len(levels) - 1:
-            sources = choose_sources(cameras, settings.sources, settings.nearest, [made.depth for made in maps])
+            sources = choose_again(cameras, settings.sources, [made.depth for made in maps], by_cameras)
+    if not any(made.known.any() for made in maps):
+        raise FiptError(
+            f"no texture was matched: in none of {len(views)} views did other views confirm the depth of a pixel",
+            "check the poses, photograph surface with texture, or give a mesh",
+        )
     for view, made in zip(views, maps, strict=True):
         yield view.camera.name, made
 

@@ -12,6 +12,9 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
+_HOLDS = r"[\w.-]+\.exr"
+"""Names in a folder of depth maps, as a regular expression."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class DepthInputs:
@@ -29,8 +32,10 @@ def run(inputs: DepthInputs, settings: "DepthSettings") -> dict[str, Any]:
     """
     import drjit
 
-    from fipt.formats.files import atomic_folder
+    from fipt.errors import FiptError
+    from fipt.formats.files import atomic_folder, check_replaced, manifest_beside
     from fipt.formats.manifests import write_manifest
+    from fipt.formats.places import OwnedPlaces
     from fipt.progress import human
     from fipt.render.variant import set_variant
     from fipt.scene.dataset import Dataset
@@ -40,16 +45,22 @@ def run(inputs: DepthInputs, settings: "DepthSettings") -> dict[str, Any]:
     from fipt.stages.geometry.stereo_view import stereo_view
 
     dataset, out = Dataset(inputs.dataset), inputs.out
+    if OwnedPlaces([("", dataset.root)]).owner(out) is not None:
+        raise FiptError(
+            f"the folder {out} is replaced, but lies in the dataset {dataset.root}", "choose another folder"
+        )
+    check_replaced(out, _HOLDS)  # told now, not after hours
     views = [stereo_view(dataset, view) for view in dataset.views("train")]
     pixels = sum(view.light.size for view in views)
     log.info("depth of %d views takes about %sB of memory", len(views), human(pixels * BYTES_PER_PIXEL))
     known: dict[str, float] = {}
-    with atomic_folder(out) as folder:
+    manifest_beside(out).unlink(missing_ok=True)
+    with atomic_folder(out, _HOLDS) as folder:
         for view, depth_map in depth_maps(getattr(drjit, set_variant().name), views, settings):
             write_depth_map(folder / f"{view}.exr", depth_map)
             known[view] = round(float(depth_map.known.mean()), 4)
     files = [out / f"{view}.exr" for view in known]
-    write_manifest(out.with_name(out.name + ".manifest.json"), "depth", files, dumped(settings))
+    write_manifest(manifest_beside(out), "depth", files, dumped(settings))
     figures: dict[str, Any] = {"views": len(known), "known": sum(known.values()) / len(known), "known_of_view": known}
     poor = [view for view, share in known.items() if share < settings.poor]
     if poor:

@@ -31,7 +31,9 @@ def run(inputs: MeshInputs, settings: "GeometrySettings") -> dict[str, Any]:
     from fipt.scene.mesh import write_ply
     from fipt.stages.geometry.build import build
     from fipt.stages.geometry.depth_views import read_views
+    from fipt.stages.geometry.library import check_importable
 
+    check_importable()  # told now, not after the planes
     dataset = Dataset(inputs.dataset)
     made = build(read_views(dataset, inputs.depth), dataset.image, settings)
     make_folder(inputs.out)

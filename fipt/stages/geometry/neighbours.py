@@ -21,20 +21,15 @@ _PARALLAX = 1.0
 """Degrees between lines of sight without which there is no depth."""
 
 
-def choose_sources(
-    cameras: Sequence[Camera], count: int, nearest: float, depths: Sequence[np.ndarray] | None = None
-) -> list[list[int]]:
-    """Choose the sources of every view: those that show most of it from another place.
+def choose_sources(cameras: Sequence[Camera], count: int, nearest: float) -> list[list[int]]:
+    """Choose the sources of every view by the cameras alone: those that show most of it from another place.
 
     Parameters
     ----------
     count
         Sources of a view, at most.
     nearest
-        Least distance of a surface, metres. Without depths, the surface may be anywhere from three to twenty times as
-        far: a room.
-    depths
-        Depth maps of the views, (H, W) metres, 0 where unknown: what stands in another's way is left out then.
+        Least distance of a surface, metres: it may be anywhere from three to twenty times as far, in a room.
 
     Returns
     -------
@@ -46,27 +41,10 @@ def choose_sources(
     FiptError
         If fewer than three views overlap, or all stand in one place.
     """
-    weight, shared = np.zeros((len(cameras), len(cameras))), np.zeros((len(cameras), len(cameras)))
-    widest = 0.0
-    for i, camera in enumerate(cameras):
-        points = _points(camera, nearest, None if depths is None else depths[i])
-        for j, other in enumerate(cameras):
-            if i == j or not len(points):
-                continue
-            inside, angle, ratio = _seen(camera, other, points)
-            if depths is not None:
-                inside &= _unhidden(other, points, depths[j])
-            shared[i, j] = inside.mean()
-            if inside.any():
-                widest = max(widest, float(np.quantile(angle[inside], 0.9)))
-            spread = np.where(angle < _ANGLE, _NARROW, _WIDE)
-            fits = np.exp(-0.5 * ((angle - _ANGLE) / spread) ** 2) * np.minimum(ratio, 1 / ratio)
-            weight[i, j] = np.mean(fits * inside)
-    chosen = [
-        [int(j) for j in np.argsort(-row, kind="stable")[:count] if shared[i, j] >= _SHARED and row[j] > 1e-6]
-        for i, row in enumerate(weight)
-    ]
-    if widest < _PARALLAX and shared.max(initial=0.0) >= _SHARED:
+    compared = [_compared(cameras, i, _points(camera, nearest)) for i, camera in enumerate(cameras)]
+    chosen = [_best(shared, weight, count) for shared, weight, _ in compared]
+    widest = max((widest for _, _, widest in compared), default=0.0)
+    if widest < _PARALLAX and max((shared.max() for shared, _, _ in compared), default=0.0) >= _SHARED:
         raise FiptError(
             f"depth needs views from different places; the {len(cameras)} cameras stand in one place, as in a panorama "
             f"(lines of sight differ by {widest:.2f} degrees at most)",
@@ -82,18 +60,68 @@ def choose_sources(
     return chosen
 
 
-def _points(camera: Camera, nearest: float, depth: np.ndarray | None) -> np.ndarray:
-    """(N, 3) world points that a camera may see or, with its depth, sees."""
+def choose_again(
+    cameras: Sequence[Camera], count: int, depths: Sequence[np.ndarray], chosen: Sequence[list[int]]
+) -> list[list[int]]:
+    """Choose sources by a first depth: views where something stands in the way are left out.
+
+    Parameters
+    ----------
+    depths
+        Depth maps of the views, (H, W) metres, 0 where unknown.
+    chosen
+        Sources by the cameras alone. A view keeps them where its depth is unknown, or leaves it fewer than two.
+    """
+    result = []
+    for i, camera in enumerate(cameras):
+        points = _known_points(camera, depths[i])
+        row = _best(*_compared(cameras, i, points, depths)[:2], count) if len(points) else []
+        result.append(row if len(row) >= 2 else list(chosen[i]))
+    return result
+
+
+def _compared(
+    cameras: Sequence[Camera], i: int, points: np.ndarray, depths: Sequence[np.ndarray] | None = None
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Share of a view's (N, 3) points that each view shows, (V,), how well it suits, (V,), and the widest angle."""
+    weight, shared, widest = np.zeros(len(cameras)), np.zeros(len(cameras)), 0.0
+    for j, other in enumerate(cameras):
+        if i == j:
+            continue
+        inside, angle, ratio = _seen(cameras[i], other, points)
+        if depths is not None:
+            inside &= _unhidden(other, points, depths[j])
+        shared[j] = inside.mean()
+        if inside.any():
+            widest = max(widest, float(np.quantile(angle[inside], 0.9)))
+        spread = np.where(angle < _ANGLE, _NARROW, _WIDE)
+        fits = np.exp(-0.5 * ((angle - _ANGLE) / spread) ** 2) * np.minimum(ratio, 1 / ratio)
+        weight[j] = np.mean(fits * inside)
+    return shared, weight, widest
+
+
+def _best(shared: np.ndarray, weight: np.ndarray, count: int) -> list[int]:
+    order = np.argsort(-weight, kind="stable")[:count]
+    return [int(j) for j in order if shared[j] >= _SHARED and weight[j] > 1e-6]
+
+
+def _rays(camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Columns, rows and (N, 3) rays to depth 1 of the pixels by which views are compared."""
     rows = (np.arange(_GRID) + 0.5) / _GRID * camera.height
     columns = (np.arange(_GRID) + 0.5) / _GRID * camera.width
-    column, row = np.meshgrid(columns, rows)
-    column, row = column.ravel(), row.ravel()
-    axis = -camera.world_from_camera[:3, 2]
-    rays = camera.directions(column, row).astype(np.float64)
-    rays /= (rays @ axis)[:, None]
-    if depth is None:
-        away = np.geomspace(3.0, 20.0, _DEPTHS) * nearest
-        return (camera.center + rays[:, None] * away[:, None]).reshape(-1, 3)
+    column, row = (part.ravel() for part in np.meshgrid(columns, rows))
+    return column, row, camera.rays(column, row)
+
+
+def _points(camera: Camera, nearest: float) -> np.ndarray:
+    """(N, 3) world points that a camera may see."""
+    away = np.geomspace(3.0, 20.0, _DEPTHS) * nearest
+    return (camera.center + _rays(camera)[2][:, None] * away[:, None]).reshape(-1, 3)
+
+
+def _known_points(camera: Camera, depth: np.ndarray) -> np.ndarray:
+    """(N, 3) world points that a camera with its depth sees."""
+    column, row, rays = _rays(camera)
     scale = depth.shape[1] / camera.width
     z = depth[(row * scale).astype(int), (column * scale).astype(int)]
     return camera.center + rays[z > 0] * z[z > 0, None]

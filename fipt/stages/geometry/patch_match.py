@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from fipt.stages.geometry.stereo_view import StereoView, transfer
-from fipt.stages.geometry.sweep import BEST
+from fipt.stages.geometry.sweep import BEST, LEAST, UNSEEN
 
 _REACH, _STRIDE = 4, 2
 """Half side of the window, and distance of the pixels in it that are looked at, pixels."""
@@ -190,7 +190,7 @@ def _window(matching: _Matching, x: Any, y: Any, columns: Any, rows: Any) -> lis
 
 
 def _score(matching: _Matching, window: list[Any], x: Any, y: Any, plane: tuple[Any, Any, Any], noise: Any) -> Any:
-    """Mean correlation of a plane's windows with the best sources."""
+    """Mean correlation of a plane's windows with the best sources that show them; -1 where too few do."""
     import drjit as dr
 
     dj = matching.dj
@@ -209,15 +209,17 @@ def _score(matching: _Matching, window: list[Any], x: Any, y: Any, plane: tuple[
             value = dr.minimum(best, value)
         return (s + 1, *result)
 
-    start = (dj.Int32(0), *(dr.full(dj.Float, -1.0, dr.width(x)) for _ in range(BEST)))
+    start = (dj.Int32(0), *(dr.full(dj.Float, UNSEEN, dr.width(x)) for _ in range(BEST)))
     _, *held = dr.while_loop(start, lambda s, *_: s < matching.count, compare_source, label="sources")
-    return sum(held[1:], held[0]) / BEST
+    count: Any = sum(dr.select(best > UNSEEN, 1.0, 0.0) for best in held)
+    total = sum(dr.select(best > UNSEEN, best, 0.0) for best in held)
+    return dr.select(count >= LEAST, total / dr.maximum(count, 1), -1.0)
 
 
 def _correlation(
     matching: _Matching, window: list[Any], map_: tuple[Any, Any, Any], frame: list[Any], noise: Any
 ) -> Any:
-    """Weighted correlation of a window with a source; -1 where that shows too little of it."""
+    """Weighted correlation of a window with a source; `UNSEEN` where that shows too little of it."""
     import drjit as dr
 
     dj = matching.dj
@@ -252,4 +254,4 @@ def _correlation(
     variance_a = dr.maximum(sum_aa * scale - mean_a * mean_a, 0) + noise
     variance_b = dr.maximum(sum_bb * scale - mean_b * mean_b, 0) + noise
     value = (sum_ab * scale - mean_a * mean_b) * dr.rsqrt(variance_a * variance_b)
-    return dr.select((seen > _SEEN * total) & (total > 0), value, -1.0)
+    return dr.select((seen > _SEEN * total) & (total > 0), value, UNSEEN)

@@ -15,8 +15,11 @@ _STEP = 1.0
 """Pixels that the picture in the source that moves most moves between neighbouring planes, about."""
 _MOST_PLANES = 256
 """Planes of a direction, at most."""
-BEST = 3
-"""Sources whose correlation counts, the best ones: the others may not see the surface."""
+BEST, LEAST = 3, 2
+"""Sources whose correlation counts, the best ones among those that show a window, at most and at least: the others may
+not see the surface."""
+UNSEEN = -2.0
+"""Correlation with a source that shows too little of a window: below any other."""
 
 
 def sweep(reference: StereoView, sources: Sequence[StereoView], nearest: float) -> tuple[np.ndarray, np.ndarray]:
@@ -32,7 +35,7 @@ def sweep(reference: StereoView, sources: Sequence[StereoView], nearest: float) 
     planes
         (3, H, W) float32: inverse depth and its slopes along u and v.
     score
-        (H, W) float32 in [-1, 1]: mean correlation with the best sources.
+        (H, W) float32 in [-1, 1]: mean correlation with the best sources that show the window; -1 where only one does.
     """
     shape = reference.light.shape
     planes, score = np.zeros((3, *shape), np.float32), np.full(shape, -2.0, np.float32)
@@ -100,7 +103,7 @@ class _Windows:
         self.noise = reference.noise**2 + 1e-8
 
     def correlation(self, source: StereoView, homography: np.ndarray) -> np.ndarray:
-        """(H, W) float32 zero-mean normalised correlation with a source, brought here; -1 where it shows too little."""
+        """(H, W) float32 zero-mean normalised correlation with a source, brought here; `UNSEEN` if it tells little."""
         rows, columns = self.light.shape
         known = np.isfinite(source.light).astype(np.float32)
         both = np.dstack([np.where(known > 0, source.light - self.offset, 0.0).astype(np.float32), known])
@@ -116,14 +119,14 @@ class _Windows:
         variance_a = np.maximum(sums[..., 2] * scale - mean_a * mean_a, 0) + self.noise
         variance_b = np.maximum(more[..., 0] * scale - mean_b * mean_b, 0) + self.noise
         together = more[..., 1] * scale - mean_a * mean_b
-        return np.where(share > _FILLED, together / np.sqrt(variance_a * variance_b), -1.0)
+        return np.where(share > _FILLED, together / np.sqrt(variance_a * variance_b), UNSEEN)
 
 
 class _Best:
-    """Mean of the best values of every pixel."""
+    """Mean of the best values of every pixel, of those that are not `UNSEEN`."""
 
     def __init__(self, shape: tuple[int, ...]) -> None:
-        self.values = [np.full(shape, -1.0, np.float32) for _ in range(BEST)]
+        self.values = [np.full(shape, UNSEEN, np.float32) for _ in range(BEST)]
 
     def add(self, value: np.ndarray) -> None:
         """Sort a value in."""
@@ -133,5 +136,9 @@ class _Best:
 
     @property
     def mean(self) -> np.ndarray:
-        """(H, W) float32."""
-        return sum(self.values[1:], self.values[0]) / BEST
+        """(H, W) float32 over what was seen; -1 where that is too little."""
+        values = np.stack(self.values)
+        seen = values > UNSEEN
+        count = seen.sum(axis=0)
+        total = np.where(seen, values, 0).sum(axis=0)
+        return np.where(count >= LEAST, total / np.maximum(count, 1), -1.0).astype(np.float32)

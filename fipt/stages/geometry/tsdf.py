@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from fipt.errors import FiptError
+from fipt.stages.geometry.library import cannot_fuse
 
 BLOCK = 8
 """Voxels along a side of a block: at four voxels of truncation, larger blocks hold mostly free space."""
@@ -97,7 +97,7 @@ def _open3d() -> Any:
     try:
         import open3d
     except (ImportError, OSError) as error:  # OSError: a library of the system is missing
-        raise FiptError(f"open3d must be importable to fuse depth maps ({error})", "see fipt doctor") from error
+        raise cannot_fuse(str(error)) from error
     return open3d
 
 

@@ -109,7 +109,7 @@ def import_scene(
     for leftover in dataset.parent.glob(f".{dataset.name}.*.tmp"):  # of an import that was killed
         shutil.rmtree(leftover)
 
-    with atomic_folder(dataset) as folder:
+    with atomic_folder(dataset, _KNOWN.pattern) as folder:
         cameras, shown = write_frames(folder, parsed)
         mesh_used, figures = _write_mesh(folder, room, cameras, settings)
         _write_cameras(folder, cameras, parsed, room.origin)

@@ -40,7 +40,7 @@ def mapped(
     made_of = key(matches.name, mapper, min_matches, settings.intrinsics, settings.seed)
     out = work / f"{mapper}-{min_matches}-{made_of}"
     if not out.is_dir():
-        with atomic_folder(out) as folder, colmap_log(work):
+        with atomic_folder(out, r"\d+") as folder, colmap_log(work):
             run = _incremental if mapper == "incremental" else _global
             run(matches, folder, min_matches, settings)
             for model in folder.iterdir():

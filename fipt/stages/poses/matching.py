@@ -97,7 +97,7 @@ def _images(views: UnposedViews, work: Path) -> Path:
     out = work / f"images-{key(state)}"
     if out.is_dir():
         return out
-    with atomic_folder(out) as folder, progress("images", len(views.cameras), " views") as bar:
+    with atomic_folder(out, "grey|mask") as folder, progress("images", len(views.cameras), " views") as bar:
         for camera in views.cameras:
             radiance, shown = views.image(camera.name)
             write_png(folder / "grey" / f"{camera.name}{_ENDING}", local_contrast(radiance, shown))

@@ -20,6 +20,8 @@ from fipt.settings import dumped
 from fipt.stages.shade.settings import BakeSettings, RefineSettings
 
 _LEVELS = len(ROUGHNESS_LEVELS)
+HOLDS = r"\w+\.npy|\w+\.json"
+"""Names in a folder of shading, as a regular expression."""
 
 
 def sampling_plan(settings: BakeSettings | RefineSettings) -> list[tuple[list[int], list[int]]]:
@@ -96,7 +98,7 @@ def write_shading(
             shading[samples.of_view(index)] = values
     stats["bytes_per_pixel"] = shading.nbytes / max(samples.first_pixels[-1], 1)
     change = None if finish is None else finish(shading)
-    with atomic_folder(out, r"\w+\.npy|\w+\.json") as folder:
+    with atomic_folder(out, HOLDS) as folder:
         save_shading(folder, shading)
         if change is not None:
             write_change(folder, change)

@@ -46,12 +46,12 @@ def run(inputs: RefineInputs, settings: "RefineSettings") -> dict[str, Any]:
     """
     from fipt.formats.files import link_folder, manifest_beside
     from fipt.scene.settled import read_state
-    from fipt.stages.shade.integrate import write_shading_manifest
+    from fipt.stages.shade.integrate import HOLDS, write_shading_manifest
 
     state = read_state(inputs.settled)
     if state is not None and state.settled is not None:
         manifest_beside(inputs.out).unlink(missing_ok=True)
-        link_folder(inputs.previous, inputs.out)
+        link_folder(inputs.previous, inputs.out, HOLDS)
         write_shading_manifest("refine", inputs.out, settings)
         log.info("settled in round %d: the shading of the round before stays", state.settled)
         return {"copied": True, "settled_in_round": state.settled}

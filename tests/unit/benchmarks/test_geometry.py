@@ -1,7 +1,5 @@
 """The comparison of a mesh with the true one."""
 
-import importlib.util
-
 import numpy as np
 import pytest
 
@@ -10,8 +8,7 @@ from benchmarks.scan import depth_camera
 from fipt.scene.mesh import Mesh
 from fipt.synthetic.shapes import box
 
-if importlib.util.find_spec("open3d") is None:
-    pytest.skip("open3d is not installed", allow_module_level=True)
+pytestmark = pytest.mark.usefixtures("open3d")
 
 
 class Room:

@@ -8,6 +8,7 @@ import pytest
 
 from fipt.config import load
 from fipt.errors import FiptError
+from fipt.stages.geometry import library
 from tests.layouts import WRITERS
 
 RULES = sorted((Path(__file__).resolve().parents[3] / "fipt" / "workflow" / "rules").glob("*.smk"))
@@ -100,6 +101,19 @@ def test_a_mesh_that_is_given_is_used(tmp_path):
     assert not any(path.endswith(".ply") for path in asked.view_files())
     (tmp_path / "mesh.ply").unlink()
     assert scene(dataset).source.reconstructed
+
+
+def test_a_mesh_that_is_made_needs_open3d_before_anything_runs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(library, "find_spec", lambda name: None)
+    scene(RAW | {"mesh": "m.ply"}).check()
+    made = scene({"simulate_raw": True, "mesh": "reconstruct"})
+    with pytest.raises(FiptError, match=r"open3d must be importable .*pip install 'fipt\[geometry\]'.*fipt doctor"):
+        made.check()
+    mesh = tmp_path / made.layout.estimated_mesh
+    mesh.parent.mkdir(parents=True)
+    mesh.touch()
+    made.check()  # it was made elsewhere
 
 
 def test_poses_are_checked_where_they_may_be_wrong():

@@ -3,6 +3,7 @@
 import errno
 import os
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -62,7 +63,7 @@ def test_the_temporary_name_keeps_the_suffix(tmp_path: Path) -> None:
         temporary.touch()
 
 
-@pytest.mark.parametrize("writer", [atomic, atomic_folder])
+@pytest.mark.parametrize("writer", [atomic, partial(atomic_folder, holds="out")])
 @pytest.mark.parametrize(
     ("code", "message"),
     [
@@ -92,10 +93,10 @@ def test_other_os_errors_keep_their_traceback(tmp_path: Path) -> None:
 def test_a_folder_is_replaced_as_a_whole(tmp_path: Path) -> None:
     folder = tmp_path / "shard"
     for content in ("one", "two"):
-        with atomic_folder(folder) as temporary:
+        with atomic_folder(folder, "one|two") as temporary:
             (temporary / content).write_text(content)
         assert [path.name for path in folder.iterdir()] == [content]
-    with pytest.raises(FileNotFoundError), atomic_folder(folder) as temporary:
+    with pytest.raises(FileNotFoundError), atomic_folder(folder, "one|two") as temporary:
         (temporary / "missing" / "three").write_text("three")
     assert [path.name for path in folder.iterdir()] == ["two"]
     assert list(tmp_path.iterdir()) == [folder]
@@ -135,6 +136,6 @@ def test_a_folder_with_other_files_is_not_replaced(tmp_path: Path, holds: str) -
 def test_a_folder_that_is_a_link_is_not_replaced(tmp_path: Path) -> None:
     (tmp_path / "mine").mkdir()
     (tmp_path / "out").symlink_to(tmp_path / "mine")
-    with pytest.raises(FiptError, match=r"is a link to .*mine; remove the link"), atomic_folder(tmp_path / "out"):
+    with pytest.raises(FiptError, match=r"is a link to .*mine; remove the link"), atomic_folder(tmp_path / "out", ".*"):
         pass
     assert (tmp_path / "mine").is_dir()

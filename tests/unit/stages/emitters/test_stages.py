@@ -11,6 +11,7 @@ from fipt.scene.dataset import Dataset, read_layers
 from fipt.scene.emitters import Undecided, read_emitters, write_emitters
 from fipt.scene.review import ranges, read_review
 from fipt.scene.shading import read_shading
+from fipt.stages.emitters import stage as emitters_stage
 from tests import scenes
 from tests.fitted import call
 
@@ -129,3 +130,12 @@ def test_no_emitter_is_no_error(work, capsys):
     assert read_rgb(work / "render" / "c.exr").max() < 0.01
     assert read_shading(work / "round-1" / "shading" / "train-000")[:][:, 0].mean() > 0
     assert read_rgb(work / "relight" / "night" / "c.exr")[..., 0].max() > 0.05  # the new light
+
+
+def test_one_line_names_the_largest_undecided_regions():
+    rows = [{"area": 0.1 * k, "center": [k, 0.0, 1.0], "ranges": "0-999"} for k in range(1, 6)]
+    (said,) = emitters_stage.questions_in_words(rows)
+    assert "5 regions: 0.500 m2 near (5.00, 0.00, 1.00); 0.400 m2" in said
+    assert "and 2 more" in said
+    assert "0-999" not in said
+    assert emitters_stage.questions_in_words([]) == []

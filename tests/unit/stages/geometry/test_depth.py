@@ -1,14 +1,17 @@
 """Depth of two slanted planes with texture comes out as it is; views without parallax or overlap are refused."""
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from fipt.errors import FiptError
-from fipt.render.variant import set_variant
+from fipt.render.variant import Backend, set_variant
 from fipt.scene.cameras import Camera
 from fipt.scene.depth_maps import DepthMap
 from fipt.stages.geometry.depth import depth_maps
-from fipt.stages.geometry.neighbours import choose_sources
+from fipt.stages.geometry.neighbours import choose_again, choose_sources
 from fipt.stages.geometry.settings import DepthSettings
 from fipt.stages.geometry.stereo_view import StereoView, noise_of, normals_of, transfer
 
@@ -41,16 +44,30 @@ def seen(taken: Camera) -> tuple[StereoView, np.ndarray, np.ndarray]:
     return StereoView(taken, light.astype(np.float32), 1e-3), depth, normal
 
 
-@pytest.fixture(scope="module")
-def estimated() -> list[tuple[DepthMap, np.ndarray, np.ndarray]]:
-    """Depth maps of five views, with their truth."""
+PLACES = ((0, 0), (-0.3, 0.1), (0.3, 0, 4), (0, -0.3), (0.1, 0.3))
+
+
+def estimate(places: Sequence[tuple[float, ...]]) -> list[tuple[DepthMap, np.ndarray, np.ndarray]]:
+    """Depth maps of views from places, with their truth."""
     import drjit
 
-    cameras = [camera(f"v{i}", *at) for i, at in enumerate([(0, 0), (-0.3, 0.1), (0.3, 0, 4), (0, -0.3), (0.1, 0.3)])]
+    cameras = [camera(f"v{i}", *at) for i, at in enumerate(places)]
     views = [seen(taken) for taken in cameras]
     dj = getattr(drjit, set_variant().name)
     found = depth_maps(dj, [view for view, _, _ in views], DepthSettings())
     return [(made, depth, normal) for (_, made), (_, depth, normal) in zip(found, views, strict=True)]
+
+
+@pytest.fixture(scope="module")
+def estimated() -> list[tuple[DepthMap, np.ndarray, np.ndarray]]:
+    """Depth maps of five views."""
+    return estimate(PLACES)
+
+
+def test_three_views_are_enough(backend: Backend) -> None:
+    for made, depth, _ in estimate(PLACES[:3]):
+        assert made.known[12:-12, 18:-18].mean() > 0.8
+        assert (np.abs(made.depth / depth - 1)[made.known] < 0.02).mean() > 0.97
 
 
 def test_slanted_planes_come_out_as_they_are(estimated: list[tuple[DepthMap, np.ndarray, np.ndarray]]) -> None:
@@ -114,3 +131,35 @@ def test_sources_look_at_the_same_from_the_side() -> None:
     cameras += [camera("other", 0.2, 0.3)]
     chosen = choose_sources(cameras, 2, 0.3)[0]
     assert {cameras[j].name for j in chosen} == {"side", "other"}
+
+
+def test_a_view_without_depth_keeps_the_sources_of_its_camera() -> None:
+    cameras = [camera(f"v{i}", *at) for i, at in enumerate(PLACES)]
+    by_cameras = choose_sources(cameras, 4, 0.3)
+    depths = [seen(taken)[1].astype(np.float32) for taken in cameras]
+    assert all(len(row) >= 2 for row in choose_again(cameras, 4, depths, by_cameras))
+    depths[1] = np.zeros_like(depths[1])
+    assert choose_again(cameras, 4, depths, by_cameras)[1] == by_cameras[1]
+    # nor does depth that was found in no view say that views do not overlap
+    assert choose_again(cameras, 4, [0 * depth for depth in depths], by_cameras) == by_cameras
+
+
+def test_something_that_stands_in_the_way_is_left_out() -> None:
+    cameras = [camera(f"v{i}", *at) for i, at in enumerate(PLACES)]
+    depths = [seen(taken)[1].astype(np.float32) for taken in cameras]
+    depths[2] = np.full_like(depths[2], 0.2)
+    chosen = choose_again(cameras, 4, depths, choose_sources(cameras, 4, 0.3))
+    assert 2 in choose_sources(cameras, 4, 0.3)[0]
+    assert 2 not in chosen[0]
+
+
+def test_views_without_texture_are_said_to_have_none(backend: Backend) -> None:
+    import drjit
+
+    cameras = [camera(f"v{i}", *at) for i, at in enumerate(PLACES)]
+    # two sizes: the second is chosen by the depth of the first
+    large = [replace(c, width=2 * c.width, height=2 * c.height, fx=2 * c.fx, fy=2 * c.fy, cx=2 * c.cx, cy=2 * c.cy)
+             for c in cameras]  # fmt: skip
+    views = [StereoView(taken, np.zeros((2 * HEIGHT, 2 * WIDTH), np.float32), 1e-3) for taken in large]
+    with pytest.raises(FiptError, match="no texture was matched: in none of 5 views"):
+        list(depth_maps(getattr(drjit, set_variant().name), views, DepthSettings(rounds=1, later_rounds=1)))

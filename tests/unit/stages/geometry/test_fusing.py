@@ -1,7 +1,5 @@
 """Depth maps of a known room, fused into one mesh."""
 
-import importlib.util
-
 import numpy as np
 import pytest
 
@@ -11,9 +9,10 @@ from fipt.scene.depth_maps import DepthMap
 from fipt.scene.mesh import Mesh
 from fipt.stages.geometry.depth_views import DepthView, depth_noise
 from fipt.stages.geometry.fusing import check_memory, fuse, voxel_size
+from fipt.stages.geometry.mesh_settings import GeometrySettings
+from fipt.stages.geometry.mesh_stage import MeshInputs, run
 from fipt.stages.geometry.tsdf import fused
 
-needs_open3d = pytest.mark.skipif(importlib.util.find_spec("open3d") is None, reason="open3d is not installed")
 HALF = 1.5
 """Half of the side of the room, a cube around the origin."""
 
@@ -46,7 +45,7 @@ def off_the_walls(mesh: Mesh) -> np.ndarray:
     return np.abs(HALF - np.abs(mesh.vertices)).min(axis=1)
 
 
-@needs_open3d
+@pytest.mark.usefixtures("open3d")
 def test_a_cube_is_fused_from_its_views():
     views = around()
     mesh = fuse(views, [view.map.known for view in views], 1e-3, 0.05)
@@ -58,7 +57,7 @@ def test_a_cube_is_fused_from_its_views():
     assert mesh.areas[np.abs(centers[:, 1]) < 1].sum() > 0.9 * 4 * 2 * HALF * 2
 
 
-@needs_open3d
+@pytest.mark.usefixtures("open3d")
 def test_the_same_input_gives_the_same_mesh():
     views = around()[:3]
     one, other = (fuse(views, [view.map.known for view in views], 1e-3, 0.1) for _ in range(2))
@@ -66,7 +65,7 @@ def test_the_same_input_gives_the_same_mesh():
     np.testing.assert_array_equal(one.triangles, other.triangles)
 
 
-@needs_open3d
+@pytest.mark.usefixtures("open3d")
 def test_free_space_carves_what_one_view_says_by_mistake():
     views = around()
     wrong = views[0].map.depth.copy()
@@ -108,5 +107,21 @@ def test_no_depth_at_all_is_said():
 
 def test_a_missing_open3d_is_said(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "open3d", None)
-    with pytest.raises(FiptError, match="open3d must be importable"):
+    with pytest.raises(FiptError, match=r"open3d must be importable .*pip install 'fipt\[geometry\]'"):
         fused(*(np.zeros(1) for _ in range(6)), 0.1)
+
+
+@pytest.mark.parametrize(
+    ("body", "said"),
+    [
+        ("raise ImportError('libGL.so.1: cannot open shared object file')", "libGL.so.1: cannot open"),
+        ("import os; os.abort()", "exit code -6"),
+    ],
+    ids=["library", "crash"],
+)
+def test_an_open3d_that_cannot_be_imported_is_said_before_anything_is_read(tmp_path, monkeypatch, body, said):
+    (tmp_path / "open3d.py").write_text(body)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    inputs = MeshInputs(dataset=tmp_path / "none", depth=tmp_path / "none", out=tmp_path / "out")
+    with pytest.raises(FiptError, match=said):
+        run(inputs, GeometrySettings())
