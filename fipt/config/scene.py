@@ -92,8 +92,8 @@ class SceneConfig:
         Raises
         ------
         FiptError
-            If emitters_review.yaml is wrong, something that a relight setup names is not there, a file of the source has
-            a name that the workflow cannot use, or a mesh is to be made and open3d is missing.
+            If emitters_review.yaml is wrong, something that a relight setup names is not there, a file of the source
+            has a name that the workflow cannot use, or a mesh is to be made and open3d is missing.
         """
         for path in self.given_files():
             self.place.plain(path, "path")

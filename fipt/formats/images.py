@@ -7,7 +7,6 @@ import numpy as np
 from fipt.errors import FiptError
 from fipt.formats.files import atomic, existing_file
 
-
 _MOST_PIXELS = 10**9
 """Pixels of an image that is read: cameras have a tenth of that, panoramas that are stitched perhaps half."""
 

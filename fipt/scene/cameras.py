@@ -10,7 +10,6 @@ from fipt.errors import FiptError
 from fipt.formats.files import check_name, existing_file, write_text
 from fipt.formats.text import MALFORMED
 
-
 _FARTHEST = 10
 """Sizes of the image that the principal point may lie away: a crop or a shifted lens has it outside, by a few."""
 

@@ -99,9 +99,9 @@ def test_what_no_mesh_should_have_changes_no_byte(
 def test_what_is_written_is_compared(shift: float) -> None:
     """Doubles that differ by less than float32 holds are the same places once they are written."""
     corners = np.array([[3, 0, 0], [3, 1, 0], [3, 0, 1]], np.float64)
-    close = corners + [[1e-9, 0, 0], [0, 2e-9, 0], [0, 0, 0]]
+    close = corners + np.array([[1e-9, 0, 0], [0, 2e-9, 0], [0, 0, 0]])
     thin = np.array([[1, 1, 1], [1 + 1e-9, 1, 1], [2, 2, 2]], np.float64)
-    vertices = np.vstack([corners, close, thin]) + [shift, 0, 0]
+    vertices = np.vstack([corners, close, thin]) + np.array([shift, 0, 0])
     found = mended(vertices, np.arange(9, dtype=np.int32).reshape(3, 3), np.array([shift, 0, 0]))
     assert found.figures == {"unused_vertices": 6, "doubled": 1, "degenerate": 1}
     np.testing.assert_allclose(found.mesh.vertices, corners, atol=1e-6)
