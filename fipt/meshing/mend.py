@@ -43,8 +43,8 @@ class MendedMesh:
         }
         found = [f"{self.figures[key]} {name}" for key, name in names.items() if self.figures[key]]
         renumbered = self.figures["doubled"] or self.figures["degenerate"]
-        told = "; numbers of triangles are those of what stays" if renumbered else ""
-        return [f"taken out of the mesh: {', '.join(found)}{told}"] if found else []
+        shifted = "; numbers of triangles are those of what stays" if renumbered else ""
+        return [f"taken out of the mesh: {', '.join(found)}{shifted}"] if found else []
 
 
 def mended(vertices: np.ndarray, triangles: np.ndarray, origin: np.ndarray) -> MendedMesh:
