@@ -12,6 +12,8 @@ from fipt.formats.text import MALFORMED
 
 _IMAGE_AXES = np.diag([1.0, -1.0, -1.0])
 """Image axes from a camera's, which are OpenGL's."""
+_FARTHEST = 10
+"""Sizes of the image that the principal point may lie away: a crop or a shifted lens has it outside, by a few."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,11 @@ class Camera:
     cx: float
     cy: float
     world_from_camera: np.ndarray
+
+    @property
+    def is_shifted(self) -> bool:
+        """Whether its principal point lies outside the image: a crop, a lens that is shifted, or wrong intrinsics."""
+        return not (0 <= self.cx <= self.width and 0 <= self.cy <= self.height)
 
     @property
     def center(self) -> np.ndarray:
@@ -197,10 +204,10 @@ def check_cameras(cameras: list[Camera], path: str | Path) -> None:
             raise FiptError(
                 f"{where}: image size and focal lengths must be positive and finite", "correct the intrinsics"
             )
-        if not (0 <= camera.cx <= camera.width and 0 <= camera.cy <= camera.height):
+        if not max(abs(camera.cx) / camera.width, abs(camera.cy) / camera.height) <= _FARTHEST:
             raise FiptError(
-                f"{where}: the principal point must lie in the image; found {camera.cx:g}, {camera.cy:g} of "
-                f"{camera.width}x{camera.height}",
+                f"{where}: the principal point must lie within {_FARTHEST} sizes of the image; found {camera.cx:g}, "
+                f"{camera.cy:g} of {camera.width}x{camera.height}",
                 "correct the intrinsics",
             )
         transform = camera.world_from_camera
