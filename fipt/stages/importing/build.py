@@ -24,7 +24,7 @@ from fipt.scene.mesh import Mesh, read_geometry, write_ply
 from fipt.scene.sources import CAPTURE, ImageSource, read_developed, read_source
 from fipt.settings import dumped
 from fipt.stages.importing.frames import check_layer, write_frames, written_radiance
-from fipt.stages.importing.place import Geometry, PlacedMesh, check_scale, placed
+from fipt.stages.importing.place import Geometry, PlacedMesh, placed, scale_warnings
 from fipt.stages.importing.settings import ImportSettings
 
 log = logging.getLogger(__name__)
@@ -75,6 +75,7 @@ def import_scene(
     mesh: str | Path | None = None,
     manifest: str | Path | None = None,
     beside: Beside = Beside(),
+    mesh_views: Path | None = None,
 ) -> Imported:
     """Write the dataset folder of a source: complete, with its manifest last, or not at all.
 
@@ -90,6 +91,9 @@ def import_scene(
         Default: ``import.manifest.json`` in the dataset.
     beside
         Of developed photographs: their poses, and what else is known.
+    mesh_views
+        transforms.json of imported views that the mesh was made of: it is in metres, near their origin. Default: it is
+        in the source's unit and place.
 
     Raises
     ------
@@ -100,12 +104,15 @@ def import_scene(
     dataset = Path(dataset)
     manifest = dataset / "import.manifest.json" if manifest is None else Path(manifest)
     _check_target(dataset, manifest, parsed)
-    _check_outside(
-        dataset, [frame.image for frame in parsed.frames], (mesh or parsed.mesh, beside.poses, beside.segments)
-    )
+    given = (mesh or parsed.mesh, mesh_views, beside.poses, beside.segments)
+    _check_outside(dataset, [frame.image for frame in parsed.frames], given)
     _check_present(parsed.frames)
     names = _semantic_names(parsed)
-    parsed, room = placed(parsed, _geometry(source, mesh or parsed.mesh, settings.unit), settings.unit)
+    unit = settings.unit or 1.0
+    geometry = _geometry(source, mesh or parsed.mesh)
+    if geometry is not None and mesh_views is not None:
+        geometry = (geometry[0] + read_origin(mesh_views)) / unit, geometry[1]
+    parsed, room = placed(parsed, geometry, unit)
     for leftover in dataset.parent.glob(f".{dataset.name}.*.tmp"):  # of an import that was killed
         shutil.rmtree(leftover)
 
@@ -129,17 +136,13 @@ def import_scene(
     return Imported(cameras, parsed, figures)
 
 
-def _geometry(source: str | Path, path: str | Path | None, unit: float) -> Geometry | None:
-    """Vertices and triangles of the room's mesh, in the source's unit and place; None: there are views alone."""
+def _geometry(source: str | Path, path: str | Path | None) -> Geometry | None:
+    """Vertices and triangles of the room's mesh as they are; None: there are views alone."""
     if path is None:
         raise FiptError(f"{source} has no mesh.ply", "name the room's mesh with --mesh, or --mesh none for views alone")
     if str(path) == VIEWS_ALONE:
         return None
-    vertices, triangles = read_geometry(path)
-    views = Path(path).parent / "views" / "transforms.json"
-    if views.is_file():  # a mesh that was made of imported views: in metres, near their origin
-        vertices = (vertices + read_origin(views)) / unit
-    return vertices, triangles
+    return read_geometry(path)
 
 
 def _write_mesh(
@@ -150,11 +153,12 @@ def _write_mesh(
     if mesh is None:
         return None, room.figures
     figures: dict[str, Any] = {"prepared": False, "triangles": len(mesh.triangles)}
+    warnings: list[str] = []
     if settings.prepare != "never":
         from fipt.render.variant import set_variant
 
         set_variant()
-        check_scale(mesh, cameras)
+        warnings = scale_warnings(mesh, cameras, certain=settings.unit is not None)
         from fipt.meshing.prepare import prepared
 
         def radiance(view: str) -> tuple[np.ndarray, np.ndarray]:
@@ -162,6 +166,7 @@ def _write_mesh(
 
         mesh, figures = prepared(mesh, [camera for camera in cameras if camera.split == "train"], radiance, settings)
     figures |= room.figures
+    figures["warnings"] = [*room.figures.get("warnings", ()), *warnings]
     write_ply(folder / "mesh.ply", mesh)
     # without the time it took: the same source gives the same files
     lasting = {name: value for name, value in figures.items() if name != "seconds"}
