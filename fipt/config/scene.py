@@ -125,6 +125,10 @@ class SceneConfig:
             values["enabled"] = self.checks_poses
         return json.dumps(self.place.paths(values, f"settings.{section}"), sort_keys=True)
 
+    def memory_mb(self, section: str) -> int:
+        """Megabytes of memory that a stage takes at most, of those whose settings bound it."""
+        return int(1000 * self.settings[section].memory_gb)
+
     @property
     def rays_per_side(self) -> int:
         """Rays of a pixel along its side, as many as its footprint samples have."""

@@ -10,6 +10,8 @@ from fipt.errors import FiptError
 from fipt.formats.files import check_name, existing_file, write_text
 from fipt.formats.text import MALFORMED
 
+_IMAGE_AXES = np.diag([1.0, -1.0, -1.0])
+"""Image axes from a camera's, which are OpenGL's."""
 _FARTHEST = 10
 """Sizes of the image that the principal point may lie away: a crop or a shifted lens has it outside, by a few."""
 
@@ -51,6 +53,17 @@ class Camera:
     def center(self) -> np.ndarray:
         """(3,) float64 position in world space, metres."""
         return self.world_from_camera[:3, 3]
+
+    @property
+    def extrinsics(self) -> np.ndarray:
+        """(3, 4) float64 image axes (x right, y down, z forward) from world axes, metres."""
+        turn = _IMAGE_AXES @ np.asarray(self.world_from_camera[:3, :3], np.float64).T
+        return np.column_stack([turn, -turn @ self.center])
+
+    @property
+    def intrinsics(self) -> np.ndarray:
+        """(3, 3) float64 pixels, counted by their centres, from image axes: the first pixel is (0, 0)."""
+        return np.array([[self.fx, 0.0, self.cx - 0.5], [0.0, self.fy, self.cy - 0.5], [0.0, 0.0, 1.0]])
 
     def directions(self, columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """Return unit world directions through image points.
