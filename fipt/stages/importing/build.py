@@ -92,8 +92,7 @@ def import_scene(
     beside
         Of developed photographs: their poses, and what else is known.
     mesh_views
-        transforms.json of imported views that the mesh was made of: it is in metres, near their origin. Default: it is
-        in the source's unit and place.
+        transforms.json of imported views that the mesh was made of, near their origin; default: it is as the source.
 
     Raises
     ------
@@ -108,19 +107,13 @@ def import_scene(
     _check_outside(dataset, [frame.image for frame in parsed.frames], given)
     _check_present(parsed.frames)
     names = _semantic_names(parsed)
-    unit = settings.unit or 1.0
-    geometry = _geometry(source, mesh or parsed.mesh)
-    if geometry is not None and mesh_views is not None:
-        geometry = (geometry[0] + read_origin(mesh_views)) / unit, geometry[1]
-    parsed, room = placed(parsed, geometry, unit)
-    for leftover in dataset.parent.glob(f".{dataset.name}.*.tmp"):  # of an import that was killed
-        shutil.rmtree(leftover)
-
+    geometry = _geometry(source, mesh or parsed.mesh, mesh_views, settings.unit or 1.0)
+    parsed, room = placed(parsed, geometry, settings.unit or 1.0)
+    _remove_leftovers(dataset)
     with atomic_folder(dataset, _KNOWN.pattern) as folder:
         cameras, shown = write_frames(folder, parsed)
         mesh_used, figures = _write_mesh(folder, room, cameras, settings)
         _write_cameras(folder, cameras, parsed, room.origin)
-        _warn_shifted(cameras)
         if beside.segments is not None:
             _copy_segments(folder / "segments", beside.segments, cameras)
         _copy_known(folder, parsed, beside, mesh)
@@ -136,13 +129,22 @@ def import_scene(
     return Imported(cameras, parsed, figures)
 
 
-def _geometry(source: str | Path, path: str | Path | None) -> Geometry | None:
-    """Vertices and triangles of the room's mesh as they are; None: there are views alone."""
+def _remove_leftovers(dataset: Path) -> None:
+    """Remove what an import that was killed has left beside the dataset."""
+    for leftover in dataset.parent.glob(f".{dataset.name}.*.tmp"):
+        shutil.rmtree(leftover)
+
+
+def _geometry(source: str | Path, path: str | Path | None, views: Path | None, unit: float) -> Geometry | None:
+    """Vertices and triangles of the room's mesh, in the source's unit and place; None: there are views alone."""
     if path is None:
         raise FiptError(f"{source} has no mesh.ply", "name the room's mesh with --mesh, or --mesh none for views alone")
     if str(path) == VIEWS_ALONE:
         return None
-    return read_geometry(path)
+    vertices, triangles = read_geometry(path)
+    if views is not None:  # of which the mesh was made: it is in metres, near their origin
+        vertices = (vertices + read_origin(views)) / unit
+    return vertices, triangles
 
 
 def _write_mesh(
@@ -176,7 +178,8 @@ def _write_mesh(
 
 
 def _write_cameras(folder: Path, cameras: list[Camera], source: ImageSource, origin: np.ndarray) -> None:
-    """Write transforms.json and views.json."""
+    """Write transforms.json and views.json, and warn of odd cameras."""
+    _warn_shifted(cameras)
     write_transforms(folder / "transforms.json", cameras, origin=origin)
     write_views(folder / "views.json", [*(camera.name for camera in cameras), *source.rejected], source.rejected)
 
