@@ -92,15 +92,23 @@ class SceneConfig:
         Raises
         ------
         FiptError
-            If emitters_review.yaml is wrong, something that a relight setup names is not there, or a mesh is to be made
-            and open3d is missing.
+            If emitters_review.yaml is wrong, something that a relight setup names is not there, a file of the source
+            has a name that the workflow cannot use, or a mesh is to be made and open3d is missing.
         """
+        for path in self.given_files():
+            self.place.plain(path, "path")
         self.decisions.review  # noqa: B018 - read here
         self.setups.check()
         if self._makes_mesh():
             check_installed()
         for path in self.environment_files():
             existing_file(path, "environment.file")
+
+    def given_files(self) -> list[str]:
+        """Files of somebody else that its source names; none where the source cannot be read, or not yet."""
+        with suppress(FiptError):  # a scene that nobody asked for needs no data
+            return self.source.given_files()
+        return []
 
     def _makes_mesh(self) -> bool:
         """Whether a run makes the mesh; not known of a source that cannot be read, which says so when it is."""
@@ -116,6 +124,10 @@ class SceneConfig:
         if section == "check_poses":
             values["enabled"] = self.checks_poses
         return json.dumps(self.place.paths(values, f"settings.{section}"), sort_keys=True)
+
+    def memory_mb(self, section: str) -> int:
+        """Megabytes of memory that a stage takes at most, of those whose settings bound it."""
+        return int(1000 * self.settings[section].memory_gb)
 
     @property
     def rays_per_side(self) -> int:

@@ -10,6 +10,11 @@ from fipt.errors import FiptError
 from fipt.formats.files import check_name, existing_file, write_text
 from fipt.formats.text import MALFORMED
 
+_IMAGE_AXES = np.diag([1.0, -1.0, -1.0])
+"""Image axes from a camera's, which are OpenGL's."""
+_FARTHEST = 10
+"""Sizes of the image that the principal point may lie away: a crop or a shifted lens has it outside, by a few."""
+
 
 @dataclass(frozen=True)
 class Camera:
@@ -40,9 +45,25 @@ class Camera:
     world_from_camera: np.ndarray
 
     @property
+    def is_shifted(self) -> bool:
+        """Whether its principal point lies outside the image: a crop, a lens that is shifted, or wrong intrinsics."""
+        return not (0 <= self.cx <= self.width and 0 <= self.cy <= self.height)
+
+    @property
     def center(self) -> np.ndarray:
         """(3,) float64 position in world space, metres."""
         return self.world_from_camera[:3, 3]
+
+    @property
+    def extrinsics(self) -> np.ndarray:
+        """(3, 4) float64 image axes (x right, y down, z forward) from world axes, metres."""
+        turn = _IMAGE_AXES @ np.asarray(self.world_from_camera[:3, :3], np.float64).T
+        return np.column_stack([turn, -turn @ self.center])
+
+    @property
+    def intrinsics(self) -> np.ndarray:
+        """(3, 3) float64 pixels, counted by their centres, from image axes: the first pixel is (0, 0)."""
+        return np.array([[self.fx, 0.0, self.cx - 0.5], [0.0, self.fy, self.cy - 0.5], [0.0, 0.0, 1.0]])
 
     def directions(self, columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """Return unit world directions through image points.
@@ -213,10 +234,10 @@ def check_cameras(cameras: list[Camera], path: str | Path) -> None:
             raise FiptError(
                 f"{where}: image size and focal lengths must be positive and finite", "correct the intrinsics"
             )
-        if not (0 <= camera.cx <= camera.width and 0 <= camera.cy <= camera.height):
+        if not max(abs(camera.cx) / camera.width, abs(camera.cy) / camera.height) <= _FARTHEST:
             raise FiptError(
-                f"{where}: the principal point must lie in the image; found {camera.cx:g}, {camera.cy:g} of "
-                f"{camera.width}x{camera.height}",
+                f"{where}: the principal point must lie within {_FARTHEST} sizes of the image; found {camera.cx:g}, "
+                f"{camera.cy:g} of {camera.width}x{camera.height}",
                 "correct the intrinsics",
             )
         transform = camera.world_from_camera

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from fipt.cli.main import main
+from fipt.meshing.mend import mended
 from fipt.render.scene import RayScene
 from fipt.render.variant import Backend
 from fipt.scene.cameras import read_origin, read_transforms
@@ -82,7 +83,9 @@ def test_what_no_mesh_should_have_changes_no_byte(
     source("other", changed())
     imported("plain")
     imported("other")
-    assert f"warning: taken out of the mesh: {said}" in capsys.readouterr().err
+    err = capsys.readouterr().err
+    assert f"warning: taken out of the mesh: {said}" in err
+    assert ("; numbers of triangles are those of what stays" in err) == ("triangles" in said)
     plain, other = (
         {Path(path).relative_to(f"{name}.out"): value for path, value in contents(Path(f"{name}.out")).items()}
         for name in ("plain", "other")
@@ -90,6 +93,18 @@ def test_what_no_mesh_should_have_changes_no_byte(
     told = {Path("prepare.json"), Path("import.manifest.json")}
     assert {path for path in plain if plain[path] != other[path]} == told
     assert plain.keys() == other.keys()
+
+
+@pytest.mark.parametrize("shift", [0.0, 431234.0])
+def test_what_is_written_is_compared(shift: float) -> None:
+    """Doubles that differ by less than float32 holds are the same places once they are written."""
+    corners = np.array([[3, 0, 0], [3, 1, 0], [3, 0, 1]], np.float64)
+    close = corners + np.array([[1e-9, 0, 0], [0, 2e-9, 0], [0, 0, 0]])
+    thin = np.array([[1, 1, 1], [1 + 1e-9, 1, 1], [2, 2, 2]], np.float64)
+    vertices = np.vstack([corners, close, thin]) + np.array([shift, 0, 0])
+    found = mended(vertices, np.arange(9, dtype=np.int32).reshape(3, 3), np.array([shift, 0, 0]))
+    assert found.figures == {"unused_vertices": 6, "doubled": 1, "degenerate": 1}
+    np.testing.assert_allclose(found.mesh.vertices, corners, atol=1e-6)
 
 
 def test_coordinates_of_a_map_give_the_room_near_the_origin(

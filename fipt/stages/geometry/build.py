@@ -38,7 +38,6 @@ def build(views: Sequence[DepthView], radiance: Radiance, settings: GeometrySett
     """
     start = time.perf_counter()
     noise, voxel = depth_noise(views), voxel_size(views, settings.voxel)
-    check_memory(views, voxel, settings.memory_gb)
     known = _share([view.map.known for view in views])
     log.info("%d depth maps, %.0f %% known; noise %.2g mm at 1 m; voxels of %.2g mm",
              len(views), 100 * known, 1e3 * noise.at_1m, 1e3 * voxel)  # fmt: skip
@@ -49,6 +48,7 @@ def build(views: Sequence[DepthView], radiance: Radiance, settings: GeometrySett
         views, carves, planes = [m.view for m in maps], [m.measured for m in maps], found.plain()
         log.info("%d planes, %d along the room's directions; %.0f %% of the pixels have a depth now",
                  len(found), (found.axis >= 0).sum(), 100 * _share([v.map.known for v in views]))  # fmt: skip
+    check_memory(views, voxel, settings.memory_gb)
     mesh = fuse(views, carves, noise.at_1m, voxel)
     mesh, about = prepared(mesh, [view.camera for view in views], radiance, settings)
     lasting = {

@@ -46,13 +46,10 @@ class Completed:
         With its depth map completed, and pixels near planes put onto them.
     measured
         (H, W) bool: pixels whose depth is the view's own.
-    plane
-        (H, W) int32 plane of each pixel, -1 for none.
     """
 
     view: DepthView
     measured: np.ndarray
-    plane: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -71,8 +68,7 @@ class _Others:
         for i, view in enumerate(views):
             camera = view.camera
             depth[i, : camera.height, : camera.width] = view.map.depth
-            rotation = np.diag([1.0, -1.0, -1.0]) @ camera.world_from_camera[:3, :3].T
-            extrinsics[i, :, :3], extrinsics[i, :, 3] = rotation, -rotation @ camera.center
+            extrinsics[i] = camera.extrinsics
             intrinsics[i] = camera.fx, camera.fy, camera.cx, camera.cy
         return _Others(extrinsics, intrinsics, depth)
 
@@ -163,7 +159,7 @@ def _with_doubtful(done: Completed, view: DepthView, noise: DepthNoise) -> Compl
         np.where(add, low, done.view.map.confidence),
         np.where(add[..., None], view.map.normal, done.view.map.normal),
     )
-    return Completed(view.with_map(found), done.measured, done.plane)
+    return Completed(view.with_map(found), done.measured)
 
 
 def _supported(view: DepthView, pieces: Superpixels, slopes: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarray]:
@@ -276,4 +272,4 @@ def _filled(
     complete = DepthMap(
         np.where(onto, depth, found.depth).astype(np.float32), confidence.astype(np.float32), normal.astype(np.float32)
     )
-    return Completed(view.with_map(complete), found.known, np.where(onto, plane, -1).astype(np.int32))
+    return Completed(view.with_map(complete), found.known)

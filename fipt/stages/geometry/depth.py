@@ -1,5 +1,6 @@
 """Depth maps of posed views: planes swept on small pictures, refined on larger ones, and compared between views."""
 
+import logging
 from collections.abc import Callable, Iterator, Sequence
 from types import ModuleType
 
@@ -15,13 +16,25 @@ from fipt.stages.geometry.settings import DepthSettings
 from fipt.stages.geometry.stereo_view import StereoView
 from fipt.stages.geometry.sweep import sweep
 
+log = logging.getLogger(__name__)
+
 _SWEPT = 100
 """Planes are swept on pictures of at most this many columns: they need to come near the surface only."""
-
-BYTES_PER_PIXEL = 120
+_PIXEL_BYTES = 120
 """Memory that a pixel of the views takes at most: planes and scores before and after a round, and depth maps."""
 _COARSER = 0.5
 """Confidence of what smaller pictures tell, for each halving: their errors are so much larger."""
+
+
+def check_memory(views: Sequence[StereoView], most: float) -> None:
+    """Refuse views whose depth would need more than ``most`` gigabytes, before it starts."""
+    needed = _PIXEL_BYTES * sum(view.light.size for view in views) / 1e9
+    if needed > most:
+        raise FiptError(
+            f"depth of {len(views)} views needs about {needed:.2g} GB; depth.memory_gb is {most:g}",
+            "give fewer or smaller views, or raise depth.memory_gb",
+        )
+    log.info("depth of %d views takes about %.2g GB of memory", len(views), needed)
 
 
 def depth_maps(dj: ModuleType, views: Sequence[StereoView], settings: DepthSettings) -> Iterator[tuple[str, DepthMap]]:

@@ -25,15 +25,12 @@ class RoomBox:
     directions
         (3, 3) float64 the room's directions, rows.
     low, high
-        (3,) float64 extent along them, metres.
-    wall
-        (2, 3) bool: whether a plane was found there; else it ends where the points do. The first row is ``low``.
+        (3,) float64 extent along them, metres: to the outermost plane, else as far as points do.
     """
 
     directions: np.ndarray
     low: np.ndarray
     high: np.ndarray
-    wall: np.ndarray
 
     def holds(self, points: np.ndarray, tolerance: float) -> bool:
         """Whether all of (N, 3) points lie inside, or not farther outside than the tolerance."""
@@ -45,7 +42,7 @@ def find_box(views: Sequence[DepthView], planes: RoomPlanes) -> RoomBox:
     """Find the box of a room; its walls face the cameras."""
     points = np.concatenate([view.points[view.map.known][::_EVERY] for view in views])
     centers = np.array([view.camera.center for view in views])
-    ends, wall = np.zeros((2, 3)), np.zeros((2, 3), bool)
+    ends = np.zeros((2, 3))
     for axis, direction in enumerate(planes.directions):
         along, inner = points @ direction, centers @ direction
         for side, (sign, limit) in enumerate(((1.0, _OUTMOST), (-1.0, 1 - _OUTMOST))):
@@ -61,5 +58,5 @@ def find_box(views: Sequence[DepthView], planes: RoomPlanes) -> RoomBox:
             # what lies behind the last plane is seen through it, or is not of the room
             behind = float((along < outermost - 0.05).mean() if side == 0 else (along > outermost + 0.05).mean())
             if behind < 10 * _OUTMOST and (sign * (innermost - outermost) > 0):
-                ends[side, axis], wall[side, axis] = outermost, True
-    return RoomBox(planes.directions, ends[0], ends[1], wall)
+                ends[side, axis] = outermost
+    return RoomBox(planes.directions, ends[0], ends[1])

@@ -14,6 +14,7 @@ class DepthSettings(Settings):
     nearest: Length = Field(default=0.3, description="distance of the nearest surface from a camera, metres")
     rounds: Positive = Field(default=6, description="rounds of refinement on the smallest pictures")
     later_rounds: Positive = Field(default=4, description="rounds of refinement on each larger size")
+    memory_gb: Length = Field(default=12.0, description="memory above which depth is refused before it starts")
     poor: Fraction = Field(
         default=0.05, description="a view with a smaller share of known pixels is named in a warning"
     )

@@ -116,6 +116,7 @@ def import_scene(
         room.figures.update({"images": strange} if strange else {})
         mesh_used, figures = _write_mesh(folder, room, cameras, settings)
         _write_cameras(folder, cameras, parsed, room.origin)
+        _warn_shifted(cameras)
         if beside.segments is not None:
             _copy_segments(folder / "segments", beside.segments, cameras)
         _copy_known(folder, parsed, beside, mesh)
@@ -290,6 +291,17 @@ def _warn_outside(cameras: Sequence[Camera], mesh: Mesh) -> None:
         log.warning(
             "%d of %d cameras stand outside the mesh's bounds (%s); check axes, units and overlay.png",
             len(outside), len(cameras), ", ".join(outside[:5]),
+        )  # fmt: skip
+
+
+def _warn_shifted(cameras: Sequence[Camera]) -> None:
+    """Warn of principal points outside the image."""
+    shifted = [camera.name for camera in cameras if camera.is_shifted]
+    if shifted:
+        log.warning(
+            "the principal points of %d of %d cameras lie outside the image (%s); check cx and cy, unless these are "
+            "crops or shifted lenses",
+            len(shifted), len(cameras), ", ".join(shifted[:5]),
         )  # fmt: skip
 
 

@@ -54,7 +54,7 @@ rule depth:
         "results/{scene}/benchmarks/depth.jsonl"
     threads: workflow.cores
     resources:
-        mem_mb=6000,
+        mem_mb=ask("memory_mb", section="depth"),
         gpu=1,
     params:
         dataset=folder("results/{scene}/geometry/views"),
@@ -83,7 +83,7 @@ rule mesh:
         "results/{scene}/benchmarks/mesh.jsonl"
     threads: workflow.cores
     resources:
-        mem_mb=6000,
+        mem_mb=ask("memory_mb", section="geometry"),
         gpu=1,
     params:
         dataset=folder("results/{scene}/geometry/views"),
