@@ -23,9 +23,11 @@ from fipt.scene.dataset import write_views
 from fipt.scene.mesh import Mesh, read_geometry, write_ply
 from fipt.scene.sources import CAPTURE, ImageSource, read_developed, read_source
 from fipt.settings import dumped
+from fipt.stages.importing.encoding import sentences
 from fipt.stages.importing.frames import check_layer, write_frames, written_radiance
 from fipt.stages.importing.place import Geometry, PlacedMesh, placed, scale_warnings
 from fipt.stages.importing.settings import ImportSettings
+from fipt.stages.importing.unit import radiance_scale
 
 log = logging.getLogger(__name__)
 
@@ -41,11 +43,12 @@ VIEWS_ALONE = "none"
 
 @dataclass(frozen=True)
 class Imported:
-    """The dataset's cameras, in the source's order, the source as it was read, and what was done to the mesh."""
+    """The dataset's cameras, in the source's order, the source as it was read, what was done to the mesh, warnings."""
 
     cameras: list[Camera]
     source: ImageSource
     mesh: dict[str, Any]
+    warnings: list[str]
 
 
 @dataclass(frozen=True)
@@ -106,18 +109,18 @@ def import_scene(
     given = (mesh or parsed.mesh, mesh_views, beside.poses, beside.segments)
     _check_outside(dataset, [frame.image for frame in parsed.frames], given)
     _check_present(parsed.frames)
-    names = _semantic_names(parsed)
     geometry = _geometry(source, mesh or parsed.mesh, mesh_views, settings.unit or 1.0)
-    parsed, room = placed(parsed, geometry, settings.unit or 1.0)
+    parsed, room = placed(_in_unit(parsed), geometry, settings.unit or 1.0)
     _remove_leftovers(dataset)
     with atomic_folder(dataset, _KNOWN.pattern) as folder:
-        cameras, shown = write_frames(folder, parsed)
+        cameras, shown, strange = write_frames(folder, parsed)
+        room.figures.update({"images": strange} if strange else {})
         mesh_used, figures = _write_mesh(folder, room, cameras, settings)
         _write_cameras(folder, cameras, parsed, room.origin)
         if beside.segments is not None:
             _copy_segments(folder / "segments", beside.segments, cameras)
         _copy_known(folder, parsed, beside, mesh)
-        _name_segments(folder / "segments", names)
+        _name_segments(folder / "segments", _semantic_names(parsed))
         if settings.overlay and mesh_used is not None:
             _write_overlay(folder / "overlay.png", mesh_used, *shown)
         # A manifest outside the folder must not vouch for a dataset that is being exchanged.
@@ -126,7 +129,21 @@ def import_scene(
     files = [path for path in dataset.resolve().rglob("*") if path.is_file()]
     written = {"format": format, **dumped(settings), "scale": parsed.scale}
     write_manifest(manifest.resolve(), "import", files, written)
-    return Imported(cameras, parsed, figures)
+    return Imported(cameras, parsed, figures, [*_unit(parsed), *sentences(strange)])
+
+
+def _in_unit(source: ImageSource) -> ImageSource:
+    """The source with the factor that brings its radiance to the dataset's unit; that of photographs is known."""
+    return source if source.photographs else replace(source, scale=radiance_scale(source))
+
+
+def _unit(source: ImageSource) -> list[str]:
+    if source.photographs or source.scale == 1.0:
+        return []
+    return [
+        f"the source's radiance is multiplied by {source.scale:g}, so that the dataset has the level of a photographed "
+        "room; emitters.json, setups and the export are in the source's unit (radiance_scale in transforms.json)"
+    ]
 
 
 def _remove_leftovers(dataset: Path) -> None:
@@ -180,7 +197,9 @@ def _write_mesh(
 def _write_cameras(folder: Path, cameras: list[Camera], source: ImageSource, origin: np.ndarray) -> None:
     """Write transforms.json and views.json, and warn of odd cameras."""
     _warn_shifted(cameras)
-    write_transforms(folder / "transforms.json", cameras, origin=origin)
+    # the unit of photographs is the dataset's, by its exposure
+    scale = 1.0 if source.photographs else source.scale
+    write_transforms(folder / "transforms.json", cameras, origin=origin, radiance_scale=scale)
     write_views(folder / "views.json", [*(camera.name for camera in cameras), *source.rejected], source.rejected)
 
 

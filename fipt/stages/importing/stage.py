@@ -49,7 +49,7 @@ def run(inputs: ImportInputs, settings: "ImportSettings") -> dict[str, Any]:
         inputs.source, inputs.format, dataset, settings, inputs.mesh, inputs.manifest, beside, inputs.mesh_views
     )
     figures: dict[str, Any] = {"views": len(done.cameras), "exposure": done.source.scale, "mesh": done.mesh}
-    warnings = list(done.mesh.get("warnings", ()))
+    warnings = [*done.warnings, *done.mesh.get("warnings", ())]
     if done.source.unposed:
         warnings.append(f"without a pose, left out: {', '.join(done.source.unposed)}")
     for warning in warnings:
