@@ -109,6 +109,7 @@ def import_scene(
     given = (mesh or parsed.mesh, mesh_views, beside.poses, beside.segments)
     _check_outside(dataset, [frame.image for frame in parsed.frames], given)
     _check_present(parsed.frames)
+    names = _semantic_names(parsed)
     geometry = _geometry(source, mesh or parsed.mesh, mesh_views, settings.unit or 1.0)
     parsed, room = placed(_in_unit(parsed), geometry, settings.unit or 1.0)
     _remove_leftovers(dataset)
@@ -120,7 +121,7 @@ def import_scene(
         if beside.segments is not None:
             _copy_segments(folder / "segments", beside.segments, cameras)
         _copy_known(folder, parsed, beside, mesh)
-        _name_segments(folder / "segments", _semantic_names(parsed))
+        _name_segments(folder / "segments", names)
         if settings.overlay and mesh_used is not None:
             _write_overlay(folder / "overlay.png", mesh_used, *shown)
         # A manifest outside the folder must not vouch for a dataset that is being exchanged.
