@@ -128,8 +128,7 @@ def import_scene(
         manifest.unlink(missing_ok=True)
         (dataset / "import.manifest.json").unlink(missing_ok=True)
     files = [path for path in dataset.resolve().rglob("*") if path.is_file()]
-    written = {"format": format, **dumped(settings), "scale": parsed.scale}
-    write_manifest(manifest.resolve(), "import", files, written)
+    write_manifest(manifest.resolve(), "import", files, {"format": format, **dumped(settings), "scale": parsed.scale})
     return Imported(cameras, parsed, figures, [*_unit(parsed), *sentences(strange)])
 
 
