@@ -150,15 +150,15 @@ def _mixed(mesh: Mesh, cameras: Sequence[Camera], seen: _Seen) -> tuple[str, str
     Either hardly any ray meets the mesh. Or most meet it farther away than in rooms, and nothing is modelled near the
     cameras, where a dome or a landscape has its room.
     """
-    apart = seen.share < _SEEN
-    if not apart and (seen.likely > 0.5 or _modelled_near(mesh, cameras) > _SEEN):
+    unmet = seen.share < _SEEN
+    if not unmet and (seen.likely > 0.5 or _modelled_near(mesh, cameras) > _SEEN):
         return None
     for name, unit in _UNITS.items():
         for what, of_mesh, of_cameras in (("the mesh", unit, 1.0), ("the cameras", 1.0, unit)):
             scaled = Mesh((mesh.vertices * np.float64(of_mesh / of_cameras)).astype(np.float32), mesh.triangles)
             other = _seen(scaled, cameras)
             distance = other.median * of_cameras
-            if other.share > 0.5 and _ROOM[0] <= distance <= _LIKELY and (apart or of_mesh < 1.0):
+            if other.share > 0.5 and _ROOM[0] <= distance <= _LIKELY and (unmet or of_mesh < 1.0):
                 return (
                     f"mesh and cameras must have one unit; {seen.share:.0%} of the rays meet the mesh, half of these "
                     f"within {seen.median:.2g} m. If {what} were in {name}, {other.share:.0%} would, half of these "
