@@ -101,12 +101,17 @@ class Camera:
 
 
 def write_transforms(
-    path: str | Path, cameras: list[Camera], folder: str = "images/", origin: np.ndarray | None = None
+    path: str | Path,
+    cameras: list[Camera],
+    folder: str = "images/",
+    origin: np.ndarray | None = None,
+    radiance_scale: float = 1.0,
 ) -> None:
     """Write cameras as transforms.json (nerfstudio convention, intrinsics and split per frame).
 
     ``folder`` of the images is relative to that of the file, with a slash at its end. ``origin`` (3,) is what was
-    subtracted from the positions of the source, metres; it is written where it is not zero.
+    subtracted from the positions of the source, metres; it is written where it is not zero. ``radiance_scale`` is the
+    factor from the source's radiance to that of the images; it is written where it is not 1.
     """
     frames = [
         {
@@ -123,7 +128,8 @@ def write_transforms(
         for camera in cameras
     ]
     moved = {"origin": origin.tolist()} if origin is not None and origin.any() else {}
-    write_text(path, json.dumps({"camera_model": "PINHOLE", **moved, "frames": frames}, indent=1) + "\n")
+    scaled = {"radiance_scale": radiance_scale} if radiance_scale != 1.0 else {}
+    write_text(path, json.dumps({"camera_model": "PINHOLE", **moved, **scaled, "frames": frames}, indent=1) + "\n")
 
 
 def read_origin(path: str | Path) -> np.ndarray:
@@ -134,11 +140,35 @@ def read_origin(path: str | Path) -> np.ndarray:
     FiptError
         If the transforms.json is missing or damaged.
     """
+    found = _stated(path, "origin", (0.0, 0.0, 0.0))
+    if found.shape != (3,):
+        raise FiptError(f"{path}: origin must be three numbers; found {found.tolist()}", "run the import again")
+    return found
+
+
+def read_radiance_scale(path: str | Path) -> float:
+    """Factor from the source's radiance to that of a dataset's images, a power of two; 1 where nothing is stated.
+
+    Raises
+    ------
+    FiptError
+        If the transforms.json is missing or damaged.
+    """
+    found = _stated(path, "radiance_scale", 1.0)
+    if found.shape != () or not found > 0:
+        raise FiptError(
+            f"{path}: radiance_scale must be a number above 0; found {found.tolist()}", "run the import again"
+        )
+    return float(found)
+
+
+def _stated(path: str | Path, key: str, default: object) -> np.ndarray:
+    """Finite float64 numbers that a dataset's transforms.json states for all its cameras."""
     existing_file(path, "transforms.json")
     try:
-        found = np.array(json.loads(Path(path).read_text(encoding="utf-8")).get("origin", (0, 0, 0)), np.float64)
-        if found.shape != (3,) or not np.isfinite(found).all():
-            raise ValueError(f"origin must be three numbers; found {found}")
+        found = np.array(json.loads(Path(path).read_text(encoding="utf-8")).get(key, default), np.float64)
+        if not np.isfinite(found).all():
+            raise ValueError(f"{key} must be finite; found {found}")
     except MALFORMED as error:
         raise FiptError(f"{path} is not a dataset's transforms.json ({error!r})", "run the import again") from error
     return found

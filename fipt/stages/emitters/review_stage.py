@@ -99,7 +99,13 @@ def _drawn(
     rejected: list["np.ndarray"],
 ) -> tuple[list[dict[str, Any]], list[dict[str, Any]], list[str | None]]:
     """Write the images; return facts of emitters and questions, and their images, those of the rejected last."""
-    from fipt.scene.emitters import emitter_facts, emitter_triangles, question_triangles, undecided_facts
+    from fipt.scene.emitters import (
+        emitter_facts,
+        emitter_triangles,
+        in_source_unit,
+        question_triangles,
+        undecided_facts,
+    )
     from fipt.stages.emitters.review import visibilities
 
     data, shards, _ = views
@@ -109,7 +115,10 @@ def _drawn(
     files = [f"emitter-{n}.png" for n in range(len(emitters))] + [f"undecided-{n}.png" for n in range(len(questions))]
     files += [f"rejected-{own[0]}.png" for own in rejected]
     written = _write_thumbnails(folder, files, shapes, seen, views)
-    rows, asked = emitter_facts(found, mesh), undecided_facts(found.undecided, mesh)
+    rows, asked = (
+        emitter_facts(in_source_unit(found, data.radiance_scale), mesh),
+        undecided_facts(found.undecided, mesh),
+    )
     for row, where, file in zip([*rows, *asked], seen, written, strict=False):
         row["seen_by"], row["thumbnail"] = where.views, file
     return rows, asked, written
