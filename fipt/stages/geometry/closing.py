@@ -28,10 +28,10 @@ def closed(view: DepthView, number: int, others: OtherViews, box: RoomBox, noise
     nearest, normal = _faces(view, rays, box)
     for side, axis in zip(*np.nonzero(np.isfinite(box.walls)), strict=True):
         wall = box.directions[axis] * (1.0 if side == 0 else -1.0)
-        toward, apart = -rays @ wall, wall @ view.camera.center - (wall @ box.directions[axis]) * box.walls[side, axis]
-        if apart <= 0:
+        toward, before = -rays @ wall, wall @ view.camera.center - (wall @ box.directions[axis]) * box.walls[side, axis]
+        if before <= 0:
             continue
-        depth = np.where(toward > 1e-6, apart / np.maximum(toward, 1e-6), np.inf)
+        depth = np.where(toward > 1e-6, before / np.maximum(toward, 1e-6), np.inf)
         nearer = (depth < nearest) & ~_seen_through(view, number, others, depth, noise)
         nearest = np.where(nearer, depth, nearest)
         normal[nearer] = wall

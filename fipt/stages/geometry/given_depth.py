@@ -115,7 +115,7 @@ def _agreement(cameras: Sequence[Camera], depths: Sequence[np.ndarray]) -> float
         for camera, depth in zip(cameras, depths, strict=True)
     ]
     some = np.s_[_EVERY // 2 :: _EVERY, _EVERY // 2 :: _EVERY]
-    told, same = 0, 0
+    known, same = 0, 0
     for view in views:
         points = view.points[some][view.map.known[some]]
         seen, right = np.zeros(len(points), bool), np.zeros(len(points), bool)
@@ -126,8 +126,8 @@ def _agreement(cameras: Sequence[Camera], depths: Sequence[np.ndarray]) -> float
                 inside &= there > 0
                 seen |= inside
                 right |= inside & (np.abs(there - depth) < _SAME * depth)
-        told, same = told + int(seen.sum()), same + int(right.sum())
-    return same / told if told else 0.0
+        known, same = known + int(seen.sum()), same + int(right.sum())
+    return same / known if known else 0.0
 
 
 def _normals(view: StereoView, depth: np.ndarray) -> np.ndarray:

@@ -5,7 +5,7 @@ import numpy as np
 from fipt.scene.mesh import Mesh
 from fipt.stages.geometry.room_box import RoomBox
 
-_APART = 2
+_BEHIND = 2
 """Voxels between the box and its shell: noise does not push what was fused through it."""
 _CELL = 10
 """Voxels along a side of its squares."""
@@ -13,7 +13,7 @@ _CELL = 10
 
 def with_shell(mesh: Mesh, box: RoomBox, voxel: float) -> Mesh:
     """Return the mesh with the faces of the room's box behind it, which face inwards."""
-    low, high = box.low - _APART * voxel, box.high + _APART * voxel
+    low, high = box.low - _BEHIND * voxel, box.high + _BEHIND * voxel
     vertices, triangles, count = [mesh.vertices], [mesh.triangles], len(mesh.vertices)
     for axis in range(3):
         u, v = (axis + 1) % 3, (axis + 2) % 3
