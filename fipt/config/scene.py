@@ -21,8 +21,8 @@ from fipt.errors import FiptError
 from fipt.formats.files import existing_file
 from fipt.scene.setup import RelightSetup
 from fipt.settings import dumped
-from fipt.stages.geometry.given_depth import given_file
 from fipt.stages.geometry.library import check_installed
+from fipt.stages.geometry.settings import given_file
 
 
 @dataclass(frozen=True)

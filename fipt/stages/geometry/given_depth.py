@@ -11,6 +11,7 @@ from fipt.formats.images import read_pixels
 from fipt.scene.cameras import Camera
 from fipt.scene.depth_maps import DepthMap
 from fipt.stages.geometry.depth_views import DepthView, pixels_of
+from fipt.stages.geometry.settings import given_file
 from fipt.stages.geometry.stereo_view import StereoView, normals_of
 
 _CHANNELS = ("depth", "Z", "Y", "R", "V")
@@ -53,12 +54,6 @@ def given_maps(
         normal = _normals(view, depth)
         known = (depth > 0) & (normal**2).sum(axis=-1).astype(bool)
         yield view.camera.name, DepthMap(np.where(known, depth, 0), known.astype(np.float32), normal)
-
-
-def given_file(folder: Path, view: str) -> Path:
-    """File of a view's depth: EXR, else PNG."""
-    exr = folder / f"{view}.exr"
-    return exr if exr.is_file() else folder / f"{view}.png"
 
 
 def read_given(camera: Camera, folder: Path, unit: float) -> np.ndarray:

@@ -1,5 +1,7 @@
 """Settings of the depth maps of posed views."""
 
+from pathlib import Path
+
 from pydantic import Field
 
 from fipt.settings import Count, Fraction, Length, Positive, Settings
@@ -23,3 +25,9 @@ class DepthSettings(Settings):
     )
     unit: Length = Field(default=0.001, description="metres of one unit of a PNG in `given`")
     seed: Count = Field(default=0, description="seed of the planes that are tried")
+
+
+def given_file(folder: Path, view: str) -> Path:
+    """File of a view's depth that exists: EXR, else PNG."""
+    exr = folder / f"{view}.exr"
+    return exr if exr.is_file() else folder / f"{view}.png"
