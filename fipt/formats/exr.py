@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -66,6 +67,9 @@ def read_exr(path: str | Path, required: Sequence[str] = ()) -> dict[str, np.nda
     try:
         with OpenEXR.File(str(path), separate_channels=True) as file:
             channels = {name: np.array(channel.pixels) for name, channel in file.channels().items()}
+            _check_windows(path, file.header())
+    except FiptError:
+        raise
     except Exception as error:  # the package raises bare RuntimeError and ValueError
         raise FiptError(f"{path} is not a readable EXR file ({error})", "replace the file") from error
     shapes = {array.shape for array in channels.values()}
@@ -84,6 +88,16 @@ def read_exr(path: str | Path, required: Sequence[str] = ()) -> dict[str, np.nda
         name: array if array.dtype == np.uint32 else array.astype(np.float32, copy=False)
         for name, array in channels.items()
     }
+
+
+def _check_windows(path: str | Path, header: Mapping[str, Any]) -> None:
+    """Raise FiptError if a file holds another window of pixels than the one it shows: its camera is of the latter."""
+    data, shown = (np.array(header[name]).tolist() for name in ("dataWindow", "displayWindow"))
+    if data != shown:
+        raise FiptError(
+            f"{path}: its data window {data} must be its display window {shown}",
+            "export the whole image, without cropping or overscan",
+        )
 
 
 def read_rgb(path: str | Path, layer: str = "") -> np.ndarray:

@@ -202,8 +202,8 @@ def undecided_facts(undecided: Undecided, mesh: Mesh) -> list[dict[str, Any]]:
     return rows
 
 
-def write_emitters(path: str | Path, emitters: Emitters, mesh: Mesh) -> None:
-    """Write ``path`` (npz) and, beside it, the JSON for people."""
+def write_emitters(path: str | Path, emitters: Emitters, mesh: Mesh, radiance_scale: float = 1.0) -> None:
+    """Write ``path`` (npz) and, beside it, the JSON for people; ``radiance_scale`` as of `in_source_unit`."""
     save_npz(
         path,
         two_sided=np.array(emitters.two_sided),
@@ -211,7 +211,14 @@ def write_emitters(path: str | Path, emitters: Emitters, mesh: Mesh) -> None:
         **{f"undecided_{name}": getattr(emitters.undecided, name) for name in _UNDECIDED},
     )
     questions = undecided_facts(emitters.undecided, mesh)
-    write_list(Path(path).with_suffix(".json"), emitters.two_sided, emitter_facts(emitters, mesh), questions)
+    rows = emitter_facts(in_source_unit(emitters, radiance_scale), mesh)
+    write_list(Path(path).with_suffix(".json"), emitters.two_sided, rows, questions)
+
+
+def in_source_unit(emitters: Emitters, radiance_scale: float) -> Emitters:
+    """Return emitters with the radiance of the source; ``radiance_scale`` is the dataset's factor from it."""
+    unit = np.float32(1 / radiance_scale)
+    return replace(emitters, radiance=emitters.radiance * unit, error=emitters.error * unit)
 
 
 def write_list(path: Path, two_sided: bool, rows: list[dict[str, Any]], undecided: list[dict[str, Any]]) -> None:

@@ -95,7 +95,7 @@ def _found(inputs: EmittersInputs, settings: "EmittersSettings") -> dict[str, An
     figures: dict[str, Any] = {}
     if settings.guess and inputs.cache is not None:
         found, guess, figures = _guessed(inputs, extracted, mesh, shards, decided)
-    write_emitters(inputs.out, found, mesh)
+    write_emitters(inputs.out, found, mesh, data.radiance_scale)
     count = int(found.emitter.max(initial=-1)) + 1
     questions = undecided_facts(found.undecided, mesh)
     warnings = [*_warnings(found, count, decided, len(mesh.triangles)), *questions_in_words(questions), *guess]

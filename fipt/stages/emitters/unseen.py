@@ -29,6 +29,10 @@ _GRIDS = (16, 24, 32, 48, 64, 96, 128)
 """Blocks along the scene box: the coarsest grid that has `_MOST_BLOCKS` blocks, of which so many are used."""
 _MOST_BLOCKS = 1000
 """Blocks whose light is traced: it is a smooth function of place, and there are at most `_MOST_PATCHES` unknowns."""
+_PLANES = 64
+"""Planes along the box that are told apart: some 10 cm in a room, the depth of a shelf."""
+_SCANNED = 0.25
+"""Share of all samples that a part has only if it is no single thing."""
 _LEAST_PIXELS = 4
 """Pixels that a block needs for a mean."""
 _RAYS = 512
@@ -120,7 +124,11 @@ def blocks_of(shards: Sequence[ObservedShard], mesh: Mesh, found: Emitters, box:
     position, normal, color, of_sample, view = (np.concatenate(c) for c in zip(*columns, strict=True))
     owner = part[of_sample]
     facing = facings(normal).astype(np.int64)
-    _, group = np.unique(owner.astype(np.int64) * FACINGS + facing, return_inverse=True)
+    # a scan is one part: planes tell its walls from what stands before them
+    along = np.take_along_axis(position, facing[:, None] // 2, 1)[:, 0] / float(box["side"])
+    scanned = np.bincount(owner)[owner] > _SCANNED * len(owner)
+    group = np.column_stack([owner, facing, np.where(scanned, np.round(along * _PLANES), 0).astype(np.int64)])
+    group = np.unique(group @ (1 << 40, 1 << 20, 1), return_inverse=True)[1]
     block, kept = np.zeros(len(group), np.int64), np.zeros(0, np.int64)
     for rows in _GRIDS:
         voxel = voxel_keys(position, box["center"], float(box["side"]), rows) * (group.max(initial=0) + 1) + group

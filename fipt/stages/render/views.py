@@ -133,6 +133,7 @@ def write_views(
     """
     sampling = ImageSampling(rays_per_side, settings.spp, settings.denoise, settings.seed)
     rooms = scene.lit_rooms(settings.max_depth)
+    to.manifest.unlink(missing_ok=True)  # it must not vouch for, or against, what is being exchanged
     files = []
     with progress(to.stage, len(rooms) * sampling.paths(cameras), " paths") as bar:
         for camera in cameras:

@@ -40,8 +40,9 @@ rule import_views:
 
 
 rule depth:
-    """Estimate the depth of every training view."""
+    """Estimate the depth of every training view, or take over depth maps that exist."""
     input:
+        ask("given_depth"),
         transforms="results/{scene}/geometry/views/transforms.json",
         views="results/{scene}/geometry/views/views.json",
         images="results/{scene}/geometry/views/images.manifest.json",
@@ -54,7 +55,7 @@ rule depth:
         "results/{scene}/benchmarks/depth.jsonl"
     threads: workflow.cores
     resources:
-        mem_mb=6000,
+        mem_mb=ask("memory_mb", section="depth"),
         gpu=1,
     params:
         dataset=folder("results/{scene}/geometry/views"),
@@ -83,7 +84,7 @@ rule mesh:
         "results/{scene}/benchmarks/mesh.jsonl"
     threads: workflow.cores
     resources:
-        mem_mb=6000,
+        mem_mb=ask("memory_mb", section="geometry"),
         gpu=1,
     params:
         dataset=folder("results/{scene}/geometry/views"),
