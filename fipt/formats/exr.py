@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from fipt.errors import FiptError
+from fipt.errors import FiptError, unreadable
 from fipt.formats.files import atomic, existing_file
 
 
@@ -71,7 +71,7 @@ def read_exr(path: str | Path, required: Sequence[str] = ()) -> dict[str, np.nda
     except FiptError:
         raise
     except Exception as error:  # the package raises bare RuntimeError and ValueError
-        raise FiptError(f"{path} is not a readable EXR file ({error})", "replace the file") from error
+        raise unreadable(path, error, f"is not a readable EXR file ({error})", "replace the file") from error
     shapes = {array.shape for array in channels.values()}
     if len(shapes) != 1 or len(next(iter(shapes))) != 2:
         raise FiptError(
