@@ -29,7 +29,7 @@ _WORK = 0.1
 """Seconds of processors in that time that are no work: threads that wait wake up at times."""
 _LOOK = 1.0
 """Seconds between looks at the process."""
-_SAID = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated", signal.SIGHUP: "terminated"}
+_SAID: dict[int, str] = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated", signal.SIGHUP: "terminated"}
 
 
 def guarded(name: str, call: Callable[[], int], hang: float = HANG) -> int:
@@ -56,7 +56,7 @@ def guarded(name: str, call: Callable[[], int], hang: float = HANG) -> int:
     code = os.waitstatus_to_exitcode(status)
     if received is None and code == 128 + signal.SIGINT:
         received = signal.SIGINT
-    if received in _SAID:
+    if received is not None and received in _SAID:
         print(f"fipt: {_SAID[received]}", file=sys.stderr, flush=True)
         return 128 + received
     if received is None and code >= 0:
@@ -75,8 +75,8 @@ def _be_watched(watcher: int, own: int, call: Callable[[], int]) -> NoReturn:
     try:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, _SAID)
         code = call()
-    except BaseException:  # noqa: BLE001 - a mistake in the program keeps its traceback
-        sys.excepthook(*sys.exc_info())
+    except BaseException as error:  # noqa: BLE001 - a mistake in the program keeps its traceback
+        sys.excepthook(type(error), error, error.__traceback__)
     leave(code)
 
 

@@ -238,3 +238,22 @@ def check_disk(folder: str | Path, needed: int, what: str) -> None:
             f"{what} needs {needed / 1e9:.2f} GB in {folder}; {free / 1e9:.2f} GB are free",
             "free some space or give another results folder",
         )
+
+
+def total_memory() -> int:
+    """Bytes of main memory, limits of containers included."""
+    total = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    for limit in (Path("/sys/fs/cgroup/memory.max"), Path("/sys/fs/cgroup/memory/memory.limit_in_bytes")):
+        text = limit.read_text().strip() if limit.is_file() else ""
+        if text.isdigit():
+            total = min(total, int(text))
+    return total
+
+
+def check_memory(needed: int, what: str, remedy: str) -> None:
+    """Raise FiptError if ``what`` needs more bytes of memory than there are; log an estimate of a gigabyte and more."""
+    total = total_memory()
+    if needed > total:
+        raise FiptError(f"{what} needs about {needed / 1e9:.0f} GB of memory; there are {total / 1e9:.0f} GB", remedy)
+    if needed >= 1e9:
+        log.info("%s takes about %.1f GB of memory; there are %.1f GB", what, needed / 1e9, total / 1e9)

@@ -1,5 +1,6 @@
 """Disk, memory, signals and crashes of libraries: each ends with one line, and nothing looks finished that is not."""
 
+import dataclasses
 import errno
 import multiprocessing
 import os
@@ -10,6 +11,8 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,12 +20,19 @@ import pytest
 from fipt.cli import guard, main
 from fipt.errors import FiptError, shortage
 from fipt.formats.arrays import load_npy, save_npy, save_npz
-from fipt.formats.exr import write_exr
+from fipt.formats.exr import read_exr, write_exr
 from fipt.formats.files import atomic, atomic_folder, write_text
 from fipt.formats.images import write_png
+from fipt.render.variant import Backend
+from fipt.scene.cameras import Camera
 from fipt.scene.mesh import Mesh, write_ply
+from fipt.stages.render.settings import RenderSettings
+from fipt.stages.render.views import Destination, write_views
+from fipt.stages.samples.settings import SamplesSettings
+from fipt.stages.samples.trace import trace
 
 NOISE = np.random.default_rng(0).random((90, 90, 3)).astype(np.float32)
+SMALL = Camera("a", "train", 8, 6, 4.0, 4.0, 4.0, 3.0, np.eye(4))
 WRITERS: dict[str, Callable[[Path], object]] = {
     "a.npy": lambda path: save_npy(path, NOISE),
     "a.npz": lambda path: save_npz(path, noise=NOISE),
@@ -214,3 +224,27 @@ def test_no_stage_outlives_its_watcher(tmp_path: Path) -> None:
             return
         time.sleep(0.05)
     raise AssertionError("the stage lives on")
+
+
+LARGE = 16384
+
+
+def test_a_camera_that_needs_more_memory_than_there_is(tmp_path: Path, backend: Backend) -> None:
+    camera = dataclasses.replace(SMALL, width=LARGE, height=LARGE)
+    dataset: Any = SimpleNamespace(camera=lambda _: camera, accepted=lambda views: views)
+    with pytest.raises(
+        FiptError, match=r"tracing the samples needs about 913 GB of memory; there are \d+ GB; use smaller"
+    ):
+        trace(dataset, ["a"], SamplesSettings(), {})
+    destination = Destination("render", tmp_path, tmp_path / "m.json")
+    with pytest.raises(FiptError, match=r"an image of the stage render needs about 121 GB of memory"):
+        write_views(dataset, [camera], RenderSettings(), 1, destination)
+
+
+def test_an_image_that_needs_more_memory_than_there_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_exr(tmp_path / "a.exr", {"": NOISE})
+    monkeypatch.setattr("fipt.formats.files.total_memory", lambda: 291_599)
+    with pytest.raises(FiptError, match=r"reading .*a\.exr needs about 0 GB of memory"):
+        read_exr(tmp_path / "a.exr")
+    monkeypatch.setattr("fipt.formats.files.total_memory", lambda: 291_600)  # 12 bytes for each of 90 x 90 x 3
+    read_exr(tmp_path / "a.exr")
