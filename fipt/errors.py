@@ -60,8 +60,8 @@ def shortage(error: BaseException, path: object = "") -> FiptError | None:
     place = path or getattr(error, "filename", None)
     writing = f" while writing {place}" if place else ""
     if isinstance(error, MemoryError) or number == errno.ENOMEM or _NO_MEMORY.search(text):
-        told = f" ({text})" if text else ""
-        return FiptError(f"there is too little memory{told}", "close other programs, or use smaller images")
+        why = f" ({text})" if text else ""
+        return FiptError(f"there is too little memory{why}", "close other programs, or use smaller images")
     if number == errno.EDQUOT or _QUOTA.search(text):
         return FiptError(f"the quota of the disk is used up{writing}", "free some space and run again")
     if number == errno.EFBIG or _LARGE.search(text):

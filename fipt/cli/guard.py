@@ -27,8 +27,8 @@ HANG = 900.0
 """Seconds without any work of processors after which a stage counts as hanging."""
 _WORK = 0.1
 """Seconds of processors in that time that are no work: threads that wait wake up at times."""
-_LOOK = 1.0
-"""Seconds between looks at the process."""
+_INTERVAL = 1.0
+"""Seconds after which the process is looked at again."""
 _SAID: dict[int, str] = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated", signal.SIGHUP: "terminated"}
 
 
@@ -103,7 +103,7 @@ class _Watch:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, _SAID)
         begin, worked = time.monotonic(), _processor_time(self._pid)
         while True:
-            select.select([self._heard], [], [], _LOOK)  # readable when the process has ended
+            select.select([self._heard], [], [], _INTERVAL)  # readable when the process has ended
             done, status = os.waitpid(self._pid, os.WNOHANG)
             if done:
                 return self._received, status
