@@ -134,7 +134,7 @@ def measure(folder: Path, moments: int, seed: int) -> dict[str, object]:
         number = SIGNALS[len(stops) % len(SIGNALS)]
         place = folder / f"stopped-{attempt}"
         # late enough that the next run gets somewhere, early enough that some are stopped while libraries load
-        wait = chance.uniform(0.5, length / 3) if len(stops) < moments else 600.0
+        wait = chance.uniform(0.5, length / 6) if len(stops) < moments else 600.0
         found = stopped(place, number, wait)
         if isinstance(found, Stop):
             stops.append(found)
