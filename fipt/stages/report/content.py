@@ -112,7 +112,6 @@ def gather(
     setups, camera_setups = _shown_setups(results / "relight", setups, camera_setups)
     reader = ViewReader(results, data, metrics, settings, scale)
     views = reader.rows()
-    relit = reader.relit_views(setups)
     export = read_check(results / "export" / "check.json")
     return Content(
         scene=results.resolve().name,
@@ -124,7 +123,7 @@ def gather(
         views=views,
         hidden_views=len(data.cameras) - len(views) if data else 0,
         emitters=emitters,
-        relit=relit,
+        relit=reader.relit_views(setups),
         camera_setups=reader.camera_setups(camera_setups),
         setups=_setups(results / "relight", setups, camera_setups),
         export=export,
