@@ -32,8 +32,8 @@ from fipt.stages.importing.unit import radiance_scale
 log = logging.getLogger(__name__)
 
 _KNOWN = re.compile(
-    r"mesh\.ply|transforms\.json|views\.json|room\.json|prepare\.json|overlay\.png|images|segments|truth"
-    r"|relight_truth|[\w.-]+\.manifest\.json|\..*"
+    r"mesh\.ply|transforms\.json|views\.json|room\.json|prepare\.json|check_poses\.json|overlay\.png|images|segments"
+    r"|truth|relight_truth|[\w.-]+\.manifest\.json|\..*"
 )
 """What may lie in a dataset folder that an import replaces."""
 

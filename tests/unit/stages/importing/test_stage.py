@@ -13,7 +13,7 @@ from PIL import Image
 from fipt.cli.main import main
 from fipt.formats.exr import write_exr
 from fipt.formats.images import write_png
-from fipt.scene.dataset import Dataset
+from fipt.scene.dataset import CHECKED, Dataset
 from tests.layouts import (
     HEIGHT,
     POSES,
@@ -225,6 +225,15 @@ def test_folders_that_are_no_dataset_stay(tmp_path: Path, capsys: pytest.Capture
         assert call(source, "nerfstudio", target) == 2
         assert message in capsys.readouterr().err
         assert sorted(target.rglob("*")) == before
+
+
+def test_a_dataset_whose_cameras_were_checked_is_replaced(tmp_path: Path) -> None:
+    """An import runs again where a setting or the program changed: the verdicts of the old one lie in its dataset."""
+    WRITERS["nerfstudio"](tmp_path / "source")
+    assert call(tmp_path / "source", "nerfstudio", tmp_path / "out", "--mesh", "none") == 0
+    (tmp_path / "out" / CHECKED).write_text("{}")
+    assert call(tmp_path / "source", "nerfstudio", tmp_path / "out", "--mesh", "none") == 0
+    assert not (tmp_path / "out" / CHECKED).exists()
 
 
 def test_a_principal_point_outside_is_told_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
