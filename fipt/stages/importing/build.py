@@ -107,6 +107,7 @@ def import_scene(
         dataset, [frame.image for frame in parsed.frames], (mesh or parsed.mesh, beside.poses, beside.segments)
     )
     _check_present(parsed.frames)
+    names = _semantic_names(parsed)
     parsed, room = placed(_in_unit(parsed), _geometry(source, mesh or parsed.mesh, settings.unit), settings.unit)
     for leftover in dataset.parent.glob(f".{dataset.name}.*.tmp"):  # of an import that was killed
         shutil.rmtree(leftover)
@@ -120,15 +121,14 @@ def import_scene(
         if beside.segments is not None:
             _copy_segments(folder / "segments", beside.segments, cameras)
         _copy_known(folder, parsed, beside, mesh)
-        _name_segments(folder / "segments", _semantic_names(parsed))
+        _name_segments(folder / "segments", names)
         if settings.overlay and mesh_used is not None:
             _write_overlay(folder / "overlay.png", mesh_used, *shown)
         # A manifest outside the folder must not vouch for a dataset that is being exchanged.
         manifest.unlink(missing_ok=True)
         (dataset / "import.manifest.json").unlink(missing_ok=True)
     files = [path for path in dataset.resolve().rglob("*") if path.is_file()]
-    written = {"format": format, **dumped(settings), "scale": parsed.scale}
-    write_manifest(manifest.resolve(), "import", files, written)
+    write_manifest(manifest.resolve(), "import", files, {"format": format, **dumped(settings), "scale": parsed.scale})
     return Imported(cameras, parsed, figures, [*_unit(parsed), *sentences(strange)])
 
 
