@@ -5,7 +5,7 @@ that ``fipt --help`` answers at once and ``fipt doctor`` works even where a heav
 derives the command of a stage from its ``run(inputs, settings)``.
 
 Exit codes: 0 done, 1 a check of ``fipt doctor`` failed, 2 wrong usage or a `fipt.errors.FiptError`
-(one line on stderr), 130 interrupted. Anything else keeps its traceback.
+(one line on stderr), or a crash of a library, 130 interrupted, 143 terminated. Anything else keeps its traceback.
 """
 
 from __future__ import annotations
@@ -16,8 +16,9 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from fipt import __version__
-from fipt.cli.process import configure_logging, end_with_run, is_job, leave
-from fipt.errors import EXIT_CODE, FiptError
+from fipt.cli.guard import guarded
+from fipt.cli.process import configure_logging, end_with_parent, is_job, leave
+from fipt.errors import EXIT_CODE, FiptError, shortage
 from fipt.registry import VERBS
 
 
@@ -41,8 +42,10 @@ def program() -> None:
     """Be the program ``fipt``: run the command line and end with its exit code."""
     job = is_job()
     if job:
-        end_with_run()
-    code = main()
+        end_with_parent(os.getppid())
+    name = sys.argv[1] if len(sys.argv) > 1 else ""
+    watched = name in VERBS and VERBS[name].section is not None and hasattr(os, "fork")
+    code = guarded(name, main) if watched else main()
     if job:
         leave(code)
     sys.exit(code)
@@ -77,6 +80,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("fipt: interrupted", file=sys.stderr)
         return 130
+    except (MemoryError, OSError, RuntimeError) as error:
+        found = shortage(error)
+        if found is None:
+            raise
+        return _fail(str(found))
 
 
 def _dispatch(args: list[str]) -> int:

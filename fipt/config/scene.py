@@ -22,6 +22,7 @@ from fipt.formats.files import existing_file
 from fipt.scene.setup import RelightSetup
 from fipt.settings import dumped
 from fipt.stages.geometry.library import check_installed
+from fipt.stages.geometry.settings import given_file
 
 
 @dataclass(frozen=True)
@@ -200,6 +201,15 @@ class SceneConfig:
         """The environment map that the config names, if any."""
         file = getattr(self.settings["environment"], "file", None)
         return [self.place.path(file, "settings.environment.file")] if file else []
+
+    def given_depth(self) -> list[str]:
+        """Depth maps of the training views that the config names, if any."""
+        folder = self.settings["depth"].given
+        if not folder:
+            return []
+        placed = Path(self.place.path(folder, "settings.depth.given"))
+        views = [view for shard in self.views.shards("train").values() for view in shard]
+        return [str(existing_file(given_file(placed, view), f"depth of {view} (depth.given)")) for view in views]
 
     # --- the model and what is made of it
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fipt.errors import FiptError
+from fipt.errors import FiptError, unreadable
 from fipt.formats.files import atomic, existing_file
 
 _MOST_PIXELS = 10**9
@@ -54,7 +54,7 @@ def read_pixels(path: str | Path, what: str, mode: str | None = None) -> np.ndar
                 raise ValueError(f"{image.width}x{image.height} pixels, at most {_MOST_PIXELS:,} are read")
             return np.array(image if mode is None else image.convert(mode))
     except Exception as error:  # each decoder raises its own kinds
-        raise FiptError(f"{path} is not a readable image ({error})", "replace the file") from error
+        raise unreadable(path, error, f"is not a readable image ({error})", "replace the file") from error
 
 
 def read_ids(path: str | Path) -> np.ndarray:

@@ -90,7 +90,7 @@ class Dataset:
 
     def mesh(self) -> Mesh:
         """The room's mesh, metres, with the places where its cameras stand."""
-        step = max(1, len(self.cameras) // _VIEWPOINTS)
+        step = max(1, -(-len(self.cameras) // _VIEWPOINTS))
         centers = np.array([camera.center for camera in self.cameras[::step]]).reshape(-1, 3)
         return replace(read_mesh(self._listed.check(self.root / "mesh.ply")), seen_from=centers)
 

@@ -217,6 +217,10 @@ class Source(ABC):
         """Cameras of the views that a mesh was made of: they say where its origin is."""
         return [self.place.layout.posed_transforms] if self.reconstructed else []
 
+    def mesh_options(self) -> list[str]:
+        """Options of ``fipt import`` that say of which views the mesh was made."""
+        return [text for path in self.mesh_origin() for text in ("--mesh-views", path)]
+
     def view_files(self) -> list[str]:
         """What an import of the views alone reads, for a mesh that is made of them."""
         return [path for path in self.imported_files() if path != self.place.layout.estimated_mesh]

@@ -15,6 +15,7 @@ from fipt.stages.geometry.completion import complete
 from fipt.stages.geometry.depth_views import DepthView, depth_noise
 from fipt.stages.geometry.fusing import check_memory, fuse, voxel_size
 from fipt.stages.geometry.mesh_settings import GeometrySettings
+from fipt.stages.geometry.shell import with_shell
 
 log = logging.getLogger(__name__)
 
@@ -42,19 +43,25 @@ def build(views: Sequence[DepthView], radiance: Radiance, settings: GeometrySett
     log.info("%d depth maps, %.0f %% known; noise %.2g mm at 1 m; voxels of %.2g mm",
              len(views), 100 * known, 1e3 * noise.at_1m, 1e3 * voxel)  # fmt: skip
     planes: list[dict[str, Any]] = []
+    closed, box = 0.0, None
     carves = [view.map.known for view in views]
     if settings.planes:
-        maps, found = complete(views, noise)
-        views, carves, planes = [m.view for m in maps], [m.measured for m in maps], found.plain()
-        log.info("%d planes, %d along the room's directions; %.0f %% of the pixels have a depth now",
-                 len(found), (found.axis >= 0).sum(), 100 * _share([v.map.known for v in views]))  # fmt: skip
+        found = complete(views, noise)
+        views, carves, planes = [v.view for v in found.views], [v.measured for v in found.views], found.planes.plain()
+        closed, box = _share([v.closed for v in found.views]), found.box
+        log.info("%d planes, %d along the room's directions; %.0f %% of the pixels show walls alone",
+                 len(planes), (found.planes.axis >= 0).sum(), 100 * closed)  # fmt: skip
     check_memory(views, voxel, settings.memory_gb)
     mesh = fuse(views, carves, noise.at_1m, voxel)
     mesh, about = prepared(mesh, [view.camera for view in views], radiance, settings)
+    if box is not None:
+        mesh = with_shell(mesh, box, voxel)
     lasting = {
         "views": len(views),
         "known": round(known, 4),
-        "completed": round(_share([view.map.known for view in views]), 4),
+        "completed": round(_share([view.map.known for view in views]) - known - closed, 4),
+        "closed": round(closed, 4),
+        "box": None if box is None else box.plain(),
         "noise_mm_at_1m": round(1e3 * noise.at_1m, 4),
         "confident": round(noise.confident, 4),
         "voxel_mm": round(1e3 * voxel, 3),

@@ -25,7 +25,7 @@ from fipt.scene.sources import CAPTURE, ImageSource, read_developed, read_source
 from fipt.settings import dumped
 from fipt.stages.importing.encoding import sentences
 from fipt.stages.importing.frames import check_layer, write_frames, written_radiance
-from fipt.stages.importing.place import Geometry, PlacedMesh, check_scale, placed
+from fipt.stages.importing.place import Geometry, PlacedMesh, placed, scale_warnings
 from fipt.stages.importing.settings import ImportSettings
 from fipt.stages.importing.unit import radiance_scale
 
@@ -78,6 +78,7 @@ def import_scene(
     mesh: str | Path | None = None,
     manifest: str | Path | None = None,
     beside: Beside = Beside(),
+    mesh_views: Path | None = None,
 ) -> Imported:
     """Write the dataset folder of a source: complete, with its manifest last, or not at all.
 
@@ -93,6 +94,8 @@ def import_scene(
         Default: ``import.manifest.json`` in the dataset.
     beside
         Of developed photographs: their poses, and what else is known.
+    mesh_views
+        transforms.json of imported views that the mesh was made of, near their origin; default: it is as the source.
 
     Raises
     ------
@@ -103,21 +106,18 @@ def import_scene(
     dataset = Path(dataset)
     manifest = dataset / "import.manifest.json" if manifest is None else Path(manifest)
     _check_target(dataset, manifest, parsed)
-    _check_outside(
-        dataset, [frame.image for frame in parsed.frames], (mesh or parsed.mesh, beside.poses, beside.segments)
-    )
+    given = (mesh or parsed.mesh, mesh_views, beside.poses, beside.segments)
+    _check_outside(dataset, [frame.image for frame in parsed.frames], given)
     _check_present(parsed.frames)
     names = _semantic_names(parsed)
-    parsed, room = placed(_in_unit(parsed), _geometry(source, mesh or parsed.mesh, settings.unit), settings.unit)
-    for leftover in dataset.parent.glob(f".{dataset.name}.*.tmp"):  # of an import that was killed
-        shutil.rmtree(leftover)
-
+    geometry = _geometry(source, mesh or parsed.mesh, mesh_views, settings.unit or 1.0)
+    parsed, room = placed(_in_unit(parsed), geometry, settings.unit or 1.0)
+    _remove_leftovers(dataset)
     with atomic_folder(dataset, _KNOWN.pattern) as folder:
         cameras, shown, strange = write_frames(folder, parsed)
         room.figures.update({"images": strange} if strange else {})
         mesh_used, figures = _write_mesh(folder, room, cameras, settings)
         _write_cameras(folder, cameras, parsed, room.origin)
-        _warn_shifted(cameras)
         if beside.segments is not None:
             _copy_segments(folder / "segments", beside.segments, cameras)
         _copy_known(folder, parsed, beside, mesh)
@@ -146,15 +146,20 @@ def _unit(source: ImageSource) -> list[str]:
     ]
 
 
-def _geometry(source: str | Path, path: str | Path | None, unit: float) -> Geometry | None:
+def _remove_leftovers(dataset: Path) -> None:
+    """Remove what an import that was killed has left beside the dataset."""
+    for leftover in dataset.parent.glob(f".{dataset.name}.*.tmp"):
+        shutil.rmtree(leftover)
+
+
+def _geometry(source: str | Path, path: str | Path | None, views: Path | None, unit: float) -> Geometry | None:
     """Vertices and triangles of the room's mesh, in the source's unit and place; None: there are views alone."""
     if path is None:
         raise FiptError(f"{source} has no mesh.ply", "name the room's mesh with --mesh, or --mesh none for views alone")
     if str(path) == VIEWS_ALONE:
         return None
     vertices, triangles = read_geometry(path)
-    views = Path(path).parent / "views" / "transforms.json"
-    if views.is_file():  # a mesh that was made of imported views: in metres, near their origin
+    if views is not None:  # of which the mesh was made: it is in metres, near their origin
         vertices = (vertices + read_origin(views)) / unit
     return vertices, triangles
 
@@ -167,11 +172,12 @@ def _write_mesh(
     if mesh is None:
         return None, room.figures
     figures: dict[str, Any] = {"prepared": False, "triangles": len(mesh.triangles)}
+    warnings: list[str] = []
     if settings.prepare != "never":
         from fipt.render.variant import set_variant
 
         set_variant()
-        check_scale(mesh, cameras)
+        warnings = scale_warnings(mesh, cameras, certain=settings.unit is not None)
         from fipt.meshing.prepare import prepared
 
         def radiance(view: str) -> tuple[np.ndarray, np.ndarray]:
@@ -179,6 +185,7 @@ def _write_mesh(
 
         mesh, figures = prepared(mesh, [camera for camera in cameras if camera.split == "train"], radiance, settings)
     figures |= room.figures
+    figures["warnings"] = [*room.figures.get("warnings", ()), *warnings]
     write_ply(folder / "mesh.ply", mesh)
     # without the time it took: the same source gives the same files
     lasting = {name: value for name, value in figures.items() if name != "seconds"}
@@ -188,7 +195,8 @@ def _write_mesh(
 
 
 def _write_cameras(folder: Path, cameras: list[Camera], source: ImageSource, origin: np.ndarray) -> None:
-    """Write transforms.json and views.json."""
+    """Write transforms.json and views.json, and warn of odd cameras."""
+    _warn_shifted(cameras)
     # the unit of photographs is the dataset's, by its exposure
     scale = 1.0 if source.photographs else source.scale
     write_transforms(folder / "transforms.json", cameras, origin=origin, radiance_scale=scale)

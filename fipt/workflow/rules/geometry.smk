@@ -40,8 +40,9 @@ rule import_views:
 
 
 rule depth:
-    """Estimate the depth of every training view."""
+    """Estimate the depth of every training view, or take over depth maps that exist."""
     input:
+        ask("given_depth"),
         transforms="results/{scene}/geometry/views/transforms.json",
         views="results/{scene}/geometry/views/views.json",
         images="results/{scene}/geometry/views/images.manifest.json",
