@@ -46,7 +46,7 @@ SECTIONS: dict[str, Section] = {
     "cache": Section("fipt.stages.cache.settings:CacheSettings", 4),
     "bake": Section("fipt.stages.shade.settings:BakeSettings", 3),
     "regroup": Section("fipt.stages.segment.settings:RegroupSettings", 2),
-    "emitters": Section("fipt.stages.emitters.settings:EmittersSettings", 9),
+    "emitters": Section("fipt.stages.emitters.settings:EmittersSettings", 10),
     "fit": Section("fipt.stages.fit.settings:FitSettings", 7),
     "review": Section("fipt.stages.emitters.settings:ReviewSettings", 2),
     "refine": Section("fipt.stages.shade.settings:RefineSettings", 5),

@@ -107,6 +107,12 @@ class Emitters:
         """Triangles that emit or may emit."""
         return np.union1d(self.triangle, self.undecided.triangle)
 
+    def chosen(self, rows: np.ndarray) -> "Emitters":
+        """Those triangles alone where ``rows`` (E,) is true; emitters are numbered anew, without gaps."""
+        arrays = {name: getattr(self, name)[rows] for name in _ARRAYS}
+        arrays["emitter"] = np.unique(arrays["emitter"], return_inverse=True)[1].reshape(-1).astype(np.int32)
+        return replace(self, **arrays)
+
     @classmethod
     def none(cls) -> "Emitters":
         """No emitting triangle."""

@@ -27,11 +27,10 @@ from fipt.stages.emitters.observations import (
 from fipt.stages.emitters.regions import Surface, find_regions
 from fipt.stages.emitters.settings import EmittersSettings
 from fipt.stages.emitters.shape import shaped
+from fipt.stages.emitters.small import RELEVANT, small_emitters
 
 _MOST_PIXELS = 4_000_000
 """Pixels used at most to find regions: medians do not need more."""
-_RELEVANT = 1e-3
-"""Share of the light of all emitters that makes a region worth a question: less changes no picture."""
 _MOST_UNDECIDED = 20
 """Regions that are asked about at most."""
 _PIXELS_OF_TEXEL = 9
@@ -74,13 +73,30 @@ class Decided:
         return Decided(emitter, rejected, tuple(rows(*group) for group in decisions.merge))
 
 
+@dataclass(frozen=True)
+class Extracted:
+    """What emits, as the views show it.
+
+    Attributes
+    ----------
+    emitters
+        Emitting triangles.
+    doubtful
+        (T,) bool: emits because it is brighter than white under the light that is known, or more even. A mirror could
+        be as bright. Light that nobody sees would explain it, too.
+    """
+
+    emitters: Emitters
+    doubtful: np.ndarray
+
+
 def extract(
     mesh: Mesh,
     shards: Sequence[ObservedShard],
     query_mask: Callable[[np.ndarray], np.ndarray] | None,
     settings: EmittersSettings,
     decisions: ReviewDecisions | None = None,
-) -> Emitters:
+) -> Extracted:
     """Find the emitting triangles.
 
     With ``decide: regions`` a region of like radiance emits where emission explains what all views show of it better
@@ -99,17 +115,22 @@ def extract(
         Emitters that a person accepted (they emit whatever the photographs say, each by itself), rejected and merged.
     """
     decided = Decided.of(decisions or ReviewDecisions(), len(mesh.triangles))
-    undecided, surface = Undecided.none(), None
+    undecided, surface, doubtful = Undecided.none(), None, np.zeros(len(mesh.triangles), bool)
     views: Iterable[Observations]
     if settings.decide == "regions":
         seen = _all_pixels(mesh, shards)
         surface = find_regions(mesh, shards, seen)
         evidence = judge(shards, seen, surface)
         label = shaped(mesh, surface, evidence.emitting(surface.touching), shards)
+        doubtful = (label >= 0) & (decided.emitter < 0) & ~np.append(evidence.excess, False)[label]
         tells = label == surface.region  # a rim has the light of the region inside, but mixed with what is around
         observed = surface.pixels
+        small = small_emitters(mesh, shards, surface, label >= 0, decided.rejected | (decided.emitter >= 0))
+        label, few = np.where(small.number >= 0, surface.count + small.number, label), small.number >= 0
+        seen = Observations.joined([seen[~few[seen.triangle]], small.pixels])
+        seen, tells = seen[np.argsort(seen.view, kind="stable")], tells | few
         undecided = _undecided(mesh, surface, evidence, label, decided)
-        first, views = surface.count, [seen]
+        first, views = surface.count + int(small.number.max(initial=-1)) + 1, [seen]
     else:
         assert query_mask is not None
         emitting, observed = _masked(mesh, shards, query_mask, settings)
@@ -120,7 +141,7 @@ def extract(
     tells = (label >= 0) & (tells | (decided.emitter >= 0))
     measured = _measured(mesh, of_triangles(views, tells), label, decided, settings, surface)
     found = _completed(mesh, measured, np.flatnonzero(observed), decided, settings.complete)
-    return replace(found, undecided=undecided)
+    return Extracted(replace(found, undecided=undecided), doubtful)
 
 
 def _all_pixels(mesh: Mesh, shards: Sequence[ObservedShard]) -> Observations:
@@ -164,7 +185,7 @@ def _undecided(
     free = (surface.region >= 0) & (label < 0) & (decided.emitter < 0) & ~decided.rejected
     flux = np.nan_to_num(surface.radiance.mean(axis=1)) * mesh.areas
     each = np.bincount(surface.region[free], flux[free], surface.count) * evidence.undecided
-    chosen = np.flatnonzero(each > _RELEVANT * flux[label >= 0].sum())
+    chosen = np.flatnonzero(each > RELEVANT * flux[label >= 0].sum())
     chosen = chosen[np.argsort(-each[chosen])][:_MOST_UNDECIDED]
     number = np.full(surface.count + 1, -1)
     number[chosen] = np.arange(len(chosen))
@@ -266,7 +287,7 @@ def _textured(
     index = index.reshape(-1)
     middle = grouped_median(bright, index, len(shown))
     noise = grouped_median(np.abs(bright - middle[index]), index, len(shown))
-    error = 1.2533 * noise / np.sqrt(surface.pixels[shown])
+    error = 1.2533 * noise / np.sqrt(np.maximum(surface.pixels[shown], 1))
     use = surface.pixels[shown] >= _PIXELS_OF_TEXEL
     of = emitter[np.searchsorted(triangles, shown)]
     result = radiance.copy()
