@@ -224,8 +224,7 @@ def judge(scene: RayScene, views: Sequence[ReducedView], settings: CheckPosesSet
             reason = f"not judged: others show {overlap:.0%} of it, or it has no structure"
         elif i not in accepted:
             ok = False
-            # where most views fail, the mistake is not theirs (`diagnose.explain`)
-            few = 2 * len(every - accepted) <= len(views)
+            few = 2 * len(every - accepted) <= len(views)  # where most fail, the mistake is not theirs (`diagnose`)
             remark = _remark(scene, views, i, every - accepted, used, least) if few else ""
             reason = (
                 f"does not show what {len(used)} others show of the same surface (correlation {value:.2f}, at least "
