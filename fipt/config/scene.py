@@ -152,6 +152,10 @@ class SceneConfig:
         """What an import did to a noisy mesh, of imported scenes."""
         return [self.layout.prepared] if self.source.imported else []
 
+    def made_mesh(self) -> list[str]:
+        """What is said about a mesh that was made of the images."""
+        return [self.layout.geometry, self.layout.geometry_overview] if self.source.reconstructed else []
+
     def judged(self) -> list[str]:
         """The capture report, of photographed scenes."""
         return [self.layout.capture_report] if self.source.photographed else []

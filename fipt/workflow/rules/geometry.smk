@@ -6,6 +6,7 @@ OUTPUTS: results/{scene}/geometry/views/transforms.json, views.json   cameras, a
          results/{scene}/geometry/depth.manifest.json                 lists depth/*.exr: depth, confidence, normal
          results/{scene}/geometry/mesh.ply                            triangles, metres
          results/{scene}/geometry/geometry.json                       what was measured
+         results/{scene}/geometry/overview.png                        photographs, depth, and where it comes from
 """
 
 
@@ -77,6 +78,7 @@ rule mesh:
     output:
         mesh="results/{scene}/geometry/mesh.ply",
         about="results/{scene}/geometry/geometry.json",
+        overview="results/{scene}/geometry/overview.png",
         stats="results/{scene}/stats/mesh.json",
     log:
         "results/{scene}/logs/mesh.log",
