@@ -246,7 +246,7 @@ def _exposed(verdicts: Sequence[Verdict]) -> list[Verdict]:
         return list(verdicts)
     limit = max(np.log(_EXPOSED), 5 * 1.4826 * float(np.median(np.abs(found))))
 
-    def told(verdict: Verdict) -> Verdict:
+    def exposed(verdict: Verdict) -> Verdict:
         known = verdict.accepted and verdict.exposure and len(verdict.partners) >= _WITNESSES and not verdict.reason
         if not known or abs(np.log(verdict.exposure or 1.0)) < limit:
             return verdict
@@ -255,7 +255,7 @@ def _exposed(verdicts: Sequence[Verdict]) -> list[Verdict]:
             reason=f"is {verdict.exposure:.2f} times as bright as others show the same surface: another exposure?",
         )
 
-    return [told(verdict) for verdict in verdicts]
+    return [exposed(verdict) for verdict in verdicts]
 
 
 def _remark(
