@@ -42,7 +42,6 @@ class StereoSettings:
 
     noise: float = 0.004
     texture: float = 0.02
-    seed: int = 0
 
 
 def simulated(
@@ -88,12 +87,12 @@ def main() -> int:
     defaults = StereoSettings()
     parser.add_argument("--noise", type=float, default=defaults.noise, help="standard deviation at 2 m, metres")
     parser.add_argument("--texture", type=float, default=defaults.texture, help="least contrast in log radiance")
-    parser.add_argument("--seed", type=int, default=defaults.seed)
+    parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     set_variant()
     dataset, rng = Dataset(args.dataset), np.random.default_rng(args.seed)
-    settings, scene = StereoSettings(args.noise, args.texture, args.seed), RayScene(dataset.mesh())
+    settings, scene = StereoSettings(args.noise, args.texture), RayScene(dataset.mesh())
     args.out.mkdir(parents=True, exist_ok=True)
     for view in dataset.views("train"):
         found = simulated(scene, dataset.camera(view), dataset.image(view)[0], settings, rng)

@@ -51,8 +51,8 @@ def geometry(mesh: Mesh, dataset: Dataset, points: int = POINTS, seed: int = 0) 
     """Compare a mesh with the dataset's own; Mitsuba's variant must be set."""
     true, cameras = dataset.mesh(), [camera for camera in dataset.cameras if camera.split == "train"]
     rng = np.random.default_rng(seed)
-    ours, ours_from = seen_points(mesh, cameras, points, rng)
-    theirs, theirs_from = seen_points(true, cameras, points, rng)
+    ours, ours_from, ours_by = seen_points(mesh, cameras, points, rng)
+    theirs, theirs_from, theirs_by = seen_points(true, cameras, points, rng)
     away, nearest = distances(true, ours)
     missing, _ = distances(mesh, theirs)
     figures: dict[str, Any] = {
@@ -76,8 +76,8 @@ def geometry(mesh: Mesh, dataset: Dataset, points: int = POINTS, seed: int = 0) 
     }
     figures["planes_mm"] = plane_rms(true, ours[near], nearest[near], cosine)
     figures["leaving"] = {
-        "ours": leaving(mesh, ours, ours_from, cameras, rng),
-        "true": leaving(true, theirs, theirs_from, cameras, rng),
+        "ours": leaving(mesh, ours, ours_from, ours_by, rng),
+        "true": leaving(true, theirs, theirs_from, theirs_by, rng),
     }
     figures["emitters"] = emitters(mesh, true, dataset, cameras)
     return figures
@@ -90,35 +90,43 @@ def _middle(values: np.ndarray) -> dict[str, float]:
 
 def seen_points(
     mesh: Mesh, cameras: list[Camera], count: int, rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
-    """(N, 3) float64 points on a mesh by area, at most ``count``, that a camera sees; (N,) triangle of each."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(N, 3) float64 points on a mesh by area, at most ``count``, that a camera sees.
+
+    Also the (N,) triangle of each, and the (N, 3) place of a camera that sees it.
+    """
     scene, chance = RayScene(mesh), mesh.areas / mesh.areas.sum()
-    found: list[tuple[np.ndarray, np.ndarray]] = []
+    centers = np.array([camera.center for camera in cameras])
+    found: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     for _ in range(_DRAWS):
         of = rng.choice(len(chance), count, p=chance)
         u, v = rng.random((2, count, 1))
         root, (a, b, c) = np.sqrt(u), np.moveaxis(mesh.corners[of].astype(np.float64), 1, 0)
         places = a * (1 - root) + b * (root * (1 - v)) + c * (root * v)
-        seen = visible(scene, places, cameras)
-        found.append((places[seen], of[seen]))
-        if sum(len(places) for places, _ in found) >= count:
+        by = seen_by(scene, places, cameras)
+        seen = by >= 0
+        found.append((places[seen], of[seen], centers[by[seen]]))
+        if sum(len(places) for places, _, _ in found) >= count:
             break
-    return np.concatenate([f[0] for f in found])[:count], np.concatenate([f[1] for f in found])[:count]
+    places, triangles, viewers = (np.concatenate(parts)[:count] for parts in zip(*found, strict=True))
+    return places, triangles, viewers
 
 
-def visible(scene: RayScene, places: np.ndarray, cameras: list[Camera]) -> np.ndarray:
-    """(N,) bool: points that a camera sees."""
-    seen = np.zeros(len(places), bool)
-    for camera in cameras:
+def seen_by(scene: RayScene, places: np.ndarray, cameras: list[Camera]) -> np.ndarray:
+    """(N,) int64 the first camera that sees each point; -1 for none."""
+    seen = np.full(len(places), -1)
+    for number, camera in enumerate(cameras):
         image, depth = camera.project(places)
-        inside = ~seen & (depth > 0) & (image >= 0).all(axis=1) & (image < [camera.width, camera.height]).all(axis=1)
+        inside = (
+            (seen < 0) & (depth > 0) & (image >= 0).all(axis=1) & (image < [camera.width, camera.height]).all(axis=1)
+        )
         chosen = np.flatnonzero(inside)
         if len(chosen) == 0:
             continue
         to = places[chosen] - camera.center
         far = np.linalg.norm(to, axis=1)
         met, _ = scene.intersect(camera.center, (to / far[:, None]).astype(np.float32))
-        seen[chosen[met > far - 1e-3]] = True
+        seen[chosen[met > far - 1e-3]] = number
     return seen
 
 
@@ -163,13 +171,10 @@ def true_planes(mesh: Mesh) -> np.ndarray:
     return np.where(np.bincount(plane, mesh.areas)[plane] >= PLANE, plane, -1)
 
 
-def leaving(mesh: Mesh, places: np.ndarray, of: np.ndarray, cameras: list[Camera], rng: np.random.Generator) -> float:
-    """Share of cosine-distributed rays from points that meet nothing; they start on the side that cameras are on."""
+def leaving(mesh: Mesh, places: np.ndarray, of: np.ndarray, viewers: np.ndarray, rng: np.random.Generator) -> float:
+    """Share of cosine-distributed rays from points that meet nothing; they start on the side of who sees the point."""
     scene, normal = RayScene(mesh), mesh.normals[of].astype(np.float64)
-    centers = np.array([camera.center for camera in cameras])
-    side = np.zeros(len(places))
-    for center in centers:
-        side += np.sign(((center - places) * normal).sum(axis=1))
+    side = ((viewers - places) * normal).sum(axis=1)
     normal *= np.where(side < 0, -1.0, 1.0)[:, None]
     ball = rng.standard_normal((len(places), 3))
     way = normal + ball / np.linalg.norm(ball, axis=1, keepdims=True)

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from fipt.errors import EXIT_CODE, FiptError
+from fipt.errors import EXIT_CODE, FiptError, shortage
 from fipt.formats.arrays import load_npz, save_npz
 
 log = logging.getLogger(__name__)
@@ -129,6 +129,11 @@ def main(name: str, folder: str, lifetime: str, cpus: str) -> None:
         result = getattr(importlib.import_module(module), function)(**arguments)
     except FiptError as error:
         (place / "error.json").write_text(json.dumps([error.message, error.remedy]), encoding="utf-8")
+        sys.exit(EXIT_CODE)
+    except (MemoryError, OSError, RuntimeError) as error:
+        if (short := shortage(error)) is None:
+            raise
+        (place / "error.json").write_text(json.dumps([short.message, short.remedy]), encoding="utf-8")
         sys.exit(EXIT_CODE)
     save_npz(place / "result.npz", **result)
     os._exit(0)  # no destructor of a library runs any more: some hang

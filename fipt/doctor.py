@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Literal
 
 from fipt.errors import FiptError
+from fipt.formats.files import total_memory
 from fipt.render import variant
 from fipt.stages.geometry.library import tried
 
@@ -236,14 +237,7 @@ def check_open3d() -> Check:
 
 def check_memory() -> Check:
     """Check main memory, limits of containers included."""
-    total = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    for limit in (
-        Path("/sys/fs/cgroup/memory.max"),
-        Path("/sys/fs/cgroup/memory/memory.limit_in_bytes"),
-    ):
-        text = limit.read_text().strip() if limit.is_file() else ""
-        if text.isdigit():
-            total = min(total, int(text))
+    total = total_memory()
     found = f"{total / 1e9:.1f} GB"
     if total < LOW_MEMORY_GB * 1e9:
         remedy = "use smaller images, or the demo preset"

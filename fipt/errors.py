@@ -2,6 +2,15 @@
 
 from __future__ import annotations
 
+import errno
+import re
+
+_NO_MEMORY = re.compile(r"std::bad_alloc|can(not|'t) allocate memory|out of memory", re.IGNORECASE)
+_QUOTA = re.compile(r"quota exceeded", re.IGNORECASE)
+_LARGE = re.compile(r"file too large", re.IGNORECASE)
+_FULL = re.compile(r"no space left on device", re.IGNORECASE)
+_CUT = re.compile(r"^\d+ requested and \d+ written$")
+
 #: Exit code of the command line for every `FiptError`, and for wrong usage.
 EXIT_CODE = 2
 
@@ -33,6 +42,47 @@ class FiptError(Exception):
 
     def __str__(self) -> str:
         return f"{self.message}; {self.remedy}" if self.remedy else self.message
+
+
+def shortage(error: BaseException, path: object = "") -> FiptError | None:
+    """Say that memory, the disk or a quota was too small, if an error says so in the way of some library; else None.
+
+    NumPy's writer gives no number of the system, libraries in C++ raise `RuntimeError`.
+
+    Parameters
+    ----------
+    error
+        What was raised.
+    path
+        What was written.
+    """
+    number, text = getattr(error, "errno", None), str(error)
+    place = path or getattr(error, "filename", None)
+    writing = f" while writing {place}" if place else ""
+    if isinstance(error, MemoryError) or number == errno.ENOMEM or _NO_MEMORY.search(text):
+        why = f" ({text})" if text else ""
+        return FiptError(f"there is too little memory{why}", "close other programs, or use smaller images")
+    if number == errno.EDQUOT or _QUOTA.search(text):
+        return FiptError(f"the quota of the disk is used up{writing}", "free some space and run again")
+    if number == errno.EFBIG or _LARGE.search(text):
+        return FiptError(
+            f"a file is larger than the system allows{writing}", "raise the limit (ulimit -f), or use another disk"
+        )
+    if number == errno.ENOSPC or _FULL.search(text):
+        return FiptError(f"the disk is full{writing}", "free some space and run again")
+    if _CUT.search(text):
+        return FiptError(f"the disk is full{writing}, or a quota or limit is reached", "free some space and run again")
+    return None
+
+
+def unreadable(path: object, error: BaseException, found: str, remedy: str) -> FiptError:
+    """Say that a file is ``found``, unless it was memory that failed: then it may be sound."""
+    if isinstance(error, MemoryError):
+        return FiptError(
+            f"{path} cannot be read: memory is too small, or a size in it is absurd ({error})",
+            f"close other programs, or {remedy}",
+        )
+    return FiptError(f"{path} {found}", remedy)
 
 
 def _one_line(text: str) -> str:

@@ -5,20 +5,27 @@ that ``fipt --help`` answers at once and ``fipt doctor`` works even where a heav
 derives the command of a stage from its ``run(inputs, settings)``.
 
 Exit codes: 0 done, 1 a check of ``fipt doctor`` failed, 2 wrong usage or a `fipt.errors.FiptError`
-(one line on stderr), 130 interrupted. Anything else keeps its traceback.
+(one line on stderr), or a crash of a library, 130 interrupted, 143 terminated. Anything else keeps its traceback.
 """
 
 from __future__ import annotations
 
+import functools
 import os
+import signal
 import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
 from fipt import __version__
-from fipt.cli.process import configure_logging, end_with_run, is_job, leave
-from fipt.errors import EXIT_CODE, FiptError
+from fipt.cli.guard import guarded
+from fipt.cli.process import configure_logging, end_with_parent, is_job, leave
+from fipt.errors import EXIT_CODE, FiptError, shortage
 from fipt.registry import VERBS
+
+
+class Interrupted(BaseException):
+    """Somebody has interrupted the program."""
 
 
 def help_text() -> str:
@@ -39,10 +46,13 @@ def help_text() -> str:
 
 def program() -> None:
     """Be the program ``fipt``: run the command line and end with its exit code."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # from here on it is told below
     job = is_job()
     if job:
-        end_with_run()
-    code = main()
+        end_with_parent(os.getppid())
+    name = sys.argv[1] if len(sys.argv) > 1 else ""
+    watched = name in VERBS and VERBS[name].section is not None and hasattr(os, "fork")
+    code = guarded(name, main) if watched else main()
     if job:
         leave(code)
     sys.exit(code)
@@ -74,9 +84,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _dispatch(args)
     except FiptError as error:
         return _fail(str(error))
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, Interrupted):
         print("fipt: interrupted", file=sys.stderr)
         return 130
+    except (MemoryError, OSError, RuntimeError) as error:
+        found = shortage(error)
+        if found is None:
+            raise
+        return _fail(str(found))
 
 
 def _dispatch(args: list[str]) -> int:
@@ -114,7 +129,15 @@ def run_command(command: Callable[..., Any], args: Sequence[str], prog_name: str
     # Plain help and errors: they can be searched and pasted, and a long line stays one line.
     # typer's own tracebacks are off, since they print local variables (whole arrays).
     app = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
-    app.command()(command)
+
+    @functools.wraps(command)
+    def heard(**given: Any) -> Any:
+        try:
+            return command(**given)
+        except KeyboardInterrupt:  # typer would end without a word
+            raise Interrupted from None
+
+    app.command()(heard)
     try:
         app(args=list(args), prog_name=prog_name)
     except SystemExit as stop:

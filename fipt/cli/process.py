@@ -7,6 +7,7 @@ import logging
 import os
 import signal
 import sys
+from typing import NoReturn
 
 LEVELS = ("debug", "info", "warning", "error")
 
@@ -40,14 +41,16 @@ def is_job() -> bool:
     return os.environ.get("FIPT_RUN") == str(os.getppid())
 
 
-def end_with_run() -> None:
-    """Let the system kill this job when the run that started it is killed, so that none works on unseen (Linux)."""
+def end_with_parent(parent: int) -> None:
+    """Let the system kill this process when ``parent`` is killed, so that none works on unseen (Linux)."""
     if sys.platform == "linux":
         kill_when_parent_ends = 1  # PR_SET_PDEATHSIG of linux/prctl.h
         ctypes.CDLL(None).prctl(kill_when_parent_ends, signal.SIGKILL)
+        if os.getppid() != parent:  # it was killed before
+            os._exit(1)
 
 
-def leave(code: int) -> None:
+def leave(code: int) -> NoReturn:
     """End the process at once: to take libraries down in order costs half a second with torch, and all is written."""
     sys.stdout.flush()
     sys.stderr.flush()

@@ -6,22 +6,36 @@ may lie in results/SCENE, whatever it is called there: by its path, by a link, o
 
 from __future__ import annotations
 
+import glob
 import os
+import re
 from collections.abc import Iterable, Iterator
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from fipt.config.layout import RESULTS
+from fipt.config.layout import RESULTS, Layout
 from fipt.config.reading import Configuration
 from fipt.config.scene import SceneConfig
-from fipt.config.sources.base import plain_path
+from fipt.config.sources.base import ESTIMATED, RECONSTRUCTED
 from fipt.errors import FiptError
-from fipt.formats.places import OwnedPlaces, same_place
+from fipt.formats.files import manifest_beside
+from fipt.formats.manifests import manifest_stage
+from fipt.formats.places import OwnedPlaces, same_place, with_folders
 from fipt.settings import dumped
 
-_TRACES = (".lock", "logs", "stats")
-"""What every run leaves in results/SCENE before it writes a dataset."""
+PATHS = re.compile(r"(.*\.)?(file|mesh|model|path|poses|reference)|segments")
+"""Keys whose values are paths; those of other keys are words, whatever is called like them."""
+
+_WRITTEN = "|".join(
+    sorted(
+        {
+            re.sub(r"\\{\w+\\}", ".+", re.escape(text.split("/")[2]))
+            for text in Layout.patterns().values()
+            if "/" in text
+        }
+    )
+)
+"""Regular expression of the names in results/SCENE that a run writes."""
 
 
 def check_kept(config: Configuration) -> None:
@@ -32,21 +46,17 @@ def check_kept(config: Configuration) -> None:
     FiptError
         One line that names the key, the file and the folder of results that it lies in.
     """
-    owned = OwnedPlaces((name, Path(RESULTS, name)) for name in config.scenes)
-    for name, scene in config.scenes.items():
+    owned = OwnedPlaces(((name, Path(RESULTS, name)) for name in config.scenes), _WRITTEN)
+    for scene in config.scenes.values():
+        files = scene.given_files()
         for key, path in _named(scene):
-            for file in (path, *_links(path)):
+            # of what is known file by file, other links are not read
+            for file in (path, *([] if key == "path" and files else _links(path))):
                 _check_input(scene, key, file, owned)
-        for file in _files(scene):
-            plain_path(file)
+        for file in files:
             _check_input(scene, "path", file, owned)
+    for name in config.scenes:
         _check_foreign(Path(RESULTS, name))
-
-
-def _files(scene: SceneConfig) -> list[str]:
-    with suppress(FiptError):  # a scene that nobody asked for needs no data
-        return scene.source.given_files()
-    return []
 
 
 def _check_input(scene: SceneConfig, key: str, path: str, owned: OwnedPlaces) -> None:
@@ -54,8 +64,14 @@ def _check_input(scene: SceneConfig, key: str, path: str, owned: OwnedPlaces) ->
     if found is None:
         return
     owner, place = found
-    if place == Path(RESULTS, owner) and (place / "stats").is_dir() and _is_made(scene, owner, path):
+    made = place == Path(RESULTS, owner) and _is_made(path, place)
+    if made and (owner != scene.name or _is_photographed(scene, path)):
         return
+    if made:
+        raise FiptError(
+            f"scene {scene.name}: {key} names {path}, a result of the scene itself: a run may write it anew",
+            f"copy it out of {RESULTS}/{owner} and name the copy in {key}",
+        )
     real = Path(path).resolve()
     shown = "" if real == Path.cwd() / path else f" (that is {real})"
     through = "" if place == Path(RESULTS, owner) else f", through the link {place}"
@@ -65,18 +81,31 @@ def _check_input(scene: SceneConfig, key: str, path: str, owned: OwnedPlaces) ->
     )
 
 
-def _is_made(scene: SceneConfig, owner: str, path: str) -> bool:
-    """Whether a run makes again what a scene reads there: another scene's results, the room that it photographs."""
-    room = Path(scene.layout.room_folder).resolve()
-    return owner != scene.name or (scene.source.simulated and Path(path).resolve().is_relative_to(room))
+def _is_made(path: str | Path, results: Path) -> bool:
+    """Whether a run made what lies there: views.json or a manifest of ours in a folder from it up to the results, or
+    beside one. What merely lies in the results of a scene that ran may be somebody's own.
+    """
+    root = results.resolve()
+    folders = [place for place in with_folders(path) if root in place.parents]
+    return any((folder / "views.json").is_file() or any(map(manifest_stage, _manifests(folder))) for folder in folders)
+
+
+def _manifests(folder: Path) -> Iterator[Path]:
+    """What may be manifests of a folder: in it, beside it, beside it of a shard."""
+    yield from folder.glob("*.manifest.json")
+    yield manifest_beside(folder)
+    yield from folder.parent.glob(f"{glob.escape(folder.name)}.*.manifest.json")
+
+
+def _is_photographed(scene: SceneConfig, path: str) -> bool:
+    """Whether it is of the room that a simulated camera takes, which is made before anything reads it."""
+    return scene.source.simulated and Path(path).resolve().is_relative_to(Path(scene.layout.room_folder).resolve())
 
 
 def _check_foreign(results: Path) -> None:
     """Refuse a dataset that somebody put where the program's own would go."""
     dataset = results / "dataset"
-    if not (dataset / "transforms.json").is_file() or (dataset / "views.json").is_file():
-        return
-    if not any((results / name).exists() for name in _TRACES):
+    if (dataset / "transforms.json").is_file() and not _is_made(dataset, results):
         raise FiptError(
             f"{dataset} holds a transforms.json that no run wrote: a run would clear it",
             f"move it out of {RESULTS}, and name it as the path of the scene",
@@ -89,6 +118,8 @@ def _named(scene: SceneConfig) -> Iterator[tuple[str, str]]:
     values |= {f"settings.{section}": dumped(value) for section, value in scene.settings.items()}
     values |= {f"setups.{name}": dumped(setup) for name, setup in scene.given_setups.items()}
     for key, text in _texts(values, ""):
+        if not PATHS.fullmatch(key) or text in (ESTIMATED, RECONSTRUCTED):
+            continue
         try:
             path = scene.place.path(text, key)
             if Path(path).exists():

@@ -72,6 +72,7 @@ class Layout:
     geometry_folder = Below("geometry")
     estimated_mesh = Below("geometry/mesh.ply")
     geometry = Below("geometry/geometry.json")
+    geometry_overview = Below("geometry/overview.png")
 
     # the dataset
     dataset = Below("dataset")

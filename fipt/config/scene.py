@@ -22,6 +22,7 @@ from fipt.formats.files import existing_file
 from fipt.scene.setup import RelightSetup
 from fipt.settings import dumped
 from fipt.stages.geometry.library import check_installed
+from fipt.stages.geometry.settings import given_file
 
 
 @dataclass(frozen=True)
@@ -92,15 +93,23 @@ class SceneConfig:
         Raises
         ------
         FiptError
-            If emitters_review.yaml is wrong, something that a relight setup names is not there, or a mesh is to be made
-            and open3d is missing.
+            If emitters_review.yaml is wrong, something that a relight setup names is not there, a file of the source
+            has a name that the workflow cannot use, or a mesh is to be made and open3d is missing.
         """
+        for path in self.given_files():
+            self.place.plain(path, "path")
         self.decisions.review  # noqa: B018 - read here
         self.setups.check()
         if self._makes_mesh():
             check_installed()
         for path in self.environment_files():
             existing_file(path, "environment.file")
+
+    def given_files(self) -> list[str]:
+        """Files of somebody else that its source names; none where the source cannot be read, or not yet."""
+        with suppress(FiptError):  # a scene that nobody asked for needs no data
+            return self.source.given_files()
+        return []
 
     def _makes_mesh(self) -> bool:
         """Whether a run makes the mesh; not known of a source that cannot be read, which says so when it is."""
@@ -116,6 +125,10 @@ class SceneConfig:
         if section == "check_poses":
             values["enabled"] = self.checks_poses
         return json.dumps(self.place.paths(values, f"settings.{section}"), sort_keys=True)
+
+    def memory_mb(self, section: str) -> int:
+        """Megabytes of memory that a stage takes at most, of those whose settings bound it."""
+        return int(1000 * self.settings[section].memory_gb)
 
     @property
     def rays_per_side(self) -> int:
@@ -138,6 +151,10 @@ class SceneConfig:
     def prepared(self) -> list[str]:
         """What an import did to a noisy mesh, of imported scenes."""
         return [self.layout.prepared] if self.source.imported else []
+
+    def made_mesh(self) -> list[str]:
+        """What is said about a mesh that was made of the images."""
+        return [self.layout.geometry, self.layout.geometry_overview] if self.source.reconstructed else []
 
     def judged(self) -> list[str]:
         """The capture report, of photographed scenes."""
@@ -188,6 +205,15 @@ class SceneConfig:
         """The environment map that the config names, if any."""
         file = getattr(self.settings["environment"], "file", None)
         return [self.place.path(file, "settings.environment.file")] if file else []
+
+    def given_depth(self) -> list[str]:
+        """Depth maps of the training views that the config names, if any."""
+        folder = self.settings["depth"].given
+        if not folder:
+            return []
+        placed = Path(self.place.path(folder, "settings.depth.given"))
+        views = [view for shard in self.views.shards("train").values() for view in shard]
+        return [str(existing_file(given_file(placed, view), f"depth of {view} (depth.given)")) for view in views]
 
     # --- the model and what is made of it
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import DTypeLike
 
-from fipt.errors import FiptError
+from fipt.errors import FiptError, unreadable
 from fipt.formats.files import atomic, existing_file, made_again, nameless
 
 
@@ -33,7 +33,7 @@ def load_npy(path: str | Path, mmap: bool = True) -> np.ndarray:
     except Exception as error:  # an absurd header raises kinds of its own: OverflowError, SyntaxError, MemoryError
         # numpy takes whatever it does not know for a pickle, and says how to load one.
         why = "" if "pickle" in str(error) else f" ({error})"
-        raise FiptError(f"{path} is not a complete npy array{why}", made_again(path)) from error
+        raise unreadable(path, error, f"is not a complete npy array{why}", made_again(path)) from error
 
 
 def on_disk(folder: str | Path) -> Callable[[tuple[int, ...], DTypeLike], np.ndarray]:
@@ -76,7 +76,7 @@ def load_npz(path: str | Path, required: Sequence[str] = ()) -> dict[str, np.nda
             arrays = {name: file[name] for name in file.files}
     except Exception as error:  # zipfile, zlib and numpy each raise their own kinds for a damaged file
         why = "" if "pickle" in str(error) else f" ({error})"
-        raise FiptError(f"{path} is not a complete npz file{why}", made_again(path)) from error
+        raise unreadable(path, error, f"is not a complete npz file{why}", made_again(path)) from error
     missing = [name for name in required if name not in arrays]
     if missing:
         raise FiptError(f"{path} lacks the arrays {', '.join(missing)}", "give the file of the stage that writes them")

@@ -2,11 +2,15 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from fipt.errors import FiptError
-from fipt.formats.files import atomic, existing_file
+from fipt.errors import FiptError, unreadable
+from fipt.formats.files import atomic, check_memory, existing_file
+
+_BYTES_A_CHANNEL = 12
+"""Of memory for a pixel's channel while a file is read: measured 12.3 for float32."""
 
 
 def write_exr(
@@ -64,10 +68,15 @@ def read_exr(path: str | Path, required: Sequence[str] = ()) -> dict[str, np.nda
 
     existing_file(path, "an EXR file")
     try:
+        with OpenEXR.File(str(path), header_only=True) as file:
+            _check_size(path, file.header())
         with OpenEXR.File(str(path), separate_channels=True) as file:
             channels = {name: np.array(channel.pixels) for name, channel in file.channels().items()}
+            _check_windows(path, file.header())
+    except FiptError:
+        raise
     except Exception as error:  # the package raises bare RuntimeError and ValueError
-        raise FiptError(f"{path} is not a readable EXR file ({error})", "replace the file") from error
+        raise unreadable(path, error, f"is not a readable EXR file ({error})", "replace the file") from error
     shapes = {array.shape for array in channels.values()}
     if len(shapes) != 1 or len(next(iter(shapes))) != 2:
         raise FiptError(
@@ -84,6 +93,23 @@ def read_exr(path: str | Path, required: Sequence[str] = ()) -> dict[str, np.nda
         name: array if array.dtype == np.uint32 else array.astype(np.float32, copy=False)
         for name, array in channels.items()
     }
+
+
+def _check_size(path: str | Path, header: Mapping[str, Any]) -> None:
+    """Refuse an image that needs more memory than there is, before it is decoded."""
+    low, high = (np.asarray(corner, np.int64) for corner in header["dataWindow"])
+    pixels = int(np.prod(high - low + 1))
+    check_memory(_BYTES_A_CHANNEL * len(header["channels"]) * pixels, f"reading {path}", "use smaller images")
+
+
+def _check_windows(path: str | Path, header: Mapping[str, Any]) -> None:
+    """Raise FiptError if a file holds another window of pixels than the one it shows: its camera is of the latter."""
+    data, shown = (np.array(header[name]).tolist() for name in ("dataWindow", "displayWindow"))
+    if data != shown:
+        raise FiptError(
+            f"{path}: its data window {data} must be its display window {shown}",
+            "export the whole image, without cropping or overscan",
+        )
 
 
 def read_rgb(path: str | Path, layer: str = "") -> np.ndarray:

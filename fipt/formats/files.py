@@ -12,20 +12,19 @@ from pathlib import Path
 from typing import IO
 
 from fipt.conventions import NAME_PATTERN
-from fipt.errors import FiptError
+from fipt.errors import FiptError, shortage
 
 log = logging.getLogger(__name__)
 
 
-def _explained(error: OSError, path: Path) -> Exception:
+def _explained(error: OSError | RuntimeError, path: Path) -> Exception:
     """What a user can mend, as a FiptError; other errors as they are."""
-    if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
-        return FiptError(f"{path} cannot be written ({error.strerror})", "check the folder's permissions")
-    if error.errno in (errno.ENOTDIR, errno.EEXIST):
+    number = getattr(error, "errno", None)
+    if number in (errno.EACCES, errno.EPERM, errno.EROFS):
+        return FiptError(f"{path} cannot be written ({os.strerror(number)})", "check the folder's permissions")
+    if number in (errno.ENOTDIR, errno.EEXIST):
         return FiptError(f"{path} cannot be written: a file stands where a folder must", "choose another place")
-    if error.errno == errno.ENOSPC:
-        return FiptError(f"the disk is full while writing {path}", "free some space and run again")
-    return error
+    return shortage(error, path) or error
 
 
 @contextmanager
@@ -45,8 +44,10 @@ def atomic(path: str | Path) -> Iterator[Path]:
         path.parent.mkdir(parents=True, exist_ok=True)
         yield temporary
         os.replace(temporary, path)
-    except OSError as error:
-        raise _explained(error, path) from error
+    except (OSError, RuntimeError) as error:
+        if (explained := _explained(error, path)) is error:
+            raise
+        raise explained from error
     finally:
         with suppress(NotADirectoryError):
             temporary.unlink(missing_ok=True)
@@ -82,8 +83,10 @@ def atomic_folder(path: str | Path, holds: str) -> Iterator[Path]:
         if path.exists():
             shutil.rmtree(path)
         os.replace(temporary, path)
-    except OSError as error:
-        raise _explained(error, path) from error
+    except (OSError, RuntimeError) as error:
+        if (explained := _explained(error, path)) is error:
+            raise
+        raise explained from error
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
 
@@ -235,3 +238,22 @@ def check_disk(folder: str | Path, needed: int, what: str) -> None:
             f"{what} needs {needed / 1e9:.2f} GB in {folder}; {free / 1e9:.2f} GB are free",
             "free some space or give another results folder",
         )
+
+
+def total_memory() -> int:
+    """Bytes of main memory, limits of containers included."""
+    total = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    for limit in (Path("/sys/fs/cgroup/memory.max"), Path("/sys/fs/cgroup/memory/memory.limit_in_bytes")):
+        text = limit.read_text().strip() if limit.is_file() else ""
+        if text.isdigit():
+            total = min(total, int(text))
+    return total
+
+
+def check_memory(needed: int, what: str, remedy: str) -> None:
+    """Raise FiptError if ``what`` needs more bytes of memory than there are; log an estimate of a gigabyte and more."""
+    total = total_memory()
+    if needed > total:
+        raise FiptError(f"{what} needs about {needed / 1e9:.0f} GB of memory; there are {total / 1e9:.0f} GB", remedy)
+    if needed >= 1e9:
+        log.info("%s takes about %.1f GB of memory; there are %.1f GB", what, needed / 1e9, total / 1e9)

@@ -1,12 +1,14 @@
 """8-bit and 16-bit PNG, what else OpenCV decodes, and the sRGB curve."""
 
-import warnings
 from pathlib import Path
 
 import numpy as np
 
-from fipt.errors import FiptError
+from fipt.errors import FiptError, unreadable
 from fipt.formats.files import atomic, existing_file
+
+_MOST_PIXELS = 10**9
+"""Pixels of an image that is read: cameras have a tenth of that, panoramas that are stitched perhaps half."""
 
 
 def srgb_encode(linear: np.ndarray) -> np.ndarray:
@@ -44,14 +46,15 @@ def read_pixels(path: str | Path, what: str, mode: str | None = None) -> np.ndar
     """
     from PIL import Image
 
+    Image.MAX_IMAGE_PIXELS = _MOST_PIXELS  # Pillow warns from there on, and refuses twice as many
     existing_file(path, what)
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", Image.DecompressionBombWarning)
-            with Image.open(path) as image:
-                return np.array(image if mode is None else image.convert(mode))
+        with Image.open(path) as image:
+            if image.width * image.height > _MOST_PIXELS:  # before anything is decoded
+                raise ValueError(f"{image.width}x{image.height} pixels, at most {_MOST_PIXELS:,} are read")
+            return np.array(image if mode is None else image.convert(mode))
     except Exception as error:  # each decoder raises its own kinds
-        raise FiptError(f"{path} is not a readable image ({error})", "replace the file") from error
+        raise unreadable(path, error, f"is not a readable image ({error})", "replace the file") from error
 
 
 def read_ids(path: str | Path) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
@@ -48,13 +49,18 @@ class OwnedPlaces:
     ----------
     folders
         Name -> folder; one that does not exist owns nothing yet.
+    written
+        Regular expression of the names in such a folder that may be replaced: links elsewhere in it are followed by
+        nobody.
     """
 
-    def __init__(self, folders: Iterable[tuple[str, Path]]) -> None:
+    def __init__(self, folders: Iterable[tuple[str, Path]], written: str = ".*") -> None:
         self._known: dict[Path, Identity | None] = {}
         self._owners: dict[Identity, tuple[str, Path]] = {}
+        names = re.compile(written, re.IGNORECASE)  # some disks ignore case
         for name, folder in folders:
-            for path in (folder, *links_below(folder)):
+            links = (link for link in links_below(folder) if names.fullmatch(link.relative_to(folder).parts[0]))
+            for path in (folder, *links):
                 found = identity(path)
                 if found is not None:
                     self._owners.setdefault(found, (name, path))

@@ -63,7 +63,7 @@ def read_pose_file(path: str | Path) -> list[Posed]:
     Raises
     ------
     FiptError
-        The file is damaged, holds a camera that is no perspective one, or coordinates of a map.
+        The file is damaged, holds a camera that is no perspective one, or positions that are no metres on Earth.
     """
     path = Path(path)
     readers = {".xml": _metashape, ".csv": _reality_capture}

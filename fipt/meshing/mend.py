@@ -42,14 +42,17 @@ class MendedMesh:
             "unused_vertices": "unused vertices",
         }
         found = [f"{self.figures[key]} {name}" for key, name in names.items() if self.figures[key]]
-        return [f"taken out of the mesh: {', '.join(found)}"] if found else []
+        renumbered = self.figures["doubled"] or self.figures["degenerate"]
+        shifted = "; numbers of triangles are those of what stays" if renumbered else ""
+        return [f"taken out of the mesh: {', '.join(found)}{shifted}"] if found else []
 
 
 def mended(vertices: np.ndarray, triangles: np.ndarray, origin: np.ndarray) -> MendedMesh:
     """Take out what is there twice or not at all, and move the mesh. One that has none of it keeps every bit.
 
-    Triangles are equal if their corners are at the same places, whatever their winding: rays meet either of them, and
-    light would count twice. The first one stays. Emitters and ids that refer to triangles count what stays.
+    Triangles are equal if their corners are at the same places as float32, which is what is written, whatever their
+    winding: rays meet either of them, and light would count twice. The first one stays. Emitters and ids that refer to
+    triangles count what stays.
 
     Parameters
     ----------
@@ -60,9 +63,10 @@ def mended(vertices: np.ndarray, triangles: np.ndarray, origin: np.ndarray) -> M
     origin
         (3,) what is subtracted from positions, see `far_origin`.
     """
-    corner = _places(vertices)[triangles]
+    written = (vertices - origin).astype(np.float32)
+    corner = _places(written)[triangles]
     degenerate = (corner == np.roll(corner, 1, axis=1)).any(axis=1)
-    degenerate |= ~_area_normals(vertices, triangles).any(axis=1)
+    degenerate |= ~_area_normals(written.astype(np.float64), triangles).any(axis=1)
     doubled = _repeated(np.sort(corner, axis=1)) & ~degenerate
     kept = triangles[~(doubled | degenerate)]
     if len(kept) == 0:  # nothing would be left: told by what reads the mesh
@@ -75,7 +79,7 @@ def mended(vertices: np.ndarray, triangles: np.ndarray, origin: np.ndarray) -> M
         "doubled": int(doubled.sum()),
         "degenerate": int(degenerate.sum()),
     }
-    mesh = Mesh((vertices[used] - origin).astype(np.float32), number[kept].astype(np.int32))
+    mesh = Mesh(written[used], number[kept].astype(np.int32))
     return MendedMesh(mesh, figures)
 
 

@@ -10,6 +10,11 @@ from fipt.errors import FiptError
 from fipt.formats.files import check_name, existing_file, write_text
 from fipt.formats.text import MALFORMED
 
+_IMAGE_AXES = np.diag([1.0, -1.0, -1.0])
+"""Image axes from a camera's, which are OpenGL's."""
+_FARTHEST = 10
+"""Sizes of the image that the principal point may lie away: a crop or a shifted lens has it outside, by a few."""
+
 
 @dataclass(frozen=True)
 class Camera:
@@ -40,9 +45,25 @@ class Camera:
     world_from_camera: np.ndarray
 
     @property
+    def is_shifted(self) -> bool:
+        """Whether its principal point lies outside the image: a crop, a lens that is shifted, or wrong intrinsics."""
+        return not (0 <= self.cx <= self.width and 0 <= self.cy <= self.height)
+
+    @property
     def center(self) -> np.ndarray:
         """(3,) float64 position in world space, metres."""
         return self.world_from_camera[:3, 3]
+
+    @property
+    def extrinsics(self) -> np.ndarray:
+        """(3, 4) float64 image axes (x right, y down, z forward) from world axes, metres."""
+        turn = _IMAGE_AXES @ np.asarray(self.world_from_camera[:3, :3], np.float64).T
+        return np.column_stack([turn, -turn @ self.center])
+
+    @property
+    def intrinsics(self) -> np.ndarray:
+        """(3, 3) float64 pixels, counted by their centres, from image axes: the first pixel is (0, 0)."""
+        return np.array([[self.fx, 0.0, self.cx - 0.5], [0.0, self.fy, self.cy - 0.5], [0.0, 0.0, 1.0]])
 
     def directions(self, columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """Return unit world directions through image points.
@@ -80,12 +101,17 @@ class Camera:
 
 
 def write_transforms(
-    path: str | Path, cameras: list[Camera], folder: str = "images/", origin: np.ndarray | None = None
+    path: str | Path,
+    cameras: list[Camera],
+    folder: str = "images/",
+    origin: np.ndarray | None = None,
+    radiance_scale: float = 1.0,
 ) -> None:
     """Write cameras as transforms.json (nerfstudio convention, intrinsics and split per frame).
 
     ``folder`` of the images is relative to that of the file, with a slash at its end. ``origin`` (3,) is what was
-    subtracted from the positions of the source, metres; it is written where it is not zero.
+    subtracted from the positions of the source, metres; it is written where it is not zero. ``radiance_scale`` is the
+    factor from the source's radiance to that of the images; it is written where it is not 1.
     """
     frames = [
         {
@@ -102,7 +128,8 @@ def write_transforms(
         for camera in cameras
     ]
     moved = {"origin": origin.tolist()} if origin is not None and origin.any() else {}
-    write_text(path, json.dumps({"camera_model": "PINHOLE", **moved, "frames": frames}, indent=1) + "\n")
+    scaled = {"radiance_scale": radiance_scale} if radiance_scale != 1.0 else {}
+    write_text(path, json.dumps({"camera_model": "PINHOLE", **moved, **scaled, "frames": frames}, indent=1) + "\n")
 
 
 def read_origin(path: str | Path) -> np.ndarray:
@@ -113,11 +140,35 @@ def read_origin(path: str | Path) -> np.ndarray:
     FiptError
         If the transforms.json is missing or damaged.
     """
+    found = _stated(path, "origin", (0.0, 0.0, 0.0))
+    if found.shape != (3,):
+        raise FiptError(f"{path}: origin must be three numbers; found {found.tolist()}", "run the import again")
+    return found
+
+
+def read_radiance_scale(path: str | Path) -> float:
+    """Factor from the source's radiance to that of a dataset's images, a power of two; 1 where nothing is stated.
+
+    Raises
+    ------
+    FiptError
+        If the transforms.json is missing or damaged.
+    """
+    found = _stated(path, "radiance_scale", 1.0)
+    if found.shape != () or not found > 0:
+        raise FiptError(
+            f"{path}: radiance_scale must be a number above 0; found {found.tolist()}", "run the import again"
+        )
+    return float(found)
+
+
+def _stated(path: str | Path, key: str, default: object) -> np.ndarray:
+    """Finite float64 numbers that a dataset's transforms.json states for all its cameras."""
     existing_file(path, "transforms.json")
     try:
-        found = np.array(json.loads(Path(path).read_text(encoding="utf-8")).get("origin", (0, 0, 0)), np.float64)
-        if found.shape != (3,) or not np.isfinite(found).all():
-            raise ValueError(f"origin must be three numbers; found {found}")
+        found = np.array(json.loads(Path(path).read_text(encoding="utf-8")).get(key, default), np.float64)
+        if not np.isfinite(found).all():
+            raise ValueError(f"{key} must be finite; found {found}")
     except MALFORMED as error:
         raise FiptError(f"{path} is not a dataset's transforms.json ({error!r})", "run the import again") from error
     return found
@@ -183,10 +234,10 @@ def check_cameras(cameras: list[Camera], path: str | Path) -> None:
             raise FiptError(
                 f"{where}: image size and focal lengths must be positive and finite", "correct the intrinsics"
             )
-        if not (0 <= camera.cx <= camera.width and 0 <= camera.cy <= camera.height):
+        if not max(abs(camera.cx) / camera.width, abs(camera.cy) / camera.height) <= _FARTHEST:
             raise FiptError(
-                f"{where}: the principal point must lie in the image; found {camera.cx:g}, {camera.cy:g} of "
-                f"{camera.width}x{camera.height}",
+                f"{where}: the principal point must lie within {_FARTHEST} sizes of the image; found {camera.cx:g}, "
+                f"{camera.cy:g} of {camera.width}x{camera.height}",
                 "correct the intrinsics",
             )
         transform = camera.world_from_camera

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from fipt.formats.files import write_text
 from fipt.formats.images import read_ids
 from fipt.formats.manifests import ListedFiles
 from fipt.formats.views import read_rejected
-from fipt.scene.cameras import Camera, read_transforms
+from fipt.scene.cameras import Camera, read_radiance_scale, read_transforms
 from fipt.scene.mesh import Mesh, read_mesh
 
 CHECKED = "check_poses.json"
@@ -22,6 +23,10 @@ CHECKED = "check_poses.json"
 
 _VIEWPOINTS = 16
 """Cameras that tell how far a room reaches; others stand between them."""
+
+_MOST = 1e10
+"""Radiance that no pixel has, in a unit in which rooms have about 0.25: the sun in a room lit by a candle has less.
+Squares and sums of what is below stay far from the end of float32."""
 
 TRUTH_RGB = ("kd", "base_color", "reflectance", "emission")
 TRUTH_SCALAR = ("roughness", "metallic", "emission_mask")
@@ -61,6 +66,11 @@ class Dataset:
         # Of the view that was read last: callers ask for them after its image, which is in the same file.
         self._flags: dict[str, np.ndarray | None] = {}
 
+    @cached_property
+    def radiance_scale(self) -> float:
+        """Factor from the source's radiance to that of the images: people see the source's unit alone."""
+        return read_radiance_scale(self.root / "transforms.json")
+
     def camera(self, view: str) -> Camera:
         """Return the camera of an accepted view."""
         if view not in self._by_name:
@@ -80,7 +90,7 @@ class Dataset:
 
     def mesh(self) -> Mesh:
         """The room's mesh, metres, with the places where its cameras stand."""
-        step = max(1, len(self.cameras) // _VIEWPOINTS)
+        step = max(1, -(-len(self.cameras) // _VIEWPOINTS))
         centers = np.array([camera.center for camera in self.cameras[::step]]).reshape(-1, 3)
         return replace(read_mesh(self._listed.check(self.root / "mesh.ply")), seen_from=centers)
 
@@ -159,7 +169,7 @@ class Dataset:
 
 
 def check_image(radiance: np.ndarray, valid: np.ndarray, camera: Camera, path: Path) -> None:
-    """Raise FiptError if an (H, W, 3) image does not fit its camera or holds NaN, infinite or negative pixels."""
+    """Raise FiptError if an (H, W, 3) image does not fit its camera or holds what no radiance can be."""
     if radiance.shape[:2] != (camera.height, camera.width):
         raise FiptError(
             f"{path} must be {camera.width}x{camera.height} like its camera; it is "
@@ -170,6 +180,7 @@ def check_image(radiance: np.ndarray, valid: np.ndarray, camera: Camera, path: P
         ("NaN", np.isnan(radiance)),
         ("infinite", np.isinf(radiance)),
         ("negative", radiance < 0),
+        (f"{_MOST:.0e} times as bright as a room, more than the sun", radiance > _MOST),
     ):
         pixels = bad.any(axis=-1) & (valid > 0)
         if pixels.any():

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +36,16 @@ class Undecided:
     reflects: np.ndarray
     emits: np.ndarray
     price: np.ndarray
+
+    def joined(self, other: "Undecided") -> "Undecided":
+        """Regions of both; a triangle of both stays in the first."""
+        new = ~np.isin(other.triangle, self.triangle)
+        triangle, region = other.triangle[new], other.region[new] + np.int32(len(self.price))
+        return Undecided(
+            np.concatenate([self.triangle, triangle]),
+            np.concatenate([self.region, region]),
+            *(np.concatenate([getattr(self, name), getattr(other, name)]) for name in ("reflects", "emits", "price")),
+        )
 
     @classmethod
     def none(cls) -> "Undecided":
@@ -106,6 +116,12 @@ class Emitters:
     def possible(self) -> np.ndarray:
         """Triangles that emit or may emit."""
         return np.union1d(self.triangle, self.undecided.triangle)
+
+    def chosen(self, rows: np.ndarray) -> "Emitters":
+        """Those triangles alone where ``rows`` (E,) is true; emitters are numbered anew, without gaps."""
+        arrays = {name: getattr(self, name)[rows] for name in _ARRAYS}
+        arrays["emitter"] = np.unique(arrays["emitter"], return_inverse=True)[1].reshape(-1).astype(np.int32)
+        return replace(self, **arrays)
 
     @classmethod
     def none(cls) -> "Emitters":
@@ -196,8 +212,8 @@ def undecided_facts(undecided: Undecided, mesh: Mesh) -> list[dict[str, Any]]:
     return rows
 
 
-def write_emitters(path: str | Path, emitters: Emitters, mesh: Mesh) -> None:
-    """Write ``path`` (npz) and, beside it, the JSON for people."""
+def write_emitters(path: str | Path, emitters: Emitters, mesh: Mesh, radiance_scale: float = 1.0) -> None:
+    """Write ``path`` (npz) and, beside it, the JSON for people; ``radiance_scale`` as of `in_source_unit`."""
     save_npz(
         path,
         two_sided=np.array(emitters.two_sided),
@@ -205,7 +221,14 @@ def write_emitters(path: str | Path, emitters: Emitters, mesh: Mesh) -> None:
         **{f"undecided_{name}": getattr(emitters.undecided, name) for name in _UNDECIDED},
     )
     questions = undecided_facts(emitters.undecided, mesh)
-    write_list(Path(path).with_suffix(".json"), emitters.two_sided, emitter_facts(emitters, mesh), questions)
+    rows = emitter_facts(in_source_unit(emitters, radiance_scale), mesh)
+    write_list(Path(path).with_suffix(".json"), emitters.two_sided, rows, questions)
+
+
+def in_source_unit(emitters: Emitters, radiance_scale: float) -> Emitters:
+    """Return emitters with the radiance of the source; ``radiance_scale`` is the dataset's factor from it."""
+    unit = np.float32(1 / radiance_scale)
+    return replace(emitters, radiance=emitters.radiance * unit, error=emitters.error * unit)
 
 
 def write_list(path: Path, two_sided: bool, rows: list[dict[str, Any]], undecided: list[dict[str, Any]]) -> None:

@@ -94,6 +94,11 @@ def constant(radiance: tuple[float, float, float] | np.ndarray, up: str = "y") -
     return EnvironmentMap("constant", np.asarray(radiance, np.float32).reshape(1, 1, 3), up)
 
 
+def in_unit(environment: EnvironmentMap, scale: float) -> EnvironmentMap:
+    """Return a map with all its light multiplied."""
+    return replace(environment, radiance=environment.radiance * np.float32(scale))
+
+
 def edited(environment: EnvironmentMap, edit: EnvironmentEdit | None) -> EnvironmentMap:
     """Return the background under a light setup: another map or radiance, then its scale, then its turn."""
     if edit is None:
@@ -102,8 +107,8 @@ def edited(environment: EnvironmentMap, edit: EnvironmentEdit | None) -> Environ
         environment = read_map(edit.file, environment.up)
     if edit.radiance is not None:
         environment = constant(edit.radiance, environment.up)
-    scale = np.float32(1.0 if edit.scale is None else edit.scale)
-    return replace(environment, radiance=environment.radiance * scale, rotation=environment.rotation + edit.rotation)
+    environment = in_unit(environment, 1.0 if edit.scale is None else edit.scale)
+    return replace(environment, rotation=environment.rotation + edit.rotation)
 
 
 def texel_of(directions: np.ndarray, height: int, width: int) -> np.ndarray:

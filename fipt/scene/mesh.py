@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fipt.errors import FiptError
+from fipt.errors import FiptError, unreadable
 from fipt.formats.files import atomic, existing_file
 
 
@@ -73,7 +73,8 @@ def read_geometry(path: str | Path) -> tuple[np.ndarray, np.ndarray]:
         read = _read_obj if path.suffix.lower() == ".obj" else _read_other
         vertices, triangles = read(path)
     except Exception as error:  # trimesh raises whatever its parsers raise
-        raise FiptError(f"{path} is not a readable mesh ({error})", "give a PLY or OBJ file with triangles") from error
+        remedy = "give a PLY or OBJ file with triangles"
+        raise unreadable(path, error, f"is not a readable mesh ({error})", remedy) from error
     if len(triangles) == 0 or triangles.ndim != 2 or triangles.shape[1] != 3:
         raise FiptError(
             f"the mesh {path} must hold triangles; it has none",

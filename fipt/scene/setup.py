@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from difflib import get_close_matches
 from operator import sub
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import Field, model_validator
 
@@ -25,6 +25,8 @@ from fipt.settings import (
     Weight,
 )
 from fipt.validation import checked
+
+_Lit = TypeVar("_Lit", bound=Settings)
 
 
 class EmitterEdit(Settings):
@@ -327,6 +329,22 @@ class RelightSetup(Settings):
         if self.cameras is not None and self.reference is not None:
             raise ValueError("reference is compared with views of the dataset; a setup with cameras renders none")
         return self
+
+    def in_unit(self, scale: float) -> "RelightSetup":
+        """Return the setup with all its light multiplied: what people write is in the unit of the source."""
+        if scale == 1.0:
+            return self
+
+        def scaled(entry: _Lit) -> _Lit:
+            stated = {key: getattr(entry, key, None) for key in ("radiance", "intensity")}
+            light = {key: tuple(scale * x for x in value) for key, value in stated.items() if value is not None}
+            return entry.model_copy(update=light)
+
+        outside = None if self.environment is None else scaled(self.environment)
+        if outside is not None and outside.file is not None and outside.radiance is None:
+            outside = outside.model_copy(update={"scale": scale * (1.0 if outside.scale is None else outside.scale)})
+        lights, emitters = tuple(map(scaled, self.lights)), tuple(map(scaled, self.emitters))
+        return self.model_copy(update={"emitters": emitters, "lights": lights, "environment": outside})
 
     @property
     def chooses_segments(self) -> bool:

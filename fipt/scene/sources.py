@@ -31,7 +31,7 @@ class ImageSource:
     photographs
         Whether the images are developed photographs, whose noise may be negative.
     scale
-        Factor on all radiance of photographs.
+        Factor on all radiance.
     rejected
         View that a check has rejected -> why; not among the frames.
     unposed

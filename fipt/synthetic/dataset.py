@@ -9,7 +9,7 @@ from pathlib import Path
 
 from fipt.errors import FiptError
 from fipt.formats.exr import write_exr
-from fipt.formats.files import existing_file, write_text
+from fipt.formats.files import check_memory, existing_file, write_text
 from fipt.formats.images import write_png
 from fipt.progress import progress
 from fipt.scene.cameras import Camera, read_transforms, write_transforms
@@ -26,6 +26,9 @@ from fipt.synthetic.settings import SynthesizeSettings
 from fipt.synthetic.views import Truth, ViewTruth, render_views, view_truth
 
 log = logging.getLogger(__name__)
+
+_BYTES_A_PIXEL = 600
+"""Of memory while an image is traced, with its truth: measured 595."""
 
 
 def write_room(
@@ -88,8 +91,10 @@ def write_images(
     rate
         Paths per second.
     """
-    room = built(folder, settings, scene)
     cameras = _cameras(folder, names, settings if setup_name is None else None)
+    largest = max((camera.width * camera.height for camera in cameras), default=0)
+    check_memory(_BYTES_A_PIXEL * largest, "an image of the room", "use smaller images")
+    room = built(folder, settings, scene)
     paths = [camera.width * camera.height * settings.spp for camera in cameras]
     files: list[Path] = []
     with progress("synthesize", sum(paths), " paths") as bar:

@@ -1,12 +1,14 @@
 """Files between stages: what a verb reads is what its stage wrote, and the printed remedy makes it again."""
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import fipt.stages
 from fipt.cli.main import main
 from fipt.conventions import SHADING_OUTPUTS
 from fipt.errors import FiptError
@@ -220,3 +222,14 @@ def test_samples_that_are_killed_before_their_manifest_leave_none(made: Path, mo
     assert main(["samples", *views, "--out", str(shard)]) != 0
     assert read_samples(shard).views == ("train_000",)
     assert not shard.with_name("train-000.manifest.json").exists()
+
+
+def test_every_stage_takes_its_old_manifest_away_first() -> None:
+    """Else one that is killed while it writes leaves new files and a manifest of others."""
+    stages = Path(fipt.stages.__file__).parent
+    writers = [
+        path for path in stages.rglob("*.py") if re.search(r"^ +write_manifest\(", path.read_text(), re.MULTILINE)
+    ]
+    assert len(writers) > 10
+    keep = [path for path in writers if path.read_text().find(".unlink(missing_ok=True)") < 0]
+    assert keep == []

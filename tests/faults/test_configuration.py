@@ -100,7 +100,7 @@ def test_a_wrong_configuration_is_one_line(fault: Fault) -> None:
     assert not Path("hacked").exists()
 
 
-NO_BRACES = "paths must hold no braces or control characters; found "
+NO_BRACES = "scenes.x.path: paths must hold no braces or control characters; found "
 PATHS = [
     Fault("braces in the path", lambda: dataset("src{x}"), NO_BRACES + "'src{x}'"),
     Fault("braces in an image", image_with_braces, NO_BRACES + "'src/a{b}c"),
@@ -121,6 +121,7 @@ def planned() -> Any:
     """What both fronts do before a scene is run."""
     found = read()
     check_kept(found)
+    found.scenes["x"].check()
     return found.scenes["x"].source.views, found.scenes["x"].source.imported_files()
 
 

@@ -12,9 +12,11 @@ import yaml
 
 from fipt.cli.main import main
 from fipt.config import read
-from fipt.config.kept import check_kept
+from fipt.config.documentation import SCHEMA
+from fipt.config.kept import PATHS, check_kept
 from fipt.errors import FiptError
 from fipt.formats.images import write_png
+from fipt.formats.manifests import write_manifest
 from tests.faults.faults import Fault, contents, named, refused
 from tests.layouts import room, write_nerfstudio, write_obj
 from tests.unit.stages.geometry.test_depth import camera
@@ -33,6 +35,12 @@ def configure(path: str, source: str = "dataset", **keys: Any) -> None:
     scene = {"source": source, "path": path, **formats[source], **keys.pop("scene", {})}
     Path("config").mkdir(exist_ok=True)
     Path("config/config.yaml").write_text(yaml.safe_dump({"scenes": {"x": scene}, "rounds": 0, **keys}))
+
+
+def configured(scenes: Any) -> None:
+    """Write a configuration of these scenes."""
+    Path("config").mkdir(exist_ok=True)
+    Path("config/config.yaml").write_text(yaml.safe_dump({"scenes": scenes}))
 
 
 def link(place: str, target: str) -> None:
@@ -82,20 +90,24 @@ def named_elsewhere() -> None:
 def nobody_named() -> None:
     """A source where the dataset of a room in code would go."""
     write_nerfstudio(Path("results/x/dataset"))
-    Path("config").mkdir()
-    Path("config/config.yaml").write_text(yaml.safe_dump({"scenes": {"x": {"source": "procedural"}}}))
+    configured({"x": {"source": "procedural"}})
+
+
+def nobody_named_after_a_run() -> None:
+    """It was put there when a run had left its logs."""
+    for trace in ("logs", "stats"):
+        Path("results/x", trace).mkdir(parents=True)
+    Path("results/x/.lock").touch()
+    nobody_named()
 
 
 def other_scene() -> None:
     """Scene y reads what scene x would clear, and no run made it."""
     write_nerfstudio(Path("results/x/dataset"))
-    Path("results/x/.lock").touch()
-    Path("config").mkdir()
-    scenes = {
-        "x": {"source": "procedural"},
-        "y": {"source": "dataset", "format": "nerfstudio", "path": "results/x/dataset"},
-    }
-    Path("config/config.yaml").write_text(yaml.safe_dump({"scenes": scenes}))
+    Path("results/x/logs").mkdir()
+    Path("results/x/stats").mkdir()
+    other = {"source": "dataset", "format": "nerfstudio", "path": "results/x/dataset"}
+    configured({"x": {"source": "procedural"}, "y": other})
 
 
 def with_key(key: str, value: Any, place: str) -> None:
@@ -138,6 +150,7 @@ PLANNED = [
           lambda: with_key("setups", {"night": {"reference": "results/x/night"}}, "results/x/night"),
           "setups.night.reference names"),
     Fault("a source that nobody named", nobody_named, "no run wrote"),
+    Fault("a source that nobody named, after a run", nobody_named_after_a_run, "no run wrote"),
     Fault("a source in another scene", other_scene, "scene y: path names results/x/dataset"),
 ]  # fmt: skip
 
@@ -176,6 +189,9 @@ def accepted() -> Iterable[tuple[str, Any]]:
     yield "source above results", lambda: planned_in(".", ".")
     yield "results on another disk", lambda: linked("results", "disk", "src")
     yield "a scene's results on another disk", lambda: (planned_in(".", "."), link("results/x", "disk"))
+    yield "a link called as a word", lambda: linked_made("dataset", "src")
+    yield "a link beside the images, to results", lambda: linked_made("latest", ".")
+    yield "a bookmark in the results", lambda: linked("results/x/originals", ".", "src")
     yield "results of a scene that is not configured", lambda: planned_in("results/old/dataset", "results/old/dataset")
 
 
@@ -186,10 +202,50 @@ def test_what_loses_nothing_is_accepted(name: str, plant: Any) -> None:
     check_kept(read())
 
 
+def linked_made(place: str, path: str) -> None:
+    """A link to a folder of the results."""
+    Path("results/x/export").mkdir(parents=True)
+    planned_in(path, path)
+    link(place, "results/x/export")
+
+
 def test_what_another_scene_made_may_be_imported() -> None:
     other_scene()
-    Path("results/x/stats").mkdir()
+    write_manifest(Path("results/x/dataset/images.manifest.json"), "import", [], {})
     check_kept(read())
+
+
+def test_own_poses_are_copied_out_before_they_are_pinned() -> None:
+    """They are not another's: a run that estimates poses again would replace them."""
+    photographs("photos")
+    configure("photos", "raw", scene={"poses": "results/x/poses/transforms.json"})
+    Path("results/x/poses").mkdir(parents=True)
+    for name in ("transforms.json", "views.json"):
+        Path("results/x/poses", name).write_text("{}")
+    with pytest.raises(
+        FiptError, match=r"a result of the scene itself.*; copy it out of results/x and name the copy in poses"
+    ):
+        check_kept(read())
+
+
+def test_every_key_that_names_a_path_is_known() -> None:
+    """Descriptions of such keys say that {data_root} is replaced."""
+    schema = SCHEMA.read_text(encoding="utf-8")
+    named = set()
+
+    def walk(value: Any) -> None:
+        if isinstance(value, dict):
+            for key, inner in value.items():
+                if isinstance(inner, dict) and "{data_root}" in str(inner.get("description", "")):
+                    named.add(key)
+                walk(inner)
+        elif isinstance(value, list):
+            for inner in value:
+                walk(inner)
+
+    walk(yaml.safe_load(schema))
+    assert named
+    assert {key for key in named - {"data_root"} if not PATHS.fullmatch(key)} == set()
 
 
 def test_the_room_that_a_scene_photographs_may_be_its_reference() -> None:
@@ -199,9 +255,10 @@ def test_the_room_that_a_scene_photographs_may_be_its_reference() -> None:
     scene = {"source": "procedural", "simulate_raw": True, "poses": "colmap"}
     poses = {"align": {"reference": "results/x/room/transforms.json"}}
     Path("config/config.yaml").write_text(yaml.safe_dump({"scenes": {"x": scene}, "poses": poses}))
+    Path("results/x/stats").mkdir()
     with pytest.raises(FiptError, match="a run would clear it"):
         check_kept(read())  # nobody made it
-    Path("results/x/stats").mkdir()
+    Path("results/x/room/views.json").write_text('{"views": {}}')
     check_kept(read())
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from fipt.cli.main import main
+from fipt.meshing.mend import mended
 from fipt.render.scene import RayScene
 from fipt.render.variant import Backend
 from fipt.scene.cameras import read_origin, read_transforms
@@ -82,7 +83,9 @@ def test_what_no_mesh_should_have_changes_no_byte(
     source("other", changed())
     imported("plain")
     imported("other")
-    assert f"warning: taken out of the mesh: {said}" in capsys.readouterr().err
+    err = capsys.readouterr().err
+    assert f"warning: taken out of the mesh: {said}" in err
+    assert ("; numbers of triangles are those of what stays" in err) == ("triangles" in said)
     plain, other = (
         {Path(path).relative_to(f"{name}.out"): value for path, value in contents(Path(f"{name}.out")).items()}
         for name in ("plain", "other")
@@ -90,6 +93,18 @@ def test_what_no_mesh_should_have_changes_no_byte(
     told = {Path("prepare.json"), Path("import.manifest.json")}
     assert {path for path in plain if plain[path] != other[path]} == told
     assert plain.keys() == other.keys()
+
+
+@pytest.mark.parametrize("shift", [0.0, 431234.0])
+def test_what_is_written_is_compared(shift: float) -> None:
+    """Doubles that differ by less than float32 holds are the same places once they are written."""
+    corners = np.array([[3, 0, 0], [3, 1, 0], [3, 0, 1]], np.float64)
+    close = corners + np.array([[1e-9, 0, 0], [0, 2e-9, 0], [0, 0, 0]])
+    thin = np.array([[1, 1, 1], [1 + 1e-9, 1, 1], [2, 2, 2]], np.float64)
+    vertices = np.vstack([corners, close, thin]) + np.array([shift, 0, 0])
+    found = mended(vertices, np.arange(9, dtype=np.int32).reshape(3, 3), np.array([shift, 0, 0]))
+    assert found.figures == {"unused_vertices": 6, "doubled": 1, "degenerate": 1}
+    np.testing.assert_allclose(found.mesh.vertices, corners, atol=1e-6)
 
 
 def test_coordinates_of_a_map_give_the_room_near_the_origin(
@@ -122,6 +137,12 @@ def mesh_scaled(factor: float) -> Mesh:
     return replace(ROOM, vertices=(ROOM.vertices * factor).astype(np.float32))
 
 
+def mesh_around_origin(factor: float) -> None:
+    """The origin is in the middle of the room, and the mesh in another unit."""
+    middle = np.array([2, 1.5, 2.5])
+    source("src", replace(ROOM, vertices=((ROOM.vertices - middle) * factor).astype(np.float32)), shift=tuple(-middle))
+
+
 def scaled(factor: float) -> None:
     source("src", mesh_scaled(factor), scale=factor)
 
@@ -130,10 +151,11 @@ SCALES = [
     Fault("all in millimetres", lambda: scaled(1000), "likely millimetres (import.unit: 0.001)"),
     Fault("all in centimetres", lambda: scaled(100), "centimetres (import.unit: 0.01)"),
     Fault("all in kilometres", lambda: scaled(0.001), "likely kilometres (import.unit: 1000)"),
-    Fault("mesh in millimetres", lambda: source("src", mesh_scaled(1000)), "scale the mesh by 0.001"),
-    Fault("mesh in centimetres", lambda: source("src", mesh_scaled(100)), "scale the mesh by 0.01"),
+    Fault("mesh in millimetres", lambda: mesh_around_origin(1000), "scale the mesh by 0.001"),
+    Fault("mesh in centimetres", lambda: mesh_around_origin(100), "scale the mesh by 0.01"),
     Fault("cameras in millimetres", lambda: source("src", ROOM, scale=1000), "scale the cameras by 0.001"),
 ]  # fmt: skip
+IMPORT = ("import", "--source", "src", "--format", "nerfstudio", "--dataset", "out", "--settings")
 
 
 @named(SCALES)
@@ -142,12 +164,53 @@ def test_a_wrong_scale_is_named(
 ) -> None:
     fault.plant()
     before = contents(tmp_path)
-    said = refused(
-        capsys,
-        *("import", "--source", "src", "--format", "nerfstudio", "--dataset", "out", "--settings", json.dumps(QUICK)),
-    )
-    assert fault.said in said
+    assert fault.said in refused(capsys, *IMPORT, json.dumps(QUICK))
     assert contents(tmp_path) == before
+    assert main([*IMPORT, json.dumps(QUICK | {"unit": 1, "prepare": "auto"})]) == 0  # somebody knows better
+    assert "warning: " in capsys.readouterr().err
+
+
+def with_dome(radius: float) -> Mesh:
+    """The room without its ceiling on a wide ground, under a dome of many triangles: most rays leave the room."""
+    level, round_ = np.linspace(0.01, np.pi / 2, 12), np.linspace(0, 2 * np.pi, 24)
+    a, b = (grid.ravel() for grid in np.meshgrid(level, round_))
+    dome = radius * np.stack([np.cos(a) * np.cos(b), np.sin(a), np.cos(a) * np.sin(b)], axis=-1)
+    return joined([Mesh(ROOM.vertices, ROOM.triangles[:2]), Mesh(dome.astype(np.float32), quads(12, 24))])
+
+
+def joined(parts: list[Mesh]) -> Mesh:
+    starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
+    triangles = [part.triangles + start for part, start in zip(parts, starts, strict=False)]
+    return Mesh(np.vstack([part.vertices for part in parts]), np.vstack(triangles).astype(np.int32))
+
+
+def quads(columns: int, rows: int) -> np.ndarray:
+    """Two triangles for each square of a grid of vertices."""
+    first = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
+    a, b, c, d = first, first + 1, first + columns, first + columns + 1
+    return np.vstack([np.stack([a, b, c], -1), np.stack([b, d, c], -1)]).astype(np.int32)
+
+
+SOUND = [
+    ("a room under a dome of 5 km", lambda: source("src", with_dome(5000.0)), "the mesh is 9.98e+03 m large"),
+    ("a room on a ground of 4 km", lambda: source("src", joined([ROOM, GROUND])), "the mesh is 4e+03 m large"),
+    ("a mesh in millimetres with the origin in its corner", lambda: source("src", mesh_scaled(1000)), "5e+03 m large"),
+    ("a mesh in centimetres with the origin in its corner", lambda: source("src", mesh_scaled(100)), "500 m large"),
+    ("a miniature of 25 cm", lambda: scaled(0.05), ""),
+    ("a miniature of 10 cm", lambda: scaled(0.02), "cameras see half of it within 0.0"),
+    ("a room", lambda: source("src", ROOM), ""),
+]
+GROUND = Mesh(np.array([[-2e3, -1, -2e3], [2e3, -1, -2e3], [-2e3, -1, 2e3], [2e3, -1, 2e3]], np.float32), quads(2, 2))
+
+
+@pytest.mark.parametrize(("plant", "said"), [case[1:] for case in SOUND], ids=[case[0] for case in SOUND])
+def test_a_sound_room_is_imported(
+    plant: Callable[[], None], said: str, backend: Backend, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plant()
+    assert main([*IMPORT, json.dumps(QUICK)]) == 0
+    assert ("give import.unit" in capsys.readouterr().err) == bool(said)
+    assert any(said in warning for warning in json.loads(Path("out/prepare.json").read_text())["warnings"] or [""])
 
 
 @pytest.mark.parametrize("far", [1e3, 1e6, 1e9])
@@ -189,7 +252,8 @@ def test_a_mesh_made_of_imported_views_is_in_their_place(backend: Backend) -> No
     origin = read_origin("geometry/views/transforms.json")
     made = (ROOM.vertices + np.array(shift) - origin).astype(np.float32)
     write_ply(Path("geometry/mesh.ply"), replace(ROOM, vertices=made))
-    assert main([*start, "--mesh", "geometry/mesh.ply", "--dataset", "out"]) == 0
+    given = ("--mesh", "geometry/mesh.ply", "--mesh-views", "geometry/views/transforms.json")
+    assert main([*start, *given, "--dataset", "out"]) == 0
     np.testing.assert_array_equal(read_origin("out/transforms.json"), origin)
     np.testing.assert_allclose(Dataset("out").mesh().vertices, made, atol=1e-6)
 

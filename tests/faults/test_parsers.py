@@ -2,7 +2,9 @@
 
 import json
 import os
+import struct
 import time
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -16,7 +18,7 @@ from fipt.errors import FiptError
 from fipt.formats.arrays import load_npy, load_npz, save_npy, save_npz
 from fipt.formats.exr import read_exr, write_exr
 from fipt.formats.hdr import read_hdr
-from fipt.formats.images import read_ids, write_png
+from fipt.formats.images import read_ids, read_pixels, write_png
 from fipt.formats.layouts import READERS
 from fipt.formats.manifests import read_manifest, write_manifest
 from fipt.formats.pose_files import read_pose_file
@@ -223,6 +225,16 @@ def test_made_up_json(name: str, tmp_path: Path) -> None:
         judged(read, path)
 
     run()
+
+
+def test_an_absurd_size_is_refused_before_it_is_decoded(tmp_path: Path) -> None:
+    """65,535 squared of one bit: 4 GB once it is decoded, 50 bytes on the disk."""
+    header = struct.pack(">IIBBBBB", 65535, 65535, 1, 0, 0, 0, 0)
+    chunks = [(b"IHDR", header), (b"IDAT", zlib.compress(b"")), (b"IEND", b"")]
+    data = b"".join(struct.pack(">I", len(d)) + n + d + struct.pack(">I", zlib.crc32(n + d)) for n, d in chunks)
+    (tmp_path / "a.png").write_bytes(b"\x89PNG\r\n\x1a\n" + data)
+    with pytest.raises(FiptError, match=r"a\.png is not a readable image.*(65535x65535 pixels|exceeds limit)"):
+        read_pixels(tmp_path / "a.png", "ids")
 
 
 def test_every_layout_is_read_here() -> None:

@@ -172,7 +172,8 @@ def test_ctrl_c_ends_the_run_and_its_job(workspace):
 @pytest.mark.skipif(sys.platform != "linux", reason="the system kills a child with its parent on Linux")
 def test_no_job_outlives_a_run_that_is_killed(tmp_path):
     """With the real ``fipt``, which asks for it."""
-    ask = "import os, time; from fipt.cli.process import end_with_run, is_job; assert is_job(); end_with_run()"
+    ask = "import os, time; from fipt.cli.process import end_with_parent, is_job"
+    ask += "; assert is_job(); end_with_parent(os.getppid())"
     script = f"{ask}; print(os.getpid(), flush=True); time.sleep(60)"
     start = (
         "import os, subprocess, sys, time; os.environ['FIPT_RUN'] = str(os.getpid());"

@@ -74,11 +74,24 @@ class Place:
                 "add --config data_root=FOLDER",
             )
         try:
-            return plain_path(str(Path(text.replace("{data_root}", self.data_root or "")).expanduser()))
-        except FiptError as error:
-            raise FiptError(f"scenes.{self.scene}.{key}: {error.message}", error.remedy) from error
+            return self.plain(str(Path(text.replace("{data_root}", self.data_root or "")).expanduser()), key)
         except RuntimeError as error:  # ~ of a user that there is not
             raise FiptError(f"scenes.{self.scene}.{key} is {text} ({error})", "write the whole path") from error
+
+    def plain(self, path: str, key: str) -> str:
+        """Return a path that the workflow can name; ``key`` of the scene names it, or what names it.
+
+        Raises
+        ------
+        FiptError
+            If it holds braces, which the workflow takes for wildcards, or a control character.
+        """
+        if any(letter in "{}" or ord(letter) < 32 for letter in path):
+            raise FiptError(
+                f"scenes.{self.scene}.{key}: paths must hold no braces or control characters; found {path!r}",
+                "rename the file or folder",
+            )
+        return path
 
     def paths(self, values: Any, key: str) -> Any:
         """Plain values with every text placed that names {data_root} or starts with ~."""
@@ -204,6 +217,10 @@ class Source(ABC):
         """Cameras of the views that a mesh was made of: they say where its origin is."""
         return [self.place.layout.posed_transforms] if self.reconstructed else []
 
+    def mesh_options(self) -> list[str]:
+        """Options of ``fipt import`` that say of which views the mesh was made."""
+        return [text for path in self.mesh_origin() for text in ("--mesh-views", path)]
+
     def view_files(self) -> list[str]:
         """What an import of the views alone reads, for a mesh that is made of them."""
         return [path for path in self.imported_files() if path != self.place.layout.estimated_mesh]
@@ -225,19 +242,6 @@ class Source(ABC):
         """What holds a known room, made with the dataset or imported with developed photographs."""
         made = self.place.layout.known_room if self.rendered else self.place.layout.imported_images
         return [made] if self.known else []
-
-
-def plain_path(path: str) -> str:
-    """Return a path that the workflow can name.
-
-    Raises
-    ------
-    FiptError
-        If it holds braces, which the workflow takes for wildcards, or a control character.
-    """
-    if any(letter in "{}" or ord(letter) < 32 for letter in path):
-        raise FiptError(f"paths must hold no braces or control characters; found {path!r}", "rename the file or folder")
-    return path
 
 
 def options(**values: str | None) -> list[str]:

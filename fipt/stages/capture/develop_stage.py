@@ -32,6 +32,7 @@ def run(inputs: DevelopInputs, settings: "CaptureSettings") -> dict[str, Any]:
 
     found, names = read_capture(inputs.capture, settings.frames), list(inputs.views)
     calibration = read_calibration(inputs.calibration)
+    inputs.manifest.unlink(missing_ok=True)  # it must not vouch for, or against, what is being exchanged
     files = develop_views(found, names, calibration, inputs.out, settings, inputs.keep_going)
     write_manifest(inputs.manifest, "capture", files, dumped(settings))
     return {"views": len(names)}

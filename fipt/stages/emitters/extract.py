@@ -27,11 +27,10 @@ from fipt.stages.emitters.observations import (
 from fipt.stages.emitters.regions import Surface, find_regions
 from fipt.stages.emitters.settings import EmittersSettings
 from fipt.stages.emitters.shape import shaped
+from fipt.stages.emitters.small import RELEVANT, small_emitters
 
 _MOST_PIXELS = 4_000_000
 """Pixels used at most to find regions: medians do not need more."""
-_RELEVANT = 1e-3
-"""Share of the light of all emitters that makes a region worth a question: less changes no picture."""
 _MOST_UNDECIDED = 20
 """Regions that are asked about at most."""
 _PIXELS_OF_TEXEL = 9
@@ -74,13 +73,30 @@ class Decided:
         return Decided(emitter, rejected, tuple(rows(*group) for group in decisions.merge))
 
 
+@dataclass(frozen=True)
+class Extracted:
+    """What emits, as the views show it.
+
+    Attributes
+    ----------
+    emitters
+        Emitting triangles.
+    doubtful
+        Regions that emit because they are brighter than white under the light that is known, or more even. A mirror
+        could be as bright. Light that nobody sees would explain them, too.
+    """
+
+    emitters: Emitters
+    doubtful: Undecided
+
+
 def extract(
     mesh: Mesh,
     shards: Sequence[ObservedShard],
     query_mask: Callable[[np.ndarray], np.ndarray] | None,
     settings: EmittersSettings,
     decisions: ReviewDecisions | None = None,
-) -> Emitters:
+) -> Extracted:
     """Find the emitting triangles.
 
     With ``decide: regions`` a region of like radiance emits where emission explains what all views show of it better
@@ -99,17 +115,23 @@ def extract(
         Emitters that a person accepted (they emit whatever the photographs say, each by itself), rejected and merged.
     """
     decided = Decided.of(decisions or ReviewDecisions(), len(mesh.triangles))
-    undecided, surface = Undecided.none(), None
+    undecided, surface, doubtful = Undecided.none(), None, Undecided.none()
     views: Iterable[Observations]
     if settings.decide == "regions":
         seen = _all_pixels(mesh, shards)
         surface = find_regions(mesh, shards, seen)
         evidence = judge(shards, seen, surface)
         label = shaped(mesh, surface, evidence.emitting(surface.touching), shards)
+        asked = (label >= 0) & (decided.emitter < 0) & ~decided.rejected & ~np.append(evidence.excess, False)[label]
+        doubtful = _regions(np.where(asked, label, -1), np.unique(label[asked]), evidence)
         tells = label == surface.region  # a rim has the light of the region inside, but mixed with what is around
         observed = surface.pixels
+        small = small_emitters(mesh, shards, surface, label >= 0, decided.rejected | (decided.emitter >= 0))
+        label, few = np.where(small.number >= 0, surface.count + small.number, label), small.number >= 0
+        seen = Observations.joined([seen[~few[seen.triangle]], small.pixels])
+        seen, tells = seen[np.argsort(seen.view, kind="stable")], tells | few
         undecided = _undecided(mesh, surface, evidence, label, decided)
-        first, views = surface.count, [seen]
+        first, views = surface.count + int(small.number.max(initial=-1)) + 1, [seen]
     else:
         assert query_mask is not None
         emitting, observed = _masked(mesh, shards, query_mask, settings)
@@ -120,7 +142,7 @@ def extract(
     tells = (label >= 0) & (tells | (decided.emitter >= 0))
     measured = _measured(mesh, of_triangles(views, tells), label, decided, settings, surface)
     found = _completed(mesh, measured, np.flatnonzero(observed), decided, settings.complete)
-    return replace(found, undecided=undecided)
+    return Extracted(replace(found, undecided=undecided), doubtful)
 
 
 def _all_pixels(mesh: Mesh, shards: Sequence[ObservedShard]) -> Observations:
@@ -164,16 +186,21 @@ def _undecided(
     free = (surface.region >= 0) & (label < 0) & (decided.emitter < 0) & ~decided.rejected
     flux = np.nan_to_num(surface.radiance.mean(axis=1)) * mesh.areas
     each = np.bincount(surface.region[free], flux[free], surface.count) * evidence.undecided
-    chosen = np.flatnonzero(each > _RELEVANT * flux[label >= 0].sum())
+    chosen = np.flatnonzero(each > RELEVANT * flux[label >= 0].sum())
     chosen = chosen[np.argsort(-each[chosen])][:_MOST_UNDECIDED]
-    number = np.full(surface.count + 1, -1)
+    return _regions(np.where(free, surface.region, -1), chosen, evidence)
+
+
+def _regions(region: np.ndarray, chosen: np.ndarray, evidence: RegionEvidence) -> Undecided:
+    """What speaks for and against the emission of chosen regions (C,), those of the triangles (T,); -1 is none."""
+    number = np.full(len(evidence.price) + 1, -1)
     number[chosen] = np.arange(len(chosen))
-    region = np.where(free, number[surface.region], -1)
-    triangle = np.flatnonzero(region >= 0)
+    own = number[region]
+    triangle = np.flatnonzero(own >= 0)
     costs = (evidence.reflects, evidence.emits, evidence.price)
     return Undecided(
         triangle.astype(np.int32),
-        region[triangle].astype(np.int32),
+        own[triangle].astype(np.int32),
         *(cost[chosen].astype(np.float32) for cost in costs),
     )
 
@@ -266,7 +293,7 @@ def _textured(
     index = index.reshape(-1)
     middle = grouped_median(bright, index, len(shown))
     noise = grouped_median(np.abs(bright - middle[index]), index, len(shown))
-    error = 1.2533 * noise / np.sqrt(surface.pixels[shown])
+    error = 1.2533 * noise / np.sqrt(np.maximum(surface.pixels[shown], 1))
     use = surface.pixels[shown] >= _PIXELS_OF_TEXEL
     of = emitter[np.searchsorted(triangles, shown)]
     result = radiance.copy()

@@ -45,7 +45,7 @@ def run(inputs: ReviewInputs, settings: "ReviewSettings") -> dict[str, Any]:
     import numpy as np
 
     from fipt.errors import FiptError
-    from fipt.formats.files import ANYTHING, atomic_folder
+    from fipt.formats.files import ANYTHING, atomic_folder, manifest_beside
     from fipt.formats.manifests import write_manifest
     from fipt.scene.dataset import Dataset
     from fipt.scene.emitters import (
@@ -74,7 +74,8 @@ def run(inputs: ReviewInputs, settings: "ReviewSettings") -> dict[str, Any]:
         for row, name in zip(rows, names, strict=True):
             row["name"] = name
         write_list(folder / "emitters.json", found.two_sided, rows, asked)
-    write_manifest(Path(f"{out}.manifest.json"), "review", list(out.iterdir()), dumped(settings))
+        manifest_beside(out).unlink(missing_ok=True)  # it must not vouch for, or against, what is being exchanged
+    write_manifest(manifest_beside(out), "review", list(out.iterdir()), dumped(settings))
     shown = iter([None if file is None else f"{out.name}/{file}" for file in written])  # in the order of the shapes
     facts = [review_entry(row, own, next(shown)) for row, own in zip(rows, emitters, strict=True)]
     facts += [review_question(row, own, next(shown)) for row, own in zip(asked, question_triangles(found), strict=True)]
@@ -98,7 +99,13 @@ def _drawn(
     rejected: list["np.ndarray"],
 ) -> tuple[list[dict[str, Any]], list[dict[str, Any]], list[str | None]]:
     """Write the images; return facts of emitters and questions, and their images, those of the rejected last."""
-    from fipt.scene.emitters import emitter_facts, emitter_triangles, question_triangles, undecided_facts
+    from fipt.scene.emitters import (
+        emitter_facts,
+        emitter_triangles,
+        in_source_unit,
+        question_triangles,
+        undecided_facts,
+    )
     from fipt.stages.emitters.review import visibilities
 
     data, shards, _ = views
@@ -108,7 +115,10 @@ def _drawn(
     files = [f"emitter-{n}.png" for n in range(len(emitters))] + [f"undecided-{n}.png" for n in range(len(questions))]
     files += [f"rejected-{own[0]}.png" for own in rejected]
     written = _write_thumbnails(folder, files, shapes, seen, views)
-    rows, asked = emitter_facts(found, mesh), undecided_facts(found.undecided, mesh)
+    rows, asked = (
+        emitter_facts(in_source_unit(found, data.radiance_scale), mesh),
+        undecided_facts(found.undecided, mesh),
+    )
     for row, where, file in zip([*rows, *asked], seen, written, strict=False):
         row["seen_by"], row["thumbnail"] = where.views, file
     return rows, asked, written

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from fipt.scene.mesh import Mesh
     from fipt.scene.observed import ObservedShard
     from fipt.scene.review import ReviewDecisions
+    from fipt.stages.emitters.extract import Extracted
     from fipt.stages.emitters.settings import EmittersSettings
 
 log = logging.getLogger(__name__)
@@ -88,12 +89,13 @@ def _found(inputs: EmittersInputs, settings: "EmittersSettings") -> dict[str, An
     mesh = data.mesh()
     decided = parse_decisions(inputs.decisions, len(mesh.triangles))
     shards = read_observed(data, inputs.samples, inputs.shading, on_disk(inputs.out.parent))
-    found = extract(mesh, shards, query_mask, settings, decided)
+    extracted = extract(mesh, shards, query_mask, settings, decided)
+    found = extracted.emitters
     guess: tuple[str, ...] = ()
     figures: dict[str, Any] = {}
     if settings.guess and inputs.cache is not None:
-        found, guess, figures = _guessed(inputs, found, mesh, shards, decided)
-    write_emitters(inputs.out, found, mesh)
+        found, guess, figures = _guessed(inputs, extracted, mesh, shards, decided)
+    write_emitters(inputs.out, found, mesh, data.radiance_scale)
     count = int(found.emitter.max(initial=-1)) + 1
     questions = undecided_facts(found.undecided, mesh)
     warnings = [*_warnings(found, count, decided, len(mesh.triangles)), *questions_in_words(questions), *guess]
@@ -109,7 +111,7 @@ def _found(inputs: EmittersInputs, settings: "EmittersSettings") -> dict[str, An
 
 def _guessed(
     inputs: EmittersInputs,
-    found: "Emitters",
+    extracted: "Extracted",
     mesh: "Mesh",
     shards: "Sequence[ObservedShard]",
     decided: "ReviewDecisions",
@@ -117,6 +119,7 @@ def _guessed(
     """Emitters with what no view shows, warnings and figures about it."""
     import numpy as np
 
+    from fipt.scene.emitters import read_emitters
     from fipt.scene.environment import read_environment
     from fipt.scene.review import numbers
     from fipt.scene.voxels import read_cache
@@ -127,7 +130,8 @@ def _guessed(
     for text in decided.reject:
         rejected[sorted(numbers(text, len(rejected)))] = True
     outside = read_environment(inputs.environment)
-    guessed = with_guess(mesh, shards, found, read_cache(inputs.cache), outside, rejected)
+    before = inputs.previous is not None and bool(read_emitters(inputs.previous).guessed.any())
+    guessed = with_guess(mesh, shards, extracted, read_cache(inputs.cache), outside, rejected, before)
     return guessed.emitters, guessed.warnings, dict(guessed.figures)
 
 

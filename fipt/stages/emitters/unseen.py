@@ -13,7 +13,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from fipt.render.scene import RayScene
 from fipt.scene.emitters import Emitters
@@ -22,6 +21,7 @@ from fipt.scene.mesh import Mesh, connected_parts
 from fipt.scene.observed import ObservedShard
 from fipt.scene.samples import ALONE
 from fipt.scene.voxels import FACINGS, facings, voxel_keys
+from fipt.stages.emitters.unseen_surface import Patches
 
 GREY = 0.5
 """Reflectance of unseen surface: the middle of what rooms are painted with."""
@@ -29,15 +29,16 @@ _GRIDS = (16, 24, 32, 48, 64, 96, 128)
 """Blocks along the scene box: the coarsest grid that has `_MOST_BLOCKS` blocks, of which so many are used."""
 _MOST_BLOCKS = 1000
 """Blocks whose light is traced: it is a smooth function of place, and there are at most `_MOST_PATCHES` unknowns."""
+_PLANES = 64
+"""Planes along the box that are told apart: some 10 cm in a room, the depth of a shelf."""
+_SCANNED = 0.25
+"""Share of all samples that a part has only if it is no single thing."""
 _LEAST_PIXELS = 4
 """Pixels that a block needs for a mean."""
 _RAYS = 512
 """Rays from a block: the standard error of its seen light is then 1 / sqrt(512) of the spread of what it sees, 4 %."""
-_PATCH_ROWS = 12
-"""Patches along the box at most; `patches_of` makes them larger where there would be too many."""
-_MOST_PATCHES = 200
-_LEVELS = 128
-"""Steps along the box by which planes that face the same way are told apart: a pane from the ceiling around it."""
+_TO_EMITTERS = 0.25
+"""Rays to points of emitters for each ray of the cosine lobe, which hardly meets a small one."""
 _PATCH_POINTS = 4
 """Points of a patch at which light arrives, and from which it leaves."""
 _TOWARDS = 2
@@ -58,6 +59,8 @@ class Blocks:
         (N,) standard deviation of the log of the radiance between views: highlights move, matte surface does not.
     group
         (N,) int64 number of the part and facing: surface that may be of one colour.
+    triangle
+        (N,) int64 triangle of the first sample.
     """
 
     position: np.ndarray
@@ -65,38 +68,7 @@ class Blocks:
     radiance: np.ndarray
     spread: np.ndarray
     group: np.ndarray
-
-
-@dataclass(frozen=True)
-class Patches:
-    """P pieces of unseen surface.
-
-    Attributes
-    ----------
-    number
-        (T,) int64 patch of each triangle, -1 for triangles that are seen.
-    center
-        (P, 3) metres.
-    area
-        (P,) square metres.
-    piece
-        (P,) int64 number of the connected plane that each belongs to; -1 where that is small.
-    """
-
-    number: np.ndarray
-    center: np.ndarray
-    area: np.ndarray
-    piece: np.ndarray
-
-    @property
-    def candidates(self) -> np.ndarray:
-        """(P, Q) float64, 1 where a candidate has a patch: every patch, then every piece of several patches.
-
-        A pane shines as a whole.
-        """
-        pieces, count = np.unique(self.piece[self.piece >= 0], return_counts=True)
-        whole = self.piece[:, None] == pieces[count > 1]
-        return np.concatenate([np.eye(len(self.area)), whole], axis=1)
+    triangle: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -147,11 +119,16 @@ def blocks_of(shards: Sequence[ObservedShard], mesh: Mesh, found: Emitters, box:
             use = np.flatnonzero(use & ~emitting[triangle])
             position, normal = np.asarray(samples.position[own])[use], np.asarray(samples.normal[own])[use]
             color = np.log(np.maximum(np.asarray(shard.radiance[pixel[use]], np.float64), 1e-5))
-            columns.append([position, normal, color, part[triangle[use]], np.full(len(use), number)])
+            columns.append([position, normal, color, triangle[use], np.full(len(use), number)])
             number += 1
-    position, normal, color, owner, view = (np.concatenate(c) for c in zip(*columns, strict=True))
+    position, normal, color, of_sample, view = (np.concatenate(c) for c in zip(*columns, strict=True))
+    owner = part[of_sample]
     facing = facings(normal).astype(np.int64)
-    _, group = np.unique(owner.astype(np.int64) * FACINGS + facing, return_inverse=True)
+    # a scan is one part: planes tell its walls from what stands before them
+    along = np.take_along_axis(position, facing[:, None] // 2, 1)[:, 0] / float(box["side"])
+    scanned = np.bincount(owner)[owner] > _SCANNED * len(owner)
+    group = np.column_stack([owner, facing, np.where(scanned, np.round(along * _PLANES), 0).astype(np.int64)])
+    group = np.unique(group @ (1 << 40, 1 << 20, 1), return_inverse=True)[1]
     block, kept = np.zeros(len(group), np.int64), np.zeros(0, np.int64)
     for rows in _GRIDS:
         voxel = voxel_keys(position, box["center"], float(box["side"]), rows) * (group.max(initial=0) + 1) + group
@@ -164,16 +141,15 @@ def blocks_of(shards: Sequence[ObservedShard], mesh: Mesh, found: Emitters, box:
             break
     if len(kept) > _MOST_BLOCKS:
         kept = np.sort(np.random.default_rng(0).permutation(kept)[:_MOST_BLOCKS])
-    return _gathered(kept, block, (position, normal, color, group, view))
+    return _gathered(kept, block, (position, normal, color, group, view, of_sample))
 
 
 def _gathered(kept: np.ndarray, block: np.ndarray, columns: tuple[np.ndarray, ...]) -> Blocks:
     """Means of the blocks that are ``kept``; ``block`` (S,) is that of each sample."""
-    position, normal, color, group, view = columns
     place = np.full(int(block.max(initial=-1)) + 1, -1)
     place[kept] = np.arange(len(kept))
     row = place[block]
-    position, normal, color, group, view, row = (a[row >= 0] for a in (position, normal, color, group, view, row))
+    position, normal, color, group, view, triangle, row = (a[row >= 0] for a in (*columns, row))
     rows = len(kept)
     count = np.bincount(row, minlength=rows)
     mean = np.stack([np.bincount(row, color[:, c], rows) / np.maximum(count, 1) for c in range(3)], axis=1)
@@ -188,63 +164,8 @@ def _gathered(kept: np.ndarray, block: np.ndarray, columns: tuple[np.ndarray, ..
     start = np.cumsum(count) - count
     pick = (np.random.default_rng(0).random((rows, 4)) * count[:, None]).astype(np.int64)
     chosen = order[start[:, None] + pick]
-    return Blocks(position[chosen], normal[chosen], np.exp(mean), spread, group[order[start]])
-
-
-def hidden_triangles(mesh: Mesh, shards: Sequence[ObservedShard], found: Emitters) -> np.ndarray:
-    """(T,) bool: triangles that no pixel shows, and that lie farther from what is seen than two pixels are wide."""
-    seen = np.zeros(len(mesh.triangles), bool)
-    seen[found.triangle] = True
-    gap = 0.0
-    positions = [np.zeros((0, 3), np.float32)]
-    for shard in shards:
-        inner = np.asarray(shard.samples.weight) >= ALONE
-        seen[np.asarray(shard.samples.triangle)[inner]] = True
-        positions.append(np.asarray(shard.samples.position)[inner])
-        gap = max(gap, 2 * float(np.quantile(shard.samples.footprint, 0.9))) if inner.any() else gap
-    points, hidden = np.concatenate(positions), ~seen & (mesh.areas > 0)
-    unseen = np.flatnonzero(hidden)
-    if len(points) and len(unseen):
-        # one point a cell of half the gap is near enough
-        _, first = np.unique(np.floor(points / (gap / 2)).astype(np.int64), axis=0, return_index=True)
-        tree = cKDTree(points[first])
-        away, _ = tree.query(mesh.corners[unseen].mean(axis=1), distance_upper_bound=gap, workers=-1)
-        hidden[unseen[np.isfinite(away)]] = False
-    return hidden
-
-
-def patches_of(mesh: Mesh, hidden: np.ndarray) -> Patches:
-    """Gather triangles (T,) bool into cells of a grid, by facing; a coarser grid where they would be too many."""
-    number, chosen = np.full(len(mesh.triangles), -1, np.int64), np.flatnonzero(hidden)
-    if len(chosen) == 0:
-        return Patches(number, np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.int64))
-    centers, areas = mesh.corners[chosen].mean(axis=1), mesh.areas[chosen]
-    low, extent = centers.min(axis=0), float(np.ptp(centers, axis=0).max())
-    facing = facings(mesh.normals[chosen]).astype(np.int64) // 2
-    level = np.round(
-        (np.take_along_axis(centers, facing[:, None], 1)[:, 0] - low[facing]) * (_LEVELS / max(extent, 1e-9))
-    )
-    plane = np.column_stack([connected_parts(mesh)[chosen], facing, level.astype(np.int64)])
-    _, piece = np.unique(plane, axis=0, return_inverse=True)
-    piece = piece.reshape(-1)
-    size = np.bincount(piece, areas)
-    patch, own = np.zeros(len(chosen), np.int64), piece
-    for rows in range(_PATCH_ROWS, 0, -1):
-        cell = np.floor((centers - low) / max(extent / rows, 1e-9)).astype(np.int64)
-        own = np.where(size[piece] > (extent / rows) ** 2, piece, -1)
-        _, patch = np.unique(np.column_stack([cell, facing, own]), axis=0, return_inverse=True)
-        patch = patch.reshape(-1)
-        if patch.max() < _MOST_PATCHES:
-            break
-    number[chosen] = patch
-    area = np.bincount(patch, areas)
-    center = np.stack([np.bincount(patch, areas * centers[:, c]) for c in range(3)], axis=1)
-    of_patch = np.zeros(len(area), np.int64)
-    of_patch[patch] = own
-    return Patches(number, center / area[:, None], area, of_patch)
-
-
-# --- transport ------------------------------------------------------------------------------------
+    first = order[start]
+    return Blocks(position[chosen], normal[chosen], np.exp(mean), spread, group[first], triangle[chosen[:, 0]])
 
 
 class Lights:
@@ -278,11 +199,18 @@ class Lights:
         self.scene = RayScene(mesh)
         self.emitted = np.full((len(mesh.triangles), 3), np.nan)
         self.emitted[found.triangle] = found.radiance
+        power = found.area * found.radiance.mean(axis=1)
+        self.emitters = found.triangle[power > 0]
+        self._upto = np.cumsum(power[power > 0])
+        self._chance = np.zeros(len(mesh.triangles))  # of a point of an emitter, for each square metre
+        self._chance[found.triangle] = power / np.maximum(power.sum() * found.area, 1e-12)
         self._key = cache["key"] * FACINGS + cache["facing"]
         self._radiance = cache["radiance"][cache["source"]]
 
     def arriving(self, position: np.ndarray, normal: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Integrate what arrives at points by ``count`` cosine-distributed rays each.
+        """Integrate what arrives at points by ``count`` cosine-distributed rays each, and by rays to emitters.
+
+        Both kinds find emitters; the balance heuristic (Veach and Guibas 1995) weighs them.
 
         Returns
         -------
@@ -291,19 +219,54 @@ class Lights:
         """
         rng = np.random.default_rng(0)
         known, open_ = np.zeros((len(position), 3)), np.zeros(len(position))
+        aimed = max(int(_TO_EMITTERS * count), 1) if len(self.emitters) else 0
         chunk = max((1 << 20) // count, 1)
         for start in range(0, len(position), chunk):
             rows = slice(start, start + chunk)
+            here = len(position[rows])
             p, n = np.repeat(position[rows], count, axis=0), np.repeat(normal[rows], count, axis=0)
             direction = _cosine(n, rng)
             origin = p + self.scene.epsilon * n
             distance, triangle = self.scene.intersect(origin, direction)
-            row = start + np.repeat(np.arange(len(position[rows])), count)
+            row = np.repeat(np.arange(here), count)
             radiance, leaves = self._found(origin, direction, distance, triangle)
+            cos = np.maximum((direction * n).sum(axis=1), 0)
+            radiance *= (count / (count + aimed * self._odds(direction, cos, distance, triangle)))[:, None]
             for c in range(3):
-                known[:, c] += np.bincount(row, radiance[:, c], len(position)) / count
-            open_ += np.bincount(row[leaves], minlength=len(position)) / count
+                known[rows, c] += np.bincount(row, radiance[:, c], here) / count
+            open_[rows] += np.bincount(row[leaves], minlength=here) / count
+            if aimed:
+                known[rows] += self._aimed(position[rows], normal[rows], aimed, count, rng)
         return known, open_
+
+    def _odds(self, direction: np.ndarray, cos: np.ndarray, distance: np.ndarray, triangle: np.ndarray) -> np.ndarray:
+        """(N,) density of rays to emitters over that of the cosine lobe, 0 where they do not end on one."""
+        chance = np.where(triangle >= 0, self._chance[triangle], 0)
+        toward = np.abs((direction * self.mesh.normals[triangle]).sum(axis=1))
+        density = chance * np.where(chance > 0, distance, 0) ** 2 / np.maximum(toward, 1e-6)
+        return np.where(chance > 0, np.pi * density / np.maximum(cos, 1e-6), 0)
+
+    def _aimed(
+        self, position: np.ndarray, normal: np.ndarray, aimed: int, count: int, rng: np.random.Generator
+    ) -> np.ndarray:
+        """(N, 3) irradiance over pi that ``aimed`` rays to emitters bring, beside ``count`` of the cosine lobe."""
+        p, n = np.repeat(position, aimed, axis=0), np.repeat(normal, aimed, axis=0)
+        chosen = self.emitters[np.searchsorted(self._upto, rng.random(len(p)) * self._upto[-1], side="right")]
+        a, b = np.sqrt(rng.random(len(p))), rng.random(len(p))
+        points = np.einsum("nv,nvc->nc", np.stack([1 - a, a * (1 - b), a * b], axis=1), self.mesh.corners[chosen])
+        origin = (p + self.scene.epsilon * n).astype(np.float32)
+        away = points - origin
+        distance = np.linalg.norm(away, axis=1)
+        direction = (away / np.maximum(distance, 1e-9)[:, None]).astype(np.float32)
+        cos = (direction * n).sum(axis=1)
+        met, triangle = self.scene.intersect(origin, direction)
+        free = (cos > 0) & ((triangle == chosen) | (met >= distance * (1 - 1e-3)))
+        odds = self._odds(direction, cos, distance, chosen)
+        share = np.where(
+            free & (odds > 0), aimed / (count + aimed * odds), 0
+        )  # of cosine lobe to all, times 1 / density
+        radiance = share[:, None] * self.emitted[chosen]
+        return radiance.reshape(len(position), aimed, 3).mean(axis=1)
 
     def _found(
         self, origin: np.ndarray, direction: np.ndarray, distance: np.ndarray, triangle: np.ndarray

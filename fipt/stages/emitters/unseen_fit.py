@@ -21,7 +21,8 @@ from scipy.optimize import minimize
 from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
-from fipt.stages.emitters.unseen import Blocks, Patches, Transport
+from fipt.stages.emitters.unseen import Blocks, Transport
+from fipt.stages.emitters.unseen_surface import Patches
 
 MIDDLE, MIDDLE_SPREAD = np.log(0.4), 0.3
 """Mean log reflectance of a room and how much rooms differ: those of development have 0.32 to 0.45."""
@@ -44,6 +45,8 @@ _UNSURE = 0.5
 
 With `_ERROR` it says that less than 30 % of the light is never guessed.
 """
+_STRONGEST = 1 / 40
+"""Share of the blocks that a small lamp must light: some twenty, where other evidence says that there is one."""
 _TRIED = 16
 """Patches that are tried at several brightnesses before one is added."""
 _AMPLITUDES = np.geomspace(0.02, 50, 14)
@@ -132,8 +135,11 @@ def explained(blocks: Blocks, transport: Transport) -> bool:
     return _scale(state, problem) <= _ERROR and state.middle <= MIDDLE + 2 * MIDDLE_SPREAD
 
 
-def explain(blocks: Blocks, patches: Patches, transport: Transport) -> Guess:
-    """Find the emission of unseen patches that explains the radiance of the blocks best, if any does."""
+def explain(blocks: Blocks, patches: Patches, transport: Transport, asked: bool = False) -> Guess:
+    """Find the emission of unseen patches that explains the radiance of the blocks best, if any does.
+
+    Light may be local if ``asked``: something else says that light is missing. Else it must matter in half of the room.
+    """
     nothing = Guess(np.zeros((len(patches.area), 3)))
     light = transport.seen.mean(axis=1)
     lit = light > 1e-3 * np.median(light) if len(light) else np.zeros(0, bool)
@@ -154,14 +160,15 @@ def explain(blocks: Blocks, patches: Patches, transport: Transport) -> Guess:
         )
     chosen = members[:, list(after.support)]
     whole = chosen @ after.radiance
-    share = float(np.median(1 - problem.seen / after.light(problem)))
+    median, strongest = np.quantile(1 - problem.seen / after.light(problem), (0.5, 1 - _STRONGEST))
+    share = float(strongest if asked else median)
     # all light may be off by as much as in rooms without unseen emitters, and the guess makes up for it
     spread = float(np.hypot(_power_spread(after, problem, patches.area @ chosen), _ERROR / max(share, 1e-9)))
     color = _color(blocks.radiance[use], transport.seen[use], problem, after)
     return Guess(
         whole[:, None] * color,
         spread=spread,
-        share=share,
+        share=float(median),
         gain=float(gain),
         left=_scale(after, problem),
         before=_scale(before, problem),

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,19 +11,16 @@ from fipt.scene.emitters import Emitters
 from fipt.scene.environment import EnvironmentMap
 from fipt.scene.mesh import Mesh
 from fipt.scene.observed import ObservedShard
-from fipt.stages.emitters.unseen import (
-    Lights,
-    Patches,
-    blocks_of,
-    hidden_triangles,
-    patches_of,
-    seen_light,
-    with_patches,
-)
+from fipt.stages.emitters.extract import Extracted
+from fipt.stages.emitters.observations import grouped_median
+from fipt.stages.emitters.unseen import Blocks, Lights, Transport, blocks_of, seen_light, with_patches
 from fipt.stages.emitters.unseen_fit import Guess, explain, explained
+from fipt.stages.emitters.unseen_surface import Patches, hidden_triangles, patches_of
 
 _LEAST_BLOCKS = 30
 """Pieces of seen surface without which no light is told from a reflectance."""
+_ENCLOSED = 0.05
+"""Share of a patch's light that arrives at seen surface, below which it lies in a gap or a box: no lamp does."""
 _LEVEL = 0.7
 """Cosine with the vertical above which a surface is floor or ceiling."""
 _OPEN = 0.15
@@ -48,39 +46,63 @@ class Guessed:
     figures: Mapping[str, Any]
 
 
+@dataclass(frozen=True)
+class _Trial:
+    """A guess beside given emitters: what was to be explained, by what, and how well."""
+
+    blocks: Blocks
+    transport: Transport
+    patches: Patches
+    guess: Guess
+
+    def ratio(self) -> np.ndarray:
+        """(N,) radiance of the blocks over that of white surface, guessed light included."""
+        light = self.transport.seen + self.transport.unseen @ self.guess.radiance
+        return self.blocks.radiance.mean(axis=1) / np.maximum(light.mean(axis=1), 1e-12)
+
+
 def with_guess(
     mesh: Mesh,
     shards: Sequence[ObservedShard],
-    found: Emitters,
+    extracted: Extracted,
     cache: Mapping[str, np.ndarray],
     environment: EnvironmentMap,
     rejected: np.ndarray,
+    before: bool = False,
 ) -> Guessed:
     """Add the emission of unseen surface that explains the photographs, where seen light does not.
+
+    What emits only because it is brighter than white may be lit by an emitter that no view shows. Light is guessed
+    beside the certain emitters first; surface that it makes darker than white reflects. Where light is missing and no
+    guess tells from where, it is undecided.
 
     Parameters
     ----------
     shards
         The training views.
-    found
+    extracted
         Emitters that views show.
     rejected
         (T,) bool: triangles that a person said not to emit.
+    before
+        Whether light was guessed in the round before.
     """
-    blocks = blocks_of(shards, mesh, found, cache)
-    if len(blocks.radiance) < _LEAST_BLOCKS:
-        return Guessed(found, (), {"guess": {"blocks": len(blocks.radiance)}})
-    lights = Lights(mesh, hidden_triangles(mesh, shards, found), cache, found, environment)
-    known = seen_light(blocks, lights)
-    if explained(blocks, known):
+    trial = partial(_trial, mesh, shards, cache=cache, environment=environment, rejected=rejected)
+    found = extracted.emitters
+    doubtful = _doubtful(extracted)
+    tried = trial(found.chosen(~doubtful), asked=True) if doubtful.any() else None
+    lit = np.isin(found.emitter, _lit(tried, found, doubtful, len(mesh.triangles)))
+    if lit.any():
+        found = found.chosen(~lit)
+    else:
+        tried = trial(found, asked=before)
+    if tried is None:
         return Guessed(found, (), {"guess": {"explained": True}})
-    patches = patches_of(mesh, lights.hidden & lights.met & ~rejected)
-    guess = explain(blocks, patches, with_patches(blocks, patches, lights, known))
-    leaves = float(np.median(known.open)) if len(known.open) else 0.0
+    guess, leaves = tried.guess, float(np.median(tried.transport.open))
     figures = {
         "explained": False,
         "determined": guess.determined,
-        "patches": len(patches.area),
+        "patches": len(tried.patches.area),
         "gain": guess.gain,
         "share": guess.share,
         "spread": guess.spread,
@@ -88,9 +110,58 @@ def with_guess(
         "open": leaves,
     }
     if not guess.determined:
+        if not before:
+            found = replace(found.chosen(~doubtful), undecided=found.undecided.joined(extracted.doubtful))
         return Guessed(found, _undetermined(guess, leaves), {"guess": figures})
-    emitters = _added(mesh, found, patches, guess)
+    emitters = _added(mesh, found, tried.patches, guess)
     return Guessed(emitters, _advice(mesh, emitters, guess, environment.up), {"guess": figures})
+
+
+def _doubtful(extracted: Extracted) -> np.ndarray:
+    """(E,) bool: triangles of emitters of which more than half of the power is doubtful; a rim is not."""
+    found = extracted.emitters
+    power = found.area * found.radiance.mean(axis=1)
+    asked = np.isin(found.triangle, extracted.doubtful.triangle)
+    return (2 * np.bincount(found.emitter, power * asked) > np.bincount(found.emitter, power))[found.emitter]
+
+
+def _trial(
+    mesh: Mesh,
+    shards: Sequence[ObservedShard],
+    found: Emitters,
+    cache: Mapping[str, np.ndarray],
+    environment: EnvironmentMap,
+    rejected: np.ndarray,
+    asked: bool = False,
+) -> _Trial | None:
+    """Guess light beside emitters; None where they explain the photographs, or too little is seen.
+
+    If ``asked``, other evidence says that they do not.
+    """
+    blocks = blocks_of(shards, mesh, found, cache)
+    if len(blocks.radiance) < _LEAST_BLOCKS:
+        return None
+    lights = Lights(mesh, hidden_triangles(mesh, shards, found), cache, found, environment)
+    known = seen_light(blocks, lights)
+    if not asked and explained(blocks, known):
+        return None
+    patches = patches_of(mesh, lights.hidden & lights.met & ~rejected)
+    transport = with_patches(blocks, patches, lights, known)
+    # of what a patch sends out, pi times its area and radiance, blocks have a sample
+    arriving = transport.unseen.mean(axis=0) * mesh.areas[~lights.hidden].sum() / np.maximum(patches.area, 1e-12)
+    transport = replace(transport, unseen=transport.unseen * (arriving > _ENCLOSED))
+    return _Trial(blocks, transport, patches, explain(blocks, patches, transport, asked))
+
+
+def _lit(trial: _Trial | None, found: Emitters, doubtful: np.ndarray, triangles: int) -> np.ndarray:
+    """Numbers of doubtful emitters (E,) bool that are no brighter than white under the light of a guess."""
+    if trial is None or not trial.guess.determined:
+        return np.zeros(0, np.int64)
+    number = np.full(triangles, -1)
+    number[found.triangle[doubtful]] = found.emitter[doubtful]
+    of_block = number[trial.blocks.triangle]
+    names, index = np.unique(of_block[of_block >= 0], return_inverse=True)
+    return names[grouped_median(trial.ratio()[of_block >= 0], index.reshape(-1), len(names)) <= 1]
 
 
 def _added(mesh: Mesh, found: Emitters, patches: Patches, guess: Guess) -> Emitters:
@@ -127,7 +198,8 @@ def _added(mesh: Mesh, found: Emitters, patches: Patches, guess: Guess) -> Emitt
 def _advice(mesh: Mesh, emitters: Emitters, guess: Guess, up: str) -> tuple[str, ...]:
     """What a person should know of a guess: where to photograph, and how sure it is."""
     own = emitters.guessed
-    power = emitters.area[own] * emitters.radiance[own].mean(axis=1)
+    power = emitters.area * emitters.radiance.mean(axis=1)
+    share, power = float(power[own].sum() / power.sum()), power[own]
     triangle = emitters.triangle[own]
     strongest = emitters.emitter[own] == np.bincount(emitters.emitter[own], power).argmax()
     weight = power[strongest]
@@ -136,8 +208,8 @@ def _advice(mesh: Mesh, emitters: Emitters, guess: Guess, up: str) -> tuple[str,
     text = ", ".join(f"{v:.2f}" for v in place)
     kind = _kind(mesh, triangle[strongest], place, up)
     return (
-        f"the emitters that views show cannot explain the photographs: {100 * guess.share:.0f} % of the light is "
-        f"guessed, with a power known within {100 * guess.spread:.0f} %; photograph the {kind} near ({text})",
+        f"the emitters that views show cannot explain the photographs: {100 * share:.0f} % of the power of all "
+        f"emitters is guessed, and known within {100 * guess.spread:.0f} %; photograph the {kind} near ({text})",
     )
 
 

@@ -11,6 +11,7 @@ from fipt.scene.environment import (
     NOTHING,
     EnvironmentMap,
     constant,
+    in_unit,
     open_pixels,
     pixel_directions,
     read_map,
@@ -26,7 +27,7 @@ _ENOUGH = 1e-3
 def find_environment(
     dataset: Dataset, shards: list[FootprintSamples], settings: EnvironmentSettings, stats: Stats
 ) -> EnvironmentMap:
-    """Return the background that the settings ask for.
+    """Return the background that the settings ask for, in the unit of the dataset; they state that of the source.
 
     Raises
     ------
@@ -36,9 +37,9 @@ def find_environment(
     if isinstance(settings, NoEnvironment):
         return NOTHING
     if isinstance(settings, GivenEnvironment):
-        return read_map(settings.file, settings.up, settings.rotation)
+        return in_unit(read_map(settings.file, settings.up, settings.rotation), dataset.radiance_scale)
     if isinstance(settings, ConstantEnvironment) and settings.radiance is not None:
-        return constant(settings.radiance, settings.up)
+        return in_unit(constant(settings.radiance, settings.up), dataset.radiance_scale)
     directions, radiance, weight, share = _observed(dataset, shards)
     stats["open_pixels"] = share
     if settings.mode == "auto" and share < _ENOUGH:

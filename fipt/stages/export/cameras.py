@@ -3,13 +3,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
 from fipt.formats.files import write_text
 from fipt.scene.cameras import Camera
-
-_OPENCV = np.diag([1.0, -1.0, -1.0])
-"""Camera axes x right, y down, looking along +z, from ours."""
 
 
 def write_colmap(folder: Path, cameras: Sequence[Camera]) -> None:
@@ -20,10 +15,8 @@ def write_colmap(folder: Path, cameras: Sequence[Camera]) -> None:
     for number, camera in enumerate(cameras, 1):
         intrinsics = " ".join(repr(float(v)) for v in (camera.fx, camera.fy, camera.cx, camera.cy))
         models.append(f"{number} PINHOLE {camera.width} {camera.height} {intrinsics}")
-        turn = _OPENCV @ camera.world_from_camera[:3, :3].T  # camera from world
-        x, y, z, w = Rotation.from_matrix(turn).as_quat(canonical=True)
-        place = -turn @ camera.center
-        numbers = " ".join(repr(float(v)) for v in (w, x, y, z, *place))
+        x, y, z, w = Rotation.from_matrix(camera.extrinsics[:, :3]).as_quat(canonical=True)
+        numbers = " ".join(repr(float(v)) for v in (w, x, y, z, *camera.extrinsics[:, 3]))
         images += [f"{number} {numbers} {number} {camera.name}.exr", ""]
     texts = {"cameras.txt": models, "images.txt": images, "points3D.txt": ["# none"]}
     for name, lines in texts.items():

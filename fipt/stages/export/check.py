@@ -66,6 +66,7 @@ def check_export(inputs: CheckExportInputs, settings: ExportSettings) -> Stats:
     grid = inputs.rays_per_side  # our images look through several points of each pixel, these through the same
     for file in FORMATS.values():
         existing_file(export / file, "an exported file")
+    unit = np.float32(data.radiance_scale)  # our images are in the dataset's
     known = {view: read_rgb(render / f"{view}.exr") for view in views}
     photo = {view: _photograph(data, view) for view in views}
     asset = _with_outside(read_glb(export / FORMATS["glb"]), export)
@@ -79,7 +80,8 @@ def check_export(inputs: CheckExportInputs, settings: ExportSettings) -> Stats:
             draw = _opened(kind, export, export / file, grid, settings)
             figures[kind], photos[kind] = {}, []
             for view in views:
-                reflected, shown = draw(asset.cameras[names.index(view)], names.index(view))
+                drawn = draw(asset.cameras[names.index(view)], names.index(view))
+                reflected, shown = (part * unit for part in drawn)
                 seen = denoise(reflected, *guide[view]) + shown  # emitters stay exact, as in our images
                 write_exr(out.parent / "check" / kind / f"{view}.exr", {"": seen}, half=True)
                 figures[kind][view] = round(psnr(seen, known[view]), 2)

@@ -17,8 +17,8 @@ from fipt.scene.asset import Asset, mitsuba_map
 from fipt.scene.cameras import read_origin, write_transforms
 from fipt.scene.confidence import read_confidence
 from fipt.scene.dataset import Dataset
-from fipt.scene.emitters import Emitters, read_emitters, read_names
-from fipt.scene.environment import read_environment
+from fipt.scene.emitters import Emitters, in_source_unit, read_emitters, read_names
+from fipt.scene.environment import in_unit, read_environment
 from fipt.scene.mesh import Mesh, connected_parts, write_ply
 from fipt.scene.samples import read_samples
 from fipt.settings import dumped
@@ -47,12 +47,9 @@ def write_export(inputs: ExportInputs, settings: ExportSettings) -> Stats:
     out = inputs.out
     if out.exists() and not (out / _FACTS).is_file() and any(out.iterdir()):
         raise FiptError(f"the folder {out} exists and is no export", "choose another folder, or delete it")
-    data, emitters, confidence = (
-        Dataset(inputs.dataset),
-        read_emitters(inputs.emitters),
-        read_confidence(inputs.confidence),
-    )
-    mesh, outside = data.mesh(), read_environment(inputs.environment)
+    data, confidence = Dataset(inputs.dataset), read_confidence(inputs.confidence)
+    emitters = in_source_unit(read_emitters(inputs.emitters), data.radiance_scale)
+    mesh, outside = data.mesh(), in_unit(read_environment(inputs.environment), 1 / data.radiance_scale)
     field = load_field(inputs.model)
     seen = coverage(field, [read_samples(folder) for folder in inputs.samples])
     atlas = unwrap(mesh, _groups(mesh, emitters), *_layout(settings, seen.typical))
@@ -98,7 +95,7 @@ def _layout(settings: ExportSettings, typical: float) -> tuple[float, int, int]:
 
 def _write_textures(folder: Path, asset: Asset, emission: np.ndarray, confidence: np.ndarray) -> None:
     """Write the atlas's textures."""
-    textures, strength = asset.textures, max(float(emission.max()), 1e-9)
+    textures, strength = asset.textures, float(emission.max()) or 1.0
     packed = np.stack([np.zeros_like(textures.roughness), textures.roughness, textures.metallic], axis=-1)
     images = {
         "base_color": textures.base_color,
@@ -123,7 +120,7 @@ def _write_emitters(path: Path, asset: Asset) -> None:
     starts = np.cumsum([0, *map(len, vertices)])
     triangles = [emitter.mesh.triangles + start for emitter, start in zip(asset.emitters, starts, strict=False)]
     colors = [
-        np.tile(to_display(emitter.radiance / max(emitter.radiance.max(), 1e-9)), (len(emitter.mesh.vertices), 1))
+        np.tile(to_display(emitter.radiance / (emitter.radiance.max() or 1.0)), (len(emitter.mesh.vertices), 1))
         for emitter in asset.emitters
     ]
     empty = [np.empty((0, 3), np.float32)], [np.empty((0, 3), np.int32)], [np.empty((0, 3), np.uint8)]

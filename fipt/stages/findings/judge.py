@@ -12,6 +12,7 @@ from fipt.stages.findings.checks import (
     dim_emitters,
     edges,
     emitters,
+    encoding,
     exposures,
     guessed_light,
     hardly_seen,
@@ -31,6 +32,7 @@ from fipt.stages.findings.room import JudgedRoom
 Check = Callable[[JudgedRoom, Notes], list[RoomFinding]]
 
 CHECKS: tuple[Check, ...] = (
+    encoding.check,
     no_emitter.check,
     guessed_light.check,
     light_balance.check,

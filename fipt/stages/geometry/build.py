@@ -11,19 +11,25 @@ import numpy as np
 from fipt.meshing.prepare import prepared
 from fipt.meshing.radiance_edges import Radiance
 from fipt.scene.mesh import Mesh
-from fipt.stages.geometry.completion import complete
+from fipt.stages.geometry.completion import Completed, complete
 from fipt.stages.geometry.depth_views import DepthView, depth_noise
 from fipt.stages.geometry.fusing import check_memory, fuse, voxel_size
 from fipt.stages.geometry.mesh_settings import GeometrySettings
+from fipt.stages.geometry.overview import overview
+from fipt.stages.geometry.shell import with_shell
 
 log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class Geometry:
-    """A mesh, and what is to be said about it: ``about`` lasts, ``figures`` hold times too."""
+    """A mesh, and what is to be said about it: ``about`` lasts, ``figures`` hold times too.
+
+    ``image`` (H, W, 3) uint8 shows where the depth of some views comes from.
+    """
 
     mesh: Mesh
+    image: np.ndarray
     about: dict[str, Any]
     figures: dict[str, Any]
 
@@ -38,30 +44,44 @@ def build(views: Sequence[DepthView], radiance: Radiance, settings: GeometrySett
     """
     start = time.perf_counter()
     noise, voxel = depth_noise(views), voxel_size(views, settings.voxel)
-    check_memory(views, voxel, settings.memory_gb)
     known = _share([view.map.known for view in views])
     log.info("%d depth maps, %.0f %% known; noise %.2g mm at 1 m; voxels of %.2g mm",
              len(views), 100 * known, 1e3 * noise.at_1m, 1e3 * voxel)  # fmt: skip
+    own = [view.map.known for view in views]
+    maps = [Completed(view, mask, np.zeros_like(mask)) for view, mask in zip(views, own, strict=True)]
     planes: list[dict[str, Any]] = []
-    carves = [view.map.known for view in views]
+    box = None
     if settings.planes:
-        maps, found = complete(views, noise)
-        views, carves, planes = [m.view for m in maps], [m.measured for m in maps], found.plain()
-        log.info("%d planes, %d along the room's directions; %.0f %% of the pixels have a depth now",
-                 len(found), (found.axis >= 0).sum(), 100 * _share([v.map.known for v in views]))  # fmt: skip
-    mesh = fuse(views, carves, noise.at_1m, voxel)
+        found = complete(views, noise)
+        maps, planes, box = found.views, found.planes.plain(), found.box
+        log.info("%d planes, %d along the room's directions; %.0f %% of the pixels show walls alone",
+                 len(planes), (found.planes.axis >= 0).sum(), 100 * _share([m.closed for m in maps]))  # fmt: skip
+    views = [m.view for m in maps]
+    check_memory(views, voxel, settings.memory_gb)
+    mesh = fuse(views, [m.measured for m in maps], noise.at_1m, voxel)
     mesh, about = prepared(mesh, [view.camera for view in views], radiance, settings)
+    if box is not None:
+        mesh = with_shell(mesh, box, voxel)
+    closed = _share([m.closed for m in maps])
     lasting = {
         "views": len(views),
         "known": round(known, 4),
-        "completed": round(_share([view.map.known for view in views]), 4),
+        "completed": round(_share([view.map.known for view in views]) - known - closed, 4),
+        "closed": round(closed, 4),
+        "of_view": {
+            m.view.camera.name: {"known": round(float(mask.mean()), 4), "closed": round(float(m.closed.mean()), 4)}
+            for m, mask in zip(maps, own, strict=True)
+        },
+        "box": None if box is None else box.plain(),
         "noise_mm_at_1m": round(1e3 * noise.at_1m, 4),
         "confident": round(noise.confident, 4),
         "voxel_mm": round(1e3 * voxel, 3),
         "planes": planes,
         "prepared": {name: value for name, value in about.items() if name != "seconds"},
     }
-    return Geometry(mesh, lasting, {**lasting, "planes": len(planes), "seconds": round(time.perf_counter() - start, 2)})
+    figures = {name: value for name, value in lasting.items() if name != "of_view"}
+    figures |= {"planes": len(planes), "seconds": round(time.perf_counter() - start, 2)}
+    return Geometry(mesh, overview(maps), lasting, figures)
 
 
 def _share(masks: Sequence[np.ndarray]) -> float:

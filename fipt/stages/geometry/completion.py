@@ -8,7 +8,9 @@ from functools import partial
 import numpy as np
 
 from fipt.scene.depth_maps import DepthMap
+from fipt.stages.geometry.closing import closed
 from fipt.stages.geometry.depth_views import DepthNoise, DepthView, pixels_of
+from fipt.stages.geometry.other_views import THROUGH, OtherViews
 from fipt.stages.geometry.room_box import RoomBox, find_box
 from fipt.stages.geometry.room_planes import WITHIN, RoomPlanes, find_room_planes
 from fipt.stages.geometry.superpixels import Superpixels, superpixels
@@ -24,8 +26,6 @@ _STEP = 0.05
 """Cost of a step between superpixels without contrast, in log radiance: a near plane is likelier than a far one."""
 _PROBES = 5
 """Pixels of a superpixel that other views are asked about."""
-_THROUGH = 0.15
-"""Share of what other views tell of a superpixel that may see through it: more than outliers make."""
 _TEXTURED, _BESIDE = 0.5, 0.1
 """Confidence of a completed pixel in units of the view's median: with own known pixels on the plane, and without."""
 _WORSE_VARIANCE = 9.0
@@ -46,67 +46,37 @@ class Completed:
         With its depth map completed, and pixels near planes put onto them.
     measured
         (H, W) bool: pixels whose depth is the view's own.
-    plane
-        (H, W) int32 plane of each pixel, -1 for none.
+    closed
+        (H, W) bool: pixels that show a wall of the room's box for want of anything else.
     """
 
     view: DepthView
     measured: np.ndarray
-    plane: np.ndarray
+    closed: np.ndarray
 
 
 @dataclass(frozen=True)
-class _Others:
-    """Depth of all views at once: (V, 3, 4) image axes from world, (V, 4) intrinsics, (V, H, W) depth."""
+class Completion:
+    """All views completed, the planes that they show, and the room's box."""
 
-    extrinsics: np.ndarray
-    intrinsics: np.ndarray
-    depth: np.ndarray
-
-    @staticmethod
-    def of(views: Sequence[DepthView]) -> "_Others":
-        rows, columns = max(v.camera.height for v in views), max(v.camera.width for v in views)
-        depth = np.zeros((len(views), rows, columns), np.float32)
-        extrinsics, intrinsics = np.zeros((len(views), 3, 4)), np.zeros((len(views), 4))
-        for i, view in enumerate(views):
-            camera = view.camera
-            depth[i, : camera.height, : camera.width] = view.map.depth
-            rotation = np.diag([1.0, -1.0, -1.0]) @ camera.world_from_camera[:3, :3].T
-            extrinsics[i, :, :3], extrinsics[i, :, 3] = rotation, -rotation @ camera.center
-            intrinsics[i] = camera.fx, camera.fy, camera.cx, camera.cy
-        return _Others(extrinsics, intrinsics, depth)
-
-    def say(self, points: np.ndarray, own: int, noise: float) -> tuple[int, int]:
-        """How many (point, view) pairs see through (N, 3) points, and how many see them there."""
-        local = np.einsum("vij,nj->vni", self.extrinsics[..., :3], points) + self.extrinsics[:, None, :, 3]
-        x, y, z = np.moveaxis(local, -1, 0)
-        ahead = z > 1e-3
-        safe = np.where(ahead, z, 1.0)
-        fx, fy, cx, cy = self.intrinsics.T[:, :, None]
-        u, v = fx * x / safe + cx, fy * y / safe + cy
-        rows, columns = self.depth.shape[1:]
-        inside = ahead & (u >= 0) & (v >= 0) & (u < columns) & (v < rows)
-        inside[own] = False
-        i, n = np.nonzero(inside)
-        there = self.depth[i, v[i, n].astype(np.int64), u[i, n].astype(np.int64)]
-        depth = z[i, n]
-        far = WITHIN * noise * np.hypot(there**2, depth**2) + depth / fx[i, 0]
-        known = there > 0
-        return int((known & (there > depth + far)).sum()), int((known & (np.abs(there - depth) <= far)).sum())
+    views: list[Completed]
+    planes: RoomPlanes
+    box: RoomBox
 
 
-def complete(views: Sequence[DepthView], noise: DepthNoise) -> tuple[list[Completed], RoomPlanes]:
+def complete(views: Sequence[DepthView], noise: DepthNoise) -> "Completion":
     """Find the room's planes on confident depth, and complete the depth maps of all views by them.
 
     A superpixel whose known pixels lie on a plane takes it. From there planes along the room's directions go on to bare
     superpixels, along the least contrast first, where they stay in the room's box and no other view sees through them;
     and once more from what other views found.
-    Depth of little confidence counts for nothing in this, and stays where no plane tells another.
+    Depth of little confidence counts for nothing in this, and stays where no plane tells another. Pixels of which then
+    nothing is known show the nearest wall of the room that no other view sees through.
     """
     confident = [view.confident(noise.confident) for view in views]
     pieces = [superpixels(view.radiance) for view in views]
     planes = find_room_planes(confident, pieces, noise.at_1m)
-    check = _Check(_Others.of(confident), find_box(confident, planes), noise.at_1m)
+    check = _Check(OtherViews.of(confident), find_box(views, planes.directions), noise.at_1m)
     slopes, straight = [planes.slopes(view) for view in confident], planes.axis >= 0
     own, labels = [], []
     for number, (view, piece) in enumerate(zip(confident, pieces, strict=True)):
@@ -124,8 +94,10 @@ def complete(views: Sequence[DepthView], noise: DepthNoise) -> tuple[list[Comple
                 label[k] = carried[number][k]
         label = _spread(piece, label, np.where(bare, 0, _BARE), straight, possible)
         done = _filled(view, piece, slopes[number], label, own[number], planes, noise.at_1m)
-        result.append(_with_doubtful(done, views[number], noise))
-    return result, planes
+        done = _with_doubtful(done, views[number], noise)
+        known = done.view.map.known
+        result.append(Completed(closed(done.view, number, check.others, check.box, noise.at_1m), done.measured, ~known))
+    return Completion(result, planes, check.box)
 
 
 def _carried(
@@ -163,7 +135,7 @@ def _with_doubtful(done: Completed, view: DepthView, noise: DepthNoise) -> Compl
         np.where(add, low, done.view.map.confidence),
         np.where(add[..., None], view.map.normal, done.view.map.normal),
     )
-    return Completed(view.with_map(found), done.measured, done.plane)
+    return Completed(view.with_map(found), done.measured, done.closed)
 
 
 def _supported(view: DepthView, pieces: Superpixels, slopes: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarray]:
@@ -226,7 +198,7 @@ def _spread(
 class _Check:
     """What speaks against a plane in some pixels."""
 
-    others: _Others
+    others: OtherViews
     box: RoomBox
     noise: float
 
@@ -240,8 +212,8 @@ class _Check:
         points = view.camera.center + view.rays[row, column] / q[:, None]
         if not self.box.holds(points, WITHIN * self.noise / q.min() ** 2):
             return False
-        through, there = self.others.say(points, number, self.noise)
-        return through <= max(1.0, _THROUGH * (through + there))
+        through, there = (int(votes.sum()) for votes in self.others.say(points, number, self.noise))
+        return through <= max(1.0, THROUGH * (through + there))
 
 
 def _probes(pieces: Superpixels) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -276,4 +248,4 @@ def _filled(
     complete = DepthMap(
         np.where(onto, depth, found.depth).astype(np.float32), confidence.astype(np.float32), normal.astype(np.float32)
     )
-    return Completed(view.with_map(complete), found.known, np.where(onto, plane, -1).astype(np.int32))
+    return Completed(view.with_map(complete), found.known, np.zeros_like(found.known))

@@ -1,5 +1,6 @@
 """Depth maps of posed views: planes swept on small pictures, refined on larger ones, and compared between views."""
 
+import logging
 from collections.abc import Callable, Iterator, Sequence
 from types import ModuleType
 
@@ -8,20 +9,32 @@ import numpy as np
 from fipt.errors import FiptError
 from fipt.progress import progress
 from fipt.scene.depth_maps import DepthMap
-from fipt.stages.geometry.consistency import Matched, agreed
+from fipt.stages.geometry.consistency import Matched, agreed, without_specks
 from fipt.stages.geometry.neighbours import choose_again, choose_sources
-from fipt.stages.geometry.patch_match import refine
+from fipt.stages.geometry.patch_match import WINDOW_PIXELS, refine
 from fipt.stages.geometry.settings import DepthSettings
 from fipt.stages.geometry.stereo_view import StereoView
 from fipt.stages.geometry.sweep import sweep
 
+log = logging.getLogger(__name__)
+
 _SWEPT = 100
 """Planes are swept on pictures of at most this many columns: they need to come near the surface only."""
-
-BYTES_PER_PIXEL = 120
+_PIXEL_BYTES = 120
 """Memory that a pixel of the views takes at most: planes and scores before and after a round, and depth maps."""
 _COARSER = 0.5
 """Confidence of what smaller pictures tell, for each halving: their errors are so much larger."""
+
+
+def check_memory(views: Sequence[StereoView], most: float) -> None:
+    """Refuse views whose depth would need more than ``most`` gigabytes, before it starts."""
+    needed = _PIXEL_BYTES * sum(view.light.size for view in views) / 1e9
+    if needed > most:
+        raise FiptError(
+            f"depth of {len(views)} views needs about {needed:.2g} GB; depth.memory_gb is {most:g}",
+            "give fewer or smaller views, or raise depth.memory_gb",
+        )
+    log.info("depth of %d views takes about %.2g GB of memory", len(views), needed)
 
 
 def depth_maps(dj: ModuleType, views: Sequence[StereoView], settings: DepthSettings) -> Iterator[tuple[str, DepthMap]]:
@@ -74,6 +87,7 @@ def depth_maps(dj: ModuleType, views: Sequence[StereoView], settings: DepthSetti
         maps = [_completed(*pair) for pair in zip(own, maps, strict=True)] if number else own
         if number < len(levels) - 1:
             sources = choose_again(cameras, settings.sources, [made.depth for made in maps], by_cameras)
+    maps = [without_specks(made, WINDOW_PIXELS) for made in maps]
     if not any(made.known.any() for made in maps):
         raise FiptError(
             f"no texture was matched: in none of {len(views)} views did other views confirm the depth of a pixel",

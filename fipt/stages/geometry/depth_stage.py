@@ -29,6 +29,7 @@ def run(inputs: DepthInputs, settings: "DepthSettings") -> dict[str, Any]:
 
     Views need no mesh, only cameras: at least three that show the same surface from different
     places. A pixel has a depth where other views confirm it; bare walls have little.
+    Depth maps that exist (depth.given) are checked through the cameras, and taken over.
     """
     import drjit
 
@@ -36,12 +37,12 @@ def run(inputs: DepthInputs, settings: "DepthSettings") -> dict[str, Any]:
     from fipt.formats.files import atomic_folder, check_replaced, manifest_beside
     from fipt.formats.manifests import write_manifest
     from fipt.formats.places import OwnedPlaces
-    from fipt.progress import human
     from fipt.render.variant import set_variant
     from fipt.scene.dataset import Dataset
     from fipt.scene.depth_maps import write_depth_map
     from fipt.settings import dumped
-    from fipt.stages.geometry.depth import BYTES_PER_PIXEL, depth_maps
+    from fipt.stages.geometry.depth import check_memory, depth_maps
+    from fipt.stages.geometry.given_depth import given_maps
     from fipt.stages.geometry.stereo_view import stereo_view
 
     dataset, out = Dataset(inputs.dataset), inputs.out
@@ -51,12 +52,15 @@ def run(inputs: DepthInputs, settings: "DepthSettings") -> dict[str, Any]:
         )
     check_replaced(out, _HOLDS)  # told now, not after hours
     views = [stereo_view(dataset, view) for view in dataset.views("train")]
-    pixels = sum(view.light.size for view in views)
-    log.info("depth of %d views takes about %sB of memory", len(views), human(pixels * BYTES_PER_PIXEL))
+    check_memory(views, settings.memory_gb)
     known: dict[str, float] = {}
     manifest_beside(out).unlink(missing_ok=True)
+    if settings.given is None:
+        maps = depth_maps(getattr(drjit, set_variant().name), views, settings)
+    else:
+        maps = given_maps([view.camera for view in views], views, Path(settings.given), settings.unit)
     with atomic_folder(out, _HOLDS) as folder:
-        for view, depth_map in depth_maps(getattr(drjit, set_variant().name), views, settings):
+        for view, depth_map in maps:
             write_depth_map(folder / f"{view}.exr", depth_map)
             known[view] = round(float(depth_map.known.mean()), 4)
     files = [out / f"{view}.exr" for view in known]

@@ -47,10 +47,8 @@ class DepthView:
     @cached_property
     def rays(self) -> np.ndarray:
         """(H, W, 3) float64 from the camera's centre to the points at depth 1 of the pixels' centres, world axes."""
-        camera = self.camera
-        rows, columns = np.mgrid[: camera.height, : camera.width] + 0.5
-        local = np.stack([(columns - camera.cx) / camera.fx, -(rows - camera.cy) / camera.fy, -np.ones_like(rows)], -1)
-        return local @ camera.world_from_camera[:3, :3].T
+        rows, columns = np.mgrid[: self.camera.height, : self.camera.width] + 0.5
+        return self.camera.rays(columns, rows)
 
     @cached_property
     def points(self) -> np.ndarray:

@@ -28,11 +28,16 @@ def voxel_size(views: Sequence[DepthView], finest: float) -> float:
 
 
 def check_memory(views: Sequence[DepthView], voxel: float, most: float) -> None:
-    """Refuse what would need more than ``most`` gigabytes, before it starts."""
-    places = [view.points[view.map.known][::17] for view in views]
-    side = BLOCK * voxel
-    blocks = len(np.unique(np.floor(np.concatenate(places) / side).astype(np.int64), axis=0))
-    needed = memory(int(_LAYERS * blocks)) / 1e9
+    """Refuse what would need more than ``most`` gigabytes, before it starts.
+
+    ``views`` are completed ones: bare surface takes blocks too.
+    """
+    blocks = np.zeros(0, np.int64)
+    for view in views:
+        place = np.floor(view.points[view.map.known] / (BLOCK * voxel)).astype(np.int64)
+        number = ((place[:, 0] << 42) + (place[:, 1] << 21)) + place[:, 2]
+        blocks = np.union1d(blocks, number)
+    needed = memory(int(_LAYERS * len(blocks)), sum(view.map.depth.size for view in views)) / 1e9
     if needed > most:
         raise FiptError(
             f"fusing the depth maps at voxels of {1e3 * voxel:.0f} mm needs about {needed:.1f} GB; "
@@ -74,7 +79,7 @@ def fuse(views: Sequence[DepthView], carves: Sequence[np.ndarray], noise: float,
         "weight": weight,
         "carves": free,
         "intrinsics": np.array([(v.camera.fx, v.camera.fy, v.camera.cx, v.camera.cy) for v in views]),
-        "world_from_camera": np.array([v.camera.world_from_camera for v in views]),
+        "extrinsics": np.array([v.camera.extrinsics for v in views]),
         "voxel": voxel,
     }
     found = run_in_child(fused, arguments, 120 + _SECONDS_A_VIEW * len(views))

@@ -17,7 +17,7 @@ class MeshInputs:
 
     dataset: DatasetFolder
     depth: Annotated[Path, "Folder of the depth maps of the training views, VIEW.exr."]
-    out: Annotated[Path, "Folder for mesh.ply and geometry.json."]
+    out: Annotated[Path, "Folder for mesh.ply, geometry.json and overview.png."]
 
 
 def run(inputs: MeshInputs, settings: "GeometrySettings") -> dict[str, Any]:
@@ -27,6 +27,7 @@ def run(inputs: MeshInputs, settings: "GeometrySettings") -> dict[str, Any]:
     surface is smoothed, flattened, decimated and cut like a scan's. The dataset needs no mesh.
     """
     from fipt.formats.files import make_folder, write_text
+    from fipt.formats.images import write_png
     from fipt.scene.dataset import Dataset
     from fipt.scene.mesh import write_ply
     from fipt.stages.geometry.build import build
@@ -38,5 +39,6 @@ def run(inputs: MeshInputs, settings: "GeometrySettings") -> dict[str, Any]:
     made = build(read_views(dataset, inputs.depth), dataset.image, settings)
     make_folder(inputs.out)
     write_text(inputs.out / "geometry.json", json.dumps(made.about, indent=1, allow_nan=False) + "\n")
+    write_png(inputs.out / "overview.png", made.image)
     write_ply(inputs.out / "mesh.ply", made.mesh)
     return made.figures

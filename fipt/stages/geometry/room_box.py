@@ -1,39 +1,52 @@
-"""The room's box: the outermost planes along its directions, which hold all that views see."""
+"""The room's box: the walls along its directions, by where surface that faces them gathers, and what they enclose."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from fipt.stages.geometry.depth_views import DepthView
-from fipt.stages.geometry.room_planes import RoomPlanes
 
 _OUTMOST = 0.001
-"""Share of known points that may lie outside a wall: wrong depths, and what windows show."""
-_WALL = 0.1
-"""Area of a wall, in those of the largest plane along the same direction, at least: shelves end before walls do."""
-_EVERY = 7
-"""Pixels of which one stands for the others."""
+"""Share of known points that may lie outside the box: wrong depths, and what windows show."""
+_BEHIND = 0.25
+"""Share of them that may lie behind a wall: niches and windows do, most of a room does not."""
+_FACES = np.cos(np.radians(20.0))
+"""Cosine between a wall and the normals of its points, at least: those of small windows are rough."""
+_BIN = 0.01
+"""Metres along a direction that are one place."""
+_PLACE = 2
+"""Places on either side that noise and a wall's unevenness move points by."""
+_LEAST = 30
+"""Known points of a wall."""
 
 
 @dataclass(frozen=True)
 class RoomBox:
-    """A box around the room.
+    """A box around the room, and its walls.
 
     Attributes
     ----------
     directions
         (3, 3) float64 the room's directions, rows.
     low, high
-        (3,) float64 extent along them, metres.
-    wall
-        (2, 3) bool: whether a plane was found there; else it ends where the points do. The first row is ``low``.
+        (3,) float64 extent along them, metres: to the walls, or as far as points lie behind them.
+    walls
+        (2, 3) float64 metres along the directions; the first row faces up them, the second down. NaN where no surface
+        faces that way.
     """
 
     directions: np.ndarray
     low: np.ndarray
     high: np.ndarray
-    wall: np.ndarray
+    walls: np.ndarray
+
+    def plain(self) -> dict[str, Any]:
+        """The box and its walls as plain types, for JSON; null where there is no wall."""
+        walls = [[None if np.isnan(value) else round(float(value), 5) for value in row] for row in self.walls]
+        ends = {name: np.round(getattr(self, name), 5).tolist() for name in ("low", "high")}
+        return {"directions": np.round(self.directions, 6).tolist(), **ends, "walls": walls}
 
     def holds(self, points: np.ndarray, tolerance: float) -> bool:
         """Whether all of (N, 3) points lie inside, or not farther outside than the tolerance."""
@@ -41,25 +54,45 @@ class RoomBox:
         return bool((along > self.low - tolerance).all() and (along < self.high + tolerance).all())
 
 
-def find_box(views: Sequence[DepthView], planes: RoomPlanes) -> RoomBox:
+def find_box(views: Sequence[DepthView], directions: np.ndarray) -> RoomBox:
     """Find the box of a room; its walls face the cameras."""
-    points = np.concatenate([view.points[view.map.known][::_EVERY] for view in views])
-    centers = np.array([view.camera.center for view in views])
-    ends, wall = np.zeros((2, 3)), np.zeros((2, 3), bool)
-    for axis, direction in enumerate(planes.directions):
-        along, inner = points @ direction, centers @ direction
-        for side, (sign, limit) in enumerate(((1.0, _OUTMOST), (-1.0, 1 - _OUTMOST))):
-            extreme = float(np.quantile(along, limit)) if len(along) else float(inner.mean())
-            innermost = inner.min() if side == 0 else inner.max()
-            ends[side, axis] = min(extreme, innermost) if side == 0 else max(extreme, innermost)
-            facing = (planes.axis == axis) & (sign * (planes.normal @ direction) > 0)
-            if not facing.any():
-                continue
-            large = facing & (planes.area >= _WALL * planes.area[facing].max())
-            height = planes.offset * np.sign(planes.normal @ direction)
-            outermost = float(height[large].min() if side == 0 else height[large].max())
-            # what lies behind the last plane is seen through it, or is not of the room
-            behind = float((along < outermost - 0.05).mean() if side == 0 else (along > outermost + 0.05).mean())
-            if behind < 10 * _OUTMOST and (sign * (innermost - outermost) > 0):
-                ends[side, axis], wall[side, axis] = outermost, True
-    return RoomBox(planes.directions, ends[0], ends[1], wall)
+    known = [view.map.known for view in views]
+    points = np.concatenate([view.points[k] for view, k in zip(views, known, strict=True)]) @ directions.T
+    facing = np.concatenate([view.map.normal[k] for view, k in zip(views, known, strict=True)]) @ directions.T
+    area = np.concatenate([(view.map.depth[k] / view.camera.fx) ** 2 for view, k in zip(views, known, strict=True)])
+    centers = np.array([view.camera.center for view in views]) @ directions.T
+    walls = np.full((2, 3), np.nan)
+    for _ in range(2):  # ledges in windows count for no ceiling once the walls are known
+        low, high = np.fmin(walls[0], centers.min(axis=0)), np.fmax(walls[1], centers.max(axis=0))
+        open_low, open_high = np.where(np.isnan(walls[0]), -np.inf, low), np.where(np.isnan(walls[1]), np.inf, high)
+        inside = (points > open_low - _PLACE * _BIN) & (points < open_high + _PLACE * _BIN)
+        found = np.full((2, 3), np.nan)
+        for axis in range(3):
+            between = inside[:, [i for i in range(3) if i != axis]].all(axis=1)
+            for side, sign in enumerate((1.0, -1.0)):
+                along, inner = sign * points[:, axis], float((sign * centers[:, axis]).min())
+                on = between & (sign * facing[:, axis] > _FACES) & (along < inner)
+                found[side, axis] = sign * _wall(along, on, area)
+        walls = found
+    # walls are the ends where little lies behind them; else points are
+    ends = [np.quantile(points, q, axis=0) if len(points) else centers[0] for q in (_OUTMOST, 1 - _OUTMOST)]
+    beyond = (points < walls[0] - _PLACE * _BIN).mean(axis=0), (points > walls[1] + _PLACE * _BIN).mean(axis=0)
+    low, high = np.where((np.array(beyond) < 10 * _OUTMOST) & np.isfinite(walls), walls, ends)
+    return RoomBox(directions, np.minimum(low, centers.min(axis=0)), np.maximum(high, centers.max(axis=0)), walls)
+
+
+def _wall(along: np.ndarray, on: np.ndarray, area: np.ndarray) -> float:
+    """Place, metres along a direction, where most surface gathers that faces it, and little lies behind; else NaN."""
+    if on.sum() < _LEAST:
+        return np.nan
+    first = np.floor(along[on].min() / _BIN) - _PLACE
+    place = (np.floor(along[on] / _BIN) - first).astype(np.int64)
+    count = int(place.max()) + 1 + _PLACE
+    near = np.ones(2 * _PLACE + 1)
+    mass = np.convolve(np.bincount(place, area[on], count), near, "same")
+    points = np.convolve(np.bincount(place, minlength=count), near, "same")
+    behind = np.searchsorted(np.sort(along), (first + np.arange(count) - _PLACE) * _BIN) / len(along)
+    best = int(np.where((behind < _BEHIND) & (points >= _LEAST), mass, 0.0).argmax())
+    if behind[best] >= _BEHIND or points[best] < _LEAST:
+        return np.nan
+    return float(np.median(along[on][np.abs(place - best) <= _PLACE]))

@@ -107,6 +107,14 @@ class _Patches:
         square = np.einsum("pij,i,j->p", self.second, n, n) - 2 * d * (self.first @ n) + d * d * self.weight
         return (square < (_LIES * self.deviation) ** 2 * self.weight) & (self.normal @ n > _TURN)
 
+    def shown(self, on: np.ndarray) -> np.ndarray:
+        """(V,) square metres of chosen patches in each view."""
+        return np.bincount(self.view[on], self.area[on])
+
+    def offset_deviation(self, on: np.ndarray) -> float:
+        """Deviation of the offset of the plane through chosen patches, metres."""
+        return float(np.sqrt(1 / (1 / self.deviation[on] ** 2).sum()))
+
 
 def find_room_planes(views: Sequence[DepthView], pieces: Sequence[Superpixels], noise: float) -> RoomPlanes:
     """Find the planes that several views show.
@@ -122,8 +130,8 @@ def find_room_planes(views: Sequence[DepthView], pieces: Sequence[Superpixels], 
         [_patches(view, piece, noise, i) for i, (view, piece) in enumerate(zip(views, pieces, strict=True))]
     )
     planes = _grouped(patches)
-    directions = _directions(planes)
-    return _snapped(planes, patches, directions)
+    directions = _directions(planes, patches)
+    return _described(_snapped(planes, patches, directions), patches, directions)
 
 
 def _patches(view: DepthView, pieces: Superpixels, noise: float, number: int) -> _Patches:
@@ -189,7 +197,17 @@ def _joined(patches: list[_Patches]) -> _Patches:
     return _Patches(*(np.concatenate([getattr(p, name) for p in patches]) for name in _Patches.__dataclass_fields__))
 
 
-def _grouped(patches: _Patches) -> RoomPlanes:
+@dataclass(frozen=True)
+class _Plane:
+    """A plane, the (P,) bool patches that lie on it, and the room's direction that it is along, -1 for none."""
+
+    normal: np.ndarray
+    offset: float
+    on: np.ndarray
+    axis: int = -1
+
+
+def _grouped(patches: _Patches) -> list[_Plane]:
     """Join patches that lie on one plane, beginning at the largest."""
     free = np.ones(len(patches.area), bool)
     found = []
@@ -204,19 +222,12 @@ def _grouped(patches: _Patches) -> RoomPlanes:
                 break
             n, d = _plane_of(patches, on, n)
         free[seed] = False
-        if not on.any():
-            continue
-        area = np.bincount(patches.view[on], patches.area[on])
-        if area.max() < _SMALLEST or (area > 0).sum() < 2:
+        area = patches.shown(on)
+        if area.max(initial=0) < _SMALLEST or (area > 0).sum() < 2:
             continue
         free &= ~on
-        sigma = float(np.sqrt(1 / (1 / patches.deviation[on] ** 2).sum()))
-        found.append((n, d, sigma, float(area.max()), int((area > 0).sum())))
-    parts = [np.array([f[i] for f in found]) for i in range(5)]
-    return RoomPlanes(
-        parts[0].reshape(-1, 3), parts[1], parts[2], parts[3], parts[4].astype(np.int64),
-        np.full(len(found), -1), np.eye(3),
-    )  # fmt: skip
+        found.append(_Plane(n, d, on))
+    return found
 
 
 def _plane_of(patches: _Patches, on: np.ndarray, like: np.ndarray) -> tuple[np.ndarray, float]:
@@ -229,45 +240,62 @@ def _plane_of(patches: _Patches, on: np.ndarray, like: np.ndarray) -> tuple[np.n
     return n, float(n @ middle)
 
 
-def _directions(planes: RoomPlanes) -> np.ndarray:
+def _directions(planes: Sequence[_Plane], patches: _Patches) -> np.ndarray:
     """(3, 3) the room's directions: the world's axes, turned to the planes near them."""
+    normal = np.array([plane.normal for plane in planes]).reshape(-1, 3)
+    shown = np.array([patches.shown(plane.on).sum() for plane in planes])
     directions = np.eye(3)
     for limit in (_NEARLY, _SNAP, _SNAP):
-        cosine = planes.normal @ directions.T
+        cosine = normal @ directions.T
         axis = np.abs(cosine).argmax(axis=1) if len(planes) else np.zeros(0, np.int64)
         best = np.take_along_axis(cosine, axis[:, None], 1)[:, 0]
         near = np.abs(best) > limit
         target = np.eye(3)[axis[near]] * np.sign(best[near])[:, None]
-        correlation = (planes.normal[near] * (planes.area * planes.views)[near, None]).T @ target
+        correlation = (normal[near] * shown[near, None]).T @ target
         # few planes leave turns open: the world's axes hold these
-        u, _, v = np.linalg.svd(correlation + 1e-3 * max(float(planes.area.sum()), 1e-3) * directions.T)
+        u, _, v = np.linalg.svd(correlation + 1e-3 * max(float(shown.sum()), 1e-3) * directions.T)
         turn = u @ np.diag([1, 1, np.sign(np.linalg.det(u @ v))]) @ v
         directions = turn.T
     return directions
 
 
-def _snapped(planes: RoomPlanes, patches: _Patches, directions: np.ndarray) -> RoomPlanes:
-    """Bring planes to the room's directions, and join those that then are one."""
-    kept: list[tuple[np.ndarray, float, float, float, int, int]] = []
-    for k in np.argsort(-planes.area):
-        n, d, axis = planes.normal[k], float(planes.offset[k]), -1
-        cosine = directions @ n
-        nearest = int(np.abs(cosine).argmax())
-        on = patches.on(n, d)
-        if abs(cosine[nearest]) > _SNAP and on.any():
-            straight = np.sign(cosine[nearest]) * directions[nearest]
-            height = patches.center[on] @ straight
-            middle = float(np.average(height, weights=patches.weight[on]))
-            # a small slope that the noise does not hide is a slope
-            if np.median(patches.on(straight, middle)[on]):
-                n, d, axis = straight, middle, nearest
-        same = any(
-            n @ other[0] > 0.9999 and abs(d - other[1]) < WITHIN * np.hypot(planes.sigma[k], other[2]) for other in kept
-        )
-        if not same:
-            kept.append((n, d, float(planes.sigma[k]), float(planes.area[k]), int(planes.views[k]), axis))
-    parts = [np.array([item[i] for item in kept]) for i in range(6)]
+def _straight(plane: _Plane, patches: _Patches, directions: np.ndarray) -> _Plane:
+    """The plane brought to the room's direction that it is near, unless it has a slope that the noise does not hide."""
+    cosine = directions @ plane.normal
+    axis = int(np.abs(cosine).argmax())
+    if abs(cosine[axis]) <= _SNAP:
+        return plane
+    straight = np.sign(cosine[axis]) * directions[axis]
+    middle = float(np.average(patches.center[plane.on] @ straight, weights=patches.weight[plane.on]))
+    lies = np.median(patches.on(straight, middle)[plane.on])
+    return _Plane(straight, middle, plane.on, axis) if lies else plane
+
+
+def _snapped(planes: Sequence[_Plane], patches: _Patches, directions: np.ndarray) -> list[_Plane]:
+    """Bring planes to the room's directions; join those of which most then lies on a larger one."""
+    kept: list[_Plane] = []
+    for plane in sorted(planes, key=lambda plane: -patches.shown(plane.on).max()):
+        found = _straight(plane, patches, directions)
+        for number, other in enumerate(kept):
+            if np.median(patches.on(other.normal, other.offset)[found.on]):
+                on = found.on | other.on
+                both = _Plane(*_plane_of(patches, on, other.normal), on)
+                kept[number] = _straight(both, patches, directions)
+                break
+        else:
+            kept.append(found)
+    return kept
+
+
+def _described(planes: Sequence[_Plane], patches: _Patches, directions: np.ndarray) -> RoomPlanes:
+    """The planes, and what is known of each."""
+    area = [patches.shown(plane.on) for plane in planes]
     return RoomPlanes(
-        parts[0].reshape(-1, 3), parts[1], parts[2], parts[3],
-        parts[4].astype(np.int64), parts[5].astype(np.int64), directions,
-    )  # fmt: skip
+        normal=np.array([plane.normal for plane in planes]).reshape(-1, 3),
+        offset=np.array([plane.offset for plane in planes]),
+        sigma=np.array([patches.offset_deviation(plane.on) for plane in planes]),
+        area=np.array([float(each.max()) for each in area]),
+        views=np.array([(each > 0).sum() for each in area], np.int64),
+        axis=np.array([plane.axis for plane in planes], np.int64),
+        directions=directions,
+    )

@@ -16,8 +16,6 @@ from fipt.scene.dataset import Dataset
 _DARK = 0.01
 """Radiance is raised to this share of the view's median before the logarithm: darker pixels are mostly noise."""
 _UNUSABLE = FLAG_SATURATED | FLAG_MOVED | FLAG_OUTSIDE | FLAG_NOISE
-_TO_AXES = np.diag([1.0, -1.0, -1.0])
-"""Image axes (x right, y down, z forward) from a camera's."""
 
 
 @dataclass(frozen=True)
@@ -41,13 +39,12 @@ class StereoView:
     @cached_property
     def intrinsics(self) -> np.ndarray:
         """(3, 3) float64 pixels from image axes."""
-        camera = self.camera
-        return np.array([[camera.fx, 0.0, camera.cx - 0.5], [0.0, camera.fy, camera.cy - 0.5], [0.0, 0.0, 1.0]])
+        return self.camera.intrinsics
 
     @cached_property
     def rotation(self) -> np.ndarray:
         """(3, 3) float64 image axes from world axes."""
-        return _TO_AXES @ self.camera.world_from_camera[:3, :3].T
+        return self.camera.extrinsics[:, :3]
 
     @cached_property
     def rays(self) -> np.ndarray:

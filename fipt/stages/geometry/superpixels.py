@@ -31,14 +31,11 @@ class Superpixels:
         (E, 2) int64 numbers of superpixels that touch, the smaller first.
     contrast
         (E,) float64 median difference of log radiance across their border, of the channel that differs most.
-    length
-        (E,) int64 pixels along it.
     """
 
     label: np.ndarray
     pairs: np.ndarray
     contrast: np.ndarray
-    length: np.ndarray
 
     @property
     def count(self) -> int:
@@ -82,8 +79,8 @@ def log_radiance(radiance: np.ndarray) -> np.ndarray:
     return np.log(np.maximum(radiance, 0) / middle + _DARKEST).astype(np.float32)
 
 
-def _borders(label: np.ndarray, light: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Pairs of superpixels that touch, contrast across each border, and its length."""
+def _borders(label: np.ndarray, light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of superpixels that touch, and contrast across each border."""
     count = int(label.max()) + 1
     keys, steps = [], []
     for a, b in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
@@ -97,4 +94,4 @@ def _borders(label: np.ndarray, light: np.ndarray) -> tuple[np.ndarray, np.ndarr
     key, step = key[order], step[order]
     found, first, length = np.unique(key, return_index=True, return_counts=True)
     pairs = np.stack(np.divmod(found, count), axis=1) if len(found) else np.zeros((0, 2), np.int64)
-    return pairs, step[first + length // 2].astype(np.float64), length
+    return pairs, step[first + length // 2].astype(np.float64)

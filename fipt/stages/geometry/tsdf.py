@@ -10,8 +10,15 @@ BLOCK = 8
 """Voxels along a side of a block: at four voxels of truncation, larger blocks hold mostly free space."""
 TRUNCATION = 4.0
 """Largest distance that the field holds, voxels: some deviations of the depth where a voxel is as large as a pixel."""
-_VOXEL_BYTES = 40
-"""Of memory for a voxel while a view is added: field, weight, place and what a projection needs."""
+_CHUNK = 2_000
+"""Blocks that a view is added to at once: a million voxels."""
+_PROJECTED = 130
+"""Bytes of memory that a voxel takes while a view is added to it, as measured: places, pixels and distances."""
+_VOXEL_BYTES = 60
+"""Bytes that any voxel takes: sum and weight, field and weight of the grid, and what its isosurface needs."""
+_PIXEL_BYTES = 220
+"""Bytes that a pixel takes: depth, normals and radiance of its view, measured and completed, with its rays and places,
+and the arrays of the fusion, here and in its process."""
 
 
 def fused(
@@ -20,7 +27,7 @@ def fused(
     weight: np.ndarray,
     carves: np.ndarray,
     intrinsics: np.ndarray,
-    world_from_camera: np.ndarray,
+    extrinsics: np.ndarray,
     voxel: float,
 ) -> dict[str, np.ndarray]:
     """Fuse depth maps as a truncated signed distance field (Curless and Levoy 1996) and mesh its zero.
@@ -40,8 +47,8 @@ def fused(
         (N, H, W) bool: pixels that say that nothing lies before their surface.
     intrinsics
         (N, 4) fx, fy, cx, cy; the centre of the first pixel is (0.5, 0.5).
-    world_from_camera
-        (N, 4, 4), OpenGL axes.
+    extrinsics
+        (N, 3, 4) image axes (x right, y down, z forward) from world axes, metres.
     voxel
         Side of a voxel, metres.
 
@@ -51,26 +58,24 @@ def fused(
         ``vertices`` (V, 3) float32 and ``triangles`` (T, 3) int32, in an order that the same input gives again.
     """
     o3d = _open3d()
-    cameras = [_Camera(*parts) for parts in zip(intrinsics, world_from_camera, strict=True)]
+    cameras = [_Camera(*parts) for parts in zip(intrinsics, extrinsics, strict=True)]
     grid = _grid(o3d, cameras, depth, voxel)
     slot = grid.hashmap().active_buf_indices()
     base = grid.hashmap().key_tensor().numpy()[slot.numpy()].astype(np.float64) * BLOCK * voxel
-    places, where = grid.voxel_coordinates_and_flattened_indices(slot)
-    within = places.numpy()[: BLOCK**3].astype(np.float64) - base[0]
+    within = grid.voxel_coordinates_and_flattened_indices(slot[:1])[0].numpy().astype(np.float64) - base[0]
     total = np.zeros((len(base), BLOCK**3), np.float32)
     heavy = np.zeros_like(total)
     for number, camera in enumerate(cameras):
         seen = camera.blocks(base + 0.5 * BLOCK * voxel, BLOCK * voxel, depth[number].shape, float(depth[number].max()))
-        add = camera.distances(
-            base[seen], within, depth[number], normal[number], weight[number], carves[number], TRUNCATION * voxel
-        )
-        total[seen] += add[0]
-        heavy[seen] += add[1]
+        images = depth[number], camera.inner(normal[number]), weight[number], carves[number]
+        for part in np.array_split(seen, -(-len(seen) // _CHUNK) or 1):
+            add = camera.distances(base[part], within, *images, TRUNCATION * voxel)
+            total[part] += add[0]
+            heavy[part] += add[1]
     known = heavy > 0
-    flat = where.numpy()
-    field, certain = grid.attribute("tsdf").reshape((-1, 1)), grid.attribute("weight").reshape((-1, 1))
-    field[flat] = o3d.core.Tensor(np.where(known, total / np.where(known, heavy, 1), 0).reshape(-1, 1))
-    certain[flat] = o3d.core.Tensor(known.astype(np.float32).reshape(-1, 1))
+    field, certain = (grid.attribute(name).reshape((-1, BLOCK**3)) for name in ("tsdf", "weight"))
+    field[slot] = o3d.core.Tensor(np.divide(total, heavy, out=total, where=known))
+    certain[slot] = o3d.core.Tensor(known.astype(np.float32))
     mesh = grid.extract_triangle_mesh(0.5)
     return _ordered(mesh.vertex.positions.numpy(), mesh.triangle.indices.numpy())
 
@@ -84,7 +89,7 @@ def _grid(o3d: Any, cameras: list["_Camera"], depth: np.ndarray, voxel: float) -
             near = grid.compute_unique_block_coordinates(
                 o3d.t.geometry.Image(o3d.core.Tensor(np.ascontiguousarray(image[..., None]))),
                 o3d.core.Tensor(camera.matrix()),
-                o3d.core.Tensor(camera.extrinsics()),
+                o3d.core.Tensor(camera.extrinsics),
                 1.0,  # depth in metres, as far as there is any: the defaults are millimetres and 3 m
                 float(image.max()) + 1.0,
                 TRUNCATION,
@@ -104,21 +109,19 @@ def _open3d() -> Any:
 class _Camera:
     """Projection of one view."""
 
-    def __init__(self, intrinsics: np.ndarray, world_from_camera: np.ndarray) -> None:
+    def __init__(self, intrinsics: np.ndarray, extrinsics: np.ndarray) -> None:
         self.fx, self.fy, self.cx, self.cy = (float(value) for value in intrinsics)
-        # image axes: x right, y down, z forward
-        self.rotation = world_from_camera[:3, :3].astype(np.float64) @ np.diag([1.0, -1.0, -1.0])
-        self.center = world_from_camera[:3, 3].astype(np.float64)
+        self.rotation = extrinsics[:, :3].T
+        self.center = -self.rotation @ extrinsics[:, 3]
+        self.extrinsics = np.vstack([extrinsics, [0.0, 0.0, 0.0, 1.0]])
 
     def matrix(self) -> np.ndarray:
         """(3, 3) intrinsics of pixels counted from their centres."""
         return np.array([[self.fx, 0, self.cx - 0.5], [0, self.fy, self.cy - 0.5], [0, 0, 1]])
 
-    def extrinsics(self) -> np.ndarray:
-        """(4, 4) image axes from world axes."""
-        result = np.eye(4)
-        result[:3, :3], result[:3, 3] = self.rotation.T, -self.rotation.T @ self.center
-        return result
+    def inner(self, directions: np.ndarray) -> np.ndarray:
+        """(..., 3) float32 in image axes, of directions in world axes."""
+        return (directions @ self.rotation).astype(np.float32)
 
     def blocks(self, middle: np.ndarray, side: float, shape: tuple[int, ...], deepest: float) -> np.ndarray:
         """Numbers of the blocks, by their (B, 3) middles, that may lie in the image before its deepest pixel."""
@@ -140,7 +143,10 @@ class _Camera:
         carves: np.ndarray,
         most: float,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Weighted distances in truncations, and weights, (B, K) float32 each, of the voxels of blocks."""
+        """Weighted distances in truncations, and weights, (B, K) float32 each, of the voxels of blocks.
+
+        The (H, W, 3) normals are in image axes.
+        """
         local = ((base - self.center) @ self.rotation)[:, None] + (within @ self.rotation)[None]
         local = local.astype(np.float32)
         x, y, z = np.moveaxis(local, -1, 0)
@@ -153,7 +159,7 @@ class _Camera:
         found, w = depth[pixel], weight[pixel]
         ahead &= (found > 0) & (w > 0)
         # point of the pixel's centre on its surface, and the tangent plane there
-        tangent = (normal @ self.rotation).astype(np.float32)[pixel]
+        tangent = normal[pixel]
         point = np.stack([
             (pixel[1] + 0.5 - self.cx) / self.fx * found, (pixel[0] + 0.5 - self.cy) / self.fy * found, found
         ], axis=-1)  # fmt: skip
@@ -181,6 +187,6 @@ def _ordered(vertices: np.ndarray, triangles: np.ndarray) -> dict[str, Any]:
     }
 
 
-def memory(blocks: int) -> int:
-    """Bytes that so many blocks need."""
-    return blocks * BLOCK**3 * _VOXEL_BYTES
+def memory(blocks: int, pixels: int) -> int:
+    """Bytes that the fusion of so many pixels to so many blocks takes, at most."""
+    return BLOCK**3 * (blocks * _VOXEL_BYTES + min(blocks, _CHUNK) * _PROJECTED) + pixels * _PIXEL_BYTES

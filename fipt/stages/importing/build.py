@@ -23,9 +23,11 @@ from fipt.scene.dataset import write_views
 from fipt.scene.mesh import Mesh, read_geometry, write_ply
 from fipt.scene.sources import CAPTURE, ImageSource, read_developed, read_source
 from fipt.settings import dumped
+from fipt.stages.importing.encoding import sentences
 from fipt.stages.importing.frames import check_layer, write_frames, written_radiance
-from fipt.stages.importing.place import Geometry, PlacedMesh, check_scale, placed
+from fipt.stages.importing.place import Geometry, PlacedMesh, placed, scale_warnings
 from fipt.stages.importing.settings import ImportSettings
+from fipt.stages.importing.unit import radiance_scale
 
 log = logging.getLogger(__name__)
 
@@ -41,11 +43,12 @@ VIEWS_ALONE = "none"
 
 @dataclass(frozen=True)
 class Imported:
-    """The dataset's cameras, in the source's order, the source as it was read, and what was done to the mesh."""
+    """The dataset's cameras, in the source's order, the source as it was read, what was done to the mesh, warnings."""
 
     cameras: list[Camera]
     source: ImageSource
     mesh: dict[str, Any]
+    warnings: list[str]
 
 
 @dataclass(frozen=True)
@@ -75,6 +78,7 @@ def import_scene(
     mesh: str | Path | None = None,
     manifest: str | Path | None = None,
     beside: Beside = Beside(),
+    mesh_views: Path | None = None,
 ) -> Imported:
     """Write the dataset folder of a source: complete, with its manifest last, or not at all.
 
@@ -90,6 +94,8 @@ def import_scene(
         Default: ``import.manifest.json`` in the dataset.
     beside
         Of developed photographs: their poses, and what else is known.
+    mesh_views
+        transforms.json of imported views that the mesh was made of, near their origin; default: it is as the source.
 
     Raises
     ------
@@ -100,17 +106,16 @@ def import_scene(
     dataset = Path(dataset)
     manifest = dataset / "import.manifest.json" if manifest is None else Path(manifest)
     _check_target(dataset, manifest, parsed)
-    _check_outside(
-        dataset, [frame.image for frame in parsed.frames], (mesh or parsed.mesh, beside.poses, beside.segments)
-    )
+    given = (mesh or parsed.mesh, mesh_views, beside.poses, beside.segments)
+    _check_outside(dataset, [frame.image for frame in parsed.frames], given)
     _check_present(parsed.frames)
     names = _semantic_names(parsed)
-    parsed, room = placed(parsed, _geometry(source, mesh or parsed.mesh, settings.unit), settings.unit)
-    for leftover in dataset.parent.glob(f".{dataset.name}.*.tmp"):  # of an import that was killed
-        shutil.rmtree(leftover)
-
+    geometry = _geometry(source, mesh or parsed.mesh, mesh_views, settings.unit or 1.0)
+    parsed, room = placed(_in_unit(parsed), geometry, settings.unit or 1.0)
+    _remove_leftovers(dataset)
     with atomic_folder(dataset, _KNOWN.pattern) as folder:
-        cameras, shown = write_frames(folder, parsed)
+        cameras, shown, strange = write_frames(folder, parsed)
+        room.figures.update({"images": strange} if strange else {})
         mesh_used, figures = _write_mesh(folder, room, cameras, settings)
         _write_cameras(folder, cameras, parsed, room.origin)
         if beside.segments is not None:
@@ -123,20 +128,38 @@ def import_scene(
         manifest.unlink(missing_ok=True)
         (dataset / "import.manifest.json").unlink(missing_ok=True)
     files = [path for path in dataset.resolve().rglob("*") if path.is_file()]
-    written = {"format": format, **dumped(settings), "scale": parsed.scale}
-    write_manifest(manifest.resolve(), "import", files, written)
-    return Imported(cameras, parsed, figures)
+    write_manifest(manifest.resolve(), "import", files, {"format": format, **dumped(settings), "scale": parsed.scale})
+    return Imported(cameras, parsed, figures, [*_unit(parsed), *sentences(strange)])
 
 
-def _geometry(source: str | Path, path: str | Path | None, unit: float) -> Geometry | None:
+def _in_unit(source: ImageSource) -> ImageSource:
+    """The source with the factor that brings its radiance to the dataset's unit; that of photographs is known."""
+    return source if source.photographs else replace(source, scale=radiance_scale(source))
+
+
+def _unit(source: ImageSource) -> list[str]:
+    if source.photographs or source.scale == 1.0:
+        return []
+    return [
+        f"the source's radiance is multiplied by {source.scale:g}, so that the dataset has the level of a photographed "
+        "room; emitters.json, setups and the export are in the source's unit (radiance_scale in transforms.json)"
+    ]
+
+
+def _remove_leftovers(dataset: Path) -> None:
+    """Remove what an import that was killed has left beside the dataset."""
+    for leftover in dataset.parent.glob(f".{dataset.name}.*.tmp"):
+        shutil.rmtree(leftover)
+
+
+def _geometry(source: str | Path, path: str | Path | None, views: Path | None, unit: float) -> Geometry | None:
     """Vertices and triangles of the room's mesh, in the source's unit and place; None: there are views alone."""
     if path is None:
         raise FiptError(f"{source} has no mesh.ply", "name the room's mesh with --mesh, or --mesh none for views alone")
     if str(path) == VIEWS_ALONE:
         return None
     vertices, triangles = read_geometry(path)
-    views = Path(path).parent / "views" / "transforms.json"
-    if views.is_file():  # a mesh that was made of imported views: in metres, near their origin
+    if views is not None:  # of which the mesh was made: it is in metres, near their origin
         vertices = (vertices + read_origin(views)) / unit
     return vertices, triangles
 
@@ -149,11 +172,12 @@ def _write_mesh(
     if mesh is None:
         return None, room.figures
     figures: dict[str, Any] = {"prepared": False, "triangles": len(mesh.triangles)}
+    warnings: list[str] = []
     if settings.prepare != "never":
         from fipt.render.variant import set_variant
 
         set_variant()
-        check_scale(mesh, cameras)
+        warnings = scale_warnings(mesh, cameras, certain=settings.unit is not None)
         from fipt.meshing.prepare import prepared
 
         def radiance(view: str) -> tuple[np.ndarray, np.ndarray]:
@@ -161,6 +185,7 @@ def _write_mesh(
 
         mesh, figures = prepared(mesh, [camera for camera in cameras if camera.split == "train"], radiance, settings)
     figures |= room.figures
+    figures["warnings"] = [*room.figures.get("warnings", ()), *warnings]
     write_ply(folder / "mesh.ply", mesh)
     # without the time it took: the same source gives the same files
     lasting = {name: value for name, value in figures.items() if name != "seconds"}
@@ -170,8 +195,11 @@ def _write_mesh(
 
 
 def _write_cameras(folder: Path, cameras: list[Camera], source: ImageSource, origin: np.ndarray) -> None:
-    """Write transforms.json and views.json."""
-    write_transforms(folder / "transforms.json", cameras, origin=origin)
+    """Write transforms.json and views.json, and warn of odd cameras."""
+    _warn_shifted(cameras)
+    # the unit of photographs is the dataset's, by its exposure
+    scale = 1.0 if source.photographs else source.scale
+    write_transforms(folder / "transforms.json", cameras, origin=origin, radiance_scale=scale)
     write_views(folder / "views.json", [*(camera.name for camera in cameras), *source.rejected], source.rejected)
 
 
@@ -271,6 +299,17 @@ def _warn_outside(cameras: Sequence[Camera], mesh: Mesh) -> None:
         log.warning(
             "%d of %d cameras stand outside the mesh's bounds (%s); check axes, units and overlay.png",
             len(outside), len(cameras), ", ".join(outside[:5]),
+        )  # fmt: skip
+
+
+def _warn_shifted(cameras: Sequence[Camera]) -> None:
+    """Warn of principal points outside the image."""
+    shifted = [camera.name for camera in cameras if camera.is_shifted]
+    if shifted:
+        log.warning(
+            "the principal points of %d of %d cameras lie outside the image (%s); check cx and cy, unless these are "
+            "crops or shifted lenses",
+            len(shifted), len(cameras), ", ".join(shifted[:5]),
         )  # fmt: skip
 
 

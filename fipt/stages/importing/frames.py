@@ -3,6 +3,7 @@
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from fipt.progress import progress
 from fipt.scene.cameras import Camera, check_cameras
 from fipt.scene.dataset import check_image, read_layers
 from fipt.scene.sources import ImageSource
+from fipt.stages.importing.encoding import EncodingCheck
 
 TRUTH_FOLDERS = {
     "kd": "DiffCol",
@@ -30,16 +32,19 @@ TRUTH_FOLDERS = {
 _SCALARS = ("roughness", "metallic")
 
 
-def write_frames(folder: Path, source: ImageSource) -> tuple[list[Camera], tuple[Camera, np.ndarray]]:
+def write_frames(folder: Path, source: ImageSource) -> tuple[list[Camera], tuple[Camera, np.ndarray], dict[str, Any]]:
     """Write images, truth and ids of every frame.
 
-    Returns the cameras, and camera and radiance of the train view that shows most detail.
+    Returns the cameras; camera and radiance of the train view that shows most detail; what is strange about the images
+    (`EncodingCheck.facts`).
     """
     cameras: list[Camera] = []
+    check = EncodingCheck()
     most = -1.0
     with progress("import", len(source.frames), " views") as bar:
         for frame in source.frames:
-            channels, valid = _read_image(frame)
+            channels, valid = read_image(frame)
+            check.add(frame.name, channels, valid)
             if source.photographs:
                 valid = channels["valid.Y"] = with_bounds(valid, channels["flags.Y"].astype(np.uint32))
             radiance = channels[""] = _scaled(channels[""], valid, source)
@@ -48,14 +53,14 @@ def write_frames(folder: Path, source: ImageSource) -> tuple[list[Camera], tuple
             check_image(radiance, valid, camera, frame.image)
             channels[""] = radiance = np.where(valid[..., None] > 0, radiance, 0.0)
             write_exr(folder / "images" / f"{frame.name}.exr", channels)
-            _write_truth(folder, frame, camera)
+            _write_truth(folder, frame, camera, source.scale)
             _write_segments(folder, frame, camera)
             cameras.append(camera)
             detail = float(np.abs(np.diff(to_display(radiance).astype(np.int16), axis=1)).mean())
             if frame.split == "train" and detail > most:
                 shown, most = (camera, radiance), detail
             bar.advance()
-    return cameras, shown
+    return cameras, shown, {} if source.photographs else check.facts()
 
 
 def written_radiance(folder: Path, view: str) -> tuple[np.ndarray, np.ndarray]:
@@ -65,8 +70,8 @@ def written_radiance(folder: Path, view: str) -> tuple[np.ndarray, np.ndarray]:
     return radiance, np.clip(channels.get("valid.Y", np.ones(radiance.shape[:2], np.float32)), 0.0, 1.0)
 
 
-def _read_image(frame: SourceView) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Channels to write for an image ('' = RGB, its valid and flags), and its (H, W) weights."""
+def read_image(frame: SourceView) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Channels of a frame's image ('' = RGB, its valid and flags), and its (H, W) weights."""
     found = read_exr(frame.image, required=("R", "G", "B"))
     channels = {"": np.stack([found[letter] for letter in "RGB"], axis=-1)}
     channels |= {name: found[name] for name in ("valid.Y", "flags.Y") if name in found}
@@ -84,9 +89,10 @@ def with_bounds(valid: np.ndarray, flags: np.ndarray) -> np.ndarray:
 
 def _scaled(radiance: np.ndarray, valid: np.ndarray, source: ImageSource) -> np.ndarray:
     """Radiance in the dataset's unit. Noise of photographs may be negative; light is not, and becomes 0."""
-    if not source.photographs:
-        return radiance
-    return np.where(valid[..., None] > 0, np.maximum(radiance, 0.0) * np.float32(source.scale), 0.0).astype(np.float32)
+    if source.photographs:
+        radiance = np.where(valid[..., None] > 0, np.maximum(radiance, 0.0), 0.0)
+    with np.errstate(over="ignore"):  # what is infinite then is named
+        return (radiance * np.float32(source.scale)).astype(np.float32)
 
 
 def _read_mask(path: Path, shape: tuple[int, int]) -> np.ndarray:
@@ -129,11 +135,16 @@ def _camera(frame: SourceView, width: int, height: int) -> Camera:
     )
 
 
-def _write_truth(folder: Path, frame: SourceView, camera: Camera) -> None:
+def _write_truth(folder: Path, frame: SourceView, camera: Camera, scale: float) -> None:
     if frame.dataset is not None and (path := truth_file(frame.dataset, frame.name)).is_file():
-        for values in read_layers(path).values():
+        known = read_layers(path)
+        for values in known.values():
             check_layer(values, camera, path)
-        _copied(path, folder / "truth" / path.name)
+        if scale != 1.0 and "emission" in known:
+            known["emission"] = known["emission"] * np.float32(scale)
+            write_exr(folder / "truth" / path.name, {k if v.ndim == 3 else f"{k}.Y": v for k, v in known.items()})
+        else:
+            _copied(path, folder / "truth" / path.name)
     if frame.folder is None:
         return
     layers: dict[str, np.ndarray] = {}
@@ -146,6 +157,7 @@ def _write_truth(folder: Path, frame: SourceView, camera: Camera) -> None:
         check_layer(values, camera, path)
         layers[f"{layer}.Y" if layer in _SCALARS else layer] = values
     if "emission" in layers:
+        layers["emission"] = layers["emission"] * np.float32(scale)
         layers["emission_mask.Y"] = np.asarray((layers["emission"] > 0).any(axis=-1))
     if layers:
         write_exr(folder / "truth" / f"{frame.name}.exr", layers)

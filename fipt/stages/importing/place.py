@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -15,22 +14,43 @@ from fipt.scene.cameras import Camera
 from fipt.scene.mesh import Mesh
 from fipt.scene.sources import ImageSource
 
-log = logging.getLogger(__name__)
-
 Geometry = tuple[np.ndarray, np.ndarray]
 """Vertices (V, 3) float64 and triangles (T, 3) int32."""
 _UNITS = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254, "feet": 0.3048, "kilometres": 1000.0}
 """Unit -> metres."""
 _ROOM = (0.1, 100.0)
-"""Metres from cameras to what they see, by the median: lenses do not focus nearer, no room is wider."""
+"""Metres from cameras to what they see, by the median: miniatures are nearer, halls are no wider."""
+_FOCUS = 0.01
+"""Metres from cameras to what they see: no lens focuses nearer."""
 _LIKELY = 20.0
 """Metres to what is seen that make a unit likely: few rooms are wider."""
 _SEEN = 0.01
-"""Share of the pixels that must see the mesh: with fewer, a view in a hundred is not of this room."""
+"""Share of the pixels that must see the mesh, and of the mesh that must lie near the cameras: less is none of it."""
 _GRID = 12
 """Rays along a side of a view: a hundred and more tell shares of a hundredth."""
 _VIEWS = 16
 """Views that are asked at most."""
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """What rays through pixels meet.
+
+    Attributes
+    ----------
+    share
+        Of the rays that meet the mesh.
+    likely
+        Share of the rays that meet it as far away as walls and things of rooms are.
+    near, median, far
+        The 0.1, 0.5 and 0.9 quantiles of the lengths of those that meet it, metres.
+    """
+
+    share: float
+    likely: float
+    near: float
+    median: float
+    far: float
 
 
 @dataclass(frozen=True)
@@ -88,64 +108,90 @@ def placed(
     return replace(source, frames=frames), PlacedMesh(found.mesh, origin, figures | {"mended": found.figures})
 
 
-def check_scale(mesh: Mesh, cameras: Sequence[Camera]) -> None:
-    """Refuse mesh and cameras that another unit would explain better; Mitsuba's variant must be set.
+def scale_warnings(mesh: Mesh, cameras: Sequence[Camera], certain: bool) -> list[str]:
+    """Judge whether mesh and cameras are of one scale, in metres; Mitsuba's variant must be set.
+
+    Parameters
+    ----------
+    certain
+        Somebody has named the unit: what would be refused is a warning.
+
+    Returns
+    -------
+    list of str
+        What is odd, but may be so: domes, landscapes, miniatures.
 
     Raises
     ------
     FiptError
-        One line that says what is seen, and which unit would explain it.
+        Another unit fits much better.
     """
-    chosen = cameras[:: max(1, len(cameras) // _VIEWS)]
-    share, median, far = _seen(mesh, chosen)
-    if share < _SEEN:
-        for name, unit in _UNITS.items():
-            _refuse_scaled(mesh, chosen, share, (name, unit, 1.0))
-            _refuse_scaled(mesh, chosen, share, (name, 1.0, unit))
-        log.warning("%.0f%% of the cameras' rays meet the mesh; check axes, unit and place of both", 100 * share)
-        return
+    chosen = cameras[:: max(1, -(-len(cameras) // _VIEWS))]
+    seen = _seen(mesh, chosen)
+    found = _mixed(mesh, chosen, seen) or _of_another_unit(seen)
+    if found is not None and not certain:
+        raise FiptError(*found)
+    if found is not None:
+        return [found[0]]
+    if seen.share < _SEEN:
+        return [f"{seen.share:.0%} of the cameras' rays meet the mesh; check axes, unit and place of both"]
     extent = float(np.ptp(mesh.vertices, axis=0).max())
-    if far > _ROOM[1] or extent > 10 * _ROOM[1]:  # a landscape, or cameras in a corner of what seems a huge room
-        for name in ("millimetres", "centimetres"):
-            _refuse_scaled(mesh, chosen, share, (name, _UNITS[name], 1.0))
-    if not _ROOM[0] <= median <= _ROOM[1]:
-        raise _of_another_unit(median)
+    if _ROOM[0] <= seen.median and seen.far <= _ROOM[1] and extent <= 10 * _ROOM[1]:
+        return []
+    return [
+        f"the mesh is {extent:.3g} m large, and cameras see half of it within {seen.median:.3g} m, nine tenths within "
+        f"{seen.far:.3g} m; if that is not so, give import.unit, or scale the mesh"
+    ]
 
 
-def _refuse_scaled(mesh: Mesh, cameras: Sequence[Camera], share: float, unit: tuple[str, float, float]) -> None:
-    """Raise FiptError if the cameras see the mesh as they see a room once one of both is scaled.
+def _mixed(mesh: Mesh, cameras: Sequence[Camera], seen: _Seen) -> tuple[str, str] | None:
+    """What is wrong and what to do, if mesh and cameras fit much better with one of them in another unit; else None.
 
-    Parameters
-    ----------
-    share
-        Of the rays that meet the mesh as it is.
-    unit
-        Name, and factors of the mesh and of the cameras.
+    Either hardly any ray meets the mesh. Or most meet it farther away than in rooms, and nothing is modelled near the
+    cameras, where a dome or a landscape has its room.
     """
-    name, of_mesh, of_cameras = unit
-    scaled = Mesh((mesh.vertices * np.float64(of_mesh / of_cameras)).astype(np.float32), mesh.triangles)
-    seen, distance, _ = _seen(scaled, cameras)
-    distance *= of_cameras
-    if seen <= 0.5 or not _ROOM[0] <= distance <= _LIKELY:
-        return
-    what = "the mesh" if of_cameras == 1.0 else "the cameras"
-    raise FiptError(
-        f"mesh and cameras must have one unit; {share:.0%} of the rays meet the mesh. If {what} were in {name}, "
-        f"{seen:.0%} would, half of these within {distance:.2g} m",
-        f"scale {what} by {of_mesh * of_cameras:g}",
+    unmet = seen.share < _SEEN
+    if not unmet and (seen.likely > 0.5 or _modelled_near(mesh, cameras) > _SEEN):
+        return None
+    for name, unit in _UNITS.items():
+        for what, of_mesh, of_cameras in (("the mesh", unit, 1.0), ("the cameras", 1.0, unit)):
+            scaled = Mesh((mesh.vertices * np.float64(of_mesh / of_cameras)).astype(np.float32), mesh.triangles)
+            other = _seen(scaled, cameras)
+            distance = other.median * of_cameras
+            if other.share > 0.5 and _ROOM[0] <= distance <= _LIKELY and (unmet or of_mesh < 1.0):
+                return (
+                    f"mesh and cameras must have one unit; {seen.share:.0%} of the rays meet the mesh, half of these "
+                    f"within {seen.median:.2g} m. If {what} were in {name}, {other.share:.0%} would, half of these "
+                    f"within {distance:.2g} m",
+                    f"scale {what} by {of_mesh * of_cameras:g}, or set import.unit: 1 if both are in metres",
+                )
+    return None
+
+
+def _of_another_unit(seen: _Seen) -> tuple[str, str] | None:
+    """What is wrong and what to do, if lenses or rooms have no such distances and a unit mends that; else None."""
+    likely = [
+        f"{name} (import.unit: {unit:g})" for name, unit in _UNITS.items() if 0.5 <= seen.median * unit <= _LIKELY
+    ]
+    if not likely or seen.share < _SEEN or (seen.far > _FOCUS and seen.near < _ROOM[1]):
+        return None
+    return (
+        f"cameras see nine tenths of what they see from {seen.near:.3g} m and farther, half of it within "
+        f"{seen.median:.3g} m; that is no room in metres",
+        f"give the unit of mesh and cameras, likely {' or '.join(likely)}; import.unit: 1 if it is metres",
     )
 
 
-def _of_another_unit(median: float) -> FiptError:
-    likely = [f"{name} (import.unit: {unit:g})" for name, unit in _UNITS.items() if 0.5 <= median * unit <= _LIKELY]
-    return FiptError(
-        f"cameras must see the room from {_ROOM[0]:g} to {_ROOM[1]:g} m away; their median is {median:.3g} m",
-        f"give the unit of mesh and cameras; likely {' or '.join(likely) or 'import.unit'}",
-    )
+def _modelled_near(mesh: Mesh, cameras: Sequence[Camera]) -> float:
+    """Share of the vertices that lie no farther from a camera than walls do."""
+    near = np.zeros(len(mesh.vertices), bool)
+    for camera in cameras:
+        near |= np.linalg.norm(mesh.vertices - camera.center.astype(np.float32), axis=1) < _LIKELY
+    return float(near.mean())
 
 
-def _seen(mesh: Mesh, cameras: Sequence[Camera]) -> tuple[float, float, float]:
-    """Share of rays through pixels that meet a mesh; the 0.5 and 0.9 quantiles of their lengths, metres."""
+def _seen(mesh: Mesh, cameras: Sequence[Camera]) -> _Seen:
+    """Trace rays through pixels of all over the views."""
     from fipt.render.scene import RayScene
 
     scene, lengths = RayScene(mesh), []
@@ -156,6 +202,7 @@ def _seen(mesh: Mesh, cameras: Sequence[Camera]) -> tuple[float, float, float]:
     length = np.concatenate(lengths)
     met = length[np.isfinite(length)]
     if len(met) == 0:
-        return 0.0, np.inf, np.inf
-    median, far = np.quantile(met, (0.5, 0.9)).tolist()
-    return len(met) / len(length), median, far
+        return _Seen(0.0, 0.0, np.inf, np.inf, np.inf)
+    near, median, far = np.quantile(met, (0.1, 0.5, 0.9)).tolist()
+    likely = np.count_nonzero((met >= _ROOM[0]) & (met <= _LIKELY)) / len(length)
+    return _Seen(len(met) / len(length), likely, near, median, far)

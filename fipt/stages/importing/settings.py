@@ -15,8 +15,10 @@ class ImportSettings(Settings):
     exposure: Length | None = Field(
         default=None, description="factor on a capture's radiance; absent: what brings its median luminance to 0.2"
     )
-    unit: Length = Field(
-        default=1.0, description="metres in a unit of the source's mesh and cameras; 0.001 where it is in millimetres"
+    unit: Length | None = Field(
+        default=None,
+        description="metres in a unit of the source's mesh and cameras, such as 0.001; absent: metres, "
+        "refused where another unit fits much better",
     )
     prepare: Literal["auto", "always", "never"] = Field(
         default="auto",

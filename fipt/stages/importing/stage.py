@@ -26,6 +26,9 @@ class ImportInputs:
     segments: Annotated[Path | None, "capture: folder with part/VIEW.png or semantic/VIEW.png of developed views."] = (
         None
     )
+    mesh_views: Annotated[
+        Path | None, "transforms.json of imported views that the mesh was made of; default: it is as the source."
+    ] = None
     room: Annotated[Path | None, "capture: room.json of a known room; default: one beside poses or mesh."] = None
 
 
@@ -42,9 +45,11 @@ def run(inputs: ImportInputs, settings: "ImportSettings") -> dict[str, Any]:
 
     dataset = inputs.dataset
     beside = Beside(inputs.poses, inputs.segments, inputs.room)
-    done = import_scene(inputs.source, inputs.format, dataset, settings, inputs.mesh, inputs.manifest, beside)
+    done = import_scene(
+        inputs.source, inputs.format, dataset, settings, inputs.mesh, inputs.manifest, beside, inputs.mesh_views
+    )
     figures: dict[str, Any] = {"views": len(done.cameras), "exposure": done.source.scale, "mesh": done.mesh}
-    warnings = list(done.mesh.get("warnings", ()))
+    warnings = [*done.warnings, *done.mesh.get("warnings", ())]
     if done.source.unposed:
         warnings.append(f"without a pose, left out: {', '.join(done.source.unposed)}")
     for warning in warnings:

@@ -39,6 +39,7 @@ def run(inputs: MaterialsInputs, settings: "MaterialsSettings") -> dict[str, Any
     data, shard = Dataset(inputs.dataset), read_samples(inputs.samples)
     emitters, confidence = read_emitters(inputs.emitters), read_confidence(inputs.confidence)
     surface = FittedSurface(load_field(inputs.model), emitters, confidence)
+    inputs.manifest.unlink(missing_ok=True)  # it must not vouch for, or against, what is being exchanged
     files = []
     with progress("materials", shard.first_pixels[-1], " pixels") as bar:
         for index, view in enumerate(shard.views):

@@ -45,7 +45,8 @@ def run(inputs: RelightInputs, settings: "RelightSettings") -> dict[str, Any]:
 
     setup, data = parse_setup(inputs.setup), Dataset(inputs.dataset)
     cameras = _cameras(inputs, setup, data)
-    scene = StagedScene.relit(inputs.fitted(data), setup, inputs.emitter_names, inputs.segments)
+    here = setup.in_unit(data.radiance_scale)
+    scene = StagedScene.relit(inputs.fitted(data), here, inputs.emitter_names, inputs.segments)
     figures: dict[str, Any] = {}
     if setup.cameras is not None:
         figures["warnings"] = unlikely_viewpoints(RayScene(scene.mesh), cameras, data.cameras)

@@ -39,6 +39,7 @@ def run(inputs: VideoInputs, settings: "VideoSettings") -> dict[str, Any]:
     cameras = own_cameras(own, data)
     photographs = (data.image(view)[0] for view in shown_views(data, inputs.max_views))
     exposure = settings.exposure or common_exposure(photographs)
+    inputs.manifest.unlink(missing_ok=True)  # it must not vouch for, or against, what is being exchanged
     files = write_frames(inputs.images, cameras, exposure)
     film = write_film(inputs.images, own.path, len(cameras), settings.quality)
     figures: dict[str, Any] = {"images": len(cameras), "exposure": exposure}

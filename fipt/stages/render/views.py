@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from fipt.formats.exr import write_exr
+from fipt.formats.files import check_memory
 from fipt.formats.manifests import write_manifest
 from fipt.model.fitted import FittedScene
 from fipt.model.networks import Brdf
@@ -25,6 +26,9 @@ from fipt.settings import dumped
 from fipt.stages.render.changes import UNCHANGED, Changes, change
 from fipt.stages.render.lights import Illumination, apply_setup
 from fipt.stages.render.settings import OlatSettings, RelightSettings, RenderSettings
+
+_BYTES_A_PIXEL = 450
+"""Of memory while an image is traced: measured 446."""
 
 
 @dataclass(frozen=True)
@@ -132,7 +136,10 @@ def write_views(
     Paths per second.
     """
     sampling = ImageSampling(rays_per_side, settings.spp, settings.denoise, settings.seed)
+    largest = max((camera.width * camera.height for camera in cameras), default=0)
+    check_memory(_BYTES_A_PIXEL * largest, f"an image of the stage {to.stage}", "use smaller images")
     rooms = scene.lit_rooms(settings.max_depth)
+    to.manifest.unlink(missing_ok=True)  # it must not vouch for, or against, what is being exchanged
     files = []
     with progress(to.stage, len(rooms) * sampling.paths(cameras), " paths") as bar:
         for camera in cameras:

@@ -17,6 +17,7 @@ from fipt.stages.report.emitters import read_emitter_entries
 from fipt.stages.report.export import ExportCheck, read_check
 from fipt.stages.report.files import read_json, round_folders
 from fipt.stages.report.findings import FindingsReport, read_room_findings
+from fipt.stages.report.geometry import GeometryReport, read_geometry
 from fipt.stages.report.images import EmbeddedImage
 from fipt.stages.report.mixer import Mixer, read_mixer
 from fipt.stages.report.poses import PosesReport, read_poses
@@ -75,6 +76,7 @@ class Content:
     overlay: EmbeddedImage | None
     capture: CaptureReport | None
     poses: PosesReport | None
+    geometry: GeometryReport | None
     segments: SegmentsReport | None
     mixer: Mixer | None
     room: RoomModel | None
@@ -110,7 +112,6 @@ def gather(
     setups, camera_setups = _shown_setups(results / "relight", setups, camera_setups)
     reader = ViewReader(results, data, metrics, settings, scale)
     views = reader.rows()
-    relit = reader.relit_views(setups)
     export = read_check(results / "export" / "check.json")
     return Content(
         scene=results.resolve().name,
@@ -122,7 +123,7 @@ def gather(
         views=views,
         hidden_views=len(data.cameras) - len(views) if data else 0,
         emitters=emitters,
-        relit=relit,
+        relit=reader.relit_views(setups),
         camera_setups=reader.camera_setups(camera_setups),
         setups=_setups(results / "relight", setups, camera_setups),
         export=export,
@@ -136,6 +137,7 @@ def gather(
         overlay=_overlay(root / "overlay.png", settings.width),
         capture=read_capture(results / "capture" / "qa.json", data, reader.exposure),
         poses=read_poses(results / "poses"),
+        geometry=read_geometry(results / "geometry"),
         segments=_segments(results / "segments", runs, reader),
         mixer=read_mixer(results, emitters, reader.exposure * scale),
         room=read_room(results, data, emitters),

@@ -40,6 +40,7 @@ def segment_views(inputs: SegmentInputs, settings: SegmentSettings) -> Stats:
         source = Mask2Former(settings)
         found = source.views(data, list(shard.views))
         stats["device"] = source.device
+    inputs.manifest.unlink(missing_ok=True)  # it must not vouch for, or against, what is being exchanged
     files = []
     with progress("segment", len(shard.views), " views") as bar:
         for view, ids, classes in found:

@@ -13,8 +13,8 @@ LastManifest = Annotated[Path | None, "Manifest to write last."]
 CaptureFolder = Annotated[Path, "Capture folder to write."]
 
 
-def check_below(manifest: Path | None, folders: Iterable[Path]) -> None:
-    """Refuse folders that a manifest cannot list, since they are not below its own.
+def begin(manifest: Path | None, folders: Iterable[Path] = ()) -> None:
+    """Refuse folders that a manifest cannot list, since they are not below its own; take away that of an earlier run.
 
     Raises
     ------
@@ -29,6 +29,8 @@ def check_below(manifest: Path | None, folders: Iterable[Path]) -> None:
                 f"a manifest lists files below its own folder; {folder} is not below {manifest.parent}",
                 "put the manifest into the scene's folder, above dataset and capture",
             )
+    if manifest is not None:
+        manifest.unlink(missing_ok=True)  # it must not vouch for, or against, what is being exchanged
 
 
 def finish(

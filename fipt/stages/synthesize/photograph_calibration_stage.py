@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from fipt.stages.synthesize.common import CaptureFolder, LastManifest, RoomFolder, check_below, finish
+from fipt.stages.synthesize.common import CaptureFolder, LastManifest, RoomFolder, begin, finish
 
 if TYPE_CHECKING:
     from fipt.synthetic.settings import SynthesizeSettings
@@ -22,5 +22,5 @@ def run(inputs: PhotographCalibrationInputs, settings: "SynthesizeSettings") -> 
     """Take the calibration frames of the simulated camera; write the capture's table of frames, cameras and mesh."""
     from fipt.synthetic.dataset import write_capture_rest
 
-    check_below(inputs.manifest, (inputs.raw,))
+    begin(inputs.manifest, (inputs.raw,))
     return finish(inputs.manifest, write_capture_rest(inputs.dataset, inputs.raw, settings), settings)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from fipt.inputs import DatasetFolder
-from fipt.stages.synthesize.common import CaptureFolder, LastManifest, check_below, finish
+from fipt.stages.synthesize.common import CaptureFolder, LastManifest, begin, finish
 
 if TYPE_CHECKING:
     from fipt.synthetic.settings import SynthesizeSettings
@@ -23,7 +23,7 @@ def run(inputs: PhotographImagesInputs, settings: "SynthesizeSettings") -> dict[
     """Photograph all images of a dataset with a simulated camera, calibration frames too."""
     from fipt.synthetic.dataset import photograph
 
-    check_below(inputs.manifest, (inputs.raw,))
+    begin(inputs.manifest, (inputs.raw,))
     files = photograph(inputs.dataset, inputs.raw, settings)
     views = sum(file.parent.name == "truth" and file.suffix == ".exr" for file in files)
     return finish(inputs.manifest, files, settings) | {"views": views}

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from fipt.inputs import Names
-from fipt.stages.synthesize.common import CaptureFolder, LastManifest, RoomFolder, SceneXml, check_below, finish
+from fipt.stages.synthesize.common import CaptureFolder, LastManifest, RoomFolder, SceneXml, begin, finish
 
 if TYPE_CHECKING:
     from fipt.synthetic.settings import SynthesizeSettings
@@ -28,7 +28,7 @@ def run(inputs: PhotographInputs, settings: "SynthesizeSettings") -> dict[str, A
     """
     from fipt.synthetic.dataset import write_brackets
 
-    check_below(inputs.manifest, (inputs.raw, inputs.dataset))
+    begin(inputs.manifest, (inputs.raw, inputs.dataset))
     files, rate = write_brackets(inputs.dataset, inputs.raw, inputs.views, settings, inputs.scene)
     more = finish(inputs.manifest, files, settings, inputs.scene)
     return more | {"views": len(inputs.views), "paths_per_second": round(rate)}

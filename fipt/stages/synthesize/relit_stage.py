@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
 from fipt.inputs import Names
-from fipt.stages.synthesize.common import LastManifest, RoomFolder, SceneXml, finish
+from fipt.stages.synthesize.common import LastManifest, RoomFolder, SceneXml, begin, finish
 
 if TYPE_CHECKING:
     from fipt.synthetic.settings import SynthesizeSettings
@@ -31,6 +31,7 @@ def run(inputs: SynthesizeRelitInputs, settings: "SynthesizeSettings") -> dict[s
 
     setup = parse_setup(inputs.setup)
     check_name(inputs.setup_name, "relight setup")
+    begin(inputs.manifest)
     files, rate = write_images(inputs.dataset, inputs.views, settings, inputs.scene, setup, inputs.setup_name)
     more = finish(inputs.manifest, files, settings, inputs.scene, setup=dumped(setup))
     return more | {"views": len(inputs.views), "paths_per_second": round(rate)}

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from fipt.inputs import DatasetFolder
-from fipt.stages.synthesize.common import LastManifest, SceneXml, finish
+from fipt.stages.synthesize.common import LastManifest, SceneXml, begin, finish
 
 if TYPE_CHECKING:
     from fipt.synthetic.settings import SynthesizeSettings
@@ -28,5 +28,6 @@ def run(inputs: SynthesizeRoomInputs, settings: "SynthesizeSettings") -> dict[st
     """
     from fipt.synthetic.dataset import write_room
 
+    begin(inputs.manifest)
     files, coverage = write_room(inputs.dataset, settings, inputs.scene)
     return finish(inputs.manifest, files, settings, inputs.scene) | {"coverage": coverage}

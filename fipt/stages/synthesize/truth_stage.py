@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from fipt.inputs import DatasetFolder, Names
-from fipt.stages.synthesize.common import LastManifest, SceneXml, finish
+from fipt.stages.synthesize.common import LastManifest, SceneXml, begin, finish
 
 if TYPE_CHECKING:
     from fipt.synthetic.settings import SynthesizeSettings
@@ -24,5 +24,6 @@ def run(inputs: SynthesizeTruthInputs, settings: "SynthesizeSettings") -> dict[s
     """Look up segment ids and ground truth of views whose images are developed photographs of a known room."""
     from fipt.synthetic.dataset import write_truths
 
+    begin(inputs.manifest)
     files = write_truths(inputs.dataset, inputs.views, settings, inputs.scene)
     return finish(inputs.manifest, files, settings, inputs.scene)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from fipt.inputs import Names
-from fipt.stages.synthesize.common import LastManifest, RoomFolder, SceneXml, finish
+from fipt.stages.synthesize.common import LastManifest, RoomFolder, SceneXml, begin, finish
 
 if TYPE_CHECKING:
     from fipt.synthetic.settings import SynthesizeSettings
@@ -24,6 +24,7 @@ def run(inputs: SynthesizeViewsInputs, settings: "SynthesizeSettings") -> dict[s
     """Render images, segment ids and ground truth of views of a known room."""
     from fipt.synthetic.dataset import write_images
 
+    begin(inputs.manifest)
     files, rate = write_images(inputs.dataset, inputs.views, settings, inputs.scene)
     more = finish(inputs.manifest, files, settings, inputs.scene)
     return more | {"views": len(inputs.views), "paths_per_second": round(rate)}

@@ -39,11 +39,12 @@ rule import_dataset:
         mem_mb=4000,
     params:
         source=ask("source.import_options"),
+        mesh=ask("source.mesh_options"),
         dataset=folder("results/{scene}/dataset"),
         settings=settings("import"),
         version=VERSIONS["import"],
     shell:
-        "fipt import {params.source:q}"
+        "fipt import {params.source:q} {params.mesh:q}"
         " --dataset {params.dataset:q} --manifest {output.manifest:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
 

@@ -6,6 +6,7 @@ OUTPUTS: results/{scene}/geometry/views/transforms.json, views.json   cameras, a
          results/{scene}/geometry/depth.manifest.json                 lists depth/*.exr: depth, confidence, normal
          results/{scene}/geometry/mesh.ply                            triangles, metres
          results/{scene}/geometry/geometry.json                       what was measured
+         results/{scene}/geometry/overview.png                        photographs, depth, and where it comes from
 """
 
 
@@ -40,8 +41,9 @@ rule import_views:
 
 
 rule depth:
-    """Estimate the depth of every training view."""
+    """Estimate the depth of every training view, or take over depth maps that exist."""
     input:
+        ask("given_depth"),
         transforms="results/{scene}/geometry/views/transforms.json",
         views="results/{scene}/geometry/views/views.json",
         images="results/{scene}/geometry/views/images.manifest.json",
@@ -54,7 +56,7 @@ rule depth:
         "results/{scene}/benchmarks/depth.jsonl"
     threads: workflow.cores
     resources:
-        mem_mb=6000,
+        mem_mb=ask("memory_mb", section="depth"),
         gpu=1,
     params:
         dataset=folder("results/{scene}/geometry/views"),
@@ -76,6 +78,7 @@ rule mesh:
     output:
         mesh="results/{scene}/geometry/mesh.ply",
         about="results/{scene}/geometry/geometry.json",
+        overview="results/{scene}/geometry/overview.png",
         stats="results/{scene}/stats/mesh.json",
     log:
         "results/{scene}/logs/mesh.log",
@@ -83,7 +86,7 @@ rule mesh:
         "results/{scene}/benchmarks/mesh.jsonl"
     threads: workflow.cores
     resources:
-        mem_mb=6000,
+        mem_mb=ask("memory_mb", section="geometry"),
         gpu=1,
     params:
         dataset=folder("results/{scene}/geometry/views"),

@@ -18,6 +18,7 @@ rule scene_report:
         mesh="results/{scene}/dataset/mesh.ply",
         checked="results/{scene}/dataset/check_poses.json",
         capture=ask("judged"),
+        geometry=ask("made_mesh"),
         samples=sharded("results/{scene}/samples/{shard}.manifest.json", "all"),
         images=ask("images", splits=["all"]),
         materials=sharded("results/{scene}/materials.{shard}.manifest.json", "all"),

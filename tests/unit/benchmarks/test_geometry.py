@@ -51,3 +51,15 @@ def test_walls_that_are_off_and_missing_are_counted(backend):
     assert found["2cm"]["precision"] > 0.99
     assert found["1cm"]["f"] < 0.05
     assert found["leaving"]["ours"] > 0.1 > found["leaving"]["true"]
+
+
+def test_light_leaves_on_the_side_of_who_sees_the_point(backend):
+    room = Room().mesh()
+    floor = np.flatnonzero(room.normals[:, 1] > 0.5)[:1]
+    places = room.corners[floor].mean(axis=1).astype(np.float64)
+    inside, below = (places + np.array([0.0, height, 0.0]) for height in (0.5, -0.5))
+    shares = [
+        geometry.leaving(room, places.repeat(200, 0), floor.repeat(200), by.repeat(200, 0), np.random.default_rng(0))
+        for by in (inside, below)
+    ]
+    assert shares == [0.0, 1.0]

@@ -53,7 +53,7 @@ def found(room, data, mask=is_emitter, **settings):
         scenes.observed([samples], [shading], [(image, valid)]),
         mask,
         EmittersSettings(**{"decide": "mask"} | settings),
-    )
+    ).emitters
 
 
 def test_emitters_are_found_with_their_radiance(room, np_rng):
@@ -145,7 +145,9 @@ def test_several_samples_of_a_pixel_and_several_shards(room, np_rng):
     ]
     baked = [np.full((len(position), SHADING_OUTPUTS, 3), 0.3, np.float16), shading[first:]]
     images = [(image[:first], valid[:first]), (image[first:], valid[first:])]
-    emitters = extract(room, scenes.observed(shards, baked, images), is_emitter, EmittersSettings(decide="mask"))
+    emitters = extract(
+        room, scenes.observed(shards, baked, images), is_emitter, EmittersSettings(decide="mask")
+    ).emitters
     np.testing.assert_array_equal(emitters.triangle, np.arange(2, 10))
     np.testing.assert_allclose(emitters.radiance, [BLUE] * 4 + [RED] * 4)
     np.testing.assert_array_equal(emitters.views, 3)
@@ -208,7 +210,7 @@ def test_views_that_show_nothing_at_all(room):
 def bounded(room, data, clipped, **settings):
     samples, shading, image, valid = data
     shards = scenes.observed([samples], [shading], [(image, valid)], [clipped])
-    return extract(room, shards, is_emitter, EmittersSettings(**{"decide": "mask"} | settings))
+    return extract(room, shards, is_emitter, EmittersSettings(**{"decide": "mask"} | settings)).emitters
 
 
 @pytest.mark.parametrize("patches", [True, False])
@@ -253,7 +255,7 @@ def reviewed(room, data, mask=is_emitter, settings=None, **decisions):
     samples, shading, image, valid = data
     decided = ReviewDecisions(mesh_triangles=len(room.triangles), **decisions)
     shards = scenes.observed([samples], [shading], [(image, valid)])
-    return extract(room, shards, mask, EmittersSettings(**{"decide": "mask"} | (settings or {})), decided)
+    return extract(room, shards, mask, EmittersSettings(**{"decide": "mask"} | (settings or {})), decided).emitters
 
 
 def test_a_rejected_emitter_never_emits(room, np_rng):

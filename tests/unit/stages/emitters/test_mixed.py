@@ -53,7 +53,7 @@ def test_a_picture_behind_slats_does_not(mesh, np_rng):
 
 
 def test_the_whole_window_is_an_emitter(mesh, np_rng):
-    found = extract(mesh, shards(np_rng, 6.0), None, EmittersSettings(guess=False))
+    found = extract(mesh, shards(np_rng, 6.0), None, EmittersSettings(guess=False)).emitters
     np.testing.assert_array_equal(found.triangle, [0, 1])
     np.testing.assert_allclose(found.radiance, 6.0, rtol=0.1)
     assert found.area.sum() == pytest.approx(4.0)

@@ -66,7 +66,7 @@ class Seen:
     def found(self, noise=0.03, decisions=None):
         """Emitters; image and shading noisy by a relative amount."""
         noisy = self.image * np.exp(noise * self.rng.standard_normal((len(self.image), 1)))
-        return extract(self.mesh, self.shards(noisy), None, EmittersSettings(), decisions)
+        return extract(self.mesh, self.shards(noisy), None, EmittersSettings(), decisions).emitters
 
     def shards(self, image):
         place = np.concatenate([self.place, np.zeros((len(self.place), 1))], axis=1)

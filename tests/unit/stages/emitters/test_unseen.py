@@ -5,21 +5,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fipt.scene.emitters import Emitters, emitter_facts, read_emitters, write_emitters
+from fipt.scene.emitters import Emitters, Undecided, emitter_facts, read_emitters, write_emitters
 from fipt.scene.environment import NOTHING, constant
 from fipt.scene.voxels import facings, voxel_keys
 from fipt.stages.emitters import unseen_guess
-from fipt.stages.emitters.unseen import (
-    Blocks,
-    Lights,
-    Patches,
-    Transport,
-    blocks_of,
-    hidden_triangles,
-    patches_of,
-    seen_light,
-)
+from fipt.stages.emitters.extract import Extracted
+from fipt.stages.emitters.unseen import Blocks, Lights, Transport, blocks_of, seen_light
 from fipt.stages.emitters.unseen_fit import Guess, explain, explained
+from fipt.stages.emitters.unseen_surface import Patches, hidden_triangles, patches_of
 from tests import scenes
 
 CENTER, SIDE, CELLS = np.array([0.0, 1.03, 0.0]), 8.0, 64
@@ -128,7 +121,7 @@ def problem(rng, emitted, noise=0.05, groups=30, per=20):
     light = seen + (unseen @ emitted)[:, None]
     radiance = rho[group][:, None] * light * np.exp(noise * rng.standard_normal((count, 1)))
     normal = np.tile(np.float32([0, 0, 1]), (count, 1))
-    blocks = Blocks(place[:, None].astype(np.float32), normal[:, None], radiance, np.zeros(count), group)
+    blocks = Blocks(place[:, None].astype(np.float32), normal[:, None], radiance, np.zeros(count), group, group)
     number = np.full(100, -1)
     number[:patches] = np.arange(patches)
     return (
@@ -166,7 +159,9 @@ def test_colour_of_the_guess(np_rng):
     blocks, patches, transport = problem(np_rng, emitted)
     share = 1 - transport.seen[:, :1] / (transport.seen[:, :1] + (transport.unseen @ emitted)[:, None])
     warm = blocks.radiance * (1 + share * (np.array([1.2, 1.0, 0.8]) - 1))
-    guess = explain(Blocks(blocks.position, blocks.normal, warm, blocks.spread, blocks.group), patches, transport)
+    guess = explain(
+        Blocks(blocks.position, blocks.normal, warm, blocks.spread, blocks.group, blocks.triangle), patches, transport
+    )
     found = guess.radiance.sum(axis=0) / guess.radiance.mean(axis=1).sum()
     np.testing.assert_allclose(found, [1.2, 1.0, 0.8], atol=0.08)
 
@@ -184,12 +179,12 @@ def test_nothing_unseen_is_no_guess(np_rng):
 def guessing(monkeypatch, floor_and_ceiling):
     """`with_guess` on the floor below its panel, with what `explain` should have found put in its place."""
 
-    def run(guess: Guess, open_share: float = 0.0, is_explained: bool = False):
-        blocks = SimpleNamespace(radiance=np.ones((50, 3)))
+    def run(guess: Guess, open_share: float = 0.0, is_explained: bool = False, extracted: Extracted | None = None):
+        blocks = SimpleNamespace(radiance=np.full((50, 3), 5.0), triangle=np.arange(50) % 2)
         number = np.full(len(floor_and_ceiling.triangles), -1)
         number[-2:] = 0
         patches = Patches(number, np.array([[0.0, 2.0, 0.0]]), np.array([1.0]), np.array([0]))
-        known = Transport.without(np.ones((5, 3)), np.full(5, open_share))
+        known = Transport(np.ones((50, 3)), np.ones((50, 1)), np.full(50, open_share))
         for name, value in {
             "blocks_of": blocks,
             "hidden_triangles": number >= 0,
@@ -200,9 +195,10 @@ def guessing(monkeypatch, floor_and_ceiling):
             "with_patches": known,
             "explain": guess,
         }.items():
-            monkeypatch.setattr(unseen_guess, name, lambda *_, value=value: value)
+            monkeypatch.setattr(unseen_guess, name, lambda *_, value=value, **__: value)
         rejected = np.zeros(len(number), bool)
-        return unseen_guess.with_guess(floor_and_ceiling, [], Emitters.none(), {}, NOTHING, rejected)
+        extracted = extracted or Extracted(Emitters.none(), Undecided.none())
+        return unseen_guess.with_guess(floor_and_ceiling, [], extracted, {}, NOTHING, rejected)
 
     return run
 
@@ -215,7 +211,7 @@ def test_guessed_emitters_are_marked_and_named(guessing, floor_and_ceiling, tmp_
     assert found.guessed.all()
     assert found.confidence.max() < 0.5
     (warning,) = told.warnings
-    assert "60 % of the light is guessed" in warning
+    assert "100 % of the power of all emitters is guessed" in warning
     assert "photograph the ceiling near (0.00, 2.00, 0.00)" in warning
     write_emitters(tmp_path / "emitters.npz", found, floor_and_ceiling)
     again = read_emitters(tmp_path / "emitters.npz")
@@ -272,3 +268,48 @@ def test_a_pane_is_found_as_a_whole(np_rng):
     pane = guess.radiance[8:16].mean(axis=1)
     np.testing.assert_allclose(pane, pane[0], rtol=1e-9)
     assert pane[0] == pytest.approx(4, rel=0.3)
+
+
+@pytest.mark.parametrize(("power", "stays"), [(9.0, False), (2.0, True)])
+def test_what_guessed_light_explains_is_no_emitter(guessing, floor_and_ceiling, power, stays):
+    """The floor seems to emit with 5; white surface there would send out 1, and 1 more for each unit of the guess."""
+    triangles = np.arange(2, dtype=np.int32)
+    ones, floor = np.ones(2, np.float32), np.zeros(2, np.int32)
+    seems = Emitters(
+        triangles, np.full((2, 3), 5, np.float32), 32 * ones, floor, floor, ones, 0 * ones, np.zeros(2, bool)
+    )
+    doubtful = Undecided(triangles, floor, *(ones[:1] for _ in range(3)))
+    guess = Guess(np.full((1, 3), power), 0.3, 0.6, 400.0, 0.06, 0.25, True)
+    found = guessing(guess, extracted=Extracted(seems, doubtful)).emitters
+    assert np.isin(triangles, found.triangle).all() == stays
+    assert found.guessed.sum() == 2
+
+
+def test_a_small_emitter_lights_what_is_below_it(backend):
+    """A spot of 2 cm, 2 m above the floor, which one ray of 30,000 meets by chance."""
+    mesh = scenes.joined(scenes.floor(), scenes.emitter_quad((-0.01, 0.01), 2.0, (-0.01, 0.01)))
+    triangle, floor = np.array([2, 3], np.int32), np.zeros(2, np.int32)
+    ones = np.ones(2, np.float32)
+    radiance = np.full((2, 3), 1000, np.float32)
+    spot = Emitters(triangle, radiance, mesh.areas[2:4].astype(np.float32), floor, floor, ones, ones, np.zeros(2, bool))
+    point = np.zeros((1, 3), np.float32)
+    cache = cache_of(point, np.float32([[0, 1, 0]]), 0.0)
+    own = Lights(mesh, np.zeros(4, bool), cache, spot, constant([0, 0, 0]))
+    known, outside = own.arriving(point, np.float32([[0, 1, 0]]), 256)
+    np.testing.assert_allclose(known, 1000 * 0.02**2 / (np.pi * 2.0**2), rtol=0.01)
+    assert outside == 0
+    # a large one is met in both ways, and counted once
+    near = np.float32([[0, 1.99, 0]])
+    known, _ = own.arriving(near, np.float32([[0, 1, 0]]), 4096)
+    np.testing.assert_allclose(known, 1000 * 0.554, rtol=0.05)
+
+
+def test_what_may_be_lit_by_missing_light_is_undecided(guessing):
+    triangles, floor, ones = np.arange(2, dtype=np.int32), np.zeros(2, np.int32), np.ones(2, np.float32)
+    seems = Emitters(triangles, np.full((2, 3), 5, np.float32), ones, floor, floor, ones, ones, np.zeros(2, bool))
+    doubtful = Undecided(triangles, floor, *(ones[:1] for _ in range(3)))
+    told = guessing(Guess(np.zeros((1, 3)), before=0.4), extracted=Extracted(seems, doubtful)).emitters
+    assert len(told.triangle) == 0
+    np.testing.assert_array_equal(told.undecided.triangle, triangles)
+    sound = guessing(Guess(np.zeros((1, 3))), is_explained=True, extracted=Extracted(seems, doubtful)).emitters
+    assert len(sound.triangle) == 2

@@ -98,6 +98,17 @@ def test_memory_is_refused_before_it_is_used():
         check_memory(around(), 0.005, 0.01)
 
 
+def test_images_and_blocks_take_memory():
+    view = around()[0]
+    few = view.map.known & (np.arange(80) < 4)
+    bare = view.with_map(DepthMap(np.where(few, view.map.depth, 0), view.map.confidence, view.map.normal))
+    check_memory([bare], 0.05, 0.1)
+    with pytest.raises(FiptError, match="needs about"):
+        check_memory([bare] * 1000, 0.05, 0.1)  # no blocks more
+    with pytest.raises(FiptError, match="needs about"):
+        check_memory([view], 0.005, 0.1)  # more blocks
+
+
 def test_no_depth_at_all_is_said():
     view = around()[0]
     empty = view.with_map(DepthMap(0 * view.map.depth, 0 * view.map.depth, view.map.normal))

@@ -1,12 +1,18 @@
 """Planes of a known room: found on textured pixels, and carried on over bare ones."""
 
 import numpy as np
+import pytest
 
+from fipt.render.scene import RayScene
 from fipt.scene.depth_maps import DepthMap
+from fipt.scene.mesh import Mesh
+from fipt.stages.geometry.closing import closed
 from fipt.stages.geometry.completion import complete
 from fipt.stages.geometry.depth_views import DepthNoise, DepthView, depth_noise
-from fipt.stages.geometry.room_box import find_box
+from fipt.stages.geometry.other_views import OtherViews
+from fipt.stages.geometry.room_box import RoomBox, find_box
 from fipt.stages.geometry.room_planes import find_room_planes
+from fipt.stages.geometry.shell import with_shell
 from fipt.stages.geometry.superpixels import superpixels
 from tests.unit.stages.geometry.test_fusing import HALF, around, view_of_cube
 
@@ -49,8 +55,8 @@ def test_the_walls_of_a_cube_are_found_and_along_its_directions():
     assert (planes.axis[walls] >= 0).all()
     np.testing.assert_allclose(planes.directions, np.eye(3), atol=0.003)
     np.testing.assert_allclose(planes.offset[walls], -HALF, atol=0.003)
-    box = find_box(views, planes)
-    assert box.wall[:, [0, 2]].all()
+    box = find_box(views, planes.directions)
+    np.testing.assert_allclose(box.walls[:, [0, 2]], [[-HALF] * 2, [HALF] * 2], atol=0.01)
     np.testing.assert_allclose([box.low[[0, 2]], box.high[[0, 2]]], [[-HALF] * 2, [HALF] * 2], atol=0.01)
 
 
@@ -58,7 +64,7 @@ def test_bare_walls_are_completed():
     true = [painted(view) for view in around()]
     noisy = [without(view, inner(view)) for view in around(NOISE)]
     views = [DepthView(view.camera, view.map, known.radiance) for view, known in zip(noisy, true, strict=True)]
-    done, _ = complete(views, depth_noise(views))
+    done = complete(views, depth_noise(views)).views
     bare = np.concatenate([inner(view).ravel() for view in true])
     found = np.concatenate([d.view.map.depth.ravel() for d in done])[bare]
     depth = np.concatenate([view.map.depth.ravel() for view in true])[bare]
@@ -71,22 +77,97 @@ def test_bare_walls_are_completed():
 def test_an_emitter_inherits_no_plane():
     true = [painted(view, lamp=True) for view in around()]
     views = [without(view, inner(view)) for view in true]
-    done, _ = complete(views, DepthNoise(NOISE, 0.0))
+    done = complete(views, DepthNoise(NOISE, 0.0)).views
     bright = np.concatenate([(view.radiance[..., 0] > 1).ravel() for view in true])
     assert bright.sum() > 100
-    assert (np.concatenate([d.view.map.depth.ravel() for d in done])[bright] == 0).mean() > 0.95
+    assert np.concatenate([d.closed.ravel() for d in done])[bright].mean() > 0.95
 
 
 def test_what_another_view_sees_through_is_not_completed():
-    true = [painted(view) for view in around()]
-    # one view is sure of a wall far nearer than it is; its own neighbours see through that
-    wrong = true[0]
-    near = DepthMap(0.6 * wrong.map.depth, wrong.map.confidence, wrong.map.normal)
-    views = [without(wrong.with_map(near), inner(wrong)), *true[1:]]
-    done, _ = complete(views, DepthNoise(NOISE, 0.0))
-    bare = inner(wrong)
-    found = done[0].view.map.depth[bare]
-    assert (np.abs(found - 0.6 * wrong.map.depth[bare]) > 0.05).mean() > 0.9
+    # two views from one place know the rim of a wall that is nearer than the room's: a plane that both show
+    front = painted(view_of_cube("front", (0.0, 0.0, 0.0), 0.0))
+    bare = np.zeros((60, 80), bool)
+    bare[15:45, 20:60] = True
+    depth = np.full((60, 80), 0.8, np.float32)
+    normal = np.broadcast_to(np.float32([0, 0, 1]), (60, 80, 3)).copy()
+    rim = without(front.with_map(DepthMap(depth, front.map.confidence, normal)), bare)
+    grey = DepthView(rim.camera, rim.map, np.full((60, 80, 3), 0.4, np.float32))
+    side = painted(view_of_cube("side", (1.2, 0.0, 0.6), 0.5))
+
+    def filled(*others: DepthView) -> np.ndarray:
+        done = complete([grey, grey, *others], DepthNoise(NOISE, 0.0)).views
+        return ~done[0].closed[20:40, 25:55]  # beyond superpixels that hold some of the rim
+
+    assert filled(without(side, np.ones((60, 80), bool))).all()
+    assert not filled(side).any()
+
+
+@pytest.mark.parametrize(
+    ("point", "holds"),
+    [((0.0, 0.0, 0.0), True), ((1.05, 0.0, 0.0), True), ((1.2, 0.0, 0.0), False), ((0.0, 0.0, -3.2), False)],
+    ids=["inside", "within tolerance", "outside", "below"],
+)
+def test_a_box_holds_what_lies_inside_along_its_directions(point, holds):
+    turn = np.array([[0.8, 0.6, 0.0], [-0.6, 0.8, 0.0], [0.0, 0.0, 1.0]])
+    box = RoomBox(turn, np.array([-1.0, -2.0, -3.0]), np.array([1.0, 2.0, 3.0]), np.full((2, 3), np.nan))
+    assert box.holds(np.array([point, (0.0, 0.0, 0.0)]) @ turn, 0.1) == holds
+
+
+def test_a_wall_is_where_most_surface_faces_the_room_within_the_other_walls():
+    # windows in the wall z = -HALF show a niche 0.3 m behind it, whose ceiling is lower than the room's
+    def with_niche(view: DepthView) -> DepthView:
+        points = view.points
+        pane = (points[..., 2] < 0.01 - HALF) & (np.abs(points[..., :2]) < 0.8).all(axis=-1)
+        depth = np.where(
+            pane, view.map.depth * (HALF + 0.3 + view.camera.center[2]) / (HALF + view.camera.center[2]), 0
+        )
+        return view.with_map(DepthMap(np.where(pane, depth, view.map.depth), view.map.confidence, view.map.normal))
+
+    found = find_box([with_niche(view) for view in around()], np.eye(3))
+    assert found.walls[0, 2] == pytest.approx(-HALF, abs=0.01)
+    assert found.low[2] == pytest.approx(-HALF - 0.3, abs=0.02)
+
+
+def test_what_nothing_tells_shows_the_nearest_wall_that_no_view_sees_through():
+    true = around()[0]
+    bare = without(true, np.ones((60, 80), bool))
+    half = np.full(3, HALF)
+    walls = np.array([-half, half])
+    walls[0, 2] = -1.0  # nearer than the true one, which is the box's face
+    box = RoomBox(np.eye(3), -half, half, walls)
+    alone = closed(bare, 0, OtherViews.of([bare]), box, NOISE).map
+    wall = true.points[..., 2] < 0.01 - HALF
+    np.testing.assert_allclose((true.camera.center + true.rays * alone.depth[..., None])[wall][:, 2], -1.0, atol=1e-5)
+    # two views that know what lies behind it
+    found = closed(bare, 0, OtherViews.of([bare, true, true]), box, NOISE).map
+    np.testing.assert_allclose(found.depth, true.map.depth, atol=0.01)
+    np.testing.assert_allclose(found.normal, true.map.normal, atol=1e-6)
+    assert 0 < found.confidence.max() < 0.01
+
+
+def test_no_light_leaves_a_shell(backend):
+    turn = np.array([[0.8, 0.6, 0.0], [-0.6, 0.8, 0.0], [0.0, 0.0, 1.0]])
+    box = RoomBox(turn, np.array([-1.0, -2.0, -3.0]), np.array([1.0, 2.0, 3.0]), np.full((2, 3), np.nan))
+    mesh = with_shell(Mesh(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32)), box, 0.02)
+    way = np.random.default_rng(0).standard_normal((500, 3))
+    way = (way / np.linalg.norm(way, axis=1, keepdims=True)).astype(np.float32)
+    far, triangle = RayScene(mesh).intersect(np.zeros(3), way)
+    assert np.isfinite(far).all()
+    assert ((mesh.normals[triangle] * way).sum(axis=1) < 0).all()
+    away = np.abs((far[:, None] * way) @ turn.T) - [1.0, 2.0, 3.0]
+    np.testing.assert_allclose(away.max(axis=1), 0.04, atol=1e-4)
+
+
+def test_parts_of_a_wall_that_noise_turns_apart_are_joined_when_they_are_straight():
+    front = painted(view_of_cube("front", (0.0, 0.0, 0.0), 0.0))
+    # a ridge in the middle: each half errs by 5 mm, the plane of one lies 2 cm off the other
+    depth = HALF - 0.012 * (np.abs(front.points[..., 0]) - 0.6)
+    wall = without(front, front.points[..., 2] > 0.01 - HALF)
+    bent = wall.with_map(DepthMap(np.where(wall.map.known, depth, 0), wall.map.confidence, wall.map.normal))
+    planes = find_room_planes([bent, bent], [superpixels(front.radiance)] * 2, NOISE)
+    assert len(planes) == 1
+    assert planes.area[0] > 0.95 * 2.4 * 1.8
+    np.testing.assert_allclose(planes.offset, -HALF, atol=0.003)
 
 
 def test_confidence_that_means_nothing_is_told():

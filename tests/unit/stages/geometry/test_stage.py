@@ -58,6 +58,14 @@ def test_views_that_tell_no_depth(
     assert not (tmp_path / "depth").exists()
 
 
+def test_memory_is_refused_before_it_is_used(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_dataset(tmp_path / "dataset", [camera(f"v{i}", 0.15 * i) for i in range(3)])
+    settings = json.dumps({"memory_gb": 1e-6})
+    arguments = ["depth", "--dataset", str(tmp_path / "dataset"), "--out", str(tmp_path / "depth")]
+    assert main([*arguments, "--settings", settings]) == 2
+    assert "depth of 3 views needs about" in capsys.readouterr().err
+
+
 def test_saturated_pixels_count_for_nothing(tmp_path: Path) -> None:
     write_dataset(tmp_path, [camera("a", 0.0)])
     path = tmp_path / "images" / "a.exr"

@@ -80,7 +80,7 @@ BAD: list[tuple[str, Callable[[Path], object], str]] = [
     (N, frame(1, transform_matrix=SCALED), "view view_1: the rotation must be orthonormal"),
     (N, frame(1, transform_matrix=MIRRORED), "a mirrored or scaled camera"),
     (N, frame(1, fl_x=-3), "fl_x must be a finite number above 0; found -3"),
-    (N, frame(1, cx=-3), "the principal point must lie in the image; found -3, 3 of 8x6"),
+    (N, frame(1, cx=-300), "the principal point must lie within 10 sizes of the image; found -300, 3 of 8x6"),
     (N, frame(1, w="wide"), "frame 1 is malformed"),
     (N, transforms(lambda c: (c.pop("fl_x"), c.pop("fl_y"))),
      "view view_0: the focal length must be known"),
@@ -225,6 +225,14 @@ def test_folders_that_are_no_dataset_stay(tmp_path: Path, capsys: pytest.Capture
         assert call(source, "nerfstudio", target) == 2
         assert message in capsys.readouterr().err
         assert sorted(target.rglob("*")) == before
+
+
+def test_a_principal_point_outside_is_told_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Crops have it there: the import goes on."""
+    WRITERS["nerfstudio"](tmp_path / "source")
+    frame(1, cx=-3)(tmp_path / "source")
+    assert call(tmp_path / "source", "nerfstudio", tmp_path / "out", "--mesh", "none") == 0
+    assert "warning: the principal points of 1 of 3 cameras lie outside the image (view_1)" in capsys.readouterr().err
 
 
 def test_views_alone_need_no_mesh(tmp_path: Path) -> None:

@@ -1,0 +1,288 @@
+"""Emitters that hardly fill a pixel: spots in a ceiling, strips below a cupboard, tubes at the edge of a picture.
+
+A pixel that is brighter by `EMITTER_GAIN` than all that it shows could be, if each of its surfaces reflected as much as
+any material can, shows something that emits: its other surfaces are ordinary, or emitters that are known. A triangle
+is a candidate if most of what is seen of it lies in such pixels, by shares. So the ceiling around a spot is none.
+
+Candidates that touch and face along one axis are one emitter. Pixels and shares together tell the radiance of each,
+
+    C = sum over others of w R + sum over emitters of w L,        L >= 0
+
+with what others send out, R, known from pixels that they fill. L is found by multiplicative updates (Richardson 1972,
+Lucy 1974), which keep it positive; for an emitter that shares no pixel with another it is the ratio of the sums of
+light and of shares, so that errors of shares cancel in its flux. Views are observations: an emitter is believed if the
+mean of ln(L / (`EMITTER_GAIN` times the brightest reflection)) over views is above 0 by three standard errors. A
+highlight on a curved handle moves from view to view, or is no brighter than one error.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+from scipy.ndimage import maximum_filter
+from scipy.optimize import nnls
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from fipt.conventions import EMITTER_GAIN, RAYS_PER_SIDE
+from fipt.model.reflectance import brightest_reflection
+from fipt.scene.mesh import Mesh, touching_triangles
+from fipt.scene.observed import ObservedShard
+from fipt.scene.voxels import facings
+from fipt.stages.emitters.observations import Observations
+from fipt.stages.emitters.regions import Surface
+
+_BEYOND = 0.5
+"""Share of what is seen of a candidate that pixels brighter than any reflection show."""
+RELEVANT = 1e-3
+"""Share of the light of all emitters that makes one matter: less changes no picture."""
+_SIGMAS = 3.0
+"""Standard errors by which an emitter must be brighter than reflections."""
+_FEWEST_VIEWS = 2
+"""Views that must show it: one alone may show a fault of its sensor, or a highlight."""
+_COUNTED = 1 / RAYS_PER_SIDE**2
+"""Variance of a counted share w over w (1 - w): what is thinner than the distance of rays is met by chance."""
+_UPDATES = 50
+"""Multiplicative updates: emitters that share pixels are then apart to a percent."""
+_DIMMEST = 1e-3
+"""Share of the brightest reflection that stands for a radiance of nothing, whose logarithm is asked for."""
+
+
+@dataclass(frozen=True)
+class _Shared:
+    """N samples of candidates, each in one pixel.
+
+    Attributes
+    ----------
+    triangle, view, sample, pixel
+        (N,) int64; the pixel is numbered over those that show a candidate.
+    share
+        (N,) of the pixel.
+    most
+        (N,) brightest reflection there.
+    left
+        (N, 3) radiance of the pixel without what other surface sends there.
+    """
+
+    triangle: np.ndarray
+    view: np.ndarray
+    sample: np.ndarray
+    pixel: np.ndarray
+    share: np.ndarray
+    most: np.ndarray
+    left: np.ndarray
+
+    def __getitem__(self, rows: np.ndarray) -> "_Shared":
+        return _Shared(*(getattr(self, own.name)[rows] for own in fields(self)))
+
+
+@dataclass(frozen=True)
+class SmallEmitters:
+    """What emits though it hardly fills a pixel.
+
+    Attributes
+    ----------
+    number
+        (T,) int64 number of the emitter of each triangle, -1 where it is none of these.
+    pixels
+        The pixels that show them, sorted by view, with the radiance of the emitter alone.
+    """
+
+    number: np.ndarray
+    pixels: Observations
+
+
+def small_emitters(
+    mesh: Mesh, shards: Sequence[ObservedShard], surface: Surface, emitting: np.ndarray, never: np.ndarray
+) -> SmallEmitters:
+    """Find emitters that are told by a few pixels, most of them shared with other surface.
+
+    Parameters
+    ----------
+    shards
+        The training views.
+    surface
+        What the views show of surface that fills pixels.
+    emitting, never
+        (T,) bool: known to emit; emits in no case.
+    """
+    number = _candidates(mesh, shards, surface, emitting, emitting | never)
+    shared = _shared(shards, surface, number)
+    number = _renumbered(number, _needed(shared, number[shared.triangle], int(number.max(initial=-1)) + 1))
+    shared = shared[number[shared.triangle] >= 0]
+    emitter = number[shared.triangle]
+    level = _levels(shared, emitter, int(number.max(initial=-1)) + 1)
+    power = np.bincount(number[number >= 0], mesh.areas[number >= 0], len(level)) * level.mean(axis=1)
+    others = np.nansum(surface.radiance[emitting].mean(axis=1) * mesh.areas[emitting])
+    believed = _believed(shared, emitter, level) & (power > RELEVANT * (others + power.sum()))
+    shared, level, number = shared[believed[emitter]], level[believed], _renumbered(number, believed)
+    nothing = np.zeros(len(shared.triangle), np.float32)
+    radiance = level[number[shared.triangle]].astype(np.float32)
+    pixels = Observations(shared.triangle, radiance, shared.view, nothing, nothing.astype(bool), shared.sample)
+    return SmallEmitters(number, pixels)
+
+
+def _candidates(
+    mesh: Mesh, shards: Sequence[ObservedShard], surface: Surface, emitting: np.ndarray, other: np.ndarray
+) -> np.ndarray:
+    """(T,) int64 number of each piece of surface of which most that is seen lies in pixels that no reflection explains.
+
+    A piece is connected and faces along one axis. Where only a part of it is bright, its bright triangles are pieces.
+    """
+    total, beyond = np.zeros((2, len(emitting)))
+    known = np.where(emitting, np.nan_to_num(surface.radiance.mean(axis=1)), 0)
+    for shard in shards:
+        samples = shard.samples
+        for index, (height, width) in enumerate(samples.shapes):
+            own, pixel, first = samples.of_view(index), samples.pixel_of_sample(index), samples.pixels(index)
+            triangle, share = np.asarray(samples.triangle[own]), np.asarray(samples.weight[own], np.float64)
+            most = brightest_reflection(np.asarray(shard.shading[own], np.float32))
+            most = np.bincount(pixel, share * np.where(emitting[triangle], 0, most), height * width)
+            # a pixel beside a known emitter may show it, where mesh and lens are not exact
+            light = np.zeros(height * width)
+            np.maximum.at(light, pixel, known[triangle])
+            most = maximum_filter(light.reshape(height, width), 3).reshape(-1) + most
+            usable = np.asarray(shard.weight[first]) > 0
+            bright = usable & (np.asarray(shard.radiance[first]).mean(axis=1) > EMITTER_GAIN * most)
+            total += np.bincount(triangle, share * usable[pixel], len(total))
+            beyond += np.bincount(triangle, share * bright[pixel], len(total))
+    piece = _pieces(mesh, ~other)
+    whole = np.bincount(piece, beyond) > _BEYOND * np.bincount(piece, total)
+    part = _pieces(mesh, ~other & ~whole[piece] & (beyond > _BEYOND * total))
+    number = np.where(whole[piece], piece, piece.max(initial=-1) + 1 + part)
+    chosen = ~other & (whole[piece] | (beyond > _BEYOND * total))
+    result = np.full(len(total), -1, np.int64)
+    result[chosen] = np.unique(number[chosen], return_inverse=True)[1].reshape(-1)
+    return result
+
+
+def _pieces(mesh: Mesh, chosen: np.ndarray) -> np.ndarray:
+    """(T,) int64 number of the connected surface of chosen triangles (T,) that faces along one axis."""
+    axis = facings(mesh.area_normals) // 2
+    a, b = touching_triangles(mesh)
+    joined = chosen[a] & chosen[b] & (axis[a] == axis[b])
+    graph = coo_matrix((np.ones(joined.sum()), (a[joined], b[joined])), shape=(len(axis), len(axis)))
+    return connected_components(graph, directed=False)[1].astype(np.int64)
+
+
+def _shared(shards: Sequence[ObservedShard], surface: Surface, number: np.ndarray) -> _Shared:
+    """Samples of candidates, those with a ``number`` (T,), and what other surface leaves of their pixels."""
+    ordinary = np.where((number >= 0)[:, None], 0, np.nan_to_num(surface.radiance))
+    columns: list[tuple[np.ndarray, ...]] = []
+    pixels = 0
+    for shard in shards:
+        samples = shard.samples
+        for index in range(len(samples.views)):
+            own, pixel, first = samples.of_view(index), samples.pixel_of_sample(index), samples.pixels(index)
+            triangle, share = np.asarray(samples.triangle[own]), np.asarray(samples.weight[own], np.float64)
+            rows = np.flatnonzero((number[triangle] >= 0) & (np.asarray(shard.weight[first])[pixel] > 0))
+            shown, place = np.unique(pixel[rows], return_inverse=True)
+            left = np.asarray(shard.radiance[first])[shown].astype(np.float64)
+            around = np.flatnonzero(np.isin(pixel, shown))
+            other = share[around, None] * ordinary[triangle[around]]
+            np.subtract.at(left, np.searchsorted(shown, pixel[around]), other)
+            place = place.reshape(-1)
+            columns.append((
+                triangle[rows].astype(np.int64), np.full(len(rows), len(columns)), rows + own.start, pixels + place,
+                share[rows], brightest_reflection(np.asarray(shard.shading[rows + own.start], np.float32)),
+                np.maximum(left, 0)[place],
+            ))  # fmt: skip
+            pixels += len(shown)
+    return _Shared(*(np.concatenate(column) for column in zip(*columns, strict=True)))
+
+
+def _needed(shared: _Shared, emitter: np.ndarray, count: int) -> np.ndarray:
+    """(count,) bool: emitters without which pixels would be brighter than the errors of shares let them be.
+
+    Of those that share pixels, the least certain one goes first, until all that stay are certain.
+    """
+    if count == 0:
+        return np.zeros(0, bool)
+    of_pixel = coo_matrix((np.ones(len(emitter)), (emitter, shared.pixel))).tocsr()
+    cluster = connected_components(of_pixel @ of_pixel.T, directed=False)[1]
+    level, result = _levels(shared, emitter, count).mean(axis=1), np.zeros(count, bool)
+    for number in np.unique(cluster):
+        rows = np.flatnonzero(cluster[emitter] == number)
+        names, column = np.unique(emitter[rows], return_inverse=True)
+        pixels, row = np.unique(shared.pixel[rows], return_inverse=True)
+        shares, most, left = np.zeros((len(pixels), len(names))), np.zeros(len(names)), np.zeros(len(pixels))
+        np.add.at(shares, (row.reshape(-1), column.reshape(-1)), shared.share[rows])
+        left[row.reshape(-1)] = shared.left[rows].mean(axis=1)
+        np.maximum.at(most, column.reshape(-1), EMITTER_GAIN * shared.most[rows])
+        kept = np.arange(len(names))
+        while len(kept):
+            found, error = _solved(shares[:, kept], left, level[names[kept]])
+            certainty = (found - most[kept]) / error
+            if certainty.min() > _SIGMAS:
+                break
+            kept = np.delete(kept, certainty.argmin())
+        result[names[kept]] = True
+    return result
+
+
+def _solved(shares: np.ndarray, left: np.ndarray, level: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Radiance (E,) of emitters that share pixels, and its standard error, by non-negative least squares.
+
+    Parameters
+    ----------
+    shares
+        (P, E) of the pixels.
+    left
+        (P,) radiance of the pixels, without other surface.
+    level
+        (E,) radiance about which errors of shares count.
+    """
+    noise = _COUNTED * (np.maximum(shares * (1 - shares), _COUNTED) @ level**2)
+    scale = 1 / np.sqrt(np.maximum(noise, 1e-12))
+    root, goal = shares * scale[:, None], left * scale
+    found = nnls(root, goal)[0]
+    misfit = np.square(goal - root @ found).sum() / max(len(left) - len(level), 1)
+    inverse = np.linalg.pinv(root.T @ root, hermitian=True)
+    return found, np.sqrt(np.maximum(np.diag(inverse), 1e-12) * max(misfit, 1.0))
+
+
+def _levels(shared: _Shared, emitter: np.ndarray, count: int) -> np.ndarray:
+    """(count, 3) radiance of each emitter, those of samples (N,), by multiplicative updates."""
+    seen = np.maximum(np.bincount(emitter, shared.share, count), 1e-12)
+    level = np.ones((count, 3))
+    for _ in range(_UPDATES):
+        given = shared.share[:, None] * level[emitter]
+        for channel in range(3):
+            whole = np.bincount(shared.pixel, given[:, channel])
+            part = given[:, channel] / np.maximum(whole, 1e-12)[shared.pixel] * shared.left[:, channel]
+            level[:, channel] = np.bincount(emitter, part, count) / seen
+    return level
+
+
+def _believed(shared: _Shared, emitter: np.ndarray, level: np.ndarray) -> np.ndarray:
+    """(E,) bool: emitters that are brighter than any reflection, as their views say together."""
+    count, views = len(level), int(shared.view.max(initial=0)) + 1
+    given = shared.share * level.mean(axis=1)[emitter]
+    part = given / np.maximum(np.bincount(shared.pixel, given), 1e-12)[shared.pixel] * shared.left.mean(axis=1)
+    pair, place = np.unique(emitter * views + shared.view, return_inverse=True)
+    place, owner = place.reshape(-1), pair // views
+
+    def total(values: np.ndarray) -> np.ndarray:
+        return np.bincount(place, values, len(pair))
+
+    share = total(shared.share)
+    most = EMITTER_GAIN * total(shared.share * shared.most) / np.maximum(share, 1e-12)
+    excess = np.log(np.maximum(total(part) / np.maximum(share, 1e-12) / np.maximum(most, 1e-12), _DIMMEST))
+    counting = _COUNTED * total(shared.share * (1 - shared.share)) / np.maximum(share, 1e-12) ** 2
+    # a share that may be nothing tells nothing; views differ by more than what is counted
+    trust = (_SIGMAS**2 * counting < 1) / (counting + _COUNTED)
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        return np.bincount(owner, trust * values, count) / np.maximum(np.bincount(owner, trust, count), 1e-12)
+
+    middle = mean(excess)
+    seen_by = np.bincount(owner, trust > 0, count)
+    scatter = mean((excess - middle[owner]) ** 2) / np.maximum(seen_by - 1, 1)
+    error = np.sqrt(np.maximum(scatter, mean(counting) / np.maximum(seen_by, 1)))
+    return (seen_by >= _FEWEST_VIEWS) & (middle > _SIGMAS * error)
+
+
+def _renumbered(number: np.ndarray, kept: np.ndarray) -> np.ndarray:
+    """(T,) numbers of those emitters that are kept (E,), without gaps; -1 for all others."""
+    new = np.append(np.where(kept, np.cumsum(kept) - 1, -1), -1)
+    return new[number]

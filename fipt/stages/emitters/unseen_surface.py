@@ -1,0 +1,110 @@
+"""Unseen surface: which triangles no view shows, gathered to patches that may emit."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from fipt.scene.emitters import Emitters
+from fipt.scene.mesh import Mesh, connected_parts
+from fipt.scene.observed import ObservedShard
+from fipt.scene.samples import ALONE
+from fipt.scene.voxels import facings
+
+_PATCH_ROWS = 12
+"""Patches along the box at most; `patches_of` makes them larger where there would be too many."""
+_MOST_PATCHES = 200
+_LEVELS = 128
+"""Steps along the box by which planes that face the same way are told apart: a pane from the ceiling around it."""
+
+
+@dataclass(frozen=True)
+class Patches:
+    """P pieces of unseen surface.
+
+    Attributes
+    ----------
+    number
+        (T,) int64 patch of each triangle, -1 for triangles that are seen.
+    center
+        (P, 3) metres.
+    area
+        (P,) square metres.
+    piece
+        (P,) int64 number of the connected plane that each belongs to; -1 where that is small.
+    """
+
+    number: np.ndarray
+    center: np.ndarray
+    area: np.ndarray
+    piece: np.ndarray
+
+    @property
+    def candidates(self) -> np.ndarray:
+        """(P, Q) float64, 1 where a candidate has a patch: every patch, then every piece of several patches.
+
+        A pane shines as a whole.
+        """
+        pieces, count = np.unique(self.piece[self.piece >= 0], return_counts=True)
+        whole = self.piece[:, None] == pieces[count > 1]
+        return np.concatenate([np.eye(len(self.area)), whole], axis=1)
+
+
+def hidden_triangles(mesh: Mesh, shards: Sequence[ObservedShard], found: Emitters) -> np.ndarray:
+    """(T,) bool: triangles that no pixel shows, and that lie farther from what is seen than two pixels are wide.
+
+    Seen surface counts that faces the same way: the underside of a cupboard is hidden, close as its front may be.
+    """
+    seen = np.zeros(len(mesh.triangles), bool)
+    seen[found.triangle] = True
+    gap = 0.0
+    positions, normals = [np.zeros((0, 3), np.float32)], [np.zeros((0, 3), np.float32)]
+    for shard in shards:
+        inner = np.asarray(shard.samples.weight) >= ALONE
+        seen[np.asarray(shard.samples.triangle)[inner]] = True
+        positions.append(np.asarray(shard.samples.position)[inner])
+        normals.append(np.asarray(shard.samples.normal)[inner])
+        gap = max(gap, 2 * float(np.quantile(shard.samples.footprint, 0.9))) if inner.any() else gap
+    points, hidden = np.concatenate(positions), ~seen & (mesh.areas > 0)
+    unseen = np.flatnonzero(hidden)
+    of_point, of_triangle = facings(np.concatenate(normals)), facings(mesh.area_normals[unseen])
+    for facing in np.unique(of_triangle) if len(points) else ():
+        near, own = points[of_point == facing], unseen[of_triangle == facing]
+        # one point a cell of half the gap is near enough
+        cell = np.floor((near - points.min(axis=0)) / (gap / 2)).astype(np.int64)
+        _, first = np.unique((cell * (1, 1 << 21, 1 << 42)).sum(axis=1), return_index=True)
+        away, _ = cKDTree(near[first]).query(mesh.corners[own].mean(axis=1), distance_upper_bound=gap, workers=-1)
+        hidden[own[np.isfinite(away)]] = False
+    return hidden
+
+
+def patches_of(mesh: Mesh, hidden: np.ndarray) -> Patches:
+    """Gather triangles (T,) bool into cells of a grid, by facing; a coarser grid where they would be too many."""
+    number, chosen = np.full(len(mesh.triangles), -1, np.int64), np.flatnonzero(hidden)
+    if len(chosen) == 0:
+        return Patches(number, np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.int64))
+    centers, areas = mesh.corners[chosen].mean(axis=1), mesh.areas[chosen]
+    low, extent = centers.min(axis=0), float(np.ptp(centers, axis=0).max())
+    facing = facings(mesh.normals[chosen]).astype(np.int64) // 2
+    level = np.round(
+        (np.take_along_axis(centers, facing[:, None], 1)[:, 0] - low[facing]) * (_LEVELS / max(extent, 1e-9))
+    )
+    plane = np.column_stack([connected_parts(mesh)[chosen], facing, level.astype(np.int64)])
+    _, piece = np.unique(plane, axis=0, return_inverse=True)
+    piece = piece.reshape(-1)
+    size = np.bincount(piece, areas)
+    patch, own = np.zeros(len(chosen), np.int64), piece
+    for rows in range(_PATCH_ROWS, 0, -1):
+        cell = np.floor((centers - low) / max(extent / rows, 1e-9)).astype(np.int64)
+        own = np.where(size[piece] > (extent / rows) ** 2, piece, -1)
+        _, patch = np.unique(np.column_stack([cell, facing, own]), axis=0, return_inverse=True)
+        patch = patch.reshape(-1)
+        if patch.max() < _MOST_PATCHES:
+            break
+    number[chosen] = patch
+    area = np.bincount(patch, areas)
+    center = np.stack([np.bincount(patch, areas * centers[:, c]) for c in range(3)], axis=1)
+    of_patch = np.zeros(len(area), np.int64)
+    of_patch[patch] = own
+    return Patches(number, center / area[:, None], area, of_patch)

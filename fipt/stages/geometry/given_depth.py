@@ -1,0 +1,154 @@
+"""Depth maps that exist: of a depth camera or a laser scanner, checked through the cameras of the views."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from fipt.errors import FiptError
+from fipt.formats.exr import read_exr
+from fipt.formats.images import read_pixels
+from fipt.scene.cameras import Camera
+from fipt.scene.depth_maps import DepthMap
+from fipt.stages.geometry.depth_views import DepthView, pixels_of
+from fipt.stages.geometry.settings import given_file
+from fipt.stages.geometry.stereo_view import StereoView, normals_of
+
+_CHANNELS = ("depth", "Z", "Y", "R", "V")
+"""Channels of an EXR file that hold depth, the first of them that is there."""
+_WINDOWS = (4, 2, 1)
+"""Half sides of the windows that a normal is fitted in, pixels; the largest that shows one surface."""
+_SURFACE = 0.01
+"""Share of its depth by which pixels lie off the plane of a window that shows one surface, root mean square."""
+_SAME = 0.05
+"""Share of its depth by which two views' depths of one place may differ."""
+_AGREE = 0.5
+"""Share of the pixels that other views know, of which they must say the same."""
+_EVERY = 8
+"""Pixels along a row and a column of which one is carried into other views."""
+_UNITS = (1e-3, 1e-2, 0.1, 0.3048, 10.0, 100.0, 1000.0)
+"""Factors of units that are often taken for each other."""
+
+
+def given_maps(
+    cameras: Sequence[Camera], light: Sequence[StereoView], folder: Path, unit: float
+) -> Iterator[tuple[str, DepthMap]]:
+    """Read the depth maps of views, and give each pixel its normal.
+
+    Parameters
+    ----------
+    light
+        The views, for the geometry of their pixels.
+    folder
+        Of VIEW.exr, metres, or VIEW.png of 16 bits in units of ``unit`` metres; depth along the viewing axis, 0 where
+        unknown.
+
+    Raises
+    ------
+    FiptError
+        If a map is missing, of another shape than its view, or the maps of several views contradict each other.
+    """
+    depths = [read_given(camera, folder, unit) for camera in cameras]
+    check_agreement(cameras, depths, folder)
+    for view, depth in zip(light, depths, strict=True):
+        normal = _normals(view, depth)
+        known = (depth > 0) & (normal**2).sum(axis=-1).astype(bool)
+        yield view.camera.name, DepthMap(np.where(known, depth, 0), known.astype(np.float32), normal)
+
+
+def read_given(camera: Camera, folder: Path, unit: float) -> np.ndarray:
+    """(H, W) float32 depth of a view, metres, 0 where unknown; of smaller maps each pixel takes the nearest."""
+    path = given_file(folder, camera.name)
+    if path.suffix == ".exr":
+        channels = read_exr(path)
+        name = next((name for name in _CHANNELS if name in channels), None)
+        if name is None:
+            raise FiptError(
+                f"{path} must have one of the channels {', '.join(_CHANNELS)}; it has {', '.join(sorted(channels))}",
+                "export depth under one of these names",
+            )
+        depth = channels[name].astype(np.float32)
+    else:
+        pixels = read_pixels(path, f"the depth of {camera.name}: EXR or PNG")
+        if pixels.ndim != 2 or pixels.dtype.itemsize < 2:
+            raise FiptError(f"{path} must be a grey PNG of 16 bits; it is {pixels.dtype}", "export it with 16 bits")
+        depth = (pixels * unit).astype(np.float32)
+    depth = np.where(np.isfinite(depth) & (depth > 0), depth, 0)
+    rows, columns = depth.shape
+    if abs(columns / rows - camera.width / camera.height) > 1 / min(rows, columns):
+        raise FiptError(
+            f"{path} must have the shape of its view, {camera.width}x{camera.height} or smaller in proportion; it is "
+            f"{columns}x{rows}",
+            "crop it like the view",
+        )
+    row = (np.arange(camera.height) + 0.5) * rows / camera.height
+    column = (np.arange(camera.width) + 0.5) * columns / camera.width
+    return depth[row.astype(np.int64)[:, None], column.astype(np.int64)]
+
+
+def check_agreement(cameras: Sequence[Camera], depths: Sequence[np.ndarray], folder: Path) -> None:
+    """Raise FiptError where views do not show the same surface: another unit, another room, other cameras."""
+    agree = _agreement(cameras, depths)
+    if agree >= _AGREE:
+        return
+    factor = max(_UNITS, key=lambda unit: _agreement(cameras, [depth * np.float32(unit) for depth in depths]))
+    better = _agreement(cameras, [depth * np.float32(factor) for depth in depths])
+    raise FiptError(
+        f"the depth maps in {folder} must show one room through these cameras; other views confirm {agree:.0%} of "
+        f"their pixels",
+        f"depth is {1 / factor:g} times too large for metres: set depth.unit, or export metres"
+        if better >= _AGREE
+        else "check that they are of these views, and depth along the viewing axis",
+    )
+
+
+def _agreement(cameras: Sequence[Camera], depths: Sequence[np.ndarray]) -> float:
+    """Share of pixels that another view confirms, of those where another view knows a depth."""
+    black = np.zeros((1, 1, 3), np.float32)
+    views = [
+        DepthView(camera, DepthMap(depth, depth, np.zeros((*depth.shape, 3), np.float32)), black)
+        for camera, depth in zip(cameras, depths, strict=True)
+    ]
+    some = np.s_[_EVERY // 2 :: _EVERY, _EVERY // 2 :: _EVERY]
+    known, same = 0, 0
+    for view in views:
+        points = view.points[some][view.map.known[some]]
+        seen, right = np.zeros(len(points), bool), np.zeros(len(points), bool)
+        for other in views:
+            if other is not view:
+                row, column, depth, inside = pixels_of(other.camera, points)
+                there = other.map.depth[row, column]
+                inside &= there > 0
+                seen |= inside
+                right |= inside & (np.abs(there - depth) < _SAME * depth)
+        known, same = known + int(seen.sum()), same + int(right.sum())
+    return same / known if known else 0.0
+
+
+def _normals(view: StereoView, depth: np.ndarray) -> np.ndarray:
+    """(H, W, 3) float32 world normals: planes fitted to inverse depth in windows; 0 where no window shows a surface."""
+    import cv2
+
+    known = (depth > 0).astype(np.float64)
+    q = np.where(depth > 0, 1 / np.where(depth > 0, depth, 1), 0.0).astype(np.float64)
+    v, u = np.mgrid[: depth.shape[0], : depth.shape[1]].astype(np.float64)
+    result = np.zeros((*depth.shape, 3), np.float32)
+    for half in _WINDOWS:
+        size = (2 * half + 1, 2 * half + 1)
+
+        def mean(values: np.ndarray, size: tuple[int, int] = size) -> np.ndarray:
+            return cv2.boxFilter(values * known, -1, size, normalize=False, borderType=cv2.BORDER_CONSTANT)
+
+        count = np.maximum(mean(known), 1)
+        mu, mv, mq = mean(u) / count, mean(v) / count, mean(q) / count
+        uu, vv, uv = mean(u * u) / count - mu**2, mean(v * v) / count - mv**2, mean(u * v) / count - mu * mv
+        uq, vq = mean(u * q) / count - mu * mq, mean(v * q) / count - mv * mq
+        spread = mean(q * q) / count - mq**2
+        determinant = uu * vv - uv * uv
+        flat = np.where(determinant > 0.05, determinant, 1.0)
+        along_u, along_v = (uq * vv - vq * uv) / flat, (vq * uu - uq * uv) / flat
+        off = np.sqrt(np.maximum(spread - along_u * uq - along_v * vq, 0))
+        fits = (known > 0) & (determinant > 0.05) & (off < _SURFACE * q) & ~result.any(axis=-1)
+        planes = np.stack([mq + along_u * (u - mu) + along_v * (v - mv), along_u, along_v])
+        result[fits] = normals_of(view, planes)[fits]
+    return result

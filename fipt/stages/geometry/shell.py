@@ -1,0 +1,32 @@
+"""A shell around the room: light that finds a hole in what was fused ends there."""
+
+import numpy as np
+
+from fipt.scene.mesh import Mesh
+from fipt.stages.geometry.room_box import RoomBox
+
+_BEHIND = 2
+"""Voxels between the box and its shell: noise does not push what was fused through it."""
+_CELL = 10
+"""Voxels along a side of its squares."""
+
+
+def with_shell(mesh: Mesh, box: RoomBox, voxel: float) -> Mesh:
+    """Return the mesh with the faces of the room's box behind it, which face inwards."""
+    low, high = box.low - _BEHIND * voxel, box.high + _BEHIND * voxel
+    vertices, triangles, count = [mesh.vertices], [mesh.triangles], len(mesh.vertices)
+    for axis in range(3):
+        u, v = (axis + 1) % 3, (axis + 2) % 3
+        steps = [max(int(np.ceil((high[i] - low[i]) / (_CELL * voxel))), 1) for i in (u, v)]
+        for end, inward in ((low[axis], True), (high[axis], False)):
+            grid = np.zeros((steps[0] + 1, steps[1] + 1, 3))
+            grid[..., axis] = end
+            grid[..., u] = np.linspace(low[u], high[u], steps[0] + 1)[:, None]
+            grid[..., v] = np.linspace(low[v], high[v], steps[1] + 1)[None, :]
+            number = count + np.arange(grid[..., 0].size).reshape(grid.shape[:2])
+            a, b, c, d = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
+            squares = np.stack([np.stack([a, b, c], -1), np.stack([a, c, d], -1)]).reshape(-1, 3)
+            vertices.append(grid.reshape(-1, 3) @ box.directions)
+            triangles.append(squares if inward else squares[:, ::-1])
+            count += grid[..., 0].size
+    return Mesh(np.concatenate(vertices).astype(np.float32), np.concatenate(triangles).astype(np.int32))

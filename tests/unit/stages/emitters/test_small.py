@@ -1,0 +1,99 @@
+"""Emitters that hardly fill a pixel: spots whose pixels all show the ceiling, too."""
+
+import numpy as np
+import pytest
+
+from fipt.conventions import SHADING_OUTPUTS
+from fipt.stages.emitters.extract import _all_pixels, extract
+from fipt.stages.emitters.regions import find_regions
+from fipt.stages.emitters.settings import EmittersSettings
+from fipt.stages.emitters.small import small_emitters
+from tests import scenes
+
+SIDE, VIEWS = 16, 4
+CEILING, SPOT = 0.5, 200.0
+SPOTS = 3
+
+
+@pytest.fixture
+def mesh():
+    """A ceiling (triangles 0, 1), a spot below it (2, 3), and the ring around that (4, 5)."""
+    ceiling = scenes.quad((0, 3, 0), (4, 0, 0), (0, 0, 4))
+    spot, ring = (scenes.quad((2, y, 2), (0.05, 0, 0), (0, 0, 0.05)) for y in (2.99, 2.98))
+    return scenes.joined(ceiling, spot, ring)
+
+
+def shards(rng, spot=SPOT, ring=0.5, views=VIEWS, moving=False):
+    """Every view shows the ceiling everywhere, and in three pixels shares of spot and ring.
+
+    With ``moving`` the spot is a knob that shines in one view.
+    """
+    pixels = SIDE * SIDE
+    triangle, share, count, image = [], [], [], []
+    for view in range(views):
+        shown = rng.choice(pixels, SPOTS, replace=False)
+        for pixel in range(pixels):
+            w = rng.integers(2, 6, 2) / 16 if pixel in shown else np.zeros(2)
+            rows = [(rng.integers(0, 2), 1 - w.sum())]
+            rows += [(2 + rng.integers(0, 2), w[0]), (4 + rng.integers(0, 2), w[1])] if w.any() else []
+            triangle += [row[0] for row in rows]
+            share += [row[1] for row in rows]
+            count.append(len(rows))
+            level = (spot if view == 0 else 1.5) if moving else spot
+            image.append((1 - w.sum()) * CEILING + w @ [level, ring])
+    samples = scenes.samples_of(
+        np.zeros((len(triangle), 3)),
+        np.array(triangle),
+        np.array(share),
+        np.array(count),
+        views=[f"v{k}" for k in range(views)],
+        shapes=[(SIDE, SIDE)] * views,
+        normal=np.tile(np.float32([0, -1, 0]), (len(triangle), 1)),
+    )
+    color = np.array(image)[:, None] * np.float32([1.2, 1.0, 0.8])
+    shading = np.zeros((len(triangle), SHADING_OUTPUTS, 3), np.float32)
+    shading[:, 0] = 1
+    return scenes.observed([samples], [shading], [(color.astype(np.float32), np.ones(len(color), np.float32))])
+
+
+def found(mesh, seen):
+    surface = find_regions(mesh, seen, _all_pixels(mesh, seen))
+    nothing = np.zeros(len(mesh.triangles), bool)
+    return small_emitters(mesh, seen, surface, nothing, nothing)
+
+
+def test_a_spot_is_told_from_its_ring_and_the_ceiling(mesh, np_rng):
+    result = found(mesh, shards(np_rng))
+    np.testing.assert_array_equal(result.number, [-1, -1, 0, 0, -1, -1])
+    np.testing.assert_allclose(
+        result.pixels.radiance, np.tile(SPOT * np.float32([1.2, 1, 0.8]), (VIEWS * SPOTS, 1)), rtol=0.15
+    )
+    assert (np.diff(result.pixels.view) >= 0).all()
+
+
+def test_the_spot_is_an_emitter(mesh, np_rng):
+    emitters = extract(mesh, shards(np_rng), None, EmittersSettings(guess=False)).emitters
+    np.testing.assert_array_equal(emitters.triangle, [2, 3])
+    assert emitters.radiance.mean() == pytest.approx(SPOT, rel=0.15)
+
+
+@pytest.mark.parametrize("case", [{"spot": 0.9}, {"spot": 40, "moving": True}, {"views": 1}])
+def test_no_emitter(mesh, np_rng, case):
+    """Paint; a highlight on a knob; what one view alone shows."""
+    assert (found(mesh, shards(np_rng, **case)).number < 0).all()
+
+
+def test_what_a_person_rejected_stays_out(mesh, np_rng):
+    seen = shards(np_rng)
+    surface = find_regions(mesh, seen, _all_pixels(mesh, seen))
+    never = np.isin(np.arange(6), [2, 3])
+    assert (small_emitters(mesh, seen, surface, np.zeros(6, bool), never).number[2:4] < 0).all()
+
+
+def test_beside_a_known_emitter_nothing_is_small(mesh, np_rng):
+    """Where the spot is known, its light in the pixels of the ring is no emitter of its own."""
+    seen = shards(np_rng)
+    surface = find_regions(mesh, seen, _all_pixels(mesh, seen))
+    surface.radiance[2:4] = SPOT
+    known = np.isin(np.arange(6), [2, 3])
+    assert (small_emitters(mesh, seen, surface, known, np.zeros(6, bool)).number < 0).all()

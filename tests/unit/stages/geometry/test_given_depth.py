@@ -1,0 +1,84 @@
+"""Depth maps that exist: read, checked through the cameras, given normals."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fipt.errors import FiptError
+from fipt.formats.exr import write_exr
+from fipt.formats.images import write_png
+from fipt.stages.geometry.given_depth import given_maps
+from fipt.stages.geometry.stereo_view import StereoView
+from tests.unit.stages.geometry.test_fusing import around
+
+VIEWS = around(0.003)[:4]
+
+
+def write(folder: Path, scale: float = 1000.0, exr: bool = False) -> Path:
+    for view in VIEWS:
+        if exr:
+            write_exr(folder / f"{view.camera.name}.exr", {"Z": view.map.depth})
+        else:
+            folder.mkdir(exist_ok=True)
+            write_png(folder / f"{view.camera.name}.png", (view.map.depth * scale).astype(np.uint16))
+    return folder
+
+
+def read(folder: Path, unit: float = 0.001) -> list:
+    light = [StereoView(view.camera, np.zeros((60, 80), np.float32), 0.0) for view in VIEWS]
+    return list(given_maps([view.camera for view in VIEWS], light, folder, unit))
+
+
+@pytest.mark.parametrize("exr", [True, False], ids=["exr", "png"])
+def test_depth_comes_with_normals(tmp_path, exr):
+    for view, (name, found) in zip(VIEWS, read(write(tmp_path / "depth", exr=exr)), strict=True):
+        assert name == view.camera.name
+        assert found.known.mean() > 0.95
+        np.testing.assert_allclose(found.depth[found.known], view.map.depth[found.known], atol=0.001)
+        cosine = (found.normal * view.map.normal).sum(axis=-1)[found.known]
+        assert np.degrees(np.arccos(np.minimum(np.median(cosine), 1))) < 3
+
+
+def test_smaller_maps_are_taken_over(tmp_path):
+    folder = write(tmp_path / "depth")
+    small = VIEWS[0].map.depth[::2, ::2]
+    write_png(folder / f"{VIEWS[0].camera.name}.png", (small * 1000).astype(np.uint16))
+    found = read(folder)[0][1]
+    assert np.median(np.abs(found.depth - VIEWS[0].map.depth)) < 0.02
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"scale": 500.0}, "other views confirm"),
+        ({"scale": 10_000.0}, "depth is 10 times too large"),
+    ],
+    ids=["no unit", "another unit"],
+)
+def test_another_unit_is_refused(tmp_path, wrong, said):
+    with pytest.raises(FiptError, match=said):
+        read(write(tmp_path / "depth", **wrong))
+
+
+def test_another_room_is_refused(tmp_path):
+    folder = write(tmp_path / "depth")
+    for view in VIEWS:
+        noise = np.random.default_rng(len(view.camera.name)).uniform(300, 5000, (60, 80))
+        write_png(folder / f"{view.camera.name}.png", noise.astype(np.uint16))
+    with pytest.raises(FiptError, match="check that they are of these views"):
+        read(folder)
+
+
+def test_what_is_no_depth_map_is_refused(tmp_path):
+    folder = write(tmp_path / "depth")
+    path = folder / f"{VIEWS[0].camera.name}.png"
+    write_png(path, np.zeros((60, 80), np.uint8))
+    with pytest.raises(FiptError, match="16 bits"):
+        read(folder)
+    write_png(path, np.zeros((60, 60), np.uint16))
+    with pytest.raises(FiptError, match="shape of its view, 80x60"):
+        read(folder)
+    path.unlink()
+    with pytest.raises(FiptError, match="is missing"):
+        read(folder)
