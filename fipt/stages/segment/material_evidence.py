@@ -67,10 +67,56 @@ class MaterialEvidence:
     variance: np.ndarray
 
 
+@dataclass(frozen=True)
+class ColorPieces:
+    """G pieces of regions, each with a base colour of its own under every trial.
+
+    Attributes
+    ----------
+    owner
+        (G,) int64 region, from 0.
+    voxel
+        (G, 3) int64 voxel of the scene box.
+    place
+        (G, 3) mean place of its pixels, metres.
+    number
+        (G,) float64 number of its pixels.
+    judged
+        (G,) bool: enough of them to judge a trial.
+    left
+        (G, T) mean difference that a trial leaves, sRGB-encoded.
+    color
+        (G, T, 3) base colour that goes with it: `comparable`.
+    """
+
+    owner: np.ndarray
+    voxel: np.ndarray
+    place: np.ndarray
+    number: np.ndarray
+    judged: np.ndarray
+    left: np.ndarray
+    color: np.ndarray
+
+
 def comparable(color: np.ndarray) -> np.ndarray:
     """(..., 3) mean logarithm of base colours (..., 3), and logarithms of red and of blue over green."""
     logs = np.log(np.clip(color, 0, 1.5) + _DARKEST)
     return np.stack([logs.mean(-1), logs[..., 0] - logs[..., 1], logs[..., 2] - logs[..., 1]], axis=-1)
+
+
+def color_pieces(pixels: RegionPixels, region: np.ndarray, count: int, center: np.ndarray, side: float) -> ColorPieces:
+    """Gather pixels into pieces: a voxel, a region, one facing. Arguments as of `measure`."""
+    record = voxel_keys(pixels.place, center, side, _RESOLUTION) * FACINGS + facings(pixels.normal)
+    key, piece = np.unique(record * count + region, return_inverse=True)
+    piece, voxel = piece.reshape(-1), key // count // FACINGS
+    number = np.bincount(piece, minlength=len(key)).astype(np.float64)
+    place = np.stack([np.bincount(piece, axis, len(key)) for axis in pixels.place.T], axis=1) / number[:, None]
+    left, color = _tried(pixels, piece, len(key))
+    place_of_voxel = np.stack(
+        [voxel % _RESOLUTION, voxel // _RESOLUTION % _RESOLUTION, voxel // _RESOLUTION**2], axis=1
+    )
+    left = left / number[:, None]
+    return ColorPieces(key % count, place_of_voxel, place, number, number >= _FEWEST, left, color)
 
 
 def measure(pixels: RegionPixels, region: np.ndarray, count: int, center: np.ndarray, side: float) -> MaterialEvidence:
@@ -85,17 +131,12 @@ def measure(pixels: RegionPixels, region: np.ndarray, count: int, center: np.nda
     center, side
         The scene box, metres.
     """
-    record = voxel_keys(pixels.place, center, side, _RESOLUTION) * FACINGS + facings(pixels.normal)
-    key, piece = np.unique(record * count + region, return_inverse=True)
-    piece, owner = piece.reshape(-1), key % count
-    number = np.bincount(piece, minlength=len(key)).astype(np.float64)
-    judged = number >= _FEWEST
-    left, color = _tried(pixels, piece, len(key))
-    left[~judged] = 0
+    found = color_pieces(pixels, region, count, center, side)
+    owner, number, judged, color, place = found.owner, found.number, found.judged, found.color, found.place
+    left = np.where(judged[:, None], found.left * number[:, None], 0.0)
     total = np.stack([np.bincount(owner, column, count) for column in left.T], axis=1)
     order = np.argsort(owner, kind="stable")
     bounds = np.searchsorted(owner[order], np.arange(count + 1))
-    place = np.stack([np.bincount(piece, axis, len(key)) for axis in pixels.place.T], axis=1) / number[:, None]
     products = np.zeros((count, len(TRIALS), len(TRIALS)))
     means = np.zeros((count, len(TRIALS), 3))
     pieces, noise = np.ones(count), _ColorNoise()

@@ -11,6 +11,7 @@ that differ the least become one, again and again, as long as any two agree. Two
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -25,13 +26,17 @@ _STANDARD_ERRORS = 3.0
 """Standard errors by which one trial must be worse than another; the best of many is often two better by chance."""
 
 
-def regrouped(shards: Sequence[ObservedShard], regions: Sequence[np.ndarray]) -> tuple[list[np.ndarray], int]:
+def regrouped(
+    shards: Sequence[ObservedShard], regions: Sequence[np.ndarray], alike: float = 1.0
+) -> tuple[list[np.ndarray], int]:
     """Regions of pixels to parts of pixels.
 
     Parameters
     ----------
     regions
         Per shard: (P,) uint16 region of each pixel, 0 = unknown.
+    alike
+        How many pieces of a region err as one: their evidence has that much more variance.
 
     Returns
     -------
@@ -47,7 +52,8 @@ def regrouped(shards: Sequence[ObservedShard], regions: Sequence[np.ndarray]) ->
     materials = 0
     if len(known):
         center, side = scene_box([shard.samples for shard in shards])
-        label = joined(measure(pixels, place.reshape(-1), len(known), center, side))
+        evidence = measure(pixels, place.reshape(-1), len(known), center, side)
+        label = joined(replace(evidence, products=evidence.products * alike))
         materials = int(label.max()) + 1
         part_of[known] = label + 1
     others = present[(part_of[present] == 0) & (present > 0)]

@@ -23,10 +23,10 @@ class RegroupInputs:
 
 
 def run(inputs: RegroupInputs, settings: "RegroupSettings") -> dict[str, Any]:
-    """Join segments that the pictures show to be of one material.
+    """Cut segments of two materials, and join those that the pictures show to be of one.
 
-    Under a round's shading each segment has a base colour and a roughness. Those that differ by no more than noise
-    become one part.
+    Under a round's shading each piece of a segment has a base colour and a roughness. Segments whose pieces are clearly
+    of two kinds are cut; those that differ by no more than noise become one part.
     """
     from fipt.formats.files import atomic_folder
     from fipt.formats.images import write_png
@@ -35,12 +35,14 @@ def run(inputs: RegroupInputs, settings: "RegroupSettings") -> dict[str, Any]:
     from fipt.scene.observed import read_observed
     from fipt.scene.samples import segments_of
     from fipt.settings import dumped
+    from fipt.stages.segment.divide import divided
     from fipt.stages.segment.regroup import regrouped
 
     data = Dataset(inputs.dataset, inputs.segments)
     shards = read_observed(data, inputs.samples, inputs.shading)
     before = [segments_of(data, shard.samples, "part") for shard in shards]
-    parts, materials = regrouped(shards, before)
+    regions, cuts, alike = divided(shards, before) if settings.divide else (before, 0, 1.0)
+    parts, materials = regrouped(shards, regions, alike)
     inputs.manifest.unlink(missing_ok=True)
     with atomic_folder(inputs.out, "part") as folder:
         for shard, ids in zip(shards, parts, strict=True):
@@ -49,7 +51,7 @@ def run(inputs: RegroupInputs, settings: "RegroupSettings") -> dict[str, Any]:
                 write_png(folder / "part" / f"{view}.png", own)
     files = [path for path in inputs.out.rglob("*") if path.is_file()]
     write_manifest(inputs.manifest, "regroup", files, dumped(settings))
-    return {"segments": _count(before), "parts": _count(parts), "materials": materials}
+    return {"segments": _count(before), "cuts": cuts, "parts": _count(parts), "materials": materials}
 
 
 def _count(ids: list[Any]) -> int:

@@ -121,10 +121,11 @@ class FuseSettings(Settings):
 
 
 class RegroupSettings(Settings):
-    """Segments that the pictures show to be of one material become one part, in every round."""
+    """Segments of two materials are cut, and those of one material become one part, in every round."""
 
     ids: Literal["none", "grown", "fused", "all"] = Field(
         default="grown",
         description="which ids are joined: those grown on the mesh, also those of a network or given (`fused`), also "
         "the dataset's (`all`)",
     )
+    divide: bool = Field(default=False, description="cut segments that the pictures show to be of two materials first")

@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +12,9 @@ from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
 from fipt.formats.images import read_ids, write_png
 from fipt.model.reflectance import line_in_base_color
 from fipt.scene.dataset import Dataset
-from fipt.stages.segment.material_evidence import HALF, TRIALS, measure
+from fipt.stages.segment import divide
+from fipt.stages.segment.divide import materials_of
+from fipt.stages.segment.material_evidence import HALF, TRIALS, color_pieces, measure
 from fipt.stages.segment.region_pixels import RegionPixels
 from fipt.stages.segment.regroup import joined
 from fipt.stages.segment.regroup_stage import RegroupInputs, run
@@ -19,15 +23,18 @@ from fipt.stages.segment.settings import RegroupSettings
 _LEVELS = len(ROUGHNESS_LEVELS)
 
 
-def pixels(rng: np.random.Generator, materials: list[tuple[tuple[float, float, float], float, float]]) -> RegionPixels:
-    """Regions of 1 m x 1 m side by side, one for each (base colour, roughness, metallic), of 400 pixels each.
+def pixels(
+    rng: np.random.Generator, materials: list[tuple[tuple[float, float, float], float, float]], grid: int = 6
+) -> RegionPixels:
+    """Regions of 1 m x 1 m side by side, one for each (base colour, roughness, metallic), of 400 pixels or more.
 
-    Shading is wrong by some percent, slowly over the surface; highlights move with the pixel.
+    Shading is wrong by some percent, slowly over the surface; highlights move with the pixel. There are several pixels
+    at each of grid x grid places.
     """
-    count = 400
+    count = max(400, 8 * grid**2)
     parts = []
     for k, (color, roughness, metallic) in enumerate(materials):
-        spots = (rng.integers(0, 6, (count, 2)) + 0.5) / 6  # several pixels at each
+        spots = (rng.integers(0, grid, (count, 2)) + 0.5) / grid
         place = np.c_[k + spots[:, 0], spots[:, 1], np.zeros(count)].astype(np.float32)
         shading = np.zeros((count, SHADING_OUTPUTS, 3), np.float32)
         shading[:, 0] = 1
@@ -114,3 +121,45 @@ def test_the_verb_joins_segments_whole_and_loses_none(scene: Path, tmp_path: Pat
     pairs = np.unique(np.stack([before.ravel(), after.ravel()]), axis=1)
     assert len(np.unique(pairs[0])) == pairs.shape[1]
     assert inputs.manifest.is_file()
+
+
+@pytest.mark.parametrize(
+    "second", [(WHITE, 0.1, 1.0), ((0.2, 0.2, 0.2), 0.8, 0.0)], ids=["a mirror", "a darker colour"]
+)
+def test_a_region_of_two_materials_is_cut_where_they_meet(np_rng, second):
+    found = pixels(np_rng, [(WHITE, 0.8, 0.0), second, (WHITE, 0.8, 0.0), (RED, 0.8, 0.0)], grid=12)
+    region = np.maximum(found.region - 1, 0)  # the first two are one
+    pieces = color_pieces(found, region, 3, np.zeros(3), 8.0)
+    cuts, _ = materials_of(pieces)
+    assert [number for number, _, _ in cuts] == [0]
+    _, own, label = cuts[0]
+    right = pieces.place[own, 0] > 1
+    assert label.max() == 1
+    assert np.mean(label == label[right][0]) == pytest.approx(0.5, abs=0.05)
+    assert np.mean((label == label[right][0]) == right) > 0.95
+
+
+def test_a_wall_whose_shading_drifts_stays_whole(np_rng):
+    found = pixels(np_rng, [(WHITE, 0.8, 0.0), (RED, 0.8, 0.0)], grid=12)
+    drift = np.exp(1.2 * (found.place[:, :1] - 1)).astype(np.float32)  # as much as between two colours, but gradual
+    found = replace(found, radiance=found.radiance * drift)
+    assert materials_of(color_pieces(found, found.region, 2, np.zeros(3), 8.0))[0] == []
+
+
+def test_pixels_take_the_material_of_the_nearest_piece_and_ids_stay_apart(np_rng, monkeypatch):
+    found = pixels(np_rng, [(WHITE, 0.8, 0.0), (WHITE, 0.1, 1.0), (RED, 0.8, 0.0)], grid=12)
+    region = np.where(found.region < 2, 7, 9).astype(np.uint16)
+    monkeypatch.setattr(divide, "region_pixels", lambda *_: replace(found, region=region.astype(np.int64)))
+    monkeypatch.setattr(divide, "scene_box", lambda _: (np.zeros(3), 8.0))
+    # one pixel more, which shows no surface
+    samples = SimpleNamespace(offsets=np.r_[np.arange(len(region) + 1), len(region)], position=found.place)
+    before = np.r_[region, 7].astype(np.uint16)
+    shards: Any = [SimpleNamespace(samples=samples)]
+    (after,), cuts, alike = divide.divided(shards, [before])
+    assert cuts == 1
+    assert alike >= 1
+    assert (after[:-1][region == 9] == 9).all()
+    assert after[-1] == 7
+    assert set(after[:-1][region == 7].tolist()) == {7, 10}
+    mirror = after[:-1][found.region == 1]
+    assert np.mean(mirror == np.median(mirror)) > 0.95

@@ -1,0 +1,257 @@
+"""Regions of two materials are cut where the pictures show the border.
+
+A region that was grown on the mesh may hold a mirror and its white frame: they lie in one plane, and what the mirror
+shows is white as well. Under a round's shading the two are told apart. Pieces of a region (a voxel, one facing) are
+shared out between two materials, each a roughness, a metallic and a colour, such that the description is shortest: what
+the materials leave of the pieces, the border, and the second material's parameters. It is cut again, until
+
+- one material is the shorter description. Neighbouring pieces err alike, for shading errs smoothly: what is left counts
+  1 / tau, tau being the number of pieces that err as one, which is measured in the room;
+- or materials fade into each other: the step at the border is less than half of the difference of the two. So walls
+  whose shading drifts stay whole.
+
+Halves that turn out to be of one material after all are joined again by `fipt.stages.segment.regroup`.
+"""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from scipy.sparse import coo_matrix, csr_matrix
+from scipy.spatial import cKDTree
+
+from fipt.scene.observed import ObservedShard
+from fipt.scene.samples import scene_box
+from fipt.stages.segment.material_evidence import HALF, TRIALS, ColorPieces, color_pieces
+from fipt.stages.segment.region_pixels import region_pixels
+
+_FEWEST = 6
+"""Pieces from which a region may be cut: fewer than a material's parameters and one more tell nothing."""
+_TURN = float(np.log(3))
+"""Cost of a piece of border: it goes straight on, or turns to either side."""
+_SIDES = 4
+"""Sides of a piece of a surface; it touches more voxels, whose borders count less each."""
+_DEVIATION = 1.4826
+"""Standard deviation over the median absolute deviation of normal noise."""
+_LEAST_COLOR = 0.005
+"""Least standard deviation of comparable colours."""
+_STEP = 0.5
+"""Share of the difference between two materials that must be a step at their border."""
+_ROUNDS = 15
+_SWEEPS = 4
+"""Most rounds in which materials and pieces are fitted to each other, and sweeps over the pieces in each."""
+_MOST_IDS = 65535
+
+_Material = tuple[int, np.ndarray]
+"""A trial, and a comparable colour (3,)."""
+
+
+def divided(shards: Sequence[ObservedShard], regions: Sequence[np.ndarray]) -> tuple[list[np.ndarray], int, float]:
+    """Cut regions of several materials.
+
+    Parameters
+    ----------
+    regions
+        Per shard: (P,) uint16 region of each pixel, 0 = unknown.
+
+    Returns
+    -------
+    regions
+        The same; of a region that was cut the largest material keeps the number, others have new ones.
+    cuts
+        How many regions there are more.
+    alike
+        How many pieces of a region err as one.
+    """
+    pixels = region_pixels(shards, regions)
+    known, place = np.unique(pixels.region, return_inverse=True)
+    result = [own.copy() for own in regions]
+    if len(known) == 0:
+        return result, 0, 1.0
+    center, side = scene_box([shard.samples for shard in shards])
+    pieces = color_pieces(pixels, place.reshape(-1), len(known), center, side)
+    first = after = max(int(own.max(initial=0)) for own in regions) + 1
+    cuts, alike = materials_of(pieces)
+    for number, own, label in cuts:
+        count = int(label.max())
+        if after + count > _MOST_IDS:
+            break
+        ids = np.concatenate([[known[number]], after + np.arange(count)])
+        after += count
+        tree = cKDTree(pieces.place[own])
+        for shard, before, ours in zip(shards, regions, result, strict=True):
+            at = np.flatnonzero((before == known[number]) & (np.diff(shard.samples.offsets) > 0))
+            if len(at):
+                points = np.asarray(shard.samples.position)[np.asarray(shard.samples.offsets)[at]]
+                ours[at] = ids[label[tree.query(points)[1]]]
+    return result, after - first, alike
+
+
+def materials_of(pieces: ColorPieces) -> tuple[list[tuple[int, np.ndarray, np.ndarray]], float]:
+    """Number of each region that is cut, its judged pieces (K,), and the material of each (K,), 0 that of most.
+
+    The second value tells how many pieces err as one.
+    """
+    regions = [np.flatnonzero((pieces.owner == k) & pieces.judged) for k in range(int(pieces.owner.max()) + 1)]
+    regions = {k: own for k, own in enumerate(regions) if len(own) >= _FEWEST}
+    residual, variance = _scales(pieces, list(regions.values()))
+    parts = {
+        k: _Region(pieces.left[own], pieces.color[own], pieces.voxel[own], residual, variance)
+        for k, own in regions.items()
+    }
+    alike, cuts = _alike(list(parts.values())), []
+    for number, part in parts.items():
+        found = sorted(part.materials(alike), key=len, reverse=True)
+        if len(found) > 1:
+            label = np.zeros(len(regions[number]), np.int64)
+            for k, chosen in enumerate(found):
+                label[chosen] = k
+            cuts.append((number, regions[number], label))
+    return cuts, alike
+
+
+def _scales(pieces: ColorPieces, regions: list[np.ndarray]) -> tuple[float, np.ndarray]:
+    """What ordinary pieces leave under the best trial of their region, and the variance of their colours (3,)."""
+    left, spread = [np.zeros(0)], []
+    for own in regions:
+        best = (pieces.left[own] * pieces.number[own, None]).sum(axis=0).argmin()
+        left.append(pieces.left[own, best])
+        color = pieces.color[own, best]
+        spread.append(_DEVIATION * np.median(np.abs(color - np.median(color, axis=0)), axis=0))
+    every = np.concatenate(left)
+    residual = _DEVIATION * float(np.median(every)) if len(every) else 1.0
+    deviation = np.median(spread, axis=0) if spread else np.ones(3)
+    return max(residual, 1e-6), np.maximum(deviation, _LEAST_COLOR) ** 2
+
+
+def _alike(parts: list["_Region"]) -> float:
+    """Number of pieces that err as one: one and the neighbours of a piece, times the correlation with them."""
+    square = product = 0.0
+    for part in parts:
+        off = part.cost(part.material())
+        off = off - off.mean()
+        square += float((off**2).sum())
+        product += float((off * (part.near @ off)).sum())  # both ways round
+    return 1 + max(product / square, 0.0) if square > 0 else 1.0
+
+
+class _Region:
+    """The pieces of one region, and what materials cost them.
+
+    A piece is one observation of Student's t (3 degrees of freedom): of what a trial leaves of its pixels, and of its
+    colour.
+
+    Parameters
+    ----------
+    left, color
+        (K, T) mean difference that a trial leaves, and (K, T, 3) comparable colour that goes with it.
+    voxel
+        (K, 3) int64 voxels of the pieces.
+    residual, variance
+        Scale of ``left``, and variance (3,) of the colours, of ordinary pieces.
+    """
+
+    def __init__(
+        self, left: np.ndarray, color: np.ndarray, voxel: np.ndarray, residual: float, variance: np.ndarray
+    ) -> None:
+        self._left, self._color = 2 * np.log1p(left**2 / (3 * residual**2)), color
+        self._odd = voxel.sum(axis=1) % 2 > 0
+        pairs = cKDTree(voxel).query_pairs(1.0, p=np.inf, output_type="ndarray")
+        ends = np.concatenate([pairs, pairs[:, ::-1]])
+        ones = np.ones(len(ends))
+        self.near: csr_matrix = coo_matrix((ones, (ends[:, 0], ends[:, 1])), shape=(len(left),) * 2).tocsr()
+        self._border = min(_SIDES * len(left) / max(len(ends), 1), 1.0) * _TURN
+        # texture is what neighbours differ by
+        steps = np.abs(color[pairs[:, 0]] - color[pairs[:, 1]]) if len(pairs) else np.zeros((1, *color.shape[1:]))
+        self._variance = np.maximum(variance, (_DEVIATION * np.median(steps, axis=0)) ** 2 / 2)
+
+    def material(self, chosen: np.ndarray | slice = slice(None)) -> _Material:
+        """The material that explains ``chosen`` pieces best."""
+        color = np.median(self._color[chosen], axis=0)
+        distance = ((self._color[chosen] - color) ** 2 / self._variance).sum(axis=2)
+        trial = int((self._left[chosen] + 3 * np.log1p(distance / 3)).sum(axis=0).argmin())
+        return trial, color[trial]
+
+    def cost(self, material: _Material, chosen: np.ndarray | slice = slice(None)) -> np.ndarray:
+        """(K,) what ``material`` leaves of ``chosen`` pieces."""
+        trial, color = material
+        distance = ((self._color[chosen, trial] - color) ** 2 / self._variance[trial]).sum(axis=1)
+        return self._left[chosen, trial] + 3 * np.log1p(distance / 3)
+
+    def materials(self, alike: float) -> list[np.ndarray]:
+        """Pieces (K,) of each material; ``alike`` pieces err as one."""
+        todo, done = [np.arange(len(self._left))], []
+        while todo:
+            pieces = todo.pop()
+            second = self._second(pieces, alike)
+            if second is None:
+                done.append(pieces)
+            else:
+                todo += [pieces[~second], pieces[second]]
+        return done
+
+    def _second(self, pieces: np.ndarray, alike: float) -> np.ndarray | None:
+        """(K,) bool: which of ``pieces`` (K,) are of a second material; None where there is none."""
+        if len(pieces) < _FEWEST:
+            return None
+        # all costs are in units of pieces: borders and parameters count alike-fold
+        border = self._border * alike
+        price = alike * (np.log(len(TRIALS)) + 1.5 * np.log(len(pieces)))
+        near = self.near[pieces][:, pieces]
+        shortest, best = float(self.cost(self.material(pieces), pieces).sum()) - price, None
+        for start in self._starts(pieces):
+            found = self._shared_out(pieces, near, start, border)
+            if found is not None and found[0] < shortest:
+                shortest, best = found
+        return best if best is not None and self._sharp(pieces, near, best) else None
+
+    def _starts(self, pieces: np.ndarray) -> Iterator[np.ndarray]:
+        """Guesses (K,) bool of a second material: metal, another colour, what one material explains badly."""
+        left = self._left[pieces]
+        yield left[:, HALF:].min(axis=1) < left[:, :HALF].min(axis=1)
+        matte = left[:, :HALF].sum(axis=0).argmin()
+        color = self._color[pieces, matte] / np.sqrt(self._variance[matte])
+        color = color - np.median(color, axis=0)
+        yield _halves(color @ np.linalg.svd(color, full_matrices=False)[2][0])
+        cost = self.cost(self.material(pieces), pieces)
+        yield cost > np.median(cost) + 2 * _DEVIATION * np.median(np.abs(cost - np.median(cost)))
+
+    def _shared_out(
+        self, pieces: np.ndarray, near: csr_matrix, start: np.ndarray, border: float
+    ) -> tuple[float, np.ndarray] | None:
+        """Share ``pieces`` out between two materials, from a guess on: the cost, and who has the second."""
+        second = start.copy()
+        for _ in range(_ROUNDS):
+            if second.all() or not second.any():
+                return None
+            cost = [self.cost(self.material(pieces[own]), pieces) for own in (~second, second)]
+            before = second.copy()
+            for _ in range(_SWEEPS):
+                for turn in (self._odd[pieces], ~self._odd[pieces]):
+                    beside = near @ np.stack([~second, second], axis=1).astype(np.float64)
+                    rather = cost[1] + border * beside[:, 0] < cost[0] + border * beside[:, 1]
+                    second = np.where(turn, rather, second)
+            if (second == before).all():
+                break
+        if second.all() or not second.any():
+            return None
+        total = sum(float(self.cost(self.material(pieces[own]), pieces[own]).sum()) for own in (~second, second))
+        return total + border * float((near @ second.astype(np.float64))[~second].sum()), second
+
+    def _sharp(self, pieces: np.ndarray, near: csr_matrix, second: np.ndarray) -> bool:
+        """Whether the two materials (K,) meet in a step, or never."""
+        cost = [self.cost(self.material(pieces[own]), pieces) for own in (~second, second)]
+        gain = cost[0] - cost[1]
+        pairs = near.tocoo()
+        across = ~second[pairs.row] & second[pairs.col]
+        step = gain[pairs.col[across]] - gain[pairs.row[across]]
+        return not across.any() or bool(np.median(step) > _STEP * (np.median(gain[second]) - np.median(gain[~second])))
+
+
+def _halves(values: np.ndarray) -> np.ndarray:
+    """(K,) bool: the upper of two groups of values (K,), cut midway between their medians."""
+    upper = values > np.median(values)
+    for _ in range(_ROUNDS):
+        if upper.all() or not upper.any():
+            break
+        upper = values > (np.median(values[upper]) + np.median(values[~upper])) / 2
+    return upper
