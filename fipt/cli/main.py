@@ -10,7 +10,6 @@ Exit codes: 0 done, 1 a check of ``fipt doctor`` failed, 2 wrong usage or a `fip
 
 from __future__ import annotations
 
-import functools
 import os
 import signal
 import sys
@@ -23,9 +22,7 @@ from fipt.cli.process import configure_logging, end_with_parent, is_job, leave
 from fipt.errors import EXIT_CODE, FiptError, shortage
 from fipt.registry import VERBS
 
-
-class Interrupted(BaseException):
-    """Somebody has interrupted the program."""
+_INTERRUPTED = 128 + signal.SIGINT
 
 
 def help_text() -> str:
@@ -84,9 +81,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _dispatch(args)
     except FiptError as error:
         return _fail(str(error))
-    except (KeyboardInterrupt, Interrupted):
+    except KeyboardInterrupt:
         print("fipt: interrupted", file=sys.stderr)
-        return 130
+        return _INTERRUPTED
     except (MemoryError, OSError, RuntimeError) as error:
         found = shortage(error)
         if found is None:
@@ -129,15 +126,7 @@ def run_command(command: Callable[..., Any], args: Sequence[str], prog_name: str
     # Plain help and errors: they can be searched and pasted, and a long line stays one line.
     # typer's own tracebacks are off, since they print local variables (whole arrays).
     app = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
-
-    @functools.wraps(command)
-    def heard(**given: Any) -> Any:
-        try:
-            return command(**given)
-        except KeyboardInterrupt:  # typer would end without a word
-            raise Interrupted from None
-
-    app.command()(heard)
+    app.command()(command)
     try:
         app(args=list(args), prog_name=prog_name)
     except SystemExit as stop:
@@ -148,6 +137,8 @@ def run_command(command: Callable[..., Any], args: Sequence[str], prog_name: str
 def _exit_code(stop: SystemExit) -> int:
     if stop.code is None:
         return 0
+    if stop.code == _INTERRUPTED:  # typer makes an exit without a word of it
+        print("fipt: interrupted", file=sys.stderr)
     if isinstance(stop.code, int):
         return stop.code
     print(stop.code, file=sys.stderr)  # sys.exit("text") means: print it, fail

@@ -88,6 +88,7 @@ def snakemake(config: Mapping[str, Any], target: str, options: Sequence[str]) ->
         argv += ["--logger", "fipt", *options, "--configfile", str(configfile), "--", target]
         with contextlib.redirect_stderr(io.StringIO()):  # it says which profile it uses
             parser, args = parse_args(argv)
-        with run_view.interruptible():
+        done = False
+        with run_view.interruptible(), contextlib.suppress(KeyboardInterrupt):  # which `conclude` knows of
             done = args_to_api(args, parser)
     return run_view.LogHandler.last.conclude(done)

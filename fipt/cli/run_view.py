@@ -108,7 +108,8 @@ class LogHandler(LogHandlerBase):
     def conclude(self, done: bool) -> int:
         """Say why the run failed, if it did, in one line where the user can mend it; return the exit code."""
         if self.interrupted:
-            _tell("interrupted" if self.interrupted == signal.SIGINT else "terminated")
+            if self.interrupted != signal.SIGINT:  # of which `main` tells
+                _tell("terminated")
             return 128 + self.interrupted
         if done:
             return 0

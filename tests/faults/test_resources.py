@@ -258,7 +258,7 @@ def catches(status: str, number: signal.Signals) -> bool:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="/proc says which signals a process catches")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("seconds", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("seconds", [0.0, 0.6])
 def test_what_is_stopped_while_it_loads_says_so(seconds: float, number: signal.Signals, tmp_path: Path) -> None:
     """``fipt run`` loads Snakemake, typer makes an exit without a word of an interruption."""
     command = [sys.executable, "-m", "fipt.cli.main", "run", "none"]
@@ -271,6 +271,6 @@ def test_what_is_stopped_while_it_loads_says_so(seconds: float, number: signal.S
         running.send_signal(number)
         said = running.communicate()[1]
     assert "Traceback" not in said
-    if running.returncode != 2:  # it had ended: there is no such scene
+    if "fipt: error: " not in said:  # it had ended: there is no such scene
         word = "interrupted" if number == signal.SIGINT else "terminated"
         assert (running.returncode, said) == (128 + number, f"fipt: {word}\n")
