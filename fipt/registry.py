@@ -35,10 +35,10 @@ SECTIONS: dict[str, Section] = {
     "synthesize": Section("fipt.synthetic.settings:SynthesizeSettings", 2),
     "capture": Section("fipt.stages.capture.settings:CaptureSettings", 1),
     "poses": Section("fipt.stages.poses.settings:PosesSettings", 2),
-    "import": Section("fipt.stages.importing.settings:ImportSettings", 4),
+    "import": Section("fipt.stages.importing.settings:ImportSettings", 5),
     "depth": Section("fipt.stages.geometry.settings:DepthSettings", 4),
     "geometry": Section("fipt.stages.geometry.mesh_settings:GeometrySettings", 4),
-    "check_poses": Section("fipt.stages.check_poses.settings:CheckPosesSettings", 1),
+    "check_poses": Section("fipt.stages.check_poses.settings:CheckPosesSettings", 2),
     "samples": Section("fipt.stages.samples.settings:SamplesSettings", 2),
     "segment": Section("fipt.stages.segment.settings:SegmentSettings", 1),
     "fuse": Section("fipt.stages.segment.settings:FuseSettings", 2),
@@ -57,7 +57,7 @@ SECTIONS: dict[str, Section] = {
     "olat": Section("fipt.stages.render.settings:OlatSettings", 2),
     "export": Section("fipt.stages.export.settings:ExportSettings", 2),
     "metrics": Section("fipt.stages.evaluate.settings:MetricsSettings", 5),
-    "findings": Section("fipt.stages.findings.settings:FindingsSettings", 1),
+    "findings": Section("fipt.stages.findings.settings:FindingsSettings", 2),
     "report": Section("fipt.stages.report.settings:ReportSettings", 5),
 }
 """Section of the config -> its settings and version, in the order of the pipeline."""

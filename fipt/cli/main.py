@@ -10,7 +10,9 @@ Exit codes: 0 done, 1 a check of ``fipt doctor`` failed, 2 wrong usage or a `fip
 
 from __future__ import annotations
 
+import functools
 import os
+import signal
 import sys
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -20,6 +22,10 @@ from fipt.cli.guard import guarded
 from fipt.cli.process import configure_logging, end_with_parent, is_job, leave
 from fipt.errors import EXIT_CODE, FiptError, shortage
 from fipt.registry import VERBS
+
+
+class Interrupted(BaseException):
+    """Somebody has interrupted the program."""
 
 
 def help_text() -> str:
@@ -40,6 +46,7 @@ def help_text() -> str:
 
 def program() -> None:
     """Be the program ``fipt``: run the command line and end with its exit code."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # from here on it is told below
     job = is_job()
     if job:
         end_with_parent(os.getppid())
@@ -77,7 +84,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _dispatch(args)
     except FiptError as error:
         return _fail(str(error))
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, Interrupted):
         print("fipt: interrupted", file=sys.stderr)
         return 130
     except (MemoryError, OSError, RuntimeError) as error:
@@ -122,7 +129,15 @@ def run_command(command: Callable[..., Any], args: Sequence[str], prog_name: str
     # Plain help and errors: they can be searched and pasted, and a long line stays one line.
     # typer's own tracebacks are off, since they print local variables (whole arrays).
     app = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
-    app.command()(command)
+
+    @functools.wraps(command)
+    def heard(**given: Any) -> Any:
+        try:
+            return command(**given)
+        except KeyboardInterrupt:  # typer would end without a word
+            raise Interrupted from None
+
+    app.command()(heard)
     try:
         app(args=list(args), prog_name=prog_name)
     except SystemExit as stop:

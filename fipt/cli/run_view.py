@@ -20,6 +20,7 @@ from typing import Any, ClassVar
 from snakemake_interface_logger_plugins.base import LogHandlerBase
 from snakemake_interface_logger_plugins.common import LogEvent
 
+from fipt.cli import end
 from fipt.errors import EXIT_CODE
 from fipt.progress import INTERVAL
 
@@ -70,7 +71,7 @@ class LogHandler(LogHandlerBase):
     def __post_init__(self) -> None:
         """Begin with nothing seen."""
         LogHandler.last = self
-        self.interrupted = False
+        self.interrupted = 0  # or the signal that did
         self.running: dict[int, _Job] = {}
         self._failed: list[_Job] = []
         self._errors: list[Any] = []
@@ -107,8 +108,8 @@ class LogHandler(LogHandlerBase):
     def conclude(self, done: bool) -> int:
         """Say why the run failed, if it did, in one line where the user can mend it; return the exit code."""
         if self.interrupted:
-            _tell("interrupted")
-            return 130
+            _tell("interrupted" if self.interrupted == signal.SIGINT else "terminated")
+            return 128 + self.interrupted
         if done:
             return 0
         codes = [_explain_job(job) for job in self._failed] or [_explain_error(event) for event in self._errors]
@@ -206,21 +207,26 @@ class _Bars(_Lines):
 
 @contextlib.contextmanager
 def interruptible() -> Iterator[None]:
-    """Let Ctrl-C end the run and the jobs that run: Snakemake alone would wait for these."""
+    """Let Ctrl-C and SIGTERM end the run and the jobs that run: Snakemake alone would wait for these."""
+    from snakemake.scheduling.job_scheduler import JobScheduler
     from snakemake.shell import shell
 
     def interrupt(number: int, frame: Any) -> None:
-        if hasattr(LogHandler, "last"):  # Snakemake has begun
-            LogHandler.last.interrupted = True
-            for jobid in list(LogHandler.last.running):
-                shell.terminate(jobid)
+        if not hasattr(LogHandler, "last"):  # Snakemake has not begun
+            end(number, frame)
+        LogHandler.last.interrupted = LogHandler.last.interrupted or number
+        for jobid in list(LogHandler.last.running):
+            shell.terminate(jobid)
         raise KeyboardInterrupt
 
-    before = signal.signal(signal.SIGINT, interrupt)
+    # what Snakemake does on SIGTERM once jobs run, which is to wait for them
+    setattr(JobScheduler, "exit_gracefully", lambda _, number, frame: interrupt(number, frame))  # noqa: B010 - no method
+    before = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _explain_job(job: _Job) -> int:

@@ -248,3 +248,29 @@ def test_an_image_that_needs_more_memory_than_there_is(tmp_path: Path, monkeypat
         read_exr(tmp_path / "a.exr")
     monkeypatch.setattr("fipt.formats.files.total_memory", lambda: 291_600)  # 12 bytes for each of 90 x 90 x 3
     read_exr(tmp_path / "a.exr")
+
+
+def catches(status: str, number: signal.Signals) -> bool:
+    """Whether a process has a handler, by its /proc/PID/status."""
+    (mask,) = (line.split()[1] for line in status.splitlines() if line.startswith("SigCgt"))
+    return bool(int(mask, 16) >> (number - 1) & 1)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="/proc says which signals a process catches")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("seconds", [0.0, 0.5, 1.0])
+def test_what_is_stopped_while_it_loads_says_so(seconds: float, number: signal.Signals, tmp_path: Path) -> None:
+    """``fipt run`` loads Snakemake, typer makes an exit without a word of an interruption."""
+    command = [sys.executable, "-m", "fipt.cli.main", "run", "none"]
+    environment = os.environ | {"PYTHONPATH": str(Path(guard.__file__).parents[2])}
+    with subprocess.Popen(command, cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True) as running:
+        status = Path(f"/proc/{running.pid}/status")
+        while running.poll() is None and not catches(status.read_text(), signal.SIGTERM):
+            time.sleep(0.01)  # Python itself begins
+        time.sleep(seconds)
+        running.send_signal(number)
+        said = running.communicate()[1]
+    assert "Traceback" not in said
+    if running.returncode != 2:  # it had ended: there is no such scene
+        word = "interrupted" if number == signal.SIGINT else "terminated"
+        assert (running.returncode, said) == (128 + number, f"fipt: {word}\n")

@@ -57,6 +57,11 @@ class DatasetSource(Source):
         return {split: [frame.name for frame in self._read.frames if frame.split == split] for split in SPLITS}
 
     @property
+    def checks_poses(self) -> bool:
+        """Cameras of others are checked: layouts share file names, but not axes."""
+        return True
+
+    @property
     def has_segments(self) -> bool:
         """Whether its layout brings segment ids."""
         from fipt.scene.sources import has_segments

@@ -43,11 +43,17 @@ _OFFSET = 0.02
 _SCAN = 400
 """Pixels of a view by which the views are found that share most with it."""
 
-_STRUCTURE = 0.02
+STRUCTURE = 0.02
 """Share of a view's pixels that must have structure in common with a partner for it to tell anything."""
 
 _POOR = 0.2
 """Correlation below which a view fails, however poor the others are."""
+
+_EXPOSED = 1.2
+"""Ratio of a view's brightness to that of the others from which its exposure is named."""
+
+_WITNESSES = 3
+"""Partners, and views, that must tell it."""
 
 _SAMPLES = 0.02
 """Share of a view's pixels that must meet the mesh."""
@@ -103,6 +109,8 @@ class Verdict:
         Share of its pixels that others see from the other side of the surface.
     colour
         Share of the compared pixels that look the same in both.
+    exposure
+        Its brightness over that of its partners on the same surface, by medians; None where none tells.
     partners
         Views that it was compared with.
     accepted, reason
@@ -114,6 +122,7 @@ class Verdict:
     overlap: float
     behind: float
     colour: float | None
+    exposure: float | None
     partners: tuple[str, ...]
     accepted: bool
     reason: str
@@ -135,12 +144,15 @@ class Comparison:
         Shares of the first view's pixels that the second shows too, and of those with structure around them.
     colour
         Share of the shared pixels whose luminance is the same.
+    brighter
+        Median difference of log luminance on shared pixels, first less second view.
     """
 
     score: float
     overlap: float
     structure: float
     colour: float
+    brighter: float
 
 
 def check(dataset: Dataset, settings: CheckPosesSettings) -> list[Verdict]:
@@ -149,7 +161,7 @@ def check(dataset: Dataset, settings: CheckPosesSettings) -> list[Verdict]:
     views = []
     with progress("check poses: footprint samples", len(dataset.cameras), " views") as bar:
         for camera in dataset.cameras:
-            views.append(_seen(scene, *_reduced(dataset, camera, settings.width)))
+            views.append(surface_shown(scene, *reduced(dataset, camera, settings.width)))
             bar.advance(1, camera.name)
     return judge(scene, views, settings)
 
@@ -171,7 +183,7 @@ def judge(scene: RayScene, views: Sequence[ReducedView], settings: CheckPosesSet
     The worst goes first, and the others are then judged without it. Who was rejected for wrong partners comes back
     where those that are left agree with it.
     """
-    shared, behind = _scan(scene, views)
+    shared, behind = shared_pixels(scene, views)
     partners = [[int(j) for j in np.argsort(-row, kind="stable")[: settings.partners] if row[j] > 0] for row in shared]
     compared: dict[tuple[int, int], Comparison] = {}
     with progress("check poses", sum(map(len, partners)), " pairs") as bar:
@@ -181,7 +193,7 @@ def judge(scene: RayScene, views: Sequence[ReducedView], settings: CheckPosesSet
             bar.advance(len(chosen), views[i].camera.name)
 
     def telling(i: int, among: set[int]) -> list[int]:
-        return [j for j in partners[i] if j in among and compared[i, j].structure >= _STRUCTURE]
+        return [j for j in partners[i] if j in among and compared[i, j].structure >= STRUCTURE]
 
     def score(i: int, among: set[int]) -> float | None:
         values = [compared[i, j].score for j in telling(i, among)]
@@ -212,14 +224,38 @@ def judge(scene: RayScene, views: Sequence[ReducedView], settings: CheckPosesSet
             reason = f"not judged: others show {overlap:.0%} of it, or it has no structure"
         elif i not in accepted:
             ok = False
+            few = 2 * len(every - accepted) <= len(views)  # where most fail, the mistake is not theirs (`diagnose`)
+            remark = _remark(scene, views, i, every - accepted, used, least) if few else ""
             reason = (
                 f"does not show what {len(used)} others show of the same surface (correlation {value:.2f}, at least "
-                f"{least:.2f}){_remark(scene, views, i, every - accepted, used, least)}"
+                f"{least:.2f}){remark}"
             )
         colour = float(np.median([compared[i, j].colour for j in used])) if used else None
         names = tuple(views[j].camera.name for j in used)
-        verdicts.append(Verdict(view.camera.name, value, overlap, float(behind[i]), colour, names, ok, reason))
-    return verdicts
+        brighter = float(np.exp(np.median([compared[i, j].brighter for j in used]))) if used else None
+        verdicts.append(
+            Verdict(view.camera.name, value, overlap, float(behind[i]), colour, brighter, names, ok, reason)
+        )
+    return _exposed(verdicts)
+
+
+def _exposed(verdicts: Sequence[Verdict]) -> list[Verdict]:
+    """Verdicts that also say whose exposure is off: that view stays, since its structure is that of the others."""
+    found = np.log([v.exposure for v in verdicts if v.accepted and v.exposure and len(v.partners) >= _WITNESSES])
+    if len(found) < _WITNESSES:
+        return list(verdicts)
+    limit = max(np.log(_EXPOSED), 5 * 1.4826 * float(np.median(np.abs(found))))
+
+    def exposed(verdict: Verdict) -> Verdict:
+        known = verdict.accepted and verdict.exposure and len(verdict.partners) >= _WITNESSES and not verdict.reason
+        if not known or abs(np.log(verdict.exposure or 1.0)) < limit:
+            return verdict
+        return replace(
+            verdict,
+            reason=f"is {verdict.exposure:.2f} times as bright as others show the same surface: another exposure?",
+        )
+
+    return [exposed(verdict) for verdict in verdicts]
 
 
 def _remark(
@@ -269,7 +305,7 @@ def compare(scene: RayScene, here: ReducedView, there: ReducedView) -> Compariso
     structure = np.maximum(deviation_a, deviation_b)
     used = mask & (share > _FILLED) & (structure > _FLAT)
     if not used.any():
-        return Comparison(0.0, float(mask.mean()), 0.0, 0.0)
+        return Comparison(0.0, float(mask.mean()), 0.0, 0.0, 0.0)
     correlation = np.clip(together / np.maximum(deviation_a * deviation_b, (_FLAT / 2) ** 2), -1, 1)
     weight = np.minimum(structure, _STRONG)[used]
     return Comparison(
@@ -277,6 +313,7 @@ def compare(scene: RayScene, here: ReducedView, there: ReducedView) -> Compariso
         float(mask.mean()),
         float(used.mean()),
         float((np.abs(a - b)[mask] < _SAME).mean()),
+        float(np.median((a - b)[mask])),
     )
 
 
@@ -316,7 +353,7 @@ def _visible(
     return pixels, index[reached & (cosine > _GRAZING)], index[reached & (cosine < -_GRAZING)]
 
 
-def _scan(scene: RayScene, views: Sequence[ReducedView]) -> tuple[np.ndarray, np.ndarray]:
+def shared_pixels(scene: RayScene, views: Sequence[ReducedView]) -> tuple[np.ndarray, np.ndarray]:
     """(V, V) shares of each view's pixels that each other one shows, and (V,) most that one shows from behind only."""
     shared = np.zeros((len(views), len(views)))
     behind = np.zeros(len(views))
@@ -331,7 +368,7 @@ def _scan(scene: RayScene, views: Sequence[ReducedView]) -> tuple[np.ndarray, np
     return shared, behind
 
 
-def _reduced(dataset: Dataset, camera: Camera, width: int) -> tuple[Camera, np.ndarray, np.ndarray]:
+def reduced(dataset: Dataset, camera: Camera, width: int) -> tuple[Camera, np.ndarray, np.ndarray]:
     """Camera, log luminance and mask of a view, reduced by whole blocks of pixels to at most ``width`` columns."""
     image, weight = dataset.image(camera.name)
     light = image.astype(np.float32) @ np.array(LUMINANCE, np.float32)
@@ -351,7 +388,7 @@ def _reduced(dataset: Dataset, camera: Camera, width: int) -> tuple[Camera, np.n
     return small, np.log(np.maximum(light, 1e-3 * max(float(bright), 1e-6))).astype(np.float32), valid
 
 
-def _seen(scene: RayScene, camera: Camera, light: np.ndarray, valid: np.ndarray) -> ReducedView:
+def surface_shown(scene: RayScene, camera: Camera, light: np.ndarray, valid: np.ndarray) -> ReducedView:
     """Trace the footprint samples of a reduced view."""
     rows, columns = np.mgrid[: camera.height, : camera.width] + 0.5
     directions = camera.directions(columns, rows).reshape(-1, 3)

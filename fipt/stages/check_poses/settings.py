@@ -9,7 +9,8 @@ class CheckPosesSettings(Settings):
     """Second check of the cameras, through the mesh: every view must show what the others show."""
 
     enabled: bool | None = Field(
-        default=None, description="check before the fit; absent: for true photographs and estimated poses"
+        default=None,
+        description="check before the fit; absent: for all views but those of known rooms, whose poses are exact",
     )
     width: Positive = Field(default=192, description="images are reduced to this many columns at most")
     partners: Positive = Field(

@@ -62,9 +62,12 @@ def _verdicts(dataset: Path, settings: "CheckPosesSettings") -> list["Verdict"]:
     from fipt.render.variant import set_variant
     from fipt.scene.dataset import Dataset
     from fipt.stages.check_poses.compare import check, enough, table
+    from fipt.stages.check_poses.diagnose import explain
 
     set_variant()
-    verdicts = check(Dataset(dataset, unchecked=True), settings)
+    data = Dataset(dataset, unchecked=True)
+    verdicts = check(data, settings)
     log.info("%s", table(verdicts))
+    explain(data, verdicts, settings)
     enough(verdicts, settings)
     return verdicts

@@ -157,15 +157,27 @@ def test_a_mesh_elsewhere_is_an_error(backend, tmp_path, views, capsys):
     assert not (tmp_path / CHECKED).exists()
 
 
-def test_the_reduced_camera_is_the_same_camera(tmp_path, views):
-    from fipt.stages.check_poses.compare import _reduced
+def test_thereduced_camera_is_the_same_camera(tmp_path, views):
+    from fipt.stages.check_poses.compare import reduced
 
     camera = ring()[0]
     written(tmp_path, [camera], [views["v0"]])
-    small, light, valid = _reduced(Dataset(tmp_path), camera, 50)
+    small, light, valid = reduced(Dataset(tmp_path), camera, 50)
     assert (small.width, small.height) == (40, 30) == light.shape[::-1]
     assert valid.all()
     corners = np.array([[0.0, 0.0], [40.0, 30.0]])
     np.testing.assert_allclose(small.directions(*corners.T), camera.directions(*(3 * corners).T), atol=1e-6)
     block = views["v0"][3:6, 6:9, 1].mean()
     assert np.exp(light[1, 2]) == pytest.approx(block, rel=1e-4)
+
+
+def with_exposure(views, name, factor):
+    return [image * (factor if view == name else 1.0) for view, image in views.items()]
+
+
+def test_a_view_of_another_exposure_stays_and_is_named(backend, tmp_path, views):
+    found = verdicts(written(tmp_path, ring(), with_exposure(views, "v3", 2.0)))
+    assert found["v3"].exposure == pytest.approx(2, abs=0.1)
+    assert [view for view, verdict in found.items() if verdict.reason] == ["v3"]
+    assert found["v3"].accepted
+    assert "times as bright as others show the same surface: another exposure?" in found["v3"].reason

@@ -1,0 +1,180 @@
+"""Why no view fits the others: one mistake that all cameras share, found by trying which correction makes them fit.
+
+A wrong convention makes every view fail, and no view is to blame. Each mistake that sources make is undone for a few
+small views; the correction under which they agree is the diagnosis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fipt.errors import FiptError
+from fipt.progress import progress
+from fipt.render.scene import RayScene
+from fipt.scene.cameras import Camera
+from fipt.scene.dataset import Dataset
+from fipt.stages.check_poses.compare import STRUCTURE, Verdict, compare, reduced, shared_pixels, surface_shown
+from fipt.stages.check_poses.settings import CheckPosesSettings
+
+SUSPECT = 0.65
+"""Median correlation below which all cameras are suspected together.
+
+That of good ones is 0.74 or more in seven rooms, also on scans; with a focal length that is off by 5 % it is 0.64, by
+10 % 0.42."""
+
+_BETTER = 0.15
+"""Correlation that a correction must win: more than chance among so many."""
+
+_VIEWS = 10
+"""Views that are tried; a common mistake shows in any."""
+
+_WIDTH = 96
+"""Columns of these."""
+
+_PARTNERS = 3
+"""Others that each is compared with."""
+
+_MET = 0.2
+"""Share of a view's pixels that must meet the mesh: in a room nearly all do, but for windows."""
+
+_FACTORS = (0.6, 0.7, 0.75, 0.8, 0.85, 0.9, 0.95, 1.05, 1.1, 1.15, 1.2, 1.25, 1.35, 1.5)
+"""Focal lengths and sizes that are tried, over the stated ones; between two of them windows still correlate."""
+
+
+@dataclass(frozen=True)
+class Correction:
+    """A mistake, undone.
+
+    Attributes
+    ----------
+    wrong
+        The mistake, as the end of "fits if".
+    camera
+        Camera as stated -> as it then is.
+    image
+        (H, W) values of a view -> as they then are.
+    """
+
+    wrong: str
+    camera: Callable[[Camera], Camera]
+    image: Callable[[np.ndarray], np.ndarray] = lambda values: values
+
+
+def explain(dataset: Dataset, verdicts: Sequence[Verdict], settings: CheckPosesSettings) -> None:
+    """Refuse cameras that a common correction makes fit, where so many views fail that no single one is to blame.
+
+    Raises
+    ------
+    FiptError
+        One line with the correction, and how well views agree with it and without.
+    """
+    scores = [verdict.score for verdict in verdicts if verdict.score is not None]
+    failed = sum(not verdict.accepted for verdict in verdicts)
+    judged = 2 * len(scores) >= len(verdicts)  # cameras that look away from the room share nothing
+    if judged and np.median(scores) >= SUSPECT and failed <= (1 - settings.keep) * len(verdicts):
+        return
+    every = dataset.cameras
+    chosen = every[:: -(-len(every) // _VIEWS)]
+    views = [reduced(dataset, camera, _WIDTH) for camera in chosen]
+    scene, tried = RayScene(dataset.mesh()), list(corrections(chosen))
+    before = agreement(scene, views, Correction("", lambda camera: camera))
+    found: list[tuple[float, Correction]] = []
+    with progress("check poses: what all cameras may have in common", len(tried), " corrections") as bar:
+        for correction in tried:
+            found.append((agreement(scene, views, correction), correction))
+            bar.advance()
+    best, correction = max(found, key=lambda pair: pair[0])
+    if best >= max(SUSPECT, before + _BETTER):
+        raise FiptError(
+            f"cameras, images and mesh must fit; views agree by {before:.2f} (median correlation), and by {best:.2f} "
+            f"if {correction.wrong}",
+            "correct the source or its format, or set check_poses.enabled: false",
+        )
+
+
+def agreement(scene: RayScene, views: Sequence[tuple[Camera, np.ndarray, np.ndarray]], correction: Correction) -> float:
+    """Median correlation of views with their partners once a correction is applied; 0 where few of them tell.
+
+    Parameters
+    ----------
+    views
+        Camera, (H, W) log luminance and (H, W) mask of each, as `fipt.stages.check_poses.compare.reduced` gives them.
+    """
+    shown = [
+        surface_shown(scene, correction.camera(camera), correction.image(light), correction.image(valid))
+        for camera, light, valid in views
+    ]
+    shared, _ = shared_pixels(scene, shown)
+    scores = []
+    for i, row in enumerate(shared):
+        if shown[i].hit.mean() < _MET:
+            continue  # a room from outside
+        partners = [j for j in np.argsort(-row, kind="stable")[:_PARTNERS] if row[j] > 0]
+        found = [compare(scene, shown[i], shown[j]) for j in partners]
+        telling = [each.score for each in found if each.structure >= STRUCTURE]
+        if telling:
+            scores.append(float(np.median(telling)))
+    return float(np.median(scores)) if 2 * len(scores) >= len(views) else 0.0
+
+
+def corrections(cameras: Sequence[Camera]) -> Iterator[Correction]:
+    """Every mistake that is tried."""
+    for wrong, flip in (
+        ("camera axes are those of OpenCV (y down, looks along +z)", (1, -1, -1)),
+        ("camera axes are x left, y up, z ahead (format fipt-synthetic)", (-1, 1, -1)),
+        ("cameras are turned by 180 degrees about their axis", (-1, -1, 1)),
+    ):
+        yield Correction(wrong, _turned(np.diag(flip)))
+    yield Correction("poses are world to camera (inverted)", lambda c: replace(c, world_from_camera=_inverse(c)))
+    yield Correction(
+        "poses are world to camera in OpenCV's axes",
+        lambda c: replace(c, world_from_camera=_inverse(_turned(np.diag((1, -1, -1)), left=True)(c))),
+    )
+    yield Correction("rotations are transposed", _transposed)
+    yield Correction("images are mirrored", lambda c: c, np.fliplr)
+    yield Correction("images are upside down", lambda c: c, np.flipud)
+    up = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
+    yield Correction("z is up for the cameras and y for the mesh", _turned(up, left=True))
+    yield Correction("y is up for the cameras and z for the mesh", _turned(up.T, left=True))
+    if any(abs(c.cx / c.width - 0.5) > 0.02 or abs(c.cy / c.height - 0.5) > 0.02 for c in cameras):
+        yield Correction(
+            "the principal point is in the middle of the image", lambda c: replace(c, cx=c.width / 2, cy=c.height / 2)
+        )
+    if any(abs(c.fx / c.fy - 1) > 0.02 for c in cameras):
+        yield Correction("the focal length of rows is that of columns", lambda c: replace(c, fy=c.fx))
+        yield Correction("the focal length of columns is that of rows", lambda c: replace(c, fx=c.fy))
+    for factor in _FACTORS:
+        yield Correction(f"the focal length is about {factor:g} times the stated one", _zoomed(factor))
+        yield Correction(f"the cameras' positions are about {factor:g} times the stated ones", _scaled(factor))
+
+
+def _zoomed(factor: float) -> Callable[[Camera], Camera]:
+    return lambda c: replace(c, fx=c.fx * factor, fy=c.fy * factor)
+
+
+def _scaled(factor: float) -> Callable[[Camera], Camera]:
+    return lambda c: replace(c, world_from_camera=np.column_stack([c.world_from_camera[:, :3], _place(c, factor)]))
+
+
+def _place(camera: Camera, factor: float) -> np.ndarray:
+    return np.append(factor * camera.center, 1.0)
+
+
+def _turned(rotation: np.ndarray, left: bool = False) -> Callable[[Camera], Camera]:
+    """A camera whose own axes are turned by a (3, 3) rotation, or, from the ``left``, the world around it."""
+    turn = np.eye(4)
+    turn[:3, :3] = rotation
+    return lambda c: replace(c, world_from_camera=turn @ c.world_from_camera if left else c.world_from_camera @ turn)
+
+
+def _inverse(camera: Camera) -> np.ndarray:
+    return np.linalg.inv(camera.world_from_camera)
+
+
+def _transposed(camera: Camera) -> Camera:
+    pose = camera.world_from_camera.copy()
+    pose[:3, :3] = pose[:3, :3].T
+    return replace(camera, world_from_camera=pose)

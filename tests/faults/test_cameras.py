@@ -1,0 +1,117 @@
+"""Cameras are not trusted: a mistake that all of them share is named, and blamed on no view."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fipt.formats.exr import write_exr
+from fipt.render.scene import RayScene
+from fipt.render.variant import Backend
+from fipt.scene.cameras import Camera, write_transforms
+from fipt.scene.dataset import Dataset, write_views
+from fipt.scene.mesh import write_ply
+from fipt.stages.check_poses import diagnose
+from fipt.stages.check_poses.compare import Verdict, reduced
+from fipt.stages.check_poses.diagnose import Correction, agreement, corrections, explain
+from fipt.stages.check_poses.settings import CheckPosesSettings
+from tests import room_views, scenes
+from tests.faults.faults import refused
+
+
+@pytest.fixture(scope="module")
+def views() -> list[tuple[Camera, np.ndarray]]:
+    """Eight views of the box room, with a board on the floor and one on a wall."""
+    boards = [
+        room_views.charuco((1.6, 0.001, 1.4), (1, 0, 0.3), (-0.3, 0, 1), square=0.3),
+        room_views.charuco((2.0, 2.2, 0.001), (1, 0, 0), (0, -1, 0), square=0.2),
+    ]
+    cameras = room_views.cameras(8, size=(96, 72), target=(2.5, 0.9, 2.0))
+    return [(camera, room_views.draw(camera, boards)) for camera in cameras]
+
+
+def dataset(folder: Path, views: list[tuple[Camera, np.ndarray]]) -> Dataset:
+    for camera, image in views:
+        write_exr(folder / "images" / f"{camera.name}.exr", {"": image})
+    write_transforms(folder / "transforms.json", [camera for camera, _ in views])
+    write_views(folder / "views.json", [camera.name for camera, _ in views])
+    write_ply(folder / "mesh.ply", scenes.box((0, 0, 0), room_views.SIZE))
+    return Dataset(folder)
+
+
+def judged(score: float) -> list[Verdict]:
+    return [Verdict(name, score, 0.5, 0.0, 0.5, 1.0, (), True, "") for name in "abc"]
+
+
+def pose(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[Camera, np.ndarray], tuple[Camera, np.ndarray]]:
+    return lambda camera, image: (replace(camera, world_from_camera=change(camera.world_from_camera)), image)
+
+
+def zoomed(factor: float) -> Callable[[Camera, np.ndarray], tuple[Camera, np.ndarray]]:
+    return lambda camera, image: (replace(camera, fx=camera.fx * factor, fy=camera.fy * factor), image)
+
+
+def transposed(matrix: np.ndarray) -> np.ndarray:
+    turned = matrix.copy()
+    turned[:3, :3] = matrix[:3, :3].T
+    return turned
+
+
+OPENCV = np.diag([1.0, -1, -1, 1])
+Z_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
+MISTAKES = {
+    "OpenCV's axes": (pose(lambda m: m @ OPENCV), "camera axes are those of OpenCV"),
+    "FIPT's axes": (pose(lambda m: m @ np.diag([-1.0, 1, -1, 1])), "camera axes are x left, y up, z ahead"),
+    "inverted": (pose(np.linalg.inv), "poses are world to camera (inverted)"),
+    "COLMAP's extrinsics": (pose(lambda m: np.linalg.inv(m @ OPENCV)), "world to camera in OpenCV's axes"),
+    "transposed": (pose(transposed), "rotations are transposed"),
+    "z up": (pose(lambda m: Z_UP @ m), "z is up for the cameras and y for the mesh"),
+    "a wide field of view": (zoomed(0.8), "the focal length is about 1.25 times the stated one"),
+    "a narrow field of view": (zoomed(1.2), "the focal length is about 0.85 times the stated one"),
+    "mirrored images": (lambda camera, image: (camera, image[:, ::-1]), "images are mirrored"),
+    "images upside down": (lambda camera, image: (camera, image[::-1]), "images are upside down"),
+    "a principal point": (
+        lambda camera, image: (replace(camera, cx=camera.cx + 12), image),
+        "the principal point is in the middle of the image",
+    ),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_what_all_cameras_have_in_common_is_found(
+    mistake: str, backend: Backend, tmp_path: Path, views: list[tuple[Camera, np.ndarray]]
+) -> None:
+    change, said = MISTAKES[mistake]
+    data = dataset(tmp_path, [change(camera, image) for camera, image in views])
+    scene, shown = RayScene(data.mesh()), [reduced(data, camera, 96) for camera in data.cameras]
+    wanted = [each for each in corrections(data.cameras) if said in each.wrong]
+    assert len(wanted) == 1
+    assert agreement(scene, shown, Correction("nothing", lambda camera: camera)) < 0.6
+    assert agreement(scene, shown, wanted[0]) > 0.8
+
+
+def test_sound_cameras_have_no_mistake_in_common(
+    backend: Backend, tmp_path: Path, views: list[tuple[Camera, np.ndarray]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(diagnose, "_FACTORS", (0.9, 1.1))
+    explain(dataset(tmp_path, views), judged(0.1), CheckPosesSettings())  # looked at: nothing fits better
+    broken = dataset(tmp_path / "missing", views)
+    (broken.root / "mesh.ply").unlink()
+    explain(broken, judged(0.8), CheckPosesSettings())  # not even looked at
+
+
+def test_the_command_says_it_and_blames_no_view(
+    backend: Backend,
+    tmp_path: Path,
+    views: list[tuple[Camera, np.ndarray]],
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(diagnose, "_FACTORS", (0.9, 1.1))
+    change, _ = MISTAKES["OpenCV's axes"]
+    dataset(tmp_path, [change(camera, image) for camera, image in views])
+    said = refused(capsys, "check-poses", str(tmp_path), "--reject")
+    assert "if camera axes are those of OpenCV (y down, looks along +z); correct the source or its format" in said
+    assert not (tmp_path / "check_poses.json").exists()
