@@ -14,7 +14,9 @@ _EVERY = 4
 
 
 def closed(view: DepthView, number: int, others: OtherViews, box: RoomBox, noise: float) -> DepthView:
-    """Put the nearest wall that the other views do not see through into unknown pixels; else the box's face.
+    """Put the nearest wall that the other views do not see through into unknown pixels; else the box's face behind it.
+
+    Pixels stay unknown where the box has no wall on that side: it ends anywhere then.
 
     Parameters
     ----------
@@ -25,7 +27,7 @@ def closed(view: DepthView, number: int, others: OtherViews, box: RoomBox, noise
     """
     found = view.map
     rays = view.rays.reshape(-1, 3)
-    nearest, normal = _faces(view, rays, box)
+    nearest, normal, walled = _faces(view, rays, box)
     for side, axis in zip(*np.nonzero(np.isfinite(box.walls)), strict=True):
         wall = box.directions[axis] * (1.0 if side == 0 else -1.0)
         toward, before = -rays @ wall, wall @ view.camera.center - (wall @ box.directions[axis]) * box.walls[side, axis]
@@ -35,7 +37,8 @@ def closed(view: DepthView, number: int, others: OtherViews, box: RoomBox, noise
         nearer = (depth < nearest) & ~_seen_through(view, number, others, depth, noise)
         nearest = np.where(nearer, depth, nearest)
         normal[nearer] = wall
-    add = ~found.known & np.isfinite(nearest.reshape(found.depth.shape))
+        walled |= nearer
+    add = ~found.known & walled.reshape(found.depth.shape)
     usual = float(np.median(found.confidence[found.known])) if found.known.any() else 1.0
     return view.with_map(
         DepthMap(
@@ -46,14 +49,15 @@ def closed(view: DepthView, number: int, others: OtherViews, box: RoomBox, noise
     )
 
 
-def _faces(view: DepthView, rays: np.ndarray, box: RoomBox) -> tuple[np.ndarray, np.ndarray]:
-    """Depth (N,) at which (N, 3) rays leave the box, and the inward normals (N, 3) there."""
+def _faces(view: DepthView, rays: np.ndarray, box: RoomBox) -> tuple[np.ndarray, ...]:
+    """Depth (N,) at which (N, 3) rays leave the box, inward normals (N, 3), and (N,) whether a wall is on that side."""
     along = rays @ box.directions.T
     end = np.where(along > 0, box.high, box.low) - box.directions @ view.camera.center
     depth = np.where(np.abs(along) > 1e-9, end / np.where(np.abs(along) > 1e-9, along, 1.0), np.inf)
     axis = depth.argmin(axis=1)
     sign = np.sign(np.take_along_axis(along, axis[:, None], 1))
-    return np.maximum(depth.min(axis=1), 1e-3), -sign * box.directions[axis]
+    walled = np.isfinite(box.walls[(sign[:, 0] > 0).astype(np.int64), axis])
+    return np.maximum(depth.min(axis=1), 1e-3), -sign * box.directions[axis], walled
 
 
 def _seen_through(view: DepthView, number: int, others: OtherViews, depth: np.ndarray, noise: float) -> np.ndarray:

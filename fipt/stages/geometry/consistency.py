@@ -4,8 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from fipt.scene.depth_maps import DepthMap
 from fipt.stages.geometry.stereo_view import StereoView, normals_of, transfer
@@ -17,9 +15,6 @@ _DEPTH = 0.01
 2018 have it.)"""
 _TURN = 0.8
 """Cosine between the normals of two views, at least (37 degrees): normals of small windows are rough."""
-
-_STEP = 0.02
-"""Share of its depth by which neighbours on one surface may differ: what two views may, each."""
 
 
 @dataclass(frozen=True)
@@ -74,24 +69,6 @@ def agreed(
     confidence = np.where(keep, np.clip(here.score, 0, 1) * count / (count + 1.0), 0.0)
     return DepthMap(
         depth.astype(np.float32), confidence.astype(np.float32), np.where(keep[..., None], normal, 0).astype(np.float32)
-    )
-
-
-def without_specks(found: DepthMap, least: int) -> DepthMap:
-    """Leave out surface of no more than ``least`` pixels in a piece: all of it may stem from one window, by chance."""
-    depth, known = found.depth, found.known
-    number = np.arange(depth.size).reshape(depth.shape)
-    pairs = []
-    for a, b in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
-        alike = np.abs(depth[a] - depth[b]) < _STEP * np.minimum(depth[a], depth[b])
-        same = known[a] & known[b] & alike
-        pairs.append(np.stack([number[a][same], number[b][same]]))
-    edges = np.concatenate(pairs, axis=1)
-    graph = coo_array((np.ones(edges.shape[1], bool), (edges[0], edges[1])), shape=(depth.size, depth.size))
-    piece = connected_components(graph, directed=False)[1]
-    keep = known & (np.bincount(piece)[piece].reshape(depth.shape) > least)
-    return DepthMap(
-        np.where(keep, depth, 0), np.where(keep, found.confidence, 0), np.where(keep[..., None], found.normal, 0)
     )
 
 

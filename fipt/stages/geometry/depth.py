@@ -9,9 +9,9 @@ import numpy as np
 from fipt.errors import FiptError
 from fipt.progress import progress
 from fipt.scene.depth_maps import DepthMap
-from fipt.stages.geometry.consistency import Matched, agreed, without_specks
+from fipt.stages.geometry.consistency import Matched, agreed
 from fipt.stages.geometry.neighbours import choose_again, choose_sources
-from fipt.stages.geometry.patch_match import WINDOW_PIXELS, refine
+from fipt.stages.geometry.patch_match import refine
 from fipt.stages.geometry.settings import DepthSettings
 from fipt.stages.geometry.stereo_view import StereoView
 from fipt.stages.geometry.sweep import sweep
@@ -87,7 +87,6 @@ def depth_maps(dj: ModuleType, views: Sequence[StereoView], settings: DepthSetti
         maps = [_completed(*pair) for pair in zip(own, maps, strict=True)] if number else own
         if number < len(levels) - 1:
             sources = choose_again(cameras, settings.sources, [made.depth for made in maps], by_cameras)
-    maps = [without_specks(made, WINDOW_PIXELS) for made in maps]
     if not any(made.known.any() for made in maps):
         raise FiptError(
             f"no texture was matched: in none of {len(views)} views did other views confirm the depth of a pixel",

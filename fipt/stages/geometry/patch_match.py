@@ -17,8 +17,6 @@ from fipt.stages.geometry.sweep import BEST, LEAST, UNSEEN
 
 _REACH, _STRIDE = 4, 2
 """Half side of the window, and distance of the pixels in it that are looked at, pixels."""
-WINDOW_PIXELS = (2 * _REACH + 1) ** 2
-"""Pixels of the window."""
 _ALIKE = 0.3
 """Log radiance that differs by this much belongs to another surface half: such pixels count less in a window."""
 _SEEN = 0.5

@@ -143,6 +143,9 @@ def test_what_nothing_tells_shows_the_nearest_wall_that_no_view_sees_through():
     np.testing.assert_allclose(found.depth, true.map.depth, atol=0.01)
     np.testing.assert_allclose(found.normal, true.map.normal, atol=1e-6)
     assert 0 < found.confidence.max() < 0.01
+    walls[0, 2] = np.nan  # the box ends there, but nobody saw a wall
+    open_side = closed(bare, 0, OtherViews.of([bare, true, true]), RoomBox(np.eye(3), -half, half, walls), NOISE).map
+    np.testing.assert_array_equal(open_side.known, ~wall)
 
 
 def test_no_light_leaves_a_shell(backend):
