@@ -37,6 +37,16 @@ class Undecided:
     emits: np.ndarray
     price: np.ndarray
 
+    def joined(self, other: "Undecided") -> "Undecided":
+        """Regions of both; a triangle of both stays in the first."""
+        new = ~np.isin(other.triangle, self.triangle)
+        triangle, region = other.triangle[new], other.region[new] + np.int32(len(self.price))
+        return Undecided(
+            np.concatenate([self.triangle, triangle]),
+            np.concatenate([self.region, region]),
+            *(np.concatenate([getattr(self, name), getattr(other, name)]) for name in ("reflects", "emits", "price")),
+        )
+
     @classmethod
     def none(cls) -> "Undecided":
         """No region."""

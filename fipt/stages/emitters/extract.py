@@ -82,12 +82,12 @@ class Extracted:
     emitters
         Emitting triangles.
     doubtful
-        (T,) bool: emits because it is brighter than white under the light that is known, or more even. A mirror could
-        be as bright. Light that nobody sees would explain it, too.
+        Regions that emit because they are brighter than white under the light that is known, or more even. A mirror
+        could be as bright. Light that nobody sees would explain them, too.
     """
 
     emitters: Emitters
-    doubtful: np.ndarray
+    doubtful: Undecided
 
 
 def extract(
@@ -115,14 +115,15 @@ def extract(
         Emitters that a person accepted (they emit whatever the photographs say, each by itself), rejected and merged.
     """
     decided = Decided.of(decisions or ReviewDecisions(), len(mesh.triangles))
-    undecided, surface, doubtful = Undecided.none(), None, np.zeros(len(mesh.triangles), bool)
+    undecided, surface, doubtful = Undecided.none(), None, Undecided.none()
     views: Iterable[Observations]
     if settings.decide == "regions":
         seen = _all_pixels(mesh, shards)
         surface = find_regions(mesh, shards, seen)
         evidence = judge(shards, seen, surface)
         label = shaped(mesh, surface, evidence.emitting(surface.touching), shards)
-        doubtful = (label >= 0) & (decided.emitter < 0) & ~np.append(evidence.excess, False)[label]
+        asked = (label >= 0) & (decided.emitter < 0) & ~decided.rejected & ~np.append(evidence.excess, False)[label]
+        doubtful = _regions(np.where(asked, label, -1), np.unique(label[asked]), evidence)
         tells = label == surface.region  # a rim has the light of the region inside, but mixed with what is around
         observed = surface.pixels
         small = small_emitters(mesh, shards, surface, label >= 0, decided.rejected | (decided.emitter >= 0))
@@ -187,14 +188,19 @@ def _undecided(
     each = np.bincount(surface.region[free], flux[free], surface.count) * evidence.undecided
     chosen = np.flatnonzero(each > RELEVANT * flux[label >= 0].sum())
     chosen = chosen[np.argsort(-each[chosen])][:_MOST_UNDECIDED]
-    number = np.full(surface.count + 1, -1)
+    return _regions(np.where(free, surface.region, -1), chosen, evidence)
+
+
+def _regions(region: np.ndarray, chosen: np.ndarray, evidence: RegionEvidence) -> Undecided:
+    """What speaks for and against the emission of chosen regions (C,), those of the triangles (T,); -1 is none."""
+    number = np.full(len(evidence.price) + 1, -1)
     number[chosen] = np.arange(len(chosen))
-    region = np.where(free, number[surface.region], -1)
-    triangle = np.flatnonzero(region >= 0)
+    own = number[region]
+    triangle = np.flatnonzero(own >= 0)
     costs = (evidence.reflects, evidence.emits, evidence.price)
     return Undecided(
         triangle.astype(np.int32),
-        region[triangle].astype(np.int32),
+        own[triangle].astype(np.int32),
         *(cost[chosen].astype(np.float32) for cost in costs),
     )
 

@@ -73,7 +73,8 @@ def with_guess(
     """Add the emission of unseen surface that explains the photographs, where seen light does not.
 
     What emits only because it is brighter than white may be lit by an emitter that no view shows. Light is guessed
-    beside the certain emitters first; surface that it makes darker than white reflects.
+    beside the certain emitters first; surface that it makes darker than white reflects. Where light is missing and no
+    guess tells from where, it is undecided.
 
     Parameters
     ----------
@@ -88,7 +89,7 @@ def with_guess(
     """
     trial = partial(_trial, mesh, shards, cache=cache, environment=environment, rejected=rejected)
     found = extracted.emitters
-    doubtful = extracted.doubtful[found.triangle]
+    doubtful = _doubtful(extracted)
     tried = trial(found.chosen(~doubtful), asked=True) if doubtful.any() else None
     lit = np.isin(found.emitter, _lit(tried, found, doubtful, len(mesh.triangles)))
     if lit.any():
@@ -109,9 +110,19 @@ def with_guess(
         "open": leaves,
     }
     if not guess.determined:
+        if not before:
+            found = replace(found.chosen(~doubtful), undecided=found.undecided.joined(extracted.doubtful))
         return Guessed(found, _undetermined(guess, leaves), {"guess": figures})
     emitters = _added(mesh, found, tried.patches, guess)
     return Guessed(emitters, _advice(mesh, emitters, guess, environment.up), {"guess": figures})
+
+
+def _doubtful(extracted: Extracted) -> np.ndarray:
+    """(E,) bool: triangles of emitters of which more than half of the power is doubtful; a rim is not."""
+    found = extracted.emitters
+    power = found.area * found.radiance.mean(axis=1)
+    asked = np.isin(found.triangle, extracted.doubtful.triangle)
+    return (2 * np.bincount(found.emitter, power * asked) > np.bincount(found.emitter, power))[found.emitter]
 
 
 def _trial(

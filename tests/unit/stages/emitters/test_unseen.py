@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fipt.scene.emitters import Emitters, emitter_facts, read_emitters, write_emitters
+from fipt.scene.emitters import Emitters, Undecided, emitter_facts, read_emitters, write_emitters
 from fipt.scene.environment import NOTHING, constant
 from fipt.scene.voxels import facings, voxel_keys
 from fipt.stages.emitters import unseen_guess
@@ -197,7 +197,7 @@ def guessing(monkeypatch, floor_and_ceiling):
         }.items():
             monkeypatch.setattr(unseen_guess, name, lambda *_, value=value, **__: value)
         rejected = np.zeros(len(number), bool)
-        extracted = extracted or Extracted(Emitters.none(), rejected)
+        extracted = extracted or Extracted(Emitters.none(), Undecided.none())
         return unseen_guess.with_guess(floor_and_ceiling, [], extracted, {}, NOTHING, rejected)
 
     return run
@@ -278,7 +278,7 @@ def test_what_guessed_light_explains_is_no_emitter(guessing, floor_and_ceiling, 
     seems = Emitters(
         triangles, np.full((2, 3), 5, np.float32), 32 * ones, floor, floor, ones, 0 * ones, np.zeros(2, bool)
     )
-    doubtful = np.isin(np.arange(len(floor_and_ceiling.triangles)), triangles)
+    doubtful = Undecided(triangles, floor, *(ones[:1] for _ in range(3)))
     guess = Guess(np.full((1, 3), power), 0.3, 0.6, 400.0, 0.06, 0.25, True)
     found = guessing(guess, extracted=Extracted(seems, doubtful)).emitters
     assert np.isin(triangles, found.triangle).all() == stays
@@ -302,3 +302,14 @@ def test_a_small_emitter_lights_what_is_below_it(backend):
     near = np.float32([[0, 1.99, 0]])
     known, _ = own.arriving(near, np.float32([[0, 1, 0]]), 4096)
     np.testing.assert_allclose(known, 1000 * 0.554, rtol=0.05)
+
+
+def test_what_may_be_lit_by_missing_light_is_undecided(guessing):
+    triangles, floor, ones = np.arange(2, dtype=np.int32), np.zeros(2, np.int32), np.ones(2, np.float32)
+    seems = Emitters(triangles, np.full((2, 3), 5, np.float32), ones, floor, floor, ones, ones, np.zeros(2, bool))
+    doubtful = Undecided(triangles, floor, *(ones[:1] for _ in range(3)))
+    told = guessing(Guess(np.zeros((1, 3)), before=0.4), extracted=Extracted(seems, doubtful)).emitters
+    assert len(told.triangle) == 0
+    np.testing.assert_array_equal(told.undecided.triangle, triangles)
+    sound = guessing(Guess(np.zeros((1, 3))), is_explained=True, extracted=Extracted(seems, doubtful)).emitters
+    assert len(sound.triangle) == 2
