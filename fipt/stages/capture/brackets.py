@@ -23,6 +23,9 @@ TABLE = "captures.tsv"
 
 _COLUMNS = ("view", "file", "shutter", "aperture", "iso")
 
+_NEARLY_ALL = 0.7
+"""Share of the views that must have the usual exposures for another one to be told: cameras may meter each view."""
+
 _PAUSE = (2.0, 30.0)
 """Seconds between two shots that are never, and always, a pause between brackets."""
 
@@ -212,6 +215,7 @@ def judge(brackets: Sequence[Bracket]) -> list[Finding]:
                     (view,),
                 )
             )
+    findings += _shifted(brackets, usual)
     cameras = Counter((shot.camera, shot.serial) for bracket in brackets for shot in bracket.shots)
     if len(cameras) > 1:
         main = cameras.most_common(1)[0][0]
@@ -227,6 +231,39 @@ def judge(brackets: Sequence[Bracket]) -> list[Finding]:
             )
         )
     return findings
+
+
+def _shifted(brackets: Sequence[Bracket], usual: Sequence[Shot]) -> list[Finding]:
+    """Tell views whose files state exposures that nearly all others have not."""
+    return [
+        Finding(
+            "shifted",
+            "warning",
+            f"view {bracket.view}: its files state exposures {abs(shift):.1f} EV "
+            f"{'longer' if shift > 0 else 'shorter'} than those of the other views",
+            "good if you meant it; if not, its radiance is off by as much: state the true times in captures.tsv",
+            (bracket.view,),
+        )
+        for bracket in brackets
+        if (shift := _shift(bracket.shots, usual, brackets))
+    ]
+
+
+def _shift(shots: Sequence[Shot], usual: Sequence[Shot], brackets: Sequence[Bracket]) -> float:
+    """EV by which all exposures of a bracket differ from those that nearly all others have; 0 where none are usual."""
+
+    def levels(own: Sequence[Shot]) -> np.ndarray:
+        return np.array([stops(shot) for shot in own])
+
+    def same(own: Sequence[Shot]) -> bool:
+        return len(own) == len(usual) and bool((np.abs(levels(own) - levels(usual)) < SAME_STOPS).all())
+
+    if len(shots) != len(usual) or same(shots):
+        return 0.0
+    if sum(same(bracket.shots) for bracket in brackets) < _NEARLY_ALL * len(brackets):
+        return 0.0
+    off = levels(shots) - levels(usual)
+    return float(np.median(off)) if np.ptp(off) < 2 * SAME_STOPS else 0.0
 
 
 def _named(shot: Shot) -> str:

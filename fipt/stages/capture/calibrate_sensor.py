@@ -22,6 +22,13 @@ _BLOCKS = 30
 _TERMS = 4
 """Coefficients of the vignetting polynomial: up to r^8."""
 
+_UNEVEN = 0.03
+"""Root mean square by which blocks of a flat field may differ from a smooth falloff: lit by hand, and out of focus, one
+differs by less than 0.01."""
+
+_DARKEST_CORNER = 0.05
+"""Share of the centre's light that the corners of any lens have, at least: cos^4 of 60 degrees."""
+
 _CLIPPED = 0.98
 """Share of the range above which a calibration frame counts as clipped."""
 
@@ -82,6 +89,12 @@ def with_flats(found: Calibration, paths: Sequence[Path], bar: Any) -> Calibrati
     dead = _dead_pixels(total)
     mean = np.mean(blocks, axis=0).mean(axis=2)
     vignetting, profile, spread = fit_vignetting(mean, found.width, found.height)
+    if not _DARKEST_CORNER <= _corner(vignetting, found) <= 1.05:
+        raise FiptError(
+            f"flat fields must fall off to {_DARKEST_CORNER:.0%} to 105% in the corners; {paths[0].parent} gives "
+            f"{_corner(vignetting, found):.0%}",
+            "photograph an evenly lit surface, out of focus, that fills the frame",
+        )
     noise = found.noise
     if "read_noise" in found.figures and frame.shot.iso:
         noise = Noise(float(np.median(gains)), found.figures["read_noise"], frame.shot.iso)
@@ -169,6 +182,12 @@ def _check_flat(path: Path, frame: RawFrame, signal: np.ndarray, means: np.ndarr
         raise FiptError(
             f"{path} must be brightest near its centre; its corners are {ratio:.2f} times brighter",
             "photograph an evenly lit surface, out of focus, without a shadow of the camera",
+        )
+    uneven = fit_vignetting(light, found.width, found.height)[2]
+    if uneven > _UNEVEN:
+        raise FiptError(
+            f"{path} must be an even surface; it differs by {uneven:.1%} from any falloff about a centre",
+            "photograph an evenly lit surface without a pattern, out of focus; boards have folders of their own",
         )
 
 

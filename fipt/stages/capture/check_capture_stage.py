@@ -39,12 +39,13 @@ def run(inputs: CheckCaptureInputs, settings: "CaptureSettings") -> dict[str, An
     """
     from fipt.errors import FiptError
     from fipt.stages.capture.brackets import read_capture
-    from fipt.stages.capture.findings import calibration_notes, check
+    from fipt.stages.capture.findings import calibration_faults, calibration_notes, check
     from fipt.stages.capture.inspection import inspect
 
     capture = read_capture(inputs.folder, settings.frames if inputs.frames is None else inputs.frames)
     qualities, unreadable = ([], []) if inputs.quick else inspect(capture, os.cpu_count() or 1)
-    findings = check(capture, [*unreadable, *calibration_notes(capture)], qualities)
+    calibrated = [] if inputs.quick else calibration_faults(capture, settings)
+    findings = check(capture, [*unreadable, *calibration_notes(capture), *calibrated], qualities)
     show(capture, qualities, findings)
     errors = sum(finding.severity == "error" for finding in findings)
     if errors:

@@ -8,13 +8,16 @@ from typing import Any
 
 import numpy as np
 
+from fipt.errors import FiptError
 from fipt.stages.capture import lensfun
 from fipt.stages.capture.brackets import Bracket, Capture, Finding
+from fipt.stages.capture.calibrate import calibrate
 from fipt.stages.capture.calibration import Calibration
 from fipt.stages.capture.calibration_frames import calibration_frames
 from fipt.stages.capture.exposures import RATIO_TOLERANCE, shutter_text
 from fipt.stages.capture.quality import Quality
 from fipt.stages.capture.raw import Shot
+from fipt.stages.capture.settings import CaptureSettings
 
 SEVERITIES = ("error", "warning", "note")
 """Of findings, worst first. With an error a view, or the capture, cannot be used."""
@@ -30,6 +33,9 @@ MOVED_SHARE = 0.005
 
 REPROJECTION = 0.5
 """Root mean square distance of board corners after calibration that is still good, pixels."""
+
+DARK = 0.1
+"""Share of the expected light below which an exposure was covered: no lamp dims so much, and no shutter errs so."""
 
 BLURRED = 0.4
 """A view with less than this share of the capture's usual sharpness is blurred."""
@@ -161,7 +167,7 @@ def _judged(qualities: Sequence[Quality]) -> list[Finding]:
             "less sharp than the others",
             "photograph again: tripod, remote release, focus",
         )
-    findings += _off_ratios(qualities)
+    findings += [*_dark(qualities), *_off_ratios(qualities)]
     balances = {q.view: q.white_balance for q in qualities if q.white_balance is not None}
     if balances:
         usual = np.median(list(balances.values()), axis=0)
@@ -177,6 +183,23 @@ def _judged(qualities: Sequence[Quality]) -> list[Finding]:
                 )
             )
     return findings
+
+
+def _dark(qualities: Sequence[Quality]) -> list[Finding]:
+    """Exposures that gathered next to nothing of the light that the others of their view saw."""
+    return [
+        Finding(
+            "dark",
+            "error",
+            f"view {quality.view}: {frame.file} gathered {max(frame.light, 0):.1%} of the light that the other "
+            "exposures tell",
+            "was the lens cap on, or something before the lens? Remove the file, or photograph the view again",
+            (quality.view,),
+        )
+        for quality in qualities
+        for frame in quality.frames
+        if frame.light is not None and frame.light < DARK
+    ]
 
 
 def _off_ratios(qualities: Sequence[Quality]) -> list[Finding]:
@@ -225,6 +248,17 @@ def calibration_notes(capture: Capture) -> list[Finding]:
         message = f"lensfun does not know the lens {shot.lens or 'without a name'} on {shot.camera or 'this camera'}"
         findings.append(Finding("lens", "note", message, "photograph a board and an even surface"))
     return findings
+
+
+def calibration_faults(capture: Capture, settings: CaptureSettings) -> list[Finding]:
+    """What is wrong with the calibration frames, found by calibrating."""
+    if capture.kind != "raw":
+        return []
+    try:
+        found = calibrate(capture, settings)
+    except FiptError as error:
+        return [Finding("calibration", "error", error.message, error.remedy)]
+    return [finding for finding in uncalibrated(found) if finding.kind != "uncalibrated"]
 
 
 def undeveloped(facts: Mapping[str, Mapping[str, Any]]) -> list[Finding]:

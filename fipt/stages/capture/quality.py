@@ -22,6 +22,9 @@ FULL = 0.99
 _DIFFERENT = 0.1
 """Relative difference of two exposures of a block from which something has moved there."""
 
+_TELLING = 200
+"""Cells that must tell the light of an exposure."""
+
 _BLOCK = 8
 """Side of such a block, cells of the mosaic."""
 
@@ -44,6 +47,8 @@ class BracketFrame:
         Seconds as the camera states them.
     stops
         Exposure relative to the longest one of the view, stops (0, then negative).
+    light
+        Light that it gathered over what the other exposures of the view tell, by the median; None where they do not.
     ratio, measured
         Exposure of the next longer frame over this one: as stated, and measured from pixels that both see well; None
         for the longest, and where too few pixels tell.
@@ -54,6 +59,7 @@ class BracketFrame:
     stops: float
     ratio: float | None
     measured: float | None
+    light: float | None = None
 
 
 @dataclass(frozen=True)
@@ -121,9 +127,14 @@ def measure(bracket: Bracket, frames: Sequence[RawFrame]) -> Quality:
     return Quality(
         view=bracket.view,
         frames=tuple(
-            BracketFrame(shot.path.name, shot.seconds, math.log2(value / exposures[0]), ratio, found)
-            for shot, value, ratio, found in zip(
-                bracket.shots, exposures, (None, *ratios), (None, *measured), strict=True
+            BracketFrame(shot.path.name, shot.seconds, math.log2(value / exposures[0]), ratio, found, light)
+            for shot, value, ratio, found, light in zip(
+                bracket.shots,
+                exposures,
+                (None, *ratios),
+                (None, *measured),
+                _gathered(greens, exposures, noise),
+                strict=True,
             )
         ),
         clipped=float(full[-1].mean()),
@@ -133,6 +144,26 @@ def measure(bracket: Bracket, frames: Sequence[RawFrame]) -> Quality:
         moved=_moved(greens, full, measured),
         white_balance=None if gains is None else (float(gains[0]), float(gains[1]), float(gains[2])),
     )
+
+
+def _gathered(greens: Sequence[np.ndarray], exposures: Sequence[float], noise: float) -> list[float | None]:
+    """Light of each exposure over what another one tells of it: the nearest that is neither dark nor clipped there."""
+    found: list[float | None] = []
+    for k, green in enumerate(greens):
+        others = sorted(
+            (j for j in range(len(greens)) if j != k), key=lambda j: abs(math.log(exposures[j] / exposures[k]))
+        )
+        share = None
+        for j in others:
+            expected = greens[j] * np.float32(exposures[k] / exposures[j])
+            known = (
+                (greens[j] > max(0.02, 10 * noise)) & (greens[j] < 0.85) & (expected > 10 * noise) & (expected < 0.85)
+            )
+            if known.sum() >= _TELLING:
+                share = float(np.median(green[known] / expected[known]))
+                break
+        found.append(share)
+    return found
 
 
 def check_sizes(view: str, frames: Sequence[RawFrame]) -> None:

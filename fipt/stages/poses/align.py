@@ -20,6 +20,12 @@ from fipt.stages.poses.room_boards import PlacedTarget, ReadImage, find_boards, 
 from fipt.stages.poses.settings import Align, SceneBoard
 from fipt.stages.poses.upright import board_up, cameras_up, degrees_between, find_floor, ground_height
 
+_ASKEW = 3.0
+"""Degrees between a board and the floor from which floor and cameras, where they agree, overrule the board.
+
+A board that lies flat tells up to 0.3 degrees.
+"""
+
 
 @dataclass(frozen=True)
 class AlignReport:
@@ -134,6 +140,16 @@ def _up(
 ) -> tuple[str, np.ndarray, dict[str, float]]:
     """Source and direction of up, and by how many degrees the other estimates differ from it."""
     source, up = chosen("up", wanted, ups)
+    board, floor, own = ups["board"], ups["floor"], ups["cameras"]
+    if wanted == "auto" and source == "board" and board is not None and floor is not None and own is not None:
+        askew, between = degrees_between(board, floor), degrees_between(floor, own)
+        if askew > _ASKEW and between < askew / 3:
+            source, up = "floor", floor
+            warnings.append(
+                f"the board is askew by {askew:.1f} degrees: floor and cameras, which agree to {between:.1f}, tell up; "
+                "poses.align.up: board overrules them"
+            )
+            return source, up, {"board": askew, "cameras": between}
     off = {name: degrees_between(up, other) for name, other in ups.items() if other is not None and name != source}
     warnings += [
         f"up by {source} and by {name} differ by {angle:.1f} degrees"

@@ -44,6 +44,7 @@ def run(inputs: PoseInputs, settings: "PosesSettings") -> dict[str, Any]:
     write(out, views, found)
     refused = {name: e.reason for name, e in found.evidence.items() if e.reason is not None}
     warnings = [f"view {name} is rejected: {reason}" for name, reason in refused.items()]
+    warnings += found.align.get("warnings", ())
     for warning in warnings:
         log.warning("%s", warning)
     log.info("%s: %d of %d views have a pose", out, len(found.reconstruction.cameras), len(views.cameras))

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import logging
+
 import numpy as np
 
 from fipt.formats.images import srgb_decode
 from fipt.render.assets import spectrum_rgb
 from fipt.synthetic.scenefile.xml import Node
+
+log = logging.getLogger(__name__)
 
 COLORS = ("rgb", "srgb", "spectrum", "color", "blackbody", "float", "integer")
 """Tags of properties that are a colour, or one number for all channels."""
@@ -119,8 +123,9 @@ def color(node: Node, light: bool = False) -> np.ndarray:
             found = np.repeat(found, 3)
     if found.shape != (3,) or not np.isfinite(found).all():
         raise node.wrong(f"{node.name or node.tag} must be a colour of one or three numbers; found {text!r}")
-    if ":" not in text and (found < 0).any():
-        raise node.wrong(f"{node.name or node.tag} must be a colour without negative numbers; found {text!r}")
+    if ":" not in text and (found < 0).any():  # fits of spectra have such, and other renderers take them
+        log.warning("%s: %s has negative numbers (%s), which are taken as 0", node.where, node.name or node.tag, text)
+        found = np.maximum(found, 0.0)
     # Saturated spectra may lie outside of linear sRGB.
     return np.maximum(srgb_decode(found) if node.tag == "srgb" else found, 0.0)
 

@@ -28,7 +28,7 @@ def planted(folder, monkeypatch, *faults):
 
 
 def test_a_sound_capture_is_let_through(tmp_path, capsys):
-    captures.write(tmp_path, views=3, calibration_frames=1)
+    captures.write(tmp_path, views=3)
     before = sorted(tmp_path.rglob("*"))
     assert main(["check-capture", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
@@ -76,7 +76,7 @@ def test_other_faults(tmp_path, monkeypatch, capsys, fault, code, said):
 
 
 def test_missing_calibration_is_noted(tmp_path, capsys):
-    captures.write(tmp_path, views=1, calibration_frames=1)
+    captures.write(tmp_path, views=1)
     shutil.rmtree(tmp_path / "calibration" / "flat")
     assert main(["check-capture", str(tmp_path)]) == 0
     printed = capsys.readouterr().out

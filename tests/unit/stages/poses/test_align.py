@@ -74,6 +74,20 @@ def test_a_board_gives_metres_and_up(board, boards, ring):
     assert report.warnings == ()
 
 
+def test_floor_and_cameras_overrule_a_board_that_hangs_askew():
+    """By 15 degrees; its size counts all the same. Who asks for the board's up gets it, with a warning."""
+    BOARDS["askew"] = room_views.charuco((2.2, 1.8, 0.001), (0.9659, 0.2588, 0), (0.2588, -0.9659, 0), square=0.16)
+    board = SceneBoard(**BOARD, place="wall")
+    off, report = aligned(Align(board=board), ["askew"], target=(2.5, 1.2, 0.8))
+    assert off["up"] < 0.5
+    assert abs(off["scale"]) < 0.005
+    assert report.up["source"] == "floor"
+    assert "the board is askew by 15" in report.warnings[0]
+    off, report = aligned(Align(board=board, up="board"), ["askew"], target=(2.5, 1.2, 0.8))
+    assert off["up"] == pytest.approx(15, abs=0.5)
+    assert any(warning.startswith("up by board and by floor differ by") for warning in report.warnings)
+
+
 def test_a_dark_corner_and_a_bright_lamp_do_not_hide_the_board():
     views = room_views.cameras()
     found, truth = room_views.reconstruction(views, room_views.surface_points())
