@@ -112,18 +112,25 @@ def test_a_channel_that_is_zero_everywhere(photos):
         assert read_rgb(path).max() > 0.01
 
 
-@pytest.mark.parametrize("value", [0.0, 0.4], ids=["black", "grey"])
-def test_pictures_of_a_single_colour(photos, value, capsys):
-    repaint(photos, lambda picture: 0 * picture + value)
+def test_pictures_of_a_single_colour(photos, capsys):
+    repaint(photos, lambda picture: 0 * picture + 0.4)
     assert run() == 0
     assert_finite()
     assert "no emitter found" in capsys.readouterr().err
 
 
-def test_one_picture_is_black(photos):
-    """The lens cap was on."""
+def test_pictures_that_are_black(photos, capsys):
+    repaint(photos, lambda picture: 0 * picture)
+    assert run() == 2
+    assert "training views must show light; every pixel of 2 views is black" in capsys.readouterr().err
+
+
+def test_one_picture_is_black(photos, capsys):
+    """The lens cap was on: of three views too many to go on, and nothing breaks if one does."""
     repaint(photos, lambda picture: 0 * picture, "a")
-    assert run() == 0
+    assert run() == 2
+    assert "1 of 3 do not: a" in capsys.readouterr().err
+    assert run(check_poses={"enabled": False}) == 0
     assert_finite()
 
 

@@ -34,6 +34,9 @@ _VIEWS = 10
 _WIDTH = 96
 """Columns of these."""
 
+_FEWEST = 4
+"""Views that must tell: of fewer, one of two dozen corrections fits better by chance."""
+
 _PARTNERS = 3
 """Others that each is compared with."""
 
@@ -74,6 +77,8 @@ def explain(dataset: Dataset, verdicts: Sequence[Verdict], settings: CheckPosesS
     scores = [verdict.score for verdict in verdicts if verdict.score is not None]
     failed = sum(not verdict.accepted for verdict in verdicts)
     judged = 2 * len(scores) >= len(verdicts)  # cameras that look away from the room share nothing
+    if len(verdicts) < _FEWEST:
+        return
     if judged and np.median(scores) >= SUSPECT and failed <= (1 - settings.keep) * len(verdicts):
         return
     every = dataset.cameras

@@ -393,4 +393,4 @@ def test_modules_can_be_imported_before_the_variant_is_chosen():
 
 def test_views_before_the_room_are_refused(backend, tmp_path, capsys):
     assert main(["synthesize-views", "--dataset", str(tmp_path), "--views", "train_000"]) == 2
-    assert "room.json" in capsys.readouterr().err
+    assert f"transforms.json is missing: {tmp_path}" in capsys.readouterr().err

@@ -64,7 +64,6 @@ def test_flat_spectra_are_grey_and_blackbodies_have_their_colour(parsed):
 @pytest.mark.parametrize(
     "element",
     [
-        '<rgb name="c" value="-1, 9, 9"/>',
         '<rgb name="c" value="1, 2"/>',
         '<rgb name="c" value="red"/>',
         '<spectrum name="c" value="500:1, 400:1"/>',
