@@ -9,6 +9,7 @@ import numpy as np
 
 from fipt.errors import FiptError, unreadable
 from fipt.formats.files import atomic, existing_file
+from fipt.scene.voxels import facings
 
 
 @dataclass(frozen=True)
@@ -115,6 +116,21 @@ def touching_triangles(mesh: Mesh) -> np.ndarray:
     owner = np.repeat(np.arange(len(corner)), 3)[order]
     same = key[order][1:] == key[order][:-1]
     return np.stack([owner[:-1][same], owner[1:][same]])
+
+
+def facing_pieces(mesh: Mesh, chosen: np.ndarray) -> np.ndarray:
+    """(T,) int64 number of the connected surface of chosen triangles (T,) bool that faces along one axis.
+
+    Both sides of a sheet are one piece. A triangle that is not chosen is a piece by itself.
+    """
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    axis = facings(mesh.area_normals) // 2
+    a, b = touching_triangles(mesh)
+    joined = chosen[a] & chosen[b] & (axis[a] == axis[b])
+    graph = coo_matrix((np.ones(joined.sum()), (a[joined], b[joined])), shape=(len(axis), len(axis)))
+    return connected_components(graph, directed=False)[1].astype(np.int64)
 
 
 def closed(mesh: Mesh) -> bool:

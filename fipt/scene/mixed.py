@@ -18,11 +18,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import nnls
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from fipt.conventions import RAYS_PER_SIDE
-from fipt.scene.mesh import Mesh, connected_parts, touching_triangles
+from fipt.scene.mesh import Mesh, connected_parts, facing_pieces
 from fipt.scene.samples import ALONE, FootprintSamples
 from fipt.scene.voxels import FACINGS, facings
 
@@ -92,12 +90,8 @@ def find_islands(mesh: Mesh, shards: Sequence[FootprintSamples]) -> Islands:
         total += np.bincount(triangle, share, len(total))
         alone += np.bincount(triangle, share >= ALONE, len(total))
     mixed = (total > 0) & (alone <= _RARE * total)
-    axis = facings(mesh.area_normals) // 2  # both sides of a sheet are one island: samples face either way
-    a, b = touching_triangles(mesh)
-    joined = mixed[a] & mixed[b] & (axis[a] == axis[b])
-    graph = coo_matrix((np.ones(joined.sum()), (a[joined], b[joined])), shape=(len(total), len(total)))
-    number = np.where(mixed, connected_components(graph, directed=False)[1], -1)
-    return Islands(number.astype(np.int64), connected_parts(mesh).astype(np.int64))
+    number = np.where(mixed, facing_pieces(mesh, mixed), -1)
+    return Islands(number, connected_parts(mesh).astype(np.int64))
 
 
 def unmixed(

@@ -26,9 +26,8 @@ from scipy.sparse.csgraph import connected_components
 
 from fipt.conventions import EMITTER_GAIN, RAYS_PER_SIDE
 from fipt.model.reflectance import brightest_reflection
-from fipt.scene.mesh import Mesh, touching_triangles
+from fipt.scene.mesh import Mesh, facing_pieces
 from fipt.scene.observed import ObservedShard
-from fipt.scene.voxels import facings
 from fipt.stages.emitters.observations import Observations
 from fipt.stages.emitters.regions import Surface
 
@@ -62,6 +61,8 @@ class _Shared:
         (N,) brightest reflection there.
     left
         (N, 3) radiance of the pixel without what other surface sends there.
+    clipped
+        (N,) bool: that is only a lower bound.
     """
 
     triangle: np.ndarray
@@ -71,6 +72,7 @@ class _Shared:
     share: np.ndarray
     most: np.ndarray
     left: np.ndarray
+    clipped: np.ndarray
 
     def __getitem__(self, rows: np.ndarray) -> "_Shared":
         return _Shared(*(getattr(self, own.name)[rows] for own in fields(self)))
@@ -118,7 +120,7 @@ def small_emitters(
     shared, level, number = shared[believed[emitter]], level[believed], _renumbered(number, believed)
     nothing = np.zeros(len(shared.triangle), np.float32)
     radiance = level[number[shared.triangle]].astype(np.float32)
-    pixels = Observations(shared.triangle, radiance, shared.view, nothing, nothing.astype(bool), shared.sample)
+    pixels = Observations(shared.triangle, radiance, shared.view, nothing, shared.clipped, shared.sample)
     return SmallEmitters(number, pixels)
 
 
@@ -146,23 +148,14 @@ def _candidates(
             bright = usable & (np.asarray(shard.radiance[first]).mean(axis=1) > EMITTER_GAIN * most)
             total += np.bincount(triangle, share * usable[pixel], len(total))
             beyond += np.bincount(triangle, share * bright[pixel], len(total))
-    piece = _pieces(mesh, ~other)
+    piece = facing_pieces(mesh, ~other)
     whole = np.bincount(piece, beyond) > _BEYOND * np.bincount(piece, total)
-    part = _pieces(mesh, ~other & ~whole[piece] & (beyond > _BEYOND * total))
+    part = facing_pieces(mesh, ~other & ~whole[piece] & (beyond > _BEYOND * total))
     number = np.where(whole[piece], piece, piece.max(initial=-1) + 1 + part)
     chosen = ~other & (whole[piece] | (beyond > _BEYOND * total))
     result = np.full(len(total), -1, np.int64)
     result[chosen] = np.unique(number[chosen], return_inverse=True)[1].reshape(-1)
     return result
-
-
-def _pieces(mesh: Mesh, chosen: np.ndarray) -> np.ndarray:
-    """(T,) int64 number of the connected surface of chosen triangles (T,) that faces along one axis."""
-    axis = facings(mesh.area_normals) // 2
-    a, b = touching_triangles(mesh)
-    joined = chosen[a] & chosen[b] & (axis[a] == axis[b])
-    graph = coo_matrix((np.ones(joined.sum()), (a[joined], b[joined])), shape=(len(axis), len(axis)))
-    return connected_components(graph, directed=False)[1].astype(np.int64)
 
 
 def _shared(shards: Sequence[ObservedShard], surface: Surface, number: np.ndarray) -> _Shared:
@@ -185,7 +178,7 @@ def _shared(shards: Sequence[ObservedShard], surface: Surface, number: np.ndarra
             columns.append((
                 triangle[rows].astype(np.int64), np.full(len(rows), len(columns)), rows + own.start, pixels + place,
                 share[rows], brightest_reflection(np.asarray(shard.shading[rows + own.start], np.float32)),
-                np.maximum(left, 0)[place],
+                np.maximum(left, 0)[place], np.asarray(shard.clipped[first])[pixel[rows]],
             ))  # fmt: skip
             pixels += len(shown)
     return _Shared(*(np.concatenate(column) for column in zip(*columns, strict=True)))
@@ -211,7 +204,11 @@ def _needed(shared: _Shared, emitter: np.ndarray, count: int) -> np.ndarray:
         np.maximum.at(most, column.reshape(-1), EMITTER_GAIN * shared.most[rows])
         kept = np.arange(len(names))
         while len(kept):
-            found, error = _solved(shares[:, kept], left, level[names[kept]])
+            try:
+                found, error = _solved(shares[:, kept], left, level[names[kept]])
+            except RuntimeError:  # no convergence: these pixels tell nothing
+                kept = kept[:0]
+                break
             certainty = (found - most[kept]) / error
             if certainty.min() > _SIGMAS:
                 break
@@ -231,6 +228,11 @@ def _solved(shares: np.ndarray, left: np.ndarray, level: np.ndarray) -> tuple[np
         (P,) radiance of the pixels, without other surface.
     level
         (E,) radiance about which errors of shares count.
+
+    Raises
+    ------
+    RuntimeError
+        If the iteration does not converge.
     """
     noise = _COUNTED * (np.maximum(shares * (1 - shares), _COUNTED) @ level**2)
     scale = 1 / np.sqrt(np.maximum(noise, 1e-12))

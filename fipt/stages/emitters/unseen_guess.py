@@ -97,7 +97,7 @@ def with_guess(
     else:
         tried = trial(found, asked=before)
     if tried is None:
-        return Guessed(found, (), {"guess": {"explained": True}})
+        return Guessed(found, (), {"guess": {"tried": False}})  # nothing asks for it, or too little is seen
     guess, leaves = tried.guess, float(np.median(tried.transport.open))
     figures = {
         "explained": False,
@@ -154,7 +154,7 @@ def _trial(
 
 
 def _lit(trial: _Trial | None, found: Emitters, doubtful: np.ndarray, triangles: int) -> np.ndarray:
-    """Numbers of doubtful emitters (E,) bool that are no brighter than white under the light of a guess."""
+    """Numbers of the emitters that are no brighter than white under the light of a guess; ``doubtful`` (E,) bool."""
     if trial is None or not trial.guess.determined:
         return np.zeros(0, np.int64)
     number = np.full(triangles, -1)

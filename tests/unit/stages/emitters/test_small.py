@@ -1,9 +1,12 @@
 """Emitters that hardly fill a pixel: spots whose pixels all show the ceiling, too."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from fipt.conventions import SHADING_OUTPUTS
+from fipt.stages.emitters import small
 from fipt.stages.emitters.extract import _all_pixels, extract
 from fipt.stages.emitters.regions import find_regions
 from fipt.stages.emitters.settings import EmittersSettings
@@ -81,6 +84,21 @@ def test_the_spot_is_an_emitter(mesh, np_rng):
 def test_no_emitter(mesh, np_rng, case):
     """Paint; a highlight on a knob; what one view alone shows."""
     assert (found(mesh, shards(np_rng, **case)).number < 0).all()
+
+
+def test_a_spot_that_is_clipped_is_at_least_so_bright(mesh, np_rng):
+    seen = [replace(shard, clipped=np.asarray(shard.radiance)[:, 0] > 5) for shard in shards(np_rng)]
+    emitters = extract(mesh, seen, None, EmittersSettings(guess=False)).emitters
+    np.testing.assert_array_equal(emitters.triangle, [2, 3])
+    assert emitters.lower_bound.all()
+
+
+def test_least_squares_that_do_not_converge_tell_nothing(mesh, np_rng, monkeypatch):
+    def fails(*_):
+        raise RuntimeError("Maximum number of iterations reached.")
+
+    monkeypatch.setattr(small, "nnls", fails)
+    assert (found(mesh, shards(np_rng)).number < 0).all()
 
 
 def test_what_a_person_rejected_stays_out(mesh, np_rng):
