@@ -9,7 +9,7 @@ from typing import Any
 
 import yaml
 
-from fipt.config.files import merge, parse_yaml, read_yaml
+from fipt.config.files import merge
 from fipt.config.layout import Layout
 from fipt.config.renamed import refuse_renamed
 from fipt.config.scene import SceneConfig
@@ -18,6 +18,7 @@ from fipt.config.sections import Sections, given, preset, resolved
 from fipt.config.sources.base import Place
 from fipt.errors import FiptError
 from fipt.formats.files import check_name
+from fipt.formats.yaml import parse_yaml, read_yaml
 from fipt.validation import checked
 
 CONFIG_FILE = "config/config.yaml"
