@@ -253,6 +253,7 @@ class Field(nn.Module):
         self,
         points: np.ndarray,
         footprint: np.ndarray | None = None,
+        triangle: np.ndarray | None = None,
         chunk: int = QUERY_CHUNK,
     ) -> Brdf:
         """Reflectance at any number of world points, without gradients.
@@ -263,6 +264,8 @@ class Field(nn.Module):
             (N, 3), metres.
         footprint : numpy.ndarray, optional
             (N,), metres.
+        triangle : numpy.ndarray, optional
+            (N,) triangles of the points; a field has no use for them.
         chunk : int
             Points computed at once.
 

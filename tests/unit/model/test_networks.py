@@ -106,7 +106,7 @@ def test_queries_equal_single_calls_whatever_the_chunk(backend):
         torch.tensor(footprint, device=backend.torch_device),
     )
     for chunk in (1001, 100):
-        found = field.query(p_world, footprint, chunk)
+        found = field.query(p_world, footprint, chunk=chunk)
         for name in ("base_color", "roughness", "metallic"):
             expected = getattr(whole, name).detach().cpu().numpy()
             assert getattr(found, name).dtype == np.float32
