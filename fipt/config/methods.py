@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field
 
-from fipt.config.files import read_yaml
 from fipt.config.sections import Sections
 from fipt.errors import FiptError
 from fipt.formats.files import check_name
+from fipt.formats.yaml import read_yaml
 from fipt.settings import Settings, dumped
 from fipt.validation import checked
 

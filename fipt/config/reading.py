@@ -11,13 +11,14 @@ from typing import Any, Literal
 import yaml
 
 from fipt.config.family import SceneFamily
-from fipt.config.files import merge, parse_yaml, read_yaml
+from fipt.config.files import merge
 from fipt.config.methods import Estimator
 from fipt.config.renamed import refuse_renamed
 from fipt.config.scene import SceneConfig
 from fipt.config.schema import Config
 from fipt.config.sections import given
 from fipt.errors import FiptError
+from fipt.formats.yaml import parse_yaml, read_yaml
 from fipt.validation import checked
 
 CONFIG_FILE = "config/config.yaml"

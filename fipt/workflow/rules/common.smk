@@ -17,7 +17,7 @@ from pathlib import Path
 from snakemake.exceptions import WorkflowError
 from snakemake.utils import validate
 
-from fipt.config.files import read_yaml
+from fipt.formats.yaml import read_yaml
 from fipt.config.kept import check_kept
 from fipt.config.reading import load
 from fipt.errors import FiptError
