@@ -169,20 +169,10 @@ class BrdfNetwork(nn.Module):
     def __init__(self, settings: NetworkSettings, backend: Backend = "auto", width: int = 64) -> None:
         super().__init__()
         generator = torch.Generator().manual_seed(settings.seed + 1)
-        inputs = settings.levels * self.encoding.features
-        self.mlp = nn.Sequential(
-            _linear(inputs, width, generator),
-            nn.ReLU(),
-            _linear(width, width, generator),
-            nn.ReLU(),
-            _linear(width, 5, generator),
-            _Sigmoid(),
-        )
-
         self.encoding = None
         if settings.encoding == "positional":
             positional = PositionalMlp(5, generator)
-            self.mlp, last = nn.Sequential(positional, nn.Sigmoid()), positional.output
+            self.mlp, last = nn.Sequential(positional, _Sigmoid()), positional.output
         else:
             self.encoding = HashEncoding(
                 settings.levels,
@@ -194,7 +184,7 @@ class BrdfNetwork(nn.Module):
             inputs = settings.levels * self.encoding.features
             hidden = [_linear(inputs, width, generator), nn.ReLU(), _linear(width, width, generator), nn.ReLU()]
             last = _linear(width, 5, generator)
-            self.mlp = nn.Sequential(*hidden, last, nn.Sigmoid())
+            self.mlp = nn.Sequential(*hidden, last, _Sigmoid())
         if settings.start_rough:
             # matte metal and matte dielectric appear the same: start where most surfaces are
             with torch.no_grad():
