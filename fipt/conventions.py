@@ -27,8 +27,9 @@ F0_DIELECTRIC = 0.04
 EMITTER_GAIN = 1.5
 """What is this much brighter than any reflection there could be must emit."""
 
-RADIANCE_LEVEL = 0.25
-"""Median luminance of a room's images, about: constants of the fit and of what is shown are those of such a room."""
+RADIANCE_LEVEL = 0.27
+"""Median luminance of a room's images, within a factor of 1.4: constants of the fit and of what is shown are those of
+such a room."""
 
 LUMINANCE = (0.2126, 0.7152, 0.0722)
 """Weights of linear sRGB in luminance (ITU-R BT.709)."""

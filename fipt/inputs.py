@@ -23,6 +23,7 @@ ShadingFolders = Annotated[tuple[Path, ...], "Shading of the samples shards, in 
 CacheFile = Annotated[Path, "Radiance cache, cache.npz."]
 ModelFile = Annotated[Path, "Fitted model, model.safetensors."]
 ConfidenceFile = Annotated[Path, "confidence.npz of the model."]
+EmittersOut = Annotated[Path, "emitters.npz to write; emitters.json comes beside it."]
 EmittersFile = Annotated[Path, "Emitters, emitters.npz."]
 SettledFile = Annotated[Path | None, "settled.json of the round before; without it, that is round 0."]
 EnvironmentFile = Annotated[Path | None, "Light from outside, environment.npz; without it there is none."]

@@ -48,6 +48,8 @@ SECTIONS: dict[str, Section] = {
     "regroup": Section("fipt.stages.segment.settings:RegroupSettings", 3),
     "emitters": Section("fipt.stages.emitters.settings:EmittersSettings", 10),
     "fit": Section("fipt.stages.fit.settings:FitSettings", 7),
+    "irradiance": Section("fipt.stages.irradiance.settings:IrradianceSettings", 1),
+    "true_constants": Section("fipt.stages.true_constants.settings:TrueConstantsSettings", 1),
     "review": Section("fipt.stages.emitters.settings:ReviewSettings", 2),
     "refine": Section("fipt.stages.shade.settings:RefineSettings", 5),
     "materials": Section("fipt.stages.render.settings:MaterialsSettings", 3),
@@ -59,6 +61,8 @@ SECTIONS: dict[str, Section] = {
     "metrics": Section("fipt.stages.evaluate.settings:MetricsSettings", 5),
     "findings": Section("fipt.stages.findings.settings:FindingsSettings", 2),
     "report": Section("fipt.stages.report.settings:ReportSettings", 5),
+    "compare": Section("fipt.stages.compare.settings:CompareSettings", 1),
+    "compare_page": Section("fipt.stages.report.settings:ComparePageSettings", 1),
 }
 """Section of the config -> its settings and version, in the order of the pipeline."""
 
@@ -184,6 +188,14 @@ VERBS: dict[str, Verb] = {
         "Extract the triangles that emit light and their radiance.", "fipt.stages.emitters.stage", "emitters", rays=True
     ),
     "fit": Verb("Fit the BRDF and emission networks to the images.", "fipt.stages.fit.stage", "fit", rays=True),
+    "irradiance": Verb(
+        "Divide radiance by irradiance: a baseline for comparisons.", "fipt.stages.irradiance.stage", "irradiance"
+    ),
+    "true-constants": Verb(
+        "Average the true materials of every part: a bound for comparisons.",
+        "fipt.stages.true_constants.stage",
+        "true_constants",
+    ),
     "review": Verb(
         "List the emitters for people, who may accept, reject, name and merge them.",
         "fipt.stages.emitters.review_stage",
@@ -227,6 +239,13 @@ VERBS: dict[str, Verb] = {
         "Say what is wrong with a run, why, and what to do.", "fipt.stages.findings.stage", "findings", rays=True
     ),
     "report": Verb("Write the HTML page that shows everything.", "fipt.stages.report.stage", "report"),
+    "score": Verb(
+        "Say what a method of a comparison reached, took and used.", "fipt.stages.compare.score_stage", "compare"
+    ),
+    "compare": Verb("Write the table that compares methods on a scene.", "fipt.stages.compare.stage", "compare"),
+    "compare-page": Verb(
+        "Write the HTML page that compares methods on a scene.", "fipt.stages.report.compare_stage", "compare_page"
+    ),
     "run": Verb("Run a scene as far as a target: a front to the workflow.", "fipt.cli.run"),
     "view": Verb("Write any result as an EXR or PNG image.", "fipt.cli.view"),
     "doctor": Verb("Check Python, packages, ray tracing backend, memory and disk.", "fipt.cli.doctor"),

@@ -64,9 +64,9 @@ def room() -> Mesh:
 
 
 def photo(pose: Pose) -> np.ndarray:
-    """(6, 8, 3) float32 radiance: a gradient, and the bright pixel of the lamp."""
+    """(6, 8, 3) float32 radiance of a room's level: a gradient, and the bright pixel of the lamp."""
     rows, columns = np.mgrid[:HEIGHT, :WIDTH]
-    radiance = np.stack([rows / HEIGHT, columns / WIDTH, 0.25 + 0 * rows], -1).astype(np.float32)
+    radiance = np.stack([0.6 * rows / HEIGHT, 0.6 * columns / WIDTH, 0.25 + 0 * rows], -1).astype(np.float32)
     radiance[pose.pixel(LAMP)] = BRIGHT
     return radiance
 

@@ -13,7 +13,18 @@ import typer
 from fipt.errors import FiptError
 
 WORKFLOW = Path(__file__).parents[1] / "workflow"
-STOPPING_POINTS = ("capture", "dataset", "shading", "materials", "render", "relight", "export", "metrics", "report")
+STOPPING_POINTS = (
+    "capture",
+    "dataset",
+    "shading",
+    "materials",
+    "render",
+    "relight",
+    "export",
+    "metrics",
+    "report",
+    "compare",
+)
 """Targets of fipt/workflow/rules/targets.smk, in the order of the pipeline."""
 
 
@@ -27,6 +38,9 @@ def command(
     ] = None,
     config: Annotated[list[str] | None, typer.Option(help="KEY=VALUE on top of all files; repeatable.")] = None,
     cores: Annotated[int | None, typer.Option(min=1, help="Processors to use; default: all.")] = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Of target compare: one seed, and only methods that take little time.")
+    ] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", "-n", help="List the jobs that would run, and why.")] = False,
 ) -> None:
     """Run every stage of SCENE that is not up to date, as far as TARGET.
@@ -36,7 +50,9 @@ def command(
     """
     from fipt.config import read
 
-    found = read(configfile or (), config or ())
+    if quick and target != "compare":
+        raise FiptError(f"--quick is of the target compare; this is {target}", f"fipt run {scene} compare --quick")
+    found = read(configfile or (), [*(config or ()), *(["compare={quick: true}"] if quick else [])])
     if scene not in found.scenes:
         raise FiptError(f"there is no scene {scene!r}", f"scenes: {', '.join(found.scenes)}")
     if target not in STOPPING_POINTS and not target.startswith("results/"):

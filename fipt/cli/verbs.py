@@ -15,7 +15,7 @@ from fipt.formats.places import same_place
 from fipt.inputs import POSITIONAL, UNSPLIT
 from fipt.registry import VERBS, Verb
 
-_WRITTEN = ("out", "manifest", "raw", "stats")
+_WRITTEN = ("out", "emitters_out", "manifest", "raw", "stats")
 """Fields of stages' inputs that name what is written."""
 _SETTINGS = Annotated[str, typer.Option("--settings", help="Settings of this stage, JSON.")]
 _STATS = Annotated[Path | None, typer.Option("--stats", help="Write time, rate and memory here, JSON.")]

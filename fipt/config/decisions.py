@@ -16,13 +16,13 @@ _NUMBERED = re.compile(r"emitter-(0|[1-9]\d*)")
 
 
 class SceneDecisions:
-    """What a person decided, in results/SCENE/emitters_review.yaml.
+    """What a person decided, in ``file``: results/SCENE/emitters_review.yaml, also for runs of methods on the scene.
 
     The file is no input of any job: what it says is passed as parameters, which run again what they change.
     """
 
-    def __init__(self, scene: str, layout: Layout, setups: SceneSetups) -> None:
-        self._scene, self._layout, self._setups = scene, layout, setups
+    def __init__(self, scene: str, layout: Layout, setups: SceneSetups, file: Path) -> None:
+        self._scene, self._layout, self._setups, self._file = scene, layout, setups, file
 
     @cached_property
     def review(self) -> Review:
@@ -33,7 +33,7 @@ class SceneDecisions:
         FiptError
             If the file is wrong, or a setup names an emitter that nobody called so.
         """
-        path = Path(self._layout.review)
+        path = self._file
         found = read_review(path) or Review(0)
         for setup in self._setups.given:
             for name in self._named(setup):

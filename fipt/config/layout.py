@@ -20,7 +20,7 @@ class Below:
 
 
 class Layout:
-    """Paths of a scene; wildcards: ``{shard}``, ``{round}``, ``{setup}``, and ``{label}`` of what a job writes besides.
+    """Paths of a scene; wildcards: ``{shard}``, ``{round}``, ``{setup}``, ``{method}``, ``{label}`` of a job.
 
     A manifest lists the files of a folder beside it, or of a shard's part of a folder.
 
@@ -135,6 +135,13 @@ class Layout:
     findings = Below("findings.json")
     findings_folder = Below("findings")
     report = Below("report.html")
+
+    # comparisons; a run of a method has the layout of a scene in methods/{method}
+    method = Below("methods/{method}/method.json")
+    comparison = Below("compare/table.json")
+    comparison_for_people = Below("compare/table.md")
+    comparison_rows = Below("compare/table.csv")
+    comparison_page = Below("compare.html")
 
     @classmethod
     def patterns(cls) -> dict[str, str]:

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import yaml
 
-from fipt.config.files import merge, parse_yaml, read_yaml
-from fipt.config.layout import Layout
+from fipt.config.family import SceneFamily
+from fipt.config.files import merge
+from fipt.config.methods import Estimator
 from fipt.config.renamed import refuse_renamed
 from fipt.config.scene import SceneConfig
-from fipt.config.schema import Config, SceneEntry, source_of
-from fipt.config.sections import Sections, given, preset, resolved
-from fipt.config.sources.base import Place
+from fipt.config.schema import Config
+from fipt.config.sections import given
 from fipt.errors import FiptError
-from fipt.formats.files import check_name
+from fipt.formats.yaml import parse_yaml, read_yaml
 from fipt.validation import checked
 
 CONFIG_FILE = "config/config.yaml"
@@ -47,6 +48,20 @@ class Configuration:
     only: tuple[str, ...]
     rounds: int
     plain: Mapping[str, Any]
+
+    def scene(self, name: str) -> SceneConfig:
+        """A scene, or a run of a method on it: SCENE/methods/RUN."""
+        scene, _, run = name.partition("/methods/")
+        return self.scenes[scene].methods.run(run) if run else self.scenes[scene]
+
+    def runs(self, estimator: Estimator | Literal["any"]) -> str:
+        """Regular expression of the runs of methods whose materials such an estimator makes."""
+        found = []
+        for name, scene in self.scenes.items():
+            cards = [name for name, card in scene.methods.cards.items() if estimator in (card.estimator, "any")]
+            seed = r"(?:\.seed-[1-9]\d*)?"
+            found.append(f"{re.escape(name)}/methods/(?:{'|'.join(map(re.escape, cards))}){seed}")
+        return "|".join(found)
 
 
 def read(files: Iterable[str | Path] = (), overrides: Iterable[str] = ()) -> Configuration:
@@ -95,7 +110,7 @@ def load(values: Mapping[str, Any]) -> Configuration:
     """
     refuse_renamed(values)
     config: Config = checked(Config, values)
-    scenes = {name: _scene(name, entry, config) for name, entry in config.scenes.items()}
+    scenes = {name: SceneFamily(name, entry, config).scene for name, entry in config.scenes.items()}
     only = [config.only] if isinstance(config.only, str) else config.only
     for name in only or ():
         if name not in scenes:
@@ -105,24 +120,4 @@ def load(values: Mapping[str, Any]) -> Configuration:
         only=tuple(dict.fromkeys(scenes if only is None else only)),
         rounds=config.rounds,
         plain=given(config),
-    )
-
-
-def _scene(name: str, entry: SceneEntry, config: Config) -> SceneConfig:
-    check_name(name, "scene")
-    setups = (config.setups or {}) | (entry.setups or {})
-    for setup, light in setups.items():
-        check_name(setup, "relight setup")
-        for camera in light.cameras.names if light.cameras is not None else ():
-            check_name(camera, f"camera of setup {setup}:")
-    below = Sections.model_validate(entry.below)
-    layers = (below, preset(entry.preset, f"scenes.{name}.preset"), config, entry.settings or Sections())
-    place = Place(name, Layout(name), resolved(layers, f"scene {name}: "), config.data_root)
-    return SceneConfig(
-        place=place,
-        source=source_of(entry, place),
-        given_setups=setups,
-        rounds=config.rounds,
-        views_per_shard=config.views_per_shard,
-        said=given(entry),
     )

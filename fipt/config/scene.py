@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import inspect
 import json
+import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fipt.config.decisions import SceneDecisions
 from fipt.config.layout import Layout
+from fipt.config.methods import Estimator, SceneMethods
 from fipt.config.segmentation import SceneSegmentation
 from fipt.config.setups import SceneSetups
 from fipt.config.sources.base import Place, Source
@@ -23,6 +25,9 @@ from fipt.scene.setup import RelightSetup
 from fipt.settings import dumped
 from fipt.stages.geometry.library import check_installed
 from fipt.stages.geometry.settings import given_file
+
+if TYPE_CHECKING:
+    from fipt.config.family import SceneFamily
 
 
 @dataclass(frozen=True)
@@ -43,6 +48,12 @@ class SceneConfig:
         SceneViews in a shard.
     said
         What a person wrote about it, as plain JSON types.
+    parent, shared
+        Of a run of a method: the scene whose files it takes over, and which below its folder.
+    family
+        Makes the runs of methods; None of a run.
+    estimator
+        What makes its model and emitters.
     """
 
     place: Place
@@ -51,6 +62,10 @@ class SceneConfig:
     rounds: int
     views_per_shard: int
     said: Mapping[str, Any]
+    parent: SceneConfig | None = None
+    shared: re.Pattern[str] | None = None
+    family: SceneFamily | None = None
+    estimator: Estimator = "fit"
 
     @property
     def name(self) -> str:
@@ -66,6 +81,19 @@ class SceneConfig:
     def settings(self) -> Mapping[str, Any]:
         """Section -> settings."""
         return self.place.settings
+
+    def where(self, path: str) -> str:
+        """Where a file of the scene lies: of a run of a method perhaps in the folder of its parent."""
+        below = path.removeprefix(f"{self.layout.root}/")
+        if self.parent is None or self.shared is None or below == path or not self.shared.match(below):
+            return path
+        return self.parent.where(f"{self.parent.layout.root}/{below}")
+
+    @cached_property
+    def methods(self) -> SceneMethods:
+        """The methods that are compared on it."""
+        assert self.family is not None
+        return SceneMethods(self, self.family.cards, self.family.run)
 
     @cached_property
     def views(self) -> SceneViews:
@@ -85,7 +113,10 @@ class SceneConfig:
     @cached_property
     def decisions(self) -> SceneDecisions:
         """What a person decided about its emitters."""
-        return SceneDecisions(self.name, self.layout, self.setups)
+        decided = self
+        while decided.parent is not None:
+            decided = decided.parent
+        return SceneDecisions(self.name, self.layout, self.setups, Path(decided.layout.review))
 
     def check(self) -> None:
         """Look for what is named and read late.
@@ -234,6 +265,14 @@ class SceneConfig:
 
     # --- the model and what is made of it
 
+    def last_model(self) -> str:
+        """The model of the last round."""
+        return self.layout.model.format(round=self.rounds)
+
+    def last_confidence(self) -> list[str]:
+        """Confidence in the last model, where it is told."""
+        return [self.layout.confidence.format(round=self.rounds)] if self.estimator == "fit" else []
+
     def last_emitters(self) -> str:
         """The emitters that go with the last model."""
         return self._emitters(self.rounds)
@@ -277,11 +316,16 @@ class SceneConfig:
     # --- asking
 
     def answer(self, question: str, **known: Any) -> Any:
-        """Attribute or method by its dotted name; a method is given those of ``known`` that it takes."""
+        """Attribute or method by its dotted name; a method is given those of ``known`` that it takes.
+
+        Paths of a run of a method are those of the files that it takes over.
+        """
         found: Any = self
         for name in question.split("."):
             found = getattr(found, name)
-        if not callable(found):
-            return found
-        takes = inspect.signature(found).parameters
-        return found(**{name: value for name, value in known.items() if name in takes})
+        if callable(found):
+            takes = inspect.signature(found).parameters
+            found = found(**{name: value for name, value in known.items() if name in takes})
+        if isinstance(found, list):
+            return [self.where(value) if isinstance(value, str) else value for value in found]
+        return self.where(found) if isinstance(found, str) else found

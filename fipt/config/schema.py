@@ -6,6 +6,7 @@ from typing import Annotated
 
 from pydantic import Field
 
+from fipt.config.methods import Methods
 from fipt.config.sections import Sections
 from fipt.config.sources.base import Place, Setups, Source
 from fipt.config.sources.dataset import DatasetEntry, DatasetSource
@@ -42,5 +43,6 @@ class Config(Sections):
     )
     views_per_shard: Positive = Field(default=16, description="views that one job works on")
     setups: Setups | None = Field(default=None, description="relight setups of every scene")
+    methods: Methods | None = Field(default=None, description="methods of comparisons, beside those that are known")
     only: str | list[str] | None = Field(default=None, description="names of the scenes to run; absent = all")
     data_root: str | None = Field(default=None, description="folder that {data_root} in paths stands for")

@@ -8,8 +8,9 @@ from typing import Any
 
 from pydantic import BaseModel, Field, create_model
 
-from fipt.config.files import merge, read_yaml
+from fipt.config.files import merge
 from fipt.errors import FiptError
+from fipt.formats.yaml import read_yaml
 from fipt.registry import settings_classes
 from fipt.settings import Settings, layer_of
 from fipt.validation import checked

@@ -175,7 +175,11 @@ def write_text(path: str | Path, text: str) -> None:
 def existing_file(path: str | Path, what: str) -> Path:
     """Return ``path`` if it is a file, else raise an error that names it and ``what`` it should be."""
     path = Path(path)
-    if not path.is_file():
+    try:
+        there = path.is_file()
+    except (OSError, ValueError) as error:  # longer than the system allows, or with a null byte
+        raise FiptError(f"{what} cannot be at {str(path)[:200]} ({error})", "check the path") from error
+    if not there:
         raise FiptError(f"{what} is missing: {path}", "check the path, or run the stage that writes it")
     return path
 

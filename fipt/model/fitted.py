@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from fipt.model.networks import Brdf, Field
-from fipt.model.store import load_field
+from fipt.model.parts import MaterialModel
+from fipt.model.reflectance import Brdf
+from fipt.model.store import load_model
 from fipt.scene.emitters import Emitters, read_emitters
 from fipt.scene.environment import NOTHING, EnvironmentMap, read_environment
 from fipt.scene.mesh import Mesh
@@ -33,7 +34,7 @@ class FittedScene:
     """
 
     mesh: Mesh
-    model: Field
+    model: MaterialModel
     emitters: Emitters = field(default_factory=Emitters.none)
     environment: EnvironmentMap = NOTHING
     cache: Mapping[str, np.ndarray] = field(default_factory=dict)
@@ -63,25 +64,25 @@ class FittedScene:
         """
         return cls(
             mesh,
-            load_field(model),
+            load_model(model),
             Emitters.none() if emitters is None else read_emitters(emitters),
             read_environment(environment),
             {} if cache is None else read_cache(cache),
         )
 
-    def reflectance(self, points: np.ndarray, footprint: np.ndarray) -> Brdf:
-        """Reflectance at points (N, 3) of the surface, seen through pixels that are ``footprint`` (N,) metres wide.
+    def reflectance(self, points: np.ndarray, footprint: np.ndarray, triangle: np.ndarray | None = None) -> Brdf:
+        """Reflectance at points (N, 3) of triangles (N,), seen through pixels that are ``footprint`` (N,) metres wide.
 
         The model is asked about as large a part of the pixel as in the fit (settings of the fit, ``footprint``).
         """
-        return self.model.query(points, footprint * self.model.settings.footprint)
+        return self.model.query(points, footprint * self.model.settings.footprint, triangle)
 
     def cached_materials(self) -> Brdf:
         """Reflectance of the K records of the radiance cache, see `voxel_materials`."""
         return voxel_materials(self.model, self.cache)
 
 
-def voxel_materials(model: Field, cache: Mapping[str, np.ndarray]) -> Brdf:
+def voxel_materials(model: MaterialModel, cache: Mapping[str, np.ndarray]) -> Brdf:
     """Reflectance of the K records of a cache; those that no view sees take that of the record standing for them."""
     seen, index = np.unique(cache["source"], return_inverse=True)
     size = np.full(len(seen), float(cache["side"]) / int(cache["resolution"]), np.float32)

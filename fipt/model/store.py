@@ -1,4 +1,4 @@
-"""Fields and checkpoints of their training on disk: safetensors with JSON metadata, no pickles."""
+"""Fields, checkpoints of their training and materials of parts on disk: safetensors with JSON metadata, no pickles."""
 
 import json
 from collections.abc import Mapping
@@ -6,6 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
@@ -15,13 +16,16 @@ from fipt.formats.files import atomic, existing_file
 from fipt.formats.text import MALFORMED
 from fipt.model.hash_encoding import Backend
 from fipt.model.networks import Field, SceneBox
+from fipt.model.parts import MaterialModel, PartLabels, PartMaterials
+from fipt.model.reflectance import Brdf
 from fipt.model.settings import NetworkSettings
 from fipt.registry import VERSIONS
 from fipt.settings import dumped, validate
 
 _KEY = "fipt"  # of the JSON text in the file's metadata, whose values may only be strings
-_Kind = Literal["field", "checkpoint"]
-_REQUIRED = {"field": {"settings", "box"}, "checkpoint": {"settings", "box", "step", "optimizer"}}
+_Kind = Literal["field", "checkpoint", "parts"]
+_REQUIRED = {"field": {"settings", "box"}, "checkpoint": {"settings", "box", "step", "optimizer"}, "parts": set()}
+_PART_ARRAYS = ("of_triangle", "place", "of_place", "base_color", "roughness", "metallic")
 
 
 def save_field(path: str | Path, field: Field, settings: NetworkSettings) -> None:
@@ -58,6 +62,30 @@ def load_field(path: str | Path, backend: Backend = "auto") -> Field:
     field = Field(_network_settings(path, metadata), _box(path, metadata), backend)
     _restore(path, field, tensors)
     return field
+
+
+def save_parts(path: str | Path, parts: PartMaterials) -> None:
+    """Write materials of parts, where a fitted field would stand."""
+    arrays = vars(parts.labels) | vars(parts.brdf)
+    _write(path, "parts", {name: torch.from_numpy(np.ascontiguousarray(arrays[name])) for name in _PART_ARRAYS}, {})
+
+
+def load_model(path: str | Path) -> MaterialModel:
+    """Read a fitted field, or materials of parts.
+
+    Raises
+    ------
+    FiptError
+        If the file is missing, damaged or of another version of the stage.
+    """
+    if _kind(path) != "parts":
+        return load_field(path)
+    tensors, _ = _read(path, "parts")
+    missing = [name for name in _PART_ARRAYS if name not in tensors]
+    if missing:
+        raise _damaged(path, f"no {', '.join(missing)}")
+    arrays = [tensors[name].numpy() for name in _PART_ARRAYS]
+    return PartMaterials(PartLabels(*arrays[:3]), Brdf(*arrays[3:]))
 
 
 def save_checkpoint(
@@ -190,6 +218,16 @@ def _read(path: str | Path, kind: _Kind) -> tuple[dict[str, torch.Tensor], dict[
             "delete it and run the fit again",
         )
     return tensors, metadata
+
+
+def _kind(path: str | Path) -> str | None:
+    """What a file of ours holds; None where it cannot be told."""
+    existing_file(path, "a model")
+    try:
+        with safe_open(path, framework="pt") as file:
+            return str(json.loads((file.metadata() or {})[_KEY])["kind"])
+    except (SafetensorError, KeyError, TypeError, ValueError):
+        return None
 
 
 def _damaged(path: str | Path, why: str) -> FiptError:

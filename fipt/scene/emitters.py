@@ -129,6 +129,21 @@ class Emitters:
         numbers, values = np.empty(0, np.int32), np.empty(0, np.float32)
         return cls(numbers, np.empty((0, 3), np.float32), values, numbers, numbers, values, values, np.empty(0, bool))
 
+    @classmethod
+    def plain(cls, mesh: Mesh, triangle: np.ndarray, radiance: np.ndarray, emitter: np.ndarray) -> "Emitters":
+        """Triangles (E,) with their radiance (E, 3) and a number (E,) that those of one emitter share."""
+        numbers, values = np.zeros(len(triangle), np.int32), np.ones(len(triangle), np.float32)
+        return cls(
+            triangle.astype(np.int32),
+            radiance.astype(np.float32),
+            mesh.areas[triangle].astype(np.float32),
+            np.unique(emitter, return_inverse=True)[1].astype(np.int32),
+            numbers,
+            values,
+            0 * values,
+            numbers > 0,
+        )
+
 
 _ARRAYS = (
     "triangle",

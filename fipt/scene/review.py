@@ -17,6 +17,7 @@ from pydantic import Field, ValidationError, field_validator
 
 from fipt.errors import FiptError
 from fipt.formats.files import write_text
+from fipt.formats.yaml import read_yaml
 from fipt.settings import Count, Settings
 from fipt.validation import explain
 
@@ -29,6 +30,8 @@ _RESERVED = re.compile(r"(?:lamp|emitter)[-_ ]?\d+|rest|outside|surface", re.IGN
 _LONGEST = 60
 _RANGE = re.compile(r"\s*(\d+)\s*(?:-\s*(\d+)\s*)?")
 
+_KEYS = ("mesh_triangles", "emitters")
+_REMEDY = f"its keys are {', '.join(_KEYS)}; delete the file to have it written anew"
 _RENAMED = "write emitters: for lamps: and in each entry emitter: emitter-N for lamp: lamp-N, or delete the file"
 
 _HEAD = """\
@@ -224,13 +227,9 @@ def read_review(path: str | Path) -> Review | None:
         If it is no such file, or its decisions contradict each other: one line that names the entry.
     """
     path = Path(path)
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
+    if not path.exists():
         return None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise FiptError(f"{path} is not YAML ({error})", "correct the line it names") from error
-    total, emitters = _top(path, content)
+    total, emitters = _top(path, read_yaml(path, "the review", _REMEDY))
     entries = [_entry(path, place, values) for place, values in enumerate(emitters)]
     labels = [_label(entry, place) for place, entry in enumerate(entries)]
     triangles: list[Triangles] = []
@@ -250,21 +249,17 @@ def read_review(path: str | Path) -> Review | None:
     return Review(total, tuple(entries), tuple(triangles), tuple(partner))
 
 
-def _top(path: Path, content: Any) -> tuple[int, Sequence[Any]]:
-    keys = ("mesh_triangles", "emitters")
-    remedy = f"its keys are {', '.join(keys)}; delete the file to have it written anew"
-    if not isinstance(content, dict):
-        raise FiptError(f"{path} must hold keys at its top level", remedy)
+def _top(path: Path, content: Mapping[str, Any]) -> tuple[int, Sequence[Any]]:
     if "lamps" in content:
         raise FiptError(f"{path}: the key lamps is called emitters now", _RENAMED)
     for key in content:
-        if key not in keys:
-            raise FiptError(f"{path}: unknown key {key}", remedy)
+        if key not in _KEYS:
+            raise FiptError(f"{path}: unknown key {key}", _REMEDY)
     total, emitters = content.get("mesh_triangles"), content.get("emitters")
     if type(total) is not int or total < 0:
-        raise FiptError(f"{path}: mesh_triangles must be a number of triangles; found {total!r}", remedy)
+        raise FiptError(f"{path}: mesh_triangles must be a number of triangles; found {total!r}", _REMEDY)
     if not isinstance(emitters, list):
-        raise FiptError(f"{path}: emitters must be a list; found {emitters!r}", remedy)
+        raise FiptError(f"{path}: emitters must be a list; found {emitters!r}", _REMEDY)
     return total, emitters
 
 

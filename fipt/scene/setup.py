@@ -4,13 +4,13 @@ import json
 from collections.abc import Sequence
 from difflib import get_close_matches
 from operator import sub
-from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import Field, model_validator
 
 from fipt.errors import FiptError
 from fipt.formats.text import MALFORMED
+from fipt.formats.yaml import read_yaml
 from fipt.settings import (
     Angle,
     Count,
@@ -376,8 +376,10 @@ def parse_setup(text: str) -> RelightSetup:
     FiptError
         If it is neither, has unknown keys or values out of range.
     """
-    values = _json(text, "setup") if text.lstrip().startswith("{") else _yaml(text)
-    return checked(RelightSetup, values, root="setup")
+    if text.lstrip().startswith("{"):
+        return checked(RelightSetup, _json(text, "setup"), root="setup")
+    what = "the light setup, which must be JSON or the path of a YAML file"
+    return checked(RelightSetup, read_yaml(text, what), root=f"setup {text}")
 
 
 def parse_cameras(text: str) -> OwnCameras:
@@ -396,17 +398,3 @@ def _json(text: str, name: str) -> Any:
         return json.loads(text)
     except MALFORMED as error:
         raise FiptError(f"{name} must be JSON ({error})", "see config/README.md") from error
-
-
-def _yaml(path: str) -> Any:
-    import yaml
-
-    try:
-        return yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise FiptError(
-            f"the light setup must be JSON or the path of a YAML file; {path} cannot be read ({error.strerror})",
-            "check the path",
-        ) from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise FiptError(f"the light setup {path} is not YAML ({error})", "repair the file") from error

@@ -1,12 +1,13 @@
 """Cameras are not trusted: a mistake that all of them share is named, and blamed on no view."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from fipt.errors import FiptError
 from fipt.formats.exr import write_exr
 from fipt.render.scene import RayScene
 from fipt.render.variant import Backend
@@ -14,9 +15,11 @@ from fipt.scene.cameras import Camera, write_transforms
 from fipt.scene.dataset import Dataset, write_views
 from fipt.scene.mesh import write_ply
 from fipt.stages.check_poses import diagnose
-from fipt.stages.check_poses.compare import Verdict, reduced
+from fipt.stages.check_poses.compare import check, enough
 from fipt.stages.check_poses.diagnose import Correction, agreement, corrections, explain
 from fipt.stages.check_poses.settings import CheckPosesSettings
+from fipt.stages.check_poses.surface import reduced
+from fipt.stages.check_poses.verdict import Verdict
 from tests import room_views, scenes
 from tests.faults.faults import refused
 
@@ -115,3 +118,46 @@ def test_the_command_says_it_and_blames_no_view(
     said = refused(capsys, "check-poses", str(tmp_path), "--reject")
     assert "if camera axes are those of OpenCV (y down, looks along +z); correct the source or its format" in said
     assert not (tmp_path / "check_poses.json").exists()
+
+
+WARM = np.array([1.2, 1.0, 0.6], np.float32)
+
+
+@pytest.mark.parametrize(
+    ("colour", "exchanged", "found"),
+    [
+        (WARM, (), ()),
+        (WARM, (2,), ("v2",)),
+        (WARM[::-1], (1, 6), ("v1", "v6")),
+        (WARM, range(8), ()),  # nothing tells
+        (np.ones(3, np.float32), (2,), ()),  # grey is grey
+    ],
+)
+def test_red_and_blue_exchanged_in_single_views(
+    colour: np.ndarray,
+    exchanged: Sequence[int],
+    found: tuple[str, ...],
+    backend: Backend,
+    tmp_path: Path,
+    views: list[tuple[Camera, np.ndarray]],
+) -> None:
+    shown = [(c, image * (colour[::-1] if i in exchanged else colour)) for i, (c, image) in enumerate(views)]
+    verdicts = check(dataset(tmp_path, shown), CheckPosesSettings(width=96))
+    assert {verdict.view for verdict in verdicts if not verdict.accepted} == set(found)
+    assert all("with red and blue exchanged (BGR for RGB?)" in v.reason for v in verdicts if v.view in found)
+
+
+def test_a_view_at_another_exposure_is_named_and_stays(
+    backend: Backend, tmp_path: Path, views: list[tuple[Camera, np.ndarray]]
+) -> None:
+    shown = [(c, image * (0.5 if i == 4 else 1.0)) for i, (c, image) in enumerate(views)]
+    verdicts = check(dataset(tmp_path, shown), CheckPosesSettings(width=96))
+    assert all(verdict.accepted for verdict in verdicts)
+    assert [v.view for v in verdicts if "as bright as others show the same surface" in v.reason] == ["v4"]
+
+
+def test_too_many_exchanged_views_end_the_check_with_their_reason() -> None:
+    reason = "shows what others show with red and blue exchanged (BGR for RGB?)"
+    odd = [replace(verdict, accepted=False, reason=reason) for verdict in judged(0.9)]
+    with pytest.raises(FiptError, match=r"2 of 5 do not: a, b; a shows what others show with red and blue exchanged"):
+        enough([*odd[:2], *judged(0.9)], CheckPosesSettings())

@@ -49,7 +49,7 @@ def source(change: Callable[[np.ndarray], np.ndarray], view: str = "") -> None:
 
 
 def times(factor: float) -> Callable[[np.ndarray], np.ndarray]:
-    return lambda image: image * np.float64(0.5 * factor)  # 0.5: the level of a room
+    return lambda image: image * np.float64(factor)
 
 
 @pytest.mark.parametrize("factor", LEVELS)

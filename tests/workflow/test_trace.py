@@ -133,11 +133,20 @@ def test_a_room_in_code_with_given_ids(folder):
     RULES.update(rules)
     assert not found, "\n".join(found)
 
+    compared = config | {"compare": {"methods": ["irradiance", "bound-constants"], "seeds": 1}}
+    jobs = [job for job in jobs_of(Path(), compared, "compare") if not all(Path(path).exists() for path in job.outputs)]
+    found = [line for job in jobs for line in wrong(job, {})]
+    RULES.update(job.rule for job in jobs)
+    assert not found, "\n".join(found)
+    page = Path("results/room/compare.html").read_text()
+    assert "Radiance over irradiance" in page
+    assert json.loads(Path("results/room/compare/table.json").read_text())["methods"][0]["id"] == "fipt"
+
     # an input that is deleted from a rule on purpose is noticed, with the rule's name and the file's
     changed = folder / "changed"
     shutil.copytree(WORKFLOW, changed)
     rules_file = changed / "rules" / "samples.smk"
-    line = '        mesh="results/{scene}/dataset/mesh.ply",\n'
+    line = '        mesh=own("results/{scene}/dataset/mesh.ply"),\n'
     assert line in rules_file.read_text()
     rules_file.write_text(rules_file.read_text().replace(line, ""))
     jobs = jobs_of(folder, config, "results/room/samples/val-000.manifest.json", changed)

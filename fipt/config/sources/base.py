@@ -161,6 +161,17 @@ class Source(ABC):
         """
 
     @property
+    def has_truth(self) -> bool:
+        """Whether its dataset has true materials.
+
+        Raises
+        ------
+        FiptError
+            If the source must be read to know it, and cannot be.
+        """
+        return self.known
+
+    @property
     def photographed(self) -> bool:
         """Whether the dataset comes from photographs, true or simulated."""
         return self.photographs is not None

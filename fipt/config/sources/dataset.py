@@ -68,6 +68,13 @@ class DatasetSource(Source):
 
         return has_segments(self._read)
 
+    @property
+    def has_truth(self) -> bool:
+        """Whether its layout brings true materials."""
+        from fipt.formats.layouts import known_files
+
+        return any(path.suffix == ".exr" for frame in self._read.frames for path in known_files(frame))
+
     def imported_files(self) -> list[str]:
         """Cameras, mesh and images; of a dataset of this program also truth and ids."""
         from fipt.formats.layouts import known_files

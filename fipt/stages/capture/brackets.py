@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import csv
+import math
 import re
 from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
 
@@ -15,6 +15,7 @@ import numpy as np
 
 from fipt.errors import FiptError
 from fipt.formats.files import check_name, existing_file
+from fipt.formats.text import read_text
 from fipt.stages.capture.exposures import SAME_STOPS, exposure, shutter_text, stops
 from fipt.stages.capture.raw import LDR_SUFFIXES, MERGED_SUFFIXES, RAW_SUFFIXES, Shot, read_shot
 
@@ -368,17 +369,17 @@ def _view_name(stem: str, taken: Collection[str]) -> str:
 
 def _tabled(table: Path) -> tuple[str, dict[str, tuple[Shot, ...]], list[Finding]]:
     """Views of ``captures.tsv``."""
-    with table.open(encoding="utf-8-sig", newline="") as file:
-        reader = csv.DictReader(file, delimiter="\t")
-        columns = reader.fieldnames or []
-        unknown = [name for name in columns if name not in _COLUMNS]
-        if unknown or not {"view", "file"} <= set(columns):
-            raise FiptError(
-                f"{table} must have the columns view and file, and may have shutter, aperture, iso; "
-                f"found {', '.join(map(str, columns)) or 'nothing'}",
-                "separate the columns by tabs and name them in the first line",
-            )
-        rows = list(reader)
+    reader = csv.DictReader(read_text(table, "the table of a capture").splitlines(), delimiter="\t")
+    try:
+        columns, rows = reader.fieldnames or [], list(reader)
+    except csv.Error as error:
+        raise FiptError(f"{table} is not a table ({error})", "separate its columns by tabs") from error
+    if not {"view", "file"} <= set(columns) <= set(_COLUMNS):
+        raise FiptError(
+            f"{table} must have the columns view and file, and may have shutter, aperture, iso; "
+            f"found {', '.join(map(str, columns)) or 'nothing'}",
+            "separate the columns by tabs and name them in the first line",
+        )
     views: dict[str, tuple[Shot, ...]] = {}
     kinds = set()
     for number, row in enumerate(rows, start=2):
@@ -414,10 +415,11 @@ def _read_tabled(path: Path, has_shutter: bool) -> Shot:
 def _positive(text: str | None, where: str) -> float | None:
     if text is None or not text.strip():
         return None
+    above, _, below = text.partition("/")
     try:
-        value = float(Fraction(text.strip()))
+        value = float(above) / float(below or 1)
     except (ValueError, ZeroDivisionError):
         value = 0.0
-    if value <= 0:
+    if not 0 < value < math.inf:
         raise FiptError(f"{where} must be a positive number such as 0.5 or 1/60; found {text!r}", "correct the table")
     return value

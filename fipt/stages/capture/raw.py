@@ -137,6 +137,10 @@ def read_raw(path: str | Path, shot: Shot | None = None) -> RawFrame:
         raise FiptError(f"{path} is not a RAW file that LibRaw reads", "leave it out or convert it to DNG") from error
     except rawpy.LibRawError as error:
         raise FiptError(f"{path} is truncated or damaged ({_text(error)})", "copy it from the card again") from error
+    except NotImplementedError as error:  # rawpy's, of mosaics that it does not know
+        raise FiptError(
+            f"{path} must have a colour mosaic that repeats every 2x2 pixels ({error})", "convert it to DNG"
+        ) from error
     finally:
         raw.close()
     if not frame.shot.shutter:
@@ -223,19 +227,17 @@ def _color_matrix(raw: Any, tags: dict[str, Any]) -> np.ndarray | None:
     """LibRaw's matrix of known cameras, else the one a DNG states."""
     known = np.array(raw.rgb_xyz_matrix, np.float64)[:3]
     tag = tags.get("Image Tag 0xC621")  # ColorMatrix1
-    if not known.any() and tag is not None and len(tag.values) == 9:
-        known = np.array([float(value) for value in tag.values]).reshape(3, 3)
+    if not known.any() and (stated := _floats(tag)).size == 9:
+        known = stated.reshape(3, 3)
     return known if known.any() and np.isfinite(known).all() else None
 
 
 def _black_in_header(tags: dict[str, Any]) -> np.ndarray | None:
     """(2, 2) black level by position as a DNG states it; LibRaw cuts off the fraction."""
-    tag = tags.get("Image BlackLevel")
-    if tag is None or len(tag.values) not in (1, 4):
+    stated = _floats(tags.get("Image BlackLevel"))
+    if stated.size not in (1, 4):
         return None
-    return np.broadcast_to(
-        np.array([float(value) for value in tag.values]).reshape(-1, 2 if len(tag.values) == 4 else 1), (2, 2)
-    )
+    return np.broadcast_to(stated.reshape(-1, 2 if stated.size == 4 else 1), (2, 2))
 
 
 def _tags(file: Any) -> dict[str, Any]:
@@ -254,7 +256,7 @@ def _shot(path: Path, tags: dict[str, Any], raw: Any) -> Shot:
     lens = raw.lens if raw is not None else None
     make, model = _words(tags, "Image Make"), _words(tags, "Image Model")
     camera = model if model and make and model.startswith(make) else " ".join(filter(None, [make, model]))
-    orientation = tags.get("Image Orientation")
+    orientation = int(_number(tags, "Image Orientation") or 1)
     time = _time(tags)
     if time is None and other is not None and other.timestamp is not None and other.timestamp.year > 1980:
         time = float(timegm(other.timestamp.timetuple()))
@@ -269,7 +271,7 @@ def _shot(path: Path, tags: dict[str, Any], raw: Any) -> Shot:
         lens=_words(tags, "EXIF LensModel") or (lens and lens.model) or None,
         serial=_words(tags, "EXIF BodySerialNumber"),
         time=time,
-        orientation=int(orientation.values[0]) if orientation is not None and orientation.values else 1,
+        orientation=orientation if orientation in range(1, 9) else 1,
     )
 
 
@@ -278,12 +280,16 @@ def _positive(value: Any) -> float | None:
 
 
 def _number(tags: dict[str, Any], name: str) -> float | None:
-    tag = tags.get(name)
-    if tag is None or not tag.values:
-        return None
-    value = tag.values[0]
-    denominator = getattr(value, "denominator", 1)
-    return _positive(float(value)) if denominator else None
+    found = _floats(tags.get(name))
+    return _positive(float(found[0])) if found.size else None
+
+
+def _floats(tag: Any) -> np.ndarray:
+    """Numbers of a tag; none where it has none, or what is no number: text, a pair, a ratio to 0."""
+    try:
+        return np.array([float(value) for value in tag.values]) if tag is not None else np.zeros(0)
+    except (TypeError, ValueError, ArithmeticError):
+        return np.zeros(0)
 
 
 def _words(tags: dict[str, Any], name: str) -> str | None:

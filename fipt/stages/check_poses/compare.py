@@ -8,19 +8,19 @@ ones, which the median over its partners leaves out. (The two-step check of the 
 """
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import map_coordinates, uniform_filter
 
-from fipt.conventions import LUMINANCE
 from fipt.errors import FiptError
 from fipt.progress import progress
 from fipt.render.scene import RayScene
-from fipt.scene.cameras import Camera
 from fipt.scene.dataset import Dataset
+from fipt.stages.check_poses.color import exchanged
 from fipt.stages.check_poses.settings import CheckPosesSettings
+from fipt.stages.check_poses.surface import ReducedView, reduced, shared_pixels, surface_shown, visible
+from fipt.stages.check_poses.verdict import Verdict
 
 _WINDOW = 9
 """Side of the windows of correlation, pixels."""
@@ -33,15 +33,6 @@ _FLAT = 0.04
 
 _STRONG = 0.4
 """Structure counts by its standard deviation up to this one: a lamp's edge must not outweigh all else."""
-
-_GRAZING = 0.15
-"""Cosine between surface and view, at least."""
-
-_OFFSET = 0.02
-"""Distances that differ by less than this share are of one surface."""
-
-_SCAN = 400
-"""Pixels of a view by which the views are found that share most with it."""
 
 STRUCTURE = 0.02
 """Share of a view's pixels that must have structure in common with a partner for it to tell anything."""
@@ -63,73 +54,6 @@ _BEHIND = 0.1
 
 _SAME = 0.2
 """Difference of log luminance up to which a pixel looks the same from both sides, as diffuse surface does."""
-
-
-@dataclass(frozen=True)
-class ReducedView:
-    """A view, reduced, and what its pixels show.
-
-    Attributes
-    ----------
-    camera
-        Of the reduced view.
-    light
-        (H, W) float32 log luminance.
-    valid
-        (H, W) bool.
-    points
-        (H, W, 3) float32 footprint samples.
-    hit
-        (H, W) bool: whether there is one that is not seen at a grazing angle.
-    normals
-        (H, W, 3) float32 of the surface, turned to the camera.
-    """
-
-    camera: Camera
-    light: np.ndarray
-    valid: np.ndarray
-    points: np.ndarray
-    hit: np.ndarray
-    normals: np.ndarray
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """What the check says of a view.
-
-    Attributes
-    ----------
-    view
-        Its name.
-    score
-        Median over its partners of the correlation with them; None where none tells.
-    overlap
-        Share of its pixels that its best partner shows too.
-    behind
-        Share of its pixels that others see from the other side of the surface.
-    colour
-        Share of the compared pixels that look the same in both.
-    exposure
-        Its brightness over that of its partners on the same surface, by medians; None where none tells.
-    partners
-        Views that it was compared with.
-    accepted, reason
-        The verdict, and a sentence where there is something to say.
-    """
-
-    view: str
-    score: float | None
-    overlap: float
-    behind: float
-    colour: float | None
-    exposure: float | None
-    partners: tuple[str, ...]
-    accepted: bool
-    reason: str
-
-    def plain(self) -> dict[str, Any]:
-        """Return the content as plain JSON types."""
-        return asdict(self) | {"partners": list(self.partners)}
 
 
 @dataclass(frozen=True)
@@ -163,16 +87,17 @@ def check(dataset: Dataset, settings: CheckPosesSettings) -> list[Verdict]:
         for camera in dataset.cameras:
             views.append(surface_shown(scene, *reduced(dataset, camera, settings.width)))
             bar.advance(1, camera.name)
-    return judge(scene, views, settings)
+    return exchanged(scene, views, judge(scene, views, settings))
 
 
 def enough(verdicts: Sequence[Verdict], settings: CheckPosesSettings) -> None:
-    """Raise FiptError if fewer views than the share `keep` are left: then the mesh is not where the cameras are."""
-    failed = [verdict.view for verdict in verdicts if not verdict.accepted]
+    """Raise FiptError if fewer views than the share `keep` are left: most likely the mesh is not where cameras are."""
+    failed = [verdict for verdict in verdicts if not verdict.accepted]
     if len(failed) > (1 - settings.keep) * len(verdicts):
         raise FiptError(
             f"at least {settings.keep:.0%} of the views must show what others show through the mesh; "
-            f"{len(failed)} of {len(verdicts)} do not: {', '.join(failed)}",
+            f"{len(failed)} of {len(verdicts)} do not: {', '.join(v.view for v in failed)}; "
+            f"{failed[0].view} {failed[0].reason}",
             "look at overlay.png: mesh and cameras must be in one frame and one unit",
         )
 
@@ -279,7 +204,7 @@ def _remark(
 def compare(scene: RayScene, here: ReducedView, there: ReducedView) -> Comparison:
     """Carry what ``there`` shows into ``here`` through the mesh, and correlate the two."""
     points = here.points.reshape(-1, 3)
-    pixels, from_front, _ = _visible(scene, here, there, np.flatnonzero(here.hit))
+    pixels, from_front, _ = visible(scene, here, there, np.flatnonzero(here.hit))
     row, column = pixels[:, 1] - 0.5, pixels[:, 0] - 0.5
     light = np.zeros(len(points))
     light[from_front] = map_coordinates(there.light, [row[from_front], column[from_front]], order=1, mode="nearest")
@@ -315,94 +240,6 @@ def compare(scene: RayScene, here: ReducedView, there: ReducedView) -> Compariso
         float((np.abs(a - b)[mask] < _SAME).mean()),
         float(np.median((a - b)[mask])),
     )
-
-
-def _visible(
-    scene: RayScene, here: ReducedView, there: ReducedView, index: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where another camera sees footprint samples of a view.
-
-    Parameters
-    ----------
-    index
-        Which pixels of ``here``, flat.
-
-    Returns
-    -------
-    pixels
-        (H W, 2) image coordinates in ``there``; NaN for pixels that were not asked for.
-    front, back
-        Flat pixels of ``here`` whose surface ``there`` sees from the same side, and from the other one.
-    """
-    points = here.points.reshape(-1, 3)[index].astype(np.float64)
-    projected, depth = there.camera.project(points)
-    size = (there.camera.width, there.camera.height)
-    inside = (depth > 1e-6) & ((projected > 0) & (projected < size)).all(axis=1)
-    index, points = index[inside], points[inside]
-    pixels = np.full((here.hit.size, 2), np.nan)
-    pixels[index] = projected[inside]
-    if len(index) == 0:
-        return pixels, index, index
-    center = there.camera.center
-    away = points - center
-    distance = np.linalg.norm(away, axis=1)
-    away /= np.maximum(distance, 1e-9)[:, None]
-    found, _ = scene.intersect(center.astype(np.float32), away.astype(np.float32))
-    reached = np.abs(found - distance) < _OFFSET * distance
-    cosine = -(here.normals.reshape(-1, 3)[index] * away).sum(axis=1)
-    return pixels, index[reached & (cosine > _GRAZING)], index[reached & (cosine < -_GRAZING)]
-
-
-def shared_pixels(scene: RayScene, views: Sequence[ReducedView]) -> tuple[np.ndarray, np.ndarray]:
-    """(V, V) shares of each view's pixels that each other one shows, and (V,) most that one shows from behind only."""
-    shared = np.zeros((len(views), len(views)))
-    behind = np.zeros(len(views))
-    for i, here in enumerate(views):
-        hit = np.flatnonzero(here.hit)
-        some = hit[:: max(len(hit) // _SCAN, 1)]
-        for j, there in enumerate(views):
-            if i != j and len(some):
-                _, front, back = _visible(scene, here, there, some)
-                shared[i, j] = len(front) / len(some)
-                behind[i] = max(behind[i], len(back) / len(some))
-    return shared, behind
-
-
-def reduced(dataset: Dataset, camera: Camera, width: int) -> tuple[Camera, np.ndarray, np.ndarray]:
-    """Camera, log luminance and mask of a view, reduced by whole blocks of pixels to at most ``width`` columns."""
-    image, weight = dataset.image(camera.name)
-    light = image.astype(np.float32) @ np.array(LUMINANCE, np.float32)
-    block = -(-camera.width // width)
-    rows, columns = camera.height // block, camera.width // block
-
-    def blocks(values: np.ndarray) -> np.ndarray:
-        return values[: rows * block, : columns * block].reshape(rows, block, columns, block)
-
-    valid = blocks(weight > 0).mean(axis=(1, 3)) > 0.5
-    light = blocks(light).mean(axis=(1, 3))
-    bright = np.median(light[valid]) if valid.any() else 1.0
-    small = replace(
-        camera, width=columns, height=rows, fx=camera.fx / block, fy=camera.fy / block,
-        cx=camera.cx / block, cy=camera.cy / block,
-    )  # fmt: skip
-    return small, np.log(np.maximum(light, 1e-3 * max(float(bright), 1e-6))).astype(np.float32), valid
-
-
-def surface_shown(scene: RayScene, camera: Camera, light: np.ndarray, valid: np.ndarray) -> ReducedView:
-    """Trace the footprint samples of a reduced view."""
-    rows, columns = np.mgrid[: camera.height, : camera.width] + 0.5
-    directions = camera.directions(columns, rows).reshape(-1, 3)
-    distance, triangle = scene.intersect(camera.center, directions)
-    normals = scene.normals[triangle]
-    cosine = -(normals * directions).sum(axis=1)
-    hit = (triangle >= 0) & (np.abs(cosine) > _GRAZING)
-    points = camera.center + np.where(hit, distance, 0.0)[:, None] * directions
-    normals = normals * np.sign(cosine)[:, None]
-    shape = light.shape
-    return ReducedView(
-        camera, light, valid, points.reshape(*shape, 3).astype(np.float32), hit.reshape(shape),
-        normals.reshape(*shape, 3).astype(np.float32),
-    )  # fmt: skip
 
 
 def table(verdicts: Sequence[Verdict]) -> str:

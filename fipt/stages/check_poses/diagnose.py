@@ -16,8 +16,10 @@ from fipt.progress import progress
 from fipt.render.scene import RayScene
 from fipt.scene.cameras import Camera
 from fipt.scene.dataset import Dataset
-from fipt.stages.check_poses.compare import STRUCTURE, Verdict, compare, reduced, shared_pixels, surface_shown
+from fipt.stages.check_poses.compare import STRUCTURE, compare
 from fipt.stages.check_poses.settings import CheckPosesSettings
+from fipt.stages.check_poses.surface import reduced, shared_pixels, surface_shown
+from fipt.stages.check_poses.verdict import Verdict
 
 SUSPECT = 0.65
 """Median correlation below which all cameras are suspected together.
@@ -100,17 +102,18 @@ def explain(dataset: Dataset, verdicts: Sequence[Verdict], settings: CheckPosesS
         )
 
 
-def agreement(scene: RayScene, views: Sequence[tuple[Camera, np.ndarray, np.ndarray]], correction: Correction) -> float:
+def agreement(
+    scene: RayScene, views: Sequence[tuple[Camera, *tuple[np.ndarray, ...]]], correction: Correction
+) -> float:
     """Median correlation of views with their partners once a correction is applied; 0 where few of them tell.
 
     Parameters
     ----------
     views
-        Camera, (H, W) log luminance and (H, W) mask of each, as `fipt.stages.check_poses.compare.reduced` gives them.
+        Of each what `fipt.stages.check_poses.surface.reduced` gives: camera, (H, W) log luminance, mask and redness.
     """
     shown = [
-        surface_shown(scene, correction.camera(camera), correction.image(light), correction.image(valid))
-        for camera, light, valid in views
+        surface_shown(scene, correction.camera(camera), *map(correction.image, images)) for camera, *images in views
     ]
     shared, _ = shared_pixels(scene, shown)
     scores = []

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 from fipt.inputs import POSITIONAL
 
 if TYPE_CHECKING:
-    from fipt.stages.check_poses.compare import Verdict
     from fipt.stages.check_poses.settings import CheckPosesSettings
+    from fipt.stages.check_poses.verdict import Verdict
 
 log = logging.getLogger(__name__)
 

@@ -11,8 +11,6 @@ from fipt.stages.importing.frames import read_image
 
 log = logging.getLogger(__name__)
 
-_KEPT = 2.0
-"""Factor from the level within which a source keeps its unit: rooms whose unit is a photograph's lie there."""
 _VIEWS = 32
 """Views that tell the level at most, spread over their names: the median needs no more."""
 _PIXELS = 20_000
@@ -22,8 +20,8 @@ _PIXELS = 20_000
 def radiance_scale(source: ImageSource) -> float:
     """Power of two that brings the median luminance of a source's training views to about the level of a room.
 
-    Powers of two change no digit of a pixel. The level is that of pixels with weight and light; a source near it keeps
-    its unit.
+    Powers of two change no digit of a pixel: sources whose units differ by one give the same images, bit for bit. The
+    level is that of pixels with weight and light.
 
     Raises
     ------
@@ -44,5 +42,4 @@ def radiance_scale(source: ImageSource) -> float:
             f"{source.root}: training views must show light; every pixel of {len(seen)} views is black",
             "check the images, their channels and masks",
         )
-    ratio = RADIANCE_LEVEL / float(np.median(light))
-    return 1.0 if 1 / _KEPT <= ratio <= _KEPT else float(2.0 ** np.round(np.log2(ratio)))
+    return float(2.0 ** np.round(np.log2(RADIANCE_LEVEL / float(np.median(light)))))

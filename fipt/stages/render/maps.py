@@ -6,7 +6,8 @@ import numpy as np
 
 from fipt.conventions import SUB_POSITIONS
 from fipt.model.albedo import reflectance
-from fipt.model.networks import Brdf, Field
+from fipt.model.parts import MaterialModel
+from fipt.model.reflectance import Brdf
 from fipt.render.surface import emitter_set
 from fipt.scene.cameras import Camera
 from fipt.scene.confidence import Confidence
@@ -16,14 +17,14 @@ from fipt.scene.samples import FootprintSamples
 
 @dataclass(frozen=True)
 class FittedSurface:
-    """What is known of every place of the surface."""
+    """What is known of every place of the surface; methods that tell no confidence have none."""
 
-    field: Field
+    model: MaterialModel
     emitters: Emitters
-    confidence: Confidence
+    confidence: Confidence | None = None
 
 
-def sample_materials(field: Field, samples: FootprintSamples, chosen: np.ndarray, average: bool) -> Brdf:
+def sample_materials(model: MaterialModel, samples: FootprintSamples, chosen: np.ndarray, average: bool) -> Brdf:
     """Reflectance of samples, averaged over their pieces of surface (or at one point of each).
 
     The model is asked about as large a part of the footprint as in the fit (settings of the fit, ``footprint``).
@@ -41,11 +42,12 @@ def sample_materials(field: Field, samples: FootprintSamples, chosen: np.ndarray
         N rows.
     """
     position = np.asarray(samples.position)[chosen]
-    footprint = np.asarray(samples.footprint)[chosen] * field.settings.footprint
+    footprint = np.asarray(samples.footprint)[chosen] * model.settings.footprint
+    triangle = np.asarray(samples.triangle)[chosen]
     if not average:
-        return field.query(position, footprint)
+        return model.query(position, footprint, triangle)
     points = position[:, None] + np.asarray(samples.sub)[chosen].astype(np.float32)
-    brdf = field.query(points.reshape(-1, 3), np.repeat(footprint, SUB_POSITIONS))
+    brdf = model.query(points.reshape(-1, 3), np.repeat(footprint, SUB_POSITIONS), np.repeat(triangle, SUB_POSITIONS))
     shape = (len(chosen), SUB_POSITIONS)
     return Brdf(
         brdf.base_color.reshape(*shape, 3).mean(1),
@@ -63,17 +65,18 @@ def material_maps(
     -------
     dict
         ``kd``, ``base_color``, ``reflectance``, ``emission`` (H, W, 3); ``roughness.Y``, ``metallic.Y``,
-        ``confidence.Y``, ``kd_error.Y``, ``roughness_error.Y``, ``metallic_error.Y``, ``emission_mask.Y``, ``hit.Y``
-        (H, W), float32; 0 where the pixel's centre misses the mesh.
+        ``emission_mask.Y``, ``hit.Y``, and where they are known ``confidence.Y``, ``kd_error.Y``,
+        ``roughness_error.Y``, ``metallic_error.Y`` (H, W), float32; 0 where the pixel's centre misses the mesh.
     """
     height, width = samples.shapes[index]
     pixels = samples.pixels(index)
     hit = np.asarray(samples.center[pixels]) > 0
     chosen = np.asarray(samples.offsets[pixels])[hit]
-    brdf = sample_materials(surface.field, samples, chosen, average)
+    brdf = sample_materials(surface.model, samples, chosen, average)
     position, normal = np.asarray(samples.position)[chosen], np.asarray(samples.normal)[chosen]
     wo = camera.center - position
     cos = (wo * normal).sum(1) / np.linalg.norm(wo, axis=1)
+    layers = {} if surface.confidence is None else surface.confidence.layers(position, normal)
     emission = emitter_set(surface.emitters).emitted(np.asarray(samples.triangle)[chosen])
 
     def spread(values: np.ndarray) -> np.ndarray:
@@ -87,7 +90,7 @@ def material_maps(
         "reflectance": spread(reflectance(brdf.base_color, brdf.roughness, brdf.metallic, cos)),
         "roughness.Y": spread(brdf.roughness),
         "metallic.Y": spread(brdf.metallic),
-        **{f"{name}.Y": spread(values) for name, values in surface.confidence.layers(position, normal).items()},
+        **{f"{name}.Y": spread(values) for name, values in layers.items()},
         "emission": spread(emission),
         "emission_mask.Y": spread((emission.max(axis=1) > 0).astype(np.float32)),
         "hit.Y": hit.reshape(height, width).astype(np.float32),

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from fipt.inputs import ConfidenceFile, DatasetFolder, EmittersFile, ManifestFile, ModelFile, SamplesFolder
+from fipt.inputs import DatasetFolder, EmittersFile, ManifestFile, ModelFile, SamplesFolder
 
 if TYPE_CHECKING:
     from fipt.stages.render.settings import MaterialsSettings
@@ -18,16 +18,16 @@ class MaterialsInputs:
     samples: SamplesFolder
     model: ModelFile
     emitters: EmittersFile
-    confidence: ConfidenceFile
     out: Annotated[Path, "Folder of the maps."]
     manifest: ManifestFile
+    confidence: Annotated[Path | None, "confidence.npz of the model; absent: the maps tell no confidence."] = None
 
 
 def run(inputs: MaterialsInputs, settings: "MaterialsSettings") -> dict[str, Any]:
     """Write the material maps of every view of a shard, then their manifest."""
     from fipt.formats.exr import write_exr
     from fipt.formats.manifests import write_manifest
-    from fipt.model.store import load_field
+    from fipt.model.store import load_model
     from fipt.progress import progress
     from fipt.scene.confidence import read_confidence
     from fipt.scene.dataset import Dataset
@@ -37,8 +37,8 @@ def run(inputs: MaterialsInputs, settings: "MaterialsSettings") -> dict[str, Any
     from fipt.stages.render.maps import FittedSurface, material_maps
 
     data, shard = Dataset(inputs.dataset), read_samples(inputs.samples)
-    emitters, confidence = read_emitters(inputs.emitters), read_confidence(inputs.confidence)
-    surface = FittedSurface(load_field(inputs.model), emitters, confidence)
+    confidence = None if inputs.confidence is None else read_confidence(inputs.confidence)
+    surface = FittedSurface(load_model(inputs.model), read_emitters(inputs.emitters), confidence)
     inputs.manifest.unlink(missing_ok=True)  # it must not vouch for, or against, what is being exchanged
     files = []
     with progress("materials", shard.first_pixels[-1], " pixels") as bar:

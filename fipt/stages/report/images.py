@@ -70,10 +70,14 @@ def difference_map(render: np.ndarray, photo: np.ndarray, exposure: float) -> np
     Both are exposed, clipped and sRGB encoded first; black is no difference, the brightest colour
     `DIFFERENCE_RANGE` or more.
     """
+    shown = [srgb_encode(np.clip(np.nan_to_num(p * exposure), 0, 1)) for p in (render, photo)]
+    return error_map(np.abs(shown[0] - shown[1]).mean(axis=-1))
+
+
+def error_map(size: np.ndarray) -> np.ndarray:
+    """Colour errors (H, W) of values as shown, uint8: from black for none to that of `DIFFERENCE_RANGE` or more."""
     from matplotlib import colormaps
 
-    shown = [srgb_encode(np.clip(np.nan_to_num(p * exposure), 0, 1)) for p in (render, photo)]
-    size = np.abs(shown[0] - shown[1]).mean(axis=-1)
     return colormaps["inferno"](np.clip(size / DIFFERENCE_RANGE, 0, 1), bytes=True)[..., :3]
 
 

@@ -38,6 +38,23 @@ def build_page(
 
 def render(content: Content) -> str:
     """Fill the template; everything that comes from data is escaped."""
+    return filled(
+        "page.html",
+        _STYLES,
+        _SCRIPTS,
+        content=content,
+        columns=COLUMNS,
+        tiles=TILES,
+        difference_range=DIFFERENCE_RANGE,
+        emitters_shown=_EMITTERS_SHOWN,
+        mixer_facts=_mixer_facts(content.mixer),
+        mixed_keys=[part.key for part in content.mixer.parts] if content.mixer else [],
+        room_facts=_room_facts(content.room),
+    )
+
+
+def filled(template: str, styles: Sequence[str], scripts: Sequence[str], **values: Any) -> str:
+    """Fill a template of this folder; style sheets and scripts of the folder become part of the page."""
     # autoescape on: names and messages of a scene are text, never markup.
     environment = Environment(
         loader=FileSystemLoader(_FOLDER),
@@ -47,21 +64,12 @@ def render(content: Content) -> str:
         lstrip_blocks=True,
     )
     environment.filters.update(number=number, figure=figure, duration=duration, size=size)
-    styles, scripts = (
-        [(_FOLDER / name).read_text(encoding="utf-8") for name in names] for names in (_STYLES, _SCRIPTS)
-    )
-    return environment.get_template("page.html").render(
-        content=content,
-        columns=COLUMNS,
-        tiles=TILES,
-        difference_range=DIFFERENCE_RANGE,
-        emitters_shown=_EMITTERS_SHOWN,
-        style="\n".join(styles),
-        scripts=scripts,
-        script_hashes=[_digest(script) for script in scripts],
-        mixer_facts=_mixer_facts(content.mixer),
-        mixed_keys=[part.key for part in content.mixer.parts] if content.mixer else [],
-        room_facts=_room_facts(content.room),
+    texts = [(_FOLDER / name).read_text(encoding="utf-8") for name in scripts]
+    return environment.get_template(template).render(
+        style="\n".join((_FOLDER / name).read_text(encoding="utf-8") for name in styles),
+        scripts=texts,
+        script_hashes=[_digest(text) for text in texts],
+        **values,
     )
 
 

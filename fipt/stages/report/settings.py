@@ -11,3 +11,10 @@ class ReportSettings(Settings):
 
     max_views: Positive = Field(default=SHOWN_VIEWS, description="views shown")
     width: Positive = Field(default=640, description="largest width of each picture, pixels")
+
+
+class ComparePageSettings(Settings):
+    """The page that compares methods."""
+
+    views: Positive = Field(default=2, le=8, description="views that the page shows")
+    width: int = Field(default=240, ge=64, le=1024, description="of an image, pixels")

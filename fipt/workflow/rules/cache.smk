@@ -8,10 +8,10 @@ OUTPUTS: results/{scene}/cache.npz    sparse voxel records over the surface
 rule cache:
     """Gather the pictures' radiance in voxels on the surface."""
     input:
-        transforms="results/{scene}/dataset/transforms.json",
-        views="results/{scene}/dataset/views.json",
-        mesh="results/{scene}/dataset/mesh.ply",
-        checked="results/{scene}/dataset/check_poses.json",
+        transforms=own("results/{scene}/dataset/transforms.json"),
+        views=own("results/{scene}/dataset/views.json"),
+        mesh=own("results/{scene}/dataset/mesh.ply"),
+        checked=own("results/{scene}/dataset/check_poses.json"),
         images=ask("images", splits=["train"]),
         samples=sharded("results/{scene}/samples/{shard}.manifest.json", "train"),
     output:

@@ -17,7 +17,7 @@ from pathlib import Path
 from snakemake.exceptions import WorkflowError
 from snakemake.utils import validate
 
-from fipt.config.files import read_yaml
+from fipt.formats.yaml import read_yaml
 from fipt.config.kept import check_kept
 from fipt.config.reading import load
 from fipt.errors import FiptError
@@ -71,12 +71,12 @@ SHADING_BEFORE = (
 LAST_STATES = [
     f"results/{{scene}}/round-{k}/settled.json" for k in range(CONFIG.rounds + 1)[-2:]
 ]
-LAST_MODEL = f"results/{{scene}}/round-{CONFIG.rounds}/model.safetensors"
-LAST_CONFIDENCE = f"results/{{scene}}/round-{CONFIG.rounds}/confidence.npz"
+FITTED = f"{one_of(CONFIG.scenes)}|{CONFIG.runs('fit')}"
 
 
 wildcard_constraints:
-    scene=one_of(CONFIG.scenes),
+    scene=f"{one_of(CONFIG.scenes)}|{CONFIG.runs('any')}",
+    method=r"[\w.-]+",
     shard=r"(train|val)-\d+",
     round=one_of(str(k) for k in range(CONFIG.rounds + 1)),
     setup=one_of(
@@ -87,8 +87,8 @@ wildcard_constraints:
 
 
 def scene_of(wildcards):
-    """The scene of a job."""
-    return CONFIG.scenes[wildcards["scene"]]
+    """The scene of a job, or the run of a method on it."""
+    return CONFIG.scene(wildcards["scene"])
 
 
 def readable(function, *args, **named):
@@ -103,6 +103,20 @@ def lock_scenes():
     """Keep other runs away from the scenes; unlike Snakemake's own lock, this one dies with the run."""
     for name in CONFIG.only:
         readable(LOCKS.enter_context, locked(Path("results", name)))
+
+
+def own(pattern):
+    """Input or params function: a path of the scene; runs of methods take over what they have in common with it."""
+    return lambda wildcards: located(pattern, wildcards)
+
+
+folder = own  # as params call it: a path that is no input or output as it stands
+
+
+def located(pattern, wildcards, **known):
+    """Path of a file of the scene."""
+    path = pattern.format(**{**wildcards, **known})
+    return readable(scene_of(wildcards).where, path)
 
 
 def ask(question, **known):
@@ -127,16 +141,16 @@ def settings(section):
 
 def sharded(pattern, *splits):
     """Input function: the pattern for every shard of the splits, or of "all"."""
-    return lambda wildcards: expand(
-        pattern,
-        **{**wildcards, "shard": readable(scene_of(wildcards).views.shards, *splits)},
-    )
+    return lambda wildcards: [
+        located(pattern, wildcards, shard=shard)
+        for shard in readable(scene_of(wildcards).views.shards, *splits)
+    ]
 
 
 def previous(pattern):
     """Input function: a file of the round before; nothing in round 0."""
     return lambda wildcards: [
-        pattern.format(**{**wildcards, "round": round})
+        located(pattern, wildcards, round=round)
         for round in [int(wildcards.round) - 1]
         if round >= 0
     ]
@@ -148,14 +162,9 @@ def option(flag, name, pattern=None):
     def given(wildcards, input):
         if not input[name]:
             return []
-        return [flag, *([pattern.format(**wildcards)] if pattern else input[name])]
+        return [flag, *([located(pattern, wildcards)] if pattern else input[name])]
 
     return given
-
-
-def folder(pattern):
-    """Params function: a path of the scene that is no input or output as it stands."""
-    return lambda wildcards: pattern.format(**wildcards)
 
 
 def folders_of(name, flag=None):

@@ -13,18 +13,18 @@ OUTPUTS: results/{scene}/round-{k}/emitters.npz     triangles, radiance, area (m
 rule emitters:
     """Extract the emitters of a round."""
     input:
-        transforms="results/{scene}/dataset/transforms.json",
-        views="results/{scene}/dataset/views.json",
-        checked="results/{scene}/dataset/check_poses.json",
-        mesh="results/{scene}/dataset/mesh.ply",
+        transforms=own("results/{scene}/dataset/transforms.json"),
+        views=own("results/{scene}/dataset/views.json"),
+        checked=own("results/{scene}/dataset/check_poses.json"),
+        mesh=own("results/{scene}/dataset/mesh.ply"),
         images=ask("images", splits=["train"]),
         samples=sharded("results/{scene}/samples/{shard}.manifest.json", "train"),
         shading=sharded(
             "results/{scene}/round-{round}/shading/{shard}.manifest.json", "train"
         ),
         model=ask("model_of_emitters"),
-        cache="results/{scene}/cache.npz",
-        environment="results/{scene}/environment.npz",
+        cache=own("results/{scene}/cache.npz"),
+        environment=own("results/{scene}/environment.npz"),
         settled=previous("results/{scene}/round-{round}/settled.json"),
         previous=previous("results/{scene}/round-{round}/emitters.npz"),
         listed=previous("results/{scene}/round-{round}/emitters.json"),
@@ -36,6 +36,8 @@ rule emitters:
         "results/{scene}/logs/emitters.round-{round}.log",
     benchmark:
         "results/{scene}/benchmarks/emitters.round-{round}.jsonl"
+    wildcard_constraints:
+        scene=FITTED,
     threads: workflow.cores
     resources:
         mem_mb=8000,
@@ -61,10 +63,10 @@ rule emitters:
 rule review:
     """List the lamps; bring emitters_review.yaml up to date, in which people decide about them."""
     input:
-        transforms="results/{scene}/dataset/transforms.json",
-        views="results/{scene}/dataset/views.json",
-        checked="results/{scene}/dataset/check_poses.json",
-        mesh="results/{scene}/dataset/mesh.ply",
+        transforms=own("results/{scene}/dataset/transforms.json"),
+        views=own("results/{scene}/dataset/views.json"),
+        checked=own("results/{scene}/dataset/check_poses.json"),
+        mesh=own("results/{scene}/dataset/mesh.ply"),
         images=ask("images", splits=["train"]),
         samples=sharded("results/{scene}/samples/{shard}.manifest.json", "train"),
         emitters=ask("last_emitters"),

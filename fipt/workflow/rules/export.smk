@@ -17,8 +17,8 @@ rule export_room:
         mesh="results/{scene}/dataset/mesh.ply",
         samples=sharded("results/{scene}/samples/{shard}.manifest.json", "train"),
         environment="results/{scene}/environment.npz",
-        model=LAST_MODEL,
-        confidence=LAST_CONFIDENCE,
+        model=ask("last_model"),
+        confidence=ask("last_confidence"),
         emitters=ask("last_emitters"),
         lamps="results/{scene}/emitters.manifest.json",
     output:

@@ -24,7 +24,7 @@ rule findings:
         cache="results/{scene}/cache.npz",
         environment="results/{scene}/environment.npz",
         segments=ask("segmentation.fused"),
-        model=LAST_MODEL,
+        model=ask("last_model"),
         emitters=ask("last_emitters"),
     output:
         findings="results/{scene}/findings.json",

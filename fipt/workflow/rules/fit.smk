@@ -17,16 +17,16 @@ that did not finish.
 rule fit:
     """Fit the networks of a round."""
     input:
-        transforms="results/{scene}/dataset/transforms.json",
-        views="results/{scene}/dataset/views.json",
-        checked="results/{scene}/dataset/check_poses.json",
+        transforms=own("results/{scene}/dataset/transforms.json"),
+        views=own("results/{scene}/dataset/views.json"),
+        checked=own("results/{scene}/dataset/check_poses.json"),
         images=ask("images", splits=["train"]),
         samples=sharded("results/{scene}/samples/{shard}.manifest.json", "train"),
         shading=sharded(
             "results/{scene}/round-{round}/shading/{shard}.manifest.json", "train"
         ),
-        cache="results/{scene}/cache.npz",
-        environment="results/{scene}/environment.npz",
+        cache=own("results/{scene}/cache.npz"),
+        environment=own("results/{scene}/environment.npz"),
         segments=ask("segmentation.of_round"),
         previous=previous("results/{scene}/round-{round}/model.safetensors"),
         first_shading=first_shading,
@@ -42,6 +42,8 @@ rule fit:
         "results/{scene}/logs/fit.round-{round}.log",
     benchmark:
         "results/{scene}/benchmarks/fit.round-{round}.jsonl"
+    wildcard_constraints:
+        scene=FITTED,
     threads: workflow.cores
     resources:
         mem_mb=12000,

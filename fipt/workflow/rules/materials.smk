@@ -9,12 +9,12 @@ OUTPUTS: results/{scene}/materials.{shard}.manifest.json    lists materials/{vie
 rule material_maps:
     """Write the material maps of a shard."""
     input:
-        transforms="results/{scene}/dataset/transforms.json",
-        views="results/{scene}/dataset/views.json",
-        checked="results/{scene}/dataset/check_poses.json",
-        samples="results/{scene}/samples/{shard}.manifest.json",
-        model=LAST_MODEL,
-        confidence=LAST_CONFIDENCE,
+        transforms=own("results/{scene}/dataset/transforms.json"),
+        views=own("results/{scene}/dataset/views.json"),
+        checked=own("results/{scene}/dataset/check_poses.json"),
+        samples=own("results/{scene}/samples/{shard}.manifest.json"),
+        model=ask("last_model"),
+        confidence=ask("last_confidence"),
         emitters=ask("last_emitters"),
     output:
         manifest="results/{scene}/materials.{shard}.manifest.json",
@@ -30,11 +30,12 @@ rule material_maps:
     params:
         dataset=folder("results/{scene}/dataset"),
         samples=folders_of("samples"),
+        confidence=option("--confidence", "confidence"),
         out=folder("results/{scene}/materials"),
         settings=settings("materials"),
         version=VERSIONS["materials"],
     shell:
         "fipt materials --dataset {params.dataset:q} --samples {params.samples:q}"
-        " --model {input.model:q} --emitters {input.emitters:q} --confidence {input.confidence:q}"
+        " --model {input.model:q} --emitters {input.emitters:q} {params.confidence:q}"
         " --out {params.out:q} --manifest {output.manifest:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

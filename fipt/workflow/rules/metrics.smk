@@ -8,10 +8,10 @@ OUTPUTS: results/{scene}/metrics.json
 rule scene_metrics:
     """Compare materials, emitters and renderings with the truth."""
     input:
-        transforms="results/{scene}/dataset/transforms.json",
-        views="results/{scene}/dataset/views.json",
-        mesh="results/{scene}/dataset/mesh.ply",
-        checked="results/{scene}/dataset/check_poses.json",
+        transforms=own("results/{scene}/dataset/transforms.json"),
+        views=own("results/{scene}/dataset/views.json"),
+        mesh=own("results/{scene}/dataset/mesh.ply"),
+        checked=own("results/{scene}/dataset/check_poses.json"),
         room=ask("source.room_files"),
         images=ask("images", splits=["all"]),
         samples=sharded("results/{scene}/samples/{shard}.manifest.json", "all"),

@@ -9,9 +9,9 @@ OUTPUTS: results/{scene}/round-{k}/segments.manifest.json    lists segments/part
 rule regroup:
     """Join the segments of a round."""
     input:
-        transforms="results/{scene}/dataset/transforms.json",
-        views="results/{scene}/dataset/views.json",
-        checked="results/{scene}/dataset/check_poses.json",
+        transforms=own("results/{scene}/dataset/transforms.json"),
+        views=own("results/{scene}/dataset/views.json"),
+        checked=own("results/{scene}/dataset/check_poses.json"),
         images=ask("images", splits=["train"]),
         samples=sharded("results/{scene}/samples/{shard}.manifest.json", "train"),
         shading=sharded(

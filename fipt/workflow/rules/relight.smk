@@ -13,13 +13,13 @@ OUTPUTS: results/{scene}/relight/{setup}.{shard}.manifest.json    lists relight/
 rule relight_views:
     """Render a shard of views under a light setup, or of the setup's own cameras."""
     input:
-        transforms="results/{scene}/dataset/transforms.json",
-        views="results/{scene}/dataset/views.json",
-        mesh="results/{scene}/dataset/mesh.ply",
-        checked="results/{scene}/dataset/check_poses.json",
-        cache="results/{scene}/cache.npz",
-        environment="results/{scene}/environment.npz",
-        model=LAST_MODEL,
+        transforms=own("results/{scene}/dataset/transforms.json"),
+        views=own("results/{scene}/dataset/views.json"),
+        mesh=own("results/{scene}/dataset/mesh.ply"),
+        checked=own("results/{scene}/dataset/check_poses.json"),
+        cache=own("results/{scene}/cache.npz"),
+        environment=own("results/{scene}/environment.npz"),
+        model=ask("last_model"),
         emitters=ask("last_emitters"),
         files=ask("setups.files"),
         lamps=ask("decisions.names"),
@@ -61,9 +61,9 @@ rule relight_views:
 rule join_images:
     """Show what a setup's own cameras see as PNG images, and join those of a path into a video."""
     input:
-        transforms="results/{scene}/dataset/transforms.json",
-        views="results/{scene}/dataset/views.json",
-        checked="results/{scene}/dataset/check_poses.json",
+        transforms=own("results/{scene}/dataset/transforms.json"),
+        views=own("results/{scene}/dataset/views.json"),
+        checked=own("results/{scene}/dataset/check_poses.json"),
         images=ask("images", splits=["all"]),
         seen=ask("setups.seen"),
     output:
@@ -92,13 +92,13 @@ rule join_images:
 rule olat_views:
     """Render views of a shard with one light at a time."""
     input:
-        transforms="results/{scene}/dataset/transforms.json",
-        views="results/{scene}/dataset/views.json",
-        mesh="results/{scene}/dataset/mesh.ply",
-        checked="results/{scene}/dataset/check_poses.json",
-        cache="results/{scene}/cache.npz",
-        environment="results/{scene}/environment.npz",
-        model=LAST_MODEL,
+        transforms=own("results/{scene}/dataset/transforms.json"),
+        views=own("results/{scene}/dataset/views.json"),
+        mesh=own("results/{scene}/dataset/mesh.ply"),
+        checked=own("results/{scene}/dataset/check_poses.json"),
+        cache=own("results/{scene}/cache.npz"),
+        environment=own("results/{scene}/environment.npz"),
+        model=ask("last_model"),
         emitters=ask("last_emitters"),
     output:
         manifest="results/{scene}/olat.{shard}.manifest.json",

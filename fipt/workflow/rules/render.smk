@@ -8,13 +8,13 @@ OUTPUTS: results/{scene}/render.{shard}.manifest.json    lists render/{view}.exr
 rule render_views:
     """Render a held-out shard."""
     input:
-        transforms="results/{scene}/dataset/transforms.json",
-        views="results/{scene}/dataset/views.json",
-        mesh="results/{scene}/dataset/mesh.ply",
-        checked="results/{scene}/dataset/check_poses.json",
-        cache="results/{scene}/cache.npz",
-        environment="results/{scene}/environment.npz",
-        model=LAST_MODEL,
+        transforms=own("results/{scene}/dataset/transforms.json"),
+        views=own("results/{scene}/dataset/views.json"),
+        mesh=own("results/{scene}/dataset/mesh.ply"),
+        checked=own("results/{scene}/dataset/check_poses.json"),
+        cache=own("results/{scene}/cache.npz"),
+        environment=own("results/{scene}/environment.npz"),
+        model=ask("last_model"),
         emitters=ask("last_emitters"),
     output:
         manifest="results/{scene}/render.{shard}.manifest.json",

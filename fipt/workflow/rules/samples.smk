@@ -9,10 +9,10 @@ OUTPUTS: results/{scene}/samples/{shard}/*.npy               flat arrays over sa
 rule samples:
     """Trace the footprint samples of a shard."""
     input:
-        transforms="results/{scene}/dataset/transforms.json",
-        views="results/{scene}/dataset/views.json",
-        mesh="results/{scene}/dataset/mesh.ply",
-        checked="results/{scene}/dataset/check_poses.json",
+        transforms=own("results/{scene}/dataset/transforms.json"),
+        views=own("results/{scene}/dataset/views.json"),
+        mesh=own("results/{scene}/dataset/mesh.ply"),
+        checked=own("results/{scene}/dataset/check_poses.json"),
     output:
         samples=directory("results/{scene}/samples/{shard}"),
         manifest="results/{scene}/samples/{shard}.manifest.json",

@@ -11,12 +11,12 @@ OUTPUTS: results/{scene}/segments/views.{shard}.manifest.json  lists views/{view
 rule segment:
     """Segment the views of a shard, each by itself."""
     input:
-        transforms="results/{scene}/dataset/transforms.json",
-        views="results/{scene}/dataset/views.json",
-        checked="results/{scene}/dataset/check_poses.json",
-        mesh="results/{scene}/dataset/mesh.ply",
+        transforms=own("results/{scene}/dataset/transforms.json"),
+        views=own("results/{scene}/dataset/views.json"),
+        checked=own("results/{scene}/dataset/check_poses.json"),
+        mesh=own("results/{scene}/dataset/mesh.ply"),
         images=ask("images", splits=["train"]),
-        samples="results/{scene}/samples/{shard}.manifest.json",
+        samples=own("results/{scene}/samples/{shard}.manifest.json"),
         files=ask("segmentation.files"),
     output:
         manifest="results/{scene}/segments/views.{shard}.manifest.json",
@@ -44,10 +44,10 @@ rule segment:
 rule fuse:
     """Fuse the ids of all training views on the mesh, or grow segments on it."""
     input:
-        transforms="results/{scene}/dataset/transforms.json",
-        views="results/{scene}/dataset/views.json",
-        checked="results/{scene}/dataset/check_poses.json",
-        mesh="results/{scene}/dataset/mesh.ply",
+        transforms=own("results/{scene}/dataset/transforms.json"),
+        views=own("results/{scene}/dataset/views.json"),
+        checked=own("results/{scene}/dataset/check_poses.json"),
+        mesh=own("results/{scene}/dataset/mesh.ply"),
         images=ask("images", splits=["train"]),
         segments=ask("segmentation.by_view"),
     output:

@@ -10,13 +10,13 @@ OUTPUTS: results/{scene}/round-{k}/shading/{shard}/shading.npy    (samples, 1 + 
 rule bake:
     """Round 0: integrate the shading of a shard from the radiance cache."""
     input:
-        transforms="results/{scene}/dataset/transforms.json",
-        views="results/{scene}/dataset/views.json",
-        checked="results/{scene}/dataset/check_poses.json",
-        mesh="results/{scene}/dataset/mesh.ply",
-        samples="results/{scene}/samples/{shard}.manifest.json",
-        cache="results/{scene}/cache.npz",
-        environment="results/{scene}/environment.npz",
+        transforms=own("results/{scene}/dataset/transforms.json"),
+        views=own("results/{scene}/dataset/views.json"),
+        checked=own("results/{scene}/dataset/check_poses.json"),
+        mesh=own("results/{scene}/dataset/mesh.ply"),
+        samples=own("results/{scene}/samples/{shard}.manifest.json"),
+        cache=own("results/{scene}/cache.npz"),
+        environment=own("results/{scene}/environment.npz"),
     output:
         shading=directory("results/{scene}/round-0/shading/{shard}"),
         manifest="results/{scene}/round-0/shading/{shard}.manifest.json",
@@ -43,14 +43,14 @@ rule bake:
 rule refine:
     """Round k: path-trace the shading of a shard with the model and emitters of round k-1."""
     input:
-        transforms="results/{scene}/dataset/transforms.json",
-        views="results/{scene}/dataset/views.json",
-        checked="results/{scene}/dataset/check_poses.json",
-        mesh="results/{scene}/dataset/mesh.ply",
+        transforms=own("results/{scene}/dataset/transforms.json"),
+        views=own("results/{scene}/dataset/views.json"),
+        checked=own("results/{scene}/dataset/check_poses.json"),
+        mesh=own("results/{scene}/dataset/mesh.ply"),
         images=ask("images", splits=["train"]),
-        samples="results/{scene}/samples/{shard}.manifest.json",
-        cache="results/{scene}/cache.npz",
-        environment="results/{scene}/environment.npz",
+        samples=own("results/{scene}/samples/{shard}.manifest.json"),
+        cache=own("results/{scene}/cache.npz"),
+        environment=own("results/{scene}/environment.npz"),
         model=previous("results/{scene}/round-{round}/model.safetensors"),
         emitters=ask("emitters_before"),
         shading=previous("results/{scene}/round-{round}/shading/{shard}.manifest.json"),

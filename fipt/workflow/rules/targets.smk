@@ -15,6 +15,7 @@ localrules:
     export,
     metrics,
     report,
+    compare,
 
 
 rule capture:
@@ -78,3 +79,9 @@ rule report:
     """The page that shows everything."""
     input:
         of_asked_scenes("results/{scene}/report.html"),
+
+
+rule compare:
+    """The page that compares methods, and its tables."""
+    input:
+        of_asked_scenes("results/{scene}/compare.html"),

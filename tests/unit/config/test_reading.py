@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 
 from fipt.config import load, read
-from fipt.config.files import read_yaml
 from fipt.config.reading import DEMO_FILE
 from fipt.config.sections import LAYERS, PRESETS, STAGES
 from fipt.config.sources.known import pose_files
 from fipt.errors import FiptError
+from fipt.formats.yaml import read_yaml
 from fipt.registry import validated
 
 REPOSITORY = Path(__file__).resolve().parents[3]

@@ -158,11 +158,11 @@ def test_a_mesh_elsewhere_is_an_error(backend, tmp_path, views, capsys):
 
 
 def test_thereduced_camera_is_the_same_camera(tmp_path, views):
-    from fipt.stages.check_poses.compare import reduced
+    from fipt.stages.check_poses.surface import reduced
 
     camera = ring()[0]
     written(tmp_path, [camera], [views["v0"]])
-    small, light, valid = reduced(Dataset(tmp_path), camera, 50)
+    small, light, valid, _ = reduced(Dataset(tmp_path), camera, 50)
     assert (small.width, small.height) == (40, 30) == light.shape[::-1]
     assert valid.all()
     corners = np.array([[0.0, 0.0], [40.0, 30.0]])

@@ -26,7 +26,7 @@ class Waves:
         self.asked = []
         self.settings = SimpleNamespace(footprint=footprint)
 
-    def query(self, points, footprint):
+    def query(self, points, footprint, triangle=None):
         self.asked.append(np.asarray(footprint))
         x = points[:, 0]
         return Brdf(np.stack([x, x / 2, 0 * x], axis=1), 0.1 + 0.5 * x, x / 4)

@@ -1,0 +1,256 @@
+"""Methods that are compared: a card each, and what a scene runs of them.
+
+A run of a method lies in results/SCENE/methods/RUN/, with the layout of a scene: RUN is the method's name, with another
+seed NAME.seed-N. It takes over whatever its settings do not change (docs/adr/0046-methods.md).
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import Field
+
+from fipt.config.sections import Sections
+from fipt.errors import FiptError
+from fipt.formats.files import check_name
+from fipt.formats.yaml import read_yaml
+from fipt.settings import Settings, dumped
+from fipt.validation import checked
+
+if TYPE_CHECKING:
+    from fipt.config.scene import SceneConfig
+
+CARDS = Path(__file__).resolve().parent / "method_cards"
+"""Folder of the cards of methods that this program knows, one YAML file each."""
+
+OWN = "fipt"
+"""The method that is the scene's own run."""
+
+Estimator = Literal["fit", "irradiance", "true-constants"]
+Quantity = Literal["kd", "reflectance", "base_color", "roughness", "metallic", "emission"]
+
+_SEED = re.compile(r"(.+)\.seed-([1-9]\d*)")
+
+_STAGES: tuple[tuple[tuple[str, ...], str], ...] = (
+    (("samples",), r"samples/|stats/samples\."),
+    (("segment", "fuse"), r"segments([/.]|$)|stats/(segment|fuse)\b"),
+    (("environment",), r"environment\.npz|stats/environment\."),
+    (("cache",), r"cache\.npz|stats/cache\."),
+    (("bake",), r"round-0/shading/|stats/bake\."),
+    (("regroup", "emitters", "fit"), r"round-0/|stats/\w+\.round-0\."),
+    (("refine",), r"round-\d+/|stats/\w+\.round-\d+\."),
+)
+"""Sections -> regular expression of what their stages write, in the order of the pipeline."""
+
+_DATASET = r"(dataset|room|raw|capture|poses|geometry)([/.]|$)"
+
+
+class Method(Settings):
+    """A method that is compared with others: its card."""
+
+    label: str = Field(description="name in tables")
+    kind: Literal["method", "ablation", "reimplementation", "substitute", "bound"] = Field(description="what it is")
+    estimator: Estimator = Field(default="fit", description="what makes its materials and emitters")
+    source: str = Field(description="where it comes from")
+    deviations: str = Field(default="none", description="what deviates from its source")
+    inputs: tuple[str, ...] = Field(
+        default=("images", "cameras", "mesh", "segments"), description="what of the scene it looks at"
+    )
+    not_estimated: tuple[Quantity, ...] = Field(
+        default=(), description="what it does not estimate: null in its figures"
+    )
+    oracle: tuple[str, ...] = Field(default=(), description="what it takes from the truth")
+    needs: tuple[Literal["segments", "truth"], ...] = Field(
+        default=(), description="what a scene must have; else it is listed as not applicable"
+    )
+    preset: str | None = Field(default=None, description="preset that lies on top of the scene's settings")
+    settings: Sections | None = Field(default=None, description="stage sections that lie on top of them all")  # pyright: ignore[reportInvalidTypeForm] - made by create_model
+    rounds: Annotated[int, Field(ge=0, le=20)] | None = Field(
+        default=None, description="last round; absent: that of the scene"
+    )
+    quick: bool = Field(default=False, description="take part in `fipt run SCENE compare --quick`")
+
+
+Methods = dict[str, Method]
+
+
+def known_methods(*others: Methods | None) -> Methods:
+    """Cards of this program, then those that a configuration adds or replaces."""
+    found = {
+        path.stem: checked(Method, read_yaml(path), f"method {path.stem}: ") for path in sorted(CARDS.glob("*.yaml"))
+    }
+    for methods in others:
+        found |= methods or {}
+    for name in found:
+        check_name(name, "method")
+        if _SEED.fullmatch(name):
+            raise FiptError(f"a method must not be called {name!r}: that is a seed of a method", "rename it")
+    if found[OWN].estimator != "fit" or found[OWN].settings is not None or found[OWN].rounds is not None:
+        raise FiptError(f"methods.{OWN} is the scene's own run: it can have no settings of its own", "rename it")
+    return found
+
+
+@dataclass(frozen=True)
+class MethodRun:
+    """A method with a seed."""
+
+    method: str
+    seed: int = 0
+
+    @property
+    def name(self) -> str:
+        """Of its folder in results/SCENE/methods."""
+        return f"{self.method}.seed-{self.seed}" if self.seed else self.method
+
+    @classmethod
+    def of(cls, name: str) -> MethodRun:
+        """The run that a folder's name stands for."""
+        seeded = _SEED.fullmatch(name)
+        return cls(seeded[1], int(seeded[2])) if seeded else cls(name)
+
+    @property
+    def parent(self) -> MethodRun:
+        """The run of which this one differs by its method alone; of the own method the scene itself."""
+        return MethodRun(OWN, 0 if self.method == OWN else self.seed)
+
+
+def shared_paths(parent: SceneConfig, settings: Mapping[str, Any], estimator: Estimator) -> re.Pattern[str]:
+    """Paths below a scene's folder that its run with other settings takes over: all before the first change."""
+    shared = [_DATASET]
+    for sections, written in _STAGES:
+        if "fit" in sections and estimator != "fit":
+            break
+        if any(settings[section] != parent.settings[section] for section in sections):
+            break
+        shared.append(written)
+    return re.compile("|".join(shared))
+
+
+def _changed(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, Any]:
+    """Keys of settings whose values are new."""
+    return {name: value for name, value in after.items() if name not in before or before[name] != value}
+
+
+_ORDER = ("method", "reimplementation", "substitute", "bound", "ablation")
+"""Kinds of methods as tables list them."""
+
+
+class SceneMethods:
+    """What is compared on a scene.
+
+    Parameters
+    ----------
+    scene
+        The scene; methods take over its files.
+    cards
+        Method -> its card.
+    run
+        Makes the scene as a run of a method sees it, by the run's name.
+    """
+
+    def __init__(self, scene: SceneConfig, cards: Methods, run: Callable[[str], SceneConfig]) -> None:
+        self._scene, self.cards, self.run = scene, cards, run
+
+    @property
+    def chosen(self) -> list[str]:
+        """Names of the methods that the settings ask for; the scene's own run is always among them.
+
+        Raises
+        ------
+        FiptError
+            If there is no such method.
+        """
+        settings = self._scene.settings["compare"]
+        wanted = settings.methods or sorted(self.cards, key=lambda name: _ORDER.index(self.cards[name].kind))
+        for name in wanted:
+            if name not in self.cards:
+                raise FiptError(f"compare.methods: there is no method {name!r}", f"methods: {', '.join(self.cards)}")
+        if settings.quick and not settings.methods:
+            wanted = [name for name in wanted if self.cards[name].quick]
+        return list(dict.fromkeys([OWN, *wanted]))
+
+    def reasons(self) -> dict[str, str]:
+        """Methods that the scene lacks something for -> what."""
+        lacks = {name: self._lack(name, self.cards[name]) for name in self.chosen if name != OWN}
+        return {name: reason for name, reason in lacks.items() if reason is not None}
+
+    def _lack(self, name: str, card: Method) -> str | None:
+        if "segments" in card.needs and self._scene.segmentation.origin == "none":
+            return "needs segment ids, and the scene has none"
+        if "truth" in card.needs and not self._scene.source.has_truth:
+            return "needs true materials, and the scene has none"
+        if card.rounds is not None and card.rounds > self._scene.rounds:
+            return f"needs {card.rounds} rounds, and the scene has {self._scene.rounds}"
+        own = self.run(name)
+        if card.estimator == "fit" and own.rounds == self._scene.rounds and own.settings == self._scene.settings:
+            return "is the scene's own run: its settings are the same"
+        return None
+
+    def runs(self) -> list[MethodRun]:
+        """Methods with seeds, in the order of the table; a method without random numbers has one."""
+        settings, missing = self._scene.settings["compare"], self.reasons()
+        found = []
+        for name in self.chosen:
+            seeds = settings.seeds if self.cards[name].estimator == "fit" and not settings.quick else 1
+            found += [MethodRun(name, seed) for seed in range(seeds) if name not in missing]
+        return found
+
+    # --- what jobs read
+
+    def files(self) -> list[str]:
+        """What every run of a method reached."""
+        return [self._scene.layout.method.format(method=run.name) for run in self.runs()]
+
+    def options(self) -> list[str]:
+        """Options of ``fipt compare`` that say which methods are not applicable, and why."""
+        return [text for name, why in self.reasons().items() for text in ("--not-applicable", f"{name}={why}")]
+
+    def metrics(self, method: str) -> str:
+        """Figures of a run."""
+        return self.run(method).layout.metrics
+
+    def card_json(self, method: str) -> str:
+        """Card of a run as sorted JSON, with its name, seed and what its settings are that the scene's are not."""
+        run = MethodRun.of(method)
+        own, scene = self.run(method), self._scene
+        changed = {name: _changed(dumped(scene.settings[name]), dumped(own.settings[name])) for name in own.settings}
+        changed = {name: values for name, values in changed.items() if values}
+        card = dumped(self.cards[run.method]) | {"id": run.method, "seed": run.seed, "settings": changed}
+        return json.dumps(card | {"rounds": own.rounds}, sort_keys=True)
+
+    def stats(self, method: str) -> list[str]:
+        """Times and memory of the jobs that estimate; not of what is rendered to judge them."""
+        own = self.run(method)
+        return [own.where(own.layout.stats.format(label=label)) for label in self._labels(own, MethodRun.of(method))]
+
+    def _labels(self, own: SceneConfig, run: MethodRun) -> Iterable[str]:
+        estimator = self.cards[run.method].estimator
+        train, every = own.views.shards("train"), own.views.shards("all")
+        yield from (f"samples.{shard}" for shard in every)
+        if estimator != "true-constants":
+            yield from ("environment", "cache", *(f"bake.round-0.{shard}" for shard in train))
+        if estimator != "fit":
+            yield estimator
+            return
+        for k in range(own.rounds + 1):
+            yield from (f"fit.round-{k}", f"emitters.round-{k}")
+            if own.segmentation.is_regrouped:
+                yield f"regroup.round-{k}"
+            yield from (f"refine.round-{k}.{shard}" for shard in train if k)
+
+    def shown(self) -> list[str]:
+        """Manifests of the maps and renderings of the first seed of every method, and of their truth."""
+        scene, found = self._scene, []
+        for run in self.runs():
+            if run.seed:
+                continue
+            own = scene if run.method == OWN else self.run(run.name)
+            found += [own.layout.materials.format(shard=shard) for shard in own.views.shards("all")]
+            found += [own.layout.render.format(shard=shard) for shard in own.views.shards("val")]
+            found += own.setups.relit()
+        return [*found, *scene.images(["all"]), *scene.setups.truth()]

@@ -1,0 +1,148 @@
+"""One material for each part of a room: what methods estimate that fit no field."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+
+from fipt.errors import FiptError
+from fipt.model.reflectance import Brdf
+from fipt.model.settings import NetworkSettings
+from fipt.scene.dataset import Dataset
+from fipt.scene.samples import FootprintSamples, segments_of
+
+_PLACES = 200_000
+"""Labelled places that are kept, spread over all that were seen."""
+
+
+class MaterialModel(Protocol):
+    """What tells the reflectance of any place of the surface."""
+
+    @property
+    def settings(self) -> NetworkSettings:
+        """How large a part of a pixel it is asked about."""
+        ...
+
+    def query(
+        self, points: np.ndarray, footprint: np.ndarray | None = None, triangle: np.ndarray | None = None
+    ) -> Brdf:
+        """Reflectance at points (N, 3), metres, of triangles (N,), seen through ``footprint`` (N,) metres; numpy."""
+        ...
+
+
+@dataclass(frozen=True)
+class PartLabels:
+    """Which part each place of the surface belongs to.
+
+    Attributes
+    ----------
+    of_triangle
+        (T,) int32 segment id that most pixels of the triangle have; 0 where none is known.
+    place
+        (K, 3) float32 points of the surface, metres.
+    of_place
+        (K,) int32 their segment ids.
+    """
+
+    of_triangle: np.ndarray
+    place: np.ndarray
+    of_place: np.ndarray
+
+    @cached_property
+    def _nearest(self) -> Any:
+        from scipy.spatial import cKDTree
+
+        return cKDTree(self.place)
+
+    def at(self, points: np.ndarray, triangle: np.ndarray | None = None) -> np.ndarray:
+        """(N,) int32 segment ids of points (N, 3): of their triangles (N,) where known, else of the nearest place."""
+        part = np.zeros(len(points), np.int32)
+        if triangle is not None:
+            own = triangle < len(self.of_triangle)
+            part[own] = self.of_triangle[triangle[own]]
+        unknown = part == 0
+        if unknown.any() and len(self.place):
+            part[unknown] = self.of_place[self._nearest.query(points[unknown], workers=-1)[1]]
+        return part
+
+
+@dataclass(frozen=True)
+class PartMaterials:
+    """A material for each part; a `MaterialModel`.
+
+    Attributes
+    ----------
+    labels
+        Of the surface.
+    brdf
+        (P,) rows by segment id; row 0 is for places without one.
+    """
+
+    labels: PartLabels
+    brdf: Brdf
+    settings: NetworkSettings = field(default_factory=lambda: NetworkSettings(footprint=0.0))
+
+    def query(
+        self, points: np.ndarray, footprint: np.ndarray | None = None, triangle: np.ndarray | None = None
+    ) -> Brdf:
+        """Reflectance of the parts that points (N, 3) belong to; ``footprint`` changes nothing."""
+        part = self.labels.at(points, triangle)
+        return Brdf(self.brdf.base_color[part], self.brdf.roughness[part], self.brdf.metallic[part])
+
+
+def centre_samples(samples: FootprintSamples) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels (N,) of a shard whose centre hits the mesh, and the sample (N,) that each shows there."""
+    pixel = np.flatnonzero(np.asarray(samples.center))
+    return pixel, np.asarray(samples.offsets)[pixel]
+
+
+def part_segments(data: Dataset) -> str:
+    """Kind of segments that tell parts: ``part``, else ``semantic``.
+
+    Raises
+    ------
+    FiptError
+        If there are none.
+    """
+    kind = data.segment_kind()
+    if kind is None:
+        raise FiptError(f"{data.segments_root} has no segment ids, and one material a part needs some", "segment first")
+    return kind
+
+
+def part_labels(data: Dataset, shards: Sequence[FootprintSamples], kind: str) -> PartLabels:
+    """Segment ids of the surface, by what pixel centres of the views show.
+
+    Parameters
+    ----------
+    data
+        Whose segments and mesh count.
+    shards
+        Of views that have segments.
+    kind
+        Of segments: ``part`` or ``semantic``.
+    """
+    places, parts, triangles = [], [], []
+    for shard in shards:
+        pixel, first = centre_samples(shard)
+        part = segments_of(data, shard, kind)[pixel].astype(np.int32)
+        known = part > 0
+        places.append(np.asarray(shard.position)[first[known]])
+        triangles.append(np.asarray(shard.triangle)[first[known]])
+        parts.append(part[known])
+    place, part, triangle = (np.concatenate(each) for each in (places, parts, triangles))
+    chosen = np.linspace(0, len(place) - 1, min(len(place), _PLACES)).astype(np.int64)
+    votes = _most_frequent(triangle, part, len(data.mesh().triangles))
+    return PartLabels(votes, place[chosen].astype(np.float32), part[chosen])
+
+
+def _most_frequent(group: np.ndarray, value: np.ndarray, count: int) -> np.ndarray:
+    """(count,) int32 most frequent positive value (N,) of each group (N,); 0 where there is none."""
+    size = int(value.max(initial=0)) + 1
+    pairs, votes = np.unique(group.astype(np.int64) * size + value, return_counts=True)
+    order = np.argsort(votes, kind="stable")  # the last one written is the most frequent
+    result = np.zeros(count, np.int32)
+    result[pairs[order] // size] = pairs[order] % size
+    return result

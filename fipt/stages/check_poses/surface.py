@@ -1,0 +1,142 @@
+"""What a view, reduced, shows of the mesh, and where another camera sees the same surface."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fipt.conventions import LUMINANCE
+from fipt.render.scene import RayScene
+from fipt.scene.cameras import Camera
+from fipt.scene.dataset import Dataset
+
+_GRAZING = 0.15
+"""Cosine between surface and view, at least."""
+
+_OFFSET = 0.02
+"""Distances that differ by less than this share are of one surface."""
+
+_SCAN = 400
+"""Pixels of a view by which the views are found that share most with it."""
+
+
+@dataclass(frozen=True)
+class ReducedView:
+    """A view, reduced, and what its pixels show.
+
+    Attributes
+    ----------
+    camera
+        Of the reduced view.
+    light
+        (H, W) float32 log luminance.
+    valid
+        (H, W) bool.
+    points
+        (H, W, 3) float32 footprint samples.
+    hit
+        (H, W) bool: whether there is one that is not seen at a grazing angle.
+    normals
+        (H, W, 3) float32 of the surface, turned to the camera.
+    redness
+        (H, W) float32 log of red over blue.
+    """
+
+    camera: Camera
+    light: np.ndarray
+    valid: np.ndarray
+    points: np.ndarray
+    hit: np.ndarray
+    normals: np.ndarray
+    redness: np.ndarray
+
+
+def visible(
+    scene: RayScene, here: ReducedView, there: ReducedView, index: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where another camera sees footprint samples of a view.
+
+    Parameters
+    ----------
+    index
+        Which pixels of ``here``, flat.
+
+    Returns
+    -------
+    pixels
+        (H W, 2) image coordinates in ``there``; NaN for pixels that were not asked for.
+    front, back
+        Flat pixels of ``here`` whose surface ``there`` sees from the same side, and from the other one.
+    """
+    points = here.points.reshape(-1, 3)[index].astype(np.float64)
+    projected, depth = there.camera.project(points)
+    size = (there.camera.width, there.camera.height)
+    inside = (depth > 1e-6) & ((projected > 0) & (projected < size)).all(axis=1)
+    index, points = index[inside], points[inside]
+    pixels = np.full((here.hit.size, 2), np.nan)
+    pixels[index] = projected[inside]
+    if len(index) == 0:
+        return pixels, index, index
+    center = there.camera.center
+    away = points - center
+    distance = np.linalg.norm(away, axis=1)
+    away /= np.maximum(distance, 1e-9)[:, None]
+    found, _ = scene.intersect(center.astype(np.float32), away.astype(np.float32))
+    reached = np.abs(found - distance) < _OFFSET * distance
+    cosine = -(here.normals.reshape(-1, 3)[index] * away).sum(axis=1)
+    return pixels, index[reached & (cosine > _GRAZING)], index[reached & (cosine < -_GRAZING)]
+
+
+def shared_pixels(scene: RayScene, views: Sequence[ReducedView]) -> tuple[np.ndarray, np.ndarray]:
+    """(V, V) shares of each view's pixels that each other one shows, and (V,) most that one shows from behind only."""
+    shared = np.zeros((len(views), len(views)))
+    behind = np.zeros(len(views))
+    for i, here in enumerate(views):
+        hit = np.flatnonzero(here.hit)
+        some = hit[:: max(len(hit) // _SCAN, 1)]
+        for j, there in enumerate(views):
+            if i != j and len(some):
+                _, front, back = visible(scene, here, there, some)
+                shared[i, j] = len(front) / len(some)
+                behind[i] = max(behind[i], len(back) / len(some))
+    return shared, behind
+
+
+def reduced(dataset: Dataset, camera: Camera, width: int) -> tuple[Camera, np.ndarray, np.ndarray, np.ndarray]:
+    """Camera, log luminance, mask and redness of a view, reduced by whole blocks to at most ``width`` columns."""
+    image, weight = dataset.image(camera.name)
+    block = -(-camera.width // width)
+    rows, columns = camera.height // block, camera.width // block
+
+    def blocks(values: np.ndarray) -> np.ndarray:
+        return values[: rows * block, : columns * block].reshape(rows, block, columns, block)
+
+    valid = blocks(weight > 0).mean(axis=(1, 3)) > 0.5
+    means = np.stack([blocks(image[..., c]).mean(axis=(1, 3)) for c in range(3)], axis=-1)
+    light = means @ np.array(LUMINANCE, np.float32)
+    least = 1e-3 * max(float(np.median(light[valid])) if valid.any() else 1.0, 1e-6)
+    small = replace(
+        camera, width=columns, height=rows, fx=camera.fx / block, fy=camera.fy / block,
+        cx=camera.cx / block, cy=camera.cy / block,
+    )  # fmt: skip
+    redness = np.log(np.maximum(means[..., 0], least) / np.maximum(means[..., 2], least))
+    return small, np.log(np.maximum(light, least)).astype(np.float32), valid, redness.astype(np.float32)
+
+
+def surface_shown(
+    scene: RayScene, camera: Camera, light: np.ndarray, valid: np.ndarray, redness: np.ndarray
+) -> ReducedView:
+    """Trace the footprint samples of a reduced view."""
+    rows, columns = np.mgrid[: camera.height, : camera.width] + 0.5
+    directions = camera.directions(columns, rows).reshape(-1, 3)
+    distance, triangle = scene.intersect(camera.center, directions)
+    normals = scene.normals[triangle]
+    cosine = -(normals * directions).sum(axis=1)
+    hit = (triangle >= 0) & (np.abs(cosine) > _GRAZING)
+    points = camera.center + np.where(hit, distance, 0.0)[:, None] * directions
+    normals = normals * np.sign(cosine)[:, None]
+    shape = light.shape
+    return ReducedView(
+        camera, light, valid, points.reshape(*shape, 3).astype(np.float32), hit.reshape(shape),
+        normals.reshape(*shape, 3).astype(np.float32), redness,
+    )  # fmt: skip

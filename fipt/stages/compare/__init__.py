@@ -1,0 +1,1 @@
+"""Comparisons: what every method reached, in one table."""

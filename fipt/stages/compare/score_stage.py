@@ -1,0 +1,33 @@
+"""``fipt score``: what a method of a comparison reached, took and used, in one file."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+if TYPE_CHECKING:
+    from fipt.stages.compare.settings import CompareSettings
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScoreInputs:
+    """Files of ``fipt score``."""
+
+    card: Annotated[str, "Card of the method with its id and seed, JSON (docs/stages/compare.md)."]
+    metrics: Annotated[Path, "Its metrics.json."]
+    jobs: Annotated[tuple[Path, ...], "Stats of the jobs that made its materials and emitters, comma-separated."]
+    out: Annotated[Path, "method.json to write."]
+
+
+def run(inputs: ScoreInputs, settings: "CompareSettings") -> dict[str, Any]:
+    """Write method.json of a run of a method. What the method does not estimate is null."""
+    import json
+
+    from fipt.formats.files import write_text
+    from fipt.formats.text import read_json
+    from fipt.stages.compare.score import parse_card, scored
+
+    metrics = read_json(inputs.metrics, "the figures of a method", "run fipt metrics again")
+    jobs = [read_json(path, "the figures of a job", "run its stage again") for path in inputs.jobs]
+    content = scored(parse_card(inputs.card), metrics, jobs)
+    write_text(inputs.out, json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+    return {}

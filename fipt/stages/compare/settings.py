@@ -1,0 +1,15 @@
+"""Settings of comparisons."""
+
+from pydantic import Field
+
+from fipt.settings import Positive, Settings
+
+
+class CompareSettings(Settings):
+    """Methods that are compared on a scene."""
+
+    methods: tuple[str, ...] = Field(default=(), description="names of the methods; none: all that are known")
+    seeds: Positive = Field(default=3, le=20, description="runs of a method that has random numbers, for the spread")
+    quick: bool = Field(
+        default=False, description="one seed; of all methods those that are quick, unless some are named"
+    )

@@ -1,0 +1,42 @@
+"""``fipt compare``: what every method reached -> one table, for programs, people and spreadsheets."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from fipt.inputs import UNSPLIT
+
+if TYPE_CHECKING:
+    from fipt.stages.compare.settings import CompareSettings
+
+
+@dataclass(frozen=True, kw_only=True)
+class CompareInputs:
+    """Files of ``fipt compare``."""
+
+    methods: Annotated[tuple[Path, ...], "method.json of every run, in the order of the table, comma-separated."]
+    out: Annotated[Path, "table.json to write; table.md and table.csv come beside it."]
+    not_applicable: Annotated[
+        tuple[str, ...], "METHOD=REASON: a method for which the scene lacks something; repeatable.", UNSPLIT
+    ] = ()
+
+
+def run(inputs: CompareInputs, settings: "CompareSettings") -> dict[str, Any]:
+    """Compare methods. Runs of one method with several seeds are one row: their mean and spread.
+
+    A difference below the spread of either method is not ranked.
+    """
+    import json
+
+    from fipt.formats.files import write_text
+    from fipt.formats.text import read_json
+    from fipt.stages.compare.table import comparison
+    from fipt.stages.compare.written import as_csv, as_markdown
+
+    runs = [read_json(path, "what a method reached", "run fipt score again") for path in inputs.methods]
+    missing = {name: why for name, _, why in (text.partition("=") for text in inputs.not_applicable)}
+    table = comparison(runs, missing)
+    write_text(inputs.out.with_suffix(".md"), as_markdown(table))
+    write_text(inputs.out.with_suffix(".csv"), as_csv(table))
+    write_text(inputs.out, json.dumps(table, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+    return {"methods": len(table["methods"])}

@@ -1,0 +1,1 @@
+"""Albedo as radiance over irradiance: a baseline without a fit."""

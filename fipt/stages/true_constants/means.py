@@ -1,0 +1,82 @@
+"""True means: the material of every part, and the radiance of every triangle that emits."""
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from fipt.conventions import ROUGHNESS_MIN
+from fipt.errors import FiptError
+from fipt.model.parts import PartLabels, PartMaterials, centre_samples
+from fipt.model.reflectance import Brdf
+from fipt.scene.dataset import Dataset
+from fipt.scene.emitters import Emitters
+from fipt.scene.mesh import Mesh, connected_parts
+from fipt.scene.samples import FootprintSamples
+
+_LAYERS = ("base_color", "roughness", "metallic", "emission")
+
+
+def true_pixels(data: Dataset, shards: Sequence[FootprintSamples]) -> dict[str, np.ndarray]:
+    """``triangle`` (N,) and truth, (N, 3) or (N,), of pixels whose centre hits the mesh, of all views together.
+
+    Raises
+    ------
+    FiptError
+        If a view has no truth, or lacks a layer.
+    """
+    found = list(_of_views(data, shards))
+    return {name: np.concatenate([view[name] for view in found]) for name in (*_LAYERS, "triangle")}
+
+
+def _of_views(data: Dataset, shards: Sequence[FootprintSamples]) -> Iterator[Mapping[str, np.ndarray]]:
+    for shard in shards:
+        pixel, sample = centre_samples(shard)
+        triangle = np.asarray(shard.triangle)[sample].astype(np.int64)
+        for index, view in enumerate(shard.views):
+            truth = data.truth(view) or {}
+            missing = [name for name in _LAYERS if name not in truth]
+            if missing:
+                raise FiptError(
+                    f"the truth of {view} must have base colour, roughness, metallic and emission; it lacks "
+                    f"{', '.join(missing)}",
+                    "compare without the method bound-constants",
+                )
+            span = shard.pixels(index)
+            own = (pixel >= span.start) & (pixel < span.stop)
+            layers = {name: truth[name].reshape(span.stop - span.start, *truth[name].shape[2:]) for name in _LAYERS}
+            yield {name: values[pixel[own] - span.start] for name, values in layers.items()} | {
+                "triangle": triangle[own]
+            }
+
+
+def mean_materials(labels: PartLabels, pixels: Mapping[str, np.ndarray]) -> PartMaterials:
+    """Mean material of every part over the pixels that do not emit; that of all pixels where there is none."""
+    reflects = pixels["emission"].max(axis=1) <= 0
+    part = labels.of_triangle[pixels["triangle"][reflects]]
+    base, roughness, metallic = (
+        _means(pixels[name][reflects], part, int(labels.of_triangle.max(initial=0)) + 1)
+        for name in ("base_color", "roughness", "metallic")
+    )
+    return PartMaterials(labels, Brdf(base, roughness.clip(ROUGHNESS_MIN, 1), metallic))
+
+
+def true_emitters(mesh: Mesh, pixels: Mapping[str, np.ndarray]) -> Emitters:
+    """Triangles most of whose pixels emit, with the mean of what they emit."""
+    triangle, emits = pixels["triangle"], pixels["emission"].max(axis=1) > 0
+    count = len(mesh.triangles)
+    emitting = np.flatnonzero(2 * np.bincount(triangle, emits, count) > np.bincount(triangle, minlength=count))
+    if len(emitting) == 0:
+        return Emitters.none()
+    patch = connected_parts(Mesh(mesh.vertices, mesh.triangles[emitting]))
+    radiance = _means(pixels["emission"][emits], triangle[emits], count)[emitting]
+    return Emitters.plain(mesh, emitting, radiance, patch)
+
+
+def _means(values: np.ndarray, group: np.ndarray, count: int) -> np.ndarray:
+    """(count, ...) float32 mean of values (N, ...) in each group (N,); the mean of all where it is empty."""
+    members = np.bincount(group, minlength=count)
+    columns = values.reshape(len(values), -1).T
+    sums = np.stack([np.bincount(group, column, count) for column in columns], axis=1)
+    whole = columns.mean(axis=1) if len(values) else np.zeros(len(columns))
+    means = np.where(members[:, None] > 0, sums / np.maximum(members, 1)[:, None], whole)
+    return means.reshape(count, *values.shape[1:]).astype(np.float32)

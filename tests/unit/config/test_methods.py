@@ -1,0 +1,93 @@
+"""Runs of methods: which files they take over, which methods a scene can have."""
+
+import json
+
+import pytest
+
+from fipt.config import load
+from fipt.errors import FiptError
+
+SIZE = {"synthesize": {"train_views": 3, "val_views": 1}}
+METHODS = {"slow": {"label": "Slow", "kind": "ablation", "source": "here", "settings": {"fit": {"steps": 9}}}}
+
+
+def config(entry=None, **keys):
+    room = {"source": "procedural", "settings": SIZE} | (entry or {})
+    return load({"scenes": {"room": room}, "rounds": 2, "methods": METHODS, **keys})
+
+
+def where(found, name):
+    """Of some files of a run: the scene or run in whose folder they lie."""
+    run = found.scene(f"room/methods/{name}")
+    files = ("dataset/mesh.ply", "samples/a", "cache.npz", "round-0/shading/a", "round-0/emitters.npz", "round-1/model")
+    roots = [run.where(f"{run.layout.root}/{file}").removesuffix(f"/{file}") for file in files]
+    return [root.removeprefix("results/room").removeprefix("/methods/") or "room" for root in roots]
+
+
+def test_a_run_takes_over_what_its_settings_do_not_change():
+    found = config()
+    assert where(found, "slow") == ["room"] * 4 + ["slow"] * 2
+    assert where(found, "no-footprints") == ["room"] + ["no-footprints"] * 5
+    assert where(found, "no-damping") == ["room"] * 5 + ["no-damping"]
+    assert where(found, "rounds-1") == ["room"] * 6
+    assert where(found, "irradiance") == ["room"] * 4 + ["irradiance"] * 2
+    assert where(found, "fipt.seed-2") == ["room"] * 4 + ["fipt.seed-2"] * 2
+    # a run with another seed differs from the own method's run with this seed by its method alone
+    assert where(found, "rounds-1.seed-2") == ["room"] * 4 + ["fipt.seed-2"] * 2
+    assert found.scene("room/methods/fipt") is found.scenes["room"]
+
+
+def test_a_run_asks_for_the_files_that_it_takes_over():
+    run = config().scene("room/methods/rounds-1")
+    assert run.answer("last_model") == "results/room/round-1/model.safetensors"
+    assert run.answer("last_emitters") == "results/room/round-1/emitters.npz"
+    assert run.answer("images", splits=["val"]) == ["results/room/dataset/images.val-000.manifest.json"]
+    assert config().scene("room/methods/irradiance").answer("last_confidence") == []
+
+
+def test_methods_that_need_what_a_room_lacks_have_a_reason():
+    methods = config(segment={"mode": "none"}, rounds=1, compare={"seeds": 2}).scenes["room"].methods
+    reasons = methods.reasons()
+    assert reasons["irradiance"] == "needs segment ids, and the scene has none"
+    assert reasons["paper"] == "needs 2 rounds, and the scene has 1"
+    assert reasons["rounds-1"] == "is the scene's own run: its settings are the same"
+    names = [run.name for run in methods.runs()]
+    assert names[:2] == ["fipt", "fipt.seed-1"]
+    assert not reasons.keys() & set(names)
+    assert "--not-applicable" in methods.options()
+    photographs = load({"scenes": {"room": {"source": "raw", "path": "p", "poses": "colmap", "mesh": "m"}}})
+    assert "no" in photographs.scenes["room"].methods.reasons()["bound-constants"]
+
+
+def test_quick_comparisons_have_one_seed_and_quick_methods():
+    methods = config(compare={"quick": True}).scenes["room"].methods
+    assert {run.name for run in methods.runs()} == {"fipt", "bound-constants", "irradiance", "rounds-0", "rounds-1"}
+    named = config(compare={"quick": True, "methods": ["slow"]}).scenes["room"].methods
+    assert [run.name for run in named.runs()] == ["fipt", "slow"]
+
+
+def test_a_card_says_what_a_run_changes():
+    methods = config().scenes["room"].methods
+    card = json.loads(methods.card_json("slow.seed-1"))
+    assert (card["id"], card["seed"], card["rounds"]) == ("slow", 1, 2)
+    assert card["settings"] == {"fit": {"seed": 1, "steps": 9}, "refine": {"seed": 1}}
+    assert "results/room/stats/samples.train-000.json" in methods.stats("slow")
+    assert "results/room/methods/slow/stats/fit.round-2.json" in methods.stats("slow")
+    assert "results/room/stats/fit.round-1.json" in methods.stats("rounds-1")
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ({"compare": {"methods": ["ours"]}}, "there is no method 'ours'"),
+        ({"methods": {"a.seed-1": METHODS["slow"]}}, "must not be called 'a.seed-1'"),
+        ({"methods": {"../a": METHODS["slow"]}}, "method"),
+        ({"methods": {"fipt": METHODS["slow"]}}, "methods.fipt is the scene's own run"),
+        ({"methods": {"a": METHODS["slow"] | {"settings": {"fit": {"stepz": 1}}}}}, "unknown key methods.a.settings"),
+    ],
+)
+def test_wrong_methods_are_refused_in_a_line(keys, said):
+    with pytest.raises(FiptError) as caught:
+        config(**keys).scenes["room"].methods.runs()
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)

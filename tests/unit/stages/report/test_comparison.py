@@ -1,0 +1,62 @@
+"""The page that compares methods: nothing that is unknown is shown, and who is first is said."""
+
+import numpy as np
+import pytest
+
+from fipt.stages.report.comparison import build_comparison
+from tests.fake_results import maps, write_maps, write_results
+from tests.unit.stages.report.test_report import Page
+
+COLUMN = {
+    "key": "kd_psnr",
+    "label": "kd",
+    "unit": "dB",
+    "better": "higher",
+    "kind": "figure",
+    "noise": 0.0,
+    "text": "<what kd is>",
+}
+
+
+def row(name, mean, first=False, spread=None, **changed):
+    figures = {"kd_psnr": {"mean": mean, "spread": spread, "first": first, "text": "-" if mean is None else str(mean)}}
+    said = {"kind": "method", "source": "here", "deviations": "none", "inputs": [], "oracle": [], "not_estimated": []}
+    return {"id": name, "label": f"M {name}", "seeds": 2, "figures": figures, **said, **changed}
+
+
+@pytest.fixture
+def page(tmp_path):
+    results = write_results(tmp_path / "room")
+    for name in ("a", "<b>"):
+        for view in ("a", "b", "c"):
+            estimate = maps() | {"hit": np.ones((6, 8), np.float32)}
+            write_maps(results / "methods" / name / "materials" / f"{view}.exr", estimate)
+    methods = [
+        row("fipt", 20.0, spread=0.5),
+        row("a", 22.0, first=True, kind="ablation", not_estimated=["roughness"]),
+        row("<b>", 20.2, spread=0.1, kind="ablation"),
+        row("bound", 40.0, kind="bound", oracle=["true materials"]),
+    ]
+    table = {"columns": [COLUMN], "methods": methods, "not_applicable": {"c": "needs <truth>"}}
+    return Page(build_comparison(results, table, 2, 64))
+
+
+def test_who_is_first_is_said(page):
+    assert "M a: 22.0 Next: M <b>, 20.2. M fipt: 20.0." in page.words
+    assert "c : needs <truth>." in page.words
+
+
+def test_changes_below_the_spread_are_grey(page):
+    kinds = [cell.get("class") for cell in page.all("td")]
+    assert "better" in kinds
+    assert "same" in kinds
+    assert "worse" not in kinds
+
+
+def test_images_are_of_what_is_estimated(page):
+    shown = [image["alt"] for image in page.all("img") if "alt" in image]
+    assert "M a, Diffuse kd, view c" in shown
+    assert "M <b>, Roughness, view c" in shown
+    assert "M a, Roughness, view c" not in shown
+    assert sum(element.get("class") == "none" for element in page.all("div")) == 2  # M a in two views
+    assert not any(value.startswith("http") for tag, attributes in page.tags for value in map(str, attributes.values()))
