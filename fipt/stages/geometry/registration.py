@@ -46,7 +46,7 @@ _SECONDS = 300.0
 
 
 @dataclass(frozen=True)
-class _Surface:
+class _FacingPoints:
     """Points with unit normals, metres: (N, 3) float64 each."""
 
     points: np.ndarray
@@ -70,7 +70,7 @@ class _Surface:
         return [(along[:, axis], along[facing[:, axis], axis]) for axis in range(3)]
 
 
-class _Place:
+class _ScanPlace:
     """A place of the scan, and how well it fits.
 
     Attributes
@@ -82,7 +82,7 @@ class _Place:
         Median distance of these to the tangent planes of the scan, metres.
     """
 
-    def __init__(self, room: _Surface, scan: _Surface, scan_from_world: np.ndarray) -> None:
+    def __init__(self, room: _FacingPoints, scan: _FacingPoints, scan_from_world: np.ndarray) -> None:
         from scipy.spatial import cKDTree
 
         self.scan_from_world = scan_from_world
@@ -123,7 +123,7 @@ def registered(scan: Mesh, views: Sequence[DepthView], seed: int = 0) -> tuple[M
     arguments = {"points": room.points, "surface": other.points, "normals": other.normals, "starts": starts}
     # one CPU: sums over several threads differ in their last bits
     result = run_in_child(closest_fit, {**arguments, "reach": REACH}, _SECONDS, cpus=1)
-    places = [_Place(room, other, found) for found in result["found"]]
+    places = [_ScanPlace(room, other, found) for found in result["found"]]
     best = max(places, key=lambda place: place.share)
     share, found = best.share, best.scan_from_world
     if share < _LEAST:
@@ -157,7 +157,7 @@ def registered(scan: Mesh, views: Sequence[DepthView], seed: int = 0) -> tuple[M
     return mesh, about
 
 
-def _of_views(views: Sequence[DepthView], rng: np.random.Generator) -> _Surface:
+def _of_views(views: Sequence[DepthView], rng: np.random.Generator) -> _FacingPoints:
     known = [view.map.known & (view.map.normal**2).sum(axis=-1).astype(bool) for view in views]
     points = np.concatenate([view.points[k] for view, k in zip(views, known, strict=True)])
     normals = np.concatenate([view.map.normal[k] for view, k in zip(views, known, strict=True)])
@@ -165,24 +165,24 @@ def _of_views(views: Sequence[DepthView], rng: np.random.Generator) -> _Surface:
         raise FiptError("the depth maps must hold depth, to bring a scan to them; next to none is known",
                         "give a mesh in the coordinates of the cameras")  # fmt: skip
     some = rng.choice(len(points), min(_POINTS, len(points)), replace=False)
-    return _Surface(points[some].astype(np.float64), normals[some].astype(np.float64))
+    return _FacingPoints(points[some].astype(np.float64), normals[some].astype(np.float64))
 
 
-def _of_scan(scan: Mesh, rng: np.random.Generator) -> _Surface:
+def _of_scan(scan: Mesh, rng: np.random.Generator) -> _FacingPoints:
     """Points of a scan by area: as many as are needed for one in a square of half the reach, a million at most."""
     spacing = max(REACH / 2, float(np.sqrt(scan.areas.sum() / 1e6)))
     seed = int(rng.integers(2**31))
     points, triangle = surface_points(scan, spacing, *_everywhere(scan), seed)
     normals = scan.normals[triangle]
     whole = (normals**2).sum(axis=1) > 0
-    return _Surface(points[whole].astype(np.float64), normals[whole].astype(np.float64))
+    return _FacingPoints(points[whole].astype(np.float64), normals[whole].astype(np.float64))
 
 
 def _everywhere(scan: Mesh) -> tuple[np.ndarray, np.ndarray]:
     return scan.vertices.min(axis=0) - 1, scan.vertices.max(axis=0) + 1
 
 
-def _starts(room: _Surface, scan: _Surface) -> np.ndarray:
+def _starts(room: _FacingPoints, scan: _FacingPoints) -> np.ndarray:
     """(K, 4, 4) scan_from_world: as it is, and the places where most of the surface meets."""
     from scipy.spatial import cKDTree
 
@@ -194,7 +194,7 @@ def _starts(room: _Surface, scan: _Surface) -> np.ndarray:
     tried, met = [np.eye(4)], [np.inf]
     for turn in _turns():
         rotation = facing.T @ turn @ place
-        there = _Surface(room.points @ rotation.T, room.normals @ rotation.T).heights(facing)
+        there = _FacingPoints(room.points @ rotation.T, room.normals @ rotation.T).heights(facing)
         shifts = [_shifts(own, other) for own, other in zip(there, wanted, strict=True)]
         turned = points @ rotation.T
         for along in product(*shifts):
@@ -252,7 +252,7 @@ def _alike(one: np.ndarray, other: np.ndarray, middle: np.ndarray) -> bool:
     return bool(cosine > _SAME_PLACE[0] and away < _SAME_PLACE[1])
 
 
-def _check_size(room: _Surface, scan: _Surface) -> None:
+def _check_size(room: _FacingPoints, scan: _FacingPoints) -> None:
     """Raise FiptError where the scan is much larger or smaller than what the views show."""
     sizes = [
         np.sort(np.ptp(np.quantile(s.points @ s.directions.T, [0.02, 0.98], axis=0), axis=0)) for s in (room, scan)
