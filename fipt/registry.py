@@ -38,7 +38,7 @@ SECTIONS: dict[str, Section] = {
     "import": Section("fipt.stages.importing.settings:ImportSettings", 5),
     "depth": Section("fipt.stages.geometry.settings:DepthSettings", 4),
     "geometry": Section("fipt.stages.geometry.mesh_settings:GeometrySettings", 4),
-    "check_poses": Section("fipt.stages.check_poses.settings:CheckPosesSettings", 2),
+    "check_poses": Section("fipt.stages.check_poses.settings:CheckPosesSettings", 3),
     "samples": Section("fipt.stages.samples.settings:SamplesSettings", 2),
     "segment": Section("fipt.stages.segment.settings:SegmentSettings", 1),
     "fuse": Section("fipt.stages.segment.settings:FuseSettings", 2),

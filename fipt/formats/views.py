@@ -1,19 +1,42 @@
 """views.json: which views are accepted, and why others are not."""
 
 import json
+import math
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any, TypeVar
 
 from fipt.errors import FiptError
 from fipt.formats.text import MALFORMED
 
+T = TypeVar("T")
+
 
 def read_rejected(path: str | Path) -> dict[str, str]:
     """Read views.json, or a check's file of its form; return rejected view -> reason. A missing file rejects none."""
+    return _of_views(path, lambda state: None if state["accepted"] else str(state["reason"]))
+
+
+def read_gains(path: str | Path) -> dict[str, float]:
+    """Read a check's file; return view -> factor on its images, of those that have one. A missing file has none."""
+
+    def gain(state: dict[str, Any]) -> float | None:
+        value = float(state.get("gain", 1.0))
+        if not 0 < value < math.inf:
+            raise ValueError(f"gain must be positive, found {value}")
+        return None if value == 1 else value
+
+    return _of_views(path, gain)
+
+
+def _of_views(path: str | Path, told: Callable[[dict[str, Any]], T | None]) -> dict[str, T]:
+    """What is told of views, of those of which something is."""
     path = Path(path)
     if not path.is_file():
         return {}
     try:
         views = json.loads(path.read_text(encoding="utf-8"))["views"]
-        return {name: state["reason"] for name, state in views.items() if not state["accepted"]}
+        found = {name: told(state) for name, state in views.items()}
     except MALFORMED as error:
         raise FiptError(f"{path} is not a {path.name} ({error!r})", "run what wrote it again") from error
+    return {name: value for name, value in found.items() if value is not None}

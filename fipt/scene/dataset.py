@@ -14,7 +14,7 @@ from fipt.formats.exr import read_exr
 from fipt.formats.files import write_text
 from fipt.formats.images import read_ids
 from fipt.formats.manifests import ListedFiles
-from fipt.formats.views import read_rejected
+from fipt.formats.views import read_gains, read_rejected
 from fipt.scene.cameras import Camera, read_radiance_scale, read_transforms
 from fipt.scene.mesh import Mesh, read_mesh
 
@@ -57,8 +57,9 @@ class Dataset:
         self.root = Path(root)
         self.segments_root = Path(segments) if segments else self.root / "segments"
         self.rejected = rejected_views(self.root)
+        self._gains = read_gains(self.root / CHECKED)
         if unchecked:
-            self.rejected = read_rejected(self.root / "views.json")
+            self.rejected, self._gains = read_rejected(self.root / "views.json"), {}
         self.cameras = [c for c in read_transforms(self.root / "transforms.json") if c.name not in self.rejected]
         self._by_name = {camera.name: camera for camera in self.cameras}
         self._listed = ListedFiles(self.root)
@@ -95,7 +96,7 @@ class Dataset:
         return replace(read_mesh(self._listed.check(self.root / "mesh.ply")), seen_from=centers)
 
     def image(self, view: str) -> tuple[np.ndarray, np.ndarray]:
-        """Read an image and its weights.
+        """Read an image and its weights; one of another exposure is brought to that of the others (`CHECKED`).
 
         Returns
         -------
@@ -115,6 +116,7 @@ class Dataset:
         radiance = np.stack([channels[letter] for letter in "RGB"], axis=-1)
         valid = np.clip(channels.get("valid.Y", np.ones(radiance.shape[:2], np.float32)), 0.0, 1.0)
         check_image(radiance, valid, camera, path)
+        radiance = radiance * np.float32(self._gains.get(view, 1.0))
         return np.where(valid[..., None] > 0, radiance, 0.0).astype(np.float32), valid
 
     def flags(self, view: str) -> np.ndarray | None:

@@ -147,13 +147,14 @@ def test_red_and_blue_exchanged_in_single_views(
     assert all("with red and blue exchanged (BGR for RGB?)" in v.reason for v in verdicts if v.view in found)
 
 
-def test_a_view_at_another_exposure_is_named_and_stays(
+def test_a_view_at_another_exposure_is_named_and_brought_to_that_of_others(
     backend: Backend, tmp_path: Path, views: list[tuple[Camera, np.ndarray]]
 ) -> None:
     shown = [(c, image * (0.5 if i == 4 else 1.0)) for i, (c, image) in enumerate(views)]
     verdicts = check(dataset(tmp_path, shown), CheckPosesSettings(width=96))
     assert all(verdict.accepted for verdict in verdicts)
     assert [v.view for v in verdicts if "as bright as others show the same surface" in v.reason] == ["v4"]
+    assert verdicts[4].gain == pytest.approx(2, abs=0.05)
 
 
 def test_too_many_exchanged_views_end_the_check_with_their_reason() -> None:

@@ -7,7 +7,7 @@ small windows. A camera that is mirrored, turned or swapped disagrees with all o
 ones, which the median over its partners leaves out. (The two-step check of the paper's supplement, for any mesh.)
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -42,6 +42,9 @@ _POOR = 0.2
 
 _EXPOSED = 1.2
 """Ratio of a view's brightness to that of the others from which its exposure is named."""
+
+_PASSES = 4
+"""How often the brightness of all views is told anew: an error of a view reaches its witnesses' own by then."""
 
 _WITNESSES = 3
 """Partners, and views, that must tell it."""
@@ -135,9 +138,11 @@ def judge(scene: RayScene, views: Sequence[ReducedView], settings: CheckPosesSet
         accepted.remove(worst)
     accepted |= {i for i in every - accepted if (score(i, accepted) or 0.0) >= least}
 
+    witnesses = [telling(i, accepted) or telling(i, every) for i in range(len(views))]
+    exposures = _exposures(witnesses, compared)
     verdicts = []
     for i, view in enumerate(views):
-        used = telling(i, accepted) or telling(i, every)
+        used = witnesses[i]
         value = score(i, set(used))
         overlap = max((compared[i, j].overlap for j in partners[i]), default=0.0)
         ok, reason = True, ""
@@ -157,14 +162,27 @@ def judge(scene: RayScene, views: Sequence[ReducedView], settings: CheckPosesSet
             )
         colour = float(np.median([compared[i, j].colour for j in used])) if used else None
         names = tuple(views[j].camera.name for j in used)
-        brighter = float(np.exp(np.median([compared[i, j].brighter for j in used]))) if used else None
         verdicts.append(
-            Verdict(view.camera.name, value, overlap, float(behind[i]), colour, brighter, names, ok, reason)
+            Verdict(view.camera.name, value, overlap, float(behind[i]), colour, exposures[i], names, ok, reason)
         )
-    return _exposed(verdicts)
+    return _exposed(verdicts, settings.correct_exposure)
 
 
-def _exposed(verdicts: Sequence[Verdict]) -> list[Verdict]:
+def _exposures(
+    witnesses: Sequence[Sequence[int]], compared: Mapping[tuple[int, int], Comparison]
+) -> list[float | None]:
+    """Brightness of each view over that of all others on the same surface; None where none tells.
+
+    Each is the median over its witnesses, whose own brightness is taken out; most are as bright as most.
+    """
+    level = np.zeros(len(witnesses))
+    for _ in range(_PASSES):
+        told = [np.median([compared[i, j].brighter + level[j] for j in own]) for i, own in enumerate(witnesses) if own]
+        level[[i for i, own in enumerate(witnesses) if own]] = np.array(told) - np.median(told or [0.0])
+    return [float(np.exp(level[i])) if own else None for i, own in enumerate(witnesses)]
+
+
+def _exposed(verdicts: Sequence[Verdict], correct: bool) -> list[Verdict]:
     """Verdicts that also say whose exposure is off: that view stays, since its structure is that of the others."""
     found = np.log([v.exposure for v in verdicts if v.accepted and v.exposure and len(v.partners) >= _WITNESSES])
     if len(found) < _WITNESSES:
@@ -175,10 +193,10 @@ def _exposed(verdicts: Sequence[Verdict]) -> list[Verdict]:
         known = verdict.accepted and verdict.exposure and len(verdict.partners) >= _WITNESSES and not verdict.reason
         if not known or abs(np.log(verdict.exposure or 1.0)) < limit:
             return verdict
-        return replace(
-            verdict,
-            reason=f"is {verdict.exposure:.2f} times as bright as others show the same surface: another exposure?",
-        )
+        reason = f"is {verdict.exposure:.2f} times as bright as others show the same surface: another exposure?"
+        if not correct:
+            return replace(verdict, reason=reason)
+        return replace(verdict, reason=f"{reason} It is divided by that", gain=1 / (verdict.exposure or 1.0))
 
     return [exposed(verdict) for verdict in verdicts]
 

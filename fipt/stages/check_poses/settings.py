@@ -21,6 +21,9 @@ class CheckPosesSettings(Settings):
         description="a view is rejected whose correlation with the others is below this share of the median view's",
     )
     least_overlap: Fraction = Field(default=0.05, description="share of a view that others must show to judge it")
+    correct_exposure: bool = Field(
+        default=True, description="bring a view whose exposure is off to that of the others, where these tell it"
+    )
     keep: Fraction = Field(
         default=0.7, description="with fewer views than this share left, stop: mesh and views do not match"
     )

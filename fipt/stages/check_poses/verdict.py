@@ -26,6 +26,8 @@ class Verdict:
         Views that it was compared with.
     accepted, reason
         The verdict, and a sentence where there is something to say.
+    gain
+        Factor that brings its images to the exposure of the others; 1 where they have it, or none tells.
     """
 
     view: str
@@ -37,6 +39,7 @@ class Verdict:
     partners: tuple[str, ...]
     accepted: bool
     reason: str
+    gain: float = 1.0
 
     def plain(self) -> dict[str, Any]:
         """Return the content as plain JSON types."""

@@ -7,11 +7,14 @@ import numpy as np
 import pytest
 
 from fipt.cli.main import main
+from fipt.errors import FiptError
 from fipt.formats.exr import write_exr
+from fipt.formats.views import read_gains
 from fipt.scene.cameras import write_transforms
 from fipt.scene.dataset import CHECKED, Dataset, write_views
 from fipt.scene.mesh import write_ply
 from fipt.stages.check_poses.settings import CheckPosesSettings
+from fipt.stages.check_poses.stage import CheckPosesInputs, run
 from tests import room_views, scenes
 
 SIZE = (120, 90)
@@ -181,3 +184,25 @@ def test_a_view_of_another_exposure_stays_and_is_named(backend, tmp_path, views)
     assert [view for view, verdict in found.items() if verdict.reason] == ["v3"]
     assert found["v3"].accepted
     assert "times as bright as others show the same surface: another exposure?" in found["v3"].reason
+    assert found["v3"].gain == pytest.approx(0.5, abs=0.025)
+    assert all(verdict.gain == 1 for view, verdict in found.items() if view != "v3")
+
+
+def test_an_exposure_is_corrected_wherever_the_image_is_read(backend, tmp_path, views):
+    images = with_exposure(views, "v3", 2.0)
+    written(tmp_path, ring(), images)
+    run(CheckPosesInputs(dataset=tmp_path, reject=True), CheckPosesSettings())
+    raw, corrected = Dataset(tmp_path, unchecked=True), Dataset(tmp_path)
+    for view in ("v2", "v3"):
+        np.testing.assert_allclose(corrected.image(view)[0], views[view], rtol=0.05)
+    np.testing.assert_array_equal(raw.image("v3")[0], images[list(views).index("v3")].astype(np.float32))
+    run(CheckPosesInputs(dataset=tmp_path, reject=True), CheckPosesSettings(correct_exposure=False))
+    np.testing.assert_array_equal(Dataset(tmp_path).image("v3")[0], raw.image("v3")[0])
+
+
+@pytest.mark.parametrize("gain", [0, -1, "x", None, 1e400])
+def test_a_gain_that_is_none_is_refused(tmp_path, gain):
+    state = {"accepted": True, "reason": "", "gain": gain}
+    (tmp_path / CHECKED).write_text(json.dumps({"views": {"a": state}}))
+    with pytest.raises(FiptError, match=r"check_poses.json is not a check_poses.json"):
+        read_gains(tmp_path / CHECKED)
