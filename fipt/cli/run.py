@@ -77,7 +77,7 @@ def _record(scene: "SceneConfig", plain: Mapping[str, Any], results: Path) -> No
     from fipt.provenance import record
 
     named = [path for _, path in named_paths(scene)]
-    own = {**plain, "scenes": {scene.name: plain["scenes"][scene.name]}} if "scenes" in plain else plain
+    own = {**plain, "scenes": {scene.name: plain.get("scenes", {}).get(scene.name)}}
     record(results, own, [*scene.given_files(), *named])
 
 
