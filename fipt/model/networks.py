@@ -118,8 +118,45 @@ class _Sigmoid(nn.Module):
         return torch.cat([part.sigmoid() for part in x.split(_ON_ONE_THREAD)])
 
 
+class PositionalMlp(nn.Module):
+    """Positional encoding and an MLP, into whose middle the encoding enters again.
+
+    Parameters
+    ----------
+    outputs : int
+        Raw outputs.
+    generator : torch.Generator
+        Of the initial weights.
+    bands, layers, width : int
+        Frequency bands; hidden layers; their width.
+    """
+
+    frequencies: torch.Tensor
+
+    def __init__(
+        self, outputs: int, generator: torch.Generator, bands: int = 10, layers: int = 6, width: int = 128
+    ) -> None:
+        super().__init__()
+        self.register_buffer("frequencies", math.pi * 2.0 ** torch.arange(bands), persistent=False)
+        inputs = 3 + 6 * bands
+        self.middle = layers // 2
+        sizes = [inputs] + [width] * (layers - 1)
+        sizes[self.middle] += inputs
+        self.hidden = nn.ModuleList(_linear(size, width, generator) for size in sizes)
+        self.output = _linear(width, outputs, generator)
+
+    def forward(self, points: torch.Tensor) -> torch.Tensor:
+        """Raw outputs (N, outputs) at points (N, 3) in [-1, 1]."""
+        angles = (points[:, None, :] * self.frequencies[:, None]).flatten(1)
+        encoded = torch.cat([points, angles.sin(), angles.cos()], dim=1)
+        h = encoded
+        for i, layer in enumerate(self.hidden):
+            h = torch.relu(layer(torch.cat([encoded, h], dim=1) if i == self.middle else h))
+        return self.output(h)
+
+
 class BrdfNetwork(nn.Module):
-    """Hash encoding and a small MLP: reflectance at points of the unit cube.
+    """Hash encoding and a small MLP, or positional encoding and a larger one: reflectance at points of the unit cube.
 
     Parameters
     ----------
@@ -131,39 +168,38 @@ class BrdfNetwork(nn.Module):
 
     def __init__(self, settings: NetworkSettings, backend: Backend = "auto", width: int = 64) -> None:
         super().__init__()
-        self.encoding = HashEncoding(
-            settings.levels,
-            settings.table_log2,
-            growth=settings.growth,
-            seed=settings.seed,
-            backend=backend,
-        )
         generator = torch.Generator().manual_seed(settings.seed + 1)
-        inputs = settings.levels * self.encoding.features
-        self.mlp = nn.Sequential(
-            _linear(inputs, width, generator),
-            nn.ReLU(),
-            _linear(width, width, generator),
-            nn.ReLU(),
-            _linear(width, 5, generator),
-            _Sigmoid(),
-        )
+        self.encoding = None
+        if settings.encoding == "positional":
+            positional = PositionalMlp(5, generator)
+            self.mlp, last = nn.Sequential(positional, _Sigmoid()), positional.output
+        else:
+            self.encoding = HashEncoding(
+                settings.levels,
+                settings.table_log2,
+                growth=settings.growth,
+                seed=settings.seed,
+                backend=backend,
+            )
+            inputs = settings.levels * self.encoding.features
+            hidden = [_linear(inputs, width, generator), nn.ReLU(), _linear(width, width, generator), nn.ReLU()]
+            last = _linear(width, 5, generator)
+            self.mlp = nn.Sequential(*hidden, last, _Sigmoid())
         if settings.start_rough:
             # matte metal and matte dielectric appear the same: start where most surfaces are
             with torch.no_grad():
-                cast("nn.Linear", self.mlp[-2]).bias[3:] += torch.tensor(_MATTE)
+                last.bias[3:] += torch.tensor(_MATTE)
 
     def forward(self, points: torch.Tensor, footprint: torch.Tensor | None = None) -> Brdf:
-        """Reflectance at points (N, 3) in [0, 1], seen through footprints (N,) in box sides."""
-        output = self.mlp(self.encoding(points, footprint))
+        """Reflectance at points (N, 3) in [0, 1], seen through footprints (N,) in box sides, which hash grids mind."""
+        encoded = 2 * points - 1 if self.encoding is None else self.encoding(points, footprint)
+        output = self.mlp(encoded)
         roughness = ROUGHNESS_MIN + (1 - ROUGHNESS_MIN) * output[:, 3]
         return Brdf(output[:, :3], roughness, output[:, 4])
 
 
-class EmissionNetwork(nn.Module):
+class EmissionNetwork(PositionalMlp):
     """Positional encoding and an MLP: how much of a pixel is light of the surface's own.
-
-    The positional encoding enters again in the middle of the MLP.
 
     Parameters
     ----------
@@ -173,18 +209,8 @@ class EmissionNetwork(nn.Module):
         Frequency bands; hidden layers; their width.
     """
 
-    frequencies: torch.Tensor
-
     def __init__(self, seed: int = 0, bands: int = 10, layers: int = 6, width: int = 128) -> None:
-        super().__init__()
-        generator = torch.Generator().manual_seed(seed + 2)
-        self.register_buffer("frequencies", math.pi * 2.0 ** torch.arange(bands), persistent=False)
-        inputs = 3 + 6 * bands
-        self.middle = layers // 2
-        sizes = [inputs] + [width] * (layers - 1)
-        sizes[self.middle] += inputs
-        self.hidden = nn.ModuleList(_linear(size, width, generator) for size in sizes)
-        self.output = _linear(width, 1, generator)
+        super().__init__(1, torch.Generator().manual_seed(seed + 2), bands, layers, width)
         with torch.no_grad():
             # Everywhere slightly positive: a ReLU that starts shut would never open, and a mask
             # that starts wide open would explain the pixels away before the BRDF can.
@@ -193,12 +219,7 @@ class EmissionNetwork(nn.Module):
 
     def forward(self, points: torch.Tensor) -> torch.Tensor:
         """Raw emission e (N,), before the ReLU, at points (N, 3) in [-1, 1]."""
-        angles = (points[:, None, :] * self.frequencies[:, None]).flatten(1)
-        encoded = torch.cat([points, angles.sin(), angles.cos()], dim=1)
-        h = encoded
-        for i, layer in enumerate(self.hidden):
-            h = torch.relu(layer(torch.cat([encoded, h], dim=1) if i == self.middle else h))
-        return self.output(h)[:, 0]
+        return super().forward(points)[:, 0]
 
     @staticmethod
     def mask(e: torch.Tensor) -> torch.Tensor:
@@ -300,7 +321,7 @@ class Field(nn.Module):
 
     def _tensor(self, array: np.ndarray) -> torch.Tensor:
         # A copy: arrays of the pipeline are often read-only memory maps, which torch cannot share.
-        return torch.tensor(np.asarray(array, np.float32), device=self.brdf_network.encoding.table.device)
+        return torch.tensor(np.asarray(array, np.float32), device=self.emission_network.frequencies.device)
 
 
 @torch.no_grad()

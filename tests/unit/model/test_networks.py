@@ -33,6 +33,19 @@ def test_brdf_shapes_and_ranges():
         assert values.max() <= 1
 
 
+def test_positional_encoding_in_place_of_the_hash_grid():
+    field = Field(NetworkSettings(encoding="positional"), BOX)
+    assert not [name for name in field.state_dict() if "table" in name]
+    shapes = [tuple(layer.weight.shape) for layer in field.brdf_network.mlp[0].hidden]
+    assert shapes == [(128, 63), (128, 128), (128, 128), (128, 191), (128, 128), (128, 128)]
+    p_world = np.float32([[0.1, 0.2, 0.3], [1.0, -1.0, 0.5]])
+    found = field.query(p_world)
+    np.testing.assert_array_equal(field.query(p_world, np.ones(2)).base_color, found.base_color)
+    assert np.abs(found.roughness - 0.82).max() < 0.1  # it starts matte, as the hash grid does
+    field.brdf(torch.from_numpy(p_world)).base_color.sum().backward()
+    assert all(p.grad.abs().max() > 0 for p in field.brdf_network.parameters())
+
+
 @pytest.mark.parametrize("kind", [np.asarray, torch.tensor])
 def test_reflectances_by_hand(kind):
     brdf = Brdf(kind([[0.5, 0.2, 0.0]] * 3), kind([0.3] * 3), kind([0.0, 1.0, 0.5]))
