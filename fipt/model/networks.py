@@ -85,8 +85,8 @@ class _NarrowLinear(nn.Linear):
 class _Product(torch.autograd.Function):
     """The product of a linear layer.
 
-    The gradient of a weight of few outputs is a small matrix of long sums. A matrix library divides these sums among its
-    threads: the order of additions then depends on their number. Here the parts are fixed, and one thread sums each.
+    The gradient of a weight of few outputs is a small matrix of long sums. A matrix library divides these sums among
+    its threads: the order of additions then depends on their number. Here the parts are fixed; one thread sums each.
     """
 
     @staticmethod
