@@ -13,6 +13,7 @@ from typing import Any, cast
 import numpy as np
 import torch
 from torch import nn
+from torch.autograd.function import once_differentiable
 
 from fipt.conventions import ROUGHNESS_MIN
 from fipt.model.hash_encoding import Backend, HashEncoding
@@ -22,6 +23,10 @@ from fipt.model.settings import NetworkSettings
 QUERY_CHUNK = 1 << 14
 """Points asked at once: few enough for their activations to stay in a processor's cache."""
 
+_ON_ONE_THREAD = 1 << 12
+"""Points whose outputs torch works on with one thread (fewer than its GRAIN_SIZE of 32,768 numbers)."""
+_PART = 512
+"""Points whose share of a gradient one thread sums."""
 _INITIAL_EMISSION = 0.05
 _MATTE = (1.5, -3.0)
 """Logits of the first roughness and metallic (0.82 and 0.05) where the fit starts from matte."""
@@ -65,6 +70,52 @@ class SceneBox:
         if isinstance(points, torch.Tensor):
             return points.new_tensor(self.center)
         return np.asarray(self.center, points.dtype)
+
+
+class _Linear(nn.Linear):
+    """A linear layer whose gradients are the same to the bit with any number of threads."""
+
+    def forward(self, input: torch.Tensor) -> torch.Tensor:
+        """Map (N, inputs) to (N, outputs)."""
+        return _Product.apply(input, self.weight, self.bias)
+
+
+class _Product(torch.autograd.Function):
+    """The product of a linear layer.
+
+    A matrix library divides the long sums of the weight's gradient among its threads: the order of additions then
+    depends on their number. Here the parts are fixed, and one thread sums each.
+    """
+
+    @staticmethod
+    def forward(ctx, x, weight, bias):
+        ctx.save_for_backward(x, weight)
+        return nn.functional.linear(x, weight, bias)
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx, gradient):
+        x, weight = ctx.saved_tensors
+        one, other = _in_parts(gradient), _in_parts(x)
+        of_weight = torch.bmm(one.transpose(1, 2), other).sum(0)
+        return gradient @ weight if ctx.needs_input_grad[0] else None, of_weight, gradient.sum(0)
+
+
+def _in_parts(rows: torch.Tensor) -> torch.Tensor:
+    """(N, K) as (parts, _PART, K); zeros fill the last. Two at least: a product that is alone would be divided."""
+    missing = max(-len(rows) % _PART, 2 * _PART - len(rows))
+    return (nn.functional.pad(rows, (0, 0, 0, missing)) if missing else rows).reshape(-1, _PART, rows.shape[1])
+
+
+class _Sigmoid(nn.Module):
+    """The sigmoid, the same to the bit with any number of threads.
+
+    Torch cuts long arrays among its threads, and rounds otherwise where a part does not fill a vector.
+    """
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        """Sigmoid of (N, 5)."""
+        return torch.cat([part.sigmoid() for part in x.split(_ON_ONE_THREAD)])
 
 
 class PositionalMlp(nn.Module):
@@ -121,7 +172,7 @@ class BrdfNetwork(nn.Module):
         self.encoding = None
         if settings.encoding == "positional":
             positional = PositionalMlp(5, generator)
-            self.mlp, last = nn.Sequential(positional, nn.Sigmoid()), positional.output
+            self.mlp, last = nn.Sequential(positional, _Sigmoid()), positional.output
         else:
             self.encoding = HashEncoding(
                 settings.levels,
@@ -133,7 +184,7 @@ class BrdfNetwork(nn.Module):
             inputs = settings.levels * self.encoding.features
             hidden = [_linear(inputs, width, generator), nn.ReLU(), _linear(width, width, generator), nn.ReLU()]
             last = _linear(width, 5, generator)
-            self.mlp = nn.Sequential(*hidden, last, nn.Sigmoid())
+            self.mlp = nn.Sequential(*hidden, last, _Sigmoid())
         if settings.start_rough:
             # matte metal and matte dielectric appear the same: start where most surfaces are
             with torch.no_grad():
@@ -281,7 +332,7 @@ def _chunked(ask: Callable[[slice], None], count: int, chunk: int) -> None:
 
 def _linear(inputs: int, outputs: int, generator: torch.Generator) -> nn.Linear:
     """Linear layer with torch's usual initial weights, but from a generator of our own."""
-    layer = cast("nn.Linear", nn.utils.skip_init(nn.Linear, inputs, outputs))
+    layer = cast("nn.Linear", nn.utils.skip_init(_Linear, inputs, outputs))
     bound = 1 / math.sqrt(inputs)
     with torch.no_grad():
         layer.weight.uniform_(-bound, bound, generator=generator)

@@ -137,3 +137,21 @@ def test_footprint_is_measured_in_metres(backend):
     metres = torch.tensor([0.4], device=backend.torch_device)
     inside = field.brdf_network(BOX.to_unit(p), metres / BOX.side)
     torch.testing.assert_close(field.brdf(p, metres).roughness, inside.roughness)
+
+
+@pytest.mark.parametrize("count", [500, 9001])
+def test_threads_do_not_change_the_gradients(backend, threads, count):
+    """Sums over many points are what libraries divide among threads."""
+    if backend.torch_device != "cpu":
+        pytest.skip("sums of CUDA come in any order")
+    field = Field(NetworkSettings(levels=4, table_log2=10), SceneBox((0.0, 0.0, 0.0), 2.0))
+    points = torch.rand(count, 3, generator=torch.Generator().manual_seed(1)) * 2 - 1
+    seen = []
+    for number in (1, 2, 4):
+        threads(number)
+        field.zero_grad()
+        brdf = field.brdf(points)
+        (brdf.kd.square().sum(1).mean() + brdf.roughness.mean() + field.emission(points[::2]).mean()).backward()
+        seen.append([value.grad.clone() for value in field.parameters() if value.grad is not None])
+    for other in seen[1:]:
+        assert all(torch.equal(one, two) for one, two in zip(seen[0], other, strict=True))
