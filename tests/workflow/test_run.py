@@ -13,6 +13,7 @@ from benchmarks.jobs import WORKFLOW
 from fipt.cli.run import STOPPING_POINTS
 from fipt.errors import FiptError
 from fipt.lock import locked
+from fipt.provenance import read_provenance
 
 CONFIG = {"scenes": {"room": {"source": "procedural"}}, "rounds": 0, "synthesize": {"train_views": 2, "val_views": 1}}
 
@@ -31,6 +32,7 @@ def test_a_run_then_nothing_to_do(workspace):
     assert lines[0].startswith("[1/19] synthesize")
     assert "[19/19] report" in lines
     assert (here.root / "results/room/report.html").is_file()
+    assert "report.html" in read_provenance(here.root / "results/room")["files"]
     assert here.planned() == {}
     assert here.fipt_run() == "everything is up to date\nfipt: nothing was found wrong\n"
 
@@ -59,8 +61,13 @@ def test_targets_are_those_of_the_workflow():
     [
         (["--config", "fit={stepz: 3}"], "fipt: error: unknown key fit.stepz (did you mean steps?); allowed in fit: "),
         (["reprt"], "fipt: error: there is no target 'reprt'; targets: capture, dataset, "),
+        (["materials", "--quick"], "fipt: error: --quick is of the target compare; this is materials; fipt run room"),
+        (
+            ["compare", "--config", "compare={methods: [ours]}"],
+            "fipt: error: compare.methods: there is no method 'ours'",
+        ),
         (["results/room/nothing"], "fipt: error: No rule to produce results/room/nothing"),
-        (["--configfile", "none.yaml"], "fipt: error: config file none.yaml does not exist; check the path"),
+        (["--configfile", "none.yaml"], "fipt: error: the config file is missing: none.yaml; check the path"),
     ],
 )
 def test_what_the_user_can_mend_is_one_line(workspace, options, said):
