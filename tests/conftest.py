@@ -2,6 +2,7 @@
 
 * `backend`: Mitsuba's variant, chosen once for the run. Tests run on LLVM, so that results are the
   same with and without a GPU; ``FIPT_BACKEND=cuda pytest`` runs the same tests on CUDA.
+* `threads`: sets the number of threads for a test.
 * `np_rng`: a random generator with a fixed seed. No test seeds anything globally.
 * `living_room`: the folder of the optional real-size scene, named by ``FIPT_LIVING_ROOM``.
 * `open3d`: skips where it cannot be imported.
@@ -14,7 +15,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -51,6 +52,18 @@ def backend() -> variant.Backend:
     """Set Mitsuba's variant and return what was chosen."""
     preference = "cuda" if os.environ.get("FIPT_BACKEND") == "cuda" else "llvm"
     return variant.set_variant(variant.choose_backend(preference))
+
+
+@pytest.fixture
+def threads() -> Iterator[Callable[[int], None]]:
+    """A function that sets the threads of Dr.Jit and torch; after the test they are what they were."""
+    import drjit
+    import torch
+
+    before = drjit.thread_count(), torch.get_num_threads()
+    yield lambda count: variant.set_variant(threads=count)
+    drjit.set_thread_count(before[0])
+    torch.set_num_threads(before[1])
 
 
 @pytest.fixture

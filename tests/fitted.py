@@ -26,7 +26,6 @@ FIT = {
     "levels": 4,
     "table_log2": 10,
     "learning_rate": 0.01,
-    "threads": 1,
     "emission_weight": 0.1,
 }
 NIGHT = {

@@ -125,7 +125,8 @@ class SceneConfig:
         ------
         FiptError
             If emitters_review.yaml is wrong, something that a relight setup names is not there, a file of the source
-            has a name that the workflow cannot use, or a mesh is to be made and open3d is missing.
+            has a name that the workflow cannot use, a mesh is to be made and open3d is missing, or a scan is to be
+            brought to the cameras of a scene that has a mesh.
         """
         for path in self.given_files():
             self.place.plain(path, "path")
@@ -133,6 +134,11 @@ class SceneConfig:
         self.setups.check()
         if self._makes_mesh():
             check_installed()
+        if self.settings["geometry"].scan and not self._wants_mesh():
+            raise FiptError(
+                f"scene {self.name}: settings.geometry.scan needs `mesh: reconstruct`; the scene brings a mesh",
+                "set mesh: reconstruct, or remove the scan",
+            )
         for path in self.environment_files():
             existing_file(path, "environment.file")
 
@@ -147,6 +153,12 @@ class SceneConfig:
         with suppress(FiptError):
             return self.source.reconstructed and not Path(self.layout.estimated_mesh).is_file()
         return False
+
+    def _wants_mesh(self) -> bool:
+        """Whether the scene's mesh is made of its views; taken to be where its source cannot be read."""
+        with suppress(FiptError):
+            return self.source.reconstructed
+        return True
 
     def settings_json(self, section: str) -> str:
         """Settings of a stage as sorted JSON, for ``--settings``."""
@@ -245,6 +257,11 @@ class SceneConfig:
         placed = Path(self.place.path(folder, "settings.depth.given"))
         views = [view for shard in self.views.shards("train").values() for view in shard]
         return [str(existing_file(given_file(placed, view), f"depth of {view} (depth.given)")) for view in views]
+
+    def given_scan(self) -> list[str]:
+        """The scan in coordinates of its own that the config names, if any."""
+        file = self.settings["geometry"].scan
+        return [str(existing_file(self.place.path(file, "settings.geometry.scan"), "geometry.scan"))] if file else []
 
     # --- the model and what is made of it
 

@@ -5,12 +5,16 @@ learned features at the eight vertices around the point (Müller et al., *Instan
 Primitives*, 2022). Coarse grids are stored densely, finer ones share a table through a hash.
 
 The kernels run one lane for each pair of level and point, level by level, so that the lanes that
-run together read one level's table, which then stays in the processor's cache. Everything that
-differs between levels or calls is data, so that nothing is compiled twice.
+run together read one level's table, which then stays in the processor's cache. On a CPU the adjoint
+runs one packet of lanes for each level instead, which goes through the points: no two threads add
+to one entry. Everything that differs between levels or calls is data, so that nothing is compiled
+twice.
 """
 
 import math
+import re
 import sys
+from functools import cache
 from types import ModuleType
 from typing import Literal
 
@@ -227,50 +231,87 @@ def _lookup(dj, table, points, footprint, cells, grid) -> torch.Tensor:
     vector = getattr(dj, f"Array{features}f")
     _finish_torch(table)
     values = _shared(dj.Float, table)
-    row, corners, fade = _lanes(dj, points, footprint, cells, grid)
+    level, point = _lanes(dj, count, levels)
+    corners, fade = _corners(dj, level, point, points, footprint, cells, grid)
     total = vector(0)
     for index, weight in corners:
         total = dr.fma(dr.gather(vector, values, index), weight, total)
     output = dr.empty(dj.Float, count * levels * features)
-    dr.scatter(output, total * fade, row)
+    dr.scatter(output, total * fade, point * levels + level)
     return _to_torch(output).view(count, levels * features)
 
 
 def _spread(dj, table_shape, gradient, points, footprint, cells, grid) -> torch.Tensor:
-    """Run the adjoint kernel: add (N, L * features) gradients to the entries they came from."""
+    """Run the adjoint kernel: add (N, L * features) gradients to the entries they came from.
+
+    On a CPU one packet of lanes, and so one thread, adds all that belongs to a level, in the order of the points: the
+    sums do not depend on the number of threads. On CUDA the lanes add in any order.
+    """
     import drjit as dr
 
+    count, levels = len(points), len(cells)
     vector = getattr(dj, f"Array{table_shape[1]}f")
     _finish_torch(gradient)
     incoming = _shared(dj.Float, gradient)
-    row, corners, fade = _lanes(dj, points, footprint, cells, grid)
-    g = dr.gather(vector, incoming, row) * fade
     # Memory of Dr.Jit's own pool: torch would ask the system for fresh pages at every step.
     output = dr.zeros(dj.Float, table_shape.numel())
-    for index, weight in corners:
-        dr.scatter_reduce(dr.ReduceOp.Add, output, g * weight, index, mode=dr.ReduceMode.Direct)
+
+    def add(level, point) -> None:
+        corners, fade = _corners(dj, level, point, points, footprint, cells, grid)
+        g = dr.gather(vector, incoming, point * levels + level) * fade
+        for index, weight in corners:
+            dr.scatter_reduce(dr.ReduceOp.Add, output, g * weight, index, mode=dr.ReduceMode.Direct)
+
+    if gradient.is_cuda:
+        add(*_lanes(dj, count, levels))
+        return _to_torch(output).view(table_shape)
+    width, end = _packet_width(), dr.opaque(dj.UInt32, count)
+    lane = dr.arange(dj.UInt32, levels * width)
+    level = lane // width
+
+    def step(point):
+        add(level, point)
+        return (point + width,)
+
+    dr.while_loop((lane - level * width,), lambda point: point < end, step, labels=("point",))
     return _to_torch(output).view(table_shape)
 
 
-def _lanes(dj, points, footprint, cells, grid):
-    """Trace what both kernels share, for one lane for each level and point.
+def _lanes(dj, count: int, levels: int):
+    """Level and point of one lane for each pair of them, level after level."""
+    import drjit as dr
+
+    size = dr.opaque(dj.UInt32, count)
+    lane = dr.arange(dj.UInt32, count * levels)
+    level = lane // size
+    return level, lane - level * size
+
+
+@cache
+def _packet_width() -> int:
+    """Lanes that a thread of the LLVM backend runs at once. Dr.Jit tells it in the code of its kernels alone."""
+    import drjit as dr
+    from drjit.llvm import Float
+
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        dr.eval(dr.arange(Float, 2) + dr.opaque(Float, 1))
+        code = dr.kernel_history()[-1]["ir"].getvalue()
+    found = re.search(r"<(\d+) x float>", code)
+    assert found is not None
+    return int(found.group(1))
+
+
+def _corners(dj, level, point, points, footprint, cells, grid):
+    """Trace what both kernels share, for lanes with their levels and points.
 
     Returns
     -------
-    row
-        Index of the lane's features in an (N, L) array.
     corners
         Eight pairs of table index and trilinear weight.
     fade
         Weight of the level.
     """
     import drjit as dr
-
-    count = dr.opaque(dj.UInt32, len(points))
-    lane = dr.arange(dj.UInt32, len(points) * len(cells))
-    level = lane // count
-    point = lane - level * count
-    row = point * len(cells) + level
 
     rows = _shared(dj.Int32, grid)
     last, stride_y, stride_z, first, dense, mask = (
@@ -293,9 +334,9 @@ def _lanes(dj, points, footprint, cells, grid):
         corners.append((index, weights[0] * weights[1] * weights[2]))
 
     if footprint is None:
-        return row, corners, 1
+        return corners, 1
     sigma = SIGMA_PER_FOOTPRINT * dr.gather(dj.Float, _shared(dj.Float, footprint), point)
-    return row, corners, dr.erf(1 / (math.sqrt(8) * dr.maximum(sigma, _MIN_SIGMA) * side))
+    return corners, dr.erf(1 / (math.sqrt(8) * dr.maximum(sigma, _MIN_SIGMA) * side))
 
 
 def _shared(kind, tensor: torch.Tensor):

@@ -13,6 +13,7 @@ from typing import Any, cast
 import numpy as np
 import torch
 from torch import nn
+from torch.autograd.function import once_differentiable
 
 from fipt.conventions import ROUGHNESS_MIN
 from fipt.model.hash_encoding import Backend, HashEncoding
@@ -22,6 +23,10 @@ from fipt.model.settings import NetworkSettings
 QUERY_CHUNK = 1 << 14
 """Points asked at once: few enough for their activations to stay in a processor's cache."""
 
+_ON_ONE_THREAD = 1 << 12
+"""Points whose outputs torch works on with one thread (fewer than its GRAIN_SIZE of 32,768 numbers)."""
+_PART = 512
+"""Points whose share of a gradient one thread sums."""
 _INITIAL_EMISSION = 0.05
 _MATTE = (1.5, -3.0)
 """Logits of the first roughness and metallic (0.82 and 0.05) where the fit starts from matte."""
@@ -67,8 +72,91 @@ class SceneBox:
         return np.asarray(self.center, points.dtype)
 
 
+class _Linear(nn.Linear):
+    """A linear layer whose gradients are the same to the bit with any number of threads."""
+
+    def forward(self, input: torch.Tensor) -> torch.Tensor:
+        """Map (N, inputs) to (N, outputs)."""
+        return _Product.apply(input, self.weight, self.bias)
+
+
+class _Product(torch.autograd.Function):
+    """The product of a linear layer.
+
+    A matrix library divides the long sums of the weight's gradient among its threads: the order of additions then
+    depends on their number. Here the parts are fixed, and one thread sums each.
+    """
+
+    @staticmethod
+    def forward(ctx, x, weight, bias):
+        ctx.save_for_backward(x, weight)
+        return nn.functional.linear(x, weight, bias)
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx, gradient):
+        x, weight = ctx.saved_tensors
+        one, other = _in_parts(gradient), _in_parts(x)
+        of_weight = torch.bmm(one.transpose(1, 2), other).sum(0)
+        return gradient @ weight if ctx.needs_input_grad[0] else None, of_weight, gradient.sum(0)
+
+
+def _in_parts(rows: torch.Tensor) -> torch.Tensor:
+    """(N, K) as (parts, _PART, K); zeros fill the last. Two at least: a product that is alone would be divided."""
+    missing = max(-len(rows) % _PART, 2 * _PART - len(rows))
+    return (nn.functional.pad(rows, (0, 0, 0, missing)) if missing else rows).reshape(-1, _PART, rows.shape[1])
+
+
+class _Sigmoid(nn.Module):
+    """The sigmoid, the same to the bit with any number of threads.
+
+    Torch cuts long arrays among its threads, and rounds otherwise where a part does not fill a vector.
+    """
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        """Sigmoid of (N, 5)."""
+        return torch.cat([part.sigmoid() for part in x.split(_ON_ONE_THREAD)])
+
+
+class PositionalMlp(nn.Module):
+    """Positional encoding and an MLP, into whose middle the encoding enters again.
+
+    Parameters
+    ----------
+    outputs : int
+        Raw outputs.
+    generator : torch.Generator
+        Of the initial weights.
+    bands, layers, width : int
+        Frequency bands; hidden layers; their width.
+    """
+
+    frequencies: torch.Tensor
+
+    def __init__(
+        self, outputs: int, generator: torch.Generator, bands: int = 10, layers: int = 6, width: int = 128
+    ) -> None:
+        super().__init__()
+        self.register_buffer("frequencies", math.pi * 2.0 ** torch.arange(bands), persistent=False)
+        inputs = 3 + 6 * bands
+        self.middle = layers // 2
+        sizes = [inputs] + [width] * (layers - 1)
+        sizes[self.middle] += inputs
+        self.hidden = nn.ModuleList(_linear(size, width, generator) for size in sizes)
+        self.output = _linear(width, outputs, generator)
+
+    def forward(self, points: torch.Tensor) -> torch.Tensor:
+        """Raw outputs (N, outputs) at points (N, 3) in [-1, 1]."""
+        angles = (points[:, None, :] * self.frequencies[:, None]).flatten(1)
+        encoded = torch.cat([points, angles.sin(), angles.cos()], dim=1)
+        h = encoded
+        for i, layer in enumerate(self.hidden):
+            h = torch.relu(layer(torch.cat([encoded, h], dim=1) if i == self.middle else h))
+        return self.output(h)
+
+
 class BrdfNetwork(nn.Module):
-    """Hash encoding and a small MLP: reflectance at points of the unit cube.
+    """Hash encoding and a small MLP, or positional encoding and a larger one: reflectance at points of the unit cube.
 
     Parameters
     ----------
@@ -80,39 +168,38 @@ class BrdfNetwork(nn.Module):
 
     def __init__(self, settings: NetworkSettings, backend: Backend = "auto", width: int = 64) -> None:
         super().__init__()
-        self.encoding = HashEncoding(
-            settings.levels,
-            settings.table_log2,
-            growth=settings.growth,
-            seed=settings.seed,
-            backend=backend,
-        )
         generator = torch.Generator().manual_seed(settings.seed + 1)
-        inputs = settings.levels * self.encoding.features
-        self.mlp = nn.Sequential(
-            _linear(inputs, width, generator),
-            nn.ReLU(),
-            _linear(width, width, generator),
-            nn.ReLU(),
-            _linear(width, 5, generator),
-            nn.Sigmoid(),
-        )
+        self.encoding = None
+        if settings.encoding == "positional":
+            positional = PositionalMlp(5, generator)
+            self.mlp, last = nn.Sequential(positional, _Sigmoid()), positional.output
+        else:
+            self.encoding = HashEncoding(
+                settings.levels,
+                settings.table_log2,
+                growth=settings.growth,
+                seed=settings.seed,
+                backend=backend,
+            )
+            inputs = settings.levels * self.encoding.features
+            hidden = [_linear(inputs, width, generator), nn.ReLU(), _linear(width, width, generator), nn.ReLU()]
+            last = _linear(width, 5, generator)
+            self.mlp = nn.Sequential(*hidden, last, _Sigmoid())
         if settings.start_rough:
             # matte metal and matte dielectric appear the same: start where most surfaces are
             with torch.no_grad():
-                cast("nn.Linear", self.mlp[-2]).bias[3:] += torch.tensor(_MATTE)
+                last.bias[3:] += torch.tensor(_MATTE)
 
     def forward(self, points: torch.Tensor, footprint: torch.Tensor | None = None) -> Brdf:
-        """Reflectance at points (N, 3) in [0, 1], seen through footprints (N,) in box sides."""
-        output = self.mlp(self.encoding(points, footprint))
+        """Reflectance at points (N, 3) in [0, 1], seen through footprints (N,) in box sides, which hash grids mind."""
+        encoded = 2 * points - 1 if self.encoding is None else self.encoding(points, footprint)
+        output = self.mlp(encoded)
         roughness = ROUGHNESS_MIN + (1 - ROUGHNESS_MIN) * output[:, 3]
         return Brdf(output[:, :3], roughness, output[:, 4])
 
 
-class EmissionNetwork(nn.Module):
+class EmissionNetwork(PositionalMlp):
     """Positional encoding and an MLP: how much of a pixel is light of the surface's own.
-
-    The positional encoding enters again in the middle of the MLP.
 
     Parameters
     ----------
@@ -122,18 +209,8 @@ class EmissionNetwork(nn.Module):
         Frequency bands; hidden layers; their width.
     """
 
-    frequencies: torch.Tensor
-
     def __init__(self, seed: int = 0, bands: int = 10, layers: int = 6, width: int = 128) -> None:
-        super().__init__()
-        generator = torch.Generator().manual_seed(seed + 2)
-        self.register_buffer("frequencies", math.pi * 2.0 ** torch.arange(bands), persistent=False)
-        inputs = 3 + 6 * bands
-        self.middle = layers // 2
-        sizes = [inputs] + [width] * (layers - 1)
-        sizes[self.middle] += inputs
-        self.hidden = nn.ModuleList(_linear(size, width, generator) for size in sizes)
-        self.output = _linear(width, 1, generator)
+        super().__init__(1, torch.Generator().manual_seed(seed + 2), bands, layers, width)
         with torch.no_grad():
             # Everywhere slightly positive: a ReLU that starts shut would never open, and a mask
             # that starts wide open would explain the pixels away before the BRDF can.
@@ -142,12 +219,7 @@ class EmissionNetwork(nn.Module):
 
     def forward(self, points: torch.Tensor) -> torch.Tensor:
         """Raw emission e (N,), before the ReLU, at points (N, 3) in [-1, 1]."""
-        angles = (points[:, None, :] * self.frequencies[:, None]).flatten(1)
-        encoded = torch.cat([points, angles.sin(), angles.cos()], dim=1)
-        h = encoded
-        for i, layer in enumerate(self.hidden):
-            h = torch.relu(layer(torch.cat([encoded, h], dim=1) if i == self.middle else h))
-        return self.output(h)[:, 0]
+        return super().forward(points)[:, 0]
 
     @staticmethod
     def mask(e: torch.Tensor) -> torch.Tensor:
@@ -249,7 +321,7 @@ class Field(nn.Module):
 
     def _tensor(self, array: np.ndarray) -> torch.Tensor:
         # A copy: arrays of the pipeline are often read-only memory maps, which torch cannot share.
-        return torch.tensor(np.asarray(array, np.float32), device=self.brdf_network.encoding.table.device)
+        return torch.tensor(np.asarray(array, np.float32), device=self.emission_network.frequencies.device)
 
 
 @torch.no_grad()
@@ -260,7 +332,7 @@ def _chunked(ask: Callable[[slice], None], count: int, chunk: int) -> None:
 
 def _linear(inputs: int, outputs: int, generator: torch.Generator) -> nn.Linear:
     """Linear layer with torch's usual initial weights, but from a generator of our own."""
-    layer = cast("nn.Linear", nn.utils.skip_init(nn.Linear, inputs, outputs))
+    layer = cast("nn.Linear", nn.utils.skip_init(_Linear, inputs, outputs))
     bound = 1 / math.sqrt(inputs)
     with torch.no_grad():
         layer.weight.uniform_(-bound, bound, generator=generator)

@@ -1,5 +1,7 @@
 """Settings that say how the networks are built and asked; the fit adds those of its training."""
 
+from typing import Literal
+
 from pydantic import Field
 
 from fipt.settings import Count, Positive, Settings, Weight
@@ -8,6 +10,10 @@ from fipt.settings import Count, Positive, Settings, Weight
 class NetworkSettings(Settings):
     """Sizes of the networks, and the size of what they are asked about."""
 
+    encoding: Literal["hash", "positional"] = Field(
+        default="hash",
+        description="of places: a hash grid; `positional`: 10 frequencies and an MLP of 6 layers, for comparisons",
+    )
     levels: Positive = Field(default=16, le=32, description="levels of the hash encoding")
     table_log2: int = Field(default=18, ge=8, le=24, description="log2 of the entries of a level")
     growth: float = Field(default=1.45, gt=1, le=2, description="resolution ratio of neighbouring levels")

@@ -373,8 +373,7 @@ def set_variant(backend: Backend | None = None, threads: int | None = None) -> B
     backend : Backend, optional
         Default: the one in use, else ``choose_backend()``.
     threads : int, optional
-        CPU threads of Dr.Jit and of torch, >= 1; default: as they are. With 1 the sums of
-        scatter-adds are reproducible to the bit.
+        CPU threads of Dr.Jit and of torch, >= 1; default: as they are. Results do not depend on it.
 
     Returns
     -------

@@ -12,8 +12,8 @@ from pathlib import Path
 
 from fipt.errors import FiptError
 from fipt.formats.files import check_name, existing_file
-from fipt.formats.layouts import READERS, SEGMENT_FOLDERS, SourceView, nerfstudio_views
-from fipt.formats.layouts.own import ids_file
+from fipt.formats.layouts import READERS, SEGMENT_FOLDERS, TRUTH_FOLDERS, SourceView, nerfstudio_views
+from fipt.formats.layouts.own import ids_file, truth_file
 from fipt.formats.pose_files import is_pose_file, read_pose_file
 from fipt.formats.text import MALFORMED
 from fipt.formats.views import read_rejected
@@ -83,6 +83,16 @@ def has_segments(source: ImageSource) -> bool:
     return any(
         all(folder is not None and (folder / name).is_dir() for folder in folders) for name in SEGMENT_FOLDERS.values()
     )
+
+
+def has_materials(source: ImageSource) -> bool:
+    """Whether every training view of a source has true base colour, roughness, metallic and emission."""
+    training = [frame for frame in source.frames if frame.split == "train"]
+    own, folders = training[0].dataset, {frame.folder for frame in training}
+    if own is not None:
+        return all(truth_file(own, frame.name).is_file() for frame in training)
+    needed = [TRUTH_FOLDERS[layer] for layer in ("base_color", "roughness", "metallic", "emission")]
+    return all(folder is not None and (folder / name).is_dir() for folder in folders for name in needed)
 
 
 def read_poses(path: str | Path, val_every: int = 8) -> tuple[SourceView, ...]:

@@ -59,8 +59,13 @@ def test_targets_are_those_of_the_workflow():
     [
         (["--config", "fit={stepz: 3}"], "fipt: error: unknown key fit.stepz (did you mean steps?); allowed in fit: "),
         (["reprt"], "fipt: error: there is no target 'reprt'; targets: capture, dataset, "),
+        (["materials", "--quick"], "fipt: error: --quick is of the target compare; this is materials; fipt run room"),
+        (
+            ["compare", "--config", "compare={methods: [ours]}"],
+            "fipt: error: compare.methods: there is no method 'ours'",
+        ),
         (["results/room/nothing"], "fipt: error: No rule to produce results/room/nothing"),
-        (["--configfile", "none.yaml"], "fipt: error: config file none.yaml does not exist; check the path"),
+        (["--configfile", "none.yaml"], "fipt: error: the config file is missing: none.yaml; check the path"),
     ],
 )
 def test_what_the_user_can_mend_is_one_line(workspace, options, said):

@@ -71,9 +71,9 @@ class DatasetSource(Source):
     @property
     def has_truth(self) -> bool:
         """Whether its layout brings true materials."""
-        from fipt.formats.layouts import known_files
+        from fipt.scene.sources import has_materials
 
-        return any(path.suffix == ".exr" for frame in self._read.frames for path in known_files(frame))
+        return has_materials(self._read)
 
     def imported_files(self) -> list[str]:
         """Cameras, mesh and images; of a dataset of this program also truth and ids."""

@@ -25,6 +25,16 @@ from fipt.formats.layouts.own import known_files, read_own
 SEGMENT_FOLDERS = {"part": "IndexMA", "semantic": "segmentation"}
 """Kind of segment ids -> folder of the FIPT layouts, where the source has it."""
 
+TRUTH_FOLDERS = {
+    "kd": "DiffCol",
+    "base_color": "BaseColor",
+    "reflectance": "albedo",
+    "emission": "Emit",
+    "roughness": "Roughness",
+    "metallic": "Metallic",
+}
+"""Layer of truth/{view}.exr -> folder of the FIPT synthetic layout, where the source has it."""
+
 READERS = {
     "nerfstudio": read_nerfstudio,
     "fipt-synthetic": read_fipt_synthetic,
@@ -36,6 +46,7 @@ READERS = {
 __all__ = [
     "READERS",
     "SEGMENT_FOLDERS",
+    "TRUTH_FOLDERS",
     "Matrix",
     "PosedViews",
     "SourceView",

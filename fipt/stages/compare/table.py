@@ -76,6 +76,9 @@ PUBLISHED = (
 
 UNKNOWN = "–"  # noqa: RUF001 (a dash is meant)
 
+ONE_SEED = {"dB": 0.3}
+"""Differences that mean little with one seed (docs/measurements/accuracy.md), by unit."""
+
 _SAID = ("id", "label", "kind", "source", "deviations", "inputs", "oracle", "not_estimated", "settings", "rounds")
 
 
@@ -97,6 +100,8 @@ def comparison(runs: Sequence[Mapping[str, Any]], not_applicable: Mapping[str, s
     for column in columns:
         rank(rows, column)
     described = [_described(column, runs[0]["definitions"] if runs else {}) for column in columns]
+    for column in described:
+        column["noise"] = ONE_SEED.get(column["unit"], 0.0) if all(row["seeds"] == 1 for row in rows) else 0.0
     for row in rows:
         for column in described:
             cell = row["figures"][column["key"]]
@@ -142,8 +147,8 @@ def _value(run: Mapping[str, Any], place: tuple[str, ...]) -> float | None:
 def rank(rows: Sequence[dict[str, Any]], column: Column) -> None:
     """Mark who is first in a column: the best, and all whose distance to it is below the spread of one of both.
 
-    Bounds and methods that know the truth do not take part. A method with one seed has the spread of no other: where
-    it has random numbers, the largest spread that is known in the column stands for its own.
+    Bounds and methods that know the truth do not take part. Where a method has random numbers and one seed, the largest
+    spread that is known in the column stands for its own, else `ONE_SEED`. What reads the same is equal.
     """
     sign = {"higher": 1, "lower": -1}.get(column.better)
     cells = [
@@ -153,7 +158,9 @@ def rank(rows: Sequence[dict[str, Any]], column: Column) -> None:
     ]
     if sign is None or not cells:
         return
-    typical = max((cell["spread"] for cell, _ in cells if cell["spread"] is not None), default=0.0)
+    known = [cell["spread"] for cell, _ in cells if cell["spread"] is not None]
+    typical = max(known, default=ONE_SEED.get(column.unit, 0.0))
+    described = {"key": column.key, "unit": column.unit}
 
     def spread(cell: Mapping[str, Any], random: bool) -> float:
         if cell["spread"] is not None:
@@ -163,7 +170,8 @@ def rank(rows: Sequence[dict[str, Any]], column: Column) -> None:
     best, best_random = max(cells, key=lambda entry: sign * entry[0]["mean"])
     for cell, random in cells:
         noise = max(spread(best, best_random), spread(cell, random))
-        cell["first"] = sign * (best["mean"] - cell["mean"]) <= noise
+        alike = shown(described, cell["mean"]) == shown(described, best["mean"])
+        cell["first"] = alike or sign * (best["mean"] - cell["mean"]) <= noise
 
 
 def _described(column: Column, definitions: Mapping[str, Any]) -> dict[str, Any]:

@@ -13,7 +13,7 @@ def as_markdown(table: Mapping[str, Any]) -> str:
     seeds = max((row["seeds"] for row in table["methods"]), default=1)
     parts.append(
         f"Held-out views. Means over {seeds} seeds, in parentheses the largest difference between seeds. " * (seeds > 1)
-        + "Held-out views, one seed: no spread is known, small differences mean little. " * (seeds == 1)
+        + "Held-out views, one seed: no spread is known, and less than 0.3 dB is not ranked. " * (seeds == 1)
         + "Bold: the best, and what differs from it by less than the spread. Bounds are not ranked.\n"
     )
     parts.append(_grid([column for column in every if column["kind"] != "published"], table["methods"], oracle=True))

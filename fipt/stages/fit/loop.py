@@ -92,7 +92,9 @@ def _finite_sum(terms: dict[str, torch.Tensor], step: int) -> torch.Tensor:
 
 def _parameter_groups(field: Field, settings: FitSettings) -> list[dict[str, Any]]:
     """The hash table learns faster than the networks: an entry is touched in few of the steps."""
-    table = field.brdf_network.encoding.table
-    others = [p for p in field.parameters() if p is not table]
+    encoding = field.brdf_network.encoding
+    tables = [] if encoding is None else [encoding.table]
+    others = [p for p in field.parameters() if not any(p is table for table in tables)]
     rate, fast = settings.learning_rate, settings.learning_rate * settings.table_rate
-    return [{"params": [table], "lr": fast, "first_lr": fast}, {"params": others, "lr": rate, "first_lr": rate}]
+    groups = [{"params": tables, "lr": fast, "first_lr": fast}] if tables else []
+    return [*groups, {"params": others, "lr": rate, "first_lr": rate}]

@@ -57,7 +57,7 @@ class FitSettings(NetworkSettings):
         default=1.0,
         description="from round 2: change of shading over its noise below which later rounds are copies; 0 = never",
     )
-    threads: Count = Field(default=0, description="CPU threads, 0 = all; 1 repeats bit for bit")
+    threads: Count = Field(default=0, description="CPU threads, 0 = all")
 
     @property
     def emitter_gain(self) -> float:

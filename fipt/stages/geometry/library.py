@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from importlib.util import find_spec
+from typing import Any
 
 from fipt.errors import FiptError
 
@@ -45,3 +46,12 @@ def check_installed() -> None:
     """Raise FiptError unless open3d is there; that it can be imported is told later, as it takes seconds."""
     if find_spec("open3d") is None:
         raise cannot_fuse("it is not installed")
+
+
+def import_open3d() -> Any:
+    """Return open3d, in the process that uses it; FiptError where it cannot be imported."""
+    try:
+        import open3d
+    except (ImportError, OSError) as error:  # OSError: a library of the system is missing
+        raise cannot_fuse(str(error)) from error
+    return open3d

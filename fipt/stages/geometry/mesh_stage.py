@@ -25,6 +25,7 @@ def run(inputs: MeshInputs, settings: "GeometrySettings") -> dict[str, Any]:
 
     Bare surface is completed by the planes of what lies beside it, the maps are fused, and the
     surface is smoothed, flattened, decimated and cut like a scan's. The dataset needs no mesh.
+    A scan that exists (geometry.scan) is brought to the cameras instead.
     """
     from fipt.formats.files import make_folder, write_text
     from fipt.formats.images import write_png
@@ -33,10 +34,15 @@ def run(inputs: MeshInputs, settings: "GeometrySettings") -> dict[str, Any]:
     from fipt.stages.geometry.build import build
     from fipt.stages.geometry.depth_views import read_views
     from fipt.stages.geometry.library import check_importable
+    from fipt.stages.geometry.scan import from_scan
 
     check_importable()  # told now, not after the planes
     dataset = Dataset(inputs.dataset)
-    made = build(read_views(dataset, inputs.depth), dataset.image, settings)
+    views = read_views(dataset, inputs.depth)
+    if settings.scan is None:
+        made = build(views, dataset.image, settings)
+    else:
+        made = from_scan(views, Path(settings.scan), settings.scan_unit)
     make_folder(inputs.out)
     write_text(inputs.out / "geometry.json", json.dumps(made.about, indent=1, allow_nan=False) + "\n")
     write_png(inputs.out / "overview.png", made.image)

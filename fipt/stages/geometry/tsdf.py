@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from fipt.stages.geometry.library import cannot_fuse
+from fipt.stages.geometry.library import import_open3d
 
 BLOCK = 8
 """Voxels along a side of a block: at four voxels of truncation, larger blocks hold mostly free space."""
@@ -57,7 +57,7 @@ def fused(
     dict
         ``vertices`` (V, 3) float32 and ``triangles`` (T, 3) int32, in an order that the same input gives again.
     """
-    o3d = _open3d()
+    o3d = import_open3d()
     cameras = [_Camera(*parts) for parts in zip(intrinsics, extrinsics, strict=True)]
     grid = _grid(o3d, cameras, depth, voxel)
     slot = grid.hashmap().active_buf_indices()
@@ -96,14 +96,6 @@ def _grid(o3d: Any, cameras: list["_Camera"], depth: np.ndarray, voxel: float) -
             )
             grid.hashmap().activate(near)
     return grid
-
-
-def _open3d() -> Any:
-    try:
-        import open3d
-    except (ImportError, OSError) as error:  # OSError: a library of the system is missing
-        raise cannot_fuse(str(error)) from error
-    return open3d
 
 
 class _Camera:

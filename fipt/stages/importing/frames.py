@@ -11,23 +11,13 @@ from fipt.conventions import FLAG_MOVED, FLAG_OUTSIDE, FLAG_SATURATED
 from fipt.errors import FiptError
 from fipt.formats.exr import read_exr, write_exr
 from fipt.formats.images import read_ids, read_pixels, to_display, write_png
-from fipt.formats.layouts import SEGMENT_FOLDERS, SourceView, numbered_file
+from fipt.formats.layouts import SEGMENT_FOLDERS, TRUTH_FOLDERS, SourceView, numbered_file
 from fipt.formats.layouts.own import ids_file, truth_file
 from fipt.progress import progress
 from fipt.scene.cameras import Camera, check_cameras
 from fipt.scene.dataset import check_image, read_layers
 from fipt.scene.sources import ImageSource
 from fipt.stages.importing.encoding import EncodingCheck
-
-TRUTH_FOLDERS = {
-    "kd": "DiffCol",
-    "base_color": "BaseColor",
-    "reflectance": "albedo",
-    "emission": "Emit",
-    "roughness": "Roughness",
-    "metallic": "Metallic",
-}
-"""Layer of truth/{view}.exr -> folder of the FIPT synthetic layout, where the source has it."""
 
 _SCALARS = ("roughness", "metallic")
 

@@ -1,7 +1,7 @@
 """The page that compares methods: who is first at what, the table, and a figure for every quantity."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,10 @@ _PLAIN = ("roughness", "metallic")
 
 @dataclass(frozen=True)
 class Quantity:
-    """What a figure shows: its name, where it lies below a run's folder, and the truth of it by view."""
+    """What a figure shows: its name, where it lies below a run's folder, and the truth of it by view.
+
+    ``emits`` (H, W) bool, by view: pixels that emit in truth, where materials are not judged.
+    """
 
     key: str
     label: str
@@ -30,6 +33,7 @@ class Quantity:
     layer: str
     truth: Mapping[str, np.ndarray]
     exposure: float = 1.0
+    emits: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def read(self, results: Path, view: str) -> np.ndarray | None:
         """(H, W) or (H, W, 3) estimate of a run; None where there is none."""
@@ -89,10 +93,11 @@ def build_comparison(results: Path, table: Mapping[str, Any], views: int, width:
 def _quantities(data: Dataset, views: Sequence[str]) -> Iterator[Quantity]:
     """What there is a truth of, in these views."""
     truth = {view: layers for view in views if (layers := data.truth(view)) is not None}
+    emits = {view: layers["emission"].max(axis=-1) > 0 for view, layers in truth.items() if "emission" in layers}
     for layer, label in _LAYERS.items():
         known = {view: layers[layer] for view, layers in truth.items() if layer in layers}
         if known:
-            yield Quantity(layer, label, "materials", layer, known)
+            yield Quantity(layer, label, "materials", layer, known, emits=emits)
     known = {view: layers["emission"] for view, layers in truth.items() if "emission" in layers}
     brightest = max((float(values.max()) for values in known.values()), default=0.0)
     if brightest > 0:
@@ -129,7 +134,8 @@ def _cell(folder: Path, quantity: Quantity, row: Mapping[str, Any], view: str, w
         return None
     estimate, truth = quantity.shown(values), quantity.shown(quantity.truth[view])
     size = np.abs(estimate - truth)
-    error = images.error_map(size if size.ndim == 2 else size.mean(axis=-1))
+    size = size if size.ndim == 2 else size.mean(axis=-1)
+    error = images.error_map(np.where(quantity.emits.get(view, False), 0, size))
     return ComparedCell(
         _image("estimate", row["label"], estimate, width), _image("error", f"Error of {row['label']}", error, width)
     )
@@ -197,7 +203,7 @@ def _change(column: Mapping[str, Any], own: Mapping[str, Any], other: Mapping[st
         return {"text": "–", "kind": "unknown"}  # noqa: RUF001 (a dash is meant)
     change = other["mean"] - own["mean"]
     digits = 1 if column["unit"] == "dB" else 0 if column["key"] == "false_triangles" else 3
-    noise = max(own["spread"] or 0.0, other["spread"] or 0.0)
+    noise = max(own["spread"] or 0.0, other["spread"] or 0.0, column["noise"])
     if abs(change) <= noise or round(change, digits) == 0:
         return {"text": f"{change:+.{digits}f}", "kind": "same"}
     better = (change > 0) == (column["better"] == "higher")

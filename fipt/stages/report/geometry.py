@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,24 +21,18 @@ class GeometryReport:
 
     Attributes
     ----------
-    known, completed, closed
-        Shares of the pixels with depth of their own, of planes, and of walls for want of anything else, 0 to 1.
-    noise, voxel
-        Deviation of depth at one metre, and side of a voxel, millimetres.
-    planes
-        Number of planes.
+    words
+        What speaks for it.
+    caption
+        Of the picture.
     bare
         Names of views of which more is closed than known.
     image
         Data URI, width, height; None where there is none.
     """
 
-    known: float
-    completed: float
-    closed: float
-    noise: float
-    voxel: float
-    planes: int
+    words: str
+    caption: str
     bare: list[str]
     image: tuple[str, int, int] | None
 
@@ -49,18 +44,43 @@ def read_geometry(folder: Path) -> GeometryReport | None:
     if content is None:
         return None
     try:
-        return GeometryReport(
-            known=float(content["known"]),
-            completed=float(content["completed"]),
-            closed=float(content["closed"]),
-            noise=float(content["noise_mm_at_1m"]),
-            voxel=float(content["voxel_mm"]),
-            planes=len(content["planes"]),
-            bare=[name for name, shares in content["of_view"].items() if shares["closed"] > shares["known"]],
-            image=_image(folder / "overview.png"),
-        )
+        image = _image(folder / "overview.png")
+        if "registration" in content:
+            return GeometryReport(_of_scan(content["registration"]), _SCAN, [], image)
+        bare = [name for name, shares in content["of_view"].items() if shares["closed"] > shares["known"]]
+        return GeometryReport(_of_depth(content), _DEPTH, bare, image)
     except MALFORMED as error:
         raise FiptError(f"{path} is not what fipt mesh writes ({error!r})", "run fipt mesh again") from error
+
+
+_DEPTH = (
+    "Photograph, depth, and where it comes from: blue the view's own, grey planes, orange walls. "
+    "Views with most orange come first."
+)
+_SCAN = (
+    "Photograph, depth of the scan, and what the photographs say: blue the same, orange another depth, grey nothing. "
+    "Views with most orange come first."
+)
+
+
+def _of_depth(content: dict[str, Any]) -> str:
+    """Words for a mesh of depth maps."""
+    return (
+        f"The mesh was made of the photographs. Of their pixels {100 * content['known']:.0f} % have a depth of their "
+        f"own, {100 * content['completed']:.0f} % lie on planes that go on from others, and "
+        f"{100 * content['closed']:.0f} % show a wall of the room for want of anything else. Depth deviates by "
+        f"{content['noise_mm_at_1m']:.2g} mm at 1 m; voxels have {content['voxel_mm']:.0f} mm; "
+        f"{len(content['planes'])} planes were found."
+    )
+
+
+def _of_scan(placed: dict[str, Any]) -> str:
+    """Words for a scan."""
+    return (
+        f"The mesh is a scan, brought to the cameras: turned by {placed['turned']:.1f} degrees and moved by "
+        f"{placed['moved']:.2f} m. Of the places whose depth the photographs tell, {100 * placed['share']:.0f} % lie "
+        f"on it, at a median distance of {placed['residual_mm']:.1f} mm."
+    )
 
 
 def _image(path: Path) -> tuple[str, int, int] | None:

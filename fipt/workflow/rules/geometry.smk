@@ -69,8 +69,9 @@ rule depth:
 
 
 rule mesh:
-    """Make the room's mesh of the depth maps."""
+    """Make the room's mesh of the depth maps, or bring a scan to the cameras."""
     input:
+        ask("given_scan"),
         transforms="results/{scene}/geometry/views/transforms.json",
         views="results/{scene}/geometry/views/views.json",
         images="results/{scene}/geometry/views/images.manifest.json",

@@ -1,11 +1,13 @@
 """Runs of methods: which files they take over, which methods a scene can have."""
 
 import json
+import shutil
 
 import pytest
 
 from fipt.config import load
 from fipt.errors import FiptError
+from tests.layouts import WRITERS
 
 SIZE = {"synthesize": {"train_views": 3, "val_views": 1}}
 METHODS = {"slow": {"label": "Slow", "kind": "ablation", "source": "here", "settings": {"fit": {"steps": 9}}}}
@@ -74,6 +76,17 @@ def test_a_card_says_what_a_run_changes():
     assert "results/room/stats/samples.train-000.json" in methods.stats("slow")
     assert "results/room/methods/slow/stats/fit.round-2.json" in methods.stats("slow")
     assert "results/room/stats/fit.round-1.json" in methods.stats("rounds-1")
+
+
+def test_an_imported_room_has_true_materials_where_its_layout_brings_them(tmp_path):
+    for name in ("fipt-synthetic", "fipt-real", "nerfstudio"):
+        WRITERS[name](tmp_path / name)
+        room = {"source": "dataset", "path": str(tmp_path / name), "format": name}
+        source = load({"scenes": {"room": room}}).scenes["room"].source
+        assert source.has_truth == (name == "fipt-synthetic")
+    shutil.rmtree(next((tmp_path / "fipt-synthetic").rglob("BaseColor")))
+    room = {"source": "dataset", "path": str(tmp_path / "fipt-synthetic"), "format": "fipt-synthetic"}
+    assert not load({"scenes": {"room": room}}).scenes["room"].source.has_truth
 
 
 @pytest.mark.parametrize(

@@ -103,6 +103,18 @@ def test_a_mesh_that_is_given_is_used(tmp_path):
     assert scene(dataset).source.reconstructed
 
 
+def test_a_scan_is_brought_to_the_cameras_where_a_mesh_is_made(tmp_path):
+    settings = {"settings": {"geometry": {"scan": str(tmp_path / "scan.ply")}}}
+    with pytest.raises(FiptError, match=r"settings.geometry.scan needs `mesh: reconstruct`"):
+        scene(RAW | {"mesh": "m.ply"} | settings).check()
+    made = scene(RAW | settings)
+    with pytest.raises(FiptError, match=r"geometry.scan .*scan.ply"):
+        made.given_scan()
+    (tmp_path / "scan.ply").write_text("")
+    assert made.given_scan() == [str(tmp_path / "scan.ply")]
+    assert scene(RAW).given_scan() == []
+
+
 def test_a_mesh_that_is_made_needs_open3d_before_anything_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(library, "find_spec", lambda name: None)

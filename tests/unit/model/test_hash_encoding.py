@@ -165,6 +165,22 @@ def test_nothing_is_compiled_from_step_to_step(backend):
     assert all(k["cache_hit"] for k in kernels)
 
 
+def test_threads_do_not_change_the_gradient(backend, threads):
+    """An odd number of points, which does not divide among threads: a level is split if anything is."""
+    if backend.torch_device != "cpu":
+        pytest.skip("lanes of CUDA add in any order")
+    subject = encoding(levels=7, backend="drjit")
+    x = torch.rand(10001, 3, generator=torch.Generator().manual_seed(1))
+    mixed = torch.randn(len(x), 14, generator=torch.Generator().manual_seed(2))
+    seen = []
+    for count in (1, 2, 4, 2):
+        threads(count)
+        subject.table.grad = None
+        (subject(x, footprints(len(x))) * mixed).sum().backward()
+        seen.append(subject.table.grad.clone())
+    assert all(torch.equal(seen[0], other) for other in seen[1:])
+
+
 def test_seed_decides_the_table():
     first, again, other = (HashEncoding(**SMALL, seed=seed) for seed in (1, 1, 2))
     assert torch.equal(first.table, again.table)

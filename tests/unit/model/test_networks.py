@@ -33,6 +33,19 @@ def test_brdf_shapes_and_ranges():
         assert values.max() <= 1
 
 
+def test_positional_encoding_in_place_of_the_hash_grid():
+    field = Field(NetworkSettings(encoding="positional"), BOX)
+    assert not [name for name in field.state_dict() if "table" in name]
+    shapes = [tuple(layer.weight.shape) for layer in field.brdf_network.mlp[0].hidden]
+    assert shapes == [(128, 63), (128, 128), (128, 128), (128, 191), (128, 128), (128, 128)]
+    p_world = np.float32([[0.1, 0.2, 0.3], [1.0, -1.0, 0.5]])
+    found = field.query(p_world)
+    np.testing.assert_array_equal(field.query(p_world, np.ones(2)).base_color, found.base_color)
+    assert np.abs(found.roughness - 0.82).max() < 0.1  # it starts matte, as the hash grid does
+    field.brdf(torch.from_numpy(p_world)).base_color.sum().backward()
+    assert all(p.grad.abs().max() > 0 for p in field.brdf_network.parameters())
+
+
 @pytest.mark.parametrize("kind", [np.asarray, torch.tensor])
 def test_reflectances_by_hand(kind):
     brdf = Brdf(kind([[0.5, 0.2, 0.0]] * 3), kind([0.3] * 3), kind([0.0, 1.0, 0.5]))
@@ -124,3 +137,21 @@ def test_footprint_is_measured_in_metres(backend):
     metres = torch.tensor([0.4], device=backend.torch_device)
     inside = field.brdf_network(BOX.to_unit(p), metres / BOX.side)
     torch.testing.assert_close(field.brdf(p, metres).roughness, inside.roughness)
+
+
+@pytest.mark.parametrize("count", [500, 9001])
+def test_threads_do_not_change_the_gradients(backend, threads, count):
+    """Sums over many points are what libraries divide among threads."""
+    if backend.torch_device != "cpu":
+        pytest.skip("sums of CUDA come in any order")
+    field = Field(NetworkSettings(levels=4, table_log2=10), SceneBox((0.0, 0.0, 0.0), 2.0))
+    points = torch.rand(count, 3, generator=torch.Generator().manual_seed(1)) * 2 - 1
+    seen = []
+    for number in (1, 2, 4):
+        threads(number)
+        field.zero_grad()
+        brdf = field.brdf(points)
+        (brdf.kd.square().sum(1).mean() + brdf.roughness.mean() + field.emission(points[::2]).mean()).backward()
+        seen.append([value.grad.clone() for value in field.parameters() if value.grad is not None])
+    for other in seen[1:]:
+        assert all(torch.equal(one, two) for one, two in zip(seen[0], other, strict=True))

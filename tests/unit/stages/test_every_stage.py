@@ -1,5 +1,6 @@
 """What holds for every stage: figures, manifests, the same again, and one line for bad input."""
 
+import itertools
 import json
 import os
 from pathlib import Path
@@ -45,9 +46,11 @@ def test_stats_of_a_run(scene, verb):
     assert SETTINGS[verb].items() <= content["settings"].items()
 
 
-def test_running_again_gives_the_same(work):
-    """Also into folders that exist already."""
-    for verb in ("samples", "environment", "cache", "bake", "fit", "emitters", "refine", "render"):
+def test_running_again_gives_the_same(work, threads):
+    """Also into folders that exist already, and with other numbers of threads than all there are."""
+    counts = itertools.cycle((1, 4))
+    for verb in ("samples", "environment", "cache", "bake", "fit", "emitters", "refine", "materials", "render"):
+        threads(next(counts))
         before = content(work, skip="stats")
         assert call(verb, work) == 0
         after = content(work, skip="stats")

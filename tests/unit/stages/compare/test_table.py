@@ -67,6 +67,7 @@ def test_differences_below_the_spread_are_not_ranked():
     runs = [method(20.0), method(20.4, seed=1), method(20.5, id="b")]
     assert firsts(runs) == {"fipt", "b"}
     assert firsts([method(20.0), method(20.5, id="b")]) == {"b"}
+    assert firsts([method(20.0), method(20.2, id="b")]) == {"fipt", "b"}
 
 
 def test_who_knows_the_truth_is_not_ranked():

@@ -7,7 +7,15 @@ from fipt.stages.report.comparison import build_comparison
 from tests.fake_results import maps, write_maps, write_results
 from tests.unit.stages.report.test_report import Page
 
-COLUMN = {"key": "kd_psnr", "label": "kd", "unit": "dB", "better": "higher", "kind": "figure", "text": "<what kd is>"}
+COLUMN = {
+    "key": "kd_psnr",
+    "label": "kd",
+    "unit": "dB",
+    "better": "higher",
+    "kind": "figure",
+    "noise": 0.0,
+    "text": "<what kd is>",
+}
 
 
 def row(name, mean, first=False, spread=None, **changed):

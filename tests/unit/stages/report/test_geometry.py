@@ -37,6 +37,14 @@ def test_views_that_show_little_are_named(tmp_path):
     assert "2 planes were found" in page
 
 
+def test_a_scan_that_was_placed_is_told(tmp_path):
+    placed = {"turned": 12.0, "moved": 0.5, "share": 0.93, "residual_mm": 4.0}
+    (tmp_path / "geometry.json").write_text(json.dumps({"known": 0.5, "registration": placed}))
+    found = read_geometry(tmp_path)
+    assert found is not None
+    assert "93 % lie on it, at a median distance of 4.0 mm" in found.words
+
+
 def test_another_file_is_refused(tmp_path):
     (tmp_path / "geometry.json").write_text("{}")
     with pytest.raises(FiptError, match="is not what fipt mesh writes"):
