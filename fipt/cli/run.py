@@ -6,11 +6,14 @@ import json
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from fipt.errors import FiptError
+
+if TYPE_CHECKING:
+    from fipt.config.scene import SceneConfig
 
 WORKFLOW = Path(__file__).parents[1] / "workflow"
 STOPPING_POINTS = (
@@ -61,9 +64,21 @@ def command(
     options = ["--cores", str(cores or "all"), *(("--dry-run",) if dry_run else ())]
     code = snakemake({**found.plain, "only": [scene]}, target, options)
     results = Path("results", scene)
+    if code == 0 and not dry_run:
+        _record(found.scenes[scene], found.plain, results)
     if code == 0 and not dry_run and target in ("report", str(results / "findings.json"), str(results / "report.html")):
         tell_findings(results)
     raise typer.Exit(code)
+
+
+def _record(scene: "SceneConfig", plain: Mapping[str, Any], results: Path) -> None:
+    """Write down of what the results were made."""
+    from fipt.config.kept import named_paths
+    from fipt.provenance import record
+
+    named = [path for _, path in named_paths(scene)]
+    own = {**plain, "scenes": {scene.name: plain.get("scenes", {}).get(scene.name)}}
+    record(results, own, [*scene.given_files(), *named])
 
 
 def tell_findings(results: Path) -> None:

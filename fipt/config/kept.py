@@ -49,7 +49,7 @@ def check_kept(config: Configuration) -> None:
     owned = OwnedPlaces(((name, Path(RESULTS, name)) for name in config.scenes), _WRITTEN)
     for scene in config.scenes.values():
         files = scene.given_files()
-        for key, path in _named(scene):
+        for key, path in named_paths(scene):
             # of what is known file by file, other links are not read
             for file in (path, *([] if key == "path" and files else _links(path))):
                 _check_input(scene, key, file, owned)
@@ -112,7 +112,7 @@ def _check_foreign(results: Path) -> None:
         )
 
 
-def _named(scene: SceneConfig) -> Iterator[tuple[str, str]]:
+def named_paths(scene: SceneConfig) -> Iterator[tuple[str, str]]:
     """Key and text of every value of a scene that is the path of something that exists."""
     values: dict[str, Any] = dict(scene.said)
     values |= {f"settings.{section}": dumped(value) for section, value in scene.settings.items()}

@@ -103,12 +103,12 @@ class ListedFiles:
         if self._listed is None:
             self._listed = {}
             for manifest in (manifest_beside(self.folder), *sorted(self.folder.glob("*.manifest.json"))):
-                for name, value in _files_of(manifest).items():
+                for name, value in listed_files(manifest).items():
                     self._listed.setdefault(os.path.realpath(manifest.parent / name), {})[str(value)] = manifest
         return self._listed
 
 
-def _files_of(manifest: Path) -> dict[str, Any]:
+def listed_files(manifest: Path) -> dict[str, Any]:
     """Names and hashes of a manifest; none where there is no manifest, or none that can be read."""
     try:
         return dict(json.loads(manifest.read_text(encoding="utf-8"))["files"])

@@ -25,6 +25,8 @@ QUERY_CHUNK = 1 << 14
 
 _ON_ONE_THREAD = 1 << 12
 """Points whose outputs torch works on with one thread (fewer than its GRAIN_SIZE of 32,768 numbers)."""
+_NARROW = 16
+"""Outputs of a layer up to which its weight's gradient is summed in parts."""
 _PART = 512
 """Points whose share of a gradient one thread sums."""
 _INITIAL_EMISSION = 0.05
@@ -72,8 +74,8 @@ class SceneBox:
         return np.asarray(self.center, points.dtype)
 
 
-class _Linear(nn.Linear):
-    """A linear layer whose gradients are the same to the bit with any number of threads."""
+class _NarrowLinear(nn.Linear):
+    """A linear layer of few outputs, whose gradients are the same to the bit with any number of threads."""
 
     def forward(self, input: torch.Tensor) -> torch.Tensor:
         """Map (N, inputs) to (N, outputs)."""
@@ -83,8 +85,8 @@ class _Linear(nn.Linear):
 class _Product(torch.autograd.Function):
     """The product of a linear layer.
 
-    A matrix library divides the long sums of the weight's gradient among its threads: the order of additions then
-    depends on their number. Here the parts are fixed, and one thread sums each.
+    The gradient of a weight of few outputs is a small matrix of long sums. A matrix library divides these sums among
+    its threads: the order of additions then depends on their number. Here the parts are fixed; one thread sums each.
     """
 
     @staticmethod
@@ -332,7 +334,8 @@ def _chunked(ask: Callable[[slice], None], count: int, chunk: int) -> None:
 
 def _linear(inputs: int, outputs: int, generator: torch.Generator) -> nn.Linear:
     """Linear layer with torch's usual initial weights, but from a generator of our own."""
-    layer = cast("nn.Linear", nn.utils.skip_init(_Linear, inputs, outputs))
+    kind = _NarrowLinear if outputs <= _NARROW else nn.Linear
+    layer = cast("nn.Linear", nn.utils.skip_init(kind, inputs, outputs))
     bound = 1 / math.sqrt(inputs)
     with torch.no_grad():
         layer.weight.uniform_(-bound, bound, generator=generator)

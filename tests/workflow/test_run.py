@@ -13,6 +13,7 @@ from benchmarks.jobs import WORKFLOW
 from fipt.cli.run import STOPPING_POINTS
 from fipt.errors import FiptError
 from fipt.lock import locked
+from fipt.provenance import read_provenance
 
 CONFIG = {"scenes": {"room": {"source": "procedural"}}, "rounds": 0, "synthesize": {"train_views": 2, "val_views": 1}}
 
@@ -31,6 +32,7 @@ def test_a_run_then_nothing_to_do(workspace):
     assert lines[0].startswith("[1/19] synthesize")
     assert "[19/19] report" in lines
     assert (here.root / "results/room/report.html").is_file()
+    assert "report.html" in read_provenance(here.root / "results/room")["files"]
     assert here.planned() == {}
     assert here.fipt_run() == "everything is up to date\nfipt: nothing was found wrong\n"
 
