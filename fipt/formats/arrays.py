@@ -88,7 +88,8 @@ def load_npz(
     except Exception as error:  # zipfile, zlib and numpy each raise their own kinds for a damaged file
         why = "" if "pickle" in str(error) else f" ({error})"
         raise unreadable(path, error, f"is not a complete npz file{why}", made_again(path)) from error
-    missing = [name for name in dict.fromkeys((*required, *(forms or {}))) if name not in arrays]
+    wanted: dict[str, str] = dict.fromkeys(required, "") | dict(forms or {})
+    missing = [name for name in wanted if name not in arrays]
     if missing:
         raise FiptError(f"{path} lacks the arrays {', '.join(missing)}", "give the file of the stage that writes them")
     lengths: dict[str, int] = {}

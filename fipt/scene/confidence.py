@@ -90,7 +90,7 @@ def records(points: np.ndarray, normals: np.ndarray, center: np.ndarray, side: f
 
 _ROWS = ("record", "kd_error", "roughness_error", "metallic_error", "known", "unseen")
 _ARRAYS = ("center", "side", "resolution", *_ROWS)
-_FORMS = dict(
+_FORMS: dict[str, str] = dict(
     zip(
         _ARRAYS,
         ("finite 3", "finite", "int", "int K", "float K", "float K", "float K", "bool K", "float 3"),
