@@ -1,6 +1,6 @@
 """Arrays on disk: npy (memory-mapped) and npz, never pickled."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -61,13 +61,24 @@ def save_npz(path: str | Path, **arrays: np.ndarray) -> None:
         np.savez(file, **arrays)  # pyright: ignore[reportArgumentType] - none is called allow_pickle
 
 
-def load_npz(path: str | Path, required: Sequence[str] = ()) -> dict[str, np.ndarray]:
+_KINDS = {"int": "iu", "float": "fiu", "finite": "fiu", "bool": "biu"}
+"""Word of a form -> kinds of numpy's types that fit; what is finite is looked at too."""
+
+
+def load_npz(
+    path: str | Path, required: Sequence[str] = (), forms: Mapping[str, str] | None = None
+) -> dict[str, np.ndarray]:
     """Read all arrays of an npz file.
+
+    Parameters
+    ----------
+    forms
+        Array -> type and shape that it must have, such as ``finite N 3`` or ``int N``; a letter is one length in all.
 
     Raises
     ------
     FiptError
-        If the file is missing or damaged, or one of the ``required`` arrays is not in it.
+        If the file is missing or damaged, one of the ``required`` arrays is not in it, or one has another form.
     """
     existing_file(path, "an array file")
     try:
@@ -77,7 +88,17 @@ def load_npz(path: str | Path, required: Sequence[str] = ()) -> dict[str, np.nda
     except Exception as error:  # zipfile, zlib and numpy each raise their own kinds for a damaged file
         why = "" if "pickle" in str(error) else f" ({error})"
         raise unreadable(path, error, f"is not a complete npz file{why}", made_again(path)) from error
-    missing = [name for name in required if name not in arrays]
+    wanted: dict[str, str] = dict.fromkeys(required, "") | dict(forms or {})
+    missing = [name for name in wanted if name not in arrays]
     if missing:
         raise FiptError(f"{path} lacks the arrays {', '.join(missing)}", "give the file of the stage that writes them")
+    lengths: dict[str, int] = {}
+    for name, form in (forms or {}).items():
+        array, (kind, *shape) = arrays[name], form.split()
+        sizes = [lengths.setdefault(size, found) for size, found in zip(shape, array.shape, strict=False)]
+        sizes = [int(size) if size.isdigit() else known for size, known in zip(shape, sizes, strict=False)]
+        right = array.dtype.kind in _KINDS[kind] and len(shape) == array.ndim and tuple(sizes) == array.shape
+        if not right or (kind == "finite" and not np.isfinite(array).all()):
+            found = f"{array.dtype} {array.shape}" + (", not all finite" if right else "")
+            raise FiptError(f"{path}: the array {name} must be {form}; found {found}", made_again(path))
     return arrays

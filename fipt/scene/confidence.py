@@ -90,6 +90,13 @@ def records(points: np.ndarray, normals: np.ndarray, center: np.ndarray, side: f
 
 _ROWS = ("record", "kd_error", "roughness_error", "metallic_error", "known", "unseen")
 _ARRAYS = ("center", "side", "resolution", *_ROWS)
+_FORMS: dict[str, str] = dict(
+    zip(
+        _ARRAYS,
+        ("finite 3", "finite", "int", "int K", "float K", "float K", "float K", "bool K", "float 3"),
+        strict=True,
+    )
+)
 
 
 def write_confidence(path: str | Path, confidence: Confidence) -> None:
@@ -99,6 +106,6 @@ def write_confidence(path: str | Path, confidence: Confidence) -> None:
 
 def read_confidence(path: str | Path) -> Confidence:
     """Read confidence.npz; FiptError where it is missing, damaged or something else."""
-    arrays = load_npz(path, required=_ARRAYS)
+    arrays = load_npz(path, forms=_FORMS)
     rows = (arrays[name] for name in _ROWS)
     return Confidence(arrays["center"], float(arrays["side"]), int(arrays["resolution"]), *rows)

@@ -159,6 +159,15 @@ _ARRAYS = (
     "spread",
 )
 _UNDECIDED = ("triangle", "region", "reflects", "emits", "price")
+_FORMS = {
+    **dict.fromkeys(("triangle", "emitter", "views"), "int E"),
+    **dict.fromkeys(("area", "confidence"), "finite E"),
+    "radiance": "finite E 3",
+    "two_sided": "bool",
+    "undecided_triangle": "int U",
+    "undecided_region": "int U",
+}
+"""Of the arrays by which others are indexed, or light is computed."""
 
 
 def default_name(number: int) -> str:
@@ -324,11 +333,8 @@ def read_emitters(path: str | Path) -> Emitters:
     FiptError
         If it is missing, damaged or lacks an array.
     """
-    arrays = load_npz(path)
     questions = {name: f"undecided_{name}" for name in _UNDECIDED}
-    missing = [name for name in (*_ARRAYS, "two_sided", *questions.values()) if name not in arrays]
-    if missing:
-        raise FiptError(f"{path} lacks {', '.join(missing)}", "run the emitters stage again")
+    arrays = load_npz(path, (*_ARRAYS, *questions.values()), _FORMS)
     undecided = Undecided(**{name: arrays[key] for name, key in questions.items()})
     known = {name: arrays[name] for name in _ARRAYS}
     return Emitters(**known, two_sided=bool(arrays["two_sided"]), undecided=undecided)

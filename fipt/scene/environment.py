@@ -14,6 +14,7 @@ from scipy.ndimage import binary_dilation, binary_erosion
 from fipt.errors import FiptError
 from fipt.formats.arrays import load_npz, save_npz
 from fipt.formats.exr import read_rgb
+from fipt.formats.files import made_again
 from fipt.formats.hdr import read_hdr
 from fipt.scene.cameras import Camera
 from fipt.scene.samples import FootprintSamples
@@ -207,6 +208,11 @@ def read_environment(path: str | Path | None) -> EnvironmentMap:
         return NOTHING
     arrays = load_npz(path, required=("mode", "radiance", "up", "rotation"))
     radiance = checked(arrays["radiance"], path)
+    if arrays["up"] not in ("x", "y", "z") or arrays["rotation"].dtype.kind not in "fiu":
+        raise FiptError(
+            f"{path} must have an axis that is up, and an angle; found {arrays['up']} and {arrays['rotation']}",
+            made_again(path),
+        )
     return EnvironmentMap(str(arrays["mode"]), radiance, str(arrays["up"]), float(arrays["rotation"]))
 
 

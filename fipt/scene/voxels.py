@@ -4,9 +4,23 @@ from pathlib import Path
 
 import numpy as np
 
+from fipt.errors import FiptError
 from fipt.formats.arrays import load_npz, save_npz
+from fipt.formats.files import made_again
 
-_ARRAYS = ("center", "side", "resolution", "key", "facing", "point", "radiance", "count", "source")
+_FORMS = {
+    "center": "finite 3",
+    "side": "finite",
+    "resolution": "int",
+    "key": "int N",
+    "facing": "int N",
+    "point": "float N 3",
+    "radiance": "finite N 3",
+    "count": "finite N",
+    "source": "int N",
+}
+_MOST = 1 << 20
+"""Voxels a side: their numbers then fit into 64 bits."""
 
 FACINGS = 6
 """Ways a surface may face in a voxel: both directions of each axis."""
@@ -27,9 +41,17 @@ def facings(normals: np.ndarray) -> np.ndarray:
 
 def write_cache(path: str | Path, cache: dict[str, np.ndarray]) -> None:
     """Write the arrays of a radiance cache (`fipt.stages.cache.build.build` describes them)."""
-    save_npz(path, **{name: cache[name] for name in _ARRAYS})
+    save_npz(path, **{name: cache[name] for name in _FORMS})
 
 
 def read_cache(path: str | Path) -> dict[str, np.ndarray]:
     """Read a radiance cache; FiptError where the file is missing, damaged or something else."""
-    return load_npz(path, required=_ARRAYS)
+    cache = load_npz(path, forms=_FORMS)
+    side, resolution, least = float(cache["side"]), int(cache["resolution"]), cache["radiance"].min(initial=0.0)
+    if side <= 0 or not 0 < resolution <= _MOST or least < 0 or not len(cache["key"]):
+        raise FiptError(
+            f"{path} must have a box of some size, voxels, and radiance >= 0; found side {side:g}, {resolution} voxels "
+            f"a side, {len(cache['key'])} records and radiance from {least:g}",
+            made_again(path),
+        )
+    return cache

@@ -241,6 +241,21 @@ def test_a_camera_that_needs_more_memory_than_there_is(tmp_path: Path, backend: 
         write_views(dataset, [camera], RenderSettings(), 1, destination)
 
 
+def test_a_disk_that_samples_and_images_do_not_fit_on(
+    tmp_path: Path, backend: Backend, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dataset: Any = SimpleNamespace(camera=lambda _: SMALL, accepted=lambda views: views)
+    scene: Any = SimpleNamespace(illuminations=range(5))
+    monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=4000))
+    with pytest.raises(FiptError, match=r"a shard of samples needs 0\.00 GB in .*; 0\.00 GB are free"):
+        trace(dataset, ["a"], SamplesSettings(), {}, tmp_path / "samples" / "a")  # 90 bytes for each of 48 pixels
+    destination = Destination("olat", tmp_path, tmp_path / "m.json")
+    monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=2900))
+    with pytest.raises(FiptError, match="the output of the stage olat needs"):  # 12 for each of them, five times
+        write_views(scene, [SMALL], RenderSettings(), 1, destination)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_an_image_that_needs_more_memory_than_there_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_exr(tmp_path / "a.exr", {"": NOISE})
     monkeypatch.setattr("fipt.formats.files.total_memory", lambda: 291_599)

@@ -31,7 +31,7 @@ def run(inputs: SamplesInputs, settings: "SamplesSettings") -> dict[str, Any]:
     from fipt.stages.samples.trace import trace
 
     figures: dict[str, Any] = {}
-    samples = trace(Dataset(inputs.dataset), inputs.views, settings, figures)
+    samples = trace(Dataset(inputs.dataset), inputs.views, settings, figures, inputs.out)
     sparse = figures["views_mostly_off_mesh"]
     if sparse:
         log.warning("more than half of the pixels miss the mesh in %s", ", ".join(sparse))

@@ -1,9 +1,10 @@
 """The samples stage: footprint samples of all camera rays of a shard, traced once."""
 
 from collections.abc import Sequence
+from pathlib import Path
 
 from fipt.errors import FiptError
-from fipt.formats.files import check_memory
+from fipt.formats.files import check_disk, check_memory
 from fipt.formats.manifests import Stats
 from fipt.progress import progress
 from fipt.render.footprint import joined, trace_view
@@ -17,21 +18,28 @@ _BYTES_A_RAY = 200
 """Of memory while a view is traced: measured 176 to 212."""
 _BYTES_A_PIXEL = 200
 """Of memory for the samples of a pixel until all views are traced: measured 203."""
+_BYTES_ON_DISK = 90
+"""Of a pixel's samples in their files: measured 85 and 86."""
 
 
-def trace(dataset: Dataset, views: Sequence[str], settings: SamplesSettings, figures: Stats) -> FootprintSamples:
+def trace(
+    dataset: Dataset, views: Sequence[str], settings: SamplesSettings, figures: Stats, out: Path | None = None
+) -> FootprintSamples:
     """Trace the given views; what was found goes into ``figures`` too.
 
-    Views that a check rejected are left out.
+    Views that a check rejected are left out. ``out`` is where the samples will be written: its disk must have room.
 
     Raises
     ------
     FiptError
-        If all rays of a view miss the mesh.
+        If all rays of a view miss the mesh; if memory or the disk are too small.
     """
     cameras = [dataset.camera(view) for view in dataset.accepted(list(views))]
     rays = settings.grid**2
-    _check_memory([camera.width * camera.height for camera in cameras], rays)
+    pixels = [camera.width * camera.height for camera in cameras]
+    _check_memory(pixels, rays)
+    if out is not None:
+        check_disk(out.parent, _BYTES_ON_DISK * sum(pixels), "a shard of samples")
     mesh = dataset.mesh()
     scene, parts = RayScene(mesh), connected_parts(mesh)
     results, sparse = [], []

@@ -83,7 +83,7 @@ def test_a_file_that_lacks_an_array(tmp_path, mesh, emitters, name):
     arrays = load_npz(path)
     del arrays[name]
     save_npz(path, **arrays)
-    with pytest.raises(FiptError, match=rf"emitters\.npz lacks {name}; run the emitters stage again"):
+    with pytest.raises(FiptError, match=rf"emitters\.npz lacks the arrays {name}; give the file of the stage"):
         read_emitters(path)
 
 
