@@ -139,10 +139,8 @@ def judge(scene: RayScene, views: Sequence[ReducedView], settings: CheckPosesSet
     accepted |= {i for i in every - accepted if (score(i, accepted) or 0.0) >= least}
 
     witnesses = [telling(i, accepted) or telling(i, every) for i in range(len(views))]
-    exposures = _exposures(witnesses, compared)
     verdicts = []
-    for i, view in enumerate(views):
-        used = witnesses[i]
+    for i, (view, used) in enumerate(zip(views, witnesses, strict=True)):
         value = score(i, set(used))
         overlap = max((compared[i, j].overlap for j in partners[i]), default=0.0)
         ok, reason = True, ""
@@ -162,10 +160,8 @@ def judge(scene: RayScene, views: Sequence[ReducedView], settings: CheckPosesSet
             )
         colour = float(np.median([compared[i, j].colour for j in used])) if used else None
         names = tuple(views[j].camera.name for j in used)
-        verdicts.append(
-            Verdict(view.camera.name, value, overlap, float(behind[i]), colour, exposures[i], names, ok, reason)
-        )
-    return _exposed(verdicts, settings.correct_exposure)
+        verdicts.append(Verdict(view.camera.name, value, overlap, float(behind[i]), colour, None, names, ok, reason))
+    return _exposed(verdicts, _exposures(witnesses, compared), settings.correct_exposure)
 
 
 def _exposures(
@@ -182,8 +178,9 @@ def _exposures(
     return [float(np.exp(level[i])) if own else None for i, own in enumerate(witnesses)]
 
 
-def _exposed(verdicts: Sequence[Verdict], correct: bool) -> list[Verdict]:
+def _exposed(judged: Sequence[Verdict], exposures: Sequence[float | None], correct: bool) -> list[Verdict]:
     """Verdicts that also say whose exposure is off: that view stays, since its structure is that of the others."""
+    verdicts = [replace(verdict, exposure=level) for verdict, level in zip(judged, exposures, strict=True)]
     found = np.log([v.exposure for v in verdicts if v.accepted and v.exposure and len(v.partners) >= _WITNESSES])
     if len(found) < _WITNESSES:
         return list(verdicts)
