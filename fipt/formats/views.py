@@ -29,14 +29,14 @@ def read_gains(path: str | Path) -> dict[str, float]:
     return _of_views(path, gain)
 
 
-def _of_views(path: str | Path, told: Callable[[dict[str, Any]], T | None]) -> dict[str, T]:
+def _of_views(path: str | Path, value_of: Callable[[dict[str, Any]], T | None]) -> dict[str, T]:
     """What is told of views, of those of which something is."""
     path = Path(path)
     if not path.is_file():
         return {}
     try:
         views = json.loads(path.read_text(encoding="utf-8"))["views"]
-        found = {name: told(state) for name, state in views.items()}
+        found = {name: value_of(state) for name, state in views.items()}
     except MALFORMED as error:
         raise FiptError(f"{path} is not a {path.name} ({error!r})", "run what wrote it again") from error
     return {name: value for name, value in found.items() if value is not None}

@@ -173,8 +173,10 @@ def _exposures(
     """
     level = np.zeros(len(witnesses))
     for _ in range(_PASSES):
-        told = [np.median([compared[i, j].brighter + level[j] for j in own]) for i, own in enumerate(witnesses) if own]
-        level[[i for i, own in enumerate(witnesses) if own]] = np.array(told) - np.median(told or [0.0])
+        levels = [
+            np.median([compared[i, j].brighter + level[j] for j in own]) for i, own in enumerate(witnesses) if own
+        ]
+        level[[i for i, own in enumerate(witnesses) if own]] = np.array(levels) - np.median(levels or [0.0])
     return [float(np.exp(level[i])) if own else None for i, own in enumerate(witnesses)]
 
 
