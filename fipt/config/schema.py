@@ -38,7 +38,7 @@ class Config(Sections):
 
     scenes: dict[str, SceneEntry] = Field(min_length=1, description="name of a scene -> where it comes from")
     rounds: Annotated[int, Field(ge=0, le=20)] = Field(
-        default=4,
+        default=6,
         description="most refinements after the first fit, fewer where the loop settles; 0 = bake and fit only",
     )
     views_per_shard: Positive = Field(default=16, description="views that one job works on")
