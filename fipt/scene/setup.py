@@ -378,7 +378,7 @@ def parse_setup(text: str) -> RelightSetup:
     """
     if text.lstrip().startswith("{"):
         return checked(RelightSetup, _json(text, "setup"), root="setup")
-    what = "the light setup, which must be JSON or the path of a YAML file"
+    what = "light setup (JSON, or the path of a YAML file)"
     return checked(RelightSetup, read_yaml(text, what), root=f"setup {text}")
 
 

@@ -47,7 +47,7 @@ class Grey:
 
     settings = SimpleNamespace(footprint=1.0)
 
-    def query(self, points, footprint):
+    def query(self, points, footprint, triangle=None):
         n = len(points)
         return Brdf(np.tile(np.float32(GREY), (n, 1)), np.full(n, 0.5, np.float32), np.zeros(n, np.float32))
 

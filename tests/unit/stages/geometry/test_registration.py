@@ -8,12 +8,19 @@ from fipt.errors import FiptError
 from fipt.render.scene import RayScene
 from fipt.scene.depth_maps import DepthMap
 from fipt.scene.mesh import Mesh, write_ply
+from fipt.stages.geometry import registration
 from fipt.stages.geometry.depth_views import DepthView
 from fipt.stages.geometry.registration import registered
 from fipt.stages.geometry.scan import from_scan
 from tests.unit.stages.geometry.test_fusing import HALF, around
 
 pytestmark = pytest.mark.usefixtures("open3d")
+
+
+@pytest.fixture(autouse=True)
+def few_points(monkeypatch):
+    """A quarter of the points place a room as plain as this one."""
+    monkeypatch.setattr(registration, "_POINTS", 2_000)
 
 
 @pytest.fixture(scope="module")

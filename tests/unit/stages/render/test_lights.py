@@ -237,7 +237,7 @@ BOX = {"center": [0, 0, 0], "size": [1, 1, 1]}
         (entry("materials", box=BOX, tint=[1, 1, 1], base_color=[1, 1, 1]), "base_color or tint, not both"),
         (entry("materials", box=BOX, roughness=0), r"materials\.0\.roughness"),
         (entry("remove"), "give one of segment, at and box"),
-        ("nowhere.yaml", "nowhere.yaml cannot be read"),
+        ("nowhere.yaml", "is missing: nowhere.yaml"),
     ],
 )
 def test_entries_that_are_wrong_are_explained(text, problem):
