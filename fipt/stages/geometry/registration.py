@@ -175,6 +175,8 @@ def _of_scan(scan: Mesh, rng: np.random.Generator) -> _FacingPoints:
     points, triangle = surface_points(scan, spacing, *_everywhere(scan), seed)
     normals = scan.normals[triangle]
     whole = (normals**2).sum(axis=1) > 0
+    if not whole.any():
+        raise FiptError("the scan must have a surface; all of its triangles are without area", "give another scan")
     return _FacingPoints(points[whole].astype(np.float64), normals[whole].astype(np.float64))
 
 

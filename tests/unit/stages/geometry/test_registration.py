@@ -82,3 +82,9 @@ def test_a_room_that_looks_alike_from_several_sides_is_told():
     cube = trimesh.creation.box((2 * HALF, 2 * HALF, 2 * HALF))
     _, about = registered(Mesh(np.asarray(cube.vertices, np.float32), np.asarray(cube.faces, np.int32)), around())
     assert "in another place" in about["warnings"][0]
+
+
+def test_a_scan_without_a_surface_is_refused(views):
+    line = Mesh(np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0]], np.float32), np.array([[0, 1, 2]], np.int32))
+    with pytest.raises(FiptError, match="all of its triangles are without area"):
+        registered(line, views)
