@@ -31,7 +31,7 @@ def command(
     found = changes(results)
     for each in found:
         print(f"{each.stage}: {each.path} {_MEANING[each.kind]}")
-    print(f"{len(found)} files differ" if found else f"{results}: every file is as its run wrote it")
+    print(f"files that differ: {len(found)}" if found else f"{results}: every file is as its run wrote it")
     raise typer.Exit(1 if found else 0)
 
 

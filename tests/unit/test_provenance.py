@@ -83,7 +83,7 @@ def test_lines_for_people(room, made, capsys):
     assert "export: export/scene.glb was changed after the run\n" in said
     assert "report: report.html is missing\n" in said
     assert "notes.txt: notes.txt is not of the run\n" in said
-    assert said.endswith("4 files differ\n")
+    assert said.endswith("files that differ: 4\n")
 
 
 def test_what_decayed_is_not_recorded_anew(room):
