@@ -244,7 +244,10 @@ VERBS: dict[str, Verb] = {
     ),
     "compare": Verb("Write the table that compares methods on a scene.", "fipt.stages.compare.stage", "compare"),
     "compare-page": Verb(
-        "Write the HTML page that compares methods on a scene.", "fipt.stages.report.compare_stage", "compare_page"
+        "Write the HTML page that compares methods.", "fipt.stages.report.compare_stage", "compare_page"
+    ),
+    "compare-rooms": Verb(
+        "Write the table that compares methods on several scenes.", "fipt.stages.compare.rooms_stage", "compare"
     ),
     "run": Verb("Run a scene as far as a target: a front to the workflow.", "fipt.cli.run"),
     "verify": Verb("Say which files of a run are not as it wrote them.", "fipt.cli.verify"),

@@ -11,7 +11,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import Field
 
@@ -19,7 +19,7 @@ from fipt.config.sections import Sections
 from fipt.errors import FiptError
 from fipt.formats.files import check_name
 from fipt.formats.yaml import read_yaml
-from fipt.settings import Settings, dumped
+from fipt.settings import Rounds, Settings, dumped
 from fipt.validation import checked
 
 if TYPE_CHECKING:
@@ -70,9 +70,7 @@ class Method(Settings):
     )
     preset: str | None = Field(default=None, description="preset that lies on top of the scene's settings")
     settings: Sections | None = Field(default=None, description="stage sections that lie on top of them all")  # pyright: ignore[reportInvalidTypeForm] - made by create_model
-    rounds: Annotated[int, Field(ge=0, le=20)] | None = Field(
-        default=None, description="last round; absent: that of the scene"
-    )
+    rounds: Rounds | None = Field(default=None, description="last round; absent: that of the scene")
     quick: bool = Field(default=False, description="take part in `fipt run SCENE compare --quick`")
 
 

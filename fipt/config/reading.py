@@ -39,7 +39,7 @@ class Configuration:
     only
         Names of the scenes that were asked for.
     rounds
-        The last round of every scene.
+        The last round of the scene that has most.
     plain
         The configuration as plain JSON types, as given (no defaults filled in).
     """
@@ -118,6 +118,6 @@ def load(values: Mapping[str, Any]) -> Configuration:
     return Configuration(
         scenes=scenes,
         only=tuple(dict.fromkeys(scenes if only is None else only)),
-        rounds=config.rounds,
+        rounds=max(scene.rounds for scene in scenes.values()),
         plain=given(config),
     )

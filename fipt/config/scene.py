@@ -265,6 +265,21 @@ class SceneConfig:
 
     # --- the model and what is made of it
 
+    def last_shading(self) -> list[str]:
+        """Manifests of the shading of the last round."""
+        return self._shading(self.rounds)
+
+    def shading_before(self) -> list[str]:
+        """Manifests of the shading of the round before; none where there is one round only."""
+        return self._shading(self.rounds - 1) if self.rounds else []
+
+    def _shading(self, round: int) -> list[str]:
+        return [self.layout.shading.format(round=round, shard=shard) for shard in self.views.shards("train")]
+
+    def last_states(self) -> list[str]:
+        """Whether the loop had settled in the last two rounds."""
+        return [self.layout.settled.format(round=k) for k in range(self.rounds + 1)[-2:]]
+
     def last_model(self) -> str:
         """The model of the last round."""
         return self.layout.model.format(round=self.rounds)
