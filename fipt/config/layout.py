@@ -140,6 +140,7 @@ class Layout:
     report = Below("report.html")
 
     # comparisons; a run of a method has the layout of a scene in methods/{method}
+    results_of_others = Below("others.manifest.json")
     method = Below("methods/{method}/method.json")
     comparison = Below("compare/table.json")
     comparison_for_people = Below("compare/table.md")

@@ -39,8 +39,8 @@ def across_rooms(tables: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     ]
     kinds = {column["key"]: column["kind"] for column in first["columns"]}
     methods = dict.fromkeys(row["id"] for table in rooms.values() for row in table["methods"])
-    everywhere = {name: [_row(table, name) for table in rooms.values()] for name in methods}
-    rows = [_mean(own, columns) for own in everywhere.values() if None not in own]
+    found = {name: [row for table in rooms.values() for row in _rows(table, name)] for name in methods}
+    rows = [_mean(own, columns) for own in found.values() if len(own) == len(rooms)]
     for column in columns:
         rank(rows, column)
     described = [
@@ -52,10 +52,10 @@ def across_rooms(tables: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
         name: "; ".join(
             f"in {room}: {table['not_applicable'].get(name, 'not compared')}"
             for room, table in tables.items()
-            if _row(table, name) is None
+            if not _rows(table, name)
         )
-        for name, own in everywhere.items()
-        if None in own
+        for name, own in found.items()
+        if len(own) < len(rooms)
     }
     return {"rooms": dict(tables), "mean": finished(rows, described, missing)}
 
@@ -64,8 +64,9 @@ def _keys(table: Mapping[str, Any]) -> set[str]:
     return {column["key"] for column in table["columns"]}
 
 
-def _row(table: Mapping[str, Any], method: str) -> Mapping[str, Any] | None:
-    return next((row for row in table["methods"] if row["id"] == method), None)
+def _rows(table: Mapping[str, Any], method: str) -> list[Mapping[str, Any]]:
+    """The row of a method; none where it was not compared."""
+    return [row for row in table["methods"] if row["id"] == method]
 
 
 def _with_relit(table: Mapping[str, Any]) -> dict[str, Any]:

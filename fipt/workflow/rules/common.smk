@@ -62,6 +62,7 @@ def scenes_where(question):
 
 LOCKS = contextlib.ExitStack()
 LATER_ROUNDS = one_of(str(k) for k in range(1, CONFIG.rounds + 1))
+RENDERED = f"{one_of(CONFIG.scenes)}|{CONFIG.runs('any', 'imported')}"
 FITTED = f"{one_of(CONFIG.scenes)}|{CONFIG.runs('fit')}"
 
 

@@ -31,7 +31,7 @@ rule score_method:
         settings=settings("compare"),
         version=VERSIONS["compare"],
     shell:
-        "fipt score --card {params.card:q} --metrics {input.metrics:q} --jobs {params.jobs:q}"
+        "fipt score --card {params.card:q} --metrics {input.metrics:q} --jobs={params.jobs:q}"
         " --out {output.method:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
 
