@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from fipt.errors import FiptError
+from fipt.errors import EXIT_CODE, FiptError
+from fipt.outcome import failures
 
 if TYPE_CHECKING:
+    from fipt.config.reading import Configuration
     from fipt.config.scene import SceneConfig
 
 WORKFLOW = Path(__file__).parents[1] / "workflow"
@@ -32,7 +34,9 @@ STOPPING_POINTS = (
 
 
 def command(
-    scene: Annotated[str, typer.Argument(help="Name of a scene of the config.")],
+    scene: Annotated[
+        str, typer.Argument(help="Name of a scene of the config; several with commas between them; or all.")
+    ],
     target: Annotated[
         str, typer.Argument(help=f"Where to stop: {', '.join(STOPPING_POINTS)}; or a file below results/.")
     ] = "report",
@@ -49,26 +53,47 @@ def command(
     """Run every stage of SCENE that is not up to date, as far as TARGET.
 
     Snakemake runs the jobs; results/SCENE with its logs/ is below the working directory. A run that was killed goes on
-    when it is started again.
+    when it is started again. Of several scenes, one that fails does not stop the others; it is named at the end.
     """
     from fipt.config import read
 
     if quick and target != "compare":
         raise FiptError(f"--quick is of the target compare; this is {target}", f"fipt run {scene} compare --quick")
     found = read(configfile or (), [*(config or ()), *(["compare={quick: true}"] if quick else [])])
-    if scene not in found.scenes:
-        raise FiptError(f"there is no scene {scene!r}", f"scenes: {', '.join(found.scenes)}")
+    names = _names(scene, found)
     if target not in STOPPING_POINTS and not target.startswith("results/"):
         points = ", ".join(STOPPING_POINTS)
         raise FiptError(f"there is no target {target!r}", f"targets: {points}, or a file below results/")
     options = ["--cores", str(cores or "all"), *(("--dry-run",) if dry_run else ())]
-    code = snakemake({**found.plain, "only": [scene]}, target, options)
-    results = Path("results", scene)
-    if code == 0 and not dry_run:
-        _record(found.scenes[scene], found.plain, results)
-    if code == 0 and not dry_run and target in ("report", str(results / "findings.json"), str(results / "report.html")):
-        tell_findings(results)
+    given = {"scenes": found.sheet.path} if found.sheet else {}
+    code = snakemake({**found.plain, **given, "only": names}, target, options, listed=len(names) > 1)
+    if code in (0, EXIT_CODE) and not dry_run:
+        for name in names:
+            _conclude(found, name, target, alone=len(names) == 1, done=code == 0)
     raise typer.Exit(code)
+
+
+def _names(text: str, found: "Configuration") -> list[str]:
+    """Scenes that were asked for."""
+    from fipt.config.reading import shown
+
+    if text == "all" and text not in found.scenes:
+        return list(found.only)
+    names = list(dict.fromkeys(text.split(",")))
+    for name in names:
+        if name not in found.scenes:
+            raise FiptError(f"there is no scene {name!r}", f"scenes: {shown(found.scenes)}")
+    return names
+
+
+def _conclude(found: "Configuration", name: str, target: str, *, alone: bool, done: bool) -> None:
+    """Write down of what the results of a scene were made, if its run ended well, and say what it found."""
+    results = Path("results", name)
+    if not done and (alone or not results.is_dir() or failures(results)):
+        return
+    _record(found.scenes[name], found.plain, results)
+    if alone and target in ("report", str(results / "findings.json"), str(results / "report.html")):
+        tell_findings(results)
 
 
 def _record(scene: "SceneConfig", plain: Mapping[str, Any], results: Path) -> None:
@@ -94,7 +119,7 @@ def tell_findings(results: Path) -> None:
         typer.echo(f"  {finding.headline}", err=True)
 
 
-def snakemake(config: Mapping[str, Any], target: str, options: Sequence[str]) -> int:
+def snakemake(config: Mapping[str, Any], target: str, options: Sequence[str], listed: bool = False) -> int:
     """Run Snakemake in this process, with our view of it instead of its own; return the exit code.
 
     Parameters
@@ -105,6 +130,8 @@ def snakemake(config: Mapping[str, Any], target: str, options: Sequence[str]) ->
         Rule or file to make.
     options : sequence of str
         More options of Snakemake's command line.
+    listed : bool
+        Whether the workflow names the jobs that fail, as it does of several scenes.
     """
     from snakemake.cli import args_to_api, parse_args
     from snakemake_interface_logger_plugins.registry import LoggerPluginRegistry
@@ -122,4 +149,4 @@ def snakemake(config: Mapping[str, Any], target: str, options: Sequence[str]) ->
         done = False
         with run_view.interruptible(), contextlib.suppress(KeyboardInterrupt):  # which `conclude` knows of
             done = args_to_api(args, parser)
-    return run_view.LogHandler.last.conclude(done)
+    return run_view.LogHandler.last.conclude(done, listed)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import inspect
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +28,12 @@ from fipt.stages.geometry.settings import given_file
 
 if TYPE_CHECKING:
     from fipt.config.family import SceneFamily
+
+
+@cache
+def _parameters(function: Callable[..., Any]) -> frozenset[str]:
+    """Names of what a function takes; asked for a thousand times in a plan."""
+    return frozenset(inspect.signature(function).parameters)
 
 
 @dataclass(frozen=True)
@@ -324,7 +330,7 @@ class SceneConfig:
         for name in question.split("."):
             found = getattr(found, name)
         if callable(found):
-            takes = inspect.signature(found).parameters
+            takes = _parameters(getattr(found, "__func__", found))
             found = found(**{name: value for name, value in known.items() if name in takes})
         if isinstance(found, list):
             return [self.where(value) if isinstance(value, str) else value for value in found]

@@ -20,7 +20,7 @@ rule calibrate:
     benchmark:
         "results/{scene}/benchmarks/calibrate.jsonl"
     wildcard_constraints:
-        scene=scenes_where("source.photographed"),
+        scene=CONFIG.where("source.photographed"),
     resources:
         mem_mb=2000,
     params:

@@ -20,7 +20,7 @@ rule score_method:
     benchmark:
         "results/{scene}/benchmarks/score.{method}.jsonl"
     wildcard_constraints:
-        scene=one_of(CONFIG.scenes),
+        scene=SCENE,
     resources:
         mem_mb=1000,
     params:
@@ -48,7 +48,7 @@ rule compare_methods:
     benchmark:
         "results/{scene}/benchmarks/compare.jsonl"
     wildcard_constraints:
-        scene=one_of(CONFIG.scenes),
+        scene=SCENE,
     resources:
         mem_mb=1000,
     params:
@@ -77,7 +77,7 @@ rule comparison_page:
     benchmark:
         "results/{scene}/benchmarks/compare-page.jsonl"
     wildcard_constraints:
-        scene=one_of(CONFIG.scenes),
+        scene=SCENE,
     resources:
         mem_mb=4000,
     params:

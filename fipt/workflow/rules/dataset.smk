@@ -33,7 +33,7 @@ rule import_dataset:
     benchmark:
         "results/{scene}/benchmarks/import.jsonl"
     wildcard_constraints:
-        scene=scenes_where("source.imported"),
+        scene=CONFIG.where("source.imported"),
     threads: workflow.cores
     resources:
         mem_mb=4000,
@@ -66,7 +66,7 @@ rule synthesize_room:
     benchmark:
         "results/{scene}/benchmarks/synthesize.jsonl"
     wildcard_constraints:
-        scene=scenes_where("source.rendered"),
+        scene=CONFIG.where("source.rendered"),
     threads: workflow.cores
     resources:
         mem_mb=4000,
@@ -96,7 +96,7 @@ rule synthesize_views:
     benchmark:
         "results/{scene}/benchmarks/synthesize.{shard}.jsonl"
     wildcard_constraints:
-        scene=scenes_where("source.rendered"),
+        scene=CONFIG.where("source.rendered"),
     threads: workflow.cores
     resources:
         mem_mb=4000,
@@ -130,7 +130,7 @@ rule synthesize_relit:
     benchmark:
         "results/{scene}/benchmarks/synthesize.{setup}.{shard}.jsonl"
     wildcard_constraints:
-        scene=scenes_where("source.known"),
+        scene=CONFIG.where("source.known"),
     threads: workflow.cores
     resources:
         mem_mb=4000,

@@ -25,7 +25,7 @@ rule import_views:
     benchmark:
         "results/{scene}/benchmarks/import_views.jsonl"
     wildcard_constraints:
-        scene=scenes_where("source.imported"),
+        scene=CONFIG.where("source.imported"),
     threads: workflow.cores
     resources:
         mem_mb=4000,

@@ -28,7 +28,7 @@ rule estimate_poses:
     benchmark:
         "results/{scene}/benchmarks/pose.jsonl"
     wildcard_constraints:
-        scene=scenes_where("source.estimated"),
+        scene=CONFIG.where("source.estimated"),
     threads: workflow.cores
     resources:
         mem_mb=6000,

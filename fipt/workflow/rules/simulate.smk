@@ -24,7 +24,7 @@ rule photographed_room:
     benchmark:
         "results/{scene}/benchmarks/synthesize.jsonl"
     wildcard_constraints:
-        scene=scenes_where("source.simulated"),
+        scene=CONFIG.where("source.simulated"),
     threads: workflow.cores
     resources:
         mem_mb=4000,
@@ -114,7 +114,7 @@ rule synthesize_truth:
     benchmark:
         "results/{scene}/benchmarks/truth.{shard}.jsonl"
     wildcard_constraints:
-        scene=scenes_where("source.simulated"),
+        scene=CONFIG.where("source.simulated"),
     threads: workflow.cores
     resources:
         mem_mb=4000,
