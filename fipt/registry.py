@@ -247,6 +247,7 @@ VERBS: dict[str, Verb] = {
         "Write the HTML page that compares methods on a scene.", "fipt.stages.report.compare_stage", "compare_page"
     ),
     "run": Verb("Run a scene as far as a target: a front to the workflow.", "fipt.cli.run"),
+    "index": Verb("Write a page and a table over all rooms: figures, findings, times.", "fipt.cli.index"),
     "verify": Verb("Say which files of a run are not as it wrote them.", "fipt.cli.verify"),
     "view": Verb("Write any result as an EXR or PNG image.", "fipt.cli.view"),
     "doctor": Verb("Check Python, packages, ray tracing backend, memory and disk.", "fipt.cli.doctor"),

@@ -70,6 +70,8 @@ def command(
     if code in (0, EXIT_CODE) and not dry_run:
         for name in names:
             _conclude(found, name, target, alone=len(names) == 1, done=code == 0)
+        if len(names) > 1 and any(Path("results", name).is_dir() for name in names):
+            _write_index()
     raise typer.Exit(code)
 
 
@@ -104,6 +106,13 @@ def _record(scene: "SceneConfig", plain: Mapping[str, Any], results: Path) -> No
     named = [path for _, path in named_paths(scene)]
     own = {**plain, "scenes": {scene.name: plain.get("scenes", {}).get(scene.name)}}
     record(results, own, [*scene.given_files(), *named])
+
+
+def _write_index() -> None:
+    from fipt.stages.report.index import INDEX, write_index
+
+    rooms = write_index(Path("results"))
+    typer.echo(f"fipt: results/{INDEX} shows {rooms} rooms", err=True)
 
 
 def tell_findings(results: Path) -> None:
