@@ -1,10 +1,10 @@
-"""``fipt run``: a front to Snakemake for one scene; the rules files alone say what runs after what."""
+"""``fipt run``: a front to Snakemake for some scenes; the rules files alone say what runs after what."""
 
 import contextlib
 import io
 import json
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -34,12 +34,14 @@ STOPPING_POINTS = (
 
 
 def command(
-    scene: Annotated[
-        str, typer.Argument(help="Name of a scene of the config; several with commas between them; or all.")
+    asked: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="SCENE... [TARGET]",
+            help="Names of scenes of the config, perhaps where to stop (default: report): "
+            f"{', '.join(STOPPING_POINTS)}; or a file below results/.",
+        ),
     ],
-    target: Annotated[
-        str, typer.Argument(help=f"Where to stop: {', '.join(STOPPING_POINTS)}; or a file below results/.")
-    ] = "report",
     configfile: Annotated[
         list[Path] | None, typer.Option(help="Config file on top of config/config.yaml; repeatable.")
     ] = None,
@@ -50,42 +52,52 @@ def command(
     ] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", "-n", help="List the jobs that would run, and why.")] = False,
 ) -> None:
-    """Run every stage of SCENE that is not up to date, as far as TARGET.
+    """Run every stage of SCENE that is not up to date, as far as TARGET; of several scenes one after another.
 
     Snakemake runs the jobs; results/SCENE with its logs/ is below the working directory. A run that was killed goes on
     when it is started again. Of several scenes, one that fails does not stop the others; it is named at the end.
+    Several as far as compare have a table together, in results/compare. Where no scene is called so, all is all.
     """
     from fipt.config import read
 
-    if quick and target != "compare":
-        raise FiptError(f"--quick is of the target compare; this is {target}", f"fipt run {scene} compare --quick")
     found = read(configfile or (), [*(config or ()), *(["compare={quick: true}"] if quick else [])])
-    names = _names(scene, found)
-    if target not in STOPPING_POINTS and not target.startswith("results/"):
-        points = ", ".join(STOPPING_POINTS)
-        raise FiptError(f"there is no target {target!r}", f"targets: {points}, or a file below results/")
+    scenes, target = asked_for(asked, found.scenes)
+    if quick and target != "compare":
+        raise FiptError(f"--quick is of the target compare; this is {target}", f"fipt run {scenes[0]} compare --quick")
     options = ["--cores", str(cores or "all"), *(("--dry-run",) if dry_run else ())]
     given = {"scenes": found.sheet.path} if found.sheet else {}
-    code = snakemake({**found.plain, **given, "only": names}, target, options, listed=len(names) > 1)
+    code = snakemake({**found.plain, **given, "only": scenes}, target, options, listed=len(scenes) > 1)
     if code in (0, EXIT_CODE) and not dry_run:
-        for name in names:
-            _conclude(found, name, target, alone=len(names) == 1, done=code == 0)
-        if len(names) > 1 and any(Path("results", name).is_dir() for name in names):
+        for scene in scenes:
+            _conclude(found, scene, target, alone=len(scenes) == 1, done=code == 0)
+        if len(scenes) > 1 and any(Path("results", scene).is_dir() for scene in scenes):
             _write_index()
     raise typer.Exit(code)
 
 
-def _names(text: str, found: "Configuration") -> list[str]:
-    """Scenes that were asked for."""
+def asked_for(asked: Sequence[str], known: Iterable[str]) -> tuple[list[str], str]:
+    """Scenes and target of a command line; the last word is the target where it is no scene and not the only word.
+
+    Raises
+    ------
+    FiptError
+        If there is no such scene or target.
+    """
     from fipt.config.reading import shown
 
-    if text == "all" and text not in found.scenes:
-        return list(found.only)
-    names = list(dict.fromkeys(text.split(",")))
-    for name in names:
-        if name not in found.scenes:
-            raise FiptError(f"there is no scene {name!r}", f"scenes: {shown(found.scenes)}")
-    return names
+    known = list(known)
+    every = "all" not in known and asked[0] == "all"
+    asked = [*known, *asked[1:]] if every else asked
+    last = asked[-1]
+    is_target = len(asked) > 1 and (last in STOPPING_POINTS or last not in known)
+    scenes, target = (list(asked[:-1]), last) if is_target else (list(asked), "report")
+    for scene in scenes:
+        if scene not in known:
+            raise FiptError(f"there is no scene {scene!r}", f"scenes: {shown(known)}")
+    if target not in STOPPING_POINTS and not target.startswith("results/"):
+        points = ", ".join(STOPPING_POINTS)
+        raise FiptError(f"there is no target {target!r}", f"targets: {points}, or a file below results/")
+    return list(dict.fromkeys(scenes)), target
 
 
 def _conclude(found: "Configuration", name: str, target: str, *, alone: bool, done: bool) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
 
-from fipt.config.layout import Layout
+from fipt.config.layout import TOGETHER, Layout
 from fipt.config.methods import OWN, MethodRun, known_methods, shared_paths
 from fipt.config.scene import SceneConfig
 from fipt.config.schema import Config, SceneEntry, source_of
@@ -34,6 +34,8 @@ class SceneFamily:
 
     def __init__(self, name: str, entry: SceneEntry, config: Config, known: dict[str, Any]) -> None:
         check_name(name, "scene")
+        if name == TOGETHER:
+            raise FiptError(f"a scene must not be called {name!r}: results/{name} is of several scenes", "rename it")
         self._name, self._entry, self._config, self._known = name, entry, config, known
         self._runs: dict[str, SceneConfig] = {}
 
@@ -56,7 +58,7 @@ class SceneFamily:
             place=place,
             source=source_of(entry, place),
             given_setups=setups,
-            rounds=config.rounds,
+            rounds=config.rounds if entry.rounds is None else entry.rounds,
             views_per_shard=config.views_per_shard,
             said=given(entry),
             family=self,

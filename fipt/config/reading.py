@@ -45,7 +45,7 @@ class Configuration:
     only
         Names of the scenes that were asked for.
     rounds
-        The last round of every scene.
+        The last round of the scene that has most.
     plain
         The configuration as plain JSON types, as given (no defaults filled in).
     sheet
@@ -80,11 +80,12 @@ class Configuration:
             return f"(?!(?:{'|'.join(kinds[False])})/){SCENE}" if kinds[False] else SCENE
         return "|".join(kinds[True])
 
-    def runs(self, estimator: Estimator | Literal["any"]) -> str:
-        """Regular expression of the runs of methods whose materials such an estimator makes."""
+    def runs(self, estimator: Estimator | Literal["any"], but: Estimator | None = None) -> str:
+        """Regular expression of the runs of methods whose materials such an estimator makes, ``but`` for one."""
         cards = next(iter(self.scenes.values())).methods.cards  # the same of every scene
-        names = [re.escape(name) for name, card in cards.items() if estimator in (card.estimator, "any")]
-        return rf"{SCENE}/methods/(?:{'|'.join(names)})(?:\.seed-[1-9]\d*)?"
+        wanted = {name: card.estimator for name, card in cards.items() if card.estimator != but}
+        names = [re.escape(name) for name, own in wanted.items() if estimator in (own, "any")]
+        return rf"{SCENE}/methods/(?:{'|'.join(names)})(?:\.seed-[1-9]\d*)?" if names else "(?!)"
 
     def check(self, read: bool) -> None:
         """Look for what the scenes that were asked for name and a run would read late.
@@ -180,7 +181,7 @@ def load(values: Mapping[str, Any]) -> Configuration:
     return Configuration(
         scenes=scenes,
         only=tuple(dict.fromkeys(scenes if only is None else only)),
-        rounds=config.rounds,
+        rounds=max(scene.rounds for scene in scenes.values()),
         plain=given(config),
         sheet=sheet,
     )

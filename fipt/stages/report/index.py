@@ -15,6 +15,9 @@ from fipt.stages.report.rooms import KEPT, STATES, RoomFigure, RoomRow, read_roo
 
 INDEX, SUMMARY = "index.html", "summary.tsv"
 
+_COMPARISON = "compare"
+"""What several rooms have together, which is no room."""
+
 _BINS = 16
 """Bars of a distribution."""
 
@@ -68,7 +71,7 @@ def write_index(folder: Path, names: Sequence[str] = ()) -> int:
     """
     if not folder.is_dir():
         raise FiptError(f"the results folder {folder} does not exist", "run a room first")
-    names = list(names) or sorted(path.parent.name for path in folder.glob("*/logs/"))
+    names = list(names) or sorted({path.parent.name for path in folder.glob("*/logs/")} - {_COMPARISON})
     if not names:
         raise FiptError(f"{folder} holds no room", "run a room first")
     rows, figures = read_rooms(folder, names, TILES)
