@@ -19,9 +19,10 @@ rule check_poses:
         "results/{scene}/logs/check_poses.log",
     benchmark:
         "results/{scene}/benchmarks/check_poses.jsonl"
-    threads: workflow.cores
+    threads: THREADS
     resources:
-        mem_mb=4000,
+        mem_mb=memory("check_poses"),
+        runtime=minutes("check_poses"),
         gpu=1,
     params:
         dataset=folder("results/{scene}/dataset"),

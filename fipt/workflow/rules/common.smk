@@ -52,6 +52,8 @@ def one_of(names):
     return "|".join(map(re.escape, names)) or "(?!)"
 
 
+# On a cluster there is no number of cores of all jobs together; the profile may give single rules another.
+THREADS = workflow.cores or int(os.environ.get("FIPT_THREADS", "4"))
 LOCKS = contextlib.ExitStack()
 LATER_ROUNDS = one_of(str(k) for k in range(1, CONFIG.rounds + 1))
 RENDERED = f"{SCENE}|{CONFIG.runs('any', 'imported')}"

@@ -24,7 +24,8 @@ rule score_method:
     wildcard_constraints:
         scene=SCENE,
     resources:
-        mem_mb=1000,
+        mem_mb=memory("score_method"),
+        runtime=minutes("score_method"),
     params:
         card=ask("methods.card_json"),
         jobs=folders_of("stats"),
@@ -52,7 +53,8 @@ rule compare_methods:
     wildcard_constraints:
         scene=SCENE,
     resources:
-        mem_mb=1000,
+        mem_mb=memory("compare_methods"),
+        runtime=minutes("compare_methods"),
     params:
         methods=folders_of("methods"),
         missing=ask("methods.options"),
@@ -81,7 +83,8 @@ rule comparison_page:
     wildcard_constraints:
         scene=SCENE,
     resources:
-        mem_mb=4000,
+        mem_mb=memory("comparison_page"),
+        runtime=minutes("comparison_page"),
     params:
         results=folder("results/{scene}"),
         settings=settings("compare_page"),
@@ -106,6 +109,7 @@ rule compare_rooms:
         "results/compare/benchmarks/compare-rooms.jsonl"
     resources:
         mem_mb=1000,
+        runtime=60,
     params:
         tables=folders_of("tables"),
         rooms=",".join(CONFIG.only),
@@ -128,6 +132,7 @@ rule rooms_page:
         "results/compare/benchmarks/rooms-page.jsonl"
     resources:
         mem_mb=1000,
+        runtime=60,
     params:
         version=VERSIONS["compare_page"],
     shell:

@@ -34,9 +34,10 @@ rule import_dataset:
         "results/{scene}/benchmarks/import.jsonl"
     wildcard_constraints:
         scene=CONFIG.where("source.imported"),
-    threads: workflow.cores
+    threads: THREADS
     resources:
-        mem_mb=4000,
+        mem_mb=memory("import_dataset"),
+        runtime=minutes("import_dataset"),
     params:
         source=ask("source.import_options"),
         mesh=ask("source.mesh_options"),
@@ -67,9 +68,10 @@ rule synthesize_room:
         "results/{scene}/benchmarks/synthesize.jsonl"
     wildcard_constraints:
         scene=CONFIG.where("source.rendered"),
-    threads: workflow.cores
+    threads: THREADS
     resources:
-        mem_mb=4000,
+        mem_mb=memory("synthesize_room"),
+        runtime=minutes("synthesize_room"),
     params:
         dataset=folder("results/{scene}/dataset"),
         scene=ask("source.scene_options"),
@@ -97,9 +99,10 @@ rule synthesize_views:
         "results/{scene}/benchmarks/synthesize.{shard}.jsonl"
     wildcard_constraints:
         scene=CONFIG.where("source.rendered"),
-    threads: workflow.cores
+    threads: THREADS
     resources:
-        mem_mb=4000,
+        mem_mb=memory("synthesize_views"),
+        runtime=minutes("synthesize_views"),
         gpu=1,
     params:
         dataset=folder("results/{scene}/dataset"),
@@ -131,9 +134,10 @@ rule synthesize_relit:
         "results/{scene}/benchmarks/synthesize.{setup}.{shard}.jsonl"
     wildcard_constraints:
         scene=CONFIG.where("source.known"),
-    threads: workflow.cores
+    threads: THREADS
     resources:
-        mem_mb=4000,
+        mem_mb=memory("synthesize_relit"),
+        runtime=minutes("synthesize_relit"),
         gpu=1,
     params:
         dataset=folder("results/{scene}/dataset"),

@@ -38,9 +38,10 @@ rule emitters:
         "results/{scene}/benchmarks/emitters.round-{round}.jsonl"
     wildcard_constraints:
         scene=FITTED,
-    threads: workflow.cores
+    threads: THREADS
     resources:
-        mem_mb=8000,
+        mem_mb=memory("emitters"),
+        runtime=minutes("emitters"),
         gpu=1,
     params:
         dataset=folder("results/{scene}/dataset"),
@@ -79,7 +80,8 @@ rule review:
     benchmark:
         "results/{scene}/benchmarks/review.jsonl"
     resources:
-        mem_mb=4000,
+        mem_mb=memory("review"),
+        runtime=minutes("review"),
     params:
         dataset=folder("results/{scene}/dataset"),
         samples=folders_of("samples"),

@@ -28,9 +28,10 @@ rule export_room:
         "results/{scene}/logs/export.log",
     benchmark:
         "results/{scene}/benchmarks/export.jsonl"
-    threads: workflow.cores
+    threads: THREADS
     resources:
-        mem_mb=8000,
+        mem_mb=memory("export_room"),
+        runtime=minutes("export_room"),
         gpu=1,
     params:
         dataset=folder("results/{scene}/dataset"),
@@ -63,9 +64,10 @@ rule check_export:
         "results/{scene}/logs/check-export.log",
     benchmark:
         "results/{scene}/benchmarks/check-export.jsonl"
-    threads: workflow.cores
+    threads: THREADS
     resources:
-        mem_mb=8000,
+        mem_mb=memory("check_export"),
+        runtime=minutes("check_export"),
         gpu=1,
     params:
         dataset=folder("results/{scene}/dataset"),

@@ -34,9 +34,10 @@ rule findings:
         "results/{scene}/logs/findings.log",
     benchmark:
         "results/{scene}/benchmarks/findings.jsonl"
-    threads: workflow.cores
+    threads: THREADS
     resources:
-        mem_mb=8000,
+        mem_mb=memory("findings"),
+        runtime=minutes("findings"),
         gpu=1,
     params:
         dataset=folder("results/{scene}/dataset"),

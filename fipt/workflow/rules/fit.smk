@@ -44,9 +44,10 @@ rule fit:
         "results/{scene}/benchmarks/fit.round-{round}.jsonl"
     wildcard_constraints:
         scene=FITTED,
-    threads: workflow.cores
+    threads: THREADS
     resources:
-        mem_mb=12000,
+        mem_mb=memory("fit"),
+        runtime=minutes("fit"),
         gpu=1,
     params:
         dataset=folder("results/{scene}/dataset"),

@@ -26,9 +26,10 @@ rule import_views:
         "results/{scene}/benchmarks/import_views.jsonl"
     wildcard_constraints:
         scene=CONFIG.where("source.imported"),
-    threads: workflow.cores
+    threads: THREADS
     resources:
-        mem_mb=4000,
+        mem_mb=memory("import_views"),
+        runtime=minutes("import_views"),
     params:
         source=ask("source.view_options"),
         dataset=folder("results/{scene}/geometry/views"),
@@ -54,9 +55,10 @@ rule depth:
         "results/{scene}/logs/depth.log",
     benchmark:
         "results/{scene}/benchmarks/depth.jsonl"
-    threads: workflow.cores
+    threads: THREADS
     resources:
         mem_mb=ask("memory_mb", section="depth"),
+        runtime=minutes("depth"),
         gpu=1,
     params:
         dataset=folder("results/{scene}/geometry/views"),
@@ -85,9 +87,10 @@ rule mesh:
         "results/{scene}/logs/mesh.log",
     benchmark:
         "results/{scene}/benchmarks/mesh.jsonl"
-    threads: workflow.cores
+    threads: THREADS
     resources:
         mem_mb=ask("memory_mb", section="geometry"),
+        runtime=minutes("mesh"),
         gpu=1,
     params:
         dataset=folder("results/{scene}/geometry/views"),

@@ -1,4 +1,4 @@
-"""Functions that turn wildcards into inputs and params, shared by the rules files.
+"""Functions that turn wildcards into inputs, params and resources, shared by the rules files.
 
 INPUTS:  none
 OUTPUTS: none
@@ -8,6 +8,9 @@ views are asked for only when a rule of that scene is reached, so that a scene n
 """
 
 import inspect
+
+from fipt.config.resources import memory_mb
+from fipt.config.resources import minutes as most_minutes
 
 
 def planned(function):
@@ -117,3 +120,22 @@ def of_asked_scenes(*files):
             file({"scene": name}) if callable(file) else expand(file, scene=name)
         )
     ]
+
+
+def memory(rule):
+    """Resource function: megabytes that a job of a rule asks for, more when it is tried again."""
+    return planned(
+        lambda wildcards, attempt: memory_mb(rule, work_of(wildcards), attempt)
+    )
+
+
+def minutes(rule):
+    """Resource function: minutes that a job of a rule may take, more when it is tried again."""
+    return planned(
+        lambda wildcards, attempt: most_minutes(rule, work_of(wildcards), attempt)
+    )
+
+
+def work_of(wildcards):
+    """How large a job is."""
+    return readable(scene_of(wildcards).work, wildcards.get("shard"))

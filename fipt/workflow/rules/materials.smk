@@ -23,9 +23,10 @@ rule material_maps:
         "results/{scene}/logs/materials.{shard}.log",
     benchmark:
         "results/{scene}/benchmarks/materials.{shard}.jsonl"
-    threads: workflow.cores
+    threads: THREADS
     resources:
-        mem_mb=4000,
+        mem_mb=memory("material_maps"),
+        runtime=minutes("material_maps"),
         gpu=1,
     params:
         dataset=folder("results/{scene}/dataset"),

@@ -29,9 +29,10 @@ rule estimate_poses:
         "results/{scene}/benchmarks/pose.jsonl"
     wildcard_constraints:
         scene=CONFIG.where("source.estimated"),
-    threads: workflow.cores
+    threads: THREADS
     resources:
-        mem_mb=6000,
+        mem_mb=memory("estimate_poses"),
+        runtime=minutes("estimate_poses"),
     params:
         capture=folder("results/{scene}/capture"),
         held_out=ask("views.held_out"),

@@ -33,9 +33,10 @@ rule relight_views:
         "results/{scene}/benchmarks/relight.{setup}.{shard}.jsonl"
     wildcard_constraints:
         shard=r"(train|val|camera)-\d+",
-    threads: workflow.cores
+    threads: THREADS
     resources:
-        mem_mb=8000,
+        mem_mb=memory("relight_views"),
+        runtime=minutes("relight_views"),
         gpu=1,
     params:
         dataset=folder("results/{scene}/dataset"),
@@ -73,9 +74,10 @@ rule join_images:
         "results/{scene}/logs/video.{setup}.log",
     benchmark:
         "results/{scene}/benchmarks/video.{setup}.jsonl"
-    threads: workflow.cores
+    threads: THREADS
     resources:
-        mem_mb=4000,
+        mem_mb=memory("join_images"),
+        runtime=minutes("join_images"),
     params:
         dataset=folder("results/{scene}/dataset"),
         cameras=ask("setups.cameras_json"),
@@ -107,9 +109,10 @@ rule olat_views:
         "results/{scene}/logs/olat.{shard}.log",
     benchmark:
         "results/{scene}/benchmarks/olat.{shard}.jsonl"
-    threads: workflow.cores
+    threads: THREADS
     resources:
-        mem_mb=8000,
+        mem_mb=memory("olat_views"),
+        runtime=minutes("olat_views"),
         gpu=1,
     params:
         dataset=folder("results/{scene}/dataset"),

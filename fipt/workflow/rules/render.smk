@@ -23,9 +23,10 @@ rule render_views:
         "results/{scene}/logs/render.{shard}.log",
     benchmark:
         "results/{scene}/benchmarks/render.{shard}.jsonl"
-    threads: workflow.cores
+    threads: THREADS
     resources:
-        mem_mb=8000,
+        mem_mb=memory("render_views"),
+        runtime=minutes("render_views"),
         gpu=1,
     params:
         dataset=folder("results/{scene}/dataset"),

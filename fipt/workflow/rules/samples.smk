@@ -21,9 +21,10 @@ rule samples:
         "results/{scene}/logs/samples.{shard}.log",
     benchmark:
         "results/{scene}/benchmarks/samples.{shard}.jsonl"
-    threads: workflow.cores
+    threads: THREADS
     resources:
-        mem_mb=4000,
+        mem_mb=memory("samples"),
+        runtime=minutes("samples"),
         gpu=1,
     params:
         dataset=folder("results/{scene}/dataset"),

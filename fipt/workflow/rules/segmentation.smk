@@ -25,9 +25,10 @@ rule segment:
         "results/{scene}/logs/segment.{shard}.log",
     benchmark:
         "results/{scene}/benchmarks/segment.{shard}.jsonl"
-    threads: workflow.cores
+    threads: THREADS
     resources:
-        mem_mb=6000,
+        mem_mb=memory("segment"),
+        runtime=minutes("segment"),
         gpu=1,
     params:
         dataset=folder("results/{scene}/dataset"),
@@ -57,9 +58,10 @@ rule fuse:
         "results/{scene}/logs/fuse.log",
     benchmark:
         "results/{scene}/benchmarks/fuse.jsonl"
-    threads: workflow.cores
+    threads: THREADS
     resources:
-        mem_mb=4000,
+        mem_mb=memory("fuse"),
+        runtime=minutes("fuse"),
         gpu=1,
     params:
         dataset=folder("results/{scene}/dataset"),

@@ -25,9 +25,10 @@ rule bake:
         "results/{scene}/logs/bake.round-0.{shard}.log",
     benchmark:
         "results/{scene}/benchmarks/bake.round-0.{shard}.jsonl"
-    threads: workflow.cores
+    threads: THREADS
     resources:
-        mem_mb=8000,
+        mem_mb=memory("bake"),
+        runtime=minutes("bake"),
         gpu=1,
     params:
         dataset=folder("results/{scene}/dataset"),
@@ -65,9 +66,10 @@ rule refine:
         "results/{scene}/benchmarks/refine.round-{round}.{shard}.jsonl"
     wildcard_constraints:
         round=LATER_ROUNDS,
-    threads: workflow.cores
+    threads: THREADS
     resources:
-        mem_mb=8000,
+        mem_mb=memory("refine"),
+        runtime=minutes("refine"),
         gpu=1,
     params:
         dataset=folder("results/{scene}/dataset"),
