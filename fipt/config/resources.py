@@ -91,6 +91,8 @@ FIXED: dict[str, Growth] = {
     "import_views": Growth(3000),
     "import_dataset": Growth(3000),
     "depth": Growth(0, of="every", minutes=120),
+    "first_mesh": Growth(0, of="every"),
+    "check_views": Growth(250, pixel=100, of="every"),
     "mesh": Growth(0, of="every"),
     "segment": Growth(4500, minutes=120),
     "fuse": Growth(1000, pixel=250, of="every", triangle=500),
@@ -108,7 +110,7 @@ FIXED: dict[str, Growth] = {
     "compare_methods": Growth(700),
     "comparison_page": Growth(3000),
 }
-"""Rule -> what it asks for, where nothing was measured; `depth` and `mesh` ask for what their settings bound."""
+"""Rule -> what it asks for, where nothing was measured; depth and meshes ask for what their settings bound."""
 
 
 def growth(rule: str) -> Growth:

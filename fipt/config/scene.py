@@ -25,7 +25,7 @@ from fipt.formats.files import existing_file
 from fipt.scene.setup import RelightSetup
 from fipt.settings import dumped
 from fipt.stages.geometry.library import check_installed
-from fipt.stages.geometry.settings import given_file
+from fipt.stages.geometry.settings import STEREO, given_file
 from fipt.stages.import_results.files import found_results
 
 if TYPE_CHECKING:
@@ -269,13 +269,19 @@ class SceneConfig:
         return [self.place.path(file, "settings.environment.file")] if file else []
 
     def given_depth(self) -> list[str]:
-        """Depth maps of the training views that the config names, if any."""
+        """Depth maps of the training views that the config names, or else its source, if any."""
         folder = self.settings["depth"].given
-        if not folder:
+        if folder == STEREO:
             return []
+        if not folder:
+            return [str(existing_file(path, f"depth of {view}")) for view, path in self.source.depth_files().items()]
         placed = Path(self.place.path(folder, "settings.depth.given"))
         views = [view for shard in self.views.shards("train").values() for view in shard]
         return [str(existing_file(given_file(placed, view), f"depth of {view} (depth.given)")) for view in views]
+
+    def depth_options(self) -> list[str]:
+        """Options of ``fipt depth`` that say where depth maps are named, if the source names any."""
+        return self.source.depth_options() if self.settings["depth"].given is None else []
 
     def given_scan(self) -> list[str]:
         """The scan in coordinates of its own that the config names, if any."""

@@ -179,7 +179,7 @@ def test_a_room_whose_mesh_is_made_of_its_views(folder, open3d):
     found, rules = traced(CONFIG | {"scenes": {"room": entry}}, "results/room/dataset/mesh.ply")
     RULES.update(rules)
     assert not found, "\n".join(found)
-    assert {"import_views", "depth", "mesh", "import_dataset"} <= rules
+    assert {"import_views", "depth", "first_mesh", "check_views", "mesh", "import_dataset"} <= rules
 
 
 def test_every_rule_was_traced():
@@ -189,5 +189,5 @@ def test_every_rule_was_traced():
     targets = set(re.findall(r"^rule (\w+):", (WORKFLOW / "rules" / "targets.smk").read_text(), re.MULTILINE))
     if not RULES:
         pytest.skip("run with the other tests of this file")
-    unseen = set() if tried()[0] else {"import_views", "depth", "mesh"}
+    unseen = set() if tried()[0] else {"import_views", "depth", "first_mesh", "check_views", "mesh"}
     assert rules - targets - RULES == unseen

@@ -248,6 +248,14 @@ class Source(ABC):
         estimated = self.place.layout.estimated_mesh
         return ["none" if text == estimated else text for text in self.import_options()]
 
+    def depth_files(self) -> dict[str, str]:
+        """Training view -> its depth map that exists, where the source names them."""
+        return {}
+
+    def depth_options(self) -> list[str]:
+        """Options of ``fipt depth`` that say where these are named."""
+        return []
+
     def scene_files(self) -> list[str]:
         """A scene file and every file that it refers to."""
         return []
