@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -59,11 +59,15 @@ def why(log: Path) -> str:
     return ours[-1] if ours else lines[-1] if lines else "it was stopped before it said anything"
 
 
-def listed(folders: Iterable[Path]) -> Iterator[str]:
-    """Lines that name what failed in several rooms: the room, the job, why, the log; how many rooms comes first."""
-    found = [each for results in folders for each in failures(results)]
-    if found:
-        rooms = len({each.scene for each in found})
-        yield f"fipt: {rooms} room{'s' if rooms > 1 else ''} failed, the others went on:"
-    for each in found:
-        yield f"  {each.scene}  {each.stage}: {each.line}  ({each.log})"
+def listed(folders: Sequence[Path]) -> str:
+    """Name what failed in several rooms: how many rooms, then a line a job with its room, why, and the log.
+
+    Nothing is said of one room, whose failed job has said it.
+    """
+    found = [each for results in folders for each in failures(results)] if len(folders) > 1 else []
+    if not found:
+        return ""
+    rooms = len({each.scene for each in found})
+    lines = [f"  {each.scene}  {each.stage}: {each.line}  ({each.log})" for each in found]
+    head = f"fipt: {rooms} room{'s' if rooms > 1 else ''} failed, the others went on:"
+    return "".join(f"{line}\n" for line in [head, *lines])

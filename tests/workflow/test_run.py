@@ -14,6 +14,7 @@ from fipt.cli.run import STOPPING_POINTS, asked_for
 from fipt.errors import FiptError
 from fipt.lock import locked
 from fipt.provenance import read_provenance
+from fipt.tidy import tidy
 
 CONFIG = {"scenes": {"room": {"source": "procedural"}}, "rounds": 0, "synthesize": {"train_views": 2, "val_views": 1}}
 
@@ -253,3 +254,18 @@ def test_a_room_that_fails_does_not_stop_the_others(workspace):
     said = here.fipt_run("metrics", scene="room")
     assert "failed" not in said
     assert (results / "room" / "provenance.json").is_file()
+
+
+def test_a_tidied_room_is_up_to_date_and_is_made_again_where_it_must(workspace):
+    here = workspace(CONFIG)
+    here.fipt_run()
+    tidy(here.root / "results" / "room", dry=False)
+    assert not list((here.root / "results/room").glob("samples/*/"))
+    assert here.planned() == {}
+    assert here.planned("--config", "report={width: 100}") == {"scene_report": 1}
+    for manifest in here.root.glob("results/room/*/**/train-*.manifest.json"):
+        manifest.unlink()  # as fipt.tidy.restore does of manifests that list files; those of the stand-in do not
+    assert here.planned() == {}
+    again = here.planned("--config", "fit={steps: 7}")
+    assert {"samples", "bake", "fit"} <= again.keys()
+    assert "synthesize_views" not in again

@@ -23,7 +23,7 @@ rule check_poses:
     resources:
         mem_mb=memory("check_poses"),
         runtime=minutes("check_poses"),
-        gpu=1,
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/dataset"),
         settings=settings("check_poses"),

@@ -19,7 +19,7 @@ from fipt.formats.yaml import read_yaml
 from fipt.config.kept import check_kept
 from fipt.config.reading import SCENE, load
 from fipt.errors import FiptError
-from fipt.lock import locked
+from fipt.lock import all_locked
 from fipt.outcome import listed as listed_failures
 from fipt.registry import VERSIONS
 
@@ -53,8 +53,10 @@ def one_of(names):
 
 
 # On a cluster there is no number of cores of all jobs together; the profile may give single rules another.
-THREADS = workflow.cores or int(os.environ.get("FIPT_THREADS", "4"))
+THREADS = workflow.resource_settings.cores or int(os.environ.get("FIPT_THREADS", "4"))
+GPUS = 0 if os.environ.get("FIPT_BACKEND") == "llvm" else 1
 LOCKS = contextlib.ExitStack()
+FOLDERS = [Path("results", name) for name in CONFIG.only]
 LATER_ROUNDS = one_of(str(k) for k in range(1, CONFIG.rounds + 1))
 RENDERED = f"{SCENE}|{CONFIG.runs('any', 'imported')}"
 FITTED = f"{SCENE}|{CONFIG.runs('fit')}"
@@ -83,16 +85,3 @@ def readable(function, *args, **named):
         return function(*args, **named)
     except FiptError as error:
         raise WorkflowError(f"fipt: error: {error}") from None
-
-
-def lock_scenes():
-    """Keep other runs away from the scenes; unlike Snakemake's own lock, this one dies with the run."""
-    for name in CONFIG.only:
-        readable(LOCKS.enter_context, locked(Path("results", name)))
-
-
-def name_failures():
-    """Say of several scenes which failed, where and why; of one, the job that failed has said it."""
-    if len(CONFIG.only) > 1:
-        for line in listed_failures(Path("results", name) for name in CONFIG.only):
-            print(line, file=sys.stderr)

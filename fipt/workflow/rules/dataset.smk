@@ -103,7 +103,7 @@ rule synthesize_views:
     resources:
         mem_mb=memory("synthesize_views"),
         runtime=minutes("synthesize_views"),
-        gpu=1,
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/dataset"),
         views=ask("views.listed"),
@@ -138,7 +138,7 @@ rule synthesize_relit:
     resources:
         mem_mb=memory("synthesize_relit"),
         runtime=minutes("synthesize_relit"),
-        gpu=1,
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/dataset"),
         views=ask("views.listed"),

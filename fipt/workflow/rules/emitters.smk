@@ -42,7 +42,7 @@ rule emitters:
     resources:
         mem_mb=memory("emitters"),
         runtime=minutes("emitters"),
-        gpu=1,
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/dataset"),
         samples=folders_of("samples"),

@@ -32,7 +32,7 @@ rule export_room:
     resources:
         mem_mb=memory("export_room"),
         runtime=minutes("export_room"),
-        gpu=1,
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/dataset"),
         samples=folders_of("samples"),
@@ -68,7 +68,7 @@ rule check_export:
     resources:
         mem_mb=memory("check_export"),
         runtime=minutes("check_export"),
-        gpu=1,
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/dataset"),
         folder=folder("results/{scene}/export"),

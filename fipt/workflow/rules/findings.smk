@@ -38,7 +38,7 @@ rule findings:
     resources:
         mem_mb=memory("findings"),
         runtime=minutes("findings"),
-        gpu=1,
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/dataset"),
         samples=folders_of("samples"),

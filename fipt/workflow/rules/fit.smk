@@ -48,7 +48,7 @@ rule fit:
     resources:
         mem_mb=memory("fit"),
         runtime=minutes("fit"),
-        gpu=1,
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/dataset"),
         samples=folders_of("samples"),

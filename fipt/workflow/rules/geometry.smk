@@ -56,7 +56,7 @@ rule depth:
     resources:
         mem_mb=ask("memory_mb", section="depth"),
         runtime=minutes("depth"),
-        gpu=1,
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/geometry/views"),
         out=folder("results/{scene}/geometry/depth"),

@@ -7,16 +7,11 @@ What a stage needs of a scene is known to fipt/config (`SceneConfig` and its par
 views are asked for only when a rule of that scene is reached, so that a scene nobody asked for needs no data.
 """
 
-import inspect
+from functools import partial
 
+from fipt.config.planned import planned
 from fipt.config.resources import memory_mb
 from fipt.config.resources import minutes as most_minutes
-
-
-def planned(function):
-    """Note what a function takes: Snakemake asks before every call, a hundred thousand times of a thousand rooms."""
-    function.__signature__ = inspect.signature(function)
-    return function
 
 
 def own(pattern):
@@ -122,20 +117,16 @@ def of_asked_scenes(*files):
     ]
 
 
-def memory(rule):
-    """Resource function: megabytes that a job of a rule asks for, more when it is tried again."""
+def sized(needs, name):
+    """Resource function: what a job of the named rule asks for by the size of its work, more when it is tried again."""
     return planned(
-        lambda wildcards, attempt: memory_mb(rule, work_of(wildcards), attempt)
+        lambda wildcards, attempt: needs(
+            name,
+            readable(scene_of(wildcards).work, wildcards.get("shard")),
+            attempt,
+        )
     )
 
 
-def minutes(rule):
-    """Resource function: minutes that a job of a rule may take, more when it is tried again."""
-    return planned(
-        lambda wildcards, attempt: most_minutes(rule, work_of(wildcards), attempt)
-    )
-
-
-def work_of(wildcards):
-    """How large a job is."""
-    return readable(scene_of(wildcards).work, wildcards.get("shard"))
+memory = partial(sized, memory_mb)  # megabytes
+minutes = partial(sized, most_minutes)  # that it may take

@@ -27,7 +27,7 @@ rule material_maps:
     resources:
         mem_mb=memory("material_maps"),
         runtime=minutes("material_maps"),
-        gpu=1,
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/dataset"),
         samples=folders_of("samples"),

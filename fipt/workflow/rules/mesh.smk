@@ -32,7 +32,7 @@ rule first_mesh:
     resources:
         mem_mb=ask("memory_mb", section="geometry"),
         runtime=minutes("first_mesh"),
-        gpu=1,
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/geometry/views"),
         depth=folder("results/{scene}/geometry/depth"),
@@ -62,7 +62,7 @@ rule check_views:
     resources:
         mem_mb=memory("check_views"),
         runtime=minutes("check_views"),
-        gpu=1,
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/geometry/views"),
         settings=settings("check_poses"),
@@ -97,7 +97,7 @@ rule mesh:
     resources:
         mem_mb=ask("memory_mb", section="geometry"),
         runtime=minutes("mesh"),
-        gpu=1,
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/geometry/views"),
         depth=folder("results/{scene}/geometry/depth"),

@@ -37,7 +37,7 @@ rule relight_views:
     resources:
         mem_mb=memory("relight_views"),
         runtime=minutes("relight_views"),
-        gpu=1,
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/dataset"),
         out=folder("results/{scene}/relight/{setup}"),
@@ -113,7 +113,7 @@ rule olat_views:
     resources:
         mem_mb=memory("olat_views"),
         runtime=minutes("olat_views"),
-        gpu=1,
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/dataset"),
         out=folder("results/{scene}/olat"),

@@ -27,7 +27,7 @@ rule render_views:
     resources:
         mem_mb=memory("render_views"),
         runtime=minutes("render_views"),
-        gpu=1,
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/dataset"),
         views=ask("views.listed"),

@@ -25,7 +25,7 @@ rule samples:
     resources:
         mem_mb=memory("samples"),
         runtime=minutes("samples"),
-        gpu=1,
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/dataset"),
         views=ask("views.listed"),

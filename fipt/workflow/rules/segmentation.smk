@@ -29,7 +29,7 @@ rule segment:
     resources:
         mem_mb=memory("segment"),
         runtime=minutes("segment"),
-        gpu=1,
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/dataset"),
         samples=folders_of("samples"),
@@ -62,7 +62,7 @@ rule fuse:
     resources:
         mem_mb=memory("fuse"),
         runtime=minutes("fuse"),
-        gpu=1,
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/dataset"),
         segments=folder("results/{scene}/segments"),

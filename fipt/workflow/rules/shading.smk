@@ -29,7 +29,7 @@ rule bake:
     resources:
         mem_mb=memory("bake"),
         runtime=minutes("bake"),
-        gpu=1,
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/dataset"),
         samples=folders_of("samples"),
@@ -70,7 +70,7 @@ rule refine:
     resources:
         mem_mb=memory("refine"),
         runtime=minutes("refine"),
-        gpu=1,
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/dataset"),
         samples=folders_of("samples"),

@@ -87,7 +87,7 @@ rule photograph_views:
     resources:
         mem_mb=memory("photograph_views"),
         runtime=minutes("photograph_views"),
-        gpu=1,
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/room"),
         raw=folder("results/{scene}/raw"),
@@ -122,7 +122,7 @@ rule synthesize_truth:
     resources:
         mem_mb=memory("synthesize_truth"),
         runtime=minutes("synthesize_truth"),
-        gpu=1,
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/dataset"),
         views=ask("views.listed"),
