@@ -230,6 +230,11 @@ def interruptible() -> Iterator[None]:
             signal.signal(number, handler)
 
 
+def interrupted() -> int:
+    """The signal that has interrupted the run; 0: none."""
+    return LogHandler.last.interrupted if hasattr(LogHandler, "last") else 0
+
+
 def _explain_job(job: _Job) -> int:
     """Say in one line why a job failed, if its log has one; else show the end of the log."""
     text = job.log.read_text(encoding="utf-8", errors="replace") if job.log.exists() else ""
@@ -252,7 +257,8 @@ def _explain_error(event: Any) -> int:
         rule, files = re.search(r"for rule (\w+)", text), text.partition("affected files:")[2].split()
         _tell(f"error: an input of {rule[1] if rule else 'a rule'} is missing: {', '.join(files)}; check the path")
     elif event.exception == "MissingRuleException":
-        _tell(f"error: {text.splitlines()[-1]}; 'fipt run --help' lists the targets")
+        said = text.splitlines()[-1].partition(" (if you use input functions")[0]
+        _tell(f"error: {said}; 'fipt run --help' lists the targets")
     else:
         print(text, file=sys.stderr)
         return 1
