@@ -26,10 +26,16 @@ from fipt.formats.images import write_png
 from fipt.render.variant import Backend
 from fipt.scene.cameras import Camera
 from fipt.scene.mesh import Mesh, write_ply
+from fipt.stages.capture.brackets import Bracket
+from fipt.stages.capture.calibration import Calibration
+from fipt.stages.capture.develop import develop_views
+from fipt.stages.capture.settings import CaptureSettings
 from fipt.stages.render.settings import RenderSettings
 from fipt.stages.render.views import Destination, write_views
 from fipt.stages.samples.settings import SamplesSettings
 from fipt.stages.samples.trace import trace
+from tests import fitted, scenes
+from tests.faults.faults import contents, refused
 
 NOISE = np.random.default_rng(0).random((90, 90, 3)).astype(np.float32)
 SMALL = Camera("a", "train", 8, 6, 4.0, 4.0, 4.0, 3.0, np.eye(4))
@@ -253,6 +259,57 @@ def test_a_disk_that_samples_and_images_do_not_fit_on(
     monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=2900))
     with pytest.raises(FiptError, match="the output of the stage olat needs"):  # 12 for each of them, five times
         write_views(scene, [SMALL], RenderSettings(), 1, destination)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_later_stages_refuse_what_does_not_fit(
+    tmp_path: Path, backend: Backend, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A planted small limit of memory, then of the disk, for every stage whose needs grow with its work."""
+    scenes.write_dataset(tmp_path / "dataset")
+    assert fitted.call("samples", tmp_path) == 0
+    before = contents(tmp_path)
+    limits: list[tuple[str, object, str]] = [
+        ("fipt.formats.files.total_memory", lambda: 1000, "needs about 0 GB of memory; there are 0 GB; use"),
+        ("shutil.disk_usage", lambda _: SimpleNamespace(free=1000), "0.00 GB are free; free some space"),
+    ]
+    for place, limit, said in limits:
+        monkeypatch.setattr(place, limit)
+        for verb, name in {
+            "cache": "the radiance cache",
+            "fit": "the fit",
+            "emitters": "the search for emitters",
+        }.items():
+            folders = ("--samples", str(tmp_path / "samples/train-000"), "--out", str(tmp_path / f"{verb}.npz"))
+            shading = () if verb == "cache" else ("--shading", str(tmp_path / "none"))
+            line = refused(capsys, verb, "--dataset", str(tmp_path / "dataset"), *folders, *shading)
+            assert line.startswith(f"fipt: error: {name} needs")
+            assert said in line
+        monkeypatch.undo()
+    assert contents(tmp_path) == before
+
+
+@pytest.mark.parametrize(
+    ("place", "limit", "said"),
+    [
+        (
+            "fipt.formats.files.total_memory",
+            lambda: 100,
+            "developing a view needs about 0 GB of memory; there are 0 GB",
+        ),
+        ("shutil.disk_usage", lambda _: SimpleNamespace(free=100), "the developed views needs 0.00 GB in"),
+    ],
+)
+def test_photographs_that_do_not_fit(
+    place: str, limit: object, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shot = SimpleNamespace(path=tmp_path / "a.dng")
+    capture: Any = SimpleNamespace(brackets=[Bracket("a", "raw", (shot,) * 3)], findings=[])  # pyright: ignore
+    monkeypatch.setattr(place, limit)
+    calibration = Calibration("raw", None, 8, 6)
+    with pytest.raises(FiptError) as caught:
+        develop_views(capture, ["a"], calibration, tmp_path, CaptureSettings(), keep_going=True)
+    assert said in str(caught.value)
     assert list(tmp_path.iterdir()) == []
 
 
