@@ -1,6 +1,6 @@
 """Whether a result depends on what means nothing: units, place, direction, order of views, idle triangles.
 
-    python -m benchmarks.invariance FOLDER [--only same,half]
+    python -m benchmarks.invariance FOLDER [--only same,turned] [--quick]
 
 A small room with truth is made once in FOLDER. Each case is the same room written in another way. It is imported,
 fitted with one thread and one seed, and measured against the truth. `same` is the room unchanged, once more.
@@ -30,6 +30,11 @@ SETTINGS: dict[str, Any] = {
     "refine": {"diffuse_spp": 64, "specular_spp": 16, "smooth_spp": 8},
     "fit": {"steps": 400, "batch": 1024, "levels": 8, "table_log2": 14, "threads": 1},
     "render": {"spp": 16},
+}
+QUICK: dict[str, Any] = {
+    "bake": {"diffuse_spp": 32, "specular_spp": 8, "smooth_spp": 4},
+    "refine": {"diffuse_spp": 16, "specular_spp": 4, "smooth_spp": 4},
+    "fit": SETTINGS["fit"] | {"steps": 150, "batch": 512},
 }
 LIGHT = ("images", "truth")
 
@@ -103,6 +108,7 @@ CASES: dict[str, tuple[Callable[[Path], None], dict[str, Any]]] = {
     "turned": (placed(_turned()), {}),
     "millimetres": (placed(np.diag([1000.0, 1000, 1000, 1])), {"import": {"unit": 0.001}}),
     "views in reverse": (reordered, {}),
+    "length x 2": (placed(np.diag([2.0, 2, 2, 1])), {}),
     "triangles twice": (cluttered, {}),
 }
 
@@ -128,6 +134,7 @@ def main() -> None:
     parser = argparse.ArgumentParser("python -m benchmarks.invariance", description=(__doc__ or "").splitlines()[0])
     parser.add_argument("folder", type=Path, help="where rooms and results go")
     parser.add_argument("--only", help="cases, separated by commas; default: all")
+    parser.add_argument("--quick", action="store_true", help="fewer samples and steps: larger errors, the same bytes")
     arguments = parser.parse_args()
     made = arguments.folder.absolute() / "made"
     if not (made / "results").is_dir():
@@ -136,7 +143,8 @@ def main() -> None:
     measures = ("kd_psnr", "roughness_l1", "metallic_l1", "emission_iou", "log_radiance_error")
     print("| case | " + " | ".join(measures) + " |\n|" + "---|" * (len(measures) + 1), flush=True)
     for name in names:
-        change, settings = CASES[name]
+        change, own = CASES[name]
+        settings = {**(QUICK if arguments.quick else {}), **own}
         place = arguments.folder.absolute() / name.replace(" ", "-").replace("/", "by")
         if not (place / "results" / "room" / "metrics.json").is_file():
             source = place / "source"

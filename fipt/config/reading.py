@@ -110,6 +110,7 @@ def load(values: Mapping[str, Any]) -> Configuration:
     """
     refuse_renamed(values)
     config: Config = checked(Config, values)
+    _check_names(config.scenes)
     scenes = {name: SceneFamily(name, entry, config).scene for name, entry in config.scenes.items()}
     only = [config.only] if isinstance(config.only, str) else config.only
     for name in only or ():
@@ -121,3 +122,15 @@ def load(values: Mapping[str, Any]) -> Configuration:
         rounds=config.rounds,
         plain=given(config),
     )
+
+
+def _check_names(names: Iterable[str]) -> None:
+    """Refuse scenes whose folders would be one on disks that ignore case."""
+    known: dict[str, str] = {}
+    for name in names:
+        other = known.setdefault(name.casefold(), name)
+        if other != name:
+            raise FiptError(
+                f"scenes: {other} and {name} differ by case alone: some disks would give them one folder",
+                "rename one of them",
+            )
