@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-_BYTES_A_PIXEL = 600
-"""Of memory, for each pixel of the largest view: measured 560."""
+_BYTES_A_PIXEL = 1000
+"""Of memory, for each pixel of the largest view: measured 995, where every pixel may show an emitter."""
 _PIXEL_ON_DISK = 17
 """Bytes of nameless files for each pixel of the training views."""
 _MOST_NAMED = 3

@@ -40,8 +40,9 @@ log = logging.getLogger(__name__)
 _BYTES_A_WEIGHT, _BYTES_A_DRAWN = 28, 13_000
 """Of memory: for a weight of the hash encoding (with its gradient and two moments 15.5 were measured; a checkpoint has
 12 more), and for a pixel of a step (measured 12,600)."""
-_BYTES_A_PIXEL = 4
-"""Of memory for each training pixel: its weight, where emitters are left out."""
+_BYTES_A_PIXEL, _BYTES_OF_A_VIEW = 4, 300
+"""Of memory: for each training pixel, whose weight changes where emitters are left out; for each pixel of the largest
+view (measured 265)."""
 _WEIGHT_ON_DISK, _PIXEL_ON_DISK = 16, 31
 """Bytes of the model and of its checkpoint for a weight, and of nameless files for a pixel."""
 
@@ -88,9 +89,11 @@ def fit_model(inputs: FitInputs, settings: FitSettings) -> Stats:
 
 def _check_room(data: Dataset, settings: FitSettings, out: Path) -> None:
     """Refuse a fit that memory or the disk of ``out`` are too small for."""
-    pixels = sum(camera.width * camera.height for camera in data.cameras if camera.split == "train")
+    views = [camera.width * camera.height for camera in data.cameras if camera.split == "train"]
+    pixels = sum(views)
     weights = 2 * settings.levels * 2**settings.table_log2 if settings.encoding == "hash" else 0
-    needed = _BYTES_A_WEIGHT * weights + _BYTES_A_DRAWN * min(settings.batch, pixels) + _BYTES_A_PIXEL * pixels
+    needed = _BYTES_A_WEIGHT * weights + _BYTES_A_DRAWN * min(settings.batch, pixels)
+    needed += _BYTES_A_PIXEL * pixels + _BYTES_OF_A_VIEW * max(views, default=0)
     check_memory(needed, "the fit", "use a smaller fit.batch or fit.table_log2")
     check_disk(out.parent, _WEIGHT_ON_DISK * weights + _PIXEL_ON_DISK * pixels, "the fit")
 
