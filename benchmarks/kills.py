@@ -38,7 +38,7 @@ CONFIG = {
     "relight": {"spp": 4},
 }
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)
-_TIMES = re.compile(r"(logs|stats|benchmarks)/|report\.html|\.lock")
+_TIMES = re.compile(r"(logs|stats|benchmarks)/|report\.html|provenance\.json|\.lock")
 """Files that say when and how long."""
 
 
