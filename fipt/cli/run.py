@@ -123,12 +123,7 @@ def snakemake(config: Mapping[str, Any], target: str, options: Sequence[str]) ->
         with run_view.interruptible():
             try:
                 done = args_to_api(args, parser)
-            except BaseException as error:
-                if run_view.interrupted():  # libraries make other errors of it
-                    done = False
-                elif isinstance(error, OSError):
-                    said = f"Snakemake cannot use {error.filename} ({error.strerror})"
-                    raise FiptError(said, "check its permissions, HOME and TMPDIR") from error
-                else:
+            except BaseException:  # libraries make other errors of an interruption
+                if not run_view.interrupted():
                     raise
     return run_view.LogHandler.last.conclude(done)

@@ -27,6 +27,9 @@ from fipt.progress import INTERVAL
 _OUR_LINE = re.compile(r"^.*?fipt: error: (.+)$", re.MULTILINE)
 """What a verb or a rules file says of something that the user can mend."""
 
+_SYSTEM = re.compile(r"^(?:\w*Error): \[Errno \d+\] ([^:]+): '([^']+)'$", re.MULTILINE)
+"""How Python says that the system refuses a file."""
+
 _PROGRESS = re.compile(r"^(.+ (\d+)%  .*?)\s*$")
 """A line of `fipt.progress` in a log."""
 
@@ -259,6 +262,8 @@ def _explain_error(event: Any) -> int:
     elif event.exception == "MissingRuleException":
         said = text.splitlines()[-1].partition(" (if you use input functions")[0]
         _tell(f"error: {said}; 'fipt run --help' lists the targets")
+    elif found := _SYSTEM.search(text):
+        _tell(f"error: Snakemake cannot use {found[2]} ({found[1]}); check its permissions, HOME and TMPDIR")
     else:
         print(text, file=sys.stderr)
         return 1

@@ -347,3 +347,21 @@ def test_what_is_stopped_while_it_loads_says_so(seconds: float, number: signal.S
         word = "interrupted" if number == signal.SIGINT else "terminated"
         assert said == f"fipt: {word}\n"
         assert running.returncode in (128 + number, -number)  # a shell sees the same
+
+
+def test_a_home_that_snakemake_cannot_use_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    from fipt.cli.run_view import _explain_error
+
+    text = (
+        "  File snakemake/sourcecache.py\n\nFileNotFoundError: [Errno 2] No such file or directory: '/proc/.cache'\n\n"
+    )
+    assert _explain_error(SimpleNamespace(msg=text, exception="FileNotFoundError")) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("fipt: error: Snakemake cannot use /proc/.cache (No such file or directory); check its")
+    assert said.count("\n") == 1
+
+
+def test_a_verb_ends_well_whose_outputs_are_closed() -> None:
+    script = "import sys\nsys.stdout = sys.stderr = None\nfrom fipt.cli.process import leave\nleave(3)"
+    done = subprocess.run([sys.executable, "-c", script], stderr=subprocess.PIPE, text=True)
+    assert (done.returncode, done.stderr) == (3, "")
