@@ -3,6 +3,7 @@
 import json
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,11 @@ import pytest
 from fipt.cli.main import main
 from fipt.errors import FiptError
 from fipt.formats.exr import write_exr
+from fipt.scene.lens import Lens
 from fipt.scene.mesh import Mesh, write_ply
 from fipt.scene.objects import read_object
 from fipt.scene.setup import parse_setup
+from fipt.stages.capture.calibration import Calibration, read_calibration, write_calibration
 from fipt.stages.capture.raw import _shot
 from tests.faults.faults import Fault, contents, named, refused
 from tests.layouts import room, write_nerfstudio
@@ -223,6 +226,31 @@ def test_a_working_directory_that_is_gone(tmp_path: Path, capsys: pytest.Capture
         assert "the working directory is gone" in refused(capsys, "run", "demo")
     finally:
         os.chdir(tmp_path)
+
+
+RAMP = tuple((value / 64 - 2,) * 3 for value in range(256))
+SOUND = Calibration("ldr", None, 32, 24, response=RAMP, lens=Lens(32, 24, 20.0, 20.0, 16.0, 12.0))
+NAN = float("nan")
+CALIBRATIONS: dict[str, tuple[dict[str, Any], str]] = {
+    "without a response": ({"response": None}, "must have 256 rows of three numbers"),
+    "with ten rows of a response": ({"response": RAMP[:10]}, "must have 256 rows of three numbers"),
+    "with a response of NaN": ({"response": ((NAN,) * 3,) * 256}, "response must be finite numbers"),
+    "with a white balance of NaN": ({"white_balance": (NAN, 1.0, 1.0)}, "white_balance must be finite numbers"),
+    "of no pixels": ({"width": 0, "height": 0}, "size, white balance and focal lengths must be above 0"),
+    "with a focal length of 0": ({"lens": Lens(32, 24, 0.0, 1.0, 1.0, 1.0)}, "focal lengths must be above 0"),
+    "with a lens of NaN": ({"lens": Lens(32, 24, NAN, 1.0, 1.0, 1.0)}, "lens must be finite numbers"),
+}
+
+
+@pytest.mark.parametrize("name", CALIBRATIONS)
+def test_a_calibration_of_no_camera(name: str) -> None:
+    changed, said = CALIBRATIONS[name]
+    write_calibration("c.json", SOUND)
+    read_calibration("c.json")
+    write_calibration("c.json", replace(SOUND, **changed))
+    with pytest.raises(FiptError, match=r"c\.json is not a calibration .*; run fipt calibrate again") as caught:
+        read_calibration("c.json")
+    assert said in str(caught.value)
 
 
 class OfAnotherTime:
