@@ -26,6 +26,7 @@ CLASSES = {
     "parsers": "files that cannot be read",
     "between_stages": "files between stages: content",
     "arrays": "files between stages: form",
+    "invariance": "what means nothing",
     "origins": "files between stages: origin",
     "resources": "resources, signals, native code",
     "planted": "sources, light, methods, options",
