@@ -25,7 +25,7 @@ def _explained(error: OSError | RuntimeError, path: Path) -> Exception:
     if number in (errno.ENOTDIR, errno.EEXIST):
         return FiptError(f"{path} cannot be written: a file stands where a folder must", "choose another place")
     if number == errno.ENOENT and Path(str(getattr(error, "filename", ""))).parent == path.parent:
-        return FiptError(f"{path} cannot be written ({os.strerror(number)})", "choose another place")
+        return FiptError(f"{path} cannot be written ({os.strerror(errno.ENOENT)})", "choose another place")
     if number == errno.EISDIR:
         return FiptError(f"{path} cannot be written: a folder stands where a file must", "choose another name")
     return shortage(error, path) or error

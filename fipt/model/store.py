@@ -232,7 +232,7 @@ def _checksum(tensors: Mapping[str, torch.Tensor]) -> int:
     """CRC-32 of all tensors: the format has none of its own."""
     found = 0
     for name in sorted(tensors):
-        found = zlib.crc32(tensors[name].reshape(-1).numpy().view(np.uint8), found)
+        found = zlib.crc32(tensors[name].reshape(-1).numpy().data, found)
     return found
 
 

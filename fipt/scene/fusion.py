@@ -13,7 +13,7 @@ from fipt.formats.files import existing_file, write_text
 from fipt.formats.text import MALFORMED
 
 _ARRAYS = ("part", "semantic", "agreement", "seen", "split")
-_FORMS = dict(zip(_ARRAYS, ("number T", "number T", "share T", "amount T", "bool T"), strict=True))
+_FORMS: dict[str, str] = dict(zip(_ARRAYS, ("number T", "number T", "share T", "amount T", "bool T"), strict=True))
 
 
 @dataclass(frozen=True)

@@ -172,7 +172,7 @@ def _check_values(calibration: Calibration) -> None:
     for name, values in numbers.items():
         if not np.isfinite(np.asarray(values, np.float64)).all():
             raise ValueError(f"{name} must be finite numbers")
-    if calibration.kind == "ldr" and np.shape(calibration.response) != (256, 3):
+    if calibration.kind == "ldr" and np.shape(numbers["response"]) != (256, 3):
         raise ValueError("the response of JPEG and PNG must have 256 rows of three numbers")
     sizes = (calibration.width, calibration.height, *calibration.white_balance, *numbers["lens"][:2])
     if min(sizes) <= 0:
