@@ -1,6 +1,6 @@
 """Whether a result depends on what means nothing: units, place, direction, order of views, idle triangles.
 
-    python -m benchmarks.invariance FOLDER [--only same,half]
+    python -m benchmarks.invariance FOLDER [--only same,turned] [--quick]
 
 A small room with truth is made once in FOLDER. Each case is the same room written in another way. It is imported,
 fitted with one thread and one seed, and measured against the truth. `same` is the room unchanged, once more.
@@ -10,7 +10,6 @@ import argparse
 import json
 import os
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +30,11 @@ SETTINGS: dict[str, Any] = {
     "fit": {"steps": 400, "batch": 1024, "levels": 8, "table_log2": 14, "threads": 1},
     "render": {"spp": 16},
 }
+QUICK: dict[str, Any] = {
+    "bake": {"diffuse_spp": 32, "specular_spp": 8, "smooth_spp": 4},
+    "refine": {"diffuse_spp": 16, "specular_spp": 4, "smooth_spp": 4},
+    "fit": SETTINGS["fit"] | {"steps": 150, "batch": 512},
+}
 LIGHT = ("images", "truth")
 
 
@@ -46,13 +50,23 @@ def radiance(factor: float) -> Callable[[Path], None]:
     return change
 
 
+def _write_doubles(path: Path, vertices: np.ndarray, triangles: np.ndarray) -> None:
+    """Write a PLY whose positions (V, 3) are doubles: float32 rounds map coordinates to half a metre."""
+    head = ["ply", "format ascii 1.0", f"element vertex {len(vertices)}"]
+    head += [f"property double {axis}" for axis in "xyz"]
+    head += [f"element face {len(triangles)}", "property list uchar int vertex_indices", "end_header"]
+    rows = [" ".join(map(repr, map(float, row))) for row in vertices]
+    rows += [f"3 {a} {b} {c}" for a, b, c in triangles]
+    write_text(path, "\n".join([*head, *rows]) + "\n")
+
+
 def placed(matrix: np.ndarray) -> Callable[[Path], None]:
     """Mesh and cameras moved by a (4, 4) similarity."""
 
     def change(folder: Path) -> None:
         mesh, text = read_mesh(folder / "mesh.ply"), json.loads((folder / "transforms.json").read_text())
-        vertices = mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3]
-        write_ply(folder / "mesh.ply", replace(mesh, vertices=vertices.astype(np.float32)))
+        vertices = mesh.vertices.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
+        _write_doubles(folder / "mesh.ply", vertices, mesh.triangles)
         scale = np.cbrt(np.linalg.det(matrix[:3, :3]))
         for frame in text["frames"]:
             pose = matrix @ np.array(frame["transform_matrix"])
@@ -92,6 +106,7 @@ def _moved(*offset: float) -> np.ndarray:
 
 CASES: dict[str, tuple[Callable[[Path], None], dict[str, Any]]] = {
     "same": (lambda folder: None, {}),
+    "another seed": (lambda folder: None, {"bake": {"seed": 1}, "fit": {"seed": 1}}),
     "radiance / 2": (radiance(0.5), {}),
     "radiance x 2": (radiance(2.0), {}),
     "radiance x 1.00001": (radiance(1.00001), {}),
@@ -103,6 +118,7 @@ CASES: dict[str, tuple[Callable[[Path], None], dict[str, Any]]] = {
     "turned": (placed(_turned()), {}),
     "millimetres": (placed(np.diag([1000.0, 1000, 1000, 1])), {"import": {"unit": 0.001}}),
     "views in reverse": (reordered, {}),
+    "length x 2": (placed(np.diag([2.0, 2, 2, 1])), {}),
     "triangles twice": (cluttered, {}),
 }
 
@@ -128,6 +144,7 @@ def main() -> None:
     parser = argparse.ArgumentParser("python -m benchmarks.invariance", description=(__doc__ or "").splitlines()[0])
     parser.add_argument("folder", type=Path, help="where rooms and results go")
     parser.add_argument("--only", help="cases, separated by commas; default: all")
+    parser.add_argument("--quick", action="store_true", help="fewer samples and steps: larger errors, the same bytes")
     arguments = parser.parse_args()
     made = arguments.folder.absolute() / "made"
     if not (made / "results").is_dir():
@@ -136,7 +153,9 @@ def main() -> None:
     measures = ("kd_psnr", "roughness_l1", "metallic_l1", "emission_iou", "log_radiance_error")
     print("| case | " + " | ".join(measures) + " |\n|" + "---|" * (len(measures) + 1), flush=True)
     for name in names:
-        change, settings = CASES[name]
+        change, own = CASES[name]
+        settings = QUICK if arguments.quick else {}
+        settings = {**settings, **{name: SETTINGS.get(name, {}) | settings.get(name, {}) | own[name] for name in own}}
         place = arguments.folder.absolute() / name.replace(" ", "-").replace("/", "by")
         if not (place / "results" / "room" / "metrics.json").is_file():
             source = place / "source"

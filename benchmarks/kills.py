@@ -4,6 +4,7 @@
 
 SIGINT, SIGTERM and SIGKILL take turns. Each run goes on where the one before was stopped. When it is done, its results
 are compared with those of a run that nobody stopped, byte for byte, except for what tells times: logs, stats, report.
+All runs use a copy of the package: if it changed meanwhile, a job would end with a traceback.
 """
 
 import argparse
@@ -12,6 +13,7 @@ import json
 import os
 import random
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -36,7 +38,7 @@ CONFIG = {
     "relight": {"spp": 4},
 }
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)
-_TIMES = re.compile(r"(logs|stats|benchmarks)/|report\.html|\.lock")
+_TIMES = re.compile(r"(logs|stats|benchmarks)/|report\.html|provenance\.json|\.lock")
 """Files that say when and how long."""
 
 
@@ -75,7 +77,7 @@ def start(folder: Path) -> "subprocess.Popen[str]":
     """Start ``fipt run`` in a folder, in a group of processes of its own."""
     (folder / "config").mkdir(parents=True, exist_ok=True)
     (folder / "config" / "config.yaml").write_text(json.dumps(CONFIG))
-    environment = os.environ | {"PYTHONPATH": str(REPOSITORY), "OMP_NUM_THREADS": "1"}
+    environment = os.environ | {"PYTHONPATH": str(folder.parent / "code"), "OMP_NUM_THREADS": "1"}
     command = [sys.executable, "-m", "fipt.cli.main", "run", "room", "--cores", "2"]
     return subprocess.Popen(
         command, cwd=folder, env=environment, stdout=subprocess.DEVNULL, stderr=(folder / "stderr").open("w"), text=True
@@ -124,6 +126,7 @@ def results(folder: Path) -> dict[str, str]:
 
 def measure(folder: Path, moments: int, seed: int) -> dict[str, object]:
     """Stop runs at so many moments; begin again with an empty folder whenever one is done."""
+    shutil.copytree(REPOSITORY / "fipt", folder / "code" / "fipt")
     begin = time.monotonic()
     assert start(folder / "whole").wait() == 0, (folder / "whole" / "stderr").read_text()
     length = time.monotonic() - begin
@@ -134,7 +137,7 @@ def measure(folder: Path, moments: int, seed: int) -> dict[str, object]:
         number = SIGNALS[len(stops) % len(SIGNALS)]
         place = folder / f"stopped-{attempt}"
         # late enough that the next run gets somewhere, early enough that some are stopped while libraries load
-        wait = chance.uniform(0.5, length / 6) if len(stops) < moments else 600.0
+        wait = chance.uniform(0.5, length / 10) if len(stops) < moments else 600.0
         found = stopped(place, number, wait)
         if isinstance(found, Stop):
             stops.append(found)
@@ -144,6 +147,8 @@ def measure(folder: Path, moments: int, seed: int) -> dict[str, object]:
         different = sorted(name for name in own.keys() | expected.keys() if own.get(name) != expected.get(name))
         compared.append({"code": found, "stops": len(stops), "different": different})
         say(f"done with code {found} after {len(stops)} stops: {len(different)} of {len(expected)} files differ")
+        if found:
+            say((place / "stderr").read_text())
         attempt += 1
         if len(stops) >= moments or found:
             break

@@ -100,13 +100,25 @@ def call(verb: str, options: Sequence[str], stats: Path, folder: Path) -> Usage:
 
 
 def _memory(pid: int) -> dict[str, float]:
-    """Peak of a process's resident memory and what of it belongs to no file now, MB; empty without /proc."""
+    """Peak of a stage's resident memory and what of it belongs to no file now, MB; empty without /proc.
+
+    The process that was called only watches the one that works.
+    """
     try:
         lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+        children = [int(child) for task in Path(f"/proc/{pid}/task").iterdir() for child in _children(task)]
     except OSError:
         return {}
     fields = (line.split() for line in lines if line.startswith(("VmHWM:", "RssAnon:")))
-    return {name.rstrip(":"): int(value) / 1e3 for name, value, _ in fields}
+    found = {name.rstrip(":"): int(value) / 1e3 for name, value, _ in fields}
+    for below in map(_memory, children):
+        found = {name: max(value, below.get(name, 0)) for name, value in found.items()}
+    return found
+
+
+def _children(task: Path) -> list[str]:
+    """Numbers of the processes that a thread has started."""
+    return (task / "children").read_text().split()
 
 
 def halved(mesh: Mesh) -> Mesh:

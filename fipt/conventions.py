@@ -52,6 +52,10 @@ SUB_POSITIONS = 4
 NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
 """What a scene, view or setup may be called: names become paths."""
 
+FARTHEST = 1e12
+"""No position is farther from the origin, in any unit: map coordinates in millimetres have 1e10. Squares of what is
+below stay far from the end of float32.
+"""
 FLAG_SATURATED = 1
 """The radiance is a lower bound: every exposure was clipped."""
 FLAG_NOISE = 2

@@ -134,6 +134,7 @@ def read_provenance(results: Path) -> dict[str, Any]:
     tables = [content.get(key) for key in ("files", "inputs", "stages")] if isinstance(content, dict) else [None]
     rows = [row for table in tables[:2] if isinstance(table, dict) for row in table.values()]
     whole = all(isinstance(row, dict) and {"sha256", "size", "mtime_ns"} <= row.keys() for row in rows)
+    whole = whole and isinstance(tables[0], dict) and all("stage" in row for row in tables[0].values())
     if not whole or not all(isinstance(table, dict) for table in tables) or content.get("format") != _FORMAT:
         raise FiptError(f"{path} is not the provenance of a run", remedy)
     return content

@@ -23,12 +23,13 @@ def _countable(value: int) -> int:
 Positive = Annotated[int, Field(ge=1), AfterValidator(_countable)]
 Count = Annotated[int, Field(ge=0), AfterValidator(_countable)]
 Rounds = Annotated[int, Field(ge=0, le=20), AfterValidator(_countable)]
-Weight = Annotated[float, Field(ge=0)]
+Weight = Annotated[float, Field(ge=0, le=1e12)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
-Length = Annotated[float, Field(gt=0)]
+Length = Annotated[float, Field(ge=1e-6, le=1e6)]
 Rgb = Annotated[tuple[Weight, Weight, Weight], Field(description="linear RGB")]
 Angle = Annotated[float, Field(ge=-360, le=360)]
-Point = Annotated[tuple[float, float, float], Field(description="world position, metres")]
+_Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
+Point = Annotated[tuple[_Coordinate, _Coordinate, _Coordinate], Field(description="world position, metres")]
 
 
 class Settings(BaseModel):

@@ -136,7 +136,7 @@ def _explained(model: Any, problem: Any, root: Sequence[str]) -> tuple[str, str]
     if kind == "union_tag_invalid":
         key, allowed = problem["ctx"]["discriminator"].strip("'"), problem["ctx"]["expected_tags"]
         return f"{_joined(path, key)}: input should be {allowed}; found {problem['ctx']['tag']!r}", _SEE
-    if kind == "missing":
+    if kind == "missing" and path[-1] in parents[-1][0].model_fields:
         return f"{text} is missing", _needed(path[-1], parents[-1])
     said = problem["msg"].removeprefix("Value error, ")
     shown = "" if kind == "value_error" else f"; found {found!r}"

@@ -14,6 +14,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 from fipt import __version__
@@ -43,16 +44,15 @@ def help_text() -> str:
 
 def program() -> None:
     """Be the program ``fipt``: run the command line and end with its exit code."""
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # from here on it is told below
+    # An interruption as an exception is lost in libraries: pydantic takes it for a schema that is wrong. So what is not
+    # watched ends at once, in the handler of `fipt.cli`; `fipt run` has one of its own while jobs run.
     job = is_job()
     if job:
         end_with_parent(os.getppid())
     name = sys.argv[1] if len(sys.argv) > 1 else ""
     watched = name in VERBS and VERBS[name].section is not None and hasattr(os, "fork")
     code = guarded(name, main) if watched else main()
-    if job:
-        leave(code)
-    sys.exit(code)
+    leave(code)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -77,6 +77,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     # Spinning OpenMP threads would starve the tracer's own (seen: 10 times slower steps).
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     args = list(sys.argv[1:] if argv is None else argv)
+    try:
+        Path.cwd()
+    except FileNotFoundError:
+        return _fail("the working directory is gone; change to one that exists")
     try:
         return _dispatch(args)
     except FiptError as error:

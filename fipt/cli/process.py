@@ -7,6 +7,7 @@ import logging
 import os
 import signal
 import sys
+from contextlib import suppress
 from typing import NoReturn
 
 LEVELS = ("debug", "info", "warning", "error")
@@ -52,6 +53,8 @@ def end_with_parent(parent: int) -> None:
 
 def leave(code: int) -> NoReturn:
     """End the process at once: to take libraries down in order costs half a second with torch, and all is written."""
-    sys.stdout.flush()
-    sys.stderr.flush()
+    for stream in (sys.stdout, sys.stderr):
+        if stream is not None:  # they may be closed
+            with suppress(OSError):  # nobody reads any more
+                stream.flush()
     os._exit(code)

@@ -168,6 +168,10 @@ def snakemake(config: Mapping[str, Any], target: str, options: Sequence[str], li
         with contextlib.redirect_stderr(io.StringIO()):  # it says which profile it uses
             parser, args = parse_args(argv)
         done = False
-        with run_view.interruptible(), contextlib.suppress(KeyboardInterrupt):  # which `conclude` knows of
-            done = args_to_api(args, parser)
+        with run_view.interruptible():
+            try:
+                done = args_to_api(args, parser)
+            except BaseException:  # libraries make other errors of an interruption
+                if not run_view.interrupted():
+                    raise
     return run_view.LogHandler.last.conclude(done, listed)

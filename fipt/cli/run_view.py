@@ -25,6 +25,9 @@ from fipt.errors import EXIT_CODE
 from fipt.outcome import OUR_LINE
 from fipt.progress import INTERVAL
 
+_SYSTEM = re.compile(r"^(?:\w*Error): \[Errno \d+\] ([^:]+): '([^']+)'$", re.MULTILINE)
+"""How Python says that the system refuses a file."""
+
 _PROGRESS = re.compile(r"^(.+ (\d+)%  .*?)\s*$")
 """A line of `fipt.progress` in a log."""
 
@@ -238,6 +241,11 @@ def interruptible() -> Iterator[None]:
             signal.signal(number, handler)
 
 
+def interrupted() -> int:
+    """The signal that has interrupted the run; 0: none."""
+    return LogHandler.last.interrupted if hasattr(LogHandler, "last") else 0
+
+
 def _explain_job(job: _Job) -> int:
     """Say in one line why a job failed, if its log has one; else show the end of the log."""
     text = job.log.read_text(encoding="utf-8", errors="replace") if job.log.exists() else ""
@@ -260,7 +268,10 @@ def _explain_error(event: Any) -> int:
         rule, files = re.search(r"for rule (\w+)", text), text.partition("affected files:")[2].split()
         _tell(f"error: an input of {rule[1] if rule else 'a rule'} is missing: {', '.join(files)}; check the path")
     elif event.exception == "MissingRuleException":
-        _tell(f"error: {text.splitlines()[-1]}; 'fipt run --help' lists the targets")
+        said = text.splitlines()[-1].partition(" (if you use input functions")[0]
+        _tell(f"error: {said}; 'fipt run --help' lists the targets")
+    elif found := _SYSTEM.search(text):
+        _tell(f"error: Snakemake cannot use {found[2]} ({found[1]}); check its permissions, HOME and TMPDIR")
     else:
         print(text, file=sys.stderr)
         return 1

@@ -73,6 +73,7 @@ def execute(verb: Verb, run: Callable[..., Any], inputs: Any, settings: str, sta
         File of the figures.
     """
     from fipt.formats.manifests import recorded
+    from fipt.formats.origins import running
     from fipt.registry import parse
     from fipt.settings import dumped
 
@@ -83,7 +84,8 @@ def execute(verb: Verb, run: Callable[..., Any], inputs: Any, settings: str, sta
         from fipt.render.variant import set_variant
 
         set_variant(threads=getattr(chosen, "threads", 0) or None)
-    with recorded(stats, verb.section, dumped(chosen)) as figures:
+    dataset = getattr(inputs, "dataset", None)
+    with running(verb.section, dataset), recorded(stats, verb.section, dumped(chosen)) as figures:
         figures.update(run(inputs, chosen))
 
 
@@ -139,17 +141,29 @@ def _converted(kind: type[Any], given: Mapping[str, Any]) -> dict[str, Any]:
     """Values for the dataclass from those that typer found: lists split and typed, what is left out left out."""
     types = {field.name: get_args(field.type) for field in fields(kind)}
     return {
-        name: _items(value, *types[name]) if _is_list(types[name][0]) else value
+        name: _items(value, name, *types[name]) if _is_list(types[name][0]) else value
         for name, value in given.items()
         if not (_is_list(types[name][0]) and not value)
     }
 
 
-def _items(given: Sequence[str], kind: Any, _text: str, *marks: object) -> tuple[Any, ...]:
-    """Items of repeated options, which are comma-separated unless the field is marked."""
+def _items(given: Sequence[str], name: str, kind: Any, _text: str, *marks: object) -> tuple[Any, ...]:
+    """Items of repeated options, which are comma-separated unless the field is marked; none may be there twice.
+
+    Raises
+    ------
+    FiptError
+        If one is; if names are asked for and none is given.
+    """
     element = get_args(_list_of(kind))[0]
     texts = given if UNSPLIT in marks else [part for text in given for part in text.split(",")]
-    return tuple(element(text) for text in texts if text)
+    items, option = [text for text in texts if text], "--" + name.replace("_", "-")
+    twice = next((text for number, text in enumerate(items) if text in items[:number]), None)
+    if twice is not None and UNSPLIT not in marks:
+        raise FiptError(f"{option} names {twice} twice", "name it once")
+    if not items and element is str and kind == tuple[str, ...]:
+        raise FiptError(f"{option} names nothing", "name at least one")
+    return tuple(map(element, items))
 
 
 def _is_list(kind: Any) -> bool:

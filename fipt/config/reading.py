@@ -167,6 +167,7 @@ def load(values: Mapping[str, Any]) -> Configuration:
         values = {**values, "scenes": sheet.scenes}
     refuse_renamed(values)
     config: Config = checked(Config, values)
+    _check_names(config.scenes)
     scenes: dict[str, SceneConfig] = {}
     settings: dict[str, Any] = {}
     for name, entry in config.scenes.items():
@@ -185,3 +186,15 @@ def load(values: Mapping[str, Any]) -> Configuration:
         plain=given(config),
         sheet=sheet,
     )
+
+
+def _check_names(names: Iterable[str]) -> None:
+    """Refuse scenes whose folders would be one on disks that ignore case."""
+    known: dict[str, str] = {}
+    for name in names:
+        other = known.setdefault(name.casefold(), name)
+        if other != name:
+            raise FiptError(
+                f"scenes: {other} and {name} differ by case alone: some disks would give them one folder",
+                "rename one of them",
+            )

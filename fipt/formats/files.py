@@ -24,6 +24,10 @@ def _explained(error: OSError | RuntimeError, path: Path) -> Exception:
         return FiptError(f"{path} cannot be written ({os.strerror(number)})", "check the folder's permissions")
     if number in (errno.ENOTDIR, errno.EEXIST):
         return FiptError(f"{path} cannot be written: a file stands where a folder must", "choose another place")
+    if number == errno.ENOENT and Path(str(getattr(error, "filename", ""))).parent == path.parent:
+        return FiptError(f"{path} cannot be written ({os.strerror(errno.ENOENT)})", "choose another place")
+    if number == errno.EISDIR:
+        return FiptError(f"{path} cannot be written: a folder stands where a file must", "choose another name")
     return shortage(error, path) or error
 
 
@@ -39,6 +43,8 @@ def atomic(path: str | Path) -> Iterator[Path]:
         If the folder cannot be written or the disk is full.
     """
     path = Path(path)
+    if path.name in ("", ".."):
+        raise FiptError(f"the file to write has no name: {path}", "name it")
     temporary = path.with_name(f".{path.stem}.{os.getpid()}.tmp{path.suffix}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -16,7 +16,10 @@ _MOST_NODES = 1_000_000
 
 
 class _Loader(yaml.SafeLoader):
-    """Reads ``1e-3`` as a number; YAML 1.1 wants ``1.0e-3`` and would give a string. Refuses equal keys."""
+    """Reads ``1e-3`` as a number; YAML 1.1 wants ``1.0e-3`` and would give a string.
+
+    Refuses equal keys, and numbers that mean something else than they seem to: to YAML 1.1 010 is 8 and 1:30 is 90.
+    """
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         """Return the mapping; PyYAML alone would keep the last of equal keys."""
@@ -32,11 +35,26 @@ class _Loader(yaml.SafeLoader):
                 seen[key.value] = key
         return super().construct_mapping(node, deep)
 
+    def construct_plain_number(self, node: yaml.ScalarNode) -> Any:
+        """Return a number that is written as people write it."""
+        digits = node.value.lstrip("+-")
+        if ":" in digits or (digits[:1] == "0" and digits[1:2].isdigit() and "." not in digits):
+            raise yaml.constructor.ConstructorError(
+                None,
+                None,
+                f"{node.value} means another number to YAML: write it plainly, or in quotes",
+                node.start_mark,
+            )
+        kind = node.tag.rpartition(":")[2]
+        return self.construct_yaml_int(node) if kind == "int" else self.construct_yaml_float(node)
+
 
 def _line(node: yaml.Node) -> int:
     return node.start_mark.line + 1
 
 
+for _kind in ("int", "float"):
+    _Loader.add_constructor(f"tag:yaml.org,2002:{_kind}", _Loader.construct_plain_number)
 _Loader.add_implicit_resolver(
     "tag:yaml.org,2002:float",
     re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+"),

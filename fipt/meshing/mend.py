@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from fipt.conventions import RAY_EPSILON
+from fipt.errors import FiptError
 from fipt.scene.mesh import Mesh
 
 log = logging.getLogger(__name__)
@@ -69,8 +70,8 @@ def mended(vertices: np.ndarray, triangles: np.ndarray, origin: np.ndarray) -> M
     degenerate |= ~_area_normals(written.astype(np.float64), triangles).any(axis=1)
     doubled = _repeated(np.sort(corner, axis=1)) & ~degenerate
     kept = triangles[~(doubled | degenerate)]
-    if len(kept) == 0:  # nothing would be left: told by what reads the mesh
-        kept, doubled, degenerate = triangles, np.zeros(0, bool), np.zeros(0, bool)
+    if len(kept) == 0:
+        raise FiptError("none of the mesh's triangles has an area", "repair the mesh, or check its unit")
     used = np.zeros(len(vertices), bool)
     used[kept] = True
     number = np.cumsum(used) - 1

@@ -65,7 +65,7 @@ class FittedScene:
         return cls(
             mesh,
             load_model(model),
-            Emitters.none() if emitters is None else read_emitters(emitters),
+            Emitters.none() if emitters is None else read_emitters(emitters, mesh),
             read_environment(environment),
             {} if cache is None else read_cache(cache),
         )

@@ -1,6 +1,7 @@
 """Fields, checkpoints of their training and materials of parts on disk: safetensors with JSON metadata, no pickles."""
 
 import json
+import zlib
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -13,6 +14,7 @@ from safetensors.torch import save
 
 from fipt.errors import FiptError
 from fipt.formats.files import atomic, existing_file
+from fipt.formats.origins import check_origin, origin
 from fipt.formats.text import MALFORMED
 from fipt.model.hash_encoding import Backend
 from fipt.model.networks import Field, SceneBox
@@ -186,8 +188,9 @@ def _write(
     tensors: dict[str, torch.Tensor],
     description: dict[str, Any],
 ) -> None:
-    metadata = {"kind": kind, "stage": "fit", "version": VERSIONS["fit"], **description}
     stored = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
+    metadata = {"kind": kind, "stage": "fit", "version": VERSIONS["fit"], "origin": origin(), **description}
+    metadata["checksum"] = _checksum(stored)
     with atomic(path) as temporary:
         # Not the library's own file writer, which hides the system's errors that `atomic` explains.
         temporary.write_bytes(save(stored, {_KEY: json.dumps(metadata, sort_keys=True)}))
@@ -217,7 +220,20 @@ def _read(path: str | Path, kind: _Kind) -> tuple[dict[str, torch.Tensor], dict[
             f"{path} was written by version {found[1]} of the fit, this is version {VERSIONS['fit']}",
             "delete it and run the fit again",
         )
+    if metadata.get("checksum", _checksum(tensors)) != _checksum(tensors):
+        raise _damaged(path, "its weights are not those that were written")
+    if not all(torch.isfinite(tensor).all() for tensor in tensors.values()):
+        raise _damaged(path, "not all of its weights are finite")
+    check_origin(path, metadata.get("origin"))
     return tensors, metadata
+
+
+def _checksum(tensors: Mapping[str, torch.Tensor]) -> int:
+    """CRC-32 of all tensors: the format has none of its own."""
+    found = 0
+    for name in sorted(tensors):
+        found = zlib.crc32(tensors[name].reshape(-1).numpy().data, found)
+    return found
 
 
 def _kind(path: str | Path) -> str | None:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fipt.conventions import FARTHEST
 from fipt.errors import FiptError
 from fipt.formats.files import check_name, existing_file, write_text
 from fipt.formats.text import MALFORMED
@@ -241,8 +242,11 @@ def check_cameras(cameras: list[Camera], path: str | Path) -> None:
                 "correct the intrinsics",
             )
         transform = camera.world_from_camera
-        if transform.shape != (4, 4) or not np.isfinite(transform).all():
-            raise FiptError(f"{where}: transform_matrix must be a finite 4x4 matrix", "correct the pose")
+        if transform.shape != (4, 4) or not (np.abs(transform) <= FARTHEST).all():
+            raise FiptError(
+                f"{where}: transform_matrix must be a 4x4 matrix of finite numbers, at most {FARTHEST:.0e}",
+                "correct the pose",
+            )
         rotation = transform[:3, :3]
         if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3) or np.linalg.det(rotation) < 0:
             raise FiptError(

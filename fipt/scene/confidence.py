@@ -93,7 +93,7 @@ _ARRAYS = ("center", "side", "resolution", *_ROWS)
 _FORMS: dict[str, str] = dict(
     zip(
         _ARRAYS,
-        ("finite 3", "finite", "int", "int K", "float K", "float K", "float K", "bool K", "float 3"),
+        ("finite 3", "amount", "number", "rising K", "float K", "float K", "float K", "bool K", "float 3"),
         strict=True,
     )
 )

@@ -11,7 +11,7 @@ import numpy as np
 from fipt.conventions import LUMINANCE
 from fipt.errors import FiptError
 from fipt.formats.arrays import load_npz, save_npz
-from fipt.formats.files import existing_file, write_text
+from fipt.formats.files import existing_file, made_again, write_text
 from fipt.formats.text import MALFORMED
 from fipt.scene.mesh import Mesh
 from fipt.scene.review import closest, ranges
@@ -160,14 +160,17 @@ _ARRAYS = (
 )
 _UNDECIDED = ("triangle", "region", "reflects", "emits", "price")
 _FORMS = {
-    **dict.fromkeys(("triangle", "emitter", "views"), "int E"),
-    **dict.fromkeys(("area", "confidence"), "finite E"),
-    "radiance": "finite E 3",
+    **dict.fromkeys(("triangle", "emitter", "views"), "number E"),
+    **dict.fromkeys(("area", "spread"), "amount E"),
+    **dict.fromkeys(("confidence", "clipped"), "share E"),
+    **dict.fromkeys(("lower_bound", "guessed"), "bool E"),
+    "radiance": "amount E 3",
+    "error": "float E 3",
     "two_sided": "bool",
-    "undecided_triangle": "int U",
-    "undecided_region": "int U",
+    "undecided_triangle": "number U",
+    "undecided_region": "number U",
+    **{f"undecided_{name}": "float R" for name in ("reflects", "emits", "price")},
 }
-"""Of the arrays by which others are indexed, or light is computed."""
 
 
 def default_name(number: int) -> str:
@@ -325,16 +328,26 @@ def edited_radiance(radiance: np.ndarray, edit: EmitterEdit) -> np.ndarray:
     return radiance * (1.0 if edit.scale is None else edit.scale)
 
 
-def read_emitters(path: str | Path) -> Emitters:
-    """Read emitters.npz.
+def read_emitters(path: str | Path, mesh: Mesh | None = None) -> Emitters:
+    """Read emitters.npz, which must be of ``mesh`` where that is given.
 
     Raises
     ------
     FiptError
-        If it is missing, damaged or lacks an array.
+        If it is missing or damaged, lacks an array, or one has values that it cannot have.
     """
     questions = {name: f"undecided_{name}" for name in _UNDECIDED}
-    arrays = load_npz(path, (*_ARRAYS, *questions.values()), _FORMS)
+    arrays = load_npz(path, forms=_FORMS)
+    if arrays["undecided_region"].max(initial=-1) >= len(arrays["undecided_price"]):
+        raise FiptError(f"{path}: every undecided triangle must be of one of its regions", made_again(path))
+    triangles = np.concatenate([arrays["triangle"], np.unique(arrays["undecided_triangle"])])
+    if len(np.unique(arrays["triangle"])) < len(arrays["triangle"]):
+        raise FiptError(f"{path}: every emitting triangle must be listed once", made_again(path))
+    if mesh is not None and triangles.max(initial=-1) >= len(mesh.triangles):
+        raise FiptError(
+            f"{path} names triangle {triangles.max()}; the mesh has {len(mesh.triangles)}: it is of another one",
+            made_again(path),
+        )
     undecided = Undecided(**{name: arrays[key] for name, key in questions.items()})
     known = {name: arrays[name] for name in _ARRAYS}
     return Emitters(**known, two_sided=bool(arrays["two_sided"]), undecided=undecided)

@@ -22,8 +22,14 @@ from fipt.scene.setup import EnvironmentEdit
 
 _MOST_ROWS = 1024
 """Larger maps are averaged down to this: a ray's cone is wider than their texels."""
+_MOST = 1e12
+"""Radiance that no map has; squares and sums of what is below stay far from the end of float32."""
 _ASPECT = (1.9, 2.1)
 """Width over height of an equirectangular map, give or take a cropped row."""
+
+
+_MODES = ("none", "constant", "map", "given")
+_UP = ("y", "z")
 
 
 @dataclass(frozen=True)
@@ -161,7 +167,12 @@ def checked(radiance: np.ndarray, path: str | Path) -> np.ndarray:
             f"{path} must be equirectangular, twice as wide as high; it is {width}x{height}",
             "export the environment in latitude-longitude form",
         )
-    for what, bad in (("NaN", np.isnan(radiance)), ("infinite", np.isinf(radiance)), ("negative", radiance < 0)):
+    for what, bad in (
+        ("NaN", np.isnan(radiance)),
+        ("infinite", np.isinf(radiance)),
+        ("negative", radiance < 0),
+        (f"brighter than {_MOST:.0e}", radiance > _MOST),
+    ):
         texels = bad.any(axis=-1)
         if texels.any():
             row, column = np.argwhere(texels)[0]
@@ -206,13 +217,11 @@ def read_environment(path: str | Path | None) -> EnvironmentMap:
     """
     if path is None:
         return NOTHING
-    arrays = load_npz(path, required=("mode", "radiance", "up", "rotation"))
+    arrays = load_npz(path, forms={"mode": "text", "radiance": "amount h w 3", "up": "text", "rotation": "finite"})
     radiance = checked(arrays["radiance"], path)
-    if arrays["up"] not in ("x", "y", "z") or arrays["rotation"].dtype.kind not in "fiu":
-        raise FiptError(
-            f"{path} must have an axis that is up, and an angle; found {arrays['up']} and {arrays['rotation']}",
-            made_again(path),
-        )
+    for name, allowed in (("mode", _MODES), ("up", _UP)):
+        if str(arrays[name]) not in allowed:
+            raise FiptError(f"{path}: {name} must be {', '.join(allowed)}; found {arrays[name]}", made_again(path))
     return EnvironmentMap(str(arrays["mode"]), radiance, str(arrays["up"]), float(arrays["rotation"]))
 
 

@@ -13,6 +13,7 @@ from fipt.formats.files import existing_file, write_text
 from fipt.formats.text import MALFORMED
 
 _ARRAYS = ("part", "semantic", "agreement", "seen", "split")
+_FORMS: dict[str, str] = dict(zip(_ARRAYS, ("number T", "number T", "share T", "amount T", "bool T"), strict=True))
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ def read_fusion(path: str | Path) -> tuple[Fusion, dict[str, Any]]:
         If a file is missing or damaged.
     """
     path = Path(path)
-    arrays = load_npz(path, required=_ARRAYS)
+    arrays = load_npz(path, forms=_FORMS)
     about = existing_file(path.with_suffix(".json"), "the list of fused segments")
     try:
         return Fusion(**{name: arrays[name] for name in _ARRAYS}), json.loads(about.read_text(encoding="utf-8"))

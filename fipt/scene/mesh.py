@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from fipt.conventions import FARTHEST
 from fipt.errors import FiptError, unreadable
 from fipt.formats.files import atomic, existing_file
 from fipt.scene.voxels import facings
@@ -90,6 +91,14 @@ def read_geometry(path: str | Path) -> tuple[np.ndarray, np.ndarray]:
         )
     if triangles.min() < 0 or triangles.max() >= len(vertices):
         raise FiptError(f"the mesh {path} refers to vertices it does not have", "repair the mesh")
+    used = np.unique(triangles)
+    far = used[(np.abs(vertices[used]) > FARTHEST).any(axis=1)]
+    if len(far):
+        raise FiptError(
+            f"the vertices of {path} must lie within {FARTHEST:.0e} of the origin; {len(far)} do not, the first is "
+            f"vertex {far[0]}",
+            "repair the mesh",
+        )
     return vertices, triangles
 
 
@@ -142,6 +151,15 @@ def closed(mesh: Mesh) -> bool:
     return bool((np.unique(edges, axis=0, return_counts=True)[1] == 2).all())
 
 
+def point_counts(mesh: Mesh, spacing: float, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """(T,) int64 points that `surface_points` tries on each triangle."""
+    corners = mesh.corners
+    inside = (corners.max(axis=1) > low).all(axis=1) & (corners.min(axis=1) < high).all(axis=1)
+    areas = np.where(inside, mesh.areas, 0.0)
+    # a huge triangle may reach far out of the box: cap its points; those inside are kept
+    return np.where(inside, 1 + np.minimum(areas / spacing**2, 4e6), 0).astype(np.int64)
+
+
 def surface_points(
     mesh: Mesh, spacing: float, low: np.ndarray, high: np.ndarray, seed: int
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -154,11 +172,7 @@ def surface_points(
     triangle
         (N,) int64 index of the triangle of each.
     """
-    corners = mesh.corners
-    inside = (corners.max(axis=1) > low).all(axis=1) & (corners.min(axis=1) < high).all(axis=1)
-    areas = np.where(inside, mesh.areas, 0.0)
-    # a huge triangle may reach far out of the box: cap its points and keep those inside
-    counts = np.where(inside, 1 + np.minimum(areas / spacing**2, 4e6), 0).astype(np.int64)
+    corners, counts = mesh.corners, point_counts(mesh, spacing, low, high)
     owner = np.repeat(np.arange(len(counts)), counts)
     u = np.random.default_rng(seed).random((len(owner), 2), dtype=np.float32)
     root = np.sqrt(u[:, :1])
@@ -206,6 +220,8 @@ def _read_obj(path: Path) -> tuple[np.ndarray, np.ndarray]:
     with open(path, encoding="utf-8", errors="replace") as file:
         for words in map(str.split, file):
             if words[:1] == ["v"]:
+                if len(words) < 4:
+                    raise ValueError(f"vertex {len(vertices)} has {len(words) - 1} coordinates")
                 vertices.append(words[1:4])
             elif words[:1] == ["f"]:
                 numbers = [int(word.partition("/")[0]) for word in words[1:]]

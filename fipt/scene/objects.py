@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from fipt.conventions import ROUGHNESS_MIN
+from fipt.conventions import FARTHEST, ROUGHNESS_MIN
 from fipt.errors import FiptError
 from fipt.formats.files import existing_file
 from fipt.formats.glb import chunks
@@ -195,9 +195,10 @@ def read_object(path: str | Path) -> MeshObject:
     if not pieces:
         raise FiptError(f"{path} holds no triangles", "give a PLY, OBJ or GLB file with triangles")
     made = joined(pieces)
-    bad = ~np.isfinite(made.mesh.vertices).all(axis=1)
+    bad = ~(np.abs(made.mesh.vertices) <= FARTHEST).all(axis=1)
     if bad.any():
-        raise FiptError(f"{path} has {int(bad.sum())} vertices that are NaN or infinite", "repair the mesh")
+        said = f"{int(bad.sum())} vertices that are NaN, infinite or farther than {FARTHEST:.0e} from its origin"
+        raise FiptError(f"{path} has {said}", "repair the mesh")
     if len(made.mesh.triangles) > MANY:
         log.warning("%s has %d triangles; fewer would be faster", path, len(made.mesh.triangles))
     return made

@@ -12,6 +12,7 @@ from fipt.errors import FiptError
 from fipt.formats.arrays import load_npy, save_npy
 from fipt.formats.files import existing_file, write_text
 from fipt.formats.manifests import ListedFiles
+from fipt.formats.origins import check_origin, origin
 from fipt.formats.text import MALFORMED
 from fipt.scene.dataset import Dataset
 
@@ -89,7 +90,7 @@ def write_samples(folder: str | Path, samples: FootprintSamples) -> list[Path]:
     """Write a shard's arrays into an existing folder; return the files."""
     folder = Path(folder)
     views = [{"name": n, "height": h, "width": w} for n, (h, w) in zip(samples.views, samples.shapes, strict=True)]
-    write_text(folder / "views.json", json.dumps({"views": views}) + "\n")
+    write_text(folder / "views.json", json.dumps({"views": views, "origin": origin()}) + "\n")
     for name in _ARRAYS:
         save_npy(folder / f"{name}.npy", getattr(samples, name))
     return [folder / "views.json", *(folder / f"{name}.npy" for name in _ARRAYS)]
@@ -107,17 +108,22 @@ def read_samples(folder: str | Path) -> FootprintSamples:
     listed = ListedFiles(folder)
     file = listed.check(existing_file(folder / "views.json", "the views of a samples shard"))
     try:
-        views = json.loads(file.read_text(encoding="utf-8"))["views"]
+        about = json.loads(file.read_text(encoding="utf-8"))
+        views, made_of = about["views"], about.get("origin")
         names = tuple(view["name"] for view in views)
         shapes = tuple((int(view["height"]), int(view["width"])) for view in views)
     except MALFORMED as error:
         raise FiptError(f"{folder}/views.json is damaged ({error!r})", "run the samples stage again") from error
+    check_origin(file, made_of)
     arrays = {name: load_npy(listed.check(folder / f"{name}.npy")) for name in _ARRAYS}
     samples = FootprintSamples(names, shapes, **arrays)
     count = len(samples.position)
     if (
         len(samples.offsets) != samples.first_pixels[-1] + 1
+        or samples.offsets[0] != 0
         or samples.offsets[-1] != count
+        or (np.diff(samples.offsets) < 0).any()
+        or any(arrays[name].dtype.kind not in "iu" for name in ("offsets", "triangle"))
         or len(samples.center) != samples.first_pixels[-1]
         or samples.sub.shape != (count, SUB_POSITIONS, 3)
         or any(len(getattr(samples, name)) != count for name in ("normal", "triangle", "footprint", "weight"))

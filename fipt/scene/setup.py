@@ -91,7 +91,7 @@ class SphereLight(_AreaLight):
 
     shape: Literal["sphere"] = Field(description="a ball")
     center: Point = Field(description="metres")
-    radius: float = Field(default=0.1, gt=0, description="metres")
+    radius: Length = Field(default=0.1, description="metres")
 
 
 class MeshLight(_AreaLight):

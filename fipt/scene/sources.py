@@ -194,7 +194,7 @@ def _checked(path: Path, frames: tuple[SourceView, ...], val_every: int) -> tupl
         if frame.name in seen:
             raise FiptError(
                 f"{path}: view names must be unique; {frame.name} occurs twice",
-                "rename one of the images",
+                "rename one of the images, or remove a frame that is listed twice",
             )
         seen.add(frame.name)
     if not any(frame.split for frame in frames):

@@ -10,14 +10,14 @@ from fipt.formats.files import made_again
 
 _FORMS = {
     "center": "finite 3",
-    "side": "finite",
-    "resolution": "int",
-    "key": "int N",
-    "facing": "int N",
-    "point": "float N 3",
-    "radiance": "finite N 3",
-    "count": "finite N",
-    "source": "int N",
+    "side": "amount",
+    "resolution": "number",
+    "key": "number N",
+    "facing": "number N",
+    "point": "finite N 3",
+    "radiance": "amount N 3",
+    "count": "amount N",
+    "source": "number N",
 }
 _MOST = 1 << 20
 """Voxels a side: their numbers then fit into 64 bits."""
@@ -47,11 +47,19 @@ def write_cache(path: str | Path, cache: dict[str, np.ndarray]) -> None:
 def read_cache(path: str | Path) -> dict[str, np.ndarray]:
     """Read a radiance cache; FiptError where the file is missing, damaged or something else."""
     cache = load_npz(path, forms=_FORMS)
-    side, resolution, least = float(cache["side"]), int(cache["resolution"]), cache["radiance"].min(initial=0.0)
-    if side <= 0 or not 0 < resolution <= _MOST or least < 0 or not len(cache["key"]):
+    side, resolution, size = float(cache["side"]), int(cache["resolution"]), len(cache["key"])
+    if side <= 0 or not 0 < resolution <= _MOST or not size:
         raise FiptError(
-            f"{path} must have a box of some size, voxels, and radiance >= 0; found side {side:g}, {resolution} voxels "
-            f"a side, {len(cache['key'])} records and radiance from {least:g}",
+            f"{path} must have a box of some size, and voxels; found side {side:g}, {resolution} voxels a side and "
+            f"{size} records",
             made_again(path),
         )
+    key, facing = cache["key"].astype(np.int64), cache["facing"].astype(np.int64)
+    for what, right in (
+        ("voxels of its box and their six sides", key.max() < resolution**3 and facing.max() < FACINGS),
+        ("sorted by voxel and side", (np.diff(key * FACINGS + facing) > 0).all()),
+        ("stood for by each other", cache["source"].max() < size),
+    ):
+        if not right:
+            raise FiptError(f"{path}: its {size} records must be {what}; they are not", made_again(path))
     return cache

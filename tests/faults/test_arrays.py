@@ -49,19 +49,24 @@ FAULTS: dict[str, list[tuple[str, Any]]] = {
         ("radiance", np.ones((N - 1, 3))), ("radiance", np.array(["x"] * N)), ("center", np.zeros(2)),
         ("side", np.float64(0)), ("side", np.float64(np.inf)), ("resolution", np.int64(2**40)),
         ("resolution", np.int64(0)), ("point", np.ones((N, 2))), ("facing", np.ones(N + 1, np.uint8)),
+        ("key", ROWS[::-1]), ("key", ROWS - 1), ("key", ROWS + 8**3), ("facing", ROWS + 6),
+        ("source", ROWS + 1), ("source", ROWS - 1), ("point", np.full((N, 3), np.nan)), ("count", -ONES),
     ],
     "emitters": [
         ("triangle", ONES), ("triangle", ROWS[:2]), ("radiance", np.ones((N, 4))),
         ("radiance", np.full((N, 3), np.inf)), ("area", ONES * np.nan), ("emitter", ONES[:0]),
         ("two_sided", np.zeros(2, bool)), ("undecided_region", ROWS[:1]),
+        ("triangle", ROWS - 1), ("triangle", ROWS * 0), ("undecided_region", ROWS + 1), ("confidence", ONES * 2),
+        ("radiance", -np.ones((N, 3))), ("guessed", np.array(["x"] * N)), ("spread", -ONES),
     ],
     "environment": [
         ("radiance", np.ones(7)), ("radiance", np.full((1, 1, 3), np.nan)), ("radiance", -np.ones((1, 1, 3))),
-        ("up", np.array("q")), ("rotation", np.array("q")),
+        ("up", np.array("q")), ("rotation", np.array("q")), ("rotation", np.float64(np.nan)), ("up", np.array("x")),
+        ("mode", np.array("sunny")), ("mode", np.int64(3)), ("radiance", np.full((1, 1, 3), 1e30)),
     ],
     "confidence": [
         ("record", ONES), ("record", ROWS[:2]), ("known", np.array(["x"] * N)), ("center", np.full(3, np.nan)),
-        ("unseen", np.ones(2)), ("resolution", np.float64(8)),
+        ("unseen", np.ones(2)), ("resolution", np.float64(8)), ("record", ROWS[::-1]), ("record", ROWS - 1),
     ],
 }  # fmt: skip
 

@@ -53,6 +53,12 @@ FAULTS = [
     fault("a truth value in a scene", "scenes: {room: {source: procedural, settings: {fit: {steps: yes}}}}\n",
           "scenes.room.settings.fit.steps: must be no truth value"),
     fault("rounds is text", SCENE + "rounds: many\n", "rounds: input should be a valid integer"),
+    fault("a number that YAML takes for octal", SCENE + "fit: {steps: 010}\n", "010 means another number to YAML"),
+    fault("a number that YAML takes for minutes", SCENE + "fit: {steps: 1:30}\n", "1:30 means another number to YAML"),
+    fault("scenes that differ by case", "scenes: {room: {source: procedural}, Room: {source: procedural}}\n",
+          "scenes: room and Room differ by case alone"),
+    fault("two numbers for a colour", "scenes: {x: {source: procedural, setups: {a: {emitters: [{color: [1, 1]}]}}}}\n",
+          "scenes.x.setups.a.emitters.0.color.2: field required"),
     fault("rounds is a list", SCENE + "rounds: [1]\n", "rounds: input should be a valid integer"),
     fault("rounds is not a number", SCENE + "rounds: .nan\n", "rounds: input should be"),
     fault("rounds is negative", SCENE + "rounds: -1\n", "rounds: input should be greater"),
@@ -103,6 +109,8 @@ def test_a_wrong_configuration_is_one_line(fault: Fault) -> None:
 NO_BRACES = "scenes.x.path: paths must hold no braces or control characters; found "
 PATHS = [
     Fault("braces in the path", lambda: dataset("src{x}"), NO_BRACES + "'src{x}'"),
+    fault("a path of 5000 letters", f"scenes: {{x: {{source: dataset, format: nerfstudio, path: {'a' * 5000}}}}}\n",
+          "scenes.x.path: paths must have at most 4095 bytes"),
     Fault("braces in an image", image_with_braces, NO_BRACES + "'src/a{b}c"),
     Fault("a path of a user that there is not", lambda: written(
         "scenes: {x: {source: dataset, format: nerfstudio, path: ~no_user/a}}\n"), "scenes.x.path is ~no_user/a"),

@@ -26,10 +26,16 @@ from fipt.formats.images import write_png
 from fipt.render.variant import Backend
 from fipt.scene.cameras import Camera
 from fipt.scene.mesh import Mesh, write_ply
+from fipt.stages.capture.brackets import Bracket
+from fipt.stages.capture.calibration import Calibration
+from fipt.stages.capture.develop import develop_views
+from fipt.stages.capture.settings import CaptureSettings
 from fipt.stages.render.settings import RenderSettings
 from fipt.stages.render.views import Destination, write_views
 from fipt.stages.samples.settings import SamplesSettings
 from fipt.stages.samples.trace import trace
+from tests import fitted, scenes
+from tests.faults.faults import contents, refused
 
 NOISE = np.random.default_rng(0).random((90, 90, 3)).astype(np.float32)
 SMALL = Camera("a", "train", 8, 6, 4.0, 4.0, 4.0, 3.0, np.eye(4))
@@ -256,6 +262,57 @@ def test_a_disk_that_samples_and_images_do_not_fit_on(
     assert list(tmp_path.iterdir()) == []
 
 
+def test_later_stages_refuse_what_does_not_fit(
+    tmp_path: Path, backend: Backend, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A planted small limit of memory, then of the disk, for every stage whose needs grow with its work."""
+    scenes.write_dataset(tmp_path / "dataset")
+    assert fitted.call("samples", tmp_path) == 0
+    before = contents(tmp_path)
+    limits: list[tuple[str, object, str]] = [
+        ("fipt.formats.files.total_memory", lambda: 1000, "needs about 0 GB of memory; there are 0 GB; use"),
+        ("shutil.disk_usage", lambda _: SimpleNamespace(free=1000), "0.00 GB are free; free some space"),
+    ]
+    for place, limit, said in limits:
+        monkeypatch.setattr(place, limit)
+        for verb, name in {
+            "cache": "the radiance cache",
+            "fit": "the fit",
+            "emitters": "the search for emitters",
+        }.items():
+            folders = ("--samples", str(tmp_path / "samples/train-000"), "--out", str(tmp_path / f"{verb}.npz"))
+            shading = () if verb == "cache" else ("--shading", str(tmp_path / "none"))
+            line = refused(capsys, verb, "--dataset", str(tmp_path / "dataset"), *folders, *shading)
+            assert line.startswith(f"fipt: error: {name} needs")
+            assert said in line
+        monkeypatch.undo()
+    assert contents(tmp_path) == before
+
+
+@pytest.mark.parametrize(
+    ("place", "limit", "said"),
+    [
+        (
+            "fipt.formats.files.total_memory",
+            lambda: 100,
+            "developing a view needs about 0 GB of memory; there are 0 GB",
+        ),
+        ("shutil.disk_usage", lambda _: SimpleNamespace(free=100), "the developed views needs 0.00 GB in"),
+    ],
+)
+def test_photographs_that_do_not_fit(
+    place: str, limit: object, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shot = SimpleNamespace(path=tmp_path / "a.dng")
+    capture: Any = SimpleNamespace(brackets=[Bracket("a", "raw", (shot,) * 3)], findings=[])  # pyright: ignore
+    monkeypatch.setattr(place, limit)
+    calibration = Calibration("raw", None, 8, 6)
+    with pytest.raises(FiptError) as caught:
+        develop_views(capture, ["a"], calibration, tmp_path, CaptureSettings(), keep_going=True)
+    assert said in str(caught.value)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_an_image_that_needs_more_memory_than_there_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_exr(tmp_path / "a.exr", {"": NOISE})
     monkeypatch.setattr("fipt.formats.files.total_memory", lambda: 291_599)
@@ -290,3 +347,21 @@ def test_what_is_stopped_while_it_loads_says_so(seconds: float, number: signal.S
         word = "interrupted" if number == signal.SIGINT else "terminated"
         assert said == f"fipt: {word}\n"
         assert running.returncode in (128 + number, -number)  # a shell sees the same
+
+
+def test_a_home_that_snakemake_cannot_use_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    from fipt.cli.run_view import _explain_error
+
+    text = (
+        "  File snakemake/sourcecache.py\n\nFileNotFoundError: [Errno 2] No such file or directory: '/proc/.cache'\n\n"
+    )
+    assert _explain_error(SimpleNamespace(msg=text, exception="FileNotFoundError")) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("fipt: error: Snakemake cannot use /proc/.cache (No such file or directory); check its")
+    assert said.count("\n") == 1
+
+
+def test_a_verb_ends_well_whose_outputs_are_closed() -> None:
+    script = "import sys\nsys.stdout = sys.stderr = None\nfrom fipt.cli.process import leave\nleave(3)"
+    done = subprocess.run([sys.executable, "-c", script], stderr=subprocess.PIPE, text=True)
+    assert (done.returncode, done.stderr) == (3, "")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -18,6 +19,8 @@ from fipt.errors import FiptError
 from fipt.scene.setup import RelightSetup
 from fipt.settings import Rounds, Settings
 
+_LONGEST, _LONGEST_PATH = 255, 4095
+"""Bytes of a name and of a path that Linux allows."""
 ESTIMATED = "colmap"
 """What `poses` of a scene says where poses are estimated."""
 
@@ -86,8 +89,15 @@ class Place:
         Raises
         ------
         FiptError
-            If it holds braces, which the workflow takes for wildcards, or a control character.
+            If it holds braces, which the workflow takes for wildcards, or a control character; if it is longer than
+            systems allow.
         """
+        if len(os.fsencode(path)) > _LONGEST_PATH or any(len(os.fsencode(p)) > _LONGEST for p in Path(path).parts):
+            raise FiptError(
+                f"scenes.{self.scene}.{key}: paths must have at most {_LONGEST_PATH} bytes, names {_LONGEST}; this one "
+                f"has {len(os.fsencode(path))}: {path[:60]}...",
+                "check the path",
+            )
         if any(letter in "{}" or ord(letter) < 32 for letter in path):
             raise FiptError(
                 f"scenes.{self.scene}.{key}: paths must hold no braces or control characters; found {path!r}",

@@ -139,4 +139,6 @@ def _stated(keys: Mapping[str, Any]) -> dict[str, float]:
     for key, value in found.items():
         if not math.isfinite(value) or (key not in ("cx", "cy") and value <= 0):
             raise ValueError(f"{key} must be a finite number above 0; found {value:g}")
+        if key in ("w", "h") and value != int(value):
+            raise ValueError(f"{key} must be a whole number of pixels; found {value:g}")
     return found

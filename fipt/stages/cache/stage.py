@@ -27,11 +27,13 @@ def run(inputs: CacheInputs, settings: "CacheSettings") -> dict[str, Any]:
     from fipt.scene.dataset import Dataset
     from fipt.scene.samples import read_samples, view_pixels
     from fipt.scene.voxels import write_cache
-    from fipt.stages.cache.build import build
+    from fipt.stages.cache.build import build, check_room
 
     data = Dataset(inputs.dataset)
     shards = [read_samples(folder) for folder in inputs.samples]
-    cache = build(data.mesh(), shards, view_pixels(data, shards), settings)
+    mesh = data.mesh()
+    check_room(mesh, shards, settings, inputs.out)
+    cache = build(mesh, shards, view_pixels(data, shards), settings)
     write_cache(inputs.out, cache)
     seen = int((cache["count"] > 0).sum())
     log.info("cache: %d of %d surface voxels are seen", seen, len(cache["key"]))

@@ -151,14 +151,32 @@ def read_calibration(path: str | Path) -> Calibration:
         raise FiptError(f"{path} must have format {FORMAT}; found {version}", "run fipt calibrate again")
     try:
         noise, vignetting, lens = (content.pop(key) for key in ("noise", "vignetting", "lens"))
-        return Calibration(
+        calibration = Calibration(
             **{key: _tuples(value) if key not in ("sources", "figures") else value for key, value in content.items()},
             noise=noise and Noise(**noise),
             vignetting=vignetting and Vignetting(**{key: _tuples(value) for key, value in vignetting.items()}),
             lens=lens and Lens(**{key: _tuples(value) for key, value in lens.items()}),
         )
+        _check_values(calibration)
     except MALFORMED as error:
         raise FiptError(f"{path} is not a calibration ({error!r})", "run fipt calibrate again") from error
+    return calibration
+
+
+def _check_values(calibration: Calibration) -> None:
+    """Raise ValueError where a calibration has numbers that no camera has."""
+    lens = calibration.lens
+    numbers: dict[str, Any] = {name: getattr(calibration, name) or () for name in ("white_balance", "black", "color")}
+    numbers["response"] = calibration.response or ()
+    numbers["lens"] = () if lens is None else (lens.fx, lens.fy, lens.cx, lens.cy, *lens.distortion)
+    for name, values in numbers.items():
+        if not np.isfinite(np.asarray(values, np.float64)).all():
+            raise ValueError(f"{name} must be finite numbers")
+    if calibration.kind == "ldr" and np.shape(numbers["response"]) != (256, 3):
+        raise ValueError("the response of JPEG and PNG must have 256 rows of three numbers")
+    sizes = (calibration.width, calibration.height, *calibration.white_balance, *numbers["lens"][:2])
+    if min(sizes) <= 0:
+        raise ValueError("size, white balance and focal lengths must be above 0")
 
 
 def _tuples(value: Any) -> Any:

@@ -252,7 +252,10 @@ def _tags(file: Any) -> dict[str, Any]:
 
 def _shot(path: Path, tags: dict[str, Any], raw: Any) -> Shot:
     """Metadata from EXIF first, from LibRaw where EXIF is silent."""
-    other = raw.other if raw is not None else None
+    try:
+        other = raw.other if raw is not None else None
+    except (ValueError, OverflowError, OSError):  # a time that no calendar has
+        other = None
     lens = raw.lens if raw is not None else None
     make, model = _words(tags, "Image Make"), _words(tags, "Image Model")
     camera = model if model and make and model.startswith(make) else " ".join(filter(None, [make, model]))

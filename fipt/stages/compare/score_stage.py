@@ -22,12 +22,21 @@ def run(inputs: ScoreInputs, settings: "CompareSettings") -> dict[str, Any]:
     """Write method.json of a run of a method. What the method does not estimate is null."""
     import json
 
+    from fipt.errors import FiptError
     from fipt.formats.files import write_text
-    from fipt.formats.text import read_json
+    from fipt.formats.text import MALFORMED, read_json
     from fipt.stages.compare.score import parse_card, scored
 
     metrics = read_json(inputs.metrics, "the figures of a method", "run fipt metrics again")
     jobs = [read_json(path, "the figures of a job", "run its stage again") for path in inputs.jobs]
-    content = scored(parse_card(inputs.card), metrics, jobs)
-    write_text(inputs.out, json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+    card = parse_card(inputs.card)
+    try:
+        text = json.dumps(scored(card, metrics, jobs), indent=1, ensure_ascii=False, allow_nan=False)
+    except MALFORMED as error:
+        named = ", ".join(map(str, (inputs.metrics, *inputs.jobs)))
+        raise FiptError(
+            f"card, figures and stats of a method do not have their form ({error!r}); read were {named}",
+            "run fipt metrics and the stages again",
+        ) from error
+    write_text(inputs.out, text + "\n")
     return {}

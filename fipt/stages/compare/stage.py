@@ -28,15 +28,26 @@ def run(inputs: CompareInputs, settings: "CompareSettings") -> dict[str, Any]:
     """
     import json
 
+    from fipt.errors import FiptError
     from fipt.formats.files import write_text
-    from fipt.formats.text import read_json
+    from fipt.formats.text import MALFORMED, read_json
     from fipt.stages.compare.table import comparison
     from fipt.stages.compare.written import as_csv, as_markdown
 
     runs = [read_json(path, "what a method reached", "run fipt score again") for path in inputs.methods]
     missing = {name: why for name, _, why in (text.partition("=") for text in inputs.not_applicable)}
-    table = comparison(runs, missing)
-    write_text(inputs.out.with_suffix(".md"), as_markdown(table))
-    write_text(inputs.out.with_suffix(".csv"), as_csv(table))
-    write_text(inputs.out, json.dumps(table, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+    try:
+        table = comparison(runs, missing)
+        written = {
+            ".md": as_markdown(table),
+            ".csv": as_csv(table),
+            inputs.out.suffix: json.dumps(table, indent=1, ensure_ascii=False, allow_nan=False) + "\n",
+        }
+    except MALFORMED as error:
+        named = ", ".join(map(str, inputs.methods))
+        raise FiptError(
+            f"what methods reached does not have its form ({error!r}); read were {named}", "run fipt score again"
+        ) from error
+    for suffix, text in written.items():
+        write_text(inputs.out.with_suffix(suffix), text)
     return {"methods": len(table["methods"])}

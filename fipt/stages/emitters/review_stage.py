@@ -63,8 +63,9 @@ def run(inputs: ReviewInputs, settings: "ReviewSettings") -> dict[str, Any]:
     if strange := strange_files(out):
         raise FiptError(f"the folder {out} is replaced, but holds {strange[0]}", "choose a folder for the list alone")
     read_review(review)  # refused now, not after all views were looked at
-    data, found = Dataset(inputs.dataset), read_emitters(inputs.emitters)
-    mesh, shards = data.mesh(), [read_samples(folder) for folder in inputs.samples]
+    data = Dataset(inputs.dataset)
+    mesh = data.mesh()
+    found, shards = read_emitters(inputs.emitters, mesh), [read_samples(folder) for folder in inputs.samples]
     decided = parse_decisions(inputs.decisions, len(mesh.triangles))
     emitters = emitter_triangles(found)
     rejected = [np.array(sorted(numbers(text, len(mesh.triangles)))) for text in decided.reject]

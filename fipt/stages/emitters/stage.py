@@ -10,6 +10,7 @@ from fipt.inputs import DatasetFolder, DecisionsJson, EnvironmentFile, SamplesFo
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from fipt.scene.dataset import Dataset
     from fipt.scene.emitters import Emitters
     from fipt.scene.mesh import Mesh
     from fipt.scene.observed import ObservedShard
@@ -19,6 +20,10 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
+_BYTES_A_PIXEL = 1000
+"""Of memory, for each pixel of the largest view: measured 995, where every pixel may show an emitter."""
+_PIXEL_ON_DISK = 17
+"""Bytes of nameless files for each pixel of the training views."""
 _MOST_NAMED = 3
 """Undecided regions that a warning names."""
 
@@ -71,6 +76,15 @@ def _without_light(previous: Path, inputs: EmittersInputs) -> bool:
     return len(read_emitters(previous).triangle) == 0 and not read_environment(inputs.environment).radiance.any()
 
 
+def _check_room(data: "Dataset", out: Path) -> None:
+    """Refuse views that memory is too small for, or what is kept of them the disk."""
+    from fipt.formats.files import check_disk, check_memory
+
+    pixels = [camera.width * camera.height for camera in data.cameras if camera.split == "train"]
+    check_memory(_BYTES_A_PIXEL * max(pixels, default=0), "the search for emitters", "use smaller images")
+    check_disk(out.parent, _PIXEL_ON_DISK * sum(pixels), "the search for emitters")
+
+
 def _found(inputs: EmittersInputs, settings: "EmittersSettings") -> dict[str, Any]:
     """Extract them; return the figures."""
     from fipt.errors import FiptError
@@ -86,6 +100,7 @@ def _found(inputs: EmittersInputs, settings: "EmittersSettings") -> dict[str, An
         raise FiptError("emitters.decide: mask needs a fitted model; none is given", "give --model, or decide: regions")
     query_mask = load_field(inputs.model).query_mask if inputs.model and settings.decide == "mask" else None
     data = Dataset(inputs.dataset)
+    _check_room(data, inputs.out)
     mesh = data.mesh()
     decided = parse_decisions(inputs.decisions, len(mesh.triangles))
     shards = read_observed(data, inputs.samples, inputs.shading, on_disk(inputs.out.parent))

@@ -48,8 +48,9 @@ def write_export(inputs: ExportInputs, settings: ExportSettings) -> Stats:
     if out.exists() and not (out / _FACTS).is_file() and any(out.iterdir()):
         raise FiptError(f"the folder {out} exists and is no export", "choose another folder, or delete it")
     data, confidence = Dataset(inputs.dataset), read_confidence(inputs.confidence)
-    emitters = in_source_unit(read_emitters(inputs.emitters), data.radiance_scale)
-    mesh, outside = data.mesh(), in_unit(read_environment(inputs.environment), 1 / data.radiance_scale)
+    mesh = data.mesh()
+    emitters = in_source_unit(read_emitters(inputs.emitters, mesh), data.radiance_scale)
+    outside = in_unit(read_environment(inputs.environment), 1 / data.radiance_scale)
     field = load_field(inputs.model)
     seen = coverage(field, [read_samples(folder) for folder in inputs.samples])
     atlas = unwrap(mesh, _groups(mesh, emitters), *_layout(settings, seen.typical))

@@ -9,6 +9,7 @@ import numpy as np
 import torch
 
 from fipt.formats.arrays import on_disk
+from fipt.formats.files import check_disk, check_memory
 from fipt.formats.manifests import Stats
 from fipt.model.networks import Field, SceneBox
 from fipt.model.store import load_field, save_field
@@ -36,6 +37,15 @@ from fipt.stages.fit.uncertainty import predict
 
 log = logging.getLogger(__name__)
 
+_BYTES_A_WEIGHT, _BYTES_A_DRAWN = 28, 13_000
+"""Of memory: for a weight of the hash encoding (with its gradient and two moments 15.5 were measured; a checkpoint has
+12 more), and for a pixel of a step (measured 12,600)."""
+_BYTES_A_PIXEL, _BYTES_OF_A_VIEW = 4, 300
+"""Of memory: for each training pixel, whose weight changes where emitters are left out; for each pixel of the largest
+view (measured 265)."""
+_WEIGHT_ON_DISK, _PIXEL_ON_DISK = 16, 31
+"""Bytes of the model and of its checkpoint for a weight, and of nameless files for a pixel."""
+
 
 def fit_model(inputs: FitInputs, settings: FitSettings) -> Stats:
     """Fit a round's model and write it to ``out``, confidence.npz beside it; the checkpoint goes away then."""
@@ -50,6 +60,7 @@ def fit_model(inputs: FitInputs, settings: FitSettings) -> Stats:
             "no segments; roughness and metallic are fitted point by point, without search or propagation: "
             "they are uncertain wherever no view sees a highlight (docs/stages/segment.md has figures)"
         )
+    _check_room(data, settings, inputs.out)
     pixels = _training_pixels(data, kind, inputs, settings)
     center, side = scene_box(pixels.shards)
     field = Field(settings, SceneBox((center[0], center[1], center[2]), side))
@@ -74,6 +85,17 @@ def fit_model(inputs: FitInputs, settings: FitSettings) -> Stats:
     figures |= judge_round(inputs, field, before, settings.settled)
     checkpoint.unlink(missing_ok=True)
     return figures
+
+
+def _check_room(data: Dataset, settings: FitSettings, out: Path) -> None:
+    """Refuse a fit that memory or the disk of ``out`` are too small for."""
+    views = [camera.width * camera.height for camera in data.cameras if camera.split == "train"]
+    pixels = sum(views)
+    weights = 2 * settings.levels * 2**settings.table_log2 if settings.encoding == "hash" else 0
+    needed = _BYTES_A_WEIGHT * weights + _BYTES_A_DRAWN * min(settings.batch, pixels)
+    needed += _BYTES_A_PIXEL * pixels + _BYTES_OF_A_VIEW * max(views, default=0)
+    check_memory(needed, "the fit", "use a smaller fit.batch or fit.table_log2")
+    check_disk(out.parent, _WEIGHT_ON_DISK * weights + _PIXEL_ON_DISK * pixels, "the fit")
 
 
 def _training_pixels(data: Dataset, kind: str | None, inputs: FitInputs, settings: FitSettings) -> Pixels:

@@ -105,7 +105,7 @@ def gather(
         raise FiptError(f"the results folder {results} does not exist", "run the scene first")
     root = results / "dataset"
     data = Dataset(root) if (root / "transforms.json").is_file() else None
-    metrics = read_json(results / "metrics.json") or {}
+    metrics = _figures(results / "metrics.json")
     runs = read_runs(results / "stats")
     emitters = read_emitter_entries(results)
     scale = float((metrics.get("val") or {}).get("render_exposure_scale") or 1.0)
@@ -142,6 +142,22 @@ def gather(
         mixer=read_mixer(results, emitters, reader.exposure * scale),
         room=read_room(results, data, emitters),
     )
+
+
+def _figures(path: Path) -> dict[str, Any]:
+    """Figures of metrics.json by split; none where there is no such file.
+
+    Raises
+    ------
+    FiptError
+        If it holds something else.
+    """
+    found = read_json(path) or {}
+    if not isinstance(found, dict) or not all(
+        isinstance(found.get(key) or {}, dict) for key in ("train", "val", "relight", "emitters")
+    ):
+        raise FiptError(f"{path} does not hold the figures of a scene", "delete it and run fipt metrics again")
+    return found
 
 
 def _segments(folder: Path, runs: Sequence[StageRun], reader: ViewReader) -> SegmentsReport | None:

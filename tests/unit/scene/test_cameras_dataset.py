@@ -68,7 +68,7 @@ MIRRORED = np.diag([1.0, 1.0, -1.0, 1.0])
         ([camera(split="test")], "split must be train or val; found 'test'"),
         ([replace(camera(), width=0)], "image size and focal lengths must be positive"),
         ([replace(camera(), fx=np.nan)], "image size and focal lengths must be positive"),
-        ([replace(camera(), world_from_camera=np.full((4, 4), np.nan))], "finite 4x4 matrix"),
+        ([replace(camera(), world_from_camera=np.full((4, 4), np.nan))], "4x4 matrix of finite numbers"),
         ([replace(camera(), world_from_camera=MIRRORED)], r"determinant -1\.000 \(a mirrored"),
         ([replace(camera(), world_from_camera=2 * np.eye(4))], "must be orthonormal"),
     ],

@@ -155,7 +155,7 @@ def broken_glb(path, kind):
         ("a.ply", None, "an object's file is missing"),
         ("a.ply", b"hello", r"a\.ply is not a readable mesh"),
         ("a.obj", b"hello", r"a\.obj holds no triangles"),
-        ("a.obj", b"v 0 0 0\nv 1 0 0\nv nan 1 0\nf 1 2 3\n", "1 vertices that are NaN or infinite"),
+        ("a.obj", b"v 0 0 0\nv 1 0 0\nv nan 1 0\nf 1 2 3\n", "1 vertices that are NaN, infinite"),
         ("a.glb", b"hello", r"a\.glb is not a readable mesh"),
         ("a.stl", b"solid", "must be a PLY, OBJ or GLB file"),
         ("a.glb", "ktx", r"the image '?.*cannot be read; export the file with PNG or JPEG textures inside"),

@@ -1,0 +1,268 @@
+"""Faults of all kinds, each planted in a tiny source or file: one line, code 2, and nothing is written."""
+
+import json
+import os
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fipt.cli.main import main
+from fipt.errors import FiptError
+from fipt.formats.exr import write_exr
+from fipt.scene.lens import Lens
+from fipt.scene.mesh import Mesh, write_ply
+from fipt.scene.objects import read_object
+from fipt.scene.setup import parse_setup
+from fipt.stages.capture.calibration import Calibration, read_calibration, write_calibration
+from fipt.stages.capture.raw import _shot
+from tests.faults.faults import Fault, contents, named, refused
+from tests.layouts import room, write_nerfstudio
+
+ROOM = room()
+SETTINGS = json.dumps({"overlay": False, "prepare": "never"})
+IMPORT = ("import", "--source", "src", "--format", "nerfstudio", "--dataset", "out", "--settings", SETTINGS)
+
+
+@pytest.fixture(autouse=True)
+def _working_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def said_by(change: Callable[[dict[str, Any]], object]) -> Callable[[], None]:
+    """A source whose transforms.json is changed."""
+
+    def plant() -> None:
+        content = write_nerfstudio(Path("src"))
+        change(content)
+        Path("src/transforms.json").write_text(json.dumps(content))
+
+    return plant
+
+
+def of_frame(**keys: Any) -> Callable[[], None]:
+    return said_by(lambda content: content["frames"][0].update(keys))
+
+
+def of_all(**keys: Any) -> Callable[[], None]:
+    return said_by(lambda content: content.update(keys))
+
+
+def image(write: Callable[[Path], object]) -> Callable[[], None]:
+    """A source whose first image is something else."""
+
+    def plant() -> None:
+        write_nerfstudio(Path("src"))
+        path = Path("src/images/view_0.exr")
+        path.unlink()
+        write(path)
+
+    return plant
+
+
+def mesh(vertices: np.ndarray = ROOM.vertices, triangles: np.ndarray = ROOM.triangles) -> Callable[[], None]:
+    def plant() -> None:
+        write_nerfstudio(Path("src"))
+        write_ply(Path("src/mesh.ply"), Mesh(vertices.astype(np.float32), triangles.astype(np.int32)))
+
+    return plant
+
+
+def obj(text: str) -> Callable[[], None]:
+    def plant() -> None:
+        write_nerfstudio(Path("src"))
+        Path("src/mesh.ply").unlink()
+        Path("src/mesh.obj").write_text(text)
+
+    return plant
+
+
+def far(vertex: int, value: float) -> np.ndarray:
+    changed = ROOM.vertices.astype(np.float64)
+    changed[vertex] = value
+    return changed
+
+
+FAR_AWAY = (np.eye(4) + 1e30 * np.eye(4, k=3)).tolist()
+NO_POSE = "transform_matrix must be a 4x4 matrix of finite numbers"
+SOURCES = [
+    Fault("a frame twice", said_by(lambda c: c["frames"].append(c["frames"][0])), "or remove a frame that is listed"),
+    Fault("an image outside", of_frame(file_path="../../etc/passwd"), "the first is view passwd"),
+    Fault("an image that is a number", of_frame(file_path=3), "every frame must have an image"),
+    Fault("no frames", of_all(frames=[]), "must list at least one frame"),
+    Fault("frames that are words", of_all(frames=["a"]), "src/transforms.json is not a transforms.json with frames"),
+    Fault("half a pixel", of_all(w=8.5), "w must be a whole number of pixels; found 8.5"),
+    Fault("a focal length of NaN", of_all(fl_x=float("nan")), "fl_x must be a finite number above 0"),
+    Fault("a scaled pose", of_frame(transform_matrix=np.diag([2.0, 2, 2, 1]).tolist()), "a mirrored or scaled camera"),
+    Fault("a pose of lists", of_frame(transform_matrix=[[[1]] * 4] * 4), "frame 0 is malformed"),
+    Fault("a camera beyond the stars", of_frame(transform_matrix=FAR_AWAY), NO_POSE),
+    Fault("a fish eye", of_all(camera_model="OPENCV_FISHEYE"), "cameras must be pinholes; found OPENCV_FISHEYE"),
+    Fault("one view", said_by(lambda c: c.update(frames=c["frames"][:1])), "must have at least one train view"),
+    Fault("an image without colours", image(lambda p: write_exr(p, {"Y": np.ones((6, 8))})), "channels R, G, B"),
+    Fault("an image of another size", image(lambda p: write_exr(p, {"": np.ones((3, 4, 3))})), "must be 8x6 like its"),
+    Fault("a pipe as image", image(os.mkfifo), "every frame must have an image"),
+    Fault("a link to itself as image", image(lambda p: p.symlink_to(p.name)), "every frame must have an image"),
+    Fault("a mesh without triangles", mesh(triangles=ROOM.triangles[:0]), "must hold triangles; it has none"),
+    Fault("a vertex of NaN", mesh(far(3, np.nan)), "must have finite vertices; 1 are NaN or infinite"),
+    Fault("a vertex beyond the stars", mesh(far(3, 1e30)), "must lie within 1e+12 of the origin; 1 do not"),
+    Fault("a triangle of no vertex", mesh(triangles=ROOM.triangles + 1), "refers to vertices it does not have"),
+    Fault("no triangle with an area", mesh(ROOM.vertices * 0), "none of the mesh's triangles has an area"),
+    Fault("vertices of two numbers", obj("v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n"), "vertex 0 has 2 coordinates"),
+    Fault("a face of vertex 0", obj("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 0 1 2\n"), "refers to vertices it does not have"),
+    Fault("faces of words", obj("v 0 0 0\nf x y z\n"), "src/mesh.obj is not a readable mesh"),
+]  # fmt: skip
+
+
+@named(SOURCES)
+def test_a_source_that_cannot_be(fault: Fault, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    fault.plant()
+    before = contents(tmp_path)
+    assert fault.said in refused(capsys, *IMPORT)
+    assert contents(tmp_path) == before
+
+
+def test_an_unused_vertex_beyond_the_stars_does_no_harm(capsys: pytest.CaptureFixture[str]) -> None:
+    mesh(np.vstack([ROOM.vertices, [[1e30, 0, 0]]]))()
+    assert main(list(IMPORT)) == 0
+    assert "1 unused vertices" in capsys.readouterr().err
+
+
+BALL = {"shape": "sphere", "center": [1, 1, 1], "radius": 0.2, "radiance": [5, 5, 5]}
+LIGHT: list[tuple[str, dict[str, Any], str]] = [
+    ("a light beyond the stars", {"lights": [BALL | {"center": [1e30, 0, 0]}]}, "setup.lights.0.center.0: "),
+    ("a light of a planet's size", {"lights": [BALL | {"radius": 1e30}]}, "setup.lights.0.radius: "),
+    ("a light without size", {"lights": [BALL | {"radius": 1e-30}]}, "setup.lights.0.radius: "),
+    ("a light as float32 cannot hold", {"lights": [BALL | {"radiance": [1e300, 0, 0]}]}, "lights.0.radiance.0: "),
+    (
+        "two numbers for a colour",
+        {"lights": [BALL | {"radiance": [1, 1]}]},
+        "lights.0.radiance.2: field required",
+    ),
+    ("two numbers for a place", {"lights": [BALL | {"center": [1, 1]}]}, "setup.lights.0.center.2: field required"),
+    ("words for a place", {"lights": [BALL | {"center": "here"}]}, "setup.lights.0.center: "),
+    ("lamps a billion billion times", {"emitters": [{"scale": 1e30}]}, "setup.emitters.0.scale: "),
+]
+
+
+@pytest.mark.parametrize(("setup", "said"), [each[1:] for each in LIGHT], ids=[each[0] for each in LIGHT])
+def test_a_light_setup_that_cannot_be(setup: dict[str, Any], said: str) -> None:
+    with pytest.raises(FiptError) as caught:
+        parse_setup(json.dumps(setup))
+    assert said in str(caught.value)
+
+
+def test_an_object_beyond_the_stars() -> None:
+    Path("o.obj").write_text("v 0 0 0\nv 1e30 0 0\nv 0 1 0\nf 1 2 3\n")
+    with pytest.raises(FiptError, match=r"o\.obj has 1 vertices that are NaN, infinite or farther than 1e\+12"):
+        read_object(Path("o.obj"))
+
+
+CARD: dict[str, Any] = {
+    "id": "fipt", "seed": 0, "label": "ours", "kind": "method", "estimator": "fit", "not_estimated": [], "oracle": [],
+}  # fmt: skip
+FIGURES: dict[str, Any] = {"val": {"kd_psnr": 20.0}, "train": {}, "relight": {}}
+JOB: dict[str, Any] = {"wall_s": 1.0, "peak_memory_bytes": 3}
+SCORES: dict[str, tuple[object, object, object]] = {
+    "figures in a list": (CARD, [], JOB),
+    "a split that is a list": (CARD, {"val": [1]}, JOB),
+    "a figure of NaN": (CARD, {"val": {"kd_psnr": float("nan")}}, JOB),
+    "a setup that is a number": (CARD, FIGURES | {"relight": {"a": 3}}, JOB),
+    "stats in a list": (CARD, FIGURES, []),
+    "stats without a time": (CARD, FIGURES, {}),
+    "a time in words": (CARD, FIGURES, JOB | {"wall_s": "long"}),
+    "a card of a thing unknown": (CARD | {"not_estimated": ["x"]}, FIGURES, JOB),
+    "a card in a list": ([], FIGURES, JOB),
+}
+
+
+@pytest.mark.parametrize("name", SCORES)
+def test_a_method_is_scored_by_files_of_their_form(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    card, figures, job = SCORES[name]
+    Path("metrics.json").write_text(json.dumps(figures))
+    Path("job.json").write_text(json.dumps(job))
+    files = ("--metrics", "metrics.json", "--jobs", "job.json", "--out", "method.json")
+    said = refused(capsys, "score", "--card", json.dumps(card), *files)
+    assert "--card must be the card of a method" in said or "metrics.json, job.json" in said
+    assert not Path("method.json").exists()
+
+
+@pytest.mark.parametrize("content", ["[]", "{}", '{"figures": []}', '{"figures": {"relight": {}}}'])
+def test_methods_are_compared_by_files_of_their_form(content: str, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("method.json").write_text(content)
+    said = refused(capsys, "compare", "--methods", "method.json", "--out", "table.json")
+    assert "does not have its form" in said
+    assert list(Path().iterdir()) == [Path("method.json")]
+
+
+OPTIONS: dict[str, tuple[tuple[str, ...], str]] = {
+    "a shard twice": (("cache", "--samples", "s,s", "--out", "c.npz"), "--samples names s twice; name it once"),
+    "a view twice": (("samples", "--views", "a,b,a", "--out", "s"), "--views names a twice"),
+    "no view": (("samples", "--views", "", "--out", "s"), "--views names nothing"),
+}
+
+
+@pytest.mark.parametrize("name", OPTIONS)
+def test_options_that_say_too_much_or_nothing(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    options, said = OPTIONS[name]
+    assert said in refused(capsys, *options, "--dataset", "d")
+
+
+def test_a_folder_where_a_file_must_be_written(capsys: pytest.CaptureFixture[str]) -> None:
+    write_exr(Path("a.exr"), {"": np.ones((4, 4, 3))})
+    Path("a.png").mkdir()
+    assert "a.png cannot be written: a folder stands where a file" in refused(capsys, "view", "a.exr", "--out", "a.png")
+    assert "cannot be written" in refused(capsys, "view", "a.exr", "--out", "/proc/a.png")
+    assert list(Path("a.png").iterdir()) == []
+
+
+def test_a_working_directory_that_is_gone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "gone").mkdir()
+    os.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    try:
+        assert "the working directory is gone" in refused(capsys, "run", "demo")
+    finally:
+        os.chdir(tmp_path)
+
+
+RAMP = tuple((value / 64 - 2,) * 3 for value in range(256))
+SOUND = Calibration("ldr", None, 32, 24, response=RAMP, lens=Lens(32, 24, 20.0, 20.0, 16.0, 12.0))
+NAN = float("nan")
+CALIBRATIONS: dict[str, tuple[dict[str, Any], str]] = {
+    "without a response": ({"response": None}, "must have 256 rows of three numbers"),
+    "with ten rows of a response": ({"response": RAMP[:10]}, "must have 256 rows of three numbers"),
+    "with a response of NaN": ({"response": ((NAN,) * 3,) * 256}, "response must be finite numbers"),
+    "with a white balance of NaN": ({"white_balance": (NAN, 1.0, 1.0)}, "white_balance must be finite numbers"),
+    "of no pixels": ({"width": 0, "height": 0}, "size, white balance and focal lengths must be above 0"),
+    "with a focal length of 0": ({"lens": Lens(32, 24, 0.0, 1.0, 1.0, 1.0)}, "focal lengths must be above 0"),
+    "with a lens of NaN": ({"lens": Lens(32, 24, NAN, 1.0, 1.0, 1.0)}, "lens must be finite numbers"),
+}
+
+
+@pytest.mark.parametrize("name", CALIBRATIONS)
+def test_a_calibration_of_no_camera(name: str) -> None:
+    changed, said = CALIBRATIONS[name]
+    write_calibration("c.json", SOUND)
+    read_calibration("c.json")
+    write_calibration("c.json", replace(SOUND, **changed))
+    with pytest.raises(FiptError, match=r"c\.json is not a calibration .*; run fipt calibrate again") as caught:
+        read_calibration("c.json")
+    assert said in str(caught.value)
+
+
+class OfAnotherTime:
+    """What LibRaw knows of a file that states a time which no calendar has."""
+
+    lens = None
+
+    @property
+    def other(self) -> None:
+        raise ValueError("year 12026 is out of range")
+
+
+def test_a_photograph_of_the_year_12026() -> None:
+    """Found by damaging 10,000 DNG files."""
+    assert _shot(Path("a.dng"), {}, OfAnotherTime()).time is None
