@@ -21,6 +21,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+# Before torch is imported, as the command line does: OpenMP threads that spin starve the tests of the other process.
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+
 from fipt.render import variant
 from fipt.stages.geometry.library import tried
 
