@@ -51,11 +51,20 @@ class Dataset:
     ----------
     unchecked
         Leave out what the mesh told: for the check itself.
+    mesh
+        Another mesh of its images; None: its own.
     """
 
-    def __init__(self, root: str | Path, segments: str | Path | None = None, unchecked: bool = False) -> None:
+    def __init__(
+        self,
+        root: str | Path,
+        segments: str | Path | None = None,
+        unchecked: bool = False,
+        mesh: str | Path | None = None,
+    ) -> None:
         self.root = Path(root)
         self.segments_root = Path(segments) if segments else self.root / "segments"
+        self._mesh = Path(mesh) if mesh else self.root / "mesh.ply"
         self.rejected = rejected_views(self.root)
         self._gains = read_gains(self.root / CHECKED)
         if unchecked:
@@ -93,7 +102,7 @@ class Dataset:
         """The room's mesh, metres, with the places where its cameras stand."""
         step = max(1, -(-len(self.cameras) // _VIEWPOINTS))
         centers = np.array([camera.center for camera in self.cameras[::step]]).reshape(-1, 3)
-        return replace(read_mesh(self._listed.check(self.root / "mesh.ply")), seen_from=centers)
+        return replace(read_mesh(self._listed.check(self._mesh)), seen_from=centers)
 
     def image(self, view: str) -> tuple[np.ndarray, np.ndarray]:
         """Read an image and its weights; one of another exposure is brought to that of the others (`CHECKED`).

@@ -95,6 +95,26 @@ def has_materials(source: ImageSource) -> bool:
     return all(folder is not None and (folder / name).is_dir() for folder in folders for name in needed)
 
 
+def depth_files(source: ImageSource) -> dict[str, Path]:
+    """Training view -> its depth map that exists, of a source that names one for each; else nothing.
+
+    Raises
+    ------
+    FiptError
+        If only some training views have one.
+    """
+    training = [frame for frame in source.frames if frame.split == "train"]
+    files = {frame.name: frame.depth for frame in training if frame.depth is not None}
+    if files and len(files) < len(training):
+        missing = next(frame.name for frame in training if frame.depth is None)
+        raise FiptError(
+            f"{source.root}: all training views must have a depth_file_path, or none; {len(files)} of {len(training)} "
+            f"do, {missing} does not",
+            "add the others, or set depth.given: none",
+        )
+    return files
+
+
 def read_poses(path: str | Path, val_every: int = 8) -> tuple[SourceView, ...]:
     """Read poses by view name: a nerfstudio or Blender transforms.json, or what `fipt.formats.pose_files` reads.
 

@@ -5,6 +5,7 @@ that it lists, a folder for all below it.
 """
 
 import json
+import os
 import re
 import shutil
 import sys
@@ -15,6 +16,7 @@ import numpy as np
 import pytest
 
 from benchmarks.jobs import WORKFLOW, Job
+from fipt.formats.arrays import save_npz
 from fipt.formats.images import write_png
 from fipt.stages.geometry.library import tried
 from tests.opened import opened
@@ -151,11 +153,16 @@ def test_a_room_in_code_with_given_ids(folder):
     RULES.update(rules)
     assert not found, "\n".join(found)
 
-    compared = config | {"compare": {"methods": ["irradiance", "bound-constants"], "seeds": 1}}
-    jobs = [job for job in jobs_of(Path(), compared, "compare") if not all(Path(path).exists() for path in job.outputs)]
-    found = [line for job in jobs for line in wrong(job, {})]
-    RULES.update(job.rule for job in jobs)
-    assert not found, "\n".join(found)
+    for view in range(3):
+        save_npz(f"{view:06d}.npz", diffuse=np.full((24, 32, 3), 0.5), roughness=np.ones((24, 32)))
+    others = {"label": "Others", "kind": "imported", "estimator": "imported", "source": "a file"}
+    compared = config | {"compare": {"methods": ["irradiance", "bound-constants", "others"], "seeds": 1}}
+    compared["methods"] = {"others": others | {"settings": {"import_results": {"path": ".", "layout": "npz"}}}}
+    for target in ("compare", "results/compare/page.html"):
+        jobs = [job for job in jobs_of(Path(), compared, target) if not all(map(os.path.exists, job.outputs))]
+        found = [line for job in jobs for line in wrong(job, {})]
+        RULES.update(job.rule for job in jobs)
+        assert not found, "\n".join(found)
     page = Path("results/room/compare.html").read_text()
     assert "Radiance over irradiance" in page
     assert json.loads(Path("results/room/compare/table.json").read_text())["methods"][0]["id"] == "fipt"
@@ -201,7 +208,7 @@ def test_a_room_whose_mesh_is_made_of_its_views(folder, open3d):
     found, rules = traced(CONFIG | {"scenes": {"room": entry}}, "results/room/dataset/mesh.ply")
     RULES.update(rules)
     assert not found, "\n".join(found)
-    assert {"import_views", "depth", "mesh", "import_dataset"} <= rules
+    assert {"import_views", "depth", "first_mesh", "check_views", "mesh", "import_dataset"} <= rules
 
 
 def test_every_rule_was_traced():
@@ -211,5 +218,5 @@ def test_every_rule_was_traced():
     targets = set(re.findall(r"^rule (\w+):", (WORKFLOW / "rules" / "targets.smk").read_text(), re.MULTILINE))
     if not RULES:
         pytest.skip("run with the other tests of this file")
-    unseen = set() if tried()[0] else {"import_views", "depth", "mesh"}
+    unseen = set() if tried()[0] else {"import_views", "depth", "first_mesh", "check_views", "mesh"}
     assert rules - targets - RULES == unseen

@@ -15,7 +15,7 @@ from fipt.config.layout import Layout
 from fipt.config.sections import Sections
 from fipt.errors import FiptError
 from fipt.scene.setup import RelightSetup
-from fipt.settings import Settings
+from fipt.settings import Rounds, Settings
 
 ESTIMATED = "colmap"
 """What `poses` of a scene says where poses are estimated."""
@@ -31,6 +31,7 @@ class SourceEntry(Settings):
 
     preset: str = Field(default="default", description="name of a file in fipt/config/presets")
     setups: Setups | None = Field(default=None, description="relight setups of this scene, beside the common ones")
+    rounds: Rounds | None = Field(default=None, description="most refinements of this scene; absent: the common key")
     settings: Sections | None = Field(default=None, description="stage sections of this scene")  # pyright: ignore[reportInvalidTypeForm] - made by create_model
 
     @property
@@ -240,6 +241,14 @@ class Source(ABC):
         """Options of ``fipt import`` for the views alone."""
         estimated = self.place.layout.estimated_mesh
         return ["none" if text == estimated else text for text in self.import_options()]
+
+    def depth_files(self) -> dict[str, str]:
+        """Training view -> its depth map that exists, where the source names them."""
+        return {}
+
+    def depth_options(self) -> list[str]:
+        """Options of ``fipt depth`` that say where these are named."""
+        return []
 
     def scene_files(self) -> list[str]:
         """A scene file and every file that it refers to."""

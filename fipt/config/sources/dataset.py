@@ -100,6 +100,16 @@ class DatasetSource(Source):
         """Whether the mesh is made of the views: asked for, or there is none."""
         return self.entry.mesh == RECONSTRUCTED or (self.entry.mesh is None and self._read.mesh is None)
 
+    def depth_files(self) -> dict[str, str]:
+        """Training view -> depth map that its layout names."""
+        from fipt.scene.sources import depth_files
+
+        return {view: str(path) for view, path in depth_files(self._read).items()}
+
+    def depth_options(self) -> list[str]:
+        """The layout, where it names depth maps."""
+        return options(layout=self.path) if self.depth_files() else []
+
     @property
     def _mesh(self) -> str | None:
         if self.reconstructed:

@@ -24,6 +24,8 @@ class SourceView:
         What the source says of w, h, fl_x, fl_y, cx, cy (pixels) and camera_angle_x, _y (radians).
     mask
         An 8-bit image, 0 where pixels are not to be used.
+    depth
+        A depth map that exists: EXR in metres, or PNG of 16 bits.
     folder, number
         FIPT layouts: where folders like ``Image`` and ``DiffCol`` lie, and the view's number there.
     dataset
@@ -36,6 +38,7 @@ class SourceView:
     world_from_camera: Matrix
     intrinsics: Mapping[str, float]
     mask: Path | None = None
+    depth: Path | None = None
     folder: Path | None = None
     number: str = ""
     dataset: Path | None = None

@@ -52,14 +52,16 @@ def nerfstudio_views(path: Path, developed: bool = True) -> list[SourceView]:
             file_path = str(entry["file_path"])
             matrix = pose_matrix(entry["transform_matrix"])
             intrinsics = pinhole_intrinsics(where, {**shared, **entry}) if developed else _stated({**shared, **entry})
-            mask = path.parent / entry["mask_path"] if entry.get("mask_path") else None
+            mask, depth = (
+                path.parent / entry[key] if entry.get(key) else None for key in ("mask_path", "depth_file_path")
+            )
         except MALFORMED as error:
             raise FiptError(f"{where} is malformed ({error!r})", "correct the file") from error
         name = _view_name(where, file_path) if developed else PurePosixPath(file_path).stem
         complete = file_path.lower().endswith(".exr")
         image = path.parent / (file_path if complete else f"{file_path}.exr")
         split = _split(where, entry, entries)
-        frames.append(SourceView(name, split, image, matrix, intrinsics, mask=mask))
+        frames.append(SourceView(name, split, image, matrix, intrinsics, mask=mask, depth=depth))
     return frames
 
 

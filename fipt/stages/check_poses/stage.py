@@ -21,6 +21,8 @@ class CheckPosesInputs:
 
     dataset: Annotated[Path, "Dataset folder.", POSITIONAL]
     reject: Annotated[bool, "Write the verdicts into the dataset: later stages leave such views out."] = False
+    mesh: Annotated[Path | None, "Mesh to check through; default: the dataset's own."] = None
+    out: Annotated[Path | None, "File for the verdicts in place of the dataset's, with --reject."] = None
 
 
 def run(inputs: CheckPosesInputs, settings: "CheckPosesSettings") -> dict[str, Any]:
@@ -39,12 +41,12 @@ def run(inputs: CheckPosesInputs, settings: "CheckPosesSettings") -> dict[str, A
     from fipt.scene.dataset import CHECKED
 
     seen = not inputs.reject or settings.enabled is not False
-    verdicts = _verdicts(inputs.dataset, settings) if seen else []
+    verdicts = _verdicts(inputs, settings) if seen else []
     failed = [verdict for verdict in verdicts if not verdict.accepted]
     if inputs.reject:
         views = {verdict.view: verdict.plain() for verdict in verdicts}
         text = json.dumps({"checked": seen, "views": views}, indent=1, allow_nan=False)
-        write_text(inputs.dataset / CHECKED, text + "\n")
+        write_text(inputs.out or inputs.dataset / CHECKED, text + "\n")
     elif failed:
         raise FiptError(
             f"{len(failed)} of {len(verdicts)} views do not show what the others show: "
@@ -57,7 +59,7 @@ def run(inputs: CheckPosesInputs, settings: "CheckPosesSettings") -> dict[str, A
     }
 
 
-def _verdicts(dataset: Path, settings: "CheckPosesSettings") -> list["Verdict"]:
+def _verdicts(inputs: CheckPosesInputs, settings: "CheckPosesSettings") -> list["Verdict"]:
     """Look at every view. The device is chosen here, since a check that is off starts none."""
     from fipt.render.variant import set_variant
     from fipt.scene.dataset import Dataset
@@ -65,7 +67,7 @@ def _verdicts(dataset: Path, settings: "CheckPosesSettings") -> list["Verdict"]:
     from fipt.stages.check_poses.diagnose import explain
 
     set_variant()
-    data = Dataset(dataset, unchecked=True)
+    data = Dataset(inputs.dataset, unchecked=True, mesh=inputs.mesh)
     verdicts = check(data, settings)
     log.info("%s", table(verdicts))
     explain(data, verdicts, settings)

@@ -1,6 +1,7 @@
 """``fipt depth``: posed HDR views -> a depth map of every training view."""
 
 import logging
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -22,6 +23,9 @@ class DepthInputs:
 
     dataset: DatasetFolder
     out: Annotated[Path, "Folder of the depth maps, VIEW.exr; its manifest lies beside it."]
+    layout: Annotated[
+        Path | None, "nerfstudio's transforms.json, or its folder, that names depth maps that exist; default: none."
+    ] = None
 
 
 def run(inputs: DepthInputs, settings: "DepthSettings") -> dict[str, Any]:
@@ -29,7 +33,8 @@ def run(inputs: DepthInputs, settings: "DepthSettings") -> dict[str, Any]:
 
     Views need no mesh, only cameras: at least three that show the same surface from different
     places. A pixel has a depth where other views confirm it; bare walls have little.
-    Depth maps that exist (depth.given) are checked through the cameras, and taken over.
+    Depth maps that exist (depth.given, or depth_file_path of a layout) are checked through the
+    cameras, and taken over.
     """
     import drjit
 
@@ -55,10 +60,11 @@ def run(inputs: DepthInputs, settings: "DepthSettings") -> dict[str, Any]:
     check_memory(views, settings.memory_gb)
     known: dict[str, float] = {}
     manifest_beside(out).unlink(missing_ok=True)
-    if settings.given is None:
-        maps = depth_maps(getattr(drjit, set_variant().name), views, settings)
+    files = _given(inputs.layout, [view.camera.name for view in views], settings)
+    if files:
+        maps = given_maps([view.camera for view in views], views, files, settings.unit)
     else:
-        maps = given_maps([view.camera for view in views], views, Path(settings.given), settings.unit)
+        maps = depth_maps(getattr(drjit, set_variant().name), views, settings)
     with atomic_folder(out, _HOLDS) as folder:
         for view, depth_map in maps:
             write_depth_map(folder / f"{view}.exr", depth_map)
@@ -72,3 +78,23 @@ def run(inputs: DepthInputs, settings: "DepthSettings") -> dict[str, Any]:
         log.warning("%s: photograph more views that show the same from near by", figures["warnings"][0])
     log.info("%s: %.0f%% of the pixels have a depth", out, 100 * figures["known"])
     return figures
+
+
+def _given(layout: Path | None, views: Sequence[str], settings: "DepthSettings") -> dict[str, Path]:
+    """View -> its depth map that exists: in the folder of the settings, or as the layout names it; else nothing."""
+    from fipt.errors import FiptError
+    from fipt.scene.sources import read_source
+    from fipt.stages.geometry.settings import STEREO, given_file
+
+    if settings.given == STEREO:
+        return {}
+    if settings.given is not None:
+        return {view: given_file(Path(settings.given), view) for view in views}
+    if layout is None:
+        return {}
+    named = {frame.name: frame.depth for frame in read_source(layout, "nerfstudio").frames}
+    files = {view: path for view in views if (path := named.get(view)) is not None}
+    if len(files) < len(views):
+        missing = next(view for view in views if view not in files)
+        raise FiptError(f"{layout} must name the depth of {missing} (depth_file_path)", "add it")
+    return files

@@ -1,6 +1,6 @@
 """Depth maps with their cameras and pictures, as what fuses them sees them."""
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -143,15 +143,15 @@ def _off(
     return values, same, (at_row[same], at_column[same])
 
 
-def read_views(dataset: Dataset, folder: Path) -> list[DepthView]:
-    """Read depth maps and pictures of the training views of a dataset.
+def read_views(dataset: Dataset, folder: Path, rejected: Container[str] = ()) -> list[DepthView]:
+    """Read depth maps and pictures of the training views of a dataset, but for rejected ones.
 
     Raises
     ------
     FiptError
         If there is no training view, or a depth map is missing or not of its camera's size.
     """
-    cameras = [camera for camera in dataset.cameras if camera.split == "train"]
+    cameras = [camera for camera in dataset.cameras if camera.split == "train" and camera.name not in rejected]
     if not cameras:
         raise FiptError(f"{dataset.root} must have training views; it has none", "look at its views.json")
     views = []

@@ -1,6 +1,6 @@
 """Depth maps that exist: of a depth camera or a laser scanner, checked through the cameras of the views."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +11,7 @@ from fipt.formats.images import read_pixels
 from fipt.scene.cameras import Camera
 from fipt.scene.depth_maps import DepthMap
 from fipt.stages.geometry.depth_views import DepthView, pixels_of
-from fipt.stages.geometry.settings import given_file
-from fipt.stages.geometry.stereo_view import StereoView, normals_of
+from fipt.stages.geometry.stereo_view import StereoView, noise_of, normals_of
 
 _CHANNELS = ("depth", "Z", "Y", "R", "V")
 """Channels of an EXR file that hold depth, the first of them that is there."""
@@ -20,6 +19,8 @@ _WINDOWS = (4, 2, 1)
 """Half sides of the windows that a normal is fitted in, pixels; the largest that shows one surface."""
 _SURFACE = 0.01
 """Share of its depth by which pixels lie off the plane of a window that shows one surface, root mean square."""
+_NOISY = 1.5
+"""The same in the noise of the depth map, where that is more."""
 _SAME = 0.05
 """Share of its depth by which two views' depths of one place may differ."""
 _AGREE = 0.5
@@ -31,7 +32,7 @@ _UNITS = (1e-3, 1e-2, 0.1, 0.3048, 10.0, 100.0, 1000.0)
 
 
 def given_maps(
-    cameras: Sequence[Camera], light: Sequence[StereoView], folder: Path, unit: float
+    cameras: Sequence[Camera], light: Sequence[StereoView], files: Mapping[str, Path], unit: float
 ) -> Iterator[tuple[str, DepthMap]]:
     """Read the depth maps of views, and give each pixel its normal.
 
@@ -39,8 +40,8 @@ def given_maps(
     ----------
     light
         The views, for the geometry of their pixels.
-    folder
-        Of VIEW.exr, metres, or VIEW.png of 16 bits in units of ``unit`` metres; depth along the viewing axis, 0 where
+    files
+        View -> EXR in metres, or PNG of 16 bits in units of ``unit`` metres; depth along the viewing axis, 0 where
         unknown.
 
     Raises
@@ -48,18 +49,17 @@ def given_maps(
     FiptError
         If a map is missing, of another shape than its view, or the maps of several views contradict each other.
     """
-    depths = [read_given(camera, folder, unit) for camera in cameras]
-    check_agreement(cameras, depths, folder)
+    depths = [read_given(camera, files[camera.name], unit) for camera in cameras]
+    check_agreement(cameras, depths)
     for view, depth in zip(light, depths, strict=True):
         normal = _normals(view, depth)
         known = (depth > 0) & (normal**2).sum(axis=-1).astype(bool)
         yield view.camera.name, DepthMap(np.where(known, depth, 0), known.astype(np.float32), normal)
 
 
-def read_given(camera: Camera, folder: Path, unit: float) -> np.ndarray:
+def read_given(camera: Camera, path: Path, unit: float) -> np.ndarray:
     """(H, W) float32 depth of a view, metres, 0 where unknown; of smaller maps each pixel takes the nearest."""
-    path = given_file(folder, camera.name)
-    if path.suffix == ".exr":
+    if path.suffix.lower() == ".exr":
         channels = read_exr(path)
         name = next((name for name in _CHANNELS if name in channels), None)
         if name is None:
@@ -86,7 +86,7 @@ def read_given(camera: Camera, folder: Path, unit: float) -> np.ndarray:
     return depth[row.astype(np.int64)[:, None], column.astype(np.int64)]
 
 
-def check_agreement(cameras: Sequence[Camera], depths: Sequence[np.ndarray], folder: Path) -> None:
+def check_agreement(cameras: Sequence[Camera], depths: Sequence[np.ndarray]) -> None:
     """Raise FiptError where views do not show the same surface: another unit, another room, other cameras."""
     agree = _agreement(cameras, depths)
     if agree >= _AGREE:
@@ -94,8 +94,7 @@ def check_agreement(cameras: Sequence[Camera], depths: Sequence[np.ndarray], fol
     factor = max(_UNITS, key=lambda unit: _agreement(cameras, [depth * np.float32(unit) for depth in depths]))
     better = _agreement(cameras, [depth * np.float32(factor) for depth in depths])
     raise FiptError(
-        f"the depth maps in {folder} must show one room through these cameras; other views confirm {agree:.0%} of "
-        f"their pixels",
+        f"the depth maps must show one room through these cameras; other views confirm {agree:.0%} of their pixels",
         f"depth is {1 / factor:g} times too large for metres: set depth.unit, or export metres"
         if better >= _AGREE
         else "check that they are of these views, and depth along the viewing axis",
@@ -133,6 +132,8 @@ def _normals(view: StereoView, depth: np.ndarray) -> np.ndarray:
     q = np.where(depth > 0, 1 / np.where(depth > 0, depth, 1), 0.0).astype(np.float64)
     v, u = np.mgrid[: depth.shape[0], : depth.shape[1]].astype(np.float64)
     result = np.zeros((*depth.shape, 3), np.float32)
+    noise = noise_of(np.where(depth > 0, depth, np.nan))  # metres
+    within = np.maximum(_SURFACE * q, _NOISY * noise * q * q)
     for half in _WINDOWS:
         size = (2 * half + 1, 2 * half + 1)
 
@@ -148,7 +149,7 @@ def _normals(view: StereoView, depth: np.ndarray) -> np.ndarray:
         flat = np.where(determinant > 0.05, determinant, 1.0)
         along_u, along_v = (uq * vv - vq * uv) / flat, (vq * uu - uq * uv) / flat
         off = np.sqrt(np.maximum(spread - along_u * uq - along_v * vq, 0))
-        fits = (known > 0) & (determinant > 0.05) & (off < _SURFACE * q) & ~result.any(axis=-1)
+        fits = (known > 0) & (determinant > 0.05) & (off < within) & ~result.any(axis=-1)
         planes = np.stack([mq + along_u * (u - mu) + along_v * (v - mv), along_u, along_v])
         result[fits] = normals_of(view, planes)[fits]
     return result

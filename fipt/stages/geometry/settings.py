@@ -6,6 +6,9 @@ from pydantic import Field
 
 from fipt.settings import Count, Fraction, Length, Positive, Settings
 
+STEREO = "none"
+"""What `depth.given` says where depth maps that a layout names are not to be used."""
+
 
 class DepthSettings(Settings):
     """Depth of posed views, from how a surface moves between them, or of files that exist."""
@@ -21,9 +24,11 @@ class DepthSettings(Settings):
         default=0.05, description="a view with a smaller share of known pixels is named in a warning"
     )
     given: str | None = Field(
-        default=None, description="folder of depth maps that exist, VIEW.exr or VIEW.png, in place of stereo"
+        default=None,
+        description="folder of depth maps that exist, VIEW.exr or VIEW.png, in place of stereo; absent: those that a "
+        "nerfstudio layout names (depth_file_path), if any; `none`: stereo",
     )
-    unit: Length = Field(default=0.001, description="metres of one unit of a PNG in `given`")
+    unit: Length = Field(default=0.001, description="metres of one unit of a PNG that is given")
     seed: Count = Field(default=0, description="seed of the planes that are tried")
 
 

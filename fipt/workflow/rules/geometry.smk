@@ -1,12 +1,9 @@
-"""The mesh from the images, for scenes that bring none: rules/dataset.smk imports it like one that was given.
+"""Depth of the views, for scenes that bring no mesh: rules/mesh.smk makes one of it.
 
 INPUTS:  what rules/dataset.smk imports, without a mesh
 OUTPUTS: results/{scene}/geometry/views/transforms.json, views.json   cameras, as in dataset/
          results/{scene}/geometry/views/images.manifest.json          lists images/*.exr
          results/{scene}/geometry/depth.manifest.json                 lists depth/*.exr: depth, confidence, normal
-         results/{scene}/geometry/mesh.ply                            triangles, metres
-         results/{scene}/geometry/geometry.json                       what was measured
-         results/{scene}/geometry/overview.png                        photographs, depth, and where it comes from
 """
 
 
@@ -61,40 +58,9 @@ rule depth:
     params:
         dataset=folder("results/{scene}/geometry/views"),
         out=folder("results/{scene}/geometry/depth"),
+        given=ask("depth_options"),
         settings=settings("depth"),
         version=VERSIONS["depth"],
     shell:
-        "fipt depth --dataset {params.dataset:q} --out {params.out:q}"
-        " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
-
-
-rule mesh:
-    """Make the room's mesh of the depth maps, or bring a scan to the cameras."""
-    input:
-        ask("given_scan"),
-        transforms="results/{scene}/geometry/views/transforms.json",
-        views="results/{scene}/geometry/views/views.json",
-        images="results/{scene}/geometry/views/images.manifest.json",
-        depth="results/{scene}/geometry/depth.manifest.json",
-    output:
-        mesh="results/{scene}/geometry/mesh.ply",
-        about="results/{scene}/geometry/geometry.json",
-        overview="results/{scene}/geometry/overview.png",
-        stats="results/{scene}/stats/mesh.json",
-    log:
-        "results/{scene}/logs/mesh.log",
-    benchmark:
-        "results/{scene}/benchmarks/mesh.jsonl"
-    threads: workflow.cores
-    resources:
-        mem_mb=ask("memory_mb", section="geometry"),
-        gpu=1,
-    params:
-        dataset=folder("results/{scene}/geometry/views"),
-        depth=folder("results/{scene}/geometry/depth"),
-        out=folder("results/{scene}/geometry"),
-        settings=settings("geometry"),
-        version=VERSIONS["geometry"],
-    shell:
-        "fipt mesh --dataset {params.dataset:q} --depth {params.depth:q} --out {params.out:q}"
+        "fipt depth --dataset {params.dataset:q} {params.given:q} --out {params.out:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

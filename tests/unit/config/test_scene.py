@@ -103,6 +103,30 @@ def test_a_mesh_that_is_given_is_used(tmp_path):
     assert scene(dataset).source.reconstructed
 
 
+def test_depth_maps_that_a_layout_names_are_taken(tmp_path):
+    WRITERS["nerfstudio"](tmp_path)
+    entry = {"source": "dataset", "path": str(tmp_path), "format": "nerfstudio", "mesh": "reconstruct"}
+    made = scene(entry | {"settings": None})
+    assert made.given_depth() == made.depth_options() == []
+    path = tmp_path / "transforms.json"
+    content = json.loads(path.read_text())
+    for number, frame in enumerate(content["frames"]):
+        (tmp_path / f"depth_{number}.png").write_text("")
+        frame["depth_file_path"] = f"depth_{number}.png"
+    path.write_text(json.dumps(content))
+    made = scene(entry | {"settings": None})
+    assert len(made.given_depth()) == len(made.views.of("train"))
+    assert made.depth_options() == ["--layout", str(tmp_path)]
+    stereo = scene(entry | {"settings": {"depth": {"given": "none"}}})
+    assert stereo.given_depth() == stereo.depth_options() == []
+    training = made.views.of("train")
+    (frame,) = [f for f in content["frames"] if Path(f["file_path"]).stem == training[0]]
+    del frame["depth_file_path"]
+    path.write_text(json.dumps(content))
+    with pytest.raises(FiptError, match=f"{training[0]} does not"):
+        scene(entry | {"settings": None}).given_depth()
+
+
 def test_a_scan_is_brought_to_the_cameras_where_a_mesh_is_made(tmp_path):
     settings = {"settings": {"geometry": {"scan": str(tmp_path / "scan.ply")}}}
     with pytest.raises(FiptError, match=r"settings.geometry.scan needs `mesh: reconstruct`"):

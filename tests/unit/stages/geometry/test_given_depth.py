@@ -1,14 +1,20 @@
 """Depth maps that exist: read, checked through the cameras, given normals."""
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from fipt.cli.main import main
 from fipt.errors import FiptError
 from fipt.formats.exr import write_exr
 from fipt.formats.images import write_png
+from fipt.scene.cameras import write_transforms
+from fipt.scene.dataset import write_views
+from fipt.scene.depth_maps import read_depth_map
 from fipt.stages.geometry.given_depth import given_maps
+from fipt.stages.geometry.settings import given_file
 from fipt.stages.geometry.stereo_view import StereoView
 from tests.unit.stages.geometry.test_fusing import around
 
@@ -27,7 +33,8 @@ def write(folder: Path, scale: float = 1000.0, exr: bool = False) -> Path:
 
 def read(folder: Path, unit: float = 0.001) -> list:
     light = [StereoView(view.camera, np.zeros((60, 80), np.float32), 0.0) for view in VIEWS]
-    return list(given_maps([view.camera for view in VIEWS], light, folder, unit))
+    files = {view.camera.name: given_file(folder, view.camera.name) for view in VIEWS}
+    return list(given_maps([view.camera for view in VIEWS], light, files, unit))
 
 
 @pytest.mark.parametrize("exr", [True, False], ids=["exr", "png"])
@@ -38,6 +45,48 @@ def test_depth_comes_with_normals(tmp_path, exr):
         np.testing.assert_allclose(found.depth[found.known], view.map.depth[found.known], atol=0.001)
         cosine = (found.normal * view.map.normal).sum(axis=-1)[found.known]
         assert np.degrees(np.arccos(np.minimum(np.median(cosine), 1))) < 3
+
+
+def test_a_depth_camera_is_noisy_near_by(tmp_path):
+    rng = np.random.default_rng(3)
+    (tmp_path / "depth").mkdir()
+    for view in VIEWS:
+        noisy = 1000 * (view.map.depth + rng.normal(0, 0.01, view.map.depth.shape))
+        write_png(tmp_path / "depth" / f"{view.camera.name}.png", noisy.astype(np.uint16))
+    for view, (_, found) in zip(VIEWS, read(tmp_path / "depth"), strict=True):
+        assert found.known.mean() > 0.95
+        cosine = (found.normal * view.map.normal).sum(axis=-1)[found.known]
+        assert np.degrees(np.arccos(np.minimum(np.median(cosine), 1))) < 6
+
+
+def write_layout(folder: Path) -> Path:
+    """A nerfstudio folder that names depth maps, and a dataset of its views."""
+    cameras = [view.camera for view in VIEWS]
+    for root in (folder / "rgbd", folder / "dataset"):
+        for camera in cameras:
+            write_exr(root / "images" / f"{camera.name}.exr", {"": np.full((60, 80, 3), 0.5, np.float32)})
+        write_transforms(root / "transforms.json", cameras)
+    write_views(folder / "dataset" / "views.json", [camera.name for camera in cameras])
+    write(folder / "rgbd" / "sensor")
+    path = folder / "rgbd" / "transforms.json"
+    content = json.loads(path.read_text())
+    for frame, camera in zip(content["frames"], cameras, strict=True):
+        frame["depth_file_path"] = f"sensor/{camera.name}.png"
+    path.write_text(json.dumps(content))
+    return path
+
+
+def test_a_layout_names_depth_maps(tmp_path):
+    path = write_layout(tmp_path)
+    depth = ["depth", "--dataset", str(tmp_path / "dataset"), "--out", str(tmp_path / "depth")]
+    assert main([*depth, "--layout", str(path)]) == 0
+    found = read_depth_map(tmp_path / "depth" / f"{VIEWS[2].camera.name}.exr")
+    np.testing.assert_allclose(found.depth[found.known], VIEWS[2].map.depth[found.known], atol=0.001)
+
+    content = json.loads(path.read_text())
+    del content["frames"][1]["depth_file_path"]
+    path.write_text(json.dumps(content))
+    assert main([*depth, "--layout", str(path)]) == 2
 
 
 def test_smaller_maps_are_taken_over(tmp_path):
