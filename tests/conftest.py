@@ -21,8 +21,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-# Before torch is imported, as the command line does: OpenMP threads that spin starve the tests of the other process.
+# Before torch is imported. Two processes of tests share the processors: threads of OpenMP would wait for each other, and
+# do so by spinning. Results do not depend on their number; tests of that set it.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 from fipt.render import variant
 from fipt.stages.geometry.library import tried
