@@ -1,6 +1,5 @@
 """What a run reads is never cleared: each of these lost data, or could have."""
 
-import json
 import os
 import shutil
 from collections.abc import Iterable
@@ -244,7 +243,7 @@ def test_every_key_that_names_a_path_is_known() -> None:
             for inner in value:
                 walk(inner)
 
-    walk(json.loads(schema))
+    walk(yaml.safe_load(schema))
     assert named
     assert {key for key in named - {"data_root"} if not PATHS.fullmatch(key)} == set()
 
