@@ -70,8 +70,8 @@ class PartOptimiser:
         slopes = {name: gradient[name] * now[name] * (1 - now[name]) for name in gradient if name != "emission"}
         slopes["emission"] = gradient["emission"] * now["emission"]
         fading = _DECAY ** max(2 * done - 1, 0)
-        rates = dict.fromkeys(slopes, settings.learning_rate * fading)
-        rates["emission"] = settings.emission_rate * fading
+        material, emission = settings.learning_rate * fading, settings.emission_rate * fading
+        rates = {name: emission if name == "emission" else material for name in slopes}
         self._adam.step(slopes, rates)
 
 
