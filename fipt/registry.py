@@ -50,6 +50,7 @@ SECTIONS: dict[str, Section] = {
     "fit": Section("fipt.stages.fit.settings:FitSettings", 7),
     "irradiance": Section("fipt.stages.irradiance.settings:IrradianceSettings", 1),
     "true_constants": Section("fipt.stages.true_constants.settings:TrueConstantsSettings", 1),
+    "inverse_trace": Section("fipt.stages.inverse_trace.settings:InverseTraceSettings", 1),
     "import_results": Section("fipt.stages.import_results.settings:ImportResultsSettings", 1),
     "review": Section("fipt.stages.emitters.settings:ReviewSettings", 2),
     "refine": Section("fipt.stages.shade.settings:RefineSettings", 5),
@@ -196,6 +197,12 @@ VERBS: dict[str, Verb] = {
         "Average the true materials of every part: a bound for comparisons.",
         "fipt.stages.true_constants.stage",
         "true_constants",
+    ),
+    "inverse-trace": Verb(
+        "Optimise one material a part through the path tracer: for comparisons.",
+        "fipt.stages.inverse_trace.stage",
+        "inverse_trace",
+        rays=True,
     ),
     "import-results": Verb(
         "Bring what another program estimated to our layers: for comparisons.",

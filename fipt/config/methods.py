@@ -31,7 +31,7 @@ CARDS = Path(__file__).resolve().parent / "method_cards"
 OWN = "fipt"
 """The method that is the scene's own run."""
 
-Estimator = Literal["fit", "irradiance", "true-constants", "imported"]
+Estimator = Literal["fit", "irradiance", "true-constants", "inverse-trace", "imported"]
 Kind = Literal["method", "ablation", "reimplementation", "substitute", "imported", "bound"]
 Quantity = Literal["kd", "reflectance", "base_color", "roughness", "metallic", "emission"]
 
@@ -238,7 +238,7 @@ class SceneMethods:
         if estimator == "imported":
             return
         yield from (f"samples.{shard}" for shard in every)
-        if estimator != "true-constants":
+        if estimator in ("fit", "irradiance"):
             yield from ("environment", "cache", *(f"bake.round-0.{shard}" for shard in train))
         if estimator != "fit":
             yield estimator

@@ -83,6 +83,43 @@ rule true_constants:
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
 
 
+rule inverse_trace:
+    """Optimise one material and one radiance a part through the path tracer."""
+    input:
+        transforms=own("results/{scene}/dataset/transforms.json"),
+        views=own("results/{scene}/dataset/views.json"),
+        checked=own("results/{scene}/dataset/check_poses.json"),
+        mesh=own("results/{scene}/dataset/mesh.ply"),
+        images=ask("images", splits=["train"]),
+        samples=sharded("results/{scene}/samples/{shard}.manifest.json", "train"),
+        segments=ask("segmentation.fused"),
+    output:
+        model="results/{scene}/round-0/model.safetensors",
+        emitters="results/{scene}/round-0/emitters.npz",
+        listed="results/{scene}/round-0/emitters.json",
+        stats="results/{scene}/stats/inverse-trace.json",
+    log:
+        "results/{scene}/logs/inverse-trace.log",
+    benchmark:
+        "results/{scene}/benchmarks/inverse-trace.jsonl"
+    wildcard_constraints:
+        scene=CONFIG.runs("inverse-trace"),
+    threads: workflow.cores
+    resources:
+        mem_mb=6000,
+        gpu=1,
+    params:
+        dataset=folder("results/{scene}/dataset"),
+        samples=folders_of("samples"),
+        segments=folders_of("segments", "--segments"),
+        settings=settings("inverse_trace"),
+        version=VERSIONS["inverse_trace"],
+    shell:
+        "fipt inverse-trace --dataset {params.dataset:q} --samples {params.samples:q} {params.segments:q}"
+        " --out {output.model:q} --emitters-out {output.emitters:q}"
+        " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
+
+
 rule import_results:
     """Bring what another program estimated to our layers."""
     input:
