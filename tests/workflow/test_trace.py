@@ -138,7 +138,8 @@ def test_a_room_in_code_with_given_ids(folder):
     for view in range(3):
         save_npz(f"{view:06d}.npz", diffuse=np.full((24, 32, 3), 0.5), roughness=np.ones((24, 32)))
     others = {"label": "Others", "kind": "imported", "estimator": "imported", "source": "a file"}
-    compared = config | {"compare": {"methods": ["irradiance", "bound-constants", "ipt-reimpl", "others"], "seeds": 1}}
+    methods = ["irradiance", "bound-constants", "ipt-reimpl", "others"]
+    compared = config | {"compare": {"methods": methods, "seeds": 1, "sensitivity": ["mesh-noise-2mm"]}}
     compared["inverse_trace"] = {"steps": 2, "pixels": 16, "spp": 1}
     compared["methods"] = {"others": others | {"settings": {"import_results": {"path": ".", "layout": "npz"}}}}
     for target in ("compare", "results/compare/page.html"):

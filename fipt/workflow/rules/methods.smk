@@ -185,3 +185,35 @@ rule metrics_of_others:
         "fipt metrics --dataset {params.dataset:q} --materials {params.materials:q} --render {params.render:q}"
         " --relight {params.relight:q} --partial --out {output.metrics:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
+
+
+rule plant_errors:
+    """Plant errors into the dataset of a scene."""
+    input:
+        transforms=of_scene("results/{scene}/dataset/transforms.json"),
+        views=of_scene("results/{scene}/dataset/views.json"),
+        mesh=of_scene("results/{scene}/dataset/mesh.ply"),
+        room=ask("source.room_files"),
+        images=ask("images", splits=["all"]),
+        truth=ask("setups.truth"),
+    output:
+        transforms="results/{scene}/dataset/transforms.json",
+        views="results/{scene}/dataset/views.json",
+        mesh="results/{scene}/dataset/mesh.ply",
+        stats="results/{scene}/stats/plant-errors.json",
+    log:
+        "results/{scene}/logs/plant-errors.log",
+    benchmark:
+        "results/{scene}/benchmarks/plant-errors.jsonl"
+    wildcard_constraints:
+        scene=CONFIG.runs("fit"),
+    resources:
+        mem_mb=2000,
+    params:
+        dataset=of_scene("results/{scene}/dataset"),
+        out=folder("results/{scene}/dataset"),
+        settings=settings("plant_errors"),
+        version=VERSIONS["plant_errors"],
+    shell:
+        "fipt plant-errors --dataset {params.dataset:q} --out {params.out:q}"
+        " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
