@@ -26,7 +26,7 @@ def turned_cameras(cameras: Sequence[Camera], degrees: float, rng: np.random.Gen
 def exposures(views: Sequence[str], stops: float, share: float, rng: np.random.Generator) -> dict[str, float]:
     """View -> factor on its radiance, of a share of the views: up and down in turn."""
     chosen = rng.permutation(len(views))[: round(share * len(views))]
-    return {views[index]: 2.0 ** (stops if k % 2 == 0 else -stops) for k, index in enumerate(chosen)}
+    return {views[int(index)]: 2.0 ** (stops if k % 2 == 0 else -stops) for k, index in enumerate(chosen)}
 
 
 def scale_image(path: Path, factor: float) -> None:
