@@ -50,7 +50,7 @@ _STAGES: tuple[tuple[tuple[str, ...], str], ...] = (
 
 _SOURCE = r"(room|raw|capture|poses|geometry)([/.]|$)"
 _DATASET = r"dataset([/.]|$)"
-_UNWORN = r"dataset/([\w.-]+\.manifest\.json|prepare\.json|room\.json|segments/\w+\.json)$"
+_UNSPOILT = r"dataset/(relight_truth[\w.-]+\.manifest\.json|prepare\.json|room\.json)$"
 """What a dataset with planted errors has in common with that of its scene, for the workflow to know."""
 
 
@@ -127,7 +127,7 @@ class MethodRun:
 def shared_paths(parent: SceneConfig, settings: Mapping[str, Any], estimator: Estimator) -> re.Pattern[str]:
     """Paths below a scene's folder that its run with other settings takes over: all before the first change."""
     if settings["plant_errors"] != parent.settings["plant_errors"]:
-        return re.compile(f"{_SOURCE}|{_UNWORN}")
+        return re.compile(f"{_SOURCE}|{_UNSPOILT}")
     shared = [_SOURCE, _DATASET]
     for sections, written in _STAGES:
         if "fit" in sections and estimator != "fit":

@@ -7,14 +7,18 @@ import numpy as np
 
 from fipt.errors import FiptError
 from fipt.formats.files import copy_file, link_folder
+from fipt.formats.manifests import write_manifest
 from fipt.formats.text import read_json
 from fipt.scene.cameras import read_radiance_scale, read_transforms, write_transforms
 from fipt.scene.mesh import Mesh, read_mesh, write_ply
+from fipt.settings import dumped
 from fipt.stages.plant_errors import mesh as errors
 from fipt.stages.plant_errors.settings import PlantErrorsSettings
 from fipt.stages.plant_errors.views import exposures, scale_image, turned_cameras
 
 _FOLDERS = ("images", "truth", "segments/part", "segments/semantic")
+_ELSEWHERE = ("transforms.json", "views.json", "mesh.ply", "check_poses.json")
+"""Files that the workflow knows by their names."""
 _HOLDS = r"[\w.-]+\.(exr|png|json)"
 
 
@@ -46,6 +50,9 @@ def plant(source: Path, out: Path, settings: PlantErrorsSettings) -> dict[str, A
     write_ply(out / "mesh.ply", mesh)
     scale = read_radiance_scale(source / "transforms.json")
     write_transforms(out / "transforms.json", cameras, radiance_scale=scale)
+    manifest = out / "images.manifest.json"
+    listed = [path for path in out.rglob("*") if path.is_file() and path.name not in _ELSEWHERE and path != manifest]
+    write_manifest(manifest, "plant_errors", listed, dumped(settings))
     return figures
 
 

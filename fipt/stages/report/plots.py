@@ -12,7 +12,7 @@ _WIDTH, _HEIGHT = 200.0, 96.0
 
 @dataclass(frozen=True)
 class PlotPoint:
-    """A point of a plot: its place in the drawing, what it says, and how it is meant (better, worse or same)."""
+    """A point of a plot: its place in the drawing, what it says; of a bar how it is meant, else the error's size."""
 
     x: float
     y: float
@@ -88,6 +88,7 @@ def _size_plot(column: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> 
             _HEIGHT * (high - cell["mean"]) / (high - low),
             row["label"],
             cell["text"],
+            f"{row.get('size') or 0:g}",
         )
         for row, cell in known
     ]

@@ -194,12 +194,13 @@ rule plant_errors:
         views=of_scene("results/{scene}/dataset/views.json"),
         mesh=of_scene("results/{scene}/dataset/mesh.ply"),
         room=ask("source.room_files"),
-        images=ask("images", splits=["all"]),
+        images=ask("before_errors"),
         truth=ask("setups.truth"),
     output:
         transforms="results/{scene}/dataset/transforms.json",
         views="results/{scene}/dataset/views.json",
         mesh="results/{scene}/dataset/mesh.ply",
+        manifest="results/{scene}/dataset/images.manifest.json",
         stats="results/{scene}/stats/plant-errors.json",
     log:
         "results/{scene}/logs/plant-errors.log",

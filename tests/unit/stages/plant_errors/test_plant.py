@@ -96,6 +96,7 @@ def test_a_run_with_errors_has_a_dataset_of_its_own():
     run = found.scene("room/methods/mesh-noise-2mm")
     own = [run.where(f"{run.layout.root}/{name}") for name in ("dataset/mesh.ply", "cache.npz", "dataset")]
     assert all(path.startswith("results/room/methods/") for path in own)
-    shared = run.where(f"{run.layout.root}/dataset/images.train-000.manifest.json")
-    assert shared == "results/room/dataset/images.train-000.manifest.json"
+    assert run.answer("images", splits=["val"]) == ["results/room/methods/mesh-noise-2mm/dataset/images.manifest.json"]
+    assert "results/room/dataset/images.train-000.manifest.json" in run.answer("before_errors")
+    assert run.where(f"{run.layout.root}/dataset/room.json") == "results/room/dataset/room.json"
     assert not [name for name in load({"scenes": {"room": scene}}).scenes["room"].methods.chosen if "mm" in name]
