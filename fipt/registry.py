@@ -39,6 +39,7 @@ SECTIONS: dict[str, Section] = {
     "depth": Section("fipt.stages.geometry.settings:DepthSettings", 5),
     "geometry": Section("fipt.stages.geometry.mesh_settings:GeometrySettings", 5),
     "check_poses": Section("fipt.stages.check_poses.settings:CheckPosesSettings", 3),
+    "plant_errors": Section("fipt.stages.plant_errors.settings:PlantErrorsSettings", 1),
     "samples": Section("fipt.stages.samples.settings:SamplesSettings", 2),
     "segment": Section("fipt.stages.segment.settings:SegmentSettings", 1),
     "fuse": Section("fipt.stages.segment.settings:FuseSettings", 2),
@@ -165,6 +166,9 @@ VERBS: dict[str, Verb] = {
         "Check through the mesh that every view shows what the others show.",
         "fipt.stages.check_poses.stage",
         "check_poses",
+    ),
+    "plant-errors": Verb(
+        "Plant errors into a dataset: for comparisons.", "fipt.stages.plant_errors.stage", "plant_errors"
     ),
     "samples": Verb(
         "Trace the footprint samples of every pixel, once.", "fipt.stages.samples.stage", "samples", rays=True

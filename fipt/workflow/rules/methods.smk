@@ -106,10 +106,11 @@ rule inverse_trace:
         "results/{scene}/benchmarks/inverse-trace.jsonl"
     wildcard_constraints:
         scene=CONFIG.runs("inverse-trace"),
-    threads: workflow.cores
+    threads: THREADS
     resources:
-        mem_mb=6000,
-        gpu=1,
+        mem_mb=memory("inverse_trace"),
+        runtime=minutes("inverse_trace"),
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/dataset"),
         samples=folders_of("samples"),
@@ -188,4 +189,38 @@ rule metrics_of_others:
     shell:
         "fipt metrics --dataset {params.dataset:q} --materials {params.materials:q} --render {params.render:q}"
         " --relight {params.relight:q} --partial --out {output.metrics:q}"
+        " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
+
+
+rule plant_errors:
+    """Plant errors into the dataset of a scene."""
+    input:
+        transforms=of_scene("results/{scene}/dataset/transforms.json"),
+        views=of_scene("results/{scene}/dataset/views.json"),
+        mesh=of_scene("results/{scene}/dataset/mesh.ply"),
+        room=ask("source.room_files"),
+        images=ask("before_errors"),
+        truth=ask("setups.truth"),
+    output:
+        transforms="results/{scene}/dataset/transforms.json",
+        views="results/{scene}/dataset/views.json",
+        mesh="results/{scene}/dataset/mesh.ply",
+        manifest="results/{scene}/dataset/images.manifest.json",
+        stats="results/{scene}/stats/plant-errors.json",
+    log:
+        "results/{scene}/logs/plant-errors.log",
+    benchmark:
+        "results/{scene}/benchmarks/plant-errors.jsonl"
+    wildcard_constraints:
+        scene=CONFIG.runs("fit"),
+    resources:
+        mem_mb=memory("plant_errors"),
+        runtime=minutes("plant_errors"),
+    params:
+        dataset=of_scene("results/{scene}/dataset"),
+        out=folder("results/{scene}/dataset"),
+        settings=settings("plant_errors"),
+        version=VERSIONS["plant_errors"],
+    shell:
+        "fipt plant-errors --dataset {params.dataset:q} --out {params.out:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
