@@ -267,10 +267,17 @@ class SceneConfig:
         return self.parent is not None and self.settings["plant_errors"] != self.parent.settings["plant_errors"]
 
     def before_errors(self) -> list[str]:
-        """What a dataset with planted errors is made of, beside cameras and mesh."""
+        """Files that a dataset with planted errors is made of."""
         assert self.parent is not None
-        names = [self.parent.layout.parts, self.parent.layout.semantic] if self.source.rendered else []
-        return [*self.parent.images(["all"]), *names]
+        layout = self.parent.layout
+        names = [layout.parts, layout.semantic] if self.source.rendered else []
+        return [layout.transforms, layout.views, layout.mesh, *self.parent.images(["all"]), *names]
+
+    @property
+    def dataset_before_errors(self) -> str:
+        """Folder of these."""
+        assert self.parent is not None
+        return self.parent.layout.dataset
 
     def images_to_check(self) -> list[str]:
         """Manifests of all images, where cameras are checked."""

@@ -22,11 +22,6 @@ def own(pattern):
 folder = own  # as params call it: a path that is no input or output as it stands
 
 
-def of_scene(pattern):
-    """Input or params function: a path of the scene of a run of a method."""
-    return lambda wildcards: pattern.format(scene=scene_of(wildcards).own_name)
-
-
 def located(pattern, wildcards, **known):
     """Path of a file of the scene."""
     path = pattern.format(**{**wildcards, **known})

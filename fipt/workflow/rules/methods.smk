@@ -195,11 +195,8 @@ rule metrics_of_others:
 rule plant_errors:
     """Plant errors into the dataset of a scene."""
     input:
-        transforms=of_scene("results/{scene}/dataset/transforms.json"),
-        views=of_scene("results/{scene}/dataset/views.json"),
-        mesh=of_scene("results/{scene}/dataset/mesh.ply"),
         room=ask("source.room_files"),
-        images=ask("before_errors"),
+        dataset=ask("before_errors"),
         truth=ask("setups.truth"),
     output:
         transforms="results/{scene}/dataset/transforms.json",
@@ -217,7 +214,7 @@ rule plant_errors:
         mem_mb=memory("plant_errors"),
         runtime=minutes("plant_errors"),
     params:
-        dataset=of_scene("results/{scene}/dataset"),
+        dataset=ask("dataset_before_errors"),
         out=folder("results/{scene}/dataset"),
         settings=settings("plant_errors"),
         version=VERSIONS["plant_errors"],
