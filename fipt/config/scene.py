@@ -273,7 +273,6 @@ class SceneConfig:
         names = [layout.parts, layout.semantic] if self.source.rendered else []
         return [layout.transforms, layout.views, layout.mesh, *self.parent.images(["all"]), *names]
 
-    @property
     def dataset_before_errors(self) -> str:
         """Folder of these."""
         assert self.parent is not None
