@@ -39,6 +39,7 @@ SECTIONS: dict[str, Section] = {
     "depth": Section("fipt.stages.geometry.settings:DepthSettings", 5),
     "geometry": Section("fipt.stages.geometry.mesh_settings:GeometrySettings", 5),
     "check_poses": Section("fipt.stages.check_poses.settings:CheckPosesSettings", 3),
+    "plant_errors": Section("fipt.stages.plant_errors.settings:PlantErrorsSettings", 1),
     "samples": Section("fipt.stages.samples.settings:SamplesSettings", 2),
     "segment": Section("fipt.stages.segment.settings:SegmentSettings", 1),
     "fuse": Section("fipt.stages.segment.settings:FuseSettings", 3),
@@ -50,6 +51,7 @@ SECTIONS: dict[str, Section] = {
     "fit": Section("fipt.stages.fit.settings:FitSettings", 7),
     "irradiance": Section("fipt.stages.irradiance.settings:IrradianceSettings", 1),
     "true_constants": Section("fipt.stages.true_constants.settings:TrueConstantsSettings", 1),
+    "inverse_trace": Section("fipt.stages.inverse_trace.settings:InverseTraceSettings", 1),
     "import_results": Section("fipt.stages.import_results.settings:ImportResultsSettings", 1),
     "review": Section("fipt.stages.emitters.settings:ReviewSettings", 2),
     "refine": Section("fipt.stages.shade.settings:RefineSettings", 5),
@@ -165,6 +167,9 @@ VERBS: dict[str, Verb] = {
         "fipt.stages.check_poses.stage",
         "check_poses",
     ),
+    "plant-errors": Verb(
+        "Plant errors into a dataset: for comparisons.", "fipt.stages.plant_errors.stage", "plant_errors"
+    ),
     "samples": Verb(
         "Trace the footprint samples of every pixel, once.", "fipt.stages.samples.stage", "samples", rays=True
     ),
@@ -196,6 +201,12 @@ VERBS: dict[str, Verb] = {
         "Average the true materials of every part: a bound for comparisons.",
         "fipt.stages.true_constants.stage",
         "true_constants",
+    ),
+    "inverse-trace": Verb(
+        "Optimise one material a part through the path tracer: for comparisons.",
+        "fipt.stages.inverse_trace.stage",
+        "inverse_trace",
+        rays=True,
     ),
     "import-results": Verb(
         "Bring what another program estimated to our layers: for comparisons.",

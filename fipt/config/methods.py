@@ -32,8 +32,8 @@ CARDS = Path(__file__).resolve().parent / "method_cards"
 OWN = "fipt"
 """The method that is the scene's own run."""
 
-Estimator = Literal["fit", "irradiance", "true-constants", "imported"]
-Kind = Literal["method", "ablation", "reimplementation", "substitute", "imported", "bound"]
+Estimator = Literal["fit", "irradiance", "true-constants", "inverse-trace", "imported"]
+Kind = Literal["method", "ablation", "reimplementation", "substitute", "imported", "bound", "sensitivity"]
 Quantity = Literal["kd", "reflectance", "base_color", "roughness", "metallic", "emission"]
 
 _SEED = re.compile(r"(.+)\.seed-([1-9]\d*)")
@@ -49,7 +49,10 @@ _STAGES: tuple[tuple[tuple[str, ...], str], ...] = (
 )
 """Sections -> regular expression of what their stages write, in the order of the pipeline."""
 
-_DATASET = r"(dataset|room|raw|capture|poses|geometry)([/.]|$)"
+_SOURCE = r"(room|raw|capture|poses|geometry)([/.]|$)"
+_DATASET = r"dataset([/.]|$)"
+_UNSPOILT = r"dataset/(relight_truth[\w.-]+\.manifest\.json|prepare\.json|room\.json)$"
+"""What a dataset with planted errors has in common with that of its scene, for the workflow to know."""
 
 
 class Method(Settings):
@@ -73,6 +76,9 @@ class Method(Settings):
     preset: str | None = Field(default=None, description="preset that lies on top of the scene's settings")
     settings: Sections | None = Field(default=None, description="stage sections that lie on top of them all")  # pyright: ignore[reportInvalidTypeForm] - made by create_model
     rounds: Rounds | None = Field(default=None, description="last round; absent: that of the scene")
+    series: str = Field(default="", description="of a sensitivity: what is wrong; methods of one series are one plot")
+    size: float = Field(default=0.0, ge=0, description="of a sensitivity: how much of it")
+    unit: str = Field(default="", description="unit of the size")
     quick: bool = Field(default=False, description="take part in `fipt run SCENE compare --quick`")
 
 
@@ -126,7 +132,9 @@ class MethodRun:
 
 def shared_paths(parent: SceneConfig, settings: Mapping[str, Any], estimator: Estimator) -> re.Pattern[str]:
     """Paths below a scene's folder that its run with other settings takes over: all before the first change."""
-    shared = [_DATASET]
+    if settings["plant_errors"] != parent.settings["plant_errors"]:
+        return re.compile(f"{_SOURCE}|{_UNSPOILT}")
+    shared = [_SOURCE, _DATASET]
     for sections, written in _STAGES:
         if "fit" in sections and estimator != "fit":
             break
@@ -141,7 +149,7 @@ def _changed(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, A
     return {name: value for name, value in after.items() if name not in before or before[name] != value}
 
 
-_ORDER = ("method", "reimplementation", "substitute", "imported", "bound", "ablation")
+_ORDER = ("method", "reimplementation", "substitute", "imported", "bound", "ablation", "sensitivity")
 """Kinds of methods as tables list them."""
 
 
@@ -171,13 +179,24 @@ class SceneMethods:
             If there is no such method.
         """
         settings = self._scene.settings["compare"]
-        wanted = settings.methods or sorted(self.cards, key=lambda name: _ORDER.index(self.cards[name].kind))
-        for name in wanted:
-            if name not in self.cards:
+        order = sorted(self.cards, key=lambda name: _ORDER.index(self.cards[name].kind))
+        wanted = settings.methods or [name for name in order if self.cards[name].kind != "sensitivity"]
+        for name in (*wanted, *settings.sensitivity):
+            if name not in self.cards and name not in self.series:
                 raise FiptError(f"compare.methods: there is no method {name!r}", f"methods: {', '.join(self.cards)}")
         if settings.quick and not settings.methods:
             wanted = [name for name in wanted if self.cards[name].quick]
-        return list(dict.fromkeys([OWN, *wanted]))
+        planted = [name for asked in settings.sensitivity for name in self.series.get(asked, (asked,))]
+        return list(dict.fromkeys([OWN, *wanted, *planted]))
+
+    @property
+    def series(self) -> dict[str, list[str]]:
+        """Series of sensitivities, and ``all``, -> their methods, by size."""
+        own = sorted((name for name, card in self.cards.items() if card.series), key=lambda name: self.cards[name].size)
+        found = {"all": own}
+        for name in own:
+            found.setdefault(self.cards[name].series, []).append(name)
+        return found
 
     def reasons(self) -> dict[str, str]:
         """Methods that the scene lacks something for -> what."""
@@ -203,7 +222,9 @@ class SceneMethods:
         settings, missing = self._scene.settings["compare"], self.reasons()
         found = []
         for name in self.chosen:
-            seeds = settings.seeds if self.cards[name].estimator == "fit" and not settings.quick else 1
+            card = self.cards[name]
+            one = settings.quick or card.estimator != "fit" or card.kind == "sensitivity"
+            seeds = 1 if one else settings.seeds
             found += [MethodRun(name, seed) for seed in range(seeds) if name not in missing]
         return found
 
@@ -220,6 +241,11 @@ class SceneMethods:
     def metrics(self, method: str) -> str:
         """Figures of a run."""
         return self.run(method).layout.metrics
+
+    def findings(self, method: str) -> list[str]:
+        """Findings of a run, where an error is planted: do they point at it."""
+        run = MethodRun.of(method)
+        return [self.run(method).layout.findings] if self.cards[run.method].kind == "sensitivity" else []
 
     def card_json(self, method: str) -> str:
         """Card of a run as sorted JSON, with its name, seed and what its settings are that the scene's are not."""
@@ -244,7 +270,7 @@ class SceneMethods:
         if estimator == "imported":
             return
         yield from (f"samples.{shard}" for shard in every)
-        if estimator != "true-constants":
+        if estimator in ("fit", "irradiance"):
             yield from ("environment", "cache", *(f"bake.round-0.{shard}" for shard in train))
         if estimator != "fit":
             yield estimator

@@ -253,11 +253,30 @@ class SceneConfig:
 
     def images(self, splits: Sequence[str], shard: str | None = None) -> list[str]:
         """Manifests of the images, ids and truth of splits or of ``all``; in a job of a shard, of that one."""
+        if self.has_errors:
+            return [self.layout.imported_images]
         shards = list(self.views.shards(*splits)) if shard is None else [shard]
         if self.source.rendered:
             return [self.layout.images.format(shard=name) for name in shards]
         truth = [self.layout.truth.format(shard=name) for name in shards] if self.source.simulated else []
         return [self.layout.imported_images, *truth]
+
+    @property
+    def has_errors(self) -> bool:
+        """Whether errors are planted into its dataset, which is then its own."""
+        return self.parent is not None and self.settings["plant_errors"] != self.parent.settings["plant_errors"]
+
+    def before_errors(self) -> list[str]:
+        """Files that a dataset with planted errors is made of."""
+        assert self.parent is not None
+        layout = self.parent.layout
+        names = [layout.parts, layout.semantic] if self.source.rendered else []
+        return [layout.transforms, layout.views, layout.mesh, *self.parent.images(["all"]), *names]
+
+    def dataset_before_errors(self) -> str:
+        """Folder of these."""
+        assert self.parent is not None
+        return self.parent.layout.dataset
 
     def images_to_check(self) -> list[str]:
         """Manifests of all images, where cameras are checked."""

@@ -237,6 +237,13 @@ def _environment(environment: EnvironmentMap) -> dict[str, Any]:
     return {"type": "envmap", "bitmap": mi.Bitmap(values)}
 
 
+def emitting_shape(name: str, mesh: Mesh, u: float, surface: Any) -> mi.Mesh:
+    """Triangles that reflect by a BSDF and may emit, their texture coordinate ``u`` the same everywhere."""
+    uv = np.tile(np.float32([u, 0.5]), (len(mesh.vertices), 1))
+    area = {"type": "area", "radiance": {"type": "rgb", "value": 0.0}}
+    return _mesh(name, mesh, uv, bsdf=surface, emitter=mi.load_dict(area))
+
+
 def _sheets(emitter: EmittingMesh) -> list[Mesh]:
     """One-sided meshes that together make an emitter."""
     if not emitter.two_sided:

@@ -36,7 +36,7 @@ UNLISTED = {
 }
 """Files that a rule's verb may read and write though the rule does not name them, as regular expressions."""
 
-COMPARED = re.compile(r"results/room/(dataset|geometry/views)/[\w.-]+\.manifest\.json")
+COMPARED = re.compile(r"results/room/(methods/[\w.-]+/)?(dataset|geometry/views)/[\w.-]+\.manifest\.json")
 """Manifests of datasets: hashes in them say whether content is what was written. Content itself must be listed."""
 
 SMALL = {"diffuse_spp": 4, "specular_spp": 2, "smooth_spp": 2, "denoise": False}
@@ -156,7 +156,9 @@ def test_a_room_in_code_with_given_ids(folder):
     for view in range(3):
         save_npz(f"{view:06d}.npz", diffuse=np.full((24, 32, 3), 0.5), roughness=np.ones((24, 32)))
     others = {"label": "Others", "kind": "imported", "estimator": "imported", "source": "a file"}
-    compared = config | {"compare": {"methods": ["irradiance", "bound-constants", "others"], "seeds": 1}}
+    methods = ["irradiance", "bound-constants", "ipt-reimpl", "others"]
+    compared = config | {"compare": {"methods": methods, "seeds": 1, "sensitivity": ["exposure-25"]}}
+    compared["inverse_trace"] = {"steps": 2, "pixels": 16, "spp": 1}
     compared["methods"] = {"others": others | {"settings": {"import_results": {"path": ".", "layout": "npz"}}}}
     for target in ("compare", "results/compare/page.html"):
         jobs = [job for job in jobs_of(Path(), compared, target) if not all(map(os.path.exists, job.outputs))]

@@ -16,6 +16,7 @@ class ScoreInputs:
     metrics: Annotated[Path, "Its metrics.json."]
     jobs: Annotated[tuple[Path, ...], "Stats of the jobs that made its materials and emitters, comma-separated."]
     out: Annotated[Path, "method.json to write."]
+    findings: Annotated[Path | None, "findings.json of the run, if its findings count."] = None
 
 
 def run(inputs: ScoreInputs, settings: "CompareSettings") -> dict[str, Any]:
@@ -25,13 +26,18 @@ def run(inputs: ScoreInputs, settings: "CompareSettings") -> dict[str, Any]:
     from fipt.errors import FiptError
     from fipt.formats.files import write_text
     from fipt.formats.text import MALFORMED, read_json
+    from fipt.scene.findings import read_findings
     from fipt.stages.compare.score import parse_card, scored
 
     metrics = read_json(inputs.metrics, "the figures of a method", "run fipt metrics again")
     jobs = [read_json(path, "the figures of a job", "run its stage again") for path in inputs.jobs]
     card = parse_card(inputs.card)
+    found = [] if inputs.findings is None else read_findings(inputs.findings)
     try:
-        text = json.dumps(scored(card, metrics, jobs), indent=1, ensure_ascii=False, allow_nan=False)
+        content = scored(card, metrics, jobs)
+        if inputs.findings is not None:
+            content["findings"] = [{"id": each.id, "cause": each.cause, "where": dict(each.where)} for each in found]
+        text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)
     except MALFORMED as error:
         named = ", ".join(map(str, (inputs.metrics, *inputs.jobs)))
         raise FiptError(

@@ -80,6 +80,9 @@ ONE_SEED = {"dB": 0.3}
 """Differences that mean little with one seed (docs/measurements/accuracy.md), by unit."""
 
 _SAID = ("id", "label", "kind", "source", "deviations", "inputs", "oracle", "not_estimated", "settings", "rounds")
+_SENSITIVITY = ("series", "size", "unit", "findings")
+"""Of an error that was planted: what it is, and what the findings say of it."""
+_UNRANKED = ("bound", "sensitivity")
 
 
 def comparison(runs: Sequence[Mapping[str, Any]], not_applicable: Mapping[str, str]) -> dict[str, Any]:
@@ -137,7 +140,8 @@ def _row(seeds: Sequence[Mapping[str, Any]], columns: Sequence[Column]) -> dict[
 
 def filled_row(said: Mapping[str, Any], figures: Mapping[str, Any], seeds: int, random: bool) -> dict[str, Any]:
     """A row of the table: what is said of the method, and its figures."""
-    return {**{name: said[name] for name in _SAID}, "random": random, "seeds": seeds, "figures": figures}
+    own = {name: said[name] for name in _SAID} | {name: said.get(name) for name in _SENSITIVITY}
+    return {**own, "random": random, "seeds": seeds, "figures": figures}
 
 
 def mean_and_spread(values: Sequence[float | None]) -> dict[str, Any]:
@@ -162,14 +166,15 @@ def _value(run: Mapping[str, Any], place: tuple[str, ...]) -> float | None:
 def rank(rows: Sequence[dict[str, Any]], column: Column) -> None:
     """Mark who is first in a column: the best, and all whose distance to it is below the spread of one of both.
 
-    Bounds and methods that know the truth do not take part. Where a method has random numbers and one seed, the largest
-    spread that is known in the column stands for its own, else `ONE_SEED`. What reads the same is equal.
+    Bounds, planted errors and methods that know the truth do not take part. Where a method has random numbers and one
+    seed, the largest spread that is known in the column stands for its own, else `ONE_SEED`. What reads the same is
+    equal.
     """
     sign = {"higher": 1, "lower": -1}.get(column.better)
     cells = [
         (row["figures"][column.key], row["random"])
         for row in rows
-        if row["kind"] != "bound" and not row["oracle"] and row["figures"][column.key]["mean"] is not None
+        if row["kind"] not in _UNRANKED and not row["oracle"] and row["figures"][column.key]["mean"] is not None
     ]
     if sign is None or not cells:
         return

@@ -14,6 +14,7 @@ from fipt.scene.dataset import Dataset, read_layers
 from fipt.stages.report import images
 from fipt.stages.report.images import EmbeddedImage
 from fipt.stages.report.page import filled
+from fipt.stages.report.plots import change_plots, sensitivity_series
 
 _LAYERS = {"kd": "Diffuse kd", "reflectance": "Reflectance a'", "roughness": "Roughness", "metallic": "Metallic"}
 _PLAIN = ("roughness", "metallic")
@@ -73,6 +74,7 @@ def build_comparison(results: Path, table: Mapping[str, Any], views: int, width:
     figures = [_figure(results, quantity, table["methods"], shown, width) for quantity in _quantities(data, shown)]
     columns = table["columns"]
     ranked = [column for column in columns if column["kind"] == "figure"]
+    changes = _changes(ranked, table["methods"])
     return filled(
         "comparison.html",
         ("style.css", "comparison.css"),
@@ -83,7 +85,9 @@ def build_comparison(results: Path, table: Mapping[str, Any], views: int, width:
         published=[column for column in columns if column["kind"] == "published"],
         winners=winners(table),
         bars=bars(table),
-        changes=_changes(ranked, table["methods"]),
+        changes=changes,
+        change_plots=change_plots(ranked, table["methods"], changes),
+        sensitivity=sensitivity_series(table),
         figures=[figure for figure in figures if figure.views],
         seeds=max((row["seeds"] for row in table["methods"]), default=1),
         difference_range=images.DIFFERENCE_RANGE,
@@ -165,7 +169,9 @@ def _ranked(column: Mapping[str, Any], methods: Sequence[Mapping[str, Any]]) -> 
     known = [
         row
         for row in methods
-        if row["figures"][column["key"]]["mean"] is not None and row["kind"] != "bound" and not row["oracle"]
+        if row["figures"][column["key"]]["mean"] is not None
+        and row["kind"] not in ("bound", "sensitivity")
+        and not row["oracle"]
     ]
     return sorted(known, key=lambda row: sign * row["figures"][column["key"]]["mean"])
 

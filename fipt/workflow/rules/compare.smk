@@ -14,6 +14,7 @@ rule score_method:
     input:
         metrics=ask("methods.metrics"),
         stats=ask("methods.stats"),
+        findings=ask("methods.findings"),
     output:
         method="results/{scene}/methods/{method}/method.json",
         stats="results/{scene}/stats/score.{method}.json",
@@ -29,11 +30,12 @@ rule score_method:
     params:
         card=ask("methods.card_json"),
         jobs=folders_of("stats"),
+        findings=option("--findings", "findings"),
         settings=settings("compare"),
         version=VERSIONS["compare"],
     shell:
         "fipt score --card {params.card:q} --metrics {input.metrics:q} --jobs={params.jobs:q}"
-        " --out {output.method:q}"
+        " {params.findings:q} --out {output.method:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
 
 

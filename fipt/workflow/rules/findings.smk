@@ -10,10 +10,10 @@ OUTPUTS: results/{scene}/findings.json    findings, worst first, and all that wa
 rule findings:
     """Look for what went wrong; findings are no failure."""
     input:
-        transforms="results/{scene}/dataset/transforms.json",
-        views="results/{scene}/dataset/views.json",
-        mesh="results/{scene}/dataset/mesh.ply",
-        checked="results/{scene}/dataset/check_poses.json",
+        transforms=own("results/{scene}/dataset/transforms.json"),
+        views=own("results/{scene}/dataset/views.json"),
+        mesh=own("results/{scene}/dataset/mesh.ply"),
+        checked=own("results/{scene}/dataset/check_poses.json"),
         prepare=ask("prepared"),
         images=ask("images", splits=["all"]),
         samples=sharded("results/{scene}/samples/{shard}.manifest.json", "train"),
@@ -21,8 +21,8 @@ rule findings:
         shading=ask("last_shading"),
         earlier=ask("shading_before"),
         settled=ask("last_states"),
-        cache="results/{scene}/cache.npz",
-        environment="results/{scene}/environment.npz",
+        cache=own("results/{scene}/cache.npz"),
+        environment=own("results/{scene}/environment.npz"),
         segments=ask("segmentation.fused"),
         model=ask("last_model"),
         emitters=ask("last_emitters"),
@@ -34,6 +34,8 @@ rule findings:
         "results/{scene}/logs/findings.log",
     benchmark:
         "results/{scene}/benchmarks/findings.jsonl"
+    wildcard_constraints:
+        scene=FITTED,
     threads: THREADS
     resources:
         mem_mb=memory("findings"),

@@ -85,6 +85,44 @@ rule true_constants:
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
 
 
+rule inverse_trace:
+    """Optimise one material and one radiance a part through the path tracer."""
+    input:
+        transforms=own("results/{scene}/dataset/transforms.json"),
+        views=own("results/{scene}/dataset/views.json"),
+        checked=own("results/{scene}/dataset/check_poses.json"),
+        mesh=own("results/{scene}/dataset/mesh.ply"),
+        images=ask("images", splits=["train"]),
+        samples=sharded("results/{scene}/samples/{shard}.manifest.json", "train"),
+        segments=ask("segmentation.fused"),
+    output:
+        model="results/{scene}/round-0/model.safetensors",
+        emitters="results/{scene}/round-0/emitters.npz",
+        listed="results/{scene}/round-0/emitters.json",
+        stats="results/{scene}/stats/inverse-trace.json",
+    log:
+        "results/{scene}/logs/inverse-trace.log",
+    benchmark:
+        "results/{scene}/benchmarks/inverse-trace.jsonl"
+    wildcard_constraints:
+        scene=CONFIG.runs("inverse-trace"),
+    threads: THREADS
+    resources:
+        mem_mb=memory("inverse_trace"),
+        runtime=minutes("inverse_trace"),
+        gpu=GPUS,
+    params:
+        dataset=folder("results/{scene}/dataset"),
+        samples=folders_of("samples"),
+        segments=folders_of("segments", "--segments"),
+        settings=settings("inverse_trace"),
+        version=VERSIONS["inverse_trace"],
+    shell:
+        "fipt inverse-trace --dataset {params.dataset:q} --samples {params.samples:q} {params.segments:q}"
+        " --out {output.model:q} --emitters-out {output.emitters:q}"
+        " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
+
+
 rule import_results:
     """Bring what another program estimated to our layers."""
     input:
@@ -151,4 +189,35 @@ rule metrics_of_others:
     shell:
         "fipt metrics --dataset {params.dataset:q} --materials {params.materials:q} --render {params.render:q}"
         " --relight {params.relight:q} --partial --out {output.metrics:q}"
+        " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
+
+
+rule plant_errors:
+    """Plant errors into the dataset of a scene."""
+    input:
+        room=ask("source.room_files"),
+        dataset=ask("before_errors"),
+        truth=ask("setups.truth"),
+    output:
+        transforms="results/{scene}/dataset/transforms.json",
+        views="results/{scene}/dataset/views.json",
+        mesh="results/{scene}/dataset/mesh.ply",
+        manifest="results/{scene}/dataset/images.manifest.json",
+        stats="results/{scene}/stats/plant-errors.json",
+    log:
+        "results/{scene}/logs/plant-errors.log",
+    benchmark:
+        "results/{scene}/benchmarks/plant-errors.jsonl"
+    wildcard_constraints:
+        scene=CONFIG.runs("fit"),
+    resources:
+        mem_mb=memory("plant_errors"),
+        runtime=minutes("plant_errors"),
+    params:
+        dataset=ask("dataset_before_errors"),
+        out=folder("results/{scene}/dataset"),
+        settings=settings("plant_errors"),
+        version=VERSIONS["plant_errors"],
+    shell:
+        "fipt plant-errors --dataset {params.dataset:q} --out {params.out:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

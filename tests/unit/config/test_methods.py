@@ -63,7 +63,14 @@ def test_methods_that_need_what_a_room_lacks_have_a_reason():
 
 def test_quick_comparisons_have_one_seed_and_quick_methods():
     methods = config(compare={"quick": True}).scenes["room"].methods
-    assert {run.name for run in methods.runs()} == {"fipt", "bound-constants", "irradiance", "rounds-0", "rounds-1"}
+    assert {run.name for run in methods.runs()} == {
+        "fipt",
+        "bound-constants",
+        "ipt-reimpl",
+        "irradiance",
+        "rounds-0",
+        "rounds-1",
+    }
     named = config(compare={"quick": True, "methods": ["slow"]}).scenes["room"].methods
     assert [run.name for run in named.runs()] == ["fipt", "slow"]
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from fipt.stages.report.comparison import build_comparison
+from fipt.stages.report.plots import change_plots, sensitivity_series
 from tests.fake_results import maps, write_maps, write_results
 from tests.unit.stages.report.test_report import Page
 
@@ -60,3 +61,17 @@ def test_images_are_of_what_is_estimated(page):
     assert "M a, Roughness, view c" not in shown
     assert sum(element.get("class") == "none" for element in page.all("div")) == 2  # M a in two views
     assert not any(value.startswith("http") for tag, attributes in page.tags for value in map(str, attributes.values()))
+
+
+def test_plots_of_ablations_and_errors():
+    own, worse = row("fipt", 20.0), row("a", 18.0, kind="ablation")
+    planted = row("noise", 17.0, kind="sensitivity", series="noise", size=2, unit="mm", findings=[{"cause": "Off."}])
+    table = {"columns": [COLUMN], "methods": [own, worse, planted], "not_applicable": {}}
+    (series,) = sensitivity_series(table)
+    (plot,) = series.plots
+    assert [(point.x, point.y) for point in plot.points] == [(0.0, 0.0), (200.0, 96.0)]
+    assert (plot.low, plot.high) == ("17.0", "20.0")
+    assert list(series.findings) == [("M noise", ["Off."])]
+    cells = [{"text": "-2.0", "kind": "worse"}]
+    (changes,) = change_plots([COLUMN], table["methods"], [{"label": "M a", "cells": cells}])
+    assert [(bar.x, bar.kind) for bar in changes.bars] == [(-50.0, "worse")]
