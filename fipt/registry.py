@@ -50,6 +50,7 @@ SECTIONS: dict[str, Section] = {
     "fit": Section("fipt.stages.fit.settings:FitSettings", 7),
     "irradiance": Section("fipt.stages.irradiance.settings:IrradianceSettings", 1),
     "true_constants": Section("fipt.stages.true_constants.settings:TrueConstantsSettings", 1),
+    "import_results": Section("fipt.stages.import_results.settings:ImportResultsSettings", 1),
     "review": Section("fipt.stages.emitters.settings:ReviewSettings", 2),
     "refine": Section("fipt.stages.shade.settings:RefineSettings", 5),
     "materials": Section("fipt.stages.render.settings:MaterialsSettings", 3),
@@ -196,6 +197,11 @@ VERBS: dict[str, Verb] = {
         "fipt.stages.true_constants.stage",
         "true_constants",
     ),
+    "import-results": Verb(
+        "Bring what another program estimated to our layers: for comparisons.",
+        "fipt.stages.import_results.stage",
+        "import_results",
+    ),
     "review": Verb(
         "List the emitters for people, who may accept, reject, name and merge them.",
         "fipt.stages.emitters.review_stage",
@@ -244,7 +250,10 @@ VERBS: dict[str, Verb] = {
     ),
     "compare": Verb("Write the table that compares methods on a scene.", "fipt.stages.compare.stage", "compare"),
     "compare-page": Verb(
-        "Write the HTML page that compares methods on a scene.", "fipt.stages.report.compare_stage", "compare_page"
+        "Write the HTML page that compares methods.", "fipt.stages.report.compare_stage", "compare_page"
+    ),
+    "compare-rooms": Verb(
+        "Write the table that compares methods on several scenes.", "fipt.stages.compare.rooms_stage", "compare"
     ),
     "run": Verb("Run a scene as far as a target: a front to the workflow.", "fipt.cli.run"),
     "verify": Verb("Say which files of a run are not as it wrote them.", "fipt.cli.verify"),

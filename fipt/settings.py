@@ -22,6 +22,7 @@ def _countable(value: int) -> int:
 
 Positive = Annotated[int, Field(ge=1), AfterValidator(_countable)]
 Count = Annotated[int, Field(ge=0), AfterValidator(_countable)]
+Rounds = Annotated[int, Field(ge=0, le=20), AfterValidator(_countable)]
 Weight = Annotated[float, Field(ge=0)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
 Length = Annotated[float, Field(gt=0)]

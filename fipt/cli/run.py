@@ -1,10 +1,10 @@
-"""``fipt run``: a front to Snakemake for one scene; the rules files alone say what runs after what."""
+"""``fipt run``: a front to Snakemake for some scenes; the rules files alone say what runs after what."""
 
 import contextlib
 import io
 import json
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -32,10 +32,14 @@ STOPPING_POINTS = (
 
 
 def command(
-    scene: Annotated[str, typer.Argument(help="Name of a scene of the config.")],
-    target: Annotated[
-        str, typer.Argument(help=f"Where to stop: {', '.join(STOPPING_POINTS)}; or a file below results/.")
-    ] = "report",
+    asked: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="SCENE... [TARGET]",
+            help="Names of scenes of the config, perhaps where to stop (default: report): "
+            f"{', '.join(STOPPING_POINTS)}; or a file below results/.",
+        ),
+    ],
     configfile: Annotated[
         list[Path] | None, typer.Option(help="Config file on top of config/config.yaml; repeatable.")
     ] = None,
@@ -46,29 +50,45 @@ def command(
     ] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", "-n", help="List the jobs that would run, and why.")] = False,
 ) -> None:
-    """Run every stage of SCENE that is not up to date, as far as TARGET.
+    """Run every stage of SCENE that is not up to date, as far as TARGET; of several scenes one after another.
 
     Snakemake runs the jobs; results/SCENE with its logs/ is below the working directory. A run that was killed goes on
-    when it is started again.
+    when it is started again. Several scenes as far as compare have a table together, in results/compare.
     """
     from fipt.config import read
 
-    if quick and target != "compare":
-        raise FiptError(f"--quick is of the target compare; this is {target}", f"fipt run {scene} compare --quick")
     found = read(configfile or (), [*(config or ()), *(["compare={quick: true}"] if quick else [])])
-    if scene not in found.scenes:
-        raise FiptError(f"there is no scene {scene!r}", f"scenes: {', '.join(found.scenes)}")
+    scenes, target = asked_for(asked, found.scenes)
+    if quick and target != "compare":
+        raise FiptError(f"--quick is of the target compare; this is {target}", f"fipt run {scenes[0]} compare --quick")
+    options = ["--cores", str(cores or "all"), *(("--dry-run",) if dry_run else ())]
+    code = snakemake({**found.plain, "only": scenes}, target, options)
+    for scene in scenes if code == 0 and not dry_run else ():
+        results = Path("results", scene)
+        _record(found.scenes[scene], found.plain, results)
+        if target in ("report", str(results / "findings.json"), str(results / "report.html")):
+            tell_findings(results)
+    raise typer.Exit(code)
+
+
+def asked_for(asked: Sequence[str], known: Iterable[str]) -> tuple[list[str], str]:
+    """Scenes and target of a command line; the last word is the target where it is no scene and not the only word.
+
+    Raises
+    ------
+    FiptError
+        If there is no such scene or target.
+    """
+    known, last = list(known), asked[-1]
+    is_target = len(asked) > 1 and (last in STOPPING_POINTS or last not in known)
+    scenes, target = (list(asked[:-1]), last) if is_target else (list(asked), "report")
+    for scene in scenes:
+        if scene not in known:
+            raise FiptError(f"there is no scene {scene!r}", f"scenes: {', '.join(known)}")
     if target not in STOPPING_POINTS and not target.startswith("results/"):
         points = ", ".join(STOPPING_POINTS)
         raise FiptError(f"there is no target {target!r}", f"targets: {points}, or a file below results/")
-    options = ["--cores", str(cores or "all"), *(("--dry-run",) if dry_run else ())]
-    code = snakemake({**found.plain, "only": [scene]}, target, options)
-    results = Path("results", scene)
-    if code == 0 and not dry_run:
-        _record(found.scenes[scene], found.plain, results)
-    if code == 0 and not dry_run and target in ("report", str(results / "findings.json"), str(results / "report.html")):
-        tell_findings(results)
-    raise typer.Exit(code)
+    return list(dict.fromkeys(scenes)), target
 
 
 def _record(scene: "SceneConfig", plain: Mapping[str, Any], results: Path) -> None:

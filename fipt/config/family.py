@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cached_property
 from typing import Any
 
-from fipt.config.layout import Layout
+from fipt.config.layout import TOGETHER, Layout
 from fipt.config.methods import OWN, MethodRun, known_methods, shared_paths
 from fipt.config.scene import SceneConfig
 from fipt.config.schema import Config, SceneEntry, source_of
@@ -30,6 +30,8 @@ class SceneFamily:
 
     def __init__(self, name: str, entry: SceneEntry, config: Config) -> None:
         check_name(name, "scene")
+        if name == TOGETHER:
+            raise FiptError(f"a scene must not be called {name!r}: results/{name} is of several scenes", "rename it")
         self._name, self._entry, self._config = name, entry, config
         self._runs: dict[str, SceneConfig] = {}
 
@@ -52,7 +54,7 @@ class SceneFamily:
             place=place,
             source=source_of(entry, place),
             given_setups=setups,
-            rounds=config.rounds,
+            rounds=config.rounds if entry.rounds is None else entry.rounds,
             views_per_shard=config.views_per_shard,
             said=given(entry),
             family=self,

@@ -8,6 +8,9 @@ from __future__ import annotations
 RESULTS = "results"
 """Folder of all results, in the working directory."""
 
+TOGETHER = "compare"
+"""Folder of what is of several scenes together, in that of all results."""
+
 
 class Below:
     """A path below a scene's folder; wildcards stay in braces, for ``str.format``."""
@@ -144,11 +147,17 @@ class Layout:
     report = Below("report.html")
 
     # comparisons; a run of a method has the layout of a scene in methods/{method}
+    results_of_others = Below("others.manifest.json")
     method = Below("methods/{method}/method.json")
     comparison = Below("compare/table.json")
     comparison_for_people = Below("compare/table.md")
     comparison_rows = Below("compare/table.csv")
     comparison_page = Below("compare.html")
+
+    @staticmethod
+    def together(file: str) -> str:
+        """Path of what compares several scenes: ``table.json``, ``table.md``, ``table.csv`` or ``page.html``."""
+        return f"{RESULTS}/{TOGETHER}/{file}"
 
     @classmethod
     def patterns(cls) -> dict[str, str]:

@@ -11,7 +11,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import Field
 
@@ -19,7 +19,7 @@ from fipt.config.sections import Sections
 from fipt.errors import FiptError
 from fipt.formats.files import check_name
 from fipt.formats.yaml import read_yaml
-from fipt.settings import Settings, dumped
+from fipt.settings import Rounds, Settings, dumped
 from fipt.validation import checked
 
 if TYPE_CHECKING:
@@ -31,7 +31,8 @@ CARDS = Path(__file__).resolve().parent / "method_cards"
 OWN = "fipt"
 """The method that is the scene's own run."""
 
-Estimator = Literal["fit", "irradiance", "true-constants"]
+Estimator = Literal["fit", "irradiance", "true-constants", "imported"]
+Kind = Literal["method", "ablation", "reimplementation", "substitute", "imported", "bound"]
 Quantity = Literal["kd", "reflectance", "base_color", "roughness", "metallic", "emission"]
 
 _SEED = re.compile(r"(.+)\.seed-([1-9]\d*)")
@@ -54,7 +55,7 @@ class Method(Settings):
     """A method that is compared with others: its card."""
 
     label: str = Field(description="name in tables")
-    kind: Literal["method", "ablation", "reimplementation", "substitute", "bound"] = Field(description="what it is")
+    kind: Kind = Field(description="what it is")
     estimator: Estimator = Field(default="fit", description="what makes its materials and emitters")
     source: str = Field(description="where it comes from")
     deviations: str = Field(default="none", description="what deviates from its source")
@@ -70,9 +71,7 @@ class Method(Settings):
     )
     preset: str | None = Field(default=None, description="preset that lies on top of the scene's settings")
     settings: Sections | None = Field(default=None, description="stage sections that lie on top of them all")  # pyright: ignore[reportInvalidTypeForm] - made by create_model
-    rounds: Annotated[int, Field(ge=0, le=20)] | None = Field(
-        default=None, description="last round; absent: that of the scene"
-    )
+    rounds: Rounds | None = Field(default=None, description="last round; absent: that of the scene")
     quick: bool = Field(default=False, description="take part in `fipt run SCENE compare --quick`")
 
 
@@ -136,7 +135,7 @@ def _changed(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, A
     return {name: value for name, value in after.items() if name not in before or before[name] != value}
 
 
-_ORDER = ("method", "reimplementation", "substitute", "bound", "ablation")
+_ORDER = ("method", "reimplementation", "substitute", "imported", "bound", "ablation")
 """Kinds of methods as tables list them."""
 
 
@@ -187,6 +186,8 @@ class SceneMethods:
         if card.rounds is not None and card.rounds > self._scene.rounds:
             return f"needs {card.rounds} rounds, and the scene has {self._scene.rounds}"
         own = self.run(name)
+        if card.estimator == "imported" and not own.results_of_others():
+            return f"there are no outputs of this scene in {own.settings['import_results'].path}"
         if card.estimator == "fit" and own.rounds == self._scene.rounds and own.settings == self._scene.settings:
             return "is the scene's own run: its settings are the same"
         return None
@@ -220,7 +221,10 @@ class SceneMethods:
         own, scene = self.run(method), self._scene
         changed = {name: _changed(dumped(scene.settings[name]), dumped(own.settings[name])) for name in own.settings}
         changed = {name: values for name, values in changed.items() if values}
-        card = dumped(self.cards[run.method]) | {"id": run.method, "seed": run.seed, "settings": changed}
+        card = dumped(self.cards[run.method])
+        if card["estimator"] == "imported" and own.settings["import_results"].scaled:
+            card["oracle"] = [*card["oracle"], "scale of every picture"]
+        card |= {"id": run.method, "seed": run.seed, "settings": changed}
         return json.dumps(card | {"rounds": own.rounds}, sort_keys=True)
 
     def stats(self, method: str) -> list[str]:
@@ -231,6 +235,8 @@ class SceneMethods:
     def _labels(self, own: SceneConfig, run: MethodRun) -> Iterable[str]:
         estimator = self.cards[run.method].estimator
         train, every = own.views.shards("train"), own.views.shards("all")
+        if estimator == "imported":
+            return
         yield from (f"samples.{shard}" for shard in every)
         if estimator != "true-constants":
             yield from ("environment", "cache", *(f"bake.round-0.{shard}" for shard in train))
@@ -250,6 +256,9 @@ class SceneMethods:
             if run.seed:
                 continue
             own = scene if run.method == OWN else self.run(run.name)
+            if own.estimator == "imported":
+                found.append(own.layout.results_of_others)
+                continue
             found += [own.layout.materials.format(shard=shard) for shard in own.views.shards("all")]
             found += [own.layout.render.format(shard=shard) for shard in own.views.shards("val")]
             found += own.setups.relit()

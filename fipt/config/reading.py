@@ -39,7 +39,7 @@ class Configuration:
     only
         Names of the scenes that were asked for.
     rounds
-        The last round of every scene.
+        The last round of the scene that has most.
     plain
         The configuration as plain JSON types, as given (no defaults filled in).
     """
@@ -54,14 +54,17 @@ class Configuration:
         scene, _, run = name.partition("/methods/")
         return self.scenes[scene].methods.run(run) if run else self.scenes[scene]
 
-    def runs(self, estimator: Estimator | Literal["any"]) -> str:
-        """Regular expression of the runs of methods whose materials such an estimator makes."""
+    def runs(self, estimator: Estimator | Literal["any"], but: Estimator | None = None) -> str:
+        """Regular expression of the runs of methods whose materials such an estimator makes, ``but`` for one."""
         found = []
         for name, scene in self.scenes.items():
-            cards = [name for name, card in scene.methods.cards.items() if estimator in (card.estimator, "any")]
+            wanted = {name: card.estimator for name, card in scene.methods.cards.items() if card.estimator != but}
+            cards = [name for name, own in wanted.items() if estimator in (own, "any")]
+            if not cards:
+                continue
             seed = r"(?:\.seed-[1-9]\d*)?"
             found.append(f"{re.escape(name)}/methods/(?:{'|'.join(map(re.escape, cards))}){seed}")
-        return "|".join(found)
+        return "|".join(found) or "(?!)"
 
 
 def read(files: Iterable[str | Path] = (), overrides: Iterable[str] = ()) -> Configuration:
@@ -118,6 +121,6 @@ def load(values: Mapping[str, Any]) -> Configuration:
     return Configuration(
         scenes=scenes,
         only=tuple(dict.fromkeys(scenes if only is None else only)),
-        rounds=config.rounds,
+        rounds=max(scene.rounds for scene in scenes.values()),
         plain=given(config),
     )

@@ -25,6 +25,7 @@ from fipt.scene.setup import RelightSetup
 from fipt.settings import dumped
 from fipt.stages.geometry.library import check_installed
 from fipt.stages.geometry.settings import STEREO, given_file
+from fipt.stages.import_results.files import found_results
 
 if TYPE_CHECKING:
     from fipt.config.family import SceneFamily
@@ -269,7 +270,47 @@ class SceneConfig:
         file = self.settings["geometry"].scan
         return [str(existing_file(self.place.path(file, "settings.geometry.scan"), "geometry.scan"))] if file else []
 
+    def results_of_others(self) -> list[str]:
+        """What another program estimated, as the settings of this run of a method say; none where there is none.
+
+        Raises
+        ------
+        FiptError
+            If no folder is named, it does not exist, or holds files of some views only.
+        """
+        settings = self.settings["import_results"]
+        if settings.path is None:
+            raise FiptError(f"{self.name}: import_results.path must name a folder", "set it in the method's settings")
+        placed = Path(self.place.path(settings.path, "settings.import_results.path"))
+        if not placed.is_dir():
+            raise FiptError(f"import_results.path must be a folder; there is none at {placed}", "correct the path")
+        if settings.setup and settings.setup not in self.given_setups:
+            raise FiptError(f"import_results.setup: there is no relight setup {settings.setup!r}", "name one of setups")
+        settings = settings.model_copy(update={"path": str(placed)})
+        counts = (sum(map(len, self.views.shards(split).values())) for split in (settings.views, "val"))
+        return [str(path) for path in found_results(settings, self.own_name, *counts).files()]
+
+    @property
+    def own_name(self) -> str:
+        """Its name; of a run of a method that of its scene."""
+        return self.name.partition("/methods/")[0]
+
     # --- the model and what is made of it
+
+    def last_shading(self) -> list[str]:
+        """Manifests of the shading of the last round."""
+        return self._shading(self.rounds)
+
+    def shading_before(self) -> list[str]:
+        """Manifests of the shading of the round before; none where there is one round only."""
+        return self._shading(self.rounds - 1) if self.rounds else []
+
+    def _shading(self, round: int) -> list[str]:
+        return [self.layout.shading.format(round=round, shard=shard) for shard in self.views.shards("train")]
+
+    def last_states(self) -> list[str]:
+        """Whether the loop had settled in the last two rounds."""
+        return [self.layout.settled.format(round=k) for k in range(self.rounds + 1)[-2:]]
 
     def last_model(self) -> str:
         """The model of the last round."""

@@ -13,7 +13,7 @@ from fipt.config.sources.dataset import DatasetEntry, DatasetSource
 from fipt.config.sources.mitsuba import MitsubaEntry, MitsubaRoom
 from fipt.config.sources.procedural import ProceduralEntry, ProceduralRoom
 from fipt.config.sources.raw import RawEntry, RawSource
-from fipt.settings import Positive
+from fipt.settings import Positive, Rounds
 
 SceneEntry = Annotated[
     ProceduralEntry | MitsubaEntry | DatasetEntry | RawEntry,
@@ -37,7 +37,7 @@ class Config(Sections):
     """The whole configuration."""
 
     scenes: dict[str, SceneEntry] = Field(min_length=1, description="name of a scene -> where it comes from")
-    rounds: Annotated[int, Field(ge=0, le=20)] = Field(
+    rounds: Rounds = Field(
         default=6,
         description="most refinements after the first fit, fewer where the loop settles; 0 = bake and fit only",
     )

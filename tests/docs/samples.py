@@ -90,8 +90,8 @@ def _fipt(words: list[str]) -> str | None:
     if missing and "--help" not in given:
         return f"fipt {verb} needs {', '.join(missing)}"
     plain = _arguments(rest, options)
-    if verb == "run" and len(plain) > 1 and plain[1] not in targets() and "/" not in plain[1]:
-        return f"no target {plain[1]}"
+    if verb == "run" and len(plain) > 1 and plain[-1] not in targets() and "/" not in plain[-1]:
+        return f"no target {plain[-1]}"
     return None
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.jobs import WORKFLOW
-from fipt.cli.run import STOPPING_POINTS
+from fipt.cli.run import STOPPING_POINTS, asked_for
 from fipt.errors import FiptError
 from fipt.lock import locked
 from fipt.provenance import read_provenance
@@ -54,6 +54,21 @@ def test_a_dry_run_lists_the_jobs(workspace):
 def test_targets_are_those_of_the_workflow():
     rules = (WORKFLOW / "rules" / "targets.smk").read_text()
     assert [line[5:-1] for line in rules.splitlines() if line.startswith("rule ")] == list(STOPPING_POINTS)
+
+
+def test_several_scenes_and_a_target():
+    known = ("a", "b", "materials")
+    assert asked_for(["a"], known) == (["a"], "report")
+    assert asked_for(["materials"], known) == (["materials"], "report")
+    assert asked_for(["a", "b"], known) == (["a", "b"], "report")
+    assert asked_for(["a", "b", "a", "compare"], known) == (["a", "b"], "compare")
+    assert asked_for(["b", "materials"], known) == (["b"], "materials")
+
+
+def test_several_scenes_are_compared_together(workspace):
+    here = workspace({**CONFIG, "scenes": {name: {"source": "procedural"} for name in ("a", "b")}})
+    wanted = ("compare", "--config", "compare={methods: [irradiance]}", "--dry-run")
+    assert "rooms-page: Missing output files: results/compare/page.html" in here.fipt_run("b", *wanted, scene="a")
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ that it lists, a folder for all below it.
 """
 
 import json
+import os
 import re
 import shutil
 import sys
@@ -15,6 +16,7 @@ import numpy as np
 import pytest
 
 from benchmarks.jobs import WORKFLOW, Job, jobs_of
+from fipt.formats.arrays import save_npz
 from fipt.formats.images import write_png
 from fipt.stages.geometry.library import tried
 from tests.opened import opened
@@ -133,11 +135,16 @@ def test_a_room_in_code_with_given_ids(folder):
     RULES.update(rules)
     assert not found, "\n".join(found)
 
-    compared = config | {"compare": {"methods": ["irradiance", "bound-constants"], "seeds": 1}}
-    jobs = [job for job in jobs_of(Path(), compared, "compare") if not all(Path(path).exists() for path in job.outputs)]
-    found = [line for job in jobs for line in wrong(job, {})]
-    RULES.update(job.rule for job in jobs)
-    assert not found, "\n".join(found)
+    for view in range(3):
+        save_npz(f"{view:06d}.npz", diffuse=np.full((24, 32, 3), 0.5), roughness=np.ones((24, 32)))
+    others = {"label": "Others", "kind": "imported", "estimator": "imported", "source": "a file"}
+    compared = config | {"compare": {"methods": ["irradiance", "bound-constants", "others"], "seeds": 1}}
+    compared["methods"] = {"others": others | {"settings": {"import_results": {"path": ".", "layout": "npz"}}}}
+    for target in ("compare", "results/compare/page.html"):
+        jobs = [job for job in jobs_of(Path(), compared, target) if not all(map(os.path.exists, job.outputs))]
+        found = [line for job in jobs for line in wrong(job, {})]
+        RULES.update(job.rule for job in jobs)
+        assert not found, "\n".join(found)
     page = Path("results/room/compare.html").read_text()
     assert "Radiance over irradiance" in page
     assert json.loads(Path("results/room/compare/table.json").read_text())["methods"][0]["id"] == "fipt"

@@ -15,7 +15,7 @@ from fipt.config.layout import Layout
 from fipt.config.sections import Sections
 from fipt.errors import FiptError
 from fipt.scene.setup import RelightSetup
-from fipt.settings import Settings
+from fipt.settings import Rounds, Settings
 
 ESTIMATED = "colmap"
 """What `poses` of a scene says where poses are estimated."""
@@ -31,6 +31,7 @@ class SourceEntry(Settings):
 
     preset: str = Field(default="default", description="name of a file in fipt/config/presets")
     setups: Setups | None = Field(default=None, description="relight setups of this scene, beside the common ones")
+    rounds: Rounds | None = Field(default=None, description="most refinements of this scene; absent: the common key")
     settings: Sections | None = Field(default=None, description="stage sections of this scene")  # pyright: ignore[reportInvalidTypeForm] - made by create_model
 
     @property

@@ -100,6 +100,13 @@ def comparison(runs: Sequence[Mapping[str, Any]], not_applicable: Mapping[str, s
     for column in columns:
         rank(rows, column)
     described = [_described(column, runs[0]["definitions"] if runs else {}) for column in columns]
+    return finished(rows, described, not_applicable)
+
+
+def finished(
+    rows: list[dict[str, Any]], described: list[dict[str, Any]], not_applicable: Mapping[str, str]
+) -> dict[str, Any]:
+    """Content of table.json of ranked rows: how columns and figures are read is filled in."""
     for column in described:
         column["noise"] = ONE_SEED.get(column["unit"], 0.0) if all(row["seeds"] == 1 for row in rows) else 0.0
     for row in rows:
@@ -124,17 +131,25 @@ def _relit(runs: Sequence[Mapping[str, Any]]) -> list[Column]:
 def _row(seeds: Sequence[Mapping[str, Any]], columns: Sequence[Column]) -> dict[str, Any]:
     figures = {}
     for column in columns:
-        values = [_value(run, column.place) for run in seeds]
-        known = [value for value in values if value is not None]
-        whole = len(known) == len(values)
-        figures[column.key] = {
-            "mean": sum(known) / len(known) if whole else None,
-            "spread": max(known) - min(known) if whole and len(known) > 1 else None,
-            "values": values,
-            "first": False,
-        }
-    said = {name: seeds[0][name] for name in _SAID}
-    return {**said, "random": seeds[0]["estimator"] == "fit", "seeds": len(seeds), "figures": figures}
+        figures[column.key] = mean_and_spread([_value(run, column.place) for run in seeds])
+    return filled_row(seeds[0], figures, len(seeds), seeds[0]["estimator"] == "fit")
+
+
+def filled_row(said: Mapping[str, Any], figures: Mapping[str, Any], seeds: int, random: bool) -> dict[str, Any]:
+    """A row of the table: what is said of the method, and its figures."""
+    return {**{name: said[name] for name in _SAID}, "random": random, "seeds": seeds, "figures": figures}
+
+
+def mean_and_spread(values: Sequence[float | None]) -> dict[str, Any]:
+    """Figure of a row from that of every seed; None where one is not known."""
+    known = [value for value in values if value is not None]
+    whole = len(known) == len(values) > 0
+    return {
+        "mean": sum(known) / len(known) if whole else None,
+        "spread": max(known) - min(known) if whole and len(known) > 1 else None,
+        "values": list(values),
+        "first": False,
+    }
 
 
 def _value(run: Mapping[str, Any], place: tuple[str, ...]) -> float | None:

@@ -8,8 +8,24 @@ from typing import Any
 
 def as_markdown(table: Mapping[str, Any]) -> str:
     """The table for people: our figures, then the published definitions, then the methods."""
-    every = table["columns"]
-    parts = ["# Comparison\n"]
+    parts = ["# Comparison\n", *_tables(table, "##"), "## Methods\n", *_methods(table)]
+    return "\n".join(parts) + "\n"
+
+
+def rooms_as_markdown(found: Mapping[str, Any]) -> str:
+    """Tables of several scenes for people: the mean, the methods, then each scene."""
+    rooms, mean = found["rooms"], found["mean"]
+    parts = [f"# Comparison on {', '.join(rooms)}\n", "Means over these rooms.\n", *_tables(mean, "##")]
+    parts += ["## Methods\n", *_methods(mean)]
+    for name, table in rooms.items():
+        missing = [f"- `{method}` is not applicable: {why}." for method, why in table["not_applicable"].items()]
+        parts += [f"\n## {name}\n", *_tables(table, "###"), *missing]
+    return "\n".join(parts) + "\n"
+
+
+def _tables(table: Mapping[str, Any], heading: str) -> list[str]:
+    """Our figures, then the published definitions."""
+    every, parts = table["columns"], []
     seeds = max((row["seeds"] for row in table["methods"]), default=1)
     parts.append(
         f"Held-out views. Means over {seeds} seeds, in parentheses the largest difference between seeds. " * (seeds > 1)
@@ -18,12 +34,15 @@ def as_markdown(table: Mapping[str, Any]) -> str:
     )
     parts.append(_grid([column for column in every if column["kind"] != "published"], table["methods"], oracle=True))
     published = [column for column in every if column["kind"] == "published"]
-    parts.append("## As published tables count, training views\n")
+    parts.append(f"{heading} As published tables count, training views\n")
     parts.append(_grid(published, table["methods"]))
-    parts.append("## Methods\n")
-    parts += [f"- **{row['label']}** (`{row['id']}`, {row['kind']}): {_about(row)}" for row in table["methods"]]
+    return parts
+
+
+def _methods(table: Mapping[str, Any]) -> list[str]:
+    parts = [f"- **{row['label']}** (`{row['id']}`, {row['kind']}): {_about(row)}" for row in table["methods"]]
     parts += [f"- `{name}` is not applicable: {reason}." for name, reason in table["not_applicable"].items()]
-    return "\n".join(parts) + "\n"
+    return parts
 
 
 def _about(row: Mapping[str, Any]) -> str:
@@ -52,14 +71,32 @@ def _grid(columns: Sequence[Mapping[str, Any]], rows: Sequence[Mapping[str, Any]
 
 def as_csv(table: Mapping[str, Any]) -> str:
     """One row a method; of every figure its mean, and its spread over seeds; empty where it is not known."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
     keys = [column["key"] for column in table["columns"]]
-    writer.writerow(
-        ["method", "label", "kind", "oracle", "seeds", *(f for key in keys for f in (key, f"{key}_spread"))]
-    )
-    for row in table["methods"]:
-        cells = [row["figures"][key][part] for key in keys for part in ("mean", "spread")]
-        numbers = ["" if value is None else f"{value:.6g}" for value in cells]
-        writer.writerow([row["id"], row["label"], row["kind"], "; ".join(row["oracle"]), row["seeds"], *numbers])
+    return _csv([_csv_head(keys), *_csv_rows(table, keys)])
+
+
+def rooms_as_csv(found: Mapping[str, Any]) -> str:
+    """One row a method and scene, those of the means first, with the scene ``mean``."""
+    tables = {"mean": found["mean"], **found["rooms"]}
+    keys = list(dict.fromkeys(column["key"] for table in tables.values() for column in table["columns"]))
+    rows = [[name, *row] for name, table in tables.items() for row in _csv_rows(table, keys)]
+    return _csv([["room", *_csv_head(keys)], *rows])
+
+
+def _csv(rows: Sequence[Sequence[Any]]) -> str:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
     return text.getvalue()
+
+
+def _csv_head(keys: Sequence[str]) -> list[str]:
+    return ["method", "label", "kind", "oracle", "seeds", *(name for key in keys for name in (key, f"{key}_spread"))]
+
+
+def _csv_rows(table: Mapping[str, Any], keys: Sequence[str]) -> list[list[Any]]:
+    rows = []
+    for row in table["methods"]:
+        cells = [row["figures"].get(key, {}).get(part) for key in keys for part in ("mean", "spread")]
+        numbers = ["" if value is None else f"{value:.6g}" for value in cells]
+        rows.append([row["id"], row["label"], row["kind"], "; ".join(row["oracle"]), row["seeds"], *numbers])
+    return rows

@@ -169,31 +169,37 @@ class MaterialFigures:
         Parameters
         ----------
         estimate
-            Layers of materials/{view}.exr, ``hit`` among them.
+            Layers of materials/{view}.exr, ``hit`` among them; those of another program may be fewer.
         truth
             Layers of truth/{view}.exr; layers it lacks are left out of the figures.
         valid
             (H, W) bool, pixels of the image that have weight; the others do not count.
         """
         hit = (estimate["hit"] > 0.5) & valid
-        true_emission, emission = emits(truth), emits(estimate)
+        true_emission = emits(truth)
         counted = hit & ~true_emission
         self.pixels += int(counted.sum())
         errors = {}
         for name in ("kd", "reflectance", "base_color", "roughness", "metallic"):
-            if name in truth:
+            if name in truth and name in estimate:
                 error = np.float64(estimate[name][counted]) - truth[name][counted]
                 errors[name] = np.abs(error) if name in ("roughness", "metallic") else error**2
                 getattr(self, name).add(errors[name])
         if "confidence" in estimate:
             predicted = {name: estimate[name][counted] for name in PREDICTED if name in estimate}
             self.by_confidence.add(estimate["confidence"][counted], errors, predicted)
+        if "emission" in estimate:
+            self._add_emission(estimate, truth, hit)
+        if "emission" in truth:
+            self.published.append(published_view(estimate, truth))
+
+    def _add_emission(self, estimate: Layers, truth: Layers, hit: np.ndarray) -> None:
+        true_emission, emission = emits(truth), emits(estimate)
         self.intersection += int((hit & true_emission & emission).sum())
         self.union += int((hit & (true_emission | emission)).sum())
         if "emission" in truth:
             both = hit & true_emission & emission
             self.log_radiance.add(log_differences(estimate["emission"][both], truth["emission"][both]))
-            self.published.append(published_view(estimate, truth))
 
     def figures(self) -> dict[str, Any]:
         """Return the figures under their names in metrics.json, and the pixels counted."""
@@ -228,13 +234,12 @@ def published_view(estimate: Layers, truth: Layers) -> dict[str, float | None]:
     They are here to be compared with those tables and nothing else: zeroed pixels count as perfect.
     """
     true_emission = np.any(truth["emission"] > 0, axis=-1)
-    emission = np.where(emits(estimate)[..., None], estimate["emission"], 0.0)
     figures: dict[str, float | None] = dict.fromkeys(
         ("kd_psnr", "reflectance_psnr", "roughness_psnr", "emission_iou", "log_l2")
     )
 
     def compare(name: str, qualifies: np.ndarray, floor: float = 0.0) -> float | None:
-        if name not in truth or not qualifies.any():
+        if name not in truth or name not in estimate or not qualifies.any():
             return None
         pair = [np.maximum(_cut(layers[name]), floor) for layers in (estimate, truth)]
         return psnr(float(np.mean(((pair[0] - pair[1]).T * qualifies.T) ** 2)))
@@ -244,7 +249,8 @@ def published_view(estimate: Layers, truth: Layers) -> dict[str, float | None]:
         figures["kd_psnr"] = compare("kd", diffuse)
     figures["reflectance_psnr"] = compare("reflectance", ~true_emission)
     figures["roughness_psnr"] = compare("roughness", ~true_emission, PUBLISHED_ROUGHNESS)
-    if true_emission.any():
+    if true_emission.any() and "emission" in estimate:
+        emission = np.where(emits(estimate)[..., None], estimate["emission"], 0.0)
         found = emission.sum(axis=-1) > 0
         figures["emission_iou"] = float((found & true_emission).sum() / (found | true_emission).sum())
         difference = np.log1p(np.float64(emission)) - np.log1p(np.float64(truth["emission"]))

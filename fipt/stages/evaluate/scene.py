@@ -33,9 +33,14 @@ _GRAZING = 0.1
 """Least cosine of a view that counts: an area seen at less is uncertain by more than half."""
 
 
-def material_figures(data: Dataset, folder: Path, split: str) -> dict[str, Any]:
-    """Figures of the material maps of a split; all None where the dataset has no truth."""
+def material_figures(data: Dataset, folder: Path, split: str, partial: bool = False) -> dict[str, Any]:
+    """Figures of the material maps of a split; all None where the dataset has no truth.
+
+    ``partial``: maps of another program, which may lack layers, or all views of the split.
+    """
     figures, views = MaterialFigures(), data.views(split)
+    if partial and not any((folder / f"{view}.exr").is_file() for view in views):
+        views = []
     with progress(f"metrics {split}", len(views), " views") as bar:
         for view in views:
             truth = data.truth(view)
@@ -43,16 +48,16 @@ def material_figures(data: Dataset, folder: Path, split: str) -> dict[str, Any]:
                 path = folder / f"{view}.exr"
                 estimate = finite(read_layers(path), str(path))
                 truth = finite(truth, str(data.root / "truth" / f"{view}.exr"))
-                _check_layers(path, estimate, truth)
+                _check_layers(path, estimate, truth, partial)
                 figures.add(estimate, truth, data.image(view)[1] > 0)
             bar.advance()
     return figures.figures()
 
 
-def _check_layers(path: Path, estimate: Layers, truth: Layers) -> None:
+def _check_layers(path: Path, estimate: Layers, truth: Layers, partial: bool) -> None:
     compared = ("kd", "reflectance", "base_color", "roughness", "metallic", "emission", "hit")
     missing = [name for name in compared if name not in estimate and (name in truth or name == "hit")]
-    if missing:
+    if missing and not partial:
         raise FiptError(f"{path} lacks the layers {', '.join(missing)}", "run fipt materials again")
     if "emission" not in truth and "emission_mask" not in truth:
         raise FiptError(

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from fipt.inputs import UNSPLIT, DatasetFolder, EmittersFile
+from fipt.inputs import UNSPLIT, DatasetFolder
 
 if TYPE_CHECKING:
     from fipt.stages.evaluate.settings import MetricsSettings
@@ -18,8 +18,9 @@ class MetricsInputs:
     dataset: DatasetFolder
     materials: Annotated[Path, "Folder of material maps."]
     render: Annotated[Path, "Folder of re-rendered views."]
-    emitters: EmittersFile
     out: Annotated[Path, "metrics.json to write."]
+    emitters: Annotated[Path | None, "Emitters, emitters.npz; without them none are judged."] = None
+    partial: Annotated[bool, "Maps are of another program: what they lack has no figure."] = False
     samples: Annotated[tuple[Path, ...], "Samples folders, comma-separated: they tell which triangles truly emit."] = ()
     relight: Annotated[Path | None, "Folder with one folder of images per relight setup."] = None
     setups: Annotated[
@@ -45,12 +46,13 @@ def run(inputs: MetricsInputs, settings: "MetricsSettings") -> dict[str, Any]:
     references, data = _references(inputs), Dataset(inputs.dataset)
     content: dict[str, Any] = {
         split: {
-            **scene.material_figures(data, inputs.materials, split),
+            **scene.material_figures(data, inputs.materials, split, inputs.partial),
             **scene.render_figures(data, inputs.render, split, settings.fit_exposure),
         }
         for split in ("val", "train")
     }
-    content["emitters"] = scene.emitter_figures(data, inputs.emitters, list(inputs.samples))
+    if inputs.emitters is not None:
+        content["emitters"] = scene.emitter_figures(data, inputs.emitters, list(inputs.samples))
     relit = scene.relight_figures(data, inputs.relight, inputs.setups) if inputs.relight is not None else {}
     for setup, (ours, photographs) in references.items():
         relit[setup] = scene.reference_figures(data, ours, photographs)

@@ -1,4 +1,4 @@
-"""``fipt compare-page``: write the HTML page that compares methods on a scene."""
+"""``fipt compare-page``: write the HTML page that compares methods, on a scene or several."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,18 +12,25 @@ if TYPE_CHECKING:
 class ComparePageInputs:
     """Files of ``fipt compare-page``."""
 
-    results: Annotated[Path, "Results folder of the scene; runs of methods lie in its folder methods."]
     table: Annotated[Path, "table.json of the comparison."]
     out: Annotated[Path, "HTML file to write."]
+    results: Annotated[
+        Path | None,
+        "Results folder of the scene; runs of methods lie in its folder methods. Absent: the table is of several.",
+    ] = None
 
 
 def run(inputs: ComparePageInputs, settings: "ComparePageSettings") -> dict[str, Any]:
     """Write one HTML page: who is first at what, the table, and a figure for every quantity, errors on one scale."""
     from fipt.formats.files import write_text
     from fipt.formats.text import read_json
+    from fipt.stages.report.compared_rooms import build_rooms
     from fipt.stages.report.comparison import build_comparison
 
     table = read_json(inputs.table, "the table of the comparison", "run fipt compare again")
-    page = build_comparison(inputs.results, table, settings.views, settings.width)
+    if inputs.results is None:
+        page = build_rooms(table)
+    else:
+        page = build_comparison(inputs.results, table, settings.views, settings.width)
     write_text(inputs.out, page)
     return {"page_bytes": len(page.encode("utf-8"))}

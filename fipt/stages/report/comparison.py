@@ -81,13 +81,24 @@ def build_comparison(results: Path, table: Mapping[str, Any], views: int, width:
         table=table,
         columns=[column for column in columns if column["kind"] != "published"],
         published=[column for column in columns if column["kind"] == "published"],
-        winners=[winner for column in ranked if (winner := _winner(column, table["methods"]))],
-        bars={column["key"]: _bars(column, table["methods"]) for column in columns},
+        winners=winners(table),
+        bars=bars(table),
         changes=_changes(ranked, table["methods"]),
         figures=[figure for figure in figures if figure.views],
         seeds=max((row["seeds"] for row in table["methods"]), default=1),
         difference_range=images.DIFFERENCE_RANGE,
     )
+
+
+def winners(table: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Who is first in every column of the table that is ranked."""
+    ranked = [column for column in table["columns"] if column["kind"] == "figure"]
+    return [winner for column in ranked if (winner := _winner(column, table["methods"]))]
+
+
+def bars(table: Mapping[str, Any]) -> dict[str, dict[str, float]]:
+    """Column -> method -> length of its bar."""
+    return {column["key"]: _bars(column, table["methods"]) for column in table["columns"]}
 
 
 def _quantities(data: Dataset, views: Sequence[str]) -> Iterator[Quantity]:

@@ -62,15 +62,7 @@ def scenes_where(question):
 
 LOCKS = contextlib.ExitStack()
 LATER_ROUNDS = one_of(str(k) for k in range(1, CONFIG.rounds + 1))
-LAST_SHADING = (
-    f"results/{{scene}}/round-{CONFIG.rounds}/shading/{{shard}}.manifest.json"
-)
-SHADING_BEFORE = (
-    f"results/{{scene}}/round-{CONFIG.rounds - 1}/shading/{{shard}}.manifest.json"
-)
-LAST_STATES = [
-    f"results/{{scene}}/round-{k}/settled.json" for k in range(CONFIG.rounds + 1)[-2:]
-]
+RENDERED = f"{one_of(CONFIG.scenes)}|{CONFIG.runs('any', 'imported')}"
 FITTED = f"{one_of(CONFIG.scenes)}|{CONFIG.runs('fit')}"
 
 

@@ -4,6 +4,8 @@ INPUTS:  metrics.json, stats and maps of the scene and of the runs in results/{s
 OUTPUTS: results/{scene}/methods/{method}/method.json    what a run reached, took and used
          results/{scene}/compare/table.json, .md, .csv   all of them
          results/{scene}/compare.html                    one self-contained page
+         results/compare/table.json, .md, .csv           of all scenes that were asked for, with their mean
+         results/compare/page.html                       one self-contained page
 """
 
 
@@ -29,7 +31,7 @@ rule score_method:
         settings=settings("compare"),
         version=VERSIONS["compare"],
     shell:
-        "fipt score --card {params.card:q} --metrics {input.metrics:q} --jobs {params.jobs:q}"
+        "fipt score --card {params.card:q} --metrics {input.metrics:q} --jobs={params.jobs:q}"
         " --out {output.method:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
 
@@ -87,3 +89,47 @@ rule comparison_page:
     shell:
         "fipt compare-page --results {params.results:q} --table {input.table:q} --out {output.page:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
+
+
+rule compare_rooms:
+    """Write the table that compares methods on all scenes that were asked for."""
+    input:
+        tables=of_asked_scenes("results/{scene}/compare/table.json"),
+    output:
+        table="results/compare/table.json",
+        people="results/compare/table.md",
+        rows="results/compare/table.csv",
+        stats="results/compare/stats/compare-rooms.json",
+    log:
+        "results/compare/logs/compare-rooms.log",
+    benchmark:
+        "results/compare/benchmarks/compare-rooms.jsonl"
+    resources:
+        mem_mb=1000,
+    params:
+        tables=folders_of("tables"),
+        rooms=",".join(CONFIG.only),
+        version=VERSIONS["compare"],
+    shell:
+        "fipt compare-rooms --tables {params.tables:q} --rooms {params.rooms:q} --out {output.table:q}"
+        " --settings '{{}}' --stats {output.stats:q} > {log:q} 2>&1"
+
+
+rule rooms_page:
+    """Write the page that compares methods on all scenes that were asked for."""
+    input:
+        table="results/compare/table.json",
+    output:
+        page="results/compare/page.html",
+        stats="results/compare/stats/rooms-page.json",
+    log:
+        "results/compare/logs/rooms-page.log",
+    benchmark:
+        "results/compare/benchmarks/rooms-page.jsonl"
+    resources:
+        mem_mb=1000,
+    params:
+        version=VERSIONS["compare_page"],
+    shell:
+        "fipt compare-page --table {input.table:q} --out {output.page:q}"
+        " --settings '{{}}' --stats {output.stats:q} > {log:q} 2>&1"

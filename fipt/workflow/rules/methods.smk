@@ -1,8 +1,10 @@
-"""Materials and emitters of methods that fit nothing; runs of other methods take the rules of the fit.
+"""Materials and emitters of methods that fit nothing, and what others estimated; runs of other methods take the
+rules of the fit.
 
 INPUTS:  samples and shading of round 0, pictures or truth, mesh and segments of the scene
 OUTPUTS: results/{scene}/round-0/model.safetensors    materials of parts
          results/{scene}/round-0/emitters.npz, .json  what emits, where {scene} is SCENE/methods/METHOD
+         results/{scene}/others.manifest.json         lists materials, render and relight of another program
 """
 
 
@@ -78,4 +80,71 @@ rule true_constants:
     shell:
         "fipt true-constants --dataset {params.dataset:q} --samples {params.samples:q} {params.segments:q}"
         " --out {output.model:q} --emitters-out {output.emitters:q}"
+        " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
+
+
+rule import_results:
+    """Bring what another program estimated to our layers."""
+    input:
+        given=ask("results_of_others"),
+        transforms=own("results/{scene}/dataset/transforms.json"),
+        views=own("results/{scene}/dataset/views.json"),
+        checked=own("results/{scene}/dataset/check_poses.json"),
+        images=ask("images", splits=["all"]),
+        samples=sharded("results/{scene}/samples/{shard}.manifest.json", "all"),
+        truth=ask("setups.truth"),
+    output:
+        manifest="results/{scene}/others.manifest.json",
+        stats="results/{scene}/stats/import-results.json",
+    log:
+        "results/{scene}/logs/import-results.log",
+    benchmark:
+        "results/{scene}/benchmarks/import-results.jsonl"
+    wildcard_constraints:
+        scene=CONFIG.runs("imported"),
+    resources:
+        mem_mb=2000,
+    params:
+        dataset=folder("results/{scene}/dataset"),
+        samples=folders_of("samples"),
+        scene=ask("own_name"),
+        out=folder("results/{scene}"),
+        settings=settings("import_results"),
+        version=VERSIONS["import_results"],
+    shell:
+        "fipt import-results --dataset {params.dataset:q} --samples {params.samples:q} --scene {params.scene:q}"
+        " --out {params.out:q} --manifest {output.manifest:q}"
+        " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
+
+
+rule metrics_of_others:
+    """Compare what another program estimated with the truth."""
+    input:
+        results="results/{scene}/others.manifest.json",
+        transforms=own("results/{scene}/dataset/transforms.json"),
+        views=own("results/{scene}/dataset/views.json"),
+        checked=own("results/{scene}/dataset/check_poses.json"),
+        images=ask("images", splits=["all"]),
+        truth=ask("setups.truth"),
+    output:
+        metrics="results/{scene}/metrics.json",
+        stats="results/{scene}/stats/metrics.json",
+    log:
+        "results/{scene}/logs/metrics.log",
+    benchmark:
+        "results/{scene}/benchmarks/metrics.jsonl"
+    wildcard_constraints:
+        scene=CONFIG.runs("imported"),
+    resources:
+        mem_mb=2000,
+    params:
+        dataset=folder("results/{scene}/dataset"),
+        materials=folder("results/{scene}/materials"),
+        render=folder("results/{scene}/render"),
+        relight=folder("results/{scene}/relight"),
+        settings=settings("metrics"),
+        version=VERSIONS["metrics"],
+    shell:
+        "fipt metrics --dataset {params.dataset:q} --materials {params.materials:q} --render {params.render:q}"
+        " --relight {params.relight:q} --partial --out {output.metrics:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

@@ -28,6 +28,8 @@ rule scene_metrics:
         "results/{scene}/logs/metrics.log",
     benchmark:
         "results/{scene}/benchmarks/metrics.jsonl"
+    wildcard_constraints:
+        scene=RENDERED,
     resources:
         mem_mb=4000,
     params:

@@ -35,12 +35,7 @@ rule dataset:
 rule shading:
     """The shading of the last round."""
     input:
-        of_asked_scenes(
-            sharded(
-                f"results/{{scene}}/round-{CONFIG.rounds}/shading/{{shard}}.manifest.json",
-                "train",
-            )
-        ),
+        of_asked_scenes(ask("last_shading")),
 
 
 rule materials:
@@ -82,6 +77,7 @@ rule report:
 
 
 rule compare:
-    """The page that compares methods, and its tables."""
+    """The page that compares methods, and its tables; of several scenes those of all together, too."""
     input:
         of_asked_scenes("results/{scene}/compare.html"),
+        "results/compare/page.html" if len(CONFIG.only) > 1 else [],

@@ -8,9 +8,11 @@ import pytest
 
 from fipt.cli.main import main
 from fipt.errors import FiptError
+from fipt.stages.compare.rooms import across_rooms
 from fipt.stages.compare.score import parse_card, scored
 from fipt.stages.compare.table import COLUMNS, comparison
-from fipt.stages.compare.written import as_csv, as_markdown
+from fipt.stages.compare.written import as_csv, as_markdown, rooms_as_csv
+from fipt.stages.report.compared_rooms import build_rooms
 
 CARD = {
     "id": "fipt",
@@ -104,6 +106,29 @@ def test_the_verbs_write_their_files(tmp_path):
     assert table.with_suffix(".md").is_file()
     assert table.with_suffix(".csv").is_file()
     assert main(["score", "--card", "{}", *options]) == 2
+
+
+def test_the_mean_over_rooms_is_of_what_every_room_has():
+    own, other = [method(20.0), method(20.6, seed=1)], [method(26.0), method(26.6, seed=1)]
+    rooms = {
+        "a": comparison([*own, method(23.0, id="b"), method(50.0, id="c")], {}),
+        "b": comparison([*other, method(23.0, id="b")], {"c": "needs truth"}),
+    }
+    found = across_rooms(rooms)
+    rows = {row["id"]: row for row in found["mean"]["methods"]}
+    assert rows["fipt"]["figures"]["kd_psnr"]["values"] == pytest.approx([23.0, 23.6])
+    assert rows["fipt"]["figures"]["kd_psnr"]["text"] == "23.3 (0.6)"
+    assert rows["b"]["figures"]["kd_psnr"]["first"]  # 0.3 dB behind, below the spread of the other
+    assert rows["fipt"]["figures"]["relit"]["mean"] == 35.0
+    assert rows["b"]["figures"]["metallic_l1"]["mean"] == 0.0
+    assert found["mean"]["not_applicable"] == {"c": "in b: needs truth"}
+    cells = list(csv.DictReader(io.StringIO(rooms_as_csv(found))))
+    assert [(row["room"], row["method"]) for row in cells[:3]] == [("mean", "fipt"), ("mean", "b"), ("a", "fipt")]
+    assert cells[0]["relit_night"] == ""
+    page = build_rooms(found)
+    assert "../b/compare.html" in page
+    with pytest.raises(FiptError, match="found one scene"):
+        build_rooms(rooms["a"])
 
 
 def test_every_column_reads_what_is_scored():

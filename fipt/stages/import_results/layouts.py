@@ -1,0 +1,75 @@
+"""Files of another program -> layers of ours."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from fipt.errors import FiptError
+from fipt.formats.arrays import load_npz
+from fipt.formats.exr import read_exr
+from fipt.stages.import_results.files import OtherResults
+
+_NPZ = {"albedo": "reflectance", "diffuse": "kd", "roughness": "roughness", "emission": "emission"}
+"""Their quantity -> our layer."""
+_SCALARS = ("roughness",)
+
+
+def layers_of(found: OtherResults, number: int, shape: tuple[int, int]) -> dict[str, np.ndarray]:
+    """Our layers of a view: (H, W, 3) or (H, W) float32, of its size.
+
+    Raises
+    ------
+    FiptError
+        If a file is damaged, of another size, or holds values that are not finite.
+    """
+    return {name: _checked(values, name, path, shape) for name, values, path in _stored(found, number)}
+
+
+def _stored(found: OtherResults, number: int) -> Iterator[tuple[str, np.ndarray, Path]]:
+    for name, files in found.materials.items():
+        path = files[number]
+        if name != "npz":
+            yield name, _read_image(path, name in _SCALARS), path
+            continue
+        arrays = load_npz(path)
+        for theirs, ours in _NPZ.items():
+            if theirs in arrays:
+                yield ours, arrays[theirs], path
+
+
+def image_of(path: Path, shape: tuple[int, int]) -> np.ndarray:
+    """(H, W, 3) image; FiptError as in `layers_of`."""
+    return _checked(_read_image(path, scalar=False), "image", path, shape)
+
+
+def _read_image(path: Path, scalar: bool) -> np.ndarray:
+    channels = read_exr(path)
+    for letters in ("RGB", "Y"):
+        if all(letter in channels for letter in letters):
+            values = np.stack([channels[letter] for letter in letters], axis=-1)
+            return values[..., 0] if scalar else np.broadcast_to(values, (*values.shape[:2], 3))
+    raise FiptError(f"{path} must have channels R, G, B or Y; found {', '.join(sorted(channels))}", "export it again")
+
+
+def _checked(values: np.ndarray, name: str, path: Path, shape: tuple[int, int]) -> np.ndarray:
+    if name in _SCALARS and values.ndim == 3 and values.shape[2] in (1, 3):
+        values = values[..., 0]
+    wanted = shape if name in _SCALARS else (*shape, 3)
+    if values.shape != wanted:
+        raise FiptError(
+            f"{path}: {name} must have shape {wanted} like its view; it has {values.shape}", "export it at that size"
+        )
+    if values.dtype.kind not in "fiu":
+        raise FiptError(f"{path}: {name} must hold numbers; found {values.dtype}", "export it again")
+    values = values.astype(np.float32)
+    if not np.isfinite(values).all():
+        raise FiptError(f"{path}: {name} must be finite; found NaN or infinity", "export it again")
+    return values
+
+
+def scaled_to(values: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """Values times the factor that gives them the energy of the truth over its darkest 95 %; (H, W, 3) both."""
+    dark = truth <= np.quantile(truth, 0.95)
+    energy = float(values[dark].sum(dtype=np.float64))
+    return values * np.float32(truth[dark].sum(dtype=np.float64) / energy) if energy > 0 else values

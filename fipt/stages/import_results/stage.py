@@ -1,0 +1,54 @@
+"""``fipt import-results``: what others estimated -> maps and pictures of a run of a method."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from fipt.inputs import DatasetFolder, ManifestFile
+
+if TYPE_CHECKING:
+    from fipt.stages.import_results.settings import ImportResultsSettings
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImportResultsInputs:
+    """Files of ``fipt import-results``."""
+
+    dataset: DatasetFolder
+    samples: Annotated[tuple[Path, ...], "Samples of the views whose materials are given, comma-separated."]
+    scene: Annotated[str, "Name of the scene."]
+    out: Annotated[Path, "Folder of the run; materials, render and relight/SETUP are written there."]
+    manifest: ManifestFile
+
+
+def run(inputs: ImportResultsInputs, settings: "ImportResultsSettings") -> dict[str, Any]:
+    """Bring what another program estimated to our layers; what it did not estimate stays unknown."""
+    from fipt.errors import FiptError
+    from fipt.formats.exr import write_exr
+    from fipt.formats.files import atomic_folder
+    from fipt.formats.manifests import write_manifest
+    from fipt.scene.dataset import Dataset
+    from fipt.scene.samples import read_samples
+    from fipt.settings import dumped
+    from fipt.stages.import_results.files import found_results
+    from fipt.stages.import_results.views import material_layers, shown_images
+
+    data = Dataset(inputs.dataset)
+    train, held_out = data.views(settings.views), data.views("val")
+    found = found_results(settings, inputs.scene, len(train), len(held_out))
+    if not found.files():
+        raise FiptError(f"{settings.path} holds no outputs of this scene", "check path, method and scene of the card")
+    shards = [read_samples(folder) for folder in inputs.samples]
+    folders = {"materials": material_layers(data, shards, found, settings)}
+    folders["render"] = shown_images(data, found, "viewsynthesis", data.root / "images", settings.scaled)
+    if settings.setup:
+        truth = data.root / "relight_truth" / settings.setup
+        folders[f"relight/{settings.setup}"] = shown_images(data, found, "relight", truth, settings.scaled)
+    files = []
+    for name, views in folders.items():
+        with atomic_folder(inputs.out / name, r"[\w.-]+\.exr") as folder:
+            for view, layers in views.items():
+                write_exr(folder / f"{view}.exr", layers)
+        files += [inputs.out / name / f"{view}.exr" for view in views]
+    write_manifest(inputs.manifest, "import_results", files, dumped(settings))
+    return {name: len(views) for name, views in folders.items()}
