@@ -68,12 +68,12 @@ def build(views: Sequence[DepthView], radiance: Radiance, settings: GeometrySett
     plane = np.full(len(mesh.triangles), -1)
     if found is not None:
         mesh, plane = snapped(mesh, found.planes, _SNAPPED * voxel)
-    told = evidence(mesh, maps)
-    by_region = regions(mesh, plane, told)
+    support = evidence(mesh, maps)
+    by_region = regions(mesh, plane, support)
     lasting = {
         "views": len(views),
         **_of_pixels(maps, own),
-        "surface": told.share(mesh),
+        "surface": support.share(mesh),
         "box": None if found is None else found.box.plain(),
         "noise_mm_at_1m": round(1e3 * noise.at_1m, 4),
         "confident": round(noise.confident, 4),

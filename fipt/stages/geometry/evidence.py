@@ -19,7 +19,7 @@ _SMALLEST = 0.01
 
 
 @dataclass(frozen=True)
-class Evidence:
+class SurfaceEvidence:
     """What views say of each triangle of a mesh.
 
     Attributes
@@ -41,7 +41,7 @@ class Evidence:
         return {name: round(float(value), 4) for name, value in zip(SOURCES, known, strict=True)}
 
 
-def evidence(mesh: Mesh, views: Sequence[Completed]) -> Evidence:
+def evidence(mesh: Mesh, views: Sequence[Completed]) -> SurfaceEvidence:
     """Ask each pixel of the views which triangle it shows, and where its depth comes from."""
     scene, count = RayScene(mesh), len(mesh.triangles)
     seen, votes = np.zeros(count, np.int64), np.zeros((len(SOURCES) - 1, count), np.int64)
@@ -55,10 +55,10 @@ def evidence(mesh: Mesh, views: Sequence[Completed]) -> Evidence:
         seen[np.unique(triangle[met])] += 1
         for number, row in enumerate(votes):
             row += np.bincount(triangle[met & (source == number)], minlength=count)
-    return Evidence(seen, np.where(seen > 0, votes.argmax(axis=0), len(SOURCES) - 1))
+    return SurfaceEvidence(seen, np.where(seen > 0, votes.argmax(axis=0), len(SOURCES) - 1))
 
 
-def regions(mesh: Mesh, plane: np.ndarray, known: Evidence) -> list[dict[str, Any]]:
+def regions(mesh: Mesh, plane: np.ndarray, known: SurfaceEvidence) -> list[dict[str, Any]]:
     """What speaks for each region, the largest first: surface on a plane, and connected surface on none.
 
     Parameters

@@ -37,9 +37,9 @@ def from_scan(views: Sequence[DepthView], path: Path, unit: float) -> Geometry:
     lasting = {"views": len(views), "known": round(known, 4), "registration": placed}
     figures = {**lasting, "warnings": placed["warnings"], "seconds": round(time.perf_counter() - start, 2)}
     compared = _compared(mesh, views)
-    told = evidence(mesh, compared)
-    lasting["surface"] = figures["surface"] = told.share(mesh)
-    by_region = regions(mesh, np.full(len(mesh.triangles), -1), told)
+    support = evidence(mesh, compared)
+    lasting["surface"] = figures["surface"] = support.share(mesh)
+    by_region = regions(mesh, np.full(len(mesh.triangles), -1), support)
     return Geometry(mesh, overview(compared), {"planes": [], "regions": by_region}, lasting, figures)
 
 

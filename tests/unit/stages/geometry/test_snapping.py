@@ -1,4 +1,4 @@
-"""A mesh is put onto the room's planes, and it is told what speaks for each region."""
+"""A mesh is put onto the room's planes, and it is said what speaks for each region."""
 
 import numpy as np
 import pytest
@@ -63,8 +63,8 @@ def test_each_region_says_what_is_known_of_it():
         # nothing is measured of the wall at x = HALF: one view closes it, the others show depth of planes
         bare = np.abs(view.points[..., 0] - HALF) < 0.01
         views.append(Completed(view, view.map.known & ~bare, bare & (len(views) % 2 == 0)))
-    told = evidence(mesh, views)
-    found = {region["plane"]: region for region in regions(mesh, plane, told)}
+    support = evidence(mesh, views)
+    found = {region["plane"]: region for region in regions(mesh, plane, support)}
     assert set(found) == set(range(6))
     assert found[3]["measured"] < 0.01
     assert found[3]["completed"] + found[3]["closed"] > 0.8
@@ -74,7 +74,7 @@ def test_each_region_says_what_is_known_of_it():
     for region in found.values():
         shares = [region[name] for name in ("measured", "completed", "closed", "unseen")]
         assert sum(shares) == pytest.approx(1, abs=0.001)
-    assert told.share(mesh)["unseen"] < 0.5
+    assert support.share(mesh)["unseen"] < 0.5
 
 
 @pytest.mark.usefixtures("backend")
@@ -83,7 +83,7 @@ def test_a_view_without_depth_says_that_nothing_is_known():
     view = around()[0]
     none = view.with_map(DepthMap(0 * view.map.depth, 0 * view.map.depth, 0 * view.map.normal))
     empty = np.zeros_like(view.map.known)
-    told = evidence(mesh, [Completed(none, empty, empty)])
-    share = told.share(mesh)
+    support = evidence(mesh, [Completed(none, empty, empty)])
+    share = support.share(mesh)
     assert share["measured"] == share["completed"] == 0
     assert share["closed"] > 0.05
