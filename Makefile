@@ -5,7 +5,7 @@
 SHELL := /bin/bash
 MAKEFLAGS += --no-print-directory
 .DEFAULT_GOAL := help
-.PHONY: help setup llvm open3d browser demo test lint docs bench scaling clean distclean
+.PHONY: help setup llvm open3d browser demo test lint docs bench scaling cluster clean distclean
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -101,6 +101,13 @@ bench: setup  ## speed and quality against the reference methods
 
 scaling: setup  ## how time and memory grow with views, resolution and triangles (10 minutes on 2 cores)
 	@$(BIN)/python -m benchmarks.scaling
+
+cluster: setup  ## three tiny rooms on a SLURM cluster of this machine, disturbed; the bytes are those of one machine
+	@command -v slurmctld /usr/sbin/slurmctld >/dev/null || { $(call apt-install,slurm-wlm,SLURM is missing); }
+	@command -v munged /usr/sbin/munged >/dev/null || { $(call apt-install,munge,munge is missing); }
+	@$(BIN)/python -c 'import snakemake_executor_plugin_slurm' 2>/dev/null || \
+	  $(BIN)/python -m pip install --quiet --disable-pip-version-check $(PIP_ARGS) 'snakemake-executor-plugin-slurm>=2.8,<3'
+	@$(BIN)/python -m tests.cluster
 
 clean:  ## remove caches and build leftovers; results and .venv stay
 	rm -rf build dist site *.egg-info .pytest_cache .ruff_cache .import_linter_cache .hypothesis

@@ -2,12 +2,32 @@
 
 from __future__ import annotations
 
+import errno
 import fcntl
-from collections.abc import Iterator
-from contextlib import contextmanager
+import logging
+import os
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from fipt.errors import FiptError
+
+log = logging.getLogger(__name__)
+
+LOCK = ".lock"
+"""Name of the file in a scene's results; it is as new as the begin of their last run."""
+
+_NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS)
+"""What a disk of the network says that has no locks."""
+
+
+@contextmanager
+def all_locked(folders: Iterable[Path]) -> Iterator[None]:
+    """Lock several folders; see `locked`."""
+    with ExitStack() as stack:
+        for folder in folders:
+            stack.enter_context(locked(folder))
+        yield
 
 
 @contextmanager
@@ -26,7 +46,7 @@ def locked(folder: Path) -> Iterator[None]:
     FiptError
         If another run holds the lock, or the folder cannot be written.
     """
-    path = folder / ".lock"
+    path = folder / LOCK
     try:
         folder.mkdir(parents=True, exist_ok=True)
         file = path.open("a")  # never truncated: it may be a link
@@ -37,4 +57,9 @@ def locked(folder: Path) -> Iterator[None]:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise FiptError(f"another run works on scene {folder.name}", "wait for it to end, or stop it") from None
+        except OSError as error:
+            if error.errno not in _NO_LOCKS:
+                raise
+            log.warning("%s: this disk has no locks; run one workflow at a time", folder)
+        os.utime(path)
         yield

@@ -82,6 +82,9 @@ def record(results: Path, configuration: Mapping[str, Any], inputs: Iterable[str
         stage, hashes = listed.get(name, (_stage(name), set()))
         old = before.get("files", {}).get(name)
         files[name] = {"stage": stage} | _state(results / name, old, hashes)
+    for name, row in before.get("files", {}).items():
+        if row.get("tidied"):  # what it was is still known
+            files.setdefault(name, row)
     content = {
         "format": _FORMAT,
         "fipt": __version__,
@@ -99,6 +102,21 @@ def record(results: Path, configuration: Mapping[str, Any], inputs: Iterable[str
     }
     write_text(results / NAME, json.dumps(content, indent=1, sort_keys=True) + "\n")
     return results / NAME
+
+
+def mark_tidied(results: Path, names: Iterable[str]) -> None:
+    """Note in the provenance that files are removed on purpose.
+
+    Raises
+    ------
+    FiptError
+        As `read_provenance`.
+    """
+    content = read_provenance(results)
+    for name in names:
+        if name in content["files"]:
+            content["files"][name]["tidied"] = True
+    write_text(results / NAME, json.dumps(content, indent=1, sort_keys=True) + "\n")
 
 
 def read_provenance(results: Path) -> dict[str, Any]:
@@ -187,7 +205,7 @@ def _unequal(one: Any, other: Any, key: str) -> Iterator[str]:
 def _judged(path: Path, name: str, stage: str, row: Mapping[str, Any]) -> list[Difference]:
     """What is wrong with a file; nothing where its content is as recorded."""
     if not path.is_file():
-        return [Difference(name, stage, "missing")]
+        return [] if row.get("tidied") else [Difference(name, stage, "missing")]
     state = path.stat()
     try:
         if state.st_size == row["size"] and file_hash(path) == row["sha256"]:

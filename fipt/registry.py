@@ -256,6 +256,8 @@ VERBS: dict[str, Verb] = {
         "Write the table that compares methods on several scenes.", "fipt.stages.compare.rooms_stage", "compare"
     ),
     "run": Verb("Run a scene as far as a target: a front to the workflow.", "fipt.cli.run"),
+    "tidy": Verb("Remove what a finished room no longer needs and a run can make again.", "fipt.cli.tidy"),
+    "index": Verb("Write a page and a table over all rooms: figures, findings, times.", "fipt.cli.index"),
     "verify": Verb("Say which files of a run are not as it wrote them.", "fipt.cli.verify"),
     "view": Verb("Write any result as an EXR or PNG image.", "fipt.cli.view"),
     "doctor": Verb("Check Python, packages, ray tracing backend, memory and disk.", "fipt.cli.doctor"),

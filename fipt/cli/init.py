@@ -22,8 +22,19 @@ def command(
     format: Annotated[
         str, typer.Option(help="Layout of a dataset: nerfstudio, fipt-synthetic, fipt-real.")
     ] = "nerfstudio",
+    scan: Annotated[
+        Path | None, typer.Option(help="Folder of many captures or data sets: write FOLDER/rooms.tsv, a line for each.")
+    ] = None,
 ) -> None:
     """Write FOLDER/config/config.yaml for a new room, with comments. Nothing is overwritten."""
+    if scan is not None:
+        from fipt.config.scan import SHEET_FILE, write_rooms
+
+        rooms = write_rooms(folder, scan)
+        print(
+            f"{folder / SHEET_FILE} lists {len(rooms)} rooms: look through it, then\n    cd {folder}\n    fipt run all"
+        )
+        return
     from fipt.config.new import NewRoom, write_config
 
     chosen = name or folder.resolve().name

@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from fipt.errors import FiptError
+from fipt.errors import EXIT_CODE, FiptError
+from fipt.outcome import failures
 
 if TYPE_CHECKING:
+    from fipt.config.reading import Configuration
     from fipt.config.scene import SceneConfig
 
 WORKFLOW = Path(__file__).parents[1] / "workflow"
@@ -53,7 +55,8 @@ def command(
     """Run every stage of SCENE that is not up to date, as far as TARGET; of several scenes one after another.
 
     Snakemake runs the jobs; results/SCENE with its logs/ is below the working directory. A run that was killed goes on
-    when it is started again. Several scenes as far as compare have a table together, in results/compare.
+    when it is started again. Of several scenes, one that fails does not stop the others; it is named at the end.
+    Several as far as compare have a table together, in results/compare. Where no scene is called so, all is all.
     """
     from fipt.config import read
 
@@ -62,12 +65,13 @@ def command(
     if quick and target != "compare":
         raise FiptError(f"--quick is of the target compare; this is {target}", f"fipt run {scenes[0]} compare --quick")
     options = ["--cores", str(cores or "all"), *(("--dry-run",) if dry_run else ())]
-    code = snakemake({**found.plain, "only": scenes}, target, options)
-    for scene in scenes if code == 0 and not dry_run else ():
-        results = Path("results", scene)
-        _record(found.scenes[scene], found.plain, results)
-        if target in ("report", str(results / "findings.json"), str(results / "report.html")):
-            tell_findings(results)
+    given = {"scenes": found.sheet.path} if found.sheet else {}
+    code = snakemake({**found.plain, **given, "only": scenes}, target, options, listed=len(scenes) > 1)
+    if code in (0, EXIT_CODE) and not dry_run:
+        for scene in scenes:
+            _conclude(found, scene, target, alone=len(scenes) == 1, done=code == 0)
+        if len(scenes) > 1 and any(Path("results", scene).is_dir() for scene in scenes):
+            _write_index()
     raise typer.Exit(code)
 
 
@@ -79,16 +83,31 @@ def asked_for(asked: Sequence[str], known: Iterable[str]) -> tuple[list[str], st
     FiptError
         If there is no such scene or target.
     """
-    known, last = list(known), asked[-1]
+    from fipt.config.reading import shown
+
+    known = list(known)
+    every = "all" not in known and asked[0] == "all"
+    asked = [*known, *asked[1:]] if every else asked
+    last = asked[-1]
     is_target = len(asked) > 1 and (last in STOPPING_POINTS or last not in known)
     scenes, target = (list(asked[:-1]), last) if is_target else (list(asked), "report")
     for scene in scenes:
         if scene not in known:
-            raise FiptError(f"there is no scene {scene!r}", f"scenes: {', '.join(known)}")
+            raise FiptError(f"there is no scene {scene!r}", f"scenes: {shown(known)}")
     if target not in STOPPING_POINTS and not target.startswith("results/"):
         points = ", ".join(STOPPING_POINTS)
         raise FiptError(f"there is no target {target!r}", f"targets: {points}, or a file below results/")
     return list(dict.fromkeys(scenes)), target
+
+
+def _conclude(found: "Configuration", name: str, target: str, *, alone: bool, done: bool) -> None:
+    """Write down of what the results of a scene were made, if its run ended well, and say what it found."""
+    results = Path("results", name)
+    if not done and (alone or not results.is_dir() or failures(results)):
+        return
+    _record(found.scenes[name], found.plain, results)
+    if alone and target in ("report", str(results / "findings.json"), str(results / "report.html")):
+        tell_findings(results)
 
 
 def _record(scene: "SceneConfig", plain: Mapping[str, Any], results: Path) -> None:
@@ -99,6 +118,13 @@ def _record(scene: "SceneConfig", plain: Mapping[str, Any], results: Path) -> No
     named = [path for _, path in named_paths(scene)]
     own = {**plain, "scenes": {scene.name: plain.get("scenes", {}).get(scene.name)}}
     record(results, own, [*scene.given_files(), *named])
+
+
+def _write_index() -> None:
+    from fipt.stages.report.index import INDEX, write_index
+
+    rooms = write_index(Path("results"))
+    typer.echo(f"fipt: results/{INDEX} shows {rooms} rooms", err=True)
 
 
 def tell_findings(results: Path) -> None:
@@ -114,7 +140,7 @@ def tell_findings(results: Path) -> None:
         typer.echo(f"  {finding.headline}", err=True)
 
 
-def snakemake(config: Mapping[str, Any], target: str, options: Sequence[str]) -> int:
+def snakemake(config: Mapping[str, Any], target: str, options: Sequence[str], listed: bool = False) -> int:
     """Run Snakemake in this process, with our view of it instead of its own; return the exit code.
 
     Parameters
@@ -125,6 +151,8 @@ def snakemake(config: Mapping[str, Any], target: str, options: Sequence[str]) ->
         Rule or file to make.
     options : sequence of str
         More options of Snakemake's command line.
+    listed : bool
+        Whether the workflow names the jobs that fail, as it does of several scenes.
     """
     from snakemake.cli import args_to_api, parse_args
     from snakemake_interface_logger_plugins.registry import LoggerPluginRegistry
@@ -142,4 +170,4 @@ def snakemake(config: Mapping[str, Any], target: str, options: Sequence[str]) ->
         done = False
         with run_view.interruptible(), contextlib.suppress(KeyboardInterrupt):  # which `conclude` knows of
             done = args_to_api(args, parser)
-    return run_view.LogHandler.last.conclude(done)
+    return run_view.LogHandler.last.conclude(done, listed)

@@ -22,10 +22,8 @@ from snakemake_interface_logger_plugins.common import LogEvent
 
 from fipt.cli import end
 from fipt.errors import EXIT_CODE
+from fipt.outcome import OUR_LINE
 from fipt.progress import INTERVAL
-
-_OUR_LINE = re.compile(r"^.*?fipt: error: (.+)$", re.MULTILINE)
-"""What a verb or a rules file says of something that the user can mend."""
 
 _PROGRESS = re.compile(r"^(.+ (\d+)%  .*?)\s*$")
 """A line of `fipt.progress` in a log."""
@@ -105,14 +103,24 @@ class LogHandler(LogHandlerBase):
         self._screen.close()
         super().close()
 
-    def conclude(self, done: bool) -> int:
-        """Say why the run failed, if it did, in one line where the user can mend it; return the exit code."""
+    def conclude(self, done: bool, listed: bool = False) -> int:
+        """Say why the run failed, if it did, in one line where the user can mend it; return the exit code.
+
+        Parameters
+        ----------
+        done
+            Whether it did not fail.
+        listed
+            Whether the workflow has named the jobs that failed.
+        """
         if self.interrupted:
             if self.interrupted != signal.SIGINT:  # of which `main` tells
                 _tell("terminated")
             return 128 + self.interrupted
         if done:
             return 0
+        if listed and self._failed:
+            return EXIT_CODE
         codes = [_explain_job(job) for job in self._failed] or [_explain_error(event) for event in self._errors]
         return max(codes, key=lambda code: code != EXIT_CODE, default=1)
 
@@ -233,7 +241,7 @@ def interruptible() -> Iterator[None]:
 def _explain_job(job: _Job) -> int:
     """Say in one line why a job failed, if its log has one; else show the end of the log."""
     text = job.log.read_text(encoding="utf-8", errors="replace") if job.log.exists() else ""
-    ours = _OUR_LINE.findall(text)
+    ours = OUR_LINE.findall(text)
     if ours:
         _tell(f"error: {ours[-1]}")
         return EXIT_CODE
@@ -245,7 +253,7 @@ def _explain_job(job: _Job) -> int:
 def _explain_error(event: Any) -> int:
     """Say in one line why there is nothing to run, if the user can mend it; else all that Snakemake says."""
     text = str(event.msg)
-    ours = _OUR_LINE.findall(text)
+    ours = OUR_LINE.findall(text)
     if ours:
         _tell(f"error: {ours[-1]}")
     elif event.exception == "MissingInputException":

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
 
@@ -26,13 +28,15 @@ class SceneFamily:
         What a person wrote about it.
     config
         The whole configuration.
+    known
+        Settings by what was said of them: scenes of which the same is said share them.
     """
 
-    def __init__(self, name: str, entry: SceneEntry, config: Config) -> None:
+    def __init__(self, name: str, entry: SceneEntry, config: Config, known: dict[str, Any]) -> None:
         check_name(name, "scene")
         if name == TOGETHER:
             raise FiptError(f"a scene must not be called {name!r}: results/{name} is of several scenes", "rename it")
-        self._name, self._entry, self._config = name, entry, config
+        self._name, self._entry, self._config, self._known = name, entry, config, known
         self._runs: dict[str, SceneConfig] = {}
 
     @cached_property
@@ -49,7 +53,7 @@ class SceneFamily:
             check_name(setup, "relight setup")
             for camera in light.cameras.names if light.cameras is not None else ():
                 check_name(camera, f"camera of setup {setup}:")
-        place = Place(name, Layout(name), resolved(self._layers(), f"scene {name}: "), config.data_root)
+        place = Place(name, Layout(name), self._settings(), config.data_root)
         return SceneConfig(
             place=place,
             source=source_of(entry, place),
@@ -59,6 +63,13 @@ class SceneFamily:
             said=given(entry),
             family=self,
         )
+
+    def _settings(self) -> Mapping[str, Any]:
+        entry = self._entry
+        said = json.dumps([entry.below, entry.preset, entry.settings and given(entry.settings)], sort_keys=True)
+        if said not in self._known:
+            self._known[said] = resolved(self._layers(), f"scene {self._name}: ")
+        return self._known[said]
 
     def _layers(self) -> list[Any]:
         entry, config = self._entry, self._config

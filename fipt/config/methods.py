@@ -10,6 +10,7 @@ import json
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -80,9 +81,7 @@ Methods = dict[str, Method]
 
 def known_methods(*others: Methods | None) -> Methods:
     """Cards of this program, then those that a configuration adds or replaces."""
-    found = {
-        path.stem: checked(Method, read_yaml(path), f"method {path.stem}: ") for path in sorted(CARDS.glob("*.yaml"))
-    }
+    found = dict(_shipped())
     for methods in others:
         found |= methods or {}
     for name in found:
@@ -92,6 +91,13 @@ def known_methods(*others: Methods | None) -> Methods:
     if found[OWN].estimator != "fit" or found[OWN].settings is not None or found[OWN].rounds is not None:
         raise FiptError(f"methods.{OWN} is the scene's own run: it can have no settings of its own", "rename it")
     return found
+
+
+@cache
+def _shipped() -> Methods:
+    return {
+        path.stem: checked(Method, read_yaml(path), f"method {path.stem}: ") for path in sorted(CARDS.glob("*.yaml"))
+    }
 
 
 @dataclass(frozen=True)

@@ -5,16 +5,17 @@ from __future__ import annotations
 import inspect
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fipt.config.decisions import SceneDecisions
 from fipt.config.layout import Layout
 from fipt.config.methods import Estimator, SceneMethods
+from fipt.config.resources import TRIANGLES, Work
 from fipt.config.segmentation import SceneSegmentation
 from fipt.config.setups import SceneSetups
 from fipt.config.sources.base import Place, Source
@@ -29,6 +30,16 @@ from fipt.stages.import_results.files import found_results
 
 if TYPE_CHECKING:
     from fipt.config.family import SceneFamily
+
+
+_BYTES_OF_TRIANGLE = 19
+"""Of mesh.ply: three indices, and half a vertex."""
+
+
+@cache
+def _parameters(function: Callable[..., Any]) -> frozenset[str]:
+    """Names of what a function takes; asked for a thousand times in a plan."""
+    return frozenset(inspect.signature(function).parameters)
 
 
 @dataclass(frozen=True)
@@ -169,6 +180,13 @@ class SceneConfig:
         if section == "check_poses":
             values["enabled"] = self.checks_poses
         return json.dumps(self.place.paths(values, f"settings.{section}"), sort_keys=True)
+
+    def work(self, shard: str | None = None) -> Work:
+        """How large its jobs are, as far as that is known before they run: a plan opens no image."""
+        mesh, pixels = Path(self.layout.mesh), self.source.pixels
+        views = len(self.views.shards("all").get(shard, ())) if shard else self.views_per_shard
+        triangles = mesh.stat().st_size // _BYTES_OF_TRIANGLE if mesh.is_file() else TRIANGLES
+        return Work(pixels, pixels * views, pixels * len(self.views.of("train")), triangles)
 
     def memory_mb(self, section: str) -> int:
         """Megabytes of memory that a stage takes at most, of those whose settings bound it."""
@@ -371,7 +389,7 @@ class SceneConfig:
         for name in question.split("."):
             found = getattr(found, name)
         if callable(found):
-            takes = inspect.signature(found).parameters
+            takes = _parameters(getattr(found, "__func__", found))
             found = found(**{name: value for name, value in known.items() if name in takes})
         if isinstance(found, list):
             return [self.where(value) if isinstance(value, str) else value for value in found]

@@ -36,7 +36,10 @@ def source_of(entry: SceneEntry, place: Place) -> Source:
 class Config(Sections):
     """The whole configuration."""
 
-    scenes: dict[str, SceneEntry] = Field(min_length=1, description="name of a scene -> where it comes from")
+    scenes: dict[str, SceneEntry] = Field(
+        min_length=1,
+        description="name of a scene -> where it comes from; or the path of a sheet of rooms, see docs/many-rooms.md",
+    )
     rounds: Rounds = Field(
         default=6,
         description="most refinements after the first fit, fewer where the loop settles; 0 = bake and fit only",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +37,7 @@ Sections = create_model(
 )
 
 
+@cache
 def preset(name: str, where: str) -> Settings:
     """Read a preset; ``where`` is the key that names it, for the error.
 

@@ -14,6 +14,7 @@ from fipt.cli.run import STOPPING_POINTS, asked_for
 from fipt.errors import FiptError
 from fipt.lock import locked
 from fipt.provenance import read_provenance
+from fipt.tidy import tidy
 
 CONFIG = {"scenes": {"room": {"source": "procedural"}}, "rounds": 0, "synthesize": {"train_views": 2, "val_views": 1}}
 
@@ -219,3 +220,52 @@ def test_the_lock_ends_with_its_holder(tmp_path):
         pytest.fail("two runs at a time")
     with locked(tmp_path / "room"):
         pass
+
+
+SHEET = (
+    "name\tsource\tsettings.synthesize.train_views\nhall\tprocedural\t2\nroom\tprocedural\t3\nattic\tprocedural\t2\n"
+)
+BROKEN = """
+import sys
+if "results/room/dataset" in " ".join(sys.argv) and "synthesize-views" in sys.argv:
+    sys.exit("fipt: error: the disk of this room is full; free some space")
+"""
+
+
+def test_a_room_that_fails_does_not_stop_the_others(workspace):
+    here = workspace({**CONFIG, "scenes": "rooms.tsv"})
+    (here.root / "rooms.tsv").write_text(SHEET)
+    fipt = here.root / "bin" / "fipt"
+    whole = fipt.read_text()
+    first, rest = whole.split("\n", 1)
+    fipt.write_text(first + BROKEN + rest)
+    said = here.fipt_run("metrics", "--cores", "2", scene="all", code=2)
+    lines = said.splitlines()
+    begin = lines.index("fipt: 1 room failed, the others went on:")
+    log = "results/room/logs/synthesize.train-000.log"
+    why = f"synthesize.train-000: the disk of this room is full; free some space  ({log})"
+    assert f"  room  {why}" in lines[begin:]
+    assert "Traceback" not in said
+    results = here.root / "results"
+    assert [(results / name / "metrics.json").is_file() for name in ("hall", "room", "attic")] == [True, False, True]
+    assert (results / "hall" / "provenance.json").is_file()
+    assert not (results / "room" / "provenance.json").exists()
+    fipt.write_text(whole)
+    said = here.fipt_run("metrics", scene="room")
+    assert "failed" not in said
+    assert (results / "room" / "provenance.json").is_file()
+
+
+def test_a_tidied_room_is_up_to_date_and_is_made_again_where_it_must(workspace):
+    here = workspace(CONFIG)
+    here.fipt_run()
+    tidy(here.root / "results" / "room", dry=False)
+    assert not list((here.root / "results/room").glob("samples/*/"))
+    assert here.planned() == {}
+    assert here.planned("--config", "report={width: 100}") == {"scene_report": 1}
+    for manifest in here.root.glob("results/room/*/**/train-*.manifest.json"):
+        manifest.unlink()  # as fipt.tidy.restore does of manifests that list files; those of the stand-in do not
+    assert here.planned() == {}
+    again = here.planned("--config", "fit={steps: 7}")
+    assert {"samples", "bake", "fit"} <= again.keys()
+    assert "synthesize_views" not in again

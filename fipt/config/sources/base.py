@@ -12,6 +12,7 @@ from typing import Any
 from pydantic import Field
 
 from fipt.config.layout import Layout
+from fipt.config.resources import PIXELS
 from fipt.config.sections import Sections
 from fipt.errors import FiptError
 from fipt.scene.setup import RelightSetup
@@ -171,6 +172,11 @@ class Source(ABC):
             If the source must be read to know it, and cannot be.
         """
         return self.known
+
+    @property
+    def pixels(self) -> int:
+        """Pixels of a view, as far as they are known without opening one: what jobs ask for depends on it."""
+        return PIXELS
 
     @property
     def photographed(self) -> bool:

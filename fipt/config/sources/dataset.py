@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 from pydantic import Field
 
+from fipt.config.resources import PIXELS
 from fipt.config.sources.base import RECONSTRUCTED, Place, Source, SourceEntry, options
 
 _CAMERA_FILES = (
@@ -60,6 +61,12 @@ class DatasetSource(Source):
     def checks_poses(self) -> bool:
         """Cameras of others are checked: layouts share file names, but not axes."""
         return True
+
+    @property
+    def pixels(self) -> int:
+        """As its first view says, where the layout does."""
+        known = self._read.frames[0].intrinsics if self._read.frames else {}
+        return round(known["w"] * known["h"]) if {"w", "h"} <= known.keys() else PIXELS
 
     @property
     def has_segments(self) -> bool:

@@ -68,6 +68,12 @@ class KnownRoom(Source):
             self.photographs = SimulatedPhotographs(place.layout)
 
     @property
+    def pixels(self) -> int:
+        """As the settings say."""
+        made = self.place.settings["synthesize"]
+        return made.width * made.height
+
+    @property
     def has_segments(self) -> bool:
         """Its parts are known."""
         return True

@@ -21,9 +21,10 @@ rule cache:
         "results/{scene}/logs/cache.log",
     benchmark:
         "results/{scene}/benchmarks/cache.jsonl"
-    threads: workflow.cores
+    threads: THREADS
     resources:
-        mem_mb=8000,
+        mem_mb=memory("cache"),
+        runtime=minutes("cache"),
     params:
         dataset=folder("results/{scene}/dataset"),
         samples=folders_of("samples"),

@@ -20,9 +20,10 @@ rule calibrate:
     benchmark:
         "results/{scene}/benchmarks/calibrate.jsonl"
     wildcard_constraints:
-        scene=scenes_where("source.photographed"),
+        scene=CONFIG.where("source.photographed"),
     resources:
-        mem_mb=2000,
+        mem_mb=memory("calibrate"),
+        runtime=minutes("calibrate"),
     params:
         capture=ask("source.photographs.folder"),
         settings=settings("capture"),
@@ -45,7 +46,8 @@ rule develop:
     benchmark:
         "results/{scene}/benchmarks/develop.{shard}.jsonl"
     resources:
-        mem_mb=2000,
+        mem_mb=memory("develop"),
+        runtime=minutes("develop"),
     params:
         capture=ask("source.photographs.folder"),
         views=ask("views.listed"),
@@ -73,7 +75,8 @@ rule qa:
     benchmark:
         "results/{scene}/benchmarks/qa.jsonl"
     resources:
-        mem_mb=2000,
+        mem_mb=memory("qa"),
+        runtime=minutes("qa"),
     params:
         capture=ask("source.photographs.folder"),
         out=folder("results/{scene}/capture"),

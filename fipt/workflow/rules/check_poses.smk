@@ -19,10 +19,11 @@ rule check_poses:
         "results/{scene}/logs/check_poses.log",
     benchmark:
         "results/{scene}/benchmarks/check_poses.jsonl"
-    threads: workflow.cores
+    threads: THREADS
     resources:
-        mem_mb=4000,
-        gpu=1,
+        mem_mb=memory("check_poses"),
+        runtime=minutes("check_poses"),
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/dataset"),
         settings=settings("check_poses"),

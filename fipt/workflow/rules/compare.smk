@@ -22,9 +22,10 @@ rule score_method:
     benchmark:
         "results/{scene}/benchmarks/score.{method}.jsonl"
     wildcard_constraints:
-        scene=one_of(CONFIG.scenes),
+        scene=SCENE,
     resources:
-        mem_mb=1000,
+        mem_mb=memory("score_method"),
+        runtime=minutes("score_method"),
     params:
         card=ask("methods.card_json"),
         jobs=folders_of("stats"),
@@ -50,9 +51,10 @@ rule compare_methods:
     benchmark:
         "results/{scene}/benchmarks/compare.jsonl"
     wildcard_constraints:
-        scene=one_of(CONFIG.scenes),
+        scene=SCENE,
     resources:
-        mem_mb=1000,
+        mem_mb=memory("compare_methods"),
+        runtime=minutes("compare_methods"),
     params:
         methods=folders_of("methods"),
         missing=ask("methods.options"),
@@ -79,9 +81,10 @@ rule comparison_page:
     benchmark:
         "results/{scene}/benchmarks/compare-page.jsonl"
     wildcard_constraints:
-        scene=one_of(CONFIG.scenes),
+        scene=SCENE,
     resources:
-        mem_mb=4000,
+        mem_mb=memory("comparison_page"),
+        runtime=minutes("comparison_page"),
     params:
         results=folder("results/{scene}"),
         settings=settings("compare_page"),
@@ -106,6 +109,7 @@ rule compare_rooms:
         "results/compare/benchmarks/compare-rooms.jsonl"
     resources:
         mem_mb=1000,
+        runtime=60,
     params:
         tables=folders_of("tables"),
         rooms=",".join(CONFIG.only),
@@ -128,6 +132,7 @@ rule rooms_page:
         "results/compare/benchmarks/rooms-page.jsonl"
     resources:
         mem_mb=1000,
+        runtime=60,
     params:
         version=VERSIONS["compare_page"],
     shell:

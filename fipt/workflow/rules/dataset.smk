@@ -33,10 +33,11 @@ rule import_dataset:
     benchmark:
         "results/{scene}/benchmarks/import.jsonl"
     wildcard_constraints:
-        scene=scenes_where("source.imported"),
-    threads: workflow.cores
+        scene=CONFIG.where("source.imported"),
+    threads: THREADS
     resources:
-        mem_mb=4000,
+        mem_mb=memory("import_dataset"),
+        runtime=minutes("import_dataset"),
     params:
         source=ask("source.import_options"),
         mesh=ask("source.mesh_options"),
@@ -66,10 +67,11 @@ rule synthesize_room:
     benchmark:
         "results/{scene}/benchmarks/synthesize.jsonl"
     wildcard_constraints:
-        scene=scenes_where("source.rendered"),
-    threads: workflow.cores
+        scene=CONFIG.where("source.rendered"),
+    threads: THREADS
     resources:
-        mem_mb=4000,
+        mem_mb=memory("synthesize_room"),
+        runtime=minutes("synthesize_room"),
     params:
         dataset=folder("results/{scene}/dataset"),
         scene=ask("source.scene_options"),
@@ -96,11 +98,12 @@ rule synthesize_views:
     benchmark:
         "results/{scene}/benchmarks/synthesize.{shard}.jsonl"
     wildcard_constraints:
-        scene=scenes_where("source.rendered"),
-    threads: workflow.cores
+        scene=CONFIG.where("source.rendered"),
+    threads: THREADS
     resources:
-        mem_mb=4000,
-        gpu=1,
+        mem_mb=memory("synthesize_views"),
+        runtime=minutes("synthesize_views"),
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/dataset"),
         views=ask("views.listed"),
@@ -130,11 +133,12 @@ rule synthesize_relit:
     benchmark:
         "results/{scene}/benchmarks/synthesize.{setup}.{shard}.jsonl"
     wildcard_constraints:
-        scene=scenes_where("source.known"),
-    threads: workflow.cores
+        scene=CONFIG.where("source.known"),
+    threads: THREADS
     resources:
-        mem_mb=4000,
-        gpu=1,
+        mem_mb=memory("synthesize_relit"),
+        runtime=minutes("synthesize_relit"),
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/dataset"),
         views=ask("views.listed"),

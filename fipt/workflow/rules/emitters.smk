@@ -38,10 +38,11 @@ rule emitters:
         "results/{scene}/benchmarks/emitters.round-{round}.jsonl"
     wildcard_constraints:
         scene=FITTED,
-    threads: workflow.cores
+    threads: THREADS
     resources:
-        mem_mb=8000,
-        gpu=1,
+        mem_mb=memory("emitters"),
+        runtime=minutes("emitters"),
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/dataset"),
         samples=folders_of("samples"),
@@ -79,7 +80,8 @@ rule review:
     benchmark:
         "results/{scene}/benchmarks/review.jsonl"
     resources:
-        mem_mb=4000,
+        mem_mb=memory("review"),
+        runtime=minutes("review"),
     params:
         dataset=folder("results/{scene}/dataset"),
         samples=folders_of("samples"),

@@ -23,7 +23,8 @@ rule environment:
     benchmark:
         "results/{scene}/benchmarks/environment.jsonl"
     resources:
-        mem_mb=4000,
+        mem_mb=memory("environment"),
+        runtime=minutes("environment"),
     params:
         dataset=folder("results/{scene}/dataset"),
         samples=folders_of("samples"),

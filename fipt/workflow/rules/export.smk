@@ -28,10 +28,11 @@ rule export_room:
         "results/{scene}/logs/export.log",
     benchmark:
         "results/{scene}/benchmarks/export.jsonl"
-    threads: workflow.cores
+    threads: THREADS
     resources:
-        mem_mb=8000,
-        gpu=1,
+        mem_mb=memory("export_room"),
+        runtime=minutes("export_room"),
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/dataset"),
         samples=folders_of("samples"),
@@ -63,10 +64,11 @@ rule check_export:
         "results/{scene}/logs/check-export.log",
     benchmark:
         "results/{scene}/benchmarks/check-export.jsonl"
-    threads: workflow.cores
+    threads: THREADS
     resources:
-        mem_mb=8000,
-        gpu=1,
+        mem_mb=memory("check_export"),
+        runtime=minutes("check_export"),
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/dataset"),
         folder=folder("results/{scene}/export"),

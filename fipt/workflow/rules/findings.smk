@@ -34,10 +34,11 @@ rule findings:
         "results/{scene}/logs/findings.log",
     benchmark:
         "results/{scene}/benchmarks/findings.jsonl"
-    threads: workflow.cores
+    threads: THREADS
     resources:
-        mem_mb=8000,
-        gpu=1,
+        mem_mb=memory("findings"),
+        runtime=minutes("findings"),
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/dataset"),
         samples=folders_of("samples"),

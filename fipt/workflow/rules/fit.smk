@@ -44,10 +44,11 @@ rule fit:
         "results/{scene}/benchmarks/fit.round-{round}.jsonl"
     wildcard_constraints:
         scene=FITTED,
-    threads: workflow.cores
+    threads: THREADS
     resources:
-        mem_mb=12000,
-        gpu=1,
+        mem_mb=memory("fit"),
+        runtime=minutes("fit"),
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/dataset"),
         samples=folders_of("samples"),

@@ -22,10 +22,11 @@ rule import_views:
     benchmark:
         "results/{scene}/benchmarks/import_views.jsonl"
     wildcard_constraints:
-        scene=scenes_where("source.imported"),
-    threads: workflow.cores
+        scene=CONFIG.where("source.imported"),
+    threads: THREADS
     resources:
-        mem_mb=4000,
+        mem_mb=memory("import_views"),
+        runtime=minutes("import_views"),
     params:
         source=ask("source.view_options"),
         dataset=folder("results/{scene}/geometry/views"),
@@ -51,10 +52,11 @@ rule depth:
         "results/{scene}/logs/depth.log",
     benchmark:
         "results/{scene}/benchmarks/depth.jsonl"
-    threads: workflow.cores
+    threads: THREADS
     resources:
         mem_mb=ask("memory_mb", section="depth"),
-        gpu=1,
+        runtime=minutes("depth"),
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/geometry/views"),
         out=folder("results/{scene}/geometry/depth"),

@@ -23,10 +23,11 @@ rule material_maps:
         "results/{scene}/logs/materials.{shard}.log",
     benchmark:
         "results/{scene}/benchmarks/materials.{shard}.jsonl"
-    threads: workflow.cores
+    threads: THREADS
     resources:
-        mem_mb=4000,
-        gpu=1,
+        mem_mb=memory("material_maps"),
+        runtime=minutes("material_maps"),
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/dataset"),
         samples=folders_of("samples"),

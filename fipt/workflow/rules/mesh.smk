@@ -30,10 +30,11 @@ rule first_mesh:
         "results/{scene}/logs/first_mesh.log",
     benchmark:
         "results/{scene}/benchmarks/first_mesh.jsonl"
-    threads: workflow.cores
+    threads: THREADS
     resources:
         mem_mb=ask("memory_mb", section="geometry"),
-        gpu=1,
+        runtime=minutes("first_mesh"),
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/geometry/views"),
         depth=folder("results/{scene}/geometry/depth"),
@@ -59,10 +60,11 @@ rule check_views:
         "results/{scene}/logs/check_views.log",
     benchmark:
         "results/{scene}/benchmarks/check_views.jsonl"
-    threads: workflow.cores
+    threads: THREADS
     resources:
-        mem_mb=4000,
-        gpu=1,
+        mem_mb=memory("check_views"),
+        runtime=minutes("check_views"),
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/geometry/views"),
         settings=settings("check_poses"),
@@ -95,10 +97,11 @@ rule mesh:
         "results/{scene}/logs/mesh.log",
     benchmark:
         "results/{scene}/benchmarks/mesh.jsonl"
-    threads: workflow.cores
+    threads: THREADS
     resources:
         mem_mb=ask("memory_mb", section="geometry"),
-        gpu=1,
+        runtime=minutes("mesh"),
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/geometry/views"),
         depth=folder("results/{scene}/geometry/depth"),

@@ -33,7 +33,8 @@ rule irradiance:
     wildcard_constraints:
         scene=CONFIG.runs("irradiance"),
     resources:
-        mem_mb=4000,
+        mem_mb=memory("irradiance"),
+        runtime=minutes("irradiance"),
     params:
         dataset=folder("results/{scene}/dataset"),
         samples=folders_of("samples"),
@@ -70,7 +71,8 @@ rule true_constants:
     wildcard_constraints:
         scene=CONFIG.runs("true-constants"),
     resources:
-        mem_mb=4000,
+        mem_mb=memory("true_constants"),
+        runtime=minutes("true_constants"),
     params:
         dataset=folder("results/{scene}/dataset"),
         samples=folders_of("samples"),
@@ -103,7 +105,8 @@ rule import_results:
     wildcard_constraints:
         scene=CONFIG.runs("imported"),
     resources:
-        mem_mb=2000,
+        mem_mb=memory("import_results"),
+        runtime=minutes("import_results"),
     params:
         dataset=folder("results/{scene}/dataset"),
         samples=folders_of("samples"),
@@ -136,7 +139,8 @@ rule metrics_of_others:
     wildcard_constraints:
         scene=CONFIG.runs("imported"),
     resources:
-        mem_mb=2000,
+        mem_mb=memory("metrics_of_others"),
+        runtime=minutes("metrics_of_others"),
     params:
         dataset=folder("results/{scene}/dataset"),
         materials=folder("results/{scene}/materials"),

@@ -31,7 +31,8 @@ rule scene_metrics:
     wildcard_constraints:
         scene=RENDERED,
     resources:
-        mem_mb=4000,
+        mem_mb=memory("scene_metrics"),
+        runtime=minutes("scene_metrics"),
     params:
         dataset=folder("results/{scene}/dataset"),
         samples=folders_of("samples"),

@@ -28,10 +28,11 @@ rule estimate_poses:
     benchmark:
         "results/{scene}/benchmarks/pose.jsonl"
     wildcard_constraints:
-        scene=scenes_where("source.estimated"),
-    threads: workflow.cores
+        scene=CONFIG.where("source.estimated"),
+    threads: THREADS
     resources:
-        mem_mb=6000,
+        mem_mb=memory("estimate_poses"),
+        runtime=minutes("estimate_poses"),
     params:
         capture=folder("results/{scene}/capture"),
         held_out=ask("views.held_out"),

@@ -26,7 +26,8 @@ rule regroup:
     benchmark:
         "results/{scene}/benchmarks/regroup.round-{round}.jsonl"
     resources:
-        mem_mb=4000,
+        mem_mb=memory("regroup"),
+        runtime=minutes("regroup"),
     params:
         dataset=folder("results/{scene}/dataset"),
         samples=folders_of("samples"),

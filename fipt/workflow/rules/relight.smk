@@ -33,10 +33,11 @@ rule relight_views:
         "results/{scene}/benchmarks/relight.{setup}.{shard}.jsonl"
     wildcard_constraints:
         shard=r"(train|val|camera)-\d+",
-    threads: workflow.cores
+    threads: THREADS
     resources:
-        mem_mb=8000,
-        gpu=1,
+        mem_mb=memory("relight_views"),
+        runtime=minutes("relight_views"),
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/dataset"),
         out=folder("results/{scene}/relight/{setup}"),
@@ -73,9 +74,10 @@ rule join_images:
         "results/{scene}/logs/video.{setup}.log",
     benchmark:
         "results/{scene}/benchmarks/video.{setup}.jsonl"
-    threads: workflow.cores
+    threads: THREADS
     resources:
-        mem_mb=4000,
+        mem_mb=memory("join_images"),
+        runtime=minutes("join_images"),
     params:
         dataset=folder("results/{scene}/dataset"),
         cameras=ask("setups.cameras_json"),
@@ -107,10 +109,11 @@ rule olat_views:
         "results/{scene}/logs/olat.{shard}.log",
     benchmark:
         "results/{scene}/benchmarks/olat.{shard}.jsonl"
-    threads: workflow.cores
+    threads: THREADS
     resources:
-        mem_mb=8000,
-        gpu=1,
+        mem_mb=memory("olat_views"),
+        runtime=minutes("olat_views"),
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/dataset"),
         out=folder("results/{scene}/olat"),

@@ -23,10 +23,11 @@ rule render_views:
         "results/{scene}/logs/render.{shard}.log",
     benchmark:
         "results/{scene}/benchmarks/render.{shard}.jsonl"
-    threads: workflow.cores
+    threads: THREADS
     resources:
-        mem_mb=8000,
-        gpu=1,
+        mem_mb=memory("render_views"),
+        runtime=minutes("render_views"),
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/dataset"),
         views=ask("views.listed"),

@@ -41,7 +41,8 @@ rule scene_report:
     benchmark:
         "results/{scene}/benchmarks/report.jsonl"
     resources:
-        mem_mb=4000,
+        mem_mb=memory("scene_report"),
+        runtime=minutes("scene_report"),
     params:
         results=folder("results/{scene}"),
         setups=listed("setups.of_views"),

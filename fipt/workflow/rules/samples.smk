@@ -21,10 +21,11 @@ rule samples:
         "results/{scene}/logs/samples.{shard}.log",
     benchmark:
         "results/{scene}/benchmarks/samples.{shard}.jsonl"
-    threads: workflow.cores
+    threads: THREADS
     resources:
-        mem_mb=4000,
-        gpu=1,
+        mem_mb=memory("samples"),
+        runtime=minutes("samples"),
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/dataset"),
         views=ask("views.listed"),

@@ -25,10 +25,11 @@ rule segment:
         "results/{scene}/logs/segment.{shard}.log",
     benchmark:
         "results/{scene}/benchmarks/segment.{shard}.jsonl"
-    threads: workflow.cores
+    threads: THREADS
     resources:
-        mem_mb=6000,
-        gpu=1,
+        mem_mb=memory("segment"),
+        runtime=minutes("segment"),
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/dataset"),
         samples=folders_of("samples"),
@@ -57,10 +58,11 @@ rule fuse:
         "results/{scene}/logs/fuse.log",
     benchmark:
         "results/{scene}/benchmarks/fuse.jsonl"
-    threads: workflow.cores
+    threads: THREADS
     resources:
-        mem_mb=4000,
-        gpu=1,
+        mem_mb=memory("fuse"),
+        runtime=minutes("fuse"),
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/dataset"),
         segments=folder("results/{scene}/segments"),

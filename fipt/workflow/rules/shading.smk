@@ -25,10 +25,11 @@ rule bake:
         "results/{scene}/logs/bake.round-0.{shard}.log",
     benchmark:
         "results/{scene}/benchmarks/bake.round-0.{shard}.jsonl"
-    threads: workflow.cores
+    threads: THREADS
     resources:
-        mem_mb=8000,
-        gpu=1,
+        mem_mb=memory("bake"),
+        runtime=minutes("bake"),
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/dataset"),
         samples=folders_of("samples"),
@@ -65,10 +66,11 @@ rule refine:
         "results/{scene}/benchmarks/refine.round-{round}.{shard}.jsonl"
     wildcard_constraints:
         round=LATER_ROUNDS,
-    threads: workflow.cores
+    threads: THREADS
     resources:
-        mem_mb=8000,
-        gpu=1,
+        mem_mb=memory("refine"),
+        runtime=minutes("refine"),
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/dataset"),
         samples=folders_of("samples"),

@@ -24,10 +24,11 @@ rule photographed_room:
     benchmark:
         "results/{scene}/benchmarks/synthesize.jsonl"
     wildcard_constraints:
-        scene=scenes_where("source.simulated"),
-    threads: workflow.cores
+        scene=CONFIG.where("source.simulated"),
+    threads: THREADS
     resources:
-        mem_mb=4000,
+        mem_mb=memory("photographed_room"),
+        runtime=minutes("photographed_room"),
     params:
         dataset=folder("results/{scene}/room"),
         scene=ask("source.scene_options"),
@@ -52,9 +53,10 @@ rule photograph_calibration:
         "results/{scene}/logs/photograph.calibration.log",
     benchmark:
         "results/{scene}/benchmarks/photograph.calibration.jsonl"
-    threads: workflow.cores
+    threads: THREADS
     resources:
-        mem_mb=4000,
+        mem_mb=memory("photograph_calibration"),
+        runtime=minutes("photograph_calibration"),
     params:
         dataset=folder("results/{scene}/room"),
         raw=folder("results/{scene}/raw"),
@@ -81,10 +83,11 @@ rule photograph_views:
         "results/{scene}/logs/photograph.{shard}.log",
     benchmark:
         "results/{scene}/benchmarks/photograph.{shard}.jsonl"
-    threads: workflow.cores
+    threads: THREADS
     resources:
-        mem_mb=4000,
-        gpu=1,
+        mem_mb=memory("photograph_views"),
+        runtime=minutes("photograph_views"),
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/room"),
         raw=folder("results/{scene}/raw"),
@@ -114,11 +117,12 @@ rule synthesize_truth:
     benchmark:
         "results/{scene}/benchmarks/truth.{shard}.jsonl"
     wildcard_constraints:
-        scene=scenes_where("source.simulated"),
-    threads: workflow.cores
+        scene=CONFIG.where("source.simulated"),
+    threads: THREADS
     resources:
-        mem_mb=4000,
-        gpu=1,
+        mem_mb=memory("synthesize_truth"),
+        runtime=minutes("synthesize_truth"),
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/dataset"),
         views=ask("views.listed"),

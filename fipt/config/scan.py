@@ -1,0 +1,103 @@
+"""A sheet of the rooms that lie in a folder: captures, data sets, scene files."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from fipt.config.reading import CONFIG_FILE
+from fipt.config.sheet import read_sheet, write_sheet
+from fipt.errors import FiptError
+from fipt.formats.files import write_text
+from fipt.stages.capture.brackets import TABLE, photographs
+
+SHEET_FILE = "rooms.tsv"
+"""The sheet that is written, in the working directory of the runs."""
+
+_CONFIG = f"""# The rooms stand in {SHEET_FILE}, a line each. `fipt run all` in this folder runs them.
+# config/README.md in the sources has every key. Paths are relative to this folder, or absolute.
+
+scenes: {SHEET_FILE}
+
+rounds: 4             # most refinements after the first fit; fewer where it settles
+"""
+
+
+def write_rooms(folder: Path, scanned: Path) -> list[str]:
+    """Write a sheet of the rooms below a folder, and a configuration that names it; return the rooms' names.
+
+    Raises
+    ------
+    FiptError
+        If there is one already, or there are no rooms.
+    """
+    sheet, config = folder / SHEET_FILE, folder / CONFIG_FILE
+    for file in (sheet, config):
+        if file.exists():
+            raise FiptError(f"{file} exists already", "choose another folder, or edit that file")
+    if not scanned.is_dir():
+        raise FiptError(f"there is no folder {scanned}", "check the path")
+    rooms: dict[str, Mapping[str, str]] = {}
+    for place, keys in _rooms(scanned):
+        name = _name(scanned, place)
+        if name in rooms:
+            raise FiptError(f"{place} and {rooms[name]['path']} would both be called {name}", "rename one of them")
+        rooms[name] = {"source": keys["source"], "path": _written(folder, place), "preset": "default"} | keys
+    if not rooms:
+        raise FiptError(f"{scanned} holds no capture, no dataset and no scene file", "check the path")
+    write_sheet(sheet, rooms)
+    read_sheet(str(sheet))  # what cannot be is told now
+    write_text(config, _CONFIG)
+    return list(rooms)
+
+
+def _rooms(folder: Path) -> Iterator[tuple[Path, dict[str, str]]]:
+    """Every place below a folder that is a room, with what it is; nothing is looked for inside a room."""
+    keys = _kind(folder)
+    if keys is not None:
+        yield (folder / "scene.xml" if keys["source"] == "mitsuba" else folder), keys
+        return
+    with os.scandir(folder) as found:
+        below = sorted(entry.path for entry in found if entry.is_dir() and not entry.name.startswith("."))
+    for path in below:
+        yield from _rooms(Path(path))
+
+
+def _kind(folder: Path) -> dict[str, str] | None:
+    """What a scene says of a folder, by the names of its files; None: it is no room."""
+    if (folder / "transforms.json").is_file():
+        return {"source": "dataset", "format": "fipt" if (folder / "views.json").is_file() else "nerfstudio"}
+    if (folder / "transforms_train.json").is_file():
+        return {"source": "dataset", "format": "nerfstudio"}
+    if (folder / "train" / "transforms.json").is_file():
+        return {"source": "dataset", "format": "fipt-synthetic"}
+    if (folder / "cam.txt").is_file() and (folder / "K_list.txt").is_file():
+        return {"source": "dataset", "format": "fipt-real"}
+    if (folder / "scene.xml").is_file():
+        return {"source": "mitsuba"}
+    if (folder / TABLE).is_file() or _holds_raw(folder):
+        return {"source": "raw", "poses": "colmap"}
+    return None
+
+
+def _holds_raw(folder: Path) -> bool:
+    """Whether RAW files lie in a folder; images of other kinds may be anything."""
+    try:
+        return photographs(folder)[0] == "raw"
+    except FiptError:
+        return False
+
+
+def _name(scanned: Path, place: Path) -> str:
+    folder = place.parent if place.suffix == ".xml" else place
+    below = folder.relative_to(scanned)
+    text = "-".join(below.parts) or scanned.resolve().name
+    return re.sub(r"[^A-Za-z0-9_.-]+", "_", text).strip("_.-")[:100] or "room"
+
+
+def _written(folder: Path, place: Path) -> str:
+    """A path as the sheet has it: below the folder relative to it, elsewhere absolute."""
+    whole, base = place.expanduser().resolve(), folder.resolve()
+    return str(whole.relative_to(base) if whole.is_relative_to(base) else whole)

@@ -1,0 +1,190 @@
+"""All rooms of a folder of results: what the index and its table say about each, from the files that are there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from fipt.errors import FiptError
+from fipt.formats.exr import read_rgb
+from fipt.formats.text import MALFORMED
+from fipt.outcome import failures
+from fipt.scene import display
+from fipt.stages.report.files import read_json
+from fipt.stages.report.images import embedded
+
+STATES = ("failed", "unfinished", "done")
+"""Of a room, worst first."""
+
+THUMBNAIL = 144
+"""Width of a thumbnail, pixels."""
+
+
+@dataclass(frozen=True)
+class RoomRow:
+    """A room in the index.
+
+    Attributes
+    ----------
+    name, state
+        Of its folder; one of `STATES`.
+    why
+        The job that failed and its line; empty: none did.
+    log
+        The log of that job, relative to the folder of results.
+    figures
+        Figure of the held-out views -> value.
+    serious, warnings
+        Numbers of findings; None: nobody looked.
+    finding
+        The worst, in a line.
+    seconds
+        Stage -> wall time, summed over its jobs.
+    memory
+        Largest peak of a job, bytes.
+    thumbnail
+        Data URI; empty: there is no image.
+    """
+
+    name: str
+    state: str
+    why: str = ""
+    log: str = ""
+    figures: Mapping[str, float] = field(default_factory=dict)
+    serious: int | None = None
+    warnings: int | None = None
+    finding: str = ""
+    seconds: Mapping[str, float] = field(default_factory=dict)
+    memory: int = 0
+    thumbnail: str = ""
+
+    @property
+    def total(self) -> float:
+        """Seconds of all its jobs."""
+        return sum(self.seconds.values())
+
+
+@dataclass(frozen=True)
+class RoomFigure:
+    """A figure that rooms have: its key, label, unit, definition, and which direction is better."""
+
+    key: str
+    label: str
+    unit: str
+    better: str
+    text: str
+
+    def worse(self, value: float) -> float:
+        """A number that is larger where the figure is worse."""
+        return -value if self.better == "higher" else value
+
+
+def read_rooms(folder: Path, names: Sequence[str], keys: Sequence[str]) -> tuple[list[RoomRow], list[RoomFigure]]:
+    """Read every room, the worst first, and the figures that any of them has.
+
+    Parameters
+    ----------
+    folder
+        Of all results.
+    names
+        Rooms, folders in it.
+    keys
+        Figures that may be shown, in order.
+    """
+    rows, known = [], {}
+    kept = _kept_thumbnails(folder)
+    for name in names:
+        metrics = _content(folder / name / "metrics.json")
+        known |= {key: definition for key, definition in (metrics.get("definitions") or {}).items() if key in keys}
+        rows.append(_row(folder, name, metrics.get("val") or metrics.get("train") or {}, keys, kept.get(name, {})))
+    shown = [key for key in keys if key in known and any(key in row.figures for row in rows)]
+    figures = [RoomFigure(key, *(str(known[key].get(part, "")) for part in _PARTS)) for key in shown]
+    return sorted(rows, key=lambda row: _badness(row, figures), reverse=True), figures
+
+
+_PARTS = ("label", "unit", "better", "text")
+
+
+def _badness(row: RoomRow, figures: Sequence[RoomFigure]) -> tuple[float, ...]:
+    """Larger is worse: what failed, then serious findings, then warnings, then the first figure."""
+    worst = [figure.worse(row.figures[figure.key]) for figure in figures if figure.key in row.figures]
+    state = len(STATES) - STATES.index(row.state)
+    return (state, row.serious or 0, row.warnings or 0, worst[0] if worst else float("-inf"))
+
+
+def _row(folder: Path, name: str, split: Mapping[str, Any], keys: Sequence[str], kept: Mapping[str, Any]) -> RoomRow:
+    results = folder / name
+    done, failed = (results / "report.html").is_file(), failures(results)
+    found = _content(results / "findings.json").get("findings")
+    levels = [str(each.get("severity")) for each in found] if isinstance(found, list) else None
+    stats = [(path.stem.split(".")[0], _content(path)) for path in sorted(results.glob("stats/*.json"))]
+    seconds: dict[str, float] = {}
+    for stage, figures in stats:
+        seconds[stage] = seconds.get(stage, 0.0) + float(figures.get("wall_s") or 0.0)
+    return RoomRow(
+        name=name,
+        state="failed" if failed else "done" if done else "unfinished",
+        why=f"{failed[0].stage}: {failed[0].line}" if failed else "",
+        log=failed[0].log.relative_to(folder).as_posix() if failed else "",
+        figures={key: float(split[key]) for key in keys if isinstance(split.get(key), int | float)},
+        serious=None if levels is None else levels.count("serious"),
+        warnings=None if levels is None else levels.count("warning"),
+        finding=f"{found[0].get('cause', '')}" if found and isinstance(found, list) else "",
+        seconds=seconds,
+        memory=max((int(figures.get("peak_memory_bytes") or 0) for _, figures in stats), default=0),
+        thumbnail=_thumbnail(results, kept),
+    )
+
+
+def _content(path: Path) -> dict[str, Any]:
+    """A JSON file of keys; nothing where it is missing or damaged, which `fipt verify` tells."""
+    try:
+        content = read_json(path)
+    except FiptError:
+        return {}
+    return content if isinstance(content, dict) else {}
+
+
+def _thumbnail(results: Path, kept: Mapping[str, Any]) -> str:
+    """Its first held-out image, or its first; from the last index where that is as new."""
+    image = _first_image(results)
+    if image is None:
+        return ""
+    if kept.get("time") == image.stat().st_mtime_ns and isinstance(kept.get("src"), str):
+        return kept["src"]
+    try:
+        pixels = read_rgb(image)
+    except (FiptError, *MALFORMED):
+        return ""
+    return embedded(display.tone_mapped(pixels, display.common_exposure([pixels])), THUMBNAIL)[0]
+
+
+def _first_image(results: Path) -> Path | None:
+    frames = _content(results / "dataset" / "transforms.json").get("frames") or []
+    try:
+        first = sorted(frames, key=lambda frame: frame.get("split") != "val")
+        found = [results / "dataset" / str(frame["file_path"]) for frame in first[:1]]
+    except MALFORMED:
+        return None
+    return next((path for path in found if path.is_file()), None)
+
+
+KEPT = ".thumbnails.json"
+"""Thumbnails of the last index: most rooms of a thousand have not changed."""
+
+
+def _kept_thumbnails(folder: Path) -> dict[str, Any]:
+    return _content(folder / KEPT)
+
+
+def thumbnails(folder: Path, rows: Sequence[RoomRow]) -> dict[str, Any]:
+    """What `KEPT` has: the thumbnails with the times of their images."""
+    images = {row.name: _first_image(folder / row.name) for row in rows if row.thumbnail}
+    shown = {row.name: row.thumbnail for row in rows}
+    return {
+        name: {"time": image.stat().st_mtime_ns, "src": shown[name]}
+        for name, image in images.items()
+        if image is not None
+    }
