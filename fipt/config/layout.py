@@ -75,11 +75,13 @@ class Layout:
     first_folder = Below("geometry/first")
     first_mesh = Below("geometry/first/mesh.ply")
     first_geometry = Below("geometry/first/geometry.json")
+    first_planes = Below("geometry/first/planes.json")
     first_overview = Below("geometry/first/overview.png")
     checked_views = Below("geometry/check_poses.json")
     geometry_folder = Below("geometry")
     estimated_mesh = Below("geometry/mesh.ply")
     geometry = Below("geometry/geometry.json")
+    geometry_planes = Below("geometry/planes.json")
     geometry_overview = Below("geometry/overview.png")
 
     # the dataset

@@ -13,23 +13,31 @@ from fipt.meshing.radiance_edges import Radiance
 from fipt.scene.mesh import Mesh
 from fipt.stages.geometry.completion import Completed, complete
 from fipt.stages.geometry.depth_views import DepthView, depth_noise
+from fipt.stages.geometry.evidence import evidence, regions
 from fipt.stages.geometry.fusing import check_memory, fuse, voxel_size
 from fipt.stages.geometry.mesh_settings import GeometrySettings
 from fipt.stages.geometry.overview import overview
 from fipt.stages.geometry.shell import with_shell
+from fipt.stages.geometry.snapping import snapped
 
 log = logging.getLogger(__name__)
+
+_SNAPPED = 0.25
+"""Voxels within which surface is put onto a plane: what fusion rounds off. Shallow furniture stands farther out."""
 
 
 @dataclass(frozen=True)
 class Geometry:
     """A mesh, and what is to be said about it: ``about`` lasts, ``figures`` hold times too.
 
+    ``planes`` holds the room's planes, and what speaks for each region of the surface, as plain types.
+
     ``image`` (H, W, 3) uint8 shows where the depth of some views comes from.
     """
 
     mesh: Mesh
     image: np.ndarray
+    planes: dict[str, Any]
     about: dict[str, Any]
     figures: dict[str, Any]
 
@@ -44,44 +52,55 @@ def build(views: Sequence[DepthView], radiance: Radiance, settings: GeometrySett
     """
     start = time.perf_counter()
     noise, voxel = depth_noise(views), voxel_size(views, settings.voxel)
-    known = _share([view.map.known for view in views])
-    log.info("%d depth maps, %.0f %% known; noise %.2g mm at 1 m; voxels of %.2g mm",
-             len(views), 100 * known, 1e3 * noise.at_1m, 1e3 * voxel)  # fmt: skip
     own = [view.map.known for view in views]
+    log.info("%d depth maps, %.0f %% known; noise %.2g mm at 1 m; voxels of %.2g mm",
+             len(views), 100 * _share(own), 1e3 * noise.at_1m, 1e3 * voxel)  # fmt: skip
     maps = [Completed(view, mask, np.zeros_like(mask)) for view, mask in zip(views, own, strict=True)]
-    planes: list[dict[str, Any]] = []
-    box = None
-    if settings.planes:
-        found = complete(views, noise)
-        maps, planes, box = found.views, found.planes.plain(), found.box
+    found = complete(views, noise) if settings.planes else None
+    if found is not None:
+        maps = found.views
         log.info("%d planes, %d along the room's directions; %.0f %% of the pixels show walls alone",
-                 len(planes), (found.planes.axis >= 0).sum(), 100 * _share([m.closed for m in maps]))  # fmt: skip
+                 len(found.planes), (found.planes.axis >= 0).sum(), 100 * _share([m.closed for m in maps]))  # fmt: skip
     views = [m.view for m in maps]
     check_memory(views, voxel, settings.memory_gb)
     mesh = fuse(views, [m.measured for m in maps], noise.at_1m, voxel)
-    mesh, about = prepared(mesh, [view.camera for view in views], radiance, settings)
-    if box is not None:
-        mesh = with_shell(mesh, box, voxel)
-    closed = _share([m.closed for m in maps])
+    mesh, prepare = prepared(mesh, [view.camera for view in views], radiance, settings)
+    plane = np.full(len(mesh.triangles), -1)
+    if found is not None:
+        mesh, plane = snapped(mesh, found.planes, _SNAPPED * voxel)
+    support = evidence(mesh, maps)
+    by_region = regions(mesh, plane, support)
     lasting = {
         "views": len(views),
+        **_of_pixels(maps, own),
+        "surface": support.share(mesh),
+        "box": None if found is None else found.box.plain(),
+        "noise_mm_at_1m": round(1e3 * noise.at_1m, 4),
+        "confident": round(noise.confident, 4),
+        "voxel_mm": round(1e3 * voxel, 3),
+        "planes": 0 if found is None else len(found.planes),
+        "prepared": {name: value for name, value in prepare.items() if name != "seconds"},
+    }
+    if found is not None:
+        mesh = with_shell(mesh, found.box, voxel)
+    figures = {name: value for name, value in lasting.items() if name != "of_view"}
+    figures["seconds"] = round(time.perf_counter() - start, 2)
+    planes = {"planes": [] if found is None else found.planes.plain(), "regions": by_region}
+    return Geometry(mesh, overview(maps), planes, lasting, figures)
+
+
+def _of_pixels(maps: Sequence[Completed], own: Sequence[np.ndarray]) -> dict[str, Any]:
+    """Shares of pixels that have a depth of their own, that planes completed, that are closed; of each view too."""
+    known, closed = _share(own), _share([m.closed for m in maps])
+    return {
         "known": round(known, 4),
-        "completed": round(_share([view.map.known for view in views]) - known - closed, 4),
+        "completed": round(_share([m.view.map.known for m in maps]) - known - closed, 4),
         "closed": round(closed, 4),
         "of_view": {
             m.view.camera.name: {"known": round(float(mask.mean()), 4), "closed": round(float(m.closed.mean()), 4)}
             for m, mask in zip(maps, own, strict=True)
         },
-        "box": None if box is None else box.plain(),
-        "noise_mm_at_1m": round(1e3 * noise.at_1m, 4),
-        "confident": round(noise.confident, 4),
-        "voxel_mm": round(1e3 * voxel, 3),
-        "planes": planes,
-        "prepared": {name: value for name, value in about.items() if name != "seconds"},
     }
-    figures = {name: value for name, value in lasting.items() if name != "of_view"}
-    figures |= {"planes": len(planes), "seconds": round(time.perf_counter() - start, 2)}
-    return Geometry(mesh, overview(maps), lasting, figures)
 
 
 def _share(masks: Sequence[np.ndarray]) -> float:

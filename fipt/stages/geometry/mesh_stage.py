@@ -20,14 +20,14 @@ class MeshInputs:
 
     dataset: DatasetFolder
     depth: Annotated[Path, "Folder of the depth maps of the training views, VIEW.exr."]
-    out: Annotated[Path, "Folder for mesh.ply, geometry.json and overview.png."]
+    out: Annotated[Path, "Folder for mesh.ply, geometry.json, planes.json and overview.png."]
     first: Annotated[Path | None, "Folder of the mesh of all views, with --checked: taken over where none fails."] = (
         None
     )
     checked: Annotated[Path | None, "Verdicts of fipt check-poses: views that it rejected are left out."] = None
 
 
-_FILES = "geometry.json", "overview.png", "mesh.ply"
+_FILES = "geometry.json", "planes.json", "overview.png", "mesh.ply"
 """What a folder of a mesh holds."""
 
 
@@ -68,6 +68,7 @@ def run(inputs: MeshInputs, settings: "GeometrySettings") -> dict[str, Any]:
     write_text(
         inputs.out / "geometry.json", json.dumps(made.about | {"rejected": rejected}, indent=1, allow_nan=False) + "\n"
     )
+    write_text(inputs.out / "planes.json", json.dumps(made.planes, indent=1, allow_nan=False) + "\n")
     write_png(inputs.out / "overview.png", made.image)
     write_ply(inputs.out / "mesh.ply", made.mesh)
     return made.figures | {"rejected": list(rejected)}

@@ -13,6 +13,7 @@ from fipt.scene.mesh import Mesh, read_mesh
 from fipt.stages.geometry.build import Geometry
 from fipt.stages.geometry.completion import Completed
 from fipt.stages.geometry.depth_views import DepthView
+from fipt.stages.geometry.evidence import evidence, regions
 from fipt.stages.geometry.overview import overview
 from fipt.stages.geometry.registration import REACH, registered
 
@@ -35,7 +36,11 @@ def from_scan(views: Sequence[DepthView], path: Path, unit: float) -> Geometry:
     known = float(np.mean([view.map.known.mean() for view in views]))
     lasting = {"views": len(views), "known": round(known, 4), "registration": placed}
     figures = {**lasting, "warnings": placed["warnings"], "seconds": round(time.perf_counter() - start, 2)}
-    return Geometry(mesh, overview(_compared(mesh, views)), lasting, figures)
+    compared = _compared(mesh, views)
+    support = evidence(mesh, compared)
+    lasting["surface"] = figures["surface"] = support.share(mesh)
+    by_region = regions(mesh, np.full(len(mesh.triangles), -1), support)
+    return Geometry(mesh, overview(compared), {"planes": [], "regions": by_region}, lasting, figures)
 
 
 def _compared(mesh: Mesh, views: Sequence[DepthView]) -> list[Completed]:

@@ -7,6 +7,7 @@ OUTPUTS: results/{scene}/geometry/first/            mesh of all views, and what 
          results/{scene}/geometry/check_poses.json  verdict and figures of every view; all accepted where it is off
          results/{scene}/geometry/mesh.ply          triangles, metres
          results/{scene}/geometry/geometry.json     what was measured, and which views were left out
+         results/{scene}/geometry/planes.json       planes, and what speaks for each region of the surface
          results/{scene}/geometry/overview.png      photographs, depth, and where it comes from
 """
 
@@ -22,6 +23,7 @@ rule first_mesh:
     output:
         mesh="results/{scene}/geometry/first/mesh.ply",
         about="results/{scene}/geometry/first/geometry.json",
+        planes="results/{scene}/geometry/first/planes.json",
         overview="results/{scene}/geometry/first/overview.png",
         stats="results/{scene}/stats/first_mesh.json",
     log:
@@ -82,11 +84,13 @@ rule mesh:
         depth="results/{scene}/geometry/depth.manifest.json",
         first="results/{scene}/geometry/first/mesh.ply",
         about_first="results/{scene}/geometry/first/geometry.json",
+        planes_first="results/{scene}/geometry/first/planes.json",
         overview_first="results/{scene}/geometry/first/overview.png",
         checked="results/{scene}/geometry/check_poses.json",
     output:
         mesh="results/{scene}/geometry/mesh.ply",
         about="results/{scene}/geometry/geometry.json",
+        planes="results/{scene}/geometry/planes.json",
         overview="results/{scene}/geometry/overview.png",
         stats="results/{scene}/stats/mesh.json",
     log:

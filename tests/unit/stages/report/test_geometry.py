@@ -17,7 +17,8 @@ ABOUT = {
     "closed": 0.24,
     "noise_mm_at_1m": 0.34,
     "voxel_mm": 14.0,
-    "planes": [{}, {}],
+    "planes": 2,
+    "surface": {"measured": 0.5, "completed": 0.25, "closed": 0.15, "unseen": 0.1},
     "of_view": {"a": {"known": 0.5, "closed": 0.1}, "b": {"known": 0.1, "closed": 0.6}},
 }
 
