@@ -5,7 +5,7 @@
 SHELL := /bin/bash
 MAKEFLAGS += --no-print-directory
 .DEFAULT_GOAL := help
-.PHONY: help setup llvm open3d browser demo test lint docs bench scaling cluster clean distclean
+.PHONY: help setup llvm open3d browser demo test pytest lint docs bench scaling cluster clean distclean
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -79,7 +79,11 @@ demo: setup  ## the demo room, from nothing to its report (10 minutes on 2 cores
 	@$(BIN)/fipt run demo
 	@echo "fipt: open $(CURDIR)/results/demo/report.html"
 
-test: setup lint  ## all checks, then the tests
+test: setup  ## all checks and the tests
+	@# The checks run beside the tests: most of their time is that of one program on one processor.
+	@$(MAKE) -j2 lint pytest || { echo "fipt: the checks or the tests failed: see above" >&2; exit 1; }
+
+pytest: $(INSTALLED)
 	@# Files of tests go to two processes; tests of a file stay together, since they share fixtures.
 	@$(BIN)/python -m pytest -q -n 2 --dist loadfile
 

@@ -8,7 +8,7 @@ import re
 import shlex
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -35,20 +35,31 @@ class Job:
         return main([self.verb, *self.options])
 
 
+def started(
+    module: str, options: Sequence[str], folder: Path, environment: Mapping[str, str]
+) -> subprocess.CompletedProcess[str]:
+    """Run ``python -m MODULE OPTIONS`` in a folder."""
+    command = [sys.executable, "-m", module, *options]
+    return subprocess.run(command, cwd=folder, env=environment, text=True, capture_output=True)
+
+
 def jobs_of(
-    folder: Path, config: Mapping[str, Any] | None = None, target: str = "report", workflow: Path = WORKFLOW
+    folder: Path,
+    config: Mapping[str, Any] | None = None,
+    target: str = "report",
+    workflow: Path = WORKFLOW,
+    start: Callable[..., subprocess.CompletedProcess[str]] = started,
 ) -> list[Job]:
     """Every job that the target needs, done or not, in an order in which they can run.
 
-    ``config`` lies on top of config/config.yaml in the folder, where there is one.
+    ``config`` lies on top of config/config.yaml in the folder, where there is one; ``start`` runs Snakemake.
     """
-    command = [sys.executable, "-m", "snakemake", "--snakefile", str(workflow / "Snakefile")]
-    command += ["--workflow-profile", str(workflow / "profiles" / "local"), "--cores", "2", "--dry-run", "--forceall"]
+    options = ["--snakefile", str(workflow / "Snakefile"), "--workflow-profile", str(workflow / "profiles" / "local")]
+    options += ["--cores", "2", "--dry-run", "--forceall"]
     if config is not None:
         (folder / "jobs.json").write_text(json.dumps(config))
-        command += ["--configfile", "jobs.json"]
-    environment = os.environ | {"PYTHONPATH": str(REPOSITORY)}
-    done = subprocess.run([*command, "--", target], cwd=folder, env=environment, text=True, capture_output=True)
+        options += ["--configfile", "jobs.json"]
+    done = start("snakemake", [*options, "--", target], folder, os.environ | {"PYTHONPATH": str(REPOSITORY)})
     assert done.returncode == 0, done.stdout + done.stderr
     blocks = re.findall(r"^rule (\w+):\n(.*?)^Shell command: (fipt [^\n]*)$", done.stdout, re.MULTILINE | re.DOTALL)
     return [_job(rule, about, command) for rule, about, command in blocks]

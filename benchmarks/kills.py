@@ -32,8 +32,7 @@ CONFIG = {
     "cache": {"resolution": 32},
     "bake": {"diffuse_spp": 64, "specular_spp": 16, "smooth_spp": 16},
     "refine": {"diffuse_spp": 16, "specular_spp": 4, "smooth_spp": 4},
-    # one thread repeats bit for bit
-    "fit": {"steps": 120, "batch": 256, "levels": 4, "table_log2": 10, "checkpoint_every": 20, "threads": 1},
+    "fit": {"steps": 120, "batch": 256, "levels": 4, "table_log2": 10, "checkpoint_every": 20},
     "render": {"spp": 4},
     "relight": {"spp": 4},
 }

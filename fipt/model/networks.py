@@ -104,9 +104,13 @@ class _Product(torch.autograd.Function):
 
 
 def _in_parts(rows: torch.Tensor) -> torch.Tensor:
-    """(N, K) as (parts, _PART, K); zeros fill the last. Two at least: a product that is alone would be divided."""
-    missing = max(-len(rows) % _PART, 2 * _PART - len(rows))
-    return (nn.functional.pad(rows, (0, 0, 0, missing)) if missing else rows).reshape(-1, _PART, rows.shape[1])
+    """(N, K) as (parts, _PART, K), of few rows as two shorter parts; zeros fill the last.
+
+    Two at least: a product that is alone would be divided.
+    """
+    part = max(min(_PART, -(-len(rows) // 2)), 1)
+    missing = max(-len(rows) % part, 2 * part - len(rows))
+    return (nn.functional.pad(rows, (0, 0, 0, missing)) if missing else rows).reshape(-1, part, rows.shape[1])
 
 
 class _Sigmoid(nn.Module):
@@ -117,6 +121,8 @@ class _Sigmoid(nn.Module):
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         """Sigmoid of (N, 5)."""
+        if len(x) <= _ON_ONE_THREAD:
+            return x.sigmoid()
         return torch.cat([part.sigmoid() for part in x.split(_ON_ONE_THREAD)])
 
 

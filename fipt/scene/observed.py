@@ -1,11 +1,12 @@
 """What the photographs show of a shard's footprint samples, with the shading that was baked there."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from fipt.conventions import SHADING_OUTPUTS
 from fipt.errors import FiptError
 from fipt.scene.dataset import Dataset
 from fipt.scene.samples import Empty, FootprintSamples, clipped_of, pixels_of, read_samples
@@ -77,3 +78,49 @@ def without_triangles(shards: Sequence[ObservedShard], triangles: np.ndarray) ->
             weight[samples.pixel_of_sample(index)[shown] + samples.pixels(index).start] = 0
         result.append(replace(shard, weight=weight))
     return result
+
+
+def filled_by_one(
+    samples: FootprintSamples,
+    shading: Shading | np.ndarray,
+    pixel: np.ndarray,
+    segment_of: Callable[[np.ndarray, np.ndarray], np.ndarray],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Those of some pixels whose samples are all of one segment.
+
+    Radiance is linear in shading, and one segment has one material: the samples of such a pixel count as one with the
+    weighted mean of their shading.
+
+    Parameters
+    ----------
+    shading
+        (H, outputs, 3) of the samples.
+    pixel
+        (N,) int64 pixels that have samples.
+    segment_of
+        Segments (K,) of samples, by their pixels (K,) and numbers (K,).
+
+    Returns
+    -------
+    pixel, first, segment
+        (M,) int64 pixel, its first sample, the segment.
+    shading
+        (M, outputs, 3) float32 mean over its samples.
+    """
+    first = np.asarray(samples.offsets[pixel])
+    count = np.asarray(samples.offsets[pixel + 1]) - first
+    if len(pixel) == 0:
+        return pixel, first, first, np.zeros((0, SHADING_OUTPUTS, 3), np.float32)
+    starts = np.cumsum(count) - count
+    sample = np.repeat(first - starts, count) + np.arange(count.sum())
+    segment = segment_of(np.repeat(pixel, count), sample)
+    one = np.minimum.reduceat(segment, starts) == np.maximum.reduceat(segment, starts)
+    keep, segment = np.repeat(one, count), segment[starts[one]]
+    pixel, first, count, sample = pixel[one], first[one], count[one], sample[keep]
+    if len(pixel) == 0:
+        return pixel, first, first, np.zeros((0, SHADING_OUTPUTS, 3), np.float32)
+    starts = np.cumsum(count) - count
+    weight = np.asarray(samples.weight[sample], np.float32)
+    weight /= np.repeat(np.add.reduceat(weight, starts), count)
+    each = np.asarray(shading[sample], np.float32).reshape(-1, SHADING_OUTPUTS, 3)
+    return pixel, first, segment, np.add.reduceat(each * weight[:, None, None], starts, axis=0)

@@ -1,7 +1,7 @@
 """Footprint samples on disk: flat arrays over surface pieces, and each pixel's offset into them."""
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -218,6 +218,31 @@ def segments_of(dataset: Dataset, samples: FootprintSamples, kind: str, empty: E
     for index, view in enumerate(samples.views):
         ids[samples.pixels(index)] = dataset.segments(view, kind).reshape(-1)
     return ids
+
+
+def segments_of_triangles(shards: Sequence[FootprintSamples], segments: Sequence[np.ndarray]) -> tuple[int, np.ndarray]:
+    """Largest segment id, and the id that most pixel centres give each triangle (T,) uint16, 0 where none does.
+
+    Parameters
+    ----------
+    segments
+        Per shard: (P,) segment of each pixel's centre, 0 = unknown.
+    """
+    pairs, votes = np.zeros(0, np.int64), np.zeros(0, np.int64)
+    for shard, segment in zip(shards, segments, strict=True):
+        for index in range(len(shard.views)):
+            own = shard.pixels(index)
+            ids = np.where(np.asarray(shard.center[own]) > 0, segment[own], 0)
+            centered = np.flatnonzero(ids)
+            triangle = shard.triangle[shard.offsets[own][centered]].astype(np.int64)
+            new, count = np.unique(triangle << 16 | ids[centered], return_counts=True)
+            pairs, place = np.unique(np.concatenate([pairs, new]), return_inverse=True)
+            votes = np.bincount(place.reshape(-1), np.concatenate([votes, count]), len(pairs)).astype(np.int64)
+    triangle, ids = pairs >> 16, pairs & 0xFFFF
+    order = np.lexsort((votes, triangle))
+    winner = np.zeros(max(int(shard.triangle.max(initial=0)) for shard in shards) + 1, np.uint16)
+    winner[triangle[order]] = ids[order]  # the last write, with the most votes, stays
+    return int(ids.max(initial=0)), winner
 
 
 def clipped_of(dataset: Dataset, samples: FootprintSamples, empty: Empty = np.empty) -> np.ndarray:

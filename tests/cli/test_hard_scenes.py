@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.jobs import jobs_of, run_all
+from benchmarks.jobs import run_all
 from fipt.formats.arrays import load_npz
 from fipt.formats.exr import read_exr, read_rgb, write_exr
 from fipt.formats.images import write_png
@@ -15,6 +15,7 @@ from fipt.scene.cameras import write_transforms
 from fipt.scene.dataset import read_layers
 from tests import scenes
 from tests.fitted import kept_threads
+from tests.workflow.prepared import jobs_of
 
 FEW = {"diffuse_spp": 4, "specular_spp": 2, "smooth_spp": 2}
 CONFIG = {
@@ -25,8 +26,7 @@ CONFIG = {
     "cache": {"resolution": 16},
     "bake": FEW,
     "refine": FEW | {"max_depth": 3},
-    "fit": {"steps": 25, "batch": 128, "levels": 4, "table_log2": 10, "learning_rate": 0.01, "emission_weight": 0.1}
-    | {"threads": 1},
+    "fit": {"steps": 25, "batch": 128, "levels": 4, "table_log2": 10, "learning_rate": 0.01, "emission_weight": 0.1},
     "emitters": {"points": 20},
     "render": {"spp": 4, "max_depth": 3},
     "report": {"width": 32},

@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import os
 import re
-import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -18,9 +17,10 @@ from typing import Any
 import pytest
 import yaml
 
-from benchmarks.jobs import REPOSITORY, WORKFLOW, Job, jobs_of
+from benchmarks.jobs import REPOSITORY, WORKFLOW, Job
+from tests.workflow import prepared
 
-STAND_IN = '''#!{python}
+STAND_IN = '''#!{python} -S
 """Writes what a verb of fipt promises; notes its command line in calls.jsonl."""
 import json, os, sys, time
 from pathlib import Path
@@ -53,6 +53,7 @@ class Workspace:
 
     def __init__(self, root: Path, config: dict[str, Any], stand_in: bool) -> None:
         self.root = root
+        self.run = prepared.run
         self.environment = os.environ | {"PYTHONPATH": str(REPOSITORY)}
         self.configure(config)
         if stand_in:
@@ -70,24 +71,17 @@ class Workspace:
         (self.root / "night.exr").write_text("an environment map that a light setup may name")
 
     def command(self, *options: str) -> list[str]:
-        """The command line of Snakemake with the real Snakefile and the local profile."""
+        """The command line of Snakemake with the real Snakefile and the local profile, after ``python -m``."""
         profile = WORKFLOW / "profiles" / "local"
         return [
-            *(sys.executable, "-m", "snakemake", "--snakefile", str(WORKFLOW / "Snakefile")),
+            *("snakemake", "--snakefile", str(WORKFLOW / "Snakefile")),
             *("--workflow-profile", str(profile), "--cores", "2", *options),
         ]
 
     def snakemake(self, *options: str, succeeds: bool = True) -> str:
         """Run Snakemake here and return what it says."""
-        done = subprocess.run(
-            self.command(*options),
-            cwd=self.root,
-            env=self.environment,
-            text=True,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            timeout=600,
-        )
+        module, *rest = self.command(*options)
+        done = self.run(module, rest, self.root, self.environment, True)
         assert (done.returncode == 0) is succeeds, done.stdout + self.logs()
         return done.stdout
 
@@ -102,12 +96,11 @@ class Workspace:
 
     def jobs(self, target: str = "report") -> list[Job]:
         """Every job of the config, done or not."""
-        return jobs_of(self.root, target=target)
+        return prepared.jobs_of(self.root, target=target)
 
     def fipt_run(self, *options: str, code: int = 0, scene: str = "room") -> str:
         """Call ``fipt run`` of a scene here and return what it says on standard error."""
-        command = [sys.executable, "-m", "fipt.cli.main", "run", scene, *options]
-        done = subprocess.run(command, cwd=self.root, env=self.environment, text=True, capture_output=True, timeout=900)
+        done = self.run("fipt.cli.main", ["run", scene, *options], self.root, self.environment)
         assert done.returncode == code, done.stderr + self.logs()
         return done.stderr
 

@@ -9,7 +9,7 @@ import torch
 from fipt.conventions import SHADING_OUTPUTS, SUB_POSITIONS
 from fipt.errors import FiptError
 from fipt.scene.observed import ObservedShard
-from fipt.scene.samples import Empty, FootprintSamples
+from fipt.scene.samples import Empty, FootprintSamples, segments_of_triangles
 from fipt.scene.shading import Shading
 from fipt.stages.fit.evidence import PhotoEvidence
 
@@ -121,7 +121,9 @@ class Pixels:
         if len(self.index) == 0:
             raise FiptError("no training pixel shows the mesh", "check poses and masks of the training views")
         self._segments = segments
-        self.largest_segment, self._winner = (0, None) if segments is None else _vote(self.shards, segments)
+        self.largest_segment, self._winner = (
+            (0, None) if segments is None else segments_of_triangles(self.shards, segments)
+        )
 
     def _confidence(self, shard: np.ndarray, sample: np.ndarray, position: np.ndarray) -> np.ndarray:
         """`confidence_at` of samples; their normals are read only where they are needed."""
@@ -243,22 +245,3 @@ def _visible(shard: FootprintSamples, weight: np.ndarray, empty: Empty) -> np.nd
         covered = np.bincount(shard.pixel_of_sample(index), shard.weight[shard.of_view(index)], own.stop - own.start)
         result[own] = weight[own] * np.minimum(covered, 1.0)
     return result
-
-
-def _vote(shards: list[FootprintSamples], segments: list[np.ndarray]) -> tuple[int, np.ndarray]:
-    """Largest segment id, and the id that most pixel centres give each triangle (T,), 0 where none does."""
-    pairs, votes = np.zeros(0, np.int64), np.zeros(0, np.int64)
-    for shard, segment in zip(shards, segments, strict=True):
-        for index in range(len(shard.views)):
-            own = shard.pixels(index)
-            ids = np.where(np.asarray(shard.center[own]) > 0, segment[own], 0)
-            centered = np.flatnonzero(ids)
-            triangle = shard.triangle[shard.offsets[own][centered]].astype(np.int64)
-            new, count = np.unique(triangle << 16 | ids[centered], return_counts=True)
-            pairs, place = np.unique(np.concatenate([pairs, new]), return_inverse=True)
-            votes = np.bincount(place.reshape(-1), np.concatenate([votes, count]), len(pairs)).astype(np.int64)
-    triangle, ids = pairs >> 16, pairs & 0xFFFF
-    order = np.lexsort((votes, triangle))
-    winner = np.zeros(max(int(shard.triangle.max(initial=0)) for shard in shards) + 1, np.uint16)
-    winner[triangle[order]] = ids[order]  # the last write, with the most votes, stays
-    return int(ids.max(initial=0)), winner

@@ -6,6 +6,7 @@ import numpy as np
 
 from fipt.conventions import SHADING_OUTPUTS
 from fipt.model.reflectance import exceeds_reflection
+from fipt.scene.observed import filled_by_one
 from fipt.scene.voxels import FACINGS, facings, voxel_keys
 from fipt.stages.fit.batches import Pixels
 
@@ -30,8 +31,7 @@ class InnerPixels:
 def inner_pixels(pixels: Pixels, emitter_gain: float) -> InnerPixels:
     """Pixels that samples of one known segment fill, emitters left out.
 
-    Radiance is linear in shading, and one segment has one material here: the samples of such a pixel count as one with
-    the weighted mean of their shading. A part that is nowhere smooth over a whole pixel has no other pixels.
+    A part that is nowhere smooth over a whole pixel has no other pixels.
     """
     step = max(len(pixels) // _MOST_PIXELS, 1)
     parts, passed, views = [], 0, 0
@@ -43,7 +43,12 @@ def inner_pixels(pixels: Pixels, emitter_gain: float) -> InnerPixels:
         first_view, views = views, views + len(shard.views)
         if len(chosen) == 0:
             continue
-        chosen, own, segment, shading = _of_one_segment(pixels, number, chosen)
+        chosen, own, segment, shading = filled_by_one(
+            shard,
+            pixels.shading[number],
+            chosen,
+            lambda pixel, sample, at=number: pixels.segment_of(np.full(len(sample), at), pixel, sample),
+        )
         radiance = np.asarray(pixels.radiance[number][chosen], np.float32)
         view = first_view + np.searchsorted(shard.first_pixels, chosen, side="right") - 1
         keep = ~exceeds_reflection(radiance, shading, emitter_gain) & (segment > 0)
@@ -53,37 +58,6 @@ def inner_pixels(pixels: Pixels, emitter_gain: float) -> InnerPixels:
         rows, ids = np.zeros((0, 3), np.float32), np.zeros(0, np.int64)
         return InnerPixels(rows, np.zeros((0, SHADING_OUTPUTS, 3), np.float32), rows, rows, ids, ids)
     return InnerPixels(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
-
-
-def _of_one_segment(
-    pixels: Pixels, number: int, chosen: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Those of ``chosen`` pixels of a shard that one segment fills.
-
-    Returns
-    -------
-    pixel, first, segment
-        (N,) int64 pixel, its first sample, their segment.
-    shading
-        (N, outputs, 3) mean over its samples.
-    """
-    shard = pixels.shards[number]
-    first = np.asarray(shard.offsets[chosen])
-    count = np.asarray(shard.offsets[chosen + 1]) - first
-    starts = np.cumsum(count) - count
-    sample = np.repeat(first - starts, count) + np.arange(count.sum())
-    segment = pixels.segment_of(np.full(len(sample), number), np.repeat(chosen, count), sample)
-    one = np.minimum.reduceat(segment, starts) == np.maximum.reduceat(segment, starts)
-    keep = np.repeat(one, count)
-    chosen, first, count, sample = chosen[one], first[one], count[one], sample[keep]
-    weight = np.asarray(shard.weight[sample], np.float32)
-    starts = np.cumsum(count) - count
-    if len(starts) == 0:
-        return chosen, first, first, np.zeros((0, SHADING_OUTPUTS, 3), np.float32)
-    weight /= np.repeat(np.add.reduceat(weight, starts), count)
-    shading = pixels.shading[number][sample].astype(np.float32, copy=False)
-    shading = np.add.reduceat(shading * weight[:, None, None], starts, axis=0)
-    return chosen, first, segment[keep][starts], shading
 
 
 def pieces_of(inner: InnerPixels, resolution: int, center: np.ndarray, side: float) -> tuple[np.ndarray, int]:

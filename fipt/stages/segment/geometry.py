@@ -5,7 +5,7 @@ whose colour at their common border differs the least from its own (Borůvka's r
 Where the mesh was scanned, its creases are round and edges of colour are spread over some triangles, so that no side
 parts anything: what regions are as a whole, the way they face and their mean colour, must not differ more than sides
 may. A wall that fades into shadow may become two regions, and a round shape several; `fipt.stages.segment.regroup`
-joins them.
+joins them. What is too narrow for a pixel is one region with what it touches (`fipt.stages.segment.slivers`).
 """
 
 from pathlib import Path
@@ -20,6 +20,7 @@ from fipt.progress import progress
 from fipt.scene.dataset import Dataset
 from fipt.stages.segment.fuse import numbered
 from fipt.stages.segment.settings import FuseSettings
+from fipt.stages.segment.slivers import without_slivers
 from fipt.stages.segment.split import whole
 from fipt.stages.segment.surface import CellSurface, near_pieces, surface_of, tidied
 from fipt.stages.segment.views import CellObservations, observe
@@ -40,7 +41,7 @@ def grow_parts(dataset: Path, segments: Path, settings: FuseSettings) -> Stats:
     surface = surface_of(mesh)
     observations = observe(mesh, [data.camera(view) for view in data.views("train")], segments)
     color, pixels = seen_colors(data, observations, len(mesh.triangles))
-    ids = regions(surface, color, pixels, settings, mesh.normals)
+    ids = without_slivers(surface, regions(surface, color, pixels, settings, mesh.normals), observations)
     ids, kind = numbered(ids, np.zeros(int(ids.max()) + 1, np.int64), surface.area)
     views = np.zeros(len(kind), np.int64)
     for number in range(len(observations.cameras)):

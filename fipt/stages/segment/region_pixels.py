@@ -5,26 +5,27 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fipt.conventions import EMITTER_GAIN, SHADING_OUTPUTS
+from fipt.conventions import EMITTER_GAIN
 from fipt.model.reflectance import exceeds_reflection
-from fipt.scene.observed import ObservedShard
+from fipt.scene.observed import ObservedShard, filled_by_one
+from fipt.scene.samples import segments_of_triangles
 
 _MOST = 400_000
 """Pixels used at most: the material of a region does not need more."""
-_SOLE = 0.99
-"""Share of its pixel from which a piece of surface is taken to fill it: no ray of the pixel misses it then."""
+_WHOLE = 0.99
+"""Weight of a pixel, and share of it that surface covers, from which it is taken for whole."""
 
 
 @dataclass(frozen=True)
 class RegionPixels:
-    """N pixels that one region fills, or at least half of where none fills one.
+    """N pixels that one region fills.
 
     Attributes
     ----------
     radiance
         (N, 3) float32 observed.
     shading
-        (N, outputs, 3) float32 Ld, Ls0 and Ls1 of every level.
+        (N, outputs, 3) float32 Ld, Ls0 and Ls1 of every level, mean over the pixel.
     place, normal
         (N, 3) float32, metres; unit length.
     region
@@ -41,8 +42,8 @@ class RegionPixels:
 def region_pixels(shards: Sequence[ObservedShard], regions: Sequence[np.ndarray]) -> RegionPixels:
     """Gather the pixels of all training views.
 
-    Clipped pixels are left out, and those that show an emitter. Of regions that never fill a pixel, those that they
-    fill most of are taken.
+    Clipped pixels are left out, and those that show an emitter. A region has no other pixels than those that it fills:
+    where it shares one, what the others beside it reflect would be taken for its own.
 
     Parameters
     ----------
@@ -50,25 +51,24 @@ def region_pixels(shards: Sequence[ObservedShard], regions: Sequence[np.ndarray]
         Per shard: (P,) region of each pixel, 0 = unknown.
     """
     step = max(sum(len(each) for each in regions) // _MOST, 1)
-    found = [_of_shard(shard, own, step) for shard, own in zip(shards, regions, strict=True)]
-    radiance, shading, place, normal, region, sole = map(np.concatenate, zip(*found, strict=True))
-    filled = np.zeros(int(region.max(initial=0)) + 1, bool)
-    filled[region[sole]] = True
-    use = sole | ~filled[region]
-    return RegionPixels(radiance[use], shading[use], place[use], normal[use], region[use])
+    _, of_triangle = segments_of_triangles([shard.samples for shard in shards], regions)
+    found = [_of_shard(shard, own, of_triangle, step) for shard, own in zip(shards, regions, strict=True)]
+    return RegionPixels(*map(np.concatenate, zip(*found, strict=True)))
 
 
-def _of_shard(shard: ObservedShard, region: np.ndarray, step: int) -> tuple[np.ndarray, ...]:
-    """Every ``step``-th pixel of a shard: the arrays of `RegionPixels`, and (N,) bool whether the pixel is filled."""
-    samples = shard.samples
-    first = np.asarray(samples.offsets[:-1])
-    usable = (np.asarray(samples.center) > 0) & (shard.weight > _SOLE) & ~shard.clipped & (region > 0)
-    pixel = np.flatnonzero(usable)[::step]
-    share = np.asarray(samples.weight)[first[pixel]]
-    pixel, share = pixel[share >= 0.5], share[share >= 0.5]
-    own = first[pixel]
+def _of_shard(shard: ObservedShard, region: np.ndarray, of_triangle: np.ndarray, step: int) -> tuple[np.ndarray, ...]:
+    """Every ``step``-th pixel of a shard: the arrays of `RegionPixels`."""
+    samples, offsets = shard.samples, np.asarray(shard.samples.offsets)
+    covered = np.diff(np.concatenate([[0.0], np.cumsum(samples.weight, dtype=np.float64)])[offsets])
+    usable = (covered > _WHOLE) & (shard.weight > _WHOLE) & ~shard.clipped
+
+    def region_of(pixel: np.ndarray, sample: np.ndarray) -> np.ndarray:
+        """An id map knows pixel centres only; beside them, a triangle is of the region that most centres give it."""
+        center = (offsets[pixel] == sample) & (np.asarray(samples.center[pixel]) > 0)
+        return np.where(center, region[pixel], of_triangle[np.asarray(samples.triangle[sample])]).astype(np.int64)
+
+    pixel, first, own, shading = filled_by_one(samples, shard.shading, np.flatnonzero(usable)[::step], region_of)
     radiance = np.asarray(shard.radiance[pixel], np.float32)
-    shading = np.asarray(shard.shading[own], np.float32).reshape(-1, SHADING_OUTPUTS, 3)
-    keep = ~exceeds_reflection(radiance, shading, EMITTER_GAIN)
-    arrays = (radiance, shading, samples.position[own], samples.normal[own], region[pixel].astype(np.int64))
-    return tuple(np.asarray(array)[keep] for array in (*arrays, share > _SOLE))
+    keep = ~exceeds_reflection(radiance, shading, EMITTER_GAIN) & (own > 0)
+    arrays = (radiance, shading, samples.position[first], samples.normal[first], own)
+    return tuple(np.asarray(array)[keep] for array in arrays)

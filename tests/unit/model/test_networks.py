@@ -139,7 +139,7 @@ def test_footprint_is_measured_in_metres(backend):
     torch.testing.assert_close(field.brdf(p, metres).roughness, inside.roughness)
 
 
-@pytest.mark.parametrize("count", [500, 9001])
+@pytest.mark.parametrize("count", [3, 100, 500, 9001])
 def test_threads_do_not_change_the_gradients(backend, threads, count):
     """Sums over many points are what libraries divide among threads."""
     if backend.torch_device != "cpu":
