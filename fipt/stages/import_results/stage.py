@@ -44,6 +44,7 @@ def run(inputs: ImportResultsInputs, settings: "ImportResultsSettings") -> dict[
     if settings.setup:
         truth = data.root / "relight_truth" / settings.setup
         folders[f"relight/{settings.setup}"] = shown_images(data, found, "relight", truth, settings.scaled)
+    inputs.manifest.unlink(missing_ok=True)  # it must not vouch for what is being exchanged
     files = []
     for name, views in folders.items():
         with atomic_folder(inputs.out / name, r"[\w.-]+\.exr") as folder:

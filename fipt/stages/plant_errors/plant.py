@@ -30,6 +30,8 @@ def plant(source: Path, out: Path, settings: PlantErrorsSettings) -> dict[str, A
     FiptError
         If the room is not known so well that a part can be named.
     """
+    manifest = out / "images.manifest.json"
+    manifest.unlink(missing_ok=True)  # it must not vouch for what is being exchanged
     rng = np.random.default_rng(settings.seed)
     cameras = read_transforms(source / "transforms.json")
     mesh, figures = _worn(source, settings, np.mean([camera.center for camera in cameras], axis=0), rng)
@@ -50,7 +52,6 @@ def plant(source: Path, out: Path, settings: PlantErrorsSettings) -> dict[str, A
     write_ply(out / "mesh.ply", mesh)
     scale = read_radiance_scale(source / "transforms.json")
     write_transforms(out / "transforms.json", cameras, radiance_scale=scale)
-    manifest = out / "images.manifest.json"
     listed = [path for path in out.rglob("*") if path.is_file() and path.name not in _ELSEWHERE and path != manifest]
     write_manifest(manifest, "plant_errors", listed, dumped(settings))
     return figures

@@ -188,7 +188,7 @@ def test_noise_has_the_variance_of_photons_and_amplifier():
 
 
 def test_light_adds_up_over_the_true_time():
-    settings = camera(black_levels=(0, 0, 0, 0), full_well=1e8, bits=16)
+    settings = camera(black_levels=(0, 0, 0, 0), full_well=1e6, bits=16)
     signal = np.full((40, 40), 0.001, np.float32)
     frames = sim.exposures(settings)
     means = [sim.read_out(signal, frame.seconds, settings, "a").mean() / 65535 for frame in frames]

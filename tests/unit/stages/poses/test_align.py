@@ -236,7 +236,9 @@ def test_pixels_that_do_not_meet_and_views_without_parallax():
 
 
 def test_a_distance_of_zero_is_refused_with_its_key():
-    with pytest.raises(FiptError, match=r"distances\.0\.metres: input should be greater than 0; found 0"):
+    with pytest.raises(
+        FiptError, match=r"distances\.0\.metres: input should be greater than or equal to 0.000001; found 0"
+    ):
         checked(Align, {"distances": [{"between": ["a", "b"], "metres": 0}]})
 
 
