@@ -46,7 +46,7 @@ SECTIONS: dict[str, Section] = {
     "environment": Section("fipt.stages.environment.settings:EnvironmentSettings", 1),
     "cache": Section("fipt.stages.cache.settings:CacheSettings", 4),
     "bake": Section("fipt.stages.shade.settings:BakeSettings", 3),
-    "regroup": Section("fipt.stages.segment.settings:RegroupSettings", 4),
+    "regroup": Section("fipt.stages.segment.settings:RegroupSettings", 5),
     "emitters": Section("fipt.stages.emitters.settings:EmittersSettings", 10),
     "fit": Section("fipt.stages.fit.settings:FitSettings", 8),
     "irradiance": Section("fipt.stages.irradiance.settings:IrradianceSettings", 1),
@@ -180,7 +180,9 @@ VERBS: dict[str, Verb] = {
         "Bring segment ids of single views together on the mesh.", "fipt.stages.segment.fuse_stage", "fuse", rays=True
     ),
     "regroup": Verb(
-        "Cut segments of two materials, join those of one.", "fipt.stages.segment.regroup_stage", "regroup"
+        "Cut segments of two materials, join those of one, move their borders.",
+        "fipt.stages.segment.regroup_stage",
+        "regroup",
     ),
     "environment": Verb("Find what light comes from outside the mesh.", "fipt.stages.environment.stage", "environment"),
     "cache": Verb("Gather the images' radiance in voxels on the surface.", "fipt.stages.cache.stage", "cache"),

@@ -31,6 +31,8 @@ class RegionPixels:
         (N, 3) float32, metres; unit length.
     region
         (N,) int64 from 1.
+    triangle
+        (N,) int64 that the centre shows.
     """
 
     radiance: np.ndarray
@@ -38,6 +40,11 @@ class RegionPixels:
     place: np.ndarray
     normal: np.ndarray
     region: np.ndarray
+    triangle: np.ndarray
+
+    def of(self, chosen: np.ndarray) -> "RegionPixels":
+        """The ``chosen`` ones (N,) bool."""
+        return RegionPixels(*(array[chosen] for array in vars(self).values()))
 
 
 def region_pixels(shards: Sequence[ObservedShard], regions: Sequence[np.ndarray]) -> RegionPixels:
@@ -82,5 +89,5 @@ def _of_shard(
     pixel, first, own, shading = filled_by_one(samples, shard.shading, chosen, region_of)
     radiance = np.asarray(shard.radiance[pixel], np.float32)
     keep = ~exceeds_reflection(radiance, shading, EMITTER_GAIN) & (own > 0)
-    arrays = (radiance, shading, samples.position[first], samples.normal[first], own)
+    arrays = (radiance, shading, samples.position[first], samples.normal[first], own, samples.triangle[first])
     return tuple(np.asarray(array)[keep] for array in arrays)
