@@ -236,6 +236,11 @@ def check_name(name: str, what: str) -> str:
     return name
 
 
+def natural(name: str) -> list[tuple[int, str]]:
+    """Sort key of names in which IMG_9 comes before IMG_10."""
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name)]
+
+
 def check_disk(folder: str | Path, needed: int, what: str) -> None:
     """Raise FiptError unless the disk of ``folder`` has ``needed`` bytes free for ``what``; log the estimate."""
     place = Path(folder)

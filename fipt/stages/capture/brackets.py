@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from fipt.errors import FiptError
-from fipt.formats.files import check_name, existing_file
+from fipt.formats.files import check_name, existing_file, natural
 from fipt.formats.text import read_text
 from fipt.stages.capture.exposures import SAME_STOPS, exposure, shutter_text, stops
 from fipt.stages.capture.folder import others, photographs
@@ -155,7 +155,7 @@ def group(shots: Sequence[Shot], frames: int = 0) -> list[tuple[Shot, ...]]:
     frames
         Exposures of a bracket; 0 = find out.
     """
-    ordered = sorted(shots, key=lambda shot: (shot.time or 0.0, _natural(shot.path.name)))
+    ordered = sorted(shots, key=lambda shot: (shot.time or 0.0, natural(shot.path.name)))
     runs = _between_pauses(ordered)
     frames = frames or _usual_size(runs)
     return [bracket for run in runs for bracket in _split(run, frames)]
@@ -271,11 +271,6 @@ def _usual_exposures(brackets: Sequence[Bracket]) -> tuple[Shot, ...]:
     complete = [bracket for bracket in brackets if len(bracket.shots) == size]
     keys = [tuple(round(stops(shot), 1) for shot in bracket.shots) for bracket in complete]
     return complete[keys.index(Counter(keys).most_common(1)[0][0])].shots
-
-
-def _natural(name: str) -> list[tuple[int, str]]:
-    """Sort key in which IMG_9 comes before IMG_10."""
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", name)]
 
 
 def _between_pauses(ordered: list[Shot]) -> list[list[Shot]]:
