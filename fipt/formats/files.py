@@ -242,12 +242,13 @@ def natural(name: str) -> list[tuple[int, str]]:
 
 
 def check_disk(folder: str | Path, needed: int, what: str) -> None:
-    """Raise FiptError unless the disk of ``folder`` has ``needed`` bytes free for ``what``; log the estimate."""
+    """Raise FiptError unless the disk of ``folder`` has ``needed`` bytes free; log an estimate of 10 kB and more."""
     place = Path(folder)
     while not place.exists():
         place = place.parent
     free = shutil.disk_usage(place).free
-    log.info("%s takes %.1f MB; %.1f GB are free", what, needed / 1e6, free / 1e9)
+    if needed >= 1e4:
+        log.info("%s takes %.1f MB; %.1f GB are free", what, needed / 1e6, free / 1e9)
     if free < needed * 1.05:
         raise FiptError(
             f"{what} needs {needed / 1e9:.2f} GB in {folder}; {free / 1e9:.2f} GB are free",
