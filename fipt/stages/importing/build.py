@@ -114,7 +114,6 @@ def import_scene(
     _check_target(dataset, manifest, parsed)
     given = (mesh or parsed.mesh, mesh_views, beside.poses, beside.segments)
     _check_outside(dataset, [frame.image for frame in parsed.frames], given)
-    _check_present(parsed.frames)
     _check_room(dataset, parsed, mesh or parsed.mesh)
     names = _semantic_names(parsed)
     geometry = _geometry(source, mesh or parsed.mesh, mesh_views, settings.unit or 1.0)
@@ -140,7 +139,8 @@ def import_scene(
 
 
 def _check_room(dataset: Path, source: ImageSource, mesh: str | Path | None) -> None:
-    """Refuse images and a mesh that memory or the disk is too small for."""
+    """Refuse images that are not there, and those and a mesh that memory or the disk is too small for."""
+    _check_present(source.frames)
     pixels = [pixels_of(frame.image) for frame in source.frames]
     geometry = Path(mesh).stat().st_size if mesh is not None and Path(mesh).is_file() else 0
     needed = _BYTES_A_PIXEL * max(pixels) + _BYTES_OF_MESH * geometry
