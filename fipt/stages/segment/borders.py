@@ -33,7 +33,7 @@ _SWEEPS = 30
 
 
 @dataclass(frozen=True)
-class _Cells:
+class _Triangles:
     """C triangles that pixels fill with one part.
 
     ``triangle`` (C,) numbers; ``part`` (C,); ``left`` (C, T) and ``color`` (C, T, 3) of `material_evidence.tried`;
@@ -84,7 +84,7 @@ def borders_moved(mesh: Mesh, shards: Sequence[ObservedShard], parts: Sequence[n
     return result
 
 
-def _cells(mesh: Mesh, shards: Sequence[ObservedShard], pixels: RegionPixels, part: np.ndarray) -> _Cells:
+def _cells(mesh: Mesh, shards: Sequence[ObservedShard], pixels: RegionPixels, part: np.ndarray) -> _Triangles:
     """The triangles that ``pixels`` show, of the parts (T,), with what they say of each."""
     width = float(np.median(np.concatenate([shard.samples.footprint for shard in shards])))
     triangle, cell = np.unique(pixels.triangle, return_inverse=True)
@@ -97,12 +97,12 @@ def _cells(mesh: Mesh, shards: Sequence[ObservedShard], pixels: RegionPixels, pa
     ends = np.concatenate([pairs[known], pairs[known][:, ::-1]])
     border = np.tile(surface.border[known] / width, 2)
     area = mesh.areas[triangle] / width**2
-    return _Cells(triangle, part[triangle].astype(np.int64), left, color, area, ends, border)
+    return _Triangles(triangle, part[triangle].astype(np.int64), left, color, area, ends, border)
 
 
-def _relabelled(cells: _Cells, parts: int) -> np.ndarray:
+def _relabelled(cells: _Triangles, parts: int) -> np.ndarray:
     """(C,) part of each cell, of so many ``parts``: in turns, half of the cells take the cheapest part around them."""
-    cost = _Costs(cells, parts)
+    cost = _PartCosts(cells, parts)
     part = cells.part.copy()
     odd = cells.triangle[cells.ends[:, 0]] % 2 > 0
     for _ in range(_SWEEPS):
@@ -125,10 +125,10 @@ def _relabelled(cells: _Cells, parts: int) -> np.ndarray:
     return part
 
 
-class _Costs:
+class _PartCosts:
     """What parts cost the cells, with the trial and the colour that explain the cells of each best."""
 
-    def __init__(self, cells: _Cells, parts: int) -> None:
+    def __init__(self, cells: _Triangles, parts: int) -> None:
         self._cells = cells
         self._trial = np.zeros(parts, np.int64)
         self._color, self._variance = np.zeros((parts, 3)), np.zeros((parts, 3))
