@@ -1,9 +1,10 @@
 """Whether a result depends on what means nothing: units, place, direction, order of views, idle triangles.
 
-    python -m benchmarks.invariance FOLDER [--only same,turned] [--quick]
+    python -m benchmarks.invariance FOLDER [--only same,turned] [--quick] [--chance]
 
 A small room with truth is made once in FOLDER. Each case is the same room written in another way. It is imported,
-fitted with one thread and one seed, and measured against the truth. `same` is the room unchanged, once more.
+fitted with one thread and one seed, and measured against the truth. `same` is the room unchanged, once more. What other
+rounding alone does, and another seed, is chance: `--chance` measures it by copies of which a number means nothing.
 """
 
 import argparse
@@ -121,6 +122,12 @@ CASES: dict[str, tuple[Callable[[Path], None], dict[str, Any]]] = {
     "length x 2": (placed(np.diag([2.0, 2, 2, 1])), {}),
     "triangles twice": (cluttered, {}),
 }
+CHANCE: dict[str, tuple[Callable[[Path], None], dict[str, Any]]] = {
+    **{f"radiance x {1 + k * 1e-5:.5f}": (radiance(1 + k * 1e-5), {}) for k in (1, -1, 2, -2, 3, -3, 4, -4)},
+    **{f"seed {k}": (lambda folder: None, {"bake": {"seed": k}, "fit": {"seed": k}}) for k in (1, 2, 3)},
+    **{f"moved by {k} km": (placed(_moved(k * 1000 + 0.3, k * 700 + 0.7, k + 0.1)), {}) for k in (40, 50, 60)},
+}
+"""Copies whose figures differ by chance alone."""
 
 
 def run(folder: Path, scene: dict[str, Any], settings: dict[str, Any]) -> dict[str, Any]:
@@ -145,15 +152,19 @@ def main() -> None:
     parser.add_argument("folder", type=Path, help="where rooms and results go")
     parser.add_argument("--only", help="cases, separated by commas; default: all")
     parser.add_argument("--quick", action="store_true", help="fewer samples and steps: larger errors, the same bytes")
+    parser.add_argument(
+        "--chance", action="store_true", help="copies that differ by chance alone, instead of the cases"
+    )
     arguments = parser.parse_args()
     made = arguments.folder.absolute() / "made"
     if not (made / "results").is_dir():
         run(made, {"source": "procedural"}, {})
-    names = arguments.only.split(",") if arguments.only else list(CASES)
+    known = CASES | CHANCE
+    names = arguments.only.split(",") if arguments.only else list(CHANCE if arguments.chance else CASES)
     measures = ("kd_psnr", "roughness_l1", "metallic_l1", "emission_iou", "log_radiance_error")
     print("| case | " + " | ".join(measures) + " |\n|" + "---|" * (len(measures) + 1), flush=True)
     for name in names:
-        change, own = CASES[name]
+        change, own = known[name]
         settings = QUICK if arguments.quick else {}
         settings = {**settings, **{name: SETTINGS.get(name, {}) | settings.get(name, {}) | own[name] for name in own}}
         place = arguments.folder.absolute() / name.replace(" ", "-").replace("/", "by")

@@ -46,7 +46,7 @@ SECTIONS: dict[str, Section] = {
     "environment": Section("fipt.stages.environment.settings:EnvironmentSettings", 1),
     "cache": Section("fipt.stages.cache.settings:CacheSettings", 4),
     "bake": Section("fipt.stages.shade.settings:BakeSettings", 3),
-    "regroup": Section("fipt.stages.segment.settings:RegroupSettings", 4),
+    "regroup": Section("fipt.stages.segment.settings:RegroupSettings", 5),
     "emitters": Section("fipt.stages.emitters.settings:EmittersSettings", 10),
     "fit": Section("fipt.stages.fit.settings:FitSettings", 8),
     "irradiance": Section("fipt.stages.irradiance.settings:IrradianceSettings", 1),
@@ -54,7 +54,7 @@ SECTIONS: dict[str, Section] = {
     "inverse_trace": Section("fipt.stages.inverse_trace.settings:InverseTraceSettings", 1),
     "import_results": Section("fipt.stages.import_results.settings:ImportResultsSettings", 1),
     "review": Section("fipt.stages.emitters.settings:ReviewSettings", 2),
-    "refine": Section("fipt.stages.shade.settings:RefineSettings", 5),
+    "refine": Section("fipt.stages.shade.settings:RefineSettings", 6),
     "materials": Section("fipt.stages.render.settings:MaterialsSettings", 3),
     "render": Section("fipt.stages.render.settings:RenderSettings", 3),
     "relight": Section("fipt.stages.render.settings:RelightSettings", 3),
@@ -180,7 +180,9 @@ VERBS: dict[str, Verb] = {
         "Bring segment ids of single views together on the mesh.", "fipt.stages.segment.fuse_stage", "fuse", rays=True
     ),
     "regroup": Verb(
-        "Cut segments of two materials, join those of one.", "fipt.stages.segment.regroup_stage", "regroup"
+        "Cut segments of two materials, join those of one, move their borders.",
+        "fipt.stages.segment.regroup_stage",
+        "regroup",
     ),
     "environment": Verb("Find what light comes from outside the mesh.", "fipt.stages.environment.stage", "environment"),
     "cache": Verb("Gather the images' radiance in voxels on the surface.", "fipt.stages.cache.stage", "cache"),
@@ -220,6 +222,9 @@ VERBS: dict[str, Verb] = {
     ),
     "refine": Verb(
         "Path-trace the shading again with the fitted model.", "fipt.stages.shade.refine_stage", "refine", rays=True
+    ),
+    "damp": Verb(
+        "Keep a share of the last round's shading, as all views say.", "fipt.stages.shade.damp_stage", "refine"
     ),
     "materials": Verb(
         "Write the material maps of every view.", "fipt.stages.render.materials_stage", "materials", rays=True

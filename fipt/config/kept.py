@@ -23,7 +23,7 @@ from fipt.formats.manifests import manifest_stage
 from fipt.formats.places import OwnedPlaces, same_place, with_folders
 from fipt.settings import dumped
 
-PATHS = re.compile(r"(.*\.)?(file|mesh|model|path|poses|reference)|segments")
+PATHS = re.compile(r"(.*\.)?(file|given|mesh|model|path|poses|reference|scan)|segments")
 """Keys whose values are paths; those of other keys are words, whatever is called like them."""
 
 _WRITTEN = "|".join(
@@ -47,6 +47,9 @@ def check_kept(config: Configuration) -> None:
         One line that names the key, the file and the folder of results that it lies in.
     """
     owned = OwnedPlaces(((name, Path(RESULTS, name)) for name in config.scenes), _WRITTEN)
+    for scene, key, path in _common_paths(config):
+        for file in (path, *_links(path)):
+            _check_input(scene, key, file, owned)
     for scene in config.scenes.values():
         files = scene.given_files()
         for key, path in named_paths(scene):
@@ -112,11 +115,25 @@ def _check_foreign(results: Path) -> None:
         )
 
 
+def _common_paths(config: Configuration) -> Iterator[tuple[SceneConfig, str, str]]:
+    """Any scene, key and path of what the configuration names for all of them: the sheet of rooms, cards of methods."""
+    scene = next(iter(config.scenes.values()))
+    if config.sheet is not None:
+        yield scene, "scenes", config.sheet.path
+    for key, path in _existing(scene, {"methods": config.plain.get("methods") or {}}):
+        yield scene, key, path
+
+
 def named_paths(scene: SceneConfig) -> Iterator[tuple[str, str]]:
     """Key and text of every value of a scene that is the path of something that exists."""
     values: dict[str, Any] = dict(scene.said)
     values |= {f"settings.{section}": dumped(value) for section, value in scene.settings.items()}
     values |= {f"setups.{name}": dumped(setup) for name, setup in scene.given_setups.items()}
+    yield from _existing(scene, values)
+
+
+def _existing(scene: SceneConfig, values: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """Key and path of every such value; ``scene`` tells what {data_root} stands for."""
     for key, text in _texts(values, ""):
         if not PATHS.fullmatch(key) or text in (ESTIMATED, RECONSTRUCTED):
             continue

@@ -11,7 +11,8 @@ from fipt.config.reading import CONFIG_FILE
 from fipt.config.sheet import read_sheet, write_sheet
 from fipt.errors import FiptError
 from fipt.formats.files import write_text
-from fipt.stages.capture.brackets import TABLE, photographs
+from fipt.stages.capture.brackets import TABLE
+from fipt.stages.capture.folder import photographs
 
 SHEET_FILE = "rooms.tsv"
 """The sheet that is written, in the working directory of the runs."""

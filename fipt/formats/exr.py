@@ -95,11 +95,32 @@ def read_exr(path: str | Path, required: Sequence[str] = ()) -> dict[str, np.nda
     }
 
 
+def pixels_of(path: str | Path) -> int:
+    """Pixels of an EXR file, by its header alone.
+
+    Raises
+    ------
+    FiptError
+        If the file is missing or damaged.
+    """
+    import OpenEXR
+
+    existing_file(path, "an EXR file")
+    try:
+        with OpenEXR.File(str(path), header_only=True) as file:
+            return _pixels(file.header())
+    except Exception as error:  # the package raises bare RuntimeError and ValueError
+        raise unreadable(path, error, f"is not a readable EXR file ({error})", "replace the file") from error
+
+
+def _pixels(header: Mapping[str, Any]) -> int:
+    low, high = (np.asarray(corner, np.int64) for corner in header["dataWindow"])
+    return int(np.prod(high - low + 1))
+
+
 def _check_size(path: str | Path, header: Mapping[str, Any]) -> None:
     """Refuse an image that needs more memory than there is, before it is decoded."""
-    low, high = (np.asarray(corner, np.int64) for corner in header["dataWindow"])
-    pixels = int(np.prod(high - low + 1))
-    check_memory(_BYTES_A_CHANNEL * len(header["channels"]) * pixels, f"reading {path}", "use smaller images")
+    check_memory(_BYTES_A_CHANNEL * len(header["channels"]) * _pixels(header), f"reading {path}", "use smaller images")
 
 
 def _check_windows(path: str | Path, header: Mapping[str, Any]) -> None:

@@ -236,13 +236,19 @@ def check_name(name: str, what: str) -> str:
     return name
 
 
+def natural(name: str) -> list[tuple[int, str]]:
+    """Sort key of names in which IMG_9 comes before IMG_10."""
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name)]
+
+
 def check_disk(folder: str | Path, needed: int, what: str) -> None:
-    """Raise FiptError unless the disk of ``folder`` has ``needed`` bytes free for ``what``; log the estimate."""
+    """Raise FiptError unless the disk of ``folder`` has ``needed`` bytes free; log an estimate of 10 kB and more."""
     place = Path(folder)
     while not place.exists():
         place = place.parent
     free = shutil.disk_usage(place).free
-    log.info("%s takes %.1f MB; %.1f GB are free", what, needed / 1e6, free / 1e9)
+    if needed >= 1e4:
+        log.info("%s takes %.1f MB; %.1f GB are free", what, needed / 1e6, free / 1e9)
     if free < needed * 1.05:
         raise FiptError(
             f"{what} needs {needed / 1e9:.2f} GB in {folder}; {free / 1e9:.2f} GB are free",

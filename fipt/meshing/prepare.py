@@ -43,6 +43,8 @@ _PLANE_DISTANCE = 3.0
 """Distance within which it may, in deviations of vertices."""
 _UNSEEN = 0.005
 """Displacement in footprints that no pixel shows: the least noise that is assumed."""
+_EVEN = 1e-4
+"""Deviation of normals, radians, that rounding of positions alone makes: the least that is assumed."""
 _ROUNDED, _ROUNDED_RINGS = 1.0, 3
 """How far a crease is rounded by fusion and filters: sides of the scan off its planes, and triangles to either side."""
 _ERROR = 0.1
@@ -144,7 +146,7 @@ def _made(mesh: Mesh, seen: SeenSurface, deviation: float, settings: PrepareSett
     log.info("noise of the mesh: %.2g mm; %d triangles", 1e3 * noise, len(mesh.triangles))
     smooth = taubin(mesh, 10)
     smooth = decimated(smooth, _count(smooth, seen, settings.triangle_size, None), max(noise, _ERROR * footprint))
-    deviation = weighted_median(normal_deviation(smooth), smooth.areas)
+    deviation = max(weighted_median(normal_deviation(smooth), smooth.areas), _EVEN)
     smooth = fitted_to_normals(smooth, filtered_normals(smooth, _CREASE * deviation, _PASSES), _PASSES)
     planes = find_planes(smooth, _PLANE_ANGLE * deviation, _PLANE_DISTANCE * noise, (_PLANE_SIDE * footprint) ** 2)
     planes = grown(smooth, planes, _ROUNDED * edge, _ROUNDED_RINGS)

@@ -406,8 +406,8 @@ def matched(wanted: Sequence[Triangles], there: Sequence[Iterable[int]]) -> dict
 
 
 def write_review(path: str | Path, review: Review) -> None:
-    """Write the file, whole or not at all; nothing where it already says so."""
-    path = Path(path)
+    """Write the file, whole or not at all; nothing where it already says so. A link to it stays one."""
+    path = Path(path).resolve()
     emitters = [
         entry.model_dump() | {"triangles": ranges(own)}
         for entry, own in zip(review.entries, review.triangles, strict=True)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from fipt.errors import FiptError
-from fipt.formats.files import check_name, existing_file
+from fipt.formats.files import check_name, existing_file, natural
 from fipt.formats.layouts import READERS, SEGMENT_FOLDERS, TRUTH_FOLDERS, SourceView, nerfstudio_views
 from fipt.formats.layouts.own import ids_file, truth_file
 from fipt.formats.pose_files import is_pose_file, read_pose_file
@@ -57,7 +57,7 @@ def read_source(path: str | Path, format: str, val_every: int = 8) -> ImageSourc
     format
         A key of `READERS`; the layouts share file names but not axes, so it is never guessed.
     val_every
-        Every n-th view, beginning with the first, becomes ``val`` where the source has no split.
+        Every n-th view by name, beginning with the first, becomes ``val`` where the source has no split.
 
     Raises
     ------
@@ -185,7 +185,7 @@ def read_developed(folder: str | Path, poses: str | Path, val_every: int = 8) ->
 
 
 def _checked(path: Path, frames: tuple[SourceView, ...], val_every: int) -> tuple[SourceView, ...]:
-    """Frames with usable, different names and with splits."""
+    """Frames with usable, different names and with splits, in the order of their names: lists have one of chance."""
     if not frames:
         raise FiptError(f"{path} must list at least one frame; it lists none", "check the source")
     seen: set[str] = set()
@@ -197,6 +197,7 @@ def _checked(path: Path, frames: tuple[SourceView, ...], val_every: int) -> tupl
                 "rename one of the images, or remove a frame that is listed twice",
             )
         seen.add(frame.name)
+    frames = tuple(sorted(frames, key=lambda frame: (natural(frame.name), frame.name)))
     if not any(frame.split for frame in frames):
         frames = tuple(
             replace(frame, split="train" if index % val_every else "val") for index, frame in enumerate(frames)

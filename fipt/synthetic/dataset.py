@@ -12,6 +12,8 @@ from fipt.formats.exr import write_exr
 from fipt.formats.files import check_memory, existing_file, write_text
 from fipt.formats.images import write_png
 from fipt.progress import progress
+from fipt.render.reach import LightPoints, points_on, unreached
+from fipt.render.scene import RayScene
 from fipt.scene.cameras import Camera, read_transforms, write_transforms
 from fipt.scene.dataset import Dataset, rejected_views, write_views
 from fipt.scene.mesh import read_mesh, write_ply
@@ -33,7 +35,7 @@ _BYTES_A_PIXEL = 600
 
 def write_room(
     folder: Path, settings: SynthesizeSettings, scene: Path | None = None
-) -> tuple[list[Path], dict[str, float]]:
+) -> tuple[list[Path], dict[str, float], list[str]]:
     """Write mesh, cameras, names of ids and the room's description.
 
     Parameters
@@ -51,6 +53,8 @@ def write_room(
         What was written.
     shown
         How much of the surface the training views show.
+    warnings
+        About emitters whose light reaches nothing that the views see.
     """
     room = _made(settings, scene)
     for note in room.facts.get("notes", ()):
@@ -71,7 +75,21 @@ def write_room(
     write_views(folder / "views.json", [camera.name for camera in cameras])
     write_transforms(folder / "transforms.json", cameras)
     write_text(folder / "room.json", json.dumps({**room.description(), "coverage": shown}, indent=1) + "\n")
-    return files + [folder / name for name in ("mesh.ply", "views.json", "transforms.json", "room.json")], shown
+    warnings = _idle_emitters(room, cameras)
+    for warning in warnings:
+        log.warning("%s", warning)
+    files += [folder / name for name in ("mesh.ply", "views.json", "transforms.json", "room.json")]
+    return files, shown, warnings
+
+
+def _idle_emitters(room: SyntheticRoom, cameras: Sequence[Camera]) -> list[str]:
+    """Warnings about emitters whose light reaches nothing that the cameras see."""
+    points = [LightPoints(points_on(room.mesh.vertices, room.mesh.triangles[own])) for own in room.emitters]
+    idle = unreached(RayScene(room.mesh), cameras, points) if points else []
+    names = [room.parts[room.part[room.emitters[number][0]] - 1] for number in idle]
+    return [
+        f"{name} emits light that reaches nothing the views see: it is outside the room, or shut in" for name in names
+    ]
 
 
 def write_images(

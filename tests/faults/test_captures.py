@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from fipt.cli.main import main
-from fipt.stages.capture.brackets import Bracket, judge
+from fipt.stages.capture.brackets import Bracket, _left_out, judge
+from fipt.stages.capture.folder import others, photographs
 from fipt.stages.capture.quality import _gathered
 from fipt.stages.capture.raw import Shot
 from tests import captures
@@ -58,3 +59,36 @@ def test_a_bracket_that_states_other_exposures_is_told() -> None:
     assert "1.0 EV longer than those of the other views" in found[0].message
     metered = [bracket(f"m{k}", 2.0**k) for k in range(4)]
     assert judge(metered) == []  # cameras may meter each view
+
+
+def test_one_image_in_two_views_or_at_two_exposures_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Files were copied over others: the table states what they are not."""
+    made = captures.write(tmp_path / "raw", size=(48, 32), exposures=3, calibration_frames=1)
+    first, second = (made.frames(camera.name) for camera in made.cameras)
+    shutil.copy(first[0], second[0])
+    assert (
+        f"warning: views train_000 and val_001: {first[0].name} and {second[0].name} hold the same image"
+    ) in said_of(made.folder, capsys)
+    shutil.copy(first[0], first[1])
+    assert "error: view train_000: " in (said := said_of(made.folder, capsys))
+    assert f"{first[0].name} hold the same image; one is a copy of the other" in said
+
+
+def test_a_photograph_that_is_listed_twice_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    made = captures.write(tmp_path / "raw", size=(48, 32), exposures=3, calibration_frames=1)
+    table = made.folder / "captures.tsv"
+    lines = table.read_text().splitlines()
+    table.write_text("\n".join([*lines, lines[1]]) + "\n")
+    assert "line 8: a photograph belongs to one view, once; DSC00001.dng is that of line 2" in refused(
+        capsys, "check-capture", str(made.folder)
+    )
+
+
+def test_photographs_of_another_kind_are_counted(tmp_path: Path) -> None:
+    """JPEGs beside RAW files: of the same shots, and of shots whose RAW files are lost."""
+    for name in ("a.JPG", "b.jpg"):
+        Path(tmp_path, name).write_bytes(b"")
+    Path(tmp_path, "A.dng").write_bytes(b"")
+    assert others(tmp_path, photographs(tmp_path)[1]) == (["a.JPG"], ["b.jpg"])
+    found = [finding.kind for finding in _left_out(tmp_path, [tmp_path / "A.dng"])]
+    assert found == ["paired", "left-out"]

@@ -119,7 +119,16 @@ def with_key(key: str, value: Any, place: str) -> None:
     configure("src", **{key: value})
 
 
+def sheet_in_results() -> None:
+    """The table of rooms lies in the results of one."""
+    configured("results/x/rooms.tsv")
+    Path("results/x").mkdir(parents=True)
+    Path("results/x/rooms.tsv").write_text("name\tsource\nx\tprocedural\n")
+
+
 HERE = "results/x/dataset"
+OTHER = {"label": "o", "kind": "imported", "estimator": "imported", "source": "s",
+         "settings": {"import_results": {"path": "results/x/others"}}}  # fmt: skip
 IN_RESULTS = "lies in results/x"
 THROUGH = "through the link"
 IDS = np.ones((2, 3), np.uint16)
@@ -149,6 +158,13 @@ PLANNED = [
     Fault("photographs of a setup",
           lambda: with_key("setups", {"night": {"reference": "results/x/night"}}, "results/x/night"),
           "setups.night.reference names"),
+    Fault("scan", lambda: with_key("scene", {"settings": {"geometry": {"scan": "results/x/s.ply"}}}, "results/x/s.ply"),
+          "settings.geometry.scan names"),
+    Fault("depth maps", lambda: with_key("depth", {"given": "results/x/depth"}, "results/x/depth"),
+          "settings.depth.given names"),
+    Fault("outputs of another program", lambda: with_key("methods", {"other": OTHER}, "results/x/others"),
+          "methods.other.settings.import_results.path names"),
+    Fault("sheet of rooms", sheet_in_results, "scenes names results/x/rooms.tsv"),
     Fault("a source that nobody named", nobody_named, "no run wrote"),
     Fault("a source that nobody named, after a run", nobody_named_after_a_run, "no run wrote"),
     Fault("a source in another scene", other_scene, "scene y: path names results/x/dataset"),

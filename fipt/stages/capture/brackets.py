@@ -14,10 +14,11 @@ from pathlib import Path
 import numpy as np
 
 from fipt.errors import FiptError
-from fipt.formats.files import check_name, existing_file
+from fipt.formats.files import check_name, existing_file, natural
 from fipt.formats.text import read_text
 from fipt.stages.capture.exposures import SAME_STOPS, exposure, shutter_text, stops
-from fipt.stages.capture.raw import LDR_SUFFIXES, MERGED_SUFFIXES, RAW_SUFFIXES, Shot, read_shot
+from fipt.stages.capture.folder import others, photographs
+from fipt.stages.capture.raw import MERGED_SUFFIXES, RAW_SUFFIXES, Shot, read_shot
 
 TABLE = "captures.tsv"
 """Table of a capture folder that overrides EXIF."""
@@ -140,19 +141,6 @@ def read_capture(folder: str | Path, frames: int = 0) -> Capture:
     return Capture(folder, brackets, (*findings, *(judge(brackets) if kind != "merged" else ())))
 
 
-def photographs(folder: Path) -> tuple[str, list[Path]]:
-    """Kind and files of a folder's photographs; where RAW files lie beside JPEGs of the same shots, the RAW files."""
-    files = sorted(path for path in folder.iterdir() if path.is_file() and not path.name.startswith("."))
-    for kind, suffixes in (("raw", RAW_SUFFIXES), ("merged", MERGED_SUFFIXES), ("ldr", LDR_SUFFIXES)):
-        found = [path for path in files if path.suffix.lower() in suffixes]
-        if found:
-            return kind, found
-    raise FiptError(
-        f"{folder} must hold photographs (RAW, EXR, HDR, JPEG or PNG); it holds {len(files)} other files",
-        "check the path; photographs in subfolders are not looked for",
-    )
-
-
 def group(shots: Sequence[Shot], frames: int = 0) -> list[tuple[Shot, ...]]:
     """Group shots into brackets, each in order of time, whatever the order given.
 
@@ -167,7 +155,7 @@ def group(shots: Sequence[Shot], frames: int = 0) -> list[tuple[Shot, ...]]:
     frames
         Exposures of a bracket; 0 = find out.
     """
-    ordered = sorted(shots, key=lambda shot: (shot.time or 0.0, _natural(shot.path.name)))
+    ordered = sorted(shots, key=lambda shot: (shot.time or 0.0, natural(shot.path.name)))
     runs = _between_pauses(ordered)
     frames = frames or _usual_size(runs)
     return [bracket for run in runs for bracket in _split(run, frames)]
@@ -285,11 +273,6 @@ def _usual_exposures(brackets: Sequence[Bracket]) -> tuple[Shot, ...]:
     return complete[keys.index(Counter(keys).most_common(1)[0][0])].shots
 
 
-def _natural(name: str) -> list[tuple[int, str]]:
-    """Sort key in which IMG_9 comes before IMG_10."""
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", name)]
-
-
 def _between_pauses(ordered: list[Shot]) -> list[list[Shot]]:
     if len(ordered) < 2 or any(shot.time is None for shot in ordered):
         return [ordered]
@@ -334,7 +317,7 @@ def _repeats(shots: Sequence[Shot]) -> bool:
 
 def _grouped(folder: Path, frames: int) -> tuple[str, dict[str, tuple[Shot, ...]], list[Finding]]:
     kind, files = photographs(folder)
-    findings: list[Finding] = []
+    findings = _left_out(folder, files)
     if kind == "merged":
         return kind, {_view_name(path.stem, ()): (Shot(path),) for path in files}, findings
     shots = []
@@ -361,6 +344,20 @@ def _grouped(folder: Path, frames: int) -> tuple[str, dict[str, tuple[Shot, ...]
     return kind, views, findings
 
 
+def _left_out(folder: Path, read: Sequence[Path]) -> list[Finding]:
+    """Photographs of another kind than those that are read: JPEGs beside RAW files, of the same shots and of others."""
+    paired, lost = others(folder, read)
+    findings = []
+    if paired:
+        message = f"{len(paired)} files are beside photographs of the same names, which are read instead"
+        findings.append(Finding("paired", "note", message, "nothing is to be done"))
+    if lost:
+        message = f"{len(lost)} photographs are of another kind than {read[0].name} and are not read, such as {lost[0]}"
+        remedy = "copy what is missing from the card again, or put them into a folder of their own"
+        findings.append(Finding("left-out", "warning", message, remedy))
+    return findings
+
+
 def _view_name(stem: str, taken: Collection[str]) -> str:
     """A view's name from a file's: what may not stand in a name becomes ``_``."""
     name = re.sub(r"[^A-Za-z0-9_.-]|(?<=\.)\.", "_", stem).lstrip("_.-") or "view"
@@ -382,9 +379,15 @@ def _tabled(table: Path) -> tuple[str, dict[str, tuple[Shot, ...]], list[Finding
         )
     views: dict[str, tuple[Shot, ...]] = {}
     kinds = set()
+    lines: dict[Path, int] = {}
     for number, row in enumerate(rows, start=2):
         where = f"{table}, line {number}"
         path = existing_file(table.parent / (row["file"] or ""), f"a photograph ({where})")
+        if lines.setdefault(path.resolve(), number) != number:
+            raise FiptError(
+                f"{where}: a photograph belongs to one view, once; {path.name} is that of line {lines[path.resolve()]}",
+                "remove one of the lines",
+            )
         view = check_name(row["view"] or "", f"{where}: view")
         given = {key: _positive(row.get(key), f"{where}: {key}") for key in ("shutter", "aperture", "iso")}
         given = {key: value for key, value in given.items() if value is not None}

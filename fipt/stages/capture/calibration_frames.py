@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from fipt.stages.capture.brackets import photographs
 from fipt.stages.capture.calibration import Calibration
+from fipt.stages.capture.folder import photographs
 from fipt.stages.capture.mosaic import tiled
 from fipt.stages.capture.raw import RawFrame, read_raw
 

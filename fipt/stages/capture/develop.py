@@ -20,6 +20,7 @@ from fipt.formats.hdr import read_hdr
 from fipt.progress import progress
 from fipt.stages.capture.brackets import Bracket, Capture
 from fipt.stages.capture.calibration import Calibration, Noise
+from fipt.stages.capture.copies import check_copies
 from fipt.stages.capture.exposures import RATIO_TOLERANCE, chained, exposure, measured_ratio
 from fipt.stages.capture.facts import exposure_facts, raw_facts, view_facts
 from fipt.stages.capture.merge import Gains, merge_hat, merge_mosaics
@@ -129,13 +130,14 @@ def write_view(out: Path, name: str, view: View, half: bool) -> list[Path]:
 
 def _from_raw(bracket: Bracket, calibration: Calibration, settings: CaptureSettings) -> View:
     frames = read_frames(bracket, calibration)
+    images = check_copies(bracket, [frame.mosaic for frame in frames])
     black = np.array(calibration.black) if calibration.black is not None else frames[0].black
     exposures, ratios = bracket_exposures(frames, black, settings.times)
     gains = Gains(np.array(calibration.white_balance), calibration.vignetting)
     noise = sensor_noise(frames, exposures, black, calibration)
     merged = merge_mosaics(frames, exposures, black, noise, gains, settings.saturation, settings.motion)
     radiance = merge_hat(frames, exposures, black, gains) if settings.merge == "hat" else None
-    facts = raw_facts(frames, exposures, ratios, merged, calibration)
+    facts = raw_facts(frames, exposures, ratios, merged, calibration) | {"images": images}
     frames.clear()  # a bracket is large
     view = undistorted(merged, radiance, calibration.lens)
     if settings.color == "srgb" and calibration.color is not None:
@@ -222,12 +224,14 @@ def read_merged(path: Path) -> tuple[np.ndarray, dict[str, np.ndarray]]:
 
 def _passed_through(bracket: Bracket, calibration: Calibration) -> View:
     """A merged view as it is; values that are no numbers get weight 0."""
-    radiance, layers = read_merged(bracket.shots[0].path)
-    calibration.check_size(radiance.shape[:2], bracket.shots[0].path)
+    path = bracket.shots[0].path
+    radiance, layers = read_merged(path)
+    calibration.check_size(radiance.shape[:2], path)
+    facts = {"exposures": [], "ratios": [], "images": check_copies(bracket, [radiance])}
     finite = np.asarray(np.isfinite(radiance).all(axis=-1))
     valid = layers.get("valid.Y", np.ones(finite.shape, np.float32)) * finite
     flags = layers.get("flags.Y", np.zeros(finite.shape)).astype(np.uint32)
-    return View(np.where(finite[..., None], radiance, 0), valid.astype(np.float32), flags, None)
+    return View(np.where(finite[..., None], radiance, 0), valid.astype(np.float32), flags, None, facts=facts)
 
 
 def _from_ldr(bracket: Bracket, calibration: Calibration) -> View:
@@ -237,11 +241,12 @@ def _from_ldr(bracket: Bracket, calibration: Calibration) -> View:
     for shot in bracket.shots:
         images.append(read_ldr(shot.path))
         calibration.check_size(images[-1].shape[:2], shot.path)
+    named = check_copies(bracket, images)
     exposures = [exposure(shot) for shot in bracket.shots]
     radiance, saturated, noisy, clipped = merge_ldr(images, exposures, np.array(calibration.response))
     flags = (saturated * np.uint8(FLAG_SATURATED)) | (noisy * np.uint8(FLAG_NOISE))
     valid = (~saturated).astype(np.float32)
-    facts = {"exposures": exposure_facts(bracket, exposures, clipped), "ratios": []}
+    facts = {"exposures": exposure_facts(bracket, exposures, clipped), "ratios": [], "images": named}
     lens = calibration.lens
     if lens is None:
         return View(radiance, valid, flags.astype(np.uint32), None, facts=facts)

@@ -9,6 +9,7 @@ import numpy as np
 from fipt.errors import FiptError
 from fipt.progress import progress
 from fipt.stages.capture.brackets import Bracket, Capture, Finding
+from fipt.stages.capture.copies import check_copies, copied_views
 from fipt.stages.capture.exposures import stops
 from fipt.stages.capture.quality import Quality, measure
 from fipt.stages.capture.raw import read_raw
@@ -16,19 +17,22 @@ from fipt.stages.capture.raw import read_raw
 
 def inspect(capture: Capture, threads: int = 2) -> tuple[list[Quality], list[Finding]]:
     """Read every view and measure those of a RAW capture; what is wrong with a file becomes a finding."""
+    images: dict[str, dict[str, str | None]] = {}
 
     def measured(bracket: Bracket) -> Quality | Finding | None:
         try:
-            if bracket.kind != "raw":
-                return _not_finite(bracket) if bracket.kind == "merged" else None
-            frames = [read_raw(shot.path, shot) for shot in bracket.shots]
+            frames = [read_raw(shot.path, shot) for shot in bracket.shots] if bracket.kind == "raw" else []
+            pixels = [frame.mosaic for frame in frames] or _pixels(bracket)
         except FiptError as error:
             message = f"view {bracket.view}: {error.message}"
             return Finding("unreadable", "error", message, error.remedy, (bracket.view,))
         try:
+            images[bracket.view] = check_copies(bracket, pixels)
+            if bracket.kind != "raw":
+                return _not_finite(bracket.view, pixels[0]) if bracket.kind == "merged" else None
             return measure(bracket, frames)
         except FiptError as error:
-            return Finding("size", "error", error.message, error.remedy, (bracket.view,))
+            return Finding("bracket", "error", error.message, error.remedy, (bracket.view,))
 
     results = []
     with progress("check", len(capture.brackets), " views") as bar, ThreadPoolExecutor(threads) as pool:
@@ -37,22 +41,28 @@ def inspect(capture: Capture, threads: int = 2) -> tuple[list[Quality], list[Fin
             bar.advance()
     qualities = [result for result in results if isinstance(result, Quality)]
     findings = [result for result in results if isinstance(result, Finding)]
+    findings += copied_views({bracket.view: images.get(bracket.view, {}) for bracket in capture.brackets})
     if capture.kind != "raw":
         message = "these are no RAW files: exposure, noise, movement and sharpness are not measured"
         findings.append(Finding("not-measured", "note", message, "give RAW brackets to have them checked"))
     return qualities, findings
 
 
-def _not_finite(bracket: Bracket) -> Finding | None:
-    """What is wrong with the numbers of a merged view, if anything."""
+def _pixels(bracket: Bracket) -> list[np.ndarray]:
+    """Images of a bracket that is not RAW."""
     from fipt.stages.capture.develop import read_merged
+    from fipt.stages.capture.ldr import read_ldr
 
-    radiance, _ = read_merged(bracket.shots[0].path)
+    return [read_ldr(shot.path) if bracket.kind == "ldr" else read_merged(shot.path)[0] for shot in bracket.shots]
+
+
+def _not_finite(view: str, radiance: np.ndarray) -> Finding | None:
+    """What is wrong with the numbers of a merged view, if anything."""
     bad = int((~np.isfinite(radiance).all(axis=-1)).sum())
     if bad == 0:
         return None
-    message = f"view {bracket.view}: {bad} pixels are NaN or infinite; they get weight 0"
-    return Finding("not-finite", "warning", message, "merge the view again", (bracket.view,))
+    message = f"view {view}: {bad} pixels are NaN or infinite; they get weight 0"
+    return Finding("not-finite", "warning", message, "merge the view again", (view,))
 
 
 def balance_text(gains: tuple[float, float, float] | None) -> str:

@@ -17,6 +17,7 @@ from fipt.formats.exr import read_exr
 from fipt.formats.text import MALFORMED
 from fipt.stages.capture.brackets import Capture
 from fipt.stages.capture.calibration import Calibration
+from fipt.stages.capture.copies import copied_views
 from fipt.stages.capture.findings import check, uncalibrated, undeveloped
 from fipt.stages.capture.quality import BracketFrame, Quality
 
@@ -98,7 +99,8 @@ def report(capture: Capture, folder: Path, calibration: Calibration) -> dict[str
     facts = read_facts(folder, capture)
     qualities = [quality_of(known) for known in facts.values() if "rejected" not in known]
     refused = undeveloped(facts)
-    findings = check(capture, [*refused, *uncalibrated(calibration)], qualities)
+    copied = copied_views({view: known.get("images", {}) for view, known in facts.items()})
+    findings = check(capture, [*refused, *uncalibrated(calibration), *copied], qualities)
     rejected_views = {view: str(known["rejected"]) for view, known in facts.items() if "rejected" in known}
     if len(rejected_views) == len(facts):
         raise FiptError(f"all views of {capture.folder} are rejected: {refused[0].message}", "run fipt check-capture")

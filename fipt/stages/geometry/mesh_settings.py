@@ -15,7 +15,7 @@ class GeometrySettings(Settings):
     scan: str | None = Field(
         default=None,
         description="a mesh of the room in coordinates of its own, such as a laser scanner's: it is brought to the "
-        "cameras by the depth of the views, and nothing is fused",
+        "cameras by the depth of the views, and nothing is fused; {data_root} is replaced",
     )
     scan_unit: Length = Field(default=1.0, description="metres in a unit of `scan`")
     memory_gb: Length = Field(default=12.0, description="memory above which a fusion is refused before it starts")

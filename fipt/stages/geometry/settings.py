@@ -26,7 +26,7 @@ class DepthSettings(Settings):
     given: str | None = Field(
         default=None,
         description="folder of depth maps that exist, VIEW.exr or VIEW.png, in place of stereo; absent: those that a "
-        "nerfstudio layout names (depth_file_path), if any; `none`: stereo",
+        "nerfstudio layout names (depth_file_path), if any; `none`: stereo; {data_root} is replaced",
     )
     unit: Length = Field(default=0.001, description="metres of one unit of a PNG that is given")
     seed: Count = Field(default=0, description="seed of the planes that are tried")

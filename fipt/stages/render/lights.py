@@ -6,11 +6,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fipt.render.objects import light_mesh
+from fipt.render.reach import LightPoints, points_on, unreached
+from fipt.render.scene import RayScene
+from fipt.render.spots import spots_of
 from fipt.render.surface import EmitterSet
+from fipt.scene.cameras import Camera
 from fipt.scene.emitters import Emitters, chosen_emitters, default_name, edited_radiance, read_names
 from fipt.scene.environment import EnvironmentMap
 from fipt.scene.mesh import Mesh
-from fipt.scene.setup import AreaLight, MeshLight, RelightSetup, SphereLight, SpotLight
+from fipt.scene.setup import AreaLight, MeshLight, NewLight, RelightSetup, SphereLight, SpotLight
 
 _SPHERE_SUBDIVISIONS = 3
 
@@ -49,6 +53,33 @@ def apply_setup(
         np.concatenate(emitted).astype(np.float32),
         emitters.two_sided,
     )
+
+
+def idle_lights(mesh: Mesh, setup: RelightSetup, cameras: Sequence[Camera]) -> list[str]:
+    """Warnings about new lights that light nothing the cameras see: outside the room, or shut in.
+
+    ``mesh`` is the room's, with lights and objects of the setup.
+    """
+    shining = [(number, light) for number, light in enumerate(setup.lights) if any(_emission(light))]
+    if not shining:
+        return []
+    idle = unreached(RayScene(mesh), cameras, [_light_points(light) for _, light in shining])
+    return [
+        f"lights.{number} of the setup, a {light.shape}, lights nothing that the cameras see: it is outside the room "
+        "or shut in; fipt point tells positions in the room"
+        for number, light in (shining[place] for place in idle)
+    ]
+
+
+def _emission(light: NewLight) -> tuple[float, ...]:
+    return light.intensity if isinstance(light, SpotLight) else light.radiance
+
+
+def _light_points(light: NewLight) -> LightPoints:
+    if not isinstance(light, SpotLight):
+        return LightPoints(points_on(*_geometry(light)))
+    (spot,) = spots_of([light])
+    return LightPoints(spot.position[None], spot.direction, float(np.cos(spot.cutoff)))
 
 
 @dataclass(frozen=True)

@@ -40,6 +40,7 @@ def run(inputs: RelightInputs, settings: "RelightSettings") -> dict[str, Any]:
     from fipt.render.scene import RayScene
     from fipt.scene.dataset import Dataset
     from fipt.scene.setup import parse_setup
+    from fipt.stages.render.lights import idle_lights
     from fipt.stages.render.placement import unlikely_viewpoints
     from fipt.stages.render.views import Destination, StagedScene, write_views
 
@@ -47,15 +48,15 @@ def run(inputs: RelightInputs, settings: "RelightSettings") -> dict[str, Any]:
     cameras = _cameras(inputs, setup, data)
     here = setup.in_unit(data.radiance_scale)
     scene = StagedScene.relit(inputs.fitted(data), here, inputs.emitter_names, inputs.segments)
-    figures: dict[str, Any] = {}
+    warnings = idle_lights(scene.mesh, here, cameras)
     if setup.cameras is not None:
-        figures["warnings"] = unlikely_viewpoints(RayScene(scene.mesh), cameras, data.cameras)
-        for warning in figures["warnings"]:
-            log.warning("%s", warning)
+        warnings += unlikely_viewpoints(RayScene(scene.mesh), cameras, data.cameras)
+    for warning in warnings:
+        log.warning("%s", warning)
     to = Destination("relight", inputs.out, inputs.manifest)
     noted = {"setup": setup.model_dump(mode="json", exclude_defaults=True)}
-    figures["paths_per_s"] = write_views(scene, cameras, settings, inputs.rays_per_side, to, noted)
-    return figures
+    rate = write_views(scene, cameras, settings, inputs.rays_per_side, to, noted)
+    return {"warnings": warnings, "paths_per_s": rate}
 
 
 def _cameras(inputs: RelightInputs, setup: "RelightSetup", data: "Dataset") -> "list[Camera]":

@@ -21,7 +21,7 @@ from scipy.spatial import cKDTree
 
 from fipt.scene.observed import ObservedShard
 from fipt.scene.samples import scene_box
-from fipt.stages.segment.material_evidence import HALF, TRIALS, ColorPieces, color_pieces
+from fipt.stages.segment.material_evidence import DEVIATION, HALF, TRIALS, ColorPieces, color_pieces, misfit
 from fipt.stages.segment.region_pixels import region_pixels
 
 _FEWEST = 6
@@ -30,8 +30,6 @@ _TURN = float(np.log(3))
 """Cost of a piece of border: it goes straight on, or turns to either side."""
 _SIDES = 4
 """Sides of a piece of a surface; it touches more voxels, whose borders count less each."""
-_DEVIATION = 1.4826
-"""Standard deviation over the median absolute deviation of normal noise."""
 _LEAST_COLOR = 0.005
 """Least standard deviation of comparable colours."""
 _STEP = 0.5
@@ -62,12 +60,13 @@ def divided(shards: Sequence[ObservedShard], regions: Sequence[np.ndarray]) -> t
     alike
         How many pieces of a region err as one.
     """
+    center, side = scene_box([shard.samples for shard in shards])
     pixels = region_pixels(shards, regions)
+    pixels = pixels.of((np.abs(pixels.place - center) <= side / 2).all(axis=1))  # beyond, a voxel is the whole world
     known, place = np.unique(pixels.region, return_inverse=True)
     result = [own.copy() for own in regions]
     if len(known) == 0:
         return result, 0, 1.0
-    center, side = scene_box([shard.samples for shard in shards])
     pieces = color_pieces(pixels, place.reshape(-1), len(known), center, side)
     first = after = max(int(own.max(initial=0)) for own in regions) + 1
     cuts, alike = materials_of(pieces)
@@ -116,9 +115,9 @@ def _scales(pieces: ColorPieces, regions: list[np.ndarray]) -> tuple[float, np.n
         best = (pieces.left[own] * pieces.number[own, None]).sum(axis=0).argmin()
         left.append(pieces.left[own, best])
         color = pieces.color[own, best]
-        spread.append(_DEVIATION * np.median(np.abs(color - np.median(color, axis=0)), axis=0))
+        spread.append(DEVIATION * np.median(np.abs(color - np.median(color, axis=0)), axis=0))
     every = np.concatenate(left)
-    residual = _DEVIATION * float(np.median(every)) if len(every) else 1.0
+    residual = DEVIATION * float(np.median(every)) if len(every) else 1.0
     deviation = np.median(spread, axis=0) if spread else np.ones(3)
     return max(residual, 1e-6), np.maximum(deviation, _LEAST_COLOR) ** 2
 
@@ -153,7 +152,7 @@ class _Region:
     def __init__(
         self, left: np.ndarray, color: np.ndarray, voxel: np.ndarray, residual: float, variance: np.ndarray
     ) -> None:
-        self._left, self._color = 2 * np.log1p(left**2 / (3 * residual**2)), color
+        self._left, self._color = left / residual, color
         self._odd = voxel.sum(axis=1) % 2 > 0
         pairs = cKDTree(voxel).query_pairs(1.0, p=np.inf, output_type="ndarray")
         ends = np.concatenate([pairs, pairs[:, ::-1]])
@@ -162,20 +161,20 @@ class _Region:
         self._border = min(_SIDES * len(left) / max(len(ends), 1), 1.0) * _TURN
         # texture is what neighbours differ by
         steps = np.abs(color[pairs[:, 0]] - color[pairs[:, 1]]) if len(pairs) else np.zeros((1, *color.shape[1:]))
-        self._variance = np.maximum(variance, (_DEVIATION * np.median(steps, axis=0)) ** 2 / 2)
+        self._variance = np.maximum(variance, (DEVIATION * np.median(steps, axis=0)) ** 2 / 2)
 
     def material(self, chosen: np.ndarray | slice = slice(None)) -> _Material:
         """The material that explains ``chosen`` pieces best."""
         color = np.median(self._color[chosen], axis=0)
         distance = ((self._color[chosen] - color) ** 2 / self._variance).sum(axis=2)
-        trial = int((self._left[chosen] + 3 * np.log1p(distance / 3)).sum(axis=0).argmin())
+        trial = int(misfit(self._left[chosen], distance).sum(axis=0).argmin())
         return trial, color[trial]
 
     def cost(self, material: _Material, chosen: np.ndarray | slice = slice(None)) -> np.ndarray:
         """(K,) what ``material`` leaves of ``chosen`` pieces."""
         trial, color = material
         distance = ((self._color[chosen, trial] - color) ** 2 / self._variance[trial]).sum(axis=1)
-        return self._left[chosen, trial] + 3 * np.log1p(distance / 3)
+        return misfit(self._left[chosen, trial], distance)
 
     def materials(self, alike: float) -> list[np.ndarray]:
         """Pieces (K,) of each material; ``alike`` pieces err as one."""
@@ -206,14 +205,14 @@ class _Region:
 
     def _starts(self, pieces: np.ndarray) -> Iterator[np.ndarray]:
         """Guesses (K,) bool of a second material: metal, another colour, what one material explains badly."""
-        left = self._left[pieces]
+        left = misfit(self._left[pieces])
         yield left[:, HALF:].min(axis=1) < left[:, :HALF].min(axis=1)
         matte = left[:, :HALF].sum(axis=0).argmin()
         color = self._color[pieces, matte] / np.sqrt(self._variance[matte])
         color = color - np.median(color, axis=0)
         yield _halves(color @ np.linalg.svd(color, full_matrices=False)[2][0])
         cost = self.cost(self.material(pieces), pieces)
-        yield cost > np.median(cost) + 2 * _DEVIATION * np.median(np.abs(cost - np.median(cost)))
+        yield cost > np.median(cost) + 2 * DEVIATION * np.median(np.abs(cost - np.median(cost)))
 
     def _shared_out(
         self, pieces: np.ndarray, near: csr_matrix, start: np.ndarray, border: float

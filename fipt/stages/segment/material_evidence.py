@@ -30,7 +30,7 @@ _DARKEST = 0.01
 """Base colour that is added before the logarithm: below it differences are noise."""
 _SOME_PIECES = 5
 """Pieces that a region must have in either half to tell the spread of base colour within it."""
-_DEVIATION = 1.4826
+DEVIATION = 1.4826
 """Standard deviation over the median absolute deviation of normal noise."""
 _UNKNOWN = 0.1
 """Standard deviation of the colour where no region is large enough to tell."""
@@ -111,11 +111,10 @@ def color_pieces(pixels: RegionPixels, region: np.ndarray, count: int, center: n
     piece, voxel = piece.reshape(-1), key // count // FACINGS
     number = np.bincount(piece, minlength=len(key)).astype(np.float64)
     place = np.stack([np.bincount(piece, axis, len(key)) for axis in pixels.place.T], axis=1) / number[:, None]
-    left, color = _tried(pixels, piece, len(key))
+    left, color = tried(pixels, piece, len(key))
     place_of_voxel = np.stack(
         [voxel % _RESOLUTION, voxel // _RESOLUTION % _RESOLUTION, voxel // _RESOLUTION**2], axis=1
     )
-    left = left / number[:, None]
     return ColorPieces(key % count, place_of_voxel, place, number, number >= _FEWEST, left, color)
 
 
@@ -166,7 +165,7 @@ class _ColorNoise:
         """Learn from pieces of one region: comparable colours (N, 3) and places (N, 3)."""
         if len(color) < 2 * _SOME_PIECES:
             return
-        self._spread.append(_DEVIATION * np.median(np.abs(color - np.median(color, axis=0)), axis=0))
+        self._spread.append(DEVIATION * np.median(np.abs(color - np.median(color, axis=0)), axis=0))
         away = place - place.mean(axis=0)
         along = away @ np.linalg.svd(away, full_matrices=False)[2][0]
         high = along > np.median(along)
@@ -177,13 +176,22 @@ class _ColorNoise:
         """(R, 3) variance of the colour of regions of so many pieces (R,)."""
         if not self._halves:
             return np.full((len(pieces), 3), _UNKNOWN**2)
-        shared = _DEVIATION * np.median(np.abs(self._halves), axis=0)
+        shared = DEVIATION * np.median(np.abs(self._halves), axis=0)
         spread = np.median(self._spread, axis=0)
         return np.maximum(shared**2 / 2 + spread**2 / pieces[:, None], _DARKEST**2 / 4)
 
 
-def _tried(pixels: RegionPixels, piece: np.ndarray, pieces: int) -> tuple[np.ndarray, np.ndarray]:
-    """What each trial leaves of each piece (G, T), and the comparable base colour (G, T, 3) that goes with it."""
+def misfit(left: np.ndarray, square: np.ndarray | float = 0.0) -> np.ndarray:
+    """(...) cost of observations that miss a material, each one of Student's t (3 degrees of freedom).
+
+    ``left`` (...) is what its trial leaves, in standard deviations; ``square`` (...) the squared difference of colours,
+    in variances, summed over three channels.
+    """
+    return 2 * np.log1p(left**2 / 3) + 3 * np.log1p(square / 3)
+
+
+def tried(pixels: RegionPixels, piece: np.ndarray, pieces: int) -> tuple[np.ndarray, np.ndarray]:
+    """Mean of what each trial leaves of each piece (G, T), and the `comparable` base colour (G, T, 3) of it."""
     seen = srgb_encode(pixels.radiance)
     weight = (pixels.radiance + 0.05) ** -1.2  # about the squared slope of the sRGB curve
     left, color = np.empty((pieces, len(TRIALS))), np.empty((pieces, len(TRIALS), 3))
@@ -197,7 +205,7 @@ def _tried(pixels: RegionPixels, piece: np.ndarray, pieces: int) -> tuple[np.nda
         modelled = srgb_encode(offset + slope * np.clip(base, 0, 1)[piece])
         error = np.minimum(np.abs(modelled - seen).mean(axis=1), _OUTLIER)
         left[:, k] = np.bincount(piece, error, pieces)
-    return left, color
+    return left / np.bincount(piece, minlength=pieces)[:, None], color
 
 
 def _is_metal(left: np.ndarray, judged: np.ndarray) -> np.ndarray:

@@ -23,10 +23,11 @@ class RegroupInputs:
 
 
 def run(inputs: RegroupInputs, settings: "RegroupSettings") -> dict[str, Any]:
-    """Cut segments of two materials, and join those that the pictures show to be of one.
+    """Cut segments of two materials, join those that the pictures show to be of one, and move their borders.
 
     Under a round's shading each piece of a segment has a base colour and a roughness. Segments whose pieces are clearly
-    of two kinds are cut; those that differ by no more than noise become one part.
+    of two kinds are cut; those that differ by no more than noise become one part. Then triangles change over to a part
+    beside them that explains them better.
     """
     from fipt.formats.files import atomic_folder
     from fipt.formats.images import write_png
@@ -35,6 +36,7 @@ def run(inputs: RegroupInputs, settings: "RegroupSettings") -> dict[str, Any]:
     from fipt.scene.observed import read_observed
     from fipt.scene.samples import segments_of
     from fipt.settings import dumped
+    from fipt.stages.segment.borders import borders_moved
     from fipt.stages.segment.divide import divided
     from fipt.stages.segment.regroup import regrouped
 
@@ -43,6 +45,8 @@ def run(inputs: RegroupInputs, settings: "RegroupSettings") -> dict[str, Any]:
     before = [segments_of(data, shard.samples, "part") for shard in shards]
     regions, cuts, alike = divided(shards, before) if settings.divide else (before, 0, 1.0)
     parts, materials = regrouped(shards, regions, alike)
+    if settings.borders:
+        parts = borders_moved(data.mesh(), shards, parts)
     inputs.manifest.unlink(missing_ok=True)
     with atomic_folder(inputs.out, "part") as folder:
         for shard, ids in zip(shards, parts, strict=True):

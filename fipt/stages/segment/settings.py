@@ -128,4 +128,7 @@ class RegroupSettings(Settings):
         description="which ids are joined: those grown on the mesh, also those of a network or given (`fused`), also "
         "the dataset's (`all`)",
     )
-    divide: bool = Field(default=False, description="cut segments that the pictures show to be of two materials first")
+    divide: bool = Field(default=True, description="cut segments that the pictures show to be of two materials first")
+    borders: bool = Field(
+        default=True, description="then move borders of parts to where the pictures show their materials meet"
+    )

@@ -29,5 +29,5 @@ def run(inputs: SynthesizeRoomInputs, settings: "SynthesizeSettings") -> dict[st
     from fipt.synthetic.dataset import write_room
 
     begin(inputs.manifest)
-    files, coverage = write_room(inputs.dataset, settings, inputs.scene)
-    return finish(inputs.manifest, files, settings, inputs.scene) | {"coverage": coverage}
+    files, coverage, warnings = write_room(inputs.dataset, settings, inputs.scene)
+    return finish(inputs.manifest, files, settings, inputs.scene) | {"coverage": coverage, "warnings": warnings}

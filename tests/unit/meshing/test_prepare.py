@@ -93,6 +93,13 @@ def test_a_noisy_corner_becomes_three_planes_and_a_sharp_corner(backend) -> None
     assert done.areas.sum() == pytest.approx(12, rel=0.02)
 
 
+def test_a_mesh_without_any_noise_has_its_planes(backend) -> None:
+    """Deviations of exactly zero are the width of no filter."""
+    done, figures = prepared(scan(0.0), [camera()], dark, SimpleNamespace(**vars(AUTO) | {"prepare": "always"}))
+    assert figures["planes"] == 3
+    assert np.isfinite(done.vertices).all()
+
+
 def test_measured_noise_is_that_of_the_vertices(backend) -> None:
     one, other = (prepared(scan(noise), [camera()], dark, AUTO)[1]["noise_mm"] for noise in (0.002, 0.004))
     assert 1 < one < 4

@@ -1,6 +1,7 @@
 """emitters_review.yaml: what a person may decide, how it reaches the stages, and that it survives every run."""
 
 import json
+from pathlib import Path
 
 import pytest
 import yaml
@@ -43,6 +44,14 @@ def decide(path, **decisions):
 
 
 # --- triangles as text ----------------------------------------------------------------------------
+
+
+def test_a_link_to_decisions_kept_elsewhere_stays_one(tmp_path: Path) -> None:
+    kept, path = tmp_path / "kept.yaml", tmp_path / "emitters_review.yaml"
+    path.symlink_to(kept)
+    write_review(path, refreshed(None, lamps({5, 6, 7}), 100))
+    assert path.is_symlink()
+    assert read_review(kept) is not None
 
 
 def test_ranges_and_back(np_rng):

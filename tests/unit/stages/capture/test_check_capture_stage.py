@@ -21,7 +21,7 @@ def planted(folder, monkeypatch, *faults):
     for number, fault in enumerate(faults):
         monkeypatch.setattr(writer, "START", start + number * timedelta(minutes=10))
         part = folder / str(number)
-        captures.write(part, views=1, faults=() if fault == SOUND else (fault,), calibration_frames=1)
+        captures.write(part, views=1, faults=() if fault == SOUND else (fault,), calibration_frames=1, seed=number)
         for path in part.glob("*.dng"):
             shutil.move(path, folder / "all" / f"V{number}_{path.name}")
     return folder / "all"

@@ -56,7 +56,7 @@ def test_a_broken_view_stops_development_or_is_rejected(folder, capsys):
     assert call("import", *source, *options) == 0
     data = Dataset(folder / "dataset")
     assert list(data.rejected) == ["train_000"]
-    assert [camera.name for camera in data.cameras] == ["val_001", "train_002", "train_003"]
+    assert [camera.name for camera in data.cameras] == ["train_002", "train_003", "val_001"]
 
     # what is clipped in every exposure is a lower bound with weight, in the room's own unit of radiance
     clipped = data.clipped("train_002")

@@ -307,3 +307,27 @@ def test_no_light_has_no_parts(backend):
 
     assert one_at_a_time(found(empty=True), NOTHING, 3) == {}
     assert list(alone(3, radiance=np.float32([[0] * 3, [0] * 3, [1] * 3]))) == ["emitter-1"]
+
+
+def test_lights_that_light_nothing_are_told(apply):
+    """Outside the walls, or within a closed box; not where light comes in by a gap or round a corner."""
+    from fipt.stages.render.lights import idle_lights
+
+    lamps = [
+        {"shape": "sphere", "center": [2, 2, 2], "radiance": [1, 1, 1]},
+        {"shape": "sphere", "center": [2, 2, -1], "radiance": [1, 1, 1]},
+        {"shape": "quad", "center": [1, 0.5, 1], "size": [0.1, 0.1], "radiance": [1, 1, 1]},
+        {"shape": "spot", "position": [6, 1, 1], "target": [2, 1, 1], "intensity": [1, 1, 1]},
+        {"shape": "spot", "position": [2, 1, 1], "target": [2, 1, 9], "intensity": [1, 1, 1]},
+        {"shape": "quad", "center": [9, 9, 9], "radiance": [0, 0, 0]},
+    ]
+    mesh, _ = apply(lights=lamps)
+    setup = RelightSetup.model_validate({"lights": lamps})
+    shut_in, open_below = scenes.box((0.8, 0.3, 0.8), (1.2, 0.7, 1.2)), scenes.box((1.8, 1.8, 1.8), (2.2, 2.2, 2.2))
+    open_below = replace(open_below, triangles=open_below.triangles[2:])
+    camera = scenes.look_at("a", (3.5, 1.5, 4.5), (2, 1, 2))
+    told = idle_lights(scenes.joined(mesh, shut_in, open_below), setup, [camera])
+    assert [warning.split()[0] for warning in told] == ["lights.1", "lights.2", "lights.3"]
+    without_a_wall = replace(ROOM, triangles=ROOM.triangles[2:])
+    mesh = scenes.joined(without_a_wall, replace(mesh, triangles=mesh.triangles[len(ROOM.triangles) :]))
+    assert len(idle_lights(mesh, setup, [camera])) < len(told)

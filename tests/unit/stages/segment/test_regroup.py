@@ -46,8 +46,9 @@ def pixels(
             shading[:, 1 + level], shading[:, 1 + _LEVELS + level] = 0.9 * light, 0.05 * light
         offset, slope = line_in_base_color(shading, roughness, metallic)
         error = 1 + 0.04 * np.sin(3 * (place[:, :1] + place[:, 1:2])) + rng.normal(0, 0.01, (count, 1))
+        triangle = k * grid**2 + (spots // (1 / grid)) @ [1, grid]
         radiance = ((offset + slope * np.array(color)) * error).astype(np.float32)
-        parts.append((radiance, shading, place, np.tile([0, 0, 1], (count, 1)), np.full(count, k)))
+        parts.append((radiance, shading, place, np.tile([0, 0, 1], (count, 1)), np.full(count, k), triangle))
     return RegionPixels(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
 
