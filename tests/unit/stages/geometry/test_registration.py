@@ -10,8 +10,8 @@ from fipt.scene.depth_maps import DepthMap
 from fipt.scene.mesh import Mesh, write_ply
 from fipt.stages.geometry import registration
 from fipt.stages.geometry.depth_views import DepthView
-from fipt.stages.geometry.registration import registered
 from fipt.stages.geometry.mesh_settings import GeometrySettings
+from fipt.stages.geometry.registration import registered
 from fipt.stages.geometry.scan import from_scan
 from tests.unit.stages.geometry.test_fusing import HALF, around
 
