@@ -10,6 +10,7 @@ import pytest
 
 from fipt.cli.main import main
 from fipt.meshing.mend import mended
+from fipt.meshing.subdivide import subdivided
 from fipt.render.scene import RayScene
 from fipt.render.variant import Backend
 from fipt.scene.cameras import read_origin, read_transforms
@@ -256,6 +257,20 @@ def test_a_mesh_made_of_imported_views_is_in_their_place(backend: Backend) -> No
     assert main([*start, *given, "--dataset", "out"]) == 0
     np.testing.assert_array_equal(read_origin("out/transforms.json"), origin)
     np.testing.assert_allclose(Dataset("out").mesh().vertices, made, atol=1e-6)
+
+
+def test_a_mesh_that_was_prepared_is_not_prepared_again(backend: Backend) -> None:
+    """Noise and small triangles would ask for it, had the mesh not been made of these views."""
+    source("src", ROOM)
+    fine = subdivided(ROOM, lambda mesh: mesh.areas > 0.02)
+    noise = np.random.default_rng(0).normal(scale=0.01, size=fine.vertices.shape)
+    write_ply(Path("made.ply"), replace(fine, vertices=(fine.vertices + noise).astype(np.float32)))
+    start = ["import", "--source", "src", "--format", "nerfstudio", "--settings", '{"overlay": false}']
+    assert main([*start, "--mesh", "none", "--dataset", "views"]) == 0
+    assert main([*start, "--mesh", "made.ply", "--dataset", "given"]) == 0
+    made = ("--mesh", "made.ply", "--mesh-views", "views/transforms.json")
+    assert main([*start, *made, "--dataset", "made"]) == 0
+    assert [json.loads(Path(d, "prepare.json").read_text())["prepared"] for d in ("given", "made")] == [True, False]
 
 
 def test_a_mesh_of_another_place_is_told(backend: Backend, capsys: pytest.CaptureFixture[str]) -> None:

@@ -27,6 +27,6 @@ class GeometrySettings(Settings):
     )
 
     @property
-    def prepare(self) -> Literal["always"]:
-        """What `fipt.meshing.prepare` is asked for: fused depth is a scan."""
-        return "always"
+    def prepare(self) -> Literal["auto", "always"]:
+        """What `fipt.meshing.prepare` is asked for: fused depth always needs it, a scan that exists perhaps."""
+        return "always" if self.scan is None else "auto"

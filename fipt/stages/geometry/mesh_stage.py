@@ -63,7 +63,7 @@ def run(inputs: MeshInputs, settings: "GeometrySettings") -> dict[str, Any]:
     if settings.scan is None:
         made = build(views, dataset.image, settings)
     else:
-        made = from_scan(views, Path(settings.scan), settings.scan_unit)
+        made = from_scan(views, Path(settings.scan), dataset.image, settings)
     make_folder(inputs.out)
     write_text(
         inputs.out / "geometry.json", json.dumps(made.about | {"rejected": rejected}, indent=1, allow_nan=False) + "\n"

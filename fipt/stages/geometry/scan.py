@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from fipt.meshing.prepare import prepared
+from fipt.meshing.radiance_edges import Radiance
 from fipt.render.scene import RayScene
 from fipt.scene.depth_maps import DepthMap
 from fipt.scene.mesh import Mesh, read_mesh
@@ -14,6 +16,7 @@ from fipt.stages.geometry.build import Geometry
 from fipt.stages.geometry.completion import Completed
 from fipt.stages.geometry.depth_views import DepthView
 from fipt.stages.geometry.evidence import evidence, regions
+from fipt.stages.geometry.mesh_settings import GeometrySettings
 from fipt.stages.geometry.overview import overview
 from fipt.stages.geometry.registration import REACH, registered
 
@@ -21,8 +24,8 @@ _SAME = 0.02
 """Share of its depth by which scan and views may differ in the picture: the noise of far depth is no difference."""
 
 
-def from_scan(views: Sequence[DepthView], path: Path, unit: float) -> Geometry:
-    """Bring a scan of ``unit`` metres a unit to the cameras; Mitsuba's variant must be set.
+def from_scan(views: Sequence[DepthView], path: Path, radiance: Radiance, settings: GeometrySettings) -> Geometry:
+    """Bring a scan to the cameras, and make it fit for the pipeline; Mitsuba's variant must be set.
 
     Raises
     ------
@@ -31,10 +34,12 @@ def from_scan(views: Sequence[DepthView], path: Path, unit: float) -> Geometry:
     """
     start = time.perf_counter()
     scan = read_mesh(path)
-    scan = replace(scan, vertices=scan.vertices * np.float32(unit))
+    scan = replace(scan, vertices=scan.vertices * np.float32(settings.scan_unit))
     mesh, placed = registered(scan, views)
+    mesh, prepare = prepared(mesh, [view.camera for view in views], radiance, settings)
     known = float(np.mean([view.map.known.mean() for view in views]))
     lasting = {"views": len(views), "known": round(known, 4), "registration": placed}
+    lasting["prepared"] = {name: value for name, value in prepare.items() if name != "seconds"}
     figures = {**lasting, "warnings": placed["warnings"], "seconds": round(time.perf_counter() - start, 2)}
     compared = _compared(mesh, views)
     support = evidence(mesh, compared)

@@ -122,7 +122,8 @@ def import_scene(
     with atomic_folder(dataset, _KNOWN.pattern) as folder:
         cameras, shown, strange = write_frames(folder, parsed)
         room.figures.update({"images": strange} if strange else {})
-        mesh_used, figures = _write_mesh(folder, room, cameras, settings)
+        done = mesh_views is not None and settings.prepare == "auto"  # by fipt mesh: twice, edges and planes suffer
+        mesh_used, figures = _write_mesh(folder, room, cameras, settings, done)
         _write_cameras(folder, cameras, parsed, room.origin)
         if beside.segments is not None:
             _copy_segments(folder / "segments", beside.segments, cameras)
@@ -182,9 +183,12 @@ def _geometry(source: str | Path, path: str | Path | None, views: Path | None, u
 
 
 def _write_mesh(
-    folder: Path, room: PlacedMesh, cameras: Sequence[Camera], settings: ImportSettings
+    folder: Path, room: PlacedMesh, cameras: Sequence[Camera], settings: ImportSettings, done: bool
 ) -> tuple[Mesh | None, dict[str, Any]]:
-    """Write the mesh, made fit for the pipeline where it asks for that, and figures. Rays are traced for it."""
+    """Write the mesh, made fit for the pipeline where it asks for that (unless ``done``), and figures.
+
+    Rays are traced for it.
+    """
     mesh = room.mesh
     if mesh is None:
         return None, room.figures
@@ -195,6 +199,7 @@ def _write_mesh(
 
         set_variant()
         warnings = scale_warnings(mesh, cameras, certain=settings.unit is not None)
+    if settings.prepare != "never" and not done:
         from fipt.meshing.prepare import prepared
 
         def radiance(view: str) -> tuple[np.ndarray, np.ndarray]:

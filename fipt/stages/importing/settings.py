@@ -22,7 +22,8 @@ class ImportSettings(Settings):
     )
     prepare: Literal["auto", "always", "never"] = Field(
         default="auto",
-        description="smooth, flatten and decimate the mesh; auto: where it is noisy or finer than pixels",
+        description="smooth, flatten and decimate the mesh; auto: where it is noisy or finer than pixels, "
+        "unless fipt mesh made it",
     )
     triangle_size: Length = Field(
         default=1.0, description="side of a prepared mesh's triangles on curved surface, in pixels of the nearest view"

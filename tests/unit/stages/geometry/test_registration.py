@@ -10,6 +10,7 @@ from fipt.scene.depth_maps import DepthMap
 from fipt.scene.mesh import Mesh, write_ply
 from fipt.stages.geometry import registration
 from fipt.stages.geometry.depth_views import DepthView
+from fipt.stages.geometry.mesh_settings import GeometrySettings
 from fipt.stages.geometry.registration import registered
 from fipt.stages.geometry.scan import from_scan
 from tests.unit.stages.geometry.test_fusing import HALF, around
@@ -62,11 +63,17 @@ def test_a_displaced_scan_is_brought_back(room, views):
     assert about["warnings"] == []
 
 
+def scanned(views, path, unit):
+    shown = {view.camera.name: (view.radiance, np.ones(view.map.depth.shape, np.float32)) for view in views}
+    return from_scan(views, path, shown.__getitem__, GeometrySettings(scan=str(path), scan_unit=unit))
+
+
 def test_a_scan_in_millimetres_is_refused_with_its_unit(tmp_path, room, views):
     write_ply(tmp_path / "scan.ply", displaced(room, 20.0, (0.1, 0.2, 0.3), 1000.0))
     with pytest.raises(FiptError, match=r"geometry\.scan_unit: 0\.001"):
-        from_scan(views, tmp_path / "scan.ply", 1.0)
-    made = from_scan(views, tmp_path / "scan.ply", 0.001)
+        scanned(views, tmp_path / "scan.ply", 1.0)
+    made = scanned(views, tmp_path / "scan.ply", 0.001)
+    assert not made.about["prepared"]["prepared"]  # exact, and coarser than pixels
     np.testing.assert_allclose(made.mesh.vertices, room.vertices, atol=0.02)
     blue = (made.image[:, -80:] == (0, 90, 181)).all(axis=-1)
     assert blue.mean() > 0.97  # views and scan show the same depth
