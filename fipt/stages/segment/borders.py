@@ -64,7 +64,7 @@ def borders_moved(mesh: Mesh, shards: Sequence[ObservedShard], parts: Sequence[n
     """
     center, side = scene_box([shard.samples for shard in shards])
     pixels = region_pixels(shards, parts)
-    pixels = pixels.of((np.abs(pixels.place - center) <= side / 2).all(axis=1))
+    pixels = pixels.of(np.abs(pixels.place - center).max(axis=1) <= side / 2)
     most, before = segments_of_triangles([shard.samples for shard in shards], parts)
     if most == 0 or len(pixels.region) == 0:
         return list(parts)

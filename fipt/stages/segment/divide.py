@@ -62,7 +62,7 @@ def divided(shards: Sequence[ObservedShard], regions: Sequence[np.ndarray]) -> t
     """
     center, side = scene_box([shard.samples for shard in shards])
     pixels = region_pixels(shards, regions)
-    pixels = pixels.of((np.abs(pixels.place - center) <= side / 2).all(axis=1))  # beyond, a voxel is the whole world
+    pixels = pixels.of(np.abs(pixels.place - center).max(axis=1) <= side / 2)  # beyond, a voxel is the whole world
     known, place = np.unique(pixels.region, return_inverse=True)
     result = [own.copy() for own in regions]
     if len(known) == 0:
