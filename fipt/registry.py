@@ -54,7 +54,7 @@ SECTIONS: dict[str, Section] = {
     "inverse_trace": Section("fipt.stages.inverse_trace.settings:InverseTraceSettings", 1),
     "import_results": Section("fipt.stages.import_results.settings:ImportResultsSettings", 1),
     "review": Section("fipt.stages.emitters.settings:ReviewSettings", 2),
-    "refine": Section("fipt.stages.shade.settings:RefineSettings", 6),
+    "refine": Section("fipt.stages.shade.settings:RefineSettings", 5),
     "materials": Section("fipt.stages.render.settings:MaterialsSettings", 3),
     "render": Section("fipt.stages.render.settings:RenderSettings", 3),
     "relight": Section("fipt.stages.render.settings:RelightSettings", 3),
@@ -222,9 +222,6 @@ VERBS: dict[str, Verb] = {
     ),
     "refine": Verb(
         "Path-trace the shading again with the fitted model.", "fipt.stages.shade.refine_stage", "refine", rays=True
-    ),
-    "damp": Verb(
-        "Keep a share of the last round's shading, as all views say.", "fipt.stages.shade.damp_stage", "refine"
     ),
     "materials": Verb(
         "Write the material maps of every view.", "fipt.stages.render.materials_stage", "materials", rays=True

@@ -41,7 +41,6 @@ SETTINGS: dict[str, dict[str, Any]] = {
     "emitters": {"decide": "mask", "points": 20},  # its walls have colours that no light gives
     "review": {"width": 96},
     "refine": FEW | {"max_depth": 3},
-    "damp": {},
     "materials": {},
     "render": {"spp": 16, "max_depth": 3},
     "relight": {"spp": 16, "max_depth": 3},
@@ -51,7 +50,6 @@ SETTINGS: dict[str, dict[str, Any]] = {
 """Verb -> settings, in the order of the pipeline."""
 
 SHADING = Path("round-0/shading/train-000")
-TRACED = Path("round-1/traced/train-000")
 COMMON = {
     "dataset": Path("dataset"),
     "samples": Path("samples/train-000"),
@@ -74,8 +72,7 @@ OWN: dict[str, dict[str, Any]] = {
     "fit": {"out": Path("round-0/model.safetensors"), "emitters": None},
     "emitters": {"out": Path("round-0/emitters.npz")},
     "review": {"out": Path("emitters"), "review": Path("emitters_review.yaml")},
-    "refine": {"previous": SHADING, "out": TRACED},
-    "damp": {"traced": TRACED, "every": TRACED, "previous": SHADING, "out": Path("round-1/shading/train-000")},
+    "refine": {"previous": SHADING, "out": Path("round-1/shading/train-000")},
     "materials": {"samples": Path("samples/val-000"), "out": Path("materials")},
     "render": {"out": Path("render")},
     "relight": {"out": Path("relight/night"), "setup": json.dumps(NIGHT)},

@@ -112,8 +112,6 @@ class Layout:
     fusion = Below("segments/fusion.npz")
 
     # the rounds
-    traced_folder = Below("round-{round}/traced/{shard}")
-    traced = Below("round-{round}/traced/{shard}.manifest.json")
     shading_folder = Below("round-{round}/shading/{shard}")
     shading = Below("round-{round}/shading/{shard}.manifest.json")
     regrouped_folder = Below("round-{round}/segments")

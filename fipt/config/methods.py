@@ -279,7 +279,7 @@ class SceneMethods:
             yield from (f"fit.round-{k}", f"emitters.round-{k}")
             if own.segmentation.is_regrouped:
                 yield f"regroup.round-{k}"
-            yield from (f"{verb}.round-{k}.{shard}" for verb in ("refine", "damp") for shard in train if k)
+            yield from (f"refine.round-{k}.{shard}" for shard in train if k)
 
     def shown(self) -> list[str]:
         """Manifests of the maps and renderings of the first seed of every method, and of their truth."""

@@ -76,7 +76,6 @@ MEASURED: dict[str, Growth] = {
     "fit": Growth(690, pixel=125, of="every", triangle=50, minutes=30),
     "emitters": Growth(520, pixel=64, of="every", triangle=200, minutes=10),
     "refine": Growth(545 + _DENOISER, pixel=330, triangle=520),
-    "damp": Growth(150, pixel=100, minutes=10),
     "review": Growth(130, triangle=190),
     "material_maps": Growth(470, pixel=220),
     "render_views": Growth(545 + _DENOISER, pixel=450, of="view", triangle=340),

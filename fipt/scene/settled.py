@@ -1,7 +1,7 @@
 """How far the loop of fit and refinement has come: what a round changed in the shading, and whether it has settled.
 
-``change.json`` in a shading folder says it of all views, the same in every shard; ``settled.json`` stands beside a
-round's model. Both are written and read by stages that know nothing of each other.
+``change.json`` in a shading folder says it of a shard, ``settled.json`` beside a round's model of all shards. Both are
+written and read by stages that know nothing of each other.
 """
 
 import json
@@ -37,7 +37,7 @@ class ShadingChange:
     samples
         Samples that were compared.
     light_missing
-        1 where the last round's shading was kept whole, since the emitters found give too little light; else 0.
+        Share of the shading that was kept whole, since the emitters that were found give too little light.
     """
 
     change: float
@@ -69,11 +69,11 @@ class RoundState:
     settled
         The round in which the loop settled; None: it has not. Later rounds are copies of that one.
     change, noise
-        Of the shading; None in round 0.
+        Of the shading, over all shards; None in round 0.
     kd_change
         Root mean square of the change of kd at surface that views see; None in round 0.
     light_missing
-        As in `ShadingChange`.
+        As in `ShadingChange`, over all shards.
     """
 
     round: int
@@ -99,20 +99,29 @@ def write_change(folder: Path, found: ShadingChange) -> Path:
     return folder / CHANGE
 
 
-def read_change(folders: Sequence[Path]) -> ShadingChange | None:
-    """What a refinement changed, which the folder of every shard says; None if they were baked.
+def read_changes(folders: Sequence[Path]) -> list[ShadingChange]:
+    """What the refinements of these shading folders changed; none of them if they were baked."""
+    found = []
+    for folder in folders:
+        path = Path(folder) / CHANGE
+        if path.is_file():
+            found.append(_parsed(path, ShadingChange))
+    return found
 
-    Raises
-    ------
-    FiptError
-        If they are of several refinements, or a file is damaged.
-    """
-    paths = [Path(folder) / CHANGE for folder in folders]
-    found = [_parsed(path, ShadingChange) if path.is_file() else None for path in paths]
-    for path, each in zip(paths, found, strict=True):
-        if each != found[0]:
-            raise FiptError(f"{path} is of another refinement than {paths[0]}", "give the shading of one round")
-    return found[0] if found else None
+
+def together(changes: Sequence[ShadingChange]) -> ShadingChange | None:
+    """One figure of several shards, weighted by their samples; None of no shard."""
+    total = sum(each.samples for each in changes)
+    if total == 0:
+        return None
+
+    def mean(of: Sequence[float]) -> float:
+        return sum(each.samples * value for each, value in zip(changes, of, strict=True)) / total
+
+    change = mean([each.change**2 for each in changes]) ** 0.5
+    noise = mean([each.noise**2 for each in changes]) ** 0.5
+    kept, missing = (mean([getattr(each, name) for each in changes]) for name in ("kept", "light_missing"))
+    return ShadingChange(change, noise, kept, total, missing)
 
 
 def write_state(path: Path, state: RoundState) -> None:

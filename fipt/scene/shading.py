@@ -77,7 +77,7 @@ class Shading:
         self.words[samples] = _packed(values)
 
 
-def diffuse_shading(shading: Shading | np.ndarray, samples: slice | np.ndarray) -> np.ndarray:
+def diffuse_shading(shading: Shading | np.ndarray, samples: np.ndarray) -> np.ndarray:
     """(N, 3) Ld of some samples (N,); the rest is not unpacked."""
     if isinstance(shading, Shading):
         return _unpacked(np.asarray(shading.words[samples]), 1)[:, 0]

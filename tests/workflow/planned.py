@@ -28,7 +28,6 @@ FIRST = {
     "fit": 2,
     "emitters": 2,
     "refine": 2,
-    "damp": 2,
     "review": 1,
     "material_maps": 3,
     "render_views": 1,

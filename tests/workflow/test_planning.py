@@ -22,7 +22,7 @@ def test_plans_everything_on_a_fresh_clone(workspace):
     config = yaml.safe_load((REPOSITORY / "config" / "config.yaml").read_text())
     here = workspace(config)
     jobs = here.planned()
-    assert (jobs["fit"], jobs["refine"], jobs["damp"], jobs["bake"]) == (5, 4, 4, 1)
+    assert (jobs["fit"], jobs["refine"], jobs["bake"]) == (5, 4, 1)
     assert "results/demo/round-4/model.safetensors" in here.snakemake("--dry-run")
 
 
@@ -59,7 +59,7 @@ def test_runs_once_then_only_what_changed(workspace):
     here.snakemake()
     assert here.planned() == {}
 
-    after_fit = {"fit": 2, "emitters": 1, "refine": 2, "damp": 2, **only(*SHOWN)}
+    after_fit = {"fit": 2, "emitters": 1, "refine": 2, **only(*SHOWN)}
     after_bake = {**after_fit, "emitters": 2}
     expected = {
         "report": only("scene_report"),
@@ -69,7 +69,7 @@ def test_runs_once_then_only_what_changed(workspace):
         "olat": only("olat_views", "scene_report"),
         "render": only("render_views", "scene_metrics", "scene_report"),
         "materials": only("material_maps", "scene_metrics", "scene_report"),
-        "refine": {"refine": 2, "damp": 2, "fit": 1, "emitters": 1, **only(*SHOWN)},
+        "refine": {"refine": 2, "fit": 1, "emitters": 1, **only(*SHOWN)},
         "fit": after_fit,
         "bake": {"bake": 2, **after_bake},
         "cache": {"cache": 1, "bake": 2, **after_bake},
@@ -90,7 +90,7 @@ def test_runs_once_then_only_what_changed(workspace):
 
     # One more round keeps the rounds before it.
     here.configure(changed(rounds=2))
-    assert here.planned() == {"refine": 2, "damp": 2, "fit": 1, "emitters": 1, **only(*SHOWN)}
+    assert here.planned() == {"refine": 2, "fit": 1, "emitters": 1, **only(*SHOWN)}
     # One more setup relights, and leaves the rest alone.
     here.configure(changed(setups={"dim": {"emitters": [{"scale": 0.5}]}}))
     assert here.planned() == {**only("synthesize_relit", "relight_views", "scene_metrics", "scene_report")}
@@ -110,7 +110,7 @@ def test_targets_stop_where_they_say(workspace):
     here = workspace(CONFIG)
     made = {
         "dataset": {"synthesize_views"},
-        "shading": {"damp"},
+        "shading": {"refine"},
         "relight": {"relight_views"},
         "metrics": {"scene_metrics"},
     }

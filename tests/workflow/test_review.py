@@ -30,7 +30,7 @@ NAMED = copy.deepcopy(CONFIG)
 NAMED["scenes"]["room"]["setups"]["desk"] = {"emitters": [{"names": ["desk lamp", "emitter-0"], "off": True}]}
 
 LAST = {"material_maps": 3, "render_views": 1, "olat_views": 1, "export_room": 1, "check_export": 1}
-AFTER_EMITTERS = {"emitters": 2, "refine": 2, "damp": 2, "fit": 2, "review": 1, "relight_views": 1, **LAST}
+AFTER_EMITTERS = {"emitters": 2, "refine": 2, "fit": 2, "review": 1, "relight_views": 1, **LAST}
 AFTER_EMITTERS |= {"scene_metrics": 1, "findings": 1, "scene_report": 1}
 """All that depends on what emits; samples, cache, background and bake do not."""
 

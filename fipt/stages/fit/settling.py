@@ -1,6 +1,7 @@
 """Whether the loop of fit and refinement has settled; and a round that is a copy of the one before it."""
 
 import logging
+from pathlib import Path
 
 import numpy as np
 
@@ -8,7 +9,7 @@ from fipt.errors import FiptError
 from fipt.formats.files import copy_file
 from fipt.formats.manifests import Stats
 from fipt.model.networks import Field
-from fipt.scene.settled import SETTLED, RoundState, read_change, read_state, write_state
+from fipt.scene.settled import SETTLED, RoundState, read_changes, read_state, together, write_state
 from fipt.scene.voxels import read_cache
 from fipt.stages.fit.inputs import FitInputs
 
@@ -44,7 +45,7 @@ def judge_round(inputs: FitInputs, field: Field, before: Field | None, settled: 
     """
     last = read_state(inputs.settled)
     number = 0 if inputs.previous is None else 1 if last is None else last.round + 1
-    found = read_change(inputs.shading)
+    found = together(read_changes([Path(folder) for folder in inputs.shading]))
     if found is None:
         write_state(inputs.out.with_name(SETTLED), RoundState(number))
         return {}

@@ -122,8 +122,7 @@ def import_scene(
     with atomic_folder(dataset, _KNOWN.pattern) as folder:
         cameras, shown, strange = write_frames(folder, parsed)
         room.figures.update({"images": strange} if strange else {})
-        done = mesh_views is not None and settings.prepare == "auto"  # by fipt mesh: twice, edges and planes suffer
-        mesh_used, figures = _write_mesh(folder, room, cameras, settings, done)
+        mesh_used, figures = _write_mesh(folder, room, cameras, settings, mesh_views is not None)
         _write_cameras(folder, cameras, parsed, room.origin)
         if beside.segments is not None:
             _copy_segments(folder / "segments", beside.segments, cameras)

@@ -32,7 +32,7 @@ _FIRST = (
     "environment",
     "cache",
 )
-_ROUND = ("bake", "refine", "damp", "fit", "emitters")
+_ROUND = ("bake", "refine", "fit", "emitters")
 _LAST = ("review", "materials", "render", "relight", "video", "olat", "export", "check-export", "metrics", "report")
 
 _PACKAGES = ("numpy", "torch", "mitsuba", "drjit", "pyoidn", "OpenEXR")

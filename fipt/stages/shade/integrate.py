@@ -1,13 +1,12 @@
 """Shading of the samples of a shard, view by view: sampling plan, denoising, storage. Shared by bake and refine."""
 
-import logging
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
-from fipt.formats.files import atomic_folder, check_disk, link_folder, manifest_beside
+from fipt.formats.files import atomic_folder, check_disk, manifest_beside
 from fipt.formats.manifests import Stats, write_manifest
 from fipt.progress import progress
 from fipt.render.layers import denoise_samples
@@ -15,15 +14,13 @@ from fipt.render.points import Points, shade_in_chunks, view_points
 from fipt.render.tracer import Shader
 from fipt.scene.dataset import Dataset
 from fipt.scene.samples import FootprintSamples
-from fipt.scene.settled import RoundState
+from fipt.scene.settled import ShadingChange, write_change
 from fipt.scene.shading import Shading, save_shading
 from fipt.settings import dumped
 from fipt.stages.shade.settings import BakeSettings, RefineSettings
 
-log = logging.getLogger(__name__)
-
 _LEVELS = len(ROUGHNESS_LEVELS)
-HOLDS = r"\w+\.(npy|npz|json)"
+HOLDS = r"\w+\.npy|\w+\.json"
 """Names in a folder of shading, as a regular expression."""
 
 
@@ -74,11 +71,11 @@ def write_shading(
     samples: FootprintSamples,
     settings: BakeSettings | RefineSettings,
     out: Path,
-    compare: Callable[[Shading, Path], None] | None = None,
+    finish: Callable[[Shading], ShadingChange] | None = None,
 ) -> Stats:
     """Shade all samples of a shard and write ``out``/shading.npy and the manifest beside ``out``; return figures.
 
-    ``compare`` is given the shading and the folder in which it is stored: it may write more there.
+    ``finish`` may change the shading before it is stored; what it says of that is written beside it.
     """
     stats: Stats = {}
     shading = Shading.empty(len(samples.position))
@@ -100,22 +97,15 @@ def write_shading(
             assert np.isfinite(values).all(), f"{stage}: NaN in the shading of {view}"
             shading[samples.of_view(index)] = values
     stats["bytes_per_pixel"] = shading.nbytes / max(samples.first_pixels[-1], 1)
+    change = None if finish is None else finish(shading)
     with atomic_folder(out, HOLDS) as folder:
         save_shading(folder, shading)
-        if compare is not None:
-            compare(shading, folder)
+        if change is not None:
+            write_change(folder, change)
+            stats |= change.figures
         manifest_beside(out).unlink(missing_ok=True)  # it must not vouch for, or against, what is being exchanged
     write_shading_manifest(stage, out, settings)
     return stats
-
-
-def copy_shading(source: Path, out: Path, state: RoundState, settings: RefineSettings) -> Stats:
-    """Write the shading of a shard as that of a round after the loop has settled; return figures."""
-    manifest_beside(out).unlink(missing_ok=True)
-    link_folder(source, out, HOLDS)
-    write_shading_manifest("refine", out, settings)
-    log.info("settled in round %d: the shading of the round before stays", state.settled)
-    return {"copied": True, "settled_in_round": state.settled}
 
 
 def write_shading_manifest(stage: str, out: Path, settings: BakeSettings | RefineSettings) -> None:

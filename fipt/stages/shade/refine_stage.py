@@ -1,4 +1,4 @@
-"""``fipt refine``: samples, cache, model and emitters -> a shard's traced shading of the next round."""
+"""``fipt refine``: samples, cache, model and emitters -> a shard's shading of the next round."""
 
 import logging
 from dataclasses import dataclass
@@ -17,11 +17,8 @@ from fipt.inputs import (
 )
 
 if TYPE_CHECKING:
-    from fipt.model.fitted import FittedScene
-    from fipt.scene.dataset import Dataset
-    from fipt.scene.samples import FootprintSamples
+    from fipt.scene.settled import ShadingChange
     from fipt.scene.shading import Shading
-    from fipt.stages.shade.change import ShadingDifferences
     from fipt.stages.shade.settings import RefineSettings
 
 log = logging.getLogger(__name__)
@@ -43,29 +40,34 @@ class RefineInputs:
 
 
 def run(inputs: RefineInputs, settings: "RefineSettings") -> dict[str, Any]:
-    """Path-trace the shading again with the fitted model, and say what it differs by from that of the round before.
+    """Path-trace the shading again with the fitted model.
 
     Where the loop of fit and refinement has settled, the shading of the round before is the result.
     """
+    from fipt.formats.files import link_folder, manifest_beside
     from fipt.scene.settled import read_state
-    from fipt.stages.shade.integrate import copy_shading
+    from fipt.stages.shade.integrate import HOLDS, write_shading_manifest
 
     state = read_state(inputs.settled)
     if state is not None and state.settled is not None:
-        return copy_shading(inputs.previous, inputs.out, state, settings)
+        manifest_beside(inputs.out).unlink(missing_ok=True)
+        link_folder(inputs.previous, inputs.out, HOLDS)
+        write_shading_manifest("refine", inputs.out, settings)
+        log.info("settled in round %d: the shading of the round before stays", state.settled)
+        return {"copied": True, "settled_in_round": state.settled}
     return _refined(inputs, settings, 1 if state is None else state.round + 1)
 
 
 def _refined(inputs: RefineInputs, settings: "RefineSettings", number: int) -> dict[str, Any]:
-    """Trace the shading of round ``number``, each with random numbers of its own."""
+    """Trace the shading of round ``number``, each with random numbers of its own, and join it with the one before."""
     from fipt.formats.files import manifest_beside
     from fipt.formats.manifests import manifest_stage
     from fipt.model.fitted import FittedScene
     from fipt.render.tracer import PathSettings
     from fipt.scene.dataset import Dataset
-    from fipt.scene.samples import read_samples
+    from fipt.scene.samples import read_samples, view_pixels
     from fipt.scene.shading import read_shading
-    from fipt.stages.shade.change import DIFFERENCES, write_differences
+    from fipt.stages.shade.change import keep_share, light_is_missing
     from fipt.stages.shade.integrate import write_shading
     from fipt.stages.shade.refine import fitted_shader
 
@@ -79,35 +81,11 @@ def _refined(inputs: RefineInputs, settings: "RefineSettings", number: int) -> d
     shader, damping = fitted_shader(room, path, filled=anew), 0.0 if anew else settings.damping
     own = settings.model_copy(update={"seed": settings.seed + number})
 
-    def compare(new: "Shading", folder: Path) -> None:
-        found = _differences(data, shard, room, (new, before), not anew)
-        write_differences(folder / DIFFERENCES, found, damping)
+    def joined(new: "Shading") -> "ShadingChange":
+        emitting = room.emitters.triangle
+        missing = not anew and light_is_missing(shard, new, before, view_pixels(data, [shard]), emitting)
+        if missing:
+            log.warning("the emitters that were found give too little light: the shading of the round before stays")
+        return keep_share(shard, new, before, damping, whole=missing)
 
-    return write_shading("refine", shader, data, shard, own, inputs.out, compare) | {"round": number}
-
-
-def _differences(
-    data: "Dataset",
-    samples: "FootprintSamples",
-    room: "FittedScene",
-    shading: "tuple[Shading, Shading]",
-    photographed: bool,
-) -> "ShadingDifferences":
-    """What the shading of this round and that before differ by, view by view.
-
-    Parameters
-    ----------
-    photographed
-        Whether photographs are asked if light is missing.
-    """
-    from fipt.scene.samples import view_pixels
-    from fipt.scene.shading import diffuse_shading
-    from fipt.stages.shade.change import ShadingDifferences, more_brighter, view_differences
-
-    box, emitting = (room.cache["center"], float(room.cache["side"])), room.emitters.triangle
-    found = []
-    for index, pixels in enumerate(view_pixels(data, [samples])):
-        more = more_brighter(samples, index, shading, pixels, emitting) if photographed else float("nan")
-        now, before = (diffuse_shading(each, samples.of_view(index)).mean(axis=1) for each in shading)
-        found.append(view_differences(samples, index, (now, before), box, more))
-    return ShadingDifferences.joined(found)
+    return write_shading("refine", shader, data, shard, own, inputs.out, joined) | {"round": number}

@@ -12,6 +12,7 @@ rule regroup:
         transforms=own("results/{scene}/dataset/transforms.json"),
         views=own("results/{scene}/dataset/views.json"),
         checked=own("results/{scene}/dataset/check_poses.json"),
+        mesh=own("results/{scene}/dataset/mesh.ply"),
         images=ask("images", splits=["train"]),
         samples=sharded("results/{scene}/samples/{shard}.manifest.json", "train"),
         shading=sharded(

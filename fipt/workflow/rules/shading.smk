@@ -4,7 +4,6 @@ INPUTS:  results/{scene}/samples/{shard}.manifest.json, cache.npz, environment.n
          from round 1: model, emitters and shading of the round before, whether the loop settled in it, pictures
 OUTPUTS: results/{scene}/round-{k}/shading/{shard}/shading.npy    (samples, 1 + levels) 32-bit words
          results/{scene}/round-{k}/shading/{shard}.manifest.json
-         results/{scene}/round-{k}/traced/{shard}/, traced/{shard}.manifest.json    removed when no job needs it
 """
 
 
@@ -58,8 +57,8 @@ rule refine:
         shading=previous("results/{scene}/round-{round}/shading/{shard}.manifest.json"),
         settled=previous("results/{scene}/round-{round}/settled.json"),
     output:
-        shading=temp(directory("results/{scene}/round-{round}/traced/{shard}")),
-        manifest=temp("results/{scene}/round-{round}/traced/{shard}.manifest.json"),
+        shading=directory("results/{scene}/round-{round}/shading/{shard}"),
+        manifest="results/{scene}/round-{round}/shading/{shard}.manifest.json",
         stats="results/{scene}/stats/refine.round-{round}.{shard}.json",
     log:
         "results/{scene}/logs/refine.round-{round}.{shard}.log",
@@ -83,40 +82,4 @@ rule refine:
         " --environment {input.environment:q}"
         " --model {input.model:q} --emitters {input.emitters:q} --previous {params.previous:q}"
         " --settled {input.settled:q} --out {output.shading:q}"
-        " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
-
-
-rule damp:
-    """Round k: keep the share of the shading of round k-1 that all views together say."""
-    input:
-        samples=own("results/{scene}/samples/{shard}.manifest.json"),
-        every=sharded("results/{scene}/round-{round}/traced/{shard}", "train"),
-        manifests=sharded(
-            "results/{scene}/round-{round}/traced/{shard}.manifest.json", "train"
-        ),
-        shading=previous("results/{scene}/round-{round}/shading/{shard}.manifest.json"),
-        settled=previous("results/{scene}/round-{round}/settled.json"),
-    output:
-        shading=directory("results/{scene}/round-{round}/shading/{shard}"),
-        manifest="results/{scene}/round-{round}/shading/{shard}.manifest.json",
-        stats="results/{scene}/stats/damp.round-{round}.{shard}.json",
-    log:
-        "results/{scene}/logs/damp.round-{round}.{shard}.log",
-    benchmark:
-        "results/{scene}/benchmarks/damp.round-{round}.{shard}.jsonl"
-    wildcard_constraints:
-        round=LATER_ROUNDS,
-    resources:
-        mem_mb=memory("damp"),
-        runtime=minutes("damp"),
-    params:
-        samples=folders_of("samples"),
-        traced=folder("results/{scene}/round-{round}/traced/{shard}"),
-        every=folders_of("every"),
-        previous=folders_of("shading"),
-        settings=settings("refine"),
-        version=VERSIONS["refine"],
-    shell:
-        "fipt damp --samples {params.samples:q} --traced {params.traced:q} --every {params.every:q}"
-        " --previous {params.previous:q} --settled {input.settled:q} --out {output.shading:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

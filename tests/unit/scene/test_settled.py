@@ -6,24 +6,27 @@ from fipt.errors import FiptError
 from fipt.scene.settled import (
     RoundState,
     ShadingChange,
-    read_change,
+    read_changes,
     read_state,
+    together,
     write_change,
     write_state,
 )
 
 
-def test_every_shard_says_the_same_change(tmp_path):
-    change = ShadingChange(0.1, 0.2, 0.1, 400)
-    for name in "ab":
+def test_changes_of_shards_go_together(tmp_path):
+    few, many = ShadingChange(0.1, 0.2, 0.1, 100), ShadingChange(0.0, 0.1, 0.5, 300)
+    for name, change in (("a", few), ("b", many)):
         (tmp_path / name).mkdir()
         write_change(tmp_path / name, change)
     (tmp_path / "baked").mkdir()
-    assert read_change([tmp_path / name for name in "ab"]) == change
-    assert read_change([tmp_path / "baked"]) is None
-    assert read_change([]) is None
-    with pytest.raises(FiptError, match="is of another refinement than"):
-        read_change([tmp_path / "a", tmp_path / "baked"])
+    read = read_changes([tmp_path / name for name in ("a", "b", "baked")])
+    assert read == [few, many]
+    both = together(read)
+    assert both.change == pytest.approx(0.05)
+    assert both.noise == pytest.approx((0.25 * 0.04 + 0.75 * 0.01) ** 0.5)
+    assert (both.kept, both.samples) == (pytest.approx(0.4), 400)
+    assert together([]) is None
 
 
 def test_state_of_a_round(tmp_path):

@@ -1,4 +1,4 @@
-"""``fipt bake``, ``fipt refine`` and ``fipt damp``."""
+"""``fipt bake`` and ``fipt refine``."""
 
 import json
 from types import SimpleNamespace
@@ -9,7 +9,7 @@ from fipt.conventions import SHADING_OUTPUTS
 from fipt.formats import files
 from fipt.formats.arrays import load_npz, save_npy
 from fipt.scene.samples import read_samples
-from fipt.scene.settled import RoundState, read_change, write_state
+from fipt.scene.settled import RoundState, read_changes, write_state
 from fipt.scene.shading import read_shading
 from tests.fitted import call
 
@@ -35,30 +35,12 @@ def test_shards_of_one_view_give_the_same_shading(scene, tmp_path):
 
 
 def test_a_refinement_says_what_it_changed(scene):
-    assert json.loads((scene / "stats" / "refine.json").read_text())["round"] == 1
-    figures = json.loads((scene / "stats" / "damp.json").read_text())
+    figures = json.loads((scene / "stats" / "refine.json").read_text())
+    assert figures["round"] == 1
     assert 0 <= figures["kept"] <= 0.5
     assert figures["change"] >= 0
-    change = read_change([scene / "round-1" / "shading" / "train-000"])
+    (change,) = read_changes([scene / "round-1" / "shading" / "train-000"])
     assert change.figures.items() <= figures.items()
-
-
-def test_shards_keep_what_all_views_together_say(scene, tmp_path):
-    both = scene / "round-1" / "shading" / "train-000"
-    samples = read_samples(scene / "samples" / "train-000")
-    traced = [tmp_path / "traced" / view for view in "ab"]
-    for view, folder in zip("ab", traced, strict=True):
-        own = ("--samples", tmp_path / "samples" / view)
-        assert call("samples", scene, "--views", view, "--out", own[1]) == 0
-        assert call("bake", scene, *own, "--out", tmp_path / "bake" / view) == 0
-        assert call("refine", scene, *own, "--previous", tmp_path / "bake" / view, "--out", folder) == 0
-    for index, view in enumerate("ab"):
-        given = ("--samples", tmp_path / "samples" / view, "--previous", tmp_path / "bake" / view)
-        given += ("--traced", traced[index], "--every", ",".join(map(str, traced)))
-        assert call("damp", scene, *given, "--out", tmp_path / "shading" / view) == 0
-        own = read_shading(tmp_path / "shading" / view)
-        np.testing.assert_array_equal(own.words, read_shading(both).words[samples.of_view(index)])
-        assert (tmp_path / "shading" / view / "change.json").read_bytes() == (both / "change.json").read_bytes()
 
 
 def test_every_round_has_random_numbers_of_its_own(work):
@@ -75,8 +57,6 @@ def test_shading_of_other_samples(work, refused):
     assert "must hold shading of shape" in refused("fit", "--shading", work / "other")
     assert "shading" in refused("emitters", "--shading", work / "other")
     assert "shading" in refused("refine", "--previous", work / "other")
-    assert "shading" in refused("damp", "--previous", work / "other")
-    assert "differences.npz" in refused("damp", "--every", work / "other")
 
 
 def test_a_cache_that_is_something_else(work, refused):
@@ -85,5 +65,5 @@ def test_a_cache_that_is_something_else(work, refused):
 
 def test_a_disk_that_is_too_small(work, refused, monkeypatch, capsys):
     monkeypatch.setattr(files.shutil, "disk_usage", lambda place: SimpleNamespace(free=1000))
-    for verb, what in (("bake", "the bake shading"), ("refine", "the refine shading"), ("damp", "the shading")):
-        assert f"{what} needs" in refused(verb)
+    for verb in ("bake", "refine"):
+        assert f"the {verb} shading needs" in refused(verb)
