@@ -184,7 +184,7 @@ def _geometry(source: str | Path, path: str | Path | None, views: Path | None, u
 def _write_mesh(
     folder: Path, room: PlacedMesh, cameras: Sequence[Camera], settings: ImportSettings, done: bool
 ) -> tuple[Mesh | None, dict[str, Any]]:
-    """Write the mesh, made fit for the pipeline where it asks for that (unless ``done``), and figures.
+    """Write the mesh, made fit for the pipeline where it asks for that (by itself not if ``done``), and figures.
 
     Rays are traced for it.
     """
@@ -198,7 +198,8 @@ def _write_mesh(
 
         set_variant()
         warnings = scale_warnings(mesh, cameras, certain=settings.unit is not None)
-    if settings.prepare != "never" and not done:
+    # a mesh of `fipt mesh` is prepared already: twice, edges and planes suffer
+    if settings.prepare == "always" or (settings.prepare == "auto" and not done):
         from fipt.meshing.prepare import prepared
 
         def radiance(view: str) -> tuple[np.ndarray, np.ndarray]:
