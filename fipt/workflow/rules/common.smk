@@ -16,6 +16,7 @@ from snakemake.exceptions import WorkflowError
 from snakemake.utils import validate
 
 from fipt.formats.yaml import read_yaml
+from fipt.config.failed import note_failures
 from fipt.config.kept import check_kept
 from fipt.config.reading import SCENE, load
 from fipt.errors import FiptError
