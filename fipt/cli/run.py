@@ -59,8 +59,11 @@ def command(
     Several as far as compare have a table together, in results/compare. Where no scene is called so, all is all.
     """
     from fipt.config import read
+    from fipt.config.kept import check_files
+    from fipt.config.reading import config_files
 
     found = read(configfile or (), [*(config or ()), *(["compare={quick: true}"] if quick else [])])
+    check_files(found, config_files(configfile or ()))
     scenes, target = asked_for(asked, found.scenes)
     if quick and target != "compare":
         raise FiptError(f"--quick is of the target compare; this is {target}", f"fipt run {scenes[0]} compare --quick")
