@@ -22,6 +22,7 @@ from fipt.formats.files import manifest_beside
 from fipt.formats.manifests import manifest_stage
 from fipt.formats.places import OwnedPlaces, same_place, with_folders
 from fipt.settings import dumped
+from fipt.stages.import_results.files import result_folders
 
 PATHS = re.compile(r"(.*\.)?(file|given|mesh|model|path|poses|reference|scan)|segments")
 """Keys whose values are paths; those of other keys are words, whatever is called like them."""
@@ -46,7 +47,7 @@ def check_kept(config: Configuration) -> None:
     FiptError
         One line that names the key, the file and the folder of results that it lies in.
     """
-    owned = OwnedPlaces(((name, Path(RESULTS, name)) for name in config.scenes), _WRITTEN)
+    owned = _owned(config)
     for scene, key, path in _common_paths(config):
         for file in (path, *_links(path)):
             _check_input(scene, key, file, owned)
@@ -58,8 +59,47 @@ def check_kept(config: Configuration) -> None:
                 _check_input(scene, key, file, owned)
         for file in files:
             _check_input(scene, "path", file, owned)
+        for key, folder in _results_of_others(scene):
+            for file in (folder, *_links(folder)):
+                _check_input(scene, key, file, owned)
     for name in config.scenes:
         _check_foreign(Path(RESULTS, name))
+
+
+def check_files(config: Configuration, files: Iterable[str | Path]) -> None:
+    """Refuse files of the configuration itself that lie in what its run would clear."""
+    owned = _owned(config)
+    for file in files:
+        found = owned.owner(file)
+        if found is not None:
+            where = f"{RESULTS}/{found[0]}"
+            raise FiptError(
+                f"the configuration file {file} lies in {where}{_through(*found)}: a run would clear it",
+                f"move it out of {where}",
+            )
+
+
+def _owned(config: Configuration) -> OwnedPlaces:
+    return OwnedPlaces(((name, Path(RESULTS, name)) for name in config.scenes), _WRITTEN)
+
+
+def _through(owner: str, place: Path) -> str:
+    """The link in the results of a scene by which a path lies there, in words."""
+    return "" if place == Path(RESULTS, owner) else f", through the link {place}"
+
+
+def _results_of_others(scene: SceneConfig) -> Iterator[tuple[str, str]]:
+    """Key and folder of what other programs estimated of a scene: it may lie deep below the folder that is named."""
+    for name, card in scene.methods.cards.items():
+        settings = scene.methods.run(name).settings["import_results"] if card.estimator == "imported" else None
+        if settings is None or settings.path is None:
+            continue
+        key = f"methods.{name}.settings.import_results.path"
+        try:
+            placed = settings.model_copy(update={"path": scene.place.path(settings.path, key)})
+        except FiptError:  # no data_root: told where it is needed
+            continue
+        yield from ((key, str(folder)) for folder in result_folders(placed, scene.name) if folder.is_dir())
 
 
 def _check_input(scene: SceneConfig, key: str, path: str, owned: OwnedPlaces) -> None:
@@ -77,7 +117,7 @@ def _check_input(scene: SceneConfig, key: str, path: str, owned: OwnedPlaces) ->
         )
     real = Path(path).resolve()
     shown = "" if real == Path.cwd() / path else f" (that is {real})"
-    through = "" if place == Path(RESULTS, owner) else f", through the link {place}"
+    through = _through(owner, place)
     raise FiptError(
         f"scene {scene.name}: {key} names {path}{shown}; it lies in {RESULTS}/{owner}{through}: a run would clear it",
         f"move it out of {RESULTS}/{owner} and correct {key}",

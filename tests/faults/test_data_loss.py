@@ -126,6 +126,20 @@ def sheet_in_results() -> None:
     Path("results/x/rooms.tsv").write_text("name\tsource\nx\tprocedural\n")
 
 
+def others_below(path: str, scene: str = "x") -> None:
+    """Outputs of another program lie in the results of a scene, deep below the folder that is named."""
+    write_nerfstudio(Path("src"))
+    folder = Path(path, "brdf/m/x")
+    if path == "others":
+        link(str(folder), "results/x/theirs")
+    Path("results", scene, "theirs" if path == "others" else "m/x").mkdir(parents=True)
+    settings = {"import_results": {"path": path, "method": "m", "scene": "x"}}
+    Path("config").mkdir(exist_ok=True)
+    source = {"source": "dataset", "path": "src", "format": "nerfstudio"}
+    text = yaml.safe_dump({"scenes": {scene: source}, "methods": {"other": OTHER | {"settings": settings}}})
+    Path("config/config.yaml").write_text(text)
+
+
 HERE = "results/x/dataset"
 OTHER = {"label": "o", "kind": "imported", "estimator": "imported", "source": "s",
          "settings": {"import_results": {"path": "results/x/others"}}}  # fmt: skip
@@ -164,6 +178,10 @@ PLANNED = [
           "settings.depth.given names"),
     Fault("outputs of another program", lambda: with_key("methods", {"other": OTHER}, "results/x/others"),
           "methods.other.settings.import_results.path names"),
+    Fault("outputs of another program, by a folder above", lambda: others_below("results", "brdf"),
+          "import_results.path names results/brdf/m/x; it lies in results/brdf"),
+    Fault("outputs of another program, by a link deep below", lambda: others_below("others"),
+          "import_results.path names others/brdf/m/x"),
     Fault("sheet of rooms", sheet_in_results, "scenes names results/x/rooms.tsv"),
     Fault("a source that nobody named", nobody_named, "no run wrote"),
     Fault("a source that nobody named, after a run", nobody_named_after_a_run, "no run wrote"),
@@ -287,6 +305,24 @@ def test_both_fronts_refuse_before_anything_runs(front: str, tmp_path: Path) -> 
     assert "it lies in results/x, through the link results/x/dataset: a run would clear it" in said
     assert "Traceback" not in said
     assert contents(tmp_path / "src") == before
+
+
+@pytest.mark.parametrize(("front", "place"), [("fipt run", "way/more.yaml"), ("snakemake", "results/x/more.yaml")])
+def test_a_file_of_the_configuration_is_not_cleared(front: str, place: str, tmp_path: Path) -> None:
+    write_nerfstudio(Path("src"))
+    configure("src")
+    Path("results/x").mkdir(parents=True)
+    link("way", "results/x")
+    Path("results/x/more.yaml").write_text("rounds: 1\n")
+    here = Workspace(tmp_path, yaml.safe_load(Path("config/config.yaml").read_text()), stand_in=False)
+    if front == "fipt run":
+        said = here.fipt_run("--configfile", place, code=2, scene="x")
+    else:
+        said = here.snakemake("--configfile", place, succeeds=False)
+    assert f"{place} lies in results/x: a run would clear it; move it out of results/x" in said
+    assert "fipt: error: the configuration file " in said
+    assert "Traceback" not in said
+    assert Path("results/x/more.yaml").read_text() == "rounds: 1\n"
 
 
 def import_into(*options: str) -> list[str]:

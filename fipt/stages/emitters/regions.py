@@ -115,8 +115,8 @@ def _fused(
     places = by_part(np.concatenate([rows_of(shards, seen, "position"), mesh.corners[few].mean(axis=1)]),
                      np.concatenate([part[seen.triangle], part[few]]))  # fmt: skip
     pixels = len(seen.triangle)
-    distance, near = cKDTree(places[:pixels]).query(places[pixels:], k=min(PIXELS, pixels), workers=-1)
-    distance, near = distance.reshape(len(few), -1), near.reshape(len(few), -1)
+    nearest = range(1, min(PIXELS, pixels) + 1)
+    distance, near = cKDTree(places[:pixels]).query(places[pixels:], k=nearest, workers=-1)
     own = np.sqrt(mesh.areas[few])[:, None]
     facing = np.abs((mesh.normals[few][:, None] * rows_of(shards, seen, "normal")[near]).sum(axis=-1))
     lends = (distance <= footprint[near] + own / 2) & (facing > ALIKE)

@@ -92,8 +92,8 @@ def _mixed(
         return default
     centers = mesh.corners[triangles].mean(axis=1)
     places = by_part(np.concatenate([place, centers]), np.concatenate([part, surface.part[triangles]]))
-    distance, near = cKDTree(places[: len(place)]).query(places[len(place) :], k=min(_AROUND, len(place)), workers=-1)
-    distance, near = distance.reshape(len(triangles), -1), near.reshape(len(triangles), -1)
+    nearest = range(1, min(_AROUND, len(place)) + 1)
+    distance, near = cKDTree(places[: len(place)]).query(places[len(place) :], k=nearest, workers=-1)
     facing = np.abs((mesh.normals[triangles][:, None] * normal[near]).sum(axis=-1)) > ALIKE
     reach = 0.5 * (width[near] + np.sqrt(mesh.areas[triangles])[:, None])
     weight = share[near] * (facing & (distance <= reach))
@@ -112,8 +112,8 @@ def _medians(values: np.ndarray, region: np.ndarray, regions: int) -> np.ndarray
 def _emitters_around(mesh: Mesh, surface: Surface, own: np.ndarray, small: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Distance (N, K), in widths of a pixel, and region of the nearest emitting triangles to those of ``small``."""
     places, seeds = by_part(mesh.corners.mean(axis=1).astype(np.float64), surface.part), np.flatnonzero(own)
-    distance, near = cKDTree(places[seeds]).query(places[small], k=min(_NEAREST, len(seeds)), workers=-1)
-    distance, near = distance.reshape(len(small), -1), near.reshape(len(small), -1)
+    nearest = range(1, min(_NEAREST, len(seeds)) + 1)
+    distance, near = cKDTree(places[seeds]).query(places[small], k=nearest, workers=-1)
     return distance / surface.width[small, None], surface.region[seeds[near]]
 
 

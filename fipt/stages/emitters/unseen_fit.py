@@ -220,7 +220,7 @@ def _alike(residual: np.ndarray, place: np.ndarray, group: np.ndarray) -> float:
     """How many blocks err as one: 1 + the sum of the correlations with a block's neighbours of the same group."""
     z = np.clip(residual, -2, 2)
     z = z - z.mean()
-    reach = 3 * float(np.median(cKDTree(place).query(place, k=min(5, len(place)))[0][:, -1]))
+    reach = 3 * float(np.median(cKDTree(place).query(place, k=[min(5, len(place))])[0]))
     pairs = cKDTree(place).query_pairs(reach, output_type="ndarray")
     a, b = pairs[group[pairs[:, 0]] == group[pairs[:, 1]]].T
     return max(1.0, float(1 + 2 * (z[a] * z[b]).sum() / max((z * z).sum(), 1e-12)))

@@ -56,20 +56,26 @@ def found_results(settings: ImportResultsSettings, scene: str, materials: int, i
     FiptError
         If files of some views are missing.
     """
-    root = Path(settings.path or "")
+    folder, *others = result_folders(settings, scene)
     if settings.layout == "npz":
-        files = _numbered(root, "{:06d}.npz", materials)
+        files = _numbered(folder, "{:06d}.npz", materials)
         return OtherResults({"npz": files} if files else {}, {})
-    below = Path(settings.method, settings.scene or scene)
-    quantities = {
-        ours: _numbered(root / "brdf" / below, f"{{:03d}}_{name}.exr", materials) for name, ours in _EXR.items()
-    }
+    quantities = {ours: _numbered(folder, f"{{:03d}}_{name}.exr", materials) for name, ours in _EXR.items()}
     shown = {}
-    for kind in _SHOWN if settings.setup else _SHOWN[:1]:
-        tried = [_numbered(root / kind / below, f"{{:03d}}{ending}.exr", images) for ending in _ENDINGS]
+    for kind, own in zip(_SHOWN, others, strict=False):
+        tried = [_numbered(own, f"{{:03d}}{ending}.exr", images) for ending in _ENDINGS]
         shown[kind] = next((files for files in tried if files), [])
     there = {name: files for name, files in quantities.items() if files}
     return OtherResults(there, {kind: files for kind, files in shown.items() if files})
+
+
+def result_folders(settings: ImportResultsSettings, scene: str) -> list[Path]:
+    """Folders that are read of a scene: of materials, of held-out views, of relit ones where a setup is named."""
+    root = Path(settings.path or "")
+    if settings.layout == "npz":
+        return [root]
+    kinds = ("brdf", *(_SHOWN if settings.setup else _SHOWN[:1]))
+    return [root / kind / settings.method / (settings.scene or scene) for kind in kinds]
 
 
 def _numbered(folder: Path, pattern: str, count: int) -> list[Path]:

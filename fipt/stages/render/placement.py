@@ -55,8 +55,7 @@ def unlikely_viewpoints(scene: RayScene, cameras: Sequence[Camera], views: Seque
             near[camera.name] = distance.min()
         if tree is None:
             continue
-        away, neighbour = tree.query(found, k=min(_NEIGHBOURS, len(places)))
-        neighbour, away = neighbour.reshape(len(found), -1), away.reshape(len(found), -1)
+        away, neighbour = tree.query(found, k=range(1, min(_NEIGHBOURS, len(places)) + 1))
         theirs = facing[neighbour]
         height = np.abs(np.einsum("nkc,nkc->nk", found[:, None] - places[neighbour], theirs))
         alike = np.einsum("nkc,nc->nk", theirs, normals) * ((away < reach) & (height < _SAME_PLANE))

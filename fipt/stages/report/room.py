@@ -158,8 +158,7 @@ def coloured(mesh: Mesh, positions: np.ndarray, colors: np.ndarray) -> bytes:
     from scipy.spatial import cKDTree
 
     vertices, triangles = _cut(mesh)
-    distance, nearest = cKDTree(positions).query(vertices, k=min(3, len(positions)))
-    distance, nearest = distance.reshape(len(vertices), -1), nearest.reshape(len(vertices), -1)
+    distance, nearest = cKDTree(positions).query(vertices, k=range(1, min(3, len(positions)) + 1))
     weight = 1 / (distance + 1e-3)
     mixed = (colors[nearest] * weight[..., None]).sum(axis=1) / weight.sum(axis=1, keepdims=True)
     return _glb(vertices, triangles, mixed)

@@ -16,7 +16,8 @@ from snakemake.exceptions import WorkflowError
 from snakemake.utils import validate
 
 from fipt.formats.yaml import read_yaml
-from fipt.config.kept import check_kept
+from fipt.config.failed import note_failures
+from fipt.config.kept import check_files, check_kept
 from fipt.config.reading import SCENE, load
 from fipt.errors import FiptError
 from fipt.lock import all_locked
@@ -39,6 +40,7 @@ try:
         ):  # read once more: Snakemake keeps the last of equal keys
             read_yaml(path)
     CONFIG = load(config)
+    check_files(CONFIG, workflow.configfiles)
     check_kept(CONFIG)
     # Snakemake would take an error of an input function for "nothing to do". What was asked for by name is read now.
     CONFIG.check(read=bool(config.get("only") or CONFIG.sheet))

@@ -100,6 +100,13 @@ def test_a_dim_emitter_is_brighter_than_white(np_rng):
     assert len(found.undecided.price) == 0
 
 
+def test_a_mesh_whose_triangles_all_are_well_seen(np_rng):
+    """None asks its neighbours for the radiance that it lacks."""
+    seen = Seen(np_rng, cell=0.2, pixels=4000)
+    seen.image[seen.panel] = 3.0
+    assert seen.overlap(seen.found()) > 0.97
+
+
 def test_a_mirror_is_none_though_it_is_brighter_than_white(np_rng):
     """Its picture moves with the viewer, as the shading says."""
     seen = Seen(np_rng)
