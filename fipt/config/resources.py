@@ -103,7 +103,7 @@ FIXED: dict[str, Growth] = {
     "mesh": Growth(0, of="every"),
     "segment": Growth(4500, minutes=120),
     "fuse": Growth(1000, pixel=250, of="every", triangle=500),
-    "regroup": Growth(1500, pixel=100, of="every", triangle=200),
+    "regroup": Growth(1500, pixel=140, of="every", triangle=200),
     "irradiance": Growth(1000, pixel=125, of="every"),
     "true_constants": Growth(1000, pixel=125, of="every"),
     "inverse_trace": Growth(3000, pixel=125, of="every", triangle=500, minutes=120),
