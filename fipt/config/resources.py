@@ -121,6 +121,19 @@ FIXED: dict[str, Growth] = {
 }
 """Rule -> what it asks for, where nothing was measured; depth and meshes ask for what their settings bound."""
 
+WRITTEN = {
+    "synthesize_views": 10,
+    "samples": 80,
+    "bake": 25,
+    "refine": 50,
+    "render_views": 10,
+    "olat_views": 10,
+}
+"""Rule -> bytes on the disk for each pixel of its shard, at least; docs/robustness.md has what was measured."""
+
+_RECORDS = 20_000
+"""Bytes that every job writes at least: its log, figures and manifests."""
+
 
 def growth(rule: str) -> Growth:
     """What is known of a rule."""
@@ -138,3 +151,8 @@ def minutes(rule: str, work: Work, attempt: int = 1) -> int:
     """Minutes after which a queue may end a job, twice as many at every other attempt."""
     own = growth(rule)
     return round((_MINUTES + own.minutes * getattr(work, own.of) / 1e6) * 2 ** (attempt - 1))
+
+
+def disk_bytes(rule: str, work: Work | None) -> int:
+    """Bytes that a job writes at least; less where nobody knows how large its work is."""
+    return _RECORDS + (0 if work is None else WRITTEN.get(rule, 0) * work.shard)

@@ -19,6 +19,7 @@ from snakemake.utils import validate
 from fipt.formats.yaml import read_yaml
 from fipt.config.failed import note_failures
 from fipt.config.kept import check_files, check_kept
+from fipt.config.machine import PlannedJob, check_machine
 from fipt.config.planned import look_up_once
 from fipt.config.reading import SCENE, load
 from fipt.errors import FiptError

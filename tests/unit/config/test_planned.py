@@ -4,7 +4,7 @@ from fipt.config.planned import look_up_once
 
 
 class Index:
-    """Stands in for Snakemake's: notes what it is asked."""
+    """Stands in for the workflow system's: notes what it is asked."""
 
     def __init__(self):
         self.asked = []
