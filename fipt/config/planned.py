@@ -15,7 +15,7 @@ def planned(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def look_up_once(index: type[Any]) -> None:
-    """Let the workflow system's index of outputs remember which rules make a file: it is asked by every job that reads it.
+    """Let the workflow system's index of outputs remember which rules make a file: every job that reads it asks.
 
     Rules do not change while an index lives. An index asks some 250 patterns for each file otherwise.
     """
