@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fipt.formats.images import to_display
+from fipt.meshing.atlas import Atlas, AtlasTexels, filled, nearest_weights
 from fipt.model.networks import Brdf, Field
 from fipt.progress import progress
 from fipt.scene.asset import MaterialTextures
@@ -14,7 +15,6 @@ from fipt.scene.emitters import Emitters
 from fipt.scene.mesh import Mesh
 from fipt.scene.samples import FootprintSamples, summed_by
 from fipt.scene.voxels import voxel_keys
-from fipt.stages.export.atlas import Atlas, AtlasTexels, filled, nearest_weights
 
 _CHUNK = 1 << 17
 """Texels asked at once."""
