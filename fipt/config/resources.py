@@ -71,7 +71,7 @@ MEASURED: dict[str, Growth] = {
     "check_poses": Growth(250, pixel=100, of="every"),
     "samples": Growth(220, pixel=500, triangle=450),
     "environment": Growth(90, pixel=30, of="every"),
-    "cache": Growth(400, pixel=45, of="every", triangle=350, minutes=10),
+    "cache": Growth(380, pixel=45, of="every", triangle=350, minutes=10),
     "bake": Growth(235 + _DENOISER, pixel=250, triangle=240),
     "fit": Growth(690, pixel=125, of="every", triangle=50, minutes=30),
     "emitters": Growth(520, pixel=64, of="every", triangle=200, minutes=10),
