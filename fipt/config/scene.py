@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from fipt.config.decisions import SceneDecisions
 from fipt.config.layout import Layout
 from fipt.config.methods import Estimator, SceneMethods
-from fipt.config.resources import TRIANGLES, Work
+from fipt.config.resources import PIXELS, TRIANGLES, Work
 from fipt.config.segmentation import SceneSegmentation
 from fipt.config.setups import SceneSetups
 from fipt.config.sources.base import Place, Source
@@ -187,6 +187,10 @@ class SceneConfig:
         views = len(self.views.shards("all").get(shard, ())) if shard else self.views_per_shard
         triangles = mesh.stat().st_size // _BYTES_OF_TRIANGLE if mesh.is_file() else TRIANGLES
         return Work(pixels, pixels * views, pixels * len(self.views.of("train")), triangles)
+
+    def known_work(self, shard: str | None = None) -> Work | None:
+        """How large its jobs are; None where the size of images is not known before they are read."""
+        return None if self.source.pixels == PIXELS else self.work(shard)
 
     def memory_mb(self, section: str) -> int:
         """Megabytes of memory that a stage takes at most, of those whose settings bound it."""
