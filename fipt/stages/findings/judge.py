@@ -19,6 +19,7 @@ from fipt.stages.findings.checks import (
     holes,
     light_balance,
     mesh,
+    missing_emitter,
     mixed_ids,
     no_emitter,
     parts,
@@ -37,6 +38,7 @@ CHECKS: tuple[Check, ...] = (
     guessed_light.check,
     light_balance.check,
     brightness.check,
+    missing_emitter.check,
     holes.check,
     mesh.check,
     emitters.check,
@@ -52,7 +54,17 @@ CHECKS: tuple[Check, ...] = (
 )
 """What says why stands before what only says that something is wrong: findings keep this order."""
 
-_FIT = frozenset({"emitter-or-mirror", "undecided-emitters", "edges-off", "unexplained-parts", "mixed-ids", "exposure"})
+_FIT = frozenset(
+    {
+        "emitter-or-mirror",
+        "undecided-emitters",
+        "edges-off",
+        "unexplained-parts",
+        "mixed-ids",
+        "exposure",
+        "lamp-missing",
+    }
+)
 """What the fit's own residual tells: no evidence where the light is missing under which it was made."""
 
 EXPLAINS: dict[str, frozenset[str]] = {
