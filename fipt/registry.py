@@ -62,7 +62,7 @@ SECTIONS: dict[str, Section] = {
     "olat": Section("fipt.stages.render.settings:OlatSettings", 2),
     "export": Section("fipt.stages.export.settings:ExportSettings", 2),
     "metrics": Section("fipt.stages.evaluate.settings:MetricsSettings", 5),
-    "findings": Section("fipt.stages.findings.settings:FindingsSettings", 2),
+    "findings": Section("fipt.stages.findings.settings:FindingsSettings", 3),
     "report": Section("fipt.stages.report.settings:ReportSettings", 5),
     "compare": Section("fipt.stages.compare.settings:CompareSettings", 1),
     "compare_page": Section("fipt.stages.report.settings:ComparePageSettings", 1),
