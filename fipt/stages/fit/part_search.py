@@ -242,7 +242,7 @@ def _chosen(residual: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, np.ndar
 def _expected(
     roughness: np.ndarray, metallic: np.ndarray, residual: np.ndarray, free: np.ndarray, classes: np.ndarray | None
 ) -> np.ndarray:
-    """Roughness (S,) where dielectric parts prove no smoothness: the mean of what it may be, by the room's parts too."""
+    """Roughness (S,), where dielectric parts prove no smoothness: the mean of what it may be in this room."""
     dielectric = posterior(np.array(ROUGHNESS), residual, free, classes).probability[0]
     mean = np.array(ROUGHNESS) @ dielectric / np.maximum(dielectric.sum(axis=0), 1e-9)
     result = np.where((roughness >= 1) & (metallic == 0), mean, roughness)

@@ -39,8 +39,8 @@ def check(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:
             f"Base colours are expected to be off by {error:.2f} (a kd of {-20 * np.log10(error):.0f} dB): "
             f"{100 * worst.sum() / shown.sum():.0f} % of what the views show errs by more than {2 * _LIMIT:.2f}.",
             measure,
-            "Take more photographs, from nearer or with more pixels, above all of what is outlined; a mesh with sharper "
-            "edges helps as much.",
+            "Take more photographs, from nearer or with more pixels, above all of what is outlined; a mesh with "
+            "sharper edges helps as much.",
             {"views": [pixels.views[view]]} | ({"position": place_of(pixels, worst)} if worst.any() else {}),
             image=drawn(room, pixels, view, worst),
         )
