@@ -38,9 +38,7 @@ class FindingsInputs:
     earlier: Annotated[tuple[Path, ...], "Shading of the round before, as --shading; without it, one round ran."] = ()
     settled: Annotated[tuple[Path, ...], "settled.json of the last rounds, in their order."] = ()
     segments: Annotated[Path | None, "Folder of fused segment ids; absent: those of the dataset."] = None
-    confidence: Annotated[Path | None, "confidence.npz of the model; absent: predicted errors are not judged."] = (
-        None
-    )
+    confidence: Annotated[Path | None, "confidence.npz of the model; absent: predicted errors are not judged."] = None
 
 
 def run(inputs: FindingsInputs, settings: "FindingsSettings") -> dict[str, Any]:
