@@ -338,6 +338,16 @@ class SceneConfig:
 
     # --- the model and what is made of it
 
+    def true_samples(self) -> list[str]:
+        """Manifests of the samples of all training views, where the first shading is that of the true room."""
+        if not self.settings["bake"].truth:
+            return []
+        return [self.layout.samples.format(shard=shard) for shard in self.views.shards("train")]
+
+    def true_images(self) -> list[str]:
+        """Manifests of their truth."""
+        return self.images(["train"]) if self.settings["bake"].truth else []
+
     def last_shading(self) -> list[str]:
         """Manifests of the shading of the last round."""
         return self._shading(self.rounds)
