@@ -18,7 +18,7 @@ from pydantic import Field
 
 from fipt.config.sections import Sections
 from fipt.errors import FiptError
-from fipt.formats.files import check_name
+from fipt.formats.files import check_distinct, check_name
 from fipt.formats.yaml import read_yaml
 from fipt.settings import Rounds, Settings, dumped
 from fipt.validation import checked
@@ -90,6 +90,7 @@ def known_methods(*others: Methods | None) -> Methods:
     found = dict(_shipped())
     for methods in others:
         found |= methods or {}
+    check_distinct(found, "methods")
     for name in found:
         check_name(name, "method")
         if _SEED.fullmatch(name):
