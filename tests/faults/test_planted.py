@@ -211,6 +211,11 @@ def test_a_light_setup_that_cannot_be(setup: dict[str, Any], said: str) -> None:
     assert said in str(caught.value)
 
 
+def test_a_light_setup_that_says_a_thing_twice() -> None:
+    with pytest.raises(FiptError, match=r"setup must be JSON .the key 'emitters' is there twice"):
+        parse_setup('{"emitters": [{"scale": 0}], "emitters": [{"scale": 1}]}')
+
+
 def test_an_object_beyond_the_stars() -> None:
     Path("o.obj").write_text("v 0 0 0\nv 1e30 0 0\nv 0 1 0\nf 1 2 3\n")
     with pytest.raises(FiptError, match=r"o\.obj has 1 vertices that are NaN, infinite or farther than 1e\+12"):
