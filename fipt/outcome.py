@@ -12,6 +12,10 @@ from fipt.lock import LOCK
 OUR_LINE = re.compile(r"^.*?fipt: error: (.+)$", re.MULTILINE)
 """What a verb or a rules file says of something that the user can mend."""
 
+_NOTHING_SAID = "it was stopped before it said anything"
+STOPPED = re.compile(rf"^fipt: (interrupted|terminated)$|^{_NOTHING_SAID}$")
+"""Line of a job that did not fail by itself."""
+
 
 @dataclass(frozen=True)
 class Failure:
@@ -35,16 +39,18 @@ class Failure:
     log: Path
 
 
-def failures(results: Path) -> list[Failure]:
+def failures(results: Path, lock: Path | None = None) -> list[Failure]:
     """Jobs of the last run of a scene that have no figures, the last one first; while it goes on, also those at work.
 
     Parameters
     ----------
     results
-        Folder of the scene. Its lock is as new as the begin of the run, by the clock of the disk.
+        Folder of the scene, or of a run of a method on it.
+    lock
+        Of the scene, as new as the begin of the run by the clock of the disk; None: that in ``results``.
     """
     logs = [log for log in results.glob("logs/*.log") if not (results / "stats" / f"{log.stem}.json").is_file()]
-    lock = results / LOCK
+    lock = results / LOCK if lock is None else lock
     since = lock.stat().st_mtime_ns if lock.is_file() else 0
     logs = [log for log in logs if log.stat().st_mtime_ns >= since]
     logs.sort(key=lambda log: (log.stat().st_mtime_ns, log.name), reverse=True)
@@ -56,7 +62,7 @@ def why(log: Path) -> str:
     text = log.read_text(encoding="utf-8", errors="replace") if log.is_file() else ""
     ours = OUR_LINE.findall(text)
     lines = [line.strip() for line in text.splitlines() if line.strip()]
-    return ours[-1] if ours else lines[-1] if lines else "it was stopped before it said anything"
+    return ours[-1] if ours else lines[-1] if lines else _NOTHING_SAID
 
 
 def listed(folders: Sequence[Path]) -> str:

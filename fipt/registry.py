@@ -54,7 +54,7 @@ SECTIONS: dict[str, Section] = {
     "inverse_trace": Section("fipt.stages.inverse_trace.settings:InverseTraceSettings", 1),
     "import_results": Section("fipt.stages.import_results.settings:ImportResultsSettings", 1),
     "review": Section("fipt.stages.emitters.settings:ReviewSettings", 2),
-    "refine": Section("fipt.stages.shade.settings:RefineSettings", 5),
+    "refine": Section("fipt.stages.shade.settings:RefineSettings", 6),
     "materials": Section("fipt.stages.render.settings:MaterialsSettings", 3),
     "render": Section("fipt.stages.render.settings:RenderSettings", 3),
     "relight": Section("fipt.stages.render.settings:RelightSettings", 3),

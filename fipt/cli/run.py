@@ -69,13 +69,36 @@ def command(
         raise FiptError(f"--quick is of the target compare; this is {target}", f"fipt run {scenes[0]} compare --quick")
     options = ["--cores", str(cores or "all"), *(("--dry-run",) if dry_run else ())]
     given = {"scenes": found.sheet.path} if found.sheet else {}
-    code = snakemake({**found.plain, **given, "only": scenes}, target, options, listed=len(scenes) > 1)
+    asked_config = {**found.plain, **given, "only": scenes}
+    code = _run(asked_config, target, options, [found.scenes[scene] for scene in scenes], dry_run)
     if code in (0, EXIT_CODE) and not dry_run:
         for scene in scenes:
             _conclude(found, scene, target, alone=len(scenes) == 1, done=code == 0)
         if len(scenes) > 1 and any(Path("results", scene).is_dir() for scene in scenes):
             _write_index()
     raise typer.Exit(code)
+
+
+def _run(
+    config: Mapping[str, Any], target: str, options: Sequence[str], scenes: "Sequence[SceneConfig]", dry: bool
+) -> int:
+    """Run the workflow; a comparison once more without the methods that failed, as long as there are new ones."""
+    from fipt.config.failed import forget_failures, noted
+
+    known: list[list[str]] = []
+    if target == "compare" and not dry:
+        for scene in scenes:
+            forget_failures(scene)
+    while True:
+        code = snakemake(config, target, options, listed=len(scenes) > 1)
+        if target != "compare" or dry or code > EXIT_CODE:
+            return code
+        failed = [noted(scene) for scene in scenes]
+        if code == 0 or failed == known or not any(failed):
+            return code
+        known = failed
+        names = ", ".join(dict.fromkeys(name for each in failed for name in each))
+        typer.echo(f"fipt: failed: {names}; the comparison goes on without, and says why", err=True)
 
 
 def asked_for(asked: Sequence[str], known: Iterable[str]) -> tuple[list[str], str]:

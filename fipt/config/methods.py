@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import Field
 
+from fipt.config.failed import why_failed
 from fipt.config.sections import Sections
 from fipt.errors import FiptError
 from fipt.formats.files import check_distinct, check_name
@@ -219,6 +220,23 @@ class SceneMethods:
         return None
 
     def runs(self) -> list[MethodRun]:
+        """Methods with seeds that are compared, in the order of the table: those that can be and have not failed."""
+        return [run for run in self._wanted() if self._failure(run) is None]
+
+    def failed(self) -> dict[str, str]:
+        """Runs that have failed -> why."""
+        found = {run.name: self._failure(run) for run in self._wanted()}
+        return {name: why for name, why in found.items() if why is not None}
+
+    def _failure(self, run: MethodRun) -> str | None:
+        """Why a run has failed, or that of which it takes over files; None: it has not."""
+        if run == run.parent:
+            return None
+        why = why_failed(self._scene, run.name)
+        parent = why or self._failure(run.parent)
+        return why or (parent and f"it takes over files of {run.parent.name}, which failed")
+
+    def _wanted(self) -> list[MethodRun]:
         """Methods with seeds, in the order of the table; a method without random numbers has one."""
         settings, missing = self._scene.settings["compare"], self.reasons()
         found = []
@@ -236,8 +254,9 @@ class SceneMethods:
         return [self._scene.layout.method.format(method=run.name) for run in self.runs()]
 
     def options(self) -> list[str]:
-        """Options of ``fipt compare`` that say which methods are not applicable, and why."""
-        return [text for name, why in self.reasons().items() for text in ("--not-applicable", f"{name}={why}")]
+        """Options of ``fipt compare`` that say which methods are not applicable or have failed, and why."""
+        absent = {"--not-applicable": self.reasons(), "--failed": self.failed()}
+        return [text for flag, why in absent.items() for name in why for text in (flag, f"{name}={why[name]}")]
 
     def metrics(self, method: str) -> str:
         """Figures of a run."""

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from fipt.config.decisions import SceneDecisions
 from fipt.config.layout import Layout
 from fipt.config.methods import Estimator, SceneMethods
-from fipt.config.resources import TRIANGLES, Work
+from fipt.config.resources import PIXELS, TRIANGLES, Work
 from fipt.config.segmentation import SceneSegmentation
 from fipt.config.setups import SceneSetups
 from fipt.config.sources.base import Place, Source
@@ -188,6 +188,10 @@ class SceneConfig:
         triangles = mesh.stat().st_size // _BYTES_OF_TRIANGLE if mesh.is_file() else TRIANGLES
         return Work(pixels, pixels * views, pixels * len(self.views.of("train")), triangles)
 
+    def known_work(self, shard: str | None = None) -> Work | None:
+        """How large its jobs are; None where the size of images is not known before they are read."""
+        return None if self.source.pixels == PIXELS else self.work(shard)
+
     def memory_mb(self, section: str) -> int:
         """Megabytes of memory that a stage takes at most, of those whose settings bound it."""
         return int(1000 * self.settings[section].memory_gb)
@@ -333,6 +337,16 @@ class SceneConfig:
         return self.name.partition("/methods/")[0]
 
     # --- the model and what is made of it
+
+    def true_samples(self) -> list[str]:
+        """Manifests of the samples of all training views, where the first shading is that of the true room."""
+        if not self.settings["bake"].truth:
+            return []
+        return [self.layout.samples.format(shard=shard) for shard in self.views.shards("train")]
+
+    def true_images(self) -> list[str]:
+        """Manifests of their truth."""
+        return self.images(["train"]) if self.settings["bake"].truth else []
 
     def last_shading(self) -> list[str]:
         """Manifests of the shading of the last round."""

@@ -260,12 +260,17 @@ def check_disk(folder: str | Path, needed: int, what: str) -> None:
         place = place.parent
     free = shutil.disk_usage(place).free
     if needed >= 1e4:
-        log.info("%s takes %.1f MB; %.1f GB are free", what, needed / 1e6, free / 1e9)
+        log.info("%s takes %s; %s are free", what, _size(needed), _size(free))
     if free < needed * 1.05:
         raise FiptError(
-            f"{what} needs {needed / 1e9:.2f} GB in {folder}; {free / 1e9:.2f} GB are free",
+            f"{what} needs {_size(needed)} in {folder}; {_size(free)} are free",
             "free some space or give another results folder",
         )
+
+
+def _size(count: int) -> str:
+    """A number of bytes for people."""
+    return f"{count / 1e9:.2f} GB" if count >= 1e9 else f"{count / 1e6:.1f} MB"
 
 
 def total_memory() -> int:

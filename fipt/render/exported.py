@@ -115,7 +115,8 @@ def load_scene_file(path: Path) -> mi.Scene:
     """
     bsdf.register()  # scene_exact.xml asks for it; a user imports fipt_bsdf.py instead
     try:
-        return mi.load_file(str(path))
+        # otherwise shapes come in another order each time, and images have other noise
+        return mi.load_file(str(path), parallel=False, optimize=False)
     except RuntimeError as error:
         raise FiptError(f"Mitsuba cannot load {path} ({error})", "export it again") from error
 

@@ -237,9 +237,8 @@ def _environment(environment: EnvironmentMap) -> dict[str, Any]:
     return {"type": "envmap", "bitmap": mi.Bitmap(values)}
 
 
-def emitting_shape(name: str, mesh: Mesh, u: float, surface: Any) -> mi.Mesh:
-    """Triangles that reflect by a BSDF and may emit, their texture coordinate ``u`` the same everywhere."""
-    uv = np.tile(np.float32([u, 0.5]), (len(mesh.vertices), 1))
+def emitting_shape(name: str, mesh: Mesh, uv: np.ndarray, surface: Any) -> mi.Mesh:
+    """Triangles that reflect by a BSDF and may emit, with texture coordinates (V, 2) float32 of their vertices."""
     area = {"type": "area", "radiance": {"type": "rgb", "value": 0.0}}
     return _mesh(name, mesh, uv, bsdf=surface, emitter=mi.load_dict(area))
 

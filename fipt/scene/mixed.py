@@ -21,7 +21,7 @@ from scipy.optimize import nnls
 
 from fipt.conventions import RAYS_PER_SIDE
 from fipt.scene.mesh import Mesh, connected_parts, facing_pieces
-from fipt.scene.samples import ALONE, FootprintSamples
+from fipt.scene.samples import ALONE, FootprintSamples, summed_by
 from fipt.scene.voxels import FACINGS, facings
 
 _RARE = 0.1
@@ -84,11 +84,8 @@ class Islands:
 
 def find_islands(mesh: Mesh, shards: Sequence[FootprintSamples]) -> Islands:
     """Find the surface that hardly a pixel of any view shows alone."""
-    total, alone = np.zeros((2, len(mesh.triangles)))
-    for samples in shards:
-        triangle, share = np.asarray(samples.triangle), np.asarray(samples.weight)
-        total += np.bincount(triangle, share, len(total))
-        alone += np.bincount(triangle, share >= ALONE, len(total))
+    total = summed_by(((samples.triangle, samples.weight) for samples in shards), len(mesh.triangles))
+    alone = summed_by(((samples.triangle, samples.weight >= ALONE) for samples in shards), len(mesh.triangles))
     mixed = (total > 0) & (alone <= _RARE * total)
     number = np.where(mixed, facing_pieces(mesh, mixed), -1)
     return Islands(number, connected_parts(mesh).astype(np.int64))

@@ -8,9 +8,10 @@ import numpy as np
 
 from fipt.conventions import SHADING_OUTPUTS
 from fipt.errors import FiptError
+from fipt.scene.change import read_round
 from fipt.scene.dataset import Dataset
 from fipt.scene.samples import Empty, FootprintSamples, clipped_of, pixels_of, read_samples
-from fipt.scene.shading import Shading, read_shading
+from fipt.scene.shading import Shading
 
 
 @dataclass(frozen=True)
@@ -41,9 +42,9 @@ class ObservedShard:
 def read_observed(
     dataset: Dataset, samples: Sequence[Path | str], shading: Sequence[Path | str], empty: Empty = np.empty
 ) -> list[ObservedShard]:
-    """Read shards, given as folders of samples and of their shading in the same order.
+    """Read all shards of the training views, given as folders of samples and of their shading in the same order.
 
-    ``empty`` makes the arrays over all pixels: in memory, or `fipt.formats.arrays.on_disk`.
+    ``empty`` makes the arrays over all pixels and samples: in memory, or `fipt.formats.arrays.on_disk`.
 
     Raises
     ------
@@ -55,12 +56,11 @@ def read_observed(
             f"--samples and --shading must name as many shards; {len(samples)} and {len(shading)} given",
             "give the same shards in the same order",
         )
-    shards = []
-    for folder, baked in zip(samples, shading, strict=True):
-        shard = read_samples(folder)
-        own = read_shading(baked, shard)
-        shards.append(ObservedShard(shard, own, *pixels_of(dataset, shard, empty), clipped_of(dataset, shard, empty)))
-    return shards
+    own = [read_samples(folder) for folder in samples]
+    return [
+        ObservedShard(shard, light, *pixels_of(dataset, shard, empty), clipped_of(dataset, shard, empty))
+        for shard, light in zip(own, read_round(shading, own, empty), strict=True)
+    ]
 
 
 def without_triangles(shards: Sequence[ObservedShard], triangles: np.ndarray) -> list[ObservedShard]:

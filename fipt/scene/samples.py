@@ -1,7 +1,7 @@
 """Footprint samples on disk: flat arrays over surface pieces, and each pixel's offset into them."""
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -156,16 +156,15 @@ _ROOM = 0.99
 light that a voxel mixes errs by about its size over the distance of shadows and corners, ten times that and more.
 """
 _COUNTED = 1 << 18
-"""Samples of a shard that tell how far the room reaches; more change a quantile by less than a thousandth."""
+"""Samples that tell how far the room reaches; more change a quantile by less than a thousandth."""
 
 
 def _reach(shards: list[FootprintSamples]) -> tuple[np.ndarray, float]:
     """(3,) median of the samples, and the largest difference of a coordinate within which `_ROOM` of them lie."""
-    every = [slice(None, None, max(1, -(-len(shard.position) // _COUNTED))) for shard in shards]
-    position = np.concatenate([shard.position[step] for shard, step in zip(shards, every, strict=True)])
-    weight = np.concatenate(
-        [np.asarray(shard.weight[step], np.float64) * step.step for shard, step in zip(shards, every, strict=True)]
-    )
+    lengths = [len(shard.position) for shard in shards]
+    rows = strided(lengths, max(1, -(-sum(lengths) // _COUNTED)))
+    position = np.concatenate([shard.position[own] for shard, own in zip(shards, rows, strict=True)])
+    weight = np.concatenate([shard.weight[own] for shard, own in zip(shards, rows, strict=True)]).astype(np.float64)
     middle = np.median(position, axis=0)
     distance = np.abs(position - middle).max(axis=1)
     order = np.argsort(distance)
@@ -182,6 +181,26 @@ def _bounds(positions: list[np.ndarray], middle: np.ndarray, reach: float) -> np
         if len(near):
             low, high = np.minimum(low, near.min(axis=0)), np.maximum(high, near.max(axis=0))
     return np.stack([low, high]).astype(np.float64)
+
+
+def strided(lengths: Iterable[int], step: int) -> list[slice]:
+    """Every ``step``-th of what follows one another in arrays of these lengths, however it is spread over them."""
+    found, passed = [], 0
+    for length in lengths:
+        found.append(slice(-passed % step, None, step))
+        passed += length
+    return found
+
+
+def summed_by(groups: Iterable[tuple[np.ndarray, np.ndarray]], count: int) -> np.ndarray:
+    """(count,) float64 sums of values (N,) by their numbers (N,), given array by array.
+
+    Each is added by itself, so that the sums do not depend on how the values are spread over arrays.
+    """
+    total = np.zeros(count)
+    for number, values in groups:
+        np.add.at(total, number, np.asarray(values, np.float64))
+    return total
 
 
 def view_pixels(

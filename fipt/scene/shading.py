@@ -10,6 +10,8 @@ from fipt.formats.arrays import load_npy, save_npy
 from fipt.formats.manifests import ListedFiles
 from fipt.scene.samples import FootprintSamples
 
+SHADING, BEFORE = "shading.npy", "before.npy"
+"""Names in a folder of shading; of a refined one ``before`` is the shading of the round before."""
 _LEVELS = len(ROUGHNESS_LEVELS)
 _WORDS = 1 + _LEVELS
 _SALTS = 16
@@ -77,27 +79,29 @@ class Shading:
         self.words[samples] = _packed(values)
 
 
-def diffuse_shading(shading: Shading | np.ndarray, samples: np.ndarray) -> np.ndarray:
+def diffuse_shading(shading: Shading | np.ndarray, samples: slice | np.ndarray) -> np.ndarray:
     """(N, 3) Ld of some samples (N,); the rest is not unpacked."""
     if isinstance(shading, Shading):
         return _unpacked(np.asarray(shading.words[samples]), 1)[:, 0]
     return np.asarray(shading[samples], np.float32)[:, 0]
 
 
-def save_shading(folder: Path, shading: Shading) -> None:
+def save_shading(folder: Path, shading: Shading, name: str = SHADING) -> None:
     """Write the shading of a shard into an existing folder."""
-    save_npy(folder / "shading.npy", shading.words)
+    save_npy(folder / name, shading.words)
 
 
-def read_shading(folder: str | Path, samples: FootprintSamples | None = None) -> Shading:
+def read_shading(folder: str | Path, samples: FootprintSamples | None = None, name: str = SHADING) -> Shading:
     """Shading of a shard, memory-mapped; checked against its samples where they are given.
+
+    Of a refined shard it is what was traced; `fipt.scene.change.read_round` joins it with that of the round before.
 
     Raises
     ------
     FiptError
         If it is missing or is not the shading of ``samples``.
     """
-    words = load_npy(ListedFiles(folder).check(Path(folder) / "shading.npy"))
+    words = load_npy(ListedFiles(folder).check(Path(folder) / name))
     expected = (len(words) if samples is None else len(samples.position), _WORDS)
     if words.shape != expected or words.dtype != np.uint32:
         raise FiptError(

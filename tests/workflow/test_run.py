@@ -269,3 +269,33 @@ def test_a_tidied_room_is_up_to_date_and_is_made_again_where_it_must(workspace):
     again = here.planned("--config", "fit={steps: 7}")
     assert {"samples", "bake", "fit"} <= again.keys()
     assert "synthesize_views" not in again
+
+
+FAILS = """
+if sys.argv[1] == "{verb}" and "slow" in " ".join(sys.argv):
+    sys.exit("fipt: error: no surface at 1, 2, 3; move it")
+"""
+"""Goes into the stand-in for the verbs."""
+
+
+def test_a_method_that_fails_is_a_row_of_the_table(workspace):
+    slow = {"label": "Slow", "kind": "ablation", "source": "here", "settings": {"fit": {"steps": 9}}}
+    here = workspace(
+        {**CONFIG, "methods": {"slow": slow, "two": slow}, "compare": {"methods": ["slow", "two"], "seeds": 1}}
+    )
+    verbs = here.root / "bin" / "fipt"
+    works = verbs.read_text()
+    verbs.write_text(works.replace("flags = ", FAILS.format(verb="materials") + "flags = ", 1))
+    said = here.fipt_run("compare")
+    assert "failed: slow; the comparison goes on" in said
+    called = next(call for call in here.calls() if call[0] == "compare")
+    methods = called[called.index("--methods") + 1].split(",")
+    assert methods == ["results/room/methods/fipt/method.json", "results/room/methods/two/method.json"]
+    failed = called[called.index("--failed") + 1]
+    assert failed.startswith("slow=materials.")
+    assert failed.endswith(": no surface at 1, 2, 3; move it")
+    verbs.write_text(works)  # it is tried again
+    assert "compare" in here.fipt_run("compare")
+    called = [call for call in here.calls() if call[0] == "compare"][-1]
+    assert "--failed" not in called
+    assert not list((here.root / "results/room/methods").glob("*/failed.json"))

@@ -156,7 +156,7 @@ def test_a_room_in_code_with_given_ids(folder):
     for view in range(3):
         save_npz(f"{view:06d}.npz", diffuse=np.full((24, 32, 3), 0.5), roughness=np.ones((24, 32)))
     others = {"label": "Others", "kind": "imported", "estimator": "imported", "source": "a file"}
-    methods = ["irradiance", "bound-constants", "ipt-reimpl", "others"]
+    methods = ["irradiance", "bound-constants", "ipt-reimpl", "texture-prb", "converged", "others"]
     compared = config | {"compare": {"methods": methods, "seeds": 1, "sensitivity": ["exposure-25"]}}
     compared["inverse_trace"] = {"steps": 2, "pixels": 16, "spp": 1}
     compared["methods"] = {"others": others | {"settings": {"import_results": {"path": ".", "layout": "npz"}}}}

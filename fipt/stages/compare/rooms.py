@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from fipt.stages.compare.table import Column, filled_row, finished, mean_and_spread, rank
+from fipt.stages.compare.table import Column, absent, filled_row, finished, mean_and_spread, rank
 
 _RELIT = "relit_"
 RELIT = Column(
@@ -50,14 +50,14 @@ def across_rooms(tables: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     ]
     missing = {
         name: "; ".join(
-            f"in {room}: {table['not_applicable'].get(name, 'not compared')}"
+            f"in {room}: {absent(table).get(name, 'not compared')}"
             for room, table in tables.items()
             if not _rows(table, name)
         )
         for name, own in found.items()
         if len(own) < len(rooms)
     }
-    return {"rooms": dict(tables), "mean": finished(rows, described, missing)}
+    return {"rooms": dict(tables), "mean": finished(rows, described, missing, {})}
 
 
 def _keys(table: Mapping[str, Any]) -> set[str]:

@@ -19,6 +19,7 @@ class CompareInputs:
     not_applicable: Annotated[
         tuple[str, ...], "METHOD=REASON: a method for which the scene lacks something; repeatable.", UNSPLIT
     ] = ()
+    failed: Annotated[tuple[str, ...], "RUN=REASON: a run of a method that failed; repeatable.", UNSPLIT] = ()
 
 
 def run(inputs: CompareInputs, settings: "CompareSettings") -> dict[str, Any]:
@@ -35,9 +36,12 @@ def run(inputs: CompareInputs, settings: "CompareSettings") -> dict[str, Any]:
     from fipt.stages.compare.written import as_csv, as_markdown
 
     runs = [read_json(path, "what a method reached", "run fipt score again") for path in inputs.methods]
-    missing = {name: why for name, _, why in (text.partition("=") for text in inputs.not_applicable)}
+    missing, failed = (
+        {name: why for name, _, why in (text.partition("=") for text in said)}
+        for said in (inputs.not_applicable, inputs.failed)
+    )
     try:
-        table = comparison(runs, missing)
+        table = comparison(runs, missing, failed)
         written = {
             ".md": as_markdown(table),
             ".csv": as_csv(table),

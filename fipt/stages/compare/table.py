@@ -85,7 +85,9 @@ _SENSITIVITY = ("series", "size", "unit", "findings")
 _UNRANKED = ("bound", "sensitivity")
 
 
-def comparison(runs: Sequence[Mapping[str, Any]], not_applicable: Mapping[str, str]) -> dict[str, Any]:
+def comparison(
+    runs: Sequence[Mapping[str, Any]], not_applicable: Mapping[str, str], failed: Mapping[str, str] | None = None
+) -> dict[str, Any]:
     """Content of table.json.
 
     Parameters
@@ -94,6 +96,8 @@ def comparison(runs: Sequence[Mapping[str, Any]], not_applicable: Mapping[str, s
         Contents of method.json, in the order of the table; those of one method are its seeds.
     not_applicable
         Method -> why it cannot be compared here.
+    failed
+        Run of a method -> why it failed.
     """
     columns = [*COLUMNS, *_relit(runs), *COSTS, *PUBLISHED]
     methods: dict[str, list[Mapping[str, Any]]] = {}
@@ -103,11 +107,14 @@ def comparison(runs: Sequence[Mapping[str, Any]], not_applicable: Mapping[str, s
     for column in columns:
         rank(rows, column)
     described = [_described(column, runs[0]["definitions"] if runs else {}) for column in columns]
-    return finished(rows, described, not_applicable)
+    return finished(rows, described, not_applicable, failed or {})
 
 
 def finished(
-    rows: list[dict[str, Any]], described: list[dict[str, Any]], not_applicable: Mapping[str, str]
+    rows: list[dict[str, Any]],
+    described: list[dict[str, Any]],
+    not_applicable: Mapping[str, str],
+    failed: Mapping[str, str],
 ) -> dict[str, Any]:
     """Content of table.json of ranked rows: how columns and figures are read is filled in."""
     for column in described:
@@ -120,7 +127,14 @@ def finished(
         "columns": described,
         "methods": rows,
         "not_applicable": dict(not_applicable),
+        "failed": dict(failed),
     }
+
+
+def absent(table: Mapping[str, Any]) -> dict[str, str]:
+    """Methods and runs without figures -> what happened: rows of a table too."""
+    states = {"not applicable": table["not_applicable"], "failed": table["failed"]}
+    return {name: f"{state}: {why}" for state, found in states.items() for name, why in found.items()}
 
 
 def _relit(runs: Sequence[Mapping[str, Any]]) -> list[Column]:

@@ -5,6 +5,8 @@ import io
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from fipt.stages.compare.table import absent
+
 
 def as_markdown(table: Mapping[str, Any]) -> str:
     """The table for people: our figures, then the published definitions, then the methods."""
@@ -18,8 +20,7 @@ def rooms_as_markdown(found: Mapping[str, Any]) -> str:
     parts = [f"# Comparison on {', '.join(rooms)}\n", "Means over these rooms.\n", *_tables(mean, "##")]
     parts += ["## Methods\n", *_methods(mean)]
     for name, table in rooms.items():
-        missing = [f"- `{method}` is not applicable: {why}." for method, why in table["not_applicable"].items()]
-        parts += [f"\n## {name}\n", *_tables(table, "###"), *missing]
+        parts += [f"\n## {name}\n", *_tables(table, "###")]
     return "\n".join(parts) + "\n"
 
 
@@ -32,17 +33,15 @@ def _tables(table: Mapping[str, Any], heading: str) -> list[str]:
         + "Held-out views, one seed: no spread is known, and less than 0.3 dB is not ranked. " * (seeds == 1)
         + "Bold: the best, and what differs from it by less than the spread. Bounds are not ranked.\n"
     )
-    parts.append(_grid([column for column in every if column["kind"] != "published"], table["methods"], oracle=True))
+    parts.append(_grid([column for column in every if column["kind"] != "published"], table, oracle=True))
     published = [column for column in every if column["kind"] == "published"]
     parts.append(f"{heading} As published tables count, training views\n")
-    parts.append(_grid(published, table["methods"]))
+    parts.append(_grid(published, table))
     return parts
 
 
 def _methods(table: Mapping[str, Any]) -> list[str]:
-    parts = [f"- **{row['label']}** (`{row['id']}`, {row['kind']}): {_about(row)}" for row in table["methods"]]
-    parts += [f"- `{name}` is not applicable: {reason}." for name, reason in table["not_applicable"].items()]
-    return parts
+    return [f"- **{row['label']}** (`{row['id']}`, {row['kind']}): {_about(row)}" for row in table["methods"]]
 
 
 def _about(row: Mapping[str, Any]) -> str:
@@ -54,18 +53,20 @@ def _about(row: Mapping[str, Any]) -> str:
     return text
 
 
-def _grid(columns: Sequence[Mapping[str, Any]], rows: Sequence[Mapping[str, Any]], oracle: bool = False) -> str:
+def _grid(columns: Sequence[Mapping[str, Any]], table: Mapping[str, Any], oracle: bool = False) -> str:
     units = [f", {column['unit']}" if column["unit"] and column["kind"] != "cost" else "" for column in columns]
     heads = [(column["label"] + unit).replace("|", "\\|") for column, unit in zip(columns, units, strict=True)]
     lines = [f"| method | {' | '.join(heads)} |{' from the truth |' if oracle else ''}"]
     lines.append("|---" * (len(columns) + 1 + oracle) + "|")
-    for row in rows:
+    for row in table["methods"]:
         cells = []
         for column in columns:
             cell = row["figures"][column["key"]]
             cells.append(f"**{cell['text']}**" if cell["first"] else cell["text"])
         truth = f" {', '.join(row['oracle']) or 'nothing'} |" if oracle else ""
         lines.append(f"| {row['label']} | {' | '.join(cells)} |{truth}")
+    for name, why in absent(table).items():
+        lines.append(f"| `{name}` | {why.replace('|', '/')} |" + " |" * (len(columns) - 1 + oracle))
     return "\n".join(lines) + "\n"
 
 
@@ -90,7 +91,15 @@ def _csv(rows: Sequence[Sequence[Any]]) -> str:
 
 
 def _csv_head(keys: Sequence[str]) -> list[str]:
-    return ["method", "label", "kind", "oracle", "seeds", *(name for key in keys for name in (key, f"{key}_spread"))]
+    return [
+        "method",
+        "label",
+        "kind",
+        "oracle",
+        "seeds",
+        "absent",
+        *(name for key in keys for name in (key, f"{key}_spread")),
+    ]
 
 
 def _csv_rows(table: Mapping[str, Any], keys: Sequence[str]) -> list[list[Any]]:
@@ -98,5 +107,6 @@ def _csv_rows(table: Mapping[str, Any], keys: Sequence[str]) -> list[list[Any]]:
     for row in table["methods"]:
         cells = [row["figures"].get(key, {}).get(part) for key in keys for part in ("mean", "spread")]
         numbers = ["" if value is None else f"{value:.6g}" for value in cells]
-        rows.append([row["id"], row["label"], row["kind"], "; ".join(row["oracle"]), row["seeds"], *numbers])
-    return rows
+        rows.append([row["id"], row["label"], row["kind"], "; ".join(row["oracle"]), row["seeds"], "", *numbers])
+    empty = [""] * (2 * len(keys))
+    return [*rows, *([name, "", "", "", "", why, *empty] for name, why in absent(table).items())]

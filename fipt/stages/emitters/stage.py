@@ -22,8 +22,8 @@ log = logging.getLogger(__name__)
 
 _BYTES_A_PIXEL = 1000
 """Of memory, for each pixel of the largest view: measured 995, where every pixel may show an emitter."""
-_PIXEL_ON_DISK = 17
-"""Bytes of nameless files for each pixel of the training views."""
+_PIXEL_ON_DISK = 57
+"""Bytes of nameless files for each pixel of the training views, 40 of them in later rounds."""
 _MOST_NAMED = 3
 """Undecided regions that a warning names."""
 

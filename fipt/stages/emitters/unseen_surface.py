@@ -58,15 +58,15 @@ def hidden_triangles(mesh: Mesh, shards: Sequence[ObservedShard], found: Emitter
     """
     seen = np.zeros(len(mesh.triangles), bool)
     seen[found.triangle] = True
-    gap = 0.0
     positions, normals = [np.zeros((0, 3), np.float32)], [np.zeros((0, 3), np.float32)]
     for shard in shards:
         inner = np.asarray(shard.samples.weight) >= ALONE
         seen[np.asarray(shard.samples.triangle)[inner]] = True
         positions.append(np.asarray(shard.samples.position)[inner])
         normals.append(np.asarray(shard.samples.normal)[inner])
-        gap = max(gap, 2 * float(np.quantile(shard.samples.footprint, 0.9))) if inner.any() else gap
     points, hidden = np.concatenate(positions), ~seen & (mesh.areas > 0)
+    widths = np.concatenate([np.zeros(1, np.float32), *(shard.samples.footprint for shard in shards)])[1:]
+    gap = 2 * float(np.quantile(widths, 0.9)) if len(widths) else 0.0
     unseen = np.flatnonzero(hidden)
     of_point, of_triangle = facings(np.concatenate(normals)), facings(mesh.area_normals[unseen])
     for facing in np.unique(of_triangle) if len(points) else ():

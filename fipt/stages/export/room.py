@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from fipt.meshing.atlas import Atlas
 from fipt.scene.asset import Asset, MaterialTextures, TexturedMesh
 from fipt.scene.cameras import Camera, up_axis
 from fipt.scene.emitters import Emitters, default_name, read_names
 from fipt.scene.environment import EnvironmentMap, texel_directions
 from fipt.scene.mesh import Mesh
-from fipt.stages.export.atlas import Atlas
 
 _ROWS = 256
 """Rows of the exported map of the outside, unless ours has more."""

@@ -6,15 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from fipt.formats.images import to_display
+from fipt.meshing.atlas import Atlas, AtlasTexels, filled, nearest_weights
 from fipt.model.networks import Brdf, Field
 from fipt.progress import progress
 from fipt.scene.asset import MaterialTextures
 from fipt.scene.confidence import Confidence
 from fipt.scene.emitters import Emitters
 from fipt.scene.mesh import Mesh
-from fipt.scene.samples import FootprintSamples
+from fipt.scene.samples import FootprintSamples, summed_by
 from fipt.scene.voxels import voxel_keys
-from fipt.stages.export.atlas import Atlas, AtlasTexels, filled, nearest_weights
 
 _CHUNK = 1 << 17
 """Texels asked at once."""
@@ -40,14 +40,10 @@ class Coverage:
 
 def coverage(field: Field, shards: Sequence[FootprintSamples]) -> Coverage:
     """Pixel size over the surface, from the footprint samples of the training views."""
-    total, count = np.zeros(_VOXELS**3), np.zeros(_VOXELS**3)
-    sizes = []
-    for samples in shards:
-        key = _voxels(field, np.asarray(samples.position))
-        footprint = np.asarray(samples.footprint, np.float64)
-        total += np.bincount(key, footprint, _VOXELS**3)
-        count += np.bincount(key, minlength=_VOXELS**3)
-        sizes.append(footprint)
+    keys = [_voxels(field, np.asarray(samples.position)) for samples in shards]
+    sizes = [np.asarray(samples.footprint, np.float64) for samples in shards]
+    total = summed_by(zip(keys, sizes, strict=True), _VOXELS**3)
+    count = np.bincount(np.concatenate(keys), minlength=_VOXELS**3)
     every = np.concatenate(sizes)
     mean = np.where(count > 0, total / np.maximum(count, 1), np.median(every))
     return Coverage(mean.astype(np.float32), float(np.quantile(every, 0.25)))

@@ -11,6 +11,7 @@ from fipt.formats.exr import write_exr
 from fipt.formats.files import ANYTHING, atomic_folder, check_disk, check_memory, write_text
 from fipt.formats.images import to_display, write_png
 from fipt.formats.manifests import Stats, write_manifest
+from fipt.meshing.atlas import Atlas, texels, unwrap
 from fipt.model.store import load_field
 from fipt.render.exported import SPECULAR, principled_textures
 from fipt.scene.asset import Asset, mitsuba_map
@@ -22,7 +23,6 @@ from fipt.scene.environment import in_unit, read_environment
 from fipt.scene.mesh import Mesh, connected_parts, write_ply
 from fipt.scene.samples import read_samples
 from fipt.settings import dumped
-from fipt.stages.export.atlas import Atlas, texels, unwrap
 from fipt.stages.export.blender import write_blender
 from fipt.stages.export.cameras import write_colmap
 from fipt.stages.export.gltf import write_glb

@@ -64,22 +64,23 @@ def run(inputs: FindingsInputs, settings: "FindingsSettings") -> dict[str, Any]:
 def _room(inputs: FindingsInputs, settings: "FindingsSettings") -> "JudgedRoom":
     from fipt.formats.arrays import on_disk
     from fipt.model.fitted import FittedScene
+    from fipt.scene.change import read_round
     from fipt.scene.dataset import Dataset
     from fipt.scene.observed import read_observed
     from fipt.scene.samples import read_samples
     from fipt.scene.settled import read_state
-    from fipt.scene.shading import read_shading
     from fipt.stages.findings.room import JudgedRoom
 
     data = Dataset(inputs.dataset, inputs.segments)
-    shards = read_observed(data, inputs.samples, inputs.shading, on_disk(inputs.out.parent))
-    earlier = [read_shading(path, shard.samples) for path, shard in zip(inputs.earlier, shards, strict=False)]
+    empty = on_disk(inputs.out.parent)
+    shards = read_observed(data, inputs.samples, inputs.shading, empty)
+    known = len(inputs.earlier) == len(shards)
     return JudgedRoom(
         data,
         FittedScene.load(data.mesh(), inputs.model, inputs.emitters, inputs.environment, inputs.cache),
         shards,
         [read_samples(path) for path in inputs.held_out],
-        earlier if len(earlier) == len(shards) else None,
+        read_round(inputs.earlier, [shard.samples for shard in shards], empty) if known else None,
         settings,
         _prepared(inputs.dataset / "prepare.json"),
         [state for state in map(read_state, inputs.settled) if state is not None],

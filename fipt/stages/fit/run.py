@@ -43,8 +43,8 @@ _BYTES_A_WEIGHT, _BYTES_A_DRAWN = 28, 13_000
 _BYTES_A_PIXEL, _BYTES_OF_A_VIEW = 4, 300
 """Of memory: for each training pixel, whose weight changes where emitters are left out; for each pixel of the largest
 view (measured 265)."""
-_WEIGHT_ON_DISK, _PIXEL_ON_DISK = 16, 31
-"""Bytes of the model and of its checkpoint for a weight, and of nameless files for a pixel."""
+_WEIGHT_ON_DISK, _PIXEL_ON_DISK = 16, 71
+"""Bytes of the model and of its checkpoint for a weight; of nameless files for a pixel, 40 of them in later rounds."""
 
 
 def fit_model(inputs: FitInputs, settings: FitSettings) -> Stats:

@@ -1,7 +1,6 @@
 """Whether the loop of fit and refinement has settled; and a round that is a copy of the one before it."""
 
 import logging
-from pathlib import Path
 
 import numpy as np
 
@@ -9,7 +8,8 @@ from fipt.errors import FiptError
 from fipt.formats.files import copy_file
 from fipt.formats.manifests import Stats
 from fipt.model.networks import Field
-from fipt.scene.settled import SETTLED, RoundState, read_changes, read_state, together, write_state
+from fipt.scene.change import read_change
+from fipt.scene.settled import SETTLED, RoundState, read_state, write_state
 from fipt.scene.voxels import read_cache
 from fipt.stages.fit.inputs import FitInputs
 
@@ -45,7 +45,7 @@ def judge_round(inputs: FitInputs, field: Field, before: Field | None, settled: 
     """
     last = read_state(inputs.settled)
     number = 0 if inputs.previous is None else 1 if last is None else last.round + 1
-    found = together(read_changes([Path(folder) for folder in inputs.shading]))
+    found = read_change(inputs.shading)
     if found is None:
         write_state(inputs.out.with_name(SETTLED), RoundState(number))
         return {}
@@ -53,7 +53,8 @@ def judge_round(inputs: FitInputs, field: Field, before: Field | None, settled: 
     over = (found.change < settled * found.noise or (settled > 0 and found.kept == 1)) and number >= _FIRST
     kd = None if before is None else _kd_change(inputs, field, before)
     end = number if over else None
-    state = RoundState(number, end, round(found.change, 5), round(found.noise, 5), kd, round(found.light_missing, 4))
+    missing = float(found.light_missing)
+    state = RoundState(number, end, round(found.change, 5), round(found.noise, 5), kd, missing, found.kept)
     write_state(inputs.out.with_name(SETTLED), state)
     log.info(
         "round %d: shading changed by %.1f %% (noise %.1f %%)%s: %s",
@@ -63,15 +64,14 @@ def judge_round(inputs: FitInputs, field: Field, before: Field | None, settled: 
         "" if kd is None else f", kd by {kd:.3f}",
         _in_words(found.light_missing, over),
     )
-    figures = {"change": state.change, "noise": state.noise, "settled": over}
+    figures = {"change": state.change, "noise": state.noise, "kept": state.kept, "settled": over}
     return figures | ({} if kd is None else {"kd_change": kd})
 
 
-def _in_words(light_missing: float, over: bool) -> str:
+def _in_words(light_missing: bool, over: bool) -> str:
     """How a round ended."""
-    if light_missing > 0:
-        stays = f"{100 * light_missing:.0f} % of the shading stays"
-        stays += ", since the emitters that were found give too little light"
+    if light_missing:
+        stays = "the shading of the round before stays, since the emitters that were found give too little light"
         return f"{stays}; later rounds are copies" if over else stays
     return "settled" if over else "not settled yet"
 

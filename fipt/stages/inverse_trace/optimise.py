@@ -5,7 +5,7 @@ everything emits a little, so that no emitter has to be known. Halfway, what emi
 """
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from scipy.special import expit, logit
@@ -51,23 +51,34 @@ class PartOptimiser:
     """The values of G groups, as they are optimised and as the tracer takes them."""
 
     def __init__(self, count: int, level: float) -> None:
-        shapes: dict[str, tuple[int, ...]] = {"base_color": (count, 3), "roughness": (count,), "metallic": (count,)}
-        start = {name: np.full(shapes[name], float(logit(_START[name]))) for name in _START}
-        start["emission"] = np.full((count, 3), np.log(_FIRST_EMISSION * level))
-        self._adam = Adam(start)
+        self._adam = Adam(self._start(count, level))
         self.emits = np.ones(count, bool)
 
+    def _start(self, count: int, level: float) -> dict[str, np.ndarray]:
+        shapes: dict[str, tuple[int, ...]] = {"base_color": (count, 3), "roughness": (count,), "metallic": (count,)}
+        start = {name: np.full(shapes[name], float(logit(_START[name]))) for name in _START}
+        return start | {"emission": np.full((count, 3), np.log(_FIRST_EMISSION * level))}
+
     def values(self) -> dict[str, np.ndarray]:
-        """Base colour (G, 3), roughness and metallic (G,), emission (G, 3)."""
-        found = {name: expit(value) for name, value in self._adam.values.items() if name != "emission"}
-        found["roughness"] = np.maximum(found["roughness"], ROUGHNESS_MIN)
+        """Base colour (R, 3), roughness and metallic (R,) of rows, which are the groups here; emission (G, 3)."""
+        found = self._materials()
         found["emission"] = np.where(self.emits[:, None], np.exp(self._adam.values["emission"]), 0.0)
         return found
+
+    def _materials(self) -> dict[str, np.ndarray]:
+        found = {name: expit(value) for name, value in self._adam.values.items() if name != "emission"}
+        found["roughness"] = np.maximum(found["roughness"], ROUGHNESS_MIN)
+        return found
+
+    def _slopes(self, slopes: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Derivatives by what is optimised, from those by the arguments of the logistic functions, row by row."""
+        return dict(slopes)
 
     def step(self, gradient: Mapping[str, np.ndarray], settings: InverseTraceSettings, done: float) -> None:
         """One step, by the gradient with respect to `values`; ``done`` is the share of steps that are done."""
         now = self.values()
         slopes = {name: gradient[name] * now[name] * (1 - now[name]) for name in gradient if name != "emission"}
+        slopes = self._slopes(slopes)
         slopes["emission"] = gradient["emission"] * now["emission"]
         fading = _DECAY ** max(2 * done - 1, 0)
         material, emission = settings.learning_rate * fading, settings.emission_rate * fading
@@ -76,9 +87,13 @@ class PartOptimiser:
 
 
 def optimise(
-    scene: ReplayScene, pixels: TrainingPixels, seen: np.ndarray, settings: InverseTraceSettings
+    scene: ReplayScene,
+    pixels: TrainingPixels,
+    seen: np.ndarray,
+    settings: InverseTraceSettings,
+    made: Callable[[int, float], PartOptimiser] = PartOptimiser,
 ) -> PartOptimiser:
-    """Fit the values of all groups to the pixels.
+    """Fit the values of all groups, or texels, to the pixels.
 
     Parameters
     ----------
@@ -86,9 +101,11 @@ def optimise(
         Whose groups they are.
     seen
         (G,) median radiance that pixels show of each group; 0 where none does.
+    made
+        Makes what is optimised, of the number of groups and the median radiance.
     """
     rng = np.random.default_rng(settings.seed)
-    found = PartOptimiser(scene.count, max(float(np.median(pixels.radiance)), 1e-6))
+    found = made(scene.count, max(float(np.median(pixels.radiance)), 1e-6))
     with progress("inverse trace", settings.steps, " steps") as bar:
         for step in range(settings.steps):
             if step == settings.steps // 2:

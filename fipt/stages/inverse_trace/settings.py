@@ -6,12 +6,14 @@ from fipt.settings import Count, Positive, Settings
 
 
 class InverseTraceSettings(Settings):
-    """One material and one radiance a part, optimised through the path tracer: a method for comparisons."""
+    """One radiance a part, a material a part or texel, optimised through the path tracer: a method for comparisons."""
 
-    steps: Positive = Field(default=400, description="steps of Adam")
-    pixels: Positive = Field(default=2048, description="pixels in a step")
-    spp: Positive = Field(default=8, description="paths per pixel, as many again for the gradient")
+    steps: Positive = Field(default=300, description="steps of Adam")
+    pixels: Positive = Field(default=1024, description="pixels in a step")
+    spp: Positive = Field(default=4, description="paths per pixel, as many again for the gradient")
     max_depth: Positive = Field(default=5, description="longest path, bounces")
     learning_rate: float = Field(default=0.05, gt=0, description="of materials, before the logistic function")
     emission_rate: float = Field(default=0.25, gt=0, description="of the logarithm of emitted radiance")
+    texels: float = Field(default=0.0, ge=0, le=1000, description="a metre has so many texels; 0: one material a part")
+    smoothness: float = Field(default=0.3, ge=0, description="weight of the differences of neighbouring texels")
     seed: Count = Field(default=0, description="seed of the random numbers")

@@ -7,8 +7,9 @@ import numpy as np
 
 from fipt.conventions import EMITTER_GAIN
 from fipt.model.reflectance import exceeds_reflection
+from fipt.scene.environment import covered_share
 from fipt.scene.observed import ObservedShard, filled_by_one
-from fipt.scene.samples import segments_of_triangles
+from fipt.scene.samples import segments_of_triangles, strided
 
 _MOST = 400_000
 """Pixels used at most: the material of a region does not need more."""
@@ -59,22 +60,33 @@ def region_pixels(shards: Sequence[ObservedShard], regions: Sequence[np.ndarray]
     """
     step = max(sum(len(each) for each in regions) // _MOST, 1)
     _, of_triangle = segments_of_triangles([shard.samples for shard in shards], regions)
-    found = [_of_shard(shard, own, of_triangle, step) for shard, own in zip(shards, regions, strict=True)]
+    usable = [_usable(shard) for shard in shards]
+    rows = strided(map(len, usable), step)
+    chosen = [pixel[own] for pixel, own in zip(usable, rows, strict=True)]
+    found = [
+        _of_shard(shard, own, of_triangle, pixel) for shard, own, pixel in zip(shards, regions, chosen, strict=True)
+    ]
     return RegionPixels(*map(np.concatenate, zip(*found, strict=True)))
 
 
-def _of_shard(shard: ObservedShard, region: np.ndarray, of_triangle: np.ndarray, step: int) -> tuple[np.ndarray, ...]:
-    """Every ``step``-th pixel of a shard: the arrays of `RegionPixels`."""
+def _usable(shard: ObservedShard) -> np.ndarray:
+    """Pixels (N,) of a shard that surface fills, neither invalid nor clipped."""
+    covered = np.concatenate([covered_share(shard.samples, index) for index in range(len(shard.samples.views))])
+    return np.flatnonzero((covered > _WHOLE) & (shard.weight > _WHOLE) & ~shard.clipped)
+
+
+def _of_shard(
+    shard: ObservedShard, region: np.ndarray, of_triangle: np.ndarray, chosen: np.ndarray
+) -> tuple[np.ndarray, ...]:
+    """The arrays of `RegionPixels` of ``chosen`` pixels (N,) of a shard."""
     samples, offsets = shard.samples, np.asarray(shard.samples.offsets)
-    covered = np.diff(np.concatenate([[0.0], np.cumsum(samples.weight, dtype=np.float64)])[offsets])
-    usable = (covered > _WHOLE) & (shard.weight > _WHOLE) & ~shard.clipped
 
     def region_of(pixel: np.ndarray, sample: np.ndarray) -> np.ndarray:
         """An id map knows pixel centres only; beside them, a triangle is of the region that most centres give it."""
         center = (offsets[pixel] == sample) & (np.asarray(samples.center[pixel]) > 0)
         return np.where(center, region[pixel], of_triangle[np.asarray(samples.triangle[sample])]).astype(np.int64)
 
-    pixel, first, own, shading = filled_by_one(samples, shard.shading, np.flatnonzero(usable)[::step], region_of)
+    pixel, first, own, shading = filled_by_one(samples, shard.shading, chosen, region_of)
     radiance = np.asarray(shard.radiance[pixel], np.float32)
     keep = ~exceeds_reflection(radiance, shading, EMITTER_GAIN) & (own > 0)
     arrays = (radiance, shading, samples.position[first], samples.normal[first], own, samples.triangle[first])

@@ -14,13 +14,12 @@ from fipt.render.points import Points, shade_in_chunks, view_points
 from fipt.render.tracer import Shader
 from fipt.scene.dataset import Dataset
 from fipt.scene.samples import FootprintSamples
-from fipt.scene.settled import ShadingChange, write_change
 from fipt.scene.shading import Shading, save_shading
 from fipt.settings import dumped
 from fipt.stages.shade.settings import BakeSettings, RefineSettings
 
 _LEVELS = len(ROUGHNESS_LEVELS)
-HOLDS = r"\w+\.npy|\w+\.json"
+HOLDS = r"\w+\.(npy|npz|json)"
 """Names in a folder of shading, as a regular expression."""
 _BYTES_A_SAMPLE = 2000
 """Of memory, for each sample of the largest view: measured 1470 to 1700 in bake, 1810 in refine."""
@@ -73,18 +72,18 @@ def write_shading(
     samples: FootprintSamples,
     settings: BakeSettings | RefineSettings,
     out: Path,
-    finish: Callable[[Shading], ShadingChange] | None = None,
+    compare: Callable[[Shading, Path], None] | None = None,
 ) -> Stats:
     """Shade all samples of a shard and write ``out``/shading.npy and the manifest beside ``out``; return figures.
 
-    ``finish`` may change the shading before it is stored; what it says of that is written beside it.
+    ``compare`` is given the shading and the folder in which it is stored: it may write more there.
     """
     stats: Stats = {}
     shading = Shading.empty(len(samples.position))
     parts = [samples.of_view(index) for index in range(len(samples.views))]
     needed = _BYTES_A_SAMPLE * max((own.stop - own.start for own in parts), default=0) + shading.nbytes
     check_memory(needed, f"the {stage} shading", "use smaller images, or a smaller samples.grid or views_per_shard")
-    check_disk(out.parent, shading.nbytes, f"the {stage} shading")
+    check_disk(out.parent, (1 if compare is None else 2) * shading.nbytes, f"the {stage} shading")
     paths = sum(sum(counts) for counts, _ in sampling_plan(settings))
     with progress(stage, len(samples.position) * paths, " paths") as bar:
         for index, view in enumerate(samples.views):
@@ -102,12 +101,10 @@ def write_shading(
             assert np.isfinite(values).all(), f"{stage}: NaN in the shading of {view}"
             shading[samples.of_view(index)] = values
     stats["bytes_per_pixel"] = shading.nbytes / max(samples.first_pixels[-1], 1)
-    change = None if finish is None else finish(shading)
     with atomic_folder(out, HOLDS) as folder:
         save_shading(folder, shading)
-        if change is not None:
-            write_change(folder, change)
-            stats |= change.figures
+        if compare is not None:
+            compare(shading, folder)
         manifest_beside(out).unlink(missing_ok=True)  # it must not vouch for, or against, what is being exchanged
     write_shading_manifest(stage, out, settings)
     return stats

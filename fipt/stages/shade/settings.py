@@ -8,7 +8,11 @@ from fipt.settings import Count, Fraction, Positive, Settings
 
 
 class BakeSettings(Settings):
-    """Shading of round 0, read from the cache."""
+    """Shading of round 0, read from the cache, or path traced in the true room."""
+
+    truth: bool = Field(
+        default=False, description="path trace it with true materials and emitters: a bound for comparisons"
+    )
 
     sampling: Literal["shared", "separate"] = Field(
         default="shared", description="one ray set for all shading outputs, or one lobe at a time as the paper"

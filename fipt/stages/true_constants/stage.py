@@ -25,10 +25,10 @@ def run(inputs: TrueConstantsInputs, settings: "TrueConstantsSettings") -> dict[
     """Average the true materials of every part: a bound for comparisons, which no method can know."""
     from fipt.model.parts import part_labels, part_segments
     from fipt.model.store import save_parts
+    from fipt.model.truth import mean_materials, true_emitters, true_pixels
     from fipt.scene.dataset import Dataset
     from fipt.scene.emitters import write_emitters
     from fipt.scene.samples import read_samples
-    from fipt.stages.true_constants.means import mean_materials, true_emitters, true_pixels
 
     data = Dataset(inputs.dataset, inputs.segments)
     mesh, shards = data.mesh(), [read_samples(folder) for folder in inputs.samples]

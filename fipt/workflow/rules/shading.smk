@@ -17,6 +17,8 @@ rule bake:
         samples=own("results/{scene}/samples/{shard}.manifest.json"),
         cache=own("results/{scene}/cache.npz"),
         environment=own("results/{scene}/environment.npz"),
+        true_samples=ask("true_samples"),
+        true_images=ask("true_images"),
     output:
         shading=directory("results/{scene}/round-0/shading/{shard}"),
         manifest="results/{scene}/round-0/shading/{shard}.manifest.json",
@@ -33,11 +35,12 @@ rule bake:
     params:
         dataset=folder("results/{scene}/dataset"),
         samples=folders_of("samples"),
+        true_samples=folders_of("true_samples", "--true-samples"),
         settings=settings("bake"),
         version=VERSIONS["bake"],
     shell:
         "fipt bake --dataset {params.dataset:q} --samples {params.samples:q} --cache {input.cache:q}"
-        " --environment {input.environment:q} --out {output.shading:q}"
+        " --environment {input.environment:q} {params.true_samples:q} --out {output.shading:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
 
 

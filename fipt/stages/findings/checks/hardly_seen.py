@@ -63,7 +63,7 @@ def seen_counts(
 ) -> list[tuple[str, np.ndarray, tuple[int, int]]]:
     """For each wanted view: its name, the training views that see each pixel whose centre hits, shard and number."""
     center, side = scene_box([*train, *wanted])
-    footprint = np.mean([float(np.mean(shard.footprint)) for shard in train])
+    footprint = np.mean(np.concatenate([shard.footprint for shard in train]), dtype=np.float64)
     resolution = int(np.clip(side / (_PIXELS * footprint), 8, _MOST))
 
     def cells(samples: FootprintSamples, index: int) -> np.ndarray:

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from fipt.scene.findings import Measure, RoomFinding
+from fipt.scene.samples import strided
 from fipt.scene.settled import RoundState
 from fipt.scene.voxels import FACINGS, facings, voxel_keys
 from fipt.stages.findings.drawing import plan
@@ -98,10 +99,13 @@ def remaining(rounds: Sequence[RoundState]) -> float:
 
 def changes(room: JudgedRoom) -> tuple[np.ndarray, np.ndarray]:
     """Place (C, 3) and median logarithm (C,) of the ratio of the last two rounds' Ld, for cells of the surface."""
-    position = np.concatenate([np.asarray(shard.samples.position[::_STRIDE]) for shard in room.shards])
-    normal = np.concatenate([np.asarray(shard.samples.normal[::_STRIDE]) for shard in room.shards])
+    rows = strided((len(shard.samples.position) for shard in room.shards), _STRIDE)
+    position, normal = (
+        np.concatenate([getattr(shard.samples, name)[own] for shard, own in zip(room.shards, rows, strict=True)])
+        for name in ("position", "normal")
+    )
     now, before = (
-        np.concatenate([shading[::_STRIDE][:, 0].mean(axis=1) for shading in rounds])
+        np.concatenate([shading[own][:, 0].mean(axis=1) for shading, own in zip(rounds, rows, strict=True)])
         for rounds in ([shard.shading for shard in room.shards], room.earlier or [])
     )
     if not len(position):

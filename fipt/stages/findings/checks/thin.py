@@ -7,6 +7,7 @@ import numpy as np
 
 from fipt.scene.findings import Measure, RoomFinding
 from fipt.scene.mesh import connected_parts
+from fipt.scene.samples import summed_by
 from fipt.stages.findings.checks.brightness import drawn
 from fipt.stages.findings.notes import Notes
 from fipt.stages.findings.room import JudgedRoom
@@ -46,10 +47,9 @@ def check(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:
 def thin_share(room: JudgedRoom) -> tuple[float, np.ndarray]:
     """Share of the surface shown, and (T,) bool: triangles of parts that never fill a pixel."""
     part = connected_parts(room.mesh)
-    total, alone = np.zeros((2, int(part.max()) + 1))
-    for shard in room.shards:
-        own, weight = part[np.asarray(shard.samples.triangle)], np.asarray(shard.samples.weight)
-        total += np.bincount(own, weight, len(total))
+    seen = [(part[np.asarray(shard.samples.triangle)], np.asarray(shard.samples.weight)) for shard in room.shards]
+    total, alone = summed_by(seen, int(part.max()) + 1), np.zeros(int(part.max()) + 1)
+    for own, weight in seen:
         np.maximum.at(alone, own, weight)
     thin = (total > 0) & (alone < _ALONE)
     return float(total[thin].sum() / max(total.sum(), 1e-9)), thin[part]

@@ -79,14 +79,20 @@ def test_who_knows_the_truth_is_not_ranked():
 
 def test_the_table_for_people_and_for_spreadsheets():
     runs = [method(20.0), method(20.6, seed=1), method(22.0, id="a", label="A", not_estimated=["metallic"])]
-    table = comparison(runs, {"b": "needs segment ids, and the scene has none"})
+    table = comparison(runs, {"b": "needs segment ids, and the scene has none"}, {"a.seed-1": "fit: no room"})
     assert table["columns"][0]["text"] == "what kd means"
     text = as_markdown(table)
     assert "| This program | 20.3 (0.6) | – |" in text  # noqa: RUF001
     assert "| A | **22.0** |" in text
-    assert "`b` is not applicable: needs segment ids" in text
+    assert "| `b` | not applicable: needs segment ids" in text
+    assert "| `a.seed-1` | failed: fit: no room |" in text
+    assert (
+        len({line.replace("\\|", "").count("|") for line in text.split("##")[0].splitlines() if line.startswith("|")})
+        == 1
+    )
     rows = list(csv.DictReader(io.StringIO(as_csv(table))))
-    assert [row["method"] for row in rows] == ["fipt", "a"]
+    assert [row["method"] for row in rows] == ["fipt", "a", "b", "a.seed-1"]
+    assert rows[3]["absent"] == "failed: fit: no room"
     assert (rows[0]["kd_psnr"], rows[0]["kd_psnr_spread"], rows[1]["kd_psnr_spread"]) == ("20.3", "0.6", "")
     assert rows[1]["metallic_l1"] == ""
     assert rows[0]["relit_night"] == "35"
@@ -99,9 +105,25 @@ def test_the_verbs_write_their_files(tmp_path):
     options = ["--metrics", str(tmp_path / "metrics.json"), "--jobs", str(tmp_path / "fit.json"), "--out", str(out)]
     assert main(["score", "--card", json.dumps(CARD), *options]) == 0
     table = tmp_path / "compare" / "table.json"
-    assert main(["compare", "--methods", str(out), "--not-applicable", "b=no, truth", "--out", str(table)]) == 0
+    assert (
+        main(
+            [
+                "compare",
+                "--methods",
+                str(out),
+                "--not-applicable",
+                "b=no, truth",
+                "--failed",
+                "c=x=y",
+                "--out",
+                str(table),
+            ]
+        )
+        == 0
+    )
     found = json.loads(table.read_text())
     assert found["not_applicable"] == {"b": "no, truth"}
+    assert found["failed"] == {"c": "x=y"}
     assert found["methods"][0]["figures"]["kd_psnr"]["mean"] == 20.0
     assert table.with_suffix(".md").is_file()
     assert table.with_suffix(".csv").is_file()
@@ -121,9 +143,14 @@ def test_the_mean_over_rooms_is_of_what_every_room_has():
     assert rows["b"]["figures"]["kd_psnr"]["first"]  # 0.3 dB behind, below the spread of the other
     assert rows["fipt"]["figures"]["relit"]["mean"] == 35.0
     assert rows["b"]["figures"]["metallic_l1"]["mean"] == 0.0
-    assert found["mean"]["not_applicable"] == {"c": "in b: needs truth"}
+    assert found["mean"]["not_applicable"] == {"c": "in b: not applicable: needs truth"}
     cells = list(csv.DictReader(io.StringIO(rooms_as_csv(found))))
-    assert [(row["room"], row["method"]) for row in cells[:3]] == [("mean", "fipt"), ("mean", "b"), ("a", "fipt")]
+    assert [(row["room"], row["method"]) for row in cells[:4]] == [
+        ("mean", "fipt"),
+        ("mean", "b"),
+        ("mean", "c"),
+        ("a", "fipt"),
+    ]
     assert cells[0]["relit_night"] == ""
     page = build_rooms(found)
     assert "../b/compare.html" in page

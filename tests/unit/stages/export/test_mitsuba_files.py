@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import xml.etree.ElementTree as ET
 from dataclasses import replace
 
 import numpy as np
@@ -121,6 +122,16 @@ def test_both_ways_show_the_same_room(tmp_path):
         for other in (b, c):
             assert ((display(a) - display(other)) ** 2).mean() < 2e-3
             assert ((display(a) - display(other[:, ::-1])) ** 2).mean() > 6e-3
+
+
+def test_shapes_keep_the_order_of_the_file(tmp_path):
+    """Else every check of an export would have other noise."""
+    from fipt.render.exported import load_scene_file
+
+    path = write(tmp_path, assets.room(walls=4)) / "scene.xml"
+    written = [shape.get("id") for shape in ET.parse(path).getroot().findall("shape")]
+    assert len(written) > 2
+    assert [shape.id() for shape in load_scene_file(path).shapes()] == written
 
 
 def test_what_lamps_and_the_outside_show_themselves_has_no_noise(tmp_path):

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from fipt.meshing.atlas import texels, unwrap
 from fipt.model.networks import Brdf, SceneBox
 from fipt.scene.confidence import Confidence
 from fipt.scene.emitters import Emitters, default_name
 from fipt.scene.environment import NOTHING, EnvironmentMap, texel_directions
-from fipt.stages.export.atlas import texels, unwrap
 from fipt.stages.export.cameras import write_colmap
 from fipt.stages.export.room import mesh_name, room_asset, upright
 from fipt.stages.export.textures import confidence_texture, coverage, emission_texture, surface_brdf, surface_textures

@@ -4,15 +4,17 @@ import json
 
 import pytest
 
-from fipt.scene.settled import RoundState, ShadingChange, read_state, write_change, write_state
+from fipt.scene.change import ShadingChange
+from fipt.scene.settled import RoundState, read_state, write_state
+from fipt.stages.fit import settling
 from tests.fitted import FIT, SHADING, call
 
 FEW_STEPS = FIT | {"steps": 2}
 
 
-def later(work, number, change, noise=0.05):
-    """Fit round ``number`` of a loop whose shading changed so much."""
-    write_change(work / SHADING, ShadingChange(change, noise, 0.3, 500))
+def later(work, monkeypatch, number, found):
+    """Fit round ``number`` of a loop whose shading changed so."""
+    monkeypatch.setattr(settling, "read_change", lambda folders: found)
     folder = work / f"round-{number}"
     write_state(work / "before.json", RoundState(number - 1))
     options = ("--previous", work / "round-0/model.safetensors", "--settled", work / "before.json")
@@ -27,26 +29,21 @@ def test_the_first_round_has_not_settled(scene):
 @pytest.mark.parametrize(
     ("number", "change", "settled"), [(1, 0.01, None), (2, 0.06, None), (2, 0.04, 2), (3, 0.04, 3)]
 )
-def test_settled_where_noise_is_more_than_the_change(work, capsys, number, change, settled):
-    state = later(work, number, change)
+def test_settled_where_noise_is_more_than_the_change(work, monkeypatch, capsys, number, change, settled):
+    state = later(work, monkeypatch, number, ShadingChange(change, 0.05, 0.3))
     assert (state.round, state.settled) == (number, settled)
-    assert (state.change, state.noise) == (change, 0.05)
+    assert (state.change, state.noise, state.kept) == (change, 0.05, 0.3)
     assert state.kd_change > 0
     said = capsys.readouterr().err
     assert f"round {number}: shading changed by {100 * change:.1f} % (noise 5.0 %), kd by" in said
     assert said.count("not settled yet") == (settled is None)
 
 
-def test_a_round_that_found_light_missing_does_not_call_itself_settled(work, capsys):
-    write_change(work / SHADING, ShadingChange(0.9, 0.05, 1.0, 500, light_missing=1.0))
-    write_state(work / "before.json", RoundState(1))
-    folder = work / "round-2"
-    options = ("--previous", work / "round-0/model.safetensors", "--settled", work / "before.json")
-    assert call("fit", work, *options, "--out", folder / "model.safetensors", settings=FEW_STEPS) == 0
-    state = read_state(folder / "settled.json")
-    assert (state.settled, state.light_missing) == (2, 1.0)
+def test_a_round_that_found_light_missing_does_not_call_itself_settled(work, monkeypatch, capsys):
+    state = later(work, monkeypatch, 2, ShadingChange(0.9, 0.05, 1.0, light_missing=True))
+    assert (state.settled, state.light_missing, state.kept) == (2, 1.0, 1.0)
     said = capsys.readouterr().err
-    assert "100 % of the shading stays, since the emitters that were found give too little light" in said
+    assert "the shading of the round before stays, since the emitters that were found give too little light" in said
     assert "settled" not in said.replace("settled.json", "")
 
 

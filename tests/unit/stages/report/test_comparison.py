@@ -38,13 +38,18 @@ def page(tmp_path):
         row("<b>", 20.2, spread=0.1, kind="ablation"),
         row("bound", 40.0, kind="bound", oracle=["true materials"]),
     ]
-    table = {"columns": [COLUMN], "methods": methods, "not_applicable": {"c": "needs <truth>"}}
+    table = {
+        "columns": [COLUMN],
+        "methods": methods,
+        "not_applicable": {"c": "needs <truth>"},
+        "failed": {"d": "fit: no <room>"},
+    }
     return Page(build_comparison(results, table, 2, 64))
 
 
 def test_who_is_first_is_said(page):
     assert "M a: 22.0 Next: M <b>, 20.2. M fipt: 20.0." in page.words
-    assert "c : needs <truth>." in page.words
+    assert "c not applicable: needs <truth> d failed: fit: no <room>" in page.words
 
 
 def test_changes_below_the_spread_are_grey(page):

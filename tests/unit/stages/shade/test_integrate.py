@@ -137,13 +137,14 @@ def test_a_shard_is_written_with_its_manifest(integrate, shard, tmp_path):
 
 
 def test_values_too_large_and_below_zero_are_clipped(integrate, shard, tmp_path):
-    def change(shading):
-        values = shading[:]
-        values[..., 1], values[..., 2] = 1e9, -1.0
-        shading[:] = values
+    class Extreme(Constant):
+        def shade(self, *asked):
+            values = super().shade(*asked)
+            values[..., 1], values[..., 2] = 1e9, -1.0
+            return values
 
     out = tmp_path / "train-000"
-    integrate.write_shading("bake", Constant(), *shard, FEW.model_copy(update={"denoise": False}), out, change)
+    integrate.write_shading("bake", Extreme(), *shard, FEW.model_copy(update={"denoise": False}), out)
     shading = read_shading(out)[:]
     assert np.isfinite(shading).all()
     assert shading.min() == 0
@@ -164,7 +165,7 @@ def test_a_bake_that_fails_leaves_the_old_one(integrate, shard, tmp_path):
     integrate.write_shading("bake", Constant(), *shard, settings, out)
     before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
 
-    def fail(shading):
+    def fail(shading, folder):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):

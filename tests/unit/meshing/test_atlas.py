@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from fipt.errors import FiptError
+from fipt.meshing.atlas import filled, nearest_weights, texels, unwrap
 from fipt.scene.mesh import connected_parts
-from fipt.stages.export.atlas import filled, nearest_weights, texels, unwrap
 from tests import planted, scenes
 
 
@@ -117,7 +117,7 @@ def test_the_resolution_has_a_limit(room):
 
 
 def test_unknown_texels_repeat_the_nearest():
-    from fipt.stages.export.atlas import AtlasTexels
+    from fipt.meshing.atlas import AtlasTexels
 
     known = AtlasTexels(np.array([5, 10]), np.array([0, 1]), np.eye(3, dtype=np.float32)[:2])
     texture = filled(np.array([7.0, 9.0]), known, 4, 4)  # (1, 1) and (2, 2)
@@ -129,13 +129,13 @@ def test_unknown_texels_repeat_the_nearest():
 @pytest.mark.parametrize(("failure", "fate"), [("hang", "did not end within 5 s"), ("crash", "SIGSEGV")])
 def test_a_hang_and_a_crash_of_xatlas_are_survived_and_told(room, tmp_path, monkeypatch, caplog, failure, fate):
     mesh, expected = room
-    monkeypatch.setattr("fipt.stages.export.atlas.time_limit", lambda triangles: 5)
+    monkeypatch.setattr("fipt.meshing.atlas.time_limit", lambda triangles: 5)
     monkeypatch.syspath_prepend(planted.plant_xatlas(tmp_path, failure, failures=1))
     atlas = unwrap(mesh, connected_parts(mesh), 40.0, 2, 4096)
     np.testing.assert_array_equal(atlas.uv, expected.uv)
     assert planted.attempts(tmp_path) == 2
     [told] = caplog.messages
-    assert told.startswith("fipt.stages.export.unwrap:lay_out")
+    assert told.startswith("fipt.meshing.unwrap:lay_out")
     assert fate in told
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from fipt.errors import FiptError
 from fipt.model.parts import PartLabels
-from fipt.stages.true_constants.means import mean_materials, true_emitters, true_pixels
+from fipt.model.truth import mean_materials, true_emitters, true_materials, true_pixels
 from tests import scenes
 
 
@@ -51,3 +51,15 @@ def test_a_missing_layer_is_named():
     del layers["base_color"]
     with pytest.raises(FiptError, match="it lacks base_color; compare without"):
         pixels(layers)
+
+
+def test_a_place_has_the_material_of_the_nearest_pixel_that_does_not_emit():
+    samples = scenes.samples_of(
+        np.arange(15.0).reshape(5, 3), [0, 0, 1, 1, 2], counts=[1, 1, 1, 1, 1, 0], shapes=[(2, 3)]
+    )
+    found = true_pixels(SimpleNamespace(truth=lambda view: truth()), [samples])
+    model = true_materials(scenes.box((0, 0, 0), (1, 1, 1)), found)
+    brdf = model.query(samples.position + np.float32(0.1), triangle=np.arange(5))
+    base = truth()["base_color"].reshape(-1, 3)
+    np.testing.assert_allclose(brdf.base_color, base[[0, 1, 2, 3, 3]])
+    assert brdf.roughness[0] == pytest.approx(0.2)

@@ -1,4 +1,4 @@
-"""True means: the material of every part, and the radiance of every triangle that emits."""
+"""Truth as a model: the material of every part or place, and the radiance of every triangle that emits. For bounds."""
 
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -14,10 +14,12 @@ from fipt.scene.mesh import Mesh, connected_parts
 from fipt.scene.samples import FootprintSamples
 
 _LAYERS = ("base_color", "roughness", "metallic", "emission")
+_PLACES = 400_000
+"""Places whose true material is kept, spread over all pixels."""
 
 
 def true_pixels(data: Dataset, shards: Sequence[FootprintSamples]) -> dict[str, np.ndarray]:
-    """``triangle`` (N,) and truth, (N, 3) or (N,), of pixels whose centre hits the mesh, of all views together.
+    """``triangle`` (N,), ``place`` (N, 3) and truth of pixels whose centre hits the mesh, of all views together.
 
     Raises
     ------
@@ -25,13 +27,13 @@ def true_pixels(data: Dataset, shards: Sequence[FootprintSamples]) -> dict[str, 
         If a view has no truth, or lacks a layer.
     """
     found = list(_of_views(data, shards))
-    return {name: np.concatenate([view[name] for view in found]) for name in (*_LAYERS, "triangle")}
+    return {name: np.concatenate([view[name] for view in found]) for name in (*_LAYERS, "triangle", "place")}
 
 
 def _of_views(data: Dataset, shards: Sequence[FootprintSamples]) -> Iterator[Mapping[str, np.ndarray]]:
     for shard in shards:
         pixel, sample = centre_samples(shard)
-        triangle = np.asarray(shard.triangle)[sample].astype(np.int64)
+        triangle, place = np.asarray(shard.triangle)[sample].astype(np.int64), np.asarray(shard.position)[sample]
         for index, view in enumerate(shard.views):
             truth = data.truth(view) or {}
             missing = [name for name in _LAYERS if name not in truth]
@@ -39,13 +41,14 @@ def _of_views(data: Dataset, shards: Sequence[FootprintSamples]) -> Iterator[Map
                 raise FiptError(
                     f"the truth of {view} must have base colour, roughness, metallic and emission; it lacks "
                     f"{', '.join(missing)}",
-                    "compare without the method bound-constants",
+                    "compare without bounds, which need the truth",
                 )
             span = shard.pixels(index)
             own = (pixel >= span.start) & (pixel < span.stop)
             layers = {name: truth[name].reshape(span.stop - span.start, *truth[name].shape[2:]) for name in _LAYERS}
             yield {name: values[pixel[own] - span.start] for name, values in layers.items()} | {
-                "triangle": triangle[own]
+                "triangle": triangle[own],
+                "place": place[own],
             }
 
 
@@ -57,6 +60,17 @@ def mean_materials(labels: PartLabels, pixels: Mapping[str, np.ndarray]) -> Part
         _means(pixels[name][reflects], part, int(labels.of_triangle.max(initial=0)) + 1)
         for name in ("base_color", "roughness", "metallic")
     )
+    return PartMaterials(labels, Brdf(base, roughness.clip(ROUGHNESS_MIN, 1), metallic))
+
+
+def true_materials(mesh: Mesh, pixels: Mapping[str, np.ndarray]) -> PartMaterials:
+    """A model that has at every place the true material of the nearest pixel that does not emit."""
+    reflects = np.flatnonzero(pixels["emission"].max(axis=1) <= 0)
+    own = reflects[np.linspace(0, len(reflects) - 1, min(len(reflects), _PLACES)).astype(np.int64)]
+    place, rows = pixels["place"][own].astype(np.float32), np.arange(1, len(own) + 1, dtype=np.int32)
+    labels = PartLabels(np.zeros(len(mesh.triangles), np.int32), place, rows)
+    values = (pixels[name][own].astype(np.float32) for name in ("base_color", "roughness", "metallic"))
+    base, roughness, metallic = (np.concatenate([each[:1], each]) for each in values)  # row 0: nothing is known
     return PartMaterials(labels, Brdf(base, roughness.clip(ROUGHNESS_MIN, 1), metallic))
 
 

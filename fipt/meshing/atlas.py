@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from fipt.child import run_in_child
+from fipt.meshing.unwrap import lay_out
 from fipt.progress import progress
 from fipt.scene.mesh import Mesh
-from fipt.stages.export.unwrap import lay_out
 
 _REACH = 1.0
 """Texels so far outside a triangle take their value from its edge: what bilinear lookups at the edge read."""
