@@ -211,7 +211,7 @@ class SceneMethods:
         if "truth" in card.needs and not self._scene.source.has_truth:
             return "needs true materials, and the scene has none"
         if card.rounds is not None and card.rounds > self._scene.rounds:
-            return f"needs {card.rounds} rounds, and the scene has {self._scene.rounds}"
+            return f"needs round {card.rounds}, and the last of the scene is {self._scene.rounds}"
         own = self.run(name)
         if card.estimator == "imported" and not own.results_of_others():
             return f"there are no outputs of this scene in {own.settings['import_results'].path}"
