@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.scaling import call, halved
-from benchmarks.segmentation import degraded, renumbered
+from fipt.stages.segment.degraded import degraded, renumbered
 
 SIZE = (640, 320)
 

@@ -16,9 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.segmentation import degraded, renumbered
 from fipt.formats.images import write_png
 from fipt.scene.dataset import Dataset
+from fipt.stages.segment.degraded import degraded, renumbered
 
 COLUMNS = {
     "roughness_l1": "roughness L1",

@@ -15,14 +15,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
 from scipy.optimize import linear_sum_assignment
-from scipy.special import ndtr
 
 from fipt.formats.images import read_ids
 from fipt.scene.dataset import Dataset
 from fipt.scene.fusion import read_fusion
 from fipt.scene.segments import write_view_ids
+from fipt.stages.segment.degraded import degraded, renumbered
 from fipt.stages.segment.settings import FuseSettings
 
 PLAIN = FuseSettings(
@@ -38,27 +37,6 @@ class Score:
     pixels: float
     surface: float
     segments: int
-
-
-def degraded(ids: np.ndarray, rng: np.random.Generator, noise: float = 0.15, shift: float = 3.0) -> np.ndarray:
-    """Ids (H, W) with edges moved by up to ``shift`` pixels and a share ``noise`` of pixels of random segments.
-
-    The shift is smooth over about 10 pixels; along each axis it is spread evenly from -``shift`` to ``shift``.
-    """
-    field = gaussian_filter(rng.normal(size=(2, *ids.shape)), (0, 4, 4))
-    field = shift * (2 * ndtr(field / field.std()) - 1)
-    place = np.rint(np.mgrid[: ids.shape[0], : ids.shape[1]] + field).astype(int)
-    moved = ids[np.clip(place[0], 0, ids.shape[0] - 1), np.clip(place[1], 0, ids.shape[1] - 1)]
-    random = rng.choice(np.unique(ids[ids > 0]), ids.shape)
-    return np.where(rng.random(ids.shape) < noise, random, moved).astype(np.uint16)
-
-
-def renumbered(ids: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Ids (H, W) from 1 in random order; 0 stays."""
-    present = np.unique(ids[ids > 0])
-    table = np.zeros(int(ids.max()) + 1, np.uint16)
-    table[present] = rng.permutation(len(present)) + 1
-    return table[ids]
 
 
 def best_match(found: np.ndarray, true: np.ndarray, weight: np.ndarray | None = None) -> float:

@@ -6,13 +6,13 @@ read the table at no cost.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
 from fipt.errors import FiptError
+from fipt.strict_json import parse_json
 
 
 @dataclass(frozen=True)
@@ -301,7 +301,7 @@ def parse(section: str, text: str) -> Any:
         If it is not JSON, has unknown keys or values out of range.
     """
     try:
-        values = json.loads(text)
+        values = parse_json(text)
     except (ValueError, RecursionError) as error:
         raise FiptError(f"--settings must be JSON ({error})", "give for example '{}'") from error
     return validated(section, values)

@@ -19,7 +19,7 @@ from pydantic import Field
 from fipt.config.failed import why_failed
 from fipt.config.sections import Sections
 from fipt.errors import FiptError
-from fipt.formats.files import check_name
+from fipt.formats.files import check_distinct, check_name
 from fipt.formats.yaml import read_yaml
 from fipt.settings import Rounds, Settings, dumped
 from fipt.validation import checked
@@ -91,6 +91,7 @@ def known_methods(*others: Methods | None) -> Methods:
     found = dict(_shipped())
     for methods in others:
         found |= methods or {}
+    check_distinct(found, "methods")
     for name in found:
         check_name(name, "method")
         if _SEED.fullmatch(name):
@@ -210,7 +211,7 @@ class SceneMethods:
         if "truth" in card.needs and not self._scene.source.has_truth:
             return "needs true materials, and the scene has none"
         if card.rounds is not None and card.rounds > self._scene.rounds:
-            return f"needs {card.rounds} rounds, and the scene has {self._scene.rounds}"
+            return f"needs round {card.rounds}, and the last of the scene is {self._scene.rounds}"
         own = self.run(name)
         if card.estimator == "imported" and not own.results_of_others():
             return f"there are no outputs of this scene in {own.settings['import_results'].path}"

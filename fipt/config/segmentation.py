@@ -9,7 +9,7 @@ from fipt.config.sources.base import Place, Source
 from fipt.config.views import SceneViews
 from fipt.stages.segment.settings import GivenSegments, PredictedSegments
 
-_FUSED = ("mask2former", "given")
+_FUSED = ("mask2former", "given", "degraded")
 _REGROUPED = {
     "none": (),
     "grown": ("geometry",),
@@ -28,7 +28,7 @@ class SceneSegmentation:
 
     @cached_property
     def origin(self) -> str:
-        """``dataset``, or a mode: mask2former, given, geometry, none.
+        """``dataset``, or a mode: mask2former, given, degraded, geometry, none.
 
         Raises
         ------

@@ -15,9 +15,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from fipt.formats.files import check_memory
 from fipt.scene.observed import ObservedShard
 from fipt.scene.samples import scene_box
-from fipt.stages.segment.material_evidence import HALF, MaterialEvidence, measure
+from fipt.stages.segment.material_evidence import HALF, TRIALS, MaterialEvidence, measure
 from fipt.stages.segment.region_pixels import region_pixels
 
 _CHI_SQUARE = 7.815
@@ -51,6 +52,9 @@ def regrouped(
     part_of = np.zeros(int(present.max(initial=0)) + 1, np.uint16)
     materials = 0
     if len(known):
+        # the distance of each two regions, and what two trials leave of each; twice, since regions that join change it
+        needed = 2 * (4 * len(known) ** 2 + 8 * len(known) * len(TRIALS) ** 2)
+        check_memory(needed, "the join of segments", "raise fuse.smallest, or set regroup.ids: none")
         center, side = scene_box([shard.samples for shard in shards])
         evidence = measure(pixels, place.reshape(-1), len(known), center, side)
         label = joined(replace(evidence, products=evidence.products * alike))

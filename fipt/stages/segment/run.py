@@ -10,9 +10,10 @@ from fipt.scene.dataset import Dataset
 from fipt.scene.samples import read_samples
 from fipt.scene.segments import write_view_ids
 from fipt.settings import dumped
+from fipt.stages.segment.degraded import DegradedIds
 from fipt.stages.segment.given import GivenIds
 from fipt.stages.segment.predict import Mask2Former
-from fipt.stages.segment.settings import GivenSegments, PredictedSegments, SegmentSettings
+from fipt.stages.segment.settings import DegradedSegments, GivenSegments, PredictedSegments, SegmentSettings
 from fipt.stages.segment.stage import SegmentInputs
 
 CLASSES = "classes.json"
@@ -27,14 +28,18 @@ def segment_views(inputs: SegmentInputs, settings: SegmentSettings) -> Stats:
     FiptError
         If the mode is none that makes ids of views, or the ids cannot be had.
     """
-    if not isinstance(settings, PredictedSegments | GivenSegments):
+    if not isinstance(settings, PredictedSegments | GivenSegments | DegradedSegments):
         raise FiptError(
-            f"segment.mode must be mask2former or given, for ids of views; it is {settings.mode}", "set segment.mode"
+            f"segment.mode must be mask2former, given or degraded for ids of views; it is {settings.mode}",
+            "set segment.mode",
         )
     data, shard, out = Dataset(inputs.dataset), read_samples(inputs.samples), inputs.out
     stats: Stats = {}
     if isinstance(settings, GivenSegments):
         source = GivenIds(data, shard, settings)
+        found = source.views()
+    elif isinstance(settings, DegradedSegments):
+        source = DegradedIds(data, shard, settings)
         found = source.views()
     else:
         source = Mask2Former(settings)

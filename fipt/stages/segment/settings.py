@@ -53,6 +53,15 @@ class GivenSegments(_Segments):
     )
 
 
+class DegradedSegments(_Segments):
+    """The dataset's own, made worse in each view, then fused on the mesh: for comparisons."""
+
+    mode: Literal["degraded"] = "degraded"
+    noise: Fraction = Field(default=0.15, description="of mode `degraded`: share of pixels with any id of the view")
+    shift: Weight = Field(default=3.0, description="of mode `degraded`: edges are moved by up to so many pixels")
+    seed: Count = Field(default=0, description="of mode `degraded`: seed of the random numbers")
+
+
 class GrownSegments(_Segments):
     """Grown on the mesh."""
 
@@ -65,7 +74,7 @@ class NoSegments(_Segments):
     mode: Literal["none"] = "none"
 
 
-_AnyMode = AutoSegments | PredictedSegments | GivenSegments | GrownSegments | NoSegments
+_AnyMode = AutoSegments | PredictedSegments | GivenSegments | DegradedSegments | GrownSegments | NoSegments
 SegmentSettings = Annotated[_AnyMode, Field(discriminator="mode"), by_mode(_AnyMode)]
 
 

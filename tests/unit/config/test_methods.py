@@ -51,7 +51,7 @@ def test_methods_that_need_what_a_room_lacks_have_a_reason():
     methods = config(segment={"mode": "none"}, rounds=1, compare={"seeds": 2}).scenes["room"].methods
     reasons = methods.reasons()
     assert reasons["irradiance"] == "needs segment ids, and the scene has none"
-    assert reasons["paper"] == "needs 2 rounds, and the scene has 1"
+    assert reasons["paper"] == "needs round 2, and the last of the scene is 1"
     assert reasons["rounds-1"] == "is the scene's own run: its settings are the same"
     names = [run.name for run in methods.runs()]
     assert names[:2] == ["fipt", "fipt.seed-1"]

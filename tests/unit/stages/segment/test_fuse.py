@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_matrix
 
-from benchmarks.segmentation import PLAIN, best_match, degraded, renumbered
+from benchmarks.segmentation import PLAIN, best_match
 from fipt.errors import FiptError
 from fipt.formats.images import read_ids
 from fipt.formats.manifests import read_manifest
@@ -18,6 +18,7 @@ from fipt.scene.dataset import Dataset, write_views
 from fipt.scene.fusion import read_fusion
 from fipt.scene.mesh import write_ply
 from fipt.scene.segments import write_view_ids
+from fipt.stages.segment.degraded import degraded, renumbered
 from fipt.stages.segment.fuse import fuse_views
 from fipt.stages.segment.settings import FuseSettings
 from fipt.stages.segment.views import observe, without_speckles

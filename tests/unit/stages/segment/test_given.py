@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,8 +16,9 @@ from fipt.formats.manifests import read_manifest
 from fipt.scene.dataset import Dataset
 from fipt.scene.samples import read_samples
 from fipt.scene.segments import read_view_ids, write_view_ids
+from fipt.stages.segment.degraded import DegradedIds
 from fipt.stages.segment.given import GivenIds, class_of_ids
-from fipt.stages.segment.settings import GivenSegments, GrownSegments
+from fipt.stages.segment.settings import DegradedSegments, GivenSegments, GrownSegments
 from fipt.stages.segment.stage import SegmentInputs, run
 from tests.fake_results import write_results
 
@@ -212,7 +214,9 @@ def test_the_stage_writes_ids_names_and_warnings(room, folder):
     np.testing.assert_array_equal(ids, IDS)
     assert classes[7] == 1
     assert stats["warnings"] == ["b has no segment id at all"]
-    with pytest.raises(FiptError, match=r"segment.mode must be mask2former or given, for ids of views; it is geometry"):
+    with pytest.raises(
+        FiptError, match=r"segment.mode must be mask2former, given or degraded for ids of views; it is geometry"
+    ):
         run(inputs, GrownSegments())
 
 
@@ -276,3 +280,20 @@ def test_a_published_scene_brings_ids_or_not(tmp_path, name, mode):
         (tmp_path / split / "Image" / "000_0001.exr").touch()
     entry = {"source": "dataset", "format": "fipt-synthetic", "path": str(tmp_path)}
     assert scene(entry).segmentation.origin == mode
+
+
+def test_ids_are_made_worse_view_by_view(room):
+    """Whatever else is in the shard; a dataset without ids is refused."""
+    data, shard = Dataset(room / "dataset"), read_samples(room / "samples" / "train-000")
+    with pytest.raises(FiptError, match="has no segment ids"):
+        DegradedIds(data, shard, DegradedSegments())
+    for view in "ab":
+        write_png(room / "dataset" / "segments" / "part" / f"{view}.png", IDS)
+    found = {view: ids for view, ids, _ in DegradedIds(data, shard, DegradedSegments(noise=0, shift=0)).views()}
+    assert list(found) == ["a", "b"]
+    for ids in found.values():
+        assert ((ids == 0) == (IDS == 0)).all()
+        assert {len(np.unique(ids[value == IDS])) for value in np.unique(IDS)} == {1}
+    alone = SimpleNamespace(views=("b",))
+    again = {view: ids for view, ids, _ in DegradedIds(data, alone, DegradedSegments(noise=0, shift=0)).views()}
+    np.testing.assert_array_equal(again["b"], found["b"])
