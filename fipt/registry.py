@@ -6,13 +6,13 @@ read the table at no cost.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
 from fipt.errors import FiptError
+from fipt.strict_json import parse_json
 
 
 @dataclass(frozen=True)
@@ -46,9 +46,9 @@ SECTIONS: dict[str, Section] = {
     "environment": Section("fipt.stages.environment.settings:EnvironmentSettings", 1),
     "cache": Section("fipt.stages.cache.settings:CacheSettings", 4),
     "bake": Section("fipt.stages.shade.settings:BakeSettings", 3),
-    "regroup": Section("fipt.stages.segment.settings:RegroupSettings", 5),
+    "regroup": Section("fipt.stages.segment.settings:RegroupSettings", 6),
     "emitters": Section("fipt.stages.emitters.settings:EmittersSettings", 10),
-    "fit": Section("fipt.stages.fit.settings:FitSettings", 8),
+    "fit": Section("fipt.stages.fit.settings:FitSettings", 9),
     "irradiance": Section("fipt.stages.irradiance.settings:IrradianceSettings", 1),
     "true_constants": Section("fipt.stages.true_constants.settings:TrueConstantsSettings", 1),
     "inverse_trace": Section("fipt.stages.inverse_trace.settings:InverseTraceSettings", 1),
@@ -62,7 +62,7 @@ SECTIONS: dict[str, Section] = {
     "olat": Section("fipt.stages.render.settings:OlatSettings", 2),
     "export": Section("fipt.stages.export.settings:ExportSettings", 2),
     "metrics": Section("fipt.stages.evaluate.settings:MetricsSettings", 5),
-    "findings": Section("fipt.stages.findings.settings:FindingsSettings", 2),
+    "findings": Section("fipt.stages.findings.settings:FindingsSettings", 3),
     "report": Section("fipt.stages.report.settings:ReportSettings", 5),
     "compare": Section("fipt.stages.compare.settings:CompareSettings", 1),
     "compare_page": Section("fipt.stages.report.settings:ComparePageSettings", 1),
@@ -301,7 +301,7 @@ def parse(section: str, text: str) -> Any:
         If it is not JSON, has unknown keys or values out of range.
     """
     try:
-        values = json.loads(text)
+        values = parse_json(text)
     except (ValueError, RecursionError) as error:
         raise FiptError(f"--settings must be JSON ({error})", "give for example '{}'") from error
     return validated(section, values)

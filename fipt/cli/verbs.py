@@ -158,7 +158,9 @@ def _items(given: Sequence[str], name: str, kind: Any, _text: str, *marks: objec
     element = get_args(_list_of(kind))[0]
     texts = given if UNSPLIT in marks else [part for text in given for part in text.split(",")]
     items, option = [text for text in texts if text], "--" + name.replace("_", "-")
-    twice = next((text for number, text in enumerate(items) if text in items[:number]), None)
+    paths = element is Path  # which may be called in many ways
+    known = [str(Path(text).resolve()) for text in items] if paths else items
+    twice = next((items[number] for number, text in enumerate(known) if text in known[:number]), None)
     if twice is not None and UNSPLIT not in marks:
         raise FiptError(f"{option} names {twice} twice", "name it once")
     if not items and element is str and kind == tuple[str, ...]:

@@ -7,14 +7,14 @@ from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
 
-from fipt.config.layout import TOGETHER, Layout
+from fipt.config.layout import OF_SEVERAL, Layout
 from fipt.config.methods import OWN, MethodRun, known_methods, shared_paths
 from fipt.config.scene import SceneConfig
 from fipt.config.schema import Config, SceneEntry, source_of
 from fipt.config.sections import Sections, given, preset, resolved
 from fipt.config.sources.base import Place
 from fipt.errors import FiptError
-from fipt.formats.files import check_name
+from fipt.formats.files import check_distinct, check_name
 
 
 class SceneFamily:
@@ -34,7 +34,7 @@ class SceneFamily:
 
     def __init__(self, name: str, entry: SceneEntry, config: Config, known: dict[str, Any]) -> None:
         check_name(name, "scene")
-        if name == TOGETHER:
+        if name.lower() in OF_SEVERAL:
             raise FiptError(f"a scene must not be called {name!r}: results/{name} is of several scenes", "rename it")
         self._name, self._entry, self._config, self._known = name, entry, config, known
         self._runs: dict[str, SceneConfig] = {}
@@ -49,6 +49,7 @@ class SceneFamily:
         """The scene itself."""
         config, entry, name = self._config, self._entry, self._name
         setups = (config.setups or {}) | (entry.setups or {})
+        check_distinct(setups, "setups")
         for setup, light in setups.items():
             check_name(setup, "relight setup")
             for camera in light.cameras.names if light.cameras is not None else ():

@@ -9,6 +9,7 @@ RESULTS = "results"
 """Folder of all results, in the working directory."""
 
 TOGETHER = "compare"
+OF_SEVERAL = (TOGETHER, "index.html", "summary.tsv")
 """Folder of what is of several scenes together, in that of all results."""
 
 

@@ -19,7 +19,7 @@ from pydantic import Field
 from fipt.config.failed import why_failed
 from fipt.config.sections import Sections
 from fipt.errors import FiptError
-from fipt.formats.files import check_name
+from fipt.formats.files import check_distinct, check_name
 from fipt.formats.yaml import read_yaml
 from fipt.settings import Rounds, Settings, dumped
 from fipt.validation import checked
@@ -91,6 +91,7 @@ def known_methods(*others: Methods | None) -> Methods:
     found = dict(_shipped())
     for methods in others:
         found |= methods or {}
+    check_distinct(found, "methods")
     for name in found:
         check_name(name, "method")
         if _SEED.fullmatch(name):

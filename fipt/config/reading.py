@@ -21,6 +21,7 @@ from fipt.config.sections import given
 from fipt.config.sheet import RoomSheet, read_sheet
 from fipt.conventions import NAME_PATTERN
 from fipt.errors import FiptError
+from fipt.formats.files import check_distinct
 from fipt.formats.yaml import parse_yaml, read_yaml
 from fipt.validation import checked
 
@@ -167,7 +168,7 @@ def load(values: Mapping[str, Any]) -> Configuration:
         values = {**values, "scenes": sheet.scenes}
     refuse_renamed(values)
     config: Config = checked(Config, values)
-    _check_names(config.scenes)
+    check_distinct(config.scenes, "scenes")
     scenes: dict[str, SceneConfig] = {}
     settings: dict[str, Any] = {}
     for name, entry in config.scenes.items():
@@ -176,6 +177,8 @@ def load(values: Mapping[str, Any]) -> Configuration:
         except FiptError as error:
             raise error if sheet is None else sheet.located(name, error) from None
     only = [config.only] if isinstance(config.only, str) else config.only
+    if only == []:
+        raise FiptError("only: no scene is named", "name one, or leave the key out for all")
     for name in only or ():
         if name not in scenes:
             raise FiptError(f"only: there is no scene {name!r}", f"scenes: {shown(scenes)}")
@@ -186,15 +189,3 @@ def load(values: Mapping[str, Any]) -> Configuration:
         plain=given(config),
         sheet=sheet,
     )
-
-
-def _check_names(names: Iterable[str]) -> None:
-    """Refuse scenes whose folders would be one on disks that ignore case."""
-    known: dict[str, str] = {}
-    for name in names:
-        other = known.setdefault(name.casefold(), name)
-        if other != name:
-            raise FiptError(
-                f"scenes: {other} and {name} differ by case alone: some disks would give them one folder",
-                "rename one of them",
-            )

@@ -6,7 +6,7 @@ import os
 import re
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
@@ -234,6 +234,18 @@ def check_name(name: str, what: str) -> str:
             "use letters, digits, '_', '-' and '.', starting with a letter or digit",
         )
     return name
+
+
+def check_distinct(names: Iterable[str], what: str) -> None:
+    """Raise FiptError if names differ by case alone: their files would be one on disks that ignore case."""
+    known: dict[str, str] = {}
+    for name in names:
+        other = known.setdefault(name.casefold(), name)
+        if other != name:
+            raise FiptError(
+                f"{what}: {other} and {name} differ by case alone: some disks would give them one file or folder",
+                "rename one of them",
+            )
 
 
 def natural(name: str) -> list[tuple[int, str]]:

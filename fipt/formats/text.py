@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 from fipt.errors import FiptError
 from fipt.formats.files import existing_file
+from fipt.strict_json import parse_json
 
 MALFORMED = (KeyError, TypeError, ValueError, AttributeError, IndexError, ArithmeticError, RecursionError)
 """What damaged content of a file raises, when it is parsed and when its values are taken out."""
@@ -40,7 +40,7 @@ def read_json(path: str | Path, what: str, remedy: str = "correct the file") -> 
     """
     text = read_text(path, what)
     try:
-        return json.loads(text)
+        return parse_json(text)
     except RecursionError as error:
         raise FiptError(f"{path} is not JSON that can be read (nested too deeply)", remedy) from error
     except ValueError as error:

@@ -15,6 +15,8 @@ _IMAGE_AXES = np.diag([1.0, -1.0, -1.0])
 """Image axes from a camera's, which are OpenGL's."""
 _FARTHEST = 10
 """Sizes of the image that the principal point may lie away: a crop or a shifted lens has it outside, by a few."""
+_LONGEST = 4
+"""Times that a pixel may be as long as wide: anamorphic lenses double it."""
 
 
 @dataclass(frozen=True)
@@ -234,6 +236,12 @@ def check_cameras(cameras: list[Camera], path: str | Path) -> None:
         if min(camera.width, camera.height) < 1 or not (0 < camera.fx < np.inf and 0 < camera.fy < np.inf):
             raise FiptError(
                 f"{where}: image size and focal lengths must be positive and finite", "correct the intrinsics"
+            )
+        if not 1 / _LONGEST <= camera.fx / camera.fy <= _LONGEST:
+            raise FiptError(
+                f"{where}: no pixel is {_LONGEST} times as long as it is wide; found focal lengths of {camera.fx:g} "
+                f"and {camera.fy:g} pixels",
+                "correct the intrinsics",
             )
         if not max(abs(camera.cx) / camera.width, abs(camera.cy) / camera.height) <= _FARTHEST:
             raise FiptError(

@@ -209,8 +209,24 @@ def face_property(path: str | Path, name: str) -> np.ndarray:
 def _read_other(path: Path) -> tuple[np.ndarray, np.ndarray]:
     import trimesh
 
+    if path.suffix.lower() == ".ply":
+        _check_ascii_ply(path)
     loaded: Any = trimesh.load(path, process=False, maintain_order=True, force="mesh")
     return np.asarray(loaded.vertices, np.float64), np.asarray(loaded.faces, np.int32)
+
+
+def _check_ascii_ply(path: Path) -> None:
+    """Raise ValueError where a PLY file of text has not the lines that its header announces: trimesh takes what is."""
+    with open(path, "rb") as file:
+        text, announced = False, 0
+        for words in map(bytes.split, file):
+            text = text or words[:2] == [b"format", b"ascii"]
+            announced += int(words[2]) if words[:1] == [b"element"] else 0
+            if words == [b"end_header"]:
+                break
+        found = sum(1 for line in file if line.strip()) if text else announced
+    if found != announced:
+        raise ValueError(f"its header announces {announced} lines, {found} follow")
 
 
 def _read_obj(path: Path) -> tuple[np.ndarray, np.ndarray]:
@@ -225,6 +241,8 @@ def _read_obj(path: Path) -> tuple[np.ndarray, np.ndarray]:
                 vertices.append(words[1:4])
             elif words[:1] == ["f"]:
                 numbers = [int(word.partition("/")[0]) for word in words[1:]]
+                if len(numbers) < 3:
+                    raise ValueError(f"face {len(triangles)} has {len(numbers)} vertices")
                 # Numbers count from 1, negative ones backwards from the vertex read last.
                 first, *rest = (n - 1 if n > 0 else len(vertices) + n for n in numbers)
                 triangles += [(first, b, c) for b, c in pairwise(rest)]

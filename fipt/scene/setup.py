@@ -1,6 +1,5 @@
 """A relight setup: the room under other light, with other things in it, from other places."""
 
-import json
 from collections.abc import Sequence
 from difflib import get_close_matches
 from operator import sub
@@ -24,6 +23,7 @@ from fipt.settings import (
     Turn,
     Weight,
 )
+from fipt.strict_json import parse_json
 from fipt.validation import checked
 
 _Lit = TypeVar("_Lit", bound=Settings)
@@ -395,6 +395,6 @@ def parse_cameras(text: str) -> OwnCameras:
 
 def _json(text: str, name: str) -> Any:
     try:
-        return json.loads(text)
+        return parse_json(text)
     except MALFORMED as error:
         raise FiptError(f"{name} must be JSON ({error})", "see config/README.md") from error

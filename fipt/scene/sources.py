@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from fipt.errors import FiptError
-from fipt.formats.files import check_name, existing_file, natural
+from fipt.formats.files import check_distinct, check_name, existing_file, natural
 from fipt.formats.layouts import READERS, SEGMENT_FOLDERS, TRUTH_FOLDERS, SourceView, nerfstudio_views
 from fipt.formats.layouts.own import ids_file, truth_file
 from fipt.formats.pose_files import is_pose_file, read_pose_file
@@ -197,6 +197,7 @@ def _checked(path: Path, frames: tuple[SourceView, ...], val_every: int) -> tupl
                 "rename one of the images, or remove a frame that is listed twice",
             )
         seen.add(frame.name)
+    check_distinct([frame.name for frame in frames], f"{path}, views")
     frames = tuple(sorted(frames, key=lambda frame: (natural(frame.name), frame.name)))
     if not any(frame.split for frame in frames):
         frames = tuple(

@@ -57,6 +57,10 @@ FAULTS = [
     fault("a number that YAML takes for minutes", SCENE + "fit: {steps: 1:30}\n", "1:30 means another number to YAML"),
     fault("scenes that differ by case", "scenes: {room: {source: procedural}, Room: {source: procedural}}\n",
           "scenes: room and Room differ by case alone"),
+    fault("setups that differ by case", SCENE + "setups: {a: {}, A: {}}\n", "setups: a and A differ by case alone"),
+    fault("a scene that is called as the list of all", "scenes: {index.html: {source: procedural}}\n",
+          "a scene must not be called 'index.html'"),
+    fault("no scene is asked for", SCENE + "only: []\n", "only: no scene is named"),
     fault("two numbers for a colour", "scenes: {x: {source: procedural, setups: {a: {emitters: [{color: [1, 1]}]}}}}\n",
           "scenes.x.setups.a.emitters.0.color.2: field required"),
     fault("rounds is a list", SCENE + "rounds: [1]\n", "rounds: input should be a valid integer"),
@@ -168,3 +172,4 @@ def test_a_verb_refuses_settings_that_are_no_json(capsys: pytest.CaptureFixture[
     bake = ("bake", "--dataset", "d", "--samples", "s", "--cache", "c", "--out", "o", "--settings")
     for text in ("{", "[1]", "3", '{"seed": 1e999}', '{"seed": ' + "9" * 5000 + "}", "[" * 100000):
         assert refused(capsys, *bake, text)
+    assert "the key 'seed' is there twice" in refused(capsys, *bake, '{"seed": 1, "seed": 2}')

@@ -13,12 +13,14 @@ import pytest
 from fipt.cli.main import main
 from fipt.errors import FiptError
 from fipt.formats.exr import write_exr
+from fipt.scene.dataset import write_views
 from fipt.scene.lens import Lens
 from fipt.scene.mesh import Mesh, write_ply
 from fipt.scene.objects import read_object
 from fipt.scene.setup import parse_setup
 from fipt.stages.capture.calibration import Calibration, read_calibration, write_calibration
 from fipt.stages.capture.raw import _shot
+from tests import scenes
 from tests.faults.faults import Fault, contents, named, refused
 from tests.layouts import room, write_nerfstudio
 
@@ -80,6 +82,20 @@ def obj(text: str) -> Callable[[], None]:
     return plant
 
 
+def ply(text: str) -> Callable[[], None]:
+    def plant() -> None:
+        write_nerfstudio(Path("src"))
+        Path("src/mesh.ply").write_text(text)
+
+    return plant
+
+
+def twice() -> None:
+    write_nerfstudio(Path("src"))
+    path = Path("src/transforms.json")
+    path.write_text(path.read_text().replace('"h": 6', '"h": 6, "w": 9'))
+
+
 def far(vertex: int, value: float) -> np.ndarray:
     changed = ROOM.vertices.astype(np.float64)
     changed[vertex] = value
@@ -88,6 +104,21 @@ def far(vertex: int, value: float) -> np.ndarray:
 
 FAR_AWAY = (np.eye(4) + 1e30 * np.eye(4, k=3)).tolist()
 NO_POSE = "transform_matrix must be a 4x4 matrix of finite numbers"
+LISTED = [f"images/view_{number}.exr" for number in range(3)]
+PLY = (
+    """ply
+format ascii 1.0
+element vertex 8
+property float x
+property float y
+property float z
+element face 4
+property list uchar int vertex_indices
+end_header
+"""
+    + "".join(f"{x} {y} {z}\n" for x in (0, 4) for y in (0, 3) for z in (0, 5))
+    + "3 0 1 2\n3 2 1 3\n3 4 5 6\n3 6 5 7\n"
+)
 SOURCES = [
     Fault("a frame twice", said_by(lambda c: c["frames"].append(c["frames"][0])), "or remove a frame that is listed"),
     Fault("an image outside", of_frame(file_path="../../etc/passwd"), "the first is view passwd"),
@@ -112,6 +143,19 @@ SOURCES = [
     Fault("no triangle with an area", mesh(ROOM.vertices * 0), "none of the mesh's triangles has an area"),
     Fault("vertices of two numbers", obj("v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n"), "vertex 0 has 2 coordinates"),
     Fault("a face of vertex 0", obj("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 0 1 2\n"), "refers to vertices it does not have"),
+    Fault("a truth value for a focal length", of_all(fl_x=True), "a number must stand where true does"),
+    Fault("a truth value in a pose", of_frame(transform_matrix=[[1, 0, 0, True]] * 3), "must stand where true does"),
+    Fault("an angle in degrees", of_all(camera_angle_x=90.0), "camera_angle_x must be in radians, below pi; found 90"),
+    Fault("pixels a hundred times as long as wide", of_all(fl_y=400.0), "focal lengths of 4 and 400 pixels"),
+    Fault("views that differ by case", of_frame(file_path="images/VIEW_1.exr"),
+          "src, views: VIEW_1 and view_1 differ by case alone"),
+    Fault("a view that is trained and held out", of_all(train_filenames=LISTED, val_filenames=LISTED[:1]),
+          "images/view_0.exr is listed for training, and as held out"),
+    Fault("a picture of the web", of_frame(file_path="images/view_0.webp"), "images must be EXR files with linear"),
+    Fault("equal keys", twice, "src/transforms.json is not JSON (the key 'w' is there twice)"),
+    Fault("a mesh of text that is cut", ply(PLY[:-12]), "its header announces 12 lines, 11 follow"),
+    Fault("a mesh of more lines than it says", ply(PLY.replace("face 4", "face 2")), "announces 10 lines, 12 follow"),
+    Fault("a face of two vertices", obj("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2\n"), "face 0 has 2 vertices"),
     Fault("faces of words", obj("v 0 0 0\nf x y z\n"), "src/mesh.obj is not a readable mesh"),
 ]  # fmt: skip
 
@@ -122,6 +166,19 @@ def test_a_source_that_cannot_be(fault: Fault, capsys: pytest.CaptureFixture[str
     before = contents(tmp_path)
     assert fault.said in refused(capsys, *IMPORT)
     assert contents(tmp_path) == before
+
+
+def test_one_image_under_two_names_and_a_black_one_are_told(capsys: pytest.CaptureFixture[str]) -> None:
+    content = write_nerfstudio(Path("src"), w=24, h=18, fl_x=12.0, fl_y=12.0, cx=12.0, cy=9.0)
+    content["frames"].append({**content["frames"][0], "file_path": "images/view_3.exr"})
+    Path("src/transforms.json").write_text(json.dumps(content))
+    same = np.random.default_rng(0).random((18, 24, 3), np.float32)
+    for number, pixels in enumerate((same, same, 0.5 * same, 0 * same)):
+        write_exr(f"src/images/view_{number}.exr", {"": pixels})
+    assert main([*IMPORT]) == 0
+    said = capsys.readouterr().err
+    assert "warning: views view_0, view_1 have one and the same image" in said
+    assert "warning: no pixel of view_3 shows any light" in said
 
 
 def test_an_unused_vertex_beyond_the_stars_does_no_harm(capsys: pytest.CaptureFixture[str]) -> None:
@@ -152,6 +209,11 @@ def test_a_light_setup_that_cannot_be(setup: dict[str, Any], said: str) -> None:
     with pytest.raises(FiptError) as caught:
         parse_setup(json.dumps(setup))
     assert said in str(caught.value)
+
+
+def test_a_light_setup_that_says_a_thing_twice() -> None:
+    with pytest.raises(FiptError, match=r"setup must be JSON .the key 'emitters' is there twice"):
+        parse_setup('{"emitters": [{"scale": 0}], "emitters": [{"scale": 1}]}')
 
 
 def test_an_object_beyond_the_stars() -> None:
@@ -199,6 +261,7 @@ def test_methods_are_compared_by_files_of_their_form(content: str, capsys: pytes
 
 OPTIONS: dict[str, tuple[tuple[str, ...], str]] = {
     "a shard twice": (("cache", "--samples", "s,s", "--out", "c.npz"), "--samples names s twice; name it once"),
+    "a shard twice, by two names": (("cache", "--samples", "s,t/../s", "--out", "c.npz"), "names t/../s twice; name"),
     "a view twice": (("samples", "--views", "a,b,a", "--out", "s"), "--views names a twice"),
     "no view": (("samples", "--views", "", "--out", "s"), "--views names nothing"),
 }
@@ -208,6 +271,40 @@ OPTIONS: dict[str, tuple[tuple[str, ...], str]] = {
 def test_options_that_say_too_much_or_nothing(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     options, said = OPTIONS[name]
     assert said in refused(capsys, *options, "--dataset", "d")
+
+
+RESULTS = {
+    "an image of another size": ("render/a.exr", "render/a.exr must be 16x12 like its view; it is 7x5"),
+    "maps of another size": ("materials/a.exr", "materials/a.exr must be 16x12 like its view; it is 7x5"),
+    "a picture that is cut": ("dataset/overlay.png", "dataset/overlay.png is not a readable image"),
+    "figures in words": ("metrics.json", "metrics.json does not hold what its stage writes"),
+    "times in words": ("stats/fit.json", "stats does not hold what its stage writes"),
+    "a light setup in a list": ("relight/a.train-000.manifest.json", "does not hold what its stage writes"),
+}
+
+
+@pytest.mark.parametrize("name", RESULTS)
+def test_a_report_is_made_of_files_of_their_form(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    place, said = RESULTS[name]
+    scenes.write_dataset(Path("x/dataset"))
+    file = Path("x", place)
+    file.parent.mkdir(exist_ok=True)
+    Path("x/relight/a").mkdir(parents=True)
+    if file.suffix == ".exr":
+        write_exr(file, {"": np.ones((5, 7, 3))})
+    else:
+        content = {"val": {"render_exposure_scale": "a"}, "wall_s": "long", "settings": [], "files": {}}
+        file.write_text("PNG" if file.suffix == ".png" else json.dumps(content))
+    assert said in refused(capsys, "report", "--results", "x", "--out", "x/report.html")
+    assert not Path("x/report.html").exists()
+
+
+def test_no_training_view_is_left(capsys: pytest.CaptureFixture[str]) -> None:
+    scenes.write_dataset(Path("d"))
+    write_views("d/views.json", ["a", "b", "c"], dict.fromkeys("ab", "it is bad"))
+    line = refused(capsys, "samples", "--dataset", "d", "--views", "a", "--out", "s")
+    assert "d has no training view that no check rejected" in line
+    assert not Path("s").exists()
 
 
 def test_a_folder_where_a_file_must_be_written(capsys: pytest.CaptureFixture[str]) -> None:

@@ -26,15 +26,23 @@ from fipt.formats.images import write_png
 from fipt.render.variant import Backend
 from fipt.scene.cameras import Camera
 from fipt.scene.mesh import Mesh, write_ply
-from fipt.stages.capture.brackets import Bracket
+from fipt.stages.capture.brackets import Bracket, read_capture
+from fipt.stages.capture.calibrate import calibrate
 from fipt.stages.capture.calibration import Calibration
 from fipt.stages.capture.develop import develop_views
 from fipt.stages.capture.settings import CaptureSettings
+from fipt.stages.export.write import check_room as check_export_room
+from fipt.stages.poses.matching import database
+from fipt.stages.poses.settings import PosesSettings
+from fipt.stages.poses.views import UnposedViews
 from fipt.stages.render.settings import RenderSettings
 from fipt.stages.render.views import Destination, write_views
 from fipt.stages.samples.settings import SamplesSettings
 from fipt.stages.samples.trace import trace
-from tests import fitted, scenes
+from fipt.stages.segment.views import observe
+from fipt.stages.shade.integrate import write_shading
+from fipt.stages.shade.settings import BakeSettings
+from tests import captures, fitted, scenes
 from tests.faults.faults import contents, refused
 
 NOISE = np.random.default_rng(0).random((90, 90, 3)).astype(np.float32)
@@ -286,6 +294,43 @@ def test_later_stages_refuse_what_does_not_fit(
             assert line.startswith(f"fipt: error: {name} needs")
             assert said in line
         monkeypatch.undo()
+    assert contents(tmp_path) == before
+
+
+def refuse_shading(out: Path) -> None:
+    samples = scenes.samples_of(np.zeros((50, 3)))
+    write_shading("bake", None, None, samples, BakeSettings(), out)  # type: ignore[arg-type] # pyright: ignore
+
+
+def refuse_poses(out: Path) -> None:
+    cameras = (dataclasses.replace(SMALL, width=LARGE, height=LARGE),) * 3
+    database(UnposedViews(cameras, {}, {}), out / "work", PosesSettings())
+
+
+NEEDY: dict[str, tuple[Callable[[Path], object], bool]] = {
+    "the bake shading": (refuse_shading, True),
+    "the estimate of poses": (refuse_poses, True),
+    "the fusion of segments": (lambda out: observe(scenes.room().mesh, [SMALL], out), True),
+    "the export": (lambda out: check_export_room(scenes.room().mesh, (100.0, 2, 4096), out), True),
+    "the calibration": (lambda out: calibrate(read_capture(out), CaptureSettings()), False),
+}
+"""What a stage does -> how it begins, and whether it needs the disk."""
+
+
+@pytest.mark.parametrize("stage", NEEDY)
+def test_other_stages_refuse_it_too(stage: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    begin, stores = NEEDY[stage]
+    if not stores:
+        captures.write(tmp_path, views=1, exposures=2, calibration_frames=1)
+    before = contents(tmp_path)
+    monkeypatch.setattr("fipt.formats.files.total_memory", lambda: 1000)
+    with pytest.raises(FiptError, match=rf"^{stage} needs about \d+ GB of memory; there are 0 GB; use"):
+        begin(tmp_path)
+    if stores:
+        monkeypatch.setattr("fipt.formats.files.total_memory", lambda: 10**15)
+        monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=500))
+        with pytest.raises(FiptError, match=rf"^{stage} needs .* in .*; 0\.0 MB are free"):
+            begin(tmp_path)
     assert contents(tmp_path) == before
 
 

@@ -69,13 +69,20 @@ def numbered_file(folder: Path, number: str) -> Path:
     return short if short.is_file() and not long.is_file() else long
 
 
+def number(value: object) -> float:
+    """A number of a source; a truth value is none, though Python takes it for 0 or 1."""
+    if isinstance(value, bool):
+        raise ValueError(f"a number must stand where {str(value).lower()} does")
+    return float(value)  # type: ignore[arg-type] # pyright: ignore[reportArgumentType] - what is no number raises
+
+
 def pose_matrix(rows: Sequence[Sequence[float]], flip: Sequence[int] = (1, 1, 1)) -> Matrix:
     """A 3x4 or 4x4 camera-to-world matrix as 4x4, camera axes multiplied by ``flip``."""
     if len(rows) not in (3, 4) or any(len(row) != 4 for row in rows):
         raise ValueError("transform_matrix must be 3x4 or 4x4")
-    last = [float(x) for x in rows[3]] if len(rows) == 4 else [0, 0, 0, 1]
+    last = [number(x) for x in rows[3]] if len(rows) == 4 else [0, 0, 0, 1]
     if any(abs(x - wanted) > 1e-6 for x, wanted in zip(last, (0, 0, 0, 1), strict=True)):
         raise ValueError(f"the last row of transform_matrix must be 0, 0, 0, 1; found {last}: is it transposed?")
     signs = (*flip, 1)
-    top = [tuple(float(x) * sign for x, sign in zip(row, signs, strict=True)) for row in rows[:3]]
+    top = [tuple(number(x) * sign for x, sign in zip(row, signs, strict=True)) for row in rows[:3]]
     return (*top, (0.0, 0.0, 0.0, 1.0))

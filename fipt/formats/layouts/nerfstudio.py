@@ -7,13 +7,14 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from fipt.errors import FiptError
-from fipt.formats.layouts.common import PosedViews, SourceView, pose_matrix
+from fipt.formats.layouts.common import PosedViews, SourceView, number, pose_matrix
 from fipt.formats.text import MALFORMED, read_json
 
 _INTRINSICS = ("w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_y")
 _DISTORTION = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
 _PINHOLES = ("PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")
 """Camera models that are pinholes once their distortion is zero."""
+_OTHER_IMAGES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".hdr", ".dng", ".gif", ".webp", ".bmp", ".heic", ".avif")
 _MESHES = ("mesh.ply", "mesh.obj", "scene.ply", "scene.obj")
 
 
@@ -72,6 +73,12 @@ def _listed_splits(path: Path, shared: Mapping[str, Any], entries: list[dict[str
         return entries
     splits = dict.fromkeys(lists["val"] or lists["test"] or (), "val")
     splits |= dict.fromkeys(lists["train"] or (), "train")
+    both = set(lists["train"] or ()) & set(lists["val"] or lists["test"] or ())
+    if both:
+        raise FiptError(
+            f"{path}: {min(map(str, both))} is listed for training, and as held out",
+            "list it once: what a fit has seen judges nothing",
+        )
     unknown = splits.keys() - {str(entry.get("file_path")) for entry in entries}
     if unknown:
         raise FiptError(
@@ -96,7 +103,7 @@ def _view_name(where: str, file_path: str) -> str:
     """Name of the image without folder and .exr; names may hold other dots."""
     name = PurePosixPath(file_path).name
     suffix = PurePosixPath(name).suffix.lower()
-    if suffix in (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".hdr"):
+    if suffix in _OTHER_IMAGES:
         raise FiptError(
             f"{where}: images must be EXR files with linear radiance; found {file_path}",
             "convert the images and correct file_path",
@@ -126,7 +133,7 @@ def pinhole_intrinsics(where: str, keys: Mapping[str, Any]) -> dict[str, float]:
             "undistort the images first",
         )
     for key in _DISTORTION:
-        if float(keys.get(key) or 0.0) != 0.0:
+        if number(keys.get(key) or 0.0) != 0.0:
             raise FiptError(
                 f"{where}: lens distortion must be zero; found {key} = {keys[key]}",
                 "undistort the images first, then set the coefficients to 0",
@@ -135,10 +142,12 @@ def pinhole_intrinsics(where: str, keys: Mapping[str, Any]) -> dict[str, float]:
 
 
 def _stated(keys: Mapping[str, Any]) -> dict[str, float]:
-    found = {key: float(keys[key]) for key in _INTRINSICS if keys.get(key) is not None}
+    found = {key: number(keys[key]) for key in _INTRINSICS if keys.get(key) is not None}
     for key, value in found.items():
         if not math.isfinite(value) or (key not in ("cx", "cy") and value <= 0):
             raise ValueError(f"{key} must be a finite number above 0; found {value:g}")
         if key in ("w", "h") and value != int(value):
             raise ValueError(f"{key} must be a whole number of pixels; found {value:g}")
+        if key.startswith("camera_angle") and value >= math.pi:
+            raise ValueError(f"{key} must be in radians, below pi; found {value:g}: is it in degrees?")
     return found

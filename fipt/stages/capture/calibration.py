@@ -13,6 +13,7 @@ from fipt.errors import FiptError
 from fipt.formats.files import existing_file, write_text
 from fipt.formats.text import MALFORMED
 from fipt.scene.lens import Lens
+from fipt.strict_json import parse_json
 
 FORMAT = 1
 """Version of calibration.json."""
@@ -143,7 +144,7 @@ def read_calibration(path: str | Path) -> Calibration:
     """
     existing_file(path, "calibration.json")
     try:
-        content = json.loads(Path(path).read_text(encoding="utf-8"))
+        content = parse_json(Path(path).read_text(encoding="utf-8"))
         version = content.pop("format")
     except MALFORMED as error:
         raise FiptError(f"{path} is not a calibration ({error!r})", "run fipt calibrate again") from error

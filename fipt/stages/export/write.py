@@ -8,7 +8,7 @@ import numpy as np
 from fipt import __version__
 from fipt.errors import FiptError
 from fipt.formats.exr import write_exr
-from fipt.formats.files import ANYTHING, atomic_folder, write_text
+from fipt.formats.files import ANYTHING, atomic_folder, check_disk, check_memory, write_text
 from fipt.formats.images import to_display, write_png
 from fipt.formats.manifests import Stats, write_manifest
 from fipt.meshing.atlas import Atlas, texels, unwrap
@@ -34,6 +34,12 @@ from fipt.stages.export.textures import confidence_texture, coverage, emission_t
 from fipt.stages.export.usd import write_usd
 
 _FACTS = "export.json"
+_BYTES_A_TEXEL, _BYTES_A_TRIANGLE, _BYTES_BESIDES = 180, 6000, 300_000_000
+"""Of memory for a texel of the atlas (measured 176), for a triangle (5700), and for what is compared at once."""
+_BYTES_ON_DISK = 40
+"""For a texel: all files as they are before they are compressed (measured 1 to 1.4 for even walls)."""
+_FILLED = 0.7
+"""Share of the atlas that shows surface, at least (measured 0.74 to 0.82)."""
 
 
 def write_export(inputs: ExportInputs, settings: ExportSettings) -> Stats:
@@ -53,7 +59,9 @@ def write_export(inputs: ExportInputs, settings: ExportSettings) -> Stats:
     outside = in_unit(read_environment(inputs.environment), 1 / data.radiance_scale)
     field = load_field(inputs.model)
     seen = coverage(field, [read_samples(folder) for folder in inputs.samples])
-    atlas = unwrap(mesh, _groups(mesh, emitters), *_layout(settings, seen.typical))
+    layout = _layout(settings, seen.typical)
+    check_room(mesh, layout, out)
+    atlas = unwrap(mesh, _groups(mesh, emitters), *layout)
     known = texels(atlas)
     scale = field.settings.footprint
     brdf = surface_brdf(field, mesh, atlas, known, seen, settings.samples, scale)
@@ -79,6 +87,16 @@ def write_export(inputs: ExportInputs, settings: ExportSettings) -> Stats:
     files = [path for path in out.rglob("*") if path.is_file()]
     write_manifest(inputs.manifest, "export", files, dumped(settings))
     return {"texels": len(known.index), "atlas": [atlas.width, atlas.height]}
+
+
+def check_room(mesh: Mesh, layout: tuple[float, int, int], out: Path) -> None:
+    """Refuse textures that memory or the disk is too small for, before the mesh is unwrapped."""
+    density, _, longest = layout
+    texels_of_room = int(min(float(mesh.areas.sum()) * density**2 / _FILLED, longest**2))
+    remedy = "use a smaller export.max_resolution or export.texel_density"
+    needed = _BYTES_A_TEXEL * texels_of_room + _BYTES_A_TRIANGLE * len(mesh.triangles) + _BYTES_BESIDES
+    check_memory(needed, "the export", remedy)
+    check_disk(out.parent, _BYTES_ON_DISK * texels_of_room, "the export")
 
 
 def _groups(mesh: Mesh, emitters: Emitters) -> np.ndarray:

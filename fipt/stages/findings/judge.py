@@ -26,6 +26,7 @@ from fipt.stages.findings.checks import (
     rerendering,
     settled,
     thin,
+    uncertain,
 )
 from fipt.stages.findings.notes import Notes
 from fipt.stages.findings.room import JudgedRoom
@@ -50,6 +51,7 @@ CHECKS: tuple[Check, ...] = (
     mixed_ids.check,
     parts.check,
     edges.check,
+    uncertain.check,
     rerendering.check,
 )
 """What says why stands before what only says that something is wrong: findings keep this order."""

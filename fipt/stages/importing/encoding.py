@@ -1,5 +1,6 @@
-"""What images of a source look like that are no radiance: values of 8 bits, and light that is cut off."""
+"""What images of a source look like that are no radiance: values of 8 bits, light that is cut off, one image twice."""
 
+import hashlib
 from collections.abc import Mapping
 from typing import Any
 
@@ -17,6 +18,8 @@ _EVEN = 1e-3
 """Share of a step by which values may lie off even steps: float32 and half rounding are below."""
 _PLATEAU = 1e-4
 """Share of the pixels that must lie at the largest value: a lamp of a few pixels in each view."""
+_FEWEST_ALIKE = 256
+"""Pixels from which two views that have the same are no chance."""
 _KINDS = 4
 """Different colours that pixels at one channel's largest value must have: a lamp of one radiance has one colour."""
 
@@ -30,6 +33,8 @@ class EncodingCheck:
         self._counted = 0
         self._most = np.zeros(3, np.float32)
         self._at_most: list[dict[str, np.ndarray]] = [{}, {}, {}]
+        self._views: dict[bytes, list[str]] = {}
+        self._black: list[str] = []
 
     def add(self, view: str, channels: Mapping[str, np.ndarray], valid: np.ndarray) -> None:
         """Look at a view: its channels ('' = RGB as the source has it) and its (H, W) weights."""
@@ -37,6 +42,10 @@ class EncodingCheck:
         known = channels[""][(valid > 0) & (flags & FLAG_SATURATED == 0)]
         known = known[np.isfinite(known).all(axis=1)]
         self._pixels += len(known)
+        if known.any() and len(known) >= _FEWEST_ALIKE:
+            self._views.setdefault(hashlib.sha256(channels[""].tobytes()).digest(), []).append(view)
+        if not known.any():
+            self._black.append(view)
         if len(self._values) <= _LEVELS:
             self._values = np.union1d(self._values, known[:: max(len(known) // 20_000, 1), 1])
             self._counted += len(known)
@@ -50,7 +59,9 @@ class EncodingCheck:
 
     def facts(self) -> dict[str, Any]:
         """What was found, as plain JSON types; nothing where images look like radiance."""
-        return self._eight_bits() | self._cut()
+        same = [views for views in self._views.values() if len(views) > 1]
+        alike = ({"same": same} if same else {}) | ({"black": self._black} if self._black else {})
+        return self._eight_bits() | self._cut() | alike
 
     def _eight_bits(self) -> dict[str, Any]:
         values = self._values[self._values > 0]
@@ -93,4 +104,11 @@ def sentences(facts: Mapping[str, Any]) -> list[str]:
             f"mostly in {', '.join(cut['views'][:3])}: light is cut off there without a flag; set flags.Y to 1 in such "
             "pixels (lower bounds), or export without clipping"
         )
+    said += [
+        f"views {', '.join(views[:3])}{f' and {len(views) - 3} more' if len(views) > 3 else ''} have one and the same "
+        "image: correct the list of views, or leave all but one out"
+        for views in facts.get("same", [])
+    ]
+    if black := facts.get("black"):
+        said.append(f"no pixel of {', '.join(black[:3])} shows any light ({len(black)} views): leave them out")
     return said

@@ -16,7 +16,7 @@ import cv2  # before pycolmap: the other way round, cv2's PNG writer aborts the 
 import numpy as np
 import pycolmap
 
-from fipt.formats.files import atomic, atomic_folder, make_folder
+from fipt.formats.files import atomic, atomic_folder, check_disk, check_memory, make_folder
 from fipt.formats.images import write_png
 from fipt.progress import progress
 from fipt.scene.cameras import Camera
@@ -30,6 +30,11 @@ FEWEST_MATCHES = 15
 """Matches below which a pair of images is not taken for one of the same thing."""
 
 _ENDING = ".png"
+
+_BYTES_A_PIXEL, _BYTES_OF_FEATURES = 80, 310
+"""Of memory, for each pixel of the largest view, and of the image that a thread looks at (measured 61; 299)."""
+_BYTES_ON_DISK, _BYTES_A_FEATURE = 2, 600
+"""For each pixel of a view, and for each feature in both databases (measured 415)."""
 
 
 @dataclass(frozen=True)
@@ -61,9 +66,24 @@ def database(views: UnposedViews, work: Path, settings: PosesSettings) -> Path:
     work
         Folder for images and databases; their names tell what they were made of.
     """
+    _check_room(views, work, settings)
     images = _images(views, work)
     features = _features(views, images, work, settings)
     return _matches(features, len(views.cameras), work, settings)
+
+
+def _check_room(views: UnposedViews, work: Path, settings: PosesSettings) -> None:
+    """Refuse views that memory is too small for, or their images and features the disk."""
+    sizes = [camera.width * camera.height for camera in views.cameras]
+    scaled = [
+        size * min(1.0, settings.max_size / max(camera.width, camera.height)) ** 2
+        for size, camera in zip(sizes, views.cameras, strict=True)
+    ]
+    threads = min(settings.threads or os.cpu_count() or 1, len(sizes))
+    needed = max(_BYTES_A_PIXEL * max(sizes), _BYTES_OF_FEATURES * int(max(scaled)) * threads)
+    check_memory(needed, "the estimate of poses", "use a smaller poses.max_size or fewer poses.threads")
+    kept = _BYTES_ON_DISK * sum(sizes) + _BYTES_A_FEATURE * settings.max_features * len(sizes)
+    check_disk(work.parent, kept, "the estimate of poses")
 
 
 @contextmanager

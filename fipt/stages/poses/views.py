@@ -16,6 +16,7 @@ from fipt.formats.exr import read_exr
 from fipt.formats.files import check_name, existing_file
 from fipt.formats.text import MALFORMED
 from fipt.scene.cameras import Camera
+from fipt.strict_json import parse_json
 
 FEWEST = 3
 """Views from which poses can be estimated."""
@@ -123,7 +124,7 @@ def read_folder(folder: str | Path, intrinsics: str | Path, held_out: Collection
     """
     folder, path = Path(folder), existing_file(intrinsics, "the file of intrinsics")
     try:
-        shared = json.loads(path.read_text(encoding="utf-8"))
+        shared = parse_json(path.read_text(encoding="utf-8"))
         own = {Path(frame["file_path"]).stem: frame for frame in shared.get("frames", ())}
     except MALFORMED as error:
         raise FiptError(f"{path} must hold w, h and fl_x in JSON ({error!r})", "see docs/stages/poses.md") from error

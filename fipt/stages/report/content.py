@@ -6,16 +6,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from fipt.errors import FiptError
+from fipt.formats.images import read_pixels
 from fipt.scene.dataset import Dataset
 from fipt.stages.report import images
 from fipt.stages.report.calibration import calibration_plot
 from fipt.stages.report.capture import CaptureReport, read_capture
 from fipt.stages.report.emitters import read_emitter_entries
 from fipt.stages.report.export import ExportCheck, read_check
-from fipt.stages.report.files import read_json, round_folders
+from fipt.stages.report.files import of_form, read_json, round_folders
 from fipt.stages.report.findings import FindingsReport, read_room_findings
 from fipt.stages.report.geometry import GeometryReport, read_geometry
 from fipt.stages.report.images import EmbeddedImage
@@ -105,10 +104,9 @@ def gather(
         raise FiptError(f"the results folder {results} does not exist", "run the scene first")
     root = results / "dataset"
     data = Dataset(root) if (root / "transforms.json").is_file() else None
-    metrics = _figures(results / "metrics.json")
-    runs = read_runs(results / "stats")
+    metrics, scale = _figures(results / "metrics.json")
+    runs, times, used, warnings = _recorded(results)
     emitters = read_emitter_entries(results)
-    scale = float((metrics.get("val") or {}).get("render_exposure_scale") or 1.0)
     setups, camera_setups = _shown_setups(results / "relight", setups, camera_setups)
     reader = ViewReader(results, data, metrics, settings, scale)
     views = reader.rows()
@@ -130,10 +128,10 @@ def gather(
         exported=reader.exported_views(export) if export else [],
         findings=read_room_findings(results),
         calibration=calibration_plot(metrics),
-        times=stage_times(runs),
-        settings=stage_settings(runs),
+        times=times,
+        settings=used,
         versions=versions_used(runs),
-        warnings=warnings_of(root, runs),
+        warnings=warnings,
         overlay=_overlay(root / "overlay.png", settings.width),
         capture=read_capture(results / "capture" / "qa.json", data, reader.exposure),
         poses=read_poses(results / "poses"),
@@ -144,8 +142,15 @@ def gather(
     )
 
 
-def _figures(path: Path) -> dict[str, Any]:
-    """Figures of metrics.json by split; none where there is no such file.
+def _recorded(results: Path) -> tuple[list[StageRun], list[StageTime], dict[str, str], list[str]]:
+    """Runs of stages, with their times, settings and warnings."""
+    runs = read_runs(results / "stats")
+    with of_form(results / "stats"):
+        return runs, stage_times(runs), stage_settings(runs), warnings_of(results / "dataset", runs)
+
+
+def _figures(path: Path) -> tuple[dict[str, Any], float]:
+    """Figures of metrics.json by split, and the exposure of renderings; none where there is no such file.
 
     Raises
     ------
@@ -157,7 +162,8 @@ def _figures(path: Path) -> dict[str, Any]:
         isinstance(found.get(key) or {}, dict) for key in ("train", "val", "relight", "emitters")
     ):
         raise FiptError(f"{path} does not hold the figures of a scene", "delete it and run fipt metrics again")
-    return found
+    with of_form(path):
+        return found, float((found.get("val") or {}).get("render_exposure_scale") or 1.0)
 
 
 def _segments(folder: Path, runs: Sequence[StageRun], reader: ViewReader) -> SegmentsReport | None:
@@ -215,8 +221,9 @@ def _setups(relight: Path, setups: Sequence[str], camera_setups: Sequence[str]) 
     for setup in sorted(path.name for path in relight.glob("*/") if path.name in {*setups, *camera_setups}):
         shard = re.compile(re.escape(setup) + (r"\.camera" if setup in camera_setups else r"\.(train|val)") + r"-\d+")
         first = next((path for path in manifests if shard.fullmatch(path.name.removesuffix(".manifest.json"))), None)
-        content = read_json(first) if first else {}
-        changes[setup] = pretty(content.get("settings", {}).get("setup", {}))
+        with of_form(first or relight):
+            content = read_json(first) if first else {}
+            changes[setup] = pretty(content.get("settings", {}).get("setup", {}))
     return changes
 
 
@@ -224,8 +231,5 @@ def _overlay(path: Path, width: int) -> EmbeddedImage | None:
     """The import's image of mesh edges over a photo, twice as wide as the others."""
     if not path.is_file():
         return None
-    from PIL import Image
-
-    with Image.open(path) as image:
-        pixels = np.array(image.convert("RGB"))
+    pixels = read_pixels(path, "the overlay", "RGB")
     return EmbeddedImage("overlay", "Mesh edges over a photo", *images.embedded(pixels, 2 * width))

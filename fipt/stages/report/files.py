@@ -1,6 +1,8 @@
 """Files of a results folder as the page reads them."""
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +18,17 @@ def read_json(path: Path) -> Any:
         return json.loads(path.read_text(encoding="utf-8"))
     except MALFORMED as error:
         raise FiptError(f"{path} is not JSON ({error})", "delete it and run its stage again") from error
+
+
+@contextmanager
+def of_form(path: Path) -> Iterator[None]:
+    """Tell what cannot be taken out of files of the results as one line that names them."""
+    try:
+        yield
+    except MALFORMED as error:
+        raise FiptError(
+            f"{path} does not hold what its stage writes ({error!r})", "delete it and run its stage again"
+        ) from error
 
 
 def round_folders(results: Path) -> list[Path]:

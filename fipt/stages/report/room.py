@@ -17,6 +17,7 @@ from fipt.scene.emitters import default_name
 from fipt.scene.mesh import Mesh
 from fipt.scene.samples import read_samples
 from fipt.stages.report import images
+from fipt.stages.report.files import of_form
 
 _LARGEST = 12_000_000
 """Bytes of an exported scene that the page takes in; of a larger one it shows the coloured mesh instead."""
@@ -137,7 +138,8 @@ def _seen(results: Path, data: Dataset) -> tuple[np.ndarray, np.ndarray] | None:
         layers, pixels = read_layers(path), shard.pixels(index)
         known = np.flatnonzero(np.asarray(shard.center[pixels]))[::step]
         positions.append(np.asarray(shard.position)[np.asarray(shard.offsets[pixels])[known]])
-        emission, base = (layers[name].reshape(-1, 3)[known] for name in ("emission", "base_color"))
+        with of_form(path):
+            emission, base = (layers[name].reshape(-1, 3)[known] for name in ("emission", "base_color"))
         peak = emission.max(axis=1, keepdims=True)
         colors.append(np.where(peak > 0, emission / np.maximum(peak, 1e-9), np.clip(base, 0, 1)))
     if not sum(map(len, positions)):

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from fipt.errors import FiptError
 from fipt.formats.exr import read_rgb
 from fipt.progress import progress
 from fipt.scene import display
@@ -142,6 +143,8 @@ class ViewReader:
             shown["difference"] = self.embed("difference", labels["difference"], pixels)
         path = self.results / "materials" / f"{name}.exr"
         layers = read_layers(path) if path.is_file() else {}
+        for layer in layers.values():
+            self._check_size(path, layer, name)
         hit = layers.get("hit")
         shown |= self._maps(layers, hit, "{}")
         per_view = (self.metrics.get(split) or {}).get("render_psnr_views") or {}
@@ -162,8 +165,22 @@ class ViewReader:
         return shown
 
     def _computed(self, folder: Path, name: str) -> np.ndarray | None:
+        """Image of a folder of the results, as large as its view; None where there is none."""
         path = folder / f"{name}.exr"
-        return read_rgb(path) * self.scale if path.is_file() else None
+        if not path.is_file():
+            return None
+        image = read_rgb(path)
+        self._check_size(path, image, name)
+        return image * self.scale
+
+    def _check_size(self, path: Path, image: np.ndarray, name: str) -> None:
+        known = {camera.name: camera for camera in self.data.cameras} if self.data else {}
+        if name in known and image.shape[:2] != (known[name].height, known[name].width):
+            raise FiptError(
+                f"{path} must be {known[name].width}x{known[name].height} like its view; it is "
+                f"{image.shape[1]}x{image.shape[0]}",
+                "delete it and run its stage again",
+            )
 
     def relit_views(self, setups: Sequence[str]) -> list[RelitView]:
         """Views that these light setups have rendered, beside their original."""

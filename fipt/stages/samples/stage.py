@@ -22,7 +22,14 @@ class SamplesInputs:
 
 
 def run(inputs: SamplesInputs, settings: "SamplesSettings") -> dict[str, Any]:
-    """Trace the footprint samples of every pixel, once. Views that a check rejected are left out."""
+    """Trace the footprint samples of every pixel, once. Views that a check rejected are left out.
+
+    Raises
+    ------
+    FiptError
+        If no training view is left.
+    """
+    from fipt.errors import FiptError
     from fipt.formats.files import atomic_folder, manifest_beside
     from fipt.formats.manifests import write_manifest
     from fipt.scene.dataset import Dataset
@@ -31,7 +38,12 @@ def run(inputs: SamplesInputs, settings: "SamplesSettings") -> dict[str, Any]:
     from fipt.stages.samples.trace import trace
 
     figures: dict[str, Any] = {}
-    samples = trace(Dataset(inputs.dataset), inputs.views, settings, figures, inputs.out)
+    data = Dataset(inputs.dataset)
+    if not data.views("train"):
+        raise FiptError(
+            f"{inputs.dataset} has no training view that no check rejected", "see views.json and check_poses.json there"
+        )
+    samples = trace(data, inputs.views, settings, figures, inputs.out)
     sparse = figures["views_mostly_off_mesh"]
     if sparse:
         log.warning("more than half of the pixels miss the mesh in %s", ", ".join(sparse))

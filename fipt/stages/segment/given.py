@@ -8,7 +8,6 @@ Images hold one channel of ids, or colours that ``table.json`` turns into ids:
 ``color`` and ``class`` may be left out; black is unknown where the table does not list it.
 """
 
-import json
 import logging
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -25,6 +24,7 @@ from fipt.scene.mesh import face_property
 from fipt.scene.samples import FootprintSamples
 from fipt.scene.segments import LARGEST_ID, nearest_ids
 from fipt.stages.segment.settings import GivenSegments
+from fipt.strict_json import parse_json
 
 log = logging.getLogger(__name__)
 
@@ -144,7 +144,7 @@ class GivenIds:
             self._class_of = {e["id"]: order.index(e["class"]) + 1 for e in entries if "class" in e}
         elif named.is_file():
             try:
-                content = json.loads(named.read_text(encoding="utf-8"))
+                content = parse_json(named.read_text(encoding="utf-8"))
                 self.names = {int(k): str(name) for k, name in content.get("ids", content).items()}
             except MALFORMED as error:
                 raise FiptError(f"{named} must map ids to names ({error})", "correct or remove it") from error
@@ -236,7 +236,7 @@ def _of_colors(values: np.ndarray, path: Path, table: Mapping[tuple[int, ...], i
 def _table_entries(path: Path) -> list[dict[str, Any]]:
     """Checked entries of a table: id, and colour and class where they stand there."""
     try:
-        entries = [dict(entry) for entry in json.loads(path.read_text(encoding="utf-8"))]
+        entries = [dict(entry) for entry in parse_json(path.read_text(encoding="utf-8"))]
         for entry in entries:
             color = [int(c) for c in entry.get("color", (0, 0, 0))]
             if not 0 <= int(entry["id"]) <= LARGEST_ID:

@@ -7,7 +7,7 @@ that differ the least become one, again and again, as long as any two agree. Two
   below the 95 % quantile of chi square. The variance is that of pieces of one region, which holds texture and the error
   of the shading, which is much larger in brightness than in hue;
 - both are metal, or neither, and one roughness and metallic explains both: it leaves more unexplained than the best of
-  each alone by no more than three standard errors, as the differences of pieces tell.
+  each alone by no more than chance does at the 95 % level, as the differences of pieces tell.
 """
 
 from collections.abc import Sequence
@@ -15,15 +15,16 @@ from dataclasses import replace
 
 import numpy as np
 
+from fipt.formats.files import check_memory
 from fipt.scene.observed import ObservedShard
 from fipt.scene.samples import scene_box
-from fipt.stages.segment.material_evidence import HALF, MaterialEvidence, measure
+from fipt.stages.segment.material_evidence import HALF, TRIALS, MaterialEvidence, measure
 from fipt.stages.segment.region_pixels import region_pixels
 
 _CHI_SQUARE = 7.815
 """95 % quantile of chi square with three degrees of freedom."""
-_STANDARD_ERRORS = 3.0
-"""Standard errors by which one trial must be worse than another; the best of many is often two better by chance."""
+_STANDARD_ERRORS = 1.96
+"""Standard errors by which one trial must be worse than another: 95 % of chance, as for colours."""
 
 
 def regrouped(
@@ -51,6 +52,9 @@ def regrouped(
     part_of = np.zeros(int(present.max(initial=0)) + 1, np.uint16)
     materials = 0
     if len(known):
+        # the distance of each two regions, and what two trials leave of each; twice, since regions that join change it
+        needed = 2 * (4 * len(known) ** 2 + 8 * len(known) * len(TRIALS) ** 2)
+        check_memory(needed, "the join of segments", "raise fuse.smallest, or set regroup.ids: none")
         center, side = scene_box([shard.samples for shard in shards])
         evidence = measure(pixels, place.reshape(-1), len(known), center, side)
         label = joined(replace(evidence, products=evidence.products * alike))

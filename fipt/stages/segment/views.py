@@ -8,6 +8,7 @@ import numpy as np
 
 from fipt.errors import FiptError
 from fipt.formats.arrays import on_disk
+from fipt.formats.files import check_disk, check_memory
 from fipt.progress import progress
 from fipt.render.scene import RayScene
 from fipt.scene.cameras import Camera
@@ -20,6 +21,10 @@ _SOME = 61
 """Every so many pixels tell how large pixels are on the surface."""
 _NUDGE = (0.013, 0.007)
 """Pixels beside the centre where a ray is traced again that found nothing: it may have passed exactly between cells."""
+_BYTES_A_PIXEL, _BYTES_A_CELL = 150, 1000
+"""Of memory for the fusion, for each pixel of the largest view (measured 120 to 140) and each cell (730 to 965)."""
+_BYTES_ON_DISK = 16
+"""For each pixel of these views: its cell, cosine and mask, 10 B, and what is written of it."""
 _ALIKE = 2
 """Neighbours of eight that a pixel agrees with; with fewer it is a speckle."""
 
@@ -57,9 +62,19 @@ class CellObservations:
 
 
 def observe(mesh: Mesh, cameras: list[Camera], folder: Path) -> CellObservations:
-    """Trace the ray through the centre of every pixel; the result lies on the disk of ``folder``."""
+    """Trace the ray through the centre of every pixel; the result lies on the disk of ``folder``.
+
+    Raises
+    ------
+    FiptError
+        If memory or the disk is too small for these views and cells, and for what follows of them.
+    """
+    sizes = [camera.width * camera.height for camera in cameras]
+    pixels = sum(sizes)
+    needed = _BYTES_A_PIXEL * max(sizes, default=0) + _BYTES_A_CELL * len(mesh.triangles)
+    check_memory(needed, "the fusion of segments", "use smaller images, or a smaller fuse.most_cells")
+    check_disk(folder, _BYTES_ON_DISK * pixels, "the fusion of segments")
     scene, empty = RayScene(mesh), on_disk(folder)
-    pixels = sum(camera.width * camera.height for camera in cameras)
     found, cosine, widths, start = empty((pixels,), np.int32), empty((pixels,), np.float16), [], 0
     with progress("looking at cells", pixels, " pixels") as bar:
         for camera in cameras:

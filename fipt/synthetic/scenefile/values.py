@@ -15,6 +15,9 @@ log = logging.getLogger(__name__)
 COLORS = ("rgb", "srgb", "spectrum", "color", "blackbody", "float", "integer")
 """Tags of properties that are a colour, or one number for all channels."""
 
+_LARGEST = 1e12
+"""Of a colour, as in light setups: float32 holds what is made of it."""
+
 _PLANCK_NM = 1.191042972e20
 """2 h c^2 in W nm^4 / (m^2 sr), and per nanometre."""
 _PLANCK_K = 1.438776877e7
@@ -123,6 +126,8 @@ def color(node: Node, light: bool = False) -> np.ndarray:
             found = np.repeat(found, 3)
     if found.shape != (3,) or not np.isfinite(found).all():
         raise node.wrong(f"{node.name or node.tag} must be a colour of one or three numbers; found {text!r}")
+    if (np.abs(found) > _LARGEST).any():
+        raise node.wrong(f"{node.name or node.tag} must be at most {_LARGEST:.0e}; found {text!r}")
     if ":" not in text and (found < 0).any():  # fits of spectra have such, and other renderers take them
         log.warning("%s: %s has negative numbers (%s), which are taken as 0", node.where, node.name or node.tag, text)
         found = np.maximum(found, 0.0)

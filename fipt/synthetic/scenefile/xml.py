@@ -166,6 +166,7 @@ class _XmlReader:
         self.files: list[Path] = []
         self.defaults: dict[str, str] = {}
         self.ids: dict[str, Node] = {}
+        self.twice: set[str] = set()
         self.done: dict[tuple[str, str | None], Node] = {}
 
     def read(self, path: Path) -> Node:
@@ -196,6 +197,8 @@ class _XmlReader:
                 node = Node(tag, attributes, tuple(children), where)
                 siblings.append(node)
                 if node.id and tag != "ref":
+                    if node.id in self.ids:
+                        self.twice.add(node.id)
                     self.ids[node.id] = node
 
         def doctype(*_: object) -> None:
@@ -230,6 +233,8 @@ class _XmlReader:
             wanted = node.attributes.get("id", "")
             if wanted not in self.ids:
                 raise node.wrong(f"nothing has the id {wanted!r}")
+            if wanted in self.twice:
+                raise node.wrong(f"the id {wanted!r} is there twice")
             if wanted in above:
                 raise node.wrong(f"{wanted!r} refers to itself")
             # The same object for all who refer to it by the same name: materials are told apart by identity.

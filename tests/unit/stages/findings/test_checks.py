@@ -30,6 +30,7 @@ from fipt.stages.findings.checks import (
     rerendering,
     settled,
     thin,
+    uncertain,
 )
 from fipt.stages.findings.notes import Notes
 from fipt.stages.findings.patches import SIDE as SIDE_OF_PATCH
@@ -64,6 +65,7 @@ def lit(found=None, environment=NOTHING):
         guessed_light.check,
         settled.check,
         hardly_seen.check,
+        uncertain.check,
     ],
 )
 def test_a_sound_room_is_silent(check):
@@ -367,6 +369,16 @@ def test_surface_that_no_training_view_shows():
     half = {"shards": [SimpleNamespace(samples=_samples(line[:50]))], "data": data}
     found = told(hardly_seen.check, **half, held_out=[_samples(line)])["unseen"]
     assert found.measure.value == pytest.approx(0.5, abs=0.06)
+
+
+def test_base_colours_that_are_uncertain():
+    found = told(uncertain.check, confidence=judged.confidence(0.03, 0.2))["uncertain-colors"]
+    assert found.severity == "warning"
+    assert found.measure.value == pytest.approx(np.sqrt((0.03**2 + 0.2**2) / 2), rel=0.1)
+    assert found.where["position"][0] == pytest.approx(0.75 * SIDE, abs=0.2)
+    assert "kd of 17 dB" in found.cause
+    assert told(uncertain.check, confidence=judged.confidence(0.2, 0.2))["uncertain-colors"].severity == "serious"
+    assert not told(uncertain.check, confidence=None)
 
 
 # --- a lamp that the mesh lacks
