@@ -9,7 +9,7 @@ from fipt.stages.findings.room import JudgedRoom
 from fipt.stages.findings.tolerance import TOLERANCE, mean_error
 
 _CALIBRATED = 1.5
-"""Factor within which predicted and found errors agree (measured, docs/accuracy.md)."""
+"""Factor within which predicted and found errors agree (measured, docs/measurements/accuracy.md)."""
 _LIMIT = _CALIBRATED * TOLERANCE / 2
 """Error of kd: that of a base colour of 0.5, where light is off by the tolerance; 22.5 dB."""
 
