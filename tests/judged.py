@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from fipt.scene.cameras import Camera
+from fipt.scene.confidence import Confidence, records
 from fipt.scene.emitters import Emitters
 from fipt.scene.environment import NOTHING
 from fipt.scene.mesh import Mesh
@@ -88,6 +89,17 @@ def pixels(**changed) -> ExplainedPixels:
     return ExplainedPixels(**known | changed)
 
 
+def confidence(error=0.03, unsure=0.03) -> Confidence:
+    """Predicted errors of the floor: of the half x < 2, and of the other."""
+    x, z = (a.reshape(-1) for a in np.mgrid[:GRID, :GRID] / GRID * SIDE)
+    place, up = np.column_stack([x, np.zeros(len(x)), z]), np.tile([0.0, 1.0, 0.0], (len(x), 1))
+    center, resolution = np.full(3, SIDE / 2), GRID
+    record, first = np.unique(records(place, up, center, SIDE, resolution), return_index=True)
+    kd = np.where(x[first] < SIDE / 2, error, unsure).astype(np.float32)
+    nothing = np.zeros(len(record), np.float32)
+    return Confidence(center, SIDE, resolution, record, kd, nothing, nothing, nothing == 0, np.full(3, 0.03))
+
+
 def retake(number: int, ratio=1.0) -> Retake:
     """A view of the floor, rendered ``ratio`` times as bright as its photograph but for noise of two percent."""
     rng = np.random.default_rng(number)
@@ -129,5 +141,6 @@ def room(**changed) -> SimpleNamespace:
         "earlier": None,
         "prepared": {},
         "rounds": (),
+        "confidence": confidence(),
     }
     return SimpleNamespace(**known | changed)

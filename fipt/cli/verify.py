@@ -16,11 +16,16 @@ _MEANING = {
 def command(
     scene: Annotated[str, typer.Argument(help="Name of a scene with results, or the folder of its results.")],
     against: Annotated[str, typer.Option(help="Another one: tell both runs apart, stage by stage.")] = "",
+    crate: Annotated[
+        bool, typer.Option("--crate", help="Then write results/SCENE/ro-crate-metadata.json, for archives.")
+    ] = False,
 ) -> None:
     """Compute the hash of every file of SCENE again, and say what is not as its run wrote it.
 
-    What a run wrote stands in results/SCENE/provenance.json. The exit code is 1 where anything differs.
+    What a run wrote stands in results/SCENE/provenance.json. The exit code is 1 where anything differs. Only
+    where nothing does, --crate describes the folder as an RO-Crate, which other programs read.
     """
+    from fipt.crate import write_crate
     from fipt.provenance import changes, compared, read_provenance
 
     results = _folder(scene)
@@ -32,6 +37,8 @@ def command(
     for each in found:
         print(f"{each.stage}: {each.path} {_MEANING[each.kind]}")
     print(f"files that differ: {len(found)}" if found else f"{results}: every file is as its run wrote it")
+    if crate and not found:
+        print(f"{write_crate(results)} written")
     raise typer.Exit(1 if found else 0)
 
 

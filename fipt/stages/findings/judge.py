@@ -19,12 +19,14 @@ from fipt.stages.findings.checks import (
     holes,
     light_balance,
     mesh,
+    missing_emitter,
     mixed_ids,
     no_emitter,
     parts,
     rerendering,
     settled,
     thin,
+    uncertain,
 )
 from fipt.stages.findings.notes import Notes
 from fipt.stages.findings.room import JudgedRoom
@@ -37,6 +39,7 @@ CHECKS: tuple[Check, ...] = (
     guessed_light.check,
     light_balance.check,
     brightness.check,
+    missing_emitter.check,
     holes.check,
     mesh.check,
     emitters.check,
@@ -48,11 +51,22 @@ CHECKS: tuple[Check, ...] = (
     mixed_ids.check,
     parts.check,
     edges.check,
+    uncertain.check,
     rerendering.check,
 )
 """What says why stands before what only says that something is wrong: findings keep this order."""
 
-_FIT = frozenset({"emitter-or-mirror", "undecided-emitters", "edges-off", "unexplained-parts", "mixed-ids", "exposure"})
+_FIT = frozenset(
+    {
+        "emitter-or-mirror",
+        "undecided-emitters",
+        "edges-off",
+        "unexplained-parts",
+        "mixed-ids",
+        "exposure",
+        "lamp-missing",
+    }
+)
 """What the fit's own residual tells: no evidence where the light is missing under which it was made."""
 
 EXPLAINS: dict[str, frozenset[str]] = {

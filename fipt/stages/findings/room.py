@@ -9,6 +9,7 @@ import numpy as np
 
 from fipt.model.fitted import FittedScene
 from fipt.render.scene import RayScene
+from fipt.scene.confidence import Confidence
 from fipt.scene.dataset import Dataset
 from fipt.scene.display import common_exposure
 from fipt.scene.mesh import Mesh
@@ -42,6 +43,8 @@ class JudgedRoom:
         Figures of the mesh's preparation (prepare.json); empty where there are none.
     rounds
         Whether the loop had settled in the last rounds; empty where that is not known.
+    confidence
+        Predicted errors of the materials; None where the method tells none.
     """
 
     data: Dataset
@@ -52,6 +55,7 @@ class JudgedRoom:
     settings: FindingsSettings
     prepared: Mapping[str, Any] = field(default_factory=dict)
     rounds: Sequence[RoundState] = ()
+    confidence: Confidence | None = None
 
     @property
     def mesh(self) -> Mesh:

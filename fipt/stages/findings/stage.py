@@ -38,6 +38,7 @@ class FindingsInputs:
     earlier: Annotated[tuple[Path, ...], "Shading of the round before, as --shading; without it, one round ran."] = ()
     settled: Annotated[tuple[Path, ...], "settled.json of the last rounds, in their order."] = ()
     segments: Annotated[Path | None, "Folder of fused segment ids; absent: those of the dataset."] = None
+    confidence: Annotated[Path | None, "confidence.npz of the model; absent: predicted errors are not judged."] = None
 
 
 def run(inputs: FindingsInputs, settings: "FindingsSettings") -> dict[str, Any]:
@@ -65,6 +66,7 @@ def _room(inputs: FindingsInputs, settings: "FindingsSettings") -> "JudgedRoom":
     from fipt.formats.arrays import on_disk
     from fipt.model.fitted import FittedScene
     from fipt.scene.change import read_round
+    from fipt.scene.confidence import read_confidence
     from fipt.scene.dataset import Dataset
     from fipt.scene.observed import read_observed
     from fipt.scene.samples import read_samples
@@ -84,6 +86,7 @@ def _room(inputs: FindingsInputs, settings: "FindingsSettings") -> "JudgedRoom":
         settings,
         _prepared(inputs.dataset / "prepare.json"),
         [state for state in map(read_state, inputs.settled) if state is not None],
+        None if inputs.confidence is None else read_confidence(inputs.confidence),
     )
 
 

@@ -20,6 +20,7 @@ from fipt.formats.images import srgb_encode
 from fipt.model.reflectance import line_in_base_color
 from fipt.stages.fit.batches import Pixels
 from fipt.stages.fit.inner_pixels import FEWEST, InnerPixels, best_base_color, inner_pixels, pieces_of
+from fipt.stages.fit.material_posterior import posterior
 from fipt.stages.fit.part_colors import FINE, median_colors, uniformity
 
 ROUGHNESS = (0.02, 0.06, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
@@ -29,7 +30,7 @@ _RESOLUTION = 96
 _METAL_GAIN = 0.1
 """Share of the residual that metal must remove before it is believed."""
 _CAUTION = 0.5
-"""Smoothness must remove more than this / sqrt(free deviations) of the residual; matte otherwise."""
+"""Smoothness must remove more than this / sqrt(free deviations) of the residual; otherwise it is not known."""
 _PAIR = 2
 """Numbers that the search finds of a part."""
 _LEAST_TRUST = 1e-4
@@ -51,7 +52,7 @@ class PartEstimates:
     Attributes
     ----------
     roughness, metallic
-        (S,) float32; 1 and 0 where nothing is known.
+        (S,) float32; where nothing is known the roughness to expect in the room, and 0.
     gain
         (S,) float32 share of the matte residual that the estimate removes.
     pixels
@@ -103,7 +104,8 @@ def estimate_parts(
 ) -> PartEstimates:
     """Search roughness and metallic of every segment, and judge whether it has one colour.
 
-    A part whose own pixels speak for nothing but matte takes what the other parts of its semantic class agree on.
+    A part whose own pixels prove no smoothness takes what the other parts of its semantic class agree on. Where they
+    do not, its roughness is the one to expect of it.
 
     Parameters
     ----------
@@ -128,6 +130,7 @@ def estimate_parts(
     roughness, metallic, gain = _chosen(residual, groups.free)
     if classes is not None:
         roughness, metallic, gain = _of_classes((roughness, metallic, gain), used, classes)
+    roughness = _expected(roughness, metallic, residual[[0, -1]], groups.free, classes)
     offset, slope = line_in_base_color(inner.shading, roughness[inner.segment], metallic[inner.segment])
     base = np.clip(best_base_color(inner.radiance, offset, slope, piece, pieces), 0, 1)
     color = median_colors(base, inner.segment, piece, count)
@@ -234,6 +237,17 @@ def _chosen(residual: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, np.ndar
         np.where(known, np.array(_METALLIC)[metal], 0.0),
         np.where(known, 1 - best / np.maximum(matte, 1e-9), 0.0),
     )
+
+
+def _expected(
+    roughness: np.ndarray, metallic: np.ndarray, residual: np.ndarray, free: np.ndarray, classes: np.ndarray | None
+) -> np.ndarray:
+    """Roughness (S,), where dielectric parts prove no smoothness: the mean of what it may be in this room."""
+    dielectric = posterior(np.array(ROUGHNESS), residual, free, classes).probability[0]
+    mean = np.array(ROUGHNESS) @ dielectric / np.maximum(dielectric.sum(axis=0), 1e-9)
+    result = np.where((roughness >= 1) & (metallic == 0), mean, roughness)
+    result[0] = roughness[0]  # no part, nothing to expect
+    return result
 
 
 def _of_classes(

@@ -103,10 +103,10 @@ def _spread(figure: RoomFigure, rows: Sequence[RoomRow]) -> Spread | None:
         return None
     values = sorted(value for value, _ in known)
     low, high = values[0], values[-1]
-    width = (high - low) / _BINS or 1.0
+    width = (high - low) / _BINS  # 0 where all rooms have the same figure: one bar, in the middle
     counts = [0] * _BINS
     for value in values:
-        counts[min(int((value - low) / width), _BINS - 1)] += 1
+        counts[min(int((value - low) / width), _BINS - 1) if width else _BINS // 2] += 1
     bars = [Bar(low + width * k, low + width * (k + 1), count, count / max(counts)) for k, count in enumerate(counts)]
     worst, room = max(known, key=lambda each: figure.worse(each[0]))
     return Spread(figure, bars, len(known), values[len(values) // 2], worst, room)

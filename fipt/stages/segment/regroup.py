@@ -7,7 +7,7 @@ that differ the least become one, again and again, as long as any two agree. Two
   below the 95 % quantile of chi square. The variance is that of pieces of one region, which holds texture and the error
   of the shading, which is much larger in brightness than in hue;
 - both are metal, or neither, and one roughness and metallic explains both: it leaves more unexplained than the best of
-  each alone by no more than three standard errors, as the differences of pieces tell.
+  each alone by no more than chance does at the 95 % level, as the differences of pieces tell.
 """
 
 from collections.abc import Sequence
@@ -23,8 +23,8 @@ from fipt.stages.segment.region_pixels import region_pixels
 
 _CHI_SQUARE = 7.815
 """95 % quantile of chi square with three degrees of freedom."""
-_STANDARD_ERRORS = 3.0
-"""Standard errors by which one trial must be worse than another; the best of many is often two better by chance."""
+_STANDARD_ERRORS = 1.96
+"""Standard errors by which one trial must be worse than another: 95 % of chance, as for colours."""
 
 
 def regrouped(

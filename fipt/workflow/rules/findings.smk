@@ -1,6 +1,6 @@
 """What is wrong with a run, why, and what to do.
 
-INPUTS:  results/{scene}/dataset, samples, shading of the last two rounds, model and emitters of the last round, cache.npz,
+INPUTS:  results/{scene}/dataset, samples, shading of the last two rounds, model, confidence and emitters of the last round, cache.npz,
          environment.npz, fused segments where there are some
 OUTPUTS: results/{scene}/findings.json    findings, worst first, and all that was measured
          results/{scene}/findings/        their pictures
@@ -25,6 +25,7 @@ rule findings:
         environment=own("results/{scene}/environment.npz"),
         segments=ask("segmentation.fused"),
         model=ask("last_model"),
+        confidence=ask("last_confidence"),
         emitters=ask("last_emitters"),
     output:
         findings="results/{scene}/findings.json",
@@ -48,6 +49,7 @@ rule findings:
         shading=folders_of("shading"),
         earlier=folders_of("earlier"),
         settled=folders_of("settled"),
+        confidence=option("--confidence", "confidence"),
         segments=option("--segments", "segments", "results/{scene}/segments/fused"),
         settings=settings("findings"),
         version=VERSIONS["findings"],
@@ -56,5 +58,5 @@ rule findings:
         " --held-out={params.held_out:q} --earlier={params.earlier:q} {params.segments:q}"
         " --settled={params.settled:q}"
         " --cache {input.cache:q} --environment {input.environment:q}"
-        " --model {input.model:q} --emitters {input.emitters:q} --out {output.findings:q}"
+        " --model {input.model:q} {params.confidence:q} --emitters {input.emitters:q} --out {output.findings:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

@@ -23,12 +23,14 @@ from fipt.stages.findings.checks import (
     holes,
     light_balance,
     mesh,
+    missing_emitter,
     mixed_ids,
     no_emitter,
     parts,
     rerendering,
     settled,
     thin,
+    uncertain,
 )
 from fipt.stages.findings.notes import Notes
 from fipt.stages.findings.patches import SIDE as SIDE_OF_PATCH
@@ -51,6 +53,7 @@ def lit(found=None, environment=NOTHING):
     [
         light_balance.check,
         brightness.check,
+        missing_emitter.check,
         mesh.check,
         emitters.check,
         dim_emitters.check,
@@ -62,6 +65,7 @@ def lit(found=None, environment=NOTHING):
         guessed_light.check,
         settled.check,
         hardly_seen.check,
+        uncertain.check,
     ],
 )
 def test_a_sound_room_is_silent(check):
@@ -365,3 +369,41 @@ def test_surface_that_no_training_view_shows():
     half = {"shards": [SimpleNamespace(samples=_samples(line[:50]))], "data": data}
     found = told(hardly_seen.check, **half, held_out=[_samples(line)])["unseen"]
     assert found.measure.value == pytest.approx(0.5, abs=0.06)
+
+
+def test_base_colours_that_are_uncertain():
+    found = told(uncertain.check, confidence=judged.confidence(0.03, 0.2))["uncertain-colors"]
+    assert found.severity == "warning"
+    assert found.measure.value == pytest.approx(np.sqrt((0.03**2 + 0.2**2) / 2), rel=0.1)
+    assert found.where["position"][0] == pytest.approx(0.75 * SIDE, abs=0.2)
+    assert "kd of 17 dB" in found.cause
+    assert told(uncertain.check, confidence=judged.confidence(0.2, 0.2))["uncertain-colors"].severity == "serious"
+    assert not told(uncertain.check, confidence=None)
+
+
+# --- a lamp that the mesh lacks
+
+
+def shining(place, views=VIEWS, times=10.0):
+    """Pixels of some views, those brighter whose rays pass a place by less than 30 cm."""
+    sound = judged.pixels()
+    center = np.array([judged.camera(k).center for k in range(VIEWS)])[sound.view]
+    ray = sound.position - center
+    ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+    away = np.linalg.norm(np.cross(np.asarray(place) - center, ray), axis=1)
+    bright = (away < 0.3) & (sound.view < views)
+    return replace(sound, photo=np.where(bright[:, None], times, sound.photo))
+
+
+def test_a_lamp_that_the_mesh_lacks_has_a_place():
+    """The cameras stand a metre apart and look from three above: the depth is told less well than the direction."""
+    for height in (0.5, 1.0, 2.0):
+        found = told(missing_emitter.check, explained=shining([2.0, height, 2.0]))["lamp-missing"]
+        assert found.severity == "serious"
+        assert (np.abs(found.where["position"] - np.array([2.0, height, 2.0])) < [0.1, 0.4, 0.1]).all()
+        assert found.where["views"] == [f"v{k}" for k in range(VIEWS)]
+
+
+def test_few_views_and_what_a_surface_could_show_are_no_lamp():
+    assert told(missing_emitter.check, explained=shining([2.0, 1.0, 2.0], views=2)) == {}
+    assert told(missing_emitter.check, explained=shining([2.0, 1.0, 2.0], times=2.0)) == {}

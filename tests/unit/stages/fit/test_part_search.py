@@ -56,16 +56,27 @@ def test_planted_materials_are_found(np_rng):
     """A matte wall, a lacquered table and a copper vase."""
     planted = [((0.6, 0.5, 0.4), 1.0, 0.0), ((0.5, 0.1, 0.1), 0.2, 0.0), ((0.9, 0.6, 0.4), 0.3, 1.0)]
     parts = found(pixels(np_rng, planted))
-    np.testing.assert_allclose(parts.roughness[1:], [1.0, 0.2, 0.3], atol=0.06)
+    np.testing.assert_allclose(parts.roughness[1:], [0.94, 0.2, 0.3], atol=0.06)
     np.testing.assert_array_equal(parts.metallic[1:], [0, 0, 1])
     assert parts.gain[3] > 0.5 > 0.05 > parts.gain[1]
 
 
-def test_without_evidence_a_part_is_matte(np_rng):
-    """Even light shows no difference between materials: neither smoothness nor metal may be claimed."""
+def test_without_evidence_nothing_is_claimed(np_rng):
+    """Even light shows no difference between materials: any roughness is as likely, and metal is not believed."""
     parts = found(pixels(np_rng, [((0.5, 0.1, 0.1), 0.2, 0.0), ((0.9, 0.6, 0.4), 0.3, 1.0)], varied=False))
-    np.testing.assert_array_equal(parts.roughness[1:], [1, 1])
+    np.testing.assert_allclose(parts.roughness[1:], 0.5, atol=0.05)
     np.testing.assert_array_equal(parts.metallic[1:], [0, 0])
+    np.testing.assert_array_equal(parts.gain[1:], 0)
+
+
+def test_a_part_without_evidence_is_taken_for_what_others_of_the_room_are(np_rng):
+    """Three matte walls, and a part in even light."""
+    data = pixels(np_rng, [((0.6, 0.5, 0.4), 1.0, 0.0)] * 4)
+    own = slice(3 * PER_PART, None)
+    data.shading[0][own] = light(np_rng, PER_PART, False)
+    data.radiance[0][own] = 0.3
+    parts = found(data)
+    assert parts.roughness[4] > 0.7 > found(pixels(np_rng, [((0.6, 0.5, 0.4), 0.2, 0.0)], varied=False)).roughness[1]
 
 
 def test_the_weight_of_a_part_grows_with_evidence(np_rng):
@@ -270,7 +281,7 @@ def test_shards_without_a_pixel_of_one_part_tell_nothing(np_rng):
     center = np.array([1.5, 1.5, 1.5])
     alone = estimate_parts(scenes.training_pixels([mixed, nothing], rows, images, ids), center, 3.3, emitter_gain=1e9)
     np.testing.assert_array_equal(alone.pixels, 0)
-    np.testing.assert_array_equal(alone.roughness, 1)
+    np.testing.assert_allclose(alone.roughness, [1, 0.5], atol=0.05)
     one = scenes.training_pixels(
         [nothing, *data.shards, mixed],
         [rows[1], *data.shading, rows[0]],
