@@ -254,12 +254,12 @@ def natural(name: str) -> list[tuple[int, str]]:
 
 
 def check_disk(folder: str | Path, needed: int, what: str) -> None:
-    """Raise FiptError unless the disk of ``folder`` has ``needed`` bytes free; log an estimate of 10 kB and more."""
+    """Raise FiptError unless the disk of ``folder`` has ``needed`` bytes free; log a gigabyte and more."""
     place = Path(folder)
     while not place.exists():
         place = place.parent
     free = shutil.disk_usage(place).free
-    if needed >= 1e4:
+    if needed >= 1e9:
         log.info("%s takes %s; %s are free", what, _size(needed), _size(free))
     if free < needed * 1.05:
         raise FiptError(
