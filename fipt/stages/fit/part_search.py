@@ -242,10 +242,10 @@ def _chosen(residual: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, np.ndar
 def _expected(
     roughness: np.ndarray, metallic: np.ndarray, residual: np.ndarray, free: np.ndarray, classes: np.ndarray | None
 ) -> np.ndarray:
-    """Roughness (S,), where dielectric parts prove no smoothness: the mean of what it may be in this room."""
-    dielectric = posterior(np.array(ROUGHNESS), residual, free, classes).probability[0]
-    mean = np.array(ROUGHNESS) @ dielectric / np.maximum(dielectric.sum(axis=0), 1e-9)
-    result = np.where((roughness >= 1) & (metallic == 0), mean, roughness)
+    """Roughness (S,), where dielectric parts prove no smoothness: the median of what it may be in this room."""
+    below = posterior(np.array(ROUGHNESS), residual, free, classes).probability[0].cumsum(axis=0)
+    median = np.array(ROUGHNESS)[(below >= below[-1] / 2).argmax(axis=0)]
+    result = np.where((roughness >= 1) & (metallic == 0), median, roughness)
     result[0] = roughness[0]  # no part, nothing to expect
     return result
 
