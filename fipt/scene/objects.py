@@ -21,6 +21,7 @@ from fipt.formats.files import existing_file
 from fipt.formats.glb import chunks
 from fipt.formats.images import srgb_decode
 from fipt.scene.mesh import Mesh
+from fipt.scene.obj import check_whole
 
 log = logging.getLogger(__name__)
 
@@ -183,6 +184,8 @@ def read_object(path: str | Path) -> MeshObject:
     if path.suffix.lower() == ".glb":
         _check_images(path)
     try:
+        if path.suffix.lower() == ".obj":
+            check_whole(path)
         scene = trimesh.load_scene(path, process=False)
         nodes = [scene.graph[node] for node in scene.graph.nodes_geometry]
         found = [(scene.geometry[name], placed) for placed, name in nodes]

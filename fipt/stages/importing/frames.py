@@ -20,6 +20,8 @@ from fipt.scene.sources import ImageSource
 from fipt.stages.importing.encoding import EncodingCheck
 
 _SCALARS = ("roughness", "metallic")
+_SAME_FOCAL = 0.01
+"""Share by which a focal length may differ from that of an angle of view beside it."""
 
 
 def write_frames(folder: Path, source: ImageSource) -> tuple[list[Camera], tuple[Camera, np.ndarray], dict[str, Any]]:
@@ -99,13 +101,7 @@ def _camera(frame: SourceView, width: int, height: int) -> Camera:
     """Camera of a frame whose image has this size (which its source need not state)."""
     k = frame.intrinsics
     width, height = int(k.get("w", width)), int(k.get("h", height))
-    focal = [
-        k[length] if length in k else 0.5 * size / np.tan(0.5 * k[angle]) if angle in k else None
-        for length, angle, size in (
-            ("fl_x", "camera_angle_x", width),
-            ("fl_y", "camera_angle_y", height),
-        )
-    ]
+    focal = [_focal(frame, axis, size) for axis, size in (("x", width), ("y", height))]
     fx, fy = (focal[0] or focal[1], focal[1] or focal[0])  # square pixels where one is stated
     if fx is None or fy is None:
         raise FiptError(
@@ -123,6 +119,22 @@ def _camera(frame: SourceView, width: int, height: int) -> Camera:
         cy=float(k.get("cy", height / 2)),
         world_from_camera=np.array(frame.world_from_camera, np.float64),
     )
+
+
+def _focal(frame: SourceView, axis: str, size: int) -> float | None:
+    """Focal length in pixels along an axis of an image of this size, from fl_x or camera_angle_x; None: neither is."""
+    length, angle = frame.intrinsics.get(f"fl_{axis}"), frame.intrinsics.get(f"camera_angle_{axis}")
+    if angle is None:
+        return length
+    meant = 0.5 * size / float(np.tan(0.5 * angle))
+    if length is not None and abs(meant - length) > _SAME_FOCAL * length:
+        raise FiptError(
+            f"view {frame.name}: fl_{axis} and camera_angle_{axis} must mean one lens; {length:g} pixels are not the "
+            f"{meant:.6g} that {angle:g} radians across {size} pixels make",
+            f"remove the one that is wrong: where an image was cropped or resized, camera_angle_{axis} or fl_{axis} is "
+            "that of before",
+        )
+    return meant if length is None else length
 
 
 def _write_truth(folder: Path, frame: SourceView, camera: Camera, scale: float) -> None:

@@ -9,7 +9,7 @@ Images hold one channel of ids, or colours that ``table.json`` turns into ids:
 """
 
 import logging
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -53,13 +53,12 @@ class GivenIds:
         self._table: dict[tuple[int, ...], int] | None = None
         self._class_of: dict[int, int] = {}
         if self.path.is_dir():
-            self._folders = id_folders(self.path)
-            self._files(self.shard.views)  # all of them are looked for before anything is done
+            self._files = id_images(self.path, self.shard.views)  # all of them, before anything is done
             self._read_names()
         elif self.path.is_file():
             self._labels, self._classes = triangle_labels(self.path, settings.property, len(data.mesh().triangles))
         else:
-            raise FiptError(f"segment.path {self.path} does not exist", "name a folder of ids, or a PLY or NPZ file")
+            raise _nothing(self.path)
 
     def views(self) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
         """The views of the shard.
@@ -86,7 +85,7 @@ class GivenIds:
         return ids.reshape(shard.shapes[index])
 
     def _read(self, view: str) -> tuple[np.ndarray, np.ndarray]:
-        files = self._files([view])[view]
+        files = self._files[view]
         maps = {kind: self._fitted(read_id_image(path, self._table), view, path) for kind, path in files.items()}
         ids = maps["part"] if "part" in maps else maps["semantic"]
         count = int(ids.max(initial=0)) + 1
@@ -103,21 +102,6 @@ class GivenIds:
                 )
             classes[k] = self._class_of[int(k)]
         return ids, classes
-
-    def _files(self, views: tuple[str, ...] | list[str]) -> dict[str, dict[str, Path]]:
-        """View -> kind -> its id image."""
-        files: dict[str, dict[str, Path]] = {}
-        for kind, folder in self._folders.items():
-            found = {view: [folder / f"{view}{suffix}" for suffix in _SUFFIXES] for view in views}
-            absent = [view for view, paths in found.items() if not any(path.is_file() for path in paths)]
-            if absent:
-                raise FiptError(
-                    f"{folder} must hold VIEW.png or VIEW.exr of every training view; {', '.join(absent[:8])} missing",
-                    "add them, named as the views",
-                )
-            for view, paths in found.items():
-                files.setdefault(view, {})[kind] = next(path for path in paths if path.is_file())
-        return files
 
     def _fitted(self, ids: np.ndarray, view: str, path: Path) -> np.ndarray:
         """Ids at the size of their view."""
@@ -157,6 +141,46 @@ class GivenIds:
 def id_folders(path: Path) -> dict[str, Path]:
     """Kind of ids (part, semantic) -> folder of its images, below a folder or the folder itself."""
     return {kind: path / kind for kind in ("part", "semantic") if (path / kind).is_dir()} or {"part": path}
+
+
+def id_images(path: Path, views: Iterable[str]) -> dict[str, dict[str, Path]]:
+    """View -> kind -> its image of ids in a folder.
+
+    Raises
+    ------
+    FiptError
+        If a view has none.
+    """
+    files: dict[str, dict[str, Path]] = {view: {} for view in views}
+    for kind, folder in id_folders(path).items():
+        for view, own in files.items():
+            found = [file for suffix in _SUFFIXES if (file := folder / f"{view}{suffix}").is_file()]
+            own |= {kind: found[0]} if found else {}
+        absent = [view for view, own in files.items() if kind not in own]
+        if absent:
+            raise FiptError(
+                f"{folder} must hold VIEW.png or VIEW.exr of every training view; {', '.join(absent[:8])} missing",
+                "add them, named as the views",
+            )
+    return files
+
+
+def check_ids(path: Path, views: Iterable[str]) -> None:
+    """Look for what `GivenIds` will read.
+
+    Raises
+    ------
+    FiptError
+        If there is nothing, or a folder has no ids of a view.
+    """
+    if path.is_dir():
+        id_images(path, views)
+    elif not path.is_file():
+        raise _nothing(path)
+
+
+def _nothing(path: Path) -> FiptError:
+    return FiptError(f"segment.path {path} does not exist", "name a folder of ids, or a PLY or NPZ file")
 
 
 def id_files(path: Path) -> list[Path]:
