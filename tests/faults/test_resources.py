@@ -208,6 +208,7 @@ def test_every_end_is_one_line(call: Callable[[], int], code: int, said: str, tm
         for number in (signal.SIGSEGV, signal.SIGABRT):
             signal.signal(number, signal.SIG_DFL)  # other tests have loaded libraries that catch them
         guard.GRACE = 0.5
+        guard._SAID = guard._WORDS  # whatever the tests were started with
         os._exit(guard.guarded("fit", call, hang=1.0))
 
     process = multiprocessing.get_context("fork").Process(target=run)

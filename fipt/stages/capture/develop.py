@@ -229,19 +229,24 @@ def _passed_through(bracket: Bracket, calibration: Calibration) -> View:
     calibration.check_size(radiance.shape[:2], path)
     facts = {"exposures": [], "ratios": [], "images": check_copies(bracket, [radiance])}
     finite = np.asarray(np.isfinite(radiance).all(axis=-1))
+    for name, high in (("valid.Y", 1.0), ("flags.Y", 2.0**32 - 1)):
+        bad = 0 if name not in layers else int((~((layers[name] >= 0) & (layers[name] <= high))).sum())
+        if bad:
+            raise FiptError(f"{path}: {name} must lie between 0 and {high:g}; {bad} pixels do not", "write it again")
     valid = layers.get("valid.Y", np.ones(finite.shape, np.float32)) * finite
     flags = layers.get("flags.Y", np.zeros(finite.shape)).astype(np.uint32)
     return View(np.where(finite[..., None], radiance, 0), valid.astype(np.float32), flags, None, facts=facts)
 
 
 def _from_ldr(bracket: Bracket, calibration: Calibration) -> View:
-    from fipt.stages.capture.ldr import merge_ldr, read_ldr
+    from fipt.stages.capture.ldr import check_order, merge_ldr, read_ldr
 
     images = []
     for shot in bracket.shots:
         images.append(read_ldr(shot.path))
         calibration.check_size(images[-1].shape[:2], shot.path)
     named = check_copies(bracket, images)
+    check_order(bracket, images)
     exposures = [exposure(shot) for shot in bracket.shots]
     radiance, saturated, noisy, clipped = merge_ldr(images, exposures, np.array(calibration.response))
     flags = (saturated * np.uint8(FLAG_SATURATED)) | (noisy * np.uint8(FLAG_NOISE))
