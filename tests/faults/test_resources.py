@@ -221,6 +221,18 @@ def test_every_end_is_one_line(call: Callable[[], int], code: int, said: str, tm
     assert "Traceback" not in words
 
 
+def test_what_nohup_starts_goes_on() -> None:
+    """A terminal that closes sends SIGHUP, which nohup has let the process ignore."""
+    script = (
+        "import os, signal, sys\nsignal.signal(signal.SIGHUP, signal.SIG_IGN)\nsys.argv[0] = 'fipt'\n"
+        "from fipt.cli.guard import guarded\n"
+        "def call():\n    os.kill(os.getpid(), signal.SIGHUP)\n    os.kill(os.getppid(), signal.SIGHUP)\n    return 7\n"
+        "sys.exit(guarded('fit', call))"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stderr) == (7, "")
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="the system kills a child with its parent on Linux")
 def test_no_stage_outlives_its_watcher(tmp_path: Path) -> None:
     script = (

@@ -13,9 +13,11 @@ from fipt.cli.main import main
 from fipt.config import read
 from fipt.errors import FiptError, unloadable
 from fipt.formats.arrays import save_npz
+from fipt.formats.exr import write_exr
 from fipt.formats.video import write_mp4
 from fipt.provenance import record
 from fipt.scene.review import read_review
+from fipt.stages.segment import given
 from tests.fake_results import HEIGHT, WIDTH, write_results
 from tests.faults.faults import contents, refused
 
@@ -201,3 +203,65 @@ def test_no_ffmpeg_and_no_image(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(FiptError, match=r"ffmpeg cannot be run: /nowhere/ffmpeg .No such file"):
         write_mp4("a.mp4", Path(), "frame-%d.png", 1, 24, 20)
     assert not Path("a.mp4").exists()
+
+
+DAMAGED = {
+    "figures that are cut": ("metrics.json", "{", "warning: results/x/metrics.json is not JSON"),
+    "figures in a list": ("metrics.json", "[]", "warning: results/x/metrics.json must hold keys"),
+    "a split in a list": ("metrics.json", '{"val": [1], "definitions": [2]}', ""),
+    "findings of words": ("findings.json", '{"findings": ["a"]}', ""),
+    "a time in words": ("stats/fit.json", '{"wall_s": "x", "peak_memory_bytes": []}', ""),
+    "frames of words": ("dataset/transforms.json", '{"frames": ["a"]}', ""),
+}
+
+
+@pytest.mark.parametrize("name", DAMAGED)
+def test_an_index_goes_without_what_is_damaged(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    file, text, said = DAMAGED[name]
+    path = Path("results/x", file)
+    for folder in (path.parent, Path("results/x/logs")):
+        folder.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+    assert main(["index"]) == 0
+    assert said in capsys.readouterr().err
+    assert Path("results/index.html").is_file()
+
+
+TABLES = {
+    "an id of a fraction": ('[{"id": 1.7}]', "id 1.7: ids are whole numbers from 0 to 65535"),
+    "an id that is true": ('[{"id": true}]', "id True: ids are whole numbers"),
+    "one colour for two ids": ('[{"id": 1, "color": [1, 2, 3]}, {"id": 2, "color": [1, 2, 3]}]', "is there twice"),
+    "one id for two colours": ('[{"id": 1, "color": [1, 2, 3]}, {"id": 1, "color": [3, 2, 1]}]', "id 1 is there twice"),
+    "a class that is a number": ('[{"id": 1, "class": 3}]', "class 3: a name"),
+    "a class that is a list": ('[{"id": 1, "class": ["a"]}]', "class ['a']: a name"),
+    "a colour that is a word": ('[{"id": 1, "color": "red"}]', "color red: three numbers from 0 to 255"),
+}
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_a_table_of_ids_that_cannot_be(name: str) -> None:
+    text, said = TABLES[name]
+    Path("table.json").write_text(text)
+    with pytest.raises(FiptError) as caught:
+        given._table_entries(Path("table.json"))
+    assert "table.json is not a table of ids" in str(caught.value)
+    assert said in str(caught.value)
+
+
+def test_labels_of_words_and_ids_of_a_jpeg() -> None:
+    from PIL import Image
+
+    np.savez("l.npz", segment=np.array(["a", "b"]))
+    with pytest.raises(FiptError, match=r"l\.npz: labels must be numbers; segment holds <U1"):
+        given.triangle_labels(Path("l.npz"), "segment", 2)
+    Image.new("L", (4, 4), 3).save("a.jpg")
+    Path("a.jpg").rename("a.png")
+    with pytest.raises(FiptError, match=r"a\.png must be a PNG; it holds JPEG, which may change ids"):
+        given.read_id_image(Path("a.png"), None)
+
+
+@pytest.mark.parametrize("option", ["--shard-view", "--samples", "--views"])
+def test_an_option_that_means_nothing_for_a_file(option: str, capsys: pytest.CaptureFixture[str]) -> None:
+    write_exr("a.exr", {"": np.ones((4, 4, 3), np.float32)})
+    assert f"{option} is for " in refused(capsys, "view", "a.exr", option, "x", "--out", "a.png")
+    assert not Path("a.png").exists()
