@@ -14,7 +14,7 @@ import numpy as np
 
 from fipt.conventions import FLAG_NOISE, FLAG_OUTSIDE, FLAG_SATURATED
 from fipt.errors import FiptError
-from fipt.formats.exr import read_exr, write_exr
+from fipt.formats.exr import check_marks, read_exr, write_exr
 from fipt.formats.files import check_disk, check_memory, existing_file, write_text
 from fipt.formats.hdr import read_hdr
 from fipt.progress import progress
@@ -229,10 +229,7 @@ def _passed_through(bracket: Bracket, calibration: Calibration) -> View:
     calibration.check_size(radiance.shape[:2], path)
     facts = {"exposures": [], "ratios": [], "images": check_copies(bracket, [radiance])}
     finite = np.asarray(np.isfinite(radiance).all(axis=-1))
-    for name, high in (("valid.Y", 1.0), ("flags.Y", 2.0**32 - 1)):
-        bad = 0 if name not in layers else int((~((layers[name] >= 0) & (layers[name] <= high))).sum())
-        if bad:
-            raise FiptError(f"{path}: {name} must lie between 0 and {high:g}; {bad} pixels do not", "write it again")
+    check_marks(path, layers)
     valid = layers.get("valid.Y", np.ones(finite.shape, np.float32)) * finite
     flags = layers.get("flags.Y", np.zeros(finite.shape)).astype(np.uint32)
     return View(np.where(finite[..., None], radiance, 0), valid.astype(np.float32), flags, None, facts=facts)
