@@ -16,6 +16,14 @@ def named_files(path: Path, pattern: str) -> list[Path]:
     return [path.parent / found[1].strip() for _, line in _lines(path) if (found := re.match(rf"\s*{pattern}", line))]
 
 
+def is_there(file: Path) -> bool:
+    """Whether a file is there; its name may be longer than any disk has."""
+    try:
+        return file.is_file()
+    except OSError:
+        return False
+
+
 def material_files(path: Path) -> list[Path]:
     """Files of the materials of an OBJ file, there or not."""
     return named_files(path, r"mtllib\s+(.+)")
@@ -36,8 +44,8 @@ def defined_materials(path: Path) -> set[str]:
     """
     defined: set[str] = set()
     for file in material_files(path):
-        if not file.is_file():
-            log.warning("%s names the materials %s, which are not there: what has them is neutral", path, file)
+        if not is_there(file):
+            log.warning("%s names the materials %.200s, which are not there: what has them is neutral", path, file)
             continue
         for number, line in _lines(file):
             _check_numbers(f"{file}, line {number}", line.split())
@@ -74,8 +82,8 @@ def _check_numbers(where: str, words: list[str]) -> None:
 def _check_image(file: Path, image: Path) -> None:
     from PIL import Image
 
-    if not image.is_file():
-        log.warning("%s names the image %s, which is not there: colours are those of Kd", file, image)
+    if not is_there(image):
+        log.warning("%s names the image %.200s, which is not there: colours are those of Kd", file, image)
         return
     try:
         with Image.open(image) as opened:

@@ -20,7 +20,7 @@ from fipt.formats.files import existing_file
 from fipt.formats.glb import chunks
 from fipt.formats.images import srgb_decode
 from fipt.scene.mesh import Mesh
-from fipt.scene.mtl import defined_materials, material_files, texture_files
+from fipt.scene.mtl import defined_materials, is_there, material_files, texture_files
 from fipt.scene.obj import check_whole
 
 log = logging.getLogger(__name__)
@@ -214,8 +214,8 @@ def object_files(path: str | Path) -> list[str]:
     """Return an object's file and those that it refers to: an OBJ's materials and their images that exist."""
     files = [Path(path)]
     if files[0].suffix.lower() == ".obj" and files[0].is_file():
-        materials = [file for file in material_files(files[0]) if file.is_file()]
-        images = [image for file in materials for image in texture_files(file) if image.is_file()]
+        materials = [file for file in material_files(files[0]) if is_there(file)]
+        images = [image for file in materials for image in texture_files(file) if is_there(image)]
         files += [*materials, *images]
     return [str(file) for file in dict.fromkeys(files)]
 

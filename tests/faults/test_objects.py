@@ -47,6 +47,7 @@ def test_materials_have_numbers_that_can_be(name: str) -> None:
 NEUTRAL = {
     "no materials": (SHAPE + FACE, ""),
     "materials that are not there": (WITH.replace("a.mtl", "b.mtl"), "o.obj names the materials b.mtl, which are not"),
+    "materials of a name that no disk has": (WITH.replace("a.mtl", "b" * 400), "names the materials bbb"),
     "a material that nothing defines": (
         WITH.replace("usemtl a", "usemtl b"),
         "o.obj uses the material b, which no file",
