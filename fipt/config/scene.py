@@ -136,14 +136,15 @@ class SceneConfig:
         Raises
         ------
         FiptError
-            If emitters_review.yaml is wrong, something that a relight setup names is not there, a file of the source
-            has a name that the workflow cannot use, a mesh is to be made and open3d is missing, or a scan is to be
-            brought to the cameras of a scene that has a mesh.
+            If emitters_review.yaml is wrong, something that a relight setup or given ids name is not there, a file of
+            the source has a name that the workflow cannot use, a mesh is to be made and open3d is missing, or a scan
+            is to be brought to the cameras of a scene that has a mesh.
         """
         for path in self.given_files():
             self.place.plain(path, "path")
         self.decisions.review  # noqa: B018 - read here
         self.setups.check()
+        self.segmentation.check()
         if self._makes_mesh():
             check_installed()
         if self.settings["geometry"].scan and not self._wants_mesh():

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
 
 from fipt.config.sources.base import Place, Source
 from fipt.config.views import SceneViews
+from fipt.errors import FiptError
 from fipt.stages.segment.settings import GivenSegments, PredictedSegments
 
 _FUSED = ("mask2former", "given", "degraded")
@@ -71,11 +73,38 @@ class SceneSegmentation:
     def files(self) -> list[str]:
         """What the ids of views are made of beside the dataset: given ids, or a local folder of weights."""
         if isinstance(self._settings, PredictedSegments):
-            folder = Path(self._place.path(self._settings.model, "settings.segment.model"))
+            folder = Path(self._model(self._settings))
             return sorted(str(path) for path in folder.glob("*") if path.suffix in (".json", ".safetensors"))
         if isinstance(self._settings, GivenSegments):
             from fipt.stages.segment.given import id_files
 
-            place = Path(self._place.path(self._settings.path, "settings.segment.path"))
-            return [str(path) for path in id_files(place)]
+            return [str(path) for path in id_files(self._given(self._settings))]
         return []
+
+    def check(self) -> None:
+        """Look for given ids and weights in a folder: the stage that reads them may run hours after the start.
+
+        Raises
+        ------
+        FiptError
+            If a path is nothing, or a folder lacks ids of a training view or files of a network.
+        """
+        if self.origin == "given" and isinstance(self._settings, GivenSegments):
+            from fipt.stages.segment.given import check_ids
+
+            views: list[str] = []
+            with suppress(FiptError):  # a source that cannot be read says so when it is
+                views = self._views.of("train")
+            check_ids(self._given(self._settings), views)
+        if self.origin == "mask2former" and isinstance(self._settings, PredictedSegments):
+            from fipt.stages.segment.checkpoint import is_place, model_folder
+
+            model = self._model(self._settings)
+            if is_place(model):
+                model_folder(model)
+
+    def _given(self, settings: GivenSegments) -> Path:
+        return Path(self._place.path(settings.path, "settings.segment.path"))
+
+    def _model(self, settings: PredictedSegments) -> str:
+        return self._place.path(settings.model, "settings.segment.model")

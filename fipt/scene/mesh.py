@@ -1,7 +1,6 @@
 """Triangle meshes: read, check, write. Triangle order is kept: ids elsewhere refer to it."""
 
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +9,7 @@ import numpy as np
 from fipt.conventions import FARTHEST
 from fipt.errors import FiptError, unreadable
 from fipt.formats.files import atomic, existing_file
+from fipt.scene.obj import read_obj
 from fipt.scene.voxels import facings
 
 
@@ -72,7 +72,7 @@ def read_geometry(path: str | Path) -> tuple[np.ndarray, np.ndarray]:
     """Read a mesh as `read_mesh` does: (V, 3) float64 vertices, which may lie far from the origin, (T, 3) int32."""
     path = existing_file(path, "the mesh")
     try:
-        read = _read_obj if path.suffix.lower() == ".obj" else _read_other
+        read = read_obj if path.suffix.lower() == ".obj" else _read_other
         vertices, triangles = read(path)
     except Exception as error:  # trimesh raises whatever its parsers raise
         remedy = "give a PLY or OBJ file with triangles"
@@ -227,29 +227,6 @@ def _check_ascii_ply(path: Path) -> None:
         found = sum(1 for line in file if line.strip()) if text else announced
     if found != announced:
         raise ValueError(f"its header announces {announced} lines, {found} follow")
-
-
-def _read_obj(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Positions and faces of an OBJ file (trimesh reorders the faces of several materials)."""
-    vertices: list[list[str]] = []
-    triangles: list[tuple[int, int, int]] = []
-    with open(path, encoding="utf-8", errors="replace") as file:
-        for words in map(str.split, file):
-            if words[:1] == ["v"]:
-                if len(words) < 4:
-                    raise ValueError(f"vertex {len(vertices)} has {len(words) - 1} coordinates")
-                vertices.append(words[1:4])
-            elif words[:1] == ["f"]:
-                numbers = [int(word.partition("/")[0]) for word in words[1:]]
-                if len(numbers) < 3:
-                    raise ValueError(f"face {len(triangles)} has {len(numbers)} vertices")
-                # Numbers count from 1, negative ones backwards from the vertex read last.
-                first, *rest = (n - 1 if n > 0 else len(vertices) + n for n in numbers)
-                triangles += [(first, b, c) for b, c in pairwise(rest)]
-    return (
-        np.array(vertices, np.float64).reshape(-1, 3),
-        np.array(triangles, np.int32).reshape(-1, 3),
-    )
 
 
 def write_ply(path: str | Path, mesh: Mesh, colors: np.ndarray | None = None) -> None:

@@ -1,5 +1,6 @@
 """A wrong configuration is one line with the file and the place, whatever front reads it."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -95,7 +96,7 @@ FAULTS = [
     fault("a scene's name has braces", "scenes: {'{a}': {source: procedural}}\n", "cannot be used as a file name"),
     fault("another scene is asked for", SCENE + "only: attic\n", "there is no scene 'attic'"),
     fault("misspelt", SCENE + "round: 2\n", "unknown key round (did you mean rounds?)"),
-    Fault("a folder", FILE.mkdir, "the config file is missing: config/config.yaml"),
+    Fault("a folder", FILE.mkdir, "the config file must be a file; config/config.yaml is a folder"),
 ]  # fmt: skip
 
 
@@ -127,6 +128,27 @@ def test_a_path_that_the_workflow_cannot_name_is_one_line(fault: Fault) -> None:
     with pytest.raises(FiptError) as caught:
         planned()
     assert fault.said in str(caught.value)
+
+
+GIVEN = "scenes: {room: {source: procedural, settings: {segment: {mode: given, path: ids}}}}\n"
+WEIGHTS = "scenes: {room: {source: procedural, settings: {segment: {mode: mask2former, model: ./net}}}}\n"
+LATE = [
+    fault("ids that are nothing", GIVEN, "segment.path ids does not exist; name a folder of ids"),
+    Fault(
+        "ids of no view",
+        lambda: (Path("ids").mkdir(), written(GIVEN))[1],
+        "ids must hold VIEW.png or VIEW.exr of every training view; train_000",
+    ),
+    fault("weights that are nothing", WEIGHTS, "segment.model net does not exist"),
+    Fault("weights without files", lambda: (Path("net").mkdir(), written(WEIGHTS))[1], "needs the files config.json"),
+]
+
+
+@named(LATE)
+def test_what_is_read_late_is_looked_for_when_it_is_planned(fault: Fault) -> None:
+    fault.plant()
+    with pytest.raises(FiptError, match=re.escape(fault.said)):
+        read().check(read=True)
 
 
 def planned() -> Any:

@@ -21,6 +21,7 @@ from fipt.scene.setup import parse_setup
 from fipt.stages.capture.calibration import Calibration, read_calibration, write_calibration
 from fipt.stages.capture.raw import _shot
 from tests import scenes
+from tests.fake_results import write_results
 from tests.faults.faults import Fault, contents, named, refused
 from tests.layouts import room, write_nerfstudio
 
@@ -63,6 +64,11 @@ def image(write: Callable[[Path], object]) -> Callable[[], None]:
         write(path)
 
     return plant
+
+
+def marked(name: str, value: float) -> Callable[[], None]:
+    """A source whose first image has a layer of one value."""
+    return image(lambda path: write_exr(path, {"": np.ones((6, 8, 3)), name: np.full((6, 8), value, np.float32)}))
 
 
 def mesh(vertices: np.ndarray = ROOM.vertices, triangles: np.ndarray = ROOM.triangles) -> Callable[[], None]:
@@ -119,6 +125,8 @@ end_header
     + "".join(f"{x} {y} {z}\n" for x in (0, 4) for y in (0, 3) for z in (0, 5))
     + "3 0 1 2\n3 2 1 3\n3 4 5 6\n3 6 5 7\n"
 )
+OBJ = "".join(f"v {n} {n % 2} {n % 3}\n" for n in range(12)) + "f 1 2 3\nf 4 5 6\nf 7 8 9\nf 10 11 12\n"
+SLASHES = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1/1/1 2/2/1 3/3/1\nf 1/1/1 2/2/1 4/4/1\n"
 SOURCES = [
     Fault("a frame twice", said_by(lambda c: c["frames"].append(c["frames"][0])), "or remove a frame that is listed"),
     Fault("an image outside", of_frame(file_path="../../etc/passwd"), "the first is view passwd"),
@@ -155,6 +163,20 @@ SOURCES = [
     Fault("equal keys", twice, "src/transforms.json is not JSON (the key 'w' is there twice)"),
     Fault("a mesh of text that is cut", ply(PLY[:-12]), "its header announces 12 lines, 11 follow"),
     Fault("a mesh of more lines than it says", ply(PLY.replace("face 4", "face 2")), "announces 10 lines, 12 follow"),
+    Fault("a focal length of a millionth of a pixel", of_all(fl_x=1e-6, fl_y=1e-6), "must be 0.01 to 10000 times as"),
+    Fault("a focal length of a billion pixels", of_all(fl_x=1e9, fl_y=1e9), "found 1e+09 of 8 pixels"),
+    Fault("a principal point of NaN", of_all(cx=float("nan")), "cx must be a finite number; found nan"),
+    Fault("weights of NaN", marked("valid.Y", np.nan), "valid.Y must lie between 0 and 1; 48 pixels do not"),
+    Fault("weights of 7", marked("valid.Y", 7), "valid.Y must lie between 0 and 1"),
+    Fault("flags below zero", marked("flags.Y", -1), "flags.Y must lie between 0 and"),
+    Fault("a focal length against an angle of view", of_all(camera_angle_x=1.0),
+          "fl_x and camera_angle_x must mean one lens; 4 pixels are not the 7.32195"),
+    Fault("a height that its angle of view contradicts", of_all(camera_angle_y=2.0), "fl_y and camera_angle_y must"),
+    Fault("an OBJ cut in its last face", obj(OBJ[:-2]), "'f 10 11 1', has no end, and some vertices belong to no face"),
+    Fault("an OBJ cut in a slash", obj(SLASHES[:-3]), "has no end, and the face before is written in another form"),
+    Fault("an OBJ cut in a vertex", obj(OBJ + "v 1 1 0.123"), "has no end, and vertices follow the last face"),
+    Fault("an OBJ of fewer faces than it says", obj("# Faces: 9\n" + OBJ), "it announces 9 faces, and holds 4"),
+    Fault("an OBJ of fewer vertices than it says", obj("# number of vertices: 19\n" + OBJ), "announces 19 vertices"),
     Fault("a face of two vertices", obj("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2\n"), "face 0 has 2 vertices"),
     Fault("faces of words", obj("v 0 0 0\nf x y z\n"), "src/mesh.obj is not a readable mesh"),
 ]  # fmt: skip
@@ -216,6 +238,18 @@ def test_a_light_setup_that_says_a_thing_twice() -> None:
         parse_setup('{"emitters": [{"scale": 0}], "emitters": [{"scale": 1}]}')
 
 
+def test_an_object_whose_file_is_cut() -> None:
+    Path("o.obj").write_text(OBJ[:-2])
+    with pytest.raises(FiptError, match=r"o\.obj is not a readable mesh .it is cut: its last line, 'f 10 11 1', has"):
+        read_object(Path("o.obj"))
+
+
+def test_a_mesh_that_may_be_cut(caplog: pytest.LogCaptureFixture) -> None:
+    Path("o.obj").write_text(OBJ[:-1])
+    assert len(read_object(Path("o.obj")).mesh.triangles) == 4
+    assert "o.obj may be cut: its last line, 'f 10 11 12', has no end; end it if it is whole" in caplog.text
+
+
 def test_an_object_beyond_the_stars() -> None:
     Path("o.obj").write_text("v 0 0 0\nv 1e30 0 0\nv 0 1 0\nf 1 2 3\n")
     with pytest.raises(FiptError, match=r"o\.obj has 1 vertices that are NaN, infinite or farther than 1e\+12"):
@@ -257,6 +291,21 @@ def test_methods_are_compared_by_files_of_their_form(content: str, capsys: pytes
     said = refused(capsys, "compare", "--methods", "method.json", "--out", "table.json")
     assert "does not have its form" in said
     assert list(Path().iterdir()) == [Path("method.json")]
+
+
+METRICS = ("metrics", "--dataset", "x/dataset", "--materials", "x/materials", "--render", "x/render", "--out", "m.json")
+
+
+def test_figures_of_a_setup_that_is_not_there(capsys: pytest.CaptureFixture[str]) -> None:
+    write_results(Path("x"))
+    assert "--setups needs --relight" in refused(capsys, *METRICS, "--setups", "ghost")
+    for setup in ("ghost", "dim,ghost"):
+        line = refused(capsys, *METRICS, "--relight", "x/relight", "--setups", setup)
+        assert "names ghost, but x/dataset/relight_truth/ghost has no image; there is truth of dim" in line
+    for path in Path("x/relight/dim").iterdir():
+        path.unlink()
+    assert "but x/relight/dim has no image" in refused(capsys, *METRICS, "--relight", "x/relight", "--setups", "dim")
+    assert not Path("m.json").exists()
 
 
 OPTIONS: dict[str, tuple[tuple[str, ...], str]] = {

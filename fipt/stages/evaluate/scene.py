@@ -121,14 +121,28 @@ def _mean(per_view: dict[str, float | None]) -> float | None:
 
 
 def relight_figures(data: Dataset, folder: Path, setups: Sequence[str] | None = None) -> dict[str, Any]:
-    """PSNR of the light setups that the dataset has truth for; of these names only, where they are given."""
+    """PSNR of the light setups that the dataset has truth for; of these names only, where they are given.
+
+    Raises
+    ------
+    FiptError
+        If there is no truth, or no relit view, of a setup that is named.
+    """
+    known = {truth.name: truth for truth in sorted((data.root / "relight_truth").glob("*/"))}
+    for name in setups or ():
+        for place in (data.root / "relight_truth" / name, folder / name):
+            if not any(place.glob("*.exr")):
+                raise FiptError(
+                    f"--setups names {name}, but {place} has no image; there is truth of {', '.join(known) or 'none'}",
+                    "correct the name, or leave --setups out",
+                )
     result = {}
-    for truth in sorted((data.root / "relight_truth").glob("*/")):
+    for truth in known.values():
         if setups is not None and truth.name not in setups:
             continue  # of a setup that is no more, or has cameras of its own now
-        known = [camera for camera in data.cameras if (truth / f"{camera.name}.exr").is_file()]
+        shown = [camera for camera in data.cameras if (truth / f"{camera.name}.exr").is_file()]
         per_view = {}
-        for camera in known:
+        for camera in shown:
             path = folder / truth.name / f"{camera.name}.exr"
             if path.is_file():
                 shape = (camera.height, camera.width, 3)

@@ -36,6 +36,7 @@ def run(inputs: MetricsInputs, settings: "MetricsSettings") -> dict[str, Any]:
 
     Definitions: docs/method.md, and in the file itself.
     """
+    from fipt.errors import FiptError
     from fipt.formats.files import write_text
     from fipt.registry import VERSIONS
     from fipt.scene.dataset import Dataset
@@ -44,6 +45,8 @@ def run(inputs: MetricsInputs, settings: "MetricsSettings") -> dict[str, Any]:
     from fipt.stages.evaluate.metrics import DEFINITIONS
 
     references, data = _references(inputs), Dataset(inputs.dataset)
+    if inputs.setups and inputs.relight is None:
+        raise FiptError("--setups needs --relight", "name the folder of the relit views")
     content: dict[str, Any] = {
         split: {
             **scene.material_figures(data, inputs.materials, split, inputs.partial),

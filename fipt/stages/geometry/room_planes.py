@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from fipt.stages.geometry.depth_views import DepthView
+from fipt.stages.geometry.room_directions import sharpened
 from fipt.stages.geometry.superpixels import Superpixels
 
 WITHIN = 3.0
@@ -130,7 +131,7 @@ def find_room_planes(views: Sequence[DepthView], pieces: Sequence[Superpixels], 
         [_patches(view, piece, noise, i) for i, (view, piece) in enumerate(zip(views, pieces, strict=True))]
     )
     planes = _grouped(patches)
-    directions = _directions(planes, patches)
+    directions = sharpened(_directions(planes, patches), views)
     return _described(_snapped(planes, patches, directions), patches, directions)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from fipt.conventions import FLAG_MOVED, FLAG_OUTSIDE, FLAG_SATURATED
 from fipt.errors import FiptError
-from fipt.formats.exr import read_exr, write_exr
+from fipt.formats.exr import check_marks, read_exr, write_exr
 from fipt.formats.images import read_ids, read_pixels, to_display, write_png
 from fipt.formats.layouts import SEGMENT_FOLDERS, TRUTH_FOLDERS, SourceView, numbered_file
 from fipt.formats.layouts.own import ids_file, truth_file
@@ -20,6 +20,8 @@ from fipt.scene.sources import ImageSource
 from fipt.stages.importing.encoding import EncodingCheck
 
 _SCALARS = ("roughness", "metallic")
+_SAME_FOCAL = 0.01
+"""Share by which a focal length may differ from that of an angle of view beside it."""
 
 
 def write_frames(folder: Path, source: ImageSource) -> tuple[list[Camera], tuple[Camera, np.ndarray], dict[str, Any]]:
@@ -65,6 +67,7 @@ def read_image(frame: SourceView) -> tuple[dict[str, np.ndarray], np.ndarray]:
     found = read_exr(frame.image, required=("R", "G", "B"))
     channels = {"": np.stack([found[letter] for letter in "RGB"], axis=-1)}
     channels |= {name: found[name] for name in ("valid.Y", "flags.Y") if name in found}
+    check_marks(frame.image, channels)
     if frame.mask is not None:
         channels["valid.Y"] = _read_mask(frame.mask, channels[""].shape[:2])
     valid = channels.get("valid.Y", np.ones(channels[""].shape[:2], np.float32))
@@ -99,13 +102,7 @@ def _camera(frame: SourceView, width: int, height: int) -> Camera:
     """Camera of a frame whose image has this size (which its source need not state)."""
     k = frame.intrinsics
     width, height = int(k.get("w", width)), int(k.get("h", height))
-    focal = [
-        k[length] if length in k else 0.5 * size / np.tan(0.5 * k[angle]) if angle in k else None
-        for length, angle, size in (
-            ("fl_x", "camera_angle_x", width),
-            ("fl_y", "camera_angle_y", height),
-        )
-    ]
+    focal = [_focal(frame, axis, size) for axis, size in (("x", width), ("y", height))]
     fx, fy = (focal[0] or focal[1], focal[1] or focal[0])  # square pixels where one is stated
     if fx is None or fy is None:
         raise FiptError(
@@ -123,6 +120,22 @@ def _camera(frame: SourceView, width: int, height: int) -> Camera:
         cy=float(k.get("cy", height / 2)),
         world_from_camera=np.array(frame.world_from_camera, np.float64),
     )
+
+
+def _focal(frame: SourceView, axis: str, size: int) -> float | None:
+    """Focal length in pixels along an axis of an image of this size, from fl_x or camera_angle_x; None: neither is."""
+    length, angle = frame.intrinsics.get(f"fl_{axis}"), frame.intrinsics.get(f"camera_angle_{axis}")
+    if angle is None:
+        return length
+    meant = 0.5 * size / float(np.tan(0.5 * angle))
+    if length is not None and abs(meant - length) > _SAME_FOCAL * length:
+        raise FiptError(
+            f"view {frame.name}: fl_{axis} and camera_angle_{axis} must mean one lens; {length:g} pixels are not the "
+            f"{meant:.6g} that {angle:g} radians across {size} pixels make",
+            f"remove the one that is wrong: where an image was cropped or resized, camera_angle_{axis} or fl_{axis} is "
+            "that of before",
+        )
+    return meant if length is None else length
 
 
 def _write_truth(folder: Path, frame: SourceView, camera: Camera, scale: float) -> None:

@@ -39,12 +39,15 @@ class Changes:
         Number of the first of these triangles.
     spots
         Lights at points.
+    counts
+        Triangles of each object, in order.
     """
 
     edits: Sequence[Edit] = ()
     objects: MeshObject | None = None
     first_object: int = 0
     spots: Sequence[Spot] = ()
+    counts: Sequence[int] = ()
 
     def records(self, found: Brdf, points: np.ndarray, facing: np.ndarray, scene: RayScene) -> Brdf:
         """Materials of the K voxel records after the edits.
@@ -158,6 +161,10 @@ def change(
         lit = EmitterSet(lit.triangle[kept], lit.radiance[kept], lit.two_sided)
     placed = objects_in(mesh, setup.objects, outside.up)
     changes = Changes(
-        chosen.edits(setup), joined(placed) if placed else None, len(mesh.triangles), spots_of(setup.lights)
+        chosen.edits(setup),
+        joined(placed) if placed else None,
+        len(mesh.triangles),
+        spots_of(setup.lights),
+        [len(thing.mesh.triangles) for thing in placed],
     )
     return appended(mesh, *(thing.mesh for thing in placed)) if placed else mesh, lit, changes

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -68,6 +69,22 @@ def idle_lights(mesh: Mesh, setup: RelightSetup, cameras: Sequence[Camera]) -> l
         f"lights.{number} of the setup, a {light.shape}, lights nothing that the cameras see: it is outside the room "
         "or shut in; fipt point tells positions in the room"
         for number, light in (shining[place] for place in idle)
+    ]
+
+
+def idle_objects(mesh: Mesh, counts: Sequence[int], cameras: Sequence[Camera]) -> list[str]:
+    """Warnings about objects that the cameras do not see, nor any surface around: outside the room, or shut in.
+
+    ``mesh`` is the room's; its last triangles are those of the objects, ``counts`` of each.
+    """
+    if not counts:
+        return []
+    starts = len(mesh.triangles) - sum(counts) + np.cumsum([0, *counts])
+    surfaces = [LightPoints(points_on(mesh.vertices, mesh.triangles[a:b])) for a, b in pairwise(starts)]
+    return [
+        f"objects.{number} of the setup is seen by no camera and no surface that they see: it is outside the room or "
+        "shut in, and changes nothing; fipt point tells positions in the room"
+        for number in unreached(RayScene(mesh), cameras, surfaces)
     ]
 
 

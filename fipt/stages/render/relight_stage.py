@@ -40,7 +40,7 @@ def run(inputs: RelightInputs, settings: "RelightSettings") -> dict[str, Any]:
     from fipt.render.scene import RayScene
     from fipt.scene.dataset import Dataset
     from fipt.scene.setup import parse_setup
-    from fipt.stages.render.lights import idle_lights
+    from fipt.stages.render.lights import idle_lights, idle_objects
     from fipt.stages.render.placement import unlikely_viewpoints
     from fipt.stages.render.views import Destination, StagedScene, write_views
 
@@ -48,7 +48,7 @@ def run(inputs: RelightInputs, settings: "RelightSettings") -> dict[str, Any]:
     cameras = _cameras(inputs, setup, data)
     here = setup.in_unit(data.radiance_scale)
     scene = StagedScene.relit(inputs.fitted(data), here, inputs.emitter_names, inputs.segments)
-    warnings = idle_lights(scene.mesh, here, cameras)
+    warnings = idle_lights(scene.mesh, here, cameras) + idle_objects(scene.mesh, scene.changes.counts, cameras)
     if setup.cameras is not None:
         warnings += unlikely_viewpoints(RayScene(scene.mesh), cameras, data.cameras)
     for warning in warnings:

@@ -9,7 +9,7 @@ Images hold one channel of ids, or colours that ``table.json`` turns into ids:
 """
 
 import logging
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -53,13 +53,12 @@ class GivenIds:
         self._table: dict[tuple[int, ...], int] | None = None
         self._class_of: dict[int, int] = {}
         if self.path.is_dir():
-            self._folders = id_folders(self.path)
-            self._files(self.shard.views)  # all of them are looked for before anything is done
+            self._files = id_images(self.path, self.shard.views)  # all of them, before anything is done
             self._read_names()
         elif self.path.is_file():
             self._labels, self._classes = triangle_labels(self.path, settings.property, len(data.mesh().triangles))
         else:
-            raise FiptError(f"segment.path {self.path} does not exist", "name a folder of ids, or a PLY or NPZ file")
+            raise _nothing(self.path)
 
     def views(self) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
         """The views of the shard.
@@ -86,7 +85,7 @@ class GivenIds:
         return ids.reshape(shard.shapes[index])
 
     def _read(self, view: str) -> tuple[np.ndarray, np.ndarray]:
-        files = self._files([view])[view]
+        files = self._files[view]
         maps = {kind: self._fitted(read_id_image(path, self._table), view, path) for kind, path in files.items()}
         ids = maps["part"] if "part" in maps else maps["semantic"]
         count = int(ids.max(initial=0)) + 1
@@ -103,21 +102,6 @@ class GivenIds:
                 )
             classes[k] = self._class_of[int(k)]
         return ids, classes
-
-    def _files(self, views: tuple[str, ...] | list[str]) -> dict[str, dict[str, Path]]:
-        """View -> kind -> its id image."""
-        files: dict[str, dict[str, Path]] = {}
-        for kind, folder in self._folders.items():
-            found = {view: [folder / f"{view}{suffix}" for suffix in _SUFFIXES] for view in views}
-            absent = [view for view, paths in found.items() if not any(path.is_file() for path in paths)]
-            if absent:
-                raise FiptError(
-                    f"{folder} must hold VIEW.png or VIEW.exr of every training view; {', '.join(absent[:8])} missing",
-                    "add them, named as the views",
-                )
-            for view, paths in found.items():
-                files.setdefault(view, {})[kind] = next(path for path in paths if path.is_file())
-        return files
 
     def _fitted(self, ids: np.ndarray, view: str, path: Path) -> np.ndarray:
         """Ids at the size of their view."""
@@ -157,6 +141,46 @@ class GivenIds:
 def id_folders(path: Path) -> dict[str, Path]:
     """Kind of ids (part, semantic) -> folder of its images, below a folder or the folder itself."""
     return {kind: path / kind for kind in ("part", "semantic") if (path / kind).is_dir()} or {"part": path}
+
+
+def id_images(path: Path, views: Iterable[str]) -> dict[str, dict[str, Path]]:
+    """View -> kind -> its image of ids in a folder.
+
+    Raises
+    ------
+    FiptError
+        If a view has none.
+    """
+    files: dict[str, dict[str, Path]] = {view: {} for view in views}
+    for kind, folder in id_folders(path).items():
+        for view, own in files.items():
+            found = [file for suffix in _SUFFIXES if (file := folder / f"{view}{suffix}").is_file()]
+            own |= {kind: found[0]} if found else {}
+        absent = [view for view, own in files.items() if kind not in own]
+        if absent:
+            raise FiptError(
+                f"{folder} must hold VIEW.png or VIEW.exr of every training view; {', '.join(absent[:8])} missing",
+                "add them, named as the views",
+            )
+    return files
+
+
+def check_ids(path: Path, views: Iterable[str]) -> None:
+    """Look for what `GivenIds` will read.
+
+    Raises
+    ------
+    FiptError
+        If there is nothing, or a folder has no ids of a view.
+    """
+    if path.is_dir():
+        id_images(path, views)
+    elif not path.is_file():
+        raise _nothing(path)
+
+
+def _nothing(path: Path) -> FiptError:
+    return FiptError(f"segment.path {path} does not exist", "name a folder of ids, or a PLY or NPZ file")
 
 
 def id_files(path: Path) -> list[Path]:
@@ -205,6 +229,8 @@ def _pixels(path: Path) -> np.ndarray:
 
     try:
         with Image.open(path) as image:
+            if image.format != "PNG":
+                raise FiptError(f"{path} must be a PNG; it holds {image.format}, which may change ids", "export PNG")
             values = np.array(image if image.mode in ("L", "P", "I", "I;16") else image.convert("RGB"))
     except (OSError, SyntaxError, ValueError) as error:  # what Pillow raises for damaged files
         raise FiptError(f"{path} is not a readable PNG ({error})", "replace the file") from error
@@ -238,16 +264,28 @@ def _table_entries(path: Path) -> list[dict[str, Any]]:
     try:
         entries = [dict(entry) for entry in parse_json(path.read_text(encoding="utf-8"))]
         for entry in entries:
-            color = [int(c) for c in entry.get("color", (0, 0, 0))]
-            if not 0 <= int(entry["id"]) <= LARGEST_ID:
-                raise ValueError(f"id {entry['id']}: ids go from 0 to {LARGEST_ID}")
-            if len(color) != 3 or min(color) < 0 or max(color) > 255:
-                raise ValueError(f"color {color}: three numbers from 0 to 255")
+            _check_entry(entry)
+        for kind in ("color", "id"):  # of which each means one thing
+            values = [str(entry[kind]) for entry in entries if kind in entry]
+            twice = next((value for number, value in enumerate(values) if value in values[:number]), None)
+            if twice is not None:
+                raise ValueError(f"{kind} {twice} is there twice")
     except MALFORMED as error:
         raise FiptError(
             f"{path} is not a table of ids ({error})", 'write [{"id": 1, "color": [255, 0, 0], "class": "wall"}, ...]'
         ) from error
-    return [entry | {"id": int(entry["id"])} for entry in entries]
+    return entries
+
+
+def _check_entry(entry: Mapping[str, Any]) -> None:
+    """Raise ValueError where an entry of a table is no id, or has a colour or class that is none."""
+    color = entry.get("color", [0, 0, 0])
+    if type(entry["id"]) is not int or not 0 <= entry["id"] <= LARGEST_ID:
+        raise ValueError(f"id {entry['id']}: ids are whole numbers from 0 to {LARGEST_ID}")
+    if not isinstance(color, list) or len(color) != 3 or any(type(c) is not int or not 0 <= c <= 255 for c in color):
+        raise ValueError(f"color {color}: three numbers from 0 to 255")
+    if not isinstance(entry.get("class", ""), str):
+        raise ValueError(f"class {entry['class']}: a name")
 
 
 def class_of_ids(ids: np.ndarray, semantic: np.ndarray) -> np.ndarray:
@@ -282,6 +320,8 @@ def triangle_labels(path: Path, name: str, triangles: int) -> tuple[np.ndarray, 
             f"{path} must have a label for each of the mesh's {triangles} triangles; {name} has shape {labels.shape}",
             "label the mesh that the scene uses, its triangles in the same order",
         )
+    if labels.dtype.kind not in "biuf":
+        raise FiptError(f"{path}: labels must be numbers; {name} holds {labels.dtype}", "number the segments")
     bad = ~((labels >= 0) & (labels <= LARGEST_ID) & (labels == np.floor(labels)))
     if bad.any():
         raise FiptError(

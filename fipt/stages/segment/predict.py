@@ -6,7 +6,6 @@ in a folder, or in the local cache of huggingface_hub.
 """
 
 import json
-import re
 from collections.abc import Collection, Iterable, Iterator
 from itertools import groupby
 from pathlib import Path
@@ -17,12 +16,9 @@ import torch
 
 from fipt.errors import FiptError
 from fipt.scene.dataset import Dataset
+from fipt.stages.segment.checkpoint import model_folder
 from fipt.stages.segment.settings import PredictedSegments
 
-_FILES = ("config.json", "preprocessor_config.json", "model.safetensors")
-_SHARDED = "model.safetensors.index.json"
-"""In the place of model.safetensors where the weights are several files."""
-_HUB_NAME = re.compile(r"[\w.-]+/[\w.-]+")
 _COCO_CLASSES, _COCO_THINGS = 133, 80
 """Classes of COCO panoptic; those from 80 on (wall, floor, ...) are stuff: one segment a class, not one an object."""
 
@@ -185,48 +181,6 @@ def semantic(
 def _upsampled(mask: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:
     """(H, W) of a coarser map (h, w), bilinear."""
     return torch.nn.functional.interpolate(mask[None, None], shape, mode="bilinear", align_corners=False)[0, 0]
-
-
-def model_folder(model: str) -> Path:
-    """Folder with the files of a checkpoint: ``model`` itself, or where the local cache keeps it.
-
-    Raises
-    ------
-    FiptError
-        If one of the files is not there: which, where, and how to get it.
-    """
-    fetch = f"hf download {model} {' '.join(_FILES)}"
-    folder = Path(model).expanduser()
-    if folder.is_dir():
-        remedy = "put them there (of a checkpoint as `hf download NAME --local-dir FOLDER` fetches it)"
-    elif _HUB_NAME.fullmatch(model):
-        folder = _cached(model)
-        remedy = f"fetch them once with: {fetch}"
-    else:
-        raise FiptError(
-            f"segment.model {model} does not exist", "name a folder that holds a Mask2Former, or a checkpoint"
-        )
-    missing = [name for name in _FILES if not (folder / name).is_file()]
-    if "model.safetensors" in missing and (folder / _SHARDED).is_file():
-        missing.remove("model.safetensors")
-    if missing:
-        raise FiptError(
-            f"segment.mode mask2former needs the files {', '.join(_FILES)} of {model} in {folder}; "
-            f"{', '.join(missing)} missing (nothing is downloaded here, and pickled weights are not read)",
-            f"{remedy}; segment.mode: geometry needs none",
-        )
-    return folder
-
-
-def _cached(model: str) -> Path:
-    """Snapshot of a checkpoint in the cache of huggingface_hub, whether it is there or not."""
-    from huggingface_hub import constants, snapshot_download
-    from huggingface_hub.errors import LocalEntryNotFoundError
-
-    try:
-        return Path(snapshot_download(model, local_files_only=True))
-    except LocalEntryNotFoundError:
-        return Path(constants.HF_HUB_CACHE, f"models--{model.replace('/', '--')}")
 
 
 def _loaded(folder: Path) -> tuple[Any, Any]:

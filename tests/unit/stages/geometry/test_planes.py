@@ -1,7 +1,10 @@
 """Planes of a known room: found on textured pixels, and carried on over bare ones."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from fipt.render.scene import RayScene
 from fipt.scene.depth_maps import DepthMap
@@ -11,6 +14,7 @@ from fipt.stages.geometry.completion import complete
 from fipt.stages.geometry.depth_views import DepthNoise, DepthView, depth_noise
 from fipt.stages.geometry.other_views import OtherViews
 from fipt.stages.geometry.room_box import RoomBox, find_box
+from fipt.stages.geometry.room_directions import sharpened
 from fipt.stages.geometry.room_planes import find_room_planes
 from fipt.stages.geometry.shell import with_shell
 from fipt.stages.geometry.superpixels import superpixels
@@ -58,6 +62,26 @@ def test_the_walls_of_a_cube_are_found_and_along_its_directions():
     box = find_box(views, planes.directions)
     np.testing.assert_allclose(box.walls[:, [0, 2]], [[-HALF] * 2, [HALF] * 2], atol=0.01)
     np.testing.assert_allclose([box.low[[0, 2]], box.high[[0, 2]]], [[-HALF] * 2, [HALF] * 2], atol=0.01)
+
+
+def turned_world(view: DepthView, turn: np.ndarray) -> DepthView:
+    """The view in a world that is turned (3, 3)."""
+    pose = np.eye(4)
+    pose[:3, :3] = turn
+    camera = replace(view.camera, world_from_camera=pose @ view.camera.world_from_camera)
+    found = view.map
+    return DepthView(camera, DepthMap(found.depth, found.confidence, found.normal @ turn.T), view.radiance)
+
+
+@pytest.mark.parametrize("degrees", [(0.0, 0.0, 0.0), (1.0, -0.8, 2.0)], ids=["along the world", "turned"])
+def test_what_lies_along_walls_tells_the_directions_of_a_room_without_planes(degrees):
+    # of each wall a skirting of 30 cm is known; the start is off by two degrees about each axis
+    turn = Rotation.from_euler("xyz", degrees, degrees=True).as_matrix()
+    views = [turned_world(without(view, inner(view)), turn) for view in around(NOISE)]
+    start = Rotation.from_euler("xyz", [2.0, -2.0, 1.5], degrees=True).as_matrix()
+    np.testing.assert_allclose(sharpened(start @ turn.T, views), turn.T, atol=0.003)
+    nothing = [without(view, np.ones((60, 80), bool)) for view in views]
+    np.testing.assert_array_equal(sharpened(start, nothing), start)
 
 
 def test_bare_walls_are_completed():

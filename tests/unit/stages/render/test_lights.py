@@ -331,3 +331,17 @@ def test_lights_that_light_nothing_are_told(apply):
     without_a_wall = replace(ROOM, triangles=ROOM.triangles[2:])
     mesh = scenes.joined(without_a_wall, replace(mesh, triangles=mesh.triangles[len(ROOM.triangles) :]))
     assert len(idle_lights(mesh, setup, [camera])) < len(told)
+
+
+def test_objects_that_nobody_sees_are_told(backend):
+    """Far outside, behind a wall or within another thing; not round a corner."""
+    from fipt.stages.render.lights import idle_objects
+
+    places = [(102, 1, 2), (2, 2, 2), (-0.5, 1, 2), (3, 0.5, 0.5)]
+    things = [scenes.box(tuple(x - 0.1 for x in at), tuple(x + 0.1 for x in at)) for at in places]
+    shell = scenes.box((1.8, 1.8, 1.8), (2.2, 2.2, 2.2))
+    mesh, camera = scenes.joined(ROOM, shell, *things), scenes.look_at("a", (3.5, 1.5, 4.5), (2, 1, 2))
+    told = idle_objects(mesh, [len(thing.triangles) for thing in things], [camera])
+    assert [warning.split()[0] for warning in told] == ["objects.0", "objects.1", "objects.2"]
+    assert "seen by no camera and no surface that they see" in told[0]
+    assert idle_objects(mesh, [], [camera]) == []
