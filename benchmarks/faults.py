@@ -27,8 +27,10 @@ CLASSES = {
     "between_stages": "files between stages: content",
     "arrays": "files between stages: form",
     "invariance": "what means nothing",
+    "objects": "objects of setups",
     "origins": "files between stages: origin",
     "resources": "resources, signals, native code",
+    "rooms": "new rooms, records, results of others",
     "planted": "sources, light, methods, options",
 }
 """File of tests/faults -> class of its faults."""

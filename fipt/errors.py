@@ -75,6 +75,17 @@ def shortage(error: BaseException, path: object = "") -> FiptError | None:
     return None
 
 
+def unloadable(error: ImportError) -> FiptError | None:
+    """Say that a package is missing or broken; None where a module of ours is: a mistake in the program."""
+    name = (error.name or "").partition(".")[0]
+    if name == "fipt":
+        return None
+    return FiptError(
+        f"the package {name or 'that is needed'} cannot be loaded ({error})",
+        "install what requirements.lock lists (make setup); fipt doctor says what is missing",
+    )
+
+
 def unreadable(path: object, error: BaseException, found: str, remedy: str) -> FiptError:
     """Say that a file is ``found``, unless it was memory that failed: then it may be sound."""
     if isinstance(error, MemoryError):

@@ -14,7 +14,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from fipt import __version__
@@ -131,13 +131,25 @@ def read_provenance(results: Path) -> dict[str, Any]:
     if not path.is_file():
         raise FiptError(f"{path} does not exist: nothing says what {results} was", remedy)
     content = read_json(path, "the provenance of a run", remedy)
-    tables = [content.get(key) for key in ("files", "inputs", "stages")] if isinstance(content, dict) else [None]
-    rows = [row for table in tables[:2] if isinstance(table, dict) for row in table.values()]
-    whole = all(isinstance(row, dict) and {"sha256", "size", "mtime_ns"} <= row.keys() for row in rows)
-    whole = whole and isinstance(tables[0], dict) and all("stage" in row for row in tables[0].values())
-    if not whole or not all(isinstance(table, dict) for table in tables) or content.get("format") != _FORMAT:
+    if not _is_whole(content):
         raise FiptError(f"{path} is not the provenance of a run", remedy)
     return content
+
+
+def _is_whole(content: Any) -> bool:
+    """Whether a record has its form, and names only files of the results as theirs."""
+    if not isinstance(content, dict) or content.get("format") != _FORMAT or not isinstance(content.get("fipt"), str):
+        return False
+    if not all(isinstance(content.get(key), dict) for key in ("packages", "machine", "stages", "inputs", "files")):
+        return False
+    rows = [*content["inputs"].values(), *content["files"].values()]
+    if not all(isinstance(row, dict) and isinstance(row.get("sha256"), str) for row in rows):
+        return False
+    numbers = [row.get(key) for row in rows for key in ("size", "mtime_ns")]
+    if not all(type(number) is int and abs(number) < 2**63 for number in numbers):
+        return False
+    names = [(PurePosixPath(name), row.get("stage")) for name, row in content["files"].items()]
+    return all(isinstance(stage, str) and not path.is_absolute() and ".." not in path.parts for path, stage in names)
 
 
 def changes(results: Path) -> list[Difference]:
@@ -205,7 +217,11 @@ def _unequal(one: Any, other: Any, key: str) -> Iterator[str]:
 
 def _judged(path: Path, name: str, stage: str, row: Mapping[str, Any]) -> list[Difference]:
     """What is wrong with a file; nothing where its content is as recorded."""
-    if not path.is_file():
+    try:
+        there = path.is_file()
+    except OSError:  # of a name that no disk has
+        there = False
+    if not there:
         return [] if row.get("tidied") else [Difference(name, stage, "missing")]
     state = path.stat()
     try:

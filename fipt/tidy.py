@@ -81,7 +81,15 @@ def tidy(results: Path, dry: bool) -> Tidied:
 
 
 def restore(results: Path) -> list[str]:
-    """Remove the manifests of what is gone, so that the next run makes it again; return their names."""
+    """Remove the manifests of what is gone, so that the next run makes it again; return their names.
+
+    Raises
+    ------
+    FiptError
+        If there are no results, or another run works on them.
+    """
+    if not results.is_dir():
+        raise FiptError(f"there is no folder {results}", "check the name of the scene")
     with locked(results):
         gone = [path for path in sorted(results.rglob("*.manifest.json")) if _lacks(path)]
         for manifest in gone:

@@ -5,6 +5,9 @@ import signal
 import sys
 from typing import Any
 
+IGNORED = (signal.SIGHUP,) if signal.getsignal(signal.SIGHUP) == signal.SIG_IGN else ()
+"""Signals that this process was started to ignore: nohup lets work go on when its terminal closes."""
+
 
 def end(number: int, frame: Any) -> None:
     """End at once, with a word: nothing has begun that must be tidied up."""
@@ -14,5 +17,6 @@ def end(number: int, frame: Any) -> None:
 
 if os.path.basename(sys.argv[0]) in ("fipt", "-m"):  # noqa: PTH119 - pathlib takes longer than all that it protects
     # the program itself begins: while modules are loaded, Ctrl-C would be a traceback
-    signal.signal(signal.SIGINT, end)
-    signal.signal(signal.SIGTERM, end)
+    for _number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        if _number not in IGNORED:
+            signal.signal(_number, end)

@@ -18,6 +18,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, NoReturn
 
+from fipt.cli import IGNORED
 from fipt.cli.process import end_with_parent, leave
 from fipt.errors import EXIT_CODE
 
@@ -29,7 +30,8 @@ _WORK = 0.1
 """Seconds of processors in that time that are no work: threads that wait wake up at times."""
 _INTERVAL = 1.0
 """Seconds after which the process is looked at again."""
-_SAID: dict[int, str] = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated", signal.SIGHUP: "terminated"}
+_WORDS: dict[int, str] = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated", signal.SIGHUP: "terminated"}
+_SAID = {number: word for number, word in _WORDS.items() if number not in IGNORED}
 
 
 def guarded(name: str, call: Callable[[], int], hang: float = HANG) -> int:

@@ -29,7 +29,13 @@ def command(
     """Write FOLDER/config/config.yaml for a new room, with comments. Nothing is overwritten."""
     if scan is not None:
         from fipt.config.scan import SHEET_FILE, write_rooms
+        from fipt.errors import FiptError
 
+        given = {"source": source != "raw", "path": path, "mesh": mesh, "name": name, "poses": poses != "colmap"}
+        given["format"] = format != "nerfstudio"
+        other = next((key for key, value in given.items() if value), None)
+        if other is not None:
+            raise FiptError(f"--scan finds out what each room is; --{other} is of one room", "leave one of them out")
         rooms = write_rooms(folder, scan)
         print(
             f"{folder / SHEET_FILE} lists {len(rooms)} rooms: look through it, then\n    cd {folder}\n    fipt run all"

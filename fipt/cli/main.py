@@ -20,7 +20,7 @@ from typing import Any
 from fipt import __version__
 from fipt.cli.guard import guarded
 from fipt.cli.process import configure_logging, end_with_parent, is_job, leave
-from fipt.errors import EXIT_CODE, FiptError, shortage
+from fipt.errors import EXIT_CODE, FiptError, shortage, unloadable
 from fipt.registry import VERBS
 
 _INTERRUPTED = 128 + signal.SIGINT
@@ -88,8 +88,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("fipt: interrupted", file=sys.stderr)
         return _INTERRUPTED
-    except (MemoryError, OSError, RuntimeError) as error:
-        found = shortage(error)
+    except (ImportError, MemoryError, OSError, RuntimeError) as error:
+        found = unloadable(error) if isinstance(error, ImportError) else shortage(error)
         if found is None:
             raise
         return _fail(str(found))

@@ -20,7 +20,7 @@ from typing import Any, ClassVar
 from snakemake_interface_logger_plugins.base import LogHandlerBase
 from snakemake_interface_logger_plugins.common import LogEvent
 
-from fipt.cli import end
+from fipt.cli import IGNORED, end
 from fipt.errors import EXIT_CODE
 from fipt.outcome import OUR_LINE
 from fipt.progress import INTERVAL
@@ -233,7 +233,8 @@ def interruptible() -> Iterator[None]:
 
     # what Snakemake does on SIGTERM once jobs run, which is to wait for them
     setattr(JobScheduler, "exit_gracefully", lambda _, number, frame: interrupt(number, frame))  # noqa: B010 - no method
-    before = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
+    heard = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP} - set(IGNORED)
+    before = {number: signal.signal(number, interrupt) for number in heard}
     try:
         yield
     finally:

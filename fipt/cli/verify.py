@@ -45,6 +45,9 @@ def command(
 def _folder(name: str) -> Path:
     """Folder of a scene's results."""
     from fipt.config.layout import Layout
+    from fipt.errors import FiptError
 
+    if not name.strip():
+        raise FiptError("the name of a scene must not be empty", "name a scene, or the folder of its results")
     named = Path(Layout(name).root)
     return Path(name) if not named.is_dir() and Path(name).is_dir() else named

@@ -33,6 +33,11 @@ def command(
         raise FiptError(f"--out must be a PNG or JPEG file; found {out}", "give it the ending .png")
     if same_place(file, out):
         raise FiptError(f"{out} is the file that is shown: it would be overwritten", "name another file with --out")
+    array, given = file.suffix.lower() == ".npy", {"--shard-view": shard_view, "--samples": samples}
+    useless = next((option for option, value in given.items() if value and not array), None)
+    if useless or (views and not file.is_dir()):
+        what = "arrays of a shard (.npy)" if useless else "the folder of a dataset"
+        raise FiptError(f"{useless or '--views'} is for {what}; {file} is none", "leave the option out")
     if file.is_dir():
         made = montage(file, [view for view in views.split(",") if view])
     else:

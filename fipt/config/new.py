@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import json
+import logging
 from dataclasses import dataclass
 from pathlib import Path
 from string import Template
-
-import yaml
 
 from fipt.config.reading import CONFIG_FILE, load
 from fipt.config.sources.base import RECONSTRUCTED
 from fipt.errors import FiptError
 from fipt.formats.files import check_name, write_text
+from fipt.formats.yaml import parse_yaml
+
+log = logging.getLogger(__name__)
 
 TEMPLATES = Path(__file__).resolve().parent / "templates"
 """Folder of the configurations, one for each source."""
@@ -67,7 +69,13 @@ def write_config(folder: Path, room: NewRoom) -> Path:
     if file.exists():
         raise FiptError(f"{file} exists already", "choose another folder, or edit that file")
     text = config_text(folder, room)
-    load(yaml.safe_load(text))  # what cannot be is told now
+    (scene,) = load(parse_yaml(text)).scenes.values()  # what cannot be is told now
+    poses = None if room.poses == "colmap" else Path(room.poses)
+    for key, path in (("path", room.path), ("mesh", room.mesh), ("poses", poses)):
+        if path is not None:
+            scene.place.plain(str(path), key)
+        if path is not None and not path.expanduser().exists():
+            log.warning("--%s: %s is not there yet", key, path)
     write_text(file, text)
     return file
 
@@ -77,7 +85,7 @@ def config_text(folder: Path, room: NewRoom) -> str:
     template = Template((TEMPLATES / f"{room.source}.yaml").read_text(encoding="utf-8"))
     poses = room.poses if room.poses == "colmap" else _written(folder, Path(room.poses))
     return template.substitute(
-        name=room.name,
+        name=room.name if room.name[0].isalpha() and parse_yaml(room.name) == room.name else json.dumps(room.name),
         path=_written(folder, room.path) if room.path else _PLACES.get(room.source, ""),
         mesh=_written(folder, room.mesh) if room.mesh else "mesh.ply" if room.source == "dataset" else RECONSTRUCTED,
         mesh_comment="" if room.mesh else "# ",

@@ -7,8 +7,8 @@ import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from fipt.config.reading import CONFIG_FILE
-from fipt.config.sheet import read_sheet, write_sheet
+from fipt.config.reading import CONFIG_FILE, load
+from fipt.config.sheet import write_sheet
 from fipt.errors import FiptError
 from fipt.formats.files import write_text
 from fipt.stages.capture.brackets import TABLE
@@ -49,21 +49,31 @@ def write_rooms(folder: Path, scanned: Path) -> list[str]:
     if not rooms:
         raise FiptError(f"{scanned} holds no capture, no dataset and no scene file", "check the path")
     write_sheet(sheet, rooms)
-    read_sheet(str(sheet))  # what cannot be is told now
+    try:
+        for name, scene in load({"scenes": str(sheet)}).scenes.items():  # what cannot be is told now
+            scene.place.plain(rooms[name]["path"], "path")
+    except FiptError:
+        sheet.unlink()
+        raise
     write_text(config, _CONFIG)
     return list(rooms)
 
 
-def _rooms(folder: Path) -> Iterator[tuple[Path, dict[str, str]]]:
-    """Every place below a folder that is a room, with what it is; nothing is looked for inside a room."""
+def _rooms(folder: Path, above: tuple[Path, ...] = ()) -> Iterator[tuple[Path, dict[str, str]]]:
+    """Every place below a folder that is a room, with what it is; nothing is looked for inside a room.
+
+    A link to one of the folders ``above`` leads back: it is passed over.
+    """
     keys = _kind(folder)
     if keys is not None:
         yield (folder / "scene.xml" if keys["source"] == "mitsuba" else folder), keys
         return
     with os.scandir(folder) as found:
         below = sorted(entry.path for entry in found if entry.is_dir() and not entry.name.startswith("."))
-    for path in below:
-        yield from _rooms(Path(path))
+    above = (*above, folder.resolve())
+    for path in map(Path, below):
+        if path.resolve() not in above:
+            yield from _rooms(path, above)
 
 
 def _kind(folder: Path) -> dict[str, str] | None:

@@ -134,7 +134,13 @@ def _entry(where: str, columns: tuple[str, ...], cells: list[str]) -> dict[str, 
     for number, (column, cell) in enumerate(zip(columns[1:], cells[1:], strict=False), 2):
         if not cell.strip():
             continue
-        value: Any = _value(f"{where}, column {number} ({column})", column, cell.strip())
+        place = f"{where}, column {number} ({column})"
+        value: Any = _value(place, column, cell.strip())
+        inner = next((other for other in columns if other.startswith(f"{column}.")), None)
+        if inner is not None and not isinstance(value, dict):
+            raise FiptError(
+                f"{place}: {cell.strip()!r} is no section, but column {inner} is in it", "remove one of both"
+            )
         for key in reversed(column.split(".")):
             value = {key: value}
         merge(entry, value)

@@ -138,3 +138,11 @@ def read_rgb(path: str | Path, layer: str = "") -> np.ndarray:
     names = [f"{layer}.{letter}" if layer else letter for letter in "RGB"]
     channels = read_exr(path, required=names)
     return np.stack([channels[name] for name in names], axis=-1)
+
+
+def check_marks(path: str | Path, channels: Mapping[str, np.ndarray]) -> None:
+    """Raise FiptError where the weights (``valid.Y``) or flags (``flags.Y``) of an image are none."""
+    for name, high in (("valid.Y", 1.0), ("flags.Y", 2.0**32 - 1)):
+        bad = 0 if name not in channels else int((~((channels[name] >= 0) & (channels[name] <= high))).sum())
+        if bad:
+            raise FiptError(f"{path}: {name} must lie between 0 and {high:g}; {bad} pixels do not", "write it again")

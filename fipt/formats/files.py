@@ -185,6 +185,8 @@ def existing_file(path: str | Path, what: str) -> Path:
         there = path.is_file()
     except (OSError, ValueError) as error:  # longer than the system allows, or with a null byte
         raise FiptError(f"{what} cannot be at {str(path)[:200]} ({error})", "check the path") from error
+    if not there and path.is_dir():
+        raise FiptError(f"{what} must be a file; {path} is a folder", "check the path")
     if not there:
         raise FiptError(f"{what} is missing: {path}", "check the path, or run the stage that writes it")
     return path

@@ -8,6 +8,8 @@ from pathlib import Path
 from fipt.errors import FiptError
 from fipt.formats.files import atomic
 
+_OTHERWISE = "set video: png, and join elsewhere"
+
 
 def write_mp4(path: str | Path, images: Path, pattern: str, count: int, fps: float, quality: int) -> None:
     """Join numbered images into an MP4 (H.264, 4:2:0, BT.709) that browsers play.
@@ -33,19 +35,25 @@ def write_mp4(path: str | Path, images: Path, pattern: str, count: int, fps: flo
         command += ["-i", pattern, "-frames:v", str(count), "-vf", ",".join([*(filters if any(odd) else []), color])]
         command += ["-c:v", "libx264", "-crf", str(quality), "-preset", "slow"]
         command += ["-movflags", "+faststart", "-fflags", "+bitexact", str(temporary.resolve())]
-        done = subprocess.run(command, cwd=images, capture_output=True, text=True, check=False)
+        try:
+            done = subprocess.run(command, cwd=images, capture_output=True, text=True, check=False)
+        except OSError as error:
+            raise FiptError(f"ffmpeg cannot be run: {command[0]} ({error.strerror})", _OTHERWISE) from error
         if done.returncode:
             if "No space left" in done.stderr:
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))  # `atomic` says what to do
             why = done.stderr[-500:].strip() or f"ffmpeg ended with {done.returncode}"
-            raise FiptError(f"{path} could not be written: {why}", "set video: png, and join elsewhere")
+            raise FiptError(f"{path} could not be written: {why}", _OTHERWISE)
 
 
 def _size(path: Path) -> tuple[int, int]:
     from PIL import Image
 
-    with Image.open(path) as image:
-        return image.size
+    try:
+        with Image.open(path) as image:
+            return image.size
+    except (OSError, SyntaxError, ValueError) as error:  # what Pillow raises for damaged files
+        raise FiptError(f"{path} is not a readable image ({error})", "render it again") from error
 
 
 def _program() -> str:

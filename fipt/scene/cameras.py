@@ -15,6 +15,8 @@ _IMAGE_AXES = np.diag([1.0, -1.0, -1.0])
 """Image axes from a camera's, which are OpenGL's."""
 _FARTHEST = 10
 """Sizes of the image that the principal point may lie away: a crop or a shifted lens has it outside, by a few."""
+_FOCAL = (0.01, 1e4)
+"""Focal length over width of an image: 178 degrees across; a piece of a photograph by a long lens."""
 _LONGEST = 4
 """Times that a pixel may be as long as wide: anamorphic lenses double it."""
 
@@ -236,6 +238,12 @@ def check_cameras(cameras: list[Camera], path: str | Path) -> None:
         if min(camera.width, camera.height) < 1 or not (0 < camera.fx < np.inf and 0 < camera.fy < np.inf):
             raise FiptError(
                 f"{where}: image size and focal lengths must be positive and finite", "correct the intrinsics"
+            )
+        if not _FOCAL[0] <= camera.fx / camera.width <= _FOCAL[1]:
+            raise FiptError(
+                f"{where}: a focal length must be {_FOCAL[0]:g} to {_FOCAL[1]:g} times as long as the image is wide; "
+                f"found {camera.fx:g} of {camera.width} pixels",
+                "correct the intrinsics",
             )
         if not 1 / _LONGEST <= camera.fx / camera.fy <= _LONGEST:
             raise FiptError(

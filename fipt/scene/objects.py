@@ -6,7 +6,6 @@ their parallelogram's fourth are linear over the triangle.
 """
 
 import logging
-import re
 import struct
 from dataclasses import dataclass, replace
 from io import BytesIO
@@ -21,6 +20,7 @@ from fipt.formats.files import existing_file
 from fipt.formats.glb import chunks
 from fipt.formats.images import srgb_decode
 from fipt.scene.mesh import Mesh
+from fipt.scene.mtl import defined_materials, is_there, material_files, texture_files
 from fipt.scene.obj import check_whole
 
 log = logging.getLogger(__name__)
@@ -183,14 +183,15 @@ def read_object(path: str | Path) -> MeshObject:
 
     if path.suffix.lower() == ".glb":
         _check_images(path)
+    defined = defined_materials(path) if path.suffix.lower() == ".obj" else None
     try:
-        if path.suffix.lower() == ".obj":
+        if defined is not None:
             check_whole(path)
         scene = trimesh.load_scene(path, process=False)
         nodes = [scene.graph[node] for node in scene.graph.nodes_geometry]
         found = [(scene.geometry[name], placed) for placed, name in nodes]
         linear = path.suffix.lower() == ".glb"  # glTF's colours of vertices are, the others' are sRGB
-        pieces = [_piece(mesh, placed, linear) for mesh, placed in found if len(getattr(mesh, "faces", ()))]
+        pieces = [_piece(mesh, placed, linear, defined) for mesh, placed in found if len(getattr(mesh, "faces", ()))]
     except Exception as error:  # trimesh raises whatever its parsers raise
         raise FiptError(
             f"{path} is not a readable mesh ({error or type(error).__name__})", "give a PLY, OBJ or GLB with triangles"
@@ -202,6 +203,8 @@ def read_object(path: str | Path) -> MeshObject:
     if bad.any():
         said = f"{int(bad.sum())} vertices that are NaN, infinite or farther than {FARTHEST:.0e} from its origin"
         raise FiptError(f"{path} has {said}", "repair the mesh")
+    if not made.mesh.areas.any():
+        raise FiptError(f"none of the triangles of {path} has an area", "repair the mesh")
     if len(made.mesh.triangles) > MANY:
         log.warning("%s has %d triangles; fewer would be faster", path, len(made.mesh.triangles))
     return made
@@ -211,21 +214,17 @@ def object_files(path: str | Path) -> list[str]:
     """Return an object's file and those that it refers to: an OBJ's materials and their images that exist."""
     files = [Path(path)]
     if files[0].suffix.lower() == ".obj" and files[0].is_file():
-        materials = _named(files[0], r"mtllib\s+(.+)")
-        images = [name for file in materials for name in _named(file, r"map_Kd\s+(?:-\w+\s+\S+\s+)*(.+)")]
+        materials = [file for file in material_files(files[0]) if is_there(file)]
+        images = [image for file in materials for image in texture_files(file) if is_there(image)]
         files += [*materials, *images]
     return [str(file) for file in dict.fromkeys(files)]
 
 
-def _named(path: Path, pattern: str) -> list[Path]:
-    """Existing files beside ``path`` that its lines name."""
-    lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
-    names = [found[1].strip() for line in lines if (found := re.match(rf"\s*{pattern}", line))]
-    return [path.parent / name for name in names if (path.parent / name).is_file()]
+def _piece(piece: Any, placed: np.ndarray, linear_colors: bool, defined: set[str] | None) -> MeshObject:
+    """One mesh of trimesh where its (4, 4) matrix puts it, with its normals, texture coordinates and material.
 
-
-def _piece(piece: Any, placed: np.ndarray, linear_colors: bool) -> MeshObject:
-    """One mesh of trimesh where its (4, 4) matrix puts it, with its normals, texture coordinates and material."""
+    ``defined``: names of the materials that count; trimesh makes one up where a file has none. None: all do.
+    """
     vertices, triangles = np.asarray(piece.vertices), np.asarray(piece.faces, np.int32)
     if triangles.min() < 0 or triangles.max() >= len(vertices):
         raise ValueError("it refers to vertices it does not have")
@@ -236,8 +235,9 @@ def _piece(piece: Any, placed: np.ndarray, linear_colors: bool) -> MeshObject:
     material, uv = uniform(*_NEUTRAL), None
     visual = piece.visual
     if visual.kind == "texture" and visual.material is not None:
-        material = _material(visual.material)
         uv = visual.uv
+        if defined is None or visual.material.name in defined:
+            material = _material(visual.material)
     elif visual.kind == "vertex":
         colors = np.asarray(visual.vertex_colors)[:, :3] / 255.0
         colors = colors if linear_colors else srgb_decode(colors)

@@ -28,6 +28,8 @@ Triangles = frozenset[int]
 _RESERVED = re.compile(r"(?:lamp|emitter)[-_ ]?\d+|rest|outside|surface", re.IGNORECASE)
 """Names that the program gives itself."""
 _LONGEST = 60
+_MOST = 10_000_000
+"""Triangles of an emitter: a set of so many takes a gigabyte."""
 _RANGE = re.compile(r"\s*(\d+)\s*(?:-\s*(\d+)\s*)?")
 
 _KEYS = ("mesh_triangles", "emitters")
@@ -211,6 +213,8 @@ def numbers(text: str, limit: int) -> Triangles:
             raise FiptError(f"triangles must be like 5-16, 20; found {text!r}", "write numbers and ranges")
         if last >= limit:
             raise FiptError(f"there is no triangle {last}", f"triangles go from 0 to {limit - 1}")
+        if len(found) + last - first >= _MOST:
+            raise FiptError(f"an emitter must have fewer than {_MOST} triangles; found {text[:80]!r}", "list fewer")
         found.update(range(first, last + 1))
     return frozenset(found)
 

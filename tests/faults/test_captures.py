@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 
 from fipt.cli.main import main
-from fipt.stages.capture.brackets import Bracket, _left_out, judge
+from fipt.errors import FiptError
+from fipt.formats.exr import write_exr
+from fipt.stages.capture.brackets import Bracket, _left_out, judge, read_capture
 from fipt.stages.capture.folder import others, photographs
 from fipt.stages.capture.quality import _gathered
-from fipt.stages.capture.raw import Shot
+from fipt.stages.capture.raw import Shot, _usual
 from tests import captures
-from tests.faults.faults import refused
+from tests.faults.faults import Fault, named, refused
 
 
 def said_of(folder: Path, capsys: pytest.CaptureFixture[str]) -> str:
@@ -92,3 +94,127 @@ def test_photographs_of_another_kind_are_counted(tmp_path: Path) -> None:
     assert others(tmp_path, photographs(tmp_path)[1]) == (["a.JPG"], ["b.jpg"])
     found = [finding.kind for finding in _left_out(tmp_path, [tmp_path / "A.dng"])]
     assert found == ["paired", "left-out"]
+
+
+TIMES = (0.25, 0.0625, 0.015625)
+HEAD = "view\tfile\tshutter\n"
+LISTED = HEAD + "".join(f"v\t{number}.jpg\t{seconds}\n" for number, seconds in enumerate(TIMES))
+
+
+def phone(values: tuple[float, ...] = (200, 120, 60), size: tuple[int, int] = (32, 24)) -> None:
+    """A bracket of JPEGs of these mean values, listed in a table; the second one of another size."""
+    from PIL import Image
+
+    Path("c").mkdir()
+    pattern = np.random.default_rng(0).uniform(0.6, 1.4, (24, 32, 3))
+    for number, value in enumerate(values):
+        image = Image.fromarray(np.clip(pattern * value, 0, 255).astype(np.uint8))
+        (image if number != 1 else image.resize(size)).save(f"c/{number}.jpg", quality=95)
+    Path("c/captures.tsv").write_text(LISTED)
+
+
+def with_table(text: str) -> None:
+    phone()
+    Path("c/captures.tsv").write_text(text)
+
+
+def with_folder(name: str, file: str = "") -> None:
+    phone()
+    Path("c", name).mkdir(parents=True)
+    if file:
+        Path("c", name, file).write_text("")
+
+
+def table_is_a_folder() -> None:
+    phone()
+    Path("c/captures.tsv").unlink()
+    Path("c/captures.tsv").mkdir()
+
+
+def calibration_is_a_file() -> None:
+    phone()
+    Path("c/calibration").write_text("x")
+
+
+PHONE = [
+    Fault("one of another size", lambda: phone(size=(40, 24)), "view v: 1.jpg must be 32x24 like 0.jpg"),
+    Fault("times that are exchanged", lambda: phone((60, 120, 200)),
+          "view v: 1.jpg must be darker than 0.jpg, exposed for longer; their means are "),
+    Fault("one image at three times", lambda: phone((90, 90, 90)), "the same image"),
+    Fault("frames of no kind", lambda: with_folder("calibration/flats"), "c/calibration/flats is no folder"),
+    Fault("a file for calibration frames", calibration_is_a_file, "c/calibration is no folder of calibration frames"),
+    Fault("a calibration of nothing", lambda: (phone(), Path("c/calibration.json").write_text("{}"))[0],
+          "c/calibration.json is not a calibration"),
+    Fault("a table that is a folder", table_is_a_folder, "the table of a capture must be a file; c/captures.tsv"),
+    Fault("cells of no column", lambda: with_table(LISTED.replace("0.25", "0.25\tx")), "line 2: there are more cells"),
+    Fault("a column twice", lambda: with_table("view\tfile\tfile\na\tb\t0.jpg\n"), "must have the columns view and"),
+    Fault("a time of no shutter", lambda: with_table(LISTED.replace("0.25", "1e300")),
+          "line 2: shutter must lie between 1e-07 and 100000; found '1e300'"),
+    Fault("views that differ by case", lambda: with_table(f"{LISTED}V\t0.jpg\t1\n".replace("v\t0.jpg\t0.25\n", "")),
+          "c/captures.tsv, views: v and V differ by case alone"),
+    Fault("a quote that is not closed", lambda: with_table(HEAD + '"a\t0.jpg\t1\n'), "cannot be used as a file name"),
+    Fault("a line without a file", lambda: with_table(HEAD + "a\t\t1\n"), "must be a file; c is a folder"),
+]  # fmt: skip
+
+
+@named(PHONE)
+def test_a_capture_of_a_phone_that_cannot_be(
+    fault: Fault, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    fault.plant()
+    main(["check-capture", "c"])
+    said = capsys.readouterr()
+    assert fault.said in " ".join((said.out + said.err).split())
+    if fault.name != "one image at three times":  # which the development tells
+        assert fault.said in refused(capsys, "calibrate", "--capture", "c", "--out", "cal.json")
+    assert not Path("cal.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ((1, 0.4, 0.1), "the longest exposure is black in 100% of the pixels"),
+        ((700, 690, 680), "the shortest exposure is clipped in 100% of the pixels"),
+    ],
+)
+def test_a_capture_that_shows_nothing_is_told(
+    values: tuple[float, ...],
+    said: str,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    phone(values)
+    assert said in said_of(Path("c"), capsys)
+
+
+@pytest.mark.parametrize(
+    ("layer", "value"), [("valid.Y", np.nan), ("valid.Y", 7), ("flags.Y", np.nan), ("flags.Y", -1)]
+)
+def test_layers_of_a_merged_view_that_cannot_be(
+    layer: str, value: float, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_exr("c/v.exr", {"": np.ones((6, 8, 3), np.float32), layer: np.full((6, 8), value, np.float32)})
+    assert main(["calibrate", "--capture", "c", "--out", "cal.json"]) == 0
+    files = ("--capture", "c", "--calibration", "cal.json", "--out", "dev", "--manifest", "dev.json")
+    assert f"c/v.exr: {layer} must lie between 0 and" in refused(capsys, "develop", *files, "--views", "v")
+    assert not Path("dev/hdr").exists()
+
+
+def test_exposures_that_no_camera_has_are_not_known() -> None:
+    stated = [("shutter", 4e9), ("shutter", 1e-9), ("aperture", 1e9), ("iso", 1e12)]
+    assert [_usual(key, value) for key, value in stated] == [None] * 4
+    assert _usual("shutter", 1 / 8000) == 1 / 8000
+
+
+def test_hidden_files_are_no_calibration_frames(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from fipt.stages.capture.calibration_frames import calibration_frames
+
+    monkeypatch.chdir(tmp_path)
+    with_folder("calibration/checkerboard", ".DS_Store")
+    assert calibration_frames(Path("c")) == {}
+    with pytest.raises(FiptError, match="holds no view 'ghost'"):
+        read_capture("c").bracket("ghost")

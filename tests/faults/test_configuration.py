@@ -96,7 +96,7 @@ FAULTS = [
     fault("a scene's name has braces", "scenes: {'{a}': {source: procedural}}\n", "cannot be used as a file name"),
     fault("another scene is asked for", SCENE + "only: attic\n", "there is no scene 'attic'"),
     fault("misspelt", SCENE + "round: 2\n", "unknown key round (did you mean rounds?)"),
-    Fault("a folder", FILE.mkdir, "the config file is missing: config/config.yaml"),
+    Fault("a folder", FILE.mkdir, "the config file must be a file; config/config.yaml is a folder"),
 ]  # fmt: skip
 
 

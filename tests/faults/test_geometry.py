@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from fipt.cli.main import main
-from fipt.meshing.mend import mended
+from fipt.meshing.mend import far_origin, mended
 from fipt.meshing.subdivide import subdivided
 from fipt.render.scene import RayScene
 from fipt.render.variant import Backend
 from fipt.scene.cameras import read_origin, read_transforms
 from fipt.scene.dataset import Dataset
-from fipt.scene.mesh import Mesh, write_ply
+from fipt.scene.mesh import Mesh, read_geometry, write_ply
 from tests.faults.faults import Fault, contents, named, refused
 from tests.layouts import POSES, room, write_nerfstudio
 
@@ -123,6 +123,18 @@ def test_coordinates_of_a_map_give_the_room_near_the_origin(
     for here, there in zip(plain.cameras, moved.cameras, strict=True):
         np.testing.assert_allclose(there.center + origin, here.center + shift, rtol=0, atol=1e-8)
         np.testing.assert_array_equal(here.world_from_camera[:3, :3], there.world_from_camera[:3, :3])
+
+
+def test_coordinates_of_a_map_lose_nothing(tmp_path: Path) -> None:
+    """The bits of the room moved by whole metres: nothing is rounded to float32 before it is near the origin."""
+    shift, rng = np.array([512345.0, 5412345, 321]), np.random.default_rng(0)
+    vertices = rng.uniform(0, 5, (300, 3)).astype(np.float32).astype(np.float64)
+    triangles, centers = np.arange(300, dtype=np.int32).reshape(-1, 3), rng.uniform(0.5, 4.5, (9, 3))
+    double_ply(tmp_path / "m.ply", vertices + shift, triangles)
+    origin = far_origin(centers + shift)
+    found, moved = mended(*read_geometry(tmp_path / "m.ply"), origin), mended(vertices, triangles, origin - shift)
+    np.testing.assert_array_equal(found.mesh.vertices, moved.mesh.vertices)
+    np.testing.assert_allclose(centers + shift - origin, centers - (origin - shift), rtol=0, atol=2**-30)
 
 
 def test_a_unit_is_the_same_room(backend: Backend) -> None:

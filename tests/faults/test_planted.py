@@ -66,6 +66,11 @@ def image(write: Callable[[Path], object]) -> Callable[[], None]:
     return plant
 
 
+def marked(name: str, value: float) -> Callable[[], None]:
+    """A source whose first image has a layer of one value."""
+    return image(lambda path: write_exr(path, {"": np.ones((6, 8, 3)), name: np.full((6, 8), value, np.float32)}))
+
+
 def mesh(vertices: np.ndarray = ROOM.vertices, triangles: np.ndarray = ROOM.triangles) -> Callable[[], None]:
     def plant() -> None:
         write_nerfstudio(Path("src"))
@@ -158,6 +163,12 @@ SOURCES = [
     Fault("equal keys", twice, "src/transforms.json is not JSON (the key 'w' is there twice)"),
     Fault("a mesh of text that is cut", ply(PLY[:-12]), "its header announces 12 lines, 11 follow"),
     Fault("a mesh of more lines than it says", ply(PLY.replace("face 4", "face 2")), "announces 10 lines, 12 follow"),
+    Fault("a focal length of a millionth of a pixel", of_all(fl_x=1e-6, fl_y=1e-6), "must be 0.01 to 10000 times as"),
+    Fault("a focal length of a billion pixels", of_all(fl_x=1e9, fl_y=1e9), "found 1e+09 of 8 pixels"),
+    Fault("a principal point of NaN", of_all(cx=float("nan")), "cx must be a finite number; found nan"),
+    Fault("weights of NaN", marked("valid.Y", np.nan), "valid.Y must lie between 0 and 1; 48 pixels do not"),
+    Fault("weights of 7", marked("valid.Y", 7), "valid.Y must lie between 0 and 1"),
+    Fault("flags below zero", marked("flags.Y", -1), "flags.Y must lie between 0 and"),
     Fault("a focal length against an angle of view", of_all(camera_angle_x=1.0),
           "fl_x and camera_angle_x must mean one lens; 4 pixels are not the 7.32195"),
     Fault("a height that its angle of view contradicts", of_all(camera_angle_y=2.0), "fl_y and camera_angle_y must"),

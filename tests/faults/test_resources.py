@@ -208,6 +208,7 @@ def test_every_end_is_one_line(call: Callable[[], int], code: int, said: str, tm
         for number in (signal.SIGSEGV, signal.SIGABRT):
             signal.signal(number, signal.SIG_DFL)  # other tests have loaded libraries that catch them
         guard.GRACE = 0.5
+        guard._SAID = guard._WORDS  # whatever the tests were started with
         os._exit(guard.guarded("fit", call, hang=1.0))
 
     process = multiprocessing.get_context("fork").Process(target=run)
@@ -218,6 +219,18 @@ def test_every_end_is_one_line(call: Callable[[], int], code: int, said: str, tm
     assert words.startswith(said)
     assert words.count("\n") == bool(said)
     assert "Traceback" not in words
+
+
+def test_what_nohup_starts_goes_on() -> None:
+    """A terminal that closes sends SIGHUP, which nohup has let the process ignore."""
+    script = (
+        "import os, signal, sys\nsignal.signal(signal.SIGHUP, signal.SIG_IGN)\nsys.argv[0] = 'fipt'\n"
+        "from fipt.cli.guard import guarded\n"
+        "def call():\n    os.kill(os.getpid(), signal.SIGHUP)\n    os.kill(os.getppid(), signal.SIGHUP)\n    return 7\n"
+        "sys.exit(guarded('fit', call))"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stderr) == (7, "")
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the system kills a child with its parent on Linux")

@@ -7,8 +7,13 @@ import numpy as np
 import pytest
 
 from fipt.errors import FiptError
-from fipt.synthetic.scenefile.values import color
+from fipt.render.variant import Backend
+from fipt.synthetic.scenefile.materials import converted, material
+from fipt.synthetic.scenefile.shapes import PlacedShape, geometry
+from fipt.synthetic.scenefile.source import SceneFileReader
+from fipt.synthetic.scenefile.values import color, transform
 from fipt.synthetic.scenefile.xml import Node, read_tree
+from fipt.synthetic.settings import SceneFile
 
 
 def rgb(text: str) -> Node:
@@ -42,3 +47,74 @@ def test_what_is_referred_to_has_one_meaning(tmp_path: Path) -> None:
         read_tree(path)
     path.write_text(f'<scene version="3.0.0">{twice}<shape type="cube"/></scene>')
     assert read_tree(path)
+
+
+def node(text: str, tmp_path: Path) -> Node:
+    path = tmp_path / "s.xml"
+    path.write_text(f'<scene version="3.0.0">{text}</scene>')
+    return read_tree(path).root.children[0]
+
+
+TRANSFORMS = {
+    "a rotation about nothing": ('<rotate angle="90"/>', "a rotation must have an axis"),
+    "a matrix of a camera": ('<matrix value="1 0 0 0 0 1 0 0 0 0 1 0 0 0 5 1"/>', "last row of a transform must be 0"),
+    "a look at where it stands": ('<lookat origin="1 1 1" target="1 1 1" up="0 1 0"/>', "the transform must be finite"),
+    "a look along its up": ('<lookat origin="0 0 0" target="0 1 0" up="0 1 0"/>', "the transform must be finite"),
+    "a scale of nan": ('<scale value="nan"/>', "the transform must be finite"),
+    "three numbers of a matrix": ('<matrix value="1 0 0"/>', "a matrix must have 16 .or 9. numbers; found 3"),
+}
+
+
+@pytest.mark.parametrize("name", TRANSFORMS)
+def test_a_transform_that_cannot_be(name: str, tmp_path: Path) -> None:
+    text, said = TRANSFORMS[name]
+    with pytest.raises(FiptError, match=f"s.xml line 1: .*{said}"):
+        transform(node(f"<transform>{text}</transform>", tmp_path))
+
+
+BALL = '<shape type="sphere">{}</shape>'
+SHAPES = {
+    "a sphere turned inside out": (
+        BALL.format('<float name="radius" value="-1"/>'),
+        "the radius of a s",
+    ),
+    "a sphere of no size": (
+        BALL.format('<float name="radius" value="nan"/>'),
+        "radius must be a number",
+    ),
+    "a sphere nowhere": (
+        BALL.format('<point name="center" x="nan"/>'),
+        "center must be finite",
+    ),
+    "a cylinder without length": (
+        '<shape type="cylinder"><point name="p0" value="1 1 1"/><point name="p1" value="1 1 1"/></shape>',
+        "the ends of a cylinder must be apart",
+    ),
+    "a disk beyond the stars": (
+        '<shape type="disk"><transform name="to_world"><scale value="1e30"/></transform></shape>',
+        "the vertices of a shape must lie within 1e.12",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_a_shape_that_cannot_be(name: str, tmp_path: Path) -> None:
+    text, said = SHAPES[name]
+    shape = node(text, tmp_path)
+    with pytest.raises(FiptError, match=said):
+        geometry(
+            PlacedShape(shape, transform(shape.get("to_world")), "a"), SceneFileReader(tmp_path / "s.xml", SceneFile())
+        )
+
+
+def test_materials_beyond_one_are_told(tmp_path: Path, backend: Backend, caplog: pytest.LogCaptureFixture) -> None:
+    source = SceneFileReader(tmp_path / "s.xml", SceneFile())
+    bright = node('<bsdf type="diffuse"><rgb name="reflectance" value="5 5 5"/></bsdf>', tmp_path)
+    material("a", converted(bright, source), 0.15)
+    assert "material a: its base color reaches 5, which is taken as 0." in caplog.text
+    rough = node('<bsdf type="roughconductor"><float name="alpha" value="9"/></bsdf>', tmp_path)
+    material("b", converted(rough, source), 0.15)
+    assert "material b: its roughness reaches 3, which is taken as 1" in caplog.text
+    inner = '<bsdf type="diffuse"/><bsdf type="diffuse"/>'
+    converted(node(f'<bsdf type="blendbsdf"><float name="weight" value="9"/>{inner}</bsdf>', tmp_path), source)
+    assert "the weight of a blendbsdf reaches 9, more than 1" in caplog.text

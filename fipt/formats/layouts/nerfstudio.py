@@ -144,8 +144,9 @@ def pinhole_intrinsics(where: str, keys: Mapping[str, Any]) -> dict[str, float]:
 def _stated(keys: Mapping[str, Any]) -> dict[str, float]:
     found = {key: number(keys[key]) for key in _INTRINSICS if keys.get(key) is not None}
     for key, value in found.items():
-        if not math.isfinite(value) or (key not in ("cx", "cy") and value <= 0):
-            raise ValueError(f"{key} must be a finite number above 0; found {value:g}")
+        above = "" if key in ("cx", "cy") else " above 0"
+        if not math.isfinite(value) or (above and value <= 0):
+            raise ValueError(f"{key} must be a finite number{above}; found {value:g}")
         if key in ("w", "h") and value != int(value):
             raise ValueError(f"{key} must be a whole number of pixels; found {value:g}")
         if key.startswith("camera_angle") and value >= math.pi:

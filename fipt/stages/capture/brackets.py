@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import math
 import re
 from collections import Counter
 from collections.abc import Collection, Sequence
@@ -14,11 +13,11 @@ from pathlib import Path
 import numpy as np
 
 from fipt.errors import FiptError
-from fipt.formats.files import check_name, existing_file, natural
+from fipt.formats.files import check_distinct, check_name, existing_file, natural
 from fipt.formats.text import read_text
 from fipt.stages.capture.exposures import SAME_STOPS, exposure, shutter_text, stops
 from fipt.stages.capture.folder import others, photographs
-from fipt.stages.capture.raw import MERGED_SUFFIXES, RAW_SUFFIXES, Shot, read_shot
+from fipt.stages.capture.raw import MERGED_SUFFIXES, RAW_SUFFIXES, USUAL, Shot, read_shot
 
 TABLE = "captures.tsv"
 """Table of a capture folder that overrides EXIF."""
@@ -128,7 +127,7 @@ def read_capture(folder: str | Path, frames: int = 0) -> Capture:
     if not folder.is_dir():
         raise FiptError(f"the capture folder is missing: {folder}", "check the path")
     table = folder / TABLE
-    if table.is_file():
+    if table.exists():
         kind, views, findings = _tabled(table)
     else:
         kind, views, findings = _grouped(folder, frames)
@@ -366,12 +365,13 @@ def _view_name(stem: str, taken: Collection[str]) -> str:
 
 def _tabled(table: Path) -> tuple[str, dict[str, tuple[Shot, ...]], list[Finding]]:
     """Views of ``captures.tsv``."""
-    reader = csv.DictReader(read_text(table, "the table of a capture").splitlines(), delimiter="\t")
+    lines_of = read_text(table, "the table of a capture").splitlines()
+    reader = csv.DictReader(lines_of, delimiter="\t", quoting=csv.QUOTE_NONE)
     try:
         columns, rows = reader.fieldnames or [], list(reader)
     except csv.Error as error:
         raise FiptError(f"{table} is not a table ({error})", "separate its columns by tabs") from error
-    if not {"view", "file"} <= set(columns) <= set(_COLUMNS):
+    if not {"view", "file"} <= set(columns) <= set(_COLUMNS) or len(set(columns)) < len(columns):
         raise FiptError(
             f"{table} must have the columns view and file, and may have shutter, aperture, iso; "
             f"found {', '.join(map(str, columns)) or 'nothing'}",
@@ -382,6 +382,8 @@ def _tabled(table: Path) -> tuple[str, dict[str, tuple[Shot, ...]], list[Finding
     lines: dict[Path, int] = {}
     for number, row in enumerate(rows, start=2):
         where = f"{table}, line {number}"
+        if None in row:  # where DictReader puts cells without a column
+            raise FiptError(f"{where}: there are more cells than columns", "part cells by one tab each")
         path = existing_file(table.parent / (row["file"] or ""), f"a photograph ({where})")
         if lines.setdefault(path.resolve(), number) != number:
             raise FiptError(
@@ -389,7 +391,7 @@ def _tabled(table: Path) -> tuple[str, dict[str, tuple[Shot, ...]], list[Finding
                 "remove one of the lines",
             )
         view = check_name(row["view"] or "", f"{where}: view")
-        given = {key: _positive(row.get(key), f"{where}: {key}") for key in ("shutter", "aperture", "iso")}
+        given = {key: _positive(row.get(key), f"{where}: {key}", *USUAL[key]) for key in ("shutter", "aperture", "iso")}
         given = {key: value for key, value in given.items() if value is not None}
         suffix = path.suffix.lower()
         kind = "raw" if suffix in RAW_SUFFIXES else "merged" if suffix in MERGED_SUFFIXES else "ldr"
@@ -402,6 +404,7 @@ def _tabled(table: Path) -> tuple[str, dict[str, tuple[Shot, ...]], list[Finding
     if not rows or len(kinds) > 1:
         found = " and ".join(sorted(kinds)) or "no file"
         raise FiptError(f"{table} must list files of one kind (raw, ldr or merged); found {found}", "correct the table")
+    check_distinct(views, f"{table}, views")
     return kinds.pop(), views, []
 
 
@@ -415,7 +418,7 @@ def _read_tabled(path: Path, has_shutter: bool) -> Shot:
         return Shot(path)
 
 
-def _positive(text: str | None, where: str) -> float | None:
+def _positive(text: str | None, where: str, low: float, high: float) -> float | None:
     if text is None or not text.strip():
         return None
     above, _, below = text.partition("/")
@@ -423,6 +426,8 @@ def _positive(text: str | None, where: str) -> float | None:
         value = float(above) / float(below or 1)
     except (ValueError, ZeroDivisionError):
         value = 0.0
-    if not 0 < value < math.inf:
+    if not value > 0:
         raise FiptError(f"{where} must be a positive number such as 0.5 or 1/60; found {text!r}", "correct the table")
+    if not low <= value <= high:
+        raise FiptError(f"{where} must lie between {low:g} and {high:g}; found {text!r}", "correct the table")
     return value

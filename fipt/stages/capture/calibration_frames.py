@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from fipt.errors import FiptError
 from fipt.stages.capture.calibration import Calibration
 from fipt.stages.capture.folder import photographs
 from fipt.stages.capture.mosaic import tiled
@@ -20,13 +21,25 @@ KINDS = ("dark", "flat", "checkerboard", "charuco", "white")
 
 
 def calibration_frames(folder: Path) -> dict[str, list[Path]]:
-    """Kind -> its frames in ``folder/calibration/KIND/``; kinds without frames are left out."""
-    frames = {}
-    for kind in KINDS:
-        place = folder / FOLDER / kind
-        if place.is_dir() and any(place.iterdir()):
-            frames[kind] = photographs(place)[1]
-    return frames
+    """Kind -> its frames in ``folder/calibration/KIND/``; kinds without frames are left out.
+
+    Raises
+    ------
+    FiptError
+        If something else lies there: frames of a kind that is not known would be passed over.
+    """
+    root = folder / FOLDER
+    if not root.exists():
+        return {}
+    there = [place for place in (sorted(root.iterdir()) if root.is_dir() else [root]) if place.name[0] != "."]
+    for place in there:
+        if place.name not in KINDS or not place.is_dir():
+            raise FiptError(
+                f"{place} is no folder of calibration frames: {', '.join(KINDS)} in {root} are",
+                "rename it, or move it elsewhere",
+            )
+    full = [place for place in there if any(file.name[0] != "." for file in place.iterdir())]
+    return {kind: photographs(root / kind)[1] for kind in KINDS if root / kind in full}
 
 
 def read_frame(path: Path, found: Calibration) -> RawFrame:

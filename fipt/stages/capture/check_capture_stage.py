@@ -45,6 +45,8 @@ def run(inputs: CheckCaptureInputs, settings: "CaptureSettings") -> dict[str, An
     capture = read_capture(inputs.folder, settings.frames if inputs.frames is None else inputs.frames)
     qualities, unreadable = ([], []) if inputs.quick else inspect(capture, os.cpu_count() or 1)
     calibrated = [] if inputs.quick else calibration_faults(capture, settings)
+    known = {finding.message for finding in unreadable}
+    calibrated = [finding for finding in calibrated if finding.message not in known]
     findings = check(capture, [*unreadable, *calibration_notes(capture), *calibrated], qualities)
     show(capture, qualities, findings)
     errors = sum(finding.severity == "error" for finding in findings)

@@ -14,7 +14,7 @@ import numpy as np
 
 from fipt.conventions import FLAG_NOISE, FLAG_OUTSIDE, FLAG_SATURATED
 from fipt.errors import FiptError
-from fipt.formats.exr import read_exr, write_exr
+from fipt.formats.exr import check_marks, read_exr, write_exr
 from fipt.formats.files import check_disk, check_memory, existing_file, write_text
 from fipt.formats.hdr import read_hdr
 from fipt.progress import progress
@@ -229,19 +229,21 @@ def _passed_through(bracket: Bracket, calibration: Calibration) -> View:
     calibration.check_size(radiance.shape[:2], path)
     facts = {"exposures": [], "ratios": [], "images": check_copies(bracket, [radiance])}
     finite = np.asarray(np.isfinite(radiance).all(axis=-1))
+    check_marks(path, layers)
     valid = layers.get("valid.Y", np.ones(finite.shape, np.float32)) * finite
     flags = layers.get("flags.Y", np.zeros(finite.shape)).astype(np.uint32)
     return View(np.where(finite[..., None], radiance, 0), valid.astype(np.float32), flags, None, facts=facts)
 
 
 def _from_ldr(bracket: Bracket, calibration: Calibration) -> View:
-    from fipt.stages.capture.ldr import merge_ldr, read_ldr
+    from fipt.stages.capture.ldr import check_order, merge_ldr, read_ldr
 
     images = []
     for shot in bracket.shots:
         images.append(read_ldr(shot.path))
         calibration.check_size(images[-1].shape[:2], shot.path)
     named = check_copies(bracket, images)
+    check_order(bracket, images)
     exposures = [exposure(shot) for shot in bracket.shots]
     radiance, saturated, noisy, clipped = merge_ldr(images, exposures, np.array(calibration.response))
     flags = (saturated * np.uint8(FLAG_SATURATED)) | (noisy * np.uint8(FLAG_NOISE))

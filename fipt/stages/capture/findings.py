@@ -252,7 +252,7 @@ def calibration_notes(capture: Capture) -> list[Finding]:
 
 def calibration_faults(capture: Capture, settings: CaptureSettings) -> list[Finding]:
     """What is wrong with the calibration frames, found by calibrating."""
-    if capture.kind != "raw":
+    if capture.kind == "merged":
         return []
     try:
         found = calibrate(capture, settings)

@@ -11,6 +11,7 @@ from fipt.progress import progress
 from fipt.stages.capture.brackets import Bracket, Capture, Finding
 from fipt.stages.capture.copies import check_copies, copied_views
 from fipt.stages.capture.exposures import stops
+from fipt.stages.capture.ldr import HIGHEST, LOWEST, check_order, read_ldr
 from fipt.stages.capture.quality import Quality, measure
 from fipt.stages.capture.raw import read_raw
 
@@ -28,8 +29,11 @@ def inspect(capture: Capture, threads: int = 2) -> tuple[list[Quality], list[Fin
             return Finding("unreadable", "error", message, error.remedy, (bracket.view,))
         try:
             images[bracket.view] = check_copies(bracket, pixels)
-            if bracket.kind != "raw":
-                return _not_finite(bracket.view, pixels[0]) if bracket.kind == "merged" else None
+            if bracket.kind == "ldr":
+                check_order(bracket, pixels)
+                return _useless(bracket, pixels)
+            if bracket.kind == "merged":
+                return _not_finite(bracket.view, pixels[0])
             return measure(bracket, frames)
         except FiptError as error:
             return Finding("bracket", "error", error.message, error.remedy, (bracket.view,))
@@ -51,7 +55,6 @@ def inspect(capture: Capture, threads: int = 2) -> tuple[list[Quality], list[Fin
 def _pixels(bracket: Bracket) -> list[np.ndarray]:
     """Images of a bracket that is not RAW."""
     from fipt.stages.capture.develop import read_merged
-    from fipt.stages.capture.ldr import read_ldr
 
     return [read_ldr(shot.path) if bracket.kind == "ldr" else read_merged(shot.path)[0] for shot in bracket.shots]
 
@@ -63,6 +66,19 @@ def _not_finite(view: str, radiance: np.ndarray) -> Finding | None:
         return None
     message = f"view {view}: {bad} pixels are NaN or infinite; they get weight 0"
     return Finding("not-finite", "warning", message, "merge the view again", (view,))
+
+
+def _useless(bracket: Bracket, images: list[np.ndarray]) -> Finding | None:
+    """What is wrong with the range or the colours of a view of JPEG or PNG files, if anything."""
+    clipped, dark = (images[-1] > HIGHEST).all(axis=-1).mean(), (images[0] < LOWEST).all(axis=-1).mean()
+    view, remedy = (bracket.view,), "photograph the view again, with other exposures"
+    if max(clipped, dark) > 0.5:
+        which = "shortest exposure is clipped" if clipped > dark else "longest exposure is black"
+        message = f"view {bracket.view}: the {which} in {max(clipped, dark):.0%} of the pixels"
+        return Finding("clipped" if clipped > dark else "noise", "warning", message, remedy, view)
+    if all((image == image[..., :1]).all() for image in images):
+        return Finding("grey", "warning", f"view {bracket.view} has no colours", "give the photographs in colour", view)
+    return None
 
 
 def balance_text(gains: tuple[float, float, float] | None) -> str:

@@ -15,10 +15,10 @@ import numpy as np
 from fipt.errors import FiptError
 from fipt.formats.files import existing_file
 from fipt.formats.images import decoded
-from fipt.stages.capture.brackets import Capture
+from fipt.stages.capture.brackets import Bracket, Capture
 from fipt.stages.capture.exposures import exposure
 
-_LOWEST, _HIGHEST = 4, 251
+LOWEST, HIGHEST = 4, 251
 """8-bit values outside count as black and as clipped."""
 
 _SAMPLES, _SMOOTHNESS = 200, 30.0
@@ -47,9 +47,15 @@ def response(capture: Capture) -> np.ndarray:
         if len(bracket.shots) < 2 or len(curves) == _BRACKETS:
             continue
         images = [read_ldr(shot.path) for shot in bracket.shots]
+        check_order(bracket, images)
         times = np.array([exposure(shot) for shot in bracket.shots], np.float32)
         method = cv2.createCalibrateDebevec(_SAMPLES, _SMOOTHNESS, random=False)
         curve = np.log(np.maximum(method.process(images, times).reshape(256, 3), 1e-9))
+        if not np.isfinite(curve).all():
+            raise FiptError(
+                f"view {bracket.view}: its exposures must tell the response of the camera; they hold too few values",
+                "remove the view, or photograph it again",
+            )
         curves.append(curve - curve[128])
     if not curves:
         raise FiptError(
@@ -57,6 +63,33 @@ def response(capture: Capture) -> np.ndarray:
             "photograph brackets, or RAW",
         )
     return np.mean(curves, axis=0).astype(np.float64)
+
+
+def check_order(bracket: Bracket, images: Sequence[np.ndarray]) -> None:
+    """Check that the images of a bracket, longest first, have one size and that each is darker than the one before.
+
+    Raises
+    ------
+    FiptError
+        If not: the times that the files state are not theirs, or nothing can be seen.
+    """
+    names = [shot.path.name for shot in bracket.shots]
+    means = [float(image.mean()) for image in images]
+    for number in range(1, len(images)):
+        size, first = images[number].shape, images[0].shape
+        if size != first:
+            raise FiptError(
+                f"view {bracket.view}: {names[number]} must be {first[1]}x{first[0]} like {names[0]}; it is "
+                f"{size[1]}x{size[0]}",
+                "a bracket must be of one camera and one size",
+            )
+        before = means[number - 1]
+        if means[number] >= before + (0 if LOWEST < before < HIGHEST else 1):  # in the dark, noise decides
+            raise FiptError(
+                f"view {bracket.view}: {names[number]} must be darker than {names[number - 1]}, exposed for longer; "
+                f"their means are {means[number]:.0f} and {before:.0f} of 255",
+                "state the true times in captures.tsv, or photograph the view again",
+            )
 
 
 def merge_ldr(
@@ -75,7 +108,7 @@ def merge_ldr(
     """
     values = np.arange(256)
     hat = np.minimum(values, 255 - values).astype(np.float32) + np.float32(0.01)
-    hat[values < _LOWEST] = hat[values > _HIGHEST] = 1e-4
+    hat[values < LOWEST] = hat[values > HIGHEST] = 1e-4
     light = np.exp(curve).astype(np.float32)
     total = np.zeros(images[0].shape, np.float32)
     weights = np.zeros_like(total)
@@ -84,7 +117,7 @@ def merge_ldr(
         w = hat[image]
         total += w * np.stack([light[image[..., c], c] for c in range(3)], axis=-1) / np.float32(e)
         weights += w
-        clipped.append(float((image > _HIGHEST).any(axis=-1).mean()))
-    saturated = np.asarray((images[-1] > _HIGHEST).any(axis=-1))
-    noisy = np.asarray((images[0] < _LOWEST).all(axis=-1))
+        clipped.append(float((image > HIGHEST).any(axis=-1).mean()))
+    saturated = np.asarray((images[-1] > HIGHEST).any(axis=-1))
+    noisy = np.asarray((images[0] < LOWEST).all(axis=-1))
     return total / weights, saturated, noisy, clipped

@@ -25,6 +25,8 @@ RAW_SUFFIXES = frozenset(
 )
 LDR_SUFFIXES = frozenset({".jpg", ".jpeg", ".png"})
 MERGED_SUFFIXES = frozenset({".exr", ".hdr"})
+USUAL = {"shutter": (1e-7, 1e5), "aperture": (0.1, 1e3), "iso": (0.1, 1e8)}
+"""Seconds, f-numbers and ISO speeds that cameras have; what is beyond is not known."""
 
 
 @dataclass(frozen=True)
@@ -265,9 +267,9 @@ def _shot(path: Path, tags: dict[str, Any], raw: Any) -> Shot:
         time = float(timegm(other.timestamp.timetuple()))
     return Shot(
         path=path,
-        shutter=_number(tags, "EXIF ExposureTime") or _positive(other and other.shutter_speed),
-        aperture=_number(tags, "EXIF FNumber") or _positive(other and other.aperture),
-        iso=_number(tags, "EXIF ISOSpeedRatings") or _positive(other and other.iso_speed),
+        shutter=_usual("shutter", _number(tags, "EXIF ExposureTime") or _positive(other and other.shutter_speed)),
+        aperture=_usual("aperture", _number(tags, "EXIF FNumber") or _positive(other and other.aperture)),
+        iso=_usual("iso", _number(tags, "EXIF ISOSpeedRatings") or _positive(other and other.iso_speed)),
         focal_length=_number(tags, "EXIF FocalLength") or _positive(other and other.focal_length),
         focal_length_35=_number(tags, "EXIF FocalLengthIn35mmFilm"),
         camera=camera or None,
@@ -276,6 +278,12 @@ def _shot(path: Path, tags: dict[str, Any], raw: Any) -> Shot:
         time=time,
         orientation=orientation if orientation in range(1, 9) else 1,
     )
+
+
+def _usual(key: str, value: float | None) -> float | None:
+    """Return a value that cameras have; None: what a damaged file states."""
+    low, high = USUAL[key]
+    return value if value is not None and low <= value <= high else None
 
 
 def _positive(value: Any) -> float | None:

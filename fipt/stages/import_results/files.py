@@ -4,12 +4,15 @@
 or for none: one that is not there stays unknown.
 """
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from fipt.errors import FiptError
 from fipt.stages.import_results.settings import ImportResultsSettings
+
+log = logging.getLogger(__name__)
 
 _EXR = {"albedo": "reflectance", "kd": "kd", "roughness": "roughness", "emission": "emission"}
 """Their quantity -> our layer."""
@@ -90,4 +93,6 @@ def _numbered(folder: Path, pattern: str, count: int) -> list[Path]:
             f"{folder} must hold a file for each of {count} views; {', '.join(missing[:4])}{more} missing",
             "export the others too, or remove them all",
         )
+    if (more := folder / pattern.format(count)).is_file():
+        log.warning("%s: there are %d views, so files from this one on are of none; do the numbers fit?", more, count)
     return files

@@ -13,6 +13,10 @@ from fipt.stages.import_results.files import OtherResults
 _NPZ = {"albedo": "reflectance", "diffuse": "kd", "roughness": "roughness", "emission": "emission"}
 """Their quantity -> our layer."""
 _SCALARS = ("roughness",)
+_ROUNDING = 0.01
+"""Below zero by so much: noise of networks and filters."""
+_MOST = {"roughness": 1 + _ROUNDING, "reflectance": 100.0, "kd": 100.0}
+"""Reflectances may be known up to a factor; those of 0 to 255 are refused."""
 
 
 def layers_of(found: OtherResults, number: int, shape: tuple[int, int]) -> dict[str, np.ndarray]:
@@ -33,6 +37,9 @@ def _stored(found: OtherResults, number: int) -> Iterator[tuple[str, np.ndarray,
             yield name, _read_image(path, name in _SCALARS), path
             continue
         arrays = load_npz(path)
+        if not _NPZ.keys() & arrays.keys():
+            there = ", ".join(sorted(arrays)) or "nothing"
+            raise FiptError(f"{path} must hold one of {', '.join(_NPZ)}; it holds {there}", "name its arrays so")
         for theirs, ours in _NPZ.items():
             if theirs in arrays:
                 yield ours, arrays[theirs], path
@@ -60,11 +67,17 @@ def _checked(values: np.ndarray, name: str, path: Path, shape: tuple[int, int]) 
         raise FiptError(
             f"{path}: {name} must have shape {wanted} like its view; it has {values.shape}", "export it at that size"
         )
-    if values.dtype.kind not in "fiu":
-        raise FiptError(f"{path}: {name} must hold numbers; found {values.dtype}", "export it again")
+    if values.dtype.kind != "f":
+        raise FiptError(f"{path}: {name} must hold floats; found {values.dtype}", "export it again, 1 for white")
     values = values.astype(np.float32)
     if not np.isfinite(values).all():
         raise FiptError(f"{path}: {name} must be finite; found NaN or infinity", "export it again")
+    bad = int((values < -_ROUNDING).sum() + (values > _MOST.get(name, np.inf)).sum())
+    if bad:
+        most = f"and {_MOST[name]:g}" if name in _MOST else "and any number"
+        raise FiptError(
+            f"{path}: {name} must lie between 0 {most}; {bad} values do not", "export it again, 1 for white"
+        )
     return values
 
 

@@ -36,6 +36,12 @@ def run(inputs: ImportResultsInputs, settings: "ImportResultsSettings") -> dict[
     data = Dataset(inputs.dataset)
     train, held_out = data.views(settings.views), data.views("val")
     found = found_results(settings, inputs.scene, len(train), len(held_out))
+    if settings.path is None:
+        raise FiptError("import_results.path must name the folder of the other program's files", "give it")
+    if settings.setup and not (data.root / "relight_truth" / settings.setup).is_dir():
+        raise FiptError(
+            f"import_results.setup names {settings.setup}, of which {data.root} has no truth", "correct the name"
+        )
     if not found.files():
         raise FiptError(f"{settings.path} holds no outputs of this scene", "check path, method and scene of the card")
     shards = [read_samples(folder) for folder in inputs.samples]

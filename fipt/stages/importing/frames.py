@@ -9,7 +9,7 @@ import numpy as np
 
 from fipt.conventions import FLAG_MOVED, FLAG_OUTSIDE, FLAG_SATURATED
 from fipt.errors import FiptError
-from fipt.formats.exr import read_exr, write_exr
+from fipt.formats.exr import check_marks, read_exr, write_exr
 from fipt.formats.images import read_ids, read_pixels, to_display, write_png
 from fipt.formats.layouts import SEGMENT_FOLDERS, TRUTH_FOLDERS, SourceView, numbered_file
 from fipt.formats.layouts.own import ids_file, truth_file
@@ -67,6 +67,7 @@ def read_image(frame: SourceView) -> tuple[dict[str, np.ndarray], np.ndarray]:
     found = read_exr(frame.image, required=("R", "G", "B"))
     channels = {"": np.stack([found[letter] for letter in "RGB"], axis=-1)}
     channels |= {name: found[name] for name in ("valid.Y", "flags.Y") if name in found}
+    check_marks(frame.image, channels)
     if frame.mask is not None:
         channels["valid.Y"] = _read_mask(frame.mask, channels[""].shape[:2])
     valid = channels.get("valid.Y", np.ones(channels[""].shape[:2], np.float32))

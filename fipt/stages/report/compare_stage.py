@@ -22,15 +22,22 @@ class ComparePageInputs:
 
 def run(inputs: ComparePageInputs, settings: "ComparePageSettings") -> dict[str, Any]:
     """Write one HTML page: who is first at what, the table, and a figure for every quantity, errors on one scale."""
+    from jinja2 import UndefinedError
+
+    from fipt.errors import FiptError
     from fipt.formats.files import write_text
-    from fipt.formats.text import read_json
+    from fipt.formats.text import MALFORMED, read_json
     from fipt.stages.report.compared_rooms import build_rooms
     from fipt.stages.report.comparison import build_comparison
 
     table = read_json(inputs.table, "the table of the comparison", "run fipt compare again")
-    if inputs.results is None:
-        page = build_rooms(table)
-    else:
-        page = build_comparison(inputs.results, table, settings.views, settings.width)
+    try:
+        if inputs.results is None:
+            page = build_rooms(table)
+        else:
+            page = build_comparison(inputs.results, table, settings.views, settings.width)
+    except (*MALFORMED, UndefinedError) as error:
+        what = f"{inputs.table} is not the table of a comparison ({error!r})"
+        raise FiptError(what, "run fipt compare again") from error
     write_text(inputs.out, page)
     return {"page_bytes": len(page.encode("utf-8"))}

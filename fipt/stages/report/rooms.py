@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,6 +16,8 @@ from fipt.outcome import failures
 from fipt.scene import display
 from fipt.stages.report.files import read_json
 from fipt.stages.report.images import embedded
+
+log = logging.getLogger(__name__)
 
 STATES = ("failed", "unfinished", "done")
 """Of a room, worst first."""
@@ -97,8 +101,9 @@ def read_rooms(folder: Path, names: Sequence[str], keys: Sequence[str]) -> tuple
     kept = _kept_thumbnails(folder)
     for name in names:
         metrics = _content(folder / name / "metrics.json")
-        known |= {key: definition for key, definition in (metrics.get("definitions") or {}).items() if key in keys}
-        rows.append(_row(folder, name, metrics.get("val") or metrics.get("train") or {}, keys, kept.get(name, {})))
+        known |= {key: _keyed(text) for key, text in _keyed(metrics.get("definitions")).items() if key in keys}
+        split = _keyed(metrics.get("val")) or _keyed(metrics.get("train"))
+        rows.append(_row(folder, name, split, keys, _keyed(kept.get(name))))
     shown = [key for key in keys if key in known and any(key in row.figures for row in rows)]
     figures = [RoomFigure(key, *(str(known[key].get(part, "")) for part in _PARTS)) for key in shown]
     return sorted(rows, key=lambda row: _badness(row, figures), reverse=True), figures
@@ -117,12 +122,13 @@ def _badness(row: RoomRow, figures: Sequence[RoomFigure]) -> tuple[float, ...]:
 def _row(folder: Path, name: str, split: Mapping[str, Any], keys: Sequence[str], kept: Mapping[str, Any]) -> RoomRow:
     results = folder / name
     done, failed = (results / "report.html").is_file(), failures(results)
-    found = _content(results / "findings.json").get("findings")
-    levels = [str(each.get("severity")) for each in found] if isinstance(found, list) else None
+    listed = _content(results / "findings.json").get("findings")
+    found = list(map(_keyed, listed)) if isinstance(listed, list) else None
+    levels = None if found is None else [str(each.get("severity")) for each in found]
     stats = [(path.stem.split(".")[0], _content(path)) for path in sorted(results.glob("stats/*.json"))]
     seconds: dict[str, float] = {}
     for stage, figures in stats:
-        seconds[stage] = seconds.get(stage, 0.0) + float(figures.get("wall_s") or 0.0)
+        seconds[stage] = seconds.get(stage, 0.0) + _number(figures.get("wall_s"))
     return RoomRow(
         name=name,
         state="failed" if failed else "done" if done else "unfinished",
@@ -131,20 +137,35 @@ def _row(folder: Path, name: str, split: Mapping[str, Any], keys: Sequence[str],
         figures={key: float(split[key]) for key in keys if isinstance(split.get(key), int | float)},
         serious=None if levels is None else levels.count("serious"),
         warnings=None if levels is None else levels.count("warning"),
-        finding=f"{found[0].get('cause', '')}" if found and isinstance(found, list) else "",
+        finding=f"{found[0].get('cause', '')}" if found else "",
         seconds=seconds,
-        memory=max((int(figures.get("peak_memory_bytes") or 0) for _, figures in stats), default=0),
+        memory=max((int(_number(figures.get("peak_memory_bytes"))) for _, figures in stats), default=0),
         thumbnail=_thumbnail(results, kept),
     )
 
 
 def _content(path: Path) -> dict[str, Any]:
-    """A JSON file of keys; nothing where it is missing or damaged, which `fipt verify` tells."""
+    """A JSON file of keys; nothing where it is missing, or damaged, of which a warning tells."""
+    if not path.exists():
+        return {}
     try:
         content = read_json(path)
-    except FiptError:
+        if not isinstance(content, dict):
+            raise FiptError(f"{path} must hold keys")
+    except FiptError as error:
+        log.warning("%s: the page goes without it", error.message)
         return {}
-    return content if isinstance(content, dict) else {}
+    return content
+
+
+def _keyed(value: Any) -> dict[str, Any]:
+    """Return a mapping; an empty one in place of anything else."""
+    return value if isinstance(value, dict) else {}
+
+
+def _number(value: Any) -> float:
+    """Return a finite number; 0 in place of anything else."""
+    return float(value) if isinstance(value, int | float) and math.isfinite(value) else 0.0
 
 
 def _thumbnail(results: Path, kept: Mapping[str, Any]) -> str:

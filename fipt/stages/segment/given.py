@@ -229,6 +229,8 @@ def _pixels(path: Path) -> np.ndarray:
 
     try:
         with Image.open(path) as image:
+            if image.format != "PNG":
+                raise FiptError(f"{path} must be a PNG; it holds {image.format}, which may change ids", "export PNG")
             values = np.array(image if image.mode in ("L", "P", "I", "I;16") else image.convert("RGB"))
     except (OSError, SyntaxError, ValueError) as error:  # what Pillow raises for damaged files
         raise FiptError(f"{path} is not a readable PNG ({error})", "replace the file") from error
@@ -262,16 +264,28 @@ def _table_entries(path: Path) -> list[dict[str, Any]]:
     try:
         entries = [dict(entry) for entry in parse_json(path.read_text(encoding="utf-8"))]
         for entry in entries:
-            color = [int(c) for c in entry.get("color", (0, 0, 0))]
-            if not 0 <= int(entry["id"]) <= LARGEST_ID:
-                raise ValueError(f"id {entry['id']}: ids go from 0 to {LARGEST_ID}")
-            if len(color) != 3 or min(color) < 0 or max(color) > 255:
-                raise ValueError(f"color {color}: three numbers from 0 to 255")
+            _check_entry(entry)
+        for kind in ("color", "id"):  # of which each means one thing
+            values = [str(entry[kind]) for entry in entries if kind in entry]
+            twice = next((value for number, value in enumerate(values) if value in values[:number]), None)
+            if twice is not None:
+                raise ValueError(f"{kind} {twice} is there twice")
     except MALFORMED as error:
         raise FiptError(
             f"{path} is not a table of ids ({error})", 'write [{"id": 1, "color": [255, 0, 0], "class": "wall"}, ...]'
         ) from error
-    return [entry | {"id": int(entry["id"])} for entry in entries]
+    return entries
+
+
+def _check_entry(entry: Mapping[str, Any]) -> None:
+    """Raise ValueError where an entry of a table is no id, or has a colour or class that is none."""
+    color = entry.get("color", [0, 0, 0])
+    if type(entry["id"]) is not int or not 0 <= entry["id"] <= LARGEST_ID:
+        raise ValueError(f"id {entry['id']}: ids are whole numbers from 0 to {LARGEST_ID}")
+    if not isinstance(color, list) or len(color) != 3 or any(type(c) is not int or not 0 <= c <= 255 for c in color):
+        raise ValueError(f"color {color}: three numbers from 0 to 255")
+    if not isinstance(entry.get("class", ""), str):
+        raise ValueError(f"class {entry['class']}: a name")
 
 
 def class_of_ids(ids: np.ndarray, semantic: np.ndarray) -> np.ndarray:
@@ -306,6 +320,8 @@ def triangle_labels(path: Path, name: str, triangles: int) -> tuple[np.ndarray, 
             f"{path} must have a label for each of the mesh's {triangles} triangles; {name} has shape {labels.shape}",
             "label the mesh that the scene uses, its triangles in the same order",
         )
+    if labels.dtype.kind not in "biuf":
+        raise FiptError(f"{path}: labels must be numbers; {name} holds {labels.dtype}", "number the segments")
     bad = ~((labels >= 0) & (labels <= LARGEST_ID) & (labels == np.floor(labels)))
     if bad.any():
         raise FiptError(

@@ -12,7 +12,7 @@ from fipt.scene.environment import NOTHING, EnvironmentMap, constant, read_map, 
 from fipt.synthetic.scenefile import textures
 from fipt.synthetic.scenefile.shapes import AROUND
 from fipt.synthetic.scenefile.source import SceneFileReader
-from fipt.synthetic.scenefile.values import COLORS, color, transform, vector
+from fipt.synthetic.scenefile.values import COLORS, color, point, transform, vector
 from fipt.synthetic.scenefile.xml import Node
 
 _SUN_RADIUS = 1.5
@@ -106,7 +106,7 @@ def point_emitters(scene: Node, source: SceneFileReader) -> list[PointEmitter]:
         place = to_world[:3, 3]
         if node.type == "point":
             position = node.get("position")
-            place = place if position is None else vector(position)
+            place = place if position is None else point(position)
             found.append(PointEmitter(_name(node), place, None, _light_color(node, "intensity")))
             source.note(f"light {_name(node)}: a point; a ball of radius {_POINT_RADIUS} m shines as much")
         elif node.type in ("spot", "projector"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -13,6 +14,8 @@ from fipt.synthetic.material import RoomMaterial
 from fipt.synthetic.scenefile.source import SceneFileReader
 from fipt.synthetic.scenefile.textures import Map, constant, read_map
 from fipt.synthetic.scenefile.xml import Node
+
+log = logging.getLogger(__name__)
 
 MATTE = 0.9
 """Roughness of what is purely diffuse: our reflectance always has a little gloss, and here it is hardly seen."""
@@ -77,6 +80,9 @@ def material(name: str, found: ConvertedBsdf, smoothest: float) -> RoomMaterial:
         for m in (found.roughness, found.metallic)
     )
     brightest = BRIGHTEST_METAL if metallic.mean() > 0.5 else BRIGHTEST
+    for what, values, most in (("base color", found.base.values, brightest), ("roughness", roughness, 1.0)):
+        if values.max(initial=0) > 1.001:
+            log.warning("material %s: its %s reaches %.3g, which is taken as %.3g", name, what, values.max(), most)
     base = found.base.values.clip(DARKEST, brightest)
     return RoomMaterial(name, base, roughness.clip(smoothest, 1), metallic.clip(0, 1), found.flagged)
 
@@ -249,6 +255,9 @@ def _blend(node: Node, source: SceneFileReader) -> ConvertedBsdf:
         shares = [constant(float(word)) for word in weights] + [constant(0.0)] * (len(inner) - len(weights))
     else:
         weight = read_map(node.get("weight"), 0.5, source)
+        if weight.values.max(initial=0) > 1.001:
+            log.warning("%s: the weight of a %s reaches %.3g, more than 1", node.where, node.type, weight.values.max())
+            weight = weight.with_values(weight.values.clip(0, 1))
         shares = [weight.with_values(1 - weight.values), weight]
         inner = inner[:2]
     solid = [(found, share) for found, share in zip(inner, shares, strict=False) if not found.clear]

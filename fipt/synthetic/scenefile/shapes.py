@@ -7,11 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fipt.conventions import FARTHEST
 from fipt.errors import FiptError
 from fipt.render.assets import LoadedMesh, load_mesh
+from fipt.scene.obj import CutFileError, check_whole
 from fipt.synthetic.scenefile.source import SceneFileReader
 from fipt.synthetic.scenefile.textures import Map
-from fipt.synthetic.scenefile.values import transform, vector
+from fipt.synthetic.scenefile.values import point, transform
 from fipt.synthetic.scenefile.xml import Node
 
 AROUND, ALONG = 48, 24
@@ -87,6 +89,8 @@ def geometry(shape: PlacedShape, source: SceneFileReader) -> ShapeGeometry | Non
         return None
     linear = shape.to_world[:3, :3]
     vertices = mesh.vertices.astype(np.float64) @ linear.T + shape.to_world[:3, 3]
+    if not (np.abs(vertices) <= FARTHEST).all():
+        raise shape.node.wrong(f"the vertices of a shape must lie within {FARTHEST:.0e} of the origin")
     triangles = mesh.triangles
     if mesh.normals is not None and not shape.node.flag("face_normals", False):
         # The normals, not the winding, say where the front is; those of a mirrored mesh stay where they were.
@@ -155,8 +159,10 @@ def _file(node: Node, source: SceneFileReader) -> LoadedMesh | None:
     if flip is not None:
         options["flip_tex_coords"] = node.flag("flip_tex_coords", False)
     try:
+        if node.type == "obj":
+            check_whole(path)
         return load_mesh(node.type, path, **options)
-    except FiptError as error:
+    except (FiptError, CutFileError) as error:
         source.note(str(error))
         source.refuse(node, f"mesh {path.name}, which cannot be read")
         return None
@@ -189,17 +195,19 @@ def _facing_z(count: int) -> np.ndarray:
 
 
 def _sphere(node: Node, source: SceneFileReader) -> LoadedMesh:
-    center, radius = node.get("center"), node.number("radius", 1.0)
+    center, radius = node.get("center"), _radius(node)
     u, v = np.meshgrid(np.arange(AROUND + 1) / AROUND, np.arange(ALONG + 1) / ALONG)
     theta, phi = np.pi * v.ravel(), 2 * np.pi * u.ravel()
     normals = np.column_stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)])
-    vertices = normals * radius + (0.0 if center is None else vector(center))
+    vertices = normals * radius + (0.0 if center is None else point(center))
     return LoadedMesh(vertices, _grid(ALONG, AROUND), normals, np.column_stack([u.ravel(), v.ravel()]))
 
 
 def _cylinder(node: Node, source: SceneFileReader) -> LoadedMesh:
     ends = zip((node.get("p0"), node.get("p1")), ((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)), strict=True)
-    p0, p1 = (np.array(default) if found is None else vector(found) for found, default in ends)
+    p0, p1 = (np.array(default) if found is None else point(found) for found, default in ends)
+    if (p0 == p1).all():
+        raise node.wrong("the ends of a cylinder must be apart")
     x, y, z = axis = (p1 - p0) / np.linalg.norm(p1 - p0)
     # Where u begins: the frame around a direction of Duff et al. (JCGT 2017), which Mitsuba uses.
     sign = np.copysign(1.0, z)
@@ -207,8 +215,15 @@ def _cylinder(node: Node, source: SceneFileReader) -> LoadedMesh:
     u, v = np.meshgrid(np.arange(AROUND + 1) / AROUND, (0.0, 1.0))
     phi = 2 * np.pi * u.ravel()[:, None]
     normals = np.cos(phi) * side + np.sin(phi) * np.cross(axis, side)
-    vertices = p0 + v.ravel()[:, None] * (p1 - p0) + normals * node.number("radius", 1.0)
+    vertices = p0 + v.ravel()[:, None] * (p1 - p0) + normals * _radius(node)
     return LoadedMesh(vertices, _grid(1, AROUND), normals, np.column_stack([u.ravel(), v.ravel()]))
+
+
+def _radius(node: Node) -> float:
+    radius = node.number("radius", 1.0)
+    if radius <= 0:
+        raise node.wrong(f"the radius of a {node.type} must be above 0; found {radius:g}")
+    return radius
 
 
 def _grid(rows: int, columns: int) -> np.ndarray:

@@ -32,6 +32,14 @@ def numbers(node: Node, text: str) -> list[float]:
         raise node.wrong(f"{node.name or node.tag} must be numbers; found {text!r}") from error
 
 
+def point(node: Node) -> np.ndarray:
+    """(3,) float64 of a point that must be somewhere."""
+    found = vector(node)
+    if not np.isfinite(found).all():
+        raise node.wrong(f"{node.name or node.tag} must be finite")
+    return found
+
+
 def vector(node: Node, default: float = 0.0) -> np.ndarray:
     """(3,) float64 of a point or vector: ``value="x, y, z"`` (or one number), or attributes x, y, z."""
     if "value" in node.attributes:
@@ -55,6 +63,8 @@ def transform(node: Node | None) -> np.ndarray:
         matrix = _operation(step) @ matrix
     if not np.isfinite(matrix).all():
         raise node.wrong("the transform must be finite")
+    if np.abs(matrix[3] - (0, 0, 0, 1)).max() > 1e-6:
+        raise node.wrong(f"the last row of a transform must be 0, 0, 0, 1; found {matrix[3].tolist()}")
     return matrix
 
 
@@ -72,6 +82,8 @@ def _operation(node: Node) -> np.ndarray:
         made[:3, :3] = np.diag(vector(node, 1.0))
     elif node.tag == "rotate":
         axis = vector(node)
+        if not axis.any():
+            raise node.wrong("a rotation must have an axis: x, y or z, or three numbers as its value")
         angle = np.radians(numbers(node, node.attributes.get("angle", "0"))[0])
         made[:3, :3] = _rotation(axis / max(np.linalg.norm(axis), 1e-12), angle)
     elif node.tag.lower() == "lookat":
@@ -90,10 +102,10 @@ def _rotation(axis: np.ndarray, angle: float) -> np.ndarray:
 def _look_at(origin: list[float], target: list[float], up: list[float]) -> np.ndarray:
     """Local z looks from origin to target, y up, x to the left, as Mitsuba's cameras and spots do."""
     ahead = np.subtract(target, origin)
-    ahead = ahead / np.linalg.norm(ahead)
+    ahead = ahead / (np.linalg.norm(ahead) or np.nan)  # what is not finite is told
     upward = np.array(up or ((0.0, 1.0, 0.0) if abs(ahead[1]) < 0.9 else (0.0, 0.0, 1.0)))
     left = np.cross(upward, ahead)
-    left /= np.linalg.norm(left)
+    left /= np.linalg.norm(left) or np.nan
     made = np.eye(4)
     made[:3] = np.stack([left, np.cross(ahead, left), ahead, origin], axis=1)
     return made

@@ -6,6 +6,7 @@ refused: they can make a small file huge or read other files.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -96,7 +97,9 @@ class Node:
         """Return the value of a number property."""
         text = self.attributes.get("value", "")
         try:
-            return float(text)
+            if math.isfinite(number := float(text)):
+                return number
+            raise ValueError("it is not finite")
         except ValueError as error:
             raise self.wrong(f"{self.name or self.tag} must be a number; found {text!r}") from error
 

@@ -1,0 +1,94 @@
+"""Materials of Wavefront OBJ files: the files that they stand in, checked before anything takes them as they are."""
+
+import logging
+import math
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+from fipt.errors import FiptError
+
+log = logging.getLogger(__name__)
+
+
+def named_files(path: Path, pattern: str) -> list[Path]:
+    """Files beside ``path`` that its lines name, there or not."""
+    return [path.parent / found[1].strip() for _, line in _lines(path) if (found := re.match(rf"\s*{pattern}", line))]
+
+
+def is_there(file: Path) -> bool:
+    """Whether a file is there; its name may be longer than any disk has."""
+    try:
+        return file.is_file()
+    except OSError:
+        return False
+
+
+def material_files(path: Path) -> list[Path]:
+    """Files of the materials of an OBJ file, there or not."""
+    return named_files(path, r"mtllib\s+(.+)")
+
+
+def texture_files(path: Path) -> list[Path]:
+    """Images that a file of materials names, there or not."""
+    return named_files(path, r"map_Kd\s+(?:-\w+\s+\S+\s+)*(.+)")
+
+
+def defined_materials(path: Path) -> set[str]:
+    """Names of the materials of an OBJ file that its MTL files define; a warning names what is not there.
+
+    Raises
+    ------
+    FiptError
+        If a number of a material cannot be, or an image cannot be read.
+    """
+    defined: set[str] = set()
+    for file in material_files(path):
+        if not is_there(file):
+            log.warning("%s names the materials %.200s, which are not there: what has them is neutral", path, file)
+            continue
+        for number, line in _lines(file):
+            _check_numbers(f"{file}, line {number}", line.split())
+        defined |= {found[1].strip() for _, line in _lines(file) if (found := re.match(r"\s*newmtl\s+(.+)", line))}
+        for image in texture_files(file):
+            _check_image(file, image)
+    used = {found[1].strip() for _, line in _lines(path) if (found := re.match(r"\s*usemtl\s+(.+)", line))}
+    if defined and used - defined:
+        log.warning("%s uses the material %s, which no file defines: what has it is neutral", path, min(used - defined))
+    return defined
+
+
+def _lines(path: Path) -> Iterator[tuple[int, str]]:
+    return enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), 1)
+
+
+def _check_numbers(where: str, words: list[str]) -> None:
+    """Refuse a colour or a shininess that is no number, or none that materials have."""
+    wanted = {"Kd": (3, 1.0), "Ns": (1, 1e9)}.get(words[0] if words else "")
+    if wanted is None or words[1:2] == ["spectral"]:
+        return
+    count, most = wanted
+    try:
+        values = [float(word) for word in words[1 : count + 1]]
+    except ValueError:
+        values = []
+    if len(values) not in (1, count) or not all(math.isfinite(x) and 0 <= x <= 1.001 * most for x in values):
+        number = "three numbers" if count == 3 else "a number"
+        raise FiptError(
+            f"{where}: {words[0]} must be {number} from 0 to {most:g}; found {' '.join(words[1:])[:60]!r}", "correct it"
+        )
+
+
+def _check_image(file: Path, image: Path) -> None:
+    from PIL import Image
+
+    if not is_there(image):
+        log.warning("%s names the image %.200s, which is not there: colours are those of Kd", file, image)
+        return
+    try:
+        with Image.open(image) as opened:
+            opened.load()
+    except (OSError, SyntaxError, ValueError) as error:  # what Pillow raises for damaged files
+        raise FiptError(
+            f"{image} is not a readable image ({error})", f"replace it, or remove it from {file}"
+        ) from error
