@@ -12,15 +12,16 @@ import shlex
 import sys
 from pathlib import Path
 
+from snakemake import dag
 from snakemake.exceptions import WorkflowError
-from snakemake.output_index import OutputIndex
+from snakemake.jobs import Job
 from snakemake.utils import validate
 
 from fipt.formats.yaml import read_yaml
 from fipt.config.failed import note_failures
 from fipt.config.kept import check_files, check_kept
 from fipt.config.machine import PlannedJob, check_machine
-from fipt.config.planned import look_up_once
+from fipt.config.planned import FilesByEnding, plan_once
 from fipt.config.reading import SCENE, load
 from fipt.errors import FiptError
 from fipt.lock import all_locked
@@ -29,7 +30,8 @@ from fipt.registry import VERSIONS
 
 # A plan is made of objects that stay; to look for what may go takes an eighth of its time.
 gc.set_threshold(50_000, 50, 1000)
-look_up_once(OutputIndex)
+dag.OutputIndex = FilesByEnding
+plan_once(dag.DAG, Job)
 
 # `fipt` is found beside the Python that runs Snakemake, even if its environment is not active. It takes the place of the
 # shell and knows who called it: a job ends with the run that started it, even if that is killed.
