@@ -59,7 +59,7 @@ def build(views: Sequence[DepthView], radiance: Radiance, settings: GeometrySett
     found = complete(views, noise) if settings.planes else None
     if found is not None:
         maps = found.views
-        log.info("%d planes, %d along the room's directions; %.0f %% of the pixels show walls alone",
+        log.info("%d planes, %d along the room's directions; %.0f %% of the pixels are closed",
                  len(found.planes), (found.planes.axis >= 0).sum(), 100 * _share([m.closed for m in maps]))  # fmt: skip
     views = [m.view for m in maps]
     check_memory(views, voxel, settings.memory_gb)

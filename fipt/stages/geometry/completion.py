@@ -47,7 +47,7 @@ class Completed:
     measured
         (H, W) bool: pixels whose depth is the view's own.
     closed
-        (H, W) bool: pixels that show a wall of the room's box for want of anything else.
+        (H, W) bool: pixels of which nothing is known: they show what lies beside them, or a wall.
     """
 
     view: DepthView
@@ -71,7 +71,7 @@ def complete(views: Sequence[DepthView], noise: DepthNoise) -> "Completion":
     superpixels, along the least contrast first, where they stay in the room's box and no other view sees through them;
     and once more from what other views found.
     Depth of little confidence counts for nothing in this, and stays where no plane tells another. Pixels of which then
-    nothing is known show the nearest wall of the room that no other view sees through.
+    nothing is known are closed: they show what lies beside them, or a wall of the room that no other view sees through.
     """
     confident = [view.confident(noise.confident) for view in views]
     pieces = [superpixels(view.radiance) for view in views]

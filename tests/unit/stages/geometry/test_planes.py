@@ -127,6 +127,27 @@ def test_what_another_view_sees_through_is_not_completed():
     assert not filled(side).any()
 
 
+def test_bare_furniture_is_where_its_outline_is():
+    # a white board 0.8 m before the camera, slanted so that it is no plane of the room; 15 pixels of its rim are known
+    room = painted(around()[0])
+    inside, rim = np.zeros((2, 60, 80), bool)
+    inside[15:45, 20:60], rim[15:45, 20:60] = True, True
+    rim[18:42, 23:57] = False
+    slanted = 0.8 + 0.1 * np.linspace(-1, 1, 80, dtype=np.float32)[None]
+    board = np.where(inside, slanted, room.map.depth).astype(np.float32)
+    white = np.where(inside[..., None], np.float32(0.9), room.radiance)
+    view = DepthView(room.camera, DepthMap(board, room.map.confidence, room.map.normal), white)
+    half = np.full(3, HALF)
+    box = RoomBox(np.eye(3), -half, half, np.array([-half, half]))
+    known = without(view, inside & ~rim)
+    found = closed(known, 0, OtherViews.of([known]), box, NOISE).map
+    np.testing.assert_allclose(found.depth[inside], board[inside], rtol=0.03)
+    assert (np.abs(found.normal[25:35, 30:50, 2]) > 0.9).all()  # it faces the camera, not the walls behind
+    others = [view_of_cube(f"side {k}", (x, 0.0, 0.9), 0.6 * np.sign(x)) for k, x in enumerate((-1.2, -1.0, 1.0, 1.2))]
+    behind = closed(known, 0, OtherViews.of([known, *others]), box, NOISE).map.depth
+    np.testing.assert_allclose(behind[25:35, 30:50], room.map.depth[25:35, 30:50], atol=0.01)
+
+
 @pytest.mark.parametrize(
     ("point", "holds"),
     [((0.0, 0.0, 0.0), True), ((1.05, 0.0, 0.0), True), ((1.2, 0.0, 0.0), False), ((0.0, 0.0, -3.2), False)],
