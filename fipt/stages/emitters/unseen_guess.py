@@ -172,7 +172,8 @@ def _added(mesh: Mesh, found: Emitters, patches: Patches, guess: Guess) -> Emitt
     _, own = np.unique(np.column_stack([owner, guess.radiance[emits].mean(axis=1)]), axis=0, return_inverse=True)
     number = np.full(len(patches.area) + 1, -1)
     number[emits] = int(found.emitter.max(initial=-1)) + 1 + own.reshape(-1)
-    triangle = np.flatnonzero(number[patches.number] >= 0)
+    # a doubtful emitter was no emitter when patches were chosen, and stays one where the guess does not light it
+    triangle = np.setdiff1d(np.flatnonzero(number[patches.number] >= 0), found.triangle)
     patch = patches.number[triangle]
     count = len(triangle)
     # the spread as a share of the power, on the scale of agreement: halves where the power is known by a factor of 2

@@ -73,7 +73,7 @@ def build(views: Sequence[DepthView], radiance: Radiance, settings: GeometrySett
     lasting = {
         "views": len(views),
         **_of_pixels(maps, own),
-        "surface": support.share(mesh),
+        "surface": support.share(mesh.areas),
         "box": None if found is None else found.box.plain(),
         "noise_mm_at_1m": round(1e3 * noise.at_1m, 4),
         "confident": round(noise.confident, 4),

@@ -11,7 +11,7 @@ from fipt.scene.depth_maps import DepthMap
 from fipt.stages.geometry.closing import closed
 from fipt.stages.geometry.depth_views import DepthNoise, DepthView, pixels_of
 from fipt.stages.geometry.other_views import THROUGH, OtherViews
-from fipt.stages.geometry.room_box import RoomBox, find_box
+from fipt.stages.geometry.room_box import UNEVENNESS, RoomBox, find_box
 from fipt.stages.geometry.room_planes import WITHIN, RoomPlanes, find_room_planes
 from fipt.stages.geometry.superpixels import Superpixels, superpixels
 
@@ -76,7 +76,9 @@ def complete(views: Sequence[DepthView], noise: DepthNoise) -> "Completion":
     confident = [view.confident(noise.confident) for view in views]
     pieces = [superpixels(view.radiance) for view in views]
     planes = find_room_planes(confident, pieces, noise.at_1m)
-    check = _Check(OtherViews.of(confident), find_box(views, planes.directions), noise.at_1m)
+    box = find_box(views, planes.directions)
+    planes = planes.with_walls(box.walls, UNEVENNESS)
+    check = _Check(OtherViews.of(confident), box, noise.at_1m)
     slopes, straight = [planes.slopes(view) for view in confident], planes.axis >= 0
     own, labels = [], []
     for number, (view, piece) in enumerate(zip(confident, pieces, strict=True)):
@@ -205,14 +207,20 @@ class _Check:
     def possible(
         self, number: int, view: DepthView, slopes: np.ndarray, row: np.ndarray, column: np.ndarray, plane: int
     ) -> bool:
-        """Whether pixels of a view may show a plane: in the room, and no view sees through it."""
+        """Whether pixels of a view may show a plane: in the room, and no view sees through it.
+
+        Behind a wall, as panes of windows are, another view must know of it.
+        """
         q = view.rays[row, column] @ slopes[plane]
         if (q <= 0).any():
             return False
         points = view.camera.center + view.rays[row, column] / q[:, None]
-        if not self.box.holds(points, WITHIN * self.noise / q.min() ** 2):
+        tolerance = WITHIN * self.noise / q.min() ** 2
+        if not self.box.holds(points, tolerance):
             return False
         through, there = (int(votes.sum()) for votes in self.others.say(points, number, self.noise))
+        if there == 0 and not self.box.before_walls(points, tolerance):
+            return False  # a pane goes on over no wall
         return through <= max(1.0, THROUGH * (through + there))
 
 

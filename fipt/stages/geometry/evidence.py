@@ -34,10 +34,10 @@ class SurfaceEvidence:
     views: np.ndarray
     source: np.ndarray
 
-    def share(self, mesh: Mesh, chosen: np.ndarray | None = None) -> dict[str, float]:
-        """Share of the area of chosen triangles (all) that is known by each of `SOURCES`."""
-        area = mesh.areas if chosen is None else np.where(chosen, mesh.areas, 0.0)
-        known = np.bincount(self.source, area, len(SOURCES)) / max(float(area.sum()), 1e-30)
+    def share(self, areas: np.ndarray, chosen: np.ndarray | slice = slice(None)) -> dict[str, float]:
+        """Share of the area of chosen triangles (all) that is known by each of `SOURCES`; areas (T,) of all."""
+        area = areas[chosen]
+        known = np.bincount(self.source[chosen], area, len(SOURCES)) / max(float(area.sum()), 1e-30)
         return {name: round(float(value), 4) for name, value in zip(SOURCES, known, strict=True)}
 
 
@@ -66,20 +66,22 @@ def regions(mesh: Mesh, plane: np.ndarray, known: SurfaceEvidence) -> list[dict[
     plane
         (T,) int64 number of each triangle's plane, -1 for none.
     """
-    part = connected_parts(mesh)
-    label = np.where(plane >= 0, plane, plane.max(initial=-1) + 1 + part)
-    area = np.bincount(label, mesh.areas)
+    label = np.where(plane >= 0, plane, plane.max(initial=-1) + 1 + connected_parts(mesh))
+    corners, areas = mesh.corners, mesh.areas
+    area = np.bincount(label, areas)
+    # thousands of regions of a million triangles: each takes its own, and none looks through all
+    order, ends = np.argsort(label, kind="stable"), np.cumsum(np.bincount(label))
     found = []
     for number in np.argsort(-area, kind="stable"):
         if area[number] < _SMALLEST:
             break
-        on = label == number
-        low, high = mesh.corners[on].min(axis=(0, 1)), mesh.corners[on].max(axis=(0, 1))
+        on = order[ends[number - 1] if number else 0 : ends[number]]
+        low, high = corners[on].min(axis=(0, 1)), corners[on].max(axis=(0, 1))
         found.append({
             "plane": int(number) if number <= plane.max(initial=-1) else None,
             "area": round(float(area[number]), 4),
-            "views": int(weighted_median(known.views[on], mesh.areas[on])),
-            **known.share(mesh, on),
+            "views": int(weighted_median(known.views[on], areas[on])),
+            **known.share(areas, on),
             "low": np.round(low.astype(float), 3).tolist(),
             "high": np.round(high.astype(float), 3).tolist(),
         })  # fmt: skip

@@ -18,6 +18,8 @@ _BIN = 0.01
 """Metres along a direction that are one place."""
 _PLACE = 2
 """Places on either side that noise and a wall's unevenness move points by."""
+UNEVENNESS = _PLACE * _BIN
+"""Metres by which points of a wall lie before and behind its place."""
 _LEAST = 30
 """Known points of a wall."""
 
@@ -53,6 +55,11 @@ class RoomBox:
         along = points @ self.directions.T
         return bool((along > self.low - tolerance).all() and (along < self.high + tolerance).all())
 
+    def before_walls(self, points: np.ndarray, tolerance: float) -> bool:
+        """Whether none of (N, 3) points lies farther behind a wall than the tolerance and the wall's unevenness."""
+        along, tolerance = points @ self.directions.T, tolerance + UNEVENNESS
+        return not ((along < self.walls[0] - tolerance).any() or (along > self.walls[1] + tolerance).any())
+
 
 def find_box(views: Sequence[DepthView], directions: np.ndarray) -> RoomBox:
     """Find the box of a room; its walls face the cameras."""
@@ -65,7 +72,7 @@ def find_box(views: Sequence[DepthView], directions: np.ndarray) -> RoomBox:
     for _ in range(2):  # ledges in windows count for no ceiling once the walls are known
         low, high = np.fmin(walls[0], centers.min(axis=0)), np.fmax(walls[1], centers.max(axis=0))
         open_low, open_high = np.where(np.isnan(walls[0]), -np.inf, low), np.where(np.isnan(walls[1]), np.inf, high)
-        inside = (points > open_low - _PLACE * _BIN) & (points < open_high + _PLACE * _BIN)
+        inside = (points > open_low - UNEVENNESS) & (points < open_high + UNEVENNESS)
         found = np.full((2, 3), np.nan)
         for axis in range(3):
             between = inside[:, [i for i in range(3) if i != axis]].all(axis=1)
@@ -76,7 +83,7 @@ def find_box(views: Sequence[DepthView], directions: np.ndarray) -> RoomBox:
         walls = found
     # walls are the ends where little lies behind them; else points are
     ends = [np.quantile(points, q, axis=0) if len(points) else centers[0] for q in (_OUTMOST, 1 - _OUTMOST)]
-    beyond = (points < walls[0] - _PLACE * _BIN).mean(axis=0), (points > walls[1] + _PLACE * _BIN).mean(axis=0)
+    beyond = (points < walls[0] - UNEVENNESS).mean(axis=0), (points > walls[1] + UNEVENNESS).mean(axis=0)
     low, high = np.where((np.array(beyond) < 10 * _OUTMOST) & np.isfinite(walls), walls, ends)
     return RoomBox(directions, np.minimum(low, centers.min(axis=0)), np.maximum(high, centers.max(axis=0)), walls)
 

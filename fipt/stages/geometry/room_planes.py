@@ -81,6 +81,37 @@ class RoomPlanes:
             for k in range(len(self))
         ]
 
+    def with_walls(self, walls: np.ndarray, unevenness: float) -> "RoomPlanes":
+        """Return them with the walls of the room's box that none of them is, along its directions.
+
+        Parameters
+        ----------
+        walls
+            (2, 3) metres along the directions, facing up and down them; NaN for none.
+        unevenness
+            Deviation of a wall's place, metres.
+        """
+        added = []
+        for side, axis in zip(*np.nonzero(np.isfinite(walls)), strict=True):
+            normal = self.directions[axis] * (1.0 if side == 0 else -1.0)
+            offset = float(walls[side, axis] * (normal @ self.directions[axis]))
+            same = (self.axis == axis) & (self.normal @ normal > 0) & (np.abs(self.offset - offset) < unevenness)
+            if not same.any():
+                added.append((normal, offset, axis))
+        if not added:
+            return self
+        normal, offset, axis = (np.array(column) for column in zip(*added, strict=True))
+        count = len(added)
+        return RoomPlanes(
+            np.concatenate([self.normal, normal]),
+            np.append(self.offset, offset),
+            np.append(self.sigma, np.full(count, unevenness)),
+            np.append(self.area, np.zeros(count)),
+            np.append(self.views, np.zeros(count, np.int64)),
+            np.append(self.axis, axis),
+            self.directions,
+        )
+
     def slopes(self, view: DepthView) -> np.ndarray:
         """(K, 3) vectors a of the planes: the inverse depth in a pixel is a . ray; 0 for planes that turn away."""
         behind = self.offset - self.normal @ view.camera.center  # negative where the camera is before the plane

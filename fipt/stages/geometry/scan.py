@@ -43,7 +43,7 @@ def from_scan(views: Sequence[DepthView], path: Path, radiance: Radiance, settin
     figures = {**lasting, "warnings": placed["warnings"], "seconds": round(time.perf_counter() - start, 2)}
     compared = _compared(mesh, views)
     support = evidence(mesh, compared)
-    lasting["surface"] = figures["surface"] = support.share(mesh)
+    lasting["surface"] = figures["surface"] = support.share(mesh.areas)
     by_region = regions(mesh, np.full(len(mesh.triangles), -1), support)
     return Geometry(mesh, overview(compared), {"planes": [], "regions": by_region}, lasting, figures)
 

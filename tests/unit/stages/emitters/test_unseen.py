@@ -285,6 +285,20 @@ def test_what_guessed_light_explains_is_no_emitter(guessing, floor_and_ceiling, 
     assert found.guessed.sum() == 2
 
 
+def test_an_emitter_that_stays_is_not_guessed_once_more(guessing, floor_and_ceiling):
+    """A doubtful emitter of the floor and one triangle of the panel; light is guessed on the panel."""
+    panel = len(floor_and_ceiling.triangles) - 1
+    triangles, ones, number = np.array([0, 1, panel], np.int32), np.ones(3, np.float32), np.zeros(3, np.int32)
+    seems = Emitters(
+        triangles, np.full((3, 3), 5, np.float32), 32 * ones, number, number, ones, 0 * ones, np.zeros(3, bool)
+    )
+    guess = Guess(np.full((1, 3), 2.0), 0.3, 0.6, 400.0, 0.06, 0.25, True)
+    doubtful = Undecided(triangles, number, *(ones[:1] for _ in range(3)))
+    found = guessing(guess, extracted=Extracted(seems, doubtful)).emitters
+    np.testing.assert_array_equal(found.triangle, [0, 1, panel - 1, panel])
+    np.testing.assert_array_equal(found.guessed, [False, False, True, False])
+
+
 def test_a_small_emitter_lights_what_is_below_it(backend):
     """A spot of 2 cm, 2 m above the floor, which one ray of 30,000 meets by chance."""
     mesh = scenes.joined(scenes.floor(), scenes.emitter_quad((-0.01, 0.01), 2.0, (-0.01, 0.01)))

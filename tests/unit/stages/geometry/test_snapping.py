@@ -74,7 +74,7 @@ def test_each_region_says_what_is_known_of_it():
     for region in found.values():
         shares = [region[name] for name in ("measured", "completed", "closed", "unseen")]
         assert sum(shares) == pytest.approx(1, abs=0.001)
-    assert support.share(mesh)["unseen"] < 0.5
+    assert support.share(mesh.areas)["unseen"] < 0.5
 
 
 @pytest.mark.usefixtures("backend")
@@ -84,6 +84,6 @@ def test_a_view_without_depth_says_that_nothing_is_known():
     none = view.with_map(DepthMap(0 * view.map.depth, 0 * view.map.depth, 0 * view.map.normal))
     empty = np.zeros_like(view.map.known)
     support = evidence(mesh, [Completed(none, empty, empty)])
-    share = support.share(mesh)
+    share = support.share(mesh.areas)
     assert share["measured"] == share["completed"] == 0
     assert share["closed"] > 0.05
