@@ -9,6 +9,7 @@ Images hold one channel of ids, or colours that ``table.json`` turns into ids:
 """
 
 import logging
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -266,8 +267,8 @@ def _table_entries(path: Path) -> list[dict[str, Any]]:
         for entry in entries:
             _check_entry(entry)
         for kind in ("color", "id"):  # of which each means one thing
-            values = [str(entry[kind]) for entry in entries if kind in entry]
-            twice = next((value for number, value in enumerate(values) if value in values[:number]), None)
+            counts = Counter(str(entry[kind]) for entry in entries if kind in entry)
+            twice = next((value for value, count in counts.items() if count > 1), None)
             if twice is not None:
                 raise ValueError(f"{kind} {twice} is there twice")
     except MALFORMED as error:
