@@ -10,7 +10,7 @@ from fipt.render.scene import RayScene
 from fipt.scene.depth_maps import DepthMap
 from fipt.scene.mesh import Mesh
 from fipt.stages.geometry.closing import closed
-from fipt.stages.geometry.completion import complete
+from fipt.stages.geometry.completion import _Check, complete
 from fipt.stages.geometry.depth_views import DepthNoise, DepthView, depth_noise
 from fipt.stages.geometry.other_views import OtherViews
 from fipt.stages.geometry.room_box import RoomBox, find_box
@@ -151,6 +151,36 @@ def test_a_wall_is_where_most_surface_faces_the_room_within_the_other_walls():
     found = find_box([with_niche(view) for view in around()], np.eye(3))
     assert found.walls[0, 2] == pytest.approx(-HALF, abs=0.01)
     assert found.low[2] == pytest.approx(-HALF - 0.3, abs=0.02)
+
+
+def test_walls_that_no_plane_is_are_planes_too():
+    views = [painted(view) for view in around(NOISE)]
+    planes = find_room_planes(views, [superpixels(view.radiance) for view in views], NOISE)
+    walls = np.array([[-HALF, -HALF, np.nan], [HALF, np.nan, HALF]])  # the floor is in no view, four walls are
+    more = planes.with_walls(walls, 0.02)
+    assert len(more) == len(planes) + 1
+    np.testing.assert_array_equal(more.normal[-1], planes.directions[1])
+    assert (more.offset[-1], more.axis[-1]) == (-HALF, 1)
+    assert more.with_walls(walls, 0.02) is more
+
+
+def test_panes_go_on_over_a_wall_only_where_another_view_knows_of_them():
+    # the box ends at panes 0.3 m behind the wall z = -HALF
+    half, behind = np.full(3, HALF), np.array([HALF, HALF, HALF + 0.3])
+    box = RoomBox(np.eye(3), -behind, half, np.array([-half, half]))
+    view = painted(view_of_cube("front", (0.0, 0.0, 0.0), 0.0))
+    bare = without(view, np.ones((60, 80), bool))
+    row, column = (values.ravel() for values in np.mgrid[25:35, 35:45])
+
+    def possible(place: float, *others: DepthView) -> bool:
+        check = _Check(OtherViews.of([bare, *others]), box, NOISE)
+        return check.possible(0, bare, np.array([[0.0, 0.0, -1 / place]]), row, column, 0)
+
+    deep = view.with_map(DepthMap(np.full((60, 80), HALF + 0.3, np.float32), view.map.confidence, view.map.normal))
+    assert possible(HALF)
+    assert not possible(HALF + 0.3)
+    assert possible(HALF + 0.3, deep)
+    assert not possible(HALF + 0.6, deep)  # outside the box
 
 
 def test_what_nothing_tells_shows_the_nearest_wall_that_no_view_sees_through():
