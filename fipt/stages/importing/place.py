@@ -108,6 +108,35 @@ def placed(
     return replace(source, frames=frames), PlacedMesh(found.mesh, origin, figures | {"mended": found.figures})
 
 
+def undone(source: ImageSource) -> ImageSource:
+    """The source in its original world, before what it says was applied to that (nerfstudio's applied_transform).
+
+    Raises
+    ------
+    FiptError
+        There is nothing to undo, or it is no rotation with one scale.
+    """
+    if all(frame.applied is None for frame in source.frames):
+        raise FiptError(f"{source.root}: there is no applied_transform to undo", "remove import.undo_transform")
+    frames = []
+    for frame in source.frames:
+        if frame.applied is not None:
+            applied, pose = np.array(frame.applied), np.array(frame.world_from_camera)
+            scale = np.cbrt(np.linalg.det(applied[:3, :3]))
+            turn = applied[:3, :3] / scale if scale > 0 else np.zeros((3, 3))
+            if not np.allclose(turn @ turn.T, np.eye(3), atol=1e-4):
+                raise FiptError(
+                    f"{source.root}: applied_transform must be a rotation with a shift; found "
+                    f"{np.round(applied[:3], 3).tolist()}",
+                    "bring the mesh into the coordinates of the cameras, without import.undo_transform",
+                )
+            pose[:3, :3] = turn.T @ pose[:3, :3]
+            pose[:3, 3] = turn.T @ (pose[:3, 3] - applied[:3, 3]) / scale
+            frame = replace(frame, world_from_camera=tuple(map(tuple, pose.tolist())), applied=None)
+        frames.append(frame)
+    return replace(source, frames=tuple(frames))
+
+
 def scale_warnings(mesh: Mesh, cameras: Sequence[Camera], certain: bool) -> list[str]:
     """Judge whether mesh and cameras are of one scale, in metres; Mitsuba's variant must be set.
 
