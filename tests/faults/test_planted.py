@@ -234,6 +234,20 @@ def test_cameras_that_nerfstudio_has_turned_are_told_or_turned_back(capsys: pyte
     assert "applied_transform must be a rotation" in refused(capsys, *IMPORT[:-1], undo)
 
 
+def test_views_of_one_place_are_told(capsys: pytest.CaptureFixture[str]) -> None:
+    content = write_nerfstudio(Path("src"))
+    assert main([*IMPORT]) == 0
+    assert "from one place" not in capsys.readouterr().err
+    for number, frame in enumerate(content["frames"]):
+        for row, value in enumerate((1.0, 1.5, 4.2 + 0.002 * number)):
+            frame["transform_matrix"][row][3] = value
+    Path("src/transforms.json").write_text(json.dumps(content))
+    assert main([*IMPORT]) == 0
+    said = capsys.readouterr().err
+    assert "training views are from one place, within 0.2 cm: nothing tells whether the mesh is where" in said
+    assert "one place" in Path("out/prepare.json").read_text()
+
+
 def test_an_unused_vertex_beyond_the_stars_does_no_harm(capsys: pytest.CaptureFixture[str]) -> None:
     mesh(np.vstack([ROOM.vertices, [[1e30, 0, 0]]]))()
     assert main(list(IMPORT)) == 0

@@ -26,7 +26,7 @@ from fipt.scene.sources import CAPTURE, ImageSource, read_developed, read_source
 from fipt.settings import dumped
 from fipt.stages.importing.encoding import sentences
 from fipt.stages.importing.frames import check_layer, write_frames, written_radiance
-from fipt.stages.importing.place import Geometry, PlacedMesh, placed, scale_warnings, undone
+from fipt.stages.importing.place import Geometry, PlacedMesh, placed, scale_warnings, undone, viewpoint_warnings
 from fipt.stages.importing.settings import ImportSettings
 from fipt.stages.importing.unit import radiance_scale
 
@@ -202,12 +202,12 @@ def _write_mesh(
     if mesh is None:
         return None, room.figures
     figures: dict[str, Any] = {"prepared": False, "triangles": len(mesh.triangles)}
-    warnings: list[str] = []
+    warnings = viewpoint_warnings(mesh, cameras)
     if settings.prepare != "never":
         from fipt.render.variant import set_variant
 
         set_variant()
-        warnings = scale_warnings(mesh, cameras, certain=settings.unit is not None)
+        warnings += scale_warnings(mesh, cameras, certain=settings.unit is not None)
     # a mesh of `fipt mesh` is prepared already: twice, edges and planes suffer
     if settings.prepare == "always" or (settings.prepare == "auto" and not done):
         from fipt.meshing.prepare import prepared
