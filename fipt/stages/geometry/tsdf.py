@@ -10,9 +10,6 @@ BLOCK = 8
 """Voxels along a side of a block: at four voxels of truncation, larger blocks hold mostly free space."""
 TRUNCATION = 4.0
 """Largest distance that the field holds, voxels: some deviations of the depth where a voxel is as large as a pixel."""
-_FREE = 0.5
-"""Weight of views that see through a voxel, in that of views that see surface there, above which it is free: outlines
-make surface grow more often than it is overlooked (1 and 1/4 are worse on the mean of three rooms)."""
 _CHUNK = 2_000
 """Blocks that a view is added to at once: a million voxels."""
 _PROJECTED = 130
@@ -37,8 +34,8 @@ def fused(
     """Fuse depth maps as a truncated signed distance field (Curless and Levoy 1996) and mesh its zero.
 
     A voxel's distance is that to the tangent plane of the pixel that it falls into: so a slanted surface is as sharp as
-    one that faces the camera. Where enough views see through a voxel that others see surface in, it is free; elsewhere
-    they do not move the surface.
+    one that faces the camera. Where views that see through a voxel outweigh those that see surface in it, it is free;
+    elsewhere they do not move the surface.
 
     Parameters
     ----------
@@ -80,7 +77,7 @@ def fused(
             total[part] += add[0]
             heavy[part] += add[1]
             free[part] += add[2]
-    empty = free > _FREE * heavy
+    empty = free > heavy
     total[empty] = heavy[empty] = 1.0
     known = heavy > 0
     field, certain = (grid.attribute(name).reshape((-1, BLOCK**3)) for name in ("tsdf", "weight"))

@@ -67,7 +67,7 @@ def test_the_same_input_gives_the_same_mesh():
 
 @pytest.mark.usefixtures("open3d")
 def test_free_space_carves_what_one_view_says_by_mistake():
-    views = around()
+    views = [*around(), *(view_of_cube(f"behind{i}", (0.2 * i, 0.1, 1.0), 0.0) for i in range(2))]
     wrong = views[0].map.depth.copy()
     wrong[25:35, 35:45] = 0.7
     views[0] = views[0].with_map(DepthMap(wrong, views[0].map.confidence, views[0].map.normal))
