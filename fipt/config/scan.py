@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import re
-from collections.abc import Iterator, Mapping
+from collections import deque
+from collections.abc import Mapping
 from pathlib import Path
 
 from fipt.config.reading import CONFIG_FILE, load
@@ -59,21 +59,37 @@ def write_rooms(folder: Path, scanned: Path) -> list[str]:
     return list(rooms)
 
 
-def _rooms(folder: Path, above: tuple[Path, ...] = ()) -> Iterator[tuple[Path, dict[str, str]]]:
+def _rooms(scanned: Path) -> list[tuple[Path, dict[str, str]]]:
     """Every place below a folder that is a room, with what it is; nothing is looked for inside a room.
 
-    A link to one of the folders ``above`` leads back: it is passed over.
+    Each folder is looked at once, however many links lead there, and by its own name where it has one below.
     """
-    keys = _kind(folder)
-    if keys is not None:
-        yield (folder / "scene.xml" if keys["source"] == "mitsuba" else folder), keys
-        return
-    with os.scandir(folder) as found:
-        below = sorted(entry.path for entry in found if entry.is_dir() and not entry.name.startswith("."))
-    above = (*above, folder.resolve())
-    for path in map(Path, below):
-        if path.resolve() not in above:
-            yield from _rooms(path, above)
+    rooms: list[tuple[Path, dict[str, str]]] = []
+    seen: set[Path] = set()
+    waiting = deque([scanned])
+    while waiting:
+        folder = waiting.popleft()
+        if (place := folder.resolve()) in seen:
+            continue
+        seen.add(place)
+        keys = _kind(folder)
+        if keys is not None:
+            rooms.append((folder / "scene.xml" if keys["source"] == "mitsuba" else folder, keys))
+            continue
+        for path in _folders(folder):
+            if path.is_symlink():
+                waiting.append(path)
+            else:
+                waiting.appendleft(path)
+    return sorted(rooms, key=lambda room: room[0])
+
+
+def _folders(folder: Path) -> list[Path]:
+    """Folders in a folder, links to folders too, without hidden ones."""
+    try:
+        return sorted(path for path in folder.iterdir() if path.is_dir() and not path.name.startswith("."))
+    except OSError as error:
+        raise FiptError(f"{folder} cannot be read ({error.strerror})", "correct its permissions, or move it") from error
 
 
 def _kind(folder: Path) -> dict[str, str] | None:

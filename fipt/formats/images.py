@@ -1,11 +1,15 @@
 """8-bit and 16-bit PNG, what else OpenCV decodes, and the sRGB curve."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fipt.errors import FiptError, unreadable
 from fipt.formats.files import atomic, existing_file
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
 
 _MOST_PIXELS = 10**9
 """Pixels of an image that is read: cameras have a tenth of that, panoramas that are stitched perhaps half."""
@@ -55,6 +59,20 @@ def read_pixels(path: str | Path, what: str, mode: str | None = None) -> np.ndar
             return np.array(image if mode is None else image.convert(mode))
     except Exception as error:  # each decoder raises its own kinds
         raise unreadable(path, error, f"is not a readable image ({error})", "replace the file") from error
+
+
+def is_deep(path: str | Path) -> bool:
+    """Whether a file is a PNG of 16 bits a channel; most readers cut those of colour images to 8."""
+    with Path(path).open("rb") as file:
+        head = file.read(25)
+    return head[:8] == b"\x89PNG\r\n\x1a\n" and head[24:] == b"\x10"
+
+
+def as_rgb(image: "Image") -> np.ndarray:
+    """(H, W, 3) values from 0 to 1 of an image of Pillow, which would clip grey of 16 bits at 255."""
+    if image.mode.startswith("I;16"):
+        return np.repeat(np.asarray(image)[..., None] / 65535.0, 3, axis=2)
+    return np.asarray(image.convert("RGB")) / 255.0
 
 
 def read_ids(path: str | Path) -> np.ndarray:

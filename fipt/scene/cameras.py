@@ -220,6 +220,18 @@ def up_axis(cameras: list[Camera]) -> np.ndarray:
     return np.eye(3)[axis] * (1.0 if mean[axis] > 0 else -1.0)
 
 
+def parallax(cameras: list[Camera], vertices: np.ndarray) -> tuple[float, float]:
+    """How far apart cameras stand, and how far off the nearest quarter of the vertices (V, 3) is; both in metres.
+
+    The first is twice the largest distance from the cameras' median position, the second the lower quartile of the
+    distances from there: a far landscape counts little.
+    """
+    centers = np.array([camera.center for camera in cameras], np.float64)
+    middle = np.median(centers, axis=0)
+    away = np.linalg.norm(vertices - middle, axis=1)
+    return 2 * float(np.linalg.norm(centers - middle, axis=1).max()), float(np.quantile(away, 0.25))
+
+
 def check_cameras(cameras: list[Camera], path: str | Path) -> None:
     """Raise FiptError unless view names are unique, splits known, sizes positive and transforms rigid."""
     if not cameras:

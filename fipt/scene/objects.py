@@ -18,7 +18,7 @@ from fipt.conventions import FARTHEST, ROUGHNESS_MIN
 from fipt.errors import FiptError
 from fipt.formats.files import existing_file
 from fipt.formats.glb import chunks
-from fipt.formats.images import srgb_decode
+from fipt.formats.images import as_rgb, srgb_decode
 from fipt.scene.mesh import Mesh
 from fipt.scene.mtl import defined_materials, is_there, material_files, texture_files
 from fipt.scene.obj import check_whole
@@ -256,10 +256,10 @@ def _material(found: Any) -> ObjectMaterial:
     factor = np.ones(3) if found.baseColorFactor is None else np.asarray(found.baseColorFactor)[:3] / 255.0
     color = np.ones((1, 1, 3))
     if found.baseColorTexture is not None:
-        color = srgb_decode(np.asarray(found.baseColorTexture.convert("RGB")) / 255.0)
+        color = srgb_decode(as_rgb(found.baseColorTexture))
     rest = np.ones((1, 1, 3))
     if found.metallicRoughnessTexture is not None:
-        rest = np.asarray(found.metallicRoughnessTexture.convert("RGB")) / 255.0
+        rest = as_rgb(found.metallicRoughnessTexture)
     rough, metal = (1.0 if f is None else f for f in (found.roughnessFactor, found.metallicFactor))
     maps = color * factor, np.clip(rest[..., 1] * rough, ROUGHNESS_MIN, 1), np.clip(rest[..., 2] * metal, 0, 1)
     return ObjectMaterial(*(values.astype(np.float32) for values in maps))

@@ -3,6 +3,7 @@
 import shutil
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -188,6 +189,18 @@ def test_a_capture_that_shows_nothing_is_told(
     monkeypatch.chdir(tmp_path)
     phone(values)
     assert said in said_of(Path("c"), capsys)
+
+
+def test_photographs_of_16_bits_are_told(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("c").mkdir()
+    pattern = np.random.default_rng(0).uniform(10000, 25000, (24, 32, 3))
+    for number in range(3):
+        cv2.imwrite(f"c/{number}.png", (pattern * 0.5**number).astype(np.uint16))
+    Path("c/captures.tsv").write_text(LISTED.replace("jpg", "png"))
+    assert "warning: the PNG files of 1 views have 16 bits, of which 8 are used" in said_of(Path("c"), capsys)
 
 
 @pytest.mark.parametrize(

@@ -4,14 +4,17 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
+import cv2
 import numpy as np
 import OpenEXR
 import pytest
+from PIL import Image
 
 from fipt.cli.main import main
 from fipt.conventions import FLAG_SATURATED
+from fipt.errors import FiptError
 from fipt.formats.exr import read_rgb, write_exr
-from fipt.formats.images import srgb_encode
+from fipt.formats.images import as_rgb, srgb_encode
 from fipt.scene.cameras import read_radiance_scale
 from fipt.scene.dataset import Dataset
 from fipt.scene.emitters import Emitters, write_emitters
@@ -23,6 +26,8 @@ from fipt.stages.importing.build import import_scene
 from fipt.stages.importing.encoding import EncodingCheck, sentences
 from fipt.stages.importing.settings import ImportSettings
 from fipt.stages.render.lights import apply_setup
+from fipt.stages.segment.given import read_id_image
+from fipt.synthetic.scenefile.textures import _image
 from tests.faults.faults import Fault, contents, named, refused
 from tests.layouts import room, write_nerfstudio, write_synthetic
 
@@ -209,3 +214,18 @@ def test_what_is_strange_stands_beside_the_mesh(capsys: pytest.CaptureFixture[st
     assert main([*IMPORT, "--settings", QUICK.model_dump_json()]) == 0
     assert "of the pixels have one largest value, 1, in different colours" in capsys.readouterr().err
     assert json.loads(Path("out/prepare.json").read_text())["images"]["cut"]["views"]
+
+
+def test_16_bits_are_not_cut_to_8(tmp_path: Path) -> None:
+    values = np.array([[300, 30000, 65535], [0, 77, 40000]], np.uint16)
+    colors = np.stack([values, values[::-1], values // 2], axis=-1)
+    for name, pixels in (("grey", values), ("rgb", colors), ("rgba", np.dstack([colors, values]))):
+        cv2.imwrite(f"{name}.png", pixels)
+        found, alpha, _ = _image(tmp_path / f"{name}.png", 1.0, 4)
+        shown = pixels[..., 2::-1] if pixels.ndim == 3 else np.repeat(pixels[..., None], 3, axis=2)
+        np.testing.assert_allclose(found, shown / 65535, atol=1e-6)
+        assert (alpha is None) == (name != "rgba")
+    with Image.open("grey.png") as grey:
+        np.testing.assert_allclose(as_rgb(grey)[..., 1], values / 65535)
+    with pytest.raises(FiptError, match=r"rgb\.png must have 8 bits a colour; it has 16"):
+        read_id_image(Path("rgb.png"), {(1, 0, 0): 1})

@@ -13,13 +13,15 @@ import pytest
 from fipt.cli.main import main
 from fipt.errors import FiptError
 from fipt.formats.exr import write_exr
-from fipt.scene.dataset import write_views
+from fipt.scene.dataset import Dataset, write_views
 from fipt.scene.lens import Lens
 from fipt.scene.mesh import Mesh, write_ply
 from fipt.scene.objects import read_object
 from fipt.scene.setup import parse_setup
 from fipt.stages.capture.calibration import Calibration, read_calibration, write_calibration
 from fipt.stages.capture.raw import _shot
+from fipt.stages.importing.build import import_scene
+from fipt.stages.importing.settings import ImportSettings
 from tests import scenes
 from tests.fake_results import write_results
 from tests.faults.faults import Fault, contents, named, refused
@@ -178,6 +180,8 @@ SOURCES = [
     Fault("an OBJ of fewer faces than it says", obj("# Faces: 9\n" + OBJ), "it announces 9 faces, and holds 4"),
     Fault("an OBJ of fewer vertices than it says", obj("# number of vertices: 19\n" + OBJ), "announces 19 vertices"),
     Fault("a face of two vertices", obj("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2\n"), "face 0 has 2 vertices"),
+    Fault("an applied transform of words", of_all(applied_transform="a"), "applied_transform must be a 3x4 matrix"),
+    Fault("an applied scale of nothing", of_all(applied_scale=-1), "src/transforms.json: applied_transform must be"),
     Fault("faces of words", obj("v 0 0 0\nf x y z\n"), "src/mesh.obj is not a readable mesh"),
 ]  # fmt: skip
 
@@ -201,6 +205,47 @@ def test_one_image_under_two_names_and_a_black_one_are_told(capsys: pytest.Captu
     said = capsys.readouterr().err
     assert "warning: views view_0, view_1 have one and the same image" in said
     assert "warning: no pixel of view_3 shows any light" in said
+
+
+COLMAP_TO_NERFSTUDIO = [[1, 0, 0, 0.5], [0, 0, 1, 0], [0, -1, 0, 0]]
+
+
+def test_cameras_that_nerfstudio_has_turned_are_told_or_turned_back(capsys: pytest.CaptureFixture[str]) -> None:
+    content = write_nerfstudio(Path("src"))
+    import_scene("src", "nerfstudio", "plain", ImportSettings.model_validate_json(SETTINGS))
+    applied = np.vstack([np.array(COLMAP_TO_NERFSTUDIO), [0, 0, 0, 1]])
+    for frame in content["frames"]:
+        moved = applied @ frame["transform_matrix"]
+        moved[:3, 3] *= 2
+        frame["transform_matrix"] = moved.tolist()
+    content |= {"applied_transform": COLMAP_TO_NERFSTUDIO, "applied_scale": 2}
+    Path("src/transforms.json").write_text(json.dumps(content))
+    assert main([*IMPORT]) == 0
+    assert "that applied_transform has changed, and the mesh must be in the same" in capsys.readouterr().err
+    undo = json.dumps(json.loads(SETTINGS) | {"undo_transform": True})
+    assert main([*IMPORT[:-1], undo]) == 0
+    assert "applied_transform" not in capsys.readouterr().err
+    for plain, found in zip(Dataset("plain").cameras, Dataset("out").cameras, strict=True):
+        np.testing.assert_allclose(found.world_from_camera, plain.world_from_camera, atol=1e-12)
+    assert "there is no applied_transform to undo" in refused(
+        capsys, "import", "--source", "plain", "--format", "fipt", "--dataset", "new", "--settings", undo
+    )
+    Path("src/transforms.json").write_text(json.dumps(content | {"applied_transform": [[1, 0, 0, 0]] * 3}))
+    assert "applied_transform must be a rotation" in refused(capsys, *IMPORT[:-1], undo)
+
+
+def test_views_of_one_place_are_told(capsys: pytest.CaptureFixture[str]) -> None:
+    content = write_nerfstudio(Path("src"))
+    assert main([*IMPORT]) == 0
+    assert "from one place" not in capsys.readouterr().err
+    for number, frame in enumerate(content["frames"]):
+        for row, value in enumerate((1.0, 1.5, 4.2 + 0.002 * number)):
+            frame["transform_matrix"][row][3] = value
+    Path("src/transforms.json").write_text(json.dumps(content))
+    assert main([*IMPORT]) == 0
+    said = capsys.readouterr().err
+    assert "training views are from one place, within 0.2 cm: nothing tells whether the mesh is where" in said
+    assert "one place" in Path("out/prepare.json").read_text()
 
 
 def test_an_unused_vertex_beyond_the_stars_does_no_harm(capsys: pytest.CaptureFixture[str]) -> None:

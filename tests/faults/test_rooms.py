@@ -32,6 +32,14 @@ def dataset(folder: str) -> None:
     Path(folder, "transforms.json").write_text("{}")
 
 
+def linked(count: int) -> None:
+    """Folders of which each has links to all others: there are 986,409 ways through nine."""
+    for place in range(count):
+        Path(f"e/{place}").mkdir(parents=True)
+        for other in range(count):
+            Path(f"e/{place}/to{other}").symlink_to(f"../{other}")
+
+
 CALLS: dict[str, tuple[Callable[[], object], tuple[str, ...], str]] = {
     "undo of nothing": (lambda: None, ("tidy", "ghost", "--undo"), "there is no folder results/ghost"),
     "a scene without a name": (lambda: None, ("verify", ""), "the name of a scene must not be empty"),
@@ -45,6 +53,9 @@ CALLS: dict[str, tuple[Callable[[], object], tuple[str, ...], str]] = {
     "a folder with a tab": (lambda: dataset("e/a\tb"), ("init", "d", "--scan", "e"), "cannot stand in a sheet"),
     "a link that leads back": (lambda: (Path("e").mkdir(), Path("e/loop").symlink_to("../e")),
                                ("init", "d", "--scan", "e"), "e holds no capture, no dataset and no scene file"),
+    "two links to each other": (lambda: (Path("e").mkdir(), *(Path("e", x).symlink_to(y) for x, y in ("ab", "ba"))),
+                                ("init", "d", "--scan", "e"), "e holds no capture, no dataset and no scene file"),
+    "nine folders with links to all others": (lambda: linked(9), ("init", "d", "--scan", "e"), "e holds no capture"),
     "a table that is a list": (lambda: (write_results(Path("x")), Path("t.json").write_text("[]")),
                                ("compare-page", "--table", "t.json", "--results", "x", "--out", "p.html"),
                                "t.json is not the table of a comparison"),
@@ -52,6 +63,16 @@ CALLS: dict[str, tuple[Callable[[], object], tuple[str, ...], str]] = {
                            ("compare-page", "--table", "t.json", "--out", "p"),
                            "t.json is not the table of a comparison"),
 }  # fmt: skip
+
+
+def test_a_room_with_links_to_it_is_one_room() -> None:
+    for room in ("e/room", "outside"):
+        dataset(room)
+    for link, room in (("a", "room"), ("z", "room"), ("far", "../outside"), ("twice", "../outside")):
+        Path("e", link).symlink_to(room)
+    assert main(["init", "d", "--scan", "e"]) == 0
+    listed = [line.split("\t")[0] for line in Path("d/rooms.tsv").read_text().splitlines()]
+    assert listed == ["name", "far", "room"]
 
 
 @pytest.mark.parametrize("name", CALLS)

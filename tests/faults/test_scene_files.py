@@ -12,7 +12,7 @@ from fipt.synthetic.scenefile.materials import converted, material
 from fipt.synthetic.scenefile.shapes import PlacedShape, geometry
 from fipt.synthetic.scenefile.source import SceneFileReader
 from fipt.synthetic.scenefile.values import color, transform
-from fipt.synthetic.scenefile.xml import Node, read_tree
+from fipt.synthetic.scenefile.xml import Node, _check, read_tree
 from fipt.synthetic.settings import SceneFile
 
 
@@ -47,6 +47,44 @@ def test_what_is_referred_to_has_one_meaning(tmp_path: Path) -> None:
         read_tree(path)
     path.write_text(f'<scene version="3.0.0">{twice}<shape type="cube"/></scene>')
     assert read_tree(path)
+
+
+TREES = {
+    "a property without a name": ('<shape type="cube"><float value="2"/></shape>', "a <float> in a <shape> must have"),
+    "a property of no name": ('<bsdf type="diffuse"><rgb name="" value="1"/></bsdf>', "a <rgb> in a <bsdf> must have"),
+    "a property twice": ('<shape type="sphere"><float name="r" value="1"/><float name="r" value="2"/></shape>',
+                         "r is stated twice, with two values"),
+    "two spellings of a name": ('<shape type="cube"><transform name="toWorld"/><transform name="to_world"><scale '
+                                'value="2"/></transform></shape>', "to_world is stated twice"),
+    "an element of no kind": ('<shap type="sphere"/>', "scene files have no element <shap>"),
+    "a property of no kind": ('<shape type="sphere"><flot name="radius" value="2"/></shape>', "no element <flot>"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", TREES)
+def test_an_element_that_cannot_be(name: str, tmp_path: Path) -> None:
+    text, said = TREES[name]
+    with pytest.raises(FiptError, match=f"s.xml line 1: .*{said}"):
+        node(text, tmp_path)
+
+
+def test_a_property_twice_of_one_value_is_one() -> None:
+    found = Node("shape", {}, (Node("float", {"name": "a", "value": "1"}, (), "x"),) * 2, "y")
+    _check(found)
+
+
+@pytest.mark.parametrize("version", ["banana", "", "-1", ".", "99.0", "3.0.0.0", "3.x"])
+def test_a_version_of_no_mitsuba(version: str, tmp_path: Path) -> None:
+    path = tmp_path / "s.xml"
+    path.write_text(f'<scene version="{version}"/>' if version else "<scene/>")
+    with pytest.raises(FiptError, match=r"the version of a scene file must be that of Mitsuba, 0\.5 to 3; found"):
+        read_tree(path)
+
+
+def test_a_truth_value_of_another_word(tmp_path: Path) -> None:
+    found = node('<shape type="sphere"><boolean name="flip_normals" value="yes"/></shape>', tmp_path)
+    with pytest.raises(FiptError, match="flip_normals must be true or false; found 'yes'"):
+        found.flag("flip_normals", False)
 
 
 def node(text: str, tmp_path: Path) -> Node:

@@ -30,6 +30,8 @@ class SourceView:
         FIPT layouts: where folders like ``Image`` and ``DiffCol`` lie, and the view's number there.
     dataset
         A dataset of this program: its folder, with truth/ and segments/.
+    applied
+        4x4 rows, a similarity by which the source says that its world came from an original one; None: from none.
     """
 
     name: str
@@ -42,6 +44,7 @@ class SourceView:
     folder: Path | None = None
     number: str = ""
     dataset: Path | None = None
+    applied: Matrix | None = None
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from fipt.errors import FiptError
-from fipt.formats.layouts.common import PosedViews, SourceView, number, pose_matrix
+from fipt.formats.layouts.common import Matrix, PosedViews, SourceView, number, pose_matrix
 from fipt.formats.text import MALFORMED, read_json
 
 _INTRINSICS = ("w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_y")
@@ -15,6 +15,7 @@ _DISTORTION = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
 _PINHOLES = ("PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")
 """Camera models that are pinholes once their distortion is zero."""
 _OTHER_IMAGES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".hdr", ".dng", ".gif", ".webp", ".bmp", ".heic", ".avif")
+_IDENTITY = tuple(tuple(float(row == column) for column in range(4)) for row in range(4))
 _MESHES = ("mesh.ply", "mesh.obj", "scene.ply", "scene.obj")
 
 
@@ -46,7 +47,7 @@ def nerfstudio_views(path: Path, developed: bool = True) -> list[SourceView]:
     """Read the views of a transforms.json; not ``developed``: they may be photographs, distorted as they are."""
     shared, entries = read_entries(path)
     entries = _listed_splits(path, shared, entries)
-    frames = []
+    frames, applied = [], _applied(path, shared)
     for index, entry in enumerate(entries):
         where = f"{path}, frame {index}"
         try:
@@ -62,8 +63,23 @@ def nerfstudio_views(path: Path, developed: bool = True) -> list[SourceView]:
         complete = file_path.lower().endswith(".exr")
         image = path.parent / (file_path if complete else f"{file_path}.exr")
         split = _split(where, entry, entries)
-        frames.append(SourceView(name, split, image, matrix, intrinsics, mask=mask, depth=depth))
+        frames.append(SourceView(name, split, image, matrix, intrinsics, mask=mask, depth=depth, applied=applied))
     return frames
+
+
+def _applied(path: Path, shared: Mapping[str, Any]) -> Matrix | None:
+    """What nerfstudio says was done to the original world: applied_transform, then applied_scale; None: nothing."""
+    try:
+        rows = pose_matrix(shared.get("applied_transform") or _IDENTITY)
+        scale = number(shared.get("applied_scale") or 1.0)
+        if not all(map(math.isfinite, (scale, *(x for row in rows for x in row)))) or scale <= 0:
+            raise ValueError("numbers must be finite, and the scale above 0")
+    except MALFORMED as error:
+        raise FiptError(
+            f"{path}: applied_transform must be a 3x4 matrix and applied_scale a number ({error!r})", "correct the file"
+        ) from error
+    found = (*(tuple(scale * x for x in row) for row in rows[:3]), rows[3])
+    return None if found == _IDENTITY else found
 
 
 def _listed_splits(path: Path, shared: Mapping[str, Any], entries: list[dict[str, Any]]) -> list[dict[str, Any]]:

@@ -14,6 +14,7 @@ import numpy as np
 
 from fipt.errors import FiptError
 from fipt.formats.files import check_distinct, check_name, existing_file, natural
+from fipt.formats.images import is_deep
 from fipt.formats.text import read_text
 from fipt.stages.capture.exposures import SAME_STOPS, exposure, shutter_text, stops
 from fipt.stages.capture.folder import others, photographs
@@ -137,7 +138,17 @@ def read_capture(folder: str | Path, frames: int = 0) -> Capture:
         Bracket(view, kind, tuple(sorted(shots, key=lambda shot: -exposure(shot)) if kind != "merged" else shots))
         for view, shots in views.items()
     )
-    return Capture(folder, brackets, (*findings, *(judge(brackets) if kind != "merged" else ())))
+    more = [] if kind == "merged" else [*judge(brackets), *(_deep(brackets) if kind == "ldr" else ())]
+    return Capture(folder, brackets, (*findings, *more))
+
+
+def _deep(brackets: Sequence[Bracket]) -> list[Finding]:
+    """Say that of PNG files of 16 bits the upper 8 are used: the response of a camera is found for 256 values."""
+    deep = [bracket.view for bracket in brackets if any(is_deep(shot.path) for shot in bracket.shots)]
+    if not deep:
+        return []
+    message = f"the PNG files of {len(deep)} views have 16 bits, of which 8 are used; dark places lose most"
+    return [Finding("deep", "warning", message, "give the RAW files, or linear radiance as EXR", tuple(deep))]
 
 
 def group(shots: Sequence[Shot], frames: int = 0) -> list[tuple[Shot, ...]]:

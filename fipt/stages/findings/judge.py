@@ -27,6 +27,7 @@ from fipt.stages.findings.checks import (
     settled,
     thin,
     uncertain,
+    viewpoints,
 )
 from fipt.stages.findings.notes import Notes
 from fipt.stages.findings.room import JudgedRoom
@@ -35,6 +36,7 @@ Check = Callable[[JudgedRoom, Notes], list[RoomFinding]]
 
 CHECKS: tuple[Check, ...] = (
     encoding.check,
+    viewpoints.check,
     no_emitter.check,
     guessed_light.check,
     light_balance.check,

@@ -26,7 +26,7 @@ from fipt.scene.sources import CAPTURE, ImageSource, read_developed, read_source
 from fipt.settings import dumped
 from fipt.stages.importing.encoding import sentences
 from fipt.stages.importing.frames import check_layer, write_frames, written_radiance
-from fipt.stages.importing.place import Geometry, PlacedMesh, placed, scale_warnings
+from fipt.stages.importing.place import Geometry, PlacedMesh, placed, scale_warnings, undone, viewpoint_warnings
 from fipt.stages.importing.settings import ImportSettings
 from fipt.stages.importing.unit import radiance_scale
 
@@ -135,7 +135,7 @@ def import_scene(
         (dataset / "import.manifest.json").unlink(missing_ok=True)
     files = [path for path in dataset.resolve().rglob("*") if path.is_file()]
     write_manifest(manifest.resolve(), "import", files, {"format": format, **dumped(settings), "scale": parsed.scale})
-    return Imported(cameras, parsed, figures, [*_unit(parsed), *sentences(strange)])
+    return Imported(cameras, parsed, figures, [*_unit(parsed), *_moved(parsed, given), *sentences(strange)])
 
 
 def _check_room(dataset: Path, source: ImageSource, mesh: str | Path | None) -> None:
@@ -160,6 +160,16 @@ def _unit(source: ImageSource) -> list[str]:
     return [
         f"the source's radiance is multiplied by {source.scale:g}, so that the dataset has the level of a photographed "
         "room; emitters.json, setups and the export are in the source's unit (radiance_scale in transforms.json)"
+    ]
+
+
+def _moved(source: ImageSource, given: Sequence[object]) -> list[str]:
+    """Say that cameras are not in their original world, unless there is no mesh, or it was made of these views."""
+    if str(given[0]) == VIEWS_ALONE or given[1] is not None or all(frame.applied is None for frame in source.frames):
+        return []
+    return [
+        "the cameras are in coordinates that applied_transform has changed, and the mesh must be in the same; if it is "
+        "in those before (COLMAP's, for most), set import.undo_transform: true"
     ]
 
 
@@ -192,12 +202,12 @@ def _write_mesh(
     if mesh is None:
         return None, room.figures
     figures: dict[str, Any] = {"prepared": False, "triangles": len(mesh.triangles)}
-    warnings: list[str] = []
+    warnings = viewpoint_warnings(mesh, cameras)
     if settings.prepare != "never":
         from fipt.render.variant import set_variant
 
         set_variant()
-        warnings = scale_warnings(mesh, cameras, certain=settings.unit is not None)
+        warnings += scale_warnings(mesh, cameras, certain=settings.unit is not None)
     # a mesh of `fipt mesh` is prepared already: twice, edges and planes suffer
     if settings.prepare == "always" or (settings.prepare == "auto" and not done):
         from fipt.meshing.prepare import prepared
@@ -265,9 +275,11 @@ def _parsed(source: str | Path, format: str, settings: ImportSettings, poses: st
     if (format == CAPTURE) != (poses is not None):
         raise FiptError(f"--poses belongs to the format {CAPTURE}, and only to it", "give both or neither")
     if poses is None:
-        return read_source(source, format, settings.val_every)
-    found = read_developed(source, poses, settings.val_every)
-    return found if settings.exposure is None else replace(found, scale=settings.exposure)
+        found = read_source(source, format, settings.val_every)
+    else:
+        found = read_developed(source, poses, settings.val_every)
+        found = found if settings.exposure is None else replace(found, scale=settings.exposure)
+    return undone(found) if settings.undo_transform else found
 
 
 def _check_target(dataset: Path, manifest: Path, source: ImageSource) -> None:

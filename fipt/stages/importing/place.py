@@ -10,7 +10,7 @@ import numpy as np
 
 from fipt.errors import FiptError
 from fipt.meshing.mend import far_origin, mended
-from fipt.scene.cameras import Camera
+from fipt.scene.cameras import Camera, parallax
 from fipt.scene.mesh import Mesh
 from fipt.scene.sources import ImageSource
 
@@ -26,6 +26,8 @@ _LIKELY = 20.0
 """Metres to what is seen that make a unit likely: few rooms are wider."""
 _SEEN = 0.01
 """Share of the pixels that must see the mesh, and of the mesh that must lie near the cameras: less is none of it."""
+_BASELINE = 0.01
+"""Of the distance of what is near, by which cameras must stand apart to show more than one of them does."""
 _GRID = 12
 """Rays along a side of a view: a hundred and more tell shares of a hundredth."""
 _VIEWS = 16
@@ -108,6 +110,35 @@ def placed(
     return replace(source, frames=frames), PlacedMesh(found.mesh, origin, figures | {"mended": found.figures})
 
 
+def undone(source: ImageSource) -> ImageSource:
+    """The source in its original world, before what it says was applied to that (nerfstudio's applied_transform).
+
+    Raises
+    ------
+    FiptError
+        There is nothing to undo, or it is no rotation with one scale.
+    """
+    if all(frame.applied is None for frame in source.frames):
+        raise FiptError(f"{source.root}: there is no applied_transform to undo", "remove import.undo_transform")
+    frames = []
+    for frame in source.frames:
+        if frame.applied is not None:
+            applied, pose = np.array(frame.applied), np.array(frame.world_from_camera)
+            scale = np.cbrt(np.linalg.det(applied[:3, :3]))
+            turn = applied[:3, :3] / scale if scale > 0 else np.zeros((3, 3))
+            if not np.allclose(turn @ turn.T, np.eye(3), atol=1e-4):
+                raise FiptError(
+                    f"{source.root}: applied_transform must be a rotation with a shift; found "
+                    f"{np.round(applied[:3], 3).tolist()}",
+                    "bring the mesh into the coordinates of the cameras, without import.undo_transform",
+                )
+            pose[:3, :3] = turn.T @ pose[:3, :3]
+            pose[:3, 3] = turn.T @ (pose[:3, 3] - applied[:3, 3]) / scale
+            frame = replace(frame, world_from_camera=tuple(map(tuple, pose.tolist())), applied=None)
+        frames.append(frame)
+    return replace(source, frames=tuple(frames))
+
+
 def scale_warnings(mesh: Mesh, cameras: Sequence[Camera], certain: bool) -> list[str]:
     """Judge whether mesh and cameras are of one scale, in metres; Mitsuba's variant must be set.
 
@@ -141,6 +172,19 @@ def scale_warnings(mesh: Mesh, cameras: Sequence[Camera], certain: bool) -> list
     return [
         f"the mesh is {extent:.3g} m large, and cameras see half of it within {seen.median:.3g} m, nine tenths within "
         f"{seen.far:.3g} m; if that is not so, give import.unit, or scale the mesh"
+    ]
+
+
+def viewpoint_warnings(mesh: Mesh, cameras: Sequence[Camera]) -> list[str]:
+    """Say that all training views are from one place: a panorama, or positions that were lost."""
+    training = [camera for camera in cameras if camera.split == "train"]
+    baseline, near = parallax(training, mesh.vertices)
+    if baseline >= _BASELINE * near:
+        return []
+    return [
+        f"all {len(training)} training views are from one place, within {100 * baseline:.2g} cm: nothing tells whether "
+        "the mesh is where the images show it, and roughness and metallic are guessed; photograph from several "
+        "places, or correct the poses"
     ]
 
 

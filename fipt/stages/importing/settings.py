@@ -20,6 +20,10 @@ class ImportSettings(Settings):
         description="metres in a unit of the source's mesh and cameras, such as 0.001; absent: metres, "
         "refused where another unit fits much better",
     )
+    undo_transform: bool = Field(
+        default=False,
+        description="take cameras to where they were before nerfstudio's applied_transform, if the mesh is there",
+    )
     prepare: Literal["auto", "always", "never"] = Field(
         default="auto",
         description="smooth, flatten and decimate the mesh; auto: where it is noisy or finer than pixels, "

@@ -19,6 +19,7 @@ import numpy as np
 from fipt.errors import FiptError
 from fipt.formats.arrays import load_npz
 from fipt.formats.exr import read_exr
+from fipt.formats.images import is_deep
 from fipt.formats.text import MALFORMED
 from fipt.scene.dataset import Dataset
 from fipt.scene.mesh import face_property
@@ -232,7 +233,10 @@ def _pixels(path: Path) -> np.ndarray:
         with Image.open(path) as image:
             if image.format != "PNG":
                 raise FiptError(f"{path} must be a PNG; it holds {image.format}, which may change ids", "export PNG")
-            values = np.array(image if image.mode in ("L", "P", "I", "I;16") else image.convert("RGB"))
+            whole = image.mode in ("L", "P", "I", "I;16")
+            if not whole and is_deep(path):
+                raise FiptError(f"{path} must have 8 bits a colour; it has 16", "export 8 bits, or grey ids")
+            values = np.array(image if whole else image.convert("RGB"))
     except (OSError, SyntaxError, ValueError) as error:  # what Pillow raises for damaged files
         raise FiptError(f"{path} is not a readable PNG ({error})", "replace the file") from error
     return values

@@ -14,7 +14,7 @@ from fipt.conventions import LUMINANCE
 from fipt.errors import FiptError
 from fipt.formats.exr import read_exr
 from fipt.formats.hdr import read_hdr
-from fipt.formats.images import srgb_decode
+from fipt.formats.images import decoded, is_deep, srgb_decode
 from fipt.synthetic.scenefile.source import SceneFileReader
 from fipt.synthetic.scenefile.values import COLORS, color, transform
 from fipt.synthetic.scenefile.xml import Node
@@ -153,7 +153,7 @@ def _image(path: Path, gamma: float, most: int) -> tuple[np.ndarray, np.ndarray 
     Parameters
     ----------
     gamma
-        Of the encoding of 8-bit pictures; 1 = linear, -1 = the sRGB curve. OpenEXR and .hdr are linear.
+        Of the encoding of pictures of 8 or 16 bits; 1 = linear, -1 = the sRGB curve. OpenEXR and .hdr are linear.
     most
         Texels along the longer side; larger pictures are averaged, after decoding.
 
@@ -170,13 +170,13 @@ def _image(path: Path, gamma: float, most: int) -> tuple[np.ndarray, np.ndarray 
         pixels, table = _float_image(path), None
     else:
         pixels = _encoded_image(path)
-        steps = np.linspace(0, 1, 256)
+        steps = np.linspace(0, 1, np.iinfo(pixels.dtype).max + 1)
         table = (srgb_decode(steps) if gamma <= 0 else steps**gamma).astype(np.float32)
     size = pixels.shape[:2]
     color = shrunk(pixels[..., :3], most, table)
     if pixels.shape[2] == 3:
         return color, None, size
-    plain = None if table is None else np.linspace(0, 1, 256, dtype=np.float32)
+    plain = None if table is None else np.linspace(0, 1, len(table), dtype=np.float32)
     alpha = shrunk(pixels[..., 3:], most, plain)[..., 0]
     return color, alpha if alpha.min() < 1 else None, size
 
@@ -194,24 +194,34 @@ def _float_image(path: Path) -> np.ndarray:
 
 
 def _encoded_image(path: Path) -> np.ndarray:
-    """(h, w, 3 or 4) uint8."""
+    """(h, w, 3 or 4) uint8, or uint16 of a PNG of 16 bits."""
     from PIL import Image
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", Image.DecompressionBombWarning)
         try:
             with Image.open(path) as image:
-                if image.mode.startswith("I;16"):
-                    grey = (np.asarray(image) // 257).astype(np.uint8)
-                    return np.repeat(grey[..., None], 3, axis=2)
+                if is_deep(path):
+                    image.load()  # which tells what is wrong with the file
+                    return _deep_image(path)
                 clear = "A" in image.getbands() or "transparency" in image.info
                 return np.asarray(image.convert("RGBA" if clear else "RGB"))
         except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
             raise FiptError(f"{path} is not a readable picture ({error})", "replace the file") from error
 
 
+def _deep_image(path: Path) -> np.ndarray:
+    """(h, w, 3 or 4) uint16, which Pillow cuts to 8 bits."""
+    import cv2
+
+    found = decoded(path, cv2.IMREAD_UNCHANGED)
+    if found is None:
+        raise ValueError("OpenCV does not read it")
+    return np.repeat(found[..., None], 3, axis=2) if found.ndim == 2 else found[..., [2, 1, 0, 3][: found.shape[2]]]
+
+
 def shrunk(pixels: np.ndarray, most: int, table: np.ndarray | None) -> np.ndarray:
-    """Decode with a ``table`` of 256 values and average blocks until the longer side has at most ``most`` texels.
+    """Decode with a ``table`` of all values and average blocks until the longer side has at most ``most`` texels.
 
     A strip of rows at a time: huge pictures never exist as floats.
     """

@@ -22,6 +22,16 @@ _LARGEST = 2_000_000
 """Elements of a file whose references are filled in: references to references can double it again and again."""
 
 
+_OBJECTS = (
+    "shape bsdf emitter texture spectrum sensor camera luminaire film rfilter sampler integrator medium phase volume "
+    "subsurface"
+)
+"""Elements with a plugin's type; the properties in them have names."""
+_PROPERTIES = "float integer boolean string point vector rgb srgb color blackbody spectrum transform animation"
+_OTHERS = "scene matrix translate scale rotate lookat ref alias default include path null"
+"""Elements that mean something elsewhere."""
+
+
 @dataclass(frozen=True)
 class Node:
     """An element: an object with a plugin's type, or a property.
@@ -86,7 +96,10 @@ class Node:
 
     def flag(self, name: str, default: bool) -> bool:
         """Return a boolean property."""
-        return self.text(name, str(default)).strip().lower() == "true"
+        text = self.text(name, str(default)).strip().lower()
+        if text not in ("true", "false"):
+            raise self.wrong(f"{name} must be true or false; found {text!r}")
+        return text == "true"
 
     def number(self, name: str, default: float) -> float:
         """Return a number; where the property is something else (a texture, a preset's name) raise an error."""
@@ -198,6 +211,8 @@ class _XmlReader:
                 siblings.extend(self._included(attributes.get("filename", ""), where))
             else:
                 node = Node(tag, attributes, tuple(children), where)
+                if siblings is not stack[0][2]:
+                    _check(node)
                 siblings.append(node)
                 if node.id and tag != "ref":
                     if node.id in self.ids:
@@ -217,6 +232,12 @@ class _XmlReader:
         if root.tag != "scene":
             raise FiptError(
                 f"{path} is no Mitsuba scene: its first element is <{root.tag}>, not <scene>", "give a Mitsuba XML file"
+            )
+        version = root.attributes.get("version", "")
+        if not re.fullmatch(r"[0-3](\.\d+){0,2}", version):
+            raise FiptError(
+                f"{path}: the version of a scene file must be that of Mitsuba, 0.5 to 3; found {version!r}",
+                'correct version="..." of its first element: angles and axes of skies depend on it',
             )
         return root
 
@@ -258,3 +279,18 @@ class _XmlReader:
 def snake(name: str) -> str:
     """Turn camelCase (``diffuseReflectance``, ``intIOR``) into snake_case."""
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()
+
+
+def _check(node: Node) -> None:
+    """Refuse what Mitsuba refuses, and readers would leave out or guess: odd elements, properties without a name."""
+    objects, properties = _OBJECTS.split(), _PROPERTIES.split()
+    if node.tag.lower() not in (*objects, *properties, *_OTHERS.split()):
+        raise node.wrong(f"scene files have no element <{node.tag}>")
+    if node.tag not in objects:
+        return
+    named: dict[str, Node] = {}
+    for child in node.children:
+        if child.tag in properties and not child.name:
+            raise child.wrong(f"a <{child.tag}> in a <{node.tag}> must have a name")
+        if child.tag in properties and named.setdefault(child.name, child) != child:
+            raise child.wrong(f"{child.name} is stated twice, with two values")

@@ -31,6 +31,7 @@ from fipt.stages.findings.checks import (
     settled,
     thin,
     uncertain,
+    viewpoints,
 )
 from fipt.stages.findings.notes import Notes
 from fipt.stages.findings.patches import SIDE as SIDE_OF_PATCH
@@ -66,10 +67,19 @@ def lit(found=None, environment=NOTHING):
         settled.check,
         hardly_seen.check,
         uncertain.check,
+        viewpoints.check,
     ],
 )
 def test_a_sound_room_is_silent(check):
     assert told(check) == {}
+
+
+def test_views_from_one_place():
+    sound = judged.room().data
+    turned = SimpleNamespace(views=sound.views, camera=lambda view: sound.camera("v0"))
+    found = told(viewpoints.check, data=turned)["one-place"]
+    assert found.severity == "serious"
+    assert "from one place, within 0 cm" in found.cause
 
 
 # --- light ----------------------------------------------------------------------------------------

@@ -113,7 +113,9 @@ def test_small_lamps_have_the_intensity_of_what_they_stand_for(kind, tmp_path, b
 
     path = tmp_path / "scene.xml"
     place = '<transform name="to_world"><lookat origin="1 2 3" target="1 0 3" up="1 0 0"/></transform>'
-    path.write_text(f'<scene><emitter type="{kind}">{place}<spectrum name="intensity" value="0.8"/></emitter></scene>')
+    path.write_text(
+        f'<scene version="3"><emitter type="{kind}">{place}<spectrum name="intensity" value="0.8"/></emitter></scene>'
+    )
     (emitter,) = point_emitters(read_tree(path).root, SceneFileReader(path, SceneFile()))
     scale = 0.1
     vertices, triangles = emitter_shape(emitter, emitter.position * scale, emitter.direction)

@@ -52,29 +52,37 @@ def test_defaults_and_references(tmp_path):
 def test_a_default_holds_from_its_first_value(tmp_path):
     root = read(
         tmp_path,
-        '<scene><default name="a" value="1"/><default name="a" value="2"/><shape id="$a$a" type="x"/></scene>',
+        '<scene version="3"><default name="a" value="1"/><default name="a" value="2"/><shape id="$a$a"/></scene>',
     )
     assert root.children[0].id == "11"
 
 
 def test_includes_come_from_the_folder_only(tmp_path):
     (tmp_path / "more.xml").write_text('<scene version="2.0.0"><bsdf type="diffuse" id="D"/></scene>')
-    root = read(tmp_path, '<scene><include filename="more.xml"/><shape type="cube"><ref id="D"/></shape></scene>')
+    root = read(
+        tmp_path, '<scene version="3"><include filename="more.xml"/><shape type="cube"><ref id="D"/></shape></scene>'
+    )
     assert root.objects("shape")[0].objects("bsdf")[0].type == "diffuse"
     with pytest.raises(FiptError, match=r"outside the scene's folder"):
-        read(tmp_path, '<scene><include filename="../more.xml"/></scene>')
+        read(tmp_path, '<scene version="3"><include filename="../more.xml"/></scene>')
     with pytest.raises(FiptError, match="includes itself"):
-        read(tmp_path, '<scene><include filename="scene.xml"/></scene>')
+        read(tmp_path, '<scene version="3"><include filename="scene.xml"/></scene>')
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("<scene><shape></scene>", "not well-formed XML"),
+        ('<scene version="3"><shape></scene>', "not well-formed XML"),
         ("<world/>", "first element is <world>, not <scene>"),
-        ('<scene><shape type="obj"><ref id="Nobody"/></shape></scene>', "line 1: nothing has the id 'Nobody'"),
-        ('<scene><bsdf type="twosided" id="A"><ref id="A"/></bsdf><shape><ref id="A"/></shape></scene>', "itself"),
-        ("<scene>" + "<bsdf>" * 60 + "</bsdf>" * 60 + "</scene>", "nested more than 40 deep"),
+        (
+            '<scene version="3"><shape type="obj"><ref id="Nobody"/></shape></scene>',
+            "line 1: nothing has the id 'Nobody'",
+        ),
+        (
+            '<scene version="3"><bsdf type="twosided" id="A"><ref id="A"/></bsdf><shape><ref id="A"/></shape></scene>',
+            "itself",
+        ),
+        ('<scene version="3">' + "<bsdf>" * 60 + "</bsdf>" * 60 + "</scene>", "nested more than 40 deep"),
     ],
 )
 def test_broken_files_are_one_line(tmp_path, text, message):
@@ -86,7 +94,8 @@ def test_references_cannot_double_for_ever(tmp_path):
     blends = "".join(f'<bsdf type="blendbsdf" id="a{k + 1}">{f"""<ref id="a{k}"/>""" * 2}</bsdf>' for k in range(60))
     with pytest.raises(FiptError, match="references make more than 2000000 elements of it"):
         read(
-            tmp_path, f'<scene><bsdf type="diffuse" id="a0"/>{blends}<shape type="cube"><ref id="a60"/></shape></scene>'
+            tmp_path,
+            f'<scene version="3"><bsdf type="diffuse" id="a0"/>{blends}<shape><ref id="a60"/></shape></scene>',
         )
 
 
@@ -94,9 +103,9 @@ def test_document_types_are_refused_before_anything_expands(tmp_path):
     lines = "".join(f'<!ENTITY a{k + 1} "{f"&a{k};" * 10}">' for k in range(12))
     start = time.perf_counter()
     with pytest.raises(FiptError, match="document type"):
-        read(tmp_path, f'<!DOCTYPE scene [<!ENTITY a0 "x">{lines}]><scene>&a12;</scene>')
+        read(tmp_path, f'<!DOCTYPE scene [<!ENTITY a0 "x">{lines}]><scene version="3">&a12;</scene>')
     with pytest.raises(FiptError, match="document type"):
-        read(tmp_path, '<!DOCTYPE scene [<!ENTITY e SYSTEM "file:///etc/passwd">]><scene>&e;</scene>')
+        read(tmp_path, '<!DOCTYPE scene [<!ENTITY e SYSTEM "file:///etc/passwd">]><scene version="3">&e;</scene>')
     assert time.perf_counter() - start < 1
 
 
@@ -111,7 +120,7 @@ def test_paths_stay_inside_the_folder_even_through_links(tmp_path):
 
 
 def test_listing_files_loads_nothing_heavy(tmp_path):
-    (tmp_path / "scene.xml").write_text("<scene/>")
+    (tmp_path / "scene.xml").write_text('<scene version="3"/>')
     code = (
         "import sys; from fipt.synthetic.scenefile.xml import scene_files; "
         f"assert len(scene_files({str(tmp_path / 'scene.xml')!r})) == 1; "
