@@ -1,5 +1,6 @@
 """Depth maps fused into one surface, for a process of its own: this module imports little."""
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -67,11 +68,30 @@ def fused(
     slot = grid.hashmap().active_buf_indices()
     base = grid.hashmap().key_tensor().numpy()[slot.numpy()].astype(np.float64) * BLOCK * voxel
     within = grid.voxel_coordinates_and_flattened_indices(slot[:1])[0].numpy().astype(np.float64) - base[0]
-    total = np.zeros((len(base), BLOCK**3), np.float32)
+    maps = zip(cameras, depth, normal, confidence, carves, strict=True)
+    distance, known = _voted(maps, base, within, voxel, noise)
+    field, certain = (grid.attribute(name).reshape((-1, BLOCK**3)) for name in ("tsdf", "weight"))
+    field[slot], certain[slot] = o3d.core.Tensor(distance), o3d.core.Tensor(known.astype(np.float32))
+    mesh = grid.extract_triangle_mesh(0.5)
+    return _ordered(mesh.vertex.positions.numpy(), mesh.triangle.indices.numpy())
+
+
+def _voted(
+    maps: Iterable[tuple["_Camera", np.ndarray, np.ndarray, np.ndarray, np.ndarray]],
+    base: np.ndarray,
+    within: np.ndarray,
+    voxel: float,
+    noise: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Distances (B, K) float32 of the voxels of blocks, in truncations, and whether any view tells them.
+
+    ``maps`` holds the camera, depth, normals, confidence and what carves, of each view.
+    """
+    total = np.zeros((len(base), len(within)), np.float32)
     heavy, free = np.zeros_like(total), np.zeros_like(total)
-    for number, camera in enumerate(cameras):
-        seen = camera.blocks(base + 0.5 * BLOCK * voxel, BLOCK * voxel, depth[number].shape, float(depth[number].max()))
-        images = depth[number], camera.inner(normal[number]), confidence[number], carves[number]
+    for camera, depth, normal, confidence, carves in maps:
+        images = depth, camera.inner(normal), confidence, carves
+        seen = camera.blocks(base + 0.5 * BLOCK * voxel, BLOCK * voxel, depth.shape, float(depth.max()))
         for part in np.array_split(seen, -(-len(seen) // _CHUNK) or 1):
             add = camera.distances(base[part], within, *images, voxel, noise)
             total[part] += add[0]
@@ -80,11 +100,7 @@ def fused(
     empty = free > heavy
     total[empty] = heavy[empty] = 1.0
     known = heavy > 0
-    field, certain = (grid.attribute(name).reshape((-1, BLOCK**3)) for name in ("tsdf", "weight"))
-    field[slot] = o3d.core.Tensor(np.divide(total, heavy, out=total, where=known))
-    certain[slot] = o3d.core.Tensor(known.astype(np.float32))
-    mesh = grid.extract_triangle_mesh(0.5)
-    return _ordered(mesh.vertex.positions.numpy(), mesh.triangle.indices.numpy())
+    return np.divide(total, heavy, out=total, where=known), known
 
 
 def _grid(o3d: Any, cameras: list["_Camera"], depth: np.ndarray, voxel: float) -> Any:
