@@ -213,8 +213,8 @@ class SceneMethods:
         if card.rounds is not None and card.rounds > self._scene.rounds:
             return f"needs round {card.rounds}, and the last of the scene is {self._scene.rounds}"
         own = self.run(name)
-        if card.estimator == "imported" and not own.results_of_others():
-            return f"there are no outputs of this scene in {own.settings['import_results'].path}"
+        if card.estimator == "imported":
+            return own.others.lack()
         if card.estimator == "fit" and own.rounds == self._scene.rounds and own.settings == self._scene.settings:
             return "is the scene's own run: its settings are the same"
         return None
@@ -274,8 +274,16 @@ class SceneMethods:
         changed = {name: _changed(dumped(scene.settings[name]), dumped(own.settings[name])) for name in own.settings}
         changed = {name: values for name, values in changed.items() if values}
         card = dumped(self.cards[run.method])
-        if card["estimator"] == "imported" and own.settings["import_results"].scaled:
-            card["oracle"] = [*card["oracle"], "scale of every picture"]
+        if card["estimator"] == "imported":
+            settings = own.settings["import_results"]
+            card["views"] = list(settings.only)
+            if settings.only:
+                card["label"] += f", {len(settings.only)} view{'s' * (len(settings.only) > 1)} only"
+            taken = {
+                "scale of every picture": settings.scaled,
+                "photographs under the other light": settings.input != "views",
+            }
+            card["oracle"] = [*card["oracle"], *(what for what, is_taken in taken.items() if is_taken)]
         card |= {"id": run.method, "seed": run.seed, "settings": changed}
         return json.dumps(card | {"rounds": own.rounds}, sort_keys=True)
 

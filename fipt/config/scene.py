@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from fipt.config.decisions import SceneDecisions
 from fipt.config.layout import Layout
 from fipt.config.methods import Estimator, SceneMethods
+from fipt.config.others import OutputsOfOthers
 from fipt.config.resources import PIXELS, TRIANGLES, Work
 from fipt.config.segmentation import SceneSegmentation
 from fipt.config.setups import SceneSetups
@@ -26,7 +27,6 @@ from fipt.scene.setup import RelightSetup
 from fipt.settings import dumped
 from fipt.stages.geometry.library import check_installed
 from fipt.stages.geometry.settings import STEREO, given_file
-from fipt.stages.import_results.files import found_results
 
 if TYPE_CHECKING:
     from fipt.config.family import SceneFamily
@@ -121,6 +121,12 @@ class SceneConfig:
     def setups(self) -> SceneSetups:
         """Its relight setups."""
         return SceneSetups(self.given_setups, self.place, self.views, self.segmentation, self.source.known)
+
+    @cached_property
+    def others(self) -> OutputsOfOthers:
+        """What another program estimated of it, where this run of a method imports that."""
+        settings = self.settings["import_results"]
+        return OutputsOfOthers(settings, self.own_name, self.place, self.views, self.setups)
 
     @cached_property
     def decisions(self) -> SceneDecisions:
@@ -311,26 +317,6 @@ class SceneConfig:
         """The scan in coordinates of its own that the config names, if any."""
         file = self.settings["geometry"].scan
         return [str(existing_file(self.place.path(file, "settings.geometry.scan"), "geometry.scan"))] if file else []
-
-    def results_of_others(self) -> list[str]:
-        """What another program estimated, as the settings of this run of a method say; none where there is none.
-
-        Raises
-        ------
-        FiptError
-            If no folder is named, it does not exist, or holds files of some views only.
-        """
-        settings = self.settings["import_results"]
-        if settings.path is None:
-            raise FiptError(f"{self.name}: import_results.path must name a folder", "set it in the method's settings")
-        placed = Path(self.place.path(settings.path, "settings.import_results.path"))
-        if not placed.is_dir():
-            raise FiptError(f"import_results.path must be a folder; there is none at {placed}", "correct the path")
-        if settings.setup and settings.setup not in self.given_setups:
-            raise FiptError(f"import_results.setup: there is no relight setup {settings.setup!r}", "name one of setups")
-        settings = settings.model_copy(update={"path": str(placed)})
-        counts = (sum(map(len, self.views.shards(split).values())) for split in (settings.views, "val"))
-        return [str(path) for path in found_results(settings, self.own_name, *counts).files()]
 
     @property
     def own_name(self) -> str:

@@ -82,6 +82,8 @@ ONE_SEED = {"dB": 0.3}
 _SAID = ("id", "label", "kind", "source", "deviations", "inputs", "oracle", "not_estimated", "settings", "rounds")
 _SENSITIVITY = ("series", "size", "unit", "findings")
 """Of an error that was planted: what it is, and what the findings say of it."""
+_IMPORTED = ("views",)
+"""Of outputs of another program: the views that alone are judged; none: all."""
 _UNRANKED = ("bound", "sensitivity")
 
 
@@ -154,7 +156,7 @@ def _row(seeds: Sequence[Mapping[str, Any]], columns: Sequence[Column]) -> dict[
 
 def filled_row(said: Mapping[str, Any], figures: Mapping[str, Any], seeds: int, random: bool) -> dict[str, Any]:
     """A row of the table: what is said of the method, and its figures."""
-    own = {name: said[name] for name in _SAID} | {name: said.get(name) for name in _SENSITIVITY}
+    own = {name: said[name] for name in _SAID} | {name: said.get(name) for name in (*_SENSITIVITY, *_IMPORTED)}
     return {**own, "random": random, "seeds": seeds, "figures": figures}
 
 
@@ -180,15 +182,18 @@ def _value(run: Mapping[str, Any], place: tuple[str, ...]) -> float | None:
 def rank(rows: Sequence[dict[str, Any]], column: Column) -> None:
     """Mark who is first in a column: the best, and all whose distance to it is below the spread of one of both.
 
-    Bounds, planted errors and methods that know the truth do not take part. Where a method has random numbers and one
-    seed, the largest spread that is known in the column stands for its own, else `ONE_SEED`. What reads the same is
-    equal.
+    Bounds, planted errors, methods that know the truth and those of a few views do not take part. Where a method has
+    random numbers and one seed, the largest spread that is known in the column stands for its own, else `ONE_SEED`.
+    What reads the same is equal.
     """
     sign = {"higher": 1, "lower": -1}.get(column.better)
     cells = [
         (row["figures"][column.key], row["random"])
         for row in rows
-        if row["kind"] not in _UNRANKED and not row["oracle"] and row["figures"][column.key]["mean"] is not None
+        if row["kind"] not in _UNRANKED
+        and not row["oracle"]
+        and not row["views"]
+        and row["figures"][column.key]["mean"] is not None
     ]
     if sign is None or not cells:
         return

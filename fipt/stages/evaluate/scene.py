@@ -36,11 +36,11 @@ _GRAZING = 0.1
 def material_figures(data: Dataset, folder: Path, split: str, partial: bool = False) -> dict[str, Any]:
     """Figures of the material maps of a split; all None where the dataset has no truth.
 
-    ``partial``: maps of another program, which may lack layers, or all views of the split.
+    ``partial``: maps of another program, which may lack layers and views.
     """
     figures, views = MaterialFigures(), data.views(split)
-    if partial and not any((folder / f"{view}.exr").is_file() for view in views):
-        views = []
+    if partial:
+        views = [view for view in views if (folder / f"{view}.exr").is_file()]
     with progress(f"metrics {split}", len(views), " views") as bar:
         for view in views:
             truth = data.truth(view)
@@ -72,11 +72,11 @@ def _check_layers(path: Path, estimate: Layers, truth: Layers, partial: bool) ->
             )
 
 
-def _rendered_views(folder: Path, views: list[str], what: str) -> list[str]:
-    """Views whose image exists: all or none, or some stage did not finish."""
+def _rendered_views(folder: Path, views: list[str], what: str, partial: bool) -> list[str]:
+    """Views whose image exists: all or none, or some stage did not finish; if ``partial`` any."""
     present = [view for view in views if (folder / f"{view}.exr").is_file()]
     missing = [view for view in views if view not in present]
-    if present and missing:
+    if present and missing and not partial:
         raise FiptError(
             f"{folder} must hold an image of every view; {', '.join(missing[:8])} missing",
             f"run {what} for these views",
@@ -92,8 +92,10 @@ def _rendered(path: Path, shape: tuple[int, ...]) -> np.ndarray:
     return finite({"RGB": image}, str(path))["RGB"]
 
 
-def render_figures(data: Dataset, folder: Path, split: str, fit_exposure: bool) -> dict[str, Any]:
-    """PSNR of re-rendered views; None where the split was not rendered."""
+def render_figures(
+    data: Dataset, folder: Path, split: str, fit_exposure: bool, partial: bool = False
+) -> dict[str, Any]:
+    """PSNR of re-rendered views; None where the split was not rendered. ``partial``: some views may lack."""
 
     def pairs() -> Iterator[tuple[str, np.ndarray, np.ndarray, np.ndarray]]:
         for view in views:
@@ -101,7 +103,7 @@ def render_figures(data: Dataset, folder: Path, split: str, fit_exposure: bool) 
             valid = valid * ~data.clipped(view)  # a lower bound is nothing to compare with
             yield view, _rendered(folder / f"{view}.exr", photo.shape), photo, valid
 
-    views = _rendered_views(folder, data.views(split), "fipt render")
+    views = _rendered_views(folder, data.views(split), "fipt render", partial)
     exposure = RenderExposure()
     if fit_exposure:
         for _, image, photo, valid in pairs():

@@ -50,7 +50,7 @@ def run(inputs: MetricsInputs, settings: "MetricsSettings") -> dict[str, Any]:
     content: dict[str, Any] = {
         split: {
             **scene.material_figures(data, inputs.materials, split, inputs.partial),
-            **scene.render_figures(data, inputs.render, split, settings.fit_exposure),
+            **scene.render_figures(data, inputs.render, split, settings.fit_exposure, inputs.partial),
         }
         for split in ("val", "train")
     }

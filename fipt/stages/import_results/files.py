@@ -5,7 +5,7 @@ or for none: one that is not there stays unknown.
 """
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,7 +14,9 @@ from fipt.stages.import_results.settings import ImportResultsSettings
 
 log = logging.getLogger(__name__)
 
-_EXR = {"albedo": "reflectance", "kd": "kd", "roughness": "roughness", "emission": "emission"}
+DEPTH = "depth"
+"""What a method may have been given of the mesh: no estimate, but it tells whether view and unit are ours."""
+_EXR = {"albedo": "reflectance", "kd": "kd", "roughness": "roughness", "emission": "emission", "depth": DEPTH}
 """Their quantity -> our layer."""
 _SHOWN = ("viewsynthesis", "relight")
 _ENDINGS = ("", "_rgb")
@@ -28,21 +30,27 @@ class OtherResults:
     Attributes
     ----------
     materials
-        Our layer -> file of each view, in the order of the views; files of the layout `npz` hold all layers.
+        Our layer -> view -> file; files of the layout `npz` hold all layers.
     images
-        ``viewsynthesis``, ``relight`` -> file of each view.
+        ``viewsynthesis``, ``relight`` -> view -> file.
     """
 
-    materials: Mapping[str, Sequence[Path]]
-    images: Mapping[str, Sequence[Path]]
+    materials: Mapping[str, Mapping[str, Path]]
+    images: Mapping[str, Mapping[str, Path]]
 
     def files(self) -> list[Path]:
         """Every file, once."""
         listed = [*self.materials.values(), *self.images.values()]
-        return sorted({path for paths in listed for path in paths})
+        return sorted({path for paths in listed for path in paths.values()})
 
 
-def found_results(settings: ImportResultsSettings, scene: str, materials: int, images: int) -> OtherResults:
+def found_results(
+    settings: ImportResultsSettings,
+    scene: str,
+    materials: Sequence[str],
+    held_out: Sequence[str],
+    photographed: Collection[str] | None = None,
+) -> OtherResults:
     """Look for files, and check that none is missing of a quantity that is there.
 
     Parameters
@@ -51,25 +59,41 @@ def found_results(settings: ImportResultsSettings, scene: str, materials: int, i
         Where to look.
     scene
         Name of the scene here.
-    materials, images
-        Number of views whose materials are numbered, and of held-out views.
+    materials, held_out
+        Views whose materials are numbered, and held-out views.
+    photographed
+        Views with a photograph under the light of the setup; None: its truth has all of them.
 
     Raises
     ------
     FiptError
-        If files of some views are missing.
+        If files of some views are missing, or ``only`` names a view that is none of these.
     """
+    unknown = [name for name in settings.only if name not in {*materials, *held_out}]
+    if unknown:
+        raise FiptError(
+            f"import_results.only names {', '.join(unknown)}, no view of {settings.views} and none held out",
+            "name views of the scene",
+        )
     folder, *others = result_folders(settings, scene)
+    own, shown = _chosen(materials, settings.only), _chosen(held_out, settings.only)
     if settings.layout == "npz":
-        files = _numbered(folder, "{:06d}.npz", materials)
+        files = _numbered(folder, "{:06d}.npz", own, len(materials))
         return OtherResults({"npz": files} if files else {}, {})
-    quantities = {ours: _numbered(folder, f"{{:03d}}_{name}.exr", materials) for name, ours in _EXR.items()}
-    shown = {}
-    for kind, own in zip(_SHOWN, others, strict=False):
-        tried = [_numbered(own, f"{{:03d}}{ending}.exr", images) for ending in _ENDINGS]
-        shown[kind] = next((files for files in tried if files), [])
+    quantities = {ours: _numbered(folder, f"{{:03d}}_{name}.exr", own, len(materials)) for name, ours in _EXR.items()}
+    images = {}
+    for kind, place in zip(_SHOWN, others, strict=False):
+        under = photographed if kind == "relight" and photographed is not None else shown
+        views = {view: number for view, number in shown.items() if view in under}
+        tried = [_numbered(place, f"{{:03d}}{ending}.exr", views, len(held_out)) for ending in _ENDINGS]
+        images[kind] = next((files for files in tried if files), {})
     there = {name: files for name, files in quantities.items() if files}
-    return OtherResults(there, {kind: files for kind, files in shown.items() if files})
+    return OtherResults(there, {kind: files for kind, files in images.items() if files})
+
+
+def _chosen(views: Sequence[str], only: Collection[str]) -> dict[str, int]:
+    """View -> its number, of all views or ``only`` some."""
+    return {view: number for number, view in enumerate(views) if not only or view in only}
 
 
 def result_folders(settings: ImportResultsSettings, scene: str) -> list[Path]:
@@ -81,17 +105,17 @@ def result_folders(settings: ImportResultsSettings, scene: str) -> list[Path]:
     return [root / kind / settings.method / (settings.scene or scene) for kind in kinds]
 
 
-def _numbered(folder: Path, pattern: str, count: int) -> list[Path]:
-    """Files 0 to count - 1; none where there is none."""
-    files = [folder / pattern.format(number) for number in range(count)]
-    missing = [path.name for path in files if not path.is_file()]
-    if len(missing) == count:
-        return []
+def _numbered(folder: Path, pattern: str, views: Mapping[str, int], count: int) -> dict[str, Path]:
+    """View -> its file, by the views' numbers below ``count``; none where there is none."""
+    files = {view: folder / pattern.format(number) for view, number in views.items()}
+    missing = [path.name for path in files.values() if not path.is_file()]
+    if len(missing) == len(files):
+        return {}
     if missing:
         more = f" and {len(missing) - 4} more" if len(missing) > 4 else ""
         raise FiptError(
-            f"{folder} must hold a file for each of {count} views; {', '.join(missing[:4])}{more} missing",
-            "export the others too, or remove them all",
+            f"{folder} must hold a file for each of {len(files)} views; {', '.join(missing[:4])}{more} missing",
+            "export the others too, remove them all, or name in import_results.only the views that are there",
         )
     if (more := folder / pattern.format(count)).is_file():
         log.warning("%s: there are %d views, so files from this one on are of none; do the numbers fit?", more, count)

@@ -8,18 +8,18 @@ import numpy as np
 from fipt.errors import FiptError
 from fipt.formats.arrays import load_npz
 from fipt.formats.exr import read_exr
-from fipt.stages.import_results.files import OtherResults
+from fipt.stages.import_results.files import DEPTH, OtherResults
 
-_NPZ = {"albedo": "reflectance", "diffuse": "kd", "roughness": "roughness", "emission": "emission"}
+_NPZ = {"albedo": "reflectance", "diffuse": "kd", "roughness": "roughness", "emission": "emission", "depth": DEPTH}
 """Their quantity -> our layer."""
-_SCALARS = ("roughness",)
+_SCALARS = ("roughness", DEPTH)
 _ROUNDING = 0.01
 """Below zero by so much: noise of networks and filters."""
 _MOST = {"roughness": 1 + _ROUNDING, "reflectance": 100.0, "kd": 100.0}
 """Reflectances may be known up to a factor; those of 0 to 255 are refused."""
 
 
-def layers_of(found: OtherResults, number: int, shape: tuple[int, int]) -> dict[str, np.ndarray]:
+def layers_of(found: OtherResults, view: str, shape: tuple[int, int]) -> dict[str, np.ndarray]:
     """Our layers of a view: (H, W, 3) or (H, W) float32, of its size.
 
     Raises
@@ -27,12 +27,12 @@ def layers_of(found: OtherResults, number: int, shape: tuple[int, int]) -> dict[
     FiptError
         If a file is damaged, of another size, or holds values that are not finite.
     """
-    return {name: _checked(values, name, path, shape) for name, values, path in _stored(found, number)}
+    return {name: _checked(values, name, path, shape) for name, values, path in _stored(found, view)}
 
 
-def _stored(found: OtherResults, number: int) -> Iterator[tuple[str, np.ndarray, Path]]:
+def _stored(found: OtherResults, view: str) -> Iterator[tuple[str, np.ndarray, Path]]:
     for name, files in found.materials.items():
-        path = files[number]
+        path = files[view]
         if name != "npz":
             yield name, _read_image(path, name in _SCALARS), path
             continue

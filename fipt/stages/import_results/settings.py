@@ -25,6 +25,13 @@ class ImportResultsSettings(Settings):
         default="train", description="split whose views the materials are numbered by; other pictures: held-out views"
     )
     setup: str = Field(default="", description="relight setup of the scene that the pictures in relight show")
+    only: tuple[str, ...] = Field(
+        default=(), description="views that are given, and judged; numbers stay those of the whole split; none: all"
+    )
+    input: Literal["views", "reference"] = Field(
+        default="views",
+        description="what the program was shown; `reference`: photographs under the light of `setup`, as tables say",
+    )
     scaled: bool = Field(
         default=False,
         description="true: every picture is scaled to its truth, by the energy of its darkest 95 %; the table says so",

@@ -19,6 +19,9 @@ class ImportResultsInputs:
     scene: Annotated[str, "Name of the scene."]
     out: Annotated[Path, "Folder of the run; materials, render and relight/SETUP are written there."]
     manifest: ManifestFile
+    reference: Annotated[
+        str | None, "SETUP=FOLDER: photographs under the light of the setup; default: its truth counts."
+    ] = None
 
 
 def run(inputs: ImportResultsInputs, settings: "ImportResultsSettings") -> dict[str, Any]:
@@ -28,6 +31,7 @@ def run(inputs: ImportResultsInputs, settings: "ImportResultsSettings") -> dict[
     from fipt.formats.files import atomic_folder
     from fipt.formats.manifests import write_manifest
     from fipt.scene.dataset import Dataset
+    from fipt.scene.references import find_references
     from fipt.scene.samples import read_samples
     from fipt.settings import dumped
     from fipt.stages.import_results.files import found_results
@@ -35,12 +39,17 @@ def run(inputs: ImportResultsInputs, settings: "ImportResultsSettings") -> dict[
 
     data = Dataset(inputs.dataset)
     train, held_out = data.views(settings.views), data.views("val")
-    found = found_results(settings, inputs.scene, len(train), len(held_out))
+    setup, _, photographs = (inputs.reference or "").partition("=")
+    photographed = find_references(photographs, held_out) if photographs else None
+    found = found_results(settings, inputs.scene, train, held_out, photographed)
     if settings.path is None:
         raise FiptError("import_results.path must name the folder of the other program's files", "give it")
-    if settings.setup and not (data.root / "relight_truth" / settings.setup).is_dir():
+    truth = data.root / "relight_truth" / settings.setup
+    if settings.setup != setup and not truth.is_dir():
         raise FiptError(
-            f"import_results.setup names {settings.setup}, of which {data.root} has no truth", "correct the name"
+            f"import_results.setup names {settings.setup}, of which {data.root} has no truth, and --reference no "
+            "photographs",
+            "correct the name",
         )
     if not found.files():
         raise FiptError(f"{settings.path} holds no outputs of this scene", "check path, method and scene of the card")
@@ -48,7 +57,6 @@ def run(inputs: ImportResultsInputs, settings: "ImportResultsSettings") -> dict[
     folders = {"materials": material_layers(data, shards, found, settings)}
     folders["render"] = shown_images(data, found, "viewsynthesis", data.root / "images", settings.scaled)
     if settings.setup:
-        truth = data.root / "relight_truth" / settings.setup
         folders[f"relight/{settings.setup}"] = shown_images(data, found, "relight", truth, settings.scaled)
     inputs.manifest.unlink(missing_ok=True)  # it must not vouch for what is being exchanged
     files = []

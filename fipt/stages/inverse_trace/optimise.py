@@ -74,14 +74,18 @@ class PartOptimiser:
         """Derivatives by what is optimised, from those by the arguments of the logistic functions, row by row."""
         return dict(slopes)
 
+    @staticmethod
+    def fading(done: float) -> float:
+        """Factor of learning rates when this share of the steps is done."""
+        return _DECAY ** max(2 * done - 1, 0)
+
     def step(self, gradient: Mapping[str, np.ndarray], settings: InverseTraceSettings, done: float) -> None:
         """One step, by the gradient with respect to `values`; ``done`` is the share of steps that are done."""
         now = self.values()
         slopes = {name: gradient[name] * now[name] * (1 - now[name]) for name in gradient if name != "emission"}
         slopes = self._slopes(slopes)
         slopes["emission"] = gradient["emission"] * now["emission"]
-        fading = _DECAY ** max(2 * done - 1, 0)
-        material, emission = settings.learning_rate * fading, settings.emission_rate * fading
+        material, emission = (rate * self.fading(done) for rate in (settings.learning_rate, settings.emission_rate))
         rates = {name: emission if name == "emission" else material for name in slopes}
         self._adam.step(slopes, rates)
 

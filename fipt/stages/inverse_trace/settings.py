@@ -6,7 +6,7 @@ from fipt.settings import Count, Positive, Settings
 
 
 class InverseTraceSettings(Settings):
-    """One radiance a part, a material a part or texel, optimised through the path tracer: a method for comparisons."""
+    """Radiance of parts, materials of parts, texels or networks, optimised through the path tracer: for comparisons."""
 
     steps: Positive = Field(default=300, description="steps of Adam")
     pixels: Positive = Field(default=1024, description="pixels in a step")
@@ -16,4 +16,7 @@ class InverseTraceSettings(Settings):
     emission_rate: float = Field(default=0.25, gt=0, description="of the logarithm of emitted radiance")
     texels: float = Field(default=0.0, ge=0, le=1000, description="a metre has so many texels; 0: one material a part")
     smoothness: float = Field(default=0.3, ge=0, description="weight of the differences of neighbouring texels")
+    field: bool = Field(
+        default=False, description="materials of texels are what the fit's networks say there; learning_rate is theirs"
+    )
     seed: Count = Field(default=0, description="seed of the random numbers")

@@ -172,6 +172,7 @@ def _ranked(column: Mapping[str, Any], methods: Sequence[Mapping[str, Any]]) -> 
         if row["figures"][column["key"]]["mean"] is not None
         and row["kind"] not in ("bound", "sensitivity")
         and not row["oracle"]
+        and not row.get("views")
     ]
     return sorted(known, key=lambda row: sign * row["figures"][column["key"]]["mean"])
 

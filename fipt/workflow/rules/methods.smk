@@ -126,13 +126,14 @@ rule inverse_trace:
 rule import_results:
     """Bring what another program estimated to our layers."""
     input:
-        given=ask("results_of_others"),
+        given=ask("others.files"),
         transforms=own("results/{scene}/dataset/transforms.json"),
         views=own("results/{scene}/dataset/views.json"),
         checked=own("results/{scene}/dataset/check_poses.json"),
         images=ask("images", splits=["all"]),
         samples=sharded("results/{scene}/samples/{shard}.manifest.json", "all"),
         truth=ask("setups.truth"),
+        photographs=ask("others.photographs"),
     output:
         manifest="results/{scene}/others.manifest.json",
         stats="results/{scene}/stats/import-results.json",
@@ -149,12 +150,13 @@ rule import_results:
         dataset=folder("results/{scene}/dataset"),
         samples=folders_of("samples"),
         scene=ask("own_name"),
+        reference=ask("others.compared"),
         out=folder("results/{scene}"),
         settings=settings("import_results"),
         version=VERSIONS["import_results"],
     shell:
         "fipt import-results --dataset {params.dataset:q} --samples {params.samples:q} --scene {params.scene:q}"
-        " --out {params.out:q} --manifest {output.manifest:q}"
+        " --out {params.out:q} --manifest {output.manifest:q} {params.reference:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
 
 
@@ -167,6 +169,7 @@ rule metrics_of_others:
         checked=own("results/{scene}/dataset/check_poses.json"),
         images=ask("images", splits=["all"]),
         truth=ask("setups.truth"),
+        photographs=ask("others.photographs"),
     output:
         metrics="results/{scene}/metrics.json",
         stats="results/{scene}/stats/metrics.json",
@@ -184,11 +187,12 @@ rule metrics_of_others:
         materials=folder("results/{scene}/materials"),
         render=folder("results/{scene}/render"),
         relight=folder("results/{scene}/relight"),
+        reference=ask("others.compared"),
         settings=settings("metrics"),
         version=VERSIONS["metrics"],
     shell:
         "fipt metrics --dataset {params.dataset:q} --materials {params.materials:q} --render {params.render:q}"
-        " --relight {params.relight:q} --partial --out {output.metrics:q}"
+        " --relight {params.relight:q} {params.reference:q} --partial --out {output.metrics:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
 
 
