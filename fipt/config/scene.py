@@ -190,9 +190,10 @@ class SceneConfig:
 
     def work(self, shard: str | None = None) -> Work:
         """How large its jobs are, as far as that is known before they run: a plan opens no image."""
-        mesh, pixels = Path(self.layout.mesh), self.source.pixels
+        pixels, places = self.source.pixels, [self.layout.mesh, self.source.given_mesh]
         views = len(self.views.shards("all").get(shard, ())) if shard else self.views_per_shard
-        triangles = mesh.stat().st_size // _BYTES_OF_TRIANGLE if mesh.is_file() else TRIANGLES
+        mesh = next((path for path in map(Path, filter(None, places)) if path.is_file()), None)
+        triangles = TRIANGLES if mesh is None else mesh.stat().st_size // _BYTES_OF_TRIANGLE
         return Work(pixels, pixels * views, pixels * len(self.views.of("train")), triangles)
 
     def known_work(self, shard: str | None = None) -> Work | None:

@@ -189,6 +189,11 @@ class Source(ABC):
         return PIXELS
 
     @property
+    def given_mesh(self) -> str | None:
+        """The mesh that an import reads, which need not be there; None: there is no such import."""
+        return None
+
+    @property
     def photographed(self) -> bool:
         """Whether the dataset comes from photographs, true or simulated."""
         return self.photographs is not None

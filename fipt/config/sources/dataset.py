@@ -69,6 +69,11 @@ class DatasetSource(Source):
         return round(known["w"] * known["h"]) if {"w", "h"} <= known.keys() else PIXELS
 
     @property
+    def given_mesh(self) -> str | None:
+        """The one that the config names, else that of the layout."""
+        return self._mesh or (str(self._read.mesh) if self._read.mesh else None)
+
+    @property
     def has_segments(self) -> bool:
         """Whether its layout brings segment ids."""
         from fipt.scene.sources import has_segments

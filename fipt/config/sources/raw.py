@@ -126,6 +126,11 @@ class RawSource(Source):
         return pose_files(self.place.layout)[0] if self.estimated else self.place.path(self.entry.poses, "poses")
 
     @property
+    def given_mesh(self) -> str | None:
+        """The one that the config names, or that is made."""
+        return self._mesh
+
+    @property
     def _mesh(self) -> str:
         return self.place.layout.estimated_mesh if self.reconstructed else self.place.path(self.entry.mesh, "mesh")
 

@@ -9,6 +9,7 @@ import pytest
 from fipt.config import load
 from fipt.config.resources import FIXED, MEASURED, WORKFLOW, Work, memory_mb, minutes
 from fipt.formats.files import write_text
+from tests.layouts import write_nerfstudio
 
 REPOSITORY = Path(__file__).resolve().parents[3]
 RULES = REPOSITORY / "fipt" / "workflow" / "rules"
@@ -77,3 +78,23 @@ def test_work_is_counted_in_views_pixels_and_triangles(tmp_path, monkeypatch):
     write_text(tmp_path / scene.layout.mesh, "x" * 1900)
     assert scene.work("train-002") == Work(1200, 1200, 6000, 100)
     assert scene.work() == Work(1200, 2400, 6000, 100)
+
+
+def test_work_before_an_import_is_that_of_the_mesh_given(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_nerfstudio(tmp_path / "src")
+    config = {"scenes": {"a": {"source": "dataset", "format": "nerfstudio", "path": "src", "mesh": "scan.ply"}}}
+    write_text(tmp_path / "scan.ply", "x" * 3800)
+    scene = load(config).scenes["a"]
+    assert scene.work().triangles == 200
+    write_text(tmp_path / scene.layout.mesh, "x" * 1900)
+    assert scene.work().triangles == 100
+
+
+@pytest.mark.parametrize(
+    ("triangles", "used"), [(20818, 342), (217076, 212), (818102, 454), (763551, 501), (289732, 462), (622814, 641)]
+)
+def test_imports_ask_for_what_they_used(triangles, used):
+    """Measured at 160x120 pixels; small rooms use what libraries take."""
+    asked = memory_mb("import_dataset", Work(19200, 0, 0, triangles)) - WORKFLOW
+    assert used <= 0.9 * asked
