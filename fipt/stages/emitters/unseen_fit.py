@@ -188,7 +188,7 @@ def _chosen(problem: _Problem, place: np.ndarray) -> tuple[_State, _State, _Prob
             state = wider
         left = state.residual(problem)
         sigma = max(_scale(state, problem), _LEAST_SIGMA)
-        problem = replace(problem, sigma=sigma, tau=_alike(left / sigma, place, problem.group))
+        problem = replace(problem, sigma=sigma, tau=_alike(left / sigma, place))
     start, state = _minimum(problem, ()), _minimum(problem, state.support, state)
     return start, state, problem
 
@@ -216,13 +216,15 @@ def _criterion(state: _State, problem: _Problem) -> float:
     return state.cost + len(state.support) * (0.5 * np.log(count / problem.tau) + np.log(patches))
 
 
-def _alike(residual: np.ndarray, place: np.ndarray, group: np.ndarray) -> float:
-    """How many blocks err as one: 1 + the sum of the correlations with a block's neighbours of the same group."""
+def _alike(residual: np.ndarray, place: np.ndarray) -> float:
+    """How many blocks err as one: 1 + the sum of the correlations with a block's neighbours.
+
+    Neighbours of another colour count too: where the mesh is wrong, the light is wrong on all of them.
+    """
     z = np.clip(residual, -2, 2)
     z = z - z.mean()
     reach = 3 * float(np.median(cKDTree(place).query(place, k=[min(5, len(place))])[0]))
-    pairs = cKDTree(place).query_pairs(reach, output_type="ndarray")
-    a, b = pairs[group[pairs[:, 0]] == group[pairs[:, 1]]].T
+    a, b = cKDTree(place).query_pairs(reach, output_type="ndarray").T
     return max(1.0, float(1 + 2 * (z[a] * z[b]).sum() / max((z * z).sum(), 1e-12)))
 
 

@@ -149,7 +149,10 @@ def _trial(
     transport = with_patches(blocks, patches, lights, known)
     # of what a patch sends out, pi times its area and radiance, blocks have a sample
     arriving = transport.unseen.mean(axis=0) * mesh.areas[~lights.hidden].sum() / np.maximum(patches.area, 1e-12)
-    transport = replace(transport, unseen=transport.unseen * (arriving > _ENCLOSED))
+    lights_room = arriving > _ENCLOSED
+    transport = replace(transport, unseen=transport.unseen * lights_room)
+    # nor does it shine as a part of a plane that lights the room elsewhere
+    patches = replace(patches, piece=np.where(lights_room, patches.piece, -1))
     return _Trial(blocks, transport, patches, explain(blocks, patches, transport, asked))
 
 

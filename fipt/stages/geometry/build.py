@@ -63,7 +63,7 @@ def build(views: Sequence[DepthView], radiance: Radiance, settings: GeometrySett
                  len(found.planes), (found.planes.axis >= 0).sum(), 100 * _share([m.closed for m in maps]))  # fmt: skip
     views = [m.view for m in maps]
     check_memory(views, voxel, settings.memory_gb)
-    mesh = fuse(views, [m.measured for m in maps], noise.at_1m, voxel)
+    mesh = fuse(views, [m.view.map.known & ~m.closed for m in maps], noise.at_1m, voxel)
     mesh, prepare = prepared(mesh, [view.camera for view in views], radiance, settings)
     plane = np.full(len(mesh.triangles), -1)
     if found is not None:

@@ -65,22 +65,21 @@ def fuse(views: Sequence[DepthView], carves: Sequence[np.ndarray], noise: float,
     """
     rows, columns = max(v.camera.height for v in views), max(v.camera.width for v in views)
     shape = len(views), rows, columns
-    depth, weight = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+    depth, confidence = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
     normal, free = np.zeros((*shape, 3), np.float32), np.zeros(shape, bool)
     for number, view in enumerate(views):
         inside = np.s_[number, : view.camera.height, : view.camera.width]
         depth[inside], normal[inside], free[inside] = view.map.depth, view.map.normal, carves[number]
-        # a voxel rounds what falls into it; the rest is the noise of the depth
-        variance = (noise * view.map.depth.astype(np.float64) ** 2) ** 2 + (voxel / 4) ** 2
-        weight[inside] = view.map.confidence * (voxel**2 / variance)
+        confidence[inside] = view.map.confidence
     arguments = {
         "depth": depth,
         "normal": normal,
-        "weight": weight,
+        "confidence": confidence,
         "carves": free,
         "intrinsics": np.array([(v.camera.fx, v.camera.fy, v.camera.cx, v.camera.cy) for v in views]),
         "extrinsics": np.array([v.camera.extrinsics for v in views]),
         "voxel": voxel,
+        "noise": noise,
     }
     found = run_in_child(fused, arguments, 120 + _SECONDS_A_VIEW * len(views))
     if len(found["triangles"]) == 0:

@@ -1,5 +1,6 @@
 """Depth maps fused into one surface, for a process of its own: this module imports little."""
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -14,8 +15,8 @@ _CHUNK = 2_000
 """Blocks that a view is added to at once: a million voxels."""
 _PROJECTED = 130
 """Bytes of memory that a voxel takes while a view is added to it, as measured: places, pixels and distances."""
-_VOXEL_BYTES = 60
-"""Bytes that any voxel takes: sum and weight, field and weight of the grid, and what its isosurface needs."""
+_VOXEL_BYTES = 64
+"""Bytes that any voxel takes: sum and weights, field and weight of the grid, and what its isosurface needs."""
 _PIXEL_BYTES = 220
 """Bytes that a pixel takes: depth, normals and radiance of its view, measured and completed, with its rays and places,
 and the arrays of the fusion, here and in its process."""
@@ -24,16 +25,18 @@ and the arrays of the fusion, here and in its process."""
 def fused(
     depth: np.ndarray,
     normal: np.ndarray,
-    weight: np.ndarray,
+    confidence: np.ndarray,
     carves: np.ndarray,
     intrinsics: np.ndarray,
     extrinsics: np.ndarray,
     voxel: float,
+    noise: float,
 ) -> dict[str, np.ndarray]:
     """Fuse depth maps as a truncated signed distance field (Curless and Levoy 1996) and mesh its zero.
 
     A voxel's distance is that to the tangent plane of the pixel that it falls into: so a slanted surface is as sharp as
-    one that faces the camera.
+    one that faces the camera. Where views that see through a voxel outweigh those that see surface in it, it is free;
+    elsewhere they do not move the surface.
 
     Parameters
     ----------
@@ -41,8 +44,8 @@ def fused(
         (N, H, W) float32 along the viewing axis, metres, 0 where unknown.
     normal
         (N, H, W, 3) float32 world normals that face the camera; 0 where unknown.
-    weight
-        (N, H, W) float32, inverse variances up to a factor.
+    confidence
+        (N, H, W) float32.
     carves
         (N, H, W) bool: pixels that say that nothing lies before their surface.
     intrinsics
@@ -51,6 +54,8 @@ def fused(
         (N, 3, 4) image axes (x right, y down, z forward) from world axes, metres.
     voxel
         Side of a voxel, metres.
+    noise
+        Deviation of depth at one metre, metres.
 
     Returns
     -------
@@ -63,21 +68,39 @@ def fused(
     slot = grid.hashmap().active_buf_indices()
     base = grid.hashmap().key_tensor().numpy()[slot.numpy()].astype(np.float64) * BLOCK * voxel
     within = grid.voxel_coordinates_and_flattened_indices(slot[:1])[0].numpy().astype(np.float64) - base[0]
-    total = np.zeros((len(base), BLOCK**3), np.float32)
-    heavy = np.zeros_like(total)
-    for number, camera in enumerate(cameras):
-        seen = camera.blocks(base + 0.5 * BLOCK * voxel, BLOCK * voxel, depth[number].shape, float(depth[number].max()))
-        images = depth[number], camera.inner(normal[number]), weight[number], carves[number]
-        for part in np.array_split(seen, -(-len(seen) // _CHUNK) or 1):
-            add = camera.distances(base[part], within, *images, TRUNCATION * voxel)
-            total[part] += add[0]
-            heavy[part] += add[1]
-    known = heavy > 0
+    maps = zip(cameras, depth, normal, confidence, carves, strict=True)
+    distance, known = _voted(maps, base, within, voxel, noise)
     field, certain = (grid.attribute(name).reshape((-1, BLOCK**3)) for name in ("tsdf", "weight"))
-    field[slot] = o3d.core.Tensor(np.divide(total, heavy, out=total, where=known))
-    certain[slot] = o3d.core.Tensor(known.astype(np.float32))
+    field[slot], certain[slot] = o3d.core.Tensor(distance), o3d.core.Tensor(known.astype(np.float32))
     mesh = grid.extract_triangle_mesh(0.5)
     return _ordered(mesh.vertex.positions.numpy(), mesh.triangle.indices.numpy())
+
+
+def _voted(
+    maps: Iterable[tuple["_Camera", np.ndarray, np.ndarray, np.ndarray, np.ndarray]],
+    base: np.ndarray,
+    within: np.ndarray,
+    voxel: float,
+    noise: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Distances (B, K) float32 of the voxels of blocks, in truncations, and whether any view tells them.
+
+    ``maps`` holds the camera, depth, normals, confidence and what carves, of each view.
+    """
+    total = np.zeros((len(base), len(within)), np.float32)
+    heavy, free = np.zeros_like(total), np.zeros_like(total)
+    for camera, depth, normal, confidence, carves in maps:
+        images = depth, camera.inner(normal), confidence, carves
+        seen = camera.blocks(base + 0.5 * BLOCK * voxel, BLOCK * voxel, depth.shape, float(depth.max()))
+        for part in np.array_split(seen, -(-len(seen) // _CHUNK) or 1):
+            add = camera.distances(base[part], within, *images, voxel, noise)
+            total[part] += add[0]
+            heavy[part] += add[1]
+            free[part] += add[2]
+    empty = free > heavy
+    total[empty] = heavy[empty] = 1.0
+    known = heavy > 0
+    return np.divide(total, heavy, out=total, where=known), known
 
 
 def _grid(o3d: Any, cameras: list["_Camera"], depth: np.ndarray, voxel: float) -> Any:
@@ -131,14 +154,17 @@ class _Camera:
         within: np.ndarray,
         depth: np.ndarray,
         normal: np.ndarray,
-        weight: np.ndarray,
+        confidence: np.ndarray,
         carves: np.ndarray,
-        most: float,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Weighted distances in truncations, and weights, (B, K) float32 each, of the voxels of blocks.
+        voxel: float,
+        noise: float,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Weighted distances in truncations, their weights, and those of what sees through the voxels of blocks.
 
-        The (H, W, 3) normals are in image axes.
+        (B, K) float32 each. The (H, W, 3) normals are in image axes. Noise is that of depth at the voxel: how far
+        behind it a ray ends says nothing of whether it passed.
         """
+        most = TRUNCATION * voxel
         local = ((base - self.center) @ self.rotation)[:, None] + (within @ self.rotation)[None]
         local = local.astype(np.float32)
         x, y, z = np.moveaxis(local, -1, 0)
@@ -148,8 +174,8 @@ class _Camera:
         rows, columns = depth.shape
         ahead &= (u >= 0) & (v >= 0) & (u < columns) & (v < rows)
         pixel = (np.where(ahead, v, 0).astype(np.int64), np.where(ahead, u, 0).astype(np.int64))
-        found, w = depth[pixel], weight[pixel]
-        ahead &= (found > 0) & (w > 0)
+        found, certain = depth[pixel], confidence[pixel]
+        ahead &= (found > 0) & (certain > 0)
         # point of the pixel's centre on its surface, and the tangent plane there
         tangent = normal[pixel]
         point = np.stack([
@@ -160,9 +186,12 @@ class _Camera:
         flat = (tangent**2).sum(axis=-1) > 0.5
         # before an outline's pixel the tangent plane of a grazing surface tells nothing
         signed = np.where(flat & (np.abs(straight) < 4 * most), leaning, straight) / np.float32(most)
-        ahead &= (signed > -1) & (carves[pixel] | (signed < 1)) & (straight > -4 * most)
-        w = np.where(ahead, w, 0)
-        return w * np.minimum(signed, 1), w
+        near = ahead & (np.abs(signed) < 1) & (straight > -4 * most)
+        through = ahead & (signed >= 1) & carves[pixel]
+        # a voxel rounds what falls into it; the rest is the noise of the depth
+        weight = certain * voxel**2 / ((noise * z * z) ** 2 + np.float32(voxel / 4) ** 2)
+        seen = np.where(near, weight, 0)
+        return seen * np.where(near, signed, 0), seen, np.where(through, weight, 0)
 
 
 def _ordered(vertices: np.ndarray, triangles: np.ndarray) -> dict[str, Any]:

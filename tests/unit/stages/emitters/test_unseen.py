@@ -1,5 +1,6 @@
 """Light that no view shows: transport from unseen surface, the guess, and its refusal."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -153,6 +154,17 @@ def test_a_room_without_missing_light_has_no_guess(np_rng):
     assert not guess.radiance.any() or guess.spread > 0.5
 
 
+def test_errors_that_surfaces_of_many_colours_share_are_no_light(np_rng):
+    """Light that is off by a half either way, in places just as large as what patches light: a wrong mesh."""
+    blocks, patches, transport = problem(np_rng, np.zeros(40))
+    near = transport.unseen**2
+    near /= np.quantile(near, 0.98, axis=0)
+    wrong = np.exp(np.minimum(near, 1) @ np.where(np.arange(40) % 2, 0.5, -0.5))
+    blocks = replace(blocks, radiance=blocks.radiance * wrong[:, None])
+    # errors counted apart for each colour, this was 80 to 160 nats of evidence
+    assert explain(blocks, patches, replace(transport, unseen=0.2 * near), asked=True).gain < 30
+
+
 def test_colour_of_the_guess(np_rng):
     emitted = np.zeros(40)
     emitted[5] = 15
@@ -255,6 +267,21 @@ def test_a_plane_of_several_patches_is_a_candidate_of_its_own(floor_and_ceiling)
     candidates = patches.candidates
     np.testing.assert_array_equal(candidates[:, :count], np.eye(count))
     np.testing.assert_allclose(np.sort(patches.area @ candidates[:, count:]), [4, 4])
+
+
+def test_what_is_enclosed_is_no_part_of_a_pane(guessing, floor_and_ceiling, monkeypatch):
+    """Two patches of one plane, of which one lights nothing that is seen."""
+    offered = []
+    none = Guess(np.zeros((2, 3)), before=0.4)
+    guessing(none)
+    two = Patches(np.full(4, -1), np.zeros((2, 3)), np.ones(2), np.zeros(2, int))
+    given = Transport(np.ones((50, 3)), np.tile([1.0, 0.0], (50, 1)), np.zeros(50))
+    monkeypatch.setattr(unseen_guess, "patches_of", lambda *_: two)
+    monkeypatch.setattr(unseen_guess, "with_patches", lambda *_: given)
+    monkeypatch.setattr(unseen_guess, "explain", lambda _blocks, patches, *_: offered.append(patches) or none)
+    mesh, extracted = floor_and_ceiling, Extracted(Emitters.none(), Undecided.none())
+    unseen_guess.with_guess(mesh, [], extracted, {}, NOTHING, np.zeros(len(mesh.triangles), bool))
+    np.testing.assert_array_equal(offered[0].piece, [0, -1])
 
 
 def test_a_pane_is_found_as_a_whole(np_rng):

@@ -67,7 +67,7 @@ def test_the_same_input_gives_the_same_mesh():
 
 @pytest.mark.usefixtures("open3d")
 def test_free_space_carves_what_one_view_says_by_mistake():
-    views = around()
+    views = [*around(), *(view_of_cube(f"behind{i}", (0.2 * i, 0.1, 1.0), 0.0) for i in range(2))]
     wrong = views[0].map.depth.copy()
     wrong[25:35, 35:45] = 0.7
     views[0] = views[0].with_map(DepthMap(wrong, views[0].map.confidence, views[0].map.normal))
@@ -78,6 +78,31 @@ def test_free_space_carves_what_one_view_says_by_mistake():
         np.linalg.norm(mesh.vertices - here, axis=1).min() if len(mesh.vertices) else np.inf for mesh in (carved, kept)
     )
     assert near_kept < 0.05 < near_carved
+
+
+@pytest.mark.usefixtures("open3d")
+def test_a_view_that_sees_through_a_wall_by_mistake_does_not_move_it():
+    views = around()
+    views += [view_of_cube(f"again{i}", (0.1 * i, 0.0, 0.0), 0.0) for i in range(3)]
+    wrong = views[0].map.depth.copy()
+    wrong[25:35, 35:45] *= 1.5
+    views[0] = views[0].with_map(DepthMap(wrong, views[0].map.confidence, views[0].map.normal))
+    mesh = fuse(views, [view.map.known for view in views], 1e-3, 0.05)
+    there = views[0].camera.center + views[0].map.depth[30, 40] / 1.5 * views[0].rays[30, 40]
+    near = np.linalg.norm(mesh.vertices - there, axis=1) < 0.15
+    assert near.any()
+    assert off_the_walls(mesh)[near].max() < 0.003
+
+
+@pytest.mark.usefixtures("open3d")
+def test_a_view_close_by_knows_what_is_free_better_than_what_lies_far_behind():
+    far, close = view_of_cube("far", (0.0, 0.0, 1.3), 0.0), view_of_cube("close", (0.0, 0.0, 0.9), 0.0)
+    wrong = far.map.depth.copy()
+    wrong[25:35, 35:45] = 0.8
+    far = far.with_map(DepthMap(wrong, far.map.confidence, far.map.normal))
+    # 0.4 m before the close view, which sees the wall 2 m behind: its noise there is no noise here
+    mesh = fuse([far, close], [view.map.known for view in (far, close)], 0.05, 0.05)
+    assert not (np.linalg.norm(mesh.vertices - [0.0, 0.0, 0.5], axis=1) < 0.1).any()
 
 
 def test_noise_is_measured():
@@ -119,7 +144,7 @@ def test_no_depth_at_all_is_said():
 def test_a_missing_open3d_is_said(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "open3d", None)
     with pytest.raises(FiptError, match=r"open3d must be importable .*pip install 'fipt\[geometry\]'"):
-        fused(*(np.zeros(1) for _ in range(6)), 0.1)
+        fused(*(np.zeros(1) for _ in range(6)), 0.1, 0.1)
 
 
 @pytest.mark.parametrize(
