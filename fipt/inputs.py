@@ -10,6 +10,8 @@ these or None. A field that carries `POSITIONAL` too is named by its place inste
 from pathlib import Path
 from typing import Annotated
 
+from fipt.errors import FiptError
+
 POSITIONAL = object()
 """Mark of a field that stands in the command line without the name of an option."""
 UNSPLIT = object()
@@ -32,3 +34,12 @@ DecisionsJson = Annotated[str, "What emitters_review.yaml decides, by triangle, 
 ManifestFile = Annotated[Path, "Manifest of what was written."]
 ShardFolder = Annotated[Path, "Folder of the shard to write."]
 RaysPerSide = Annotated[int, "A pixel is looked through by the square of this many rays: grid of the section samples."]
+
+_MOST_RAYS = 64
+"""Rays along a side of a pixel: their square, twice, is the least number of paths of one pixel."""
+
+
+def check_rays(per_side: int) -> None:
+    """Raise FiptError unless a number of rays along a side of a pixel can be traced."""
+    if not 1 <= per_side <= _MOST_RAYS:
+        raise FiptError(f"--rays-per-side must be 1 to {_MOST_RAYS}; it is {per_side}", "give the samples' grid")

@@ -17,6 +17,8 @@ from fipt.registry import VERBS, Verb
 
 _WRITTEN = ("out", "emitters_out", "manifest", "raw", "stats")
 """Fields of stages' inputs that name what is written."""
+_OF_DATASET = ("images", "mesh.ply", "transforms.json", "views.json")
+"""What every dataset has, and no verb but those that make datasets may write."""
 _SETTINGS = Annotated[str, typer.Option("--settings", help="Settings of this stage, JSON.")]
 _STATS = Annotated[Path | None, typer.Option("--stats", help="Write time, rate and memory here, JSON.")]
 
@@ -102,9 +104,16 @@ def check_written(inputs: Any, stats: Path | None = None) -> None:
         value = getattr(inputs, field.name)
         paths = value if isinstance(value, tuple) else (value,)
         named += [(field.name, path) for path in paths if isinstance(path, Path)]
+    dataset = getattr(inputs, "dataset", None)
     for option, path in named:
         if option not in _WRITTEN:
             continue
+        if dataset is not None and any(
+            same_place(Path(dataset, own), place) for own in _OF_DATASET for place in (path, *path.parents)
+        ):
+            raise FiptError(
+                f"--{option} lies in what --dataset reads, {path}: it would be overwritten", f"change --{option}"
+            )
         for other, given in named:
             if other != option and same_place(path, given):
                 names = f"--{option} and --{other.replace('_', '-')}"

@@ -11,6 +11,8 @@ from fipt.scene.setup import BrushBox, MaterialEdit, RelightSetup, Removal
 
 log = logging.getLogger(__name__)
 
+_FAR = 0.5
+"""Metres from a point to the surface that it means, from which that is told."""
 _LISTED = 12
 """Segments that an error lists with their places."""
 
@@ -134,7 +136,10 @@ class Segments:
 
         corners = self._mesh.corners.astype(np.float64)
         nearest = trimesh.triangles.closest_point(corners, np.tile(point, (len(corners), 1)))
-        chosen = int(self.ids[np.linalg.norm(nearest - point, axis=1).argmin()])
+        away = np.linalg.norm(nearest - point, axis=1)
+        if away.min() > _FAR:
+            log.warning("%s: the surface nearest to %s is %.2g m away from it", name, point, away.min())
+        chosen = int(self.ids[away.argmin()])
         if self._fused and chosen == 0:
             raise FiptError(f"{name}: the surface nearest to {point} belongs to no segment", "choose a box instead")
         return chosen

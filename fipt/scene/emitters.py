@@ -277,7 +277,10 @@ def read_names(path: str | Path | None, emitters: Emitters) -> list[str]:
         return known
     content = existing_file(path, "the list of emitters").read_text(encoding="utf-8")
     try:
-        names = [str(row["name"]) for row in json.loads(content)["emitters"]]
+        rows = json.loads(content)["emitters"]
+        names = [str(row["name"]) for row in rows]
+        if [row.get("index", place) for place, row in enumerate(rows)] != list(range(len(rows))):
+            raise ValueError("its emitters must be numbered from 0, in order")
     except MALFORMED as error:
         raise FiptError(f"{path} is not a list of emitters ({error!r})", "run fipt review again") from error
     if len(names) != len(known):

@@ -59,6 +59,8 @@ class EmitterEdit(Settings):
         changed = [key for key in ("scale", "color", "radiance") if getattr(self, key) is not None]
         if self.off and changed:
             raise ValueError(f"off: true leaves no light for {' and '.join(changed)}")
+        if self.color is not None and not any(self.color):
+            raise ValueError("black is no color of light; switch off with off: true")
         return self
 
     @property
@@ -214,6 +216,12 @@ class EnvironmentEdit(Settings):
         default=0.0, description="turns the map about the up axis, degrees, counter-clockwise from above"
     )
 
+    @model_validator(mode="after")
+    def _one_light(self) -> Self:
+        if self.file is not None and self.radiance is not None:
+            raise ValueError("give file or radiance, not both")
+        return self
+
 
 class CameraLens(Settings):
     """How a setup's own cameras see; what is absent is as in the dataset's first view."""
@@ -245,6 +253,9 @@ class LookAt(CameraLens):
     @model_validator(mode="after")
     def _distinct(self) -> Self:
         check_distinct(self.position, self.target)
+        ahead = tuple(map(sub, self.target, self.position))
+        if self.up is not None and _parallel(self.up, ahead):
+            raise ValueError("up must not be the direction in which the camera looks, nor its opposite")
         return self
 
 
@@ -350,6 +361,12 @@ class RelightSetup(Settings):
     def chooses_segments(self) -> bool:
         """Whether it names a segment, by number or by a point."""
         return any(entry.box is None for entry in (*self.materials, *self.remove))
+
+
+def _parallel(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
+    """Whether two vectors have one direction, or opposite ones, up to a thousandth."""
+    along = sum(x * y for x, y in zip(a, b, strict=True))
+    return along**2 > (1 - 1e-6) * sum(x * x for x in a) * sum(x * x for x in b)
 
 
 def check_distinct(position: tuple[float, ...], target: tuple[float, ...]) -> None:

@@ -9,6 +9,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from fipt.conventions import EMITTER_GAIN
+from fipt.errors import FiptError
 from fipt.scene.emitters import Emitters, Undecided
 from fipt.scene.mesh import Mesh, connected_parts
 from fipt.scene.observed import ObservedShard
@@ -70,6 +71,9 @@ class Decided:
         for number, text in enumerate(decisions.accept):
             emitter[rows(text)] = number
         rejected[rows(*decisions.reject)] = True
+        both = np.flatnonzero(rejected & (emitter >= 0))
+        if len(both):
+            raise FiptError(f"triangle {both[0]} must be accepted or rejected; decisions do both", "decide once")
         return Decided(emitter, rejected, tuple(rows(*group) for group in decisions.merge))
 
 

@@ -62,9 +62,9 @@ def run(inputs: ReviewInputs, settings: "ReviewSettings") -> dict[str, Any]:
     out, review = inputs.out, inputs.review
     if strange := strange_files(out):
         raise FiptError(f"the folder {out} is replaced, but holds {strange[0]}", "choose a folder for the list alone")
-    read_review(review)  # refused now, not after all views were looked at
     data = Dataset(inputs.dataset)
     mesh = data.mesh()
+    _check_decisions(review, len(mesh.triangles))  # refused now, not after all views were looked at
     found, shards = read_emitters(inputs.emitters, mesh), [read_samples(folder) for folder in inputs.samples]
     decided = parse_decisions(inputs.decisions, len(mesh.triangles))
     emitters = emitter_triangles(found)
@@ -91,6 +91,19 @@ def run(inputs: ReviewInputs, settings: "ReviewSettings") -> dict[str, Any]:
         "rejected": len(rejected),
         "named": len(decided.names),
     }
+
+
+def _check_decisions(review: Path, triangles: int) -> None:
+    """Raise FiptError if a file of decisions is wrong, or decides about another mesh."""
+    from fipt.errors import FiptError
+    from fipt.scene.review import read_review
+
+    old = read_review(review)
+    if old is not None and old.mesh_triangles != triangles and any(entry.decided for entry in old.entries):
+        raise FiptError(
+            f"{review} decides about triangles of a mesh of {old.mesh_triangles}; the mesh has {triangles}",
+            "delete that file, or bring the mesh back",
+        )
 
 
 def _drawn(

@@ -5,8 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from fipt.conventions import RAYS_PER_SIDE
-from fipt.errors import FiptError
-from fipt.inputs import DatasetFolder, RaysPerSide
+from fipt.inputs import DatasetFolder, RaysPerSide, check_rays
 
 if TYPE_CHECKING:
     from fipt.stages.export.settings import ExportSettings
@@ -23,8 +22,7 @@ class CheckExportInputs:
     rays_per_side: RaysPerSide = RAYS_PER_SIDE
 
     def __post_init__(self) -> None:
-        if self.rays_per_side < 1:
-            raise FiptError(f"--rays-per-side must be at least 1; it is {self.rays_per_side}", "give the samples' grid")
+        check_rays(self.rays_per_side)
 
 
 def run(inputs: CheckExportInputs, settings: "ExportSettings") -> dict[str, Any]:

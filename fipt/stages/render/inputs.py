@@ -5,8 +5,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from fipt.conventions import RAYS_PER_SIDE
-from fipt.errors import FiptError
-from fipt.inputs import CacheFile, DatasetFolder, EmittersFile, EnvironmentFile, ManifestFile, ModelFile, RaysPerSide
+from fipt.inputs import (
+    CacheFile,
+    DatasetFolder,
+    EmittersFile,
+    EnvironmentFile,
+    ManifestFile,
+    ModelFile,
+    RaysPerSide,
+    check_rays,
+)
 
 if TYPE_CHECKING:
     from fipt.model.fitted import FittedScene
@@ -27,8 +35,7 @@ class TracedInputs:
     rays_per_side: RaysPerSide = RAYS_PER_SIDE
 
     def __post_init__(self) -> None:
-        if self.rays_per_side < 1:
-            raise FiptError(f"--rays-per-side must be at least 1; it is {self.rays_per_side}", "give the samples' grid")
+        check_rays(self.rays_per_side)
 
     def fitted(self, data: "Dataset") -> "FittedScene":
         """Read the scene."""

@@ -15,7 +15,7 @@ from fipt.scene.cameras import Camera
 from fipt.scene.emitters import Emitters, chosen_emitters, default_name, edited_radiance, read_names
 from fipt.scene.environment import EnvironmentMap
 from fipt.scene.mesh import Mesh
-from fipt.scene.setup import AreaLight, MeshLight, NewLight, RelightSetup, SphereLight, SpotLight
+from fipt.scene.setup import AreaLight, EnvironmentEdit, MeshLight, NewLight, RelightSetup, SphereLight, SpotLight
 
 _SPHERE_SUBDIVISIONS = 3
 
@@ -72,6 +72,23 @@ def idle_lights(mesh: Mesh, setup: RelightSetup, cameras: Sequence[Camera]) -> l
     ]
 
 
+def idle_edits(setup: RelightSetup) -> list[str]:
+    """Warnings about a setup, or parts of it, that change nothing."""
+    if setup == RelightSetup(cameras=setup.cameras, reference=setup.reference):
+        here = setup.cameras is None
+        return ["the setup changes nothing: its images are those of the room as it is"] if here else []
+    said = [
+        f"emitters.{number} of the setup changes nothing: it has no off, scale, color or radiance"
+        for number, edit in enumerate(setup.emitters)
+        if not edit.off and edit.scale is None and edit.color is None and edit.radiance is None
+    ]
+    unlit = [number for number, light in enumerate(setup.lights) if not any(_emission(light))]
+    said += [f"lights.{number} of the setup gives no light" for number in unlit]
+    if setup.environment == EnvironmentEdit():
+        said.append("environment of the setup changes nothing: it has no file, radiance, scale or rotation")
+    return said
+
+
 def idle_objects(mesh: Mesh, counts: Sequence[int], cameras: Sequence[Camera]) -> list[str]:
     """Warnings about objects that the cameras do not see, nor any surface around: outside the room, or shut in.
 
@@ -105,6 +122,18 @@ class Illumination:
 
     emitters: EmitterSet
     environment: EnvironmentMap
+
+
+def missing_light(lit: Illumination, setup: RelightSetup) -> list[str]:
+    """Warnings where a setup leaves no light, or changes light from outside that there is not."""
+    edit, outside = setup.environment, lit.environment.emits
+    said = []
+    if edit is not None and not outside and (edit.rotation or edit.scale):
+        said.append("environment of the setup turns or scales light from outside, of which there is none")
+    spots = any(any(light.intensity) for light in setup.lights if isinstance(light, SpotLight))
+    if not (spots or outside or lit.emitters.radiance.any()):
+        said.append("nothing shines under this setup: all images are black")
+    return said
 
 
 def one_at_a_time(emitters: Emitters, environment: EnvironmentMap, separate: int) -> dict[str, Illumination]:

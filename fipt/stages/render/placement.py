@@ -21,6 +21,8 @@ _SAME_PLANE = 0.03
 _KNOWN = 0.02
 """Least share of what lies around a camera that some view shows too."""
 _NEIGHBOURS = 8
+_ENCLOSED = 0.99
+"""Share of the directions in which an object is met by a camera that it is around."""
 
 
 def unlikely_viewpoints(scene: RayScene, cameras: Sequence[Camera], views: Sequence[Camera]) -> list[str]:
@@ -63,6 +65,18 @@ def unlikely_viewpoints(scene: RayScene, cameras: Sequence[Camera], views: Seque
         if same.sum() <= max((other & ~same).sum(), _KNOWN * len(found)):
             inside.append(camera.name)
     return _warnings(near, inside, outside, len(cameras))
+
+
+def inside_objects(scene: RayScene, cameras: Sequence[Camera], first: int) -> list[str]:
+    """Return a warning about views that stand in an object: triangles from the ``first`` on are all around them."""
+    around = all_around(_AROUND)
+    inside = []
+    for camera in cameras:
+        _, triangle = scene.intersect(camera.center.astype(np.float32), around)
+        if (triangle >= first).mean() > _ENCLOSED:
+            inside.append(camera.name)
+    said = f"an object of the setup is around the cameras of {_listed(inside)}, which see nothing else"
+    return [said] if inside else []
 
 
 def _warnings(near: dict[str, float], inside: list[str], outside: list[str], count: int) -> list[str]:

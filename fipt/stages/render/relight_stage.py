@@ -40,17 +40,25 @@ def run(inputs: RelightInputs, settings: "RelightSettings") -> dict[str, Any]:
     from fipt.render.scene import RayScene
     from fipt.scene.dataset import Dataset
     from fipt.scene.setup import parse_setup
-    from fipt.stages.render.lights import idle_lights, idle_objects
-    from fipt.stages.render.placement import unlikely_viewpoints
+    from fipt.stages.render.lights import idle_edits, idle_lights, idle_objects, missing_light
+    from fipt.stages.render.placement import inside_objects, unlikely_viewpoints
     from fipt.stages.render.views import Destination, StagedScene, write_views
 
     setup, data = parse_setup(inputs.setup), Dataset(inputs.dataset)
     cameras = _cameras(inputs, setup, data)
     here = setup.in_unit(data.radiance_scale)
     scene = StagedScene.relit(inputs.fitted(data), here, inputs.emitter_names, inputs.segments)
-    warnings = idle_lights(scene.mesh, here, cameras) + idle_objects(scene.mesh, scene.changes.counts, cameras)
+    (lit,) = scene.illuminations.values()
+    warnings = (
+        idle_edits(setup)
+        + missing_light(lit, here)
+        + idle_lights(scene.mesh, here, cameras)
+        + idle_objects(scene.mesh, scene.changes.counts, cameras)
+    )
     if setup.cameras is not None:
         warnings += unlikely_viewpoints(RayScene(scene.mesh), cameras, data.cameras)
+    elif scene.changes.counts:
+        warnings += inside_objects(RayScene(scene.mesh), cameras, scene.changes.first_object)
     for warning in warnings:
         log.warning("%s", warning)
     to = Destination("relight", inputs.out, inputs.manifest)

@@ -157,7 +157,8 @@ def _figures(path: Path) -> tuple[dict[str, Any], float]:
     FiptError
         If it holds something else.
     """
-    found = read_json(path) or {}
+    found = read_json(path)
+    found = {} if found is None else found
     if not isinstance(found, dict) or not all(
         isinstance(found.get(key) or {}, dict) for key in ("train", "val", "relight", "emitters")
     ):
