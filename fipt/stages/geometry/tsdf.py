@@ -68,6 +68,7 @@ def fused(
     slot = grid.hashmap().active_buf_indices()
     base = grid.hashmap().key_tensor().numpy()[slot.numpy()].astype(np.float64) * BLOCK * voxel
     within = grid.voxel_coordinates_and_flattened_indices(slot[:1])[0].numpy().astype(np.float64) - base[0]
+    within = np.rint(within / voxel) * voxel  # the same whichever block the hash map puts first
     maps = zip(cameras, depth, normal, confidence, carves, strict=True)
     distance, known = _voted(maps, base, within, voxel, noise)
     field, certain = (grid.attribute(name).reshape((-1, BLOCK**3)) for name in ("tsdf", "weight"))
@@ -195,15 +196,21 @@ class _Camera:
 
 
 def _ordered(vertices: np.ndarray, triangles: np.ndarray) -> dict[str, Any]:
-    """Vertices and triangles in an order of their places: the grid's hash map leaves another at each run."""
+    """Vertices and triangles in an order of their places: the grid's hash map leaves another at each run.
+
+    Vertices of one place are one, or their order would stay open; triangles that this leaves without area go.
+    """
+    vertices = vertices.astype(np.float32) + np.float32(0)  # one zero, not two
     order = np.lexsort(vertices.T)
+    first = np.append(True, (np.diff(vertices[order], axis=0) != 0).any(axis=1))[: len(order)]
     number = np.empty(len(order), np.int64)
-    number[order] = np.arange(len(order))
+    number[order] = np.cumsum(first) - 1
     corner = number[triangles.astype(np.int64)]
-    first = corner.argmin(axis=1)
-    corner = corner[np.arange(len(corner))[:, None], (first[:, None] + np.arange(3)) % 3]
+    corner = corner[(corner != np.roll(corner, 1, axis=1)).all(axis=1)]
+    begin = corner.argmin(axis=1)
+    corner = corner[np.arange(len(corner))[:, None], (begin[:, None] + np.arange(3)) % 3]
     return {
-        "vertices": vertices[order].astype(np.float32),
+        "vertices": vertices[order][first],
         "triangles": corner[np.lexsort(corner.T[::-1])].astype(np.int32),
     }
 
