@@ -368,7 +368,7 @@ VERBS: list[tuple[Fault, list[str]]] = [
      ["bake", "--dataset", "d", "--samples", "s", "--cache", "d/cache.npz", "--out", "o", "--stats", "d/cache.npz"]),
     (Fault("depth over photographs", lambda: depth_over("photos", "a.dng"), "photos is replaced, but holds a.dng"),
      ["depth", "--dataset", "src", "--out", "photos"]),
-    (Fault("depth over a dataset's images", lambda: depth_over("src/images", "b.exr"), "lies in the dataset src"),
+    (Fault("depth over a dataset's images", lambda: depth_over("src/images", "b.exr"), "lies in what --dataset reads"),
      ["depth", "--dataset", "src", "--out", "src/images"]),
 ]  # fmt: skip
 

@@ -172,7 +172,7 @@ OTHERS: dict[str, tuple[dict[str, np.ndarray], dict[str, Any], str]] = {
     "arrays of other names": (
         {"ghost": WHITE},
         {},
-        "must hold one of albedo, diffuse, roughness, emission; it holds gh",
+        "must hold one of albedo, diffuse, roughness, emission, depth; it holds gh",
     ),
     "no folder": ({"albedo": WHITE}, {"path": None}, "import_results.path must name the folder"),
     "a setup without truth": ({"albedo": WHITE}, {"setup": "ghost"}, "names ghost, of which x/dataset has no truth"),

@@ -70,7 +70,7 @@ def test_an_element_that_cannot_be(name: str, tmp_path: Path) -> None:
 
 def test_a_property_twice_of_one_value_is_one() -> None:
     found = Node("shape", {}, (Node("float", {"name": "a", "value": "1"}, (), "x"),) * 2, "y")
-    _check(found)
+    _check(found, Path())
 
 
 @pytest.mark.parametrize("version", ["banana", "", "-1", ".", "99.0", "3.0.0.0", "3.x"])

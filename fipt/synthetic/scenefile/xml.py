@@ -187,14 +187,14 @@ class _XmlReader:
 
     def read(self, path: Path) -> Node:
         if path in self.files or len(self.files) > 100:
-            raise FiptError(f"{path.name} includes itself", "repair the scene file")
+            raise FiptError(f"{path} includes itself", "repair the scene file")
         self.files.append(path)
         parser = expat.ParserCreate()
         stack: list[tuple[str, dict[str, str], list[Node], str]] = [("", {}, [], "")]
 
         def start(tag: str, attributes: dict[str, str]) -> None:
             if len(stack) > _DEEPEST:
-                raise FiptError(f"{path.name}: elements are nested more than {_DEEPEST} deep", "flatten the scene file")
+                raise FiptError(f"{path}: elements are nested more than {_DEEPEST} deep", "flatten the scene file")
             filled = {key: self._filled(value) for key, value in attributes.items()}
             if "name" in filled and tag != "default":
                 filled["name"] = snake(filled["name"])
@@ -212,7 +212,7 @@ class _XmlReader:
             else:
                 node = Node(tag, attributes, tuple(children), where)
                 if siblings is not stack[0][2]:
-                    _check(node)
+                    _check(node, path.parent)
                 siblings.append(node)
                 if node.id and tag != "ref":
                     if node.id in self.ids:
@@ -281,16 +281,20 @@ def snake(name: str) -> str:
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()
 
 
-def _check(node: Node) -> None:
+def _check(node: Node, folder: Path) -> None:
     """Refuse what Mitsuba refuses, and readers would leave out or guess: odd elements, properties without a name."""
+
+    def wrong(at: Node, message: str) -> FiptError:
+        return FiptError(f"{folder / at.where}: {message}", "repair the scene file")
+
     objects, properties = _OBJECTS.split(), _PROPERTIES.split()
     if node.tag.lower() not in (*objects, *properties, *_OTHERS.split()):
-        raise node.wrong(f"scene files have no element <{node.tag}>")
+        raise wrong(node, f"scene files have no element <{node.tag}>")
     if node.tag not in objects:
         return
     named: dict[str, Node] = {}
     for child in node.children:
         if child.tag in properties and not child.name:
-            raise child.wrong(f"a <{child.tag}> in a <{node.tag}> must have a name")
+            raise wrong(child, f"a <{child.tag}> in a <{node.tag}> must have a name")
         if child.tag in properties and named.setdefault(child.name, child) != child:
-            raise child.wrong(f"{child.name} is stated twice, with two values")
+            raise wrong(child, f"{child.name} is stated twice, with two values")

@@ -25,7 +25,7 @@ def test_what_is_left_out_is_as_in_the_sections_samples_and_report():
 
 
 def test_a_pixel_needs_a_ray():
-    with pytest.raises(FiptError, match="--rays-per-side must be at least 1; it is 0"):
+    with pytest.raises(FiptError, match="--rays-per-side must be 1 to 64; it is 0"):
         RenderInputs(**FILES, views=("c",), rays_per_side=0)
 
 
