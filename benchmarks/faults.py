@@ -28,6 +28,7 @@ CLASSES = {
     "arrays": "files between stages: form",
     "invariance": "what means nothing",
     "objects": "objects of setups",
+    "after_the_fit": "what is asked of a fitted room",
     "origins": "files between stages: origin",
     "resources": "resources, signals, native code",
     "rooms": "new rooms, records, results of others",
