@@ -45,7 +45,7 @@ def fused(
     normal
         (N, H, W, 3) float32 world normals that face the camera; 0 where unknown.
     confidence
-        (N, H, W) float32.
+        (N, H, W) float32, at least 0: factor on the weight that noise gives a pixel.
     carves
         (N, H, W) bool: pixels that say that nothing lies before their surface.
     intrinsics
