@@ -220,6 +220,10 @@ def up_axis(cameras: list[Camera]) -> np.ndarray:
     return np.eye(3)[axis] * (1.0 if mean[axis] > 0 else -1.0)
 
 
+LEAST_BASELINE = 0.01
+"""Of the distance of what is near, by which cameras must stand apart: less moves nothing by more than some pixels."""
+
+
 def parallax(cameras: list[Camera], vertices: np.ndarray) -> tuple[float, float]:
     """How far apart cameras stand, and how far off the nearest quarter of the vertices (V, 3) is; both in metres.
 

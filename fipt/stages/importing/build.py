@@ -135,7 +135,9 @@ def import_scene(
         (dataset / "import.manifest.json").unlink(missing_ok=True)
     files = [path for path in dataset.resolve().rglob("*") if path.is_file()]
     write_manifest(manifest.resolve(), "import", files, {"format": format, **dumped(settings), "scale": parsed.scale})
-    return Imported(cameras, parsed, figures, [*_unit(parsed), *_moved(parsed, given), *sentences(strange)])
+    return Imported(
+        cameras, parsed, figures, [*_unit(parsed), *_moved(parsed, given[0], mesh_views), *sentences(strange)]
+    )
 
 
 def _check_room(dataset: Path, source: ImageSource, mesh: str | Path | None) -> None:
@@ -163,9 +165,10 @@ def _unit(source: ImageSource) -> list[str]:
     ]
 
 
-def _moved(source: ImageSource, given: Sequence[object]) -> list[str]:
-    """Say that cameras are not in their original world, unless there is no mesh, or it was made of these views."""
-    if str(given[0]) == VIEWS_ALONE or given[1] is not None or all(frame.applied is None for frame in source.frames):
+def _moved(source: ImageSource, mesh: str | Path | None, mesh_views: object) -> list[str]:
+    """Say that cameras are not in their original world, unless there is no mesh, or it was made of ``mesh_views``."""
+    made = str(mesh) == VIEWS_ALONE or mesh_views is not None
+    if made or all(frame.applied is None for frame in source.frames):
         return []
     return [
         "the cameras are in coordinates that applied_transform has changed, and the mesh must be in the same; if it is "

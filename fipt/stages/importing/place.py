@@ -10,7 +10,7 @@ import numpy as np
 
 from fipt.errors import FiptError
 from fipt.meshing.mend import far_origin, mended
-from fipt.scene.cameras import Camera, parallax
+from fipt.scene.cameras import LEAST_BASELINE, Camera, parallax
 from fipt.scene.mesh import Mesh
 from fipt.scene.sources import ImageSource
 
@@ -26,8 +26,6 @@ _LIKELY = 20.0
 """Metres to what is seen that make a unit likely: few rooms are wider."""
 _SEEN = 0.01
 """Share of the pixels that must see the mesh, and of the mesh that must lie near the cameras: less is none of it."""
-_BASELINE = 0.01
-"""Of the distance of what is near, by which cameras must stand apart to show more than one of them does."""
 _GRID = 12
 """Rays along a side of a view: a hundred and more tell shares of a hundredth."""
 _VIEWS = 16
@@ -179,7 +177,7 @@ def viewpoint_warnings(mesh: Mesh, cameras: Sequence[Camera]) -> list[str]:
     """Say that all training views are from one place: a panorama, or positions that were lost."""
     training = [camera for camera in cameras if camera.split == "train"]
     baseline, near = parallax(training, mesh.vertices)
-    if baseline >= _BASELINE * near:
+    if baseline >= LEAST_BASELINE * near:
         return []
     return [
         f"all {len(training)} training views are from one place, within {100 * baseline:.2g} cm: nothing tells whether "

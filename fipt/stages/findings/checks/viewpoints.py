@@ -1,12 +1,9 @@
 """Views from one place, as of a panorama: nothing of them tells where surface is, or how it shines."""
 
-from fipt.scene.cameras import parallax
+from fipt.scene.cameras import LEAST_BASELINE, parallax
 from fipt.scene.findings import Measure, RoomFinding
 from fipt.stages.findings.notes import Notes
 from fipt.stages.findings.room import JudgedRoom
-
-_LEAST = 0.01
-"""Of the distance of what is near: less moves nothing by more than a pixel or two, and no highlight."""
 
 
 def check(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:
@@ -14,7 +11,7 @@ def check(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:
     views = room.data.views("train")
     baseline, near = parallax([room.data.camera(view) for view in views], room.mesh.vertices)
     measure = Measure(
-        "distance of what is near over that of the cameras", near / max(baseline, 1e-6 * near), 1 / _LEAST, ""
+        "distance of what is near over that of the cameras", near / max(baseline, 1e-6 * near), 1 / LEAST_BASELINE, ""
     )
     level = notes.judge("one-place", measure)
     if level is None:
