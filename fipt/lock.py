@@ -63,3 +63,15 @@ def locked(folder: Path) -> Iterator[None]:
             log.warning("%s: this disk has no locks; run one workflow at a time", folder)
         os.utime(path)
         yield
+
+
+def held(folder: Path) -> bool:
+    """Whether a run works in a scene's folder of results; False where the disk has no locks."""
+    try:
+        with (folder / LOCK).open("rb") as file:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:  # no run has been here, or nobody can know
+        return False
+    return False

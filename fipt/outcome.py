@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from fipt.lock import LOCK
+from fipt.lock import LOCK, held
 
 OUR_LINE = re.compile(r"^.*?fipt: error: (.+)$", re.MULTILINE)
 """What a verb or a rules file says of something that the user can mend."""
@@ -15,6 +15,9 @@ OUR_LINE = re.compile(r"^.*?fipt: error: (.+)$", re.MULTILINE)
 _NOTHING_SAID = "it was stopped before it said anything"
 STOPPED = re.compile(rf"^fipt: (interrupted|terminated)$|^{_NOTHING_SAID}$")
 """Line of a job that did not fail by itself."""
+
+_ENDED = re.compile(r"^fipt: (interrupted|terminated)$|^Traceback \(most recent", re.MULTILINE)
+"""... and of what nobody can mend."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +58,17 @@ def failures(results: Path, lock: Path | None = None) -> list[Failure]:
     logs = [log for log in logs if log.stat().st_mtime_ns >= since]
     logs.sort(key=lambda log: (log.stat().st_mtime_ns, log.name), reverse=True)
     return [Failure(results.name, log.stem, why(log), log) for log in logs]
+
+
+def failures_so_far(results: Path) -> list[Failure]:
+    """As `failures`; while a run goes on, only the jobs whose logs say how they ended: the others are at work."""
+    found = failures(results)
+    return [each for each in found if _says_its_end(each.log)] if found and held(results) else found
+
+
+def _says_its_end(log: Path) -> bool:
+    text = log.read_text(encoding="utf-8", errors="replace") if log.is_file() else ""
+    return any(pattern.search(text) for pattern in (OUR_LINE, _ENDED))
 
 
 def why(log: Path) -> str:

@@ -32,12 +32,28 @@ TRIANGLES = 1_000_000
 
 @dataclass(frozen=True)
 class Work:
-    """How large a job is: pixels of one view, of its shard, of all training views; triangles of the mesh."""
+    """How large a job is.
+
+    Attributes
+    ----------
+    view, shard, every
+        Pixels of one view of the dataset, of its shard, of all training views.
+    triangles
+        Of the mesh.
+    photograph
+        Pixels of one view before `import.downscale`.
+    """
 
     view: int
     shard: int
     every: int
     triangles: int
+    photograph: int
+
+    @property
+    def photographs(self) -> int:
+        """Pixels of all training views before `import.downscale`."""
+        return self.every // self.view * self.photograph
 
 
 @dataclass(frozen=True)
@@ -51,7 +67,7 @@ class Growth:
     pixel
         Bytes for each pixel that the job looks at.
     of
-        Which pixels these are, a field of `Work`.
+        Which pixels these are, an attribute of `Work`.
     triangle
         Bytes for each triangle.
     minutes
@@ -60,7 +76,7 @@ class Growth:
 
     base: float
     pixel: float = 0.0
-    of: Literal["view", "shard", "every"] = "shard"
+    of: Literal["view", "shard", "every", "photograph", "photographs"] = "shard"
     triangle: float = 0.0
     minutes: float = 60.0
 
@@ -96,10 +112,10 @@ FIXED: dict[str, Growth] = {
     "qa": Growth(1500),
     "estimate_poses": Growth(4500, minutes=120),
     "import_views": Growth(3000),
-    "import_dataset": Growth(360, pixel=100, of="view", triangle=500),
+    "import_dataset": Growth(360, pixel=100, of="photograph", triangle=500),
     "depth": Growth(0, of="every", minutes=120),
     "first_mesh": Growth(0, of="every"),
-    "check_views": Growth(250, pixel=100, of="every"),
+    "check_views": Growth(250, pixel=100, of="photographs"),
     "mesh": Growth(0, of="every"),
     "segment": Growth(4500, minutes=120),
     "fuse": Growth(130, pixel=250, of="every", triangle=800),

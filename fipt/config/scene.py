@@ -212,11 +212,12 @@ class SceneConfig:
 
     def work(self, shard: str | None = None) -> Work:
         """How large its jobs are, as far as that is known before they run: a plan opens no image."""
-        pixels, places = self.source.pixels, [self.layout.mesh, self.source.given_mesh]
+        photograph, places = self.source.pixels, [self.layout.mesh, self.source.given_mesh]
+        pixels = photograph // (self.settings["import"].downscale ** 2 if self.source.imported else 1)
         views = len(self.views.shards("all").get(shard, ())) if shard else self.views_per_shard
         mesh = next((path for path in map(Path, filter(None, places)) if path.is_file()), None)
         triangles = TRIANGLES if mesh is None else mesh.stat().st_size // _BYTES_OF_TRIANGLE
-        return Work(pixels, pixels * views, pixels * len(self.views.of("train")), triangles)
+        return Work(pixels, pixels * views, pixels * len(self.views.of("train")), triangles, photograph)
 
     def known_work(self, shard: str | None = None) -> Work | None:
         """How large its jobs are; None where the size of images is not known before they are read."""

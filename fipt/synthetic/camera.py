@@ -19,6 +19,7 @@ import numpy as np
 
 from fipt.conventions import XYZ_FROM_SRGB
 from fipt.errors import FiptError
+from fipt.scene.blocks import block_mean
 from fipt.scene.cameras import Camera
 from fipt.synthetic.settings import SimulatedCamera
 
@@ -412,10 +413,3 @@ def view_truth(
         changed = (np.abs(after - before) > np.maximum(0.05 * before, 5 * noise)).any(axis=-1)
     masks = {"saturated.Y": (collected(inside, 0) >= 1).any(axis=-1), "outside.Y": ~seen, "moved.Y": changed}
     return {"": block_mean(inside, scale)} | {name: block_mean(mask, scale) for name, mask in masks.items()}
-
-
-def block_mean(values: np.ndarray, scale: int) -> np.ndarray:
-    """Average (h, w[, 3]) values over scale x scale blocks; float32."""
-    height, width = values.shape[0] // scale, values.shape[1] // scale
-    blocks = values.reshape(height, scale, width, scale, *values.shape[2:])
-    return blocks.mean(axis=(1, 3), dtype=np.float64).astype(np.float32)

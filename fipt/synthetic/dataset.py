@@ -12,6 +12,7 @@ from fipt.formats.exr import write_exr
 from fipt.formats.files import check_memory, existing_file, write_text
 from fipt.formats.images import write_png
 from fipt.progress import progress
+from fipt.render.crowding import doubled_parts
 from fipt.render.reach import LightPoints, points_on, unreached
 from fipt.render.scene import RayScene
 from fipt.scene.cameras import Camera, read_transforms, write_transforms
@@ -31,6 +32,8 @@ log = logging.getLogger(__name__)
 
 _BYTES_A_PIXEL = 600
 """Of memory while an image is traced, with its truth: measured 595."""
+_LISTED = 8
+"""Pairs of parts that a warning names."""
 
 
 def write_room(
@@ -54,7 +57,7 @@ def write_room(
     shown
         How much of the surface the training views show.
     warnings
-        About emitters whose light reaches nothing that the views see.
+        About emitters whose light reaches nothing that the views see, and parts that stand in one place.
     """
     room = _made(settings, scene)
     for note in room.facts.get("notes", ()):
@@ -75,7 +78,7 @@ def write_room(
     write_views(folder / "views.json", [camera.name for camera in cameras])
     write_transforms(folder / "transforms.json", cameras)
     write_text(folder / "room.json", json.dumps({**room.description(), "coverage": shown}, indent=1) + "\n")
-    warnings = _idle_emitters(room, cameras)
+    warnings = _idle_emitters(room, cameras) + _crowded(room)
     for warning in warnings:
         log.warning("%s", warning)
     files += [folder / name for name in ("mesh.ply", "views.json", "transforms.json", "room.json")]
@@ -90,6 +93,17 @@ def _idle_emitters(room: SyntheticRoom, cameras: Sequence[Camera]) -> list[str]:
     return [
         f"{name} emits light that reaches nothing the views see: it is outside the room, or shut in" for name in names
     ]
+
+
+def _crowded(room: SyntheticRoom) -> list[str]:
+    """Warnings about parts of which triangles stand in the same place."""
+    pairs = doubled_parts(room.mesh, room.part, room.parts)
+    said = [
+        f"{one} and {other} have {count} triangles in the same place: rays meet now one, now the other"
+        for one, other, count in pairs[:_LISTED]
+    ]
+    more = len(pairs) - _LISTED
+    return [*said, f"and so have {more} more pairs of parts"] if more > 0 else said
 
 
 def write_images(

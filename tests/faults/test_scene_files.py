@@ -1,12 +1,14 @@
 """Scene files: unphysical numbers are taken as the nearest physical ones, and named."""
 
 import logging
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from fipt.errors import FiptError
+from fipt.render.crowding import doubled_parts
 from fipt.render.variant import Backend
 from fipt.synthetic.scenefile.materials import converted, material
 from fipt.synthetic.scenefile.shapes import PlacedShape, geometry
@@ -14,10 +16,11 @@ from fipt.synthetic.scenefile.source import SceneFileReader
 from fipt.synthetic.scenefile.values import color, transform
 from fipt.synthetic.scenefile.xml import Node, _check, read_tree
 from fipt.synthetic.settings import SceneFile
+from tests.scenes import box, joined
 
 
 def rgb(text: str) -> Node:
-    return Node("rgb", {"name": "eta", "value": text}, [], "scene.xml line 7")
+    return Node("rgb", {"name": "eta", "value": text}, (), "scene.xml line 7")
 
 
 def test_a_slightly_negative_index_is_zero_and_named(caplog: pytest.LogCaptureFixture) -> None:
@@ -156,3 +159,13 @@ def test_materials_beyond_one_are_told(tmp_path: Path, backend: Backend, caplog:
     inner = '<bsdf type="diffuse"/><bsdf type="diffuse"/>'
     converted(node(f'<bsdf type="blendbsdf"><float name="weight" value="9"/>{inner}</bsdf>', tmp_path), source)
     assert "the weight of a blendbsdf reaches 9, more than 1" in caplog.text
+
+
+def test_shapes_in_one_place_are_told(tmp_path: Path) -> None:
+    """Whatever their winding and the order of their triangles; not those that only share a corner."""
+    chair, cupboard = box((1, 0, 1), (1.5, 1, 1.5)), box((1.5, 0, 1.5), (2.5, 2, 2))
+    turned = replace(chair, triangles=chair.triangles[::-1, [0, 2, 1]])
+    mesh = joined(cupboard, chair, turned)
+    names = ("cupboard", "chair", "chair-2")
+    part = np.repeat([1, 2, 3], [len(each.triangles) for each in (cupboard, chair, turned)])
+    assert doubled_parts(mesh, part, names) == [("chair", "chair-2", len(chair.triangles))]

@@ -10,6 +10,7 @@ import numpy as np
 
 from fipt.conventions import FLAG_MOVED, FLAG_NOISE, FLAG_OUTSIDE, FLAG_SATURATED
 from fipt.errors import FiptError
+from fipt.scene.blocks import block_flags, block_mean
 from fipt.scene.lens import Lens
 from fipt.stages.capture.merge import Merged
 
@@ -99,18 +100,9 @@ def to_srgb(radiance: np.ndarray, matrix: np.ndarray) -> np.ndarray:
 
 def downscaled(view: View, factor: int) -> View:
     """Average radiance and weights over blocks of pixels; a block has the flags of any of its pixels, but for noise."""
-    height, width = (n // factor for n in view.valid.shape)
-    if min(height, width) < 1:
+    if factor > min(view.valid.shape):
         raise FiptError(f"capture.downscale {factor} leaves nothing of {view.valid.shape[1]}x{view.valid.shape[0]}")
-    used = np.s_[: height * factor, : width * factor]
-
-    def average(values: np.ndarray) -> np.ndarray:
-        return cv2.resize(np.ascontiguousarray(values[used]), (width, height), interpolation=cv2.INTER_AREA)
-
-    flags = np.zeros((height, width), np.uint32)
-    for bit in (FLAG_SATURATED, FLAG_NOISE, FLAG_OUTSIDE, FLAG_MOVED):
-        share = average((view.flags & bit > 0).astype(np.float32))
-        # Noise averages out: most of a block must be below it. The others spoil a block by a single pixel.
-        flags |= (share > (0.5 if bit == FLAG_NOISE else 0)) * np.uint32(bit)
     lens = view.lens.downscaled(factor) if view.lens is not None else None
-    return View(average(view.radiance), average(view.valid), flags, lens, view.floor / factor, view.facts)
+    flags = block_flags(view.flags, factor)
+    radiance, valid = block_mean(view.radiance, factor), block_mean(view.valid, factor)
+    return View(radiance, valid, flags, lens, view.floor / factor, view.facts)

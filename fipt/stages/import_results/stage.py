@@ -26,6 +26,8 @@ class ImportResultsInputs:
 
 def run(inputs: ImportResultsInputs, settings: "ImportResultsSettings") -> dict[str, Any]:
     """Bring what another program estimated to our layers; what it did not estimate stays unknown."""
+    import logging
+
     from fipt.errors import FiptError
     from fipt.formats.exr import write_exr
     from fipt.formats.files import atomic_folder
@@ -34,6 +36,7 @@ def run(inputs: ImportResultsInputs, settings: "ImportResultsSettings") -> dict[
     from fipt.scene.references import find_references
     from fipt.scene.samples import read_samples
     from fipt.settings import dumped
+    from fipt.stages.import_results.blank import check_not_blank
     from fipt.stages.import_results.files import found_results
     from fipt.stages.import_results.views import material_layers, shown_images
 
@@ -58,6 +61,9 @@ def run(inputs: ImportResultsInputs, settings: "ImportResultsSettings") -> dict[
     folders["render"] = shown_images(data, found, "viewsynthesis", data.root / "images", settings.scaled)
     if settings.setup:
         folders[f"relight/{settings.setup}"] = shown_images(data, found, "relight", truth, settings.scaled)
+    warnings = check_not_blank(folders)
+    for warning in warnings:
+        logging.getLogger(__name__).warning("%s", warning)
     inputs.manifest.unlink(missing_ok=True)  # it must not vouch for what is being exchanged
     files = []
     for name, views in folders.items():
@@ -66,4 +72,4 @@ def run(inputs: ImportResultsInputs, settings: "ImportResultsSettings") -> dict[
                 write_exr(folder / f"{view}.exr", layers)
         files += [inputs.out / name / f"{view}.exr" for view in views]
     write_manifest(inputs.manifest, "import_results", files, dumped(settings))
-    return {name: len(views) for name, views in folders.items()}
+    return {name: len(views) for name, views in folders.items()} | {"warnings": warnings}

@@ -24,6 +24,7 @@ from fipt.scene.dataset import write_views
 from fipt.scene.mesh import Mesh, read_geometry, write_ply
 from fipt.scene.sources import CAPTURE, ImageSource, read_developed, read_source
 from fipt.settings import dumped
+from fipt.stages.importing.downscale import downscale
 from fipt.stages.importing.encoding import sentences
 from fipt.stages.importing.frames import check_layer, write_frames, written_radiance
 from fipt.stages.importing.place import Geometry, PlacedMesh, placed, scale_warnings, undone, viewpoint_warnings
@@ -120,16 +121,14 @@ def import_scene(
     parsed, room = placed(_in_unit(parsed), geometry, settings.unit or 1.0)
     _remove_leftovers(dataset)
     with atomic_folder(dataset, _KNOWN.pattern) as folder:
-        cameras, shown, strange = write_frames(folder, parsed)
+        cameras, shown, strange = _write_views(folder, parsed, beside, 1 if geometry is None else settings.downscale)
         room.figures.update({"images": strange} if strange else {})
         mesh_used, figures = _write_mesh(folder, room, cameras, settings, mesh_views is not None)
         _write_cameras(folder, cameras, parsed, room.origin)
-        if beside.segments is not None:
-            _copy_segments(folder / "segments", beside.segments, cameras)
         _copy_known(folder, parsed, beside, mesh)
         _name_segments(folder / "segments", names)
         if settings.overlay and mesh_used is not None:
-            _write_overlay(folder / "overlay.png", mesh_used, *shown)
+            _write_overlay(folder, mesh_used, shown)
         # A manifest outside the folder must not vouch for a dataset that is being exchanged.
         manifest.unlink(missing_ok=True)
         (dataset / "import.manifest.json").unlink(missing_ok=True)
@@ -190,6 +189,18 @@ def _geometry(source: str | Path, path: str | Path | None, views: Path | None, u
     if views is not None:  # of which the mesh was made: it is in metres, near their origin
         vertices = (vertices + read_origin(views)) / unit
     return vertices, triangles
+
+
+def _write_views(
+    folder: Path, source: ImageSource, beside: Beside, factor: int
+) -> tuple[list[Camera], Camera, dict[str, Any]]:
+    """Write images, truth and ids, averaged down by a factor; cameras, the one to be shown, what is strange (facts)."""
+    cameras, shown, strange = write_frames(folder, source)
+    if beside.segments is not None:
+        _copy_segments(folder / "segments", beside.segments, cameras)
+    if factor > 1:
+        cameras = downscale(folder, cameras, factor)
+    return cameras, next(camera for camera in cameras if camera.name == shown), strange
 
 
 def _write_mesh(
@@ -262,14 +273,14 @@ def _name_segments(folder: Path, names: Mapping[str, str]) -> None:
             write_text(folder / f"{kind}.json", json.dumps(ids, indent=1) + "\n")
 
 
-def _write_overlay(path: Path, mesh: Mesh, camera: Camera, radiance: np.ndarray) -> None:
+def _write_overlay(folder: Path, mesh: Mesh, camera: Camera) -> None:
     """Draw the mesh's edges over a view. Rays are traced for it alone: without it an import needs no ray tracer."""
     from fipt.render.variant import set_variant
 
     set_variant()
     from fipt.stages.importing.overlay import overlay
 
-    write_png(path, overlay(mesh, camera, radiance))
+    write_png(folder / "overlay.png", overlay(mesh, camera, written_radiance(folder, camera.name)[0]))
 
 
 def _parsed(source: str | Path, format: str, settings: ImportSettings, poses: str | Path | None) -> ImageSource:

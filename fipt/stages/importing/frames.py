@@ -24,10 +24,10 @@ _SAME_FOCAL = 0.01
 """Share by which a focal length may differ from that of an angle of view beside it."""
 
 
-def write_frames(folder: Path, source: ImageSource) -> tuple[list[Camera], tuple[Camera, np.ndarray], dict[str, Any]]:
+def write_frames(folder: Path, source: ImageSource) -> tuple[list[Camera], str, dict[str, Any]]:
     """Write images, truth and ids of every frame.
 
-    Returns the cameras; camera and radiance of the train view that shows most detail; what is strange about the images
+    Returns the cameras; the train view that shows most detail; what is strange about the images
     (`EncodingCheck.facts`).
     """
     cameras: list[Camera] = []
@@ -50,7 +50,7 @@ def write_frames(folder: Path, source: ImageSource) -> tuple[list[Camera], tuple
             cameras.append(camera)
             detail = float(np.abs(np.diff(to_display(radiance).astype(np.int16), axis=1)).mean())
             if frame.split == "train" and detail > most:
-                shown, most = (camera, radiance), detail
+                shown, most = camera.name, detail
             bar.advance()
     return cameras, shown, {} if source.photographs else check.facts()
 

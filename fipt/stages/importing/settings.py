@@ -15,6 +15,11 @@ class ImportSettings(Settings):
     exposure: Length | None = Field(
         default=None, description="factor on a capture's radiance; absent: what brings its median luminance to 0.2"
     )
+    downscale: Positive = Field(
+        default=1,
+        le=16,
+        description="average blocks of this many pixels a side, once poses and a mesh of the full images are made",
+    )
     unit: Length | None = Field(
         default=None,
         description="metres in a unit of the source's mesh and cameras, such as 0.001; absent: metres, "

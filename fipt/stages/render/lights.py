@@ -2,10 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import combinations, pairwise
 
 import numpy as np
 
+from fipt.render.crowding import crowded
 from fipt.render.objects import light_mesh
 from fipt.render.reach import LightPoints, points_on, unreached
 from fipt.render.scene import RayScene
@@ -102,6 +103,25 @@ def idle_objects(mesh: Mesh, counts: Sequence[int], cameras: Sequence[Camera]) -
         f"objects.{number} of the setup is seen by no camera and no surface that they see: it is outside the room or "
         "shut in, and changes nothing; fipt point tells positions in the room"
         for number in unreached(RayScene(mesh), cameras, surfaces)
+    ]
+
+
+def crowded_things(mesh: Mesh, setup: RelightSetup, counts: Sequence[int]) -> list[str]:
+    """Warnings about lights and objects of a setup in one place; ``mesh`` and ``counts``: those of `idle_objects`."""
+    starts = len(mesh.triangles) - sum(counts) + np.cumsum([0, *counts])
+    things = {
+        f"lights.{number}": _geometry(light)
+        for number, light in enumerate(setup.lights)
+        if not isinstance(light, SpotLight)
+    }
+    things |= {f"objects.{n}": (mesh.vertices, mesh.triangles[a:b]) for n, (a, b) in enumerate(pairwise(starts))}
+    return [
+        f"{one} and {other} of the setup fill the same place: rays meet now one, now the other; move or remove one"
+        for one, other in crowded(things)
+    ] + [
+        f"lights.{one} and lights.{other} of the setup are the same spot twice: its light counts twice"
+        for one, other in combinations(range(len(setup.lights)), 2)
+        if setup.lights[one] == setup.lights[other] and isinstance(setup.lights[one], SpotLight)
     ]
 
 

@@ -40,7 +40,7 @@ def run(inputs: RelightInputs, settings: "RelightSettings") -> dict[str, Any]:
     from fipt.render.scene import RayScene
     from fipt.scene.dataset import Dataset
     from fipt.scene.setup import parse_setup
-    from fipt.stages.render.lights import idle_edits, idle_lights, idle_objects, missing_light
+    from fipt.stages.render.lights import crowded_things, idle_edits, idle_lights, idle_objects, missing_light
     from fipt.stages.render.placement import inside_objects, unlikely_viewpoints
     from fipt.stages.render.views import Destination, StagedScene, write_views
 
@@ -54,6 +54,7 @@ def run(inputs: RelightInputs, settings: "RelightSettings") -> dict[str, Any]:
         + missing_light(lit, here)
         + idle_lights(scene.mesh, here, cameras)
         + idle_objects(scene.mesh, scene.changes.counts, cameras)
+        + crowded_things(scene.mesh, here, scene.changes.counts)
     )
     if setup.cameras is not None:
         warnings += unlikely_viewpoints(RayScene(scene.mesh), cameras, data.cameras)

@@ -12,7 +12,7 @@ from typing import Any
 from fipt.errors import FiptError
 from fipt.formats.exr import read_rgb
 from fipt.formats.text import MALFORMED
-from fipt.outcome import failures
+from fipt.outcome import failures_so_far
 from fipt.scene import display
 from fipt.stages.report.files import read_json
 from fipt.stages.report.images import embedded
@@ -121,7 +121,7 @@ def _badness(row: RoomRow, figures: Sequence[RoomFigure]) -> tuple[float, ...]:
 
 def _row(folder: Path, name: str, split: Mapping[str, Any], keys: Sequence[str], kept: Mapping[str, Any]) -> RoomRow:
     results = folder / name
-    done, failed = (results / "report.html").is_file(), failures(results)
+    done, failed = (results / "report.html").is_file(), failures_so_far(results)
     listed = _content(results / "findings.json").get("findings")
     found = list(map(_keyed, listed)) if isinstance(listed, list) else None
     levels = None if found is None else [str(each.get("severity")) for each in found]

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from fipt.errors import FiptError
+from fipt.scene.blocks import block_mean
 from fipt.scene.cameras import Camera
 from fipt.synthetic import camera as sim
 from fipt.synthetic.settings import SimulatedCamera
@@ -284,7 +285,7 @@ def test_a_ghost_changes_one_exposure_where_its_mask_says(white):
     moved = sim.ghost(image, planes, settings)
     assert moved.frame == 2
     mask = sim.view_truth(image, planes, settings, moved)["moved.Y"]
-    where = sim.block_mean(
+    where = block_mean(
         (moved.image != image).any(axis=-1)[
             planes.top : planes.top + planes.sensor.height, planes.left : planes.left + planes.sensor.width
         ],

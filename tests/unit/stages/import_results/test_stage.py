@@ -116,6 +116,26 @@ def test_bad_files_are_one_line_and_write_nothing(room, capsys):
     refused({"layout": "npz"}, "000000.npz")
 
 
+def test_what_holds_nothing_is_named(room, caplog):
+    """Layers of zeros, and of one value where that cannot be; all zeros are refused."""
+    brdf = room / "brdf/theirs/kitchen"
+    views = Dataset(room / "room").views("train")
+    write_kd(room)
+    for number in range(len(views)):
+        for name in ("roughness", "emission"):
+            write_exr(brdf / f"{number:03d}_{name}.exr", {"": np.zeros((*size(room, number), 3), np.float32)})
+    image = np.random.default_rng(0).random((*size(room), 3), np.float32)
+    write_exr(brdf / "000_kd.exr", {"": image})
+    call(room, {"method": "theirs"})
+    assert f"materials: kd is one value in all pixels of {', '.join(views[1:])}\n" in caplog.text
+    assert f"materials: roughness is 0 in all pixels of {', '.join(views)}\n" in caplog.text
+    assert f"materials: emission is 0 in all pixels of {', '.join(views)}\n" in caplog.text
+    before = (room / "run" / "others.manifest.json").read_bytes()
+    write_kd(room, 0.0)
+    call(room, {"method": "theirs"}, code=2)
+    assert (room / "run" / "others.manifest.json").read_bytes() == before
+
+
 def test_a_card_of_another_program(room):
     write_kd(room, views=2)
     card = {"label": "Theirs", "kind": "imported", "estimator": "imported", "source": "their paper"}

@@ -345,3 +345,21 @@ def test_objects_that_nobody_sees_are_told(backend):
     assert [warning.split()[0] for warning in told] == ["objects.0", "objects.1", "objects.2"]
     assert "seen by no camera and no surface that they see" in told[0]
     assert idle_objects(mesh, [], [camera]) == []
+
+
+def test_what_stands_in_one_place_is_told(backend):
+    """A sphere in a cube and a light that is there twice; not a cube on another, nor a cross of two boards."""
+    from fipt.stages.render.lights import crowded_things
+
+    cubes = [((x - 0.1, y - 0.1, 1.9), (x + 0.1, y + 0.1, 2.1)) for x, y in [(1, 1), (1, 1.2), (3, 1)]]
+    boards = [((1.5, 0, 2), (2.5, 0.1, 2.1)), ((1.95, 0, 1.5), (2.05, 0.1, 2.5))]
+    things = [scenes.box(*corners) for corners in (*cubes, *boards)]
+    lamps = [{"shape": "sphere", "center": [3, 1, 2], "radius": 0.1, "radiance": [1, 1, 1]}]
+    lamps += [{"shape": "quad", "center": [2, 1, 1], "normal": [0, 1, 0], "size": [1, 1], "radiance": [1, 1, 1]}] * 2
+    lamps += [{"shape": "spot", "position": [2, 1, 2], "target": [2, 1, 9], "intensity": [1, 1, 1]}] * 2
+    setup = RelightSetup.model_validate({"lights": lamps})
+    told = crowded_things(scenes.joined(ROOM, *things), setup, [len(thing.triangles) for thing in things])
+    assert [" ".join(line.split()[:3]) for line in told] == [
+        *("lights.0 and objects.2", "lights.1 and lights.2", "lights.3 and lights.4")
+    ]
+    assert crowded_things(ROOM, RelightSetup(), []) == []

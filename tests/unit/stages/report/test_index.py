@@ -10,6 +10,7 @@ import pytest
 from fipt.errors import FiptError
 from fipt.formats.exr import write_exr
 from fipt.formats.files import write_text
+from fipt.lock import locked
 from fipt.stages.report.index import index_page, write_index
 from fipt.stages.report.rooms import RoomFigure, RoomRow
 
@@ -67,6 +68,22 @@ def test_rooms_without_truth_and_damaged_files_have_a_row(tmp_path):
     write_index(tmp_path)
     (row,) = csv.DictReader((tmp_path / "summary.tsv").read_text().splitlines(), delimiter="\t")
     assert (row["state"], row["serious"]) == ("done", "")
+
+
+def test_a_job_at_work_has_not_failed(tmp_path):
+    write_room(tmp_path / "busy")
+    write_room(tmp_path / "broken")
+
+    def states():
+        write_index(tmp_path)
+        rows = csv.DictReader((tmp_path / "summary.tsv").read_text().splitlines(), delimiter="\t")
+        return {row["room"]: row["state"] for row in rows}
+
+    with locked(tmp_path / "busy"), locked(tmp_path / "broken"):
+        write_text(tmp_path / "busy" / "logs" / "metrics.log", "3 %\n")
+        write_text(tmp_path / "broken" / "logs" / "metrics.log", "fipt: error: metrics.json is cut; repair it\n")
+        assert states() == {"broken": "failed", "busy": "done"}
+    assert states() == {"broken": "failed", "busy": "failed"}  # the run ended, and the job has no figures
 
 
 def test_a_folder_without_rooms_is_told(tmp_path):
