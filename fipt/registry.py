@@ -34,7 +34,7 @@ class Section:
 SECTIONS: dict[str, Section] = {
     "synthesize": Section("fipt.synthetic.settings:SynthesizeSettings", 2),
     "capture": Section("fipt.stages.capture.settings:CaptureSettings", 1),
-    "poses": Section("fipt.stages.poses.settings:PosesSettings", 2),
+    "poses": Section("fipt.stages.poses.settings:PosesSettings", 3),
     "import": Section("fipt.stages.importing.settings:ImportSettings", 6),
     "depth": Section("fipt.stages.geometry.settings:DepthSettings", 5),
     "geometry": Section("fipt.stages.geometry.mesh_settings:GeometrySettings", 9),

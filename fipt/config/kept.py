@@ -24,7 +24,7 @@ from fipt.formats.places import OwnedPlaces, same_place, with_folders
 from fipt.settings import dumped
 from fipt.stages.import_results.files import result_folders
 
-PATHS = re.compile(r"(.*\.)?(file|given|mesh|model|path|poses|reference|scan)|segments")
+PATHS = re.compile(r"(.*\.)?(file|given|mesh|model|path|poses|prior|reference|scan)|segments")
 """Keys whose values are paths; those of other keys are words, whatever is called like them."""
 
 _WRITTEN = "|".join(

@@ -143,8 +143,8 @@ class SceneConfig:
         ------
         FiptError
             If emitters_review.yaml is wrong, something that a relight setup or given ids name is not there, a file of
-            the source has a name that the workflow cannot use, a mesh is to be made and open3d is missing, or a scan
-            is to be brought to the cameras of a scene that has a mesh.
+            the source has a name that the workflow cannot use, a mesh is to be made and open3d is missing, a scan
+            is to be brought to the cameras of a scene that has a mesh, or its method needs depth that is not given.
         """
         for path in self.given_files():
             self.place.plain(path, "path")
@@ -153,13 +153,35 @@ class SceneConfig:
         self.segmentation.check()
         if self._makes_mesh():
             check_installed()
-        if self.settings["geometry"].scan and not self._wants_mesh():
-            raise FiptError(
-                f"scene {self.name}: settings.geometry.scan needs `mesh: reconstruct`; the scene brings a mesh",
-                "set mesh: reconstruct, or remove the scan",
-            )
+        self._check_geometry()
         for path in self.environment_files():
             existing_file(path, "environment.file")
+
+    def _check_geometry(self) -> None:
+        """Refuse what no mesh is made of, and a method that needs depth which nobody gives."""
+        named = [key for key in ("scan", "prior") if self._geometry(key)]
+        if named and not self._wants_mesh():
+            raise FiptError(
+                f"scene {self.name}: settings.geometry.{named[0]} needs `mesh: reconstruct`; the scene brings a mesh",
+                f"set mesh: reconstruct, or remove the {named[0]}",
+            )
+        if self._geometry("method") == "depth" and not named and self._wants_mesh() and self._wants_stereo():
+            raise FiptError(
+                f"scene {self.name}: settings.geometry.method depth needs depth maps or a scan; none are given",
+                "set depth.given or geometry.scan, name depth_file_path in the layout, or set method: mvs",
+            )
+
+    def _wants_stereo(self) -> bool:
+        """Whether nobody gives depth maps; not known of a source that cannot be read, which says so when it is."""
+        if (given := self.settings["depth"].given) is not None:
+            return given == STEREO
+        with suppress(FiptError):
+            return not self.source.depth_files()
+        return False
+
+    def _geometry(self, key: str) -> Any:
+        """What the method of the mesh says under a key; None where it has none."""
+        return getattr(self.settings["geometry"], key, None)
 
     def given_files(self) -> list[str]:
         """Files of somebody else that its source names; none where the source cannot be read, or not yet."""
@@ -307,9 +329,7 @@ class SceneConfig:
             return []
         if not folder:
             return [str(existing_file(path, f"depth of {view}")) for view, path in self.source.depth_files().items()]
-        placed = Path(self.place.path(folder, "settings.depth.given"))
-        views = [view for shard in self.views.shards("train").values() for view in shard]
-        return [str(existing_file(given_file(placed, view), f"depth of {view} (depth.given)")) for view in views]
+        return self._depth_in(folder, "depth.given")
 
     def depth_options(self) -> list[str]:
         """Options of ``fipt depth`` that say where depth maps are named, if the source names any."""
@@ -317,8 +337,19 @@ class SceneConfig:
 
     def given_scan(self) -> list[str]:
         """The scan in coordinates of its own that the config names, if any."""
-        file = self.settings["geometry"].scan
+        file = self._geometry("scan")
         return [str(existing_file(self.place.path(file, "settings.geometry.scan"), "geometry.scan"))] if file else []
+
+    def given_prior(self) -> list[str]:
+        """Predicted depth of the training views that the config names, if any."""
+        folder = self._geometry("prior")
+        return self._depth_in(folder, "geometry.prior") if folder else []
+
+    def _depth_in(self, folder: str, key: str) -> list[str]:
+        """Depth maps of the training views in a folder that a key names."""
+        placed = Path(self.place.path(folder, f"settings.{key}"))
+        views = [view for shard in self.views.shards("train").values() for view in shard]
+        return [str(existing_file(given_file(placed, view), f"depth of {view} ({key})")) for view in views]
 
     @property
     def own_name(self) -> str:

@@ -150,8 +150,8 @@ class PositionalMlp(nn.Module):
         self.middle = layers // 2
         sizes = [inputs] + [width] * (layers - 1)
         sizes[self.middle] += inputs
-        self.hidden = nn.ModuleList(_linear(size, width, generator) for size in sizes)
-        self.output = _linear(width, outputs, generator)
+        self.hidden = nn.ModuleList(linear(size, width, generator) for size in sizes)
+        self.output = linear(width, outputs, generator)
 
     def forward(self, points: torch.Tensor) -> torch.Tensor:
         """Raw outputs (N, outputs) at points (N, 3) in [-1, 1]."""
@@ -190,8 +190,8 @@ class BrdfNetwork(nn.Module):
                 backend=backend,
             )
             inputs = settings.levels * self.encoding.features
-            hidden = [_linear(inputs, width, generator), nn.ReLU(), _linear(width, width, generator), nn.ReLU()]
-            last = _linear(width, 5, generator)
+            hidden = [linear(inputs, width, generator), nn.ReLU(), linear(width, width, generator), nn.ReLU()]
+            last = linear(width, 5, generator)
             self.mlp = nn.Sequential(*hidden, last, _Sigmoid())
         if settings.start_rough:
             # matte metal and matte dielectric appear the same: start where most surfaces are
@@ -338,7 +338,7 @@ def _chunked(ask: Callable[[slice], None], count: int, chunk: int) -> None:
         ask(slice(start, min(start + chunk, count)))
 
 
-def _linear(inputs: int, outputs: int, generator: torch.Generator) -> nn.Linear:
+def linear(inputs: int, outputs: int, generator: torch.Generator) -> nn.Linear:
     """Linear layer with torch's usual initial weights, but from a generator of our own."""
     kind = _NarrowLinear if outputs <= _NARROW else nn.Linear
     layer = cast("nn.Linear", nn.utils.skip_init(kind, inputs, outputs))

@@ -10,12 +10,13 @@ import numpy as np
 
 from fipt.meshing.prepare import prepared
 from fipt.meshing.radiance_edges import Radiance
+from fipt.render.variant import set_variant
 from fipt.scene.mesh import Mesh
 from fipt.stages.geometry.completion import Completed, complete
 from fipt.stages.geometry.depth_views import DepthView, depth_noise
 from fipt.stages.geometry.evidence import evidence, regions
-from fipt.stages.geometry.fusing import check_memory, fuse, voxel_size
-from fipt.stages.geometry.mesh_settings import GeometrySettings
+from fipt.stages.geometry.fusing import check_memory, fuse, fuse_blocks, voxel_size
+from fipt.stages.geometry.mesh_settings import AnyGeometry, MonosdfGeometry, RefinedGeometry
 from fipt.stages.geometry.overview import overview
 from fipt.stages.geometry.shell import with_shell
 from fipt.stages.geometry.snapping import snapped
@@ -42,13 +43,14 @@ class Geometry:
     figures: dict[str, Any]
 
 
-def build(views: Sequence[DepthView], radiance: Radiance, settings: GeometrySettings) -> Geometry:
+def build(views: Sequence[DepthView], radiance: Radiance, settings: AnyGeometry) -> Geometry:
     """Make the mesh; Mitsuba's variant must be set.
 
     Raises
     ------
     FiptError
-        If the depth maps are empty or agree on nothing, memory is short, or open3d is missing.
+        If the depth maps are empty or agree on nothing, memory is short, open3d is missing, or nothing can be fitted to
+        the views.
     """
     start = time.perf_counter()
     noise, voxel = depth_noise(views), voxel_size(views, settings.voxel)
@@ -61,9 +63,9 @@ def build(views: Sequence[DepthView], radiance: Radiance, settings: GeometrySett
         maps = found.views
         log.info("%d planes, %d along the room's directions; %.0f %% of the pixels show walls alone",
                  len(found.planes), (found.planes.axis >= 0).sum(), 100 * _share([m.closed for m in maps]))  # fmt: skip
-    views = [m.view for m in maps]
+    measured, views = views, [m.view for m in maps]
     check_memory(views, voxel, settings.memory_gb)
-    mesh = fuse(views, [m.view.map.known & ~m.closed for m in maps], noise.at_1m, voxel)
+    mesh, fitted = _surface(measured, maps, settings, noise.at_1m, voxel)
     mesh, prepare = prepared(mesh, [view.camera for view in views], radiance, settings)
     plane = np.full(len(mesh.triangles), -1)
     if found is not None:
@@ -71,6 +73,7 @@ def build(views: Sequence[DepthView], radiance: Radiance, settings: GeometrySett
     support = evidence(mesh, maps)
     by_region = regions(mesh, plane, support)
     lasting = {
+        "method": settings.method,
         "views": len(views),
         **_of_pixels(maps, own),
         "surface": support.share(mesh.areas),
@@ -81,12 +84,35 @@ def build(views: Sequence[DepthView], radiance: Radiance, settings: GeometrySett
         "planes": 0 if found is None else len(found.planes),
         "prepared": {name: value for name, value in prepare.items() if name != "seconds"},
     }
+    if fitted:
+        lasting["volume"] = {name: value for name, value in fitted.items() if name != "steps_per_s"}
     if found is not None:
         mesh = with_shell(mesh, found.box, voxel)
     figures = {name: value for name, value in lasting.items() if name != "of_view"}
+    if fitted:
+        figures["volume"] = fitted
     figures["seconds"] = round(time.perf_counter() - start, 2)
     planes = {"planes": [] if found is None else found.planes.plain(), "regions": by_region}
     return Geometry(mesh, overview(maps), planes, lasting, figures)
+
+
+def _surface(
+    views: Sequence[DepthView], maps: Sequence[Completed], settings: AnyGeometry, noise: float, voxel: float
+) -> tuple[Mesh, dict[str, Any]]:
+    """The surface as the method finds it, before it is prepared; figures of what was fitted.
+
+    ``views`` have depth of their own only; ``maps`` are the same, completed.
+    """
+    if isinstance(settings, MonosdfGeometry):
+        from fipt.stages.geometry.volume.monosdf import from_sphere
+
+        return from_sphere(views, settings, voxel, set_variant().torch_device)
+    complete, carves = [m.view for m in maps], [m.view.map.known & ~m.closed for m in maps]
+    if isinstance(settings, RefinedGeometry):
+        from fipt.stages.geometry.volume.refine import refined
+
+        return refined(fuse_blocks(complete, carves, noise, voxel), complete, settings, set_variant().torch_device)
+    return fuse(complete, carves, noise, voxel), {}
 
 
 def _of_pixels(maps: Sequence[Completed], own: Sequence[np.ndarray]) -> dict[str, Any]:

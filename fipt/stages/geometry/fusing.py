@@ -9,7 +9,8 @@ from fipt.child import run_in_child
 from fipt.errors import FiptError
 from fipt.scene.mesh import Mesh
 from fipt.stages.geometry.depth_views import DepthView
-from fipt.stages.geometry.tsdf import BLOCK, fused, memory
+from fipt.stages.geometry.tsdf import BLOCK, TRUNCATION, fused, memory, summed
+from fipt.stages.geometry.volume.blocks import BlockGrid
 
 log = logging.getLogger(__name__)
 
@@ -63,6 +64,28 @@ def fuse(views: Sequence[DepthView], carves: Sequence[np.ndarray], noise: float,
     FiptError
         If open3d is missing, or nothing was fused.
     """
+    found = run_in_child(fused, _arguments(views, carves, noise, voxel), _limit(views))
+    if len(found["triangles"]) == 0:
+        raise FiptError("the depth maps must agree on a surface; fusing them gave none", "check units and poses")
+    return Mesh(found["vertices"], found["triangles"])
+
+
+def fuse_blocks(views: Sequence[DepthView], carves: Sequence[np.ndarray], noise: float, voxel: float) -> BlockGrid:
+    """Fuse depth maps as `fuse` does, but return the distances that it would mesh."""
+    found = run_in_child(summed, _arguments(views, carves, noise, voxel), _limit(views))
+    order = np.lexsort(found["blocks"].T)  # the hash map of blocks leaves another at each run
+    blocks, distance, known = (found[name][order] for name in ("blocks", "distance", "known"))
+    return BlockGrid(blocks, distance * np.float32(TRUNCATION * voxel), known, voxel)
+
+
+def _limit(views: Sequence[DepthView]) -> float:
+    return 120 + _SECONDS_A_VIEW * len(views)
+
+
+def _arguments(
+    views: Sequence[DepthView], carves: Sequence[np.ndarray], noise: float, voxel: float
+) -> dict[str, np.ndarray | float]:
+    """What `fipt.stages.geometry.tsdf.fused` takes, of views of any sizes."""
     rows, columns = max(v.camera.height for v in views), max(v.camera.width for v in views)
     shape = len(views), rows, columns
     depth, confidence = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
@@ -71,7 +94,7 @@ def fuse(views: Sequence[DepthView], carves: Sequence[np.ndarray], noise: float,
         inside = np.s_[number, : view.camera.height, : view.camera.width]
         depth[inside], normal[inside], free[inside] = view.map.depth, view.map.normal, carves[number]
         confidence[inside] = view.map.confidence
-    arguments = {
+    return {
         "depth": depth,
         "normal": normal,
         "confidence": confidence,
@@ -81,7 +104,3 @@ def fuse(views: Sequence[DepthView], carves: Sequence[np.ndarray], noise: float,
         "voxel": voxel,
         "noise": noise,
     }
-    found = run_in_child(fused, arguments, 120 + _SECONDS_A_VIEW * len(views))
-    if len(found["triangles"]) == 0:
-        raise FiptError("the depth maps must agree on a surface; fusing them gave none", "check units and poses")
-    return Mesh(found["vertices"], found["triangles"])

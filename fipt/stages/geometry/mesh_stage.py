@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from fipt.inputs import DatasetFolder
 
 if TYPE_CHECKING:
-    from fipt.stages.geometry.mesh_settings import GeometrySettings
+    from fipt.stages.geometry.mesh_settings import AnyGeometry
 
 log = logging.getLogger(__name__)
 
@@ -31,12 +31,13 @@ _FILES = "geometry.json", "planes.json", "overview.png", "mesh.ply"
 """What a folder of a mesh holds."""
 
 
-def run(inputs: MeshInputs, settings: "GeometrySettings") -> dict[str, Any]:
+def run(inputs: MeshInputs, settings: "AnyGeometry") -> dict[str, Any]:
     """Make one mesh of the depth maps of the training views.
 
     Bare surface is completed by the planes of what lies beside it, the maps are fused, and the
     surface is smoothed, flattened, decimated and cut like a scan's. The dataset needs no mesh.
-    A scan that exists (geometry.scan) is brought to the cameras instead.
+    A scan that exists (geometry.scan) is brought to the cameras instead. geometry.method `sdf` fits the fused surface
+    to the photographs by volume rendering, `monosdf` one that starts as a sphere.
     A mesh is made in two steps: a first one of all views; then, without those whose camera it proves wrong.
     """
     from fipt.formats.files import copy_file, make_folder, write_text
@@ -47,6 +48,7 @@ def run(inputs: MeshInputs, settings: "GeometrySettings") -> dict[str, Any]:
     from fipt.stages.geometry.build import build
     from fipt.stages.geometry.depth_views import read_views
     from fipt.stages.geometry.library import check_importable
+    from fipt.stages.geometry.mesh_settings import ScanSettings
     from fipt.stages.geometry.scan import from_scan
 
     rejected = {} if inputs.checked is None else read_rejected(inputs.checked)
@@ -60,10 +62,10 @@ def run(inputs: MeshInputs, settings: "GeometrySettings") -> dict[str, Any]:
     check_importable()  # told now, not after the planes
     dataset = Dataset(inputs.dataset)
     views = read_views(dataset, inputs.depth, rejected)
-    if settings.scan is None:
-        made = build(views, dataset.image, settings)
-    else:
+    if isinstance(settings, ScanSettings) and settings.scan is not None:
         made = from_scan(views, Path(settings.scan), dataset.image, settings)
+    else:
+        made = build(views, dataset.image, settings)
     make_folder(inputs.out)
     write_text(
         inputs.out / "geometry.json", json.dumps(made.about | {"rejected": rejected}, indent=1, allow_nan=False) + "\n"

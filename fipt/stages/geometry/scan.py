@@ -16,7 +16,7 @@ from fipt.stages.geometry.build import Geometry
 from fipt.stages.geometry.completion import Completed
 from fipt.stages.geometry.depth_views import DepthView
 from fipt.stages.geometry.evidence import evidence, regions
-from fipt.stages.geometry.mesh_settings import GeometrySettings
+from fipt.stages.geometry.mesh_settings import ScanSettings
 from fipt.stages.geometry.overview import overview
 from fipt.stages.geometry.registration import REACH, registered
 
@@ -24,7 +24,7 @@ _SAME = 0.02
 """Share of its depth by which scan and views may differ in the picture: the noise of far depth is no difference."""
 
 
-def from_scan(views: Sequence[DepthView], path: Path, radiance: Radiance, settings: GeometrySettings) -> Geometry:
+def from_scan(views: Sequence[DepthView], path: Path, radiance: Radiance, settings: ScanSettings) -> Geometry:
     """Bring a scan to the cameras, and make it fit for the pipeline; Mitsuba's variant must be set.
 
     Raises

@@ -62,19 +62,54 @@ def fused(
     dict
         ``vertices`` (V, 3) float32 and ``triangles`` (T, 3) int32, in an order that the same input gives again.
     """
+    blocks = summed(depth, normal, confidence, carves, intrinsics, extrinsics, voxel, noise)
+    return meshed(**blocks, voxel=voxel)
+
+
+def summed(
+    depth: np.ndarray,
+    normal: np.ndarray,
+    confidence: np.ndarray,
+    carves: np.ndarray,
+    intrinsics: np.ndarray,
+    extrinsics: np.ndarray,
+    voxel: float,
+    noise: float,
+) -> dict[str, np.ndarray]:
+    """The distances that `fused` meshes.
+
+    Returns
+    -------
+    dict
+        ``blocks`` (B, 3) int32 numbers of blocks along the axes; ``distance`` (B, K) float32 of their voxels, x first,
+        in truncations; ``known`` (B, K) bool whether any view tells it.
+    """
     o3d = import_open3d()
     cameras = [_Camera(*parts) for parts in zip(intrinsics, extrinsics, strict=True)]
     grid = _grid(o3d, cameras, depth, voxel)
     slot = grid.hashmap().active_buf_indices()
-    base = grid.hashmap().key_tensor().numpy()[slot.numpy()].astype(np.float64) * BLOCK * voxel
-    within = grid.voxel_coordinates_and_flattened_indices(slot[:1])[0].numpy().astype(np.float64) - base[0]
-    within = np.rint(within / voxel) * voxel  # the same whichever block the hash map puts first
+    blocks = grid.hashmap().key_tensor().numpy()[slot.numpy()]
+    base = blocks.astype(np.float64) * BLOCK * voxel
     maps = zip(cameras, depth, normal, confidence, carves, strict=True)
-    distance, known = _voted(maps, base, within, voxel, noise)
+    distance, known = _voted(maps, base, within_block() * voxel, voxel, noise)
+    return {"blocks": blocks.copy(), "distance": distance, "known": known}
+
+
+def meshed(blocks: np.ndarray, distance: np.ndarray, known: np.ndarray, voxel: float) -> dict[str, np.ndarray]:
+    """Mesh the zero of distances that `summed` returns, or others like them; in any unit."""
+    o3d = import_open3d()
+    grid = _empty_grid(o3d, voxel, len(blocks))
+    slot = grid.hashmap().activate(o3d.core.Tensor(blocks))[0].to(o3d.core.int64)
     field, certain = (grid.attribute(name).reshape((-1, BLOCK**3)) for name in ("tsdf", "weight"))
     field[slot], certain[slot] = o3d.core.Tensor(distance), o3d.core.Tensor(known.astype(np.float32))
     mesh = grid.extract_triangle_mesh(0.5)
     return _ordered(mesh.vertex.positions.numpy(), mesh.triangle.indices.numpy())
+
+
+def within_block() -> np.ndarray:
+    """(K, 3) float64 places of a block's voxels, in voxels, x first."""
+    z, y, x = np.mgrid[:BLOCK, :BLOCK, :BLOCK]
+    return np.stack([x, y, z], axis=-1).reshape(-1, 3).astype(np.float64)
 
 
 def _voted(
@@ -104,10 +139,15 @@ def _voted(
     return np.divide(total, heavy, out=total, where=known), known
 
 
+def _empty_grid(o3d: Any, voxel: float, blocks: int) -> Any:
+    """A grid with room for so many blocks."""
+    kinds = o3d.core.float32, o3d.core.float32
+    return o3d.t.geometry.VoxelBlockGrid(("tsdf", "weight"), kinds, ((1,), (1,)), float(voxel), BLOCK, blocks)
+
+
 def _grid(o3d: Any, cameras: list["_Camera"], depth: np.ndarray, voxel: float) -> Any:
     """Blocks of voxels near what the views show; their values are not set."""
-    kinds = o3d.core.float32, o3d.core.float32
-    grid = o3d.t.geometry.VoxelBlockGrid(("tsdf", "weight"), kinds, ((1,), (1,)), float(voxel), BLOCK, 20_000)
+    grid = _empty_grid(o3d, voxel, 20_000)
     for camera, image in zip(cameras, depth, strict=True):
         if (image > 0).any():
             near = grid.compute_unique_block_coordinates(

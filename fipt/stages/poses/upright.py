@@ -86,7 +86,7 @@ def find_floor(points: np.ndarray, centers: np.ndarray, up: np.ndarray, seed: in
     low = points[height < lowest]
     if len(low) < 20:
         return None
-    tolerance = _FLAT * extent
+    tolerance = float(_FLAT * extent)
     rng = np.random.default_rng(seed)
     triples = low[rng.integers(len(low), size=(_FLOOR_TRIES, 3))]
     normals = np.cross(triples[:, 1] - triples[:, 0], triples[:, 2] - triples[:, 0])
@@ -98,19 +98,9 @@ def find_floor(points: np.ndarray, centers: np.ndarray, up: np.ndarray, seed: in
     level = normals @ up > np.cos(np.radians(_STEEPEST))
     normals, offsets = normals[level], (normals[level] * corner[level]).sum(axis=1)
     sample = low[rng.permutation(len(low))[:_FLOOR_SAMPLE]]
-    away = (sample @ normal - offset for normal, offset in zip(normals, offsets, strict=True))
-    counts = [((np.abs(each) < tolerance).sum(), (each < -2 * tolerance).sum()) for each in away]
-    on, below = np.array(counts, float).reshape(-1, 2).T
-    slices = max(int(np.ptp(sample @ up) / (2 * tolerance)), 1)
-    by_chance = np.median(np.histogram(sample @ up, slices)[0])
-    good = (on >= max(15, _MORE * by_chance, 0.1 * on.max(initial=0))) & (below < 0.5 * on)
-    if not good.any():
+    best = _lowest(sample, normals, offsets, (centers.mean(axis=0), up), tolerance)
+    if best is None:
         return None
-    # Of planes at one height, within the tolerance, the one with the most points.
-    middle = centers.mean(axis=0)
-    drop = (normals @ middle - offsets) / (normals @ up)
-    best = np.flatnonzero(good & (drop > drop[good].max() - 3 * tolerance))
-    best = best[np.argmax(on[best] - below[best])]
     normal, offset = normals[best], offsets[best]
     for reach in (tolerance, 0.6 * tolerance, 0.6 * tolerance):
         near = low[np.abs(low @ normal - offset) < reach]
@@ -120,6 +110,41 @@ def find_floor(points: np.ndarray, centers: np.ndarray, up: np.ndarray, seed: in
         normal = axes[2] * np.sign(axes[2] @ up)
         offset = float(normal @ near.mean(axis=0))
     return Plane(normal, offset, len(near), float(np.sqrt(np.mean((near @ normal - offset) ** 2))))
+
+
+def _lowest(
+    points: np.ndarray, normals: np.ndarray, offsets: np.ndarray, above: tuple[np.ndarray, np.ndarray], tolerance: float
+) -> int | None:
+    """Number of the plane that lies lowest below a place, of those that hold enough points and have little below them.
+
+    Planes are taken by how many points they hold that no earlier one has: one that cuts the floor at an angle holds
+    but a strip of it.
+
+    Parameters
+    ----------
+    normals, offsets
+        (N, 3) and (N,) of the planes.
+    above
+        The place, and which way is up.
+    """
+    if not len(normals):
+        return None
+    away = (normals @ points.T - offsets[:, None]).astype(np.float32)
+    on, below = np.abs(away) < tolerance, (away < -2 * tolerance).sum(axis=1)
+    place, up = above
+    slices = max(int(np.ptp(points @ up) / (2 * tolerance)), 1)
+    by_chance = np.median(np.histogram(points @ up, slices)[0])
+    enough = max(15, _MORE * by_chance, 0.1 * on.sum(axis=1).max())
+    drop = (normals @ place - offsets) / (normals @ up)
+    found, free = [], np.ones(len(points), bool)
+    while True:
+        held = on[:, free].sum(axis=1)
+        best = int(held.argmax())
+        if held[best] < enough:
+            return max(found, key=lambda index: drop[index], default=None)
+        free &= np.abs(away[best]) > 2 * tolerance
+        if below[best] < 0.5 * on[best].sum():
+            found.append(best)
 
 
 def board_up(

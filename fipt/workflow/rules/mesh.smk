@@ -16,6 +16,7 @@ rule first_mesh:
     """Make the room's mesh of the depth maps of all views, or bring a scan to the cameras."""
     input:
         ask("given_scan"),
+        ask("given_prior"),
         transforms="results/{scene}/geometry/views/transforms.json",
         views="results/{scene}/geometry/views/views.json",
         images="results/{scene}/geometry/views/images.manifest.json",
@@ -78,6 +79,7 @@ rule mesh:
     """Make the mesh once more without views that the first one rejects; where there are none, take that over."""
     input:
         ask("given_scan"),
+        ask("given_prior"),
         transforms="results/{scene}/geometry/views/transforms.json",
         views="results/{scene}/geometry/views/views.json",
         images="results/{scene}/geometry/views/images.manifest.json",

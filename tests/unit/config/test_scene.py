@@ -139,6 +139,17 @@ def test_a_scan_is_brought_to_the_cameras_where_a_mesh_is_made(tmp_path):
     assert scene(RAW).given_scan() == []
 
 
+def test_a_method_that_needs_depth_is_refused_without(tmp_path):
+    (tmp_path / "scan.ply").write_text("")
+    with pytest.raises(FiptError, match=r"settings.geometry.method depth needs depth maps or a scan; none are given"):
+        scene(RAW | {"settings": {"geometry": {"method": "depth"}}}).check()
+    with pytest.raises(FiptError, match=r"settings.geometry.prior needs `mesh: reconstruct`"):
+        scene(RAW | {"mesh": "m.ply", "settings": {"geometry": {"method": "monosdf", "prior": "p"}}}).check()
+    named = scene(RAW | {"settings": {"geometry": {"method": "depth", "scan": str(tmp_path / "scan.ply")}}})
+    assert named.given_scan() == [str(tmp_path / "scan.ply")]
+    assert named.given_prior() == []
+
+
 def test_a_mesh_that_is_made_needs_open3d_before_anything_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(library, "find_spec", lambda name: None)

@@ -20,6 +20,7 @@ agrees with it.
 import torch
 
 from fipt.model.reflectance import exceeds_reflection
+from fipt.model.srgb import srgb
 from fipt.stages.fit.batches import Batch
 
 _EMITS = 0.1
@@ -63,9 +64,3 @@ def shows_emitter(batch: Batch, mask: torch.Tensor, gain: float) -> torch.Tensor
 def gathered(values: torch.Tensor, owner: torch.Tensor, weight: torch.Tensor, pixels: int) -> torch.Tensor:
     """Sum (H, 3) values of samples, by weight, into (B, 3) pixels."""
     return values.new_zeros(pixels, 3).index_add(0, owner, values * weight[:, None])
-
-
-def srgb(linear: torch.Tensor) -> torch.Tensor:
-    """SRGB curve, continued above 1."""
-    safe = linear.clamp_min(0.0031308)
-    return torch.where(linear <= 0.0031308, 12.92 * linear, 1.055 * safe ** (1 / 2.4) - 0.055)

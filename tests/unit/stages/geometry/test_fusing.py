@@ -9,7 +9,7 @@ from fipt.scene.depth_maps import DepthMap
 from fipt.scene.mesh import Mesh
 from fipt.stages.geometry.depth_views import DepthView, depth_noise
 from fipt.stages.geometry.fusing import check_memory, fuse, voxel_size
-from fipt.stages.geometry.mesh_settings import GeometrySettings
+from fipt.stages.geometry.mesh_settings import AutoGeometry
 from fipt.stages.geometry.mesh_stage import MeshInputs, run
 from fipt.stages.geometry.tsdf import fused
 
@@ -160,4 +160,4 @@ def test_an_open3d_that_cannot_be_imported_is_said_before_anything_is_read(tmp_p
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     inputs = MeshInputs(dataset=tmp_path / "none", depth=tmp_path / "none", out=tmp_path / "out")
     with pytest.raises(FiptError, match=said):
-        run(inputs, GeometrySettings())
+        run(inputs, AutoGeometry())

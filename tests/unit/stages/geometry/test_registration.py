@@ -10,7 +10,7 @@ from fipt.scene.depth_maps import DepthMap
 from fipt.scene.mesh import Mesh, write_ply
 from fipt.stages.geometry import registration
 from fipt.stages.geometry.depth_views import DepthView
-from fipt.stages.geometry.mesh_settings import GeometrySettings
+from fipt.stages.geometry.mesh_settings import AutoGeometry
 from fipt.stages.geometry.registration import registered
 from fipt.stages.geometry.scan import from_scan
 from tests.unit.stages.geometry.test_fusing import HALF, around
@@ -65,7 +65,7 @@ def test_a_displaced_scan_is_brought_back(room, views):
 
 def scanned(views, path, unit):
     shown = {view.camera.name: (view.radiance, np.ones(view.map.depth.shape, np.float32)) for view in views}
-    return from_scan(views, path, shown.__getitem__, GeometrySettings(scan=str(path), scan_unit=unit))
+    return from_scan(views, path, shown.__getitem__, AutoGeometry(scan=str(path), scan_unit=unit))
 
 
 def test_a_scan_in_millimetres_is_refused_with_its_unit(tmp_path, room, views):

@@ -40,8 +40,8 @@ def wrong(camera: Camera, turn: float = 0.0, shift: float = 0.0) -> Camera:
     return replace(camera, world_from_camera=pose)
 
 
-def write_room(folder: Path) -> None:
-    """Views and depth maps of the box room; the cameras of two are wrong."""
+def write_room(folder: Path, errors: bool = True) -> None:
+    """Views and depth maps of the box room; the cameras of two are wrong, unless there are to be no errors."""
     boards = [
         room_views.charuco((1.6, 0.001, 1.4), (1, 0, 0.3), (-0.3, 0, 1), square=0.3),
         room_views.charuco((2.0, 2.2, 0.001), (1, 0, 0), (0, -1, 0), square=0.2),
@@ -50,7 +50,8 @@ def write_room(folder: Path) -> None:
     for camera in cameras:
         write_exr(folder / "views" / "images" / f"{camera.name}.exr", {"": room_views.draw(camera, boards)})
         write_depth_map(folder / "depth" / f"{camera.name}.exr", depth_of_box(camera))
-    cameras[3], cameras[8] = wrong(cameras[3], turn=4.0), wrong(cameras[8], shift=0.25)
+    if errors:
+        cameras[3], cameras[8] = wrong(cameras[3], turn=4.0), wrong(cameras[8], shift=0.25)
     write_transforms(folder / "views" / "transforms.json", cameras)
     write_views(folder / "views" / "views.json", [camera.name for camera in cameras])
 

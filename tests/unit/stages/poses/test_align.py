@@ -185,6 +185,18 @@ def test_a_table_is_not_the_floor(np_rng):
     assert find_floor(many[many[:, 1] > 1.0], centers, np.array([0, 1.0, 0]), 0) is None
 
 
+def test_a_plane_that_cuts_the_floor_at_an_angle_is_not_the_floor(np_rng):
+    """It lies lower below the cameras, and holds a strip of the floor that alone is more than most walls hold."""
+    floor_points = np_rng.random((4500, 3)) * [5.0, 0.0, 4.0] + 0.007 * np_rng.normal(size=(4500, 3))
+    sill = np.array([0.0, 0.0, 3.9]) + np_rng.random((900, 3)) * [5.0, 0.45, 0.1]
+    walls = np_rng.random((2500, 3)) * [5.0, 1.4, 0.0]
+    centers = np.array([[2.5, 1.5, 1.0], [2.0, 1.5, 1.2], [3.0, 1.6, 0.8]])
+    for seed in range(3):
+        floor = find_floor(np.concatenate([floor_points, sill, walls]), centers, np.array([0, 1.0, 0]), seed)
+        assert floor.normal[1] > np.cos(np.radians(0.3))
+        assert abs(floor.offset) < 0.01
+
+
 def test_cameras_that_look_down_are_upright_too():
     views = [room_views.look_at(f"v{i}", (2 + i % 3, 2.2, 1 + i // 3), (2.5, 0, 2.2)) for i in range(6)]
     up, spread = cameras_up(views)
