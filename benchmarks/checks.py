@@ -81,7 +81,7 @@ def config(width: int, views: int, rounds: int) -> dict[str, object]:
         "cache": {"resolution": 64},
         "bake": few,
         "refine": few,
-        "fit": {"steps": 300},
+        "fit": {"steps": 200, "batch": 512, "levels": 8, "table_log2": 14},
         "render": {"spp": 16},
         "relight": {"spp": 16},
     }
