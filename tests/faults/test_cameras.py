@@ -16,7 +16,7 @@ from fipt.scene.dataset import Dataset, write_views
 from fipt.scene.mesh import write_ply
 from fipt.stages.check_poses import diagnose
 from fipt.stages.check_poses.compare import check, enough
-from fipt.stages.check_poses.diagnose import Correction, agreement, corrections, explain
+from fipt.stages.check_poses.diagnose import Correction, agreement, corrections, doubt, explain
 from fipt.stages.check_poses.settings import CheckPosesSettings
 from fipt.stages.check_poses.surface import reduced
 from fipt.stages.check_poses.verdict import Verdict
@@ -89,7 +89,8 @@ def test_what_all_cameras_have_in_common_is_found(
     change, said = MISTAKES[mistake]
     data = dataset(tmp_path, [change(camera, image) for camera, image in views])
     scene, shown = RayScene(data.mesh()), [reduced(data, camera, 96) for camera in data.cameras]
-    wanted = [each for each in corrections(data.cameras) if said in each.wrong]
+    bounds = np.array([np.zeros(3), room_views.SIZE])
+    wanted = [each for each in corrections(data.cameras, bounds) if said in each.wrong]
     assert len(wanted) == 1
     assert agreement(scene, shown, Correction("nothing", lambda camera: camera)) < 0.6
     assert agreement(scene, shown, wanted[0]) > 0.8
@@ -118,6 +119,23 @@ def test_the_command_says_it_and_blames_no_view(
     said = refused(capsys, "check-poses", str(tmp_path), "--reject")
     assert "if camera axes are those of OpenCV (y down, looks along +z); correct the source or its format" in said
     assert not (tmp_path / "check_poses.json").exists()
+
+
+def test_a_mirrored_mesh_is_found(backend: Backend, tmp_path: Path, views: list[tuple[Camera, np.ndarray]]) -> None:
+    """The cameras stand in the room as it is; the mesh has -x for x."""
+    data = dataset(tmp_path, views)
+    mesh = data.mesh()
+    other = replace(mesh, vertices=mesh.vertices * np.array([-1, 1, 1], np.float32))
+    bounds = np.stack([other.vertices.min(axis=0), other.vertices.max(axis=0)])
+    wanted = [each for each in corrections(data.cameras, bounds) if "the mesh is mirrored" in each.wrong]
+    assert [each.wrong for each in wanted] == ["the mesh is mirrored, x for -x"]
+    shown = [reduced(data, camera, 96) for camera in data.cameras]
+    assert agreement(RayScene(other), shown, wanted[0]) > 0.8
+
+
+def test_views_that_hardly_agree_are_a_warning() -> None:
+    assert doubt(judged(0.7)) == doubt([]) == ""
+    assert doubt([*judged(0.5), *judged(0.4)]).startswith("cameras, images and mesh hardly fit: views agree by 0.45")
 
 
 WARM = np.array([1.2, 1.0, 0.6], np.float32)
@@ -155,6 +173,20 @@ def test_a_view_at_another_exposure_is_named_and_brought_to_that_of_others(
     assert all(verdict.accepted for verdict in verdicts)
     assert [v.view for v in verdicts if "as bright as others show the same surface" in v.reason] == ["v4"]
     assert verdicts[4].gain == pytest.approx(2, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("cast", "said"),
+    [((1.4, 1, 1), "1.40 times as much red over blue"), ((1, 1.5, 1), "1.50 times as much green")],
+)
+def test_a_cast_of_a_view_is_named(
+    cast: tuple[float, ...], said: str, backend: Backend, tmp_path: Path, views: list[tuple[Camera, np.ndarray]]
+) -> None:
+    shown = [(c, image * (WARM * np.array(cast, np.float32) if i == 3 else WARM)) for i, (c, image) in enumerate(views)]
+    verdicts = check(dataset(tmp_path, shown), CheckPosesSettings(width=96))
+    assert all(verdict.accepted for verdict in verdicts)
+    assert [v.view for v in verdicts if "another white balance?" in v.reason] == ["v3"]
+    assert f"shows {said}" in verdicts[3].reason
 
 
 def test_too_many_exchanged_views_end_the_check_with_their_reason() -> None:

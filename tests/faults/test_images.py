@@ -13,7 +13,7 @@ from PIL import Image
 from fipt.cli.main import main
 from fipt.conventions import FLAG_SATURATED
 from fipt.errors import FiptError
-from fipt.formats.exr import read_rgb, write_exr
+from fipt.formats.exr import read_exr, read_rgb, write_exr
 from fipt.formats.images import as_rgb, srgb_encode
 from fipt.scene.cameras import read_radiance_scale
 from fipt.scene.dataset import Dataset
@@ -22,7 +22,9 @@ from fipt.scene.environment import NOTHING, edited
 from fipt.scene.setup import parse_setup
 from fipt.stages.environment.fit import find_environment
 from fipt.stages.environment.settings import ConstantEnvironment
+from fipt.stages.importing import defects
 from fipt.stages.importing.build import import_scene
+from fipt.stages.importing.defects import DefectCheck
 from fipt.stages.importing.encoding import EncodingCheck, sentences
 from fipt.stages.importing.settings import ImportSettings
 from fipt.stages.render.lights import apply_setup
@@ -204,6 +206,61 @@ def test_light_that_is_cut_off_is_named(most: float) -> None:
     found = views(lambda image: np.minimum(image, most))
     assert found["cut"]["radiance"] == pytest.approx(most)
     assert "light is cut off there without a flag" in sentences(found)[0]
+
+
+def framed(image: np.ndarray, k: int) -> np.ndarray:
+    image[:3], image[:, -5:] = 0.1 * k, 0.1 * k
+    return image
+
+
+def sprinkled(image: np.ndarray, k: int) -> np.ndarray:
+    image[20, 7:9] = 0
+    return image
+
+
+def hot(image: np.ndarray, k: int) -> np.ndarray:
+    image[30 + k, 30] = 1e5
+    return image
+
+
+Pixels = Callable[[np.ndarray, int], np.ndarray]
+DEFECTS: dict[str, tuple[Pixels, str]] = {
+    "nothing": (lambda image, k: image, ""),
+    "half floats": (lambda image, k: image.astype(np.float16), ""),
+    "no red in all views": (lambda image, k: image * (0, 1, 1), "all views: no red at all; a channel is missing"),
+    "no blue in one view": (lambda image, k: image * (1, 1, k != 1), "view_1: no blue at all; a channel is missing"),
+    "grey": (lambda image, k: np.repeat(image[..., :1], 3, axis=-1), "all views: no colours; red, green and blue"),
+    "a border": (framed, "all views: rows or columns of one value at an edge, up to 5"),
+    "dead pixels": (sprinkled, "2 pixels have one and the same value in all views: a border, a watermark, or defects"),
+    "hot pixels": (hot, "all views: pixels that are 1000 times as bright as all around them, up to 1"),
+    "half floats that are too small": (lambda image, k: (image * 1e-6).astype(np.float16), "values in their darker"),
+}
+
+
+@pytest.mark.parametrize("name", DEFECTS)
+def test_pixels_that_show_no_room_are_named(name: str) -> None:
+    change, said = DEFECTS[name]
+    rng, check = np.random.default_rng(3), DefectCheck()
+    for k in range(4):
+        image = 0.3 * rng.lognormal(0, 0.6, (64, 80, 3)) * rng.uniform(0.2, 1, (64, 80, 1))
+        check.add(f"view_{k}", {"": change(image, k).astype(np.float32)}, np.ones((64, 80)))
+    told = defects.sentences(check.facts(), 4)
+    assert len(told) == (name != "nothing" and name != "half floats"), told
+    assert said in "".join(told)
+    masked = DefectCheck()
+    masked.add("a", {"": np.zeros((64, 80, 3))}, np.zeros((64, 80)))
+    assert masked.facts() == {}
+
+
+def test_an_alpha_is_named_and_defects_stand_beside_the_mesh(capsys: pytest.CaptureFixture[str]) -> None:
+    write_nerfstudio(Path("src"), w=80, h=64, fl_x=32, fl_y=32, cx=40, cy=32)
+    for path in images("src"):
+        image = np.random.default_rng(1).lognormal(-1, 0.8, (64, 80, 3)).astype(np.float32)
+        write_exr(path, {"": image, "A": np.linspace(0, 2, 80, dtype=np.float32) * np.ones((64, 1), np.float32)})
+    assert main([*IMPORT, "--settings", QUICK.model_dump_json()]) == 0
+    assert "an alpha that is not 1, in up to 100.0% of the pixels" in capsys.readouterr().err
+    assert json.loads(Path("out/prepare.json").read_text())["images"]["defects"]["alpha"]
+    assert set(read_exr(images("out")[0])) == {"R", "G", "B"}
 
 
 def test_what_is_strange_stands_beside_the_mesh(capsys: pytest.CaptureFixture[str]) -> None:

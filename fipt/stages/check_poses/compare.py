@@ -17,7 +17,7 @@ from fipt.errors import FiptError
 from fipt.progress import progress
 from fipt.render.scene import RayScene
 from fipt.scene.dataset import Dataset
-from fipt.stages.check_poses.color import exchanged
+from fipt.stages.check_poses.color import judged_by_colour
 from fipt.stages.check_poses.settings import CheckPosesSettings
 from fipt.stages.check_poses.surface import ReducedView, reduced, shared_pixels, surface_shown, visible
 from fipt.stages.check_poses.verdict import Verdict
@@ -90,7 +90,7 @@ def check(dataset: Dataset, settings: CheckPosesSettings) -> list[Verdict]:
         for camera in dataset.cameras:
             views.append(surface_shown(scene, *reduced(dataset, camera, settings.width)))
             bar.advance(1, camera.name)
-    return exchanged(scene, views, judge(scene, views, settings))
+    return judged_by_colour(scene, views, judge(scene, views, settings))
 
 
 def enough(verdicts: Sequence[Verdict], settings: CheckPosesSettings) -> None:

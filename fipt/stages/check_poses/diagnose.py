@@ -86,7 +86,9 @@ def explain(dataset: Dataset, verdicts: Sequence[Verdict], settings: CheckPosesS
     every = dataset.cameras
     chosen = every[:: -(-len(every) // _VIEWS)]
     views = [reduced(dataset, camera, _WIDTH) for camera in chosen]
-    scene, tried = RayScene(dataset.mesh()), list(corrections(chosen))
+    mesh = dataset.mesh()
+    bounds = np.stack([mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)])
+    scene, tried = RayScene(mesh), list(corrections(chosen, bounds))
     before = agreement(scene, views, Correction("", lambda camera: camera))
     found: list[tuple[float, Correction]] = []
     with progress("check poses: what all cameras may have in common", len(tried), " corrections") as bar:
@@ -102,6 +104,18 @@ def explain(dataset: Dataset, verdicts: Sequence[Verdict], settings: CheckPosesS
         )
 
 
+def doubt(verdicts: Sequence[Verdict]) -> str:
+    """Say that views hardly agree, though no common mistake was found; nothing where they do."""
+    scores = [verdict.score for verdict in verdicts if verdict.score is not None]
+    if len(verdicts) < _FEWEST or 2 * len(scores) < len(verdicts) or np.median(scores) >= SUSPECT:
+        return ""
+    return (
+        f"cameras, images and mesh hardly fit: views agree by {np.median(scores):.2f} (median correlation; sound rooms "
+        "have 0.74 or more), and no mistake that all share explains it; look at overlay.png: is the mesh of this room, "
+        "are images undistorted, without borders and noise?"
+    )
+
+
 def agreement(
     scene: RayScene, views: Sequence[tuple[Camera, *tuple[np.ndarray, ...]]], correction: Correction
 ) -> float:
@@ -110,7 +124,7 @@ def agreement(
     Parameters
     ----------
     views
-        Of each what `fipt.stages.check_poses.surface.reduced` gives: camera, (H, W) log luminance, mask and redness.
+        Of each what `fipt.stages.check_poses.surface.reduced` gives: camera, (H, W) log luminance, mask and colour.
     """
     shown = [
         surface_shown(scene, correction.camera(camera), *map(correction.image, images)) for camera, *images in views
@@ -128,8 +142,8 @@ def agreement(
     return float(np.median(scores)) if 2 * len(scores) >= len(views) else 0.0
 
 
-def corrections(cameras: Sequence[Camera]) -> Iterator[Correction]:
-    """Every mistake that is tried."""
+def corrections(cameras: Sequence[Camera], bounds: np.ndarray) -> Iterator[Correction]:
+    """Every mistake that is tried; ``bounds`` (2, 3) are those of the mesh."""
     for wrong, flip in (
         ("camera axes are those of OpenCV (y down, looks along +z)", (1, -1, -1)),
         ("camera axes are x left, y up, z ahead (format fipt-synthetic)", (-1, 1, -1)),
@@ -144,6 +158,10 @@ def corrections(cameras: Sequence[Camera]) -> Iterator[Correction]:
     yield Correction("rotations are transposed", _transposed)
     yield Correction("images are mirrored", lambda c: c, np.fliplr)
     yield Correction("images are upside down", lambda c: c, np.flipud)
+    for number, axis in enumerate("xyz"):
+        mirrored = _mirrored(number)
+        if _inside([mirrored(c) for c in cameras], bounds):
+            yield Correction(f"the mesh is mirrored, {axis} for -{axis}", mirrored, np.fliplr)
     up = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
     yield Correction("z is up for the cameras and y for the mesh", _turned(up, left=True))
     yield Correction("y is up for the cameras and z for the mesh", _turned(up.T, left=True))
@@ -176,6 +194,19 @@ def _turned(rotation: np.ndarray, left: bool = False) -> Callable[[Camera], Came
     turn = np.eye(4)
     turn[:3, :3] = rotation
     return lambda c: replace(c, world_from_camera=turn @ c.world_from_camera if left else c.world_from_camera @ turn)
+
+
+def _inside(cameras: Sequence[Camera], bounds: np.ndarray) -> bool:
+    """Whether most cameras stand within bounds (2, 3)."""
+    centers = np.array([camera.center for camera in cameras]).reshape(-1, 3)
+    return bool(((centers > bounds[0]) & (centers < bounds[1])).all(axis=1).mean() > 0.5)
+
+
+def _mirrored(axis: int) -> Callable[[Camera], Camera]:
+    """A camera in the world mirrored along an axis: it sees the mirrored image."""
+    world, own = np.eye(4), np.diag([-1.0, 1, 1, 1])
+    world[axis, axis] = -1
+    return lambda c: replace(c, world_from_camera=world @ c.world_from_camera @ own, cx=c.width - c.cx)
 
 
 def _inverse(camera: Camera) -> np.ndarray:

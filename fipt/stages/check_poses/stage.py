@@ -39,9 +39,13 @@ def run(inputs: CheckPosesInputs, settings: "CheckPosesSettings") -> dict[str, A
     from fipt.errors import FiptError
     from fipt.formats.files import write_text
     from fipt.scene.dataset import CHECKED
+    from fipt.stages.check_poses.diagnose import doubt
 
     seen = not inputs.reject or settings.enabled is not False
     verdicts = _verdicts(inputs, settings) if seen else []
+    doubts = [said] if (said := doubt(verdicts)) else []
+    for warning in doubts:
+        log.warning("%s", warning)
     failed = [verdict for verdict in verdicts if not verdict.accepted]
     if inputs.reject:
         views = {verdict.view: verdict.plain() for verdict in verdicts}
@@ -55,7 +59,7 @@ def run(inputs: CheckPosesInputs, settings: "CheckPosesSettings") -> dict[str, A
         )
     return {
         "rejected": [verdict.view for verdict in failed],
-        "warnings": [f"{verdict.view} {verdict.reason}" for verdict in verdicts if verdict.reason],
+        "warnings": doubts + [f"{verdict.view} {verdict.reason}" for verdict in verdicts if verdict.reason],
     }
 
 

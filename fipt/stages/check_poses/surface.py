@@ -38,8 +38,8 @@ class ReducedView:
         (H, W) bool: whether there is one that is not seen at a grazing angle.
     normals
         (H, W, 3) float32 of the surface, turned to the camera.
-    redness
-        (H, W) float32 log of red over blue.
+    colour
+        (H, W, 2) float32 logs of red over blue, and of green over the geometric mean of both.
     """
 
     camera: Camera
@@ -48,7 +48,7 @@ class ReducedView:
     points: np.ndarray
     hit: np.ndarray
     normals: np.ndarray
-    redness: np.ndarray
+    colour: np.ndarray
 
 
 def visible(
@@ -103,7 +103,7 @@ def shared_pixels(scene: RayScene, views: Sequence[ReducedView]) -> tuple[np.nda
 
 
 def reduced(dataset: Dataset, camera: Camera, width: int) -> tuple[Camera, np.ndarray, np.ndarray, np.ndarray]:
-    """Camera, log luminance, mask and redness of a view, reduced by whole blocks to at most ``width`` columns."""
+    """Camera, log luminance, mask and colour of a view, reduced by whole blocks to at most ``width`` columns."""
     image, weight = dataset.image(camera.name)
     block = -(-camera.width // width)
     rows, columns = camera.height // block, camera.width // block
@@ -119,12 +119,13 @@ def reduced(dataset: Dataset, camera: Camera, width: int) -> tuple[Camera, np.nd
         camera, width=columns, height=rows, fx=camera.fx / block, fy=camera.fy / block,
         cx=camera.cx / block, cy=camera.cy / block,
     )  # fmt: skip
-    redness = np.log(np.maximum(means[..., 0], least) / np.maximum(means[..., 2], least))
-    return small, np.log(np.maximum(light, least)).astype(np.float32), valid, redness.astype(np.float32)
+    red, green, blue = np.moveaxis(np.log(np.maximum(means, least)), -1, 0)
+    colour = np.stack([red - blue, green - 0.5 * (red + blue)], axis=-1).astype(np.float32)
+    return small, np.log(np.maximum(light, least)).astype(np.float32), valid, colour
 
 
 def surface_shown(
-    scene: RayScene, camera: Camera, light: np.ndarray, valid: np.ndarray, redness: np.ndarray
+    scene: RayScene, camera: Camera, light: np.ndarray, valid: np.ndarray, colour: np.ndarray
 ) -> ReducedView:
     """Trace the footprint samples of a reduced view."""
     rows, columns = np.mgrid[: camera.height, : camera.width] + 0.5
@@ -138,5 +139,5 @@ def surface_shown(
     shape = light.shape
     return ReducedView(
         camera, light, valid, points.reshape(*shape, 3).astype(np.float32), hit.reshape(shape),
-        normals.reshape(*shape, 3).astype(np.float32), redness,
+        normals.reshape(*shape, 3).astype(np.float32), colour,
     )  # fmt: skip

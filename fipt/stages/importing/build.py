@@ -134,7 +134,9 @@ def import_scene(
         (dataset / "import.manifest.json").unlink(missing_ok=True)
     files = [path for path in dataset.resolve().rglob("*") if path.is_file()]
     write_manifest(manifest.resolve(), "import", files, {"format": format, **dumped(settings), "scale": parsed.scale})
-    return Imported(cameras, parsed, figures, [*_unit(parsed), *_moved(parsed, *given[:2]), *sentences(strange)])
+    return Imported(
+        cameras, parsed, figures, [*_unit(parsed), *_moved(parsed, *given[:2]), *sentences(strange, len(cameras))]
+    )
 
 
 def _check_room(dataset: Path, source: ImageSource, mesh: str | Path | None) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from fipt.conventions import FLAG_SATURATED
+from fipt.stages.importing import defects
 
 _LEVELS = 256
 """Values of 8 bits."""
@@ -89,8 +90,8 @@ class EncodingCheck:
         return {"cut": {"radiance": radiance, "share": count / self._pixels, "views": views}}
 
 
-def sentences(facts: Mapping[str, Any]) -> list[str]:
-    """What a person should know of `EncodingCheck.facts`."""
+def sentences(facts: Mapping[str, Any], views: int = 0) -> list[str]:
+    """What a person should know of `EncodingCheck.facts`, and of the ``defects`` of so many views."""
     said = []
     if levels := facts.get("levels"):
         how = "in even steps: it is likely still encoded for a display" if levels["even"] else "decoded from 8 bits"
@@ -109,6 +110,7 @@ def sentences(facts: Mapping[str, Any]) -> list[str]:
         "image: correct the list of views, or leave all but one out"
         for views in facts.get("same", [])
     ]
+    said += defects.sentences(facts.get("defects", {}), views)
     if black := facts.get("black"):
         said.append(f"no pixel of {', '.join(black[:3])} shows any light ({len(black)} views): leave them out")
     return said

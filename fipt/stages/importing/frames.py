@@ -17,6 +17,7 @@ from fipt.progress import progress
 from fipt.scene.cameras import Camera, check_cameras
 from fipt.scene.dataset import check_image, read_layers
 from fipt.scene.sources import ImageSource
+from fipt.stages.importing.defects import DefectCheck
 from fipt.stages.importing.encoding import EncodingCheck
 
 _SCALARS = ("roughness", "metallic")
@@ -28,15 +29,17 @@ def write_frames(folder: Path, source: ImageSource) -> tuple[list[Camera], str, 
     """Write images, truth and ids of every frame.
 
     Returns the cameras; the train view that shows most detail; what is strange about the images
-    (`EncodingCheck.facts`).
+    (`EncodingCheck.facts`, and `DefectCheck.facts` as ``defects``).
     """
     cameras: list[Camera] = []
-    check = EncodingCheck()
+    check, defects = EncodingCheck(), DefectCheck()
     most = -1.0
     with progress("import", len(source.frames), " views") as bar:
         for frame in source.frames:
             channels, valid = read_image(frame)
             check.add(frame.name, channels, valid)
+            defects.add(frame.name, channels, valid)
+            channels.pop("alpha.Y", None)
             if source.photographs:
                 valid = channels["valid.Y"] = with_bounds(valid, channels["flags.Y"].astype(np.uint32))
             radiance = channels[""] = _scaled(channels[""], valid, source)
@@ -52,7 +55,10 @@ def write_frames(folder: Path, source: ImageSource) -> tuple[list[Camera], str, 
             if frame.split == "train" and detail > most:
                 shown, most = camera.name, detail
             bar.advance()
-    return cameras, shown, {} if source.photographs else check.facts()
+    if source.photographs:
+        return cameras, shown, {}
+    found = defects.facts()
+    return cameras, shown, check.facts() | ({"defects": found} if found else {})
 
 
 def written_radiance(folder: Path, view: str) -> tuple[np.ndarray, np.ndarray]:
@@ -63,11 +69,13 @@ def written_radiance(folder: Path, view: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def read_image(frame: SourceView) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Channels of a frame's image ('' = RGB, its valid and flags), and its (H, W) weights."""
+    """Channels of a frame's image ('' = RGB, its valid, flags and alpha), and its (H, W) weights."""
     found = read_exr(frame.image, required=("R", "G", "B"))
     channels = {"": np.stack([found[letter] for letter in "RGB"], axis=-1)}
     channels |= {name: found[name] for name in ("valid.Y", "flags.Y") if name in found}
     check_marks(frame.image, channels)
+    if "A" in found:
+        channels["alpha.Y"] = found["A"]
     if frame.mask is not None:
         channels["valid.Y"] = _read_mask(frame.mask, channels[""].shape[:2])
     valid = channels.get("valid.Y", np.ones(channels[""].shape[:2], np.float32))
