@@ -65,7 +65,20 @@ def render(field: VolumeField, rays: Rays, t: torch.Tensor, step: float) -> Rend
 
 
 def weights(t: torch.Tensor, density: torch.Tensor) -> torch.Tensor:
-    """(R, S) share of what a ray sees that each place shows; they sum to 1."""
-    optical = density[:, :-1] * t.diff(dim=1)
+    """(R, S) share of what a ray sees that each place shows; they sum to 1.
+
+    Half of what an interval shows counts for either end: else few places put the surface half an interval off.
+    """
+    shown = shares(t, density)
+    half = 0.5 * shown[:, :-1]
+    return torch.cat([half[:, :1], half[:, :-1] + half[:, 1:], half[:, -1:] + shown[:, -1:]], dim=1)
+
+
+def shares(t: torch.Tensor, density: torch.Tensor) -> torch.Tensor:
+    """(R, S) share of what a ray sees that each interval between places shows, and what is behind the last.
+
+    Density is linear between places.
+    """
+    optical = 0.5 * (density[:, :-1] + density[:, 1:]) * t.diff(dim=1)
     passed = torch.exp(-torch.cat([torch.zeros_like(t[:, :1]), optical.cumsum(dim=1)], dim=1).clamp_max(_MOST_OPTICAL))
     return torch.cat([passed[:, :-1] - passed[:, 1:], passed[:, -1:]], dim=1)

@@ -8,7 +8,7 @@ import torch
 from fipt.stages.geometry.mesh_settings import MonosdfGeometry
 from fipt.stages.geometry.volume.density import laplace_density
 from fipt.stages.geometry.volume.field import VolumeField
-from fipt.stages.geometry.volume.rendering import Rays, weights
+from fipt.stages.geometry.volume.rendering import Rays, shares
 
 _HALVINGS = 10
 """Of the interval in which the width of the density is sought."""
@@ -52,7 +52,7 @@ class ErrorBounded:
             more = quantiles(t, error_bound(t, distance, beta), uniform(wanted.first_samples).sort(dim=1).values)
             t, order = torch.cat([t, more], dim=1).sort(dim=1)
             distance = torch.cat([distance, self._distance(field, rays, more, step)], dim=1).gather(1, order)
-        seen = weights(t, laplace_density(distance, beta))[:, :-1]
+        seen = shares(t, laplace_density(distance, beta))[:, :-1]
         fine = quantiles(t, seen, spread(near, near + 1, uniform(wanted.samples)))
         even = spread(near, far, uniform(wanted.even_samples))
         return torch.cat([near[:, None], fine, even, far[:, None]], dim=1).sort(dim=1).values
