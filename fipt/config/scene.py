@@ -119,7 +119,7 @@ class SceneConfig:
     @cached_property
     def setups(self) -> SceneSetups:
         """Its relight setups."""
-        return SceneSetups(self.given_setups, self.place, self.views, self.segmentation, self.source.known)
+        return SceneSetups(self.given_setups, self.place, self.views, self.segmentation, self.source.has_true_setups)
 
     @cached_property
     def others(self) -> OutputsOfOthers:

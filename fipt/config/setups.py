@@ -27,7 +27,7 @@ class SceneSetups:
     segmentation
         Where its segment ids come from.
     known
-        Whether its room is known: there is a truth of views under another light.
+        Whether there is a truth of views under another light: that of a known room.
     """
 
     def __init__(

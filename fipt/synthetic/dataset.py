@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from fipt.errors import FiptError
@@ -194,15 +195,28 @@ def photograph(folder: Path, out: Path, settings: SynthesizeSettings) -> list[Pa
 
 
 def write_truths(
-    folder: Path, names: Sequence[str], settings: SynthesizeSettings, scene: Path | None = None
+    folder: Path,
+    names: Sequence[str],
+    settings: SynthesizeSettings,
+    scene: Path | None = None,
+    true_cameras: Path | None = None,
 ) -> list[Path]:
-    """Write truth and ids of a dataset's views, whose pictures are developed photographs of the room."""
+    """Write truth and ids of a dataset's views, whose pictures are developed photographs of the room.
+
+    Parameters
+    ----------
+    true_cameras
+        transforms.json of where the room was photographed from; default: the dataset's own. Estimated cameras stand in
+        coordinates of their own.
+    """
     room = built(folder, settings, scene)
     truth = Truth(room)
     files = _write_names(folder, room)
+    taken = {} if true_cameras is None else {camera.name: camera for camera in read_transforms(true_cameras)}
     # Developed photographs have the size that development gave them.
     for camera in _cameras(folder, names, None):
-        files += _write_truth(folder, camera, view_truth(truth, camera))
+        place = taken.get(camera.name, camera).world_from_camera
+        files += _write_truth(folder, camera, view_truth(truth, replace(camera, world_from_camera=place)))
     return files
 
 

@@ -219,6 +219,11 @@ class Source(ABC):
         return False
 
     @property
+    def has_true_setups(self) -> bool:
+        """Whether a setup of lights means in it what it means in the known room."""
+        return self.known
+
+    @property
     def checks_poses(self) -> bool:
         """Whether cameras are checked through the mesh where the settings do not say."""
         return self.estimated

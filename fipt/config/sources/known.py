@@ -88,6 +88,12 @@ class KnownRoom(Source):
         """Whether the mesh is made of the photographs."""
         return self.entry.mesh == RECONSTRUCTED
 
+    @property
+    def has_true_setups(self) -> bool:
+        """Whether setups mean in it what they mean in the room: its coordinates and its mesh are the room's own."""
+        moved = self.estimated and self.place.settings["poses"].align.reference is None
+        return not (moved or self.reconstructed)
+
     @cached_property
     def views(self) -> dict[str, list[str]]:
         """Split -> names of its views, as the settings count them."""

@@ -1,7 +1,8 @@
 """``fipt synthesize-truth``: developed photographs of a known room -> their segment ids and ground truth."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 from fipt.inputs import DatasetFolder, Names
 from fipt.stages.synthesize.common import LastManifest, SceneXml, begin, finish
@@ -17,6 +18,9 @@ class SynthesizeTruthInputs:
     dataset: DatasetFolder
     views: Names
     scene: SceneXml = None
+    cameras: Annotated[
+        Path | None, "transforms.json of where the room was photographed from; default: the dataset's own cameras."
+    ] = None
     manifest: LastManifest = None
 
 
@@ -25,5 +29,5 @@ def run(inputs: SynthesizeTruthInputs, settings: "SynthesizeSettings") -> dict[s
     from fipt.synthetic.dataset import write_truths
 
     begin(inputs.manifest)
-    files = write_truths(inputs.dataset, inputs.views, settings, inputs.scene)
+    files = write_truths(inputs.dataset, inputs.views, settings, inputs.scene, inputs.cameras)
     return finish(inputs.manifest, files, settings, inputs.scene)

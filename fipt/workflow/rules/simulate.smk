@@ -109,6 +109,7 @@ rule synthesize_truth:
         views="results/{scene}/dataset/views.json",
         mesh="results/{scene}/dataset/mesh.ply",
         room="results/{scene}/dataset/images.manifest.json",
+        cameras="results/{scene}/room/transforms.json",
     output:
         manifest="results/{scene}/dataset/truth.{shard}.manifest.json",
         stats="results/{scene}/stats/truth.{shard}.json",
@@ -131,5 +132,5 @@ rule synthesize_truth:
         version=VERSIONS["synthesize"],
     shell:
         "fipt synthesize-truth --dataset {params.dataset:q} --views {params.views:q} {params.scene:q}"
-        " --manifest {output.manifest:q}"
+        " --cameras {input.cameras:q} --manifest {output.manifest:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

@@ -178,6 +178,24 @@ def test_a_mesh_of_the_full_images_has_triangles_for_the_smaller_ones():
     assert json.loads(scene(made | {"settings": {}}).settings_json("geometry"))["triangle_size"] == 1
 
 
+@pytest.mark.parametrize(
+    ("own", "true"),
+    [
+        ({}, True),
+        ({"simulate_raw": True}, True),
+        ({"simulate_raw": True, "poses": "colmap"}, False),
+        ({"simulate_raw": True, "mesh": "reconstruct"}, False),
+        (
+            {"simulate_raw": True, "poses": "colmap", "settings": {"poses": {"align": {"reference": "known.json"}}}},
+            True,
+        ),
+    ],
+)
+def test_setups_have_a_truth_in_the_room_s_own_coordinates_and_on_its_own_mesh(own, true):
+    made = scene(own, setups={"dim": {}})
+    assert made.setups.with_truth() == (["dim"] if true else [])
+
+
 def test_emitters_of_rounds():
     room = scene(rounds=3)
     assert room.last_emitters() == "results/room/round-3/emitters.npz"

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -105,6 +106,7 @@ def test_the_room_with_an_open_window(backend, tmp_path):
     """Every step must build the room that synthesize-room made."""
     settings = SETTINGS | {"opening": True, "spp": 4, "max_depth": 2, "raw": CAMERA}
     room, data, raw = (tmp_path / name for name in ("room", "dataset", "raw"))
+    room_cameras = room / "transforms.json"
     assert call("synthesize-room", "--dataset", room, settings=settings) == 0
     assert call("photograph-calibration", "--dataset", room, "--raw", raw, settings=settings) == 0
     assert call("photograph", "--dataset", room, "--views", "val_000", "--raw", raw, settings=settings) == 0
@@ -113,6 +115,14 @@ def test_the_room_with_an_open_window(backend, tmp_path):
     layers, again = (read_layers(folder / "truth" / "val_000.exr") for folder in (room, data))
     for name, values in layers.items():
         np.testing.assert_array_equal(again[name], values)
+    # estimated cameras stand in coordinates of their own, and the truth is that of where the photograph was taken
+    turn = np.array([[0.0, 0, 1, 2], [0, 1, 0, 0], [-1, 0, 0, 1], [0, 0, 0, 1]])
+    views = [replace(view, world_from_camera=turn @ view.world_from_camera) for view in read_transforms(room_cameras)]
+    write_transforms(data / "transforms.json", views)
+    options = ("--dataset", data, "--views", "val_000", "--cameras", room_cameras)
+    assert call("synthesize-truth", *options, settings=settings) == 0
+    for name, values in read_layers(data / "truth" / "val_000.exr").items():
+        np.testing.assert_array_equal(values, layers[name])
 
 
 def test_any_dataset_can_be_photographed(scene, tmp_path):
