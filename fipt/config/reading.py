@@ -69,12 +69,14 @@ class Configuration:
     def where(self, question: str) -> str:
         """Regular expression of the scenes that were asked for whose answer to a question is yes.
 
+        It matches no other scene of the configuration: what one has made may be imported by another, as it is.
         A thousand names in the expression of every file would be the most of a plan's time: where all answer the same,
         it is that of any name.
         """
         kinds: dict[bool, list[str]] = {True: [], False: []}
         for name in self.only:
             kinds[bool(self.scenes[name].answer(question))].append(re.escape(name))
+        kinds[False] += [re.escape(name) for name in self.scenes if name not in self.only]
         if not kinds[True]:
             return "(?!)"
         if len(kinds[False]) < len(kinds[True]):

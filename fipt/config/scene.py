@@ -31,7 +31,6 @@ from fipt.stages.geometry.settings import STEREO, given_file
 if TYPE_CHECKING:
     from fipt.config.family import SceneFamily
 
-
 _BYTES_OF_TRIANGLE = 19
 """Of mesh.ply: three indices, and half a vertex."""
 
@@ -208,12 +207,14 @@ class SceneConfig:
             values["segments"] = "none"
         if section == "check_poses":
             values["enabled"] = self.checks_poses
+        if section == "geometry":  # of the full images; materials see the smaller ones
+            values["triangle_size"] *= self.settings["import"].downscale
         return json.dumps(self.place.paths(values, f"settings.{section}"), sort_keys=True)
 
     def work(self, shard: str | None = None) -> Work:
         """How large its jobs are, as far as that is known before they run: a plan opens no image."""
-        photograph, places = self.source.pixels, [self.layout.mesh, self.source.given_mesh]
-        pixels = photograph // (self.settings["import"].downscale ** 2 if self.source.imported else 1)
+        photograph, factor = self.source.pixels, self.settings["import"].downscale if self.source.imported else 1
+        pixels, places = photograph // factor**2, [self.layout.mesh, self.source.given_mesh]
         views = len(self.views.shards("all").get(shard, ())) if shard else self.views_per_shard
         mesh = next((path for path in map(Path, filter(None, places)) if path.is_file()), None)
         triangles = TRIANGLES if mesh is None else mesh.stat().st_size // _BYTES_OF_TRIANGLE

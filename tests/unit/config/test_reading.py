@@ -264,3 +264,13 @@ def test_poses_of_a_known_room_are_estimated_from_photographs_only():
 
 def as_flags(options):
     return [f"{flag}={value}" for flag, value in zip(options[::2], options[1::2], strict=True)]
+
+
+def test_rules_make_nothing_of_scenes_that_were_not_asked_for():
+    """What another scene has made is imported as it is."""
+    found = load({"scenes": {"known": ROOM, "room": ROOM, "other": ROOM}, "only": ["room"]})
+    pattern = found.where("source.has_truth")
+    assert [re.fullmatch(pattern, name) is not None for name in ("room", "known", "other")] == [True, False, False]
+    two = load({"scenes": {"known": ROOM, "room": ROOM, "other": ROOM}, "only": ["room", "other"]})
+    assert re.match(two.where("source.has_truth"), "known/dataset") is None
+    assert re.match(two.where("source.has_truth") + "/dataset", "other/dataset")

@@ -172,6 +172,12 @@ def test_poses_are_checked_where_they_may_be_wrong():
     assert scene(check_poses={"enabled": True}).images_to_check() == scene().images(["all"])
 
 
+def test_a_mesh_of_the_full_images_has_triangles_for_the_smaller_ones():
+    made = {"simulate_raw": True, "mesh": "reconstruct", "settings": {"import": {"downscale": 4}}}
+    assert json.loads(scene(made).settings_json("geometry"))["triangle_size"] == 4
+    assert json.loads(scene(made | {"settings": {}}).settings_json("geometry"))["triangle_size"] == 1
+
+
 def test_emitters_of_rounds():
     room = scene(rounds=3)
     assert room.last_emitters() == "results/room/round-3/emitters.npz"
