@@ -58,7 +58,7 @@ class FusedGeometry(_Geometry):
 class VolumeGeometry(_Geometry):
     """Signed distance and radiance, fitted to the photographs by volume rendering."""
 
-    iterations: Positive = Field(default=1_000, description="optimiser steps; of `monosdf` 200000 by default")
+    iterations: Positive = Field(default=1_500, description="optimiser steps; of `monosdf` 200000 by default")
     rays: Positive = Field(default=512, description="rays a step; of `monosdf` 1024 by default")
     samples: Positive = Field(default=12, le=1024, description="places on a ray, near the surface; of `monosdf` 64")
     levels: Positive = Field(default=8, le=32, description="grids of features; of `monosdf` 16")
@@ -68,7 +68,9 @@ class VolumeGeometry(_Geometry):
     table_log2: Positive = Field(default=19, le=24, description="log2 of the entries of a grid")
     width: Positive = Field(default=32, le=1024, description="of the hidden layers; of `monosdf` 256")
     learning_rate: float = Field(default=2e-3, gt=0, le=1, description="of Adam; of `monosdf` 0.0005")
-    table_rate: float = Field(default=20.0, gt=0, le=1000, description="learning rate of the grids over the networks'")
+    table_rate: float = Field(
+        default=2.0, gt=0, le=1000, description="learning rate of the grids over the networks'; of `monosdf` 20"
+    )
     eikonal_weight: Weight = Field(default=0.05, description="of gradients that have not length 1")
     smooth_weight: Weight = Field(default=0.005, description="of normals that differ from those close by")
     depth_weight: Weight = Field(default=0.1, description="of the difference to depth maps, by their confidence")
@@ -99,6 +101,7 @@ class MonosdfGeometry(VolumeGeometry):
     finest: Positive = Field(default=2048, ge=32, le=1 << 16, description="cells along a side, of the finest grid")
     width: Positive = Field(default=256, le=1024, description="of the hidden layers")
     learning_rate: float = Field(default=5e-4, gt=0, le=1, description="of Adam")
+    table_rate: float = Field(default=20.0, gt=0, le=1000, description="learning rate of the grids over the networks'")
     prior: str | None = Field(
         default=None,
         description="of `monosdf`: folder of predicted depth, VIEW.exr or VIEW.png, of any scale and shift, and of "
