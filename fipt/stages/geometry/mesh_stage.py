@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from fipt.inputs import DatasetFolder
 
 if TYPE_CHECKING:
-    from fipt.stages.geometry.mesh_settings import AnyGeometry
+    from fipt.stages.geometry.mesh_settings import GeometrySettings
 
 log = logging.getLogger(__name__)
 
@@ -31,7 +31,7 @@ _FILES = "geometry.json", "planes.json", "overview.png", "mesh.ply"
 """What a folder of a mesh holds."""
 
 
-def run(inputs: MeshInputs, settings: "AnyGeometry") -> dict[str, Any]:
+def run(inputs: MeshInputs, settings: "GeometrySettings") -> dict[str, Any]:
     """Make one mesh of the depth maps of the training views.
 
     Bare surface is completed by the planes of what lies beside it, the maps are fused, and the
