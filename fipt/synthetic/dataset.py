@@ -212,12 +212,20 @@ def write_truths(
     room = built(folder, settings, scene)
     truth = Truth(room)
     files = _write_names(folder, room)
-    taken = {} if true_cameras is None else {camera.name: camera for camera in read_transforms(true_cameras)}
     # Developed photographs have the size that development gave them.
-    for camera in _cameras(folder, names, None):
-        place = taken.get(camera.name, camera).world_from_camera
-        files += _write_truth(folder, camera, view_truth(truth, replace(camera, world_from_camera=place)))
+    cameras = _cameras(folder, names, None)
+    for camera in cameras if true_cameras is None else _placed_as(cameras, true_cameras):
+        files += _write_truth(folder, camera, view_truth(truth, camera))
     return files
+
+
+def _placed_as(cameras: Sequence[Camera], path: Path) -> list[Camera]:
+    """Cameras where a transforms.json has those of the same names."""
+    places = {camera.name: camera.world_from_camera for camera in read_transforms(path)}
+    missing = [camera.name for camera in cameras if camera.name not in places]
+    if missing:
+        raise FiptError(f"{path} must have a camera of every view; {', '.join(missing[:8])} missing", "add them")
+    return [replace(camera, world_from_camera=places[camera.name]) for camera in cameras]
 
 
 def built(folder: Path, settings: SynthesizeSettings, scene: Path | None) -> SyntheticRoom:

@@ -123,6 +123,10 @@ def test_the_room_with_an_open_window(backend, tmp_path):
     assert call("synthesize-truth", *options, settings=settings) == 0
     for name, values in read_layers(data / "truth" / "val_000.exr").items():
         np.testing.assert_array_equal(values, layers[name])
+    write_transforms(tmp_path / "others.json", views[:1])
+    assert views[0].name != "val_000"
+    options = (*options[:-1], tmp_path / "others.json")
+    assert call("synthesize-truth", *options, settings=settings) == 2
 
 
 def test_any_dataset_can_be_photographed(scene, tmp_path):
