@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from fipt.formats.exr import write_exr
+from fipt.formats.images import write_png
 from fipt.scene.mesh import Mesh, write_ply
 
 WIDTH, HEIGHT, FOCAL = 8, 6, 4.0
@@ -98,6 +99,18 @@ def write_nerfstudio(root: Path, **keys: object) -> dict:
     write_ply(root / "mesh.ply", room())
     (root / "transforms.json").write_text(json.dumps(content))
     return content
+
+
+def write_masked(root: Path, radiance: np.ndarray, flags: np.ndarray) -> None:
+    """The same, where the first view has radiance and flags of one's own, and its first pixel is NaN and masked."""
+    content = write_nerfstudio(root)
+    radiance[0, 0] = np.nan
+    write_exr(root / "images" / "view_0.exr", {"": radiance, "flags.Y": flags})
+    mask = np.full(flags.shape, 255, np.uint8)
+    mask[0, 0] = 0
+    write_png(root / "mask.png", mask)
+    content["frames"][0]["mask_path"] = "mask.png"
+    (root / "transforms.json").write_text(json.dumps(content))
 
 
 def write_blender(root: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -17,7 +18,7 @@ from fipt.config.resources import PIXELS
 from fipt.config.sections import Sections
 from fipt.errors import FiptError
 from fipt.scene.setup import RelightSetup
-from fipt.settings import Rounds, Settings
+from fipt.settings import Rounds, Settings, dumped
 
 _LONGEST, _LONGEST_PATH = 255, 4095
 """Bytes of a name and of a path that Linux allows."""
@@ -267,6 +268,10 @@ class Source(ABC):
         """Options of ``fipt import`` for the views alone."""
         estimated = self.place.layout.estimated_mesh
         return ["none" if text == estimated else text for text in self.import_options()]
+
+    def view_settings(self) -> str:
+        """Settings of that import, JSON: a mesh is made of the full images."""
+        return json.dumps(dumped(self.place.settings["import"].of_views), sort_keys=True)
 
     def depth_files(self) -> dict[str, str]:
         """Training view -> its depth map that exists, where the source names them."""

@@ -121,7 +121,7 @@ def import_scene(
     parsed, room = placed(_in_unit(parsed), geometry, settings.unit or 1.0)
     _remove_leftovers(dataset)
     with atomic_folder(dataset, _KNOWN.pattern) as folder:
-        cameras, shown, strange = _write_views(folder, parsed, beside, 1 if geometry is None else settings.downscale)
+        cameras, shown, strange = _write_views(folder, parsed, beside, settings.downscale)
         room.figures.update({"images": strange} if strange else {})
         mesh_used, figures = _write_mesh(folder, room, cameras, settings, mesh_views is not None)
         _write_cameras(folder, cameras, parsed, room.origin)

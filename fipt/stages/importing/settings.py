@@ -41,3 +41,9 @@ class ImportSettings(Settings):
         default=True,
         description="cut a prepared mesh along sharp edges of radiance, and part what they enclose",
     )
+
+    @property
+    def of_views(self) -> "ImportSettings":
+        """What holds of the full images without a mesh; what concerns the mesh and smaller images as by default."""
+        kept = {"val_every", "exposure", "unit", "undo_transform"}
+        return ImportSettings(**self.model_dump(include=kept))

@@ -30,7 +30,7 @@ rule import_views:
     params:
         source=ask("source.view_options"),
         dataset=folder("results/{scene}/geometry/views"),
-        settings=settings("import"),
+        settings=ask("source.view_settings"),
         version=VERSIONS["import"],
     shell:
         "fipt import {params.source:q}"

@@ -172,6 +172,16 @@ def test_poses_are_checked_where_they_may_be_wrong():
     assert scene(check_poses={"enabled": True}).images_to_check() == scene().images(["all"])
 
 
+def test_depth_sees_the_full_images_and_what_concerns_smaller_ones_alone_does_not_import_them_again():
+    made = {"simulate_raw": True, "mesh": "reconstruct"}
+    full, small = (
+        scene(made | {"settings": {"import": own}}).answer("source.view_settings")
+        for own in ({"exposure": 2}, {"exposure": 2, "downscale": 4, "prepare": "never", "overlay": False})
+    )
+    assert full == small
+    assert (json.loads(full)["exposure"], json.loads(full)["downscale"]) == (2, 1)
+
+
 def test_a_mesh_of_the_full_images_has_triangles_for_the_smaller_ones():
     made = {"simulate_raw": True, "mesh": "reconstruct", "settings": {"import": {"downscale": 4}}}
     assert json.loads(scene(made).settings_json("geometry"))["triangle_size"] == 4

@@ -11,7 +11,6 @@ import pytest
 
 from fipt.errors import FiptError
 from fipt.formats.exr import write_exr
-from fipt.formats.images import write_png
 from fipt.formats.manifests import file_hash, read_manifest
 from fipt.render.scene import RayScene
 from fipt.render.variant import Backend
@@ -31,6 +30,7 @@ from tests.layouts import (
     room,
     truth_layers,
     write_blender,
+    write_masked,
     write_nerfstudio,
 )  # fmt: skip
 
@@ -133,15 +133,7 @@ def test_masks_and_flags_travel_along(tmp_path: Path) -> None:
     bits[2, 5] = 3
 
     def write(root: Path) -> None:
-        content = write_nerfstudio(root)
-        radiance = photo(POSES[0])
-        radiance[0, 0] = np.nan
-        write_exr(root / "images" / "view_0.exr", {"": radiance, "flags.Y": bits})
-        mask = np.full((HEIGHT, WIDTH), 255, np.uint8)
-        mask[0, 0] = 0
-        write_png(root / "mask.png", mask)
-        content["frames"][0]["mask_path"] = "mask.png"
-        (root / "transforms.json").write_text(json.dumps(content))
+        write_masked(root, photo(POSES[0]), bits)
 
     dataset = imported(tmp_path, "nerfstudio", write, settings=ImportSettings(overlay=True))
     radiance, valid = dataset.image("view_0")

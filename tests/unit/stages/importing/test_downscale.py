@@ -1,6 +1,5 @@
 """Datasets of smaller images than their source's."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -8,13 +7,11 @@ import pytest
 
 from fipt.conventions import FLAG_NOISE, FLAG_SATURATED
 from fipt.errors import FiptError
-from fipt.formats.exr import write_exr
-from fipt.formats.images import write_png
 from fipt.scene.blocks import block_flags, block_ids, block_mean
 from fipt.scene.dataset import Dataset
-from fipt.stages.importing.build import VIEWS_ALONE, import_scene
+from fipt.stages.importing.build import import_scene
 from fipt.stages.importing.settings import ImportSettings
-from tests.layouts import HEIGHT, LAMP, POSES, WIDTH, WRITERS, photo, write_nerfstudio
+from tests.layouts import HEIGHT, LAMP, POSES, WIDTH, WRITERS, photo, write_masked
 
 HALF = ImportSettings(overlay=True, downscale=2)
 
@@ -46,20 +43,10 @@ def test_pixels_without_weight_do_not_count_and_a_clipped_one_bounds_its_block(t
     bits = np.zeros((HEIGHT, WIDTH), np.uint32)
     bits[2, 5] = FLAG_SATURATED
 
-    def write(root: Path) -> None:
-        content = write_nerfstudio(root)
-        radiance = photo(POSES[0])
-        radiance[:2, :2] = 3.0
-        radiance[0, 0] = np.nan
-        write_exr(root / "images" / "view_0.exr", {"": radiance, "flags.Y": bits})
-        mask = np.full((HEIGHT, WIDTH), 255, np.uint8)
-        mask[0, 0] = 0
-        write_png(root / "mask.png", mask)
-        content["frames"][0]["mask_path"] = "mask.png"
-        (root / "transforms.json").write_text(json.dumps(content))
-
+    radiance = photo(POSES[0])
+    radiance[:2, :2] = 3.0
     (tmp_path / "source").mkdir()
-    write(tmp_path / "source")
+    write_masked(tmp_path / "source", radiance, bits)
     import_scene(tmp_path / "source", "nerfstudio", tmp_path / "half", HALF)
     half = Dataset(tmp_path / "half")
     radiance, valid = half.image("view_0")
@@ -78,13 +65,6 @@ def test_flags_of_noise_need_most_of_a_block() -> None:
 def test_an_id_is_that_of_most_pixels_and_the_rest_is_cut_off() -> None:
     ids = np.array([[7, 7, 9, 3, 1], [7, 2, 3, 9, 1], [5, 5, 5, 5, 5]], np.uint16)
     np.testing.assert_array_equal(block_ids(ids, 2), [[7, 3]])
-
-
-def test_views_for_a_mesh_of_their_own_stay_as_they_are(tmp_path: Path) -> None:
-    (tmp_path / "source").mkdir()
-    WRITERS["nerfstudio"](tmp_path / "source")
-    import_scene(tmp_path / "source", "nerfstudio", tmp_path / "views", HALF, VIEWS_ALONE)
-    assert {camera.width for camera in Dataset(tmp_path / "views").cameras} == {WIDTH}
 
 
 def test_something_must_be_left(tmp_path: Path) -> None:
