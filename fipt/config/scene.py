@@ -214,7 +214,7 @@ class SceneConfig:
     def work(self, shard: str | None = None) -> Work:
         """How large its jobs are, as far as that is known before they run: a plan opens no image."""
         photograph, factor = self.source.pixels, self.settings["import"].downscale if self.source.imported else 1
-        pixels, places = photograph // factor**2, [self.layout.mesh, self.source.given_mesh]
+        pixels, places = max(photograph // factor**2, 1), [self.layout.mesh, self.source.given_mesh]
         views = len(self.views.shards("all").get(shard, ())) if shard else self.views_per_shard
         mesh = next((path for path in map(Path, filter(None, places)) if path.is_file()), None)
         triangles = TRIANGLES if mesh is None else mesh.stat().st_size // _BYTES_OF_TRIANGLE

@@ -98,6 +98,10 @@ def test_work_after_an_import_is_that_of_the_smaller_images(tmp_path, monkeypatc
     room = {"source": "procedural", "simulate_raw": True, "settings": {"import": {"downscale": 2}}}
     work = load({"scenes": {"a": room}, "synthesize": made}).scenes["a"].work()
     assert (work.view, work.every, work.photograph, work.photographs) == (300, 1500, 1200, 6000)
+    tiny = room | {"settings": {"import": {"downscale": 16}}}
+    made |= {"width": 8, "height": 8}  # the import says that nothing is left; a plan does not stop before it
+    assert load({"scenes": {"a": tiny}, "synthesize": made}).scenes["a"].work().photographs == 5 * 64
+    made |= {"width": 40, "height": 30}
     rendered = load({"scenes": {"a": room | {"simulate_raw": False}}, "synthesize": made}).scenes["a"].work()
     assert rendered.view == rendered.photograph == 1200
 
