@@ -150,7 +150,7 @@ def _materials(scene: SceneWriter, rng: np.random.Generator) -> None:
     scene.plastic("lacquer", rng.uniform(0.05, 0.7, 3), 0.1)
     scene.plastic("wood", (0.4, 0.24, 0.12), 0.3)
     scene.metal("steel", "Cr", 0.2)
-    scene.metal("brass", "Au", 0.15)
+    scene.metal("gold", "Au", 0.15)
     scene.metal("mirror", "Ag", 0.02)
 
 
@@ -164,10 +164,10 @@ def _shell(scene: SceneWriter) -> None:
     scene.rectangle((0, y, z), (0, 0, -z), (0, y, 0), "stripes")
     scene.rectangle((WIDTH, y, z), (0, 0, z), (0, y, 0), "white")
     scene.rectangle((1.5, 1.5, 0.02), (0.4, 0, 0), (0, 0.55, 0), "mirror")
-    scene.box((1.05, 0.9, 0), (1.95, 0.95, 0.04), "brass")
-    scene.box((1.05, 2.05, 0), (1.95, 2.1, 0.04), "brass")
-    scene.box((1.05, 0.9, 0), (1.1, 2.1, 0.04), "brass")
-    scene.box((1.9, 0.9, 0), (1.95, 2.1, 0.04), "brass")
+    scene.box((1.05, 0.9, 0), (1.95, 0.95, 0.04), "gold")
+    scene.box((1.05, 2.05, 0), (1.95, 2.1, 0.04), "gold")
+    scene.box((1.05, 0.9, 0), (1.1, 2.1, 0.04), "gold")
+    scene.box((1.9, 0.9, 0), (1.95, 2.1, 0.04), "gold")
     scene.box((3.0, 1.2, 0), (4.1, 2.0, 0.04), "wood")
     scene.rectangle((3.55, 1.6, 0.045), (0.5, 0, 0), (0, 0.35, 0), "painting")
 
@@ -184,8 +184,8 @@ def _lights(scene: SceneWriter) -> None:
         scene.sphere((x, 1.95, 2.3), 0.09, "white", _PENDANT)
         scene.cylinder((x, 2.04, 2.3), (x, HEIGHT, 2.3), 0.008, "dark")
     scene.cylinder((0.55, 1.25, 0.5), (0.55, 1.6, 0.5), 0.2, "white", _SHADE)
-    scene.cylinder((0.55, 0, 0.5), (0.55, 1.25, 0.5), 0.015, "brass")
-    scene.cylinder((0.55, 0, 0.5), (0.55, 0.03, 0.5), 0.16, "brass")
+    scene.cylinder((0.55, 0, 0.5), (0.55, 1.25, 0.5), 0.015, "gold")
+    scene.cylinder((0.55, 0, 0.5), (0.55, 0.03, 0.5), 0.16, "gold")
     scene.box((3.6, 1.0, DEPTH - 0.05), (4.9, 1.75, DEPTH - 0.01), "dark")
     scene.rectangle((4.25, 1.375, DEPTH - 0.055), (-0.6, 0, 0), (0, 0.33, 0), "dark", _SCREEN)
 
@@ -202,7 +202,7 @@ def _furniture(scene: SceneWriter) -> None:
                 scene.box((x + a, 0, z + b), (x + a + 0.04, 0.42, z + b + 0.04), "steel")
         back = z if z < 2 else z + 0.38
         scene.box((x, 0.46, back), (x + 0.42, 0.9, back + 0.04), "lacquer")
-    for number, material in enumerate(("brass", "lacquer", "white")):
+    for number, material in enumerate(("gold", "lacquer", "white")):
         scene.sphere((2.6 + 0.45 * number, 0.82, 2.2 + 0.1 * number), 0.06, material)
     for low, high in (
         ((4.4, 0.1, 3.3), (6.0, 0.42, 4.2)),

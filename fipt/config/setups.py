@@ -26,7 +26,7 @@ class SceneSetups:
         Its views.
     segmentation
         Where its segment ids come from.
-    known
+    has_truth
         Whether there is a truth of views under another light: that of a known room.
     """
 
@@ -36,10 +36,10 @@ class SceneSetups:
         place: Place,
         views: SceneViews,
         segmentation: SceneSegmentation,
-        known: bool,
+        has_truth: bool,
     ) -> None:
         self.given = dict(given)
-        self._place, self._views, self._segmentation, self._known = place, views, segmentation, known
+        self._place, self._views, self._segmentation, self._has_truth = place, views, segmentation, has_truth
 
     # --- names
 
@@ -53,7 +53,7 @@ class SceneSetups:
 
     def with_truth(self) -> list[str]:
         """Setups of which there can be true images: views of a known room, whose segments are parts of its mesh."""
-        return [name for name in self.of_views() if not self._names_fused(name)] if self._known else []
+        return [name for name in self.of_views() if not self._names_fused(name)] if self._has_truth else []
 
     def _names_fused(self, setup: str) -> bool:
         """Whether a setup chooses segments that are fused from the views, not connected parts of the mesh."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,8 +10,6 @@ import numpy as np
 from fipt.conventions import RAY_EPSILON
 from fipt.errors import FiptError
 from fipt.scene.mesh import Mesh
-
-log = logging.getLogger(__name__)
 
 _ROUNDED = 0.1
 """Share of the rays' offset that rounding of coordinates may take."""

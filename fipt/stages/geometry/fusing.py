@@ -1,6 +1,5 @@
 """One mesh from the depth maps of all views."""
 
-import logging
 from collections.abc import Sequence
 
 import numpy as np
@@ -11,8 +10,6 @@ from fipt.scene.mesh import Mesh
 from fipt.stages.geometry.depth_views import DepthView
 from fipt.stages.geometry.tsdf import BLOCK, TRUNCATION, fused, memory, summed
 from fipt.stages.geometry.volume.blocks import BlockGrid
-
-log = logging.getLogger(__name__)
 
 _SECONDS_A_VIEW = 60.0
 """Of the time limit: some twenty times what a view takes."""

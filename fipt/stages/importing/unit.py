@@ -1,15 +1,11 @@
 """The unit of radiance: every dataset has the level of a photographed room, whatever its source's unit is."""
 
-import logging
-
 import numpy as np
 
 from fipt.conventions import LUMINANCE, RADIANCE_LEVEL
 from fipt.errors import FiptError
 from fipt.scene.sources import ImageSource
 from fipt.stages.importing.frames import read_image
-
-log = logging.getLogger(__name__)
 
 _VIEWS = 32
 """Views that tell the level at most, spread over their names: the median needs no more."""

@@ -122,10 +122,14 @@ def _lowest(
 
     Parameters
     ----------
+    points
+        (P, 3), in units of the reconstruction.
     normals, offsets
-        (N, 3) and (N,) of the planes.
+        (N, 3) unit vectors and (N,) of the planes n . x = offset.
     above
-        The place, and which way is up.
+        The place (3,), and which way is up (3,), a unit vector.
+    tolerance
+        Half the thickness of a plane, in the same units.
     """
     if not len(normals):
         return None

@@ -1,7 +1,6 @@
 """The optimisation of the field."""
 
-import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,13 +8,12 @@ import torch
 
 from fipt.errors import FiptError
 from fipt.progress import progress
+from fipt.stages.geometry.depth_views import DepthView
 from fipt.stages.geometry.mesh_settings import VolumeGeometry
 from fipt.stages.geometry.volume.field import VolumeField
 from fipt.stages.geometry.volume.losses import VolumeLoss
-from fipt.stages.geometry.volume.pixels import VolumePixels
+from fipt.stages.geometry.volume.pixels import BYTES_A_PIXEL, VolumePixels
 from fipt.stages.geometry.volume.rendering import Rays, render
-
-log = logging.getLogger(__name__)
 
 _DECAY = 0.25
 """Of the learning rates, over all steps."""
@@ -24,6 +22,22 @@ _WIDTH_RATE = 10.0
 
 Sampler = Callable[[VolumeField, Rays, float, np.ndarray, torch.Generator], torch.Tensor]
 """Places (R, S) along rays: from field, rays, step, numbers of their pixels, random numbers."""
+
+
+def check_volume_memory(settings: VolumeGeometry, samples: int, views: Sequence[DepthView]) -> None:
+    """Refuse a step that would need more than ``geometry.memory_gb``, before it starts."""
+    places = settings.rays * samples
+    inputs = 2 * settings.levels + 40
+    # four places a sample, with what their gradients need; then radiance
+    numbers = places * (4 * (2 * inputs + 5 * settings.width) + 6 * settings.width + 100)
+    table = settings.levels * 2 * 2**settings.table_log2
+    needed = (4 * (numbers + 4 * table) + BYTES_A_PIXEL * sum(view.map.depth.size for view in views)) / 1e9 + 1.0
+    if needed > settings.memory_gb:
+        raise FiptError(
+            f"a step of {settings.rays} rays with {samples} samples needs about {needed:.1f} GB; geometry.memory_gb is "
+            f"{settings.memory_gb:g}",
+            "lower geometry.rays or geometry.samples, or raise geometry.memory_gb",
+        )
 
 
 def fit_field(

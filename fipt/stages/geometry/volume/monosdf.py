@@ -12,15 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from fipt.errors import FiptError
 from fipt.model.networks import SceneBox
 from fipt.scene.mesh import Mesh
 from fipt.stages.geometry.depth_views import DepthView
 from fipt.stages.geometry.mesh_settings import MonosdfGeometry, VolumeGeometry
 from fipt.stages.geometry.volume.field import COARSEST, VolumeField
 from fipt.stages.geometry.volume.isosurface import of_field
-from fipt.stages.geometry.volume.loop import fit_field
-from fipt.stages.geometry.volume.pixels import BYTES, VolumePixels
+from fipt.stages.geometry.volume.loop import check_volume_memory, fit_field
+from fipt.stages.geometry.volume.pixels import VolumePixels
 from fipt.stages.geometry.volume.prior import with_prior
 from fipt.stages.geometry.volume.sampling import ErrorBounded
 from fipt.stages.geometry.volume.start import Sphere
@@ -83,19 +82,3 @@ def box_of(views: Sequence[DepthView]) -> SceneBox:
         return SceneBox(tuple((low + high) / 2), float((high - low).max()) + _BLIND)
     ends = np.quantile(known, [_OUTLIERS, 1 - _OUTLIERS], axis=0)
     return SceneBox.around(np.concatenate([ends, centers]), _MARGIN)
-
-
-def check_volume_memory(settings: VolumeGeometry, samples: int, views: Sequence[DepthView]) -> None:
-    """Refuse a step that would need more than ``geometry.memory_gb``, before it starts."""
-    places = settings.rays * samples
-    inputs = 2 * settings.levels + 40
-    # four places a sample, with what their gradients need; then radiance
-    numbers = places * (4 * (2 * inputs + 5 * settings.width) + 6 * settings.width + 100)
-    table = settings.levels * 2 * 2**settings.table_log2
-    needed = (4 * (numbers + 4 * table) + BYTES * sum(view.map.depth.size for view in views)) / 1e9 + 1.0
-    if needed > settings.memory_gb:
-        raise FiptError(
-            f"a step of {settings.rays} rays with {samples} samples needs about {needed:.1f} GB; geometry.memory_gb is "
-            f"{settings.memory_gb:g}",
-            "lower geometry.rays or geometry.samples, or raise geometry.memory_gb",
-        )

@@ -13,8 +13,8 @@ from fipt.stages.geometry.volume.rendering import Rays
 
 _MEDIAN = 0.2
 """Radiance that the median pixel is brought to: photographs have any unit."""
-BYTES = 64
-"""Of memory, of a pixel."""
+BYTES_A_PIXEL = 64
+"""Of memory."""
 
 
 @dataclass(frozen=True)

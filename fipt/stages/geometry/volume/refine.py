@@ -1,6 +1,5 @@
 """The surface of fused depth maps, fitted to the photographs: a narrow band around it is rendered."""
 
-import logging
 from collections.abc import Sequence
 from typing import Any
 
@@ -14,13 +13,10 @@ from fipt.stages.geometry.mesh_settings import VolumeGeometry
 from fipt.stages.geometry.volume.blocks import BlockGrid
 from fipt.stages.geometry.volume.field import VolumeField
 from fipt.stages.geometry.volume.isosurface import changed_by
-from fipt.stages.geometry.volume.loop import fit_field
-from fipt.stages.geometry.volume.monosdf import check_volume_memory
+from fipt.stages.geometry.volume.loop import check_volume_memory, fit_field
 from fipt.stages.geometry.volume.pixels import VolumePixels
 from fipt.stages.geometry.volume.sampling import NarrowBand
 from fipt.stages.geometry.volume.start import BlockDistance
-
-log = logging.getLogger(__name__)
 
 _BAND = 3.0
 """Voxels before and behind the surface that are rendered: what the fusion holds."""
