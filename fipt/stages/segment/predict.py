@@ -185,8 +185,8 @@ def _upsampled(mask: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:
 
 def _loaded(folder: Path) -> tuple[Any, Any]:
     """Network and image processor of a folder; every weight must come from it."""
-    from transformers import Mask2FormerForUniversalSegmentation
     from transformers.models.mask2former.image_processing_pil_mask2former import Mask2FormerImageProcessorPil
+    from transformers.models.mask2former.modeling_mask2former import Mask2FormerForUniversalSegmentation
     from transformers.utils import logging
 
     logging.disable_progress_bar()
