@@ -120,4 +120,4 @@ def data_uri(path: Path, kind: str, most: int) -> str | None:
 
 def packed(content: bytes) -> str:
     """Return bytes, compressed (zlib), as base64 text; ``unpacked`` of data.js reads it."""
-    return base64.b64encode(zlib.compress(content, 9)).decode("ascii")
+    return base64.b64encode(zlib.compress(content)).decode("ascii")

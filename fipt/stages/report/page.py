@@ -3,6 +3,7 @@
 import base64
 import hashlib
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -55,6 +56,18 @@ def render(content: Content) -> str:
 
 def filled(template: str, styles: Sequence[str], scripts: Sequence[str], **values: Any) -> str:
     """Fill a template of this folder; style sheets and scripts of the folder become part of the page."""
+    texts = [(_FOLDER / name).read_text(encoding="utf-8") for name in scripts]
+    return _environment().get_template(template).render(
+        style="\n".join((_FOLDER / name).read_text(encoding="utf-8") for name in styles),
+        scripts=texts,
+        script_hashes=[_digest(text) for text in texts],
+        **values,
+    )
+
+
+@cache
+def _environment() -> Environment:
+    """Templates of this folder, which take half a second to compile: once for all pages of a process."""
     # autoescape on: names and messages of a scene are text, never markup.
     environment = Environment(
         loader=FileSystemLoader(_FOLDER),
@@ -64,13 +77,7 @@ def filled(template: str, styles: Sequence[str], scripts: Sequence[str], **value
         lstrip_blocks=True,
     )
     environment.filters.update(number=number, figure=figure, duration=duration, size=size)
-    texts = [(_FOLDER / name).read_text(encoding="utf-8") for name in scripts]
-    return environment.get_template(template).render(
-        style="\n".join((_FOLDER / name).read_text(encoding="utf-8") for name in styles),
-        scripts=texts,
-        script_hashes=[_digest(text) for text in texts],
-        **values,
-    )
+    return environment
 
 
 def _digest(script: str) -> str:
