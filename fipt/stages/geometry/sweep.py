@@ -40,14 +40,16 @@ def sweep(reference: StereoView, sources: Sequence[StereoView], nearest: float) 
     shape = reference.light.shape
     planes, score = np.zeros((3, *shape), np.float32), np.full(shape, -2.0, np.float32)
     window = _Windows(reference)
+    shown = [window.light_of(source) for source in sources]
     transfers = [transfer(reference, source) for source in sources]
     for plane, form in _forms(reference, transfers, nearest):
         usable = (plane > 0) & (plane < 1 / nearest)
         found = _Best(shape)
-        for source, (turn, shift) in zip(sources, transfers, strict=True):
-            found.add(window.correlation(source, turn + np.outer(shift, form)))
-        better = (found.mean > score) & usable
-        score[better] = found.mean[better]
+        for light, (turn, shift) in zip(shown, transfers, strict=True):
+            found.add(window.correlation(light, turn + np.outer(shift, form)))
+        mean = found.mean
+        better = (mean > score) & usable
+        score[better] = mean[better]
         planes[0][better] = plane[better]
         planes[1][better], planes[2][better] = form[0], form[1]
     planes[0][score < -1] = 1 / (4 * nearest)
@@ -102,24 +104,37 @@ class _Windows:
         self.light = np.where(self.known > 0, reference.light - self.offset, 0.0).astype(np.float32)
         self.noise = reference.noise**2 + 1e-8
 
-    def correlation(self, source: StereoView, homography: np.ndarray) -> np.ndarray:
-        """(H, W) float32 zero-mean normalised correlation with a source, brought here; `UNSEEN` if it tells little."""
+    def light_of(self, source: StereoView) -> np.ndarray:
+        """(H, W, 2) float32 light of a source, over this one's mean, and 1 where it is known."""
+        known = np.isfinite(source.light)
+        light = np.where(known, source.light - self.offset, 0.0)
+        return cv2.merge([light.astype(np.float32), known.astype(np.float32)])
+
+    def correlation(self, source: np.ndarray, homography: np.ndarray) -> np.ndarray:
+        """(H, W) float32 zero-mean normalised correlation with a source, brought here; `UNSEEN` if it tells little.
+
+        Parameters
+        ----------
+        source
+            What `light_of` returns.
+        """
         rows, columns = self.light.shape
-        known = np.isfinite(source.light).astype(np.float32)
-        both = np.dstack([np.where(known > 0, source.light - self.offset, 0.0).astype(np.float32), known])
         flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        light, mask = np.moveaxis(cv2.warpPerspective(both, homography, (columns, rows), flags=flags), -1, 0)
+        light, mask = cv2.split(cv2.warpPerspective(source, homography, (columns, rows), flags=flags))
         mask = (mask > 0.99) * self.known
         a, b = self.light * mask, light * mask
-        sums = cv2.boxFilter(np.dstack([a, b, a * a]), -1, (_WINDOW, _WINDOW), borderType=cv2.BORDER_CONSTANT)
-        more = cv2.boxFilter(np.dstack([b * b, a * b, mask]), -1, (_WINDOW, _WINDOW), borderType=cv2.BORDER_CONSTANT)
-        share = more[..., 2]
+        share = _window_mean(mask)
         scale = 1 / np.maximum(share, 1e-6)
-        mean_a, mean_b = sums[..., 0] * scale, sums[..., 1] * scale
-        variance_a = np.maximum(sums[..., 2] * scale - mean_a * mean_a, 0) + self.noise
-        variance_b = np.maximum(more[..., 0] * scale - mean_b * mean_b, 0) + self.noise
-        together = more[..., 1] * scale - mean_a * mean_b
+        mean_a, mean_b = _window_mean(a) * scale, _window_mean(b) * scale
+        variance_a = np.maximum(_window_mean(a * a) * scale - mean_a * mean_a, 0) + self.noise
+        variance_b = np.maximum(_window_mean(b * b) * scale - mean_b * mean_b, 0) + self.noise
+        together = _window_mean(a * b) * scale - mean_a * mean_b
         return np.where(share > _FILLED, together / np.sqrt(variance_a * variance_b), UNSEEN)
+
+
+def _window_mean(values: np.ndarray) -> np.ndarray:
+    """(H, W) float32 mean over the window of every pixel; beyond the image there is 0. Faster than many at once."""
+    return cv2.boxFilter(values, -1, (_WINDOW, _WINDOW), borderType=cv2.BORDER_CONSTANT)
 
 
 class _Best:

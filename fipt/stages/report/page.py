@@ -57,7 +57,8 @@ def render(content: Content) -> str:
 def filled(template: str, styles: Sequence[str], scripts: Sequence[str], **values: Any) -> str:
     """Fill a template of this folder; style sheets and scripts of the folder become part of the page."""
     texts = [(_FOLDER / name).read_text(encoding="utf-8") for name in scripts]
-    return _environment().get_template(template).render(
+    page = _environment().get_template(template)
+    return page.render(
         style="\n".join((_FOLDER / name).read_text(encoding="utf-8") for name in styles),
         scripts=texts,
         script_hashes=[_digest(text) for text in texts],

@@ -157,9 +157,9 @@ def test_views_without_texture_are_said_to_have_none(backend: Backend) -> None:
     import drjit
 
     cameras = [camera(f"v{i}", *at) for i, at in enumerate(PLACES)]
-    # two sizes: the second is chosen by the depth of the first
-    large = [replace(c, width=2 * c.width, height=2 * c.height, fx=2 * c.fx, fy=2 * c.fy, cx=2 * c.cx, cy=2 * c.cy)
-             for c in cameras]  # fmt: skip
-    views = [StereoView(taken, np.zeros((2 * HEIGHT, 2 * WIDTH), np.float32), 1e-3) for taken in large]
+    # two sizes, the smaller one as small as can be: the second is chosen by the depth of the first
+    width, height, focal = 104, 78, FOCAL * 104 / WIDTH
+    large = [replace(c, width=width, height=height, fx=focal, fy=focal, cx=width / 2, cy=height / 2) for c in cameras]
+    views = [StereoView(taken, np.zeros((height, width), np.float32), 1e-3) for taken in large]
     with pytest.raises(FiptError, match="no texture was matched: in none of 5 views"):
         list(depth_maps(getattr(drjit, set_variant().name), views, DepthSettings(rounds=1, later_rounds=1)))
