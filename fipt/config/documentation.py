@@ -9,7 +9,6 @@ from pathlib import Path
 from types import UnionType
 from typing import Any, Literal, Union, get_args, get_origin
 
-import yaml
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
@@ -26,13 +25,16 @@ END = "<!-- generated: end -->"
 
 
 def schema_text() -> str:
-    """Schema of the whole configuration, as YAML."""
-    head = "# Generated from fipt/config and fipt/settings.py by: python -m fipt.config.documentation\n"
+    """Schema of the whole configuration, as JSON, which is YAML too and is read in milliseconds.
+
+    Every start of the workflow reads it: block style takes a third of a second.
+    """
     schema = {
+        "$comment": "Generated from fipt/config and fipt/settings.py by: python -m fipt.config.documentation",
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         **Config.model_json_schema(),
     }
-    return head + yaml.safe_dump(schema, sort_keys=True, allow_unicode=True, width=100)
+    return json.dumps(schema, sort_keys=True, ensure_ascii=False, indent=1) + "\n"
 
 
 def tables_text() -> str:

@@ -1,5 +1,6 @@
 """What a run reads is never cleared: each of these lost data, or could have."""
 
+import json
 import os
 import shutil
 from collections.abc import Iterable
@@ -277,7 +278,7 @@ def test_every_key_that_names_a_path_is_known() -> None:
             for inner in value:
                 walk(inner)
 
-    walk(yaml.safe_load(schema))
+    walk(json.loads(schema))
     assert named
     assert {key for key in named - {"data_root"} if not PATHS.fullmatch(key)} == set()
 
