@@ -19,6 +19,7 @@ CLASSES = {
     "data_loss": "inputs that a run would clear",
     "geometry": "meshes",
     "cameras": "cameras",
+    "alignment": "cameras",
     "images": "pictures",
     "captures": "captures",
     "scene_files": "scene files",

@@ -121,6 +121,8 @@ class RayScene:
         triangle
             (N,) int32, -1 where nothing is met.
         """
+        if len(directions) == 0:  # an empty array of rays crashes the library
+            return np.zeros(0, np.float32), np.zeros(0, np.int32)
         d = vectors(directions, mi.Vector3f)
         o = mi.Point3f(*map(float, origins)) if origins.ndim == 1 else vectors(origins, mi.Point3f)
         found = self.scene.ray_intersect_preliminary(mi.Ray3f(o, d), coherent=True)

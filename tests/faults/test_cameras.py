@@ -15,10 +15,11 @@ from fipt.scene.cameras import Camera, write_transforms
 from fipt.scene.dataset import Dataset, write_views
 from fipt.scene.mesh import write_ply
 from fipt.stages.check_poses import diagnose
-from fipt.stages.check_poses.compare import check, enough
+from fipt.stages.check_poses.color import judged_by_colour
+from fipt.stages.check_poses.compare import enough, judge
 from fipt.stages.check_poses.diagnose import Correction, agreement, corrections, doubt, explain
 from fipt.stages.check_poses.settings import CheckPosesSettings
-from fipt.stages.check_poses.surface import reduced
+from fipt.stages.check_poses.surface import reduced, shown_views
 from fipt.stages.check_poses.verdict import Verdict
 from tests import room_views, scenes
 from tests.faults.faults import refused
@@ -42,6 +43,13 @@ def dataset(folder: Path, views: list[tuple[Camera, np.ndarray]]) -> Dataset:
     write_views(folder / "views.json", [camera.name for camera, _ in views])
     write_ply(folder / "mesh.ply", scenes.box((0, 0, 0), room_views.SIZE))
     return Dataset(folder)
+
+
+def by_colour(data: Dataset) -> list[Verdict]:
+    """Verdicts by structure and colour."""
+    scene = RayScene(data.mesh())
+    views = shown_views(scene, data, 96)
+    return judged_by_colour(scene, views, judge(scene, views, CheckPosesSettings()))
 
 
 def judged(score: float) -> list[Verdict]:
@@ -160,7 +168,7 @@ def test_red_and_blue_exchanged_in_single_views(
     views: list[tuple[Camera, np.ndarray]],
 ) -> None:
     shown = [(c, image * (colour[::-1] if i in exchanged else colour)) for i, (c, image) in enumerate(views)]
-    verdicts = check(dataset(tmp_path, shown), CheckPosesSettings(width=96))
+    verdicts = by_colour(dataset(tmp_path, shown))
     assert {verdict.view for verdict in verdicts if not verdict.accepted} == set(found)
     assert all("with red and blue exchanged (BGR for RGB?)" in v.reason for v in verdicts if v.view in found)
 
@@ -169,7 +177,7 @@ def test_a_view_at_another_exposure_is_named_and_brought_to_that_of_others(
     backend: Backend, tmp_path: Path, views: list[tuple[Camera, np.ndarray]]
 ) -> None:
     shown = [(c, image * (0.5 if i == 4 else 1.0)) for i, (c, image) in enumerate(views)]
-    verdicts = check(dataset(tmp_path, shown), CheckPosesSettings(width=96))
+    verdicts = by_colour(dataset(tmp_path, shown))
     assert all(verdict.accepted for verdict in verdicts)
     assert [v.view for v in verdicts if "as bright as others show the same surface" in v.reason] == ["v4"]
     assert verdicts[4].gain == pytest.approx(2, abs=0.05)
@@ -183,7 +191,7 @@ def test_a_cast_of_a_view_is_named(
     cast: tuple[float, ...], said: str, backend: Backend, tmp_path: Path, views: list[tuple[Camera, np.ndarray]]
 ) -> None:
     shown = [(c, image * (WARM * np.array(cast, np.float32) if i == 3 else WARM)) for i, (c, image) in enumerate(views)]
-    verdicts = check(dataset(tmp_path, shown), CheckPosesSettings(width=96))
+    verdicts = by_colour(dataset(tmp_path, shown))
     assert all(verdict.accepted for verdict in verdicts)
     assert [v.view for v in verdicts if "another white balance?" in v.reason] == ["v3"]
     assert f"shows {said}" in verdicts[3].reason

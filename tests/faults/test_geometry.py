@@ -290,3 +290,10 @@ def test_a_mesh_of_another_place_is_told(backend: Backend, capsys: pytest.Captur
     source("src", ROOM, shift=(0, 400.0, 0))
     imported("src")
     assert "0% of the cameras' rays meet the mesh; check axes, unit and place of both" in capsys.readouterr().err
+
+
+def test_a_mesh_that_is_there_twice_is_told(backend: Backend, capsys: pytest.CaptureFixture[str]) -> None:
+    moved = replace(ROOM, vertices=ROOM.vertices + np.array([0.02, 0.015, 0.02], np.float32))
+    source("src", joined([ROOM, moved]))
+    imported("src", prepare="auto")
+    assert "most of the mesh is there twice: behind " in capsys.readouterr().err

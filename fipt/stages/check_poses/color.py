@@ -15,7 +15,7 @@ import numpy as np
 
 from fipt.render.scene import RayScene
 from fipt.stages.check_poses.surface import ReducedView, visible
-from fipt.stages.check_poses.verdict import Verdict
+from fipt.stages.check_poses.verdict import Verdict, accepted_partners
 
 _PIXELS = 2000
 """Pixels of a view that are compared, at most."""
@@ -55,12 +55,9 @@ class SharedColour:
 
 def judged_by_colour(scene: RayScene, views: Sequence[ReducedView], verdicts: Sequence[Verdict]) -> list[Verdict]:
     """Reject accepted views whose red and blue are exchanged, and name casts of colour of the others."""
-    place = {view.camera.name: i for i, view in enumerate(views)}
     shared = [
-        {place[name]: c for name in verdict.partners if (c := _shared(scene, view, views[place[name]])) is not None}
-        if verdict.accepted
-        else {}
-        for view, verdict in zip(views, verdicts, strict=True)
+        {j: c for j in partners if (c := _shared(scene, view, views[j])) is not None}
+        for view, partners in zip(views, accepted_partners(verdicts), strict=True)
     ]
     odd = _exchanged([{j: c.cosine for j, c in row.items() if c.cosine is not None} for row in shared])
     reason = "shows what others show with red and blue exchanged (BGR for RGB?)"

@@ -16,10 +16,8 @@ from scipy.ndimage import map_coordinates, uniform_filter
 from fipt.errors import FiptError
 from fipt.progress import progress
 from fipt.render.scene import RayScene
-from fipt.scene.dataset import Dataset
-from fipt.stages.check_poses.color import judged_by_colour
 from fipt.stages.check_poses.settings import CheckPosesSettings
-from fipt.stages.check_poses.surface import ReducedView, reduced, shared_pixels, surface_shown, visible
+from fipt.stages.check_poses.surface import ReducedView, shared_pixels, visible
 from fipt.stages.check_poses.verdict import Verdict
 
 _WINDOW = 9
@@ -80,17 +78,6 @@ class Comparison:
     structure: float
     colour: float
     brighter: float
-
-
-def check(dataset: Dataset, settings: CheckPosesSettings) -> list[Verdict]:
-    """Judge every view of a dataset by its mesh; verdicts in the order of its cameras."""
-    scene = RayScene(dataset.mesh())
-    views = []
-    with progress("check poses: footprint samples", len(dataset.cameras), " views") as bar:
-        for camera in dataset.cameras:
-            views.append(surface_shown(scene, *reduced(dataset, camera, settings.width)))
-            bar.advance(1, camera.name)
-    return judged_by_colour(scene, views, judge(scene, views, settings))
 
 
 def enough(verdicts: Sequence[Verdict], settings: CheckPosesSettings) -> None:

@@ -39,11 +39,9 @@ def run(inputs: CheckPosesInputs, settings: "CheckPosesSettings") -> dict[str, A
     from fipt.errors import FiptError
     from fipt.formats.files import write_text
     from fipt.scene.dataset import CHECKED
-    from fipt.stages.check_poses.diagnose import doubt
 
     seen = not inputs.reject or settings.enabled is not False
-    verdicts = _verdicts(inputs, settings) if seen else []
-    doubts = [said] if (said := doubt(verdicts)) else []
+    verdicts, doubts = _verdicts(inputs, settings) if seen else ([], [])
     for warning in doubts:
         log.warning("%s", warning)
     failed = [verdict for verdict in verdicts if not verdict.accepted]
@@ -63,17 +61,28 @@ def run(inputs: CheckPosesInputs, settings: "CheckPosesSettings") -> dict[str, A
     }
 
 
-def _verdicts(inputs: CheckPosesInputs, settings: "CheckPosesSettings") -> list["Verdict"]:
-    """Look at every view. The device is chosen here, since a check that is off starts none."""
+def _verdicts(inputs: CheckPosesInputs, settings: "CheckPosesSettings") -> tuple[list["Verdict"], list[str]]:
+    """Look at every view, and at what all have in common; a check that is off chooses no device."""
+    from fipt.render.scene import RayScene
     from fipt.render.variant import set_variant
     from fipt.scene.dataset import Dataset
-    from fipt.stages.check_poses.compare import check, enough, table
-    from fipt.stages.check_poses.diagnose import explain
+    from fipt.stages.check_poses.alignment import judged_by_alignment
+    from fipt.stages.check_poses.color import judged_by_colour
+    from fipt.stages.check_poses.compare import enough, judge, table
+    from fipt.stages.check_poses.diagnose import doubt, explain
+    from fipt.stages.check_poses.surface import shown_views
+    from fipt.stages.check_poses.vignetting import said_of_corners
 
     set_variant()
     data = Dataset(inputs.dataset, unchecked=True, mesh=inputs.mesh)
-    verdicts = check(data, settings)
+    scene = RayScene(data.mesh())
+    views = shown_views(scene, data, settings.width)
+    verdicts = judged_by_colour(scene, views, judge(scene, views, settings))
     log.info("%s", table(verdicts))
     explain(data, verdicts, settings)
     enough(verdicts, settings)
-    return verdicts
+    verdicts, of_mesh = judged_by_alignment(scene, views, verdicts)
+    for verdict in verdicts:
+        if verdict.accepted and verdict.reason:
+            log.warning("%s %s", verdict.view, verdict.reason)
+    return verdicts, [*filter(None, [doubt(verdicts), of_mesh, said_of_corners(scene, views, verdicts)])]

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fipt.conventions import LUMINANCE
+from fipt.progress import progress
 from fipt.render.scene import RayScene
 from fipt.scene.cameras import Camera
 from fipt.scene.dataset import Dataset
@@ -49,6 +50,16 @@ class ReducedView:
     hit: np.ndarray
     normals: np.ndarray
     colour: np.ndarray
+
+
+def shown_views(scene: RayScene, dataset: Dataset, width: int) -> list[ReducedView]:
+    """All views of a dataset, reduced to at most ``width`` columns."""
+    views = []
+    with progress("check poses: footprint samples", len(dataset.cameras), " views") as bar:
+        for camera in dataset.cameras:
+            views.append(surface_shown(scene, *reduced(dataset, camera, width)))
+            bar.advance(1, camera.name)
+    return views
 
 
 def visible(

@@ -27,7 +27,15 @@ from fipt.settings import dumped
 from fipt.stages.importing.downscale import downscale
 from fipt.stages.importing.encoding import sentences
 from fipt.stages.importing.frames import check_layer, write_frames, written_radiance
-from fipt.stages.importing.place import Geometry, PlacedMesh, placed, scale_warnings, undone, viewpoint_warnings
+from fipt.stages.importing.place import (
+    Geometry,
+    PlacedMesh,
+    double_warnings,
+    placed,
+    scale_warnings,
+    undone,
+    viewpoint_warnings,
+)
 from fipt.stages.importing.settings import ImportSettings
 from fipt.stages.importing.unit import radiance_scale
 
@@ -222,6 +230,7 @@ def _write_mesh(
 
         set_variant()
         warnings += scale_warnings(mesh, cameras, certain=settings.unit is not None)
+        warnings += double_warnings(mesh, cameras)
     # a mesh of `fipt mesh` is prepared already: twice, edges and planes suffer
     if settings.prepare == "always" or (settings.prepare == "auto" and not done):
         from fipt.meshing.prepare import prepared

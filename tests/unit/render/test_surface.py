@@ -208,3 +208,10 @@ def test_emission_by_triangle(mi):
     assert got.dtype == np.float32
     nothing = EmitterSet(np.zeros(0, np.int32), np.zeros((0, 3), np.float32))
     np.testing.assert_array_equal(nothing.emitted(seen), np.zeros((7, 3)))
+
+
+def test_no_rays_meet_nothing(backend):
+    from fipt.render.scene import RayScene
+
+    distance, triangle = RayScene(scenes.floor()).intersect(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32))
+    assert len(distance) == len(triangle) == 0

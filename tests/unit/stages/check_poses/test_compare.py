@@ -69,9 +69,13 @@ def by_degrees(angle, axis):
 
 
 def verdicts(folder, **settings):
-    from fipt.stages.check_poses.compare import check
+    from fipt.render.scene import RayScene
+    from fipt.stages.check_poses.compare import judge
+    from fipt.stages.check_poses.surface import shown_views
 
-    return {verdict.view: verdict for verdict in check(Dataset(folder), CheckPosesSettings(**settings))}
+    data, chosen = Dataset(folder), CheckPosesSettings(**settings)
+    scene = RayScene(data.mesh())
+    return {verdict.view: verdict for verdict in judge(scene, shown_views(scene, data, chosen.width), chosen)}
 
 
 def test_good_cameras_stay(backend, tmp_path, views):

@@ -1,0 +1,90 @@
+"""Cameras and meshes that are off by little, and light lost in corners, are named; sound ones are not."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from fipt.formats.exr import write_exr
+from fipt.render.variant import Backend
+from fipt.scene.cameras import Camera, write_transforms
+from fipt.scene.dataset import write_views
+from fipt.scene.mesh import write_ply
+from fipt.stages.check_poses.settings import CheckPosesSettings
+from fipt.stages.check_poses.stage import CheckPosesInputs, run
+from tests import room_views, scenes
+
+SIZE = (96, 72)
+
+
+@pytest.fixture(scope="module")
+def views() -> list[tuple[Camera, np.ndarray]]:
+    """Eight views of the box room with boards on its floor and its walls."""
+    width, height, depth = room_views.SIZE
+    boards = [
+        room_views.charuco((1.2, 0.001, 1.0), (1, 0, 0.3), (-0.3, 0, 1), square=0.4),
+        room_views.charuco((1.0, 2.2, 0.001), (1, 0, 0), (0, -1, 0), square=0.3),
+        room_views.charuco((0.001, 2.2, 2.6), (0, 0, -1), (0, -1, 0), square=0.3),
+        room_views.charuco((width - 0.001, 2.2, 1.0), (0, 0, 1), (0, -1, 0), square=0.3),
+        room_views.charuco((3.0, 2.2, depth - 0.001), (-1, 0, 0), (0, -1, 0), square=0.3),
+    ]
+    cameras = room_views.cameras(8, size=SIZE, target=(width / 2, height / 3, depth / 2))
+    return [(camera, room_views.draw(camera, boards)) for camera in cameras]
+
+
+def warned(folder: Path, views: list[tuple[Camera, np.ndarray]], shift: float = 0.0, size: float = 1.0) -> list[str]:
+    """What the check says of views and of a box room that is moved along z and made larger."""
+    for camera, image in views:
+        write_exr(folder / "images" / f"{camera.name}.exr", {"": image})
+    write_transforms(folder / "transforms.json", [camera for camera, _ in views])
+    write_views(folder / "views.json", [camera.name for camera, _ in views])
+    mesh = scenes.box((0, 0, 0), room_views.SIZE)
+    middle = np.array(room_views.SIZE) / 2
+    vertices = (mesh.vertices - middle) * size + middle + (0, 0, shift)
+    write_ply(folder / "mesh.ply", replace(mesh, vertices=vertices.astype(np.float32)))
+    settings = CheckPosesSettings(least_score=0.3)  # or boards, which are all edges, are enough to reject a view
+    return run(CheckPosesInputs(dataset=folder, reject=True), settings)["warnings"]
+
+
+def test_sound_rooms_are_silent(backend: Backend, tmp_path: Path, views: list[tuple[Camera, np.ndarray]]) -> None:
+    assert warned(tmp_path, views) == []
+
+
+def test_a_camera_that_is_turned_by_little_is_named(
+    backend: Backend, tmp_path: Path, views: list[tuple[Camera, np.ndarray]]
+) -> None:
+    camera, image = views[3]
+    pose = camera.world_from_camera.copy()
+    pose[:3, :3] = Rotation.from_rotvec(np.radians([0.7, 1.5, 0.4])).as_matrix() @ pose[:3, :3]
+    off = [*views[:3], (replace(camera, world_from_camera=pose), image), *views[4:]]
+    (said,) = warned(tmp_path, off)
+    assert said.startswith(f"{camera.name} is off by ")
+    assert " of 96 pixels from what others show" in said
+
+
+def test_a_mesh_aside_of_the_cameras_room_is_named(
+    backend: Backend, tmp_path: Path, views: list[tuple[Camera, np.ndarray]]
+) -> None:
+    said = warned(tmp_path, views, shift=0.1)
+    assert any("the mesh is not where the views show it" in line for line in said)
+
+
+def test_a_mesh_five_percent_too_large_is_named(
+    backend: Backend, tmp_path: Path, views: list[tuple[Camera, np.ndarray]]
+) -> None:
+    said = [line for line in warned(tmp_path, views, size=1.05) if "the mesh is not where the views show it" in line]
+    factor = float(said[0].split(" times as large")[0].split()[-1])
+    assert factor == pytest.approx(1 / 1.05, abs=0.01)
+
+
+def test_light_lost_in_the_corners_is_named(
+    backend: Backend, tmp_path: Path, views: list[tuple[Camera, np.ndarray]]
+) -> None:
+    rows, columns = np.mgrid[: SIZE[1], : SIZE[0]] + 0.5
+    radius = 4 * ((columns - SIZE[0] / 2) ** 2 + (rows - SIZE[1] / 2) ** 2) / (SIZE[0] ** 2 + SIZE[1] ** 2)
+    darker = np.exp(np.log(0.75) * radius)[..., None].astype(np.float32)
+    (said,) = warned(tmp_path, [(camera, image * darker) for camera, image in views])
+    assert float(said.split(" show ")[1].split()[0]) == pytest.approx(0.75, abs=0.03)
+    assert "vignetting" in said
