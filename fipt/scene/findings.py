@@ -75,6 +75,20 @@ class RoomFinding:
         """One line for the command line."""
         return f"{self.severity}: {self.cause} {self.remedy}"
 
+    @property
+    def row(self) -> dict[str, Any]:
+        """The finding as plain JSON types."""
+        return {
+            "id": self.id,
+            "severity": self.severity,
+            "cause": self.cause,
+            "measure": vars(self.measure),
+            "remedy": self.remedy,
+            "where": dict(self.where),
+            "numbers": dict(self.numbers),
+            "file": None if self.image is None else f"findings/{self.id}.png",
+        }
+
 
 def write_findings(path: Path, findings: Sequence[RoomFinding], measured: Mapping[str, tuple[Measure, float]]) -> None:
     """Write findings.json, in the order given.
@@ -85,28 +99,16 @@ def write_findings(path: Path, findings: Sequence[RoomFinding], measured: Mappin
         Id of a finding that a check might have made -> the measure and its standard error, also where nothing is wrong.
         An error of infinity, of a single view for example, is written as null.
     """
-    rows = [
-        {
-            "id": finding.id,
-            "severity": finding.severity,
-            "cause": finding.cause,
-            "measure": vars(finding.measure),
-            "remedy": finding.remedy,
-            "where": dict(finding.where),
-            "numbers": dict(finding.numbers),
-            "file": None if finding.image is None else f"findings/{finding.id}.png",
-        }
-        for finding in findings
-    ]
     looked = {
         key: vars(measure) | {"error": error if np.isfinite(error) else None}
         for key, (measure, error) in measured.items()
     }
-    write_text(path, json.dumps({"findings": rows, "measured": looked}, indent=1, allow_nan=False) + "\n")
+    content = {"findings": [finding.row for finding in findings], "measured": looked}
+    write_text(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
 
 
 def read_findings(path: str | Path) -> list[RoomFinding]:
-    """Read findings.json.
+    """Read findings.json, or another file that has findings.
 
     Raises
     ------
@@ -118,7 +120,7 @@ def read_findings(path: str | Path) -> list[RoomFinding]:
         rows = json.loads(content)["findings"]
         return [RoomFinding(**{**row, "measure": Measure(**row["measure"])}) for row in rows]
     except MALFORMED as error:
-        raise FiptError(f"{path} is not a list of findings ({error!r})", "run fipt findings again") from error
+        raise FiptError(f"{path} is not a list of findings ({error!r})", "run what wrote it again") from error
 
 
 def read_measured(path: str | Path) -> list[Measure]:

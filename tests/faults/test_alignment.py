@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 from fipt.formats.exr import write_exr
 from fipt.render.variant import Backend
 from fipt.scene.cameras import Camera, write_transforms
-from fipt.scene.dataset import write_views
+from fipt.scene.dataset import CHECKED, write_views
+from fipt.scene.findings import read_findings
 from fipt.scene.mesh import write_ply
 from fipt.stages.check_poses.settings import CheckPosesSettings
 from fipt.stages.check_poses.stage import CheckPosesInputs, run
@@ -59,7 +60,8 @@ def test_a_camera_that_is_turned_by_little_is_named(
     pose = camera.world_from_camera.copy()
     pose[:3, :3] = Rotation.from_rotvec(np.radians([0.7, 1.5, 0.4])).as_matrix() @ pose[:3, :3]
     off = [*views[:3], (replace(camera, world_from_camera=pose), image), *views[4:]]
-    (said,) = warned(tmp_path, off)
+    finding, said = warned(tmp_path, off)
+    assert finding.startswith(f"{camera.name} are off from where others show them")
     assert said.startswith(f"{camera.name} is off by ")
     assert " of 96 pixels from what others show" in said
 
@@ -68,13 +70,14 @@ def test_a_mesh_aside_of_the_cameras_room_is_named(
     backend: Backend, tmp_path: Path, views: list[tuple[Camera, np.ndarray]]
 ) -> None:
     said = warned(tmp_path, views, shift=0.1)
-    assert any("the mesh is not where the views show it" in line for line in said)
+    assert any("The mesh is not where the views show it" in line for line in said)
+    assert "mesh-misplaced" in {finding.id for finding in read_findings(tmp_path / CHECKED)}
 
 
 def test_a_mesh_five_percent_too_large_is_named(
     backend: Backend, tmp_path: Path, views: list[tuple[Camera, np.ndarray]]
 ) -> None:
-    said = [line for line in warned(tmp_path, views, size=1.05) if "the mesh is not where the views show it" in line]
+    said = [line for line in warned(tmp_path, views, size=1.05) if "The mesh is not where the views show it" in line]
     factor = float(said[0].split(" times as large")[0].split()[-1])
     assert factor == pytest.approx(1 / 1.05, abs=0.01)
 

@@ -29,6 +29,7 @@ from scipy.spatial.transform import Rotation
 from fipt.progress import progress
 from fipt.render.scene import RayScene
 from fipt.scene.cameras import Camera
+from fipt.scene.findings import Measure, RoomFinding
 from fipt.stages.check_poses.surface import ReducedView, surface_shown, visible
 from fipt.stages.check_poses.verdict import Verdict, accepted_partners
 
@@ -111,38 +112,63 @@ class CameraMotion:
 
 def judged_by_alignment(
     scene: RayScene, views: Sequence[ReducedView], verdicts: Sequence[Verdict]
-) -> tuple[list[Verdict], str]:
-    """Verdicts that name views which are off by little, and a sentence about the mesh where it is off."""
+) -> tuple[list[Verdict], list[RoomFinding]]:
+    """Verdicts that name views which are off by little, and what is to be said of them and of the mesh."""
     partners = accepted_partners(verdicts)
     if sum(map(bool, partners)) < _FEWEST:
-        return list(verdicts), ""
+        return list(verdicts), []
     mesh, cameras = align(scene, views, partners)
     found = [own.displacement for own, others in zip(cameras, partners, strict=True) if others]
     limit = max(_DISPLACED, _TYPICAL * float(np.median(found)))
-    result = []
+    result, off = [], []
     for view, verdict, own, others in zip(views, verdicts, cameras, partners, strict=True):
         verdict = replace(verdict, displacement=own.displacement) if others else verdict
         if others and own.displacement > limit:
             said = (
                 f"is off by {own.displacement:.1f} of {view.camera.width} pixels from what others show: turning it by "
-                f"{own.turned:.1f} degrees and moving it by {100 * own.moved:.0f} cm would mend that; correct its pose"
+                f"{own.turned:.1f} degrees and moving it by {100 * own.moved:.0f} cm would mend that"
             )
             verdict = replace(verdict, reason="; ".join(filter(None, [verdict.reason, said])))
+            off.append((own.displacement, verdict.view))
         result.append(verdict)
-    return result, _said_of_mesh(mesh)
+    return result, [*_displaced_views(off, limit), *_misplaced_mesh(mesh)]
 
 
-def _said_of_mesh(mesh: MeshMotion) -> str:
+def _displaced_views(off: list[tuple[float, str]], limit: float) -> list[RoomFinding]:
+    """Say which views are off, by (displacement, view) of each."""
+    if not off:
+        return []
+    names = [view for _, view in sorted(off, reverse=True)]
+    return [
+        RoomFinding(
+            "views-displaced",
+            "warning",
+            f"{', '.join(names)} are off from where others show them: edges are seen twice, colours beside them mix.",
+            Measure("largest displacement of a view, reduced", max(off)[0], limit, "pixels"),
+            "Correct the poses of these views, or leave them out.",
+            {"views": names},
+        )
+    ]
+
+
+def _misplaced_mesh(mesh: MeshMotion) -> list[RoomFinding]:
     """Say that the mesh is not where the views show it; nothing where it is."""
     share = float(np.linalg.norm(mesh.moved)) / max(mesh.distance, 1e-9)
-    if share < _MESH_MOVED and mesh.turned < _MESH_TURNED and abs(mesh.scale - 1) < _MESH_SCALED:
-        return ""
+    excess = max(share / _MESH_MOVED, mesh.turned / _MESH_TURNED, abs(mesh.scale - 1) / _MESH_SCALED)
+    if excess <= 1:
+        return []
     moved = ", ".join(f"{100 * part:.0f}" for part in mesh.moved)
-    return (
-        f"the mesh is not where the views show it: they would agree better if it were moved by {moved} cm along "
-        f"x, y, z, turned by {mesh.turned:.1f} degrees and {mesh.scale:.3f} times as large; bring mesh and cameras "
-        "into one frame and unit"
-    )
+    return [
+        RoomFinding(
+            "mesh-misplaced",
+            "warning",
+            f"The mesh is not where the views show it: they would agree better if it were moved by {moved} cm along "
+            f"x, y, z, turned by {mesh.turned:.1f} degrees and {mesh.scale:.3f} times as large.",
+            Measure("motion of the mesh, over what is tolerated", excess, 1.0, ""),
+            "Bring mesh and cameras into one frame and unit.",
+            numbers={"moved_share": share, "turned_degrees": mesh.turned, "scale": mesh.scale},
+        )
+    ]
 
 
 def align(

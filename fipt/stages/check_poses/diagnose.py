@@ -16,6 +16,7 @@ from fipt.progress import progress
 from fipt.render.scene import RayScene
 from fipt.scene.cameras import Camera
 from fipt.scene.dataset import Dataset
+from fipt.scene.findings import Measure, RoomFinding
 from fipt.stages.check_poses.compare import STRUCTURE, compare
 from fipt.stages.check_poses.settings import CheckPosesSettings
 from fipt.stages.check_poses.surface import reduced, shared_pixels, surface_shown
@@ -104,16 +105,22 @@ def explain(dataset: Dataset, verdicts: Sequence[Verdict], settings: CheckPosesS
         )
 
 
-def doubt(verdicts: Sequence[Verdict]) -> str:
+def doubt(verdicts: Sequence[Verdict]) -> list[RoomFinding]:
     """Say that views hardly agree, though no common mistake was found; nothing where they do."""
     scores = [verdict.score for verdict in verdicts if verdict.score is not None]
     if len(verdicts) < _FEWEST or 2 * len(scores) < len(verdicts) or np.median(scores) >= SUSPECT:
-        return ""
-    return (
-        f"cameras, images and mesh hardly fit: views agree by {np.median(scores):.2f} (median correlation; sound rooms "
-        "have 0.74 or more), and no mistake that all share explains it; look at overlay.png: is the mesh of this room, "
-        "are images undistorted, without borders and noise?"
-    )
+        return []
+    agreement = float(np.median(scores))
+    return [
+        RoomFinding(
+            "views-disagree",
+            "warning",
+            f"Cameras, images and mesh hardly fit: views agree by {agreement:.2f} (median correlation; sound rooms "
+            "have 0.74 or more), and no mistake that all share explains it.",
+            Measure("disagreement of views, 1 less their correlation", 1 - agreement, 1 - SUSPECT, ""),
+            "Look at overlay.png: is the mesh of this room, are images undistorted, without borders and noise?",
+        )
+    ]
 
 
 def agreement(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from fipt.inputs import POSITIONAL
 
 if TYPE_CHECKING:
+    from fipt.scene.findings import RoomFinding
     from fipt.stages.check_poses.settings import CheckPosesSettings
     from fipt.stages.check_poses.verdict import Verdict
 
@@ -41,13 +42,14 @@ def run(inputs: CheckPosesInputs, settings: "CheckPosesSettings") -> dict[str, A
     from fipt.scene.dataset import CHECKED
 
     seen = not inputs.reject or settings.enabled is not False
-    verdicts, doubts = _verdicts(inputs, settings) if seen else ([], [])
-    for warning in doubts:
-        log.warning("%s", warning)
+    verdicts, findings = _judged(inputs, settings) if seen else ([], [])
+    for finding in findings:
+        log.warning("%s %s", finding.cause, finding.remedy)
     failed = [verdict for verdict in verdicts if not verdict.accepted]
     if inputs.reject:
         views = {verdict.view: verdict.plain() for verdict in verdicts}
-        text = json.dumps({"checked": seen, "views": views}, indent=1, allow_nan=False)
+        content = {"checked": seen, "views": views, "findings": [finding.row for finding in findings]}
+        text = json.dumps(content, indent=1, allow_nan=False)
         write_text(inputs.out or inputs.dataset / CHECKED, text + "\n")
     elif failed:
         raise FiptError(
@@ -57,11 +59,12 @@ def run(inputs: CheckPosesInputs, settings: "CheckPosesSettings") -> dict[str, A
         )
     return {
         "rejected": [verdict.view for verdict in failed],
-        "warnings": doubts + [f"{verdict.view} {verdict.reason}" for verdict in verdicts if verdict.reason],
+        "warnings": [f"{finding.cause} {finding.remedy}" for finding in findings]
+        + [f"{verdict.view} {verdict.reason}" for verdict in verdicts if verdict.reason],
     }
 
 
-def _verdicts(inputs: CheckPosesInputs, settings: "CheckPosesSettings") -> tuple[list["Verdict"], list[str]]:
+def _judged(inputs: CheckPosesInputs, settings: "CheckPosesSettings") -> tuple[list["Verdict"], list["RoomFinding"]]:
     """Look at every view, and at what all have in common; a check that is off chooses no device."""
     from fipt.render.scene import RayScene
     from fipt.render.variant import set_variant
@@ -71,7 +74,7 @@ def _verdicts(inputs: CheckPosesInputs, settings: "CheckPosesSettings") -> tuple
     from fipt.stages.check_poses.compare import enough, judge, table
     from fipt.stages.check_poses.diagnose import doubt, explain
     from fipt.stages.check_poses.surface import shown_views
-    from fipt.stages.check_poses.vignetting import said_of_corners
+    from fipt.stages.check_poses.vignetting import dark_corners
 
     set_variant()
     data = Dataset(inputs.dataset, unchecked=True, mesh=inputs.mesh)
@@ -81,8 +84,8 @@ def _verdicts(inputs: CheckPosesInputs, settings: "CheckPosesSettings") -> tuple
     log.info("%s", table(verdicts))
     explain(data, verdicts, settings)
     enough(verdicts, settings)
-    verdicts, of_mesh = judged_by_alignment(scene, views, verdicts)
+    verdicts, misplaced = judged_by_alignment(scene, views, verdicts)
     for verdict in verdicts:
         if verdict.accepted and verdict.reason:
             log.warning("%s %s", verdict.view, verdict.reason)
-    return verdicts, [*filter(None, [doubt(verdicts), of_mesh, said_of_corners(scene, views, verdicts)])]
+    return verdicts, [*doubt(verdicts), *misplaced, *dark_corners(scene, views, verdicts)]

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 
 from fipt.render.scene import RayScene
+from fipt.scene.findings import Measure, RoomFinding
 from fipt.stages.check_poses.surface import ReducedView, visible
 from fipt.stages.check_poses.verdict import Verdict, accepted_partners
 
@@ -28,15 +29,21 @@ _ROUNDS = 20
 """Of weighting anew."""
 
 
-def said_of_corners(scene: RayScene, views: Sequence[ReducedView], verdicts: Sequence[Verdict]) -> str:
+def dark_corners(scene: RayScene, views: Sequence[ReducedView], verdicts: Sequence[Verdict]) -> list[RoomFinding]:
     """Say that images are darker, or brighter, towards their corners; nothing where they are not."""
     light = corner_light(scene, views, accepted_partners(verdicts))
     if light is None or abs(light - 1) < _LOST:
-        return ""
-    return (
-        f"the corners of the images show {light:.2f} times the light that their middle shows of the same surface: "
-        "vignetting, or its correction made twice; give images that are corrected once"
-    )
+        return []
+    return [
+        RoomFinding(
+            "vignetting",
+            "warning",
+            f"The corners of the images show {light:.2f} times the light that their middle shows of the same surface: "
+            "vignetting, or its correction made twice.",
+            Measure("light lost or won in the corners", abs(light - 1), _LOST),
+            "Give images that are corrected once.",
+        )
+    ]
 
 
 def corner_light(scene: RayScene, views: Sequence[ReducedView], partners: Sequence[Sequence[int]]) -> float | None:

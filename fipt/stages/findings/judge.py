@@ -9,6 +9,7 @@ from fipt.progress import progress
 from fipt.scene.findings import SEVERITIES, RoomFinding
 from fipt.stages.findings.checks import (
     brightness,
+    cameras,
     dim_emitters,
     edges,
     emitters,
@@ -37,6 +38,7 @@ Check = Callable[[JudgedRoom, Notes], list[RoomFinding]]
 CHECKS: tuple[Check, ...] = (
     encoding.check,
     viewpoints.check,
+    cameras.check,
     no_emitter.check,
     guessed_light.check,
     light_balance.check,

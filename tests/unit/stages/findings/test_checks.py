@@ -1,5 +1,6 @@
 """Every check: silent where all is sound, and the right finding for a planted trouble."""
 
+import json
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -9,11 +10,13 @@ import pytest
 from fipt.render.scene import RayScene
 from fipt.scene.emitters import Emitters, Undecided
 from fipt.scene.environment import NOTHING, constant
+from fipt.scene.findings import Measure, RoomFinding
 from fipt.scene.mesh import Mesh
 from fipt.scene.samples import FootprintSamples
 from fipt.scene.settled import RoundState
 from fipt.stages.findings.checks import (
     brightness,
+    cameras,
     dim_emitters,
     edges,
     emitters,
@@ -80,6 +83,14 @@ def test_views_from_one_place():
     found = told(viewpoints.check, data=turned)["one-place"]
     assert found.severity == "serious"
     assert "from one place, within 0 cm" in found.cause
+
+
+def test_what_the_check_of_cameras_found_is_repeated(tmp_path):
+    moved = RoomFinding("mesh-misplaced", "warning", "C.", Measure("motion", 1.5, 1.0, ""), "R.")
+    data = SimpleNamespace(root=tmp_path)
+    assert told(cameras.check, data=data) == {}  # cameras that are exact are not checked
+    (tmp_path / "check_poses.json").write_text(json.dumps({"views": {}, "findings": [moved.row]}))
+    assert told(cameras.check, data=data) == {"mesh-misplaced": moved}
 
 
 # --- light ----------------------------------------------------------------------------------------
