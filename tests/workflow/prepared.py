@@ -81,6 +81,7 @@ def serve() -> None:
     for name in IMPORTED:
         import_module(name)
     import_module("snakemake.cli").get_argument_parser()  # loads Snakemake's plugins
+    import_module("fipt.config.methods").known_methods()  # reads the cards of methods, which are kept
     for line in sys.stdin:
         pid = os.fork()
         if pid == 0:
