@@ -10,7 +10,6 @@ import pytest
 import torch
 from huggingface_hub import constants
 from safetensors.torch import load_file, save_file
-from transformers.models.mask2former.image_processing_pil_mask2former import Mask2FormerImageProcessorPil
 
 from benchmarks import tiny_mask2former
 from fipt.errors import FiptError
@@ -139,6 +138,9 @@ def test_against_the_post_processing_of_transformers(np_rng, shape):
     masks = torch.nn.functional.interpolate(coarse, (384, 384), mode="bilinear")
     classes = torch.tensor(4 * np_rng.normal(size=(1, 7, 4)), dtype=torch.float32)
     outputs = SimpleNamespace(class_queries_logits=classes, masks_queries_logits=masks)
+    # here: every process of tests reads this file, and one runs it
+    from transformers.models.mask2former.image_processing_pil_mask2former import Mask2FormerImageProcessorPil
+
     processor = Mask2FormerImageProcessorPil()
     expected = processor.post_process_semantic_segmentation(outputs, [shape])[0].numpy() + 1
     assert len(np.unique(expected)) == 3
