@@ -304,7 +304,7 @@ def _image(view: ReducedView, blur: float) -> np.ndarray:
     middle = np.median(view.light[view.valid]) if view.valid.any() else 0.0
     light = np.clip(np.where(view.valid, view.light, middle).astype(np.float64), middle - 3, middle + 3)
     band = np.clip(gaussian_filter(light, blur) - gaussian_filter(light, 4 * blur), -_STRONG, _STRONG)
-    return np.stack([band, *np.gradient(band)])
+    return np.stack([band, *np.gradient(band)]).astype(np.float32)
 
 
 def _edges(view: ReducedView, image: np.ndarray) -> np.ndarray:
