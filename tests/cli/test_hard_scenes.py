@@ -29,6 +29,8 @@ CONFIG = {
     "fit": {"steps": 25, "batch": 128, "levels": 4, "table_log2": 10, "learning_rate": 0.01, "emission_weight": 0.1},
     "emitters": {"points": 20},
     "render": {"spp": 4, "max_depth": 3},
+    "olat": {"spp": 4, "max_depth": 3},
+    "findings": {"views": 2, "width": 16, "spp": 8, "max_depth": 3, "pixels": 1000},
     "report": {"width": 32},
 }
 RESULTS = Path("results/room")
