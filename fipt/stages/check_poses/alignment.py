@@ -29,22 +29,7 @@ from scipy.spatial.transform import Rotation
 from fipt.progress import progress
 from fipt.render.scene import RayScene
 from fipt.scene.cameras import Camera
-from fipt.scene.findings import Measure, RoomFinding
 from fipt.stages.check_poses.surface import ReducedView, surface_shown, visible
-from fipt.stages.check_poses.verdict import Verdict, accepted_partners
-
-_FEWEST = 4
-"""Views with partners that must tell."""
-
-_DISPLACED, _TYPICAL = 1.5, 5.0
-"""Displacement of a view from which it is named: in pixels, and over that of the median view.
-
-Sound views have up to 1.6 pixels, and up to 3.3 times the median, in thirteen rooms."""
-
-_MESH_MOVED, _MESH_TURNED, _MESH_SCALED = 0.015, 2.5, 0.02
-"""Share of the distance, degrees, and growth from which on the mesh is named.
-
-Sound rooms have up to 0.009, 1.2 and 0.009."""
 
 _STEPS = (
     *((3.0, False), (3.0, False), (2.0, False), (2.0, False), (2.0, False)),
@@ -72,14 +57,15 @@ _STRONG = 0.5
 _NOISE, _OUTLIER, _ALIKE = 0.1, 0.15, 50.0
 """Errors of log luminance: of a pixel, where one begins to count less, and how many pixels err as one."""
 
-_MESH_PRIOR = np.array([0.3] * 3 + [0.1] * 3 + [0.1])
-"""Deviations of v (metres), w (radians), s: so wide that what no view tells stays at rest."""
+_MESH_PRIOR = np.array([0.1] * 3 + [0.1] * 3 + [0.1])
+"""Deviations of v (over the distance of what views show), w (radians), s: so wide that only what no view
+tells stays at rest."""
 
 _FIXED = 1e12
 """Inverse variance that keeps a camera at rest."""
 
-_CAMERA_PRIOR = np.array([0.015] * 3 + [np.radians(0.3)] * 3)
-"""Deviations of v and w of a sound camera, as far as this check tells them."""
+_CAMERA_PRIOR = np.array([0.0045] * 3 + [np.radians(0.3)] * 3)
+"""Deviations of v (over that distance) and w of a sound camera, as far as this check tells them."""
 
 _SPARSE = 3.0
 """Deviations from which on a camera's prior gives way: it is off, not inaccurate."""
@@ -110,67 +96,6 @@ class CameraMotion:
     displacement: float
 
 
-def judged_by_alignment(
-    scene: RayScene, views: Sequence[ReducedView], verdicts: Sequence[Verdict]
-) -> tuple[list[Verdict], list[RoomFinding]]:
-    """Verdicts that name views which are off by little, and what is to be said of them and of the mesh."""
-    partners = accepted_partners(verdicts)
-    if sum(map(bool, partners)) < _FEWEST:
-        return list(verdicts), []
-    mesh, cameras = align(scene, views, partners)
-    found = [own.displacement for own, others in zip(cameras, partners, strict=True) if others]
-    limit = max(_DISPLACED, _TYPICAL * float(np.median(found)))
-    result, off = [], []
-    for view, verdict, own, others in zip(views, verdicts, cameras, partners, strict=True):
-        verdict = replace(verdict, displacement=own.displacement) if others else verdict
-        if others and own.displacement > limit:
-            said = (
-                f"is off by {own.displacement:.1f} of {view.camera.width} pixels from what others show: turning it by "
-                f"{own.turned:.1f} degrees and moving it by {100 * own.moved:.0f} cm would mend that"
-            )
-            verdict = replace(verdict, reason="; ".join(filter(None, [verdict.reason, said])))
-            off.append((own.displacement, verdict.view))
-        result.append(verdict)
-    return result, [*_displaced_views(off, limit), *_misplaced_mesh(mesh)]
-
-
-def _displaced_views(off: list[tuple[float, str]], limit: float) -> list[RoomFinding]:
-    """Say which views are off, by (displacement, view) of each."""
-    if not off:
-        return []
-    names = [view for _, view in sorted(off, reverse=True)]
-    return [
-        RoomFinding(
-            "views-displaced",
-            "warning",
-            f"{', '.join(names)} are off from where others show them: edges are seen twice, colours beside them mix.",
-            Measure("largest displacement of a view, reduced", max(off)[0], limit, "pixels"),
-            "Correct the poses of these views, or leave them out.",
-            {"views": names},
-        )
-    ]
-
-
-def _misplaced_mesh(mesh: MeshMotion) -> list[RoomFinding]:
-    """Say that the mesh is not where the views show it; nothing where it is."""
-    share = float(np.linalg.norm(mesh.moved)) / max(mesh.distance, 1e-9)
-    excess = max(share / _MESH_MOVED, mesh.turned / _MESH_TURNED, abs(mesh.scale - 1) / _MESH_SCALED)
-    if excess <= 1:
-        return []
-    moved = ", ".join(f"{100 * part:.0f}" for part in mesh.moved)
-    return [
-        RoomFinding(
-            "mesh-misplaced",
-            "warning",
-            f"The mesh is not where the views show it: they would agree better if it were moved by {moved} cm along "
-            f"x, y, z, turned by {mesh.turned:.1f} degrees and {mesh.scale:.3f} times as large.",
-            Measure("motion of the mesh, over what is tolerated", excess, 1.0, ""),
-            "Bring mesh and cameras into one frame and unit.",
-            numbers={"moved_share": share, "turned_degrees": mesh.turned, "scale": mesh.scale},
-        )
-    ]
-
-
 def align(
     scene: RayScene, views: Sequence[ReducedView], partners: Sequence[Sequence[int]]
 ) -> tuple[MeshMotion, list[CameraMotion]]:
@@ -184,6 +109,7 @@ def align(
         Of each view the numbers of those it is compared with, those that share most first; may be empty.
     """
     center = np.mean([view.camera.center for view in views], axis=0)
+    distance = float(np.median(np.concatenate([_distances(view) for view in views])))
     pairs = [(i, j) for i, others in enumerate(partners) for j in others[:_PARTNERS]]
     every = -(-len(views) // _MESH_VIEWS)
     now, start = list(views), [view.camera for view in views]
@@ -191,7 +117,7 @@ def align(
     with progress("align views", len(_STEPS), " steps") as bar:
         for blur, free in _STEPS:
             used = pairs if free else [pair for pair in pairs if pair[0] % every == 0]
-            own, common = _step(_equations(scene, now, used, blur, center), cameras, free)
+            own, common = _step(_equations(scene, now, used, blur, center), cameras, distance, free)
             mesh, cameras = mesh + common, cameras + own
             start = [_mesh_fixed(camera, common, center) for camera in start]
             moved = [_moved(view.camera, step) for view, step in zip(now, own, strict=True)]
@@ -199,9 +125,8 @@ def align(
                 _seen_from(scene, v, _mesh_fixed(camera, common, center)) for v, camera in zip(now, moved, strict=True)
             ]
             bar.advance()
-    distance = np.median(np.concatenate([_distances(view) for view in now]))
     return (
-        MeshMotion(mesh[:3], float(np.degrees(np.linalg.norm(mesh[3:6]))), 1 + float(mesh[6]), float(distance)),
+        MeshMotion(mesh[:3], float(np.degrees(np.linalg.norm(mesh[3:6]))), 1 + float(mesh[6]), distance),
         [
             CameraMotion(
                 float(np.linalg.norm(own[:3])), float(np.degrees(np.linalg.norm(own[3:]))), _displacement(before, view)
@@ -235,15 +160,19 @@ def _equations(
     return coo_matrix((value, (row, column)), shape=(size, size)).tocsc(), right
 
 
-def _step(equations: tuple[csc_matrix, np.ndarray], before: np.ndarray, free: bool) -> tuple[np.ndarray, np.ndarray]:
+def _step(
+    equations: tuple[csc_matrix, np.ndarray], before: np.ndarray, distance: float, free: bool
+) -> tuple[np.ndarray, np.ndarray]:
     """(V, 6) motions of the cameras, of which ``before`` (V, 6) were made already, and (7,) of the mesh.
 
-    The cameras stay where they are unless they are ``free``.
+    ``distance`` is that of what views show, metres. The cameras stay where they are unless they are ``free``.
     """
     matrix, right = equations
-    off = ((before / _CAMERA_PRIOR) ** 2).sum(axis=1, keepdims=True)
-    trust = _CAMERA_PRIOR**-2 / (1 + off / _SPARSE**2) if free else np.full(before.shape, _FIXED)
-    prior = np.concatenate([trust.reshape(-1), _MESH_PRIOR**-2])
+    length = np.array([distance] * 3 + [1.0] * 4)
+    camera, mesh = _CAMERA_PRIOR * length[:6], _MESH_PRIOR * length
+    off = ((before / camera) ** 2).sum(axis=1, keepdims=True)
+    trust = camera**-2 / (1 + off / _SPARSE**2) if free else np.full(before.shape, _FIXED)
+    prior = np.concatenate([trust.reshape(-1), mesh**-2])
     back = np.concatenate([(trust * before).reshape(-1), np.zeros(7)])
     found = spsolve(matrix + diags(prior, format="csc"), right - back)
     return found[:-7].reshape(-1, 6), found[-7:]
@@ -304,7 +233,7 @@ def _image(view: ReducedView, blur: float) -> np.ndarray:
     middle = np.median(view.light[view.valid]) if view.valid.any() else 0.0
     light = np.clip(np.where(view.valid, view.light, middle).astype(np.float64), middle - 3, middle + 3)
     band = np.clip(gaussian_filter(light, blur) - gaussian_filter(light, 4 * blur), -_STRONG, _STRONG)
-    return np.stack([band, *np.gradient(band)])
+    return np.stack([band, *np.gradient(band)]).astype(np.float32)
 
 
 def _edges(view: ReducedView, image: np.ndarray) -> np.ndarray:

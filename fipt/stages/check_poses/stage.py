@@ -69,10 +69,10 @@ def _judged(inputs: CheckPosesInputs, settings: "CheckPosesSettings") -> tuple[l
     from fipt.render.scene import RayScene
     from fipt.render.variant import set_variant
     from fipt.scene.dataset import Dataset
-    from fipt.stages.check_poses.alignment import judged_by_alignment
     from fipt.stages.check_poses.color import judged_by_colour
     from fipt.stages.check_poses.compare import enough, judge, table
     from fipt.stages.check_poses.diagnose import doubt, explain
+    from fipt.stages.check_poses.misplaced import judged_by_alignment
     from fipt.stages.check_poses.surface import shown_views
     from fipt.stages.check_poses.vignetting import dark_corners
 
