@@ -80,6 +80,8 @@ EXPLAINS: dict[str, frozenset[str]] = {
     # views see different parts of a light that still changes, and edges lie where it changes most
     "not-settled": frozenset({"edges-off", "exposure", "rerendering", "view-unlike"}),
     "noisy-mesh": frozenset({"fine-mesh"}),
+    "mesh-misplaced": frozenset({"edges-off"}),
+    "views-displaced": frozenset({"edges-off"}),
 }
 """Finding -> findings that it explains: these are left out, so that the cause stands alone."""
 

@@ -39,3 +39,9 @@ def test_a_cause_hides_what_it_explains(monkeypatch):
 def test_light_that_still_changes_hides_what_is_off_with_it(monkeypatch):
     found, _ = _judged(monkeypatch, _check("not-settled"), _check("edges-off", "exposure", "view-unlike", "noisy-mesh"))
     assert found == ["not-settled", "noisy-mesh"]
+
+
+def test_a_mesh_that_is_aside_hides_that_edges_are_off(monkeypatch):
+    found, measured = _judged(monkeypatch, _check("mesh-misplaced"), _check("edges-off", "rerendering"))
+    assert found == ["mesh-misplaced", "rerendering"]
+    assert "edges-off" in measured

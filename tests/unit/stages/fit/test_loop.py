@@ -107,7 +107,7 @@ def test_known_materials_come_back(one_thread, tmp_path):
 
 def test_an_emitter_opens_the_mask_and_nothing_else(one_thread, tmp_path):
     pixels, position, (base, *_), lit = scene(emitter=True)
-    settings = SETTINGS.model_copy(update={"emission_weight": 0.05})
+    settings = SETTINGS.model_copy(update={"steps": 300, "emission_weight": 0.05})
     field = Field(settings, BOX)
     loop.fit(field, pixels, Objective(settings, "part"), tmp_path / "c.safetensors")
     mask = field.query_mask(position)
