@@ -143,7 +143,8 @@ class SceneConfig:
         FiptError
             If emitters_review.yaml is wrong, something that a relight setup or given ids name is not there, a file of
             the source has a name that the workflow cannot use, a mesh is to be made and open3d is missing, a scan
-            is to be brought to the cameras of a scene that has a mesh, or its method needs depth that is not given.
+            is to be brought to the cameras of a scene that has a mesh, a method makes it none, or its method needs
+            depth that is not given.
         """
         for path in self.given_files():
             self.place.plain(path, "path")
@@ -159,10 +160,12 @@ class SceneConfig:
     def _check_geometry(self) -> None:
         """Refuse what no mesh is made of, and a method that needs depth which nobody gives."""
         named = [key for key in ("scan", "prior") if self._geometry(key)]
-        if named and not self._wants_mesh():
+        own = (self.said.get("settings") or {}).get("geometry") or {}
+        idle = named + [key for key in ("method",) if key in own]
+        if idle and not self._wants_mesh():
             raise FiptError(
-                f"scene {self.name}: settings.geometry.{named[0]} needs `mesh: reconstruct`; the scene brings a mesh",
-                f"set mesh: reconstruct, or remove the {named[0]}",
+                f"scene {self.name}: settings.geometry.{idle[0]} needs `mesh: reconstruct`; the scene brings a mesh",
+                f"set mesh: reconstruct, or remove the {idle[0]}",
             )
         if self._geometry("method") == "depth" and not named and self._wants_mesh() and self._wants_stereo():
             raise FiptError(

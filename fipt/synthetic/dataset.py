@@ -6,12 +6,16 @@ import json
 import logging
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
+
+import numpy as np
 
 from fipt.errors import FiptError
 from fipt.formats.exr import write_exr
 from fipt.formats.files import check_memory, existing_file, write_text
 from fipt.formats.images import write_png
+from fipt.formats.text import MALFORMED
 from fipt.progress import progress
 from fipt.render.crowding import doubled_parts
 from fipt.render.reach import LightPoints, points_on, unreached
@@ -33,6 +37,8 @@ log = logging.getLogger(__name__)
 
 _BYTES_A_PIXEL = 600
 """Of memory while an image is traced, with its truth: measured 595."""
+_ALIKE = 0.98
+"""Cosine of the angle by which estimated cameras are turned otherwise than the true ones, at least: 11 degrees."""
 _LISTED = 8
 """Pairs of parts that a warning names."""
 
@@ -214,8 +220,21 @@ def write_truths(
     files = _write_names(folder, room)
     # Developed photographs have the size that development gave them.
     cameras = _cameras(folder, names, None)
-    for camera in cameras if true_cameras is None else _placed_as(cameras, true_cameras):
-        files += _write_truth(folder, camera, view_truth(truth, camera))
+    if true_cameras is not None:
+        cameras = _placed_as(cameras, true_cameras)
+        if _turned_otherwise(read_transforms(folder / "transforms.json"), read_transforms(true_cameras)):
+            log.warning(
+                "the cameras of %s are not turned to each other as those of %s: are they of another room?",
+                *(true_cameras, folder),
+            )
+    for camera in cameras:
+        found = view_truth(truth, camera)
+        if not found.ids["part"].any():
+            raise FiptError(
+                f"view {camera.name} must see the room; its camera in {true_cameras or folder} sees nothing of it",
+                "give the transforms.json of where this room was photographed from, with --cameras",
+            )
+        files += _write_truth(folder, camera, found)
     return files
 
 
@@ -228,11 +247,26 @@ def _placed_as(cameras: Sequence[Camera], path: Path) -> list[Camera]:
     return [replace(camera, world_from_camera=places[camera.name]) for camera in cameras]
 
 
+def _turned_otherwise(cameras: Sequence[Camera], true: Sequence[Camera]) -> bool:
+    """Whether one rotation brings no two cameras of the same names onto each other, by the median over neighbours."""
+    places = {camera.name: camera.world_from_camera[:3, :3] for camera in true}
+    turns = [places[c.name] @ c.world_from_camera[:3, :3].T for c in cameras if c.name in places]
+    apart = [(np.trace(a @ b.T) - 1) / 2 for a, b in pairwise(turns)]
+    return bool(apart) and float(np.median(apart)) < _ALIKE
+
+
 def built(folder: Path, settings: SynthesizeSettings, scene: Path | None) -> SyntheticRoom:
     """Return the room that the folder holds, which must be the one that settings and scene file say."""
-    described = json.loads(existing_file(folder / "room.json", "the room").read_text(encoding="utf-8"))
-    room = _made(settings, scene).exposed(described.get("exposure", 1.0) if scene else 1.0)
-    if {key: value for key, value in described.items() if key != "coverage"} != room.description():
+    path = existing_file(folder / "room.json", "the room")
+    try:
+        described = {key: value for key, value in json.loads(path.read_bytes()).items() if key != "coverage"}
+        exposure = float(described.get("exposure", 1.0)) if scene else 1.0
+    except MALFORMED as error:
+        raise FiptError(
+            f"{path} is not the description of a room ({error!r})", "run fipt synthesize-room again"
+        ) from error
+    room = _made(settings, scene).exposed(exposure)
+    if described != room.description():
         raise _another(folder)
     return room
 

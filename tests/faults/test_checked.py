@@ -8,12 +8,15 @@ import numpy as np
 import pytest
 
 from fipt.cli.main import main
+from fipt.errors import FiptError
 from fipt.formats.exr import write_exr
 from fipt.render.variant import Backend
 from fipt.scene.cameras import Camera, write_transforms
 from fipt.scene.dataset import CHECKED, write_views
 from fipt.scene.mesh import Mesh, write_ply
 from fipt.stages.importing.place import double_warnings
+from fipt.synthetic.dataset import built
+from fipt.synthetic.settings import SynthesizeSettings
 from tests import room_views, scenes
 from tests.faults.faults import Fault, named, refused
 from tests.layouts import write_nerfstudio
@@ -88,6 +91,19 @@ def test_an_import_that_leaves_one_row_of_pixels(backend: Backend, capsys: pytes
     settings = json.dumps({"downscale": 6, "prepare": "always", "overlay": False})
     given = ("--source", "src", "--format", "nerfstudio", "--dataset", "out")
     assert main(["import", *given, "--settings", settings]) == 0
+
+
+@pytest.mark.parametrize("text", ["{", "[]", '{"exposure": "much"}', ""])
+def test_a_description_of_a_room_that_is_none(text: str) -> None:
+    Path("room.json").write_text(text)
+    with pytest.raises(FiptError, match=r"room\.json is not the description of a room"):
+        built(Path(), SynthesizeSettings(), Path("room.xml"))
+
+
+def test_a_mesh_in_place_of_its_folder(capsys: pytest.CaptureFixture[str]) -> None:
+    write_nerfstudio(Path("src"))
+    said = refused(capsys, "import", "--source", "src/mesh.ply", "--format", "nerfstudio", "--dataset", "out")
+    assert "the source must be a folder or its transforms.json; src/mesh.ply is another file" in said
 
 
 def test_a_single_view_is_not_sent_to_a_setting(capsys: pytest.CaptureFixture[str]) -> None:

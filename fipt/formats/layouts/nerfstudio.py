@@ -22,6 +22,11 @@ _MESHES = ("mesh.ply", "mesh.obj", "scene.ply", "scene.obj")
 def read_nerfstudio(path: Path) -> PosedViews:
     """Read transforms.json, or Blender's transforms_{train,val}.json; ``path`` is the file or its folder."""
     root = path.parent if path.is_file() else path
+    if path.is_file() and path.suffix != ".json":
+        raise FiptError(
+            f"the source must be a folder or its transforms.json; {path} is another file",
+            "name the folder of the views",
+        )
     single = path if path.is_file() else root / "transforms.json"
     by_split = {split: root / f"transforms_{split}.json" for split in ("train", "val", "test")}
     if single.is_file():

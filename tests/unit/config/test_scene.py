@@ -145,6 +145,8 @@ def test_a_method_that_needs_depth_is_refused_without(tmp_path):
         scene(RAW | {"settings": {"geometry": {"method": "depth"}}}).check()
     with pytest.raises(FiptError, match=r"settings.geometry.prior needs `mesh: reconstruct`"):
         scene(RAW | {"mesh": "m.ply", "settings": {"geometry": {"method": "monosdf", "prior": "p"}}}).check()
+    with pytest.raises(FiptError, match=r"settings.geometry.method needs `mesh: reconstruct`; the scene brings a mesh"):
+        scene(RAW | {"mesh": "m.ply", "settings": {"geometry": {"method": "sdf"}}}).check()
     named = scene(RAW | {"settings": {"geometry": {"method": "depth", "scan": str(tmp_path / "scan.ply")}}})
     assert named.given_scan() == [str(tmp_path / "scan.ply")]
     assert named.given_prior() == []

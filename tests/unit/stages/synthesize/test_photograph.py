@@ -102,7 +102,7 @@ def test_the_true_view_is_the_picture_that_would_have_been_written(scene, tmp_pa
         np.testing.assert_array_equal(values, read_layers(scene / "dataset" / "truth" / "val_000.exr")[name])
 
 
-def test_the_room_with_an_open_window(backend, tmp_path):
+def test_the_room_with_an_open_window(backend, tmp_path, capsys):
     """Every step must build the room that synthesize-room made."""
     settings = SETTINGS | {"opening": True, "spp": 4, "max_depth": 2, "raw": CAMERA}
     room, data, raw = (tmp_path / name for name in ("room", "dataset", "raw"))
@@ -121,8 +121,20 @@ def test_the_room_with_an_open_window(backend, tmp_path):
     write_transforms(data / "transforms.json", views)
     options = ("--dataset", data, "--views", "val_000", "--cameras", room_cameras)
     assert call("synthesize-truth", *options, settings=settings) == 0
+    assert "of another room" not in capsys.readouterr().err
     for name, values in read_layers(data / "truth" / "val_000.exr").items():
         np.testing.assert_array_equal(values, layers[name])
+    given = options[:-1]
+    capsys.readouterr()
+    far = [replace(view, world_from_camera=view.world_from_camera + 500 * np.eye(4, 4, 3)) for view in views]
+    write_transforms(tmp_path / "far.json", far)
+    assert call("synthesize-truth", *given, tmp_path / "far.json", settings=settings) == 2
+    assert "view val_000 must see the room; its camera in" in capsys.readouterr().err
+    true = read_transforms(room_cameras)
+    shifted = [replace(view, name=other.name) for view, other in zip(true, true[1:] + true[:1], strict=True)]
+    write_transforms(tmp_path / "shifted.json", shifted)
+    assert call("synthesize-truth", *given, tmp_path / "shifted.json", settings=settings) == 0
+    assert "are not turned to each other as those of" in capsys.readouterr().err
     write_transforms(tmp_path / "others.json", views[:1])
     assert views[0].name != "val_000"
     options = (*options[:-1], tmp_path / "others.json")
