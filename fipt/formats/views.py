@@ -14,15 +14,26 @@ T = TypeVar("T")
 
 def read_rejected(path: str | Path) -> dict[str, str]:
     """Read views.json, or a check's file of its form; return rejected view -> reason. A missing file rejects none."""
-    return _of_views(path, lambda state: None if state["accepted"] else str(state["reason"]))
+
+    def reason(state: dict[str, Any]) -> str | None:
+        if not isinstance(state["accepted"], bool):
+            raise ValueError(f"accepted must be true or false, found {state['accepted']!r}")
+        return None if state["accepted"] else str(state["reason"])
+
+    return _of_views(path, reason)
+
+
+def read_names(path: str | Path) -> list[str]:
+    """Names of the views of such a file. A missing file has none."""
+    return list(_of_views(path, lambda state: True))
 
 
 def read_gains(path: str | Path) -> dict[str, float]:
     """Read a check's file; return view -> factor on its images, of those that have one. A missing file has none."""
 
     def gain(state: dict[str, Any]) -> float | None:
-        value = float(state.get("gain", 1.0))
-        if not 0 < value < math.inf:
+        value = state.get("gain", 1.0)
+        if isinstance(value, bool) or not 0 < value < math.inf:
             raise ValueError(f"gain must be positive, found {value}")
         return None if value == 1 else value
 

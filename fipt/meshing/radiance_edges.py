@@ -23,6 +23,8 @@ _POINTS = 400_000
 """Edge points kept of all views at most."""
 _PIXELS = 400_000
 """Pixels of a view that are looked at most; those of larger images are averaged in blocks."""
+_BORDER = 2
+"""Pixels along the sides of a view where no edge is found: its neighbours are not known."""
 _FLAT = 1.0
 """Distance in footprints of the neighbours' surface from the plane at an edge above which the edge is an outline."""
 _SAME_DEPTH = 3.0
@@ -154,7 +156,7 @@ def edge_points(luminance: np.ndarray, valid: np.ndarray) -> tuple[np.ndarray, n
         (H, W) weights; no edge is found beside pixels without any.
     """
     usable = valid > 0
-    if not usable.any():
+    if not usable.any() or min(usable.shape) <= 2 * _BORDER:
         return np.zeros(0), np.zeros(0)
     floor = _DARKEST * max(float(np.median(luminance[usable])), 1e-12)
     bright = np.where(usable, luminance, 0.0) + floor
@@ -166,7 +168,7 @@ def edge_points(luminance: np.ndarray, valid: np.ndarray) -> tuple[np.ndarray, n
     for size, other, axis in ((np.abs(dx), np.abs(dy), 1), (np.abs(dy), np.abs(dx), 0)):
         before, after = np.roll(steep, 1, axis), np.roll(steep, -1, axis)
         here = strong & (size >= other) & (steep >= before) & (steep > after)
-        here[:2], here[-2:], here[:, :2], here[:, -2:] = False, False, False, False
+        here[:_BORDER], here[-_BORDER:], here[:, :_BORDER], here[:, -_BORDER:] = False, False, False, False
         row, column = np.nonzero(here)
         low, mid, high = before[here], steep[here], after[here]
         shift = np.clip(0.5 * (low - high) / np.minimum(low - 2 * mid + high, -1e-30), -0.5, 0.5)

@@ -14,7 +14,7 @@ from fipt.formats.exr import read_exr
 from fipt.formats.files import write_text
 from fipt.formats.images import read_ids
 from fipt.formats.manifests import ListedFiles
-from fipt.formats.views import read_gains, read_rejected
+from fipt.formats.views import read_gains, read_names, read_rejected
 from fipt.scene.cameras import Camera, read_radiance_scale, read_transforms
 from fipt.scene.mesh import Mesh, read_mesh
 
@@ -69,7 +69,10 @@ class Dataset:
         self._gains = read_gains(self.root / CHECKED)
         if unchecked:
             self.rejected, self._gains = read_rejected(self.root / "views.json"), {}
-        self.cameras = [c for c in read_transforms(self.root / "transforms.json") if c.name not in self.rejected]
+        cameras = read_transforms(self.root / "transforms.json")
+        if not unchecked:
+            _check_of_these(self.root / CHECKED, cameras)
+        self.cameras = [c for c in cameras if c.name not in self.rejected]
         self._by_name = {camera.name: camera for camera in self.cameras}
         self._listed = ListedFiles(self.root)
         self._listed_ids = self._listed if segments is None else ListedFiles(self.segments_root)
@@ -222,6 +225,16 @@ def read_layers(path: str | Path) -> dict[str, np.ndarray]:
 def rejected_views(root: Path) -> dict[str, str]:
     """View of a dataset that some check rejected -> why."""
     return read_rejected(root / "views.json") | read_rejected(root / CHECKED)
+
+
+def _check_of_these(path: Path, cameras: Sequence[Camera]) -> None:
+    """Refuse verdicts about views that the dataset does not have: they are of another one."""
+    unknown = sorted(set(read_names(path)) - {camera.name for camera in cameras})
+    if unknown:
+        raise FiptError(
+            f"{path} must be about views of this dataset; {', '.join(unknown[:8])} is not one: it was made of another",
+            "delete it, and run fipt check-poses --reject again",
+        )
 
 
 def write_views(path: str | Path, names: Sequence[str], rejected: Mapping[str, str] | None = None) -> None:

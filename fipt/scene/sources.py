@@ -199,13 +199,18 @@ def _checked(path: Path, frames: tuple[SourceView, ...], val_every: int) -> tupl
         seen.add(frame.name)
     check_distinct([frame.name for frame in frames], f"{path}, views")
     frames = tuple(sorted(frames, key=lambda frame: (natural(frame.name), frame.name)))
-    if not any(frame.split for frame in frames):
+    split = any(frame.split for frame in frames)
+    if not split:
         frames = tuple(
             replace(frame, split="train" if index % val_every else "val") for index, frame in enumerate(frames)
         )
     if not any(frame.split == "train" for frame in frames):
         raise FiptError(
             f"{path} must have at least one train view; all {len(frames)} are val",
-            "raise import.val_every or give the source a split",
+            "make some of them train in the source's split"
+            if split
+            else "raise import.val_every or give the source a split"
+            if len(frames) > 1
+            else "give it more views, or a split",
         )
     return frames

@@ -11,8 +11,10 @@ from fipt.stages.check_poses.alignment import MeshMotion, align
 from fipt.stages.check_poses.surface import ReducedView
 from fipt.stages.check_poses.verdict import Verdict, accepted_partners
 
-_FEWEST = 4
-"""Views with partners that must tell."""
+_FEWEST, _FEWEST_OF_MESH, _LEAST_SIZE = 4, 8, 80
+"""Views with partners that must tell, of each other and of the mesh, and pixels along the larger side of most.
+
+Of fewer or of smaller ones, sound meshes seem to be off by up to five times what is tolerated."""
 
 _DISPLACED, _TYPICAL = 1.5, 5.0
 """Displacement of a view from which it is named: in pixels, and over that of the median view.
@@ -41,12 +43,14 @@ def judged_by_alignment(
         if others and own.displacement > limit:
             said = (
                 f"is off by {own.displacement:.1f} of {view.camera.width} pixels from what others show: turning it by "
-                f"{own.turned:.1f} degrees and moving it by {100 * own.moved:.0f} cm would mend that"
+                f"{own.turned:.1f} degrees and moving it by {100 * own.moved:.2g} cm would mend that"
             )
             verdict = replace(verdict, reason="; ".join(filter(None, [verdict.reason, said])))
             off.append((own.displacement, verdict.view))
         result.append(verdict)
-    return result, [*_displaced_views(off, limit), *_misplaced_mesh(mesh)]
+    size = float(np.median([max(view.camera.width, view.camera.height) for view in views]))
+    certain = len(found) >= _FEWEST_OF_MESH and size >= _LEAST_SIZE
+    return result, [*_displaced_views(off, limit), *(_misplaced_mesh(mesh) if certain else [])]
 
 
 def _displaced_views(off: list[tuple[float, str]], limit: float) -> list[RoomFinding]:
@@ -72,7 +76,7 @@ def _misplaced_mesh(mesh: MeshMotion) -> list[RoomFinding]:
     excess = max(share / _MESH_MOVED, mesh.turned / _MESH_TURNED, abs(mesh.scale - 1) / _MESH_SCALED)
     if excess <= 1:
         return []
-    moved = ", ".join(f"{100 * part:.0f}" for part in mesh.moved)
+    moved = ", ".join(f"{100 * part:.2g}" for part in mesh.moved)
     return [
         RoomFinding(
             "mesh-misplaced",

@@ -35,12 +35,14 @@ def run(inputs: CheckPosesInputs, settings: "CheckPosesSettings") -> dict[str, A
     Raises
     ------
     FiptError
-        If a view fails and is not left out.
+        If a view fails and is not left out, or a file is named for verdicts that are not written.
     """
     from fipt.errors import FiptError
     from fipt.formats.files import write_text
     from fipt.scene.dataset import CHECKED
 
+    if inputs.out is not None and not inputs.reject:
+        raise FiptError("--out is where --reject writes its verdicts; --reject is not given", "give both or neither")
     seen = not inputs.reject or settings.enabled is not False
     verdicts, findings = _judged(inputs, settings) if seen else ([], [])
     for finding in findings:

@@ -114,9 +114,12 @@ def shared_pixels(scene: RayScene, views: Sequence[ReducedView]) -> tuple[np.nda
 
 
 def reduced(dataset: Dataset, camera: Camera, width: int) -> tuple[Camera, np.ndarray, np.ndarray, np.ndarray]:
-    """Camera, log luminance, mask and colour of a view, reduced by whole blocks to at most ``width`` columns."""
+    """Camera, log luminance, mask and colour of a view, reduced by whole blocks to at most ``width`` columns.
+
+    A view that is lower than such a block keeps one row, and more columns.
+    """
     image, weight = dataset.image(camera.name)
-    block = -(-camera.width // width)
+    block = min(-(-camera.width // width), camera.height)
     rows, columns = camera.height // block, camera.width // block
 
     def blocks(values: np.ndarray) -> np.ndarray:

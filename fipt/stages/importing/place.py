@@ -30,6 +30,8 @@ _BEHIND, _PARALLEL, _TWICE = 0.05, 0.95, 0.5
 """Metres behind a surface, and cosine, within which another one repeats it, and share of what is seen that must be so.
 
 Eight sound rooms have up to 0.26, by panels and panes; the same meshes twice, 2 cm apart, have 0.74 or more."""
+_CLOSE = 0.03
+"""Share of the distance of what is seen within which it repeats it: in miniatures things are nearer to each other."""
 _GRAZING = 0.2
 """Cosine between ray and surface, at least: slanting rays cross much else on their way."""
 _GRID = 12
@@ -196,7 +198,7 @@ def double_warnings(mesh: Mesh, cameras: Sequence[Camera]) -> list[str]:
     """Say that most surface is there twice, one close behind the other; Mitsuba's variant must be set."""
     from fipt.render.scene import RayScene
 
-    scene, repeated = RayScene(mesh), []
+    scene, lengths, gaps = RayScene(mesh), [], []
     for camera in cameras[:: max(1, -(-len(cameras) // _VIEWS))]:
         directions = _directions(camera)
         length, triangle = scene.intersect(camera.center, directions)
@@ -205,13 +207,17 @@ def double_warnings(mesh: Mesh, cameras: Sequence[Camera]) -> list[str]:
         on = (camera.center + directions[used] * (length[used] * (1 + 1e-4) + 1e-4)[:, None]).astype(np.float32)
         further, behind = scene.intersect(on, directions[used])
         alike = (scene.normals[triangle[used]] * scene.normals[behind]).sum(axis=1) > _PARALLEL
-        repeated.append((behind >= 0) & (further * cosine[used] < _BEHIND) & alike)
-    share = float(np.concatenate(repeated).mean()) if sum(map(len, repeated)) else 0.0
+        lengths.append(length[used])
+        gaps.append(np.where((behind >= 0) & alike, further * cosine[used], np.inf))
+    if not sum(map(len, gaps)):
+        return []
+    near = min(_BEHIND, _CLOSE * float(np.median(np.concatenate(lengths))))
+    share = float((np.concatenate(gaps) < near).mean())
     if share < _TWICE:
         return []
     return [
         f"most of the mesh is there twice: behind {share:.0%} of what cameras see lies the same surface again, within "
-        f"{100 * _BEHIND:.0f} cm; views then see one or the other, and disagree; give one of the two meshes"
+        f"{100 * near:.2g} cm; views then see one or the other, and disagree; give one of the two meshes"
     ]
 
 
