@@ -30,6 +30,7 @@ from fipt.stages.fit.loop import fit
 from fipt.stages.fit.material_posterior import no_parts, posterior
 from fipt.stages.fit.objective import Objective
 from fipt.stages.fit.part_search import ROUGHNESS, PartEstimates, estimate_parts, part_classes
+from fipt.stages.fit.reached import metallic_missed, said_of
 from fipt.stages.fit.settings import FitSettings
 from fipt.stages.fit.settling import copy_round, judge_round
 from fipt.stages.fit.targets import part_targets
@@ -78,6 +79,11 @@ def fit_model(inputs: FitInputs, settings: FitSettings) -> Stats:
             hidden = find_hidden(pixels, read_cache(inputs.cache), found.pixels > 0)
     checkpoint = _checkpoint(inputs, settings)
     figures |= fit(field, pixels, Objective(settings, kind, targets), checkpoint, hidden if hidden else None)
+    if found is not None:
+        figures["metallic_missed"] = metallic_missed(field, pixels, found.metallic, settings.footprint)
+        figures["warnings"] = said_of(figures["metallic_missed"])
+        for warning in figures["warnings"]:
+            log.warning("%s", warning)
     write_confidence(
         inputs.out.with_name("confidence.npz"), _confidence(field, pixels, found, classes, inputs, settings)
     )
