@@ -141,10 +141,8 @@ class SceneConfig:
         Raises
         ------
         FiptError
-            If emitters_review.yaml is wrong, something that a relight setup or given ids name is not there, a file of
-            the source has a name that the workflow cannot use, a mesh is to be made and open3d is missing, a scan
-            is to be brought to the cameras of a scene that has a mesh, a method makes it none, or its method needs
-            depth that is not given.
+            If emitters_review.yaml is wrong, what a setup or given ids name is not there, a file has a name that the
+            workflow cannot use, open3d is missing for a mesh, or its scan, method or depth cannot be.
         """
         for path in self.given_files():
             self.place.plain(path, "path")
@@ -161,8 +159,7 @@ class SceneConfig:
         """Refuse what no mesh is made of, and a method that needs depth which nobody gives."""
         named = [key for key in ("scan", "prior") if self._geometry(key)]
         own = (self.said.get("settings") or {}).get("geometry") or {}
-        idle = named + [key for key in ("method",) if key in own]
-        if idle and not self._wants_mesh():
+        if (idle := [*named, *({"method"} & own.keys())]) and not self._wants_mesh():
             raise FiptError(
                 f"scene {self.name}: settings.geometry.{idle[0]} needs `mesh: reconstruct`; the scene brings a mesh",
                 f"set mesh: reconstruct, or remove the {idle[0]}",
