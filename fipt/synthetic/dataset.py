@@ -251,8 +251,8 @@ def _turned_otherwise(cameras: Sequence[Camera], true: Sequence[Camera]) -> bool
     """Whether one rotation brings no two cameras of the same names onto each other, by the median over neighbours."""
     places = {camera.name: camera.world_from_camera[:3, :3] for camera in true}
     turns = [places[c.name] @ c.world_from_camera[:3, :3].T for c in cameras if c.name in places]
-    apart = [(np.trace(a @ b.T) - 1) / 2 for a, b in pairwise(turns)]
-    return bool(apart) and float(np.median(apart)) < _ALIKE
+    cosines = [(np.trace(a @ b.T) - 1) / 2 for a, b in pairwise(turns)]
+    return bool(cosines) and float(np.median(cosines)) < _ALIKE
 
 
 def built(folder: Path, settings: SynthesizeSettings, scene: Path | None) -> SyntheticRoom:
