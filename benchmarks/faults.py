@@ -20,6 +20,7 @@ CLASSES = {
     "geometry": "meshes",
     "cameras": "cameras",
     "alignment": "cameras",
+    "checked": "cameras",
     "images": "pictures",
     "captures": "captures",
     "scene_files": "scene files",
