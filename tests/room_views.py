@@ -4,13 +4,19 @@ The room is 5.0 x 2.7 x 4.0 m, y up, floor at y = 0, its lower corner the origin
 rays a pixel that meet the walls, where rectangles are painted, and boards: flat images anywhere in the room.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import cv2
 import numpy as np
 
-from fipt.scene.cameras import Camera
+from fipt.formats.exr import write_exr
+from fipt.scene.cameras import Camera, write_transforms
+from fipt.scene.dataset import write_views
+from fipt.scene.mesh import Mesh, write_ply
 from fipt.stages.poses.model import Reconstruction, Tracks, transformed
+from tests import scenes
 
 SIZE = np.array([5.0, 2.7, 4.0])
 _SUB = (np.arange(2) + 0.5) / 2
@@ -67,6 +73,28 @@ def cameras(count=8, height=1.5, seed=0, target=(2.5, 0.5, 2.0), size=(480, 360)
         center = [2.5 + 1.6 * np.cos(angle), height + 0.2 * rng.normal() * (height == 1.5), 2.0 + 1.3 * np.sin(angle)]
         found.append(look_at(f"v{index}", center, target + 0.2 * rng.normal(size=3), size, roll=rng.normal()))
     return found
+
+
+def walled() -> list[Board]:
+    """Boards on the floor and on all walls: structure wherever a camera looks."""
+    width, _, depth = SIZE
+    return [
+        charuco((1.2, 0.001, 1.0), (1, 0, 0.3), (-0.3, 0, 1), square=0.4),
+        charuco((1.0, 2.2, 0.001), (1, 0, 0), (0, -1, 0), square=0.3),
+        charuco((0.001, 2.2, 2.6), (0, 0, -1), (0, -1, 0), square=0.3),
+        charuco((width - 0.001, 2.2, 1.0), (0, 0, 1), (0, -1, 0), square=0.3),
+        charuco((3.0, 2.2, depth - 0.001), (-1, 0, 0), (0, -1, 0), square=0.3),
+    ]
+
+
+def write_dataset(folder: Path, views: Sequence[tuple[Camera, np.ndarray]], mesh: Mesh | None = None) -> Path:
+    """Write views with their images as a dataset; the mesh is the box of the room where none is given."""
+    for camera, image in views:
+        write_exr(folder / "images" / f"{camera.name}.exr", {"": image})
+    write_transforms(folder / "transforms.json", [camera for camera, _ in views])
+    write_views(folder / "views.json", [camera.name for camera, _ in views])
+    write_ply(folder / "mesh.ply", scenes.box((0, 0, 0), SIZE) if mesh is None else mesh)
+    return folder
 
 
 def surface_points(count=3000, noise=0.004, seed=1) -> np.ndarray:

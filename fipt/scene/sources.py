@@ -207,10 +207,13 @@ def _checked(path: Path, frames: tuple[SourceView, ...], val_every: int) -> tupl
     if not any(frame.split == "train" for frame in frames):
         raise FiptError(
             f"{path} must have at least one train view; all {len(frames)} are val",
-            "make some of them train in the source's split"
-            if split
-            else "raise import.val_every or give the source a split"
-            if len(frames) > 1
-            else "give it more views, or a split",
+            _remedy_without_training(split, len(frames)),
         )
     return frames
+
+
+def _remedy_without_training(split: bool, views: int) -> str:
+    """What to do where no view is trained, of views that the source splits or not."""
+    if split:
+        return "make some of them train in the source's split"
+    return "raise import.val_every or give the source a split" if views > 1 else "give it more views, or a split"

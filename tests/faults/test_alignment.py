@@ -7,12 +7,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fipt.formats.exr import write_exr
 from fipt.render.variant import Backend
-from fipt.scene.cameras import Camera, write_transforms
-from fipt.scene.dataset import CHECKED, write_views
+from fipt.scene.cameras import Camera
+from fipt.scene.dataset import CHECKED
 from fipt.scene.findings import read_findings
-from fipt.scene.mesh import write_ply
 from fipt.stages.check_poses.settings import CheckPosesSettings
 from fipt.stages.check_poses.stage import CheckPosesInputs, run
 from tests import room_views, scenes
@@ -24,27 +22,17 @@ SIZE = (96, 72)
 def views() -> list[tuple[Camera, np.ndarray]]:
     """Eight views of the box room with boards on its floor and its walls."""
     width, height, depth = room_views.SIZE
-    boards = [
-        room_views.charuco((1.2, 0.001, 1.0), (1, 0, 0.3), (-0.3, 0, 1), square=0.4),
-        room_views.charuco((1.0, 2.2, 0.001), (1, 0, 0), (0, -1, 0), square=0.3),
-        room_views.charuco((0.001, 2.2, 2.6), (0, 0, -1), (0, -1, 0), square=0.3),
-        room_views.charuco((width - 0.001, 2.2, 1.0), (0, 0, 1), (0, -1, 0), square=0.3),
-        room_views.charuco((3.0, 2.2, depth - 0.001), (-1, 0, 0), (0, -1, 0), square=0.3),
-    ]
     cameras = room_views.cameras(8, size=SIZE, target=(width / 2, height / 3, depth / 2))
+    boards = room_views.walled()
     return [(camera, room_views.draw(camera, boards)) for camera in cameras]
 
 
 def warned(folder: Path, views: list[tuple[Camera, np.ndarray]], shift: float = 0.0, size: float = 1.0) -> list[str]:
     """What the check says of views and of a box room that is moved along z and made larger."""
-    for camera, image in views:
-        write_exr(folder / "images" / f"{camera.name}.exr", {"": image})
-    write_transforms(folder / "transforms.json", [camera for camera, _ in views])
-    write_views(folder / "views.json", [camera.name for camera, _ in views])
     mesh = scenes.box((0, 0, 0), room_views.SIZE)
     middle = np.array(room_views.SIZE) / 2
     vertices = (mesh.vertices - middle) * size + middle + (0, 0, shift)
-    write_ply(folder / "mesh.ply", replace(mesh, vertices=vertices.astype(np.float32)))
+    room_views.write_dataset(folder, views, replace(mesh, vertices=vertices.astype(np.float32)))
     settings = CheckPosesSettings(least_score=0.3)  # or boards, which are all edges, are enough to reject a view
     return run(CheckPosesInputs(dataset=folder, reject=True), settings)["warnings"]
 

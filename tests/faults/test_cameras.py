@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 
 from fipt.errors import FiptError
-from fipt.formats.exr import write_exr
 from fipt.render.scene import RayScene
 from fipt.render.variant import Backend
-from fipt.scene.cameras import Camera, write_transforms
-from fipt.scene.dataset import Dataset, write_views
-from fipt.scene.mesh import write_ply
+from fipt.scene.cameras import Camera
+from fipt.scene.dataset import Dataset
 from fipt.stages.check_poses import diagnose
 from fipt.stages.check_poses.color import judged_by_colour
 from fipt.stages.check_poses.compare import enough, judge
@@ -21,7 +19,7 @@ from fipt.stages.check_poses.diagnose import Correction, agreement, corrections,
 from fipt.stages.check_poses.settings import CheckPosesSettings
 from fipt.stages.check_poses.surface import reduced, shown_views
 from fipt.stages.check_poses.verdict import Verdict
-from tests import room_views, scenes
+from tests import room_views
 from tests.faults.faults import refused
 
 
@@ -37,12 +35,7 @@ def views() -> list[tuple[Camera, np.ndarray]]:
 
 
 def dataset(folder: Path, views: list[tuple[Camera, np.ndarray]]) -> Dataset:
-    for camera, image in views:
-        write_exr(folder / "images" / f"{camera.name}.exr", {"": image})
-    write_transforms(folder / "transforms.json", [camera for camera, _ in views])
-    write_views(folder / "views.json", [camera.name for camera, _ in views])
-    write_ply(folder / "mesh.ply", scenes.box((0, 0, 0), room_views.SIZE))
-    return Dataset(folder)
+    return Dataset(room_views.write_dataset(folder, views))
 
 
 def by_colour(data: Dataset) -> list[Verdict]:

@@ -9,11 +9,10 @@ import pytest
 
 from fipt.cli.main import main
 from fipt.errors import FiptError
-from fipt.formats.exr import write_exr
 from fipt.render.variant import Backend
-from fipt.scene.cameras import Camera, write_transforms
-from fipt.scene.dataset import CHECKED, write_views
-from fipt.scene.mesh import Mesh, write_ply
+from fipt.scene.cameras import Camera
+from fipt.scene.dataset import CHECKED
+from fipt.scene.mesh import Mesh
 from fipt.stages.importing.place import double_warnings
 from fipt.synthetic.dataset import built
 from fipt.synthetic.settings import SynthesizeSettings
@@ -22,12 +21,7 @@ from tests.faults.faults import Fault, named, refused
 from tests.layouts import write_nerfstudio
 
 WIDTH, HEIGHT, DEPTH = room_views.SIZE
-BOARDS = [
-    room_views.charuco((1.2, 0.001, 1.0), (1, 0, 0.3), (-0.3, 0, 1), square=0.4),
-    room_views.charuco((1.0, 2.2, 0.001), (1, 0, 0), (0, -1, 0), square=0.3),
-    room_views.charuco((0.001, 2.2, 2.6), (0, 0, -1), (0, -1, 0), square=0.3),
-    room_views.charuco((WIDTH - 0.001, 2.2, 1.0), (0, 0, 1), (0, -1, 0), square=0.3),
-]
+BOARDS = room_views.walled()
 
 
 @pytest.fixture(autouse=True)
@@ -41,12 +35,7 @@ def cameras(count: int, size: tuple[int, int]) -> list[Camera]:
 
 def dataset(count: int = 2, size: tuple[int, int] = (8, 6)) -> None:
     """Sound views of the box room in `data`."""
-    shown = cameras(count, size)
-    for camera in shown:
-        write_exr(Path(f"data/images/{camera.name}.exr"), {"": room_views.draw(camera, BOARDS)})
-    write_transforms(Path("data/transforms.json"), shown)
-    write_views(Path("data/views.json"), [camera.name for camera in shown])
-    write_ply(Path("data/mesh.ply"), scenes.box((0, 0, 0), room_views.SIZE))
+    room_views.write_dataset(Path("data"), [(c, room_views.draw(c, BOARDS)) for c in cameras(count, size)])
 
 
 @pytest.mark.parametrize("size", [(60, 45), (1200, 3), (8, 6)])

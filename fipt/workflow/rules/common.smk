@@ -52,7 +52,7 @@ try:
     CONFIG.check(read=bool(config.get("only") or CONFIG.sheet))
 except FiptError as error:
     raise WorkflowError(f"fipt: error: {error}") from None
-validate(CONFIG.plain, "../schemas/config.schema.yaml", set_default=False)
+validate(CONFIG.plain, "../schemas/config.schema.json", set_default=False)
 
 
 def one_of(names):

@@ -8,10 +8,8 @@ import pytest
 
 from fipt.cli.main import main
 from fipt.errors import FiptError
-from fipt.formats.exr import write_exr
 from fipt.formats.views import read_gains
-from fipt.scene.cameras import write_transforms
-from fipt.scene.dataset import CHECKED, Dataset, write_views
+from fipt.scene.dataset import CHECKED, Dataset
 from fipt.scene.mesh import write_ply
 from fipt.stages.check_poses.settings import CheckPosesSettings
 from fipt.stages.check_poses.stage import CheckPosesInputs, run
@@ -37,12 +35,7 @@ def ring():
 
 def written(folder, cameras, views):
     """The dataset of some cameras and their views."""
-    for camera, image in zip(cameras, views, strict=True):
-        write_exr(folder / "images" / f"{camera.name}.exr", {"": image})
-    write_transforms(folder / "transforms.json", cameras)
-    write_views(folder / "views.json", [camera.name for camera in cameras])
-    write_ply(folder / "mesh.ply", scenes.box((0, 0, 0), room_views.SIZE))
-    return folder
+    return room_views.write_dataset(folder, list(zip(cameras, views, strict=True)))
 
 
 def posed(camera, turn=None, shift=0.0):
