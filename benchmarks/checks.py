@@ -21,13 +21,15 @@ from pathlib import Path
 from benchmarks.jobs import Job, jobs_of, run_all
 
 CHECKS = {
-    "cameras: views against each other": ("check_poses/compare.py:check", "check_poses/diagnose.py:explain"),
+    "cameras: views against each other": ("check_poses/stage.py:_judged",),
     "files between stages: hashes, origins": ("formats/manifests.py:check", "formats/origins.py:check_origin",
                                               "model/store.py:_checksum"),
     "images of the source": ("importing/encoding.py:add", "importing/defects.py:add", "scene/dataset.py:check_image",
                              "formats/exr.py:check_marks", "formats/exr.py:_check_windows"),
     "mesh and scale of the source": ("importing/place.py:placed", "importing/place.py:scale_warnings",
-                                     "importing/place.py:viewpoint_warnings", "meshing/mend.py:mended"),
+                                     "importing/place.py:double_warnings", "importing/place.py:viewpoint_warnings",
+                                     "meshing/mend.py:mended"),
+    "networks against the search of parts": ("fit/reached.py:metallic_missed",),
     "light and objects that reach nothing, or fill one place": ("render/reach.py:unreached",
                                                                 "render/crowding.py:crowded"),
     "settings, cameras, layers": ("validation.py:checked", "scene/cameras.py:check_cameras",

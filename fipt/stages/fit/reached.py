@@ -6,8 +6,8 @@ import torch
 from fipt.model.networks import Field
 from fipt.stages.fit.batches import Pixels
 
-_PIXELS = 20_000
-"""Pixels that are looked at, at most."""
+_PIXELS, _TOGETHER = 20_000, 1000
+"""Pixels that are looked at, at most, and those that are in memory at a time (7,300 B each)."""
 
 _OFF = 0.3
 """Difference of metallic from that of the part."""
@@ -28,13 +28,15 @@ def metallic_missed(field: Field, pixels: Pixels, metallic: np.ndarray, footprin
     footprint
         Share of a pixel that the networks are asked about (settings of the fit).
     """
-    chosen = np.arange(0, len(pixels), -(-len(pixels) // _PIXELS))
-    batch = pixels.batch(chosen, 1, np.random.default_rng(0))
-    with torch.no_grad():
-        fitted = field.brdf(batch.points[:, 0], batch.footprint * footprint).metallic
-    goal = torch.from_numpy(metallic.astype(np.float32))[batch.segment]
-    off = ((fitted - goal).abs() > _OFF) & (batch.segment > 0)
-    return float(batch.weight[off].sum() / len(chosen))
+    goal = torch.from_numpy(metallic.astype(np.float32))
+    chosen, missed = np.arange(0, len(pixels), -(-len(pixels) // _PIXELS)), 0.0
+    for first in range(0, len(chosen), _TOGETHER):
+        batch = pixels.batch(chosen[first : first + _TOGETHER], 1, np.random.default_rng(0))
+        with torch.no_grad():
+            fitted = field.brdf(batch.points[:, 0], batch.footprint * footprint).metallic
+        off = ((fitted - goal[batch.segment]).abs() > _OFF) & (batch.segment > 0)
+        missed += float(batch.weight[off].sum())
+    return missed / len(chosen)
 
 
 def said_of(missed: float) -> list[str]:
