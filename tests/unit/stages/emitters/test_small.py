@@ -101,6 +101,25 @@ def test_least_squares_that_do_not_converge_tell_nothing(mesh, np_rng, monkeypat
     assert (found(mesh, shards(np_rng)).number < 0).all()
 
 
+def test_noise_that_shares_pixels_goes_in_a_few_steps(np_rng, monkeypatch):
+    """On a noisy mesh hundreds of bright slivers share pixels; taken one by one, each step solves for all others."""
+    slivers, pixels, bright = 120, 400, [7, 70]
+    shown = np_rng.random((slivers, pixels)) < 0.03
+    shown[np.arange(slivers), np.arange(slivers)] = True
+    emitter, pixel = (index.astype(np.int64) for index in np.nonzero(shown))
+    share = np_rng.uniform(0.1, 0.3, len(emitter))
+    sent = np.where(np.isin(emitter, bright), SPOT, CEILING * np_rng.uniform(0.5, 2, len(emitter)))
+    left = np.bincount(pixel, share * sent, pixels)[pixel, None] * np.ones(3)
+    seen = small._Shared(
+        emitter, pixel % VIEWS, np.arange(len(emitter)), pixel, share, np.full(len(emitter), CEILING), left,
+        np.zeros(len(emitter), bool),
+    )  # fmt: skip
+    solved, steps = small._solved, []
+    monkeypatch.setattr(small, "_solved", lambda *given: steps.append(1) or solved(*given))
+    np.testing.assert_array_equal(np.flatnonzero(small._needed(seen, emitter, slivers)), bright)
+    assert len(steps) < 30
+
+
 def test_what_a_person_rejected_stays_out(mesh, np_rng):
     seen = shards(np_rng)
     surface = find_regions(mesh, seen, _all_pixels(mesh, seen))
