@@ -43,7 +43,7 @@ SECTIONS: dict[str, Section] = {
     "samples": Section("fipt.stages.samples.settings:SamplesSettings", 2),
     "segment": Section("fipt.stages.segment.settings:SegmentSettings", 1),
     "fuse": Section("fipt.stages.segment.settings:FuseSettings", 3),
-    "environment": Section("fipt.stages.environment.settings:EnvironmentSettings", 1),
+    "environment": Section("fipt.stages.environment.settings:EnvironmentSettings", 2),
     "cache": Section("fipt.stages.cache.settings:CacheSettings", 4),
     "bake": Section("fipt.stages.shade.settings:BakeSettings", 3),
     "regroup": Section("fipt.stages.segment.settings:RegroupSettings", 6),
@@ -184,7 +184,9 @@ VERBS: dict[str, Verb] = {
         "fipt.stages.segment.regroup_stage",
         "regroup",
     ),
-    "environment": Verb("Find what light comes from outside the mesh.", "fipt.stages.environment.stage", "environment"),
+    "environment": Verb(
+        "Find what light comes from outside the mesh.", "fipt.stages.environment.stage", "environment", rays=True
+    ),
     "cache": Verb("Gather the images' radiance in voxels on the surface.", "fipt.stages.cache.stage", "cache"),
     "bake": Verb(
         "Integrate the shading of every pixel from the radiance cache.",

@@ -34,8 +34,8 @@ NIGHT = {
 }
 SETTINGS: dict[str, dict[str, Any]] = {
     "samples": {"grid": 3},
-    "environment": {},
     "cache": {"resolution": 32},
+    "environment": {},
     "bake": FEW,
     "fit": FIT,
     "emitters": {"decide": "mask", "points": 20},  # its walls have colours that no light gives

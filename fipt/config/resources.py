@@ -86,7 +86,7 @@ MEASURED: dict[str, Growth] = {
     "synthesize_views": Growth(260 + _DENOISER, pixel=200),
     "check_poses": Growth(250, pixel=100, of="every", triangle=400),
     "samples": Growth(220, pixel=500, triangle=450),
-    "environment": Growth(50, pixel=30, of="every"),
+    "environment": Growth(310, pixel=120, of="every", triangle=450),
     "cache": Growth(380, pixel=45, of="every", triangle=350, minutes=10),
     "bake": Growth(235 + _DENOISER, pixel=250, triangle=450),
     "fit": Growth(690, pixel=125, of="every", triangle=50, minutes=30),

@@ -5,13 +5,18 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.ndimage import binary_dilation
 
 from fipt.conventions import SHADING_OUTPUTS
 from fipt.errors import FiptError
 from fipt.scene.change import read_round
 from fipt.scene.dataset import Dataset
+from fipt.scene.environment import covered_share
 from fipt.scene.samples import Empty, FootprintSamples, clipped_of, pixels_of, read_samples
 from fipt.scene.shading import Shading
+
+_SLIVER = 1e-3
+"""Share of a pixel that shows nothing and is rounding."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +66,27 @@ def read_observed(
         ObservedShard(shard, light, *pixels_of(dataset, shard, empty), clipped_of(dataset, shard, empty))
         for shard, light in zip(own, read_round(shading, own, empty), strict=True)
     ]
+
+
+def before_shading(dataset: Dataset, samples: Sequence[FootprintSamples]) -> list[ObservedShard]:
+    """The same of shards of which nothing is baked yet: their shading has no rows."""
+    nothing = np.zeros((0, SHADING_OUTPUTS, 3), np.float32)
+    return [ObservedShard(shard, nothing, *pixels_of(dataset, shard), clipped_of(dataset, shard)) for shard in samples]
+
+
+def without_openings(shards: Sequence[ObservedShard]) -> list[ObservedShard]:
+    """The same shards; no weight is left to pixels that show any outside, and to the eight around each.
+
+    Where mesh and lens are not exact, a pixel of a frame shows the sky beside it.
+    """
+    result = []
+    for shard in shards:
+        samples, weight = shard.samples, np.array(shard.weight)
+        for index, shape in enumerate(samples.shapes):
+            open_ = (covered_share(samples, index) < 1 - _SLIVER).reshape(shape)
+            weight[samples.pixels(index)][binary_dilation(open_, np.ones((3, 3), bool)).ravel()] = 0
+        result.append(replace(shard, weight=weight))
+    return result
 
 
 def without_triangles(shards: Sequence[ObservedShard], triangles: np.ndarray) -> list[ObservedShard]:

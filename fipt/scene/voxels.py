@@ -1,5 +1,6 @@
 """Surface by voxel and facing: their keys, and cache.npz, the radiance cache as arrays."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -63,3 +64,23 @@ def read_cache(path: str | Path) -> dict[str, np.ndarray]:
         if not right:
             raise FiptError(f"{path}: its {size} records must be {what}; they are not", made_again(path))
     return cache
+
+
+class SeenRadiance:
+    """What a radiance cache says of points of seen surface; unseen voxels have the light of the nearest seen one."""
+
+    def __init__(self, cache: Mapping[str, np.ndarray]) -> None:
+        self._cache = cache
+        self._key = cache["key"] * FACINGS + cache["facing"]
+        self._radiance = cache["radiance"][cache["source"]]
+
+    def at(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
+        """(N, 3) radiance of (N, 3) points of surface that faces along (N, 3) normals; 0 where there is no record."""
+        box = self._cache
+        voxel = voxel_keys(points, box["center"], float(box["side"]), int(box["resolution"]))
+        record = np.searchsorted(self._key, voxel * FACINGS + facings(normals))
+        record = np.minimum(record, len(self._key) - 1)
+        # another facing of the same voxel is better than none
+        same = self._key[record] // FACINGS == voxel
+        record = np.where(same, record, np.maximum(record - 1, 0))
+        return np.where((self._key[record] // FACINGS == voxel)[:, None], self._radiance[record], 0.0)

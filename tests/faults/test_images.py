@@ -113,7 +113,7 @@ def test_people_read_and_write_the_unit_of_the_source() -> None:
     assert row["error"] == pytest.approx([0.04 / scale] * 3)
 
     stated = ConstantEnvironment(radiance=(2 / scale, 0, 0))
-    np.testing.assert_array_equal(find_environment(data, [], stated, {}).radiance, [[[2, 0, 0]]])
+    np.testing.assert_array_equal(find_environment(data, [], stated, {}, dict).radiance, [[[2, 0, 0]]])
     lights = [
         {"shape": "sphere", "center": [1, 1, 1], "radiance": [8 / scale, 0, 0]},
         {"shape": "spot", "position": [1, 1, 1], "direction": [0, -1, 0], "intensity": [0, 2 / scale, 0]},

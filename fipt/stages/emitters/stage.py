@@ -92,7 +92,8 @@ def _found(inputs: EmittersInputs, settings: "EmittersSettings") -> dict[str, An
     from fipt.model.store import load_field
     from fipt.scene.dataset import Dataset
     from fipt.scene.emitters import undecided_facts, write_emitters
-    from fipt.scene.observed import read_observed
+    from fipt.scene.environment import read_environment
+    from fipt.scene.observed import read_observed, without_openings
     from fipt.scene.review import parse_decisions
     from fipt.stages.emitters.extract import extract
 
@@ -104,6 +105,8 @@ def _found(inputs: EmittersInputs, settings: "EmittersSettings") -> dict[str, An
     mesh = data.mesh()
     decided = parse_decisions(inputs.decisions, len(mesh.triangles))
     shards = read_observed(data, inputs.samples, inputs.shading, on_disk(inputs.out.parent))
+    if read_environment(inputs.environment).emits:
+        shards = without_openings(shards)
     extracted = extract(mesh, shards, query_mask, settings, decided)
     found = extracted.emitters
     guess: tuple[str, ...] = ()

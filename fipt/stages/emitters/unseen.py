@@ -9,32 +9,22 @@ E is irradiance over pi, e the radiance that a patch emits, C the radiance that 
 well, taken for grey of `GREY`. Nothing here depends on the fit or on its materials.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
+from fipt.render.directions import cosine_directions
 from fipt.render.scene import RayScene
 from fipt.scene.emitters import Emitters
 from fipt.scene.environment import EnvironmentMap
-from fipt.scene.mesh import Mesh, connected_parts
-from fipt.scene.observed import ObservedShard
-from fipt.scene.samples import ALONE
-from fipt.scene.voxels import FACINGS, facings, voxel_keys
+from fipt.scene.mesh import Mesh
+from fipt.scene.surface_blocks import Blocks
+from fipt.scene.voxels import SeenRadiance
 from fipt.stages.emitters.unseen_surface import Patches
 
 GREY = 0.5
 """Reflectance of unseen surface: the middle of what rooms are painted with."""
-_GRIDS = (16, 24, 32, 48, 64, 96, 128)
-"""Blocks along the scene box: the coarsest grid that has `_MOST_BLOCKS` blocks, of which so many are used."""
-_MOST_BLOCKS = 1000
-"""Blocks whose light is traced: it is a smooth function of place, and there are at most `_MOST_PATCHES` unknowns."""
-_PLANES = 64
-"""Planes along the box that are told apart: some 10 cm in a room, the depth of a shelf."""
-_SCANNED = 0.25
-"""Share of all samples that a part has only if it is no single thing."""
-_LEAST_PIXELS = 4
-"""Pixels that a block needs for a mean."""
 _RAYS = 512
 """Rays from a block: the standard error of its seen light is then 1 / sqrt(512) of the spread of what it sees, 4 %."""
 _TO_EMITTERS = 0.25
@@ -43,32 +33,6 @@ _PATCH_POINTS = 4
 """Points of a patch at which light arrives, and from which it leaves."""
 _TOWARDS = 2
 """Points of a block from which rays go to those of each patch."""
-
-
-@dataclass(frozen=True)
-class Blocks:
-    """N pieces of seen surface, each of one connected part that faces one way.
-
-    Attributes
-    ----------
-    position, normal
-        (N, R, 3) float32: R samples of each, with repeats.
-    radiance
-        (N, 3) geometric mean of the pixels.
-    spread
-        (N,) standard deviation of the log of the radiance between views: highlights move, matte surface does not.
-    group
-        (N,) int64 number of the part and facing: surface that may be of one colour.
-    triangle
-        (N,) int64 triangle of the first sample.
-    """
-
-    position: np.ndarray
-    normal: np.ndarray
-    radiance: np.ndarray
-    spread: np.ndarray
-    group: np.ndarray
-    triangle: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -94,78 +58,6 @@ class Transport:
     def without(cls, seen: np.ndarray, outside: np.ndarray) -> "Transport":
         """What is seen alone, before any patch is traced."""
         return cls(seen, np.zeros((len(seen), 0)), outside)
-
-
-def blocks_of(shards: Sequence[ObservedShard], mesh: Mesh, found: Emitters, box: Mapping[str, np.ndarray]) -> Blocks:
-    """Gather the pixels of all training views into blocks.
-
-    Parameters
-    ----------
-    found
-        What is known to emit: its pixels tell nothing of a reflectance.
-    box
-        ``center`` and ``side`` of the scene box (cache.npz).
-    """
-    part, emitting = connected_parts(mesh), np.zeros(len(mesh.triangles), bool)
-    emitting[found.triangle] = True
-    columns: list[list[np.ndarray]] = []
-    number = 0
-    for shard in shards:
-        samples = shard.samples
-        for index in range(len(samples.views)):
-            own, pixel = samples.of_view(index), samples.pixel_of_sample(index) + samples.pixels(index).start
-            triangle = np.asarray(samples.triangle[own])
-            use = (samples.weight[own] >= ALONE) & (shard.weight[pixel] > 0) & ~shard.clipped[pixel]
-            use = np.flatnonzero(use & ~emitting[triangle])
-            position, normal = np.asarray(samples.position[own])[use], np.asarray(samples.normal[own])[use]
-            color = np.log(np.maximum(np.asarray(shard.radiance[pixel[use]], np.float64), 1e-5))
-            columns.append([position, normal, color, triangle[use], np.full(len(use), number)])
-            number += 1
-    position, normal, color, of_sample, view = (np.concatenate(c) for c in zip(*columns, strict=True))
-    owner = part[of_sample]
-    facing = facings(normal).astype(np.int64)
-    # a scan is one part: planes tell its walls from what stands before them
-    along = np.take_along_axis(position, facing[:, None] // 2, 1)[:, 0] / float(box["side"])
-    scanned = np.bincount(owner)[owner] > _SCANNED * len(owner)
-    group = np.column_stack([owner, facing, np.where(scanned, np.round(along * _PLANES), 0).astype(np.int64)])
-    group = np.unique(group @ (1 << 40, 1 << 20, 1), return_inverse=True)[1]
-    block, kept = np.zeros(len(group), np.int64), np.zeros(0, np.int64)
-    for rows in _GRIDS:
-        voxel = voxel_keys(position, box["center"], float(box["side"]), rows) * (group.max(initial=0) + 1) + group
-        _, own, count = np.unique(voxel, return_inverse=True, return_counts=True)
-        full = np.flatnonzero(count >= _LEAST_PIXELS)
-        if len(full) < len(kept):  # pixels are larger than the cells
-            break
-        block, kept = own, full
-        if len(kept) >= _MOST_BLOCKS:
-            break
-    if len(kept) > _MOST_BLOCKS:
-        kept = np.sort(np.random.default_rng(0).permutation(kept)[:_MOST_BLOCKS])
-    return _gathered(kept, block, (position, normal, color, group, view, of_sample))
-
-
-def _gathered(kept: np.ndarray, block: np.ndarray, columns: tuple[np.ndarray, ...]) -> Blocks:
-    """Means of the blocks that are ``kept``; ``block`` (S,) is that of each sample."""
-    place = np.full(int(block.max(initial=-1)) + 1, -1)
-    place[kept] = np.arange(len(kept))
-    row = place[block]
-    position, normal, color, group, view, triangle, row = (a[row >= 0] for a in (*columns, row))
-    rows = len(kept)
-    count = np.bincount(row, minlength=rows)
-    mean = np.stack([np.bincount(row, color[:, c], rows) / np.maximum(count, 1) for c in range(3)], axis=1)
-    # between views: variance of the means of views
-    pair, inverse = np.unique(row * (int(view.max(initial=0)) + 1) + view, return_inverse=True)
-    level = np.bincount(inverse, color.mean(axis=1)) / np.bincount(inverse)
-    owner = pair // (int(view.max(initial=0)) + 1)
-    views = np.maximum(np.bincount(owner, minlength=rows), 1)
-    middle = np.bincount(owner, level, rows) / views
-    spread = np.sqrt(np.bincount(owner, (level - middle[owner]) ** 2, rows) / np.maximum(views - 1, 1))
-    order = np.argsort(row, kind="stable")
-    start = np.cumsum(count) - count
-    pick = (np.random.default_rng(0).random((rows, 4)) * count[:, None]).astype(np.int64)
-    chosen = order[start[:, None] + pick]
-    first = order[start]
-    return Blocks(position[chosen], normal[chosen], np.exp(mean), spread, group[first], triangle[chosen[:, 0]])
 
 
 class Lights:
@@ -194,7 +86,7 @@ class Lights:
         found: Emitters,
         environment: EnvironmentMap,
     ) -> None:
-        self.mesh, self.hidden, self.cache, self.environment = mesh, hidden, cache, environment
+        self.mesh, self.hidden, self.environment = mesh, hidden, environment
         self.met = np.zeros(len(mesh.triangles), bool)
         self.scene = RayScene(mesh)
         self.emitted = np.full((len(mesh.triangles), 3), np.nan)
@@ -204,8 +96,7 @@ class Lights:
         self._upto = np.cumsum(power[power > 0])
         self._chance = np.zeros(len(mesh.triangles))  # of a point of an emitter, for each square metre
         self._chance[found.triangle] = power / np.maximum(power.sum() * found.area, 1e-12)
-        self._key = cache["key"] * FACINGS + cache["facing"]
-        self._radiance = cache["radiance"][cache["source"]]
+        self._seen = SeenRadiance(cache)
 
     def arriving(self, position: np.ndarray, normal: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Integrate what arrives at points by ``count`` cosine-distributed rays each, and by rays to emitters.
@@ -225,7 +116,7 @@ class Lights:
             rows = slice(start, start + chunk)
             here = len(position[rows])
             p, n = np.repeat(position[rows], count, axis=0), np.repeat(normal[rows], count, axis=0)
-            direction = _cosine(n, rng)
+            direction = cosine_directions(n, rng)
             origin = p + self.scene.epsilon * n
             distance, triangle = self.scene.intersect(origin, direction)
             row = np.repeat(np.arange(here), count)
@@ -280,21 +171,10 @@ class Lights:
         normal = np.where((normal * direction[surface]).sum(axis=1, keepdims=True) > 0, -normal, normal)
         place = origin[surface] + distance[surface, None] * direction[surface]
         own = self.emitted[triangle[surface]]
-        radiance[surface] = np.where(np.isnan(own), self._cached(place, normal), own)
+        radiance[surface] = np.where(np.isnan(own), self._seen.at(place, normal), own)
         if self.environment.known:
             radiance[~met] = self.environment.lookup(direction[~met])
         return radiance, ~met & (not self.environment.known)
-
-    def _cached(self, place: np.ndarray, normal: np.ndarray) -> np.ndarray:
-        """Radiance of seen surface at points that face along a normal."""
-        box = self.cache
-        voxel = voxel_keys(place, box["center"], float(box["side"]), int(box["resolution"]))
-        record = np.searchsorted(self._key, voxel * FACINGS + facings(normal))
-        record = np.minimum(record, len(self._key) - 1)
-        # another facing of the same voxel is better than none
-        same = self._key[record] // FACINGS == voxel
-        record = np.where(same, record, np.maximum(record - 1, 0))
-        return np.where((self._key[record] // FACINGS == voxel)[:, None], self._radiance[record], 0.0)
 
     def given(self, patches: Patches, position: np.ndarray, normal: np.ndarray) -> np.ndarray:
         """(N, P) irradiance over pi at points (N, 3) for each unit of radiance of a patch, by rays to points of it.
@@ -344,14 +224,6 @@ def _patch_points(mesh: Mesh, patches: Patches) -> tuple[np.ndarray, np.ndarray]
     weights = np.stack([1 - a, a * (1 - b), a * b], axis=-1)
     points = np.einsum("pkv,pkvc->pkc", weights, mesh.corners[chosen])
     return points.astype(np.float32), mesh.normals[chosen]
-
-
-def _cosine(normal: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """(N, 3) float32 directions about normals (N, 3): a normal plus a point of the unit sphere."""
-    sphere = rng.standard_normal((len(normal), 3), dtype=np.float32)
-    sphere /= np.maximum(np.linalg.norm(sphere, axis=1, keepdims=True), 1e-9)
-    direction = normal + sphere * (1 - 1e-4)
-    return (direction / np.linalg.norm(direction, axis=1, keepdims=True)).astype(np.float32)
 
 
 def seen_light(blocks: Blocks, lights: Lights) -> Transport:

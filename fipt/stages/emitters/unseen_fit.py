@@ -19,25 +19,24 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import minimize
 from scipy.sparse import csr_matrix
-from scipy.spatial import cKDTree
 
-from fipt.stages.emitters.unseen import Blocks, Transport
+from fipt.scene.surface_blocks import (
+    ABOVE,
+    FREEDOM,
+    GLOSSY,
+    LEAST_SIGMA,
+    MIDDLE,
+    MIDDLE_SPREAD,
+    WHITE,
+    WITHIN,
+    Blocks,
+    errors_alike,
+)
+from fipt.stages.emitters.unseen import Transport
 from fipt.stages.emitters.unseen_surface import Patches
 
-MIDDLE, MIDDLE_SPREAD = np.log(0.4), 0.3
-"""Mean log reflectance of a room and how much rooms differ: those of development have 0.32 to 0.45."""
-_WITHIN = 0.6
-"""Standard deviation of the log reflectances of a room's surfaces; of those rooms 0.62."""
-_WHITE, _ABOVE = np.log(0.9), 0.1
-"""No paint reflects more than 0.9; relative error of the light above which a brighter one is not believed."""
 _COLOR, _LEAN = 0.2, 0.15
 """Standard deviation of the log of a channel about grey: of lights, and of the mean reflectance of a room."""
-_FREEDOM = 4.0
-"""Degrees of freedom of the residuals (Student): edges, highlights and textures are outliers."""
-_LEAST_SIGMA = 0.05
-"""Least relative error of what was traced: 512 rays a block."""
-_GLOSSY = 0.3
-"""Standard deviation of the log radiance between views above which a block is not matte."""
 _ERROR = 0.15
 """Relative error of the light in rooms whose emitters are all seen (docs/measurements/accuracy.md)."""
 _UNSURE = 0.5
@@ -126,7 +125,7 @@ def explained(blocks: Blocks, transport: Transport) -> bool:
     ``transport`` is without patches.
     """
     light = transport.seen.mean(axis=1)
-    use = np.flatnonzero((blocks.spread < _GLOSSY) & (light > 1e-3 * np.median(light)))
+    use = np.flatnonzero((blocks.spread < GLOSSY) & (light > 1e-3 * np.median(light)))
     if len(use) == 0:
         return True
     _, group = np.unique(blocks.group[use], return_inverse=True)
@@ -143,7 +142,7 @@ def explain(blocks: Blocks, patches: Patches, transport: Transport, asked: bool 
     nothing = Guess(np.zeros((len(patches.area), 3)))
     light = transport.seen.mean(axis=1)
     lit = light > 1e-3 * np.median(light) if len(light) else np.zeros(0, bool)
-    use = np.flatnonzero((blocks.spread < _GLOSSY) & (lit | (transport.unseen.sum(axis=1) > 0)))
+    use = np.flatnonzero((blocks.spread < GLOSSY) & (lit | (transport.unseen.sum(axis=1) > 0)))
     if len(use) < 2 * len(np.unique(blocks.group[use])) or len(patches.area) == 0:
         return nothing
     _, group = np.unique(blocks.group[use], return_inverse=True)
@@ -187,8 +186,8 @@ def _chosen(problem: _Problem, place: np.ndarray) -> tuple[_State, _State, _Prob
                 break
             state = wider
         left = state.residual(problem)
-        sigma = max(_scale(state, problem), _LEAST_SIGMA)
-        problem = replace(problem, sigma=sigma, tau=_alike(left / sigma, place))
+        sigma = max(_scale(state, problem), LEAST_SIGMA)
+        problem = replace(problem, sigma=sigma, tau=errors_alike(left / sigma, place))
     start, state = _minimum(problem, ()), _minimum(problem, state.support, state)
     return start, state, problem
 
@@ -216,18 +215,6 @@ def _criterion(state: _State, problem: _Problem) -> float:
     return state.cost + len(state.support) * (0.5 * np.log(count / problem.tau) + np.log(patches))
 
 
-def _alike(residual: np.ndarray, place: np.ndarray) -> float:
-    """How many blocks err as one: 1 + the sum of the correlations with a block's neighbours.
-
-    Neighbours of another colour count too: where the mesh is wrong, the light is wrong on all of them.
-    """
-    z = np.clip(residual, -2, 2)
-    z = z - z.mean()
-    reach = 3 * float(np.median(cKDTree(place).query(place, k=[min(5, len(place))])[0]))
-    a, b = cKDTree(place).query_pairs(reach, output_type="ndarray").T
-    return max(1.0, float(1 + 2 * (z[a] * z[b]).sum() / max((z * z).sum(), 1e-12)))
-
-
 def _minimum(problem: _Problem, support: tuple[int, ...], start: _State | None = None) -> _State:
     """Minimise the cost over the radiance of some patches and all reflectances."""
     count, groups = len(support), problem.groups
@@ -245,13 +232,13 @@ def _minimum(problem: _Problem, support: tuple[int, ...], start: _State | None =
         e, g, middle = x[:count] * unit, x[count:-1], x[-1]
         light = problem.seen + given @ e
         r = (problem.log_color - g[problem.group] - np.log(light)) / problem.sigma
-        q = 1 + r * r / _FREEDOM
-        slope = (_FREEDOM + 1) * r / _FREEDOM / q / problem.sigma / problem.tau
-        z, above = (g - middle) / _WITHIN, np.maximum(g - _WHITE, 0) / _ABOVE
-        value = 0.5 * (_FREEDOM + 1) * np.log(q).sum() / problem.tau + 0.5 * (z @ z + above @ above)
+        q = 1 + r * r / FREEDOM
+        slope = (FREEDOM + 1) * r / FREEDOM / q / problem.sigma / problem.tau
+        z, above = (g - middle) / WITHIN, np.maximum(g - WHITE, 0) / ABOVE
+        value = 0.5 * (FREEDOM + 1) * np.log(q).sum() / problem.tau + 0.5 * (z @ z + above @ above)
         value += 0.5 * ((middle - MIDDLE) / MIDDLE_SPREAD) ** 2
-        of_g = z / _WITHIN + above / _ABOVE - np.bincount(problem.group, slope, groups)
-        of_middle = (middle - MIDDLE) / MIDDLE_SPREAD**2 - z.sum() / _WITHIN
+        of_g = z / WITHIN + above / ABOVE - np.bincount(problem.group, slope, groups)
+        of_middle = (middle - MIDDLE) / MIDDLE_SPREAD**2 - z.sum() / WITHIN
         return float(value), np.concatenate([-(given.T @ (slope / light)) * unit, of_g, [of_middle]])
 
     bounds = [(0, None)] * count + [(None, None)] * (groups + 1)
@@ -271,13 +258,13 @@ def _next(problem: _Problem, state: _State) -> int:
     noise = problem.sigma**2 * problem.tau
     size = np.bincount(problem.group, minlength=groups) / noise
     r = state.residual(problem) / problem.sigma
-    weight = (_FREEDOM + 1) / (_FREEDOM + r * r) / noise
+    weight = (FREEDOM + 1) / (FREEDOM + r * r) / noise
     change = problem.unseen / light[:, None]
-    mean = (members @ (weight[:, None] * change)) / ((members @ weight) + 1 / _WITHIN**2)[:, None]
+    mean = (members @ (weight[:, None] * change)) / ((members @ weight) + 1 / WITHIN**2)[:, None]
     change -= mean[problem.group]
     slope = (weight * r * problem.sigma) @ change
     # a group that is brighter than white asks for light by itself
-    slope += (np.maximum(state.log_rho - _WHITE, 0) / _ABOVE**2) @ mean
+    slope += (np.maximum(state.log_rho - WHITE, 0) / ABOVE**2) @ mean
     promise = np.where(slope > 0, slope**2 / np.maximum(weight @ change**2, 1e-12), -1.0)
     promise[list(state.support)] = -2.0
     best, chosen = np.inf, int(np.argmax(promise))
@@ -287,13 +274,13 @@ def _next(problem: _Problem, state: _State) -> int:
         y = problem.log_color[:, None] - np.log(light[:, None] + given[:, None] * (unit * _AMPLITUDES))
         g = state.log_rho[:, None] + 0 * _AMPLITUDES
         for _ in range(2):  # towards each group's mean, outliers counting less
-            own = 1 / (1 + ((y - g[problem.group]) / problem.sigma) ** 2 / _FREEDOM) / noise
-            g = (members @ (own * y)) + state.middle / _WITHIN**2
-            g /= (members @ own) + 1 / _WITHIN**2
-            g = np.minimum(g, _WHITE + _ABOVE / np.sqrt(np.maximum(size, 1e-9))[:, None])
+            own = 1 / (1 + ((y - g[problem.group]) / problem.sigma) ** 2 / FREEDOM) / noise
+            g = (members @ (own * y)) + state.middle / WITHIN**2
+            g /= (members @ own) + 1 / WITHIN**2
+            g = np.minimum(g, WHITE + ABOVE / np.sqrt(np.maximum(size, 1e-9))[:, None])
         left = (y - g[problem.group]) / problem.sigma
-        cost = 0.5 * (_FREEDOM + 1) * np.log1p(left * left / _FREEDOM).sum(axis=0) / problem.tau
-        cost += 0.5 * (((g - state.middle) / _WITHIN) ** 2).sum(axis=0)
+        cost = 0.5 * (FREEDOM + 1) * np.log1p(left * left / FREEDOM).sum(axis=0) / problem.tau
+        cost += 0.5 * (((g - state.middle) / WITHIN) ** 2).sum(axis=0)
         if cost.min() < best:
             best, chosen = float(cost.min()), int(patch)
     return chosen
@@ -306,13 +293,13 @@ def _power_spread(state: _State, problem: _Problem, area: np.ndarray) -> float:
     jacobian[:, :count] = problem.unseen[:, list(state.support)] / light[:, None]
     jacobian[np.arange(len(light)), count + problem.group] = 1
     r = state.residual(problem) / problem.sigma
-    weight = (_FREEDOM + 1) / (_FREEDOM + r * r) / problem.sigma**2 / problem.tau
+    weight = (FREEDOM + 1) / (FREEDOM + r * r) / problem.sigma**2 / problem.tau
     normal = (jacobian * weight[:, None]).T @ jacobian
     diagonal = np.arange(count, count + groups)
-    normal[diagonal, diagonal] += 1 / _WITHIN**2 + (state.log_rho > _WHITE) / _ABOVE**2
-    normal[diagonal, -1] -= 1 / _WITHIN**2
-    normal[-1, diagonal] -= 1 / _WITHIN**2
-    normal[-1, -1] += groups / _WITHIN**2 + 1 / MIDDLE_SPREAD**2
+    normal[diagonal, diagonal] += 1 / WITHIN**2 + (state.log_rho > WHITE) / ABOVE**2
+    normal[diagonal, -1] -= 1 / WITHIN**2
+    normal[-1, diagonal] -= 1 / WITHIN**2
+    normal[-1, -1] += groups / WITHIN**2 + 1 / MIDDLE_SPREAD**2
     power = np.concatenate([area, np.zeros(groups + 1)])
     variance = float(power @ np.linalg.pinv(normal, hermitian=True) @ power)
     return float(np.sqrt(max(variance, 0.0)) / max(float(area @ state.radiance), 1e-12))
@@ -336,6 +323,6 @@ def _color(radiance: np.ndarray, seen: np.ndarray, problem: _Problem, state: _St
             tint = np.bincount(problem.group, y, groups) / size
             left = (y - tint[problem.group]) / problem.sigma
             cost[k] += 0.5 * (tint.mean() / _LEAN) ** 2
-            cost[k] += 0.5 * (_FREEDOM + 1) * np.log1p(left**2 / _FREEDOM).sum() / problem.tau
+            cost[k] += 0.5 * (FREEDOM + 1) * np.log1p(left**2 / FREEDOM).sum() / problem.tau
         found[c] = scales[int(np.argmin(cost))]
     return found / found.mean()

@@ -11,9 +11,10 @@ from fipt.scene.emitters import Emitters
 from fipt.scene.environment import EnvironmentMap
 from fipt.scene.mesh import Mesh
 from fipt.scene.observed import ObservedShard
+from fipt.scene.surface_blocks import Blocks, blocks_of
 from fipt.stages.emitters.extract import Extracted
 from fipt.stages.emitters.observations import grouped_median
-from fipt.stages.emitters.unseen import Blocks, Lights, Transport, blocks_of, seen_light, with_patches
+from fipt.stages.emitters.unseen import Lights, Transport, seen_light, with_patches
 from fipt.stages.emitters.unseen_fit import Guess, explain, explained
 from fipt.stages.emitters.unseen_surface import Patches, hidden_triangles, patches_of
 
@@ -138,7 +139,9 @@ def _trial(
 
     If ``asked``, other evidence says that they do not.
     """
-    blocks = blocks_of(shards, mesh, found, cache)
+    emitting = np.zeros(len(mesh.triangles), bool)
+    emitting[found.triangle] = True
+    blocks = blocks_of(shards, mesh, emitting, cache)
     if len(blocks.radiance) < _LEAST_BLOCKS:
         return None
     lights = Lights(mesh, hidden_triangles(mesh, shards, found), cache, found, environment)

@@ -1,5 +1,8 @@
 """The background stage: stated, given, or fitted to the pixels that see no surface."""
 
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
 import numpy as np
 from scipy.sparse import coo_matrix, diags
 from scipy.sparse.linalg import spsolve
@@ -16,18 +19,32 @@ from fipt.scene.environment import (
     pixel_directions,
     read_map,
     solid_angles,
+    texel_directions,
 )
+from fipt.scene.observed import before_shading
 from fipt.scene.samples import FootprintSamples
+from fipt.scene.surface_blocks import blocks_of
 from fipt.stages.environment.settings import ConstantEnvironment, EnvironmentSettings, GivenEnvironment, NoEnvironment
+from fipt.stages.environment.unseen import lit_from_outside, room_light, sphere_edges
 
 _ENOUGH = 1e-3
 """Share of the training pixels that must see outside before mode auto believes that there is one."""
+_ROWS = 32
+"""Rows of the map of what the room tells: its light hardly changes within less than 6 degrees of the sky."""
+_LEAST_BLOCKS = 30
+"""Pieces of seen surface without which no light is told from a reflectance."""
 
 
 def find_environment(
-    dataset: Dataset, shards: list[FootprintSamples], settings: EnvironmentSettings, stats: Stats
+    dataset: Dataset,
+    shards: list[FootprintSamples],
+    settings: EnvironmentSettings,
+    stats: Stats,
+    cache: Callable[[], Mapping[str, np.ndarray]],
 ) -> EnvironmentMap:
     """Return the background that the settings ask for, in the unit of the dataset; they state that of the source.
+
+    ``cache`` reads the radiance cache, where it is needed.
 
     Raises
     ------
@@ -55,7 +72,40 @@ def find_environment(
     stats["seen_directions"] = float(angle.sum() / (4 * np.pi))
     if settings.mode == "constant":
         return constant((mean * angle[..., None]).sum(axis=(0, 1)) / angle.sum(), settings.up)
-    return EnvironmentMap("map", filled(mean, seen), settings.up)
+    found = EnvironmentMap("map", filled(mean, seen), settings.up)
+    if settings.unseen == "smooth" or seen.all():
+        return found
+    rows = min(settings.resolution, _ROWS)
+    coarse = (mean, seen) if rows == len(seen) else directional_mean(directions, radiance, weight, rows, settings.up)
+    told = _told_by_room(dataset, shards, cache(), *coarse, settings.up, stats)
+    if told is None:
+        return found
+    if rows == len(seen):
+        return told
+    elsewhere = told.lookup(texel_directions(*seen.shape) @ told.map_from_world).reshape(mean.shape)
+    return EnvironmentMap("map", np.where(seen[..., None], mean, elsewhere).astype(np.float32), settings.up)
+
+
+def _told_by_room(
+    dataset: Dataset,
+    shards: list[FootprintSamples],
+    cache: Mapping[str, np.ndarray],
+    mean: np.ndarray,
+    seen: np.ndarray,
+    up: str,
+    stats: Stats,
+) -> EnvironmentMap | None:
+    """The map with unseen directions as the light in the room tells; None where too little of the room is seen."""
+    mesh = dataset.mesh()
+    none = np.zeros(len(mesh.triangles), bool)
+    blocks = blocks_of(before_shading(dataset, shards), mesh, none, cache)
+    if len(blocks.radiance) < _LEAST_BLOCKS:
+        return None
+    smooth = EnvironmentMap("map", filled(mean, seen), up)
+    light = room_light(blocks, mesh, cache, smooth)
+    radiance, figures = lit_from_outside(mean, seen, smooth.radiance, blocks, light)
+    stats.update(figures)
+    return replace(smooth, radiance=radiance)
 
 
 def directional_mean(
@@ -119,19 +169,12 @@ def filled(radiance: np.ndarray, seen: np.ndarray) -> np.ndarray:
     """
     if seen.all():
         return radiance.astype(np.float32)
-    height, width = seen.shape
-    number = np.arange(height * width).reshape(height, width)
-    theta = (np.arange(height) + 0.5) / height * np.pi
-    ratio = (np.pi / height) / (2 * np.pi / width)
-    beside = np.broadcast_to((ratio / np.sin(theta))[:, None], (height, width))
-    below = np.broadcast_to((np.sin(theta[:-1] + np.pi / height / 2) / ratio)[:, None], (height - 1, width))
-    a = np.concatenate([number.ravel(), number[:-1].ravel()])
-    b = np.concatenate([np.roll(number, -1, axis=1).ravel(), number[1:].ravel()])
-    flow = np.concatenate([beside.ravel(), below.ravel()])
-    graph = coo_matrix((flow, (a, b)), shape=(number.size,) * 2)
+    size = seen.size
+    a, b, flow = sphere_edges(*seen.shape)
+    graph = coo_matrix((flow, (a, b)), shape=(size, size))
     graph = (graph + graph.T).tocsr()
     laplace = (diags(np.asarray(graph.sum(axis=1)).ravel()) - graph).tocsc()
     free, fixed = np.flatnonzero(~seen), np.flatnonzero(seen)
     values = radiance.reshape(-1, 3).astype(np.float64).copy()
     values[free] = spsolve(laplace[free][:, free], -(laplace[free][:, fixed] @ values[fixed]))
-    return np.maximum(values, 0).reshape(height, width, 3).astype(np.float32)
+    return np.maximum(values, 0).reshape(radiance.shape).astype(np.float32)

@@ -16,7 +16,15 @@ class _Fitted(_Environment):
     resolution: Positive = Field(default=32, le=512, description="rows of a fitted map; it has twice as many columns")
 
 
-class AutoEnvironment(_Fitted):
+class _Map(_Fitted):
+    unseen: Literal["room", "smooth"] = Field(
+        default="room",
+        description="directions that no pixel looks along: `room` finds what explains the light in the room, "
+        "`smooth` continues what is seen",
+    )
+
+
+class AutoEnvironment(_Map):
     """As `map` where enough training pixels see outside, else as `none`."""
 
     mode: Literal["auto"] = "auto"
@@ -35,7 +43,7 @@ class ConstantEnvironment(_Fitted):
     radiance: Rgb | None = Field(default=None, description="of mode `constant`, instead of a fitted one")
 
 
-class FittedMap(_Fitted):
+class FittedMap(_Map):
     """Fitted to training pixels that see no surface."""
 
     mode: Literal["map"] = "map"

@@ -1,6 +1,6 @@
 """Light from outside: what the training pictures say about rays that leave the mesh.
 
-INPUTS:  results/{scene}/samples/{shard}.manifest.json of the training shards, their pictures
+INPUTS:  results/{scene}/samples/{shard}.manifest.json of the training shards, their pictures, mesh, cache.npz
          an environment map, where the config names one
 OUTPUTS: results/{scene}/environment.npz    map over all directions; one zero where nothing is seen outside
 """
@@ -13,7 +13,9 @@ rule environment:
         views=own("results/{scene}/dataset/views.json"),
         checked=own("results/{scene}/dataset/check_poses.json"),
         images=ask("images", splits=["train"]),
+        mesh=own("results/{scene}/dataset/mesh.ply"),
         samples=sharded("results/{scene}/samples/{shard}.manifest.json", "train"),
+        cache="results/{scene}/cache.npz",
         file=ask("environment_files"),
     output:
         environment="results/{scene}/environment.npz",
@@ -31,5 +33,5 @@ rule environment:
         settings=settings("environment"),
         version=VERSIONS["environment"],
     shell:
-        "fipt environment --dataset {params.dataset:q} --samples {params.samples:q} --out {output.environment:q}"
+        "fipt environment --dataset {params.dataset:q} --samples {params.samples:q} --cache {input.cache:q} --out {output.environment:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

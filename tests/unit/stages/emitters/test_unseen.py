@@ -8,10 +8,11 @@ import pytest
 
 from fipt.scene.emitters import Emitters, Undecided, emitter_facts, read_emitters, write_emitters
 from fipt.scene.environment import NOTHING, constant
+from fipt.scene.surface_blocks import Blocks, blocks_of
 from fipt.scene.voxels import facings, voxel_keys
 from fipt.stages.emitters import unseen_guess
 from fipt.stages.emitters.extract import Extracted
-from fipt.stages.emitters.unseen import Blocks, Lights, Transport, blocks_of, seen_light
+from fipt.stages.emitters.unseen import Lights, Transport, seen_light
 from fipt.stages.emitters.unseen_fit import Guess, explain, explained
 from fipt.stages.emitters.unseen_surface import Patches, hidden_triangles, patches_of
 from tests import scenes

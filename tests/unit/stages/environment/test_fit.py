@@ -46,13 +46,18 @@ def outdoors(tmp_path):
     return made
 
 
+def environment(*given):
+    """What is found without a look at the room."""
+    return find_environment(*given, lambda: pytest.fail("needs no cache"))
+
+
 OPEN = np.zeros((16, 24))
-MODES = {"map": FittedMap(), "constant": ConstantEnvironment(), "auto": AutoEnvironment()}
+MODES = {"map": FittedMap(unseen="smooth"), "constant": ConstantEnvironment(), "auto": AutoEnvironment(unseen="smooth")}
 
 
 def test_map_of_what_is_seen(outdoors):
     stats = Stats()
-    found = find_environment(*outdoors(OPEN), FittedMap(resolution=16), stats)
+    found = environment(*outdoors(OPEN), FittedMap(resolution=16, unseen="smooth"), stats)
     assert (found.mode, found.radiance.shape) == ("map", (16, 32, 3))
     assert 0.3 < stats["seen_directions"] < 0.9
     directions = texel_directions(16, 32)
@@ -68,17 +73,17 @@ def test_map_of_what_is_seen(outdoors):
 
 @pytest.mark.parametrize("up", ["y", "z"])
 def test_the_axis_of_a_fitted_map_does_not_matter_to_lookups(outdoors, up):
-    found = find_environment(*outdoors(OPEN), FittedMap(resolution=16, up=up), Stats())
+    found = environment(*outdoors(OPEN), FittedMap(resolution=16, up=up, unseen="smooth"), Stats())
     ahead = np.array([[0.1, 0.1, -0.99], [0.99, 0.1, 0.1], [-0.99, 0.05, 0.1]])
     np.testing.assert_allclose(found.lookup(ahead), gradient(ahead), atol=0.08)
 
 
 def test_constant_is_the_mean_over_directions(outdoors):
-    found = find_environment(*outdoors(OPEN), ConstantEnvironment(), Stats())
+    found = environment(*outdoors(OPEN), ConstantEnvironment(), Stats())
     assert (found.mode, found.radiance.shape) == ("constant", (1, 1, 3))
     np.testing.assert_allclose(found.mean, [2, 2.15, 0], atol=0.1)
     # a direction that many pixels see weighs no more: only its own views are repeated
-    stated = find_environment(*outdoors(OPEN), ConstantEnvironment(radiance=(1, 2, 3)), Stats())
+    stated = environment(*outdoors(OPEN), ConstantEnvironment(radiance=(1, 2, 3)), Stats())
     np.testing.assert_allclose(stated.mean, [1, 2, 3], rtol=1e-6)
 
 
@@ -95,7 +100,7 @@ def test_holes_of_a_scan_and_invalid_pixels_do_not_count(outdoors):
         return radiance
 
     for mode in ("map", "constant", "auto"):
-        found = find_environment(*outdoors(covered, two, valid=valid), MODES[mode], Stats())
+        found = environment(*outdoors(covered, two, valid=valid), MODES[mode], Stats())
         np.testing.assert_allclose(found.radiance, 1, rtol=1e-5)
         assert found.known
 
@@ -105,13 +110,13 @@ def test_a_closed_room_has_no_outside(outdoors, hole):
     covered = np.ones((16, 24))
     covered[4 : 4 + hole, 4 : 4 + hole] = 0
     data = outdoors(covered)
-    found = find_environment(*data, AutoEnvironment(), Stats())
+    found = environment(*data, AutoEnvironment(), Stats())
     assert not found.known
     assert not found.emits
     for mode in ("map", "constant"):
         with pytest.raises(FiptError, match=f"environment.mode {mode} needs training pixels that see no surface"):
-            find_environment(*data, MODES[mode], Stats())
-    assert not find_environment(*data, NoEnvironment(), Stats()).known
+            environment(*data, MODES[mode], Stats())
+    assert not environment(*data, NoEnvironment(), Stats()).known
 
 
 def test_pixels_are_averaged_by_weight():
