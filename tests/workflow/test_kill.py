@@ -72,7 +72,7 @@ def room(tmp_path_factory, backend):
     """Folder and jobs by label; everything before the bake is done."""
     folder = tmp_path_factory.mktemp("kill")
     jobs = {job.label: job for job in jobs_of(folder, CONFIG)}
-    labels = ("synthesize", "synthesize.train-000", "samples.train-000", "environment", "cache")
+    labels = ("synthesize", "synthesize.train-000", "samples.train-000", "cache", "environment")
     for label in labels:
         finish_here(jobs[label], folder)
     return folder, jobs

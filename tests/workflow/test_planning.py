@@ -72,7 +72,7 @@ def test_runs_once_then_only_what_changed(workspace):
         "refine": {"refine": 2, "fit": 1, "emitters": 1, **only(*SHOWN)},
         "fit": after_fit,
         "bake": {"bake": 2, **after_bake},
-        "cache": {"cache": 1, "bake": 2, **after_bake},
+        "cache": {"cache": 1, "environment": 1, "bake": 2, **after_bake},
         "environment": {"environment": 1, "bake": 2, **after_bake},
     }
     values = {
