@@ -100,7 +100,8 @@ def test_rays_read_the_cache_and_know_what_they_do_not(floor_and_ceiling, np_rng
 def test_blocks_are_means_of_pixels(floor_and_ceiling, np_rng):
     samples = floor_samples(np_rng)
     shards, _, own = lights(floor_and_ceiling, samples)
-    blocks = blocks_of(shards, floor_and_ceiling, Emitters.none(), own.cache)
+    box = {"center": np.zeros(3), "side": np.float64(8.0)}
+    blocks = blocks_of(shards, floor_and_ceiling, np.zeros(len(floor_and_ceiling.triangles), bool), box)
     assert len(blocks.radiance)
     np.testing.assert_allclose(blocks.radiance, 0.2, rtol=1e-5)
     np.testing.assert_allclose(blocks.spread, 0, atol=1e-6)
