@@ -78,7 +78,7 @@ class RoomLight:
 
 
 @dataclass(frozen=True)
-class _Problem:
+class _SkyProblem:
     """N matte blocks in G groups, and the map around their room; ``light`` is that of surface and of seen texels.
 
     ``free`` (F,) numbers of the unseen texels, ``given`` (N, F) their share of the blocks' lobes, ``fixed`` (T, 3) log
@@ -181,7 +181,7 @@ def lit_from_outside(
 
 def _problem(
     radiance: np.ndarray, seen: np.ndarray, continued: np.ndarray, blocks: Blocks, light: RoomLight
-) -> tuple[_Problem, np.ndarray, np.ndarray]:
+) -> tuple[_SkyProblem, np.ndarray, np.ndarray]:
     """What is to be explained, the places of its blocks (N, 3), and where the search begins."""
     known, dim = seen.ravel(), _DIM * radiance[seen].mean()
     whole = light.inside + light.outside @ continued.reshape(-1, 3).astype(np.float64)
@@ -193,7 +193,7 @@ def _problem(
     fixed = np.log(np.maximum(radiance.reshape(-1, 3), dim))
     seen_light = light.inside[use] + light.outside[use] @ (radiance.reshape(-1, 3) * known[:, None])
     group = np.unique(blocks.group[use], return_inverse=True)[1]
-    problem = _Problem(
+    problem = _SkyProblem(
         np.log(color[use]), np.maximum(seen_light, 1e-9), group, light.outside[use][:, free].tocsr(), free, fixed,
         sphere_edges(*seen.shape),
     )  # fmt: skip
@@ -202,7 +202,7 @@ def _problem(
     return problem, blocks.position[use, 0], start
 
 
-def _with_reflectances(problem: _Problem, x: np.ndarray) -> np.ndarray:
+def _with_reflectances(problem: _SkyProblem, x: np.ndarray) -> np.ndarray:
     """The start with the reflectances that its light asks for."""
     x = x.copy()
     _, rho, middle = problem.split(x)
@@ -219,7 +219,7 @@ def _spread(left: np.ndarray) -> float:
     return float(1.48 * np.median(np.abs(left))) if left.size else 0.0
 
 
-def _minimum(problem: _Problem, start: np.ndarray) -> np.ndarray:
+def _minimum(problem: _SkyProblem, start: np.ndarray) -> np.ndarray:
     """Minimise the cost over the radiance of unseen texels and all reflectances."""
 
     def cost(x: np.ndarray) -> tuple[float, np.ndarray]:
@@ -240,7 +240,7 @@ def _minimum(problem: _Problem, start: np.ndarray) -> np.ndarray:
     return minimize(cost, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": 400, "ftol": 1e-8}).x
 
 
-def _misfit(problem: _Problem, x: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+def _misfit(problem: _SkyProblem, x: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
     """Cost of the residuals, its slope by the log radiance (F, 3) and by the log reflectances (G, 3).
 
     The channels of a block err alike, so that they count as one.
@@ -274,7 +274,7 @@ def _reflectance_prior(rho: np.ndarray, middle: np.ndarray) -> tuple[float, np.n
     return float(value), by_rho, by_middle
 
 
-def _roughness(problem: _Problem, u: np.ndarray) -> tuple[float, np.ndarray]:
+def _roughness(problem: _SkyProblem, u: np.ndarray) -> tuple[float, np.ndarray]:
     """Cost of differences between neighbouring texels, and its slope by the log radiance (F, 3) of the unseen ones."""
     field = problem.fixed.copy()
     field[problem.free] = u
