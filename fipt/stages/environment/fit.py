@@ -77,16 +77,16 @@ def find_environment(
         return found
     rows = min(settings.resolution, _ROWS)
     coarse = (mean, seen) if rows == len(seen) else directional_mean(directions, radiance, weight, rows, settings.up)
-    told = _told_by_room(dataset, shards, cache(), *coarse, settings.up, stats)
-    if told is None:
+    of_room = _of_room_light(dataset, shards, cache(), *coarse, settings.up, stats)
+    if of_room is None:
         return found
     if rows == len(seen):
-        return told
-    elsewhere = told.lookup(texel_directions(*seen.shape) @ told.map_from_world).reshape(mean.shape)
+        return of_room
+    elsewhere = of_room.lookup(texel_directions(*seen.shape) @ of_room.map_from_world).reshape(mean.shape)
     return EnvironmentMap("map", np.where(seen[..., None], mean, elsewhere).astype(np.float32), settings.up)
 
 
-def _told_by_room(
+def _of_room_light(
     dataset: Dataset,
     shards: list[FootprintSamples],
     cache: Mapping[str, np.ndarray],
