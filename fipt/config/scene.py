@@ -407,7 +407,7 @@ class SceneConfig:
         return [self.layout.model.format(round=round)]
 
     def emitters_of_fit(self, round: str) -> list[str]:
-        """The emitters that a fit leaves out, where they are decided before it."""
+        """The emitters that a fit, and the parts before it, leave out, where they are decided before it."""
         return [self._emitters(int(round))] if self.settings["emitters"].decide == "regions" else []
 
     def _emitters(self, round: int) -> str:

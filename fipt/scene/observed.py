@@ -75,35 +75,42 @@ def before_shading(dataset: Dataset, samples: Sequence[FootprintSamples]) -> lis
 
 
 def without_openings(shards: Sequence[ObservedShard]) -> list[ObservedShard]:
-    """The same shards; no weight is left to pixels that show any outside, and to the eight around each.
-
-    Where mesh and lens are not exact, a pixel of a frame shows the sky beside it.
-    """
-    result = []
-    for shard in shards:
-        samples, weight = shard.samples, np.array(shard.weight)
-        for index, shape in enumerate(samples.shapes):
-            open_ = (covered_share(samples, index) < 1 - _SLIVER).reshape(shape)
-            weight[samples.pixels(index)][binary_dilation(open_, np.ones((3, 3), bool)).ravel()] = 0
-        result.append(replace(shard, weight=weight))
-    return result
+    """The same shards; no weight is left to pixels that show any outside, and to the eight around each."""
+    return [_without(shard, lambda index, of=shard: covered_share(of.samples, index) < 1 - _SLIVER) for shard in shards]
 
 
 def without_triangles(shards: Sequence[ObservedShard], triangles: np.ndarray) -> list[ObservedShard]:
-    """The same shards; no weight is left to pixels that show one of these triangles, if only in part."""
+    """The same shards; no weight is left to pixels that show one of these triangles, and to the eight around each."""
     if len(triangles) == 0:
         return list(shards)
     named = np.zeros(int(triangles.max()) + 1, bool)
     named[triangles] = True
     result = []
     for shard in shards:
-        samples, weight = shard.samples, np.array(shard.weight)
-        for index in range(len(samples.views)):
+        samples = shard.samples
+
+        def shows(index: int, samples: FootprintSamples = samples) -> np.ndarray:
             triangle = np.asarray(samples.triangle[samples.of_view(index)])
-            shown = named[np.minimum(triangle, len(named) - 1)] & (triangle < len(named))
-            weight[samples.pixel_of_sample(index)[shown] + samples.pixels(index).start] = 0
-        result.append(replace(shard, weight=weight))
+            own = named[np.minimum(triangle, len(named) - 1)] & (triangle < len(named))
+            shown = np.zeros(int(np.prod(samples.shapes[index])), bool)
+            shown[samples.pixel_of_sample(index)[own]] = True
+            return shown
+
+        result.append(_without(shard, shows))
     return result
+
+
+def _without(shard: ObservedShard, shows: Callable[[int], np.ndarray]) -> ObservedShard:
+    """The shard without weight where ``shows`` of a view's number, (pixels of the view,) bool, is true or lies beside.
+
+    Where mesh and lens are not exact, a pixel shows some of what is beside it; nor do its rays find what fills less of
+    it than one of them. What is as bright as an emitter or the sky changes such a pixel all the same.
+    """
+    weight = np.array(shard.weight)
+    for index, shape in enumerate(shard.samples.shapes):
+        shown = shows(index).reshape(shape)
+        weight[shard.samples.pixels(index)][binary_dilation(shown, np.ones((3, 3), bool)).ravel()] = 0
+    return replace(shard, weight=weight)
 
 
 def filled_by_one(

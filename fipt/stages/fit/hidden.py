@@ -1,9 +1,14 @@
-"""Surface that no training view sees: it has no pixels, but it belongs to a part whose materials are known."""
+"""Surface of which no pixel tells the material: no view sees it, or only beside an emitter.
+
+It belongs to a part whose materials are known, or lies beside one: bars before a window share all their pixels with the
+panes, so that they are taken for what frames them.
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
 import torch
+from scipy.spatial import cKDTree
 
 from fipt.scene.voxels import FACINGS, facings, voxel_keys
 from fipt.stages.fit.batches import Pixels
@@ -11,45 +16,73 @@ from fipt.stages.fit.batches import Pixels
 
 @dataclass(frozen=True)
 class HiddenSurface:
-    """Points of unseen surface.
+    """Points of surface of which no pixel tells the material.
 
     Attributes
     ----------
     points
         (N, 3) float32, metres.
     segment
-        (N,) int64 segment of the nearest seen surface of the same connected part.
+        (N,) int64 segment that tells it: of the nearest seen surface of the same connected part, or of what is beside.
+    seen
+        (N,) bool: views see it, in pixels that teach nothing.
     size
         Width of the voxels they stand for, metres.
     """
 
     points: np.ndarray
     segment: np.ndarray
+    seen: np.ndarray
     size: float
 
     def __len__(self) -> int:
         return len(self.points)
 
     def drawn(self, count: int, rng: np.random.Generator) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Points (count, 3), segments (count,) and sizes (count,) of a random choice."""
-        chosen = rng.integers(0, len(self), count)
+        """Points (count, 3), segments (count,) and sizes (count,) of a random choice.
+
+        Seen and unseen surface have half of it each: the former is far less, and images show it.
+        """
+        groups = [group for group in (np.flatnonzero(~self.seen), np.flatnonzero(self.seen)) if len(group)]
+        shares = np.diff(np.linspace(0, count, len(groups) + 1).astype(int))
+        draws = [group[rng.integers(0, len(group), share)] for group, share in zip(groups, shares, strict=True)]
+        chosen = np.concatenate(draws)
         size = torch.full((count,), self.size)
         return torch.from_numpy(self.points[chosen]), torch.from_numpy(self.segment[chosen]), size
 
 
 def find_hidden(pixels: Pixels, cache: dict[str, np.ndarray], known: np.ndarray) -> HiddenSurface:
-    """Unseen records of the radiance cache, with the segments of those that stand for them.
+    """Records of the radiance cache that no pixel teaches, with the segments of those that stand for them.
 
     Parameters
     ----------
     cache
         As `fipt.scene.voxels.read_cache` returns it.
     known
-        (S,) bool: segments of which anything is known; the others' surface is left alone.
+        (S,) bool: segments of which anything is known; the others' surface is left alone, or takes what lies beside.
     """
+    segment, taught, seen = _of_records(pixels, cache, known)
+    told = (segment > 0) & known[segment]
+    asks, gives = np.flatnonzero(seen & ~taught & ~told), taught & told
+    if gives.any():
+        beside = cKDTree(cache["point"][gives]).query(cache["point"][asks], workers=-1)[1]
+        segment[asks] = segment[gives][beside]
+    segment = segment[cache["source"]]
+    unseen = cache["source"] != np.arange(len(segment))
+    chosen = (unseen | (seen & ~taught)) & (segment > 0) & known[segment]
+    return HiddenSurface(
+        cache["point"][chosen], segment[chosen], seen[chosen], float(cache["side"]) / int(cache["resolution"])
+    )
+
+
+def _of_records(
+    pixels: Pixels, cache: dict[str, np.ndarray], known: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of each record (R,): int64 segment, 0 = none; bool, whether a pixel teaches it; bool, whether one sees it."""
     center, side, resolution = cache["center"], float(cache["side"]), int(cache["resolution"])
     records = cache["key"] * FACINGS + cache["facing"]
     segment = np.zeros(len(records), np.int64)
+    sure, taught, seen = np.zeros((3, len(records)), bool)
     for number, shard in enumerate(pixels.shards):
         for index in range(len(shard.views)):
             own = shard.of_view(index)
@@ -57,8 +90,14 @@ def find_hidden(pixels: Pixels, cache: dict[str, np.ndarray], known: np.ndarray)
             record = voxel_keys(shard.position[own], center, side, resolution) * FACINGS + facings(shard.normal[own])
             place = np.minimum(np.searchsorted(records, record), len(records) - 1)
             ids = pixels.segment_of(np.full(len(pixel), number), pixel, np.arange(own.start, own.stop))
-            known_here = (records[place] == record) & (ids > 0)
-            segment[place[known_here]] = ids[known_here]
-    segment = segment[cache["source"]]
-    chosen = (cache["source"] != np.arange(len(records))) & (segment > 0) & known[segment]
-    return HiddenSurface(cache["point"][chosen], segment[chosen], side / resolution)
+            found = records[place] == record
+            seen[place[found]] = True
+            teaches = found & (pixels.valid[number][pixel] > 0)
+            taught[place[teaches]] = True
+            # the segment of what teaches goes first, whichever comes last
+            telling = teaches & (ids > 0) & known[ids]
+            rest = found & (ids > 0) & ~sure[place]
+            segment[place[rest]] = ids[rest]
+            segment[place[telling]] = ids[telling]
+            sure[place[telling]] = True
+    return segment, taught, seen

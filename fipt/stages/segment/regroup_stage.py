@@ -20,6 +20,9 @@ class RegroupInputs:
     out: Annotated[Path, "Folder to write: part/VIEW.png of every training view."]
     manifest: ManifestFile
     segments: Annotated[Path | None, "Folder of fused segment ids; absent: those of the dataset."] = None
+    emitters: Annotated[
+        Path | None, "What emits or may emit: pixels that show it, or lie beside, tell no material."
+    ] = None
 
 
 def run(inputs: RegroupInputs, settings: "RegroupSettings") -> dict[str, Any]:
@@ -33,7 +36,8 @@ def run(inputs: RegroupInputs, settings: "RegroupSettings") -> dict[str, Any]:
     from fipt.formats.images import write_png
     from fipt.formats.manifests import write_manifest
     from fipt.scene.dataset import Dataset
-    from fipt.scene.observed import read_observed
+    from fipt.scene.emitters import read_emitters
+    from fipt.scene.observed import read_observed, without_triangles
     from fipt.scene.samples import segments_of
     from fipt.settings import dumped
     from fipt.stages.segment.borders import borders_moved
@@ -42,6 +46,8 @@ def run(inputs: RegroupInputs, settings: "RegroupSettings") -> dict[str, Any]:
 
     data = Dataset(inputs.dataset, inputs.segments)
     shards = read_observed(data, inputs.samples, inputs.shading)
+    if inputs.emitters is not None:
+        shards = without_triangles(shards, read_emitters(inputs.emitters).possible)
     before = [segments_of(data, shard.samples, "part") for shard in shards]
     regions, cuts, alike = divided(shards, before) if settings.divide else (before, 0, 1.0)
     parts, materials = regrouped(shards, regions, alike)

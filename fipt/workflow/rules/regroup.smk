@@ -1,7 +1,8 @@
 """Parts for the fit of a round: segments that the pictures show to be of one material, under its shading, are joined.
 
 INPUTS:  results/{scene}/round-{k}/shading/{shard}.manifest.json, samples/{shard}.manifest.json, images,
-         segments of the dataset or results/{scene}/segments/fused.manifest.json
+         segments of the dataset or results/{scene}/segments/fused.manifest.json,
+         round-{k}/emitters.npz where they are decided before the fit
 OUTPUTS: results/{scene}/round-{k}/segments.manifest.json    lists segments/part/{view}.png of the training views
 """
 
@@ -19,6 +20,7 @@ rule regroup:
             "results/{scene}/round-{round}/shading/{shard}.manifest.json", "train"
         ),
         segments=ask("segmentation.fused"),
+        emitters=ask("emitters_of_fit"),
     output:
         manifest="results/{scene}/round-{round}/segments.manifest.json",
         stats="results/{scene}/stats/regroup.round-{round}.json",
@@ -35,9 +37,10 @@ rule regroup:
         shading=folders_of("shading"),
         out=folder("results/{scene}/round-{round}/segments"),
         segments=folders_of("segments", "--segments"),
+        emitters=option("--emitters", "emitters"),
         settings=settings("regroup"),
         version=VERSIONS["regroup"],
     shell:
         "fipt regroup --dataset {params.dataset:q} --samples {params.samples:q} --shading {params.shading:q}"
-        " {params.segments:q} --out {params.out:q} --manifest {output.manifest:q}"
+        " {params.segments:q} {params.emitters:q} --out {params.out:q} --manifest {output.manifest:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

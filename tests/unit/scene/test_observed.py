@@ -2,8 +2,15 @@
 
 import numpy as np
 
-from fipt.scene.observed import without_openings
+from fipt.scene.observed import without_openings, without_triangles
 from tests import scenes
+
+
+def seen(samples, weight):
+    """A shard of these samples, whose (P,) pixels have this weight."""
+    pixels = np.ones((len(weight), 3), np.float32), np.asarray(weight, np.float32)
+    (shard,) = scenes.observed([samples], [np.zeros((len(samples.position), 15, 3), np.float32)], [pixels])
+    return shard
 
 
 def test_pixels_at_openings_tell_nothing_of_surface():
@@ -12,11 +19,23 @@ def test_pixels_at_openings_tell_nothing_of_surface():
     counts[2 * 5 + 2] = 0
     weight[25] = 0.4
     samples = scenes.samples_of(np.zeros((49, 3)), 0, np.delete(weight, 12), counts, ("a", "b"), ((5, 5), (5, 5)))
-    pixels = np.ones((50, 3), np.float32), np.full(50, 0.5, np.float32)
-    (shard,) = scenes.observed([samples], [np.zeros((49, 15, 3), np.float32)], [pixels])
+    shard = seen(samples, np.full(50, 0.5))
     left = without_openings([shard])[0].weight.reshape(2, 5, 5)
     first, second = np.full((5, 5), 0.5), np.full((5, 5), 0.5)
     first[1:4, 1:4] = 0
     second[:2, :2] = 0
     np.testing.assert_array_equal(left, [first, second])
     assert (shard.weight == 0.5).all()  # what was given stays
+
+
+def test_pixels_that_show_an_emitter_and_those_around_tell_nothing():
+    """Triangle 3 is a second piece in a pixel of the last row; triangle 9, above all that are named, is not meant."""
+    counts, triangle = np.ones(25, int), np.zeros(26, int)
+    counts[22] = 2
+    triangle[23], triangle[0] = 3, 9
+    shard = seen(scenes.samples_of(np.zeros((26, 3)), triangle, 0.5, counts, shapes=((5, 5),)), np.ones(25))
+    left = without_triangles([shard], np.array([3, 4]))[0].weight.reshape(5, 5)
+    expected = np.ones((5, 5))
+    expected[3:, 1:4] = 0
+    np.testing.assert_array_equal(left, expected)
+    assert (without_triangles([shard], np.zeros(0, int))[0].weight == 1).all()

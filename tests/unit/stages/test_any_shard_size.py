@@ -36,7 +36,8 @@ def second_round(root, shards):
     given = ("--previous", before / "model.safetensors", "--settled", before / "settled.json")
     assert call("fit", root, *every, *given, "--out", after / "model.safetensors", settings=FIT | {"steps": 5}) == 0
     assert call("emitters", root, *every, "--out", after / "emitters.npz") == 0
-    parts = ("--out", after / "segments", "--manifest", after / "segments.manifest.json")
+    parts = ("--emitters", after / "emitters.npz", "--out", after / "segments")
+    parts += ("--manifest", after / "segments.manifest.json")
     assert main(["regroup", *map(str, ("--dataset", root / "dataset", *every, *parts, "--settings", "{}"))]) == 0
     earlier = ("--earlier", in_shards(root / "round-0/shading", shards))
     assert call("findings", root, *every, *earlier, "--out", root / "findings.json") == 0

@@ -8,7 +8,6 @@ import pytest
 from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
 from fipt.scene.emitters import emitter_facts, read_emitters, undecided_facts, write_emitters
 from fipt.scene.mesh import Mesh
-from fipt.scene.observed import without_triangles
 from fipt.scene.review import ReviewDecisions
 from fipt.stages.emitters.extract import extract
 from fipt.stages.emitters.hypotheses import _UNMEASURED, RegionEvidence, _spread, judge
@@ -189,13 +188,6 @@ def test_what_a_person_decides_goes_first(np_rng):
 def test_nothing_seen(np_rng):
     seen = Seen(np_rng, 0.5, pixels=0)
     assert len(seen.found().triangle) == 0
-
-
-def test_pixels_that_show_an_emitter_have_no_weight(np_rng):
-    seen = Seen(np_rng, 0.5, pixels=50)
-    (left,) = without_triangles(seen.shards(seen.image), np.array([3, 4]))
-    np.testing.assert_array_equal(left.weight > 0, ~np.isin(seen.triangle, (3, 4)))
-    assert len(without_triangles(seen.shards(seen.image), np.zeros(0, int))) == 1
 
 
 def test_a_few_pixels_brighter_than_any_reflection_are_an_emitter():

@@ -1,4 +1,4 @@
-"""Unseen surface: it belongs to the part of the surface that stands for it."""
+"""Surface that no pixel teaches: it belongs to the part of the surface that stands for it, or to what lies beside."""
 
 import numpy as np
 import pytest
@@ -69,6 +69,31 @@ def test_unseen_surface_takes_the_segment_of_what_stands_for_it(pixels, cache):
 def test_nothing_is_hidden_where_all_is_seen(pixels, cache):
     everything = cache | {"source": np.arange(len(RECORDS), dtype=np.int32)}
     assert len(find_hidden(pixels, everything, np.ones(10, bool))) == 0
+
+
+def test_surface_whose_pixels_teach_nothing_has_its_own_part_or_that_beside(pixels, cache):
+    pixels.valid[0][:] = 0  # both pixels of the first view show an emitter
+    known = np.ones(10, bool)
+
+    def seen():
+        hidden = find_hidden(pixels, cache, known)
+        assert not hidden.seen[hidden.segment == 0].any()
+        found = zip(hidden.points[hidden.seen].tolist(), hidden.segment[hidden.seen].tolist(), strict=True)
+        return {(*point, part) for point, part in found}
+
+    # of the last one the segment is not known; what lies beside is of segment 7
+    assert seen() == {(-1.5, 0.5, -1.5, 3), (1.5, 0.5, 1.5, 7)}
+    known[3] = False
+    assert seen() == {(-1.5, 0.5, -1.5, 7), (1.5, 0.5, 1.5, 7)}
+
+
+def test_half_of_a_draw_is_seen_surface(pixels, cache):
+    pixels.valid[0][:] = 0
+    hidden = find_hidden(pixels, cache, np.ones(10, bool))
+    points, _, _ = hidden.drawn(301, np.random.default_rng(0))
+    number = (points[:, None] == torch.from_numpy(hidden.points)).all(2).int().argmax(1).numpy()
+    assert np.count_nonzero(hidden.seen[number]) == 151
+    assert not hidden.seen.all()
 
 
 def test_surface_of_parts_of_which_nothing_is_known_is_left_alone(pixels, cache):

@@ -111,6 +111,7 @@ def test_the_verb_joins_segments_whole_and_loses_none(scene: Path, tmp_path: Pat
         samples=(scene / "samples" / "train-000",),
         shading=(scene / "round-0" / "shading" / "train-000",),
         segments=cut,
+        emitters=scene / "round-0" / "emitters.npz",
         out=tmp_path / "segments",
         manifest=tmp_path / "segments.manifest.json",
     )
