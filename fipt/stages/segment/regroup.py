@@ -8,6 +8,9 @@ that differ the least become one, again and again, as long as any two agree. Two
   of the shading, which is much larger in brightness than in hue;
 - both are metal, or neither, and one roughness and metallic explains both: it leaves more unexplained than the best of
   each alone by no more than chance does at the 95 % level, as the differences of pieces tell.
+
+What is metal a region's own pixels prove, clearly. Legs and frames fill few pixels, which a metal explains but little
+better. Where that metal is one that another region proves, with its colour, they count as it.
 """
 
 from collections.abc import Sequence
@@ -56,13 +59,25 @@ def regrouped(
         needed = 2 * (4 * len(known) ** 2 + 8 * len(known) * len(TRIALS) ** 2)
         check_memory(needed, "the join of segments", "raise fuse.smallest, or set regroup.ids: none")
         center, side = scene_box([shard.samples for shard in shards])
-        evidence = measure(pixels, place.reshape(-1), len(known), center, side)
+        evidence = with_likely_metals(measure(pixels, place.reshape(-1), len(known), center, side))
         label = joined(replace(evidence, products=evidence.products * alike))
         materials = int(label.max()) + 1
         part_of[known] = label + 1
     others = present[(part_of[present] == 0) & (present > 0)]
     part_of[others] = materials + 1 + np.arange(len(others))
     return [part_of[own] for own in regions], materials
+
+
+def with_likely_metals(evidence: MaterialEvidence) -> MaterialEvidence:
+    """The evidence with regions counted as metal that a metal of the room explains better than any dielectric."""
+    metal, left = evidence.metal.copy(), evidence.left
+    dielectric = left[:, :HALF].min(axis=1)
+    for k in np.flatnonzero(evidence.metal):
+        trial = HALF + int(left[k, HALF:].argmin())
+        off = evidence.color[:, trial] - evidence.color[k, trial]
+        same = (off**2 / (evidence.variance + evidence.variance[k])).sum(axis=1) < _CHI_SQUARE
+        metal |= same & (left[:, trial] < dielectric)
+    return replace(evidence, metal=metal)
 
 
 def joined(evidence: MaterialEvidence) -> np.ndarray:

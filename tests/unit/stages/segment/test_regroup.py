@@ -16,7 +16,7 @@ from fipt.stages.segment import divide
 from fipt.stages.segment.divide import materials_of
 from fipt.stages.segment.material_evidence import HALF, TRIALS, color_pieces, measure
 from fipt.stages.segment.region_pixels import RegionPixels
-from fipt.stages.segment.regroup import joined
+from fipt.stages.segment.regroup import joined, with_likely_metals
 from fipt.stages.segment.regroup_stage import RegroupInputs, run
 from fipt.stages.segment.settings import RegroupSettings
 
@@ -98,6 +98,17 @@ def test_evidence_names_the_trial_and_the_metal(np_rng):
     assert TRIALS[evidence.left[0].argmin()] == (1.0, 0.2)
     assert TRIALS[evidence.left[1, :HALF].argmin()] == (0.0, 0.2)
     assert evidence.pixels.tolist() == [400, 400]
+
+
+def test_a_region_that_proves_nothing_is_the_metal_that_another_proves(np_rng):
+    """Steel, steel, gold, grey paint; only the first has the pixels to prove that it is metal."""
+    steel, gold, grey = (0.55, 0.55, 0.55), (0.9, 0.6, 0.2), (0.55, 0.55, 0.55)
+    found = pixels(np_rng, [(steel, 0.2, 1.0), (steel, 0.2, 1.0), (gold, 0.2, 1.0), (grey, 0.8, 0.0)])
+    evidence = measure(found, found.region, 4, np.array([2.0, 0.5, 0.0]), 4.0)
+    one = replace(evidence, metal=np.array([True, False, False, False]))
+    assert with_likely_metals(one).metal.tolist() == [True, True, False, False]
+    none = replace(evidence, metal=np.zeros(4, bool))
+    assert not with_likely_metals(none).metal.any()
 
 
 def test_the_verb_joins_segments_whole_and_loses_none(scene: Path, tmp_path: Path):
