@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from difflib import get_close_matches
+from functools import cache
 from types import UnionType
 from typing import Any, Literal, NamedTuple, Union, get_args, get_origin
 
@@ -66,12 +67,18 @@ def checked(model: Any, values: Any, where: str = "", root: str = "") -> Any:
         One line that names the key's path and what is allowed.
     """
     try:
-        return TypeAdapter(model).validate_python(values)
+        return _adapter(model).validate_python(values)
     except ValidationError as error:
         # An unknown key explains more than the missing or wrong values that follow from it.
         problems = sorted(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")
         message, remedy = _explained(model, problems[0], [root] if root else [])
         raise FiptError(where + message, remedy) from error
+
+
+@cache
+def _adapter(model: Any) -> TypeAdapter[Any]:
+    """What checks values of a model; making one costs more than to check most values."""
+    return TypeAdapter(model)
 
 
 def of_another_kind(key: str, chooser: str, owners: Iterable[str], chosen: str) -> PydanticCustomError:

@@ -29,10 +29,10 @@ class SceneFamily:
     config
         The whole configuration.
     known
-        Settings by what was said of them: scenes of which the same is said share them.
+        Settings by what was said of them, and by the run of a method: scenes of which the same is said share them.
     """
 
-    def __init__(self, name: str, entry: SceneEntry, config: Config, known: dict[str, Any]) -> None:
+    def __init__(self, name: str, entry: SceneEntry, config: Config, known: dict[Any, Any]) -> None:
         check_name(name, "scene")
         if name.lower() in OF_SEVERAL:
             raise FiptError(f"a scene must not be called {name!r}: results/{name} is of several scenes", "rename it")
@@ -65,17 +65,30 @@ class SceneFamily:
             family=self,
         )
 
-    def _settings(self) -> Mapping[str, Any]:
+    def _settings(self, run: MethodRun | None = None) -> Mapping[str, Any]:
         entry = self._entry
-        said = json.dumps([entry.below, entry.preset, entry.settings and given(entry.settings)], sort_keys=True)
+        written = json.dumps([entry.below, entry.preset, entry.settings and given(entry.settings)], sort_keys=True)
+        said = written, run
         if said not in self._known:
-            self._known[said] = resolved(self._layers(), f"scene {self._name}: ")
+            where = f"scene {self._name}: " if run is None else f"scene {self._name}, method {run.method}: "
+            self._known[said] = resolved(self._layers(run, where), where)
         return self._known[said]
 
-    def _layers(self) -> list[Any]:
+    def _layers(self, run: MethodRun | None, where: str) -> list[Any]:
         entry, config = self._entry, self._config
         below = Sections.model_validate(entry.below)
-        return [below, preset(entry.preset, f"scenes.{self._name}.preset"), config, entry.settings or Sections()]
+        layers = [below, preset(entry.preset, f"scenes.{self._name}.preset"), config, entry.settings or Sections()]
+        if run is None:
+            return layers
+        card = self.cards[run.method]
+        if card.preset is not None:
+            layers.append(preset(card.preset, f"methods.{run.method}.preset"))
+        layers.append(card.settings or Sections())
+        if run.seed:
+            before = resolved(layers, where)
+            seeds = {name: {"seed": before[name].seed + run.seed} for name in ("fit", "refine")}
+            layers.append(Sections.model_validate(seeds))
+        return layers
 
     def run(self, name: str) -> SceneConfig:
         """The scene as a run of a method sees it; a method's own first run is the scene.
@@ -93,16 +106,7 @@ class SceneFamily:
     def _made(self, run: MethodRun) -> SceneConfig:
         if run.method not in self.cards:
             raise FiptError(f"there is no method {run.method!r}", f"methods: {', '.join(self.cards)}")
-        card, scene = self.cards[run.method], self.scene
-        layers = self._layers()
-        if card.preset is not None:
-            layers.append(preset(card.preset, f"methods.{run.method}.preset"))
-        layers.append(card.settings or Sections())
-        settings = resolved(layers, f"scene {self._name}, method {run.method}: ")
-        if run.seed:
-            seeds = {name: {"seed": settings[name].seed + run.seed} for name in ("fit", "refine")}
-            layers.append(Sections.model_validate(seeds))
-            settings = resolved(layers, f"scene {self._name}, method {run.method}: ")
+        card, scene, settings = self.cards[run.method], self.scene, self._settings(run)
         parent = scene if run.parent == MethodRun(OWN) else self.run(run.parent.name)
         own = f"{self._name}/methods/{run.name}"
         rounds = 0 if card.estimator != "fit" else scene.rounds if card.rounds is None else card.rounds

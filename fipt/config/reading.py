@@ -172,7 +172,7 @@ def load(values: Mapping[str, Any]) -> Configuration:
     config: Config = checked(Config, values)
     check_distinct(config.scenes, "scenes")
     scenes: dict[str, SceneConfig] = {}
-    settings: dict[str, Any] = {}
+    settings: dict[Any, Any] = {}
     for name, entry in config.scenes.items():
         try:
             scenes[name] = SceneFamily(name, entry, config, settings).scene

@@ -37,18 +37,27 @@ Sections = create_model(
 )
 
 
-@cache
 def preset(name: str, where: str) -> Settings:
-    """Read a preset; ``where`` is the key that names it, for the error.
+    """Return a preset; ``where`` is the key that names it, for the error.
 
     Raises
     ------
     FiptError
         If there is no such preset.
     """
-    known = sorted(path.stem for path in PRESETS.glob("*.yaml"))
+    known = _presets()
     if name not in known:
         raise FiptError(f"{where}: there is no preset {name!r}", f"presets: {', '.join(known)}")
+    return _read_preset(name)
+
+
+@cache
+def _presets() -> list[str]:
+    return sorted(path.stem for path in PRESETS.glob("*.yaml"))
+
+
+@cache
+def _read_preset(name: str) -> Settings:
     return checked(Sections, read_yaml(PRESETS / f"{name}.yaml"), f"preset {name}: ")
 
 

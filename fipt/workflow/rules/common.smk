@@ -5,33 +5,27 @@ OUTPUTS: none
 """
 
 import contextlib
-import gc
 import os
 import re
 import shlex
 import sys
 from pathlib import Path
 
-from snakemake import dag
 from snakemake.exceptions import WorkflowError
-from snakemake.jobs import Job
 from snakemake.utils import validate
 
 from fipt.formats.yaml import read_yaml
 from fipt.config.failed import note_failures
 from fipt.config.kept import check_files, check_kept
 from fipt.config.machine import PlannedJob, check_machine
-from fipt.config.planned import FilesByEnding, plan_once
 from fipt.config.reading import SCENE, load
 from fipt.errors import FiptError
 from fipt.lock import all_locked
 from fipt.outcome import listed as listed_failures
 from fipt.registry import VERSIONS
+from fipt.workflow.plans import plan_quickly
 
-# A plan is made of objects that stay; to look for what may go takes an eighth of its time.
-gc.set_threshold(50_000, 50, 1000)
-dag.OutputIndex = FilesByEnding
-plan_once(dag.DAG, Job)
+plan_quickly()
 
 # `fipt` is found beside the Python that runs Snakemake, even if its environment is not active. It takes the place of the
 # shell and knows who called it: a job ends with the run that started it, even if that is killed.

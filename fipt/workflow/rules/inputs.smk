@@ -9,9 +9,9 @@ views are asked for only when a rule of that scene is reached, so that a scene n
 
 from functools import partial
 
-from fipt.config.planned import planned
 from fipt.config.resources import memory_mb
 from fipt.config.resources import minutes as most_minutes
+from fipt.workflow.plans import planned
 
 
 def own(pattern):

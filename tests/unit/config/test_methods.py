@@ -47,6 +47,17 @@ def test_a_run_asks_for_the_files_that_it_takes_over():
     assert config().scene("room/methods/irradiance").answer("last_confidence") == []
 
 
+def test_runs_in_rooms_of_which_the_same_is_said_share_their_settings():
+    said = {"source": "procedural", "settings": SIZE}
+    rooms = {"hall": said, "attic": said, "cellar": said | {"settings": SIZE | {"fit": {"batch": 64}}}}
+    found = load({"scenes": rooms, "methods": METHODS})
+    for run in ("slow", "slow.seed-1"):
+        hall, attic, cellar = (found.scene(f"{room}/methods/{run}").settings for room in rooms)
+        assert hall is attic
+        assert cellar["fit"].batch == 64 != hall["fit"].batch
+    assert hall["fit"].seed == found.scene("hall/methods/slow").settings["fit"].seed + 1
+
+
 def test_methods_that_need_what_a_room_lacks_have_a_reason():
     methods = config(segment={"mode": "none"}, rounds=1, compare={"seeds": 2}).scenes["room"].methods
     reasons = methods.reasons()
