@@ -62,8 +62,8 @@ def find_hidden(pixels: Pixels, cache: dict[str, np.ndarray], known: np.ndarray)
         (S,) bool: segments of which anything is known; the others' surface is left alone, or takes what lies beside.
     """
     segment, taught, seen = _of_records(pixels, cache, known)
-    told = (segment > 0) & known[segment]
-    asks, gives = np.flatnonzero(seen & ~taught & ~told), taught & told
+    labelled = (segment > 0) & known[segment]
+    asks, gives = np.flatnonzero(seen & ~taught & ~labelled), taught & labelled
     if gives.any():
         beside = cKDTree(cache["point"][gives]).query(cache["point"][asks], workers=-1)[1]
         segment[asks] = segment[gives][beside]
@@ -78,11 +78,14 @@ def find_hidden(pixels: Pixels, cache: dict[str, np.ndarray], known: np.ndarray)
 def _of_records(
     pixels: Pixels, cache: dict[str, np.ndarray], known: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of each record (R,): int64 segment, 0 = none; bool, whether a pixel teaches it; bool, whether one sees it."""
+    """Of each record (R,): int64 segment, 0 = none; bool, whether a pixel teaches it; bool, whether one sees it.
+
+    The segment is that of pixels that teach, if there are any of a known one.
+    """
     center, side, resolution = cache["center"], float(cache["side"]), int(cache["resolution"])
     records = cache["key"] * FACINGS + cache["facing"]
-    segment = np.zeros(len(records), np.int64)
-    sure, taught, seen = np.zeros((3, len(records)), bool)
+    taught, seen = np.zeros((2, len(records)), bool)
+    any_segment, taught_segment = np.zeros((2, len(records)), np.int64)
     for number, shard in enumerate(pixels.shards):
         for index in range(len(shard.views)):
             own = shard.of_view(index)
@@ -91,13 +94,12 @@ def _of_records(
             place = np.minimum(np.searchsorted(records, record), len(records) - 1)
             ids = pixels.segment_of(np.full(len(pixel), number), pixel, np.arange(own.start, own.stop))
             found = records[place] == record
-            seen[place[found]] = True
             teaches = found & (pixels.valid[number][pixel] > 0)
+            seen[place[found]] = True
             taught[place[teaches]] = True
-            # the segment of what teaches goes first, whichever comes last
-            telling = teaches & (ids > 0) & known[ids]
-            rest = found & (ids > 0) & ~sure[place]
-            segment[place[rest]] = ids[rest]
-            segment[place[telling]] = ids[telling]
-            sure[place[telling]] = True
-    return segment, taught, seen
+            for segment, chosen in (
+                (any_segment, found & (ids > 0)),
+                (taught_segment, teaches & (ids > 0) & known[ids]),
+            ):
+                segment[place[chosen]] = ids[chosen]
+    return np.where(taught_segment > 0, taught_segment, any_segment), taught, seen
