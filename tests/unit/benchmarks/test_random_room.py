@@ -1,14 +1,24 @@
 """Furnished rooms by a seed, as scene files."""
 
+import pytest
+
+from benchmarks.random_loft import write_loft
 from benchmarks.random_room import write_room
 from fipt.synthetic.modelled import modelled
 from fipt.synthetic.settings import SynthesizeSettings
 
 
-def test_a_room_has_its_lamps_and_a_seed_tells_its_books(tmp_path, backend):
-    one, again, other = (write_room(tmp_path / name, seed) for name, seed in (("a", 1), ("b", 1), ("c", 2)))
+@pytest.mark.parametrize(
+    ("write", "texture", "emitters"),
+    [
+        (write_room, "floor.png", 6),  # window, three pendants, shade, screen
+        (write_loft, "marble.png", 17),  # window, five spots, eight bulbs, shade, strip, fire
+    ],
+)
+def test_a_room_has_its_lamps_and_a_seed_tells_its_small_things(tmp_path, backend, write, texture, emitters):
+    one, again, other = (write(tmp_path / name, seed) for name, seed in (("a", 1), ("b", 1), ("c", 2)))
     assert one.read_bytes() == again.read_bytes() != other.read_bytes()
-    assert (one.parent / "floor.png").read_bytes() != (other.parent / "floor.png").read_bytes()
+    assert (one.parent / texture).read_bytes() != (other.parent / texture).read_bytes()
     room = modelled(one, SynthesizeSettings(width=32, height=24))
-    assert len(room.emitters) == 6  # window, three pendants, shade, screen
+    assert len(room.emitters) == emitters
     assert len(room.parts) == one.read_text().count("<shape ")
