@@ -76,11 +76,19 @@ def before_shading(dataset: Dataset, samples: Sequence[FootprintSamples]) -> lis
 
 def without_openings(shards: Sequence[ObservedShard]) -> list[ObservedShard]:
     """The same shards; no weight is left to pixels that show any outside, and to the eight around each."""
-    return [_without(shard, lambda index, of=shard: covered_share(of.samples, index) < 1 - _SLIVER) for shard in shards]
+    return [
+        _without(shard, lambda index, of=shard: covered_share(of.samples, index) < 1 - _SLIVER, around=True)
+        for shard in shards
+    ]
 
 
-def without_triangles(shards: Sequence[ObservedShard], triangles: np.ndarray) -> list[ObservedShard]:
-    """The same shards; no weight is left to pixels that show one of these triangles, and to the eight around each."""
+def without_triangles(
+    shards: Sequence[ObservedShard], triangles: np.ndarray, around: bool = False
+) -> list[ObservedShard]:
+    """The same shards; no weight is left to pixels that show one of these triangles, if only in part.
+
+    Nor to the eight ``around`` each, if asked for.
+    """
     if len(triangles) == 0:
         return list(shards)
     named = np.zeros(int(triangles.max()) + 1, bool)
@@ -96,20 +104,22 @@ def without_triangles(shards: Sequence[ObservedShard], triangles: np.ndarray) ->
             shown[samples.pixel_of_sample(index)[own]] = True
             return shown
 
-        result.append(_without(shard, shows))
+        result.append(_without(shard, shows, around))
     return result
 
 
-def _without(shard: ObservedShard, shows: Callable[[int], np.ndarray]) -> ObservedShard:
-    """The shard without weight where ``shows`` of a view's number, (pixels of the view,) bool, is true or lies beside.
+def _without(shard: ObservedShard, shows: Callable[[int], np.ndarray], around: bool) -> ObservedShard:
+    """The shard without weight where ``shows`` of a view's number, (pixels of the view,) bool, is true, or beside.
 
     Where mesh and lens are not exact, a pixel shows some of what is beside it; nor do its rays find what fills less of
     it than one of them. What is as bright as an emitter or the sky changes such a pixel all the same.
     """
     weight = np.array(shard.weight)
     for index, shape in enumerate(shard.samples.shapes):
-        shown = shows(index).reshape(shape)
-        weight[shard.samples.pixels(index)][binary_dilation(shown, np.ones((3, 3), bool)).ravel()] = 0
+        shown = shows(index)
+        if around:
+            shown = binary_dilation(shown.reshape(shape), np.ones((3, 3), bool)).ravel()
+        weight[shard.samples.pixels(index)][shown] = 0
     return replace(shard, weight=weight)
 
 

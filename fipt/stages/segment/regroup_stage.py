@@ -47,7 +47,7 @@ def run(inputs: RegroupInputs, settings: "RegroupSettings") -> dict[str, Any]:
     data = Dataset(inputs.dataset, inputs.segments)
     shards = read_observed(data, inputs.samples, inputs.shading)
     if inputs.emitters is not None:
-        shards = without_triangles(shards, read_emitters(inputs.emitters).possible)
+        shards = without_triangles(shards, read_emitters(inputs.emitters).possible, around=True)
     before = [segments_of(data, shard.samples, "part") for shard in shards]
     regions, cuts, alike = divided(shards, before) if settings.divide else (before, 0, 1.0)
     parts, materials = regrouped(shards, regions, alike)

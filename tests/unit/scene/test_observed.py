@@ -28,14 +28,17 @@ def test_pixels_at_openings_tell_nothing_of_surface():
     assert (shard.weight == 0.5).all()  # what was given stays
 
 
-def test_pixels_that_show_an_emitter_and_those_around_tell_nothing():
+def test_pixels_that_show_an_emitter_tell_nothing_nor_do_those_around():
     """Triangle 3 is a second piece in a pixel of the last row; triangle 9, above all that are named, is not meant."""
     counts, triangle = np.ones(25, int), np.zeros(26, int)
     counts[22] = 2
     triangle[23], triangle[0] = 3, 9
     shard = seen(scenes.samples_of(np.zeros((26, 3)), triangle, 0.5, counts, shapes=((5, 5),)), np.ones(25))
-    left = without_triangles([shard], np.array([3, 4]))[0].weight.reshape(5, 5)
     expected = np.ones((5, 5))
+    expected[4, 2] = 0
+    left = without_triangles([shard], np.array([3, 4]))[0].weight.reshape(5, 5)
+    np.testing.assert_array_equal(left, expected)
     expected[3:, 1:4] = 0
+    left = without_triangles([shard], np.array([3, 4]), around=True)[0].weight.reshape(5, 5)
     np.testing.assert_array_equal(left, expected)
     assert (without_triangles([shard], np.zeros(0, int))[0].weight == 1).all()
