@@ -136,6 +136,23 @@ def test_the_verb_joins_segments_whole_and_loses_none(scene: Path, tmp_path: Pat
     assert inputs.manifest.is_file()
 
 
+def test_the_verb_keeps_segments_where_every_pixel_shows_an_emitter(scene: Path, tmp_path: Path, monkeypatch):
+    data = Dataset(scene / "dataset")
+    triangles = np.arange(len(data.mesh().triangles))
+    monkeypatch.setattr("fipt.scene.emitters.read_emitters", lambda _: SimpleNamespace(possible=triangles))
+    inputs = RegroupInputs(
+        dataset=data.root,
+        samples=(scene / "samples" / "train-000",),
+        shading=(scene / "round-0" / "shading" / "train-000",),
+        emitters=scene / "round-0" / "emitters.npz",
+        out=tmp_path / "segments",
+        manifest=tmp_path / "segments.manifest.json",
+    )
+    figures = run(inputs, RegroupSettings())
+    assert figures["materials"] == 0
+    assert figures["parts"] == figures["segments"] > 0
+
+
 @pytest.mark.parametrize(
     "second", [(WHITE, 0.1, 1.0), ((0.2, 0.2, 0.2), 0.8, 0.0)], ids=["a mirror", "a darker colour"]
 )
