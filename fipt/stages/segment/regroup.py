@@ -9,8 +9,8 @@ that differ the least become one, again and again, as long as any two agree. Two
 - both are metal, or neither, and one roughness and metallic explains both: it leaves more unexplained than the best of
   each alone by no more than chance does at the 95 % level, as the differences of pieces tell.
 
-What is metal a region's own pixels prove, clearly. Legs and frames fill few pixels, which a metal explains but little
-better. Where that metal is one that another region proves, with its colour, they count as it.
+A region is metal where its own pixels clearly prove it. Legs and frames fill too few pixels for that: a metal explains
+them only a little better than a dielectric. They count as metal where another region proves that metal, of their colour.
 """
 
 from collections.abc import Sequence
