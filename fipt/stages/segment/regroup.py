@@ -10,7 +10,7 @@ that differ the least become one, again and again, as long as any two agree. Two
   each alone by no more than chance does at the 95 % level, as the differences of pieces tell.
 
 A region is metal where its own pixels clearly prove it. Legs and frames fill too few pixels for that: a metal explains
-them only a little better than a dielectric. They count as metal where another region proves that metal, of their colour.
+them only a little better than a dielectric. They count as metal where another region proves one of their colour.
 """
 
 from collections.abc import Sequence
