@@ -10,6 +10,7 @@ import numpy as np
 
 from fipt.meshing.prepare import prepared
 from fipt.meshing.radiance_edges import Radiance
+from fipt.render.edits import without
 from fipt.render.variant import set_variant
 from fipt.scene.mesh import Mesh
 from fipt.stages.geometry.completion import Completed, complete
@@ -17,8 +18,9 @@ from fipt.stages.geometry.depth_views import DepthView, depth_noise
 from fipt.stages.geometry.evidence import evidence, regions
 from fipt.stages.geometry.fusing import check_memory, fuse, fuse_blocks, voxel_size
 from fipt.stages.geometry.mesh_settings import AnyGeometry, MonosdfGeometry, RefinedGeometry
+from fipt.stages.geometry.openings import find_openings
 from fipt.stages.geometry.overview import overview
-from fipt.stages.geometry.shell import with_shell
+from fipt.stages.geometry.shell import shell_behind, with_shell
 from fipt.stages.geometry.snapping import snapped
 
 log = logging.getLogger(__name__)
@@ -87,7 +89,12 @@ def build(views: Sequence[DepthView], radiance: Radiance, settings: AnyGeometry)
     if fitted:
         lasting["volume"] = {name: value for name, value in fitted.items() if name != "steps_per_s"}
     if found is not None:
+        inner = len(mesh.triangles)
         mesh = with_shell(mesh, found.box, voxel)
+        if settings.openings:
+            open_ = find_openings(mesh, measured)
+            lasting["open_area"] = round(float(mesh.areas[:inner][open_[:inner]].sum()), 4)
+            mesh = without(mesh, open_ | shell_behind(mesh, inner, open_, voxel))
     figures = {name: value for name, value in lasting.items() if name != "of_view"}
     if fitted:
         figures["volume"] = fitted

@@ -19,6 +19,9 @@ class _Geometry(Settings):
     cut_edges: bool = Field(
         default=True, description="cut along sharp edges of radiance, and part what they enclose: emitters are parts"
     )
+    openings: bool = Field(
+        default=True, description="leave surface out where the views see far outside; else panes close such openings"
+    )
 
     @property
     def prepare(self) -> Literal["auto", "always"]:

@@ -1,6 +1,7 @@
 """A shell around the room: light that finds a hole in what was fused ends there."""
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from fipt.scene.mesh import Mesh
 from fipt.stages.geometry.room_box import RoomBox
@@ -9,6 +10,12 @@ _BEHIND = 2
 """Voxels between the box and its shell: noise does not push what was fused through it."""
 _CELL = 10
 """Voxels along a side of its squares."""
+_GRAZING = 3.0
+"""Tangent of the angle of incidence up to which light through an opening passes the shell behind it (72 degrees)."""
+_FACING = 0.7
+"""Cosine between a pane and the side of the shell that lies behind it, at least."""
+_DEEP = 0.3
+"""Metres behind a pane, at most, of a shell that hides the outside from it."""
 
 
 def with_shell(mesh: Mesh, box: RoomBox, voxel: float) -> Mesh:
@@ -30,3 +37,32 @@ def with_shell(mesh: Mesh, box: RoomBox, voxel: float) -> Mesh:
             triangles.append(squares if inward else squares[:, ::-1])
             count += grid[..., 0].size
     return Mesh(np.concatenate(vertices).astype(np.float32), np.concatenate(triangles).astype(np.int32))
+
+
+def shell_behind(mesh: Mesh, first: int, open_: np.ndarray, voxel: float) -> np.ndarray:
+    """Tell which triangles of the shell light through openings passes.
+
+    Parameters
+    ----------
+    first
+        Number of the shell's first triangle; it has all that follow.
+    open_
+        (T,) bool: triangles that close openings.
+
+    Returns
+    -------
+    behind
+        (T,) bool.
+    """
+    behind = np.zeros(len(open_), bool)
+    middle, panes = mesh.corners.mean(axis=1), np.flatnonzero(open_[:first])
+    if len(panes):
+        _, nearest = cKDTree(middle[panes]).query(middle[first:])
+        pane, normal = panes[nearest], mesh.normals[first:]
+        way = middle[pane] - middle[first:]
+        before = (way * normal).sum(axis=1)  # the shell faces inwards
+        aside = np.sqrt(np.maximum((way**2).sum(axis=1) - before**2, 0))
+        along = np.abs((mesh.normals[pane] * normal).sum(axis=1)) > _FACING
+        near = (before > 0) & (before < _DEEP)
+        behind[first:] = along & near & (aside < _GRAZING * before + _CELL * voxel)
+    return behind
