@@ -32,6 +32,9 @@ class Waves:
         return Brdf(np.stack([x, x / 2, 0 * x], axis=1), 0.1 + 0.5 * x, x / 4)
 
 
+ROOM = scenes.box((0, 0, 0), (1, 1, 1))
+
+
 def emitter(*triangles):
     n = len(triangles)
     ones = np.ones(n, np.float32)
@@ -73,7 +76,9 @@ def test_layers_of_a_view(maps):
     place = np.array([6 * (5 + 8 * (4 + 8 * 4)) + 3])
     errors = (np.full(1, error) for error in (0.1, 0.2, 0.3))
     confidence = Confidence(np.zeros(3), 2.0, 8, place, *errors, np.ones(1, bool), np.float32([0.25, 0.5, 0.75]))
-    layers = maps.material_maps(maps.FittedSurface(Waves(), emitter(7), confidence), samples, 0, camera, average=False)
+    layers = maps.material_maps(
+        maps.FittedSurface(Waves(), emitter(7), ROOM, confidence), samples, 0, camera, average=False
+    )
     x = np.float32([[0.1, 0.2], [0.4, 0.0]])
     hit = np.array([[1, 1], [1, 0]])
     np.testing.assert_array_equal(layers["hit.Y"], hit)
