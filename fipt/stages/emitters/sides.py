@@ -12,7 +12,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from fipt.scene.emitters import BACK, FRONT, Emitters
+from fipt.scene.emitters import BACK, BOTH, FRONT, Emitters
 from fipt.scene.mesh import Mesh
 from fipt.scene.observed import ObservedShard
 from fipt.scene.samples import ALONE
@@ -24,6 +24,8 @@ _SHINES = 0.5
 """Radiance, as a share of the emitter's, above which a face is nearer to it than to black."""
 _FOLDED = -0.9
 """Cosine between normals beyond which a sheet is folded onto itself: panes back to back share their rims."""
+_TURNED = np.int8([0, BACK, FRONT, BOTH])
+"""Sides -> the same sides of a triangle that is wound the other way."""
 
 
 def shining_sides(mesh: Mesh, found: Emitters, shards: Sequence[ObservedShard]) -> np.ndarray:
@@ -107,5 +109,5 @@ def _with_unseen(mesh: Mesh, found: Emitters, sides: np.ndarray) -> np.ndarray:
     nearest = seen[cKDTree(place[seen]).query(place[unseen])[1]]
     turned = (normal[unseen] * normal[nearest]).sum(axis=1) < 0
     result = sides.copy()
-    result[unseen] = np.where(turned, (sides[nearest] & FRONT) * BACK | (sides[nearest] & BACK) // BACK, sides[nearest])
+    result[unseen] = np.where(turned, _TURNED[sides[nearest]], sides[nearest])
     return result
