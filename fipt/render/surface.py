@@ -12,7 +12,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from fipt.scene.emitters import BACK, BOTH, FRONT, Emitters, shines
+from fipt.scene.emitters import BACK, BOTH, FRONT, Emitters, emits
 from fipt.scene.mesh import Mesh
 
 
@@ -72,8 +72,8 @@ class EmitterSet:
         if len(known) == 0:
             return np.zeros((len(triangle), 3), np.float32)
         place = np.minimum(np.searchsorted(known, triangle), len(known) - 1)
-        emits = (known[place] == triangle) & shines(self.sides[order][place], front)
-        return np.where(emits[:, None], self.radiance[order][place], 0.0).astype(np.float32)
+        own = (known[place] == triangle) & emits(self.sides[order][place], front)
+        return np.where(own[:, None], self.radiance[order][place], 0.0).astype(np.float32)
 
 
 def emitter_set(emitters: Emitters) -> EmitterSet:
@@ -256,8 +256,8 @@ class Triangles:
         v = dr.gather(mi.Vector4f, self.emitted, emitter, active)
         return mi.Color3f(v.x, v.y, v.z), v.w
 
-    def shines(self, emitter: "mi.UInt32", cos: "mi.Float", active: "mi.Bool") -> "mi.Bool":
-        """Whether an emitter shines to where the cosine with its normal by winding order is ``cos``."""
+    def emits(self, emitter: "mi.UInt32", cos: "mi.Float", active: "mi.Bool") -> "mi.Bool":
+        """Whether an emitter emits to where the cosine with its normal by winding order is ``cos``."""
         sides = dr.gather(mi.UInt32, self.sides, emitter, active)
         return (sides & dr.select(cos > 0, mi.UInt32(FRONT), mi.UInt32(BACK))) > 0
 

@@ -21,7 +21,7 @@ FRONT, BACK, BOTH = 1, 2, 3
 """Sides of a triangle that shine: the one that its winding faces, the other one, both."""
 
 
-def shines(sides: np.ndarray, front: np.ndarray) -> np.ndarray:
+def emits(sides: np.ndarray, front: np.ndarray) -> np.ndarray:
     """(N,) bool: whether the front, where ``front`` (N,), or the back is of the sides (N,) that shine."""
     return (sides & np.where(front, FRONT, BACK)) > 0
 
@@ -213,7 +213,7 @@ def emitter_facts(emitters: Emitters, mesh: Mesh) -> list[dict[str, Any]]:
         own = emitters.emitter == number
         area = emitters.area[own].astype(np.float64)
         radiance = (emitters.radiance[own] * area[:, None]).sum(0) / area.sum()
-        shining = area * (1 + both[own])
+        emitting = area * (1 + both[own])
         rows.append(
             {
                 "index": number,
@@ -223,8 +223,8 @@ def emitter_facts(emitters: Emitters, mesh: Mesh) -> list[dict[str, Any]]:
                 "area": float(area.sum()),
                 "radiance": [float(v) for v in radiance],
                 "error": [float(v) for v in emitters.error[own].max(axis=0)],
-                "power": [float(v) for v in np.pi * shining @ emitters.radiance[own]],
-                "sides": float(shining.sum() / area.sum()),
+                "power": [float(v) for v in np.pi * emitting @ emitters.radiance[own]],
+                "sides": float(emitting.sum() / area.sum()),
                 "center": [float(v) for v in (centers[triangles] * area[:, None]).sum(0) / area.sum()],
                 "views": int(emitters.views[own].max()),
                 "confidence": float(emitters.confidence[own].mean()),

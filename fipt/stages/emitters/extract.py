@@ -28,7 +28,7 @@ from fipt.stages.emitters.observations import (
 from fipt.stages.emitters.regions import Surface, find_regions
 from fipt.stages.emitters.settings import EmittersSettings
 from fipt.stages.emitters.shape import shaped
-from fipt.stages.emitters.sides import shining_sides
+from fipt.stages.emitters.sides import emitting_sides
 from fipt.stages.emitters.small import RELEVANT, small_emitters
 
 _MOST_PIXELS = 4_000_000
@@ -148,7 +148,7 @@ def extract(
     measured = _measured(mesh, of_triangles(views, tells), label, decided, settings, surface)
     found = _completed(mesh, measured, np.flatnonzero(observed), decided, settings.complete)
     if settings.sides == "seen":
-        found = replace(found, sides=shining_sides(mesh, found, shards))
+        found = replace(found, sides=emitting_sides(mesh, found, shards))
     return Extracted(replace(found, undecided=undecided), doubtful)
 
 

@@ -20,15 +20,15 @@ from fipt.stages.emitters.observations import grouped_median
 
 _LEAST = 0.05
 """Share of a sheet's seen area that must be seen of a face: noise of scans turns 1 to 2 % of the triangles."""
-_SHINES = 0.5
+_EMITS = 0.5
 """Radiance, as a share of the emitter's, above which a face is nearer to it than to black."""
 _FOLDED = -0.9
 """Cosine between normals beyond which a sheet is folded onto itself: panes back to back share their rims."""
-_TURNED = np.int8([0, BACK, FRONT, BOTH])
+_TURNED = np.array([0, BACK, FRONT, BOTH], np.int8)
 """Sides -> the same sides of a triangle that is wound the other way."""
 
 
-def shining_sides(mesh: Mesh, found: Emitters, shards: Sequence[ObservedShard]) -> np.ndarray:
+def emitting_sides(mesh: Mesh, found: Emitters, shards: Sequence[ObservedShard]) -> np.ndarray:
     """(E,) int8 sides of the emitting triangles that shine; those of unseen pieces follow the nearest seen ones.
 
     Parameters
@@ -44,8 +44,8 @@ def shining_sides(mesh: Mesh, found: Emitters, shards: Sequence[ObservedShard]) 
     other[face] = face[:, ::-1]
     visible = (area > 0) & (area >= _LEAST * (area + area[other]))
     ratio = np.where(visible, ratio, -np.inf)
-    shines = (visible & ((ratio >= _SHINES) | (ratio >= ratio[other])))[face]
-    return _with_unseen(mesh, found, (shines @ [FRONT, BACK]).astype(np.int8))
+    bright = (visible & ((ratio >= _EMITS) | (ratio >= ratio[other])))[face]
+    return _with_unseen(mesh, found, (bright @ [FRONT, BACK]).astype(np.int8))
 
 
 def faces(mesh: Mesh, triangles: np.ndarray) -> np.ndarray:

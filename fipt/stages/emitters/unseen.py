@@ -16,7 +16,7 @@ import numpy as np
 
 from fipt.render.directions import cosine_directions
 from fipt.render.scene import RayScene
-from fipt.scene.emitters import Emitters, shines
+from fipt.scene.emitters import Emitters, emits
 from fipt.scene.environment import EnvironmentMap
 from fipt.scene.mesh import Mesh
 from fipt.scene.surface_blocks import Blocks
@@ -183,7 +183,7 @@ class Lights:
         result, sides = self.emitted[triangle], self.sides[triangle]
         emitters = np.flatnonzero(sides)
         front = self.mesh.front(triangle[emitters], direction[emitters])
-        result[emitters[~shines(sides[emitters], front)]] = 0
+        result[emitters[~emits(sides[emitters], front)]] = 0
         return result
 
     def given(self, patches: Patches, position: np.ndarray, normal: np.ndarray) -> np.ndarray:

@@ -111,7 +111,7 @@ def test_sides_of_emitters(mi):
     lit = EmitterSet(lamps, np.ones((4, 3), np.float32) * [[1], [1], [1], [0]], sides)
     triangles = Triangles(scenes.box((0, 0, 0), (1, 2, 3)), lit)
     _, number = triangles.lookup(mi.UInt32(np.repeat(lamps, 2)), mi.Bool(True))
-    got = np.array(triangles.shines(number - 1, mi.Float([0.5, -0.5] * 4), mi.Bool(True)))
+    got = np.array(triangles.emits(number - 1, mi.Float([0.5, -0.5] * 4), mi.Bool(True)))
     np.testing.assert_array_equal(got, [1, 0, 0, 1, 1, 1, 0, 0])  # the last is off
     shown = lit.emitted(np.repeat(lamps, 2), np.arange(8) % 2 == 0)
     np.testing.assert_array_equal(shown[:, 0], got)

@@ -9,7 +9,7 @@ import trimesh
 from fipt.conventions import SHADING_OUTPUTS
 from fipt.scene.emitters import BACK, BOTH, FRONT, Emitters
 from fipt.scene.mesh import Mesh
-from fipt.stages.emitters.sides import faces, shining_sides
+from fipt.stages.emitters.sides import emitting_sides, faces
 from tests import scenes
 
 L = np.float32([4, 3, 2])
@@ -48,7 +48,7 @@ def sides(mesh, *pixels, triangles=None):
     shards = scenes.observed([samples], [shading], [(image, np.ones(len(triangle), np.float32))])
     own = np.arange(len(mesh.triangles)) if triangles is None else np.asarray(triangles)
     found = Emitters.plain(mesh, own, np.tile(L, (len(own), 1)), 0 * own)
-    result = shining_sides(mesh, found, shards)
+    result = emitting_sides(mesh, found, shards)
     assert result.dtype == np.int8
     return result
 
