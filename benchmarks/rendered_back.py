@@ -30,6 +30,7 @@ from fipt.render.tracer import PathSettings, Shader
 from fipt.render.variant import set_variant
 from fipt.scene.cameras import Camera
 from fipt.scene.dataset import Dataset
+from fipt.scene.emitters import FRONT
 from fipt.scene.environment import covered_share
 from fipt.scene.samples import read_samples
 from fipt.scene.voxels import read_cache
@@ -55,7 +56,7 @@ def light_of(room: SyntheticRoom, voxels: dict, known: list[tuple[np.ndarray, Br
         )
     )
     lamps = np.flatnonzero(room.emits).astype(np.int32)
-    lit = EmitterSet(lamps, room.radiance[lamps], two_sided=False)
+    lit = EmitterSet(lamps, room.radiance[lamps], np.full(len(lamps), FRONT, np.int8))
     nothing = np.zeros((len(voxels["key"]), 3), np.float32)
     surface = SurfaceCache(voxels, nothing, np.zeros(len(nothing), bool), materials)
     path = PathSettings(10, cache_roughness=1.0, light_at_first=True)

@@ -30,18 +30,18 @@ def textures(roughness=1.0, metallic=0.0) -> MaterialTextures:
     return MaterialTextures(color, np.uint8(level * roughness), np.uint8(level * metallic))
 
 
-def room(outside: EnvironmentMap = NOTHING, two_sided=True, cameras=None, walls=6, **materials) -> Asset:
+def room(outside: EnvironmentMap = NOTHING, cameras=None, walls=6, **materials) -> Asset:
     """A box [-2, 2] x [0, 2.5] x [-2, 3] with two emitters; its first ``walls`` walls."""
     box = scenes.box((-2, 0, -2), (2, 2.5, 3))
     mesh = type(box)(box.vertices[: 4 * walls], box.triangles[: 2 * walls])
     quarter = np.array([(0, 0), (1, 0), (1, 1), (0, 1)])
     uv = np.concatenate([np.add(quarter, (wall, 0)) / (6, 1) for wall in range(walls)]).astype(np.float32)
     none = np.zeros(3, np.float32)
-    # one far from any wall, seen from both sides; one small
+    # one far from any wall, seen from both sides; one small, whose inside nobody sees
     sheet = scenes.emitter_quad((-0.6, 0.6), 2.0, (-0.5, 0.7))
     small = scenes.turned(scenes.box((1.2, 0.6, 0.0), (1.3, 0.7, 0.1)))
     emitters = tuple(
-        TexturedMesh(f"emitter_{n}", mesh, np.zeros((len(mesh.vertices), 2), np.float32), np.float32(radiance))
+        TexturedMesh(f"emitter_{n}", mesh, np.zeros((len(mesh.vertices), 2), np.float32), np.float32(radiance), n == 0)
         for n, (mesh, radiance) in enumerate(((sheet, (5, 4, 3)), (small, (20, 30, 60))))
     )
     cameras = (camera(), camera("side", 0.7, cx=13.0, cy=14.5, split="train")) if cameras is None else cameras
@@ -49,7 +49,6 @@ def room(outside: EnvironmentMap = NOTHING, two_sided=True, cameras=None, walls=
         "room",
         TexturedMesh("surface", mesh, uv, none),
         emitters,
-        two_sided,
         textures(**materials),
         tuple(cameras),
         outside,

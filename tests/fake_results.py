@@ -87,7 +87,6 @@ def write_emitters(root: Path, count: int) -> None:
     emitter = {"index": 0, "triangles": 2, "area": 0.5, "radiance": [4, 4, 2], "center": [0, 0, 0]}
     emitter |= {"power": 12.5, "views": 2, "confidence": 0.9}
     content = {
-        "two_sided": True,
         "emitters": [emitter | {"index": index, "name": default_name(index)} for index in range(count)],
     }
     write_text(root / "round-1" / "emitters.json", json.dumps(content))

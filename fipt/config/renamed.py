@@ -14,6 +14,7 @@ _SECTIONS = {
     "samples.max_hits": "samples.max_samples",
     "background": "environment",
     "lamps": "olat",
+    "emitters.two_sided": "emitters.sides",
 }
 """Old stage section, or key of one -> new one; in the config, and in the settings of a scene."""
 

@@ -22,7 +22,7 @@ from fipt.model.albedo import albedo_terms
 from fipt.render import bsdf
 from fipt.render.footprint import sub_pixel_points
 from fipt.render.scene import lanes
-from fipt.scene.asset import Asset, MaterialTextures, TexturedMesh, back, mitsuba_map
+from fipt.scene.asset import Asset, MaterialTextures, TexturedMesh, mitsuba_map
 from fipt.scene.cameras import Camera
 
 SPECULAR = 0.2
@@ -54,8 +54,7 @@ def load_asset(asset: Asset) -> mi.Scene:
         }
     )
     scene: dict[str, Any] = {"type": "scene", "surface": _shape(asset.surface, bsdf=surface)}
-    sheets = [*asset.emitters, *(back(emitter) for emitter in asset.emitters if asset.two_sided)]
-    for emitter in sheets:
+    for emitter in asset.sheets:
         parts = {"bsdf": mi.load_dict({"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}})}
         if emitter.radiance.any():
             value = [float(v) for v in emitter.radiance]

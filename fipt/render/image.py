@@ -101,10 +101,7 @@ class LitRoom:
 
     def emitted(self, si: SurfaceInteractions) -> np.ndarray:
         """(N, 3) radiance that the points of the mesh emit towards the viewer."""
-        emitted = self.emitters.emitted(si.triangle)
-        if not self.emitters.two_sided:
-            emitted[(si.normal * self.mesh.normals[si.triangle]).sum(axis=1) < 0] = 0
-        return emitted
+        return self.emitters.emitted(si.triangle, self.mesh.front(si.triangle, si.normal))
 
     def reflected(
         self, si: SurfaceInteractions, brdf: Materials, key: np.ndarray, paths: int, advance: Advance

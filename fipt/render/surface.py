@@ -5,14 +5,14 @@
 # pyright: reportGeneralTypeIssues=false, reportOperatorIssue=false, reportReturnType=false
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from fipt.scene.emitters import Emitters
+from fipt.scene.emitters import BACK, BOTH, FRONT, Emitters, emits
 from fipt.scene.mesh import Mesh
 
 
@@ -45,32 +45,40 @@ class EmitterSet:
         (E,) int32 indices into the mesh.
     radiance
         (E, 3) float32.
-    two_sided
-        Whether they shine from both sides; otherwise from the side their winding faces.
+    sides
+        (E,) int8 which sides shine, as of `Emitters`. Left out: both.
     """
 
     triangle: np.ndarray
     radiance: np.ndarray
-    two_sided: bool = True
+    sides: np.ndarray = field(default_factory=lambda: np.empty(0, np.int8))
+
+    def __post_init__(self) -> None:
+        if len(self.sides) != len(self.triangle):
+            object.__setattr__(self, "sides", np.full(len(self.triangle), BOTH, np.int8))
+
+    def chosen(self, rows: np.ndarray) -> "EmitterSet":
+        """Those where ``rows`` (E,) is true."""
+        return EmitterSet(self.triangle[rows], self.radiance[rows], self.sides[rows])
 
     def lit(self) -> "EmitterSet":
         """The triangles that emit at all."""
-        keep = self.radiance.max(axis=1, initial=0) > 0
-        return EmitterSet(self.triangle[keep], self.radiance[keep], self.two_sided)
+        return self.chosen(self.radiance.max(axis=1, initial=0) > 0)
 
-    def emitted(self, triangle: np.ndarray) -> np.ndarray:
-        """(N, 3) float32 radiance that triangles (N,) of the mesh emit."""
+    def emitted(self, triangle: np.ndarray, front: np.ndarray) -> np.ndarray:
+        """(N, 3) float32 radiance that triangles (N,) emit from their front, where ``front`` (N,), or their back."""
         order = np.argsort(self.triangle)
         known = self.triangle[order]
         if len(known) == 0:
             return np.zeros((len(triangle), 3), np.float32)
         place = np.minimum(np.searchsorted(known, triangle), len(known) - 1)
-        return np.where((known[place] == triangle)[:, None], self.radiance[order][place], 0.0).astype(np.float32)
+        own = (known[place] == triangle) & emits(self.sides[order][place], front)
+        return np.where(own[:, None], self.radiance[order][place], 0.0).astype(np.float32)
 
 
 def emitter_set(emitters: Emitters) -> EmitterSet:
     """Found emitters as the tracer takes them."""
-    return EmitterSet(emitters.triangle, emitters.radiance, emitters.two_sided)
+    return EmitterSet(emitters.triangle, emitters.radiance, emitters.sides)
 
 
 class SurfaceCache:
@@ -172,6 +180,8 @@ class EmitterPoint:
     ----------
     p, n
         Place (metres), normal by winding order.
+    emitter
+        Its number.
     radiance
         What is emitted there.
     p_area
@@ -180,6 +190,7 @@ class EmitterPoint:
 
     p: "mi.Point3f"
     n: "mi.Vector3f"
+    emitter: "mi.UInt32"
     radiance: "mi.Color3f"
     p_area: "mi.Float"
 
@@ -215,7 +226,7 @@ class Triangles:
         self.face = mi.Float(np.concatenate([mesh.normals, number[:, None]], axis=1).astype(np.float32).ravel())
         if not self.absorb:
             return
-        self.two_sided = emitters.two_sided
+        self.sides = mi.UInt32(np.append(emitters.sides, 0).astype(np.uint32))
         self.count = len(emitters.triangle)
         area = np.maximum(mesh.areas[emitters.triangle], 1e-20)
         power = area * emitters.radiance.astype(np.float64).mean(axis=1)
@@ -245,9 +256,10 @@ class Triangles:
         v = dr.gather(mi.Vector4f, self.emitted, emitter, active)
         return mi.Color3f(v.x, v.y, v.z), v.w
 
-    def emits_along(self, normal: "mi.Vector3f", away: "mi.Vector3f") -> "mi.Bool":
-        """Whether an emitter with this winding normal emits along ``away``."""
-        return mi.Bool(True) if self.two_sided else dr.dot(normal, away) > 0
+    def emits(self, emitter: "mi.UInt32", cos: "mi.Float", active: "mi.Bool") -> "mi.Bool":
+        """Whether an emitter emits to where the cosine with its normal by winding order is ``cos``."""
+        sides = dr.gather(mi.UInt32, self.sides, emitter, active)
+        return (sides & dr.select(cos > 0, mi.UInt32(FRONT), mi.UInt32(BACK))) > 0
 
     def sample(self, u: "mi.Float", u1: "mi.Float", u2: "mi.Float", active: "mi.Bool") -> EmitterPoint:
         """Choose a point on an emitter by power."""
@@ -262,7 +274,7 @@ class Triangles:
         q = corner + edge_u * (root * (1 - u2)) + edge_v * (root * u2)
         n = dr.gather(mi.Vector4f, self.emitter_normal, e, active)
         radiance, pdf = self.radiance(e, active)
-        return EmitterPoint(mi.Point3f(q.x, q.y, q.z), mi.Vector3f(n.x, n.y, n.z), radiance, pdf)
+        return EmitterPoint(mi.Point3f(q.x, q.y, q.z), mi.Vector3f(n.x, n.y, n.z), e, radiance, pdf)
 
 
 def alias_table(chance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -250,9 +250,10 @@ class Shader:
         distance2 = dr.squared_norm(away)
         distance = dr.sqrt(distance2)
         wi = away / distance
-        cos = dr.abs(dr.dot(ds.n, wi))
+        toward = dr.dot(ds.n, -wi)
+        cos = dr.abs(toward)
         p_emitter = ds.p_area * distance2 / cos
-        visible = wanted & (dr.dot(v.n, wi) > 0) & (cos > 1e-6) & self.triangles.emits_along(ds.n, -wi)
+        visible = wanted & (dr.dot(v.n, wi) > 0) & (cos > 1e-6) & self.triangles.emits(ds.emitter, toward, wanted)
         visible &= ~self._blocked(origin, wi, distance * (1 - 1e-3) - self.scene.offset(v.p), visible)
         if self._emitters_at_x:
             g = ggx.ReflectionGeometry(v.n, wi, v.wo)
@@ -313,7 +314,7 @@ class Shader:
         radiance, p_emitter, ends = mi.Color3f(0.0), mi.Float(0.0), ~si.valid
         if self.triangles.absorb:
             on_emitter = si.valid & (si.emitter > 0)
-            emits = on_emitter & self.triangles.emits_along(si.normal, -si.wi)
+            emits = on_emitter & self.triangles.emits(si.emitter - 1, -si.cos, on_emitter)
             Le, p_area = self.triangles.radiance(si.emitter - 1, emits)
             radiance = dr.select(emits, Le, radiance)
             p_emitter = dr.select(emits, p_area * dr.square(si.t) / dr.maximum(dr.abs(si.cos), 1e-6), 0)

@@ -31,12 +31,15 @@ class TexturedMesh:
         (V, 2) float32 texture coordinates.
     radiance
         (3,) what an emitter emits; zero for the surface that only reflects, and for an emitter that is off.
+    two_sided
+        Whether an emitter shines from both sides, or from the one that its winding faces.
     """
 
     name: str
     mesh: Mesh
     uv: np.ndarray
     radiance: np.ndarray
+    two_sided: bool = True
 
     @property
     def closed(self) -> bool:
@@ -79,8 +82,6 @@ class Asset:
         What reflects.
     emitters
         What shines; emitters absorb what falls on them.
-    two_sided
-        Whether emitters emit from both sides, or from the one that their winding faces.
     textures
         Of the surface.
     cameras
@@ -92,10 +93,14 @@ class Asset:
     name: str
     surface: TexturedMesh
     emitters: tuple[TexturedMesh, ...]
-    two_sided: bool
     textures: MaterialTextures
     cameras: tuple[Camera, ...]
     outside: EnvironmentMap
+
+    @property
+    def sheets(self) -> list[TexturedMesh]:
+        """Emitters as area lights of one side: those of two sides with their backs."""
+        return [*self.emitters, *(back(emitter) for emitter in self.emitters if emitter.two_sided)]
 
 
 def back(piece: TexturedMesh) -> TexturedMesh:
@@ -107,12 +112,12 @@ def back(piece: TexturedMesh) -> TexturedMesh:
     return replace(piece, name=f"{piece.name}_back", mesh=turned, uv=piece.uv[mesh.triangles].reshape(-1, 2))
 
 
-def intensity(piece: TexturedMesh, two_sided: bool) -> np.ndarray:
+def intensity(piece: TexturedMesh) -> np.ndarray:
     """(3,) radiant intensity of a point light in an emitter's place: its mean over all directions.
 
     A convex body shows a quarter of its area on average; a sheet of two sides half, of one side a quarter.
     """
-    share = 0.5 if two_sided and not piece.closed else 0.25
+    share = 0.5 if piece.two_sided and not piece.closed else 0.25
     return share * piece.mesh.areas.sum() * piece.radiance.astype(np.float64)
 
 

@@ -17,6 +17,14 @@ from fipt.scene.mesh import Mesh
 from fipt.scene.review import closest, ranges
 from fipt.scene.setup import EmitterEdit
 
+FRONT, BACK, BOTH = 1, 2, 3
+"""Sides of a triangle that shine: the one that its winding faces, the other one, both."""
+
+
+def emits(sides: np.ndarray, front: np.ndarray) -> np.ndarray:
+    """(N,) bool: whether the front, where ``front`` (N,), or the back is of the sides (N,) that shine."""
+    return (sides & np.where(front, FRONT, BACK)) > 0
+
 
 @dataclass(frozen=True)
 class Undecided:
@@ -76,8 +84,8 @@ class Emitters:
         (E,) float32 share of the patch's pixels that are clipped.
     lower_bound
         (E,) bool: its radiance comes from clipped pixels, and may be higher.
-    two_sided
-        Whether they shine from both sides.
+    sides
+        (E,) int8 which sides shine: `FRONT`, `BACK` or `BOTH`, as the triangle is wound. Left out: both.
     error
         (E, 3) float32 standard error of the patch's radiance; zero where nobody measured it.
     undecided
@@ -96,7 +104,7 @@ class Emitters:
     confidence: np.ndarray
     clipped: np.ndarray
     lower_bound: np.ndarray
-    two_sided: bool = True
+    sides: np.ndarray = field(default_factory=lambda: np.empty(0, np.int8))
     error: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), np.float32))
     undecided: Undecided = field(default_factory=Undecided.none)
     guessed: np.ndarray = field(default_factory=lambda: np.empty(0, bool))
@@ -104,13 +112,14 @@ class Emitters:
 
     def __post_init__(self) -> None:
         count = len(self.triangle)
-        for name, shape, kind in (
-            ("error", (count, 3), np.float32),
-            ("guessed", (count,), bool),
-            ("spread", (count,), np.float32),
+        for name, left_out in (
+            ("sides", np.full(count, BOTH, np.int8)),
+            ("error", np.zeros((count, 3), np.float32)),  # measured, nobody knows how well
+            ("guessed", np.zeros(count, bool)),
+            ("spread", np.zeros(count, np.float32)),
         ):
-            if len(getattr(self, name)) != count:  # left out: measured, nobody knows how well
-                object.__setattr__(self, name, np.zeros(shape, kind))
+            if len(getattr(self, name)) != count:
+                object.__setattr__(self, name, left_out)
 
     @property
     def possible(self) -> np.ndarray:
@@ -154,19 +163,19 @@ _ARRAYS = (
     "confidence",
     "clipped",
     "lower_bound",
+    "sides",
     "error",
     "guessed",
     "spread",
 )
 _UNDECIDED = ("triangle", "region", "reflects", "emits", "price")
 _FORMS = {
-    **dict.fromkeys(("triangle", "emitter", "views"), "number E"),
+    **dict.fromkeys(("triangle", "emitter", "views", "sides"), "number E"),
     **dict.fromkeys(("area", "spread"), "amount E"),
     **dict.fromkeys(("confidence", "clipped"), "share E"),
     **dict.fromkeys(("lower_bound", "guessed"), "bool E"),
     "radiance": "amount E 3",
     "error": "float E 3",
-    "two_sided": "bool",
     "undecided_triangle": "number U",
     "undecided_region": "number U",
     **{f"undecided_{name}": "float R" for name in ("reflects", "emits", "price")},
@@ -193,16 +202,18 @@ def question_triangles(emitters: Emitters) -> list[np.ndarray]:
 def emitter_facts(emitters: Emitters, mesh: Mesh) -> list[dict[str, Any]]:
     """What emitters.json says of every emitter.
 
-    Power is the flux of a Lambertian emitter, of each channel; ``share`` is that of the mean of the channels in the
-    power of all emitters. ``spread`` is the relative standard deviation of the power of all that is ``guessed``.
+    Power is the flux of a Lambertian emitter, of each channel, from the sides that shine; ``sides`` is how many do, as
+    the mean over its area. ``share`` is that of the mean of the channels in the power of all emitters. ``spread`` is
+    the relative standard deviation of the power of all that is ``guessed``.
     """
     rows = []
-    sides = 2 if emitters.two_sided else 1
+    both = emitters.sides == BOTH
     centers = mesh.corners.mean(axis=1)
     for number, triangles in enumerate(emitter_triangles(emitters)):
         own = emitters.emitter == number
         area = emitters.area[own].astype(np.float64)
         radiance = (emitters.radiance[own] * area[:, None]).sum(0) / area.sum()
+        emitting = area * (1 + both[own])
         rows.append(
             {
                 "index": number,
@@ -212,7 +223,8 @@ def emitter_facts(emitters: Emitters, mesh: Mesh) -> list[dict[str, Any]]:
                 "area": float(area.sum()),
                 "radiance": [float(v) for v in radiance],
                 "error": [float(v) for v in emitters.error[own].max(axis=0)],
-                "power": [float(v) for v in sides * np.pi * area.sum() * radiance],
+                "power": [float(v) for v in np.pi * emitting @ emitters.radiance[own]],
+                "sides": float(emitting.sum() / area.sum()),
                 "center": [float(v) for v in (centers[triangles] * area[:, None]).sum(0) / area.sum()],
                 "views": int(emitters.views[own].max()),
                 "confidence": float(emitters.confidence[own].mean()),
@@ -243,13 +255,12 @@ def write_emitters(path: str | Path, emitters: Emitters, mesh: Mesh, radiance_sc
     """Write ``path`` (npz) and, beside it, the JSON for people; ``radiance_scale`` as of `in_source_unit`."""
     save_npz(
         path,
-        two_sided=np.array(emitters.two_sided),
         **{name: getattr(emitters, name) for name in _ARRAYS},
         **{f"undecided_{name}": getattr(emitters.undecided, name) for name in _UNDECIDED},
     )
     questions = undecided_facts(emitters.undecided, mesh)
     rows = emitter_facts(in_source_unit(emitters, radiance_scale), mesh)
-    write_list(Path(path).with_suffix(".json"), emitters.two_sided, rows, questions)
+    write_list(Path(path).with_suffix(".json"), rows, questions)
 
 
 def in_source_unit(emitters: Emitters, radiance_scale: float) -> Emitters:
@@ -258,10 +269,9 @@ def in_source_unit(emitters: Emitters, radiance_scale: float) -> Emitters:
     return replace(emitters, radiance=emitters.radiance * unit, error=emitters.error * unit)
 
 
-def write_list(path: Path, two_sided: bool, rows: list[dict[str, Any]], undecided: list[dict[str, Any]]) -> None:
+def write_list(path: Path, rows: list[dict[str, Any]], undecided: list[dict[str, Any]]) -> None:
     """Write emitters.json."""
-    content = {"two_sided": two_sided, "emitters": rows, "undecided": undecided}
-    write_text(path, json.dumps(content, indent=1) + "\n")
+    write_text(path, json.dumps({"emitters": rows, "undecided": undecided}, indent=1) + "\n")
 
 
 def read_names(path: str | Path | None, emitters: Emitters) -> list[str]:
@@ -346,6 +356,8 @@ def read_emitters(path: str | Path, mesh: Mesh | None = None) -> Emitters:
     triangles = np.concatenate([arrays["triangle"], np.unique(arrays["undecided_triangle"])])
     if len(np.unique(arrays["triangle"])) < len(arrays["triangle"]):
         raise FiptError(f"{path}: every emitting triangle must be listed once", made_again(path))
+    if not np.isin(arrays["sides"], (FRONT, BACK, BOTH)).all():
+        raise FiptError(f"{path}: sides must be {FRONT}, {BACK} or {BOTH}", made_again(path))
     if mesh is not None and triangles.max(initial=-1) >= len(mesh.triangles):
         raise FiptError(
             f"{path} names triangle {triangles.max()}; the mesh has {len(mesh.triangles)}: it is of another one",
@@ -353,4 +365,4 @@ def read_emitters(path: str | Path, mesh: Mesh | None = None) -> Emitters:
         )
     undecided = Undecided(**{name: arrays[key] for name, key in questions.items()})
     known = {name: arrays[name] for name in _ARRAYS}
-    return Emitters(**known, two_sided=bool(arrays["two_sided"]), undecided=undecided)
+    return Emitters(**known, undecided=undecided)

@@ -55,6 +55,10 @@ class Mesh:
         length = np.linalg.norm(n, axis=1, keepdims=True)
         return (n / np.where(length > 0, length, 1.0)).astype(np.float32)
 
+    def front(self, triangle: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """(N,) bool: whether directions (N, 3) leave triangles (N,) from the side that their winding faces."""
+        return (direction * Mesh(self.vertices, self.triangles[triangle]).normals).sum(axis=1) > 0
+
 
 def read_mesh(path: str | Path) -> Mesh:
     """Read a PLY or OBJ mesh, all objects merged, vertices and triangles in file order.

@@ -52,8 +52,8 @@ def test_a_setup_that_changes_something_is_not_told() -> None:
 
 
 def test_a_room_without_light_is_told() -> None:
-    lit = EmitterSet(np.array([3], np.int32), np.ones((1, 3), np.float32), True)
-    black = EmitterSet(np.array([3], np.int32), np.zeros((1, 3), np.float32), True)
+    lit = EmitterSet(np.array([3], np.int32), np.ones((1, 3), np.float32))
+    black = EmitterSet(np.array([3], np.int32), np.zeros((1, 3), np.float32))
     turned = setup(environment={"rotation": 90})
     assert missing_light(Illumination(lit, NOTHING), setup()) == []
     assert "all images are black" in missing_light(Illumination(black, NOTHING), setup())[0]

@@ -29,7 +29,7 @@ FILES: dict[str, tuple[dict[str, Any], Callable[[Path], object]]] = {
             **dict.fromkeys(("area", "confidence", "clipped", "spread"), ONES),
             **{name: np.zeros(N, bool) for name in ("lower_bound", "guessed")},
             **{f"undecided_{name}": ROWS for name in ("triangle", "region", "reflects", "emits", "price")},
-            "radiance": np.ones((N, 3)), "error": np.ones((N, 3)), "two_sided": np.bool_(False),
+            "radiance": np.ones((N, 3)), "error": np.ones((N, 3)), "sides": ROWS % 3 + 1,
         },
         read_emitters,
     ),
@@ -55,7 +55,7 @@ FAULTS: dict[str, list[tuple[str, Any]]] = {
     "emitters": [
         ("triangle", ONES), ("triangle", ROWS[:2]), ("radiance", np.ones((N, 4))),
         ("radiance", np.full((N, 3), np.inf)), ("area", ONES * np.nan), ("emitter", ONES[:0]),
-        ("two_sided", np.zeros(2, bool)), ("undecided_region", ROWS[:1]),
+        ("sides", ROWS), ("sides", ROWS + 1), ("sides", ROWS[:1] + 1), ("undecided_region", ROWS[:1]),
         ("triangle", ROWS - 1), ("triangle", ROWS * 0), ("undecided_region", ROWS + 1), ("confidence", ONES * 2),
         ("radiance", -np.ones((N, 3))), ("guessed", np.array(["x"] * N)), ("spread", -ONES),
     ],

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fipt.model.networks import Brdf
-from fipt.scene.emitters import Emitters
+from fipt.scene.emitters import FRONT, Emitters
 from fipt.scene.environment import NOTHING
 from fipt.scene.mesh import connected_parts, write_ply
 from fipt.scene.setup import RelightSetup
@@ -60,7 +60,7 @@ def emitters(made):
     ones = np.ones(len(emitter), np.float32)
     return Emitters(
         emitter.astype(np.int32), made.radiance[emitter], made.mesh.areas[emitter].astype(np.float32),
-        0 * emitter.astype(np.int32), ones, ones, 0 * ones, ones > 1, two_sided=False,
+        0 * emitter.astype(np.int32), ones, ones, 0 * ones, ones > 1, np.full(len(emitter), FRONT, np.int8),
     )  # fmt: skip
 
 

@@ -12,6 +12,7 @@ import pytest
 
 from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
 from fipt.model.albedo import specular_albedo
+from fipt.scene.emitters import BACK, BOTH, FRONT
 from fipt.scene.environment import NOTHING, EnvironmentMap, constant
 from fipt.stages.shade.settings import BakeSettings
 from fipt.synthetic.material import RoomMaterial
@@ -40,14 +41,16 @@ def bake_shader(mesh, voxels, environment=NOTHING):
     return cache_shader(mesh, voxels, True, environment)
 
 
-def shader(lit, light_at_first=True, depth=1, two_sided=False, environment=NOTHING, cache=None, surface=None):
+def shader(lit, light_at_first=True, depth=1, sides=FRONT, environment=NOTHING, cache=None, surface=None):
     """A shader of paths through a scene; without ``cache`` no path ends in cached radiance."""
     from fipt.render.environment import sky_of
     from fipt.render.scene import RayScene
     from fipt.render.surface import EmitterSet, SurfaceCache, Triangles
     from fipt.render.tracer import PathSettings, Shader
 
-    emitters = EmitterSet(lit.triangle, lit.radiance, two_sided) if lit.triangle is not None else None
+    emitters = None
+    if lit.triangle is not None:
+        emitters = EmitterSet(lit.triangle, lit.radiance, np.broadcast_to(np.int8(sides), len(lit.triangle)))
     voxels = scenes.grid() if cache is None else cache
     known = np.full(len(voxels["key"]), cache is not None)
     materials = scenes.sides(voxels, *(surface or (scenes.DIFFUSE, scenes.DIFFUSE)))
@@ -108,11 +111,14 @@ def test_furnace_of_the_bake(backend, cos):
 
 
 @pytest.mark.parametrize("light_at_first", [True, False])
-@pytest.mark.parametrize("two_sided", [True, False])
-def test_furnace_of_the_refinement_in_a_room_that_emits(backend, light_at_first, two_sided):
+@pytest.mark.parametrize("sides", [FRONT, BOTH, [FRONT, BOTH] * 6, [BACK, FRONT] * 6])
+def test_furnace_of_the_refinement_in_a_room_that_emits(backend, light_at_first, sides):
+    """Walls that shine from their backs are wound the other way: the room is as bright."""
     box = scenes.box((-1, -1, -1), (1, 1, 1))
+    back = np.broadcast_to(sides, 12) == BACK
+    box = replace(box, triangles=np.where(back[:, None], box.triangles[:, ::-1], box.triangles))
     walls = scenes.Lit(box, np.arange(12), np.full((12, 3), 2.0, np.float32))
-    shade = shader(walls, light_at_first, depth=3, two_sided=two_sided).shade
+    shade = shader(walls, light_at_first, depth=3, sides=sides).shade
     got = shade(copies((0.2, -1, 0.3), UP, slanted(0.5), 4000), ROUGHNESS_LEVELS, COUNTS)
     error = assert_mean(got, furnace_shading(0.5, 2.0), slack=1e-3)
     assert error[: 1 + LEVELS].max() < 0.06
@@ -174,14 +180,24 @@ def test_very_unequal_emitters(backend):
 
 @pytest.mark.parametrize("light_at_first", [True, False])
 def test_back_of_an_emitter(backend, light_at_first):
-    """An emitter that faces away is dark where emitters have one side, and shines where they have two."""
+    """An emitter that faces away is dark where its front alone shines, and shines where its back does."""
     above = scenes.turned(scenes.emitter_quad(WEAK[0], 1.2, WEAK[1]))
     lit = scenes.two_planes((above, (3.0, 2.0, 1.0)))
     points = copies((0, 0, 0), UP, slanted(0.8), 4000)
     assert not shader(lit, light_at_first).shade(points, [0.5], [8, 8]).any()
-    got = shader(lit, light_at_first, two_sided=True).shade(points, [0.5], [8, 8])
     expected = scenes.form_factor(WEAK[0], 1.2, WEAK[1]) * np.array([3.0, 2.0, 1.0])
-    assert_mean(got[:, 0], expected, slack=2e-4)
+    for sides in (BACK, BOTH):
+        assert_mean(shader(lit, light_at_first, sides=sides).shade(points, [0.5], [8, 8])[:, 0], expected, slack=2e-4)
+
+
+@pytest.mark.parametrize("light_at_first", [True, False])
+def test_every_emitter_has_sides_of_its_own(backend, light_at_first):
+    """Of two that face down one shines up, where nothing is: the other alone lights the floor."""
+    strong, weak = np.array([20000.0, 15000.0, 5000.0]), np.array([0.5, 1.0, 2.0])
+    up, down = scenes.emitter_quad(TINY[0], 0.9, TINY[1]), scenes.emitter_quad(WEAK[0], 1.2, WEAK[1])
+    tracer = shader(scenes.two_planes((up, strong), (down, weak)), light_at_first, sides=[BACK, BACK, FRONT, FRONT])
+    got = tracer.shade(copies((0, 0, 0), UP, slanted(0.8), 20000), [0.5], [8, 8])
+    assert_mean(got[:, 0], scenes.form_factor(WEAK[0], 1.2, WEAK[1]) * weak, slack=5e-4)
 
 
 def test_emitters_of_two_sides_are_emitters_of_either_side_together(backend):
@@ -191,9 +207,9 @@ def test_emitters_of_two_sides_are_emitters_of_either_side_together(backend):
     points = copies((2.0, 0, 0.1), UP, slanted(0.6), 6000)
     voxels, white = scenes.grid(side=20.0), (scenes.DIFFUSE, scenes.DIFFUSE)
     results = []
-    for shape, two_sided in ((emitter, False), (scenes.turned(emitter), False), (emitter, True)):
+    for shape, sides in ((emitter, FRONT), (scenes.turned(emitter), FRONT), (emitter, BOTH)):
         lit = scenes.lit(dark, (shape, (3.0, 2.0, 1.0)))
-        tracer = shader(lit, depth=2, two_sided=two_sided)
+        tracer = shader(lit, depth=2, sides=sides)
         tracer.cache = _unknown(voxels, white)
         results.append(tracer.shade(points, [0.5], [8, 8]))
     down, up, both = results

@@ -28,6 +28,7 @@ from fipt.stages.emitters.observations import (
 from fipt.stages.emitters.regions import Surface, find_regions
 from fipt.stages.emitters.settings import EmittersSettings
 from fipt.stages.emitters.shape import shaped
+from fipt.stages.emitters.sides import emitting_sides
 from fipt.stages.emitters.small import RELEVANT, small_emitters
 
 _MOST_PIXELS = 4_000_000
@@ -146,6 +147,8 @@ def extract(
     tells = (label >= 0) & (tells | (decided.emitter >= 0))
     measured = _measured(mesh, of_triangles(views, tells), label, decided, settings, surface)
     found = _completed(mesh, measured, np.flatnonzero(observed), decided, settings.complete)
+    if settings.sides == "seen":
+        found = replace(found, sides=emitting_sides(mesh, found, shards))
     return Extracted(replace(found, undecided=undecided), doubtful)
 
 
@@ -284,7 +287,6 @@ def _measured(
         clipped=clipped[emitter].astype(np.float32),
         lower_bound=unknown_level[emitter] if settings.patches else unknown[row],
         error=error[emitter].astype(np.float32),
-        two_sided=settings.two_sided,
     )
 
 
@@ -348,7 +350,6 @@ def _completed(mesh: Mesh, found: Emitters, observed: np.ndarray, decided: Decid
         clipped=found.clipped[rows],
         lower_bound=found.lower_bound[rows],
         error=found.error[rows],
-        two_sided=found.two_sided,
     )
 
 

@@ -74,7 +74,7 @@ def run(inputs: ReviewInputs, settings: "ReviewSettings") -> dict[str, Any]:
         names = emitter_names(decided, emitters, len(mesh.triangles))
         for row, name in zip(rows, names, strict=True):
             row["name"] = name
-        write_list(folder / "emitters.json", found.two_sided, rows, asked)
+        write_list(folder / "emitters.json", rows, asked)
         manifest_beside(out).unlink(missing_ok=True)  # it must not vouch for, or against, what is being exchanged
     write_manifest(manifest_beside(out), "review", list(out.iterdir()), dumped(settings))
     shown = iter([None if file is None else f"{out.name}/{file}" for file in written])  # in the order of the shapes

@@ -23,7 +23,9 @@ class EmittersSettings(Settings):
         default=True, description="unseen triangles of a part that glows wherever it is seen emit too"
     )
     patches: bool = Field(default=True, description="one radiance for each connected emitter instead of each triangle")
-    two_sided: bool = Field(default=True, description="emitters shine from both sides")
+    sides: Literal["seen", "both"] = Field(
+        default="seen", description="`seen`: an emitter shines from the sides that views see shine; `both`: from both"
+    )
     guess: bool = Field(
         default=True,
         description="unseen surface emits what explains the photographs, where seen emitters do not and it is told",

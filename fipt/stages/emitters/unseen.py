@@ -16,7 +16,7 @@ import numpy as np
 
 from fipt.render.directions import cosine_directions
 from fipt.render.scene import RayScene
-from fipt.scene.emitters import Emitters
+from fipt.scene.emitters import Emitters, emits
 from fipt.scene.environment import EnvironmentMap
 from fipt.scene.mesh import Mesh
 from fipt.scene.surface_blocks import Blocks
@@ -91,6 +91,8 @@ class Lights:
         self.scene = RayScene(mesh)
         self.emitted = np.full((len(mesh.triangles), 3), np.nan)
         self.emitted[found.triangle] = found.radiance
+        self.sides = np.zeros(len(mesh.triangles), np.int8)
+        self.sides[found.triangle] = found.sides
         power = found.area * found.radiance.mean(axis=1)
         self.emitters = found.triangle[power > 0]
         self._upto = np.cumsum(power[power > 0])
@@ -156,7 +158,7 @@ class Lights:
         share = np.where(
             free & (odds > 0), aimed / (count + aimed * odds), 0
         )  # of cosine lobe to all, times 1 / density
-        radiance = share[:, None] * self.emitted[chosen]
+        radiance = share[:, None] * self._emitted(chosen, -direction)
         return radiance.reshape(len(position), aimed, 3).mean(axis=1)
 
     def _found(
@@ -170,11 +172,19 @@ class Lights:
         normal = self.mesh.normals[triangle[surface]]
         normal = np.where((normal * direction[surface]).sum(axis=1, keepdims=True) > 0, -normal, normal)
         place = origin[surface] + distance[surface, None] * direction[surface]
-        own = self.emitted[triangle[surface]]
+        own = self._emitted(triangle[surface], -direction[surface])
         radiance[surface] = np.where(np.isnan(own), self._seen.at(place, normal), own)
         if self.environment.known:
             radiance[~met] = self.environment.lookup(direction[~met])
         return radiance, ~met & (not self.environment.known)
+
+    def _emitted(self, triangle: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """(N, 3) radiance that triangles (N,) emit along directions (N, 3); NaN where they are of no emitter."""
+        result, sides = self.emitted[triangle], self.sides[triangle]
+        emitters = np.flatnonzero(sides)
+        front = self.mesh.front(triangle[emitters], direction[emitters])
+        result[emitters[~emits(sides[emitters], front)]] = 0
+        return result
 
     def given(self, patches: Patches, position: np.ndarray, normal: np.ndarray) -> np.ndarray:
         """(N, P) irradiance over pi at points (N, 3) for each unit of radiance of a patch, by rays to points of it.

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fipt.scene.emitters import Emitters
+from fipt.scene.emitters import BOTH, Emitters
 from fipt.scene.environment import EnvironmentMap
 from fipt.scene.mesh import Mesh
 from fipt.scene.observed import ObservedShard
@@ -194,6 +194,7 @@ def _added(mesh: Mesh, found: Emitters, patches: Patches, guess: Guess) -> Emitt
         "confidence": np.full(count, confidence, np.float32),
         "clipped": np.zeros(count, np.float32),
         "lower_bound": np.zeros(count, bool),
+        "sides": np.full(count, BOTH, np.int8),
         "guessed": np.ones(count, bool),
         "spread": np.full(count, guess.spread, np.float32),
     }

@@ -30,8 +30,23 @@ def load() -> dict:
     scene.display_settings.display_device = "sRGB"
     scene.view_settings.view_transform = "Standard"
     scene.view_settings.look = "None"
+    _shine_from_the_front()
     _light_from_outside(scene)
     return _cameras(scene)
+
+
+def _shine_from_the_front() -> None:
+    """Keep emitters of one side dark from behind: Cycles lets all shine from both."""
+    for material in bpy.data.materials:
+        if not material.use_backface_culling:  # what the import makes of a mesh that is not double-sided
+            continue
+        nodes, links = material.node_tree.nodes, material.node_tree.links
+        strength = nodes["Principled BSDF"].inputs["Emission Strength"]
+        geometry, front = nodes.new("ShaderNodeNewGeometry"), nodes.new("ShaderNodeMath")
+        front.operation = "MULTIPLY_ADD"  # strength - strength * backfacing
+        front.inputs[1].default_value, front.inputs[2].default_value = -strength.default_value, strength.default_value
+        links.new(geometry.outputs["Backfacing"], front.inputs[0])
+        links.new(front.outputs["Value"], strength)
 
 
 def _light_from_outside(scene: "bpy.types.Scene") -> None:

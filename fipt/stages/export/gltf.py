@@ -52,10 +52,7 @@ def write_glb(path: str | Path, asset: Asset, point_size: float = 0.0) -> None:
     binary = _Binary()
     document = _document(asset, binary)
     pieces = [asset.surface, *asset.emitters]
-    document["materials"] = [
-        _surface_material(),
-        *(_emitter_material(emitter, asset.two_sided) for emitter in asset.emitters),
-    ]
+    document["materials"] = [_surface_material(), *map(_emitter_material, asset.emitters)]
     document["meshes"] = [_mesh(piece, number, binary) for number, piece in enumerate(pieces)]
     nodes = [{"name": piece.name, "mesh": number} for number, piece in enumerate(pieces)]
     nodes += [_camera_node(camera, number) for number, camera in enumerate(asset.cameras)]
@@ -65,7 +62,7 @@ def write_glb(path: str | Path, asset: Asset, point_size: float = 0.0) -> None:
         if emitter.radiance.any() and np.ptp(emitter.mesh.vertices, 0).max() < point_size
     ]
     if small:
-        document["extensions"] = {_PUNCTUAL: {"lights": [_point_light(emitter, asset.two_sided) for emitter in small]}}
+        document["extensions"] = {_PUNCTUAL: {"lights": [_point_light(emitter) for emitter in small]}}
         nodes += [_light_node(emitter, number) for number, emitter in enumerate(small)]
     document["nodes"] = [*nodes, {"name": asset.name, "children": list(range(len(nodes)))}]
     document["scenes"] = [{"name": asset.name, "nodes": [len(nodes)]}]
@@ -139,12 +136,12 @@ def _surface_material() -> dict[str, Any]:
     }
 
 
-def _emitter_material(emitter: TexturedMesh, two_sided: bool) -> dict[str, Any]:
+def _emitter_material(emitter: TexturedMesh) -> dict[str, Any]:
     """Black, as emitters are in our images; the emission is a colour of at most 1 times a strength."""
     strength = float(emitter.radiance.max())
     material: dict[str, Any] = {
         "name": emitter.name,
-        "doubleSided": two_sided,
+        "doubleSided": emitter.two_sided,
         "pbrMetallicRoughness": {"baseColorFactor": [0, 0, 0, 1], "metallicFactor": 0, "roughnessFactor": 1},
     }
     if strength > 0:
@@ -175,8 +172,8 @@ def _camera_node(camera: Camera, number: int) -> dict[str, Any]:
     return {"name": camera.name, "camera": number, "matrix": matrix}
 
 
-def _point_light(emitter: TexturedMesh, two_sided: bool) -> dict[str, Any]:
-    value = intensity(emitter, two_sided)
+def _point_light(emitter: TexturedMesh) -> dict[str, Any]:
+    value = intensity(emitter)
     color = (value / value.max()).tolist()
     return {"name": emitter.name, "type": "point", "color": color, "intensity": float(value.max())}
 
@@ -233,7 +230,7 @@ def _asset(document: dict[str, Any], binary: bytes) -> Asset:
         strength = material.get("extensions", {}).get(_EMISSION, {}).get("emissiveStrength", 1.0)
         radiance = strength * np.array(material.get("emissiveFactor", (0, 0, 0)), np.float32)
         triangles = array(primitive["indices"]).reshape(-1, 3).astype(np.int32)
-        return TexturedMesh(node["name"], Mesh(vertices, triangles), uv, radiance), material
+        return TexturedMesh(node["name"], Mesh(vertices, triangles), uv, radiance, material["doubleSided"]), material
 
     nodes = document["nodes"]
     [root] = document["scenes"][document["scene"]]["nodes"]
@@ -244,12 +241,10 @@ def _asset(document: dict[str, Any], binary: bytes) -> Asset:
     rest = image(reflecting["metallicRoughnessTexture"])
     textures = MaterialTextures(image(reflecting["baseColorTexture"]), rest[..., 1], rest[..., 2])
     cameras = [_read_camera(node, document["cameras"][node["camera"]]) for node in children if "camera" in node]
-    two_sided = all(material["doubleSided"] for _, material in emitters)
     return Asset(
         nodes[root]["name"],
         surface,
         tuple(emitter for emitter, _ in emitters),
-        two_sided,
         textures,
         tuple(cameras),
         NOTHING,

@@ -9,7 +9,7 @@ from fipt import __version__, conventions
 from fipt.formats.exr import write_exr
 from fipt.formats.files import atomic, write_text
 from fipt.formats.images import write_png
-from fipt.scene.asset import Asset, MaterialTextures, TexturedMesh, back
+from fipt.scene.asset import Asset, MaterialTextures, TexturedMesh
 from fipt.scene.cameras import Camera
 
 PLUGIN = "fipt_bsdf.py"
@@ -47,9 +47,7 @@ def write_mitsuba(
     max_depth
         Longest path, segments.
     """
-    sheets = [asset.surface, *asset.emitters]
-    if asset.two_sided:
-        sheets += [back(emitter) for emitter in asset.emitters]
+    sheets = [asset.surface, *asset.sheets]
     for piece in sheets:
         _write_ply(folder / f"{piece.name}.ply", piece)
     for name in ("base_color", "roughness"):

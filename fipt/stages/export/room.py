@@ -9,7 +9,7 @@ import numpy as np
 from fipt.meshing.atlas import Atlas
 from fipt.scene.asset import Asset, MaterialTextures, TexturedMesh
 from fipt.scene.cameras import Camera, up_axis
-from fipt.scene.emitters import Emitters, default_name, read_names
+from fipt.scene.emitters import BACK, BOTH, Emitters, default_name, read_names
 from fipt.scene.environment import EnvironmentMap, texel_directions
 from fipt.scene.mesh import Mesh
 
@@ -45,7 +45,7 @@ def room_asset(
     sky: EnvironmentMap,
     names: Sequence[str] | None = None,
 ) -> Asset:
-    """Put the room together; each emitter is one mesh, or several where its triangles differ in radiance.
+    """Put the room together; each emitter is one mesh, or several where its triangles differ in radiance or in sides.
 
     ``names`` are those of the emitters; None: ``emitter-N``.
     """
@@ -59,7 +59,6 @@ def room_asset(
         name=name,
         surface=surface,
         emitters=tuple(_emitting_meshes(mesh, atlas, emitters, names)),
-        two_sided=emitters.two_sided,
         textures=textures,
         cameras=tuple(_turned(camera, turn) for camera in cameras),
         outside=_outside(sky, turn),
@@ -79,11 +78,14 @@ def _emitting_meshes(mesh: Mesh, atlas: Atlas, emitters: Emitters, names: Sequen
     pieces = []
     for number, given in enumerate(names):
         own = np.flatnonzero(emitters.emitter == number)
-        levels, level = np.unique(emitters.radiance[own], axis=0, return_inverse=True)
-        for index, radiance in enumerate(levels):
-            name = mesh_name(number, given) + (f"_{index}" if len(levels) > 1 else "")
-            chosen = emitters.triangle[own[level.reshape(-1) == index]]
-            pieces.append(TexturedMesh(name, *atlas.piece(mesh, chosen), radiance))
+        kinds = np.column_stack([emitters.radiance[own], emitters.sides[own]])
+        kinds, kind = np.unique(kinds, axis=0, return_inverse=True)
+        for index, (*_, sides) in enumerate(kinds):
+            name = mesh_name(number, given) + (f"_{index}" if len(kinds) > 1 else "")
+            piece, uv = atlas.piece(mesh, emitters.triangle[own[kind.reshape(-1) == index]])
+            if sides == BACK:  # formats know one side: the one that the winding faces
+                piece = replace(piece, triangles=np.ascontiguousarray(piece.triangles[:, ::-1]))
+            pieces.append(TexturedMesh(name, piece, uv, kinds[index, :3], two_sided=bool(sides == BOTH)))
     return pieces
 
 

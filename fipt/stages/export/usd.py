@@ -44,9 +44,9 @@ def write_usd(path: str | Path, asset: Asset, textures: str) -> None:
     stage.SetDefaultPrim(root)
     folder = str(root.GetPath())
 
-    _bind(_define_mesh(stage, f"{folder}/surface", asset.surface, True), _surface_material(stage, folder, textures))
+    _bind(_define_mesh(stage, f"{folder}/surface", asset.surface), _surface_material(stage, folder, textures))
     for emitter in asset.emitters:
-        mesh = _define_mesh(stage, f"{folder}/emitters/{emitter.name}", emitter, asset.two_sided)
+        mesh = _define_mesh(stage, f"{folder}/emitters/{emitter.name}", emitter)
         strength = float(emitter.radiance.max())
         color = emitter.radiance / strength if strength > 0 else np.ones(3)
         UsdLux.MeshLightAPI.Apply(mesh.GetPrim())
@@ -67,7 +67,7 @@ def write_usd(path: str | Path, asset: Asset, textures: str) -> None:
         stage.GetRootLayer().Export(str(temporary))
 
 
-def _define_mesh(stage: Any, path: str, piece: TexturedMesh, two_sided: bool) -> Any:
+def _define_mesh(stage: Any, path: str, piece: TexturedMesh) -> Any:
     from pxr import Sdf, UsdGeom, Vt
 
     mesh = UsdGeom.Mesh.Define(stage, path)
@@ -76,7 +76,7 @@ def _define_mesh(stage: Any, path: str, piece: TexturedMesh, two_sided: bool) ->
     mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(triangles), 3, np.int32)))
     mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(np.ascontiguousarray(triangles.ravel(), np.int32)))
     mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
-    mesh.CreateDoubleSidedAttr(two_sided)
+    mesh.CreateDoubleSidedAttr(piece.two_sided)
     mesh.CreateExtentAttr(Vt.Vec3fArray.FromNumpy(np.stack([vertices.min(axis=0), vertices.max(axis=0)])))
     st = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar("st", Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.vertex)
     upward = np.column_stack([piece.uv[:, 0], 1 - piece.uv[:, 1]]).astype(np.float32)
@@ -173,7 +173,7 @@ def read_usd(path: str | Path) -> Asset:
         stage = Usd.Stage.Open(str(path))
     except Tf.ErrorException as error:
         raise FiptError(f"{path} is not a readable USD file ({error})", "export it again") from error
-    surface, emitters, cameras, two_sided = None, [], [], True
+    surface, emitters, cameras = None, [], []
     for prim in stage.Traverse():
         if prim.IsA(UsdGeom.Mesh):
             mesh = UsdGeom.Mesh(prim)
@@ -181,7 +181,6 @@ def read_usd(path: str | Path) -> Asset:
                 light = UsdLux.LightAPI(prim)
                 color = np.array(light.GetColorAttr().Get(), np.float32)
                 emitters.append(_piece(mesh, light.GetIntensityAttr().Get() * color))
-                two_sided &= mesh.GetDoubleSidedAttr().Get()
             else:
                 surface = _piece(mesh, np.zeros(3, np.float32))
         elif prim.IsA(UsdGeom.Camera):
@@ -190,9 +189,7 @@ def read_usd(path: str | Path) -> Asset:
         raise FiptError(f"{path} is not a room that fipt exported (it has no surface)", "export it again")
     root = stage.GetDefaultPrim()
     textures = _textures(stage, f"{root.GetPath()}/materials/surface")
-    return Asset(
-        root.GetDisplayName() or root.GetName(), surface, tuple(emitters), two_sided, textures, tuple(cameras), NOTHING
-    )
+    return Asset(root.GetDisplayName() or root.GetName(), surface, tuple(emitters), textures, tuple(cameras), NOTHING)
 
 
 def _piece(mesh: Any, radiance: np.ndarray) -> TexturedMesh:
@@ -203,9 +200,9 @@ def _piece(mesh: Any, radiance: np.ndarray) -> TexturedMesh:
     vertices = np.array(mesh.GetPointsAttr().Get(), np.float32)
     triangles = np.array(mesh.GetFaceVertexIndicesAttr().Get(), np.int32).reshape(-1, 3)
     st = np.array(UsdGeom.PrimvarsAPI(mesh).GetPrimvar("st").Get(), np.float32)
-    return TexturedMesh(
-        mesh.GetPrim().GetName(), Mesh(vertices, triangles), np.column_stack([st[:, 0], 1 - st[:, 1]]), radiance
-    )
+    uv = np.column_stack([st[:, 0], 1 - st[:, 1]])
+    both = mesh.GetDoubleSidedAttr().Get()
+    return TexturedMesh(mesh.GetPrim().GetName(), Mesh(vertices, triangles), uv, radiance, both)
 
 
 def _textures(stage: Any, material: str) -> MaterialTextures:

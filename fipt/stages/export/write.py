@@ -167,13 +167,13 @@ def _write_facts(
             "triangles": len(atlas.triangles),
         },
         "emission_strength": strength,
-        "emitters_two_sided": asset.two_sided,
         "emitters": [
             {
                 "name": emitter.name,
                 "triangles": len(emitter.mesh.triangles),
                 "area": float(emitter.mesh.areas.sum()),
                 "radiance": emitter.radiance.astype(float).tolist(),
+                "two_sided": emitter.two_sided,
                 "low": emitter.mesh.vertices.min(axis=0).astype(float).tolist(),
                 "high": emitter.mesh.vertices.max(axis=0).astype(float).tolist(),
             }

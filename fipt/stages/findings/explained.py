@@ -170,7 +170,8 @@ def _light(shard: ObservedShard, fitted: FittedScene, sample: np.ndarray, querie
     metallic = brdf.metallic.reshape(-1, queries).mean(1)
     shading = np.asarray(shard.shading[sample], np.float32)
     offset, slope = line_in_base_color(shading, roughness, metallic)
-    emitted = emitter_set(fitted.emitters).emitted(np.asarray(samples.triangle[sample]))
+    triangle, front = np.asarray(samples.triangle[sample]), fitted.mesh.front
+    emitted = emitter_set(fitted.emitters).emitted(triangle, front(triangle, np.asarray(samples.normal[sample])))
     emits = emitted.max(axis=1) > 0
     return {
         "predicted": np.where(emits[:, None], emitted, offset + slope * base),

@@ -157,8 +157,7 @@ def change(
     gone[: len(room.triangles)] = chosen.removed(setup)
     if gone.any():
         mesh = without(mesh, gone)
-        kept = ~gone[lit.triangle]
-        lit = EmitterSet(lit.triangle[kept], lit.radiance[kept], lit.two_sided)
+        lit = lit.chosen(~gone[lit.triangle])
     placed = objects_in(mesh, setup.objects, outside.up)
     changes = Changes(
         chosen.edits(setup),

@@ -13,7 +13,7 @@ from fipt.render.scene import RayScene
 from fipt.render.spots import spots_of
 from fipt.render.surface import EmitterSet
 from fipt.scene.cameras import Camera
-from fipt.scene.emitters import Emitters, chosen_emitters, default_name, edited_radiance, read_names
+from fipt.scene.emitters import BOTH, Emitters, chosen_emitters, default_name, edited_radiance, read_names
 from fipt.scene.environment import EnvironmentMap
 from fipt.scene.mesh import Mesh
 from fipt.scene.setup import AreaLight, EnvironmentEdit, MeshLight, NewLight, RelightSetup, SphereLight, SpotLight
@@ -39,7 +39,7 @@ def apply_setup(
         own = np.isin(emitters.emitter, chosen)
         radiance[own] = edited_radiance(radiance[own], edit)
     vertices, triangles = [mesh.vertices], [mesh.triangles]
-    lit, emitted = [emitters.triangle], [radiance]
+    lit, emitted, sides = [emitters.triangle], [radiance], [emitters.sides]
     next_vertex, next_triangle = len(mesh.vertices), len(mesh.triangles)
     for light in setup.lights:
         if isinstance(light, SpotLight):  # shines without a surface
@@ -49,11 +49,12 @@ def apply_setup(
         triangles.append((t + next_vertex).astype(np.int32))
         lit.append(np.arange(next_triangle, next_triangle + len(t)))
         emitted.append(np.tile(np.array(light.radiance), (len(t), 1)))
+        sides.append(np.full(len(t), BOTH, np.int8))
         next_vertex, next_triangle = next_vertex + len(v), next_triangle + len(t)
     return replace(mesh, vertices=np.concatenate(vertices), triangles=np.concatenate(triangles)), EmitterSet(
         np.concatenate(lit).astype(np.int32),
         np.concatenate(emitted).astype(np.float32),
-        emitters.two_sided,
+        np.concatenate(sides),
     )
 
 
@@ -181,9 +182,9 @@ def one_at_a_time(emitters: Emitters, environment: EnvironmentMap, separate: int
     for name, numbers in groups.items():
         own = np.isin(emitters.emitter, numbers)[:, None]
         radiance = np.where(own, emitters.radiance, 0).astype(np.float32)
-        parts[name] = Illumination(EmitterSet(emitters.triangle, radiance, emitters.two_sided), night)
+        parts[name] = Illumination(EmitterSet(emitters.triangle, radiance, emitters.sides), night)
     if environment.emits:
-        dark = EmitterSet(emitters.triangle, np.zeros_like(emitters.radiance), emitters.two_sided)
+        dark = EmitterSet(emitters.triangle, np.zeros_like(emitters.radiance), emitters.sides)
         parts["outside"] = Illumination(dark, environment)
     return parts
 

@@ -12,6 +12,7 @@ from fipt.render.surface import emitter_set
 from fipt.scene.cameras import Camera
 from fipt.scene.confidence import Confidence
 from fipt.scene.emitters import Emitters
+from fipt.scene.mesh import Mesh
 from fipt.scene.samples import FootprintSamples
 
 
@@ -21,6 +22,7 @@ class FittedSurface:
 
     model: MaterialModel
     emitters: Emitters
+    mesh: Mesh
     confidence: Confidence | None = None
 
 
@@ -77,7 +79,8 @@ def material_maps(
     wo = camera.center - position
     cos = (wo * normal).sum(1) / np.linalg.norm(wo, axis=1)
     layers = {} if surface.confidence is None else surface.confidence.layers(position, normal)
-    emission = emitter_set(surface.emitters).emitted(np.asarray(samples.triangle)[chosen])
+    triangle = np.asarray(samples.triangle)[chosen]
+    emission = emitter_set(surface.emitters).emitted(triangle, surface.mesh.front(triangle, normal))
 
     def spread(values: np.ndarray) -> np.ndarray:
         full = np.zeros((height * width, *values.shape[1:]), np.float32)

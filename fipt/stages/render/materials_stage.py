@@ -38,7 +38,7 @@ def run(inputs: MaterialsInputs, settings: "MaterialsSettings") -> dict[str, Any
 
     data, shard = Dataset(inputs.dataset), read_samples(inputs.samples)
     confidence = None if inputs.confidence is None else read_confidence(inputs.confidence)
-    surface = FittedSurface(load_model(inputs.model), read_emitters(inputs.emitters), confidence)
+    surface = FittedSurface(load_model(inputs.model), read_emitters(inputs.emitters), data.mesh(), confidence)
     inputs.manifest.unlink(missing_ok=True)  # it must not vouch for, or against, what is being exchanged
     files = []
     with progress("materials", shard.first_pixels[-1], " pixels") as bar:

@@ -5,6 +5,7 @@ import pytest
 
 from fipt.model.albedo import reflectance
 from fipt.model.networks import Brdf
+from fipt.scene.emitters import BACK, BOTH, FRONT
 from fipt.scene.environment import NOTHING, constant
 from tests import scenes
 
@@ -38,9 +39,9 @@ def light(backend):
     from fipt.render.surface import EmitterSet, SurfaceCache, Triangles
     from fipt.render.tracer import PathSettings, Shader
 
-    def light(mesh, emitters=(), radiance=(0, 0, 0), outside=NOTHING, two_sided=True, albedo=0.0):
+    def light(mesh, emitters=(), radiance=(0, 0, 0), outside=NOTHING, sides=BOTH, albedo=0.0):
         emitted = np.broadcast_to(np.float32(radiance), (len(emitters), 3))
-        lit = EmitterSet(np.array(emitters, np.int32), emitted, two_sided)
+        lit = EmitterSet(np.array(emitters, np.int32), emitted, np.full(len(emitters), sides, np.int8))
         voxels = scenes.grid()
         around = scenes.Surface((albedo,) * 3, 1.0, 0.0)
         cache = SurfaceCache(voxels, voxels["radiance"], np.zeros(8, bool), scenes.sides(voxels, around, around))
@@ -108,11 +109,11 @@ def test_the_edge_of_an_emitter_in_a_mirror_has_its_share_of_a_pixel(light):
     np.testing.assert_allclose(row[4:], 0, atol=0.02)
 
 
-def test_emitters_emit_from_the_side_they_face(light):
-    for mesh, seen in ((wall(-9, 9, -1), 3.0), (scenes.turned(wall(-9, 9, -1)), 0.0)):
-        for two_sided in (False, True):
-            (got,) = see([light(mesh, (0, 1), (3, 3, 3), two_sided=two_sided)])
-            np.testing.assert_array_equal(got, np.float32(3.0 if two_sided else seen))
+def test_emitters_are_seen_from_the_sides_that_shine(light):
+    for mesh, shines in ((wall(-9, 9, -1), FRONT), (scenes.turned(wall(-9, 9, -1)), BACK)):
+        for sides in (FRONT, BACK, BOTH):
+            (got,) = see([light(mesh, (0, 1), (3, 3, 3), sides=sides)])
+            np.testing.assert_array_equal(got, np.float32(3.0 if sides in (shines, BOTH) else 0.0))
 
 
 def test_lights_of_one_room_are_seen_at_once(light):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from fipt.scene.emitters import BACK, BOTH, FRONT
 from tests import scenes
 
 
@@ -91,7 +92,7 @@ def test_triangles_know_their_normal_and_emitter(mi):
 
     mesh = scenes.box((0, 0, 0), (1, 2, 3))
     colors = np.array([[1, 2, 3], [0, 0, 0], [4, 0, 0]], np.float32)
-    triangles = Triangles(mesh, EmitterSet(np.array([7, 2, 11]), colors, two_sided=False))
+    triangles = Triangles(mesh, EmitterSet(np.array([7, 2, 11]), colors))
     assert triangles.has_emitters
     normal, number = triangles.lookup(mi.UInt32(np.arange(12)), mi.Bool(True))
     np.testing.assert_array_equal(np.array(normal).T, mesh.normals)
@@ -103,15 +104,17 @@ def test_triangles_know_their_normal_and_emitter(mi):
     np.testing.assert_allclose(np.array(pdf), power / power.sum() / mesh.areas[[7, 2, 11]], rtol=1e-6)
 
 
-@pytest.mark.parametrize("two_sided", [True, False])
-def test_sides_of_emitters(mi, two_sided):
+def test_sides_of_emitters(mi):
     from fipt.render.surface import EmitterSet, Triangles
 
-    lit = scenes.two_planes((scenes.emitter_quad((0, 1), 1.0, (0, 1)), (1, 1, 1)))
-    triangles = Triangles(lit.mesh, EmitterSet(lit.triangle, lit.radiance, two_sided))
-    away = mi.Vector3f(mi.Float([0, 0]), mi.Float([-1, 1]), mi.Float([0, 0]))
-    emits = np.array(mi.Bool(triangles.emits_along(mi.Vector3f(0, -1, 0), away)))
-    np.testing.assert_array_equal(np.broadcast_to(emits, 2), [True, two_sided])
+    lamps, sides = np.array([4, 2, 9, 7]), np.int8([FRONT, BACK, BOTH, BOTH])
+    lit = EmitterSet(lamps, np.ones((4, 3), np.float32) * [[1], [1], [1], [0]], sides)
+    triangles = Triangles(scenes.box((0, 0, 0), (1, 2, 3)), lit)
+    _, number = triangles.lookup(mi.UInt32(np.repeat(lamps, 2)), mi.Bool(True))
+    got = np.array(triangles.emits(number - 1, mi.Float([0.5, -0.5] * 4), mi.Bool(True)))
+    np.testing.assert_array_equal(got, [1, 0, 0, 1, 1, 1, 0, 0])  # the last is off
+    shown = lit.emitted(np.repeat(lamps, 2), np.arange(8) % 2 == 0)
+    np.testing.assert_array_equal(shown[:, 0], got)
 
 
 @pytest.mark.parametrize("radiance", [np.zeros((0, 3)), np.zeros((2, 3))])
@@ -203,11 +206,11 @@ def test_emission_by_triangle(mi):
     emitters = np.array([9, 2, 5])
     lit = EmitterSet(emitters.astype(np.int32), np.float32(emitters[:, None] * [1, 2, 3]))
     seen = np.array([0, 2, 5, 9, 9, 100, 3])
-    got = lit.emitted(seen)
+    got = lit.emitted(seen, np.arange(7) > 3)
     np.testing.assert_array_equal(got, np.where(np.isin(seen, emitters), seen, 0)[:, None] * [1, 2, 3])
     assert got.dtype == np.float32
     nothing = EmitterSet(np.zeros(0, np.int32), np.zeros((0, 3), np.float32))
-    np.testing.assert_array_equal(nothing.emitted(seen), np.zeros((7, 3)))
+    np.testing.assert_array_equal(nothing.emitted(seen, seen > 3), np.zeros((7, 3)))
 
 
 def test_no_rays_meet_nothing(backend):

@@ -8,10 +8,10 @@ import pytest
 
 from fipt.errors import FiptError
 from fipt.formats.arrays import load_npz, save_npz
-from fipt.scene.emitters import Emitters, read_emitters, write_emitters
+from fipt.scene.emitters import BACK, BOTH, FRONT, Emitters, read_emitters, write_emitters
 from tests import scenes
 
-ARRAYS = ("triangle", "radiance", "area", "emitter", "views", "confidence", "clipped", "lower_bound")
+ARRAYS = ("triangle", "radiance", "area", "emitter", "views", "confidence", "clipped", "lower_bound", "sides")
 
 
 @pytest.fixture
@@ -31,7 +31,7 @@ def emitters(mesh):
         np.float32([0.5, 0.7, 0.25]),
         np.float32([0.9, 0.9, 0]),
         np.array([True, True, False]),
-        two_sided=False,
+        np.int8([FRONT, FRONT, BACK]),
     )
 
 
@@ -42,15 +42,13 @@ def test_round_trip(tmp_path, mesh, emitters):
     for name in ARRAYS:
         np.testing.assert_array_equal(getattr(read, name), getattr(emitters, name))
         assert getattr(read, name).dtype == getattr(emitters, name).dtype
-    assert read.two_sided is False
     assert sorted(p.name for p in path.parent.iterdir()) == ["emitters.json", "emitters.npz"]
 
 
-@pytest.mark.parametrize("two_sided", [True, False])
-def test_for_people(tmp_path, mesh, emitters, two_sided):
-    write_emitters(tmp_path / "emitters.npz", replace(emitters, two_sided=two_sided), mesh)
+@pytest.mark.parametrize(("sides", "count"), [(FRONT, 1), (BACK, 1), (BOTH, 2)])
+def test_for_people(tmp_path, mesh, emitters, sides, count):
+    write_emitters(tmp_path / "emitters.npz", replace(emitters, sides=np.full(3, sides, np.int8)), mesh)
     content = json.loads((tmp_path / "emitters.json").read_text())
-    assert content["two_sided"] is two_sided
     ceiling, wall = content["emitters"]
     assert (ceiling["index"], ceiling["triangles"], ceiling["views"]) == (0, 2, 4)
     assert ceiling["area"] == pytest.approx(20)
@@ -60,7 +58,8 @@ def test_for_people(tmp_path, mesh, emitters, two_sided):
     assert (ceiling["lower_bound"], wall["lower_bound"]) == (True, False)
     assert ceiling["clipped"] == pytest.approx(0.9)
     # flux of a Lambertian emitter: pi times area times radiance, of each side
-    assert ceiling["power"] == pytest.approx([(1 + two_sided) * np.pi * 20 * 2] * 3)
+    assert ceiling["power"] == pytest.approx([count * np.pi * 20 * 2] * 3)
+    assert ceiling["sides"] == count
     assert wall["area"] == pytest.approx(7.5)
     assert wall["radiance"] == pytest.approx([5, 5, 5])
 
@@ -70,13 +69,12 @@ def test_no_emitters(tmp_path, mesh, emitters):
     write_emitters(tmp_path / "emitters.npz", empty, mesh)
     assert read_emitters(tmp_path / "emitters.npz").radiance.shape == (0, 3)
     assert json.loads((tmp_path / "emitters.json").read_text()) == {
-        "two_sided": False,
         "emitters": [],
         "undecided": [],
     }
 
 
-@pytest.mark.parametrize("name", [*ARRAYS, "two_sided"])
+@pytest.mark.parametrize("name", ARRAYS)
 def test_a_file_that_lacks_an_array(tmp_path, mesh, emitters, name):
     path = tmp_path / "emitters.npz"
     write_emitters(path, emitters, mesh)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fipt.conventions import SHADING_OUTPUTS
-from fipt.scene.emitters import read_emitters, write_emitters
+from fipt.scene.emitters import BACK, BOTH, read_emitters, write_emitters
 from fipt.scene.review import ReviewDecisions
 from fipt.stages.emitters.extract import extract
 from fipt.stages.emitters.settings import EmittersSettings
@@ -64,7 +64,7 @@ def test_emitters_are_found_with_their_radiance(room, np_rng):
     np.testing.assert_allclose(emitters.area, 0.5)
     np.testing.assert_array_equal(emitters.views, 3)
     assert emitters.confidence.min() > 0.7
-    assert emitters.two_sided
+    np.testing.assert_array_equal(emitters.sides, BACK)  # pixels see them from above
     assert emitters.triangle.dtype == np.int32
     assert emitters.radiance.dtype == np.float32
 
@@ -184,7 +184,7 @@ def test_touching_emitters_of_other_brightness_are_two(room, np_rng):
 
 
 def test_settings_reach_the_result(room, np_rng):
-    assert not found(room, seen(room, np_rng), two_sided=False).two_sided
+    np.testing.assert_array_equal(found(room, seen(room, np_rng), sides="both").sides, BOTH)
 
 
 @pytest.mark.parametrize("evidence", [True, False])
@@ -195,7 +195,7 @@ def test_without_emitters_the_result_is_empty_and_can_be_stored(room, np_rng, tm
     write_emitters(tmp_path / "emitters.npz", emitters, room)
     again = read_emitters(tmp_path / "emitters.npz")
     assert again.radiance.shape == (0, 3)
-    assert again.two_sided == emitters.two_sided
+    assert len(again.sides) == 0
 
 
 def test_views_that_show_nothing_at_all(room):

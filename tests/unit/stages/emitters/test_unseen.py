@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fipt.scene.emitters import Emitters, Undecided, emitter_facts, read_emitters, write_emitters
+from fipt.scene.emitters import BACK, Emitters, Undecided, emitter_facts, read_emitters, write_emitters
 from fipt.scene.environment import NOTHING, constant
 from fipt.scene.surface_blocks import Blocks, blocks_of
 from fipt.scene.voxels import facings, voxel_keys
@@ -345,6 +345,12 @@ def test_a_small_emitter_lights_what_is_below_it(backend):
     near = np.float32([[0, 1.99, 0]])
     known, _ = own.arriving(near, np.float32([[0, 1, 0]]), 4096)
     np.testing.assert_allclose(known, 1000 * 0.554, rtol=0.05)
+    # neither way finds light where it shines to the other side
+    up = replace(spot, sides=np.full(2, BACK, np.int8))
+    known, _ = Lights(mesh, np.zeros(4, bool), cache, up, constant([0, 0, 0])).arriving(
+        near, np.float32([[0, 1, 0]]), 256
+    )
+    np.testing.assert_array_equal(known, 0)
 
 
 def test_what_may_be_lit_by_missing_light_is_undecided(guessing):

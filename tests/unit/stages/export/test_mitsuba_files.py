@@ -64,7 +64,7 @@ def floor() -> tuple[Asset, np.ndarray]:
         cameras.append(Camera(f"{row}{column}", "val", 2, 2, 200.0, 200.0, 1.0, 1.0, pose))
     none = np.zeros(3, np.float32)
     shining = TexturedMesh("emitter_0", emitter, np.zeros((4, 2), np.float32), np.float32([10, 8, 6]))
-    made = Asset("floor", TexturedMesh("surface", mesh, uv, none), (shining,), True, texture, tuple(cameras), NOTHING)
+    made = Asset("floor", TexturedMesh("surface", mesh, uv, none), (shining,), texture, tuple(cameras), NOTHING)
     # the quarters' middles lie at (+-2, +-2) below an emitter of [-1, 1]^2
     reflected = srgb_decode(color / 255.0) * [10, 8, 6] * scenes.form_factor((1, 3), 2.0, (1, 3))
     return made, reflected
@@ -91,7 +91,8 @@ def test_lamps_shine_to_both_sides_or_one(tmp_path):
         Camera(name, "val", 4, 4, 20.0, 20.0, 2.0, 2.0, pose) for name, pose in (("above", above), ("below", below))
     )
     for two_sided in (True, False):
-        both = replace(asset, cameras=cameras, two_sided=two_sided)
+        shining = replace(asset.emitters[0], two_sided=two_sided)
+        both = replace(asset, cameras=cameras, emitters=(shining,))
         folder = write(tmp_path / str(two_sided), both)
         seen = [drawn(folder / "scene.xml", number, 4) for number in (0, 1)]
         np.testing.assert_allclose(seen[1], np.broadcast_to([10, 8, 6], (4, 4, 3)), rtol=1e-5)

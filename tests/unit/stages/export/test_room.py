@@ -1,5 +1,6 @@
 """From the fit to the asset: the world turned upright, emitters apart, textures averaged, cameras for COLMAP."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from fipt.meshing.atlas import texels, unwrap
 from fipt.model.networks import Brdf, SceneBox
 from fipt.scene.confidence import Confidence
-from fipt.scene.emitters import Emitters, default_name
+from fipt.scene.emitters import BACK, BOTH, FRONT, Emitters, default_name
 from fipt.scene.environment import NOTHING, EnvironmentMap, texel_directions
 from fipt.stages.export.cameras import write_colmap
 from fipt.stages.export.room import mesh_name, room_asset, upright
@@ -17,12 +18,12 @@ from fipt.stages.export.textures import confidence_texture, coverage, emission_t
 from tests import assets, scenes
 
 
-def emitters(triangle, radiance, emitter, two_sided=True) -> Emitters:
+def emitters(triangle, radiance, emitter) -> Emitters:
     n = len(triangle)
     rest = [np.ones(n, kind) for kind in (np.float32, np.int32)]
     emit = np.asarray(radiance, np.float32).reshape(n, 3)
     numbers = np.asarray(triangle, np.int32), np.asarray(emitter, np.int32)
-    return Emitters(numbers[0], emit, rest[0], numbers[1], rest[1], rest[0], rest[0], rest[0] < 0, two_sided)
+    return Emitters(numbers[0], emit, rest[0], numbers[1], rest[1], rest[0], rest[0], rest[0] < 0)
 
 
 @pytest.fixture(scope="module")
@@ -151,6 +152,15 @@ def test_every_lamp_is_a_mesh_of_one_radiance(box):
     corners = [piece.mesh.corners for piece in (*asset.emitters, asset.surface)]
     assert [len(part) for part in corners] == [1, 2, 9]
     np.testing.assert_allclose(np.concatenate([corners[1], corners[0], corners[2]]), mesh.corners)
+
+
+def test_meshes_of_lamps_face_where_they_shine(box):
+    mesh, atlas, _, found = box
+    found = replace(found, sides=np.int8([FRONT, BACK, BOTH]))
+    asset = room_asset("room", mesh, atlas, assets.textures(), found, [assets.camera()], NOTHING)
+    assert [emitter.two_sided for emitter in asset.emitters] == [True, False, False]
+    normals = np.concatenate([emitter.mesh.normals for emitter in asset.emitters])
+    np.testing.assert_allclose(normals, mesh.normals[[2, 0, 1]] * [[1], [1], [-1]], atol=1e-6)
 
 
 @pytest.mark.parametrize(

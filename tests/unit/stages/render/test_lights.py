@@ -9,7 +9,7 @@ import yaml
 
 from fipt.conventions import LUMINANCE
 from fipt.errors import FiptError
-from fipt.scene.emitters import Emitters
+from fipt.scene.emitters import BACK, BOTH, FRONT, Emitters
 from fipt.scene.environment import NOTHING, EnvironmentMap
 from fipt.scene.mesh import write_ply
 from fipt.scene.setup import RelightSetup, parse_setup
@@ -20,8 +20,8 @@ from tests import scenes
 def apply(backend):
     from fipt.stages.render.lights import apply_setup
 
-    def apply(two_sided=True, empty=False, **setup):
-        return apply_setup(ROOM, found(two_sided, empty), RelightSetup.model_validate(setup))
+    def apply(empty=False, **setup):
+        return apply_setup(ROOM, found(empty), RelightSetup.model_validate(setup))
 
     return apply
 
@@ -32,7 +32,7 @@ BRIGHT = float(np.dot(LUMINANCE, [2, 4, 6]))
 RADIANCE = np.float32([[2, 4, 6], [2, 4, 6], [8, 8, 8]])
 
 
-def found(two_sided=True, empty=False):
+def found(empty=False):
     keep = slice(0, 0) if empty else slice(None)
     ones = np.ones(3, np.float32)[keep]
     return Emitters(
@@ -44,7 +44,7 @@ def found(two_sided=True, empty=False):
         ones,
         0 * ones,
         ones > 1,
-        two_sided,
+        np.int8([FRONT, FRONT, BACK])[keep],
     )
 
 
@@ -82,12 +82,12 @@ def test_edits_follow_one_another(apply):
 @pytest.mark.parametrize("normal", [(0, -1, 0), (0, 1, 0), (1, 0, 0), (1, -2, 0.5)])
 def test_a_quad_is_appended(apply, normal):
     light = {"shape": "quad", "radiance": (5, 6, 7), "center": (2, 1.5, 2), "normal": normal, "size": (0.4, 0.6)}
-    mesh, lit = apply(two_sided=False, lights=[light])
+    mesh, lit = apply(lights=[light])
     np.testing.assert_array_equal(mesh.triangles[:12], ROOM.triangles)
     np.testing.assert_array_equal(mesh.vertices[: len(ROOM.vertices)], ROOM.vertices)
     np.testing.assert_array_equal(lit.triangle, [6, 7, 2, 12, 13])
     np.testing.assert_array_equal(lit.radiance[3:], [[5, 6, 7]] * 2)
-    assert not lit.two_sided
+    np.testing.assert_array_equal(lit.sides, [FRONT, FRONT, BACK, BOTH, BOTH])
     unit = np.array(normal) / np.linalg.norm(normal)
     np.testing.assert_allclose(mesh.normals[12:], [unit] * 2, atol=1e-5)
     np.testing.assert_allclose(mesh.areas[12:].sum(), 0.24, rtol=1e-4)

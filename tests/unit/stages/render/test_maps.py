@@ -1,5 +1,6 @@
 """Material maps: what each layer holds, averages over a hit, emission by triangle."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from fipt.model.albedo import reflectance
 from fipt.model.networks import Brdf
 from fipt.scene.confidence import Confidence
-from fipt.scene.emitters import Emitters
+from fipt.scene.emitters import BACK, FRONT, Emitters
 from tests import scenes
 
 
@@ -30,6 +31,9 @@ class Waves:
         self.asked.append(np.asarray(footprint))
         x = points[:, 0]
         return Brdf(np.stack([x, x / 2, 0 * x], axis=1), 0.1 + 0.5 * x, x / 4)
+
+
+ROOM = scenes.box((0, 0, 0), (1, 1, 1))
 
 
 def emitter(*triangles):
@@ -73,7 +77,9 @@ def test_layers_of_a_view(maps):
     place = np.array([6 * (5 + 8 * (4 + 8 * 4)) + 3])
     errors = (np.full(1, error) for error in (0.1, 0.2, 0.3))
     confidence = Confidence(np.zeros(3), 2.0, 8, place, *errors, np.ones(1, bool), np.float32([0.25, 0.5, 0.75]))
-    layers = maps.material_maps(maps.FittedSurface(Waves(), emitter(7), confidence), samples, 0, camera, average=False)
+    layers = maps.material_maps(
+        maps.FittedSurface(Waves(), emitter(7), ROOM, confidence), samples, 0, camera, average=False
+    )
     x = np.float32([[0.1, 0.2], [0.4, 0.0]])
     hit = np.array([[1, 1], [1, 0]])
     np.testing.assert_array_equal(layers["hit.Y"], hit)
@@ -87,6 +93,10 @@ def test_layers_of_a_view(maps):
     np.testing.assert_allclose(layers["kd"][..., 0], x * (1 - x / 4), rtol=1e-6)
     np.testing.assert_array_equal(layers["emission"][..., 0], [[0, 7], [0, 0]])
     np.testing.assert_array_equal(layers["emission_mask.Y"], [[0, 1], [0, 0]])
+    front = ROOM.front([7], np.float32([[0, 1, 0]]))[0]
+    dark = replace(emitter(7), sides=np.int8([BACK if front else FRONT]))
+    surface = maps.FittedSurface(Waves(), dark, ROOM, confidence)
+    assert not maps.material_maps(surface, samples, 0, camera, average=False)["emission"].any()
     away = camera.center - position[[0, 1, 3]]
     cos = away[:, 1] / np.linalg.norm(away, axis=1)
     xs = position[[0, 1, 3], 0]
