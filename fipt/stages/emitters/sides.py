@@ -99,13 +99,18 @@ def _seen(
 
 
 def _with_unseen(mesh: Mesh, found: Emitters, sides: np.ndarray) -> np.ndarray:
-    """The sides (E,) int8; a triangle of none shines to where the nearest of its emitter that has some does."""
+    """The sides (E,) int8; a triangle of none shines to where the nearest of its emitter that has some does.
+
+    Where nothing is known of any, all shine to both sides.
+    """
     centers, normal = mesh.corners[found.triangle].mean(axis=1), mesh.normals[found.triangle]
     far = 4 * float(np.ptp(mesh.vertices, axis=0).max() + 1)
     place = np.concatenate([centers, found.emitter[:, None] * far], axis=1)
     unseen, seen = np.flatnonzero(sides == 0), np.flatnonzero(sides)
     if len(unseen) == 0:
         return sides
+    if len(seen) == 0:
+        return np.full_like(sides, BOTH)
     nearest = seen[cKDTree(place[seen]).query(place[unseen])[1]]
     turned = (normal[unseen] * normal[nearest]).sum(axis=1) < 0
     result = sides.copy()
