@@ -65,6 +65,26 @@ def keep_rooms(workflow: Any) -> Bucket:
     return bucket
 
 
+def keep_sheet(bucket: Bucket, sheet: Any, elsewhere: bool) -> None:
+    """Let jobs on other machines find the sheet of rooms, which Snakemake does not send with the configuration.
+
+    Parameters
+    ----------
+    bucket
+        As `keep_rooms` returns it.
+    sheet
+        What the configuration says of its scenes: a path within the working directory, or anything else, which stays.
+    elsewhere
+        Whether this is such a machine.
+    """
+    if not isinstance(sheet, str) or Path(sheet).is_absolute() or ".." in Path(sheet).parts:
+        return
+    if elsewhere:
+        bucket.fetch({sheet: Path(sheet)})
+    elif Path(sheet).is_file():  # else it is refused when it is read
+        bucket.put([Path(sheet)])
+
+
 class StoredFile(StorageObject):
     """A file or folder of the results in a bucket."""
 

@@ -90,7 +90,8 @@ def alone(machine: Workspace, *options: str) -> Path:
 
 @pytest.mark.slow
 def test_a_room_goes_on_where_jobs_share_no_disk(begun, machine):
-    second = machine("second")
+    second = machine("second", scenes="rooms.tsv")
+    (second.root / "rooms.tsv").write_text("name\tsource\nroom\tprocedural\n")
     jobs = alone(second, "--", CACHE)
     assert sorted(path.name.partition("-")[0] for path in jobs.iterdir() if path.is_dir()) == [
         "cache",

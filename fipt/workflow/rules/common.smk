@@ -36,9 +36,10 @@ shell.prefix(
 try:
     BUCKET = None
     if workflow.storage_settings.default_storage_provider is not None:
-        from fipt.workflow.storage import keep_rooms
+        from fipt.workflow.storage import keep_rooms, keep_sheet
 
         BUCKET = keep_rooms(workflow)
+        keep_sheet(BUCKET, config.get("scenes"), workflow.remote_exec)
     for path in map(Path, workflow.configfiles):
         if (
             path.suffix != ".json"
