@@ -9,8 +9,8 @@ from pathlib import Path
 
 from fipt.lock import LOCK, held
 
-OUR_LINE = re.compile(r"^.*?fipt: error: (.+)$", re.MULTILINE)
-"""What a verb or a rules file says of something that the user can mend."""
+OUR_LINE = re.compile(r"^.*?fipt(?:: error|\.errors\.FiptError): (.+)$", re.MULTILINE)
+"""What a verb, a rules file or the last line of a traceback says of something that the user can mend."""
 
 _NOTHING_SAID = "it was stopped before it said anything"
 STOPPED = re.compile(rf"^fipt: (interrupted|terminated)$|^{_NOTHING_SAID}$")

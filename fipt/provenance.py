@@ -27,7 +27,7 @@ from fipt.registry import SECTIONS
 NAME = "provenance.json"
 _FORMAT = 1
 _PASSING = re.compile(
-    r"(stats|logs|benchmarks)/.*|provenance\.json|ro-crate-metadata\.json|.*\.checkpoint-[^/]*|.*\.tmp[^/]*|(.*/)?\.[^/]*|poses/work/.*"
+    r"(stats|logs|benchmarks)/.*|provenance\.json|ro-crate-metadata\.json|.*\.checkpoint-[^/]*|.*\.tmp[^/]*|(.*/)?\.[^/]*|poses/work/.*|\.records/.*"
 )
 """Files that tell of times, or come and go."""
 _SINGLE = {

@@ -5,13 +5,16 @@ import io
 import json
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from fipt.bucket import opened
 from fipt.errors import EXIT_CODE, FiptError
 from fipt.outcome import failures
+from fipt.provenance import NAME as PROVENANCE
 
 if TYPE_CHECKING:
     from fipt.config.reading import Configuration
@@ -31,6 +34,8 @@ STOPPING_POINTS = (
     "compare",
 )
 """Targets of fipt/workflow/rules/targets.smk, in the order of the pipeline."""
+_HERE_TOO = ("--keep-storage-local-copies", "--scheduler-greedy-omit-prioritize-by-temp-and-input")
+"""Options of Snakemake: results in a store stay here, and their sizes are not asked for again and again."""
 
 
 def command(
@@ -50,6 +55,9 @@ def command(
     quick: Annotated[
         bool, typer.Option("--quick", help="Of target compare: one seed, and only methods that take little time.")
     ] = False,
+    store: Annotated[
+        str | None, typer.Option(metavar="URL", help="Keep results in object storage, too: s3://BUCKET/PREFIX.")
+    ] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", "-n", help="List the jobs that would run, and why.")] = False,
 ) -> None:
     """Run every stage of SCENE that is not up to date, as far as TARGET; of several scenes one after another.
@@ -67,16 +75,31 @@ def command(
     scenes, target = asked_for(asked, found.scenes)
     if quick and target != "compare":
         raise FiptError(f"--quick is of the target compare; this is {target}", f"fipt run {scenes[0]} compare --quick")
-    options = ["--cores", str(cores or "all"), *(("--dry-run",) if dry_run else ())]
+    options = ["--cores", str(cores or "all"), *(("--dry-run",) if dry_run else ()), *_storing(store)]
     given = {"scenes": found.sheet.path} if found.sheet else {}
     asked_config = {**found.plain, **given, "only": scenes}
     code = _run(asked_config, target, options, [found.scenes[scene] for scene in scenes], dry_run)
     if code in (0, EXIT_CODE) and not dry_run:
         for scene in scenes:
+            if store and (code == 0 or len(scenes) > 1):  # else what failed is here
+                opened(store).fetch_newer(f"results/{scene}")
             _conclude(found, scene, target, alone=len(scenes) == 1, done=code == 0)
+            if store and code == 0:
+                opened(store).share([Path("results", scene, PROVENANCE)])
         if len(scenes) > 1 and any(Path("results", scene).is_dir() for scene in scenes):
             _write_index()
     raise typer.Exit(code)
+
+
+def _storing(store: str | None) -> list[str]:
+    """Options of Snakemake that keep results in a store, once it is seen that it can be used."""
+    if store is None:
+        return []
+    if find_spec("snakemake_storage_plugin_s3") is None:
+        raise FiptError("--store needs the package snakemake-storage-plugin-s3", "pip install 'fipt[s3]'")
+    bucket = opened(store)
+    bucket.check()
+    return [*("--default-storage-provider", "s3", "--default-storage-prefix", bucket.url), *_HERE_TOO]
 
 
 def _run(

@@ -111,8 +111,16 @@ class ListedFiles:
 def listed_files(manifest: Path) -> dict[str, Any]:
     """Names and hashes of a manifest; none where there is no manifest, or none that can be read."""
     try:
-        return dict(json.loads(manifest.read_text(encoding="utf-8"))["files"])
-    except (OSError, *MALFORMED):
+        return listed_in(manifest.read_bytes())
+    except OSError:
+        return {}
+
+
+def listed_in(content: bytes) -> dict[str, Any]:
+    """Names and hashes in the content of a manifest; none where it is none."""
+    try:
+        return dict(json.loads(content)["files"])
+    except MALFORMED:
         return {}
 
 

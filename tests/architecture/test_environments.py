@@ -38,7 +38,7 @@ def of_project() -> dict[str, Requirement]:
     """Requirements of pyproject.toml, those of its extras for all, by name."""
     project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]
     extras = project["optional-dependencies"]
-    texts = [*project["dependencies"], *extras["geometry"], *extras["dev"]]
+    texts = [*project["dependencies"], *extras["geometry"], *extras["s3"], *extras["dev"]]
     return {canonicalize_name(each.name): each for each in map(Requirement, texts)}
 
 

@@ -1,0 +1,110 @@
+"""Files in a bucket: sent once, fetched when they are newer, and one line for whatever is wrong."""
+
+import os
+from pathlib import Path
+
+import boto3
+import pytest
+from moto import mock_aws
+
+from fipt.bucket import Bucket, opened, parted
+from fipt.errors import FiptError
+
+URL = "s3://rooms/lab"
+
+
+@pytest.fixture
+def bucket(tmp_path, monkeypatch):
+    """A bucket of moto, and an empty working directory."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("AWS_ACCESS_KEY_ID", "key")
+    monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "secret")
+    monkeypatch.delenv("AWS_ENDPOINT_URL", raising=False)
+    with mock_aws():
+        boto3.client("s3", region_name="us-east-1").create_bucket(Bucket="rooms")
+        yield Bucket(URL)
+
+
+def write(path: str, text: str, time: float | None = None) -> Path:
+    """Write a file; its time is seconds from now."""
+    file = Path(path)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(text)
+    if time is not None:
+        os.utime(file, (file.stat().st_mtime + time,) * 2)
+    return file
+
+
+@pytest.mark.parametrize(
+    ("url", "parts"),
+    [("s3://rooms", ("rooms", "")), ("s3://rooms/", ("rooms", "")), ("s3://rooms/a/b/", ("rooms", "a/b"))],
+)
+def test_a_url_has_a_bucket_and_a_prefix(url, parts):
+    assert parted(url) == parts
+    assert opened(url) is opened(url.rstrip("/"))
+
+
+@pytest.mark.parametrize("url", ["", "rooms", "s3:/rooms", "s3://", "s3://R", "gs://rooms", "/tmp/rooms"])
+def test_other_urls_are_refused(url):
+    with pytest.raises(FiptError, match="a store must be s3://BUCKET or s3://BUCKET/PREFIX"):
+        parted(url)
+
+
+def test_files_keep_their_paths_below_the_prefix(bucket):
+    bucket.put([write("results/a/x.json", "one"), write("results/a/b/y.json", "two"), write("results/ab/z.json", "no")])
+    assert set(bucket.files("results/a")) == {"results/a/x.json", "results/a/b/y.json"}
+    assert bucket.read("results/a/x.json") == b"one"
+    assert bucket.key("results/a") == "lab/results/a"
+    assert bucket.stored("results/a/b/y.json").size == 3
+    bucket.fetch({"results/a/x.json": Path("deep/er/x.json")})
+    assert Path("deep/er/x.json").read_text() == "one"
+    bucket.remove(["results/a/x.json"])
+    assert bucket.stored("results/a/x.json") is None
+
+
+def test_what_was_sent_is_sent_again_only_when_it_has_changed(bucket):
+    file = write("results/a/x.json", "one")
+    bucket.put([file])
+    Bucket(URL).remove([file])
+    bucket.put([file])
+    assert bucket.files("results") == {}
+    bucket.put([write("results/a/x.json", "three")])
+    assert bucket.read(file) == b"three"
+
+
+def test_what_is_newer_in_the_bucket_is_fetched(bucket):
+    old, new, own = (write(f"results/a/{name}", "here!") for name in ("old", "new", "own"))
+    Bucket(URL).put([old, new])
+    bucket.put([own])
+    write("results/a/old", "older", -100)
+    write("results/a/new", "newer", 100)
+    write("results/a/here", "only")
+    own.unlink()
+    bucket.fetch_newer("results/a")
+    assert old.read_text() == own.read_text() == "here!"
+    assert new.read_text() == "newer"
+    assert old.stat().st_mtime == bucket.stored(old).time
+
+
+def test_shared_files_go_the_way_of_the_newer_one(bucket):
+    here, there, neither = "results/a/here", "results/a/there", "results/a/neither"
+    Bucket(URL).put([write(here, "old"), write(there, "new")])
+    write(here, "mine", 100)
+    write(there, "mine", -100)
+    bucket.share([here, there, neither])
+    assert bucket.read(here) == b"mine"
+    assert Path(there).read_text() == "new"
+    assert not Path(neither).exists()
+    assert Path(here).stat().st_mtime == bucket.stored(here).time
+
+
+def test_what_is_wrong_is_one_line(bucket, monkeypatch):
+    with pytest.raises(FiptError, match="there is no bucket 'nobodys'; make it, or correct the URL"):
+        Bucket("s3://nobodys").check()
+    monkeypatch.setenv("AWS_PROFILE", "nobody")
+    with pytest.raises(FiptError, match="there are no credentials for s3://rooms"):
+        Bucket("s3://rooms").check()
+    monkeypatch.delenv("AWS_PROFILE")
+    monkeypatch.setenv("AWS_ENDPOINT_URL", "nonsense")
+    with pytest.raises(FiptError, match=r"s3://rooms cannot be used \(Invalid endpoint: nonsense\)"):
+        Bucket("s3://rooms")
