@@ -31,10 +31,10 @@ _ALIKE = 0.03
 """Difference of log luminance up to which two pixels match, as `superpixels` has it."""
 _PATCH = 0.2
 """Metres: side of the blocks of surface in which matches are counted."""
-_SURE, _OFTENER, _LEAST = 5.0, 2.0, 20
+_DEVIATIONS, _OFTENER, _LEAST = 5.0, 2.0, 20
 """Matches in a block must be beyond chance by so many deviations, so many times as frequent, of so many tries at least.
 No block of surface was in the room that this was found on."""
-_APART = 3.5
+_GAP = 3.5
 """Blocks between which an opening goes on: bars and pillars are narrower."""
 _BLOCKS = 3
 """Blocks of the smallest opening: fewer have no plane."""
@@ -47,7 +47,7 @@ _LAYERS = 4
 
 
 @dataclass(frozen=True)
-class _View:
+class _SeenView:
     """What a view shows: log luminance (H, W), place (H, W, 3), triangle (H, W), and whether it is bright (H, W)."""
 
     camera: Camera
@@ -102,7 +102,7 @@ def find_openings(mesh: Mesh, views: Sequence[DepthView]) -> np.ndarray:
     return open_ | _behind(mesh, seen, open_)
 
 
-def _seen(scene: RayScene, views: Sequence[DepthView]) -> list[_View]:
+def _seen(scene: RayScene, views: Sequence[DepthView]) -> list[_SeenView]:
     lights = [np.log(np.maximum(view.radiance @ LUMINANCE, 1e-6)).astype(np.float32) for view in views]
     least = float(np.median(np.concatenate([light[::4, ::4].ravel() for light in lights]))) + np.log(_BRIGHT)
     result = []
@@ -113,11 +113,11 @@ def _seen(scene: RayScene, views: Sequence[DepthView]) -> list[_View]:
         place = view.camera.center + np.where(met, distance, 0)[:, None] * rays.reshape(-1, 3)
         shape = light.shape
         bright = (light > least) & met.reshape(shape)
-        result.append(_View(view.camera, rays, light, place.reshape(*shape, 3), triangle.reshape(shape), bright))
+        result.append(_SeenView(view.camera, rays, light, place.reshape(*shape, 3), triangle.reshape(shape), bright))
     return result
 
 
-def _samples(seen: Sequence[_View]) -> _Samples:
+def _samples(seen: Sequence[_SeenView]) -> _Samples:
     """Compare bright pixels of each view with all other views."""
     places, lights = [np.zeros((0, 3))], [np.zeros(0)]
     matches, tries = [np.zeros((0, 2), np.int64)], [np.zeros((0, 2), np.int64)]
@@ -136,17 +136,17 @@ def _samples(seen: Sequence[_View]) -> _Samples:
     return _Samples(*map(np.concatenate, (places, lights, matches, tries)))
 
 
-def _compared(rays: np.ndarray, place: np.ndarray, light: np.ndarray, other: _View) -> np.ndarray:
+def _compared(rays: np.ndarray, place: np.ndarray, light: np.ndarray, other: _SeenView) -> np.ndarray:
     """(2, N, 2) int64 matches and tries in another view, along unit rays (N, 3) and beside them."""
     towards = place - other.camera.center
-    apart = (towards * rays).sum(axis=1) < np.cos(_PARALLAX) * np.linalg.norm(towards, axis=1)
+    parallax = (towards * rays).sum(axis=1) < np.cos(_PARALLAX) * np.linalg.norm(towards, axis=1)
     u = np.cross(rays, np.eye(3)[np.abs(rays).argmin(axis=1)])
     u /= np.linalg.norm(u, axis=1, keepdims=True)
     v = np.cross(rays, u)
     found = np.zeros((2, len(rays), 2), np.int64)
     for number, beside in enumerate((0 * u, u, -u, v, -v)):
         row, column, _, inside = pixels_of(other.camera, other.camera.center + rays + np.tan(_SHIFT) * beside)
-        tried = apart & inside & other.bright[row, column]
+        tried = parallax & inside & other.bright[row, column]
         tried &= ((other.place[row, column] - place) ** 2).sum(axis=1) < _NEAR**2
         matched = tried & (np.abs(other.light[row, column] - light) < _ALIKE)
         found[:, :, min(number, 1)] += matched, tried
@@ -165,9 +165,9 @@ def _planes(samples: _Samples) -> list[tuple[np.ndarray, np.ndarray, float]]:
     rate, chance = along / np.maximum(tried, 1), beside / np.maximum(chances, 1)
     both = (along + beside) / np.maximum(tried + chances, 1)
     deviation = np.sqrt(both * (1 - both) * (1 / np.maximum(tried, 1) + 1 / np.maximum(chances, 1)))
-    sure = (tried >= _LEAST) & (rate > _OFTENER * chance) & (rate - chance > _SURE * deviation)
-    outside = np.flatnonzero(sure)
-    pairs = cKDTree(cells[outside]).query_pairs(_APART, output_type="ndarray") if len(outside) else np.zeros((0, 2), int)
+    beyond = (tried >= _LEAST) & (rate > _OFTENER * chance) & (rate - chance > _DEVIATIONS * deviation)
+    outside = np.flatnonzero(beyond)
+    pairs = cKDTree(cells[outside]).query_pairs(_GAP, output_type="ndarray") if len(outside) else np.zeros((0, 2), int)
     links = coo_matrix((np.ones(len(pairs)), tuple(pairs.T)), shape=(len(outside),) * 2)
     number, opening = connected_components(links, directed=False)
     found = []
@@ -182,7 +182,7 @@ def _planes(samples: _Samples) -> list[tuple[np.ndarray, np.ndarray, float]]:
     return found
 
 
-def _middle_light(seen: Sequence[_View], count: int) -> np.ndarray:
+def _middle_light(seen: Sequence[_SeenView], count: int) -> np.ndarray:
     """(T,) median log luminance of the pixels that show each triangle; minus infinity where none does."""
     triangle, light = (np.concatenate([getattr(view, name).ravel() for view in seen]) for name in ("triangle", "light"))
     order = np.lexsort((light, triangle))
@@ -191,7 +191,7 @@ def _middle_light(seen: Sequence[_View], count: int) -> np.ndarray:
     return np.where(end > start, middle, -np.inf)
 
 
-def _behind(mesh: Mesh, seen: Sequence[_View], open_: np.ndarray) -> np.ndarray:
+def _behind(mesh: Mesh, seen: Sequence[_SeenView], open_: np.ndarray) -> np.ndarray:
     """(T,) bool: what rays through openings meet behind them, and no other pixel shows."""
     behind, shown = np.zeros(len(open_), bool), np.zeros(len(open_), bool)
     origins, ways = [np.zeros((0, 3))], [np.zeros((0, 3))]

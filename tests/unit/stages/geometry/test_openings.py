@@ -42,7 +42,8 @@ def seen(mesh: Mesh, picture: Picture) -> list[DepthView]:
         pose = np.eye(4)
         pose[:3, 3] = x, 0.1 * (number % 3), z
         camera = Camera(f"v{number}", "train", 160, 120, 90.0, 90.0, 80.0, 60.0, pose)
-        empty = DepthMap(np.zeros((120, 160), np.float32), np.zeros((120, 160), np.float32), np.zeros((120, 160, 3), np.float32))  # fmt: skip
+        nothing = np.zeros((120, 160, 3), np.float32)
+        empty = DepthMap(nothing[..., 0], nothing[..., 0], nothing)
         view = DepthView(camera, empty, np.ones((120, 160, 3), np.float32))
         way = view.rays.reshape(-1, 3) / np.linalg.norm(view.rays.reshape(-1, 3), axis=1, keepdims=True)
         distance, _ = scene.intersect(camera.center, way.astype(np.float32))
