@@ -10,7 +10,6 @@ import numpy as np
 
 from fipt.meshing.prepare import prepared
 from fipt.meshing.radiance_edges import Radiance
-from fipt.render.edits import without
 from fipt.render.variant import set_variant
 from fipt.scene.mesh import Mesh
 from fipt.stages.geometry.completion import Completed, complete
@@ -20,6 +19,7 @@ from fipt.stages.geometry.fusing import check_memory, fuse, fuse_blocks, voxel_s
 from fipt.stages.geometry.mesh_settings import AnyGeometry, MonosdfGeometry, RefinedGeometry
 from fipt.stages.geometry.openings import find_openings
 from fipt.stages.geometry.overview import overview
+from fipt.stages.geometry.room_box import RoomBox
 from fipt.stages.geometry.shell import shell_behind, with_shell
 from fipt.stages.geometry.snapping import snapped
 
@@ -72,6 +72,10 @@ def build(views: Sequence[DepthView], radiance: Radiance, settings: AnyGeometry)
     plane = np.full(len(mesh.triangles), -1)
     if found is not None:
         mesh, plane = snapped(mesh, found.planes, _SNAPPED * voxel)
+    closed, area = mesh, 0.0
+    if found is not None:
+        closed, kept, area = _closed(mesh, found.box, voxel, measured if settings.openings else ())
+        mesh, plane = Mesh(mesh.vertices, mesh.triangles[kept]), plane[kept]
     support = evidence(mesh, maps)
     by_region = regions(mesh, plane, support)
     lasting = {
@@ -79,6 +83,7 @@ def build(views: Sequence[DepthView], radiance: Radiance, settings: AnyGeometry)
         "views": len(views),
         **_of_pixels(maps, own),
         "surface": support.share(mesh.areas),
+        "open_area": round(area, 4),
         "box": None if found is None else found.box.plain(),
         "noise_mm_at_1m": round(1e3 * noise.at_1m, 4),
         "confident": round(noise.confident, 4),
@@ -88,19 +93,21 @@ def build(views: Sequence[DepthView], radiance: Radiance, settings: AnyGeometry)
     }
     if fitted:
         lasting["volume"] = {name: value for name, value in fitted.items() if name != "steps_per_s"}
-    if found is not None:
-        inner = len(mesh.triangles)
-        mesh = with_shell(mesh, found.box, voxel)
-        if settings.openings:
-            open_ = find_openings(mesh, measured)
-            lasting["open_area"] = round(float(mesh.areas[:inner][open_[:inner]].sum()), 4)
-            mesh = without(mesh, open_ | shell_behind(mesh, inner, open_, voxel))
     figures = {name: value for name, value in lasting.items() if name != "of_view"}
     if fitted:
         figures["volume"] = fitted
     figures["seconds"] = round(time.perf_counter() - start, 2)
     planes = {"planes": [] if found is None else found.planes.plain(), "regions": by_region}
-    return Geometry(mesh, overview(maps), planes, lasting, figures)
+    return Geometry(closed, overview(maps), planes, lasting, figures)
+
+
+def _closed(mesh: Mesh, box: RoomBox, voxel: float, views: Sequence[DepthView]) -> tuple[Mesh, np.ndarray, float]:
+    """The mesh with the shell, but for openings that views show; which (T,) triangles stay, and metres^2 of others."""
+    whole, count = with_shell(mesh, box, voxel), len(mesh.triangles)
+    open_ = find_openings(whole, views) if views else np.zeros(len(whole.triangles), bool)
+    gone = open_ | shell_behind(whole, count, open_, voxel)
+    area = float(mesh.areas[gone[:count]].sum())
+    return Mesh(whole.vertices, whole.triangles[~gone]), ~gone[:count], area
 
 
 def _surface(

@@ -20,6 +20,8 @@ from fipt.stages.geometry.depth_views import DepthView, pixels_of
 
 _BRIGHT = 4.0
 """Luminance, in medians of all views, of what may be outside: a day is brighter than a room. Saves time, too."""
+_DARK = 1e-6
+"""Luminance that counts as none."""
 _COLUMNS = 160
 """Pixels of a view along its longer side that are asked, about."""
 _SHIFT, _PARALLAX = np.radians(2.5), np.radians(5.0)
@@ -29,21 +31,31 @@ _NEAR = 1.5
 """Metres around a pixel's place within which another view's must be: what shines elsewhere in the room is no match."""
 _ALIKE = 0.03
 """Difference of log luminance up to which two pixels match, as `superpixels` has it."""
-_PATCH = 0.2
+_BLOCK = 0.2
 """Metres: side of the blocks of surface in which matches are counted."""
 _DEVIATIONS, _OFTENER, _LEAST = 5.0, 2.0, 20
-"""Matches in a block must be beyond chance by so many deviations, so many times as frequent, of so many tries at least.
-No block of surface was in the room that this was found on."""
-_GAP = 3.5
-"""Blocks between which an opening goes on: bars and pillars are narrower."""
+"""Matches in a block must be beyond chance by so many deviations, so many times as frequent, of so many tries at least,
+along the direction and beside it. No block of surface was in the room that this was found on."""
+_GAP, _TOUCH = 3.5, 1.8
+"""Blocks between which contrast goes on as one opening: bars and pillars are narrower. Other blocks must touch."""
 _BLOCKS = 3
-"""Blocks of the smallest opening: fewer have no plane."""
+"""Blocks with contrast of the smallest opening: fewer have no plane."""
+_AS_OFTEN = 0.5
+"""Matches of a block without contrast, as a share of what blocks with contrast have in the middle."""
+_SPREAD = float(np.log(2.0))
+"""Range of log luminance of another window in the same plane, at least: a lamp shines alike all over."""
 _THICK = 0.1
 """Metres from its plane within which surface closes an opening: depth there is that of bars."""
+_FACING = 0.5
+"""Cosine between the normals of its plane and of what closes an opening, at least: reveals stay."""
 _DARKEST = 0.1
-"""Share of matched pixels that are darker than what opens. Bars are, and stay."""
+"""Share of a block's matched pixels that are darker than what opens. Bars are, and stay."""
+_DARK_BLOCKS = 0.25
+"""Share of the blocks in which that is darker than what opens: some show bars alone."""
 _LAYERS = 4
 """Surfaces behind each other that a ray may meet on its way out."""
+_PARTNERS = 40
+"""Other views that a view is compared with, at most, evenly chosen."""
 
 
 @dataclass(frozen=True)
@@ -68,20 +80,52 @@ class _Samples:
     tries: np.ndarray
 
 
+@dataclass(frozen=True)
+class _Opening:
+    """What closes openings of one plane.
+
+    Attributes
+    ----------
+    cells
+        (K, 3) int64 numbers of its blocks along the axes.
+    least
+        Log luminance of what is open.
+    center, normal
+        (3,) of the plane, metres.
+    """
+
+    cells: np.ndarray
+    least: float
+    center: np.ndarray
+    normal: np.ndarray
+
+    def shown_in(self, view: _SeenView, normals: np.ndarray) -> np.ndarray:
+        """(H, W) bool: pixels of what closes them, of triangles with normals (T, 3)."""
+        place, triangle = view.place.reshape(-1, 3), view.triangle.ravel()
+        bright = (triangle >= 0) & (view.light.ravel() >= self.least)
+        bright &= (np.abs(normals @ self.normal) > _FACING)[triangle]
+        near = np.flatnonzero(bright & (np.abs((place - self.center) @ self.normal) < _THICK))
+        away, _ = cKDTree(self.cells).query(np.floor(place[near] / _BLOCK), distance_upper_bound=0.5)
+        shown = np.zeros(view.light.shape, bool)
+        shown.ravel()[near[np.isfinite(away)]] = True
+        return shown
+
+
 def find_openings(mesh: Mesh, views: Sequence[DepthView]) -> np.ndarray:
     """Tell which triangles close an opening to what lies far outside.
 
     In blocks of bright surface, pixels are compared with those of other views that look in the same direction, and in
     directions a little beside it. Where the same direction matches far more often than chance, the outside is seen.
-    Such blocks lie on planes; what is as bright there is open, and bars stay. An outside without any
-    contrast is not told from a pane that shines: it stays one.
+    Such blocks lie on a plane. What touches them there and is as bright as what matched is open, and so are other
+    windows in that plane; bars are darker, and stay. Where nothing outside has any contrast, it is not told from a pane
+    that shines: it stays one.
 
     Parameters
     ----------
     mesh
         Closed around the cameras.
     views
-        With their pictures; depth is not used.
+        With their pictures, at least one; depth is not used.
 
     Returns
     -------
@@ -90,21 +134,24 @@ def find_openings(mesh: Mesh, views: Sequence[DepthView]) -> np.ndarray:
     """
     scene, count = RayScene(mesh), len(mesh.triangles)
     seen = _seen(scene, views)
-    planes = _planes(_samples(seen))
-    middle = _middle_light(seen, count)
-    open_ = np.zeros(count, bool)
-    for center, normal, least in planes:
-        near = np.zeros(count, bool)
-        for view in seen:
-            on = (view.triangle >= 0) & (np.abs((view.place - center) @ normal) < _THICK)
-            near[view.triangle[on]] = True
-        open_ |= near & (middle >= least)
+    found = _openings(_samples(seen))
+    pixels, shown = np.zeros(count, np.int64), np.zeros(count, np.int64)
+    for view in seen:
+        met = view.triangle >= 0
+        through = np.zeros_like(met)
+        for opening in found:
+            through |= opening.shown_in(view, mesh.normals)
+        pixels += np.bincount(view.triangle[met], minlength=count)
+        shown += np.bincount(view.triangle[met & through], minlength=count)
+    open_ = 2 * shown > pixels
     return open_ | _behind(mesh, seen, open_)
 
 
 def _seen(scene: RayScene, views: Sequence[DepthView]) -> list[_SeenView]:
-    lights = [np.log(np.maximum(view.radiance @ LUMINANCE, 1e-6)).astype(np.float32) for view in views]
-    least = float(np.median(np.concatenate([light[::4, ::4].ravel() for light in lights]))) + np.log(_BRIGHT)
+    lights = [np.log(np.maximum(view.radiance @ LUMINANCE, _DARK)).astype(np.float32) for view in views]
+    some = np.concatenate([light[::4, ::4].ravel() for light in lights])
+    some = some[some > np.log(_DARK)]  # pixels that are not valid are black
+    least = (float(np.median(some)) if len(some) else 0.0) + np.log(_BRIGHT)
     result = []
     for view, light in zip(views, lights, strict=True):
         rays = view.rays / np.linalg.norm(view.rays, axis=-1, keepdims=True)
@@ -126,9 +173,9 @@ def _samples(seen: Sequence[_SeenView]) -> _Samples:
         some = np.zeros(view.light.shape, bool)
         some[::step, ::step] = view.bright[::step, ::step]
         found = np.zeros((2, int(some.sum()), 2), np.int64)
-        for other in seen:
-            if other is not view:
-                found += _compared(view.rays[some], view.place[some], view.light[some], other)
+        others = [other for other in seen if other is not view]
+        for k in np.unique(np.linspace(0, len(others) - 1, min(len(others), _PARTNERS)).astype(np.int64)):
+            found += _compared(view.rays[some], view.place[some], view.light[some], others[k])
         places.append(view.place[some])
         lights.append(view.light[some])
         matches.append(found[0])
@@ -153,11 +200,10 @@ def _compared(rays: np.ndarray, place: np.ndarray, light: np.ndarray, other: _Se
     return found
 
 
-def _planes(samples: _Samples) -> list[tuple[np.ndarray, np.ndarray, float]]:
-    """Centre (3,), normal (3,) and least log luminance of each opening."""
+def _openings(samples: _Samples) -> list[_Opening]:
     if len(samples.place) == 0:
         return []
-    cells, block = np.unique(np.floor(samples.place / _PATCH).astype(np.int64), axis=0, return_inverse=True)
+    cells, block = np.unique(np.floor(samples.place / _BLOCK).astype(np.int64), axis=0, return_inverse=True)
     block = block.reshape(-1)
     (along, beside), (tried, chances) = (
         [np.bincount(block, column, len(cells)) for column in counts.T] for counts in (samples.matches, samples.tries)
@@ -165,30 +211,46 @@ def _planes(samples: _Samples) -> list[tuple[np.ndarray, np.ndarray, float]]:
     rate, chance = along / np.maximum(tried, 1), beside / np.maximum(chances, 1)
     both = (along + beside) / np.maximum(tried + chances, 1)
     deviation = np.sqrt(both * (1 - both) * (1 / np.maximum(tried, 1) + 1 / np.maximum(chances, 1)))
-    beyond = (tried >= _LEAST) & (rate > _OFTENER * chance) & (rate - chance > _DEVIATIONS * deviation)
-    outside = np.flatnonzero(beyond)
-    pairs = cKDTree(cells[outside]).query_pairs(_GAP, output_type="ndarray") if len(outside) else np.zeros((0, 2), int)
-    links = coo_matrix((np.ones(len(pairs)), tuple(pairs.T)), shape=(len(outside),) * 2)
-    number, opening = connected_components(links, directed=False)
-    found = []
-    for k in range(number):
-        if (opening == k).sum() < _BLOCKS:
-            continue
-        on = np.isin(block, outside[opening == k])
+    told = np.minimum(tried, chances) >= _LEAST
+    beyond = np.flatnonzero(told & (rate > _OFTENER * chance) & (rate - chance > _DEVIATIONS * deviation))
+    result = []
+    for contrast in _connected(cells, beyond, _GAP):
+        on = np.isin(block, contrast)
         center = np.median(samples.place[on], axis=0)
-        normal = np.linalg.svd(samples.place[on] - center, full_matrices=False)[2][2]
-        matched = on & (samples.matches[:, 0] > 0)
-        found.append((center, normal, float(np.quantile(samples.light[matched], _DARKEST))))
-    return found
+        _, extent, axes = np.linalg.svd(samples.place[on] - center, full_matrices=False)
+        if len(contrast) < _BLOCKS or extent[1] < _BLOCK / 4 * np.sqrt(on.sum()):
+            continue  # a row of blocks has no plane
+        flat = np.abs((cells + 0.5) * _BLOCK @ axes[2] - center @ axes[2]) < _BLOCK
+        often = np.flatnonzero(told & flat & (rate >= _AS_OFTEN * np.median(rate[contrast])))
+        darkest = [_quantile(samples, block == k, _DARKEST, matched=True) for k in np.union1d(often, contrast)]
+        least = float(np.quantile(darkest, _DARK_BLOCKS)) - _ALIKE
+        bright = np.flatnonzero(flat & (np.bincount(block, samples.light >= least, len(cells)) > 0))
+        groups = [
+            group
+            for group in _connected(cells, np.union1d(contrast, bright), _TOUCH)
+            if np.isin(group, contrast).any() or _range(samples, np.isin(block, group)) > _SPREAD
+        ]
+        result.append(_Opening(cells[np.concatenate(groups)], least, center, axes[2]))
+    return result
 
 
-def _middle_light(seen: Sequence[_SeenView], count: int) -> np.ndarray:
-    """(T,) median log luminance of the pixels that show each triangle; minus infinity where none does."""
-    triangle, light = (np.concatenate([getattr(view, name).ravel() for view in seen]) for name in ("triangle", "light"))
-    order = np.lexsort((light, triangle))
-    start, end = (np.searchsorted(triangle[order], np.arange(count), side=side) for side in ("left", "right"))
-    middle = light[order][np.minimum((start + end) // 2, len(order) - 1)]
-    return np.where(end > start, middle, -np.inf)
+def _connected(cells: np.ndarray, chosen: np.ndarray, reach: float) -> list[np.ndarray]:
+    """Groups of chosen blocks that reach each other; numbers of their cells (K, 3)."""
+    pairs = cKDTree(cells[chosen]).query_pairs(reach, output_type="ndarray") if len(chosen) else np.zeros((0, 2), int)
+    links = coo_matrix((np.ones(len(pairs)), tuple(pairs.T)), shape=(len(chosen),) * 2)
+    number, group = connected_components(links, directed=False)
+    return [chosen[group == k] for k in range(number)]
+
+
+def _quantile(samples: _Samples, chosen: np.ndarray, share: float, matched: bool = False) -> float:
+    """Log luminance that a share of chosen samples (N,) is below, or of those of them that matched."""
+    use = chosen & (samples.matches[:, 0] > 0) if matched else chosen
+    return float(np.quantile(samples.light[use], share))
+
+
+def _range(samples: _Samples, chosen: np.ndarray) -> float:
+    """Log luminance between the darkest and the brightest tenth of chosen samples (N,)."""
+    return _quantile(samples, chosen, 0.9) - _quantile(samples, chosen, 0.1)
 
 
 def _behind(mesh: Mesh, seen: Sequence[_SeenView], open_: np.ndarray) -> np.ndarray:

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial import cKDTree
 
-from fipt.scene.mesh import Mesh
+from fipt.scene.mesh import Mesh, surface_points
 from fipt.stages.geometry.room_box import RoomBox
 
 _BEHIND = 2
@@ -55,14 +55,16 @@ def shell_behind(mesh: Mesh, first: int, open_: np.ndarray, voxel: float) -> np.
         (T,) bool.
     """
     behind = np.zeros(len(open_), bool)
-    middle, panes = mesh.corners.mean(axis=1), np.flatnonzero(open_[:first])
-    if len(panes):
-        _, nearest = cKDTree(middle[panes]).query(middle[first:])
-        pane, normal = panes[nearest], mesh.normals[first:]
-        way = middle[pane] - middle[first:]
+    panes = Mesh(mesh.vertices, mesh.triangles[:first][open_[:first]])
+    if len(panes.triangles):
+        low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+        points, pane = surface_points(panes, _CELL * voxel / 2, low, high, seed=0)
+        middle, normal = mesh.corners[first:].mean(axis=1), mesh.normals[first:]
+        _, nearest = cKDTree(points).query(middle)
+        way = points[nearest] - middle
         before = (way * normal).sum(axis=1)  # the shell faces inwards
         aside = np.sqrt(np.maximum((way**2).sum(axis=1) - before**2, 0))
-        along = np.abs((mesh.normals[pane] * normal).sum(axis=1)) > _FACING
+        along = np.abs((panes.normals[pane[nearest]] * normal).sum(axis=1)) > _FACING
         near = (before > 0) & (before < _DEEP)
         behind[first:] = along & near & (aside < _GRAZING * before + _CELL * voxel)
     return behind

@@ -10,7 +10,7 @@ from fipt.scene.cameras import Camera
 from fipt.scene.depth_maps import DepthMap
 from fipt.scene.mesh import Mesh
 from fipt.stages.geometry.depth_views import DepthView
-from fipt.stages.geometry.openings import find_openings
+from fipt.stages.geometry.openings import _openings, _Samples, find_openings
 from fipt.stages.geometry.room_box import RoomBox
 from fipt.stages.geometry.shell import shell_behind, with_shell
 
@@ -85,7 +85,45 @@ def test_what_shines_in_its_place_is_no_opening(backend, picture):
     assert not find_openings(mesh, seen(mesh, picture)).any()
 
 
-def test_nothing_bright_and_no_view_are_no_opening(backend):
+def test_a_lamp_in_the_wall_of_a_window_stays(backend):
+    mesh = cube(HALF)
+
+    def picture(place: np.ndarray, way: np.ndarray) -> np.ndarray:
+        return np.where(place[:, 0] > 0.45, 3.5, np.where(place[:, 0] < 0, clouds(way), np.log(0.2)))
+
+    open_ = find_openings(mesh, seen(mesh, picture))
+    middle = mesh.corners.mean(axis=1)
+    assert open_[window(middle) & (middle[:, 0] < -0.1)].mean() > 0.7
+    assert not open_[middle[:, 0] > 0.4].any()
+
+
+def test_a_window_without_contrast_below_is_open_as_far_as_it_touches(backend):
+    mesh = cube(HALF)
+    sea = 1.7  # as bright as what is darkest in the sky
+
+    def picture(place: np.ndarray, way: np.ndarray) -> np.ndarray:
+        return np.where(way[:, 1] > -0.1, np.maximum(clouds(way), sea), sea)
+
+    open_ = find_openings(mesh, seen(mesh, picture))
+    middle = mesh.corners.mean(axis=1)
+    below = window(middle) & (np.abs(middle[:, 0]) > 0.1) & (middle[:, 1] < -0.4) & (middle[:, 1] > 0.05 - WIDE)
+    assert open_[below].mean() > 0.9
+
+
+def test_blocks_in_a_row_and_blocks_without_chance_are_no_opening():
+    place = np.array([[0.1, 0.1, 0.1], [0.3, 0.1, 0.1], [0.5, 0.1, 0.1]]).repeat(40, axis=0)
+    counts = np.array([[20, 0]]).repeat(120, axis=0)
+    assert _openings(_Samples(place, np.zeros(120), counts, np.array([[20, 20]]).repeat(120, axis=0))) == []
+    apart = (
+        place
+        + np.random.default_rng(0).uniform(-0.09, 0.09, place.shape) * [1, 1, 0]
+        + [[0, 0.2, 0]] * np.arange(3).repeat(40)[:, None]
+    )
+    assert _openings(_Samples(apart, np.zeros(120), counts, counts)) == []
+    assert len(_openings(_Samples(apart, np.zeros(120), counts, np.array([[20, 20]]).repeat(120, axis=0)))) == 1
+
+
+def test_nothing_bright_is_no_opening(backend):
     mesh = cube(HALF)
     assert not find_openings(mesh, seen(mesh, lambda place, _: np.full(len(place), -1.0))).any()
 
@@ -109,3 +147,15 @@ def test_what_lies_behind_goes_too_and_light_passes_the_shell(backend):
     way = np.array([[0.0, np.sin(1.0), -np.cos(1.0)]], np.float32)
     assert np.isinf(left.intersect(np.array([0.3, 0.0, 0.1 - HALF]), way)[0]).all()
     assert not shell_behind(mesh, first, np.zeros_like(open_), 0.01).any()
+
+
+def test_large_panes_open_the_shell_behind_all_of_them():
+    away = np.full(3, HALF)
+    corners = np.array([[-1, -0.7, 0.1], [1, -0.7, 0.1], [1, 0.7, 0.1], [-1, 0.7, 0.1]], np.float32) - [0, 0, HALF]
+    pane = Mesh(corners.astype(np.float32), np.array([[0, 1, 2], [0, 2, 3]], np.int32))
+    mesh = with_shell(pane, RoomBox(np.eye(3), -away, away, np.array([-away, away])), 0.01)
+    behind = shell_behind(mesh, 2, np.arange(len(mesh.triangles)) < 2, 0.01)
+    middle = mesh.corners.mean(axis=1)
+    facing = (np.abs(middle[:, :2]) < [1, 0.7]).all(axis=1) & (middle[:, 2] < -HALF)
+    assert behind[facing].all()
+    assert not behind[middle[:, 2] > 0.2 - HALF].any()
