@@ -18,6 +18,11 @@ _SECTIONS = {
 }
 """Old stage section, or key of one -> new one; in the config, and in the settings of a scene."""
 
+_VALUES = {
+    "emitters.two_sided": ": true is both, and false (one side, by winding) is gone",
+}
+"""Old key -> what became of its values, where they changed."""
+
 _SETUPS = {"*.background": "environment"}
 """Old key of a relight setup -> its new name."""
 
@@ -48,7 +53,8 @@ def _renamed(values: Mapping[str, Any]) -> Iterator[str]:
     for where, place in places:
         for old, new in _SECTIONS.items():
             if not where.startswith("scenes.") or where.endswith("settings."):
-                yield from (f"{where}{path} is {where}{new} now" for path in _paths(place, old.split(".")))
+                said = f"is {where}{new} now{_VALUES.get(old, '')}"
+                yield from (f"{where}{path} {said}" for path in _paths(place, old.split(".")))
         setups = place.get("setups") if isinstance(place, Mapping) else None
         for old, new in _SETUPS.items():
             for path in _paths(setups, old.split(".")):

@@ -54,8 +54,11 @@ class EmitterSet:
     sides: np.ndarray = field(default_factory=lambda: np.empty(0, np.int8))
 
     def __post_init__(self) -> None:
-        if len(self.sides) != len(self.triangle):
-            object.__setattr__(self, "sides", np.full(len(self.triangle), BOTH, np.int8))
+        count, given = len(self.triangle), len(self.sides)
+        if given not in (0, count):
+            raise ValueError(f"sides is of {given} triangles, not of {count}")
+        if given != count:
+            object.__setattr__(self, "sides", np.full(count, BOTH, np.int8))
 
     def chosen(self, rows: np.ndarray) -> "EmitterSet":
         """Those where ``rows`` (E,) is true."""

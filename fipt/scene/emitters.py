@@ -118,7 +118,10 @@ class Emitters:
             ("guessed", np.zeros(count, bool)),
             ("spread", np.zeros(count, np.float32)),
         ):
-            if len(getattr(self, name)) != count:
+            given = len(getattr(self, name))
+            if given not in (0, count):
+                raise ValueError(f"{name} is of {given} triangles, not of {count}")
+            if given != count:
                 object.__setattr__(self, name, left_out)
 
     @property

@@ -12,7 +12,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from fipt.scene.emitters import BACK, BOTH, FRONT, Emitters
+from fipt.scene.emitters import BACK, FRONT, Emitters
 from fipt.scene.mesh import Mesh
 from fipt.scene.observed import ObservedShard
 from fipt.scene.samples import ALONE
@@ -24,8 +24,6 @@ _EMITS = 0.5
 """Radiance, as a share of the emitter's, above which a face is nearer to it than to black."""
 _FOLDED = -0.9
 """Cosine between normals beyond which a sheet is folded onto itself: panes back to back share their rims."""
-_TURNED = np.array([0, BACK, FRONT, BOTH], np.int8)
-"""Sides -> the same sides of a triangle that is wound the other way."""
 
 
 def emitting_sides(mesh: Mesh, found: Emitters, shards: Sequence[ObservedShard]) -> np.ndarray:
@@ -38,20 +36,20 @@ def emitting_sides(mesh: Mesh, found: Emitters, shards: Sequence[ObservedShard])
     shards
         The training views.
     """
-    face = faces(mesh, found.triangle)
-    area, ratio = _seen(mesh, found, shards, face)
-    other = np.empty(len(area), np.int64)  # the face behind each
+    face = faces(mesh, found.triangle, found.emitter)
+    other = np.empty(int(face.max(initial=-1)) + 1, np.int64)  # the face behind each
     other[face] = face[:, ::-1]
+    area, ratio = _seen(mesh, found, shards, face, other)
     visible = (area > 0) & (area >= _LEAST * (area + area[other]))
     ratio = np.where(visible, ratio, -np.inf)
-    bright = (visible & ((ratio >= _EMITS) | (ratio >= ratio[other])))[face]
-    return _with_unseen(mesh, found, (bright @ [FRONT, BACK]).astype(np.int8))
+    emitting = _with_unseen(mesh, found, face, visible & ((ratio >= _EMITS) | (ratio >= ratio[other])))
+    return (emitting[face] @ [FRONT, BACK]).astype(np.int8)
 
 
-def faces(mesh: Mesh, triangles: np.ndarray) -> np.ndarray:
+def faces(mesh: Mesh, triangles: np.ndarray, emitter: np.ndarray) -> np.ndarray:
     """(E, 2) int64 number of the face that front and back of each of these triangles (E,) belong to.
 
-    Edges of more than two triangles end a face.
+    Edges of more than two triangles end a face, and so does the end of an emitter; ``emitter`` (E,) has their numbers.
     """
     _, corner = np.unique(mesh.corners[triangles].reshape(-1, 3), axis=0, return_inverse=True)
     ends = corner.reshape(-1, 3)[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
@@ -63,24 +61,24 @@ def faces(mesh: Mesh, triangles: np.ndarray) -> np.ndarray:
     against = (ends[first] == ends[second]).all(axis=1)  # neighbours of one winding run along their edge in turn
     normal = mesh.normals[triangles]
     flat = np.where(against, -1, 1) * (normal[a] * normal[b]).sum(axis=1) > _FOLDED
-    a, b, against = a[flat], b[flat], against[flat].astype(np.int64)
+    joined = flat & (emitter[a] == emitter[b])
+    a, b, against = a[joined], b[joined], against[joined].astype(np.int64)
     sides = np.concatenate([[2 * a, 2 * b + against], [2 * a + 1, 2 * b + 1 - against]], axis=1)
     graph = coo_matrix((np.ones(sides.shape[1]), tuple(sides)), shape=(2 * len(triangles),) * 2)
     return connected_components(graph, directed=False)[1].reshape(-1, 2).astype(np.int64)
 
 
 def _seen(
-    mesh: Mesh, found: Emitters, shards: Sequence[ObservedShard], face: np.ndarray
+    mesh: Mesh, found: Emitters, shards: Sequence[ObservedShard], face: np.ndarray, other: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(F,) square metres that are seen of each face, and its median radiance as a share of the emitter's.
+    """(F,) square metres that are seen of each face, and its radiance as a share of the emitter's.
 
-    Where a face fills no pixel its share is 1: what is seen behind slats was found to emit. Pixels count as large as
-    they are across the ray: at a grazing angle the sides of a noisy surface are hardly told apart.
+    Pixels count as large as they are across the ray: at a grazing angle the sides of a noisy surface are hardly told
+    apart. A clipped pixel shows a lower bound: it may be as bright as the emitter.
     """
     row = np.full(len(mesh.triangles), -1)
     row[found.triangle] = np.arange(len(found.triangle))
-    count = int(face.max(initial=-1)) + 1
-    area, shares = np.zeros(face.shape), [(np.empty(0, np.int64), np.empty(0))]
+    area, shares = np.zeros(face.shape), [(np.empty(0, np.int64), np.empty(0, np.float32), np.empty(0))]
     for shard, index in [(each, index) for each in shards for index in range(len(each.samples.views))]:
         samples, own = shard.samples, shard.samples.of_view(index)
         pixel = samples.pixel_of_sample(index) + samples.pixels(index).start
@@ -89,30 +87,55 @@ def _seen(
         place = row[triangle], np.where(mesh.front(triangle, samples.normal[own][use]), 0, 1)
         np.add.at(area, place, weight * samples.footprint[own][use].astype(np.float64) ** 2)
         light = shard.radiance[pixel[use]].mean(axis=1) / np.maximum(found.radiance[place[0]].mean(axis=1), 1e-12)
-        shares.append((face[place][weight >= ALONE], light[weight >= ALONE]))
+        light = np.where(shard.clipped[pixel[use]], np.maximum(light, 1), light)
+        shares.append((face[place], weight, light))
     area = np.minimum(area, mesh.areas[found.triangle, None])
-    ratio = np.ones(count)
-    of, light = map(np.concatenate, zip(*shares, strict=True))
-    known, index = np.unique(of, return_inverse=True)
-    ratio[known] = grouped_median(light, index.reshape(-1), len(known))
-    return np.bincount(face.ravel(), area.ravel(), count), ratio
+    of, weight, light = map(np.concatenate, zip(*shares, strict=True))
+    return np.bincount(face.ravel(), area.ravel(), len(other)), _ratio(of, weight, light, other)
 
 
-def _with_unseen(mesh: Mesh, found: Emitters, sides: np.ndarray) -> np.ndarray:
-    """The sides (E,) int8; a triangle of none shines to where the nearest of its emitter that has some does.
+def _ratio(of: np.ndarray, weight: np.ndarray, light: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """(F,) light of each face: the median of the pixels that it fills.
 
-    Where nothing is known of any, all shine to both sides.
+    One that fills none has the mean of its pixels by their shares. Where the face behind fills none either it is 1:
+    what is seen behind slats was found to emit.
+
+    Parameters
+    ----------
+    of, weight, light
+        (N,) face that a pixel shows, its share of the pixel, and the pixel's light.
+    other
+        (F,) the face behind each.
     """
+    ratio = np.bincount(of, weight * light, len(other)) / np.maximum(np.bincount(of, weight, len(other)), 1e-12)
+    alone = weight >= ALONE
+    filled, index = np.unique(of[alone], return_inverse=True)
+    ratio[filled] = grouped_median(light[alone], index.reshape(-1), len(filled))
+    fills = np.zeros(len(other), bool)
+    fills[filled] = True
+    return np.where(fills | fills[other], ratio, 1.0)
+
+
+def _with_unseen(mesh: Mesh, found: Emitters, face: np.ndarray, bright: np.ndarray) -> np.ndarray:
+    """(F,) bool which faces shine, also of pieces of which neither is ``bright`` (F,).
+
+    Each triangle of such a piece is for the sides of the nearest one of its emitter that has some; the larger area
+    decides for all. An emitter of which nothing is known shines to both sides.
+    """
+    sides, emitting = bright[face], bright.copy()
+    seen = sides.any(axis=1)
+    known = np.isin(found.emitter, found.emitter[seen])
+    emitting[face[~known]] = True
+    unseen, seen = np.flatnonzero(known & ~seen), np.flatnonzero(seen)
+    if len(unseen) == 0:
+        return emitting
     centers, normal = mesh.corners[found.triangle].mean(axis=1), mesh.normals[found.triangle]
     far = 4 * float(np.ptp(mesh.vertices, axis=0).max() + 1)
     place = np.concatenate([centers, found.emitter[:, None] * far], axis=1)
-    unseen, seen = np.flatnonzero(sides == 0), np.flatnonzero(sides)
-    if len(unseen) == 0:
-        return sides
-    if len(seen) == 0:
-        return np.full_like(sides, BOTH)
     nearest = seen[cKDTree(place[seen]).query(place[unseen])[1]]
     turned = (normal[unseen] * normal[nearest]).sum(axis=1) < 0
-    result = sides.copy()
-    result[unseen] = np.where(turned, _TURNED[sides[nearest]], sides[nearest])
-    return result
+    wanted = np.where(turned[:, None], sides[nearest, ::-1], sides[nearest])
+    votes = np.where(wanted, 1, -1) * mesh.areas[found.triangle[unseen], None]
+    piece = face[unseen]
+    emitting[piece] = np.bincount(piece.ravel(), votes.ravel(), len(bright))[piece] >= 0
+    return emitting

@@ -14,7 +14,10 @@ ROOM = {"source": "procedural"}
         ({"samples": {"max_hits": 3}}, ["samples.max_hits is samples.max_samples now"]),
         ({"background": {"mode": "none"}}, ["background is environment now"]),
         ({"lamps": {"views": 1}}, ["lamps is olat now"]),
-        ({"emitters": {"two_sided": False}}, ["emitters.two_sided is emitters.sides now"]),
+        (
+            {"emitters": {"two_sided": False}},
+            ["emitters.two_sided is emitters.sides now: true is both, and false (one side, by winding) is gone"],
+        ),
         ({"setups": {"night": {"background": {"scale": 0}}}}, ["setups.night.background is called environment now"]),
         (
             {"setups": {"off": {"emitters": [{"name": "lamp-2"}, {"names": ["lamp-10", "desk lamp"]}]}}},

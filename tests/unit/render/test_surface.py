@@ -115,6 +115,9 @@ def test_sides_of_emitters(mi):
     np.testing.assert_array_equal(got, [1, 0, 0, 1, 1, 1, 0, 0])  # the last is off
     shown = lit.emitted(np.repeat(lamps, 2), np.arange(8) % 2 == 0)
     np.testing.assert_array_equal(shown[:, 0], got)
+    np.testing.assert_array_equal(EmitterSet(lamps, lit.radiance).sides, BOTH)
+    with pytest.raises(ValueError, match="sides is of 3 triangles, not of 4"):
+        EmitterSet(lamps, lit.radiance, sides[:3])
 
 
 @pytest.mark.parametrize("radiance", [np.zeros((0, 3)), np.zeros((2, 3))])

@@ -64,8 +64,16 @@ def test_for_people(tmp_path, mesh, emitters, sides, count):
     assert wall["radiance"] == pytest.approx([5, 5, 5])
 
 
+@pytest.mark.parametrize("name", ["sides", "error", "guessed", "spread"])
+def test_what_may_be_left_out_is_of_all_triangles_or_none(emitters, name):
+    whole = getattr(emitters, name)
+    with pytest.raises(ValueError, match=f"{name} is of 2 triangles, not of 3"):
+        replace(emitters, **{name: whole[:2]})
+    assert len(getattr(replace(emitters, **{name: whole[:0]}), name)) == 3
+
+
 def test_no_emitters(tmp_path, mesh, emitters):
-    empty = replace(emitters, **{name: getattr(emitters, name)[:0] for name in ARRAYS})
+    empty = emitters.chosen(np.zeros(3, bool))
     write_emitters(tmp_path / "emitters.npz", empty, mesh)
     assert read_emitters(tmp_path / "emitters.npz").radiance.shape == (0, 3)
     assert json.loads((tmp_path / "emitters.json").read_text()) == {

@@ -39,15 +39,16 @@ def looks(mesh, side, triangle=None, radiance=L, weight=1.0, footprint=0.1):
     return triangle, normal, image, np.full((len(triangle), 2), (weight, footprint))
 
 
-def sides(mesh, *pixels, triangles=None):
-    """Sides of an emitter of all triangles, or of these, that the pixels tell."""
+def sides(mesh, *pixels, triangles=None, emitter=0, clipped=False):
+    """Sides of an emitter of all triangles, or of these, that the pixels tell; clipped are those that are dimmer."""
     triangle, normal, image, size = (np.concatenate(rows) for rows in zip(*pixels, strict=True))
     position, (weight, footprint) = mesh.corners[triangle].mean(axis=1), np.float32(size).T
     samples = scenes.samples_of(position, triangle, weight, normal=normal, footprint=footprint)
     shading = np.zeros((len(triangle), SHADING_OUTPUTS, 3), np.float16)
-    shards = scenes.observed([samples], [shading], [(image, np.ones(len(triangle), np.float32))])
+    dim = clipped & (image[:, 0] < L[0])
+    shards = scenes.observed([samples], [shading], [(image, np.ones(len(triangle), np.float32))], [dim])
     own = np.arange(len(mesh.triangles)) if triangles is None else np.asarray(triangles)
-    found = Emitters.plain(mesh, own, np.tile(L, (len(own), 1)), 0 * own)
+    found = Emitters.plain(mesh, own, np.tile(L, (len(own), 1)), 0 * own + emitter)
     result = emitting_sides(mesh, found, shards)
     assert result.dtype == np.int8
     return result
@@ -90,14 +91,24 @@ def test_the_far_side_of_a_globe_shines():
     near = np.flatnonzero(globe.normals[:, 0] > 0.1)
     np.testing.assert_array_equal(sides(globe, looks(globe, FRONT, near)), FRONT)
     np.testing.assert_array_equal(sides(scenes.turned(globe), looks(scenes.turned(globe), BACK, near)), BACK)
-    # one whose far half has vertices of its own, between the others': no edge joins the halves
-    cut = globe.vertices + np.where(globe.vertices[:, :1] < 0, np.float32([-1e-3, 0, 0]), 0)
-    far = np.flatnonzero(globe.corners[:, :, 0].mean(axis=1) < 0)
-    halves = scenes.joined(
-        Mesh(globe.vertices, np.delete(globe.triangles, far, axis=0)), Mesh(cut, globe.triangles[far])
-    )
-    seen = np.flatnonzero(halves.normals[:, 0] > 0.1)
-    np.testing.assert_array_equal(sides(halves, looks(halves, FRONT, seen)), FRONT)
+
+
+@pytest.mark.parametrize("wound", [1, -1])
+def test_the_far_part_of_a_globe_that_no_edge_joins_follows_as_a_whole(wound, np_rng):
+    """Of its triangles some face away from the nearest ones that are seen."""
+    ball = trimesh.creation.icosphere(2, 0.3)
+    whole = of(ball.apply_transform(trimesh.transformations.random_rotation_matrix(np_rng.random(3))))
+    far = whole.corners[:, :, 0].mean(axis=1) < 0.1
+    gap = np.float32([-1e-3, 0, 0])
+    parts = Mesh(whole.vertices, whole.triangles[~far]), Mesh(whole.vertices + gap, whole.triangles[far][:, ::wound])
+    globe, near = scenes.joined(*parts), np.arange(len(far)) < (~far).sum()
+    assert len(np.unique(faces(globe, np.arange(len(far)), 0 * far))) == 4
+    seen = looks(globe, FRONT, np.flatnonzero(near & (globe.normals[:, 0] > 0.5)))
+    outside = np.where(near | (wound == 1), FRONT, BACK)
+    np.testing.assert_array_equal(sides(globe, seen), outside)
+    # slivers of it are seen beside a dark wall
+    rim = looks(globe, FRONT if wound == 1 else BACK, np.flatnonzero(~near)[:20], weight=0.1, radiance=0.2 * L)
+    np.testing.assert_array_equal(sides(globe, seen, rim), outside)
 
 
 def test_a_lampshade_shines_inside_where_that_is_seen():
@@ -123,20 +134,58 @@ def test_of_two_panes_back_to_back_the_far_one_is_dark(turned):
 
 def test_the_housing_of_a_flat_box_is_not_folded():
     box = scenes.turned(scenes.box((0, 0, 0), (0.6, 0.05, 0.6)))
-    assert len(np.unique(faces(box, np.arange(12)))) == 2
+    assert len(np.unique(faces(box, np.arange(12), np.zeros(12, int)))) == 2
     np.testing.assert_array_equal(sides(box, looks(box, FRONT, [4, 5])), FRONT)
 
 
 def test_what_fills_no_pixel_shines_to_where_it_is_seen_from():
     mesh = pane()
-    np.testing.assert_array_equal(sides(mesh, looks(mesh, FRONT, weight=0.2, radiance=0.1 * L)), FRONT)
+    slats = looks(mesh, FRONT, weight=0.2, radiance=0.1 * L)
+    np.testing.assert_array_equal(sides(mesh, slats), FRONT)
+    np.testing.assert_array_equal(sides(mesh, slats, looks(mesh, BACK, weight=0.2, radiance=0.1 * L)), BOTH)
+
+
+def test_a_housing_that_fills_no_pixel_is_dark():
+    """Its front fills pixels: what little is seen of its back tells more than nothing."""
+    mesh = pane()
+    front = looks(mesh, FRONT)
+    far = looks(mesh, BACK, weight=0.5, radiance=0.1 * L)
+    np.testing.assert_array_equal(sides(mesh, front, far), FRONT)
+    np.testing.assert_array_equal(sides(mesh, front, looks(mesh, BACK, weight=0.8, radiance=0.8 * L)), BOTH)
+    # the less of a pixel it takes the less does that tell: a bright window stands beside it
+    beside = looks(mesh, BACK, weight=0.1, radiance=2 * L)
+    np.testing.assert_array_equal(sides(mesh, front, far, beside), FRONT)
+    # where the housing fills pixels and the front does not, the front shines
+    housing = looks(mesh, BACK, radiance=0.1 * L)
+    np.testing.assert_array_equal(sides(mesh, housing, looks(mesh, FRONT, weight=0.3, radiance=0.3 * L)), FRONT)
+
+
+def test_clipped_pixels_may_be_as_bright_as_the_emitter():
+    mesh = pane()
+    pixels = looks(mesh, FRONT), looks(mesh, BACK, radiance=0.4 * L)
+    np.testing.assert_array_equal(sides(mesh, *pixels), FRONT)
+    np.testing.assert_array_equal(sides(mesh, *pixels, clipped=True), BOTH)
+
+
+def test_each_emitter_has_faces_of_its_own():
+    """A small one beside a large one, with one edge in common, is seen from the other side."""
+    large, small = scenes.emitter_quad((0, 1), 2, (0, 10)), scenes.emitter_quad((1, 1.03), 2, (0, 10))
+    mesh = scenes.joined(large, small)
+    pixels = looks(mesh, FRONT, [0, 1], footprint=2), looks(mesh, BACK, [2, 3])
+    np.testing.assert_array_equal(sides(mesh, *pixels, emitter=np.array([0, 0, 1, 1])), [FRONT, FRONT, BACK, BACK])
+
+
+def test_an_emitter_of_which_nothing_is_seen_shines_to_both_sides():
+    mesh = scenes.joined(pane(1), pane(1, 2.5))
+    result = sides(mesh, looks(mesh, FRONT, [0, 1]), emitter=np.array([0, 0, 1, 1]))
+    np.testing.assert_array_equal(result, [FRONT, FRONT, BOTH, BOTH])
 
 
 def test_edges_of_three_triangles_end_a_face():
     """A shelf that stands on a pane joins neither of its sides."""
     floor, shelf = scenes.quad((0, 0, 0), (1, 0, 0), (0, 0, 1)), scenes.quad((0, 0, 0), (1, 0, 0), (0, 1, 0))
     more = scenes.quad((0, 0, 0), (1, 0, 0), (0, 0, -1))
-    numbers = faces(scenes.joined(floor, shelf, more), np.arange(6))
+    numbers = faces(scenes.joined(floor, shelf, more), np.arange(6), np.zeros(6, int))
     assert len(np.unique(numbers)) == 6
 
 
