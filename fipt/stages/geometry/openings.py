@@ -211,8 +211,8 @@ def _openings(samples: _Samples) -> list[_Opening]:
     rate, chance = along / np.maximum(tried, 1), beside / np.maximum(chances, 1)
     both = (along + beside) / np.maximum(tried + chances, 1)
     deviation = np.sqrt(both * (1 - both) * (1 / np.maximum(tried, 1) + 1 / np.maximum(chances, 1)))
-    told = np.minimum(tried, chances) >= _LEAST
-    beyond = np.flatnonzero(told & (rate > _OFTENER * chance) & (rate - chance > _DEVIATIONS * deviation))
+    enough = np.minimum(tried, chances) >= _LEAST
+    beyond = np.flatnonzero(enough & (rate > _OFTENER * chance) & (rate - chance > _DEVIATIONS * deviation))
     result = []
     for contrast in _connected(cells, beyond, _GAP):
         on = np.isin(block, contrast)
@@ -221,7 +221,7 @@ def _openings(samples: _Samples) -> list[_Opening]:
         if len(contrast) < _BLOCKS or extent[1] < _BLOCK / 4 * np.sqrt(on.sum()):
             continue  # a row of blocks has no plane
         flat = np.abs((cells + 0.5) * _BLOCK @ axes[2] - center @ axes[2]) < _BLOCK
-        often = np.flatnonzero(told & flat & (rate >= _AS_OFTEN * np.median(rate[contrast])))
+        often = np.flatnonzero(enough & flat & (rate >= _AS_OFTEN * np.median(rate[contrast])))
         darkest = [_quantile(samples, block == k, _DARKEST, matched=True) for k in np.union1d(often, contrast)]
         least = float(np.quantile(darkest, _DARK_BLOCKS)) - _ALIKE
         bright = np.flatnonzero(flat & (np.bincount(block, samples.light >= least, len(cells)) > 0))
