@@ -82,9 +82,10 @@ def command(
     if code in (0, EXIT_CODE) and not dry_run:
         for scene in scenes:
             if store and (code == 0 or len(scenes) > 1):  # else what failed is here
+                opened(store).share([found.scenes[scene].layout.review])  # somebody may have decided meanwhile
                 opened(store).fetch_newer(f"results/{scene}")
-            _conclude(found, scene, target, alone=len(scenes) == 1, done=code == 0)
-            if store and code == 0:
+            concluded = _conclude(found, scene, target, alone=len(scenes) == 1, done=code == 0)
+            if store and concluded:
                 opened(store).share([Path("results", scene, PROVENANCE)])
         if len(scenes) > 1 and any(Path("results", scene).is_dir() for scene in scenes):
             _write_index()
@@ -149,14 +150,21 @@ def asked_for(asked: Sequence[str], known: Iterable[str]) -> tuple[list[str], st
     return list(dict.fromkeys(scenes)), target
 
 
-def _conclude(found: "Configuration", name: str, target: str, *, alone: bool, done: bool) -> None:
-    """Write down of what the results of a scene were made, if its run ended well, and say what it found."""
+def _conclude(found: "Configuration", name: str, target: str, *, alone: bool, done: bool) -> bool:
+    """Write down of what the results of a scene were made, if its run ended well, and say what it found.
+
+    Returns
+    -------
+    bool
+        Whether it did end well.
+    """
     results = Path("results", name)
     if not done and (alone or not results.is_dir() or failures(results)):
-        return
+        return False
     _record(found.scenes[name], found.plain, results)
     if alone and target in ("report", str(results / "findings.json"), str(results / "report.html")):
         tell_findings(results)
+    return True
 
 
 def _record(scene: "SceneConfig", plain: Mapping[str, Any], results: Path) -> None:

@@ -11,9 +11,10 @@ import json
 import os
 import shutil
 from collections import defaultdict
+from collections.abc import Iterable
 from functools import cached_property
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import Any, ClassVar
 
 from snakemake import workflow as workflows
 from snakemake.io import flag
@@ -46,7 +47,7 @@ def keep_rooms(workflow: Any) -> Bucket:
         If the bucket cannot be reached.
     """
     provider = workflow.storage_registry.default_storage_provider
-    bucket = opened(workflow.storage_settings.default_storage_prefix, provider.s3c.meta.client)
+    bucket = opened(workflow.storage_settings.default_storage_prefix, provider.settings)
     bucket.check()
     StoredFile.store = RoomRecords.store = bucket
     provider.get_storage_object_cls = lambda: StoredFile
@@ -85,10 +86,30 @@ def keep_sheet(bucket: Bucket, sheet: Any, elsewhere: bool) -> None:
         bucket.put([Path(sheet)])
 
 
+def prefer_stored(jobs: Iterable[Any]) -> None:
+    """Let Snakemake fetch the inputs of jobs that are other here than in the bucket, which it holds for current.
+
+    It compares times alone: what a run without a store has made would be newer, and the bucket would lack it.
+    """
+    for job in jobs:
+        for path in job.input:
+            if path.is_storage and str(path) in StoredFile.other and Path(path).exists():
+                path.touch((0, 0))
+
+
 class StoredFile(StorageObject):
-    """A file or folder of the results in a bucket."""
+    """A file or folder of the results in a bucket.
+
+    Attributes
+    ----------
+    store
+        The bucket.
+    other
+        Files that are not here as they are in the bucket, and folders that hold such.
+    """
 
     store: Bucket
+    other: ClassVar[set[str]] = set()
 
     @cached_property
     def path(self) -> Path:
@@ -108,16 +129,18 @@ class StoredFile(StorageObject):
         return "/".join(self.path.parts[:2])
 
     async def inventory(self, cache: Any) -> None:
-        """Look up all files of the room at once; a copy that is older here counts as none."""
+        """Look up all files of the room at once; a copy that is older or newer here counts as none."""
         room = self.get_inventory_parent()
         if room in cache.exists_in_storage.has_inventory:
             return
         times: dict[str, float] = defaultdict(float)
         for path, stored in self.store.files(room).items():
             cache.size[path] = stored.size
+            places = (path, *map(str, PurePosixPath(path).parents))
             if not self.store.is_here(Path(path), stored):
                 cache.exists_local[path] = False
-            for place in (path, *map(str, PurePosixPath(path).parents)):  # a folder is as new as what is in it
+                self.other.update(places)
+            for place in places:  # a folder is as new as what is in it
                 times[place] = max(times[place], stored.time)
         for place, time in times.items():
             cache.mtime[place] = Mtime(storage=time)

@@ -2,6 +2,7 @@
 
 import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import boto3
 import pytest
@@ -72,17 +73,50 @@ def test_what_was_sent_is_sent_again_only_when_it_has_changed(bucket):
     assert bucket.read(file) == b"three"
 
 
+def test_other_files_of_one_size_are_not_here(bucket):
+    file = write("results/a/x.json", "one", -100)
+    bucket.put([file])
+    assert Bucket(URL).is_here(file, bucket.stored(file))
+    assert Bucket(URL).is_here(file, bucket.files("results")[str(file)])
+    for time in (-100, 100):
+        write("results/a/x.json", "two", time)
+        assert not bucket.is_here(file, bucket.stored(file))
+    bucket.fetch({file: file})
+    assert bucket.is_here(file, bucket.stored(file))
+    write("results/a/x.json", "one")
+    Bucket(URL).put([write("results/a/x.json", "more")])
+    write("results/a/x.json", "one", -100)
+    assert not bucket.is_here(file, bucket.stored(file)), "another process has sent another one since"
+
+
+def test_what_is_written_while_it_is_sent_keeps_its_time(bucket, monkeypatch):
+    file, send = write("results/a/x.json", "one"), bucket._client.upload_file
+
+    def edited(*args):
+        send(*args)
+        write("results/a/x.json", "two", 50)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(bucket._client, "upload_file", edited)
+        bucket.put([file])
+    assert file.stat().st_mtime > bucket.stored(file).time
+    bucket.put([file])
+    assert bucket.read(file) == b"two"
+
+
 def test_what_is_newer_in_the_bucket_is_fetched(bucket):
-    old, new, own = (write(f"results/a/{name}", "here!") for name in ("old", "new", "own"))
-    Bucket(URL).put([old, new])
+    old, new, own, longer = (write(f"results/a/{name}", "here!") for name in ("old", "new", "own", "longer"))
+    Bucket(URL).put([old, new, longer])
     bucket.put([own])
     write("results/a/old", "older", -100)
     write("results/a/new", "newer", 100)
+    write("results/a/longer", "newer, and longer", 100)
     write("results/a/here", "only")
     own.unlink()
     bucket.fetch_newer("results/a")
     assert old.read_text() == own.read_text() == "here!"
     assert new.read_text() == "newer"
+    assert longer.read_text() == "newer, and longer"
     assert old.stat().st_mtime == bucket.stored(old).time
 
 
@@ -96,6 +130,23 @@ def test_shared_files_go_the_way_of_the_newer_one(bucket):
     assert Path(there).read_text() == "new"
     assert not Path(neither).exists()
     assert Path(here).stat().st_mtime == bucket.stored(here).time
+
+
+def test_settings_say_where_the_storage_is(bucket):
+    given = {"endpoint_url": "http://127.0.0.1:9", "region": "eu-west-1", "access_key": None, "secret_key": None}
+    client = Bucket(URL, SimpleNamespace(**given, token=None, signature_version=None, retries=2))._client
+    config = client.meta.config
+    assert (client.meta.endpoint_url, client.meta.region_name) == ("http://127.0.0.1:9", "eu-west-1")
+    assert (config.connect_timeout, config.request_checksum_calculation) == (10, "when_required")
+    assert config.retries["total_max_attempts"] == 3
+
+
+def test_a_missing_file_is_no_matter_of_credentials(bucket):
+    for ask in (lambda: bucket.read("results/x"), lambda: bucket.fetch({"results/x": Path("results/x")})):
+        with pytest.raises(FiptError, match=r"a file is missing in s3://rooms/lab \(.*\); run again"):
+            ask()
+    with pytest.raises(ValueError, match="of something else"), bucket.readable():
+        raise ValueError("of something else")
 
 
 def test_what_is_wrong_is_one_line(bucket, monkeypatch):

@@ -9,6 +9,7 @@ import pytest
 from moto.server import ThreadedMotoServer
 
 from benchmarks.jobs import WORKFLOW
+from fipt.bucket import Bucket
 from tests.cluster.__main__ import hashes
 from tests.workflow.conftest import Workspace
 
@@ -20,6 +21,7 @@ CONFIG = {
     "cache": {"resolution": 32},
 }
 SAMPLES, CACHE = "results/room/samples/train-000.manifest.json", "results/room/cache.npz"
+MESH = "results/room/dataset/mesh.ply"
 REVIEW = "results/room/emitters_review.yaml"
 DECIDED = "mesh_triangles: 0\nemitters: []\n"
 STORE = "s3://rooms/lab"
@@ -120,22 +122,40 @@ def test_another_machine_knows_what_was_made_with_which_settings(begun, machine)
     assert "Params have changed" in said[0]
 
 
-def test_a_job_that_was_killed_while_it_stored_is_made_again(begun, machine):
+def test_a_job_that_was_killed_while_it_stored_is_made_again(begun, machine, monkeypatch):
     client().delete_object(Bucket="rooms", Key=f"lab/{SAMPLES}")  # which is stored last
     other = machine("third")
+    (other.root / MESH).parent.mkdir(parents=True)
+    (other.root / MESH).write_text("a mesh that a run without a store has made since")
     said = other.fipt_run(SAMPLES, "--store", STORE)
     assert said.startswith("[1/1] samples.train-000\n")
     assert hashes(other.root)[SAMPLES.removeprefix("results/")]
+    monkeypatch.chdir(other.root)
+    bucket = Bucket(STORE)
+    assert Path(MESH).read_bytes() == bucket.read(MESH)
+    found = bucket.files("results/room")
+    assert SAMPLES in found
+    assert [path for path, stored in found.items() if not bucket.is_here(Path(path), stored)] == []
 
 
 def test_older_copies_do_not_count(begun, machine):
     other = machine("fourth")
-    mesh = Path("results/room/dataset/mesh.ply")
-    (other.root / mesh).parent.mkdir(parents=True)
-    (other.root / mesh).write_text("an older mesh")
-    os.utime(other.root / mesh, (1, 1))
+    mesh = other.root / MESH
+    mesh.parent.mkdir(parents=True)
+    mesh.write_text("an older mesh")
+    os.utime(mesh, (1, 1))
     other.fipt_run(SAMPLES, "--store", STORE)
-    assert (other.root / mesh).stat().st_size > 1000
+    assert mesh.stat().st_size > 1000
+
+
+def test_a_dry_run_stores_nothing(begun, machine):
+    other = machine("dry", scenes="dry.tsv")
+    (other.root / "dry.tsv").write_text("name\tsource\nroom\tprocedural\n")
+    (other.root / REVIEW).parent.mkdir(parents=True)
+    (other.root / REVIEW).write_text(DECIDED)
+    other.fipt_run(SAMPLES, "--store", STORE, "--dry-run")
+    bucket = Bucket(STORE)
+    assert bucket.stored("dry.tsv") is bucket.stored(REVIEW) is None
 
 
 def test_decisions_go_along(begun, machine):

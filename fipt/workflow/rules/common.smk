@@ -36,10 +36,11 @@ shell.prefix(
 try:
     BUCKET = None
     if workflow.storage_settings.default_storage_provider is not None:
-        from fipt.workflow.storage import keep_rooms, keep_sheet
+        from fipt.workflow.storage import keep_rooms, keep_sheet, prefer_stored
 
         BUCKET = keep_rooms(workflow)
-        keep_sheet(BUCKET, config.get("scenes"), workflow.remote_exec)
+        if not workflow.output_settings.dryrun:
+            keep_sheet(BUCKET, config.get("scenes"), workflow.remote_exec)
     for path in map(Path, workflow.configfiles):
         if (
             path.suffix != ".json"
@@ -48,7 +49,8 @@ try:
     CONFIG = load(config)
     check_files(CONFIG, workflow.configfiles)
     check_kept(CONFIG)
-    if BUCKET:  # decisions of people, which are parameters
+    # decisions of people, which are parameters
+    if BUCKET and not workflow.output_settings.dryrun:
         BUCKET.share(CONFIG.scenes[name].layout.review for name in CONFIG.only)
     # Snakemake would take an error of an input function for "nothing to do". What was asked for by name is read now.
     CONFIG.check(read=bool(config.get("only") or CONFIG.sheet))
