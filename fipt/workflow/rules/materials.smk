@@ -1,6 +1,6 @@
 """Material maps of every view.
 
-INPUTS:  results/{scene}/samples/{shard}.manifest.json, model, its confidence and emitters of the last round
+INPUTS:  results/{scene}/samples/{shard}.manifest.json, mesh, model, its confidence and emitters of the last round
 OUTPUTS: results/{scene}/materials.{shard}.manifest.json    lists materials/{view}.exr: kd.RGB, base_color.RGB,
          reflectance.RGB, roughness.Y, metallic.Y, confidence.Y, emission.RGB, emission_mask.Y, hit.Y
 """
@@ -12,6 +12,7 @@ rule material_maps:
         transforms=own("results/{scene}/dataset/transforms.json"),
         views=own("results/{scene}/dataset/views.json"),
         checked=own("results/{scene}/dataset/check_poses.json"),
+        mesh=own("results/{scene}/dataset/mesh.ply"),
         samples=own("results/{scene}/samples/{shard}.manifest.json"),
         model=ask("last_model"),
         confidence=ask("last_confidence"),
