@@ -93,7 +93,7 @@ MEASURED: dict[str, Growth] = {
     "emitters": Growth(520, pixel=64, of="every", triangle=200, minutes=10),
     "refine": Growth(545 + _DENOISER, pixel=330, triangle=520),
     "review": Growth(130, triangle=190),
-    "material_maps": Growth(470, pixel=220),
+    "material_maps": Growth(470, pixel=220, triangle=250),
     "render_views": Growth(545 + _DENOISER, pixel=450, of="view", triangle=340),
     "olat_views": Growth(556 + _DENOISER, pixel=2150, of="view", triangle=520, minutes=240),
     "scene_metrics": Growth(130, pixel=60, of="view", triangle=410),
