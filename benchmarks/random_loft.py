@@ -8,13 +8,12 @@ a strip below a shelf, a fire, a screen that is off, a round sofa, chairs of thi
 veins of the tiles, what stands on the shelf, and the leaves.
 """
 
-import argparse
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from benchmarks.random_room import SceneWriter
+from benchmarks.random_room import SceneWriter, run
 from fipt.formats.files import make_folder, write_text
 
 LENGTH, HEIGHT, DEPTH = 8.0, 3.2, 4.4
@@ -191,14 +190,5 @@ def write_loft(folder: Path, seed: int) -> Path:
     return folder / "scene.xml"
 
 
-def main() -> None:
-    """Write a room."""
-    parser = argparse.ArgumentParser(description="A loft as a Mitsuba scene file, its small things by a seed.")
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--seed", type=int, default=0)
-    arguments = parser.parse_args()
-    print(write_loft(arguments.folder, arguments.seed))
-
-
 if __name__ == "__main__":
-    main()
+    run(write_loft, "A loft as a Mitsuba scene file, its small things by a seed.")

@@ -8,7 +8,7 @@ painting, a fridge, a sofa. It is a room as `source: mitsuba` takes it; `benchma
 """
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import cv2
@@ -246,14 +246,14 @@ def write_room(folder: Path, seed: int) -> Path:
     return folder / "scene.xml"
 
 
-def main() -> None:
-    """Write a room."""
-    parser = argparse.ArgumentParser(description="A furnished room as a Mitsuba scene file, by a seed.")
+def run(write: Callable[[Path, int], Path], description: str) -> None:
+    """Write a room as the command line asks for: a folder and a seed."""
+    parser = argparse.ArgumentParser(description=description)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
-    print(write_room(arguments.folder, arguments.seed))
+    print(write(arguments.folder, arguments.seed))
 
 
 if __name__ == "__main__":
-    main()
+    run(write_room, "A furnished room as a Mitsuba scene file, by a seed.")

@@ -3,14 +3,12 @@
 import os
 from pathlib import Path
 
-import boto3
 import pytest
 import typer
-from moto import mock_aws
 
-from fipt.bucket import Bucket
 from fipt.cli import run
 from fipt.errors import EXIT_CODE
+from tests.buckets import empty_bucket
 
 SCENES = "scenes={a: {source: procedural}, b: {source: procedural}}"
 
@@ -18,14 +16,8 @@ SCENES = "scenes={a: {source: procedural}, b: {source: procedural}}"
 @pytest.fixture
 def bucket(tmp_path, monkeypatch):
     """A bucket of moto, and an empty working directory."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("AWS_ACCESS_KEY_ID", "key")
-    monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "secret")
-    monkeypatch.delenv("AWS_ENDPOINT_URL", raising=False)
-    monkeypatch.setattr("fipt.bucket._OPEN", {})
-    with mock_aws():
-        boto3.client("s3", region_name="us-east-1").create_bucket(Bucket="rooms")
-        yield Bucket("s3://rooms")
+    with empty_bucket("s3://rooms", tmp_path, monkeypatch) as made:
+        yield made
 
 
 def write(path: str, text: str) -> Path:

@@ -4,12 +4,11 @@ import os
 from pathlib import Path
 from types import SimpleNamespace
 
-import boto3
 import pytest
-from moto import mock_aws
 
 from fipt.bucket import Bucket, opened, parted
 from fipt.errors import FiptError
+from tests.buckets import empty_bucket
 
 URL = "s3://rooms/lab"
 
@@ -17,13 +16,8 @@ URL = "s3://rooms/lab"
 @pytest.fixture
 def bucket(tmp_path, monkeypatch):
     """A bucket of moto, and an empty working directory."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("AWS_ACCESS_KEY_ID", "key")
-    monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "secret")
-    monkeypatch.delenv("AWS_ENDPOINT_URL", raising=False)
-    with mock_aws():
-        boto3.client("s3", region_name="us-east-1").create_bucket(Bucket="rooms")
-        yield Bucket(URL)
+    with empty_bucket(URL, tmp_path, monkeypatch) as made:
+        yield made
 
 
 def write(path: str, text: str, time: float | None = None) -> Path:
