@@ -20,10 +20,12 @@ from fipt.stages.emitters.unseen_surface import Patches, hidden_triangles, patch
 
 _LEAST_BLOCKS = 30
 """Pieces of seen surface without which no light is told from a reflectance."""
-_ENCLOSED = 0.05
+_ENCLOSED = 0.3
 """Share of a patch's light that arrives at seen surface, below which it lies in a gap or a box: no lamp does."""
 _LEVEL = 0.7
 """Cosine with the vertical above which a surface is floor or ceiling."""
+_FINER = 2
+"""How often the cells around patches that emit are halved: to 9 cm in a room, in which a strip is no whole cupboard."""
 _OPEN = 0.15
 """Share of the light's directions that may leave the mesh unknown; more is an error like those of shading."""
 
@@ -148,11 +150,22 @@ def _trial(
     known = seen_light(blocks, lights)
     if not asked and explained(blocks, known):
         return None
-    patches = patches_of(mesh, lights.hidden & lights.met & ~rejected)
+    trial = _offered(blocks, lights, known, patches_of(mesh, lights.hidden & lights.met & ~rejected), asked)
+    for _ in range(_FINER if trial.guess.determined else 0):
+        finer = trial.patches.finer(trial.guess.radiance.max(axis=1) > 0, mesh)
+        smaller = _offered(blocks, lights, known, finer, asked)
+        if not smaller.guess.determined:
+            break
+        trial = smaller
+    return trial
+
+
+def _offered(blocks: Blocks, lights: Lights, known: Transport, patches: Patches, asked: bool) -> _Trial:
+    """Guess which patches emit."""
     transport = with_patches(blocks, patches, lights, known)
     # of what a patch sends out, pi times its area and radiance, blocks have a sample
-    arriving = transport.unseen.mean(axis=0) * mesh.areas[~lights.hidden].sum() / np.maximum(patches.area, 1e-12)
-    lights_room = arriving > _ENCLOSED
+    seen_area = lights.mesh.areas[~lights.hidden].sum()
+    lights_room = transport.unseen.mean(axis=0) * seen_area / np.maximum(patches.area, 1e-12) > _ENCLOSED
     transport = replace(transport, unseen=transport.unseen * lights_room)
     # nor does it shine as a part of a plane that lights the room elsewhere
     patches = replace(patches, piece=np.where(lights_room, patches.piece, -1))

@@ -13,7 +13,7 @@ from fipt.scene.samples import ALONE
 from fipt.scene.voxels import facings
 
 _PATCH_ROWS = 12
-"""Patches along the box at most; `patches_of` makes them larger where there would be too many."""
+"""Patches along the box at most, as long as all unseen surface is asked; larger ones where they would be too many."""
 _MOST_PATCHES = 200
 _LEVELS = 128
 """Steps along the box by which planes that face the same way are told apart: a pane from the ceiling around it."""
@@ -33,12 +33,33 @@ class Patches:
         (P,) square metres.
     piece
         (P,) int64 number of the connected plane that each belongs to; -1 where that is small.
+    side
+        Of the cells of the grid, metres.
     """
 
     number: np.ndarray
     center: np.ndarray
     area: np.ndarray
     piece: np.ndarray
+    side: float
+
+    def finer(self, chosen: np.ndarray, mesh: Mesh) -> "Patches":
+        """The same surface, in cells of half the side within a cell of the ``chosen`` patches (P,) bool."""
+        around = self._around(chosen, mesh)
+        small = patches_of(mesh, around, 0.5 * self.side)
+        number = np.where(around, small.number, np.where(self.number >= 0, self.number + len(small.area), -1))
+        pieces = np.where(self.piece >= 0, self.piece + small.piece.max(initial=-1) + 1, -1)
+        return _gathered(mesh, number, np.concatenate([small.piece, pieces]), small.side)
+
+    def _around(self, chosen: np.ndarray, mesh: Mesh) -> np.ndarray:
+        """(T,) bool: triangles whose centres are no farther than a cell from those of the chosen patches."""
+        centers, own = mesh.corners.mean(axis=1), np.flatnonzero(self.number >= 0)
+        near = own[chosen[self.number[own]]]
+        result = np.zeros(len(self.number), bool)
+        if len(near):
+            away, _ = cKDTree(centers[near]).query(centers[own], distance_upper_bound=self.side, workers=-1)
+            result[own] = np.isfinite(away)
+        return result
 
     @property
     def candidates(self) -> np.ndarray:
@@ -79,11 +100,14 @@ def hidden_triangles(mesh: Mesh, shards: Sequence[ObservedShard], found: Emitter
     return hidden
 
 
-def patches_of(mesh: Mesh, hidden: np.ndarray) -> Patches:
-    """Gather triangles (T,) bool into cells of a grid, by facing; a coarser grid where they would be too many."""
+def patches_of(mesh: Mesh, hidden: np.ndarray, side: float | None = None) -> Patches:
+    """Gather triangles (T,) bool into cells of a grid, by facing; a coarser grid where they would be too many.
+
+    ``side`` of the cells, metres; None: a twelfth of what is hidden.
+    """
     number, chosen = np.full(len(mesh.triangles), -1, np.int64), np.flatnonzero(hidden)
     if len(chosen) == 0:
-        return Patches(number, np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.int64))
+        return Patches(number, np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.int64), 0.0)
     centers, areas = mesh.corners[chosen].mean(axis=1), mesh.areas[chosen]
     low, extent = centers.min(axis=0), float(np.ptp(centers, axis=0).max())
     facing = facings(mesh.normals[chosen]).astype(np.int64) // 2
@@ -94,17 +118,28 @@ def patches_of(mesh: Mesh, hidden: np.ndarray) -> Patches:
     _, piece = np.unique(plane, axis=0, return_inverse=True)
     piece = piece.reshape(-1)
     size = np.bincount(piece, areas)
-    patch, own = np.zeros(len(chosen), np.int64), piece
+    patch, own, least = np.zeros(len(chosen), np.int64), piece, side or max(extent, 1e-9) / _PATCH_ROWS
     for rows in range(_PATCH_ROWS, 0, -1):
-        cell = np.floor((centers - low) / max(extent / rows, 1e-9)).astype(np.int64)
-        own = np.where(size[piece] > (extent / rows) ** 2, piece, -1)
+        side = least * _PATCH_ROWS / rows
+        cell = np.floor((centers - low) / side).astype(np.int64)
+        own = np.where(size[piece] > side**2, piece, -1)
         _, patch = np.unique(np.column_stack([cell, facing, own]), axis=0, return_inverse=True)
         patch = patch.reshape(-1)
         if patch.max() < _MOST_PATCHES:
             break
     number[chosen] = patch
-    area = np.bincount(patch, areas)
-    center = np.stack([np.bincount(patch, areas * centers[:, c]) for c in range(3)], axis=1)
-    of_patch = np.zeros(len(area), np.int64)
+    of_patch = np.zeros(int(patch.max()) + 1, np.int64)
     of_patch[patch] = own
-    return Patches(number, center / area[:, None], area, of_patch)
+    return _gathered(mesh, number, of_patch, float(side or 0.0))
+
+
+def _gathered(mesh: Mesh, number: np.ndarray, piece: np.ndarray, side: float) -> Patches:
+    """Patches by the ``number`` of each triangle; numbers that no triangle has are left out, with their ``piece``."""
+    chosen = np.flatnonzero(number >= 0)
+    kept, patch = np.unique(number[chosen], return_inverse=True)
+    patch, result = patch.reshape(-1), np.full(len(number), -1, np.int64)
+    result[chosen] = patch
+    centers, areas = mesh.corners[chosen].mean(axis=1), mesh.areas[chosen]
+    area = np.bincount(patch, areas, len(kept))
+    center = np.stack([np.bincount(patch, areas * centers[:, c], len(kept)) for c in range(3)], axis=1)
+    return Patches(result, center / area[:, None], area, piece[kept], side)

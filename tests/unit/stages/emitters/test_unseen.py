@@ -129,7 +129,7 @@ def problem(rng, emitted, noise=0.05, groups=30, per=20):
     number[:patches] = np.arange(patches)
     return (
         blocks,
-        Patches(number, at, np.full(patches, 0.2), np.full(patches, -1)),
+        Patches(number, at, np.full(patches, 0.2), np.full(patches, -1), 0.5),
         Transport(seen, unseen, np.zeros(count)),
     )
 
@@ -182,7 +182,7 @@ def test_colour_of_the_guess(np_rng):
 
 def test_nothing_unseen_is_no_guess(np_rng):
     blocks, _, transport = problem(np_rng, np.full(40, 5.0))
-    none = Patches(np.full(100, -1), np.zeros((0, 3)), np.zeros(0), np.zeros(0, int))
+    none = Patches(np.full(100, -1), np.zeros((0, 3)), np.zeros(0), np.zeros(0, int), 0.0)
     assert not explain(blocks, none, Transport.without(transport.seen, transport.open)).determined
 
 
@@ -197,12 +197,12 @@ def guessing(monkeypatch, floor_and_ceiling):
         blocks = SimpleNamespace(radiance=np.full((50, 3), 5.0), triangle=np.arange(50) % 2)
         number = np.full(len(floor_and_ceiling.triangles), -1)
         number[-2:] = 0
-        patches = Patches(number, np.array([[0.0, 2.0, 0.0]]), np.array([1.0]), np.array([0]))
+        patches = Patches(number, np.array([[0.0, 2.0, 0.0]]), np.array([1.0]), np.array([0]), 100.0)
         known = Transport(np.ones((50, 3)), np.ones((50, 1)), np.full(50, open_share))
         for name, value in {
             "blocks_of": blocks,
             "hidden_triangles": number >= 0,
-            "Lights": SimpleNamespace(hidden=number >= 0, met=number >= 0),
+            "Lights": SimpleNamespace(mesh=floor_and_ceiling, hidden=number >= 0, met=number >= 0),
             "seen_light": known,
             "explained": is_explained,
             "patches_of": patches,
@@ -276,7 +276,7 @@ def test_what_is_enclosed_is_no_part_of_a_pane(guessing, floor_and_ceiling, monk
     offered = []
     none = Guess(np.zeros((2, 3)), before=0.4)
     guessing(none)
-    two = Patches(np.full(4, -1), np.zeros((2, 3)), np.ones(2), np.zeros(2, int))
+    two = Patches(np.full(4, -1), np.zeros((2, 3)), np.ones(2), np.zeros(2, int), 1.0)
     given = Transport(np.ones((50, 3)), np.tile([1.0, 0.0], (50, 1)), np.zeros(50))
     monkeypatch.setattr(unseen_guess, "patches_of", lambda *_: two)
     monkeypatch.setattr(unseen_guess, "with_patches", lambda *_: given)
@@ -292,11 +292,39 @@ def test_a_pane_is_found_as_a_whole(np_rng):
     blocks, patches, transport = problem(np_rng, emitted)
     piece = np.full(40, -1)
     piece[8:16] = 0
-    guess = explain(blocks, Patches(patches.number, patches.center, patches.area, piece), transport)
+    guess = explain(blocks, replace(patches, piece=piece), transport)
     assert guess.determined
     pane = guess.radiance[8:16].mean(axis=1)
     np.testing.assert_allclose(pane, pane[0], rtol=1e-9)
     assert pane[0] == pytest.approx(4, rel=0.3)
+
+
+def test_patches_are_smaller_around_those_that_emit():
+    """A row of 16 panels of 1 m, of which the fifth emits."""
+    mesh = scenes.joined(*(scenes.emitter_quad((x, x + 0.99), 2.0, (0, 0.99)) for x in range(16)))
+    coarse = patches_of(mesh, np.ones(32, bool), 2.0)
+    assert coarse.side == 2.0
+    assert len(coarse.area) == 8
+    fine = coarse.finer(np.isin(np.arange(8), coarse.number[8]), mesh)
+    assert fine.side == 1.0
+    assert fine.area.sum() == pytest.approx(coarse.area.sum())
+    # within a cell of it, by centres, patches are of a metre; farther ones come in twos
+    assert fine.area[fine.number[8:12]].max() < 1.5
+    np.testing.assert_array_equal(fine.number[20:24], fine.number[20])
+    same = coarse.finer(np.zeros(8, bool), mesh)
+    np.testing.assert_allclose(same.center, coarse.center)
+
+
+def test_cells_are_halved_as_long_as_a_guess_is_determined(guessing, floor_and_ceiling, monkeypatch):
+    found = Guess(np.full((1, 3), 2.0), 0.3, 0.6, 400.0, 0.06, 0.25, True)
+    guessing(found)
+    sides = []
+    guesses = iter([found, replace(found, radiance=np.full((1, 3), 7.0)), Guess(np.zeros((1, 3)))])
+    monkeypatch.setattr(unseen_guess, "explain", lambda _, patches, *__: sides.append(patches.side) or next(guesses))
+    extracted = Extracted(Emitters.none(), Undecided.none())
+    told = unseen_guess.with_guess(floor_and_ceiling, [], extracted, {}, NOTHING, np.zeros(4, bool))
+    assert sides == [100.0, 50.0, 25.0]
+    np.testing.assert_array_equal(told.emitters.radiance, 7)  # the last that was determined
 
 
 @pytest.mark.parametrize(("power", "stays"), [(9.0, False), (2.0, True)])
