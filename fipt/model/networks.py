@@ -29,8 +29,6 @@ _NARROW = 16
 """Outputs of a layer up to which its weight's gradient is summed in parts."""
 _PART = 512
 """Points whose share of a gradient one thread sums."""
-_DETAIL_CELLS = 64
-"""Cells along the box that know how fine the views are: some 10 cm in a room, a few pixels."""
 _INITIAL_EMISSION = 0.05
 _MATTE = (1.5, -3.0)
 """Logits of the first roughness and metallic (0.82 and 0.05) where the fit starts from matte."""
@@ -253,9 +251,6 @@ class Field(nn.Module):
     ----------
     settings, box
         As given.
-    finest
-        (R, R, R) float32 width of the smallest query that taught anything in each cell of the box, metres; 0: none did.
-        What is smaller than the pixels of all views is not known, and `query` asks about no less.
     brdf_network : BrdfNetwork
     emission_network : EmissionNetwork
     """
@@ -265,21 +260,6 @@ class Field(nn.Module):
         self.settings, self.box = settings, box
         self.brdf_network = BrdfNetwork(settings, backend)
         self.emission_network = EmissionNetwork(settings.seed)
-        self.finest: torch.Tensor
-        self.register_buffer("finest", torch.zeros((_DETAIL_CELLS,) * 3))
-
-    def learn_detail(self, points: np.ndarray, footprint: np.ndarray) -> None:
-        """Take note of queries at points (N, 3) of width ``footprint`` (N,) that teach the field."""
-        cell = self._cells(self._tensor(points))
-        width = self._tensor(footprint)
-        known = torch.where(self.finest > 0, self.finest, torch.inf).view(-1)
-        known.scatter_reduce_(0, cell, width, "amin")
-        self.finest.copy_(torch.where(known < torch.inf, known, 0.0).view_as(self.finest))
-
-    def _cells(self, points: torch.Tensor) -> torch.Tensor:
-        """(N,) int64 cell of `finest` of points (N, 3)."""
-        cell = (self.box.to_unit(points) * _DETAIL_CELLS).long().clamp(0, _DETAIL_CELLS - 1)
-        return (cell[:, 0] * _DETAIL_CELLS + cell[:, 1]) * _DETAIL_CELLS + cell[:, 2]
 
     def brdf(self, p_world: torch.Tensor, footprint: torch.Tensor | None = None) -> Brdf:
         """Reflectance at world points.
@@ -312,7 +292,7 @@ class Field(nn.Module):
         points : numpy.ndarray
             (N, 3), metres.
         footprint : numpy.ndarray, optional
-            (N,), metres; where nothing was learned of so small a patch (`finest`), a larger one is asked about.
+            (N,), metres.
         triangle : numpy.ndarray, optional
             (N,) triangles of the points; a field has no use for them.
         chunk : int
@@ -326,10 +306,10 @@ class Field(nn.Module):
         outputs = np.empty((len(points), 5), np.float32)
 
         def ask(part: slice) -> None:
-            place, width = self._tensor(points[part]), None
-            if footprint is not None:
-                width = torch.maximum(self._tensor(footprint[part]), self.finest.view(-1)[self._cells(place)])
-            brdf = self.brdf(place, width)
+            brdf = self.brdf(
+                self._tensor(points[part]),
+                None if footprint is None else self._tensor(footprint[part]),
+            )
             columns = (brdf.base_color, brdf.roughness[:, None], brdf.metallic[:, None])
             outputs[part] = torch.cat(columns, dim=1).cpu().numpy()
 
