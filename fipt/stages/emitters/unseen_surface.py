@@ -13,7 +13,7 @@ from fipt.scene.samples import ALONE
 from fipt.scene.voxels import facings
 
 _PATCH_ROWS = 12
-"""Patches along the box at most, as long as all unseen surface is asked; larger ones where they would be too many."""
+"""Patches along the box in the first guess, at most; `patches_of` makes them larger where there would be too many."""
 _MOST_PATCHES = 200
 _LEVELS = 128
 """Steps along the box by which planes that face the same way are told apart: a pane from the ceiling around it."""
