@@ -13,7 +13,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks.random_room import SceneWriter, run
+from benchmarks.random_room import SceneWriter, run, write_texture
 from fipt.formats.files import make_folder, write_text
 
 LENGTH, HEIGHT, DEPTH = 8.0, 3.2, 4.4
@@ -22,21 +22,17 @@ LENGTH, HEIGHT, DEPTH = 8.0, 3.2, 4.4
 _LEAVES = 60
 
 
-def _write_texture(path: Path, linear: np.ndarray) -> None:
-    cv2.imwrite(str(path), (np.clip(linear, 0, 1) ** (1 / 2.2) * 255).astype(np.uint8))
-
-
 def _textures(folder: Path, rng: np.random.Generator) -> None:
     """Write tiles and a carpet (BGR, as OpenCV writes)."""
     row, column = np.mgrid[:256, :256] // 32
     tiles = np.where(((row + column) % 2 > 0)[..., None], (0.62, 0.6, 0.57), (0.12, 0.13, 0.16))
     veins = cv2.resize(rng.random((40, 40)).astype(np.float32), (256, 256), interpolation=cv2.INTER_CUBIC)
-    _write_texture(folder / "marble.png", tiles * (0.8 + 0.4 * veins[..., None]))
+    write_texture(folder / "marble.png", tiles * (0.8 + 0.4 * veins[..., None]))
     y, x = np.mgrid[:192, :256]
     carpet = np.tile((0.08, 0.08, 0.4), (192, 256, 1))
     carpet[np.sin((((y - 96) / 90) ** 2 + ((x - 128) / 120) ** 2) * 14) > 0] = (0.1, 0.35, 0.6)
     carpet[(x // 16 + y // 16) % 5 == 0] = (0.5, 0.55, 0.6)
-    _write_texture(folder / "carpet.png", carpet)
+    write_texture(folder / "carpet.png", carpet)
 
 
 def _write_curtain(folder: Path) -> None:

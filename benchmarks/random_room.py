@@ -120,6 +120,11 @@ def _light(radiance: Vector | None) -> str:
     return "" if radiance is None else f'<emitter type="area">{_rgb("radiance", radiance)}</emitter>'
 
 
+def write_texture(path: Path, linear: np.ndarray) -> None:
+    """Write linear colours (H, W, 3), BGR as OpenCV has them, as a PNG image."""
+    cv2.imwrite(str(path), (np.clip(linear, 0, 1) ** (1 / 2.2) * 255).astype(np.uint8))
+
+
 def _textures(folder: Path, rng: np.random.Generator) -> None:
     """Write floor boards, striped wallpaper and a painting (BGR, as OpenCV writes)."""
     boards, rows = np.zeros((256, 256, 3)), np.arange(256)[:, None]
@@ -133,7 +138,7 @@ def _textures(folder: Path, rng: np.random.Generator) -> None:
         paper[:, stripe : stripe + 14] *= [0.8, 0.72, 0.7]
     painting = cv2.resize(rng.random((12, 16, 3)).astype(np.float32), (256, 192), interpolation=cv2.INTER_CUBIC)
     for name, linear in (("floor", boards), ("stripes", paper)):
-        cv2.imwrite(str(folder / f"{name}.png"), (np.clip(linear, 0, 1) ** (1 / 2.2) * 255).astype(np.uint8))
+        write_texture(folder / f"{name}.png", linear)
     cv2.imwrite(str(folder / "painting.png"), (np.clip(painting, 0, 1) * 255).astype(np.uint8))
 
 

@@ -2,6 +2,7 @@
 
 import pytest
 
+from benchmarks.random_attic import write_attic
 from benchmarks.random_loft import write_loft
 from benchmarks.random_room import write_room
 from fipt.synthetic.modelled import modelled
@@ -13,6 +14,7 @@ from fipt.synthetic.settings import SynthesizeSettings
     [
         (write_room, "floor.png", 6),  # window, three pendants, shade, screen
         (write_loft, "marble.png", 17),  # window, five spots, eight bulbs, shade, strip, fire
+        (write_attic, "bricks.png", 20),  # three windows, the hallway's, beside the bed, on the desk, 14 fairy lights
     ],
 )
 def test_a_room_has_its_lamps_and_a_seed_tells_its_small_things(tmp_path, backend, write, texture, emitters):
