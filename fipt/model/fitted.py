@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fipt.model.parts import MaterialModel
+from fipt.model.parts import MaterialModel, seen_materials
 from fipt.model.reflectance import Brdf
 from fipt.model.store import load_model
 from fipt.scene.emitters import Emitters, read_emitters
@@ -71,11 +71,8 @@ class FittedScene:
         )
 
     def reflectance(self, points: np.ndarray, footprint: np.ndarray, triangle: np.ndarray | None = None) -> Brdf:
-        """Reflectance at points (N, 3) of triangles (N,), seen through pixels that are ``footprint`` (N,) metres wide.
-
-        The model is asked about as large a part of the pixel as in the fit (settings of the fit, ``footprint``).
-        """
-        return self.model.query(points, footprint * self.model.settings.footprint, triangle)
+        """Reflectance at points (N, 3) of triangles (N,) through pixels that are ``footprint`` (N,) metres wide."""
+        return seen_materials(self.model, points, footprint, triangle)
 
     def cached_materials(self) -> Brdf:
         """Reflectance of the K records of the radiance cache, see `voxel_materials`."""

@@ -51,6 +51,9 @@ class Grey:
         n = len(points)
         return Brdf(np.tile(np.float32(GREY), (n, 1)), np.full(n, 0.5, np.float32), np.zeros(n, np.float32))
 
+    def taught_width(self, points):
+        return np.zeros(len(points), np.float32)
+
 
 CAMERA = scenes.look_at("a", (0.75, 0.3, 0.9), (-0.2, -0.6, -0.3), width=WIDTH, height=HEIGHT, focal=16.0)
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from fipt.conventions import SUB_POSITIONS
 from fipt.model.albedo import reflectance
-from fipt.model.parts import MaterialModel
+from fipt.model.parts import MaterialModel, seen_materials
 from fipt.model.reflectance import Brdf
 from fipt.render.surface import emitter_set
 from fipt.scene.cameras import Camera
@@ -29,8 +29,6 @@ class FittedSurface:
 def sample_materials(model: MaterialModel, samples: FootprintSamples, chosen: np.ndarray, average: bool) -> Brdf:
     """Reflectance of samples, averaged over their pieces of surface (or at one point of each).
 
-    The model is asked about as large a part of the footprint as in the fit (settings of the fit, ``footprint``).
-
     Parameters
     ----------
     chosen
@@ -44,12 +42,13 @@ def sample_materials(model: MaterialModel, samples: FootprintSamples, chosen: np
         N rows.
     """
     position = np.asarray(samples.position)[chosen]
-    footprint = np.asarray(samples.footprint)[chosen] * model.settings.footprint
+    footprint = np.asarray(samples.footprint)[chosen]
     triangle = np.asarray(samples.triangle)[chosen]
     if not average:
-        return model.query(position, footprint, triangle)
+        return seen_materials(model, position, footprint, triangle)
     points = position[:, None] + np.asarray(samples.sub)[chosen].astype(np.float32)
-    brdf = model.query(points.reshape(-1, 3), np.repeat(footprint, SUB_POSITIONS), np.repeat(triangle, SUB_POSITIONS))
+    footprint, triangle = (np.repeat(values, SUB_POSITIONS) for values in (footprint, triangle))
+    brdf = seen_materials(model, points.reshape(-1, 3), footprint, triangle)
     shape = (len(chosen), SUB_POSITIONS)
     return Brdf(
         brdf.base_color.reshape(*shape, 3).mean(1),

@@ -32,6 +32,9 @@ class Waves:
         x = points[:, 0]
         return Brdf(np.stack([x, x / 2, 0 * x], axis=1), 0.1 + 0.5 * x, x / 4)
 
+    def taught_width(self, points):
+        return np.zeros(len(points), np.float32)
+
 
 ROOM = scenes.box((0, 0, 0), (1, 1, 1))
 
