@@ -87,8 +87,8 @@ class Extracted:
     emitters
         Emitting triangles.
     doubtful
-        Regions that emit because they are brighter than white under the light that is known, or more even. A mirror
-        could be as bright. Light that nobody sees would explain them, too.
+        Regions that emit because they are brighter than white under the light that is known, or more even. A lamp
+        nearby that nobody sees would explain them, too.
     """
 
     emitters: Emitters
@@ -127,7 +127,7 @@ def extract(
         surface = find_regions(mesh, shards, seen)
         evidence = judge(shards, seen, surface)
         label = shaped(mesh, surface, evidence.emitting(surface.touching), shards)
-        asked = (label >= 0) & (decided.emitter < 0) & ~decided.rejected & ~np.append(evidence.excess, False)[label]
+        asked = (label >= 0) & (decided.emitter < 0) & ~decided.rejected & ~np.append(evidence.certain, False)[label]
         doubtful = _regions(np.where(asked, label, -1), np.unique(label[asked]), evidence)
         tells = label == surface.region  # a rim has the light of the region inside, but mixed with what is around
         observed = surface.pixels

@@ -44,8 +44,6 @@ _UNSURE = 0.5
 
 With `_ERROR` it says that less than 30 % of the light is never guessed.
 """
-_STRONGEST = 1 / 40
-"""Share of the blocks that a small lamp must light: some twenty, where other evidence says that there is one."""
 _TRIED = 16
 """Patches that are tried at several brightnesses before one is added."""
 _AMPLITUDES = np.geomspace(0.02, 50, 14)
@@ -137,7 +135,8 @@ def explained(blocks: Blocks, transport: Transport) -> bool:
 def explain(blocks: Blocks, patches: Patches, transport: Transport, asked: bool = False) -> Guess:
     """Find the emission of unseen patches that explains the radiance of the blocks best, if any does.
 
-    Light may be local if ``asked``: something else says that light is missing. Else it must matter in half of the room.
+    Light may be local if ``asked``: something else says that light is missing. Then light is wrong by `_ERROR` from
+    place to place. Else it may be so as a whole, and a guess must matter in half of the room.
     """
     nothing = Guess(np.zeros((len(patches.area), 3)))
     light = transport.seen.mean(axis=1)
@@ -159,15 +158,17 @@ def explain(blocks: Blocks, patches: Patches, transport: Transport, asked: bool 
         )
     chosen = members[:, list(after.support)]
     whole = chosen @ after.radiance
-    median, strongest = np.quantile(1 - problem.seen / after.light(problem), (0.5, 1 - _STRONGEST))
-    share = float(strongest if asked else median)
-    # all light may be off by as much as in rooms without unseen emitters, and the guess makes up for it
-    spread = float(np.hypot(_power_spread(after, problem, patches.area @ chosen), _ERROR / max(share, 1e-9)))
+    share = float(np.median(1 - problem.seen / after.light(problem)))
+    spread = _power_spread(after, problem, patches.area @ chosen)
+    if asked:
+        spread *= max(1.0, _ERROR / problem.sigma)
+    else:  # the guess would make up for light that is off as in rooms without unseen emitters
+        spread = float(np.hypot(spread, _ERROR / max(share, 1e-9)))
     color = _color(blocks.radiance[use], transport.seen[use], problem, after)
     return Guess(
         whole[:, None] * color,
         spread=spread,
-        share=float(median),
+        share=share,
         gain=float(gain),
         left=_scale(after, problem),
         before=_scale(before, problem),

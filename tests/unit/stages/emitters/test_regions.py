@@ -99,6 +99,15 @@ def test_a_dim_emitter_is_brighter_than_white(np_rng):
     assert len(found.undecided.price) == 0
 
 
+@pytest.mark.parametrize(("times", "doubtful"), [(1.3, 1), (3.0, 1), (6.0, 0)])
+def test_a_lamp_nearby_may_light_a_panel_up_to_four_times_as_much_as_all_that_is_known(np_rng, times, doubtful):
+    seen = Seen(np_rng)
+    seen.image[seen.panel] = times * WHITE
+    extracted = extract(seen.mesh, seen.shards(seen.image), None, EmittersSettings())
+    assert seen.overlap(extracted.emitters) > 0.97
+    assert np.isin(extracted.emitters.triangle, extracted.doubtful.triangle).mean() == pytest.approx(doubtful, abs=0.1)
+
+
 def test_a_mesh_whose_triangles_all_are_well_seen(np_rng):
     """None asks its neighbours for the radiance that it lacks."""
     seen = Seen(np_rng, cell=0.2, pixels=4000)
@@ -195,7 +204,7 @@ def test_a_few_pixels_brighter_than_any_reflection_are_an_emitter():
     nothing, price = np.zeros(4), np.array([7.2, 7.2, 7.2, 4.0])
     excess = np.array([True, False, True, True])
     costs = {"reflects": np.array([6.9, 6.9, 6.9, 60.0]), "emits": nothing, "ordinary": nothing}
-    others = {"texture": nothing, "compared": 0, "level": np.zeros((4, 3))}
+    others = {"texture": nothing, "compared": 0, "level": np.zeros((4, 3)), "certain": excess}
     evidence = RegionEvidence(price=price, excess=excess, pixels=np.array([3, 3, 3, 900]), **costs, **others)
     touching = np.array([[2], [3]])
     # the second may reflect; the third touches the fourth, and pays the lower price of that

@@ -156,6 +156,26 @@ def test_a_room_without_missing_light_has_no_guess(np_rng):
     assert not guess.radiance.any() or guess.spread > 0.5
 
 
+def test_a_lamp_behind_a_door_is_guessed_where_it_is_asked_for(np_rng):
+    """A lamp that lights 12 of 612 blocks, like that of a hallway: seen light explains half of the room and more."""
+    blocks, patches, transport = problem(np_rng, np.zeros(40))
+    hallway = np.linspace(4, 0.2, 12)[:, None] * np.eye(40)[[9]]  # light for each unit of radiance of patch 9 alone
+    seen, white = np.full((12, 3), 0.1), 0.7
+    radiance = white * (seen + 0.5 * hallway[:, [9]]) * np.exp(0.05 * np.random.default_rng(3).normal(size=(12, 1)))
+    group = np.repeat([30, 31, 32], 4)
+    place = np.random.default_rng(4).uniform(6, 8, (12, 1, 3)).astype(np.float32)
+    far = Blocks(place, np.tile(blocks.normal[:1], (12, 1, 1)), radiance, np.zeros(12), group, group)
+    columns = ("position", "normal", "radiance", "spread", "group", "triangle")
+    both = Blocks(*(np.concatenate([getattr(blocks, name), getattr(far, name)]) for name in columns))
+    unseen = np.concatenate([0.02 * transport.unseen, hallway])
+    whole = Transport(np.concatenate([transport.seen, seen]), unseen, np.zeros(612))
+    assert not explain(both, patches, whole).determined
+    guess = explain(both, patches, whole, asked=True)
+    assert guess.determined
+    assert guess.radiance[9].mean() == pytest.approx(0.5, rel=0.3)
+    assert np.delete(guess.radiance, 9, axis=0).sum() < 0.3 * guess.radiance.sum()
+
+
 def test_errors_that_surfaces_of_many_colours_share_are_no_light(np_rng):
     """Light that is off by a half either way, in places just as large as what patches light: a wrong mesh."""
     blocks, patches, transport = problem(np_rng, np.zeros(40))
