@@ -42,7 +42,7 @@ _ERROR = 0.15
 _UNSURE = 0.5
 """Relative standard deviation of the power above which nothing is guessed: 0 is then within two of them.
 
-With `_ERROR` it says that less than 30 % of the light is never guessed.
+With `_ERROR` it says that without other evidence less than 30 % of the light is never guessed.
 """
 _TRIED = 16
 """Patches that are tried at several brightnesses before one is added."""
