@@ -12,6 +12,7 @@ import argparse
 import hashlib
 import os
 import re
+import signal
 import subprocess
 import sys
 import tempfile
@@ -113,16 +114,20 @@ def main() -> None:
         (root / name / "config" / "config.yaml").write_text(yaml.safe_dump(CONFIG | {"rounds": args.rounds}))
         (root / name / "rooms.tsv").write_text(ROOMS)
     cluster, over = Cluster(root / "slurm"), threading.Event()
-    cluster.call("start")
     trouble = threading.Thread(target=cluster.disturb, args=(over,))
-    trouble.start()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # the daemons end with it
     begin = time.monotonic()
     try:
+        cluster.call("start")
+        trouble.start()
         options = ("--retries", "3", "--set-resources", TOO_LITTLE, "--latency-wait", "5")
         said = run(root / "many", "slurm", args.target, cluster.environment, *options)
+    except subprocess.CalledProcessError as error:
+        sys.exit(f"cluster: failed: {' '.join(map(str, error.cmd))}")
     finally:
         over.set()
-        trouble.join()
+        if trouble.ident is not None:
+            trouble.join()
         cluster.call("stop")
     print(f"cluster: all rooms are done after {time.monotonic() - begin:.0f} s")
     tried = len(re.findall(r"Trying to restart job", said))

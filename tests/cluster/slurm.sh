@@ -8,6 +8,13 @@ export SLURM_CONF=$CLUSTER/slurm.conf PATH=$PATH:/usr/sbin
 nodes=(node1 node2)
 first_port=${CLUSTER_PORT:-27817}
 
+free() { # ends here where a cluster of an earlier run still listens
+  if (exec 3<> "/dev/tcp/127.0.0.1/$first_port") 2> /dev/null; then
+    echo "slurm.sh: port $first_port is taken, by a cluster that was killed? End its slurmctld, slurmd and munged, or set CLUSTER_PORT" >&2
+    exit 1
+  fi
+}
+
 configure() {
   mkdir -p "$CLUSTER"/{bin,state,log}
   chmod 755 "$CLUSTER" "$CLUSTER"/*/
@@ -72,6 +79,7 @@ below() { local child; for child in $(pgrep -P "$1"); do below "$child"; echo "$
 
 case ${1:-} in
   start)
+    free
     configure
     munged --socket="$CLUSTER/munge.socket" --key-file="$CLUSTER/munge.key" --pid-file="$CLUSTER/munged.pid" \
       --log-file="$CLUSTER/log/munged.log" --seed-file="$CLUSTER/munged.seed" --force 2> /dev/null
@@ -83,7 +91,7 @@ case ${1:-} in
     ;;
   stop)
     scancel --quiet --user="$(id -un)" 2> /dev/null || true
-    sleep 1
+    for _ in $(seq 50); do [ -n "$(squeue -h 2> /dev/null -t running,completing)" ] || break; sleep 0.2; done
     for node in "${nodes[@]}"; do end "$CLUSTER/slurmd.$node.pid" TERM; done
     end "$CLUSTER/slurmctld.pid" TERM
     end "$CLUSTER/munged.pid" TERM
