@@ -72,9 +72,9 @@ _MEASURED = 6
 """Observations below which a median deviation is itself off by half and more."""
 _LEAST_PRICE = float(np.log(2))
 """Price of emission beside an emitter, for each region that could: even odds."""
-_LIT = 4.0
-"""How much brighter than any reflection surface may be that a lamp nearby lights, which no view shows: a strip below a
-cupboard gives the tiles behind it two to four times the light of the room."""
+_LAMP_GAIN = 4.0
+"""A lamp nearby that no view shows may make surface brighter than any reflection of the known light by this: a strip
+below a cupboard gives the tiles behind it two to four times the light of the room."""
 _EXCESS = 0.1
 """Share of a region's pixels that must be brighter than white before it is looked at."""
 
@@ -96,7 +96,7 @@ class RegionEvidence:
     excess
         (R,) bool: half of its pixels are brighter by `EMITTER_GAIN` than any reflection.
     certain
-        (R,) bool: brighter by `_LIT`, so that no lamp nearby would light it so much.
+        (R,) bool: half of its pixels are brighter by `_LAMP_GAIN`: no lamp nearby lights surface so much.
     ordinary
         (R,) cost of residuals of one scale.
     pixels
@@ -202,8 +202,8 @@ def judge(shards: Sequence[ObservedShard], seen: Observations, surface: Surface)
     # no darker than white anywhere: by its radiance it is no emitter, whatever fits
     reflects = np.where(chosen, reflects, np.minimum(reflects, emits) * known)
     price = price + 0.5 * np.log(np.maximum(costs.views, 1))  # of L, as BIC has it
-    one = costs.views * float(_cost(np.array(1.0)))
-    found = RegionEvidence(reflects, emits, nothing, 0, price, excess, certain, one, pixels, level)
+    of_ordinary = costs.views * float(_cost(np.array(1.0)))
+    found = RegionEvidence(reflects, emits, nothing, 0, price, excess, certain, of_ordinary, pixels, level)
     odds = TextureOdds.of(costs.texture[0, (costs.texture[0] != 0) & (found.lead <= price)])
     paid = (costs.reflects + odds(costs.texture)).min(axis=0) - costs.reflects.min(axis=0)
     return replace(found, texture=np.where(known, paid, 0), compared=odds.regions)
@@ -263,9 +263,11 @@ class _Cells:
         return np.bincount(self.pair, self.pixels * difference) / self.pixels_of_pair
 
 
-def _candidates(shards: Sequence[ObservedShard], seen: Observations, surface: Surface) -> tuple[np.ndarray, ...]:
-    """(R,) bool each: brighter than white in places; than any reflection in half of it; by far; and ordinary ones."""
-    bright, brighter, brightest, total = (np.zeros(surface.count) for _ in range(4))
+def _candidates(
+    shards: Sequence[ObservedShard], seen: Observations, surface: Surface
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """(R,) bool each: brighter than white in places; `excess` and `certain` of `RegionEvidence`; and ordinary ones."""
+    bright, over_reflection, over_lamp, total = (np.zeros(surface.count) for _ in range(4))
     for shard, own in _by_view(shards, seen):
         region = surface.region[seen.triangle[own]]
         known = region >= 0
@@ -273,14 +275,14 @@ def _candidates(shards: Sequence[ObservedShard], seen: Observations, surface: Su
         over = radiance > diffuse_shading(shard.shading, sample).mean(axis=1)
         most = brightest_reflection(np.asarray(shard.shading[sample[over]], np.float32))
         bright += np.bincount(region, over, surface.count)
-        brighter += np.bincount(region[over], radiance[over] > EMITTER_GAIN * most, surface.count)
-        brightest += np.bincount(region[over], radiance[over] > _LIT * most, surface.count)
+        over_reflection += np.bincount(region[over], radiance[over] > EMITTER_GAIN * most, surface.count)
+        over_lamp += np.bincount(region[over], radiance[over] > _LAMP_GAIN * most, surface.count)
         total += np.bincount(region, minlength=surface.count)
     chosen = bright > _EXCESS * np.maximum(total, 1)
     others = np.flatnonzero(~chosen & (total >= _WHOLE))
     ordinary = np.zeros(surface.count, bool)
     ordinary[others[:: max(len(others) // _ORDINARY, 1)]] = True
-    return chosen, 2 * brighter > total, 2 * brightest > total, ordinary
+    return chosen, 2 * over_reflection > total, 2 * over_lamp > total, ordinary
 
 
 def _by_view(shards: Sequence[ObservedShard], seen: Observations) -> "list[tuple[ObservedShard, slice]]":

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from fipt.scene.emitters import BOTH, Emitters
 from fipt.scene.environment import EnvironmentMap
 from fipt.scene.mesh import Mesh
 from fipt.scene.observed import ObservedShard
-from fipt.scene.surface_blocks import Blocks, blocks_of
+from fipt.scene.surface_blocks import LEAST_SIGMA, Blocks, blocks_of
 from fipt.stages.emitters.extract import Extracted
 from fipt.stages.emitters.observations import grouped_median
 from fipt.stages.emitters.unseen import Lights, Transport, seen_light, with_patches
@@ -58,10 +58,19 @@ class _Trial:
     patches: Patches
     guess: Guess
 
-    def ratio(self) -> np.ndarray:
-        """(N,) radiance of the blocks over that of white surface, guessed light included."""
+    @cached_property
+    def light(self) -> np.ndarray:
+        """(N,) irradiance over pi of the blocks, guessed light included."""
         light = self.transport.seen + self.transport.unseen @ self.guess.radiance
-        return self.blocks.radiance.mean(axis=1) / np.maximum(light.mean(axis=1), 1e-12)
+        return np.maximum(light.mean(axis=1), 1e-12)
+
+    def ratio(self) -> np.ndarray:
+        """(N,) radiance of the blocks over that of white surface."""
+        return self.blocks.radiance.mean(axis=1) / self.light
+
+    def share(self) -> np.ndarray:
+        """(N,) share of the light of the blocks that is guessed."""
+        return 1 - self.transport.seen.mean(axis=1) / self.light
 
 
 def with_guess(
@@ -173,14 +182,22 @@ def _offered(blocks: Blocks, lights: Lights, known: Transport, patches: Patches,
 
 
 def _lit(trial: _Trial | None, found: Emitters, doubtful: np.ndarray, triangles: int) -> np.ndarray:
-    """Numbers of the emitters that are no brighter than white under the light of a guess; ``doubtful`` (E,) bool."""
+    """Numbers of the emitters that are no brighter than white under the light of a guess; ``doubtful`` (E,) bool.
+
+    A guess that gives less there than what is traced may err by (`LEAST_SIGMA`) says nothing about an emitter: one that
+    was found since it is even may be darker than white under any light.
+    """
     if trial is None or not trial.guess.determined:
         return np.zeros(0, np.int64)
     number = np.full(triangles, -1)
     number[found.triangle[doubtful]] = found.emitter[doubtful]
     of_block = number[trial.blocks.triangle]
     names, index = np.unique(of_block[of_block >= 0], return_inverse=True)
-    return names[grouped_median(trial.ratio()[of_block >= 0], index.reshape(-1), len(names)) <= 1]
+    ratio, share = (
+        grouped_median(values[of_block >= 0], index.reshape(-1), len(names))
+        for values in (trial.ratio(), trial.share())
+    )
+    return names[(ratio <= 1) & (share > LEAST_SIGMA)]
 
 
 def _added(mesh: Mesh, found: Emitters, patches: Patches, guess: Guess) -> Emitters:

@@ -160,8 +160,10 @@ def test_a_lamp_behind_a_door_is_guessed_where_it_is_asked_for(np_rng):
     """A lamp that lights 12 of 612 blocks, like that of a hallway: seen light explains half of the room and more."""
     blocks, patches, transport = problem(np_rng, np.zeros(40))
     hallway = np.linspace(4, 0.2, 12)[:, None] * np.eye(40)[[9]]  # light for each unit of radiance of patch 9 alone
-    seen, white = np.full((12, 3), 0.1), 0.7
-    radiance = white * (seen + 0.5 * hallway[:, [9]]) * np.exp(0.05 * np.random.default_rng(3).normal(size=(12, 1)))
+    seen, reflectance = np.full((12, 3), 0.1), 0.7
+    radiance = (
+        reflectance * (seen + 0.5 * hallway[:, [9]]) * np.exp(0.05 * np.random.default_rng(3).normal(size=(12, 1)))
+    )
     group = np.repeat([30, 31, 32], 4)
     place = np.random.default_rng(4).uniform(6, 8, (12, 1, 3)).astype(np.float32)
     far = Blocks(place, np.tile(blocks.normal[:1], (12, 1, 1)), radiance, np.zeros(12), group, group)
@@ -213,8 +215,14 @@ def test_nothing_unseen_is_no_guess(np_rng):
 def guessing(monkeypatch, floor_and_ceiling):
     """`with_guess` on the floor below its panel, with what `explain` should have found put in its place."""
 
-    def run(guess: Guess, open_share: float = 0.0, is_explained: bool = False, extracted: Extracted | None = None):
-        blocks = SimpleNamespace(radiance=np.full((50, 3), 5.0), triangle=np.arange(50) % 2)
+    def run(
+        guess: Guess,
+        open_share: float = 0.0,
+        is_explained: bool = False,
+        extracted: Extracted | None = None,
+        radiance: float = 5.0,
+    ):
+        blocks = SimpleNamespace(radiance=np.full((50, 3), radiance), triangle=np.arange(50) % 2)
         number = np.full(len(floor_and_ceiling.triangles), -1)
         number[-2:] = 0
         patches = Patches(number, np.array([[0.0, 2.0, 0.0]]), np.array([1.0]), np.array([0]), 100.0)
@@ -347,17 +355,21 @@ def test_cells_are_halved_as_long_as_a_guess_is_determined(guessing, floor_and_c
     np.testing.assert_array_equal(told.emitters.radiance, 7)  # the last that was determined
 
 
-@pytest.mark.parametrize(("power", "stays"), [(9.0, False), (2.0, True)])
-def test_what_guessed_light_explains_is_no_emitter(guessing, floor_and_ceiling, power, stays):
-    """The floor seems to emit with 5; white surface there would send out 1, and 1 more for each unit of the guess."""
+@pytest.mark.parametrize(
+    ("radiance", "power", "stays"),
+    [(5.0, 9.0, False), (5.0, 2.0, True), (0.6, 0.2, False), (0.6, 0.02, True)],
+    ids=["lit", "too bright", "dark but lit", "dark and not lit"],
+)
+def test_what_guessed_light_explains_is_no_emitter(guessing, radiance, power, stays):
+    """The floor seems to emit; white surface there would send out 1, and 1 more for each unit of the guess."""
     triangles = np.arange(2, dtype=np.int32)
     ones, floor = np.ones(2, np.float32), np.zeros(2, np.int32)
     seems = Emitters(
-        triangles, np.full((2, 3), 5, np.float32), 32 * ones, floor, floor, ones, 0 * ones, np.zeros(2, bool)
+        triangles, np.full((2, 3), radiance, np.float32), 32 * ones, floor, floor, ones, 0 * ones, np.zeros(2, bool)
     )
     doubtful = Undecided(triangles, floor, *(ones[:1] for _ in range(3)))
     guess = Guess(np.full((1, 3), power), 0.3, 0.6, 400.0, 0.06, 0.25, True)
-    found = guessing(guess, extracted=Extracted(seems, doubtful)).emitters
+    found = guessing(guess, extracted=Extracted(seems, doubtful), radiance=radiance).emitters
     assert np.isin(triangles, found.triangle).all() == stays
     assert found.guessed.sum() == 2
 
