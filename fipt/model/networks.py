@@ -29,7 +29,7 @@ _NARROW = 16
 """Outputs of a layer up to which its weight's gradient is summed in parts."""
 _PART = 512
 """Points whose share of a gradient one thread sums."""
-_DETAIL_CELLS = 64
+_FINEST_CELLS = 64
 """Cells along the box that know how fine the views are: some 10 cm in a room, a few pixels."""
 _INITIAL_EMISSION = 0.05
 _MATTE = (1.5, -3.0)
@@ -265,22 +265,22 @@ class Field(nn.Module):
         self.brdf_network = BrdfNetwork(settings, backend)
         self.emission_network = EmissionNetwork(settings.seed)
         self.finest: torch.Tensor
-        self.register_buffer("finest", torch.zeros((_DETAIL_CELLS,) * 3))
+        self.register_buffer("finest", torch.zeros((_FINEST_CELLS,) * 3))
 
-    def learn_detail(self, points: np.ndarray, footprint: np.ndarray) -> None:
+    def learn_finest(self, points: np.ndarray, footprint: np.ndarray) -> None:
         """Take note of queries at points (N, 3) of width ``footprint`` (N,), metres, that teach the field."""
         known = torch.where(self.finest > 0, self.finest, torch.inf).view(-1)
         known.scatter_reduce_(0, self._cells(points), self._tensor(footprint), "amin")
         self.finest.copy_(torch.where(known < torch.inf, known, 0.0).view_as(self.finest))
 
-    def taught_width(self, points: np.ndarray) -> np.ndarray:
+    def finest_at(self, points: np.ndarray) -> np.ndarray:
         """(N,) float32 width of the smallest query that taught anything around points (N, 3), metres; 0: none did."""
         return self.finest.view(-1)[self._cells(points)].cpu().numpy()
 
     def _cells(self, points: np.ndarray) -> torch.Tensor:
         """(N,) int64 cell of `finest` of points (N, 3)."""
-        cell = (self.box.to_unit(self._tensor(points)) * _DETAIL_CELLS).long().clamp(0, _DETAIL_CELLS - 1)
-        return (cell[:, 0] * _DETAIL_CELLS + cell[:, 1]) * _DETAIL_CELLS + cell[:, 2]
+        cell = (self.box.to_unit(self._tensor(points)) * _FINEST_CELLS).long().clamp(0, _FINEST_CELLS - 1)
+        return (cell[:, 0] * _FINEST_CELLS + cell[:, 1]) * _FINEST_CELLS + cell[:, 2]
 
     def brdf(self, p_world: torch.Tensor, footprint: torch.Tensor | None = None) -> Brdf:
         """Reflectance at world points.

@@ -31,7 +31,7 @@ class MaterialModel(Protocol):
         """Reflectance at points (N, 3), metres, of triangles (N,), seen through ``footprint`` (N,) metres; numpy."""
         ...
 
-    def taught_width(self, points: np.ndarray) -> np.ndarray:
+    def finest_at(self, points: np.ndarray) -> np.ndarray:
         """(N,) width of the smallest query that taught anything around points (N, 3), metres; 0: any will do."""
         ...
 
@@ -44,7 +44,7 @@ def seen_materials(
     The model is asked about as large a part of the pixel as in the fit (settings of the fit, ``footprint``), and about
     nothing finer than what taught it: of a view from close by, that would be noise (docs/adr/0078).
     """
-    width = np.maximum(footprint * model.settings.footprint, model.taught_width(points)).astype(np.float32)
+    width = np.maximum(footprint * model.settings.footprint, model.finest_at(points)).astype(np.float32)
     return model.query(points, width, triangle)
 
 
@@ -107,7 +107,7 @@ class PartMaterials:
         part = self.labels.at(points, triangle)
         return Brdf(self.brdf.base_color[part], self.brdf.roughness[part], self.brdf.metallic[part])
 
-    def taught_width(self, points: np.ndarray) -> np.ndarray:
+    def finest_at(self, points: np.ndarray) -> np.ndarray:
         """(N,) zeros: a part is the same however near."""
         return np.zeros(len(points), np.float32)
 

@@ -51,7 +51,7 @@ class Grey:
         n = len(points)
         return Brdf(np.tile(np.float32(GREY), (n, 1)), np.full(n, 0.5, np.float32), np.zeros(n, np.float32))
 
-    def taught_width(self, points):
+    def finest_at(self, points):
         return np.zeros(len(points), np.float32)
 
 

@@ -68,7 +68,7 @@ def fit_model(inputs: FitInputs, settings: FitSettings) -> Stats:
     before = None if inputs.previous is None else load_field(inputs.previous)
     if before is not None and settings.warm_start:
         field.load_state_dict(before.state_dict())
-    _learn_detail(field, pixels)
+    _learn_finest(field, pixels)
     figures: Stats = {"segments": kind or "none", "fused_segments": inputs.segments is not None}
     targets = hidden = found = classes = None
     if kind is not None and settings.part_search:
@@ -124,12 +124,12 @@ def _training_pixels(data: Dataset, kind: str | None, inputs: FitInputs, setting
     return Pixels(shards, ids, evidence if settings.confidence else None, edges, empty)
 
 
-def _learn_detail(field: Field, pixels: Pixels) -> None:
+def _learn_finest(field: Field, pixels: Pixels) -> None:
     """Tell the field how fine the training views are; one view is in memory at a time."""
     for samples in pixels.shards:
         for view in range(len(samples.views)):
             own = samples.of_view(view)
-            field.learn_detail(samples.position[own], field.settings.footprint * np.asarray(samples.footprint[own]))
+            field.learn_finest(samples.position[own], field.settings.footprint * np.asarray(samples.footprint[own]))
 
 
 def _confidence(

@@ -48,7 +48,7 @@ def test_the_model_is_asked_about_the_share_of_a_pixel_that_it_was_fitted_with()
     asked = FittedScene(scenes.room().mesh, model).reflectance(points, width)
     np.testing.assert_array_equal(asked.base_color, model.query(points, 0.25 * width).base_color)
     assert (asked.base_color != model.query(points, width).base_color).any()
-    model.learn_detail(points[:1], np.float32([0.3]))  # the views were coarser there: a closer one shows no more
+    model.learn_finest(points[:1], np.float32([0.3]))  # the views were coarser there: a closer one shows no more
     asked = FittedScene(scenes.room().mesh, model).reflectance(points, width)
     np.testing.assert_array_equal(asked.base_color, model.query(points, np.float32([0.3, 0.025])).base_color)
 

@@ -104,12 +104,12 @@ def test_seed_decides_the_weights():
 def test_the_finest_queries_are_known_by_place(np_rng):
     field = Field(SETTINGS, BOX)
     points = np_rng.uniform([0, -3, -0.5], [0.9, -2.1, 0.4], (200, 3)).astype(np.float32)
-    field.learn_detail(points, np.full(200, 0.3, np.float32))
-    field.learn_detail(points[:100], np.full(100, 0.2, np.float32))
-    np.testing.assert_array_equal(field.taught_width(points[:100]), np.float32(0.2))
-    assert (field.taught_width(points[100:]) >= np.float32(0.2)).all()
-    assert field.taught_width(points[100:]).max() == np.float32(0.3)
-    np.testing.assert_array_equal(field.taught_width(points + np.float32([1.1, 0, 0])), 0)  # no view there
+    field.learn_finest(points, np.full(200, 0.3, np.float32))
+    field.learn_finest(points[:100], np.full(100, 0.2, np.float32))
+    np.testing.assert_array_equal(field.finest_at(points[:100]), np.float32(0.2))
+    assert (field.finest_at(points[100:]) >= np.float32(0.2)).all()
+    assert field.finest_at(points[100:]).max() == np.float32(0.3)
+    np.testing.assert_array_equal(field.finest_at(points + np.float32([1.1, 0, 0])), 0)  # no view there
 
 
 def test_building_a_field_leaves_the_global_generator_alone():

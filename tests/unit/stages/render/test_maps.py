@@ -32,7 +32,7 @@ class Waves:
         x = points[:, 0]
         return Brdf(np.stack([x, x / 2, 0 * x], axis=1), 0.1 + 0.5 * x, x / 4)
 
-    def taught_width(self, points):
+    def finest_at(self, points):
         return np.zeros(len(points), np.float32)
 
 
