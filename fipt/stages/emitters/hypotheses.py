@@ -72,7 +72,7 @@ _MEASURED = 6
 """Observations below which a median deviation is itself off by half and more."""
 _LEAST_PRICE = float(np.log(2))
 """Price of emission beside an emitter, for each region that could: even odds."""
-_LAMP_GAIN = 4.0
+_LIT_GAIN = 4.0
 """A lamp nearby that no view shows may make surface brighter than any reflection of the known light by this: a strip
 below a cupboard gives the tiles behind it two to four times the light of the room."""
 _EXCESS = 0.1
@@ -96,7 +96,7 @@ class RegionEvidence:
     excess
         (R,) bool: half of its pixels are brighter by `EMITTER_GAIN` than any reflection.
     certain
-        (R,) bool: half of its pixels are brighter by `_LAMP_GAIN`: no lamp nearby lights surface so much.
+        (R,) bool: half of its pixels are brighter by `_LIT_GAIN`: no lamp nearby lights surface so much.
     ordinary
         (R,) cost of residuals of one scale.
     pixels
@@ -267,7 +267,7 @@ def _candidates(
     shards: Sequence[ObservedShard], seen: Observations, surface: Surface
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """(R,) bool each: brighter than white in places; `excess` and `certain` of `RegionEvidence`; and ordinary ones."""
-    bright, over_reflection, over_lamp, total = (np.zeros(surface.count) for _ in range(4))
+    bright, over_reflection, over_lit, total = (np.zeros(surface.count) for _ in range(4))
     for shard, own in _by_view(shards, seen):
         region = surface.region[seen.triangle[own]]
         known = region >= 0
@@ -276,13 +276,13 @@ def _candidates(
         most = brightest_reflection(np.asarray(shard.shading[sample[over]], np.float32))
         bright += np.bincount(region, over, surface.count)
         over_reflection += np.bincount(region[over], radiance[over] > EMITTER_GAIN * most, surface.count)
-        over_lamp += np.bincount(region[over], radiance[over] > _LAMP_GAIN * most, surface.count)
+        over_lit += np.bincount(region[over], radiance[over] > _LIT_GAIN * most, surface.count)
         total += np.bincount(region, minlength=surface.count)
     chosen = bright > _EXCESS * np.maximum(total, 1)
     others = np.flatnonzero(~chosen & (total >= _WHOLE))
     ordinary = np.zeros(surface.count, bool)
     ordinary[others[:: max(len(others) // _ORDINARY, 1)]] = True
-    return chosen, 2 * over_reflection > total, 2 * over_lamp > total, ordinary
+    return chosen, 2 * over_reflection > total, 2 * over_lit > total, ordinary
 
 
 def _by_view(shards: Sequence[ObservedShard], seen: Observations) -> "list[tuple[ObservedShard, slice]]":
