@@ -28,7 +28,7 @@ from fipt.stages.emitters.observations import (
 from fipt.stages.emitters.regions import Surface, find_regions
 from fipt.stages.emitters.settings import EmittersSettings
 from fipt.stages.emitters.shape import shaped
-from fipt.stages.emitters.sides import emitting_sides
+from fipt.stages.emitters.sides import LEAST_SEEN, emitting_sides, faces, seen_sides
 from fipt.stages.emitters.small import RELEVANT, small_emitters
 
 _MOST_PIXELS = 4_000_000
@@ -38,7 +38,7 @@ _MOST_UNDECIDED = 20
 _PIXELS_OF_TEXEL = 9
 """Pixels that a triangle needs for its median to count as a texel."""
 _WHOLE = 0.7
-"""Share of a part's seen area that must emit before its unseen side is taken to emit too."""
+"""Share of the seen area of a part, or of a face, that must emit before the rest of it is taken to emit too."""
 _SAME_RADIANCE = 0.35
 """Relative difference up to which neighbouring triangles belong to one emitter."""
 
@@ -146,7 +146,11 @@ def extract(
     label[decided.rejected] = -1
     tells = (label >= 0) & (tells | (decided.emitter >= 0))
     measured = _measured(mesh, of_triangles(views, tells), label, decided, settings, surface)
-    found = _completed(mesh, measured, np.flatnonzero(observed), decided, settings.complete)
+    hidden = np.zeros(len(label), bool)
+    if settings.complete:
+        emits = np.isin(np.arange(len(label)), measured.triangle)
+        hidden = _far_sides(mesh, emits, observed > 0) | _seen_from_behind(mesh, emits, seen_sides(mesh, shards))
+    found = _completed(mesh, measured, hidden & ~decided.rejected, decided)
     if settings.sides == "seen":
         found = replace(found, sides=emitting_sides(mesh, found, shards))
     return Extracted(replace(found, undecided=undecided), doubtful)
@@ -314,21 +318,47 @@ def _textured(
     return result
 
 
-def _completed(mesh: Mesh, found: Emitters, observed: np.ndarray, decided: Decided, complete: bool) -> Emitters:
-    """Add triangles that no pixel shows alone: of accepted emitters, and, with ``complete``, a globe's far side.
+def _far_sides(mesh: Mesh, emits: np.ndarray, visible: np.ndarray) -> np.ndarray:
+    """(T,) bool: unseen triangles of a connected part that glows wherever it is seen, as a globe's far side."""
+    part, areas = connected_parts(mesh), mesh.areas
+    glowing = np.bincount(part, areas * emits)
+    whole = (glowing > 0) & (glowing >= _WHOLE * np.bincount(part, areas * (visible | emits)))
+    return whole[part] & ~visible & ~emits
 
-    That is the rest of a connected part that glows wherever it is seen.
+
+def _seen_from_behind(mesh: Mesh, emits: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """(T,) bool: triangles of a glowing face of which views see the other side alone, and see it dark.
+
+    Through the opening of a lampshade a view sees the inside of what lights the wall behind. The face
+    (`fipt.stages.emitters.sides`) glows wherever it is seen, and a few triangles of noise are no face.
+
+    Parameters
+    ----------
+    emits
+        (T,) bool which triangles emit.
+    seen
+        (T, 2) bool whether a pixel shows their front and their back alone.
     """
-    part = connected_parts(mesh)
-    emits, visible = np.zeros(len(part), bool), np.zeros(len(part), bool)
-    emits[found.triangle] = True
-    visible[observed] = True
-    areas, count = mesh.areas, int(part.max()) + 1
-    glowing = np.bincount(part, areas * emits, count)
-    whole = (glowing > 0) & (glowing >= _WHOLE * np.bincount(part, areas * (visible | emits), count))
-    hidden = whole[part] & ~visible & ~emits & ~decided.rejected if complete else np.zeros(len(part), bool)
+    part, behind = connected_parts(mesh), np.zeros(len(emits), bool)
+    own = np.flatnonzero(np.isin(part, part[emits]))
+    if len(own) == 0:
+        return behind
+    face = faces(mesh, own, part[own])
+    area = seen[own] * mesh.areas[own, None]
+    glowing, visible = (np.bincount(face.ravel(), each.ravel()) for each in (area * emits[own, None], area))
+    other = np.zeros(len(visible))
+    other[face] = visible[face[:, ::-1]]
+    whole = (visible > 0) & (glowing >= _WHOLE * visible) & (visible >= LEAST_SEEN * (visible + other))
+    behind[own] = ~emits[own] & (whole[face] & ~seen[own] & seen[own, ::-1]).any(axis=1)
+    return behind
+
+
+def _completed(mesh: Mesh, found: Emitters, hidden: np.ndarray, decided: Decided) -> Emitters:
+    """Add the triangles ``hidden`` (T,), and those of accepted emitters that no pixel shows alone."""
+    part, areas = connected_parts(mesh), mesh.areas
+    emits = np.isin(np.arange(len(part)), found.triangle)
     # an accepted emitter is a part of its own
-    part = np.where(decided.emitter >= 0, count + decided.emitter, part)
+    part = np.where(decided.emitter >= 0, int(part.max()) + 1 + decided.emitter, part)
     hidden = np.flatnonzero((hidden | (decided.emitter >= 0) & ~emits) & np.isin(part, part[found.triangle]))
     if len(hidden) == 0:
         return found

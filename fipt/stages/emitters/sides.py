@@ -18,7 +18,7 @@ from fipt.scene.observed import ObservedShard
 from fipt.scene.samples import ALONE
 from fipt.stages.emitters.observations import grouped_median
 
-_LEAST = 0.05
+LEAST_SEEN = 0.05
 """Share of a sheet's seen area that must be seen of a face: noise of scans turns 1 to 2 % of the triangles."""
 _EMITS = 0.5
 """Radiance, as a share of the emitter's, above which a face is nearer to it than to black."""
@@ -40,7 +40,7 @@ def emitting_sides(mesh: Mesh, found: Emitters, shards: Sequence[ObservedShard])
     other = np.empty(int(face.max(initial=-1)) + 1, np.int64)  # the face behind each
     other[face] = face[:, ::-1]
     area, ratio = _seen(mesh, found, shards, face, other)
-    visible = (area > 0) & (area >= _LEAST * (area + area[other]))
+    visible = (area > 0) & (area >= LEAST_SEEN * (area + area[other]))
     ratio = np.where(visible, ratio, -np.inf)
     emitting = _with_unseen(mesh, found, face, visible & ((ratio >= _EMITS) | (ratio >= ratio[other])))
     return (emitting[face] @ [FRONT, BACK]).astype(np.int8)
@@ -66,6 +66,18 @@ def faces(mesh: Mesh, triangles: np.ndarray, emitter: np.ndarray) -> np.ndarray:
     sides = np.concatenate([[2 * a, 2 * b + against], [2 * a + 1, 2 * b + 1 - against]], axis=1)
     graph = coo_matrix((np.ones(sides.shape[1]), tuple(sides)), shape=(2 * len(triangles),) * 2)
     return connected_components(graph, directed=False)[1].reshape(-1, 2).astype(np.int64)
+
+
+def seen_sides(mesh: Mesh, shards: Sequence[ObservedShard]) -> np.ndarray:
+    """(T, 2) bool: whether a pixel shows the front and the back of each triangle alone."""
+    seen = np.zeros((len(mesh.triangles), 2), bool)
+    for shard, index in [(each, index) for each in shards for index in range(len(each.samples.views))]:
+        samples, own = shard.samples, shard.samples.of_view(index)
+        pixel = samples.pixel_of_sample(index) + samples.pixels(index).start
+        use = np.flatnonzero((samples.weight[own] >= ALONE) & (shard.weight[pixel] > 0))
+        triangle = np.asarray(samples.triangle[own])[use]
+        seen[triangle, np.where(mesh.front(triangle, samples.normal[own][use]), 0, 1)] = True
+    return seen
 
 
 def _seen(

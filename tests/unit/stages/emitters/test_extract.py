@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+import trimesh
 
 from fipt.conventions import SHADING_OUTPUTS
-from fipt.scene.emitters import BACK, BOTH, read_emitters, write_emitters
+from fipt.scene.emitters import BACK, BOTH, FRONT, read_emitters, write_emitters
+from fipt.scene.mesh import Mesh
 from fipt.scene.review import ReviewDecisions
 from fipt.stages.emitters.extract import extract
 from fipt.stages.emitters.settings import EmittersSettings
@@ -94,6 +96,29 @@ def test_the_far_side_of_an_emitter_emits_like_its_near_side(room, np_rng):
     np.testing.assert_array_equal(whole.emitter, [0] * 4 + [1] * 4)
     np.testing.assert_allclose(whole.area, 0.5)
     np.testing.assert_array_equal(found(room, data, complete=False).triangle, [2, 3, 4, 6, 7, 8, 9])
+
+
+@pytest.mark.parametrize("wall_side", [None, "dark"])
+def test_a_shade_lights_the_wall_behind_it_though_views_see_its_dark_inside_there(wall_side):
+    """Through its opening. Where the outside is seen there, and is dark, it is dark."""
+    whole = trimesh.creation.cylinder(0.2, 0.3, sections=24).subdivide()
+    shade = Mesh(np.float32(whole.vertices), np.int32(whole.faces[np.abs(whole.face_normals[:, 2]) < 0.5]))
+    near, far = np.flatnonzero(shade.normals[:, 0] > -0.2), np.flatnonzero(shade.normals[:, 0] < -0.8)
+    looks = [(near, 1, RED), (far, -1, 0.2 * BLUE)] + ([(far, 1, 0.2 * BLUE)] if wall_side else [])
+    triangle = np.tile(np.concatenate([own for own, _, _ in looks]), 6)
+    turned = np.tile(np.concatenate([np.full(len(own), side) for own, side, _ in looks]), 6)
+    image = np.tile(np.concatenate([np.tile(np.float32(light), (len(own), 1)) for own, _, light in looks]), (6, 1))
+    arrays = {
+        "normal": shade.normals[triangle] * turned[:, None],
+        "footprint": np.full(len(triangle), np.float32(0.02)),
+    }
+    samples = scenes.samples_of(shade.corners[triangle].mean(axis=1), triangle, **arrays)
+    shading = np.full((len(triangle), SHADING_OUTPUTS, 3), 1.0, np.float16)
+    data = samples, shading, image, np.ones(len(triangle), np.float32)
+    emitters = found(shade, data, lambda points: np.full(len(points), 0.4, np.float32))
+    expected = np.arange(len(shade.triangles))
+    np.testing.assert_array_equal(emitters.triangle, np.setdiff1d(expected, far) if wall_side else expected)
+    np.testing.assert_array_equal(emitters.sides, FRONT)
 
 
 def test_a_part_that_glows_in_one_place_is_no_emitter_all_over(room, np_rng):
