@@ -51,7 +51,7 @@ SECTIONS: dict[str, Section] = {
     "fit": Section("fipt.stages.fit.settings:FitSettings", 11),
     "irradiance": Section("fipt.stages.irradiance.settings:IrradianceSettings", 1),
     "true_constants": Section("fipt.stages.true_constants.settings:TrueConstantsSettings", 1),
-    "inverse_trace": Section("fipt.stages.inverse_trace.settings:InverseTraceSettings", 1),
+    "inverse_trace": Section("fipt.stages.inverse_trace.settings:InverseTraceSettings", 2),
     "import_results": Section("fipt.stages.import_results.settings:ImportResultsSettings", 1),
     "review": Section("fipt.stages.emitters.settings:ReviewSettings", 3),
     "refine": Section("fipt.stages.shade.settings:RefineSettings", 6),

@@ -9,8 +9,12 @@ class InverseTraceSettings(Settings):
     """Radiance of parts, materials of parts, texels or networks, optimised through the path tracer: for comparisons."""
 
     steps: Positive = Field(default=300, description="steps of Adam")
-    pixels: Positive = Field(default=1024, description="pixels in a step")
-    spp: Positive = Field(default=4, description="paths per pixel, as many again for the gradient")
+    pixels: Positive = Field(default=128, description="pixels in a step")
+    spp: Positive = Field(
+        default=32,
+        description="paths per pixel, as many again for the gradient; of few the median, which L1 asks for, is below "
+        "the mean, so that everything comes out too bright",
+    )
     max_depth: Positive = Field(default=5, description="longest path, bounces")
     learning_rate: float = Field(default=0.05, gt=0, description="of materials, before the logistic function")
     emission_rate: float = Field(default=0.25, gt=0, description="of the logarithm of emitted radiance")
