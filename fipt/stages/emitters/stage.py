@@ -148,7 +148,10 @@ def _guessed(
     for text in decided.reject:
         rejected[sorted(numbers(text, len(rejected)))] = True
     outside = read_environment(inputs.environment)
-    before = inputs.previous is not None and bool(read_emitters(inputs.previous).guessed.any())
+    before = np.full(len(mesh.triangles), -1)
+    if inputs.previous is not None:
+        last = read_emitters(inputs.previous)
+        before[last.triangle[last.guessed]] = last.emitter[last.guessed]
     guessed = with_guess(mesh, shards, extracted, read_cache(inputs.cache), outside, rejected, before)
     return guessed.emitters, guessed.warnings, dict(guessed.figures)
 

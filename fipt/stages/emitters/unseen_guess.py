@@ -16,7 +16,7 @@ from fipt.stages.emitters.extract import Extracted
 from fipt.stages.emitters.observations import grouped_median
 from fipt.stages.emitters.unseen import Lights, Transport, seen_light, with_patches
 from fipt.stages.emitters.unseen_fit import Guess, explain, explained
-from fipt.stages.emitters.unseen_surface import Patches, hidden_triangles, patches_of
+from fipt.stages.emitters.unseen_surface import Patches, hidden_triangles, patches_as_before, patches_of
 
 _LEAST_BLOCKS = 30
 """Pieces of seen surface without which no light is told from a reflectance."""
@@ -80,7 +80,7 @@ def with_guess(
     cache: Mapping[str, np.ndarray],
     environment: EnvironmentMap,
     rejected: np.ndarray,
-    before: bool = False,
+    before: np.ndarray | None = None,
 ) -> Guessed:
     """Add the emission of unseen surface that explains the photographs, where seen light does not.
 
@@ -97,9 +97,11 @@ def with_guess(
     rejected
         (T,) bool: triangles that a person said not to emit.
     before
-        Whether light was guessed in the round before.
+        (T,) int64 number of the emitter that was guessed in the round before, -1 elsewhere; None: nothing was. Where
+        no guess is determined, it is offered as it is: it need not be chosen from all that is hidden again.
     """
-    trial = partial(_trial, mesh, shards, cache=cache, environment=environment, rejected=rejected)
+    before = np.full(len(rejected), -1) if before is None else np.where(rejected, -1, before)
+    trial = partial(_trial, mesh, shards, cache=cache, environment=environment, rejected=rejected, before=before)
     found = extracted.emitters
     doubtful = _doubtful(extracted)
     tried = trial(found.chosen(~doubtful), asked=True) if doubtful.any() else None
@@ -107,7 +109,7 @@ def with_guess(
     if lit.any():
         found = found.chosen(~lit)
     else:
-        tried = trial(found, asked=before)
+        tried = trial(found, asked=bool((before >= 0).any()))
     if tried is None:
         return Guessed(found, (), {"guess": {"tried": False}})  # nothing asks for it, or too little is seen
     guess, leaves = tried.guess, float(np.median(tried.transport.open))
@@ -122,7 +124,7 @@ def with_guess(
         "open": leaves,
     }
     if not guess.determined:
-        if not before:
+        if (before < 0).all():
             found = replace(found.chosen(~doubtful), undecided=found.undecided.joined(extracted.doubtful))
         return Guessed(found, _undetermined(guess, leaves), {"guess": figures})
     emitters = _added(mesh, found, tried.patches, guess)
@@ -144,6 +146,7 @@ def _trial(
     cache: Mapping[str, np.ndarray],
     environment: EnvironmentMap,
     rejected: np.ndarray,
+    before: np.ndarray,
     asked: bool = False,
 ) -> _Trial | None:
     """Guess light beside emitters; None where they explain the photographs, or too little is seen.
@@ -159,14 +162,20 @@ def _trial(
     known = seen_light(blocks, lights)
     if not asked and explained(blocks, known):
         return None
-    trial = _offered(blocks, lights, known, patches_of(mesh, lights.hidden & lights.met & ~rejected), asked)
+    hidden = lights.hidden & ~rejected
+    trial = _offered(blocks, lights, known, patches_of(mesh, hidden & lights.met), asked)
     for _ in range(_FINER if trial.guess.determined else 0):
         finer = trial.patches.finer(trial.guess.radiance.max(axis=1) > 0, mesh)
         smaller = _offered(blocks, lights, known, finer, asked)
         if not smaller.guess.determined:
             break
         trial = smaller
-    return trial
+    if trial.guess.determined or not (hidden & (before >= 0)).any():
+        return trial
+    again = _offered(
+        blocks, lights, known, patches_as_before(mesh, hidden & (lights.met | (before >= 0)), before), asked
+    )
+    return again if again.guess.determined else trial
 
 
 def _offered(blocks: Blocks, lights: Lights, known: Transport, patches: Patches, asked: bool) -> _Trial:

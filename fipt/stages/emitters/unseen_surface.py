@@ -1,7 +1,7 @@
 """Unseen surface: which triangles no view shows, gathered to patches that may emit."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -35,6 +35,8 @@ class Patches:
         (P,) int64 number of the connected plane that each belongs to; -1 where that is small.
     side
         Of the cells of the grid, metres.
+    kept
+        (P,) bool: of a guess of the round before. Where there are such patches, no other is a candidate.
     """
 
     number: np.ndarray
@@ -42,6 +44,7 @@ class Patches:
     area: np.ndarray
     piece: np.ndarray
     side: float
+    kept: np.ndarray
 
     def finer(self, chosen: np.ndarray, mesh: Mesh) -> "Patches":
         """The same surface, in cells of half the side within a cell of the ``chosen`` patches (P,) bool."""
@@ -65,8 +68,10 @@ class Patches:
     def candidates(self) -> np.ndarray:
         """(P, Q) float64, 1 where a candidate has a patch: every patch, then every piece of several patches.
 
-        A pane shines as a whole.
+        A pane shines as a whole. Each guess of the round before is one candidate.
         """
+        if self.kept.any():
+            return (self.piece[:, None] == np.unique(self.piece[self.kept])).astype(np.float64)
         pieces, count = np.unique(self.piece[self.piece >= 0], return_counts=True)
         whole = self.piece[:, None] == pieces[count > 1]
         return np.concatenate([np.eye(len(self.area)), whole], axis=1)
@@ -107,7 +112,7 @@ def patches_of(mesh: Mesh, hidden: np.ndarray, side: float | None = None) -> Pat
     """
     number, chosen = np.full(len(mesh.triangles), -1, np.int64), np.flatnonzero(hidden)
     if len(chosen) == 0:
-        return Patches(number, np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.int64), 0.0)
+        return Patches(number, np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.int64), 0.0, np.zeros(0, bool))
     centers, areas = mesh.corners[chosen].mean(axis=1), mesh.areas[chosen]
     low, extent = centers.min(axis=0), float(np.ptp(centers, axis=0).max())
     facing = facings(mesh.normals[chosen]).astype(np.int64) // 2
@@ -133,6 +138,22 @@ def patches_of(mesh: Mesh, hidden: np.ndarray, side: float | None = None) -> Pat
     return _gathered(mesh, number, of_patch, float(side or 0.0))
 
 
+def patches_as_before(mesh: Mesh, hidden: np.ndarray, before: np.ndarray) -> Patches:
+    """Gather hidden triangles (T,) bool as `patches_of` does, those of guesses of the round before apart.
+
+    ``before`` (T,) is the number of such a guess, -1 for other triangles; one must be hidden.
+    """
+    old = hidden & (before >= 0)
+    rest = patches_of(mesh, hidden & ~old)
+    cells = patches_of(mesh, old, rest.side or None)
+    patch, own = np.unique(np.column_stack([cells.number[old], before[old]]), axis=0, return_inverse=True)
+    number, first = rest.number.copy(), rest.piece.max(initial=-1) + 1
+    number[old] = len(rest.area) + own.reshape(-1)
+    piece = np.concatenate([rest.piece, first + patch[:, 1]])
+    found = _gathered(mesh, number, piece, rest.side or cells.side)
+    return replace(found, kept=found.piece >= first)
+
+
 def _gathered(mesh: Mesh, number: np.ndarray, piece: np.ndarray, side: float) -> Patches:
     """Patches by the ``number`` of each triangle; numbers that no triangle has are left out, with their ``piece``."""
     chosen = np.flatnonzero(number >= 0)
@@ -142,4 +163,4 @@ def _gathered(mesh: Mesh, number: np.ndarray, piece: np.ndarray, side: float) ->
     centers, areas = mesh.corners[chosen].mean(axis=1), mesh.areas[chosen]
     area = np.bincount(patch, areas, len(kept))
     center = np.stack([np.bincount(patch, areas * centers[:, c], len(kept)) for c in range(3)], axis=1)
-    return Patches(result, center / area[:, None], area, piece[kept], side)
+    return Patches(result, center / area[:, None], area, piece[kept], side, np.zeros(len(kept), bool))

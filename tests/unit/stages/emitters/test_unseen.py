@@ -14,7 +14,7 @@ from fipt.stages.emitters import unseen_guess
 from fipt.stages.emitters.extract import Extracted
 from fipt.stages.emitters.unseen import Lights, Transport, seen_light
 from fipt.stages.emitters.unseen_fit import Guess, explain, explained
-from fipt.stages.emitters.unseen_surface import Patches, hidden_triangles, patches_of
+from fipt.stages.emitters.unseen_surface import Patches, hidden_triangles, patches_as_before, patches_of
 from tests import scenes
 
 CENTER, SIDE, CELLS = np.array([0.0, 1.03, 0.0]), 8.0, 64
@@ -129,7 +129,7 @@ def problem(rng, emitted, noise=0.05, groups=30, per=20):
     number[:patches] = np.arange(patches)
     return (
         blocks,
-        Patches(number, at, np.full(patches, 0.2), np.full(patches, -1), 0.5),
+        Patches(number, at, np.full(patches, 0.2), np.full(patches, -1), 0.5, np.zeros(patches, bool)),
         Transport(seen, unseen, np.zeros(count)),
     )
 
@@ -204,7 +204,7 @@ def test_colour_of_the_guess(np_rng):
 
 def test_nothing_unseen_is_no_guess(np_rng):
     blocks, _, transport = problem(np_rng, np.full(40, 5.0))
-    none = Patches(np.full(100, -1), np.zeros((0, 3)), np.zeros(0), np.zeros(0, int), 0.0)
+    none = Patches(np.full(100, -1), np.zeros((0, 3)), np.zeros(0), np.zeros(0, int), 0.0, np.zeros(0, bool))
     assert not explain(blocks, none, Transport.without(transport.seen, transport.open)).determined
 
 
@@ -225,7 +225,7 @@ def guessing(monkeypatch, floor_and_ceiling):
         blocks = SimpleNamespace(radiance=np.full((50, 3), radiance), triangle=np.arange(50) % 2)
         number = np.full(len(floor_and_ceiling.triangles), -1)
         number[-2:] = 0
-        patches = Patches(number, np.array([[0.0, 2.0, 0.0]]), np.array([1.0]), np.array([0]), 100.0)
+        patches = Patches(number, np.array([[0.0, 2.0, 0.0]]), np.array([1.0]), np.array([0]), 100.0, np.zeros(1, bool))
         known = Transport(np.ones((50, 3)), np.ones((50, 1)), np.full(50, open_share))
         for name, value in {
             "blocks_of": blocks,
@@ -304,7 +304,7 @@ def test_what_is_enclosed_is_no_part_of_a_pane(guessing, floor_and_ceiling, monk
     offered = []
     none = Guess(np.zeros((2, 3)), before=0.4)
     guessing(none)
-    two = Patches(np.full(4, -1), np.zeros((2, 3)), np.ones(2), np.zeros(2, int), 1.0)
+    two = Patches(np.full(4, -1), np.zeros((2, 3)), np.ones(2), np.zeros(2, int), 1.0, np.zeros(2, bool))
     given = Transport(np.ones((50, 3)), np.tile([1.0, 0.0], (50, 1)), np.zeros(50))
     monkeypatch.setattr(unseen_guess, "patches_of", lambda *_: two)
     monkeypatch.setattr(unseen_guess, "with_patches", lambda *_: given)
@@ -341,6 +341,49 @@ def test_patches_are_smaller_around_those_that_emit():
     np.testing.assert_array_equal(fine.number[20:24], fine.number[20])
     same = coarse.finer(np.zeros(8, bool), mesh)
     np.testing.assert_allclose(same.center, coarse.center)
+
+
+def test_each_guess_of_the_round_before_is_one_candidate():
+    """A row of 16 panels of 1 m, of which the fifth was guessed, and half of the sixth."""
+    mesh = scenes.joined(*(scenes.emitter_quad((x, x + 0.99), 2.0, (0, 0.99)) for x in range(16)))
+    before = np.full(32, -1)
+    before[[8, 9, 10]] = 7, 7, 9
+    patches = patches_as_before(mesh, np.ones(32, bool), before)
+    assert patches.area.sum() == pytest.approx(mesh.areas.sum())
+    np.testing.assert_array_equal(np.flatnonzero(patches.kept[patches.number]), [8, 9, 10])
+    np.testing.assert_allclose(patches.area @ patches.candidates, [0.99**2, 0.99**2 / 2], rtol=1e-5)
+    alone = patches_as_before(mesh, before >= 0, before)
+    assert alone.kept.all()
+
+
+@pytest.mark.parametrize(("emitted", "stays"), [(0.15, True), (0.0, False)])
+def test_a_guess_of_the_round_before_stays_as_long_as_it_explains_something(np_rng, emitted, stays):
+    """It is too weak to be chosen from forty patches."""
+    blocks, patches, transport = problem(np_rng, np.where(np.arange(40) == 3, emitted, 0), noise=0.1)
+    assert not explain(blocks, patches, transport, asked=True).determined
+    own = np.arange(40) == 3
+    guess = explain(blocks, replace(patches, kept=own, piece=np.where(own, 0, -1)), transport, asked=True)
+    assert guess.determined == stays
+    assert (guess.radiance[3].mean() > 0.1) == stays
+    assert not guess.radiance[~own].any()
+
+
+def test_what_was_guessed_before_is_offered_where_no_guess_is_determined(guessing, floor_and_ceiling, monkeypatch):
+    none = Guess(np.zeros((1, 3)), before=0.4)
+    guessing(none)
+
+    def told_of(patches):
+        radiance = np.tile(7.0 * patches.kept[:, None], (1, 3))
+        return Guess(radiance, 0.3, 0.1, 4.0, 0.06, 0.25, True) if patches.kept.any() else none
+
+    monkeypatch.setattr(unseen_guess, "explain", lambda _, patches, *__: told_of(patches))
+    mesh, extracted = floor_and_ceiling, Extracted(Emitters.none(), Undecided.none())
+    before, rejected = np.array([-1, -1, 5, 5]), np.zeros(4, bool)
+    told = unseen_guess.with_guess(mesh, [], extracted, {}, NOTHING, rejected, before)
+    np.testing.assert_array_equal(told.emitters.triangle, [2, 3])
+    assert told.emitters.guessed.all()
+    assert len(unseen_guess.with_guess(mesh, [], extracted, {}, NOTHING, rejected).emitters.triangle) == 0
+    assert len(unseen_guess.with_guess(mesh, [], extracted, {}, NOTHING, before >= 0, before).emitters.triangle) == 0
 
 
 def test_cells_are_halved_as_long_as_a_guess_is_determined(guessing, floor_and_ceiling, monkeypatch):
