@@ -97,8 +97,8 @@ def with_guess(
     rejected
         (T,) bool: triangles that a person said not to emit.
     before
-        (T,) int64 number of the emitter that was guessed in the round before, -1 elsewhere; None: nothing was. Where
-        no guess is determined, it is offered as it is: it need not be chosen from all that is hidden again.
+        (T,) int64 number of the emitter that was guessed in the round before, -1 elsewhere; None: nothing was. It is
+        offered as it is, too, need not be chosen from all that is hidden again, and stays unless another gains more.
     """
     before = np.full(len(rejected), -1) if before is None else np.where(rejected, -1, before)
     trial = partial(_trial, mesh, shards, cache=cache, environment=environment, rejected=rejected, before=before)
@@ -170,12 +170,12 @@ def _trial(
         if not smaller.guess.determined:
             break
         trial = smaller
-    if trial.guess.determined or not (hidden & (before >= 0)).any():
+    if not (hidden & (before >= 0)).any():
         return trial
-    again = _offered(
-        blocks, lights, known, patches_as_before(mesh, hidden & (lights.met | (before >= 0)), before), asked
-    )
-    return again if again.guess.determined else trial
+    old = patches_as_before(mesh, hidden & (lights.met | (before >= 0)), before)
+    again = _offered(blocks, lights, known, old, asked)
+    better = not trial.guess.determined or again.guess.gain >= trial.guess.gain
+    return again if again.guess.determined and better else trial
 
 
 def _offered(blocks: Blocks, lights: Lights, known: Transport, patches: Patches, asked: bool) -> _Trial:

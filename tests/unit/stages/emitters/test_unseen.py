@@ -368,22 +368,28 @@ def test_a_guess_of_the_round_before_stays_as_long_as_it_explains_something(np_r
     assert not guess.radiance[~own].any()
 
 
-def test_what_was_guessed_before_is_offered_where_no_guess_is_determined(guessing, floor_and_ceiling, monkeypatch):
+@pytest.mark.parametrize(("gain", "radiance"), [(None, 7), (3.0, 7), (9.0, 2)])
+def test_what_was_guessed_before_stays_unless_another_guess_gains_more(
+    guessing, floor_and_ceiling, monkeypatch, gain, radiance
+):
+    """It gains 4; the panel is offered as hidden surface too, and gains nothing, less or more."""
     none = Guess(np.zeros((1, 3)), before=0.4)
     guessing(none)
 
     def told_of(patches):
-        radiance = np.tile(7.0 * patches.kept[:, None], (1, 3))
-        return Guess(radiance, 0.3, 0.1, 4.0, 0.06, 0.25, True) if patches.kept.any() else none
+        if patches.kept.any():
+            return Guess(np.tile(7.0 * patches.kept[:, None], (1, 3)), 0.3, 0.1, 4.0, 0.06, 0.25, True)
+        return none if gain is None else Guess(np.full((len(patches.area), 3), 2.0), 0.3, 0.1, gain, 0.06, 0.25, True)
 
     monkeypatch.setattr(unseen_guess, "explain", lambda _, patches, *__: told_of(patches))
     mesh, extracted = floor_and_ceiling, Extracted(Emitters.none(), Undecided.none())
     before, rejected = np.array([-1, -1, 5, 5]), np.zeros(4, bool)
     told = unseen_guess.with_guess(mesh, [], extracted, {}, NOTHING, rejected, before)
     np.testing.assert_array_equal(told.emitters.triangle, [2, 3])
+    np.testing.assert_array_equal(told.emitters.radiance, radiance)
     assert told.emitters.guessed.all()
-    assert len(unseen_guess.with_guess(mesh, [], extracted, {}, NOTHING, rejected).emitters.triangle) == 0
-    assert len(unseen_guess.with_guess(mesh, [], extracted, {}, NOTHING, before >= 0, before).emitters.triangle) == 0
+    nothing = unseen_guess.with_guess(mesh, [], extracted, {}, NOTHING, before >= 0, before).emitters
+    assert (nothing.radiance != 7).all()  # a person rejected it
 
 
 def test_cells_are_halved_as_long_as_a_guess_is_determined(guessing, floor_and_ceiling, monkeypatch):
