@@ -10,7 +10,8 @@ that differ the least become one, again and again, as long as any two agree. Two
   each alone by no more than chance does at the 95 % level, as the differences of pieces tell.
 
 A region is metal where its own pixels clearly prove it. Legs and frames fill too few pixels for that: a metal explains
-them only a little better than a dielectric. They count as metal where another region proves one of their colour.
+them only a little better than a dielectric. They count as metal where another region proves one of their colour; where
+metal alone has that colour in the room, even if a dielectric explains them as well.
 """
 
 from collections.abc import Sequence
@@ -28,6 +29,8 @@ _CHI_SQUARE = 7.815
 """95 % quantile of chi square with three degrees of freedom."""
 _STANDARD_ERRORS = 1.96
 """Standard errors by which one trial must be worse than another: 95 % of chance, as for colours."""
+_CHANCE = 0.05
+"""Share of what is metal that looks clearly worse as one, by that chance."""
 
 
 def regrouped(
@@ -59,8 +62,8 @@ def regrouped(
         needed = 2 * (4 * len(known) ** 2 + 8 * len(known) * len(TRIALS) ** 2)
         check_memory(needed, "the join of segments", "raise fuse.smallest, or set regroup.ids: none")
         center, side = scene_box([shard.samples for shard in shards])
-        evidence = with_likely_metals(measure(pixels, place.reshape(-1), len(known), center, side))
-        label = joined(replace(evidence, products=evidence.products * alike))
+        evidence = measure(pixels, place.reshape(-1), len(known), center, side)
+        label = joined(with_likely_metals(replace(evidence, products=evidence.products * alike)))
         materials = int(label.max()) + 1
         part_of[known] = label + 1
     others = present[(part_of[present] == 0) & (present > 0)]
@@ -69,15 +72,35 @@ def regrouped(
 
 
 def with_likely_metals(evidence: MaterialEvidence) -> MaterialEvidence:
-    """The evidence with regions counted as metal that a metal of the room explains better than any dielectric."""
+    """The evidence with more regions counted as metal: those that have the colour of a metal that the room proves.
+
+    That metal explains them better than any dielectric. Where it alone has this colour in the room, it may explain them
+    worse, by no more than one standard error.
+    """
     metal, left = evidence.metal.copy(), evidence.left
     dielectric = left[:, :HALF].min(axis=1)
     for k in np.flatnonzero(evidence.metal):
-        trial = HALF + int(left[k, HALF:].argmin())
-        off = evidence.color[:, trial] - evidence.color[k, trial]
+        trial = np.full(len(left), HALF + int(left[k, HALF:].argmin()))
+        off = evidence.color[:, trial[0]] - evidence.color[k, trial[0]]
         same = (off**2 / (evidence.variance + evidence.variance[k])).sum(axis=1) < _CHI_SQUARE
-        metal |= same & (left[:, trial] < dielectric)
+        metal |= same & (left[:, trial[0]] < dielectric)
+        refused = _worse(left, evidence.products, trial, slice(None, HALF))
+        if _metal_alone(evidence, same, refused):
+            metal |= same & ~_worse(left, evidence.products, trial, slice(None, HALF), errors=1.0)
     return replace(evidence, metal=metal)
+
+
+def _metal_alone(evidence: MaterialEvidence, same: np.ndarray, refused: np.ndarray) -> bool:
+    """Whether metal alone has a colour, by the regions of it, (R,) bool, and by those that are clearly no such metal.
+
+    Two regions prove it: one of hundreds may by chance. Of the pixels that tell, no more than chance are clearly
+    dielectric. Those that prove it outnumber those that do not tell: else what is asked for rests on little.
+    """
+    pixels, proves = evidence.pixels, same & evidence.metal
+    others = same & ~evidence.metal
+    proved, dielectric = pixels[proves].sum(), pixels[others & refused].sum()
+    few_dielectric = dielectric <= _CHANCE * (proved + dielectric)
+    return bool((proves & ~refused).sum() > 1 and few_dielectric and proved > pixels[others & ~refused].sum())
 
 
 def joined(evidence: MaterialEvidence) -> np.ndarray:
@@ -146,10 +169,12 @@ class _Materials:
             total[own] += total[other]
 
 
-def _worse(left: np.ndarray, products: np.ndarray, trial: np.ndarray, trials: slice) -> np.ndarray:
+def _worse(
+    left: np.ndarray, products: np.ndarray, trial: np.ndarray, trials: slice, errors: float = _STANDARD_ERRORS
+) -> np.ndarray:
     """(K,) bool: a trial (K,) is clearly worse than the best of ``trials``, by evidence (K, T) and (K, T, T)."""
     rows = np.arange(len(left))
     own = left[:, trials].argmin(axis=1) + trials.indices(2 * HALF)[0]
     more = left[rows, trial] - left[rows, own]
     square = products[rows, own, own] + products[rows, trial, trial] - 2 * products[rows, own, trial]
-    return more > _STANDARD_ERRORS * np.sqrt(np.maximum(square, 0))
+    return more > errors * np.sqrt(np.maximum(square, 0))

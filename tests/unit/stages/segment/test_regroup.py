@@ -111,6 +111,49 @@ def test_a_region_that_proves_nothing_is_the_metal_that_another_proves(np_rng):
     assert not with_likely_metals(none).metal.any()
 
 
+def steels(np_rng, *others):
+    """Evidence of two regions of steel that prove it, one that does not, and of ``others``.
+
+    The third is not told apart: a dielectric explains it a little better, by less than one standard error.
+    """
+    steel = (0.55, 0.55, 0.55)
+    materials = [(steel, 0.2, 1.0)] * 3 + list(others)
+    found = pixels(np_rng, materials)
+    evidence = measure(found, found.region, len(materials), np.array([2.0, 0.5, 0.0]), 4.0)
+    proved = np.arange(len(materials)) < 2
+    left, products = evidence.left.copy(), evidence.products.copy()
+    metal = HALF + left[0, HALF:].argmin()
+    left[2, 0] = left[2, metal] - 0.5
+    products[2] = np.eye(len(TRIALS)) / 2
+    return replace(evidence, metal=proved, left=left, products=products)
+
+
+def test_a_region_that_is_not_told_apart_is_the_metal_whose_colour_only_metal_has(np_rng):
+    assert with_likely_metals(steels(np_rng)).metal.tolist() == [True, True, True]
+
+
+def test_a_region_that_is_not_told_apart_stays_where_the_colour_alone_proves_little(np_rng):
+    evidence = steels(np_rng)
+    one = replace(evidence, metal=np.array([True, False, False]))
+    assert not with_likely_metals(one).metal[2], "one region may look like metal by chance"
+    many = replace(evidence, pixels=np.array([400.0, 400, 900]))
+    assert not with_likely_metals(many).metal[2], "what proves it is less than what asks for it"
+    clearly = evidence.left.copy()
+    clearly[2, 0] -= 0.7
+    assert not with_likely_metals(replace(evidence, left=clearly)).metal[2], "worse by more than one standard error"
+
+
+def test_a_colour_that_paint_has_too_does_not_make_a_metal(np_rng):
+    """The fourth region looks like steel, and clearly is not."""
+    evidence = steels(np_rng, ((0.55, 0.55, 0.55), 0.2, 1.0))
+    left = evidence.left.copy()
+    left[3, 0] = left[3].min() - 1e6
+    evidence = replace(evidence, left=left)
+    assert with_likely_metals(evidence).metal.tolist() == [True, True, False, False]
+    rare = replace(evidence, pixels=np.array([4000.0, 4000, 400, 400]))
+    assert with_likely_metals(rare).metal.tolist() == [True, True, True, False], "one in twenty is chance"
+
+
 def test_the_verb_joins_segments_whole_and_loses_none(scene: Path, tmp_path: Path):
     data, cut = Dataset(scene / "dataset"), tmp_path / "cut"
     for view in data.views("train"):
