@@ -108,7 +108,7 @@ def extract(
     than any material does (`fipt.stages.emitters.hypotheses`). With ``decide: mask`` a triangle emits where the mask,
     averaged over points of it, exceeds the threshold and, with ``evidence``, where pixels that it fills are brighter
     than any reflectance would be under the shading there. Triangles that no pixel sees are dropped, unless
-    ``complete`` and their part glows wherever it is seen.
+    ``complete`` and their part glows wherever it is seen; so are those that are seen dark from behind.
 
     Parameters
     ----------
@@ -146,10 +146,7 @@ def extract(
     label[decided.rejected] = -1
     tells = (label >= 0) & (tells | (decided.emitter >= 0))
     measured = _measured(mesh, of_triangles(views, tells), label, decided, settings, surface)
-    hidden = np.zeros(len(label), bool)
-    if settings.complete:
-        emits = np.isin(np.arange(len(label)), measured.triangle)
-        hidden = _far_sides(mesh, emits, observed > 0) | _seen_from_behind(mesh, emits, seen_sides(mesh, shards))
+    hidden = _hidden(mesh, shards, measured, observed > 0, settings)
     found = _completed(mesh, measured, hidden & ~decided.rejected, decided)
     if settings.sides == "seen":
         found = replace(found, sides=emitting_sides(mesh, found, shards))
@@ -318,6 +315,24 @@ def _textured(
     return result
 
 
+def _hidden(
+    mesh: Mesh,
+    shards: Sequence[ObservedShard],
+    found: Emitters,
+    observed: np.ndarray,
+    settings: EmittersSettings,
+) -> np.ndarray:
+    """(T,) bool: triangles that emit beside the ``found`` ones, though no pixel shows them do so."""
+    level = np.zeros(len(observed))
+    if not settings.complete:
+        return level > 0
+    level[found.triangle] = found.radiance.mean(axis=1)
+    hidden = _far_sides(mesh, level > 0, observed)
+    if settings.sides == "seen":
+        hidden |= _seen_from_behind(mesh, level > 0, *seen_sides(mesh, shards, level))
+    return hidden
+
+
 def _far_sides(mesh: Mesh, emits: np.ndarray, visible: np.ndarray) -> np.ndarray:
     """(T,) bool: unseen triangles of a connected part that glows wherever it is seen, as a globe's far side."""
     part, areas = connected_parts(mesh), mesh.areas
@@ -326,7 +341,7 @@ def _far_sides(mesh: Mesh, emits: np.ndarray, visible: np.ndarray) -> np.ndarray
     return whole[part] & ~visible & ~emits
 
 
-def _seen_from_behind(mesh: Mesh, emits: np.ndarray, seen: np.ndarray) -> np.ndarray:
+def _seen_from_behind(mesh: Mesh, emits: np.ndarray, seen: np.ndarray, bright: np.ndarray) -> np.ndarray:
     """(T,) bool: triangles of a glowing face of which views see the other side alone, and see it dark.
 
     Through the opening of a lampshade a view sees the inside of what lights the wall behind. The face
@@ -336,16 +351,16 @@ def _seen_from_behind(mesh: Mesh, emits: np.ndarray, seen: np.ndarray) -> np.nda
     ----------
     emits
         (T,) bool which triangles emit.
-    seen
-        (T, 2) bool whether a pixel shows their front and their back alone.
+    seen, bright
+        (T, 2) bool whether pixels show their front and their back alone, and whether that is as bright as the emitter.
     """
     part, behind = connected_parts(mesh), np.zeros(len(emits), bool)
     own = np.flatnonzero(np.isin(part, part[emits]))
     if len(own) == 0:
         return behind
     face = faces(mesh, own, part[own])
-    area = seen[own] * mesh.areas[own, None]
-    glowing, visible = (np.bincount(face.ravel(), each.ravel()) for each in (area * emits[own, None], area))
+    area, lit = seen[own] * mesh.areas[own, None], bright[own] & emits[own, None]
+    glowing, visible = (np.bincount(face.ravel(), each.ravel()) for each in (area * lit, area))
     other = np.zeros(len(visible))
     other[face] = visible[face[:, ::-1]]
     whole = (visible > 0) & (glowing >= _WHOLE * visible) & (visible >= LEAST_SEEN * (visible + other))

@@ -20,7 +20,9 @@ class EmittersSettings(Settings):
     every_round: bool = Field(default=True, description="extract after every fit, not only the first")
     evidence: bool = Field(default=True, description="`mask`: require more radiance than any reflectance could give")
     complete: bool = Field(
-        default=True, description="unseen triangles of a part that glows wherever it is seen emit too"
+        default=True,
+        description="unseen triangles of a part that glows wherever it is seen emit too, and those that are seen dark "
+        "from behind",
     )
     patches: bool = Field(default=True, description="one radiance for each connected emitter instead of each triangle")
     sides: Literal["seen", "both"] = Field(

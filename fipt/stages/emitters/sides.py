@@ -68,16 +68,24 @@ def faces(mesh: Mesh, triangles: np.ndarray, emitter: np.ndarray) -> np.ndarray:
     return connected_components(graph, directed=False)[1].reshape(-1, 2).astype(np.int64)
 
 
-def seen_sides(mesh: Mesh, shards: Sequence[ObservedShard]) -> np.ndarray:
-    """(T, 2) bool: whether a pixel shows the front and the back of each triangle alone."""
-    seen = np.zeros((len(mesh.triangles), 2), bool)
+def seen_sides(mesh: Mesh, shards: Sequence[ObservedShard], level: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(T, 2) bool whether pixels show the front and the back of each triangle alone, and whether it is bright there.
+
+    ``level`` (T,) is the radiance of the emitter that a triangle belongs to; bright is half of it. A clipped pixel may
+    be as bright.
+    """
+    count, total = np.zeros((2, len(mesh.triangles), 2))
     for shard, index in [(each, index) for each in shards for index in range(len(each.samples.views))]:
         samples, own = shard.samples, shard.samples.of_view(index)
         pixel = samples.pixel_of_sample(index) + samples.pixels(index).start
         use = np.flatnonzero((samples.weight[own] >= ALONE) & (shard.weight[pixel] > 0))
-        triangle = np.asarray(samples.triangle[own])[use]
-        seen[triangle, np.where(mesh.front(triangle, samples.normal[own][use]), 0, 1)] = True
-    return seen
+        triangle, pixel = np.asarray(samples.triangle[own])[use], pixel[use]
+        light = shard.radiance[pixel].mean(axis=1)
+        light = np.where(shard.clipped[pixel], np.maximum(light, level[triangle]), light)
+        place = triangle, np.where(mesh.front(triangle, samples.normal[own][use]), 0, 1)
+        np.add.at(count, place, 1)
+        np.add.at(total, place, light)
+    return count > 0, (count > 0) & (total >= _EMITS * level[:, None] * count)
 
 
 def _seen(

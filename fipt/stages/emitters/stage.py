@@ -150,7 +150,7 @@ def _guessed(
     outside = read_environment(inputs.environment)
     before = np.full(len(mesh.triangles), -1)
     if inputs.previous is not None:
-        last = read_emitters(inputs.previous)
+        last = read_emitters(inputs.previous, mesh)
         before[last.triangle[last.guessed]] = last.emitter[last.guessed]
     guessed = with_guess(mesh, shards, extracted, read_cache(inputs.cache), outside, rejected, before)
     return guessed.emitters, guessed.warnings, dict(guessed.figures)

@@ -142,11 +142,11 @@ def explain(blocks: Blocks, patches: Patches, transport: Transport, asked: bool 
     light = transport.seen.mean(axis=1)
     lit = light > 1e-3 * np.median(light) if len(light) else np.zeros(0, bool)
     use = np.flatnonzero((blocks.spread < GLOSSY) & (lit | (transport.unseen.sum(axis=1) > 0)))
-    if len(use) < 2 * len(np.unique(blocks.group[use])) or len(patches.area) == 0:
+    members = patches.candidates
+    if len(use) < 2 * len(np.unique(blocks.group[use])) or members.shape[1] == 0:
         return nothing
     _, group = np.unique(blocks.group[use], return_inverse=True)
     floor = 1e-3 * max(float(np.median(light[use])), 1e-9)
-    members = patches.candidates
     given = transport.unseen[use] @ members
     problem = _Problem(np.log(blocks.radiance[use].mean(axis=1)), np.maximum(light[use], floor), given, group)
     before, after, problem = _chosen(problem, blocks.position[use, 0])

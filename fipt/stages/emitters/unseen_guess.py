@@ -163,7 +163,8 @@ def _trial(
     if not asked and explained(blocks, known):
         return None
     hidden = lights.hidden & ~rejected
-    trial = _offered(blocks, lights, known, patches_of(mesh, hidden & lights.met), asked)
+    met = hidden & lights.met  # of the rays from what is seen
+    trial = _offered(blocks, lights, known, patches_of(mesh, met), asked)
     for _ in range(_FINER if trial.guess.determined else 0):
         finer = trial.patches.finer(trial.guess.radiance.max(axis=1) > 0, mesh)
         smaller = _offered(blocks, lights, known, finer, asked)
@@ -172,7 +173,7 @@ def _trial(
         trial = smaller
     if not (hidden & (before >= 0)).any():
         return trial
-    old = patches_as_before(mesh, hidden & (lights.met | (before >= 0)), before)
+    old = patches_as_before(mesh, met | hidden & (before >= 0), before)
     again = _offered(blocks, lights, known, old, asked)
     better = not trial.guess.determined or again.guess.gain >= trial.guess.gain
     return again if again.guess.determined and better else trial

@@ -71,7 +71,8 @@ class Patches:
         A pane shines as a whole. Each guess of the round before is one candidate.
         """
         if self.kept.any():
-            return (self.piece[:, None] == np.unique(self.piece[self.kept])).astype(np.float64)
+            offered = self.kept & (self.piece >= 0)  # what is enclosed is of no piece
+            return (self.piece[:, None] == np.unique(self.piece[offered])).astype(np.float64)
         pieces, count = np.unique(self.piece[self.piece >= 0], return_counts=True)
         whole = self.piece[:, None] == pieces[count > 1]
         return np.concatenate([np.eye(len(self.area)), whole], axis=1)
@@ -141,7 +142,7 @@ def patches_of(mesh: Mesh, hidden: np.ndarray, side: float | None = None) -> Pat
 def patches_as_before(mesh: Mesh, hidden: np.ndarray, before: np.ndarray) -> Patches:
     """Gather hidden triangles (T,) bool as `patches_of` does, those of guesses of the round before apart.
 
-    ``before`` (T,) is the number of such a guess, -1 for other triangles; one must be hidden.
+    ``before`` (T,) is the number of such a guess, -1 for other triangles; at least one triangle of a guess is hidden.
     """
     old = hidden & (before >= 0)
     rest = patches_of(mesh, hidden & ~old)

@@ -30,7 +30,7 @@ _CHI_SQUARE = 7.815
 _STANDARD_ERRORS = 1.96
 """Standard errors by which one trial must be worse than another: 95 % of chance, as for colours."""
 _CHANCE = 0.05
-"""Share of what is metal that looks clearly worse as one, by that chance."""
+"""Share of what is metal that may look clearly worse as one: twice that chance, of which this is one side."""
 
 
 def regrouped(
@@ -93,7 +93,7 @@ def with_likely_metals(evidence: MaterialEvidence) -> MaterialEvidence:
 def _metal_alone(evidence: MaterialEvidence, same: np.ndarray, refused: np.ndarray) -> bool:
     """Whether metal alone has a colour, by the regions of it, (R,) bool, and by those that are clearly no such metal.
 
-    Two regions prove it: one of hundreds may by chance. Of the pixels that tell, no more than chance are clearly
+    Two regions prove it: one of hundreds may by chance. Of the pixels that tell, hardly more than chance are clearly
     dielectric. Those that prove it outnumber those that do not tell: else what is asked for rests on little.
     """
     pixels, proves = evidence.pixels, same & evidence.metal

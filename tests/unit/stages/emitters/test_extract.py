@@ -98,6 +98,20 @@ def test_the_far_side_of_an_emitter_emits_like_its_near_side(room, np_rng):
     np.testing.assert_array_equal(found(room, data, complete=False).triangle, [2, 3, 4, 6, 7, 8, 9])
 
 
+def looking(mesh, looks):
+    """Views of triangles: which, from the front (1) or the back (-1), and the light that they show."""
+    triangle = np.tile(np.concatenate([own for own, _, _ in looks]), 6)
+    turned = np.tile(np.concatenate([np.full(len(own), side) for own, side, _ in looks]), 6)
+    image = np.tile(np.concatenate([np.tile(np.float32(light), (len(own), 1)) for own, _, light in looks]), (6, 1))
+    arrays = {
+        "normal": mesh.normals[triangle] * turned[:, None],
+        "footprint": np.full(len(triangle), np.float32(0.02)),
+    }
+    samples = scenes.samples_of(mesh.corners[triangle].mean(axis=1), triangle, **arrays)
+    shading = np.full((len(triangle), SHADING_OUTPUTS, 3), 1.0, np.float16)
+    return samples, shading, image, np.ones(len(triangle), np.float32)
+
+
 @pytest.mark.parametrize("wall_side", [None, "dark"])
 def test_a_shade_lights_the_wall_behind_it_though_views_see_its_dark_inside_there(wall_side):
     """Through its opening. Where the outside is seen there, and is dark, it is dark."""
@@ -105,19 +119,21 @@ def test_a_shade_lights_the_wall_behind_it_though_views_see_its_dark_inside_ther
     shade = Mesh(np.float32(whole.vertices), np.int32(whole.faces[np.abs(whole.face_normals[:, 2]) < 0.5]))
     near, far = np.flatnonzero(shade.normals[:, 0] > -0.2), np.flatnonzero(shade.normals[:, 0] < -0.8)
     looks = [(near, 1, RED), (far, -1, 0.2 * BLUE)] + ([(far, 1, 0.2 * BLUE)] if wall_side else [])
-    triangle = np.tile(np.concatenate([own for own, _, _ in looks]), 6)
-    turned = np.tile(np.concatenate([np.full(len(own), side) for own, side, _ in looks]), 6)
-    image = np.tile(np.concatenate([np.tile(np.float32(light), (len(own), 1)) for own, _, light in looks]), (6, 1))
-    arrays = {
-        "normal": shade.normals[triangle] * turned[:, None],
-        "footprint": np.full(len(triangle), np.float32(0.02)),
-    }
-    samples = scenes.samples_of(shade.corners[triangle].mean(axis=1), triangle, **arrays)
-    shading = np.full((len(triangle), SHADING_OUTPUTS, 3), 1.0, np.float16)
-    data = samples, shading, image, np.ones(len(triangle), np.float32)
+    data = looking(shade, looks)
     emitters = found(shade, data, lambda points: np.full(len(points), 0.4, np.float32))
     expected = np.arange(len(shade.triangles))
     np.testing.assert_array_equal(emitters.triangle, np.setdiff1d(expected, far) if wall_side else expected)
+    np.testing.assert_array_equal(emitters.sides, FRONT)
+
+
+def test_the_dark_rim_of_a_panel_is_no_emitter_though_its_dark_back_is_seen():
+    """Views see the back of some glowing triangles, and it is dark: that is no face that glows."""
+    panel = scenes.joined(*(scenes.emitter_quad((x, x + 1), 2.0, (z, z + 1)) for x in range(5) for z in range(4)))
+    x = panel.corners[:, :, 0].mean(axis=1)
+    glows, behind = np.flatnonzero(x < 3), np.flatnonzero(x < 1)
+    looks = [(glows, 1, RED), (np.flatnonzero(x > 3), 1, 0.02 * RED), (behind, -1, 0.02 * RED)]
+    emitters = found(panel, looking(panel, looks), lambda points: np.full(len(points), 0.4, np.float32))
+    np.testing.assert_array_equal(emitters.triangle, glows)
     np.testing.assert_array_equal(emitters.sides, FRONT)
 
 

@@ -357,7 +357,7 @@ def test_each_guess_of_the_round_before_is_one_candidate():
 
 
 @pytest.mark.parametrize(("emitted", "stays"), [(0.15, True), (0.0, False)])
-def test_a_guess_of_the_round_before_stays_as_long_as_it_explains_something(np_rng, emitted, stays):
+def test_a_guess_of_the_round_before_need_not_be_chosen_again(np_rng, emitted, stays):
     """It is too weak to be chosen from forty patches."""
     blocks, patches, transport = problem(np_rng, np.where(np.arange(40) == 3, emitted, 0), noise=0.1)
     assert not explain(blocks, patches, transport, asked=True).determined
@@ -366,6 +366,14 @@ def test_a_guess_of_the_round_before_stays_as_long_as_it_explains_something(np_r
     assert guess.determined == stays
     assert (guess.radiance[3].mean() > 0.1) == stays
     assert not guess.radiance[~own].any()
+
+
+def test_an_enclosed_guess_of_the_round_before_makes_no_other_surface_a_candidate(np_rng):
+    """Patch 7 shines; patch 3 was guessed before, and lies in a gap."""
+    blocks, patches, transport = problem(np_rng, np.where(np.arange(40) == 7, 9.0, 0))
+    guess = explain(blocks, replace(patches, kept=np.arange(40) == 3), transport, asked=True)
+    assert not guess.radiance.any()
+    assert guess.gain == 0
 
 
 @pytest.mark.parametrize(("gain", "radiance"), [(None, 7), (3.0, 7), (9.0, 2)])
