@@ -323,14 +323,11 @@ def _hidden(
     settings: EmittersSettings,
 ) -> np.ndarray:
     """(T,) bool: triangles that emit beside the ``found`` ones, though no pixel shows them do so."""
-    level = np.zeros(len(observed))
     if not settings.complete:
-        return level > 0
-    level[found.triangle] = found.radiance.mean(axis=1)
-    hidden = _far_sides(mesh, level > 0, observed)
-    if settings.sides == "seen":
-        hidden |= _seen_from_behind(mesh, level > 0, *seen_sides(mesh, shards, level))
-    return hidden
+        return np.zeros(len(observed), bool)
+    emits = np.isin(np.arange(len(observed)), found.triangle)
+    hidden = _far_sides(mesh, emits, observed)
+    return hidden | _seen_from_behind(mesh, shards, found) if settings.sides == "seen" else hidden
 
 
 def _far_sides(mesh: Mesh, emits: np.ndarray, visible: np.ndarray) -> np.ndarray:
@@ -341,23 +338,20 @@ def _far_sides(mesh: Mesh, emits: np.ndarray, visible: np.ndarray) -> np.ndarray
     return whole[part] & ~visible & ~emits
 
 
-def _seen_from_behind(mesh: Mesh, emits: np.ndarray, seen: np.ndarray, bright: np.ndarray) -> np.ndarray:
+def _seen_from_behind(mesh: Mesh, shards: Sequence[ObservedShard], found: Emitters) -> np.ndarray:
     """(T,) bool: triangles of a glowing face of which views see the other side alone, and see it dark.
 
     Through the opening of a lampshade a view sees the inside of what lights the wall behind. The face
     (`fipt.stages.emitters.sides`) glows wherever it is seen, and a few triangles of noise are no face.
-
-    Parameters
-    ----------
-    emits
-        (T,) bool which triangles emit.
-    seen, bright
-        (T, 2) bool whether pixels show their front and their back alone, and whether that is as bright as the emitter.
     """
-    part, behind = connected_parts(mesh), np.zeros(len(emits), bool)
-    own = np.flatnonzero(np.isin(part, part[emits]))
+    part, level, behind = connected_parts(mesh), np.zeros(len(mesh.triangles)), np.zeros(len(mesh.triangles), bool)
+    emits = np.isin(np.arange(len(part)), found.triangle)
+    chosen = np.isin(part, part[emits])
+    own = np.flatnonzero(chosen)
     if len(own) == 0:
         return behind
+    level[found.triangle] = found.radiance.mean(axis=1)
+    seen, bright = seen_sides(mesh, shards, chosen, level)
     face = faces(mesh, own, part[own])
     area, lit = seen[own] * mesh.areas[own, None], bright[own] & emits[own, None]
     glowing, visible = (np.bincount(face.ravel(), each.ravel()) for each in (area * lit, area))

@@ -5,7 +5,7 @@ globe its outside and its inside. The winding of a triangle says which of its si
 an emitter: then a face passes from the front of a triangle to the back of its neighbour.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -68,24 +68,40 @@ def faces(mesh: Mesh, triangles: np.ndarray, emitter: np.ndarray) -> np.ndarray:
     return connected_components(graph, directed=False)[1].reshape(-1, 2).astype(np.int64)
 
 
-def seen_sides(mesh: Mesh, shards: Sequence[ObservedShard], level: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(T, 2) bool whether pixels show the front and the back of each triangle alone, and whether it is bright there.
+def seen_sides(
+    mesh: Mesh, shards: Sequence[ObservedShard], chosen: np.ndarray, level: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """(T, 2) bool whether pixels show front and back of ``chosen`` triangles (T,) alone, and whether that is bright.
 
     ``level`` (T,) is the radiance of the emitter that a triangle belongs to; bright is half of it. A clipped pixel may
     be as bright.
     """
     count, total = np.zeros((2, len(mesh.triangles), 2))
+    for place, weight, _, light, clipped in _pixels(mesh, shards, chosen):
+        alone = weight >= ALONE
+        own = place[0][alone], place[1][alone]
+        np.add.at(count, own, 1)
+        np.add.at(total, own, np.where(clipped, np.maximum(light, level[place[0]]), light)[alone])
+    return count > 0, (count > 0) & (total >= _EMITS * level[:, None] * count)
+
+
+def _pixels(
+    mesh: Mesh, shards: Sequence[ObservedShard], chosen: np.ndarray
+) -> Iterator[tuple[tuple[np.ndarray, np.ndarray], np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
+    """Yield what the pixels of every view show of ``chosen`` triangles (T,) bool.
+
+    That is triangle and side (0 front, 1 back) of each, its share of the pixel, the pixel's width (metres), its light
+    (mean radiance of the channels), and whether that is only a lower bound: (N,) each.
+    """
     for shard, index in [(each, index) for each in shards for index in range(len(each.samples.views))]:
         samples, own = shard.samples, shard.samples.of_view(index)
         pixel = samples.pixel_of_sample(index) + samples.pixels(index).start
-        use = np.flatnonzero((samples.weight[own] >= ALONE) & (shard.weight[pixel] > 0))
-        triangle, pixel = np.asarray(samples.triangle[own])[use], pixel[use]
-        light = shard.radiance[pixel].mean(axis=1)
-        light = np.where(shard.clipped[pixel], np.maximum(light, level[triangle]), light)
+        use = np.flatnonzero(chosen[samples.triangle[own]] & (shard.weight[pixel] > 0))
+        triangle, shown = np.asarray(samples.triangle[own])[use], pixel[use]
         place = triangle, np.where(mesh.front(triangle, samples.normal[own][use]), 0, 1)
-        np.add.at(count, place, 1)
-        np.add.at(total, place, light)
-    return count > 0, (count > 0) & (total >= _EMITS * level[:, None] * count)
+        width = samples.footprint[own][use].astype(np.float64)
+        light = shard.radiance[shown].mean(axis=1)
+        yield place, samples.weight[own][use], width, light, shard.clipped[shown]
 
 
 def _seen(
@@ -99,16 +115,11 @@ def _seen(
     row = np.full(len(mesh.triangles), -1)
     row[found.triangle] = np.arange(len(found.triangle))
     area, shares = np.zeros(face.shape), [(np.empty(0, np.int64), np.empty(0, np.float32), np.empty(0))]
-    for shard, index in [(each, index) for each in shards for index in range(len(each.samples.views))]:
-        samples, own = shard.samples, shard.samples.of_view(index)
-        pixel = samples.pixel_of_sample(index) + samples.pixels(index).start
-        use = np.flatnonzero((row[samples.triangle[own]] >= 0) & (shard.weight[pixel] > 0))
-        triangle, weight = samples.triangle[own][use], samples.weight[own][use]
-        place = row[triangle], np.where(mesh.front(triangle, samples.normal[own][use]), 0, 1)
-        np.add.at(area, place, weight * samples.footprint[own][use].astype(np.float64) ** 2)
-        light = shard.radiance[pixel[use]].mean(axis=1) / np.maximum(found.radiance[place[0]].mean(axis=1), 1e-12)
-        light = np.where(shard.clipped[pixel[use]], np.maximum(light, 1), light)
-        shares.append((face[place], weight, light))
+    for (triangle, side), weight, width, light, clipped in _pixels(mesh, shards, row >= 0):
+        place = row[triangle], side
+        np.add.at(area, place, weight * width**2)
+        light = light / np.maximum(found.radiance[place[0]].mean(axis=1), 1e-12)
+        shares.append((face[place], weight, np.where(clipped, np.maximum(light, 1), light)))
     area = np.minimum(area, mesh.areas[found.triangle, None])
     of, weight, light = map(np.concatenate, zip(*shares, strict=True))
     return np.bincount(face.ravel(), area.ravel(), len(other)), _ratio(of, weight, light, other)

@@ -29,6 +29,8 @@ _CHI_SQUARE = 7.815
 """95 % quantile of chi square with three degrees of freedom."""
 _STANDARD_ERRORS = 1.96
 """Standard errors by which one trial must be worse than another: 95 % of chance, as for colours."""
+_LIKELY_ERRORS = 1.0
+"""The same for a region whose colour metal alone has in the room: more than these, and it stays what it is."""
 _CHANCE = 0.05
 """Share of what is metal that may look clearly worse as one: twice that chance, of which this is one side."""
 
@@ -80,13 +82,13 @@ def with_likely_metals(evidence: MaterialEvidence) -> MaterialEvidence:
     metal, left = evidence.metal.copy(), evidence.left
     dielectric = left[:, :HALF].min(axis=1)
     for k in np.flatnonzero(evidence.metal):
-        trial = np.full(len(left), HALF + int(left[k, HALF:].argmin()))
-        off = evidence.color[:, trial[0]] - evidence.color[k, trial[0]]
+        trial = HALF + int(left[k, HALF:].argmin())
+        off = evidence.color[:, trial] - evidence.color[k, trial]
         same = (off**2 / (evidence.variance + evidence.variance[k])).sum(axis=1) < _CHI_SQUARE
-        metal |= same & (left[:, trial[0]] < dielectric)
-        refused = _worse(left, evidence.products, trial, slice(None, HALF))
-        if _metal_alone(evidence, same, refused):
-            metal |= same & ~_worse(left, evidence.products, trial, slice(None, HALF), errors=1.0)
+        metal |= same & (left[:, trial] < dielectric)
+        as_metal = left, evidence.products, np.full(len(left), trial), slice(None, HALF)
+        if _metal_alone(evidence, same, _worse(*as_metal)):
+            metal |= same & ~_worse(*as_metal, errors=_LIKELY_ERRORS)
     return replace(evidence, metal=metal)
 
 
@@ -172,7 +174,10 @@ class _Materials:
 def _worse(
     left: np.ndarray, products: np.ndarray, trial: np.ndarray, trials: slice, errors: float = _STANDARD_ERRORS
 ) -> np.ndarray:
-    """(K,) bool: a trial (K,) is clearly worse than the best of ``trials``, by evidence (K, T) and (K, T, T)."""
+    """(K,) bool: a trial (K,) is worse than the best of ``trials`` by more than some standard errors.
+
+    The evidence is (K, T) what trials leave, and (K, T, T) the products that tell its noise.
+    """
     rows = np.arange(len(left))
     own = left[:, trials].argmin(axis=1) + trials.indices(2 * HALF)[0]
     more = left[rows, trial] - left[rows, own]
