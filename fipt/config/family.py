@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import Any
 
 from fipt.config.layout import OF_SEVERAL, Layout
-from fipt.config.methods import OWN, MethodRun, known_methods, shared_paths
+from fipt.config.methods import OWN, SEEDED, MethodRun, known_methods, shared_paths
 from fipt.config.scene import SceneConfig
 from fipt.config.schema import Config, SceneEntry, source_of
 from fipt.config.sections import Sections, given, preset, resolved
@@ -86,7 +86,7 @@ class SceneFamily:
         layers.append(card.settings or Sections())
         if run.seed:
             before = resolved(layers, where)
-            seeds = {name: {"seed": before[name].seed + run.seed} for name in ("fit", "refine")}
+            seeds = {name: {"seed": before[name].seed + run.seed} for name in SEEDED[card.estimator]}
             layers.append(Sections.model_validate(seeds))
         return layers
 

@@ -37,6 +37,9 @@ Estimator = Literal["fit", "irradiance", "true-constants", "inverse-trace", "imp
 Kind = Literal["method", "ablation", "reimplementation", "substitute", "imported", "bound", "sensitivity"]
 Quantity = Literal["kd", "reflectance", "base_color", "roughness", "metallic", "emission"]
 
+SEEDED: Mapping[Estimator, tuple[str, ...]] = {"fit": ("fit", "refine"), "inverse-trace": ("inverse_trace",)}
+"""Estimators that draw random numbers -> sections whose seeds they are; other estimators have none."""
+
 _SEED = re.compile(r"(.+)\.seed-([1-9]\d*)")
 
 _STAGES: tuple[tuple[tuple[str, ...], str], ...] = (
@@ -242,7 +245,7 @@ class SceneMethods:
         found = []
         for name in self.chosen:
             card = self.cards[name]
-            one = settings.quick or card.estimator != "fit" or card.kind == "sensitivity"
+            one = settings.quick or card.estimator not in SEEDED or card.kind == "sensitivity"
             seeds = 1 if one else settings.seeds
             found += [MethodRun(name, seed) for seed in range(seeds) if name not in missing]
         return found
@@ -285,7 +288,8 @@ class SceneMethods:
             }
             card["oracle"] = [*card["oracle"], *(what for what, is_taken in taken.items() if is_taken)]
         card |= {"id": run.method, "seed": run.seed, "settings": changed}
-        return json.dumps(card | {"rounds": own.rounds}, sort_keys=True)
+        card |= {"rounds": own.rounds, "random": card["estimator"] in SEEDED}
+        return json.dumps(card, sort_keys=True)
 
     def stats(self, method: str) -> list[str]:
         """Times and memory of the jobs that estimate; not of what is rendered to judge them."""

@@ -302,7 +302,7 @@ def test_an_object_beyond_the_stars() -> None:
 
 
 CARD: dict[str, Any] = {
-    "id": "fipt", "seed": 0, "label": "ours", "kind": "method", "estimator": "fit", "not_estimated": [], "oracle": [],
+    "id": "fipt", "seed": 0, "label": "ours", "kind": "method", "random": True, "not_estimated": [], "oracle": [],
 }  # fmt: skip
 FIGURES: dict[str, Any] = {"val": {"kd_psnr": 20.0}, "train": {}, "relight": {}}
 JOB: dict[str, Any] = {"wall_s": 1.0, "peak_memory_bytes": 3}

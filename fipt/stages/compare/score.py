@@ -17,7 +17,7 @@ _FIGURES = {
 }
 """What a method estimates -> the figures that judge it."""
 
-_CARD = {"id", "seed", "label", "kind", "estimator", "not_estimated", "oracle"}
+_CARD = {"id", "seed", "label", "kind", "random", "not_estimated", "oracle"}
 _EMITTERS = ("true_triangles", "false_triangles", "missed_triangles")
 
 

@@ -151,7 +151,7 @@ def _row(seeds: Sequence[Mapping[str, Any]], columns: Sequence[Column]) -> dict[
     figures = {}
     for column in columns:
         figures[column.key] = mean_and_spread([_value(run, column.place) for run in seeds])
-    return filled_row(seeds[0], figures, len(seeds), seeds[0]["estimator"] == "fit")
+    return filled_row(seeds[0], figures, len(seeds), seeds[0]["random"])
 
 
 def filled_row(said: Mapping[str, Any], figures: Mapping[str, Any], seeds: int, random: bool) -> dict[str, Any]:

@@ -86,6 +86,16 @@ def test_quick_comparisons_have_one_seed_and_quick_methods():
     assert [run.name for run in named.runs()] == ["fipt", "slow"]
 
 
+def test_every_method_with_random_numbers_has_seeds():
+    methods = config(compare={"seeds": 2}).scenes["room"].methods
+    names = {run.name for run in methods.runs()}
+    assert {"ipt-reimpl.seed-1", "texture-prb.seed-1", "field-prb.seed-1", "no-segments.seed-1"} <= names
+    assert not {"irradiance.seed-1", "bound-constants.seed-1"} & names
+    card = json.loads(methods.card_json("ipt-reimpl.seed-1"))
+    assert (card["random"], card["settings"]) == (True, {"inverse_trace": {"seed": 1}})
+    assert not json.loads(methods.card_json("irradiance"))["random"]
+
+
 def test_a_card_says_what_a_run_changes():
     methods = config().scenes["room"].methods
     card = json.loads(methods.card_json("slow.seed-1"))

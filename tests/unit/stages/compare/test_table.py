@@ -20,6 +20,7 @@ CARD = {
     "label": "This program",
     "kind": "method",
     "estimator": "fit",
+    "random": True,
     "source": "here",
     "deviations": "none",
     "inputs": ["images"],
@@ -70,6 +71,7 @@ def test_differences_below_the_spread_are_not_ranked():
     assert firsts(runs) == {"fipt", "b"}
     assert firsts([method(20.0), method(20.5, id="b")]) == {"b"}
     assert firsts([method(20.0), method(20.2, id="b")]) == {"fipt", "b"}
+    assert firsts([method(20.0, random=False), method(20.2, id="b", random=False)]) == {"b"}
 
 
 def test_who_knows_the_truth_is_not_ranked():
