@@ -75,15 +75,26 @@ def true_materials(mesh: Mesh, pixels: Mapping[str, np.ndarray]) -> PartMaterial
 
 
 def true_emitters(mesh: Mesh, pixels: Mapping[str, np.ndarray]) -> Emitters:
-    """Triangles most of whose pixels emit, with the mean of what they emit."""
+    """Triangles most of whose pixels emit, with the mean of what they emit.
+
+    A lamp has triangles that no pixel's centre shows: they emit what the others of its piece of the mesh do, if all
+    of these that are shown emit.
+    """
     triangle, emits = pixels["triangle"], pixels["emission"].max(axis=1) > 0
     count = len(mesh.triangles)
-    emitting = np.flatnonzero(2 * np.bincount(triangle, emits, count) > np.bincount(triangle, minlength=count))
-    if len(emitting) == 0:
+    shown = np.bincount(triangle, minlength=count)
+    emitting = 2 * np.bincount(triangle, emits, count) > shown
+    if not emitting.any():
         return Emitters.none()
-    patch = connected_parts(Mesh(mesh.vertices, mesh.triangles[emitting]))
-    radiance = _means(pixels["emission"][emits], triangle[emits], count)[emitting]
-    return Emitters.plain(mesh, emitting, radiance, patch)
+    radiance = _means(pixels["emission"][emits], triangle[emits], count)
+    piece = connected_parts(mesh)
+    glows = np.bincount(piece, emitting) > 0
+    glows &= np.bincount(piece, (shown > 0) & ~emitting) == 0
+    hidden = glows[piece] & (shown == 0)
+    radiance[hidden] = _means(radiance[emitting], piece[emitting], len(glows))[piece[hidden]]
+    every = np.flatnonzero(emitting | hidden)
+    patch = connected_parts(Mesh(mesh.vertices, mesh.triangles[every]))
+    return Emitters.plain(mesh, every, radiance[every], patch)
 
 
 def _means(values: np.ndarray, group: np.ndarray, count: int) -> np.ndarray:

@@ -46,6 +46,17 @@ def test_what_emits_has_its_true_radiance():
     np.testing.assert_allclose(emitters.radiance, [[4, 2, 1]])
 
 
+def test_of_a_lamp_what_no_pixel_shows_emits_as_well():
+    """Two boxes: of the first something is dark; of the second one triangle is shown, and it emits."""
+    mesh = scenes.joined(scenes.box((0, 0, 0), (1, 1, 1)), scenes.box((2, 0, 0), (3, 1, 1)))
+    emission = np.float32([[4, 2, 1], [0, 0, 0], [8, 4, 2]])
+    emitters = true_emitters(mesh, {"triangle": np.array([1, 2, 14]), "emission": emission})
+    assert emitters.triangle.tolist() == [1, *range(12, 24)]
+    np.testing.assert_allclose(emitters.radiance, [[4, 2, 1]] + 12 * [[8, 4, 2]])
+    nothing = true_emitters(mesh, {"triangle": np.array([1, 2, 14]), "emission": 0 * emission})
+    assert len(nothing.triangle) == 0
+
+
 def test_a_missing_layer_is_named():
     layers = truth()
     del layers["base_color"]
