@@ -155,8 +155,8 @@ def filled_by_one(
     if len(pixel) == 0:
         return pixel, first, first, np.zeros((0, SHADING_OUTPUTS, 3), np.float32)
     starts = np.cumsum(count) - count
-    sample = np.repeat(first - starts, count) + np.arange(count.sum())
-    segment = segment_of(np.repeat(pixel, count), sample)
+    row, sample = samples.samples_of(pixel)
+    segment = segment_of(pixel[row], sample)
     one = np.minimum.reduceat(segment, starts) == np.maximum.reduceat(segment, starts)
     keep, segment = np.repeat(one, count), segment[starts[one]]
     pixel, first, count, sample = pixel[one], first[one], count[one], sample[keep]

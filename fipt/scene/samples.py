@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -81,6 +82,13 @@ class FootprintSamples:
         pixels = self.pixels(index)
         counts = np.diff(self.offsets[pixels.start : pixels.stop + 1])
         return np.repeat(np.arange(len(counts)), counts)
+
+    def samples_of(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The samples of some pixels (N,): (K,) int64 row of ``pixels`` and number of each sample, pixel by pixel."""
+        first = np.asarray(self.offsets[pixels])
+        count = np.asarray(self.offsets[pixels + 1]) - first
+        row = np.repeat(np.arange(len(pixels)), count)
+        return row, (first - np.cumsum(count) + count)[row] + np.arange(len(row))
 
 
 _ARRAYS = ("offsets", "center", "position", "normal", "triangle", "footprint", "weight", "sub")
@@ -240,28 +248,87 @@ def segments_of(dataset: Dataset, samples: FootprintSamples, kind: str, empty: E
 
 
 def segments_of_triangles(shards: Sequence[FootprintSamples], segments: Sequence[np.ndarray]) -> tuple[int, np.ndarray]:
-    """Largest segment id, and the id that most pixel centres give each triangle (T,) uint16, 0 where none does.
+    """Largest segment id, and the id of each triangle (T,) uint16, 0 where none is known.
+
+    It is the id that most pixel centres give the triangle. One that only shows beside centres, as those of a thin leg
+    do, has the id of the surface nearest to it that the centres around show, no further than the pixel is wide.
 
     Parameters
     ----------
     segments
         Per shard: (P,) segment of each pixel's centre, 0 = unknown.
     """
-    pairs, votes = np.zeros(0, np.int64), np.zeros(0, np.int64)
+    count = max(int(shard.triangle.max(initial=0)) for shard in shards) + 1
+    shown, votes = np.zeros(count, bool), _Votes()
     for shard, segment in zip(shards, segments, strict=True):
         for index in range(len(shard.views)):
             own = shard.pixels(index)
-            ids = np.where(np.asarray(shard.center[own]) > 0, segment[own], 0)
-            centered = np.flatnonzero(ids)
-            triangle = shard.triangle[shard.offsets[own][centered]].astype(np.int64)
-            new, count = np.unique(triangle << 16 | ids[centered], return_counts=True)
-            pairs, place = np.unique(np.concatenate([pairs, new]), return_inverse=True)
-            votes = np.bincount(place.reshape(-1), np.concatenate([votes, count]), len(pairs)).astype(np.int64)
-    triangle, ids = pairs >> 16, pairs & 0xFFFF
-    order = np.lexsort((votes, triangle))
-    winner = np.zeros(max(int(shard.triangle.max(initial=0)) for shard in shards) + 1, np.uint16)
-    winner[triangle[order]] = ids[order]  # the last write, with the most votes, stays
-    return int(ids.max(initial=0)), winner
+            centered = np.flatnonzero(np.asarray(shard.center[own]) > 0)
+            triangle = np.asarray(shard.triangle[shard.offsets[own][centered]])
+            shown[triangle] = True
+            votes.add(triangle, segment[own][centered])
+    beside = _Votes()
+    for shard, segment in zip(shards, segments, strict=True):
+        for index in range(len(shard.views)):
+            beside.add(*_beside_centers(shard, index, segment[shard.pixels(index)], shown))
+    return votes.largest, np.where(shown, votes.winners(count), beside.winners(count))
+
+
+class _Votes:
+    """Ids that pixels give triangles."""
+
+    def __init__(self) -> None:
+        self._pairs, self._votes = np.zeros(0, np.int64), np.zeros(0, np.int64)
+
+    def add(self, triangle: np.ndarray, ids: np.ndarray) -> None:
+        """Count triangles (N,) with ids (N,); 0 is none."""
+        new, count = np.unique(triangle[ids > 0].astype(np.int64) << 16 | ids[ids > 0], return_counts=True)
+        self._pairs, place = np.unique(np.concatenate([self._pairs, new]), return_inverse=True)
+        summed = np.bincount(place.reshape(-1), np.concatenate([self._votes, count]), len(self._pairs))
+        self._votes = summed.astype(np.int64)
+
+    @property
+    def largest(self) -> int:
+        """Largest id that any pixel gives."""
+        return int((self._pairs & 0xFFFF).max(initial=0))
+
+    def winners(self, count: int) -> np.ndarray:
+        """(count,) uint16 id with the most votes of each triangle, 0 where there are none."""
+        triangle, ids = self._pairs >> 16, self._pairs & 0xFFFF
+        order = np.lexsort((self._votes, triangle))
+        winner = np.zeros(count, np.uint16)
+        winner[triangle[order]] = ids[order]  # the last write, with the most votes, stays
+        return winner
+
+
+def _beside_centers(
+    samples: FootprintSamples, index: int, segment: np.ndarray, shown: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Triangles (N,) of a view that are not ``shown`` (T,), and the ids (N,) of what is nearest around them, or 0.
+
+    ``segment`` (pixels of the view,) is of pixel centres; those of the pixel itself and of the eight around it count.
+    """
+    height, width = samples.shapes[index]
+    own = samples.of_view(index)
+    at = np.flatnonzero(~shown[np.asarray(samples.triangle[own])])
+    row, column = np.divmod(samples.pixel_of_sample(index)[at], width)
+    at += own.start
+    place = np.asarray(samples.position[at])
+    nearest = np.array(samples.footprint[at], np.float32)  # as far as the pixel is wide
+    ids = np.zeros(len(at), segment.dtype)
+    first = samples.pixels(index).start
+    for down, right in product((-1, 0, 1), repeat=2):
+        inside = np.flatnonzero(
+            (row + down >= 0) & (row + down < height) & (column + right >= 0) & (column + right < width)
+        )
+        pixel = (row[inside] + down) * width + column[inside] + right
+        has = np.asarray(samples.center[first + pixel]) > 0
+        inside, pixel = inside[has], pixel[has]
+        center = np.asarray(samples.position[np.asarray(samples.offsets[first + pixel])])
+        distance = np.linalg.norm(center - place[inside], axis=1)
+        nearer = distance < nearest[inside]
+        ids[inside[nearer]], nearest[inside[nearer]] = segment[pixel[nearer]], distance[nearer]
+    return np.asarray(samples.triangle[at]), ids
 
 
 def clipped_of(dataset: Dataset, samples: FootprintSamples, empty: Empty = np.empty) -> np.ndarray:

@@ -125,8 +125,7 @@ def pixels_of_view(
     seen = last > first
     rows, columns, local, pixel, first, last = (x[seen] for x in (rows, columns, local, pixel, first, last))
     count = last - first
-    owner = np.repeat(np.arange(len(pixel)), count)
-    sample = np.repeat(first - np.cumsum(count) + count, count) + np.arange(len(owner))
+    owner, sample = samples.samples_of(pixel)
     weight = np.asarray(samples.weight[sample])
     covered = np.bincount(owner, weight, len(pixel))
     light = _light(shard, fitted, sample, queries)

@@ -7,7 +7,16 @@ import pytest
 
 from fipt.errors import FiptError
 from fipt.formats.arrays import save_npy
-from fipt.scene.samples import clipped_of, pixels_of, read_samples, scene_box, segments_of, view_pixels, write_samples
+from fipt.scene.samples import (
+    clipped_of,
+    pixels_of,
+    read_samples,
+    scene_box,
+    segments_of,
+    segments_of_triangles,
+    view_pixels,
+    write_samples,
+)
 from tests import scenes
 
 ARRAYS = ("offsets", "center", "position", "normal", "triangle", "footprint", "weight", "sub")
@@ -169,3 +178,20 @@ def test_clipped_pixels_of_views_in_their_order(samples):
     assert clipped is made[0]
     np.testing.assert_array_equal(clipped, [0, 1, 0, 1, 0, 0, 1, 0])
     np.testing.assert_array_equal(clipped_of(Data(), samples), clipped)
+
+
+def test_a_triangle_beside_all_centres_is_of_the_nearest_surface():
+    """Three pixels in a row. Of triangles 2, 3 and 5 no pixel shows the centre; 4 is shown, and has no id."""
+    place = {0: (0.0, 0, 2), 1: (0.1, 0, 5), 2: (0.04, 0, 2), 3: (0.1, 0, 3), 5: (0.19, 0, 2), 4: (0.2, 0, 2)}
+    position = np.array(list(place.values()), np.float32)
+    seen = scenes.samples_of(position, list(place), np.ones(6), [1, 4, 1], shapes=[(1, 3)], footprint=np.full(6, 0.1))
+    largest, found = segments_of_triangles([seen], [np.array([5, 7, 0], np.uint16)])
+    assert largest == 7
+    assert found.tolist() == [5, 7, 5, 0, 0, 0]
+
+
+def test_the_largest_id_is_that_of_any_pixel():
+    """A poster of two pixels on a wall of one triangle; the fit has rows for it."""
+    seen = scenes.samples_of(np.zeros((5, 3)), 0)
+    largest, found = segments_of_triangles([seen], [np.array([5, 5, 5, 9, 9], np.uint16)])
+    assert (largest, found.tolist()) == (9, [5])
