@@ -86,7 +86,7 @@ class SceneFamily:
         layers.append(card.settings or Sections())
         if run.seed:
             before = resolved(layers, where)
-            seeds = {name: {"seed": before[name].seed + run.seed} for name in SEEDED[card.estimator]}
+            seeds = {name: {"seed": before[name].seed + run.seed} for name in SEEDED.get(card.estimator, ())}
             layers.append(Sections.model_validate(seeds))
         return layers
 

@@ -17,6 +17,7 @@ from fipt.formats.manifests import ListedFiles
 from fipt.formats.views import read_gains, read_names, read_rejected
 from fipt.scene.cameras import Camera, read_radiance_scale, read_transforms
 from fipt.scene.mesh import Mesh, read_mesh
+from fipt.scene.metals import JudgedMetals, read_metals
 
 CHECKED = "check_poses.json"
 """File of a dataset with the verdicts of ``fipt check-poses``, beside views.json and read like it."""
@@ -175,6 +176,10 @@ class Dataset:
                 "export the ids at the image's size",
             )
         return ids
+
+    def metals(self) -> JudgedMetals:
+        """Which parts are metal, as the maker of the segments found; most sources say nothing."""
+        return read_metals(self._listed_ids.check(self.segments_root / "metals.json"))
 
     def truth(self, view: str) -> dict[str, np.ndarray] | None:
         """Ground truth of a view, or None: layer name -> (H, W, 3) or (H, W) float32."""

@@ -18,6 +18,7 @@ import numpy as np
 
 from fipt.formats.images import srgb_encode
 from fipt.model.reflectance import line_in_base_color
+from fipt.scene.metals import JudgedMetals
 from fipt.stages.fit.batches import Pixels
 from fipt.stages.fit.inner_pixels import FEWEST, InnerPixels, best_base_color, inner_pixels, pieces_of
 from fipt.stages.fit.material_posterior import posterior
@@ -100,7 +101,12 @@ def part_classes(pairs: Iterable[tuple[np.ndarray, np.ndarray]], count: int) -> 
 
 
 def estimate_parts(
-    pixels: Pixels, center: np.ndarray, side: float, emitter_gain: float, classes: np.ndarray | None = None
+    pixels: Pixels,
+    center: np.ndarray,
+    side: float,
+    emitter_gain: float,
+    classes: np.ndarray | None = None,
+    metals: JudgedMetals | None = None,
 ) -> PartEstimates:
     """Search roughness and metallic of every segment, and judge whether it has one colour.
 
@@ -115,6 +121,8 @@ def estimate_parts(
         Pixels this much brighter than any reflection show an emitter and are left out.
     classes
         (S,) semantic class of every segment, 0 = unknown; None: parts stand alone.
+    metals
+        What is known of segments: metal, unless their own pixels clearly say no; or none, whatever these say.
     """
     inner = inner_pixels(pixels, emitter_gain)
     count = int(pixels.largest_segment) + 1
@@ -127,7 +135,7 @@ def estimate_parts(
     for i, m in enumerate(_METALLIC):
         for j, s in enumerate(ROUGHNESS):
             residual[i, j] = groups.residual(s, m)
-    roughness, metallic, gain = _chosen(residual, groups.free)
+    roughness, metallic, gain = _chosen(residual, groups.free, metals or JudgedMetals())
     if classes is not None:
         roughness, metallic, gain = _of_classes((roughness, metallic, gain), used, classes)
     roughness = _expected(roughness, metallic, residual[[0, -1]], groups.free, classes)
@@ -215,26 +223,33 @@ def _difference(modelled: np.ndarray, radiance: np.ndarray) -> np.ndarray:
     return np.minimum(np.abs(srgb_encode(np.maximum(modelled, 0)) - srgb_encode(radiance)).mean(axis=1), _OUTLIER)
 
 
-def _chosen(residual: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Roughness, metallic and gain (S,) from residuals (metallic, roughness, S); cautious where little is gained."""
+def _chosen(residual: np.ndarray, free: np.ndarray, metals: JudgedMetals) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Roughness, metallic and gain (S,) from residuals (metallic, roughness, S); cautious where little is gained.
+
+    Of what is known to be metal, a dielectric must explain clearly more.
+    """
     rough = np.array(ROUGHNESS)
     caution = _CAUTION / np.sqrt(np.maximum(free, 1))
     cautious = residual * (1 + caution * (1 - rough)[None, :, None])
-    per_metal = cautious.min(axis=1)
+    per_metal, pure_metal = cautious.min(axis=1), len(_METALLIC) - 1
     metal = per_metal.argmin(axis=0)
     segments = np.arange(residual.shape[2])
     # a surface is metal or not: what is neither must explain as much more than metal as metal must than dielectric
     pure = per_metal[-1] * (1 - _METAL_GAIN) <= per_metal[metal, segments]
-    metal = np.where((metal > 0) & pure, len(_METALLIC) - 1, metal)
-    believed = per_metal.min(axis=0) < (1 - _METAL_GAIN - caution) * per_metal[0]
+    metal = np.where((metal > 0) & pure, pure_metal, metal)
+    margin = 1 - _METAL_GAIN - caution
+    believed = (per_metal.min(axis=0) < margin * per_metal[0]) & ~np.isin(segments, list(metals.dielectric))
     metal = np.where(believed, metal, 0)
+    said = np.array([metals.roughness.get(segment, np.nan) for segment in segments])
+    claimed = ~np.isnan(said) & (per_metal[-1] * margin <= per_metal[0])
+    metal = np.where(claimed, pure_metal, metal)
     choice = cautious[metal, :, segments].argmin(axis=1)
     matte = residual[0, -1]
     best = residual[metal, choice, segments]
     known = free >= FEWEST
     return (
-        np.where(known, rough[choice], 1.0),
-        np.where(known, np.array(_METALLIC)[metal], 0.0),
+        np.where(known, rough[choice], np.where(claimed, said, 1.0)),
+        np.where(known | claimed, np.array(_METALLIC)[metal], 0.0),
         np.where(known, 1 - best / np.maximum(matte, 1e-9), 0.0),
     )
 

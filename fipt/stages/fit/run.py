@@ -73,7 +73,8 @@ def fit_model(inputs: FitInputs, settings: FitSettings) -> Stats:
     targets = hidden = found = classes = None
     if kind is not None and settings.part_search:
         classes = _classes(data, pixels) if kind == "part" and data.has_segments("semantic") else None
-        found = estimate_parts(pixels, center, side, settings.emitter_gain, classes)
+        metals = data.metals() if kind == "part" else None
+        found = estimate_parts(pixels, center, side, settings.emitter_gain, classes, metals)
         figures["parts"] = _described(found)
         targets = part_targets(found, settings)
         if inputs.cache is not None and settings.hidden > 0:

@@ -23,7 +23,7 @@ HALF = len(ROUGHNESS)
 _RESOLUTION = 96
 """Pieces along the scene box, as in the part search of the fit."""
 _FEWEST = 4
-"""RegionPixels that a piece must have to judge a trial: with fewer the base colour explains anything."""
+"""Pixels, whole or in shares, that a piece must have to judge a trial: with fewer the base colour explains anything."""
 _OUTLIER = 0.2
 """What is left counts up to here (sRGB-encoded): edges and shadows that the shading misses."""
 _DARKEST = 0.01
@@ -52,7 +52,7 @@ class MaterialEvidence:
     color
         (R, T, 3) mean base colour, made for comparing: `comparable`.
     pixels
-        (R,) float64 number of pixels.
+        (R,) float64 number of pixels; a shared one counts by its share.
     metal
         (R,) bool: the pixels are explained by metal only.
     variance
@@ -79,8 +79,10 @@ class ColorPieces:
         (G, 3) int64 voxel of the scene box.
     place
         (G, 3) mean place of its pixels, metres.
+    key
+        (G,) int64 of voxel, facing and region, ascending.
     number
-        (G,) float64 number of its pixels.
+        (G,) float64 number of its pixels; a shared one counts by its share.
     judged
         (G,) bool: enough of them to judge a trial.
     left
@@ -92,6 +94,7 @@ class ColorPieces:
     owner: np.ndarray
     voxel: np.ndarray
     place: np.ndarray
+    key: np.ndarray
     number: np.ndarray
     judged: np.ndarray
     left: np.ndarray
@@ -104,22 +107,14 @@ def comparable(color: np.ndarray) -> np.ndarray:
     return np.stack([logs.mean(-1), logs[..., 0] - logs[..., 1], logs[..., 2] - logs[..., 1]], axis=-1)
 
 
+def _base_color(color: np.ndarray) -> np.ndarray:
+    """(..., 3) base colour in [0, 1] of a `comparable` one (..., 3)."""
+    green = color[..., 0] - (color[..., 1] + color[..., 2]) / 3
+    return np.clip(np.exp(np.stack([green + color[..., 1], green, green + color[..., 2]], axis=-1)) - _DARKEST, 0, 1)
+
+
 def color_pieces(pixels: RegionPixels, region: np.ndarray, count: int, center: np.ndarray, side: float) -> ColorPieces:
-    """Gather pixels into pieces: a voxel, a region, one facing. Arguments as of `measure`."""
-    record = voxel_keys(pixels.place, center, side, _RESOLUTION) * FACINGS + facings(pixels.normal)
-    key, piece = np.unique(record * count + region, return_inverse=True)
-    piece, voxel = piece.reshape(-1), key // count // FACINGS
-    number = np.bincount(piece, minlength=len(key)).astype(np.float64)
-    place = np.stack([np.bincount(piece, axis, len(key)) for axis in pixels.place.T], axis=1) / number[:, None]
-    left, color = tried(pixels, piece, len(key))
-    place_of_voxel = np.stack(
-        [voxel % _RESOLUTION, voxel // _RESOLUTION % _RESOLUTION, voxel // _RESOLUTION**2], axis=1
-    )
-    return ColorPieces(key % count, place_of_voxel, place, number, number >= _FEWEST, left, color)
-
-
-def measure(pixels: RegionPixels, region: np.ndarray, count: int, center: np.ndarray, side: float) -> MaterialEvidence:
-    """Measure the evidence.
+    """Gather pixels into pieces: a voxel, a region, one facing.
 
     Parameters
     ----------
@@ -130,7 +125,28 @@ def measure(pixels: RegionPixels, region: np.ndarray, count: int, center: np.nda
     center, side
         The scene box, metres.
     """
-    found = color_pieces(pixels, region, count, center, side)
+    keys = _piece_keys(pixels.place, pixels.normal, region, count, center, side)
+    key, piece = np.unique(keys, return_inverse=True)
+    piece, voxel = piece.reshape(-1), key // count // FACINGS
+    number = np.bincount(piece, pixels.share, len(key))
+    of_axes = [np.bincount(piece, pixels.share * axis, len(key)) for axis in pixels.place.T]
+    place = np.stack(of_axes, axis=1) / number[:, None]
+    left, color = tried(pixels, piece, len(key))
+    place_of_voxel = np.stack(
+        [voxel % _RESOLUTION, voxel // _RESOLUTION % _RESOLUTION, voxel // _RESOLUTION**2], axis=1
+    )
+    return ColorPieces(key % count, place_of_voxel, place, key, number, number >= _FEWEST, left, color)
+
+
+def _piece_keys(
+    place: np.ndarray, normal: np.ndarray, region: np.ndarray, count: int, center: np.ndarray, side: float
+) -> np.ndarray:
+    """(N,) int64 of the voxel, the facing and the region (N,) of points (N, 3)."""
+    return (voxel_keys(place, center, side, _RESOLUTION) * FACINGS + facings(normal)) * count + region
+
+
+def measure(found: ColorPieces, count: int) -> MaterialEvidence:
+    """Measure the evidence of ``count`` regions."""
     owner, number, judged, color, place = found.owner, found.number, found.judged, found.color, found.place
     left = np.where(judged[:, None], found.left * number[:, None], 0.0)
     total = np.stack([np.bincount(owner, column, count) for column in left.T], axis=1)
@@ -148,6 +164,60 @@ def measure(pixels: RegionPixels, region: np.ndarray, count: int, center: np.nda
         noise.add(color[own, total[k].argmin()], place[own])
     metal = _is_metal(total, np.bincount(owner, number * judged, count))
     return MaterialEvidence(total, products, means, np.bincount(owner, number, count), metal, noise.variance(pieces))
+
+
+@dataclass(frozen=True)
+class BestMaterials:
+    """The materials that explain regions best: the base colour of each piece, elsewhere that of its region.
+
+    Attributes
+    ----------
+    known
+        (R,) region ids, ascending.
+    trial
+        (R,) int64 index into `TRIALS`.
+    base_color, of_pieces
+        (R, 3) of regions, (G, 3) of pieces, in [0, 1].
+    key
+        (G,) of the pieces, as in `ColorPieces`.
+    center, side
+        The scene box, metres.
+    """
+
+    known: np.ndarray
+    trial: np.ndarray
+    base_color: np.ndarray
+    of_pieces: np.ndarray
+    key: np.ndarray
+    center: np.ndarray
+    side: float
+
+    @classmethod
+    def of(
+        cls, known: np.ndarray, pieces: ColorPieces, evidence: MaterialEvidence, center: np.ndarray, side: float
+    ) -> "BestMaterials":
+        """Those of the regions with ids ``known`` (R,); metal where its evidence says so."""
+        dielectric = evidence.left[:, :HALF].argmin(axis=1)
+        trial = np.where(evidence.metal, HALF + evidence.left[:, HALF:].argmin(axis=1), dielectric)
+        colors = evidence.color[np.arange(len(known)), trial]
+        of_pieces = pieces.color[np.arange(len(pieces.owner)), trial[pieces.owner]]
+        return cls(known, trial, _base_color(colors), _base_color(of_pieces), pieces.key, center, side)
+
+    def radiance(self, region: np.ndarray, place: np.ndarray, normal: np.ndarray, shading: np.ndarray) -> np.ndarray:
+        """(K, 3) reflected by samples: regions (K,), places and normals (K, 3), shading (K, outputs, 3).
+
+        NaN where the region is not known.
+        """
+        own = np.minimum(np.searchsorted(self.known, region), len(self.known) - 1)
+        key = _piece_keys(place, normal, own, len(self.known), self.center, self.side)
+        piece = np.minimum(np.searchsorted(self.key, key), len(self.key) - 1)
+        color = np.where((self.key[piece] == key)[:, None], self.of_pieces[piece], self.base_color[own])
+        result = np.full((len(region), 3), np.nan)
+        for k, (metallic, roughness) in enumerate(TRIALS):
+            at = np.flatnonzero((self.trial[own] == k) & (self.known[own] == region))
+            offset, slope = line_in_base_color(shading[at], roughness, metallic)
+            result[at] = offset + slope * color[at]
+        return result
 
 
 class _ColorNoise:
@@ -193,7 +263,8 @@ def misfit(left: np.ndarray, square: np.ndarray | float = 0.0) -> np.ndarray:
 def tried(pixels: RegionPixels, piece: np.ndarray, pieces: int) -> tuple[np.ndarray, np.ndarray]:
     """Mean of what each trial leaves of each piece (G, T), and the `comparable` base colour (G, T, 3) of it."""
     seen = srgb_encode(pixels.radiance)
-    weight = (pixels.radiance + 0.05) ** -1.2  # about the squared slope of the sRGB curve
+    share = pixels.share  # what is off in a pixel is off by 1 / share in the part of it
+    weight = share[:, None] * (pixels.radiance + 0.05) ** -1.2  # about the squared slope of the sRGB curve
     left, color = np.empty((pieces, len(TRIALS))), np.empty((pieces, len(TRIALS), 3))
     for k, (metallic, roughness) in enumerate(TRIALS):
         offset, slope = line_in_base_color(pixels.shading, roughness, metallic)
@@ -204,8 +275,8 @@ def tried(pixels: RegionPixels, piece: np.ndarray, pieces: int) -> tuple[np.ndar
         color[:, k] = comparable(base)
         modelled = srgb_encode(offset + slope * np.clip(base, 0, 1)[piece])
         error = np.minimum(np.abs(modelled - seen).mean(axis=1), _OUTLIER)
-        left[:, k] = np.bincount(piece, error, pieces)
-    return left / np.bincount(piece, minlength=pieces)[:, None], color
+        left[:, k] = np.bincount(piece, share * error, pieces)
+    return left / np.bincount(piece, share, pieces)[:, None], color
 
 
 def _is_metal(left: np.ndarray, judged: np.ndarray) -> np.ndarray:

@@ -1,15 +1,19 @@
-"""What the training views show of each region of the surface: pixels that one region fills, with their shading."""
+"""What the training views show of each region of the surface: pixels that one region fills, with their shading.
 
-from collections.abc import Sequence
+And pixels of which it fills most, less what the others there reflect: a chair's leg fills hardly a pixel.
+"""
+
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
-from fipt.conventions import EMITTER_GAIN
+from fipt.conventions import EMITTER_GAIN, SHADING_OUTPUTS
 from fipt.model.reflectance import exceeds_reflection
 from fipt.scene.environment import covered_share
 from fipt.scene.observed import ObservedShard, filled_by_one
-from fipt.scene.samples import segments_of_triangles, strided
+from fipt.scene.samples import FootprintSamples, segments_of_triangles, strided
 
 _MOST = 400_000
 """Pixels used at most: the material of a region does not need more."""
@@ -17,22 +21,33 @@ _WHOLE = 0.99
 """Weight of a pixel, and share of it that surface covers, from which it is taken for whole."""
 
 
+_MOSTLY = 0.5
+"""Share of a pixel that a region fills, from which it tells something of the region: most of it."""
+_REGIONS = 65536
+"""More than there are regions: ids have 16 bits."""
+
+_RegionOf = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""Regions (K,) of samples, by their pixels (K,) and numbers (K,)."""
+
+
 @dataclass(frozen=True)
 class RegionPixels:
-    """N pixels that one region fills.
+    """N pixels, each of one region: it fills them, or what the others there reflect is taken off.
 
     Attributes
     ----------
     radiance
-        (N, 3) float32 observed.
+        (N, 3) float32 observed; of the region alone.
     shading
-        (N, outputs, 3) float32 Ld, Ls0 and Ls1 of every level, mean over the pixel.
+        (N, outputs, 3) float32 Ld, Ls0 and Ls1 of every level, mean over what the region fills of the pixel.
     place, normal
         (N, 3) float32, metres; unit length.
     region
         (N,) int64 from 1.
     triangle
-        (N,) int64 that the centre shows.
+        (N,) int64 that the centre shows, or the region's first sample.
+    share
+        (N,) float32 of the pixel that the region fills.
     """
 
     radiance: np.ndarray
@@ -41,31 +56,67 @@ class RegionPixels:
     normal: np.ndarray
     region: np.ndarray
     triangle: np.ndarray
+    share: np.ndarray
 
     def of(self, chosen: np.ndarray) -> "RegionPixels":
         """The ``chosen`` ones (N,) bool."""
         return RegionPixels(*(array[chosen] for array in vars(self).values()))
 
+    def with_others(self, others: "RegionPixels") -> "RegionPixels":
+        """These, then others."""
+        return RegionPixels(*map(np.concatenate, zip(vars(self).values(), vars(others).values(), strict=True)))
+
+
+RadianceOf = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+"""Radiance (K, 3) of samples by their regions (K,), places and normals (K, 3) and shading (K, outputs, 3); NaN where
+nobody knows."""
+
 
 def region_pixels(shards: Sequence[ObservedShard], regions: Sequence[np.ndarray]) -> RegionPixels:
-    """Gather the pixels of all training views.
+    """Gather the pixels of all training views that one region fills.
 
-    Clipped pixels are left out, and those that show an emitter. A region has no other pixels than those that it fills:
-    where it shares one, what the others beside it reflect would be taken for its own.
+    Clipped pixels are left out, and those that show an emitter. Those that regions share are another matter
+    (`shared_pixels`): what the others reflect would be taken for a region's own.
 
     Parameters
     ----------
     regions
         Per shard: (P,) region of each pixel, 0 = unknown.
     """
+    return _gathered(shards, regions, _filled)
+
+
+def shared_pixels(
+    shards: Sequence[ObservedShard], regions: Sequence[np.ndarray], radiance_of: RadianceOf
+) -> RegionPixels:
+    """Gather the pixels that a region shares with others, and of which it fills most.
+
+    Parameters
+    ----------
+    regions
+        As of `region_pixels`.
+    radiance_of
+        What the others reflect. A pixel is left out that shows one of which it is not known, or that is darker than
+        what they reflect.
+    """
+    return _gathered(shards, regions, partial(_mostly_filled, radiance_of))
+
+
+def _gathered(
+    shards: Sequence[ObservedShard],
+    regions: Sequence[np.ndarray],
+    pixels_of: Callable[[ObservedShard, np.ndarray, _RegionOf], tuple[np.ndarray, ...]],
+) -> RegionPixels:
+    """The pixels that ``pixels_of`` makes of a shard and some of its pixels (N,)."""
     step = max(sum(len(each) for each in regions) // _MOST, 1)
     _, of_triangle = segments_of_triangles([shard.samples for shard in shards], regions)
     usable = [_usable(shard) for shard in shards]
-    rows = strided(map(len, usable), step)
-    chosen = [pixel[own] for pixel, own in zip(usable, rows, strict=True)]
-    found = [
-        _of_shard(shard, own, of_triangle, pixel) for shard, own, pixel in zip(shards, regions, chosen, strict=True)
-    ]
+    found = []
+    for shard, own, pixel, rows in zip(shards, regions, usable, strided(map(len, usable), step), strict=True):
+        arrays = pixels_of(shard, pixel[rows], partial(_region_of, shard.samples, own, of_triangle))
+        radiance, shading, _, _, region, _, _ = arrays
+        keep = ~exceeds_reflection(radiance, shading, EMITTER_GAIN) & (region > 0)
+        found.append([np.asarray(array)[keep] for array in arrays])
     return RegionPixels(*map(np.concatenate, zip(*found, strict=True)))
 
 
@@ -75,19 +126,67 @@ def _usable(shard: ObservedShard) -> np.ndarray:
     return np.flatnonzero((covered > _WHOLE) & (shard.weight > _WHOLE) & ~shard.clipped)
 
 
-def _of_shard(
-    shard: ObservedShard, region: np.ndarray, of_triangle: np.ndarray, chosen: np.ndarray
+def _region_of(
+    samples: FootprintSamples, region: np.ndarray, of_triangle: np.ndarray, pixel: np.ndarray, sample: np.ndarray
+) -> np.ndarray:
+    """(K,) int64 region of samples (K,) of pixels (K,).
+
+    An id map (P,) knows pixel centres only; beside them, a triangle is of the region that most centres give it.
+    """
+    center = (np.asarray(samples.offsets[pixel]) == sample) & (np.asarray(samples.center[pixel]) > 0)
+    return np.where(center, region[pixel], of_triangle[np.asarray(samples.triangle[sample])]).astype(np.int64)
+
+
+def _filled(shard: ObservedShard, chosen: np.ndarray, region_of: _RegionOf) -> tuple[np.ndarray, ...]:
+    """The arrays of `RegionPixels` of those of ``chosen`` pixels (N,) that one region fills."""
+    samples = shard.samples
+    pixel, first, region, shading = filled_by_one(samples, shard.shading, chosen, region_of)
+    surface = (samples.position[first], samples.normal[first], region, samples.triangle[first])
+    return (np.asarray(shard.radiance[pixel], np.float32), shading, *surface, np.ones(len(pixel), np.float32))
+
+
+def _mostly_filled(
+    radiance_of: RadianceOf, shard: ObservedShard, chosen: np.ndarray, region_of: _RegionOf
 ) -> tuple[np.ndarray, ...]:
-    """The arrays of `RegionPixels` of ``chosen`` pixels (N,) of a shard."""
-    samples, offsets = shard.samples, np.asarray(shard.samples.offsets)
+    """The arrays of those of which one region fills most, but not all."""
+    samples = shard.samples
+    chosen, row, sample, region, weight, own = _of_mostly_filled(samples, chosen, region_of)
+    if len(chosen) == 0:
+        return _filled(shard, chosen, region_of)
+    shading = np.asarray(shard.shading[sample], np.float32).reshape(-1, SHADING_OUTPUTS, 3)
+    place, normal = np.asarray(samples.position[sample]), np.asarray(samples.normal[sample])
+    rest = weight[~own, None] * radiance_of(region[~own], place[~own], normal[~own], shading[~own])
+    others = np.stack([np.bincount(row[~own], channel, len(chosen)) for channel in rest.T], axis=1)
+    share = np.bincount(row[own], weight[own])
+    radiance = (shard.radiance[chosen] - others) / share[:, None]
+    at = np.flatnonzero(own)
+    starts = np.flatnonzero(np.diff(row[at], prepend=-1))
+    first = at[starts]
+    mean = np.add.reduceat(shading[at] * (weight[at] / share[row[at]])[:, None, None], starts, axis=0)
+    surface = (place[first], normal[first], region[first], np.asarray(samples.triangle[sample[first]]))
+    known = (radiance > 0).all(axis=1)  # not so where it is NaN
+    arrays = (np.maximum(radiance, 0).astype(np.float32), mean.astype(np.float32), *surface, share.astype(np.float32))
+    return tuple(array[known] for array in arrays)
 
-    def region_of(pixel: np.ndarray, sample: np.ndarray) -> np.ndarray:
-        """An id map knows pixel centres only; beside them, a triangle is of the region that most centres give it."""
-        center = (offsets[pixel] == sample) & (np.asarray(samples.center[pixel]) > 0)
-        return np.where(center, region[pixel], of_triangle[np.asarray(samples.triangle[sample])]).astype(np.int64)
 
-    pixel, first, own, shading = filled_by_one(samples, shard.shading, chosen, region_of)
-    radiance = np.asarray(shard.radiance[pixel], np.float32)
-    keep = ~exceeds_reflection(radiance, shading, EMITTER_GAIN) & (own > 0)
-    arrays = (radiance, shading, samples.position[first], samples.normal[first], own, samples.triangle[first])
-    return tuple(np.asarray(array)[keep] for array in arrays)
+def _of_mostly_filled(
+    samples: FootprintSamples, chosen: np.ndarray, region_of: _RegionOf
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Those of ``chosen`` pixels (N,) of which one region fills most, but not all, and their samples (K,), by pixel.
+
+    Of each sample its pixel's row among them, its number, its region, its share of the pixel, and whether it is of the
+    region that fills most.
+    """
+    row, sample = samples.samples_of(chosen)
+    region = region_of(chosen[row], sample)
+    weight = np.asarray(samples.weight[sample], np.float64)
+    weight /= np.bincount(row, weight, len(chosen))[row]
+    key, group = np.unique(row * _REGIONS + region, return_inverse=True)
+    fills = np.bincount(group.reshape(-1), weight, len(key))[group.reshape(-1)]
+    most = np.zeros(len(chosen))
+    np.maximum.at(most, row, fills)
+    several = np.bincount(key // _REGIONS, minlength=len(chosen)) > 1
+    kept = several & (most > _MOSTLY)
+    at = kept[row]
+    row, sample, region, weight, fills = row[at], sample[at], region[at], weight[at], fills[at]
+    return chosen[kept], (np.cumsum(kept) - 1)[row], sample, region, weight, fills > _MOSTLY

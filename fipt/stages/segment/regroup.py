@@ -11,19 +11,30 @@ that differ the least become one, again and again, as long as any two agree. Two
 
 A region is metal where its own pixels clearly prove it. Legs and frames fill too few pixels for that: a metal explains
 them only a little better than a dielectric. They count as metal where another region proves one of their colour; where
-metal alone has that colour in the room, even if a dielectric explains them as well.
+metal alone has that colour in the room, even if a dielectric explains them as well. What proves it must outnumber what
+does not tell, or, of nearly the same colour, be half of that.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fipt.formats.files import check_memory
+from fipt.scene.metals import JudgedMetals
 from fipt.scene.observed import ObservedShard
 from fipt.scene.samples import scene_box
-from fipt.stages.segment.material_evidence import HALF, TRIALS, MaterialEvidence, measure
-from fipt.stages.segment.region_pixels import region_pixels
+from fipt.stages.segment.material_evidence import (
+    HALF,
+    ROUGHNESS,
+    TRIALS,
+    BestMaterials,
+    ColorPieces,
+    MaterialEvidence,
+    color_pieces,
+    measure,
+)
+from fipt.stages.segment.region_pixels import RegionPixels, region_pixels, shared_pixels
 
 _CHI_SQUARE = 7.815
 """95 % quantile of chi square with three degrees of freedom."""
@@ -33,11 +44,33 @@ _LIKELY_ERRORS = 1.0
 """The same for a region whose colour metal alone has in the room: more than these, and it stays what it is."""
 _CHANCE = 0.05
 """Share of what is metal that may look clearly worse as one: twice that chance, of which this is one side."""
+_NO_METAL_ERRORS = 0.5
+"""The same for a part whose best metal is worse than a dielectric: the fit is not to find it to be metal."""
+_WINDOWS = ((_CHI_SQUARE, 1.0), (2.366, 0.5))
+"""Squared distances of colours, their 95 % and 50 % quantile, and how many pixels must prove a metal for each that
+tells nothing: in the nearer half fewer other things have that colour."""
 
 
-def regrouped(
-    shards: Sequence[ObservedShard], regions: Sequence[np.ndarray], alike: float = 1.0
-) -> tuple[list[np.ndarray], int]:
+@dataclass(frozen=True)
+class RegroupedParts:
+    """Parts that regions were joined to.
+
+    Attributes
+    ----------
+    parts
+        Per shard: (P,) uint16 part of each pixel. What no pixel tells stays a part of its own.
+    materials
+        How many parts are of regions that pixels tell.
+    metals
+        Which parts are metal, and which are not.
+    """
+
+    parts: list[np.ndarray]
+    materials: int
+    metals: JudgedMetals
+
+
+def regrouped(shards: Sequence[ObservedShard], regions: Sequence[np.ndarray], alike: float = 1.0) -> RegroupedParts:
     """Regions of pixels to parts of pixels.
 
     Parameters
@@ -46,31 +79,58 @@ def regrouped(
         Per shard: (P,) uint16 region of each pixel, 0 = unknown.
     alike
         How many pieces of a region err as one: their evidence has that much more variance.
-
-    Returns
-    -------
-    parts
-        Per shard: (P,) uint16 part of each pixel. What no pixel tells stays a part of its own.
-    materials
-        How many parts are of regions that pixels tell.
     """
-    pixels = region_pixels(shards, regions)
-    known, place = np.unique(pixels.region, return_inverse=True)
     present = np.unique(np.concatenate([np.unique(own) for own in regions]))
     part_of = np.zeros(int(present.max(initial=0)) + 1, np.uint16)
-    materials = 0
+    materials, metals = 0, JudgedMetals()
+    known, evidence = _evidence(shards, regions)
     if len(known):
+        evidence = with_likely_metals(replace(evidence, products=evidence.products * alike))
+        label = joined(evidence)
+        materials = int(label.max()) + 1
+        part_of[known] = label + 1
+        metals = _metals(evidence, label)
+    others = present[(part_of[present] == 0) & (present > 0)]
+    part_of[others] = materials + 1 + np.arange(len(others))
+    return RegroupedParts([part_of[own] for own in regions], materials, metals)
+
+
+def _metals(evidence: MaterialEvidence, label: np.ndarray) -> JudgedMetals:
+    """Which parts are metal, and which any metal explains worse; ``label`` (R,) as of `joined`."""
+    count = int(label.max()) + 1
+    left, products = np.zeros((count, len(TRIALS))), np.zeros((count, len(TRIALS), len(TRIALS)))
+    np.add.at(left, label, evidence.left)
+    np.add.at(products, label, evidence.products)
+    best = HALF + left[:, HALF:].argmin(axis=1)
+    metal = np.unique(label[evidence.metal])
+    worse = _worse(left, products, best, slice(None, HALF), errors=_NO_METAL_ERRORS)
+    dielectric = np.setdiff1d(np.flatnonzero(worse), metal)
+    roughness = {int(part) + 1: ROUGHNESS[best[part] - HALF] for part in metal}
+    return JudgedMetals(roughness, frozenset((dielectric + 1).tolist()))
+
+
+def _evidence(shards: Sequence[ObservedShard], regions: Sequence[np.ndarray]) -> tuple[np.ndarray, MaterialEvidence]:
+    """Ids of the regions that pixels tell, (R,), and what they tell of them.
+
+    Pixels that a region fills come first: the materials they tell are what is taken off of pixels that regions share.
+    """
+    center, side = scene_box([shard.samples for shard in shards])
+
+    def measured(pixels: RegionPixels) -> tuple[np.ndarray, ColorPieces, MaterialEvidence]:
+        known, place = np.unique(pixels.region, return_inverse=True)
         # the distance of each two regions, and what two trials leave of each; twice, since regions that join change it
         needed = 2 * (4 * len(known) ** 2 + 8 * len(known) * len(TRIALS) ** 2)
         check_memory(needed, "the join of segments", "raise fuse.smallest, or set regroup.ids: none")
-        center, side = scene_box([shard.samples for shard in shards])
-        evidence = measure(pixels, place.reshape(-1), len(known), center, side)
-        label = joined(with_likely_metals(replace(evidence, products=evidence.products * alike)))
-        materials = int(label.max()) + 1
-        part_of[known] = label + 1
-    others = present[(part_of[present] == 0) & (present > 0)]
-    part_of[others] = materials + 1 + np.arange(len(others))
-    return [part_of[own] for own in regions], materials
+        pieces = color_pieces(pixels, place.reshape(-1), len(known), center, side)
+        return known, pieces, measure(pieces, len(known))
+
+    pixels = region_pixels(shards, regions)
+    known, pieces, evidence = measured(pixels)
+    if len(known) == 0:
+        return known, evidence
+    materials = BestMaterials.of(known, pieces, evidence, center, side)
+    known, _, evidence = measured(pixels.with_others(shared_pixels(shards, regions, materials.radiance)))
+    return known, evidence
 
 
 def with_likely_metals(evidence: MaterialEvidence) -> MaterialEvidence:
@@ -84,25 +144,29 @@ def with_likely_metals(evidence: MaterialEvidence) -> MaterialEvidence:
     for k in np.flatnonzero(evidence.metal):
         trial = HALF + int(left[k, HALF:].argmin())
         off = evidence.color[:, trial] - evidence.color[k, trial]
-        same = (off**2 / (evidence.variance + evidence.variance[k])).sum(axis=1) < _CHI_SQUARE
-        metal |= same & (left[:, trial] < dielectric)
+        distance = (off**2 / (evidence.variance + evidence.variance[k])).sum(axis=1)
+        metal |= (distance < _CHI_SQUARE) & (left[:, trial] < dielectric)
         as_metal = left, evidence.products, np.full(len(left), trial), slice(None, HALF)
-        if _metal_alone(evidence, same, _worse(*as_metal)):
-            metal |= same & ~_worse(*as_metal, errors=_LIKELY_ERRORS)
+        refused, unlikely = _worse(*as_metal), _worse(*as_metal, errors=_LIKELY_ERRORS)
+        for furthest, proof in _WINDOWS:
+            same = distance < furthest
+            if _metal_alone(evidence, same, refused, proof):
+                metal |= same & ~unlikely
     return replace(evidence, metal=metal)
 
 
-def _metal_alone(evidence: MaterialEvidence, same: np.ndarray, refused: np.ndarray) -> bool:
+def _metal_alone(evidence: MaterialEvidence, same: np.ndarray, refused: np.ndarray, proof: float) -> bool:
     """Whether metal alone has a colour, by the regions of it, (R,) bool, and by those that are clearly no such metal.
 
     Two regions prove it: one of hundreds may by chance. Of the pixels that tell, hardly more than chance are clearly
-    dielectric. Those that prove it outnumber those that do not tell: else what is asked for rests on little.
+    dielectric. Those that prove it are more than ``proof`` of those that do not tell: else much would rest on little.
     """
     pixels, proves = evidence.pixels, same & evidence.metal
     others = same & ~evidence.metal
     proved, dielectric = pixels[proves].sum(), pixels[others & refused].sum()
     few_dielectric = dielectric <= _CHANCE * (proved + dielectric)
-    return bool((proves & ~refused).sum() > 1 and few_dielectric and proved > pixels[others & ~refused].sum())
+    untold = pixels[others & ~refused].sum()
+    return bool((proves & ~refused).sum() > 1 and few_dielectric and proved > proof * untold)
 
 
 def joined(evidence: MaterialEvidence) -> np.ndarray:

@@ -17,7 +17,7 @@ class RegroupInputs:
     dataset: DatasetFolder
     samples: SamplesFolders
     shading: ShadingFolders
-    out: Annotated[Path, "Folder to write: part/VIEW.png of every training view."]
+    out: Annotated[Path, "Folder to write: part/VIEW.png of every training view, and metals.json."]
     manifest: ManifestFile
     segments: Annotated[Path | None, "Folder of fused segment ids; absent: those of the dataset."] = None
     emitters: Annotated[
@@ -37,6 +37,7 @@ def run(inputs: RegroupInputs, settings: "RegroupSettings") -> dict[str, Any]:
     from fipt.formats.manifests import write_manifest
     from fipt.scene.dataset import Dataset
     from fipt.scene.emitters import read_emitters
+    from fipt.scene.metals import write_metals
     from fipt.scene.observed import read_observed, without_triangles
     from fipt.scene.samples import segments_of
     from fipt.settings import dumped
@@ -50,18 +51,20 @@ def run(inputs: RegroupInputs, settings: "RegroupSettings") -> dict[str, Any]:
         shards = without_triangles(shards, read_emitters(inputs.emitters).possible, around=True)
     before = [segments_of(data, shard.samples, "part") for shard in shards]
     regions, cuts, alike = divided(shards, before) if settings.divide else (before, 0, 1.0)
-    parts, materials = regrouped(shards, regions, alike)
+    found = regrouped(shards, regions, alike)
+    parts = found.parts
     if settings.borders:
         parts = borders_moved(data.mesh(), shards, parts)
     inputs.manifest.unlink(missing_ok=True)
-    with atomic_folder(inputs.out, "part") as folder:
+    with atomic_folder(inputs.out, r"part|metals\.json") as folder:
+        write_metals(folder, found.metals)
         for shard, ids in zip(shards, parts, strict=True):
             for index, view in enumerate(shard.samples.views):
                 own = ids[shard.samples.pixels(index)].reshape(shard.samples.shapes[index])
                 write_png(folder / "part" / f"{view}.png", own)
     files = [path for path in inputs.out.rglob("*") if path.is_file()]
     write_manifest(inputs.manifest, "regroup", files, dumped(settings))
-    return {"segments": _count(before), "cuts": cuts, "parts": _count(parts), "materials": materials}
+    return {"segments": _count(before), "cuts": cuts, "parts": _count(parts), "materials": found.materials}
 
 
 def _count(ids: list[Any]) -> int:

@@ -8,9 +8,10 @@ import torch
 
 from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
 from fipt.model.reflectance import specular_shading
+from fipt.scene.metals import JudgedMetals
 from fipt.stages.fit.inner_pixels import InnerPixels
 from fipt.stages.fit.part_colors import uniformity
-from fipt.stages.fit.part_search import _chosen, _of_classes, estimate_parts, part_classes
+from fipt.stages.fit.part_search import ROUGHNESS, _chosen, _of_classes, estimate_parts, part_classes
 from fipt.stages.fit.settings import FitSettings
 from fipt.stages.fit.targets import part_targets
 from tests import scenes
@@ -257,37 +258,29 @@ def test_one_colour_tells_metal_where_pieces_have_few_pixels(np_rng):
 def test_a_surface_is_metal_or_not(residuals, metallic):
     """What is neither is believed only where metal explains clearly less."""
     residual = np.tile(np.array(residuals)[:, None, None], (1, 16, 1))
-    assert _chosen(residual, np.array([1000]))[1] == metallic
+    assert _chosen(residual, np.array([1000]), JudgedMetals())[1] == metallic
 
 
-def test_clipped_pixels_do_not_count(np_rng):
-    data = pixels(np_rng, [((0.6, 0.5, 0.4), 1.0, 0.0)])
-    data.clipped[0][: PER_PART // 2] = True
-    assert 0 < found(data).pixels[1] <= PER_PART / 2
+@pytest.mark.parametrize(
+    ("metal", "free", "expected"),
+    [
+        (1.05, 1000, (1.0, 0.2)),  # a little worse as metal: it is
+        (1.12, 1000, (0.0, 1.0)),  # its own pixels clearly say no
+        (1.12, 20, (1.0, 0.2)),  # so few of them say nothing clearly
+        (1.00, 0, (1.0, 0.35)),  # none: the roughness that is said
+    ],
+)
+def test_a_part_that_others_prove_to_be_metal_is_one_unless_its_pixels_say_no(metal, free, expected):
+    rough = np.array(ROUGHNESS)
+    residual = np.full((4, len(ROUGHNESS), 3), 2.0)
+    residual[0, -1], residual[3, rough == 0.2] = 1.0, metal
+    roughness, metallic, _ = _chosen(residual, np.full(3, free), JudgedMetals({1: 0.35}))
+    assert (metallic[1], roughness[1]) == expected
+    assert metallic[[0, 2]].tolist() == [0, 0]
 
 
-def test_shards_without_a_pixel_of_one_part_tell_nothing(np_rng):
-    """One has no samples at all, in the other every pixel shows a piece of unknown surface too."""
-    data = pixels(np_rng, [((0.5, 0.1, 0.1), 0.2, 0.0)])
-    place = np_rng.random((8, 3)).astype(np.float32)
-    unknown = np.tile([0, 9], 4)
-    mixed, nothing = (
-        scenes.samples_of(place, unknown, counts=[2] * 4),
-        scenes.samples_of(np.zeros((0, 3)), counts=[0] * 3),
-    )
-    rows = [np.ones((len(samples.position), SHADING_OUTPUTS, 3), np.float32) for samples in (mixed, nothing)]
-    images = [(np.ones((count, 3), np.float32), np.ones(count, np.float32)) for count in (4, 3)]
-    ids = [np.ones(count, np.uint16) for count in (4, 3)]
-    center = np.array([1.5, 1.5, 1.5])
-    alone = estimate_parts(scenes.training_pixels([mixed, nothing], rows, images, ids), center, 3.3, emitter_gain=1e9)
-    np.testing.assert_array_equal(alone.pixels, 0)
-    np.testing.assert_allclose(alone.roughness, [1, 0.5], atol=0.05)
-    one = scenes.training_pixels(
-        [nothing, *data.shards, mixed],
-        [rows[1], *data.shading, rows[0]],
-        [images[1], (data.radiance[0], data.valid[0]), images[0]],
-        [ids[1], np.ones(PER_PART, np.uint16), ids[0]],
-    )
-    together = estimate_parts(one, center, 3.3, emitter_gain=1e9)
-    for name, values in vars(found(data)).items():
-        np.testing.assert_array_equal(getattr(together, name), values, err_msg=name)
+def test_a_part_that_is_known_to_be_no_metal_is_none_whatever_its_pixels_say():
+    residual = np.full((4, len(ROUGHNESS), 2), 1.0)
+    residual[3] = 0.5
+    assert _chosen(residual, np.full(2, 1000), JudgedMetals())[1].tolist() == [1, 1]
+    assert _chosen(residual, np.full(2, 1000), JudgedMetals({}, frozenset({1})))[1].tolist() == [1, 0]

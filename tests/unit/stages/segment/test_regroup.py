@@ -12,11 +12,12 @@ from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
 from fipt.formats.images import read_ids, write_png
 from fipt.model.reflectance import line_in_base_color
 from fipt.scene.dataset import Dataset
+from fipt.scene.metals import JudgedMetals
 from fipt.stages.segment import divide
 from fipt.stages.segment.divide import materials_of
 from fipt.stages.segment.material_evidence import HALF, TRIALS, color_pieces, measure
 from fipt.stages.segment.region_pixels import RegionPixels
-from fipt.stages.segment.regroup import joined, with_likely_metals
+from fipt.stages.segment.regroup import _metals, joined, with_likely_metals
 from fipt.stages.segment.regroup_stage import RegroupInputs, run
 from fipt.stages.segment.settings import RegroupSettings
 
@@ -49,6 +50,7 @@ def pixels(
         triangle = k * grid**2 + (spots // (1 / grid)) @ [1, grid]
         radiance = ((offset + slope * np.array(color)) * error).astype(np.float32)
         parts.append((radiance, shading, place, np.tile([0, 0, 1], (count, 1)), np.full(count, k), triangle))
+        parts[-1] += (np.ones(count, np.float32),)
     return RegionPixels(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
 
@@ -67,7 +69,9 @@ RED, ORANGE, WHITE = (0.6, 0.2, 0.2), (0.6, 0.3, 0.2), (0.7, 0.7, 0.7)
 )
 def test_regions_of_one_material_join(np_rng, materials, expected):
     found = pixels(np_rng, materials)
-    label = joined(measure(found, found.region, len(materials), np.array([1.5, 0.5, 0.0]), 3.0))
+    label = joined(
+        measure(color_pieces(found, found.region, len(materials), np.array([1.5, 0.5, 0.0]), 3.0), len(materials))
+    )
     first = {k: int(label[k]) for k in reversed(range(len(label)))}
     assert [int(np.flatnonzero(label == first[k])[0]) for k in range(len(label))] == expected
 
@@ -76,7 +80,7 @@ def test_a_region_of_few_looks_joins_the_colour_that_is_its_own(np_rng):
     found = pixels(np_rng, [(RED, 0.8, 0.0), (ORANGE, 0.8, 0.0), (RED, 0.8, 0.0)])
     few = np.r_[np.arange(802), 1100]
     found = RegionPixels(*(values[few] for values in vars(found).values()))
-    label = joined(measure(found, found.region, 3, np.array([1.5, 0.5, 0.0]), 3.0))
+    label = joined(measure(color_pieces(found, found.region, 3, np.array([1.5, 0.5, 0.0]), 3.0), 3))
     assert label[2] == label[0] != label[1]
 
 
@@ -84,7 +88,9 @@ def test_what_lies_between_two_colours_does_not_join_them(np_rng):
     # the largest region lies between two others that differ: it takes the nearer one, and both stay apart
     materials = [((0.7, 0.7, level), 0.8, 0.0) for level in (0.60, 0.61, 0.66, 0.70)]
     found = pixels(np_rng, materials)
-    evidence = measure(found, found.region, len(materials), np.array([2.0, 0.5, 0.0]), 4.0)
+    evidence = measure(
+        color_pieces(found, found.region, len(materials), np.array([2.0, 0.5, 0.0]), 4.0), len(materials)
+    )
     hue = evidence.color[0, 0, 2] - evidence.color[3, 0, 2]
     noise = np.full_like(evidence.variance, (hue / 6) ** 2)  # the first and the largest alone would agree
     largest = replace(evidence, variance=noise, pixels=np.array([400.0, 400, 4000, 400]))
@@ -93,7 +99,7 @@ def test_what_lies_between_two_colours_does_not_join_them(np_rng):
 
 def test_evidence_names_the_trial_and_the_metal(np_rng):
     found = pixels(np_rng, [(WHITE, 0.2, 1.0), (WHITE, 0.2, 0.0)])
-    evidence = measure(found, found.region, 2, np.array([1.0, 0.5, 0.0]), 2.0)
+    evidence = measure(color_pieces(found, found.region, 2, np.array([1.0, 0.5, 0.0]), 2.0), 2)
     assert evidence.metal.tolist() == [True, False]
     assert TRIALS[evidence.left[0].argmin()] == (1.0, 0.2)
     assert TRIALS[evidence.left[1, :HALF].argmin()] == (0.0, 0.2)
@@ -104,11 +110,21 @@ def test_a_region_that_proves_nothing_is_the_metal_that_another_proves(np_rng):
     """Steel, steel, gold, grey paint; only the first has the pixels to prove that it is metal."""
     steel, gold, grey = (0.55, 0.55, 0.55), (0.9, 0.6, 0.2), (0.55, 0.55, 0.55)
     found = pixels(np_rng, [(steel, 0.2, 1.0), (steel, 0.2, 1.0), (gold, 0.2, 1.0), (grey, 0.8, 0.0)])
-    evidence = measure(found, found.region, 4, np.array([2.0, 0.5, 0.0]), 4.0)
+    evidence = measure(color_pieces(found, found.region, 4, np.array([2.0, 0.5, 0.0]), 4.0), 4)
     one = replace(evidence, metal=np.array([True, False, False, False]))
     assert with_likely_metals(one).metal.tolist() == [True, True, False, False]
     none = replace(evidence, metal=np.zeros(4, bool))
     assert not with_likely_metals(none).metal.any()
+
+
+def test_parts_are_judged_by_all_their_regions(np_rng):
+    """Two regions of steel that join, one of grey paint whose pixels say so, one of which there are too few."""
+    grey = (0.55, 0.55, 0.55)
+    found = pixels(np_rng, [(grey, 0.2, 1.0), (grey, 0.2, 1.0), (grey, 0.8, 0.0), (RED, 0.8, 0.0)])
+    found = found.of((found.region < 3) | (np.arange(len(found.region)) % 400 < 3))
+    evidence = measure(color_pieces(found, found.region, 4, np.array([2.0, 0.5, 0.0]), 4.0), 4)
+    metals = _metals(evidence, np.array([0, 0, 1, 2]))
+    assert metals == JudgedMetals({1: 0.2}, frozenset({2}))
 
 
 def steels(np_rng, *others):
@@ -119,7 +135,9 @@ def steels(np_rng, *others):
     steel = (0.55, 0.55, 0.55)
     materials = [(steel, 0.2, 1.0)] * 3 + list(others)
     found = pixels(np_rng, materials)
-    evidence = measure(found, found.region, len(materials), np.array([2.0, 0.5, 0.0]), 4.0)
+    evidence = measure(
+        color_pieces(found, found.region, len(materials), np.array([2.0, 0.5, 0.0]), 4.0), len(materials)
+    )
     proved = np.arange(len(materials)) < 2
     left, products = evidence.left.copy(), evidence.products.copy()
     metal = HALF + left[0, HALF:].argmin()
@@ -137,7 +155,15 @@ def test_a_region_that_is_not_told_apart_stays_where_the_colour_alone_proves_lit
     one = replace(evidence, metal=np.array([True, False, False]))
     assert not with_likely_metals(one).metal[2], "one region may look like metal by chance"
     many = replace(evidence, pixels=np.array([400.0, 400, 900]))
-    assert not with_likely_metals(many).metal[2], "what proves it is less than what asks for it"
+    assert with_likely_metals(many).metal[2], "of nearly one colour"
+    most = replace(evidence, pixels=np.array([400.0, 400, 1700]))
+    assert not with_likely_metals(most).metal[2], "what proves it is less than half of what asks for it"
+    color = evidence.color.copy()
+    color[2, HALF:, 0] += np.sqrt(4 * (evidence.variance[2, 0] + evidence.variance[0, 0]))
+    off = replace(evidence, color=color, pixels=np.array([400.0, 400, 600]))
+    assert with_likely_metals(off).metal[2]
+    off = replace(off, pixels=many.pixels)
+    assert not with_likely_metals(off).metal[2], "of a colour that is further off, and more asks for it than proves it"
     clearly = evidence.left.copy()
     clearly[2, 0] -= 0.7
     assert not with_likely_metals(replace(evidence, left=clearly)).metal[2], "worse by more than one standard error"
@@ -192,6 +218,7 @@ def test_the_verb_keeps_segments_where_every_pixel_shows_an_emitter(scene: Path,
         manifest=tmp_path / "segments.manifest.json",
     )
     figures = run(inputs, RegroupSettings())
+    assert Dataset(scene / "dataset", inputs.out).metals() == JudgedMetals()
     assert figures["materials"] == 0
     assert figures["parts"] == figures["segments"] > 0
 
