@@ -163,7 +163,7 @@ def test_samples_take_the_segment_of_their_pixel_or_the_most_of_their_triangle(n
     counts = [1, 1, 1, 2, 2, 1]
     triangle = [4, 4, 4, 2, 4, 2, 9, 9]
     ids = np.array([7, 65535, 65535, 3, 0, 65535], np.uint16)
-    samples = scenes.samples_of(np.zeros((8, 3)), triangle, 1.0, counts)
+    samples = scenes.samples_of(np.arange(24), triangle, 1.0, counts)  # far from each other
     samples.center[5] = 0  # the last pixel's centre sees nothing: its id belongs to no hit
     pixels = scenes.training_pixels(
         [samples], [np.zeros((8, SHADING_OUTPUTS, 3), np.float16)], [(np.ones((6, 3)), np.ones(6))], [ids]
@@ -175,8 +175,8 @@ def test_samples_take_the_segment_of_their_pixel_or_the_most_of_their_triangle(n
 
 
 def test_votes_are_counted_over_all_shards(np_rng):
-    one = scenes.samples_of(np.zeros((3, 3)), [5, 5, 0], 1.0, [1, 2])
-    two = scenes.samples_of(np.zeros((4, 3)), [5, 5, 5, 5], 1.0, [1, 1, 2])
+    one = scenes.samples_of(np.arange(9), [5, 5, 0], 1.0, [1, 2])
+    two = scenes.samples_of(np.arange(12), [5, 5, 5, 5], 1.0, [1, 1, 2])
     none = np.zeros((1, SHADING_OUTPUTS, 3), np.float16)
     pixels = scenes.training_pixels(
         [one, two],
