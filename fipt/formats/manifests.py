@@ -98,6 +98,10 @@ class ListedFiles:
         self._checked.add(key)
         return path
 
+    def lists(self, path: str | Path) -> bool:
+        """Whether a manifest lists a file, there or not."""
+        return os.path.realpath(path) in self._entries()
+
     def _entries(self) -> dict[str, dict[str, Path]]:
         """Real path -> hash -> manifest. Shards that are cut in another way leave manifests of what was."""
         if self._listed is None:

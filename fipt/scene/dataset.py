@@ -178,8 +178,15 @@ class Dataset:
         return ids
 
     def metals(self) -> JudgedMetals:
-        """Which parts are metal, as the maker of the segments found; most sources say nothing."""
-        return read_metals(self._listed_ids.check(self.segments_root / "metals.json"))
+        """Which parts are metal, as the join of segments found; nothing is known where none made them.
+
+        Raises
+        ------
+        FiptError
+            If the file of a join is damaged or missing.
+        """
+        path = self._listed_ids.check(self.segments_root / "metals.json")
+        return read_metals(path) if path.is_file() or self._listed_ids.lists(path) else JudgedMetals()
 
     def truth(self, view: str) -> dict[str, np.ndarray] | None:
         """Ground truth of a view, or None: layer name -> (H, W, 3) or (H, W) float32."""

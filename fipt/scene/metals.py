@@ -40,15 +40,13 @@ def write_metals(folder: str | Path, metals: JudgedMetals) -> None:
 
 
 def read_metals(path: str | Path) -> JudgedMetals:
-    """Read metals.json; nothing is known where there is no such file.
+    """Read metals.json.
 
     Raises
     ------
     FiptError
-        If the file is damaged.
+        If the file is damaged or missing.
     """
-    if not Path(path).is_file():
-        return JudgedMetals()
     content = read_json(path, "the metals among segments", _REMEDY)
     try:
         roughness = {int(part): value for part, value in content["roughness"].items()}

@@ -165,7 +165,7 @@ def _mostly_filled(
     mean = np.add.reduceat(shading[at] * (weight[at] / share[row[at]])[:, None, None], starts, axis=0)
     surface = (place[first], normal[first], region[first], np.asarray(samples.triangle[sample[first]]))
     known = (radiance > 0).all(axis=1)  # not so where it is NaN
-    arrays = (np.maximum(radiance, 0).astype(np.float32), mean.astype(np.float32), *surface, share.astype(np.float32))
+    arrays = (radiance.astype(np.float32), mean.astype(np.float32), *surface, share.astype(np.float32))
     return tuple(array[known] for array in arrays)
 
 

@@ -42,10 +42,10 @@ _STANDARD_ERRORS = 1.96
 """Standard errors by which one trial must be worse than another: 95 % of chance, as for colours."""
 _LIKELY_ERRORS = 1.0
 """The same for a region whose colour metal alone has in the room: more than these, and it stays what it is."""
+_NO_METAL_ERRORS = 0.5
+"""The same for a part of which a dielectric is the better explanation: more than these, and the fit finds no metal."""
 _CHANCE = 0.05
 """Share of what is metal that may look clearly worse as one: twice that chance, of which this is one side."""
-_NO_METAL_ERRORS = 0.5
-"""The same for a part whose best metal is worse than a dielectric: the fit is not to find it to be metal."""
 _WINDOWS = ((_CHI_SQUARE, 1.0), (2.366, 0.5))
 """Squared distances of colours, their 95 % and 50 % quantile, and how many pixels must prove a metal for each that
 tells nothing: in the nearer half fewer other things have that colour."""
@@ -165,8 +165,8 @@ def _metal_alone(evidence: MaterialEvidence, same: np.ndarray, refused: np.ndarr
     others = same & ~evidence.metal
     proved, dielectric = pixels[proves].sum(), pixels[others & refused].sum()
     few_dielectric = dielectric <= _CHANCE * (proved + dielectric)
-    untold = pixels[others & ~refused].sum()
-    return bool((proves & ~refused).sum() > 1 and few_dielectric and proved > proof * untold)
+    undecided = pixels[others & ~refused].sum()
+    return bool((proves & ~refused).sum() > 1 and few_dielectric and proved > proof * undecided)
 
 
 def joined(evidence: MaterialEvidence) -> np.ndarray:

@@ -7,7 +7,6 @@ from fipt.scene.metals import JudgedMetals, read_metals, write_metals
 
 
 def test_round_trip(tmp_path):
-    assert read_metals(tmp_path / "metals.json") == JudgedMetals()
     metals = JudgedMetals({7: 0.2, 3: 0.02}, frozenset({9, 4}))
     write_metals(tmp_path, metals)
     assert read_metals(tmp_path / "metals.json") == metals

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
+from fipt.errors import FiptError
 from fipt.formats.images import read_ids, write_png
 from fipt.model.reflectance import line_in_base_color
 from fipt.scene.dataset import Dataset
@@ -219,6 +220,10 @@ def test_the_verb_keeps_segments_where_every_pixel_shows_an_emitter(scene: Path,
     )
     figures = run(inputs, RegroupSettings())
     assert Dataset(scene / "dataset", inputs.out).metals() == JudgedMetals()
+    assert Dataset(scene / "dataset").metals() == JudgedMetals(), "ids that no join made"
+    (inputs.out / "metals.json").unlink()
+    with pytest.raises(FiptError, match="metals"):
+        Dataset(scene / "dataset", inputs.out).metals()
     assert figures["materials"] == 0
     assert figures["parts"] == figures["segments"] > 0
 
