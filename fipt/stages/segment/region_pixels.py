@@ -22,7 +22,7 @@ _WHOLE = 0.99
 
 
 _MOSTLY = 0.5
-"""Share of a pixel that a region fills, from which it tells something of the region: most of it."""
+"""Share of a pixel that a region fills, above which it tells something of the region: most of it."""
 _REGIONS = 65536
 """More than there are regions: ids have 16 bits."""
 
@@ -32,7 +32,7 @@ _RegionOf = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class RegionPixels:
-    """N pixels, each of one region: it fills them, or what the others there reflect is taken off.
+    """N pixels, each of one region: it fills them, or most of them, and what others reflect is taken off.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class RegionPixels:
     region
         (N,) int64 from 1.
     triangle
-        (N,) int64 that the centre shows, or the region's first sample.
+        (N,) int32 that the centre shows, or the region's first sample.
     share
         (N,) float32 of the pixel that the region fills.
     """
@@ -96,8 +96,8 @@ def shared_pixels(
     regions
         As of `region_pixels`.
     radiance_of
-        What the others reflect. A pixel is left out that shows one of which it is not known, or that is darker than
-        what they reflect.
+        What the others reflect. A pixel is left out that shows one of which it is not known, or that is darker in any
+        channel than what they reflect.
     """
     return _gathered(shards, regions, partial(_mostly_filled, radiance_of))
 
@@ -150,16 +150,16 @@ def _mostly_filled(
 ) -> tuple[np.ndarray, ...]:
     """The arrays of those of which one region fills most, but not all."""
     samples = shard.samples
-    chosen, row, sample, region, weight, own = _of_mostly_filled(samples, chosen, region_of)
+    chosen, row, sample, region, weight, largest = _of_mostly_filled(samples, chosen, region_of)
     if len(chosen) == 0:
         return _filled(shard, chosen, region_of)
     shading = np.asarray(shard.shading[sample], np.float32).reshape(-1, SHADING_OUTPUTS, 3)
     place, normal = np.asarray(samples.position[sample]), np.asarray(samples.normal[sample])
-    rest = weight[~own, None] * radiance_of(region[~own], place[~own], normal[~own], shading[~own])
-    others = np.stack([np.bincount(row[~own], channel, len(chosen)) for channel in rest.T], axis=1)
-    share = np.bincount(row[own], weight[own])
+    rest = weight[~largest, None] * radiance_of(region[~largest], place[~largest], normal[~largest], shading[~largest])
+    others = np.stack([np.bincount(row[~largest], channel, len(chosen)) for channel in rest.T], axis=1)
+    share = np.bincount(row[largest], weight[largest])
     radiance = (shard.radiance[chosen] - others) / share[:, None]
-    at = np.flatnonzero(own)
+    at = np.flatnonzero(largest)
     starts = np.flatnonzero(np.diff(row[at], prepend=-1))
     first = at[starts]
     mean = np.add.reduceat(shading[at] * (weight[at] / share[row[at]])[:, None, None], starts, axis=0)

@@ -11,8 +11,8 @@ that differ the least become one, again and again, as long as any two agree. Two
 
 A region is metal where its own pixels clearly prove it. Legs and frames fill too few pixels for that: a metal explains
 them only a little better than a dielectric. They count as metal where another region proves one of their colour; where
-metal alone has that colour in the room, even if a dielectric explains them as well. What proves it must outnumber what
-does not tell, or, of nearly the same colour, be half of that.
+metal alone has that colour in the room, even if a dielectric explains them as well. Pixels that prove it must outnumber
+undecided ones, or half of them where the colour is nearly the same.
 """
 
 from collections.abc import Sequence
