@@ -34,6 +34,8 @@ from fipt.formats.manifests import file_hash, listed_files, listed_in
 RECORDS = ".records"
 """Folder of a room's results with what Snakemake knows of its jobs."""
 _MANIFEST = ".manifest.json"
+_FOLDER_TIME = ".snakemake_timestamp"
+"""Snakemake's file in a folder for the folder's time, which it sets after the folder is stored: not ours to store."""
 _BESIDE = {"emitters.manifest.json": "emitters_review.yaml"}
 """Manifest -> what its job writes beside it, for people: no output, since Snakemake would remove it."""
 
@@ -185,7 +187,7 @@ class StoredFile(StorageObject):
         if local != self.path:
             super().store_object()
         elif local.is_dir():
-            self.store.put(path for path in local.rglob("*") if path.is_file())
+            self.store.put(path for path in local.rglob("*") if path.is_file() and path.name != _FOLDER_TIME)
         else:
             self.store.put(_with(local))
             self.store.put([local])

@@ -136,6 +136,10 @@ def test_a_job_that_was_killed_while_it_stored_is_made_again(begun, machine, mon
     found = bucket.files("results/room")
     assert SAMPLES in found
     assert [path for path, stored in found.items() if not bucket.is_here(Path(path), stored)] == []
+    # Snakemake sets the time of this file after the folder is stored: it would never be here as it was stored
+    folder_time = SAMPLES.replace(".manifest.json", "/.snakemake_timestamp")
+    assert Path(folder_time).is_file()
+    assert folder_time not in found
 
 
 def test_older_copies_do_not_count(begun, machine):
