@@ -34,6 +34,10 @@ DEVIATION = 1.4826
 """Standard deviation over the median absolute deviation of normal noise."""
 _UNKNOWN = 0.1
 """Standard deviation of the colour where no region is large enough to tell."""
+CHI_SQUARE = 7.815
+"""95 % quantile of chi square with three degrees of freedom: by how much colours differ that are one, in variances."""
+STANDARD_ERRORS = 1.96
+"""Standard errors by which one trial must be worse than another: 95 % of chance, as for colours."""
 _METAL_GAIN = 0.1
 _CAUTION = 0.5
 """Metal must remove this share of what is left, and _CAUTION / sqrt(pixels) more, before it is believed."""
@@ -162,7 +166,7 @@ def measure(found: ColorPieces, count: int) -> MaterialEvidence:
         means[k] = np.average(color[own], axis=0, weights=number[own])
         pieces[k] = len(own)
         noise.add(color[own, total[k].argmin()], place[own])
-    metal = _is_metal(total, np.bincount(owner, number * judged, count))
+    metal = is_metal(total, np.bincount(owner, number * judged, count))
     return MaterialEvidence(total, products, means, np.bincount(owner, number, count), metal, noise.variance(pieces))
 
 
@@ -279,7 +283,21 @@ def tried(pixels: RegionPixels, piece: np.ndarray, pieces: int) -> tuple[np.ndar
     return left / np.bincount(piece, share, pieces)[:, None], color
 
 
-def _is_metal(left: np.ndarray, judged: np.ndarray) -> np.ndarray:
+def is_metal(left: np.ndarray, judged: np.ndarray) -> np.ndarray:
     """(R,) bool: metal leaves clearly less (R, T) of the pixels that judge it (R,); as cautious as the part search."""
     caution = _METAL_GAIN + _CAUTION / np.sqrt(np.maximum(judged, 1))
     return left[:, HALF:].min(axis=1) < (1 - caution) * left[:, :HALF].min(axis=1)
+
+
+def worse(
+    left: np.ndarray, products: np.ndarray, trial: np.ndarray, trials: slice, errors: float = STANDARD_ERRORS
+) -> np.ndarray:
+    """(K,) bool: a trial (K,) is worse than the best of ``trials`` by more than some standard errors.
+
+    The evidence is (K, T) what trials leave, and (K, T, T) the products that tell its noise.
+    """
+    rows = np.arange(len(left))
+    own = left[:, trials].argmin(axis=1) + trials.indices(2 * HALF)[0]
+    more = left[rows, trial] - left[rows, own]
+    square = products[rows, own, own] + products[rows, trial, trial] - 2 * products[rows, own, trial]
+    return more > errors * np.sqrt(np.maximum(square, 0))

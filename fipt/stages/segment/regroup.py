@@ -12,7 +12,8 @@ that differ the least become one, again and again, as long as any two agree. Two
 A region is metal where its own pixels clearly prove it. Legs and frames fill too few pixels for that: a metal explains
 them only a little better than a dielectric. They count as metal where another region proves one of their colour; where
 metal alone has that colour in the room, even if a dielectric explains them as well. Pixels that prove it must outnumber
-undecided ones, or half of them where the colour is nearly the same.
+undecided ones, or half of them where the colour is nearly the same. Copies of one shape judge together
+(`fipt.stages.segment.copies`).
 """
 
 from collections.abc import Sequence
@@ -23,8 +24,10 @@ import numpy as np
 from fipt.formats.files import check_memory
 from fipt.scene.metals import JudgedMetals
 from fipt.scene.observed import ObservedShard
-from fipt.scene.samples import scene_box
+from fipt.scene.samples import scene_box, segments_of_triangles
+from fipt.stages.segment.copies import copied_regions, judged_with_copies
 from fipt.stages.segment.material_evidence import (
+    CHI_SQUARE,
     HALF,
     ROUGHNESS,
     TRIALS,
@@ -33,20 +36,17 @@ from fipt.stages.segment.material_evidence import (
     MaterialEvidence,
     color_pieces,
     measure,
+    worse,
 )
 from fipt.stages.segment.region_pixels import RegionPixels, region_pixels, shared_pixels
 
-_CHI_SQUARE = 7.815
-"""95 % quantile of chi square with three degrees of freedom."""
-_STANDARD_ERRORS = 1.96
-"""Standard errors by which one trial must be worse than another: 95 % of chance, as for colours."""
 _LIKELY_ERRORS = 1.0
 """The same for a region whose colour metal alone has in the room: more than these, and it stays what it is."""
 _NO_METAL_ERRORS = 0.5
 """The same for a part of which a dielectric is the better explanation: more than these, and the fit finds no metal."""
 _CHANCE = 0.05
 """Share of what is metal that may look clearly worse as one: twice that chance, of which this is one side."""
-_WINDOWS = ((_CHI_SQUARE, 1.0), (2.366, 0.5))
+_WINDOWS = ((CHI_SQUARE, 1.0), (2.366, 0.5))
 """Squared distances of colours, their 95 % and 50 % quantile, and how many pixels must prove a metal for each that
 tells nothing: in the nearer half fewer other things have that colour."""
 
@@ -70,13 +70,17 @@ class RegroupedParts:
     metals: JudgedMetals
 
 
-def regrouped(shards: Sequence[ObservedShard], regions: Sequence[np.ndarray], alike: float = 1.0) -> RegroupedParts:
+def regrouped(
+    shards: Sequence[ObservedShard], regions: Sequence[np.ndarray], copies: np.ndarray, alike: float = 1.0
+) -> RegroupedParts:
     """Regions of pixels to parts of pixels.
 
     Parameters
     ----------
     regions
         Per shard: (P,) uint16 region of each pixel, 0 = unknown.
+    copies
+        (T,) triangle of which each is a copy, as of `first_copies`.
     alike
         How many pieces of a region err as one: their evidence has that much more variance.
     """
@@ -86,6 +90,8 @@ def regrouped(shards: Sequence[ObservedShard], regions: Sequence[np.ndarray], al
     known, evidence = _evidence(shards, regions)
     if len(known):
         evidence = with_likely_metals(replace(evidence, products=evidence.products * alike))
+        _, of_triangle = segments_of_triangles([shard.samples for shard in shards], regions)
+        evidence = judged_with_copies(evidence, copied_regions(copies, of_triangle, known))
         label = joined(evidence)
         materials = int(label.max()) + 1
         part_of[known] = label + 1
@@ -103,8 +109,8 @@ def _metals(evidence: MaterialEvidence, label: np.ndarray) -> JudgedMetals:
     np.add.at(products, label, evidence.products)
     best = HALF + left[:, HALF:].argmin(axis=1)
     metal = np.unique(label[evidence.metal])
-    worse = _worse(left, products, best, slice(None, HALF), errors=_NO_METAL_ERRORS)
-    dielectric = np.setdiff1d(np.flatnonzero(worse), metal)
+    unlike = worse(left, products, best, slice(None, HALF), errors=_NO_METAL_ERRORS)
+    dielectric = np.setdiff1d(np.flatnonzero(unlike), metal)
     roughness = {int(part) + 1: ROUGHNESS[best[part] - HALF] for part in metal}
     return JudgedMetals(roughness, frozenset((dielectric + 1).tolist()))
 
@@ -145,9 +151,9 @@ def with_likely_metals(evidence: MaterialEvidence) -> MaterialEvidence:
         trial = HALF + int(left[k, HALF:].argmin())
         off = evidence.color[:, trial] - evidence.color[k, trial]
         distance = (off**2 / (evidence.variance + evidence.variance[k])).sum(axis=1)
-        metal |= (distance < _CHI_SQUARE) & (left[:, trial] < dielectric)
+        metal |= (distance < CHI_SQUARE) & (left[:, trial] < dielectric)
         as_metal = left, evidence.products, np.full(len(left), trial), slice(None, HALF)
-        refused, unlikely = _worse(*as_metal), _worse(*as_metal, errors=_LIKELY_ERRORS)
+        refused, unlikely = worse(*as_metal), worse(*as_metal, errors=_LIKELY_ERRORS)
         for furthest, proof in _WINDOWS:
             same = distance < furthest
             if _metal_alone(evidence, same, refused, proof):
@@ -218,11 +224,11 @@ class _Materials:
         best = (self._left[like, trials] + self._left[k, trials]).argmin(axis=1) + trials.indices(2 * HALF)[0]
         off = self._color[like, best] - self._color[k, best]
         difference = (off**2 / (self._variance[like] + self._variance[k])).sum(axis=1)
-        near = difference < _CHI_SQUARE
+        near = difference < CHI_SQUARE
         at, like, best = at[near], like[near], best[near]
         same = np.full(len(like), k)
-        agrees = ~_worse(self._left[like], self._products[like], best, trials)
-        agrees &= ~_worse(self._left[same], self._products[same], best, trials)
+        agrees = ~worse(self._left[like], self._products[like], best, trials)
+        agrees &= ~worse(self._left[same], self._products[same], best, trials)
         result[at[agrees]] = difference[near][agrees]
         return result
 
@@ -233,17 +239,3 @@ class _Materials:
         self._variance[own] = (1 - share) ** 2 * self._variance[own] + share**2 * self._variance[other]
         for total in (self._left, self._products, self._pixels):
             total[own] += total[other]
-
-
-def _worse(
-    left: np.ndarray, products: np.ndarray, trial: np.ndarray, trials: slice, errors: float = _STANDARD_ERRORS
-) -> np.ndarray:
-    """(K,) bool: a trial (K,) is worse than the best of ``trials`` by more than some standard errors.
-
-    The evidence is (K, T) what trials leave, and (K, T, T) the products that tell its noise.
-    """
-    rows = np.arange(len(left))
-    own = left[:, trials].argmin(axis=1) + trials.indices(2 * HALF)[0]
-    more = left[rows, trial] - left[rows, own]
-    square = products[rows, own, own] + products[rows, trial, trial] - 2 * products[rows, own, trial]
-    return more > errors * np.sqrt(np.maximum(square, 0))

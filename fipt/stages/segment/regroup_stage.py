@@ -42,6 +42,7 @@ def run(inputs: RegroupInputs, settings: "RegroupSettings") -> dict[str, Any]:
     from fipt.scene.samples import segments_of
     from fipt.settings import dumped
     from fipt.stages.segment.borders import borders_moved
+    from fipt.stages.segment.copies import first_copies
     from fipt.stages.segment.divide import divided
     from fipt.stages.segment.regroup import regrouped
 
@@ -51,10 +52,11 @@ def run(inputs: RegroupInputs, settings: "RegroupSettings") -> dict[str, Any]:
         shards = without_triangles(shards, read_emitters(inputs.emitters).possible, around=True)
     before = [segments_of(data, shard.samples, "part") for shard in shards]
     regions, cuts, alike = divided(shards, before) if settings.divide else (before, 0, 1.0)
-    found = regrouped(shards, regions, alike)
+    mesh = data.mesh()
+    found = regrouped(shards, regions, first_copies(mesh), alike)
     parts = found.parts
     if settings.borders:
-        parts = borders_moved(data.mesh(), shards, parts)
+        parts = borders_moved(mesh, shards, parts)
     inputs.manifest.unlink(missing_ok=True)
     with atomic_folder(inputs.out, r"part|metals\.json") as folder:
         write_metals(folder, found.metals)

@@ -1,0 +1,113 @@
+"""Copies: one shape in several places, as a modeller sets up the chairs of a classroom. They judge together.
+
+Copies are of one kind, metal or not, and where their colours agree of one material. So one that few pixels show is
+known by the others. The mesh of a scan or of photographs has no copies: no two of its pieces are alike.
+"""
+
+from collections import defaultdict
+from dataclasses import replace
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from fipt.scene.mesh import Mesh, connected_parts
+from fipt.stages.segment.material_evidence import CHI_SQUARE, HALF, MaterialEvidence, is_metal, worse
+
+_SAME_LENGTH = 0.01
+"""By how much sides of copies may differ, as a share of the longest side: what rounding in files does."""
+_FEWEST = 4
+"""Triangles of the smallest shape that is told from others."""
+_SAME_PLACE = 0.5
+"""Share of the smaller region that two regions must have in common, on the shape."""
+
+
+def first_copies(mesh: Mesh) -> np.ndarray:
+    """(T,) int64 triangle that each is a copy of: the one at its place in the first piece of the mesh of that shape.
+
+    Two connected pieces are of one shape where their triangles, as they are numbered, have the same sides: exporters
+    write copies in one order. Mirrored ones count, those of another size do not.
+    """
+    part = connected_parts(mesh)
+    corners = mesh.vertices[mesh.triangles].astype(np.float64)
+    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+    order = np.argsort(part, kind="stable")
+    pieces = np.split(order, np.cumsum(np.bincount(part))[:-1]) if len(part) else []
+    first = np.arange(len(part), dtype=np.int64)
+    # only shapes with about the same length of all sides are compared: a plant has thousands of leaves
+    size = np.log(np.maximum([sides[piece].sum() for piece in pieces], 1e-30)) / _SAME_LENGTH
+    shapes: dict[tuple[int, int], list[np.ndarray]] = defaultdict(list)
+    for piece, about in zip(pieces, np.floor(size).astype(int), strict=True):
+        if len(piece) < _FEWEST:
+            continue
+        near = (shape for step in (-1, 0, 1) for shape in shapes.get((len(piece), about + step), ()))
+        shape = next((shape for shape in near if _is_copy(sides[piece], sides[shape])), None)
+        if shape is None:
+            shapes[len(piece), about].append(piece)
+        else:
+            first[piece] = shape
+    return first
+
+
+def _is_copy(sides: np.ndarray, others: np.ndarray) -> bool:
+    """Whether triangles have the sides (K, 3) of others."""
+    return bool(np.abs(sides - others).max() < _SAME_LENGTH * others.max())
+
+
+def judged_with_copies(evidence: MaterialEvidence, copies: np.ndarray) -> MaterialEvidence:
+    """The evidence of regions, with what copies tell each other of being metal.
+
+    Those that agree in colour are all metal or none, as most of their pixels have it. And all of a shape are metal,
+    whatever their colours, if what trials leave of them proves it together; but not one that clearly is none.
+
+    Parameters
+    ----------
+    copies
+        (2, N) pairs of regions, as of `copied_regions`.
+    """
+    own, other = copies
+    trial = (evidence.left[own] + evidence.left[other]).argmin(axis=1)
+    off = evidence.color[own, trial] - evidence.color[other, trial]
+    agree = (off**2 / (evidence.variance[own] + evidence.variance[other])).sum(axis=1) < CHI_SQUARE
+    # pixels of a region that judges nothing have no vote
+    pixels = evidence.pixels * ((evidence.left > 0).any(axis=1) | evidence.metal)
+    thing = _groups(own[agree], other[agree], len(pixels))
+    voted = np.bincount(thing, pixels * evidence.metal) > 0.5 * np.bincount(thing, pixels)
+
+    shape = _groups(own, other, len(pixels))
+    left = np.stack([np.bincount(shape, column) for column in evidence.left.T], axis=1)
+    proved = is_metal(left, np.bincount(shape, pixels)) & (np.bincount(shape) > 1)
+    best = HALF + left[:, HALF:].argmin(axis=1)
+    refused = worse(evidence.left, evidence.products, best[shape], slice(None, HALF))
+    return replace(evidence, metal=voted[thing] | (proved[shape] & ~refused))
+
+
+def _groups(a: np.ndarray, b: np.ndarray, count: int) -> np.ndarray:
+    """(count,) group of each of so many, where a (N,) and b (N,) belong together."""
+    links = coo_matrix((np.ones(len(a)), (a, b)), shape=(count, count))
+    return connected_components(links, directed=False)[1]
+
+
+def copied_regions(first: np.ndarray, region: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """(2, N) int64 pairs of regions that are the same place of two copies, as numbers into ``known``.
+
+    Parameters
+    ----------
+    first
+        (T,) as of `first_copies`.
+    region
+        (at most T,) region of each triangle, 0 = unknown; those at the end that are missing are unknown.
+    known
+        (R,) ids of regions, ascending.
+    """
+    first = first[: len(region)]
+    number = np.minimum(np.searchsorted(known, region), len(known) - 1)
+    counted = (known[number] == region) & (np.bincount(first)[first] > 1)
+    shape = (len(known), len(first))
+    triangles = coo_matrix((np.ones(counted.sum()), (number[counted], first[counted])), shape=shape).tocsr()
+    triangles.data[:] = 1
+    common = (triangles @ triangles.T).tocoo()
+    size = np.asarray(triangles.sum(axis=1)).reshape(-1)
+    least = _SAME_PLACE * np.minimum(size[common.row], size[common.col])
+    same = (common.row < common.col) & (common.data > least)
+    return np.stack([common.row[same], common.col[same]]).astype(np.int64)

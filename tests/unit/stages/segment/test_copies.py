@@ -1,0 +1,104 @@
+"""Copies of a shape are found on the mesh, and vote on what they are made of."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from fipt.scene.mesh import Mesh
+from fipt.stages.segment.copies import copied_regions, first_copies, judged_with_copies
+from fipt.stages.segment.material_evidence import HALF, TRIALS, MaterialEvidence
+
+_TURN = np.array([[0.6, -0.8, 0], [0.8, 0.6, 0], [0, 0, 1]])
+_MIRROR = np.diag([-1.0, 1, 1])
+
+
+def box(*sides: float) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (8, 3) and triangles (12, 3) of a box."""
+    corners = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * sides
+    quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+    return corners, np.array([(q[0], *q[k : k + 2]) for q in quads for k in (1, 2)])
+
+
+def together(*shapes: tuple[np.ndarray, np.ndarray]) -> Mesh:
+    """One mesh of shapes that do not touch."""
+    begins = np.cumsum([0, *(len(vertices) for vertices, _ in shapes)])
+    triangles = [own + begin for (_, own), begin in zip(shapes, begins, strict=False)]
+    vertices = [own + np.array([10 * k, 0, 0]) for k, (own, _) in enumerate(shapes)]
+    return Mesh(np.concatenate(vertices).astype(np.float32), np.concatenate(triangles).astype(np.int32))
+
+
+def test_turned_and_mirrored_shapes_are_copies_other_sizes_are_not():
+    (vertices, triangles), large = box(0.1, 0.2, 0.9), box(0.2, 0.4, 1.8)
+    mesh = together(
+        (vertices, triangles),
+        (vertices @ _TURN.T, triangles),
+        large,
+        (vertices @ _MIRROR, triangles),
+        box(0.1, 0.2, 0.8),
+    )
+    shape = np.arange(12)
+    assert first_copies(mesh).tolist() == np.concatenate([shape, shape, shape + 24, shape, shape + 48]).tolist()
+
+
+def test_a_sheet_of_two_triangles_is_no_shape():
+    sheet = (np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], float), np.array([(0, 1, 2), (0, 2, 3)]))
+    assert first_copies(together(sheet, sheet)).tolist() == [0, 1, 2, 3]
+
+
+def test_regions_are_copies_where_they_lie_at_one_place_of_a_shape():
+    first = np.array([0, 1, 2, 3, 0, 1, 2, 3, 8, 9])
+    # the second copy's region 8 has two of its three triangles where region 5 lies, and region 9 is of no copied shape
+    region = np.array([5, 5, 6, 6, 8, 8, 8, 0, 9, 9], np.uint16)
+    assert copied_regions(first, region, np.array([5, 6, 8, 9])).T.tolist() == [[0, 2]]
+    assert copied_regions(first, region[:6], np.array([5, 6, 8])).T.tolist() == [[0, 2]], (
+        "what no view shows is left out"
+    )
+    assert copied_regions(first, region, np.array([6, 8])).shape == (2, 0), "a region that no pixel fills"
+
+
+def legs(metal: list[bool], pixels: list[float], brightness: list[float]) -> MaterialEvidence:
+    """Evidence of regions of one hue, which metal and dielectric explain alike."""
+    count = len(metal)
+    color = np.zeros((count, len(TRIALS), 3))
+    color[..., 0] = np.array(brightness)[:, None]
+    left, products = np.ones((count, 2 * HALF)), np.ones((count, 2 * HALF, 2 * HALF))
+    return MaterialEvidence(left, products, color, np.array(pixels), np.array(metal), np.full((count, 3), 0.01))
+
+
+def pairs(*numbers: tuple[int, int]) -> np.ndarray:
+    """(2, N) pairs of regions."""
+    return np.array(numbers, int).reshape(-1, 2).T
+
+
+def test_copies_of_one_colour_are_what_most_of_their_pixels_are():
+    evidence = legs([True, False, True, False, False], [40, 30, 20, 50, 10], [-1, -1.1, -0.9, -1, -1])
+    copies = pairs((0, 1), (1, 2), (0, 2), (3, 4))
+    assert judged_with_copies(evidence, copies).metal.tolist() == [True, True, True, False, False]
+    few = replace(evidence, pixels=np.array([10.0, 30, 15, 50, 10]))
+    assert not judged_with_copies(few, copies).metal.any()
+    mute = replace(few, left=np.where(np.arange(5)[:, None] == 1, 0, few.left))
+    assert judged_with_copies(mute, copies).metal.tolist() == [True, True, True, False, False], "it judges nothing"
+    assert judged_with_copies(evidence, pairs()).metal.tolist() == evidence.metal.tolist(), "no copies"
+
+
+def test_copies_of_two_colours_have_no_vote_on_each_other():
+    evidence = legs([True, False, False], [40, 30, 5], [-1, -2, -1.9])
+    assert judged_with_copies(evidence, pairs((0, 1), (1, 2), (0, 2))).metal.tolist() == [True, False, False]
+
+
+def test_what_copies_leave_together_proves_metal_whatever_their_colours():
+    """Metal leaves an eighth less of each, which 50 pixels do not prove, and 1000 do."""
+    evidence = legs([False] * 21, [50] * 21, [-float(k) for k in range(21)])
+    evidence.left[:, HALF:], evidence.products[:] = 0.88, 0
+    for k in range(21):  # chance that differs by 0.3 between the two kinds
+        evidence.products[k, :HALF, :HALF] = 0.09
+    evidence.left[20, HALF:] = 1.8
+    copies = pairs(*((k, other) for k in range(20) for other in range(k)))
+    assert judged_with_copies(evidence, copies).metal.tolist() == [True] * 20 + [False], "the last is no copy"
+    assert not judged_with_copies(evidence, pairs((0, 1), (1, 2))).metal.any(), "three are too few"
+    all_copies = np.concatenate([copies, pairs((19, 20))], axis=1)
+    told = judged_with_copies(evidence, all_copies).metal.tolist()
+    assert told == [False] * 21, "what one of them leaves outweighs what is won"
+    evidence.left[20, HALF:] = 1.7
+    evidence.left[:20, HALF:] = 0.8
+    assert judged_with_copies(evidence, all_copies).metal.tolist() == [True] * 20 + [False], "it clearly is none"
