@@ -33,6 +33,8 @@ TRUNCATION = 4.0
 """Largest distance that the field holds, voxels."""
 SIZE, FOV = (320, 240), 75.0
 """Pixels of a depth image, and its horizontal field of view, degrees."""
+REACH = 10.0
+"""Farthest surface that has a depth, metres: views through windows would ask for voxels of the whole world."""
 CLEARANCE = 0.3
 """Nearest surface to a camera at random, metres."""
 PIECE = 50
@@ -83,7 +85,7 @@ def scanned(mesh: Mesh, cameras: list[Camera], settings: ScanSettings) -> Mesh:
         distance, _ = scene.intersect(camera.center.astype(np.float32), directions)
         forward = -camera.world_from_camera[:3, 2]
         depth = (distance * (directions @ forward)).astype(np.float64)
-        depth[~np.isfinite(depth)] = 0
+        depth[~(depth < REACH)] = 0
         depth += np.where(depth > 0, settings.noise * (depth / 2) ** 2 * rng.standard_normal(depth.shape), 0)
         field.integrate(camera, np.maximum(depth, 0).reshape(rows.shape))
     return without_crumbs(field.mesh())
