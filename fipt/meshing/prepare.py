@@ -13,7 +13,7 @@ from fipt.meshing.cut import cut_at
 from fipt.meshing.decimate import decimated
 from fipt.meshing.denoise import filtered_normals, fitted_to_normals, normal_deviation, taubin, weighted_median
 from fipt.meshing.footprints import SeenSurface, seen_surface
-from fipt.meshing.holes import without_hidden_holes
+from fipt.meshing.holes import without_small_holes
 from fipt.meshing.planes import Planes, find_planes, flattened, grown
 from fipt.meshing.radiance_edges import Radiance, find_edges
 from fipt.meshing.separate import separated
@@ -98,7 +98,7 @@ def prepared(
         return mesh, {**figures, "triangles": len(mesh.triangles)}
     noisy = asks["small_share"] >= 0.5 and asks["normal_deviation_degrees"] > NOISY
     if settings.prepare == "always" or noisy or asks["triangles_per_pixel"] > FINE:
-        mesh, made = _made(mesh, seen, cameras, np.radians(asks["normal_deviation_degrees"]), settings)
+        mesh, made = _made(mesh, seen, np.radians(asks["normal_deviation_degrees"]), settings)
         figures |= {"prepared": True, **made}
         if settings.cut_edges:
             edges = find_edges(mesh, cameras, radiance)
@@ -108,10 +108,10 @@ def prepared(
     if figures["prepared"]:
         log.info(
             "mesh prepared: normals deviate by %.1f degrees, %.1f triangles a pixel; %d of %d triangles kept, "
-            "%d planes, %d floaters dropped, %d holes closed, %d of them large but hidden, %d left (%.2g m2), %.0f s",
+            "%d planes, %d floaters dropped, %d holes closed, %d left (%.2g m2), %.0f s",
             asks["normal_deviation_degrees"], asks["triangles_per_pixel"], figures["triangles"],
             figures["triangles_before"], figures["planes"], figures["floaters"], figures["holes_closed"],
-            figures["holes_hidden"], figures["holes_open"], figures["hole_area"], figures["seconds"],
+            figures["holes_open"], figures["hole_area"], figures["seconds"],
         )  # fmt: skip
     else:
         log.info(
@@ -133,15 +133,13 @@ def _asks(mesh: Mesh, seen: SeenSurface) -> dict[str, float]:
     }
 
 
-def _made(
-    mesh: Mesh, seen: SeenSurface, cameras: Sequence[Camera], deviation: float, settings: PrepareSettings
-) -> tuple[Mesh, dict[str, Any]]:
-    """Clean, close holes, smooth, flatten and decimate; ``deviation`` of normals in radians."""
+def _made(mesh: Mesh, seen: SeenSurface, deviation: float, settings: PrepareSettings) -> tuple[Mesh, dict[str, Any]]:
+    """Clean, close small holes, smooth, flatten and decimate; ``deviation`` of normals in radians."""
     footprint = float(np.median(seen.footprint))
     needed = np.zeros(len(mesh.triangles), bool)
     needed[seen.triangle] = True
     mesh, cleaned = clean(mesh, (_PLANE_SIDE * footprint) ** 2, needed)
-    mesh, holes = without_hidden_holes(mesh, _HOLE * footprint, cameras)
+    mesh, holes = without_small_holes(mesh, _HOLE * footprint)
     edge = _edge(mesh)
     # of vertices along the normal, metres; never less than what no pixel can tell
     noise = max(edge * deviation, _UNSEEN * footprint)

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from fipt.meshing.cut import cut_at
+from fipt.meshing.holes import without_small_holes
 from fipt.meshing.radiance_edges import RadianceEdges, edge_points, find_edges, reduced
 from fipt.meshing.subdivide import halved, split_sides, subdivided
-from fipt.meshing.topology import border_vertices, side_list
+from fipt.meshing.topology import border_vertices, neighbours, side_list
 from fipt.scene.mesh import Mesh
 from tests.scenes import sheet
 from tests.unit.meshing.views import above, image
@@ -133,3 +134,17 @@ def test_a_surface_full_of_edges_is_cut_coarser(monkeypatch) -> None:
 
 def test_without_edges_the_mesh_stays() -> None:
     assert cut_at(WALL, RadianceEdges(np.zeros((0, 3)), np.zeros(0))) is WALL
+
+
+def test_small_holes_are_closed_and_large_ones_declared() -> None:
+    wall = sheet((0, 0, 0), (2, 0, 0), (0, 2, 0), 20)
+    middle = wall.corners.mean(axis=1)
+    small = (np.abs(middle[:, :2] - 0.5) < 0.1).all(axis=1)
+    large = (np.abs(middle[:, :2] - 1.4) < 0.2).all(axis=1)
+    done, figures = without_small_holes(Mesh(wall.vertices, wall.triangles[~(small | large)]), 0.4)
+    # what is left open: the large one, and the border of the sheet
+    assert (figures.holes_closed, figures.holes_open) == (1, 2)
+    assert figures.hole_area == pytest.approx(4 + 0.16, rel=1e-3)
+    assert done.areas.sum() == pytest.approx(4 - 0.16, rel=1e-5)
+    assert (done.normals[:, 2] > 0.99).all()
+    assert len(neighbours(done.triangles)) > len(neighbours(wall.triangles[~(small | large)]))
