@@ -23,7 +23,7 @@ _SAME_PLACE = 0.5
 
 
 def first_copies(mesh: Mesh) -> np.ndarray:
-    """(T,) int64 triangle that each is a copy of: the one at its place in the first piece of the mesh of that shape.
+    """(T,) int64 triangle that each is a copy of: the one at its place in one piece of that shape.
 
     Two connected pieces are of one shape where their triangles, as they are numbered, have the same sides: exporters
     write copies in one order. Mirrored ones count, those of another size do not.
@@ -103,7 +103,8 @@ def copied_regions(first: np.ndarray, region: np.ndarray, known: np.ndarray) -> 
     first = first[: len(region)]
     number = np.minimum(np.searchsorted(known, region), len(known) - 1)
     counted = (known[number] == region) & (np.bincount(first)[first] > 1)
-    shape = (len(known), len(first))
+    # a piece may be a copy of one whose triangles come later in the file
+    shape = (len(known), int(first.max(initial=0)) + 1)
     triangles = coo_matrix((np.ones(counted.sum()), (number[counted], first[counted])), shape=shape).tocsr()
     triangles.data[:] = 1
     common = (triangles @ triangles.T).tocoo()

@@ -56,6 +56,12 @@ def test_regions_are_copies_where_they_lie_at_one_place_of_a_shape():
     assert copied_regions(first, region, np.array([6, 8])).shape == (2, 0), "a region that no pixel fills"
 
 
+def test_a_piece_may_be_a_copy_of_a_later_one_whose_end_no_view_shows():
+    first = np.array([4, 5, 6, 7, 4, 5, 6, 7])
+    region = np.array([5, 5, 5, 5, 6, 6], np.uint16)
+    assert copied_regions(first, region, np.array([5, 6])).T.tolist() == [[0, 1]]
+
+
 def legs(metal: list[bool], pixels: list[float], brightness: list[float]) -> MaterialEvidence:
     """Evidence of regions of one hue, which metal and dielectric explain alike."""
     count = len(metal)
