@@ -6,6 +6,7 @@ known by the others. The mesh of a scan or of photographs has no copies: no two 
 
 from collections import defaultdict
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -18,6 +19,8 @@ _SAME_LENGTH = 0.01
 """By how much sides of copies may differ, as a share of the longest side: what rounding in files does."""
 _FEWEST = 4
 """Triangles of the smallest shape that is told from others."""
+_COMPARED = 100
+"""Shapes that a piece is compared with at most: crumbs of a scan are thousands, and none is a copy."""
 _SAME_PLACE = 0.5
 """Share of the smaller region that two regions must have in common, on the shape."""
 
@@ -41,7 +44,7 @@ def first_copies(mesh: Mesh) -> np.ndarray:
         if len(piece) < _FEWEST:
             continue
         near = (shape for step in (-1, 0, 1) for shape in shapes.get((len(piece), about + step), ()))
-        shape = next((shape for shape in near if _is_copy(sides[piece], sides[shape])), None)
+        shape = next((shape for shape in islice(near, _COMPARED) if _is_copy(sides[piece], sides[shape])), None)
         if shape is None:
             shapes[len(piece), about].append(piece)
         else:
