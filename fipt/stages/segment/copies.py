@@ -1,7 +1,7 @@
 """Copies: one shape in several places, as a modeller sets up the chairs of a classroom. They judge together.
 
 Copies are of one kind, metal or not, and where their colours agree of one material. So one that few pixels show is
-known by the others. The mesh of a scan or of photographs has no copies: no two of its pieces are alike.
+known by the others. The mesh of a scan or of photographs has hardly any: its pieces are not alike.
 """
 
 from collections import defaultdict
@@ -12,30 +12,34 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from fipt.formats.files import check_memory
 from fipt.scene.mesh import Mesh, connected_parts
 from fipt.stages.segment.material_evidence import CHI_SQUARE, HALF, MaterialEvidence, is_metal, worse
 
 _SAME_LENGTH = 0.01
-"""By how much sides of copies may differ, as a share of the longest side: what rounding in files does."""
+_ROUNDING = 1e-4
+"""By how much sides of copies may differ, as a share of their own length and of the longest: what files round."""
 _FEWEST = 4
 """Triangles of the smallest shape that is told from others."""
 _COMPARED = 100
 """Shapes that a piece is compared with at most: crumbs of a scan are thousands, and none is a copy."""
 _SAME_PLACE = 0.5
-"""Share of the smaller region that two regions must have in common, on the shape."""
+"""Share of the smaller region's triangles that two regions must have in common, on the shape."""
+_BYTES = 300
+"""Of a pair of copies that are compared."""
 
 
 def first_copies(mesh: Mesh) -> np.ndarray:
     """(T,) int64 triangle that each is a copy of: the one at its place in one piece of that shape.
 
     Two connected pieces are of one shape where their triangles, as they are numbered, have the same sides: exporters
-    write copies in one order. Mirrored ones count, those of another size do not.
+    write copies in one order. Mirrored ones count, however they are wound; those of another size do not.
     """
     part = connected_parts(mesh)
     corners = mesh.vertices[mesh.triangles].astype(np.float64)
-    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+    sides = np.sort(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2), axis=1)  # however they are wound
     order = np.argsort(part, kind="stable")
-    pieces = np.split(order, np.cumsum(np.bincount(part))[:-1]) if len(part) else []
+    pieces = np.split(order, np.cumsum(np.bincount(part))[:-1])
     first = np.arange(len(part), dtype=np.int64)
     # only shapes with about the same length of all sides are compared: a plant has thousands of leaves
     size = np.log(np.maximum([sides[piece].sum() for piece in pieces], 1e-30)) / _SAME_LENGTH
@@ -54,35 +58,43 @@ def first_copies(mesh: Mesh) -> np.ndarray:
 
 def _is_copy(sides: np.ndarray, others: np.ndarray) -> bool:
     """Whether triangles have the sides (K, 3) of others."""
-    return bool(np.abs(sides - others).max() < _SAME_LENGTH * others.max())
+    return bool((np.abs(sides - others) <= _SAME_LENGTH * others + _ROUNDING * others.max()).all())
 
 
 def judged_with_copies(evidence: MaterialEvidence, copies: np.ndarray) -> MaterialEvidence:
     """The evidence of regions, with what copies tell each other of being metal.
 
-    Those that agree in colour are all metal or none, as most of their pixels have it. And all of a shape are metal,
-    whatever their colours, if what trials leave of them proves it together; but not one that clearly is none.
+    Those that agree in colour are all metal or none, as most of their pixels have it; regions that agree with one third
+    are of one group, however far apart. A region has no vote if it has no piece that judges a trial; where nobody has,
+    all stay as they were. And all of a shape are metal, whatever their colours, if what trials leave of them proves it
+    together; but not one that clearly is none.
 
     Parameters
     ----------
     copies
         (2, N) pairs of regions, as of `copied_regions`.
+
+    Raises
+    ------
+    FiptError
+        If there are more pairs than memory holds.
     """
     own, other = copies
+    check_memory(_BYTES * len(own), "the comparison of copies", "raise fuse.smallest, or set regroup.ids: none")
     trial = (evidence.left[own] + evidence.left[other]).argmin(axis=1)
     off = evidence.color[own, trial] - evidence.color[other, trial]
     agree = (off**2 / (evidence.variance[own] + evidence.variance[other])).sum(axis=1) < CHI_SQUARE
-    # pixels of a region that judges nothing have no vote
-    pixels = evidence.pixels * ((evidence.left > 0).any(axis=1) | evidence.metal)
+    pixels = evidence.pixels * (evidence.left > 0).any(axis=1)
     thing = _groups(own[agree], other[agree], len(pixels))
-    voted = np.bincount(thing, pixels * evidence.metal) > 0.5 * np.bincount(thing, pixels)
+    metal, votes = np.bincount(thing, pixels * evidence.metal)[thing], np.bincount(thing, pixels)[thing]
+    voted = np.where(votes > 0, metal > 0.5 * votes, evidence.metal)
 
     shape = _groups(own, other, len(pixels))
     left = np.stack([np.bincount(shape, column) for column in evidence.left.T], axis=1)
     proved = is_metal(left, np.bincount(shape, pixels)) & (np.bincount(shape) > 1)
     best = HALF + left[:, HALF:].argmin(axis=1)
     refused = worse(evidence.left, evidence.products, best[shape], slice(None, HALF))
-    return replace(evidence, metal=voted[thing] | (proved[shape] & ~refused))
+    return replace(evidence, metal=voted | (proved[shape] & ~refused))
 
 
 def _groups(a: np.ndarray, b: np.ndarray, count: int) -> np.ndarray:
@@ -93,6 +105,8 @@ def _groups(a: np.ndarray, b: np.ndarray, count: int) -> np.ndarray:
 
 def copied_regions(first: np.ndarray, region: np.ndarray, known: np.ndarray) -> np.ndarray:
     """(2, N) int64 pairs of regions that are the same place of two copies, as numbers into ``known``.
+
+    A region that holds several places of its copy is paired with the regions of each of them on another.
 
     Parameters
     ----------
@@ -105,13 +119,14 @@ def copied_regions(first: np.ndarray, region: np.ndarray, known: np.ndarray) -> 
     """
     first = first[: len(region)]
     number = np.minimum(np.searchsorted(known, region), len(known) - 1)
-    counted = (known[number] == region) & (np.bincount(first)[first] > 1)
+    own = known[number] == region
+    copied = own & (np.bincount(first)[first] > 1)
     # a piece may be a copy of one whose triangles come later in the file
     shape = (len(known), int(first.max(initial=0)) + 1)
-    triangles = coo_matrix((np.ones(counted.sum()), (number[counted], first[counted])), shape=shape).tocsr()
+    triangles = coo_matrix((np.ones(copied.sum()), (number[copied], first[copied])), shape=shape).tocsr()
     triangles.data[:] = 1
     common = (triangles @ triangles.T).tocoo()
-    size = np.asarray(triangles.sum(axis=1)).reshape(-1)
+    size = np.bincount(number[own], minlength=len(known))
     least = _SAME_PLACE * np.minimum(size[common.row], size[common.col])
     same = (common.row < common.col) & (common.data > least)
     return np.stack([common.row[same], common.col[same]]).astype(np.int64)

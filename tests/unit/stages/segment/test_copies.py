@@ -40,6 +40,10 @@ def test_turned_and_mirrored_shapes_are_copies_other_sizes_are_not():
     assert first_copies(mesh).tolist() == np.concatenate([shape, shape, shape + 24, shape, shape + 48]).tolist()
 
 
+def test_a_wire_is_no_copy_of_a_pipe():
+    assert first_copies(together(box(1, 0.002, 0.002), box(1, 0.008, 0.008))).tolist() == list(range(24))
+
+
 def test_a_sheet_of_two_triangles_is_no_shape():
     sheet = (np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], float), np.array([(0, 1, 2), (0, 2, 3)]))
     assert first_copies(together(sheet, sheet)).tolist() == [0, 1, 2, 3]
@@ -54,6 +58,10 @@ def test_regions_are_copies_where_they_lie_at_one_place_of_a_shape():
         "what no view shows is left out"
     )
     assert copied_regions(first, region, np.array([6, 8])).shape == (2, 0), "a region that no pixel fills"
+    wide = np.concatenate([region, np.full(6, 8, np.uint16)])
+    longer = np.concatenate([first, np.arange(10, 16)])
+    assert copied_regions(longer, wide, np.array([5, 8])).T.tolist() == [[0, 1]], "half of the smaller one is enough"
+    assert copied_regions(longer, np.where(wide == 5, 0, wide), np.array([6, 8])).shape == (2, 0)
 
 
 def test_a_piece_may_be_a_copy_of_a_later_one_whose_end_no_view_shows():
@@ -84,6 +92,8 @@ def test_copies_of_one_colour_are_what_most_of_their_pixels_are():
     assert not judged_with_copies(few, copies).metal.any()
     mute = replace(few, left=np.where(np.arange(5)[:, None] == 1, 0, few.left))
     assert judged_with_copies(mute, copies).metal.tolist() == [True, True, True, False, False], "it judges nothing"
+    nobody = replace(evidence, left=np.zeros_like(evidence.left))
+    assert judged_with_copies(nobody, copies).metal.tolist() == evidence.metal.tolist(), "nor does any"
     assert judged_with_copies(evidence, pairs()).metal.tolist() == evidence.metal.tolist(), "no copies"
 
 

@@ -206,6 +206,31 @@ def test_the_verb_joins_segments_whole_and_loses_none(scene: Path, tmp_path: Pat
     assert inputs.manifest.is_file()
 
 
+def test_the_verb_asks_what_copies_tell(scene: Path, tmp_path: Path, monkeypatch):
+    """As if each two triangles were of one shape, and copies made everything metal."""
+    asked = []
+
+    def metal(evidence, copies):
+        asked.append(copies)
+        return replace(evidence, metal=np.ones(len(evidence.pixels), bool))
+
+    monkeypatch.setattr("fipt.stages.segment.copies.first_copies", lambda mesh: np.arange(len(mesh.triangles)) % 2)
+    monkeypatch.setattr("fipt.stages.segment.regroup.judged_with_copies", metal)
+    inputs = RegroupInputs(
+        dataset=scene / "dataset",
+        samples=(scene / "samples" / "train-000",),
+        shading=(scene / "round-0" / "shading" / "train-000",),
+        out=tmp_path / "segments",
+        manifest=tmp_path / "segments.manifest.json",
+    )
+    figures = run(inputs, RegroupSettings())
+    (copies,) = asked
+    assert copies.shape[1] > 0
+    metals = Dataset(scene / "dataset", inputs.out).metals()
+    assert len(metals.roughness) == figures["materials"] > 0
+    assert not metals.dielectric
+
+
 def test_the_verb_keeps_segments_where_every_pixel_shows_an_emitter(scene: Path, tmp_path: Path, monkeypatch):
     data = Dataset(scene / "dataset")
     triangles = np.arange(len(data.mesh().triangles))
