@@ -89,7 +89,7 @@ def prepared(
         The training views, and what they show.
     """
     start = time.perf_counter()
-    figures: dict[str, Any] = {"prepared": False, "noisy": False, "triangles_before": len(mesh.triangles)}
+    figures: dict[str, Any] = {"prepared": False, "triangles_before": len(mesh.triangles)}
     seen = seen_surface(mesh, cameras)
     asks = _asks(mesh, seen)
     figures |= asks
@@ -97,7 +97,6 @@ def prepared(
         log.warning("no training view sees the mesh: it is taken as it is")
         return mesh, {**figures, "triangles": len(mesh.triangles)}
     noisy = asks["small_share"] >= 0.5 and asks["normal_deviation_degrees"] > NOISY
-    figures["noisy"] = noisy
     if settings.prepare == "always" or noisy or asks["triangles_per_pixel"] > FINE:
         mesh, made = _made(mesh, seen, np.radians(asks["normal_deviation_degrees"]), settings)
         figures |= {"prepared": True, **made}

@@ -14,7 +14,6 @@ from fipt.formats.exr import read_exr
 from fipt.formats.files import write_text
 from fipt.formats.images import read_ids
 from fipt.formats.manifests import ListedFiles
-from fipt.formats.text import read_json
 from fipt.formats.views import read_gains, read_names, read_rejected
 from fipt.scene.cameras import Camera, read_radiance_scale, read_transforms
 from fipt.scene.mesh import Mesh, read_mesh
@@ -22,9 +21,6 @@ from fipt.scene.metals import JudgedMetals, read_metals
 
 CHECKED = "check_poses.json"
 """File of a dataset with the verdicts of ``fipt check-poses``, beside views.json and read like it."""
-
-PREPARED = "prepare.json"
-"""File of a dataset with what the import measured of the mesh, and did to it."""
 
 _VIEWPOINTS = 16
 """Cameras that tell how far a room reaches; others stand between them."""
@@ -88,24 +84,6 @@ class Dataset:
     def radiance_scale(self) -> float:
         """Factor from the source's radiance to that of the images: people see the source's unit alone."""
         return read_radiance_scale(self.root / "transforms.json")
-
-    @cached_property
-    def scanned(self) -> bool:
-        """Whether the import found the mesh as noisy as a scan, which lacks what no sensor saw; False if none did.
-
-        Raises
-        ------
-        FiptError
-            If the file of an import is damaged or missing.
-        """
-        path = self._listed.check(self.root / PREPARED)
-        if not path.is_file() and not self._listed.lists(path):
-            return False
-        figures = read_json(path, "what the import did to the mesh", "import the room again")
-        noisy = figures.get("noisy") if isinstance(figures, dict) else None
-        if not isinstance(noisy, bool):
-            raise FiptError(f"{path} must say whether the mesh is noisy: true or false", "import the room again")
-        return noisy
 
     def camera(self, view: str) -> Camera:
         """Return the camera of an accepted view."""

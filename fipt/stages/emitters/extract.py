@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from fipt.conventions import EMITTER_GAIN
 from fipt.errors import FiptError
 from fipt.scene.emitters import Emitters, Undecided
-from fipt.scene.mesh import Mesh, connected_parts, points_of
+from fipt.scene.mesh import Mesh, connected_parts
 from fipt.scene.observed import ObservedShard
 from fipt.scene.review import ReviewDecisions, numbers
 from fipt.stages.emitters.fragments import LEAST_DIFFERENCE, SIGMA, same_emitters
@@ -101,7 +101,6 @@ def extract(
     query_mask: Callable[[np.ndarray], np.ndarray] | None,
     settings: EmittersSettings,
     decisions: ReviewDecisions | None = None,
-    scanned: bool = False,
 ) -> Extracted:
     """Find the emitting triangles.
 
@@ -119,8 +118,6 @@ def extract(
         (N, 3) points -> (N,) emission mask; None with ``decide: regions``.
     decisions
         Emitters that a person accepted (they emit whatever the photographs say, each by itself), rejected and merged.
-    scanned
-        The mesh is a scan, which lacks what no sensor saw.
     """
     decided = Decided.of(decisions or ReviewDecisions(), len(mesh.triangles))
     undecided, surface, doubtful = Undecided.none(), None, Undecided.none()
@@ -152,7 +149,7 @@ def extract(
     hidden = _hidden(mesh, shards, measured, observed > 0, settings)
     found = _completed(mesh, measured, hidden & ~decided.rejected, decided)
     if settings.sides == "seen":
-        found = replace(found, sides=emitting_sides(mesh, found, shards, scanned))
+        found = replace(found, sides=emitting_sides(mesh, found, shards))
     return Extracted(replace(found, undecided=undecided), doubtful)
 
 
@@ -229,7 +226,9 @@ def _mean_mask(
     for start in range(0, len(triangles), chunk):
         corners = mesh.corners[triangles[start : start + chunk]]
         u = rng.random((len(corners), settings.points, 2), dtype=np.float32)
-        points = points_of(corners[:, None], u)
+        root = np.sqrt(u[..., :1])
+        a, b, c = (corners[:, None, k] for k in range(3))
+        points = a * (1 - root) + b * (root * (1 - u[..., 1:])) + c * (root * u[..., 1:])
         mask = query_mask(points.reshape(-1, 3).astype(np.float32))
         result[start : start + chunk] = mask.reshape(len(corners), -1).mean(axis=1)
     return result

@@ -26,9 +26,7 @@ class EmittersSettings(Settings):
     )
     patches: bool = Field(default=True, description="one radiance for each connected emitter instead of each triangle")
     sides: Literal["seen", "both"] = Field(
-        default="seen",
-        description="`seen`: an emitter shines from the sides that views see shine, and a scanned one from its unseen "
-        "inside; `both`: from both",
+        default="seen", description="`seen`: an emitter shines from the sides that views see shine; `both`: from both"
     )
     guess: bool = Field(
         default=True,

@@ -1,4 +1,4 @@
-"""Which sides of an emitter shine: those that views see, and see shine (ADR 74), and the inside of scanned lamps.
+"""Which sides of an emitter shine: those that views see, and see shine (ADR 74).
 
 A *face* is what one could paint without crossing a rim: sides of triangles, joined across edges. A pane has two, a
 globe its outside and its inside. The winding of a triangle says which of its sides is the front. It may change within
@@ -12,10 +12,8 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from fipt.render.directions import cosine_directions
-from fipt.render.scene import RayScene
 from fipt.scene.emitters import BACK, FRONT, Emitters
-from fipt.scene.mesh import Mesh, points_of
+from fipt.scene.mesh import Mesh
 from fipt.scene.observed import ObservedShard
 from fipt.scene.samples import ALONE
 from fipt.stages.emitters.observations import grouped_median
@@ -26,14 +24,9 @@ _EMITS = 0.5
 """Radiance, as a share of the emitter's, above which a face is nearer to it than to black."""
 _FOLDED = -0.9
 """Cosine between normals beyond which a sheet is folded onto itself: panes back to back share their rims."""
-_HOLLOW = 0.25
-"""Share of the rays from a face that meet it again, from which it is an inside: half a tube has 0.36, a pane 0."""
-_OPEN = 0.05
-"""Share of them that must reach the front of other surface. Of a closed lamp rays to its inside were lost."""
-_RAYS = 4096
 
 
-def emitting_sides(mesh: Mesh, found: Emitters, shards: Sequence[ObservedShard], scanned: bool = False) -> np.ndarray:
+def emitting_sides(mesh: Mesh, found: Emitters, shards: Sequence[ObservedShard]) -> np.ndarray:
     """(E,) int8 sides of the emitting triangles that shine; those of unseen pieces follow the nearest seen ones.
 
     Parameters
@@ -42,8 +35,6 @@ def emitting_sides(mesh: Mesh, found: Emitters, shards: Sequence[ObservedShard],
         Emitters of which each has a pixel that shows it.
     shards
         The training views.
-    scanned
-        The mesh lacks what no sensor saw: what its lamps shine there leaves from inside (`_hollow`).
     """
     face = faces(mesh, found.triangle, found.emitter)
     other = np.empty(int(face.max(initial=-1)) + 1, np.int64)  # the face behind each
@@ -52,8 +43,6 @@ def emitting_sides(mesh: Mesh, found: Emitters, shards: Sequence[ObservedShard],
     visible = (area > 0) & (area >= LEAST_SEEN * (area + area[other]))
     ratio = np.where(visible, ratio, -np.inf)
     emitting = _with_unseen(mesh, found, face, visible & ((ratio >= _EMITS) | (ratio >= ratio[other])))
-    if scanned:
-        emitting |= _hollow(mesh, found.triangle, face, ~emitting & emitting[other] & ~visible)
     return (emitting[face] @ [FRONT, BACK]).astype(np.int8)
 
 
@@ -156,42 +145,6 @@ def _ratio(of: np.ndarray, weight: np.ndarray, light: np.ndarray, other: np.ndar
     fills = np.zeros(len(other), bool)
     fills[filled] = True
     return np.where(fills | fills[other], ratio, 1.0)
-
-
-def _hollow(mesh: Mesh, triangles: np.ndarray, face: np.ndarray, asked: np.ndarray) -> np.ndarray:
-    """(F,) bool which of the faces ``asked`` (F,) are the inside of a lamp that has a hole.
-
-    A scan of a lamp before a wall has no back. Light that crosses the hole from inside is what the back would shine:
-    the radiance is the same. That no view sees the inside tells that none looks through the hole. What a ray meets from
-    behind, as a cap on a globe, closes it: scans are wound towards the sensor.
-
-    Parameters
-    ----------
-    triangles, face
-        (E,) emitting triangles, (E, 2) faces of their fronts and backs.
-    """
-    hollow = np.zeros(len(asked), bool)
-    asked = asked & (np.bincount(face.ravel(), np.repeat(mesh.areas[triangles], 2), len(asked)) > 0)
-    if not asked.any():
-        return hollow
-    scene, row = RayScene(mesh), np.full(len(mesh.triangles), -1)
-    row[triangles] = np.arange(len(triangles))
-    own_mesh = Mesh(mesh.vertices, mesh.triangles[triangles])
-    corners, normals, areas = own_mesh.corners, own_mesh.normals, own_mesh.areas
-    for number in np.flatnonzero(asked):
-        rng = np.random.default_rng(0)
-        own, side = np.nonzero(face == number)
-        chosen = rng.choice(len(own), _RAYS, p=areas[own] / areas[own].sum())
-        of = own[chosen]
-        normal = np.where(side[chosen, None] == 0, 1, -1) * normals[of]
-        origin = points_of(corners[of], rng.random((_RAYS, 2))) + scene.epsilon * normal
-        direction = cosine_directions(normal, rng)
-        _, met = scene.intersect(origin.astype(np.float32), direction)
-        front = mesh.front(met, -direction)
-        same = (met >= 0) & (row[met] >= 0) & (face[row[met], np.where(front, 0, 1)] == number)
-        leaves = (met >= 0) & (row[met] < 0) & front
-        hollow[number] = same.mean() >= _HOLLOW and leaves.mean() >= _OPEN
-    return hollow
 
 
 def _with_unseen(mesh: Mesh, found: Emitters, face: np.ndarray, bright: np.ndarray) -> np.ndarray:

@@ -107,7 +107,7 @@ def _found(inputs: EmittersInputs, settings: "EmittersSettings") -> dict[str, An
     shards = read_observed(data, inputs.samples, inputs.shading, on_disk(inputs.out.parent))
     if read_environment(inputs.environment).emits:
         shards = without_openings(shards)
-    extracted = extract(mesh, shards, query_mask, settings, decided, settings.sides == "seen" and data.scanned)
+    extracted = extract(mesh, shards, query_mask, settings, decided)
     found = extracted.emitters
     guess: tuple[str, ...] = ()
     figures: dict[str, Any] = {}

@@ -20,7 +20,7 @@ from fipt.formats.manifests import write_manifest
 from fipt.formats.places import OwnedPlaces
 from fipt.formats.text import MALFORMED
 from fipt.scene.cameras import Camera, read_origin, write_transforms
-from fipt.scene.dataset import PREPARED, write_views
+from fipt.scene.dataset import write_views
 from fipt.scene.mesh import Mesh, read_geometry, write_ply
 from fipt.scene.sources import CAPTURE, ImageSource, read_developed, read_source
 from fipt.settings import dumped
@@ -223,7 +223,7 @@ def _write_mesh(
     mesh = room.mesh
     if mesh is None:
         return None, room.figures
-    figures: dict[str, Any] = {"prepared": False, "noisy": False, "triangles": len(mesh.triangles)}
+    figures: dict[str, Any] = {"prepared": False, "triangles": len(mesh.triangles)}
     warnings = viewpoint_warnings(mesh, cameras)
     if settings.prepare != "never":
         from fipt.render.variant import set_variant
@@ -244,7 +244,7 @@ def _write_mesh(
     write_ply(folder / "mesh.ply", mesh)
     # without the time it took: the same source gives the same files
     lasting = {name: value for name, value in figures.items() if name != "seconds"}
-    write_text(folder / PREPARED, json.dumps(lasting, indent=1) + "\n")
+    write_text(folder / "prepare.json", json.dumps(lasting, indent=1) + "\n")
     _warn_outside(cameras, mesh)
     return mesh, figures
 

@@ -10,7 +10,6 @@ from fipt.formats.files import copy_file, link_folder
 from fipt.formats.manifests import write_manifest
 from fipt.formats.text import read_json
 from fipt.scene.cameras import read_radiance_scale, read_transforms, write_transforms
-from fipt.scene.dataset import PREPARED
 from fipt.scene.mesh import Mesh, read_mesh, write_ply
 from fipt.settings import dumped
 from fipt.stages.plant_errors import mesh as errors
@@ -45,7 +44,7 @@ def plant(source: Path, out: Path, settings: PlantErrorsSettings) -> dict[str, A
         for view, factor in factors.items():
             scale_image(out / "images" / f"{view}.exr", factor)
         figures["exposures"] = factors
-    for name in ("views.json", PREPARED, "segments/part.json", "segments/semantic.json"):
+    for name in ("views.json", "segments/part.json", "segments/semantic.json"):
         if (source / name).is_file():
             copy_file(source / name, out / name)
     if (source / "room.json").is_file() and not settings.removed_parts:

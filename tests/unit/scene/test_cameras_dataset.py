@@ -156,18 +156,6 @@ def test_segments(tmp_path: Path) -> None:
         data.segments("a", "semantic")
 
 
-def test_the_import_tells_scans(tmp_path: Path) -> None:
-    assert not dataset(tmp_path).scanned
-    file = tmp_path / "prepare.json"
-    for noisy in (False, True):
-        file.write_text(json.dumps({"prepared": True, "noisy": noisy}))
-        assert Dataset(tmp_path).scanned is noisy
-    for text in ("[]", "{}", '{"noisy": "no"}', "{"):
-        file.write_text(text)
-        with pytest.raises(FiptError, match=r"prepare\.json"):
-            _ = Dataset(tmp_path).scanned
-
-
 def test_layers_round_trip(tmp_path: Path) -> None:
     data = dataset(tmp_path)
     assert data.truth("a") is None

@@ -39,7 +39,7 @@ def looks(mesh, side, triangle=None, radiance=L, weight=1.0, footprint=0.1):
     return triangle, normal, image, np.full((len(triangle), 2), (weight, footprint))
 
 
-def sides(mesh, *pixels, triangles=None, emitter=0, clipped=False, scanned=False):
+def sides(mesh, *pixels, triangles=None, emitter=0, clipped=False):
     """Sides of an emitter of all triangles, or of these, that the pixels tell; clipped are those that are dimmer."""
     triangle, normal, image, size = (np.concatenate(rows) for rows in zip(*pixels, strict=True))
     position, (weight, footprint) = mesh.corners[triangle].mean(axis=1), np.float32(size).T
@@ -49,7 +49,7 @@ def sides(mesh, *pixels, triangles=None, emitter=0, clipped=False, scanned=False
     shards = scenes.observed([samples], [shading], [(image, np.ones(len(triangle), np.float32))], [dim])
     own = np.arange(len(mesh.triangles)) if triangles is None else np.asarray(triangles)
     found = Emitters.plain(mesh, own, np.tile(L, (len(own), 1)), 0 * own + emitter)
-    result = emitting_sides(mesh, found, shards, scanned)
+    result = emitting_sides(mesh, found, shards)
     assert result.dtype == np.int8
     return result
 
@@ -118,38 +118,6 @@ def test_a_lampshade_shines_inside_where_that_is_seen():
     np.testing.assert_array_equal(sides(shade, outside), FRONT)
     inside = looks(shade, BACK, np.flatnonzero(shade.normals[:, 0] < -0.8))
     np.testing.assert_array_equal(sides(shade, outside, inside), BOTH)
-
-
-def halved_globe() -> tuple[Mesh, Mesh]:
-    """A globe before a wall at the back of which no sensor came, and the missing piece."""
-    whole = of(trimesh.creation.icosphere(subdivisions=3, radius=0.2))
-    seen = whole.corners.mean(axis=1)[:, 0] > -0.05
-    return Mesh(whole.vertices, whole.triangles[seen]), Mesh(whole.vertices, whole.triangles[~seen])
-
-
-def test_a_scanned_lamp_shines_from_inside_through_its_hole(backend):
-    lamp, _ = halved_globe()
-    wall = of(trimesh.creation.box((0.1, 3, 3), trimesh.transformations.translation_matrix((-0.3, 0, 0))))
-    room, own = scenes.joined(lamp, wall), np.arange(len(lamp.triangles))
-    seen = looks(room, FRONT, np.flatnonzero(lamp.normals[:, 0] > 0.1))
-    np.testing.assert_array_equal(sides(room, seen, triangles=own, scanned=True), BOTH)
-    np.testing.assert_array_equal(sides(room, seen, triangles=own), FRONT)
-    dark = looks(room, BACK, np.flatnonzero(lamp.normals[:, 0] > 0.1), radiance=[0, 0, 0])
-    np.testing.assert_array_equal(sides(room, seen, dark, triangles=own, scanned=True), FRONT)
-
-
-def test_a_cap_that_does_not_shine_closes_a_scanned_lamp(backend):
-    lamp, cap = halved_globe()
-    room = scenes.joined(lamp, cap)
-    seen = looks(room, FRONT, np.flatnonzero(lamp.normals[:, 0] > 0.1))
-    np.testing.assert_array_equal(sides(room, seen, triangles=np.arange(len(lamp.triangles)), scanned=True), FRONT)
-
-
-def test_a_closed_lamp_and_a_pane_of_a_scan_have_no_inside(backend):
-    globe = of(trimesh.creation.icosphere(subdivisions=3, radius=0.2))
-    np.testing.assert_array_equal(sides(globe, looks(globe, FRONT, np.arange(300)), scanned=True), FRONT)
-    mesh = pane()
-    np.testing.assert_array_equal(sides(mesh, looks(mesh, FRONT), scanned=True), FRONT)
 
 
 @pytest.mark.parametrize("turned", [False, True])

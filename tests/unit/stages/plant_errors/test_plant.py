@@ -42,12 +42,6 @@ def test_noise_has_its_size_and_the_images_stay(room):
     assert np.array_equal(Dataset(out).segments(view, "part"), Dataset(room).segments(view, "part"))
 
 
-def test_a_scan_with_errors_is_a_scan(room):
-    assert not Dataset(planted(room, mesh_noise=0.01)).scanned
-    (room / "prepare.json").write_text(json.dumps({"noisy": True}))
-    assert Dataset(planted(room, mesh_noise=0.01)).scanned
-
-
 def test_training_cameras_are_turned_by_an_angle(room):
     out = planted(room, pose_angle=1.0)
     for true, off in zip(
