@@ -27,7 +27,7 @@ from fipt.render.scene import RayScene
 from fipt.render.variant import set_variant
 from fipt.scene.cameras import Camera
 from fipt.scene.dataset import Dataset
-from fipt.scene.mesh import Mesh, connected_parts, read_mesh
+from fipt.scene.mesh import Mesh, connected_parts, points_of, read_mesh
 
 log = logging.getLogger(__name__)
 
@@ -100,9 +100,7 @@ def seen_points(
     found: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     for _ in range(_DRAWS):
         of = rng.choice(len(chance), count, p=chance)
-        u, v = rng.random((2, count, 1))
-        root, (a, b, c) = np.sqrt(u), np.moveaxis(mesh.corners[of].astype(np.float64), 1, 0)
-        places = a * (1 - root) + b * (root * (1 - v)) + c * (root * v)
+        places = points_of(mesh.corners[of].astype(np.float64), *rng.random((2, count)))
         by = seen_by(scene, places, cameras)
         seen = by >= 0
         found.append((places[seen], of[seen], centers[by[seen]]))

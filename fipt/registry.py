@@ -39,7 +39,7 @@ SECTIONS: dict[str, Section] = {
     "depth": Section("fipt.stages.geometry.settings:DepthSettings", 5),
     "geometry": Section("fipt.stages.geometry.mesh_settings:GeometrySettings", 10),
     "check_poses": Section("fipt.stages.check_poses.settings:CheckPosesSettings", 4),
-    "plant_errors": Section("fipt.stages.plant_errors.settings:PlantErrorsSettings", 1),
+    "plant_errors": Section("fipt.stages.plant_errors.settings:PlantErrorsSettings", 2),
     "samples": Section("fipt.stages.samples.settings:SamplesSettings", 2),
     "segment": Section("fipt.stages.segment.settings:SegmentSettings", 1),
     "fuse": Section("fipt.stages.segment.settings:FuseSettings", 3),

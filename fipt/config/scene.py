@@ -306,7 +306,7 @@ class SceneConfig:
         """Files that a dataset with planted errors is made of."""
         assert self.parent is not None
         layout = self.parent.layout
-        names = [layout.parts, layout.semantic] if self.source.rendered else []
+        names = [layout.parts, layout.semantic] if self.source.rendered else self.parent.prepared()
         return [layout.transforms, layout.views, layout.mesh, *self.parent.images(["all"]), *names]
 
     def dataset_before_errors(self) -> str:

@@ -164,6 +164,13 @@ def point_counts(mesh: Mesh, spacing: float, low: np.ndarray, high: np.ndarray) 
     return np.where(inside, 1 + np.minimum(areas / spacing**2, 4e6), 0).astype(np.int64)
 
 
+def points_of(corners: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Points (..., 3) of triangles with ``corners`` (..., 3, 3), uniform for uniform ``u`` and ``v`` (...)."""
+    root, v = np.sqrt(u)[..., None], v[..., None]
+    a, b, c = np.moveaxis(corners, -2, 0)
+    return a * (1 - root) + b * (root * (1 - v)) + c * (root * v)
+
+
 def surface_points(
     mesh: Mesh, spacing: float, low: np.ndarray, high: np.ndarray, seed: int
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -179,9 +186,7 @@ def surface_points(
     corners, counts = mesh.corners, point_counts(mesh, spacing, low, high)
     owner = np.repeat(np.arange(len(counts)), counts)
     u = np.random.default_rng(seed).random((len(owner), 2), dtype=np.float32)
-    root = np.sqrt(u[:, :1])
-    a, b, c = corners[owner, 0], corners[owner, 1], corners[owner, 2]
-    points = a * (1 - root) + b * (root * (1 - u[:, 1:])) + c * (root * u[:, 1:])
+    points = points_of(corners[owner], u[:, 0], u[:, 1])
     keep = ((points > low) & (points < high)).all(axis=1)
     return points[keep].astype(np.float32), owner[keep]
 

@@ -19,6 +19,7 @@ from scipy.spatial import KDTree
 from fipt.errors import FiptError
 from fipt.render.directions import all_around
 from fipt.scene.cameras import Camera
+from fipt.scene.mesh import points_of
 from fipt.synthetic.room import SyntheticRoom
 from fipt.synthetic.settings import SynthesizeSettings
 
@@ -279,9 +280,7 @@ def _unseen_points(room: SyntheticRoom, seed: int) -> np.ndarray:
 def _on(corners: np.ndarray, counts: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """(N, 3) random points, so many on each of (T, 3, 3) triangles."""
     corners = np.repeat(corners, counts, axis=0)
-    u, v = rng.random((2, len(corners), 1))
-    root = np.sqrt(u)
-    return (1 - root) * corners[:, 0] + root * (1 - v) * corners[:, 1] + root * v * corners[:, 2]
+    return points_of(corners, *rng.random((2, len(corners))))
 
 
 def _nearby(room: SyntheticRoom) -> tuple[np.ndarray, np.ndarray]:

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from fipt.conventions import EMITTER_GAIN
 from fipt.errors import FiptError
 from fipt.scene.emitters import Emitters, Undecided
-from fipt.scene.mesh import Mesh, connected_parts
+from fipt.scene.mesh import Mesh, connected_parts, points_of
 from fipt.scene.observed import ObservedShard
 from fipt.scene.review import ReviewDecisions, numbers
 from fipt.stages.emitters.fragments import LEAST_DIFFERENCE, SIGMA, same_emitters
@@ -226,9 +226,7 @@ def _mean_mask(
     for start in range(0, len(triangles), chunk):
         corners = mesh.corners[triangles[start : start + chunk]]
         u = rng.random((len(corners), settings.points, 2), dtype=np.float32)
-        root = np.sqrt(u[..., :1])
-        a, b, c = (corners[:, None, k] for k in range(3))
-        points = a * (1 - root) + b * (root * (1 - u[..., 1:])) + c * (root * u[..., 1:])
+        points = points_of(corners[:, None], u[..., 0], u[..., 1])
         mask = query_mask(points.reshape(-1, 3).astype(np.float32))
         result[start : start + chunk] = mask.reshape(len(corners), -1).mean(axis=1)
     return result

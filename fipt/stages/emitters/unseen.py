@@ -18,7 +18,7 @@ from fipt.render.directions import cosine_directions
 from fipt.render.scene import RayScene
 from fipt.scene.emitters import Emitters, emits
 from fipt.scene.environment import EnvironmentMap
-from fipt.scene.mesh import Mesh
+from fipt.scene.mesh import Mesh, points_of
 from fipt.scene.surface_blocks import Blocks
 from fipt.scene.voxels import SeenRadiance
 from fipt.stages.emitters.unseen_surface import Patches
@@ -145,8 +145,7 @@ class Lights:
         """(N, 3) irradiance over pi that ``aimed`` rays to emitters bring, beside ``count`` of the cosine lobe."""
         p, n = np.repeat(position, aimed, axis=0), np.repeat(normal, aimed, axis=0)
         chosen = self.emitters[np.searchsorted(self._upto, rng.random(len(p)) * self._upto[-1], side="right")]
-        a, b = np.sqrt(rng.random(len(p))), rng.random(len(p))
-        points = np.einsum("nv,nvc->nc", np.stack([1 - a, a * (1 - b), a * b], axis=1), self.mesh.corners[chosen])
+        points = points_of(self.mesh.corners[chosen], *rng.random((2, len(p))))
         origin = (p + self.scene.epsilon * n).astype(np.float32)
         away = points - origin
         distance = np.linalg.norm(away, axis=1)
@@ -230,9 +229,7 @@ def _patch_points(mesh: Mesh, patches: Patches) -> tuple[np.ndarray, np.ndarray]
     at = before[:-1, None] + u * (before[1:] - before[:-1])[:, None]
     pick = np.minimum(np.searchsorted(total, at), edges[1:, None] - 1)
     chosen = triangles[pick]
-    a, b = np.sqrt(rng.random(chosen.shape)), rng.random(chosen.shape)
-    weights = np.stack([1 - a, a * (1 - b), a * b], axis=-1)
-    points = np.einsum("pkv,pkvc->pkc", weights, mesh.corners[chosen])
+    points = points_of(mesh.corners[chosen], *rng.random((2, *chosen.shape)))
     return points.astype(np.float32), mesh.normals[chosen]
 
 

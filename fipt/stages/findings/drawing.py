@@ -8,7 +8,7 @@ import numpy as np
 from fipt.scene.cameras import Camera, up_axis
 from fipt.scene.display import tone_mapped
 from fipt.scene.emitters import Emitters
-from fipt.scene.mesh import Mesh
+from fipt.scene.mesh import Mesh, points_of
 
 _HEIGHT = 240
 """Of an image in a row, pixels."""
@@ -141,10 +141,7 @@ def _draw_surface(axes: Any, mesh: Mesh, up: np.ndarray, across: Sequence[int]) 
     areas = mesh.areas
     rng = np.random.default_rng(0)
     chosen = rng.choice(len(areas), _POINTS, p=areas / areas.sum())
-    u = rng.random((_POINTS, 2))
-    root = np.sqrt(u[:, :1])
-    a, b, c = (mesh.corners[chosen, k] for k in range(3))
-    points = a * (1 - root) + b * (root * (1 - u[:, 1:])) + c * (root * u[:, 1:])
+    points = points_of(mesh.corners[chosen], *rng.random((_POINTS, 2)).T)
     height = points @ up
     low = height < height.min() + _SLICE * np.ptp(height)
     axes.scatter(*points[low][:, across].T, s=0.6, color="0.6", linewidths=0)

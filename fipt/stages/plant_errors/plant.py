@@ -44,7 +44,7 @@ def plant(source: Path, out: Path, settings: PlantErrorsSettings) -> dict[str, A
         for view, factor in factors.items():
             scale_image(out / "images" / f"{view}.exr", factor)
         figures["exposures"] = factors
-    for name in ("views.json", "segments/part.json", "segments/semantic.json"):
+    for name in ("views.json", "prepare.json", "segments/part.json", "segments/semantic.json"):
         if (source / name).is_file():
             copy_file(source / name, out / name)
     if (source / "room.json").is_file() and not settings.removed_parts:

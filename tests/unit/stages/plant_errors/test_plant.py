@@ -81,7 +81,9 @@ def test_parts_are_moved_or_missing_in_rooms_that_name_them(room, capsys):
     planted(room, code=2, removed_parts=["lamps"])
     assert "there is no part 'lamps'; parts: walls, lamp" in capsys.readouterr().err
     assert not (room.parent / "out" / "mesh.ply").exists()
+    (room / "prepare.json").write_text('{"prepared": true}\n')
     out = planted(room, removed_parts=["lamp"])
+    assert (out / "prepare.json").read_text() == '{"prepared": true}\n'  # findings read it beside the images
     assert len(read_mesh(out / "mesh.ply").triangles) == count - 2
     assert not (out / "room.json").exists()  # its triangles are those of another mesh
 
