@@ -228,7 +228,9 @@ def test_the_verb_asks_what_copies_tell(scene: Path, tmp_path: Path, monkeypatch
     assert copies.shape[1] > 0
     metals = Dataset(scene / "dataset", inputs.out).metals()
     assert len(metals.roughness) == figures["materials"] > 0
-    assert not metals.dielectric
+    told = set(range(1, figures["materials"] + 1))
+    assert set(metals.roughness) == told
+    assert not metals.dielectric & told
 
 
 def test_the_verb_keeps_segments_where_every_pixel_shows_an_emitter(scene: Path, tmp_path: Path, monkeypatch):
@@ -244,7 +246,8 @@ def test_the_verb_keeps_segments_where_every_pixel_shows_an_emitter(scene: Path,
         manifest=tmp_path / "segments.manifest.json",
     )
     figures = run(inputs, RegroupSettings())
-    assert Dataset(scene / "dataset", inputs.out).metals() == JudgedMetals()
+    parts = frozenset(range(1, figures["parts"] + 1))
+    assert Dataset(scene / "dataset", inputs.out).metals() == JudgedMetals(dielectric=parts), "nothing tells a metal"
     assert Dataset(scene / "dataset").metals() == JudgedMetals(), "ids that no join made"
     (inputs.out / "metals.json").unlink()
     with pytest.raises(FiptError, match="metals"):
