@@ -307,12 +307,13 @@ class SceneConfig:
         assert self.parent is not None
         layout = self.parent.layout
         names = [layout.parts, layout.semantic] if self.source.rendered else self.parent.prepared()
-        return [layout.transforms, layout.views, layout.mesh, *self.parent.images(["all"]), *names]
+        files = [layout.transforms, layout.views, layout.mesh, *self.parent.images(["all"]), *names]
+        return [self.parent.where(path) for path in files]
 
     def dataset_before_errors(self) -> str:
         """Folder of these."""
         assert self.parent is not None
-        return self.parent.layout.dataset
+        return self.parent.where(self.parent.layout.dataset)
 
     def images_to_check(self) -> list[str]:
         """Manifests of all images, where cameras are checked."""

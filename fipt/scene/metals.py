@@ -25,7 +25,7 @@ class JudgedMetals:
     roughness
         Parts that are metal -> their roughness in [0, 1].
     dielectric
-        Parts that are no metal.
+        Parts that are no metal, or of which no pixel tells: nothing may prove a metal there.
     """
 
     roughness: Mapping[int, float] = field(default_factory=dict)

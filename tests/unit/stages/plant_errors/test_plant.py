@@ -99,6 +99,19 @@ def test_a_run_with_errors_has_a_dataset_of_its_own():
     own = [run.where(f"{run.layout.root}/{name}") for name in ("dataset/mesh.ply", "cache.npz", "dataset")]
     assert all(path.startswith("results/room/methods/") for path in own)
     assert run.answer("images", splits=["val"]) == ["results/room/methods/mesh-noise-2mm/dataset/images.manifest.json"]
-    assert "results/room/dataset/images.train-000.manifest.json" in run.answer("before_errors")
+    seeded = found.scene("room/methods/mesh-noise-2mm.seed-1")
+    for other in (run, seeded):  # a run with another seed has its parent's dataset, too
+        before = other.answer("before_errors")
+        assert all(path.startswith("results/room/dataset/") for path in before)
+        assert "results/room/dataset/images.train-000.manifest.json" in before
+        assert other.answer("dataset_before_errors") == "results/room/dataset"
+
+
+@pytest.mark.parametrize("raw", [False, True])
+def test_what_an_import_said_is_read_where_there_was_one(raw):
+    scene = {"source": "procedural", "simulate_raw": raw}
+    found = load({"scenes": {"room": scene}, "compare": {"methods": [], "sensitivity": ["mesh noise"]}})
+    run = found.scene("room/methods/mesh-noise-2mm")
+    assert ("results/room/dataset/prepare.json" in run.answer("before_errors")) == raw
     assert run.where(f"{run.layout.root}/dataset/room.json") == "results/room/dataset/room.json"
     assert not [name for name in load({"scenes": {"room": scene}}).scenes["room"].methods.chosen if "mm" in name]
