@@ -305,10 +305,9 @@ class SceneConfig:
     def before_errors(self) -> list[str]:
         """Files that a dataset with planted errors is made of."""
         assert self.parent is not None
-        layout = self.parent.layout
-        names = [layout.parts, layout.semantic] if self.source.rendered else self.parent.prepared()
-        files = [layout.transforms, layout.views, layout.mesh, *self.parent.images(["all"]), *names]
-        return [self.parent.where(path) for path in files]
+        own, layout = self.parent, self.parent.layout
+        names = [layout.parts, layout.semantic] if self.source.rendered else own.prepared()
+        return list(map(own.where, [layout.transforms, layout.views, layout.mesh, *own.images(["all"]), *names]))
 
     def dataset_before_errors(self) -> str:
         """Folder of these."""

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy.optimize import check_grad
 from scipy.sparse import csr_matrix
 
 from fipt.scene.environment import EnvironmentMap, solid_angles, texel_directions
@@ -109,15 +108,12 @@ def test_slopes_of_the_cost(outdoors, np_rng):
     assert len(slope(at)) == 3 * (count + GROUPS + 1)
     some = np_rng.choice(len(at), 40, replace=False)
 
-    def along(direction):
-        return check_grad(
-            lambda t: cost(at + t[0] * direction), lambda t: [slope(at + t[0] * direction) @ direction], [0.0]
-        )
-
+    step = 1e-5  # to both sides: rounding of the cost, which processors do differently, is 1e-8 of a slope then
     for index in some:
         unit = np.zeros(len(at))
-        unit[index] = 1
-        assert along(unit) < 1e-3 * max(abs(slope(at)[index]), 1e-2)
+        unit[index] = step
+        slope_there = (cost(at + unit) - cost(at - unit)) / (2 * step)
+        assert slope_there == pytest.approx(slope(at)[index], rel=1e-3, abs=1e-5)
 
 
 def test_light_of_a_floor_comes_from_its_wall_and_the_sky(backend):
