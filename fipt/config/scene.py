@@ -305,9 +305,9 @@ class SceneConfig:
     def before_errors(self) -> list[str]:
         """Files that a dataset with planted errors is made of."""
         assert self.parent is not None
-        own, layout = self.parent, self.parent.layout
-        names = [layout.parts, layout.semantic] if self.source.rendered else own.prepared()
-        return list(map(own.where, [layout.transforms, layout.views, layout.mesh, *own.images(["all"]), *names]))
+        sound, layout = self.parent, self.parent.layout
+        names = [layout.parts, layout.semantic] if self.source.rendered else sound.prepared()
+        return list(map(sound.where, [layout.transforms, layout.views, layout.mesh, *sound.images(["all"]), *names]))
 
     def dataset_before_errors(self) -> str:
         """Folder of these."""

@@ -165,7 +165,20 @@ def point_counts(mesh: Mesh, spacing: float, low: np.ndarray, high: np.ndarray) 
 
 
 def points_of(corners: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Points (..., 3) of triangles with ``corners`` (..., 3, 3), uniform for uniform ``u`` and ``v`` (...)."""
+    """Points of triangles: uniform over them for uniform random numbers (Osada et al. 2002, Sec. 3.1).
+
+    Parameters
+    ----------
+    corners
+        (..., 3, 3) vertices of each triangle, metres.
+    u, v
+        (...) in [0, 1).
+
+    Returns
+    -------
+    np.ndarray
+        (..., 3) metres, of the widest float type that is given.
+    """
     root, v = np.sqrt(u)[..., None], v[..., None]
     a, b, c = np.moveaxis(corners, -2, 0)
     return a * (1 - root) + b * (root * (1 - v)) + c * (root * v)

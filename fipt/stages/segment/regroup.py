@@ -13,8 +13,8 @@ A region is metal where its own pixels clearly prove it. Legs and frames fill to
 them only a little better than a dielectric. They count as metal where another region proves one of their colour; where
 metal alone has that colour in the room, even if a dielectric explains them as well. Pixels that prove it must outnumber
 undecided ones, or half of them where the colour is nearly the same. Copies of one shape judge together
-(`fipt.stages.segment.copies`). What no pixel tells, as bars of a window that show in pixels beside its light
-alone, is no metal.
+(`fipt.stages.segment.copies`). Pixels beside emitters are left out. A region that has no others, as bars
+of a window, is no metal.
 """
 
 from collections.abc import Sequence
@@ -99,7 +99,7 @@ def regrouped(
         metals = _metals(evidence, label)
     others = present[(part_of[present] == 0) & (present > 0)]
     part_of[others] = materials + 1 + np.arange(len(others))
-    # the fit looks at pixels beside emitters, too, which are as bright as if the surface mirrored these
+    # the fit looks at pixels beside emitters, too, and would take their light for a reflection
     metals = replace(metals, dielectric=metals.dielectric | set(part_of[others].tolist()))
     return RegroupedParts([part_of[own] for own in regions], materials, metals)
 

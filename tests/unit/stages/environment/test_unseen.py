@@ -112,8 +112,8 @@ def test_slopes_of_the_cost(outdoors, np_rng):
     for index in some:
         unit = np.zeros(len(at))
         unit[index] = step
-        slope_there = (cost(at + unit) - cost(at - unit)) / (2 * step)
-        assert slope_there == pytest.approx(slope(at)[index], rel=1e-3, abs=1e-5)
+        measured = (cost(at + unit) - cost(at - unit)) / (2 * step)
+        assert measured == pytest.approx(slope(at)[index], rel=1e-3, abs=1e-5)
 
 
 def test_light_of_a_floor_comes_from_its_wall_and_the_sky(backend):

@@ -105,6 +105,8 @@ def test_a_run_with_errors_has_a_dataset_of_its_own():
         assert all(path.startswith("results/room/dataset/") for path in before)
         assert "results/room/dataset/images.train-000.manifest.json" in before
         assert other.answer("dataset_before_errors") == "results/room/dataset"
+    assert run.where(f"{run.layout.root}/dataset/room.json") == "results/room/dataset/room.json"
+    assert not [name for name in load({"scenes": {"room": scene}}).scenes["room"].methods.chosen if "mm" in name]
 
 
 @pytest.mark.parametrize("raw", [False, True])
@@ -113,5 +115,3 @@ def test_what_an_import_said_is_read_where_there_was_one(raw):
     found = load({"scenes": {"room": scene}, "compare": {"methods": [], "sensitivity": ["mesh noise"]}})
     run = found.scene("room/methods/mesh-noise-2mm")
     assert ("results/room/dataset/prepare.json" in run.answer("before_errors")) == raw
-    assert run.where(f"{run.layout.root}/dataset/room.json") == "results/room/dataset/room.json"
-    assert not [name for name in load({"scenes": {"room": scene}}).scenes["room"].methods.chosen if "mm" in name]
