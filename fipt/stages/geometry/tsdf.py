@@ -35,8 +35,8 @@ def fused(
     """Fuse depth maps as a truncated signed distance field (Curless and Levoy 1996) and mesh its zero.
 
     A voxel's distance is that to the tangent plane of the pixel that it falls into: so a slanted surface is as sharp as
-    one that faces the camera. Where views that see through a voxel outweigh those that see surface in it, it is free;
-    elsewhere they do not move the surface.
+    one that faces the camera. A pixel counts fully before its surface and a voxel behind it, and less from there on. Where
+    views that see through a voxel outweigh those that see surface in it, it is free; elsewhere they do not move the surface.
 
     Parameters
     ----------
@@ -231,7 +231,9 @@ class _Camera:
         through = ahead & (signed >= 1) & carves[pixel]
         # a voxel rounds what falls into it; the rest is the noise of the depth
         weight = certain * voxel**2 / ((noise * z * z) ** 2 + np.float32(voxel / 4) ** 2)
-        seen = np.where(near, weight, 0)
+        # a surface hides what lies behind it: from a voxel on, the farther, the less it says there
+        solid = np.clip((1 + signed) / (1 - 1 / np.float32(TRUNCATION)), 0, 1) ** 2
+        seen = np.where(near, weight * solid, 0)
         return seen * np.where(near, signed, 0), seen, np.where(through, weight, 0)
 
 
