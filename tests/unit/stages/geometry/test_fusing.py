@@ -108,7 +108,7 @@ def test_a_view_close_by_knows_what_is_free_better_than_what_lies_far_behind():
 
 
 def facing(name: str, center: tuple[float, float, float], turn: float, depth: float) -> DepthView:
-    """A view of a surface that faces it, turned about the horizontal axis: down along y by a quarter."""
+    """A view of a surface that faces it; turned by a quarter it looks along y instead of against z."""
     pose = np.eye(4)
     c, s = np.cos(turn), np.sin(turn)
     pose[:3, :3] = [[1, 0, 0], [0, c, -s], [0, s, c]]
@@ -123,18 +123,19 @@ def facing(name: str, center: tuple[float, float, float], turn: float, depth: fl
 
 @pytest.mark.usefixtures("open3d")
 def test_a_surface_says_little_of_what_it_hides():
-    # three views see a sheet, two look past behind it: what lies up to four voxels behind is theirs to tell
+    # five views see a sheet, three look past behind it: from the second voxel behind it on these outweigh the five
     voxel, quarter = 0.05, np.pi / 2
-    onto = [facing(f"onto{i}", (0.02 * i, 0.0, 0.0), 0.0, 1.0) for i in range(3)]
-    down = onto[0].rays[30, 40]
-    way = facing("way", (0.0, 0.0, 0.0), quarter, 1.0).rays[30, 40]
-    past = [facing(f"past{i}", tuple(1.1 * down - 0.9 * way), quarter, 3.0) for i in range(2)]
+    onto = [facing(f"onto{i}", (0.02 * i, 0.0, 0.0), 0.0, 1.0) for i in range(5)]
+    onward = onto[0].rays[30, 40]
+    across = facing("across", (0.0, 0.0, 0.0), quarter, 1.0).rays[30, 40]
+    past = [facing(f"past{i}", tuple(1.1 * onward - 0.9 * across), quarter, 3.0) for i in range(3)]
     views = onto + past
     mesh = fuse(views, [view.map.known for view in views], 1e-3, voxel)
-    behind = mesh.vertices @ down - 1.0
-    middle = np.abs(mesh.vertices - behind[:, None] * down - down).max(axis=1) < 0.1
+    behind = mesh.vertices @ onward - 1.0
+    middle = np.abs(mesh.vertices - behind[:, None] * onward - onward).max(axis=1) < 0.1
+    assert middle.any()
     assert -0.1 * voxel < behind[middle].min() < 0.1 * voxel
-    assert voxel < behind[middle].max() < 2.5 * voxel
+    assert voxel < behind[middle].max() < 2 * voxel
 
 
 def test_noise_is_measured():
