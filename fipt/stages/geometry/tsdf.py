@@ -205,8 +205,8 @@ class _Camera:
         """Weighted distances in truncations, their weights, and those of what sees through the voxels of blocks.
 
         (B, K) float32 each. The (H, W, 3) normals are in image axes. Noise is that of depth at the voxel: how far
-        behind it a ray ends says nothing of whether it passed. Weights fall from a voxel behind the surface on, to nothing
-        at `TRUNCATION` behind it.
+        behind it a ray ends says nothing of whether it passed. Weights fall from a voxel behind the surface on, to
+        nothing at `TRUNCATION` behind it.
         """
         most = TRUNCATION * voxel
         local = ((base - self.center) @ self.rotation)[:, None] + (within @ self.rotation)[None]
