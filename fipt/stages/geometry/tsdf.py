@@ -35,9 +35,8 @@ def fused(
     """Fuse depth maps as a truncated signed distance field (Curless and Levoy 1996) and mesh its zero.
 
     A voxel's distance is that to the tangent plane of the pixel that it falls into: so a slanted surface is as sharp as
-    one that faces the camera. A pixel counts fully before its surface and a voxel behind it, and less from there on.
-    Where views that see through a voxel outweigh those that see surface in it, it is free; elsewhere they do not move
-    the surface.
+    one that faces the camera. Where views that see through a voxel outweigh those that see surface in it, it is free;
+    elsewhere they do not move the surface.
 
     Parameters
     ----------
@@ -86,7 +85,6 @@ def summed(
         in truncations; ``known`` (B, K) bool whether any view tells it.
     """
     o3d = import_open3d()
-    voxel, noise = float(voxel), float(noise)  # not numpy's numbers, with which all would be double
     cameras = [_Camera(*parts) for parts in zip(intrinsics, extrinsics, strict=True)]
     grid = _grid(o3d, cameras, depth, voxel)
     slot = grid.hashmap().active_buf_indices()
@@ -205,8 +203,7 @@ class _Camera:
         """Weighted distances in truncations, their weights, and those of what sees through the voxels of blocks.
 
         (B, K) float32 each. The (H, W, 3) normals are in image axes. Noise is that of depth at the voxel: how far
-        behind it a ray ends says nothing of whether it passed. Weights fall from a voxel behind the surface on, to
-        nothing at `TRUNCATION` behind it.
+        behind it a ray ends says nothing of whether it passed.
         """
         most = TRUNCATION * voxel
         local = ((base - self.center) @ self.rotation)[:, None] + (within @ self.rotation)[None]
@@ -229,14 +226,12 @@ class _Camera:
         leaning = ((local - point) * tangent).sum(axis=-1)
         flat = (tangent**2).sum(axis=-1) > 0.5
         # before an outline's pixel the tangent plane of a grazing surface tells nothing
-        signed = np.where(flat & (np.abs(straight) < 4 * most), leaning, straight).astype(np.float32) / np.float32(most)
+        signed = np.where(flat & (np.abs(straight) < 4 * most), leaning, straight) / np.float32(most)
         near = ahead & (np.abs(signed) < 1) & (straight > -4 * most)
         through = ahead & (signed >= 1) & carves[pixel]
         # a voxel rounds what falls into it; the rest is the noise of the depth
         weight = certain * voxel**2 / ((noise * z * z) ** 2 + np.float32(voxel / 4) ** 2)
-        # a surface hides what lies behind it: from a voxel on, the farther, the less its pixel says
-        solid = np.clip((1 + signed) / np.float32(1 - 1 / TRUNCATION), 0, 1) ** 2
-        seen = np.where(near, weight * solid, 0)
+        seen = np.where(near, weight, 0)
         return seen * np.where(near, signed, 0), seen, np.where(through, weight, 0)
 
 

@@ -89,11 +89,9 @@ def test_a_view_that_sees_through_a_wall_by_mistake_does_not_move_it():
     views[0] = views[0].with_map(DepthMap(wrong, views[0].map.confidence, views[0].map.normal))
     mesh = fuse(views, [view.map.known for view in views], 1e-3, 0.05)
     there = views[0].camera.center + views[0].map.depth[30, 40] / 1.5 * views[0].rays[30, 40]
-    centers = mesh.corners.mean(axis=1)
-    near = np.linalg.norm(centers - there, axis=1) < 0.15
-    inward = (mesh.normals * -centers).sum(axis=1) > 0  # what the wall hides may have a surface of its own
-    assert (near & inward).any()
-    assert off_the_walls(mesh)[np.unique(mesh.triangles[near & inward])].max() < 0.003
+    near = np.linalg.norm(mesh.vertices - there, axis=1) < 0.15
+    assert near.any()
+    assert off_the_walls(mesh)[near].max() < 0.003
 
 
 @pytest.mark.usefixtures("open3d")
@@ -105,37 +103,6 @@ def test_a_view_close_by_knows_what_is_free_better_than_what_lies_far_behind():
     # 0.4 m before the close view, which sees the wall 2 m behind: its noise there is no noise here
     mesh = fuse([far, close], [view.map.known for view in (far, close)], 0.05, 0.05)
     assert not (np.linalg.norm(mesh.vertices - [0.0, 0.0, 0.5], axis=1) < 0.1).any()
-
-
-def facing(name: str, center: tuple[float, float, float], turn: float, depth: float) -> DepthView:
-    """A view of a surface that faces it; turned by a quarter it looks along y instead of against z."""
-    pose = np.eye(4)
-    c, s = np.cos(turn), np.sin(turn)
-    pose[:3, :3] = [[1, 0, 0], [0, c, -s], [0, s, c]]
-    pose[:3, 3] = center
-    camera = Camera(name, "train", 80, 60, 50.0, 50.0, 40.0, 30.0, pose)
-    shape = (60, 80)
-    flat = np.full(shape, depth, np.float32), np.ones(shape, np.float32), np.zeros((*shape, 3), np.float32)
-    view = DepthView(camera, DepthMap(*flat), np.ones((*shape, 3), np.float32))
-    flat[2][:] = -view.rays[30, 40] / np.linalg.norm(view.rays[30, 40])
-    return view.with_map(DepthMap(*flat))
-
-
-@pytest.mark.usefixtures("open3d")
-def test_a_surface_says_little_of_what_it_hides():
-    # five views see a sheet, three look past behind it: from the second voxel behind it on these outweigh the five
-    voxel, quarter = 0.05, np.pi / 2
-    onto = [facing(f"onto{i}", (0.02 * i, 0.0, 0.0), 0.0, 1.0) for i in range(5)]
-    onward = onto[0].rays[30, 40]
-    across = facing("across", (0.0, 0.0, 0.0), quarter, 1.0).rays[30, 40]
-    past = [facing(f"past{i}", tuple(1.1 * onward - 0.9 * across), quarter, 3.0) for i in range(3)]
-    views = onto + past
-    mesh = fuse(views, [view.map.known for view in views], 1e-3, voxel)
-    behind = mesh.vertices @ onward - 1.0
-    middle = np.abs(mesh.vertices - behind[:, None] * onward - onward).max(axis=1) < 0.1
-    assert middle.any()
-    assert -0.1 * voxel < behind[middle].min() < 0.1 * voxel
-    assert voxel < behind[middle].max() < 2 * voxel
 
 
 def test_noise_is_measured():
