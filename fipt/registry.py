@@ -47,7 +47,7 @@ SECTIONS: dict[str, Section] = {
     "cache": Section("fipt.stages.cache.settings:CacheSettings", 4),
     "bake": Section("fipt.stages.shade.settings:BakeSettings", 3),
     "regroup": Section("fipt.stages.segment.settings:RegroupSettings", 11),
-    "emitters": Section("fipt.stages.emitters.settings:EmittersSettings", 17),
+    "emitters": Section("fipt.stages.emitters.settings:EmittersSettings", 18),
     "fit": Section("fipt.stages.fit.settings:FitSettings", 12),
     "irradiance": Section("fipt.stages.irradiance.settings:IrradianceSettings", 1),
     "true_constants": Section("fipt.stages.true_constants.settings:TrueConstantsSettings", 2),

@@ -55,6 +55,13 @@ class Undecided:
             *(np.concatenate([getattr(self, name), getattr(other, name)]) for name in ("reflects", "emits", "price")),
         )
 
+    def of(self, triangles: np.ndarray) -> "Undecided":
+        """The regions of some triangles (N,), as far as they reach there; numbered anew, without gaps."""
+        rows = np.isin(self.triangle, triangles)
+        names, region = np.unique(self.region[rows], return_inverse=True)
+        costs = (getattr(self, name)[names] for name in ("reflects", "emits", "price"))
+        return Undecided(self.triangle[rows], region.reshape(-1).astype(np.int32), *costs)
+
     @classmethod
     def none(cls) -> "Undecided":
         """No region."""

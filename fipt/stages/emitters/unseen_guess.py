@@ -1,6 +1,6 @@
 """Light that no view shows: guessed emitters beside those that were found, where the photographs tell of them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
@@ -12,6 +12,7 @@ from fipt.scene.environment import EnvironmentMap
 from fipt.scene.mesh import Mesh
 from fipt.scene.observed import ObservedShard
 from fipt.scene.surface_blocks import LEAST_SIGMA, Blocks, blocks_of
+from fipt.stages.emitters.edges import without_edge
 from fipt.stages.emitters.extract import Extracted
 from fipt.stages.emitters.observations import grouped_median
 from fipt.stages.emitters.unseen import Lights, Transport, seen_light, with_patches
@@ -57,6 +58,8 @@ class _Trial:
     transport: Transport
     patches: Patches
     guess: Guess
+    explained: bool = False
+    """Whether seen light alone explains the blocks."""
 
     @cached_property
     def light(self) -> np.ndarray:
@@ -86,7 +89,8 @@ def with_guess(
 
     What emits only because it is brighter than white may be lit by an emitter that no view shows. Light is guessed
     beside the certain emitters first; surface that it makes darker than white reflects. Where light is missing and no
-    guess tells from where, it is undecided.
+    guess tells from where, it is undecided. Where it has no edge (`fipt.stages.emitters.edges`) it does not emit in any
+    case: it reflects if a guess lights it, else it is undecided.
 
     Parameters
     ----------
@@ -102,19 +106,12 @@ def with_guess(
     """
     before = np.full(len(rejected), -1) if before is None else np.where(rejected, -1, before)
     trial = partial(_trial, mesh, shards, cache=cache, environment=environment, rejected=rejected, before=before)
-    found = extracted.emitters
-    doubtful = _doubtful(extracted)
-    tried = trial(found.chosen(~doubtful), asked=True) if doubtful.any() else None
-    lit = np.isin(found.emitter, _lit(tried, found, doubtful, len(mesh.triangles)))
-    if lit.any():
-        found = found.chosen(~lit)
-    else:
-        tried = trial(found, asked=bool((before >= 0).any()))
+    found, doubtful, tried = _tried(trial, shards, extracted, len(mesh.triangles), bool((before >= 0).any()))
     if tried is None:
         return Guessed(found, (), {"guess": {"tried": False}})  # nothing asks for it, or too little is seen
     guess, leaves = tried.guess, float(np.median(tried.transport.open))
     figures = {
-        "explained": False,
+        "explained": tried.explained,
         "determined": guess.determined,
         "patches": len(tried.patches.area),
         "gain": guess.gain,
@@ -124,11 +121,44 @@ def with_guess(
         "open": leaves,
     }
     if not guess.determined:
+        if tried.explained:
+            return Guessed(found, (), {"guess": figures})
         if (before < 0).all():
             found = replace(found.chosen(~doubtful), undecided=found.undecided.joined(extracted.doubtful))
         return Guessed(found, _undetermined(guess, leaves), {"guess": figures})
     emitters = _added(mesh, found, tried.patches, guess)
     return Guessed(emitters, _advice(mesh, emitters, guess, environment.up), {"guess": figures})
+
+
+def _tried(
+    trial: Callable[..., _Trial | None],
+    shards: Sequence[ObservedShard],
+    extracted: Extracted,
+    triangles: int,
+    asked: bool,
+) -> tuple[Emitters, np.ndarray, _Trial | None]:
+    """Emitters that are not told to be lit, which of them (E,) are doubtful, and the guess beside them.
+
+    Parameters
+    ----------
+    trial
+        Guesses light beside emitters.
+    asked
+        Whether other evidence than doubtful emitters says that light is missing.
+    """
+    found, doubtful = extracted.emitters, _doubtful(extracted)
+    if not doubtful.any():
+        return found, doubtful, trial(found, asked=asked)
+    number = np.where(doubtful, found.emitter, -1)
+    fading = np.isin(number, without_edge(shards, _numbers(found, triangles)))
+    tried = trial(found.chosen(~doubtful), asked=True)
+    lit = np.isin(number, _lit(tried, found, doubtful, triangles))
+    kept = found.chosen(~(lit | fading))
+    if not lit.any() and (fading != doubtful).any():  # else it was tried beside these already
+        tried = trial(kept, asked=asked or bool(fading.any()))
+    reflects = lit | np.isin(number, _lit(tried, found, fading, triangles, brightest=np.inf))
+    unclear = extracted.doubtful.of(found.triangle[fading & ~reflects])
+    return replace(kept, undecided=kept.undecided.joined(unclear)), doubtful[~(lit | fading)], tried
 
 
 def _doubtful(extracted: Extracted) -> np.ndarray:
@@ -137,6 +167,13 @@ def _doubtful(extracted: Extracted) -> np.ndarray:
     power = found.area * found.radiance.mean(axis=1)
     asked = np.isin(found.triangle, extracted.doubtful.triangle)
     return (2 * np.bincount(found.emitter, power * asked) > np.bincount(found.emitter, power))[found.emitter]
+
+
+def _numbers(found: Emitters, triangles: int, rows: np.ndarray | slice = slice(None)) -> np.ndarray:
+    """(T,) number of the emitter of each of so many triangles, -1 for none, and for those not in ``rows`` (E,)."""
+    number = np.full(triangles, -1)
+    number[found.triangle[rows]] = found.emitter[rows]
+    return number
 
 
 def _trial(
@@ -160,7 +197,8 @@ def _trial(
         return None
     lights = Lights(mesh, hidden_triangles(mesh, shards, found), cache, found, environment)
     known = seen_light(blocks, lights)
-    if not asked and explained(blocks, known):
+    seen_is_all = explained(blocks, known)
+    if not asked and seen_is_all:
         return None
     hidden = lights.hidden & ~rejected
     met = hidden & lights.met  # of the rays from what is seen
@@ -171,12 +209,12 @@ def _trial(
         if not smaller.guess.determined:
             break
         trial = smaller
-    if not (hidden & (before >= 0)).any():
-        return trial
-    old = patches_as_before(mesh, met | hidden & (before >= 0), before)
-    again = _offered(blocks, lights, known, old, asked)
-    better = not trial.guess.determined or again.guess.gain >= trial.guess.gain
-    return again if again.guess.determined and better else trial
+    if (hidden & (before >= 0)).any():
+        old = patches_as_before(mesh, met | hidden & (before >= 0), before)
+        again = _offered(blocks, lights, known, old, asked)
+        better = not trial.guess.determined or again.guess.gain >= trial.guess.gain
+        trial = again if again.guess.determined and better else trial
+    return replace(trial, explained=seen_is_all)
 
 
 def _offered(blocks: Blocks, lights: Lights, known: Transport, patches: Patches, asked: bool) -> _Trial:
@@ -191,23 +229,24 @@ def _offered(blocks: Blocks, lights: Lights, known: Transport, patches: Patches,
     return _Trial(blocks, transport, patches, explain(blocks, patches, transport, asked))
 
 
-def _lit(trial: _Trial | None, found: Emitters, doubtful: np.ndarray, triangles: int) -> np.ndarray:
-    """Numbers of the emitters that are no brighter than white under the light of a guess; ``doubtful`` (E,) bool.
+def _lit(
+    trial: _Trial | None, found: Emitters, doubtful: np.ndarray, triangles: int, brightest: float = 1.0
+) -> np.ndarray:
+    """Numbers of the emitters that a guess lights, and that are no brighter then than so many times white.
 
-    A guess that gives less there than what is traced may err by (`LEAST_SIGMA`) says nothing about an emitter: one that
-    was found since it is even may be darker than white under any light.
+    ``doubtful`` (E,) bool are those that are asked about. A guess that gives less there than what is traced may err by
+    (`LEAST_SIGMA`) says nothing about an emitter: one that was found since it is even may be darker than white under
+    any light.
     """
     if trial is None or not trial.guess.determined:
         return np.zeros(0, np.int64)
-    number = np.full(triangles, -1)
-    number[found.triangle[doubtful]] = found.emitter[doubtful]
-    of_block = number[trial.blocks.triangle]
+    of_block = _numbers(found, triangles, doubtful)[trial.blocks.triangle]
     names, index = np.unique(of_block[of_block >= 0], return_inverse=True)
     ratio, share = (
         grouped_median(values[of_block >= 0], index.reshape(-1), len(names))
         for values in (trial.ratio(), trial.share())
     )
-    return names[(ratio <= 1) & (share > LEAST_SIGMA)]
+    return names[(ratio <= brightest) & (share > LEAST_SIGMA)]
 
 
 def _added(mesh: Mesh, found: Emitters, patches: Patches, guess: Guess) -> Emitters:

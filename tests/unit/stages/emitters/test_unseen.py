@@ -479,3 +479,40 @@ def test_what_may_be_lit_by_missing_light_is_undecided(guessing):
     np.testing.assert_array_equal(told.undecided.triangle, triangles)
     sound = guessing(Guess(np.zeros((1, 3))), is_explained=True, extracted=Extracted(seems, doubtful)).emitters
     assert len(sound.triangle) == 2
+
+
+@pytest.mark.parametrize(
+    ("power", "is_explained", "emits", "undecided"),
+    [(2.0, True, [0], []), (0.01, True, [0], [1]), (None, True, [0], [1]), (None, False, [], [0, 1])],
+    ids=["lit by a guess", "not lit by it", "explained", "light is missing"],
+)
+def test_what_has_no_edge_does_not_emit(guessing, monkeypatch, power, is_explained, emits, undecided):
+    """Two doubtful emitters, brighter than white under any guess; the second one fades."""
+    monkeypatch.setattr(unseen_guess, "without_edge", lambda *_: np.array([1]))
+    triangles, ones, both = np.arange(2, dtype=np.int32), np.ones(2, np.float32), np.arange(2, dtype=np.int32)
+    seems = Emitters(triangles, np.full((2, 3), 5, np.float32), ones, both, both, ones, 0 * ones, np.zeros(2, bool))
+    costs = np.array([3, 4], np.float32)
+    nothing = Guess(np.zeros((1, 3)), before=0.4)
+    guess = nothing if power is None else Guess(np.full((1, 3), power), 0.3, 0.6, 400.0, 0.06, 0.25, True)
+    extracted = Extracted(seems, Undecided(triangles, both, *[costs] * 3))
+    told = guessing(guess, is_explained=is_explained, extracted=extracted)
+    found = told.emitters
+    np.testing.assert_array_equal(found.triangle[~found.guessed], emits)
+    own = found.undecided
+    assert dict(zip(own.triangle.tolist(), own.price[own.region].tolist(), strict=True)) == {
+        k: 3 + k for k in undecided
+    }
+    said = any("cannot explain the photographs" in warning for warning in told.warnings)
+    assert said == (power is not None or not is_explained)
+
+
+def test_regions_of_some_triangles_keep_their_costs():
+    three = np.arange(3, dtype=np.float32)
+    regions = Undecided(
+        np.array([4, 5, 6, 7], np.int32), np.array([0, 1, 2, 2], np.int32), three, three + 10, three + 20
+    )
+    some = regions.of(np.array([7, 5, 9]))
+    np.testing.assert_array_equal(some.triangle, [5, 7])
+    np.testing.assert_array_equal(some.region, [0, 1])
+    np.testing.assert_array_equal(some.reflects, [1, 2])
+    np.testing.assert_array_equal(some.price, [21, 22])
