@@ -3,9 +3,14 @@
     python -m benchmarks.scan_errors results/living_room_scan results/living_room
 
 The first is a finished run on a scan, the second has the same room's ``dataset/`` with the true mesh and part ids. For
-held-out pixels of each kind it prints their share, their share of the squared error of kd, and kd in dB, twice: of the
-run's material maps, and of the *mesh alone*, which gives every pixel the true kd of the true surface that lies nearest
-to what the scan shows there (a point of a true pixel, of all views). So much is lost by its shape, whatever is fitted.
+held-out pixels of each kind it prints their share, their share of the squared error of kd, and kd in dB, three times:
+
+- *fitted*: of the run's material maps;
+- *mesh alone*: every pixel has the true kd of the true surface that lies nearest to what the scan shows there (a point
+  of a true pixel, of all views). So much is lost by its shape, whatever is fitted;
+- *carried*: every pixel has the mean of the true kd of training pixels, weighted by how near on the scan they show it.
+  So much is lost if the fit is right in every training pixel, and knows nothing of parts.
+
 The kinds, in this order: the scan is more than a pixel's width off the surface; within two pixels of an emitter; metal;
 within a pixel of surface elsewhere in depth; within a pixel of another part; all others.
 """
@@ -25,6 +30,9 @@ from fipt.scene.dataset import Dataset, read_layers
 
 _STEP = 1.5
 """Distance in footprints of a neighbouring pixel's surface from a pixel's plane that is a step in depth."""
+_AROUND = 16
+"""Training pixels that are averaged."""
+_COLUMNS = ("fitted", "mesh alone", "carried")
 _KINDS = ("off the surface", "beside an emitter", "metal", "beside a step", "beside a part", "inside")
 
 
@@ -71,6 +79,42 @@ def kinds(true: _Seen, scan: _Seen, ids: np.ndarray, truth: dict[str, np.ndarray
     return np.argmax(found, axis=0)
 
 
+class _Carried:
+    """True kd of training pixels, at the places of the scan that they show."""
+
+    def __init__(self, scan: RayScene, data: Dataset) -> None:
+        places, colours, widths = [], [], []
+        for view in data.views("train"):
+            shown, truth = seen(scan, data.camera(view)), data.truth(view)
+            assert truth is not None
+            known = np.isfinite(shown.place).all(axis=-1)
+            places.append(shown.place[known])
+            colours.append(truth["kd"][known])
+            widths.append(shown.footprint[known])
+        self._tree = cKDTree(np.concatenate(places))
+        self._colour, self._width = np.concatenate(colours), np.concatenate(widths)
+
+    def at(self, places: np.ndarray, widths: np.ndarray) -> np.ndarray:
+        """(N, 3) mean at places (N, 3) that pixels of some widths (N,) show, by a Gaussian of half the wider pixel."""
+        distance, near = self._tree.query(places, k=_AROUND, workers=-1)
+        width = np.maximum(widths[:, None], self._width[near])
+        weight = np.exp(-2 * (distance / width) ** 2) / width**2 + 1e-12
+        return (self._colour[near] * weight[..., None]).sum(axis=1) / weight.sum(axis=1, keepdims=True)
+
+
+def _true_points(scene: RayScene, data: Dataset) -> tuple[cKDTree, np.ndarray]:
+    """Places of the true pixels of all views, and their kd (N, 3)."""
+    points, colours = [], []
+    for view in (*data.views("train"), *data.views("val")):
+        place, truth = seen(scene, data.camera(view)).place, data.truth(view)
+        if truth is None:
+            raise SystemExit(f"{data.root} has no truth to judge with")
+        known = np.isfinite(place).all(axis=-1)
+        points.append(place[known])
+        colours.append(truth["kd"][known])
+    return cKDTree(np.concatenate(points)), np.concatenate(colours)
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -80,16 +124,9 @@ def main() -> None:
     set_variant()
     scanned, clean = Dataset(options.scan / "dataset"), Dataset(options.true / "dataset")
     of_scan, of_true = RayScene(scanned.mesh()), RayScene(clean.mesh())
-    points, colours = [], []
-    for view in (*clean.views("train"), *clean.views("val")):
-        place, truth = seen(of_true, clean.camera(view)).place, clean.truth(view)
-        if truth is None:
-            raise SystemExit(f"{options.true} has no truth to judge with")
-        known = np.isfinite(place).all(axis=-1)
-        points.append(place[known])
-        colours.append(truth["kd"][known])
-    tree, colour = cKDTree(np.concatenate(points)), np.concatenate(colours)
-    count, error = np.zeros(len(_KINDS)), np.zeros((2, len(_KINDS)))
+    tree, colour = _true_points(of_true, clean)
+    carried = _Carried(of_scan, clean)
+    count, error = np.zeros(len(_KINDS)), np.zeros((len(_COLUMNS), len(_KINDS)))
     for view in clean.views("val"):
         truth, camera = clean.truth(view), clean.camera(view)
         assert truth is not None
@@ -97,17 +134,23 @@ def main() -> None:
         kind = kinds(true, scan, clean.segments(view, "part").astype(np.int64), truth)
         counted = np.isfinite(scan.place).all(axis=-1) & np.isfinite(true.place).all(axis=-1)
         counted &= ~truth["emission"].any(axis=-1)
-        fitted = read_layers(options.scan / "materials" / f"{view}.exr")["kd"]
-        nearest = colour[tree.query(scan.place[counted], workers=-1)[1]]
+        fitted = read_layers(options.scan / "materials" / f"{view}.exr")["kd"][counted]
+        place = scan.place[counted]
+        nearest = colour[tree.query(place, workers=-1)[1]]
         count += np.bincount(kind[counted], minlength=len(_KINDS))
-        for row, kd in enumerate((fitted[counted], nearest)):
+        for row, kd in enumerate((fitted, nearest, carried.at(place, scan.footprint[counted]))):
             off = ((kd - truth["kd"][counted]) ** 2).mean(axis=1)
             error[row] += np.bincount(kind[counted], off, len(_KINDS))
-    print(f"{'pixels':20s} share   fitted: of the error, kd      mesh alone: of the error, kd")
+    _print(count, error)
+
+
+def _print(count: np.ndarray, error: np.ndarray) -> None:
+    """Print pixels (K,) and squared errors (C, K) of each kind, and of all."""
+    print(f"{'pixels':20s} share" + "".join(f"   {name:>11s}: share, kd" for name in _COLUMNS))
     for number, name in enumerate((*_KINDS, "all")):
         own = slice(number, number + 1) if number < len(_KINDS) else slice(None)
         columns = "".join(
-            f"   {row[own].sum() / row.sum():12.3f} {-10 * np.log10(row[own].sum() / max(count[own].sum(), 1)):6.2f} dB"
+            f"   {row[own].sum() / row.sum():14.3f} {-10 * np.log10(row[own].sum() / max(count[own].sum(), 1)):6.2f} dB"
             for row in np.maximum(error, 1e-12)
         )
         print(f"{name:20s} {count[own].sum() / count.sum():.3f}{columns}")
