@@ -47,12 +47,11 @@ class Undecided:
 
     def joined(self, other: "Undecided") -> "Undecided":
         """Regions of both; a triangle of both stays in the first."""
-        new = ~np.isin(other.triangle, self.triangle)
-        triangle, region = other.triangle[new], other.region[new] + np.int32(len(self.price))
+        rest = other.of(np.setdiff1d(other.triangle, self.triangle))
         return Undecided(
-            np.concatenate([self.triangle, triangle]),
-            np.concatenate([self.region, region]),
-            *(np.concatenate([getattr(self, name), getattr(other, name)]) for name in ("reflects", "emits", "price")),
+            np.concatenate([self.triangle, rest.triangle]),
+            np.concatenate([self.region, rest.region + np.int32(len(self.price))]),
+            *(np.concatenate([getattr(self, name), getattr(rest, name)]) for name in ("reflects", "emits", "price")),
         )
 
     def of(self, triangles: np.ndarray) -> "Undecided":

@@ -58,8 +58,6 @@ class _Trial:
     transport: Transport
     patches: Patches
     guess: Guess
-    explained: bool = False
-    """Whether seen light alone explains the blocks."""
 
     @cached_property
     def light(self) -> np.ndarray:
@@ -111,7 +109,7 @@ def with_guess(
         return Guessed(found, (), {"guess": {"tried": False}})  # nothing asks for it, or too little is seen
     guess, leaves = tried.guess, float(np.median(tried.transport.open))
     figures = {
-        "explained": tried.explained,
+        "explained": False,
         "determined": guess.determined,
         "patches": len(tried.patches.area),
         "gain": guess.gain,
@@ -121,8 +119,6 @@ def with_guess(
         "open": leaves,
     }
     if not guess.determined:
-        if tried.explained:
-            return Guessed(found, (), {"guess": figures})
         if (before < 0).all():
             found = replace(found.chosen(~doubtful), undecided=found.undecided.joined(extracted.doubtful))
         return Guessed(found, _undetermined(guess, leaves), {"guess": figures})
@@ -138,6 +134,8 @@ def _tried(
     asked: bool,
 ) -> tuple[Emitters, np.ndarray, _Trial | None]:
     """Emitters that are not told to be lit, which of them (E,) are doubtful, and the guess beside them.
+
+    What has no edge is taken out of them; it becomes undecided where no guess lights it.
 
     Parameters
     ----------
@@ -157,6 +155,8 @@ def _tried(
     if not lit.any() and (fading != doubtful).any():  # else it was tried beside these already
         tried = trial(kept, asked=asked or bool(fading.any()))
     reflects = lit | np.isin(number, _lit(tried, found, fading, triangles, brightest=np.inf))
+    if fading.any() and not asked and not reflects.any():
+        tried = trial(kept, asked=False)  # a guess that lights nothing of what asked for it needs to be as sure as any
     unclear = extracted.doubtful.of(found.triangle[fading & ~reflects])
     return replace(kept, undecided=kept.undecided.joined(unclear)), doubtful[~(lit | fading)], tried
 
@@ -197,8 +197,7 @@ def _trial(
         return None
     lights = Lights(mesh, hidden_triangles(mesh, shards, found), cache, found, environment)
     known = seen_light(blocks, lights)
-    seen_is_all = explained(blocks, known)
-    if not asked and seen_is_all:
+    if not asked and explained(blocks, known):
         return None
     hidden = lights.hidden & ~rejected
     met = hidden & lights.met  # of the rays from what is seen
@@ -209,12 +208,12 @@ def _trial(
         if not smaller.guess.determined:
             break
         trial = smaller
-    if (hidden & (before >= 0)).any():
-        old = patches_as_before(mesh, met | hidden & (before >= 0), before)
-        again = _offered(blocks, lights, known, old, asked)
-        better = not trial.guess.determined or again.guess.gain >= trial.guess.gain
-        trial = again if again.guess.determined and better else trial
-    return replace(trial, explained=seen_is_all)
+    if not (hidden & (before >= 0)).any():
+        return trial
+    old = patches_as_before(mesh, met | hidden & (before >= 0), before)
+    again = _offered(blocks, lights, known, old, asked)
+    better = not trial.guess.determined or again.guess.gain >= trial.guess.gain
+    return again if again.guess.determined and better else trial
 
 
 def _offered(blocks: Blocks, lights: Lights, known: Transport, patches: Patches, asked: bool) -> _Trial:

@@ -93,9 +93,18 @@ def test_an_emitter_that_a_picture_cuts_is_told_by_what_is_seen_of_it() -> None:
 
 def test_what_emits_beside_is_no_border() -> None:
     """Two halves of one panel, each by itself: between them there is no edge, around them there is."""
-    halves = np.where(COLUMN < 12, 0, 1)
-    emitter = np.where(BLOCK, halves, -1).ravel()[::-1]
-    assert len(without_edge([wall(np.where(BLOCK, 3.0, 1.0))], emitter)) == 0
+    panel = (abs(ROW - 11.5) < 8) & (abs(COLUMN - 11.5) < 4)
+    emitter = np.where(panel, np.where(COLUMN < 12, 0, 1), -1).ravel()[::-1]
+    assert len(without_edge([wall(np.where(panel, 3.0, 1.0))], emitter)) == 0
+
+
+def test_what_shows_little_of_its_rim_on_one_surface_emits() -> None:
+    """Light that fades, but three of its four sides end at a step of depth."""
+    assert len(found(wall(LIGHT, depth=np.where((abs(ROW - 11.5) < 4) & (COLUMN < 16), 0.0, -0.2)))) == 0
+
+
+def test_few_pixels_tell_nothing() -> None:
+    assert len(found(wall(LIGHT), (ROW == 12) & (COLUMN == 12))) == 0
 
 
 def test_pixels_that_count_for_nothing_tell_no_missing_edge() -> None:

@@ -482,11 +482,17 @@ def test_what_may_be_lit_by_missing_light_is_undecided(guessing):
 
 
 @pytest.mark.parametrize(
-    ("power", "is_explained", "emits", "undecided"),
-    [(2.0, True, [0], []), (0.01, True, [0], [1]), (None, True, [0], [1]), (None, False, [], [0, 1])],
-    ids=["lit by a guess", "not lit by it", "explained", "light is missing"],
+    ("power", "is_explained", "emits", "undecided", "warned"),
+    [
+        (2.0, True, [0], [], True),
+        (0.01, True, [0], [1], False),
+        (0.01, False, [0], [1], True),
+        (None, True, [0], [1], False),
+        (None, False, [], [0, 1], True),
+    ],
+    ids=["lit by a guess", "not lit by it", "not lit by it, and light is missing", "explained", "light is missing"],
 )
-def test_what_has_no_edge_does_not_emit(guessing, monkeypatch, power, is_explained, emits, undecided):
+def test_what_has_no_edge_does_not_emit(guessing, monkeypatch, power, is_explained, emits, undecided, warned):
     """Two doubtful emitters, brighter than white under any guess; the second one fades."""
     monkeypatch.setattr(unseen_guess, "without_edge", lambda *_: np.array([1]))
     triangles, ones, both = np.arange(2, dtype=np.int32), np.ones(2, np.float32), np.arange(2, dtype=np.int32)
@@ -499,11 +505,13 @@ def test_what_has_no_edge_does_not_emit(guessing, monkeypatch, power, is_explain
     found = told.emitters
     np.testing.assert_array_equal(found.triangle[~found.guessed], emits)
     own = found.undecided
+    assert len(own.price) == len(undecided)
     assert dict(zip(own.triangle.tolist(), own.price[own.region].tolist(), strict=True)) == {
         k: 3 + k for k in undecided
     }
     said = any("cannot explain the photographs" in warning for warning in told.warnings)
-    assert said == (power is not None or not is_explained)
+    assert said == warned
+    assert found.guessed.any() == (warned and power is not None)
 
 
 def test_regions_of_some_triangles_keep_their_costs():
