@@ -8,9 +8,8 @@ held-out pixels of each kind it prints their share, their share of the squared e
 - *fitted*: of the run's material maps;
 - *mesh alone*: every pixel has the true kd of the true surface that lies nearest to what the scan shows there (a point
   of a true pixel, of all views). So much is lost by its shape, whatever is fitted;
-- *carried*: every pixel has the mean of the true kd of the 16 training pixels that show what lies nearest on the scan, by
-  how near it lies.
-  So much is lost if the fit is right in every training pixel, and knows nothing of parts.
+- *carried*: every pixel has the mean of the true kd of the 16 training pixels that show what lies nearest on the scan,
+  by how near it lies. So much is lost if the fit is right in every training pixel, and knows nothing of parts.
 
 The kinds, in this order: the scan is more than a pixel's width off the surface; within two pixels of an emitter; metal;
 within a pixel of surface elsewhere in depth; within a pixel of another part; all others.
