@@ -40,7 +40,12 @@ def without_edge(shards: Sequence[ObservedShard], emitter: np.ndarray) -> np.nda
     shards
         The training views.
     emitter
-        (T,) number of the emitter of each triangle, -1 for none.
+        (T,) int number of the emitter of each triangle, -1 for none.
+
+    Returns
+    -------
+    numbers
+        (N,) int64, ascending.
     """
     count = int(emitter.max(initial=-1)) + 1
     rim, plain, smooth = np.zeros((3, count))
@@ -54,9 +59,9 @@ def without_edge(shards: Sequence[ObservedShard], emitter: np.ndarray) -> np.nda
 
 
 def _rims(shard: ObservedShard, index: int, emitter: np.ndarray) -> Iterator[tuple[np.ndarray, ...]]:
-    """Emitter of each pixel of a rim, whether surface goes on there, and whether it does without an edge.
+    """Yield the emitter of each pixel of a rim, whether surface goes on there, and whether it does without an edge.
 
-    Four times, for the lines to the right, left, bottom and top.
+    Each is (N,); four times, for the lines that leave an emitter to the bottom, top, right and left.
     """
     samples, pixels = shard.samples, shard.samples.pixels(index)
     shape = samples.shapes[index]
