@@ -19,6 +19,7 @@ from fipt.conventions import ROUGHNESS_MIN
 from fipt.model.hash_encoding import Backend, HashEncoding
 from fipt.model.reflectance import Brdf
 from fipt.model.settings import NetworkSettings
+from fipt.render.variant import active_device
 
 QUERY_CHUNK = 1 << 14
 """Points asked at once: few enough for their activations to stay in a processor's cache."""
@@ -238,7 +239,7 @@ class EmissionNetwork(PositionalMlp):
 
 
 class Field(nn.Module):
-    """Reflectance and emission everywhere in the scene, in world coordinates.
+    """Reflectance and emission everywhere in the scene, in world coordinates, on the device that traces rays.
 
     Parameters
     ----------
@@ -266,6 +267,12 @@ class Field(nn.Module):
         self.emission_network = EmissionNetwork(settings.seed)
         self.finest: torch.Tensor
         self.register_buffer("finest", torch.zeros((_FINEST_CELLS,) * 3))
+        self.to(active_device())
+
+    @property
+    def device(self) -> torch.device:
+        """Where it computes, and where tensors that it is asked about must be."""
+        return self.finest.device
 
     def learn_finest(self, points: np.ndarray, footprint: np.ndarray) -> None:
         """Take note of queries at points (N, 3) of width ``footprint`` (N,), metres, that teach the field."""
@@ -350,7 +357,7 @@ class Field(nn.Module):
 
     def _tensor(self, array: np.ndarray) -> torch.Tensor:
         # A copy: arrays of the pipeline are often read-only memory maps, which torch cannot share.
-        return torch.tensor(np.asarray(array, np.float32), device=self.emission_network.frequencies.device)
+        return torch.tensor(np.asarray(array, np.float32), device=self.device)
 
 
 @torch.no_grad()

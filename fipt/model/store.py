@@ -46,7 +46,7 @@ def save_field(path: str | Path, field: Field, settings: NetworkSettings) -> Non
 
 
 def load_field(path: str | Path, backend: Backend = "auto") -> Field:
-    """Read a fitted field, on the CPU.
+    """Read a fitted field, to the device that traces rays.
 
     Parameters
     ----------

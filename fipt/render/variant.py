@@ -9,7 +9,7 @@ module imports neither Mitsuba nor torch until `set_variant` is called.
 from __future__ import annotations
 
 import ctypes
-import importlib.util
+import importlib.machinery
 import os
 import re
 import shutil
@@ -107,7 +107,7 @@ class Backend:
     llvm: LlvmLibrary | None
 
     @property
-    def torch_device(self) -> str:
+    def torch_device(self) -> Literal["cuda", "cpu"]:
         """The torch device that goes with it: ``cuda`` or ``cpu``."""
         return "cuda" if self.name == "cuda" else "cpu"
 
@@ -296,7 +296,8 @@ def _load_first(names: Iterable[str]) -> ctypes.CDLL | None:
 
 def has_variant(name: str) -> bool:
     """Whether the installed Mitsuba brings a variant, found without importing it."""
-    spec = importlib.util.find_spec("mitsuba")
+    # Not importlib.util.find_spec: once imported, Mitsuba names one of its libraries as its origin.
+    spec = importlib.machinery.PathFinder.find_spec("mitsuba")
     if spec is None:
         return False
     folders = spec.submodule_search_locations or []
@@ -361,6 +362,11 @@ def _preference_from_environment() -> Literal["auto", "cuda", "llvm"]:
 
 
 _active: Backend | None = None
+
+
+def active_device() -> Literal["cuda", "cpu"]:
+    """The torch device of the backend in use; ``cpu`` where none has been chosen."""
+    return "cpu" if _active is None else _active.torch_device
 
 
 def set_variant(backend: Backend | None = None, threads: int | None = None) -> Backend:

@@ -193,6 +193,23 @@ def test_threads_reach_drjit_and_torch() -> None:
 @pytest.mark.gpu
 def test_gpu_tests_run_on_cuda(backend: variant.Backend) -> None:
     assert backend.name == "cuda"
+    assert variant.find_cuda().usable  # also after Mitsuba was imported
+
+
+@pytest.mark.usefixtures("backend")
+def test_variants_are_found_where_mitsuba_is_imported_already() -> None:
+    assert variant.has_variant("cuda_ad_rgb")
+    assert variant.has_variant("llvm_ad_rgb")
+    assert not variant.has_variant("metal_ad_rgb")
+
+
+def test_torch_computes_where_rays_are_traced(backend: variant.Backend) -> None:
+    assert variant.active_device() == backend.torch_device
+
+
+def test_torch_computes_on_the_cpu_where_no_backend_is_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(variant, "_active", None)
+    assert variant.active_device() == "cpu"
 
 
 def test_the_gpu_skip_fires(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

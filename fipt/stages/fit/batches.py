@@ -1,7 +1,7 @@
 """Training data of the fit: pixels, the surface pieces they show, baked shading and segment ids."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -69,6 +69,11 @@ class Batch:
         if self.beyond is None or self.share is None:
             return self.radiance
         return ((self.radiance - self.beyond) / self.share[:, None]).clamp_min(0)
+
+    def to(self, device: torch.device) -> "Batch":
+        """The same on a device."""
+        there = {name: values.to(device) for name, values in vars(self).items() if values is not None}
+        return replace(self, **there)
 
 
 class Pixels:

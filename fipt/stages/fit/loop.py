@@ -45,7 +45,7 @@ def fit(
         for step in range(done, steps):
             for group in optimizer.param_groups:
                 group["lr"] = group["first_lr"] * decay**step
-            batch, points = _drawn(pixels, hidden, settings, step)
+            batch, points = _drawn(pixels, hidden, settings, step, field.device)
             terms = objective.terms(field, batch, points)
             optimizer.zero_grad(set_to_none=True)
             _finite_sum(terms, step).backward()
@@ -66,7 +66,7 @@ def fit(
 
 
 def _drawn(
-    pixels: Pixels, hidden: HiddenSurface | None, settings: FitSettings, step: int
+    pixels: Pixels, hidden: HiddenSurface | None, settings: FitSettings, step: int, device: torch.device
 ) -> tuple[Batch, HiddenPoints | None]:
     """Pixels and points of a step, keyed by it: a resumed fit draws what an uninterrupted one would."""
     epoch, position = divmod(step, max(len(pixels) // settings.batch, 1))
@@ -74,8 +74,11 @@ def _drawn(
     places = np.arange(first, min(first + settings.batch, len(pixels)))
     chosen = shuffled(places, len(pixels), [settings.seed, epoch])
     rng = np.random.default_rng([settings.seed, 1, step])
-    batch = pixels.batch(chosen, settings.queries, rng)
-    return batch, None if hidden is None else hidden.drawn(settings.hidden, rng)
+    batch = pixels.batch(chosen, settings.queries, rng).to(device)
+    if hidden is None:
+        return batch, None
+    points, segment, size = hidden.drawn(settings.hidden, rng)
+    return batch, (points.to(device), segment.to(device), size.to(device))
 
 
 def _finite_sum(terms: dict[str, torch.Tensor], step: int) -> torch.Tensor:

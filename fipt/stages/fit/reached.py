@@ -28,10 +28,10 @@ def metallic_missed(field: Field, pixels: Pixels, metallic: np.ndarray, footprin
     footprint
         Share of a pixel that the networks are asked about (settings of the fit).
     """
-    goal = torch.from_numpy(metallic.astype(np.float32))
+    goal = torch.from_numpy(metallic.astype(np.float32)).to(field.device)
     chosen, missed = np.arange(0, len(pixels), -(-len(pixels) // _PIXELS)), 0.0
     for first in range(0, len(chosen), _TOGETHER):
-        batch = pixels.batch(chosen[first : first + _TOGETHER], 1, np.random.default_rng(0))
+        batch = pixels.batch(chosen[first : first + _TOGETHER], 1, np.random.default_rng(0)).to(field.device)
         with torch.no_grad():
             fitted = field.brdf(batch.points[:, 0], batch.footprint * footprint).metallic
         off = ((fitted - goal[batch.segment]).abs() > _OFF) & (batch.segment > 0)

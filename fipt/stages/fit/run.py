@@ -76,7 +76,7 @@ def fit_model(inputs: FitInputs, settings: FitSettings) -> Stats:
         metals = data.metals() if kind == "part" else None
         found = estimate_parts(pixels, center, side, settings.emitter_gain, classes, metals)
         figures["parts"] = _described(found)
-        targets = part_targets(found, settings)
+        targets = part_targets(found, settings).to(field.device)
         if inputs.cache is not None and settings.hidden > 0:
             hidden = find_hidden(pixels, read_cache(inputs.cache), found.pixels > 0)
     checkpoint = _checkpoint(inputs, settings)

@@ -34,6 +34,10 @@ class PartTargets:
         """Rows of segments (N,) int64."""
         return PartTargets(*(values[segment] for values in vars(self).values()))
 
+    def to(self, device: torch.device) -> "PartTargets":
+        """The same on a device."""
+        return PartTargets(*(values.to(device) for values in vars(self).values()))
+
 
 def part_targets(found: PartEstimates, settings: FitSettings) -> PartTargets:
     """Goals of every segment.

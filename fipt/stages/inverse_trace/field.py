@@ -32,8 +32,8 @@ class FieldOptimiser(PartOptimiser):
     """
 
     def __init__(self, field: Field, place: np.ndarray, size: float, count: int, level: float) -> None:
-        self._field, self._place = field, torch.from_numpy(np.array(place, np.float32))
-        self._size = torch.full((len(place),), size * field.settings.footprint)
+        self._field, self._place = field, torch.tensor(np.array(place, np.float32), device=field.device)
+        self._size = torch.full((len(place),), size * field.settings.footprint, device=field.device)
         encoding, mlp = field.brdf_network.encoding, field.brdf_network.mlp
         tables = [] if encoding is None else [encoding.table]
         self._rates = {_TABLE_RATE: tables, 1.0: list(mlp.parameters())}
@@ -51,13 +51,14 @@ class FieldOptimiser(PartOptimiser):
         return self._found
 
     def _materials(self) -> dict[str, np.ndarray]:
-        return {name: values.detach().numpy() for name, values in vars(self._asked()).items()}
+        return {name: values.detach().cpu().numpy() for name, values in vars(self._asked()).items()}
 
     def step(self, gradient: Mapping[str, np.ndarray], settings: InverseTraceSettings, done: float) -> None:
         """One step, by the gradient with respect to `values`; ``done`` is the share of steps that are done."""
         found = vars(self._asked())
         torch.autograd.backward(
-            list(found.values()), [torch.from_numpy(np.array(gradient[name], np.float32)) for name in found]
+            list(found.values()),
+            [torch.tensor(np.array(gradient[name], np.float32), device=self._field.device) for name in found],
         )
         for rate, group in zip(self._rates, self._optimizer.param_groups, strict=True):
             group["lr"] = rate * settings.learning_rate * self.fading(done)

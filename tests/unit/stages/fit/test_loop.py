@@ -146,7 +146,8 @@ def test_parts_of_one_colour_are_spared_the_errors_of_their_shading(one_thread, 
     for weight in (0.0, 0.1):
         own = settings.model_copy(update={"base_weight": weight})
         field = Field(own, BOX)
-        stats = loop.fit(field, pixels, Objective(own, "part", part_targets(found, own)), tmp_path / "c.safetensors")
+        objective = Objective(own, "part", part_targets(found, own).to(field.device))
+        stats = loop.fit(field, pixels, objective, tmp_path / "c.safetensors")
         errors.append(np.abs(field.query(position).base_color - base).mean())
     assert set(stats["loss"]) == {"colour", "emission", "target", "base", "part"}
     assert errors[1] < 0.75 * errors[0]

@@ -13,6 +13,14 @@ PARTS = np.array([0.0, 1.0, 0.0])
 """Metallic of no segment, of a metal and of paint."""
 
 
+class _Batch(SimpleNamespace):
+    """What is asked of a batch; it is where it must be."""
+
+    def to(self, device):
+        assert device == torch.device("cpu")
+        return self
+
+
 class _Pixels:
     """100 pixels of one sample each: 20 of a metal, 70 of paint, 10 of no segment."""
 
@@ -22,12 +30,15 @@ class _Pixels:
     def batch(self, chosen, queries, rng):
         segment = torch.tensor([1] * 20 + [2] * 70 + [0] * 10)[chosen]
         ones = torch.ones(len(chosen))
-        return SimpleNamespace(points=torch.zeros(len(chosen), 1, 3), footprint=ones, weight=ones, segment=segment)
+        return _Batch(points=torch.zeros(len(chosen), 1, 3), footprint=ones, weight=ones, segment=segment)
 
 
 def _field(metal, paint):
     metallic = torch.tensor([metal] * 20 + [paint] * 70 + [0.5] * 10)
-    return SimpleNamespace(brdf=lambda points, footprint: Brdf(torch.zeros(100, 3), torch.ones(100), metallic))
+    return SimpleNamespace(
+        device=torch.device("cpu"),
+        brdf=lambda points, footprint: Brdf(torch.zeros(100, 3), torch.ones(100), metallic),
+    )
 
 
 @pytest.mark.parametrize(("metal", "paint", "share"), [(0.98, 0.0, 0.0), (0.5, 0.0, 0.2), (0.9, 0.4, 0.7)])
