@@ -7,8 +7,8 @@ Primitives*, 2022). Coarse grids are stored densely, finer ones share a table th
 The kernels run one lane for each pair of level and point, level by level, so that the lanes that
 run together read one level's table, which then stays in the processor's cache. On a CPU the adjoint
 runs one packet of lanes for each level instead, which goes through the points: no two threads add
-to one entry. Everything that differs between levels or calls is data, so that nothing is compiled
-twice.
+to one entry. On a GPU it adds integers. Either way sums repeat to the bit. Everything that differs
+between levels or calls is data, so that nothing is compiled twice.
 """
 
 import math
@@ -242,39 +242,61 @@ def _lookup(dj, table, points, footprint, cells, grid) -> torch.Tensor:
 
 
 def _spread(dj, table_shape, gradient, points, footprint, cells, grid) -> torch.Tensor:
-    """Run the adjoint kernel: add (N, L * features) gradients to the entries they came from.
+    """Run the adjoint kernel: add (N, L * features) gradients to the entries they came from, always in one way.
 
-    On a CPU one packet of lanes, and so one thread, adds all that belongs to a level, in the order of the points: the
-    sums do not depend on the number of threads. On CUDA the lanes add in any order.
+    On a CPU one packet of lanes, and so one thread, adds all that belongs to a level, in the order of the points. On
+    CUDA lanes add in any order, so they add integers.
     """
     import drjit as dr
 
     count, levels = len(points), len(cells)
+    if gradient.is_cuda:
+        return _spread_integers(dj, table_shape, gradient, points, footprint, cells, grid)
     vector = getattr(dj, f"Array{table_shape[1]}f")
-    _finish_torch(gradient)
     incoming = _shared(dj.Float, gradient)
     # Memory of Dr.Jit's own pool: torch would ask the system for fresh pages at every step.
     output = dr.zeros(dj.Float, table_shape.numel())
-
-    def add(level, point) -> None:
-        corners, fade = _corners(dj, level, point, points, footprint, cells, grid)
-        g = dr.gather(vector, incoming, point * levels + level) * fade
-        for index, weight in corners:
-            dr.scatter_reduce(dr.ReduceOp.Add, output, g * weight, index, mode=dr.ReduceMode.Direct)
-
-    if gradient.is_cuda:
-        add(*_lanes(dj, count, levels))
-        return _to_torch(output).view(table_shape)
     width, end = _packet_width(), dr.opaque(dj.UInt32, count)
     lane = dr.arange(dj.UInt32, levels * width)
     level = lane // width
 
     def step(point):
-        add(level, point)
+        corners, fade = _corners(dj, level, point, points, footprint, cells, grid)
+        g = dr.gather(vector, incoming, point * levels + level) * fade
+        for index, weight in corners:
+            dr.scatter_reduce(dr.ReduceOp.Add, output, g * weight, index, mode=dr.ReduceMode.Direct)
         return (point + width,)
 
     dr.while_loop((lane - level * width,), lambda point: point < end, step, labels=("point",))
     return _to_torch(output).view(table_shape)
+
+
+def _spread_integers(dj, table_shape, gradient, points, footprint, cells, grid) -> torch.Tensor:
+    """`_spread` in 64-bit fixed point, whose sums do not depend on their order.
+
+    The unit is a power of two, the smallest with which no entry can overflow: with a million points, the largest
+    gradient is 2^38 units.
+    """
+    import drjit as dr
+
+    peak = float(gradient.abs().amax())
+    if not math.isfinite(peak):
+        return torch.full(table_shape, math.nan, device=gradient.device)
+    count, levels, features = len(points), len(cells), table_shape[1]
+    spare = 62 - (8 * count).bit_length() - math.frexp(peak)[1]  # bits above the largest gradient
+    unit = dr.opaque(dj.Float64, math.ldexp(1.0, -spare))
+    _finish_torch(gradient)
+    incoming = _shared(dj.Float, gradient)
+    total = dr.zeros(dj.UInt64, table_shape.numel())  # of two's complements: CUDA adds no signed ones
+    level, point = _lanes(dj, count, levels)
+    corners, fade = _corners(dj, level, point, points, footprint, cells, grid)
+    for feature in range(features):
+        g = dr.gather(dj.Float, incoming, (point * levels + level) * features + feature) * fade
+        for index, weight in corners:
+            units = dj.UInt64(dj.Int64(dj.Float64(g * weight) / unit))
+            dr.scatter_reduce(dr.ReduceOp.Add, total, units, index * features + feature, mode=dr.ReduceMode.Direct)
+    dr.eval(total)
+    return _to_torch(dj.Float(dj.Float64(dj.Int64(total)) * unit)).view(table_shape)
 
 
 def _lanes(dj, count: int, levels: int):

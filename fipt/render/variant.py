@@ -401,6 +401,9 @@ def set_variant(backend: Backend | None = None, threads: int | None = None) -> B
         if chosen.llvm is not None:
             # Dr.Jit would otherwise take the first library it finds, which may be too old.
             os.environ[LLVM_VARIABLE] = str(chosen.llvm.path)
+        else:
+            # Memory of its own for each matrix product: their sums repeat. cuBLAS reads it when torch first uses it.
+            os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")
         import mitsuba
 
         mitsuba.set_variant(chosen.variant)

@@ -31,6 +31,8 @@ def fit(
     FiptError
         If the loss is not finite, or the checkpoint belongs to another version or other settings.
     """
+    if field.device.type == "cuda":
+        torch.use_deterministic_algorithms(True)  # sums repeat to the bit, as they do on a CPU
     settings = objective.settings
     steps = max(settings.steps, math.ceil(settings.min_epochs * len(pixels) / settings.batch))
     optimizer = torch.optim.Adam(_parameter_groups(field, settings), fused=True)

@@ -42,7 +42,7 @@ def test_positional_encoding_in_place_of_the_hash_grid():
     found = field.query(p_world)
     np.testing.assert_array_equal(field.query(p_world, np.ones(2)).base_color, found.base_color)
     assert np.abs(found.roughness - 0.82).max() < 0.1  # it starts matte, as the hash grid does
-    field.brdf(torch.from_numpy(p_world)).base_color.sum().backward()
+    field.brdf(torch.tensor(p_world, device=field.device)).base_color.sum().backward()
     assert all(p.grad.abs().max() > 0 for p in field.brdf_network.parameters())
 
 

@@ -157,20 +157,21 @@ def test_a_room_without_missing_light_has_no_guess(np_rng):
 
 
 def test_a_lamp_behind_a_door_is_guessed_where_it_is_asked_for(np_rng):
-    """A lamp that lights 12 of 612 blocks, like that of a hallway: seen light explains half of the room and more."""
+    """A lamp that lights 24 of 624 blocks, like that of a hallway: seen light explains half of the room and more."""
     blocks, patches, transport = problem(np_rng, np.zeros(40))
-    hallway = np.linspace(4, 0.2, 12)[:, None] * np.eye(40)[[9]]  # light for each unit of radiance of patch 9 alone
-    seen, reflectance = np.full((12, 3), 0.1), 0.7
+    near = np.tile(np.linspace(6, 0.1, 8), 3)  # each of three surfaces goes away from it
+    hallway = near[:, None] * np.eye(40)[[9]]  # light for each unit of radiance of patch 9 alone
+    seen, reflectance = np.full((24, 3), 0.1), 0.7
     radiance = (
-        reflectance * (seen + 0.5 * hallway[:, [9]]) * np.exp(0.05 * np.random.default_rng(3).normal(size=(12, 1)))
+        reflectance * (seen + 0.5 * hallway[:, [9]]) * np.exp(0.05 * np.random.default_rng(3).normal(size=(24, 1)))
     )
-    group = np.repeat([30, 31, 32], 4)
-    place = np.random.default_rng(4).uniform(6, 8, (12, 1, 3)).astype(np.float32)
-    far = Blocks(place, np.tile(blocks.normal[:1], (12, 1, 1)), radiance, np.zeros(12), group, group)
+    group = np.repeat([30, 31, 32], 8)
+    place = np.random.default_rng(4).uniform(6, 8, (24, 1, 3)).astype(np.float32)
+    far = Blocks(place, np.tile(blocks.normal[:1], (24, 1, 1)), radiance, np.zeros(24), group, group)
     columns = ("position", "normal", "radiance", "spread", "group", "triangle")
     both = Blocks(*(np.concatenate([getattr(blocks, name), getattr(far, name)]) for name in columns))
     unseen = np.concatenate([0.02 * transport.unseen, hallway])
-    whole = Transport(np.concatenate([transport.seen, seen]), unseen, np.zeros(612))
+    whole = Transport(np.concatenate([transport.seen, seen]), unseen, np.zeros(624))
     assert not explain(both, patches, whole).determined
     guess = explain(both, patches, whole, asked=True)
     assert guess.determined
