@@ -112,9 +112,13 @@ def line_in_base_color(shading: np.ndarray, roughness: Any, metallic: Any) -> tu
     A, B
         (N, 3) each.
     """
+    return line_of_lobes(shading[:, 0], *specular_shading(shading, roughness), metallic)
+
+
+def line_of_lobes(ld: np.ndarray, ls0: np.ndarray, ls1: np.ndarray, metallic: Any) -> tuple[np.ndarray, np.ndarray]:
+    """`line_in_base_color` of shading (N, 3) that is known for the roughness; metallic is a number, or (N,)."""
     m = np.asarray(metallic)[..., None]
-    ls0, ls1 = specular_shading(shading, roughness)
-    return specular_reflectance(0.0, m) * ls0 + ls1, diffuse_reflectance(1.0, m) * shading[:, 0] + m * ls0
+    return specular_reflectance(0.0, m) * ls0 + ls1, diffuse_reflectance(1.0, m) * ld + m * ls0
 
 
 def reflected(brdf: Brdf, shading: Any, queries: int) -> tuple[Any, Any]:

@@ -12,12 +12,14 @@ Whether a part has one colour is judged in `fipt.stages.fit.part_colors`.
 """
 
 from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 
 from fipt.formats.images import srgb_encode
-from fipt.model.reflectance import line_in_base_color
+from fipt.model.reflectance import line_in_base_color, line_of_lobes, specular_shading
 from fipt.scene.metals import JudgedMetals
 from fipt.stages.fit.batches import Pixels
 from fipt.stages.fit.inner_pixels import FEWEST, InnerPixels, best_base_color, inner_pixels, pieces_of
@@ -132,9 +134,9 @@ def estimate_parts(
     trust = shared * np.maximum(pixels.confidence_at(inner.place, inner.normal), _LEAST_TRUST)
     groups = _Pieces(inner, piece, trust, count)
     residual = np.empty((len(_METALLIC), len(ROUGHNESS), count))
-    for i, m in enumerate(_METALLIC):
-        for j, s in enumerate(ROUGHNESS):
-            residual[i, j] = groups.residual(s, m)
+    with ThreadPoolExecutor(torch.get_num_threads()) as threads:
+        for column, found in enumerate(threads.map(groups.residuals, ROUGHNESS)):
+            residual[:, column] = found
     roughness, metallic, gain = _chosen(residual, groups.free, metals or JudgedMetals())
     if classes is not None:
         roughness, metallic, gain = _of_classes((roughness, metallic, gain), used, classes)
@@ -187,6 +189,7 @@ class _Pieces:
         self._segment = np.zeros(self._pieces, np.int64)
         self._segment[piece] = inner.segment
         self._radiance = self._means(inner.radiance)
+        self._encoded, self._encoded_means = srgb_encode(inner.radiance), srgb_encode(self._radiance)
         pixels, pieces = (
             np.bincount(inner.segment, trust > 0, count),
             np.bincount(self._segment, self._weight > 0, count),
@@ -194,16 +197,23 @@ class _Pieces:
         self._between = pieces / np.maximum(pixels, 1)
         self.free = pixels - pieces - _PAIR
 
-    def residual(self, s: float, m: float) -> np.ndarray:
-        """(S,) mean absolute differences of sRGB-encoded radiance within pieces and between them, together."""
+    def residuals(self, s: float) -> list[np.ndarray]:
+        """(S,) of roughness ``s`` and every metallic, in their order."""
+        lobes = specular_shading(self._inner.shading, s)
+        return [self._residual(*line_of_lobes(self._inner.shading[:, 0], *lobes, m)) for m in _METALLIC]
+
+    def _residual(self, offset: np.ndarray, slope: np.ndarray) -> np.ndarray:
+        """(S,) mean absolute differences of sRGB-encoded radiance within pieces and between them, together.
+
+        ``offset`` and ``slope`` (N, 3) are the pixels' radiance as a line in the base colour.
+        """
         inner = self._inner
-        offset, slope = line_in_base_color(inner.shading, s, m)
         own = np.clip(best_base_color(inner.radiance, offset, slope, self._piece, self._pieces), 0, 1)[self._piece]
-        within = self._mean(_difference(offset + slope * own, inner.radiance), inner.segment, self._trust)
+        within = self._mean(_difference(offset + slope * own, self._encoded), inner.segment, self._trust)
         offset, slope = self._means(offset), self._means(slope)
         part = best_base_color(self._radiance, offset, slope, self._segment, self._count, self._weight)
         modelled = offset + slope * np.clip(part, 0, 1)[self._segment]
-        between = self._mean(_difference(modelled, self._radiance), self._segment, self._weight)
+        between = self._mean(_difference(modelled, self._encoded_means), self._segment, self._weight)
         return np.maximum(within, _NO_ERROR) ** (1 - self._between) * np.maximum(between, _NO_ERROR) ** self._between
 
     def _means(self, values: np.ndarray) -> np.ndarray:
@@ -218,9 +228,9 @@ class _Pieces:
         )
 
 
-def _difference(modelled: np.ndarray, radiance: np.ndarray) -> np.ndarray:
-    """(N,) mean absolute difference of sRGB-encoded radiance."""
-    return np.minimum(np.abs(srgb_encode(np.maximum(modelled, 0)) - srgb_encode(radiance)).mean(axis=1), _OUTLIER)
+def _difference(modelled: np.ndarray, encoded: np.ndarray) -> np.ndarray:
+    """(N,) mean absolute difference of modelled radiance (N, 3) from what was seen, which is sRGB-encoded (N, 3)."""
+    return np.minimum(np.abs(srgb_encode(np.maximum(modelled, 0)) - encoded).mean(axis=1), _OUTLIER)
 
 
 def _chosen(residual: np.ndarray, free: np.ndarray, metals: JudgedMetals) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
