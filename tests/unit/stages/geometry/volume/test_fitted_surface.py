@@ -79,11 +79,11 @@ def test_the_same_seed_gives_the_same_bytes(backend: Backend, threads: Callable[
     made = []
     for count in (1, 2):
         threads(count)
-        field = VolumeField(Sphere(), settings, 0.1)
+        field = VolumeField(Sphere(), settings, 0.1).to(backend.torch_device)
         fit_field(field, pixels, ErrorBounded(settings), settings, lambda done: tap_step(settings, done))
         made.append(field.state_dict())
     for name, values in made[0].items():
-        np.testing.assert_array_equal(values.numpy(), made[1][name].numpy(), err_msg=name)
+        np.testing.assert_array_equal(values.cpu().numpy(), made[1][name].cpu().numpy(), err_msg=name)
 
 
 def test_what_cannot_be_fitted_is_one_line():
