@@ -191,16 +191,15 @@ def test_nothing_is_compiled_from_step_to_step(backend):
 
 def test_threads_do_not_change_the_gradient(backend, threads):
     """An odd number of points, which does not divide among threads: a level is split if anything is."""
-    if backend.torch_device != "cpu":
-        pytest.skip("lanes of CUDA add in any order")
-    subject = encoding(levels=7, backend="drjit")
-    x = torch.rand(10001, 3, generator=torch.Generator().manual_seed(1))
-    mixed = torch.randn(len(x), 14, generator=torch.Generator().manual_seed(2))
+    device = backend.torch_device
+    subject = encoding(device, levels=7, backend="drjit")
+    x = torch.rand(10001, 3, generator=torch.Generator().manual_seed(1)).to(device)
+    mixed = torch.randn(len(x), 14, generator=torch.Generator().manual_seed(2)).to(device)
     seen = []
     for count in (1, 2, 4, 2):
         threads(count)
         subject.table.grad = None
-        (subject(x, footprints(len(x))) * mixed).sum().backward()
+        (subject(x, footprints(len(x), device)) * mixed).sum().backward()
         seen.append(subject.table.grad.clone())
     assert all(torch.equal(seen[0], other) for other in seen[1:])
 
