@@ -89,7 +89,7 @@ MEASURED: dict[str, Growth] = {
     "environment": Growth(310, pixel=120, of="every", triangle=450),
     "cache": Growth(380, pixel=45, of="every", triangle=350, minutes=10),
     "bake": Growth(235 + _DENOISER, pixel=250, triangle=450),
-    "fit": Growth(690, pixel=125, of="every", triangle=50, minutes=30),
+    "fit": Growth(1300, pixel=125, of="every", triangle=50, minutes=30),
     "emitters": Growth(520, pixel=64, of="every", triangle=200, minutes=10),
     "refine": Growth(545 + _DENOISER, pixel=330, triangle=520),
     "review": Growth(130, triangle=190),

@@ -274,8 +274,8 @@ def _spread(dj, table_shape, gradient, points, footprint, cells, grid) -> torch.
 def _spread_integers(dj, table_shape, gradient, points, footprint, cells, grid) -> torch.Tensor:
     """`_spread` in 64-bit fixed point, whose sums do not depend on their order.
 
-    The unit is a power of two, the smallest with which no entry can overflow: with a million points, the largest
-    gradient is 2^38 units.
+    The unit is a power of two, so small that the largest gradient is 2^38 units with a million points and no entry can
+    overflow. What is smaller than a unit is lost.
     """
     import drjit as dr
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ctypes
 import importlib.machinery
+import logging
 import os
 import re
 import shutil
@@ -22,6 +23,8 @@ from pathlib import Path
 from typing import Literal, cast
 
 from fipt.errors import FiptError
+
+log = logging.getLogger(__name__)
 
 #: Oldest LLVM that Dr.Jit 1.5 compiles our kernels with: 15 and older lack `fminimum` on vectors.
 MIN_LLVM = 16
@@ -365,8 +368,19 @@ _active: Backend | None = None
 
 
 def active_device() -> Literal["cuda", "cpu"]:
-    """The torch device of the backend in use; ``cpu`` where none has been chosen."""
-    return "cpu" if _active is None else _active.torch_device
+    """Where torch computes: with the backend in use, if this torch can; ``cpu`` where none has been chosen."""
+    on_gpu = _active is not None and _active.torch_device == "cuda" and _torch_sees_cuda()
+    return "cuda" if on_gpu else "cpu"
+
+
+@cache
+def _torch_sees_cuda() -> bool:
+    import torch
+
+    seen = torch.cuda.is_available()
+    if not seen:
+        log.warning("the GPU traces rays, but this torch sees none: networks are slow; install torch's CUDA build")
+    return seen
 
 
 def set_variant(backend: Backend | None = None, threads: int | None = None) -> Backend:

@@ -207,6 +207,22 @@ def test_torch_computes_where_rays_are_traced(backend: variant.Backend) -> None:
     assert variant.active_device() == backend.torch_device
 
 
+def test_torch_computes_on_the_cpu_where_it_sees_no_gpu(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    import torch
+
+    variant._torch_sees_cuda.cache_clear()
+    monkeypatch.setattr(variant, "_active", variant.Backend("cuda", "cuda_ad_rgb", "Card A", None))
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    assert variant.active_device() == "cpu"
+    assert "install torch's CUDA build" in caplog.text
+    variant._torch_sees_cuda.cache_clear()
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    assert variant.active_device() == "cuda"
+    variant._torch_sees_cuda.cache_clear()
+
+
 def test_torch_computes_on_the_cpu_where_no_backend_is_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(variant, "_active", None)
     assert variant.active_device() == "cpu"

@@ -13,7 +13,7 @@ from fipt.stages.fit.batches import Pixels
 FEWEST = 4
 """Pixels that a piece must have; with fewer the base colour explains anything."""
 _MOST_PIXELS = 400_000
-"""Pixels used at most: a part's two numbers do not need more."""
+"""Pixels used at most, or less than twice as many: a part's two numbers do not need more."""
 
 
 @dataclass(frozen=True)
@@ -28,12 +28,17 @@ class InnerPixels:
     view: np.ndarray
 
 
+def stride(pixels: int) -> int:
+    """Each how many of so many pixels is used."""
+    return max(pixels // _MOST_PIXELS, 1)
+
+
 def inner_pixels(pixels: Pixels, emitter_gain: float) -> InnerPixels:
     """Pixels that samples of one known segment fill, emitters left out.
 
     A part that is nowhere smooth over a whole pixel has no other pixels.
     """
-    step = max(len(pixels) // _MOST_PIXELS, 1)
+    step = stride(len(pixels))
     parts, passed, views = [], 0, 0
     for number, shard in enumerate(pixels.shards):
         use = (pixels.valid[number] > 0.99) & ~pixels.clipped[number]

@@ -2,6 +2,8 @@
 
 import logging
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -31,8 +33,6 @@ def fit(
     FiptError
         If the loss is not finite, or the checkpoint belongs to another version or other settings.
     """
-    if field.device.type == "cuda":
-        torch.use_deterministic_algorithms(True)  # sums repeat to the bit, as they do on a CPU
     settings = objective.settings
     steps = max(settings.steps, math.ceil(settings.min_epochs * len(pixels) / settings.batch))
     optimizer = torch.optim.Adam(_parameter_groups(field, settings), fused=True)
@@ -43,7 +43,7 @@ def fit(
     decay = (settings.final_learning_rate / settings.learning_rate) ** (1 / max(steps, 1))
     curve: list[list[float]] = []
     terms: dict[str, torch.Tensor] = {}
-    with progress("fit", steps - done, " steps") as bar:
+    with _sums_in_order(field.device), progress("fit", steps - done, " steps") as bar:
         for step in range(done, steps):
             for group in optimizer.param_groups:
                 group["lr"] = group["first_lr"] * decay**step
@@ -65,6 +65,17 @@ def fit(
         "loss": {name: float(term.detach()) for name, term in terms.items()},
         "loss_curve": curve,
     }
+
+
+@contextmanager
+def _sums_in_order(device: torch.device) -> Iterator[None]:
+    """Sums of torch on a GPU repeat to the bit meanwhile, as those on a CPU do anyway."""
+    before = torch.are_deterministic_algorithms_enabled()
+    torch.use_deterministic_algorithms(before or device.type == "cuda")
+    try:
+        yield
+    finally:
+        torch.use_deterministic_algorithms(before)
 
 
 def _drawn(

@@ -34,6 +34,10 @@ _METAL_GAIN = 0.1
 """Share of the residual that metal must remove before it is believed."""
 _CAUTION = 0.5
 """Smoothness must remove more than this / sqrt(free deviations) of the residual; otherwise it is not known."""
+_MOST_THREADS = 4
+"""More gain little: memory bounds them."""
+BYTES_A_SEARCHED = 250
+"""Of memory, for a pixel of the search in each thread (measured 243)."""
 _PAIR = 2
 """Numbers that the search finds of a part."""
 _LEAST_TRUST = 1e-4
@@ -134,7 +138,7 @@ def estimate_parts(
     trust = shared * np.maximum(pixels.confidence_at(inner.place, inner.normal), _LEAST_TRUST)
     groups = _Pieces(inner, piece, trust, count)
     residual = np.empty((len(_METALLIC), len(ROUGHNESS), count))
-    with ThreadPoolExecutor(torch.get_num_threads()) as threads:
+    with ThreadPoolExecutor(search_threads()) as threads:
         for column, found in enumerate(threads.map(groups.residuals, ROUGHNESS)):
             residual[:, column] = found
     roughness, metallic, gain = _chosen(residual, groups.free, metals or JudgedMetals())
@@ -158,6 +162,11 @@ def estimate_parts(
         np.maximum(groups.free, 0).astype(np.int64),
     )
     return PartEstimates(*(x if x.dtype == np.int64 else x.astype(np.float32) for x in estimates))
+
+
+def search_threads() -> int:
+    """How many roughnesses are tried side by side; each takes `BYTES_A_SEARCHED` for a pixel."""
+    return min(torch.get_num_threads(), _MOST_THREADS)
 
 
 class _Pieces:

@@ -25,11 +25,19 @@ from fipt.scene.voxels import read_cache
 from fipt.stages.fit.batches import Pixels
 from fipt.stages.fit.evidence import confident_pixels, measure
 from fipt.stages.fit.hidden import find_hidden
+from fipt.stages.fit.inner_pixels import stride
 from fipt.stages.fit.inputs import FitInputs
 from fipt.stages.fit.loop import fit
 from fipt.stages.fit.material_posterior import no_parts, posterior
 from fipt.stages.fit.objective import Objective
-from fipt.stages.fit.part_search import ROUGHNESS, PartEstimates, estimate_parts, part_classes
+from fipt.stages.fit.part_search import (
+    BYTES_A_SEARCHED,
+    ROUGHNESS,
+    PartEstimates,
+    estimate_parts,
+    part_classes,
+    search_threads,
+)
 from fipt.stages.fit.reached import metallic_missed, said_of
 from fipt.stages.fit.settings import FitSettings
 from fipt.stages.fit.settling import copy_round, judge_round
@@ -102,6 +110,8 @@ def _check_room(data: Dataset, settings: FitSettings, out: Path) -> None:
     weights = 2 * settings.levels * 2**settings.table_log2 if settings.encoding == "hash" else 0
     needed = _BYTES_A_WEIGHT * weights + _BYTES_A_DRAWN * min(settings.batch, pixels)
     needed += _BYTES_A_PIXEL * pixels + _BYTES_OF_A_VIEW * max(views, default=0)
+    if settings.part_search:
+        needed += BYTES_A_SEARCHED * search_threads() * (pixels // stride(pixels))
     check_memory(needed, "the fit", "use a smaller fit.batch or fit.table_log2")
     check_disk(out.parent, _WEIGHT_ON_DISK * weights + _PIXEL_ON_DISK * pixels, "the fit")
 

@@ -60,7 +60,8 @@ def test_kernels_equal_twin(backend, changes, faded):
         mixed = torch.linspace(-1, 1, output.numel(), device=device).view_as(output)
         (output * mixed).sum().backward()
         seen[name] = output.detach(), subject.table.grad.clone()
-    torch.testing.assert_close(seen["drjit"][0], seen["torch"][0], rtol=1e-5, atol=1e-5)
+    fused = backend.name == "cuda"  # which multiplies and adds without rounding between
+    torch.testing.assert_close(seen["drjit"][0], seen["torch"][0], rtol=1e-5, atol=1e-5 if fused else 1e-6)
     torch.testing.assert_close(seen["drjit"][1], seen["torch"][1], rtol=1e-5, atol=2e-5)
     assert seen["torch"][1].abs().max() > 0.1
 
@@ -83,6 +84,12 @@ def test_the_adjoint_of_a_gpu_does_not_depend_on_the_order_of_points(backend):
     subject.backend = "torch"
     (subject(x, footprint) * gradient).sum().backward()
     torch.testing.assert_close(first, subject.table.grad, rtol=1e-4, atol=2e-8)
+    same = x[:1].expand(511, 3).contiguous()  # all add to the same entries, with one sign: the largest sums there are
+    ones = torch.full_like(gradient, 1e30)
+    largest = _spread_integers(types, subject.table.shape, ones, same, None, subject.cells, subject.grid)
+    assert largest.double().sum().item() == pytest.approx(511 * 12 * 1e30, rel=1e-4)
+    nothing = _spread_integers(types, subject.table.shape, 0 * ones, same, None, subject.cells, subject.grid)
+    assert not nothing.any()
     gradient[3, 4] = torch.inf
     wrong = _spread_integers(types, subject.table.shape, gradient, x, footprint, subject.cells, subject.grid)
     assert wrong.isnan().all()

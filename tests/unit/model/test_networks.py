@@ -5,6 +5,7 @@ import pytest
 import torch
 
 from fipt.conventions import ROUGHNESS_MIN
+from fipt.model import networks
 from fipt.model.networks import Brdf, BrdfNetwork, EmissionNetwork, Field, SceneBox
 from fipt.model.settings import NetworkSettings
 
@@ -31,6 +32,13 @@ def test_brdf_shapes_and_ranges():
     for values, low in ((brdf.base_color, 0), (brdf.metallic, 0), (brdf.roughness, ROUGHNESS_MIN)):
         assert values.min() >= low - 1e-7
         assert values.max() <= 1
+
+
+def test_a_field_is_where_rays_are_traced(monkeypatch):
+    monkeypatch.setattr(networks, "active_device", lambda: "meta")
+    field = Field(SETTINGS, BOX)
+    assert field.device.type == "meta"
+    assert {values.device.type for values in (*field.parameters(), *field.buffers())} == {"meta"}
 
 
 def test_positional_encoding_in_place_of_the_hash_grid():

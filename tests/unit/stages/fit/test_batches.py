@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import torch
 
 from fipt.conventions import SHADING_OUTPUTS
 from fipt.errors import FiptError
@@ -49,6 +50,13 @@ def test_a_batch_holds_the_chosen_pixels_and_all_their_samples(np_rng):
         np.testing.assert_allclose(batch.weight.numpy()[own].sum(), 1, rtol=1e-6)
         np.testing.assert_allclose(batch.weight.numpy()[own], samples[shard].weight[local], rtol=1e-6)
     assert batch.segment.tolist() == [0] * len(owner)
+
+
+def test_all_of_a_batch_goes_to_a_device(np_rng):
+    pixels = scenes.training_pixels(*shards(np_rng), None)
+    there = pixels.batch(np.array([5, 0]), 2, np_rng).to(torch.device("meta"))
+    assert {values.device.type for values in vars(there).values() if values is not None} == {"meta"}
+    assert there.beyond is None
 
 
 def test_queries_are_stored_points_of_the_sample(np_rng):

@@ -62,6 +62,16 @@ def test_planted_materials_are_found(np_rng):
     assert parts.gain[3] > 0.5 > 0.05 > parts.gain[1]
 
 
+def test_threads_do_not_change_what_is_found(np_rng, threads):
+    data = pixels(np_rng, [((0.6, 0.5, 0.4), 1.0, 0.0), ((0.9, 0.6, 0.4), 0.3, 1.0)])
+    seen = []
+    for count in (1, 3):
+        threads(count)
+        seen.append(vars(found(data)))
+    for name, values in seen[0].items():
+        np.testing.assert_array_equal(values, seen[1][name], err_msg=name)
+
+
 def test_without_evidence_nothing_is_claimed(np_rng):
     """Even light shows no difference between materials: any roughness is as likely, and metal is not believed."""
     parts = found(pixels(np_rng, [((0.5, 0.1, 0.1), 0.2, 0.0), ((0.9, 0.6, 0.4), 0.3, 1.0)], varied=False))

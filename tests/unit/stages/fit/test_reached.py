@@ -14,11 +14,11 @@ PARTS = np.array([0.0, 1.0, 0.0])
 
 
 class _Batch(SimpleNamespace):
-    """What is asked of a batch; it is where it must be."""
+    """What is asked of a batch, once it is where the field is."""
 
     def to(self, device):
         assert device == torch.device("cpu")
-        return self
+        return SimpleNamespace(**self.there)
 
 
 class _Pixels:
@@ -30,7 +30,8 @@ class _Pixels:
     def batch(self, chosen, queries, rng):
         segment = torch.tensor([1] * 20 + [2] * 70 + [0] * 10)[chosen]
         ones = torch.ones(len(chosen))
-        return _Batch(points=torch.zeros(len(chosen), 1, 3), footprint=ones, weight=ones, segment=segment)
+        there = {"points": torch.zeros(len(chosen), 1, 3), "footprint": ones, "weight": ones, "segment": segment}
+        return _Batch(there=there)
 
 
 def _field(metal, paint):
