@@ -3,6 +3,7 @@
 import logging
 import math
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -43,11 +44,14 @@ def fit(
     decay = (settings.final_learning_rate / settings.learning_rate) ** (1 / max(steps, 1))
     curve: list[list[float]] = []
     terms: dict[str, torch.Tensor] = {}
-    with _sums_in_order(field.device), progress("fit", steps - done, " steps") as bar:
+    with _sums_in_order(field.device), progress("fit", steps - done, " steps") as bar, ThreadPoolExecutor(1) as ahead:
+        # The batch of a step is put together while the one before is computed.
+        coming = ahead.submit(_drawn, pixels, hidden, settings, done, field.device)
         for step in range(done, steps):
             for group in optimizer.param_groups:
                 group["lr"] = group["first_lr"] * decay**step
-            batch, points = _drawn(pixels, hidden, settings, step, field.device)
+            batch, points = coming.result()
+            coming = ahead.submit(_drawn, pixels, hidden, settings, step + 1, field.device)
             terms = objective.terms(field, batch, points)
             optimizer.zero_grad(set_to_none=True)
             _finite_sum(terms, step).backward()
