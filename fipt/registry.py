@@ -61,7 +61,7 @@ SECTIONS: dict[str, Section] = {
     "video": Section("fipt.stages.render.settings:VideoSettings", 1),
     "olat": Section("fipt.stages.render.settings:OlatSettings", 2),
     "export": Section("fipt.stages.export.settings:ExportSettings", 3),
-    "metrics": Section("fipt.stages.evaluate.settings:MetricsSettings", 5),
+    "metrics": Section("fipt.stages.evaluate.settings:MetricsSettings", 6),
     "findings": Section("fipt.stages.findings.settings:FindingsSettings", 3),
     "report": Section("fipt.stages.report.settings:ReportSettings", 5),
     "compare": Section("fipt.stages.compare.settings:CompareSettings", 1),

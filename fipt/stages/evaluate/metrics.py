@@ -114,9 +114,9 @@ DEFINITIONS: dict[str, dict[str, str]] = {
         "better": "",
         "text": "Values clipped to [0, 1] and cut to 8 bits; emitters set to 0 in both; kd set to "
         "0 wherever the true roughness is below 1; roughness raised to 0.2; PSNR of every whole "
-        "image, then the mean over the images where a pixel qualifies. Emission: IoU, and log L2 = "
-        "mean squared difference of ln(1 + radiance), of every image with a true emitter, then the "
-        "mean.",
+        "image, then the mean over the images where a pixel qualifies (for kd, one that is not "
+        "black). Emission: IoU, and log L2 = mean squared difference of ln(1 + radiance), of every "
+        "image with a true emitter, then the mean.",
     },
 }
 """What each figure means, in which unit; written into metrics.json for whoever reads it."""
@@ -246,7 +246,10 @@ def published_view(estimate: Layers, truth: Layers) -> dict[str, float | None]:
 
     if "roughness" in truth:
         diffuse = ~true_emission & (_cut(truth["roughness"]) == 1.0)
-        figures["kd_psnr"] = compare("kd", diffuse)
+        if (
+            "kd" in truth and _cut(truth["kd"])[diffuse].any()
+        ):  # black alone is zero as all else is: any method is perfect
+            figures["kd_psnr"] = compare("kd", diffuse)
     figures["reflectance_psnr"] = compare("reflectance", ~true_emission)
     figures["roughness_psnr"] = compare("roughness", ~true_emission, PUBLISHED_ROUGHNESS)
     if true_emission.any() and "emission" in estimate:

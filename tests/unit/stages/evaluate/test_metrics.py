@@ -192,6 +192,15 @@ def test_published_kd_counts_only_true_roughness_one_over_the_whole_image():
     assert result["log_l2"] == pytest.approx(np.log(2) ** 2 / 4)
 
 
+def test_published_kd_needs_more_than_black():
+    """Else an image whose only pixels of roughness 1 are black would have 100 dB, whatever was estimated elsewhere."""
+    estimate = layers(kd=[[[0.0] * 3, *3 * [[0.9] * 3]]], roughness=[[1, 0.6, 0.6, 0.6]])
+    black = layers(kd=[[[0.0] * 3, *3 * [[0.2] * 3]]], roughness=[[1, 0.6, 0.6, 0.6]])
+    assert published_view(estimate, black)["kd_psnr"] is None
+    grey = layers(kd=[4 * [[0.2] * 3]], roughness=[[1, 0.6, 0.6, 0.6]])
+    assert published_view(estimate, grey)["kd_psnr"] is not None
+
+
 def test_published_mean_is_over_the_views_that_have_the_figure():
     names = ("kd_psnr", "reflectance_psnr", "roughness_psnr", "emission_iou", "log_l2")
     one, two = dict.fromkeys(names, 10.0), dict.fromkeys(names, 20.0)
