@@ -246,9 +246,8 @@ def published_view(estimate: Layers, truth: Layers) -> dict[str, float | None]:
 
     if "roughness" in truth:
         diffuse = ~true_emission & (_cut(truth["roughness"]) == 1.0)
-        if (
-            "kd" in truth and _cut(truth["kd"])[diffuse].any()
-        ):  # black alone is zero as all else is: any method is perfect
+        # Black alone is zero, as all else is made: any method would be perfect.
+        if "kd" in truth and _cut(truth["kd"])[diffuse].any():
             figures["kd_psnr"] = compare("kd", diffuse)
     figures["reflectance_psnr"] = compare("reflectance", ~true_emission)
     figures["roughness_psnr"] = compare("roughness", ~true_emission, PUBLISHED_ROUGHNESS)

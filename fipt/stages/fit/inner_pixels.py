@@ -29,7 +29,7 @@ class InnerPixels:
 
 
 def stride(pixels: int) -> int:
-    """Each how many of so many pixels is used."""
+    """Of so many training pixels every ``stride``-th is used."""
     return max(pixels // _MOST_PIXELS, 1)
 
 

@@ -35,7 +35,7 @@ _METAL_GAIN = 0.1
 _CAUTION = 0.5
 """Smoothness must remove more than this / sqrt(free deviations) of the residual; otherwise it is not known."""
 _MOST_THREADS = 4
-"""More gain little: memory bounds them."""
+"""Of the search, whatever the machine has: each takes memory of its own."""
 BYTES_A_SEARCHED = 250
 """Of memory, for a pixel of the search in each thread (measured 243)."""
 _PAIR = 2

@@ -10,7 +10,7 @@ import numpy as np
 
 from fipt.meshing.prepare import prepared
 from fipt.meshing.radiance_edges import Radiance
-from fipt.render.variant import set_variant
+from fipt.render.variant import active_device, set_variant
 from fipt.scene.mesh import Mesh
 from fipt.stages.geometry.completion import Completed, complete
 from fipt.stages.geometry.depth_views import DepthView, depth_noise
@@ -117,15 +117,16 @@ def _surface(
 
     ``views`` have depth of their own only; ``maps`` are the same, completed.
     """
+    set_variant()
     if isinstance(settings, MonosdfGeometry):
         from fipt.stages.geometry.volume.monosdf import from_sphere
 
-        return from_sphere(views, settings, voxel, set_variant().torch_device)
+        return from_sphere(views, settings, voxel, active_device())
     complete, carves = [m.view for m in maps], [m.view.map.known & ~m.closed for m in maps]
     if isinstance(settings, RefinedGeometry):
         from fipt.stages.geometry.volume.refine import refined
 
-        return refined(fuse_blocks(complete, carves, noise, voxel), complete, settings, set_variant().torch_device)
+        return refined(fuse_blocks(complete, carves, noise, voxel), complete, settings, active_device())
     return fuse(complete, carves, noise, voxel), {}
 
 
