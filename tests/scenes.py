@@ -207,6 +207,9 @@ def samples_of(position, triangle=0, weight=1.0, counts=None, views=("a",), shap
         "weight": np.broadcast_to(np.float32(weight), n).copy(),
         "sub": np.zeros((n, SUB_POSITIONS, 3), np.float16),
     }
+    content["sub_triangle"] = np.repeat(
+        np.int32(arrays.get("triangle", content["triangle"]))[:, None], SUB_POSITIONS, axis=1
+    )
     offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     return FootprintSamples(tuple(views), tuple(shapes or ((1, len(counts)),)), offsets, **(content | arrays))
 

@@ -167,6 +167,7 @@ def _gather(
         "footprint": footprint[pixel[chosen], sample[chosen]].astype(np.float32),
         "weight": (size / samples).astype(np.float32),
         "sub": (flat[picks] - position[:, None]).astype(np.float16),
+        "sub_triangle": triangle[pixel, sample][picks].astype(np.int32),
     }
 
 

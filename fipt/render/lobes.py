@@ -50,15 +50,23 @@ class LobeMixture:
         self.outputs = 1 + 2 * len(self._s)
 
     def sample(
-        self, k: "mi.UInt32", shift: tuple["mi.Float", "mi.Float"], frame: "mi.Frame3f", wo: "mi.Vector3f"
+        self,
+        k: "mi.UInt32",
+        stretch: "mi.UInt32",
+        shift: tuple["mi.Float", "mi.Float"],
+        frame: "mi.Frame3f",
+        wo: "mi.Vector3f",
     ) -> "mi.Vector3f":
-        """Direction number ``k``: stratified over the lobes, low-discrepancy (shifted by ``shift``) within each."""
-        start, alpha = mi.UInt32(0), mi.Float(1.0)
+        """Direction number ``k``: stratified over the lobes, low-discrepancy (shifted by ``shift``) within each.
+
+        ``stretch`` numbers those who draw their directions from one sequence, one stretch of it after the other.
+        """
+        start, count, alpha = mi.UInt32(0), self._ends[0], mi.Float(1.0)
         for s, low, high in zip(self._s, self._ends[:-1], self._ends[1:], strict=True):
             inside = (k >= low) & (k < high)
-            start = dr.select(inside, low, start)
+            start, count = dr.select(inside, low, start), dr.select(inside, high - low, count)
             alpha = dr.select(inside, dr.square(s), alpha)
-        number = mi.Float(k - start)
+        number = mi.Float(k - start + stretch * count)
         u1, u2 = dr.fma(number, _R2[0], shift[0]), dr.fma(number, _R2[1], shift[1])
         u1, u2 = u1 - dr.floor(u1), u2 - dr.floor(u2)
         diffuse = frame.to_world(ggx.sample_cosine(u1, u2))

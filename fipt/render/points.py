@@ -53,18 +53,49 @@ def view_points(samples: FootprintSamples, index: int, camera: Camera, seed: int
     return Points(position, np.asarray(samples.normal[own]), wo, random_keys(camera.name, pixel, piece, seed))
 
 
+def spread_points(
+    samples: FootprintSamples, index: int, camera: Camera, normals: np.ndarray, spread: int, seed: int
+) -> Points:
+    """For each footprint sample of a view, ``spread`` of the points that are spread over its piece, with one key.
+
+    A picture averages over a pixel. The border of a shadow, a mirrored edge or the round of a thin leg lies within one.
+
+    Parameters
+    ----------
+    normals
+        (T, 3) of the triangles, by winding order.
+    """
+    middle, own = view_points(samples, index, camera, seed), samples.of_view(index)
+    if spread == 1:
+        return middle
+    offset = np.asarray(samples.sub[own])[:, :spread].astype(np.float32)
+    position = (middle.position[:, None] + offset).reshape(-1, 3)
+    wo = camera.center.astype(np.float32) - position
+    wo /= np.linalg.norm(wo, axis=1, keepdims=True)
+    normal = normals[np.asarray(samples.sub_triangle[own])[:, :spread].reshape(-1)]
+    normal = np.where((normal * wo).sum(axis=1, keepdims=True) < 0, -normal, normal)
+    rounding = np.linalg.norm(offset.reshape(-1, 3), axis=1, keepdims=True) * np.finfo(np.float16).eps / 2
+    position += rounding * normal  # none lies behind its surface, for half of a float's bits
+    return Points(position, normal, wo, np.repeat(middle.key, spread))
+
+
 def shade_in_chunks(
     points: Points,
     outputs: int,
     shade: Callable[[Points, slice], np.ndarray],
     advance: Callable[[int], None],
     paths: int,
+    spread: int = 1,
 ) -> np.ndarray:
-    """Call ``shade`` on chunks of points and gather its (n, outputs, 3) results; ``paths`` a point are reported."""
-    result = np.empty((len(points.position), outputs, 3), np.float32)
-    for start in range(0, len(result), CHUNK):
-        part = slice(start, start + CHUNK)
-        chunk = Points(points.position[part], points.normal[part], points.wo[part], points.key[part])
+    """Call ``shade`` on chunks of points and gather its (n, outputs, 3) results; ``paths`` a result are reported.
+
+    Each ``spread`` points have one result.
+    """
+    result = np.empty((len(points.position) // spread, outputs, 3), np.float32)
+    size = CHUNK // spread
+    for start in range(0, len(result), size):
+        part, own = slice(start, start + size), slice(start * spread, (start + size) * spread)
+        chunk = Points(points.position[own], points.normal[own], points.wo[own], points.key[own])
         result[part] = shade(chunk, part)
-        advance(len(chunk.position) * paths)
+        advance(len(result[part]) * paths)
     return result

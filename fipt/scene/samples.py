@@ -49,6 +49,8 @@ class FootprintSamples:
         (H,) float32 share of the pixel that the piece covers.
     sub
         (H, SUB_POSITIONS, 3) float16 offsets (metres) from position to points of the piece spread over the pixel.
+    sub_triangle
+        (H, SUB_POSITIONS) int32 triangles of these points.
     """
 
     views: tuple[str, ...]
@@ -61,6 +63,7 @@ class FootprintSamples:
     footprint: np.ndarray
     weight: np.ndarray
     sub: np.ndarray
+    sub_triangle: np.ndarray
 
     @property
     def first_pixels(self) -> np.ndarray:
@@ -91,7 +94,7 @@ class FootprintSamples:
         return row, (first - np.cumsum(count) + count)[row] + np.arange(len(row))
 
 
-_ARRAYS = ("offsets", "center", "position", "normal", "triangle", "footprint", "weight", "sub")
+_ARRAYS = ("offsets", "center", "position", "normal", "triangle", "footprint", "weight", "sub", "sub_triangle")
 
 
 def write_samples(folder: str | Path, samples: FootprintSamples) -> list[Path]:
@@ -131,9 +134,10 @@ def read_samples(folder: str | Path) -> FootprintSamples:
         or samples.offsets[0] != 0
         or samples.offsets[-1] != count
         or (np.diff(samples.offsets) < 0).any()
-        or any(arrays[name].dtype.kind not in "iu" for name in ("offsets", "triangle"))
+        or any(arrays[name].dtype.kind not in "iu" for name in ("offsets", "triangle", "sub_triangle"))
         or len(samples.center) != samples.first_pixels[-1]
         or samples.sub.shape != (count, SUB_POSITIONS, 3)
+        or samples.sub_triangle.shape != (count, SUB_POSITIONS)
         or any(len(getattr(samples, name)) != count for name in ("normal", "triangle", "footprint", "weight"))
     ):
         raise FiptError(

@@ -47,6 +47,7 @@ def results(tmp_path: Path) -> Path:
         triangle=np.arange(total, dtype=np.int32), footprint=np.ones(total, np.float32),
         weight=np.array([1, 0.75, 0.25, 0.5, 1, 1], np.float32),
         sub=np.zeros((total, SUB_POSITIONS, 3), np.float16),
+        sub_triangle=np.zeros((total, SUB_POSITIONS), np.int32),
     )  # fmt: skip
     write_samples(tmp_path / "samples" / "train-000", samples)
     shading = np.zeros((total, SHADING_OUTPUTS, 3), np.float32)

@@ -281,6 +281,32 @@ def test_a_bright_texel_lights_what_faces_it(backend):
     assert got[0, 0, -1].mean() < 0.2 * light
 
 
+def test_points_of_one_sample_share_its_directions(backend):
+    """Four times one point with a quarter of the directions each is that point with all of them."""
+    from fipt.render.points import Points
+
+    points = copies(SPOTS[1][0], UP, unit(SPOTS[1][2]), 50)
+    tracer = bake_shader(scenes.cornell().mesh, scenes.grid())
+    four = Points(*(np.repeat(array, 4, axis=0) for array in vars(points).values()))
+    one = tracer.shade(points, [0.3, 0.6], [16, 8, 4])
+    np.testing.assert_allclose(tracer.shade(four, [0.3, 0.6], [16, 8, 4], spread=4), one, rtol=2e-4, atol=1e-6)
+
+
+def test_a_sample_has_the_mean_of_its_points(backend):
+    """One of two points looks at a wall that shines, the other away from it."""
+    from fipt.render.points import Points
+
+    lit = scenes.two_planes((scenes.emitter_quad(WEAK[0], 1.2, WEAK[1]), (3.0, 2.0, 1.0)))
+    toward = copies((0, 0, 0), UP, unit((0.6, 0.8, 0)), 3000)
+    normal, wo = toward.normal.copy(), toward.wo.copy()
+    normal[1::2], wo[1::2] = -normal[1::2], -wo[1::2]
+    points = Points(toward.position, normal, wo, np.repeat(toward.key[::2], 2))
+    tracer = shader(lit)
+    single = tracer.shade(toward, [0.5], [8, 8])
+    assert single[:, 0].mean() > 0.01
+    assert_mean(tracer.shade(points, [0.5], [16, 16], spread=2), single.mean(axis=0) / 2, slack=0.02)
+
+
 def test_light_that_is_zero_changes_no_bit(backend):
     from fipt.render.environment import Sky
 

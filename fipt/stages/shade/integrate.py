@@ -1,16 +1,17 @@
 """Shading of the samples of a shard, view by view: sampling plan, denoising, storage. Shared by bake and refine."""
 
 from collections.abc import Callable
+from math import gcd
 from pathlib import Path
 
 import numpy as np
 
-from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
+from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS, SUB_POSITIONS
 from fipt.formats.files import atomic_folder, check_disk, check_memory, manifest_beside
 from fipt.formats.manifests import Stats, write_manifest
 from fipt.progress import progress
 from fipt.render.layers import denoise_samples
-from fipt.render.points import Points, shade_in_chunks, view_points
+from fipt.render.points import Points, shade_in_chunks, spread_points
 from fipt.render.tracer import Shader
 from fipt.scene.dataset import Dataset
 from fipt.scene.samples import FootprintSamples
@@ -21,8 +22,8 @@ from fipt.stages.shade.settings import BakeSettings, RefineSettings
 _LEVELS = len(ROUGHNESS_LEVELS)
 HOLDS = r"\w+\.(npy|npz|json)"
 """Names in a folder of shading, as a regular expression."""
-_BYTES_A_SAMPLE = 2000
-"""Of memory, for each sample of the largest view: measured 1470 to 1700 in bake, 1810 in refine."""
+_BYTES_A_SAMPLE = 2150
+"""Of memory, a sample of the largest view: measured 1470 to 1700 in bake, 1810 in refine; its points take 130."""
 
 
 def sampling_plan(settings: BakeSettings | RefineSettings) -> list[tuple[list[int], list[int]]]:
@@ -41,11 +42,16 @@ def sampling_plan(settings: BakeSettings | RefineSettings) -> list[tuple[list[in
     return runs
 
 
-def shade_chunk(shader: Shader, chunk: Points, settings: BakeSettings | RefineSettings) -> np.ndarray:
-    """(N, outputs, 3) float32 shading of points by the settings' sampling plan."""
-    result = np.empty((len(chunk.position), SHADING_OUTPUTS, 3), np.float32)
+def points_of_sample(settings: BakeSettings | RefineSettings) -> int:
+    """Points of a footprint sample that share its paths: as many of those kept as divide all lobes' paths."""
+    return gcd(SUB_POSITIONS, settings.diffuse_spp, settings.specular_spp, settings.smooth_spp)
+
+
+def shade_chunk(shader: Shader, chunk: Points, settings: BakeSettings | RefineSettings, spread: int = 1) -> np.ndarray:
+    """(N / spread, outputs, 3) float32 shading of N points, ``spread`` a sample, by the settings' sampling plan."""
+    result = np.empty((len(chunk.position) // spread, SHADING_OUTPUTS, 3), np.float32)
     for counts, outputs in sampling_plan(settings):
-        result[:, outputs] = shader.shade(chunk, ROUGHNESS_LEVELS, counts)[:, outputs]
+        result[:, outputs] = shader.shade(chunk, ROUGHNESS_LEVELS, counts, spread)[:, outputs]
     return result
 
 
@@ -84,16 +90,18 @@ def write_shading(
     needed = _BYTES_A_SAMPLE * max((own.stop - own.start for own in parts), default=0) + shading.nbytes
     check_memory(needed, f"the {stage} shading", "use smaller images, or a smaller samples.grid or views_per_shard")
     check_disk(out.parent, (1 if compare is None else 2) * shading.nbytes, f"the {stage} shading")
-    paths = sum(sum(counts) for counts, _ in sampling_plan(settings))
+    paths, spread = sum(sum(counts) for counts, _ in sampling_plan(settings)), points_of_sample(settings)
     with progress(stage, len(samples.position) * paths, " paths") as bar:
         for index, view in enumerate(samples.views):
-            points = view_points(samples, index, dataset.camera(view), settings.seed)
+            camera = dataset.camera(view)
+            points = spread_points(samples, index, camera, shader.scene.normals, spread, settings.seed)
             values = shade_in_chunks(
                 points,
                 SHADING_OUTPUTS,
-                lambda chunk, _: shade_chunk(shader, chunk, settings),
+                lambda chunk, _: shade_chunk(shader, chunk, settings, spread),
                 bar.advance,
                 paths,
+                spread,
             )
             stats["paths_per_s"] = bar.rate
             if settings.denoise:

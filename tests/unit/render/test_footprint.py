@@ -110,6 +110,18 @@ def test_sub_points_lie_on_their_piece_in_their_pixel(trace):
     assert np.ptp(inside[pixel % 6 == 0]) > 0.5  # spread over the pixel, not four times one point
 
 
+def test_sub_points_know_their_triangles(trace):
+    """A wall of two triangles that meet along x = y: a pixel on the diagonal shows both."""
+    result = trace(wall(-9, 9, -2))
+    points = result["position"][:, None] + result["sub"].astype(np.float32)
+    beside = np.abs(points[..., 0] - points[..., 1]) > 1e-3
+    below = points[..., 1] < points[..., 0]
+    assert 0 < below[beside].mean() < 1
+    of_below = np.unique(result["sub_triangle"][beside & below])
+    assert len(of_below) == 1
+    assert of_below[0] not in result["sub_triangle"][beside & ~below]
+
+
 def test_a_fold_of_one_part_is_two_pieces(trace):
     """Two walls that share an edge are one part; their normals tell them apart."""
     corner = scenes.joined(wall(-9, 0.5 * PIXEL, -1), scenes.quad((0.5 * PIXEL, -9, -1), (0, 0, 9), (0, 18, 0)))
@@ -154,6 +166,7 @@ def test_a_view_beside_the_mesh_is_empty(trace):
     assert not result["center"].any()
     assert {len(result[name]) for name in result if name not in ("counts", "center")} == {0}
     assert result["sub"].shape == (0, SUB_POSITIONS, 3)
+    assert result["sub_triangle"].shape == (0, SUB_POSITIONS)
 
 
 def test_it_repeats_itself(trace):

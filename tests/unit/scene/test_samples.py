@@ -19,7 +19,7 @@ from fipt.scene.samples import (
 )
 from tests import scenes
 
-ARRAYS = ("offsets", "center", "position", "normal", "triangle", "footprint", "weight", "sub")
+ARRAYS = ("offsets", "center", "position", "normal", "triangle", "footprint", "weight", "sub", "sub_triangle")
 
 
 @pytest.fixture
@@ -33,6 +33,7 @@ def samples(np_rng):
         views=("b", "a"),
         shapes=[(2, 3), (1, 2)],
         sub=np_rng.random((9, 4, 3)).astype(np.float16),
+        sub_triangle=np.arange(36, dtype=np.int32).reshape(9, 4),
     )
 
 

@@ -33,6 +33,7 @@ def wall(radiance: np.ndarray, depth: np.ndarray | float = 0.0, tilted: np.ndarr
         footprint=np.full(count, WIDTH, np.float32),
         weight=np.ones(count, np.float32),
         sub=np.zeros((count, SUB_POSITIONS, 3), np.float16),
+        sub_triangle=np.zeros((count, SUB_POSITIONS), np.int32),
     )
     light = np.repeat(radiance.reshape(-1, 1), 3, axis=1).astype(np.float32)
     return ObservedShard(

@@ -39,6 +39,7 @@ def moved(found: RegionPixels, grown: np.ndarray) -> np.ndarray:
         footprint=np.full(count, 1 / GRID, np.float32),
         weight=np.ones(count, np.float32),
         sub=np.zeros((count, SUB_POSITIONS, 3), np.float16),
+        sub_triangle=np.zeros((count, SUB_POSITIONS), np.int32),
     )
     shard = ObservedShard(samples, found.shading, found.radiance, np.ones(count), np.zeros(count, bool))
     (after,) = borders_moved(floor(3), [shard], [grown.astype(np.uint16)])
