@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from fipt.formats.images import srgb_encode
 from fipt.model.networks import Brdf
 from fipt.model.reflectance import diffuse_reflectance, specular_reflectance, specular_shading
-from fipt.render.points import Points, view_points
+from fipt.render.points import Points, spread_points
 from fipt.scene.dataset import Dataset
 from fipt.scene.samples import FootprintSamples, read_samples
 from fipt.scene.shading import read_shading
@@ -75,7 +75,7 @@ class Truth:
         from fipt.render.surface import emitter_set
         from fipt.render.tracer import PathSettings
         from fipt.scene.emitters import read_emitters
-        from fipt.stages.shade.integrate import shade_chunk
+        from fipt.stages.shade.integrate import points_of_sample, shade_chunk
         from fipt.stages.shade.refine import path_shader
         from fipt.stages.shade.settings import RefineSettings
 
@@ -89,7 +89,9 @@ class Truth:
         )  # of the nearest sample that faces the same way
         path = PathSettings(settings.max_depth, settings.cache_roughness, settings.light_sampling)
         shader = path_shader(self.data.mesh(), cache, true, emitter_set(read_emitters(last / "emitters.npz")), path)
-        return shade_chunk(shader, _points(self.data, self.shard, self.sample[::_EVERY]), settings)
+        spread = points_of_sample(settings)
+        points = _points(self.data, self.shard, self.sample[::_EVERY], spread)
+        return shade_chunk(shader, points, settings, spread)
 
 
 def _joined(images: Sequence[np.ndarray]) -> np.ndarray:
@@ -103,10 +105,13 @@ def _turned(points: np.ndarray, facing: np.ndarray, turn: float) -> np.ndarray:
     return np.concatenate([points, turn * axis[facing]], axis=1)
 
 
-def _points(data: Dataset, shard: FootprintSamples, sample: np.ndarray) -> Points:
-    """Samples of a shard as points to shade."""
-    views = [view_points(shard, index, data.camera(view), 0) for index, view in enumerate(shard.views)]
-    return Points(*(np.concatenate([vars(view)[name] for view in views])[sample] for name in vars(views[0])))
+def _points(data: Dataset, shard: FootprintSamples, sample: np.ndarray, spread: int) -> Points:
+    """Samples of a shard as points to shade, ``spread`` a sample."""
+    normals = data.mesh().normals
+    cameras = [data.camera(view) for view in shard.views]
+    views = [spread_points(shard, index, camera, normals, spread, 0) for index, camera in enumerate(cameras)]
+    rows = (spread * sample[:, None] + np.arange(spread)).reshape(-1)
+    return Points(*(np.concatenate([vars(view)[name] for view in views])[rows] for name in vars(views[0])))
 
 
 def main() -> None:

@@ -46,7 +46,7 @@ SECTIONS: dict[str, Section] = {
     "environment": Section("fipt.stages.environment.settings:EnvironmentSettings", 2),
     "cache": Section("fipt.stages.cache.settings:CacheSettings", 4),
     "bake": Section("fipt.stages.shade.settings:BakeSettings", 4),
-    "regroup": Section("fipt.stages.segment.settings:RegroupSettings", 11),
+    "regroup": Section("fipt.stages.segment.settings:RegroupSettings", 12),
     "emitters": Section("fipt.stages.emitters.settings:EmittersSettings", 18),
     "fit": Section("fipt.stages.fit.settings:FitSettings", 12),
     "irradiance": Section("fipt.stages.irradiance.settings:IrradianceSettings", 1),

@@ -157,6 +157,7 @@ def samples(views: list[str]) -> FootprintSamples:
         footprint=np.ones(pixels, np.float32),
         weight=np.ones(pixels, np.float32),
         sub=np.zeros((pixels, 4, 3), np.float16),
+        sub_triangle=np.repeat(triangle.reshape(-1, 1), 4, axis=1),
     )
 
 

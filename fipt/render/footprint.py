@@ -9,6 +9,7 @@ from math import gcd
 from typing import Protocol
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 from fipt.conventions import SUB_POSITIONS
 from fipt.render.scene import RayScene
@@ -17,8 +18,12 @@ from fipt.scene.samples import FootprintSamples
 
 _SAME_NORMAL = 0.85
 """Cosine above which two sub-pixel samples can lie on one piece."""
+_QUARTERS = (2 * np.array([(0, 1), (3, 2), (1, 3), (2, 0)]) + 1) / (2 * SUB_POSITIONS)
+"""Four points that stand for a pixel: their mean is its centre, and no two lie in one row or column of quarters."""
 _SAME_PLANE = 0.35
 """Distance from the piece's plane, in footprints, up to which a sub-pixel hit belongs to it."""
+_FAR = float(np.finfo(np.float16).max)
+"""Metres: half a float holds no more."""
 
 
 class Sampling(Protocol):
@@ -39,19 +44,23 @@ def sub_pixel_points(count: int) -> np.ndarray:
     """(count, 2) points in [0, 1)^2 that spread evenly: the pixel's centre, then those of a lattice.
 
     Seen from any side no two of a lattice's points lie in line, and their mean is the pixel's centre: a sequence such
-    as R2 looks a tenth of a pixel beside it on average, which moves the whole picture. Each point is the one farthest
-    from those before it, so that the first few are spread too. (Of 4 or 9 points the mean is 0.03 pixels
-    beside it, since one makes way for the centre.)
+    as R2 looks a tenth of a pixel beside it on average, which moves the whole picture. (Of 4 or 9 points the mean is
+    0.03 pixels beside it, since one makes way for the centre.) After the centre come four that stand for all; then each
+    point is the one farthest from those before it.
     """
     k = np.arange(count)
     lattices = [np.stack([k, k * step % count], axis=1) for step in range(1, count + 1) if gcd(step, count) == 1]
     points = (max(lattices, key=_gap) + 0.5) / count
     points[np.argmin(((points - 0.5) ** 2).sum(axis=1))] = 0.5
     order = [int(np.argmin(((points - 0.5) ** 2).sum(axis=1)))]
-    near = np.full(count, np.inf)
+    if count > SUB_POSITIONS:
+        away = ((points[None] - _QUARTERS[:, None]) ** 2).sum(axis=2)
+        away[:, order] = np.inf
+        order += linear_sum_assignment(np.minimum(away, count))[1].tolist()
+    near = np.min([((points - points[one]) ** 2).sum(axis=1) for one in order], axis=0)
     while len(order) < count:
-        near = np.minimum(near, ((points - points[order[-1]]) ** 2).sum(axis=1))
         order.append(int(near.argmax()))
+        near = np.minimum(near, ((points - points[order[-1]]) ** 2).sum(axis=1))
     return points[order]
 
 
@@ -156,8 +165,9 @@ def _gather(
     away = np.where(sample == 0, -1.0, ((flat - mean[owner]) ** 2).sum(axis=1))
     chosen = np.lexsort((away, owner))[start] if len(start) else start
     position = flat[chosen]
-    # members are in an order whose first few are spread over the piece; small pieces repeat theirs
-    picks = start[:, None] + np.arange(SUB_POSITIONS) % size[:, None]
+    # after the centre, the first few members are spread over the piece; small pieces repeat theirs
+    skipped = ((size > SUB_POSITIONS) & (sample[start] == 0)).astype(int)[:, None]
+    picks = start[:, None] + skipped + np.arange(SUB_POSITIONS) % (size[:, None] - skipped)
     return {
         "counts": np.bincount(pixel[start], minlength=pixels),
         "center": found[:, 0].astype(np.uint8),
@@ -166,7 +176,7 @@ def _gather(
         "triangle": triangle[pixel[chosen], sample[chosen]].astype(np.int32),
         "footprint": footprint[pixel[chosen], sample[chosen]].astype(np.float32),
         "weight": (size / samples).astype(np.float32),
-        "sub": (flat[picks] - position[:, None]).astype(np.float16),
+        "sub": np.clip(flat[picks] - position[:, None], -_FAR, _FAR).astype(np.float16),
         "sub_triangle": triangle[pixel, sample][picks].astype(np.int32),
     }
 

@@ -59,7 +59,7 @@ class LobeMixture:
     ) -> "mi.Vector3f":
         """Direction number ``k``: stratified over the lobes, low-discrepancy (shifted by ``shift``) within each.
 
-        ``stretch`` numbers those who draw their directions from one sequence, one stretch of it after the other.
+        Points of one sample draw from one sequence: ``stretch`` is the number of the point, and of its stretch.
         """
         start, count, alpha = mi.UInt32(0), self._ends[0], mi.Float(1.0)
         for s, low, high in zip(self._s, self._ends[:-1], self._ends[1:], strict=True):

@@ -58,7 +58,7 @@ def spread_points(
 ) -> Points:
     """For each footprint sample of a view, ``spread`` of the points that are spread over its piece, with one key.
 
-    A picture averages over a pixel. The border of a shadow, a mirrored edge or the round of a thin leg lies within one.
+    A picture averages over a pixel, in which the border of a shadow, a mirrored edge or the round of a leg may lie.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def spread_points(
     normal = normals[np.asarray(samples.sub_triangle[own])[:, :spread].reshape(-1)]
     normal = np.where((normal * wo).sum(axis=1, keepdims=True) < 0, -normal, normal)
     rounding = np.linalg.norm(offset.reshape(-1, 3), axis=1, keepdims=True) * np.finfo(np.float16).eps / 2
-    position += rounding * normal  # none lies behind its surface, for half of a float's bits
+    position += rounding * normal  # offsets are half floats: no point is rounded to behind its surface
     return Points(position, normal, wo, np.repeat(middle.key, spread))
 
 

@@ -168,8 +168,8 @@ class Shader:
         counts
             Directions drawn from the cosine lobe and from each level's GGX lobe.
         spread
-            So many points, one after the other and with one key, are one sample: they share its directions, and the
-            result is their mean. Divides ``counts``.
+            So many consecutive points, which have one key, make one sample: they share its directions, and the result
+            is their mean. It divides ``counts``.
 
         Returns
         -------
@@ -178,6 +178,7 @@ class Shader:
         p, n = vectors(points.position, mi.Point3f), vectors(points.normal, mi.Vector3f)
         wo, key = vectors(points.wo, mi.Vector3f), lanes(points.key, mi.UInt64)
         x = Vertex(p, n, wo, mi.Color3f(0.0), mi.Float(1.0), mi.Float(0.0))
+        assert not any(count % spread for count in counts), f"{spread} points share the directions {list(counts)}"
         stretch = lanes(np.arange(len(points.key), dtype=np.uint32) % np.uint32(spread), mi.UInt32)
         integrals = self._kernel(x, key, stretch, LobeMixture(levels, [count // spread for count in counts]))
         dr.eval(integrals)

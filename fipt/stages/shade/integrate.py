@@ -1,7 +1,6 @@
 """Shading of the samples of a shard, view by view: sampling plan, denoising, storage. Shared by bake and refine."""
 
 from collections.abc import Callable
-from math import gcd
 from pathlib import Path
 
 import numpy as np
@@ -43,8 +42,9 @@ def sampling_plan(settings: BakeSettings | RefineSettings) -> list[tuple[list[in
 
 
 def points_of_sample(settings: BakeSettings | RefineSettings) -> int:
-    """Points of a footprint sample that share its paths: as many of those kept as divide all lobes' paths."""
-    return gcd(SUB_POSITIONS, settings.diffuse_spp, settings.specular_spp, settings.smooth_spp)
+    """Points of a footprint sample that share its paths: all that are stored if they divide each lobe's, else one."""
+    counts = settings.diffuse_spp, settings.specular_spp, settings.smooth_spp
+    return 1 if any(count % SUB_POSITIONS for count in counts) else SUB_POSITIONS
 
 
 def shade_chunk(shader: Shader, chunk: Points, settings: BakeSettings | RefineSettings, spread: int = 1) -> np.ndarray:

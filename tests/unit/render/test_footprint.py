@@ -105,6 +105,8 @@ def test_sub_points_lie_on_their_piece_in_their_pixel(trace):
     inside = image - np.stack([pixel % 6, pixel // 6], axis=1)
     assert inside.min() > -0.01
     assert inside.max() < 1.01
+    whole = inside[result["weight"][np.arange(len(pixel)) // SUB_POSITIONS] == 1].reshape(-1, SUB_POSITIONS, 2)
+    np.testing.assert_allclose(whole.mean(axis=1), 0.5, atol=0.04)  # their mean is the pixel's centre
     across = inside[(pixel % 6 == 3) & np.repeat(near, SUB_POSITIONS), 0]
     assert across.max() < 0.41
     assert np.ptp(inside[pixel % 6 == 0]) > 0.5  # spread over the pixel, not four times one point
@@ -205,6 +207,11 @@ def test_sub_pixel_points_start_at_the_centre_and_spread(backend):
         assert quarters.min() >= (count - 1) // 6
         # three of the first four lie in different quarters
         assert len(np.unique((points[1:4] > 0.5) @ [1, 2])) >= 2
+        if count > SUB_POSITIONS:  # the next four stand for the pixel
+            four = points[1 : 1 + SUB_POSITIONS]
+            assert len(np.unique((four > 0.5) @ [1, 2])) == 4
+            assert np.abs(four.mean(axis=0) - 0.5).max() < 0.04
+            assert np.abs(four.var(axis=0) - 1 / 12).max() < 0.04
 
 
 def test_sub_pixel_points_look_at_the_centre_on_average(backend, np_rng):

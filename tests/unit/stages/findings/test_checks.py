@@ -379,6 +379,7 @@ def _samples(place):
         zero + 0.1,
         zero + 1,
         np.zeros((count, 4, 3), np.float16),
+        np.zeros((count, 4), np.int32),
     )
 
 

@@ -231,7 +231,7 @@ def test_points_that_are_spread_over_samples(backend, shard):
 def test_as_many_points_share_paths_as_divide_them(integrate):
     assert integrate.points_of_sample(BakeSettings()) == SUB_POSITIONS
     assert integrate.points_of_sample(FEW) == 1
-    assert integrate.points_of_sample(BakeSettings(diffuse_spp=8, specular_spp=6, smooth_spp=2)) == 2
+    assert integrate.points_of_sample(BakeSettings(diffuse_spp=8, specular_spp=6, smooth_spp=4)) == 1
 
 
 def test_chunks_come_back_in_order(backend, shard, monkeypatch):
