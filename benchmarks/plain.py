@@ -270,7 +270,7 @@ class PlainShader:
         return self.cache(y)[:, :3] * (triangle >= 0)[:, None]
 
     def _from_path(self, p: Tensor, n: Tensor, wi: Tensor) -> Tensor:
-        """Radiance (N, 3) that one path finds (method.md, stage 3); ended paths leave the wavefront."""
+        """Radiance (N, 3) that one path finds; ended paths leave the wavefront."""
         total = torch.zeros_like(p)
         lane = torch.arange(len(p), device=self.device)
         throughput = torch.ones_like(p)

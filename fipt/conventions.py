@@ -47,7 +47,7 @@ SHOWN_VIEWS = 12
 """Views that the report shows, and whose photographs set the exposure of what is shown, unless it says otherwise."""
 
 SUB_POSITIONS = 4
-"""Surface points stored for each hit, spread over its part of the pixel."""
+"""Surface points stored for each footprint sample, spread over its part of the pixel."""
 
 NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
 """What a scene, view or setup may be called: names become paths."""

@@ -19,7 +19,7 @@ from fipt.cli.main import main
 from fipt.registry import VERBS
 from tests import scenes
 
-FEW = {"diffuse_spp": 4, "specular_spp": 2, "smooth_spp": 2}
+FEW = {"diffuse_spp": 4, "specular_spp": 4, "smooth_spp": 4}
 FIT = {
     "steps": 60,
     "batch": 128,

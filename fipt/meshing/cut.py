@@ -27,15 +27,15 @@ _FLAT = np.cos(np.radians(5.0))
 """Cosine of the bend at a vertex above which it may be moved: creases stay where they are."""
 
 
-def cut_at(mesh: Mesh, edges: RadianceEdges, side: float = SIDE) -> Mesh:
+def cut_at(mesh: Mesh, edges: RadianceEdges) -> Mesh:
     """Cut a mesh along radiance edges.
 
-    Triangles that an edge runs through are halved until their sides are below ``side`` footprints, near vertices are
+    Triangles that an edge runs through are halved until their sides are below `SIDE` footprints, near vertices are
     moved onto the edge, and sides that still cross it are split where they do.
     """
     if len(edges) < _NEAREST:
         return mesh
-    curve = _Curve.of(edges)
+    curve, side = _Curve.of(edges), SIDE
     while True:
         fine = subdivided(mesh, partial(_too_large, curve, side))
         if len(fine.triangles) <= len(mesh.triangles) + _MOST:

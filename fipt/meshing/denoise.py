@@ -78,8 +78,8 @@ def filtered_normals(mesh: Mesh, sigma: float, steps: int) -> np.ndarray:
     return normals
 
 
-def fitted_to_normals(mesh: Mesh, normals: np.ndarray, steps: int, fixed: np.ndarray | None = None) -> Mesh:
-    """Move the vertices until the triangles have these (T, 3) normals; ``fixed`` (V,) bool vertices stay.
+def fitted_to_normals(mesh: Mesh, normals: np.ndarray, steps: int) -> Mesh:
+    """Move the vertices until the triangles have these (T, 3) normals.
 
     Notes
     -----
@@ -88,8 +88,6 @@ def fitted_to_normals(mesh: Mesh, normals: np.ndarray, steps: int, fixed: np.nda
     corner = mesh.triangles.ravel()
     place = mesh.vertices.astype(np.float64)
     share = 1.0 / np.maximum(np.bincount(corner, minlength=len(place)), 1)
-    if fixed is not None:
-        share = np.where(fixed, 0.0, share)
     for _ in range(steps):
         points = place[mesh.triangles]
         away = ((points.mean(axis=1, keepdims=True) - points) * normals[:, None]).sum(axis=2)

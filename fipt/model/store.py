@@ -16,7 +16,6 @@ from fipt.errors import FiptError
 from fipt.formats.files import atomic, existing_file
 from fipt.formats.origins import check_origin, origin
 from fipt.formats.text import MALFORMED
-from fipt.model.hash_encoding import Backend
 from fipt.model.networks import Field, SceneBox
 from fipt.model.parts import MaterialModel, PartLabels, PartMaterials
 from fipt.model.reflectance import Brdf
@@ -45,15 +44,13 @@ def save_field(path: str | Path, field: Field, settings: NetworkSettings) -> Non
     _write(path, "field", _weights(field), _description(field, settings))
 
 
-def load_field(path: str | Path, backend: Backend = "auto") -> Field:
+def load_field(path: str | Path) -> Field:
     """Read a fitted field, to the device that traces rays.
 
     Parameters
     ----------
     path : path
         File written by `save_field`.
-    backend : {"auto", "drjit", "torch"}
-        Of the hash encoding.
 
     Raises
     ------
@@ -61,7 +58,7 @@ def load_field(path: str | Path, backend: Backend = "auto") -> Field:
         If the file is missing, damaged or of another version of the stage.
     """
     tensors, metadata = _read(path, "field")
-    field = Field(_network_settings(path, metadata), _box(path, metadata), backend)
+    field = Field(_network_settings(path, metadata), _box(path, metadata))
     _restore(path, field, tensors)
     return field
 

@@ -1,8 +1,8 @@
 """Footprint samples of a view's camera rays, gathered into one or a few pieces of surface per pixel.
 
 An image averages over a pixel while a model is asked at points. Each pixel is therefore sampled by several rays; those
-that meet the same smooth piece of one object become one hit with a weight, so that a pixel inside a surface costs one
-hit and a pixel on an edge as many as it shows surfaces.
+that meet the same smooth piece of one object become one sample with a weight. So a pixel inside a surface costs one
+sample, and a pixel on an edge as many as it shows surfaces.
 """
 
 from math import gcd

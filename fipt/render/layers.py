@@ -12,7 +12,7 @@ _FEWEST = 0.01
 def denoise_samples(values: np.ndarray, samples: FootprintSamples, index: int, quality: str = "high") -> np.ndarray:
     """Denoise (N, K, 3) values of a view's samples as K images a layer.
 
-    The n-th samples of all pixels form the n-th layer; pixels without an n-th hit show their last one, so that each
+    The n-th samples of all pixels form the n-th layer; pixels without an n-th sample show their last one, so that each
     image is complete. Pixels that miss the mesh are black.
     """
     height, width = samples.shapes[index]

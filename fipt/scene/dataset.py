@@ -29,10 +29,6 @@ _MOST = 1e10
 """Radiance that no pixel has, in a unit in which rooms have about 0.25: the sun in a room lit by a candle has less.
 Squares and sums of what is below stay far from the end of float32."""
 
-TRUTH_RGB = ("kd", "base_color", "reflectance", "emission")
-TRUTH_SCALAR = ("roughness", "metallic", "emission_mask")
-"""Layers of truth/{view}.exr and materials/{view}.exr: RGB layers as name.R/.G/.B, scalar ones as name.Y."""
-
 
 class Dataset:
     """Read access to a dataset folder; only accepted views are listed.

@@ -56,16 +56,21 @@ def read_observed(
     FiptError
         If the folders do not belong together, or a file is missing or damaged.
     """
-    if len(samples) != len(shading):
-        raise FiptError(
-            f"--samples and --shading must name as many shards; {len(samples)} and {len(shading)} given",
-            "give the same shards in the same order",
-        )
+    check_as_many("--shading", shading, samples)
     own = [read_samples(folder) for folder in samples]
     return [
         ObservedShard(shard, light, *pixels_of(dataset, shard, empty), clipped_of(dataset, shard, empty))
         for shard, light in zip(own, read_round(shading, own, empty), strict=True)
     ]
+
+
+def check_as_many(option: str, folders: Sequence[Path | str], samples: Sequence[Path | str]) -> None:
+    """Refuse folders of shards that an option names, if they are not as many as those of ``--samples``."""
+    if len(samples) != len(folders):
+        raise FiptError(
+            f"--samples and {option} must name as many shards; {len(samples)} and {len(folders)} given",
+            "give the same shards in the same order",
+        )
 
 
 def before_shading(dataset: Dataset, samples: Sequence[FootprintSamples]) -> list[ObservedShard]:

@@ -325,16 +325,20 @@ def _partners(
     return found
 
 
-def closest(wanted: str, there: Sequence[str], most: int = 12) -> str:
-    """Return names as one line, those most like ``wanted`` first."""
+_NAMED = 12
+"""Names that a message holds at most."""
+
+
+def closest(wanted: str, there: Sequence[str]) -> str:
+    """Return names as one line, those most like ``wanted`` first; no more than `_NAMED`."""
     from difflib import SequenceMatcher
 
     def unlike(name: str) -> float:
         return -SequenceMatcher(None, wanted.casefold(), name.casefold()).ratio()
 
     names = sorted(there, key=unlike)
-    more = f" and {len(names) - most} more" if len(names) > most else ""
-    return (", ".join(names[:most]) or "no emitters") + more
+    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    return (", ".join(names[:_NAMED]) or "no emitters") + more
 
 
 # --- writing --------------------------------------------------------------------------------------

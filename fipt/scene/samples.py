@@ -25,7 +25,7 @@ ALONE = 0.9
 
 @dataclass(frozen=True)
 class FootprintSamples:
-    """Footprint samples of some views. A *hit* is one piece of surface inside one pixel.
+    """Footprint samples of some views: each is one piece of surface inside one pixel.
 
     The pixels of all views are concatenated, row-major within a view: P pixels hold H samples.
 
@@ -38,7 +38,7 @@ class FootprintSamples:
     offsets
         (P + 1,) int64; pixel p owns samples ``offsets[p]`` to ``offsets[p + 1]``.
     center
-        (P,) uint8; 1 where the ray through the pixel's centre samples: the pixel's first hit is then that piece.
+        (P,) uint8; 1 where the ray through the pixel's centre meets the mesh: its first sample is then that piece.
     position, normal
         (H, 3) float32; a point of the piece (metres), the geometric unit normal turned to the viewer.
     triangle
@@ -76,7 +76,7 @@ class FootprintSamples:
         return slice(int(first[index]), int(first[index + 1]))
 
     def of_view(self, index: int) -> slice:
-        """Hits of view number ``index``."""
+        """Samples of view number ``index``."""
         pixels = self.pixels(index)
         return slice(int(self.offsets[pixels.start]), int(self.offsets[pixels.stop]))
 

@@ -56,7 +56,7 @@ def heat(share: np.ndarray) -> np.ndarray:
     return image
 
 
-def over_photo(photo: np.ndarray, ids: np.ndarray, exposure: float, table: np.ndarray | None = None) -> np.ndarray:
+def over_photo(photo: np.ndarray, ids: np.ndarray, exposure: float) -> np.ndarray:
     """(H, W, 3) uint8: a photograph (H, W, 3, radiance times ``exposure``) tinted with the colours of its ids."""
-    tinted = 0.5 * to_display(np.nan_to_num(photo * exposure)) + 0.5 * in_colors(ids, table) + 0.5
+    tinted = 0.5 * to_display(np.nan_to_num(photo * exposure)) + 0.5 * in_colors(ids) + 0.5
     return tinted.astype(np.uint8)

@@ -1,4 +1,4 @@
-"""Baked shading on disk: one 32-bit word for Ld and one for each roughness level of a hit (docs/adr/0007)."""
+"""Baked shading on disk: one 32-bit word for Ld and one for each roughness level of a sample (docs/adr/0007)."""
 
 from pathlib import Path
 
@@ -75,7 +75,7 @@ class Shading:
         return values
 
     def __setitem__(self, samples: slice, values: np.ndarray) -> None:
-        """Pack the shading of all samples of a view, float32: the random numbers count from its first hit."""
+        """Pack the shading of all samples of a view, float32: the random numbers count from its first sample."""
         self.words[samples] = _packed(values)
 
 
@@ -115,7 +115,7 @@ def _packed(values: np.ndarray) -> np.ndarray:
     """(N, words) uint32 of (N, outputs, 3) values: logarithms of luminances, square roots of shares.
 
     What rounding would distort is dithered, and the dither subtracted again where it is read: errors have no bias. It
-    is keyed by the number of a hit in its view, so that it does not matter how views are spread over shards.
+    is keyed by the number of a sample in its view, so that it does not matter how views are spread over shards.
     """
     values = np.clip(values, 0, _MOST)
     colour, ls1 = values[:, :_WORDS].copy(), values[:, _WORDS:]

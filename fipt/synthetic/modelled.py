@@ -1,4 +1,4 @@
-"""A room that someone modelled: the content of a scene file as a `SyntheticRoom`, exposed like a photograph."""
+"""A room that someone modelled: the content of a scene file as a `SyntheticRoom`."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,7 +17,7 @@ MIDDLE = 0.25
 """Median over the views of their median luminance, after exposure."""
 
 
-def modelled(path: Path, settings: SynthesizeSettings, exposure: float = 1.0) -> SyntheticRoom:
+def modelled(path: Path, settings: SynthesizeSettings) -> SyntheticRoom:
     """Read a scene file.
 
     Parameters
@@ -26,10 +26,8 @@ def modelled(path: Path, settings: SynthesizeSettings, exposure: float = 1.0) ->
         The XML file.
     settings
         Section ``scene``: how it is read.
-    exposure
-        Factor on all its light.
     """
-    return room_of(read_scene(path, settings.scene), path.name).exposed(exposure)
+    return room_of(read_scene(path, settings.scene), path.name)
 
 
 def room_of(content: SceneContent, name: str) -> SyntheticRoom:

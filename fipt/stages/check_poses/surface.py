@@ -141,7 +141,7 @@ def reduced(dataset: Dataset, camera: Camera, width: int) -> tuple[Camera, np.nd
 def surface_shown(
     scene: RayScene, camera: Camera, light: np.ndarray, valid: np.ndarray, colour: np.ndarray
 ) -> ReducedView:
-    """Trace the footprint samples of a reduced view."""
+    """Trace the pixel centres of a reduced view."""
     rows, columns = np.mgrid[: camera.height, : camera.width] + 0.5
     directions = camera.directions(columns, rows).reshape(-1, 3)
     distance, triangle = scene.intersect(camera.center, directions)

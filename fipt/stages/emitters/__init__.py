@@ -1,1 +1,1 @@
-"""Emitting triangles: found from the mask and from radiance that no reflectance could give."""
+"""Emitters: what emits, where its edges are, and light that no view shows."""

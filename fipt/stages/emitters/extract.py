@@ -1,4 +1,4 @@
-"""Which triangles emit, and how much (method.md, stage 2)."""
+"""Which triangles emit, and how much (method.md, Emitters)."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace

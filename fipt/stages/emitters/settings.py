@@ -17,7 +17,7 @@ class EmittersSettings(Settings):
     )
     threshold: Fraction = Field(default=0.01, description="`mask`: a triangle emits where its mean mask exceeds this")
     points: Positive = Field(default=100, description="`mask`: points of a triangle at which the mask is queried")
-    every_round: bool = Field(default=True, description="extract after every fit, not only the first")
+    every_round: bool = Field(default=True, description="decide in every round, not only the first")
     evidence: bool = Field(default=True, description="`mask`: require more radiance than any reflectance could give")
     complete: bool = Field(
         default=True,

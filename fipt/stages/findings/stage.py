@@ -68,7 +68,7 @@ def _room(inputs: FindingsInputs, settings: "FindingsSettings") -> "JudgedRoom":
     from fipt.scene.change import read_round
     from fipt.scene.confidence import read_confidence
     from fipt.scene.dataset import Dataset
-    from fipt.scene.observed import read_observed
+    from fipt.scene.observed import check_as_many, read_observed
     from fipt.scene.samples import read_samples
     from fipt.scene.settled import read_state
     from fipt.stages.findings.room import JudgedRoom
@@ -76,13 +76,14 @@ def _room(inputs: FindingsInputs, settings: "FindingsSettings") -> "JudgedRoom":
     data = Dataset(inputs.dataset, inputs.segments)
     empty = on_disk(inputs.out.parent)
     shards = read_observed(data, inputs.samples, inputs.shading, empty)
-    known = len(inputs.earlier) == len(shards)
+    if inputs.earlier:
+        check_as_many("--earlier", inputs.earlier, inputs.samples)
     return JudgedRoom(
         data,
         FittedScene.load(data.mesh(), inputs.model, inputs.emitters, inputs.environment, inputs.cache),
         shards,
         [read_samples(path) for path in inputs.held_out],
-        read_round(inputs.earlier, [shard.samples for shard in shards], empty) if known else None,
+        read_round(inputs.earlier, [shard.samples for shard in shards], empty) if inputs.earlier else None,
         settings,
         _prepared(inputs.dataset / "prepare.json"),
         [state for state in map(read_state, inputs.settled) if state is not None],

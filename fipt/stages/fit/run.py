@@ -17,7 +17,7 @@ from fipt.scene.confidence import Confidence, write_confidence
 from fipt.scene.dataset import Dataset
 from fipt.scene.emitters import read_emitters
 from fipt.scene.environment import beyond, read_environment
-from fipt.scene.observed import read_observed, without_triangles
+from fipt.scene.observed import check_as_many, read_observed, without_triangles
 from fipt.scene.samples import scene_box, segments_of
 from fipt.scene.settled import read_state
 from fipt.scene.shading import read_shading
@@ -62,6 +62,8 @@ def fit_model(inputs: FitInputs, settings: FitSettings) -> Stats:
     state = read_state(inputs.settled)
     if state is not None and state.settled is not None:
         return copy_round(inputs, state)
+    if inputs.first_shading:
+        check_as_many("--first-shading", inputs.first_shading, inputs.samples)
     data = Dataset(inputs.dataset, inputs.segments)
     kind = data.segment_kind(settings.segments)
     if kind is None:
@@ -180,13 +182,19 @@ def _described(found: PartEstimates) -> list[dict[str, Any]]:
 
 
 def _checkpoint(inputs: FitInputs, settings: FitSettings) -> Path:
-    """Checkpoint file of exactly this fit; those of other inputs or settings are stale and removed."""
+    """Checkpoint file of exactly this fit; those of other inputs or settings are stale and removed.
+
+    Files are told by size and time: a checkpoint never leaves its machine.
+    """
     key, out = hashlib.sha256(settings.model_dump_json().encode()), inputs.out
-    folders = [*inputs.samples, *inputs.shading, *([inputs.segments] if inputs.segments else [])]
-    files = [inputs.previous, inputs.emitters, inputs.cache, inputs.environment]
-    for path in [*(Path(f"{folder}.manifest.json") for folder in folders), *files]:
+    segments = [] if inputs.segments is None else [inputs.segments]
+    files = [inputs.previous, inputs.emitters, inputs.cache, inputs.environment, inputs.settled]
+    for folder in (inputs.dataset, *inputs.samples, *inputs.shading, *inputs.first_shading, *segments):
+        files += [path for path in sorted(folder.rglob("*")) if path.is_file() and not path.name.startswith(".")]
+    for path in files:
         if path is not None and path.is_file():
-            key.update(path.read_bytes())
+            status = path.stat()
+            key.update(f"{path}\n{status.st_size}\n{status.st_mtime_ns}\n".encode())
     chosen = out.with_name(f"{out.stem}.checkpoint-{key.hexdigest()[:12]}.safetensors")
     for stale in out.parent.glob(f"{out.stem}.checkpoint-*.safetensors"):
         if stale != chosen:

@@ -96,7 +96,7 @@ def complete(views: Sequence[DepthView], noise: DepthNoise) -> "Completion":
                 label[k] = carried[number][k]
         label = _spread(piece, label, np.where(bare, 0, _BARE), straight, possible)
         done = _filled(view, piece, slopes[number], label, own[number], planes, noise.at_1m)
-        done = _with_doubtful(done, views[number], noise)
+        done = _with_doubtful(done, views[number])
         known = done.view.map.known
         result.append(Completed(closed(done.view, number, check.others, check.box, noise.at_1m), done.measured, ~known))
     return Completion(result, planes, check.box)
@@ -128,7 +128,7 @@ def _carried(
     return result
 
 
-def _with_doubtful(done: Completed, view: DepthView, noise: DepthNoise) -> Completed:
+def _with_doubtful(done: Completed, view: DepthView) -> Completed:
     """Add depth of little confidence where there is no other; it does not say what is free."""
     add = view.map.known & ~done.view.map.known
     low = view.map.confidence / _WORSE_VARIANCE

@@ -54,15 +54,13 @@ class StageShare:
     share: float
 
 
-def write_index(folder: Path, names: Sequence[str] = ()) -> int:
-    """Write index.html and summary.tsv of a folder of results; return the number of rooms.
+def write_index(folder: Path) -> int:
+    """Write index.html and summary.tsv of the rooms in a folder of results; return their number.
 
     Parameters
     ----------
     folder
-        Of all results.
-    names
-        Rooms; none: every folder in it that a run made.
+        Of all results; every folder in it that a run made is a room.
 
     Raises
     ------
@@ -71,7 +69,7 @@ def write_index(folder: Path, names: Sequence[str] = ()) -> int:
     """
     if not folder.is_dir():
         raise FiptError(f"the results folder {folder} does not exist", "run a room first")
-    names = list(names) or sorted({path.parent.name for path in folder.glob("*/logs/")} - {_COMPARISON})
+    names = sorted({path.parent.name for path in folder.glob("*/logs/")} - {_COMPARISON})
     if not names:
         raise FiptError(f"{folder} holds no room", "run a room first")
     rows, figures = read_rooms(folder, names, TILES)

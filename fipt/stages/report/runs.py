@@ -13,27 +13,9 @@ import numpy as np
 from fipt import __version__
 from fipt.errors import FiptError
 from fipt.progress import human
+from fipt.registry import SECTIONS
 from fipt.scene.dataset import rejected_views
 from fipt.stages.report.files import read_json
-
-_FIRST = (
-    "synthesize",
-    "photograph",
-    "calibrate",
-    "develop",
-    "qa",
-    "pose",
-    "import",
-    "truth",
-    "check_poses",
-    "samples",
-    "segment",
-    "fuse",
-    "environment",
-    "cache",
-)
-_ROUND = ("bake", "refine", "fit", "emitters")
-_LAST = ("review", "materials", "render", "relight", "video", "olat", "export", "check-export", "metrics", "report")
 
 _PACKAGES = ("numpy", "torch", "mitsuba", "drjit", "pyoidn", "OpenEXR")
 
@@ -85,18 +67,20 @@ def read_runs(folder: Path) -> list[StageRun]:
     return found
 
 
-def _order(stage: str, number: int | None) -> tuple[int, int, int]:
-    """Place of a stage in the pipeline: before the rounds, in round k, after them."""
-    for place, stages in enumerate((_FIRST, _ROUND, _LAST)):
-        if stage in stages:
-            return place, number or 0, stages.index(stage)
-    return len(_LAST), number or 0, 0
+def _order(run: StageRun) -> tuple[int, int, int]:
+    """Place of a run in the pipeline: before the rounds, in round k, after them."""
+    sections = list(SECTIONS)
+    section = str(run.figures.get("stage", run.stage)).replace("-", "_")
+    number = sections.index(section) if section in sections else len(sections)
+    if run.round is not None:
+        return 1, run.round, number
+    return (0 if number < sections.index("bake") else 2), 0, number
 
 
 def stage_times(runs: Sequence[StageRun]) -> list[StageTime]:
     """Time of every stage and round, in the pipeline's order."""
     grouped: dict[tuple[str, int | None], list[Mapping[str, Any]]] = {}
-    for run in runs:
+    for run in sorted(runs, key=_order):
         if run.stage != "report":  # its own time is not known before the page is written
             grouped.setdefault((run.stage, run.round), []).append(run.figures)
     return [
@@ -107,7 +91,7 @@ def stage_times(runs: Sequence[StageRun]) -> list[StageTime]:
             memory=max(int(figures.get("peak_memory_bytes", 0)) for figures in own),
             rate=_rate(own),
         )
-        for (stage, number), own in sorted(grouped.items(), key=lambda item: _order(*item[0]))
+        for (stage, number), own in grouped.items()
     ]
 
 
@@ -124,7 +108,7 @@ def _rate(shards: Sequence[Mapping[str, Any]]) -> str:
 def stage_settings(runs: Sequence[StageRun]) -> dict[str, str]:
     """Settings of each stage, as its first run recorded them."""
     found: dict[str, str] = {}
-    for run in sorted(runs, key=lambda run: _order(run.stage, run.round)):
+    for run in sorted(runs, key=_order):
         if run.figures.get("settings"):
             found.setdefault(run.stage, pretty(run.figures["settings"]))
     return found

@@ -1,1 +1,1 @@
-"""Shading: footprint samples, radiance cache, bake and refinement."""
+"""Shading: bake in round 0, refinement in later rounds."""

@@ -1,4 +1,4 @@
-"""Round 0: shading integrals with incoming light read from the radiance cache (method.md, stage 1)."""
+"""Round 0: shading integrals with incoming light read from the radiance cache (method.md, Round 0)."""
 
 from collections.abc import Mapping
 

@@ -1,4 +1,4 @@
-"""Later rounds: shading path traced with the current materials and emitters (method.md, stage 3)."""
+"""Later rounds: shading path traced with the current materials and emitters (method.md, Later rounds)."""
 
 from collections.abc import Mapping
 from dataclasses import replace

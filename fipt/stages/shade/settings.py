@@ -17,9 +17,11 @@ class BakeSettings(Settings):
     sampling: Literal["shared", "separate"] = Field(
         default="shared", description="one ray set for all shading outputs, or one lobe at a time as the paper"
     )
-    diffuse_spp: Positive = Field(default=64, description="rays per hit from the cosine lobe")
-    specular_spp: Positive = Field(default=16, description="rays per hit from each GGX lobe")
-    smooth_spp: Positive = Field(default=16, description="rays per hit from the smoothest GGX lobe")
+    diffuse_spp: Positive = Field(
+        default=64, description="rays per sample from the cosine lobe; multiples of 4 begin at 4 points of it"
+    )
+    specular_spp: Positive = Field(default=16, description="rays per sample from each GGX lobe")
+    smooth_spp: Positive = Field(default=16, description="rays per sample from the smoothest GGX lobe")
     denoise: bool = Field(default=True, description="denoise the shading images")
     fill: bool = Field(
         default=True, description="give unseen surface the light of the nearest seen one instead of black"
@@ -31,9 +33,11 @@ class RefineSettings(Settings):
     """Shading of later rounds, path traced with the current materials and emitters."""
 
     sampling: Literal["shared", "separate"] = Field(default="shared", description="as of bake")
-    diffuse_spp: Positive = Field(default=64, description="paths per hit from the cosine lobe")
-    specular_spp: Positive = Field(default=16, description="paths per hit from each GGX lobe")
-    smooth_spp: Positive = Field(default=16, description="paths per hit from the smoothest GGX lobe")
+    diffuse_spp: Positive = Field(
+        default=64, description="paths per sample from the cosine lobe; multiples of 4 begin at 4 points of it"
+    )
+    specular_spp: Positive = Field(default=16, description="paths per sample from each GGX lobe")
+    smooth_spp: Positive = Field(default=16, description="paths per sample from the smoothest GGX lobe")
     light_sampling: bool = Field(default=True, description="sample emitters at the first hit too (the paper does not)")
     max_depth: Positive = Field(default=5, description="vertices after the first hit")
     cache_roughness: Fraction = Field(default=0.6, description="rougher vertices end the path in the radiance cache")

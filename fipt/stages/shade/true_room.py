@@ -1,4 +1,4 @@
-"""Shading of the true room, path traced as in later rounds: the best that fit and refinement could come to."""
+"""Shading of the true room, path traced as by a default refinement: the best that fit and refinement could come to."""
 
 from collections.abc import Mapping, Sequence
 

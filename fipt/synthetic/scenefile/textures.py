@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import warnings
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -18,6 +19,8 @@ from fipt.formats.images import decoded, is_deep, srgb_decode
 from fipt.synthetic.scenefile.source import SceneFileReader
 from fipt.synthetic.scenefile.values import COLORS, color, transform
 from fipt.synthetic.scenefile.xml import Node
+
+log = logging.getLogger(__name__)
 
 _AS_IT_IS = np.eye(3)[:2]
 _DRAWN = 64
@@ -190,7 +193,10 @@ def _float_image(path: Path) -> np.ndarray:
         if names[:3] != list("RGB"):
             names = [next(iter(channels))] * 3
         pixels = np.stack([channels[name] for name in names], axis=-1)
-    return np.nan_to_num(pixels, posinf=0, neginf=0).clip(0)
+    wrong = ~(np.isfinite(pixels) & (pixels >= 0))
+    if wrong.any():
+        log.warning("%s: %d of %d values are negative or not finite; they count as 0", path, wrong.sum(), wrong.size)
+    return np.where(wrong, 0, pixels)
 
 
 def _encoded_image(path: Path) -> np.ndarray:

@@ -39,6 +39,11 @@ def test_options_that_may_be_left_out(work):
     assert "held-out pixels that no training view shows" in names
 
 
+def test_shading_of_the_round_before_is_of_all_shards(work, refused):
+    two = f"{work}/round-0/shading/train-000,{work}/samples/val-000"
+    assert "--samples and --earlier must name as many shards; 1 and 2 given" in refused("findings", "--earlier", two)
+
+
 def test_a_file_that_is_none(tmp_path):
     path = tmp_path / "findings.json"
     path.write_text('{"findings": 3}')

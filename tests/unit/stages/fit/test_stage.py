@@ -21,6 +21,8 @@ def test_shards_that_do_not_pair_up(work, refused):
     two = f"{work}/samples/train-000,{work}/samples/val-000"
     assert "--samples and --shading must name as many shards; 2 and 1 given" in refused("fit", "--samples", two)
     assert "shards" in refused("emitters", "--samples", two)
+    first = f"{work}/round-0/shading/train-000,{work}/samples/val-000"
+    assert "--samples and --first-shading must name as many" in refused("fit", "--first-shading", first)
 
 
 class Killed(Exception):
@@ -56,10 +58,14 @@ def test_a_killed_fit_goes_on_and_gives_the_same_model(work, killed, scene, caps
     assert all(torch.equal(value, resumed[name]) for name, value in whole.items())
 
 
-@pytest.mark.parametrize("change", ["settings", "inputs"])
+@pytest.mark.parametrize("change", ["settings", "inputs", "dataset"])
 def test_a_checkpoint_of_another_fit_is_not_used(work, killed, change, capsys):
     if change == "inputs":
         assert call("bake", work, settings=FEW | {"seed": 3}) == 0
+    if change == "dataset":
+        image = next((work / "dataset").glob("images/*.exr"))
+        image.with_name("copy").write_bytes(image.read_bytes())
+        image.with_name("copy").replace(image)
     assert call("fit", work, settings=killed | ({"seed": 3} if change == "settings" else {})) == 0
     assert "going on" not in capsys.readouterr().err
     assert [path.name for path in (work / "round-0").glob("model*")] == ["model.safetensors"]

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from fipt.formats.exr import write_exr
 from fipt.formats.images import srgb_decode
 from fipt.synthetic.settings import SceneFile
 
@@ -207,6 +208,17 @@ def test_huge_pictures_are_averaged_after_decoding(tmp_path, parsed):
     assert material.base_color.shape == (30, 70, 3)
     assert np.allclose(material.base_color, 0.5, atol=1e-5)
     assert source.notes == ["texture p.png: 700x300 averaged down to 70x30 (max_texture)"]
+
+
+def test_texels_that_are_no_colour_are_black_and_told(parsed, tmp_path, caplog):
+    pixels = np.full((2, 2, 3), 0.25, np.float32)
+    pixels[0, 0], pixels[1, 1, 2] = np.nan, -1
+    write_exr(tmp_path / "p.exr", {"": pixels})
+    element = f'<bsdf type="diffuse">{bitmap("reflectance", "p.exr")}</bsdf>'
+    found, _, _ = made(parsed, element, tmp_path)
+    assert "p.exr: 4 of 12 values are negative or not finite; they count as 0" in caplog.text
+    assert np.isfinite(found.base_color).all()
+    assert (found.base_color.reshape(-1, 3).min(axis=0) < 0.05).all()
 
 
 def test_a_masks_alpha_channel_is_its_opacity(tmp_path, parsed):
