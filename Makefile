@@ -85,7 +85,7 @@ test: setup  ## all checks and the tests
 
 pytest: $(INSTALLED)
 	@# Files of tests go to two processes; tests of a file stay together, since they share fixtures.
-	@$(BIN)/python -m pytest -q -n 2 --dist loadfile
+	@$(BIN)/python -m pytest -q -n 2 --dist loadfile --no-loadscope-reorder
 
 lint: $(INSTALLED)  ## formatting, static checks, the workflow's linter, import directions, types
 	@$(BIN)/ruff check .
