@@ -45,7 +45,7 @@ def test_a_shard_of_views(write, tmp_path, caplog):
     assert 1 < figures["samples_per_pixel"] < 2
     manifest = read_manifest(tmp_path / "samples" / "train-000.manifest.json", "samples")
     assert "train-000/views.json" in manifest["files"]
-    assert len(manifest["files"]) == 9
+    assert len(manifest["files"]) == 10
     assert manifest["settings"]["grid"] == 2
     assert not [record for record in caplog.records if record.levelname == "WARNING"]
     # triangles agree with what the dataset's pictures show at pixel centres
