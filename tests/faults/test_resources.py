@@ -260,7 +260,7 @@ def test_a_camera_that_needs_more_memory_than_there_is(tmp_path: Path, backend: 
     camera = dataclasses.replace(SMALL, width=LARGE, height=LARGE)
     dataset: Any = SimpleNamespace(camera=lambda _: camera, accepted=lambda views: views)
     with pytest.raises(
-        FiptError, match=r"tracing the samples needs about 913 GB of memory; there are \d+ GB; use smaller"
+        FiptError, match=r"tracing the samples needs about 940 GB of memory; there are \d+ GB; use smaller"
     ):
         trace(dataset, ["a"], SamplesSettings(), {})
     destination = Destination("render", tmp_path, tmp_path / "m.json")

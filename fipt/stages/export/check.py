@@ -60,9 +60,12 @@ def check_export(inputs: CheckExportInputs, settings: ExportSettings) -> Stats:
     export, render, out = inputs.export, inputs.render, inputs.out
     data = Dataset(inputs.dataset)
     names = [camera.name for camera in data.cameras]
-    views = _chosen([name for name in data.views("val") if (render / f"{name}.exr").is_file()], settings.check_views)
+    rendered = [name for name in data.views("val") if (render / f"{name}.exr").is_file()]
+    views = _chosen([name for name in rendered if _photograph(data, name)[1].any()], settings.check_views)
     if not views:
-        raise FiptError(f"{render} holds no image of a held-out view", "run fipt render first")
+        raise FiptError(
+            f"{render} holds no image of a held-out view whose photograph has a valid pixel", "run fipt render first"
+        )
     grid = inputs.rays_per_side  # our images look through several points of each pixel, these through the same
     for file in FORMATS.values():
         existing_file(export / file, "an exported file")
@@ -153,8 +156,8 @@ def _mean(values: Iterable[float]) -> float:
 def psnr(seen: np.ndarray, known: np.ndarray, where: np.ndarray | None = None) -> float:
     """PSNR of two (H, W, 3) radiance images, both clipped to [0, 1] and sRGB encoded, dB; at most 100.
 
-    ``where`` (H, W) bool restricts it to some pixels.
+    ``where`` (H, W) bool restricts it to some pixels, at least one.
     """
     a, b = (srgb_encode(np.clip(np.asarray(p, np.float64), 0, 1)) for p in (seen, known))
     error = ((a - b) ** 2)[... if where is None else where]
-    return float(-10 * np.log10(max(error.mean(), 1e-10))) if error.size else 100.0
+    return float(-10 * np.log10(max(error.mean(), 1e-10)))

@@ -196,7 +196,7 @@ def test_the_verb_joins_segments_whole_and_loses_none(scene: Path, tmp_path: Pat
         out=tmp_path / "segments",
         manifest=tmp_path / "segments.manifest.json",
     )
-    figures = run(inputs, RegroupSettings())
+    figures = run(inputs, RegroupSettings(divide=False, borders=False))
     assert figures["materials"] <= figures["parts"] < figures["segments"]
     paths = [Path("part") / f"{view}.png" for view in data.views("train")]
     before, after = (np.concatenate([read_ids(root / path) for path in paths]) for root in (cut, inputs.out))
