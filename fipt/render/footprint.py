@@ -18,8 +18,9 @@ from fipt.scene.samples import FootprintSamples
 
 _SAME_NORMAL = 0.85
 """Cosine above which two sub-pixel samples can lie on one piece."""
-_QUARTERS = (2 * np.array([(0, 1), (3, 2), (1, 3), (2, 0)]) + 1) / (2 * SUB_POSITIONS)
-"""Four points that stand for a pixel: their mean is its centre, and no two lie in one row or column of quarters."""
+_QUARTERS = (2 * np.array([(0, 1), (1, 3), (3, 2), (2, 0)]) + 1) / (2 * SUB_POSITIONS)
+"""Four points that stand for a pixel: their mean is its centre, and no two lie in one row or column of quarters. Two
+that lie opposite are two apart, so that every second one has that mean, too."""
 _SAME_PLANE = 0.35
 """Distance from the piece's plane, in footprints, up to which a sub-pixel hit belongs to it."""
 _FAR = float(np.finfo(np.float16).max)
@@ -81,7 +82,7 @@ def trace_view(scene: RayScene, parts: np.ndarray, camera: Camera, sampling: Sam
     Returns
     -------
     dict
-        ``counts`` (pixels,) samples per pixel, and the arrays of `fipt.scene.samples.Hits` for this view.
+        ``counts`` (pixels,) samples per pixel, and the arrays of `FootprintSamples` for this view.
     """
     pixels = camera.width * camera.height
     offsets = sub_pixel_points(sampling.grid**2)

@@ -59,7 +59,7 @@ class LobeMixture:
     ) -> "mi.Vector3f":
         """Direction number ``k``: stratified over the lobes, low-discrepancy (shifted by ``shift``) within each.
 
-        Points of one sample draw from one sequence: ``stretch`` is the number of the point, and of its stretch.
+        Points of one sample draw from one sequence: point number ``stretch`` from that stretch of it.
         """
         start, count, alpha = mi.UInt32(0), self._ends[0], mi.Float(1.0)
         for s, low, high in zip(self._s, self._ends[:-1], self._ends[1:], strict=True):

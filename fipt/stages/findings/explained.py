@@ -161,7 +161,7 @@ def _light(shard: ObservedShard, fitted: FittedScene, sample: np.ndarray, querie
     """What samples (H,) send to the viewer, and their materials, averaged over points of each."""
     samples = shard.samples
     picks = np.arange(queries) * SUB_POSITIONS // queries
-    spread = np.asarray(samples.sub[sample])[:, picks].astype(np.float32)
+    spread = np.asarray(samples.sub[sample])[:, picks].astype(np.float32) if queries > 1 else np.float32(0)
     points = np.asarray(samples.position[sample])[:, None] + spread
     brdf = fitted.reflectance(points.reshape(-1, 3), np.repeat(np.asarray(samples.footprint[sample]), queries))
     base = brdf.base_color.reshape(-1, queries, 3).mean(1)

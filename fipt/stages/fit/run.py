@@ -181,6 +181,14 @@ def _described(found: PartEstimates) -> list[dict[str, Any]]:
     ]
 
 
+def _of_training_views(dataset: Path) -> list[Path]:
+    """Files of a dataset that a fit may read; others may be made while it runs."""
+    others = {camera.name for camera in Dataset(dataset).cameras if camera.split != "train"}
+    found = [path for path in sorted(dataset.rglob("*")) if path.stem not in others]
+    unread = ("truth", "relight_truth")
+    return [path for path in found if path.relative_to(dataset).parts[0] not in unread and ".manifest" not in path.name]
+
+
 def _checkpoint(inputs: FitInputs, settings: FitSettings) -> Path:
     """Checkpoint file of exactly this fit; those of other inputs or settings are stale and removed.
 
@@ -189,10 +197,11 @@ def _checkpoint(inputs: FitInputs, settings: FitSettings) -> Path:
     key, out = hashlib.sha256(settings.model_dump_json().encode()), inputs.out
     segments = [] if inputs.segments is None else [inputs.segments]
     files = [inputs.previous, inputs.emitters, inputs.cache, inputs.environment, inputs.settled]
-    for folder in (inputs.dataset, *inputs.samples, *inputs.shading, *inputs.first_shading, *segments):
-        files += [path for path in sorted(folder.rglob("*")) if path.is_file() and not path.name.startswith(".")]
+    for folder in (*inputs.samples, *inputs.shading, *inputs.first_shading, *segments):
+        files += sorted(folder.rglob("*"))
+    files += _of_training_views(inputs.dataset)
     for path in files:
-        if path is not None and path.is_file():
+        if path is not None and path.is_file() and not path.name.startswith("."):
             status = path.stat()
             key.update(f"{path}\n{status.st_size}\n{status.st_mtime_ns}\n".encode())
     chosen = out.with_name(f"{out.stem}.checkpoint-{key.hexdigest()[:12]}.safetensors")

@@ -17,6 +17,11 @@ from fipt.registry import SECTIONS
 from fipt.scene.dataset import rejected_views
 from fipt.stages.report.files import read_json
 
+_WITHIN = (
+    *("synthesize", "photograph", "truth", "calibrate", "develop", "qa"),
+    *("depth", "first_mesh", "check_views", "mesh", "export", "check-export"),
+)
+"""Runs that share a section, as they follow one another."""
 _PACKAGES = ("numpy", "torch", "mitsuba", "drjit", "pyoidn", "OpenEXR")
 
 
@@ -67,14 +72,15 @@ def read_runs(folder: Path) -> list[StageRun]:
     return found
 
 
-def _order(run: StageRun) -> tuple[int, int, int]:
+def _order(run: StageRun) -> tuple[int, int, int, int]:
     """Place of a run in the pipeline: before the rounds, in round k, after them."""
     sections = list(SECTIONS)
     section = str(run.figures.get("stage", run.stage)).replace("-", "_")
     number = sections.index(section) if section in sections else len(sections)
+    within = _WITHIN.index(run.stage) if run.stage in _WITHIN else 0
     if run.round is not None:
-        return 1, run.round, number
-    return (0 if number < sections.index("bake") else 2), 0, number
+        return 1, run.round, number, within
+    return (0 if number < sections.index("bake") else 2), 0, number, within
 
 
 def stage_times(runs: Sequence[StageRun]) -> list[StageTime]:

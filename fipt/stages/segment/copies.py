@@ -11,7 +11,6 @@ from itertools import islice
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
-from scipy.stats import t as student_t
 
 from fipt.formats.files import check_memory
 from fipt.scene.mesh import Mesh, connected_parts
@@ -26,8 +25,6 @@ _COMPARED = 100
 """Shapes that a piece is compared with at most: crumbs of a scan are thousands, and none is a copy."""
 _SAME_PLACE = 0.5
 """Share of the smaller region's triangles that two regions must have in common, on the shape."""
-_CERTAIN = 0.975
-"""Quantile of Student's t above which colours differ less as metals: 95 % of chance lie between it and its opposite."""
 _BYTES = 300
 """Of a pair of copies that are compared."""
 
@@ -70,7 +67,7 @@ def judged_with_copies(evidence: MaterialEvidence, copies: np.ndarray) -> Materi
     Those that agree in colour are all metal or none, as most of their pixels have it; regions that agree with one third
     are of one group, however far apart. A region has no vote if it has no piece that judges a trial; where nobody has,
     all stay as they were. And all of a shape are metal, whatever their colours, if what trials leave of them proves it
-    together, or does not refuse it and their colours differ less as metals; but not one that clearly is none.
+    together; but not one that clearly is none.
 
     Parameters
     ----------
@@ -96,38 +93,8 @@ def judged_with_copies(evidence: MaterialEvidence, copies: np.ndarray) -> Materi
     left = np.stack([np.bincount(shape, column) for column in evidence.left.T], axis=1)
     proved = is_metal(left, np.bincount(shape, pixels)) & (np.bincount(shape) > 1)
     best = HALF + left[:, HALF:].argmin(axis=1)
-    proved |= _alike_as_metals(evidence, shape, np.stack([left[:, :HALF].argmin(axis=1), best]))
     refused = worse(evidence.left, evidence.products, best[shape], slice(None, HALF))
     return replace(evidence, metal=voted | (proved[shape] & ~refused))
-
-
-def _alike_as_metals(evidence: MaterialEvidence, shape: np.ndarray, best: np.ndarray) -> np.ndarray:
-    """(S,) bool: copies of a shape differ clearly less in colour as metals, which explain them no worse.
-
-    Copies of one thing are of one colour. What they seem to differ by is the error of a wrong material, which light and
-    view change from place to place. Of the same pixels, both spreads of lightness have the same noise: it is a test of
-    equal variances of pairs (Pitman 1939, Morgan 1939).
-
-    Parameters
-    ----------
-    shape
-        (R,) shape of each region.
-    best
-        (2, S) best dielectric and best metal trial of each shape.
-    """
-    result = np.zeros(best.shape[1], bool)
-    judges = (evidence.left > 0).any(axis=1)
-    for k in np.flatnonzero(np.bincount(shape[judges], minlength=len(result)) > 2):
-        own = np.flatnonzero(judges & (shape == k))
-        dielectric, metal = evidence.color[own[:, None], best[:, k], 0].T
-        total, products = evidence.left[own].sum(axis=0), evidence.products[own].sum(axis=0)
-        if worse(total[None], products[None], best[1:, k], slice(None, HALF))[0]:
-            continue
-        (first, common), (_, second) = np.cov(dielectric, metal)
-        free = len(own) - 2
-        noise = 2 * np.sqrt(max(first * second - common**2, 0.0))
-        result[k] = (first - second) * np.sqrt(free) > student_t.ppf(_CERTAIN, free) * noise
-    return result
 
 
 def _groups(a: np.ndarray, b: np.ndarray, count: int) -> np.ndarray:

@@ -18,7 +18,8 @@ class BakeSettings(Settings):
         default="shared", description="one ray set for all shading outputs, or one lobe at a time as the paper"
     )
     diffuse_spp: Positive = Field(
-        default=64, description="rays per sample from the cosine lobe; multiples of 4 begin at 4 points of it"
+        default=64,
+        description="rays per sample from the cosine lobe; 4 points share them where 4 divides all three",
     )
     specular_spp: Positive = Field(default=16, description="rays per sample from each GGX lobe")
     smooth_spp: Positive = Field(default=16, description="rays per sample from the smoothest GGX lobe")
@@ -34,7 +35,8 @@ class RefineSettings(Settings):
 
     sampling: Literal["shared", "separate"] = Field(default="shared", description="as of bake")
     diffuse_spp: Positive = Field(
-        default=64, description="paths per sample from the cosine lobe; multiples of 4 begin at 4 points of it"
+        default=64,
+        description="paths per sample from the cosine lobe; 4 points share them where 4 divides all three",
     )
     specular_spp: Positive = Field(default=16, description="paths per sample from each GGX lobe")
     smooth_spp: Positive = Field(default=16, description="paths per sample from the smoothest GGX lobe")

@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from fipt.model import store
+from fipt.scene.dataset import Dataset
 from fipt.stages.fit.objective import Objective
 from tests.fitted import FEW, FIT, call
 
@@ -63,7 +64,7 @@ def test_a_checkpoint_of_another_fit_is_not_used(work, killed, change, capsys):
     if change == "inputs":
         assert call("bake", work, settings=FEW | {"seed": 3}) == 0
     if change == "dataset":
-        image = next((work / "dataset").glob("images/*.exr"))
+        image = work / "dataset" / "images" / f"{Dataset(work / 'dataset').views('train')[0]}.exr"
         image.with_name("copy").write_bytes(image.read_bytes())
         image.with_name("copy").replace(image)
     assert call("fit", work, settings=killed | ({"seed": 3} if change == "settings" else {})) == 0

@@ -16,5 +16,5 @@ def test_stages_stand_in_the_order_of_the_pipeline(tmp_path):
     labels = [time.label.replace(" · round ", " ") for time in stage_times(read_runs(tmp_path))]
     before = ["import", "depth", "first_mesh", "cache"]
     each_round = ["bake 0", "regroup 0", "fit 0", "refine 1", "emitters 1", "fit 1"]
-    after = ["materials", "check-export", "export", "metrics", "findings", "of-another-program"]
+    after = ["materials", "export", "check-export", "metrics", "findings", "of-another-program"]
     assert labels == before + each_round + after

@@ -102,29 +102,6 @@ def test_copies_of_two_colours_have_no_vote_on_each_other():
     assert judged_with_copies(evidence, pairs((0, 1), (1, 2), (0, 2))).metal.tolist() == [True, False, False]
 
 
-def colored(dielectric: list[float], metal: list[float], left: float) -> MaterialEvidence:
-    """Copies of these lightnesses under either kind; metals leave ``left`` of what dielectrics do."""
-    evidence = legs([False] * len(metal), [10] * len(metal), [0] * len(metal))
-    evidence.color[:, :HALF, 0], evidence.color[:, HALF:, 0] = np.array([dielectric, metal])[:, :, None]
-    evidence.left[:], evidence.products[:] = 1.0, 0
-    evidence.left[:, HALF:] = left
-    evidence.products[:, :HALF, :HALF] = 0.05  # chance
-    return evidence
-
-
-def test_copies_that_agree_in_colour_as_metals_only_are_metal(np_rng):
-    """Neither kind explains their pixels better. As paint the legs of ten chairs would have ten colours."""
-    noise, wrong = 0.05 * np_rng.normal(size=(2, 10))
-    as_one, as_many = (noise - 0.2).tolist(), (noise + 5 * wrong - 0.8).tolist()
-    copies = pairs(*((k, other) for k in range(10) for other in range(k)))
-    assert judged_with_copies(colored(as_many, as_one, 1.02), copies).metal.all()
-    assert not judged_with_copies(colored(as_one, as_many, 1.02), copies).metal.any(), "they agree as paint"
-    assert not judged_with_copies(colored(as_many, as_many, 1.02), copies).metal.any(), "they agree as neither"
-    assert not judged_with_copies(colored(as_many, as_one, 1.5), copies).metal.any(), "metal explains less"
-    few = pairs((0, 1))
-    assert not judged_with_copies(colored(as_many, as_one, 1.02), few).metal.any(), "two tell nothing"
-
-
 def test_what_copies_leave_together_proves_metal_whatever_their_colours():
     """Metal leaves an eighth less of each, which 50 pixels do not prove, and 1000 do."""
     evidence = legs([False] * 21, [50] * 21, [-float(k) for k in range(21)])
