@@ -60,12 +60,7 @@ def check_export(inputs: CheckExportInputs, settings: ExportSettings) -> Stats:
     export, render, out = inputs.export, inputs.render, inputs.out
     data = Dataset(inputs.dataset)
     names = [camera.name for camera in data.cameras]
-    rendered = [name for name in data.views("val") if (render / f"{name}.exr").is_file()]
-    views = _chosen([name for name in rendered if _photograph(data, name)[1].any()], settings.check_views)
-    if not views:
-        raise FiptError(
-            f"{render} holds no image of a held-out view whose photograph has a valid pixel", "run fipt render first"
-        )
+    views = _judged_views(data, render, settings.check_views)
     grid = inputs.rays_per_side  # our images look through several points of each pixel, these through the same
     for file in FORMATS.values():
         existing_file(export / file, "an exported file")
@@ -113,8 +108,14 @@ def check_export(inputs: CheckExportInputs, settings: ExportSettings) -> Stats:
     return {"psnr": {kind: entry["psnr"] for kind, entry in content["formats"].items()}}
 
 
-def _chosen(views: list[str], count: int) -> list[str]:
-    """Views spread over the list."""
+def _judged_views(data: Dataset, render: Path, count: int) -> list[str]:
+    """Held-out views, spread over those that were rendered and whose photograph has a valid pixel."""
+    rendered = [name for name in data.views("val") if (render / f"{name}.exr").is_file()]
+    views = [name for name in rendered if _photograph(data, name)[1].any()]
+    if not views:
+        raise FiptError(
+            f"{render} holds no image of a held-out view whose photograph has a valid pixel", "run fipt render first"
+        )
     picks = np.linspace(0, len(views) - 1, min(count, len(views))).round().astype(int)
     return [views[pick] for pick in picks]
 
