@@ -2,11 +2,13 @@
 
 import json
 
+import numpy as np
 import pytest
 
 from fipt.cli.main import main
 from fipt.formats.exr import read_rgb
 from fipt.formats.manifests import read_manifest
+from fipt.scene.dataset import Dataset
 from tests import scenes
 from tests.fitted import call
 
@@ -60,6 +62,15 @@ def test_the_export_lists_its_files(exported):
     assert [lamp["radiance"] for lamp in facts["emitters"]] == [pytest.approx(scenes.EMITTER_RADIANCE)]
     script = (exported / "blender.py").read_text()
     compile(script, "blender.py", "exec")
+
+
+def test_photographs_without_a_valid_pixel_judge_nothing(exported, scene, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(Dataset, "clipped", lambda data, view: np.ones(data.image(view)[1].shape, bool))
+    options = ["--dataset", scene / "dataset", "--rays-per-side", 3, "--export", exported]
+    options += ["--render", exported.parent / "render", "--out", tmp_path / "check.json"]
+    assert main(["check-export", *map(str, options)]) == 2
+    assert "no image of a held-out view whose photograph has a valid pixel" in capsys.readouterr().err
+    assert not any(tmp_path.iterdir())
 
 
 def test_a_check_without_its_files(exported, scene, refused, tmp_path):
