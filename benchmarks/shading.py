@@ -180,7 +180,7 @@ class Curve:
     Attributes
     ----------
     samples
-        (C,) per hit, all lobes together.
+        (C,) per sample, all lobes together.
     error
         (C,) relative RMSE.
     seconds

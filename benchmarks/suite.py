@@ -39,7 +39,7 @@ def measure(scene: Scene, device: str, size: Size, say: Callable[[str], None]) -
     curves = shading.error_curves(contestants, points, size.factors, size.reference, size.repeats)
     error = float(curves["plain"].error[-1])
     ours, plain = (list(curves[who].seconds_at(error) / len(points.position)) for who in ("ours", "plain"))
-    rows.append(_times(f"stage 1, us per hit for {error:.1%} error", ours, plain, 1e6, 15))
+    rows.append(_times(f"stage 1, us per sample for {error:.1%} error", ours, plain, 1e6, 15))
     say("stage 3: paths per second")
     rows += third_stage(contestants, points, size)
     say("fit: one step")

@@ -75,7 +75,7 @@ class Truth:
         from fipt.render.surface import emitter_set
         from fipt.render.tracer import PathSettings
         from fipt.scene.emitters import read_emitters
-        from fipt.stages.shade.integrate import points_of_sample, shade_chunk
+        from fipt.stages.shade.integrate import points_per_sample, shade_chunk
         from fipt.stages.shade.refine import path_shader
         from fipt.stages.shade.settings import RefineSettings
 
@@ -89,9 +89,9 @@ class Truth:
         )  # of the nearest sample that faces the same way
         path = PathSettings(settings.max_depth, settings.cache_roughness, settings.light_sampling)
         shader = path_shader(self.data.mesh(), cache, true, emitter_set(read_emitters(last / "emitters.npz")), path)
-        spread = points_of_sample(settings)
-        points = _points(self.data, self.shard, self.sample[::_EVERY], spread)
-        return shade_chunk(shader, points, settings, spread)
+        per_sample = points_per_sample(settings)
+        points = _points(self.data, self.shard, self.sample[::_EVERY], per_sample)
+        return shade_chunk(shader, points, settings, per_sample)
 
 
 def _joined(images: Sequence[np.ndarray]) -> np.ndarray:
@@ -105,12 +105,12 @@ def _turned(points: np.ndarray, facing: np.ndarray, turn: float) -> np.ndarray:
     return np.concatenate([points, turn * axis[facing]], axis=1)
 
 
-def _points(data: Dataset, shard: FootprintSamples, sample: np.ndarray, spread: int) -> Points:
-    """Samples of a shard as points to shade, ``spread`` a sample."""
+def _points(data: Dataset, shard: FootprintSamples, sample: np.ndarray, per_sample: int) -> Points:
+    """Samples of a shard as points to shade, ``per_sample`` a sample."""
     normals = data.mesh().normals
     cameras = [data.camera(view) for view in shard.views]
-    views = [spread_points(shard, index, camera, normals, spread, 0) for index, camera in enumerate(cameras)]
-    rows = (spread * sample[:, None] + np.arange(spread)).reshape(-1)
+    views = [spread_points(shard, index, camera, normals, per_sample, 0) for index, camera in enumerate(cameras)]
+    rows = (per_sample * sample[:, None] + np.arange(per_sample)).reshape(-1)
     return Points(*(np.concatenate([vars(view)[name] for view in views])[rows] for name in vars(views[0])))
 
 

@@ -9,7 +9,6 @@ from math import gcd
 from typing import Protocol
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from fipt.conventions import SUB_POSITIONS
 from fipt.render.scene import RayScene
@@ -18,9 +17,9 @@ from fipt.scene.samples import FootprintSamples
 
 _SAME_NORMAL = 0.85
 """Cosine above which two sub-pixel samples can lie on one piece."""
-_QUARTERS = (2 * np.array([(0, 1), (1, 3), (3, 2), (2, 0)]) + 1) / (2 * SUB_POSITIONS)
-"""Four points that stand for a pixel: their mean is its centre, and no two lie in one row or column of quarters. Two
-that lie opposite are two apart, so that every second one has that mean, too."""
+_QUARTERS = np.array([(1, 3), (3, 7), (7, 5), (5, 1)]) / 8
+"""Where `SUB_POSITIONS` points should lie to stand for a pixel: their mean is its centre, and no two lie in one row or
+column of quarters. Opposite ones stand two apart: who asks at two points takes every second one."""
 _SAME_PLANE = 0.35
 """Distance from the piece's plane, in footprints, up to which a sub-pixel hit belongs to it."""
 _FAR = float(np.finfo(np.float16).max)
@@ -55,9 +54,9 @@ def sub_pixel_points(count: int) -> np.ndarray:
     points[np.argmin(((points - 0.5) ** 2).sum(axis=1))] = 0.5
     order = [int(np.argmin(((points - 0.5) ** 2).sum(axis=1)))]
     if count > SUB_POSITIONS:
-        away = ((points[None] - _QUARTERS[:, None]) ** 2).sum(axis=2)
+        away = ((points - _QUARTERS[:, None]) ** 2).sum(axis=2)
         away[:, order] = np.inf
-        order += linear_sum_assignment(np.minimum(away, count))[1].tolist()
+        order += away.argmin(axis=1).tolist()
     near = np.min([((points - points[one]) ** 2).sum(axis=1) for one in order], axis=0)
     while len(order) < count:
         order.append(int(near.argmax()))

@@ -1,4 +1,4 @@
-"""Hits as images: the n-th samples of all pixels form a layer, so that image filters apply."""
+"""Samples as images: the n-th samples of all pixels form a layer, so that image filters apply."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Directions at a footprint sample: one set, drawn from a cosine lobe and GGX lobes, serves all shading integrals.
+"""Directions at a point: one set, drawn from a cosine lobe and GGX lobes, serves all shading integrals.
 
 Symbols as in `fipt.render.ggx`. The directions are weighed by the balance heuristic (Veach 1997): each counts with one
 over the density of all lobes together. Drawing from one lobe at a time, as the paper does, is the special case of one
@@ -52,21 +52,21 @@ class LobeMixture:
     def sample(
         self,
         k: "mi.UInt32",
-        stretch: "mi.UInt32",
+        point: "mi.UInt32",
         shift: tuple["mi.Float", "mi.Float"],
         frame: "mi.Frame3f",
         wo: "mi.Vector3f",
     ) -> "mi.Vector3f":
         """Direction number ``k``: stratified over the lobes, low-discrepancy (shifted by ``shift``) within each.
 
-        Points of one sample draw from one sequence: point number ``stretch`` from that stretch of it.
+        The points of a sample continue one sequence: ``point`` j has the numbers from j times the lobe's count on.
         """
         start, count, alpha = mi.UInt32(0), self._ends[0], mi.Float(1.0)
         for s, low, high in zip(self._s, self._ends[:-1], self._ends[1:], strict=True):
             inside = (k >= low) & (k < high)
             start, count = dr.select(inside, low, start), dr.select(inside, high - low, count)
             alpha = dr.select(inside, dr.square(s), alpha)
-        number = mi.Float(k - start + stretch * count)
+        number = mi.Float(k - start + point * count)
         u1, u2 = dr.fma(number, _R2[0], shift[0]), dr.fma(number, _R2[1], shift[1])
         u1, u2 = u1 - dr.floor(u1), u2 - dr.floor(u2)
         diffuse = frame.to_world(ggx.sample_cosine(u1, u2))

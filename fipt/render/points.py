@@ -54,29 +54,35 @@ def view_points(samples: FootprintSamples, index: int, camera: Camera, seed: int
 
 
 def spread_points(
-    samples: FootprintSamples, index: int, camera: Camera, normals: np.ndarray, spread: int, seed: int
+    samples: FootprintSamples, index: int, camera: Camera, normals: np.ndarray, per_sample: int, seed: int
 ) -> Points:
-    """For each footprint sample of a view, ``spread`` of the points that are spread over its piece, with one key.
+    """Points that are spread over the piece of each footprint sample of a view.
 
-    A picture averages over a pixel, in which the border of a shadow, a mirrored edge or the round of a leg may lie.
+    A picture averages over a pixel, in which the border of a shadow, a mirrored edge or half of a thin leg may lie.
 
     Parameters
     ----------
     normals
-        (T, 3) of the triangles, by winding order.
+        (T, 3) unit normals of the triangles, by winding order.
+    per_sample
+        Points of each sample; at most `SUB_POSITIONS`.
+
+    Returns
+    -------
+    N * per_sample points of N samples; those of a sample follow one another and have one key.
     """
     middle, own = view_points(samples, index, camera, seed), samples.of_view(index)
-    if spread == 1:
+    if per_sample == 1:
         return middle
-    offset = np.asarray(samples.sub[own])[:, :spread].astype(np.float32)
+    offset = np.asarray(samples.sub[own])[:, :per_sample].astype(np.float32)
     position = (middle.position[:, None] + offset).reshape(-1, 3)
     wo = camera.center.astype(np.float32) - position
     wo /= np.linalg.norm(wo, axis=1, keepdims=True)
-    normal = normals[np.asarray(samples.sub_triangle[own])[:, :spread].reshape(-1)]
+    normal = normals[np.asarray(samples.sub_triangle[own])[:, :per_sample].reshape(-1)]
     normal = np.where((normal * wo).sum(axis=1, keepdims=True) < 0, -normal, normal)
     rounding = np.linalg.norm(offset.reshape(-1, 3), axis=1, keepdims=True) * np.finfo(np.float16).eps / 2
     position += rounding * normal  # offsets are half floats: no point is rounded to behind its surface
-    return Points(position, normal, wo, np.repeat(middle.key, spread))
+    return Points(position, normal, wo, np.repeat(middle.key, per_sample))
 
 
 def shade_in_chunks(
@@ -85,16 +91,16 @@ def shade_in_chunks(
     shade: Callable[[Points, slice], np.ndarray],
     advance: Callable[[int], None],
     paths: int,
-    spread: int = 1,
+    per_sample: int = 1,
 ) -> np.ndarray:
-    """Call ``shade`` on chunks of points and gather its (n, outputs, 3) results; ``paths`` a result are reported.
+    """Call ``shade`` on chunks of points and gather its (samples, outputs, 3) results; ``paths`` each are reported.
 
-    Each ``spread`` points have one result.
+    A sample is ``per_sample`` points that follow one another.
     """
-    result = np.empty((len(points.position) // spread, outputs, 3), np.float32)
-    size = CHUNK // spread
+    result = np.empty((len(points.position) // per_sample, outputs, 3), np.float32)
+    size = CHUNK // per_sample
     for start in range(0, len(result), size):
-        part, own = slice(start, start + size), slice(start * spread, (start + size) * spread)
+        part, own = slice(start, start + size), slice(start * per_sample, (start + size) * per_sample)
         chunk = Points(points.position[own], points.normal[own], points.wo[own], points.key[own])
         result[part] = shade(chunk, part)
         advance(len(result[part]) * paths)

@@ -5,7 +5,8 @@
 
 Legend, in the symbols of the paper and of Mitsuba's `prb.py`:
 
-    x   footprint sample that is shaded, depth 0          N   directions drawn at x
+    x   point that is shaded, depth 0: a footprint sample, or one of its points
+    N   directions drawn at x
     y   later vertex of a path, depth 1, 2, ...           v   vertex where a path is: x or y
     n   unit normal, turned to where one comes from       i, o   to the light, to the viewer (wi, wo)
     f   reflectance of v times (n.i)                      L   radiance that comes back to x from i
@@ -157,7 +158,7 @@ class Shader:
         self._emitters_at_x = path is not None and path.light_at_first and triangles.has_emitters
 
     def shade(
-        self, points: Points, levels: Sequence[float | np.ndarray], counts: Sequence[int], spread: int = 1
+        self, points: Points, levels: Sequence[float | np.ndarray], counts: Sequence[int], per_sample: int = 1
     ) -> np.ndarray:
         """Estimate Ld, Ls0 and Ls1 of every level.
 
@@ -167,31 +168,34 @@ class Shader:
             Roughness of each specular level: a number, or (N,) values.
         counts
             Directions drawn from the cosine lobe and from each level's GGX lobe.
-        spread
+        per_sample
             So many consecutive points, which have one key, make one sample: they share its directions, and the result
             is their mean. It divides ``counts``.
 
         Returns
         -------
-        (N / spread, 1 + 2 len(levels), 3) float32: Ld, then Ls0 of every level, then Ls1 of every level.
+        (N / per_sample, 1 + 2 len(levels), 3) float32: Ld, then Ls0 of every level, then Ls1 of every level.
         """
         p, n = vectors(points.position, mi.Point3f), vectors(points.normal, mi.Vector3f)
         wo, key = vectors(points.wo, mi.Vector3f), lanes(points.key, mi.UInt64)
         x = Vertex(p, n, wo, mi.Color3f(0.0), mi.Float(1.0), mi.Float(0.0))
-        assert not any(count % spread for count in counts), f"{spread} points share the directions {list(counts)}"
-        stretch = lanes(np.arange(len(points.key), dtype=np.uint32) % np.uint32(spread), mi.UInt32)
-        integrals = self._kernel(x, key, stretch, LobeMixture(levels, [count // spread for count in counts]))
+        assert not any(count % per_sample for count in counts), (
+            f"{per_sample} points share the directions {list(counts)}"
+        )
+        point = lanes(np.arange(len(points.key), dtype=np.uint32) % np.uint32(per_sample), mi.UInt32)
+        integrals = self._kernel(x, key, point, LobeMixture(levels, [count // per_sample for count in counts]))
         dr.eval(integrals)
         result = np.stack([np.array(value).T for value in integrals], axis=1)
-        return result if spread == 1 else result.reshape(-1, spread, *result.shape[1:]).mean(axis=1)
+        return result if per_sample == 1 else result.reshape(-1, per_sample, *result.shape[1:]).mean(axis=1)
 
     @dr.syntax
-    def _kernel(self, x: Vertex, key: "mi.UInt64", stretch: "mi.UInt32", lobes: LobeMixture) -> list["mi.Color3f"]:
+    def _kernel(self, x: Vertex, key: "mi.UInt64", point: "mi.UInt32", lobes: LobeMixture) -> list["mi.Color3f"]:
         """One lane = one x. One loop for directions and bounces: where a path ends, the next direction at x begins."""
+        # points of a sample share the shift of their directions; all other random numbers are a point's own
         # no size: it would number the streams by lane, and results would depend on chunks
         shared = mi.PCG32(initstate=key, initseq=dr.zeros(mi.UInt64, dr.width(x.p)))
         shift = shared.next_float32(), shared.next_float32()
-        rng = mi.PCG32(initstate=key, initseq=mi.UInt64(stretch) + 1)
+        rng = mi.PCG32(initstate=key, initseq=mi.UInt64(point) + 1)
         frame = mi.Frame3f(x.n)
         integrals = [dr.zeros(mi.Color3f, dr.width(x.p)) for _ in range(lobes.outputs)]
 
@@ -212,7 +216,7 @@ class Shader:
                 L += self._spot_light(v, β, at_x, k == 0, lobes, integrals)
 
             # ---------------- a new direction: of the lobes at x, of the material at y ----------------
-            wi = lobes.sample(k, stretch, shift, frame, x.wo)
+            wi = lobes.sample(k, point, shift, frame, x.wo)
             p = mi.Float(0.0)
             if dr.hint(self.path is not None, mode="scalar"):
                 wi = dr.select(at_x, wi, self._next_direction(rng, v))

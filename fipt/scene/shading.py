@@ -27,7 +27,7 @@ _STEPS = (2.0 ** _BITS[0] / 32).astype(np.float32)
 _LUMINANCE = np.array(LUMINANCE, np.float32)
 _TINY, _MOST = np.float32(1e-30), np.float32(1e30)
 _CHUNK = 1 << 14
-"""Hits unpacked at a time: what is worked on stays in the processor's cache."""
+"""Samples unpacked at a time: what is worked on stays in the processor's cache."""
 
 
 class Shading:

@@ -289,7 +289,7 @@ def test_points_of_one_sample_share_its_directions(backend):
     tracer = bake_shader(scenes.cornell().mesh, scenes.grid())
     four = Points(*(np.repeat(array, 4, axis=0) for array in vars(points).values()))
     one = tracer.shade(points, [0.3, 0.6], [16, 8, 4])
-    np.testing.assert_allclose(tracer.shade(four, [0.3, 0.6], [16, 8, 4], spread=4), one, rtol=2e-4, atol=1e-6)
+    np.testing.assert_allclose(tracer.shade(four, [0.3, 0.6], [16, 8, 4], per_sample=4), one, rtol=2e-4, atol=1e-6)
 
 
 def test_a_sample_has_the_mean_of_its_points(backend):
@@ -304,7 +304,7 @@ def test_a_sample_has_the_mean_of_its_points(backend):
     tracer = shader(lit)
     single = tracer.shade(toward, [0.5], [8, 8])
     assert single[:, 0].mean() > 0.01
-    assert_mean(tracer.shade(points, [0.5], [16, 16], spread=2), single.mean(axis=0) / 2, slack=0.02)
+    assert_mean(tracer.shade(points, [0.5], [16, 16], per_sample=2), single.mean(axis=0) / 2, slack=0.02)
 
 
 def test_light_that_is_zero_changes_no_bit(backend):

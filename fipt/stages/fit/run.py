@@ -181,8 +181,8 @@ def _described(found: PartEstimates) -> list[dict[str, Any]]:
     ]
 
 
-def _of_training_views(dataset: Path) -> list[Path]:
-    """Files of a dataset that a fit may read; others may be made while it runs."""
+def _files_that_a_fit_reads(dataset: Path) -> list[Path]:
+    """Files of a dataset but its truth and held-out views, which may be made while a fit runs."""
     others = {camera.name for camera in Dataset(dataset).cameras if camera.split != "train"}
     found = [path for path in sorted(dataset.rglob("*")) if path.stem not in others]
     unread = ("truth", "relight_truth")
@@ -199,7 +199,7 @@ def _checkpoint(inputs: FitInputs, settings: FitSettings) -> Path:
     files = [inputs.previous, inputs.emitters, inputs.cache, inputs.environment, inputs.settled]
     for folder in (*inputs.samples, *inputs.shading, *inputs.first_shading, *segments):
         files += sorted(folder.rglob("*"))
-    files += _of_training_views(inputs.dataset)
+    files += _files_that_a_fit_reads(inputs.dataset)
     for path in files:
         if path is not None and path.is_file() and not path.name.startswith("."):
             status = path.stat()

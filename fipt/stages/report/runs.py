@@ -18,10 +18,12 @@ from fipt.scene.dataset import rejected_views
 from fipt.stages.report.files import read_json
 
 _WITHIN = (
-    *("synthesize", "photograph", "truth", "calibrate", "develop", "qa"),
-    *("depth", "first_mesh", "check_views", "mesh", "export", "check-export"),
+    *("synthesize", "photograph", "calibrate", "develop", "qa", "import", "truth"),
+    *("first_mesh", "check_views", "mesh", "export", "check-export"),
 )
 """Runs that share a section, as they follow one another."""
+_PLACED = {"truth": "import", "check_views": "geometry"}
+"""Runs that follow, or stand among, those of another section than their own."""
 _PACKAGES = ("numpy", "torch", "mitsuba", "drjit", "pyoidn", "OpenEXR")
 
 
@@ -75,7 +77,7 @@ def read_runs(folder: Path) -> list[StageRun]:
 def _order(run: StageRun) -> tuple[int, int, int, int]:
     """Place of a run in the pipeline: before the rounds, in round k, after them."""
     sections = list(SECTIONS)
-    section = str(run.figures.get("stage", run.stage)).replace("-", "_")
+    section = _PLACED.get(run.stage, str(run.figures.get("stage", run.stage)).replace("-", "_"))
     number = sections.index(section) if section in sections else len(sections)
     within = _WITHIN.index(run.stage) if run.stage in _WITHIN else 0
     if run.round is not None:

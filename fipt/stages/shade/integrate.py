@@ -41,17 +41,19 @@ def sampling_plan(settings: BakeSettings | RefineSettings) -> list[tuple[list[in
     return runs
 
 
-def points_of_sample(settings: BakeSettings | RefineSettings) -> int:
+def points_per_sample(settings: BakeSettings | RefineSettings) -> int:
     """Points of a footprint sample that share its paths: all that are stored if they divide each lobe's, else one."""
     counts = settings.diffuse_spp, settings.specular_spp, settings.smooth_spp
     return 1 if any(count % SUB_POSITIONS for count in counts) else SUB_POSITIONS
 
 
-def shade_chunk(shader: Shader, chunk: Points, settings: BakeSettings | RefineSettings, spread: int = 1) -> np.ndarray:
-    """(N / spread, outputs, 3) float32 shading of N points, ``spread`` a sample, by the settings' sampling plan."""
-    result = np.empty((len(chunk.position) // spread, SHADING_OUTPUTS, 3), np.float32)
+def shade_chunk(
+    shader: Shader, chunk: Points, settings: BakeSettings | RefineSettings, per_sample: int = 1
+) -> np.ndarray:
+    """(N / per_sample, outputs, 3) float32 shading of samples, by N points, by the settings' sampling plan."""
+    result = np.empty((len(chunk.position) // per_sample, SHADING_OUTPUTS, 3), np.float32)
     for counts, outputs in sampling_plan(settings):
-        result[:, outputs] = shader.shade(chunk, ROUGHNESS_LEVELS, counts, spread)[:, outputs]
+        result[:, outputs] = shader.shade(chunk, ROUGHNESS_LEVELS, counts, per_sample)[:, outputs]
     return result
 
 
@@ -90,18 +92,18 @@ def write_shading(
     needed = _BYTES_A_SAMPLE * max((own.stop - own.start for own in parts), default=0) + shading.nbytes
     check_memory(needed, f"the {stage} shading", "use smaller images, or a smaller samples.grid or views_per_shard")
     check_disk(out.parent, (1 if compare is None else 2) * shading.nbytes, f"the {stage} shading")
-    paths, spread = sum(sum(counts) for counts, _ in sampling_plan(settings)), points_of_sample(settings)
+    paths, per_sample = sum(sum(counts) for counts, _ in sampling_plan(settings)), points_per_sample(settings)
     with progress(stage, len(samples.position) * paths, " paths") as bar:
         for index, view in enumerate(samples.views):
             camera = dataset.camera(view)
-            points = spread_points(samples, index, camera, shader.scene.normals, spread, settings.seed)
+            points = spread_points(samples, index, camera, shader.scene.normals, per_sample, settings.seed)
             values = shade_in_chunks(
                 points,
                 SHADING_OUTPUTS,
-                lambda chunk, _: shade_chunk(shader, chunk, settings, spread),
+                lambda chunk, _: shade_chunk(shader, chunk, settings, per_sample),
                 bar.advance,
                 paths,
-                spread,
+                per_sample,
             )
             stats["paths_per_s"] = bar.rate
             if settings.denoise:
