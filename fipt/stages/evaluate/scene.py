@@ -143,6 +143,7 @@ def relight_figures(data: Dataset, folder: Path, setups: Sequence[str] | None = 
         if setups is not None and truth.name not in setups:
             continue  # of a setup that is no more, or has cameras of its own now
         shown = [camera for camera in data.cameras if (truth / f"{camera.name}.exr").is_file()]
+        _tell_missing(data, folder / truth.name, [camera.name for camera in shown])
         per_view = {}
         for camera in shown:
             path = folder / truth.name / f"{camera.name}.exr"
@@ -154,6 +155,18 @@ def relight_figures(data: Dataset, folder: Path, setups: Sequence[str] | None = 
             figures = {"relight_psnr": _mean(per_view), "relight_psnr_views": per_view}
             result[truth.name] = {**figures, "of": "truth", "exposure": 1.0}
     return result
+
+
+def _tell_missing(data: Dataset, folder: Path, known: Sequence[str]) -> None:
+    """Warn of relit views that are missing where others of their split are there: the mean leaves them out."""
+    for split in ("train", "val"):
+        views = [view for view in data.views(split) if view in known]
+        missing = [view for view in views if not (folder / f"{view}.exr").is_file()]
+        if 0 < len(missing) < len(views):
+            log.warning(
+                "%s lacks %d of %d views of which there is truth (%s); its mean leaves them out",
+                folder, len(missing), len(views), ", ".join(missing[:8]),
+            )  # fmt: skip
 
 
 def reference_figures(data: Dataset, folder: Path, reference: Path) -> dict[str, Any]:

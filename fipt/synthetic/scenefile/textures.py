@@ -191,7 +191,13 @@ def _float_image(path: Path) -> np.ndarray:
         channels = read_exr(path)
         names = [name for name in "RGBA" if name in channels]
         if names[:3] != list("RGB"):
-            names = [next(iter(channels))] * 3
+            grey = [name for name in channels if name != "A"]
+            if len(grey) != 1:
+                raise FiptError(
+                    f"{path} must have the channels R, G and B, or one besides A; it has {', '.join(channels)}",
+                    "write the colour as R, G, B",
+                )
+            names = grey * 3
         pixels = np.stack([channels[name] for name in names], axis=-1)
     wrong = ~(np.isfinite(pixels) & (pixels >= 0))
     if wrong.any():

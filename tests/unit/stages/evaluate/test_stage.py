@@ -63,6 +63,16 @@ def test_only_setups_that_are_named_count(results):
     assert "relight" not in read(results)
 
 
+def test_relit_views_that_are_missing_are_told(results, caplog):
+    """Truth is there of both training views; one of them was relit."""
+    truth, relit = (results / place / "dim" for place in ("dataset/relight_truth", "relight"))
+    for path in (truth / "a.exr", truth / "b.exr", relit / "a.exr"):
+        write_exr(path, {"": read_rgb(truth / "c.exr")})
+    assert run(results, "--relight", results / "relight") == 0
+    assert set(read(results)["relight"]["dim"]["relight_psnr_views"]) == {"a", "c"}
+    assert "lacks 1 of 2 views of which there is truth (b); its mean leaves them out" in caplog.text
+
+
 def test_emitting_triangles_are_judged_by_what_pixels_see(results):
     assert run(results, "--samples", results / "samples" / "train-000") == 0
     emitters = read(results)["emitters"]
