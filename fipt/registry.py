@@ -47,7 +47,7 @@ SECTIONS: dict[str, Section] = {
     "environment": Section("fipt.stages.environment.settings:EnvironmentSettings", 2),
     "bake": Section("fipt.stages.shade.settings:BakeSettings", 5),
     "refine": Section("fipt.stages.shade.settings:RefineSettings", 8),
-    "emitters": Section("fipt.stages.emitters.settings:EmittersSettings", 18),
+    "emitters": Section("fipt.stages.emitters.settings:EmittersSettings", 19),
     "regroup": Section("fipt.stages.segment.settings:RegroupSettings", 11),
     "fit": Section("fipt.stages.fit.settings:FitSettings", 12),
     "irradiance": Section("fipt.stages.irradiance.settings:IrradianceSettings", 1),

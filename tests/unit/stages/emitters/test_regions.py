@@ -214,6 +214,31 @@ def test_a_few_pixels_brighter_than_any_reflection_are_an_emitter():
     assert evidence.undecided.tolist() == [False, True, False, False]
 
 
+@pytest.mark.parametrize(
+    ("level", "reflects", "expected"),
+    [
+        (3.02, 1.7, True),  # ln 100 of rarity and 1.7 of its own, of 6 that are asked
+        (3.02, 1.2, False),
+        (3.02, -0.1, False),  # a material explains it better: no rarity makes up for that
+        (3.4, 1.7, False),  # no emitter of that radiance
+        (0.5, 1.7, False),  # nor of that of ordinary surface
+    ],
+)
+def test_the_radiance_of_a_certain_emitter_is_evidence(level, reflects, expected):
+    """A region in bright light, beside one that emits for sure; 99 others have another radiance."""
+    regions = np.zeros(101)
+    lead, levels = regions.copy(), np.full((101, 3), 0.5)
+    lead[:2], levels[0], levels[1] = (60.0, reflects), 3.0, level
+    evidence = RegionEvidence(
+        reflects=lead, emits=regions, texture=regions, compared=0, price=np.full(101, 6.0), excess=lead > 50,
+        certain=lead > 50, ordinary=regions, pixels=np.full(101, 100), level=levels,
+    )  # fmt: skip
+    emits = evidence.emitting(np.zeros((2, 0), int))
+    assert emits[0]
+    assert emits[1] == expected
+    assert not emits[2:].any()
+
+
 @pytest.mark.parametrize(("mirrored", "expected"), [(0.5, True), (20.0, False)])
 def test_what_a_mirror_could_show_is_no_excess(np_rng, mirrored, expected):
     seen = Seen(np_rng)
