@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
+from fipt.groups import connected_groups
 from fipt.meshing.topology import triangle_sides
 from fipt.scene.mesh import Mesh
 
@@ -37,8 +36,7 @@ def without_small_holes(mesh: Mesh, across: float) -> tuple[Mesh, HoleFigures]:
     triangle, slot = np.divmod(alone, 3)
     start, end = mesh.triangles[triangle, slot], mesh.triangles[triangle, (slot + 1) % 3]
     size = len(mesh.vertices)
-    links = coo_matrix((np.ones(len(start), np.int8), (start, end)), shape=(size, size))
-    loop = connected_components(links, directed=False)[1][start]
+    loop = connected_groups((start, end), size)[start]
     loops, loop = np.unique(loop, return_inverse=True)
     a, b = (mesh.vertices[ends].astype(np.float64) for ends in (start, end))
     length = np.linalg.norm(a - b, axis=1)

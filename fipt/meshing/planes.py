@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
+from fipt.groups import connected_groups
 from fipt.meshing.topology import neighbours
 from fipt.scene.mesh import Mesh
 
@@ -57,7 +56,7 @@ def find_planes(mesh: Mesh, angle: float, tolerance: float, smallest: float) -> 
     offset: list[float] = []
     cosine = np.cos(angle)
     alike = (normals[pairs[:, 0]] * normals[pairs[:, 1]]).sum(axis=1) > cosine
-    region = _pieces(len(area), pairs[alike])
+    region = connected_groups(pairs[alike].T, len(area))
     sizes = np.bincount(region, area)
     order = np.argsort(region, kind="stable")
     starts = np.concatenate([[0], np.cumsum(np.bincount(region))])
@@ -119,15 +118,10 @@ def _mode(normals: np.ndarray, area: np.ndarray, cosine: float) -> np.ndarray:
     return n / max(float(np.linalg.norm(n)), 1e-30)
 
 
-def _pieces(count: int, pairs: np.ndarray) -> np.ndarray:
-    links = coo_matrix((np.ones(len(pairs), np.int8), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
-    return connected_components(links, directed=False)[1]
-
-
 def _without_crumbs(planes: Planes, pairs: np.ndarray, area: np.ndarray, smallest: float) -> Planes:
     """Planes whose pieces are large enough by themselves; the others belong to nothing."""
     same = (planes.of[pairs[:, 0]] == planes.of[pairs[:, 1]]) & (planes.of[pairs[:, 0]] >= 0)
-    piece = _pieces(len(area), pairs[same])
+    piece = connected_groups(pairs[same].T, len(area))
     large = np.bincount(piece, area)[piece] >= smallest
     return Planes(planes.normal, planes.offset, np.where(large, planes.of, -1).astype(np.int32))
 

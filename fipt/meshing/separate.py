@@ -8,10 +8,9 @@ from collections.abc import Sequence
 
 import numpy as np
 from scipy.ndimage import map_coordinates, maximum_filter, minimum_filter
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from fipt.conventions import LUMINANCE
+from fipt.groups import connected_groups
 from fipt.meshing.radiance_edges import JUMP, Radiance
 from fipt.meshing.topology import neighbours, pieces, side_list
 from fipt.render.scene import RayScene
@@ -36,7 +35,7 @@ def separated(mesh: Mesh, cameras: Sequence[Camera], radiance: Radiance) -> tupl
     pairs = neighbours(mesh.triangles)
     one, other = side[pairs.T]
     joined = ((one == other) | (one == 0) | (other == 0)) & (one != _UNSEEN) & (other != _UNSEEN)
-    region = _with_unseen(_components(len(side), pairs[joined]), side == _UNSEEN, pairs)
+    region = _with_unseen(connected_groups(pairs[joined].T, len(side)), side == _UNSEEN, pairs)
     area = np.bincount(region, mesh.areas / footprint**2)
     own = area >= _SMALLEST
     # what surrounds everything is no enclosed region: the largest of each piece of the mesh
@@ -110,11 +109,6 @@ def _with_unseen(region: np.ndarray, unseen: np.ndarray, pairs: np.ndarray) -> n
         if (took == open_).all():
             return region
         open_ = took
-
-
-def _components(count: int, pairs: np.ndarray) -> np.ndarray:
-    links = coo_matrix((np.ones(len(pairs), np.int8), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
-    return connected_components(links, directed=False)[1]
 
 
 def _largest(piece: np.ndarray, region: np.ndarray, area: np.ndarray) -> np.ndarray:

@@ -2,8 +2,8 @@
 
 import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix
-from scipy.sparse.csgraph import connected_components
 
+from fipt.groups import connected_groups
 from fipt.scene.mesh import Mesh
 
 
@@ -59,12 +59,10 @@ def border_vertices(mesh: Mesh) -> np.ndarray:
 
 
 def pieces(mesh: Mesh) -> np.ndarray:
-    """(T,) int32 number of the piece of each triangle: triangles that share a vertex are of one piece."""
+    """(T,) int64 number of the piece of each triangle: triangles that share a vertex are of one piece."""
     a = mesh.triangles
-    count = len(mesh.vertices)
     rows, columns = a[:, [0, 1]].ravel(), a[:, [1, 2]].ravel()
-    graph = coo_matrix((np.ones(len(rows), np.int8), (rows, columns)), shape=(count, count))
-    return connected_components(graph, directed=False)[1][a[:, 0]]
+    return connected_groups((rows, columns), len(mesh.vertices))[a[:, 0]]
 
 
 def compact(vertices: np.ndarray, triangles: np.ndarray) -> Mesh:

@@ -9,6 +9,7 @@ import numpy as np
 from fipt.conventions import FARTHEST
 from fipt.errors import FiptError, unreadable
 from fipt.formats.files import atomic, existing_file
+from fipt.groups import connected_groups
 from fipt.scene.obj import read_obj
 from fipt.scene.voxels import facings
 
@@ -108,15 +109,11 @@ def read_geometry(path: str | Path) -> tuple[np.ndarray, np.ndarray]:
 
 def connected_parts(mesh: Mesh) -> np.ndarray:
     """(T,) int32 number of the connected component of each triangle; vertices at one place count as one."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
     _, vertex = np.unique(mesh.vertices, axis=0, return_inverse=True)
     corners = vertex.reshape(-1)[mesh.triangles]
     rows, columns = corners[:, [0, 1]].ravel(), corners[:, [1, 2]].ravel()
     count = int(corners.max()) + 1
-    graph = coo_matrix((np.ones(len(rows), np.int8), (rows, columns)), shape=(count, count))
-    return connected_components(graph, directed=False)[1][corners[:, 0]].astype(np.int32)
+    return connected_groups((rows, columns), count)[corners[:, 0]].astype(np.int32)
 
 
 def touching_triangles(mesh: Mesh) -> np.ndarray:
@@ -136,14 +133,10 @@ def facing_pieces(mesh: Mesh, chosen: np.ndarray) -> np.ndarray:
 
     Both sides of a sheet are one piece. A triangle that is not chosen is a piece by itself.
     """
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
     axis = facings(mesh.area_normals) // 2
     a, b = touching_triangles(mesh)
     joined = chosen[a] & chosen[b] & (axis[a] == axis[b])
-    graph = coo_matrix((np.ones(joined.sum()), (a[joined], b[joined])), shape=(len(axis), len(axis)))
-    return connected_components(graph, directed=False)[1].astype(np.int64)
+    return connected_groups((a[joined], b[joined]), len(axis))
 
 
 def closed(mesh: Mesh) -> bool:

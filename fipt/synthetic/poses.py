@@ -17,6 +17,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from fipt.errors import FiptError
+from fipt.groups import connected_groups
 from fipt.render.directions import all_around
 from fipt.scene.cameras import Camera
 from fipt.scene.mesh import points_of
@@ -240,14 +241,10 @@ class OpenSpace:
 
 def _largest_group(places: np.ndarray, intersect: Intersect) -> np.ndarray:
     """Return those of (N, 3) places that form the largest group in which each sees another."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
     first, second = np.triu_indices(len(places), 1)
     seen = visible(places[first], places[second], intersect)
     pairs = (first[seen], second[seen])
-    graph = coo_matrix((np.ones(len(pairs[0]), np.int8), pairs), shape=(len(places), len(places)))
-    group = connected_components(graph, directed=False)[1]
+    group = connected_groups(pairs, len(places))
     return places[group == np.bincount(group).argmax()]
 
 

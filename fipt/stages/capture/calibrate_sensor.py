@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from fipt.errors import FiptError
+from fipt.robust import deviation, spread
 from fipt.stages.capture.calibration import Calibration, Noise, Vignetting
 from fipt.stages.capture.calibration_frames import counted, read_frame, signal_of
 from fipt.stages.capture.mosaic import tiled
@@ -42,7 +43,7 @@ def with_dark(found: Calibration, paths: Sequence[Path], bar: Any) -> Calibratio
         frame = read_frame(path, found)
         values = frame.mosaic.astype(np.float32)
         total += values
-        noises.append(1.4826 * np.median(np.abs(values[::2, ::2] - np.median(values[::2, ::2]))))
+        noises.append(spread(values[::2, ::2].ravel()))
         bar.advance()
     mean, read = total / len(paths), max(float(np.median(noises)), 12**-0.5)
     black = np.zeros(4)
@@ -60,8 +61,8 @@ def with_dark(found: Calibration, paths: Sequence[Path], bar: Any) -> Calibratio
                 "photograph it with the lens cap on",
             )
     # Differences of neighbours of one colour have twice the variance; the mean of frames has 1/n of it.
-    spread = mean[:, 2:] - mean[:, :-2]
-    calm = spread[np.abs(spread) < 6 * read * np.sqrt(2 / len(paths)) + 0.5]
+    steps = mean[:, 2:] - mean[:, :-2]
+    calm = steps[np.abs(steps) < 6 * read * np.sqrt(2 / len(paths)) + 0.5]
     read = float(np.std(calm) / np.sqrt(2 / len(paths)))
     return replace(
         found,
@@ -213,8 +214,8 @@ def _photon_gain(signal: np.ndarray, read: float) -> float:
     middle = signal[:, 2:-2]
     bend = signal[:, :-4] - 2 * middle + signal[:, 4:]  # blind to slopes; its variance is 6 times a pixel's
     light = np.maximum((signal[:, :-4] + middle + signal[:, 4:]) / 3, 1.0)
-    spread = 1.4826 * np.median(np.abs(bend) / np.sqrt(light))
-    return float(max(spread**2 / 6 - read**2 * np.mean(1 / light), 1e-6))
+    noise = deviation(bend / np.sqrt(light))
+    return float(max(noise**2 / 6 - read**2 * np.mean(1 / light), 1e-6))
 
 
 def _corner(vignetting: Vignetting, found: Calibration) -> float:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from fipt.robust import deviation
 from fipt.stages.capture.raw import RawFrame, Shot
 
 REFERENCE_ISO = 100.0
@@ -106,8 +107,7 @@ def measured_ratio(longer: RawFrame, shorter: RawFrame, black: np.ndarray, state
     with np.errstate(divide="ignore", invalid="ignore"):
         share = z_short / z_long
     middle = np.median(share)
-    spread = 1.4826 * np.median(np.abs(share - middle))
-    calm = np.abs(share - middle) <= 3 * spread + 1e-6
+    calm = np.abs(share - middle) <= 3 * deviation(share - middle) + 1e-6
     total = z_short[calm].sum()
     return float(z_long[calm].sum() / total) if total > 0 else None
 

@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from fipt.robust import spread
 from fipt.stages.capture.calibration import Noise
 from fipt.stages.capture.raw import RawFrame
 
@@ -48,11 +49,10 @@ def measured_noise(frames: Sequence[RawFrame], exposures: Sequence[float], black
             inside = (expected >= low) & (expected < high)
             if inside.sum() < 200:
                 continue
-            part = difference[inside]
-            spread = 1.4826 * np.median(np.abs(part - np.median(part)))
+            noise = spread(difference[inside])
             design.append((max(float(expected[inside].mean()), 0.0) * (1 + 1 / ratio), 1 + 1 / ratio**2))
-            target.append(spread**2)
-            importance.append(np.sqrt(inside.sum()) / max(spread**2, 0.1))
+            target.append(noise**2)
+            importance.append(np.sqrt(inside.sum()) / max(noise**2, 0.1))
     if len(target) < 3:
         return None
     weight = np.array(importance)

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fipt.render.scene import RayScene
+from fipt.robust import deviation
 from fipt.stages.check_poses.surface import ReducedView, visible
 from fipt.stages.check_poses.verdict import Verdict, accepted_partners
 
@@ -68,7 +69,7 @@ def judged_by_colour(scene: RayScene, views: Sequence[ReducedView], verdicts: Se
             for row in shared
         ]
     ).reshape(-1, 2)
-    limit = np.maximum(np.log(_CAST), 5 * 1.4826 * np.median(np.abs(casts), axis=0)) if len(casts) else 0.0
+    limit = np.maximum(np.log(_CAST), 5 * deviation(casts, axis=0)) if len(casts) else 0.0
     casts = np.where(np.abs(casts) < limit, 0.0, casts)
     return [
         replace(v, reason=_joined(v.reason, *own)) if v.accepted else v for v, own in zip(found, casts, strict=True)

@@ -16,6 +16,7 @@ from scipy.ndimage import map_coordinates, uniform_filter
 from fipt.errors import FiptError
 from fipt.progress import progress
 from fipt.render.scene import RayScene
+from fipt.robust import deviation
 from fipt.stages.check_poses.settings import CheckPosesSettings
 from fipt.stages.check_poses.surface import ReducedView, shared_pixels, visible
 from fipt.stages.check_poses.verdict import Verdict
@@ -173,7 +174,7 @@ def _exposed(judged: Sequence[Verdict], exposures: Sequence[float | None], corre
     found = np.log([v.exposure for v in verdicts if v.accepted and v.exposure and len(v.partners) >= _WITNESSES])
     if len(found) < _WITNESSES:
         return list(verdicts)
-    limit = max(np.log(_EXPOSED), 5 * 1.4826 * float(np.median(np.abs(found))))
+    limit = max(np.log(_EXPOSED), 5 * float(deviation(found)))
 
     def exposed(verdict: Verdict) -> Verdict:
         known = verdict.accepted and verdict.exposure and len(verdict.partners) >= _WITNESSES and not verdict.reason

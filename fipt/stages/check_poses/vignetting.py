@@ -12,6 +12,7 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 
 from fipt.render.scene import RayScene
+from fipt.robust import deviation
 from fipt.scene.findings import Measure, RoomFinding
 from fipt.stages.check_poses.surface import ReducedView, visible
 from fipt.stages.check_poses.verdict import Verdict, accepted_partners
@@ -61,7 +62,7 @@ def corner_light(scene: RayScene, views: Sequence[ReducedView], partners: Sequen
     slope = 0.0
     for _ in range(_ROUNDS):
         error = light - slope * radius
-        scale = 1.5 * 1.4826 * float(np.median(np.abs(error))) + 1e-9
+        scale = 1.5 * float(deviation(error)) + 1e-9
         weight = radius / (1 + (error / scale) ** 2) ** 2
         slope = float(weight @ light) / max(float(weight @ radius), 1e-9)
     return float(np.exp(slope))

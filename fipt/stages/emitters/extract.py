@@ -4,12 +4,11 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from fipt.conventions import EMITTER_GAIN
 from fipt.errors import FiptError
+from fipt.groups import connected_groups
 from fipt.scene.emitters import Emitters, Undecided
 from fipt.scene.mesh import Mesh, connected_parts, points_of
 from fipt.scene.observed import ObservedShard
@@ -436,5 +435,4 @@ def _chain(nodes: np.ndarray) -> np.ndarray:
 def _connected(edges: list[np.ndarray], nodes: int) -> np.ndarray:
     """(nodes,) component of each node, by the order of their first ones; edges are (2, N) each."""
     a, b = np.concatenate(edges, axis=1)
-    graph = coo_matrix((np.ones(len(a)), (a, b)), shape=(nodes, nodes))
-    return connected_components(graph, directed=False)[1].astype(np.int64)
+    return connected_groups((a, b), nodes)

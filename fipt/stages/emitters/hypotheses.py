@@ -34,6 +34,7 @@ import numpy as np
 
 from fipt.conventions import EMITTER_GAIN
 from fipt.model.reflectance import brightest_reflection, line_in_base_color
+from fipt.robust import deviation as robust_deviation
 from fipt.scene.observed import ObservedShard
 from fipt.scene.samples import scene_box
 from fipt.scene.shading import diffuse_shading
@@ -348,7 +349,7 @@ def _spread(deviation: np.ndarray, least: float) -> float:
     """Standard deviation of which these are absolute deviations, at least ``least``; `_UNMEASURED` of too few."""
     if len(deviation) < _MEASURED:
         return _UNMEASURED
-    return max(1.4826 * float(np.median(deviation)), least)
+    return max(float(robust_deviation(deviation)), least)
 
 
 def _coated(cells: _Cells, roughness: float | None) -> tuple[np.ndarray | float, np.ndarray]:

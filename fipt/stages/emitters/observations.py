@@ -6,6 +6,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from fipt.model.reflectance import brightest_reflection
+from fipt.robust import NORMAL
 from fipt.scene.observed import ObservedShard
 from fipt.scene.samples import ALONE
 
@@ -132,4 +133,4 @@ def _error_of_median(values: np.ndarray, index: np.ndarray, groups: int) -> np.n
     """(groups, 3): 1.2533 standard deviations (1.4826 times the median deviation, normal noise) over root n."""
     count = np.maximum(np.bincount(index, minlength=groups), 1)[:, None]
     spread = grouped_median(np.abs(values - grouped_median(values, index, groups)[index]), index, groups)
-    return 1.2533 * 1.4826 * spread / np.sqrt(count)
+    return 1.2533 * NORMAL * spread / np.sqrt(count)

@@ -8,10 +8,9 @@ an emitter: then a face passes from the front of a triangle to the back of its n
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from fipt.groups import connected_groups
 from fipt.scene.emitters import BACK, FRONT, Emitters
 from fipt.scene.mesh import Mesh
 from fipt.scene.observed import ObservedShard
@@ -64,8 +63,7 @@ def faces(mesh: Mesh, triangles: np.ndarray, emitter: np.ndarray) -> np.ndarray:
     joined = flat & (emitter[a] == emitter[b])
     a, b, against = a[joined], b[joined], against[joined].astype(np.int64)
     sides = np.concatenate([[2 * a, 2 * b + against], [2 * a + 1, 2 * b + 1 - against]], axis=1)
-    graph = coo_matrix((np.ones(sides.shape[1]), tuple(sides)), shape=(2 * len(triangles),) * 2)
-    return connected_components(graph, directed=False)[1].reshape(-1, 2).astype(np.int64)
+    return connected_groups(sides, 2 * len(triangles)).reshape(-1, 2)
 
 
 def seen_sides(

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from fipt.robust import spread
+
 TOLERANCE = 0.1
 """Relative error of light from which on it is told.
 
@@ -17,9 +19,6 @@ SIGMAS = 3.0
 OUTLIER = 5.0
 """Standard deviations from which on one of many is an outlier: one in 1.7 million is one by chance."""
 
-NORMAL = 1.4826
-"""Standard deviation of a normal distribution over its median absolute deviation."""
-
 
 def severity(value: float, threshold: float, error: float = 0.0) -> str | None:
     """Return how bad a value is that may have a standard error; None: it is not told.
@@ -33,11 +32,6 @@ def severity(value: float, threshold: float, error: float = 0.0) -> str | None:
     if not np.isfinite(least) or least <= threshold:
         return None
     return "serious" if least > SERIOUS * threshold else "warning"
-
-
-def spread(values: np.ndarray) -> float:
-    """Return the standard deviation of values (N,), from their median absolute deviation."""
-    return float(NORMAL * np.median(np.abs(values - np.median(values)))) if len(values) else 0.0
 
 
 def median_error(values: np.ndarray) -> float:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from fipt.errors import FiptError
+from fipt.robust import deviation
 from fipt.scene.cameras import Camera
 from fipt.scene.dataset import Dataset
 from fipt.scene.depth_maps import DepthMap, read_depth_map
@@ -119,12 +120,12 @@ def depth_noise(views: Sequence[DepthView], seed: int = 0) -> DepthNoise:
     if len(values) < _BINS**2:
         return DepthNoise(floor, 0.0)
     parts = np.array_split(np.argsort(certain, kind="stable"), _BINS)
-    noise = np.array([1.4826 * np.median(values[part]) for part in parts])
+    noise = np.array([deviation(values[part]) for part in parts])
     # the lowest confidence from which on no part is much worse than the best
     worse = np.flatnonzero(noise > _WORSE * max(noise.min(), floor))
     first = 0 if len(worse) == 0 else min(int(worse[-1]) + 1, _BINS - 1)
     good = np.concatenate(parts[first:])
-    measured = float(1.4826 * np.median(values[good]))
+    measured = float(deviation(values[good]))
     averaged = _AVERAGED if float(np.median(certain)) < 1 else 1.0
     return DepthNoise(max(averaged * measured, floor), float(certain[good].min()) if first else 0.0)
 

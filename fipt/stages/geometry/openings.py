@@ -8,11 +8,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from fipt.conventions import LUMINANCE
+from fipt.groups import connected_groups
 from fipt.render.scene import RayScene
 from fipt.scene.cameras import Camera
 from fipt.scene.mesh import Mesh
@@ -237,9 +236,8 @@ def _openings(samples: _Samples) -> list[_Opening]:
 def _connected(cells: np.ndarray, chosen: np.ndarray, reach: float) -> list[np.ndarray]:
     """Groups of chosen blocks that reach each other; numbers of their cells (K, 3)."""
     pairs = cKDTree(cells[chosen]).query_pairs(reach, output_type="ndarray") if len(chosen) else np.zeros((0, 2), int)
-    links = coo_matrix((np.ones(len(pairs)), tuple(pairs.T)), shape=(len(chosen),) * 2)
-    number, group = connected_components(links, directed=False)
-    return [chosen[group == k] for k in range(number)]
+    group = connected_groups(pairs.T, len(chosen))
+    return [chosen[group == k] for k in range(group.max(initial=-1) + 1)]
 
 
 def _quantile(samples: _Samples, chosen: np.ndarray, share: float, matched: bool = False) -> float:

@@ -6,6 +6,8 @@ from functools import cached_property
 import numpy as np
 from scipy.ndimage import median_filter
 
+from fipt.robust import deviation
+
 _DARKEST = 0.01
 """Radiance that is added before the logarithm, in medians of the view: noise of dark pixels is no edge."""
 _SIDES = 20
@@ -63,7 +65,7 @@ def superpixels(radiance: np.ndarray) -> Superpixels:
 
     light = log_radiance(radiance)
     smooth = median_filter(light, size=(3, 3, 1))
-    noise = max(float(1.4826 * np.median(np.abs(light - smooth))), _STEP / 3)
+    noise = max(float(deviation(light - smooth)), _STEP / 3)
     segmentation = cv2.ximgproc.segmentation.createGraphSegmentation(0.5, _SCALE, _SMALLEST)
     segment = segmentation.processImage((smooth / noise).astype(np.float32))
     side = max(segment.shape) / _SIDES

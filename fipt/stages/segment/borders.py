@@ -15,10 +15,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fipt.robust import deviation, spread
 from fipt.scene.mesh import Mesh
 from fipt.scene.observed import ObservedShard
 from fipt.scene.samples import scene_box, segments_of_triangles
-from fipt.stages.segment.material_evidence import DEVIATION, misfit, tried
+from fipt.stages.segment.material_evidence import misfit, tried
 from fipt.stages.segment.region_pixels import RegionPixels, region_pixels
 from fipt.stages.segment.surface import surface_of
 
@@ -140,11 +141,11 @@ class _PartCosts:
             trial = self._trial[k] = (cells.left[own] * cells.area[own, None]).sum(axis=0).argmin()
             color = cells.color[own, trial]
             self._color[k] = np.median(color, axis=0)
-            self._variance[k] = (DEVIATION * np.median(np.abs(color - self._color[k]), axis=0)) ** 2
+            self._variance[k] = spread(color) ** 2
         some = counts >= min(_FEWEST, counts.max())
         self._variance = np.maximum(self._variance, np.maximum(np.median(self._variance[some], axis=0), _LEAST))
         best = cells.left[np.arange(len(cells.part)), self._trial[cells.part]]
-        self._residual = max(DEVIATION * float(np.median(best)), _LEAST)
+        self._residual = max(float(deviation(best)), _LEAST)
         self._known = counts > 0
 
     def of(self, cell: np.ndarray, part: np.ndarray) -> np.ndarray:

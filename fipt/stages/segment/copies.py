@@ -10,9 +10,9 @@ from itertools import islice
 
 import numpy as np
 from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from fipt.formats.files import check_memory
+from fipt.groups import connected_groups
 from fipt.scene.mesh import Mesh, connected_parts
 from fipt.stages.segment.material_evidence import CHI_SQUARE, HALF, MaterialEvidence, is_metal, worse
 
@@ -85,22 +85,16 @@ def judged_with_copies(evidence: MaterialEvidence, copies: np.ndarray) -> Materi
     off = evidence.color[own, trial] - evidence.color[other, trial]
     agree = (off**2 / (evidence.variance[own] + evidence.variance[other])).sum(axis=1) < CHI_SQUARE
     pixels = evidence.pixels * (evidence.left > 0).any(axis=1)
-    thing = _groups(own[agree], other[agree], len(pixels))
+    thing = connected_groups((own[agree], other[agree]), len(pixels))
     metal, votes = np.bincount(thing, pixels * evidence.metal)[thing], np.bincount(thing, pixels)[thing]
     voted = np.where(votes > 0, metal > 0.5 * votes, evidence.metal)
 
-    shape = _groups(own, other, len(pixels))
+    shape = connected_groups((own, other), len(pixels))
     left = np.stack([np.bincount(shape, column) for column in evidence.left.T], axis=1)
     proved = is_metal(left, np.bincount(shape, pixels)) & (np.bincount(shape) > 1)
     best = HALF + left[:, HALF:].argmin(axis=1)
     refused = worse(evidence.left, evidence.products, best[shape], slice(None, HALF))
     return replace(evidence, metal=voted | (proved[shape] & ~refused))
-
-
-def _groups(a: np.ndarray, b: np.ndarray, count: int) -> np.ndarray:
-    """(count,) group of each of so many, where a (N,) and b (N,) belong together."""
-    links = coo_matrix((np.ones(len(a)), (a, b)), shape=(count, count))
-    return connected_components(links, directed=False)[1]
 
 
 def copied_regions(first: np.ndarray, region: np.ndarray, known: np.ndarray) -> np.ndarray:

@@ -19,9 +19,10 @@ import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix
 from scipy.spatial import cKDTree
 
+from fipt.robust import deviation, spread
 from fipt.scene.observed import ObservedShard
 from fipt.scene.samples import scene_box
-from fipt.stages.segment.material_evidence import DEVIATION, HALF, TRIALS, ColorPieces, color_pieces, misfit
+from fipt.stages.segment.material_evidence import HALF, TRIALS, ColorPieces, color_pieces, misfit
 from fipt.stages.segment.region_pixels import region_pixels
 
 _FEWEST = 6
@@ -110,16 +111,16 @@ def materials_of(pieces: ColorPieces) -> tuple[list[tuple[int, np.ndarray, np.nd
 
 def _scales(pieces: ColorPieces, regions: list[np.ndarray]) -> tuple[float, np.ndarray]:
     """What ordinary pieces leave under the best trial of their region, and the variance of their colours (3,)."""
-    left, spread = [np.zeros(0)], []
+    left, spreads = [np.zeros(0)], []
     for own in regions:
         best = (pieces.left[own] * pieces.number[own, None]).sum(axis=0).argmin()
         left.append(pieces.left[own, best])
         color = pieces.color[own, best]
-        spread.append(DEVIATION * np.median(np.abs(color - np.median(color, axis=0)), axis=0))
+        spreads.append(spread(color))
     every = np.concatenate(left)
-    residual = DEVIATION * float(np.median(every)) if len(every) else 1.0
-    deviation = np.median(spread, axis=0) if spread else np.ones(3)
-    return max(residual, 1e-6), np.maximum(deviation, _LEAST_COLOR) ** 2
+    residual = float(deviation(every)) if len(every) else 1.0
+    usual = np.median(spreads, axis=0) if spreads else np.ones(3)
+    return max(residual, 1e-6), np.maximum(usual, _LEAST_COLOR) ** 2
 
 
 def _alike(parts: list["_Region"]) -> float:
@@ -161,7 +162,7 @@ class _Region:
         self._border = min(_SIDES * len(left) / max(len(ends), 1), 1.0) * _TURN
         # texture is what neighbours differ by
         steps = np.abs(color[pairs[:, 0]] - color[pairs[:, 1]]) if len(pairs) else np.zeros((1, *color.shape[1:]))
-        self._variance = np.maximum(variance, (DEVIATION * np.median(steps, axis=0)) ** 2 / 2)
+        self._variance = np.maximum(variance, deviation(steps, axis=0) ** 2 / 2)
 
     def material(self, chosen: np.ndarray | slice = slice(None)) -> _Material:
         """The material that explains ``chosen`` pieces best."""
@@ -212,7 +213,7 @@ class _Region:
         color = color - np.median(color, axis=0)
         yield _halves(color @ np.linalg.svd(color, full_matrices=False)[2][0])
         cost = self.cost(self.material(pieces), pieces)
-        yield cost > np.median(cost) + 2 * DEVIATION * np.median(np.abs(cost - np.median(cost)))
+        yield cost > np.median(cost) + 2 * spread(cost)
 
     def _shared_out(
         self, pieces: np.ndarray, near: csr_matrix, start: np.ndarray, border: float

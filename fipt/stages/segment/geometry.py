@@ -11,11 +11,10 @@ joins them. What is too narrow for a pixel is one region with what it touches (`
 from pathlib import Path
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from fipt.conventions import LUMINANCE
 from fipt.formats.manifests import Stats
+from fipt.groups import connected_groups
 from fipt.progress import progress
 from fipt.scene.dataset import Dataset
 from fipt.stages.segment.fuse import numbered
@@ -149,8 +148,7 @@ def _grown(
         np.minimum.at(best, first, rank)
         np.minimum.at(best, second, rank)
         chosen = np.argsort(rank)[np.unique(best[best < len(rank)])]
-        links = coo_matrix((np.ones(len(chosen)), (first[chosen], second[chosen])), shape=(len(surface),) * 2)
-        region = connected_components(links, directed=False)[1].astype(np.int64)[region]
+        region = connected_groups((first[chosen], second[chosen]), len(surface))[region]
 
 
 def _as_a_whole(

@@ -13,6 +13,7 @@ import numpy as np
 
 from fipt.formats.images import srgb_encode
 from fipt.model.reflectance import line_in_base_color
+from fipt.robust import deviation, spread
 from fipt.scene.voxels import FACINGS, facings, voxel_keys
 from fipt.stages.segment.region_pixels import RegionPixels
 
@@ -30,8 +31,6 @@ _DARKEST = 0.01
 """Base colour that is added before the logarithm: below it differences are noise."""
 _SOME_PIECES = 5
 """Pieces that a region must have in either half to tell the spread of base colour within it."""
-DEVIATION = 1.4826
-"""Standard deviation over the median absolute deviation of normal noise."""
 _UNKNOWN = 0.1
 """Standard deviation of the colour where no region is large enough to tell."""
 CHI_SQUARE = 7.815
@@ -239,7 +238,7 @@ class _ColorNoise:
         """Learn from pieces of one region: comparable colours (N, 3) and places (N, 3)."""
         if len(color) < 2 * _SOME_PIECES:
             return
-        self._spread.append(DEVIATION * np.median(np.abs(color - np.median(color, axis=0)), axis=0))
+        self._spread.append(spread(color))
         away = place - place.mean(axis=0)
         along = away @ np.linalg.svd(away, full_matrices=False)[2][0]
         high = along > np.median(along)
@@ -250,9 +249,9 @@ class _ColorNoise:
         """(R, 3) variance of the colour of regions of so many pieces (R,)."""
         if not self._halves:
             return np.full((len(pieces), 3), _UNKNOWN**2)
-        shared = DEVIATION * np.median(np.abs(self._halves), axis=0)
-        spread = np.median(self._spread, axis=0)
-        return np.maximum(shared**2 / 2 + spread**2 / pieces[:, None], _DARKEST**2 / 4)
+        shared = deviation(np.array(self._halves), axis=0)
+        usual = np.median(self._spread, axis=0)
+        return np.maximum(shared**2 / 2 + usual**2 / pieces[:, None], _DARKEST**2 / 4)
 
 
 def misfit(left: np.ndarray, square: np.ndarray | float = 0.0) -> np.ndarray:

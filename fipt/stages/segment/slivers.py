@@ -6,9 +6,8 @@ fills a pixel, so that nothing is known of their material. The leg as a whole ma
 
 import numpy as np
 from scipy.ndimage import maximum_filter, minimum_filter
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
+from fipt.groups import connected_groups
 from fipt.stages.segment.surface import CellSurface
 from fipt.stages.segment.views import CellObservations
 
@@ -27,8 +26,7 @@ def without_slivers(surface: CellSurface, ids: np.ndarray, observations: CellObs
     sliver = ~_wide(ids, observations)
     a, b = ids[surface.pairs].T
     touching = sliver[a] & sliver[b]
-    links = coo_matrix((np.ones(touching.sum()), (a[touching], b[touching])), shape=(len(sliver),) * 2)
-    return connected_components(links, directed=False)[1][ids].astype(np.int64) + 1
+    return connected_groups((a[touching], b[touching]), len(sliver))[ids] + 1
 
 
 def _wide(ids: np.ndarray, observations: CellObservations) -> np.ndarray:

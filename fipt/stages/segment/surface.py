@@ -3,9 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_matrix, csr_matrix
-from scipy.sparse.csgraph import connected_components, dijkstra
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import dijkstra
 
+from fipt.groups import connected_groups
 from fipt.scene.mesh import Mesh
 
 _TIDY_PASSES = 4
@@ -41,15 +42,14 @@ class CellSurface:
     def __len__(self) -> int:
         return len(self.area)
 
-    def graph(self, chosen: np.ndarray, weight: np.ndarray | None = None) -> csr_matrix:
-        """(C, C) symmetric matrix over the ``chosen`` (E,) pairs: ``weight`` (E,) or 1."""
+    def graph(self, chosen: np.ndarray, weight: np.ndarray) -> csr_matrix:
+        """(C, C) symmetric matrix of ``weight`` (E,) over the ``chosen`` (E,) pairs."""
         a, b = self.pairs[chosen].T
-        values = np.ones(len(a)) if weight is None else weight[chosen]
-        return csr_matrix((np.tile(values, 2), (np.r_[a, b], np.r_[b, a])), shape=(len(self),) * 2)
+        return csr_matrix((np.tile(weight[chosen], 2), (np.r_[a, b], np.r_[b, a])), shape=(len(self),) * 2)
 
     def pieces(self, chosen: np.ndarray) -> np.ndarray:
-        """(C,) int32 connected piece of each cell, over the ``chosen`` (E,) pairs."""
-        return connected_components(self.graph(chosen), directed=False)[1]
+        """(C,) int64 connected piece of each cell, over the ``chosen`` (E,) pairs."""
+        return connected_groups(self.pairs[chosen].T, len(self))
 
 
 def surface_of(mesh: Mesh) -> CellSurface:
@@ -157,6 +157,5 @@ def near_pieces(surface: CellSurface, ids: np.ndarray, gap: float) -> np.ndarray
         rows.append(found)
         columns.append(place[found])
     row, column = np.concatenate(rows), np.concatenate(columns)
-    graph = coo_matrix((np.ones(len(row)), (row, column)), shape=(len(keys),) * 2)
-    result[known] = connected_components(graph, directed=False)[1][node_of[known]]
+    result[known] = connected_groups((row, column), len(keys))[node_of[known]]
     return result

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fipt.errors import FiptError
+from fipt.groups import connected_groups
 from fipt.render.scene import RayScene
 from fipt.scene.environment import EnvironmentMap, solid_angles, texel_directions
 from fipt.scene.mesh import Mesh
@@ -211,9 +212,6 @@ def _extent(scene: RayScene, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 def _connected(scene: RayScene, points: np.ndarray, inside: np.ndarray, shape: np.ndarray, step: float) -> np.ndarray:
     """(N,) number of the component of each point; neighbours are joined where nothing stands between them."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
     index = np.arange(len(points)).reshape(shape)
     rows, columns = [], []
     for axis in range(3):
@@ -227,8 +225,7 @@ def _connected(scene: RayScene, points: np.ndarray, inside: np.ndarray, shape: n
         rows.append(a[free])
         columns.append(b[free])
     a, b = np.concatenate(rows), np.concatenate(columns)
-    graph = coo_matrix((np.ones(len(a), np.int8), (a, b)), shape=(len(points),) * 2)
-    return connected_components(graph, directed=False)[1]
+    return connected_groups((a, b), len(points))
 
 
 def _box(scene: RayScene, points: np.ndarray, chosen: np.ndarray, shape: np.ndarray, step: float) -> np.ndarray:

@@ -1,10 +1,9 @@
 """Emitters that were found but are doubtful: torn into pieces, or clipped in every exposure."""
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from fipt.groups import connected_groups
 from fipt.scene.findings import Measure, RoomFinding
 from fipt.scene.mesh import Mesh, surface_points
 from fipt.stages.findings.checks.brightness import drawn
@@ -75,8 +74,7 @@ def groups(mesh: Mesh, triangle: np.ndarray, number: np.ndarray, gap: float) -> 
     points, owner = surface_points(own, spacing / 2, low, high, seed=0)
     a, b = number[owner][cKDTree(points).query_pairs(spacing, output_type="ndarray")].T
     count = int(number.max()) + 1
-    graph = coo_matrix((np.ones(len(a), np.int8), (a, b)), shape=(count, count))
-    return connected_components(graph, directed=False)[1]
+    return connected_groups((a, b), count)
 
 
 def _clipped(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:

@@ -5,12 +5,13 @@ A view's gain is the median ratio of its photograph to the fit, over its pixels 
 
 import numpy as np
 
+from fipt.robust import spread
 from fipt.scene.findings import Measure, RoomFinding
 from fipt.stages.findings.checks.brightness import drawn
 from fipt.stages.findings.drawing import log_ratio
 from fipt.stages.findings.notes import Notes
 from fipt.stages.findings.room import JudgedRoom
-from fipt.stages.findings.tolerance import OUTLIER, TOLERANCE, spread
+from fipt.stages.findings.tolerance import OUTLIER, TOLERANCE
 
 _FEWEST = 100
 """Pixels that a view must have."""

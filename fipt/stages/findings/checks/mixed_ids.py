@@ -6,16 +6,16 @@ that are uniform. The spread between the pieces' colours is compared with that w
 """
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from fipt.groups import connected_groups
+from fipt.robust import spread
 from fipt.scene.findings import Measure, RoomFinding
 from fipt.stages.findings.checks.brightness import drawn
 from fipt.stages.findings.explained import ExplainedPixels
 from fipt.stages.findings.notes import Notes
 from fipt.stages.findings.room import JudgedRoom
-from fipt.stages.findings.tolerance import NORMAL, OUTLIER, TOLERANCE
+from fipt.stages.findings.tolerance import OUTLIER, TOLERANCE
 
 _FEWEST = 40
 """Pixels that a piece must have."""
@@ -68,7 +68,7 @@ def several(pixels: ExplainedPixels, own: np.ndarray) -> bool:
     if len(groups) < 2:
         return False
     levels = np.array([np.median(group, axis=0) for group in groups])
-    within = np.array([NORMAL * np.median(np.abs(group - np.median(group, axis=0)), axis=0) for group in groups])
+    within = np.array([spread(group) for group in groups])
     difference = np.abs(levels[:, None] - levels[None]).max(axis=-1)
     scatter = np.maximum(within[:, None], within[None]).max(axis=-1)
     return bool((difference > np.maximum(_DISTINCT, OUTLIER * scatter)).any())
@@ -79,5 +79,4 @@ def pieces(place: np.ndarray, normal: np.ndarray, gap: float) -> np.ndarray:
     pairs = cKDTree(place).query_pairs(gap, output_type="ndarray")
     alike = (normal[pairs[:, 0]] * normal[pairs[:, 1]]).sum(axis=1) > np.cos(np.deg2rad(30))
     a, b = pairs[alike].T
-    graph = coo_matrix((np.ones(len(a), np.int8), (a, b)), shape=(len(place), len(place)))
-    return connected_components(graph, directed=False)[1]
+    return connected_groups((a, b), len(place))

@@ -7,13 +7,14 @@ logarithm of the ratio about the view's own median.
 import numpy as np
 
 from fipt.formats.images import srgb_encode
+from fipt.robust import spread
 from fipt.scene.findings import Measure, RoomFinding
 from fipt.stages.findings.checks.light_balance import usable
 from fipt.stages.findings.drawing import compared, log_ratio
 from fipt.stages.findings.notes import Notes
 from fipt.stages.findings.retakes import Retake
 from fipt.stages.findings.room import JudgedRoom
-from fipt.stages.findings.tolerance import OUTLIER, TOLERANCE, median_error, spread
+from fipt.stages.findings.tolerance import OUTLIER, TOLERANCE, median_error
 
 
 def check(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:
