@@ -1,13 +1,17 @@
 """Programs of the workflow as forks of one process that has imported them: most of a dry run's time is imports.
 
-A fork has its own working directory, environment, output and exit code, as a program that is started has.
+A fork has its own working directory, environment, output and exit code, as a program that is started has. Of the rest
+of a dry run's time, half goes into reading the same rules again: a fork notes what Snakemake's parser made of a file,
+and which regular expressions it compiled, for those after it.
 """
 
 from __future__ import annotations
 
 import atexit
+import hashlib
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -64,8 +68,10 @@ def jobs_of(*args: Any, **named: Any) -> list[jobs.Job]:
 @cache
 def _server() -> subprocess.Popen[str]:
     """The process whose forks the programs are."""
+    notes = tempfile.TemporaryDirectory()
+    atexit.register(notes.cleanup)  # after what is registered later
     started = subprocess.Popen(
-        [sys.executable, "-m", "tests.workflow.prepared"],
+        [sys.executable, "-m", "tests.workflow.prepared", notes.name],
         cwd=jobs.REPOSITORY,
         env=os.environ | {"PYTHONPATH": str(jobs.REPOSITORY)},
         stdin=subprocess.PIPE,
@@ -76,17 +82,74 @@ def _server() -> subprocess.Popen[str]:
     return started
 
 
-def serve() -> None:
-    """Fork once for each line of standard input, and answer with the exit code."""
+class Notes:
+    """What forks leave to those after them: how files of rules read as Python, and patterns of file names.
+
+    Parameters
+    ----------
+    folder
+        Holds a file for each.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._parsed: dict[str, tuple[str, dict[int, int], int]] = {}
+        self._known: set[str] = set()
+        workflow, files = import_module("snakemake.workflow"), import_module("snakemake.io")
+        self._parse, workflow.parse = workflow.parse, self.parse
+        self._pattern, files.regex_from_filepattern = files.regex_from_filepattern, self.pattern
+
+    def parse(self, path: Any, workflow: Any, linemap: dict[int, int], **named: Any) -> tuple[str, int]:
+        """What Snakemake's parser makes of a file; of one with the same path and content it is known."""
+        place = path.get_path_or_uri(secret_free=True)
+        asked = json.dumps([place, Path(place).read_text(), named], sort_keys=True)
+        name = hashlib.sha256(asked.encode()).hexdigest()
+        if name not in self._parsed:
+            code, count = self._parse(path, workflow, linemap, **named)
+            self._note(f"{name}.json", json.dumps([code, list(linemap.items()), count]))
+            return code, count
+        code, lines, count = self._parsed[name]
+        linemap |= lines
+        return code, count
+
+    def pattern(self, file: str) -> str:
+        """The regular expression of a name with wildcards."""
+        found = self._pattern(file)
+        if found not in self._known:
+            self._note(f"{hashlib.sha256(found.encode()).hexdigest()}.txt", found)
+        return found
+
+    def _note(self, name: str, text: str) -> None:
+        """Write a note; half a one, should the fork be killed, is none."""
+        half = self._folder / f"{name}.half"
+        half.write_text(text)
+        half.rename(self._folder / name)
+
+    def learn(self) -> None:
+        """Read what the last fork has noted."""
+        for path in self._folder.iterdir():
+            if path.suffix == ".json":
+                code, lines, count = json.loads(path.read_text())
+                self._parsed[path.stem] = code, dict(lines), count
+            elif path.suffix == ".txt":
+                self._known.add(path.read_text())
+                re.compile(path.read_text())  # which keeps it
+            path.unlink()
+
+
+def serve(folder: str) -> None:
+    """Fork once for each line of standard input, and answer with the exit code; forks leave notes in the folder."""
     for name in IMPORTED:
         import_module(name)
     import_module("snakemake.cli").get_argument_parser()  # loads Snakemake's plugins
     import_module("fipt.config.methods").known_methods()  # reads the cards of methods, which are kept
+    notes = Notes(Path(folder))
     for line in sys.stdin:
         pid = os.fork()
         if pid == 0:
             _be(**json.loads(line))
         _, status = os.waitpid(pid, 0)
+        notes.learn()
         print(os.waitstatus_to_exitcode(status), flush=True)
 
 
@@ -105,4 +168,4 @@ def _be(module: str, options: list[str], folder: str, environment: dict[str, str
 
 
 if __name__ == "__main__":
-    serve()
+    serve(sys.argv[1])

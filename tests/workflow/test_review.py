@@ -97,7 +97,7 @@ def test_a_wrong_file_ends_the_run_before_anything_runs(workspace, monkeypatch):
     assert any(said in line for line in text.splitlines())
     assert "Traceback" not in text
     assert said in here.fipt_run(code=2)
-    assert not (here.root / "calls.jsonl").exists()
+    assert not (here.root / "calls.txt").exists()
 
 
 def test_a_setup_may_only_use_names_that_were_given(workspace, monkeypatch):

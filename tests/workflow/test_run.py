@@ -90,7 +90,7 @@ def test_what_the_user_can_mend_is_one_line(workspace, options, said):
     here = workspace(CONFIG)
     text = here.fipt_run(*options, code=2)
     assert told(text).startswith(said)
-    assert not (here.root / "calls.jsonl").exists()
+    assert not (here.root / "calls.txt").exists()
 
 
 def test_an_unknown_scene(workspace):
@@ -103,10 +103,10 @@ def test_a_given_file_that_is_missing_is_told_before_anything_runs(workspace, do
     here = workspace(CONFIG)
     if done:
         here.fipt_run()
-        (here.root / "calls.jsonl").unlink()
+        (here.root / "calls.txt").unlink()
     said = told(here.fipt_run("--config", "environment={mode: given, file: none.exr}", code=2))
     assert "none.exr" in said
-    assert not (here.root / "calls.jsonl").exists()
+    assert not (here.root / "calls.txt").exists()
 
 
 FAILING = """#!{python}
