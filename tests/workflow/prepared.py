@@ -12,6 +12,7 @@ import hashlib
 import json
 import os
 import re
+import runpy
 import signal
 import subprocess
 import sys
@@ -38,8 +39,13 @@ LONGEST = 900
 def run(
     module: str, options: Sequence[str], folder: Path, environment: Mapping[str, str], merged: bool = False
 ) -> subprocess.CompletedProcess[str]:
-    """Run ``python -m MODULE OPTIONS`` in a folder; standard error lies in standard output where it is ``merged``."""
-    if environment.get("PYTHONPATH") != str(jobs.REPOSITORY):  # other modules than those that were imported
+    """Run ``python -m MODULE OPTIONS`` in a folder; standard error lies in standard output where it is ``merged``.
+
+    Of folders in PYTHONPATH beside the repository, a fork runs ``sitecustomize.py`` as Python does when it starts.
+    """
+    first, *others = environment.get("PYTHONPATH", "").split(os.pathsep)
+    patches = [Path(other, "sitecustomize.py") for other in others]
+    if first != str(jobs.REPOSITORY) or not all(patch.is_file() for patch in patches):  # other modules than imported
         done = jobs.started(module, options, folder, environment)
         done.stdout += done.stderr if merged else ""
         return done
@@ -54,6 +60,7 @@ def run(
             "options": list(options),
             "folder": str(Path(folder).absolute()),
             "environment": dict(environment),
+            "patches": list(map(str, patches)),
         }
         print(json.dumps(asked | {"out": str(out), "error": str(error)}), file=server.stdin, flush=True)
         code = int(server.stdout.readline())
@@ -153,7 +160,9 @@ def serve(folder: str) -> None:
         print(os.waitstatus_to_exitcode(status), flush=True)
 
 
-def _be(module: str, options: list[str], folder: str, environment: dict[str, str], out: str, error: str) -> NoReturn:
+def _be(
+    module: str, options: list[str], folder: str, environment: dict[str, str], patches: list[str], out: str, error: str
+) -> NoReturn:
     """Be a program from here on."""
     signal.alarm(LONGEST)
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
@@ -162,6 +171,8 @@ def _be(module: str, options: list[str], folder: str, environment: dict[str, str
     os.chdir(folder)
     os.environ.clear()
     os.environ.update(environment)
+    for patch in patches:
+        runpy.run_path(patch)
     sys.argv = [module, *options]
     name, _, function = PROGRAMS[module].partition(":")
     sys.exit(getattr(import_module(name), function)())

@@ -2,15 +2,15 @@
 
 import os
 import re
-import subprocess
-import sys
 
 import pytest
 from snakemake.io import IOFile
 from snakemake.iocontainers import Namedlist
 
+from benchmarks.jobs import REPOSITORY
 from fipt.workflow.plans import FilesByEnding, OneGuard
-from tests.workflow.planned import CONFIG, changed
+from tests.workflow.planned import changed
+from tests.workflow.prepared import run
 
 PLAIN = "import fipt.workflow.plans as plans; plans.plan_quickly = open('plain', 'w').close"
 """As ``sitecustomize``: Snakemake's own ways in place of ours; a file tells that it was read."""
@@ -130,7 +130,7 @@ def plans(tmp_path_factory):
 
 
 def test_plans_are_those_of_snakemake_alone(workspace, plans):
-    here = workspace(CONFIG)
+    here = workspace(changed(compare={"methods": ["irradiance", "converged"], "seeds": 1}))
     for target in ("report", "compare"):
         plain, ours = plans(here, target)
         assert ours == plain
@@ -146,8 +146,7 @@ def test_plans_are_those_of_snakemake_alone(workspace, plans):
 def planned(folder, text):
     """A dry run of a workflow."""
     (folder / "Snakefile").write_text(text)
-    command = [sys.executable, "-m", "snakemake", "--dry-run", "--printshellcmds"]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    return run("snakemake", ["--dry-run", "--printshellcmds"], folder, os.environ | {"PYTHONPATH": str(REPOSITORY)})
 
 
 def test_inputs_of_other_kinds_are_snakemakes(tmp_path):
