@@ -16,6 +16,8 @@ from fipt.stages.check_poses.stage import CheckPosesInputs, run
 from tests import room_views, scenes
 
 SIZE = (120, 90)
+SMALL = {"width": 60, "partners": 4}
+"""Settings of a check that is repeated."""
 
 
 @pytest.fixture(scope="module")
@@ -138,11 +140,12 @@ def test_the_command_prints_fails_and_rejects(backend, tmp_path, views, capsys):
     assert "REJECTED" in table[0]
     assert not (tmp_path / CHECKED).exists()
 
-    assert main(["check-poses", str(tmp_path), "--reject"]) == 0
+    small = ["--reject", "--settings", json.dumps(SMALL)]
+    assert main(["check-poses", str(tmp_path), *small]) == 0
     assert "correlation" in Dataset(tmp_path).rejected["v5"]
     assert len(Dataset(tmp_path).cameras) == 11
     # The check looks at all views again, not at those it left.
-    assert main(["check-poses", str(tmp_path), "--reject"]) == 0
+    assert main(["check-poses", str(tmp_path), *small]) == 0
     assert len(json.loads((tmp_path / CHECKED).read_text())["views"]) == 12
     # Switched off, it accepts all.
     assert main(["check-poses", str(tmp_path), "--reject", "--settings", '{"enabled": false}']) == 0
@@ -188,12 +191,12 @@ def test_a_view_of_another_exposure_stays_and_is_named(backend, tmp_path, views)
 def test_an_exposure_is_corrected_wherever_the_image_is_read(backend, tmp_path, views):
     images = with_exposure(views, "v3", 2.0)
     written(tmp_path, ring(), images)
-    run(CheckPosesInputs(dataset=tmp_path, reject=True), CheckPosesSettings())
+    run(CheckPosesInputs(dataset=tmp_path, reject=True), CheckPosesSettings(**SMALL))
     raw, corrected = Dataset(tmp_path, unchecked=True), Dataset(tmp_path)
     for view in ("v2", "v3"):
         np.testing.assert_allclose(corrected.image(view)[0], views[view], rtol=0.05)
     np.testing.assert_array_equal(raw.image("v3")[0], images[list(views).index("v3")].astype(np.float32))
-    run(CheckPosesInputs(dataset=tmp_path, reject=True), CheckPosesSettings(correct_exposure=False))
+    run(CheckPosesInputs(dataset=tmp_path, reject=True), CheckPosesSettings(**SMALL, correct_exposure=False))
     np.testing.assert_array_equal(Dataset(tmp_path).image("v3")[0], raw.image("v3")[0])
 
 
