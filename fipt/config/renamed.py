@@ -15,6 +15,8 @@ _SECTIONS = {
     "background": "environment",
     "lamps": "olat",
     "emitters.two_sided": "emitters.sides",
+    "fit.evidence": "fit.emission_threshold",
+    "fit.confidence": "fit.confidence_weights",
 }
 """Old stage section, or key of one -> new one; in the config, and in the settings of a scene."""
 

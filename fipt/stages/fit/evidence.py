@@ -1,6 +1,6 @@
 """What the photographs tell of each piece of surface, before anything is fitted to them.
 
-It is what `fit.confidence` and `fit.min_confidence` go by; what is off after the fit is predicted in
+It is what `fit.confidence_weights` and `fit.min_confidence` go by; what is off after the fit is predicted in
 `fipt.stages.fit.uncertainty`.
 
 A piece is what one voxel holds of a surface that faces one way. It gets two numbers in [0, 1].

@@ -54,7 +54,7 @@ class Objective:
             taught = with_scaled_gradient(brdf, part, queries)
         radiance, specular = reflected(taught, batch.shading, queries)
         e = field.emission(batch.points[:, 0])
-        colour = data_term(batch, radiance, field.emission_network.mask(e), settings.evidence)
+        colour = data_term(batch, radiance, field.emission_network.mask(e), settings.emission_threshold)
         mean = Brdf(*(values.view(-1, queries, *values.shape[1:]).mean(1) for values in vars(brdf).values()))
         return {
             "colour": settings.colour_weight * colour,
@@ -69,7 +69,8 @@ class Objective:
         settings = self.settings
         if part is None:
             return {"diffuse": settings.diffuse_weight * diffuse_prior(mean.roughness, mean.metallic)}
-        doubt = 1.5 - batch.confidence if settings.confidence else 1.0  # what photographs do not tell, the part does
+        # what photographs do not tell, the part does
+        doubt = 1.5 - batch.confidence if settings.confidence_weights else 1.0
         base = base_color_prior(brdf.base_color, part, batch.points.shape[1])
         return {
             "target": (doubt * part_prior(mean.roughness, mean.metallic, part)).mean(),

@@ -126,7 +126,7 @@ def _training_pixels(data: Dataset, kind: str | None, inputs: FitInputs, setting
         shards = without_triangles(shards, read_emitters(inputs.emitters).possible)
     cameras = [[data.camera(view) for view in shard.samples.views] for shard in shards]
     evidence = None
-    if settings.confidence or settings.min_confidence > 0:
+    if settings.confidence_weights or settings.min_confidence > 0:
         eyes = {camera.name: camera.center for own in cameras for camera in own}
         evidence = measure(shards, eyes, settings.emitter_gain)
     if evidence is not None and settings.min_confidence > 0:
@@ -134,7 +134,7 @@ def _training_pixels(data: Dataset, kind: str | None, inputs: FitInputs, setting
     outside = read_environment(inputs.environment)
     edges = [beyond(shard.samples, own, outside) for shard, own in zip(shards, cameras, strict=True)]
     ids = None if kind is None else [segments_of(data, shard.samples, kind, empty) for shard in shards]
-    return Pixels(shards, ids, evidence if settings.confidence else None, edges, empty)
+    return Pixels(shards, ids, evidence if settings.confidence_weights else None, edges, empty)
 
 
 def _learn_finest(field: Field, pixels: Pixels) -> None:

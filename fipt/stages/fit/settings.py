@@ -25,9 +25,9 @@ class FitSettings(NetworkSettings):
     table_rate: float = Field(
         default=8.0, gt=0, le=100, description="learning rate of the hash table over the networks'"
     )
-    evidence: Weight = Field(
+    emission_threshold: Weight = Field(
         default=EMITTER_GAIN,
-        description="pixels this much brighter than any reflection teach only the mask; 0 = off, as the paper",
+        description="pixels so many times brighter than any reflection teach only the mask; 0 = off, as the paper",
     )
     colour_weight: Weight = Field(default=1.0, description="of the difference to the photographs")
     emission_weight: Weight = Field(default=1.0, description="price of the emission mask")
@@ -47,7 +47,7 @@ class FitSettings(NetworkSettings):
     )
     warm_start: bool = Field(default=True, description="start a later round from the model before it")
     checkpoint_every: Positive = Field(default=250, description="steps between checkpoints")
-    confidence: bool = Field(
+    confidence_weights: bool = Field(
         default=False, description="weight part search, propagation, priors by confidence in the surface"
     )
     min_confidence: Fraction = Field(
@@ -61,5 +61,5 @@ class FitSettings(NetworkSettings):
 
     @property
     def emitter_gain(self) -> float:
-        """Pixels this much brighter than any reflection show an emitter, also where ``evidence`` is off."""
-        return self.evidence or EMITTER_GAIN
+        """Pixels this much brighter than any reflection show an emitter, also where ``emission_threshold`` is 0."""
+        return self.emission_threshold or EMITTER_GAIN

@@ -72,7 +72,7 @@ def test_preset_paper_is_the_paper():
     assert (settings["refine"].diffuse_spp, settings["refine"].specular_spp) == (128, 64)
     assert settings["refine"].damping == 0
     assert settings["fit"].batch == 8192
-    assert not settings["fit"].confidence
+    assert not settings["fit"].confidence_weights
     assert settings["fit"].learning_rate == settings["fit"].final_learning_rate == 1e-3
     assert not settings["emitters"].every_round
 

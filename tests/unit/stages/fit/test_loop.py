@@ -29,7 +29,7 @@ SETTINGS = FitSettings(
     table_log2=10,
     table_rate=1.0,
     start_rough=True,
-    evidence=1.5,
+    emission_threshold=1.5,
     diffuse_weight=0,
     part_weight=0.1,
     checkpoint_every=1000,
@@ -139,7 +139,7 @@ def wrongly_lit(error=0.15, views=4, size=20):
 
 def test_parts_of_one_colour_are_spared_the_errors_of_their_shading(one_thread, tmp_path):
     pixels, position, base = wrongly_lit()
-    settings = SETTINGS.model_copy(update={"steps": 300, "evidence": 0.0, "base_weight": 0.1})
+    settings = SETTINGS.model_copy(update={"steps": 300, "emission_threshold": 0.0, "base_weight": 0.1})
     found = estimate_parts(pixels, np.zeros(3), BOX.side, emitter_gain=1e9)
     assert (found.uniform[1:] > 0.5).all()
     errors = []

@@ -72,7 +72,7 @@ def test_terms_of_a_batch(rng):
     e = torch.tensor([-0.5, 0.3, 1.2])
     field = Known(brdf, e)
     weights = {"colour_weight": 2.0, "emission_weight": 3.0, "diffuse_weight": 5.0, "part_weight": 7.0}
-    settings = FitSettings(evidence=0, footprint=0.5, **weights)
+    settings = FitSettings(emission_threshold=0, footprint=0.5, **weights)
     terms = Objective(settings, "part").terms(field, data)
     assert set(terms) == {"colour", "emission", "diffuse", "part"}
 
@@ -100,7 +100,7 @@ def test_pixels_at_the_edge_of_an_opening_show_the_outside_too(rng):
     beyond = torch.tensor([[0.0, 0.0, 0.0], [0.3, 0.0, 0.2]])
     weight = torch.tensor([1.0, 0.15, 0.45])
     data = Batch(**{**vars(data), "weight": weight, "beyond": beyond, "share": torch.tensor([1.0, 0.6])})
-    objective = Objective(FitSettings(evidence=0), None)
+    objective = Objective(FitSettings(emission_threshold=0), None)
     radiance, _ = reflected(brdf, data.shading, 2)
     seen = data.radiance.numpy()
     each = radiance.numpy()
@@ -118,7 +118,7 @@ def test_confidence_draws_doubtful_samples_to_their_part_and_lets_the_others_dec
     s = torch.tensor([0.2, 0.2, 0.8, 0.8, 0.5, 0.5])
     field = Known(Brdf(random(rng, 6, 3), s, 0 * s + 0.3), torch.zeros(3))
     goal = goals((0.6, 0.3), weight=2.0)
-    terms = Objective(FitSettings(confidence=True, part_weight=1.0), "part", goal).terms(field, data)
+    terms = Objective(FitSettings(confidence_weights=True, part_weight=1.0), "part", goal).terms(field, data)
     logit = np.abs(np.log([0.25, 4.0, 1.0]) - np.log(1.5))
     away = np.where(logit < 0.5, logit**2, logit - 0.25)
     assert terms["target"].item() == pytest.approx(2 * np.mean([0.5, 1.5, 1.0] * away), rel=1e-4)
@@ -127,7 +127,7 @@ def test_confidence_draws_doubtful_samples_to_their_part_and_lets_the_others_dec
     mean = (evidence * torch.tensor([0.2, 0.8, 0.5])).sum() / evidence.sum()
     spread = (torch.tensor([0.2, 0.8, 0.5]) - mean).abs().mean()
     assert terms["part"].item() == pytest.approx(spread.item(), rel=1e-4)
-    plain = Objective(FitSettings(confidence=False), "part", goal).terms(field, data)["target"]
+    plain = Objective(FitSettings(confidence_weights=False), "part", goal).terms(field, data)["target"]
     assert plain.item() == pytest.approx(2 * np.mean(away), rel=1e-4)
 
 
@@ -151,7 +151,7 @@ def test_evident_emitters_teach_only_the_mask(rng):
     base = random(rng, 6, 3).requires_grad_()
     e = torch.full((3,), 0.1, requires_grad=True)
     field = Known(Brdf(base, 0.5 * torch.ones(6), torch.zeros(6)), e)
-    Objective(FitSettings(evidence=1.5, emission_weight=0), None).terms(field, data)["colour"].backward()
+    Objective(FitSettings(emission_threshold=1.5, emission_weight=0), None).terms(field, data)["colour"].backward()
     assert base.grad[:2].abs().min() > 0
     assert base.grad[2:].abs().max() == 0
     assert (e.grad[1:] < 0).all()  # opening the mask there helps
@@ -173,7 +173,7 @@ def test_a_pixel_that_shows_an_emitter_in_part_does_not_teach_its_other_half(rng
         sign == "brightness",
         False,
     ]
-    Objective(FitSettings(evidence=1.5), None).terms(field, data)["colour"].backward()
+    Objective(FitSettings(emission_threshold=1.5), None).terms(field, data)["colour"].backward()
     assert base.grad[:2].abs().min() > 0
     assert base.grad[2:].abs().max() == 0
 
@@ -182,7 +182,7 @@ def test_a_mask_that_is_hardly_open_is_no_emitter(rng):
     data = batch(rng)
     base = random(rng, 6, 3).requires_grad_()
     field = Known(Brdf(base, 0.5 * torch.ones(6), torch.zeros(6)), torch.tensor([-1.0, 0.1, -1.0]))  # alpha = 0.095
-    Objective(FitSettings(evidence=1.5), None).terms(field, data)["colour"].backward()
+    Objective(FitSettings(emission_threshold=1.5), None).terms(field, data)["colour"].backward()
     assert base.grad.abs().min() > 0
 
 
@@ -238,9 +238,9 @@ def test_photographs_teach_the_colour_of_uniform_parts_less(rng):
         targets = goals((0.5, 0.5))
         targets.uniform[[4, 2, 0]] = values
         leaves = [x.clone().requires_grad_() for x in (base, roughness, metallic)]
-        colour = Objective(FitSettings(evidence=0), None, targets).terms(Known(Brdf(*leaves), torch.zeros(3)), data)[
-            "colour"
-        ]
+        colour = Objective(FitSettings(emission_threshold=0), None, targets).terms(
+            Known(Brdf(*leaves), torch.zeros(3)), data
+        )["colour"]
         colour.backward()
         found.append((colour.item(), *(x.grad for x in leaves)))
     (plain, *before), (weakened, *after) = found
@@ -256,7 +256,7 @@ def test_clipped_pixels_are_lower_bounds(rng):
     base, e = random(rng, 6, 3).requires_grad_(), torch.full((3,), 0.1, requires_grad=True)
     field = Known(Brdf(base, 0.5 * torch.ones(6), torch.zeros(6)), e)
     data = batch(rng)
-    settings = FitSettings(evidence=0, emission_weight=0)
+    settings = FitSettings(emission_threshold=0, emission_weight=0)
 
     def learnt(radiance):
         base.grad = e.grad = None
