@@ -16,10 +16,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from fipt.errors import FiptError
+from fipt.groups import connected_groups
 from fipt.render.variant import set_variant
 from fipt.scene.cameras import Camera
 from fipt.scene.dataset import Dataset
@@ -248,8 +247,7 @@ def without_crumbs(mesh: Mesh) -> Mesh:
     """Return a mesh without connected pieces of fewer than `PIECE` triangles, and without unused vertices."""
     a, b, c = mesh.triangles.T
     ends = (np.concatenate([a, b]), np.concatenate([b, c]))
-    graph = coo_matrix((np.ones(len(ends[0]), np.int8), ends), shape=(len(mesh.vertices),) * 2)
-    piece = connected_components(graph, directed=False)[1][a]
+    piece = connected_groups(ends, len(mesh.vertices))[a]
     kept = mesh.triangles[np.bincount(piece)[piece] >= PIECE]
     used, triangles = np.unique(kept, return_inverse=True)
     return Mesh(mesh.vertices[used], triangles.reshape(-1, 3).astype(np.int32))

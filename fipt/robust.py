@@ -9,10 +9,7 @@ NORMAL = 1.4826
 
 
 def deviation(residuals: np.ndarray, axis: int | None = None) -> Any:
-    """Return the standard deviation of residuals about 0, or of their absolute values, from the median of these.
-
-    ``residuals`` holds at least one number along ``axis``, None for all of them.
-    """
+    """Return `NORMAL` times the median of absolute residuals, at least one along ``axis``; None: of all of them."""
     return NORMAL * np.median(np.abs(residuals), axis=axis)
 
 

@@ -52,6 +52,10 @@ def _renamed(values: Mapping[str, Any]) -> Iterator[str]:
     for name, scene in scenes.items() if isinstance(scenes, Mapping) else ():
         if isinstance(scene, Mapping):
             places += [(f"scenes.{name}.settings.", scene.get("settings")), (f"scenes.{name}.", scene)]
+    methods = values.get("methods")
+    for name, method in methods.items() if isinstance(methods, Mapping) else ():
+        if isinstance(method, Mapping):
+            places.append((f"methods.{name}.settings.", method.get("settings")))
     for where, place in places:
         for old, new in _SECTIONS.items():
             if not where.startswith("scenes.") or where.endswith("settings."):

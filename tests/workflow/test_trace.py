@@ -149,7 +149,7 @@ def test_a_room_in_code_with_given_ids(folder):
         )
     config = CONFIG | {"scenes": {"room": ROOM}, "segment": {"mode": "given", "path": "ids"}}
     config["regroup"] = {"ids": "fused"}
-    config["emitters"] = {"guess": False}  # takes half a minute here; the other room has it
+    config["emitters"] = {"guess": False}  # takes half a minute here; the other room has it, in round 0
     found, rules = traced(config)
     RULES.update(rules)
     assert not found, "\n".join(found)

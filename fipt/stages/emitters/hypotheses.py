@@ -22,8 +22,8 @@ unexplained itself, beyond what ordinary surface does, counts against it once mo
 
 A small emitter fills a few pixels, and so few views are worth less than any price. Where emission is ahead by half of
 its price, and half of the region's pixels are brighter by `EMITTER_GAIN` than any material could be, mirrors included,
-it is believed too; not beside another emitter, whose light its few pixels may share. Where the radiance is that of an
-emitter of which there is no doubt, the logarithm of how few other regions have it is evidence for emission too.
+it is believed too; not beside another emitter, whose light its few pixels may share. Half of the price is also enough
+where the radiance is that of an emitter of which there is no doubt, and few other regions have it.
 """
 
 from collections.abc import Sequence
@@ -160,21 +160,19 @@ class RegionEvidence:
         return result | self.ahead & self.excess & ~self._beside(result, pairs)
 
     def _kin(self, chosen: np.ndarray) -> np.ndarray:
-        """(R,) bool: the radiance is that of an emitter brighter than any material, one of many panels perhaps.
+        """(R,) bool: half of the price is there, and the radiance is that of an emitter brighter than any material.
 
-        How few others have it by chance counts beside the evidence that there is.
+        So few others have it by chance that it is worth the other half: one of many panels, where the room is bright.
         """
-        evidence = np.maximum(self.lead, self.texture)
-        asked = ~chosen & (self.lead >= 0) & (evidence > 0) & (self.pixels >= _WHOLE)
+        asked = ~chosen & (self.lead >= 0) & (np.maximum(self.lead, self.texture) > 0.5 * self.price)
         certain, others = self.level[chosen & self.excess], self.level[(self.pixels >= _WHOLE) & ~chosen]
         result = np.zeros(len(chosen), bool)
-        for region in np.flatnonzero(asked):
+        for region in np.flatnonzero(asked & (self.pixels >= _WHOLE)):
             own = self.level[region]
             near, by_chance = (
                 (np.abs(other - own) <= LEAST_DIFFERENCE * own.mean()).all(axis=1) for other in (certain, others)
             )
-            rare = -np.log(by_chance.mean())  # itself is among them
-            result[region] = near.any() and evidence[region] + rare > self.price[region]
+            result[region] = near.any() and -np.log(by_chance.mean()) > 0.5 * self.price[region]  # itself is among them
         return result
 
     @staticmethod

@@ -20,6 +20,7 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.sparse import csr_matrix
 
+from fipt.robust import deviation
 from fipt.scene.surface_blocks import (
     ABOVE,
     FREEDOM,
@@ -207,7 +208,7 @@ def _joined(problem: _Problem, state: _State, members: np.ndarray) -> _State:
 
 def _scale(state: _State, problem: _Problem) -> float:
     """Spread of the residuals, by their median."""
-    return float(1.48 * np.median(np.abs(state.residual(problem))))
+    return float(deviation(state.residual(problem)))
 
 
 def _criterion(state: _State, problem: _Problem) -> float:

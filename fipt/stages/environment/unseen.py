@@ -26,6 +26,7 @@ from scipy.sparse import csr_matrix
 
 from fipt.render.directions import cosine_directions
 from fipt.render.scene import RayScene
+from fipt.robust import deviation
 from fipt.scene.environment import EnvironmentMap
 from fipt.scene.mesh import Mesh
 from fipt.scene.surface_blocks import (
@@ -216,7 +217,7 @@ def _with_reflectances(problem: _SkyProblem, x: np.ndarray) -> np.ndarray:
 
 def _spread(left: np.ndarray) -> float:
     """Spread of residuals, by their median."""
-    return float(1.48 * np.median(np.abs(left))) if left.size else 0.0
+    return float(deviation(left)) if left.size else 0.0
 
 
 def _minimum(problem: _SkyProblem, start: np.ndarray) -> np.ndarray:

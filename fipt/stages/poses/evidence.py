@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
+from fipt.groups import connected_groups
 from fipt.stages.poses.matching import Link
 from fipt.stages.poses.model import Reconstruction, Tracks
 from fipt.stages.poses.settings import PosesSettings
@@ -117,7 +117,7 @@ def shared_points(tracks: Tracks, views: int) -> np.ndarray:
 
 def groups(strength: np.ndarray, least: int) -> list[np.ndarray]:
     """Views that hold together, (n,) indices each, largest first: linked by entries of (V, V) of at least ``least``."""
-    _, labels = connected_components(coo_matrix(strength >= least), directed=False)
+    labels = connected_groups(np.nonzero(strength >= least), len(strength))
     found = [np.flatnonzero(labels == label) for label in range(labels.max(initial=-1) + 1)]
     return sorted(found, key=lambda group: (-len(group), group[0]))
 

@@ -18,6 +18,13 @@ ROOM = {"source": "procedural"}
             {"emitters": {"two_sided": False}},
             ["emitters.two_sided is emitters.sides now: true is both, and false (one side, by winding) is gone"],
         ),
+        (
+            {"fit": {"evidence": 0}, "methods": {"plain": {"settings": {"fit": {"confidence": True}}}}},
+            [
+                "fit.evidence is fit.emission_threshold now",
+                "methods.plain.settings.fit.confidence is methods.plain.settings.fit.confidence_weights now",
+            ],
+        ),
         ({"setups": {"night": {"background": {"scale": 0}}}}, ["setups.night.background is called environment now"]),
         (
             {"setups": {"off": {"emitters": [{"name": "lamp-2"}, {"names": ["lamp-10", "desk lamp"]}]}}},

@@ -214,24 +214,38 @@ def test_a_few_pixels_brighter_than_any_reflection_are_an_emitter():
     assert evidence.undecided.tolist() == [False, True, False, False]
 
 
+KIN = {"level": 3.02, "lead": 3.5, "price": 6.0}
+"""A region in bright light: ln 101 of rarity, and a little more than half of the price of its own."""
+
+
 @pytest.mark.parametrize(
-    ("level", "reflects", "expected"),
+    ("changed", "expected"),
     [
-        (3.02, 1.7, True),  # ln 100 of rarity and 1.7 of its own, of 6 that are asked
-        (3.02, 1.2, False),
-        (3.02, -0.1, False),  # a material explains it better: no rarity makes up for that
-        (3.4, 1.7, False),  # no emitter of that radiance
-        (0.5, 1.7, False),  # nor of that of ordinary surface
+        ({}, True),
+        ({"lead": 2.5}, False),  # less than half of the price
+        ({"lead": 0.0, "texture": 3.5}, True),
+        ({"lead": -0.1, "texture": 3.5}, False),  # a material explains it better
+        ({"price": 10.0, "lead": 5.5}, False),  # not rare enough for half of that
+        ({"level": 3.4}, False),  # no emitter has that radiance
+        ({"level": 0.5, "certain": 0.5}, False),  # nor is it rare where ordinary surface has it
+        ({"certain_excess": False}, False),  # the other one may be no emitter
+        ({"pixels": 7}, False),
     ],
+    ids=str,
 )
-def test_the_radiance_of_a_certain_emitter_is_evidence(level, reflects, expected):
-    """A region in bright light, beside one that emits for sure; 99 others have another radiance."""
-    regions = np.zeros(101)
-    lead, levels = regions.copy(), np.full((101, 3), 0.5)
-    lead[:2], levels[0], levels[1] = (60.0, reflects), 3.0, level
+def test_the_radiance_of_a_certain_emitter_is_worth_half_of_the_price(changed, expected):
+    """A region, one that emits for sure, and a hundred of another radiance that reflect."""
+    case = {"texture": 0.0, "certain": 3.0, "certain_excess": True, "pixels": 100} | KIN | changed
+    first = np.arange(102) == 0
+    level = np.full((102, 3), 0.5)
+    level[:2] = np.array([case["certain"], case["level"]])[:, None]
+    nothing = np.zeros(102)
+    reflects, texture, pixels = np.where(first, 60.0, 0.0), nothing.copy(), np.full(102, 100)
+    reflects[1], texture[1], pixels[1] = case["lead"], case["texture"], case["pixels"]
+    excess = first & case["certain_excess"]
     evidence = RegionEvidence(
-        reflects=lead, emits=regions, texture=regions, compared=0, price=np.full(101, 6.0), excess=lead > 50,
-        certain=lead > 50, ordinary=regions, pixels=np.full(101, 100), level=levels,
+        reflects=reflects, emits=nothing, texture=texture, compared=0, price=np.full(102, case["price"]),
+        excess=excess, certain=excess, ordinary=nothing, pixels=pixels, level=level,
     )  # fmt: skip
     emits = evidence.emitting(np.zeros((2, 0), int))
     assert emits[0]
