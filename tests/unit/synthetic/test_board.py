@@ -28,7 +28,7 @@ def test_a_rendered_board_is_found_where_room_json_says(backend, board, camera):
     """Detected corners meet the true ones to a fraction of a pixel: neither turned, mirrored nor shifted."""
     room = with_board(build(0), board)
     known = room.description()["board"]
-    settings = SynthesizeSettings(spp=32, max_depth=3, denoise=False, board=board)
+    settings = SynthesizeSettings(spp=8, max_depth=3, denoise=False, board=board)
     (_, image, _), = render_views(room, [camera], settings)  # fmt: skip
     (target,) = find_boards([camera], lambda view: image, SceneBoard())
     ids, pixels = target.seen["v"]
