@@ -51,12 +51,11 @@ def test_a_working_machine(tmp_path: Path) -> None:
     assert "mitsuba 3.9" in checks["packages"]["found"]
 
 
-@pytest.mark.parametrize("name", ["libLLVM-14.so.1", "libLLVM-15.so.1"])
-def test_an_old_llvm_is_recognised_before_it_aborts(name: str, tmp_path: Path, fake_llvm) -> None:
-    library = fake_llvm(tmp_path / name)
+def test_an_old_llvm_is_recognised_before_it_aborts(tmp_path: Path, fake_llvm) -> None:
+    library = fake_llvm(tmp_path / "libLLVM-15.so.1")
     run = run_doctor(DRJIT_LIBLLVM_PATH=str(library), FIPT_BACKEND="llvm")
     assert run.returncode == 1
-    assert f"LLVM {name[8:10]}, too old for Dr.Jit" in run.stdout
+    assert "LLVM 15, too old for Dr.Jit" in run.stdout
     assert "-> " in run.stdout
     assert "The pipeline cannot run here." in run.stdout
     assert run.stderr == ""
