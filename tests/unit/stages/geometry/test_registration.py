@@ -20,8 +20,8 @@ pytestmark = pytest.mark.usefixtures("open3d")
 
 @pytest.fixture(autouse=True)
 def few_points(monkeypatch):
-    """A quarter of the points place a room as plain as this one."""
-    monkeypatch.setattr(registration, "_POINTS", 2_000)
+    """An eighth of the points place a room as plain as this one."""
+    monkeypatch.setattr(registration, "_POINTS", 1_000)
 
 
 @pytest.fixture(scope="module")

@@ -28,7 +28,7 @@ QUICK = MonosdfGeometry(
     iterations=100, rays=128, samples=8, even_samples=4, first_samples=16, sampling_rounds=1, **SMALL
 )
 
-SHORT = RefinedGeometry(iterations=40, rays=256, samples=6, **SMALL)
+SHORT = RefinedGeometry(iterations=25, rays=256, samples=6, **SMALL)
 
 
 def lit(views: Sequence[DepthView]) -> list[DepthView]:
