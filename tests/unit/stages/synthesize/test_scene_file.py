@@ -13,7 +13,7 @@ from fipt.formats.manifests import read_manifest
 from fipt.scene.dataset import Dataset
 from tests import captures, modelled
 
-SETTINGS = {"train_views": 3, "val_views": 1, "width": 32, "height": 24, "spp": 32, "max_depth": 5, "denoise": False}
+SETTINGS = {"train_views": 3, "val_views": 1, "width": 32, "height": 24, "spp": 8, "max_depth": 3, "denoise": False}
 SHARDS = {"train-000": "train_000,train_001", "train-001": "train_002", "val-000": "val_000"}
 
 
