@@ -47,7 +47,7 @@ def refuse_renamed(values: Mapping[str, Any]) -> None:
 
 
 def _renamed(values: Mapping[str, Any]) -> Iterator[str]:
-    places = [("", values)]
+    places: list[tuple[str, Any]] = [("", values)]
     scenes = values.get("scenes")
     for name, scene in scenes.items() if isinstance(scenes, Mapping) else ():
         if isinstance(scene, Mapping):
