@@ -191,7 +191,7 @@ def _float_image(path: Path) -> np.ndarray:
         channels = read_exr(path)
         names = [name for name in "RGBA" if name in channels]
         if names[:3] != list("RGB"):
-            grey = [name for name in channels if name != "A"] or ["A"]
+            grey = [name for name in channels if name != "A"] or list(channels)
             if len(grey) != 1:
                 raise FiptError(
                     f"{path} must have the channels R, G and B, or one besides A; it has {', '.join(channels)}",
