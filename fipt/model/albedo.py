@@ -12,24 +12,25 @@ _ROUGHNESSES = np.linspace(ROUGHNESS_MIN, 1.0, 50)
 _SAMPLES = 64
 
 
-def specular_albedo(cos: float, roughness: float, samples: int = 256) -> tuple[float, float]:
+def specular_albedo(cos: np.ndarray | float, roughness: float, samples: int = 256) -> tuple[np.ndarray, np.ndarray]:
     """Integrate the specular lobe without its reflectance ks (paper, Eq. 6 with Li = 1).
 
     Parameters
     ----------
     cos
-        n.o in (0, 1].
+        (...,) n.o in (0, 1].
     roughness
         In [0.02, 1].
 
     Returns
     -------
     A0, A1
-        E[(1 - Fc) w] and E[Fc w], with w the weight of sampling GGX half vectors.
+        (...,) E[(1 - Fc) w] and E[Fc w], with w the weight of sampling GGX half vectors.
     """
     u = (np.arange(samples) + 0.5) / samples
-    v, u2 = np.meshgrid(u, u, indexing="ij")
+    v, u2 = np.meshgrid(u, u[: samples // 2], indexing="ij")  # both halves of the circle are alike
     u1, share = 1 - v**3, 3 * v**2  # dense in the tail of narrow lobes, where Fc is large
+    cos = np.asarray(cos, np.float64)[..., None, None]
     alpha2 = roughness**4
     ch = np.sqrt((1 - u1) / (u1 * (alpha2 - 1) + 1))
     sh = np.sqrt(np.maximum(1 - ch**2, 0))
@@ -38,14 +39,15 @@ def specular_albedo(cos: float, roughness: float, samples: int = 256) -> tuple[f
     ni = 2 * oh * ch - cos
     k = (roughness + 1) ** 2 / 8
     g = 1 / ((np.maximum(ni, 0) * (1 - k) + k) * (cos * (1 - k) + k))
-    w = np.where((ni > 0) & (oh > 0), g * oh * ni / np.maximum(ch, 1e-6), 0.0)
-    fc = np.maximum(1 - oh, 0) ** 5
-    return float((share * (1 - fc) * w).mean()), float((share * fc * w).mean())
+    w = share * np.where((ni > 0) & (oh > 0), g * oh * ni / np.maximum(ch, 1e-6), 0.0)
+    away = np.maximum(1 - oh, 0)
+    grazing = np.square(np.square(away)) * away * w
+    return (w - grazing).mean((-2, -1)), grazing.mean((-2, -1))
 
 
 @lru_cache(1)
 def _table() -> np.ndarray:
-    return np.array([[specular_albedo(c, s, _SAMPLES) for s in _ROUGHNESSES] for c in _COSINES])
+    return np.stack([np.stack(specular_albedo(_COSINES, s, _SAMPLES), axis=-1) for s in _ROUGHNESSES], axis=1)
 
 
 def albedo_terms(cos: np.ndarray, roughness: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,5 +1,6 @@
 """Triangle meshes: read, check, write. Triangle order is kept: ids elsewhere refer to it."""
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,16 @@ from fipt.formats.files import atomic, existing_file
 from fipt.groups import connected_groups
 from fipt.scene.obj import read_obj
 from fipt.scene.voxels import facings
+
+_FACE = [("count", "u1"), ("indices", "<i4", 3)]
+_OWN_HEADER = re.compile(
+    rb"ply\nformat binary_little_endian 1\.0\nelement vertex (\d+)\n"
+    rb"property float x\nproperty float y\nproperty float z\n"
+    rb"(property uchar red\nproperty uchar green\nproperty uchar blue\n)?"
+    rb"element face (\d+)\nproperty list uchar int vertex_indices\nend_header\n"
+)
+_LONGEST_HEADER = 400
+"""Bytes; counts of twenty digits fit in."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +89,7 @@ def read_geometry(path: str | Path) -> tuple[np.ndarray, np.ndarray]:
     path = existing_file(path, "the mesh")
     try:
         read = read_obj if path.suffix.lower() == ".obj" else _read_other
-        vertices, triangles = read(path)
+        vertices, triangles = _read_own(path) or read(path)
     except Exception as error:  # trimesh raises whatever its parsers raise
         remedy = "give a PLY or OBJ file with triangles"
         raise unreadable(path, error, f"is not a readable mesh ({error})", remedy) from error
@@ -221,6 +232,26 @@ def face_property(path: str | Path, name: str) -> np.ndarray:
     return np.asarray(faces[name]).reshape(-1)
 
 
+def _read_own(path: Path) -> tuple[np.ndarray, np.ndarray] | None:
+    """Read what `write_ply` wrote; None of any other file, for which trimesh is worth its second of import."""
+    with open(path, "rb") as file:
+        header = _OWN_HEADER.match(file.read(_LONGEST_HEADER))
+        if header is None:
+            return None
+        file.seek(header.end())
+        content = file.read()
+    vertex = np.dtype(_vertex_fields(header[2] is not None))
+    count, faces = int(header[1]), int(header[3])
+    found = len(content) - count * vertex.itemsize
+    if found != faces * np.dtype(_FACE).itemsize:
+        return None
+    vertices = np.frombuffer(content, vertex, count)
+    triangles = np.frombuffer(content, _FACE, faces, count * vertex.itemsize)
+    if (triangles["count"] != 3).any():
+        return None
+    return np.stack([vertices[axis] for axis in "xyz"], axis=1).astype(np.float64), triangles["indices"].copy()
+
+
 def _read_other(path: Path) -> tuple[np.ndarray, np.ndarray]:
     import trimesh
 
@@ -252,16 +283,14 @@ def write_ply(path: str | Path, mesh: Mesh, colors: np.ndarray | None = None) ->
     colors
         Optional (V, 3) uint8 vertex colours.
     """
-    vertex_fields = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
-    if colors is not None:
-        vertex_fields += [("red", "u1"), ("green", "u1"), ("blue", "u1")]
+    vertex_fields = _vertex_fields(colors is not None)
     vertices = np.zeros(len(mesh.vertices), vertex_fields)
     for axis, name in enumerate("xyz"):
         vertices[name] = mesh.vertices[:, axis]
     if colors is not None:
         for axis, name in enumerate(("red", "green", "blue")):
             vertices[name] = colors[:, axis]
-    faces = np.zeros(len(mesh.triangles), [("count", "u1"), ("indices", "<i4", 3)])
+    faces = np.zeros(len(mesh.triangles), _FACE)
     faces["count"] = 3
     faces["indices"] = mesh.triangles
     types = {"<f4": "float", "u1": "uchar"}
@@ -272,3 +301,9 @@ def write_ply(path: str | Path, mesh: Mesh, colors: np.ndarray | None = None) ->
         file.write(("\n".join(header) + "\n").encode("ascii"))
         file.write(vertices.tobytes())
         file.write(faces.tobytes())
+
+
+def _vertex_fields(colored: bool) -> list[tuple[str, str]]:
+    """Fields of a vertex in a file of ours."""
+    colors = [("red", "u1"), ("green", "u1"), ("blue", "u1")] if colored else []
+    return [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), *colors]

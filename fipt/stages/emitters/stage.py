@@ -89,7 +89,6 @@ def _found(inputs: EmittersInputs, settings: "EmittersSettings") -> dict[str, An
     """Extract them; return the figures."""
     from fipt.errors import FiptError
     from fipt.formats.arrays import on_disk
-    from fipt.model.store import load_field
     from fipt.scene.dataset import Dataset
     from fipt.scene.emitters import undecided_facts, write_emitters
     from fipt.scene.environment import read_environment
@@ -99,7 +98,11 @@ def _found(inputs: EmittersInputs, settings: "EmittersSettings") -> dict[str, An
 
     if settings.decide == "mask" and inputs.model is None:
         raise FiptError("emitters.decide: mask needs a fitted model; none is given", "give --model, or decide: regions")
-    query_mask = load_field(inputs.model).query_mask if inputs.model and settings.decide == "mask" else None
+    query_mask = None
+    if settings.decide == "mask" and inputs.model is not None:
+        from fipt.model.store import load_field
+
+        query_mask = load_field(inputs.model).query_mask
     data = Dataset(inputs.dataset)
     _check_room(data, inputs.out)
     mesh = data.mesh()

@@ -30,11 +30,12 @@ def run(inputs: BakeInputs, settings: "BakeSettings") -> dict[str, Any]:
     from fipt.scene.voxels import read_cache
     from fipt.stages.shade.bake import cache_shader
     from fipt.stages.shade.integrate import write_shading
-    from fipt.stages.shade.true_room import true_shader
 
     data = Dataset(inputs.dataset)
     cache, outside = read_cache(inputs.cache), read_environment(inputs.environment)
     if settings.truth:
+        from fipt.stages.shade.true_room import true_shader
+
         shader = true_shader(data, [read_samples(path) for path in inputs.true_samples], cache, outside)
     else:
         shader = cache_shader(data.mesh(), cache, settings.fill, outside)
