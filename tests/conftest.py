@@ -18,13 +18,14 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import numpy as np
-import pytest
-
-# Before torch is imported. Two processes of tests share the processors: their threads of OpenMP would wait for each
+# Before numpy and torch are imported. Two processes of tests share the processors: their threads would wait for each
 # other by spinning. Results do not depend on the number of threads; tests of that set it.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+import pytest
 
 from fipt.render import variant
 from fipt.stages.geometry.library import tried

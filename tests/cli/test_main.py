@@ -1,6 +1,7 @@
 """The command line as a whole: help, version, exit codes."""
 
 import inspect
+import os
 import subprocess
 import sys
 import time
@@ -55,6 +56,13 @@ def test_help_fits_a_terminal() -> None:
 def test_version(option: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main([option]) == 0
     assert capsys.readouterr().out == f"fipt {__version__}\n"
+
+
+def test_matrices_have_one_thread_where_nobody_asks_for_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OMP_WAIT_POLICY", "ACTIVE")
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS")
+    cli.main(["--version"])
+    assert (os.environ["OMP_WAIT_POLICY"], os.environ["OPENBLAS_NUM_THREADS"]) == ("ACTIVE", "1")
 
 
 def test_no_verb_prints_the_help_and_fails(capsys: pytest.CaptureFixture[str]) -> None:
