@@ -49,7 +49,7 @@ SECTIONS: dict[str, Section] = {
     "refine": Section("fipt.stages.shade.settings:RefineSettings", 8),
     "emitters": Section("fipt.stages.emitters.settings:EmittersSettings", 19),
     "regroup": Section("fipt.stages.segment.settings:RegroupSettings", 11),
-    "fit": Section("fipt.stages.fit.settings:FitSettings", 12),
+    "fit": Section("fipt.stages.fit.settings:FitSettings", 13),
     "irradiance": Section("fipt.stages.irradiance.settings:IrradianceSettings", 1),
     "true_constants": Section("fipt.stages.true_constants.settings:TrueConstantsSettings", 2),
     "inverse_trace": Section("fipt.stages.inverse_trace.settings:InverseTraceSettings", 2),

@@ -1,14 +1,14 @@
 """The two networks that are fitted, and the scene box that their inputs are measured in.
 
 `BrdfNetwork` gives base colour, roughness and metallic, `EmissionNetwork` the mask of pixels that
-show an emitter; `Field` holds both with the box and answers in world coordinates. Sizes are those of
-the paper's supplement.
+show an emitter, where that decides what emits; `Field` holds both with the box and answers in world coordinates. Sizes
+are those of the paper's supplement.
 """
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import torch
@@ -16,6 +16,7 @@ from torch import nn
 from torch.autograd.function import once_differentiable
 
 from fipt.conventions import ROUGHNESS_MIN
+from fipt.errors import FiptError
 from fipt.model.hash_encoding import Backend, HashEncoding
 from fipt.model.reflectance import Brdf
 from fipt.model.settings import NetworkSettings
@@ -77,8 +78,15 @@ class SceneBox:
         return np.asarray(self.center, points.dtype)
 
 
-class _NarrowLinear(nn.Linear):
-    """A linear layer of few outputs, whose gradients are the same to the bit with any number of threads."""
+class _Linear(nn.Linear):
+    """A linear layer that draws no weights when it is made: `linear` does, and no random number is drawn twice."""
+
+    def reset_parameters(self) -> None:
+        """Leave the memory as it is."""
+
+
+class _NarrowLinear(_Linear):
+    """One of few outputs, whose gradients are the same to the bit with any number of threads."""
 
     def forward(self, input: torch.Tensor) -> torch.Tensor:
         """Map (N, inputs) to (N, outputs)."""
@@ -249,6 +257,8 @@ class Field(nn.Module):
         Where the scene is.
     backend : {"auto", "drjit", "torch"}
         Of the hash encoding.
+    mask : bool
+        Whether there is an emission network: it costs 40 % of a step, and only `emitters.decide: mask` asks it.
 
     Attributes
     ----------
@@ -257,14 +267,14 @@ class Field(nn.Module):
     finest
         (R, R, R) float32 width of the smallest query that taught anything in each cell of the box, metres; 0: none did.
     brdf_network : BrdfNetwork
-    emission_network : EmissionNetwork
+    emission_network : EmissionNetwork or None
     """
 
-    def __init__(self, settings: NetworkSettings, box: SceneBox, backend: Backend = "auto") -> None:
+    def __init__(self, settings: NetworkSettings, box: SceneBox, backend: Backend = "auto", mask: bool = True) -> None:
         super().__init__()
         self.settings, self.box = settings, box
         self.brdf_network = BrdfNetwork(settings, backend)
-        self.emission_network = EmissionNetwork(settings.seed)
+        self.emission_network = EmissionNetwork(settings.seed) if mask else None
         self.finest: torch.Tensor
         self.register_buffer("finest", torch.zeros((_FINEST_CELLS,) * 3))
         self.to(active_device())
@@ -302,9 +312,9 @@ class Field(nn.Module):
         footprint = None if footprint is None else footprint / self.box.side
         return self.brdf_network(self.box.to_unit(p_world), footprint)
 
-    def emission(self, p_world: torch.Tensor) -> torch.Tensor:
-        """Raw emission e (N,) at world points (N, 3), metres."""
-        return self.emission_network(self.box.to_signed(p_world))
+    def emission(self, p_world: torch.Tensor) -> torch.Tensor | None:
+        """Raw emission e (N,) at world points (N, 3), metres; None without an emission network."""
+        return None if self.emission_network is None else self.emission_network(self.box.to_signed(p_world))
 
     def query(
         self,
@@ -345,12 +355,23 @@ class Field(nn.Module):
         return Brdf(outputs[:, :3].copy(), outputs[:, 3].copy(), outputs[:, 4].copy())
 
     def query_mask(self, points: np.ndarray, chunk: int = QUERY_CHUNK) -> np.ndarray:
-        """Emission mask (N,) float32 at any number of world points (N, 3), without gradients."""
+        """Emission mask (N,) float32 at any number of world points (N, 3), without gradients.
+
+        Raises
+        ------
+        FiptError
+            If the model has none.
+        """
         mask = np.empty(len(points), np.float32)
 
         def ask(part: slice) -> None:
             e = self.emission(self._tensor(points[part]))
-            mask[part] = self.emission_network.mask(e).cpu().numpy()
+            if e is None:
+                raise FiptError(
+                    "the model must have an emission mask; it was fitted without, to emitters that were known",
+                    "set emitters.decide: regions, or fit without --emitters",
+                )
+            mask[part] = EmissionNetwork.mask(e).cpu().numpy()
 
         _chunked(ask, len(points), chunk)
         return mask
@@ -368,8 +389,7 @@ def _chunked(ask: Callable[[slice], None], count: int, chunk: int) -> None:
 
 def linear(inputs: int, outputs: int, generator: torch.Generator) -> nn.Linear:
     """Linear layer with torch's usual initial weights, but from a generator of our own."""
-    kind = _NarrowLinear if outputs <= _NARROW else nn.Linear
-    layer = cast("nn.Linear", nn.utils.skip_init(kind, inputs, outputs))
+    layer = (_NarrowLinear if outputs <= _NARROW else _Linear)(inputs, outputs)
     bound = 1 / math.sqrt(inputs)
     with torch.no_grad():
         layer.weight.uniform_(-bound, bound, generator=generator)

@@ -25,7 +25,11 @@ from fipt.settings import dumped, validate
 
 _KEY = "fipt"  # of the JSON text in the file's metadata, whose values may only be strings
 _Kind = Literal["field", "checkpoint", "parts"]
-_REQUIRED = {"field": {"settings", "box"}, "checkpoint": {"settings", "box", "step", "optimizer"}, "parts": set()}
+_REQUIRED = {
+    "field": {"settings", "box", "mask"},
+    "checkpoint": {"settings", "box", "step", "optimizer"},
+    "parts": set(),
+}
 _PART_ARRAYS = ("of_triangle", "place", "of_place", "base_color", "roughness", "metallic")
 
 
@@ -58,7 +62,7 @@ def load_field(path: str | Path) -> Field:
         If the file is missing, damaged or of another version of the stage.
     """
     tensors, metadata = _read(path, "field")
-    field = Field(_network_settings(path, metadata), _box(path, metadata))
+    field = Field(_network_settings(path, metadata), _box(path, metadata), mask=bool(metadata["mask"]))
     _restore(path, field, tensors)
     return field
 
@@ -167,7 +171,7 @@ def _box(path: str | Path, metadata: Mapping[str, Any]) -> SceneBox:
 
 
 def _description(field: Field, settings: NetworkSettings) -> dict[str, Any]:
-    return {"settings": dumped(settings), "box": asdict(field.box)}
+    return {"settings": dumped(settings), "box": asdict(field.box), "mask": field.emission_network is not None}
 
 
 def _restore(path: str | Path, field: Field, tensors: dict[str, torch.Tensor]) -> None:

@@ -127,6 +127,14 @@ def test_importing_loads_nothing_heavy(module: str) -> None:
     assert set(run.stdout.split()) & HEAVY == set()
 
 
+def test_what_asks_no_network_does_not_wait_for_torch() -> None:
+    """Emitters by regions, and the copies of a round that has settled."""
+    modules = "fipt.stages.emitters.extract, fipt.stages.fit.settling, fipt.scene.observed"
+    code = f"import sys, {modules}; print('torch' in sys.modules)"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "False"
+
+
 def test_imports_go_one_way() -> None:
     lint_imports = Path(sys.executable).with_name("lint-imports")
     run = subprocess.run([lint_imports, "--no-cache"], capture_output=True, text=True, cwd=REPOSITORY, check=False)

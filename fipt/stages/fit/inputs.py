@@ -16,7 +16,7 @@ class FitInputs:
     shading: ShadingFolders
     out: Annotated[Path, "File to write, model.safetensors; confidence.npz and settled.json come beside it."]
     previous: Annotated[Path | None, "Model of the round before, with confidence.npz beside it: where to start."] = None
-    emitters: Annotated[Path | None, "What emits or may emit teaches no material; absent: the mask alone tells."] = None
+    emitters: Annotated[Path | None, "What emits or may emit teaches no material; absent: a fitted mask tells."] = None
     cache: Annotated[Path | None, "Radiance cache; absent: unseen surface is left alone."] = None
     environment: EnvironmentFile = None
     settled: SettledFile = None

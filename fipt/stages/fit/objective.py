@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import torch
 
-from fipt.model.networks import Field
+from fipt.model.networks import EmissionNetwork, Field
 from fipt.model.reflectance import Brdf, reflected
 from fipt.stages.fit.batches import Batch
 from fipt.stages.fit.settings import FitSettings
@@ -46,21 +46,21 @@ class Objective:
         ``hidden`` are points that no view sees, drawn to what their segments are drawn to.
         """
         settings, queries = self.settings, batch.points.shape[1]
-        footprint = (batch.footprint * settings.footprint)[:, None].expand(-1, queries).reshape(-1)
-        brdf = field.brdf(batch.points.view(-1, 3), footprint)
+        brdf, there = self._asked(field, batch, hidden if self.targets is not None else None)
         part = None if self.targets is None else self.targets.of(batch.segment)
         taught = brdf
         if part is not None and settings.base_weight > 0:
             taught = with_scaled_gradient(brdf, part, queries)
         radiance, specular = reflected(taught, batch.shading, queries)
         e = field.emission(batch.points[:, 0])
-        colour = data_term(batch, radiance, field.emission_network.mask(e), settings.emission_threshold)
+        mask = torch.zeros_like(batch.weight) if e is None else EmissionNetwork.mask(e)
+        colour = data_term(batch, radiance, mask, settings.emission_threshold)
         mean = Brdf(*(values.view(-1, queries, *values.shape[1:]).mean(1) for values in vars(brdf).values()))
         return {
             "colour": settings.colour_weight * colour,
-            "emission": settings.emission_weight * emission_term(e),
+            **({} if e is None else {"emission": settings.emission_weight * emission_term(e)}),
             **self._priors(batch, brdf, mean, part),
-            **({} if hidden is None or part is None else {"hidden": self._hidden(field, hidden, len(batch.points))}),
+            **({} if hidden is None or there is None else {"hidden": self._hidden(there, hidden, len(batch.points))}),
             **self._propagation(field, batch, mean, specular),
         }
 
@@ -77,12 +77,26 @@ class Objective:
             "base": settings.base_weight * (part.uniform * base).mean(),
         }
 
-    def _hidden(self, field: Field, hidden: HiddenPoints, samples: int) -> torch.Tensor:
-        """Term of the hidden surface."""
+    def _asked(self, field: Field, batch: Batch, hidden: HiddenPoints | None) -> tuple[Brdf, Brdf | None]:
+        """Reflectance at all queries of the batch, and at the hidden points.
+
+        They are asked about together, since each question makes a gradient of all of the hash table.
+        """
+        points = batch.points.view(-1, 3)
+        footprint = (batch.footprint * self.settings.footprint)[:, None].expand(-1, batch.points.shape[1]).reshape(-1)
+        if hidden is None:
+            return field.brdf(points, footprint), None
+        both = field.brdf(torch.cat([points, hidden[0]]), torch.cat([footprint, hidden[2]]))
+        seen, there = (
+            Brdf(*(values[part] for values in vars(both).values()))
+            for part in (slice(len(points)), slice(len(points), None))
+        )
+        return seen, there
+
+    def _hidden(self, brdf: Brdf, hidden: HiddenPoints, samples: int) -> torch.Tensor:
+        """Term of the hidden surface, whose reflectance is ``brdf``."""
         assert self.targets is not None
-        points, segment, size = hidden
-        part = self.targets.of(segment)
-        return hidden_surface_term(field.brdf(points, size), part, self.settings.base_weight, samples)
+        return hidden_surface_term(brdf, self.targets.of(hidden[1]), self.settings.base_weight, samples)
 
     def _propagation(self, field: Field, batch: Batch, mean: Brdf, specular: torch.Tensor) -> dict[str, torch.Tensor]:
         """Term of the propagation that the segments call for."""

@@ -19,7 +19,6 @@ from fipt.scene.emitters import read_emitters
 from fipt.scene.environment import beyond, read_environment
 from fipt.scene.observed import check_as_many, read_observed, without_triangles
 from fipt.scene.samples import scene_box, segments_of
-from fipt.scene.settled import read_state
 from fipt.scene.shading import read_shading
 from fipt.scene.voxels import read_cache
 from fipt.stages.fit.batches import Pixels
@@ -40,7 +39,7 @@ from fipt.stages.fit.part_search import (
 )
 from fipt.stages.fit.reached import metallic_missed, said_of
 from fipt.stages.fit.settings import FitSettings
-from fipt.stages.fit.settling import copy_round, judge_round
+from fipt.stages.fit.settling import judge_round
 from fipt.stages.fit.targets import part_targets
 from fipt.stages.fit.uncertainty import predict
 
@@ -59,9 +58,6 @@ _WEIGHT_ON_DISK, _PIXEL_ON_DISK = 16, 71
 def fit_model(inputs: FitInputs, settings: FitSettings) -> Stats:
     """Fit a round's model and write it to ``out``, confidence.npz beside it; the checkpoint goes away then."""
     torch.set_num_threads(settings.threads or torch.get_num_threads())
-    state = read_state(inputs.settled)
-    if state is not None and state.settled is not None:
-        return copy_round(inputs, state)
     if inputs.first_shading:
         check_as_many("--first-shading", inputs.first_shading, inputs.samples)
     data = Dataset(inputs.dataset, inputs.segments)
@@ -74,10 +70,11 @@ def fit_model(inputs: FitInputs, settings: FitSettings) -> Stats:
     _check_room(data, settings, inputs.out)
     pixels = _training_pixels(data, kind, inputs, settings)
     center, side = scene_box(pixels.shards)
-    field = Field(settings, SceneBox((center[0], center[1], center[2]), side))
+    # where it is known what emits, no mask has to tell
+    field = Field(settings, SceneBox((center[0], center[1], center[2]), side), mask=inputs.emitters is None)
     before = None if inputs.previous is None else load_field(inputs.previous)
     if before is not None and settings.warm_start:
-        field.load_state_dict(before.state_dict())
+        field.load_state_dict(before.state_dict(), strict=False)  # but for a mask that only one of them has
     _learn_finest(field, pixels)
     figures: Stats = {"segments": kind or "none", "fused_segments": inputs.segments is not None}
     targets = hidden = found = classes = None

@@ -10,7 +10,7 @@ from fipt.settings import Count, Fraction, Positive, Weight
 
 
 class FitSettings(NetworkSettings):
-    """The BRDF and emission networks, and how they are fitted."""
+    """The network of materials, that of the emission mask where it decides, and how they are fitted."""
 
     steps: Positive = Field(default=500, description="optimiser steps of a round")
     min_epochs: Weight = Field(default=0, description="at least this many passes over all training pixels")
@@ -27,10 +27,10 @@ class FitSettings(NetworkSettings):
     )
     emission_threshold: Weight = Field(
         default=EMITTER_GAIN,
-        description="pixels so many times brighter than any reflection teach only the mask; 0 = off, as the paper",
+        description="pixels so many times brighter than any reflection teach no material; 0 = off, as the paper",
     )
     colour_weight: Weight = Field(default=1.0, description="of the difference to the photographs")
-    emission_weight: Weight = Field(default=1.0, description="price of the emission mask")
+    emission_weight: Weight = Field(default=1.0, description="price of the emission mask, where there is one")
     diffuse_weight: Weight = Field(default=1e-3, description="prior towards rough and not metallic")
     part_search: bool = Field(
         default=True, description="search roughness and metallic of whole segments before the fit"

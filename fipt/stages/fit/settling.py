@@ -1,17 +1,20 @@
 """Whether the loop of fit and refinement has settled; and a round that is a copy of the one before it."""
 
 import logging
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fipt.errors import FiptError
 from fipt.formats.files import copy_file
 from fipt.formats.manifests import Stats
-from fipt.model.networks import Field
 from fipt.scene.change import read_change
 from fipt.scene.settled import SETTLED, RoundState, read_state, write_state
 from fipt.scene.voxels import read_cache
 from fipt.stages.fit.inputs import FitInputs
+
+if TYPE_CHECKING:
+    from fipt.model.networks import Field
 
 log = logging.getLogger(__name__)
 
@@ -33,7 +36,7 @@ def copy_round(inputs: FitInputs, state: RoundState) -> Stats:
     return {"copied": True, "settled_in_round": state.settled}
 
 
-def judge_round(inputs: FitInputs, field: Field, before: Field | None, settled: float) -> Stats:
+def judge_round(inputs: FitInputs, field: "Field", before: "Field | None", settled: float) -> Stats:
     """Write settled.json of a fitted round, say it in a line, and return its figures.
 
     Parameters
@@ -76,7 +79,7 @@ def _in_words(light_missing: bool, over: bool) -> str:
     return "settled" if over else "not settled yet"
 
 
-def _kd_change(inputs: FitInputs, field: Field, before: Field) -> float | None:
+def _kd_change(inputs: FitInputs, field: "Field", before: "Field") -> float | None:
     """Root mean square of the change of kd over surface that views see; None without a cache."""
     if inputs.cache is None:
         return None

@@ -13,6 +13,12 @@ def run(inputs: FitInputs, settings: "FitSettings") -> dict[str, Any]:
 
     A fit that was interrupted goes on from its last checkpoint.
     """
-    from fipt.stages.fit.run import fit_model
+    from fipt.scene.settled import read_state
+    from fipt.stages.fit.settling import copy_round
+
+    state = read_state(inputs.settled)
+    if state is not None and state.settled is not None:
+        return copy_round(inputs, state)
+    from fipt.stages.fit.run import fit_model  # brings torch, for which a copy need not wait
 
     return fit_model(inputs, settings)

@@ -50,7 +50,8 @@ def run(inputs: InverseTraceInputs, settings: "InverseTraceSettings") -> dict[st
     room, field = facing_viewers(mesh, shards), None
     if settings.field:
         center, side = scene_box(shards)
-        field = Field(NetworkSettings(seed=settings.seed), SceneBox((center[0], center[1], center[2]), side))
+        box = SceneBox((center[0], center[1], center[2]), side)
+        field = Field(NetworkSettings(seed=settings.seed), box, mask=False)
     texels = SurfaceTexels.of(room, groups.of_triangle, settings.texels) if settings.texels else None
     scene = ReplayScene(room, groups.of_triangle, settings.max_depth, None if texels is None else texels.rows)
     if field is not None and texels is not None:

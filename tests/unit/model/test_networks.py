@@ -5,6 +5,7 @@ import pytest
 import torch
 
 from fipt.conventions import ROUGHNESS_MIN
+from fipt.errors import FiptError
 from fipt.model import networks
 from fipt.model.networks import Brdf, BrdfNetwork, EmissionNetwork, Field, SceneBox
 from fipt.model.settings import NetworkSettings
@@ -148,6 +149,18 @@ def test_queries_equal_single_calls_whatever_the_chunk(backend):
     mask = field.query_mask(p_world, 100)
     e = field.emission(torch.tensor(p_world, device=backend.torch_device))
     np.testing.assert_allclose(mask, field.emission_network.mask(e).detach().cpu(), atol=1e-6)
+
+
+def test_a_field_whose_emitters_are_known_has_no_mask(backend):
+    field, masked = Field(SETTINGS, BOX, mask=False), Field(SETTINGS, BOX)
+    assert {name for name, _ in field.named_parameters()} == {
+        name for name, _ in masked.named_parameters() if not name.startswith("emission_network")
+    }
+    p_world = unit_points(10).numpy().astype(np.float32)
+    assert field.emission(torch.tensor(p_world, device=backend.torch_device)) is None
+    np.testing.assert_array_equal(field.query(p_world).base_color, masked.query(p_world).base_color)
+    with pytest.raises(FiptError, match=r"must have an emission mask.*emitters\.decide: regions"):
+        field.query_mask(p_world)
 
 
 def test_footprint_is_measured_in_metres(backend):

@@ -75,14 +75,16 @@ def damage(path, change) -> None:
     path.write_bytes(len(text).to_bytes(8, "little") + text + content[8 + length :])
 
 
-def test_field_round_trip(tmp_path, backend):
-    field = Field(SETTINGS, BOX)
+@pytest.mark.parametrize("mask", [True, False])
+def test_field_round_trip(tmp_path, backend, mask):
+    field = Field(SETTINGS, BOX, mask=mask)
     path = tmp_path / "round-0" / "model.safetensors"
     save_field(path, field, SETTINGS)
     loaded = load_field(path)
     assert loaded.box == BOX
     assert loaded.settings.model_dump().items() <= SETTINGS.model_dump().items()
     assert (loaded.settings.levels, loaded.settings.seed) == (4, 3)
+    assert set(loaded.state_dict()) == set(field.state_dict())
     for name, value in field.state_dict().items():
         assert torch.equal(value, loaded.state_dict()[name])
     points = np.random.default_rng(0).uniform(-1, 1, (50, 3)).astype(np.float32)

@@ -35,7 +35,7 @@ def data_term(batch: Batch, reflected: torch.Tensor, mask: torch.Tensor, emitter
     reflected
         (H, 3) reflected radiance of the samples.
     mask
-        (H,) emission mask alpha.
+        (H,) emission mask alpha; 0 where there is none.
     emitter_gain
         Pixels this much brighter than any reflection teach the mask alone; 0: they teach as all others do.
     """

@@ -6,7 +6,7 @@ import torch
 
 from fipt.conventions import SHADING_OUTPUTS
 from fipt.formats.images import srgb_encode
-from fipt.model.networks import EmissionNetwork, SceneBox
+from fipt.model.networks import SceneBox
 from fipt.model.reflectance import Brdf, exceeds_reflection, reflected
 from fipt.stages.fit.batches import Batch
 from fipt.stages.fit.objective import Objective
@@ -30,18 +30,18 @@ class Known:
 
     def __init__(self, brdf, e, there=None):
         self.answer, self.e, self.there, self.box = brdf, e, there, SceneBox((0, 0, 0), 2.0)
-        self.emission_network = EmissionNetwork
         self.asked = {}
 
     def brdf(self, points, footprint):
-        if len(points) != len(self.answer.roughness):
-            self.hidden = {"points": points, "footprint": footprint}
-            return self.there
         self.asked = {"points": points, "footprint": footprint}
-        return self.answer
+        if len(points) == len(self.answer.roughness):
+            return self.answer
+        return Brdf(
+            *(torch.cat(both) for both in zip(vars(self.answer).values(), vars(self.there).values(), strict=True))
+        )
 
     def emission(self, points):
-        assert len(points) == len(self.e)
+        assert self.e is None or len(points) == len(self.e)
         return self.e
 
 
@@ -144,6 +144,16 @@ def test_kind_of_segments_decides_the_propagation(rng):
     assert semantic.item() == pytest.approx(2 * expected.item(), rel=1e-5)
 
 
+def test_without_a_mask_all_that_does_not_shine_is_reflected(rng):
+    data = batch(rng)
+    brdf = Brdf(random(rng, 6, 3), 0.1 + 0.8 * random(rng, 6), random(rng, 6))
+    objective = Objective(FitSettings(), None)
+    terms = objective.terms(Known(brdf, None), data)
+    shut = objective.terms(Known(brdf, torch.full((3,), -1.0)), data)
+    assert set(terms) == {"colour", "diffuse"} == set(shut) - {"emission"}
+    assert terms["colour"].item() == shut["colour"].item() > 0
+
+
 def test_evident_emitters_teach_only_the_mask(rng):
     data = batch(rng)
     bright = torch.tensor([[0.2, 0.3, 0.4], [90.0, 90.0, 90.0]])
@@ -222,8 +232,8 @@ def test_unseen_points_are_drawn_to_all_of_their_part(rng):
     # the first point has the roughness and metallic of its part; the second is far off in both
     prior = 2.0 * (np.log(4.0) - np.log(0.25) - 0.25 + np.log(3 / 7) - np.log(1 / 9) - 0.25)
     assert terms["hidden"].item() == pytest.approx((10 * base + prior) / 3, rel=1e-4)  # three samples
-    np.testing.assert_array_equal(field.hidden["points"], points)
-    np.testing.assert_array_equal(field.hidden["footprint"], size)
+    np.testing.assert_array_equal(field.asked["points"][6:], points)
+    np.testing.assert_array_equal(field.asked["footprint"][6:], size)
     assert "hidden" not in Objective(FitSettings(), None).terms(Known(field.answer, field.e), data, hidden)
 
 
