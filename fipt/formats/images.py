@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 _MOST_PIXELS = 10**9
 """Pixels of an image that is read: cameras have a tenth of that, panoramas that are stitched perhaps half."""
 
+_SMALLEST_MSE = 1e-10
+
 
 def srgb_encode(linear: np.ndarray) -> np.ndarray:
     """Apply the sRGB curve to linear values >= 0; it goes on above 1, nothing is clipped there."""
@@ -30,6 +32,11 @@ def srgb_decode(encoded: np.ndarray) -> np.ndarray:
 def to_display(linear: np.ndarray) -> np.ndarray:
     """Return linear radiance or reflectance of any shape as uint8: clipped to [0, 1], sRGB curve."""
     return (srgb_encode(np.clip(linear, 0.0, 1.0)) * 255.0 + 0.5).astype(np.uint8)
+
+
+def psnr_of_error(mse: float) -> float:
+    """Peak signal-to-noise ratio for peak 1, dB, of a mean squared error; 100 dB, not infinity, of none."""
+    return float(-10.0 * np.log10(max(mse, _SMALLEST_MSE)))
 
 
 def write_png(path: str | Path, pixels: np.ndarray) -> None:

@@ -23,6 +23,11 @@ def file_hash(path: str | Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
+def withdraw_manifest(path: Path) -> None:
+    """Remove a manifest before what it lists is exchanged: it must vouch neither for that nor against it meanwhile."""
+    path.unlink(missing_ok=True)
+
+
 def write_manifest(path: str | Path, stage: str, files: Iterable[Path], settings: Mapping[str, Any]) -> None:
     """Write the manifest of a stage's output: file names relative to it, hashes, settings, stage version.
 

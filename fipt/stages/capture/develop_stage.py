@@ -24,7 +24,7 @@ class DevelopInputs:
 
 def run(inputs: DevelopInputs, settings: "CaptureSettings") -> dict[str, Any]:
     """Develop brackets into calibrated, undistorted HDR views."""
-    from fipt.formats.manifests import write_manifest
+    from fipt.formats.manifests import withdraw_manifest, write_manifest
     from fipt.settings import dumped
     from fipt.stages.capture.brackets import read_capture
     from fipt.stages.capture.calibration import read_calibration
@@ -32,7 +32,7 @@ def run(inputs: DevelopInputs, settings: "CaptureSettings") -> dict[str, Any]:
 
     found, names = read_capture(inputs.capture, settings.frames), list(inputs.views)
     calibration = read_calibration(inputs.calibration)
-    inputs.manifest.unlink(missing_ok=True)  # it must not vouch for, or against, what is being exchanged
+    withdraw_manifest(inputs.manifest)
     files = develop_views(found, names, calibration, inputs.out, settings, inputs.keep_going)
     write_manifest(inputs.manifest, "capture", files, dumped(settings))
     return {"views": len(names)}

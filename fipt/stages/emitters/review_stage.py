@@ -46,7 +46,7 @@ def run(inputs: ReviewInputs, settings: "ReviewSettings") -> dict[str, Any]:
 
     from fipt.errors import FiptError
     from fipt.formats.files import ANYTHING, atomic_folder, manifest_beside
-    from fipt.formats.manifests import write_manifest
+    from fipt.formats.manifests import withdraw_manifest, write_manifest
     from fipt.scene.dataset import Dataset
     from fipt.scene.emitters import (
         emitter_triangles,
@@ -75,7 +75,7 @@ def run(inputs: ReviewInputs, settings: "ReviewSettings") -> dict[str, Any]:
         for row, name in zip(rows, names, strict=True):
             row["name"] = name
         write_list(folder / "emitters.json", rows, asked)
-        manifest_beside(out).unlink(missing_ok=True)  # it must not vouch for, or against, what is being exchanged
+        withdraw_manifest(manifest_beside(out))
     write_manifest(manifest_beside(out), "review", list(out.iterdir()), dumped(settings))
     shown = iter([None if file is None else f"{out.name}/{file}" for file in written])  # in the order of the shapes
     facts = [review_entry(row, own, next(shown)) for row, own in zip(rows, emitters, strict=True)]

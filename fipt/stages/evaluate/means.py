@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-SMALLEST_MSE = 1e-10
-"""Mean squared errors are raised to this, so that a perfect result has 100 dB and not infinity."""
+from fipt.formats.images import psnr_of_error
 
 
 @dataclass
@@ -28,4 +27,4 @@ class Mean:
 
 def psnr(mse: float | None) -> float | None:
     """Peak signal-to-noise ratio for peak 1, dB, of a mean squared error; None stays None."""
-    return None if mse is None else float(-10.0 * np.log10(max(mse, SMALLEST_MSE)))
+    return None if mse is None else psnr_of_error(mse)

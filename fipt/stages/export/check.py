@@ -11,7 +11,7 @@ import numpy as np
 from fipt.errors import FiptError
 from fipt.formats.exr import read_rgb, write_exr
 from fipt.formats.files import existing_file, write_text
-from fipt.formats.images import srgb_encode
+from fipt.formats.images import psnr_of_error, srgb_encode
 from fipt.formats.manifests import Stats
 from fipt.progress import progress
 from fipt.registry import VERSIONS
@@ -160,5 +160,4 @@ def psnr(seen: np.ndarray, known: np.ndarray, where: np.ndarray | None = None) -
     ``where`` (H, W) bool restricts it to some pixels, at least one.
     """
     a, b = (srgb_encode(np.clip(np.asarray(p, np.float64), 0, 1)) for p in (seen, known))
-    error = ((a - b) ** 2)[... if where is None else where]
-    return float(-10 * np.log10(max(error.mean(), 1e-10)))
+    return psnr_of_error(((a - b) ** 2)[... if where is None else where].mean())

@@ -10,7 +10,7 @@ from fipt.errors import FiptError
 from fipt.formats.exr import write_exr
 from fipt.formats.files import ANYTHING, atomic_folder, check_disk, check_memory, write_text
 from fipt.formats.images import to_display, write_png
-from fipt.formats.manifests import Stats, write_manifest
+from fipt.formats.manifests import Stats, withdraw_manifest, write_manifest
 from fipt.meshing.atlas import Atlas, texels, unwrap
 from fipt.model.store import load_field
 from fipt.render.exported import SPECULAR, principled_textures
@@ -70,7 +70,7 @@ def write_export(inputs: ExportInputs, settings: ExportSettings) -> Stats:
         inputs.name, mesh, atlas, textures, emitters, data.cameras, outside, read_names(inputs.emitter_names, emitters)
     )
     emission = emission_texture(emitters, atlas, known)
-    inputs.manifest.unlink(missing_ok=True)
+    withdraw_manifest(inputs.manifest)
     with atomic_folder(out, ANYTHING) as folder:
         _write_textures(folder / "textures", asset, emission, confidence_texture(confidence, mesh, atlas, known))
         write_glb(folder / "scene.glb", asset, settings.point_size)

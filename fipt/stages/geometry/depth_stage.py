@@ -40,7 +40,7 @@ def run(inputs: DepthInputs, settings: "DepthSettings") -> dict[str, Any]:
 
     from fipt.errors import FiptError
     from fipt.formats.files import atomic_folder, check_replaced, manifest_beside
-    from fipt.formats.manifests import write_manifest
+    from fipt.formats.manifests import withdraw_manifest, write_manifest
     from fipt.formats.places import OwnedPlaces
     from fipt.render.variant import set_variant
     from fipt.scene.dataset import Dataset
@@ -59,7 +59,7 @@ def run(inputs: DepthInputs, settings: "DepthSettings") -> dict[str, Any]:
     views = [stereo_view(dataset, view) for view in dataset.views("train")]
     check_memory(views, settings.memory_gb)
     known: dict[str, float] = {}
-    manifest_beside(out).unlink(missing_ok=True)
+    withdraw_manifest(manifest_beside(out))
     files = _given(inputs.layout, [view.camera.name for view in views], settings)
     if files:
         maps = given_maps([view.camera for view in views], views, files, settings.unit)

@@ -31,7 +31,7 @@ def run(inputs: ImportResultsInputs, settings: "ImportResultsSettings") -> dict[
     from fipt.errors import FiptError
     from fipt.formats.exr import write_exr
     from fipt.formats.files import atomic_folder
-    from fipt.formats.manifests import write_manifest
+    from fipt.formats.manifests import withdraw_manifest, write_manifest
     from fipt.scene.dataset import Dataset
     from fipt.scene.references import find_references
     from fipt.scene.samples import read_samples
@@ -64,7 +64,7 @@ def run(inputs: ImportResultsInputs, settings: "ImportResultsSettings") -> dict[
     warnings = check_not_blank(folders)
     for warning in warnings:
         logging.getLogger(__name__).warning("%s", warning)
-    inputs.manifest.unlink(missing_ok=True)  # it must not vouch for what is being exchanged
+    withdraw_manifest(inputs.manifest)
     files = []
     for name, views in folders.items():
         with atomic_folder(inputs.out / name, r"[\w.-]+\.exr") as folder:

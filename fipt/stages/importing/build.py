@@ -16,7 +16,7 @@ from fipt.formats.exr import pixels_of
 from fipt.formats.files import atomic_folder, check_disk, check_memory, existing_file, write_text
 from fipt.formats.images import read_ids, write_png
 from fipt.formats.layouts import SEGMENT_FOLDERS, SourceView, known_files
-from fipt.formats.manifests import write_manifest
+from fipt.formats.manifests import withdraw_manifest, write_manifest
 from fipt.formats.places import OwnedPlaces
 from fipt.formats.text import MALFORMED
 from fipt.scene.cameras import Camera, read_origin, write_transforms
@@ -137,9 +137,8 @@ def import_scene(
         _name_segments(folder / "segments", names)
         if settings.overlay and mesh_used is not None:
             _write_overlay(folder, mesh_used, shown)
-        # A manifest outside the folder must not vouch for a dataset that is being exchanged.
-        manifest.unlink(missing_ok=True)
-        (dataset / "import.manifest.json").unlink(missing_ok=True)
+        withdraw_manifest(manifest)
+        withdraw_manifest(dataset / "import.manifest.json")
     files = [path for path in dataset.resolve().rglob("*") if path.is_file()]
     write_manifest(manifest.resolve(), "import", files, {"format": format, **dumped(settings), "scale": parsed.scale})
     return Imported(

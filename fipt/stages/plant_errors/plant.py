@@ -7,7 +7,7 @@ import numpy as np
 
 from fipt.errors import FiptError
 from fipt.formats.files import copy_file, link_folder
-from fipt.formats.manifests import write_manifest
+from fipt.formats.manifests import withdraw_manifest, write_manifest
 from fipt.formats.text import read_json
 from fipt.scene.cameras import read_radiance_scale, read_transforms, write_transforms
 from fipt.scene.mesh import Mesh, read_mesh, write_ply
@@ -31,7 +31,7 @@ def plant(source: Path, out: Path, settings: PlantErrorsSettings) -> dict[str, A
         If the room is not known so well that a part can be named.
     """
     manifest = out / "images.manifest.json"
-    manifest.unlink(missing_ok=True)  # it must not vouch for what is being exchanged
+    withdraw_manifest(manifest)
     rng = np.random.default_rng(settings.seed)
     cameras = read_transforms(source / "transforms.json")
     mesh, figures = _worn(source, settings, np.mean([camera.center for camera in cameras], axis=0), rng)

@@ -26,7 +26,7 @@ class MaterialsInputs:
 def run(inputs: MaterialsInputs, settings: "MaterialsSettings") -> dict[str, Any]:
     """Write the material maps of every view of a shard, then their manifest."""
     from fipt.formats.exr import write_exr
-    from fipt.formats.manifests import write_manifest
+    from fipt.formats.manifests import withdraw_manifest, write_manifest
     from fipt.model.store import load_model
     from fipt.progress import progress
     from fipt.scene.confidence import read_confidence
@@ -39,7 +39,7 @@ def run(inputs: MaterialsInputs, settings: "MaterialsSettings") -> dict[str, Any
     data, shard = Dataset(inputs.dataset), read_samples(inputs.samples)
     confidence = None if inputs.confidence is None else read_confidence(inputs.confidence)
     surface = FittedSurface(load_model(inputs.model), read_emitters(inputs.emitters), data.mesh(), confidence)
-    inputs.manifest.unlink(missing_ok=True)  # it must not vouch for, or against, what is being exchanged
+    withdraw_manifest(inputs.manifest)
     files = []
     with progress("materials", shard.first_pixels[-1], " pixels") as bar:
         for index, view in enumerate(shard.views):

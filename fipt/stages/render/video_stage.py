@@ -25,7 +25,7 @@ class VideoInputs:
 def run(inputs: VideoInputs, settings: "VideoSettings") -> dict[str, Any]:
     """Write IMAGES/*.png and IMAGES/transforms.json, and of a path IMAGES.mp4; one exposure for all."""
     from fipt.errors import FiptError
-    from fipt.formats.manifests import write_manifest
+    from fipt.formats.manifests import withdraw_manifest, write_manifest
     from fipt.scene.dataset import Dataset
     from fipt.scene.display import common_exposure, shown_views
     from fipt.scene.setup import parse_cameras
@@ -39,7 +39,7 @@ def run(inputs: VideoInputs, settings: "VideoSettings") -> dict[str, Any]:
     cameras = own_cameras(own, data)
     photographs = (data.image(view)[0] for view in shown_views(data, inputs.max_views))
     exposure = settings.exposure or common_exposure(photographs)
-    inputs.manifest.unlink(missing_ok=True)  # it must not vouch for, or against, what is being exchanged
+    withdraw_manifest(inputs.manifest)
     files = write_frames(inputs.images, cameras, exposure)
     film = write_film(inputs.images, own.path, len(cameras), settings.quality)
     figures: dict[str, Any] = {"images": len(cameras), "exposure": exposure}

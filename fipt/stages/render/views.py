@@ -8,7 +8,7 @@ import numpy as np
 
 from fipt.formats.exr import write_exr
 from fipt.formats.files import check_disk, check_memory
-from fipt.formats.manifests import write_manifest
+from fipt.formats.manifests import withdraw_manifest, write_manifest
 from fipt.model.fitted import FittedScene
 from fipt.model.networks import Brdf
 from fipt.progress import progress
@@ -144,7 +144,7 @@ def write_views(
     needed = _BYTES_ON_DISK * pixels * len(scene.illuminations)
     check_disk(to.folder, needed, f"the output of the stage {to.stage}")
     rooms = scene.lit_rooms(settings.max_depth)
-    to.manifest.unlink(missing_ok=True)  # it must not vouch for, or against, what is being exchanged
+    withdraw_manifest(to.manifest)
     files = []
     with progress(to.stage, len(rooms) * sampling.paths(cameras), " paths") as bar:
         for camera in cameras:

@@ -31,7 +31,7 @@ def run(inputs: SamplesInputs, settings: "SamplesSettings") -> dict[str, Any]:
     """
     from fipt.errors import FiptError
     from fipt.formats.files import atomic_folder, manifest_beside
-    from fipt.formats.manifests import write_manifest
+    from fipt.formats.manifests import withdraw_manifest, write_manifest
     from fipt.scene.dataset import Dataset
     from fipt.scene.samples import write_samples
     from fipt.settings import dumped
@@ -50,7 +50,7 @@ def run(inputs: SamplesInputs, settings: "SamplesSettings") -> dict[str, Any]:
     out, manifest = inputs.out, manifest_beside(inputs.out)
     with atomic_folder(out, r"\w+\.npy|views\.json") as folder:
         names = [file.name for file in write_samples(folder, samples)]
-        manifest.unlink(missing_ok=True)  # it must not vouch for, or against, what is being exchanged
+        withdraw_manifest(manifest)
     files = [out / name for name in names]
     write_manifest(manifest, "samples", files, dumped(settings))
     return figures

@@ -34,7 +34,7 @@ def run(inputs: RegroupInputs, settings: "RegroupSettings") -> dict[str, Any]:
     """
     from fipt.formats.files import atomic_folder
     from fipt.formats.images import write_png
-    from fipt.formats.manifests import write_manifest
+    from fipt.formats.manifests import withdraw_manifest, write_manifest
     from fipt.scene.dataset import Dataset
     from fipt.scene.emitters import read_emitters
     from fipt.scene.metals import write_metals
@@ -57,7 +57,7 @@ def run(inputs: RegroupInputs, settings: "RegroupSettings") -> dict[str, Any]:
     parts = found.parts
     if settings.borders:
         parts = borders_moved(mesh, shards, parts)
-    inputs.manifest.unlink(missing_ok=True)
+    withdraw_manifest(inputs.manifest)
     with atomic_folder(inputs.out, r"part|metals\.json") as folder:
         write_metals(folder, found.metals)
         for shard, ids in zip(shards, parts, strict=True):

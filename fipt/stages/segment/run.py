@@ -4,7 +4,7 @@ import json
 
 from fipt.errors import FiptError
 from fipt.formats.files import write_text
-from fipt.formats.manifests import Stats, write_manifest
+from fipt.formats.manifests import Stats, withdraw_manifest, write_manifest
 from fipt.progress import progress
 from fipt.scene.dataset import Dataset
 from fipt.scene.samples import read_samples
@@ -45,7 +45,7 @@ def segment_views(inputs: SegmentInputs, settings: SegmentSettings) -> Stats:
         source = Mask2Former(settings)
         found = source.views(data, list(shard.views))
         stats["device"] = source.device
-    inputs.manifest.unlink(missing_ok=True)  # it must not vouch for, or against, what is being exchanged
+    withdraw_manifest(inputs.manifest)
     files = []
     with progress("segment", len(shard.views), " views") as bar:
         for view, ids, classes in found:

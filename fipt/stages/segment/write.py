@@ -11,7 +11,7 @@ from scipy.sparse import csr_matrix
 
 from fipt.formats.files import atomic_folder, write_text
 from fipt.formats.images import write_png
-from fipt.formats.manifests import Stats, write_manifest
+from fipt.formats.manifests import Stats, withdraw_manifest, write_manifest
 from fipt.scene.dataset import Dataset
 from fipt.scene.fusion import Fusion, write_fusion
 from fipt.settings import dumped
@@ -78,7 +78,7 @@ class FusionResult:
 def write_fused(out: Path, data: Dataset, result: FusionResult, settings: FuseSettings) -> Stats:
     """Write the ids of every view below ``out``/fused, fusion.npz and .json, the manifest last; return figures."""
     manifest = out / "fused.manifest.json"
-    manifest.unlink(missing_ok=True)
+    withdraw_manifest(manifest)
     segments = _segments(result)
     with atomic_folder(out / "fused", r"part|semantic|agreement|\w+\.json") as folder:
         _write_views(folder, out, data, result)

@@ -7,7 +7,7 @@ import numpy as np
 
 from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS, SUB_POSITIONS
 from fipt.formats.files import atomic_folder, check_disk, check_memory, manifest_beside
-from fipt.formats.manifests import Stats, write_manifest
+from fipt.formats.manifests import Stats, withdraw_manifest, write_manifest
 from fipt.progress import progress
 from fipt.render.layers import denoise_samples
 from fipt.render.points import Points, shade_in_chunks, spread_points
@@ -115,7 +115,7 @@ def write_shading(
         save_shading(folder, shading)
         if compare is not None:
             compare(shading, folder)
-        manifest_beside(out).unlink(missing_ok=True)  # it must not vouch for, or against, what is being exchanged
+        withdraw_manifest(manifest_beside(out))
     write_shading_manifest(stage, out, settings)
     return stats
 

@@ -49,12 +49,13 @@ def run(inputs: RefineInputs, settings: "RefineSettings") -> dict[str, Any]:
     Where the loop of fit and refinement has settled, the shading of the round before is the result.
     """
     from fipt.formats.files import link_folder, manifest_beside
+    from fipt.formats.manifests import withdraw_manifest
     from fipt.scene.settled import read_state
     from fipt.stages.shade.integrate import HOLDS, write_shading_manifest
 
     state = read_state(inputs.settled)
     if state is not None and state.settled is not None:
-        manifest_beside(inputs.out).unlink(missing_ok=True)
+        withdraw_manifest(manifest_beside(inputs.out))
         link_folder(inputs.previous, inputs.out, HOLDS)
         write_shading_manifest("refine", inputs.out, settings)
         log.info("settled in round %d: the shading of the round before stays", state.settled)

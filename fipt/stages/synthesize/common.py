@@ -22,6 +22,7 @@ def begin(manifest: Path | None, folders: Iterable[Path] = ()) -> None:
         Of the first of them.
     """
     from fipt.errors import FiptError
+    from fipt.formats.manifests import withdraw_manifest
 
     for folder in folders:
         if manifest is not None and not folder.is_relative_to(manifest.parent):
@@ -30,7 +31,7 @@ def begin(manifest: Path | None, folders: Iterable[Path] = ()) -> None:
                 "put the manifest into the scene's folder, above dataset and capture",
             )
     if manifest is not None:
-        manifest.unlink(missing_ok=True)  # it must not vouch for, or against, what is being exchanged
+        withdraw_manifest(manifest)
 
 
 def finish(

@@ -6,7 +6,7 @@ logarithm of the ratio about the view's own median.
 
 import numpy as np
 
-from fipt.formats.images import srgb_encode
+from fipt.formats.images import psnr_of_error, srgb_encode
 from fipt.robust import spread
 from fipt.scene.findings import Measure, RoomFinding
 from fipt.stages.findings.checks.light_balance import usable
@@ -37,7 +37,7 @@ def psnr(retakes: list[Retake]) -> float:
         np.square(srgb_encode(np.clip(each.render, 0, 1)) - srgb_encode(np.clip(each.photo, 0, 1)))[each.weight > 0.99]
         for each in retakes
     ]
-    return float(-10 * np.log10(max(np.concatenate(square).mean(), 1e-10)))
+    return psnr_of_error(np.concatenate(square).mean())
 
 
 def _whole(room: JudgedRoom, notes: Notes, judged: list[Retake], off: np.ndarray) -> list[RoomFinding]:
