@@ -11,6 +11,8 @@ import sys
 import time
 from pathlib import Path
 
+from fipt.cli.process import set_thread_defaults
+
 
 def main() -> int:
     parser = argparse.ArgumentParser("python -m benchmarks", description=__doc__.splitlines()[0])
@@ -21,8 +23,7 @@ def main() -> int:
     arguments = parser.parse_args()
     out = arguments.out or (None if arguments.quick else Path(__file__).resolve().parent.parent / "docs")
 
-    # Spinning OpenMP threads would starve the tracer's own; torch reads this when it is imported.
-    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    set_thread_defaults()
     import torch
 
     from fipt.errors import FiptError

@@ -23,6 +23,7 @@ import numpy as np
 
 from benchmarks.jobs import jobs_of
 from benchmarks.report import machine
+from fipt.cli.process import set_thread_defaults
 from fipt.config import RESULTS
 from fipt.formats.files import atomic, write_text
 from fipt.scene.mesh import Mesh, read_mesh, write_ply
@@ -292,18 +293,18 @@ def write_load(root: Path, views: int) -> tuple[int, int]:
 
 
 def load(views: int, steps: int) -> dict[str, object]:
-    """Run cache, fit and emitters on many views; what they used."""
+    """Run cache, emitters and fit on many views; what they used."""
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder)
         print(f"writing {views} views of {SIZE[0]}x{SIZE[1]} to {root}", file=sys.stderr, flush=True)
         pixels, mapped = write_load(root, views)
         found: dict[str, object] = {"views": views, "size": SIZE, "pixels": pixels, "mapped_mb": mapped / 1e6}
         samples, shading = (",".join(map(str, sorted((root / kind).iterdir()))) for kind in ("samples", "shading"))
-        train, model = {"dataset": "dataset", "samples": samples}, {"model": "model.safetensors"}
+        train = {"dataset": "dataset", "samples": samples}
         for verb, options, settings in (
             ("cache", {"out": "cache.npz"}, {}),
-            ("fit", {"shading": shading, "out": model["model"]}, {"steps": steps}),
-            ("emitters", {"shading": shading, "out": "emitters.npz"} | model, {}),
+            ("emitters", {"shading": shading, "out": "emitters.npz"}, {}),
+            ("fit", {"shading": shading, "emitters": "emitters.npz", "out": "model.safetensors"}, {"steps": steps}),
         ):
             stats = Path("stats", f"{verb}.json")
             named = train | options | {"settings": json.dumps(settings), "stats": stats}
@@ -320,7 +321,7 @@ def main() -> int:
     parser.add_argument("--load", type=int, metavar="VIEWS", help="instead: stages on so many views of 640x320")
     parser.add_argument("--steps", type=int, default=40, help="steps of the fit of --load")
     arguments = parser.parse_args()
-    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    set_thread_defaults()
     out = arguments.out or (None if arguments.quick else Path(__file__).resolve().parent.parent / "docs")
     about = machine("CPU", os.cpu_count() or 1)
     if arguments.load:

@@ -50,9 +50,9 @@ SECTIONS: dict[str, Section] = {
     "emitters": Section("fipt.stages.emitters.settings:EmittersSettings", 19),
     "regroup": Section("fipt.stages.segment.settings:RegroupSettings", 11),
     "fit": Section("fipt.stages.fit.settings:FitSettings", 13),
-    "irradiance": Section("fipt.stages.irradiance.settings:IrradianceSettings", 1),
-    "true_constants": Section("fipt.stages.true_constants.settings:TrueConstantsSettings", 2),
-    "inverse_trace": Section("fipt.stages.inverse_trace.settings:InverseTraceSettings", 2),
+    "irradiance": Section("fipt.stages.irradiance.settings:IrradianceSettings", 2),
+    "true_constants": Section("fipt.stages.true_constants.settings:TrueConstantsSettings", 3),
+    "inverse_trace": Section("fipt.stages.inverse_trace.settings:InverseTraceSettings", 3),
     "import_results": Section("fipt.stages.import_results.settings:ImportResultsSettings", 1),
     "review": Section("fipt.stages.emitters.settings:ReviewSettings", 3),
     "materials": Section("fipt.stages.render.settings:MaterialsSettings", 3),
@@ -197,7 +197,12 @@ VERBS: dict[str, Verb] = {
     "emitters": Verb(
         "Extract the triangles that emit light and their radiance.", "fipt.stages.emitters.stage", "emitters", rays=True
     ),
-    "fit": Verb("Fit the BRDF and emission networks to the images.", "fipt.stages.fit.stage", "fit", rays=True),
+    "fit": Verb(
+        "Fit the network of materials, and an emission mask if asked, to the images.",
+        "fipt.stages.fit.stage",
+        "fit",
+        rays=True,
+    ),
     "irradiance": Verb(
         "Divide radiance by irradiance: a baseline for comparisons.", "fipt.stages.irradiance.stage", "irradiance"
     ),

@@ -19,15 +19,11 @@ from typing import Any
 
 from fipt import __version__
 from fipt.cli.guard import guarded
-from fipt.cli.process import configure_logging, end_with_parent, is_job, leave
+from fipt.cli.process import configure_logging, end_with_parent, is_job, leave, set_thread_defaults
 from fipt.errors import EXIT_CODE, FiptError, shortage, unloadable
 from fipt.registry import VERBS
 
 _INTERRUPTED = 128 + signal.SIGINT
-_THREADS = {"OMP_WAIT_POLICY": "PASSIVE", "OPENBLAS_NUM_THREADS": "1"}
-"""For libraries that are imported later, where nothing else is asked for. Spinning OpenMP threads would starve the
-tracer's own (seen: 10 times slower steps). Those of numpy's and scipy's matrices cost more than they gain on small
-ones (seen: 7 times slower minimisations), and sums would depend on their number."""
 
 
 def help_text() -> str:
@@ -78,8 +74,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         Whatever a verb raises that is not anticipated.
     """
     configure_logging()
-    for name, value in _THREADS.items():
-        os.environ.setdefault(name, value)
+    set_thread_defaults()
     args = list(sys.argv[1:] if argv is None else argv)
     try:
         Path.cwd()

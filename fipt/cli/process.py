@@ -22,6 +22,17 @@ class StandardError(logging.Handler):
         print(f"{level}{self.format(record)}", file=sys.stderr, flush=True)
 
 
+def set_thread_defaults() -> None:
+    """Tell libraries that are imported later how to use threads, where nobody else has told them.
+
+    OpenMP threads that wait by spinning would starve the tracer's own (seen: 10 times slower steps). A second thread
+    for products of matrices in numpy and scipy takes more time by waiting than it saves, where they are small (seen: 7
+    times slower minimisations); and sums would depend on the number of threads.
+    """
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+
 def configure_logging(level: str = "") -> None:
     """Send the messages of fipt to standard error; a second call only changes the level.
 

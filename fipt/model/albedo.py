@@ -21,6 +21,8 @@ def specular_albedo(cos: np.ndarray | float, roughness: float, samples: int = 25
         (...,) n.o in (0, 1].
     roughness
         In [0.02, 1].
+    samples
+        Along each side of the square that is summed over; even.
 
     Returns
     -------

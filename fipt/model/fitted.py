@@ -24,7 +24,7 @@ class FittedScene:
     mesh
         The surface, metres.
     model
-        Fitted reflectance and emission mask.
+        Fitted reflectance.
     emitters
         What emits; no triangle where that is not known yet.
     environment

@@ -1,4 +1,4 @@
-"""The two networks that are fitted, and the scene box that their inputs are measured in.
+"""The networks that are fitted, and the scene box that their inputs are measured in.
 
 `BrdfNetwork` gives base colour, roughness and metallic, `EmissionNetwork` the mask of pixels that
 show an emitter, where that decides what emits; `Field` holds both with the box and answers in world coordinates. Sizes
@@ -34,6 +34,7 @@ _PART = 512
 _FINEST_CELLS = 64
 """Cells along the box that know how fine the views are: some 10 cm in a room, a few pixels."""
 _INITIAL_EMISSION = 0.05
+_MASK = "emission_network."
 _MATTE = (1.5, -3.0)
 """Logits of the first roughness and metallic (0.82 and 0.05) where the fit starts from matte."""
 
@@ -270,7 +271,9 @@ class Field(nn.Module):
     emission_network : EmissionNetwork or None
     """
 
-    def __init__(self, settings: NetworkSettings, box: SceneBox, backend: Backend = "auto", mask: bool = True) -> None:
+    def __init__(
+        self, settings: NetworkSettings, box: SceneBox, backend: Backend = "auto", *, mask: bool = False
+    ) -> None:
         super().__init__()
         self.settings, self.box = settings, box
         self.brdf_network = BrdfNetwork(settings, backend)
@@ -283,6 +286,24 @@ class Field(nn.Module):
     def device(self) -> torch.device:
         """Where it computes, and where tensors that it is asked about must be."""
         return self.finest.device
+
+    def start_from(self, other: "Field") -> None:
+        """Take over the weights of another field, but for a mask that only one of the two has.
+
+        Raises
+        ------
+        FiptError
+            If its networks have other sizes.
+        """
+        own, given = self.state_dict(), other.state_dict()
+        weights = {name: tensor for name, tensor in given.items() if name in own or not name.startswith(_MASK)}
+        weights |= {name: tensor for name, tensor in own.items() if name.startswith(_MASK) and name not in given}
+        if {name: value.shape for name, value in weights.items()} != {name: value.shape for name, value in own.items()}:
+            raise FiptError(
+                "the model of the round before must have networks of the same sizes; it has others",
+                "fit all rounds with the same settings",
+            )
+        self.load_state_dict(weights)
 
     def learn_finest(self, points: np.ndarray, footprint: np.ndarray) -> None:
         """Take note of queries at points (N, 3) of width ``footprint`` (N,), metres, that teach the field."""
@@ -368,8 +389,8 @@ class Field(nn.Module):
             e = self.emission(self._tensor(points[part]))
             if e is None:
                 raise FiptError(
-                    "the model must have an emission mask; it was fitted without, to emitters that were known",
-                    "set emitters.decide: regions, or fit without --emitters",
+                    "the model must have an emission mask; it has none",
+                    "fit it without --emitters, or set emitters.decide: regions",
                 )
             mask[part] = EmissionNetwork.mask(e).cpu().numpy()
 

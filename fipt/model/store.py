@@ -27,7 +27,7 @@ _KEY = "fipt"  # of the JSON text in the file's metadata, whose values may only 
 _Kind = Literal["field", "checkpoint", "parts"]
 _REQUIRED = {
     "field": {"settings", "box", "mask"},
-    "checkpoint": {"settings", "box", "step", "optimizer"},
+    "checkpoint": {"settings", "box", "mask", "step", "optimizer"},
     "parts": set(),
 }
 _PART_ARRAYS = ("of_triangle", "place", "of_place", "base_color", "roughness", "metallic")
@@ -135,7 +135,7 @@ def load_checkpoint(path: str | Path, field: Field, optimizer: torch.optim.Optim
         settings or another scene box. Nothing has been changed then.
     """
     tensors, metadata = _read(path, "checkpoint")
-    if metadata["settings"] != dumped(settings):
+    if metadata["settings"] != dumped(settings) or metadata["mask"] != (field.emission_network is not None):
         raise FiptError(f"{path} was made with other settings", "delete it to fit from the start")
     if _box(path, metadata) != field.box:
         raise FiptError(f"{path} was made for another scene", "delete it to fit from the start")

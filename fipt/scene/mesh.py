@@ -89,7 +89,8 @@ def read_geometry(path: str | Path) -> tuple[np.ndarray, np.ndarray]:
     path = existing_file(path, "the mesh")
     try:
         read = read_obj if path.suffix.lower() == ".obj" else _read_other
-        vertices, triangles = _read_own(path) or read(path)
+        own = _read_own(path) if path.suffix.lower() == ".ply" else None
+        vertices, triangles = own or read(path)
     except Exception as error:  # trimesh raises whatever its parsers raise
         remedy = "give a PLY or OBJ file with triangles"
         raise unreadable(path, error, f"is not a readable mesh ({error})", remedy) from error

@@ -102,7 +102,13 @@ def _found(inputs: EmittersInputs, settings: "EmittersSettings") -> dict[str, An
     if settings.decide == "mask" and inputs.model is not None:
         from fipt.model.store import load_field
 
-        query_mask = load_field(inputs.model).query_mask
+        field = load_field(inputs.model)
+        if field.emission_network is None:
+            raise FiptError(
+                f"emitters.decide: mask needs a model with an emission mask; {inputs.model} has none",
+                "fit it without --emitters, or set decide: regions",
+            )
+        query_mask = field.query_mask
     data = Dataset(inputs.dataset)
     _check_room(data, inputs.out)
     mesh = data.mesh()

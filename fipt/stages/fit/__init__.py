@@ -1,1 +1,1 @@
-"""Fit of the BRDF and emission networks to the photographs."""
+"""Fit of the material network, and of the emission network if there is one, to the photographs."""

@@ -171,7 +171,7 @@ def confident_pixels(
 ) -> list[ObservedShard]:
     """The same shards; no weight is left to pixels that show surface of less confidence than ``least``.
 
-    Emitters keep theirs, and what is clipped may be one: they teach the mask, and nothing about reflectance.
+    Emitters keep theirs, and what is clipped may be one: they teach a mask, and nothing about reflectance.
 
     Raises
     ------

@@ -46,21 +46,21 @@ class Objective:
         ``hidden`` are points that no view sees, drawn to what their segments are drawn to.
         """
         settings, queries = self.settings, batch.points.shape[1]
-        brdf, there = self._asked(field, batch, hidden if self.targets is not None else None)
+        brdf, hidden_brdf = self._reflectance(field, batch, hidden if self.targets is not None else None)
         part = None if self.targets is None else self.targets.of(batch.segment)
         taught = brdf
         if part is not None and settings.base_weight > 0:
             taught = with_scaled_gradient(brdf, part, queries)
         radiance, specular = reflected(taught, batch.shading, queries)
         e = field.emission(batch.points[:, 0])
-        mask = torch.zeros_like(batch.weight) if e is None else EmissionNetwork.mask(e)
+        mask = None if e is None else EmissionNetwork.mask(e)
         colour = data_term(batch, radiance, mask, settings.emission_threshold)
         mean = Brdf(*(values.view(-1, queries, *values.shape[1:]).mean(1) for values in vars(brdf).values()))
         return {
             "colour": settings.colour_weight * colour,
             **({} if e is None else {"emission": settings.emission_weight * emission_term(e)}),
             **self._priors(batch, brdf, mean, part),
-            **({} if hidden is None or there is None else {"hidden": self._hidden(there, hidden, len(batch.points))}),
+            **self._hidden(hidden_brdf, hidden, len(batch.points)),
             **self._propagation(field, batch, mean, specular),
         }
 
@@ -77,7 +77,7 @@ class Objective:
             "base": settings.base_weight * (part.uniform * base).mean(),
         }
 
-    def _asked(self, field: Field, batch: Batch, hidden: HiddenPoints | None) -> tuple[Brdf, Brdf | None]:
+    def _reflectance(self, field: Field, batch: Batch, hidden: HiddenPoints | None) -> tuple[Brdf, Brdf | None]:
         """Reflectance at all queries of the batch, and at the hidden points.
 
         They are asked about together, since each question makes a gradient of all of the hash table.
@@ -87,16 +87,16 @@ class Objective:
         if hidden is None:
             return field.brdf(points, footprint), None
         both = field.brdf(torch.cat([points, hidden[0]]), torch.cat([footprint, hidden[2]]))
-        seen, there = (
-            Brdf(*(values[part] for values in vars(both).values()))
-            for part in (slice(len(points)), slice(len(points), None))
-        )
-        return seen, there
+        parts = slice(len(points)), slice(len(points), None)
+        seen, unseen = (Brdf(*(values[part] for values in vars(both).values())) for part in parts)
+        return seen, unseen
 
-    def _hidden(self, brdf: Brdf, hidden: HiddenPoints, samples: int) -> torch.Tensor:
-        """Term of the hidden surface, whose reflectance is ``brdf``."""
-        assert self.targets is not None
-        return hidden_surface_term(brdf, self.targets.of(hidden[1]), self.settings.base_weight, samples)
+    def _hidden(self, brdf: Brdf | None, hidden: HiddenPoints | None, samples: int) -> dict[str, torch.Tensor]:
+        """Term of the hidden surface, whose reflectance is ``brdf``; none where that is not asked for."""
+        if brdf is None or hidden is None or self.targets is None:
+            return {}
+        part = self.targets.of(hidden[1])
+        return {"hidden": hidden_surface_term(brdf, part, self.settings.base_weight, samples)}
 
     def _propagation(self, field: Field, batch: Batch, mean: Brdf, specular: torch.Tensor) -> dict[str, torch.Tensor]:
         """Term of the propagation that the segments call for."""

@@ -74,7 +74,7 @@ def fit_model(inputs: FitInputs, settings: FitSettings) -> Stats:
     field = Field(settings, SceneBox((center[0], center[1], center[2]), side), mask=inputs.emitters is None)
     before = None if inputs.previous is None else load_field(inputs.previous)
     if before is not None and settings.warm_start:
-        field.load_state_dict(before.state_dict(), strict=False)  # but for a mask that only one of them has
+        field.start_from(before)
     _learn_finest(field, pixels)
     figures: Stats = {"segments": kind or "none", "fused_segments": inputs.segments is not None}
     targets = hidden = found = classes = None

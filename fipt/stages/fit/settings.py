@@ -10,7 +10,7 @@ from fipt.settings import Count, Fraction, Positive, Weight
 
 
 class FitSettings(NetworkSettings):
-    """The network of materials, that of the emission mask where it decides, and how they are fitted."""
+    """The material network, the emission network if there is one, and how they are fitted."""
 
     steps: Positive = Field(default=500, description="optimiser steps of a round")
     min_epochs: Weight = Field(default=0, description="at least this many passes over all training pixels")

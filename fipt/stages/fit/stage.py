@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
 
 def run(inputs: FitInputs, settings: "FitSettings") -> dict[str, Any]:
-    """Fit the BRDF and emission networks to the images.
+    """Fit the material network, and the emission network if there is one, to the images.
 
     A fit that was interrupted goes on from its last checkpoint.
     """

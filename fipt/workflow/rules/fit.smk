@@ -1,4 +1,4 @@
-"""The fit: BRDF and emission networks to the training pictures, given their shading.
+"""The fit: the material network, and the emission network if there is one, to the training pictures, given their shading.
 
 INPUTS:  results/{scene}/round-{k}/shading/{shard}.manifest.json, samples/{shard}.manifest.json, pictures, cache.npz, environment.npz,
          segments of the dataset, results/{scene}/segments/fused.manifest.json or round-{k}/segments.manifest.json

@@ -12,6 +12,7 @@ from fipt.model.settings import NetworkSettings
 
 SETTINGS = NetworkSettings(levels=4, table_log2=10, seed=3)
 BOX = SceneBox((1.0, -2.0, 0.5), 4.0)
+OTHER_SEED = SETTINGS.model_copy(update={"seed": 4})
 
 
 def unit_points(count: int) -> torch.Tensor:
@@ -102,8 +103,8 @@ def test_scene_box_around_points(np_rng):
 
 
 def test_seed_decides_the_weights():
-    first, again = Field(SETTINGS, BOX), Field(SETTINGS, BOX)
-    other = Field(SETTINGS.model_copy(update={"seed": 4}), BOX)
+    first, again = Field(SETTINGS, BOX, mask=True), Field(SETTINGS, BOX, mask=True)
+    other = Field(OTHER_SEED, BOX, mask=True)
     for name, value in first.state_dict().items():
         assert torch.equal(value, again.state_dict()[name])
         unlike = not torch.equal(value, other.state_dict()[name])
@@ -111,7 +112,7 @@ def test_seed_decides_the_weights():
 
 
 def test_the_finest_queries_are_known_by_place(np_rng):
-    field = Field(SETTINGS, BOX)
+    field = Field(SETTINGS, BOX, mask=True)
     points = np_rng.uniform([0, -3, -0.5], [0.9, -2.1, 0.4], (200, 3)).astype(np.float32)
     field.learn_finest(points, np.full(200, 0.3, np.float32))
     field.learn_finest(points[:100], np.full(100, 0.2, np.float32))
@@ -123,12 +124,12 @@ def test_the_finest_queries_are_known_by_place(np_rng):
 
 def test_building_a_field_leaves_the_global_generator_alone():
     before = torch.get_rng_state()
-    Field(SETTINGS, BOX)
+    Field(SETTINGS, BOX, mask=True)
     assert torch.equal(before, torch.get_rng_state())
 
 
 def test_queries_equal_single_calls_whatever_the_chunk(backend):
-    field = Field(SETTINGS, BOX)
+    field = Field(SETTINGS, BOX, mask=True)
     excited(field.brdf_network.encoding, 1e4)
     field = field.to(backend.torch_device)
     p_world = unit_points(1001).numpy() * 4 + [-1, -4, -1.5]
@@ -152,7 +153,7 @@ def test_queries_equal_single_calls_whatever_the_chunk(backend):
 
 
 def test_a_field_whose_emitters_are_known_has_no_mask(backend):
-    field, masked = Field(SETTINGS, BOX, mask=False), Field(SETTINGS, BOX)
+    field, masked = Field(SETTINGS, BOX), Field(SETTINGS, BOX, mask=True)
     assert {name for name, _ in field.named_parameters()} == {
         name for name, _ in masked.named_parameters() if not name.startswith("emission_network")
     }
@@ -161,6 +162,21 @@ def test_a_field_whose_emitters_are_known_has_no_mask(backend):
     np.testing.assert_array_equal(field.query(p_world).base_color, masked.query(p_world).base_color)
     with pytest.raises(FiptError, match=r"must have an emission mask.*emitters\.decide: regions"):
         field.query_mask(p_world)
+
+
+@pytest.mark.parametrize(("own", "given"), [(True, True), (True, False), (False, True), (False, False)])
+def test_a_field_starts_from_the_one_before_whichever_has_a_mask(backend, own, given):
+    field, before = (Field(settings, BOX, mask=mask) for settings, mask in ((SETTINGS, own), (OTHER_SEED, given)))
+    mine, theirs = ({n: v.clone() for n, v in each.state_dict().items()} for each in (field, before))
+    field.start_from(before)
+    for name, value in field.state_dict().items():
+        assert torch.equal(value, theirs.get(name, mine[name])), name
+
+
+def test_a_field_does_not_start_from_one_of_other_sizes(backend):
+    for other in ({"encoding": "positional"}, {"table_log2": SETTINGS.table_log2 + 1}):
+        with pytest.raises(FiptError, match="must have networks of the same sizes"):
+            Field(SETTINGS, BOX).start_from(Field(SETTINGS.model_copy(update=other), BOX))
 
 
 def test_footprint_is_measured_in_metres(backend):
@@ -177,7 +193,7 @@ def test_threads_do_not_change_the_gradients(backend, threads, count):
     """Sums over many points are what libraries divide among threads."""
     if backend.torch_device != "cpu":
         pytest.skip("no number of threads divides the sums of CUDA")
-    field = Field(NetworkSettings(levels=4, table_log2=10), SceneBox((0.0, 0.0, 0.0), 2.0))
+    field = Field(NetworkSettings(levels=4, table_log2=10), SceneBox((0.0, 0.0, 0.0), 2.0), mask=True)
     points = torch.rand(count, 3, generator=torch.Generator().manual_seed(1)) * 2 - 1
     seen = []
     for number in (1, 2, 4):

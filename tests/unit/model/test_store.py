@@ -34,7 +34,7 @@ class Toy:
 
     def __init__(self, device: str, settings: FitSettings = SETTINGS) -> None:
         self.device, self.settings, self.done = device, settings, 0
-        self.field = Field(settings, BOX).to(device)
+        self.field = Field(settings, BOX, mask=True).to(device)
         self.optimizer = torch.optim.Adam(self.field.parameters(), lr=1e-2, fused=True)
 
     def run(self, steps: int) -> float:
@@ -173,6 +173,8 @@ def test_a_checkpoint_is_not_a_field(tmp_path, backend):
         lambda metadata, header: metadata["settings"].update(levels=5),
         lambda metadata, header: metadata["settings"].update(levels=-5),
         lambda metadata, header: header.pop("field.emission_network.output.bias"),
+        lambda metadata, header: metadata.pop("mask"),
+        lambda metadata, header: metadata.update(mask=False),
     ],
     ids=[
         "no metadata",
@@ -183,11 +185,13 @@ def test_a_checkpoint_is_not_a_field(tmp_path, backend):
         "other sizes",
         "impossible sizes",
         "no tensor",
+        "no word of a mask",
+        "a mask that is denied",
     ],
 )
 def test_damaged_metadata(tmp_path, change):
     path = tmp_path / "m.safetensors"
-    save_field(path, Field(SETTINGS, BOX), SETTINGS)
+    save_field(path, Field(SETTINGS, BOX, mask=True), SETTINGS)
     damage(path, change)
     with pytest.raises(FiptError, match="damaged"):
         load_field(path)

@@ -12,9 +12,9 @@
     v            weight of the pixel
     srgb         the sRGB curve, which goes on above 1
 
-Two things differ from the paper, where settings ask for it. A pixel that shows an emitter, if only in part, teaches
-the mask alone: it says nothing of reflectance. A clipped pixel is a lower bound: it does so too, and what is brighter
-agrees with it.
+Two things differ from the paper, where settings ask for it. A pixel that shows an emitter, if only in part, says
+nothing of reflectance: it teaches the mask alone. A clipped pixel is a lower bound: it does so too, and what is
+brighter agrees with it. Where emitters are known before the fit there is no mask, and such pixels count for nothing.
 """
 
 import torch
@@ -27,7 +27,7 @@ _EMITS = 0.1
 """Emission mask above which a surface counts as an emitter while the fit goes on."""
 
 
-def data_term(batch: Batch, reflected: torch.Tensor, mask: torch.Tensor, emitter_gain: float) -> torch.Tensor:
+def data_term(batch: Batch, reflected: torch.Tensor, mask: torch.Tensor | None, emitter_gain: float) -> torch.Tensor:
     """L of a batch.
 
     Parameters
@@ -35,30 +35,35 @@ def data_term(batch: Batch, reflected: torch.Tensor, mask: torch.Tensor, emitter
     reflected
         (H, 3) reflected radiance of the samples.
     mask
-        (H,) emission mask alpha; 0 where there is none.
+        (H,) emission mask alpha; None without.
     emitter_gain
-        Pixels this much brighter than any reflection teach the mask alone; 0: they teach as all others do.
+        Pixels this much brighter than any reflection teach no reflectance; 0: they teach as all others do.
     """
-    alpha = mask[:, None]
-    fixed = batch.clipped[batch.owner]
+    fixed, valid = batch.clipped, batch.valid
     if emitter_gain > 0:
-        fixed = fixed | shows_emitter(batch, mask.detach(), emitter_gain)
-    reflected = torch.where(fixed[:, None], reflected.detach(), reflected)
-    sample = (1 - alpha) * reflected + alpha * batch.on_mesh[batch.owner]
+        fixed = fixed | shows_emitter(batch, mask, emitter_gain)
+    if mask is None:
+        valid, sample = torch.where(fixed, 0.0, valid), reflected
+    else:
+        alpha = mask[:, None]
+        reflected = torch.where(fixed[batch.owner][:, None], reflected.detach(), reflected)
+        sample = (1 - alpha) * reflected + alpha * batch.on_mesh[batch.owner]
     pixel = gathered(sample, batch.owner, batch.weight, len(batch.radiance))
     if batch.beyond is not None:
         pixel = pixel + batch.beyond
     difference = srgb(pixel) - srgb(batch.radiance)
     difference = torch.where(batch.clipped[:, None], difference.clamp(max=0.0), difference)
-    return (batch.valid * difference.square().mean(1)).mean()
+    return (valid * difference.square().mean(1)).mean()
 
 
-def shows_emitter(batch: Batch, mask: torch.Tensor, gain: float) -> torch.Tensor:
-    """(H,) bool: samples of pixels that show an emitter, by their radiance or by the mask (H,), if only in part."""
-    emits = exceeds_reflection(batch.on_mesh[batch.owner], batch.shading, gain) | (mask > _EMITS)
+def shows_emitter(batch: Batch, mask: torch.Tensor | None, gain: float) -> torch.Tensor:
+    """(B,) bool: pixels that show an emitter, by their radiance or by the mask (H,), if only in part."""
+    emits = exceeds_reflection(batch.on_mesh[batch.owner], batch.shading, gain)
+    if mask is not None:
+        emits = emits | (mask.detach() > _EMITS)
     pixel = torch.zeros(len(batch.radiance), dtype=torch.bool, device=emits.device)
     pixel[batch.owner[emits]] = True
-    return pixel[batch.owner]
+    return pixel
 
 
 def gathered(values: torch.Tensor, owner: torch.Tensor, weight: torch.Tensor, pixels: int) -> torch.Tensor:

@@ -144,7 +144,7 @@ def test_kind_of_segments_decides_the_propagation(rng):
     assert semantic.item() == pytest.approx(2 * expected.item(), rel=1e-5)
 
 
-def test_without_a_mask_all_that_does_not_shine_is_reflected(rng):
+def test_no_mask_is_a_mask_that_is_shut(rng):
     data = batch(rng)
     brdf = Brdf(random(rng, 6, 3), 0.1 + 0.8 * random(rng, 6), random(rng, 6))
     objective = Objective(FitSettings(), None)
@@ -152,6 +152,22 @@ def test_without_a_mask_all_that_does_not_shine_is_reflected(rng):
     shut = objective.terms(Known(brdf, torch.full((3,), -1.0)), data)
     assert set(terms) == {"colour", "diffuse"} == set(shut) - {"emission"}
     assert terms["colour"].item() == shut["colour"].item() > 0
+
+
+@pytest.mark.parametrize("what", ["emitter", "clipped"])
+def test_without_a_mask_pixels_that_tell_no_reflectance_count_for_nothing(rng, what):
+    data = batch(rng)
+    bright = torch.tensor([[0.2, 0.3, 0.4], [90.0, 90.0, 90.0]])
+    data = Batch(**{**vars(data), "radiance": bright, "clipped": torch.tensor([False, what == "clipped"])})
+    base = random(rng, 6, 3).requires_grad_()
+    field = Known(Brdf(base, 0.5 * torch.ones(6), torch.zeros(6)), None)
+    settings = FitSettings(emission_threshold=1.5 if what == "emitter" else 0)
+    colour = Objective(settings, None).terms(field, data)["colour"]
+    colour.backward()
+    assert base.grad[:2].abs().min() > 0
+    assert base.grad[2:].abs().max() == 0
+    unweighted = Batch(**{**vars(data), "valid": torch.tensor([1.0, 0.0])})
+    assert colour.item() == Objective(settings, None).terms(field, unweighted)["colour"].item() > 0
 
 
 def test_evident_emitters_teach_only_the_mask(rng):

@@ -18,6 +18,21 @@ def test_the_fit_knows_unseen_surface(scene):
     assert content["loss"]["hidden"] > 0
 
 
+def test_a_mask_is_fitted_where_no_emitters_are_given(work):
+    assert store.load_field(work / "round-0" / "model.safetensors").emission_network is not None
+    few = FIT | {"steps": 3}
+    emitters = work / "round-0" / "emitters.npz"
+    stats = work / "stats" / "fit.json"
+    assert call("fit", work, "--emitters", emitters, settings=few, stats=stats) == 0
+    assert store.load_field(work / "round-0" / "model.safetensors").emission_network is None
+    assert "emission" not in json.loads(stats.read_text())["loss"]
+
+
+def test_a_mask_that_is_asked_must_be_there(work, refused):
+    assert call("fit", work, "--emitters", work / "round-0" / "emitters.npz", settings=FIT | {"steps": 3}) == 0
+    assert "needs a model with an emission mask" in refused("emitters", "--out", work / "again.npz")
+
+
 def test_shards_that_do_not_pair_up(work, refused):
     two = f"{work}/samples/train-000,{work}/samples/val-000"
     assert "--samples and --shading must name as many shards; 2 and 1 given" in refused("fit", "--samples", two)
