@@ -198,7 +198,7 @@ VERBS: dict[str, Verb] = {
         "Extract the triangles that emit light and their radiance.", "fipt.stages.emitters.stage", "emitters", rays=True
     ),
     "fit": Verb(
-        "Fit the network of materials, and an emission mask if asked, to the images.",
+        "Fit the network of materials, and an emission mask if asked, to images.",
         "fipt.stages.fit.stage",
         "fit",
         rays=True,
