@@ -72,19 +72,27 @@ def pieces_of(inner: InnerPixels, resolution: int, center: np.ndarray, side: flo
     return piece.reshape(-1), int(piece.max(initial=-1)) + 1
 
 
+def encoded_weight(radiance: np.ndarray) -> np.ndarray:
+    """(N, 3) weight that makes a squared error of radiance (N, 3) about one of sRGB-encoded radiance."""
+    return (radiance + 0.05) ** -1.2
+
+
 def best_base_color(
     radiance: np.ndarray,
     offset: np.ndarray,
     slope: np.ndarray,
     group: np.ndarray,
     groups: int,
-    trust: np.ndarray | float = 1.0,
+    weight: np.ndarray | None = None,
 ) -> np.ndarray:
-    """(G, 3) base colour that explains the rows of each group best, not clipped; ``trust`` (N,) weighs them."""
-    weight = (radiance + 0.05) ** -1.2  # about the squared slope of the sRGB curve
+    """(G, 3) base colour that explains the rows of each group best, not clipped.
+
+    ``weight`` (N, 3) is that of the rows' squared errors; None: `encoded_weight`.
+    """
+    weight = encoded_weight(radiance) if weight is None else weight
     base = np.empty((groups, 3))
     for c in range(3):
-        w = trust * weight[:, c] * slope[:, c]
+        w = weight[:, c] * slope[:, c]
         over = np.bincount(group, w * (radiance[:, c] - offset[:, c]), groups)
         base[:, c] = over / np.maximum(np.bincount(group, w * slope[:, c], groups), 1e-9)
     return base

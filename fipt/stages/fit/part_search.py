@@ -22,7 +22,14 @@ from fipt.formats.images import srgb_encode
 from fipt.model.reflectance import line_in_base_color, line_of_lobes, specular_shading
 from fipt.scene.metals import JudgedMetals
 from fipt.stages.fit.batches import Pixels
-from fipt.stages.fit.inner_pixels import FEWEST, InnerPixels, best_base_color, inner_pixels, pieces_of
+from fipt.stages.fit.inner_pixels import (
+    FEWEST,
+    InnerPixels,
+    best_base_color,
+    encoded_weight,
+    inner_pixels,
+    pieces_of,
+)
 from fipt.stages.fit.material_posterior import posterior
 from fipt.stages.fit.part_colors import FINE, median_colors, uniformity
 
@@ -199,6 +206,8 @@ class _Pieces:
         self._segment[piece] = inner.segment
         self._radiance = self._means(inner.radiance)
         self._encoded, self._encoded_means = srgb_encode(inner.radiance), srgb_encode(self._radiance)
+        self._pixel_weight = encoded_weight(inner.radiance)  # the same for every pair: powers are dear
+        self._piece_weight = self._weight[:, None] * encoded_weight(self._radiance)
         pixels, pieces = (
             np.bincount(inner.segment, trust > 0, count),
             np.bincount(self._segment, self._weight > 0, count),
@@ -217,10 +226,11 @@ class _Pieces:
         ``offset`` and ``slope`` (N, 3) are the pixels' radiance as a line in the base colour.
         """
         inner = self._inner
-        own = np.clip(best_base_color(inner.radiance, offset, slope, self._piece, self._pieces), 0, 1)[self._piece]
+        own = best_base_color(inner.radiance, offset, slope, self._piece, self._pieces, self._pixel_weight)
+        own = np.clip(own, 0, 1)[self._piece]
         within = self._mean(_difference(offset + slope * own, self._encoded), inner.segment, self._trust)
         offset, slope = self._means(offset), self._means(slope)
-        part = best_base_color(self._radiance, offset, slope, self._segment, self._count, self._weight)
+        part = best_base_color(self._radiance, offset, slope, self._segment, self._count, self._piece_weight)
         modelled = offset + slope * np.clip(part, 0, 1)[self._segment]
         between = self._mean(_difference(modelled, self._encoded_means), self._segment, self._weight)
         return np.maximum(within, _NO_ERROR) ** (1 - self._between) * np.maximum(between, _NO_ERROR) ** self._between
