@@ -75,7 +75,7 @@ open3d: $(INSTALLED)
 browser:  ## Chromium, for the tests of the report
 	@command -v chromium chromium-browser google-chrome >/dev/null || { $(call apt-install,chromium,Chromium is missing); }
 
-demo: setup  ## the demo room, from nothing to its report (5 to 15 minutes on 2 cores)
+demo: setup  ## the demo room, from nothing to its report (5 to 12 minutes on 2 cores)
 	@$(BIN)/fipt run demo
 	@echo "fipt: open $(CURDIR)/results/demo/report.html"
 
