@@ -47,3 +47,12 @@ def test_options_are_fields(rule: str, verb: str, body: str) -> None:
     }
     elsewhere = {"--source", "--format"} if verb == "import" else set()  # params.source: what is imported
     assert needed <= given | elsewhere
+
+
+def test_a_model_is_made_again_when_models_have_another_version() -> None:
+    """Whichever rule wrote it: it holds the fit's version, and is refused with another."""
+    writers = {
+        rule: body for rule, _, body in commands() if re.search(r'^ +model="[^"]*model\.safetensors"', body, re.M)
+    }
+    assert {"fit", "irradiance", "inverse_trace"} <= set(writers)
+    assert [rule for rule, body in writers.items() if 'VERSIONS["fit"]' not in body] == []

@@ -42,6 +42,7 @@ rule irradiance:
         segments=folders_of("segments", "--segments"),
         settings=settings("irradiance"),
         version=VERSIONS["irradiance"],
+        model_version=VERSIONS["fit"],
     shell:
         "fipt irradiance --dataset {params.dataset:q} --samples {params.samples:q}"
         " --shading {params.shading:q} {params.segments:q}"
@@ -79,6 +80,7 @@ rule true_constants:
         segments=folders_of("segments", "--segments"),
         settings=settings("true_constants"),
         version=VERSIONS["true_constants"],
+        model_version=VERSIONS["fit"],
     shell:
         "fipt true-constants --dataset {params.dataset:q} --samples {params.samples:q} {params.segments:q}"
         " --out {output.model:q} --emitters-out {output.emitters:q}"
@@ -117,6 +119,7 @@ rule inverse_trace:
         segments=folders_of("segments", "--segments"),
         settings=settings("inverse_trace"),
         version=VERSIONS["inverse_trace"],
+        model_version=VERSIONS["fit"],
     shell:
         "fipt inverse-trace --dataset {params.dataset:q} --samples {params.samples:q} {params.segments:q}"
         " --out {output.model:q} --emitters-out {output.emitters:q}"
