@@ -80,14 +80,17 @@ class SceneBox:
 
 
 class _Linear(nn.Linear):
-    """A linear layer that draws no weights when it is made: `linear` does, and no random number is drawn twice."""
+    """A linear layer whose first weights `linear` draws, from a generator of its own.
+
+    torch's `skip_init` would do as well, but imports sympy for it: most of a second at the start of every stage.
+    """
 
     def reset_parameters(self) -> None:
-        """Leave the memory as it is."""
+        """Draw nothing."""
 
 
 class _NarrowLinear(_Linear):
-    """One of few outputs, whose gradients are the same to the bit with any number of threads."""
+    """A linear layer of few outputs, whose gradients are the same to the bit with any number of threads."""
 
     def forward(self, input: torch.Tensor) -> torch.Tensor:
         """Map (N, inputs) to (N, outputs)."""
@@ -296,8 +299,8 @@ class Field(nn.Module):
             If its networks have other sizes.
         """
         own, given = self.state_dict(), other.state_dict()
-        weights = {name: tensor for name, tensor in given.items() if name in own or not name.startswith(_MASK)}
-        weights |= {name: tensor for name, tensor in own.items() if name.startswith(_MASK) and name not in given}
+        weights = {name: tensor for name, tensor in own.items() if name.startswith(_MASK)}
+        weights |= {name: tensor for name, tensor in given.items() if name in own or not name.startswith(_MASK)}
         if {name: value.shape for name, value in weights.items()} != {name: value.shape for name, value in own.items()}:
             raise FiptError(
                 "the model of the round before must have networks of the same sizes; it has others",
