@@ -83,36 +83,36 @@ class _Carried:
     """True kd of training pixels, at the places of the scan that they show."""
 
     def __init__(self, scan: RayScene, data: Dataset) -> None:
-        places, colours, widths = [], [], []
+        places, colors, widths = [], [], []
         for view in data.views("train"):
             shown, truth = seen(scan, data.camera(view)), data.truth(view)
             assert truth is not None
             known = np.isfinite(shown.place).all(axis=-1)
             places.append(shown.place[known])
-            colours.append(truth["kd"][known])
+            colors.append(truth["kd"][known])
             widths.append(shown.footprint[known])
         self._tree = cKDTree(np.concatenate(places))
-        self._colour, self._width = np.concatenate(colours), np.concatenate(widths)
+        self._color, self._width = np.concatenate(colors), np.concatenate(widths)
 
     def at(self, places: np.ndarray, widths: np.ndarray) -> np.ndarray:
         """(N, 3) mean at places (N, 3) that pixels of some widths (N,) show, by a Gaussian of half the wider pixel."""
         distance, near = self._tree.query(places, k=_AROUND, workers=-1)
         width = np.maximum(widths[:, None], self._width[near])
         weight = np.exp(-2 * (distance / width) ** 2) / width**2 + 1e-12
-        return (self._colour[near] * weight[..., None]).sum(axis=1) / weight.sum(axis=1, keepdims=True)
+        return (self._color[near] * weight[..., None]).sum(axis=1) / weight.sum(axis=1, keepdims=True)
 
 
 def _true_points(scene: RayScene, data: Dataset) -> tuple[cKDTree, np.ndarray]:
     """Places of the true pixels of all views, and their kd (N, 3)."""
-    points, colours = [], []
+    points, colors = [], []
     for view in (*data.views("train"), *data.views("val")):
         place, truth = seen(scene, data.camera(view)).place, data.truth(view)
         if truth is None:
             raise SystemExit(f"{data.root} has no truth to judge with")
         known = np.isfinite(place).all(axis=-1)
         points.append(place[known])
-        colours.append(truth["kd"][known])
-    return cKDTree(np.concatenate(points)), np.concatenate(colours)
+        colors.append(truth["kd"][known])
+    return cKDTree(np.concatenate(points)), np.concatenate(colors)
 
 
 def main() -> None:
@@ -124,7 +124,7 @@ def main() -> None:
     set_variant()
     scanned, clean = Dataset(options.scan / "dataset"), Dataset(options.true / "dataset")
     of_scan, of_true = RayScene(scanned.mesh()), RayScene(clean.mesh())
-    tree, colour = _true_points(of_true, clean)
+    tree, color = _true_points(of_true, clean)
     carried = _Carried(of_scan, clean)
     count, error = np.zeros(len(_KINDS)), np.zeros((len(_COLUMNS), len(_KINDS)))
     for view in clean.views("val"):
@@ -136,7 +136,7 @@ def main() -> None:
         counted &= ~truth["emission"].any(axis=-1)
         fitted = read_layers(options.scan / "materials" / f"{view}.exr")["kd"][counted]
         place = scan.place[counted]
-        nearest = colour[tree.query(place, workers=-1)[1]]
+        nearest = color[tree.query(place, workers=-1)[1]]
         count += np.bincount(kind[counted], minlength=len(_KINDS))
         for row, kd in enumerate((fitted, nearest, carried.at(place, scan.footprint[counted]))):
             off = ((kd - truth["kd"][counted]) ** 2).mean(axis=1)

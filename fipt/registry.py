@@ -38,7 +38,7 @@ SECTIONS: dict[str, Section] = {
     "import": Section("fipt.stages.importing.settings:ImportSettings", 6),
     "depth": Section("fipt.stages.geometry.settings:DepthSettings", 5),
     "geometry": Section("fipt.stages.geometry.mesh_settings:GeometrySettings", 10),
-    "check_poses": Section("fipt.stages.check_poses.settings:CheckPosesSettings", 4),
+    "check_poses": Section("fipt.stages.check_poses.settings:CheckPosesSettings", 5),
     "plant_errors": Section("fipt.stages.plant_errors.settings:PlantErrorsSettings", 2),
     "samples": Section("fipt.stages.samples.settings:SamplesSettings", 4),
     "segment": Section("fipt.stages.segment.settings:SegmentSettings", 1),

@@ -15,6 +15,8 @@ _SECTIONS = {
     "background": "environment",
     "lamps": "olat",
     "emitters.two_sided": "emitters.sides",
+    "fuse.colour": "fuse.color",
+    "fit.colour_weight": "fit.color_weight",
     "fit.evidence": "fit.emission_threshold",
     "fit.confidence": "fit.confidence_weights",
 }

@@ -118,14 +118,14 @@ def _packed(values: np.ndarray) -> np.ndarray:
     is keyed by the number of a sample in its view, so that it does not matter how views are spread over shards.
     """
     values = np.clip(values, 0, _MOST)
-    colour, ls1 = values[:, :_WORDS].copy(), values[:, _WORDS:]
-    colour[:, 1:] += ls1
-    luminance, total = colour @ _LUMINANCE, colour.sum(axis=-1)
+    color, ls1 = values[:, :_WORDS].copy(), values[:, _WORDS:]
+    color[:, 1:] += ls1
+    luminance, total = color @ _LUMINANCE, color.sum(axis=-1)
     salt = (np.arange(len(values), dtype=np.uint32) * np.uint32(0x9E3779B9)) >> np.uint32(28)  # golden ratio: spread
     code = np.zeros((4, len(values), _WORDS), np.float32)
     code[0] = (np.log2(np.maximum(luminance, _TINY)) - _LOWEST) * _STEPS
     code[1, :, 1:] = _ratio(ls1 @ _LUMINANCE, luminance[:, 1:])
-    code[2], code[3] = _ratio(colour[..., 0], total), _ratio(colour[..., 2], total)
+    code[2], code[3] = _ratio(color[..., 0], total), _ratio(color[..., 2], total)
     code[1:] = np.sqrt(code[1:]) * _TOP[1:].astype(np.float32)
     field = np.clip(np.rint(code + _DITHER[:, salt]), 0, _TOP.astype(np.float32)).astype(np.uint32)
     field[1, :, 0] = salt
@@ -146,11 +146,11 @@ def _unpacked(words: np.ndarray, count: int = _WORDS) -> np.ndarray:
     r, g, b = _LUMINANCE
     luminance /= r * red + g * green + b * blue  # now the sum of the three
     result = np.empty((len(words), 2 * count - 1, 3), np.float32)
-    colour, ls1 = result[:, :count], result[:, count:]
+    color, ls1 = result[:, :count], result[:, count:]
     for channel, part in enumerate((red, green, blue)):
-        np.multiply(luminance, part, out=colour[..., channel])
-    np.multiply(colour[:, 1:], share[:, 1:, None], out=ls1)
-    colour[:, 1:] -= ls1
+        np.multiply(luminance, part, out=color[..., channel])
+    np.multiply(color[:, 1:], share[:, 1:, None], out=ls1)
+    color[:, 1:] -= ls1
     return result
 
 

@@ -28,6 +28,7 @@ RETIRED = {
     "standing": "viewpoints",
     "filmed": "setups_with_cameras",
     "shine": "emit",
+    "colour": "color, as all libraries have it (prose is British)",
 }
 """Retired word -> what the field calls it; plurals and third persons as well."""
 SINGULAR_STAYS = {"hit"}

@@ -13,7 +13,7 @@ from fipt.render.variant import Backend
 from fipt.scene.cameras import Camera
 from fipt.scene.dataset import Dataset
 from fipt.stages.check_poses import diagnose
-from fipt.stages.check_poses.color import judged_by_colour
+from fipt.stages.check_poses.color import judged_by_color
 from fipt.stages.check_poses.compare import enough, judge
 from fipt.stages.check_poses.diagnose import Correction, agreement, corrections, doubt, explain
 from fipt.stages.check_poses.settings import CheckPosesSettings
@@ -38,11 +38,11 @@ def dataset(folder: Path, views: list[tuple[Camera, np.ndarray]]) -> Dataset:
     return Dataset(room_views.write_dataset(folder, views))
 
 
-def by_colour(data: Dataset) -> list[Verdict]:
+def by_color(data: Dataset) -> list[Verdict]:
     """Verdicts by structure and colour."""
     scene = RayScene(data.mesh())
     views = shown_views(scene, data, 96)
-    return judged_by_colour(scene, views, judge(scene, views, CheckPosesSettings()))
+    return judged_by_color(scene, views, judge(scene, views, CheckPosesSettings()))
 
 
 def judged(score: float) -> list[Verdict]:
@@ -144,7 +144,7 @@ WARM = np.array([1.2, 1.0, 0.6], np.float32)
 
 
 @pytest.mark.parametrize(
-    ("colour", "exchanged", "found"),
+    ("color", "exchanged", "found"),
     [
         (WARM, (), ()),
         (WARM, (2,), ("v2",)),
@@ -154,15 +154,15 @@ WARM = np.array([1.2, 1.0, 0.6], np.float32)
     ],
 )
 def test_red_and_blue_exchanged_in_single_views(
-    colour: np.ndarray,
+    color: np.ndarray,
     exchanged: Sequence[int],
     found: tuple[str, ...],
     backend: Backend,
     tmp_path: Path,
     views: list[tuple[Camera, np.ndarray]],
 ) -> None:
-    shown = [(c, image * (colour[::-1] if i in exchanged else colour)) for i, (c, image) in enumerate(views)]
-    verdicts = by_colour(dataset(tmp_path, shown))
+    shown = [(c, image * (color[::-1] if i in exchanged else color)) for i, (c, image) in enumerate(views)]
+    verdicts = by_color(dataset(tmp_path, shown))
     assert {verdict.view for verdict in verdicts if not verdict.accepted} == set(found)
     assert all("with red and blue exchanged (BGR for RGB?)" in v.reason for v in verdicts if v.view in found)
 
@@ -171,7 +171,7 @@ def test_a_view_at_another_exposure_is_named_and_brought_to_that_of_others(
     backend: Backend, tmp_path: Path, views: list[tuple[Camera, np.ndarray]]
 ) -> None:
     shown = [(c, image * (0.5 if i == 4 else 1.0)) for i, (c, image) in enumerate(views)]
-    verdicts = by_colour(dataset(tmp_path, shown))
+    verdicts = by_color(dataset(tmp_path, shown))
     assert all(verdict.accepted for verdict in verdicts)
     assert [v.view for v in verdicts if "as bright as others show the same surface" in v.reason] == ["v4"]
     assert verdicts[4].gain == pytest.approx(2, abs=0.05)
@@ -185,7 +185,7 @@ def test_a_cast_of_a_view_is_named(
     cast: tuple[float, ...], said: str, backend: Backend, tmp_path: Path, views: list[tuple[Camera, np.ndarray]]
 ) -> None:
     shown = [(c, image * (WARM * np.array(cast, np.float32) if i == 3 else WARM)) for i, (c, image) in enumerate(views)]
-    verdicts = by_colour(dataset(tmp_path, shown))
+    verdicts = by_color(dataset(tmp_path, shown))
     assert all(verdict.accepted for verdict in verdicts)
     assert [v.view for v in verdicts if "another white balance?" in v.reason] == ["v3"]
     assert f"shows {said}" in verdicts[3].reason

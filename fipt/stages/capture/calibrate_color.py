@@ -23,15 +23,15 @@ def with_white(
     """Gains from the middle of the white frames, else those of the capture's first frame."""
     gains, source = np.ones(3), "nothing (gains 1)"
     if settings.white_balance == "reference" and paths:
-        colours = []
+        colors = []
         for path in paths:
             frame = read_frame(path, found)
             signal = signal_of(frame, found)
             height, width = (n // 4 * 2 for n in frame.shape)
             middle = signal[height // 4 * 2 :, width // 4 * 2 :][:height, :width]
             light = np.zeros(4)
-            for (i, j), colour in np.ndenumerate(frame.pattern):
-                light[colour] = np.mean(middle[i::2, j::2])
+            for (i, j), color in np.ndenumerate(frame.pattern):
+                light[color] = np.mean(middle[i::2, j::2])
             if (light > 0.95 * frame.range).any() or (light < 0.01 * frame.range).any():
                 shares = ", ".join(f"{share:.0%}" for share in (light / frame.range)[:3])
                 raise FiptError(
@@ -39,9 +39,9 @@ def with_white(
                     "photograph the white reference with another exposure",
                 )
             light /= frame.range
-            colours.append([light[0], (light[1] + light[3]) / 2, light[2]])
+            colors.append([light[0], (light[1] + light[3]) / 2, light[2]])
             bar.advance()
-        mean = np.mean(colours, axis=0)
+        mean = np.mean(colors, axis=0)
         gains, source = mean[1] / mean, counted(paths, "white reference")
     elif settings.white_balance != "none" and first.white_balance is not None:
         gains, source = first.white_balance, f"the camera ({first.shot.path.name})"

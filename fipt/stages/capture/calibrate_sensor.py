@@ -48,16 +48,16 @@ def with_dark(found: Calibration, paths: Sequence[Path], bar: Any) -> Calibratio
     mean, read = total / len(paths), max(float(np.median(noises)), 12**-0.5)
     black = np.zeros(4)
     hot = np.zeros(mean.shape, bool)
-    for (i, j), colour in np.ndenumerate(frame.pattern):
+    for (i, j), color in np.ndenumerate(frame.pattern):
         part = mean[i::2, j::2]
         middle = np.median(part)
-        hot[i::2, j::2] = part > middle + max(12 * read, 0.002 * frame.range[colour])
-        black[colour] = part[~hot[i::2, j::2]].mean()
-        darker = frame.range[colour] * 0.25
-        if black[colour] - frame.black[colour] > darker:
+        hot[i::2, j::2] = part > middle + max(12 * read, 0.002 * frame.range[color])
+        black[color] = part[~hot[i::2, j::2]].mean()
+        darker = frame.range[color] * 0.25
+        if black[color] - frame.black[color] > darker:
             raise FiptError(
-                f"{paths[0]} must be dark; its mean is {black[colour] - frame.black[colour]:.0f} above the file's "
-                f"black level {frame.black[colour]:g}",
+                f"{paths[0]} must be dark; its mean is {black[color] - frame.black[color]:.0f} above the file's "
+                f"black level {frame.black[color]:g}",
                 "photograph it with the lens cap on",
             )
     # Differences of neighbours of one colour have twice the variance; the mean of frames has 1/n of it.
@@ -198,9 +198,9 @@ def _block_means(signal: np.ndarray, pattern: np.ndarray) -> np.ndarray:
     rows, columns = (n // block for n in signal.shape)
     means = np.empty((rows, columns, 4))
     half = block // 2
-    for (i, j), colour in np.ndenumerate(pattern):
+    for (i, j), color in np.ndenumerate(pattern):
         part = signal[i::2, j::2][: rows * half, : columns * half]
-        means[..., colour] = part.reshape(rows, half, columns, half).mean(axis=(1, 3))
+        means[..., color] = part.reshape(rows, half, columns, half).mean(axis=(1, 3))
     return means
 
 

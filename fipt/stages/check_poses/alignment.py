@@ -244,7 +244,7 @@ def _edges(view: ReducedView, image: np.ndarray) -> np.ndarray:
 
 
 def _seen_from(scene: RayScene, view: ReducedView, camera: Camera) -> ReducedView:
-    return surface_shown(scene, camera, view.light, view.valid, view.colour)
+    return surface_shown(scene, camera, view.light, view.valid, view.color)
 
 
 def _moved(camera: Camera, motion: np.ndarray) -> Camera:

@@ -38,7 +38,7 @@ _CAST = 1.2
 
 
 @dataclass(frozen=True)
-class SharedColour:
+class SharedColor:
     """How the colour of a view is to that of another one on the surface that both show.
 
     Attributes
@@ -54,7 +54,7 @@ class SharedColour:
     greener: float
 
 
-def judged_by_colour(scene: RayScene, views: Sequence[ReducedView], verdicts: Sequence[Verdict]) -> list[Verdict]:
+def judged_by_color(scene: RayScene, views: Sequence[ReducedView], verdicts: Sequence[Verdict]) -> list[Verdict]:
     """Reject accepted views whose red and blue are exchanged, and name casts of colour of the others."""
     shared = [
         {j: c for j in partners if (c := _shared(scene, view, views[j])) is not None}
@@ -98,7 +98,7 @@ def _exchanged(cosines: Sequence[Mapping[int, float]]) -> set[int]:
         odd.add(min(medians, key=medians.__getitem__))
 
 
-def _shared(scene: RayScene, here: ReducedView, there: ReducedView) -> SharedColour | None:
+def _shared(scene: RayScene, here: ReducedView, there: ReducedView) -> SharedColor | None:
     """Compare the colours of what two views share; None where that is too little."""
     index = np.flatnonzero(here.hit & here.valid)
     pixels, front, _ = visible(scene, here, there, index[:: -(-max(len(index), 1) // _PIXELS)])
@@ -106,8 +106,8 @@ def _shared(scene: RayScene, here: ReducedView, there: ReducedView) -> SharedCol
     known = there.valid[row, column]
     if known.sum() < _FEWEST:
         return None
-    a, b = here.colour.reshape(-1, 2)[front][known], there.colour[row, column][known]
+    a, b = here.color.reshape(-1, 2)[front][known], there.color[row, column][known]
     size = [float(np.sqrt(np.mean(values[:, 0] ** 2))) for values in (a, b)]
     cosine = float(np.mean(a[:, 0] * b[:, 0])) / (size[0] * size[1]) if min(size) > _COLOURED else None
     redder, greener = np.median(a - b, axis=0)
-    return SharedColour(cosine, float(redder), float(greener))
+    return SharedColor(cosine, float(redder), float(greener))

@@ -68,7 +68,7 @@ class Comparison:
         Correlation of log luminance in windows, weighted by their structure, in [-1, 1].
     overlap, structure
         Shares of the first view's pixels that the second shows too, and of those with structure around them.
-    colour
+    color
         Share of the shared pixels whose luminance is the same.
     brighter
         Median difference of log luminance on shared pixels, first less second view.
@@ -77,7 +77,7 @@ class Comparison:
     score: float
     overlap: float
     structure: float
-    colour: float
+    color: float
     brighter: float
 
 
@@ -146,9 +146,9 @@ def judge(scene: RayScene, views: Sequence[ReducedView], settings: CheckPosesSet
                 f"does not show what {len(used)} others show of the same surface (correlation {value:.2f}, at least "
                 f"{least:.2f}){remark}"
             )
-        colour = float(np.median([compared[i, j].colour for j in used])) if used else None
+        color = float(np.median([compared[i, j].color for j in used])) if used else None
         names = tuple(views[j].camera.name for j in used)
-        verdicts.append(Verdict(view.camera.name, value, overlap, float(behind[i]), colour, None, names, ok, reason))
+        verdicts.append(Verdict(view.camera.name, value, overlap, float(behind[i]), color, None, names, ok, reason))
     return _exposed(verdicts, _exposures(witnesses, compared), settings.correct_exposure)
 
 
@@ -249,11 +249,11 @@ def compare(scene: RayScene, here: ReducedView, there: ReducedView) -> Compariso
 
 def table(verdicts: Sequence[Verdict]) -> str:
     """Return the verdicts for the terminal, the worst first."""
-    lines = [f"{'view':<20} {'score':>6} {'shared':>7} {'colour':>7} {'with':>5}  verdict"]
+    lines = [f"{'view':<20} {'score':>6} {'shared':>7} {'color':>7} {'with':>5}  verdict"]
     for verdict in sorted(verdicts, key=lambda v: (v.accepted, v.score if v.score is not None else 2.0)):
         score = "-" if verdict.score is None else f"{verdict.score:.2f}"
-        colour = "-" if verdict.colour is None else f"{verdict.colour:.0%}"
+        color = "-" if verdict.color is None else f"{verdict.color:.0%}"
         state = ("ok" if verdict.accepted else "REJECTED") + (f": {verdict.reason}" if verdict.reason else "")
-        numbers = f"{score:>6} {verdict.overlap:>7.0%} {colour:>7} {len(verdict.partners):>5}"
+        numbers = f"{score:>6} {verdict.overlap:>7.0%} {color:>7} {len(verdict.partners):>5}"
         lines.append(f"{verdict.view:<20} {numbers}  {state}")
     return "\n".join(lines)

@@ -71,7 +71,7 @@ def _judged(inputs: CheckPosesInputs, settings: "CheckPosesSettings") -> tuple[l
     from fipt.render.scene import RayScene
     from fipt.render.variant import set_variant
     from fipt.scene.dataset import Dataset
-    from fipt.stages.check_poses.color import judged_by_colour
+    from fipt.stages.check_poses.color import judged_by_color
     from fipt.stages.check_poses.compare import enough, judge, table
     from fipt.stages.check_poses.diagnose import doubt, explain
     from fipt.stages.check_poses.misplaced import judged_by_alignment
@@ -82,7 +82,7 @@ def _judged(inputs: CheckPosesInputs, settings: "CheckPosesSettings") -> tuple[l
     data = Dataset(inputs.dataset, unchecked=True, mesh=inputs.mesh)
     scene = RayScene(data.mesh())
     views = shown_views(scene, data, settings.width)
-    verdicts = judged_by_colour(scene, views, judge(scene, views, settings))
+    verdicts = judged_by_color(scene, views, judge(scene, views, settings))
     log.info("%s", table(verdicts))
     explain(data, verdicts, settings)
     enough(verdicts, settings)

@@ -39,7 +39,7 @@ class ReducedView:
         (H, W) bool: whether there is one that is not seen at a grazing angle.
     normals
         (H, W, 3) float32 of the surface, turned to the camera.
-    colour
+    color
         (H, W, 2) float32 logs of red over blue, and of green over the geometric mean of both.
     """
 
@@ -49,7 +49,7 @@ class ReducedView:
     points: np.ndarray
     hit: np.ndarray
     normals: np.ndarray
-    colour: np.ndarray
+    color: np.ndarray
 
 
 def shown_views(scene: RayScene, dataset: Dataset, width: int) -> list[ReducedView]:
@@ -134,12 +134,12 @@ def reduced(dataset: Dataset, camera: Camera, width: int) -> tuple[Camera, np.nd
         cx=camera.cx / block, cy=camera.cy / block,
     )  # fmt: skip
     red, green, blue = np.moveaxis(np.log(np.maximum(means, least)), -1, 0)
-    colour = np.stack([red - blue, green - 0.5 * (red + blue)], axis=-1).astype(np.float32)
-    return small, np.log(np.maximum(light, least)).astype(np.float32), valid, colour
+    color = np.stack([red - blue, green - 0.5 * (red + blue)], axis=-1).astype(np.float32)
+    return small, np.log(np.maximum(light, least)).astype(np.float32), valid, color
 
 
 def surface_shown(
-    scene: RayScene, camera: Camera, light: np.ndarray, valid: np.ndarray, colour: np.ndarray
+    scene: RayScene, camera: Camera, light: np.ndarray, valid: np.ndarray, color: np.ndarray
 ) -> ReducedView:
     """Trace the pixel centres of a reduced view."""
     rows, columns = np.mgrid[: camera.height, : camera.width] + 0.5
@@ -153,5 +153,5 @@ def surface_shown(
     shape = light.shape
     return ReducedView(
         camera, light, valid, points.reshape(*shape, 3).astype(np.float32), hit.reshape(shape),
-        normals.reshape(*shape, 3).astype(np.float32), colour,
+        normals.reshape(*shape, 3).astype(np.float32), color,
     )  # fmt: skip

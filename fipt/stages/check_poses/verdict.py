@@ -19,7 +19,7 @@ class Verdict:
         Share of its pixels that its best partner shows too.
     behind
         Share of its pixels that others see from the other side of the surface.
-    colour
+    color
         Share of the compared pixels that look the same in both.
     exposure
         Its brightness over that of its partners on the same surface, by medians; None where none tells.
@@ -38,7 +38,7 @@ class Verdict:
     score: float | None
     overlap: float
     behind: float
-    colour: float | None
+    color: float | None
     exposure: float | None
     partners: tuple[str, ...]
     accepted: bool

@@ -56,10 +56,10 @@ def fit(
             optimizer.zero_grad(set_to_none=True)
             _finite_sum(terms, step).backward()
             optimizer.step()
-            colour = float(terms["colour"].detach())
+            color = float(terms["color"].detach())
             if step % max(steps // 100, 1) == 0:
-                curve.append([step, colour])
-            bar.advance(1, f"colour loss {colour:.5f}")
+                curve.append([step, color])
+            bar.advance(1, f"colour loss {color:.5f}")
             if (step + 1) % settings.checkpoint_every == 0 and step + 1 < steps:
                 save_checkpoint(checkpoint, field, optimizer, settings, step + 1)
     return {

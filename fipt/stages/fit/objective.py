@@ -41,7 +41,7 @@ class Objective:
     targets: PartTargets | None = None
 
     def terms(self, field: Field, batch: Batch, hidden: HiddenPoints | None = None) -> dict[str, torch.Tensor]:
-        """All terms of a batch, weighted; ``colour`` is the data term.
+        """All terms of a batch, weighted; ``color`` is the data term.
 
         ``hidden`` are points that no view sees, drawn to what their segments are drawn to.
         """
@@ -54,10 +54,10 @@ class Objective:
         radiance, specular = reflected(taught, batch.shading, queries)
         e = field.emission(batch.points[:, 0])
         mask = None if e is None else EmissionNetwork.mask(e)
-        colour = data_term(batch, radiance, mask, settings.emission_threshold)
+        color = data_term(batch, radiance, mask, settings.emission_threshold)
         mean = Brdf(*(values.view(-1, queries, *values.shape[1:]).mean(1) for values in vars(brdf).values()))
         return {
-            "colour": settings.colour_weight * colour,
+            "color": settings.color_weight * color,
             **({} if e is None else {"emission": settings.emission_weight * emission_term(e)}),
             **self._priors(batch, brdf, mean, part),
             **self._hidden(hidden_brdf, hidden, len(batch.points)),

@@ -29,7 +29,7 @@ class FitSettings(NetworkSettings):
         default=EMITTER_GAIN,
         description="pixels so many times brighter than any reflection teach no material; 0 = off, as the paper",
     )
-    colour_weight: Weight = Field(default=1.0, description="of the difference to the photographs")
+    color_weight: Weight = Field(default=1.0, description="of the difference to the photographs")
     emission_weight: Weight = Field(default=1.0, description="price of the emission mask, where there is one")
     diffuse_weight: Weight = Field(default=1e-3, description="prior towards rough and not metallic")
     part_search: bool = Field(

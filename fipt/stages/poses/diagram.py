@@ -61,12 +61,12 @@ def _view(plot: Any, model: Reconstruction, refused: Sequence[Camera], axes: tup
     margin = 0.1 * float((high - low).max())
     step = max(1, len(model.points) // _POINTS_DRAWN)
     plot.scatter(*model.points[::step, axes].T, s=0.4, color=_POINT, linewidths=0)
-    for cameras, colour in ((model.cameras, _GOOD), (refused, _BAD)):
+    for cameras, color in ((model.cameras, _GOOD), (refused, _BAD)):
         for camera in cameras:
             columns, rows = np.array([0.0, camera.width]), np.full(2, camera.height / 2)
             left, right = camera.center + margin * camera.directions(columns, rows)
-            plot.plot(*np.array([camera.center, left, right, camera.center])[:, axes].T, color=colour, linewidth=0.8)
-            plot.annotate(camera.name, camera.center[list(axes)], fontsize=6, color=colour)
+            plot.plot(*np.array([camera.center, left, right, camera.center])[:, axes].T, color=color, linewidth=0.8)
+            plot.annotate(camera.name, camera.center[list(axes)], fontsize=6, color=color)
     letters = "xyz"
     plot.set(
         xlabel=f"{letters[axes[0]]}, m",
@@ -92,10 +92,10 @@ def _graph(plot: Any, evidence: Mapping[str, Evidence], pairs: Sequence[tuple[st
         else:
             plot.plot(*ends, color=_POINT, linewidth=0.5, linestyle=":")
     for name, (x, y) in place.items():
-        colour = _GOOD if evidence[name].reason is None else _BAD
+        color = _GOOD if evidence[name].reason is None else _BAD
         side = "left" if x >= 0 else "right"
-        plot.plot(x, y, "o", color=colour, markersize=4)
-        plot.annotate(name, (1.06 * x, 1.06 * y), fontsize=6, color=colour, ha=side, va="center")
+        plot.plot(x, y, "o", color=color, markersize=4)
+        plot.annotate(name, (1.06 * x, 1.06 * y), fontsize=6, color=color, ha=side, va="center")
     plot.set(title="points that two views share (dotted: matches only)", xlim=(-1.5, 1.5), ylim=(-1.3, 1.3))
     plot.set_aspect("equal")
     plot.axis("off")

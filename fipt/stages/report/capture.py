@@ -129,8 +129,8 @@ def marked(data: Dataset, view: str, exposure: float) -> np.ndarray:
     pixels = display.tone_mapped(data.image(view)[0], exposure)
     flags = data.flags(view)
     if flags is not None:
-        for bit, colour in MARKS.items():
-            pixels[flags & bit > 0] = colour
+        for bit, color in MARKS.items():
+            pixels[flags & bit > 0] = color
     return pixels
 
 

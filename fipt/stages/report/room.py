@@ -86,7 +86,7 @@ def read_room(results: Path, data: Dataset | None, emitters: Sequence[Mapping[st
     if exported:
         content, turn = scene.read_bytes(), _turn(results / "export" / "export.json")
     elif (results / "dataset" / "mesh.ply").is_file() and (found := _seen(results, data)):
-        content = coloured(data.mesh(), *found)
+        content = colored(data.mesh(), *found)
     else:
         return None
     cameras = [camera for camera in data.cameras if camera.split == "val"] or data.cameras
@@ -147,7 +147,7 @@ def _seen(results: Path, data: Dataset) -> tuple[np.ndarray, np.ndarray] | None:
     return np.concatenate(positions), np.concatenate(colors)
 
 
-def coloured(mesh: Mesh, positions: np.ndarray, colors: np.ndarray) -> bytes:
+def colored(mesh: Mesh, positions: np.ndarray, colors: np.ndarray) -> bytes:
     """Return a room as binary glTF whose vertices have the colours of what pixels saw nearby.
 
     Parameters

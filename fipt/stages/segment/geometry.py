@@ -136,11 +136,11 @@ def _grown(
         first, second = pairs >> 32, pairs & 0xFFFFFFFF
         off, alike = _as_a_whole(region, first, second, color, pixels, surface.area[:, None] * normal)
         cost = np.maximum(np.linalg.norm(means, axis=0) - noise, off)
-        usable = (first != second) & (cost < settings.colour) & (alike > turns)
+        usable = (first != second) & (cost < settings.color) & (alike > turns)
         if not usable.any():
             return region
         # the best neighbour of each region: the least jump and turn, then the longest border, then the first pair
-        cost = cost / settings.colour + (1 - alike) / (1 - turns)
+        cost = cost / settings.color + (1 - alike) / (1 - turns)
         first, second, cost, total = first[usable], second[usable], cost[usable], total[usable]
         rank = np.empty(len(cost), np.int64)
         rank[np.lexsort((-total, cost))] = np.arange(len(cost))

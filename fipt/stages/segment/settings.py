@@ -123,7 +123,7 @@ class FuseSettings(Settings):
     other_size: Literal["nearest", "error"] = Field(
         default="nearest", description="ids of another size than their view: take the nearest with a warning, or stop"
     )
-    colour: Length = Field(
+    color: Length = Field(
         default=0.25, description="of --geometry: regions end where colour jumps more, in natural logarithms"
     )
     smallest: Weight = Field(default=0.01, description="of --geometry: smaller regions join a neighbour, square metres")

@@ -14,6 +14,7 @@ ROOM = {"source": "procedural"}
         ({"samples": {"max_hits": 3}}, ["samples.max_hits is samples.max_samples now"]),
         ({"background": {"mode": "none"}}, ["background is environment now"]),
         ({"lamps": {"views": 1}}, ["lamps is olat now"]),
+        ({"fuse": {"colour": 0.2}}, ["fuse.colour is fuse.color now"]),
         (
             {"emitters": {"two_sided": False}},
             ["emitters.two_sided is emitters.sides now: true is both, and false (one side, by winding) is gone"],

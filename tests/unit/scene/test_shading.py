@@ -14,9 +14,9 @@ LEVELS = len(ROUGHNESS_LEVELS)
 
 def drawn(rng, count=40_000):
     """Shading over 20 octaves; Ls1 is anything from a millionth of its level to nearly all of it, of its colour."""
-    colour = rng.dirichlet([2, 2, 2], (count, 1 + LEVELS)) * 2.0 ** rng.uniform(-9, 11, (count, 1 + LEVELS, 1))
+    color = rng.dirichlet([2, 2, 2], (count, 1 + LEVELS)) * 2.0 ** rng.uniform(-9, 11, (count, 1 + LEVELS, 1))
     share = rng.random((count, LEVELS, 1)) ** 6
-    return np.concatenate([colour[:, :1], colour[:, 1:] * (1 - share), colour[:, 1:] * share], axis=1, dtype=np.float32)
+    return np.concatenate([color[:, :1], color[:, 1:] * (1 - share), color[:, 1:] * share], axis=1, dtype=np.float32)
 
 
 def reflected(values, kd, ks):

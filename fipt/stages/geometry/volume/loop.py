@@ -87,14 +87,14 @@ def fit_field(
             _finite_sum(terms, number).backward()
             optimizer.step()
             field.density.bound()
-            bar.advance(1, f"colour loss {float(terms['colour'].detach()):.4f}")
+            bar.advance(1, f"colour loss {float(terms['color'].detach()):.4f}")
     figures: dict[str, Any] = {name: round(float(term.detach()), 6) for name, term in terms.items()}
     return {"loss": figures, "beta": round(float(field.density.beta.detach()), 6), "steps_per_s": round(bar.rate, 2)}
 
 
 def _finite_sum(terms: dict[str, torch.Tensor], number: int) -> torch.Tensor:
     """Sum of the terms; a FiptError names those that are not finite."""
-    total = sum(terms.values(), torch.zeros((), device=terms["colour"].device))
+    total = sum(terms.values(), torch.zeros((), device=terms["color"].device))
     if not torch.isfinite(total):
         wrong = ", ".join(name for name, term in terms.items() if not term.isfinite())
         raise FiptError(

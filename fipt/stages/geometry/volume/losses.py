@@ -29,9 +29,9 @@ class VolumeLoss:
         """Terms of a batch; (R, 3) ``offsets`` in ±1 say which places have normals like those on the rays' surface."""
         wanted = self.settings
         lit = (batch.radiance > 0).any(dim=1).float()
-        colour = (srgb(seen.radiance) - srgb(batch.radiance)).abs().mean(dim=1)
+        color = (srgb(seen.radiance) - srgb(batch.radiance)).abs().mean(dim=1)
         terms = {
-            "colour": _mean(colour, lit),
+            "color": _mean(color, lit),
             "depth": wanted.depth_weight * _depth(seen.distance - batch.distance, batch),
             "normal": wanted.normal_weight * _normal(seen.normal, batch),
         }

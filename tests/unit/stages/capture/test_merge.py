@@ -168,8 +168,8 @@ def test_demosaicing_keeps_samples_and_follows_edges(np_rng) -> None:
     for pattern in (RGGB, RGGB[::-1], RGGB[:, ::-1], RGGB[::-1, ::-1]):
         mosaic = np_rng.integers(0, 65535, (32, 48)).astype(np.uint16)
         rgb = demosaic(mosaic, pattern)
-        for (i, j), colour in np.ndenumerate(pattern):
-            assert (rgb[i::2, j::2, (0, 1, 2, 1)[colour]] == mosaic[i::2, j::2]).all()
+        for (i, j), color in np.ndenumerate(pattern):
+            assert (rgb[i::2, j::2, (0, 1, 2, 1)[color]] == mosaic[i::2, j::2]).all()
         step = np.where(np.arange(48) < 24, 1000, 50_000).astype(np.uint16) * np.ones((32, 1), np.uint16)
         assert (demosaic(step, pattern)[..., 1] == step).all()
 

@@ -71,10 +71,10 @@ def test_terms_of_a_batch(rng):
     brdf = Brdf(random(rng, 6, 3), 0.1 + 0.8 * random(rng, 6), random(rng, 6))
     e = torch.tensor([-0.5, 0.3, 1.2])
     field = Known(brdf, e)
-    weights = {"colour_weight": 2.0, "emission_weight": 3.0, "diffuse_weight": 5.0, "part_weight": 7.0}
+    weights = {"color_weight": 2.0, "emission_weight": 3.0, "diffuse_weight": 5.0, "part_weight": 7.0}
     settings = FitSettings(emission_threshold=0, footprint=0.5, **weights)
     terms = Objective(settings, "part").terms(field, data)
-    assert set(terms) == {"colour", "emission", "diffuse", "part"}
+    assert set(terms) == {"color", "emission", "diffuse", "part"}
 
     radiance, specular = reflected(brdf, data.shading, 2)
     alpha = 1 - np.exp(-np.maximum(e.numpy(), 0))
@@ -83,7 +83,7 @@ def test_terms_of_a_batch(rng):
     each = (1 - alpha[:, None]) * radiance.numpy() + alpha[:, None] * seen[[0, 1, 1]]
     pixel = np.stack([each[0], 0.25 * each[1] + 0.75 * each[2]])
     error = ((srgb_encode(pixel) - srgb_encode(seen)) ** 2).mean(axis=1)
-    assert terms["colour"].item() == pytest.approx(2.0 * (error[0] + 0.5 * error[1]) / 2, rel=1e-4)
+    assert terms["color"].item() == pytest.approx(2.0 * (error[0] + 0.5 * error[1]) / 2, rel=1e-4)
     assert terms["emission"].item() == pytest.approx(3.0 * (0.5 + 0.3 + 1.2) / 3, rel=1e-5)
     s, m = (v.view(3, 2).mean(1) for v in (brdf.roughness, brdf.metallic))
     assert terms["diffuse"].item() == pytest.approx(5.0 * ((1 - s).mean() + m.mean()).item(), rel=1e-5)
@@ -106,9 +106,9 @@ def test_pixels_at_the_edge_of_an_opening_show_the_outside_too(rng):
     each = radiance.numpy()
     pixel = np.stack([each[0], 0.15 * each[1] + 0.45 * each[2] + beyond[1].numpy()])
     error = ((srgb_encode(pixel) - srgb_encode(seen)) ** 2).mean(axis=1)
-    dark = objective.terms(Known(brdf, torch.full((3,), -1.0)), data)["colour"].item()
+    dark = objective.terms(Known(brdf, torch.full((3,), -1.0)), data)["color"].item()
     assert dark == pytest.approx((error[0] + 0.5 * error[1]) / 2, rel=1e-4)
-    masked = objective.terms(Known(brdf, torch.full((3,), 50.0)), data)["colour"].item()
+    masked = objective.terms(Known(brdf, torch.full((3,), 50.0)), data)["color"].item()
     assert masked == pytest.approx(0, abs=1e-9)  # the mask explains all of it
 
 
@@ -134,7 +134,7 @@ def test_confidence_draws_doubtful_samples_to_their_part_and_lets_the_others_dec
 def test_kind_of_segments_decides_the_propagation(rng):
     data = batch(rng)
     field = Known(Brdf(random(rng, 6, 3), random(rng, 6), random(rng, 6)), torch.zeros(3))
-    assert set(Objective(FitSettings(), None).terms(field, data)) == {"colour", "emission", "diffuse"}
+    assert set(Objective(FitSettings(), None).terms(field, data)) == {"color", "emission", "diffuse"}
     semantic = Objective(FitSettings(semantic_weight=2.0), "semantic").terms(field, data)["semantic"]
     s, m, base = (
         v.view(3, 2, -1).mean(1).squeeze(-1)
@@ -150,8 +150,8 @@ def test_no_mask_is_a_mask_that_is_shut(rng):
     objective = Objective(FitSettings(), None)
     terms = objective.terms(Known(brdf, None), data)
     shut = objective.terms(Known(brdf, torch.full((3,), -1.0)), data)
-    assert set(terms) == {"colour", "diffuse"} == set(shut) - {"emission"}
-    assert terms["colour"].item() == shut["colour"].item() > 0
+    assert set(terms) == {"color", "diffuse"} == set(shut) - {"emission"}
+    assert terms["color"].item() == shut["color"].item() > 0
 
 
 @pytest.mark.parametrize("what", ["emitter", "clipped"])
@@ -162,12 +162,12 @@ def test_without_a_mask_pixels_that_tell_no_reflectance_count_for_nothing(rng, w
     base = random(rng, 6, 3).requires_grad_()
     field = Known(Brdf(base, 0.5 * torch.ones(6), torch.zeros(6)), None)
     settings = FitSettings(emission_threshold=1.5 if what == "emitter" else 0)
-    colour = Objective(settings, None).terms(field, data)["colour"]
-    colour.backward()
+    color = Objective(settings, None).terms(field, data)["color"]
+    color.backward()
     assert base.grad[:2].abs().min() > 0
     assert base.grad[2:].abs().max() == 0
     unweighted = Batch(**{**vars(data), "valid": torch.tensor([1.0, 0.0])})
-    assert colour.item() == Objective(settings, None).terms(field, unweighted)["colour"].item() > 0
+    assert color.item() == Objective(settings, None).terms(field, unweighted)["color"].item() > 0
 
 
 def test_evident_emitters_teach_only_the_mask(rng):
@@ -177,7 +177,7 @@ def test_evident_emitters_teach_only_the_mask(rng):
     base = random(rng, 6, 3).requires_grad_()
     e = torch.full((3,), 0.1, requires_grad=True)
     field = Known(Brdf(base, 0.5 * torch.ones(6), torch.zeros(6)), e)
-    Objective(FitSettings(emission_threshold=1.5, emission_weight=0), None).terms(field, data)["colour"].backward()
+    Objective(FitSettings(emission_threshold=1.5, emission_weight=0), None).terms(field, data)["color"].backward()
     assert base.grad[:2].abs().min() > 0
     assert base.grad[2:].abs().max() == 0
     assert (e.grad[1:] < 0).all()  # opening the mask there helps
@@ -199,7 +199,7 @@ def test_a_pixel_that_shows_an_emitter_in_part_does_not_teach_its_other_half(rng
         sign == "brightness",
         False,
     ]
-    Objective(FitSettings(emission_threshold=1.5), None).terms(field, data)["colour"].backward()
+    Objective(FitSettings(emission_threshold=1.5), None).terms(field, data)["color"].backward()
     assert base.grad[:2].abs().min() > 0
     assert base.grad[2:].abs().max() == 0
 
@@ -208,7 +208,7 @@ def test_a_mask_that_is_hardly_open_is_no_emitter(rng):
     data = batch(rng)
     base = random(rng, 6, 3).requires_grad_()
     field = Known(Brdf(base, 0.5 * torch.ones(6), torch.zeros(6)), torch.tensor([-1.0, 0.1, -1.0]))  # alpha = 0.095
-    Objective(FitSettings(emission_threshold=1.5), None).terms(field, data)["colour"].backward()
+    Objective(FitSettings(emission_threshold=1.5), None).terms(field, data)["color"].backward()
     assert base.grad.abs().min() > 0
 
 
@@ -224,7 +224,7 @@ def test_samples_are_drawn_to_the_colour_of_uniform_parts(rng):
     targets.base_color[[4, 2, 0]] = torch.tensor([[0.9, 0.1, 0.2], [0.3, 0.3, 0.3], [0.5, 0.5, 0.5]])
     targets.uniform[[4, 2, 0]] = torch.tensor([2.0, 0.5, 0.0])
     terms = Objective(FitSettings(base_weight=10.0), "part", targets).terms(field, data)
-    assert set(terms) == {"colour", "emission", "target", "base", "part"}
+    assert set(terms) == {"color", "emission", "target", "base", "part"}
     a = base.numpy().reshape(3, 2, 3)
     first = 2.0 * ((a[0] - [0.9, 0.1, 0.2]) ** 2).sum() / 6
     second = 0.5 * ((a[1] - 0.3) ** 2).sum() / 6
@@ -264,11 +264,11 @@ def test_photographs_teach_the_colour_of_uniform_parts_less(rng):
         targets = goals((0.5, 0.5))
         targets.uniform[[4, 2, 0]] = values
         leaves = [x.clone().requires_grad_() for x in (base, roughness, metallic)]
-        colour = Objective(FitSettings(emission_threshold=0), None, targets).terms(
+        color = Objective(FitSettings(emission_threshold=0), None, targets).terms(
             Known(Brdf(*leaves), torch.zeros(3)), data
-        )["colour"]
-        colour.backward()
-        found.append((colour.item(), *(x.grad for x in leaves)))
+        )["color"]
+        color.backward()
+        found.append((color.item(), *(x.grad for x in leaves)))
     (plain, *before), (weakened, *after) = found
     assert weakened == pytest.approx(plain, rel=1e-6)
     assert before[0].abs().min() > 0
@@ -288,7 +288,7 @@ def test_clipped_pixels_are_lower_bounds(rng):
         base.grad = e.grad = None
         pixels = torch.tensor([[0.2, 0.3, 0.4], [radiance] * 3])
         clipped = Batch(**{**vars(data), "radiance": pixels, "clipped": torch.tensor([False, True])})
-        loss = Objective(settings, None).terms(field, clipped)["colour"]
+        loss = Objective(settings, None).terms(field, clipped)["color"]
         loss.backward()
         assert base.grad[:2].abs().min() > 0
         assert base.grad[2:].abs().max() == 0
@@ -296,7 +296,7 @@ def test_clipped_pixels_are_lower_bounds(rng):
 
     low, gradient = learnt(0.001)  # any shading is brighter: nothing is wrong
     assert (gradient == 0).all()
-    first = Objective(settings, None).terms(field, Batch(**{**vars(data), "valid": torch.tensor([1.0, 0.0])}))["colour"]
+    first = Objective(settings, None).terms(field, Batch(**{**vars(data), "valid": torch.tensor([1.0, 0.0])}))["color"]
     assert low == pytest.approx(first.item(), rel=1e-5)
     high, gradient = learnt(50.0)
     assert high > low

@@ -24,7 +24,7 @@ def test_a_fused_surface_is_fitted_to_the_views(tmp_path: Path, monkeypatch: pyt
     assert main([*arguments, "--stats", "stats.json"]) == 0
     about = json.loads((tmp_path / "geometry" / "geometry.json").read_text())
     assert about["method"] == "sdf"
-    assert set(about["volume"]["loss"]) == {"colour", "depth", "normal", "eikonal", "smooth"}
+    assert set(about["volume"]["loss"]) == {"color", "depth", "normal", "eikonal", "smooth"}
     assert json.loads((tmp_path / "stats.json").read_text())["volume"]["steps_per_s"] > 0
     assert np.percentile(off_the_walls(tmp_path / "geometry" / "mesh.ply"), 95) < 0.02
 

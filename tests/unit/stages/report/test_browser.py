@@ -56,7 +56,7 @@ def walls():
         places[wall, :, wall // 2] = 4 * (wall % 2)
     for wall, color in ((0, (0.6, 0, 0)), (1, (0, 0.6, 0)), (4, (0, 0, 0.6))):
         colors[wall] = color
-    model = room.coloured(scenes.box((0, 0, 0), (4, 4, 4)), places.reshape(-1, 3), colors.reshape(-1, 3))
+    model = room.colored(scenes.box((0, 0, 0), (4, 4, 4)), places.reshape(-1, 3), colors.reshape(-1, 3))
     ahead = room.Viewpoint("ahead", [2, 2, 2], [0, 0, -1], 60)
     lamp = room.Marker(FIRST, FIRST, "#ffffff", [2, 3, 1])
     return room.RoomModel(images.packed(model), False, [0, 1, 0], [ahead], [lamp])
@@ -138,7 +138,7 @@ def test_strength_and_switch_of_every_part(shown, content):
     check(shown, content, {})
 
 
-def recoloured(color):
+def recolored(color):
     """Gains of lamp 0, whose radiance is 4, 4, 2, in a colour of the same luminance."""
     linear, own = srgb_decode(np.array(color) / 255), np.array([4.0, 4, 2])
     return linear * (own @ LUMINANCE) / (linear @ LUMINANCE) / own
@@ -146,7 +146,7 @@ def recoloured(color):
 
 def test_another_colour_keeps_the_luminance(shown, content):
     set_control(shown, f"#mix-{FIRST} [name=color]", "#4080ff")
-    gain = recoloured([0x40, 0x80, 0xFF])
+    gain = recolored([0x40, 0x80, 0xFF])
     assert (gain * [4, 4, 2]) @ LUMINANCE == pytest.approx(np.dot([4, 4, 2], LUMINANCE))
     check(shown, content, {FIRST: gain})
     assert not shown.run("document.querySelector('#mix-rest [name=color]') !== null")
@@ -176,7 +176,7 @@ def test_the_mix_is_a_light_setup_that_gives_the_same_light(shown, content):
     first = setup.emitters[0]
     color = np.array(first.color)
     meant = first.scale * (np.dot([4, 4, 2], LUMINANCE) / (color @ LUMINANCE)) * color / [4, 4, 2]
-    np.testing.assert_allclose(meant, 1.44 * recoloured([0x40, 0x80, 0xFF]), rtol=1e-3)
+    np.testing.assert_allclose(meant, 1.44 * recolored([0x40, 0x80, 0xFF]), rtol=1e-3)
     check(shown, content, {FIRST: meant, "rest": 0, "outside": 0.25})
 
 

@@ -40,7 +40,7 @@ def test_vertices_have_the_colour_of_what_was_seen_nearby(np_rng):
     """Red for x below 2, green above."""
     places = np_rng.uniform((0, 0, 0), (4, 3, 5), (20000, 3))
     colors = np.where(places[:, :1] < 2, [[0.8, 0, 0]], [[0, 0.4, 0]])
-    content = room.coloured(BOX, places, colors)
+    content = room.colored(BOX, places, colors)
     mesh = loaded(content)
     assert mesh.area == pytest.approx(BOX.areas.sum(), rel=1e-5)
     np.testing.assert_allclose(mesh.bounds, [[0, 0, 0], [4, 3, 5]], atol=1e-6)
