@@ -5,13 +5,14 @@ the viewer (a mirror's image, the outline of something before the surface) belon
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import maximum_filter, minimum_filter
 
 from fipt.conventions import LUMINANCE
 from fipt.render.scene import RayScene
+from fipt.scene.blocks import block_mean, blocks
 from fipt.scene.cameras import Camera
 from fipt.scene.mesh import Mesh
 
@@ -92,14 +93,7 @@ def reduced(
     step = int(np.ceil(np.sqrt(camera.width * camera.height / most)))
     if step <= 1:
         return camera, radiance, valid
-    width, height = camera.width // step, camera.height // step
-    small = replace(
-        camera, width=width, height=height,
-        fx=camera.fx / step, fy=camera.fy / step, cx=camera.cx / step, cy=camera.cy / step,
-    )  # fmt: skip
-    blocks = radiance[: height * step, : width * step].reshape(height, step, width, step, 3)
-    weights = valid[: height * step, : width * step].reshape(height, step, width, step)
-    return small, blocks.mean(axis=(1, 3)), weights.min(axis=(1, 3))
+    return camera.reduced(step), block_mean(radiance, step), blocks(valid, step).min(axis=(1, 3))
 
 
 def _votes(view: _View, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -5,9 +5,16 @@ import numpy as np
 from fipt.conventions import FLAG_NOISE
 
 
+def blocks(values: np.ndarray, factor: int) -> np.ndarray:
+    """(H, W[, C]) values as (h, factor, w, factor[, C])."""
+    height, width = (n // factor for n in values.shape[:2])
+    used = values[: height * factor, : width * factor]
+    return used.reshape(height, factor, width, factor, *values.shape[2:])
+
+
 def block_mean(values: np.ndarray, factor: int) -> np.ndarray:
     """Average (H, W[, C]) values over ``factor`` x ``factor`` pixels; (h, w[, C]) float32."""
-    return _blocks(values, factor).mean(axis=(1, 3), dtype=np.float64).astype(np.float32)
+    return blocks(values, factor).mean(axis=(1, 3), dtype=np.float64).astype(np.float32)
 
 
 def block_flags(flags: np.ndarray, factor: int) -> np.ndarray:
@@ -15,24 +22,17 @@ def block_flags(flags: np.ndarray, factor: int) -> np.ndarray:
 
     Noise averages out, so most of a block must be below it. The others spoil a block by a single pixel.
     """
-    found = np.bitwise_or.reduce(np.bitwise_or.reduce(_blocks(flags.astype(np.uint32), factor), axis=3), axis=1)
+    found = np.bitwise_or.reduce(np.bitwise_or.reduce(blocks(flags.astype(np.uint32), factor), axis=3), axis=1)
     noisy = block_mean(flags.astype(np.uint32) & FLAG_NOISE > 0, factor) > 0.5
     return np.where(noisy, found | np.uint32(FLAG_NOISE), found & ~np.uint32(FLAG_NOISE)).astype(np.uint32)
 
 
 def block_ids(ids: np.ndarray, factor: int) -> np.ndarray:
     """(h, w) uint16 ids that most of the (H, W) pixels of each block have, the smallest of equals."""
-    blocks = _blocks(ids, factor).swapaxes(1, 2)
-    each = np.sort(blocks.reshape(*blocks.shape[:2], -1), axis=-1)
+    pixels = blocks(ids, factor).swapaxes(1, 2)
+    each = np.sort(pixels.reshape(*pixels.shape[:2], -1), axis=-1)
     counts = np.zeros(each.shape, np.int32)
     for index in range(each.shape[-1]):
         counts[..., index] = (each == each[..., index : index + 1]).sum(axis=-1)
     most = counts.argmax(axis=-1)[..., None]
     return np.take_along_axis(each, most, axis=-1)[..., 0].astype(np.uint16)
-
-
-def _blocks(values: np.ndarray, factor: int) -> np.ndarray:
-    """(H, W[, C]) values as (h, factor, w, factor[, C])."""
-    height, width = (n // factor for n in values.shape[:2])
-    used = values[: height * factor, : width * factor]
-    return used.reshape(height, factor, width, factor, *values.shape[2:])

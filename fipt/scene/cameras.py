@@ -1,7 +1,7 @@
 """Cameras of a dataset, and transforms.json, the file they live in."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -69,6 +69,11 @@ class Camera:
     def intrinsics(self) -> np.ndarray:
         """(3, 3) float64 pixels, counted by their centres, from image axes: the first pixel is (0, 0)."""
         return np.array([[self.fx, 0.0, self.cx - 0.5], [0.0, self.fy, self.cy - 0.5], [0.0, 0.0, 1.0]])
+
+    def reduced(self, block: int) -> "Camera":
+        """Return the camera whose pixels are blocks of ``block`` a side (`fipt.scene.blocks`)."""
+        focal = {name: getattr(self, name) / block for name in ("fx", "fy", "cx", "cy")}
+        return replace(self, width=self.width // block, height=self.height // block, **focal)
 
     def directions(self, columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """Return unit world directions through image points.

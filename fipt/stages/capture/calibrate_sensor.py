@@ -12,6 +12,7 @@ import numpy as np
 
 from fipt.errors import FiptError
 from fipt.robust import deviation, spread
+from fipt.scene.blocks import blocks
 from fipt.stages.capture.calibration import Calibration, Noise, Vignetting
 from fipt.stages.capture.calibration_frames import counted, read_frame, signal_of
 from fipt.stages.capture.mosaic import tiled
@@ -199,8 +200,7 @@ def _block_means(signal: np.ndarray, pattern: np.ndarray) -> np.ndarray:
     means = np.empty((rows, columns, 4))
     half = block // 2
     for (i, j), color in np.ndenumerate(pattern):
-        part = signal[i::2, j::2][: rows * half, : columns * half]
-        means[..., color] = part.reshape(rows, half, columns, half).mean(axis=(1, 3))
+        means[..., color] = blocks(signal[i::2, j::2], half)[:rows, :, :columns].mean(axis=(1, 3))
     return means
 
 

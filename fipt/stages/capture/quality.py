@@ -11,6 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from fipt.errors import FiptError
+from fipt.scene.blocks import block_mean, blocks
 from fipt.stages.capture.brackets import Bracket
 from fipt.stages.capture.exposures import exposure, measured_ratio
 from fipt.stages.capture.noise import assumed_noise, measured_noise
@@ -234,12 +235,8 @@ def _moved(greens: Sequence[np.ndarray], full: Sequence[np.ndarray], ratios: Seq
     if rows == 0 or columns == 0:
         return 0.0
 
-    def blocks(cells: np.ndarray) -> np.ndarray:
-        cells = cells[: rows * _BLOCK, : columns * _BLOCK]
-        return cells.reshape(rows, _BLOCK, columns, _BLOCK)
-
-    means = [blocks(green).mean(axis=(1, 3)) for green in greens]
-    whole = [~blocks(cells).any(axis=(1, 3)) for cells in full]
+    means = [block_mean(green, _BLOCK) for green in greens]
+    whole = [~blocks(cells, _BLOCK).any(axis=(1, 3)) for cells in full]
     found = np.zeros((rows, columns), bool)
     for k, ratio in enumerate(ratios):
         if ratio is None:

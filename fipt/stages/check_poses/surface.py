@@ -1,13 +1,14 @@
 """What a view, reduced, shows of the mesh, and where another camera sees the same surface."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from fipt.conventions import LUMINANCE
 from fipt.progress import progress
 from fipt.render.scene import RayScene
+from fipt.scene.blocks import block_mean
 from fipt.scene.cameras import Camera
 from fipt.scene.dataset import Dataset
 
@@ -120,22 +121,13 @@ def reduced(dataset: Dataset, camera: Camera, width: int) -> tuple[Camera, np.nd
     """
     image, weight = dataset.image(camera.name)
     block = min(-(-camera.width // width), camera.height)
-    rows, columns = camera.height // block, camera.width // block
-
-    def blocks(values: np.ndarray) -> np.ndarray:
-        return values[: rows * block, : columns * block].reshape(rows, block, columns, block)
-
-    valid = blocks(weight > 0).mean(axis=(1, 3)) > 0.5
-    means = np.stack([blocks(image[..., c]).mean(axis=(1, 3)) for c in range(3)], axis=-1)
+    valid = block_mean(weight > 0, block) > 0.5
+    means = block_mean(image, block)
     light = means @ np.array(LUMINANCE, np.float32)
     least = 1e-3 * max(float(np.median(light[valid])) if valid.any() else 1.0, 1e-6)
-    small = replace(
-        camera, width=columns, height=rows, fx=camera.fx / block, fy=camera.fy / block,
-        cx=camera.cx / block, cy=camera.cy / block,
-    )  # fmt: skip
     red, green, blue = np.moveaxis(np.log(np.maximum(means, least)), -1, 0)
     color = np.stack([red - blue, green - 0.5 * (red + blue)], axis=-1).astype(np.float32)
-    return small, np.log(np.maximum(light, least)).astype(np.float32), valid, color
+    return camera.reduced(block), np.log(np.maximum(light, least)).astype(np.float32), valid, color
 
 
 def surface_shown(

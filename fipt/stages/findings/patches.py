@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fipt.model.fitted import FittedScene
+from fipt.scene.blocks import blocks
 from fipt.scene.observed import ObservedShard
 from fipt.stages.findings.explained import pixels_of_view
 
@@ -74,10 +75,7 @@ def _corners(shard: ObservedShard, index: int, most: int) -> np.ndarray:
     seen = (np.diff(samples.offsets[pixels.start : pixels.stop + 1]) > 0).reshape(height, width)
     gradient = np.hypot(*np.gradient(np.log(level + 0.05 * float(np.median(level)) + 1e-9)))
 
-    def blocks(image: np.ndarray) -> np.ndarray:
-        return image[: down * SIDE, : across * SIDE].reshape(down, SIDE, across, SIDE)
-
-    strength = np.where(blocks(seen).all(axis=(1, 3)), blocks(gradient**2).sum(axis=(1, 3)), 0)
+    strength = np.where(blocks(seen, SIDE).all(axis=(1, 3)), blocks(gradient**2, SIDE).sum(axis=(1, 3)), 0)
     order = np.argsort(-strength, axis=None, kind="stable")[:most]
     order = order[strength.reshape(-1)[order] > 0]
     return np.stack(np.divmod(order, across), axis=1) * SIDE

@@ -5,7 +5,7 @@ exactly these blocks, so that both images integrate over the same surface.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from fipt.render.image import ImageSampling, LitRoom, SurfaceInteractions, rende
 from fipt.render.scene import RayScene
 from fipt.render.surface import SurfaceCache, Triangles, emitter_set
 from fipt.render.tracer import PathSettings, Shader
+from fipt.scene.blocks import block_mean
 from fipt.scene.cameras import Camera
 from fipt.scene.dataset import Dataset
 from fipt.stages.findings.settings import FindingsSettings
@@ -79,27 +80,15 @@ def retakes(data: Dataset, fitted: FittedScene, views: Sequence[str], settings: 
 def reduced(camera: Camera, width: int) -> tuple[Camera, int]:
     """Return the camera with pixels as large as whole blocks, about ``width`` of them a row, and a block's side."""
     block = max(round(camera.width / width), 1)
-    return replace(
-        camera,
-        width=camera.width // block,
-        height=camera.height // block,
-        **{name: getattr(camera, name) / block for name in ("fx", "fy", "cx", "cy")},
-    ), block
-
-
-def blocks(image: np.ndarray, block: int) -> np.ndarray:
-    """Mean of (H, W, ...) over blocks; rows and columns that fill none are left out."""
-    height, width = image.shape[0] // block, image.shape[1] // block
-    parts = image[: height * block, : width * block].reshape(height, block, width, block, *image.shape[2:])
-    return parts.mean(axis=(1, 3))
+    return camera.reduced(block), block
 
 
 def _retake(data, room, reduced_camera, materials, sampling) -> Retake:
     camera, block = reduced_camera
     photo, valid = data.image(camera.name)
     valid = valid * ~data.clipped(camera.name)
-    weight = blocks(valid, block)
-    mean = blocks(photo * valid[..., None], block) / np.maximum(weight, 1e-9)[..., None]
+    weight = block_mean(valid, block)
+    mean = block_mean(photo * valid[..., None], block) / np.maximum(weight, 1e-9)[..., None]
     (render,) = render_images([room], camera, materials, sampling, lambda _: None)
     si, _ = trace_pixels(room.shader.scene, camera, _CENTER)
     pixels, shape = camera.width * camera.height, (camera.height, camera.width)

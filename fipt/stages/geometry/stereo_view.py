@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from fipt.conventions import FLAG_MOVED, FLAG_NOISE, FLAG_OUTSIDE, FLAG_SATURATED, LUMINANCE
+from fipt.scene.blocks import blocks
 from fipt.scene.cameras import Camera
 from fipt.scene.dataset import Dataset
 
@@ -54,16 +55,12 @@ class StereoView:
 
     def halved(self) -> "StereoView":
         """Half the size, means of 2x2 pixels; a pixel counts where at least half of its four do."""
-        rows, columns = self.light.shape[0] // 2, self.light.shape[1] // 2
-        blocks = self.light[: 2 * rows, : 2 * columns].reshape(rows, 2, columns, 2)
-        count = np.isfinite(blocks).sum(axis=(1, 3))
-        light = np.nansum(blocks, axis=(1, 3)) / np.maximum(count, 1)
-        camera = self.camera
-        small = Camera(
-            camera.name, camera.split, columns, rows,
-            camera.fx / 2, camera.fy / 2, camera.cx / 2, camera.cy / 2, camera.world_from_camera,
-        )  # fmt: skip
-        return StereoView(small, np.where(count >= 2, light, np.nan).astype(np.float32), self.noise / 2)
+        fours = blocks(self.light, 2)
+        count = np.isfinite(fours).sum(axis=(1, 3))
+        light = np.nansum(fours, axis=(1, 3)) / np.maximum(count, 1)
+        return StereoView(
+            self.camera.reduced(2), np.where(count >= 2, light, np.nan).astype(np.float32), self.noise / 2
+        )
 
 
 def stereo_view(dataset: Dataset, view: str) -> StereoView:

@@ -1,7 +1,6 @@
 """A dataset of smaller images: blocks of pixels averaged, cameras with them."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -48,17 +47,7 @@ def downscale(folder: Path, cameras: Sequence[Camera], factor: int) -> list[Came
         for path in (ids_file(folder, kind, camera.name) for kind in KINDS):
             if path.is_file():
                 write_png(path, block_ids(read_ids(path), factor))
-        smaller.append(
-            replace(
-                camera,
-                width=camera.width // factor,
-                height=camera.height // factor,
-                fx=camera.fx / factor,
-                fy=camera.fy / factor,
-                cx=camera.cx / factor,
-                cy=camera.cy / factor,
-            )
-        )
+        smaller.append(camera.reduced(factor))
     return smaller
 
 

@@ -95,5 +95,5 @@ def test_what_cannot_be_fitted_is_one_line():
         from_sphere(black, QUICK, VOXEL, "cpu")
     broken = np.arange(60)[:, None, None] % 2 == 0
     burnt = [replace(view, radiance=np.where(broken, np.nan, view.radiance)) for view in views]
-    with pytest.raises(FiptError, match=r"must be finite; it is not at step 0 \(colour\)"):
+    with pytest.raises(FiptError, match=r"must be finite; it is not at step 0 \(color\)"):
         from_sphere(burnt, QUICK, VOXEL, "cpu")
