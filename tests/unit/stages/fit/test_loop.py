@@ -210,7 +210,7 @@ def test_a_loss_that_is_not_finite_names_its_term(one_thread, tmp_path):
     pixels = scene()[0]
     pixels.radiance[0][:] = np.inf
     settings = SETTINGS.model_copy(update={"steps": 3})
-    with pytest.raises(FiptError, match=r"the loss is not finite at step 0 \(colour\)"):
+    with pytest.raises(FiptError, match=r"the loss is not finite at step 0 \(color\)"):
         loop.fit(Field(settings, BOX), pixels, Objective(settings, "part"), tmp_path / "c.safetensors")
 
 
