@@ -86,7 +86,10 @@ def _judged(inputs: CheckPosesInputs, settings: "CheckPosesSettings") -> tuple[l
     log.info("%s", table(verdicts))
     explain(data, verdicts, settings)
     enough(verdicts, settings)
-    verdicts, misplaced = judged_by_alignment(scene, views, verdicts)
+    misplaced: list[RoomFinding] = []
+    spoiled = inputs.mesh is not None and not all(verdict.accepted for verdict in verdicts)
+    if not spoiled:  # wrong views helped to make that mesh: by how little others are off is told by the next one
+        verdicts, misplaced = judged_by_alignment(scene, views, verdicts)
     for verdict in verdicts:
         if verdict.accepted and verdict.reason:
             log.warning("%s %s", verdict.view, verdict.reason)
