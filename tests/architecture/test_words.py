@@ -29,6 +29,7 @@ RETIRED = {
     "filmed": "setups_with_cameras",
     "shine": "emit",
     "colour": "color, as all libraries have it (prose is British)",
+    "coloured": "colored",
 }
 """Retired word -> what the field calls it; plurals and third persons as well."""
 SINGULAR_STAYS = {"hit"}

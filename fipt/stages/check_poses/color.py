@@ -24,7 +24,7 @@ _PIXELS = 2000
 _FEWEST = 30
 """Pixels that two views must share."""
 
-_COLOURED = 0.05
+_COLORED = 0.05
 """Root mean square of log red over blue that both must show there: less is grey."""
 
 _EXCHANGED = -0.5
@@ -108,6 +108,6 @@ def _shared(scene: RayScene, here: ReducedView, there: ReducedView) -> SharedCol
         return None
     a, b = here.color.reshape(-1, 2)[front][known], there.color[row, column][known]
     size = [float(np.sqrt(np.mean(values[:, 0] ** 2))) for values in (a, b)]
-    cosine = float(np.mean(a[:, 0] * b[:, 0])) / (size[0] * size[1]) if min(size) > _COLOURED else None
+    cosine = float(np.mean(a[:, 0] * b[:, 0])) / (size[0] * size[1]) if min(size) > _COLORED else None
     redder, greener = np.median(a - b, axis=0)
     return SharedColor(cosine, float(redder), float(greener))

@@ -22,7 +22,7 @@ class CheckPosesInputs:
 
     dataset: Annotated[Path, "Dataset folder.", POSITIONAL]
     reject: Annotated[bool, "Write the verdicts into the dataset: later stages leave such views out."] = False
-    mesh: Annotated[Path | None, "Mesh to check through; default: the dataset's own."] = None
+    mesh: Annotated[Path | None, "Mesh to check through, made of these views; default: the dataset's own."] = None
     out: Annotated[Path | None, "File for the verdicts in place of the dataset's, with --reject."] = None
 
 
@@ -82,13 +82,16 @@ def _judged(inputs: CheckPosesInputs, settings: "CheckPosesSettings") -> tuple[l
     data = Dataset(inputs.dataset, unchecked=True, mesh=inputs.mesh)
     scene = RayScene(data.mesh())
     views = shown_views(scene, data, settings.width)
-    verdicts = judged_by_color(scene, views, judge(scene, views, settings))
+    verdicts = judge(scene, views, settings)
+    spoiled = inputs.mesh is not None and not all(verdict.accepted for verdict in verdicts)
+    verdicts = judged_by_color(scene, views, verdicts)
     log.info("%s", table(verdicts))
     explain(data, verdicts, settings)
     enough(verdicts, settings)
     misplaced: list[RoomFinding] = []
-    spoiled = inputs.mesh is not None and not all(verdict.accepted for verdict in verdicts)
-    if not spoiled:  # wrong views helped to make that mesh: by how little others are off is told by the next one
+    if spoiled:
+        log.info("small errors are not looked for: views that are rejected may have helped to make this mesh")
+    else:
         verdicts, misplaced = judged_by_alignment(scene, views, verdicts)
     for verdict in verdicts:
         if verdict.accepted and verdict.reason:

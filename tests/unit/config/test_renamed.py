@@ -15,6 +15,7 @@ ROOM = {"source": "procedural"}
         ({"background": {"mode": "none"}}, ["background is environment now"]),
         ({"lamps": {"views": 1}}, ["lamps is olat now"]),
         ({"fuse": {"colour": 0.2}}, ["fuse.colour is fuse.color now"]),
+        ({"fit": {"colour_weight": 2}}, ["fit.colour_weight is fit.color_weight now"]),
         (
             {"emitters": {"two_sided": False}},
             ["emitters.two_sided is emitters.sides now: true is both, and false (one side, by winding) is gone"],
