@@ -1,4 +1,4 @@
-"""Images averaged down by blocks of pixels; what does not fill a block, right and below, is cut off."""
+"""Images cut into square blocks of pixels; what does not fill a block, right and below, is left out."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from fipt.conventions import FLAG_NOISE
 
 
 def blocks(values: np.ndarray, factor: int) -> np.ndarray:
-    """(H, W[, C]) values as (h, factor, w, factor[, C])."""
+    """(H, W[, C]) values as (h, factor, w, factor[, C]): h x w blocks of ``factor`` x ``factor`` pixels."""
     height, width = (n // factor for n in values.shape[:2])
     used = values[: height * factor, : width * factor]
     return used.reshape(height, factor, width, factor, *values.shape[2:])

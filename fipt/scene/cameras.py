@@ -71,9 +71,9 @@ class Camera:
         return np.array([[self.fx, 0.0, self.cx - 0.5], [0.0, self.fy, self.cy - 0.5], [0.0, 0.0, 1.0]])
 
     def reduced(self, block: int) -> "Camera":
-        """Return the camera whose pixels are blocks of ``block`` a side (`fipt.scene.blocks`)."""
-        focal = {name: getattr(self, name) / block for name in ("fx", "fy", "cx", "cy")}
-        return replace(self, width=self.width // block, height=self.height // block, **focal)
+        """Return the camera whose pixels are blocks of ``block`` x ``block`` of this one's (`fipt.scene.blocks`)."""
+        scaled = {name: getattr(self, name) / block for name in ("fx", "fy", "cx", "cy")}
+        return replace(self, width=self.width // block, height=self.height // block, **scaled)
 
     def directions(self, columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """Return unit world directions through image points.
