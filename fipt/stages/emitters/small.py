@@ -12,7 +12,9 @@ with what others send out, R, known from pixels that they fill. L is found by mu
 Lucy 1974), which keep it positive; for an emitter that shares no pixel with another it is the ratio of the sums of
 light and of shares, so that errors of shares cancel in its flux. Views are observations: an emitter is believed if the
 mean of ln(L / (`EMITTER_GAIN` times the brightest reflection)) over views is above 0 by three standard errors. A
-highlight on a curved handle moves from view to view, or is no brighter than one error.
+highlight on a curved handle moves from view to view, or is no brighter than one error. Of what one view alone shows,
+tiles of the view are observations: a strip below a shelf crosses several, a highlight or a fault of the sensor does
+not.
 """
 
 from collections.abc import Sequence
@@ -27,6 +29,7 @@ from scipy.sparse.csgraph import connected_components
 from fipt.conventions import EMITTER_GAIN, RAYS_PER_SIDE
 from fipt.model.reflectance import brightest_reflection
 from fipt.scene.mesh import Mesh, facing_pieces
+from fipt.scene.mixed import tiles_of
 from fipt.scene.observed import ObservedShard
 from fipt.stages.emitters.observations import Observations
 from fipt.stages.emitters.regions import Surface
@@ -38,7 +41,9 @@ RELEVANT = 1e-3
 _SIGMAS = 3.0
 """Standard errors by which an emitter must be brighter than reflections."""
 _FEWEST_VIEWS = 2
-"""Views that must show it: one alone may show a fault of its sensor, or a highlight."""
+"""Views that must show it: in one alone a few pixels may be a fault of its sensor, or a highlight."""
+_FEWEST_TILES = 3
+"""Tiles in which a single view must show it: their scatter tells an error."""
 _COUNTED = 1 / RAYS_PER_SIDE**2
 """Variance of a counted share w over w (1 - w): what is thinner than the distance of rays is met by chance."""
 _AT_ONCE = 4
@@ -56,8 +61,8 @@ class _Shared:
 
     Attributes
     ----------
-    triangle, view, sample, pixel
-        (N,) int64; the pixel is numbered over those that show a candidate.
+    triangle, view, tile, sample, pixel
+        (N,) int64; the pixel is numbered over those that show a candidate, the tile over all views.
     share
         (N,) of the pixel.
     most
@@ -70,6 +75,7 @@ class _Shared:
 
     triangle: np.ndarray
     view: np.ndarray
+    tile: np.ndarray
     sample: np.ndarray
     pixel: np.ndarray
     share: np.ndarray
@@ -165,7 +171,7 @@ def _shared(shards: Sequence[ObservedShard], surface: Surface, number: np.ndarra
     """Samples of candidates, those with a ``number`` (T,), and what other surface leaves of their pixels."""
     ordinary = np.where((number >= 0)[:, None], 0, np.nan_to_num(surface.radiance))
     columns: list[tuple[np.ndarray, ...]] = []
-    pixels = 0
+    pixels = tiles = 0
     for shard in shards:
         samples = shard.samples
         for index in range(len(samples.views)):
@@ -177,13 +183,14 @@ def _shared(shards: Sequence[ObservedShard], surface: Surface, number: np.ndarra
             around = np.flatnonzero(np.isin(pixel, shown))
             other = share[around, None] * ordinary[triangle[around]]
             np.subtract.at(left, np.searchsorted(shown, pixel[around]), other)
-            place = place.reshape(-1)
+            place, tile = place.reshape(-1), tiles_of(shown, samples.shapes[index][1])
+            most = brightest_reflection(np.asarray(shard.shading[rows + own.start], np.float32))
             columns.append((
-                triangle[rows].astype(np.int64), np.full(len(rows), len(columns)), rows + own.start, pixels + place,
-                share[rows], brightest_reflection(np.asarray(shard.shading[rows + own.start], np.float32)),
+                triangle[rows].astype(np.int64), np.full(len(rows), len(columns)), tiles + tile[place],
+                rows + own.start, pixels + place, share[rows], most,
                 np.maximum(left, 0)[place], np.asarray(shard.clipped[first])[pixel[rows]],
             ))  # fmt: skip
-            pixels += len(shown)
+            pixels, tiles = pixels + len(shown), tiles + int(tile.max(initial=-1)) + 1
     return _Shared(*(np.concatenate(column) for column in zip(*columns, strict=True)))
 
 
@@ -261,12 +268,24 @@ def _levels(shared: _Shared, emitter: np.ndarray, count: int) -> np.ndarray:
 
 
 def _believed(shared: _Shared, emitter: np.ndarray, level: np.ndarray) -> np.ndarray:
-    """(E,) bool: emitters that are brighter than any reflection, as their views say together."""
-    count, views = len(level), int(shared.view.max(initial=0)) + 1
+    """(E,) bool: emitters that are brighter than any reflection, as their views say together, or tiles of the one."""
+    beyond, views = _beyond(shared, emitter, level, shared.view)
+    beyond_in_tiles, tiles = _beyond(shared, emitter, level, shared.tile)
+    return np.where(views >= _FEWEST_VIEWS, beyond, (tiles >= _FEWEST_TILES) & beyond_in_tiles)
+
+
+def _beyond(
+    shared: _Shared, emitter: np.ndarray, level: np.ndarray, observed_in: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """(E,) bool: emitters brighter than any reflection by three standard errors; and (E,) number of observations.
+
+    ``observed_in`` (N,) numbers the observation that a sample belongs to.
+    """
+    count, most_seen = len(level), int(observed_in.max(initial=0)) + 1
     given = shared.share * level.mean(axis=1)[emitter]
     part = given / np.maximum(np.bincount(shared.pixel, given), 1e-12)[shared.pixel] * shared.left.mean(axis=1)
-    pair, place = np.unique(emitter * views + shared.view, return_inverse=True)
-    place, owner = place.reshape(-1), pair // views
+    pair, place = np.unique(emitter * most_seen + observed_in, return_inverse=True)
+    place, owner = place.reshape(-1), pair // most_seen
 
     def total(values: np.ndarray) -> np.ndarray:
         return np.bincount(place, values, len(pair))
@@ -275,17 +294,17 @@ def _believed(shared: _Shared, emitter: np.ndarray, level: np.ndarray) -> np.nda
     most = EMITTER_GAIN * total(shared.share * shared.most) / np.maximum(share, 1e-12)
     excess = np.log(np.maximum(total(part) / np.maximum(share, 1e-12) / np.maximum(most, 1e-12), _DIMMEST))
     counting = _COUNTED * total(shared.share * (1 - shared.share)) / np.maximum(share, 1e-12) ** 2
-    # a share that may be nothing tells nothing; views differ by more than what is counted
+    # a share that may be nothing tells nothing; observations differ by more than what is counted
     trust = (_SIGMAS**2 * counting < 1) / (counting + _COUNTED)
 
     def mean(values: np.ndarray) -> np.ndarray:
         return np.bincount(owner, trust * values, count) / np.maximum(np.bincount(owner, trust, count), 1e-12)
 
     middle = mean(excess)
-    seen_by = np.bincount(owner, trust > 0, count)
-    scatter = mean((excess - middle[owner]) ** 2) / np.maximum(seen_by - 1, 1)
-    error = np.sqrt(np.maximum(scatter, mean(counting) / np.maximum(seen_by, 1)))
-    return (seen_by >= _FEWEST_VIEWS) & (middle > _SIGMAS * error)
+    seen_in = np.bincount(owner, trust > 0, count)
+    scatter = mean((excess - middle[owner]) ** 2) / np.maximum(seen_in - 1, 1)
+    error = np.sqrt(np.maximum(scatter, mean(counting) / np.maximum(seen_in, 1)))
+    return middle > _SIGMAS * error, seen_in
 
 
 def _renumbered(number: np.ndarray, kept: np.ndarray) -> np.ndarray:

@@ -26,15 +26,15 @@ def mesh():
     return scenes.joined(ceiling, spot, ring)
 
 
-def shards(rng, spot=SPOT, ring=0.5, views=VIEWS, moving=False):
-    """Every view shows the ceiling everywhere, and in three pixels shares of spot and ring.
+def shards(rng, spot=SPOT, ring=0.5, views=VIEWS, moving=False, side=SIDE, spots=SPOTS):
+    """Every view shows the ceiling everywhere, and in a few pixels shares of spot and ring.
 
     With ``moving`` the spot is a knob that shines in one view.
     """
-    pixels = SIDE * SIDE
+    pixels = side * side
     triangle, share, count, image = [], [], [], []
     for view in range(views):
-        shown = rng.choice(pixels, SPOTS, replace=False)
+        shown = rng.choice(pixels, spots, replace=False)
         for pixel in range(pixels):
             w = rng.integers(2, 6, 2) / 16 if pixel in shown else np.zeros(2)
             rows = [(rng.integers(0, 2), 1 - w.sum())]
@@ -50,7 +50,7 @@ def shards(rng, spot=SPOT, ring=0.5, views=VIEWS, moving=False):
         np.array(share),
         np.array(count),
         views=[f"v{k}" for k in range(views)],
-        shapes=[(SIDE, SIDE)] * views,
+        shapes=[(side, side)] * views,
         normal=np.tile(np.float32([0, -1, 0]), (len(triangle), 1)),
     )
     color = np.array(image)[:, None] * np.float32([1.2, 1.0, 0.8])
@@ -86,6 +86,13 @@ def test_no_emitter(mesh, np_rng, case):
     assert (found(mesh, shards(np_rng, **case)).number < 0).all()
 
 
+@pytest.mark.parametrize(("side", "emits"), [(4 * SIDE, True), (SIDE, False)])
+def test_one_view_shows_a_strip_in_several_tiles_and_a_highlight_in_one(mesh, np_rng, side, emits):
+    """A strip below a shelf that one view sees from below crosses it; a highlight is a place."""
+    number = found(mesh, shards(np_rng, views=1, side=side, spots=60)).number
+    np.testing.assert_array_equal(number, [-1, -1, 0, 0, -1, -1] if emits else [-1] * 6)
+
+
 def test_a_spot_that_is_clipped_is_at_least_so_bright(mesh, np_rng):
     seen = [replace(shard, clipped=np.asarray(shard.radiance)[:, 0] > 5) for shard in shards(np_rng)]
     emitters = extract(mesh, seen, None, EmittersSettings(guess=False)).emitters
@@ -111,8 +118,8 @@ def test_noise_that_shares_pixels_goes_in_a_few_steps(np_rng, monkeypatch):
     sent = np.where(np.isin(emitter, bright), SPOT, CEILING * np_rng.uniform(0.5, 2, len(emitter)))
     left = np.bincount(pixel, share * sent, pixels)[pixel, None] * np.ones(3)
     seen = small._Shared(
-        emitter, pixel % VIEWS, np.arange(len(emitter)), pixel, share, np.full(len(emitter), CEILING), left,
-        np.zeros(len(emitter), bool),
+        emitter, pixel % VIEWS, pixel % VIEWS, np.arange(len(emitter)), pixel, share,
+        np.full(len(emitter), CEILING), left, np.zeros(len(emitter), bool),
     )  # fmt: skip
     solved, steps = small._solved, []
     monkeypatch.setattr(small, "_solved", lambda *given: steps.append(1) or solved(*given))
