@@ -129,11 +129,11 @@ def extract(
         asked = (label >= 0) & (decided.emitter < 0) & ~decided.rejected & ~np.append(evidence.certain, False)[label]
         doubtful = _regions(np.where(asked, label, -1), np.unique(label[asked]), evidence)
         tells = label == surface.region  # a rim has the light of the region inside, but mixed with what is around
-        observed = surface.pixels
         small = small_emitters(mesh, shards, surface, label >= 0, decided.rejected | (decided.emitter >= 0))
         label, few = np.where(small.number >= 0, surface.count + small.number, label), small.number >= 0
         seen = Observations.joined([seen[~few[seen.triangle]], small.pixels])
         seen, tells = seen[np.argsort(seen.view, kind="stable")], tells | few
+        observed = surface.pixels + small.dark
         undecided = _undecided(mesh, surface, evidence, label, decided)
         first, views = surface.count + int(small.number.max(initial=-1)) + 1, [seen]
     else:

@@ -17,7 +17,7 @@ tiles of the view are observations: a strip below a shelf crosses several, a hig
 not.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -97,10 +97,13 @@ class SmallEmitters:
         (T,) int64 number of the emitter of each triangle, -1 where it is none of these.
     pixels
         The pixels that show them, sorted by view, with the radiance of the emitter alone.
+    dark
+        (T,) bool: other surface that is seen, if only in pixels that it shares, and does not shine.
     """
 
     number: np.ndarray
     pixels: Observations
+    dark: np.ndarray
 
 
 def small_emitters(
@@ -117,7 +120,7 @@ def small_emitters(
     emitting, never
         (T,) bool: known to emit; emits in no case.
     """
-    number = _candidates(mesh, shards, surface, emitting, emitting | never)
+    number, dark = _candidates(mesh, shards, surface, emitting, emitting | never)
     shared = _shared(shards, surface, number)
     number = _renumbered(number, _needed(shared, number[shared.triangle], int(number.max(initial=-1)) + 1))
     shared = shared[number[shared.triangle] >= 0]
@@ -130,17 +133,47 @@ def small_emitters(
     nothing = np.zeros(len(shared.triangle), np.float32)
     radiance = level[number[shared.triangle]].astype(np.float32)
     pixels = Observations(shared.triangle, radiance, shared.view, nothing, shared.clipped, shared.sample)
-    return SmallEmitters(number, pixels)
+    return SmallEmitters(number, pixels, dark & (number < 0))
 
 
 def _candidates(
     mesh: Mesh, shards: Sequence[ObservedShard], surface: Surface, emitting: np.ndarray, other: np.ndarray
-) -> np.ndarray:
+) -> tuple[np.ndarray, np.ndarray]:
     """(T,) int64 number of each piece of surface of which most that is seen lies in pixels that no reflection explains.
 
     A piece is connected and faces along one axis. Where only a part of it is bright, its bright triangles are pieces.
+    With it (T,) bool of the pieces that are `dark`: of which, in the mean of the views, most lies in other pixels.
     """
     total, beyond = np.zeros((2, len(emitting)))
+    piece = facing_pieces(mesh, ~other)
+    shown, views, bright_views = np.zeros((3, int(piece.max(initial=-1)) + 1))
+    for triangle, share, bright, beside in _pixels(shards, surface, emitting):
+        total += np.bincount(triangle, share, len(total))
+        beyond += np.bincount(triangle, share * bright, len(total))
+        apart = np.bincount(piece[triangle], share * ~beside, len(shown))
+        bright_apart = np.bincount(piece[triangle], share * (bright & ~beside), len(shown))
+        shown += apart
+        counts = np.minimum(apart, 1)  # a pixel's worth of it is an observation
+        views += counts
+        bright_views += counts * bright_apart / np.maximum(apart, 1e-12)
+    dark = (shown >= 1) & (bright_views <= _BEYOND * views)
+    whole = np.bincount(piece, beyond) > _BEYOND * np.bincount(piece, total)
+    part = facing_pieces(mesh, ~other & ~whole[piece] & (beyond > _BEYOND * total))
+    number = np.where(whole[piece], piece, piece.max(initial=-1) + 1 + part)
+    chosen = ~other & (whole[piece] | (beyond > _BEYOND * total))
+    result = np.full(len(total), -1, np.int64)
+    result[chosen] = np.unique(number[chosen], return_inverse=True)[1].reshape(-1)
+    return result, dark[piece]
+
+
+def _pixels(
+    shards: Sequence[ObservedShard], surface: Surface, emitting: np.ndarray
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
+    """Yield triangle and share (N,) of the samples of each view, and (N,) bool of their pixels.
+
+    These are whether the pixel is brighter than all that it shows could reflect, and whether it lies beside a pixel
+    that shows a known emitter.
+    """
     known = np.where(emitting, np.nan_to_num(surface.radiance.mean(axis=1)), 0)
     for shard in shards:
         samples = shard.samples
@@ -152,19 +185,11 @@ def _candidates(
             # a pixel beside a known emitter may show it, where mesh and lens are not exact
             light = np.zeros(height * width)
             np.maximum.at(light, pixel, known[triangle])
-            most = maximum_filter(light.reshape(height, width), 3).reshape(-1) + most
+            light = maximum_filter(light.reshape(height, width), 3).reshape(-1)
+            bright = np.asarray(shard.radiance[first]).mean(axis=1) > EMITTER_GAIN * (light + most)
             usable = np.asarray(shard.weight[first]) > 0
-            bright = usable & (np.asarray(shard.radiance[first]).mean(axis=1) > EMITTER_GAIN * most)
-            total += np.bincount(triangle, share * usable[pixel], len(total))
-            beyond += np.bincount(triangle, share * bright[pixel], len(total))
-    piece = facing_pieces(mesh, ~other)
-    whole = np.bincount(piece, beyond) > _BEYOND * np.bincount(piece, total)
-    part = facing_pieces(mesh, ~other & ~whole[piece] & (beyond > _BEYOND * total))
-    number = np.where(whole[piece], piece, piece.max(initial=-1) + 1 + part)
-    chosen = ~other & (whole[piece] | (beyond > _BEYOND * total))
-    result = np.full(len(total), -1, np.int64)
-    result[chosen] = np.unique(number[chosen], return_inverse=True)[1].reshape(-1)
-    return result
+            rows = np.flatnonzero(usable[pixel])
+            yield triangle[rows], share[rows], bright[pixel[rows]], light[pixel[rows]] > 0
 
 
 def _shared(shards: Sequence[ObservedShard], surface: Surface, number: np.ndarray) -> _Shared:

@@ -26,10 +26,11 @@ def mesh():
     return scenes.joined(ceiling, spot, ring)
 
 
-def shards(rng, spot=SPOT, ring=0.5, views=VIEWS, moving=False, side=SIDE, spots=SPOTS):
+def shards(rng, spot=SPOT, ring=0.5, views=VIEWS, moving=False, side=SIDE, spots=SPOTS, apart=False):
     """Every view shows the ceiling everywhere, and in a few pixels shares of spot and ring.
 
-    With ``moving`` the spot is a knob that shines in one view.
+    With ``moving`` the spot is a knob that shines in one view; with ``apart`` one half of the views shows the spot, the
+    other the ring.
     """
     pixels = side * side
     triangle, share, count, image = [], [], [], []
@@ -37,8 +38,9 @@ def shards(rng, spot=SPOT, ring=0.5, views=VIEWS, moving=False, side=SIDE, spots
         shown = rng.choice(pixels, spots, replace=False)
         for pixel in range(pixels):
             w = rng.integers(2, 6, 2) / 16 if pixel in shown else np.zeros(2)
+            w = w * ([view % 2, 1 - view % 2] if apart else 1)
             rows = [(rng.integers(0, 2), 1 - w.sum())]
-            rows += [(2 + rng.integers(0, 2), w[0]), (4 + rng.integers(0, 2), w[1])] if w.any() else []
+            rows += [(2 * k + 2 + rng.integers(0, 2), w[k]) for k in range(2) if w[k] > 0]
             triangle += [row[0] for row in rows]
             share += [row[1] for row in rows]
             count.append(len(rows))
@@ -72,6 +74,18 @@ def test_a_spot_is_told_from_its_ring_and_the_ceiling(mesh, np_rng):
         result.pixels.radiance, np.tile(SPOT * np.float32([1.2, 1, 0.8]), (VIEWS * SPOTS, 1)), rtol=0.15
     )
     assert (np.diff(result.pixels.view) >= 0).all()
+
+
+def test_a_side_that_is_seen_dark_in_shared_pixels_is_no_far_side(np_rng):
+    """A light box: its bottom shines, its side does not, and no pixel shows either alone."""
+    ceiling = scenes.quad((0, 3, 0), (4, 0, 0), (0, 0, 4))
+    bottom = scenes.quad((2, 2.9, 2), (0.05, 0, 0), (0, 0, 0.05))
+    side = scenes.quad((2.05, 2.9, 2), (0, 0.05, 0), (0, 0, 0.05))
+    box = scenes.joined(ceiling, bottom, side)
+    seen = shards(np_rng, views=8, spots=9, apart=True)
+    np.testing.assert_array_equal(found(box, seen).dark, [True, True, False, False, True, True])
+    emitters = extract(box, seen, None, EmittersSettings(guess=False)).emitters
+    np.testing.assert_array_equal(emitters.triangle, [2, 3])
 
 
 def test_the_spot_is_an_emitter(mesh, np_rng):
