@@ -121,8 +121,8 @@ def load_scene_file(path: Path) -> mi.Scene:
 
 
 def path_integrator(max_depth: int) -> mi.Integrator:
-    """Mitsuba's path tracer; ``max_depth`` counts segments."""
-    return mi.load_dict({"type": "path", "max_depth": max_depth})
+    """Mitsuba's path tracer; ``max_depth`` counts bounces, one less than a path has edges."""
+    return mi.load_dict({"type": "path", "max_depth": max_depth + 1})
 
 
 Rays = Callable[[Any, Any], Any]

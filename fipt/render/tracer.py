@@ -38,7 +38,7 @@ from fipt.render.surface import SurfaceCache, Triangles
 
 @dataclass(frozen=True)
 class PathSettings:
-    """How paths go on: ``max_depth`` vertices after the first hit; vertices rougher than ``cache_roughness`` end in
+    """How paths go on: ``max_depth`` bounces at most; vertices rougher than ``cache_roughness`` end in
     the cache where it knows them; ``light_at_first`` samples emitters at the first hit too.
     """
 

@@ -45,7 +45,7 @@ def write_mitsuba(
     environment
         (h, w, 3) the outside as Mitsuba's map; None where none shines.
     max_depth
-        Longest path, segments.
+        Longest path, bounces.
     """
     sheets = [asset.surface, *asset.sheets]
     for piece in sheets:
@@ -72,7 +72,7 @@ def _scene(asset: Asset, sheets: list[TexturedMesh], kind: str, specular: float,
     root = Element("scene", version="3.0.0")
     SubElement(root, "default", name="spp", value="256")
     integrator = SubElement(root, "integrator", type="path")
-    _add(integrator, "integer", "max_depth", max_depth)
+    _add(integrator, "integer", "max_depth", max_depth + 1)  # Mitsuba counts a path's edges
     for camera in asset.cameras:
         _sensor(root, camera)
     surface = _surface(root, kind, specular)

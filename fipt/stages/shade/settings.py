@@ -41,7 +41,7 @@ class RefineSettings(Settings):
     specular_spp: Positive = Field(default=16, description="paths per sample from each GGX lobe")
     smooth_spp: Positive = Field(default=16, description="paths per sample from the smoothest GGX lobe")
     light_sampling: bool = Field(default=True, description="sample emitters at the first hit too (the paper does not)")
-    max_depth: Positive = Field(default=5, description="vertices after the first hit")
+    max_depth: Positive = Field(default=5, description="longest path, bounces")
     cache_roughness: Fraction = Field(default=0.6, description="rougher vertices end the path in the radiance cache")
     damping: Fraction = Field(
         default=0.5, lt=1, description="share of the previous round's shading that is kept where both differ by noise"

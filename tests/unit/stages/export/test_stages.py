@@ -33,7 +33,7 @@ def exported(scene, tmp_path_factory):
     settings = {"spp": 512, "max_depth": 3}
     assert call("render", scene, "--out", clean, "--manifest", folder / "render.json", settings=settings) == 0
     options = ["--dataset", data, "--rays-per-side", 3, "--export", out, "--render", clean]
-    options += ["--out", out / "check.json", "--settings", json.dumps({"check_spp": 128, "max_depth": 5})]
+    options += ["--out", out / "check.json", "--settings", json.dumps({"check_spp": 128, "max_depth": 4})]
     assert main(["check-export", *map(str, options)]) == 0
     return out
 
