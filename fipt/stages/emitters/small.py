@@ -150,12 +150,12 @@ def _candidates(
     for triangle, share, bright, beside in _pixels(shards, surface, emitting):
         total += np.bincount(triangle, share, len(total))
         beyond += np.bincount(triangle, share * bright, len(total))
-        apart = np.bincount(piece[triangle], share * ~beside, len(shown))
-        bright_apart = np.bincount(piece[triangle], share * (bright & ~beside), len(shown))
-        shown += apart
-        counts = np.minimum(apart, 1)  # a pixel's worth of it is an observation
+        clear = np.bincount(piece[triangle], share * ~beside, len(shown))
+        bright_clear = np.bincount(piece[triangle], share * (bright & ~beside), len(shown))
+        shown += clear
+        counts = np.minimum(clear, 1)  # a pixel's worth of it is an observation
         views += counts
-        bright_views += counts * bright_apart / np.maximum(apart, 1e-12)
+        bright_views += counts * bright_clear / np.maximum(clear, 1e-12)
     dark = (shown >= 1) & (bright_views <= _BEYOND * views)
     whole = np.bincount(piece, beyond) > _BEYOND * np.bincount(piece, total)
     part = facing_pieces(mesh, ~other & ~whole[piece] & (beyond > _BEYOND * total))

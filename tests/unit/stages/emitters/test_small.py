@@ -26,10 +26,10 @@ def mesh():
     return scenes.joined(ceiling, spot, ring)
 
 
-def shards(rng, spot=SPOT, ring=0.5, views=VIEWS, moving=False, side=SIDE, spots=SPOTS, apart=False):
+def shards(rng, spot=SPOT, ring=0.5, views=VIEWS, moving=False, side=SIDE, spots=SPOTS, parted=False):
     """Every view shows the ceiling everywhere, and in a few pixels shares of spot and ring.
 
-    With ``moving`` the spot is a knob that shines in one view; with ``apart`` one half of the views shows the spot, the
+    With ``moving`` the spot is a knob that shines in one view; with ``parted`` one half of the views shows the spot, the
     other the ring.
     """
     pixels = side * side
@@ -38,7 +38,7 @@ def shards(rng, spot=SPOT, ring=0.5, views=VIEWS, moving=False, side=SIDE, spots
         shown = rng.choice(pixels, spots, replace=False)
         for pixel in range(pixels):
             w = rng.integers(2, 6, 2) / 16 if pixel in shown else np.zeros(2)
-            w = w * ([view % 2, 1 - view % 2] if apart else 1)
+            w = w * ([view % 2, 1 - view % 2] if parted else 1)
             rows = [(rng.integers(0, 2), 1 - w.sum())]
             rows += [(2 * k + 2 + rng.integers(0, 2), w[k]) for k in range(2) if w[k] > 0]
             triangle += [row[0] for row in rows]
@@ -82,7 +82,7 @@ def test_a_side_that_is_seen_dark_in_shared_pixels_is_no_far_side(np_rng):
     bottom = scenes.quad((2, 2.9, 2), (0.05, 0, 0), (0, 0, 0.05))
     side = scenes.quad((2.05, 2.9, 2), (0, 0.05, 0), (0, 0, 0.05))
     box = scenes.joined(ceiling, bottom, side)
-    seen = shards(np_rng, views=8, spots=9, apart=True)
+    seen = shards(np_rng, views=8, spots=9, parted=True)
     np.testing.assert_array_equal(found(box, seen).dark, [True, True, False, False, True, True])
     emitters = extract(box, seen, None, EmittersSettings(guess=False)).emitters
     np.testing.assert_array_equal(emitters.triangle, [2, 3])
