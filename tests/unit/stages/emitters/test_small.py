@@ -29,8 +29,8 @@ def mesh():
 def shards(rng, spot=SPOT, ring=0.5, views=VIEWS, moving=False, side=SIDE, spots=SPOTS, parted=False):
     """Every view shows the ceiling everywhere, and in a few pixels shares of spot and ring.
 
-    With ``moving`` the spot is a knob that shines in one view; with ``parted`` one half of the views shows the spot, the
-    other the ring.
+    With ``moving`` the spot is a knob that shines in one view; with ``parted`` one half of the views shows the spot,
+    the other the ring.
     """
     pixels = side * side
     triangle, share, count, image = [], [], [], []
