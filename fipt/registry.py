@@ -60,7 +60,7 @@ SECTIONS: dict[str, Section] = {
     "relight": Section("fipt.stages.render.settings:RelightSettings", 3),
     "video": Section("fipt.stages.render.settings:VideoSettings", 1),
     "olat": Section("fipt.stages.render.settings:OlatSettings", 2),
-    "export": Section("fipt.stages.export.settings:ExportSettings", 4),
+    "export": Section("fipt.stages.export.settings:ExportSettings", 5),
     "metrics": Section("fipt.stages.evaluate.settings:MetricsSettings", 6),
     "findings": Section("fipt.stages.findings.settings:FindingsSettings", 3),
     "report": Section("fipt.stages.report.settings:ReportSettings", 5),

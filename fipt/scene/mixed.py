@@ -103,7 +103,7 @@ def unmixed(
     """
     own, pixel = samples.of_view(index), samples.pixel_of_sample(index)
     width = samples.shapes[index][1]
-    tile = tiles_of(pixel, width)
+    tile = (pixel // width // _TILE) * (width // _TILE + 1) + pixel % width // _TILE
     triangle, share = np.asarray(samples.triangle[own]), np.asarray(samples.weight[own], np.float64)
     number, owner = islands.number[triangle], islands.part[triangle]
     rows = np.flatnonzero(np.isin(tile, tile[number >= 0]) & usable[pixel])
@@ -131,11 +131,6 @@ def unmixed(
         none = np.zeros(0, np.int64)
         return Unmixed(none, none, np.zeros((0, 3)), np.zeros(0), none)
     return Unmixed(*(np.concatenate(column) for column in zip(*found, strict=True)))
-
-
-def tiles_of(pixel: np.ndarray, width: int) -> np.ndarray:
-    """(N,) int64 number of the tile of each pixel (N,) in a view that is ``width`` pixels wide."""
-    return (pixel // width // _TILE) * (width // _TILE + 1) + pixel % width // _TILE
 
 
 def _large(island: np.ndarray, share: np.ndarray, pixels: int) -> np.ndarray:

@@ -133,7 +133,7 @@ def extract(
         label, few = np.where(small.number >= 0, surface.count + small.number, label), small.number >= 0
         seen = Observations.joined([seen[~few[seen.triangle]], small.pixels])
         seen, tells = seen[np.argsort(seen.view, kind="stable")], tells | few
-        observed = surface.pixels + small.dark
+        observed = (surface.pixels > 0) | small.seen_dark
         undecided = _undecided(mesh, surface, evidence, label, decided)
         first, views = surface.count + int(small.number.max(initial=-1)) + 1, [seen]
     else:
@@ -145,7 +145,7 @@ def extract(
     label[decided.rejected] = -1
     tells = (label >= 0) & (tells | (decided.emitter >= 0))
     measured = _measured(mesh, of_triangles(views, tells), label, decided, settings, surface)
-    hidden = _hidden(mesh, shards, measured, observed > 0, settings)
+    hidden = _hidden(mesh, shards, measured, observed, settings)
     found = _completed(mesh, measured, hidden & ~decided.rejected, decided)
     if settings.sides == "seen":
         found = replace(found, sides=emitting_sides(mesh, found, shards))
@@ -170,7 +170,7 @@ def _masked(
     query_mask: Callable[[np.ndarray], np.ndarray],
     settings: EmittersSettings,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Which triangles (T,) the mask says to emit, and (T,) how many pixels show each alone."""
+    """Which triangles (T,) the mask says to emit, and which a pixel shows alone."""
     observed, bright = (np.zeros(len(mesh.triangles), np.int64) for _ in range(2))
     for view in observations(shards):
         observed += np.bincount(view.triangle, minlength=len(observed))
@@ -183,7 +183,7 @@ def _masked(
         seen = seen[grouped_median(found.ratio, index, len(seen)) > EMITTER_GAIN]
     emitting = np.zeros(len(observed), bool)
     emitting[seen[_mean_mask(mesh, seen, query_mask, settings) > settings.threshold]] = True
-    return emitting, observed
+    return emitting, observed > 0
 
 
 def _undecided(

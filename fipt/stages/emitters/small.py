@@ -12,9 +12,9 @@ with what others send out, R, known from pixels that they fill. L is found by mu
 Lucy 1974), which keep it positive; for an emitter that shares no pixel with another it is the ratio of the sums of
 light and of shares, so that errors of shares cancel in its flux. Views are observations: an emitter is believed if the
 mean of ln(L / (`EMITTER_GAIN` times the brightest reflection)) over views is above 0 by three standard errors. A
-highlight on a curved handle moves from view to view, or is no brighter than one error. Of what one view alone shows,
-tiles of the view are observations: a strip below a shelf crosses several, a highlight or a fault of the sensor does
-not.
+highlight on a curved handle moves from view to view, or is no brighter than one error. What one view alone shows is
+cut along its longer extent into sections, a tenth of the picture long. They are observations then: a strip below a
+shelf has several, a fault of the sensor or a highlight on a handle has one. A highlight as long as a strip passes.
 """
 
 from collections.abc import Iterator, Sequence
@@ -29,21 +29,24 @@ from scipy.sparse.csgraph import connected_components
 from fipt.conventions import EMITTER_GAIN, RAYS_PER_SIDE
 from fipt.model.reflectance import brightest_reflection
 from fipt.scene.mesh import Mesh, facing_pieces
-from fipt.scene.mixed import tiles_of
 from fipt.scene.observed import ObservedShard
 from fipt.stages.emitters.observations import Observations
 from fipt.stages.emitters.regions import Surface
 
 _BEYOND = 0.5
-"""Share of what is seen of a candidate that pixels brighter than any reflection show."""
+"""Of what is seen of a surface, in pixels brighter than any reflection: above it is a candidate, else seen dark."""
+_LEAST_SHARE = 0.2
+"""Of a pixel: what shines makes it bright; a smaller share does not tell that a surface is dark."""
 RELEVANT = 1e-3
 """Share of the light of all emitters that makes one matter: less changes no picture."""
 _SIGMAS = 3.0
 """Standard errors by which an emitter must be brighter than reflections."""
 _FEWEST_VIEWS = 2
 """Views that must show it: in one alone a few pixels may be a fault of its sensor, or a highlight."""
-_FEWEST_TILES = 3
-"""Tiles in which a single view must show it: their scatter tells an error."""
+_SECTIONS = 10
+"""Of a picture's longer side."""
+_FEWEST_SECTIONS = 3
+"""Sections in which a single view must show it: their scatter tells an error."""
 _COUNTED = 1 / RAYS_PER_SIDE**2
 """Variance of a counted share w over w (1 - w): what is thinner than the distance of rays is met by chance."""
 _AT_ONCE = 4
@@ -61,8 +64,8 @@ class _Shared:
 
     Attributes
     ----------
-    triangle, view, tile, sample, pixel
-        (N,) int64; the pixel is numbered over those that show a candidate, the tile over all views.
+    triangle, view, section, sample, pixel
+        (N,) int64; the pixel is numbered over those that show a candidate, the section over all views.
     share
         (N,) of the pixel.
     most
@@ -75,7 +78,7 @@ class _Shared:
 
     triangle: np.ndarray
     view: np.ndarray
-    tile: np.ndarray
+    section: np.ndarray
     sample: np.ndarray
     pixel: np.ndarray
     share: np.ndarray
@@ -97,13 +100,14 @@ class SmallEmitters:
         (T,) int64 number of the emitter of each triangle, -1 where it is none of these.
     pixels
         The pixels that show them, sorted by view, with the radiance of the emitter alone.
-    dark
-        (T,) bool: other surface that is seen, if only in pixels that it shares, and does not shine.
+    seen_dark
+        (T,) bool: other surface that views show, if only in pixels that it shares, and that no pixel proves to shine.
+        Whole pieces, which are connected and face along one axis, with triangles of them that nobody sees.
     """
 
     number: np.ndarray
     pixels: Observations
-    dark: np.ndarray
+    seen_dark: np.ndarray
 
 
 def small_emitters(
@@ -139,23 +143,30 @@ def small_emitters(
 def _candidates(
     mesh: Mesh, shards: Sequence[ObservedShard], surface: Surface, emitting: np.ndarray, other: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(T,) int64 number of each piece of surface of which most that is seen lies in pixels that no reflection explains.
+    """Number the surface that may emit, and tell what is seen dark.
 
-    A piece is connected and faces along one axis. Where only a part of it is bright, its bright triangles are pieces.
-    With it (T,) bool of the pieces that are `dark`: of which, in the mean of the views, most lies in other pixels.
+    Returns
+    -------
+    number
+        (T,) int64 of each piece of surface of which most that is seen lies in pixels that no reflection explains; -1
+        for all else. A piece is connected and faces along one axis. Where only a part of it is bright, its bright
+        triangles are pieces.
+    dark
+        (T,) bool: pieces of which a pixel's worth is seen in pixels that tell, half of it or more, in the mean of the
+        views, in such as reflection explains.
     """
     total, beyond = np.zeros((2, len(emitting)))
     piece = facing_pieces(mesh, ~other)
     shown, views, bright_views = np.zeros((3, int(piece.max(initial=-1)) + 1))
-    for triangle, share, bright, beside in _pixels(shards, surface, emitting):
+    for triangle, share, bright, tells in _pixels(shards, surface, emitting):
         total += np.bincount(triangle, share, len(total))
         beyond += np.bincount(triangle, share * bright, len(total))
-        clear = np.bincount(piece[triangle], share * ~beside, len(shown))
-        bright_clear = np.bincount(piece[triangle], share * (bright & ~beside), len(shown))
-        shown += clear
-        counts = np.minimum(clear, 1)  # a pixel's worth of it is an observation
+        telling = share * (tells & (share >= _LEAST_SHARE))
+        here = np.bincount(piece[triangle], telling, len(shown))
+        shown += here
+        counts = np.minimum(here, 1)  # a pixel's worth of it is an observation
         views += counts
-        bright_views += counts * bright_clear / np.maximum(clear, 1e-12)
+        bright_views += counts * np.bincount(piece[triangle], telling * bright, len(shown)) / np.maximum(here, 1e-12)
     dark = (shown >= 1) & (bright_views <= _BEYOND * views)
     whole = np.bincount(piece, beyond) > _BEYOND * np.bincount(piece, total)
     part = facing_pieces(mesh, ~other & ~whole[piece] & (beyond > _BEYOND * total))
@@ -171,8 +182,8 @@ def _pixels(
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
     """Yield triangle and share (N,) of the samples of each view, and (N,) bool of their pixels.
 
-    These are whether the pixel is brighter than all that it shows could reflect, and whether it lies beside a pixel
-    that shows a known emitter.
+    These are whether the pixel is brighter than all that it shows could reflect, and whether that tells of its surface:
+    neither it nor one of those around shows a known emitter, and a pixel that is not so bright is not clipped.
     """
     known = np.where(emitting, np.nan_to_num(surface.radiance.mean(axis=1)), 0)
     for shard in shards:
@@ -189,14 +200,15 @@ def _pixels(
             bright = np.asarray(shard.radiance[first]).mean(axis=1) > EMITTER_GAIN * (light + most)
             usable = np.asarray(shard.weight[first]) > 0
             rows = np.flatnonzero(usable[pixel])
-            yield triangle[rows], share[rows], bright[pixel[rows]], light[pixel[rows]] > 0
+            tells = (light == 0) & (bright | ~np.asarray(shard.clipped[first]))
+            yield triangle[rows], share[rows], bright[pixel[rows]], tells[pixel[rows]]
 
 
 def _shared(shards: Sequence[ObservedShard], surface: Surface, number: np.ndarray) -> _Shared:
     """Samples of candidates, those with a ``number`` (T,), and what other surface leaves of their pixels."""
     ordinary = np.where((number >= 0)[:, None], 0, np.nan_to_num(surface.radiance))
     columns: list[tuple[np.ndarray, ...]] = []
-    pixels = tiles = 0
+    pixels = 0
     for shard in shards:
         samples = shard.samples
         for index in range(len(samples.views)):
@@ -208,15 +220,27 @@ def _shared(shards: Sequence[ObservedShard], surface: Surface, number: np.ndarra
             around = np.flatnonzero(np.isin(pixel, shown))
             other = share[around, None] * ordinary[triangle[around]]
             np.subtract.at(left, np.searchsorted(shown, pixel[around]), other)
-            place, tile = place.reshape(-1), tiles_of(shown, samples.shapes[index][1])
+            place = place.reshape(-1)
+            section = _sections(shown[place], number[triangle[rows]], samples.shapes[index])
             most = brightest_reflection(np.asarray(shard.shading[rows + own.start], np.float32))
             columns.append((
-                triangle[rows].astype(np.int64), np.full(len(rows), len(columns)), tiles + tile[place],
+                triangle[rows].astype(np.int64), np.full(len(rows), len(columns)), len(columns) * _SECTIONS + section,
                 rows + own.start, pixels + place, share[rows], most,
                 np.maximum(left, 0)[place], np.asarray(shard.clipped[first])[pixel[rows]],
             ))  # fmt: skip
-            pixels, tiles = pixels + len(shown), tiles + int(tile.max(initial=-1)) + 1
+            pixels += len(shown)
     return _Shared(*(np.concatenate(column) for column in zip(*columns, strict=True)))
+
+
+def _sections(pixel: np.ndarray, candidate: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """(N,) int64 section of the picture that each pixel lies in, counted along its candidate, from one end of it."""
+    place = np.stack(np.divmod(pixel, shape[1]), axis=1)
+    low, high = (np.full((int(candidate.max(initial=-1)) + 1, 2), end) for end in (max(shape), -1))
+    np.minimum.at(low, candidate, place)
+    np.maximum.at(high, candidate, place)
+    longer = (high - low).argmax(axis=1)[candidate]
+    along = np.take_along_axis(place - low[candidate], longer[:, None], axis=1)[:, 0]
+    return along * _SECTIONS // max(shape)
 
 
 def _needed(shared: _Shared, emitter: np.ndarray, count: int) -> np.ndarray:
@@ -293,24 +317,24 @@ def _levels(shared: _Shared, emitter: np.ndarray, count: int) -> np.ndarray:
 
 
 def _believed(shared: _Shared, emitter: np.ndarray, level: np.ndarray) -> np.ndarray:
-    """(E,) bool: emitters that are brighter than any reflection, as their views say together, or tiles of the one."""
-    beyond, views = _beyond(shared, emitter, level, shared.view)
-    beyond_in_tiles, tiles = _beyond(shared, emitter, level, shared.tile)
-    return np.where(views >= _FEWEST_VIEWS, beyond, (tiles >= _FEWEST_TILES) & beyond_in_tiles)
+    """(E,) bool: emitters brighter than any reflection, as their views say together, or the sections of the one."""
+    by_views, views = _brighter(shared, emitter, level, shared.view)
+    by_sections, sections = _brighter(shared, emitter, level, shared.section)
+    return np.where(views >= _FEWEST_VIEWS, by_views, (sections >= _FEWEST_SECTIONS) & by_sections)
 
 
-def _beyond(
+def _brighter(
     shared: _Shared, emitter: np.ndarray, level: np.ndarray, observed_in: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """(E,) bool: emitters brighter than any reflection by three standard errors; and (E,) number of observations.
 
     ``observed_in`` (N,) numbers the observation that a sample belongs to.
     """
-    count, most_seen = len(level), int(observed_in.max(initial=0)) + 1
+    count, numbers = len(level), int(observed_in.max(initial=0)) + 1
     given = shared.share * level.mean(axis=1)[emitter]
     part = given / np.maximum(np.bincount(shared.pixel, given), 1e-12)[shared.pixel] * shared.left.mean(axis=1)
-    pair, place = np.unique(emitter * most_seen + observed_in, return_inverse=True)
-    place, owner = place.reshape(-1), pair // most_seen
+    pair, place = np.unique(emitter * numbers + observed_in, return_inverse=True)
+    place, owner = place.reshape(-1), pair // numbers
 
     def total(values: np.ndarray) -> np.ndarray:
         return np.bincount(place, values, len(pair))

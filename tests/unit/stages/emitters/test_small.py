@@ -26,18 +26,32 @@ def mesh():
     return scenes.joined(ceiling, spot, ring)
 
 
-def shards(rng, spot=SPOT, ring=0.5, views=VIEWS, moving=False, side=SIDE, spots=SPOTS, parted=False):
-    """Every view shows the ceiling everywhere, and in a few pixels shares of spot and ring.
+def shards(
+    rng,
+    spot=SPOT,
+    ring=0.5,
+    views=VIEWS,
+    moving=False,
+    side=SIDE,
+    spots=SPOTS,
+    parted=False,
+    place=None,
+    share_range=(2, 6),
+):
+    """Every view shows the ceiling everywhere, and in a few pixels, or at a ``place``, shares of spot and ring.
 
     With ``moving`` the spot is a knob that shines in one view; with ``parted`` one half of the views shows the spot,
-    the other the ring.
+    the other the ring. Shares are 1 / 16 times numbers of a ``share_range``.
     """
     pixels = side * side
     triangle, share, count, image = [], [], [], []
     for view in range(views):
-        shown = rng.choice(pixels, spots, replace=False)
+        chosen = (
+            rng.choice(pixels, spots, replace=False) if place is None else np.arange(pixels).reshape(side, side)[place]
+        )
+        shown = set(chosen.reshape(-1).tolist())
         for pixel in range(pixels):
-            w = rng.integers(2, 6, 2) / 16 if pixel in shown else np.zeros(2)
+            w = rng.integers(*share_range, 2) / 16 if pixel in shown else np.zeros(2)
             w = w * ([view % 2, 1 - view % 2] if parted else 1)
             rows = [(rng.integers(0, 2), 1 - w.sum())]
             rows += [(2 * k + 2 + rng.integers(0, 2), w[k]) for k in range(2) if w[k] > 0]
@@ -76,16 +90,32 @@ def test_a_spot_is_told_from_its_ring_and_the_ceiling(mesh, np_rng):
     assert (np.diff(result.pixels.view) >= 0).all()
 
 
-def test_a_side_that_is_seen_dark_in_shared_pixels_is_no_far_side(np_rng):
-    """A light box: its bottom shines, its side does not, and no pixel shows either alone."""
+@pytest.fixture
+def box():
+    """A ceiling (triangles 0, 1) and a light box: its bottom (2, 3) and one of its sides (4, 5)."""
     ceiling = scenes.quad((0, 3, 0), (4, 0, 0), (0, 0, 4))
     bottom = scenes.quad((2, 2.9, 2), (0.05, 0, 0), (0, 0, 0.05))
     side = scenes.quad((2.05, 2.9, 2), (0, 0.05, 0), (0, 0, 0.05))
-    box = scenes.joined(ceiling, bottom, side)
-    seen = shards(np_rng, views=8, spots=9, parted=True)
-    np.testing.assert_array_equal(found(box, seen).dark, [True, True, False, False, True, True])
+    return scenes.joined(ceiling, bottom, side)
+
+
+def test_a_side_that_is_seen_dark_in_shared_pixels_is_no_far_side(box, np_rng):
+    """Its bottom shines, its side does not, and no pixel shows either alone."""
+    seen = shards(np_rng, views=8, spots=9, parted=True, share_range=(4, 8))
+    np.testing.assert_array_equal(found(box, seen).seen_dark, [True, True, False, False, True, True])
     emitters = extract(box, seen, None, EmittersSettings(guess=False)).emitters
     np.testing.assert_array_equal(emitters.triangle, [2, 3])
+
+
+@pytest.mark.parametrize("case", ["shines in small shares", "clipped"])
+def test_what_does_not_tell_is_not_seen_dark(box, np_rng, case):
+    """A side that shines makes no pixel bright of which it has a sixteenth; a clipped pixel may be brighter."""
+    if case == "clipped":
+        seen = shards(np_rng, views=8, spots=9, parted=True, share_range=(4, 8))
+        seen = [replace(shard, clipped=np.ones(len(shard.clipped), bool)) for shard in seen]
+    else:
+        seen = shards(np_rng, spot=10, ring=10, views=8, spots=20, parted=True, share_range=(1, 3))
+    assert not found(box, seen).seen_dark[4:].any()
 
 
 def test_the_spot_is_an_emitter(mesh, np_rng):
@@ -100,10 +130,20 @@ def test_no_emitter(mesh, np_rng, case):
     assert (found(mesh, shards(np_rng, **case)).number < 0).all()
 
 
-@pytest.mark.parametrize(("side", "emits"), [(4 * SIDE, True), (SIDE, False)])
-def test_one_view_shows_a_strip_in_several_tiles_and_a_highlight_in_one(mesh, np_rng, side, emits):
-    """A strip below a shelf that one view sees from below crosses it; a highlight is a place."""
-    number = found(mesh, shards(np_rng, views=1, side=side, spots=60)).number
+@pytest.mark.parametrize(
+    ("place", "emits"),
+    [
+        (np.s_[20:22, 8:56], True),
+        (np.s_[3:61, 30:31], True),
+        (np.s_[20:23, 20:23], False),
+        (np.s_[15:18, 15:18], False),
+        (np.s_[30:31, 10:23], False),
+        (np.s_[28:36, 28:36], False),
+    ],
+)
+def test_one_view_shows_a_strip_in_several_sections_and_a_highlight_in_one(mesh, np_rng, place, emits):
+    """A strip below a shelf that one view sees from below crosses it; wherever a highlight lies, it is a place."""
+    number = found(mesh, shards(np_rng, views=1, side=4 * SIDE, place=place)).number
     np.testing.assert_array_equal(number, [-1, -1, 0, 0, -1, -1] if emits else [-1] * 6)
 
 
