@@ -47,7 +47,7 @@ SECTIONS: dict[str, Section] = {
     "environment": Section("fipt.stages.environment.settings:EnvironmentSettings", 3),
     "bake": Section("fipt.stages.shade.settings:BakeSettings", 5),
     "refine": Section("fipt.stages.shade.settings:RefineSettings", 8),
-    "emitters": Section("fipt.stages.emitters.settings:EmittersSettings", 20),
+    "emitters": Section("fipt.stages.emitters.settings:EmittersSettings", 21),
     "regroup": Section("fipt.stages.segment.settings:RegroupSettings", 11),
     "fit": Section("fipt.stages.fit.settings:FitSettings", 13),
     "irradiance": Section("fipt.stages.irradiance.settings:IrradianceSettings", 1),

@@ -135,7 +135,8 @@ def _tried(
 ) -> tuple[Emitters, np.ndarray, _Trial | None]:
     """Emitters that are not told to be lit, which of them (E,) are doubtful, and the guess beside them.
 
-    What has no edge is taken out of them; it becomes undecided where no guess lights it.
+    What has no edge is taken out of them; it becomes undecided where no guess lights it. So is what the light of all
+    that views show explains.
 
     Parameters
     ----------
@@ -151,14 +152,16 @@ def _tried(
     fading = np.isin(number, without_edge(shards, _numbers(found, triangles)))
     tried = trial(found.chosen(~doubtful), asked=True)
     lit = np.isin(number, _lit(tried, found, doubtful, triangles))
-    kept = found.chosen(~(lit | fading))
+    plain = np.isin(number, _lit_by_what_is_seen(tried, found, doubtful & _for_brightness(extracted), triangles))
+    stays = ~(lit | fading | plain)
+    kept = found.chosen(stays)
     if not lit.any() and (fading != doubtful).any():  # else it was tried beside these already
         tried = trial(kept, asked=asked or bool(fading.any()))
-    reflects = lit | np.isin(number, _lit(tried, found, fading, triangles, brightest=np.inf))
+    reflects = lit | plain | np.isin(number, _lit(tried, found, fading, triangles, brightest=np.inf))
     if fading.any() and not asked and not reflects.any():
         tried = trial(kept, asked=False)  # a guess that lights nothing of what asked for it needs to be as sure as any
     unclear = extracted.doubtful.of(found.triangle[fading & ~reflects])
-    return replace(kept, undecided=kept.undecided.joined(unclear)), doubtful[~(lit | fading)], tried
+    return replace(kept, undecided=kept.undecided.joined(unclear)), doubtful[stays], tried
 
 
 def _doubtful(extracted: Extracted) -> np.ndarray:
@@ -167,6 +170,16 @@ def _doubtful(extracted: Extracted) -> np.ndarray:
     power = found.area * found.radiance.mean(axis=1)
     asked = np.isin(found.triangle, extracted.doubtful.triangle)
     return (2 * np.bincount(found.emitter, power * asked) > np.bincount(found.emitter, power))[found.emitter]
+
+
+def _for_brightness(extracted: Extracted) -> np.ndarray:
+    """(E,) bool: triangles of emitters of which a doubtful region is brighter than its material lets it be.
+
+    Others were found since they are even.
+    """
+    found, asked = extracted.emitters, extracted.doubtful
+    bright = (asked.reflects - asked.emits > asked.price)[asked.region]
+    return np.isin(found.emitter, found.emitter[np.isin(found.triangle, asked.triangle[bright])])
 
 
 def _numbers(found: Emitters, triangles: int, rows: np.ndarray | slice = slice(None)) -> np.ndarray:
@@ -239,13 +252,32 @@ def _lit(
     """
     if trial is None or not trial.guess.determined:
         return np.zeros(0, np.int64)
-    of_block = _numbers(found, triangles, doubtful)[trial.blocks.triangle]
-    names, index = np.unique(of_block[of_block >= 0], return_inverse=True)
-    ratio, share = (
-        grouped_median(values[of_block >= 0], index.reshape(-1), len(names))
-        for values in (trial.ratio(), trial.share())
-    )
+    asked, names, index = _blocks_of(trial, found, doubtful, triangles)
+    ratio, share = (grouped_median(values[asked], index, len(names)) for values in (trial.ratio(), trial.share()))
     return names[(ratio <= brightest) & (share > LEAST_SIGMA)]
+
+
+def _lit_by_what_is_seen(trial: _Trial | None, found: Emitters, bright: np.ndarray, triangles: int) -> np.ndarray:
+    """Numbers of the emitters that are no brighter than white under the light of what views show.
+
+    ``bright`` (E,) bool are those that emit since they are brighter than white under the traced light. That lacks what
+    unseen lamps give; of the measured light only their own rays are missing.
+    """
+    if trial is None:
+        return np.zeros(0, np.int64)
+    asked, names, index = _blocks_of(trial, found, bright, triangles)
+    white = np.maximum(trial.transport.seen[asked].mean(axis=1), 1e-12)
+    return names[grouped_median(trial.blocks.radiance[asked].mean(axis=1) / white, index, len(names)) <= 1]
+
+
+def _blocks_of(
+    trial: _Trial, found: Emitters, chosen: np.ndarray, triangles: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(N,) numbers of the blocks of chosen emitters (E,), (K,) numbers of these, and (N,) which of them each is of."""
+    emitter = _numbers(found, triangles, chosen)[trial.blocks.triangle]
+    asked = np.flatnonzero(emitter >= 0)
+    names, index = np.unique(emitter[asked], return_inverse=True)
+    return asked, names, index.reshape(-1)
 
 
 def _added(mesh: Mesh, found: Emitters, patches: Patches, guess: Guess) -> Emitters:

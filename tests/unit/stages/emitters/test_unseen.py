@@ -432,6 +432,25 @@ def test_what_guessed_light_explains_is_no_emitter(guessing, radiance, power, st
     assert found.guessed.sum() == 2
 
 
+@pytest.mark.parametrize(
+    ("radiance", "price", "stays"),
+    [(0.6, 5, False), (5.0, 5, True), (0.6, 50, True)],
+    ids=["lit", "too bright", "even"],
+)
+def test_what_seen_light_explains_is_no_emitter(guessing, radiance, price, stays):
+    """The floor seems to emit under the traced light; white surface there would send out 1 under what views show.
+
+    Emission explains it better by 29, by its brightness if that is more than the price.
+    """
+    triangles, floor, ones = np.arange(2, dtype=np.int32), np.zeros(2, np.int32), np.ones(2, np.float32)
+    level = np.full((2, 3), radiance, np.float32)
+    seems = Emitters(triangles, level, ones, floor, floor, ones, 0 * ones, np.zeros(2, bool))
+    doubtful = Undecided(triangles, floor, *np.array([[30], [1], [price]], np.float32))
+    told = guessing(Guess(np.zeros((1, 3))), is_explained=True, extracted=Extracted(seems, doubtful), radiance=radiance)
+    assert len(told.emitters.triangle) == 2 * stays
+    assert len(told.emitters.undecided.triangle) == 0
+
+
 def test_an_emitter_that_stays_is_not_guessed_once_more(guessing, floor_and_ceiling):
     """A doubtful emitter of the floor and one triangle of the panel; light is guessed on the panel."""
     panel = len(floor_and_ceiling.triangles) - 1
