@@ -330,11 +330,11 @@ def _brighter(
 
     ``observed_in`` (N,) numbers the observation that a sample belongs to.
     """
-    count, numbers = len(level), int(observed_in.max(initial=0)) + 1
+    count, observations = len(level), int(observed_in.max(initial=0)) + 1
     given = shared.share * level.mean(axis=1)[emitter]
     part = given / np.maximum(np.bincount(shared.pixel, given), 1e-12)[shared.pixel] * shared.left.mean(axis=1)
-    pair, place = np.unique(emitter * numbers + observed_in, return_inverse=True)
-    place, owner = place.reshape(-1), pair // numbers
+    pair, place = np.unique(emitter * observations + observed_in, return_inverse=True)
+    place, owner = place.reshape(-1), pair // observations
 
     def total(values: np.ndarray) -> np.ndarray:
         return np.bincount(place, values, len(pair))

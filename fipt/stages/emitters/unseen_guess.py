@@ -135,8 +135,8 @@ def _tried(
 ) -> tuple[Emitters, np.ndarray, _Trial | None]:
     """Emitters that are not told to be lit, which of them (E,) are doubtful, and the guess beside them.
 
-    What has no edge is taken out of them; it becomes undecided where no guess lights it. So is what the light of all
-    that views show explains.
+    What has no edge is taken out of them; it becomes undecided where no guess lights it. What the light of all that
+    views show explains is taken out as well: it reflects.
 
     Parameters
     ----------
@@ -152,12 +152,12 @@ def _tried(
     fading = np.isin(number, without_edge(shards, _numbers(found, triangles)))
     tried = trial(found.chosen(~doubtful), asked=True)
     lit = np.isin(number, _lit(tried, found, doubtful, triangles))
-    plain = np.isin(number, _lit_by_what_is_seen(tried, found, doubtful & _for_brightness(extracted), triangles))
-    stays = ~(lit | fading | plain)
+    lit_by_seen = np.isin(number, _lit_by_what_is_seen(tried, found, doubtful & _for_brightness(extracted), triangles))
+    stays = ~(lit | fading | lit_by_seen)
     kept = found.chosen(stays)
     if not lit.any() and (fading != doubtful).any():  # else it was tried beside these already
         tried = trial(kept, asked=asked or bool(fading.any()))
-    reflects = lit | plain | np.isin(number, _lit(tried, found, fading, triangles, brightest=np.inf))
+    reflects = lit | lit_by_seen | np.isin(number, _lit(tried, found, fading, triangles, brightest=np.inf))
     if fading.any() and not asked and not reflects.any():
         tried = trial(kept, asked=False)  # a guess that lights nothing of what asked for it needs to be as sure as any
     unclear = extracted.doubtful.of(found.triangle[fading & ~reflects])
