@@ -17,7 +17,7 @@ from fipt.formats.manifests import ListedFiles
 from fipt.formats.views import read_gains, read_names, read_rejected
 from fipt.scene.cameras import Camera, read_radiance_scale, read_transforms
 from fipt.scene.mesh import Mesh, read_mesh
-from fipt.scene.metals import JudgedMetals, read_metals
+from fipt.scene.metals import METALS, JudgedMetals, read_metals
 
 CHECKED = "check_poses.json"
 """File of a dataset with the verdicts of ``fipt check-poses``, beside views.json and read like it."""
@@ -181,7 +181,7 @@ class Dataset:
         FiptError
             If the file of a join is damaged or missing.
         """
-        path = self._listed_ids.check(self.segments_root / "metals.json")
+        path = self._listed_ids.check(self.segments_root / METALS)
         return read_metals(path) if path.is_file() or self._listed_ids.lists(path) else JudgedMetals()
 
     def truth(self, view: str) -> dict[str, np.ndarray] | None:

@@ -12,6 +12,9 @@ from fipt.errors import FiptError
 from fipt.formats.files import write_text
 from fipt.formats.text import MALFORMED, read_json
 
+METALS = "metals.json"
+"""Name of the file beside the ids."""
+
 _REMEDY = "run the join of segments again"
 _MOST_IDS = 65535
 
@@ -36,7 +39,7 @@ def write_metals(folder: str | Path, metals: JudgedMetals) -> None:
     """Write a judgement into a folder of segment ids."""
     roughness = {str(part): float(value) for part, value in sorted(metals.roughness.items())}
     content = {"roughness": roughness, "dielectric": sorted(metals.dielectric)}
-    write_text(Path(folder) / "metals.json", json.dumps(content, indent=1) + "\n")
+    write_text(Path(folder) / METALS, json.dumps(content, indent=1) + "\n")
 
 
 def read_metals(path: str | Path) -> JudgedMetals:

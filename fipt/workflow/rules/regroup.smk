@@ -3,6 +3,7 @@
 INPUTS:  results/{scene}/round-{k}/shading/{shard}.manifest.json, samples/{shard}.manifest.json, images,
          segments of the dataset or results/{scene}/segments/fused.manifest.json,
          round-{k}/emitters.npz where they are decided before the fit
+         from round 1: whether the loop settled in the round before, and its parts, which stay then
 OUTPUTS: results/{scene}/round-{k}/segments.manifest.json    lists segments/part/{view}.png of the training views
 """
 
@@ -21,6 +22,8 @@ rule regroup:
         ),
         segments=ask("segmentation.fused"),
         emitters=ask("emitters_of_fit"),
+        settled=previous("results/{scene}/round-{round}/settled.json"),
+        previous=previous("results/{scene}/round-{round}/segments.manifest.json"),
     output:
         manifest="results/{scene}/round-{round}/segments.manifest.json",
         stats="results/{scene}/stats/regroup.round-{round}.json",
@@ -38,9 +41,12 @@ rule regroup:
         out=folder("results/{scene}/round-{round}/segments"),
         segments=folders_of("segments", "--segments"),
         emitters=option("--emitters", "emitters"),
+        settled=option("--settled", "settled"),
+        previous=folders_of("previous", "--previous"),
         settings=settings("regroup"),
         version=VERSIONS["regroup"],
     shell:
         "fipt regroup --dataset {params.dataset:q} --samples {params.samples:q} --shading {params.shading:q}"
-        " {params.segments:q} {params.emitters:q} --out {params.out:q} --manifest {output.manifest:q}"
+        " {params.segments:q} {params.emitters:q}"
+        " {params.settled:q} {params.previous:q} --out {params.out:q} --manifest {output.manifest:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

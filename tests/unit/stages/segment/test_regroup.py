@@ -11,9 +11,11 @@ import pytest
 from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
 from fipt.errors import FiptError
 from fipt.formats.images import read_ids, write_png
+from fipt.formats.manifests import read_manifest
 from fipt.model.reflectance import line_in_base_color
 from fipt.scene.dataset import Dataset
 from fipt.scene.metals import JudgedMetals
+from fipt.scene.settled import RoundState, write_state
 from fipt.stages.segment import divide
 from fipt.stages.segment.divide import materials_of
 from fipt.stages.segment.material_evidence import HALF, TRIALS, color_pieces, measure
@@ -232,6 +234,34 @@ def test_the_verb_asks_what_copies_tell(scene: Path, tmp_path: Path, monkeypatch
     assert 0 < told < parts, "a region shows in no pixel of its own"
     assert set(metals.roughness) == set(range(1, told + 1))
     assert metals.dielectric == set(range(told + 1, parts + 1))
+
+
+def test_parts_stay_once_the_loop_has_settled(scene: Path, tmp_path: Path, monkeypatch):
+    write_state(tmp_path / "settled.json", RoundState(2, settled=2))
+    first = RegroupInputs(
+        dataset=scene / "dataset",
+        samples=(scene / "samples" / "train-000",),
+        shading=(scene / "round-0" / "shading" / "train-000",),
+        out=tmp_path / "before" / "segments",
+        manifest=tmp_path / "before" / "segments.manifest.json",
+    )
+    run(first, RegroupSettings())
+    after = tmp_path / "after"
+    inputs = replace(
+        first,
+        out=after / "segments",
+        manifest=after / "segments.manifest.json",
+        settled=tmp_path / "settled.json",
+        previous=first.out,
+    )
+    monkeypatch.setattr("fipt.scene.observed.read_observed", None)  # nothing is computed
+    assert run(inputs, RegroupSettings()) == {"copied": True, "settled_in_round": 2}
+    assert inputs.manifest.read_text() == first.manifest.read_text(), "the same files with the same content"
+    assert read_manifest(inputs.manifest, "regroup")["files"].keys() >= {"segments/metals.json"}
+
+    write_state(tmp_path / "settled.json", RoundState(2))
+    with pytest.raises(TypeError):  # it has not settled, so that parts are looked for
+        run(inputs, RegroupSettings())
 
 
 def test_the_verb_keeps_segments_where_every_pixel_shows_an_emitter(scene: Path, tmp_path: Path, monkeypatch):
