@@ -3,6 +3,7 @@
 import ast
 from collections import defaultdict
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 REPOSITORY = Path(__file__).parents[2]
@@ -13,12 +14,17 @@ REASON = "# long:"
 """A comment that begins so, right above a function's ``def`` or decorators, says why it is longer than others."""
 
 
+@cache
+def nodes(path: Path) -> list[ast.AST]:
+    """All nodes of a file's syntax tree; every test asks for them."""
+    return list(ast.walk(ast.parse(path.read_text(encoding="utf-8"), str(path))))
+
+
 def functions() -> Iterator[tuple[str, ast.FunctionDef | ast.AsyncFunctionDef, bool]]:
     """Place, node, and whether a reason stands above it, of every function of the package."""
     for path in SOURCES:
-        text = path.read_text(encoding="utf-8")
-        lines = text.splitlines()
-        for node in ast.walk(ast.parse(text, str(path))):
+        lines = path.read_text(encoding="utf-8").splitlines()
+        for node in nodes(path):
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
                 first = min([node.lineno, *(mark.lineno for mark in node.decorator_list)])
                 above = first - 2
@@ -56,7 +62,7 @@ def test_files_are_short() -> None:
 def test_names_of_classes_are_unique() -> None:
     places = defaultdict(list)
     for path in SOURCES:
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"), str(path))):
+        for node in nodes(path):
             if isinstance(node, ast.ClassDef):
                 places[node.name].append(str(path.relative_to(REPOSITORY)))
     assert {name: files for name, files in places.items() if len(files) > 1} == {}
@@ -69,7 +75,7 @@ def test_only_the_command_line_prints() -> None:
         f"{path.relative_to(REPOSITORY)}:{node.lineno}"
         for path in SOURCES
         if cli not in path.parents
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"), str(path)))
+        for node in nodes(path)
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "print"
     ]
     assert guilty == []
