@@ -32,7 +32,7 @@ class Section:
 
 
 SECTIONS: dict[str, Section] = {
-    "synthesize": Section("fipt.synthetic.settings:SynthesizeSettings", 2),
+    "synthesize": Section("fipt.synthetic.settings:SynthesizeSettings", 3),
     "capture": Section("fipt.stages.capture.settings:CaptureSettings", 1),
     "poses": Section("fipt.stages.poses.settings:PosesSettings", 3),
     "import": Section("fipt.stages.importing.settings:ImportSettings", 6),

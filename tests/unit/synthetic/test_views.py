@@ -1,6 +1,7 @@
 """Rendered views, their truth, and the dataset that holds them."""
 
 import json
+import math
 import subprocess
 import sys
 from dataclasses import replace
@@ -202,6 +203,35 @@ def test_splitting_the_paths_keeps_the_mean(views, monkeypatch):
     monkeypatch.setattr(reference, "_MAX_LANES", 32 * 24 * 20)
     parts = tracer.render(camera, 48, 5)
     assert np.median(parts) == pytest.approx(np.median(whole), rel=0.1)
+
+
+@pytest.mark.parametrize("most", [1, 20, 64, 1000])
+def test_paths_are_split_into_squares(views, most):
+    from fipt.render.reference import _squares
+
+    for paths in (1, 2, 3, 63, 64, 65, 96, 1000):
+        counts = _squares(paths, most)
+        assert sum(counts) == paths
+        assert max(counts) <= most
+        assert all(math.isqrt(count) ** 2 == count for count in counts)
+
+
+def test_paths_of_a_pixel_are_stratified(views):
+    """A lamp ends in the middle of a column of pixels: 64 independent paths would tell its share to 1/16."""
+    from fipt.render import reference
+    from fipt.render.texels import DeviceMaps
+
+    corners = np.array([[-5, -5, -1], [0, -5, -1], [0, 5, -1], [-5, 5, -1]], np.float32)
+    lamp = Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32))
+    none = np.zeros((0, 3))
+    room = reference.MappedMesh(
+        Mesh(none.astype(np.float32), none.astype(np.int32)), none[:, :2], DeviceMaps(build(0).materials), none[:, 0]
+    )
+    scene = reference.load_scene(room, [reference.EmittingMesh(lamp, np.ones(3))])
+    camera = looking((0, 0, 0), (0, 0, -1), width=31)
+    image = reference.PathTracer(scene, 2).render(camera, 64, 3)[:, 15, 0]
+    assert image.mean() == pytest.approx(0.5, abs=0.01)
+    assert image.std() < 0.03
 
 
 # --- an open window -----------------------------------------------------------------------------
