@@ -74,6 +74,28 @@ class _Trial:
         return 1 - self.transport.seen.mean(axis=1) / self.light
 
 
+@dataclass(frozen=True)
+class _Judged:
+    """Emitters that were found, judged by the light beside them.
+
+    Attributes
+    ----------
+    emitters
+        Those that no light explains.
+    doubtful
+        (E,) bool: which of these are doubtful.
+    darkened
+        Those that only the light of all that views show explains: they reflect, and some emitter was not found.
+    trial
+        The guess beside the emitters; None where nothing asks for one.
+    """
+
+    emitters: Emitters
+    doubtful: np.ndarray
+    darkened: Emitters
+    trial: _Trial | None
+
+
 def with_guess(
     mesh: Mesh,
     shards: Sequence[ObservedShard],
@@ -104,9 +126,10 @@ def with_guess(
     """
     before = np.full(len(rejected), -1) if before is None else np.where(rejected, -1, before)
     trial = partial(_trial, mesh, shards, cache=cache, environment=environment, rejected=rejected, before=before)
-    found, doubtful, tried = _tried(trial, shards, extracted, len(mesh.triangles), bool((before >= 0).any()))
+    judged = _judged(trial, shards, extracted, len(mesh.triangles), bool((before >= 0).any()))
+    found, tried, missing = judged.emitters, judged.trial, _missing(mesh, judged.darkened)
     if tried is None:
-        return Guessed(found, (), {"guess": {"tried": False}})  # nothing asks for it, or too little is seen
+        return Guessed(found, missing, {"guess": {"tried": False}})  # nothing asks for it, or too little is seen
     guess, leaves = tried.guess, float(np.median(tried.transport.open))
     figures = {
         "explained": False,
@@ -120,20 +143,20 @@ def with_guess(
     }
     if not guess.determined:
         if (before < 0).all():
-            found = replace(found.chosen(~doubtful), undecided=found.undecided.joined(extracted.doubtful))
-        return Guessed(found, _undetermined(guess, leaves), {"guess": figures})
+            found = replace(found.chosen(~judged.doubtful), undecided=found.undecided.joined(extracted.doubtful))
+        return Guessed(found, missing + _undetermined(guess, leaves), {"guess": figures})
     emitters = _added(mesh, found, tried.patches, guess)
-    return Guessed(emitters, _advice(mesh, emitters, guess, environment.up), {"guess": figures})
+    return Guessed(emitters, missing + _advice(mesh, emitters, guess, environment.up), {"guess": figures})
 
 
-def _tried(
+def _judged(
     trial: Callable[..., _Trial | None],
     shards: Sequence[ObservedShard],
     extracted: Extracted,
     triangles: int,
     asked: bool,
-) -> tuple[Emitters, np.ndarray, _Trial | None]:
-    """Emitters that are not told to be lit, which of them (E,) are doubtful, and the guess beside them.
+) -> _Judged:
+    """Emitters that are not told to be lit, and the guess beside them.
 
     What has no edge is taken out of them; it becomes undecided where no guess lights it. What the light of all that
     views show explains is taken out as well: it reflects.
@@ -147,7 +170,7 @@ def _tried(
     """
     found, doubtful = extracted.emitters, _doubtful(extracted)
     if not doubtful.any():
-        return found, doubtful, trial(found, asked=asked)
+        return _Judged(found, doubtful, found.chosen(doubtful), trial(found, asked=asked))
     number = np.where(doubtful, found.emitter, -1)
     fading = np.isin(number, without_edge(shards, _numbers(found, triangles)))
     tried = trial(found.chosen(~doubtful), asked=True)
@@ -161,7 +184,8 @@ def _tried(
     if fading.any() and not asked and not reflects.any():
         tried = trial(kept, asked=False)  # a guess that lights nothing of what asked for it needs to be as sure as any
     unclear = extracted.doubtful.of(found.triangle[fading & ~reflects])
-    return replace(kept, undecided=kept.undecided.joined(unclear)), doubtful[stays], tried
+    kept = replace(kept, undecided=kept.undecided.joined(unclear))
+    return _Judged(kept, doubtful[stays], found.chosen(lit_by_seen & ~lit & ~fading), tried)
 
 
 def _doubtful(extracted: Extracted) -> np.ndarray:
@@ -328,6 +352,19 @@ def _advice(mesh: Mesh, emitters: Emitters, guess: Guess, up: str) -> tuple[str,
     return (
         f"the emitters that views show cannot explain the photographs: {100 * share:.0f} % of the power of all "
         f"emitters is guessed, and known within {100 * guess.spread:.0f} %; photograph the {kind} near ({text})",
+    )
+
+
+def _missing(mesh: Mesh, darkened: Emitters) -> tuple[str, ...]:
+    """What to say of surface that reflects more than the light of all emitters, found or guessed."""
+    if not len(darkened.triangle):
+        return ()
+    area, centers = mesh.areas[darkened.triangle], mesh.corners[darkened.triangle].mean(axis=1)
+    largest = darkened.emitter == np.bincount(darkened.emitter, area).argmax()
+    place = ", ".join(f"{v:.2f}" for v in np.average(centers[largest], axis=0, weights=area[largest]))
+    return (
+        f"light is missing: {area.sum():.2f} m2 of surface, most of it near ({place}), are brighter than white under "
+        "the emitters found, and not under the light that views show; photograph what lights that place",
     )
 
 

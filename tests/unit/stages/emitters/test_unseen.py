@@ -449,6 +449,7 @@ def test_what_seen_light_explains_is_no_emitter(guessing, radiance, price, stays
     told = guessing(Guess(np.zeros((1, 3))), is_explained=True, extracted=Extracted(seems, doubtful), radiance=radiance)
     assert len(told.emitters.triangle) == 2 * stays
     assert len(told.emitters.undecided.triangle) == 0
+    assert any("light is missing: 64.00 m2" in warning for warning in told.warnings) == (not stays)
 
 
 def test_an_emitter_that_stays_is_not_guessed_once_more(guessing, floor_and_ceiling):
