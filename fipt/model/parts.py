@@ -66,6 +66,11 @@ class PartLabels:
     place: np.ndarray
     of_place: np.ndarray
 
+    @property
+    def count(self) -> int:
+        """Rows of a table by segment id, that of places without one included."""
+        return 1 + max(int(self.of_triangle.max(initial=0)), int(self.of_place.max(initial=0)))
+
     @cached_property
     def _nearest(self) -> Any:
         from scipy.spatial import cKDTree

@@ -57,8 +57,7 @@ def mean_materials(labels: PartLabels, pixels: Mapping[str, np.ndarray]) -> Part
     reflects = pixels["emission"].max(axis=1) <= 0
     part = labels.of_triangle[pixels["triangle"][reflects]]
     base, roughness, metallic = (
-        _means(pixels[name][reflects], part, int(labels.of_triangle.max(initial=0)) + 1)
-        for name in ("base_color", "roughness", "metallic")
+        _means(pixels[name][reflects], part, labels.count) for name in ("base_color", "roughness", "metallic")
     )
     return PartMaterials(labels, Brdf(base, roughness.clip(ROUGHNESS_MIN, 1), metallic))
 

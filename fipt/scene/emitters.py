@@ -135,6 +135,11 @@ class Emitters:
         """Triangles that emit or may emit."""
         return np.union1d(self.triangle, self.undecided.triangle)
 
+    @property
+    def power(self) -> np.ndarray:
+        """(E,) flux of each triangle over pi, from the sides that shine, as the mean of the channels."""
+        return self.area * self.radiance.mean(axis=1) * np.where(self.sides == BOTH, 2, 1)
+
     def chosen(self, rows: np.ndarray) -> "Emitters":
         """Those triangles alone where ``rows`` (E,) is true; emitters are numbered anew, without gaps."""
         arrays = {name: getattr(self, name)[rows] for name in _ARRAYS}

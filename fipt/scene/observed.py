@@ -44,6 +44,16 @@ class ObservedShard:
     clipped: np.ndarray
 
 
+_FULL = 0.99
+"""Share of the usual weight from which on a pixel counts in full: less is the rim of a mask."""
+
+
+def fully_weighted(weight: np.ndarray) -> np.ndarray:
+    """(...) bool: pixels with the usual weight (...) of those that count: the rims of masks have less."""
+    some = weight[weight > 0]
+    return weight > _FULL * (float(np.median(some)) if some.size else 1.0)
+
+
 def read_observed(
     dataset: Dataset, samples: Sequence[Path | str], shading: Sequence[Path | str], empty: Empty = np.empty
 ) -> list[ObservedShard]:

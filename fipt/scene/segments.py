@@ -40,7 +40,19 @@ def read_view_ids(path: str | Path) -> tuple[np.ndarray, np.ndarray]:
             f"{ids.max(initial=0)}, and {classes.shape} classes",
             "delete it and run fipt segment again",
         )
+    check_classes(path, classes)
     return ids, classes
+
+
+def check_classes(path: str | Path, classes: np.ndarray) -> None:
+    """Raise FiptError unless the classes (K,) of a file are such as pictures of ids can hold."""
+    bad = ~((classes >= 0) & (classes <= LARGEST_ID) & (classes == np.floor(classes)))
+    if bad.any():
+        raise FiptError(
+            f"{path}: classes must be whole numbers from 0 to {LARGEST_ID}, 0 = unknown; label {int(np.argmax(bad))} "
+            f"has class {classes[bad][0]}",
+            "number the classes anew",
+        )
 
 
 def nearest_ids(ids: np.ndarray, shape: tuple[int, int]) -> np.ndarray:

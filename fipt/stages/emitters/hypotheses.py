@@ -308,9 +308,11 @@ def _cells(shards: Sequence[ObservedShard], seen: Observations, region: np.ndarr
         record = voxel_keys(place, center, side, resolution).astype(np.int64) * FACINGS + facings(normal)
         key, cell, count = np.unique(record * surface.count + of, return_inverse=True, return_counts=True)
         radiance = seen.radiance[own][region[seen.triangle[own]] >= 0]
-        values = np.concatenate([radiance[:, None], shard.shading[rows]], axis=1).reshape(len(rows), -1)
+        values = np.concatenate([radiance[:, None], shard.shading[rows]], axis=1)
+        outputs = values.shape[1]
+        values = values.reshape(len(rows), 3 * outputs)  # no -1: a view may show none of the regions
         mean = np.stack([np.bincount(cell.reshape(-1), column, len(key)) for column in values.T], axis=1)
-        mean = (mean / np.maximum(count, 1)[:, None]).astype(np.float32).reshape(len(key), -1, 3)
+        mean = (mean / np.maximum(count, 1)[:, None]).astype(np.float32).reshape(len(key), outputs, 3)
         columns.append((mean[:, 0], mean[:, 1:], count, key, np.full(len(key), view)))
     radiance, shading, count, key, view_of = (np.concatenate(column) for column in zip(*columns, strict=True))
     pieces, piece = np.unique(key, return_inverse=True)

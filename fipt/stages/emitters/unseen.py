@@ -265,7 +265,7 @@ def _among(patches: Patches, lights: Lights) -> tuple[np.ndarray, np.ndarray]:
         flat = points.reshape(-1, 3), (turn * normals).reshape(-1, 3).astype(np.float32)
         known, _ = lights.arriving(*flat, 64)
         given = lights.given(patches, *flat)
-        sides.append((known.reshape(count, per, 3).mean(axis=1), given.reshape(count, per, -1).mean(axis=1)))
+        sides.append((known.reshape(count, per, 3).mean(axis=1), given.reshape(count, per, count).mean(axis=1)))
     better = sides[0][0].mean(axis=1) >= sides[1][0].mean(axis=1)
     known, given = (np.where(better[:, None], a, b) for a, b in zip(*sides, strict=True))
     np.fill_diagonal(given, 0)

@@ -144,7 +144,7 @@ def explain(blocks: Blocks, patches: Patches, transport: Transport, asked: bool 
     lit = light > 1e-3 * np.median(light) if len(light) else np.zeros(0, bool)
     use = np.flatnonzero((blocks.spread < GLOSSY) & (lit | (transport.unseen.sum(axis=1) > 0)))
     members = patches.candidates
-    if len(use) < 2 * len(np.unique(blocks.group[use])) or members.shape[1] == 0:
+    if len(use) < 2 * len(np.unique(blocks.group[use])):
         return nothing
     _, group = np.unique(blocks.group[use], return_inverse=True)
     floor = 1e-3 * max(float(np.median(light[use])), 1e-9)
@@ -152,7 +152,7 @@ def explain(blocks: Blocks, patches: Patches, transport: Transport, asked: bool 
     problem = _Problem(np.log(blocks.radiance[use].mean(axis=1)), np.maximum(light[use], floor), given, group)
     before, after, problem = _chosen(problem, blocks.position[use, 0])
     after = _joined(problem, after, members)
-    gain = before.cost - _criterion(after, problem)
+    gain = before.cost - _criterion(after, problem) if after.support else 0.0
     if not after.support or gain <= 0:
         return replace(
             nothing, gain=float(min(gain, 0.0)), left=_scale(before, problem), before=_scale(before, problem)
@@ -214,7 +214,7 @@ def _scale(state: _State, problem: _Problem) -> float:
 def _criterion(state: _State, problem: _Problem) -> float:
     """Cost of a minimum and of its patches."""
     count, patches = problem.unseen.shape
-    return state.cost + len(state.support) * (0.5 * np.log(count / problem.tau) + np.log(patches))
+    return state.cost + len(state.support) * (0.5 * np.log(count / problem.tau) + np.log(max(patches, 1)))
 
 
 def _minimum(problem: _Problem, support: tuple[int, ...], start: _State | None = None) -> _State:

@@ -340,7 +340,7 @@ def _added(mesh: Mesh, found: Emitters, patches: Patches, guess: Guess) -> Emitt
 def _advice(mesh: Mesh, emitters: Emitters, guess: Guess, up: str) -> tuple[str, ...]:
     """What a person should know of a guess: where to photograph, and how sure it is."""
     own = emitters.guessed
-    power = emitters.area * emitters.radiance.mean(axis=1)
+    power = emitters.power
     share, power = float(power[own].sum() / power.sum()), power[own]
     triangle = emitters.triangle[own]
     strongest = emitters.emitter[own] == np.bincount(emitters.emitter[own], power).argmax()

@@ -52,7 +52,9 @@ _COLORED = 0.3
 _LEAN = 0.15
 """The same of the mean over all surfaces of a room."""
 _DIM = 1e-3
-"""Radiance that a texel has at least, in means of the seen ones: night is no logarithm's end."""
+"""Radiance that a texel has at least, in means of the seen ones or medians of the room: night is no logarithm's end."""
+_START = 0.1
+"""Radiance of an unseen texel at which the search begins at least, in medians of the room: from 0 it finds no slope."""
 _BRIGHT = np.log(4.0)
 """Log radiance over light, about its median over the blocks, above which a block emits: a white wall has 2.3 times what
 grey ones have, and light is not wrong by as much again."""
@@ -184,7 +186,8 @@ def _problem(
     radiance: np.ndarray, seen: np.ndarray, continued: np.ndarray, blocks: Blocks, light: RoomLight
 ) -> tuple[_SkyProblem, np.ndarray, np.ndarray]:
     """What is to be explained, the places of its blocks (N, 3), and where the search begins."""
-    known, dim = seen.ravel(), _DIM * radiance[seen].mean()
+    known, level = seen.ravel(), float(np.median(blocks.radiance)) if len(blocks.radiance) else 0.0
+    dim = _DIM * max(float(radiance[seen].mean()), level)
     whole = light.inside + light.outside @ continued.reshape(-1, 3).astype(np.float64)
     color = np.maximum(blocks.radiance, 1e-6)
     bright = np.log(color.mean(axis=1)) - np.log(np.maximum(whole.mean(axis=1), 1e-12))
@@ -199,7 +202,7 @@ def _problem(
         sphere_edges(*seen.shape),
     )  # fmt: skip
     groups = np.full((problem.groups + 1, 3), MIDDLE)
-    start = np.concatenate([np.log(np.maximum(continued.reshape(-1, 3)[free], dim)), groups]).ravel()
+    start = np.concatenate([np.log(np.maximum(continued.reshape(-1, 3)[free], _START * level)), groups]).ravel()
     return problem, blocks.position[use, 0], start
 
 

@@ -10,7 +10,7 @@ from fipt.model.fitted import FittedScene
 from fipt.model.reflectance import brightest_reflection, line_in_base_color
 from fipt.render.surface import emitter_set
 from fipt.scene.dataset import Dataset
-from fipt.scene.observed import ObservedShard
+from fipt.scene.observed import ObservedShard, fully_weighted
 
 
 @dataclass(frozen=True)
@@ -133,8 +133,8 @@ def pixels_of_view(
     order = np.lexsort((-weight, owner))
     main = sample[order][np.cumsum(count) - count]
     chief = order[np.cumsum(count) - count]
-    whole = np.where(ids is not None and np.asarray(samples.center[pixel]) > 0, 0 if ids is None else ids[local], 0)
-    use = (shard.weight[pixel] > _COVERED) & (covered > _COVERED) & ~shard.clipped[pixel]
+    whole = np.zeros(len(pixel)) if ids is None else np.where(np.asarray(samples.center[pixel]) > 0, ids[local], 0)
+    use = fully_weighted(shard.weight[samples.pixels(index)])[local] & (covered > _COVERED) & ~shard.clipped[pixel]
     return {
         "row": rows,
         "column": columns,

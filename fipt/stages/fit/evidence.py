@@ -95,7 +95,7 @@ def measure(shards: Sequence[ObservedShard], eyes: Mapping[str, np.ndarray], emi
             evidence = np.column_stack([evidence, evidence[:, 0] * cosine.clip(0, 1)])
             keys.append(key)
             sums.append(sums_by(piece, evidence, len(key)))
-            sums[-1][:, -1] = np.minimum(sums[-1][:, -1], 1)
+            sums[-1][:, -1] /= np.maximum(sums[-1][:, 0], 1)  # the mean cosine, less where there is less than a pixel
     record, piece = np.unique(np.concatenate(keys), return_inverse=True)
     views, highlights = _judged(sums_by(piece.reshape(-1), np.concatenate(sums), len(record)))
     return PhotoEvidence(center, side, resolution, record, views, highlights)

@@ -213,17 +213,24 @@ class _FittedView:
         return weight * columns
 
     def _contrast(self, kd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(M,) mean squared difference to the pixels around the asked ones, in kd (M, 3) and relative to them."""
+        """(M,) mean squared difference to the pixels around the asked ones, in kd (M, 3) and relative to them.
+
+        Masked pixels, which are black, are left out.
+        """
         height, width = self.samples.shapes[self.index]
         image = np.asarray(self.pixels.radiance[self.number][self.span], np.float64).reshape(height, width, 3)
+        shown = (np.asarray(self.pixels.valid[self.number][self.span]).reshape(height, width) > 0) | image.any(axis=2)
+        shown = np.pad(shown, 1, mode="edge")
         image = np.pad(image + _DARK * image.mean() + _TINY, ((1, 1), (1, 1), (0, 0)), mode="edge")
         row, column = np.divmod(self.pixel[self.asked], width)
-        contrast, steepness = np.zeros(len(kd)), np.zeros(len(kd))
+        contrast, steepness, count = np.zeros(len(kd)), np.zeros(len(kd)), np.zeros(len(kd))
         for down, right in _AROUND:
-            ratio = image[row + down, column + right] / image[row + 1, column + 1]
-            contrast += ((np.minimum(kd * ratio, 1) - kd) ** 2).mean(axis=1)
-            steepness += (np.clip(ratio - 1, -_MOST_OFF, _MOST_OFF) ** 2).mean(axis=1)
-        return contrast / len(_AROUND), steepness / len(_AROUND)
+            other = row + down, column + right
+            counts, ratio = shown[other], image[other] / image[row + 1, column + 1]
+            contrast += counts * ((np.minimum(kd * ratio, 1) - kd) ** 2).mean(axis=1)
+            steepness += counts * (np.clip(ratio - 1, -_MOST_OFF, _MOST_OFF) ** 2).mean(axis=1)
+            count += counts
+        return contrast / np.maximum(count, 1), steepness / np.maximum(count, 1)
 
     def _residuals(self, brdf: Brdf, shading: np.ndarray, emitter_gain: float) -> tuple[np.ndarray, np.ndarray]:
         """(P, 3) relative absolute residuals of its pixels, and (M,) bool: the sample's pixel tells something."""

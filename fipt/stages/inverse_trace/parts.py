@@ -38,7 +38,7 @@ class PartGroups:
         rows = {}
         for name in ("base_color", "roughness", "metallic"):
             own = values[name].astype(np.float32)
-            rows[name] = np.repeat(own.mean(axis=0, keepdims=True), int(self.segment.max()) + 1, axis=0)
+            rows[name] = np.repeat(own.mean(axis=0, keepdims=True), labels.count, axis=0)
             rows[name][self.segment] = own
         return PartMaterials(labels, Brdf(rows["base_color"], rows["roughness"], rows["metallic"]))
 

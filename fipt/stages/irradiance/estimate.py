@@ -42,7 +42,7 @@ def albedo_of_parts(labels: PartLabels, shards: Sequence[ObservedShard], emitter
     radiance, diffuse, triangle = observed(shards)
     part = labels.of_triangle[triangle]
     lit = (diffuse.min(axis=1) > _DARK) & ~np.isin(triangle, emitters.triangle)
-    count = int(labels.of_triangle.max(initial=0)) + 1
+    count = labels.count
     ratio = radiance[lit] / diffuse[lit]
     albedo = medians(ratio, part[lit], count)
     albedo = np.where(np.isnan(albedo), np.median(ratio, axis=0) if len(ratio) else _GREY, albedo)

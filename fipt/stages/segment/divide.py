@@ -13,6 +13,7 @@ the materials leave of the pieces, the border, and the second material's paramet
 Halves that turn out to be of one material after all are joined again by `fipt.stages.segment.regroup`.
 """
 
+import logging
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -22,8 +23,11 @@ from scipy.spatial import cKDTree
 from fipt.robust import deviation, spread
 from fipt.scene.observed import ObservedShard
 from fipt.scene.samples import scene_box
+from fipt.scene.segments import LARGEST_ID
 from fipt.stages.segment.material_evidence import HALF, TRIALS, ColorPieces, color_pieces, misfit
 from fipt.stages.segment.region_pixels import region_pixels
+
+log = logging.getLogger(__name__)
 
 _FEWEST = 6
 """Pieces from which a region may be cut: fewer than a material's parameters and one more tell nothing."""
@@ -38,7 +42,6 @@ _STEP = 0.5
 _ROUNDS = 15
 _SWEEPS = 4
 """Most rounds in which materials and pieces are fitted to each other, and sweeps over the pieces in each."""
-_MOST_IDS = 65535
 
 _Material = tuple[int, np.ndarray]
 """A trial, and a comparable colour (3,)."""
@@ -69,21 +72,29 @@ def divided(shards: Sequence[ObservedShard], regions: Sequence[np.ndarray]) -> t
     if len(known) == 0:
         return result, 0, 1.0
     pieces = color_pieces(pixels, place.reshape(-1), len(known), center, side)
-    first = after = max(int(own.max(initial=0)) for own in regions) + 1
+    free, used = _free_ids(regions), 0
     cuts, alike = materials_of(pieces)
-    for number, own, label in cuts:
+    for done, (number, own, label) in enumerate(cuts):
         count = int(label.max())
-        if after + count > _MOST_IDS:
+        if used + count > len(free):
+            log.warning("%d regions of two materials stay whole: no id up to %d is left", len(cuts) - done, LARGEST_ID)
             break
-        ids = np.concatenate([[known[number]], after + np.arange(count)])
-        after += count
+        ids = np.concatenate([[known[number]], free[used : used + count]])
+        used += count
         tree = cKDTree(pieces.place[own])
         for shard, before, ours in zip(shards, regions, result, strict=True):
             at = np.flatnonzero((before == known[number]) & (np.diff(shard.samples.offsets) > 0))
             if len(at):
                 points = np.asarray(shard.samples.position)[np.asarray(shard.samples.offsets)[at]]
                 ours[at] = ids[label[tree.query(points)[1]]]
-    return result, after - first, alike
+    return result, used, alike
+
+
+def _free_ids(regions: Sequence[np.ndarray]) -> np.ndarray:
+    """Ids that no region has: those above the largest first, then those between."""
+    taken = np.unique(np.concatenate([np.zeros(1, np.int64), *map(np.unique, regions)]))
+    free = np.setdiff1d(np.arange(LARGEST_ID + 1), taken)
+    return np.concatenate([free[free > taken[-1]], free[free < taken[-1]]])
 
 
 def materials_of(pieces: ColorPieces) -> tuple[list[tuple[int, np.ndarray, np.ndarray]], float]:

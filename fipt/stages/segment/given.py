@@ -24,7 +24,7 @@ from fipt.formats.text import MALFORMED
 from fipt.scene.dataset import Dataset
 from fipt.scene.mesh import face_property
 from fipt.scene.samples import FootprintSamples
-from fipt.scene.segments import LARGEST_ID, nearest_ids
+from fipt.scene.segments import LARGEST_ID, check_classes, nearest_ids
 from fipt.stages.segment.settings import GivenSegments
 from fipt.strict_json import parse_json
 
@@ -343,4 +343,5 @@ def triangle_labels(path: Path, name: str, triangles: int) -> tuple[np.ndarray, 
             f"{count - 1}",
             "write a class for each label, index = label",
         )
+    check_classes(path, classes)
     return labels.astype(np.uint16), classes.astype(np.int32)

@@ -12,13 +12,13 @@ import numpy as np
 from fipt.conventions import EMITTER_GAIN, SHADING_OUTPUTS
 from fipt.model.reflectance import exceeds_reflection
 from fipt.scene.environment import covered_share
-from fipt.scene.observed import ObservedShard, filled_by_one
+from fipt.scene.observed import ObservedShard, filled_by_one, fully_weighted
 from fipt.scene.samples import FootprintSamples, segments_of_triangles, strided
 
 _MOST = 400_000
 """Pixels used at most: the material of a region does not need more."""
 _WHOLE = 0.99
-"""Weight of a pixel, and share of it that surface covers, from which it is taken for whole."""
+"""Share of a pixel that surface covers, from which it is taken for whole."""
 
 
 _MOSTLY = 0.5
@@ -123,7 +123,7 @@ def _gathered(
 def _usable(shard: ObservedShard) -> np.ndarray:
     """Pixels (N,) of a shard that surface fills, neither invalid nor clipped."""
     covered = np.concatenate([covered_share(shard.samples, index) for index in range(len(shard.samples.views))])
-    return np.flatnonzero((covered > _WHOLE) & (shard.weight > _WHOLE) & ~shard.clipped)
+    return np.flatnonzero((covered > _WHOLE) & fully_weighted(shard.weight) & ~shard.clipped)
 
 
 def _region_of(

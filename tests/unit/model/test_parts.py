@@ -23,6 +23,12 @@ def test_a_place_belongs_to_the_part_of_its_triangle_else_to_the_nearest():
     np.testing.assert_array_equal(LABELS.at(points), [1, 2, 1, 2])
 
 
+def test_a_part_that_wins_no_triangle_counts():
+    assert LABELS.count == 3
+    assert PartLabels(np.int32([2, 0]), LABELS.place, np.int32([1, 9])).count == 10
+    assert PartLabels(np.int32([0]), LABELS.place[:0], np.int32([])).count == 1
+
+
 def test_materials_come_back_from_their_file(tmp_path):
     path = tmp_path / "model.safetensors"
     save_parts(path, PartMaterials(LABELS, BRDF))

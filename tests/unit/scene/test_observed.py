@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fipt.scene.observed import without_openings, without_triangles
+from fipt.scene.observed import fully_weighted, without_openings, without_triangles
 from tests import scenes
 
 
@@ -11,6 +11,11 @@ def seen(samples, weight):
     pixels = np.ones((len(weight), 3), np.float32), np.asarray(weight, np.float32)
     (shard,) = scenes.observed([samples], [np.zeros((len(samples.position), 15, 3), np.float32)], [pixels])
     return shard
+
+
+def test_the_rim_of_a_mask_has_less_than_the_usual_weight():
+    np.testing.assert_array_equal(fully_weighted(np.array([0.9, 0.9, 0.4, 0.9, 0])), [True, True, False, True, False])
+    assert not fully_weighted(np.zeros(3)).any()
 
 
 def test_pixels_at_openings_tell_nothing_of_surface():

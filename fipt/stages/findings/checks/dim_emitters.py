@@ -35,7 +35,7 @@ def _undecided(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:
         return []
     area = float(room.mesh.areas[emitters.undecided.triangle].sum())
     open_power = area * float(pixels.photo[shown].mean())
-    power = float((emitters.area * emitters.radiance.mean(axis=1)).sum())
+    power = float(emitters.power.sum())
     share = open_power / max(open_power + power, 1e-12)
     measure = Measure("light of what may emit or mirror, of all light", share, TOLERANCE)
     level = notes.judge("undecided-emitters", measure)

@@ -79,7 +79,7 @@ def groups(mesh: Mesh, triangle: np.ndarray, number: np.ndarray, gap: float) -> 
 
 def _clipped(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:
     emitters = room.fitted.emitters
-    power = emitters.area * emitters.radiance.mean(axis=1)
+    power = emitters.power
     share = float((power * emitters.lower_bound).sum() / max(power.sum(), 1e-12))
     measure = Measure("emitted power of which only a lower bound is known", share, TOLERANCE)
     level = notes.judge("clipped-emitters", measure)

@@ -12,7 +12,7 @@ from fipt.stages.findings.tolerance import TOLERANCE
 def check(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:
     """Tell how much of the light is guessed, and where to photograph."""
     emitters = room.fitted.emitters
-    power = emitters.area * emitters.radiance.mean(axis=1)
+    power = emitters.power
     share = float(power[emitters.guessed].sum() / max(power.sum(), 1e-12)) if len(power) else 0.0
     measure = Measure("share of the power of all emitters that is guessed", share, TOLERANCE, "")
     notes.measures["guessed-light"] = measure, 0.0

@@ -9,17 +9,18 @@ white, until they are as white as can be. Where few are, the rendering is dark b
 under which they were found was brighter than that of the emitters.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from fipt.scene.findings import Measure, RoomFinding
+from fipt.scene.observed import fully_weighted
 from fipt.stages.findings.drawing import compared, log_ratio, plan
 from fipt.stages.findings.notes import Notes
 from fipt.stages.findings.retakes import Retake
 from fipt.stages.findings.room import JudgedRoom
 from fipt.stages.findings.tolerance import TOLERANCE, median_error
 
-_FULL = 0.99
-"""Weight of a pixel that is compared."""
 _CELLS = 8
 """Cells along the longest side of the room."""
 _FEWEST = 20
@@ -43,28 +44,29 @@ def check(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:
     """Tell light that is missing or too much, in all of the room or towards one side."""
     if not len(room.fitted.emitters.triangle) and room.fitted.environment.mode == "none":
         return []  # nothing can be balanced: the check no_emitter says so
-    ratios = np.array([np.median(_ratios(retake)) for retake in room.retakes if usable(retake).any()])
-    if not len(ratios):
+    judged = [retake for retake in room.retakes if usable(retake).any()]
+    if not judged:
         return []
-    return [*_offset(room, notes, ratios), *_slope(room, notes)]
+    return [*_offset(room, notes, judged), *_slope(room, notes)]
 
 
 def usable(retake: Retake) -> np.ndarray:
     """(H, W) bool: valid pixels that see surface which does not emit."""
-    return (retake.weight > _FULL) & ~retake.emits
+    return fully_weighted(retake.weight) & ~retake.emits
 
 
 def _ratios(retake: Retake) -> np.ndarray:
     return log_ratio(retake.render, retake.photo)[usable(retake)]
 
 
-def _offset(room: JudgedRoom, notes: Notes, ratios: np.ndarray) -> list[RoomFinding]:
+def _offset(room: JudgedRoom, notes: Notes, judged: Sequence[Retake]) -> list[RoomFinding]:
+    ratios = np.array([np.median(_ratios(retake)) for retake in judged])
     offset = float(np.median(ratios))
     measure = Measure("light given against light photographed, off by", abs(np.expm1(offset)), TOLERANCE)
     level = notes.judge("light-balance", measure, median_error(ratios))
     if level is None:
         return []
-    typical = room.retakes[int(np.abs(ratios - offset).argmin())]
+    typical = judged[int(np.abs(ratios - offset).argmin())]
     less, white = offset < 0, _white_share(room)
     dark = less and white <= TOLERANCE
     wrong = (

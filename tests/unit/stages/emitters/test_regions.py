@@ -84,6 +84,37 @@ class Seen:
         return area[emits & true].sum() / area[emits | true].sum()
 
 
+@pytest.mark.parametrize("shown", ["masked", "beside the mesh"])
+def test_a_view_that_shows_nothing_does_no_harm(np_rng, shown):
+    seen = Seen(np_rng)
+    seen.image[seen.panel] = 3.0
+    (shard,) = seen.shards(seen.image)
+    own = shard.samples.pixels(0)
+    if shown == "masked":
+        weight = np.array(shard.weight)
+        weight[own] = 0
+        shard = replace(shard, weight=weight)
+    else:  # a seventh view, whose pixels have no sample
+        samples, count = shard.samples, own.stop - own.start
+        samples = replace(
+            samples,
+            views=(*samples.views, "g"),
+            shapes=[*samples.shapes, (1, count)],
+            offsets=np.concatenate([samples.offsets, np.full(count, samples.offsets[-1])]),
+            center=np.concatenate([samples.center, np.zeros(count, np.asarray(samples.center).dtype)]),
+        )
+        whole = np.concatenate([shard.radiance, np.ones((count, 3), np.float32)])
+        shard = replace(
+            shard,
+            samples=samples,
+            radiance=whole,
+            weight=np.ones(len(whole), np.float32),
+            clipped=np.zeros(len(whole), bool),
+        )
+    found = extract(seen.mesh, [shard], None, EmittersSettings()).emitters
+    assert seen.overlap(found) > 0.9
+
+
 def test_a_dim_emitter_is_brighter_than_white(np_rng):
     """It is dimmer than a mirror could be, whose picture here and there shows a window."""
     seen = Seen(np_rng)

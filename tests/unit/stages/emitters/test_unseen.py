@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from fipt.conventions import SHADING_OUTPUTS
 from fipt.scene.emitters import BACK, Emitters, Undecided, emitter_facts, read_emitters, write_emitters
 from fipt.scene.environment import NOTHING, constant
 from fipt.scene.surface_blocks import Blocks, blocks_of
@@ -533,6 +534,34 @@ def test_what_has_no_edge_does_not_emit(guessing, monkeypatch, power, is_explain
     said = any("cannot explain the photographs" in warning for warning in told.warnings)
     assert said == warned
     assert found.guessed.any() == (warned and power is not None)
+
+
+def test_light_that_nothing_explains_where_nothing_is_hidden(backend, np_rng):
+    """Two views show all of a closed box, brighter to one side; no triangle is left that could emit unseen."""
+    mesh = scenes.box((-2, 0, -2), (2, 2, 2))
+    triangle = np_rng.integers(0, 12, 6000)
+    share = np_rng.dirichlet((1, 1, 1), 6000)
+    place = (mesh.corners[triangle] * share[..., None]).sum(axis=1).astype(np.float32)
+    normal = mesh.normals[triangle]
+    normal = np.float32(normal * np.sign(((np.array([0, 1, 0]) - place) * normal).sum(axis=1))[:, None])
+    samples = scenes.samples_of(
+        place,
+        triangle,
+        normal=normal,
+        footprint=np.full(len(place), 0.03, np.float32),
+        views=("a", "b"),
+        shapes=[(1, 3000)] * 2,
+    )
+    radiance = np.repeat(0.02 * np.exp(place[:, :1]), 3, axis=1).astype(np.float32)
+    shading = np.zeros((len(place), SHADING_OUTPUTS, 3), np.float32)
+    shards = scenes.observed([samples], [shading], [(radiance, np.ones(len(place), np.float32))])
+    cache = cache_of(place, normal, 0.0) | {"radiance": cache_of(place, normal, 0.0)["radiance"] + 0.02}
+    found = unseen_guess.with_guess(
+        mesh, shards, Extracted(Emitters.none(), Undecided.none()), cache, NOTHING, np.zeros(12, bool)
+    )
+    assert len(found.emitters.triangle) == 0
+    assert found.figures["guess"]["patches"] == 0
+    assert any("cannot explain the photographs" in warning for warning in found.warnings)
 
 
 def test_regions_of_some_triangles_keep_their_costs():

@@ -1,5 +1,7 @@
 """Light from directions that no pixel sees, told by what it does in the room."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.sparse import csr_matrix
@@ -64,6 +66,21 @@ def test_what_no_pixel_sees_is_told_by_the_light(outdoors):
     assert zenith[2] > 1.5 * zenith[1]
     assert figures["residual"] < 0.06 < figures["residual_before"]
     assert 0.3 < figures["unseen_light"] < 0.9
+
+
+@pytest.mark.parametrize("seen_radiance", [0.0, 1e-6])
+def test_a_black_horizon_hides_no_light_from_above(outdoors, seen_radiance):
+    """As before a black backdrop. How bright the sky is, is told by usual reflectances alone: to a factor of three."""
+    blocks, light = outdoors
+    seen = band()
+    true = np.where(seen[..., None], seen_radiance, sky())
+    rho = blocks.radiance / (light.inside + light.outside @ sky().reshape(-1, 3))
+    dark = replace(blocks, radiance=rho * (light.inside + light.outside @ true.reshape(-1, 3)))
+    mean = np.where(seen[..., None], seen_radiance, 0) * np.ones(3)
+    found, figures = lit_from_outside(mean, seen, filled(mean, seen), dark, light)
+    given, wanted = (light.inside + light.outside @ each.reshape(-1, 3) for each in (found, true))
+    assert np.median(np.abs(np.log(given / wanted))) < np.log(3)
+    assert figures["residual"] < 0.1 < figures["residual_before"]
 
 
 def test_a_lamp_is_no_evidence_of_the_sky(outdoors):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fipt.render.scene import RayScene
-from fipt.scene.emitters import Emitters, Undecided
+from fipt.scene.emitters import BOTH, FRONT, Emitters, Undecided, emitter_facts
 from fipt.scene.environment import NOTHING, constant
 from fipt.scene.findings import Measure, RoomFinding
 from fipt.scene.mesh import Mesh
@@ -105,6 +105,15 @@ def test_light_that_is_missing_or_too_much(ratio, word, level):
     assert found.image.shape[2] == 3
 
 
+def test_the_view_that_is_named_is_one_that_was_judged():
+    retakes = [judged.retake(k, ratio) for k, ratio in enumerate((0.7, 0.72, 0.7, 0.75, 0.78, 0.72))]
+    retakes[0] = replace(retakes[0], weight=np.zeros_like(retakes[0].weight))  # clipped everywhere
+    retakes[1:] = [judged.retake(k, 0.75 if k == 4 else 0.75 + 0.01 * (k - 4)) for k in range(1, VIEWS)]
+    found = told(light_balance.check, retakes=retakes)["light-balance"]
+    assert found.numbers["ratio"] == pytest.approx(0.74, abs=0.01)
+    assert found.where["views"] == ["v3"]
+
+
 def test_a_lamp_is_missing_only_where_colours_are_near_white():
     retakes = [judged.retake(k, 0.75) for k in range(VIEWS)]
     dark = told(light_balance.check, retakes=retakes)["light-balance"]
@@ -138,6 +147,16 @@ def test_guessed_light_is_told():
     assert "100 % of the emitted power is a guess, known within 30 %" in told_of.cause
     assert told_of.image.shape[2] == 3
     assert not told(no_emitter.check, fitted=lit(guessed))
+
+
+def test_a_guess_shines_to_both_sides():
+    """A lamp of one side, and as large and bright a guess of both: two thirds of the power."""
+    sides = np.int8([BOTH, BOTH, FRONT, FRONT])
+    guessed = np.array([True, True, False, False])
+    both = judged.emitters((8, 9, 12, 13), emitter=np.int32([1, 1, 0, 0]), sides=sides, guessed=guessed)
+    assert "67 % of the emitted power" in told(guessed_light.check, fitted=lit(both))["guessed-light"].cause
+    shares = [row["share"] for row in emitter_facts(both, judged.mesh())]
+    np.testing.assert_allclose(shares, [1 / 3, 2 / 3], rtol=1e-5)
 
 
 def test_without_any_emitter():
@@ -226,7 +245,7 @@ def test_emitters_that_are_undecided():
     one = np.ones(1, np.float32)
     asked = Undecided(np.array([4, 5], np.int32), np.zeros(2, np.int32), one, one, one)
     found = told(dim_emitters.check, fitted=lit(judged.emitters(undecided=asked)))["undecided-emitters"]
-    assert found.measure.value == pytest.approx(SIDE**2 * 0.5 / (SIDE**2 * 0.5 + 8), rel=0.02)
+    assert found.measure.value == pytest.approx(SIDE**2 * 0.5 / (SIDE**2 * 0.5 + 16), rel=0.02)
 
 
 # --- mesh and parts -------------------------------------------------------------------------------

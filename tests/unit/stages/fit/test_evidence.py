@@ -68,6 +68,19 @@ def test_grazing_views_are_less_evidence():
     assert mean(judge(samples, *even(samples), eyes=low)) < 0.5 * mean(judge(samples, *even(samples)))
 
 
+def test_pixels_do_not_make_up_for_a_grazing_angle():
+    """Four pixels of a piece, seen at 80 degrees by one view: it counts 0.17 like one pixel, not 0.7."""
+    low = {"a": np.array([1e6, 1e6 / np.tan(np.radians(80)), 0.5])}
+    one, four = (
+        scenes.samples_of(
+            np.repeat(GRID, count, axis=0), shapes=[(8, 8 * count)], footprint=np.full(64 * count, 0.01, np.float32)
+        )
+        for count in (1, 4)
+    )
+    few, many = (judge(samples, *even(samples), eyes=low) for samples in (one, four))
+    np.testing.assert_allclose(many.views, few.views, rtol=0.01)
+
+
 def test_views_that_disagree_are_less_evidence(np_rng):
     samples = floor()
     shading, radiance = even(samples)

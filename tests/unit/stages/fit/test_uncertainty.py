@@ -134,6 +134,17 @@ def test_outlines_beside_where_the_mesh_has_them_are_doubtful():
     assert error[away > 0.3].max() < 1e-3
 
 
+def test_a_mask_is_no_outline():
+    """The first column of every view is masked, and black then, as `Dataset.image` reads it."""
+    masked = np.tile(GRID[:, 0] < 0.1, 4)
+    radiance = np.full((len(masked), 3), KD, np.float32)
+    radiance[masked] = 0
+    samples = floor("abcd")
+    pixels = scenes.training_pixels([samples], [shaded(samples)], [(radiance, (~masked).astype(np.float32))])
+    found = uncertainty.predict(Grey(), pixels, materials(), np.full(2, 8.0), 1.5, [shaded(samples, 1.0)])
+    assert found.at(GRID, UP, found.kd_error)[GRID[:, 0] > 0.1].max() < 1e-3
+
+
 def test_surface_that_only_shares_pixels_is_doubtful():
     """Every pixel shows the floor by a tenth, and for the rest a wall behind it."""
     wall = np.stack([GRID[:, 0], 0.5 + GRID[:, 2], 0 * GRID[:, 0]], axis=1)

@@ -11,6 +11,13 @@ from tests import scenes
 ALBEDO = np.float32([[0.2, 0.4, 0.6], [0.8, 0.5, 0.1]])
 
 
+def test_a_picture_on_a_wall_of_another_part_has_a_material():
+    """Part 9 has pixels, but no triangle: what is nearest to them is asked for like any other."""
+    labels = PartLabels(np.full(12, 2, np.int32), np.float32([[0, 0, 0]]), np.int32([9]))
+    found = albedo_of_parts(labels, shards(), Emitters.none()).query(np.float32([[0.1, 0, 0]]))
+    assert (found.base_color > 0).all()
+
+
 def shards():
     """A box whose first four triangles are part 1, the next part 2; triangles 10 and 11 shine, 11 in one pixel only."""
     rng = np.random.default_rng(0)

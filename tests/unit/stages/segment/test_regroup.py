@@ -16,13 +16,15 @@ from fipt.model.reflectance import line_in_base_color
 from fipt.scene.dataset import Dataset
 from fipt.scene.metals import JudgedMetals
 from fipt.scene.settled import RoundState, write_state
-from fipt.stages.segment import divide
+from fipt.stages.fit.part_search import estimate_parts
+from fipt.stages.segment import divide, regroup
 from fipt.stages.segment.divide import materials_of
 from fipt.stages.segment.material_evidence import HALF, TRIALS, color_pieces, measure
 from fipt.stages.segment.region_pixels import RegionPixels
 from fipt.stages.segment.regroup import _metals, joined, with_likely_metals
 from fipt.stages.segment.regroup_stage import RegroupInputs, run
 from fipt.stages.segment.settings import RegroupSettings
+from tests import scenes
 
 _LEVELS = len(ROUGHNESS_LEVELS)
 
@@ -308,6 +310,32 @@ def test_a_wall_whose_shading_drifts_stays_whole(np_rng):
     drift = np.exp(1.2 * (found.place[:, :1] - 1)).astype(np.float32)  # as much as between two colours, but gradual
     found = replace(found, radiance=found.radiance * drift)
     assert materials_of(color_pieces(found, found.region, 2, np.zeros(3), 8.0))[0] == []
+
+
+@pytest.mark.parametrize("ids", [(7, 9, 10), (7, 65534, 65535), (7, 65535, 1)])
+def test_cuts_take_ids_that_are_free(np_rng, monkeypatch, ids):
+    found = pixels(np_rng, [(WHITE, 0.8, 0.0), (WHITE, 0.1, 1.0), (RED, 0.8, 0.0)], grid=12)
+    region = np.where(found.region < 2, *ids[:2]).astype(np.uint16)
+    monkeypatch.setattr(divide, "region_pixels", lambda *_: replace(found, region=region.astype(np.int64)))
+    monkeypatch.setattr(divide, "scene_box", lambda _: (np.zeros(3), 8.0))
+    shards: Any = [SimpleNamespace(samples=SimpleNamespace(offsets=np.arange(len(region) + 1), position=found.place))]
+    (after,), cuts, _ = divide.divided(shards, [region])
+    assert cuts == 1
+    assert set(after.tolist()) == set(ids)
+
+
+@pytest.mark.parametrize("weight", [1.0, 0.98, 0.5])
+def test_weights_that_are_alike_tell_as_much_as_full_ones(np_rng, weight):
+    """Two mirrors of one colour, each a part: they prove to be metal, in the search of the fit as well."""
+    found = pixels(np_rng, [(WHITE, 0.2, 1.0), (WHITE, 0.2, 1.0)])
+    samples = scenes.samples_of(found.place, triangle=found.region, normal=np.float32(found.normal))
+    ids = (found.region + 1).astype(np.uint16)
+    image = [(found.radiance, np.full(len(ids), weight, np.float32))]
+    parts = regroup.regrouped(scenes.observed([samples], [found.shading], image), [ids], np.arange(2))
+    assert (parts.materials, list(parts.metals.roughness)) == (1, [1])
+    training = scenes.training_pixels([samples], [found.shading], image, [ids])
+    searched = estimate_parts(training, np.array([1, 0.5, 0.0]), 2.1, 1.5)
+    np.testing.assert_array_equal(searched.metallic[1:], 1)
 
 
 def test_pixels_take_the_material_of_the_nearest_piece_and_ids_stay_apart(np_rng, monkeypatch):
