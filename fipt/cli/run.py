@@ -147,6 +147,9 @@ def asked_for(asked: Sequence[str], known: Iterable[str]) -> tuple[list[str], st
     if target not in STOPPING_POINTS and not target.startswith("results/"):
         points = ", ".join(STOPPING_POINTS)
         raise FiptError(f"there is no target {target!r}", f"targets: {points}, or a file below results/")
+    owner = Path(target).parts[1] if target.startswith("results/") and len(Path(target).parts) > 1 else None
+    if owner in known and owner not in scenes:
+        raise FiptError(f"{target} is of scene {owner}, which is not asked for", f"fipt run {owner} {target}")
     return list(dict.fromkeys(scenes)), target
 
 

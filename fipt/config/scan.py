@@ -11,8 +11,8 @@ from fipt.config.reading import CONFIG_FILE, load
 from fipt.config.sheet import write_sheet
 from fipt.errors import FiptError
 from fipt.formats.files import write_text
-from fipt.stages.capture.brackets import TABLE
 from fipt.stages.capture.folder import photographs
+from fipt.stages.capture.table import TABLE
 
 SHEET_FILE = "rooms.tsv"
 """The sheet that is written, in the working directory of the runs."""

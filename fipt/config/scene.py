@@ -428,9 +428,9 @@ class SceneConfig:
         return ",".join(self.olat_shards()[shard])
 
     def checked_export(self) -> list[str]:
-        """The export, its check and what that rendered, where every run makes one."""
-        made = [self.layout.export, self.layout.export_check, self.layout.export_check_folder]
-        return made if self.settings["export"].enabled else []
+        """The export, where every run makes one; its check and what that rendered, if views are held out."""
+        checked = [self.layout.export_check, self.layout.export_check_folder] if self.views.of("val") else []
+        return [self.layout.export, *checked] if self.settings["export"].enabled else []
 
     # --- asking
 

@@ -188,7 +188,11 @@ def existing_file(path: str | Path, what: str) -> Path:
     if not there and path.is_dir():
         raise FiptError(f"{what} must be a file; {path} is a folder", "check the path")
     if not there:
-        raise FiptError(f"{what} is missing: {path}", "check the path, or run the stage that writes it")
+        again = next(_listing(path), None)
+        raise FiptError(
+            f"{what} is missing: {path}",
+            f"delete {again} and run again" if again else "check the path, or run the stage that writes it",
+        )
     return path
 
 
@@ -207,11 +211,21 @@ def made_again(path: str | Path) -> str:
     """
     path = Path(path)
     for folder in list(path.parents)[:4]:
-        above = sorted(manifest for manifest in folder.glob("*.manifest.json") if _lists(manifest, path))
-        for manifest in (manifest_beside(folder), *above):
+        for manifest in (manifest_beside(folder), *_listing_in(folder, path)):
             if manifest.is_file():
                 return f"delete {manifest} and run again"
     return f"delete {path} and run again"
+
+
+def _listing(path: Path) -> Iterator[Path]:
+    """Manifests in the folders above a file that list it, the nearest first."""
+    for folder in list(path.parents)[:4]:
+        yield from _listing_in(folder, path)
+
+
+def _listing_in(folder: Path, path: Path) -> list[Path]:
+    """Manifests in a folder that list a file, sorted."""
+    return sorted(manifest for manifest in folder.glob("*.manifest.json") if _lists(manifest, path))
 
 
 def _lists(manifest: Path, path: Path) -> bool:

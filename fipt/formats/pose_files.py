@@ -90,8 +90,22 @@ def read_pose_file(path: str | Path) -> list[Posed]:
 # --- COLMAP -------------------------------------------------------------------------------------
 
 
+def pose_model_files(path: str | Path) -> list[str]:
+    """Files that poses are read from: those of COLMAP's model where ``path`` is its folder, else the file itself."""
+    folder = Path(path)
+    if not folder.is_dir():
+        return [str(path)]
+    ending = "bin" if _is_binary(folder) else "txt"
+    return [str(folder / f"{name}.{ending}") for name in ("cameras", "images")]
+
+
+def _is_binary(folder: Path) -> bool:
+    """Whether a model of COLMAP's is read from its binary files."""
+    return (folder / "images.bin").is_file()
+
+
 def _colmap(folder: Path) -> list[Posed]:
-    if (folder / "images.bin").is_file():
+    if _is_binary(folder):
         cameras, images = _colmap_binary(folder)
     else:
         cameras, images = _colmap_text(folder)
@@ -195,12 +209,15 @@ def _metashape(path: Path) -> list[Posed]:
         raise FiptError(f"{path} must be Metashape's export of one chunk; it has {len(chunks)}", "export one chunk")
     chunk = chunks[0]
     sensors = {sensor.get("id"): _metashape_intrinsics(sensor) for sensor in chunk.iter("sensor")}
-    world = _metashape_world(chunk.find("transform"))
-    found = []
+    whole, found = _metashape_world(chunk.find("transform")), []
+    components = {each.get("id"): each.find("transform") for each in chunk.iterfind("components/component")}
+    worlds = {number: _metashape_world(each) for number, each in components.items() if each is not None}
     for camera in chunk.iter("camera"):
         text = camera.findtext("transform")
         if text is None:  # not aligned
             continue
+        # newer exports give a transform to each component of aligned cameras
+        world = worlds.get(camera.get("component_id"), next(iter(worlds.values())) if len(worlds) == 1 else whole)
         values = _numbers(text, 16)
         rows = [values[start : start + 4] for start in (0, 4, 8)]
         linear = [[sum(a * b for a, b in zip(row, column, strict=True)) for column in zip(*rows, strict=True)]

@@ -251,8 +251,9 @@ def _piece(piece: Any, placed: np.ndarray, linear_colors: bool, defined: set[str
 
 def _material(found: Any) -> ObjectMaterial:
     """A material of trimesh: textures times factors."""
-    if hasattr(found, "to_pbr"):
-        found = found.to_pbr()
+    metal_if_unsaid = 1.0  # as in glTF
+    if hasattr(found, "to_pbr"):  # of OBJ, whose materials know no metal
+        found, metal_if_unsaid = found.to_pbr(), 0.0
     factor = np.ones(3) if found.baseColorFactor is None else np.asarray(found.baseColorFactor)[:3] / 255.0
     color = np.ones((1, 1, 3))
     if found.baseColorTexture is not None:
@@ -260,7 +261,8 @@ def _material(found: Any) -> ObjectMaterial:
     rest = np.ones((1, 1, 3))
     if found.metallicRoughnessTexture is not None:
         rest = as_rgb(found.metallicRoughnessTexture)
-    rough, metal = (1.0 if f is None else f for f in (found.roughnessFactor, found.metallicFactor))
+    rough = 1.0 if found.roughnessFactor is None else found.roughnessFactor
+    metal = metal_if_unsaid if found.metallicFactor is None else found.metallicFactor
     maps = color * factor, np.clip(rest[..., 1] * rough, ROUGHNESS_MIN, 1), np.clip(rest[..., 2] * metal, 0, 1)
     return ObjectMaterial(*(values.astype(np.float32) for values in maps))
 

@@ -96,6 +96,7 @@ def test_truth_has_the_unit_of_its_images() -> None:
     import_scene("once", "fipt", "twice", QUICK)
     twice = Dataset("twice")
     assert twice.truth(view)["emission"].max() == twice.image(view)[0].max() < 100
+    assert twice.radiance_scale < scale, "the factor from the first source, not from the dataset between"
 
 
 def test_people_read_and_write_the_unit_of_the_source() -> None:

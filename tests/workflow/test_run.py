@@ -64,6 +64,9 @@ def test_several_scenes_and_a_target():
     assert asked_for(["a", "b"], known) == (["a", "b"], "report")
     assert asked_for(["a", "b", "a", "compare"], known) == (["a", "b"], "compare")
     assert asked_for(["b", "materials"], known) == (["b"], "materials")
+    assert asked_for(["b", "results/b/cache.npz"], known) == (["b"], "results/b/cache.npz")
+    with pytest.raises(FiptError, match=r"results/a/cache\.npz is of scene a, which is not asked for; fipt run a "):
+        asked_for(["b", "results/a/cache.npz"], known)
 
 
 def test_several_scenes_are_compared_together(workspace):

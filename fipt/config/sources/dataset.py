@@ -88,20 +88,21 @@ class DatasetSource(Source):
         return has_materials(self._read)
 
     def imported_files(self) -> list[str]:
-        """Cameras, mesh and images; of a dataset of this program also truth and ids."""
-        from fipt.formats.layouts import known_files
+        """Cameras, mesh, images, masks, and the truth and ids that the layout brings."""
+        from fipt.formats.layouts import known_files, truth_and_ids
 
         root, mesh = self._read.root, self._mesh or self._read.mesh
         found = [root / name for name in _CAMERA_FILES if (root / name).is_file()]
         if Path(self.path).is_file():
             found.append(Path(self.path))
         found += [frame.image for frame in self._read.frames]
-        found += [file for frame in self._read.frames for file in known_files(frame)]
+        found += [frame.mask for frame in self._read.frames if frame.mask is not None]
+        found += [file for frame in self._read.frames for file in (*known_files(frame), *truth_and_ids(frame))]
         return sorted({str(path) for path in [*found, *([mesh] if mesh else [])]})
 
     def given_files(self) -> list[str]:
-        """What an import reads, masks too."""
-        return [*self.view_files(), *(str(frame.mask) for frame in self._read.frames if frame.mask is not None)]
+        """What an import reads."""
+        return self.view_files()
 
     def import_options(self) -> list[str]:
         """What is imported: the layout, and the mesh that the config names."""

@@ -57,13 +57,16 @@ class TruePhotographs(Photographs):
 
     def calibration(self, shards: Mapping[str, list[str]]) -> list[str]:
         """Calibration frames or calibration.json, perhaps none; and the photographs of the first shard."""
+        # The first photograph tells the camera; which one that is, the table may say.
+        shard, views = next(iter(shards.items()))
+        return [*self.frames(), *self.of(views, shard)]
+
+    def frames(self) -> list[str]:
+        """Calibration frames or calibration.json, perhaps none."""
         folder = Path(self.folder)
         found = [path for path in (folder / "calibration").glob("*/*") if path.is_file()]
         given = folder / "calibration.json"
-        frames = sorted(map(str, [*found, *([given] if given.is_file() else [])]))
-        # The first photograph tells the camera; which one that is, the table may say.
-        shard, views = next(iter(shards.items()))
-        return [*frames, *self.of(views, shard)]
+        return sorted(map(str, [*found, *([given] if given.is_file() else [])]))
 
     @cached_property
     def _read(self) -> Any:
@@ -111,10 +114,19 @@ class RawSource(Source):
 
     def imported_files(self) -> list[str]:
         """Poses, mesh and ids."""
-        files = [*(pose_files(self.place.layout) if self.estimated else [self._poses]), self._mesh]
+        from fipt.formats.pose_files import pose_model_files
+
+        given = pose_files(self.place.layout) if self.estimated else pose_model_files(self._poses)
+        files = [*given, self._mesh]
         if self._segments:
             files += map(str, sorted(Path(self._segments).glob("*/*.png")))
         return files
+
+    def given_files(self) -> list[str]:
+        """The photographs, calibration frames, and what an import reads, less what is made here."""
+        made = {*pose_files(self.place.layout), self.place.layout.estimated_mesh}
+        own = self._taken.of(self._taken.views, "")
+        return sorted({*own, *self._taken.frames(), *(file for file in self.imported_files() if file not in made)})
 
     def import_options(self) -> list[str]:
         """What was developed, with mesh, poses and ids."""

@@ -16,6 +16,8 @@ format                    files                                               ax
 ========================  ==================================================  =====================
 """
 
+from pathlib import Path
+
 from fipt.formats.layouts.common import Matrix, PosedViews, SourceView, numbered_file
 from fipt.formats.layouts.fipt_real import read_fipt_real
 from fipt.formats.layouts.fipt_synthetic import read_fipt_synthetic
@@ -53,4 +55,13 @@ __all__ = [
     "known_files",
     "nerfstudio_views",
     "numbered_file",
+    "truth_and_ids",
 ]
+
+
+def truth_and_ids(view: SourceView) -> list[Path]:
+    """Truth and ids of a view of a FIPT folder, of which it has some."""
+    if view.folder is None:
+        return []
+    folders = [view.folder / name for name in (*SEGMENT_FOLDERS.values(), *TRUTH_FOLDERS.values())]
+    return [numbered_file(folder, view.number) for folder in folders if folder.is_dir()]

@@ -2,28 +2,23 @@
 
 from __future__ import annotations
 
-import csv
 import re
 from collections import Counter
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+from itertools import count, pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from fipt.errors import FiptError
-from fipt.formats.files import check_distinct, check_name, existing_file, natural
+from fipt.formats.files import natural
 from fipt.formats.images import is_deep
-from fipt.formats.text import read_text
 from fipt.stages.capture.exposures import SAME_STOPS, exposure, shutter_text, stops
 from fipt.stages.capture.folder import others, photographs
-from fipt.stages.capture.raw import MERGED_SUFFIXES, RAW_SUFFIXES, USUAL, Shot, read_shot
-
-TABLE = "captures.tsv"
-"""Table of a capture folder that overrides EXIF."""
-
-_COLUMNS = ("view", "file", "shutter", "aperture", "iso")
+from fipt.stages.capture.raw import Shot, read_shot
+from fipt.stages.capture.table import TABLE, read_table
 
 _NEARLY_ALL = 0.7
 """Share of the views that must have the usual exposures for another one to be told: cameras may meter each view."""
@@ -87,6 +82,12 @@ class Capture:
         """``raw``, ``ldr`` or ``merged``; a folder holds one kind."""
         return self.brackets[0].kind
 
+    @property
+    def usual_shot(self) -> Shot:
+        """The longest exposure of the first view that can be used: of the camera, lens and zoom of most."""
+        bad = {view for finding in self.findings if finding.severity == "error" for view in finding.views}
+        return next((each for each in self.brackets if each.view not in bad), self.brackets[0]).shots[0]
+
     def bracket(self, view: str) -> Bracket:
         """The bracket of a view.
 
@@ -129,7 +130,7 @@ def read_capture(folder: str | Path, frames: int = 0) -> Capture:
         raise FiptError(f"the capture folder is missing: {folder}", "check the path")
     table = folder / TABLE
     if table.exists():
-        kind, views, findings = _tabled(table)
+        (kind, views), findings = read_table(table), []
     else:
         kind, views, findings = _grouped(folder, frames)
     if not views and findings:
@@ -165,14 +166,15 @@ def group(shots: Sequence[Shot], frames: int = 0) -> list[tuple[Shot, ...]]:
     frames
         Exposures of a bracket; 0 = find out.
     """
-    ordered = sorted(shots, key=lambda shot: (shot.time or 0.0, natural(shot.path.name)))
+    timed = all(shot.time is not None for shot in shots)  # one without a time would come first, and shift all others
+    ordered = sorted(shots, key=lambda shot: (shot.time if timed else 0.0, natural(shot.path.name)))
     runs = _between_pauses(ordered)
     frames = frames or _usual_size(runs)
     return [bracket for run in runs for bracket in _split(run, frames)]
 
 
 def judge(brackets: Sequence[Bracket]) -> list[Finding]:
-    """Find exposures that occur twice or are missing, and frames of another camera or orientation."""
+    """Find exposures that occur twice or are missing, and frames of another camera, lens, zoom or orientation."""
     findings: list[Finding] = []
     usual = _usual_exposures(brackets)
     for bracket in brackets:
@@ -229,7 +231,58 @@ def judge(brackets: Sequence[Bracket]) -> list[Finding]:
                 tuple(dict.fromkeys(view for view, _ in odd)),
             )
         )
-    return findings
+    return [*findings, *_of_one_lens(brackets)]
+
+
+def _of_one_lens(brackets: Sequence[Bracket]) -> list[Finding]:
+    """Tell photographs with another focal length or lens than most: one calibration serves all of a capture."""
+
+    def focal_length(shot: Shot) -> float | None:
+        return shot.focal_length and round(shot.focal_length, 1)
+
+    asked: tuple[tuple[str, Callable[[Shot], Any], Callable[[Any], str], str], ...] = (
+        (
+            "focal-length",
+            focal_length,
+            lambda value: f"{value:g} mm",
+            "a capture has one camera: photograph these views again, or in a folder of their own",
+        ),
+        ("lens", lambda shot: shot.lens, str, "a capture has one lens: put these views into another folder"),
+    )
+    return [
+        finding
+        for kind, value_of, text, remedy in asked
+        for finding in mixed_shots(brackets, kind, "error", value_of, text, remedy)
+    ]
+
+
+def mixed_shots(
+    brackets: Sequence[Bracket],
+    kind: str,
+    severity: str,
+    value_of: Callable[[Shot], Any],
+    text: Callable[[Any], str],
+    remedy: str,
+) -> list[Finding]:
+    """Tell, in one finding, photographs that have another value of ``kind`` than most; None is no value."""
+    known = [(bracket.view, shot) for bracket in brackets for shot in bracket.shots if value_of(shot) is not None]
+    usual = Counter(value_of(shot) for _, shot in known).most_common(1)
+    odd = [(view, shot) for view, shot in known if value_of(shot) != usual[0][0]]
+    if not odd:
+        return []
+    shots, views = [shot for _, shot in odd], tuple(dict.fromkeys(view for view, _ in odd))
+    listed = ", ".join(dict.fromkeys(text(value_of(shot)) for shot in shots))
+    more = f" and {len(shots) - 3} more" if len(shots) > 3 else ""
+    files = ", ".join(shot.path.name for shot in shots[:3]) + more
+    name = kind.replace("-", " ").replace("iso", "ISO")
+    message = f"mixed {name}: most photographs have {text(usual[0][0])}, but {files} {listed} ({views_in_words(views)})"
+    return [Finding(kind, severity, message, remedy, views)]
+
+
+def views_in_words(views: Sequence[str]) -> str:
+    """Names of views, five at most."""
+    more = f" and {len(views) - 5} more" if len(views) > 5 else ""
+    return f"view{'s' if len(views) > 1 else ''} {', '.join(views[:5])}{more}"
 
 
 def _shifted(brackets: Sequence[Bracket], usual: Sequence[Shot]) -> list[Finding]:
@@ -329,7 +382,10 @@ def _grouped(folder: Path, frames: int) -> tuple[str, dict[str, tuple[Shot, ...]
     kind, files = photographs(folder)
     findings = _left_out(folder, files)
     if kind == "merged":
-        return kind, {_view_name(path.stem, ()): (Shot(path),) for path in files}, findings
+        merged: dict[str, tuple[Shot, ...]] = {}
+        for path in files:
+            merged[_view_name(path.stem, merged)] = (Shot(path),)
+        return kind, merged, findings
     shots = []
     for path in files:
         try:
@@ -369,76 +425,7 @@ def _left_out(folder: Path, read: Sequence[Path]) -> list[Finding]:
 
 
 def _view_name(stem: str, taken: Collection[str]) -> str:
-    """A view's name from a file's: what may not stand in a name becomes ``_``."""
+    """A view's name from a file's: what may not stand in a name becomes ``_``; one that is taken gets a number."""
     name = re.sub(r"[^A-Za-z0-9_.-]|(?<=\.)\.", "_", stem).lstrip("_.-") or "view"
-    return name if name not in taken else f"{name}_{len(taken)}"
-
-
-def _tabled(table: Path) -> tuple[str, dict[str, tuple[Shot, ...]], list[Finding]]:
-    """Views of ``captures.tsv``."""
-    lines_of = read_text(table, "the table of a capture").splitlines()
-    reader = csv.DictReader(lines_of, delimiter="\t", quoting=csv.QUOTE_NONE)
-    try:
-        columns, rows = reader.fieldnames or [], list(reader)
-    except csv.Error as error:
-        raise FiptError(f"{table} is not a table ({error})", "separate its columns by tabs") from error
-    if not {"view", "file"} <= set(columns) <= set(_COLUMNS) or len(set(columns)) < len(columns):
-        raise FiptError(
-            f"{table} must have the columns view and file, and may have shutter, aperture, iso; "
-            f"found {', '.join(map(str, columns)) or 'nothing'}",
-            "separate the columns by tabs and name them in the first line",
-        )
-    views: dict[str, tuple[Shot, ...]] = {}
-    kinds = set()
-    lines: dict[Path, int] = {}
-    for number, row in enumerate(rows, start=2):
-        where = f"{table}, line {number}"
-        if None in row:  # where DictReader puts cells without a column
-            raise FiptError(f"{where}: there are more cells than columns", "part cells by one tab each")
-        path = existing_file(table.parent / (row["file"] or ""), f"a photograph ({where})")
-        if lines.setdefault(path.resolve(), number) != number:
-            raise FiptError(
-                f"{where}: a photograph belongs to one view, once; {path.name} is that of line {lines[path.resolve()]}",
-                "remove one of the lines",
-            )
-        view = check_name(row["view"] or "", f"{where}: view")
-        given = {key: _positive(row.get(key), f"{where}: {key}", *USUAL[key]) for key in ("shutter", "aperture", "iso")}
-        given = {key: value for key, value in given.items() if value is not None}
-        suffix = path.suffix.lower()
-        kind = "raw" if suffix in RAW_SUFFIXES else "merged" if suffix in MERGED_SUFFIXES else "ldr"
-        kinds.add(kind)
-        shot = Shot(path) if kind == "merged" else _read_tabled(path, "shutter" in given)
-        shot = replace(shot, **given)
-        if not shot.shutter and kind != "merged":
-            raise FiptError(f"{path} states no exposure time", f"give it in column shutter of {where}")
-        views[view] = (*views.get(view, ()), shot)
-    if not rows or len(kinds) > 1:
-        found = " and ".join(sorted(kinds)) or "no file"
-        raise FiptError(f"{table} must list files of one kind (raw, ldr or merged); found {found}", "correct the table")
-    check_distinct(views, f"{table}, views")
-    return kinds.pop(), views, []
-
-
-def _read_tabled(path: Path, has_shutter: bool) -> Shot:
-    """Metadata of a listed file; a missing exposure time is no error where the table gives it."""
-    try:
-        return read_shot(path)
-    except FiptError:
-        if not has_shutter:
-            raise
-        return Shot(path)
-
-
-def _positive(text: str | None, where: str, low: float, high: float) -> float | None:
-    if text is None or not text.strip():
-        return None
-    above, _, below = text.partition("/")
-    try:
-        value = float(above) / float(below or 1)
-    except (ValueError, ZeroDivisionError):
-        value = 0.0
-    if not value > 0:
-        raise FiptError(f"{where} must be a positive number such as 0.5 or 1/60; found {text!r}", "correct the table")
-    if not low <= value <= high:
-        raise FiptError(f"{where} must lie between {low:g} and {high:g}; found {text!r}", "correct the table")
-    return value
+    numbered = (f"{name}_{number}" for number in count(len(taken)))
+    return name if name not in taken else next(text for text in numbered if text not in taken)

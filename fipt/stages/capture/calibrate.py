@@ -40,11 +40,11 @@ def calibrate(capture: Capture, settings: CaptureSettings) -> Calibration:
     if capture.kind == "ldr":
         from fipt.stages.capture.ldr import read_ldr, response
 
-        first = read_ldr(capture.brackets[0].shots[0].path)
+        first = read_ldr(capture.usual_shot.path)
         start = _start(capture, first.shape[:2])
         start = replace(start, response=tuple(map(tuple, response(capture).tolist())))
-        return _finish(with_lens(start, frames, settings, capture.brackets[0].shots[0]), frames)
-    first_frame = read_raw(capture.brackets[0].shots[0].path, capture.brackets[0].shots[0])
+        return _finish(with_lens(start, frames, settings, capture.usual_shot), frames)
+    first_frame = read_raw(capture.usual_shot.path, capture.usual_shot)
     found = _start(capture, first_frame.shape)
     check_memory(_BYTES_A_PIXEL * found.width * found.height, "the calibration", "use smaller photographs")
     with progress("calibrate", sum(map(len, frames.values())), " frames") as bar:
@@ -61,13 +61,13 @@ def calibrate(capture: Capture, settings: CaptureSettings) -> Calibration:
 
 
 def _start(capture: Capture, shape: tuple[int, int]) -> Calibration:
-    return Calibration(capture.kind, capture.brackets[0].shots[0].camera, width=shape[1], height=shape[0])
+    return Calibration(capture.kind, capture.usual_shot.camera, width=shape[1], height=shape[0])
 
 
 def _of_merged(capture: Capture) -> Calibration:
     from fipt.stages.capture.develop import read_merged
 
-    shape = read_merged(capture.brackets[0].shots[0].path)[0].shape
+    shape = read_merged(capture.usual_shot.path)[0].shape
     sentence = "the views are merged already: they are taken as they are, without any correction"
     return replace(_start(capture, shape[:2]), absent=(sentence,))
 

@@ -23,6 +23,9 @@ RATIO_TOLERANCE = 0.02
 _LONGEST_NOMINAL = 31.0
 """Seconds; longer times are held by hand or by a timer and taken as they are."""
 
+_SAME_STOP = 1e-3
+"""Stops by which a half stop must be nearer than a third: whole stops are both."""
+
 _PIXELS_MEASURED = 400_000
 
 
@@ -34,10 +37,9 @@ def snapped(seconds: float) -> float:
     """
     if seconds > _LONGEST_NOMINAL:
         return seconds
-    thirds, halves = 3 * math.log2(seconds), 2 * math.log2(seconds)
-    if abs(thirds - round(thirds)) > 0.35 and abs(halves - round(halves)) < 0.25:
-        return 2.0 ** (round(halves) / 2)
-    return 2.0 ** (round(thirds) / 3)
+    stop = math.log2(seconds)
+    third, half = round(3 * stop) / 3, round(2 * stop) / 2
+    return 2.0 ** (half if abs(stop - half) < abs(stop - third) - _SAME_STOP else third)
 
 
 def snapped_aperture(number: float) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from fipt.errors import FiptError
 from fipt.stages.capture import lensfun
-from fipt.stages.capture.brackets import Bracket, Capture, Finding
+from fipt.stages.capture.brackets import Bracket, Capture, Finding, mixed_shots, views_in_words
 from fipt.stages.capture.calibrate import calibrate
 from fipt.stages.capture.calibration import Calibration
 from fipt.stages.capture.calibration_frames import calibration_frames
@@ -58,69 +57,26 @@ def check(capture: Capture, unreadable: Iterable[Finding] = (), qualities: Seque
 
 
 def _mixed(brackets: Sequence[Bracket]) -> list[Finding]:
-    """What should be the same in all photographs: aperture, ISO, focal length, lens."""
-    asked = (
+    """What should be the same in all photographs: aperture, ISO."""
+    asked: tuple[tuple[str, Callable[[Shot], Any], Callable[[Any], str], str], ...] = (
         (
             "aperture",
-            "warning",
             lambda shot: shot.aperture,
             lambda value: f"f/{value:g}",
             "vignetting and sharpness change with the aperture: keep it fixed (mode M)",
         ),
         (
             "iso",
-            "warning",
             lambda shot: shot.iso,
             lambda value: f"ISO {value:g}",
             "switch auto ISO off: noise and exposure ratios change with it",
         ),
-        (
-            "focal-length",
-            "error",
-            lambda shot: shot.focal_length and round(shot.focal_length, 1),
-            lambda value: f"{value:g} mm",
-            "a capture has one camera: photograph these views again, or in a folder of their own",
-        ),
-        ("lens", "error", lambda shot: shot.lens, str, "a capture has one lens: put these views into another folder"),
     )
-    findings = []
-    for kind, severity, value_of, text, remedy in asked:
-        usual, odd = _odd_shots(brackets, value_of)
-        if odd:
-            shots = [shot for _, shot in odd]
-            listed = ", ".join(dict.fromkeys(text(value_of(shot)) for shot in shots))
-            views = tuple(dict.fromkeys(view for view, _ in odd))
-            name = kind.replace("-", " ").replace("iso", "ISO")
-            findings.append(
-                Finding(
-                    kind,
-                    severity,
-                    f"mixed {name}: most photographs have {text(usual)}, but {_files(shots)} {listed} "
-                    f"({_views(views)})",
-                    remedy,
-                    views,
-                )
-            )
-    return findings
-
-
-def _odd_shots(brackets: Sequence[Bracket], value_of: Callable[[Shot], Any]) -> tuple[Any, list[tuple[str, Shot]]]:
-    """The usual value, and (view, shot) of the photographs that have another one."""
-    known = [(b.view, shot) for b in brackets for shot in b.shots if value_of(shot) is not None]
-    if not known:
-        return None, []
-    usual = Counter(value_of(shot) for _, shot in known).most_common(1)[0][0]
-    return usual, [(view, shot) for view, shot in known if value_of(shot) != usual]
-
-
-def _files(shots: Sequence[Shot]) -> str:
-    more = f" and {len(shots) - 3} more" if len(shots) > 3 else ""
-    return ", ".join(shot.path.name for shot in shots[:3]) + more
-
-
-def _views(views: Sequence[str]) -> str:
-    more = f" and {len(views) - 5} more" if len(views) > 5 else ""
-    return f"view{'s' if len(views) > 1 else ''} {', '.join(views[:5])}{more}"
+    return [
+        finding
+        for kind, value_of, text, remedy in asked
+        for finding in mixed_shots(brackets, kind, "warning", value_of, text, remedy)
+    ]
 
 
 def _judged(qualities: Sequence[Quality]) -> list[Finding]:
@@ -130,7 +86,7 @@ def _judged(qualities: Sequence[Quality]) -> list[Finding]:
     def add(kind: str, severity: str, wrong: list[Quality], message: str, remedy: str) -> None:
         if wrong:
             views = tuple(quality.view for quality in wrong)
-            findings.append(Finding(kind, severity, f"{_views(views)}: {message}", remedy, views))
+            findings.append(Finding(kind, severity, f"{views_in_words(views)}: {message}", remedy, views))
 
     for kind, figure, limit, message, remedy in (
         (
@@ -177,7 +133,7 @@ def _judged(qualities: Sequence[Quality]) -> list[Finding]:
                 Finding(
                     "white-balance",
                     "note",
-                    f"mixed white balance: {_views(odd)} differ from the rest",
+                    f"mixed white balance: {views_in_words(odd)} differ from the rest",
                     "one white balance is used for all views of a capture; set it by hand in the camera",
                     odd,
                 )
@@ -220,7 +176,8 @@ def _off_ratios(qualities: Sequence[Quality]) -> list[Finding]:
             Finding(
                 "ratio",
                 "warning",
-                f"{_views(views)}: {shutter} gathered {measured} of the next longer exposure's light, not {stated}",
+                f"{views_in_words(views)}: {shutter} gathered {measured} of the next longer exposure's light, "
+                f"not {stated}",
                 "set capture.times to measured, unless the light changed meanwhile",
                 views,
             )

@@ -34,8 +34,7 @@ def find_lens(shot: Shot, width: int, height: int, distance: float) -> tuple[str
     if not (shot.camera and shot.lens and shot.focal_length):
         return None
     database = lensfunpy.Database()
-    maker, _, model = shot.camera.partition(" ")
-    cameras = database.find_cameras(maker, model)
+    cameras = _cameras(database, shot.camera)
     lenses = database.find_lenses(cameras[0], None, shot.lens) if cameras else []
     if not lenses:
         return None
@@ -69,6 +68,21 @@ def find_lens(shot: Shot, width: int, height: int, distance: float) -> tuple[str
     f = float(focal * scale)
     result = Lens(width, height, f, f, width / 2, height / 2, (k1, k2, 0.0, 0.0, k3))
     return f"{lens.maker} {lens.model}", result, _vignetting(modifier, width, height)
+
+
+def _cameras(database: Any, name: str) -> list[Any]:
+    """Entries of a camera by the name that photographs give: maker and model.
+
+    Many makers repeat their name in the model ("Canon", "Canon EOS 5D Mark III"), which `fipt.stages.capture.raw` says
+    once; some have names of several words ("NIKON CORPORATION").
+    """
+    words = name.split(" ")
+    for count in range(1, len(words)):
+        for model in (" ".join(words[count:]), name):
+            found = database.find_cameras(" ".join(words[:count]), model)
+            if found:
+                return found
+    return []
 
 
 def _vignetting(modifier: Any, width: int, height: int) -> Vignetting | None:

@@ -121,8 +121,9 @@ def reduced(dataset: Dataset, camera: Camera, width: int) -> tuple[Camera, np.nd
     """
     image, weight = dataset.image(camera.name)
     block = min(-(-camera.width // width), camera.height)
-    valid = block_mean(weight > 0, block) > 0.5
-    means = block_mean(image, block)
+    share = block_mean(weight > 0, block)
+    valid = share > 0.5
+    means = block_mean(image, block) / np.maximum(share, 1e-6)[..., None]  # masked pixels are black
     light = means @ np.array(LUMINANCE, np.float32)
     least = 1e-3 * max(float(np.median(light[valid])) if valid.any() else 1.0, 1e-6)
     red, green, blue = np.moveaxis(np.log(np.maximum(means, least)), -1, 0)

@@ -14,6 +14,7 @@ from fipt.formats.exr import read_rgb
 from fipt.formats.text import MALFORMED
 from fipt.progress import progress
 from fipt.scene.dataset import Dataset, read_layers
+from fipt.scene.emitters import BACK, BOTH, FRONT
 from fipt.scene.references import read_reference, reference_files
 from fipt.scene.samples import read_samples
 from fipt.stages.evaluate.emission import emitted_ratios, emitting_triangles, triangle_figures
@@ -224,7 +225,7 @@ def emitter_figures(data: Dataset, path: Path, samples: list[Path]) -> dict[str,
     if samples:
         majority, seen = emitting_triangles(len(areas), _centre_triangles(data, samples))
         truth = majority if any((data.root / "truth").glob("*.exr")) else None
-        shown = emitted_ratios(_seen_emission(data, samples, found, len(areas)))
+        shown = emitted_ratios(_seen_emission(data, samples, found))
     source = "pixel centres that see them" if truth is not None else None
     room = data.root / "room.json"
     if room.is_file():
@@ -244,11 +245,12 @@ def emitter_figures(data: Dataset, path: Path, samples: list[Path]) -> dict[str,
 
 
 def _seen_emission(
-    data: Dataset, folders: list[Path], found: Mapping[str, np.ndarray], triangles: int
+    data: Dataset, folders: list[Path], found: Mapping[str, np.ndarray]
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """For every view with truth: area (n,) that each pixel centre stands for, true and found radiance (n, 3) there."""
-    radiance = np.zeros((triangles, 3))
-    radiance[found["triangle"]] = found["radiance"]
+    mesh = data.mesh()
+    radiance, sides = np.zeros((len(mesh.triangles), 3)), np.full(len(mesh.triangles), BOTH, np.int8)
+    radiance[found["triangle"]], sides[found["triangle"]] = found["radiance"], found.get("sides", BOTH)
     for folder in folders:
         shard = read_samples(folder)
         for index, view in enumerate(shard.views):
@@ -262,7 +264,9 @@ def _seen_emission(
             cosine = np.abs((toward * shard.normal[first]).sum(axis=1)) / np.linalg.norm(toward, axis=1).clip(1e-9)
             area = shard.footprint[first].astype(np.float64) ** 2 / np.maximum(cosine, _GRAZING)
             true = truth["emission"].reshape(-1, 3)[hit] * emits(truth).ravel()[hit, None]
-            yield area, true, radiance[shard.triangle[first]]
+            triangle = np.asarray(shard.triangle)[first]
+            side = np.where(mesh.front(triangle, shard.normal[first]), FRONT, BACK)
+            yield area, true, radiance[triangle] * ((sides[triangle] & side) > 0)[:, None]
 
 
 def _room_triangles(path: Path, areas: np.ndarray) -> np.ndarray | None:

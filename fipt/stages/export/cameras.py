@@ -1,10 +1,18 @@
-"""Cameras as COLMAP's text model: cameras.txt, images.txt, points3D.txt."""
+"""Cameras as COLMAP's text model: cameras.txt, images.txt, points3D.txt; names of cameras in files that allow few."""
 
 from collections.abc import Sequence
 from pathlib import Path
 
 from fipt.formats.files import write_text
 from fipt.scene.cameras import Camera
+
+
+def distinct(names: Sequence[str]) -> list[str]:
+    """The same names; one that was there before, since characters were lost, gets a number."""
+    found: list[str] = []
+    for number, name in enumerate(names):
+        found.append(name if name not in found else f"{name}__{number}")
+    return found
 
 
 def write_colmap(folder: Path, cameras: Sequence[Camera]) -> None:

@@ -11,6 +11,7 @@ from fipt.formats.files import atomic, write_text
 from fipt.formats.images import write_png
 from fipt.scene.asset import Asset, MaterialTextures, TexturedMesh
 from fipt.scene.cameras import Camera
+from fipt.stages.export.cameras import distinct
 
 PLUGIN = "fipt_bsdf.py"
 PLUGIN_TYPE = "fipt_ggx"
@@ -73,8 +74,9 @@ def _scene(asset: Asset, sheets: list[TexturedMesh], kind: str, specular: float,
     SubElement(root, "default", name="spp", value="256")
     integrator = SubElement(root, "integrator", type="path")
     _add(integrator, "integer", "max_depth", max_depth + 1)  # Mitsuba counts a path's edges
-    for camera in asset.cameras:
-        _sensor(root, camera)
+    names = distinct([f"view_{camera.name.replace('.', '_')}" for camera in asset.cameras])
+    for camera, name in zip(asset.cameras, names, strict=True):
+        _sensor(root, camera, name)
     surface = _surface(root, kind, specular)
     for piece in sheets:
         shape = SubElement(root, "shape", type="ply", id=piece.name)
@@ -117,9 +119,9 @@ def _surface(root: Element, kind: str, specular: float) -> str:
     return "surface_material"
 
 
-def _sensor(root: Element, camera: Camera) -> None:
-    """Add a view. Mitsuba's cameras look along z, x to the left; their pixels are square."""
-    sensor = SubElement(root, "sensor", type="perspective", id=f"view_{camera.name.replace('.', '_')}")
+def _sensor(root: Element, camera: Camera, name: str) -> None:
+    """Add a view under a name. Mitsuba's cameras look along z, x to the left; their pixels are square."""
+    sensor = SubElement(root, "sensor", type="perspective", id=name)
     _add(sensor, "string", "fov_axis", "x")
     _add(sensor, "float", "fov", float(np.degrees(2 * np.arctan(camera.width / (2 * camera.fx)))))
     _add(sensor, "float", "near_clip", 0.001)

@@ -16,6 +16,7 @@ from fipt.scene.asset import Asset, MaterialTextures, TexturedMesh
 from fipt.scene.cameras import Camera
 from fipt.scene.environment import NOTHING
 from fipt.scene.mesh import Mesh
+from fipt.stages.export.cameras import distinct
 
 _FOCAL = 50.0  # tenths of a scene unit; only its ratio to the aperture means something
 
@@ -56,8 +57,9 @@ def write_usd(path: str | Path, asset: Asset, textures: str) -> None:
         light.CreateNormalizeAttr(False)
         light.CreateMaterialSyncModeAttr(UsdLux.Tokens.noMaterialResponse)
         _bind(mesh, _emitter_material(stage, f"{folder}/materials/{emitter.name}", emitter))
-    for camera in asset.cameras:
-        _define_camera(stage, f"{folder}/cameras/{Tf.MakeValidIdentifier(camera.name)}", camera)
+    names = distinct([Tf.MakeValidIdentifier(f"view_{camera.name}") for camera in asset.cameras])
+    for camera, name in zip(asset.cameras, names, strict=True):
+        _define_camera(stage, f"{folder}/cameras/{name}", camera)
     if asset.outside.emits:
         dome = UsdLux.DomeLight.Define(stage, f"{folder}/outside")
         dome.CreateTextureFileAttr(f"./{textures}/environment.exr")

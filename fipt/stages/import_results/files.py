@@ -50,6 +50,7 @@ def found_results(
     materials: Sequence[str],
     held_out: Sequence[str],
     photographed: Collection[str] | None = None,
+    rejected: Collection[str] = (),
 ) -> OtherResults:
     """Look for files, and check that none is missing of a quantity that is there.
 
@@ -63,6 +64,8 @@ def found_results(
         Views whose materials are numbered, and held-out views.
     photographed
         Views with a photograph under the light of the setup; None: its truth has all of them.
+    rejected
+        Views that are not used; they have numbers all the same.
 
     Raises
     ------
@@ -76,7 +79,7 @@ def found_results(
             "name views of the scene",
         )
     folder, *others = result_folders(settings, scene)
-    own, shown = _chosen(materials, settings.only), _chosen(held_out, settings.only)
+    own, shown = (_chosen(views, settings.only, rejected) for views in (materials, held_out))
     if settings.layout == "npz":
         files = _numbered(folder, "{:06d}.npz", own, len(materials))
         return OtherResults({"npz": files} if files else {}, {})
@@ -91,9 +94,10 @@ def found_results(
     return OtherResults(there, {kind: files for kind, files in images.items() if files})
 
 
-def _chosen(views: Sequence[str], only: Collection[str]) -> dict[str, int]:
-    """View -> its number, of all views or ``only`` some."""
-    return {view: number for number, view in enumerate(views) if not only or view in only}
+def _chosen(views: Sequence[str], only: Collection[str], rejected: Collection[str]) -> dict[str, int]:
+    """View -> its number among ``views``, of all or ``only`` some, without those that are rejected."""
+    used = {view: number for number, view in enumerate(views) if view not in rejected}
+    return {view: number for view, number in used.items() if not only or view in only}
 
 
 def result_folders(settings: ImportResultsSettings, scene: str) -> list[Path]:

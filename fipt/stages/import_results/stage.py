@@ -32,6 +32,7 @@ def run(inputs: ImportResultsInputs, settings: "ImportResultsSettings") -> dict[
     from fipt.formats.exr import write_exr
     from fipt.formats.files import atomic_folder
     from fipt.formats.manifests import withdraw_manifest, write_manifest
+    from fipt.scene.cameras import read_transforms
     from fipt.scene.dataset import Dataset
     from fipt.scene.references import find_references
     from fipt.scene.samples import read_samples
@@ -41,10 +42,12 @@ def run(inputs: ImportResultsInputs, settings: "ImportResultsSettings") -> dict[
     from fipt.stages.import_results.views import material_layers, shown_images
 
     data = Dataset(inputs.dataset)
-    train, held_out = data.views(settings.views), data.views("val")
+    # rejected views keep their number: other programs knew nothing of our checks
+    cameras = read_transforms(data.root / "transforms.json")
+    train, held_out = ([each.name for each in cameras if each.split == split] for split in (settings.views, "val"))
     setup, _, photographs = (inputs.reference or "").partition("=")
     photographed = find_references(photographs, held_out) if photographs else None
-    found = found_results(settings, inputs.scene, train, held_out, photographed)
+    found = found_results(settings, inputs.scene, train, held_out, photographed, data.rejected)
     if settings.path is None:
         raise FiptError("import_results.path must name the folder of the other program's files", "give it")
     truth = data.root / "relight_truth" / settings.setup

@@ -19,7 +19,7 @@ from fipt.formats.layouts import SEGMENT_FOLDERS, SourceView, known_files
 from fipt.formats.manifests import withdraw_manifest, write_manifest
 from fipt.formats.places import OwnedPlaces
 from fipt.formats.text import MALFORMED
-from fipt.scene.cameras import Camera, read_origin, write_transforms
+from fipt.scene.cameras import Camera, read_origin, read_radiance_scale, write_transforms
 from fipt.scene.dataset import write_views
 from fipt.scene.mesh import Mesh, read_geometry, write_ply
 from fipt.scene.sources import CAPTURE, ImageSource, read_developed, read_source
@@ -251,8 +251,10 @@ def _write_mesh(
 def _write_cameras(folder: Path, cameras: list[Camera], source: ImageSource, origin: np.ndarray) -> None:
     """Write transforms.json and views.json, and warn of odd cameras."""
     _warn_shifted(cameras)
-    # the unit of photographs is the dataset's, by its exposure
-    scale = 1.0 if source.photographs else source.scale
+    # the unit of photographs is the dataset's, by its exposure; images of a dataset are in a unit of its own
+    own = source.frames[0].dataset
+    before = 1.0 if own is None else read_radiance_scale(own / "transforms.json")
+    scale = 1.0 if source.photographs else source.scale * before
     write_transforms(folder / "transforms.json", cameras, origin=origin, radiance_scale=scale)
     write_views(folder / "views.json", [*(camera.name for camera in cameras), *source.rejected], source.rejected)
 

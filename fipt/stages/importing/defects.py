@@ -30,8 +30,9 @@ class DefectCheck:
     def add(self, view: str, channels: Mapping[str, np.ndarray], valid: np.ndarray) -> None:
         """Look at a view: its channels ('' = RGB, ``alpha.Y``) and its (H, W) weights."""
         image, known = channels[""], valid > 0
-        if known.sum() < _PIXELS or not np.isfinite(image).all():
+        if known.sum() < _PIXELS or not np.isfinite(image[known]).all():
             return
+        image = np.where(np.isfinite(image), image, 0)  # where it has no weight, it may be anything
         self._views += 1
         self._compare(image, known)
         pixels = image[known]

@@ -77,7 +77,8 @@ def read_image(frame: SourceView) -> tuple[dict[str, np.ndarray], np.ndarray]:
     if "A" in found:
         channels["alpha.Y"] = found["A"]
     if frame.mask is not None:
-        channels["valid.Y"] = _read_mask(frame.mask, channels[""].shape[:2])
+        mask = _read_mask(frame.mask, channels[""].shape[:2])
+        channels["valid.Y"] = mask * channels.get("valid.Y", np.float32(1))
     valid = channels.get("valid.Y", np.ones(channels[""].shape[:2], np.float32))
     return channels, np.clip(valid, 0.0, 1.0)
 

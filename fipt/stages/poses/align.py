@@ -56,7 +56,12 @@ class AlignReport:
         return asdict(self) | {"warnings": list(self.warnings)}
 
 
-def align(reconstruction: Reconstruction, read_image: ReadImage, settings: Align) -> tuple[np.ndarray, AlignReport]:
+def align(
+    reconstruction: Reconstruction,
+    read_image: ReadImage,
+    settings: Align,
+    orientation: Mapping[str, int] | None = None,
+) -> tuple[np.ndarray, AlignReport]:
     """Find the similarity that brings a reconstruction into metres, upright and along the walls.
 
     The result has y up, the floor at y = 0 under the middle of the cameras, which is x = z = 0, and the room's longer
@@ -64,12 +69,12 @@ def align(reconstruction: Reconstruction, read_image: ReadImage, settings: Align
 
     Parameters
     ----------
-    reconstruction
-        Cameras and points.
+    reconstruction, settings
+        Cameras and points; what is known of the room.
     read_image
         Linear radiance of a view, (H, W, 3), as its camera describes it (undistorted, full resolution).
-    settings
-        What is known of the room.
+    orientation
+        View -> EXIF orientation; of others it is 1, the sensor's own.
 
     Returns
     -------
@@ -83,11 +88,10 @@ def align(reconstruction: Reconstruction, read_image: ReadImage, settings: Align
     FiptError
         If something that the settings name is not found or contradicts itself.
     """
-    cameras = {camera.name: camera for camera in reconstruction.cameras}
-    warnings: list[str] = []
+    cameras, warnings = {camera.name: camera for camera in reconstruction.cameras}, list[str]()
     check_points(settings, cameras)
     placed = _placed(reconstruction, read_image, settings.board, warnings)
-    own_up, spread = cameras_up(reconstruction.cameras)
+    own_up, spread = cameras_up(reconstruction.cameras, orientation or {})
     if spread > 10:
         warnings.append(f"the cameras' own up directions differ by {spread:.0f} degrees: floor and walls may be wrong")
     floor = find_floor(reconstruction.points, reconstruction.centers, own_up, settings.seed)

@@ -230,7 +230,7 @@ def _aligned(model: Reconstruction, views: UnposedViews, settings: PosesSettings
     if settings.align.reference is not None:
         similarity, report = to_reference(model, settings.align.reference, settings.seed)
         return similarity, {"from": "reference", **asdict(report)}
-    similarity, report = align(model, views.radiance, settings.align)
+    similarity, report = align(model, views.radiance, settings.align, views.orientation)
     return similarity, {"from": "the room", **report.plain()}
 
 

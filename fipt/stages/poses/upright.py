@@ -1,6 +1,6 @@
 """Which way is up: by a board, by the floor, by how people hold cameras; and where the floor is."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
@@ -21,6 +21,9 @@ _FLOOR_SAMPLE = 5000
 
 _MORE = 3.0
 """Points on the floor over those that any level slice of the walls would hold, at least."""
+
+_TURNED = {3: 180.0, 6: 90.0, 8: -90.0}
+"""EXIF orientation -> degrees by which the camera was turned; the others are upright, or mirrored, as none is."""
 
 _FLAT = 0.004
 """Half the floor's thickness over the extent of the points."""
@@ -46,8 +49,15 @@ class Plane:
     deviation: float
 
 
-def cameras_up(cameras: Sequence[Camera]) -> tuple[np.ndarray, float]:
+def cameras_up(cameras: Sequence[Camera], orientation: Mapping[str, int]) -> tuple[np.ndarray, float]:
     """Up as photographers hold their cameras: nearly level, so that no camera's x axis points up or down.
+
+    Parameters
+    ----------
+    cameras
+        In the sensor's frame.
+    orientation
+        View -> EXIF orientation; of others it is 1. The axes of a camera that was held upright are turned.
 
     Returns
     -------
@@ -56,7 +66,8 @@ def cameras_up(cameras: Sequence[Camera]) -> tuple[np.ndarray, float]:
     spread
         Median angle between the cameras' x axes and the level plane, degrees.
     """
-    axes = np.array([camera.world_from_camera[:3, :3] for camera in cameras])
+    turns = [_turn(orientation.get(camera.name, 1)) for camera in cameras]
+    axes = np.array([camera.world_from_camera[:3, :3] @ turn for camera, turn in zip(cameras, turns, strict=True)])
     mean, x = axes[:, :, 1].mean(axis=0), axes[:, :, 0]
     up = mean / max(np.linalg.norm(mean), 1e-12)
     # What is across two cameras' x axes is across those of most, if those two are not the odd ones.
@@ -72,6 +83,12 @@ def cameras_up(cameras: Sequence[Camera]) -> tuple[np.ndarray, float]:
         if values[1] > 0.02:
             up = vectors[:, 0] * np.sign(vectors[:, 0] @ mean)
     return up, float(np.median(np.degrees(np.arcsin(np.clip(np.abs(x @ up), 0, 1)))))
+
+
+def _turn(orientation: int) -> np.ndarray:
+    """(3, 3) turn about a camera's z that makes the axes of its sensor those of the photograph as it is shown."""
+    angle = np.radians(_TURNED.get(orientation, 0))
+    return np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
 
 
 def find_floor(points: np.ndarray, centers: np.ndarray, up: np.ndarray, seed: int) -> Plane | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -36,11 +36,14 @@ class UnposedViews:
         View -> its EXR file.
     rejected
         View that an earlier check has rejected -> why; not among the cameras.
+    orientation
+        View -> EXIF orientation, 1 to 8, where it is known: pixels stay in the sensor's frame whatever it says.
     """
 
     cameras: tuple[Camera, ...]
     images: Mapping[str, Path]
     rejected: Mapping[str, str]
+    orientation: Mapping[str, int] = field(default_factory=dict)
 
     def radiance(self, view: str) -> np.ndarray:
         """(H, W, 3) float32 linear RGB of a view."""
@@ -90,10 +93,12 @@ def read_capture(folder: str | Path, held_out: Collection[str]) -> UnposedViews:
         states = json.loads(report.read_text(encoding="utf-8"))["views"]
         rejected = {name: str(state["reason"]) for name, state in states.items() if not state["accepted"]}
         accepted = [name for name in states if name not in rejected]
-        facts = {
-            name: json.loads(existing_file(folder / f"{name}.json", "the facts of a view").read_text())["camera"]
+        stated = {
+            name: json.loads(existing_file(folder / f"{name}.json", "the facts of a view").read_text())
             for name in accepted
         }
+        facts = {name: own["camera"] for name, own in stated.items()}
+        orientation = {name: int(own.get("orientation", 1)) for name, own in stated.items()}
     except MALFORMED as error:
         raise FiptError(
             f"{report} or what stands beside it is damaged ({error!r})", "develop the views again"
@@ -106,7 +111,7 @@ def read_capture(folder: str | Path, held_out: Collection[str]) -> UnposedViews:
         )
     cameras = tuple(_camera(name, facts[name], held_out, report) for name in accepted)
     images = {name: folder / "hdr" / f"{name}.exr" for name in accepted}
-    return _checked(UnposedViews(cameras, images, rejected), folder)
+    return _checked(UnposedViews(cameras, images, rejected, orientation), folder)
 
 
 def read_folder(folder: str | Path, intrinsics: str | Path, held_out: Collection[str]) -> UnposedViews:

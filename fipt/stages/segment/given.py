@@ -201,7 +201,7 @@ def read_id_image(path: Path, table: Mapping[tuple[int, ...], int] | None) -> np
     FiptError
         If it cannot be read, an id is no whole number from 0 to 65,535, or a colour is not in the table.
     """
-    values = _channel(path) if path.suffix == ".exr" else _pixels(path)
+    values = _channel(path) if path.suffix == ".exr" else _pixels(path, bool(table))
     if values.ndim == 3:
         return _of_colors(values, path, table)
     with np.errstate(invalid="ignore"):
@@ -225,15 +225,15 @@ def _channel(path: Path) -> np.ndarray:
     return first
 
 
-def _pixels(path: Path) -> np.ndarray:
-    """(H, W) ids of a grey or palette PNG, (H, W, 3) colours of another."""
+def _pixels(path: Path, colored: bool) -> np.ndarray:
+    """(H, W) ids of a grey PNG, (H, W, 3) colours of another; a palette has ids unless colours are asked for."""
     from PIL import Image
 
     try:
         with Image.open(path) as image:
             if image.format != "PNG":
                 raise FiptError(f"{path} must be a PNG; it holds {image.format}, which may change ids", "export PNG")
-            whole = image.mode in ("L", "P", "I", "I;16")
+            whole = image.mode in ("L", "I", "I;16") or (image.mode == "P" and not colored)
             if not whole and is_deep(path):
                 raise FiptError(f"{path} must have 8 bits a colour; it has 16", "export 8 bits, or grey ids")
             values = np.array(image if whole else image.convert("RGB"))

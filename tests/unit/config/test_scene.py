@@ -87,6 +87,24 @@ def test_a_mesh_is_made_of_the_images_where_none_is_given(entry, views):
     assert source.view_options()[source.view_options().index("--mesh") + 1] == "none"
 
 
+def test_everything_that_an_import_reads_is_its_input(tmp_path):
+    """Ids and truth of a layout, masks of frames: when one changes, it is imported again."""
+    WRITERS["fipt-synthetic"](tmp_path / "s")
+    entry = {"source": "dataset", "path": str(tmp_path / "s"), "format": "fipt-synthetic", "settings": None}
+    listed = scene(entry).source.imported_files()
+    known = [*(tmp_path / "s").rglob("IndexMA/*.exr"), *(tmp_path / "s").rglob("DiffCol/*.exr")]
+    assert known
+    assert {str(path) for path in known} <= set(listed)
+
+    WRITERS["nerfstudio"](tmp_path / "n")
+    (tmp_path / "n" / "mask.png").write_bytes(b"")
+    content = json.loads((tmp_path / "n" / "transforms.json").read_text())
+    content["frames"][0]["mask_path"] = "mask.png"
+    (tmp_path / "n" / "transforms.json").write_text(json.dumps(content))
+    entry |= {"path": str(tmp_path / "n"), "format": "nerfstudio"}
+    assert str(tmp_path / "n" / "mask.png") in scene(entry).source.imported_files()
+
+
 def test_a_mesh_that_is_given_is_used(tmp_path):
     assert not scene(RAW | {"mesh": "m.ply"}).source.reconstructed
     assert not scene({"simulate_raw": True}).source.reconstructed

@@ -105,6 +105,11 @@ def test_a_folder_is_replaced_as_a_whole(tmp_path: Path) -> None:
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(FiptError, match=r"the mesh is missing: .*room\.ply"):
         existing_file(tmp_path / "room.ply", "the mesh")
+    (tmp_path / "import.manifest.json").write_text('{"files": {\n "images/a.exr": "1"}}')
+    with pytest.raises(FiptError, match=r"images/a\.exr; delete .*/import\.manifest\.json and run again"):
+        existing_file(tmp_path / "images" / "a.exr", "an image")
+    with pytest.raises(FiptError, match=r"images/b\.exr; check the path, or run the stage that writes it"):
+        existing_file(tmp_path / "images" / "b.exr", "an image")
     with pytest.raises(FiptError, match="missing"):
         existing_file(tmp_path, "the mesh")
 

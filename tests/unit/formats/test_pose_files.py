@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fipt.errors import FiptError
-from fipt.formats.pose_files import is_pose_file, read_pose_file
+from fipt.formats.pose_files import is_pose_file, pose_model_files, read_pose_file
 from fipt.scene.sources import read_poses
 
 FLIP = np.diag([1.0, -1, -1, 1])
@@ -66,7 +66,7 @@ def test_colmap_cameras_with_one_focal_length_and_others(tmp_path):
         read_pose_file(tmp_path)
 
 
-def metashape(path, transform=True):
+def metashape(path, transform=True, component=False):
     """What Metashape exports, in a chunk that is turned, scaled and moved against the world."""
     turn, scale, shift = Rotation.from_euler("xyz", [20, 40, 60], degrees=True).as_matrix(), 2.5, [1.0, -2.0, 3.0]
     chunk = np.eye(4)
@@ -77,13 +77,15 @@ def metashape(path, transform=True):
         local[:3, :3] = turn.T @ pose[:3, :3]
         local[:3, 3] = np.linalg.solve(chunk, pose)[:3, 3]
         numbers = " ".join(f"{value:.15g}" for value in (local @ FLIP).ravel())
-        cameras += (
-            f'<camera id="{number}" sensor_id="0" label="IMG_{number}.ARW"><transform>{numbers}</transform></camera>'
-        )
+        own = ' component_id="0"' if component else ""
+        name = f'id="{number}" sensor_id="0" label="IMG_{number}.ARW"{own}'
+        cameras += f"<camera {name}><transform>{numbers}</transform></camera>"
     world = (
         f"<transform><rotation>{' '.join(map(repr, turn.ravel().tolist()))}</rotation>"
         f"<translation>{' '.join(map(str, shift))}</translation><scale>{scale}</scale></transform>"
     )
+    if component:
+        world = f'<components><component id="0">{world}</component></components>'
     path.write_text(
         '<document version="2.0.0"><chunk><sensors><sensor id="0" type="frame"><resolution width="64" height="48"/>'
         '<calibration type="frame" class="initial"><f>1</f></calibration>'
@@ -94,8 +96,19 @@ def metashape(path, transform=True):
     return path
 
 
-def test_metashape(tmp_path):
-    found = read_pose_file(metashape(tmp_path / "cameras.xml"))
+@pytest.mark.parametrize("ending", ["txt", "bin"])
+def test_the_files_of_a_model_are_named_not_its_folder(tmp_path, ending):
+    """Files may change in place, of which the folder's own time knows nothing."""
+    for name in ("cameras", "images"):
+        (tmp_path / f"{name}.{ending}").touch()
+    assert pose_model_files(tmp_path) == [str(tmp_path / f"{name}.{ending}") for name in ("cameras", "images")]
+    assert pose_model_files(tmp_path / "cameras.xml") == [str(tmp_path / "cameras.xml")]
+
+
+@pytest.mark.parametrize("component", [False, True])
+def test_metashape(tmp_path, component):
+    """Older exports have the transform in the chunk, newer ones in a component."""
+    found = read_pose_file(metashape(tmp_path / "cameras.xml", component=component))
     assert [posed.name for posed in found] == ["IMG_0", "IMG_1", "IMG_2"]
     for posed, expected in zip(found, poses(), strict=True):
         np.testing.assert_allclose(posed.world_from_camera, expected, atol=1e-9)

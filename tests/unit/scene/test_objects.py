@@ -41,6 +41,8 @@ def test_a_texture_stands_upright(tmp_path, write):
     if write is write_square_glb:
         np.testing.assert_allclose(roughness, 0.4, rtol=1e-5)
         np.testing.assert_allclose(metallic, 0.25, rtol=1e-5)
+    else:
+        assert not metallic.any(), "materials of an OBJ know no metal"
 
 
 def test_overrides_replace_what_they_name(tmp_path):

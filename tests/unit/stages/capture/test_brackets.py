@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from fipt.errors import FiptError
+from fipt.formats.exr import write_exr
 from fipt.stages.capture.brackets import Bracket, group, judge, read_capture
 from fipt.stages.capture.exposures import exposure, shutter_text, snapped, snapped_aperture
 from fipt.stages.capture.raw import Shot
@@ -68,6 +69,19 @@ def test_brackets_of_any_length_whatever_the_order_given(
     assert names(group(mixed)) == expected
 
 
+def test_one_photograph_without_a_time_shifts_no_bracket() -> None:
+    given = shots(3, TIMES[:3])
+    given[4] = replace(given[4], time=None)
+    assert names(group(given)) == [[f"DSC{view * 3 + k:05d}.ARW" for k in range(3)] for view in range(3)]
+
+
+def test_merged_views_whose_names_become_alike_are_all_kept(tmp_path: Path) -> None:
+    for name in ("客厅", "厨房", "bath room", "bath_room", "bath_room_3"):
+        write_exr(tmp_path / f"{name}.exr", {"": np.ones((4, 4, 3), np.float32)})
+    found = {bracket.view: bracket.shots[0].path.stem for bracket in read_capture(tmp_path).brackets}
+    assert sorted(found.values()) == sorted(("客厅", "厨房", "bath room", "bath_room", "bath_room_3"))
+
+
 @pytest.mark.parametrize("gone", range(5))
 def test_a_missing_frame_does_not_shift_the_brackets_after_it(gone: int) -> None:
     given = shots(4, TIMES[:5])
@@ -127,7 +141,8 @@ def test_nominal_times_are_thirds_of_a_stop() -> None:
         numerator, _, denominator = text.partition("/")
         nominal = float(numerator) / float(denominator or 1)
         assert snapped(nominal) == pytest.approx(2 ** (5 - n / 3), rel=1e-12), text
-    assert snapped(1 / 90) == pytest.approx(2**-6.5)  # half stops
+    for power, half in enumerate((45, 90, 180, 350, 750, 1500, 3000, 6000)):
+        assert snapped(1 / half) == pytest.approx(2 ** -(5.5 + power))
     assert snapped(0.7) == pytest.approx(2**-0.5)
     assert snapped(60.0) == 60.0
     assert snapped_aperture(5.6) == pytest.approx(2**2.5)

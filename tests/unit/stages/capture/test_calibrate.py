@@ -232,6 +232,19 @@ def test_lenses_by_name_agree_with_lensfun_itself() -> None:
     assert lensfun.find_lens(replace(shot, camera="Nobody Nothing"), 600, 400, 2.5) is None
 
 
+@pytest.mark.parametrize(
+    ("camera", "lens"),
+    [
+        ("Canon EOS 5D Mark III", "Canon EF 24-105mm f/4L IS USM"),
+        ("NIKON CORPORATION NIKON D750", "Nikon AF-S Zoom-Nikkor 24-70mm f/2.8G ED"),
+    ],
+)
+def test_cameras_are_found_whose_makers_repeat_their_name(camera: str, lens: str) -> None:
+    found = lensfun.find_lens(Shot(Path("a"), 1.0, 4.0, 100, 24.0, camera=camera, lens=lens), 600, 400, 2.5)
+    assert found is not None
+    assert lens in found[0]
+
+
 def test_empty_folders_of_frames_are_no_frames(tmp_path: Path) -> None:
     (tmp_path / "calibration" / "flat").mkdir(parents=True)
     assert calibration_frames(tmp_path) == {}

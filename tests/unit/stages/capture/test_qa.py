@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter
 from fipt.errors import FiptError
 from fipt.formats.exr import write_exr
 from fipt.stages.capture import findings, inspection, qa, quality
-from fipt.stages.capture.brackets import Bracket, Capture, read_capture
+from fipt.stages.capture.brackets import Bracket, Capture, judge, read_capture
 from fipt.stages.capture.calibration import Calibration
 from fipt.stages.capture.raw import Shot
 from tests import captures
@@ -98,13 +98,17 @@ def shots(view, **changes):
     ],
 )
 def test_what_should_be_the_same(change, kind, severity, said):
-    capture = Capture(Path("folder"), (shots("a"), shots("b"), shots("odd", **change)), ())
+    brackets = (shots("odd", **change), shots("a"), shots("b"))
+    capture = Capture(Path("folder"), brackets, tuple(judge(brackets)))
     (finding,) = findings.check(capture)
+    assert (capture.usual_shot.path.stem == "odd") == (severity != "error"), (
+        "nothing is calibrated for a view that is left out"
+    )
     assert (finding.kind, finding.severity, finding.views) == (kind, severity, ("odd",))
     assert said in finding.message
     assert finding.remedy
-    unknown = Capture(Path("folder"), (shots("a"), shots("b", **dict.fromkeys(change))), ())
-    assert findings.check(unknown) == []
+    brackets = (shots("a"), shots("b", **dict.fromkeys(change)))
+    assert findings.check(Capture(Path("folder"), brackets, tuple(judge(brackets)))) == []
 
 
 def figures(view, **changes):

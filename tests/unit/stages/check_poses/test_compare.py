@@ -8,6 +8,7 @@ import pytest
 
 from fipt.cli.main import main
 from fipt.errors import FiptError
+from fipt.formats.exr import write_exr
 from fipt.formats.views import read_gains
 from fipt.scene.dataset import CHECKED, Dataset
 from fipt.scene.mesh import write_ply
@@ -172,6 +173,19 @@ def test_thereduced_camera_is_the_same_camera(tmp_path, views):
     np.testing.assert_allclose(small.directions(*corners.T), camera.directions(*(3 * corners).T), atol=1e-6)
     block = views["v0"][3:6, 6:9, 1].mean()
     assert np.exp(light[1, 2]) == pytest.approx(block, rel=1e-4)
+
+
+def test_masked_pixels_do_not_darken_the_blocks_at_a_mask(tmp_path):
+    from fipt.stages.check_poses.surface import reduced
+
+    camera = ring()[0]
+    written(tmp_path, [camera], [np.ones((camera.height, camera.width, 3), np.float32)])
+    valid = np.ones((camera.height, camera.width), np.float32)
+    valid[:, :31] = 0  # one of the three columns of a block
+    write_exr(tmp_path / "images" / "v0.exr", {"": np.ones((*valid.shape, 3), np.float32), "valid.Y": valid})
+    _, light, known, _ = reduced(Dataset(tmp_path), camera, 50)
+    assert known[:, 10].all()
+    np.testing.assert_allclose(light[known], 0, atol=1e-5)
 
 
 def with_exposure(views, name, factor):

@@ -7,8 +7,10 @@ import pytest
 
 from fipt.cli.main import main
 from fipt.conventions import FLAG_SATURATED
+from fipt.formats.arrays import load_npz, save_npz
 from fipt.formats.exr import read_rgb, write_exr
 from fipt.formats.files import write_text
+from fipt.scene.emitters import BACK, FRONT
 from tests.fake_results import HEIGHT, WIDTH, maps, write_maps, write_results
 
 
@@ -79,6 +81,22 @@ def test_emitting_triangles_are_judged_by_what_pixels_see(results):
     assert emitters["truth_from"] == "pixel centres that see them"
     assert (emitters["true_triangles"], emitters["found_triangles"]) == (1, 2)
     assert (emitters["false_triangles"], emitters["missed_triangles"]) == (1, 0)
+
+
+def test_light_on_the_other_side_is_not_what_views_see(results):
+    path = results / "round-1" / "emitters.npz"
+    assert run(results, "--samples", results / "samples" / "train-000") == 0
+    assert read(results)["emitters"]["emitted_flux"] > 0
+    arrays = load_npz(path)
+    given = [emitted_flux(results, path, arrays, side) for side in (FRONT, BACK)]
+    assert min(given) == 0 < max(given)
+
+
+def emitted_flux(results, path, arrays, side):
+    """That of emitters of one side."""
+    save_npz(path, **{**arrays, "sides": np.full(len(arrays["triangle"]), side, np.int8)})
+    assert run(results, "--samples", results / "samples" / "train-000") == 0
+    return read(results)["emitters"]["emitted_flux"]
 
 
 def test_emitting_triangles_of_a_room_in_code(results):

@@ -7,6 +7,7 @@ from pxr import Usd, UsdGeom, UsdLux, UsdShade, UsdUtils
 from fipt.errors import FiptError
 from fipt.formats.images import write_png
 from fipt.scene.environment import EnvironmentMap
+from fipt.stages.export.cameras import distinct
 from fipt.stages.export.usd import read_usd, write_usd
 from tests import assets
 from tests.unit.stages.export.test_gltf import same
@@ -25,6 +26,18 @@ def written(tmp_path_factory):
     write_png(folder / "textures" / "metallic_roughness.png", packed)
     write_usd(folder / "scene.usdc", asset, "textures")
     return asset, folder / "scene.usdc"
+
+
+def test_names_that_lose_characters_stay_distinct(tmp_path):
+    cameras = tuple(assets.camera(name) for name in ("000", "100", "a-b", "a_b", "a.b"))
+    asset = assets.room(cameras=cameras)
+    write_png(tmp_path / "textures" / "base_color.png", asset.textures.base_color)
+    packed = np.stack([np.zeros_like(asset.textures.roughness)] * 3, axis=-1)
+    write_png(tmp_path / "textures" / "metallic_roughness.png", packed)
+    write_usd(tmp_path / "scene.usdc", asset, "textures")
+    assert {camera.name for camera in read_usd(tmp_path / "scene.usdc").cameras} == {c.name for c in cameras}
+    ids = distinct([f"view_{name}" for name in ("a_b", "a_b", "c", "a_b")])
+    assert ids == ["view_a_b", "view_a_b__1", "view_c", "view_a_b__3"]
 
 
 def test_everything_comes_back(written):

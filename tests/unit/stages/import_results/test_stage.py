@@ -11,7 +11,7 @@ from fipt.config import load
 from fipt.errors import FiptError
 from fipt.formats.arrays import save_npz
 from fipt.formats.exr import write_exr
-from fipt.scene.dataset import Dataset, read_layers
+from fipt.scene.dataset import Dataset, read_layers, write_views
 from fipt.scene.samples import write_samples
 from fipt.stages.import_results.layouts import scaled_to
 from tests.scenes import samples_of, write_dataset
@@ -62,6 +62,22 @@ def write_kd(room, value=KD, views=None):
     for number in range(count):
         image = np.full((*size(room, number), 3), value, np.float32)
         write_exr(room / "brdf" / "theirs" / "kitchen" / f"{number:03d}_kd.exr", {"": image})
+
+
+def test_rejected_views_keep_their_number(room):
+    """Files are numbered by all views; the checks of ours that left one out know nothing of them."""
+    views = Dataset(room / "room").views("train")
+    for number, value in enumerate((0.2, 0.4, 0.6)[: len(views)]):
+        write_exr(
+            room / "brdf" / "theirs" / "kitchen" / f"{number:03d}_kd.exr",
+            {"": np.full((*size(room, number), 3), value, np.float32)},
+        )
+    path = room / "room" / "views.json"
+    write_views(path, views, {views[0]: "blurred"})
+    call(room, {"method": "theirs"})
+    assert not (room / "run" / "materials" / f"{views[0]}.exr").exists()
+    found = read_layers(room / "run" / "materials" / f"{views[1]}.exr")["kd"]
+    np.testing.assert_allclose(found, 0.4, rtol=1e-5)
 
 
 def test_a_quantity_that_is_not_there_has_no_figure(room):

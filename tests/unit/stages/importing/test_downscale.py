@@ -1,12 +1,16 @@
 """Datasets of smaller images than their source's."""
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from fipt.conventions import FLAG_NOISE, FLAG_SATURATED
 from fipt.errors import FiptError
+from fipt.formats.exr import write_exr
+from fipt.formats.images import write_png
 from fipt.scene.blocks import block_flags, block_ids, block_mean
 from fipt.scene.dataset import Dataset
 from fipt.stages.importing.build import import_scene
@@ -55,6 +59,22 @@ def test_pixels_without_weight_do_not_count_and_a_clipped_one_bounds_its_block(t
     flags = half.flags("view_0")
     assert flags[1, 2] == FLAG_SATURATED
     assert (flags > 0).sum() == 1
+
+
+def test_a_mask_and_the_weights_of_an_image_both_count(tmp_path: Path) -> None:
+    from fipt.stages.importing.frames import read_image
+
+    weight = np.ones((HEIGHT, WIDTH), np.float32)
+    weight[0] = 0
+    write_exr(tmp_path / "a.exr", {"": photo(POSES[0]), "valid.Y": weight})
+    mask = np.full((HEIGHT, WIDTH), 255, np.uint8)
+    mask[:, 0] = 0
+    write_png(tmp_path / "mask.png", mask)
+    frame: Any = SimpleNamespace(image=tmp_path / "a.exr", mask=tmp_path / "mask.png")
+    _, valid = read_image(frame)
+    assert (valid[0] == 0).all()
+    assert (valid[:, 0] == 0).all()
+    assert (valid[1:, 1:] == 1).all()
 
 
 def test_flags_of_noise_need_most_of_a_block() -> None:

@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from fipt.errors import FiptError
 from fipt.stages.poses.align import align
@@ -198,11 +199,29 @@ def test_a_plane_that_cuts_the_floor_at_an_angle_is_not_the_floor(np_rng):
 
 def test_cameras_that_look_down_are_upright_too():
     views = [room_views.look_at(f"v{i}", (2 + i % 3, 2.2, 1 + i // 3), (2.5, 0, 2.2)) for i in range(6)]
-    up, spread = cameras_up(views)
+    up, spread = cameras_up(views, {})
     assert up[1] > np.cos(np.radians(0.1))
     assert spread < 0.1
     mean = np.mean([view.world_from_camera[:3, 1] for view in views], axis=0)
     assert np.degrees(np.arccos(mean[1] / np.linalg.norm(mean))) > 1  # what a mean would have given
+
+
+@pytest.mark.parametrize(("orientation", "degrees"), [(6, 90), (8, -90), (3, 180)])
+def test_cameras_that_were_held_upright_know_where_up_is(orientation, degrees):
+    """Their sensors lie on their side: EXIF 6 says that what the sensor has at its left is up."""
+    turn = Rotation.from_euler("z", -degrees, degrees=True).as_matrix()
+    views = []
+    for i in range(8):
+        view = room_views.look_at(f"v{i}", (2 + i % 3, 1.5, 1 + i // 3), (2.5, 1.2 + 0.1 * (i % 3), 5 if i % 2 else -5))
+        pose = view.world_from_camera.copy()
+        pose[:3, :3] = pose[:3, :3] @ turn
+        views.append(replace(view, world_from_camera=pose))
+    if orientation == 6:
+        assert -views[0].world_from_camera[1, 0] > 0.9, "the sensor's left is up"
+    up, spread = cameras_up(views, {view.name: orientation for view in views})
+    assert up[1] > np.cos(np.radians(1))
+    assert spread < 1
+    assert cameras_up(views, {})[0][1] < 0.5
 
 
 @pytest.mark.parametrize(
