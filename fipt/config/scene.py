@@ -277,8 +277,7 @@ class SceneConfig:
 
     def calibration_files(self) -> list[str]:
         """What tells the camera."""
-        assert self.source.photographs is not None
-        return self.source.photographs.calibration(self.views.shards("all"))
+        return self.source.photographs.calibration(self.views.shards("all")) if self.source.photographs else []
 
     def reference_files(self) -> list[str]:
         """Known positions that estimated poses are brought to, if the config names any."""
@@ -326,11 +325,10 @@ class SceneConfig:
     def given_depth(self) -> list[str]:
         """Depth maps of the training views that the config names, or else its source, if any."""
         folder = self.settings["depth"].given
-        if folder == STEREO:
-            return []
-        if not folder:
-            return [str(existing_file(path, f"depth of {view}")) for view, path in self.source.depth_files().items()]
-        return self._depth_in(folder, "depth.given")
+        if folder and folder != STEREO:
+            return self._depth_in(folder, "depth.given")
+        named = {} if folder == STEREO else self.source.depth_files()
+        return [str(existing_file(path, f"depth of {view}")) for view, path in named.items()]
 
     def depth_options(self) -> list[str]:
         """Options of ``fipt depth`` that say where depth maps are named, if the source names any."""
@@ -361,9 +359,8 @@ class SceneConfig:
 
     def true_samples(self) -> list[str]:
         """Manifests of the samples of all training views, where the first shading is that of the true room."""
-        if not self.settings["bake"].truth:
-            return []
-        return [self.layout.samples.format(shard=shard) for shard in self.views.shards("train")]
+        shards = self.views.shards("train") if self.settings["bake"].truth else ()
+        return [self.layout.samples.format(shard=shard) for shard in shards]
 
     def true_images(self) -> list[str]:
         """Manifests of their truth."""
@@ -402,9 +399,8 @@ class SceneConfig:
 
     def model_of_emitters(self, round: str) -> list[str]:
         """The model whose mask decides what emits, where it does."""
-        if self.settings["emitters"].decide == "regions":
-            return []
-        return [self.layout.model.format(round=round)]
+        by_mask = self.settings["emitters"].decide == "mask"
+        return [self.layout.model.format(round=round)] if by_mask else []
 
     def emitters_of_fit(self, round: str) -> list[str]:
         """The emitters that a fit, and the parts before it, leave out, where they are decided before it."""
@@ -427,10 +423,14 @@ class SceneConfig:
         """Views of a shard that are rendered with one light at a time, comma-separated."""
         return ",".join(self.olat_shards()[shard])
 
-    def checked_export(self) -> list[str]:
-        """The export, where every run makes one; its check and what that rendered, if views are held out."""
+    def exported(self) -> list[str]:
+        """The export; its check and what that rendered, if views are held out."""
         checked = [self.layout.export_check, self.layout.export_check_folder] if self.views.of("val") else []
-        return [self.layout.export, *checked] if self.settings["export"].enabled else []
+        return [self.layout.export, *checked]
+
+    def checked_export(self) -> list[str]:
+        """The same, where every run makes it."""
+        return self.exported() if self.settings["export"].enabled else []
 
     # --- asking
 

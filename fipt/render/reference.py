@@ -166,7 +166,7 @@ class PathTracer:
     """Renders views of one scene with Mitsuba's ``path`` integrator.
 
     Rays leave from `Camera` itself and land evenly in a pixel: a pixel is the mean over its area. Paths of a pixel are
-    stratified, in passes of square numbers: 64 of them are as good as 73 to 82 independent ones.
+    stratified, in passes of square numbers: the fewer, the larger the image is.
 
     Parameters
     ----------

@@ -11,12 +11,12 @@ from pathlib import Path
 from fipt.errors import FiptError
 from fipt.formats.files import write_text
 from fipt.formats.text import MALFORMED, read_json
+from fipt.scene.segments import LARGEST_ID
 
 METALS = "metals.json"
 """Name of the file beside the ids."""
 
 _REMEDY = "run the join of segments again"
-_MOST_IDS = 65535
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ def read_metals(path: str | Path) -> JudgedMetals:
         roughness = {int(part): value for part, value in content["roughness"].items()}
         dielectric = frozenset(content["dielectric"])
         numbers = all(type(value) is float and 0 <= value <= 1 for value in roughness.values())
-        parts = all(type(part) is int and 0 < part <= _MOST_IDS for part in (*roughness, *dielectric))
+        parts = all(type(part) is int and 0 < part <= LARGEST_ID for part in (*roughness, *dielectric))
         if not numbers or not parts or dielectric & set(roughness):
             raise ValueError("parts from 1 to 65535, each once, and of metals a roughness in [0, 1]")
     except MALFORMED as error:

@@ -49,9 +49,15 @@ _FULL = 0.99
 
 
 def fully_weighted(weight: np.ndarray) -> np.ndarray:
-    """(...) bool: pixels with the usual weight (...) of those that count: the rims of masks have less."""
+    """(...) bool: pixels of a view with the usual weight (...) of those that count: the rims of masks have less."""
     some = weight[weight > 0]
     return weight > _FULL * (float(np.median(some)) if some.size else 1.0)
+
+
+def full_pixels(samples: FootprintSamples, weight: np.ndarray) -> np.ndarray:
+    """(P,) bool: the same of all pixels of a shard, each view by itself: which views are together means nothing."""
+    views = [weight[samples.pixels(index)] for index in range(len(samples.views))]
+    return np.concatenate([fully_weighted(np.asarray(own)) for own in views])
 
 
 def read_observed(

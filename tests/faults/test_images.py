@@ -248,6 +248,13 @@ def test_pixels_that_show_no_room_are_named(name: str) -> None:
     told = defects.sentences(check.facts(), 4)
     assert len(told) == (name != "nothing" and name != "half floats"), told
     assert said in "".join(told)
+    unweighted = DefectCheck()
+    for k in range(4):  # a pixel of no weight may be anything, and hides nothing
+        image = np.full((64, 80, 3), 0.5) * rng.uniform(0.2, 1, (64, 80, 1))
+        weight = np.ones((64, 80))
+        image[5, 5], weight[5, 5] = np.nan, 0
+        unweighted.add(f"view_{k}", {"": image.astype(np.float32)}, weight)
+    assert "grey" in unweighted.facts()
     masked = DefectCheck()
     masked.add("a", {"": np.zeros((64, 80, 3))}, np.zeros((64, 80)))
     assert masked.facts() == {}

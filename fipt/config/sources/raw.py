@@ -51,15 +51,15 @@ class TruePhotographs(Photographs):
     def of(self, views: list[str], shard: str) -> list[str]:
         """Files of the brackets of some views, and the table where there is one."""
         brackets = {bracket.view: bracket for bracket in self._read.brackets}
-        table = self._read.folder / "captures.tsv"
+        from fipt.stages.capture.table import TABLE
+
+        table = self._read.folder / TABLE
         files = [shot.path for view in views for shot in brackets[view].shots]
         return sorted(map(str, [*files, *([table] if table.is_file() else [])]))
 
     def calibration(self, shards: Mapping[str, list[str]]) -> list[str]:
-        """Calibration frames or calibration.json, perhaps none; and the photographs of the first shard."""
-        # The first photograph tells the camera; which one that is, the table may say.
-        shard, views = next(iter(shards.items()))
-        return [*self.frames(), *self.of(views, shard)]
+        """Calibration frames or calibration.json, perhaps none; and all photographs: one of them tells the camera."""
+        return [*self.frames(), *self.of(self.views, "")]
 
     def frames(self) -> list[str]:
         """Calibration frames or calibration.json, perhaps none."""
@@ -125,8 +125,8 @@ class RawSource(Source):
     def given_files(self) -> list[str]:
         """The photographs, calibration frames, and what an import reads, less what is made here."""
         made = {*pose_files(self.place.layout), self.place.layout.estimated_mesh}
-        own = self._taken.of(self._taken.views, "")
-        return sorted({*own, *self._taken.frames(), *(file for file in self.imported_files() if file not in made)})
+        photographs = [*self._taken.frames(), *self._taken.of(self._taken.views, "")]
+        return sorted({*photographs, *(file for file in self.imported_files() if file not in made)})
 
     def import_options(self) -> list[str]:
         """What was developed, with mesh, poses and ids."""

@@ -83,10 +83,15 @@ class Capture:
         return self.brackets[0].kind
 
     @property
+    def usable(self) -> tuple[Bracket, ...]:
+        """The brackets of the views with which nothing of severity ``error`` was found; all where there is none."""
+        bad = {view for finding in self.findings if finding.severity == "error" for view in finding.views}
+        return tuple(bracket for bracket in self.brackets if bracket.view not in bad) or self.brackets
+
+    @property
     def usual_shot(self) -> Shot:
         """The longest exposure of the first view that can be used: of the camera, lens and zoom of most."""
-        bad = {view for finding in self.findings if finding.severity == "error" for view in finding.views}
-        return next((each for each in self.brackets if each.view not in bad), self.brackets[0]).shots[0]
+        return self.usable[0].shots[0]
 
     def bracket(self, view: str) -> Bracket:
         """The bracket of a view.

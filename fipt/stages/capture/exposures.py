@@ -23,6 +23,9 @@ RATIO_TOLERANCE = 0.02
 _LONGEST_NOMINAL = 31.0
 """Seconds; longer times are held by hand or by a timer and taken as they are."""
 
+_HALVES = (1.5, 3.0, 12.0)
+"""Nominal times of half stops, seconds, that lie nearer to a third, and are the name of none."""
+
 _SAME_STOP = 1e-3
 """Stops by which a half stop must be nearer than a third: whole stops are both."""
 
@@ -32,12 +35,14 @@ _PIXELS_MEASURED = 400_000
 def snapped(seconds: float) -> float:
     """Return the true time behind a nominal one: cameras double light in thirds of a stop, 2^(n/3) s.
 
-    1/60 s is 1/64 s, 30 s is 32 s; nominal times are up to 7 % off. Half stops (1/45, 1/90 s) go to 2^(n/2) s. Times
-    above 30 s are taken as they are.
+    1/60 s is 1/64 s, 30 s is 32 s; nominal times are up to 7 % off. Half stops (1/45, 1/90 s) go to 2^(n/2) s, by
+    distance, and where that does not tell, by name. Times above 30 s are taken as they are.
     """
     if seconds > _LONGEST_NOMINAL:
         return seconds
     stop = math.log2(seconds)
+    if any(math.isclose(seconds, half, rel_tol=1e-3) for half in _HALVES):
+        return 2.0 ** (round(2 * stop) / 2)
     third, half = round(3 * stop) / 3, round(2 * stop) / 2
     return 2.0 ** (half if abs(stop - half) < abs(stop - third) - _SAME_STOP else third)
 

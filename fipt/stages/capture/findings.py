@@ -199,7 +199,7 @@ def calibration_notes(capture: Capture) -> list[Finding]:
         findings.append(
             Finding("calibration", "note", message, "photograph them while you are here (docs/stages/capture.md)")
         )
-    shot = capture.brackets[0].shots[0]
+    shot = capture.usual_shot
     # Size and distance do not decide whether a lens is known.
     if not (board and "flat" in frames) and lensfun.find_lens(shot, 6000, 4000, 2.5) is None:
         message = f"lensfun does not know the lens {shot.lens or 'without a name'} on {shot.camera or 'this camera'}"

@@ -43,7 +43,7 @@ def response(capture: Capture) -> np.ndarray:
         If no bracket has two exposures or more.
     """
     curves = []
-    for bracket in capture.brackets:
+    for bracket in capture.usable:
         if len(bracket.shots) < 2 or len(curves) == _BRACKETS:
             continue
         images = [read_ldr(shot.path) for shot in bracket.shots]

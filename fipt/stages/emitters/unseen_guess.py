@@ -185,6 +185,7 @@ def _judged(
         tried = trial(kept, asked=False)  # a guess that lights nothing of what asked for it needs to be as sure as any
     unclear = extracted.doubtful.of(found.triangle[fading & ~reflects])
     kept = replace(kept, undecided=kept.undecided.joined(unclear))
+    lit |= np.isin(number, _lit(tried, found, lit_by_seen, triangles, brightest=np.inf))
     return _Judged(kept, doubtful[stays], found.chosen(lit_by_seen & ~lit & ~fading), tried)
 
 
@@ -356,15 +357,15 @@ def _advice(mesh: Mesh, emitters: Emitters, guess: Guess, up: str) -> tuple[str,
 
 
 def _missing(mesh: Mesh, darkened: Emitters) -> tuple[str, ...]:
-    """What to say of surface that reflects more than the light of all emitters, found or guessed."""
+    """What to say of surface that reflects more than the light of the emitters, and that no guess lights."""
     if not len(darkened.triangle):
         return ()
     area, centers = mesh.areas[darkened.triangle], mesh.corners[darkened.triangle].mean(axis=1)
     largest = darkened.emitter == np.bincount(darkened.emitter, area).argmax()
     place = ", ".join(f"{v:.2f}" for v in np.average(centers[largest], axis=0, weights=area[largest]))
     return (
-        f"light is missing: {area.sum():.2f} m2 of surface, most of it near ({place}), are brighter than white under "
-        "the emitters found, and not under the light that views show; photograph what lights that place",
+        f"light is missing: {area.sum():.2f} m2 of surface, the largest of it near ({place}), are brighter than white "
+        "under the emitters found, and not under the light that views show; photograph what lights that place",
     )
 
 

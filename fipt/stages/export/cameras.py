@@ -1,6 +1,7 @@
 """Cameras as COLMAP's text model: cameras.txt, images.txt, points3D.txt; names of cameras in files that allow few."""
 
 from collections.abc import Sequence
+from itertools import count
 from pathlib import Path
 
 from fipt.formats.files import write_text
@@ -11,7 +12,8 @@ def distinct(names: Sequence[str]) -> list[str]:
     """The same names; one that was there before, since characters were lost, gets a number."""
     found: list[str] = []
     for number, name in enumerate(names):
-        found.append(name if name not in found else f"{name}__{number}")
+        others = (f"{name}__{k}" for k in count(number))
+        found.append(name if name not in found else next(k for k in others if k not in found and k not in names))
     return found
 
 

@@ -8,6 +8,7 @@ most of the excess of the photographs over the renderings, with one strength by 
 import numpy as np
 
 from fipt.scene.mesh import surface_points
+from fipt.scene.observed import fully_weighted
 from fipt.stages.findings.room import JudgedRoom
 
 _CANDIDATES = 200
@@ -41,7 +42,7 @@ def likely_place(room: JudgedRoom) -> np.ndarray | None:
 
 def _excess(room: JudgedRoom, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Places, normals (N, 3) and irradiance that is missing there (N,), for some pixels of the retakes."""
-    shown = [(retake, (retake.weight > 0.99) & ~retake.emits) for retake in room.retakes]
+    shown = [(retake, fully_weighted(retake.weight) & ~retake.emits) for retake in room.retakes]
     place = np.concatenate([retake.position[use] for retake, use in shown])
     normal = np.concatenate([retake.normal[use] for retake, use in shown])
     excess = np.concatenate([(retake.photo - retake.render).mean(axis=-1)[use] for retake, use in shown])

@@ -6,7 +6,7 @@ import numpy as np
 
 from fipt.conventions import SHADING_OUTPUTS
 from fipt.model.reflectance import exceeds_reflection
-from fipt.scene.observed import filled_by_one, fully_weighted
+from fipt.scene.observed import filled_by_one, full_pixels
 from fipt.scene.voxels import FACINGS, facings, voxel_keys
 from fipt.stages.fit.batches import Pixels
 
@@ -41,7 +41,7 @@ def inner_pixels(pixels: Pixels, emitter_gain: float) -> InnerPixels:
     step = stride(len(pixels))
     parts, passed, views = [], 0, 0
     for number, shard in enumerate(pixels.shards):
-        use = fully_weighted(pixels.valid[number]) & ~pixels.clipped[number]
+        use = full_pixels(shard, pixels.valid[number]) & ~pixels.clipped[number]
         filled = np.flatnonzero((np.diff(shard.offsets) > 0) & use)
         chosen = filled[-passed % step :: step]  # the same ones however the views are spread over shards
         passed += len(filled)

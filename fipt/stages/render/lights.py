@@ -171,7 +171,7 @@ def one_at_a_time(emitters: Emitters, environment: EnvironmentMap, separate: int
         Default name of each emitter of emitters.json, most powerful first; ``rest``; ``outside``. In each part all
         emitting triangles are named, those of other parts with no radiance.
     """
-    strength = emitters.area * emitters.radiance.astype(np.float64).mean(axis=1)
+    strength = emitters.power
     power = np.bincount(emitters.emitter, strength) if len(strength) else np.zeros(0)
     order = [int(number) for number in np.argsort(-power, kind="stable") if power[number] > 0]
     groups = {default_name(number): [number] for number in order[:separate]}

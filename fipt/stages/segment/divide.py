@@ -74,11 +74,11 @@ def divided(shards: Sequence[ObservedShard], regions: Sequence[np.ndarray]) -> t
     pieces = color_pieces(pixels, place.reshape(-1), len(known), center, side)
     free, used = _free_ids(regions), 0
     cuts, alike = materials_of(pieces)
-    for done, (number, own, label) in enumerate(cuts):
+    for number, own, label in cuts:
         count = int(label.max())
         if used + count > len(free):
-            log.warning("%d regions of two materials stay whole: no id up to %d is left", len(cuts) - done, LARGEST_ID)
-            break
+            log.warning("a region of several materials stays whole: no id up to %d is left", LARGEST_ID)
+            continue
         ids = np.concatenate([[known[number]], free[used : used + count]])
         used += count
         tree = cKDTree(pieces.place[own])

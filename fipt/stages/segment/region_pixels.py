@@ -12,7 +12,7 @@ import numpy as np
 from fipt.conventions import EMITTER_GAIN, SHADING_OUTPUTS
 from fipt.model.reflectance import exceeds_reflection
 from fipt.scene.environment import covered_share
-from fipt.scene.observed import ObservedShard, filled_by_one, fully_weighted
+from fipt.scene.observed import ObservedShard, filled_by_one, full_pixels
 from fipt.scene.samples import FootprintSamples, segments_of_triangles, strided
 
 _MOST = 400_000
@@ -123,7 +123,7 @@ def _gathered(
 def _usable(shard: ObservedShard) -> np.ndarray:
     """Pixels (N,) of a shard that surface fills, neither invalid nor clipped."""
     covered = np.concatenate([covered_share(shard.samples, index) for index in range(len(shard.samples.views))])
-    return np.flatnonzero((covered > _WHOLE) & fully_weighted(shard.weight) & ~shard.clipped)
+    return np.flatnonzero((covered > _WHOLE) & full_pixels(shard.samples, shard.weight) & ~shard.clipped)
 
 
 def _region_of(

@@ -61,7 +61,7 @@ rule relight:
 rule export:
     """The room for other programs, and the check of every file."""
     input:
-        of_asked_scenes("results/{scene}/export/check.json"),
+        of_asked_scenes(ask("exported")),
 
 
 rule metrics:

@@ -4,10 +4,12 @@ import json
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from fipt.config import load
 from fipt.errors import FiptError
+from fipt.formats.exr import write_exr
 from fipt.stages.geometry import library
 from tests.layouts import WRITERS
 
@@ -103,6 +105,22 @@ def test_everything_that_an_import_reads_is_its_input(tmp_path):
     (tmp_path / "n" / "transforms.json").write_text(json.dumps(content))
     entry |= {"path": str(tmp_path / "n"), "format": "nerfstudio"}
     assert str(tmp_path / "n" / "mask.png") in scene(entry).source.imported_files()
+
+
+def test_photographs_and_poses_of_a_capture_are_known_inputs(tmp_path):
+    for name in ("b", "a"):
+        write_exr(tmp_path / "photos" / f"{name}.exr", {"": np.ones((4, 4, 3), np.float32)})
+    (tmp_path / "model").mkdir()
+    for name in ("cameras.txt", "images.txt"):
+        (tmp_path / "model" / name).touch()
+    entry = RAW | {"path": str(tmp_path / "photos"), "poses": str(tmp_path / "model"), "mesh": str(tmp_path / "m.ply")}
+    source = scene(entry).source
+    poses = {str(tmp_path / "model" / name) for name in ("cameras.txt", "images.txt")}
+    assert poses < set(source.imported_files())
+    photographs = {str(tmp_path / "photos" / f"{name}.exr") for name in "ab"}
+    assert set(source.given_files()) == photographs | poses | {str(tmp_path / "m.ply")}
+    made = scene(entry | {"poses": "colmap", "mesh": "reconstruct"}).source
+    assert set(made.given_files()) == photographs, "what is made here is nobody's input"
 
 
 def test_a_mesh_that_is_given_is_used(tmp_path):
@@ -237,6 +255,14 @@ def test_emitters_of_rounds():
     assert masked.model_of_emitters("2") == ["results/room/round-2/model.safetensors"]
     once = scene(rounds=3, emitters={"every_round": False})
     assert once.last_emitters() == once.emitters_before("2") == "results/room/round-0/emitters.npz"
+
+
+def test_an_export_is_checked_where_views_are_held_out(monkeypatch):
+    assert "results/room/export/check.json" in scene().exported()
+    assert scene().checked_export() == []
+    assert scene({"settings": SIZE | {"export": {"enabled": True}}}).checked_export() == scene().exported()
+    monkeypatch.setattr("fipt.config.views.SceneViews.of", lambda *_: [])
+    assert scene().exported() == [scene().layout.export]
 
 
 def test_one_light_at_a_time_is_of_held_out_views():

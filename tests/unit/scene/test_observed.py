@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fipt.scene.observed import fully_weighted, without_openings, without_triangles
+from fipt.scene.observed import full_pixels, fully_weighted, without_openings, without_triangles
 from tests import scenes
 
 
@@ -16,6 +16,14 @@ def seen(samples, weight):
 def test_the_rim_of_a_mask_has_less_than_the_usual_weight():
     np.testing.assert_array_equal(fully_weighted(np.array([0.9, 0.9, 0.4, 0.9, 0])), [True, True, False, True, False])
     assert not fully_weighted(np.zeros(3)).any()
+
+
+def test_a_view_is_judged_by_its_own_weights():
+    """Whatever other views are in its shard."""
+    weight = np.r_[np.ones(8), np.full(4, 0.5)]
+    samples = scenes.samples_of(np.zeros((12, 3)), 0, views=("a", "b"), shapes=((2, 4), (2, 2)))
+    assert full_pixels(samples, weight).all()
+    assert not fully_weighted(weight).all()
 
 
 def test_pixels_at_openings_tell_nothing_of_surface():

@@ -9,6 +9,7 @@ import numpy as np
 from fipt.formats.images import psnr_of_error, srgb_encode
 from fipt.robust import spread
 from fipt.scene.findings import Measure, RoomFinding
+from fipt.scene.observed import fully_weighted
 from fipt.stages.findings.checks.light_balance import usable
 from fipt.stages.findings.drawing import compared, log_ratio
 from fipt.stages.findings.notes import Notes
@@ -33,10 +34,10 @@ def _off(retake: Retake) -> float:
 
 def psnr(retakes: list[Retake]) -> float:
     """Pooled PSNR of retakes against their photographs, clipped and with the sRGB curve, dB."""
-    square = [
-        np.square(srgb_encode(np.clip(each.render, 0, 1)) - srgb_encode(np.clip(each.photo, 0, 1)))[each.weight > 0.99]
-        for each in retakes
-    ]
+    square = []
+    for each in retakes:
+        off = srgb_encode(np.clip(each.render, 0, 1)) - srgb_encode(np.clip(each.photo, 0, 1))
+        square.append(np.square(off)[fully_weighted(each.weight)])
     return psnr_of_error(np.concatenate(square).mean())
 
 

@@ -143,6 +143,7 @@ def test_nominal_times_are_thirds_of_a_stop() -> None:
         assert snapped(nominal) == pytest.approx(2 ** (5 - n / 3), rel=1e-12), text
     for power, half in enumerate((45, 90, 180, 350, 750, 1500, 3000, 6000)):
         assert snapped(1 / half) == pytest.approx(2 ** -(5.5 + power))
+    assert [snapped(half) for half in (1.5, 3.0, 12.0)] == pytest.approx([2**0.5, 2**1.5, 2**3.5])
     assert snapped(0.7) == pytest.approx(2**-0.5)
     assert snapped(60.0) == 60.0
     assert snapped_aperture(5.6) == pytest.approx(2**2.5)

@@ -38,6 +38,7 @@ def test_names_that_lose_characters_stay_distinct(tmp_path):
     assert {camera.name for camera in read_usd(tmp_path / "scene.usdc").cameras} == {c.name for c in cameras}
     ids = distinct([f"view_{name}" for name in ("a_b", "a_b", "c", "a_b")])
     assert ids == ["view_a_b", "view_a_b__1", "view_c", "view_a_b__3"]
+    assert len(set(distinct(["a_b", "a_b__2", "a_b"]))) == 3
 
 
 def test_everything_comes_back(written):

@@ -332,6 +332,13 @@ def test_a_view_that_is_unlike_its_rendering():
     assert set(all_off) == {"rerendering"}
 
 
+def test_weights_that_are_alike_are_judged_as_full_ones():
+    """A mask of 0.98 everywhere, as images that were averaged down may have."""
+    soft = [replace(each, weight=0.98 * each.weight) for each in (judged.retake(k, 0.75) for k in range(VIEWS))]
+    assert "light-balance" in told(light_balance.check, retakes=soft)
+    assert rerendering.psnr(soft) == pytest.approx(rerendering.psnr([judged.retake(k, 0.75) for k in range(VIEWS)]))
+
+
 def _patches(shift):
     """Edges that the fit has ``shift`` pixels beside where the photographs have them; another contrast, too."""
     columns = np.arange(SIDE_OF_PATCH) - SIDE_OF_PATCH / 2

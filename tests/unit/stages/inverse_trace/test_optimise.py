@@ -5,6 +5,7 @@ import copy
 import numpy as np
 import pytest
 
+from fipt.model.parts import PartLabels
 from fipt.render.replay import PathBatch, ReplayScene
 from fipt.scene.cameras import Camera
 from fipt.stages.inverse_trace.optimise import optimise
@@ -102,7 +103,8 @@ def test_triangles_are_turned_to_their_viewers():
 
 
 def test_segments_without_triangles_have_the_mean():
-    groups = PartGroups(np.array([0, 2]), np.array([0, 1, 1]))
+    labels = PartLabels(np.int32([0, 2, 2]), np.zeros((1, 3), np.float32), np.int32([3]))
+    groups = PartGroups.of(labels)
     values = {"base_color": np.array([[0.2] * 3, [0.4] * 3]), "roughness": np.ones(2), "metallic": np.zeros(2)}
-    found = groups.materials(None, values).brdf
-    assert found.base_color[:, 0] == pytest.approx([0.2, 0.3, 0.4])
+    found = groups.materials(labels, values).brdf
+    assert found.base_color[:, 0] == pytest.approx([0.2, 0.3, 0.4, 0.3])

@@ -1,6 +1,8 @@
 """``fipt pose`` on images of a painted room: poses found, and every input that cannot give them refused."""
 
 import json
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +12,10 @@ from fipt.cli.main import main
 from fipt.formats.exr import write_exr
 from fipt.scene.cameras import read_transforms, write_transforms
 from fipt.scene.dataset import read_rejected
+from fipt.stages.poses import estimate
+from fipt.stages.poses.settings import PosesSettings
 from fipt.stages.poses.similarity import rotation_angles
+from fipt.stages.poses.views import read_capture
 from tests import painted_room
 
 PLACE = painted_room.SIZE * (0.5, 0.55, 0.5)
@@ -128,6 +133,22 @@ def test_a_capture_without_intrinsics(tmp_path, capsys):
     (tmp_path / "qa.json").write_text(json.dumps({"views": {name: {"accepted": True} for name in names}}))
     assert main(["pose", "--capture", str(tmp_path), "--out", str(tmp_path / "poses")]) == 2
     assert "the intrinsics of every view must be known; those of a, b, c are not" in capsys.readouterr().err
+
+
+def test_the_orientation_of_photographs_reaches_the_search_for_up(tmp_path, monkeypatch):
+    lens = {"w": 8, "h": 6, "fl_x": 8.0, "fl_y": 8.0, "cx": 4.0, "cy": 3.0}
+    orientation = {"a": 6, "b": 1, "c": 8}
+    for name, value in orientation.items():
+        (tmp_path / f"{name}.json").write_text(json.dumps({"camera": lens, "orientation": value}))
+        write_exr(tmp_path / "hdr" / f"{name}.exr", {"": np.ones((6, 8, 3), np.float32)})
+    (tmp_path / "qa.json").write_text(json.dumps({"views": {name: {"accepted": True} for name in orientation}}))
+    views = read_capture(tmp_path, [])
+    assert views.orientation == orientation
+    asked: list[Any] = []
+    report = SimpleNamespace(plain=dict)
+    monkeypatch.setattr("fipt.stages.poses.estimate.align", lambda *given: (asked.append(given[3]), (None, report))[1])
+    estimate._aligned(None, views, PosesSettings())
+    assert asked == [orientation]
 
 
 def test_a_missing_reference_is_told_before_the_work(ring, tmp_path, capsys):
