@@ -58,8 +58,10 @@ class TruePhotographs(Photographs):
         return sorted(map(str, [*files, *([table] if table.is_file() else [])]))
 
     def calibration(self, shards: Mapping[str, list[str]]) -> list[str]:
-        """Calibration frames or calibration.json, perhaps none; and all photographs: one of them tells the camera."""
-        return [*self.frames(), *self.of(self.views, "")]
+        """Calibration frames or calibration.json, perhaps none; and photographs of the shard that tells the camera."""
+        first = self._read.usable[0].view
+        views = next((own for own in shards.values() if first in own), [first])
+        return [*self.frames(), *self.of(views, "")]
 
     def frames(self) -> list[str]:
         """Calibration frames or calibration.json, perhaps none."""

@@ -3,6 +3,7 @@
 import json
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -121,6 +122,15 @@ def test_photographs_and_poses_of_a_capture_are_known_inputs(tmp_path):
     assert set(source.given_files()) == photographs | poses | {str(tmp_path / "m.ply")}
     made = scene(entry | {"poses": "colmap", "mesh": "reconstruct"}).source
     assert set(made.given_files()) == photographs, "what is made here is nobody's input"
+
+
+def test_the_calibration_depends_on_the_shard_that_tells_the_camera():
+    """The first view that can be used, not the first: that one may have another zoom."""
+    taken = scene(RAW).source.photographs
+    first, second = (SimpleNamespace(view=name, shots=[SimpleNamespace(path=Path(f"{name}.dng"))]) for name in "ab")
+    taken.__dict__["_read"] = SimpleNamespace(folder=Path("p"), brackets=(first, second), usable=(second,))
+    assert taken.calibration({"train-000": ["a"], "train-001": ["b"]}) == ["b.dng"]
+    assert taken.calibration({"train-000": ["a"]}) == ["b.dng"], "a view without a pose tells it, too"
 
 
 def test_a_mesh_that_is_given_is_used(tmp_path):
