@@ -44,9 +44,17 @@ def read_view_ids(path: str | Path) -> tuple[np.ndarray, np.ndarray]:
     return ids, classes
 
 
+def no_ids(values: np.ndarray) -> np.ndarray:
+    """(...) bool: which values (...) are no whole numbers from 0 to 65,535; all of them where they are no numbers."""
+    if values.dtype.kind not in "biuf":
+        return np.ones(values.shape, bool)
+    with np.errstate(invalid="ignore"):
+        return ~((values >= 0) & (values <= LARGEST_ID) & (values == np.floor(values)))
+
+
 def check_classes(path: str | Path, classes: np.ndarray) -> None:
     """Raise FiptError unless the classes (K,) of a file are such as pictures of ids can hold."""
-    bad = ~((classes >= 0) & (classes <= LARGEST_ID) & (classes == np.floor(classes)))
+    bad = no_ids(classes)
     if bad.any():
         raise FiptError(
             f"{path}: classes must be whole numbers from 0 to {LARGEST_ID}, 0 = unknown; label {int(np.argmax(bad))} "

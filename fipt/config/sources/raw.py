@@ -50,9 +50,9 @@ class TruePhotographs(Photographs):
 
     def of(self, views: list[str], shard: str) -> list[str]:
         """Files of the brackets of some views, and the table where there is one."""
-        brackets = {bracket.view: bracket for bracket in self._read.brackets}
         from fipt.stages.capture.table import TABLE
 
+        brackets = {bracket.view: bracket for bracket in self._read.brackets}
         table = self._read.folder / TABLE
         files = [shot.path for view in views for shot in brackets[view].shots]
         return sorted(map(str, [*files, *([table] if table.is_file() else [])]))

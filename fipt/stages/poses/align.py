@@ -69,10 +69,12 @@ def align(
 
     Parameters
     ----------
-    reconstruction, settings
-        Cameras and points; what is known of the room.
+    reconstruction
+        Cameras and points.
     read_image
         Linear radiance of a view, (H, W, 3), as its camera describes it (undistorted, full resolution).
+    settings
+        What is known of the room.
     orientation
         View -> EXIF orientation; of others it is 1, the sensor's own.
 
@@ -88,7 +90,8 @@ def align(
     FiptError
         If something that the settings name is not found or contradicts itself.
     """
-    cameras, warnings = {camera.name: camera for camera in reconstruction.cameras}, list[str]()
+    cameras = {camera.name: camera for camera in reconstruction.cameras}
+    warnings: list[str] = []
     check_points(settings, cameras)
     placed = _placed(reconstruction, read_image, settings.board, warnings)
     own_up, spread = cameras_up(reconstruction.cameras, orientation or {})
@@ -110,12 +113,17 @@ def align(
         floor_report["deviation"] = floor.deviation * metres
 
     rotation, walls = _turn(reconstruction, read_image, settings, up, placed, warnings)
-    similarity = np.eye(4)
-    similarity[:3, :3] = metres * rotation
-    middle = rotation @ reconstruction.centers.mean(axis=0)
-    similarity[:3, 3] = -metres * np.array([middle[0], ground, middle[2]])
+    similarity = _similarity(rotation, metres, rotation @ reconstruction.centers.mean(axis=0), ground)
     scale |= {"metres_per_unit": metres}
     return similarity, AlignReport(scale, {"source": source, "off_degrees": off}, walls, floor_report, tuple(warnings))
+
+
+def _similarity(rotation: np.ndarray, metres: float, middle: np.ndarray, ground: float) -> np.ndarray:
+    """(4, 4) that turns, scales, and brings the point below ``middle`` (3,), which is turned already, to the origin."""
+    similarity = np.eye(4)
+    similarity[:3, :3] = metres * rotation
+    similarity[:3, 3] = -metres * np.array([middle[0], ground, middle[2]])
+    return similarity
 
 
 def _placed(

@@ -24,7 +24,7 @@ from fipt.formats.text import MALFORMED
 from fipt.scene.dataset import Dataset
 from fipt.scene.mesh import face_property
 from fipt.scene.samples import FootprintSamples
-from fipt.scene.segments import LARGEST_ID, check_classes, nearest_ids
+from fipt.scene.segments import LARGEST_ID, check_classes, nearest_ids, no_ids
 from fipt.stages.segment.settings import GivenSegments
 from fipt.strict_json import parse_json
 
@@ -204,8 +204,7 @@ def read_id_image(path: Path, table: Mapping[tuple[int, ...], int] | None) -> np
     values = _channel(path) if path.suffix == ".exr" else _pixels(path, bool(table))
     if values.ndim == 3:
         return _of_colors(values, path, table)
-    with np.errstate(invalid="ignore"):
-        bad = ~((values >= 0) & (values <= LARGEST_ID) & (values == np.floor(values)))
+    bad = no_ids(values)
     if bad.any():
         raise FiptError(
             f"{path} must hold whole ids from 0 to {LARGEST_ID}; {int(bad.sum())} pixels do not, such as "
@@ -327,7 +326,7 @@ def triangle_labels(path: Path, name: str, triangles: int) -> tuple[np.ndarray, 
         )
     if labels.dtype.kind not in "biuf":
         raise FiptError(f"{path}: labels must be numbers; {name} holds {labels.dtype}", "number the segments")
-    bad = ~((labels >= 0) & (labels <= LARGEST_ID) & (labels == np.floor(labels)))
+    bad = no_ids(labels)
     if bad.any():
         raise FiptError(
             f"{path}: labels must be whole numbers from 0 to {LARGEST_ID}; triangle {int(np.argmax(bad))} has "

@@ -149,9 +149,9 @@ def test_bad_labels_of_triangles(room, tmp_path):
     save_npz(path, segment=np.array([0, 1, 2, 3]), classes=np.array([0, 1, 1]))
     with pytest.raises(FiptError, match=r"classes has 3 entries, the largest label is 3"):
         given(room, path)
-    for wrong in (-1, 65536, 1.5):
+    for wrong, said in ((-1, "2 has class -1"), (65536, "2 has class 65536"), (1.5, "2 has class 1.5"), ("wall", "0")):
         save_npz(path, segment=np.array([0, 1, 2, 2]), classes=np.array([0, 1, wrong]))
-        with pytest.raises(FiptError, match=f"classes must be whole numbers .*; label 2 has class {wrong}"):
+        with pytest.raises(FiptError, match=f"classes must be whole numbers .*; label {said}"):
             given(room, path)
     (tmp_path / "broken.ply").write_text("ply\nformat ascii 1.0\n")
     with pytest.raises(FiptError, match=r"broken.ply is not a readable PLY mesh"):
