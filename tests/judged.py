@@ -85,6 +85,7 @@ def pixels(**changed) -> ExplainedPixels:
         "triangle": np.full(count, 4),
         "emits": np.zeros(count, bool),
         "use": np.ones(count, bool),
+        "clipped": np.zeros(count, bool),
     }
     return ExplainedPixels(**known | changed)
 

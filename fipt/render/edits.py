@@ -157,6 +157,8 @@ class Segments:
         """Which segments there are: all numbers, and where the largest are."""
         numbers = np.unique(self.ids)
         numbers = numbers[numbers > 0] if self._fused else numbers
+        if not len(numbers):
+            return "there is none; choose a box instead"
         ends = np.flatnonzero(np.diff(numbers) > 1)
         starts, stops = numbers[np.append(0, ends + 1)], numbers[np.append(ends, len(numbers) - 1)]
         ranges = ", ".join(f"{a}" if a == b else f"{a} to {b}" for a, b in zip(starts, stops, strict=True))

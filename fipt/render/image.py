@@ -184,6 +184,9 @@ def trace_pixels(scene: RayScene, camera: Camera, place: np.ndarray) -> tuple[Su
 
 
 def _clean(image: np.ndarray, albedo: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """Denoise an image (H, W, 3); black pixels and colours that nothing sends stay black."""
-    bright = image.any(axis=-1, keepdims=True) & image.any(axis=(0, 1))
-    return np.where(bright, denoise(image, albedo, normal), 0)
+    """Denoise an image (H, W, 3); pixels that reflect nothing and colours that nothing sends stay black.
+
+    A pixel that reflects may be black by chance: what its neighbours lend it is its share of the light.
+    """
+    reflects = albedo.any(axis=-1, keepdims=True) & image.any(axis=(0, 1))
+    return np.where(reflects, denoise(image, albedo, normal), 0)

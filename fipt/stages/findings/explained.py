@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from fipt.conventions import SUB_POSITIONS
 from fipt.model.fitted import FittedScene
@@ -45,6 +46,8 @@ class ExplainedPixels:
         (N,) bool: some emitter is in the pixel.
     use
         (N,) bool: valid, covered by the mesh, not clipped.
+    clipped
+        (N,) bool: valid and covered by the mesh, but the photograph is only a lower bound.
     """
 
     views: tuple[str, ...]
@@ -67,9 +70,29 @@ class ExplainedPixels:
     triangle: np.ndarray
     emits: np.ndarray
     use: np.ndarray
+    clipped: np.ndarray
 
     def __len__(self) -> int:
         return len(self.view)
+
+    def brighter(self, times: float) -> np.ndarray:
+        """(N,) bool: one piece that does not emit, and more than ``times`` the brightest reflection.
+
+        A clipped pixel counts, too: where a lower bound is above, so is the truth.
+        """
+        one = (self.use | self.clipped) & ~self.emits & ~self.mixed
+        return one & (self.photo.mean(axis=1) > times * np.maximum(self.brightest, 1e-9))
+
+    def spacing(self, own: np.ndarray) -> float:
+        """Width of a typical pixel of ``own`` (N,) bool, or how far such pixels lie from each other, if more; metres.
+
+        Of large photographs only every n-th pixel is compared.
+        """
+        rows = np.flatnonzero(own)
+        if len(rows) < 2:
+            return 0.0
+        nearest = cKDTree(self.position[rows]).query(self.position[rows], k=2)[0][:, 1]
+        return float(max(np.median(self.footprint[rows]), np.median(nearest)))
 
 
 _COVERED = 0.99
@@ -134,7 +157,8 @@ def pixels_of_view(
     main = sample[order][np.cumsum(count) - count]
     chief = order[np.cumsum(count) - count]
     whole = np.zeros(len(pixel)) if ids is None else np.where(np.asarray(samples.center[pixel]) > 0, ids[local], 0)
-    use = fully_weighted(shard.weight[samples.pixels(index)])[local] & (covered > _COVERED) & ~shard.clipped[pixel]
+    full = fully_weighted(shard.weight[samples.pixels(index)])[local] & (covered > _COVERED)
+    clipped = np.asarray(shard.clipped[pixel])
     return {
         "row": rows,
         "column": columns,
@@ -153,7 +177,8 @@ def pixels_of_view(
         "segment": whole.astype(np.int64),
         "triangle": np.asarray(samples.triangle[main]).astype(np.int64),
         "emits": mean["emits"] > 0,
-        "use": use,
+        "use": full & ~clipped,
+        "clipped": full & clipped,
     }
 
 

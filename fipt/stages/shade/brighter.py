@@ -3,6 +3,7 @@
 import numpy as np
 
 from fipt.model.reflectance import brightest_reflection
+from fipt.scene.observed import fully_weighted
 from fipt.scene.samples import ALONE, FootprintSamples
 from fipt.scene.shading import Shading
 
@@ -34,7 +35,7 @@ def more_brighter(
     """
     radiance, weight, clipped = pixels
     own, pixel = samples.of_view(index), samples.pixel_of_sample(index)
-    use = (np.asarray(samples.weight[own]) >= ALONE) & (weight[pixel] > ALONE) & ~clipped[pixel]
+    use = (np.asarray(samples.weight[own]) >= ALONE) & (fully_weighted(weight) & ~clipped)[pixel]
     use = np.flatnonzero(use & ~np.isin(np.asarray(samples.triangle[own]), emitting))
     if len(use) == 0:
         return 0.0, 0

@@ -33,6 +33,11 @@ def test_a_segment_by_number_and_by_a_point(entry, caplog):
     assert "segment 1, 12 triangles, 6 m2, around (1.50, 1.00, 1.50)" in caplog.text
 
 
+def test_fused_ids_of_which_none_was_found():
+    with pytest.raises(FiptError, match="names segment 3, which does not exist; there is none"):
+        gone(np.zeros(24, np.uint16), segment=3)
+
+
 def test_fused_segments_go_by_their_ids():
     ids = np.where(np.arange(24) % 2 == 0, 7, 3).astype(np.uint16)
     np.testing.assert_array_equal(gone(ids, segment=7), ids == 7)

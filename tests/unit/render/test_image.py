@@ -7,6 +7,7 @@ from fipt.model.albedo import reflectance
 from fipt.model.networks import Brdf
 from fipt.scene.emitters import BACK, BOTH, FRONT
 from fipt.scene.environment import NOTHING, constant
+from fipt.scene.mesh import Mesh
 from tests import scenes
 
 PIXEL = 0.25
@@ -202,3 +203,18 @@ def test_sparse_layers_stay_as_they_are(backend, monkeypatch):
     result = layers.denoise_samples(np.zeros((401, 1, 3)), samples, 0)
     assert result[8].max() == 0  # the second hit of pixel 7
     assert np.delete(result, 8, axis=0).min() == 100
+
+
+def test_pixels_that_are_black_by_chance_keep_their_share_of_the_light(light):
+    """A room lit through a hole in the wall behind the camera: most of few paths miss it."""
+    room = scenes.box((-2, -2, -3), (2, 2, 2))
+    behind = [(-2, 0.5, -2, 2), (1.2, 2, -2, 2), (0.5, 1.2, -2, 0), (0.5, 1.2, 0.7, 2)]  # x and y around the hole
+    walls = [scenes.quad((a, c, 2), (0, d - c, 0), (b - a, 0, 0)) for a, b, c, d in behind]
+    lit = light(scenes.joined(Mesh(room.vertices, room.triangles[:-2]), *walls), outside=constant((5, 5, 5)))
+    camera = ahead(32, 24)
+    (raw,), (clean,) = (see([lit], camera, spp=32, denoised=denoised) for denoised in (False, True))
+    (true,) = see([lit], camera, spp=512)
+    assert (raw.max(axis=-1) == 0).mean() > 0.3
+    assert clean.mean() == pytest.approx(raw.mean(), rel=0.1)
+    assert clean.mean() == pytest.approx(true.mean(), rel=0.2)
+    assert (clean.max(axis=-1) > 0).all()

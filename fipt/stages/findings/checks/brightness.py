@@ -17,8 +17,8 @@ from fipt.stages.findings.tolerance import TOLERANCE, mean_error
 def check(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:
     """Tell a room of which a good part is brighter than the light found could make it."""
     pixels = room.explained
-    chosen = pixels.use & ~pixels.emits & ~pixels.mixed
-    over = chosen & (pixels.photo.mean(axis=1) > (1 + TOLERANCE) * pixels.brightest)
+    over = pixels.brighter(1 + TOLERANCE)
+    chosen = over | (pixels.use & ~pixels.emits & ~pixels.mixed)
     if not chosen.any():
         return []
     counts = np.bincount(pixels.view[chosen], minlength=len(pixels.views))

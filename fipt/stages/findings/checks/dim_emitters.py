@@ -15,7 +15,7 @@ from fipt.stages.findings.room import JudgedRoom
 from fipt.stages.findings.tolerance import TOLERANCE
 
 _PIXELS = 4.0
-"""Size of a place, pixels."""
+"""Size of a place, pixels that are compared."""
 _FEWEST = 3
 """Views that must show a place."""
 _AREA = 16
@@ -88,7 +88,7 @@ def steady_places(pixels: ExplainedPixels) -> tuple[np.ndarray, int]:
     bright = np.flatnonzero(usable & (pixels.photo.mean(axis=1) > (1 + TOLERANCE) * matte))
     if not len(bright):
         return none, 0
-    size = _PIXELS * max(float(np.median(pixels.footprint[bright])), 1e-6)
+    size = _PIXELS * max(pixels.spacing(usable), 1e-6)
     cells = np.floor(pixels.position[usable] / size).astype(np.int64)
     _, cell = np.unique(cells, axis=0, return_inverse=True)
     cell, rows = cell.reshape(-1), np.flatnonzero(usable)

@@ -31,9 +31,9 @@ def check(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:
     pixels = room.explained
     radiance = pixels.photo.mean(axis=1)
     ratio = radiance / np.maximum(pixels.brightest, 1e-9)
-    chosen = pixels.use & ~pixels.emits & ~pixels.mixed
-    usual = float(np.median(radiance[chosen])) if chosen.any() else 0.0  # noise in dark corners does not shine
-    bright = np.flatnonzero(chosen & (ratio > _TIMES) & (radiance > usual))
+    sound = pixels.use & ~pixels.emits & ~pixels.mixed
+    usual = float(np.median(radiance[sound])) if sound.any() else 0.0  # noise in dark corners does not shine
+    bright = np.flatnonzero(pixels.brighter(_TIMES) & (radiance > usual))
     reach = _REACH * float(np.ptp(room.mesh.vertices, axis=0).max())
     place, here = _meeting(room, bright, reach)
     views = np.unique(pixels.view[here])

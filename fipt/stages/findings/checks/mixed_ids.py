@@ -20,7 +20,7 @@ from fipt.stages.findings.tolerance import OUTLIER, TOLERANCE
 _FEWEST = 40
 """Pixels that a piece must have."""
 _GAP = 6.0
-"""Pixels between two pieces of surface, at least."""
+"""Pixels that are compared between two pieces of surface, at least."""
 _DISTINCT = np.log(2.0)
 """Logarithm of the ratio of two colours that are two: one is twice the other in a channel."""
 
@@ -62,7 +62,7 @@ def several(pixels: ExplainedPixels, own: np.ndarray) -> bool:
     if len(rows) < 2 * _FEWEST:
         return False
     color = np.log((pixels.photo[rows] + 1e-3) / (pixels.diffuse[rows] + 1e-3))
-    piece = pieces(pixels.position[rows], pixels.normal[rows], _GAP * float(np.median(pixels.footprint[rows])))
+    piece = pieces(pixels.position[rows], pixels.normal[rows], _GAP * pixels.spacing(own))
     groups = [color[piece == k] for k in range(int(piece.max()) + 1)]
     groups = [group for group in groups if len(group) >= _FEWEST]
     if len(groups) < 2:

@@ -1,6 +1,7 @@
 """Thin things that never fill a pixel: their colour is only seen mixed with what stands behind.
 
-A part counts where no training pixel shows it alone. Parts are those of the ids, else connected pieces of the mesh.
+A part counts where no training pixel shows it alone. Parts are connected pieces of the mesh: ids tell which pieces
+share a material, not how thick they are.
 """
 
 import numpy as np
@@ -37,7 +38,7 @@ def check(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:
             f"{100 * share:.0f} % of what the views show belongs to parts so thin that they never fill a pixel: their "
             "colour, roughness and metallic are guessed from mixed pixels.",
             measure,
-            "Photograph with more pixels or from nearer, or give such parts the id of a thicker one of their material.",
+            "Photograph with more pixels or from nearer. The id of a thicker part of their material helps the fit.",
             {"views": [pixels.views[view]]},
             image=drawn(room, pixels, view, marked),
         )

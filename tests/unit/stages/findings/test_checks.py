@@ -189,6 +189,11 @@ def test_brighter_than_anything_could_be():
     found = told(brightness.check, explained=judged.pixels(photo=photo))["too-bright"]
     assert found.severity == "serious"
     assert found.where["position"][0] > SIDE / 2
+    clipped = photo[:, 0] == 3
+    again = told(brightness.check, explained=judged.pixels(photo=photo, use=~clipped, clipped=clipped))["too-bright"]
+    assert again.measure.value == found.measure.value
+    dim = judged.pixels(use=~clipped, clipped=clipped)  # a lower bound below what surfaces show tells nothing
+    assert told(brightness.check, explained=dim) == {}
 
 
 def test_holes(backend):
@@ -239,6 +244,21 @@ def test_a_screen_that_may_be_a_mirror():
     assert np.allclose(found.where["position"], [1, 0, 1], atol=0.2)
     moving = np.where(screen, 1.2 + 0.5 * judged.pixels().view[:, None], judged.pixels().photo)
     assert told(dim_emitters.check, explained=judged.pixels(photo=moving, footprint=explained.footprint)) == {}
+
+
+@pytest.mark.parametrize("finer", [1, 16])
+def test_photographs_of_any_size_tell_a_screen_and_two_things_of_one_id(np_rng, finer):
+    """As many pixels are compared, ``finer`` times as small, and each view shows other places."""
+    sound = judged.pixels()
+    place = sound.position + np_rng.uniform(-0.5, 0.5, sound.position.shape) * [SIDE / GRID, 0, SIDE / GRID]
+    size = np.full(len(place), SIDE / GRID / 4 / finer)
+    screen = (np.abs(place - [1, 0, 1]).max(axis=1) < 0.9)[:, None]
+    shown = judged.pixels(position=place, footprint=size, photo=np.where(screen, 1.3, sound.photo))
+    assert set(told(dim_emitters.check, explained=shown)) == {"emitter-or-mirror"}
+    left, right = place[:, 0] < 1.2, place[:, 0] > 2.8
+    photo = np.where(right[:, None], [0.1, 0.2, 0.5], sound.photo)
+    two = judged.pixels(position=place, footprint=size, photo=photo, use=left | right)
+    assert set(told(mixed_ids.check, explained=two)) == {"mixed-ids"}
 
 
 def test_emitters_that_are_undecided():
@@ -450,6 +470,14 @@ def test_a_lamp_that_the_mesh_lacks_has_a_place():
         assert found.severity == "serious"
         assert (np.abs(found.where["position"] - np.array([2.0, height, 2.0])) < [0.1, 0.4, 0.1]).all()
         assert found.where["views"] == [f"v{k}" for k in range(VIEWS)]
+
+
+def test_a_lamp_that_is_clipped_is_missing_all_the_same():
+    """Its radiance is a lower bound, which is too bright already."""
+    lamp = shining([2.0, 1.0, 2.0])
+    clipped = lamp.photo[:, 0] == 10
+    found = told(missing_emitter.check, explained=replace(lamp, use=~clipped, clipped=clipped))["lamp-missing"]
+    assert found.where == told(missing_emitter.check, explained=lamp)["lamp-missing"].where
 
 
 def test_few_views_and_what_a_surface_could_show_are_no_lamp():
