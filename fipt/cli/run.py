@@ -79,7 +79,7 @@ def command(
     given = {"scenes": found.sheet.path} if found.sheet else {}
     asked_config = {**found.plain, **given, "only": scenes}
     code = _run(asked_config, target, options, [found.scenes[scene] for scene in scenes], dry_run)
-    if code in (0, EXIT_CODE) and not dry_run:
+    if not dry_run and _has_run(code):
         for scene in scenes:
             if store and (code == 0 or len(scenes) > 1):  # else what failed is here
                 opened(store).share([found.scenes[scene].layout.review])  # somebody may have decided meanwhile
@@ -123,6 +123,13 @@ def _run(
         known = failed
         names = ", ".join(dict.fromkeys(name for each in failed for name in each))
         typer.echo(f"fipt: failed: {names}; the comparison goes on without, and says why", err=True)
+
+
+def _has_run(code: int) -> bool:
+    """Whether a run came to its jobs: all are done, or some failed. Where none began, results are not of this run."""
+    from fipt.cli import run_view
+
+    return code == 0 or (code == EXIT_CODE and run_view.LogHandler.last.jobs_failed)
 
 
 def asked_for(asked: Sequence[str], known: Iterable[str]) -> tuple[list[str], str]:

@@ -83,6 +83,11 @@ class LogHandler(LogHandlerBase):
         self._over = threading.Event()
         threading.Thread(target=self._follow, daemon=True).start()
 
+    @property
+    def jobs_failed(self) -> bool:
+        """Whether jobs ran and some of them failed."""
+        return bool(self._failed)
+
     def emit(self, record: LogRecord) -> None:
         """Take an event of the run."""
         event: Any = record  # its fields depend on what it is

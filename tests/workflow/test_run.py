@@ -259,6 +259,20 @@ def test_a_room_that_fails_does_not_stop_the_others(workspace):
     assert (results / "room" / "provenance.json").is_file()
 
 
+def test_a_run_that_makes_nothing_records_nothing(workspace):
+    here = workspace({**CONFIG, "rounds": 1, "scenes": {name: {"source": "procedural"} for name in ("room", "attic")}})
+    here.fipt_run("attic", "materials")
+    files = [here.root / "results" / name / "provenance.json" for name in ("room", "attic")]
+    before = [file.read_bytes() for file in files]
+    other = ("attic", "materials", "--config", "rounds=0")
+    with locked(here.root / "results" / "attic"):
+        assert "another run works on scene attic" in told(here.fipt_run(*other, code=2))
+    assert [file.read_bytes() for file in files] == before
+    missing = ("--config", "setups={evening: {environment: {file: none.exr}}}")
+    assert "none.exr" in told(here.fipt_run(*other, *missing, code=2))
+    assert [file.read_bytes() for file in files] == before
+
+
 def test_a_tidied_room_is_up_to_date_and_is_made_again_where_it_must(workspace):
     here = workspace(CONFIG)
     here.fipt_run()
