@@ -21,6 +21,7 @@ from fipt.config.sections import Sections
 from fipt.errors import FiptError
 from fipt.formats.files import check_distinct, check_name
 from fipt.formats.yaml import read_yaml
+from fipt.registry import SECTIONS
 from fipt.settings import Rounds, Settings, dumped
 from fipt.validation import checked
 
@@ -45,13 +46,16 @@ _SEED = re.compile(r"(.+)\.seed-([1-9]\d*)")
 _STAGES: tuple[tuple[tuple[str, ...], str], ...] = (
     (("samples",), r"samples/|stats/samples\."),
     (("segment", "fuse"), r"segments([/.]|$)|stats/(segment|fuse)\b"),
-    (("environment",), r"environment\.npz|stats/environment\."),
     (("cache",), r"cache\.npz|stats/cache\."),
+    (("environment",), r"environment\.npz|stats/environment\."),
     (("bake",), r"round-0/shading/|stats/bake\."),
     (("regroup", "emitters", "fit"), r"round-0/|stats/\w+\.round-0\."),
     (("refine",), r"round-\d+/|stats/\w+\.round-\d+\."),
 )
 """Sections -> regular expression of what their stages write, in the order of the pipeline."""
+
+_OF_DATASET = tuple(SECTIONS)[: list(SECTIONS).index("plant_errors")]
+"""Sections of the stages that make the dataset, which runs take over."""
 
 _SOURCE = r"(room|raw|capture|poses|geometry)([/.]|$)"
 _DATASET = r"dataset([/.]|$)"
@@ -90,18 +94,36 @@ Methods = dict[str, Method]
 
 
 def known_methods(*others: Methods | None) -> Methods:
-    """Cards of this program, then those that a configuration adds or replaces."""
+    """Cards of this program, then those that a configuration adds or replaces.
+
+    Raises
+    ------
+    FiptError
+        If a method cannot be called so, or has settings that change nothing.
+    """
     found = dict(_shipped())
     for methods in others:
         found |= methods or {}
     check_distinct(found, "methods")
-    for name in found:
+    for name, card in found.items():
         check_name(name, "method")
         if _SEED.fullmatch(name):
             raise FiptError(f"a method must not be called {name!r}: that is a seed of a method", "rename it")
+        if (idle := _idle_section(card)) is not None:
+            raise FiptError(
+                f"methods.{name}.settings.{idle} would change nothing: runs of methods take over the scene's dataset",
+                "make it a scene of its own, or use plant_errors",
+            )
     if found[OWN].estimator != "fit" or found[OWN].settings is not None or found[OWN].rounds is not None:
         raise FiptError(f"methods.{OWN} is the scene's own run: it can have no settings of its own", "rename it")
     return found
+
+
+def _idle_section(card: Method) -> str | None:
+    """Section of a card that no job of its runs reads; cameras of a dataset with planted errors are checked anew."""
+    said = card.settings.model_fields_set if card.settings is not None else set()
+    read = {"check_poses"} if "plant_errors" in said else set()
+    return next((section for section in _OF_DATASET if section in said - read), None)
 
 
 @cache

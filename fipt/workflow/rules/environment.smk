@@ -15,7 +15,7 @@ rule environment:
         images=ask("images", splits=["train"]),
         mesh=own("results/{scene}/dataset/mesh.ply"),
         samples=sharded("results/{scene}/samples/{shard}.manifest.json", "train"),
-        cache="results/{scene}/cache.npz",
+        cache=own("results/{scene}/cache.npz"),
         file=ask("environment_files"),
     output:
         environment="results/{scene}/environment.npz",
@@ -24,9 +24,11 @@ rule environment:
         "results/{scene}/logs/environment.log",
     benchmark:
         "results/{scene}/benchmarks/environment.jsonl"
+    threads: THREADS
     resources:
         mem_mb=memory("environment"),
         runtime=minutes("environment"),
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/dataset"),
         samples=folders_of("samples"),

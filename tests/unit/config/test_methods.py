@@ -6,7 +6,9 @@ import shutil
 import pytest
 
 from fipt.config import load
+from fipt.config.methods import _STAGES
 from fipt.errors import FiptError
+from fipt.registry import SECTIONS
 from tests.layouts import WRITERS
 
 SIZE = {"synthesize": {"train_views": 3, "val_views": 1}}
@@ -45,6 +47,25 @@ def test_a_run_asks_for_the_files_that_it_takes_over():
     assert run.answer("last_emitters") == "results/room/round-1/emitters.npz"
     assert run.answer("images", splits=["val"]) == ["results/room/dataset/images.val-000.manifest.json"]
     assert config().scene("room/methods/irradiance").answer("last_confidence") == []
+
+
+def test_another_cache_gives_another_environment_and_no_environment_another_cache():
+    cards = {
+        "coarse": METHODS["slow"] | {"settings": {"cache": {"resolution": 64}}},
+        "dark": METHODS["slow"] | {"settings": {"environment": {"mode": "none"}}},
+    }
+    found = config(methods=cards)
+    for name, files in (("coarse", ["coarse/cache.npz", "coarse/environment.npz"]), ("dark", ["dark/environment.npz"])):
+        run = found.scene(f"room/methods/{name}")
+        own = [f"{run.layout.root}/{file}" for file in ("cache.npz", "environment.npz")]
+        assert [path for path in own if run.where(path) == path] == [f"results/room/methods/{file}" for file in files]
+
+
+def test_files_are_taken_over_in_the_order_of_the_pipeline():
+    *before, (last, _) = _STAGES
+    places = [min(list(SECTIONS).index(section) for section in sections) for sections, _ in before]
+    assert places == sorted(places)
+    assert last == ("refine",)  # of later rounds, after the fit of the first
 
 
 def test_runs_in_rooms_of_which_the_same_is_said_share_their_settings():
@@ -106,6 +127,13 @@ def test_a_card_says_what_a_run_changes():
     assert "results/room/stats/fit.round-1.json" in methods.stats("rounds-1")
 
 
+def test_a_method_with_planted_errors_may_check_cameras_in_its_own_way():
+    settings = {"plant_errors": {"mesh_noise": 0.01}, "check_poses": {"enabled": False}}
+    run = config(methods={"a": METHODS["slow"] | {"settings": settings}}).scene("room/methods/a")
+    assert run.where(run.layout.checked_poses) == run.layout.checked_poses
+    assert run.checks_poses is False
+
+
 def test_an_imported_room_has_true_materials_where_its_layout_brings_them(tmp_path):
     for name in ("fipt-synthetic", "fipt-real", "nerfstudio"):
         WRITERS[name](tmp_path / name)
@@ -125,6 +153,18 @@ def test_an_imported_room_has_true_materials_where_its_layout_brings_them(tmp_pa
         ({"methods": {"../a": METHODS["slow"]}}, "method"),
         ({"methods": {"fipt": METHODS["slow"]}}, "methods.fipt is the scene's own run"),
         ({"methods": {"a": METHODS["slow"] | {"settings": {"fit": {"stepz": 1}}}}}, "unknown key methods.a.settings"),
+        *(
+            ({"methods": {"a": METHODS["slow"] | {"settings": settings}}}, f"methods.a.settings.{section} would change")
+            for section, settings in {
+                "synthesize": {"synthesize": {"spp": 4}},
+                "capture": {"capture": {"downscale": 2}},
+                "poses": {"poses": {"align": {"reference": "p.json"}}},
+                "import": {"plant_errors": {"mesh_noise": 0.01}, "import": {"downscale": 2}},
+                "depth": {"depth": {"given": "d"}},
+                "geometry": {"geometry": {"method": "mvs"}},
+                "check_poses": {"check_poses": {"enabled": False}},
+            }.items()
+        ),
     ],
 )
 def test_wrong_methods_are_refused_in_a_line(keys, said):
