@@ -49,6 +49,13 @@ def test_options_are_fields(rule: str, verb: str, body: str) -> None:
     assert needed <= given | elsewhere
 
 
+@pytest.mark.parametrize(("rule", "verb", "body"), commands(), ids=[rule for rule, *_ in commands()])
+def test_rules_that_trace_rays_state_a_gpu_and_threads(rule: str, verb: str, body: str) -> None:
+    if VERBS[verb].rays:
+        assert "        gpu=GPUS,\n" in body
+        assert "    threads: THREADS\n" in body
+
+
 def test_a_model_is_made_again_when_models_have_another_version() -> None:
     """Whichever rule wrote it: it holds the fit's version, and is refused with another."""
     writers = {

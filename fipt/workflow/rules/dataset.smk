@@ -72,6 +72,7 @@ rule synthesize_room:
     resources:
         mem_mb=memory("synthesize_room"),
         runtime=minutes("synthesize_room"),
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/dataset"),
         scene=ask("source.scene_options"),

@@ -29,6 +29,7 @@ rule photographed_room:
     resources:
         mem_mb=memory("photographed_room"),
         runtime=minutes("photographed_room"),
+        gpu=GPUS,
     params:
         dataset=folder("results/{scene}/room"),
         scene=ask("source.scene_options"),
