@@ -143,11 +143,11 @@ def asked_for(asked: Sequence[str], known: Iterable[str]) -> tuple[list[str], st
     from fipt.config.reading import shown
 
     known = list(known)
-    every = "all" not in known and asked[0] == "all"
-    asked = [*known, *asked[1:]] if every else asked
     last = asked[-1]
     is_target = len(asked) > 1 and (last in STOPPING_POINTS or last not in known)
     scenes, target = (list(asked[:-1]), last) if is_target else (list(asked), "report")
+    if scenes[0] == "all" and "all" not in known:
+        scenes = [*known, *scenes[1:]]
     for scene in scenes:
         if scene not in known:
             raise FiptError(f"there is no scene {scene!r}", f"scenes: {shown(known)}")

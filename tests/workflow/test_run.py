@@ -65,6 +65,10 @@ def test_several_scenes_and_a_target():
     assert asked_for(["a", "b", "a", "compare"], known) == (["a", "b"], "compare")
     assert asked_for(["b", "materials"], known) == (["b"], "materials")
     assert asked_for(["b", "results/b/cache.npz"], known) == (["b"], "results/b/cache.npz")
+    assert asked_for(["all"], known) == (list(known), "report")
+    assert asked_for(["all", "materials"], known) == (list(known), "materials")
+    assert asked_for(["all", "results/b/cache.npz"], known) == (list(known), "results/b/cache.npz")
+    assert asked_for(["all"], ("a", "all")) == (["all"], "report")
     with pytest.raises(FiptError, match=r"results/a/cache\.npz is of scene a, which is not asked for; fipt run a "):
         asked_for(["b", "results/a/cache.npz"], known)
 
