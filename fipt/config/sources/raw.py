@@ -58,10 +58,12 @@ class TruePhotographs(Photographs):
         return sorted(map(str, [*files, *([table] if table.is_file() else [])]))
 
     def calibration(self, shards: Mapping[str, list[str]]) -> list[str]:
-        """Calibration frames or calibration.json, perhaps none; and photographs of the shard that tells the camera."""
-        first = self._read.usable[0].view
-        views = next((own for own in shards.values() if first in own), [first])
-        return [*self.frames(), *self.of(views, "")]
+        """Calibration frames or calibration.json, perhaps none; and photographs of the shards that tell the camera."""
+        views = {bracket.view for bracket in self._read.telling}
+        for own in shards.values():
+            if not views.isdisjoint(own):
+                views |= set(own)
+        return [*self.frames(), *self.of(sorted(views), "")]
 
     def frames(self) -> list[str]:
         """Calibration frames or calibration.json, perhaps none."""

@@ -23,6 +23,9 @@ from fipt.stages.capture.table import TABLE, read_table
 _NEARLY_ALL = 0.7
 """Share of the views that must have the usual exposures for another one to be told: cameras may meter each view."""
 
+_OF_RESPONSE = 3
+"""Brackets from which the response of JPEG and PNG is found; it is the same for all."""
+
 _PAUSE = (2.0, 30.0)
 """Seconds between two shots that are never, and always, a pause between brackets."""
 
@@ -87,6 +90,16 @@ class Capture:
         """The brackets of the views with which nothing of severity ``error`` was found; all where there is none."""
         bad = {view for finding in self.findings if finding.severity == "error" for view in finding.views}
         return tuple(bracket for bracket in self.brackets if bracket.view not in bad) or self.brackets
+
+    @property
+    def of_response(self) -> tuple[Bracket, ...]:
+        """The first brackets of several exposures: they tell the response of JPEG and PNG."""
+        return tuple(bracket for bracket in self.usable if len(bracket.shots) > 1)[:_OF_RESPONSE]
+
+    @property
+    def telling(self) -> tuple[Bracket, ...]:
+        """The brackets that tell the camera: the first that can be used; of JPEG and PNG also those of its response."""
+        return (self.usable[0], *(self.of_response if self.kind == "ldr" else ()))
 
     @property
     def usual_shot(self) -> Shot:

@@ -22,8 +22,6 @@ LOWEST, HIGHEST = 4, 251
 """8-bit values outside count as black and as clipped."""
 
 _SAMPLES, _SMOOTHNESS = 200, 30.0
-_BRACKETS = 3
-"""Brackets from which the response is found; it is the same for all."""
 
 
 def read_ldr(path: Path) -> np.ndarray:
@@ -43,9 +41,7 @@ def response(capture: Capture) -> np.ndarray:
         If no bracket has two exposures or more.
     """
     curves = []
-    for bracket in capture.usable:
-        if len(bracket.shots) < 2 or len(curves) == _BRACKETS:
-            continue
+    for bracket in capture.of_response:
         images = [read_ldr(shot.path) for shot in bracket.shots]
         check_order(bracket, images)
         times = np.array([exposure(shot) for shot in bracket.shots], np.float32)

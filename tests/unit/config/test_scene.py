@@ -3,7 +3,6 @@
 import json
 import re
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +10,8 @@ import pytest
 from fipt.config import load
 from fipt.errors import FiptError
 from fipt.formats.exr import write_exr
+from fipt.stages.capture.brackets import Bracket, Capture, Finding
+from fipt.stages.capture.raw import Shot
 from fipt.stages.geometry import library
 from tests.layouts import WRITERS
 
@@ -124,13 +125,30 @@ def test_photographs_and_poses_of_a_capture_are_known_inputs(tmp_path):
     assert set(made.given_files()) == photographs, "what is made here is nobody's input"
 
 
+def bracket(view, kind, exposures=1):
+    return Bracket(view, kind, tuple(Shot(Path(f"{view}{k}.{kind}"), shutter=0.5**k) for k in range(exposures)))
+
+
+def calibrated_by(brackets, shards, findings=()):
+    """Names of the photographs that a calibration depends on."""
+    taken = scene(RAW).source.photographs
+    taken.__dict__["_read"] = Capture(Path("p"), tuple(brackets), tuple(findings))
+    return taken.calibration(shards)
+
+
 def test_the_calibration_depends_on_the_shard_that_tells_the_camera():
     """The first view that can be used, not the first: that one may have another zoom."""
-    taken = scene(RAW).source.photographs
-    first, second = (SimpleNamespace(view=name, shots=[SimpleNamespace(path=Path(f"{name}.dng"))]) for name in "ab")
-    taken.__dict__["_read"] = SimpleNamespace(folder=Path("p"), brackets=(first, second), usable=(second,))
-    assert taken.calibration({"train-000": ["a"], "train-001": ["b"]}) == ["b.dng"]
-    assert taken.calibration({"train-000": ["a"]}) == ["b.dng"], "a view without a pose tells it, too"
+    brackets, zoomed = [bracket("a", "raw"), bracket("b", "raw")], [Finding("zoom", "error", "", "", ("a",))]
+    assert calibrated_by(brackets, {"train-000": ["a"], "train-001": ["b"]}, zoomed) == ["b0.raw"]
+    assert calibrated_by(brackets, {"train-000": ["a"]}, zoomed) == ["b0.raw"], "a view without a pose tells it, too"
+
+
+def test_the_calibration_depends_on_the_shards_that_tell_the_response():
+    """Of JPEG and PNG, three brackets of several exposures tell the curve."""
+    views = [bracket("a", "ldr"), *(bracket(view, "ldr", 2) for view in "bcdef")]
+    shards = {"train-000": ["a"], "train-001": ["b", "f"], "train-002": ["c", "d"], "train-003": ["e"]}
+    read = calibrated_by(views, shards)
+    assert read == ["a0.ldr", *(f"{view}{k}.ldr" for view in "bcdf" for k in (0, 1))]
 
 
 def test_a_mesh_that_is_given_is_used(tmp_path):
