@@ -13,7 +13,7 @@ from typing import Any
 from urllib.parse import quote
 
 from fipt.formats.files import write_text
-from fipt.provenance import read_provenance
+from fipt.provenance import input_path, read_provenance
 
 CRATE = "ro-crate-metadata.json"
 _CONTEXT = ["https://w3id.org/ro/crate/1.1/context", {"sha256": "https://schema.org/sha256"}]
@@ -32,22 +32,22 @@ def write_crate(results: Path) -> Path:
     FiptError
         If nothing is known of the run.
     """
-    content = {"@context": _CONTEXT, "@graph": list(entities(results.name, read_provenance(results)))}
+    content = {"@context": _CONTEXT, "@graph": list(entities(results, read_provenance(results)))}
     write_text(results / CRATE, json.dumps(content, indent=1) + "\n")
     return results / CRATE
 
 
-def entities(scene: str, known: Mapping[str, Any]) -> Iterator[Entity]:
-    """What a crate says of a run, given its provenance; files that were removed on purpose are left out."""
+def entities(results: Path, known: Mapping[str, Any]) -> Iterator[Entity]:
+    """What a crate says of a run with results in a folder, given its provenance; files that were removed on purpose are left out."""
     rows = {name: row for name, row in known["files"].items() if not row.get("tidied")}
     last = max((row["mtime_ns"] for row in rows.values()), default=0)
     stages = sorted({row["stage"] for row in rows.values()})
-    inputs = {Path(name).absolute().as_uri(): (name, row) for name, row in known["inputs"].items()}
+    inputs = {input_path(results, name).as_uri(): (name, row) for name, row in known["inputs"].items()}
     yield {"@id": CRATE, "@type": "CreativeWork", "conformsTo": _CRATE_1_1, "about": {"@id": "./"}}
     yield {
         "@id": "./",
         "@type": "Dataset",
-        "name": scene,
+        "name": results.name,
         "description": "Materials and lights of a room, by inverse path tracing of photographs",
         "datePublished": datetime.fromtimestamp(last / 1e9, UTC).isoformat(timespec="seconds"),
         "conformsTo": _PROCESS_RUN,

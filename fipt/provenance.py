@@ -27,7 +27,7 @@ from fipt.registry import SECTIONS
 NAME = "provenance.json"
 _FORMAT = 1
 _PASSING = re.compile(
-    r"(stats|logs|benchmarks)/.*|provenance\.json|ro-crate-metadata\.json|.*\.checkpoint-[^/]*|.*\.tmp[^/]*|(.*/)?\.[^/]*|poses/work/.*|\.records/.*"
+    r"(methods/[^/]+/)?(stats|logs|benchmarks)/.*|provenance\.json|ro-crate-metadata\.json|.*\.checkpoint-[^/]*|.*\.tmp[^/]*|(.*/)?\.[^/]*|poses/work/.*|\.records/.*"
 )
 """Files that tell of times, or come and go."""
 _SINGLE = {
@@ -94,14 +94,20 @@ def record(results: Path, configuration: Mapping[str, Any], inputs: Iterable[str
         "configuration": dict(configuration),
         "stages": _stages(results),
         "inputs": {
-            name: _state(Path(name), before.get("inputs", {}).get(name), set())
+            name: _state(path, before.get("inputs", {}).get(name), set())
             for name in sorted(set(inputs))
-            if Path(name).is_file()
+            if (path := input_path(results, name)).is_file()
         },
         "files": files,
     }
     write_text(results / NAME, json.dumps(content, indent=1, sort_keys=True) + "\n")
     return results / NAME
+
+
+def input_path(results: Path, name: str) -> Path:
+    """Where an input of a run lies: paths of a configuration are relative to the folder that holds results/."""
+    above = results.absolute().parent
+    return (above.parent if above.name == "results" else Path.cwd()) / name  # a copy of results lies anywhere
 
 
 def mark_tidied(results: Path, names: Iterable[str]) -> None:
@@ -164,7 +170,7 @@ def changes(results: Path) -> list[Difference]:
     listed = dict(_listed(results))
     found = []
     for name, row in known["inputs"].items():
-        found += _judged(Path(name), name, "inputs", row)
+        found += _judged(input_path(results, name), name, "inputs", row)
     for name, row in known["files"].items():
         found += _judged(results / name, name, row["stage"], row)
     for name in _files(results):

@@ -86,6 +86,30 @@ def test_lines_for_people(room, made, capsys):
     assert said.endswith("files that differ: 4\n")
 
 
+def test_relative_inputs_lie_beside_the_folder_of_results(tmp_path, monkeypatch, capsys):
+    results = tmp_path / "home/results/room"
+    results.mkdir(parents=True)
+    (tmp_path / "home/photograph.dng").write_bytes(b"raw")
+    (results / "report.html").write_text("<html>")
+    monkeypatch.chdir(tmp_path / "home")
+    record(Path("results/room"), {}, ["photograph.dng"])
+    assert changes(Path("results/room")) == []
+    monkeypatch.chdir(tmp_path)
+    assert main(["verify", str(results), "--crate"]) == 0
+    crate = json.loads((results / "ro-crate-metadata.json").read_text())
+    identifiers = [entity["@id"] for entity in crate["@graph"]]
+    assert (tmp_path / "home/photograph.dng").as_uri() in identifiers
+    flip(tmp_path / "home/photograph.dng")
+    assert [(each.path, each.kind) for each in changes(results)] == [("photograph.dng", "changed")]
+
+
+def test_times_of_methods_are_no_results(room):
+    for name in ("stats/fit.round-0.json", "logs/fit.log", "benchmarks/fit.jsonl", "round-0/model.safetensors"):
+        (room / "methods/slow" / name).parent.mkdir(parents=True, exist_ok=True)
+        (room / "methods/slow" / name).write_text("1")
+    assert [each.path for each in changes(room)] == ["methods/slow/round-0/model.safetensors"]
+
+
 def test_what_decayed_is_not_recorded_anew(room):
     flip(room / "environment.npz", decays=True)
     flip(room / "export/scene.glb")
