@@ -15,6 +15,7 @@ _CAMERA_FILES = (
     "transforms.json",
     "views.json",
     "room.json",
+    "meta.json",
     "segments/part.json",
     "segments/semantic.json",
     *(f"transforms_{split}.json" for split in ("train", "val", "test")),

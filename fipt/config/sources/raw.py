@@ -117,14 +117,18 @@ class RawSource(Source):
         return {split: [frame.name for frame in self._posed if frame.split == split] for split in ("train", "val")}
 
     def imported_files(self) -> list[str]:
-        """Poses, mesh and ids."""
+        """Poses, mesh and ids, and what lies beside them: verdicts on views, what is known of the room, names of ids."""
+        from fipt.formats.layouts import SEGMENT_FOLDERS
         from fipt.formats.pose_files import pose_model_files
 
         given = pose_files(self.place.layout) if self.estimated else pose_model_files(self._poses)
+        poses, mesh = Path(self._poses).parent, Path(self._mesh).parent
+        beside = [poses / "poses.json", poses / "views.json", poses / "room.json", mesh / "room.json"]
         files = [*given, self._mesh]
         if self._segments:
             files += map(str, sorted(Path(self._segments).glob("*/*.png")))
-        return files
+            beside += [Path(self._segments, f"{kind}.json") for kind in SEGMENT_FOLDERS]
+        return list(dict.fromkeys([*files, *(str(path) for path in beside if path.is_file())]))
 
     def given_files(self) -> list[str]:
         """The photographs, calibration frames, and what an import reads, less what is made here."""

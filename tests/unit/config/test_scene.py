@@ -92,13 +92,14 @@ def test_a_mesh_is_made_of_the_images_where_none_is_given(entry, views):
 
 
 def test_everything_that_an_import_reads_is_its_input(tmp_path):
-    """Ids and truth of a layout, masks of frames: when one changes, it is imported again."""
+    """Ids and truth of a layout, masks of frames, names: when one changes, it is imported again."""
     WRITERS["fipt-synthetic"](tmp_path / "s")
+    (tmp_path / "s" / "meta.json").write_text("{}")
     entry = {"source": "dataset", "path": str(tmp_path / "s"), "format": "fipt-synthetic", "settings": None}
     listed = scene(entry).source.imported_files()
     known = [*(tmp_path / "s").rglob("IndexMA/*.exr"), *(tmp_path / "s").rglob("DiffCol/*.exr")]
     assert known
-    assert {str(path) for path in known} <= set(listed)
+    assert {str(path) for path in [*known, tmp_path / "s" / "meta.json"]} <= set(listed)
 
     WRITERS["nerfstudio"](tmp_path / "n")
     (tmp_path / "n" / "mask.png").write_bytes(b"")
@@ -107,6 +108,21 @@ def test_everything_that_an_import_reads_is_its_input(tmp_path):
     (tmp_path / "n" / "transforms.json").write_text(json.dumps(content))
     entry |= {"path": str(tmp_path / "n"), "format": "nerfstudio"}
     assert str(tmp_path / "n" / "mask.png") in scene(entry).source.imported_files()
+
+
+def test_what_lies_beside_poses_mesh_and_ids_is_read_by_an_import(tmp_path):
+    """Verdicts on views, what is known of the room, names of ids."""
+    beside = ["p/poses.json", "p/views.json", "p/room.json", "m/room.json", "ids/part.json", "ids/semantic.json"]
+    for name in (*beside, "p/transforms.json", "ids/part/a.png", "ids/part/b.json"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
+    named = {"poses": "p/transforms.json", "mesh": "m/mesh.ply", "segments": "ids"}
+    entry = RAW | {key: str(tmp_path / name) for key, name in named.items()}
+    wanted = {str(tmp_path / name) for name in (*beside, "p/transforms.json", "m/mesh.ply", "ids/part/a.png")}
+    assert set(scene(entry).source.imported_files()) == wanted
+    listed = scene(entry | {"poses": "colmap"}).source.imported_files()
+    assert str(tmp_path / "m/room.json") in listed
+    assert len(listed) == len(set(listed))
 
 
 def test_photographs_and_poses_of_a_capture_are_known_inputs(tmp_path):
