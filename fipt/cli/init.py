@@ -18,10 +18,12 @@ def command(
         Path | None, typer.Option(help="Mesh of the room; default: that of a dataset, else made of the views.")
     ] = None,
     name: Annotated[str | None, typer.Option(help="Name of the scene; default: that of the folder.")] = None,
-    poses: Annotated[str, typer.Option(help="Of photographs: colmap estimates them; or a file of poses.")] = "colmap",
+    poses: Annotated[
+        str | None, typer.Option(help="Of photographs: a file of poses; default: colmap, which estimates them.")
+    ] = None,
     format: Annotated[
-        str, typer.Option(help="Layout of a dataset: nerfstudio, fipt-synthetic, fipt-real.")
-    ] = "nerfstudio",
+        str | None, typer.Option(help="Layout of a dataset: nerfstudio (default), fipt-synthetic, fipt-real.")
+    ] = None,
     scan: Annotated[
         Path | None, typer.Option(help="Folder of many captures or data sets: write FOLDER/rooms.tsv, a line for each.")
     ] = None,
@@ -31,9 +33,9 @@ def command(
         from fipt.config.scan import SHEET_FILE, write_rooms
         from fipt.errors import FiptError
 
-        given = {"source": source != "raw", "path": path, "mesh": mesh, "name": name, "poses": poses != "colmap"}
-        given["format"] = format != "nerfstudio"
-        other = next((key for key, value in given.items() if value), None)
+        said = {"path": path, "mesh": mesh, "name": name, "poses": poses, "format": format}
+        given = {"source": source != "raw", **{key: value is not None for key, value in said.items()}}
+        other = next((key for key, is_given in given.items() if is_given), None)
         if other is not None:
             raise FiptError(f"--scan finds out what each room is; --{other} is of one room", "leave one of them out")
         rooms = write_rooms(folder, scan)

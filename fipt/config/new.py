@@ -9,7 +9,7 @@ from pathlib import Path
 from string import Template
 
 from fipt.config.reading import CONFIG_FILE, load
-from fipt.config.sources.base import RECONSTRUCTED
+from fipt.config.sources.base import ESTIMATED, RECONSTRUCTED
 from fipt.errors import FiptError
 from fipt.formats.files import check_name, write_text
 from fipt.formats.yaml import parse_yaml
@@ -23,6 +23,14 @@ SOURCES = ("raw", "dataset", "mitsuba", "procedural")
 
 _PLACES = {"raw": "photos", "dataset": "dataset", "mitsuba": "scene.xml"}
 """Source -> where its data are where nobody says."""
+
+_SAID_OF = {
+    "path": ("raw", "dataset", "mitsuba"),
+    "mesh": ("raw", "dataset"),
+    "poses": ("raw",),
+    "format": ("dataset",),
+}
+"""What may be said of a new room -> sources of which it may be."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,17 +46,17 @@ class NewRoom:
     path, mesh
         Its data, a name to be replaced by hand where it is None; and its mesh, made of the images where it is.
     poses
-        Of photographs: ``colmap``, or a file.
+        Of photographs: ``colmap``, as where it is None, or a file.
     format
-        Layout of a dataset.
+        Layout of a dataset; None: nerfstudio.
     """
 
     source: str = "raw"
     name: str = "room"
     path: Path | None = None
     mesh: Path | None = None
-    poses: str = "colmap"
-    format: str = "nerfstudio"
+    poses: str | None = None
+    format: str | None = None
 
 
 def write_config(folder: Path, room: NewRoom) -> Path:
@@ -62,7 +70,7 @@ def write_config(folder: Path, room: NewRoom) -> Path:
     check_name(room.name, "scene")
     if room.source not in SOURCES:
         raise FiptError(f"there is no source {room.source!r}", f"sources: {', '.join(SOURCES)}")
-    for key, only in (("path", ("raw", "dataset", "mitsuba")), ("mesh", ("raw", "dataset"))):
+    for key, only in _SAID_OF.items():
         if getattr(room, key) is not None and room.source not in only:
             raise FiptError(f"--{key} is only for source {' or '.join(only)}; source is {room.source}", f"omit --{key}")
     file = folder / CONFIG_FILE
@@ -70,7 +78,7 @@ def write_config(folder: Path, room: NewRoom) -> Path:
         raise FiptError(f"{file} exists already", "choose another folder, or edit that file")
     text = config_text(folder, room)
     (scene,) = load(parse_yaml(text)).scenes.values()  # what cannot be is told now
-    poses = None if room.poses == "colmap" else Path(room.poses)
+    poses = None if room.poses in (None, ESTIMATED) else Path(room.poses)
     for key, path in (("path", room.path), ("mesh", room.mesh), ("poses", poses)):
         if path is not None:
             scene.place.plain(str(path), key)
@@ -83,14 +91,14 @@ def write_config(folder: Path, room: NewRoom) -> Path:
 def config_text(folder: Path, room: NewRoom) -> str:
     """Configuration of a new room, for a folder in which it will be run."""
     template = Template((TEMPLATES / f"{room.source}.yaml").read_text(encoding="utf-8"))
-    poses = room.poses if room.poses == "colmap" else _written(folder, Path(room.poses))
+    poses = ESTIMATED if room.poses in (None, ESTIMATED) else _written(folder, Path(room.poses))
     return template.substitute(
         name=room.name if room.name[0].isalpha() and parse_yaml(room.name) == room.name else json.dumps(room.name),
         path=_written(folder, room.path) if room.path else _PLACES.get(room.source, ""),
         mesh=_written(folder, room.mesh) if room.mesh else "mesh.ply" if room.source == "dataset" else RECONSTRUCTED,
         mesh_comment="" if room.mesh else "# ",
         poses=poses,
-        format=json.dumps(room.format),
+        format=json.dumps(room.format or "nerfstudio"),
     )
 
 

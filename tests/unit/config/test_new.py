@@ -41,6 +41,9 @@ def test_a_dataset_with_a_mesh_of_its_own(tmp_path, monkeypatch):
         (NewRoom(source="movie"), "there is no source 'movie'; sources: raw, dataset, mitsuba, procedural"),
         (NewRoom(source="procedural", path="x"), "--path is only for source raw or dataset or mitsuba"),
         (NewRoom(source="mitsuba", mesh="x"), "--mesh is only for source raw or dataset; source is mitsuba"),
+        (NewRoom(source="dataset", poses="p.json"), "--poses is only for source raw; source is dataset; omit --poses"),
+        (NewRoom(source="procedural", poses="colmap"), "--poses is only for source raw; source is procedural"),
+        (NewRoom(format="fipt-real"), "--format is only for source dataset; source is raw; omit --format"),
         (NewRoom(source="dataset", format="obj"), "scenes.room.format: input should be 'nerfstudio'"),
     ],
 )
