@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, Optional, get_args
+from typing import Annotated, Any, ClassVar, Literal, Optional, get_args
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, create_model, model_validator
 from pydantic.fields import FieldInfo
@@ -37,6 +37,9 @@ class Settings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
+    of_plans: ClassVar[frozenset[str]] = frozenset()
+    """Keys that say which jobs there are; no job reads them."""
+
     @model_validator(mode="before")
     @classmethod
     def _numbers_are_no_truth_values(cls, values: Any) -> Any:
@@ -66,8 +69,8 @@ Roughness = Annotated[float, Field(ge=0.02, le=1)]
 
 
 def dumped(settings: Settings) -> dict[str, Any]:
-    """Settings as plain JSON types."""
-    return json.loads(settings.model_dump_json())
+    """Settings that jobs read, as plain JSON types: what only plans read makes nothing anew."""
+    return json.loads(settings.model_dump_json(exclude=set(settings.of_plans)))
 
 
 def validate(model: Any, section: str, values: Mapping[str, Any]) -> Any:

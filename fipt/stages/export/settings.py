@@ -1,5 +1,7 @@
 """Settings of the export."""
 
+from typing import ClassVar
+
 from pydantic import Field
 
 from fipt.settings import Count, Positive, Settings, Weight
@@ -7,6 +9,8 @@ from fipt.settings import Count, Positive, Settings, Weight
 
 class ExportSettings(Settings):
     """The room for other programs, and the check of its files."""
+
+    of_plans: ClassVar = frozenset({"enabled"})
 
     enabled: bool = Field(
         default=False, description="export and check with every run; `export` as a target does it anyway"

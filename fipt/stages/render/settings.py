@@ -1,6 +1,6 @@
 """Settings of everything that is rendered with the fitted scene."""
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field
 
@@ -24,6 +24,8 @@ class RenderSettings(Settings):
 
 class RelightSettings(Settings):
     """Sampling of relit views."""
+
+    of_plans: ClassVar = frozenset({"split"})
 
     split: Literal["train", "val", "all"] = Field(default="val", description="views to relight")
     spp: Positive = Field(default=128, description="paths per pixel, spread over its rays; two a ray at least")

@@ -245,6 +245,15 @@ def test_a_mesh_that_is_made_needs_open3d_before_anything_runs(tmp_path, monkeyp
     made.check()  # it was made elsewhere
 
 
+def test_jobs_are_not_told_what_only_plans_read():
+    """Else they would run again: to export with every run, or to relight more views, makes no file anew."""
+    for section, one, other in (
+        ("export", {"enabled": True}, {}),
+        ("relight", {"split": "all"}, {"split": "val"}),
+    ):
+        assert scene(**{section: one}).settings_json(section) == scene(**{section: other}).settings_json(section)
+
+
 def test_poses_are_checked_where_they_may_be_wrong():
     assert not scene().checks_poses
     assert scene().images_to_check() == []
