@@ -38,7 +38,7 @@ def write_crate(results: Path) -> Path:
 
 
 def entities(results: Path, known: Mapping[str, Any]) -> Iterator[Entity]:
-    """What a crate says of a run with results in a folder, given its provenance; files that were removed on purpose are left out."""
+    """What a crate says of a run, given its folder and provenance; files that were removed on purpose are left out."""
     rows = {name: row for name, row in known["files"].items() if not row.get("tidied")}
     last = max((row["mtime_ns"] for row in rows.values()), default=0)
     stages = sorted({row["stage"] for row in rows.values()})

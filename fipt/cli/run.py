@@ -179,10 +179,10 @@ def _conclude(found: "Configuration", name: str, target: str, *, alone: bool, do
 
 def _record(scene: "SceneConfig", plain: Mapping[str, Any], results: Path) -> None:
     """Write down of what the results were made."""
-    from fipt.config.kept import named_paths
+    from fipt.config.kept import files_in_folders, named_paths
     from fipt.provenance import record
 
-    named = [path for _, path in named_paths(scene)]
+    named = [*(path for _, path in named_paths(scene)), *files_in_folders(scene)]
     own = {**plain, "scenes": {scene.name: plain.get("scenes", {}).get(scene.name)}}
     record(results, own, [*scene.given_files(), *named])
 

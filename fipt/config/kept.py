@@ -10,6 +10,7 @@ import glob
 import os
 import re
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -170,6 +171,18 @@ def named_paths(scene: SceneConfig) -> Iterator[tuple[str, str]]:
     values |= {f"settings.{section}": dumped(value) for section, value in scene.settings.items()}
     values |= {f"setups.{name}": dumped(setup) for name, setup in scene.given_setups.items()}
     yield from _existing(scene, values)
+
+
+def files_in_folders(scene: SceneConfig) -> list[str]:
+    """Files that jobs read of folders that a scene names: photographs under setups, ids of views, depth maps."""
+    found: list[str] = []
+    with suppress(FiptError):  # a run may end before it needs them
+        found += scene.setups.reference_files()
+    with suppress(FiptError):
+        found += scene.segmentation.files() if scene.segmentation.by_view() else []
+    with suppress(FiptError):
+        found += [*scene.given_depth(), *scene.given_prior()] if scene.source.reconstructed else []
+    return found
 
 
 def _existing(scene: SceneConfig, values: dict[str, Any]) -> Iterator[tuple[str, str]]:

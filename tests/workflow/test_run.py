@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 from benchmarks.jobs import WORKFLOW
-from fipt.cli.run import STOPPING_POINTS, asked_for
+from fipt.cli.run import STOPPING_POINTS, _record, asked_for
+from fipt.config import load
 from fipt.errors import FiptError
 from fipt.lock import locked
 from fipt.provenance import read_provenance
@@ -275,6 +276,17 @@ def test_a_run_that_makes_nothing_records_nothing(workspace):
     missing = ("--config", "setups={evening: {environment: {file: none.exr}}}")
     assert "none.exr" in told(here.fipt_run(*other, *missing, code=2))
     assert [file.read_bytes() for file in files] == before
+
+
+def test_photographs_under_a_setup_are_recorded(tmp_path):
+    photograph = tmp_path / "evening" / "val_000.exr"
+    results = tmp_path / "results" / "room"
+    for folder in (photograph.parent, results):
+        folder.mkdir(parents=True)
+    photograph.write_bytes(b"exr")
+    room = CONFIG["scenes"]["room"] | {"setups": {"evening": {"reference": str(photograph.parent)}}}
+    _record(load({**CONFIG, "scenes": {"room": room}}).scenes["room"], CONFIG, results)
+    assert list(read_provenance(results)["inputs"]) == [str(photograph)]
 
 
 def test_a_tidied_room_is_up_to_date_and_is_made_again_where_it_must(workspace):

@@ -117,7 +117,7 @@ class RawSource(Source):
         return {split: [frame.name for frame in self._posed if frame.split == split] for split in ("train", "val")}
 
     def imported_files(self) -> list[str]:
-        """Poses, mesh and ids, and what lies beside them: verdicts on views, what is known of the room, names of ids."""
+        """Poses, mesh and ids; beside them verdicts on views, what is known of the room, names of ids."""
         from fipt.formats.layouts import SEGMENT_FOLDERS
         from fipt.formats.pose_files import pose_model_files
 

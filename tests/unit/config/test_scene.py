@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from fipt.config import load
+from fipt.config.kept import files_in_folders
 from fipt.errors import FiptError
 from fipt.formats.exr import write_exr
 from fipt.stages.capture.brackets import Bracket, Capture, Finding
@@ -205,6 +206,26 @@ def test_depth_maps_that_a_layout_names_are_taken(tmp_path):
     path.write_text(json.dumps(content))
     with pytest.raises(FiptError, match=f"{training[0]} does not"):
         scene(entry | {"settings": None}).given_depth()
+
+
+def test_files_of_folders_that_jobs_read_are_inputs_of_a_run(tmp_path):
+    """Photographs under a setup, ids and depth of the views; not what lies beside them."""
+    names = ["evening/val_000.exr", "ids/part/train_000.png", "depth/train_000.exr", "depth/val_000.exr"]
+    for name in (*names, "evening/notes.txt", "depth/train_001.exr", "depth/train_002.exr"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
+    settings = SIZE | {
+        "segment": {"mode": "given", "path": str(tmp_path / "ids")},
+        "depth": {"given": str(tmp_path / "depth")},
+    }
+    entry = {"settings": settings, "setups": {"evening": {"reference": str(tmp_path / "evening")}}}
+    read = {str(tmp_path / name) for name in names[:2]}
+    assert set(files_in_folders(scene(entry))) == read
+    made = scene(entry | {"simulate_raw": True, "mesh": "reconstruct"})
+    depth = {str(tmp_path / f"depth/train_{k:03d}.exr") for k in range(3)}
+    assert set(files_in_folders(made)) == read | depth
+    (tmp_path / "evening/val_000.exr").unlink()
+    assert set(files_in_folders(made)) == {str(tmp_path / names[1])} | depth, "a run that ended well before it"
 
 
 def test_a_scan_is_brought_to_the_cameras_where_a_mesh_is_made(tmp_path):
