@@ -32,7 +32,7 @@ class Section:
 
 
 SECTIONS: dict[str, Section] = {
-    "synthesize": Section("fipt.synthetic.settings:SynthesizeSettings", 3),
+    "synthesize": Section("fipt.synthetic.settings:SynthesizeSettings", 4),
     "capture": Section("fipt.stages.capture.settings:CaptureSettings", 2),
     "poses": Section("fipt.stages.poses.settings:PosesSettings", 4),
     "import": Section("fipt.stages.importing.settings:ImportSettings", 7),

@@ -47,13 +47,16 @@ class LoadedMesh:
     uv: np.ndarray | None = None
 
 
-def load_mesh(kind: str, path: Path | None = None, **options: bool | int) -> LoadedMesh:
+def load_mesh(kind: str, path: Path | None = None, mirrored: bool = False, **options: bool | int) -> LoadedMesh:
     """Load a mesh by a Mitsuba plugin: ``obj``, ``ply``, ``serialized`` or ``cube``.
 
     Parameters
     ----------
     kind, path
         Plugin and file.
+    mirrored
+        Whether the shape's transform mirrors. Mitsuba computes normals that the file lacks after the transform, so
+        they turn to the other side; those of the file stay.
     **options
         ``shape_index``, ``flip_tex_coords``, as Mitsuba has them.
 
@@ -62,22 +65,24 @@ def load_mesh(kind: str, path: Path | None = None, **options: bool | int) -> Loa
     FiptError
         If the file is damaged.
     """
-    entry = {"type": kind, **options}
+    sides = np.array((-1 if mirrored else 1, 1, 1), np.float32)
+    entry = {"type": kind, "to_world": mi.ScalarTransform4f().scale(sides.tolist()), **options}
     try:
         if path is None:
-            return _arrays(mi.load_dict(entry))
+            return _arrays(mi.load_dict(entry), sides)
         if kind != "obj" or not _NEGATIVE.search(path.read_bytes()):
-            return _arrays(mi.load_dict(entry | {"filename": str(path.absolute())}))
+            return _arrays(mi.load_dict(entry | {"filename": str(path.absolute())}), sides)
         with tempfile.TemporaryDirectory() as folder:
             copy = Path(folder) / path.name
             copy.write_bytes(_positive(path.read_bytes()))
-            return _arrays(mi.load_dict(entry | {"filename": str(copy)}))
+            return _arrays(mi.load_dict(entry | {"filename": str(copy)}), sides)
     except (RuntimeError, ValueError, IndexError) as error:
         text = str(error).rpartition("Error while loading")[2]
         raise FiptError(f"{path} is not a readable {kind} mesh ({text})", "repair or replace the file") from error
 
 
-def _arrays(shape: mi.Shape) -> LoadedMesh:
+def _arrays(shape: mi.Shape, sides: np.ndarray) -> LoadedMesh:
+    """Return the mesh's arrays; ``sides`` takes back that it was mirrored."""
     found = mi.traverse(shape)
 
     def array(key: str, width: int, kind: type) -> np.ndarray | None:
@@ -88,7 +93,9 @@ def _arrays(shape: mi.Shape) -> LoadedMesh:
     if vertices is None or triangles is None:
         return LoadedMesh(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32))
     normals = array("vertex_normals", 3, np.float32)
-    return LoadedMesh(vertices, triangles, normals, array("vertex_texcoords", 2, np.float32))
+    if normals is not None:
+        normals = normals * sides
+    return LoadedMesh(vertices * sides, triangles, normals, array("vertex_texcoords", 2, np.float32))
 
 
 def _positive(text: bytes) -> bytes:

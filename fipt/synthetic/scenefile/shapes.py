@@ -84,7 +84,7 @@ def _placed(node: Node, above: np.ndarray, name: str, source: SceneFileReader) -
 
 def geometry(shape: PlacedShape, source: SceneFileReader) -> ShapeGeometry | None:
     """Return a shape's triangles in the scene's world; None where its file is missing or damaged."""
-    mesh = _PLUGINS[shape.node.type](shape.node, source)
+    mesh = _PLUGINS[shape.node.type](shape, source)
     if mesh is None:
         return None
     linear = shape.to_world[:3, :3]
@@ -148,7 +148,8 @@ def _opaque_share(uv: np.ndarray, opacity: Map) -> np.ndarray:
 # --- plugins --------------------------------------------------------------------------------------------
 
 
-def _file(node: Node, source: SceneFileReader) -> LoadedMesh | None:
+def _file(shape: PlacedShape, source: SceneFileReader) -> LoadedMesh | None:
+    node = shape.node
     path = source.file(node.get("filename"))
     if path is None:
         return None
@@ -161,24 +162,24 @@ def _file(node: Node, source: SceneFileReader) -> LoadedMesh | None:
     try:
         if node.type == "obj":
             check_whole(path)
-        return load_mesh(node.type, path, **options)
+        return load_mesh(node.type, path, bool(np.linalg.det(shape.to_world[:3, :3]) < 0), **options)
     except (FiptError, CutFileError) as error:
         source.note(str(error))
         source.refuse(node, f"mesh {path.name}, which cannot be read")
         return None
 
 
-def _cube(node: Node, source: SceneFileReader) -> LoadedMesh:
+def _cube(shape: PlacedShape, source: SceneFileReader) -> LoadedMesh:
     return load_mesh("cube")
 
 
-def _rectangle(node: Node, source: SceneFileReader) -> LoadedMesh:
+def _rectangle(shape: PlacedShape, source: SceneFileReader) -> LoadedMesh:
     corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)], float)
     vertices = np.column_stack([corners, np.zeros(4)])
     return LoadedMesh(vertices, np.array([(0, 1, 2), (0, 2, 3)], np.int32), _facing_z(4), (corners + 1) / 2)
 
 
-def _disk(node: Node, source: SceneFileReader) -> LoadedMesh:
+def _disk(shape: PlacedShape, source: SceneFileReader) -> LoadedMesh:
     """Two rings: the inner one is the centre, once for each segment, since u = 0 there at every v."""
     turn = np.arange(AROUND + 1) / AROUND
     rim = np.column_stack([np.cos(2 * np.pi * turn), np.sin(2 * np.pi * turn), 0 * turn])
@@ -194,8 +195,8 @@ def _facing_z(count: int) -> np.ndarray:
     return np.tile((0.0, 0.0, 1.0), (count, 1))
 
 
-def _sphere(node: Node, source: SceneFileReader) -> LoadedMesh:
-    center, radius = node.get("center"), _radius(node)
+def _sphere(shape: PlacedShape, source: SceneFileReader) -> LoadedMesh:
+    center, radius = shape.node.get("center"), _radius(shape.node)
     u, v = np.meshgrid(np.arange(AROUND + 1) / AROUND, np.arange(ALONG + 1) / ALONG)
     theta, phi = np.pi * v.ravel(), 2 * np.pi * u.ravel()
     normals = np.column_stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)])
@@ -203,7 +204,8 @@ def _sphere(node: Node, source: SceneFileReader) -> LoadedMesh:
     return LoadedMesh(vertices, _grid(ALONG, AROUND), normals, np.column_stack([u.ravel(), v.ravel()]))
 
 
-def _cylinder(node: Node, source: SceneFileReader) -> LoadedMesh:
+def _cylinder(shape: PlacedShape, source: SceneFileReader) -> LoadedMesh:
+    node = shape.node
     ends = zip((node.get("p0"), node.get("p1")), ((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)), strict=True)
     p0, p1 = (np.array(default) if found is None else point(found) for found, default in ends)
     if (p0 == p1).all():
@@ -234,7 +236,7 @@ def _grid(rows: int, columns: int) -> np.ndarray:
     return np.stack([upper, np.column_stack([corner, below + 1, corner + 1])], axis=1).reshape(-1, 3).astype(np.int32)
 
 
-_PLUGINS: dict[str, Callable[[Node, SceneFileReader], LoadedMesh | None]] = {
+_PLUGINS: dict[str, Callable[[PlacedShape, SceneFileReader], LoadedMesh | None]] = {
     **dict.fromkeys(("obj", "ply", "serialized"), _file),
     "cube": _cube,
     "rectangle": _rectangle,

@@ -118,11 +118,9 @@ def color(node: Node, light: bool = False) -> np.ndarray:
     """(3,) float64 linear RGB of a colour property, never negative; ``light``: it is emitted, not reflected."""
     if node.tag == "blackbody" or (node.tag == "spectrum" and node.type == "blackbody"):
         return _blackbody(node)
-    if node.tag == "spectrum" and node.type == "d65":
-        return np.full(3, node.number("scale", 1.0))
-    if node.tag in ("spectrum", "texture") and node.type in ("uniform", "rgb", "srgb", "constant"):
+    if node.tag in ("spectrum", "texture") and node.type in ("uniform", "rgb", "srgb", "constant", "d65"):
         inner = node.get("value", "color")
-        return np.ones(3) if inner is None else color(inner, light)
+        return (np.ones(3) if inner is None else color(inner, light)) * node.number("scale", 1.0)
     text = node.attributes.get("value", "")
     if text.startswith("#") and len(text) == 7:
         try:

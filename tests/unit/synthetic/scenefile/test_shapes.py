@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,8 @@ vn 0 0 1
 f 1/1/1 2/2/1 3/3/1 4/4/1
 f 1/1/1 2/2/1 5/5/1
 """
+BARE = re.sub(r"(?m)(/\d+)/1\b", r"\1", OBJ.replace("vn 0 0 1\n", ""))
+"""The same without normals."""
 PLY = """ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z
 property float u\nproperty float v\nelement face 2\nproperty list uchar int vertex_indices\nend_header
 -1 -1 0 0 0\n1 -1 0.1 1 0\n1 1 0 1 1\n-1 1 0.4 0 1\n3 0 1 2\n3 0 2 3\n"""
@@ -40,7 +43,9 @@ SHAPES = {
     '<boolean name="faceNormals" value="true"/></shape>',
     "obj-unflipped": '<shape type="obj"><string name="filename" value="m.obj"/>'
     '<boolean name="flipTexCoords" value="false"/></shape>',
+    "obj-bare-mirrored": f'<shape type="obj"><string name="filename" value="bare.obj"/>{MIRROR}</shape>',
     "ply": f'<shape type="ply"><string name="filename" value="m.ply"/>{MOVE}</shape>',
+    "ply-mirrored": f'<shape type="ply"><string name="filename" value="m.ply"/>{MIRROR}</shape>',
     "group": '<shape type="shapegroup" id="g"><shape type="rectangle"/></shape>'
     f'<shape type="instance"><ref id="g"/>{MOVE}</shape>',
 }
@@ -81,6 +86,7 @@ def test_rays_find_what_they_find_on_mitsubas_shapes(name, tmp_path, backend):
     from fipt.render.reference import _mesh
 
     (tmp_path / "m.obj").write_text(OBJ)
+    (tmp_path / "bare.obj").write_text(BARE)
     (tmp_path / "m.ply").write_text(PLY)
     text = f'<scene version="0.6.0">{SHAPES[name]}</scene>'
     (tmp_path / "scene.xml").write_text(text)

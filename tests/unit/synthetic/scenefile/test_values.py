@@ -40,6 +40,12 @@ def test_transforms_are_mitsubas(name, parsed):
         ('<srgb name="c" value="0.5 0.5 0.5"/>', tuple(srgb_decode(np.array([0.5] * 3)))),
         ('<spectrum name="c" value="0.25"/>', (0.25, 0.25, 0.25)),
         ('<spectrum name="c" value="0.5, 0, 0"/>', (0.5, 0, 0)),
+        ('<spectrum name="c" type="d65"><float name="scale" value="3"/></spectrum>', (3, 3, 3)),
+        ('<spectrum name="c" type="d65"><rgb name="color" value="1 2 3"/></spectrum>', (1, 2, 3)),
+        (
+            '<spectrum name="c" type="d65"><rgb name="color" value="1 2 3"/><float name="scale" value="2"/></spectrum>',
+            (2, 4, 6),
+        ),
     ],
 )
 def test_colours(element, expected, parsed):
