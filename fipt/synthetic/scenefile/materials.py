@@ -57,6 +57,20 @@ class ConvertedBsdf:
     clear: bool = False
     flagged: bool = False
 
+    @property
+    def textures(self) -> list[Map]:
+        """Its maps that are not constant, the base colour's first."""
+        return [found for found in (self.base, self.roughness, self.metallic) if not found.constant]
+
+    @property
+    def from_uv(self) -> np.ndarray:
+        """(2, 3) matrix of `Map.from_uv` for all its maps: that of the first texture."""
+        return (self.textures or [self.base])[0].from_uv
+
+    def lies_otherwise(self, found: Map) -> bool:
+        """Whether a map of it lies otherwise on the surface than its first texture; then its mean is used."""
+        return not found.constant and not np.allclose(found.from_uv, self.from_uv)
+
 
 def _converted(base: Map, roughness: Map | float, metallic: Map | float, rule: str) -> ConvertedBsdf:
     roughness, metallic = (m if isinstance(m, Map) else constant(m) for m in (roughness, metallic))
@@ -76,8 +90,7 @@ def converted(node: Node, source: SceneFileReader) -> ConvertedBsdf:
 def material(name: str, found: ConvertedBsdf, smoothest: float) -> RoomMaterial:
     """Return the finished material: values within their ranges."""
     roughness, metallic = (
-        m.grey if m.constant or np.allclose(m.from_uv, found.base.from_uv) else m.grey.mean(keepdims=True)
-        for m in (found.roughness, found.metallic)
+        m.grey.mean(keepdims=True) if found.lies_otherwise(m) else m.grey for m in (found.roughness, found.metallic)
     )
     brightest = BRIGHTEST_METAL if metallic.mean() > 0.5 else BRIGHTEST
     for what, values, most in (("base color", found.base.values, brightest), ("roughness", roughness, 1.0)):
@@ -97,6 +110,9 @@ def described(made: RoomMaterial, found: ConvertedBsdf) -> str:
     image = f"{found.base.image} ({shown(made.base_color)})" if found.base.image else shown(made.base_color)
     parts = [found.rule, f"base colour {image}", f"roughness {shown(made.roughness)}"]
     parts.append(f"metallic {shown(made.metallic)}")
+    for name in ("roughness", "metallic"):
+        if found.lies_otherwise(getattr(found, name)):
+            parts.append(f"its {name} lies otherwise on the surface: the mean is used")
     if made.flagged:
         parts.append("FLAGGED: stands in for something missing or unknown")
     return f"material {made.name}: " + "; ".join(parts)
@@ -145,8 +161,8 @@ def _indices(node: Node, source: SceneFileReader) -> tuple[np.ndarray, np.ndarra
             source.refuse(node, f"conductor {name}")
             known = np.zeros(3), np.ones(3)  # Mitsuba's "none": a perfect mirror
         return known[0] / around, known[1] / around
-    first, second = (read_map(value, 0.0, source, light=True).mean / around for value in (eta, k))
-    return first, second
+    first, second = (read_map(value, default, source, light=True).mean for value, default in ((eta, 0.0), (k, 1.0)))
+    return first / around, second / around
 
 
 def _roughness(node: Node, source: SceneFileReader, default: float) -> Map:
@@ -264,11 +280,13 @@ def _blend(node: Node, source: SceneFileReader) -> ConvertedBsdf:
     opaque = sum(float(share.mean.mean()) for _, share in solid)
     if opaque < 0.5:
         return replace(inner[0], clear=True, rule=f"{node.type}, mostly clear")
+    masked = any(found.opacity for found, _ in solid)
     return ConvertedBsdf(
         base=_mixed([(found.base, share) for found, share in solid]),
         roughness=_mixed([(found.roughness, share) for found, share in solid]),
         metallic=_mixed([(found.metallic, share) for found, share in solid]),
         rule=f"{node.type} of " + " and ".join(found.rule for found, _ in solid),
+        opacity=_mixed([(found.opacity or constant(1.0), share) for found, share in solid]) if masked else None,
         flagged=any(found.flagged for found in inner),
     )
 

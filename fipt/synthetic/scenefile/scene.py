@@ -243,10 +243,9 @@ class _Builder:
         index = self._material(bsdf, name, known)
         uv = np.zeros((len(shape.vertices), 2))
         if shape.uv is not None:
-            frame = known.base.from_uv if not known.base.constant else known.roughness.from_uv
-            uv = shape.uv @ frame[:, :2].T + frame[:, 2]
-        elif not known.base.constant:
-            self.source.note(f"shape {name}: has no texture coordinates; its texture's corner colours all of it")
+            uv = shape.uv @ known.from_uv[:, :2].T + known.from_uv[:, 2]
+        elif known.textures:
+            self.source.note(f"shape {name}: has no texture coordinates; its texture's corner stands for all of it")
         self._put(name, shape.vertices, shape.triangles, uv, index, radiance)
 
     def add_light(self, name: str, vertices: np.ndarray, triangles: np.ndarray, radiance: np.ndarray) -> None:

@@ -206,7 +206,7 @@ def _float_image(path: Path) -> np.ndarray:
 
 
 def _encoded_image(path: Path) -> np.ndarray:
-    """(h, w, 3 or 4) uint8, or uint16 of a PNG of 16 bits."""
+    """(h, w, 3 or 4) uint8, or uint16 of a PNG or of grey of 16 bits."""
     from PIL import Image
 
     with warnings.catch_warnings():
@@ -216,6 +216,11 @@ def _encoded_image(path: Path) -> np.ndarray:
                 if is_deep(path):
                     image.load()  # which tells what is wrong with the file
                     return _deep_image(path)
+                # To RGB, Pillow would clip grey of more than 8 bits at 255; of PGM files it calls 16 bits I.
+                if image.mode.startswith("I;16") or (image.mode, image.format) == ("I", "PPM"):
+                    return np.repeat(np.asarray(image).astype(np.uint16)[..., None], 3, axis=2)
+                if image.mode in ("I", "F"):
+                    raise ValueError("it has 32 bits a channel; write 8 or 16 bits, or OpenEXR")
                 clear = "A" in image.getbands() or "transparency" in image.info
                 return np.asarray(image.convert("RGBA" if clear else "RGB"))
         except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:

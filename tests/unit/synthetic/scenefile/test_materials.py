@@ -49,6 +49,7 @@ RULES = {
     ),
     "mirror": ('<bsdf type="conductor"><string name="material" value="none"/></bsdf>', (0.95, 0.95, 0.95), 0.15, 1),
     "conductor": (f'<bsdf type="conductor">{STEEL}</bsdf>', F0_STEEL, 0.15, 1),
+    "conductor-eta": (f'<bsdf type="conductor">{rgb("eta", "0.2")}</bsdf>', (1.64 / 2.44,) * 3, 0.15, 1),
     "tinted": (
         f'<bsdf type="roughconductor"><float name="alpha" value="0.25"/>{STEEL}'
         + rgb("specularReflectance", "0.5") + "</bsdf>",
@@ -186,6 +187,30 @@ def test_texture_coordinates_are_turned_as_mitsuba_does(tmp_path, parsed):
     assert np.allclose(value, theirs, atol=2e-3)
 
 
+TILED = '<boolean name="raw" value="true"/><transform name="to_uv"><scale x="4" y="4"/></transform>'
+
+
+@pytest.mark.parametrize("name", ["roughness", "metallic"])
+def test_one_map_says_where_texels_lie_and_what_lies_otherwise_is_averaged_and_told(name, tmp_path, parsed):
+    from fipt.synthetic.scenefile.materials import described
+
+    codes = np.repeat(np.array([60, 230], np.uint8), 8).reshape(4, 4)
+    Image.fromarray(codes).save(tmp_path / "p.png")
+    tiled = bitmap(name, "p.png", TILED)
+    material, converted, _ = made(
+        parsed, f'<bsdf type="principled">{rgb("base_color", "0.5")}{tiled}</bsdf>', tmp_path, smoothest=0.02
+    )
+    assert np.allclose(getattr(material, name), codes / 255, atol=1e-5)
+    assert np.allclose(converted.from_uv, [[4, 0, 0], [0, 4, 0]])
+    assert "lies otherwise" not in described(material, converted)
+    material, converted, _ = made(
+        parsed, f'<bsdf type="principled">{bitmap("base_color", "p.png")}{tiled}</bsdf>', tmp_path, smoothest=0.02
+    )
+    assert np.allclose(getattr(material, name), [[145 / 255]], atol=1e-5)
+    assert np.allclose(converted.from_uv, np.eye(3)[:2])
+    assert f"its {name} lies otherwise on the surface: the mean is used" in described(material, converted)
+
+
 def test_older_scales_and_offsets(parsed):
     from fipt.synthetic.scenefile.textures import read_map
 
@@ -243,11 +268,42 @@ def test_a_masks_alpha_channel_is_its_opacity(tmp_path, parsed):
     assert np.array_equal(converted.opacity.grey, np.repeat([0, 0, 1, 1], 4).reshape(4, 4))
 
 
+def test_a_blend_of_masks_is_cut_where_most_of_it_is_clear(tmp_path, parsed):
+    pixels = np.full((4, 4, 4), 255, np.uint8)
+    pixels[:2, :, 3] = 0
+    Image.fromarray(pixels).save(tmp_path / "leaf.png")
+    leaf = f'<bsdf type="mask">{bitmap("opacity", "leaf.png")}<bsdf type="diffuse"/></bsdf>'
+    weight = '<float name="weight" value="0.25"/>'
+    for second, clear in ((leaf, 0), (DIFFUSE, 0.25)):
+        _, converted, _ = made(parsed, f'<bsdf type="blendbsdf">{weight}{leaf}{second}</bsdf>', tmp_path)
+        assert np.allclose(converted.opacity.grey, np.repeat([clear, clear, 1, 1], 4).reshape(4, 4))
+    _, converted, _ = made(parsed, f'<bsdf type="blendbsdf">{weight}{DIFFUSE}{DIFFUSE}</bsdf>', tmp_path)
+    assert converted.opacity is None
+
+
 def test_textured_roughness_is_the_root_of_alpha(tmp_path, parsed):
     Image.fromarray(np.array([[0, 64, 255]], np.uint8)).save(tmp_path / "a.png")
     alpha = bitmap("alpha", "a.png", '<boolean name="raw" value="true"/>')
     material, _, _ = made(parsed, f'<bsdf type="roughplastic">{alpha}</bsdf>', tmp_path, smoothest=0.02)
     assert np.allclose(material.roughness, [[0.02, (64 / 255) ** 0.5, 1]], atol=1e-5)
+
+
+@pytest.mark.parametrize("ending", ["tif", "png", "pgm"])
+def test_grey_pictures_of_16_bits_keep_them(ending, tmp_path, parsed):
+    codes = np.array([[1000, 16384], [32768, 65535]], np.uint16)
+    Image.fromarray(codes).save(tmp_path / f"p.{ending}")
+    rough = bitmap("roughness", f"p.{ending}", '<boolean name="raw" value="true"/>')
+    material, _, source = made(parsed, f'<bsdf type="principled">{rough}</bsdf>', tmp_path, smoothest=0.02)
+    assert np.allclose(material.roughness, np.maximum(codes / 65535, 0.02), atol=1e-6)
+    assert not source.unknown
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.int32])
+def test_grey_pictures_of_32_bits_are_problems(kind, tmp_path, parsed):
+    Image.fromarray(np.full((2, 2), 0.25 if kind is np.float32 else 25000, kind)).save(tmp_path / "p.tif")
+    _, _, source = made(parsed, f'<bsdf type="diffuse">{bitmap("reflectance", "p.tif")}</bsdf>', tmp_path)
+    assert source.unknown == ["picture p.tif, which cannot be read (one.xml line 1)"]
+    assert "it has 32 bits a channel" in source.notes[0]
 
 
 @pytest.mark.parametrize("damaged", [b"", b"\x89PNG\r\n\x1a\nxxxx", b"nonsense"])
