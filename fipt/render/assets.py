@@ -146,13 +146,25 @@ def sky_map(options: Mapping[str, float | list[float]], turn: np.ndarray) -> np.
     Parameters
     ----------
     options
-        Those of Mitsuba's plugin; ``sun_direction`` is not turned.
+        Those of Mitsuba's plugin, colours as three numbers; ``sun_direction`` is not turned.
     turn
         (3, 3) rotation from the plugin's axes, z up, to those of the map.
+
+    Raises
+    ------
+    ValueError
+        If Mitsuba refuses the options.
     """
     to_world = np.eye(4)
     to_world[:3, :3] = turn
-    emitter = mi.load_dict({"type": "sunsky", "to_world": mi.ScalarTransform4f(to_world), **options})
+    entry = {"type": "sunsky", "to_world": mi.ScalarTransform4f(to_world), **options}
+    if "albedo" in options:
+        entry["albedo"] = {"type": "rgb", "value": options["albedo"]}
+    try:
+        emitter = mi.load_dict(entry)
+    except RuntimeError as error:
+        reason = str(error).rpartition('type "sunsky": ')[2]
+        raise ValueError(re.sub(r"^\[[^]]*\] ", "", " ".join(reason.split()))) from error
     rows, columns = _SKY_ROWS * _SKY_FINER, 2 * _SKY_ROWS * _SKY_FINER
     directions = texel_directions(rows, columns)
     si = mi.SurfaceInteraction3f()

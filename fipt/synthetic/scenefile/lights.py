@@ -107,11 +107,11 @@ def point_emitters(scene: Node, source: SceneFileReader) -> list[PointEmitter]:
         if node.type == "point":
             position = node.get("position")
             place = place if position is None else point(position)
-            found.append(PointEmitter(_name(node), place, None, _light_color(node, "intensity")))
+            found.append(PointEmitter(_name(node), place, None, _intensity(node, source)))
             source.note(f"light {_name(node)}: a point; a ball of radius {_POINT_RADIUS} m shines as much")
         elif node.type in ("spot", "projector"):
             ahead = to_world[:3, 2] / np.linalg.norm(to_world[:3, 2])
-            found.append(PointEmitter(_name(node), place, ahead, _light_color(node, "intensity")))
+            found.append(PointEmitter(_name(node), place, ahead, _intensity(node, source)))
             source.note(
                 f"light {_name(node)}: a {node.type}; a disc of radius {_POINT_RADIUS} m shines as much along its "
                 "axis, and in a wider cone"
@@ -146,6 +146,15 @@ def emitter_radiance(emitter: PointEmitter, scale: float) -> np.ndarray:
 
 def _name(node: Node) -> str:
     return node.id or f"{node.type} ({node.where})"
+
+
+def _intensity(node: Node, source: SceneFileReader) -> np.ndarray:
+    """(3,) radiant intensity of a small light, along its axis if it has one."""
+    if node.type != "projector":
+        return _light_color(node, "intensity")
+    # The irradiance of the picture one unit ahead, which Mitsuba multiplies by pi.
+    picture = textures.read_map(node.get("irradiance"), 1.0, source, light=True)
+    return np.pi * node.number("scale", 1.0) * picture.mean
 
 
 def _light_color(node: Node, *names: str) -> np.ndarray:
@@ -203,12 +212,18 @@ def _sky(node: Node, world_from_file: np.ndarray, z_up: bool, source: SceneFileR
         options["sun_scale"] = 0.0
     if node.type == "sun":
         options["sky_scale"] = 0.0
+    if node.get("albedo") is not None:
+        options["albedo"] = textures.read_map(node.get("albedo"), 0.3, source).mean.tolist()
     sun = node.get("sun_direction")
     if sun is not None:
         options["sun_direction"] = (world_from_file @ vector(sun)).tolist()
     turn = world_from_file @ _rotation_of(transform(node.get("to_world")))
     source.note(f"light {_name(node)}: {node.type} by the model of Mitsuba 3, as a map; black below the horizon")
-    return EnvironmentMap("given", sky_map(options, turn if z_up else turn @ Z_UP) * np.float32(scale))
+    try:
+        made = sky_map(options, turn if z_up else turn @ Z_UP)
+    except ValueError as error:
+        raise node.wrong(f"Mitsuba refuses this {node.type}: {error}") from error
+    return EnvironmentMap("given", made * np.float32(scale))
 
 
 def _directional(node: Node, world_from_file: np.ndarray) -> EnvironmentMap:

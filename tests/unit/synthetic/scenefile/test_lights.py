@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from fipt.errors import FiptError
 from fipt.formats.exr import write_exr
 from fipt.scene.environment import solid_angles, texel_directions
 from fipt.synthetic.settings import SceneFile
@@ -83,6 +84,7 @@ def test_skies_shine_as_in_mitsuba(tmp_path, backend):
     import mitsuba as mi
 
     body = """<emitter type="sunsky"><float name="hour" value="17"/><float name="sun_scale" value="0"/>
+      <rgb name="albedo" value="0.9 0.5 0.1"/>
       <transform name="to_world"><lookat origin="0, 0, 0" target="0, 1, 0" up="0, 0, -1"/></transform></emitter>"""
     found, _ = outside(tmp_path, body)
     emitter = mi.load_file(str(tmp_path / "scene.xml")).environment()
@@ -92,6 +94,26 @@ def test_skies_shine_as_in_mitsuba(tmp_path, backend):
     si = mi.SurfaceInteraction3f()
     si.wi = -mi.Vector3f(*(mi.Float(axis.astype(np.float32)) for axis in directions.T))
     assert np.allclose(found.lookup(directions), np.array(emitter.eval(si)).T, rtol=0.05, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("inside", "message"),
+    [
+        (
+            '<float name="turbidity" value="12"/>',
+            r"scene.xml line 1: Mitsuba refuses this sunsky.*out of range \[1, 10\]",
+        ),
+        ('<rgb name="albedo" value="1.5"/>', r"scene.xml line 1: Mitsuba refuses this sunsky.*must be in the range"),
+        (
+            '<integer name="year" value="2020"/><vector name="sun_direction" value="0 1 1"/>',
+            r"scene.xml line 1: Mitsuba refuses this sunsky.*cannot be given at the same time",
+        ),
+    ],
+)
+def test_skies_that_mitsuba_refuses_name_their_line(inside, message, tmp_path, backend):
+    with pytest.raises(FiptError, match=message) as error:
+        outside(tmp_path, f'<emitter type="sunsky">{inside}</emitter>')
+    assert "\n" not in str(error.value)
 
 
 def test_sky_and_sun(tmp_path, backend):
@@ -125,3 +147,28 @@ def test_small_lamps_have_the_intensity_of_what_they_stand_for(kind, tmp_path, b
     # Half as far away in metres as in units: the same irradiance needs the square of the scale.
     assert np.allclose(emitter_radiance(emitter, scale) * visible, 0.8 * scale**2, rtol=0.03)
     assert np.allclose(mesh.vertices.mean(axis=0), [0.1, 0.2, 0.3], atol=1e-3)
+
+
+def test_projectors_shine_as_in_mitsuba(tmp_path, backend):
+    import mitsuba as mi
+
+    from fipt.synthetic.scenefile.lights import point_emitters
+    from fipt.synthetic.scenefile.source import SceneFileReader
+    from fipt.synthetic.scenefile.xml import read_tree
+
+    write_exr(tmp_path / "slide.exr", {"": np.full((8, 8, 3), (3, 4, 5), np.float32)})
+    path = tmp_path / "scene.xml"
+    path.write_text(
+        """<scene version="3.0.0"><integrator type="direct"/>
+        <shape type="rectangle"><transform name="to_world"><rotate y="1" angle="180"/><translate z="2"/></transform>
+          <bsdf type="diffuse"><rgb name="reflectance" value="1"/></bsdf></shape>
+        <emitter type="projector"><float name="fov" value="60"/><float name="scale" value="10"/>
+          <texture name="irradiance" type="bitmap"><string name="filename" value="slide.exr"/></texture></emitter>
+        <sensor type="perspective"><float name="fov" value="5"/>
+          <film type="hdrfilm"><integer name="width" value="4"/><integer name="height" value="4"/></film>
+          <transform name="to_world"><lookat origin="0 0 0" target="0 0 1" up="0 1 0"/></transform></sensor></scene>"""
+    )
+    (emitter,) = point_emitters(read_tree(path).root, SceneFileReader(path, SceneFile()))
+    # White that is 2 units away reflects the irradiance over pi.
+    theirs = np.array(mi.render(mi.load_file(str(path)), spp=16)).mean(axis=(0, 1)) * np.pi * 2**2
+    assert np.allclose(emitter.intensity, theirs, rtol=0.01)
