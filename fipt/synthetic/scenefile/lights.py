@@ -54,7 +54,7 @@ class PointEmitter:
 
 def radiance(node: Node, source: SceneFileReader) -> np.ndarray | None:
     """(3,) radiance of the area light of a shape, or None where it has none; a textured one counts with its mean."""
-    lights = node.objects("emitter") + node.objects("luminaire")
+    lights = node.objects("emitter")
     if not lights:
         return None
     found = textures.read_map(lights[0].get("radiance", "intensity"), 1.0, source, light=True)

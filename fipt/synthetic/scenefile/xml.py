@@ -16,16 +16,15 @@ from xml.parsers import expat
 from fipt.errors import FiptError
 from fipt.formats.files import existing_file
 
+_MOST_FILES = 100
+"""Scene files that are read for one."""
 _DEEPEST = 40
 """Elements within elements; scene files have about six."""
 _LARGEST = 2_000_000
 """Elements of a file whose references are filled in: references to references can double it again and again."""
 
 
-_OBJECTS = (
-    "shape bsdf emitter texture spectrum sensor camera luminaire film rfilter sampler integrator medium phase volume "
-    "subsurface"
-)
+_OBJECTS = "shape bsdf emitter texture spectrum sensor film rfilter sampler integrator medium phase volume subsurface"
 """Elements with a plugin's type; the properties in them have names."""
 _PROPERTIES = "float integer boolean string point vector rgb srgb color blackbody spectrum transform animation"
 _OTHERS = "scene matrix translate scale rotate lookat ref alias default include path null"
@@ -186,8 +185,10 @@ class _XmlReader:
         self.done: dict[tuple[str, str | None], Node] = {}
 
     def read(self, path: Path) -> Node:
-        if path in self.files or len(self.files) > 100:
-            raise FiptError(f"{path} includes itself", "repair the scene file")
+        if path in self.files:
+            raise FiptError(f"{path} is included twice, or includes itself", "include each file once")
+        if len(self.files) >= _MOST_FILES:
+            raise FiptError(f"{self.files[0]} includes more than {_MOST_FILES} files", "include fewer, larger files")
         self.files.append(path)
         parser = expat.ParserCreate()
         stack: list[tuple[str, dict[str, str], list[Node], str]] = [("", {}, [], "")]
@@ -198,6 +199,8 @@ class _XmlReader:
             filled = {key: self._filled(value) for key, value in attributes.items()}
             if "name" in filled and tag != "default":
                 filled["name"] = snake(filled["name"])
+            if len(stack) == 1:
+                _check_scene(tag, filled, path)
             stack.append((tag, filled, [], f"{path.name} line {parser.CurrentLineNumber}"))
 
         def end(tag: str) -> None:
@@ -229,16 +232,6 @@ class _XmlReader:
         except (expat.ExpatError, LookupError, ValueError) as error:  # the latter two: unknown encodings
             raise FiptError(f"{path} is not well-formed XML ({error})", "repair the scene file") from error
         (root,) = stack[0][2]
-        if root.tag != "scene":
-            raise FiptError(
-                f"{path} is no Mitsuba scene: its first element is <{root.tag}>, not <scene>", "give a Mitsuba XML file"
-            )
-        version = root.attributes.get("version", "")
-        if not re.fullmatch(r"[0-3](\.\d+){0,2}", version):
-            raise FiptError(
-                f"{path}: the version of a scene file must be that of Mitsuba, 0.5 to 3; found {version!r}",
-                'correct version="..." of its first element: angles and axes of skies depend on it',
-            )
         return root
 
     def _filled(self, text: str) -> str:
@@ -279,6 +272,20 @@ class _XmlReader:
 def snake(name: str) -> str:
     """Turn camelCase (``diffuseReflectance``, ``intIOR``) into snake_case."""
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()
+
+
+def _check_scene(tag: str, attributes: dict[str, str], path: Path) -> None:
+    """Refuse a first element that is no scene, or one of a version with other elements."""
+    if tag != "scene":
+        raise FiptError(
+            f"{path} is no Mitsuba scene: its first element is <{tag}>, not <scene>", "give a Mitsuba XML file"
+        )
+    version = attributes.get("version", "")
+    if not re.fullmatch(r"(0\.[5-9]|[1-3](\.\d+)?)(\.\d+)?", version):
+        raise FiptError(
+            f"{path}: the version of a scene file must be that of Mitsuba, 0.5 to 3; found {version!r}",
+            'correct version="..." of its first element: angles and axes of skies depend on it',
+        )
 
 
 def _check(node: Node, folder: Path) -> None:

@@ -99,19 +99,13 @@ def test_skies_shine_as_in_mitsuba(tmp_path, backend):
 @pytest.mark.parametrize(
     ("inside", "message"),
     [
-        (
-            '<float name="turbidity" value="12"/>',
-            r"scene.xml line 1: Mitsuba refuses this sunsky.*out of range \[1, 10\]",
-        ),
-        ('<rgb name="albedo" value="1.5"/>', r"scene.xml line 1: Mitsuba refuses this sunsky.*must be in the range"),
-        (
-            '<integer name="year" value="2020"/><vector name="sun_direction" value="0 1 1"/>',
-            r"scene.xml line 1: Mitsuba refuses this sunsky.*cannot be given at the same time",
-        ),
+        ('<float name="turbidity" value="12"/>', r"out of range \[1, 10\]"),
+        ('<rgb name="albedo" value="1.5"/>', "must be in the range"),
+        ('<integer name="year" value="2020"/><vector name="sun_direction" value="0 1 1"/>', "at the same time"),
     ],
 )
 def test_skies_that_mitsuba_refuses_name_their_line(inside, message, tmp_path, backend):
-    with pytest.raises(FiptError, match=message) as error:
+    with pytest.raises(FiptError, match=f"scene.xml line 1: Mitsuba refuses this sunsky: .*{message}") as error:
         outside(tmp_path, f'<emitter type="sunsky">{inside}</emitter>')
     assert "\n" not in str(error.value)
 

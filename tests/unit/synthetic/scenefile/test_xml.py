@@ -65,8 +65,9 @@ def test_includes_come_from_the_folder_only(tmp_path):
     assert root.objects("shape")[0].objects("bsdf")[0].type == "diffuse"
     with pytest.raises(FiptError, match=r"outside the scene's folder"):
         read(tmp_path, '<scene version="3"><include filename="../more.xml"/></scene>')
-    with pytest.raises(FiptError, match="includes itself"):
-        read(tmp_path, '<scene version="3"><include filename="scene.xml"/></scene>')
+    for included in ('<include filename="scene.xml"/>', '<include filename="more.xml"/>' * 2):
+        with pytest.raises(FiptError, match=r"(scene|more).xml is included twice, or includes itself"):
+            read(tmp_path, f'<scene version="3">{included}</scene>')
 
 
 @pytest.mark.parametrize(
@@ -82,6 +83,8 @@ def test_includes_come_from_the_folder_only(tmp_path):
             '<scene version="3"><bsdf type="twosided" id="A"><ref id="A"/></bsdf><shape><ref id="A"/></shape></scene>',
             "itself",
         ),
+        ('<scene version="0.4.0"><luminaire type="constant"/></scene>', r"0.5 to 3; found '0.4.0'"),
+        ('<scene version="0.5.0"><luminaire type="constant"/></scene>', "have no element <luminaire>"),
         ('<scene version="3">' + "<bsdf>" * 60 + "</bsdf>" * 60 + "</scene>", "nested more than 40 deep"),
     ],
 )
