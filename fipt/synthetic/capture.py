@@ -120,7 +120,7 @@ def write_bracket(
 def header_of(printed: Fraction | None, time: datetime, planes: Optics, camera: SimulatedCamera) -> Header:
     """What the files of this camera say."""
     white = camera_rgb(camera).sum(axis=1)
-    focal = planes.sensor.fx / planes.sensor.width * _SENSOR_WIDTH_MM
+    sensor = planes.sensor
     return Header(
         pattern=camera.pattern,
         black=camera.black_levels,
@@ -130,8 +130,8 @@ def header_of(printed: Fraction | None, time: datetime, planes: Optics, camera: 
         exposure=printed,
         f_number=_F_NUMBER,
         iso=_ISO,
-        focal_length=round(focal, 1),
-        focal_length_35=focal,
+        focal_length=round(sensor.fx / sensor.width * _SENSOR_WIDTH_MM, 1),
+        focal_length_35=sensor.fx * np.hypot(36, 24) / np.hypot(sensor.width, sensor.height),  # by diagonal
         time=time,
     )
 

@@ -13,10 +13,10 @@ import pytest
 import rawpy
 
 from fipt.errors import FiptError
-from fipt.scene.cameras import read_transforms
+from fipt.scene.cameras import Camera, read_transforms
 from fipt.scene.mesh import read_mesh
 from fipt.synthetic import capture as writer
-from fipt.synthetic.camera import exposures
+from fipt.synthetic.camera import exposures, optics
 from fipt.synthetic.settings import SimulatedCamera
 from tests import captures, scenes
 
@@ -75,6 +75,16 @@ def test_focal_length_and_field_of_view_agree(made):
     tags = exif(made.frames("train_000")[0])
     view = made.cameras[0]
     assert float(tags["EXIF FocalLength"].values[0]) == pytest.approx(36 * view.fx / view.width, abs=0.06)
+
+
+@pytest.mark.parametrize(("width", "height"), [(160, 120), (120, 160), (300, 200)])
+def test_the_equivalent_focal_length_is_by_the_diagonal(width, height):
+    camera = SimulatedCamera(boards=())
+    planes = optics(Camera("train_000", "train", width, height, 114, 114, width / 2, height / 2, np.eye(4)), camera)
+    header = writer.header_of(Fraction(1, 4), datetime(2026, 1, 1), planes, camera)
+    sensor = planes.sensor
+    diagonals = np.hypot(36, 24) / np.hypot(sensor.width, sensor.height)
+    assert header.focal_length_35 == pytest.approx(sensor.fx * diagonals)
 
 
 def test_cameras_are_those_of_the_undistorted_views(made):
