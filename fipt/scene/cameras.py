@@ -75,6 +75,12 @@ class Camera:
         scaled = {name: getattr(self, name) / block for name in ("fx", "fy", "cx", "cy")}
         return replace(self, width=self.width // block, height=self.height // block, **scaled)
 
+    def resized(self, width: int, height: int) -> "Camera":
+        """Return the camera with images of another size."""
+        x, y = width / self.width, height / self.height
+        scaled = {"fx": self.fx * x, "cx": self.cx * x, "fy": self.fy * y, "cy": self.cy * y}
+        return replace(self, width=width, height=height, **scaled)
+
     def directions(self, columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """Return unit world directions through image points.
 

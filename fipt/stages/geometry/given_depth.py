@@ -27,19 +27,17 @@ _AGREE = 0.5
 """Share of the pixels that other views know, of which they must say the same."""
 _EVERY = 8
 """Pixels along a row and a column of which one is carried into other views."""
+_STEEPEST = 2.0
+"""Depths of a plane within one pixel of its map, the farther one over the nearer one, up to which it is believed."""
 _UNITS = (1e-3, 1e-2, 0.1, 0.3048, 10.0, 100.0, 1000.0)
 """Factors of units that are often taken for each other."""
 
 
-def given_maps(
-    cameras: Sequence[Camera], light: Sequence[StereoView], files: Mapping[str, Path], unit: float
-) -> Iterator[tuple[str, DepthMap]]:
+def given_maps(views: Sequence[StereoView], files: Mapping[str, Path], unit: float) -> Iterator[tuple[str, DepthMap]]:
     """Read the depth maps of views, and give each pixel its normal.
 
     Parameters
     ----------
-    light
-        The views, for the geometry of their pixels.
     files
         View -> EXR in metres, or PNG of 16 bits in units of ``unit`` metres; depth along the viewing axis, 0 where
         unknown.
@@ -49,16 +47,18 @@ def given_maps(
     FiptError
         If a map is missing, of another shape than its view, or the maps of several views contradict each other.
     """
-    depths = [read_given(camera, files[camera.name], unit) for camera in cameras]
+    depths, cameras = [], []
+    for view in views:
+        values = read_values(view.camera, files[view.camera.name], unit)
+        depths.append(np.where(np.isfinite(values) & (values > 0), values, 0))
+        cameras.append(_camera_of(view, values))
     check_agreement(cameras, depths)
-    for view, depth in zip(light, depths, strict=True):
-        normal = _normals(view, depth)
-        known = (depth > 0) & (normal**2).sum(axis=-1).astype(bool)
-        yield view.camera.name, DepthMap(np.where(known, depth, 0), known.astype(np.float32), normal)
+    for view, depth in zip(views, depths, strict=True):
+        yield view.camera.name, _continued(view, depth)
 
 
-def read_given(camera: Camera, path: Path, unit: float) -> np.ndarray:
-    """(H, W) float32 depth of a view, metres, 0 where unknown; of smaller maps each pixel takes the nearest."""
+def read_values(camera: Camera, path: Path, unit: float) -> np.ndarray:
+    """(h, w) float32 values of a view's depth map at its own size, metres; a map is at most as large as its view."""
     if path.suffix.lower() == ".exr":
         channels = read_exr(path)
         name = next((name for name in _CHANNELS if name in channels), None)
@@ -73,7 +73,6 @@ def read_given(camera: Camera, path: Path, unit: float) -> np.ndarray:
         if pixels.ndim != 2 or pixels.dtype.itemsize < 2:
             raise FiptError(f"{path} must be a grey PNG of 16 bits; it is {pixels.dtype}", "export it with 16 bits")
         depth = (pixels * unit).astype(np.float32)
-    depth = np.where(np.isfinite(depth) & (depth > 0), depth, 0)
     rows, columns = depth.shape
     if abs(columns / rows - camera.width / camera.height) > 1 / min(rows, columns):
         raise FiptError(
@@ -81,9 +80,14 @@ def read_given(camera: Camera, path: Path, unit: float) -> np.ndarray:
             f"{columns}x{rows}",
             "crop it like the view",
         )
-    row = (np.arange(camera.height) + 0.5) * rows / camera.height
-    column = (np.arange(camera.width) + 0.5) * columns / camera.width
-    return depth[row.astype(np.int64)[:, None], column.astype(np.int64)]
+    return depth
+
+
+def nearest_pixels(values: np.ndarray, rows: int, columns: int) -> np.ndarray:
+    """(rows, columns, ...) image of another size: each pixel takes the one of (h, w, ...) that holds its centre."""
+    row = (np.arange(rows) + 0.5) * values.shape[0] / rows
+    column = (np.arange(columns) + 0.5) * values.shape[1] / columns
+    return values[row.astype(np.int64)[:, None], column.astype(np.int64)]
 
 
 def check_agreement(cameras: Sequence[Camera], depths: Sequence[np.ndarray]) -> None:
@@ -122,6 +126,27 @@ def _agreement(cameras: Sequence[Camera], depths: Sequence[np.ndarray]) -> float
                 right |= inside & (np.abs(there - depth) < _SAME * depth)
         known, same = known + int(seen.sum()), same + int(right.sum())
     return same / known if known else 0.0
+
+
+def _camera_of(view: StereoView, depth: np.ndarray) -> Camera:
+    """Camera of a view whose pixels are those of its depth map (h, w)."""
+    return view.camera.resized(depth.shape[1], depth.shape[0])
+
+
+def _continued(view: StereoView, depth: np.ndarray) -> DepthMap:
+    """Depth map of a view of (h, w) depth, 0 where unknown: pixels lie on the plane that the map has around them."""
+    small = StereoView(_camera_of(view, depth), depth, 0.0)
+    normal = _normals(small, depth)
+    offset = depth * ((normal @ view.rotation.T) * small.rays).sum(axis=-1)  # of the plane: normal . point
+    normal, offset, depth = (
+        nearest_pixels(values, view.camera.height, view.camera.width) for values in (normal, offset, depth)
+    )
+    facing = ((normal @ view.rotation.T) * view.rays).sum(axis=-1)
+    here = np.divide(offset, facing, out=np.zeros_like(facing), where=facing < 0)
+    known = (here > depth / _STEEPEST) & (here < depth * _STEEPEST)
+    return DepthMap(
+        np.where(known, here, 0).astype(np.float32), known.astype(np.float32), np.where(known[..., None], normal, 0)
+    )
 
 
 def _normals(view: StereoView, depth: np.ndarray) -> np.ndarray:

@@ -1,7 +1,5 @@
 """Mesh edges drawn over a photo: a wrong axis convention is seen at once."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from fipt.formats.images import to_display
@@ -36,20 +34,11 @@ def overlay(mesh: Mesh, camera: Camera, radiance: np.ndarray) -> np.ndarray:
 
     size = (_WIDTH, max(1, round(camera.height * _WIDTH / camera.width)))
     photo = np.asarray(Image.fromarray(to_display(radiance)).resize(size, Image.Resampling.BICUBIC))
-    small = resized(camera, *size)
+    small = camera.resized(*size)
     triangle, depth = visible_triangles(RayScene(mesh), small)
     image = photo.copy()
     image[edges(mesh, small, triangle, depth)] = _COLOR
     return image
-
-
-def resized(camera: Camera, width: int, height: int) -> Camera:
-    """The same camera with images of another size."""
-    x, y = width / camera.width, height / camera.height
-    return replace(
-        camera, width=width, height=height,
-        fx=camera.fx * x, cx=camera.cx * x, fy=camera.fy * y, cy=camera.cy * y,
-    )  # fmt: skip
 
 
 def visible_triangles(scene: RayScene, camera: Camera) -> tuple[np.ndarray, np.ndarray]:

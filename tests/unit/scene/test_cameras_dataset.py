@@ -42,6 +42,13 @@ def test_project_inverts_directions(np_rng: np.random.Generator) -> None:
     assert (depth > 0).all()
 
 
+def test_resizing_keeps_the_view() -> None:
+    view, point = camera(), np.array([[2.5, 1.5, 0.5]])
+    before, _ = view.project(point)
+    after, _ = view.resized(2 * view.width, 3 * view.height).project(point)
+    np.testing.assert_allclose(after, before * [2, 3])
+
+
 def test_directions_are_right_up_and_ahead() -> None:
     view, pose = camera(), POSES[0]
     np.testing.assert_allclose(view.directions(view.cx, view.cy), pose.forward, atol=1e-6)

@@ -10,7 +10,7 @@ from fipt.errors import FiptError
 from fipt.formats.exr import read_exr
 from fipt.scene.depth_maps import DepthMap
 from fipt.stages.geometry.depth_views import DepthView
-from fipt.stages.geometry.given_depth import read_given
+from fipt.stages.geometry.given_depth import nearest_pixels, read_values
 from fipt.stages.geometry.settings import given_file
 
 log = logging.getLogger(__name__)
@@ -37,7 +37,8 @@ def with_prior(views: Sequence[DepthView], folder: Path) -> list[DepthView]:
         path = given_file(folder, view.camera.name)
         if not path.is_file():
             raise FiptError(f"geometry.prior must hold VIEW.exr or VIEW.png of every view; {path} is missing", "add it")
-        prior = read_given(view.camera, path, _METRES)
+        prior = nearest_pixels(read_values(view.camera, path, _METRES), view.camera.height, view.camera.width)
+        prior = np.where(np.isfinite(prior) & (prior > 0), prior, 0)
         normal = _normals(path, view) if path.suffix.lower() == ".exr" else np.zeros((*prior.shape, 3), np.float32)
         both = view.map.known & (prior > 0)
         if both.sum() < _LEAST:

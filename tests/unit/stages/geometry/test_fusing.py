@@ -23,15 +23,20 @@ def view_of_cube(name: str, center: tuple[float, float, float], turn: float, noi
     c, s = np.cos(turn), np.sin(turn)
     pose[:3, :3] = [[c, 0, s], [0, 1, 0], [-s, 0, c]]
     pose[:3, 3] = center
-    camera = Camera(name, "train", 80, 60, 50.0, 50.0, 40.0, 30.0, pose)
-    empty = DepthMap(np.zeros((60, 80), np.float32), np.zeros((60, 80), np.float32), np.zeros((60, 80, 3), np.float32))
-    view = DepthView(camera, empty, np.ones((60, 80, 3), np.float32))
+    return cube_through(Camera(name, "train", 80, 60, 50.0, 50.0, 40.0, 30.0, pose), noise)
+
+
+def cube_through(camera: Camera, noise: float = 0.0) -> DepthView:
+    """What a camera within the cube sees."""
+    shape = camera.height, camera.width
+    empty = DepthMap(np.zeros(shape, np.float32), np.zeros(shape, np.float32), np.zeros((*shape, 3), np.float32))
+    view = DepthView(camera, empty, np.ones((*shape, 3), np.float32))
     with np.errstate(divide="ignore"):
         far = np.where(view.rays > 0, (HALF - camera.center) / view.rays, (-HALF - camera.center) / view.rays)
     far = np.where(np.abs(view.rays) > 1e-9, far, np.inf)
     axis, depth = far.argmin(axis=-1), far.min(axis=-1)
     normal = -np.sign(np.take_along_axis(view.rays, axis[..., None], -1)) * np.eye(3)[axis]
-    depth = depth + noise * depth**2 * np.random.default_rng(len(name)).standard_normal(depth.shape)
+    depth = depth + noise * depth**2 * np.random.default_rng(len(camera.name)).standard_normal(depth.shape)
     found = DepthMap(depth.astype(np.float32), np.ones(depth.shape, np.float32), normal.astype(np.float32))
     return view.with_map(found)
 

@@ -1,6 +1,7 @@
 """Depth maps that exist: read, checked through the cameras, given normals."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,17 +13,18 @@ from fipt.formats.exr import write_exr
 from fipt.formats.images import write_png
 from fipt.scene.cameras import write_transforms
 from fipt.scene.dataset import write_views
-from fipt.scene.depth_maps import read_depth_map
+from fipt.scene.depth_maps import DepthMap, read_depth_map
+from fipt.stages.geometry.depth_views import DepthView
 from fipt.stages.geometry.given_depth import given_maps
 from fipt.stages.geometry.settings import given_file
 from fipt.stages.geometry.stereo_view import StereoView
-from tests.unit.stages.geometry.test_fusing import around
+from tests.unit.stages.geometry.test_fusing import around, cube_through
 
 VIEWS = around(0.003)[:4]
 
 
-def write(folder: Path, scale: float = 1000.0, exr: bool = False) -> Path:
-    for view in VIEWS:
+def write(folder: Path, scale: float = 1000.0, exr: bool = False, views: Sequence[DepthView] = VIEWS) -> Path:
+    for view in views:
         if exr:
             write_exr(folder / f"{view.camera.name}.exr", {"Z": view.map.depth})
         else:
@@ -31,10 +33,10 @@ def write(folder: Path, scale: float = 1000.0, exr: bool = False) -> Path:
     return folder
 
 
-def read(folder: Path, unit: float = 0.001) -> list:
-    light = [StereoView(view.camera, np.zeros((60, 80), np.float32), 0.0) for view in VIEWS]
-    files = {view.camera.name: given_file(folder, view.camera.name) for view in VIEWS}
-    return list(given_maps([view.camera for view in VIEWS], light, files, unit))
+def read(folder: Path, unit: float = 0.001, views: Sequence[DepthView] = VIEWS) -> list[tuple[str, DepthMap]]:
+    light = [StereoView(view.camera, np.zeros(view.map.depth.shape, np.float32), 0.0) for view in views]
+    files = {view.camera.name: given_file(folder, view.camera.name) for view in views}
+    return list(given_maps(light, files, unit))
 
 
 @pytest.mark.parametrize("exr", [True, False], ids=["exr", "png"])
@@ -95,6 +97,21 @@ def test_smaller_maps_are_taken_over(tmp_path):
     write_png(folder / f"{VIEWS[0].camera.name}.png", (small * 1000).astype(np.uint16))
     found = read(folder)[0][1]
     assert np.median(np.abs(found.depth - VIEWS[0].map.depth)) < 0.02
+
+
+@pytest.mark.parametrize("factor", [4, 8])
+def test_maps_smaller_than_their_view_go_on_between_their_pixels(tmp_path: Path, factor: int) -> None:
+    views = [cube_through(view.camera.resized(320, 240)) for view in VIEWS]
+    small = [cube_through(view.camera.resized(320 // factor, 240 // factor)) for view in views]
+    angles, errors = [], []
+    for view, (_, found) in zip(views, read(write(tmp_path, exr=True, views=small), views=views), strict=True):
+        assert found.known.mean() > 0.9
+        cosine = (found.normal * view.map.normal).sum(axis=-1)[found.known]
+        angles.append(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
+        errors.append(np.abs(found.depth - view.map.depth)[found.known])
+    assert np.median(np.concatenate(angles)) < 1
+    assert np.quantile(np.concatenate(angles), 0.9) < 3
+    assert np.median(np.concatenate(errors)) < 0.0005
 
 
 @pytest.mark.parametrize(

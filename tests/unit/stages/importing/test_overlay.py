@@ -6,7 +6,7 @@ from fipt.render.scene import RayScene
 from fipt.render.variant import Backend
 from fipt.scene.cameras import Camera
 from fipt.scene.mesh import Mesh
-from fipt.stages.importing.overlay import edges, overlay, resized, visible_triangles
+from fipt.stages.importing.overlay import edges, overlay, visible_triangles
 from tests.layouts import POSES, matrix, room
 
 
@@ -60,10 +60,3 @@ def test_an_overlay_is_drawn_at_a_size_for_eyes(backend: Backend) -> None:
     assert drawn.shape == (720, 960, 3)
     assert drawn.dtype == np.uint8
     assert 0.001 < (drawn == [255, 0, 200]).all(axis=-1).mean() < 0.1
-
-
-def test_resizing_keeps_the_view() -> None:
-    view, point = camera(), np.array([[2.5, 1.5, 0.5]])
-    before, _ = view.project(point)
-    after, _ = resized(view, 80, 90).project(point)
-    np.testing.assert_allclose(after, before * [2, 3])
