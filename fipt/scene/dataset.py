@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fipt.conventions import FLAG_SATURATED
+from fipt.conventions import FLAG_MOVED, FLAG_OUTSIDE, FLAG_SATURATED
 from fipt.errors import FiptError
 from fipt.formats.exr import read_exr
 from fipt.formats.files import write_text
@@ -140,6 +140,11 @@ class Dataset:
         if flags is None:
             return np.zeros((camera.height, camera.width), bool)
         return (flags & FLAG_SATURATED) > 0
+
+    def shown(self, view: str) -> np.ndarray:
+        """(H, W) bool: pixels that show the room: of a weight, within the frame, and nothing moved there."""
+        shown, flags = self.image(view)[1] > 0, self.flags(view)
+        return shown if flags is None else shown & (flags & (FLAG_OUTSIDE | FLAG_MOVED) == 0)
 
     def _channels(self, view: str) -> dict[str, np.ndarray]:
         path = self._listed.check(self.root / "images" / f"{view}.exr")

@@ -62,7 +62,8 @@ def run(inputs: DepthInputs, settings: "DepthSettings") -> dict[str, Any]:
     withdraw_manifest(manifest_beside(out))
     files = _given(inputs.layout, [view.camera.name for view in views], settings)
     if files:
-        maps = given_maps(views, files, settings.unit)
+        shown = [dataset.shown(view.camera.name) for view in views]
+        maps = given_maps(views, shown, files, settings.unit)
     else:
         maps = depth_maps(getattr(drjit, set_variant().name), views, settings)
     with atomic_folder(out, _HOLDS) as folder:

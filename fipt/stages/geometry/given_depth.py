@@ -1,5 +1,6 @@
 """Depth maps that exist: of a depth camera or a laser scanner, checked through the cameras of the views."""
 
+import logging
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
@@ -12,6 +13,8 @@ from fipt.scene.cameras import Camera
 from fipt.scene.depth_maps import DepthMap
 from fipt.stages.geometry.depth_views import DepthView, pixels_of
 from fipt.stages.geometry.stereo_view import StereoView, noise_of, normals_of
+
+log = logging.getLogger(__name__)
 
 _CHANNELS = ("depth", "Z", "Y", "R", "V")
 """Channels of an EXR file that hold depth, the first of them that is there."""
@@ -26,18 +29,24 @@ _SAME = 0.05
 _AGREE = 0.5
 """Share of the pixels that other views know, of which they must say the same."""
 _EVERY = 8
-"""Pixels along a row and a column of which one is carried into other views."""
+"""Pixels along a row and a column of which one is carried into other views; fewer in small maps."""
+_FARTHEST = 1000.0
+"""Metres from which on depth is that of no surface: a renderer's 65504 or 1e10 where nothing is."""
 _STEEPEST = 2.0
 """Depths of a plane within one pixel of its map, the farther one over the nearer one, up to which it is believed."""
 _UNITS = (1e-3, 1e-2, 0.1, 0.3048, 10.0, 100.0, 1000.0)
 """Factors of units that are often taken for each other."""
 
 
-def given_maps(views: Sequence[StereoView], files: Mapping[str, Path], unit: float) -> Iterator[tuple[str, DepthMap]]:
+def given_maps(
+    views: Sequence[StereoView], shown: Sequence[np.ndarray], files: Mapping[str, Path], unit: float
+) -> Iterator[tuple[str, DepthMap]]:
     """Read the depth maps of views, and give each pixel its normal.
 
     Parameters
     ----------
+    shown
+        (H, W) bool of each view: pixels that show the room; the depth of others is unknown.
     files
         View -> EXR in metres, or PNG of 16 bits in units of ``unit`` metres; depth along the viewing axis, 0 where
         unknown.
@@ -45,16 +54,18 @@ def given_maps(views: Sequence[StereoView], files: Mapping[str, Path], unit: flo
     Raises
     ------
     FiptError
-        If a map is missing, of another shape than its view, or the maps of several views contradict each other.
+        If a map is missing, of another shape than its view, or the maps of several views contradict each other or show
+        nothing in common.
     """
     depths, cameras = [], []
-    for view in views:
+    for view, counts in zip(views, shown, strict=True):
         values = read_values(view.camera, files[view.camera.name], unit)
-        depths.append(np.where(np.isfinite(values) & (values > 0), values, 0))
+        known = np.isfinite(values) & (values > 0) & nearest_pixels(counts, *values.shape)
+        depths.append(np.where(known, values, 0))
         cameras.append(_camera_of(view, values))
     check_agreement(cameras, depths)
-    for view, depth in zip(views, depths, strict=True):
-        yield view.camera.name, _continued(view, depth)
+    for view, depth, counts in zip(views, depths, shown, strict=True):
+        yield view.camera.name, _continued(view, _near(depth), counts)
 
 
 def read_values(camera: Camera, path: Path, unit: float) -> np.ndarray:
@@ -91,30 +102,42 @@ def nearest_pixels(values: np.ndarray, rows: int, columns: int) -> np.ndarray:
 
 
 def check_agreement(cameras: Sequence[Camera], depths: Sequence[np.ndarray]) -> None:
-    """Raise FiptError where views do not show the same surface: another unit, another room, other cameras."""
+    """Raise FiptError where views do not show the same surface: another unit, another room, other cameras.
+
+    Where one view alone has depth, nothing can be compared: that is a warning.
+    """
     agree = _agreement(cameras, depths)
     if agree >= _AGREE:
         return
-    factor = max(_UNITS, key=lambda unit: _agreement(cameras, [depth * np.float32(unit) for depth in depths]))
-    better = _agreement(cameras, [depth * np.float32(factor) for depth in depths])
-    raise FiptError(
-        f"the depth maps must show one room through these cameras; other views confirm {agree:.0%} of their pixels",
-        f"depth is {1 / factor:g} times too large for metres: set depth.unit, or export metres"
-        if better >= _AGREE
-        else "check that they are of these views, and depth along the viewing axis",
+    known = [camera.name for camera, depth in zip(cameras, depths, strict=True) if depth.any()]
+    if len(known) == 1:
+        log.warning("%s alone has depth: no other view can tell whether it is right, or in metres", known[0])
+        return
+    in_units = {unit: _agreement(cameras, [depth * np.float32(unit) for depth in depths]) for unit in _UNITS}
+    factor, better = max(in_units.items(), key=lambda item: np.nan_to_num(item[1]))
+    if better >= _AGREE:
+        remedy = f"depth is {1 / factor:g} times too large for metres: set depth.unit, or export metres"
+    elif np.isnan(agree):
+        remedy = "check the cameras, or give depth of views that overlap"
+    else:
+        remedy = "check that they are of these views, and depth along the viewing axis"
+    found = (
+        "no view shows surface of another" if np.isnan(agree) else f"other views confirm {agree:.0%} of their pixels"
     )
+    raise FiptError(f"the depth maps must show one room through these cameras; {found}", remedy)
 
 
 def _agreement(cameras: Sequence[Camera], depths: Sequence[np.ndarray]) -> float:
-    """Share of pixels that another view confirms, of those where another view knows a depth."""
+    """Share of pixels that another view confirms, of those where another view knows a depth; NaN where none does."""
     black = np.zeros((1, 1, 3), np.float32)
     views = [
         DepthView(camera, DepthMap(depth, depth, np.zeros((*depth.shape, 3), np.float32)), black)
-        for camera, depth in zip(cameras, depths, strict=True)
+        for camera, depth in zip(cameras, map(_near, depths), strict=True)
     ]
-    some = np.s_[_EVERY // 2 :: _EVERY, _EVERY // 2 :: _EVERY]
     known, same = 0, 0
     for view in views:
+        every = min(_EVERY, max(1, min(view.map.depth.shape) // _EVERY))
+        some = np.s_[every // 2 :: every, every // 2 :: every]
         points = view.points[some][view.map.known[some]]
         seen, right = np.zeros(len(points), bool), np.zeros(len(points), bool)
         for other in views:
@@ -125,7 +148,12 @@ def _agreement(cameras: Sequence[Camera], depths: Sequence[np.ndarray]) -> float
                 seen |= inside
                 right |= inside & (np.abs(there - depth) < _SAME * depth)
         known, same = known + int(seen.sum()), same + int(right.sum())
-    return same / known if known else 0.0
+    return same / known if known else np.nan
+
+
+def _near(depth: np.ndarray) -> np.ndarray:
+    """Depth without what is no surface of a room, but what a renderer writes where nothing is."""
+    return np.where(depth <= _FARTHEST, depth, 0)
 
 
 def _camera_of(view: StereoView, depth: np.ndarray) -> Camera:
@@ -133,8 +161,11 @@ def _camera_of(view: StereoView, depth: np.ndarray) -> Camera:
     return view.camera.resized(depth.shape[1], depth.shape[0])
 
 
-def _continued(view: StereoView, depth: np.ndarray) -> DepthMap:
-    """Depth map of a view of (h, w) depth, 0 where unknown: pixels lie on the plane that the map has around them."""
+def _continued(view: StereoView, depth: np.ndarray, shown: np.ndarray) -> DepthMap:
+    """Depth map of a view of (h, w) depth, 0 where unknown: pixels lie on the plane that the map has around them.
+
+    Pixels that do not show the room, (H, W) bool, are unknown.
+    """
     small = StereoView(_camera_of(view, depth), depth, 0.0)
     normal = _normals(small, depth)
     offset = depth * ((normal @ view.rotation.T) * small.rays).sum(axis=-1)  # of the plane: normal . point
@@ -143,7 +174,7 @@ def _continued(view: StereoView, depth: np.ndarray) -> DepthMap:
     )
     facing = ((normal @ view.rotation.T) * view.rays).sum(axis=-1)
     here = np.divide(offset, facing, out=np.zeros_like(facing), where=facing < 0)
-    known = (here > depth / _STEEPEST) & (here < depth * _STEEPEST)
+    known = shown & (here > depth / _STEEPEST) & (here < depth * _STEEPEST)
     return DepthMap(
         np.where(known, here, 0).astype(np.float32), known.astype(np.float32), np.where(known[..., None], normal, 0)
     )

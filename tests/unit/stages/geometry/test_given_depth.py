@@ -2,12 +2,14 @@
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from fipt.cli.main import main
+from fipt.conventions import FLAG_MOVED, FLAG_OUTSIDE, FLAG_SATURATED
 from fipt.errors import FiptError
 from fipt.formats.exr import write_exr
 from fipt.formats.images import write_png
@@ -35,8 +37,16 @@ def write(folder: Path, scale: float = 1000.0, exr: bool = False, views: Sequenc
 
 def read(folder: Path, unit: float = 0.001, views: Sequence[DepthView] = VIEWS) -> list[tuple[str, DepthMap]]:
     light = [StereoView(view.camera, np.zeros(view.map.depth.shape, np.float32), 0.0) for view in views]
+    shown = [np.ones(view.map.depth.shape, bool) for view in views]
     files = {view.camera.name: given_file(folder, view.camera.name) for view in views}
-    return list(given_maps(light, files, unit))
+    return list(given_maps(light, shown, files, unit))
+
+
+def with_depth(view: DepthView, where: tuple[slice, slice], depth: float) -> DepthView:
+    """The view with another depth in a part of its map."""
+    changed = view.map.depth.copy()
+    changed[where] = depth
+    return view.with_map(replace(view.map, depth=changed))
 
 
 @pytest.mark.parametrize("exr", [True, False], ids=["exr", "png"])
@@ -112,6 +122,63 @@ def test_maps_smaller_than_their_view_go_on_between_their_pixels(tmp_path: Path,
     assert np.median(np.concatenate(angles)) < 1
     assert np.quantile(np.concatenate(angles), 0.9) < 3
     assert np.median(np.concatenate(errors)) < 0.0005
+
+
+def test_what_is_masked_takes_no_part(tmp_path: Path) -> None:
+    """A tripod that all photographs show, masked; a lamp too bright for them keeps its depth."""
+    write_layout(tmp_path)
+    rig, emitter, moved = np.s_[40:, 30:50], np.s_[5:10, 5:10], np.s_[20:25, 60:65]
+    valid, flags = np.ones((60, 80), np.float32), np.zeros((60, 80), np.float32)
+    valid[rig], flags[emitter] = 0, FLAG_SATURATED
+    flags[moved], flags[:, 79] = FLAG_MOVED, FLAG_OUTSIDE
+    for view in VIEWS:
+        path = tmp_path / "dataset" / "images" / f"{view.camera.name}.exr"
+        write_exr(path, {"": np.full((60, 80, 3), 0.5, np.float32), "valid.Y": valid, "flags.Y": flags})
+    given = write(tmp_path / "given", exr=True, views=[with_depth(view, rig, 0.4) for view in VIEWS])
+    depth = ["depth", "--dataset", str(tmp_path / "dataset"), "--out", str(tmp_path / "depth")]
+    assert main([*depth, "--settings", json.dumps({"given": str(given)})]) == 0
+    for view in VIEWS:
+        found = read_depth_map(tmp_path / "depth" / f"{view.camera.name}.exr")
+        assert not found.known[rig].any()
+        assert not found.known[moved].any()
+        assert not found.known[:, 79].any()
+        assert not found.normal[rig].any()
+        assert found.known[emitter].mean() > 0.9
+        # windows beside the mask are fitted without it
+        assert found.known[36:40, 30:50].mean() > 0.9
+        np.testing.assert_allclose(found.depth[found.known], view.map.depth[found.known], rtol=1e-5)
+
+
+@pytest.mark.parametrize("far", [1e10, 65504.0], ids=["Blender", "half float"])
+def test_what_a_renderer_writes_where_nothing_is_is_unknown(tmp_path: Path, far: float) -> None:
+    window = np.s_[10:30, 20:50]
+    views = [with_depth(view, window, far) for view in VIEWS]
+    for _, found in read(write(tmp_path, exr=True, views=views)):
+        assert not found.known[window].any()
+        assert found.depth.max() < 10
+        assert found.known.mean() > 0.7
+
+
+def test_where_nothing_is_agrees_with_nothing(tmp_path: Path) -> None:
+    """Most pixels show the open sky; the others are in millimetres."""
+    views = []
+    for view in VIEWS:
+        millimetres = view.with_map(replace(view.map, depth=1000 * view.map.depth))
+        views.append(with_depth(millimetres, np.s_[:40, :], 1e10))
+    with pytest.raises(FiptError, match="depth is 1000 times too large"):
+        read(write(tmp_path, exr=True, views=views))
+
+
+def test_one_view_with_depth_is_held_against_nothing(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    ((_, found),) = read(write(tmp_path, exr=True, views=VIEWS[:1]), views=VIEWS[:1])
+    assert found.known.mean() > 0.95
+    assert f"{VIEWS[0].camera.name} alone has depth" in caplog.text
+
+
+def test_views_that_show_nothing_of_each_other_are_refused(tmp_path: Path) -> None:
+    back_to_back = [around()[0], around()[4]]
+    with pytest.raises(FiptError, match="no view shows surface of another"):
+        read(write(tmp_path, exr=True, views=back_to_back), views=back_to_back)
 
 
 @pytest.mark.parametrize(
