@@ -25,7 +25,9 @@ _METRES = 1.0
 
 
 def with_prior(views: Sequence[DepthView], folder: Path) -> list[DepthView]:
-    """Views with predicted depth and normals in place of their own; a view of which too little is known has neither.
+    """Views with predicted depth and normals in place of their own; a view of which too little is known has no depth.
+
+    Predicted depth may be negative, since its scale and shift are solved; 0 and what is not finite is unknown.
 
     Raises
     ------
@@ -38,12 +40,12 @@ def with_prior(views: Sequence[DepthView], folder: Path) -> list[DepthView]:
         if not path.is_file():
             raise FiptError(f"geometry.prior must hold VIEW.exr or VIEW.png of every view; {path} is missing", "add it")
         prior = nearest_pixels(read_values(view.camera, path, _METRES), view.camera.height, view.camera.width)
-        prior = np.where(np.isfinite(prior) & (prior > 0), prior, 0)
+        predicted = np.isfinite(prior) & (prior != 0)
         normal = _normals(path, view) if path.suffix.lower() == ".exr" else np.zeros((*prior.shape, 3), np.float32)
-        both = view.map.known & (prior > 0)
+        both = view.map.known & predicted
         if both.sum() < _LEAST:
             bare.append(view.camera.name)
-            empty = np.zeros_like(prior)
+            empty = np.zeros_like(view.map.depth)
             found.append(view.with_map(DepthMap(empty, empty, normal)))
             continue
         scale, shift = scale_and_shift(prior[both], view.map.depth[both], view.map.confidence[both])
@@ -52,8 +54,7 @@ def with_prior(views: Sequence[DepthView], folder: Path) -> list[DepthView]:
                 f"{path} must be depth, which grows with the distance; that of known pixels falls",
                 "invert it if it is inverse depth, or check that it shows this view",
             )
-        depth = np.where(prior > 0, scale * prior + shift, 0).astype(np.float32)
-        depth = np.maximum(depth, 0)
+        depth = np.maximum(np.where(predicted, scale * prior + shift, 0), 0).astype(np.float32)
         found.append(view.with_map(DepthMap(depth, (depth > 0).astype(np.float32), normal)))
     if bare:
         log.warning("predicted depth of %s is left out: nothing is known that it could be brought to", ", ".join(bare))

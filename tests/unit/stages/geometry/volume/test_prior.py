@@ -38,6 +38,24 @@ def test_predicted_depth_fills_the_view(tmp_path: Path):
     np.testing.assert_allclose(found.map.normal, VIEW.map.normal, atol=1e-3)
 
 
+@pytest.mark.parametrize(
+    "predicted",
+    [
+        (VIEW.map.depth - VIEW.map.depth.mean()) / VIEW.map.depth.std(),
+        2 * (VIEW.map.depth - VIEW.map.depth.min()) / np.ptp(VIEW.map.depth) - 1,
+    ],
+    ids=["normalized", "-1 to 1"],
+)
+def test_predicted_depth_may_be_negative(tmp_path: Path, predicted: np.ndarray) -> None:
+    values = predicted.copy()
+    values[:5, :5], values[5:10, :5] = np.nan, 0
+    write_exr(tmp_path / "v.exr", {"depth": values})
+    (found,) = with_prior([sparse(0.1)], tmp_path)
+    assert not found.map.known[:10, :5].any()
+    assert found.map.known.mean() > 0.98
+    np.testing.assert_allclose(found.map.depth[found.map.known], VIEW.map.depth[found.map.known], atol=1e-3)
+
+
 def test_a_view_of_which_nothing_is_known_has_no_predicted_depth(tmp_path: Path, caplog: pytest.LogCaptureFixture):
     write_exr(tmp_path / "v.exr", {"depth": VIEW.map.depth})
     (found,) = with_prior([sparse(0.0)], tmp_path)
