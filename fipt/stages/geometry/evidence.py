@@ -66,7 +66,10 @@ def regions(mesh: Mesh, plane: np.ndarray, known: SurfaceEvidence) -> list[dict[
     plane
         (T,) int64 number of each triangle's plane, -1 for none.
     """
-    label = np.where(plane >= 0, plane, plane.max(initial=-1) + 1 + connected_parts(mesh))
+    off = plane < 0
+    label = plane.copy()
+    if off.any():  # what stands on a plane is connected through it
+        label[off] = plane.max(initial=-1) + 1 + connected_parts(Mesh(mesh.vertices, mesh.triangles[off]))
     corners, areas = mesh.corners, mesh.areas
     area = np.bincount(label, areas)
     # thousands of regions of a million triangles: each takes its own, and none looks through all

@@ -6,7 +6,7 @@ import pytest
 from fipt.scene.depth_maps import DepthMap
 from fipt.scene.mesh import Mesh
 from fipt.stages.geometry.completion import Completed
-from fipt.stages.geometry.evidence import evidence, regions
+from fipt.stages.geometry.evidence import SurfaceEvidence, evidence, regions
 from fipt.stages.geometry.room_planes import RoomPlanes
 from fipt.stages.geometry.snapping import snapped
 from tests import scenes
@@ -87,3 +87,21 @@ def test_a_view_without_depth_says_that_nothing_is_known():
     share = support.share(mesh.areas)
     assert share["measured"] == share["completed"] == 0
     assert share["closed"] > 0.05
+
+
+def test_things_that_stand_separately_on_one_plane_are_regions_each():
+    x, y = np.meshgrid(np.linspace(0, 4, 41), np.linspace(0, 4, 41), indexing="ij")
+    height = np.zeros_like(x)
+    for center in (1, 3):
+        height = np.maximum(height, 0.5 - 2 * ((x - center) ** 2 + (y - center) ** 2))
+    vertices = np.stack([x, y, height], axis=-1).reshape(-1, 3).astype(np.float32)
+    at = np.arange(41 * 41, dtype=np.int32).reshape(41, 41)
+    a, b, c, d = at[:-1, :-1].ravel(), at[1:, :-1].ravel(), at[1:, 1:].ravel(), at[:-1, 1:].ravel()
+    mesh = Mesh(vertices, np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]))
+    plane = np.where((mesh.corners[..., 2] == 0).all(axis=1), 0, -1)
+    count = len(plane)
+    found = regions(mesh, plane, SurfaceEvidence(np.ones(count, np.int64), np.zeros(count, np.int64)))
+    assert [region["plane"] for region in found] == [0, None, None]
+    assert sorted(region["low"][0] < 2 for region in found[1:]) == [False, True]
+    for bump in found[1:]:
+        assert bump["high"][0] - bump["low"][0] < 1.2
