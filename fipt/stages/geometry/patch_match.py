@@ -42,13 +42,15 @@ class _Matching:
     texels: Any
     """Per source pixel the four values of the square right of and below it."""
     tables: Any
-    """Per source A, b, its columns and rows, and where its texels begin."""
+    """Per source A, b, its columns and rows."""
+    begins: Any
+    """Per source where its texels begin: float32 holds no odd number beyond 2^24."""
     count: int
     camera: Any
     noise: float
 
 
-_TABLE = 15
+_TABLE = 14
 
 
 def refine(
@@ -96,19 +98,20 @@ def refine(
 
 
 def _matching(dj: ModuleType, reference: StereoView, sources: Sequence[StereoView]) -> _Matching:
-    texels, tables, begin = [], [], 0
+    texels, tables = [], []
     for source in sources:
         light = np.pad(source.light, ((0, 1), (0, 1)), mode="edge")
         texels.append(np.stack([light[:-1, :-1], light[:-1, 1:], light[1:, :-1], light[1:, 1:]], -1).reshape(-1, 4))
         turn, shift = transfer(reference, source)
         rows, columns = source.light.shape
-        tables.append([*turn.ravel(), *shift, columns, rows, begin])
-        begin += rows * columns
+        tables.append([*turn.ravel(), *shift, columns, rows])
+    begins = np.cumsum([0, *(source.light.size for source in sources[:-1])], dtype=np.int32)
     matrix = reference.intrinsics
     rows, columns = reference.light.shape
     return _Matching(
         dj, columns, rows, dj.Float(reference.light.ravel()),
-        dj.Float(np.concatenate(texels).ravel()), dj.Float(np.array(tables, np.float32).ravel()), len(sources),
+        dj.Float(np.concatenate(texels).ravel()), dj.Float(np.array(tables, np.float32).ravel()), dj.Int32(begins),
+        len(sources),
         [matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]],
         max(reference.noise, *(source.noise for source in sources)) ** 2 + 1e-8,
     )  # fmt: skip
@@ -202,7 +205,8 @@ def _score(matching: _Matching, window: list[Any], x: Any, y: Any, plane: tuple[
         at = [t[3 * i] * u + t[3 * i + 1] * v + t[3 * i + 2] + t[9 + i] * q for i in range(3)]
         by_u = [t[3 * i] + t[9 + i] * along_u for i in range(3)]
         by_v = [t[3 * i + 1] + t[9 + i] * along_v for i in range(3)]
-        value = _correlation(matching, window, (at, by_u, by_v), t[12:], noise)
+        frame = [*t[12:], dr.gather(dj.Int32, matching.begins, s)]
+        value = _correlation(matching, window, (at, by_u, by_v), frame, noise)
         result = []
         for best in held:
             result.append(dr.maximum(best, value))
@@ -236,7 +240,7 @@ def _correlation(
         inside = ahead & (px >= 0) & (py >= 0) & (px <= columns - 1) & (py <= rows - 1)
         cx, cy = dr.floor(dr.select(inside, px, 0)), dr.floor(dr.select(inside, py, 0))
         fx, fy = px - cx, py - cy
-        place = dj.Int32(begin) + dj.Int32(cy) * dj.Int32(columns) + dj.Int32(cx)
+        place = begin + dj.Int32(cy) * dj.Int32(columns) + dj.Int32(cx)
         square = dr.gather(dj.Array4f, matching.texels, place, inside)
         upper, lower = dr.lerp(square[0], square[1], fx), dr.lerp(square[2], square[3], fx)
         b = dr.lerp(upper, lower, fy)

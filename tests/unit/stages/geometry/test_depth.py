@@ -12,6 +12,7 @@ from fipt.scene.cameras import Camera
 from fipt.scene.depth_maps import DepthMap
 from fipt.stages.geometry.depth import depth_maps
 from fipt.stages.geometry.neighbours import choose_again, choose_sources
+from fipt.stages.geometry.patch_match import _matching
 from fipt.stages.geometry.settings import DepthSettings
 from fipt.stages.geometry.stereo_view import StereoView, noise_of, normals_of, transfer
 
@@ -166,3 +167,13 @@ def test_views_without_texture_are_said_to_have_none(backend: Backend) -> None:
     settings = DepthSettings(rounds=1, later_rounds=1, nearest=2.0)
     with pytest.raises(FiptError, match="no texture was matched: in none of 3 views"):
         list(depth_maps(getattr(drjit, set_variant().name), views, settings))
+
+
+def test_texels_of_large_sources_are_found_where_they_begin(backend: Backend) -> None:
+    """Beyond 2^24 of them float32 holds no odd number."""
+    import drjit
+
+    small = StereoView(camera("a", 0.0), np.zeros((HEIGHT, WIDTH), np.float32), 1e-3)
+    large = StereoView(small.camera.resized(4099, 4097), np.zeros((4097, 4099), np.float32), 1e-3)
+    matching = _matching(getattr(drjit, set_variant().name), small, [large, small])
+    assert list(matching.begins) == [0, 4099 * 4097]
