@@ -52,7 +52,7 @@ SECTIONS: dict[str, Section] = {
     "fit": Section("fipt.stages.fit.settings:FitSettings", 14),
     "irradiance": Section("fipt.stages.irradiance.settings:IrradianceSettings", 1),
     "true_constants": Section("fipt.stages.true_constants.settings:TrueConstantsSettings", 2),
-    "inverse_trace": Section("fipt.stages.inverse_trace.settings:InverseTraceSettings", 3),
+    "inverse_trace": Section("fipt.stages.inverse_trace.settings:InverseTraceSettings", 4),
     "import_results": Section("fipt.stages.import_results.settings:ImportResultsSettings", 2),
     "review": Section("fipt.stages.emitters.settings:ReviewSettings", 3),
     "materials": Section("fipt.stages.render.settings:MaterialsSettings", 3),

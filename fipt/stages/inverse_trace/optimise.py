@@ -1,7 +1,8 @@
 """Materials and radiance of parts by Adam, L1 loss and gradients of path tracing.
 
 Base colour, roughness and metallic are logistic functions of what is optimised, radiance is an exponential. At first
-everything emits a little, so that no emitter has to be known. Halfway, what emits less than it reflects is dark.
+everything emits a little, so that no emitter has to be known. Halfway, what emits less than it reflects is dark, and so
+is what no pixel shows.
 """
 
 import logging
@@ -113,7 +114,7 @@ def optimise(
     with progress("inverse trace", settings.steps, " steps") as bar:
         for step in range(settings.steps):
             if step == settings.steps // 2:
-                found.emits &= found.values()["emission"].mean(axis=1) > 0.5 * seen
+                found.emits &= (seen > 0) & (found.values()["emission"].mean(axis=1) > 0.5 * seen)
                 log.info("%d of %d parts emit", found.emits.sum(), scene.count)
             scene.assign(found.values())
             chosen = rng.integers(0, len(pixels.view), settings.pixels)

@@ -61,13 +61,19 @@ def facing_viewers(mesh: Mesh, shards: Sequence[FootprintSamples]) -> Mesh:
     return Mesh(mesh.vertices, triangles.astype(np.int32))
 
 
-def seen_radiance(groups: PartGroups, shards: Sequence[FootprintSamples], radiance: Sequence[np.ndarray]) -> np.ndarray:
-    """(G,) median over the channels' mean radiance (P, 3) of the pixels that show each group; 0 where none does."""
+def seen_radiance(
+    groups: PartGroups, shards: Sequence[FootprintSamples], pixels: Sequence[tuple[np.ndarray, np.ndarray]]
+) -> np.ndarray:
+    """(G,) median over the channels' mean radiance of the pixels with weight that show each group; 0 where none does.
+
+    ``pixels`` are radiance (P, 3) and weight (P,) of each shard.
+    """
     level, group = [], []
-    for shard, values in zip(shards, radiance, strict=True):
+    for shard, (radiance, weight) in zip(shards, pixels, strict=True):
         pixel, first = centre_samples(shard)
-        group.append(groups.of_triangle[np.asarray(shard.triangle)[first]])
-        level.append(values[pixel].mean(axis=1))
+        counted = weight[pixel] > 0
+        group.append(groups.of_triangle[np.asarray(shard.triangle)[first[counted]]])
+        level.append(radiance[pixel[counted]].mean(axis=1))
     level, group = np.concatenate(level), np.concatenate(group)
     order = np.argsort(group, kind="stable")
     found = np.zeros(len(groups.segment))

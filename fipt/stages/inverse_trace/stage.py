@@ -46,7 +46,7 @@ def run(inputs: InverseTraceInputs, settings: "InverseTraceSettings") -> dict[st
     mesh, shards = data.mesh(), [read_samples(folder) for folder in inputs.samples]
     labels = part_labels(data, shards, part_segments(data))
     groups, pixels = PartGroups.of(labels), training_pixels(data, shards)
-    seen = seen_radiance(groups, shards, [pixels_of(data, shard)[0] for shard in shards])
+    seen = seen_radiance(groups, shards, [pixels_of(data, shard) for shard in shards])
     room, field = facing_viewers(mesh, shards), None
     if settings.field:
         center, side = scene_box(shards)

@@ -9,7 +9,7 @@ from fipt.model.parts import PartLabels
 from fipt.render.replay import PathBatch, ReplayScene
 from fipt.scene.cameras import Camera
 from fipt.stages.inverse_trace.optimise import optimise
-from fipt.stages.inverse_trace.parts import PartGroups, facing_viewers
+from fipt.stages.inverse_trace.parts import PartGroups, facing_viewers, seen_radiance
 from fipt.stages.inverse_trace.rays import TrainingPixels
 from fipt.stages.inverse_trace.settings import InverseTraceSettings
 from tests.scenes import cornell, samples_of, turned
@@ -77,21 +77,40 @@ class Cameras:
         return Camera(view, "train", 16, 12, 8.0, 8.0, 8.0, 6.0, pose)
 
 
-def test_a_room_is_found_again(scene):
+def training(radiance):
+    """All pixels of the views, with this radiance."""
     row, column = (np.tile(each, 6) for each in np.divmod(np.arange(16 * 12), 16))
     view = np.repeat(np.arange(6), 16 * 12)
-    none = np.zeros(len(view), bool)
-    blank = TrainingPixels(Cameras(), [str(k) for k in range(6)], view, row, column, np.zeros((len(view), 3)), none)
+    return TrainingPixels(Cameras(), "012345", view, row, column, radiance, np.zeros(len(view), bool))
+
+
+def test_a_room_is_found_again(scene):
+    blank = training(np.zeros((6 * 16 * 12, 3)))
     scene.assign(TRUE)
-    rays = blank.rays(np.arange(len(view)), 64, np.random.default_rng(1))
-    radiance = scene.radiance(rays, 3).reshape(-1, 64, 3).mean(axis=1)
-    pixels = TrainingPixels(Cameras(), blank.views, view, row, column, radiance, none)
+    rays = blank.rays(np.arange(len(blank.view)), 64, np.random.default_rng(1))
+    pixels = training(scene.radiance(rays, 3).reshape(-1, 64, 3).mean(axis=1))
     settings = InverseTraceSettings(steps=100, pixels=256, spp=2, max_depth=4, emission_rate=0.4, learning_rate=0.1)
     found = optimise(scene, pixels, np.array([0.3, 0.2, 0.2, 5.0, 60.0]), settings)
     assert found.emits[:4].tolist() == [False, False, False, True]  # the other emitter has hardly a pixel
     values = found.values()
     assert np.abs(values["base_color"] - TRUE["base_color"])[:2].mean() < 0.12
     assert np.abs(np.log(values["emission"][3] / TRUE["emission"][3])).max() < 0.4
+
+
+def test_groups_that_no_pixel_shows_are_dark(scene):
+    pixels = training(np.ones((6 * 16 * 12, 3), np.float32))
+    settings = InverseTraceSettings(steps=2, pixels=16, spp=1, max_depth=2)
+    assert optimise(scene, pixels, np.array([0.01, 0, 0.01, 0, 0]), settings).emits.tolist() == [1, 0, 1, 0, 0]
+
+
+def test_pixels_without_weight_say_nothing_of_a_group():
+    samples = samples_of(np.zeros((10, 3)), triangle=np.repeat([0, 1], 5))
+    radiance, weight = np.ones((10, 3), np.float32), np.ones(10, np.float32)
+    radiance[7:] = weight[7:] = 0
+    groups = PartGroups(np.array([1, 2]), np.array([0, 1]))
+    assert seen_radiance(groups, [samples], [(radiance, weight)]).tolist() == [1, 1]
+    weight[5:] = 0
+    assert seen_radiance(groups, [samples], [(radiance, weight)]).tolist() == [1, 0]
 
 
 def test_triangles_are_turned_to_their_viewers():
