@@ -324,13 +324,19 @@ class SceneMethods:
         if estimator == "imported":
             return
         yield from (f"samples.{shard}" for shard in every)
+        if own.segmentation.by_view():
+            yield from (f"segment.{shard}" for shard in train)
+        if own.segmentation.is_fused:
+            yield "fuse"
         if estimator in ("fit", "irradiance"):
             yield from ("environment", "cache", *(f"bake.round-0.{shard}" for shard in train))
         if estimator != "fit":
             yield estimator
             return
         for k in range(own.rounds + 1):
-            yield from (f"fit.round-{k}", f"emitters.round-{k}")
+            yield f"fit.round-{k}"
+            if k == 0 or own.settings["emitters"].every_round:
+                yield f"emitters.round-{k}"
             if own.segmentation.is_regrouped:
                 yield f"regroup.round-{k}"
             yield from (f"refine.round-{k}.{shard}" for shard in train if k)

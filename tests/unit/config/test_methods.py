@@ -134,6 +134,29 @@ def test_a_method_with_planted_errors_may_check_cameras_in_its_own_way():
     assert run.checks_poses is False
 
 
+def jobs(name, **keys):
+    """Jobs whose time a method bears."""
+    files = config(**keys).scenes["room"].methods.stats(name)
+    return [file.rpartition("/stats/")[2].removesuffix(".json") for file in files]
+
+
+def test_every_method_bears_the_time_of_the_segments_that_it_takes():
+    for name in ("fipt", "irradiance", "ipt-reimpl"):
+        seen = jobs(name, segment={"mode": "degraded"})
+        assert {"segment.train-000", "fuse"} <= set(seen)
+        assert "segment.val-000" not in seen
+        grown = jobs(name, segment={"mode": "geometry"})
+        assert "fuse" in grown
+        assert "segment.train-000" not in grown
+    given = {*jobs("fipt"), *jobs("no-segments", segment={"mode": "degraded"})}
+    assert not {"segment.train-000", "fuse"} & given
+
+
+def test_no_method_bears_the_time_of_emitters_that_it_does_not_take():
+    assert [job for job in jobs("paper") if job.startswith("emitters")] == ["emitters.round-0"]
+    assert [job for job in jobs("fipt") if job.startswith("emitters")] == [f"emitters.round-{k}" for k in range(3)]
+
+
 def test_an_imported_room_has_true_materials_where_its_layout_brings_them(tmp_path):
     for name in ("fipt-synthetic", "fipt-real", "nerfstudio"):
         WRITERS[name](tmp_path / name)
