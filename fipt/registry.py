@@ -64,7 +64,7 @@ SECTIONS: dict[str, Section] = {
     "metrics": Section("fipt.stages.evaluate.settings:MetricsSettings", 7),
     "findings": Section("fipt.stages.findings.settings:FindingsSettings", 5),
     "report": Section("fipt.stages.report.settings:ReportSettings", 5),
-    "compare": Section("fipt.stages.compare.settings:CompareSettings", 1),
+    "compare": Section("fipt.stages.compare.settings:CompareSettings", 2),
     "compare_page": Section("fipt.stages.report.settings:ComparePageSettings", 1),
 }
 """Section of the config -> its settings and version, in the order of the pipeline."""

@@ -15,6 +15,8 @@ RELIT = Column(
     text="Mean over the relight setups of a scene of the PSNR against its true pictures.",
 )
 """Scenes have other setups: over several of them, only the mean over setups can be compared."""
+_JOINED = ("inputs", "oracle", "not_estimated", "views", "findings")
+"""Lists of a row that hold what any scene says."""
 
 
 def across_rooms(tables: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
@@ -91,7 +93,17 @@ def _mean(rows: Sequence[Mapping[str, Any]], columns: Sequence[Column]) -> dict[
         column.key: mean_and_spread(_means([row["figures"][column.key]["values"][:seeds] for row in rows]))
         for column in columns
     }
-    return filled_row(rows[0], figures, seeds, rows[0]["random"])
+    return filled_row(_said(rows), figures, seeds, rows[0]["random"])
+
+
+def _said(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """What is said of a method in any of the scenes; an import may have other settings in each."""
+    joined: dict[str, Any] = {"label": " / ".join(dict.fromkeys(row["label"] for row in rows))}
+    for name in _JOINED:
+        known = [row[name] for row in rows if row[name] is not None]
+        every = [entry for entries in known for entry in entries]
+        joined[name] = [entry for k, entry in enumerate(every) if entry not in every[:k]] if known else None
+    return {**rows[0], **joined}
 
 
 def _means(rows: Sequence[Sequence[float | None]]) -> list[float | None]:

@@ -160,6 +160,24 @@ def test_the_mean_over_rooms_is_of_what_every_room_has():
         build_rooms(rooms["a"])
 
 
+@pytest.mark.parametrize("order", [("a", "b"), ("b", "a")])
+def test_a_row_of_the_mean_says_what_holds_in_any_room(order):
+    other = {"id": "other", "kind": "imported", "random": False}
+    scaled = other | {"label": "Other, 1 view only", "views": ["k"], "oracle": ["scale"], "not_estimated": ["metallic"]}
+    found = {"id": "moved", "kind": "sensitivity"}
+    rooms = {
+        "a": comparison([method(20.0), method(25.0, label="Other", **other), method(9.0, findings=[], **found)], {}),
+        "b": comparison([method(20.0), method(30.0, **scaled), method(9.0, findings=[{"id": "x"}], **found)], {}),
+    }
+    rows = {row["id"]: row for row in across_rooms({name: rooms[name] for name in order})["mean"]["methods"]}
+    row = rows["other"]
+    assert (row["oracle"], row["views"], row["not_estimated"]) == (["scale"], ["k"], ["metallic"])
+    assert set(row["label"].split(" / ")) == {"Other", "Other, 1 view only"}
+    assert not row["figures"]["kd_psnr"]["first"]
+    assert rows["fipt"]["figures"]["kd_psnr"]["first"]
+    assert (rows["moved"]["findings"], rows["fipt"]["findings"], rows["fipt"]["label"]) == ([{"id": "x"}], None, "This program")
+
+
 def test_every_column_reads_what_is_scored():
     found = method(20.0)["figures"]
     assert {column.place[1] for column in COLUMNS} <= set(found)
