@@ -61,7 +61,7 @@ SECTIONS: dict[str, Section] = {
     "video": Section("fipt.stages.render.settings:VideoSettings", 2),
     "olat": Section("fipt.stages.render.settings:OlatSettings", 3),
     "export": Section("fipt.stages.export.settings:ExportSettings", 6),
-    "metrics": Section("fipt.stages.evaluate.settings:MetricsSettings", 7),
+    "metrics": Section("fipt.stages.evaluate.settings:MetricsSettings", 8),
     "findings": Section("fipt.stages.findings.settings:FindingsSettings", 5),
     "report": Section("fipt.stages.report.settings:ReportSettings", 5),
     "compare": Section("fipt.stages.compare.settings:CompareSettings", 2),

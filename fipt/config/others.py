@@ -64,6 +64,11 @@ class OutputsOfOthers:
         folder = self._setups.references().get(setup)
         return ["--reference", f"{setup}={folder}"] if folder and "relight" in self._found().images else []
 
+    def setups(self) -> list[str]:
+        """The setup that was relit, if there is truth of it: images of an earlier one do not count."""
+        relit = "relight" in self._found().images
+        return [name for name in self._setups.with_truth() if relit and name == self._settings.setup]
+
     def photographs(self) -> list[str]:
         """Photographs under the setup that was relit."""
         return list((self._photographed() or {}).values()) if self.compared() else []

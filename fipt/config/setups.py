@@ -53,11 +53,17 @@ class SceneSetups:
 
     def with_truth(self) -> list[str]:
         """Setups of which there can be true images: views of a known room, whose segments are parts of its mesh."""
-        return [name for name in self.of_views() if not self._names_fused(name)] if self._has_truth else []
+        if not self._has_truth or not self.views():
+            return []
+        return [name for name in self.of_views() if not self._names_fused(name)]
 
     def _names_fused(self, setup: str) -> bool:
         """Whether a setup chooses segments that are fused from the views, not connected parts of the mesh."""
         return self.given[setup].chooses_segments and self._segmentation.is_fused
+
+    def views(self) -> list[str]:
+        """Views that setups without cameras of their own relight."""
+        return [view for own in self._views.shards(self._place.settings["relight"].split).values() for view in own]
 
     # --- one setup
 
@@ -154,8 +160,7 @@ class SceneSetups:
         """
         from fipt.scene.references import reference_files
 
-        views = [view for shard in self._views.shards(self._place.settings["relight"].split).values() for view in shard]
-        folders = self.references().values()
+        folders, views = self.references().values(), self.views()
         return [str(path) for folder in folders for path in reference_files(folder, views).values()]
 
     def check(self) -> None:

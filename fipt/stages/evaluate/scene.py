@@ -2,7 +2,7 @@
 
 import json
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -94,9 +94,9 @@ def _rendered(path: Path, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def render_figures(
-    data: Dataset, folder: Path, split: str, fit_exposure: bool, partial: bool = False
+    data: Dataset, folder: Path, counted: list[str], fit_exposure: bool, partial: bool = False
 ) -> dict[str, Any]:
-    """PSNR of re-rendered views; None where the split was not rendered. ``partial``: some views may lack."""
+    """PSNR of re-rendered views; None where none of the ``counted`` is there. ``partial``: some views may lack."""
 
     def pairs() -> Iterator[tuple[str, np.ndarray, np.ndarray, np.ndarray]]:
         for view in views:
@@ -104,7 +104,7 @@ def render_figures(
             valid = valid * ~data.clipped(view)  # a lower bound is nothing to compare with
             yield view, _rendered(folder / f"{view}.exr", photo.shape), photo, valid
 
-    views = _rendered_views(folder, data.views(split), "fipt render", partial)
+    views = _rendered_views(folder, counted, "fipt render", partial)
     exposure = RenderExposure()
     if fit_exposure:
         for _, image, photo, valid in pairs():
@@ -123,8 +123,10 @@ def _mean(per_view: dict[str, float | None]) -> float | None:
     return sum(values) / len(values) if values else None
 
 
-def relight_figures(data: Dataset, folder: Path, setups: Sequence[str] | None = None) -> dict[str, Any]:
-    """PSNR of the light setups that the dataset has truth for; of these names only, where they are given.
+def relight_figures(
+    data: Dataset, folder: Path, counted: Collection[str], setups: Sequence[str] | None = None
+) -> dict[str, Any]:
+    """PSNR of the ``counted`` views under the light setups that the dataset has truth for, or under those named.
 
     Raises
     ------
@@ -143,7 +145,7 @@ def relight_figures(data: Dataset, folder: Path, setups: Sequence[str] | None = 
     for truth in known.values():
         if setups is not None and truth.name not in setups:
             continue  # of a setup that is no more, or has cameras of its own now
-        shown = [camera for camera in data.cameras if (truth / f"{camera.name}.exr").is_file()]
+        shown = [each for each in data.cameras if each.name in counted and (truth / f"{each.name}.exr").is_file()]
         _tell_missing(data, folder / truth.name, [camera.name for camera in shown])
         per_view = {}
         for camera in shown:
@@ -170,7 +172,7 @@ def _tell_missing(data: Dataset, folder: Path, known: Sequence[str]) -> None:
             )  # fmt: skip
 
 
-def reference_figures(data: Dataset, folder: Path, reference: Path) -> dict[str, Any]:
+def reference_figures(data: Dataset, folder: Path, reference: Path, counted: Collection[str]) -> dict[str, Any]:
     """PSNR of a light setup's views against photographs of the room under that light.
 
     Parameters
@@ -179,8 +181,10 @@ def reference_figures(data: Dataset, folder: Path, reference: Path) -> dict[str,
         The relit views.
     reference
         Photographs named as these, all of one unknown exposure; views without one are left out.
+    counted
+        Views that count.
     """
-    relit = [camera.name for camera in data.cameras if (folder / f"{camera.name}.exr").is_file()]
+    relit = [each.name for each in data.cameras if each.name in counted and (folder / f"{each.name}.exr").is_file()]
     if not relit:
         raise FiptError(f"{folder} has no relit view to compare with {reference}", "run fipt relight first")
     photographs = reference_files(reference, relit)

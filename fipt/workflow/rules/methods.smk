@@ -190,12 +190,14 @@ rule metrics_of_others:
         materials=folder("results/{scene}/materials"),
         render=folder("results/{scene}/render"),
         relight=folder("results/{scene}/relight"),
+        setups=listed("others.setups"),
         reference=ask("others.compared"),
         settings=settings("metrics"),
         version=VERSIONS["metrics"],
     shell:
         "fipt metrics --dataset {params.dataset:q} --materials {params.materials:q} --render {params.render:q}"
-        " --relight {params.relight:q} {params.reference:q} --partial --out {output.metrics:q}"
+        " --relight {params.relight:q} --setups={params.setups:q} {params.reference:q} --partial"
+        " --out {output.metrics:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"
 
 

@@ -38,14 +38,16 @@ rule scene_metrics:
         samples=folders_of("samples"),
         materials=folder("results/{scene}/materials"),
         render=folder("results/{scene}/render"),
+        rendered=ask("views.held_out"),
         relight=folder("results/{scene}/relight"),
         setups=listed("setups.with_truth"),
+        relit=listed("setups.views"),
         references=ask("setups.reference_options"),
         settings=settings("metrics"),
         version=VERSIONS["metrics"],
     shell:
         "fipt metrics --dataset {params.dataset:q} --samples {params.samples:q}"
-        " --materials {params.materials:q} --render {params.render:q} --relight {params.relight:q}"
-        " --setups={params.setups:q} {params.references:q}"
+        " --materials {params.materials:q} --render {params.render:q} --rendered={params.rendered:q}"
+        " --relight {params.relight:q} --setups={params.setups:q} --relit={params.relit:q} {params.references:q}"
         " --emitters {input.emitters:q} --out {output.metrics:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

@@ -352,6 +352,16 @@ def test_setups_are_seen_by_views_or_by_cameras_of_their_own():
     assert room.setups.joined() == ["results/room/relight/walk.manifest.json"]
     assert room.setups.seen("walk") == ["results/room/relight/walk.camera-000.manifest.json"]
     assert room.setups.truth() == ["results/room/dataset/relight_truth.night.val-000.manifest.json"]
+    assert room.setups.views() == ["val_000"]
+    every = scene(setups={"night": {}}, relight={"split": "all"}).setups.views()
+    assert every == scene().views.of("train", "val")
+
+
+def test_setups_that_no_view_sees_have_no_truth(monkeypatch):
+    """As in a room without held-out views: there is nothing to compare."""
+    room = scene(setups={"night": {}})
+    monkeypatch.setattr("fipt.config.views.SceneViews.of", lambda *_: [])
+    assert room.setups.with_truth() == []
 
 
 def test_what_is_read_late_is_looked_for_early(tmp_path):

@@ -75,6 +75,28 @@ def test_relit_views_that_are_missing_are_told(results, caplog):
     assert "lacks 1 of 2 views of which there is truth (b); its mean leaves them out" in caplog.text
 
 
+def test_images_of_an_earlier_plan_do_not_count(results):
+    """View b was held out and rendered, as all views were relit; c alone is now."""
+    write_exr(results / "render" / "b.exr", {"": np.zeros((HEIGHT, WIDTH, 3), np.float32)})
+    truth, relit = (results / place / "dim" for place in ("dataset/relight_truth", "relight"))
+    photos = results.parent / "photos"
+    for name in "abc":
+        write_exr(photos / f"{name}.exr", {"": read_rgb(relit / "c.exr")})
+    for name in "ab":
+        write_exr(truth / f"{name}.exr", {"": read_rgb(truth / "c.exr")})
+        write_exr(relit / f"{name}.exr", {"": np.zeros((HEIGHT, WIDTH, 3), np.float32)})
+    counted = ("--rendered", "c", "--relight", results / "relight", "--relit", "c")
+    assert run(results, *counted) == 0
+    assert read(results)["relight"]["dim"]["relight_psnr_views"] == {"c": 100.0}
+    assert read(results)["train"]["render_psnr"] is None
+    assert read(results)["val"]["render_psnr_views"] == {"c": 100.0}
+    assert run(results, *counted, "--reference", f"dim={photos}") == 0
+    assert read(results)["relight"]["dim"]["relight_psnr_views"] == {"c": 100.0}
+    assert run(results, "--rendered", "") == 0
+    assert read(results)["val"]["render_psnr"] is None
+    assert run(results, "--rendered", "x") == 2
+
+
 def test_emitting_triangles_are_judged_by_what_pixels_see(results):
     assert run(results, "--samples", results / "samples" / "train-000") == 0
     emitters = read(results)["emitters"]

@@ -104,3 +104,12 @@ def test_the_card_says_what_a_room_lacks(room):  # noqa: F811
     assert own.compared() == ["--reference", f"evening={room / 'photos'}"]
     assert own.photographs() == [str(room / "photos/val_001.exr")]
     assert own.files() == [str(room / "relight/li22/room/001.exr")]
+
+
+def test_only_the_setup_that_was_relit_last_counts(room):  # noqa: F811
+    """The setup of the card was corrected: what was relit under the other one stays in the run's folder."""
+    setups = {"evening": {}, "blue": {}}
+    write(room, "relight/li22/room/001.exr", np.ones((4, 4, 3)))
+    given = {"path": str(room), "only": ["val_001"]}
+    assert methods(setups, **given, setup="blue").run("single-view").others.setups() == ["blue"]
+    assert methods(setups, **given).run("single-view").others.setups() == []
