@@ -50,7 +50,7 @@ SECTIONS: dict[str, Section] = {
     "emitters": Section("fipt.stages.emitters.settings:EmittersSettings", 21),
     "regroup": Section("fipt.stages.segment.settings:RegroupSettings", 12),
     "fit": Section("fipt.stages.fit.settings:FitSettings", 14),
-    "irradiance": Section("fipt.stages.irradiance.settings:IrradianceSettings", 1),
+    "irradiance": Section("fipt.stages.irradiance.settings:IrradianceSettings", 2),
     "true_constants": Section("fipt.stages.true_constants.settings:TrueConstantsSettings", 2),
     "inverse_trace": Section("fipt.stages.inverse_trace.settings:InverseTraceSettings", 4),
     "import_results": Section("fipt.stages.import_results.settings:ImportResultsSettings", 2),

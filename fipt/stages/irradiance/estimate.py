@@ -24,8 +24,11 @@ _GREY = 0.5
 
 
 def threshold_emitters(mesh: Mesh, shards: Sequence[ObservedShard], threshold: float) -> Emitters:
-    """Triangles whose median brightest channel exceeds ``threshold``; a connected emitter has its median radiance."""
-    radiance, _, triangle = observed(shards)
+    """Triangles whose median brightest channel exceeds ``threshold``; a connected emitter has its median radiance.
+
+    Clipped pixels count: what is at least that bright is above the threshold all the more.
+    """
+    radiance, _, triangle = observed(shards, clipped=True)
     shown, index = np.unique(triangle, return_inverse=True)
     brightest = median(radiance.max(axis=1), index, np.arange(len(shown))) if len(shown) else np.zeros(0)
     chosen = shown[brightest > threshold]
@@ -39,7 +42,7 @@ def threshold_emitters(mesh: Mesh, shards: Sequence[ObservedShard], threshold: f
 
 def albedo_of_parts(labels: PartLabels, shards: Sequence[ObservedShard], emitters: Emitters) -> PartMaterials:
     """Median of radiance over diffuse shading of every part, in [0, 1]; roughness 1 and metallic 0 are assumed."""
-    radiance, diffuse, triangle = observed(shards)
+    radiance, diffuse, triangle = observed(shards, clipped=False)
     part = labels.of_triangle[triangle]
     lit = (diffuse.min(axis=1) > _DARK) & ~np.isin(triangle, emitters.triangle)
     count = labels.count
@@ -50,12 +53,15 @@ def albedo_of_parts(labels: PartLabels, shards: Sequence[ObservedShard], emitter
     return PartMaterials(labels, Brdf(np.float32(albedo.clip(0, 1)), ones, 0 * ones))
 
 
-def observed(shards: Sequence[ObservedShard]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Radiance (N, 3), diffuse shading (N, 3) and triangle (N,) of pixels that one piece of surface fills."""
+def observed(shards: Sequence[ObservedShard], clipped: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Radiance (N, 3), diffuse shading (N, 3) and triangle (N,) of pixels that one piece of surface fills.
+
+    With ``clipped`` also those whose radiance is only a lower bound.
+    """
     found = []
     for shard in shards:
         pixel, sample = centre_samples(shard.samples)
-        whole = (shard.weight[pixel] > 0) & ~shard.clipped[pixel]
+        whole = (shard.weight[pixel] > 0) & (clipped | ~shard.clipped[pixel])
         whole &= np.asarray(shard.samples.weight)[sample] >= ALONE
         pixel, sample = pixel[whole], sample[whole]
         triangle = np.asarray(shard.samples.triangle)[sample].astype(np.int64)

@@ -1,5 +1,7 @@
 """Albedo as radiance over irradiance, where it is known; emitters by a threshold."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from fipt.conventions import SHADING_OUTPUTS
@@ -41,6 +43,18 @@ def test_a_triangle_emits_where_most_of_its_pixels_are_bright():
     np.testing.assert_allclose(emitters.radiance, [[9, 7, 5]])
     np.testing.assert_allclose(emitters.area, mesh.areas[[10]])
     assert len(threshold_emitters(mesh, shards(), 100.0).triangle) == 0
+
+
+def test_clipped_pixels_tell_emitters_and_no_albedo():
+    (shard,) = shards()
+    lamp = [replace(shard, clipped=np.repeat(np.arange(12), 5) == 10)]
+    assert threshold_emitters(scenes.box((0, 0, 0), (1, 1, 1)), lamp, 4.0).triangle.tolist() == [10]
+    labels = PartLabels(np.int32([1] + [2] * 11), np.zeros((1, 3), np.float32), np.int32([1]))
+    radiance = np.array(shard.radiance)
+    radiance[:3] = 9  # most pixels of part 1, unless clipped ones are left out
+    clipped = [replace(shard, radiance=radiance, clipped=np.arange(60) < 3)]
+    brdf = albedo_of_parts(labels, clipped, Emitters.none()).brdf
+    np.testing.assert_allclose(brdf.base_color[1], ALBEDO[0], rtol=1e-6)
 
 
 def test_albedo_is_the_median_over_the_pixels_of_a_part():
