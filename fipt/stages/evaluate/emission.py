@@ -6,26 +6,31 @@ from typing import Any
 import numpy as np
 
 
-def emitting_triangles(triangles: int, views: Iterable[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
-    """Which triangles emit in truth, and which are seen, by what pixel centres show.
+def emitting_triangles(
+    triangles: int, views: Iterable[tuple[np.ndarray, np.ndarray | None]]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Which triangles emit in truth, which are seen, and of which there is truth, by what pixel centres show.
 
     Parameters
     ----------
     triangles
         Number of triangles of the mesh.
     views
-        Pairs of (n,) triangle ids at pixel centres and (n,) bool, whether that pixel truly emits.
+        Pairs of (n,) triangle ids at pixel centres and (n,) bool, whether that pixel truly emits; None: no truth.
 
     Returns
     -------
-    emitting, seen : (triangles,) bool
-        A triangle emits if more than half of the pixel centres that see it emit.
+    emitting, seen, judged : (triangles,) bool
+        A triangle emits if more than half of the pixel centres that see it, in views with truth, emit.
     """
-    seen, emitting_pixels = np.zeros(triangles, np.int64), np.zeros(triangles, np.int64)
+    seen, judged, emitting_pixels = np.zeros((3, triangles), np.int64)
     for ids, emitting in views:
-        seen += np.bincount(ids, minlength=triangles)
-        emitting_pixels += np.bincount(ids[emitting], minlength=triangles)
-    return 2 * emitting_pixels > seen, seen > 0
+        count = np.bincount(ids, minlength=triangles)
+        seen += count
+        if emitting is not None:
+            judged += count
+            emitting_pixels += np.bincount(ids[emitting], minlength=triangles)
+    return 2 * emitting_pixels > judged, seen > 0, judged > 0
 
 
 def emitted_ratios(views: Iterable[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> dict[str, float | None]:
@@ -52,7 +57,11 @@ def emitted_ratios(views: Iterable[tuple[np.ndarray, np.ndarray, np.ndarray]]) -
 
 
 def triangle_figures(
-    found: np.ndarray, truth: np.ndarray | None, areas: np.ndarray, seen: np.ndarray | None = None
+    found: np.ndarray,
+    truth: np.ndarray | None,
+    areas: np.ndarray,
+    seen: np.ndarray | None = None,
+    unknown: np.ndarray | None = None,
 ) -> dict[str, Any]:
     """Compare the triangles found to emit with the true ones.
 
@@ -66,6 +75,8 @@ def triangle_figures(
         (T,) areas, square metres.
     seen
         (T,) bool, triangles that some pixel sees; a true one that none sees cannot be missed.
+    unknown
+        (T,) bool, triangles of which ``truth`` says nothing: they are not false.
 
     Returns
     -------
@@ -80,7 +91,7 @@ def triangle_figures(
         visible = truth if seen is None else truth & seen
         sets = {
             "true": truth,
-            "false": found_mask & ~truth,
+            "false": found_mask & ~truth if unknown is None else found_mask & ~truth & ~unknown,
             "missed": visible & ~found_mask,
             "unseen": None if seen is None else truth & ~seen,
         }

@@ -224,11 +224,12 @@ def reference_figures(data: Dataset, folder: Path, reference: Path, counted: Col
 def emitter_figures(data: Dataset, path: Path, samples: list[Path]) -> dict[str, Any]:
     """Found, false and missed emitting triangles; emitting area and flux over the true ones."""
     found, areas = load_npz(path), data.mesh().areas
-    seen = truth = None
+    seen = truth = unknown = None
     shown = {"emitted_area": None, "emitted_flux": None}
     if samples:
-        majority, seen = emitting_triangles(len(areas), _centre_triangles(data, samples))
-        truth = majority if any((data.root / "truth").glob("*.exr")) else None
+        majority, seen, judged = emitting_triangles(len(areas), _centre_triangles(data, samples))
+        if judged.any():
+            truth, unknown = majority, seen & ~judged
         shown = emitted_ratios(_seen_emission(data, samples, found))
     source = "pixel centres that see them" if truth is not None else None
     room = data.root / "room.json"
@@ -238,11 +239,11 @@ def emitter_figures(data: Dataset, path: Path, samples: list[Path]) -> dict[str,
             log.warning("%s is of another mesh than mesh.ply: emitting triangles are judged by pixels", room)
         else:
             truth = np.zeros(len(areas), bool)
-            truth[ids] = True
+            truth[ids], unknown = True, None
             source = "room.json"
     return {
         "emitters": len(np.unique(found["emitter"])),
-        **triangle_figures(found["triangle"], truth, areas, seen),
+        **triangle_figures(found["triangle"], truth, areas, seen, unknown),
         "truth_from": source,
         **shown,
     }
@@ -296,18 +297,19 @@ def _room_triangles(path: Path, areas: np.ndarray) -> np.ndarray | None:
     return ids if all(alike) else None
 
 
-def _centre_triangles(data: Dataset, folders: list[Path]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """For every view: triangles at pixel centres that hit, and whether these pixels truly emit."""
+def _centre_triangles(data: Dataset, folders: list[Path]) -> Iterator[tuple[np.ndarray, np.ndarray | None]]:
+    """For every view: triangles at pixel centres that hit, and whether these pixels truly emit, if there is truth."""
     for folder in folders:
         shard = read_samples(folder)
         for index, view in enumerate(shard.views):
+            if view in data.rejected:
+                continue
             pixels = shard.pixels(index)
             hit = shard.center[pixels] > 0
             # The first hit of such a pixel is the surface at its centre.
             ids = shard.triangle[shard.offsets[pixels][hit]].astype(np.int64)
             truth = data.truth(view)
-            emitting = np.zeros(len(ids), bool) if truth is None else emits(truth).ravel()[hit]
-            yield ids, emitting
+            yield ids, None if truth is None else emits(truth).ravel()[hit]
 
 
 def rounded(value: Any) -> Any:

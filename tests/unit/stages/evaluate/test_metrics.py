@@ -231,9 +231,10 @@ def test_exposure_is_found_from_unclipped_pixels():
 def test_triangles_emit_by_majority_of_the_pixels_that_see_them():
     ids = np.array([0, 0, 0, 1, 1, 2])
     shining = np.array([True, True, False, True, False, False])
-    emitting, seen = emitting_triangles(4, [(ids, shining)])
+    emitting, seen, judged = emitting_triangles(4, [(ids, shining), (np.array([0, 0, 3]), None)])
     assert emitting.tolist() == [True, False, False, False]
-    assert seen.tolist() == [True, True, True, False]
+    assert seen.tolist() == [True] * 4
+    assert judged.tolist() == [True, True, True, False]
 
 
 def test_false_missed_and_unseen_triangles():

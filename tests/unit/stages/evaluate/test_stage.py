@@ -1,6 +1,7 @@
 """``fipt metrics`` on a tiny results folder."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,8 @@ from fipt.formats.arrays import load_npz, save_npz
 from fipt.formats.exr import read_rgb, write_exr
 from fipt.formats.files import write_text
 from fipt.scene.emitters import BACK, FRONT
-from tests.fake_results import HEIGHT, WIDTH, maps, write_maps, write_results
+from fipt.scene.samples import write_samples
+from tests.fake_results import HEIGHT, WIDTH, maps, samples, write_maps, write_results
 
 
 def run(root, *more):
@@ -103,6 +105,28 @@ def test_emitting_triangles_are_judged_by_what_pixels_see(results):
     assert emitters["truth_from"] == "pixel centres that see them"
     assert (emitters["true_triangles"], emitters["found_triangles"]) == (1, 2)
     assert (emitters["false_triangles"], emitters["missed_triangles"]) == (1, 0)
+
+
+def test_views_without_truth_do_not_say_that_a_triangle_is_dark(results):
+    """The lamp is seen by three views, and two of them, then all, have no truth; triangle 2 is seen by none."""
+    (results / "samples" / "val-000").mkdir()
+    write_samples(results / "samples" / "val-000", samples(["c"]))
+    every = ("--samples", f"{results / 'samples' / 'train-000'},{results / 'samples' / 'val-000'}")
+    names = ("true_triangles", "false_triangles", "missed_triangles")
+    truth = results / "dataset" / "truth"
+    for view in "ab":
+        (truth / f"{view}.exr").unlink()
+        assert run(results, *every) == 0
+        assert [read(results)["emitters"][name] for name in names] == [1, 1, 0]
+    beside = samples(["c"])  # another one is seen in the lamp's place
+    beside = replace(beside, triangle=np.where(beside.triangle == 0, 3, beside.triangle))
+    write_samples(results / "samples" / "val-000", beside)
+    write_maps(truth / "c.exr", maps() | {"emission_mask": np.zeros((HEIGHT, WIDTH), np.float32)})
+    assert run(results, *every) == 0
+    assert [read(results)["emitters"][name] for name in names] == [0, 1, 0]  # of the lamp nothing is known
+    (truth / "c.exr").unlink()
+    assert run(results, *every) == 0
+    assert [read(results)["emitters"][name] for name in names] == [None] * 3
 
 
 def test_light_on_the_other_side_is_not_what_views_see(results):
