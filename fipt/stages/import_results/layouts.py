@@ -81,8 +81,14 @@ def _checked(values: np.ndarray, name: str, path: Path, shape: tuple[int, int]) 
     return values
 
 
-def scaled_to(values: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    """Values times the factor that gives them the energy of the truth over its darkest 95 %; (H, W, 3) both."""
-    dark = truth <= np.quantile(truth, 0.95)
+def scaled_to(values: np.ndarray, truth: np.ndarray, counted: np.ndarray | None = None) -> np.ndarray:
+    """Values times the factor that gives them the energy of the truth over its darkest 95 %; (H, W, 3) both.
+
+    Pixels that are not ``counted`` (H, W) bool do not matter.
+    """
+    use = np.ones(truth.shape, bool) if counted is None else np.broadcast_to(counted[..., None], truth.shape)
+    if not use.any():
+        return values
+    dark = use & (truth <= np.quantile(truth[use], 0.95))
     energy = float(values[dark].sum(dtype=np.float64))
     return values * np.float32(truth[dark].sum(dtype=np.float64) / energy) if energy > 0 else values

@@ -61,7 +61,7 @@ def run(inputs: ImportResultsInputs, settings: "ImportResultsSettings") -> dict[
         raise FiptError(f"{settings.path} holds no outputs of this scene", "check path, method and scene of the card")
     shards = [read_samples(folder) for folder in inputs.samples]
     folders = {"materials": material_layers(data, shards, found, settings)}
-    folders["render"] = shown_images(data, found, "viewsynthesis", data.root / "images", settings.scaled)
+    folders["render"] = shown_images(data, found, "viewsynthesis", None, settings.scaled)
     if settings.setup:
         folders[f"relight/{settings.setup}"] = shown_images(data, found, "relight", truth, settings.scaled)
     warnings = check_not_blank(folders)

@@ -63,7 +63,7 @@ def _compare_depth(given: np.ndarray, shard: FootprintSamples, index: int, camer
 
 
 def shown_images(
-    data: Dataset, found: OtherResults, kind: str, truth: Path, scaled: bool
+    data: Dataset, found: OtherResults, kind: str, truth: Path | None, scaled: bool
 ) -> dict[str, dict[str, np.ndarray]]:
     """View -> its image (H, W, 3) under ``""``; empty where none are given.
 
@@ -72,12 +72,16 @@ def shown_images(
     kind
         ``viewsynthesis`` or ``relight``.
     truth
-        Folder of the true images, to which they are ``scaled``.
+        Folder of the true images, to which they are ``scaled``; None: to the photographs, where these say something.
     """
     result = {}
     for view, path in found.images.get(kind, {}).items():
         camera = data.camera(view)
         image = image_of(path, (camera.height, camera.width))
-        true = truth / f"{view}.exr"
-        result[view] = {"": scaled_to(image, read_rgb(true)) if scaled and true.is_file() else image}
+        if scaled and truth is None:
+            photo, valid = data.image(view)
+            image = scaled_to(image, photo, (valid > 0) & ~data.clipped(view))
+        elif scaled and truth is not None and (true := truth / f"{view}.exr").is_file():
+            image = scaled_to(image, read_rgb(true))
+        result[view] = {"": image}
     return result

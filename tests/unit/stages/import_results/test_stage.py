@@ -8,9 +8,10 @@ import pytest
 
 from fipt.cli.main import main
 from fipt.config import load
+from fipt.conventions import FLAG_SATURATED
 from fipt.errors import FiptError
 from fipt.formats.arrays import save_npz
-from fipt.formats.exr import write_exr
+from fipt.formats.exr import read_rgb, write_exr
 from fipt.scene.dataset import Dataset, read_layers, write_views
 from fipt.scene.samples import write_samples
 from fipt.stages.import_results.layouts import scaled_to
@@ -111,6 +112,23 @@ def test_scaling_takes_the_energy_of_the_dark_values(room):
     call(room, {"method": "theirs", "scaled": True})
     view = Dataset(room / "room").views("train")[0]
     assert read_layers(room / "run" / "materials" / f"{view}.exr")["kd"][0, 0] == pytest.approx([KD] * 3, rel=1e-3)
+
+
+@pytest.mark.parametrize("fill", [np.nan, 0.0, 0.9])
+def test_scaling_leaves_out_what_the_photograph_does_not_show(room, fill):
+    """Four rows are masked, and one pixel is clipped."""
+    data = Dataset(room / "room")
+    (view,) = data.views("val")
+    photo = data.image(view)[0] + np.float32(0.1)
+    height, width = photo.shape[:2]
+    write_exr(room / "viewsynthesis" / "theirs" / "kitchen" / "000.exr", {"": 2 * photo})
+    valid, flags = np.ones((height, width), np.float32), np.zeros((height, width), np.uint32)
+    valid[:4], flags[5, 5] = 0, FLAG_SATURATED
+    shown = photo.copy()
+    shown[:4], shown[5, 5] = fill, 0.01
+    write_exr(room / "room" / "images" / f"{view}.exr", {"": shown, "valid.Y": valid, "flags.Y": flags})
+    call(room, {"method": "theirs", "scaled": True})
+    np.testing.assert_allclose(read_rgb(room / "run" / "render" / f"{view}.exr"), photo, rtol=2e-3)
 
 
 def test_bad_files_are_one_line_and_write_nothing(room, capsys):
