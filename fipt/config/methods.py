@@ -342,12 +342,13 @@ class SceneMethods:
             yield from (f"refine.round-{k}.{shard}" for shard in train if k)
 
     def shown(self) -> list[str]:
-        """Manifests of the maps and renderings of the first seed of every method, and of their truth."""
+        """Manifests of the maps and renderings of the first seed of every method, their figures, and their truth."""
         scene, found = self._scene, []
         for run in self.runs():
             if run.seed:
                 continue
             own = scene if run.method == OWN else self.run(run.name)
+            found.append(own.layout.metrics)
             if own.estimator == "imported":
                 found.append(own.layout.results_of_others)
                 continue

@@ -12,6 +12,7 @@ from fipt.formats.images import srgb_encode
 from fipt.scene import display
 from fipt.scene.dataset import Dataset, read_layers
 from fipt.stages.report import images
+from fipt.stages.report.files import read_figures
 from fipt.stages.report.images import EmbeddedImage
 from fipt.stages.report.page import filled
 from fipt.stages.report.plots import change_plots, sensitivity_series
@@ -25,7 +26,7 @@ _PLAIN = ("roughness", "metallic")
 class Quantity:
     """What a figure shows: its name, where it lies below a run's folder, and the truth of it by view.
 
-    ``emits`` (H, W) bool, by view: pixels that emit in truth, where materials are not judged.
+    ``left_out`` (H, W) bool, by view: pixels that are not judged, as those that emit in truth are not for materials.
     """
 
     key: str
@@ -34,7 +35,7 @@ class Quantity:
     layer: str
     truth: Mapping[str, np.ndarray]
     exposure: float = 1.0
-    emits: Mapping[str, np.ndarray] = field(default_factory=dict)
+    left_out: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def read(self, results: Path, view: str) -> np.ndarray | None:
         """(H, W) or (H, W, 3) estimate of a run; None where there is none."""
@@ -107,19 +108,24 @@ def bars(table: Mapping[str, Any]) -> dict[str, dict[str, float]]:
 
 def _quantities(data: Dataset, views: Sequence[str]) -> Iterator[Quantity]:
     """What there is a truth of, in these views."""
+    photos, masked, unknown = {}, {}, {}
+    for view in views:
+        photos[view], valid = data.image(view)
+        masked[view] = valid <= 0
+        unknown[view] = masked[view] | data.clipped(view)
     truth = {view: layers for view in views if (layers := data.truth(view)) is not None}
     emits = {view: layers["emission"].max(axis=-1) > 0 for view, layers in truth.items() if "emission" in layers}
+    unjudged = {view: masked[view] | emits.get(view, False) for view in truth}
     for layer, label in _LAYERS.items():
         known = {view: layers[layer] for view, layers in truth.items() if layer in layers}
         if known:
-            yield Quantity(layer, label, "materials", layer, known, emits=emits)
+            yield Quantity(layer, label, "materials", layer, known, left_out=unjudged)
     known = {view: layers["emission"] for view, layers in truth.items() if "emission" in layers}
     brightest = max((float(values.max()) for values in known.values()), default=0.0)
     if brightest > 0:
-        yield Quantity("emission", "Emission", "materials", "emission", known, 1 / brightest)
-    photos = {view: data.image(view)[0] for view in views}
+        yield Quantity("emission", "Emission", "materials", "emission", known, 1 / brightest, masked)
     exposure = display.common_exposure(photos.values())
-    yield Quantity("render", "Re-rendering", "render", "", photos, exposure)
+    yield Quantity("render", "Re-rendering", "render", "", photos, exposure, unknown)
     for folder in sorted((data.root / "relight_truth").glob("*/")):
         relit = {view: read_rgb(path) for view in views if (path := folder / f"{view}.exr").is_file()}
         if relit:
@@ -137,20 +143,24 @@ def _figure(
     for row in methods:
         folder = results if row["id"] == "fipt" else results / "methods" / row["id"]
         unknown = quantity.layer in row["not_estimated"]
-        cells = [None if unknown else _cell(folder, quantity, row, view, width) for view in known]
+        # renderings have the exposure by which they were judged
+        scale = read_figures(folder / "metrics.json")[1] if quantity.key == "render" else 1.0
+        cells = [None if unknown else _cell(folder, quantity, row, view, width, scale) for view in known]
         if unknown or any(cells):
             rows.append((row, cells))
     return ComparedFigure(quantity, known, truth, rows)
 
 
-def _cell(folder: Path, quantity: Quantity, row: Mapping[str, Any], view: str, width: int) -> ComparedCell | None:
+def _cell(
+    folder: Path, quantity: Quantity, row: Mapping[str, Any], view: str, width: int, scale: float
+) -> ComparedCell | None:
     values = quantity.read(folder, view)
     if values is None:
         return None
-    estimate, truth = quantity.shown(values), quantity.shown(quantity.truth[view])
+    estimate, truth = quantity.shown(values * scale), quantity.shown(quantity.truth[view])
     size = np.abs(estimate - truth)
     size = size if size.ndim == 2 else size.mean(axis=-1)
-    error = images.error_map(np.where(quantity.emits.get(view, False), 0, size))
+    error = images.error_map(np.where(quantity.left_out.get(view, False), 0, size))
     return ComparedCell(
         _image("estimate", row["label"], estimate, width), _image("error", f"Error of {row['label']}", error, width)
     )

@@ -31,6 +31,24 @@ def of_form(path: Path) -> Iterator[None]:
         ) from error
 
 
+def read_figures(path: Path) -> tuple[dict[str, Any], float]:
+    """Figures of metrics.json by split, and the exposure of renderings; none where there is no such file.
+
+    Raises
+    ------
+    FiptError
+        If it holds something else.
+    """
+    found = read_json(path)
+    found = {} if found is None else found
+    if not isinstance(found, dict) or not all(
+        isinstance(found.get(key) or {}, dict) for key in ("train", "val", "relight", "emitters")
+    ):
+        raise FiptError(f"{path} does not hold the figures of a scene", "delete it and run fipt metrics again")
+    with of_form(path):
+        return found, float((found.get("val") or {}).get("render_exposure_scale") or 1.0)
+
+
 def round_folders(results: Path) -> list[Path]:
     """Return the folders round-0, round-1, ... in order."""
     folders = [path for path in results.glob("round-*/") if path.name[6:].isdigit()]

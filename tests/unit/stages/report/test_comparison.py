@@ -1,9 +1,17 @@
 """The page that compares methods: nothing that is unknown is shown, and who is first is said."""
 
+import base64
+import io
+import json
+
 import numpy as np
 import pytest
+from PIL import Image
 
-from fipt.stages.report.comparison import build_comparison
+from fipt.conventions import FLAG_SATURATED
+from fipt.formats.exr import read_rgb, write_exr
+from fipt.scene.dataset import Dataset
+from fipt.stages.report.comparison import _figure, _quantities, build_comparison
 from fipt.stages.report.plots import change_plots, sensitivity_series
 from tests.fake_results import maps, write_maps, write_results
 from tests.unit.stages.report.test_report import Page
@@ -66,6 +74,36 @@ def test_images_are_of_what_is_estimated(page):
     assert "M a, Roughness, view c" not in shown
     assert sum(element.get("class") == "none" for element in page.all("div")) == 2  # M a in two views
     assert not any(value.startswith("http") for tag, attributes in page.tags for value in map(str, attributes.values()))
+
+
+def test_renderings_are_shown_as_they_were_judged(tmp_path):
+    """At the exposure that was fitted, without what is masked or clipped."""
+    results = write_results(tmp_path / "room")
+    photo = read_rgb(results / "render" / "c.exr")
+    write_exr(results / "render" / "c.exr", {"": photo / 2})
+    fitted = {"val": {"render_exposure_scale": 2.0}}
+    (results / "metrics.json").write_text(json.dumps(fitted))
+    valid, flags = np.ones((6, 8), np.float32), np.zeros((6, 8), np.uint32)
+    valid[:, :2], flags[:, 2:4] = 0, FLAG_SATURATED
+    shown = photo.copy()
+    shown[:, :4] = 0.7
+    write_exr(results / "dataset" / "images" / "c.exr", {"": shown, "valid.Y": valid, "flags.Y": flags})
+    figures = {figure.key: figure for figure in _quantities(Dataset(results / "dataset"), ["c"])}
+    figure = _figure(results, figures["render"], [row("fipt", 20.0)], ["c"], 64)
+    (cells,), srgb = [cells for _, cells in figure.rows], pixels(figure.truth[0])
+    assert pixels(cells[0].error).max() < 3
+    assert np.abs(pixels(cells[0].estimate)[:, 4:] - srgb[:, 4:]).mean() < 4
+    wrong = maps() | {"kd": maps()["kd"] + np.float32(0.4), "hit": np.ones((6, 8), np.float32)}
+    write_maps(results / "materials" / "c.exr", wrong)
+    (cells,) = [cells for _, cells in _figure(results, figures["kd"], [row("fipt", 20.0)], ["c"], 64).rows]
+    error = pixels(cells[0].error)
+    assert error[:, :2].max() < 20 < error[1:, 2:].max(axis=-1).min()  # blurred by the compression
+
+
+def pixels(image):
+    """(6, 8, 3) of an embedded image."""
+    data = base64.b64decode(image.src.partition(",")[2])
+    return np.asarray(Image.open(io.BytesIO(data)).convert("RGB").resize((8, 6), Image.Resampling.BOX)).astype(float)
 
 
 def test_plots_of_ablations_and_errors():
