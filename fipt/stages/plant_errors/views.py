@@ -24,8 +24,9 @@ def turned_cameras(cameras: Sequence[Camera], degrees: float, rng: np.random.Gen
 
 
 def exposures(views: Sequence[str], stops: float, share: float, rng: np.random.Generator) -> dict[str, float]:
-    """View -> factor on its radiance, of a share of the views: up and down in turn."""
-    chosen = rng.permutation(len(views))[: round(share * len(views))]
+    """View -> factor on its radiance, of a share of the views, at least one if any: up and down in turn."""
+    count = max(1, round(share * len(views))) if share > 0 else 0
+    chosen = rng.permutation(len(views))[:count]
     return {views[int(index)]: 2.0 ** (stops if k % 2 == 0 else -stops) for k, index in enumerate(chosen)}
 
 

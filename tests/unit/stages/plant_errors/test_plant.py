@@ -12,6 +12,7 @@ from fipt.scene.cameras import read_transforms
 from fipt.scene.dataset import Dataset
 from fipt.scene.mesh import read_mesh
 from fipt.stages.plant_errors.mesh import front_of, moved
+from fipt.stages.plant_errors.views import exposures
 from tests.scenes import VIEWS, box, turned, write_dataset
 
 
@@ -51,6 +52,12 @@ def test_training_cameras_are_turned_by_an_angle(room):
         angle = np.degrees(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1)))
         assert angle == pytest.approx(1.0 if true.split == "train" else 0.0, abs=1e-3)
         assert np.allclose(true.center, off.center)
+
+
+def test_a_small_share_of_few_views_is_one():
+    rng = np.random.default_rng(0)
+    assert list(exposures(["a", "b", "c"], 1.0, 0.1, rng).values()) == [2.0]
+    assert exposures(["a", "b", "c"], 1.0, 0.0, rng) == {}
 
 
 def test_some_exposures_are_off(room):
