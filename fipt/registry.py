@@ -39,7 +39,7 @@ SECTIONS: dict[str, Section] = {
     "depth": Section("fipt.stages.geometry.settings:DepthSettings", 6),
     "geometry": Section("fipt.stages.geometry.mesh_settings:GeometrySettings", 11),
     "check_poses": Section("fipt.stages.check_poses.settings:CheckPosesSettings", 6),
-    "plant_errors": Section("fipt.stages.plant_errors.settings:PlantErrorsSettings", 2),
+    "plant_errors": Section("fipt.stages.plant_errors.settings:PlantErrorsSettings", 3),
     "samples": Section("fipt.stages.samples.settings:SamplesSettings", 4),
     "segment": Section("fipt.stages.segment.settings:SegmentSettings", 2),
     "fuse": Section("fipt.stages.segment.settings:FuseSettings", 3),
@@ -63,9 +63,9 @@ SECTIONS: dict[str, Section] = {
     "export": Section("fipt.stages.export.settings:ExportSettings", 6),
     "metrics": Section("fipt.stages.evaluate.settings:MetricsSettings", 8),
     "findings": Section("fipt.stages.findings.settings:FindingsSettings", 5),
-    "report": Section("fipt.stages.report.settings:ReportSettings", 5),
+    "report": Section("fipt.stages.report.settings:ReportSettings", 6),
     "compare": Section("fipt.stages.compare.settings:CompareSettings", 2),
-    "compare_page": Section("fipt.stages.report.settings:ComparePageSettings", 1),
+    "compare_page": Section("fipt.stages.report.settings:ComparePageSettings", 2),
 }
 """Section of the config -> its settings and version, in the order of the pipeline."""
 

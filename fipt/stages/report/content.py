@@ -4,6 +4,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import median_low
 from typing import Any
 
 from fipt.errors import FiptError
@@ -14,7 +15,7 @@ from fipt.stages.report.calibration import calibration_plot
 from fipt.stages.report.capture import CaptureReport, read_capture
 from fipt.stages.report.emitters import read_emitter_entries
 from fipt.stages.report.export import ExportCheck, read_check
-from fipt.stages.report.files import of_form, read_json, round_folders
+from fipt.stages.report.files import of_form, read_figures, read_json, round_folders
 from fipt.stages.report.findings import FindingsReport, read_room_findings
 from fipt.stages.report.geometry import GeometryReport, read_geometry
 from fipt.stages.report.images import EmbeddedImage
@@ -50,7 +51,10 @@ TILES = (
 
 @dataclass(frozen=True)
 class Content:
-    """Everything the page shows; lists are empty and figures absent where a file does not exist."""
+    """Everything the page shows; lists are empty and figures absent where a file does not exist.
+
+    ``median`` is that of the held-out views' PSNR, dB, and ``typical`` the shown one that is nearest to it.
+    """
 
     scene: str
     facts: Sequence[str]
@@ -58,6 +62,7 @@ class Content:
     render_scale: float
     metrics: Mapping[str, Any]
     typical: ViewRow | None
+    median: float | None
     views: Sequence[ViewRow]
     hidden_views: int
     emitters: Sequence[Mapping[str, Any]] | None
@@ -104,20 +109,21 @@ def gather(
         raise FiptError(f"the results folder {results} does not exist", "run the scene first")
     root = results / "dataset"
     data = Dataset(root) if (root / "transforms.json").is_file() else None
-    metrics, scale = _figures(results / "metrics.json")
+    metrics, scale = read_figures(results / "metrics.json")
     runs, times, used, warnings = _recorded(results)
     emitters = read_emitter_entries(results)
     setups, camera_setups = _shown_setups(results / "relight", setups, camera_setups)
     reader = ViewReader(results, data, metrics, settings, scale)
-    views = reader.rows()
-    export = read_check(results / "export" / "check.json")
+    views, export = reader.rows(), read_check(results / "export" / "check.json")
+    typical, median = _typical(views, metrics)
     return Content(
         scene=results.resolve().name,
         facts=_facts(data, results),
         exposure=reader.exposure,
         render_scale=scale,
         metrics=metrics,
-        typical=_typical(views),
+        typical=typical,
+        median=median,
         views=views,
         hidden_views=len(data.cameras) - len(views) if data else 0,
         emitters=emitters,
@@ -149,24 +155,6 @@ def _recorded(results: Path) -> tuple[list[StageRun], list[StageTime], dict[str,
         return runs, stage_times(runs), stage_settings(runs), warnings_of(results / "dataset", runs)
 
 
-def _figures(path: Path) -> tuple[dict[str, Any], float]:
-    """Figures of metrics.json by split, and the exposure of renderings; none where there is no such file.
-
-    Raises
-    ------
-    FiptError
-        If it holds something else.
-    """
-    found = read_json(path)
-    found = {} if found is None else found
-    if not isinstance(found, dict) or not all(
-        isinstance(found.get(key) or {}, dict) for key in ("train", "val", "relight", "emitters")
-    ):
-        raise FiptError(f"{path} does not hold the figures of a scene", "delete it and run fipt metrics again")
-    with of_form(path):
-        return found, float((found.get("val") or {}).get("render_exposure_scale") or 1.0)
-
-
 def _segments(folder: Path, runs: Sequence[StageRun], reader: ViewReader) -> SegmentsReport | None:
     """The fused segments; None where the fit took others, or none."""
     fits = [run.figures for run in runs if run.stage == "fit"]
@@ -176,12 +164,14 @@ def _segments(folder: Path, runs: Sequence[StageRun], reader: ViewReader) -> Seg
     return read_segments(folder, reader.data, mode, reader.exposure, lambda *shown: reader.embed("segments", *shown))
 
 
-def _typical(rows: Sequence[ViewRow]) -> ViewRow | None:
-    """The held-out view whose PSNR is the median; else the first view with a photo."""
-    judged = sorted(((row.psnr, index) for index, row in enumerate(rows) if row.psnr is not None))
+def _typical(rows: Sequence[ViewRow], metrics: Mapping[str, Any]) -> tuple[ViewRow | None, float | None]:
+    """The held-out view nearest to the median PSNR of all, shown or not, and this; else the first view with a photo."""
+    every = (metrics.get("val") or {}).get("render_psnr_views") or {}
+    judged = {row.psnr: row for row in rows if row.split == "val" and row.psnr is not None}
     if judged:
-        return rows[judged[(len(judged) - 1) // 2][1]]
-    return next((row for row in rows if "photo" in row.shown), None)
+        median = median_low(value for value in every.values() if value is not None)
+        return judged[min(judged, key=lambda psnr: abs(psnr - median))], median
+    return next((row for row in rows if "photo" in row.shown), None), None
 
 
 def _facts(data: Dataset | None, results: Path) -> list[str]:

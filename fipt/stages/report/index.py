@@ -126,7 +126,7 @@ def _table(rows: Sequence[RoomRow], figures: Sequence[RoomFigure]) -> Iterator[l
     """Lines of summary.tsv: a head, then a room each, in the order of the page."""
     stages = [each.stage for each in stage_shares(rows)]
     yield [
-        *("room", "state", "failed", "serious", "warnings", "finding", "seconds", "peak_memory_mb"),
+        *("room", "state", "failed", "serious", "warnings", "finding", "seconds", "peak_memory_mb", "views"),
         *(figure.key for figure in figures),
         *(f"seconds.{stage}" for stage in stages),
     ]
@@ -135,6 +135,7 @@ def _table(rows: Sequence[RoomRow], figures: Sequence[RoomFigure]) -> Iterator[l
             *(row.name, row.state, _plain(row.why)),
             *("" if count is None else str(count) for count in (row.serious, row.warnings)),
             *(_plain(row.finding), f"{row.total:.1f}", f"{row.memory / 1e6:.0f}"),
+            "training" if row.of_training else "held out" if row.figures else "",
             *(f"{row.figures[figure.key]:.6g}" if figure.key in row.figures else "" for figure in figures),
             *(f"{row.seconds[stage]:.1f}" if stage in row.seconds else "" for stage in stages),
         ]

@@ -40,6 +40,8 @@ class RoomRow:
         The log of that job, relative to the folder of results.
     figures
         Figure of the held-out views -> value.
+    of_training
+        Whether figures are of training views, since none is held out.
     serious, warnings
         Numbers of findings; None: nobody looked.
     finding
@@ -57,6 +59,7 @@ class RoomRow:
     why: str = ""
     log: str = ""
     figures: Mapping[str, float] = field(default_factory=dict)
+    of_training: bool = False
     serious: int | None = None
     warnings: int | None = None
     finding: str = ""
@@ -102,8 +105,7 @@ def read_rooms(folder: Path, names: Sequence[str], keys: Sequence[str]) -> tuple
     for name in names:
         metrics = _content(folder / name / "metrics.json")
         known |= {key: _keyed(text) for key, text in _keyed(metrics.get("definitions")).items() if key in keys}
-        split = _keyed(metrics.get("val")) or _keyed(metrics.get("train"))
-        rows.append(_row(folder, name, split, keys, _keyed(kept.get(name))))
+        rows.append(_row(folder, name, metrics, keys, _keyed(kept.get(name))))
     shown = [key for key in keys if key in known and any(key in row.figures for row in rows)]
     figures = [RoomFigure(key, *(str(known[key].get(part, "")) for part in _PARTS)) for key in shown]
     return sorted(rows, key=lambda row: _badness(row, figures), reverse=True), figures
@@ -119,7 +121,7 @@ def _badness(row: RoomRow, figures: Sequence[RoomFigure]) -> tuple[float, ...]:
     return (state, row.serious or 0, row.warnings or 0, worst[0] if worst else float("-inf"))
 
 
-def _row(folder: Path, name: str, split: Mapping[str, Any], keys: Sequence[str], kept: Mapping[str, Any]) -> RoomRow:
+def _row(folder: Path, name: str, metrics: Mapping[str, Any], keys: Sequence[str], kept: Mapping[str, Any]) -> RoomRow:
     results = folder / name
     done, failed = (results / "report.html").is_file(), failures_so_far(results)
     listed = _content(results / "findings.json").get("findings")
@@ -127,21 +129,29 @@ def _row(folder: Path, name: str, split: Mapping[str, Any], keys: Sequence[str],
     levels = None if found is None else [str(each.get("severity")) for each in found]
     stats = [(path.stem.split(".")[0], _content(path)) for path in sorted(results.glob("stats/*.json"))]
     seconds: dict[str, float] = {}
-    for stage, figures in stats:
-        seconds[stage] = seconds.get(stage, 0.0) + _number(figures.get("wall_s"))
+    for stage, said in stats:
+        seconds[stage] = seconds.get(stage, 0.0) + _number(said.get("wall_s"))
+    held_out, training = (_judged(metrics, split, keys) for split in ("val", "train"))
     return RoomRow(
         name=name,
         state="failed" if failed else "done" if done else "unfinished",
         why=f"{failed[0].stage}: {failed[0].line}" if failed else "",
         log=failed[0].log.relative_to(folder).as_posix() if failed else "",
-        figures={key: float(split[key]) for key in keys if isinstance(split.get(key), int | float)},
+        figures=held_out or training,
+        of_training=not held_out and bool(training),
         serious=None if levels is None else levels.count("serious"),
         warnings=None if levels is None else levels.count("warning"),
         finding=f"{found[0].get('cause', '')}" if found else "",
         seconds=seconds,
-        memory=max((int(_number(figures.get("peak_memory_bytes"))) for _, figures in stats), default=0),
+        memory=max((int(_number(said.get("peak_memory_bytes"))) for _, said in stats), default=0),
         thumbnail=_thumbnail(results, kept),
     )
+
+
+def _judged(metrics: Mapping[str, Any], split: str, keys: Sequence[str]) -> dict[str, float]:
+    """Figures of a split that are known."""
+    found = _keyed(metrics.get(split))
+    return {key: float(found[key]) for key in keys if isinstance(found.get(key), int | float)}
 
 
 def _content(path: Path) -> dict[str, Any]:

@@ -53,6 +53,22 @@ def test_the_worst_room_comes_first(tmp_path):
     assert not re.search(r'(src|href)="https?:', page)
 
 
+def test_a_room_that_holds_no_view_out_has_figures_of_training_views(tmp_path):
+    """As `fipt metrics` writes them: those of held-out views are there, and null."""
+    write_room(tmp_path / "all", kd=25)
+    known = json.loads((tmp_path / "all" / "metrics.json").read_text())
+    known |= {"val": {"kd_psnr": None, "pixels": {"materials": 0}}, "train": known["val"]}
+    write_text(tmp_path / "all" / "metrics.json", json.dumps(known))
+    write_room(tmp_path / "some", kd=24)
+    write_index(tmp_path)
+    table = csv.DictReader((tmp_path / "summary.tsv").read_text().splitlines(), delimiter="\t")
+    assert {row["room"]: (row["kd_psnr"], row["views"]) for row in table} == {
+        "all": ("25", "training"),
+        "some": ("24", "held out"),
+    }
+    assert (tmp_path / "index.html").read_text().count("figures of training views") == 1
+
+
 def test_thumbnails_of_rooms_that_have_not_changed_are_kept(tmp_path, monkeypatch):
     write_room(tmp_path / "a", kd=30)
     write_index(tmp_path)

@@ -191,6 +191,25 @@ def test_the_verb_writes_the_page(results, tmp_path):
     assert json.loads(stats.read_text())["page_bytes"] == out.stat().st_size
 
 
+def test_the_median_is_that_of_all_held_out_views():
+    """Twelve of twenty views are shown; the others are worse than all of them."""
+    every = {f"v{k}": 20.0 + k if k < 12 else 10.0 for k in range(20)}
+    rows = [views.ViewRow(f"v{k}", "val", every[f"v{k}"], {}, {}) for k in range(12)]
+    trained = views.ViewRow("t", "train", 21.0, {}, {})
+    typical, median = content._typical([trained, *rows], {"val": {"render_psnr_views": every | {"bad": None}}})
+    assert (typical.name, median) == ("v1", 21.0)
+    assert content._typical([trained], {}) == (None, None)
+
+
+def test_a_scene_without_held_out_views_is_judged_on_its_training_views(results):
+    path = results / "metrics.json"
+    figures = json.loads(path.read_text())
+    figures["val"] = dict.fromkeys(figures["val"]) | {"pixels": {"materials": 0}}
+    path.write_text(json.dumps(figures))
+    words = Page(build_page(results, ReportSettings())).words
+    assert "Training views against ground truth, 40 pixels counted" in words
+
+
 def test_one_exposure_brings_the_median_to_middle_grey():
     photos = [np.full((2, 2, 3), 0.1), np.full((2, 4, 3), 0.4), np.zeros((9, 9, 3))]
     assert display.common_exposure(photos) == pytest.approx(0.5)
