@@ -152,9 +152,9 @@ def _intensity(node: Node, source: SceneFileReader) -> np.ndarray:
     """(3,) radiant intensity of a small light, along its axis if it has one."""
     if node.type != "projector":
         return _light_color(node, "intensity")
-    # The irradiance of the picture one unit ahead, which Mitsuba multiplies by pi.
-    picture = textures.read_map(node.get("irradiance"), 1.0, source, light=True)
-    return np.pi * node.number("scale", 1.0) * picture.mean
+    # The irradiance of the image one unit ahead, which Mitsuba multiplies by pi.
+    image = textures.read_map(node.get("irradiance"), 1.0, source, light=True)
+    return np.pi * node.number("scale", 1.0) * image.mean
 
 
 def _light_color(node: Node, *names: str) -> np.ndarray:
