@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fipt.meshing.topology import neighbours, vertex_links
+from fipt.meshing.topology import distinct_rows, neighbours, vertex_links
 from fipt.scene.mesh import Mesh
 
 _TAUBIN = (0.5, -0.53)
@@ -18,7 +18,8 @@ def normal_deviation(mesh: Mesh) -> np.ndarray:
     On flat or evenly bent surface it is near zero; noise of the vertices makes it as large as theirs over the length
     of an edge. Neighbours across a crease do not count.
     """
-    normals, pairs = mesh.normals, neighbours(mesh.triangles)
+    # files may give each triangle vertices of its own
+    normals, pairs = mesh.normals, neighbours(distinct_rows(mesh.vertices)[1][mesh.triangles])
     pairs = pairs[(normals[pairs[:, 0]] * normals[pairs[:, 1]]).sum(axis=1) > _SHARP]
     mean = normals.copy()
     for one, other in (pairs.T, pairs.T[::-1]):

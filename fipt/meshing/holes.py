@@ -8,6 +8,9 @@ from fipt.groups import connected_groups
 from fipt.meshing.topology import triangle_sides
 from fipt.scene.mesh import Mesh
 
+_AGAINST = -0.5
+"""Mean cosine between a fan and the surface beside it below which they face opposite ways: the outline of a sheet."""
+
 
 @dataclass(frozen=True)
 class HoleFigures:
@@ -18,7 +21,8 @@ class HoleFigures:
     holes_closed
         Small holes, closed now.
     holes_open, hole_area
-        Larger borders that were left open, and the area in square metres that flat surface over them would have.
+        Larger borders and outlines of loose sheets, which were left open, and the area in square metres that flat
+        surface over them would have.
     """
 
     holes_closed: int
@@ -27,7 +31,10 @@ class HoleFigures:
 
 
 def without_small_holes(mesh: Mesh, across: float) -> tuple[Mesh, HoleFigures]:
-    """Close the holes of up to ``across`` metres with a fan around their middle; vertices must be welded."""
+    """Close the holes of up to ``across`` metres with a fan around their middle; vertices must be welded.
+
+    The outline of a small loose sheet is no hole: a fan over it would be a second skin.
+    """
     keys = triangle_sides(mesh.triangles).ravel()
     _, index, count = np.unique(keys, return_inverse=True, return_counts=True)
     alone = np.flatnonzero(count[index.reshape(-1)] == 1)
@@ -45,9 +52,10 @@ def without_small_holes(mesh: Mesh, across: float) -> tuple[Mesh, HoleFigures]:
     radius = np.zeros(len(loops))
     np.maximum.at(radius, loop, np.linalg.norm(a - middle[loop], axis=1))
     normal = 0.5 * np.cross(b - middle[loop], a - middle[loop])
+    facing = np.bincount(loop, (normal * mesh.normals[triangle]).sum(axis=1))
     area = np.linalg.norm(np.stack([np.bincount(loop, c) for c in normal.T], axis=1), axis=1)
     # a border of less than three sides is the seam of a fold, not a hole
-    small = (2 * radius <= across) & (np.bincount(loop) >= 3)
+    small = (2 * radius <= across) & (np.bincount(loop) >= 3) & (facing > _AGAINST * area)
     number = size + np.cumsum(small) - 1
     filled = small[loop]
     fan = np.stack([end[filled], start[filled], number[loop[filled]]], axis=1)

@@ -59,11 +59,14 @@ class RadianceEdges:
 
 @dataclass(frozen=True)
 class _View:
-    """One view's depth (H, W), its mask of edges (H, W), and its edge points (N, 3) with footprints (N,)."""
+    """One view's depth (H, W), where it has an edge (H, W) and could have one (H, W), and its edge points (N, 3) with
+    footprints (N,).
+    """
 
     camera: Camera
     depth: np.ndarray
     edge: np.ndarray
+    searched: np.ndarray
     position: np.ndarray
     footprint: np.ndarray
 
@@ -72,7 +75,7 @@ def find_edges(mesh: Mesh, cameras: Sequence[Camera], radiance: Radiance) -> Rad
     """Find the radiance edges of a mesh; Mitsuba's variant must be set."""
     scene = RayScene(mesh)
     most = _POINTS // max(len(cameras), 1)
-    views = [_seen(scene, *reduced(camera, *radiance(camera.name), _PIXELS), most) for camera in cameras]
+    views = [_seen(scene, *reduced_view(camera, radiance), most) for camera in cameras]
     position = np.concatenate([view.position for view in views])
     footprint = np.concatenate([view.footprint for view in views])
     own = np.repeat(np.arange(len(views)), [len(view.position) for view in views])
@@ -86,6 +89,11 @@ def find_edges(mesh: Mesh, cameras: Sequence[Camera], radiance: Radiance) -> Rad
     return RadianceEdges(position[keep], footprint[keep])
 
 
+def reduced_view(camera: Camera, radiance: Radiance) -> tuple[Camera, np.ndarray, np.ndarray]:
+    """View in which edges are looked for, radiance (H, W, 3) and weights (H, W): of `_PIXELS` pixels at most."""
+    return reduced(camera, *radiance(camera.name), _PIXELS)
+
+
 def reduced(
     camera: Camera, radiance: np.ndarray, valid: np.ndarray, most: int
 ) -> tuple[Camera, np.ndarray, np.ndarray]:
@@ -97,13 +105,13 @@ def reduced(
 
 
 def _votes(view: _View, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(N,) bool: whether the view sees each point, and whether it has an edge within a pixel of it."""
+    """(N,) bool: whether the view sees each point and could tell an edge there; whether it has one within a pixel."""
     image, depth = view.camera.project(position)
     column, row = np.floor(image).astype(np.int64).T
     inside = (depth > 0) & (column >= 0) & (row >= 0) & (column < view.camera.width) & (row < view.camera.height)
     column, row = np.where(inside, column, 0), np.where(inside, row, 0)
     near = np.abs(view.depth[row, column] - depth) < _SAME_DEPTH * depth / view.camera.fx
-    return inside & near, view.edge[row, column]
+    return inside & near & view.searched[row, column], view.edge[row, column]
 
 
 def _seen(scene: RayScene, camera: Camera, radiance: np.ndarray, valid: np.ndarray, most: int) -> _View:
@@ -119,9 +127,8 @@ def _seen(scene: RayScene, camera: Camera, radiance: np.ndarray, valid: np.ndarr
     for right, down in ((1, 0), (-1, 0), (0, 1), (0, -1)):
         _, place, _, other = _surface(scene, camera, column + right, row + down)
         met &= other & (np.abs(((place - position) * normal).sum(axis=1)) < _FLAT * footprint)
-    return _View(
-        camera, depth.reshape(rows.shape), maximum_filter(edge, 3), position[met], footprint[met].astype(np.float64)
-    )
+    edge, footprint = maximum_filter(edge, 3), footprint[met].astype(np.float64)
+    return _View(camera, depth.reshape(rows.shape), edge, _searched(valid), position[met], footprint)
 
 
 def _surface(
@@ -138,6 +145,13 @@ def _surface(
     return np.where(met, depth, np.inf), camera.center + distance[:, None] * directions, scene.normals[triangle], met
 
 
+def _searched(valid: np.ndarray) -> np.ndarray:
+    """(H, W) bool: pixels of (H, W) weights at which edges are looked for: not beside those without, nor at a side."""
+    searched = minimum_filter(valid > 0, 3)
+    searched[:_BORDER], searched[-_BORDER:], searched[:, :_BORDER], searched[:, -_BORDER:] = False, False, False, False
+    return searched
+
+
 def edge_points(luminance: np.ndarray, valid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Columns and rows, (N,) float64 image coordinates, of sharp edges, to fractions of a pixel.
 
@@ -149,20 +163,19 @@ def edge_points(luminance: np.ndarray, valid: np.ndarray) -> tuple[np.ndarray, n
     valid
         (H, W) weights; no edge is found beside pixels without any.
     """
-    usable = valid > 0
-    if not usable.any() or min(usable.shape) <= 2 * _BORDER:
+    usable, searched = valid > 0, _searched(valid)
+    if not searched.any():
         return np.zeros(0), np.zeros(0)
     floor = _DARKEST * max(float(np.median(luminance[usable])), 1e-12)
     bright = np.where(usable, luminance, 0.0) + floor
     ratio = maximum_filter(bright, 3) / minimum_filter(bright, 3)
-    strong = (ratio > JUMP) & minimum_filter(usable, 3)
+    strong = (ratio > JUMP) & searched
     dy, dx = np.gradient(bright)
     steep = np.hypot(dx, dy)
     found = []
     for size, other, axis in ((np.abs(dx), np.abs(dy), 1), (np.abs(dy), np.abs(dx), 0)):
         before, after = np.roll(steep, 1, axis), np.roll(steep, -1, axis)
         here = strong & (size >= other) & (steep >= before) & (steep > after)
-        here[:_BORDER], here[-_BORDER:], here[:, :_BORDER], here[:, -_BORDER:] = False, False, False, False
         row, column = np.nonzero(here)
         low, mid, high = before[here], steep[here], after[here]
         shift = np.clip(0.5 * (low - high) / np.minimum(low - 2 * mid + high, -1e-30), -0.5, 0.5)

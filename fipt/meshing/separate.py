@@ -11,7 +11,7 @@ from scipy.ndimage import map_coordinates, maximum_filter, minimum_filter
 
 from fipt.conventions import LUMINANCE
 from fipt.groups import connected_groups
-from fipt.meshing.radiance_edges import JUMP, Radiance
+from fipt.meshing.radiance_edges import JUMP, Radiance, reduced_view
 from fipt.meshing.topology import neighbours, pieces, side_list
 from fipt.render.scene import RayScene
 from fipt.scene.cameras import Camera
@@ -38,6 +38,7 @@ def separated(mesh: Mesh, cameras: Sequence[Camera], radiance: Radiance) -> tupl
     region = _with_unseen(connected_groups(pairs[joined].T, len(side)), side == _UNSEEN, pairs)
     area = np.bincount(region, mesh.areas / footprint**2)
     own = area >= _SMALLEST
+    own &= np.bincount(region, side != _UNSEEN, len(own)) > 0  # around what no view sees, none shows an edge
     # what surrounds everything is no enclosed region: the largest of each piece of the mesh
     own[_largest(pieces(mesh), region, area)] = False
     return _parted(mesh, np.where(own[region], np.cumsum(own)[region], 0)), int(own.sum())
@@ -56,8 +57,8 @@ def sides(mesh: Mesh, cameras: Sequence[Camera], radiance: Radiance) -> tuple[np
     scene, center = RayScene(mesh), mesh.corners.mean(axis=1).astype(np.float64)
     values = np.full((3, len(cameras), len(center)), np.nan, np.float32)
     for number, camera in enumerate(cameras):
-        image, valid = radiance(camera.name)
-        seen, at, far = _visible(scene, camera, valid, center)
+        view, image, valid = reduced_view(camera, radiance)
+        seen, at, far = _visible(scene, view, valid, center)
         if len(seen) == 0:
             continue
         luminance = image @ LUMINANCE
@@ -69,7 +70,7 @@ def sides(mesh: Mesh, cameras: Sequence[Camera], radiance: Radiance) -> tuple[np
         here = map_coordinates(luminance, at.T[::-1] - 0.5, order=1, mode="nearest")
         values[0, number, seen] = (here - dark) / np.maximum(bright - dark, 1e-30)
         values[1, number, seen] = bright / dark
-        values[2, number, seen] = far / camera.fx
+        values[2, number, seen] = far / view.fx
     known = np.isfinite(values[2]).any(axis=0)
     share, ratio, footprint = np.nanmedian(values[:, :, known], axis=1)
     side = np.full(len(center), _UNSEEN, np.int8)

@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fipt.meshing.clean import clean
 from fipt.meshing.cut import cut_at
 from fipt.meshing.holes import without_small_holes
 from fipt.meshing.radiance_edges import RadianceEdges, edge_points, find_edges, reduced
 from fipt.meshing.subdivide import halved, split_sides, subdivided
 from fipt.meshing.topology import border_vertices, neighbours, side_list
 from fipt.scene.mesh import Mesh
-from tests.scenes import sheet
+from tests.scenes import box, joined, sheet
 from tests.unit.meshing.views import above, image
 
 WALL = sheet((0, 0, 0), (2, 0, 0), (0, 2, 0), 2)
@@ -123,6 +124,33 @@ def test_an_edge_that_moves_with_the_viewer_is_none(backend) -> None:
     assert len(find_edges(WALL, cameras, radiance)) == 0
 
 
+def test_views_that_mask_a_place_do_not_speak_against_its_edges(backend) -> None:
+    cameras = [above("a", 1.0), above("b", 1.3), above("c", 0.7)]
+    seen = image(60, lambda x, y: (np.abs(y - 1) < 0.4) & (np.abs(x - 1) < 0.6))
+
+    def masked_in(*views: str) -> int:
+        def radiance(view: str) -> tuple[np.ndarray, np.ndarray]:
+            valid = np.ones((60, 60))
+            valid[10:50, 5:55] = view not in views
+            return seen[..., None] * np.ones(3), valid
+
+        return len(find_edges(WALL, cameras, radiance))
+
+    # a view's own edge points are lost with its pixels
+    assert masked_in("b") > 0.6 * masked_in()
+    assert masked_in("b", "c") > 0.3 * masked_in()
+
+
+def test_an_edge_along_the_side_of_another_view_stays(backend) -> None:
+    cameras = [above("a", 1.0), replace(above("b", 1.0), cx=12.0)]  # b begins at x = 0.6
+
+    def radiance(view: str) -> tuple[np.ndarray, np.ndarray]:
+        begin = 0.0 if view == "a" else 0.6
+        return image(60, lambda x, _: begin + x < 0.63)[..., None] * np.ones(3), np.ones((60, 60))
+
+    assert len(find_edges(WALL, cameras, radiance)) > 50
+
+
 def test_a_surface_full_of_edges_is_cut_coarser(monkeypatch) -> None:
     places = np.random.default_rng(0).uniform(0, 2, (4000, 3)) * [1, 1, 0]
     edges = RadianceEdges(places, np.full(4000, 0.01))
@@ -148,3 +176,17 @@ def test_small_holes_are_closed_and_large_ones_declared() -> None:
     assert done.areas.sum() == pytest.approx(4 - 0.16, rel=1e-5)
     assert (done.normals[:, 2] > 0.99).all()
     assert len(neighbours(done.triangles)) > len(neighbours(wall.triangles[~(small | large)]))
+
+
+def test_a_small_loose_sheet_gets_no_second_skin() -> None:
+    pane = sheet((0.95, 0.95, 0.2), (0.08, 0, 0), (0, 0.08, 0), 4)
+    done, figures = without_small_holes(joined(WALL, pane), 0.4)
+    assert done.areas.sum() == pytest.approx(4 + 0.08**2, rel=1e-5)
+    assert (figures.holes_closed, figures.holes_open) == (0, 2)
+
+
+def test_a_small_box_without_lid_is_closed() -> None:
+    lidless = box((0, 0, 0), (0.1, 0.1, 0.1))
+    top = lidless.corners[..., 2].min(axis=1) > 0.09
+    lidless, _ = clean(Mesh(lidless.vertices, lidless.triangles[~top]), 0.0)
+    assert without_small_holes(lidless, 0.4)[1].holes_closed == 1

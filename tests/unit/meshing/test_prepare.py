@@ -106,6 +106,13 @@ def test_measured_noise_is_that_of_the_vertices(backend) -> None:
     assert other == pytest.approx(2 * one, rel=0.2)
 
 
+def test_noise_is_measured_where_triangles_have_vertices_of_their_own(backend) -> None:
+    welded = scan(0.004)
+    loose = Mesh(welded.corners.reshape(-1, 3), np.arange(welded.triangles.size, dtype=np.int32).reshape(-1, 3))
+    np.testing.assert_allclose(normal_deviation(loose), normal_deviation(welded), atol=1e-6)
+    assert prepared(loose, [camera(20)], dark, AUTO)[1]["prepared"]
+
+
 def test_shallow_furniture_keeps_its_step() -> None:
     wall = sheet((0, 0, 0), (2, 0, 0), (0, 2, 0), 60)
     board = (np.abs(wall.vertices[:, :2] - 1) < 0.4).all(axis=1)

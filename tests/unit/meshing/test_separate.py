@@ -8,11 +8,10 @@ from fipt.meshing.separate import separated, sides
 from fipt.render.scene import RayScene
 from fipt.scene.cameras import Camera
 from fipt.scene.mesh import Mesh, connected_parts
-from tests.scenes import sheet
+from tests.scenes import joined, sheet
 from tests.unit.meshing.views import above, image
 
 WALL = sheet((0, 0, 0), (2, 0, 0), (0, 2, 0), 2)
-CAMERAS = [above("a", 1.0), above("b", 1.3), above("c", 0.7)]
 
 
 def panes(x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -20,13 +19,19 @@ def panes(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return (np.abs(y - 1) < 0.4) & (np.abs(x - 1) < 0.6) & (np.abs(x - 1) > 0.025)
 
 
-def parted(bright) -> tuple[Mesh, int]:
-    seen = image(60, bright)
+def parted(bright, width: int = 60) -> tuple[Mesh, int]:
+    seen = image(width, bright)
+    cameras = [above("a", 1.0, width), above("b", 1.3, width), above("c", 0.7, width)]
 
     def radiance(_: str) -> tuple[np.ndarray, np.ndarray]:
-        return np.repeat(seen[..., None], 3, axis=2), np.ones((60, 60))
+        return np.repeat(seen[..., None], 3, axis=2), np.ones((width, width))
 
-    return separated(cut_at(WALL, find_edges(WALL, CAMERAS, radiance)), CAMERAS, radiance)
+    return separated(cut_at(WALL, find_edges(WALL, cameras, radiance)), cameras, radiance)
+
+
+def flat(width: int) -> tuple[np.ndarray, np.ndarray]:
+    """A picture of one radiance."""
+    return np.ones((width, width, 3)), np.ones((width, width))
 
 
 def test_each_pane_of_a_window_is_a_part(backend) -> None:
@@ -39,6 +44,13 @@ def test_each_pane_of_a_window_is_a_part(backend) -> None:
     inside = panes(middle[:, 0], middle[:, 1])
     largest = np.bincount(part, done.areas).argmax()
     assert (done.areas * (inside != (part != largest))).sum() < 0.03
+
+
+def test_large_photographs_part_what_small_ones_do(backend, monkeypatch) -> None:
+    monkeypatch.setattr("fipt.meshing.radiance_edges._PIXELS", 60 * 60)
+    done, count = parted(lambda x, y: (np.abs(y - 1) < 0.4) & (np.abs(x - 1) < 0.6), 480)
+    assert count == 1
+    np.testing.assert_allclose(np.sort(np.bincount(connected_parts(done), done.areas)), [0.96, 3.04], rtol=0.02)
 
 
 def test_no_ray_passes_between_parts(backend) -> None:
@@ -60,12 +72,15 @@ def test_a_gentle_slope_of_light_parts_nothing(backend) -> None:
     assert len(np.unique(connected_parts(done))) == 1
 
 
+def test_a_piece_that_no_view_sees_stays_whole(backend) -> None:
+    aside = sheet((10, 0, 0), (4, 0, 0), (0, 4, 0), 10)
+    done, count = separated(joined(WALL, aside), [above("a", 1.0), above("b", 1.3)], lambda _: flat(60))
+    assert count == 0
+    assert len(np.unique(connected_parts(done))) == 2
+
+
 def test_triangles_that_no_view_sees_are_unseen(backend) -> None:
     away = Camera("away", "train", 8, 8, 8, 8, 4, 4, np.diag([1, -1, -1, 1.0]))
-
-    def radiance(_: str) -> tuple[np.ndarray, np.ndarray]:
-        return np.ones((8, 8, 3)), np.ones((8, 8))
-
-    side, footprint = sides(WALL, [away], radiance)
+    side, footprint = sides(WALL, [away], lambda _: flat(8))
     assert (side == 2).all()
     assert np.isfinite(footprint).all()

@@ -12,8 +12,8 @@ def image(width: int, bright, over: int = 8) -> np.ndarray:
     return fine.reshape(width, over, width, over).mean(axis=(1, 3))
 
 
-def above(name: str, x: float) -> Camera:
+def above(name: str, x: float, width: int = 60) -> Camera:
     """A view straight down onto the wall from 2 m, moved sideways."""
     pose = np.eye(4)
     pose[:3, 3] = x, 1, 2
-    return Camera(name, "train", 60, 60, 60, 60, 30 + 30 * (x - 1), 30, pose)
+    return Camera(name, "train", width, width, width, width, 0.5 * width * x, width / 2, pose)
