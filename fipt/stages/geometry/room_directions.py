@@ -22,6 +22,8 @@ _CLEAR = 0.07
 """Mean logarithm of density that another turn than the world's must gain. In four rooms whose axes are the world's,
 wrong turns of up to 2 degrees gain 0.01 to 0.07, since depth errs together; a true turn of one degree gains 0.1 to 0.4.
 """
+_NEAR = np.cos(np.radians(10.0))
+"""Cosine between directions and the axes of the world above which they may be the same."""
 _FEWEST = 10
 """Points that a side needs."""
 _POINTS = 100_000
@@ -31,7 +33,8 @@ _POINTS = 100_000
 def sharpened(directions: np.ndarray, views: Sequence[DepthView]) -> np.ndarray:
     """(3, 3) directions near these, rows, along which the known points of all views gather most sharply.
 
-    The axes of the world, if others are not clearly sharper: poses were turned to the room by all its lines.
+    The axes of the world, if those found are near them and not clearly sharper: poses were turned to the room by all
+    its lines. Axes far from them are no rival: a direction that no surface faces has no spread.
 
     Parameters
     ----------
@@ -54,6 +57,8 @@ def sharpened(directions: np.ndarray, views: Sequence[DepthView]) -> np.ndarray:
                     best, directions, moved = sharpness, turned, True
                     break
             step = step if moved else step / 2
+    if np.diag(directions).min() < _NEAR:
+        return directions
     gain = best - _sharpness(np.eye(3), places, normals, areas, _BINS[-1])
     return directions if gain > _CLEAR else np.eye(3)
 

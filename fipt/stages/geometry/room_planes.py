@@ -2,9 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import permutations
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from fipt.stages.geometry.depth_views import DepthView
 from fipt.stages.geometry.room_directions import sharpened
@@ -25,6 +27,10 @@ _TURN = np.cos(np.radians(45.0))
 """Cosine between the normals of a plane and of a superpixel's own, at least: those of small ones are uncertain."""
 _NEARLY = np.cos(np.radians(10.0))
 """Cosine to a direction above which a plane tells of the room's directions at first."""
+_LEADING = 8
+"""Largest planes that directions other than the world's axes are made of: walls, floor and ceiling are among them."""
+_CLEARLY = 1.2
+"""Times as much surface must lie along other directions than along the world's axes: most rooms are along these."""
 _SNAP = np.cos(np.radians(3.0))
 """Cosine to one of the room's directions above which a plane is brought to it: walls are built so, and within noise."""
 _SMALLEST = 0.05
@@ -272,11 +278,37 @@ def _plane_of(patches: _Patches, on: np.ndarray, like: np.ndarray) -> tuple[np.n
     return n, float(n @ middle)
 
 
+def _leading(normal: np.ndarray, shown: np.ndarray) -> np.ndarray:
+    """(3, 3) directions that most surface of planes is along: the world's axes, unless others have clearly more.
+
+    Others are those of two planes at right angles, or of one plane and a world axis.
+    """
+    best, most = np.eye(3), _CLEARLY * _along(np.eye(3), normal, shown)
+    largest = normal[np.argsort(-shown, kind="stable")[:_LEADING]]
+    for first, other in permutations([*np.eye(3), *largest], 2):
+        second = other - (other @ first) * first
+        length = np.linalg.norm(second)
+        if length < _NEARLY:
+            continue
+        second /= length
+        directions = np.array([first, second, np.cross(first, second)])
+        along = _along(directions, normal, shown)
+        if along > most:
+            best, most = directions, along
+    # of the 24 ways to number the same directions, the one nearest to the world's axes
+    return max(Rotation.create_group("O").as_matrix() @ best, key=np.trace)
+
+
+def _along(directions: np.ndarray, normal: np.ndarray, shown: np.ndarray) -> float:
+    """Square metres that planes show which lie along one of the directions, nearly."""
+    return float(shown[np.abs(normal @ directions.T).max(axis=1) > _NEARLY].sum())
+
+
 def _directions(planes: Sequence[_Plane], patches: _Patches) -> np.ndarray:
-    """(3, 3) the room's directions: the world's axes, turned to the planes near them."""
+    """(3, 3) the room's directions: the world's axes or others, turned to the planes near them."""
     normal = np.array([plane.normal for plane in planes]).reshape(-1, 3)
     shown = np.array([patches.shown(plane.on).sum() for plane in planes])
-    directions = np.eye(3)
+    directions = _leading(normal, shown)
     for limit in (_NEARLY, _SNAP, _SNAP):
         cosine = normal @ directions.T
         axis = np.abs(cosine).argmax(axis=1) if len(planes) else np.zeros(0, np.int64)
@@ -284,7 +316,7 @@ def _directions(planes: Sequence[_Plane], patches: _Patches) -> np.ndarray:
         near = np.abs(best) > limit
         target = np.eye(3)[axis[near]] * np.sign(best[near])[:, None]
         correlation = (normal[near] * shown[near, None]).T @ target
-        # few planes leave turns open: the world's axes hold these
+        # few planes leave turns open: the directions before hold these
         u, _, v = np.linalg.svd(correlation + 1e-3 * max(float(shown.sum()), 1e-3) * directions.T)
         turn = u @ np.diag([1, 1, np.sign(np.linalg.det(u @ v))]) @ v
         directions = turn.T

@@ -98,6 +98,24 @@ def test_bare_walls_are_completed():
     assert np.concatenate([d.measured.ravel() for d in done])[bare].mean() < 0.02  # as noise moves the border
 
 
+@pytest.mark.parametrize("degrees", [(0.0, 15.0, 0.0), (0.0, 30.0, 0.0), (20.0, 60.0, -40.0)])
+def test_a_room_that_is_not_along_the_worlds_axes_has_its_walls(degrees):
+    turn = Rotation.from_euler("xyz", degrees, degrees=True).as_matrix()
+    views = [turned_world(without(painted(view), inner(view)), turn) for view in around(NOISE)]
+    done = complete(views, DepthNoise(NOISE, 0.0))
+    nearest = np.abs(done.planes.directions @ turn).max(axis=1)
+    assert np.degrees(np.arccos(np.clip(nearest.min(), 0, 1))) < 0.5
+    assert np.isfinite(done.box.walls).sum() == 4  # floor and ceiling are in no view
+    assert np.mean([d.view.map.known.mean() for d in done.views]) > 0.95
+    np.testing.assert_allclose(np.linalg.det(done.planes.directions), 1)
+
+
+def test_directions_far_from_the_worlds_axes_stay():
+    turn = Rotation.from_euler("y", 30, degrees=True).as_matrix()
+    views = [turned_world(view, turn) for view in around(NOISE)]
+    np.testing.assert_allclose(sharpened(turn.T, views), turn.T, atol=0.003)
+
+
 def test_an_emitter_inherits_no_plane():
     true = [painted(view, lamp=True) for view in around()]
     views = [without(view, inner(view)) for view in true]
