@@ -81,7 +81,7 @@ def mended(vertices: np.ndarray, triangles: np.ndarray, origin: np.ndarray) -> M
     return MendedMesh(mesh, figures)
 
 
-def far_origin(centers: np.ndarray) -> np.ndarray:
+def far_origin(places: np.ndarray) -> np.ndarray:
     """(3,) float64 whole metres to subtract from the positions of a room; zeros where it is near the origin.
 
     Positions are float32 later: at a distance d from the origin they are rounded by d / 2^24. Coordinates of a map are
@@ -89,11 +89,11 @@ def far_origin(centers: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    centers
-        (N, 3) float64 places of the cameras, metres.
+    places
+        (N, 3) float64 of its cameras, or of its surface, metres.
     """
-    middle = np.median(centers, axis=0)
-    reach = max(float(np.ptp(centers, axis=0).max()), _LEAST_REACH)
+    middle = np.median(places, axis=0)
+    reach = max(float(np.ptp(places, axis=0).max()), _LEAST_REACH)
     far = np.abs(middle).max() * 2.0**-24 > _ROUNDED * RAY_EPSILON * reach
     return np.rint(middle) if far else np.zeros(3)
 

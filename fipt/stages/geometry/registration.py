@@ -40,7 +40,7 @@ _TRIED = 6
 """Best places that are refined."""
 _LARGER = 4.0
 """Factor of size by which a scan of the room may differ from what the views show: they show a part, or it is one."""
-_UNITS = (1e-3, 1e-2, 0.0254, 0.1, 0.3048, 10.0, 100.0, 1000.0)
+_UNITS = (1e-3, 1e-2, 0.0254, 0.1, 0.3048, 1.0, 10.0, 100.0, 1000.0)
 """Metres of a unit that scans come in."""
 _SECONDS = 300.0
 
@@ -97,64 +97,96 @@ class _ScanPlace:
         self.residual = float(np.median(np.abs(off))) if near.any() else np.inf
 
 
-def registered(scan: Mesh, views: Sequence[DepthView], seed: int = 0) -> tuple[Mesh, dict[str, Any]]:
+def registered(
+    scan: Mesh, views: Sequence[DepthView], origin: np.ndarray | None = None, unit: float = 1.0, seed: int = 0
+) -> tuple[Mesh, dict[str, Any]]:
     """Bring a scan to the cameras of views with depth.
 
     Where it lies already is tried first; then every turn by 90 degrees that brings the directions of the scan to those
     of the room, with the shifts at which most of the surface meets.
+
+    Parameters
+    ----------
+    scan
+        Near the origin: positions are float32.
+    views
+        With depth maps.
+    origin
+        (3,) float64 metres that were subtracted from the scan's own coordinates; None: nothing was.
+    unit
+        Metres that were taken for a unit of the scan.
+    seed
+        Of the points that are compared.
 
     Returns
     -------
     mesh
         The scan in the world of the cameras.
     about
-        ``world_from_scan``, ``share`` of the points of the views within `REACH` of it, the mean over the room's three
-        directions, ``residual_mm``, the median distance of these, ``turned`` degrees, ``moved`` metres, ``warnings``.
+        ``world_from_scan`` for the scan's own coordinates in metres, ``share`` of the points of the views within
+        `REACH` of it, the mean over the room's three directions, ``residual_mm``, the median distance of these,
+        ``turned`` degrees, ``moved`` metres, ``warnings``.
 
     Raises
     ------
     FiptError
         If it fits nowhere: another room, another unit, or depth that is wrong.
     """
-    rng = np.random.default_rng(seed)
+    rng, origin = np.random.default_rng(seed), np.zeros(3) if origin is None else origin
     room, other = _of_views(views, rng), _of_scan(scan, rng)
-    _check_size(room, other)
-    starts = _starts(room, other)
-    arguments = {"points": room.points, "surface": other.points, "normals": other.normals, "starts": starts}
-    # one CPU: sums over several threads differ in their last bits
-    result = run_in_child(closest_fit, {**arguments, "reach": REACH}, _SECONDS, cpus=1)
-    places = [_ScanPlace(room, other, found) for found in result["found"]]
+    _check_size(room, other, unit)
+    places = _refined(room, other, origin)
     best = max(places, key=lambda place: place.share)
-    share, found = best.share, best.scan_from_world
-    if share < _LEAST:
+    if best.share < _LEAST:
         raise FiptError(
-            f"the scan must show what the views show: in its best place {share:.0%} of their depth lies within "
+            f"the scan must show what the views show: in its best place {best.share:.0%} of their depth lies within "
             f"{100 * REACH:.0f} cm of it",
             "check that it is of this room, and look at the depth maps",
         )
-    middle, warnings = room.points.mean(axis=0), []
-    if share < _WELL:
-        warnings.append(f"the scan lies within {100 * REACH:.0f} cm of {share:.0%} of what the views show")
-    rivals = [p for p in places if p.share > _RIVAL * share and not _alike(p.scan_from_world, found, middle)]
-    if rivals:
+    mesh = Mesh(_moved(scan.vertices, np.linalg.inv(best.scan_from_world)).astype(np.float32), scan.triangles)
+    middle = room.points.mean(axis=0)
+    return mesh, _about(best, _warnings(places, best, middle), middle, origin)
+
+
+def _refined(room: _FacingPoints, scan: _FacingPoints, origin: np.ndarray) -> list[_ScanPlace]:
+    """Places of the scan that are worth a look, as close as its surface comes to the room's points."""
+    starts = _starts(room, scan, origin)
+    arguments = {"points": room.points, "surface": scan.points, "normals": scan.normals, "starts": starts}
+    # one CPU: sums over several threads differ in their last bits
+    result = run_in_child(closest_fit, {**arguments, "reach": REACH}, _SECONDS, cpus=1)
+    return [_ScanPlace(room, scan, found) for found in result["found"]]
+
+
+def _warnings(places: Sequence[_ScanPlace], best: _ScanPlace, middle: np.ndarray) -> list[str]:
+    """What speaks against the best place; ``middle`` (3,) of the room, metres."""
+    warnings = []
+    if best.share < _WELL:
+        warnings.append(f"the scan lies within {100 * REACH:.0f} cm of {best.share:.0%} of what the views show")
+    rivals = [place for place in places if place.share > _RIVAL * best.share]
+    if not all(_alike(place.scan_from_world, best.scan_from_world, middle) for place in rivals):
         warnings.append("the scan fits the views as well in another place: the room looks alike from several sides")
-    world_from_scan = np.linalg.inv(found)
+    return warnings
+
+
+def _about(best: _ScanPlace, warnings: list[str], middle: np.ndarray, origin: np.ndarray) -> dict[str, Any]:
+    """What is said of the place that was found, as `registered` returns it; logged, too."""
+    world_from_scan = np.linalg.inv(best.scan_from_world)
     turn = world_from_scan[:3, :3]
-    mesh = Mesh(_moved(scan.vertices, world_from_scan).astype(np.float32), scan.triangles)
+    world_from_scan[:3, 3] -= turn @ origin
     about = {
-        "world_from_scan": np.round(world_from_scan, 7).tolist(),
-        "share": round(share, 4),
+        "world_from_scan": np.round(world_from_scan, 12).tolist(),  # coordinates of a map have millions of metres
+        "share": round(best.share, 4),
         "residual_mm": round(1e3 * best.residual, 2),
         "turned": round(float(np.degrees(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1)))), 3),
-        "moved": round(float(np.linalg.norm(middle - _moved(middle, found))), 4),
+        "moved": round(float(np.linalg.norm(middle - _moved(middle, best.scan_from_world) - origin)), 4),
         "warnings": warnings,
     }
     log.info("the scan was turned by %.1f degrees and moved by %.2f m; %.0f %% of what the views show lies within "
              "%.0f cm of it, at a median distance of %.1f mm",
-             about["turned"], about["moved"], 100 * share, 100 * REACH, about["residual_mm"])  # fmt: skip
+             about["turned"], about["moved"], 100 * best.share, 100 * REACH, about["residual_mm"])  # fmt: skip
     for warning in warnings:
         log.warning("%s: look at it in the report", warning)
-    return mesh, about
+    return about
 
 
 def _of_views(views: Sequence[DepthView], rng: np.random.Generator) -> _FacingPoints:
@@ -184,7 +216,7 @@ def _everywhere(scan: Mesh) -> tuple[np.ndarray, np.ndarray]:
     return scan.vertices.min(axis=0) - 1, scan.vertices.max(axis=0) + 1
 
 
-def _starts(room: _FacingPoints, scan: _FacingPoints) -> np.ndarray:
+def _starts(room: _FacingPoints, scan: _FacingPoints, origin: np.ndarray) -> np.ndarray:
     """(K, 4, 4) scan_from_world: as it is, and the places where most of the surface meets."""
     from scipy.spatial import cKDTree
 
@@ -193,7 +225,9 @@ def _starts(room: _FacingPoints, scan: _FacingPoints) -> np.ndarray:
     points, normals = room.points[some], room.normals[some]
     place, facing = room.directions, scan.directions
     wanted = scan.heights(facing)
-    tried, met = [np.eye(4)], [np.inf]
+    as_it_is = np.eye(4)
+    as_it_is[:3, 3] -= origin
+    tried, met = [as_it_is], [np.inf]
     for turn in _turns():
         rotation = facing.T @ turn @ place
         there = _FacingPoints(room.points @ rotation.T, room.normals @ rotation.T).heights(facing)
@@ -229,11 +263,10 @@ def _shifts(own: tuple[np.ndarray, np.ndarray], wanted: tuple[np.ndarray, np.nda
     """
     faced = min(len(own[1]) / len(own[0]), len(wanted[1]) / len(wanted[0])) > _FACED
     pair = (own[1], wanted[1]) if faced else (own[0], wanted[0])
-    low, high = min(x.min() for x in pair), max(x.max() for x in pair)
-    count = int((high - low) / _BIN) + 1
-    one, two = (np.bincount(((x - low) / _BIN).astype(np.int64), minlength=count) / len(x) for x in pair)
+    low = [float(x.min()) for x in pair]  # each has its own: they may be far apart
+    one, two = (np.bincount(((x - at) / _BIN).astype(np.int64)) / len(x) for x, at in zip(pair, low, strict=True))
     match = np.correlate(two, one, "full")
-    return (np.argsort(-match, kind="stable")[:_PEAKS] - (count - 1)) * _BIN
+    return (np.argsort(-match, kind="stable")[:_PEAKS] - (len(one) - 1)) * _BIN + low[1] - low[0]
 
 
 def _mean_direction(normals: np.ndarray, chosen: np.ndarray) -> np.ndarray:
@@ -254,16 +287,16 @@ def _alike(one: np.ndarray, other: np.ndarray, middle: np.ndarray) -> bool:
     return bool(cosine > _SAME_PLACE[0] and away < _SAME_PLACE[1])
 
 
-def _check_size(room: _FacingPoints, scan: _FacingPoints) -> None:
-    """Raise FiptError where the scan is much larger or smaller than what the views show."""
+def _check_size(room: _FacingPoints, scan: _FacingPoints, unit: float) -> None:
+    """Raise FiptError where the scan, its unit so many metres, is much larger or smaller than what the views show."""
     sizes = [
         np.sort(np.ptp(np.quantile(s.points @ s.directions.T, [0.02, 0.98], axis=0), axis=0)) for s in (room, scan)
     ]
     factor = float(np.median(sizes[0] / np.maximum(sizes[1], 1e-12)))
     if 1 / _LARGER < factor < _LARGER:
         return
-    unit = min(_UNITS, key=lambda unit: abs(np.log(unit / factor)))
+    fitting = min(_UNITS, key=lambda other: abs(np.log(other / (factor * unit))))
     raise FiptError(
         f"the scan must be in metres; it is about {1 / factor:.3g} times as large as what the views show",
-        f"set geometry.scan_unit: {unit:g}, if its unit is that many metres; else check that it is of this room",
+        f"set geometry.scan_unit: {fitting:g}, if its unit is that many metres; else check that it is of this room",
     )

@@ -2,16 +2,16 @@
 
 import time
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from fipt.meshing.mend import far_origin
 from fipt.meshing.prepare import prepared
 from fipt.meshing.radiance_edges import Radiance
 from fipt.render.scene import RayScene
 from fipt.scene.depth_maps import DepthMap
-from fipt.scene.mesh import Mesh, read_mesh
+from fipt.scene.mesh import Mesh, read_geometry
 from fipt.stages.geometry.build import Geometry
 from fipt.stages.geometry.completion import Completed
 from fipt.stages.geometry.depth_views import DepthView
@@ -33,9 +33,11 @@ def from_scan(views: Sequence[DepthView], path: Path, radiance: Radiance, settin
         If the scan cannot be read, fits nowhere, or open3d is missing.
     """
     start = time.perf_counter()
-    scan = read_mesh(path)
-    scan = replace(scan, vertices=scan.vertices * np.float32(settings.scan_unit))
-    mesh, placed = registered(scan, views)
+    vertices, triangles = read_geometry(path)
+    vertices = vertices * settings.scan_unit
+    origin = far_origin(vertices)  # before the rounding to float32
+    scan = Mesh((vertices - origin).astype(np.float32), triangles)
+    mesh, placed = registered(scan, views, origin, settings.scan_unit)
     mesh, prepare = prepared(mesh, [view.camera for view in views], radiance, settings)
     known = float(np.mean([view.map.known.mean() for view in views]))
     lasting = {"views": len(views), "known": round(known, 4), "registration": placed}

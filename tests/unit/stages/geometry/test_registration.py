@@ -79,6 +79,30 @@ def test_a_scan_in_millimetres_is_refused_with_its_unit(tmp_path, room, views):
     assert blue.mean() > 0.97  # views and scan show the same depth
 
 
+def test_the_unit_that_is_named_counts_from_the_one_that_is_set(tmp_path, room, views):
+    write_ply(tmp_path / "scan.ply", displaced(room, 20.0, (0.1, 0.2, 0.3), 100.0))
+    for unit in (0.001, 1.0):
+        with pytest.raises(FiptError, match=r"geometry\.scan_unit: 0\.01,"):
+            scanned(views, tmp_path / "scan.ply", unit)
+    write_ply(tmp_path / "scan.ply", displaced(room, 20.0, (0.1, 0.2, 0.3)))
+    with pytest.raises(FiptError, match=r"geometry\.scan_unit: 1,"):
+        scanned(views, tmp_path / "scan.ply", 0.001)
+
+
+def test_a_scan_in_coordinates_of_a_map_is_brought_back_to_millimetres(tmp_path, room, views):
+    turn = trimesh.transformations.rotation_matrix(np.radians(137.0), [0.3, 1.0, -0.2])[:3, :3]
+    far = room.vertices @ turn.T + (691_834.123, 5_334_567.891, 512.345)
+    lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in far]
+    lines += [f"f {a} {b} {c}" for a, b, c in room.triangles + 1]
+    (tmp_path / "scan.obj").write_text("\n".join(lines) + "\n")
+    made = scanned(views, tmp_path / "scan.obj", 1.0)
+    np.testing.assert_allclose(made.mesh.vertices, room.vertices, atol=0.005)
+    placed = made.about["registration"]
+    world_from_scan = np.array(placed["world_from_scan"])
+    np.testing.assert_allclose(far @ world_from_scan[:3, :3].T + world_from_scan[:3, 3], room.vertices, atol=0.005)
+    assert placed["moved"] == pytest.approx(np.linalg.norm((691_834, 5_334_568, 512)), abs=3)
+
+
 def test_another_room_is_refused(views):
     other = trimesh.creation.cylinder(1.2, 3.0)
     with pytest.raises(FiptError, match="in its best place"):
