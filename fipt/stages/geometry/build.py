@@ -10,6 +10,7 @@ import numpy as np
 
 from fipt.meshing.prepare import prepared
 from fipt.meshing.radiance_edges import Radiance
+from fipt.meshing.topology import compact
 from fipt.render.variant import active_device, set_variant
 from fipt.scene.mesh import Mesh
 from fipt.stages.geometry.completion import Completed, complete
@@ -63,7 +64,7 @@ def build(views: Sequence[DepthView], radiance: Radiance, settings: AnyGeometry)
     found = complete(views, noise) if settings.planes else None
     if found is not None:
         maps = found.views
-        log.info("%d planes, %d along the room's directions; %.0f %% of the pixels show walls alone",
+        log.info("%d planes, %d along the room's directions; %.0f %% of the pixels show walls alone, or nothing",
                  len(found.planes), (found.planes.axis >= 0).sum(), 100 * _share([m.closed for m in maps]))  # fmt: skip
     measured, views = views, [m.view for m in maps]
     check_memory(views, voxel, settings.memory_gb)
@@ -107,7 +108,7 @@ def _closed(mesh: Mesh, box: RoomBox, voxel: float, views: Sequence[DepthView]) 
     open_ = find_openings(whole, views) if views else np.zeros(len(whole.triangles), bool)
     gone = open_ | shell_behind(whole, count, open_, voxel)
     area = float(mesh.areas[gone[:count]].sum())
-    return Mesh(whole.vertices, whole.triangles[~gone]), ~gone[:count], area
+    return compact(whole.vertices, whole.triangles[~gone]), ~gone[:count], area
 
 
 def _surface(
@@ -133,9 +134,10 @@ def _surface(
 def _of_pixels(maps: Sequence[Completed], own: Sequence[np.ndarray]) -> dict[str, Any]:
     """Shares of pixels that have a depth of their own, that planes completed, that are closed; of each view too."""
     known, closed = _share(own), _share([m.closed for m in maps])
+    with_planes = _share([m.view.map.known & ~m.closed for m in maps])
     return {
         "known": round(known, 4),
-        "completed": round(_share([m.view.map.known for m in maps]) - known - closed, 4),
+        "completed": round(with_planes - known, 4),
         "closed": round(closed, 4),
         "of_view": {
             m.view.camera.name: {"known": round(float(mask.mean()), 4), "closed": round(float(m.closed.mean()), 4)}

@@ -47,7 +47,7 @@ class Completed:
     measured
         (H, W) bool: pixels whose depth is the view's own.
     closed
-        (H, W) bool: pixels that show a wall of the room's box for want of anything else.
+        (H, W) bool: pixels that show a wall of the room's box for want of anything else, or nothing.
     """
 
     view: DepthView
@@ -129,7 +129,7 @@ def _carried(
 
 
 def _with_doubtful(done: Completed, view: DepthView) -> Completed:
-    """Add depth of little confidence where there is no other; it does not say what is free."""
+    """Add depth of little confidence where there is no other; what lies before it is free, too."""
     add = view.map.known & ~done.view.map.known
     low = view.map.confidence / _WORSE_VARIANCE
     found = DepthMap(

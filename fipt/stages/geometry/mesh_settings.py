@@ -20,7 +20,9 @@ class _Geometry(Settings):
         default=True, description="cut along sharp edges of radiance, and part what they enclose: emitters are parts"
     )
     openings: bool = Field(
-        default=True, description="leave surface out where the views see far outside; else panes close such openings"
+        default=True,
+        description="leave surface out where the views see far outside; else panes close such openings; of no effect "
+        "with `planes: false` or a scan",
     )
 
     @property
