@@ -69,8 +69,8 @@ def _of_depth(content: dict[str, Any]) -> str:
     return (
         f"The mesh was made of the photographs. Of their pixels {100 * content['known']:.0f} % have a depth of their "
         f"own, {100 * content['completed']:.0f} % lie on planes that go on from others, and "
-        f"{100 * content['closed']:.0f} % show a wall of the room for want of anything else. Depth deviates by "
-        f"{content['noise_mm_at_1m']:.2g} mm at 1 m; voxels have {content['voxel_mm']:.0f} mm; "
+        f"{100 * content['closed']:.0f} % show a wall of the room for want of anything else, or nothing. Depth "
+        f"deviates by {content['noise_mm_at_1m']:.2g} mm at 1 m; voxels have {content['voxel_mm']:.0f} mm; "
         f"{content['planes']} planes were found. Of its surface {100 * surface['measured']:.0f} % is seen with a depth "
         f"of its own, {100 * surface['completed']:.0f} % lies on planes that go on, {100 * surface['closed']:.0f} % on "
         f"walls that nothing else tells, and {100 * surface['unseen']:.0f} % is in no view."
