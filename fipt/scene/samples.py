@@ -19,6 +19,7 @@ from fipt.scene.dataset import Dataset
 
 Empty = Callable[..., np.ndarray]
 """Makes an array of a shape and dtype, like ``np.empty``."""
+_GOLDEN = (5**0.5 - 1) / 2
 ALONE = 0.9
 """Share of its pixel that a sample must cover to show its surface's own radiance."""
 
@@ -202,6 +203,17 @@ def strided(lengths: Iterable[int], step: int) -> list[slice]:
         found.append(slice(-passed % step, None, step))
         passed += length
     return found
+
+
+def scattered(first: int, count: int, step: int) -> np.ndarray:
+    """(K,) int64 numbers below ``count``: one of each run of ``step``, counted from ``first`` before them.
+
+    Each is at another place of its run (golden ratio): every ``step``-th pixel would lie in the same few columns of all
+    views where ``step`` and the width of the images have a common divisor.
+    """
+    run = np.arange(first // step, -(-(first + count) // step))
+    number = run * step + (run * _GOLDEN % 1 * step).astype(np.int64) - first
+    return number[(number >= 0) & (number < count)]
 
 
 def summed_by(groups: Iterable[tuple[np.ndarray, np.ndarray]], count: int) -> np.ndarray:

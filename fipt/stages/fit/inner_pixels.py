@@ -7,6 +7,7 @@ import numpy as np
 from fipt.conventions import SHADING_OUTPUTS
 from fipt.model.reflectance import exceeds_reflection
 from fipt.scene.observed import filled_by_one, full_pixels
+from fipt.scene.samples import scattered
 from fipt.scene.voxels import FACINGS, facings, voxel_keys
 from fipt.stages.fit.batches import Pixels
 
@@ -29,7 +30,7 @@ class InnerPixels:
 
 
 def stride(pixels: int) -> int:
-    """Of so many training pixels every ``stride``-th is used."""
+    """Of so many training pixels one in ``stride`` is used."""
     return max(pixels // _MOST_PIXELS, 1)
 
 
@@ -43,7 +44,7 @@ def inner_pixels(pixels: Pixels, emitter_gain: float) -> InnerPixels:
     for number, shard in enumerate(pixels.shards):
         use = full_pixels(shard, pixels.valid[number]) & ~pixels.clipped[number]
         filled = np.flatnonzero((np.diff(shard.offsets) > 0) & use)
-        chosen = filled[-passed % step :: step]  # the same ones however the views are spread over shards
+        chosen = filled[scattered(passed, len(filled), step)]
         passed += len(filled)
         first_view, views = views, views + len(shard.views)
         if len(chosen) == 0:

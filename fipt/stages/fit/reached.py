@@ -4,6 +4,7 @@ import numpy as np
 import torch
 
 from fipt.model.networks import Field
+from fipt.scene.samples import scattered
 from fipt.stages.fit.batches import Pixels
 
 _PIXELS, _TOGETHER = 20_000, 1000
@@ -29,7 +30,7 @@ def metallic_missed(field: Field, pixels: Pixels, metallic: np.ndarray, footprin
         Share of a pixel that the networks are asked about (settings of the fit).
     """
     goal = torch.from_numpy(metallic.astype(np.float32)).to(field.device)
-    chosen, missed = np.arange(0, len(pixels), -(-len(pixels) // _PIXELS)), 0.0
+    chosen, missed = scattered(0, len(pixels), -(-len(pixels) // _PIXELS)), 0.0
     for first in range(0, len(chosen), _TOGETHER):
         batch = pixels.batch(chosen[first : first + _TOGETHER], 1, np.random.default_rng(0)).to(field.device)
         with torch.no_grad():

@@ -35,7 +35,7 @@ import numpy as np
 from fipt.model.networks import Field
 from fipt.model.reflectance import Brdf, exceeds_reflection, line_in_base_color
 from fipt.scene.confidence import Confidence, records
-from fipt.scene.samples import FootprintSamples, scene_box
+from fipt.scene.samples import FootprintSamples, scattered, scene_box
 from fipt.scene.shading import Shading
 from fipt.stages.fit.batches import Pixels
 from fipt.stages.fit.evidence import piece_resolution, sums_by
@@ -65,7 +65,6 @@ _WHOLE = 0.99
 _MOST_SAMPLES = 150_000
 """Samples asked at most: fewer than a twentieth of what a fit of 500 steps asks."""
 _TINY = 1e-9
-_GOLDEN = (5**0.5 - 1) / 2
 _HARDLY = 1.0
 """Pixels: surface of which less tells is taken for what surface is like that no view sees."""
 _MOSTLY = 0.5
@@ -138,11 +137,12 @@ def predict(
     """
     center, side = scene_box(pixels.shards)
     box = center, side, piece_resolution(pixels.shards, side)
-    every = max(sum(len(samples.position) for samples in pixels.shards) / _MOST_SAMPLES, 1)
-    keys, sums = [], []
+    step = max(-(-sum(len(samples.position) for samples in pixels.shards) // _MOST_SAMPLES), 1)
+    keys, sums, passed = [], [], 0
     for number, samples in enumerate(pixels.shards):
-        for index in range(len(samples.views)):
-            view = _FittedView(pixels, number, index, every)
+        for index, (height, width) in enumerate(samples.shapes):
+            view = _FittedView(pixels, number, index, scattered(passed, height * width, step))
+            passed += height * width
             key, place = np.unique(view.keys(box), return_inverse=True)
             keys.append(key)
             sums.append(sums_by(place.reshape(-1), view.columns(field, emitter_gain, earlier), len(key)))
@@ -155,12 +155,12 @@ def predict(
 
 @dataclass(frozen=True)
 class _FittedView:
-    """One view of one shard."""
+    """One view of one shard, and those of its pixels (K,) that are ``chosen`` to be asked."""
 
     pixels: Pixels
     number: int
     index: int
-    every: float
+    chosen: np.ndarray
 
     @property
     def samples(self) -> FootprintSamples:
@@ -183,8 +183,8 @@ class _FittedView:
 
     @cached_property
     def asked(self) -> np.ndarray:
-        """(M,) numbers of the samples in one pixel in ``every``, spread evenly (golden ratio)."""
-        return np.flatnonzero(self.pixel * _GOLDEN % 1 < 1 / self.every)
+        """(M,) numbers of the samples in its chosen pixels."""
+        return np.flatnonzero(np.isin(self.pixel, self.chosen))
 
     def keys(self, box: tuple[np.ndarray, float, int]) -> np.ndarray:
         """(N,) int64 record and segment of its samples."""

@@ -13,7 +13,7 @@ from fipt.conventions import EMITTER_GAIN, SHADING_OUTPUTS
 from fipt.model.reflectance import exceeds_reflection
 from fipt.scene.environment import covered_share
 from fipt.scene.observed import ObservedShard, filled_by_one, full_pixels
-from fipt.scene.samples import FootprintSamples, segments_of_triangles, strided
+from fipt.scene.samples import FootprintSamples, scattered, segments_of_triangles
 
 _MOST = 400_000
 """Pixels used at most: the material of a region does not need more."""
@@ -110,10 +110,12 @@ def _gathered(
     """The pixels that ``pixels_of`` makes of a shard and some of its pixels (N,)."""
     step = max(sum(len(each) for each in regions) // _MOST, 1)
     _, of_triangle = segments_of_triangles([shard.samples for shard in shards], regions)
-    usable = [_usable(shard) for shard in shards]
-    found = []
-    for shard, own, pixel, rows in zip(shards, regions, usable, strided(map(len, usable), step), strict=True):
-        arrays = pixels_of(shard, pixel[rows], partial(_region_of, shard.samples, own, of_triangle))
+    found, passed = [], 0
+    for shard, own in zip(shards, regions, strict=True):
+        usable = _usable(shard)
+        pixel = usable[scattered(passed, len(usable), step)]
+        passed += len(usable)
+        arrays = pixels_of(shard, pixel, partial(_region_of, shard.samples, own, of_triangle))
         radiance, shading, _, _, region, _, _ = arrays
         keep = ~exceeds_reflection(radiance, shading, EMITTER_GAIN) & (region > 0)
         found.append([np.asarray(array)[keep] for array in arrays])

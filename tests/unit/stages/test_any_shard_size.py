@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fipt.cli.main import main
-from fipt.scene.samples import read_samples, strided, summed_by
+from fipt.scene.samples import read_samples, scattered, strided, summed_by
 from fipt.scene.settled import read_state
 from fipt.scene.shading import BEFORE, SHADING, read_shading
 from tests.fitted import FIT, call, content
@@ -91,3 +91,14 @@ def test_strides_and_sums_go_on_from_shard_to_shard(lengths, np_rng):
     )
     found = summed_by(zip(np.split(groups, ends), parts, strict=True), 3)
     np.testing.assert_array_equal(found, np.bincount(groups, values, 3))
+
+
+@pytest.mark.parametrize("step", [1, 2, 7, 50, 160])
+def test_scattered_pixels_are_the_same_ones_in_any_shards(step):
+    whole, passed, parts = scattered(0, 8000, step), 0, []
+    for length in (5, 0, 1, 993, 4000, 3001):
+        parts.append(passed + scattered(passed, length, step))
+        passed += length
+    np.testing.assert_array_equal(np.concatenate(parts), whole)
+    np.testing.assert_array_equal((whole // step)[: 8000 // step], np.arange(8000 // step))  # one of each run
+    assert len(np.unique(whole % 800)) > min(len(whole), 800) / 2

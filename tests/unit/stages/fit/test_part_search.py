@@ -9,6 +9,7 @@ import torch
 from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
 from fipt.model.reflectance import specular_shading
 from fipt.scene.metals import JudgedMetals
+from fipt.stages.fit import inner_pixels
 from fipt.stages.fit.inner_pixels import InnerPixels
 from fipt.stages.fit.part_colors import uniformity
 from fipt.stages.fit.part_search import ROUGHNESS, _chosen, _of_classes, estimate_parts, part_classes
@@ -60,6 +61,20 @@ def test_planted_materials_are_found(np_rng):
     np.testing.assert_allclose(parts.roughness[1:], [1.0, 0.2, 0.3], atol=0.06)
     np.testing.assert_array_equal(parts.metallic[1:], [0, 0, 1])
     assert parts.gain[3] > 0.5 > 0.05 > parts.gain[1]
+
+
+def test_the_pixels_that_are_used_are_of_all_columns(monkeypatch):
+    """The step is half the width of the views."""
+    width = 30
+    place = np.stack([np.arange(20 * width) % width, np.zeros(20 * width), np.zeros(20 * width)], axis=1)
+    samples = scenes.samples_of(place, shapes=[(20, width)])
+    shading = np.full((len(place), SHADING_OUTPUTS, 3), 0.5, np.float32)
+    images = [(np.full((len(place), 3), 0.3, np.float32), np.ones(len(place)))]
+    data = scenes.training_pixels([samples], [shading], images, [np.ones(len(place), np.uint16)])
+    monkeypatch.setattr(inner_pixels, "_MOST_PIXELS", len(place) // (width // 2))
+    used = inner_pixels.inner_pixels(data, 1e9)
+    assert len(used.place) == 40
+    assert len(np.unique(used.place[:, 0])) > width / 2
 
 
 def test_threads_do_not_change_what_is_found(np_rng, threads):

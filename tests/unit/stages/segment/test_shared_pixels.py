@@ -10,6 +10,7 @@ from fipt.model.reflectance import line_in_base_color
 from fipt.scene.dataset import Dataset
 from fipt.scene.observed import ObservedShard, read_observed
 from fipt.scene.samples import segments_of, segments_of_triangles
+from fipt.stages.segment import region_pixels as gathering
 from fipt.stages.segment.material_evidence import BestMaterials, color_pieces, measure
 from fipt.stages.segment.region_pixels import region_pixels, shared_pixels
 
@@ -39,6 +40,21 @@ def looks(region, shading):
     """Radiance of matte regions, each of a grey of its own."""
     offset, slope = line_in_base_color(np.asarray(shading, np.float32), 1.0, 0.0)
     return offset + slope * ((1 + region % 7) / 10)[:, None]
+
+
+def test_the_pixels_that_are_used_are_of_all_columns(observed, monkeypatch):
+    shard, ids = observed
+    width, chosen = shard.samples.shapes[0][1], []
+
+    def noted(shard, pixel, region_of):
+        chosen.append(pixel)
+        return gathering._filled(shard, pixel, region_of)
+
+    monkeypatch.setattr(gathering, "_MOST", len(ids) // (width // 2))
+    gathering._gathered([shard], [ids], noted)
+    usable = len(gathering._usable(shard))
+    assert abs(len(chosen[0]) - usable / (width // 2)) <= 1
+    assert len(np.unique(chosen[0] % width)) > width / 4
 
 
 def test_a_shared_pixel_shows_what_its_largest_region_reflects(observed):
