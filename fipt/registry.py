@@ -41,7 +41,7 @@ SECTIONS: dict[str, Section] = {
     "check_poses": Section("fipt.stages.check_poses.settings:CheckPosesSettings", 6),
     "plant_errors": Section("fipt.stages.plant_errors.settings:PlantErrorsSettings", 3),
     "samples": Section("fipt.stages.samples.settings:SamplesSettings", 4),
-    "segment": Section("fipt.stages.segment.settings:SegmentSettings", 2),
+    "segment": Section("fipt.stages.segment.settings:SegmentSettings", 3),
     "fuse": Section("fipt.stages.segment.settings:FuseSettings", 3),
     "cache": Section("fipt.stages.cache.settings:CacheSettings", 4),
     "environment": Section("fipt.stages.environment.settings:EnvironmentSettings", 4),

@@ -5,7 +5,8 @@ Images hold one channel of ids, or colours that ``table.json`` turns into ids:
 
     [{"id": 1, "color": [255, 0, 0], "class": "wall"}, ...]
 
-``color`` and ``class`` may be left out; black is unknown where the table does not list it.
+``color`` and ``class`` may be left out. Without classes in the table, semantic ids are the classes, and
+``semantic.json`` may name them. Black is unknown where the table does not list it.
 """
 
 import logging
@@ -89,21 +90,27 @@ class GivenIds:
     def _read(self, view: str) -> tuple[np.ndarray, np.ndarray]:
         files = self._files[view]
         maps = {kind: self._fitted(read_id_image(path, self._table), view, path) for kind, path in files.items()}
-        ids = maps["part"] if "part" in maps else maps["semantic"]
+        kind = "semantic" if "semantic" in maps else "part"
+        classes = self._classes_of(maps[kind], kind, files[kind])
+        if "part" in maps and "semantic" in maps:
+            return maps["part"], class_of_ids(maps["part"], classes[maps["semantic"]])
+        return maps[kind], classes
+
+    def _classes_of(self, ids: np.ndarray, kind: str, path: Path) -> np.ndarray:
+        """(K,) int32 class of every id of an image: as the table has it, else semantic ids are classes."""
         count = int(ids.max(initial=0)) + 1
-        if "part" not in maps:
-            return ids, np.arange(count, dtype=np.int32)
-        if "semantic" in maps:
-            return ids, class_of_ids(ids, maps["semantic"])
+        if not self._class_of:
+            return np.arange(count, dtype=np.int32) if kind == "semantic" else np.zeros(count, np.int32)
         classes = np.zeros(count, np.int32)
-        for k in np.unique(ids[ids > 0]) if self._class_of else ():
+        for k in np.unique(ids[ids > 0]):
             if int(k) not in self._class_of:
                 raise FiptError(
-                    f"{self.path / TABLE} must give the class of every id; it misses id {k} of {files['part'].name}",
+                    f"{self.path / TABLE} must give the class of every id; it misses id {k} of "
+                    f"{path.relative_to(self.path)}",
                     "add the id to the table, with its class",
                 )
             classes[k] = self._class_of[int(k)]
-        return ids, classes
+        return classes
 
     def _fitted(self, ids: np.ndarray, view: str, path: Path) -> np.ndarray:
         """Ids at the size of their view."""
@@ -128,7 +135,7 @@ class GivenIds:
             order = sorted({e["class"] for e in entries if "class" in e})
             self.names = dict(enumerate(order, start=1))
             self._class_of = {e["id"]: order.index(e["class"]) + 1 for e in entries if "class" in e}
-        elif named.is_file():
+        if not self._class_of and named.is_file():
             try:
                 content = parse_json(named.read_text(encoding="utf-8"))
                 self.names = {int(k): str(name) for k, name in content.get("ids", content).items()}

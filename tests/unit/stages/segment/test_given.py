@@ -101,6 +101,35 @@ def test_classes_come_from_the_table_or_from_semantic_ids(room, folder):
     assert classes.tolist() == [0, 1, 2, 3, 4, 5]
 
 
+def test_semantic_images_have_the_classes_and_names_of_the_table(room, folder):
+    """Two ids of one class, and colours in place of ids."""
+    wall, chair, door = (255, 0, 0), (0, 255, 0), (0, 0, 255)
+    semantic = [[wall] * 4 + [chair] * 4] * 3 + [[door] * 8] * 3
+    part = [[1] * 4 + [2] * 4] * 3 + [[3] * 8] * 3
+    for view in "ab":
+        write_png(folder / "semantic" / f"{view}.png", np.array(semantic, np.uint8))
+    colors = [{"id": 10, "color": wall}, {"id": 20, "color": chair}, {"id": 30, "color": door}]
+    table(folder, *({**each, "class": name} for each, name in zip(colors, ("wall", "chair", "wall"), strict=True)))
+    source, found = given(room, folder)
+    ids, classes = found["a"]
+    assert np.unique(ids).tolist() == [10, 20, 30]
+    assert [source.names[k] for k in classes[[10, 20, 30]]] == ["wall", "chair", "wall"]
+
+    for view in "ab":
+        write_png(folder / "part" / f"{view}.png", np.array(part, np.uint16))
+    source, found = given(room, folder)
+    assert [source.names[k] for k in found["b"][1][[1, 2, 3]]] == ["wall", "chair", "wall"]
+
+    table(folder, *colors)
+    (folder / "semantic.json").write_text(json.dumps({"ids": {"10": "wall", "20": "chair", "30": "door"}}))
+    source, found = given(room, folder)
+    assert [source.names[k] for k in found["b"][1][[1, 2, 3]]] == ["wall", "chair", "door"]
+
+    table(folder, {**colors[0], "class": "wall"}, *colors[1:])
+    with pytest.raises(FiptError, match=r"must give the class of every id; it misses id 20 of semantic/a.png"):
+        given(room, folder)
+
+
 def test_the_class_of_an_id_is_that_of_most_pixels():
     ids = np.array([[1, 1, 1, 2, 2, 0]], np.uint16)
     classes = class_of_ids(ids, np.array([[4, 9, 9, 0, 0, 4]], np.uint16))
