@@ -158,13 +158,14 @@ def measure(found: ColorPieces, count: int) -> MaterialEvidence:
     products = np.zeros((count, len(TRIALS), len(TRIALS)))
     means = np.zeros((count, len(TRIALS), 3))
     pieces, noise = np.ones(count), _ColorNoise()
+    best = best_trials(total, total.sum(axis=0), slice(None))
     for k in range(count):
         own = order[bounds[k] : bounds[k + 1]]
         products[k] = left[own].T @ left[own]
         own = own[judged[own]] if judged[own].any() else own
         means[k] = np.average(color[own], axis=0, weights=number[own])
         pieces[k] = len(own)
-        noise.add(color[own, total[k].argmin()], place[own])
+        noise.add(color[own, best[k]], place[own])
     metal = is_metal(total, np.bincount(owner, number * judged, count))
     return MaterialEvidence(total, products, means, np.bincount(owner, number, count), metal, noise.variance(pieces))
 
@@ -200,8 +201,9 @@ class BestMaterials:
         cls, known: np.ndarray, pieces: ColorPieces, evidence: MaterialEvidence, center: np.ndarray, side: float
     ) -> "BestMaterials":
         """Those of the regions with ids ``known`` (R,); metal where its evidence says so."""
-        dielectric = evidence.left[:, :HALF].argmin(axis=1)
-        trial = np.where(evidence.metal, HALF + evidence.left[:, HALF:].argmin(axis=1), dielectric)
+        room = evidence.left.sum(axis=0)
+        dielectric = best_trials(evidence.left, room, slice(None, HALF))
+        trial = np.where(evidence.metal, best_trials(evidence.left, room, slice(HALF, None)), dielectric)
         colors = evidence.color[np.arange(len(known)), trial]
         of_pieces = pieces.color[np.arange(len(pieces.owner)), trial[pieces.owner]]
         return cls(known, trial, _base_color(colors), _base_color(of_pieces), pieces.key, center, side)
@@ -286,6 +288,16 @@ def is_metal(left: np.ndarray, judged: np.ndarray) -> np.ndarray:
     """(R,) bool: metal leaves clearly less (R, T) of the pixels that judge it (R,); as cautious as the part search."""
     caution = _METAL_GAIN + _CAUTION / np.sqrt(np.maximum(judged, 1))
     return left[:, HALF:].min(axis=1) < (1 - caution) * left[:, :HALF].min(axis=1)
+
+
+def best_trials(left: np.ndarray, room: np.ndarray, trials: slice) -> np.ndarray:
+    """(K,) int64 trial of ``trials`` that leaves the least (K, T); between equal ones, the least of the room (T,).
+
+    What has no piece that judges is left the same by all of them, and the first is a mirror.
+    """
+    own = left[:, trials]
+    equal = own == own.min(axis=1, keepdims=True)
+    return np.where(equal, room[trials], np.inf).argmin(axis=1) + trials.indices(len(room))[0]
 
 
 def worse(

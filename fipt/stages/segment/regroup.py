@@ -35,6 +35,7 @@ from fipt.stages.segment.material_evidence import (
     BestMaterials,
     ColorPieces,
     MaterialEvidence,
+    best_trials,
     color_pieces,
     measure,
     worse,
@@ -110,7 +111,7 @@ def _metals(evidence: MaterialEvidence, label: np.ndarray) -> JudgedMetals:
     left, products = np.zeros((count, len(TRIALS))), np.zeros((count, len(TRIALS), len(TRIALS)))
     np.add.at(left, label, evidence.left)
     np.add.at(products, label, evidence.products)
-    best = HALF + left[:, HALF:].argmin(axis=1)
+    best = best_trials(left, evidence.left[evidence.metal].sum(axis=0), slice(HALF, None))
     metal = np.unique(label[evidence.metal])
     unlike = worse(left, products, best, slice(None, HALF), errors=_NO_METAL_ERRORS)
     dielectric = np.setdiff1d(np.flatnonzero(unlike), metal)
@@ -217,6 +218,7 @@ class _Materials:
         self._left, self._products = evidence.left.copy(), evidence.products.copy()
         self._color, self._variance = evidence.color.copy(), evidence.variance.copy()
         self._pixels, self._metal = evidence.pixels.copy(), evidence.metal
+        self._of_kind = [evidence.left[of_kind].sum(axis=0) for of_kind in (~evidence.metal, evidence.metal)]
 
     def distances(self, k: int, others: np.ndarray) -> np.ndarray:
         """(K,) squared distance of the colours of ``k`` and of ``others`` (K,), in variances; inf: they disagree."""
@@ -224,7 +226,7 @@ class _Materials:
         at = np.flatnonzero(self._metal[others] == self._metal[k])
         like = others[at]
         trials = slice(HALF, None) if self._metal[k] else slice(None, HALF)
-        best = (self._left[like, trials] + self._left[k, trials]).argmin(axis=1) + trials.indices(2 * HALF)[0]
+        best = best_trials(self._left[like] + self._left[k], self._of_kind[int(self._metal[k])], trials)
         off = self._color[like, best] - self._color[k, best]
         difference = (off**2 / (self._variance[like] + self._variance[k])).sum(axis=1)
         near = difference < CHI_SQUARE

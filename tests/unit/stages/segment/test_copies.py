@@ -6,7 +6,8 @@ import numpy as np
 
 from fipt.scene.mesh import Mesh
 from fipt.stages.segment.copies import copied_regions, first_copies, judged_with_copies
-from fipt.stages.segment.material_evidence import HALF, TRIALS, MaterialEvidence
+from fipt.stages.segment.material_evidence import HALF, ROUGHNESS, TRIALS, MaterialEvidence
+from fipt.stages.segment.regroup import _metals, joined
 
 _TURN = np.array([[0.6, -0.8, 0], [0.8, 0.6, 0], [0, 0, 1]])
 _MIRROR = np.diag([-1.0, 1, 1])
@@ -118,3 +119,24 @@ def test_what_copies_leave_together_proves_metal_whatever_their_colours():
     evidence.left[20, HALF:] = 1.7
     evidence.left[:20, HALF:] = 0.8
     assert judged_with_copies(evidence, all_copies).metal.tolist() == [True] * 20 + [False], "it clearly is none"
+
+
+def test_a_metal_copy_that_judges_nothing_is_as_rough_as_the_metals_of_the_room():
+    """Nineteen legs of brushed steel, and one whose pieces have too few pixels."""
+    evidence = legs([False] * 20, [50] * 20, [-0.9 * k for k in range(20)])
+    brushed = ROUGHNESS.index(0.45)
+    evidence.left[:, HALF:], evidence.products[:] = 0.9, 0
+    evidence.left[:, HALF + brushed] = 0.8
+    evidence.left[19] = 0
+    told = judged_with_copies(evidence, pairs(*((k, other) for k in range(20) for other in range(k))))
+    assert told.metal.all()
+    label = joined(told)
+    assert _metals(told, label).roughness[int(label[19]) + 1] == 0.45
+
+
+def test_metals_that_judge_nothing_join_by_their_colour_as_metals_of_the_room():
+    """As mirrors the last two would differ."""
+    evidence = legs([True, True, True], [50, 3, 3], [-3, -1, -1])
+    evidence.left[0, HALF + ROUGHNESS.index(0.45)], evidence.left[1:] = 0.8, 0
+    evidence.color[2, HALF, 0] = 1
+    assert joined(evidence).tolist() == [0, 1, 1]

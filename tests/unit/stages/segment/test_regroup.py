@@ -19,7 +19,14 @@ from fipt.scene.settled import RoundState, write_state
 from fipt.stages.fit.part_search import estimate_parts
 from fipt.stages.segment import divide, regroup
 from fipt.stages.segment.divide import materials_of
-from fipt.stages.segment.material_evidence import HALF, TRIALS, color_pieces, measure
+from fipt.stages.segment.material_evidence import (
+    HALF,
+    TRIALS,
+    BestMaterials,
+    best_trials,
+    color_pieces,
+    measure,
+)
 from fipt.stages.segment.region_pixels import RegionPixels
 from fipt.stages.segment.regroup import _metals, joined, with_likely_metals
 from fipt.stages.segment.regroup_stage import RegroupInputs, run
@@ -109,6 +116,24 @@ def test_evidence_names_the_trial_and_the_metal(np_rng):
     assert TRIALS[evidence.left[0].argmin()] == (1.0, 0.2)
     assert TRIALS[evidence.left[1, :HALF].argmin()] == (0.0, 0.2)
     assert evidence.pixels.tolist() == [400, 400]
+
+
+def test_a_region_that_judges_nothing_is_what_the_room_is(np_rng):
+    found = pixels(np_rng, [(WHITE, 0.8, 0.0), (RED, 0.8, 0.0)])
+    found = found.of((found.region == 0) | (np.arange(len(found.region)) % 200 == 0))
+    center, side = np.array([1.0, 0.5, 0.0]), 2.0
+    pieces = color_pieces(found, found.region, 2, center, side)
+    evidence = measure(pieces, 2)
+    assert not evidence.left[1].any()
+    materials = BestMaterials.of(np.array([1, 2]), pieces, evidence, center, side)
+    assert [TRIALS[k] for k in materials.trial] == [(0.0, 0.8)] * 2
+
+
+def test_the_room_decides_between_equal_trials_alone():
+    room = np.array([3.0, 2, 1, 9])
+    left = np.array([[0.0, 0, 0, 0], [1, 1, 2, 2], [1, 1 + 1e-9, 2, 2]])
+    assert best_trials(left, room, slice(None)).tolist() == [2, 1, 0]
+    assert best_trials(left, room, slice(2, None)).tolist() == [2, 2, 2]
 
 
 def test_a_region_that_proves_nothing_is_the_metal_that_another_proves(np_rng):
