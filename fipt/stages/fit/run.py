@@ -135,10 +135,12 @@ def _training_pixels(data: Dataset, kind: str | None, inputs: FitInputs, setting
 
 
 def _learn_finest(field: Field, pixels: Pixels) -> None:
-    """Tell the field how fine the training views are; one view is in memory at a time."""
-    for samples in pixels.shards:
+    """Tell the field how fine the pixels are that teach it; one view is in memory at a time."""
+    field.finest.zero_()  # a field before this one may have been taught by others
+    for samples, valid in zip(pixels.shards, pixels.valid, strict=True):
         for view in range(len(samples.views)):
-            own = samples.of_view(view)
+            teaches = np.asarray(valid[samples.pixels(view)])[samples.pixel_of_sample(view)] > 0
+            own = samples.of_view(view).start + np.flatnonzero(teaches)
             field.learn_finest(samples.position[own], field.settings.footprint * np.asarray(samples.footprint[own]))
 
 
