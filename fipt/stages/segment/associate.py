@@ -85,26 +85,21 @@ def _evidence(
     used = np.unique(own.indices)
     number = np.full(cells, -1, np.int64)
     number[used] = np.arange(len(used))
-    places, found, shares, seen = [], [], [], []
+    own = own[:, used]
     views = int(masks.view.max(initial=-1)) + 1
+    both, shared = np.zeros((len(masks), views)), []
     for view in range(views):
         cell, mask = cells_of(view)
         place = number[cell]
         place, mask = place[place >= 0], mask[place >= 0]
         counts = np.bincount(place, minlength=len(used))
-        places.append(place)
-        found.append(mask)
-        shares.append(1.0 / counts[place])
-        seen.append(np.flatnonzero(counts))
-    places, found, shares = (np.concatenate(arrays) for arrays in (places, found, shares))
-    shares_of_cells = csr_matrix((shares, (places, found)), shape=(len(used), len(masks)))
-    rows, columns = np.concatenate(seen), np.repeat(np.arange(views), [len(s) for s in seen])
-    observed = csr_matrix((np.ones(len(rows)), (rows, columns)), shape=(len(used), views))
-    own = own[:, used]
-    both = np.asarray((own @ observed).todense())
-    shared = (own @ shares_of_cells).tocoo()
-    i, j, amount = shared.row.astype(np.int64), shared.col.astype(np.int64), shared.data
-    i, j, amount = (values[masks.view[i] != masks.view[j]] for values in (i, j, amount))
+        both[:, view] = own @ (counts > 0).astype(np.float64)
+        share_of_cells = csr_matrix((1.0 / counts[place], (place, mask)), shape=(len(used), len(masks)))
+        found = (own @ share_of_cells).tocoo()
+        others = masks.view[found.row] != view
+        shared.append((found.row[others], found.col[others], found.data[others]))
+    i, j, amount = (np.concatenate(arrays) for arrays in zip(*shared, strict=True))
+    i, j = i.astype(np.int64), j.astype(np.int64)
     share = amount / both[i, masks.view[j]]  # of what the other's view sees of i, how much it gives to j
     # of every pair, both directions
     pairs, place = np.unique(np.minimum(i, j) * len(masks) + np.maximum(i, j), return_inverse=True)

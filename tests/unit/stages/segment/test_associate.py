@@ -1,5 +1,7 @@
 """Masks of different views become segments by their overlap; numbers of instances mean nothing."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -69,6 +71,21 @@ def test_tiny_masks_are_left_out_and_other_ways_take_ids_or_classes() -> None:
     assert (associated(few, cells_of, CELLS, FuseSettings())[truth == 1] == 0).all()
     with pytest.raises(FiptError, match=r"no view has classes; set fuse\.associate"):
         associated(few, cells_of, CELLS, FuseSettings(associate="classes"))
+
+
+def test_memory_does_not_hold_the_pixels_of_all_views() -> None:
+    views, pixels, width = 40, 50_000, 1000
+    masks = Masks(np.arange(views), np.ones(views, int), np.zeros(views, int), np.full(views, pixels))
+
+    def cells_of(view: int) -> tuple[np.ndarray, np.ndarray]:
+        return np.arange(pixels) // width, np.full(pixels, view)
+
+    tracemalloc.start()
+    segment = associated(masks, cells_of, pixels // width, FuseSettings())
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert (segment == 1).all()
+    assert peak < 100 * pixels
 
 
 def test_contraction_joins_what_evidence_adds_up_to() -> None:
