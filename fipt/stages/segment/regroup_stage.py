@@ -86,7 +86,8 @@ def _regrouped(inputs: RegroupInputs, settings: "RegroupSettings") -> dict[str, 
     shards = read_observed(data, inputs.samples, inputs.shading)
     if inputs.emitters is not None:
         shards = without_triangles(shards, read_emitters(inputs.emitters).possible, around=True)
-    before = [segments_of(data, shard.samples, "part") for shard in shards]
+    kind = data.segment_kind() or "part"  # where there are none, reading says so
+    before = [segments_of(data, shard.samples, kind) for shard in shards]
     regions, cuts, alike = divided(shards, before) if settings.divide else (before, 0, 1.0)
     mesh = data.mesh()
     found = regrouped(shards, regions, first_copies(mesh), alike)

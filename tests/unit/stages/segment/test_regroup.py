@@ -235,6 +235,22 @@ def test_the_verb_joins_segments_whole_and_loses_none(scene: Path, tmp_path: Pat
     assert inputs.manifest.is_file()
 
 
+def test_the_verb_joins_classes_where_there_are_no_parts(scene: Path, tmp_path: Path):
+    data, classes = Dataset(scene / "dataset"), tmp_path / "classes"
+    for view in data.views("train"):
+        write_png(classes / "semantic" / f"{view}.png", data.segments(view, "part"))
+    inputs = RegroupInputs(
+        dataset=data.root,
+        samples=(scene / "samples" / "train-000",),
+        shading=(scene / "round-0" / "shading" / "train-000",),
+        segments=classes,
+        out=tmp_path / "segments",
+        manifest=tmp_path / "segments.manifest.json",
+    )
+    assert run(inputs, RegroupSettings(divide=False, borders=False))["segments"] > 1
+    assert Dataset(scene / "dataset", inputs.out).segment_kind() == "part"
+
+
 def test_the_verb_asks_what_copies_tell(scene: Path, tmp_path: Path, monkeypatch):
     """As if each two triangles were of one shape, and copies made everything metal."""
     asked = []
