@@ -6,6 +6,7 @@ itself: its skirting, its cornice, its pictures.
 """
 
 from collections.abc import Iterator, Sequence
+from itertools import permutations, product
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -71,6 +72,17 @@ def _known(views: Sequence[DepthView]) -> tuple[np.ndarray, np.ndarray, np.ndarr
     normals = np.concatenate([view.map.normal[mask] for view, mask in zip(views, masks, strict=True)])[::every]
     areas = [(view.map.depth[mask] / view.camera.fx) ** 2 for view, mask in zip(views, masks, strict=True)]
     return places, normals, np.concatenate(areas)[::every]
+
+
+def cube_turns() -> list[np.ndarray]:
+    """The 24 turns of a cube onto itself, (3, 3) each; none comes first."""
+    turns = []
+    for order in permutations(range(3)):
+        for signs in product((1.0, -1.0), repeat=3):
+            turn = np.eye(3)[list(order)] * np.array(signs)[:, None]
+            if np.linalg.det(turn) > 0:
+                turns.append(turn)
+    return turns
 
 
 def _turned(directions: np.ndarray, degrees: float) -> Iterator[np.ndarray]:

@@ -6,10 +6,9 @@ from itertools import permutations
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from fipt.stages.geometry.depth_views import DepthView
-from fipt.stages.geometry.room_directions import sharpened
+from fipt.stages.geometry.room_directions import cube_turns, sharpened
 from fipt.stages.geometry.superpixels import Superpixels
 
 WITHIN = 3.0
@@ -31,6 +30,11 @@ _LEADING = 8
 """Largest planes that directions other than the world's axes are made of: walls, floor and ceiling are among them."""
 _CLEARLY = 1.2
 """Times as much surface must lie along other directions than along the world's axes: most rooms are along these."""
+_UPRIGHT = np.cos(np.radians(20.0))
+"""Cosine between the cameras' mean up and one of other directions than the world's axes, at least: roof slopes at right
+angles are no walls."""
+_LEAST_UP = 0.5
+"""Length of the cameras' mean up, of unit vectors, below which it tells nothing: they are held in many ways."""
 _SNAP = np.cos(np.radians(3.0))
 """Cosine to one of the room's directions above which a plane is brought to it: walls are built so, and within noise."""
 _SMALLEST = 0.05
@@ -168,7 +172,7 @@ def find_room_planes(views: Sequence[DepthView], pieces: Sequence[Superpixels], 
         [_patches(view, piece, noise, i) for i, (view, piece) in enumerate(zip(views, pieces, strict=True))]
     )
     planes = _grouped(patches)
-    directions = sharpened(_directions(planes, patches), views)
+    directions = sharpened(_directions(planes, patches, _mean_up(views)), views)
     return _described(_snapped(planes, patches, directions), patches, directions)
 
 
@@ -278,10 +282,17 @@ def _plane_of(patches: _Patches, on: np.ndarray, like: np.ndarray) -> tuple[np.n
     return n, float(n @ middle)
 
 
-def _leading(normal: np.ndarray, shown: np.ndarray) -> np.ndarray:
+def _mean_up(views: Sequence[DepthView]) -> np.ndarray:
+    """(3,) mean up of the cameras; zeros where they do not agree on one."""
+    up = np.mean([view.camera.world_from_camera[:3, 1] for view in views], axis=0)
+    return up if np.linalg.norm(up) >= _LEAST_UP else np.zeros(3)
+
+
+def _leading(normal: np.ndarray, shown: np.ndarray, up: np.ndarray) -> np.ndarray:
     """(3, 3) directions that most surface of planes is along: the world's axes, unless others have clearly more.
 
-    Others are those of two planes at right angles, or of one plane and a world axis.
+    Others are those of two planes at right angles, or of one plane and a world axis. One of them is near the cameras'
+    mean ``up`` (3,), if it is not zero.
     """
     best, most = np.eye(3), _CLEARLY * _along(np.eye(3), normal, shown)
     largest = normal[np.argsort(-shown, kind="stable")[:_LEADING]]
@@ -292,11 +303,13 @@ def _leading(normal: np.ndarray, shown: np.ndarray) -> np.ndarray:
             continue
         second /= length
         directions = np.array([first, second, np.cross(first, second)])
+        if np.abs(directions @ up).max() < _UPRIGHT * np.linalg.norm(up):
+            continue
         along = _along(directions, normal, shown)
         if along > most:
             best, most = directions, along
     # of the 24 ways to number the same directions, the one nearest to the world's axes
-    return max(Rotation.create_group("O").as_matrix() @ best, key=np.trace)
+    return max((turn @ best for turn in cube_turns()), key=np.trace)
 
 
 def _along(directions: np.ndarray, normal: np.ndarray, shown: np.ndarray) -> float:
@@ -304,11 +317,11 @@ def _along(directions: np.ndarray, normal: np.ndarray, shown: np.ndarray) -> flo
     return float(shown[np.abs(normal @ directions.T).max(axis=1) > _NEARLY].sum())
 
 
-def _directions(planes: Sequence[_Plane], patches: _Patches) -> np.ndarray:
-    """(3, 3) the room's directions: the world's axes or others, turned to the planes near them."""
+def _directions(planes: Sequence[_Plane], patches: _Patches, up: np.ndarray) -> np.ndarray:
+    """(3, 3) the room's directions: the world's axes or others, turned to the planes near them; ``up`` (3,)."""
     normal = np.array([plane.normal for plane in planes]).reshape(-1, 3)
     shown = np.array([patches.shown(plane.on).sum() for plane in planes])
-    directions = _leading(normal, shown)
+    directions = _leading(normal, shown, up)
     for limit in (_NEARLY, _SNAP, _SNAP):
         cosine = normal @ directions.T
         axis = np.abs(cosine).argmax(axis=1) if len(planes) else np.zeros(0, np.int64)

@@ -1,12 +1,14 @@
 """Planes of a known room: found on textured pixels, and carried on over bare ones."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from fipt.render.scene import RayScene
+from fipt.scene.cameras import Camera
 from fipt.scene.depth_maps import DepthMap
 from fipt.scene.mesh import Mesh
 from fipt.stages.geometry.closing import closed
@@ -73,6 +75,17 @@ def turned_world(view: DepthView, turn: np.ndarray) -> DepthView:
     return DepthView(camera, DepthMap(found.depth, found.confidence, found.normal @ turn.T), view.radiance)
 
 
+def turned_image(view: DepthView, quarters: int) -> DepthView:
+    """The view of a camera that is rolled by quarters of a turn."""
+    pose = view.camera.world_from_camera.copy()
+    pose[:3, :3] = pose[:3, :3] @ Rotation.from_euler("z", -90 * quarters, degrees=True).as_matrix()
+    rows, columns = np.rot90(view.map.depth, quarters).shape
+    camera = replace(view.camera, width=columns, height=rows, cx=columns / 2, cy=rows / 2, world_from_camera=pose)
+    found, light = (np.rot90(x, quarters) for x in (view.map.depth, view.radiance))
+    normal, weight = (np.rot90(x, quarters) for x in (view.map.normal, view.map.confidence))
+    return DepthView(camera, DepthMap(found, weight, normal), light)
+
+
 @pytest.mark.parametrize("degrees", [(0.0, 0.0, 0.0), (1.0, -0.8, 2.0)], ids=["along the world", "turned"])
 def test_what_lies_along_walls_tells_the_directions_of_a_room_without_planes(degrees):
     # of each wall a skirting of 30 cm is known; the start is off by two degrees about each axis
@@ -108,6 +121,46 @@ def test_a_room_that_is_not_along_the_worlds_axes_has_its_walls(degrees):
     assert np.isfinite(done.box.walls).sum() == 4  # floor and ceiling are in no view
     assert np.mean([d.view.map.known.mean() for d in done.views]) > 0.95
     np.testing.assert_allclose(np.linalg.det(done.planes.directions), 1)
+
+
+def attic(noise: float) -> tuple[list[DepthView], list[np.ndarray]]:
+    """Views of a room under a roof of 45 degrees whose slopes alone have depth, and (H, W) bool bare floor of each."""
+    s = np.sqrt(0.5)
+    normal = np.array([[0, 1, 0], [1, 0, 0], [-1, 0, 0], [0, 0, 1], [0, 0, -1], [-s, -s, 0], [s, -s, 0]])
+    offset = -np.array([0, 2, 2, 2.5, 2.5, 2.5 * s, 2.5 * s])
+    rng, views, floors = np.random.default_rng(0), [], []
+    for turn, pitch in product(range(0, 360, 45), (-15, 10)):
+        pose = np.eye(4)
+        pose[:3, :3] = Rotation.from_euler("yx", [turn, pitch], degrees=True).as_matrix()
+        pose[:3, 3] = 0.5 * (turn // 45 % 3 - 1), 1.2, 0.8 * (turn // 45 % 2 - 0.5)
+        camera = Camera(f"v{turn}_{pitch}", "train", 80, 60, 50.0, 50.0, 40.0, 30.0, pose)
+        towards = DepthView(camera, around()[0].map, np.ones((60, 80, 3), np.float32)).rays @ normal.T
+        far = np.where(towards < -1e-9, (offset - normal @ camera.center) / np.minimum(towards, -1e-9), np.inf)
+        side, depth = far.argmin(axis=-1), far.min(axis=-1)
+        depth += noise * depth**2 * rng.standard_normal(depth.shape)
+        grey = np.repeat((0.3 + 0.05 * side)[..., None], 3, axis=-1).astype(np.float32)
+        found = DepthMap(depth.astype(np.float32), np.ones((60, 80), np.float32), normal[side].astype(np.float32))
+        view = DepthView(camera, found, grey)
+        bare = (side < 5) & (np.sort(np.abs(view.points @ normal.T - offset), axis=-1)[..., 1] > 0.3)
+        views.append(without(view, bare))
+        floors.append(bare & (side == 0))
+    return views, floors
+
+
+def test_slopes_of_a_roof_are_not_the_rooms_directions():
+    views, floors = attic(NOISE)
+    done = complete(views, DepthNoise(NOISE, 0.0))
+    np.testing.assert_allclose(done.planes.directions, np.eye(3), atol=0.02)
+    known = [(each.view.map.known & ~each.closed)[bare] for each, bare in zip(done.views, floors, strict=True)]
+    assert np.concatenate(known).mean() > 0.95
+
+
+def test_cameras_that_are_held_in_many_ways_have_no_mean_up():
+    turn = Rotation.from_euler("xyz", (20.0, 60.0, -40.0), degrees=True).as_matrix()
+    views = [turned_world(without(painted(view), inner(view)), turn) for view in around(NOISE)]
+    rolled = [turned_image(view, number % 3) for number, view in enumerate(views)]
+    directions = complete(rolled, DepthNoise(NOISE, 0.0)).planes.directions
+    np.testing.assert_allclose(np.sort(np.abs(directions @ turn), axis=1), [[0, 0, 1]] * 3, atol=0.02)
 
 
 def test_directions_far_from_the_worlds_axes_stay():
