@@ -43,6 +43,7 @@ def run(inputs: MeshInputs, settings: "GeometrySettings") -> dict[str, Any]:
     from fipt.formats.files import copy_file, make_folder, write_text
     from fipt.formats.images import write_png
     from fipt.formats.views import read_rejected
+    from fipt.scene.cameras import read_origin
     from fipt.scene.dataset import Dataset
     from fipt.scene.mesh import write_ply
     from fipt.stages.geometry.build import build
@@ -63,7 +64,8 @@ def run(inputs: MeshInputs, settings: "GeometrySettings") -> dict[str, Any]:
     dataset = Dataset(inputs.dataset)
     views = read_views(dataset, inputs.depth, rejected)
     if isinstance(settings, ScanSettings) and settings.scan is not None:
-        made = from_scan(views, Path(settings.scan), dataset.image, settings)
+        origin = read_origin(inputs.dataset / "transforms.json")
+        made = from_scan(views, Path(settings.scan), dataset.image, settings, origin)
     else:
         made = build(views, dataset.image, settings)
     make_folder(inputs.out)

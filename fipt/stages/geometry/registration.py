@@ -3,7 +3,7 @@
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import permutations, product
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from fipt.errors import FiptError
 from fipt.scene.mesh import Mesh, surface_points
 from fipt.stages.geometry.closest_fit import closest_fit
 from fipt.stages.geometry.depth_views import DepthView
+from fipt.stages.geometry.room_directions import cube_turns
 
 log = logging.getLogger(__name__)
 
@@ -98,7 +99,12 @@ class _ScanPlace:
 
 
 def registered(
-    scan: Mesh, views: Sequence[DepthView], origin: np.ndarray | None = None, unit: float = 1.0, seed: int = 0
+    scan: Mesh,
+    views: Sequence[DepthView],
+    origin: np.ndarray | None = None,
+    world_origin: np.ndarray | None = None,
+    unit: float = 1.0,
+    seed: int = 0,
 ) -> tuple[Mesh, dict[str, Any]]:
     """Bring a scan to the cameras of views with depth.
 
@@ -113,6 +119,8 @@ def registered(
         With depth maps.
     origin
         (3,) float64 metres that were subtracted from the scan's own coordinates; None: nothing was.
+    world_origin
+        (3,) float64 metres that were subtracted from the coordinates of the cameras' source; None: nothing was.
     unit
         Metres that were taken for a unit of the scan.
     seed
@@ -121,21 +129,22 @@ def registered(
     Returns
     -------
     mesh
-        The scan in the world of the cameras.
+        The scan in the world of the cameras, near the origin.
     about
         ``world_from_scan`` for the scan's own coordinates in metres, ``share`` of the points of the views within
         `REACH` of it, the mean over the room's three directions, ``residual_mm``, the median distance of these,
-        ``turned`` degrees, ``moved`` metres, ``warnings``.
+        ``turned`` degrees, ``moved`` metres from its own coordinates to those of the cameras' source, ``warnings``.
 
     Raises
     ------
     FiptError
         If it fits nowhere: another room, another unit, or depth that is wrong.
     """
-    rng, origin = np.random.default_rng(seed), np.zeros(3) if origin is None else origin
+    rng = np.random.default_rng(seed)
+    origin, world_origin = (np.zeros(3) if each is None else each for each in (origin, world_origin))
     room, other = _of_views(views, rng), _of_scan(scan, rng)
     _check_size(room, other, unit)
-    places = _refined(room, other, origin)
+    places = _refined(room, other, origin - world_origin)
     best = max(places, key=lambda place: place.share)
     if best.share < _LEAST:
         raise FiptError(
@@ -145,12 +154,15 @@ def registered(
         )
     mesh = Mesh(_moved(scan.vertices, np.linalg.inv(best.scan_from_world)).astype(np.float32), scan.triangles)
     middle = room.points.mean(axis=0)
-    return mesh, _about(best, _warnings(places, best, middle), middle, origin)
+    return mesh, _about(best, _warnings(places, best, middle), middle, origin, world_origin)
 
 
-def _refined(room: _FacingPoints, scan: _FacingPoints, origin: np.ndarray) -> list[_ScanPlace]:
-    """Places of the scan that are worth a look, as close as its surface comes to the room's points."""
-    starts = _starts(room, scan, origin)
+def _refined(room: _FacingPoints, scan: _FacingPoints, apart: np.ndarray) -> list[_ScanPlace]:
+    """Places of the scan that are worth a look, as close as its surface comes to the room's points.
+
+    ``apart`` is the scan's origin from the room's, (3,) metres.
+    """
+    starts = _starts(room, scan, apart)
     arguments = {"points": room.points, "surface": scan.points, "normals": scan.normals, "starts": starts}
     # one CPU: sums over several threads differ in their last bits
     result = run_in_child(closest_fit, {**arguments, "reach": REACH}, _SECONDS, cpus=1)
@@ -168,17 +180,20 @@ def _warnings(places: Sequence[_ScanPlace], best: _ScanPlace, middle: np.ndarray
     return warnings
 
 
-def _about(best: _ScanPlace, warnings: list[str], middle: np.ndarray, origin: np.ndarray) -> dict[str, Any]:
+def _about(
+    best: _ScanPlace, warnings: list[str], middle: np.ndarray, origin: np.ndarray, world_origin: np.ndarray
+) -> dict[str, Any]:
     """What is said of the place that was found, as `registered` returns it; logged, too."""
     world_from_scan = np.linalg.inv(best.scan_from_world)
     turn = world_from_scan[:3, :3]
     world_from_scan[:3, 3] -= turn @ origin
+    way = middle + world_origin - _moved(middle, best.scan_from_world) - origin
     about = {
         "world_from_scan": np.round(world_from_scan, 12).tolist(),  # coordinates of a map have millions of metres
         "share": round(best.share, 4),
         "residual_mm": round(1e3 * best.residual, 2),
         "turned": round(float(np.degrees(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1)))), 3),
-        "moved": round(float(np.linalg.norm(middle - _moved(middle, best.scan_from_world) - origin)), 4),
+        "moved": round(float(np.linalg.norm(way)), 4),
         "warnings": warnings,
     }
     log.info("the scan was turned by %.1f degrees and moved by %.2f m; %.0f %% of what the views show lies within "
@@ -216,7 +231,7 @@ def _everywhere(scan: Mesh) -> tuple[np.ndarray, np.ndarray]:
     return scan.vertices.min(axis=0) - 1, scan.vertices.max(axis=0) + 1
 
 
-def _starts(room: _FacingPoints, scan: _FacingPoints, origin: np.ndarray) -> np.ndarray:
+def _starts(room: _FacingPoints, scan: _FacingPoints, apart: np.ndarray) -> np.ndarray:
     """(K, 4, 4) scan_from_world: as it is, and the places where most of the surface meets."""
     from scipy.spatial import cKDTree
 
@@ -226,9 +241,9 @@ def _starts(room: _FacingPoints, scan: _FacingPoints, origin: np.ndarray) -> np.
     place, facing = room.directions, scan.directions
     wanted = scan.heights(facing)
     as_it_is = np.eye(4)
-    as_it_is[:3, 3] -= origin
+    as_it_is[:3, 3] -= apart
     tried, met = [as_it_is], [np.inf]
-    for turn in _turns():
+    for turn in cube_turns():
         rotation = facing.T @ turn @ place
         there = _FacingPoints(room.points @ rotation.T, room.normals @ rotation.T).heights(facing)
         shifts = [_shifts(own, other) for own, other in zip(there, wanted, strict=True)]
@@ -243,17 +258,6 @@ def _starts(room: _FacingPoints, scan: _FacingPoints, origin: np.ndarray) -> np.
             tried.append(start)
             met.append(float(agree.sum()))
     return np.array(tried)[np.argsort(-np.array(met), kind="stable")[: 1 + _TRIED]]
-
-
-def _turns() -> list[np.ndarray]:
-    """The 24 turns of a cube onto itself, (3, 3) each."""
-    turns = []
-    for order in permutations(range(3)):
-        for signs in product((1.0, -1.0), repeat=3):
-            turn = np.eye(3)[list(order)] * np.array(signs)[:, None]
-            if np.linalg.det(turn) > 0:
-                turns.append(turn)
-    return turns
 
 
 def _shifts(own: tuple[np.ndarray, np.ndarray], wanted: tuple[np.ndarray, np.ndarray]) -> np.ndarray:

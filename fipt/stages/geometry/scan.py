@@ -24,8 +24,12 @@ _SAME = 0.02
 """Share of its depth by which scan and views may differ in the picture: the noise of far depth is no difference."""
 
 
-def from_scan(views: Sequence[DepthView], path: Path, radiance: Radiance, settings: ScanSettings) -> Geometry:
+def from_scan(
+    views: Sequence[DepthView], path: Path, radiance: Radiance, settings: ScanSettings, origin: np.ndarray
+) -> Geometry:
     """Bring a scan to the cameras, and make it fit for the pipeline; Mitsuba's variant must be set.
+
+    ``origin``, (3,) metres, was subtracted from the positions of the cameras' source.
 
     Raises
     ------
@@ -35,9 +39,9 @@ def from_scan(views: Sequence[DepthView], path: Path, radiance: Radiance, settin
     start = time.perf_counter()
     vertices, triangles = read_geometry(path)
     vertices = vertices * settings.scan_unit
-    origin = far_origin(vertices)  # before the rounding to float32
-    scan = Mesh((vertices - origin).astype(np.float32), triangles)
-    mesh, placed = registered(scan, views, origin, settings.scan_unit)
+    scan_origin = far_origin(vertices)  # before the rounding to float32
+    scan = Mesh((vertices - scan_origin).astype(np.float32), triangles)
+    mesh, placed = registered(scan, views, scan_origin, origin, settings.scan_unit)
     mesh, prepare = prepared(mesh, [view.camera for view in views], radiance, settings)
     known = float(np.mean([view.map.known.mean() for view in views]))
     lasting = {"views": len(views), "known": round(known, 4), "registration": placed}

@@ -63,9 +63,9 @@ def test_a_displaced_scan_is_brought_back(room, views):
     assert about["warnings"] == []
 
 
-def scanned(views, path, unit):
+def scanned(views, path, unit, origin=(0.0, 0.0, 0.0)):
     shown = {view.camera.name: (view.radiance, np.ones(view.map.depth.shape, np.float32)) for view in views}
-    return from_scan(views, path, shown.__getitem__, AutoGeometry(scan=str(path), scan_unit=unit))
+    return from_scan(views, path, shown.__getitem__, AutoGeometry(scan=str(path), scan_unit=unit), np.array(origin))
 
 
 def test_a_scan_in_millimetres_is_refused_with_its_unit(tmp_path, room, views):
@@ -101,6 +101,20 @@ def test_a_scan_in_coordinates_of_a_map_is_brought_back_to_millimetres(tmp_path,
     world_from_scan = np.array(placed["world_from_scan"])
     np.testing.assert_allclose(far @ world_from_scan[:3, :3].T + world_from_scan[:3, 3], room.vertices, atol=0.005)
     assert placed["moved"] == pytest.approx(np.linalg.norm((691_834, 5_334_568, 512)), abs=3)
+
+
+def test_a_scan_in_the_coordinates_of_its_cameras_stays_where_it_is(tmp_path):
+    """A cube looks alike from all sides: only where it lies already tells which of them is meant."""
+    cube = trimesh.creation.box((2 * HALF, 2 * HALF, 2 * HALF)).subdivide().subdivide()
+    origin = np.array([691_834.0, 5_334_567.0, 512.0])
+    lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in cube.vertices + origin]
+    lines += [f"f {a} {b} {c}" for a, b, c in cube.faces + 1]
+    (tmp_path / "scan.obj").write_text("\n".join(lines) + "\n")
+    placed = scanned(around(), tmp_path / "scan.obj", 1.0, origin).about["registration"]
+    assert placed["turned"] < 0.1
+    assert placed["moved"] < 0.01
+    world_from_scan = np.array(placed["world_from_scan"])
+    np.testing.assert_allclose(world_from_scan[:3, :3] @ origin + world_from_scan[:3, 3], np.zeros(3), atol=0.01)
 
 
 def test_another_room_is_refused(views):
