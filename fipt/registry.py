@@ -35,7 +35,7 @@ SECTIONS: dict[str, Section] = {
     "synthesize": Section("fipt.synthetic.settings:SynthesizeSettings", 4),
     "capture": Section("fipt.stages.capture.settings:CaptureSettings", 2),
     "poses": Section("fipt.stages.poses.settings:PosesSettings", 4),
-    "import": Section("fipt.stages.importing.settings:ImportSettings", 8),
+    "import": Section("fipt.stages.importing.settings:ImportSettings", 9),
     "depth": Section("fipt.stages.geometry.settings:DepthSettings", 6),
     "geometry": Section("fipt.stages.geometry.mesh_settings:GeometrySettings", 12),
     "check_poses": Section("fipt.stages.check_poses.settings:CheckPosesSettings", 6),

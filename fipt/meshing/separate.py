@@ -61,13 +61,15 @@ def sides(mesh: Mesh, cameras: Sequence[Camera], radiance: Radiance) -> tuple[np
         seen, at, far = _visible(scene, view, valid, center)
         if len(seen) == 0:
             continue
-        luminance = image @ LUMINANCE
-        luminance = luminance + 1e-3 * max(float(np.median(luminance)), 1e-12)
+        shown = valid > 0  # what is masked may hold anything
+        luminance = np.where(shown, image @ LUMINANCE, 0)
+        luminance = luminance + 1e-3 * max(float(np.median(luminance[shown])), 1e-12)
         column, row = np.floor(at).astype(np.int64).T
-        dark = minimum_filter(luminance, _WINDOW)[row, column]
-        bright = maximum_filter(luminance, _WINDOW)[row, column]
+        dark = minimum_filter(np.where(shown, luminance, np.inf), _WINDOW)[row, column]
+        bright = maximum_filter(np.where(shown, luminance, 0), _WINDOW)[row, column]
         # between pixels, luminance is linear in the area of either side
         here = map_coordinates(luminance, at.T[::-1] - 0.5, order=1, mode="nearest")
+        here = np.clip(here, dark, bright)  # beside what is masked
         values[0, number, seen] = (here - dark) / np.maximum(bright - dark, 1e-30)
         values[1, number, seen] = bright / dark
         values[2, number, seen] = far / view.fx

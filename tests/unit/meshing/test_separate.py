@@ -1,6 +1,9 @@
 """Regions that an edge of radiance encloses become parts of their own."""
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 
 from fipt.meshing.cut import cut_at
 from fipt.meshing.radiance_edges import find_edges
@@ -77,6 +80,23 @@ def test_a_piece_that_no_view_sees_stays_whole(backend) -> None:
     done, count = separated(joined(WALL, aside), [above("a", 1.0), above("b", 1.3)], lambda _: flat(60))
     assert count == 0
     assert len(np.unique(connected_parts(done))) == 2
+
+
+@pytest.mark.parametrize("filled", [1.0, 0.0, np.nan])
+def test_what_is_masked_parts_nothing(backend, filled) -> None:
+    """A bar before a lit pane, masked, covers another place in each view; its pixels may hold anything."""
+    shift = {"a": 0, "b": 6, "c": -6}
+    cameras = [replace(above(name, 1.0), cx=30.0 - pixels) for name, pixels in shift.items()]
+
+    def radiance(name: str) -> tuple[np.ndarray, np.ndarray]:
+        pane = image(60, lambda x, y: (np.abs(y - 1) < 0.4) & (np.abs(x + shift[name] / 30 - 1) < 0.6))
+        valid = np.ones((60, 60))
+        valid[46:49, 5:55] = 0
+        return np.repeat(np.where(valid > 0, pane, filled)[..., None], 3, axis=2), valid
+
+    done, count = separated(cut_at(WALL, find_edges(WALL, cameras, radiance)), cameras, radiance)
+    assert count == 1
+    np.testing.assert_allclose(np.sort(np.bincount(connected_parts(done), done.areas)), [0.96, 3.04], rtol=0.02)
 
 
 def test_triangles_that_no_view_sees_are_unseen(backend) -> None:
