@@ -62,7 +62,7 @@ SECTIONS: dict[str, Section] = {
     "olat": Section("fipt.stages.render.settings:OlatSettings", 3),
     "export": Section("fipt.stages.export.settings:ExportSettings", 6),
     "metrics": Section("fipt.stages.evaluate.settings:MetricsSettings", 8),
-    "findings": Section("fipt.stages.findings.settings:FindingsSettings", 5),
+    "findings": Section("fipt.stages.findings.settings:FindingsSettings", 6),
     "report": Section("fipt.stages.report.settings:ReportSettings", 6),
     "compare": Section("fipt.stages.compare.settings:CompareSettings", 2),
     "compare_page": Section("fipt.stages.report.settings:ComparePageSettings", 2),

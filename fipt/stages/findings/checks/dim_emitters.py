@@ -85,10 +85,10 @@ def steady_places(pixels: ExplainedPixels) -> tuple[np.ndarray, int]:
     matte = pixels.diffuse.mean(axis=1)
     usable = pixels.use & ~pixels.emits & ~pixels.mixed
     none = np.zeros(len(pixels), bool)
-    bright = np.flatnonzero(usable & (pixels.photo.mean(axis=1) > (1 + TOLERANCE) * matte))
-    if not len(bright):
+    bright = usable & (pixels.photo.mean(axis=1) > (1 + TOLERANCE) * matte)
+    if not bright.any():
         return none, 0
-    size = _PIXELS * max(pixels.spacing(usable), 1e-6)
+    size = _PIXELS * max(pixels.spacing(bright), 1e-6)  # a screen may be small, or nearer than the walls
     cells = np.floor(pixels.position[usable] / size).astype(np.int64)
     _, cell = np.unique(cells, axis=0, return_inverse=True)
     cell, rows = cell.reshape(-1), np.flatnonzero(usable)
@@ -99,7 +99,7 @@ def steady_places(pixels: ExplainedPixels) -> tuple[np.ndarray, int]:
     total = np.bincount(cell, minlength=count)
     mean = np.bincount(cell, level, count) / total
     scatter = np.sqrt(np.maximum(np.bincount(cell, level**2, count) / total - mean**2, 0))
-    over = np.bincount(cell, np.isin(rows, bright), count) / total
+    over = np.bincount(cell, bright[rows], count) / total
     good = (views >= _FEWEST) & (over > 0.9) & (scatter < TOLERANCE)
     none[rows[good[cell]]] = True
     return none, int(good.sum())

@@ -261,6 +261,22 @@ def test_photographs_of_any_size_tell_a_screen_and_two_things_of_one_id(np_rng, 
     assert set(told(mixed_ids.check, explained=two)) == {"mixed-ids"}
 
 
+@pytest.mark.parametrize("size", [0.4, 0.8])
+def test_a_screen_that_is_small_and_near(np_rng, size):
+    """Its pixels, 20 x 20 in each view, are smaller than those of most surface."""
+    wall, count = judged.pixels(), 20 * 20
+    number = VIEWS * count
+    rows = np.arange(number) % len(wall.view)
+    both = {name: np.concatenate([own, own[rows]]) for name, own in vars(wall).items() if name != "views"}
+    screen = np.s_[len(wall.view) :]
+    x, z = 1 + size * np_rng.random((2, number))
+    both["position"][screen] = np.column_stack([x, np.ones(number), z])
+    both["view"][screen] = np.repeat(np.arange(VIEWS), count)
+    both["footprint"][screen], both["photo"][screen] = size / 20, 1.3
+    found = told(dim_emitters.check, explained=judged.pixels(**both))
+    assert np.allclose(found["emitter-or-mirror"].where["position"], [1 + size / 2, 1, 1 + size / 2], atol=0.1)
+
+
 def test_emitters_that_are_undecided():
     one = np.ones(1, np.float32)
     asked = Undecided(np.array([4, 5], np.int32), np.zeros(2, np.int32), one, one, one)
