@@ -104,26 +104,38 @@ def nearest_pixels(values: np.ndarray, rows: int, columns: int) -> np.ndarray:
 def check_agreement(cameras: Sequence[Camera], depths: Sequence[np.ndarray]) -> None:
     """Raise FiptError where views do not show the same surface: another unit, another room, other cameras.
 
-    Where one view alone has depth, nothing can be compared: that is a warning.
+    Where no view has depth of a room, that is told; where one alone has, nothing can be compared: that is a warning.
     """
     agree = _agreement(cameras, depths)
     if agree >= _AGREE:
         return
     known = [camera.name for camera, depth in zip(cameras, depths, strict=True) if depth.any()]
-    if len(known) == 1:
+    if not known:
+        raise FiptError(
+            "the depth maps must hold depth; it is 0 or not finite in every pixel that shows the room",
+            "check how they were exported, and the masks of the views",
+        )
+    near = any(_near(depth).any() for depth in depths)
+    if len(known) == 1 and near:
         log.warning("%s alone has depth: no other view can tell whether it is right, or in metres", known[0])
         return
     in_units = {unit: _agreement(cameras, [depth * np.float32(unit) for depth in depths]) for unit in _UNITS}
     factor, better = max(in_units.items(), key=lambda item: np.nan_to_num(item[1]))
     if better >= _AGREE:
         remedy = f"depth is {1 / factor:g} times too large for metres: set depth.unit, or export metres"
+    elif not near:
+        remedy = "set depth.unit, or export metres"
     elif np.isnan(agree):
         remedy = "check the cameras, or give depth of views that overlap"
     else:
         remedy = "check that they are of these views, and depth along the viewing axis"
-    found = (
-        "no view shows surface of another" if np.isnan(agree) else f"other views confirm {agree:.0%} of their pixels"
-    )
+    if not near:
+        nearest = min(float(depth[depth > 0].min()) for depth in depths if depth.any())
+        found = f"all of it is beyond {_FARTHEST:g} m, the nearest at {nearest:.4g} m"
+    elif np.isnan(agree):
+        found = "no view shows surface of another"
+    else:
+        found = f"other views confirm {agree:.0%} of their pixels"
     raise FiptError(f"the depth maps must show one room through these cameras; {found}", remedy)
 
 

@@ -175,6 +175,21 @@ def test_one_view_with_depth_is_held_against_nothing(tmp_path: Path, caplog: pyt
     assert f"{VIEWS[0].camera.name} alone has depth" in caplog.text
 
 
+@pytest.mark.parametrize(
+    ("count", "changed", "said"),
+    [
+        (4, lambda depth: 0 * depth, "must hold depth; it is 0 or not finite"),
+        (4, lambda depth: 0 * depth + 1e10, "beyond 1000 m, the nearest at 1e\\+10 m.*depth.unit"),
+        (1, lambda depth: 1000 * depth, "beyond 1000 m, the nearest at 1[0-9]{3} m.*depth.unit"),
+    ],
+    ids=["zeros", "nothing but background", "one view in millimetres"],
+)
+def test_maps_without_depth_of_a_room_are_refused(tmp_path: Path, count, changed, said) -> None:
+    views = [view.with_map(replace(view.map, depth=changed(view.map.depth))) for view in VIEWS[:count]]
+    with pytest.raises(FiptError, match=said):
+        read(write(tmp_path, exr=True, views=views), views=views)
+
+
 def test_views_that_show_nothing_of_each_other_are_refused(tmp_path: Path) -> None:
     back_to_back = [around()[0], around()[4]]
     with pytest.raises(FiptError, match="no view shows surface of another"):
