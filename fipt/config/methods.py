@@ -171,9 +171,10 @@ def shared_paths(parent: SceneConfig, settings: Mapping[str, Any], estimator: Es
     return re.compile("|".join(shared))
 
 
-def _changed(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, Any]:
-    """Keys of settings whose values are new."""
-    return {name: value for name, value in after.items() if name not in before or before[name] != value}
+def _changed(before: Settings, after: Settings) -> dict[str, Any]:
+    """Keys of settings whose values are new, those that only plans read too."""
+    old, new = before.model_dump(mode="json"), after.model_dump(mode="json")
+    return {name: value for name, value in new.items() if name not in old or old[name] != value}
 
 
 _ORDER = ("method", "reimplementation", "substitute", "imported", "bound", "ablation", "sensitivity")
@@ -296,7 +297,7 @@ class SceneMethods:
         """Card of a run as sorted JSON, with its name, seed and what its settings are that the scene's are not."""
         run = MethodRun.of(method)
         own, scene = self.run(method), self._scene
-        changed = {name: _changed(dumped(scene.settings[name]), dumped(own.settings[name])) for name in own.settings}
+        changed = {name: _changed(scene.settings[name], own.settings[name]) for name in own.settings}
         changed = {name: values for name, values in changed.items() if values}
         card = dumped(self.cards[run.method])
         if card["estimator"] == "imported":

@@ -1,5 +1,7 @@
 """Settings of comparisons."""
 
+from typing import ClassVar
+
 from pydantic import Field
 
 from fipt.settings import Positive, Settings
@@ -7,6 +9,8 @@ from fipt.settings import Positive, Settings
 
 class CompareSettings(Settings):
     """Methods that are compared on a scene."""
+
+    of_plans: ClassVar = frozenset({"methods", "sensitivity", "seeds", "quick"})
 
     methods: tuple[str, ...] = Field(default=(), description="names of the methods; none: all that are known")
     sensitivity: tuple[str, ...] = Field(

@@ -1,6 +1,6 @@
 """Settings of the emitters and of their list."""
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field
 
@@ -9,6 +9,8 @@ from fipt.settings import Fraction, Positive, Settings
 
 class EmittersSettings(Settings):
     """Emitting triangles."""
+
+    of_plans: ClassVar = frozenset({"every_round"})
 
     decide: Literal["regions", "mask"] = Field(
         default="regions",

@@ -127,6 +127,12 @@ def test_a_card_says_what_a_run_changes():
     assert "results/room/stats/fit.round-1.json" in methods.stats("rounds-1")
 
 
+def test_a_card_says_what_only_plans_read():
+    once = METHODS["slow"] | {"settings": {"emitters": {"every_round": False}}}
+    card = json.loads(config(methods={"once": once}).scenes["room"].methods.card_json("once"))
+    assert card["settings"] == {"emitters": {"every_round": False}}
+
+
 def test_a_method_with_planted_errors_may_check_cameras_in_its_own_way():
     settings = {"plant_errors": {"mesh_noise": 0.01}, "check_poses": {"enabled": False}}
     run = config(methods={"a": METHODS["slow"] | {"settings": settings}}).scene("room/methods/a")

@@ -267,10 +267,12 @@ def test_a_mesh_that_is_made_needs_open3d_before_anything_runs(tmp_path, monkeyp
 
 
 def test_jobs_are_not_told_what_only_plans_read():
-    """Else they would run again: to export with every run, or to relight more views, makes no file anew."""
+    """Else they would run again: to export with every run, or to relight more views, makes no file of before anew."""
     for section, one, other in (
         ("export", {"enabled": True}, {}),
         ("relight", {"split": "all"}, {"split": "val"}),
+        ("emitters", {"every_round": False}, {}),
+        ("compare", {"methods": ["fipt"], "seeds": 2, "quick": True, "sensitivity": ["all"]}, {}),
     ):
         assert scene(**{section: one}).settings_json(section) == scene(**{section: other}).settings_json(section)
 
