@@ -1,4 +1,4 @@
-"""Plane sweep: a first depth of every pixel, from planes that face the camera or lie along the room's directions."""
+"""Plane sweep: a first depth of every pixel, from planes that face the camera or lie along the world's axes."""
 
 from collections.abc import Iterator, Sequence
 
@@ -23,7 +23,7 @@ UNSEEN = -2.0
 
 
 def sweep(reference: StereoView, sources: Sequence[StereoView], nearest: float) -> tuple[np.ndarray, np.ndarray]:
-    """Try planes of the room's directions and facing the camera.
+    """Try planes of the world's axes and facing the camera.
 
     Parameters
     ----------
