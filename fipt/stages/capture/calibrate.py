@@ -42,7 +42,7 @@ def calibrate(capture: Capture, settings: CaptureSettings) -> Calibration:
 
         first = read_ldr(capture.usual_shot.path)
         start = _start(capture, first.shape[:2])
-        start = replace(start, response=tuple(map(tuple, response(capture).tolist())))
+        start = replace(start, response=tuple(map(tuple, response(capture, settings.times != "nominal").tolist())))
         return _finish(with_lens(start, frames, settings, capture.usual_shot), frames)
     first_frame = read_raw(capture.usual_shot.path, capture.usual_shot)
     found = _start(capture, first_frame.shape)

@@ -110,7 +110,7 @@ def develop(bracket: Bracket, calibration: Calibration, settings: CaptureSetting
     if bracket.kind == "merged":
         view = _passed_through(bracket, calibration)
     else:
-        view = _from_ldr(bracket, calibration) if bracket.kind == "ldr" else _from_raw(bracket, calibration, settings)
+        view = (_from_ldr if bracket.kind == "ldr" else _from_raw)(bracket, calibration, settings)
     if settings.downscale > 1:
         view = downscaled(view, settings.downscale)
     view.facts = view_facts(bracket, view, calibration) | view.facts
@@ -235,7 +235,7 @@ def _passed_through(bracket: Bracket, calibration: Calibration) -> View:
     return View(np.where(finite[..., None], radiance, 0), valid.astype(np.float32), flags, None, facts=facts)
 
 
-def _from_ldr(bracket: Bracket, calibration: Calibration) -> View:
+def _from_ldr(bracket: Bracket, calibration: Calibration, settings: CaptureSettings) -> View:
     from fipt.stages.capture.ldr import check_order, merge_ldr, read_ldr
 
     images = []
@@ -244,8 +244,9 @@ def _from_ldr(bracket: Bracket, calibration: Calibration) -> View:
         calibration.check_size(images[-1].shape[:2], shot.path)
     named = check_copies(bracket, images)
     check_order(bracket, images)
-    exposures = [exposure(shot) for shot in bracket.shots]
+    exposures = [exposure(shot, settings.times != "nominal") for shot in bracket.shots]
     radiance, saturated, noisy, clipped = merge_ldr(images, exposures, np.array(calibration.response))
+    Gains(vignetting=calibration.vignetting).apply(radiance, 0)
     flags = (saturated * np.uint8(FLAG_SATURATED)) | (noisy * np.uint8(FLAG_NOISE))
     valid = (~saturated).astype(np.float32)
     facts = {"exposures": exposure_facts(bracket, exposures, clipped), "ratios": [], "images": named}

@@ -23,6 +23,9 @@ LOWEST, HIGHEST = 4, 251
 
 _SAMPLES, _SMOOTHNESS = 200, 30.0
 
+_BOUND, _NOTHING = 1e-4, 1e-8
+"""Weights of black in the longest exposure and of clipped in the shortest, which bound the light; and elsewhere."""
+
 
 def read_ldr(path: Path) -> np.ndarray:
     """Read a JPEG or PNG as (H, W, 3) uint8 RGB in the sensor's frame (EXIF orientation is not applied)."""
@@ -32,8 +35,10 @@ def read_ldr(path: Path) -> np.ndarray:
     return image
 
 
-def response(capture: Capture) -> np.ndarray:
+def response(capture: Capture, snap: bool = True) -> np.ndarray:
     """(256, 3) float64 log exposure of each 8-bit value, 0 in its middle; from the first brackets of a capture.
+
+    ``snap`` as in `fipt.stages.capture.exposures.exposure`.
 
     Raises
     ------
@@ -44,7 +49,7 @@ def response(capture: Capture) -> np.ndarray:
     for bracket in capture.of_response:
         images = [read_ldr(shot.path) for shot in bracket.shots]
         check_order(bracket, images)
-        times = np.array([exposure(shot) for shot in bracket.shots], np.float32)
+        times = np.array([exposure(shot, snap) for shot in bracket.shots], np.float32)
         method = cv2.createCalibrateDebevec(_SAMPLES, _SMOOTHNESS, random=False)
         curve = np.log(np.maximum(method.process(images, times).reshape(256, 3), 1e-9))
         if not np.isfinite(curve).all():
@@ -93,6 +98,8 @@ def merge_ldr(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[float]]:
     """Merge 8-bit images, longest first, through their response with hat weights.
 
+    Black counts in the longest and clipped in the shortest, there little; elsewhere they count where all else fails.
+
     Returns
     -------
     radiance
@@ -103,14 +110,16 @@ def merge_ldr(
         Share of clipped pixels of each exposure.
     """
     values = np.arange(256)
+    black, full = values < LOWEST, values > HIGHEST
     hat = np.minimum(values, 255 - values).astype(np.float32) + np.float32(0.01)
-    hat[values < LOWEST] = hat[values > HIGHEST] = 1e-4
+    hats = [np.where(black | full, np.float32(_NOTHING), hat) for _ in images]
+    hats[0][black] = hats[-1][full] = _BOUND
     light = np.exp(curve).astype(np.float32)
     total = np.zeros(images[0].shape, np.float32)
     weights = np.zeros_like(total)
     clipped = []
-    for image, e in zip(images, exposures, strict=True):
-        w = hat[image]
+    for image, e, weight in zip(images, exposures, hats, strict=True):
+        w = weight[image]
         total += w * np.stack([light[image[..., c], c] for c in range(3)], axis=-1) / np.float32(e)
         weights += w
         clipped.append(float((image > HIGHEST).any(axis=-1).mean()))

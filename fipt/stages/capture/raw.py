@@ -25,6 +25,8 @@ RAW_SUFFIXES = frozenset(
 )
 LDR_SUFFIXES = frozenset({".jpg", ".jpeg", ".png"})
 MERGED_SUFFIXES = frozenset({".exr", ".hdr"})
+_D65 = 21
+"""EXIF's number of the illuminant of linear sRGB."""
 USUAL = {"shutter": (1e-7, 1e5), "aperture": (0.1, 1e3), "iso": (0.1, 1e8)}
 """Seconds, f-numbers and ISO speeds that cameras have; what is beyond is not known."""
 
@@ -226,10 +228,11 @@ def _frame(path: Path, raw: Any, tags: dict[str, Any], shot: Shot) -> RawFrame:
 
 
 def _color_matrix(raw: Any, tags: dict[str, Any]) -> np.ndarray | None:
-    """LibRaw's matrix of known cameras, else the one a DNG states."""
+    """LibRaw's matrix of known cameras, else the one a DNG states for D65, else its first."""
     known = np.array(raw.rgb_xyz_matrix, np.float64)[:3]
-    tag = tags.get("Image Tag 0xC621")  # ColorMatrix1
-    if not known.any() and (stated := _floats(tag)).size == 9:
+    second = _number(tags, "Image Tag 0xC65B") == _D65  # CalibrationIlluminant2
+    stated = _floats(tags.get("Image Tag 0xC622" if second else "Image Tag 0xC621"))  # ColorMatrix2, ColorMatrix1
+    if not known.any() and stated.size == 9:
         known = stated.reshape(3, 3)
     return known if known.any() and np.isfinite(known).all() else None
 

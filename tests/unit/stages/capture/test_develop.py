@@ -18,6 +18,7 @@ from fipt.stages.capture.calibrate import calibrate
 from fipt.stages.capture.calibration import Calibration, Noise, Vignetting
 from fipt.stages.capture.develop import bracket_exposures, develop, develop_views, read_frames, write_view
 from fipt.stages.capture.facts import sharpness
+from fipt.stages.capture.ldr import merge_ldr
 from fipt.stages.capture.settings import CaptureSettings
 from fipt.stages.capture.view import View, downscaled
 from fipt.synthetic import capture as writer
@@ -236,6 +237,46 @@ def test_8_bit_brackets_give_radiance_up_to_a_factor_and_say_what_they_are(tmp_p
     assert ((view.flags & FLAG_SATURATED > 0) == emitter).all()
     assert (view.valid[emitter] == 0).all()
     assert view.facts["ldr"] is True
+
+
+def test_black_counts_in_the_longest_8_bit_image_alone_and_clipped_in_the_shortest() -> None:
+    curve = np.repeat(np.log(np.maximum(np.arange(256), 0.5) / 128)[:, None], 3, axis=1)
+    exposures = (4.0, 1.0, 0.25)
+    light = np.exp(curve[:, 0])
+    codes = [  # red and black; clipped everywhere; clipped or black, so that nothing tells; the middle one alone tells
+        [(200, 1, 0), (255, 255, 255), (255, 255, 255), (255, 255, 255)],
+        [(50, 0, 0), (255, 255, 255), (0, 0, 0), (100, 100, 100)],
+        [(12, 0, 0), (255, 255, 255), (0, 0, 0), (0, 0, 0)],
+    ]
+    images = [np.array([row], np.uint8) for row in codes]
+    radiance, saturated, _, _ = merge_ldr(images, exposures, curve)
+    assert radiance[0, 0, 1:] == pytest.approx(light[[1, 0]] / 4, rel=1e-2)
+    assert radiance[0, 1] == pytest.approx(np.full(3, light[255] / 0.25), rel=1e-2)
+    assert np.isfinite(radiance[0, 2]).all()
+    assert radiance[0, 3] == pytest.approx(np.full(3, light[100]), rel=1e-3)
+    assert saturated.tolist() == [[False, True, False, False]]
+
+
+def test_exposure_times_and_vignetting_of_8_bit_brackets_are_those_that_are_asked_for(tmp_path: Path) -> None:
+    x, y = np.meshgrid(np.arange(96, dtype=np.float32) + 0.5, np.arange(64, dtype=np.float32) + 0.5)
+    vignetting = Vignetting((48.0, 32.0), float(np.hypot(96, 64) / 2), (-0.5,))
+    light = 0.5 * (1 + 0.4 * np.sin(x / 7) * np.sin(y / 5))
+    lines = ["view\tfile\tshutter"]
+    for k, seconds in enumerate((1 / 2, 1 / 10, 1 / 37)):  # 1/10 s may be 2^(-10/3) s, 1/37 s is a video's
+        value = 255 * np.clip(2 * light * vignetting.falloff(x, y) * seconds, 0, 1) ** (1 / 2.2)
+        cv2.imwrite(str(tmp_path / f"{k}.png"), np.repeat(np.rint(value)[..., None], 3, axis=2).astype(np.uint8))
+        lines.append(f"v\t{k}.png\t{seconds}")
+    (tmp_path / "captures.tsv").write_text("\n".join(lines))
+    capture = read_capture(tmp_path)
+    settings = CaptureSettings(times="nominal")
+    view = develop(capture.bracket("v"), replace(calibrate(capture, settings), vignetting=vignetting), settings)
+    assert [entry["exposure"] for entry in view.facts["exposures"]] == pytest.approx([1 / 2, 1 / 10, 1 / 37])
+    ratio = view.radiance[..., 1] / light
+    assert np.percentile(np.abs(ratio / np.median(ratio) - 1), 90) < 0.05
+    corners = ratio[[3, 3, -4, -4], [3, -4, 3, -4]].mean()  # without the correction they are 0.55 of the centre
+    assert corners == pytest.approx(np.median(ratio[28:36, 44:52]), rel=0.05)
+    snapped = calibrate(capture, CaptureSettings()).response
+    assert np.abs(np.array(snapped) - calibrate(capture, settings).response).max() > 1e-3
 
 
 # --- bad input --------------------------------------------------------------------------------

@@ -12,6 +12,7 @@ import pytest
 from fipt.conventions import XYZ_FROM_SRGB
 from fipt.errors import FiptError
 from fipt.stages.capture.raw import Shot, read_raw, read_shot
+from fipt.synthetic import dng
 from fipt.synthetic.dng import PATTERNS, Header, write_dng
 
 MATRIX = np.linalg.inv(XYZ_FROM_SRGB)
@@ -51,6 +52,22 @@ def test_samples_levels_and_colours_by_position(tmp_path: Path, mosaic: np.ndarr
     assert frame.white.tolist() == [16383.0] * 4
     assert frame.white_balance == pytest.approx([2.0, 1.0, 1.25], rel=1e-5)
     assert frame.camera_from_xyz == pytest.approx(MATRIX, abs=1e-5)
+
+
+@pytest.mark.parametrize(("first", "second", "used"), [(17, 21, 1), (21, 17, 0), (17, 23, 0)])
+def test_the_colour_matrix_of_a_dng_is_that_for_daylight(
+    tmp_path: Path, mosaic: np.ndarray, monkeypatch: pytest.MonkeyPatch, first: int, second: int, used: int
+) -> None:
+    """Telephones state one for incandescent light first; D65 is 21."""
+    matrices, tags = (MATRIX, MATRIX + 0.25), dng._main_tags
+
+    def two_illuminants(shape: tuple[int, ...], own: Header) -> dict:
+        stated = {0xC65A: ("short", [first]), 0xC65B: ("short", [second]), 0xC622: ("srational", np.ravel(matrices[1]))}
+        return tags(shape, own) | stated
+
+    monkeypatch.setattr(dng, "_main_tags", two_illuminants)
+    write_dng(tmp_path / "a.dng", mosaic, header())
+    assert read_raw(tmp_path / "a.dng").camera_from_xyz == pytest.approx(matrices[used], abs=1e-5)
 
 
 def test_metadata(tmp_path: Path, mosaic: np.ndarray) -> None:
