@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fipt.conventions import FLAG_NOISE
+from fipt.conventions import FLAG_MOVED, FLAG_NOISE, FLAG_OUTSIDE, FLAG_SATURATED
 
 
 def blocks(values: np.ndarray, factor: int) -> np.ndarray:
@@ -25,6 +25,23 @@ def block_flags(flags: np.ndarray, factor: int) -> np.ndarray:
     found = np.bitwise_or.reduce(np.bitwise_or.reduce(blocks(flags.astype(np.uint32), factor), axis=3), axis=1)
     noisy = block_mean(flags.astype(np.uint32) & FLAG_NOISE > 0, factor) > 0.5
     return np.where(noisy, found | np.uint32(FLAG_NOISE), found & ~np.uint32(FLAG_NOISE)).astype(np.uint32)
+
+
+def block_radiance(radiance: np.ndarray, valid: np.ndarray, flags: np.ndarray, factor: int) -> np.ndarray:
+    """(h, w, 3) float32 mean radiance of blocks: by the (H, W) weights of their pixels.
+
+    It is the plain mean where no pixel has weight, and where the (H, W) ``flags`` make a lower bound of a block: by
+    weight, a clipped pixel would stand for all that have none.
+    """
+    weight = block_mean(valid, factor)
+    weighted = block_mean(radiance * valid[..., None], factor) / np.where(weight > 0, weight, 1.0)[..., None]
+    plain = (weight == 0) | is_bound(block_flags(flags, factor))
+    return np.where(plain[..., None], block_mean(radiance, factor), weighted).astype(np.float32)
+
+
+def is_bound(flags: np.ndarray) -> np.ndarray:
+    """(H, W) bool: where the radiance is a lower bound, since the pixel is clipped and nothing else."""
+    return (flags & FLAG_SATURATED > 0) & (flags & (FLAG_OUTSIDE | FLAG_MOVED) == 0)
 
 
 def block_ids(ids: np.ndarray, factor: int) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 
 from fipt.conventions import FLAG_MOVED, FLAG_NOISE, FLAG_OUTSIDE, FLAG_SATURATED
 from fipt.errors import FiptError
-from fipt.scene.blocks import block_flags, block_mean
+from fipt.scene.blocks import block_flags, block_mean, block_radiance
 from fipt.scene.lens import Lens
 from fipt.stages.capture.merge import Merged
 
@@ -99,10 +99,13 @@ def to_srgb(radiance: np.ndarray, matrix: np.ndarray) -> np.ndarray:
 
 
 def downscaled(view: View, factor: int) -> View:
-    """Average radiance and weights over blocks of pixels; a block has the flags of any of its pixels, but for noise."""
+    """Average radiance by weight, and weights, over blocks of pixels.
+
+    A block has the flags of any of its pixels, but for noise.
+    """
     if factor > min(view.valid.shape):
         raise FiptError(f"capture.downscale {factor} leaves nothing of {view.valid.shape[1]}x{view.valid.shape[0]}")
     lens = view.lens.downscaled(factor) if view.lens is not None else None
     flags = block_flags(view.flags, factor)
-    radiance, valid = block_mean(view.radiance, factor), block_mean(view.valid, factor)
-    return View(radiance, valid, flags, lens, view.floor / factor, view.facts)
+    radiance = block_radiance(view.radiance, view.valid, view.flags, factor)
+    return View(radiance, block_mean(view.valid, factor), flags, lens, view.floor / factor, view.facts)

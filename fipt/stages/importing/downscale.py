@@ -9,7 +9,7 @@ from fipt.errors import FiptError
 from fipt.formats.exr import read_exr, write_exr
 from fipt.formats.images import read_ids, write_png
 from fipt.formats.layouts.own import KINDS, ids_file, truth_file
-from fipt.scene.blocks import block_flags, block_ids, block_mean
+from fipt.scene.blocks import block_flags, block_ids, block_mean, block_radiance
 from fipt.scene.cameras import Camera
 from fipt.scene.dataset import read_layers
 
@@ -18,8 +18,8 @@ def downscale(folder: Path, cameras: Sequence[Camera], factor: int) -> list[Came
     """Average the images of a dataset, truth and ids with them, over blocks of ``factor`` pixels a side.
 
     Radiance is the mean over pixels that count, by weight. Flags of any pixel are those of its block: part of a block
-    that is clipped makes a lower bound of it. Truth is the plain mean, an id that of most pixels. Pixels that do not
-    fill a block, right and below, are cut off.
+    that is clipped makes a lower bound of it, the mean of all that is known. Truth is the plain mean, an id that of
+    most pixels. Pixels that do not fill a block, right and below, are cut off.
 
     Returns
     -------
@@ -55,11 +55,10 @@ def _rewrite_image(path: Path, factor: int) -> None:
     found = read_exr(path, required=("R", "G", "B"))
     radiance = np.stack([found[letter] for letter in "RGB"], axis=-1)
     valid = found.get("valid.Y", np.ones(radiance.shape[:2], np.float32))
-    weight = block_mean(valid, factor)
-    mean = block_mean(radiance * valid[..., None], factor) / np.where(weight > 0, weight, 1.0)[..., None]
-    channels: dict[str, np.ndarray] = {"": mean}
+    flags = found.get("flags.Y", np.zeros(valid.shape)).astype(np.uint32)
+    channels: dict[str, np.ndarray] = {"": block_radiance(radiance, valid, flags, factor)}
     if "valid.Y" in found:
-        channels["valid.Y"] = weight
+        channels["valid.Y"] = block_mean(valid, factor)
     if "flags.Y" in found:
-        channels["flags.Y"] = block_flags(found["flags.Y"], factor)
+        channels["flags.Y"] = block_flags(flags, factor)
     write_exr(path, channels)

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from fipt.conventions import FLAG_MOVED, FLAG_OUTSIDE, FLAG_SATURATED
 from fipt.errors import FiptError
 from fipt.formats.exr import check_marks, read_exr, write_exr
 from fipt.formats.images import read_ids, read_pixels, to_display, write_png
 from fipt.formats.layouts import SEGMENT_FOLDERS, TRUTH_FOLDERS, SourceView, numbered_file
 from fipt.formats.layouts.own import ids_file, truth_file
 from fipt.progress import progress
+from fipt.scene.blocks import is_bound
 from fipt.scene.cameras import Camera, check_cameras
 from fipt.scene.dataset import check_image, read_layers
 from fipt.scene.sources import ImageSource
@@ -85,8 +85,7 @@ def read_image(frame: SourceView) -> tuple[dict[str, np.ndarray], np.ndarray]:
 
 def with_bounds(valid: np.ndarray, flags: np.ndarray) -> np.ndarray:
     """(H, W) weights in which clipped pixels count, as the lower bounds that their flag says they are."""
-    bound = (flags & FLAG_SATURATED > 0) & (flags & (FLAG_OUTSIDE | FLAG_MOVED) == 0)
-    return np.where(bound, 1.0, valid).astype(np.float32)
+    return np.where(is_bound(flags), 1.0, valid).astype(np.float32)
 
 
 def _scaled(radiance: np.ndarray, valid: np.ndarray, source: ImageSource) -> np.ndarray:

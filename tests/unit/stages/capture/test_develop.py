@@ -176,10 +176,21 @@ def test_averaging_down_keeps_light_and_any_flag() -> None:
     view = View(radiance, (flags == 0).astype(np.float32), flags, Lens(7, 5, 10.0, 10.0, 3.5, 2.5))
     small = downscaled(view, 2)
     assert small.radiance.shape == (2, 3, 3)
-    assert small.radiance[1, 2] == pytest.approx(radiance[2:4, 4:6].mean(axis=(0, 1)))
+    assert small.radiance[0, 1] == pytest.approx(radiance[:2, 2:4].mean(axis=(0, 1)))
     assert small.valid.tolist() == [[0.75, 1.0, 1.0], [0.5, 1.0, 0.75]]
     assert small.flags.tolist() == [[FLAG_SATURATED, 0, 0], [0, 0, FLAG_MOVED]]
     assert (small.lens.width, small.lens.height, small.lens.fx, small.lens.cx) == (3, 2, 5.0, 1.75)
+
+
+def test_averaging_down_leaves_out_what_moved_unless_a_block_is_a_lower_bound() -> None:
+    radiance = np.full((2, 8, 3), 0.1, np.float32)
+    flags, valid = np.zeros((2, 8), np.uint32), np.ones((2, 8), np.float32)
+    radiance[:, 0], flags[:, 0], valid[:, 0] = 10.0, FLAG_MOVED, 0  # somebody in white
+    radiance[0, 2], flags[0, 2], valid[:, 2:4] = 10.0, FLAG_SATURATED, 0  # a lamp, and its neighbours
+    radiance[:, 4:6], flags[:, 4:6], valid[:, 4:6] = 0.3, FLAG_OUTSIDE, 0
+    small = downscaled(View(radiance, valid, flags, None), 2)
+    assert small.radiance[0, :, 0] == pytest.approx([0.1, (10 + 3 * 0.1) / 4, 0.3, 0.1])
+    assert small.valid.tolist() == [[0.5, 0.0, 0.0, 1.0]]
 
 
 def test_half_floats_only_where_they_lose_nothing(tmp_path: Path) -> None:

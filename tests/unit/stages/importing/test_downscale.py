@@ -9,11 +9,12 @@ import pytest
 
 from fipt.conventions import FLAG_NOISE, FLAG_SATURATED
 from fipt.errors import FiptError
-from fipt.formats.exr import write_exr
+from fipt.formats.exr import read_exr, write_exr
 from fipt.formats.images import write_png
 from fipt.scene.blocks import block_flags, block_ids, block_mean
 from fipt.scene.dataset import Dataset
 from fipt.stages.importing.build import import_scene
+from fipt.stages.importing.downscale import downscale
 from fipt.stages.importing.settings import ImportSettings
 from tests.layouts import HEIGHT, LAMP, POSES, WIDTH, WRITERS, photo, write_masked
 
@@ -59,6 +60,22 @@ def test_pixels_without_weight_do_not_count_and_a_clipped_one_bounds_its_block(t
     flags = half.flags("view_0")
     assert flags[1, 2] == FLAG_SATURATED
     assert (flags > 0).sum() == 1
+
+
+def test_a_clipped_pixel_does_not_stand_for_those_that_have_no_weight(tmp_path: Path) -> None:
+    """Neighbours of a lamp have none, since demosaicing carries its light to them."""
+    radiance, valid = np.zeros((2, 4, 3), np.float32), np.zeros((2, 4), np.float32)
+    flags = np.zeros((2, 4), np.uint32)
+    radiance[0, 0], valid[0, 0], flags[0, 0] = 10.0, 1, FLAG_SATURATED
+    radiance[0, 2], valid[0, 2] = 0.1, 1
+    write_exr(tmp_path / "a.exr", {"": radiance, "valid.Y": valid, "flags.Y": flags})
+    camera: Any = SimpleNamespace(name="a", width=4, height=2, reduced=lambda factor: factor)
+    (tmp_path / "images").mkdir()
+    (tmp_path / "a.exr").rename(tmp_path / "images" / "a.exr")
+    downscale(tmp_path, [camera], 2)
+    found = read_exr(tmp_path / "images" / "a.exr", required="RGB")
+    np.testing.assert_allclose(found["R"], [[2.5, 0.1]])
+    np.testing.assert_allclose(found["valid.Y"], [[0.25, 0.25]])
 
 
 def test_a_mask_and_the_weights_of_an_image_both_count(tmp_path: Path) -> None:
