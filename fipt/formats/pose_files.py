@@ -10,7 +10,7 @@ Metashape             .xml of "Export cameras"                                  
 RealityCapture        .csv "Internal/External camera parameters"                  heading, pitch, roll; z is up
 ====================  ==========================================================  ============================
 
-Poses come out with OpenGL axes. Distortion is left out: a developed view has none, and its own intrinsics count.
+Poses come out with OpenGL axes. Distortion is that of the photographs: a developed view has none.
 """
 
 from __future__ import annotations
@@ -38,13 +38,16 @@ _COLMAP_PARAMETERS = {
 }
 """Model -> its number in binary files, number of parameters, one focal length or two."""
 
+_COLMAP_DISTORTION = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+"""What follows the principal point, as far as a model has it."""
+
 _FAR = 1e8
 """Coordinates above this are on no planet of ours; those of a map are brought near the origin by an import."""
 
 
 @dataclass(frozen=True)
 class Posed:
-    """A pose: view name, 4x4 world_from_camera (OpenGL axes), intrinsics as far as they are stated (pixels)."""
+    """A pose: view name, 4x4 world_from_camera (OpenGL axes), what is stated of intrinsics (pixels) and distortion."""
 
     name: str
     world_from_camera: Rows
@@ -196,8 +199,9 @@ def _colmap_intrinsics(model: str, width: int, height: int, parameters: Sequence
     if model not in _COLMAP_PARAMETERS:
         raise FiptError(f"cameras must be pinholes; found COLMAP's {model}", "undistort the images first")
     fx, *rest = parameters
-    fy, cx, cy = (fx, *rest[:2]) if _COLMAP_PARAMETERS[model][2] else rest[:3]
-    return {"w": width, "h": height, "fl_x": fx, "fl_y": fy, "cx": cx, "cy": cy}
+    fy, cx, cy, *distortion = (fx, *rest) if _COLMAP_PARAMETERS[model][2] else rest
+    pinhole = {"w": width, "h": height, "fl_x": fx, "fl_y": fy, "cx": cx, "cy": cy}
+    return pinhole | dict(zip(_COLMAP_DISTORTION, distortion, strict=False))
 
 
 # --- Metashape ----------------------------------------------------------------------------------
@@ -251,7 +255,9 @@ def _metashape_intrinsics(sensor: ElementTree.Element) -> dict[str, float]:
     f = float(adjusted[0].findtext("f", ""))
     # The principal point is stated from the middle of the image.
     cx, cy = (float(adjusted[0].findtext(key, "0")) for key in ("cx", "cy"))
-    return {"w": width, "h": height, "fl_x": f, "fl_y": f, "cx": width / 2 + cx, "cy": height / 2 + cy}
+    pinhole = {"w": width, "h": height, "fl_x": f, "fl_y": f, "cx": width / 2 + cx, "cy": height / 2 + cy}
+    terms = {key: adjusted[0].findtext(key) for key in ("k1", "k2", "k3", "k4", "p1", "p2")}
+    return pinhole | {key: float(text) for key, text in terms.items() if text is not None}
 
 
 def _numbers(text: str, count: int) -> list[float]:

@@ -6,13 +6,14 @@ so that both agree on names and splits. One more source than `fipt.formats.layou
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 from fipt.errors import FiptError
 from fipt.formats.files import check_distinct, check_name, existing_file, natural
-from fipt.formats.layouts import READERS, SEGMENT_FOLDERS, TRUTH_FOLDERS, SourceView, nerfstudio_views
+from fipt.formats.layouts import DISTORTION, READERS, SEGMENT_FOLDERS, TRUTH_FOLDERS, SourceView, nerfstudio_views
 from fipt.formats.layouts.own import ids_file, truth_file
 from fipt.formats.pose_files import is_pose_file, read_pose_file
 from fipt.formats.text import MALFORMED
@@ -20,6 +21,12 @@ from fipt.formats.views import read_rejected
 
 CAPTURE = "capture"
 """The format of developed photographs."""
+
+EXIF_LENS = "EXIF focal length"
+"""Said in VIEW.json of a lens of which nothing else is known: whole millimetres, often, and no distortion."""
+
+_STRAIGHT = 1e-3
+"""Largest distortion coefficient of images that are taken to be undistorted: their corners are off by about a pixel."""
 
 
 @dataclass(frozen=True)
@@ -30,21 +37,27 @@ class ImageSource:
     ----------
     photographs
         Whether the images are developed photographs, whose noise may be negative.
+    merged
+        Whether somebody else has merged these: nobody has looked for clipped pixels, say.
     scale
         Factor on all radiance.
     rejected
         View that a check has rejected -> why; not among the frames.
     unposed
         Views without a pose, left out.
+    masked
+        Views whose pose names a mask, of the photograph: it is not used.
     """
 
     frames: tuple[SourceView, ...]
     mesh: Path | None
     root: Path
     photographs: bool = False
+    merged: bool = False
     scale: float = 1.0
     rejected: Mapping[str, str] = field(default_factory=dict)
     unposed: tuple[str, ...] = ()
+    masked: tuple[str, ...] = ()
 
 
 def read_source(path: str | Path, format: str, val_every: int = 8) -> ImageSource:
@@ -70,7 +83,7 @@ def read_source(path: str | Path, format: str, val_every: int = 8) -> ImageSourc
     if not path.exists():
         raise FiptError(f"the source {path} does not exist", "check the path")
     layout = READERS[format](path)
-    return ImageSource(_checked(path, layout.views, val_every), layout.mesh, layout.root)
+    return ImageSource(_split(path, _named(path, layout.views), val_every), layout.mesh, layout.root)
 
 
 def has_segments(source: ImageSource) -> bool:
@@ -115,18 +128,40 @@ def depth_files(source: ImageSource) -> dict[str, Path]:
     return files
 
 
-def read_poses(path: str | Path, val_every: int = 8) -> tuple[SourceView, ...]:
+def read_poses(path: str | Path, val_every: int = 8, views: Collection[str] | None = None) -> tuple[SourceView, ...]:
     """Read poses by view name: a nerfstudio or Blender transforms.json, or what `fipt.formats.pose_files` reads.
 
     A view is called as its image, without folder and ending; the images may be of any kind. ``image`` of the
     frames means nothing.
+
+    Parameters
+    ----------
+    path
+        File or folder.
+    val_every
+        As in `read_source`.
+    views
+        Those that are photographed: others are left out before the split. None: all are.
+
+    Raises
+    ------
+    FiptError
+        As in `read_source`, or if no pose is of any of ``views``.
     """
     path = Path(path)
     if is_pose_file(path):
-        views = [SourceView(p.name, "", path, p.world_from_camera, p.intrinsics) for p in read_pose_file(path)]
+        posed = [SourceView(p.name, "", path, p.world_from_camera, p.intrinsics) for p in read_pose_file(path)]
     else:
-        views = nerfstudio_views(path, developed=False)
-    return _checked(path, tuple(views), val_every)
+        posed = nerfstudio_views(path, developed=False)
+    found = _named(path, tuple(posed))
+    known = tuple(frame for frame in found if views is None or frame.name in views)
+    if views is not None and not known:
+        raise FiptError(
+            f"{path} must have poses of the photographed views, {', '.join(list(views)[:3])}; it has "
+            f"{', '.join(frame.name for frame in found[:3])}",
+            "name the poses' images as the views",
+        )
+    return _split(path, known, val_every)
 
 
 def read_developed(folder: str | Path, poses: str | Path, val_every: int = 8) -> ImageSource:
@@ -137,28 +172,28 @@ def read_developed(folder: str | Path, poses: str | Path, val_every: int = 8) ->
     folder
         What ``fipt develop`` and ``fipt qa`` wrote: hdr/VIEW.exr, VIEW.json, qa.json.
     poses
-        What `read_poses` reads; its intrinsics count only where calibration found none. Those of ``fipt pose`` (with a
-        poses.json beside them) are of the developed views, and count; views that it rejected stay rejected.
+        What `read_poses` reads; `_intrinsics` says when its intrinsics count. Those of ``fipt pose`` (with a poses.json
+        beside them) are of the developed views, and count; views that it rejected stay rejected.
 
     Raises
     ------
     FiptError
-        A file is missing or malformed, or no accepted view has a pose.
+        A file is missing or malformed, no accepted view has a pose, or nothing has undistorted a view.
     """
     folder = Path(folder)
     report = existing_file(folder / "qa.json", "the capture report")
-    posed, estimated = read_poses(poses, val_every), (Path(poses).parent / "poses.json").is_file()
+    estimated = (Path(poses).parent / "poses.json").is_file()
     judged = read_rejected(Path(poses).with_name("views.json")) if estimated else {}
     try:
         content = json.loads(report.read_text(encoding="utf-8"))
         states = {name: None if state["accepted"] else str(state["reason"]) for name, state in content["views"].items()}
-        scale = float(content["exposure"]["scale"])
-        frames = []
+        scale, merged = float(content["exposure"]["scale"]), content.get("kind") == "merged"
+        posed, frames = read_poses(poses, val_every, states), []
         for frame in posed:
             if frame.name in states and states[frame.name] is None:
                 image = folder / "hdr" / f"{frame.name}.exr"
-                camera = json.loads(existing_file(folder / f"{frame.name}.json", "the facts of a view").read_text())
-                known = frame.intrinsics if estimated else camera["camera"] or frame.intrinsics
+                facts = json.loads(existing_file(folder / f"{frame.name}.json", "the facts of a view").read_text())
+                known = frame.intrinsics if estimated else _intrinsics(poses, frame, facts)
                 frames.append(replace(frame, image=image, intrinsics=known, mask=None))
     except MALFORMED as error:
         raise FiptError(
@@ -178,14 +213,34 @@ def read_developed(folder: str | Path, poses: str | Path, val_every: int = 8) ->
         None,
         folder,
         photographs=True,
+        merged=merged,
         scale=scale,
         rejected={name: why for name, why in refused.items() if name in names},
         unposed=tuple(name for name in states if name not in names),
+        masked=tuple(frame.name for frame in posed if frame.mask is not None),
     )
 
 
-def _checked(path: Path, frames: tuple[SourceView, ...], val_every: int) -> tuple[SourceView, ...]:
-    """Frames with usable, different names and with splits, in the order of their names: lists have one of chance."""
+def _intrinsics(poses: str | Path, frame: SourceView, facts: Mapping[str, Any]) -> Mapping[str, float]:
+    """Intrinsics of a developed view: its own, but those of its pose where EXIF alone tells its own, or nothing."""
+    own, given = facts["camera"], frame.intrinsics
+    if own is not None and facts.get("sources", {}).get("lens") != EXIF_LENS:
+        return own
+    for key in DISTORTION:
+        if abs(given.get(key, 0.0)) > _STRAIGHT:
+            raise FiptError(
+                f"{poses}, view {frame.name}: lens distortion must be zero, since nothing has undistorted this view; "
+                f"found {key} = {given[key]:g}",
+                "undistort the photographs first and give the poses of those, or calibrate the lens",
+            )
+    stated = not {"fl_x", "camera_angle_x"}.isdisjoint(given)
+    if own is None or (stated and all(given.get(key) == own[key] for key in ("w", "h"))):
+        return given
+    return own
+
+
+def _named(path: Path, frames: tuple[SourceView, ...]) -> tuple[SourceView, ...]:
+    """Frames with usable, different names, in the order of these: lists have one of chance."""
     if not frames:
         raise FiptError(f"{path} must list at least one frame; it lists none", "check the source")
     seen: set[str] = set()
@@ -198,7 +253,11 @@ def _checked(path: Path, frames: tuple[SourceView, ...], val_every: int) -> tupl
             )
         seen.add(frame.name)
     check_distinct([frame.name for frame in frames], f"{path}, views")
-    frames = tuple(sorted(frames, key=lambda frame: (natural(frame.name), frame.name)))
+    return tuple(sorted(frames, key=lambda frame: (natural(frame.name), frame.name)))
+
+
+def _split(path: Path, frames: tuple[SourceView, ...], val_every: int) -> tuple[SourceView, ...]:
+    """Frames with splits: their own, or every n-th is held out."""
     split = any(frame.split for frame in frames)
     if not split:
         frames = tuple(

@@ -269,7 +269,7 @@ def test_poses_must_be_of_the_photographs(workspace, tmp_path):
     poses.write_text(poses.read_text().replace("train_", "other_").replace("val_", "other2_"))
     here.configure(config)
     said = here.snakemake("--dry-run", succeeds=False)
-    assert "must have poses of the views in photos; it has other2_001" in said
+    assert "must have poses of the photographed views, train_000" in said
     config["scenes"]["room"].pop("poses")
     here.configure(config)
     said = here.snakemake("--dry-run", succeeds=False)

@@ -11,7 +11,6 @@ from pydantic import Field
 
 from fipt.config.sources.base import ESTIMATED, RECONSTRUCTED, Photographs, Place, Source, SourceEntry, options
 from fipt.config.sources.known import pose_files
-from fipt.errors import FiptError
 
 
 class RawEntry(SourceEntry):
@@ -163,13 +162,4 @@ class RawSource(Source):
         """Posed views of which there are photographs."""
         from fipt.scene.sources import read_poses
 
-        posed = read_poses(self._poses, self.place.settings["import"].val_every)
-        known = self._taken.views
-        frames = [frame for frame in posed if frame.name in known]
-        if not any(frame.split == "train" for frame in frames):
-            raise FiptError(
-                f"{self._poses} must have poses of the views in {self._taken.folder}; it has "
-                f"{', '.join(frame.name for frame in posed[:3])}, photographed are {', '.join(known[:3])}",
-                "name the poses' images as the views",
-            )
-        return frames
+        return list(read_poses(self._poses, self.place.settings["import"].val_every, self._taken.views))

@@ -21,7 +21,7 @@ from pathlib import Path
 from fipt.formats.layouts.common import Matrix, PosedViews, SourceView, numbered_file
 from fipt.formats.layouts.fipt_real import read_fipt_real
 from fipt.formats.layouts.fipt_synthetic import read_fipt_synthetic
-from fipt.formats.layouts.nerfstudio import nerfstudio_views, read_nerfstudio
+from fipt.formats.layouts.nerfstudio import DISTORTION, nerfstudio_views, read_nerfstudio
 from fipt.formats.layouts.own import known_files, read_own
 
 SEGMENT_FOLDERS = {"part": "IndexMA", "semantic": "segmentation"}
@@ -46,6 +46,7 @@ READERS = {
 """Name of a layout -> what reads it from its path."""
 
 __all__ = [
+    "DISTORTION",
     "READERS",
     "SEGMENT_FOLDERS",
     "TRUTH_FOLDERS",

@@ -21,7 +21,8 @@ class SourceView:
     world_from_camera
         4x4 rows, OpenGL axes, the source's units (metres).
     intrinsics
-        What the source says of w, h, fl_x, fl_y, cx, cy (pixels) and camera_angle_x, _y (radians).
+        What the source says of w, h, fl_x, fl_y, cx, cy (pixels), camera_angle_x, _y (radians) and, of views that are
+        photographs, of distortion.
     mask
         An 8-bit image, 0 where pixels are not to be used.
     depth

@@ -11,7 +11,8 @@ from fipt.formats.layouts.common import Matrix, PosedViews, SourceView, number, 
 from fipt.formats.text import MALFORMED, read_json
 
 _INTRINSICS = ("w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_y")
-_DISTORTION = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
+DISTORTION = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
+"""Coefficients of a lens, of whatever model."""
 _PINHOLES = ("PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")
 """Camera models that are pinholes once their distortion is zero."""
 _OTHER_IMAGES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".hdr", ".dng", ".gif", ".webp", ".bmp", ".heic", ".avif")
@@ -58,7 +59,8 @@ def nerfstudio_views(path: Path, developed: bool = True) -> list[SourceView]:
         try:
             file_path = str(entry["file_path"])
             matrix = pose_matrix(entry["transform_matrix"])
-            intrinsics = pinhole_intrinsics(where, {**shared, **entry}) if developed else _stated({**shared, **entry})
+            keys = {**shared, **entry}
+            intrinsics = pinhole_intrinsics(where, keys) if developed else _stated(keys, _INTRINSICS + DISTORTION)
             mask, depth = (
                 path.parent / entry[key] if entry.get(key) else None for key in ("mask_path", "depth_file_path")
             )
@@ -153,19 +155,19 @@ def pinhole_intrinsics(where: str, keys: Mapping[str, Any]) -> dict[str, float]:
             f"{where}: cameras must be pinholes; found {model}",
             "undistort the images first",
         )
-    for key in _DISTORTION:
+    for key in DISTORTION:
         if number(keys.get(key) or 0.0) != 0.0:
             raise FiptError(
                 f"{where}: lens distortion must be zero; found {key} = {keys[key]}",
                 "undistort the images first, then set the coefficients to 0",
             )
-    return _stated(keys)
+    return _stated(keys, _INTRINSICS)
 
 
-def _stated(keys: Mapping[str, Any]) -> dict[str, float]:
-    found = {key: number(keys[key]) for key in _INTRINSICS if keys.get(key) is not None}
+def _stated(keys: Mapping[str, Any], names: Sequence[str]) -> dict[str, float]:
+    found = {key: number(keys[key]) for key in names if keys.get(key) is not None}
     for key, value in found.items():
-        above = "" if key in ("cx", "cy") else " above 0"
+        above = "" if key in ("cx", "cy", *DISTORTION) else " above 0"
         if not math.isfinite(value) or (above and value <= 0):
             raise ValueError(f"{key} must be a finite number{above}; found {value:g}")
         if key in ("w", "h") and value != int(value):

@@ -13,6 +13,7 @@ import numpy as np
 from fipt.errors import FiptError
 from fipt.scene import boards
 from fipt.scene.lens import Lens
+from fipt.scene.sources import EXIF_LENS
 from fipt.stages.capture import lensfun
 from fipt.stages.capture.calibration import Calibration, Vignetting
 from fipt.stages.capture.calibration_frames import counted, read_frame, signal_of
@@ -54,7 +55,7 @@ def with_lens(
         # Equivalents are by diagonal: that of 36 x 24 mm is 43.27 mm.
         f = shot.focal_length_35 / np.hypot(36, 24) * np.hypot(found.width, found.height)
         lens = Lens(found.width, found.height, float(f), float(f), found.width / 2, found.height / 2)
-        return replace(found, lens=lens, sources={**found.sources, "lens": "EXIF focal length"})
+        return replace(found, lens=lens, sources={**found.sources, "lens": EXIF_LENS})
     return found
 
 

@@ -33,12 +33,14 @@ def write_frames(folder: Path, source: ImageSource) -> tuple[list[Camera], str, 
     """
     cameras: list[Camera] = []
     check, defects = EncodingCheck(), DefectCheck()
+    judged = source.merged or not source.photographs
     most = -1.0
     with progress("import", len(source.frames), " views") as bar:
         for frame in source.frames:
             channels, valid = read_image(frame)
-            check.add(frame.name, channels, valid)
-            defects.add(frame.name, channels, valid)
+            if judged:
+                check.add(frame.name, channels, valid)
+                defects.add(frame.name, channels, valid)
             channels.pop("alpha.Y", None)
             if source.photographs:
                 valid = channels["valid.Y"] = with_bounds(valid, channels["flags.Y"].astype(np.uint32))
@@ -55,7 +57,7 @@ def write_frames(folder: Path, source: ImageSource) -> tuple[list[Camera], str, 
             if frame.split == "train" and detail > most:
                 shown, most = camera.name, detail
             bar.advance()
-    if source.photographs:
+    if not judged:
         return cameras, shown, {}
     found = defects.facts()
     return cameras, shown, check.facts() | ({"defects": found} if found else {})

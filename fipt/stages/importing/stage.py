@@ -52,6 +52,12 @@ def run(inputs: ImportInputs, settings: "ImportSettings") -> dict[str, Any]:
     warnings = [*done.warnings, *done.mesh.get("warnings", ())]
     if done.source.unposed:
         warnings.append(f"without a pose, left out: {', '.join(done.source.unposed)}")
+    if done.source.masked:
+        masked = ", ".join(done.source.masked[:3])
+        warnings.append(
+            f"the poses name masks of {len(done.source.masked)} views ({masked}), which are not used: they are of the "
+            "photographs; give merged EXR files with weights in valid.Y"
+        )
     for warning in warnings:
         log.warning("%s", warning)
     if warnings:

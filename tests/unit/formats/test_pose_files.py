@@ -46,7 +46,8 @@ def test_colmap_models(tmp_path, binary):
     for posed in found:
         expected = poses()[int(posed.name[-1]) - 1]
         np.testing.assert_allclose(posed.world_from_camera, expected, atol=1e-9)
-        assert posed.intrinsics == {"w": 64, "h": 48, "fl_x": 50, "fl_y": 51, "cx": 31, "cy": 23}
+        pinhole = {"w": 64, "h": 48, "fl_x": 50, "fl_y": 51, "cx": 31, "cy": 23}
+        assert posed.intrinsics == pinhole | {"k1": 0.1, "k2": 0, "p1": 0, "p2": 0}
     frames = read_poses(tmp_path, val_every=2)
     assert [frame.split for frame in frames] == ["val", "train", "val"]
 
@@ -54,6 +55,7 @@ def test_colmap_models(tmp_path, binary):
 def test_colmap_cameras_with_one_focal_length_and_others(tmp_path):
     colmap_model("SIMPLE_RADIAL", [50.0, 31.0, 23.0, 0.1]).write_binary(tmp_path)
     assert read_pose_file(tmp_path)[0].intrinsics["fl_y"] == 50
+    assert read_pose_file(tmp_path)[0].intrinsics["k1"] == 0.1
     colmap_model("OPENCV_FISHEYE", [50.0, 51.0, 31.0, 23.0, 0, 0, 0, 0]).write_binary(tmp_path)
     with pytest.raises(FiptError, match="cameras must be pinholes"):
         read_pose_file(tmp_path)
@@ -112,7 +114,7 @@ def test_metashape(tmp_path, component):
     assert [posed.name for posed in found] == ["IMG_0", "IMG_1", "IMG_2"]
     for posed, expected in zip(found, poses(), strict=True):
         np.testing.assert_allclose(posed.world_from_camera, expected, atol=1e-9)
-        assert posed.intrinsics == {"w": 64, "h": 48, "fl_x": 50, "fl_y": 50, "cx": 33.5, "cy": 24}
+        assert posed.intrinsics == {"w": 64, "h": 48, "fl_x": 50, "fl_y": 50, "cx": 33.5, "cy": 24, "k1": 0.1}
     unmoved = read_pose_file(metashape(tmp_path / "local.xml", transform=False))
     assert not np.allclose(unmoved[0].world_from_camera, poses()[0])
     (tmp_path / "cameras.xml").write_text("<document><chunk></document>")

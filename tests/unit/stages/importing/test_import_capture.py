@@ -14,8 +14,10 @@ from fipt.formats.images import write_png
 from fipt.scene.cameras import Camera, read_transforms, write_transforms
 from fipt.scene.dataset import Dataset, read_rejected, write_views
 from fipt.scene.mesh import write_ply
+from fipt.scene.sources import EXIF_LENS
 from fipt.stages.importing.build import Beside, import_scene
 from fipt.stages.importing.settings import ImportSettings
+from fipt.stages.importing.stage import ImportInputs, run
 from tests.layouts import POSES, room
 
 PLAIN = ImportSettings(overlay=False)
@@ -152,12 +154,97 @@ def test_without_calibration_the_poses_know_the_camera(developed: Path) -> None:
         imported(developed)
 
 
+def of_the_views(root: Path, **keys: float | str | None) -> None:
+    """Rewrite the poses: their cameras have the size of the developed views, and more keys (None: removed)."""
+    path = root / "poses" / "transforms.json"
+    content = json.loads(path.read_text())
+    for frame in content["frames"]:
+        for key, value in {**CAMERA, "fl_x": 6.5, "fl_y": 6.5, **keys}.items():
+            frame[key] = value
+    path.write_text(json.dumps(content))
+
+
+@pytest.mark.parametrize("camera", [None, CAMERA])
+def test_distortion_that_nothing_has_undone_is_refused(developed: Path, camera: dict | None) -> None:
+    facts = {"camera": camera, "sources": {"lens": EXIF_LENS}}
+    for view in "ac":
+        (developed / "capture" / f"{view}.json").write_text(json.dumps(facts))
+    of_the_views(developed, k1=-0.12, k2=0.01)
+    with pytest.raises(FiptError, match=r"view a: lens distortion must be zero, .* found k1 = -0\.12; undistort the"):
+        imported(developed)
+    of_the_views(developed, k1=2e-4, k2=None)  # of undistorted images, by a program that always estimates some
+    assert imported(developed).cameras[0].fx == 6.5
+
+
+def test_calibration_undoes_distortion_whatever_the_poses_state(developed: Path) -> None:
+    of_the_views(developed, k1=-0.12)
+    assert imported(developed).cameras[0].fx == 5.0
+
+
+def test_intrinsics_of_poses_beat_the_focal_length_of_exif(developed: Path) -> None:
+    for view in "ac":
+        facts = {"camera": CAMERA, "sources": {"lens": EXIF_LENS}}
+        (developed / "capture" / f"{view}.json").write_text(json.dumps(facts))
+    assert imported(developed).cameras[0].fx == 5.0  # those of the poses are of another size
+    of_the_views(developed, cx=4.3)
+    assert [(camera.fx, camera.cx) for camera in imported(developed).cameras] == [(6.5, 4.3)] * 2
+    of_the_views(developed, fl_x=None, fl_y=None)
+    assert imported(developed).cameras[0].fx == 5.0
+
+
+def test_poses_of_other_images_do_not_count_for_the_split(developed: Path) -> None:
+    """As where every exposure of a bracket has a pose."""
+    path = developed / "poses" / "transforms.json"
+    content = json.loads(path.read_text())
+    named = list(zip("abc", content["frames"], strict=True))
+    frames = [{**frame, "file_path": f"{view}{n}.ARW"} for view, frame in named for n in ("", "1")]
+    for frame in frames:
+        frame.pop("split")
+    path.write_text(json.dumps({**content, "frames": frames}))
+    # of a, a1, b, b1, c, c1 every fourth would be a and c
+    cameras = imported(developed, ImportSettings(overlay=False, val_every=4)).cameras
+    assert [(camera.name, camera.split) for camera in cameras] == [("a", "val"), ("c", "train")]
+
+
+def test_images_of_8_bits_are_named_of_merged_views_too(developed: Path, np_rng: np.random.Generator) -> None:
+    steps = np_rng.integers(1, 256, (96, 128, 3)).astype(np.float32) / 255
+    for view in "ac":
+        layers = {"": steps if view == "a" else steps[::-1], "valid.Y": np.ones((96, 128), np.float32)}
+        layers["flags.Y"] = np.zeros((96, 128), np.uint32)
+        write_exr(developed / "capture" / "hdr" / f"{view}.exr", layers)
+        (developed / "capture" / f"{view}.json").write_text(json.dumps({"camera": {**CAMERA, "w": 128, "h": 96}}))
+    report = developed / "capture" / "qa.json"
+    beside = Beside(developed / "poses" / "transforms.json")
+
+    def said() -> str:
+        args = (developed / "capture", "capture", developed / "dataset", PLAIN, developed / "mesh.ply")
+        return " ".join(import_scene(*args, beside=beside).warnings)
+
+    assert said() == ""
+    report.write_text(json.dumps({**json.loads(report.read_text()), "kind": "merged"}))
+    assert "all images together have 255 values only, in even steps" in said()
+
+
+def test_masks_of_poses_are_not_used_and_named(developed: Path, caplog: pytest.LogCaptureFixture) -> None:
+    of_the_views(developed, mask_path="masks/a.png")
+    inputs = ImportInputs(
+        source=developed / "capture", format="capture", dataset=developed / "dataset", mesh=developed / "mesh.ply",
+        poses=developed / "poses" / "transforms.json",
+    )  # fmt: skip
+    figures = run(inputs, PLAIN)
+    assert "the poses name masks of 3 views (a, b, c), which are not used" in " ".join(figures["warnings"])
+    assert "which are not used" in caplog.text
+
+
 def test_bad_input(developed: Path) -> None:
     with pytest.raises(FiptError, match="--poses belongs to the format capture"):
         imported(developed, poses=None)
     poses = developed / "poses" / "transforms.json"
     poses.write_text(poses.read_text().replace("/a.ARW", "/x.ARW").replace("/c.ARW", "/y.ARW"))
-    with pytest.raises(FiptError, match=r"it has b, x, y, accepted are a, c, lost"):
+    with pytest.raises(FiptError, match=r"it has b, accepted are a, c, lost"):
+        imported(developed)
+    poses.write_text(poses.read_text().replace("/b.ARW", "/z.ARW"))
+    with pytest.raises(FiptError, match=r"must have poses of the photographed views, a, c, lost; it has x, y, z"):
         imported(developed)
     (developed / "capture" / "qa.json").write_text("{}")
     with pytest.raises(FiptError, match="is damaged"):
