@@ -34,7 +34,7 @@ class Section:
 SECTIONS: dict[str, Section] = {
     "synthesize": Section("fipt.synthetic.settings:SynthesizeSettings", 4),
     "capture": Section("fipt.stages.capture.settings:CaptureSettings", 3),
-    "poses": Section("fipt.stages.poses.settings:PosesSettings", 4),
+    "poses": Section("fipt.stages.poses.settings:PosesSettings", 5),
     "import": Section("fipt.stages.importing.settings:ImportSettings", 9),
     "depth": Section("fipt.stages.geometry.settings:DepthSettings", 6),
     "geometry": Section("fipt.stages.geometry.mesh_settings:GeometrySettings", 12),

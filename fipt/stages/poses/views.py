@@ -8,9 +8,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
-from fipt.conventions import FLAG_MOVED, FLAG_OUTSIDE
+from fipt.conventions import FLAG_MOVED, FLAG_OUTSIDE, FLAG_SATURATED
 from fipt.errors import FiptError
 from fipt.formats.exr import read_exr
 from fipt.formats.files import check_name, existing_file
@@ -69,7 +70,15 @@ class UnposedViews:
         shown = np.asarray(np.isfinite(radiance).all(axis=-1))
         if "flags.Y" in channels:
             shown &= channels["flags.Y"].astype(np.uint32) & (FLAG_OUTSIDE | FLAG_MOVED) == 0
+        if "valid.Y" in channels:
+            shown &= (channels["valid.Y"] > 0) | _near_clipped(channels)
         return np.where(shown[..., None], radiance, 0).astype(np.float32), shown
+
+
+def _near_clipped(channels: Mapping[str, np.ndarray]) -> np.ndarray:
+    """(H, W) bool: clipped pixels and their neighbours. They have no weight, but show the edges of lamps."""
+    flags = channels.get("flags.Y", np.zeros(channels["valid.Y"].shape)).astype(np.uint32)
+    return cv2.dilate((flags & FLAG_SATURATED > 0).view(np.uint8), np.ones((5, 5), np.uint8)) > 0
 
 
 def read_capture(folder: str | Path, held_out: Collection[str]) -> UnposedViews:

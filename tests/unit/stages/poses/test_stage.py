@@ -9,13 +9,14 @@ import pytest
 from PIL import Image
 
 from fipt.cli.main import main
+from fipt.conventions import FLAG_MOVED, FLAG_SATURATED
 from fipt.formats.exr import write_exr
 from fipt.scene.cameras import read_transforms, write_transforms
 from fipt.scene.dataset import read_rejected
 from fipt.stages.poses import estimate
 from fipt.stages.poses.settings import PosesSettings
 from fipt.stages.poses.similarity import rotation_angles
-from fipt.stages.poses.views import read_capture
+from fipt.stages.poses.views import read_capture, read_folder
 from tests import painted_room
 
 PLACE = painted_room.SIZE * (0.5, 0.55, 0.5)
@@ -149,6 +150,21 @@ def test_the_orientation_of_photographs_reaches_the_search_for_up(tmp_path, monk
     monkeypatch.setattr("fipt.stages.poses.estimate.align", lambda *given: (asked.append(given[3]), (None, report))[1])
     estimate._aligned(None, views, PosesSettings())
     assert asked == [orientation]
+
+
+def test_pixels_without_weight_are_not_shown_but_clipped_ones_and_their_neighbours(tmp_path):
+    valid, flags = np.ones((12, 16), np.float32), np.zeros((12, 16), np.uint32)
+    valid[6:] = 0  # a tripod
+    flags[2, 2], flags[2, 12] = FLAG_SATURATED, FLAG_MOVED
+    valid[1:4, 1:4] = valid[2, 12] = 0
+    for name in "abc":
+        layers = {"": np.ones((12, 16, 3), np.float32), "valid.Y": valid, "flags.Y": flags}
+        write_exr(tmp_path / f"{name}.exr", layers)
+    (tmp_path / "intrinsics.json").write_text(json.dumps({"w": 16, "h": 12, "fl_x": 16}))
+    _, shown = read_folder(tmp_path, tmp_path / "intrinsics.json", ()).image("a")
+    expected = np.ones((12, 16), bool)
+    expected[6:] = expected[2, 12] = False
+    np.testing.assert_array_equal(shown, expected)
 
 
 def test_a_missing_reference_is_told_before_the_work(ring, tmp_path, capsys):
