@@ -15,6 +15,8 @@ _SAMPLES = 256
 """Points between two keyframes by which the length of the way is measured."""
 _STILL = 1e-6
 """Metres, or radians: a shorter way is none."""
+_ON_THE_SPOT = 0.25
+"""Metres a radian: what moves less while it turns only turns. Poses estimated at one place are never quite the same."""
 
 
 def own_cameras(own: OwnCameras, data: Dataset) -> list[Camera]:
@@ -125,15 +127,15 @@ def _curve(keys: np.ndarray, loop: bool) -> CubicHermiteSpline:
 def _moments(path: CameraPath, curve: CubicHermiteSpline) -> np.ndarray:
     """(frames,) parameters of the curve at which frames are taken.
 
-    Frames are equally far apart along the way; where the camera only turns, a radian counts as a metre.
+    Frames are equally far apart along the way; where the camera turns about on the spot, a radian counts as a metre.
     """
     segments = len(curve.x) - 1
     shares = np.linspace(0, 1, _SAMPLES + 1)
     fine = curve.x[:-1, None] + np.diff(curve.x)[:, None] * shares  # (segments, samples)
     steps = np.diff(curve(fine), axis=1)
     moved, turned = np.linalg.norm(steps[..., :3], axis=2), np.linalg.norm(steps[..., 3:], axis=2)
-    still = moved.sum(axis=1, keepdims=True) < _STILL
-    lengths = np.where(still, turned, moved)
+    turns = moved.sum(axis=1, keepdims=True) <= _ON_THE_SPOT * turned.sum(axis=1, keepdims=True)
+    lengths = np.where(turns, turned, moved)
     way = np.concatenate([[0.0], np.cumsum(lengths.ravel())])
     parameters = np.concatenate([fine[:, :-1].ravel(), curve.x[-1:]])
     share = np.linspace(0, 1, path.frames, endpoint=not path.loop)

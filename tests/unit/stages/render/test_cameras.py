@@ -99,6 +99,16 @@ def test_straight_down_from_above(data):
     np.testing.assert_allclose(np.array([c.world_from_camera[1, 0] for c in cameras]), 0, atol=1e-6)
 
 
+@pytest.mark.parametrize("timing", ["speed", "keyframes"])
+@pytest.mark.parametrize("apart", [0, 0.005])
+def test_a_camera_turns_no_faster_where_estimated_places_differ_a_little(data, apart, timing):
+    """Two views of one tripod: its estimated places are some millimetres apart."""
+    keys = [at(0, 1, 0, (1, 0, 0)), at(0, 1, apart, (0, 0, 1)), at(0, 1, 3, (0, 0, 1))]
+    forward = ahead(along(data, *keys, frames=120, timing=timing))
+    turns = np.degrees(np.arccos(np.clip((forward[1:] * forward[:-1]).sum(axis=1), -1, 1)))
+    assert turns.max() < 5
+
+
 def test_two_keyframes_are_a_straight_line(data):
     cameras = along(data, at(0, 1, 0), at(2, 1, 1), frames=5)
     np.testing.assert_allclose(places(cameras), np.linspace((0, 1, 0), (2, 1, 1), 5), atol=1e-9)
