@@ -10,10 +10,32 @@ from fipt.errors import FiptError
 
 log = logging.getLogger(__name__)
 
+_NUMBER = r"\s+[-+]?(?:\d+\.?|\.\d)[\deE+-]*"
+_OPTIONS = re.compile(rf"^(?:-(?:[ost](?:{_NUMBER}){{1,3}}|mm(?:{_NUMBER}){{2}}|\w+\s+\S+)\s+)*")
+"""Of a map: shift, scale and turbulence have up to three numbers, its base and gain two, all others have one word."""
 
-def named_files(path: Path, pattern: str) -> list[Path]:
-    """Files beside ``path`` that its lines name, there or not."""
-    return [path.parent / found[1].strip() for _, line in _lines(path) if (found := re.match(rf"\s*{pattern}", line))]
+
+class NamedFiles:
+    """Contents of files beside ``folder`` by what lines of OBJ and MTL files say of them; trimesh asks for no more."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def __getitem__(self, said: str) -> bytes:
+        return (self._folder / named_file(said)).read_bytes()
+
+    get = __getitem__
+
+
+def named_file(said: str) -> str:
+    """Name of a file in what a line says of it: after the options of a map, with the separators of any system."""
+    return _OPTIONS.sub("", said.strip(), count=1).replace("\\", "/")
+
+
+def named_files(path: Path, keyword: str) -> list[Path]:
+    """Files beside ``path`` that its lines name after a keyword, there or not."""
+    found = (re.match(rf"\s*{keyword}\s+(.+)", line, re.IGNORECASE) for _, line in _lines(path))
+    return [path.parent / named_file(match[1]) for match in found if match]
 
 
 def is_there(file: Path) -> bool:
@@ -26,12 +48,12 @@ def is_there(file: Path) -> bool:
 
 def material_files(path: Path) -> list[Path]:
     """Files of the materials of an OBJ file, there or not."""
-    return named_files(path, r"mtllib\s+(.+)")
+    return named_files(path, "mtllib")
 
 
 def texture_files(path: Path) -> list[Path]:
     """Images that a file of materials names, there or not."""
-    return named_files(path, r"map_Kd\s+(?:-\w+\s+\S+\s+)*(.+)")
+    return named_files(path, "map_Kd")
 
 
 def defined_materials(path: Path) -> set[str]:

@@ -17,10 +17,10 @@ import numpy as np
 from fipt.conventions import FARTHEST, ROUGHNESS_MIN
 from fipt.errors import FiptError
 from fipt.formats.files import existing_file
-from fipt.formats.glb import chunks
+from fipt.formats.glb import chunks, with_floats
 from fipt.formats.images import as_rgb, srgb_decode
 from fipt.scene.mesh import Mesh
-from fipt.scene.mtl import defined_materials, is_there, material_files, texture_files
+from fipt.scene.mtl import NamedFiles, defined_materials, is_there, material_files, texture_files
 from fipt.scene.obj import check_whole
 
 log = logging.getLogger(__name__)
@@ -31,6 +31,9 @@ MANY = 1_000_000
 _NEUTRAL = (0.5, 0.6, 0.0)
 """Base colour, roughness and metallic of what has no material."""
 _SUBDIVISIONS = 5
+_EXTENSIONS = ("KHR_mesh_quantization", "KHR_texture_transform", "KHR_lights_punctual", "EXT_texture_webp")
+"""Of glTF, beside materials: what is read, checked where it is used, or left out as lights are."""
+_NO_TRANSFORM = {"offset": [0, 0], "scale": [1, 1], "rotation": 0}
 
 
 @dataclass(frozen=True)
@@ -40,6 +43,11 @@ class ObjectMaterial:
     base_color: np.ndarray
     roughness: np.ndarray
     metallic: np.ndarray
+
+    @property
+    def is_uniform(self) -> bool:
+        """Whether it is the same everywhere."""
+        return self.base_color.shape[:2] == self.roughness.shape == self.metallic.shape == (1, 1)
 
     def changed(
         self, color: tuple[float, ...] | None, roughness: float | None, metallic: float | None
@@ -103,9 +111,10 @@ class MeshObject:
 
 
 def joined(objects: list[MeshObject]) -> MeshObject:
-    """All objects, at least one, as one; their triangles follow one another."""
+    """All objects, at least one, as one; their triangles follow one another, a material they share is there once."""
     vertex = np.cumsum([0] + [len(thing.mesh.vertices) for thing in objects])
-    number = np.cumsum([0] + [len(thing.materials) for thing in objects])
+    shared = {id(material): material for thing in objects for material in thing.materials}
+    number = {key: position for position, key in enumerate(shared)}
     mesh = Mesh(
         np.concatenate([thing.mesh.vertices for thing in objects]),
         np.concatenate([o.mesh.triangles + start for o, start in zip(objects, vertex, strict=False)]).astype(np.int32),
@@ -114,8 +123,8 @@ def joined(objects: list[MeshObject]) -> MeshObject:
         mesh,
         np.concatenate([thing.normals for thing in objects]),
         np.concatenate([thing.uv for thing in objects]),
-        tuple(material for thing in objects for material in thing.materials),
-        np.concatenate([o.material + start for o, start in zip(objects, number, strict=False)]).astype(np.int32),
+        tuple(shared.values()),
+        np.concatenate([np.array([number[id(own)] for own in o.materials], np.int32)[o.material] for o in objects]),
     )
 
 
@@ -167,31 +176,26 @@ def shape_object(shape: str, size: float) -> MeshObject:
 def read_object(path: str | Path) -> MeshObject:
     """Read a file with its materials.
 
-    GLB: base colour, roughness and metallic, factors (8 bits) and textures; OBJ: Kd, Ns and map_Kd of its MTL file;
-    PLY: colours of its vertices. Without any of these it is neutral. Normal maps, emission and transparency are left
-    out.
+    GLB: base colour, roughness and metallic, factors (8 bits) and textures, colours of vertices; OBJ: Kd, Ns and map_Kd
+    of its MTL file; PLY: colours of its vertices. Without any of these it is neutral. Normal maps, emission and
+    transparency are left out.
 
     Raises
     ------
     FiptError
-        If the file is missing, no mesh, or an image in it cannot be read.
+        If the file is missing, no mesh, or needs an extension of glTF that is not read; if an image in it cannot be
+        read.
     """
     path = existing_file(path, "an object's file")
     if path.suffix.lower() not in KINDS:
         raise FiptError(f"an object must be a PLY, OBJ or GLB file; found {path}", "convert it")
-    import trimesh
-
     if path.suffix.lower() == ".glb":
-        _check_images(path)
+        _check_glb(path)
     defined = defined_materials(path) if path.suffix.lower() == ".obj" else None
     try:
         if defined is not None:
             check_whole(path)
-        scene = trimesh.load_scene(path, process=False)
-        nodes = [scene.graph[node] for node in scene.graph.nodes_geometry]
-        found = [(scene.geometry[name], placed) for placed, name in nodes]
-        linear = path.suffix.lower() == ".glb"  # glTF's colours of vertices are, the others' are sRGB
-        pieces = [_piece(mesh, placed, linear, defined) for mesh, placed in found if len(getattr(mesh, "faces", ()))]
+        pieces = _pieces(path, defined)
     except Exception as error:  # trimesh raises whatever its parsers raise
         raise FiptError(
             f"{path} is not a readable mesh ({error or type(error).__name__})", "give a PLY, OBJ or GLB with triangles"
@@ -220,11 +224,40 @@ def object_files(path: str | Path) -> list[str]:
     return [str(file) for file in dict.fromkeys(files)]
 
 
-def _piece(piece: Any, placed: np.ndarray, linear_colors: bool, defined: set[str] | None) -> MeshObject:
-    """One mesh of trimesh where its (4, 4) matrix puts it, with its normals, texture coordinates and material.
+def _pieces(path: Path, defined: set[str] | None) -> list[MeshObject]:
+    """The meshes of a file where its scene puts them.
 
     ``defined``: names of the materials that count; trimesh makes one up where a file has none. None: all do.
     """
+    scene = _loaded(path)
+    made: dict[int, ObjectMaterial] = {}  # by the object of trimesh: parts share materials
+    pieces = []
+    for placed, name in (scene.graph[node] for node in scene.graph.nodes_geometry):
+        mesh = scene.geometry[name]
+        if not len(getattr(mesh, "faces", ())):
+            continue
+        found = getattr(mesh.visual, "material", None)
+        if found is None or (defined is not None and found.name not in defined):
+            material = uniform(*_NEUTRAL)
+        else:
+            material = made[id(found)] = made.get(id(found)) or _material(found)
+        pieces.append(_piece(path, mesh, placed, material))
+    return pieces
+
+
+def _loaded(path: Path) -> Any:
+    """A file as a scene of trimesh."""
+    import trimesh
+
+    kind = path.suffix.lower()
+    if kind == ".glb":  # of normalized integers trimesh reads those of colours alone, of 8 bits
+        return trimesh.load_scene(BytesIO(with_floats(path.read_bytes())), file_type="glb", process=False)
+    files = NamedFiles(path.parent) if kind == ".obj" else None
+    return trimesh.load_scene(path, process=False, resolver=files)  # pyright: ignore[reportArgumentType]
+
+
+def _piece(path: Path, piece: Any, placed: np.ndarray, material: ObjectMaterial) -> MeshObject:
+    """One mesh of trimesh where its (4, 4) matrix puts it, with its normals, texture coordinates and material."""
     vertices, triangles = np.asarray(piece.vertices), np.asarray(piece.faces, np.int32)
     if triangles.min() < 0 or triangles.max() >= len(vertices):
         raise ValueError("it refers to vertices it does not have")
@@ -232,16 +265,18 @@ def _piece(piece: Any, placed: np.ndarray, linear_colors: bool, defined: set[str
     given = piece._cache.cache.get("vertex_normals")
     normals = np.zeros_like(vertices) if given is None else np.asarray(given)
     vertices, normals = moved(vertices, np.nan_to_num(normals, posinf=0, neginf=0), placed[:3, :3], placed[:3, 3])
-    material, uv = uniform(*_NEUTRAL), None
-    visual = piece.visual
-    if visual.kind == "texture" and visual.material is not None:
-        uv = visual.uv
-        if defined is None or visual.material.name in defined:
-            material = _material(visual.material)
-    elif visual.kind == "vertex":
+    visual, uv = piece.visual, None
+    if visual.kind == "vertex":
         colors = np.asarray(visual.vertex_colors)[:, :3] / 255.0
-        colors = colors if linear_colors else srgb_decode(colors)
-        return _painted(Mesh(vertices, triangles), normals, colors)
+        colors = colors if path.suffix.lower() == ".glb" else srgb_decode(colors)  # glTF's are linear
+        return _painted(Mesh(vertices, triangles), normals, colors, material)
+    if visual.kind == "texture":
+        uv, colors = visual.uv, visual.vertex_attributes.get("color")
+        if colors is not None and material.is_uniform:
+            colors = material.base_color[0, 0] * np.clip(colors, 0, 1)[:, :3]
+            return _painted(Mesh(vertices, triangles), normals, colors, material)
+        if colors is not None and (colors[:, :3] < 1).any():
+            log.warning("%s has colours of vertices beside a texture: these colours are left out", path)
     uv = np.zeros((len(vertices), 2)) if uv is None else np.asarray(uv)[:, :2] * (1, -1) + (0, 1)  # v = 0 is the top
     uv = np.nan_to_num(uv, posinf=0, neginf=0)
     return MeshObject(
@@ -251,10 +286,15 @@ def _piece(piece: Any, placed: np.ndarray, linear_colors: bool, defined: set[str
 
 def _material(found: Any) -> ObjectMaterial:
     """A material of trimesh: textures times factors."""
-    metal_if_unsaid = 1.0  # as in glTF
+    color_if_unsaid, metal_if_unsaid = 1.0, 1.0  # as in glTF
     if hasattr(found, "to_pbr"):  # of OBJ, whose materials know no metal
-        found, metal_if_unsaid = found.to_pbr(), 0.0
-    factor = np.ones(3) if found.baseColorFactor is None else np.asarray(found.baseColorFactor)[:3] / 255.0
+        has_kd, found, metal_if_unsaid = "kd" in found.kwargs, found.to_pbr(), 0.0
+        if not has_kd:  # trimesh makes them a dark grey
+            found.baseColorFactor = None
+            color_if_unsaid = _NEUTRAL[0] if found.baseColorTexture is None else 1.0
+    factor = np.full(3, color_if_unsaid)
+    if found.baseColorFactor is not None:
+        factor = np.asarray(found.baseColorFactor)[:3] / 255.0
     color = np.ones((1, 1, 3))
     if found.baseColorTexture is not None:
         color = srgb_decode(as_rgb(found.baseColorTexture))
@@ -267,8 +307,8 @@ def _material(found: Any) -> ObjectMaterial:
     return ObjectMaterial(*(values.astype(np.float32) for values in maps))
 
 
-def _painted(mesh: Mesh, normals: np.ndarray, colors: np.ndarray) -> MeshObject:
-    """A mesh whose base colour (V, 3) is at its vertices: 2 x 2 texels for each triangle."""
+def _painted(mesh: Mesh, normals: np.ndarray, colors: np.ndarray, material: ObjectMaterial) -> MeshObject:
+    """A mesh whose base colour (V, 3) is at its vertices, 2 x 2 texels a triangle; the rest is of ``material``."""
     count = len(mesh.triangles)
     across = int(np.ceil(np.sqrt(count)))
     a, b, c = np.moveaxis(colors[mesh.triangles], 1, 0)
@@ -283,19 +323,43 @@ def _painted(mesh: Mesh, normals: np.ndarray, colors: np.ndarray) -> MeshObject:
         Mesh(mesh.vertices[corners], np.arange(3 * count, dtype=np.int32).reshape(-1, 3)),
         normals[corners],
         uv.reshape(-1, 2).astype(np.float32),
-        (replace(uniform(*_NEUTRAL), base_color=image),),
+        (replace(material, base_color=image),),
         np.zeros(count, np.int32),
     )
 
 
-def _check_images(path: Path) -> None:
-    """Raise an error that names the first image of a GLB that cannot be read; trimesh would leave it out silently."""
-    from PIL import Image
-
+def _check_glb(path: Path) -> None:
+    """Raise an error that names what of a GLB cannot be read; trimesh would leave it out silently."""
     try:
         document, binary = chunks(path.read_bytes())
     except (struct.error, ValueError) as error:
         raise FiptError(f"{path} is not a readable mesh ({error})", "export it again") from error
+    for name in document.get("extensionsRequired", []):
+        if name not in _EXTENSIONS and not name.startswith("KHR_materials_"):
+            raise FiptError(f"{path} needs the glTF extension {name}, which is not read", "export it without")
+    for material in document.get("materials", []):
+        maps = material.get("pbrMetallicRoughness", {})
+        for key in ("baseColorTexture", "metallicRoughnessTexture"):
+            _check_texture(path, material.get("name", "without a name"), maps.get(key, {}))
+    _check_images(path, document, binary)
+
+
+def _check_texture(path: Path, material: str, texture: dict[str, Any]) -> None:
+    """Refuse a texture that lies otherwise than by the first texture coordinates."""
+    moved_by = texture.get("extensions", {}).get("KHR_texture_transform", {})
+    if moved_by.get("texCoord", texture.get("texCoord", 0)) != 0:
+        said = "has a texture on its second texture coordinates; the first alone are read"
+    elif {key: value for key, value in moved_by.items() if key != "texCoord" and value != _NO_TRANSFORM.get(key)}:
+        said = "moves or scales a texture (KHR_texture_transform), which is not read"
+    else:
+        return
+    raise FiptError(f"the material {material!r} in {path} {said}", "apply it to the texture coordinates, or bake it")
+
+
+def _check_images(path: Path, document: dict[str, Any], binary: bytes) -> None:
+    """Refuse an image that cannot be read."""
+    from PIL import Image
+
     for number, image in enumerate(document.get("images", [])):
         name = image.get("name") or image.get("uri") or str(number)
         kind = image.get("mimeType", "of unknown kind")

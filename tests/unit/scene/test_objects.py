@@ -8,13 +8,25 @@ import pytest
 import trimesh
 
 from fipt.errors import FiptError
+from fipt.formats.glb import chunks, packed
 from fipt.formats.images import srgb_decode
 from fipt.render.objects import barycentric
 from fipt.scene import objects
 from fipt.scene.mesh import Mesh, write_ply
 from fipt.scene.objects import bilinear, object_files, read_object, shape_object
 from tests import scenes
-from tests.objects import BLUE, RED, WHITE, write_cube_glb, write_obj, write_square_glb
+from tests.objects import (
+    BLUE,
+    CORNERS,
+    RED,
+    UPRIGHT,
+    WHITE,
+    picture,
+    write_cube_glb,
+    write_obj,
+    write_plain_glb,
+    write_square_glb,
+)
 
 
 def look(thing, points):
@@ -43,6 +55,141 @@ def test_a_texture_stands_upright(tmp_path, write):
         np.testing.assert_allclose(metallic, 0.25, rtol=1e-5)
     else:
         assert not metallic.any(), "materials of an OBJ know no metal"
+
+
+FIELDS = srgb_decode(np.array([RED, WHITE, WHITE, BLUE]) / 255)
+
+
+def textured(**texture):
+    return {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0, **texture}, "metallicFactor": 0}}
+
+
+@pytest.mark.parametrize(("kind", "most"), [(np.uint16, 65535), (np.uint8, 255)])
+def test_texture_coordinates_of_integers(tmp_path, kind, most):
+    attributes = {"POSITION": CORNERS, "TEXCOORD_0": (UPRIGHT * most).astype(kind)}
+    thing = read_object(write_plain_glb(tmp_path / "a.glb", attributes, textured()))
+    np.testing.assert_allclose(look(thing, QUARTERS)[0], FIELDS, rtol=1e-5)
+
+
+def test_positions_that_are_quantized(tmp_path):
+    attributes = {"POSITION": (CORNERS * 32767).astype(np.int16), "TEXCOORD_0": UPRIGHT}
+    thing = read_object(write_plain_glb(tmp_path / "a.glb", attributes, textured(), ["KHR_mesh_quantization"]))
+    np.testing.assert_allclose(thing.mesh.vertices, CORNERS, atol=1e-4)
+
+
+@pytest.mark.parametrize(("kind", "most"), [(np.float32, 1), (np.uint16, 65535), (np.uint8, 255)])
+@pytest.mark.parametrize("with_material", [False, True])
+def test_colours_of_vertices_times_the_base_colour(tmp_path, kind, most, with_material):
+    colors = np.tile([0.6, 0.2, 0, 1], (4, 1)) * most
+    maps = {"baseColorFactor": [1, 0.2, 1, 1], "roughnessFactor": 0.3, "metallicFactor": 0.25}
+    material = {"pbrMetallicRoughness": maps} if with_material else None
+    path = write_plain_glb(tmp_path / "a.glb", {"POSITION": CORNERS, "COLOR_0": colors.astype(kind)}, material)
+    color, roughness, metallic = look(read_object(path), QUARTERS[:1])
+    np.testing.assert_allclose(color, [[0.6, 0.04 if with_material else 0.2, 0]], atol=3e-3)
+    np.testing.assert_allclose([*roughness, *metallic], [0.3, 0.25] if with_material else [0.6, 0], rtol=1e-5)
+
+
+def test_colours_of_vertices_beside_a_texture_are_left_out(tmp_path, caplog):
+    attributes = {"POSITION": CORNERS, "TEXCOORD_0": UPRIGHT, "COLOR_0": np.float32([[1, 1, 1]] * 4)}
+    read_object(write_plain_glb(tmp_path / "white.glb", attributes, textured()))
+    assert not caplog.text
+    attributes["COLOR_0"] = attributes["COLOR_0"] / 2
+    thing = read_object(write_plain_glb(tmp_path / "a.glb", attributes, textured()))
+    np.testing.assert_allclose(look(thing, QUARTERS)[0], FIELDS, rtol=1e-5)
+    assert "a.glb has colours of vertices beside a texture: these colours are left out" in caplog.text
+
+
+def moved_by(**values):
+    return textured(extensions={"KHR_texture_transform": values})
+
+
+@pytest.mark.parametrize(
+    ("material", "required", "said"),
+    [
+        (textured(texCoord=1), [], r"the material 'without a name' in .*a\.glb has a texture on its second texture"),
+        (moved_by(texCoord=1), [], "has a texture on its second texture coordinates"),
+        (moved_by(scale=[0.5, 0.5]), [], r"moves or scales a texture \(KHR_texture_transform\), which is not read"),
+        (None, ["EXT_meshopt_compression"], "needs the glTF extension EXT_meshopt_compression, which is not read"),
+    ],
+)
+def test_what_is_not_read_of_gltf(tmp_path, material, required, said):
+    path = write_plain_glb(tmp_path / "a.glb", {"POSITION": CORNERS, "TEXCOORD_0": UPRIGHT}, material, required)
+    with pytest.raises(FiptError, match=said) as caught:
+        read_object(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_transform_that_changes_nothing_is_taken(tmp_path):
+    material, required = moved_by(scale=[1.0, 1.0], offset=[0, 0]), ["KHR_texture_transform", "KHR_materials_ior"]
+    attributes = {"POSITION": CORNERS, "TEXCOORD_0": UPRIGHT}
+    thing = read_object(write_plain_glb(tmp_path / "a.glb", attributes, material, required))
+    np.testing.assert_allclose(look(thing, QUARTERS)[0], FIELDS, rtol=1e-5)
+
+
+def test_numbers_in_other_files_are_refused(tmp_path):
+    path = write_plain_glb(tmp_path / "a.glb", {"POSITION": CORNERS})
+    document, binary = chunks(path.read_bytes())
+    document["buffers"][0]["uri"] = "a.bin"
+    path.write_bytes(packed(document, binary))
+    with pytest.raises(FiptError, match="its numbers are not inside the file"):
+        read_object(path)
+
+
+def test_parts_share_the_maps_of_their_material(tmp_path):
+    material = trimesh.visual.material.PBRMaterial(baseColorTexture=picture(), roughnessFactor=0.4)
+    scene = trimesh.Scene()
+    for shift in range(3):
+        visual = trimesh.visual.TextureVisuals(uv=UPRIGHT, material=material)
+        part = trimesh.Trimesh(
+            CORNERS + np.float32([2 * shift, 0, 0]), [[0, 1, 2], [0, 2, 3]], visual=visual, process=False
+        )
+        scene.add_geometry(part)
+    (tmp_path / "a.glb").write_bytes(scene.export(file_type="glb"))
+    thing = read_object(tmp_path / "a.glb")
+    assert len(thing.mesh.triangles) == 6
+    assert len(thing.materials) == 1
+    assert not thing.material.any()
+
+
+def described_by(folder, lines, name="fields.png"):
+    """The square of an OBJ file whose material has these lines; the picture has that name."""
+    path = write_obj(folder / "a.obj")
+    (folder / name).parent.mkdir(exist_ok=True)
+    (folder / "fields.png").rename(folder / name)
+    (folder / "fields.mtl").write_text(f"newmtl a\n{lines}\n")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("line", "name"),
+    [
+        ("map_Kd -s 1.0 1.0 1 fields.png", "fields.png"),
+        ("map_Kd -clamp on -o 0 0 0 fields.png", "fields.png"),
+        ("map_Kd -bm 1 2 fields.png", "2 fields.png"),
+        ("map_Kd -mm 0 1 my fields.png", "my fields.png"),
+        ("map_kd fields.png", "fields.png"),
+        ("map_Kd maps\\fields.png", "maps/fields.png"),
+        ("map_Kd ../maps/fields.png", "../maps/fields.png"),
+    ],
+)
+def test_textures_of_an_obj_behind_options_and_in_folders(tmp_path, caplog, line, name):
+    folder = tmp_path / "object"
+    folder.mkdir()
+    path = described_by(folder, f"Kd 1 1 1\n{line}", name)
+    np.testing.assert_allclose(look(read_object(path), QUARTERS)[0], FIELDS, rtol=1e-5)
+    assert not caplog.text
+    assert str(folder / name) in object_files(path)
+
+
+@pytest.mark.parametrize(("lines", "gain"), [("map_Kd fields.png", 1), ("Kd 0.2 0.2 0.2\nmap_Kd fields.png", 0.2)])
+def test_a_texture_is_times_kd_where_it_is_said(tmp_path, lines, gain):
+    thing = read_object(described_by(tmp_path, lines))
+    np.testing.assert_allclose(look(thing, QUARTERS)[0], gain * FIELDS, rtol=1e-5)
+
+
+def test_a_material_without_colour_is_neutral(tmp_path):
+    color, *_ = look(read_object(described_by(tmp_path, "Ns 10")), QUARTERS)
+    np.testing.assert_allclose(color, 0.5)
 
 
 def test_overrides_replace_what_they_name(tmp_path):
