@@ -409,19 +409,9 @@ class SceneConfig:
     def _emitters(self, round: int) -> str:
         return self.layout.emitters.format(round=round if self.settings["emitters"].every_round else 0)
 
-    def olat_shards(self) -> dict[str, list[str]]:
-        """Shards of the views that are rendered with one light at a time -> these views."""
-        chosen = (self.views.of("val") or self.views.of("train"))[: self.settings["olat"].views]
-        own = {shard: [view for view in views if view in chosen] for shard, views in self.views.shards("all").items()}
-        return {shard: views for shard, views in own.items() if views}
-
     def olat(self) -> list[str]:
         """Manifests of the views with one light at a time."""
-        return [self.layout.olat.format(shard=shard) for shard in self.olat_shards()]
-
-    def olat_views(self, shard: str) -> str:
-        """Views of a shard that are rendered with one light at a time, comma-separated."""
-        return ",".join(self.olat_shards()[shard])
+        return [self.layout.olat.format(shard=shard) for shard in self.views.olat_shards()]
 
     def exported(self) -> list[str]:
         """The export; its check and what that rendered, if views are held out."""
@@ -431,6 +421,12 @@ class SceneConfig:
     def checked_export(self) -> list[str]:
         """The same, where every run makes it."""
         return self.exported() if self.settings["export"].enabled else []
+
+    def sections(self) -> list[str]:
+        """Sections of the report on stages that not every scene has."""
+        made = {"capture": self.source.photographed, "poses": self.source.estimated}
+        made |= {"geometry": self.source.reconstructed, "export": self.settings["export"].enabled}
+        return [name for name, shown in made.items() if shown]
 
     # --- asking
 

@@ -40,6 +40,16 @@ class SceneViews:
         """Views of a shard, comma-separated."""
         return ",".join(self.shards("all")[shard])
 
+    def olat_shards(self) -> dict[str, list[str]]:
+        """Shards of the views that are rendered with one light at a time -> these views."""
+        chosen = (self.of("val") or self.of("train"))[: self._source.place.settings["olat"].views]
+        own = {shard: [view for view in views if view in chosen] for shard, views in self.shards("all").items()}
+        return {shard: views for shard, views in own.items() if views}
+
+    def olat_listed(self, shard: str) -> str:
+        """Views of a shard that are rendered with one light at a time, comma-separated."""
+        return ",".join(self.olat_shards()[shard])
+
     def held_out(self) -> str:
         """Views for judging, comma-separated."""
         return ",".join(self.of("val"))

@@ -100,6 +100,19 @@ def test_the_export_is_planned_alike(workspace, monkeypatch):
     assert here.planned() == {"export_room": 1, "check_export": 1, "scene_report": 1}
 
 
+def test_the_page_is_told_what_the_plan_makes(workspace, monkeypatch):
+    here = workspace(CONFIG)
+    monkeypatch.chdir(here.root)
+
+    def told(config):
+        here.configure(config)
+        (page,) = [job for job in here.jobs() if job.verb == "report"]
+        return {option for option in page.options if option.startswith(("--olat-shards", "--sections"))}
+
+    assert told(changed(export={"enabled": True})) == {"--olat-shards=val-000", "--sections=export"}
+    assert told(changed(olat={"views": 0})) == {"--olat-shards=", "--sections="}
+
+
 def filmed(**path):
     """A setup with three free cameras, a path of five frames, and a setup with photographs of the two views."""
     look_at = {name: {"position": [1, 1, 1], "target": [2, 1, 1]} for name in ("desk", "door", "sofa")}

@@ -33,6 +33,7 @@ from fipt.stages.report.runs import (
     warnings_of,
 )
 from fipt.stages.report.segments import SegmentsReport, read_segments
+from fipt.stages.report.selection import EVERYTHING, Selection
 from fipt.stages.report.settings import ReportSettings
 from fipt.stages.report.views import CameraSetup, RelitView, ViewReader, ViewRow
 
@@ -86,19 +87,8 @@ class Content:
     room: RoomModel | None
 
 
-def gather(
-    results: Path,
-    settings: ReportSettings,
-    setups: Sequence[str] | None = None,
-    camera_setups: Sequence[str] | None = None,
-) -> Content:
+def gather(results: Path, settings: ReportSettings, selection: Selection = EVERYTHING) -> Content:
     """Read a results folder.
-
-    Parameters
-    ----------
-    setups, camera_setups
-        Light setups that are shown: those seen by views of the dataset, and those with cameras of their own. The
-        folder may hold others, or what a setup was before; None: all, of each what its own cameras saw if it had some.
 
     Raises
     ------
@@ -112,9 +102,11 @@ def gather(
     metrics, scale = read_figures(results / "metrics.json")
     runs, times, used, warnings = _recorded(results)
     emitters = read_emitter_entries(results)
-    setups, camera_setups = _shown_setups(results / "relight", setups, camera_setups)
+    setups, camera_setups = _shown_setups(results / "relight", selection.setups, selection.camera_setups)
     reader = ViewReader(results, data, metrics, settings, scale)
-    views, export = reader.rows(), read_check(results / "export" / "check.json")
+    views = reader.rows()
+    export = read_check(results / "export" / "check.json") if selection.has("export") else None
+    report = results / "capture" / "qa.json"
     typical, median = _typical(views, metrics)
     return Content(
         scene=results.resolve().name,
@@ -139,12 +131,12 @@ def gather(
         versions=versions_used(runs),
         warnings=warnings,
         overlay=_overlay(root / "overlay.png", settings.width),
-        capture=read_capture(results / "capture" / "qa.json", data, reader.exposure),
-        poses=read_poses(results / "poses"),
-        geometry=read_geometry(results / "geometry"),
+        capture=read_capture(report, data, reader.exposure) if selection.has("capture") else None,
+        poses=read_poses(results / "poses") if selection.has("poses") else None,
+        geometry=read_geometry(results / "geometry") if selection.has("geometry") else None,
         segments=_segments(results / "segments", runs, reader),
-        mixer=read_mixer(results, emitters, reader.exposure * scale),
-        room=read_room(results, data, emitters),
+        mixer=read_mixer(results, emitters, reader.exposure * scale, selection.olat_shards),
+        room=read_room(results, data, emitters, selection.has("export")),
     )
 
 

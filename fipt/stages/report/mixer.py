@@ -63,7 +63,12 @@ class Mixer:
     views: Sequence[MixedView]
 
 
-def read_mixer(results: Path, emitters: Sequence[Mapping[str, Any]] | None, exposure: float) -> Mixer | None:
+def read_mixer(
+    results: Path,
+    emitters: Sequence[Mapping[str, Any]] | None,
+    exposure: float,
+    shards: Sequence[str] | None = None,
+) -> Mixer | None:
     """Read the views of olat/ that the stage's manifests name; None where there are none.
 
     Parameters
@@ -72,6 +77,8 @@ def read_mixer(results: Path, emitters: Sequence[Mapping[str, Any]] | None, expo
         Entries of emitters.json, most powerful first.
     exposure
         Factor on radiance, the page's.
+    shards
+        Those whose views are shown; None: all that were rendered.
 
     None as well, with a warning, where they know other emitters than emitters.json: the mixer was switched off since.
 
@@ -81,6 +88,9 @@ def read_mixer(results: Path, emitters: Sequence[Mapping[str, Any]] | None, expo
         If a file is missing or damaged.
     """
     manifests = sorted(results.glob("olat.*.manifest.json"))
+    if shards is not None:
+        named = {f"olat.{shard}.manifest.json" for shard in shards}
+        manifests = [path for path in manifests if path.name in named]
     files = sorted(results / name for path in manifests for name in read_manifest(path, "olat")["files"])
     if not files:
         return None

@@ -14,6 +14,7 @@ from fipt.stages.report.content import TILES, Content, gather
 from fipt.stages.report.images import DIFFERENCE_RANGE
 from fipt.stages.report.mixer import Mixer
 from fipt.stages.report.room import RoomModel
+from fipt.stages.report.selection import EVERYTHING, Selection
 from fipt.stages.report.settings import ReportSettings
 from fipt.stages.report.views import COLUMNS
 
@@ -27,14 +28,9 @@ _EMITTERS_SHOWN = 12
 """Emitters listed openly; the rest is folded."""
 
 
-def build_page(
-    results: Path,
-    settings: ReportSettings,
-    setups: Sequence[str] | None = None,
-    camera_setups: Sequence[str] | None = None,
-) -> str:
+def build_page(results: Path, settings: ReportSettings, selection: Selection = EVERYTHING) -> str:
     """Return the page of a results folder (see `gather`): HTML that loads nothing from anywhere."""
-    return render(gather(results, settings, setups, camera_setups))
+    return render(gather(results, settings, selection))
 
 
 def render(content: Content) -> str:

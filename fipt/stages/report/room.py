@@ -71,18 +71,22 @@ class RoomModel:
     emitters: Sequence[Marker]
 
 
-def read_room(results: Path, data: Dataset | None, emitters: Sequence[Mapping[str, Any]] | None) -> RoomModel | None:
+def read_room(
+    results: Path, data: Dataset | None, emitters: Sequence[Mapping[str, Any]] | None, export: bool = True
+) -> RoomModel | None:
     """Read the room of a results folder; None where neither an exported scene nor material maps exist.
 
     Parameters
     ----------
     emitters
         Entries of emitters.json.
+    export
+        Whether the exported scene is shown, where there is one.
     """
     if data is None:
         return None
     scene, turn = results / "export" / "scene.glb", np.eye(3)
-    exported = scene.is_file() and scene.stat().st_size <= _LARGEST
+    exported = export and scene.is_file() and scene.stat().st_size <= _LARGEST
     if exported:
         content, turn = scene.read_bytes(), _turn(results / "export" / "export.json")
     elif (results / "dataset" / "mesh.ply").is_file() and (found := _seen(results, data)):

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class ReportInputs:
-    """Files of ``fipt report``; setups and camera_setups of None are all that the folder holds."""
+    """Files of ``fipt report``; of what is None, the page shows all that the folder holds."""
 
     results: Annotated[Path, "Results folder of the scene."]
     out: Annotated[Path, "HTML file to write."]
@@ -19,6 +19,13 @@ class ReportInputs:
     ] = None
     camera_setups: Annotated[
         tuple[str, ...] | None, "Setups with cameras of their own that are shown; default: likewise."
+    ] = None
+    olat_shards: Annotated[
+        tuple[str, ...] | None, "Shards of views that the light mixer shows, comma-separated; default: likewise."
+    ] = None
+    sections: Annotated[
+        tuple[str, ...] | None,
+        "Which of capture, poses, geometry and export are shown, comma-separated; default: likewise.",
     ] = None
 
 
@@ -29,7 +36,9 @@ def run(inputs: ReportInputs, settings: "ReportSettings") -> dict[str, Any]:
     """
     from fipt.formats.files import write_text
     from fipt.stages.report.page import build_page
+    from fipt.stages.report.selection import Selection
 
-    page = build_page(inputs.results, settings, inputs.setups, inputs.camera_setups)
+    selection = Selection(inputs.setups, inputs.camera_setups, inputs.olat_shards, inputs.sections)
+    page = build_page(inputs.results, settings, selection)
     write_text(inputs.out, page)
     return {"page_bytes": len(page.encode("utf-8"))}

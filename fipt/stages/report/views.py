@@ -167,11 +167,14 @@ class ViewReader:
     def _computed(self, folder: Path, name: str) -> np.ndarray | None:
         """Image of a folder of the results, as large as its view; None where there is none."""
         path = folder / f"{name}.exr"
-        if not path.is_file():
-            return None
-        image = read_rgb(path)
-        self._check_size(path, image, name)
-        return image * self.scale
+        image = self._radiance(path)
+        if image is not None:
+            self._check_size(path, image, name)
+        return image
+
+    def _radiance(self, path: Path) -> np.ndarray | None:
+        """Image that was rendered, in the photographs' unit; None where there is none."""
+        return read_rgb(path) * self.scale if path.is_file() else None
 
     def _check_size(self, path: Path, image: np.ndarray, name: str) -> None:
         known = {camera.name: camera for camera in self.data.cameras} if self.data else {}
@@ -227,7 +230,8 @@ class ViewReader:
             moving = bool(content["settings"]["cameras"].get("path"))
             most = min(len(names), _FRAMES_SHOWN if moving else self.settings.max_views)
             chosen = [names[pick] for pick in np.linspace(0, len(names) - 1, most).round().astype(int)]
-            seen = [(name, self._computed(path.with_name(setup), name)) for name in chosen]
+            # of any size: a camera that is called like a view is another
+            seen = [(name, self._radiance(path.with_name(setup) / f"{name}.exr")) for name in chosen]
             shown = [self._toned("relit", name, image) for name, image in seen if image is not None]
             embedded = images.data_uri(video, "video/mp4", _LARGEST_VIDEO) if there else None
             if shown:

@@ -117,7 +117,7 @@ rule olat_views:
     params:
         dataset=folder("results/{scene}/dataset"),
         out=folder("results/{scene}/olat"),
-        views=ask("olat_views"),
+        views=ask("views.olat_listed"),
         rays_per_side=ask("rays_per_side"),
         settings=settings("olat"),
         version=VERSIONS["olat"],

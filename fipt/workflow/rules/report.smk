@@ -47,9 +47,12 @@ rule scene_report:
         results=folder("results/{scene}"),
         setups=listed("setups.of_views"),
         films=listed("setups.with_cameras"),
+        olat_shards=listed("views.olat_shards"),
+        sections=listed("sections"),
         settings=settings("report"),
         version=VERSIONS["report"],
     shell:
         "fipt report --results {params.results:q} --out {output.report:q}"
         " --setups={params.setups:q} --camera-setups={params.films:q}"
+        " --olat-shards={params.olat_shards:q} --sections={params.sections:q}"
         " --settings {params.settings:q} --stats {output.stats:q} > {log:q} 2>&1"

@@ -342,9 +342,16 @@ def test_an_export_is_checked_where_views_are_held_out(monkeypatch):
 
 
 def test_one_light_at_a_time_is_of_held_out_views():
-    assert scene().olat_shards() == {"val-000": ["val_000"]}
-    assert scene().olat_views("val-000") == "val_000"
+    assert scene().views.olat_shards() == {"val-000": ["val_000"]}
+    assert scene().views.olat_listed("val-000") == "val_000"
     assert scene(olat={"views": 0}).olat() == []
+
+
+def test_the_page_has_sections_on_what_a_run_makes():
+    assert scene().sections() == []
+    assert scene({"settings": SIZE | {"export": {"enabled": True}}}).sections() == ["export"]
+    photographed = scene({"source": "procedural", "simulate_raw": True, "poses": "colmap", "mesh": "reconstruct"})
+    assert photographed.sections() == ["capture", "poses", "geometry"]
 
 
 def test_setups_are_seen_by_views_or_by_cameras_of_their_own():

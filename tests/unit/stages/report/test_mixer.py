@@ -14,6 +14,7 @@ from fipt.formats.manifests import write_manifest
 from fipt.scene.emitters import default_name
 from fipt.stages.report.content import gather
 from fipt.stages.report.mixer import _scaled, encoded
+from fipt.stages.report.selection import Selection
 from fipt.stages.report.settings import ReportSettings
 from tests.fake_results import HEIGHT, WIDTH, olat_layers, write_olat, write_results
 
@@ -71,6 +72,16 @@ def test_lamps_of_another_run_are_not_mixed(results, caplog):
     path.unlink()
     with pytest.raises(FiptError, match=r"c\.exr"):
         gather(results, ReportSettings())
+
+
+def test_views_of_an_earlier_plan_are_not_mixed(results):
+    old = results / "olat" / "d.exr"
+    write_exr(old, olat_layers())
+    write_manifest(results / "olat.val-001.manifest.json", "olat", [old], {})
+    mixer = gather(results, ReportSettings(), Selection(olat_shards=["val-000"])).mixer
+    assert [view.name for view in mixer.views] == ["c"]
+    assert gather(results, ReportSettings(), Selection(olat_shards=[])).mixer is None
+    assert len(gather(results, ReportSettings()).mixer.views) == 2  # by hand nobody says what the plan is
 
 
 def test_wide_pictures_are_averaged_down():

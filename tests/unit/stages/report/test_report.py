@@ -21,6 +21,7 @@ from fipt.scene.dataset import Dataset
 from fipt.scene.emitters import default_name
 from fipt.stages.report import capture, content, images, views
 from fipt.stages.report.page import build_page, duration, figure, number, size
+from fipt.stages.report.selection import Selection
 from fipt.stages.report.settings import ReportSettings
 from tests.fake_results import write_camera_setup, write_emitters, write_extras, write_results
 
@@ -240,6 +241,17 @@ def test_a_video_and_some_of_its_frames(results, monkeypatch):
     assert "The video is" not in page.words
 
 
+def test_a_camera_of_a_setup_may_be_called_as_a_view(results):
+    write_camera_setup(results, 3)
+    for path in (results / "relight" / "walk").iterdir():
+        path.rename(path.with_stem(path.stem.replace("frame-0002", "c")))
+    write_exr(results / "relight" / "walk" / "c.exr", {"": np.full((40, 30, 3), 0.5, np.float32)})
+    manifest = results / "relight" / "walk.manifest.json"
+    manifest.write_text(manifest.read_text().replace("frame-0002", "c"))
+    (film,) = content.gather(results, ReportSettings(), Selection(["dim"], ["walk"])).camera_setups
+    assert [(seen.label, seen.width, seen.height) for seen in film.shown if seen.label == "c"] == [("c", 30, 40)]
+
+
 def setup_manifest(name, scale):
     """Write the manifest of a shard that was rendered under lamps of this scale."""
     write_text(name, json.dumps({"settings": {"setup": {"emitters": [{"scale": scale}]}}}))
@@ -252,11 +264,11 @@ def test_a_setup_is_shown_as_it_is_now_not_as_it_was(results):
     write_exr(relight / "walk" / "c.exr", {"": np.full((6, 8, 3), 0.3, np.float32)})
     setup_manifest(relight / "walk.camera-000.manifest.json", 0.11)
     setup_manifest(relight / "walk.val-000.manifest.json", 0.22)
-    seen = content.gather(results, ReportSettings(), ["dim", "walk"], [])
+    seen = content.gather(results, ReportSettings(), Selection(["dim", "walk"], []))
     assert [picture.label for picture in seen.relit[0].relit] == ["dim", "walk"]
     assert seen.camera_setups == []
     assert "0.22" in seen.setups["walk"]
-    filmed = content.gather(results, ReportSettings(), [], ["walk"])
+    filmed = content.gather(results, ReportSettings(), Selection([], ["walk"]))
     assert [film.setup for film in filmed.camera_setups] == ["walk"]
     assert filmed.relit == []
     assert list(filmed.setups) == ["walk"]
@@ -284,6 +296,17 @@ def test_the_verb_is_told_which_setups_there_are(results, tmp_path):
     page = Page((tmp_path / "page.html").read_text(encoding="utf-8"))
     assert "walk 6 images" in page.words
     assert "As captured, re-rendered dim" not in page.words
+
+
+def test_the_verb_is_told_which_sections_there_are(results, tmp_path, capsys):
+    for name in ("poses/poses.json", "geometry/geometry.json", "capture/qa.json", "export/check.json"):
+        write_text(results / name, "{}")  # of a run before, and of another form
+    options = ["report", "--results", str(results), "--out", str(tmp_path / "page.html")]
+    assert main([*options, "--sections", ""]) == 0
+    assert main([*options, "--sections", "poses"]) == 2
+    assert "poses.json is not what fipt pose writes" in capsys.readouterr().err
+    assert main([*options, "--sections", "mesh"]) == 2
+    assert "sections must be some of capture, poses, geometry, export; found 'mesh'" in capsys.readouterr().err
 
 
 def test_a_setup_has_its_own_manifest_not_that_of_a_longer_name(results):

@@ -17,6 +17,7 @@ from fipt.scene.dataset import Dataset
 from fipt.scene.mesh import Mesh
 from fipt.stages.report import room
 from fipt.stages.report.content import gather
+from fipt.stages.report.selection import Selection
 from fipt.stages.report.settings import ReportSettings
 from tests import scenes
 from tests.fake_results import write_results
@@ -100,6 +101,15 @@ def test_the_exported_scene_is_shown_where_there_is_one(tmp_path, monkeypatch):
     assert found.emitters[0].center == [1, 3, -2]
     monkeypatch.setattr(room, "_LARGEST", 3)  # too large for a page: the coloured mesh instead
     assert not gather(root, ReportSettings()).room.exported
+
+
+def test_an_export_of_an_earlier_plan_is_not_shown(tmp_path):
+    root = write_results(tmp_path)
+    exported(root, [[1, 0, 0], [0, 0, 1], [0, -1, 0]])
+    write_text(root / "export" / "check.json", "damaged")
+    found = gather(root, ReportSettings(), Selection(sections=["poses"]))
+    assert not found.room.exported
+    assert found.export is None
 
 
 def test_an_export_must_say_how_it_was_turned(tmp_path):
