@@ -60,7 +60,7 @@ SECTIONS: dict[str, Section] = {
     "relight": Section("fipt.stages.render.settings:RelightSettings", 6),
     "video": Section("fipt.stages.render.settings:VideoSettings", 3),
     "olat": Section("fipt.stages.render.settings:OlatSettings", 3),
-    "export": Section("fipt.stages.export.settings:ExportSettings", 6),
+    "export": Section("fipt.stages.export.settings:ExportSettings", 7),
     "metrics": Section("fipt.stages.evaluate.settings:MetricsSettings", 8),
     "findings": Section("fipt.stages.findings.settings:FindingsSettings", 6),
     "report": Section("fipt.stages.report.settings:ReportSettings", 6),

@@ -74,18 +74,20 @@ def _light_from_outside(scene: "bpy.types.Scene") -> None:
 
 
 def _cameras(scene: "bpy.types.Scene") -> dict:
-    """Complete the cameras by what glTF cannot say: size of the image, principal point."""
+    """Complete the cameras by what glTF cannot say: size of the image and of its pixels, principal point."""
     frames = json.loads((FOLDER / "cameras" / "transforms.json").read_text(encoding="utf-8"))["frames"]
     found = {}
     for frame in frames:
         name = Path(frame["file_path"]).stem
         camera = bpy.data.objects[name]
+        tall = frame["fl_x"] / frame["fl_y"]  # height of a pixel over its width
+        width, height = frame["w"], tall * frame["h"]
         # shifts are in units of the side that the field of view is given for
-        units = {"HORIZONTAL": frame["w"], "VERTICAL": frame["h"], "AUTO": max(frame["w"], frame["h"])}
-        unit = units[camera.data.sensor_fit]
-        camera.data.shift_x = (frame["w"] / 2 - frame["cx"]) / unit
-        camera.data.shift_y = (frame["cy"] - frame["h"] / 2) / unit
+        unit = {"HORIZONTAL": width, "VERTICAL": height, "AUTO": max(width, height)}[camera.data.sensor_fit]
+        camera.data.shift_x = (width / 2 - frame["cx"]) / unit
+        camera.data.shift_y = (tall * frame["cy"] - height / 2) / unit
         camera["size"] = (frame["w"], frame["h"])
+        camera["pixel"] = (max(1 / tall, 1.0), max(tall, 1.0))  # Blender has none below 1
         found[name] = camera
     if found:
         show(scene, next(iter(found.values())))
@@ -96,6 +98,7 @@ def show(scene: "bpy.types.Scene", camera: "bpy.types.Object") -> None:
     """Look through a view's camera."""
     scene.camera = camera
     scene.render.resolution_x, scene.render.resolution_y = camera["size"]
+    scene.render.pixel_aspect_x, scene.render.pixel_aspect_y = camera["pixel"]
     scene.render.resolution_percentage = 100
 
 

@@ -1,8 +1,11 @@
 """The Blender script in Blender itself, where FIPT_BLENDER names a Python that has the package ``bpy``."""
 
 import os
+import runpy
 import subprocess
+import sys
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -29,10 +32,37 @@ def drawn(folder, asset, sky):
     return read_rgb(folder / "image.exr")
 
 
+@pytest.mark.parametrize("fit", ["HORIZONTAL", "VERTICAL", "AUTO"])
+@pytest.mark.parametrize("fy", [20.0, 26.0, 50.0])
+def test_pixels_that_are_not_square(tmp_path, monkeypatch, fit, fy):
+    """What the script sets, by Blender's definition: the lens is that of the longer side, or of the side it is told."""
+    camera = assets.camera("side", 0.4, width=40, height=30, cx=18.0, cy=16.5, fy=fy)
+    write_blender(tmp_path / "blender.py", assets.room())
+    write_transforms(tmp_path / "cameras" / "transforms.json", [camera])
+
+    class Object(dict):
+        data = SimpleNamespace(sensor_fit=fit)
+
+    scene, found = SimpleNamespace(render=SimpleNamespace()), Object()
+    monkeypatch.setitem(sys.modules, "bpy", SimpleNamespace(data=SimpleNamespace(objects={"side": found})))
+    runpy.run_path(str(tmp_path / "blender.py"))["_cameras"](scene)
+    made = scene.render
+    assert min(made.pixel_aspect_x, made.pixel_aspect_y) == 1
+    size = np.array([made.resolution_x * made.pixel_aspect_x, made.resolution_y * made.pixel_aspect_y])
+    side = {"HORIZONTAL": size[0], "VERTICAL": size[1], "AUTO": size.max()}[fit]
+    # where the image's edges lie at distance 1 before the camera; glTF gives the height
+    middle = side * np.array([found.data.shift_x, found.data.shift_y])
+    edges = (middle + np.array([[-0.5], [0.5]]) * size) * (camera.height / camera.fy / size[1])
+    corners = camera.directions(np.array([0, 40]), np.array([30, 0]))
+    expected = corners @ camera.world_from_camera[:3, :3]
+    np.testing.assert_allclose(edges, expected[:, :2] / -expected[:, 2:], atol=1e-5)
+
+
 @pytest.mark.slow
-def test_blender_sees_the_room_and_the_outside(tmp_path):
+@pytest.mark.parametrize("fy", [26.0, 40.0])
+def test_blender_sees_the_room_and_the_outside(tmp_path, fy):
     sky = EnvironmentMap("map", (1 + 0.5 * texel_directions(32, 64)).reshape(32, 64, 3).astype(np.float32))
-    camera = assets.camera("side", 0.4, width=40, height=30, cx=18.0, cy=16.5)
+    camera = assets.camera("side", 0.4, width=40, height=30, cx=18.0, cy=16.5, fy=fy)
     image = drawn(tmp_path, assets.room(sky, walls=4, cameras=(camera,)), sky)
     rows, columns = np.indices((30, 40)).reshape(2, -1)
     seen = 1 + 0.5 * camera.directions(columns + 0.5, rows + 0.5).reshape(30, 40, 3)
