@@ -129,7 +129,7 @@ def _has_run(code: int) -> bool:
     """Whether a run came to its jobs: all are done, or some failed. Where none began, results are not of this run."""
     from fipt.cli import run_view
 
-    return code == 0 or (code == EXIT_CODE and run_view.LogHandler.last.jobs_failed)
+    return code == 0 or (code == EXIT_CODE and run_view.jobs_failed())
 
 
 def asked_for(asked: Sequence[str], known: Iterable[str]) -> tuple[list[str], str]:

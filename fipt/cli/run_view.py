@@ -85,7 +85,7 @@ class LogHandler(LogHandlerBase):
 
     @property
     def jobs_failed(self) -> bool:
-        """Whether jobs ran and some of them failed."""
+        """Whether some jobs have failed."""
         return bool(self._failed)
 
     def emit(self, record: LogRecord) -> None:
@@ -250,6 +250,11 @@ def interruptible() -> Iterator[None]:
 def interrupted() -> int:
     """The signal that has interrupted the run; 0: none."""
     return LogHandler.last.interrupted if hasattr(LogHandler, "last") else 0
+
+
+def jobs_failed() -> bool:
+    """Whether jobs ran and some of them failed; not where Snakemake has not begun."""
+    return hasattr(LogHandler, "last") and LogHandler.last.jobs_failed
 
 
 def _explain_job(job: _Job) -> int:

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import typer
 
-from fipt.cli import run
+from fipt.cli import run, run_view
 from fipt.errors import EXIT_CODE
 from tests.buckets import empty_bucket
 
@@ -36,6 +36,7 @@ def ended(monkeypatch, scenes, does, code) -> None:
         return code
 
     monkeypatch.setattr(run, "snakemake", instead)
+    monkeypatch.setattr(run_view, "jobs_failed", lambda: code == EXIT_CODE)
     with pytest.raises(typer.Exit) as said:
         run.command([*scenes, "capture"], config=[SCENES], store="s3://rooms")
     assert said.value.exit_code == code
