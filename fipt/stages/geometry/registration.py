@@ -157,12 +157,12 @@ def registered(
     return mesh, _about(best, _warnings(places, best, middle), middle, origin, world_origin)
 
 
-def _refined(room: _FacingPoints, scan: _FacingPoints, apart: np.ndarray) -> list[_ScanPlace]:
+def _refined(room: _FacingPoints, scan: _FacingPoints, offset: np.ndarray) -> list[_ScanPlace]:
     """Places of the scan that are worth a look, as close as its surface comes to the room's points.
 
-    ``apart`` is the scan's origin from the room's, (3,) metres.
+    ``offset`` is the scan's origin less that of the cameras, (3,) metres.
     """
-    starts = _starts(room, scan, apart)
+    starts = _starts(room, scan, offset)
     arguments = {"points": room.points, "surface": scan.points, "normals": scan.normals, "starts": starts}
     # one CPU: sums over several threads differ in their last bits
     result = run_in_child(closest_fit, {**arguments, "reach": REACH}, _SECONDS, cpus=1)
@@ -231,7 +231,7 @@ def _everywhere(scan: Mesh) -> tuple[np.ndarray, np.ndarray]:
     return scan.vertices.min(axis=0) - 1, scan.vertices.max(axis=0) + 1
 
 
-def _starts(room: _FacingPoints, scan: _FacingPoints, apart: np.ndarray) -> np.ndarray:
+def _starts(room: _FacingPoints, scan: _FacingPoints, offset: np.ndarray) -> np.ndarray:
     """(K, 4, 4) scan_from_world: as it is, and the places where most of the surface meets."""
     from scipy.spatial import cKDTree
 
@@ -241,7 +241,7 @@ def _starts(room: _FacingPoints, scan: _FacingPoints, apart: np.ndarray) -> np.n
     place, facing = room.directions, scan.directions
     wanted = scan.heights(facing)
     as_it_is = np.eye(4)
-    as_it_is[:3, 3] -= apart
+    as_it_is[:3, 3] -= offset
     tried, met = [as_it_is], [np.inf]
     for turn in cube_turns():
         rotation = facing.T @ turn @ place
