@@ -224,7 +224,7 @@ def _minimum(problem: _Problem, support: tuple[int, ...], start: _State | None =
     begin = np.concatenate([np.zeros(count), np.full(groups, MIDDLE), [MIDDLE]])
     unit = np.ones(count)
     if count:  # a unit of radiance doubles the light of the blocks that a patch lights most
-        unit = float(np.median(problem.seen)) / np.maximum(np.quantile(given, 0.95, axis=0), 1e-6)
+        unit = float(np.median(problem.seen)) / _most_given(given)
     if start is not None:
         begin[count:] = np.append(start.log_rho, start.middle)
         begin[: len(start.radiance)] = start.radiance / unit[: len(start.radiance)]
@@ -250,6 +250,15 @@ def _minimum(problem: _Problem, support: tuple[int, ...], start: _State | None =
     return _State(support, x[:count] * unit, x[count:-1], float(x[-1]), float(found.fun))
 
 
+def _most_given(given: np.ndarray) -> np.ndarray:
+    """(P,) what patches of unit radiance give to the blocks that they light most, of all that they light (N, P).
+
+    Blocks that get less than a hundredth of the most do not count: a lamp behind a door lights few of a room's.
+    """
+    lit = given >= 0.01 * given.max(axis=0)
+    return np.maximum(np.nanquantile(np.where(lit, given, np.nan), 0.95, axis=0), 1e-6)
+
+
 def _next(problem: _Problem, state: _State) -> int:
     """The patch that lowers the cost most when it is added alone, reflectances following.
 
@@ -272,7 +281,7 @@ def _next(problem: _Problem, state: _State) -> int:
     best, chosen = np.inf, int(np.argmax(promise))
     for patch in np.argsort(-promise)[:_TRIED]:
         given = problem.unseen[:, patch]
-        unit = float(np.median(light)) / max(float(np.quantile(given, 0.95)), 1e-6)
+        unit = float(np.median(light)) / float(_most_given(given))
         y = problem.log_color[:, None] - np.log(light[:, None] + given[:, None] * (unit * _AMPLITUDES))
         g = state.log_rho[:, None] + 0 * _AMPLITUDES
         for _ in range(2):  # towards each group's mean, outliers counting less

@@ -157,8 +157,12 @@ def test_a_room_without_missing_light_has_no_guess(np_rng):
     assert not guess.radiance.any() or guess.spread > 0.5
 
 
-def test_a_lamp_behind_a_door_is_guessed_where_it_is_asked_for(np_rng):
-    """A lamp that lights 24 of 624 blocks, like that of a hallway: seen light explains half of the room and more."""
+@pytest.mark.parametrize("leak", [1, 0.1, 0])
+def test_a_lamp_behind_a_door_is_guessed_where_it_is_asked_for(np_rng, leak):
+    """A lamp that lights 24 of 624 blocks, like that of a hallway: seen light explains half of the room and more.
+
+    Little of its light (``leak``) arrives at the others, or none.
+    """
     blocks, patches, transport = problem(np_rng, np.zeros(40))
     near = np.tile(np.linspace(6, 0.1, 8), 3)  # each of three surfaces goes away from it
     hallway = near[:, None] * np.eye(40)[[9]]  # light for each unit of radiance of patch 9 alone
@@ -172,6 +176,7 @@ def test_a_lamp_behind_a_door_is_guessed_where_it_is_asked_for(np_rng):
     columns = ("position", "normal", "radiance", "spread", "group", "triangle")
     both = Blocks(*(np.concatenate([getattr(blocks, name), getattr(far, name)]) for name in columns))
     unseen = np.concatenate([0.02 * transport.unseen, hallway])
+    unseen[:600, 9] *= leak
     whole = Transport(np.concatenate([transport.seen, seen]), unseen, np.zeros(624))
     assert not explain(both, patches, whole).determined
     guess = explain(both, patches, whole, asked=True)
