@@ -307,16 +307,14 @@ def _blocks_of(
 
 def _added(mesh: Mesh, found: Emitters, patches: Patches, guess: Guess) -> Emitters:
     """Emitters with the triangles of every patch that emits; equally bright patches of a piece are one emitter."""
-    emits = np.flatnonzero(guess.radiance.max(axis=1) > 0)
-    # a patch of no piece is one by itself
-    owner = np.where(patches.piece[emits] >= 0, patches.piece[emits], -1 - emits)
-    _, own = np.unique(np.column_stack([owner, guess.radiance[emits].mean(axis=1)]), axis=0, return_inverse=True)
-    number = np.full(len(patches.area) + 1, -1)
-    number[emits] = int(found.emitter.max(initial=-1)) + 1 + own.reshape(-1)
+    emits = np.append(guess.radiance.max(axis=1) > 0, False)  # triangles of no patch do not
     # a doubtful emitter was no emitter when patches were chosen, and stays one where the guess does not light it
-    triangle = np.setdiff1d(np.flatnonzero(number[patches.number] >= 0), found.triangle)
-    patch = patches.number[triangle]
-    count = len(triangle)
+    triangle = np.setdiff1d(np.flatnonzero(emits[patches.number]), found.triangle)
+    patch, count = patches.number[triangle], len(triangle)
+    # a patch of no piece is one by itself
+    owner = np.where(patches.piece[patch] >= 0, patches.piece[patch], -1 - patch)
+    _, own = np.unique(np.column_stack([owner, guess.radiance[patch].mean(axis=1)]), axis=0, return_inverse=True)
+    number = int(found.emitter.max(initial=-1)) + 1 + own.reshape(-1)
     # the spread as a share of the power, on the scale of agreement: halves where the power is known by a factor of 2
     confidence = 0.5 * np.exp(-guess.spread / 0.5)
     rows = {
@@ -324,7 +322,7 @@ def _added(mesh: Mesh, found: Emitters, patches: Patches, guess: Guess) -> Emitt
         "radiance": guess.radiance[patch].astype(np.float32),
         "error": (guess.spread * guess.radiance[patch]).astype(np.float32),
         "area": mesh.areas[triangle].astype(np.float32),
-        "emitter": number[patch].astype(np.int32),
+        "emitter": number.astype(np.int32),
         "views": np.zeros(count, np.int32),
         "confidence": np.full(count, confidence, np.float32),
         "clipped": np.zeros(count, np.float32),
@@ -341,6 +339,8 @@ def _added(mesh: Mesh, found: Emitters, patches: Patches, guess: Guess) -> Emitt
 def _advice(mesh: Mesh, emitters: Emitters, guess: Guess, up: str) -> tuple[str, ...]:
     """What a person should know of a guess: where to photograph, and how sure it is."""
     own = emitters.guessed
+    if not own.any():  # all of it lies on doubtful emitters, which it does not light
+        return ()
     power = emitters.power
     share, power = float(power[own].sum() / power.sum()), power[own]
     triangle = emitters.triangle[own]

@@ -472,6 +472,31 @@ def test_an_emitter_that_stays_is_not_guessed_once_more(guessing, floor_and_ceil
     np.testing.assert_array_equal(found.guessed, [False, False, True, False])
 
 
+def test_a_guess_on_a_doubtful_emitter_adds_nothing(guessing, floor_and_ceiling):
+    """The panel is a doubtful emitter, and the guess on it does not light it."""
+    triangles, ones, number = np.array([2, 3], np.int32), np.ones(2, np.float32), np.zeros(2, np.int32)
+    seems = Emitters.plain(floor_and_ceiling, triangles, np.full((2, 3), 5.0), number)
+    guess = Guess(np.full((1, 3), 2.0), 0.3, 0.6, 400.0, 0.06, 0.25, True)
+    told = guessing(guess, extracted=Extracted(seems, Undecided(triangles, number, *(ones[:1] for _ in range(3)))))
+    np.testing.assert_array_equal(told.emitters.triangle, triangles)
+    assert not told.emitters.guessed.any()
+    assert told.warnings == ()
+
+
+@pytest.mark.parametrize("first", [2, 4])
+def test_numbers_of_guessed_emitters_have_no_gap(first):
+    """Light is guessed on two panels, of which one is an emitter already."""
+    panels = (scenes.emitter_quad((k, k + 1), 2.0, (0, 1)) for k in (0, 2))
+    mesh = scenes.joined(scenes.floor(), *panels)
+    found = Emitters.plain(mesh, np.array([first, first + 1]), np.full((2, 3), 5.0), np.zeros(2, int))
+    patches = patches_of(mesh, np.arange(6) >= 2, 1.0)
+    guess = Guess(1.0 + np.tile(np.arange(len(patches.area))[:, None], 3), determined=True)
+    together = unseen_guess._added(mesh, found, patches, guess)
+    np.testing.assert_array_equal(together.triangle, [2, 3, 4, 5])
+    np.testing.assert_array_equal(np.unique(together.emitter), np.arange(together.emitter.max() + 1))
+    assert len(emitter_facts(together, mesh)) == together.emitter.max() + 1
+
+
 def test_a_small_emitter_lights_what_is_below_it(backend):
     """A spot of 2 cm, 2 m above the floor, which one ray of 30,000 meets by chance."""
     mesh = scenes.joined(scenes.floor(), scenes.emitter_quad((-0.01, 0.01), 2.0, (-0.01, 0.01)))
