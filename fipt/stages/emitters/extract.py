@@ -149,6 +149,8 @@ def extract(
     found = _completed(mesh, measured, hidden & ~decided.rejected, decided)
     if settings.sides == "seen":
         found = replace(found, sides=emitting_sides(mesh, found, shards))
+    accepted = np.isin(found.emitter, found.emitter[decided.emitter[found.triangle] >= 0])
+    doubtful = doubtful.of(np.setdiff1d(doubtful.triangle, found.triangle[accepted]))
     return Extracted(replace(found, undecided=undecided), doubtful)
 
 
@@ -272,12 +274,9 @@ def _measured(
     seen_by = np.zeros(count, np.int64)
     np.add.at(seen_by, np.unique(np.stack([group, seen.view]), axis=1)[0], 1)
     confidence = agreement * (1 - np.exp(-seen_by / 2))
-    radiance = level[emitter] if settings.patches else own[row]
-    if surface is not None and settings.patches:
-        radiance = _textured(radiance, triangles, emitter, seen, surface)
-    return Emitters(
+    found = Emitters(
         triangle=triangles.astype(np.int32),
-        radiance=radiance.astype(np.float32),
+        radiance=(level[emitter] if settings.patches else own[row]).astype(np.float32),
         area=mesh.areas[triangles].astype(np.float32),
         emitter=emitter.astype(np.int32),
         views=seen_by[emitter].astype(np.int32),
@@ -286,30 +285,38 @@ def _measured(
         lower_bound=unknown_level[emitter] if settings.patches else unknown[row],
         error=error[emitter].astype(np.float32),
     )
+    if surface is None or not settings.patches:
+        return found
+    merged = emitter[np.isin(triangles, np.concatenate([np.empty(0, np.int64), *decided.merged]))]
+    return _textured(found, seen[~np.isin(group, merged)], surface)  # merged emitters have one radiance
 
 
-def _textured(
-    radiance: np.ndarray, triangles: np.ndarray, emitter: np.ndarray, seen: Observations, surface: Surface
-) -> np.ndarray:
-    """(E, 3) radiance, that of each triangle where an emitter's triangles differ by more than their pixels' noise."""
+def _textured(found: Emitters, seen: Observations, surface: Surface) -> Emitters:
+    """The same with the radiance of each triangle where an emitter's triangles differ by more than their pixels' noise.
+
+    Emitters of which no pixel is ``seen`` are left as they are.
+    """
     bright = np.log(np.maximum(seen.radiance.mean(axis=1), 1e-9))
     shown, index = np.unique(seen.triangle, return_inverse=True)
     index = index.reshape(-1)
-    middle = grouped_median(bright, index, len(shown))
+    texel, unknown = levels(seen.radiance, seen.clipped, index, len(shown))
+    middle = np.log(np.maximum(texel.mean(axis=1), 1e-9))
     noise = grouped_median(np.abs(bright - middle[index]), index, len(shown))
     error = 1.2533 * noise / np.sqrt(np.maximum(surface.pixels[shown], 1))
     use = surface.pixels[shown] >= _PIXELS_OF_TEXEL
-    of = emitter[np.searchsorted(triangles, shown)]
-    result = radiance.copy()
+    place = np.searchsorted(found.triangle, shown)
+    of, each, limit = found.emitter[place], surface.radiance[found.triangle], found.lower_bound.copy()
+    each[place[use]], limit[place[use]] = texel[use], unknown[use]
+    radiance, bound = found.radiance.copy(), found.lower_bound.copy()
     for number in np.unique(of[use]):
         own = use & (of == number)
         spread = np.median(np.abs(middle[own] - np.median(middle[own])))
         if spread > max(SIGMA * np.median(error[own]), LEAST_DIFFERENCE):
-            texels = surface.radiance[shown[own]]
-            known = (emitter == number) & np.isfinite(surface.radiance[triangles, 0])
+            known = (found.emitter == number) & np.isfinite(each[:, 0])
             # a rim, blurred with what is dark around, is no darker than the darkest texel
-            result[known] = np.clip(surface.radiance[triangles[known]], texels.min(axis=0), texels.max(axis=0))
-    return result
+            radiance[known] = np.clip(each[known], texel[own].min(axis=0), texel[own].max(axis=0))
+            bound[known] = limit[known]
+    return replace(found, radiance=radiance, lower_bound=bound)
 
 
 def _hidden(

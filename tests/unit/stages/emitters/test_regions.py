@@ -8,7 +8,7 @@ import pytest
 from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
 from fipt.scene.emitters import emitter_facts, read_emitters, undecided_facts, write_emitters
 from fipt.scene.mesh import Mesh
-from fipt.scene.review import ReviewDecisions
+from fipt.scene.review import ReviewDecisions, numbers, ranges
 from fipt.stages.emitters.extract import extract
 from fipt.stages.emitters.hypotheses import _UNMEASURED, RegionEvidence, _spread, judge
 from fipt.stages.emitters.observations import Observations, observations
@@ -223,6 +223,58 @@ def test_what_a_person_decides_goes_first(np_rng):
     found = seen.found(decisions=accepted)
     np.testing.assert_array_equal(found.triangle, [0, 1, *panel])
     np.testing.assert_allclose(found.radiance[:2], WALL, rtol=0.05)
+
+
+PANELS = [(0.2, 0.8, 0.6, 1.4), (1.1, 1.7, 0.6, 1.4), (2.0, 2.6, 0.6, 1.4)]
+
+
+def panels(seen, levels):
+    """Triangles of panels of these levels, as text; they are put in the images."""
+    centers = seen.mesh.corners.mean(axis=1)
+    for panel, level in zip(PANELS, levels, strict=False):
+        seen.image[on_panel(seen.place, panel)] = level
+    return tuple(ranges(np.flatnonzero(on_panel(centers, panel))) for panel in PANELS[: len(levels)])
+
+
+@pytest.mark.parametrize(("merged", "doubtful"), [(False, True), (True, False)])
+def test_what_is_merged_with_an_accepted_emitter_is_not_doubtful(np_rng, merged, doubtful):
+    """Two panels that a lamp nearby might light; the first is accepted."""
+    seen = Seen(np_rng, 0.1)
+    own = panels(seen, (1.4, 1.4))
+    merge = (own,) if merged else ()
+    decided = ReviewDecisions(mesh_triangles=len(seen.mesh.triangles), accept=own[:1], merge=merge)
+    extracted = extract(seen.mesh, seen.shards(seen.image), None, EmittersSettings(), decided)
+    assert len(np.unique(extracted.emitters.emitter)) == 2 - merged
+    assert (len(extracted.doubtful.triangle) > 0) == doubtful
+    assert not np.isin(extracted.doubtful.triangle, sorted(numbers(own[0], len(seen.mesh.triangles)))).any()
+
+
+@pytest.mark.parametrize("levels", [(3.0, 4.0, 5.0), (3.0, 5.0)])
+def test_merged_emitters_have_one_radiance(np_rng, levels):
+    """Panels of different radiance are one emitter; it has no texture."""
+    seen = Seen(np_rng, 0.1)
+    merged = ReviewDecisions(mesh_triangles=len(seen.mesh.triangles), merge=(panels(seen, levels),))
+    assert len(np.unique(seen.found(decisions=merged).radiance, axis=0)) == 1
+
+
+@pytest.mark.parametrize(("clipped_views", "bound"), [(0, False), (4, False), (6, True)])
+def test_clipped_pixels_are_bounds_in_a_texture(np_rng, clipped_views, bound):
+    """A shade of a radiance of up to 10, clipped at 7 in some views."""
+    seen = Seen(np_rng, 0.1, pixels=4000)
+
+    def shade(place):
+        return 10 * np.exp(-((place[:, 0] - 1.4) ** 2 + (place[:, 1] - 1.0) ** 2) / (2 * 0.35**2))
+
+    seen.image[seen.panel] = shade(seen.place)[seen.panel, None]
+    clipped = seen.panel & (seen.view < clipped_views) & (seen.image[:, 0] > 7)
+    seen.image[clipped] = 7
+    (shard,) = seen.shards(seen.image * np.exp(0.02 * np_rng.standard_normal((len(seen.image), 1))))
+    found = extract(seen.mesh, [replace(shard, clipped=clipped)], None, EmittersSettings(sides="both")).emitters
+    true = shade(seen.mesh.corners[found.triangle].mean(axis=1))
+    middle, rim = true > 8, true < 6
+    assert found.radiance[middle].mean() == pytest.approx(7.0 if bound else true[middle].mean(), rel=0.07)
+    assert found.lower_bound[middle].all() == bound
+    assert not found.lower_bound[rim].any()
 
 
 def test_nothing_seen(np_rng):
