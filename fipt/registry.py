@@ -54,7 +54,7 @@ SECTIONS: dict[str, Section] = {
     "true_constants": Section("fipt.stages.true_constants.settings:TrueConstantsSettings", 2),
     "inverse_trace": Section("fipt.stages.inverse_trace.settings:InverseTraceSettings", 4),
     "import_results": Section("fipt.stages.import_results.settings:ImportResultsSettings", 3),
-    "review": Section("fipt.stages.emitters.settings:ReviewSettings", 3),
+    "review": Section("fipt.stages.emitters.settings:ReviewSettings", 4),
     "materials": Section("fipt.stages.render.settings:MaterialsSettings", 3),
     "render": Section("fipt.stages.render.settings:RenderSettings", 4),
     "relight": Section("fipt.stages.render.settings:RelightSettings", 6),

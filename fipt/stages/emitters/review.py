@@ -28,7 +28,10 @@ _LISTED = re.compile(r"emitters\.json|(emitter|lamp|rejected|undecided)-\d+\.png
 
 @dataclass(frozen=True)
 class Visibility:
-    """Where an emitter is seen: the views that show it alone in a pixel, and the view that shows most of it."""
+    """Where an emitter is seen: the views that show it alone in a pixel, and the view that shows most of it.
+
+    Masked pixels show nothing.
+    """
 
     views: list[str]
     best: tuple[int, int] | None
@@ -83,12 +86,12 @@ def visibilities(
             for index, view in enumerate(shard.views):
                 samples = shard.of_view(index)
                 emitter, weight = number[np.asarray(shard.triangle[samples])], np.asarray(shard.weight[samples])
+                if (emitter < len(emitters)).any():
+                    weight = weight * (data.image(view)[1].ravel()[shard.pixel_of_sample(index)] > 0)
+                alone = np.bincount(emitter[weight >= ALONE], minlength=len(emitters) + 1)[:-1]
+                for k in np.flatnonzero(alone):
+                    views[k].append(view)
                 seen = np.bincount(emitter, weight, len(emitters) + 1)[:-1]
-                if seen.any():
-                    valid = data.image(view)[1].ravel()[shard.pixel_of_sample(index)] > 0
-                    alone = np.bincount(emitter[valid & (weight >= ALONE)], minlength=len(emitters) + 1)
-                    for k in np.flatnonzero(alone[:-1]):
-                        views[k].append(view)
                 for k in np.flatnonzero(seen > most):
                     best[k] = (which, index)
                 most = np.maximum(most, seen)

@@ -81,13 +81,15 @@ class Patches:
 def hidden_triangles(mesh: Mesh, shards: Sequence[ObservedShard], found: Emitters) -> np.ndarray:
     """(T,) bool: triangles that no pixel shows, and that lie farther from what is seen than two pixels are wide.
 
+    Masked pixels show nothing. They are black; those beside an opening have no weight either, but do show surface.
     Seen surface counts that faces the same way: the underside of a cupboard is hidden, close as its front may be.
     """
     seen = np.zeros(len(mesh.triangles), bool)
     seen[found.triangle] = True
     positions, normals = [np.zeros((0, 3), np.float32)], [np.zeros((0, 3), np.float32)]
     for shard in shards:
-        inner = np.asarray(shard.samples.weight) >= ALONE
+        shows = (np.asarray(shard.weight) > 0) | (np.asarray(shard.radiance) > 0).any(axis=1)
+        inner = (np.asarray(shard.samples.weight) >= ALONE) & np.repeat(shows, np.diff(shard.samples.offsets))
         seen[np.asarray(shard.samples.triangle)[inner]] = True
         positions.append(np.asarray(shard.samples.position)[inner])
         normals.append(np.asarray(shard.samples.normal)[inner])

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from fipt.formats.exr import write_exr
 from fipt.render.scene import RayScene
 from fipt.scene.dataset import Dataset
 from fipt.stages.emitters.review import _LINE, _crop, _drawn, thumbnail, visibilities
@@ -49,6 +50,20 @@ def test_views_and_shards_are_counted_alike(room):
     (seen,) = visibilities(data, [light, samples], [emitter], len(data.mesh().triangles))
     assert seen.views == list(samples.views)
     assert seen.best[0] == 1
+
+
+def test_masked_pixels_show_nothing(backend, tmp_path):
+    """View a shows more of the emitter, but is masked there."""
+    data = Dataset(scenes.write_dataset(tmp_path))
+    shape, shards = (scenes.HEIGHT, scenes.WIDTH), []
+    for view, shown in (("a", 60), ("b", 40)):
+        emitter = np.arange(scenes.HEIGHT * scenes.WIDTH) < shown
+        position = np.zeros((len(emitter), 3), np.float32)
+        shards.append(scenes.samples_of(position, np.where(emitter, 12, 0), views=(view,), shapes=[shape]))
+        valid = np.float32(~emitter if view == "a" else np.ones_like(emitter)).reshape(shape)
+        write_exr(tmp_path / "images" / f"{view}.exr", {"": np.ones((*shape, 3), np.float32), "valid.Y": valid})
+    (seen,) = visibilities(data, shards, [np.array([12])], 20)
+    assert (seen.views, seen.best) == (["b"], (1, 0))
 
 
 def test_the_image_shows_the_emitter_outlined(room):

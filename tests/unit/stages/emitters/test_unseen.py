@@ -69,6 +69,23 @@ def test_what_no_pixel_shows_is_hidden(floor_and_ceiling, np_rng):
     assert not hidden[0]
 
 
+@pytest.mark.parametrize(("radiance", "shown"), [(0.0, False), (0.2, True)], ids=["masked", "beside an opening"])
+def test_a_masked_pixel_shows_nothing(floor_and_ceiling, np_rng, radiance, shown):
+    """No pixel that shows the panel has a weight; masked ones are black."""
+    below = floor_samples(np_rng)
+    across = np_rng.uniform(-0.4, 0.4, (100, 2))
+    position = np.float32(np.concatenate([below.position, np.insert(across, 1, 2.0, axis=1)]))
+    triangle = np.concatenate([below.triangle, 2 + np.arange(100) % 2])
+    panel = triangle >= 2
+    normal = np.float32(np.where(panel[:, None], [0, -1, 0], [0, 1, 0]))
+    image = np.where(panel[:, None], radiance, np.full((500, 3), 0.2))
+    shards = scenes.observed(
+        [scenes.samples_of(position, triangle, normal=normal)], [np.zeros((500, 1, 3))], [(image, np.float32(~panel))]
+    )
+    hidden = hidden_triangles(floor_and_ceiling, shards, Emitters.none())
+    np.testing.assert_array_equal(hidden, [False, False, not shown, not shown])
+
+
 def test_light_of_a_patch_is_that_of_its_form_factor(floor_and_ceiling, np_rng):
     """A square of side a above a point: the textbook's form factor of four rectangles that meet over it."""
     _, hidden, own = lights(floor_and_ceiling, floor_samples(np_rng))
