@@ -44,7 +44,7 @@ SECTIONS: dict[str, Section] = {
     "segment": Section("fipt.stages.segment.settings:SegmentSettings", 3),
     "fuse": Section("fipt.stages.segment.settings:FuseSettings", 3),
     "cache": Section("fipt.stages.cache.settings:CacheSettings", 4),
-    "environment": Section("fipt.stages.environment.settings:EnvironmentSettings", 4),
+    "environment": Section("fipt.stages.environment.settings:EnvironmentSettings", 5),
     "bake": Section("fipt.stages.shade.settings:BakeSettings", 5),
     "refine": Section("fipt.stages.shade.settings:RefineSettings", 9),
     "emitters": Section("fipt.stages.emitters.settings:EmittersSettings", 22),

@@ -107,7 +107,8 @@ def kinds_of(annotation: Any) -> Kinds | None:
         return None
     for key in members[0].model_fields:
         tags = [_tags(member, key) for member in members]
-        if all(tags):
+        several = [tag for own in tags for tag in own]
+        if all(tags) and len(set(several)) == len(several):
             return Kinds(key, {tag: member for own, member in zip(tags, members, strict=True) for tag in own})
     return None
 

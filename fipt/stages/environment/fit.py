@@ -51,23 +51,24 @@ def find_environment(
     FiptError
         If the map of mode `given` is none, or a fit was asked for and no pixel sees outside.
     """
+    nothing = replace(NOTHING, up=settings.up)
     if isinstance(settings, NoEnvironment):
-        return NOTHING
+        return nothing
     if isinstance(settings, GivenEnvironment):
         return in_unit(read_map(settings.file, settings.up, settings.rotation), dataset.radiance_scale)
     if isinstance(settings, ConstantEnvironment) and settings.radiance is not None:
         return in_unit(constant(settings.radiance, settings.up), dataset.radiance_scale)
-    directions, radiance, weight, share = _observed(dataset, shards)
+    pixels, share = _observed(dataset, shards)
     stats["open_pixels"] = share
     if settings.mode == "auto" and share < _ENOUGH:
-        return NOTHING
-    if len(weight) == 0:
+        return nothing
+    if len(pixels[0]) == 0:
         raise FiptError(
             f"environment.mode {settings.mode} needs training pixels that see no surface; there is none "
             "(a pixel counts where it and the eight around it miss the mesh)",
             "use mode none or given, or constant with a stated radiance",
         )
-    mean, seen = directional_mean(directions, radiance, weight, settings.resolution, settings.up)
+    mean, seen = directional_mean(*pixels, settings.resolution, settings.up)
     angle = solid_angles(*seen.shape) * seen
     stats["seen_directions"] = float(angle.sum() / (4 * np.pi))
     if settings.mode == "constant":
@@ -76,7 +77,7 @@ def find_environment(
     if settings.unseen == "smooth" or seen.all():
         return found
     rows = min(settings.resolution, _ROWS)
-    coarse = (mean, seen) if rows == len(seen) else directional_mean(directions, radiance, weight, rows, settings.up)
+    coarse = (mean, seen) if rows == len(seen) else directional_mean(*pixels, rows, settings.up)
     of_room = _of_room_light(dataset, shards, cache(), *coarse, settings.up, stats)
     if of_room is None:
         return found
@@ -109,9 +110,12 @@ def _of_room_light(
 
 
 def directional_mean(
-    directions: np.ndarray, radiance: np.ndarray, weight: np.ndarray, rows: int, up: str = "y"
+    directions: np.ndarray, radiance: np.ndarray, weight: np.ndarray, clipped: np.ndarray, rows: int, up: str = "y"
 ) -> tuple[np.ndarray, np.ndarray]:
     """Average pixels by direction, in the texels of a map of ``rows`` x 2 ``rows``.
+
+    A bound below what others measure in its texel says nothing new and counts as they do; where there are only bounds,
+    the radiance is at least the highest of them.
 
     Parameters
     ----------
@@ -119,6 +123,8 @@ def directional_mean(
         (N, 3) unit world directions and observed radiance.
     weight
         (N,) positive.
+    clipped
+        (N,) bool: the radiance is only a lower bound.
 
     Returns
     -------
@@ -131,15 +137,32 @@ def directional_mean(
     place = EnvironmentMap("map", np.zeros((*shape, 3), np.float32), up).texels(directions)
     row, column = np.floor(place).astype(np.int64).T
     texel = np.minimum(row, rows - 1) * 2 * rows + column % (2 * rows)
-    total = np.bincount(texel, weight, 2 * rows**2)
-    sums = [np.bincount(texel, weight * radiance[:, c], 2 * rows**2) for c in range(3)]
-    mean = np.stack(sums, axis=1) / np.maximum(total, 1e-12)[:, None]
+    exact, highest = ~clipped, np.zeros((2 * rows**2, 3))
+    np.maximum.at(highest, texel[clipped], radiance[clipped])
+    measured, total = _texel_means(texel[exact], radiance[exact], weight[exact], len(highest))
+    least = np.where(total[:, None] > 0, measured, highest)
+    raised = np.where(clipped[:, None], np.maximum(radiance, least[texel]), radiance)
+    mean, total = _texel_means(texel, raised, weight, len(highest))
     return mean.reshape(*shape, 3), (total > 0).reshape(shape)
 
 
-def _observed(dataset: Dataset, shards: list[FootprintSamples]) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    """Directions (N, 3), radiance (N, 3), weight (N,) of open training pixels; their share of all pixels' weight."""
-    directions, radiances, weights, everything = [], [], [], 0.0
+def _texel_means(
+    texel: np.ndarray, radiance: np.ndarray, weight: np.ndarray, count: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Weighted mean (count, 3) of the pixels (N,) of each texel, and the sum of their weights (count,)."""
+    total = np.bincount(texel, weight, count)
+    sums = [np.bincount(texel, weight * radiance[:, c], count) for c in range(3)]
+    return np.stack(sums, axis=1) / np.maximum(total, 1e-12)[:, None], total
+
+
+def _observed(
+    dataset: Dataset, shards: list[FootprintSamples]
+) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray], float]:
+    """Open training pixels, and their share of all pixels' weight.
+
+    Of each pixel direction (N, 3), radiance (N, 3), weight (N,) and whether it is clipped (N,).
+    """
+    directions, radiances, weights, clipped, everything = [], [], [], [], 0.0
     for samples in shards:
         for index, view in enumerate(samples.views):
             image, valid = dataset.image(view)
@@ -147,10 +170,11 @@ def _observed(dataset: Dataset, shards: list[FootprintSamples]) -> tuple[np.ndar
             directions.append(pixel_directions(dataset.camera(view), pixel))
             radiances.append(image.reshape(-1, 3)[pixel])
             weights.append(valid.ravel()[pixel])
+            clipped.append(dataset.clipped(view).ravel()[pixel])
             everything += float(valid.sum())
     weight = np.concatenate(weights).astype(np.float64)
     share = float(weight.sum() / max(everything, 1e-12))
-    return np.concatenate(directions), np.concatenate(radiances), weight, share
+    return (np.concatenate(directions), np.concatenate(radiances), weight, np.concatenate(clipped)), share
 
 
 def filled(radiance: np.ndarray, seen: np.ndarray) -> np.ndarray:

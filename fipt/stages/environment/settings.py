@@ -10,9 +10,10 @@ from fipt.settings import Angle, Positive, Rgb, Settings, by_mode
 class _Environment(Settings):
     """Light from outside: the radiance of rays that leave the mesh."""
 
+    up: Literal["y", "z"] = Field(default="y", description="world axis towards the upper edge of the map")
+
 
 class _Fitted(_Environment):
-    up: Literal["y", "z"] = Field(default="y", description="world axis towards the upper edge of the map")
     resolution: Positive = Field(default=32, le=512, description="rows of a fitted map; it has twice as many columns")
 
 
@@ -54,7 +55,6 @@ class GivenEnvironment(_Environment):
 
     mode: Literal["given"] = "given"
     file: str = Field(description="equirectangular map of mode `given`, EXR or HDR; {data_root} is replaced")
-    up: Literal["y", "z"] = Field(default="y", description="world axis towards the upper edge of the map")
     rotation: Angle = Field(
         default=0.0, description="turns `file` about that axis, degrees, counter-clockwise from above"
     )

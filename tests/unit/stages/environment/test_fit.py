@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from fipt.conventions import FLAG_SATURATED
 from fipt.errors import FiptError
 from fipt.formats.exr import write_exr
 from fipt.formats.manifests import Stats
@@ -28,9 +29,9 @@ def looking(number, turns=12):
 @pytest.fixture
 def outdoors(tmp_path):
     """Writes views of a sky and returns the dataset and their samples; ``covered`` (H, W) says where the
-    mesh stands in front of it."""
+    mesh stands in front of it. Every second view is clipped at ``limit``."""
 
-    def made(covered, radiance=gradient, views=12, valid=None):
+    def made(covered, radiance=gradient, views=12, valid=None, limit=np.inf):
         cameras, samples, images = [looking(k) for k in range(views)], [], tmp_path / "images"
         write_transforms(tmp_path / "transforms.json", cameras)
         some = np.asarray(covered).ravel() > 0
@@ -38,6 +39,9 @@ def outdoors(tmp_path):
             image = radiance(pixel_directions(camera, np.arange(24 * 16)))
             image[some] = 100.0  # the mesh's radiance, which must not count
             channels = {"": image.reshape(16, 24, 3)} | ({} if valid is None else {"valid.Y": valid})
+            if np.isfinite(limit) and len(samples) % 2:
+                clipped = channels[""].max(axis=-1) > limit
+                channels |= {"": np.minimum(channels[""], limit), "flags.Y": np.float32(FLAG_SATURATED * clipped)}
             write_exr(images / f"{camera.name}.exr", channels)
             weight = np.ravel(covered)[some]
             samples.append(scenes.samples_of(np.zeros((some.sum(), 3)), 0, weight, some, (camera.name,), [(16, 24)]))
@@ -51,7 +55,7 @@ def environment(*given):
     return find_environment(*given, lambda: pytest.fail("needs no cache"))
 
 
-OPEN = np.zeros((16, 24))
+OPEN, NOT_CLIPPED = np.zeros((16, 24)), np.zeros(128, bool)
 MODES = {"map": FittedMap(unseen="smooth"), "constant": ConstantEnvironment(), "auto": AutoEnvironment(unseen="smooth")}
 
 
@@ -117,13 +121,33 @@ def test_a_closed_room_has_no_outside(outdoors, hole):
         with pytest.raises(FiptError, match=f"environment.mode {mode} needs training pixels that see no surface"):
             environment(*data, MODES[mode], Stats())
     assert not environment(*data, NoEnvironment(), Stats()).known
+    for settings in (AutoEnvironment(up="z"), NoEnvironment(up="z")):
+        assert environment(*data, settings, Stats()).up == "z"
+
+
+@pytest.mark.parametrize("mode", ["map", "constant", "auto"])
+def test_clipped_sky_is_no_darker_than_what_other_views_measure(outdoors, mode):
+    data = outdoors(OPEN, lambda directions: np.full((len(directions), 3), 20.0), limit=10.0)
+    np.testing.assert_allclose(environment(*data, MODES[mode], Stats()).mean, 20, rtol=0.05)
 
 
 def test_pixels_are_averaged_by_weight():
     ahead = np.array([[0.05, 0.05, -1], [0.06, 0.05, -1]])
-    mean, seen = directional_mean(ahead, np.array([[1.0, 2, 0], [4, 2, 0]]), np.array([2.0, 1.0]), 8)
+    mean, seen = directional_mean(ahead, np.array([[1.0, 2, 0], [4, 2, 0]]), np.array([2.0, 1.0]), NOT_CLIPPED[:2], 8)
     assert seen.sum() == 1
     np.testing.assert_allclose(mean[seen], [[2, 2, 0]])
+
+
+@pytest.mark.parametrize(
+    ("radiance", "clipped", "expected"),
+    [((4, 2, 2), (0, 1, 1), 4), ((4, 7, 7), (0, 1, 1), 6), ((4, 4, 7), (1, 1, 1), 7), ((4, 4, 1), (0, 0, 0), 3)],
+    ids=["bounds say nothing new", "bounds above", "bounds alone", "none"],
+)
+def test_clipped_pixels_of_a_direction_are_bounds(radiance, clipped, expected):
+    ahead = np.tile([0.05, 0.05, -1.0], (3, 1))
+    values = np.repeat(np.array(radiance, float)[:, None], 3, axis=1)
+    mean, seen = directional_mean(ahead, values, np.ones(3), np.array(clipped, bool), 8)
+    np.testing.assert_allclose(mean[seen], [[expected] * 3])
 
 
 def test_fill_solves_laplace_on_the_sphere():
@@ -150,7 +174,7 @@ def test_fill_beyond_a_single_texel_is_that_texel():
 def test_a_map_is_its_own_fit(np_rng):
     """Looking along every texel's centre gives the map back."""
     radiance = np_rng.random((8, 16, 3))
-    mean, seen = directional_mean(texel_directions(8, 16), radiance.reshape(-1, 3), np.ones(128), 8)
+    mean, seen = directional_mean(texel_directions(8, 16), radiance.reshape(-1, 3), np.ones(128), NOT_CLIPPED, 8)
     assert seen.all()
     np.testing.assert_allclose(mean, radiance)
     assert EnvironmentMap("map", filled(mean, seen)).known
