@@ -13,6 +13,8 @@ from fipt.scene.review import Review, closest, read_review
 
 _NUMBERED = re.compile(r"emitter-(0|[1-9]\d*)")
 """Names that every emitter has."""
+_LONGEST = 100_000
+"""Characters of decisions: Linux starts no command of 128 KiB, and a job's names files as well."""
 
 
 class SceneDecisions:
@@ -47,15 +49,23 @@ class SceneDecisions:
 
     def emission(self) -> list[str]:
         """Options of ``fipt emitters`` that say what was decided; none where nothing was."""
-        return ["--decisions", self.review.emission()] if self.review.emission() else []
+        return self._option(self.review.emission())
 
     def listing(self) -> list[str]:
         """Options of ``fipt review`` that say how emitters are named, and which are rejected."""
-        return ["--decisions", self.review.listing()] if self.review.listing() else []
+        return self._option(self.review.listing())
 
     def names(self, setup: str) -> list[str]:
         """Manifest of the list of emitters, where a setup chooses some by what a person called them."""
         return [self._layout.listed_emitters] if self._named(setup) else []
+
+    def _option(self, decisions: str) -> list[str]:
+        if len(decisions) > _LONGEST:
+            raise FiptError(
+                f"{self._file}: decisions must be of at most {_LONGEST} characters; these are of {len(decisions)}",
+                "decide about fewer triangles, or make a mesh of fewer",
+            )
+        return ["--decisions", decisions] if decisions else []
 
     def _named(self, setup: str) -> list[str]:
         called = [name for edit in self._setups.given[setup].emitters for name in edit.called]
