@@ -34,10 +34,10 @@ class Section:
 SECTIONS: dict[str, Section] = {
     "synthesize": Section("fipt.synthetic.settings:SynthesizeSettings", 4),
     "capture": Section("fipt.stages.capture.settings:CaptureSettings", 3),
-    "poses": Section("fipt.stages.poses.settings:PosesSettings", 5),
-    "import": Section("fipt.stages.importing.settings:ImportSettings", 9),
+    "poses": Section("fipt.stages.poses.settings:PosesSettings", 6),
+    "import": Section("fipt.stages.importing.settings:ImportSettings", 10),
     "depth": Section("fipt.stages.geometry.settings:DepthSettings", 6),
-    "geometry": Section("fipt.stages.geometry.mesh_settings:GeometrySettings", 12),
+    "geometry": Section("fipt.stages.geometry.mesh_settings:GeometrySettings", 13),
     "check_poses": Section("fipt.stages.check_poses.settings:CheckPosesSettings", 6),
     "plant_errors": Section("fipt.stages.plant_errors.settings:PlantErrorsSettings", 3),
     "samples": Section("fipt.stages.samples.settings:SamplesSettings", 4),

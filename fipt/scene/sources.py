@@ -233,10 +233,14 @@ def _intrinsics(poses: str | Path, frame: SourceView, facts: Mapping[str, Any]) 
                 f"found {key} = {given[key]:g}",
                 "undistort the photographs first and give the poses of those, or calibrate the lens",
             )
-    stated = not {"fl_x", "camera_angle_x"}.isdisjoint(given)
-    if own is None or (stated and all(given.get(key) == own[key] for key in ("w", "h"))):
+    if own is None:
         return given
-    return own
+    stated = not {"fl_x", "camera_angle_x"}.isdisjoint(given)
+    if not stated or given.get("w", 0) * own["h"] != given.get("h", 0) * own["w"]:
+        return own
+    # poses are of the photographs, and views may have been averaged down since
+    scale = {key: 1.0 if key.startswith("camera_angle") else own["w"] / given["w"] for key in given}
+    return {key: value * scale[key] for key, value in given.items() if key not in DISTORTION}
 
 
 def _named(path: Path, frames: tuple[SourceView, ...]) -> tuple[SourceView, ...]:

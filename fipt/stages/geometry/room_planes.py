@@ -33,6 +33,8 @@ _CLEARLY = 1.2
 _UPRIGHT = np.cos(np.radians(20.0))
 """Cosine between the cameras' mean up and one of other directions than the world's axes, at least: roof slopes at right
 angles are no walls."""
+_NO_FARTHER = 0.999
+"""Share of the world's axes' cosine to the cameras' up that others must have where that is less: planes are noisy."""
 _LEAST_UP = 0.5
 """Length of the cameras' mean up, of unit vectors, below which it tells nothing: they are held in many ways."""
 _SNAP = np.cos(np.radians(3.0))
@@ -283,8 +285,12 @@ def _plane_of(patches: _Patches, on: np.ndarray, like: np.ndarray) -> tuple[np.n
 
 
 def _mean_up(views: Sequence[DepthView]) -> np.ndarray:
-    """(3,) mean up of the cameras; zeros where they do not agree on one."""
-    up = np.mean([view.camera.world_from_camera[:3, 1] for view in views], axis=0)
+    """(3,) mean up of the cameras; zeros where they do not agree on one.
+
+    Photographs in portrait have the pixels of the sensor: there it is its x axis that points up or down.
+    """
+    axes = np.mean([view.camera.world_from_camera[:3, :2] for view in views], axis=0).T
+    up = axes[np.linalg.norm(axes, axis=1).argmax()]
     return up if np.linalg.norm(up) >= _LEAST_UP else np.zeros(3)
 
 
@@ -292,8 +298,10 @@ def _leading(normal: np.ndarray, shown: np.ndarray, up: np.ndarray) -> np.ndarra
     """(3, 3) directions that most surface of planes is along: the world's axes, unless others have clearly more.
 
     Others are those of two planes at right angles, or of one plane and a world axis. One of them is near the cameras'
-    mean ``up`` (3,), if it is not zero.
+    mean ``up`` (3,), if it is not zero, or no farther from it than the world's axes: cameras that look down from one
+    side have a mean up off the vertical.
     """
+    least = min(_UPRIGHT * float(np.linalg.norm(up)), _NO_FARTHER * float(np.abs(up).max()))
     best, most = np.eye(3), _CLEARLY * _along(np.eye(3), normal, shown)
     largest = normal[np.argsort(-shown, kind="stable")[:_LEADING]]
     for first, other in permutations([*np.eye(3), *largest], 2):
@@ -303,7 +311,7 @@ def _leading(normal: np.ndarray, shown: np.ndarray, up: np.ndarray) -> np.ndarra
             continue
         second /= length
         directions = np.array([first, second, np.cross(first, second)])
-        if np.abs(directions @ up).max() < _UPRIGHT * np.linalg.norm(up):
+        if np.abs(directions @ up).max() < least:
             continue
         along = _along(directions, normal, shown)
         if along > most:

@@ -19,6 +19,7 @@ import pycolmap
 from fipt.formats.files import atomic, atomic_folder, check_disk, check_memory, make_folder
 from fipt.formats.images import write_png
 from fipt.progress import progress
+from fipt.registry import VERSIONS
 from fipt.scene.cameras import Camera
 from fipt.stages.poses.readable import local_contrast, mask
 from fipt.stages.poses.settings import PosesSettings
@@ -112,9 +113,9 @@ def key(*parts: object) -> str:
 
 
 def _images(views: UnposedViews, work: Path) -> Path:
-    """Write 8-bit images and masks of all views to a folder named after their content."""
+    """Write 8-bit images and masks of all views to a folder named after their content, and after how they are made."""
     state = [(name, path.stat().st_size, path.stat().st_mtime_ns) for name, path in views.images.items()]
-    out = work / f"images-{key(state)}"
+    out = work / f"images-{key(VERSIONS['poses'], state)}"
     if out.is_dir():
         return out
     with atomic_folder(out, "grey|mask") as folder, progress("images", len(views.cameras), " views") as bar:

@@ -17,7 +17,7 @@ from fipt.stages.geometry.depth_views import DepthNoise, DepthView, depth_noise
 from fipt.stages.geometry.other_views import OtherViews
 from fipt.stages.geometry.room_box import RoomBox, find_box
 from fipt.stages.geometry.room_directions import sharpened
-from fipt.stages.geometry.room_planes import find_room_planes
+from fipt.stages.geometry.room_planes import _leading, _mean_up, find_room_planes
 from fipt.stages.geometry.shell import with_shell
 from fipt.stages.geometry.superpixels import superpixels
 from tests.unit.stages.geometry.test_fusing import HALF, around, view_of_cube
@@ -161,6 +161,20 @@ def test_cameras_that_are_held_in_many_ways_have_no_mean_up():
     rolled = [turned_image(view, number % 3) for number, view in enumerate(views)]
     directions = complete(rolled, DepthNoise(NOISE, 0.0)).planes.directions
     np.testing.assert_allclose(np.sort(np.abs(directions @ turn), axis=1), [[0, 0, 1]] * 3, atol=0.02)
+
+
+@pytest.mark.parametrize(
+    ("pans", "pitch", "roll"),
+    [((-60, 0, 60), -30, 0), ((-90, -30, 30, 90), -35, 0), ((50, 70, 90), -10, 90), ((30, 60, 90), 0, -90)],
+)
+def test_a_turned_room_has_its_directions_however_upright_cameras_are_held(pans, pitch, roll):
+    """Views that look down from one side, and photographs in portrait: their y axes have a mean that is not upright."""
+    poses = np.tile(np.eye(4), (len(pans), 1, 1))
+    poses[:, :3, :3] = [Rotation.from_euler("YXZ", (pan, pitch, roll), degrees=True).as_matrix() for pan in pans]
+    cameras = [Camera("v", "train", 80, 60, 50.0, 50.0, 40.0, 30.0, pose) for pose in poses]
+    up = _mean_up([replace(around()[0], camera=camera) for camera in cameras])
+    room = Rotation.from_euler("y", 30, degrees=True).as_matrix().T
+    np.testing.assert_allclose(np.abs(_leading(room, np.array([4.0, 3.0, 4.0]), up)), np.abs(room), atol=1e-6)
 
 
 def test_directions_far_from_the_worlds_axes_stay():

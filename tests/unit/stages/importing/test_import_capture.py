@@ -185,8 +185,12 @@ def test_intrinsics_of_poses_beat_the_focal_length_of_exif(developed: Path) -> N
     for view in "ac":
         facts = {"camera": CAMERA, "sources": {"lens": EXIF_LENS}}
         (developed / "capture" / f"{view}.json").write_text(json.dumps(facts))
-    assert imported(developed).cameras[0].fx == 5.0  # those of the poses are of another size
+    of_the_views(developed, w=WIDTH + 1)
+    assert imported(developed).cameras[0].fx == 5.0  # those of the poses are of another shape
     of_the_views(developed, cx=4.3)
+    assert [(camera.fx, camera.cx) for camera in imported(developed).cameras] == [(6.5, 4.3)] * 2
+    of_the_photographs = {"w": 2 * WIDTH, "h": 2 * HEIGHT, "fl_x": 13.0, "fl_y": 13.0, "cx": 8.6, "cy": 6.0}
+    of_the_views(developed, **of_the_photographs)  # which development has averaged down
     assert [(camera.fx, camera.cx) for camera in imported(developed).cameras] == [(6.5, 4.3)] * 2
     of_the_views(developed, fl_x=None, fl_y=None)
     assert imported(developed).cameras[0].fx == 5.0

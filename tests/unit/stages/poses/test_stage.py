@@ -13,7 +13,7 @@ from fipt.conventions import FLAG_MOVED, FLAG_SATURATED
 from fipt.formats.exr import write_exr
 from fipt.scene.cameras import read_transforms, write_transforms
 from fipt.scene.dataset import read_rejected
-from fipt.stages.poses import estimate
+from fipt.stages.poses import estimate, matching
 from fipt.stages.poses.settings import PosesSettings
 from fipt.stages.poses.similarity import rotation_angles
 from fipt.stages.poses.views import read_capture, read_folder
@@ -165,6 +165,14 @@ def test_pixels_without_weight_are_not_shown_but_clipped_ones_and_their_neighbou
     expected = np.ones((12, 16), bool)
     expected[6:] = expected[2, 12] = False
     np.testing.assert_array_equal(shown, expected)
+
+
+def test_images_that_another_version_wrote_are_made_anew(ring, tmp_path, monkeypatch):
+    views = read_folder(ring, ring / "intrinsics.json", ())
+    first = matching._images(views, tmp_path)
+    assert matching._images(views, tmp_path) == first
+    monkeypatch.setitem(matching.VERSIONS, "poses", matching.VERSIONS["poses"] + 1)
+    assert matching._images(views, tmp_path) != first
 
 
 def test_a_missing_reference_is_told_before_the_work(ring, tmp_path, capsys):
