@@ -84,9 +84,9 @@ test: setup  ## all checks and the tests
 	@$(MAKE) -j2 lint pytest || { echo "fipt: the checks or the tests failed: see above" >&2; exit 1; }
 
 pytest: $(INSTALLED)
-	@# Files of tests go to three processes, for two cores: now and then each waits for a program that it started. Tests
-	@# of a file stay together, since they share fixtures. Their order is that of tests/conftest.py, long ones first.
-	@$(BIN)/python -m pytest -q -n 3 --dist loadfile --no-loadscope-reorder
+	@# Files of tests go to two processes; tests of a file stay together, since they share fixtures. Their order is that
+	@# of tests/conftest.py, long ones first.
+	@$(BIN)/python -m pytest -q -n 2 --dist loadfile --no-loadscope-reorder
 
 lint: $(INSTALLED)  ## formatting, static checks, the workflow's linter, import directions, types
 	@$(BIN)/ruff check .
