@@ -424,16 +424,26 @@ def test_what_was_guessed_before_stays_unless_another_guess_gains_more(
     assert (nothing.radiance != 7).all()  # a person rejected it
 
 
-def test_cells_are_halved_as_long_as_a_guess_is_determined(guessing, floor_and_ceiling, monkeypatch):
+@pytest.mark.parametrize(
+    ("gains", "radiance"),
+    [((400.0, 300.0, None), 7), ((400.0, 300.0, 200.0), 7), ((400.0, 200.0, 300.0), 9), ((400.0, None), 2)],
+    ids=["not determined", "gains less", "gains more", "never determined"],
+)
+def test_cells_are_halved_as_long_as_a_guess_is_determined(guessing, floor_and_ceiling, monkeypatch, gains, radiance):
+    """That of large cells gains most, but shines beside the lamp; of smaller ones the best is taken."""
     found = Guess(np.full((1, 3), 2.0), 0.3, 0.6, 400.0, 0.06, 0.25, True)
     guessing(found)
     sides = []
-    guesses = iter([found, replace(found, radiance=np.full((1, 3), 7.0)), Guess(np.zeros((1, 3)))])
+    none = Guess(np.zeros((1, 3)))
+    made = zip((2.0, 7.0, 9.0), gains, strict=False)
+    guesses = iter(
+        [none if gain is None else replace(found, radiance=np.full((1, 3), k), gain=gain) for k, gain in made]
+    )
     monkeypatch.setattr(unseen_guess, "explain", lambda _, patches, *__: sides.append(patches.side) or next(guesses))
     extracted = Extracted(Emitters.none(), Undecided.none())
     told = unseen_guess.with_guess(floor_and_ceiling, [], extracted, {}, NOTHING, np.zeros(4, bool))
-    assert sides == [100.0, 50.0, 25.0]
-    np.testing.assert_array_equal(told.emitters.radiance, 7)  # the last that was determined
+    assert sides == [100.0, 50.0, 25.0][: len(gains)]
+    np.testing.assert_array_equal(told.emitters.radiance, radiance)
 
 
 @pytest.mark.parametrize(
