@@ -5,7 +5,10 @@
 SHELL := /bin/bash
 MAKEFLAGS += --no-print-directory
 .DEFAULT_GOAL := help
-.PHONY: help setup llvm open3d browser demo test pytest lint docs bench scaling cluster clean distclean
+.PHONY: help setup llvm open3d browser demo test test-all pytest lint docs bench scaling cluster clean distclean
+
+# Tests that `make test` leaves to `make test-all`: whole rooms, every rule, faults of machines.
+TESTS ?= -m 'not slow'
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -79,14 +82,17 @@ demo: setup  ## the demo room, from nothing to its report (5 to 12 minutes on 2 
 	@$(BIN)/fipt run demo
 	@echo "fipt: open $(CURDIR)/results/demo/report.html"
 
-test: setup  ## all checks and the tests
+test: setup  ## the checks and most tests
 	@# The checks run beside the tests: most of their time is that of one program on one processor.
 	@$(MAKE) -j2 lint pytest || { echo "fipt: the checks or the tests failed: see above" >&2; exit 1; }
+
+test-all: export TESTS :=
+test-all: test  ## the checks and all tests, as CI runs them (20 minutes on 2 cores)
 
 pytest: $(INSTALLED)
 	@# Files of tests go to two processes; tests of a file stay together, since they share fixtures. Their order is that
 	@# of tests/conftest.py, long ones first.
-	@$(BIN)/python -m pytest -q -n 2 --dist loadfile --no-loadscope-reorder
+	@$(BIN)/python -m pytest -q -n 2 --dist loadfile --no-loadscope-reorder $(TESTS)
 
 lint: $(INSTALLED)  ## formatting, static checks, the workflow's linter, import directions, types
 	@$(BIN)/ruff check .

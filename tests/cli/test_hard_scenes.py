@@ -17,6 +17,8 @@ from tests import scenes
 from tests.fitted import kept_threads
 from tests.workflow.prepared import jobs_of
 
+pytestmark = pytest.mark.slow
+
 FEW = {"diffuse_spp": 4, "specular_spp": 2, "smooth_spp": 2}
 CONFIG = {
     "scenes": {"room": {"source": "dataset", "format": "nerfstudio", "path": "photos", "mesh": "photos/mesh.ply"}},

@@ -5,12 +5,15 @@ import re
 import subprocess
 import sys
 
+import pytest
+
 from fipt.registry import SECTIONS, VERBS
 from tests.docs.samples import ROOT
 
 MOST_TERMS = 60
 
 
+@pytest.mark.slow
 def test_the_site_is_built_without_a_warning(tmp_path) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path / "site")],

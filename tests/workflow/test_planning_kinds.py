@@ -7,6 +7,8 @@ from fipt.errors import FiptError
 from tests import captures, modelled
 from tests.workflow.planned import CONFIG, FIRST, changed, only
 
+pytestmark = pytest.mark.slow
+
 
 def test_segments_are_planned_alike(workspace, monkeypatch):
     """Given ids by view, then fused; or grown on the mesh."""

@@ -129,6 +129,7 @@ def plans(tmp_path_factory):
     return both
 
 
+@pytest.mark.slow
 def test_plans_are_those_of_snakemake_alone(workspace, plans):
     here = workspace(changed(compare={"methods": ["irradiance", "converged"], "seeds": 1}))
     for target in ("report", "compare"):

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from benchmarks import tiny_mask2former
 from benchmarks.jobs import run_all
@@ -11,6 +12,8 @@ from fipt.formats.images import read_ids
 from fipt.scene.segments import read_view_ids
 from tests.fitted import kept_threads
 from tests.workflow.prepared import jobs_of
+
+pytestmark = pytest.mark.slow
 
 CONFIG = {
     "scenes": {"room": {"source": "procedural"}},

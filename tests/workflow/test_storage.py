@@ -15,6 +15,8 @@ from tests.cluster.__main__ import hashes
 from tests.fitted import kept_threads
 from tests.workflow.conftest import Workspace
 
+pytestmark = pytest.mark.slow
+
 CONFIG = {
     "scenes": {"room": {"source": "procedural"}},
     "rounds": 0,
@@ -92,7 +94,6 @@ def alone(machine: Workspace, *options: str) -> Path:
     return folder
 
 
-@pytest.mark.slow
 def test_a_room_goes_on_where_jobs_share_no_disk(begun, machine):
     second = machine("second", scenes="rooms.tsv")
     (second.root / "rooms.tsv").write_text("name\tsource\nroom\tprocedural\n")

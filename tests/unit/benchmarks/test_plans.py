@@ -8,6 +8,8 @@ import pytest
 
 from benchmarks.jobs import REPOSITORY
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize(("options", "plans"), [((), ["all of 2", "one of 2"]), (("--done",), ["all of 2"])])
 def test_plans_are_measured(options, plans):
