@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -13,6 +14,7 @@ import yaml
 
 from fipt.config import load
 from fipt.errors import FiptError
+from fipt.formats.files import total_memory
 from tests.workflow.planned import CONFIG, FIRST, SETUP, SHOWN, changed, only
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -208,3 +210,22 @@ def test_a_killed_run_is_completed_by_the_next(workspace):
     assert here.planned()["bake"] == 2
     here.snakemake()
     assert here.planned() == {}
+
+
+def test_two_jobs_share_a_machine_but_for_comparisons(workspace):
+    here = workspace(CONFIG)
+
+    def threads(*options: str) -> set[str]:
+        return set(re.findall(r"^    threads: (\d+)$", here.snakemake("--dry-run", "--cores", "6", *options), re.M))
+
+    assert threads() == {"3"}
+    assert threads("compare") == {"6"}  # times of methods are compared
+
+
+def test_jobs_ask_for_no_more_memory_than_the_machine_has(workspace):
+    huge = {"train_views": 400, "val_views": 2, "width": 8000, "height": 6000}
+    room = {"source": "procedural", "settings": {"synthesize": huge}}
+    here = workspace(changed(scenes={"room": room}, views_per_shard=400))
+    asked = [int(size) for size in re.findall(r"mem_mb=(\d+)", here.snakemake("--dry-run"))]
+    assert max(asked) == total_memory() // 1_000_000
+    assert min(asked) < max(asked)

@@ -21,7 +21,7 @@ rule cache:
         "results/{scene}/logs/cache.log",
     benchmark:
         "results/{scene}/benchmarks/cache.jsonl"
-    threads: THREADS
+    threads: processors
     resources:
         mem_mb=memory("cache"),
         runtime=minutes("cache"),

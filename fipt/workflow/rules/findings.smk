@@ -37,7 +37,7 @@ rule findings:
         "results/{scene}/benchmarks/findings.jsonl"
     wildcard_constraints:
         scene=FITTED,
-    threads: THREADS
+    threads: processors
     resources:
         mem_mb=memory("findings"),
         runtime=minutes("findings"),
