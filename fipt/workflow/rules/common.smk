@@ -9,6 +9,7 @@ import os
 import re
 import shlex
 import sys
+from functools import partial
 from pathlib import Path
 
 from snakemake.exceptions import WorkflowError
@@ -20,45 +21,29 @@ from fipt.config.kept import check_files, check_kept
 from fipt.config.machine import PlannedJob, check_machine
 from fipt.config.reading import SCENE, load
 from fipt.errors import FiptError
-from fipt.formats.files import total_memory
 from fipt.lock import all_locked
 from fipt.outcome import listed as listed_failures
 from fipt.registry import VERSIONS
-from fipt.render.variant import find_cuda
+from fipt.workflow.machine import (
+    all_processors,
+    asked_gpus,
+    asked_processors,
+    bound_memory,
+)
 from fipt.workflow.plans import plan_quickly
 
 plan_quickly()
 
-# On a cluster there is no number of cores of all jobs together; the profile may give single rules another.
-CORES = workflow.resource_settings.cores
-PROCESSORS = CORES or int(os.environ.get("FIPT_THREADS", "4"))
-
-# Two jobs of this machine must fit its memory; the number of a larger one is cut to it.
-if CORES and "mem_mb" not in workflow.global_resources:
-    workflow.register_resource("mem_mb", total_memory() // 1_000_000)
-
-
-def processors(wildcards):
-    """What a job asks for. It uses all of its machine, but compilers, files and single threads leave a third of them idle:
-    two jobs share a machine, but for comparisons, whose times are compared.
-    """
-    alone = any("compare" in target for target in workflow.dag_settings.targets)
-    if not CORES or alone or not workflow.is_main_process:
-        return PROCESSORS
-    return -(-PROCESSORS // 2)
-
-
-# On a GPU jobs run one by one (profiles/local); a cluster's nodes may have one.
-GPUS = int(
-    os.environ.get("FIPT_BACKEND") != "llvm" and (not CORES or find_cuda().usable)
-)
+bound_memory(workflow)
+processors = partial(asked_processors, workflow)
+GPUS = asked_gpus(workflow)
 
 # `fipt` is found beside the Python that runs Snakemake, even if its environment is not active. It takes the place of the
 # shell and knows who called it: a job ends with the run that started it, even if that is killed. Libraries would get as many
 # threads as a job asks for, too few for torch and too many for numpy (fipt/cli/process.py).
 shell.prefix(
     f'export PATH="$PATH":{shlex.quote(str(Path(sys.executable).parent))} FIPT_RUN={os.getpid()}'
-    f" OMP_NUM_THREADS={PROCESSORS} OPENBLAS_NUM_THREADS=1; exec "
+    f" OMP_NUM_THREADS={all_processors(workflow)} OPENBLAS_NUM_THREADS=1; exec "
 )
 
 try:
