@@ -20,13 +20,13 @@ def all_processors(workflow: Workflow) -> int:
 def asked_processors(workflow: Workflow, wildcards: Any) -> int:
     """Processors that a job asks for; it uses all of its machine.
 
-    Compilers, files and single threads leave a third of them idle, so two jobs share a machine; but those of a
-    comparison run one by one, since their times are compared.
+    Compilers, files and single threads leave a third of them idle, so two jobs share a machine without a GPU; but those
+    of a comparison run one by one, since their times are compared.
     """
     del wildcards  # all jobs ask alike; Snakemake calls this when it knows the targets
     processors = all_processors(workflow)
     alone = any("compare" in target for target in workflow.dag_settings.targets)
-    if not workflow.resource_settings.cores or alone or not workflow.is_main_process:
+    if not workflow.resource_settings.cores or alone or asked_gpus(workflow) or not workflow.is_main_process:
         return processors
     return -(-processors // 2)
 

@@ -43,7 +43,7 @@ GPUS = asked_gpus(workflow)
 # threads as a job asks for, too few for torch and too many for numpy (fipt/cli/process.py).
 shell.prefix(
     f'export PATH="$PATH":{shlex.quote(str(Path(sys.executable).parent))} FIPT_RUN={os.getpid()}'
-    f" OMP_NUM_THREADS={all_processors(workflow)} OPENBLAS_NUM_THREADS=1; exec "
+    f" OMP_NUM_THREADS={all_processors(workflow)} MKL_NUM_THREADS={all_processors(workflow)} OPENBLAS_NUM_THREADS=1; exec "
 )
 
 try:
