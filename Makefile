@@ -86,8 +86,8 @@ test: setup  ## the checks and most tests
 	@# The checks run beside the tests: most of their time is that of one program on one processor.
 	@$(MAKE) -j2 lint pytest || { echo "fipt: the checks or the tests failed: see above" >&2; exit 1; }
 
-test-all: export TESTS :=
-test-all: test  ## the checks and all tests, as CI runs them (20 minutes on 2 cores)
+test-all:  ## the checks and all tests, as CI runs them (20 minutes on 2 cores)
+	@$(MAKE) test TESTS=
 
 pytest: $(INSTALLED)
 	@# Files of tests go to two processes; tests of a file stay together, since they share fixtures. Their order is that

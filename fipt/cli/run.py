@@ -60,7 +60,7 @@ def command(
     ] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", "-n", help="List the jobs that would run, and why.")] = False,
 ) -> None:
-    """Run every stage of SCENE that is not up to date, as far as TARGET; of one scene or of several.
+    """Run every stage of SCENE that is not up to date, as far as TARGET; two jobs at a time where there is no GPU.
 
     Snakemake runs the jobs; results/SCENE with its logs/ is below the working directory. A run that was killed goes on
     when it is started again. Of several scenes, one that fails does not stop the others; it is named at the end.

@@ -53,7 +53,7 @@ def test_options_are_fields(rule: str, verb: str, body: str) -> None:
 def test_rules_that_trace_rays_state_a_gpu_and_threads(rule: str, verb: str, body: str) -> None:
     if VERBS[verb].rays:
         assert "        gpu=GPUS,\n" in body
-        assert "    threads: processors\n" in body
+        assert "    threads: THREADS\n" in body
 
 
 def test_a_model_is_made_again_when_models_have_another_version() -> None:

@@ -212,14 +212,35 @@ def test_a_killed_run_is_completed_by_the_next(workspace):
     assert here.planned() == {}
 
 
-def test_two_jobs_share_a_machine_but_for_comparisons(workspace):
+NOTING = """#!{python} -S
+import os, sys, time
+with open("running.txt", "a") as file:
+    print("begins", os.environ["OMP_NUM_THREADS"], os.environ["OPENBLAS_NUM_THREADS"], file=file)
+code = os.spawnv(os.P_WAIT, "{fipt}", ["{fipt}", *sys.argv[1:]])
+time.sleep(0.2)
+with open("running.txt", "a") as file:
+    print("ends", file=file)
+sys.exit(code)
+"""
+"""A program that calls the stand-in for ``fipt``, and notes when, and with how many threads for libraries."""
+
+
+def test_two_jobs_run_at_a_time(workspace):
     here = workspace(CONFIG)
-
-    def threads(*options: str) -> set[str]:
-        return set(re.findall(r"^    threads: (\d+)$", here.snakemake("--dry-run", "--cores", "6", *options), re.M))
-
-    assert threads() == {"3"}
-    assert threads("compare") == {"6"}  # times of methods are compared
+    fipt = here.root / "bin" / "fipt"
+    stand_in = fipt.rename(fipt.with_name("stand-in"))
+    fipt.write_text(NOTING.format(python=sys.executable, fipt=stand_in))
+    fipt.chmod(0o755)
+    here.environment["FIPT_BACKEND"] = "llvm"
+    here.snakemake()
+    running, counts, threads = 0, [], set()
+    for line in (here.root / "running.txt").read_text().splitlines():
+        running += 1 if line.startswith("begins") else -1
+        counts.append(running)
+        threads |= {tuple(line.split()[1:])} if running and line.startswith("begins") else set()
+    assert running == 0
+    assert max(counts) == 2
+    assert threads == {("2", "1"), ("1", "1")}  # all processors, but for rules that ask for one; numpy has one
 
 
 def test_jobs_ask_for_no_more_memory_than_the_machine_has(workspace):

@@ -21,7 +21,7 @@ rule cache:
         "results/{scene}/logs/cache.log",
     benchmark:
         "results/{scene}/benchmarks/cache.jsonl"
-    threads: processors
+    threads: THREADS
     resources:
         mem_mb=memory("cache"),
         runtime=minutes("cache"),

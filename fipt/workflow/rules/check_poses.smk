@@ -19,7 +19,7 @@ rule check_poses:
         "results/{scene}/logs/check_poses.log",
     benchmark:
         "results/{scene}/benchmarks/check_poses.jsonl"
-    threads: processors
+    threads: THREADS
     resources:
         mem_mb=memory("check_poses"),
         runtime=minutes("check_poses"),

@@ -9,7 +9,6 @@ import os
 import re
 import shlex
 import sys
-from functools import partial
 from pathlib import Path
 
 from snakemake.exceptions import WorkflowError
@@ -24,26 +23,17 @@ from fipt.errors import FiptError
 from fipt.lock import all_locked
 from fipt.outcome import listed as listed_failures
 from fipt.registry import VERSIONS
-from fipt.workflow.machine import (
-    all_processors,
-    asked_gpus,
-    asked_processors,
-    bound_memory,
-)
+from fipt.workflow.machine import asked_gpus, bound_memory, share_processors
 from fipt.workflow.plans import plan_quickly
 
 plan_quickly()
 
-bound_memory(workflow)
-processors = partial(asked_processors, workflow)
-GPUS = asked_gpus(workflow)
-
 # `fipt` is found beside the Python that runs Snakemake, even if its environment is not active. It takes the place of the
-# shell and knows who called it: a job ends with the run that started it, even if that is killed. Libraries would get as many
-# threads as a job asks for, too few for torch and too many for numpy (fipt/cli/process.py).
+# shell and knows who called it: a job ends with the run that started it, even if that is killed. Matrices of numpy have
+# one thread (fipt/cli/process.py); Snakemake would give them as many as the job asks for.
 shell.prefix(
     f'export PATH="$PATH":{shlex.quote(str(Path(sys.executable).parent))} FIPT_RUN={os.getpid()}'
-    f" OMP_NUM_THREADS={all_processors(workflow)} MKL_NUM_THREADS={all_processors(workflow)} OPENBLAS_NUM_THREADS=1; exec "
+    " OPENBLAS_NUM_THREADS=1; exec "
 )
 
 try:
@@ -77,6 +67,10 @@ def one_of(names):
     return "|".join(map(re.escape, names)) or "(?!)"
 
 
+# On a cluster there is no number of cores of all jobs together; the profile may give single rules another.
+THREADS = workflow.resource_settings.cores or int(os.environ.get("FIPT_THREADS", "4"))
+GPUS = asked_gpus(workflow)
+bound_memory(workflow)
 LOCKS = contextlib.ExitStack()
 FOLDERS = [Path("results", name) for name in CONFIG.only]
 LATER_ROUNDS = one_of(str(k) for k in range(1, CONFIG.rounds + 1))

@@ -34,7 +34,7 @@ rule import_dataset:
         "results/{scene}/benchmarks/import.jsonl"
     wildcard_constraints:
         scene=CONFIG.where("source.imported"),
-    threads: processors
+    threads: THREADS
     resources:
         mem_mb=memory("import_dataset"),
         runtime=minutes("import_dataset"),
@@ -68,7 +68,7 @@ rule synthesize_room:
         "results/{scene}/benchmarks/synthesize.jsonl"
     wildcard_constraints:
         scene=CONFIG.where("source.rendered"),
-    threads: processors
+    threads: THREADS
     resources:
         mem_mb=memory("synthesize_room"),
         runtime=minutes("synthesize_room"),
@@ -100,7 +100,7 @@ rule synthesize_views:
         "results/{scene}/benchmarks/synthesize.{shard}.jsonl"
     wildcard_constraints:
         scene=CONFIG.where("source.rendered"),
-    threads: processors
+    threads: THREADS
     resources:
         mem_mb=memory("synthesize_views"),
         runtime=minutes("synthesize_views"),
@@ -135,7 +135,7 @@ rule synthesize_relit:
         "results/{scene}/benchmarks/synthesize.{setup}.{shard}.jsonl"
     wildcard_constraints:
         scene=CONFIG.where("source.known"),
-    threads: processors
+    threads: THREADS
     resources:
         mem_mb=memory("synthesize_relit"),
         runtime=minutes("synthesize_relit"),

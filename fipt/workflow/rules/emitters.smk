@@ -38,7 +38,7 @@ rule emitters:
         "results/{scene}/benchmarks/emitters.round-{round}.jsonl"
     wildcard_constraints:
         scene=FITTED,
-    threads: processors
+    threads: THREADS
     resources:
         mem_mb=memory("emitters"),
         runtime=minutes("emitters"),

@@ -24,7 +24,7 @@ rule environment:
         "results/{scene}/logs/environment.log",
     benchmark:
         "results/{scene}/benchmarks/environment.jsonl"
-    threads: processors
+    threads: THREADS
     resources:
         mem_mb=memory("environment"),
         runtime=minutes("environment"),

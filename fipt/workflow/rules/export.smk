@@ -28,7 +28,7 @@ rule export_room:
         "results/{scene}/logs/export.log",
     benchmark:
         "results/{scene}/benchmarks/export.jsonl"
-    threads: processors
+    threads: THREADS
     resources:
         mem_mb=memory("export_room"),
         runtime=minutes("export_room"),
@@ -64,7 +64,7 @@ rule check_export:
         "results/{scene}/logs/check-export.log",
     benchmark:
         "results/{scene}/benchmarks/check-export.jsonl"
-    threads: processors
+    threads: THREADS
     resources:
         mem_mb=memory("check_export"),
         runtime=minutes("check_export"),

@@ -37,7 +37,7 @@ rule findings:
         "results/{scene}/benchmarks/findings.jsonl"
     wildcard_constraints:
         scene=FITTED,
-    threads: processors
+    threads: THREADS
     resources:
         mem_mb=memory("findings"),
         runtime=minutes("findings"),

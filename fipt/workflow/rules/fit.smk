@@ -44,7 +44,7 @@ rule fit:
         "results/{scene}/benchmarks/fit.round-{round}.jsonl"
     wildcard_constraints:
         scene=FITTED,
-    threads: processors
+    threads: THREADS
     resources:
         mem_mb=memory("fit"),
         runtime=minutes("fit"),

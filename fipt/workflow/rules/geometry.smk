@@ -23,7 +23,7 @@ rule import_views:
         "results/{scene}/benchmarks/import_views.jsonl"
     wildcard_constraints:
         scene=CONFIG.where("source.imported"),
-    threads: processors
+    threads: THREADS
     resources:
         mem_mb=memory("import_views"),
         runtime=minutes("import_views"),
@@ -52,7 +52,7 @@ rule depth:
         "results/{scene}/logs/depth.log",
     benchmark:
         "results/{scene}/benchmarks/depth.jsonl"
-    threads: processors
+    threads: THREADS
     resources:
         mem_mb=ask("memory_mb", section="depth"),
         runtime=minutes("depth"),

@@ -24,7 +24,7 @@ rule material_maps:
         "results/{scene}/logs/materials.{shard}.log",
     benchmark:
         "results/{scene}/benchmarks/materials.{shard}.jsonl"
-    threads: processors
+    threads: THREADS
     resources:
         mem_mb=memory("material_maps"),
         runtime=minutes("material_maps"),

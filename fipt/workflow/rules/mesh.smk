@@ -31,7 +31,7 @@ rule first_mesh:
         "results/{scene}/logs/first_mesh.log",
     benchmark:
         "results/{scene}/benchmarks/first_mesh.jsonl"
-    threads: processors
+    threads: THREADS
     resources:
         mem_mb=ask("memory_mb", section="geometry"),
         runtime=minutes("first_mesh"),
@@ -61,7 +61,7 @@ rule check_views:
         "results/{scene}/logs/check_views.log",
     benchmark:
         "results/{scene}/benchmarks/check_views.jsonl"
-    threads: processors
+    threads: THREADS
     resources:
         mem_mb=memory("check_views"),
         runtime=minutes("check_views"),
@@ -99,7 +99,7 @@ rule mesh:
         "results/{scene}/logs/mesh.log",
     benchmark:
         "results/{scene}/benchmarks/mesh.jsonl"
-    threads: processors
+    threads: THREADS
     resources:
         mem_mb=ask("memory_mb", section="geometry"),
         runtime=minutes("mesh"),

@@ -108,7 +108,7 @@ rule inverse_trace:
         "results/{scene}/benchmarks/inverse-trace.jsonl"
     wildcard_constraints:
         scene=CONFIG.runs("inverse-trace"),
-    threads: processors
+    threads: THREADS
     resources:
         mem_mb=memory("inverse_trace"),
         runtime=minutes("inverse_trace"),

@@ -29,7 +29,7 @@ rule estimate_poses:
         "results/{scene}/benchmarks/pose.jsonl"
     wildcard_constraints:
         scene=CONFIG.where("source.estimated"),
-    threads: processors
+    threads: THREADS
     resources:
         mem_mb=memory("estimate_poses"),
         runtime=minutes("estimate_poses"),

@@ -33,7 +33,7 @@ rule relight_views:
         "results/{scene}/benchmarks/relight.{setup}.{shard}.jsonl"
     wildcard_constraints:
         shard=r"(train|val|camera)-\d+",
-    threads: processors
+    threads: THREADS
     resources:
         mem_mb=memory("relight_views"),
         runtime=minutes("relight_views"),
@@ -74,7 +74,7 @@ rule join_images:
         "results/{scene}/logs/video.{setup}.log",
     benchmark:
         "results/{scene}/benchmarks/video.{setup}.jsonl"
-    threads: processors
+    threads: THREADS
     resources:
         mem_mb=memory("join_images"),
         runtime=minutes("join_images"),
@@ -109,7 +109,7 @@ rule olat_views:
         "results/{scene}/logs/olat.{shard}.log",
     benchmark:
         "results/{scene}/benchmarks/olat.{shard}.jsonl"
-    threads: processors
+    threads: THREADS
     resources:
         mem_mb=memory("olat_views"),
         runtime=minutes("olat_views"),

@@ -23,7 +23,7 @@ rule render_views:
         "results/{scene}/logs/render.{shard}.log",
     benchmark:
         "results/{scene}/benchmarks/render.{shard}.jsonl"
-    threads: processors
+    threads: THREADS
     resources:
         mem_mb=memory("render_views"),
         runtime=minutes("render_views"),

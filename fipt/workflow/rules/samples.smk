@@ -21,7 +21,7 @@ rule samples:
         "results/{scene}/logs/samples.{shard}.log",
     benchmark:
         "results/{scene}/benchmarks/samples.{shard}.jsonl"
-    threads: processors
+    threads: THREADS
     resources:
         mem_mb=memory("samples"),
         runtime=minutes("samples"),

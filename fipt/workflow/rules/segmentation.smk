@@ -25,7 +25,7 @@ rule segment:
         "results/{scene}/logs/segment.{shard}.log",
     benchmark:
         "results/{scene}/benchmarks/segment.{shard}.jsonl"
-    threads: processors
+    threads: THREADS
     resources:
         mem_mb=memory("segment"),
         runtime=minutes("segment"),
@@ -58,7 +58,7 @@ rule fuse:
         "results/{scene}/logs/fuse.log",
     benchmark:
         "results/{scene}/benchmarks/fuse.jsonl"
-    threads: processors
+    threads: THREADS
     resources:
         mem_mb=memory("fuse"),
         runtime=minutes("fuse"),

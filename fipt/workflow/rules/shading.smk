@@ -27,7 +27,7 @@ rule bake:
         "results/{scene}/logs/bake.round-0.{shard}.log",
     benchmark:
         "results/{scene}/benchmarks/bake.round-0.{shard}.jsonl"
-    threads: processors
+    threads: THREADS
     resources:
         mem_mb=memory("bake"),
         runtime=minutes("bake"),
@@ -69,7 +69,7 @@ rule refine:
         "results/{scene}/benchmarks/refine.round-{round}.{shard}.jsonl"
     wildcard_constraints:
         round=LATER_ROUNDS,
-    threads: processors
+    threads: THREADS
     resources:
         mem_mb=memory("refine"),
         runtime=minutes("refine"),

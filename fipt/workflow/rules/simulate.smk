@@ -25,7 +25,7 @@ rule photographed_room:
         "results/{scene}/benchmarks/synthesize.jsonl"
     wildcard_constraints:
         scene=CONFIG.where("source.simulated"),
-    threads: processors
+    threads: THREADS
     resources:
         mem_mb=memory("photographed_room"),
         runtime=minutes("photographed_room"),
@@ -54,7 +54,7 @@ rule photograph_calibration:
         "results/{scene}/logs/photograph.calibration.log",
     benchmark:
         "results/{scene}/benchmarks/photograph.calibration.jsonl"
-    threads: processors
+    threads: THREADS
     resources:
         mem_mb=memory("photograph_calibration"),
         runtime=minutes("photograph_calibration"),
@@ -84,7 +84,7 @@ rule photograph_views:
         "results/{scene}/logs/photograph.{shard}.log",
     benchmark:
         "results/{scene}/benchmarks/photograph.{shard}.jsonl"
-    threads: processors
+    threads: THREADS
     resources:
         mem_mb=memory("photograph_views"),
         runtime=minutes("photograph_views"),
@@ -120,7 +120,7 @@ rule synthesize_truth:
         "results/{scene}/benchmarks/truth.{shard}.jsonl"
     wildcard_constraints:
         scene=CONFIG.where("source.simulated"),
-    threads: processors
+    threads: THREADS
     resources:
         mem_mb=memory("synthesize_truth"),
         runtime=minutes("synthesize_truth"),
