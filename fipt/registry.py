@@ -63,7 +63,7 @@ SECTIONS: dict[str, Section] = {
     "export": Section("fipt.stages.export.settings:ExportSettings", 7),
     "metrics": Section("fipt.stages.evaluate.settings:MetricsSettings", 8),
     "findings": Section("fipt.stages.findings.settings:FindingsSettings", 6),
-    "report": Section("fipt.stages.report.settings:ReportSettings", 6),
+    "report": Section("fipt.stages.report.settings:ReportSettings", 7),
     "compare": Section("fipt.stages.compare.settings:CompareSettings", 2),
     "compare_page": Section("fipt.stages.report.settings:ComparePageSettings", 2),
 }
