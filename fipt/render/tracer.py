@@ -214,6 +214,8 @@ class Shader:
             L += self._emitter_light(rng, v, β, at_x, lobes, integrals)
             if dr.hint(len(self.spots) > 0, mode="scalar"):
                 L += self._spot_light(v, β, at_x, k == 0, lobes, integrals)
+            if dr.hint(self.sky is not None and self.sky.sun is not None, mode="scalar"):
+                L += self._sunlight(rng, v, β, at_x, lobes, integrals)
 
             # ---------------- a new direction: of the lobes at x, of the material at y ----------------
             wi = lobes.sample(k, point, shift, frame, x.wo)
@@ -297,6 +299,26 @@ class Shader:
             f, _ = v.evaluate(wi)
             gained += dr.select(visible & ~at_x, β * f * arriving, 0)
         return gained
+
+    def _sunlight(
+        self,
+        rng: "mi.PCG32",
+        v: Vertex,
+        β: "mi.Color3f",
+        at_x: "mi.Bool",
+        lobes: LobeMixture,
+        integrals: list["mi.Color3f"],
+    ) -> "mi.Color3f":
+        """Light of one point of the sun at v: what a path gains at y. At x all integrals get it instead."""
+        assert self.sky is not None
+        assert self.sky.sun is not None
+        wi, arriving = self.sky.sun.sample(rng.next_float32(), rng.next_float32(), rng.next_float32())
+        visible = dr.dot(v.n, wi) > 0
+        visible &= ~self._blocked(self._origin(v), wi, mi.Float(dr.largest(mi.Float)), visible)
+        g = ggx.ReflectionGeometry(v.n, wi, v.wo)
+        lobes.splat(integrals, g, dr.select(visible & at_x, arriving / mi.Float(lobes.total), 0))
+        f, _ = v.evaluate(wi)
+        return dr.select(visible & ~at_x, β * f * arriving, 0)
 
     @staticmethod
     def _next_direction(rng: "mi.PCG32", v: Vertex) -> "mi.Vector3f":

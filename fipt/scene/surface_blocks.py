@@ -24,8 +24,8 @@ LEAST_SIGMA = 0.05
 GLOSSY = 0.3
 """Standard deviation of the log radiance between views above which a block is not matte."""
 _GRIDS = (16, 24, 32, 48, 64, 96, 128)
-"""Blocks along the scene box: the coarsest grid that has `_MOST_BLOCKS` blocks, of which so many are used."""
-_MOST_BLOCKS = 1000
+"""Blocks along the scene box: the coarsest grid that has as many blocks as are wanted."""
+MANY_BLOCKS = 1000
 """Blocks whose light is traced: it is a smooth function of place, and has few unknowns."""
 _PLANES = 64
 """Planes along the box that are told apart: some 10 cm in a room, the depth of a shelf."""
@@ -62,7 +62,11 @@ class Blocks:
 
 
 def blocks_of(
-    shards: Sequence[ObservedShard], mesh: Mesh, emitting: np.ndarray, box: Mapping[str, np.ndarray]
+    shards: Sequence[ObservedShard],
+    mesh: Mesh,
+    emitting: np.ndarray,
+    box: Mapping[str, np.ndarray],
+    most: int = MANY_BLOCKS,
 ) -> Blocks:
     """Gather the pixels of all training views into blocks.
 
@@ -72,6 +76,8 @@ def blocks_of(
         (T,) bool: triangles that are known to emit; their pixels tell nothing of a reflectance.
     box
         ``center`` and ``side`` of the scene box (cache.npz).
+    most
+        Blocks that are wanted, and no more: they are as large as that lets them be.
     """
     part = connected_parts(mesh)
     columns: list[list[np.ndarray]] = []
@@ -103,10 +109,10 @@ def blocks_of(
         if len(full) < len(kept):  # pixels are larger than the cells
             break
         block, kept = own, full
-        if len(kept) >= _MOST_BLOCKS:
+        if len(kept) >= most:
             break
-    if len(kept) > _MOST_BLOCKS:
-        kept = np.sort(np.random.default_rng(0).permutation(kept)[:_MOST_BLOCKS])
+    if len(kept) > most:
+        kept = np.sort(np.random.default_rng(0).permutation(kept)[:most])
     return _gathered(kept, block, (position, normal, color, group, view, of_sample))
 
 

@@ -14,6 +14,7 @@ from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
 from fipt.model.albedo import specular_albedo
 from fipt.scene.emitters import BACK, BOTH, FRONT
 from fipt.scene.environment import NOTHING, EnvironmentMap, constant
+from fipt.scene.sun import with_sun
 from fipt.stages.shade.settings import BakeSettings
 from fipt.synthetic.material import RoomMaterial
 from tests import scenes
@@ -279,6 +280,26 @@ def test_a_bright_texel_lights_what_faces_it(backend):
     assert_mean(got[1, 0, 0], light, slack=0.03)
     assert not got[-1, 0, 0].any()
     assert got[0, 0, -1].mean() < 0.2 * light
+
+
+@pytest.mark.parametrize("paths", [False, True])
+def test_a_small_sun_is_found_by_few_rays(backend, paths):
+    """Half a degree wide, it has a 30,000th of the directions, and most of the light."""
+    toward, power = unit((0.5, 0.8, 0.2)), np.array([8.0, 4.0, 0.0])
+    lit = with_sun(constant((0.2, 0.2, 0.2)), toward, power, np.radians(0.27), 512)
+    points = copies((0, 0, 0), UP, unit((0.3, 1, 0.2)), 400)
+    ground = scenes.floor()
+    tracer = (
+        shader(scenes.Lit(ground, None, None), environment=lit) if paths else bake_shader(ground, scenes.grid(), lit)
+    )
+    got = tracer.shade(points, [0.5], [16, 8])
+    assert_mean(got[:, 0], 0.2 + power * toward[1] / np.pi, slack=4e-3)
+    assert got[:, 0].std(axis=0).max() < 0.02
+    glossy = got[:, 1] + got[:, 2]
+    sunny = glossy - glossy[:, 2:]  # the sky alone is blue
+    assert sunny[:, 0].mean() > 0.02 * power[0]
+    np.testing.assert_allclose(sunny[:, 0], 2 * sunny[:, 1], rtol=1e-2)
+    assert sunny[:, 0].std() < 0.02 * sunny[:, 0].mean()
 
 
 def test_points_of_one_sample_share_its_directions(backend):

@@ -16,9 +16,11 @@ import numpy as np
 
 from fipt.render.directions import cosine_directions
 from fipt.render.scene import RayScene
+from fipt.render.sunlight import sunlight
 from fipt.scene.emitters import Emitters, emits
 from fipt.scene.environment import EnvironmentMap
 from fipt.scene.mesh import Mesh, points_of
+from fipt.scene.sun import split
 from fipt.scene.surface_blocks import Blocks
 from fipt.scene.voxels import SeenRadiance
 from fipt.stages.emitters.unseen_surface import Patches
@@ -86,7 +88,8 @@ class Lights:
         found: Emitters,
         environment: EnvironmentMap,
     ) -> None:
-        self.mesh, self.hidden, self.environment = mesh, hidden, environment
+        self.mesh, self.hidden = mesh, hidden
+        self.environment, self.sun = split(environment)
         self.met = np.zeros(len(mesh.triangles), bool)
         self.scene = RayScene(mesh)
         self.emitted = np.full((len(mesh.triangles), 3), np.nan)
@@ -101,7 +104,7 @@ class Lights:
         self._seen = SeenRadiance(cache)
 
     def arriving(self, position: np.ndarray, normal: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Integrate what arrives at points by ``count`` cosine-distributed rays each, and by rays to emitters.
+        """Integrate what arrives at points by ``count`` cosine-distributed rays each, and by rays to emitters and sun.
 
         Both kinds find emitters; the balance heuristic (Veach and Guibas 1995) weighs them.
 
@@ -130,6 +133,8 @@ class Lights:
             open_[rows] += np.bincount(row[leaves], minlength=here) / count
             if aimed:
                 known[rows] += self._aimed(position[rows], normal[rows], aimed, count, rng)
+        if self.sun is not None:
+            known += sunlight(self.scene, self.sun, position, normal)
         return known, open_
 
     def _odds(self, direction: np.ndarray, cos: np.ndarray, distance: np.ndarray, triangle: np.ndarray) -> np.ndarray:

@@ -23,6 +23,7 @@ class _Map(_Fitted):
         description="directions that no pixel looks along: `room` finds what explains the light in the room, "
         "`smooth` continues what is seen",
     )
+    sun: bool = Field(default=True, description="with `unseen: room`, look for a sun that no pixel sees")
 
 
 class AutoEnvironment(_Map):

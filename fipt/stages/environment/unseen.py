@@ -28,7 +28,6 @@ from fipt.render.directions import cosine_directions
 from fipt.render.scene import RayScene
 from fipt.robust import deviation
 from fipt.scene.environment import EnvironmentMap
-from fipt.scene.mesh import Mesh
 from fipt.scene.surface_blocks import (
     ABOVE,
     FREEDOM,
@@ -79,6 +78,10 @@ class RoomLight:
     inside: np.ndarray
     outside: csr_matrix
 
+    def under(self, radiance: np.ndarray) -> np.ndarray:
+        """(N, 3) irradiance over pi with a map of radiance (h, w, 3) around the room."""
+        return self.inside + self.outside @ radiance.reshape(-1, 3).astype(np.float64)
+
 
 @dataclass(frozen=True)
 class _SkyProblem:
@@ -113,20 +116,29 @@ class _SkyProblem:
         return self.log_color - rho[self.group] - np.log(self.light + self.given @ np.exp(u))
 
 
-def room_light(blocks: Blocks, mesh: Mesh, cache: Mapping[str, np.ndarray], empty: EnvironmentMap) -> RoomLight:
-    """Trace where the light of the blocks comes from; ``empty`` is a map of the size and the axes that are wanted."""
-    scene, seen, rng = RayScene(mesh), SeenRadiance(cache), np.random.default_rng(0)
+def room_light(
+    blocks: Blocks,
+    scene: RayScene,
+    cache: Mapping[str, np.ndarray],
+    empty: EnvironmentMap,
+    rays: int = _RAYS,
+) -> RoomLight:
+    """Trace where the light of the blocks comes from, by rays of each of their samples.
+
+    ``empty`` is a map of the size and the axes that are wanted.
+    """
+    seen, rng = SeenRadiance(cache), np.random.default_rng(0)
     rows, points = blocks.position.shape[:2]
     height, width = empty.radiance.shape[:2]
     inside, row_out, texel_out = np.zeros((rows, 3)), [], []
     for k in range(points):
-        row = np.repeat(np.arange(rows), _RAYS)
+        row = np.repeat(np.arange(rows), rays)
         normal = blocks.normal[row, k]
         direction = cosine_directions(normal, rng)
         origin = (blocks.position[row, k] + scene.epsilon * normal).astype(np.float32)
         distance, triangle = scene.intersect(origin, direction)
         met = triangle >= 0
-        facing = mesh.normals[triangle[met]]
+        facing = scene.normals[triangle[met]]
         facing = np.where((facing * direction[met]).sum(axis=1, keepdims=True) > 0, -facing, facing)
         found = seen.at(origin[met] + distance[met, None] * direction[met], facing)
         for c in range(3):
@@ -135,7 +147,7 @@ def room_light(blocks: Blocks, mesh: Mesh, cache: Mapping[str, np.ndarray], empt
         row_out.append(row[~met])
         texel_out.append(np.minimum(place[:, 0], height - 1) * width + place[:, 1] % width)
     row, texel = np.concatenate(row_out), np.concatenate(texel_out)
-    count = _RAYS * points
+    count = rays * points
     outside = csr_matrix((np.full(len(row), 1 / count), (row, texel)), shape=(rows, height * width))
     outside.sum_duplicates()
     return RoomLight(inside / count, outside)
@@ -188,7 +200,7 @@ def _problem(
     """What is to be explained, the places of its blocks (N, 3), and where the search begins."""
     known, level = seen.ravel(), float(np.median(blocks.radiance)) if len(blocks.radiance) else 0.0
     dim = _DIM * max(float(radiance[seen].mean()), level)
-    whole = light.inside + light.outside @ continued.reshape(-1, 3).astype(np.float64)
+    whole = light.under(continued)
     color = np.maximum(blocks.radiance, 1e-6)
     bright = np.log(color.mean(axis=1)) - np.log(np.maximum(whole.mean(axis=1), 1e-12))
     use = (blocks.spread < GLOSSY) & (whole.min(axis=1) > 0)

@@ -10,7 +10,8 @@ from fipt.formats.manifests import Stats
 from fipt.scene.cameras import write_transforms
 from fipt.scene.dataset import Dataset
 from fipt.scene.environment import EnvironmentMap, pixel_directions, texel_directions
-from fipt.stages.environment.fit import directional_mean, filled, find_environment
+from fipt.stages.environment.directional import directional_mean, filled
+from fipt.stages.environment.fit import find_environment
 from fipt.stages.environment.settings import AutoEnvironment, ConstantEnvironment, FittedMap, NoEnvironment
 from tests import scenes
 

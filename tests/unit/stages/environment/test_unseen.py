@@ -9,7 +9,7 @@ from scipy.sparse import csr_matrix
 from fipt.scene.environment import EnvironmentMap, solid_angles, texel_directions
 from fipt.scene.surface_blocks import Blocks
 from fipt.stages.environment import unseen
-from fipt.stages.environment.fit import filled
+from fipt.stages.environment.directional import filled
 from fipt.stages.environment.unseen import RoomLight, lit_from_outside, room_light
 from tests import scenes
 
@@ -135,6 +135,8 @@ def test_slopes_of_the_cost(outdoors, np_rng):
 
 def test_light_of_a_floor_comes_from_its_wall_and_the_sky(backend):
     """A floor beside a high wall that sends 3 everywhere: half of its lobe leaves, to directions above only."""
+    from fipt.render.scene import RayScene
+
     mesh = scenes.joined(
         scenes.quad((-200, 0, -0.001), (400, 0, 0), (0, 400, 0)),  # the wall, in z = 0
         scenes.quad((-1, 0, 0), (2, 0, 0), (0, 0, 2)),
@@ -147,7 +149,7 @@ def test_light_of_a_floor_comes_from_its_wall_and_the_sky(backend):
         "facing": np.int64([5]), "radiance": np.float32([[3, 3, 3]]), "source": np.zeros(1, np.int64),
     }  # fmt: skip
     empty = EnvironmentMap("map", np.zeros((*SHAPE, 3), np.float32))
-    light = room_light(blocks, mesh, cache, empty)
+    light = room_light(blocks, RayScene(mesh), cache, empty)
     np.testing.assert_allclose(light.inside, 1.5, atol=0.15)
     share = np.asarray(light.outside.sum(axis=1)).ravel()
     np.testing.assert_allclose(share, 0.5, atol=0.05)

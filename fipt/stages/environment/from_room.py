@@ -1,0 +1,121 @@
+"""What the light in the room tells of the outside: the sky that no pixel sees, and the sun."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from fipt.render.scene import RayScene
+from fipt.render.sunlight import sunlight
+from fipt.scene.dataset import Dataset
+from fipt.scene.environment import EnvironmentMap
+from fipt.scene.observed import before_shading
+from fipt.scene.samples import FootprintSamples
+from fipt.scene.sun import Sun
+from fipt.scene.surface_blocks import Blocks, blocks_of
+from fipt.stages.environment.directional import directional_mean, filled
+from fipt.stages.environment.settings import AutoEnvironment, FittedMap
+from fipt.stages.environment.sun import FoundSun, SunSearch
+from fipt.stages.environment.unseen import RoomLight, lit_from_outside, room_light
+
+_ROWS = 32
+"""Rows of the map of what the room tells: its light hardly changes within less than 6 degrees of the sky."""
+_LEAST_BLOCKS = 30
+"""Pieces of seen surface without which no light is told from a reflectance."""
+_SUN_BLOCKS, _SUN_RAYS = 6000, 64
+"""Pieces of surface that tell of a sun, some centimetres wide, and rays of each of their samples to all other light."""
+_SUN_ROUNDS = 2
+"""Estimates of the sky beside the sun and of the sun's power, in turn."""
+_LOOKED_AT_ROWS = 180
+"""Rows of the map of where pixels look: a degree each, as pixels are at most."""
+
+OpenPixels = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+"""Of pixels that see outside: direction (N, 3), radiance (N, 3), weight (N,), and whether it is clipped (N,)."""
+
+
+@dataclass(frozen=True)
+class FoundOutside:
+    """What is outside.
+
+    Attributes
+    ----------
+    sky
+        A map without the sun.
+    sun
+        None where no sun is found.
+    figures
+        For the stage's stats.
+    """
+
+    sky: EnvironmentMap
+    sun: FoundSun | None
+    figures: dict[str, Any]
+
+
+def outside_from_room(
+    dataset: Dataset,
+    shards: Sequence[FootprintSamples],
+    cache: Mapping[str, np.ndarray],
+    pixels: OpenPixels,
+    settings: AutoEnvironment | FittedMap,
+) -> FoundOutside | None:
+    """Find what explains the light in the room; None where too little of the room is seen."""
+    mesh, observed = dataset.mesh(), before_shading(dataset, shards)
+    blocks = blocks_of(observed, mesh, np.zeros(len(mesh.triangles), bool), cache)
+    if len(blocks.radiance) < _LEAST_BLOCKS:
+        return None
+    room = _Room(RayScene(mesh), pixels, settings)
+    light = room_light(blocks, room.scene, cache, room.smooth)
+    sky, figures = room.sky(blocks, light)
+    if not settings.sun:
+        return FoundOutside(sky, None, figures)
+    pieces = blocks_of(observed, mesh, np.zeros(len(mesh.triangles), bool), cache, _SUN_BLOCKS)
+    their = room_light(pieces, room.scene, cache, room.smooth, _SUN_RAYS)
+    search = SunSearch(room.scene, pieces)
+    sun = search.find(their.under(room.smooth.radiance), room.looked_at)
+    if sun is None:
+        return FoundOutside(sky, None, figures)
+    for _ in range(_SUN_ROUNDS):
+        sunlit = replace(light, inside=light.inside + _sunlit(room.scene, sun, blocks))
+        sky, figures = room.sky(blocks, sunlit)
+        sun = search.measured(their.under(sky.radiance), sun.direction)
+    return FoundOutside(sky, sun, figures | {"sun": sun.figures})
+
+
+class _Room:
+    """A room, and what pixels see of the outside.
+
+    Attributes
+    ----------
+    smooth
+        Map of what they see, continued smoothly.
+    looked_at
+        Map of 1 where pixels look that are not clipped, else 0.
+    """
+
+    def __init__(
+        self,
+        scene: RayScene,
+        pixels: OpenPixels,
+        settings: AutoEnvironment | FittedMap,
+    ) -> None:
+        self.scene = scene
+        rows = min(settings.resolution, _ROWS)
+        self._measured, self._seen = directional_mean(*pixels, rows, settings.up)
+        self.smooth = EnvironmentMap("map", filled(self._measured, self._seen), settings.up)
+        direction, radiance, weight, clipped = (each[~pixels[3]] for each in pixels)
+        _, looked = directional_mean(direction, radiance, weight, clipped, _LOOKED_AT_ROWS, settings.up)
+        self.looked_at = EnvironmentMap("map", np.repeat(looked[..., None], 3, axis=2).astype(np.float32), settings.up)
+
+    def sky(self, blocks: Blocks, light: RoomLight) -> tuple[EnvironmentMap, dict[str, Any]]:
+        """The map that explains the radiance of blocks, given their light; and its figures."""
+        radiance, figures = lit_from_outside(self._measured, self._seen, self.smooth.radiance, blocks, light)
+        return replace(self.smooth, radiance=radiance), dict(figures)
+
+
+def _sunlit(scene: RayScene, sun: FoundSun, blocks: Blocks) -> np.ndarray:
+    """(N, 3) irradiance over pi that a sun gives to blocks, as the mean of their samples."""
+    disc = Sun(sun.direction[None], sun.irradiance[None], np.array([sun.radius]))
+    samples = blocks.position.shape[1]
+    return np.mean([sunlight(scene, disc, blocks.position[:, k], blocks.normal[:, k]) for k in range(samples)], axis=0)

@@ -1,0 +1,252 @@
+"""A sun that no pixel sees, told by where it shines in the room.
+
+Sunlight through a window lights a piece of the floor, with a sharp border, and a map of some degrees a texel cannot
+explain that. Each direction of the sky says which blocks of the surface a sun there would light, by V (share that it
+reaches, times the cosine). With the radiance C of a block, the light E over pi that is known, and a sun's power P,
+
+    H ln C = H ln(E + P V) + error,        (H x)_i = x_i - mean of x over the blocks around i that may be of its colour
+
+H leaves out what is smooth: reflectances, and errors of the light. Of all directions and powers, those win that make
+the differences most likely (Student's t, its width measured). Lit blocks that look dark speak against a direction as
+much as bright ones speak for it. Other errors speak for some direction, too, but hardly more for one than for others:
+a sun is believed if no direction far from it explains nearly as much, and no disc of many degrees explains more.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.spatial import cKDTree
+
+from fipt.render.directions import all_around
+from fipt.render.scene import RayScene
+from fipt.robust import deviation
+from fipt.scene.environment import EnvironmentMap
+from fipt.scene.sun import with_sun
+from fipt.scene.surface_blocks import FREEDOM, GLOSSY, LEAST_SIGMA, Blocks, errors_alike
+
+_DIRECTIONS = 8192
+"""Directions of the whole sphere that are tried, 2.3 degrees apart: a step of 12 cm where a sun shines 3 m far."""
+_HORIZON = np.sin(np.radians(2.0))
+"""Sine of the least height of a sun: below, trees and houses hide it."""
+_BEST = 4
+"""Directions of these around which finer ones are tried."""
+_FINER = (2.0, 0.7, 0.25)
+"""Degrees around the best one in which finer ones are tried, step by step, and so many of them."""
+_AROUND = 60
+_POWERS = 2.0 ** np.arange(-1, 7.1, 1.5)
+"""Light of a sun that is tried, in medians of what lights the room."""
+_STEPS = np.linspace(np.log(_POWERS[0] / 2), np.log(_POWERS[-1] * 2), 81)
+"""The same for the power of what is found, as logarithms."""
+_RADII = np.radians((0.27, 0.75, 1.5))
+"""Radii of the disc: of the sun, behind haze, and of the discs of 3 degrees that scene files' directional light has."""
+_LARGER = 20.0
+"""Gain by which a larger disc has to beat a smaller one: 10 to 16 it gains since a block's points are not all of it."""
+_GLOW = np.radians(6.0)
+"""Radius of a disc that is no sun: a bright part of the sky, for which the map has texels."""
+_RAYS = 16
+"""Rays to points of a disc."""
+_CHANCE = 1e-3
+"""Probability of a sun by chance: with the number of directions, it says which gain is believed."""
+_FAR = np.cos(np.radians(15.0))
+"""Cosine of the angle from the best direction beyond which another explains something else."""
+_NEIGHBOURS = 24
+"""Blocks around a block: a disc of five blocks across."""
+_LEAST_NEIGHBOURS = 4
+"""Neighbours without which a block is not compared."""
+_ROWS = 512
+"""Rows of a map with a sun: its texels are two thirds as wide as the sun."""
+_CHUNK = 256
+"""Directions that are judged at a time."""
+
+
+@dataclass(frozen=True)
+class FoundSun:
+    """A disc in the sky.
+
+    Attributes
+    ----------
+    direction
+        (3,) unit world direction to its centre.
+    irradiance
+        (3,) what it gives to a surface that faces it.
+    radius
+        Radians.
+    gain
+        By how much it raises the log likelihood of the light in the room.
+    """
+
+    direction: np.ndarray
+    irradiance: np.ndarray
+    radius: float
+    gain: float
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        """The same for the stage's stats."""
+        return {
+            "direction": self.direction.tolist(),
+            "irradiance": self.irradiance.tolist(),
+            "radius_degrees": float(np.degrees(self.radius)),
+            "gain": self.gain,
+        }
+
+    def added_to(self, sky: EnvironmentMap) -> EnvironmentMap:
+        """A map of the sky with the sun, in texels that are as small."""
+        return with_sun(sky, self.direction, self.irradiance, self.radius, _ROWS)
+
+
+class SunSearch:
+    """The matte blocks of a room, and rays from them to the sky.
+
+    Parameters
+    ----------
+    scene
+        What rays are traced against.
+    blocks
+        Pieces of seen surface, smaller than what a window lights.
+    """
+
+    def __init__(self, scene: RayScene, blocks: Blocks) -> None:
+        self.scene = scene
+        self.matte = np.flatnonzero(blocks.spread < GLOSSY)
+        self.position, self.normal = blocks.position[self.matte], blocks.normal[self.matte]
+        self.color = np.log(np.maximum(blocks.radiance[self.matte], 1e-6))
+        self.around = _around(self.position[:, 0], blocks.group[self.matte])
+        self.compared = np.flatnonzero(np.diff(self.around.indptr) >= _LEAST_NEIGHBOURS)
+
+    def find(self, light: np.ndarray, seen: EnvironmentMap) -> FoundSun | None:
+        """Look for a sun in the whole sky; None where the light in the room does not ask for one.
+
+        Parameters
+        ----------
+        light
+            (N, 3) irradiance over pi that is known at all blocks.
+        seen
+            Map whose radiance is 1 where pixels look and else 0: no sun can be where they look.
+        """
+        around = all_around(_DIRECTIONS) @ seen.map_from_world  # of a map with y up: now of the world
+        height = (around @ seen.map_from_world.T)[:, 1]
+        tried = around[(height > _HORIZON) & (seen.lookup(around).mean(axis=1) < 0.5)]
+        judge = _Judge(self, light)
+        if len(tried) == 0 or len(self.compared) == 0:
+            return None
+        chunks = [tried[first : first + _CHUNK] for first in range(0, len(tried), _CHUNK)]
+        gains = np.concatenate([judge.gains(self.lit(chunk, 0)) for chunk in chunks])
+        best = tried[int(np.argmax(gains))]
+        others = gains[tried @ best < _FAR].max(initial=0)
+        if gains.max() - max(others, 0) < np.log(len(tried) / _CHANCE):
+            return None
+        near = tried[np.argsort(-gains, kind="stable")[:_BEST]]
+        direction, _ = max((self._finer(judge, each) for each in near), key=lambda found: found[1])
+        sun = self.measured(light, direction)
+        glow = judge.power(self.disc(direction, _GLOW), direction, _GLOW)
+        return sun if sun.gain > glow.gain else None
+
+    def measured(self, light: np.ndarray, direction: np.ndarray) -> FoundSun:
+        """The sun in a direction, with its power and its size: the smallest, unless a larger one explains more."""
+        judge = _Judge(self, light)
+        sun, *larger = [judge.power(self.disc(direction, radius), direction, radius) for radius in _RADII]
+        for each in larger:
+            sun = each if each.gain > sun.gain + _LARGER else sun
+        return sun
+
+    def disc(self, direction: np.ndarray, radius: float) -> np.ndarray:
+        """(M,) share of a disc that the matte blocks see, times the cosine, as a mean over their points."""
+        turns = np.arange(_RAYS) * np.pi * (3 - np.sqrt(5))
+        away = np.tan(radius) * np.sqrt((np.arange(_RAYS) + 0.5) / _RAYS)
+        return self._whole(_tilted(direction, away * np.cos(turns), away * np.sin(turns))).mean(axis=1)
+
+    def lit(self, directions: np.ndarray, point: int) -> np.ndarray:
+        """(M, D) cosine of a point of each block with directions (D, 3) in which it leaves the room; 0 elsewhere."""
+        position, normal = self.position[:, point], self.normal[:, point]
+        cos = normal @ directions.T.astype(np.float32)
+        row, column = np.nonzero(cos > 0)
+        origin = (position + self.scene.epsilon * normal)[row].astype(np.float32)
+        _, triangle = self.scene.intersect(origin, directions[column].astype(np.float32))
+        cos[cos <= 0] = 0
+        met = triangle >= 0
+        cos[row[met], column[met]] = 0
+        return cos
+
+    def _whole(self, directions: np.ndarray) -> np.ndarray:
+        """(M, D) the same as a mean over the points of each block."""
+        return np.mean([self.lit(directions, k) for k in range(self.position.shape[1])], axis=0)
+
+    def _finer(self, judge: "_Judge", direction: np.ndarray) -> tuple[np.ndarray, float]:
+        """The best direction near another, and its gain."""
+        best, most = direction, -np.inf
+        turns = np.arange(_AROUND) * np.pi * (3 - np.sqrt(5))
+        for degrees in _FINER:
+            away = np.tan(np.radians(degrees)) * np.sqrt(np.arange(_AROUND) / _AROUND)
+            near = _tilted(best, away * np.cos(turns), away * np.sin(turns))
+            gains = judge.gains(self._whole(near))
+            best, most = near[int(np.argmax(gains))], float(gains.max())
+        return best, most
+
+
+class _Judge:
+    """Says how likely differences of radiance between blocks are under a sun, against none."""
+
+    def __init__(self, search: SunSearch, light: np.ndarray) -> None:
+        self.search = search
+        self.light = np.maximum(light[search.matte], 1e-6)
+        self.level = np.median(self.light, axis=0) if len(self.light) else np.ones(3)
+        self.left = self._differences(search.color - np.log(self.light))
+        mean = self._differences((search.color - np.log(self.light)).mean(axis=1, keepdims=True))
+        self.sigma = max(float(deviation(mean)), LEAST_SIGMA) if mean.size else LEAST_SIGMA
+        place = search.position[search.compared, 0]
+        self.tau = errors_alike(mean[:, 0] / self.sigma, place) if len(place) > 1 else 1.0
+
+    def gains(self, share: np.ndarray) -> np.ndarray:
+        """(D,) gain in log likelihood of suns that light the blocks by ``share`` (M, D), each with its best power."""
+        light = self.light.mean(axis=1, keepdims=True)
+        color = self.search.color.mean(axis=1, keepdims=True)
+        before = self._cost(self._differences(color - np.log(light)))
+        costs = [
+            self._cost(self._differences(color - np.log(light + power * self.level.mean() * share)))
+            for power in _POWERS
+        ]
+        return (before - np.min(costs, axis=0)) / self.tau
+
+    def power(self, share: np.ndarray, direction: np.ndarray, radius: float) -> FoundSun:
+        """The sun that lights the blocks by ``share`` (M,), with its best power in each channel."""
+        power, gain = np.zeros(3), 0.0
+        for c in range(3):
+            bright = self.light[:, c : c + 1] + np.exp(_STEPS) * self.level[c] * share[:, None]
+            costs = self._cost(self._differences(self.search.color[:, c : c + 1] - np.log(bright)))
+            power[c] = np.exp(_STEPS[int(np.argmin(costs))]) * self.level[c]
+            gain += float(self._cost(self.left[:, c : c + 1])[0] - costs.min()) / 3 / self.tau
+        return FoundSun(direction, power * np.pi, radius, gain)
+
+    def _differences(self, values: np.ndarray) -> np.ndarray:
+        """(K, D) values (M, D) of the blocks that are compared, minus the mean of their neighbours."""
+        rows = self.search.compared
+        return values[rows] - self.search.around[rows] @ values
+
+    def _cost(self, left: np.ndarray) -> np.ndarray:
+        """(D,) minus the log likelihood of residuals (K, D), but for a constant."""
+        return 0.5 * (FREEDOM + 1) * np.log1p((left / self.sigma) ** 2 / FREEDOM).sum(axis=0)
+
+
+def _around(place: np.ndarray, group: np.ndarray) -> csr_matrix:
+    """(M, M) weights of the mean over each block's nearest blocks of its group."""
+    if len(place) <= 1:
+        return csr_matrix((len(place), len(place)))
+    far = 4 * float(np.ptp(place, axis=0).max()) + 1  # groups lie so far apart
+    place = np.column_stack([place, np.unique(group, return_inverse=True)[1] * far])
+    distance, index = cKDTree(place).query(place, k=min(_NEIGHBOURS + 1, len(place)))
+    of_group = distance < far
+    of_group[:, 0] = False  # the block itself
+    count = of_group.sum(axis=1)
+    row = np.repeat(np.arange(len(place)), count)
+    return csr_matrix((np.repeat(1 / np.maximum(count, 1), count), (row, index[of_group])), shape=(len(place),) * 2)
+
+
+def _tilted(direction: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """(D, 3) unit directions near another: tangents u, v (D,) of the angles between them, along two axes across."""
+    across = np.cross(direction, np.eye(3)[np.abs(direction).argmin()])
+    across /= np.linalg.norm(across)
+    tilted = direction + u[:, None] * across + v[:, None] * np.cross(direction, across)
+    return tilted / np.linalg.norm(tilted, axis=1, keepdims=True)

@@ -1,0 +1,96 @@
+"""A sun that no pixel sees, told by where it shines in a room with one window."""
+
+import numpy as np
+import pytest
+
+from fipt.scene.environment import EnvironmentMap
+from fipt.scene.mesh import Mesh
+from fipt.scene.surface_blocks import Blocks
+from tests import scenes
+
+TOWARD = np.array([0.25, 0.55, -0.8]) / np.linalg.norm([0.25, 0.55, -0.8])
+POWER = np.array([9.0, 7.5, 6.0])
+LIGHT = np.array([0.5, 0.45, 0.4])
+SIDE = 48
+
+
+def walls() -> Mesh:
+    """A room of 4 m x 2.5 m x 4 m, with an opening of 1.2 m x 1.3 m in the wall z = 0."""
+    shell = scenes.box((0, 0, 0), (4, 2.5, 4))
+    wall = np.isclose(shell.corners[..., 2], 0).all(axis=1)
+    return scenes.joined(
+        Mesh(shell.vertices, shell.triangles[~wall]),
+        scenes.quad((0, 0, 0), (4, 0, 0), (0, 0.8, 0)),
+        scenes.quad((0, 2.1, 0), (4, 0, 0), (0, 0.4, 0)),
+        scenes.quad((0, 0.8, 0), (1.4, 0, 0), (0, 1.3, 0)),
+        scenes.quad((2.6, 0.8, 0), (1.4, 0, 0), (0, 1.3, 0)),
+    )
+
+
+def pieces(np_rng):
+    """Blocks of the floor and of two walls, with four points each: positions (N, 4, 3), normals, and their surface."""
+    step = (np.arange(SIDE) + 0.5) / SIDE
+    u, v = (each.ravel() for each in np.meshgrid(step, step))
+    zero = np.zeros_like(u)
+    parts = [
+        (np.stack([4 * u, zero, 4 * v], 1), (0, 1, 0)),
+        (np.stack([zero, 2.5 * u, 4 * v], 1), (1, 0, 0)),
+        (np.stack([zero + 4, 2.5 * u, 4 * v], 1), (-1, 0, 0)),
+    ]
+    group = np.repeat(np.arange(3), SIDE * SIDE)
+    normal = np.repeat(np.float32([each for _, each in parts]), SIDE * SIDE, axis=0)
+    place = np.concatenate([each for each, _ in parts])[:, None]
+    inside = np_rng.uniform(-0.5, 0.5, (len(place), 4, 3)) * 4 / SIDE * (normal == 0)[:, None]
+    place = np.clip(place + inside, (0, 0, 0.001), (4, 2.5, 4)).astype(np.float32)
+    return place, np.repeat(normal[:, None], 4, axis=1), group
+
+
+@pytest.fixture
+def room(backend, np_rng):
+    """Returns a search in the room, and the light that is known; ``power`` is that of the sun which it has."""
+    from fipt.render.scene import RayScene
+    from fipt.render.sunlight import sunlight
+    from fipt.scene.sun import Sun
+    from fipt.stages.environment.sun import SunSearch
+
+    def made(power):
+        scene = RayScene(walls())
+        place, normal, group = pieces(np_rng)
+        sun = Sun(TOWARD[None], np.asarray(power)[None], np.radians([0.27]))
+        known = np.tile(LIGHT, (len(place), 1))
+        light = known + np.mean([sunlight(scene, sun, place[:, k], normal[:, k]) for k in range(4)], axis=0)
+        rho = np.array([[0.5, 0.3, 0.2], [0.7, 0.7, 0.7], [0.3, 0.4, 0.5]])[group]
+        color = rho * light * np.exp(0.25 * np_rng.standard_normal((len(place), 1)))
+        none = np.zeros(len(place))
+        return SunSearch(scene, Blocks(place, normal, color, none, group, none.astype(np.int64))), known
+
+    return made
+
+
+NOWHERE = EnvironmentMap("map", np.zeros((180, 360, 3), np.float32))
+"""No pixel looks outside."""
+
+
+def test_its_place_and_power_are_found(room):
+    search, known = room(POWER)
+    sun = search.find(known, NOWHERE)
+    assert np.degrees(np.arccos(sun.direction @ TOWARD)) < 1
+    np.testing.assert_allclose(sun.irradiance, POWER, rtol=0.15)
+    assert sun.radius < np.radians(1)
+
+
+def test_a_sun_is_not_sought_where_pixels_look(room):
+    search, known = room(POWER)
+    above = (np.arange(180) < 90).astype(np.float32)[:, None, None]
+    assert search.find(known, EnvironmentMap("map", np.broadcast_to(above, (180, 360, 3)).copy())) is None
+
+
+def test_without_a_sun_none_is_found(room):
+    search, known = room(np.full(3, 1e-9))
+    assert search.find(known, NOWHERE) is None
+
+
+def test_no_sun_stands_below_the_horizon(room):
+    search, known = room(POWER)
+    upside = EnvironmentMap("map", NOWHERE.radiance, "z", 20.0)  # up is +z, and the light comes from -z
+    assert search.find(known, upside) is None
