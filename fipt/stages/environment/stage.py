@@ -39,4 +39,6 @@ def run(inputs: EnvironmentInputs, settings: "EnvironmentSettings") -> dict[str,
     write_environment(inputs.out, found)
     mean = found.mean
     log.info("environment: %s, mean radiance %.4g %.4g %.4g", found.mode, *mean)
+    if sun := figures.get("sun"):
+        log.info("a sun along (%.3f, %.3f, %.3f), irradiance %.4g %.4g %.4g", *sun["direction"], *sun["irradiance"])
     return figures | {"mode": found.mode, "mean": mean.tolist()}

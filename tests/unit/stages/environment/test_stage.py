@@ -3,12 +3,14 @@
 import json
 
 import numpy as np
+import pytest
 from scipy.ndimage import binary_erosion
 
 from fipt.formats.arrays import load_npz, save_npz
 from fipt.formats.exr import read_rgb, write_exr
-from fipt.scene.environment import read_environment
+from fipt.scene.environment import EnvironmentMap, read_environment
 from fipt.scene.shading import read_shading
+from fipt.scene.sun import split
 from tests import scenes
 from tests.fitted import SETTINGS, call
 
@@ -38,6 +40,25 @@ def test_light_from_outside_is_found_and_lights_the_room(opened, tmp_path):
     gained = lit - dark
     assert gained[1] > 0.05
     np.testing.assert_allclose(gained / gained[1], scenes.COLORS[MISSING] / 0.5, atol=0.02)  # green
+
+
+def test_a_sun_that_is_found_stands_in_the_map(opened, tmp_path, monkeypatch):
+    from fipt.stages.environment.from_room import FoundOutside
+    from fipt.stages.environment.sun import FoundSun
+
+    toward = np.array([0.8, 0.5, 0.2]) / np.linalg.norm([0.8, 0.5, 0.2])
+    sun = FoundSun(toward, np.array([90.0, 70.0, 50.0]), np.radians(0.27), 40.0)
+    sky = EnvironmentMap("map", np.ones((32, 64, 3), np.float32))
+    monkeypatch.setattr(
+        "fipt.stages.environment.fit.outside_from_room", lambda *_: FoundOutside(sky, sun, {"sun": sun.figures})
+    )
+    out, stats = tmp_path / "sunny.npz", tmp_path / "stats.json"
+    assert call("environment", opened, "--out", out, "--stats", stats) == 0
+    found = read_environment(out)
+    assert found.radiance.shape == (512, 1024, 3)
+    np.testing.assert_allclose(split(found)[1].irradiance.sum(axis=0), sun.irradiance, rtol=0.02)
+    assert found.lookup(toward[None]).min() > 1e5
+    assert json.loads(stats.read_text())["sun"]["direction"] == pytest.approx(toward)
 
 
 def test_bad_environments(work, refused, tmp_path):

@@ -2,16 +2,19 @@
 
 import numpy as np
 import pytest
+from scipy.sparse import csr_matrix
 
-from fipt.scene.environment import EnvironmentMap
+from fipt.scene.environment import EnvironmentMap, texel_directions
 from fipt.scene.mesh import Mesh
 from fipt.scene.surface_blocks import Blocks
+from fipt.stages.environment.settings import FittedMap
+from fipt.stages.environment.unseen import RoomLight
 from tests import scenes
 
 TOWARD = np.array([0.25, 0.55, -0.8]) / np.linalg.norm([0.25, 0.55, -0.8])
 POWER = np.array([9.0, 7.5, 6.0])
 LIGHT = np.array([0.5, 0.45, 0.4])
-SIDE = 48
+SIDE = 36
 
 
 def walls() -> Mesh:
@@ -47,13 +50,13 @@ def pieces(np_rng):
 
 @pytest.fixture
 def room(backend, np_rng):
-    """Returns a search in the room, and the light that is known; ``power`` is that of the sun which it has."""
+    """Returns a search in the room (or its blocks), and the light that is known; ``power`` is that of its sun."""
     from fipt.render.scene import RayScene
     from fipt.render.sunlight import sunlight
     from fipt.scene.sun import Sun
     from fipt.stages.environment.sun import SunSearch
 
-    def made(power):
+    def made(power, search=True):
         scene = RayScene(walls())
         place, normal, group = pieces(np_rng)
         sun = Sun(TOWARD[None], np.asarray(power)[None], np.radians([0.27]))
@@ -62,9 +65,18 @@ def room(backend, np_rng):
         rho = np.array([[0.5, 0.3, 0.2], [0.7, 0.7, 0.7], [0.3, 0.4, 0.5]])[group]
         color = rho * light * np.exp(0.25 * np_rng.standard_normal((len(place), 1)))
         none = np.zeros(len(place))
-        return SunSearch(scene, Blocks(place, normal, color, none, group, none.astype(np.int64))), known
+        blocks = Blocks(place, normal, color, none, group, none.astype(np.int64))
+        return SunSearch(scene, blocks) if search else blocks, known
 
     return made
+
+
+class Walls:
+    """A dataset of nothing but a mesh."""
+
+    @staticmethod
+    def mesh() -> Mesh:
+        return walls()
 
 
 NOWHERE = EnvironmentMap("map", np.zeros((180, 360, 3), np.float32))
@@ -94,3 +106,29 @@ def test_no_sun_stands_below_the_horizon(room):
     search, known = room(POWER)
     upside = EnvironmentMap("map", NOWHERE.radiance, "z", 20.0)  # up is +z, and the light comes from -z
     assert search.find(known, upside) is None
+
+
+@pytest.mark.parametrize("sought", [True, False])
+def test_the_sky_is_found_beside_the_sun(room, monkeypatch, sought):
+    """Without the sun as such, the sky takes up its light."""
+    from fipt.stages.environment import from_room
+
+    blocks, known = room(POWER, search=False)
+    open_ = np.zeros((len(known), 32 * 64))
+    open_[:, 300] = 1e-4  # next to nothing of the sky is open
+    monkeypatch.setattr(from_room, "before_shading", lambda *_: None)
+    monkeypatch.setattr(from_room, "blocks_of", lambda *_: blocks)
+    monkeypatch.setattr(from_room, "room_light", lambda *_: RoomLight(known, csr_matrix(open_)))
+    below = texel_directions(16, 32)
+    below = below[below[:, 1] < -0.3]
+    pixels = (below, np.full((len(below), 3), 0.5), np.ones(len(below)), np.zeros(len(below), bool))
+    found = from_room.outside_from_room(Walls(), [], {}, pixels, FittedMap(sun=sought))
+    assert found.sky.radiance.shape == (32, 64, 3)
+    if not sought:
+        assert found.sun is None
+        assert "sun" not in found.figures
+        return
+    assert np.degrees(np.arccos(found.sun.direction @ TOWARD)) < 1
+    np.testing.assert_allclose(found.sun.irradiance, POWER, rtol=0.15)
+    assert found.figures["sun"]["gain"] > 50
+    assert found.sky.radiance.max() < 5
