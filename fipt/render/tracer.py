@@ -110,7 +110,7 @@ class Arrival:
     radiance
         Emitted or cached radiance that is sent back along the ray.
     p_emitter
-        Density (per steradian) with which emitter sampling draws this point; 0 where it cannot.
+        Density (per steradian) with which emitters or the sun are sampled here; 0 where they cannot be.
     ends
         Whether the path ends here.
     record, s
@@ -156,6 +156,7 @@ class Shader:
         self.spots = spots
         self._samples_emitters = path is not None and triangles.has_emitters
         self._emitters_at_x = path is not None and path.light_at_first and triangles.has_emitters
+        self._samples_sun = sky is not None and sky.suns > 0
 
     def shade(
         self, points: Points, levels: Sequence[float | np.ndarray], counts: Sequence[int], per_sample: int = 1
@@ -214,7 +215,7 @@ class Shader:
             L += self._emitter_light(rng, v, β, at_x, lobes, integrals)
             if dr.hint(len(self.spots) > 0, mode="scalar"):
                 L += self._spot_light(v, β, at_x, k == 0, lobes, integrals)
-            if dr.hint(self.sky is not None and self.sky.sun is not None, mode="scalar"):
+            if dr.hint(self._samples_sun, mode="scalar"):
                 L += self._sunlight(rng, v, β, at_x, lobes, integrals)
 
             # ---------------- a new direction: of the lobes at x, of the material at y ----------------
@@ -229,11 +230,11 @@ class Shader:
             # ---------------- what lies there: emission, cache, environment ----------------
             si = self._intersect(v, wi, (dr.dot(v.n, wi) > 0) & (dr.max(β) > 0))
             found = self._arrive(si, depth)
-            by_both = si.valid & (found.p_emitter > 0)
+            by_both = found.p_emitter > 0
             # MIS: balance heuristic over the N lobe and N emitter samples at x (below), power heuristic at y
             mis = dr.select(by_both & ~at_x, dr.square(p) / (dr.square(p) + dr.square(found.p_emitter)), 1)
             L += β * found.radiance * mis
-            if dr.hint(self._emitters_at_x, mode="scalar"):
+            if dr.hint(self._emitters_at_x or self._samples_sun, mode="scalar"):
                 p_emitter = dr.select(by_both, found.p_emitter * mi.Float(lobes.total), 0)
                 p_emitter_x = dr.select(at_x, p_emitter, p_emitter_x)
 
@@ -311,14 +312,16 @@ class Shader:
     ) -> "mi.Color3f":
         """Light of one point of the sun at v: what a path gains at y. At x all integrals get it instead."""
         assert self.sky is not None
-        assert self.sky.sun is not None
-        wi, arriving = self.sky.sun.sample(rng.next_float32(), rng.next_float32(), rng.next_float32())
+        wi, p_sun = self.sky.sample_sun(rng.next_float32(), rng.next_float32(), rng.next_float32())
         visible = dr.dot(v.n, wi) > 0
         visible &= ~self._blocked(self._origin(v), wi, mi.Float(dr.largest(mi.Float)), visible)
+        Le, _ = self.sky.lookup(wi, visible)
         g = ggx.ReflectionGeometry(v.n, wi, v.wo)
-        lobes.splat(integrals, g, dr.select(visible & at_x, arriving / mi.Float(lobes.total), 0))
-        f, _ = v.evaluate(wi)
-        return dr.select(visible & ~at_x, β * f * arriving, 0)
+        density = lobes.density(g) + p_sun * mi.Float(lobes.total)
+        lobes.splat(integrals, g, dr.select(visible & at_x, Le / density, 0))
+        f, p = v.evaluate(wi)
+        mis = dr.square(p_sun) / (dr.square(p_sun) + dr.square(p))
+        return dr.select(visible & ~at_x, β * f * Le * (mis / p_sun), 0)
 
     @staticmethod
     def _next_direction(rng: "mi.PCG32", v: Vertex) -> "mi.Vector3f":
@@ -344,8 +347,8 @@ class Shader:
         if self.path is None:
             record = self.cache.find(si.p, si.n, si.valid)
             radiance, s, _ = self.cache.lookup_radiance(record, si.valid)
-            radiance = self._or_environment(dr.select(si.valid, radiance, 0), si)
-            return Arrival(radiance, mi.Float(0.0), mi.Bool(True), record, s)
+            radiance, p_emitter = self._or_environment(dr.select(si.valid, radiance, 0), mi.Float(0.0), si)
+            return Arrival(radiance, p_emitter, mi.Bool(True), record, s)
         radiance, p_emitter, ends = mi.Color3f(0.0), mi.Float(0.0), ~si.valid
         if self.triangles.absorb:
             on_emitter = si.valid & (si.emitter > 0)
@@ -360,7 +363,7 @@ class Shader:
         cached, s, known = self.cache.lookup_radiance(record, ~ends)
         last = depth + 1 >= self.path.max_depth
         read = ~ends & known & ((s > self.path.cache_roughness) | last)
-        radiance = self._or_environment(dr.select(read, cached, radiance), si)
+        radiance, p_emitter = self._or_environment(dr.select(read, cached, radiance), p_emitter, si)
         return Arrival(radiance, p_emitter, ends | read | last, record, s)
 
     def _vertex(self, si: Interaction, found: Arrival) -> Vertex:
@@ -370,9 +373,14 @@ class Shader:
             base_color, metallic = self.cache.lookup_material(found.record, ~found.ends)
         return Vertex(si.p, si.n, -si.wi, base_color, found.s, metallic)
 
-    def _or_environment(self, radiance: "mi.Color3f", si: Interaction) -> "mi.Color3f":
-        """``radiance``, or that of the environment where a ray leaves the mesh."""
-        return radiance if self.sky is None else dr.select(si.leaves, self.sky.lookup(si.wi, si.leaves), radiance)
+    def _or_environment(
+        self, radiance: "mi.Color3f", p_emitter: "mi.Float", si: Interaction
+    ) -> tuple["mi.Color3f", "mi.Float"]:
+        """``radiance`` and ``p_emitter``, or those of the environment where a ray leaves the mesh."""
+        if self.sky is None:
+            return radiance, p_emitter
+        outside, p_sun = self.sky.lookup(si.wi, si.leaves)
+        return dr.select(si.leaves, outside, radiance), dr.select(si.leaves, p_sun, p_emitter)
 
     def _blocked(self, origin: "mi.Point3f", wi: "mi.Vector3f", distance: "mi.Float", active: "mi.Bool") -> "mi.Bool":
         """Whether something lies between a point and another ``distance`` away."""

@@ -7,8 +7,9 @@ from scipy.ndimage import binary_dilation
 
 from fipt.scene.environment import EnvironmentMap, solid_angles, texel_directions
 
-_BRIGHT = 30.0
-"""Radiance, in means of the sky without its sun, from which a texel is of the sun: clouds and windows are dimmer."""
+_BRIGHT = 30.0 * 3.0 ** np.arange(8)
+"""Radiance, in means of the sky without its sun, from which a texel is of the sun: the first that leaves a small one.
+Clouds and windows are dimmer; haze around a sun may be brighter."""
 _LARGEST = 0.02
 """Steradians that a sun has at most, a disc of 9 degrees: rays of a lobe find what is larger."""
 _PASSES = 3
@@ -51,20 +52,32 @@ class Sun:
         return direction, self.irradiance[chosen] / self.chance[chosen][:, None]
 
 
+def sun_texels(environment: EnvironmentMap) -> np.ndarray:
+    """(h, w) bool: the texels of the sun; none where nothing is small and bright."""
+    level = environment.radiance.mean(axis=-1)
+    angle = np.broadcast_to(solid_angles(*level.shape), level.shape)
+    for factor in _BRIGHT:
+        bright = np.zeros(level.shape, bool)
+        for _ in range(_PASSES):
+            rest = ~bright
+            bright = level > factor * (level * angle)[rest].sum() / angle[rest].sum()
+            if angle[bright].sum() > _LARGEST:
+                break
+        else:
+            return bright
+    return np.zeros(level.shape, bool)
+
+
 def split(environment: EnvironmentMap) -> tuple[EnvironmentMap, Sun | None]:
     """Part a map into the sky without its sun, and the sun; None where nothing is small and bright.
 
     A texel of the sun shines as the sky around the sun does, in the mean, and the rest is the sun's.
     """
-    radiance = environment.radiance
-    height, width = radiance.shape[:2]
-    angle = np.broadcast_to(solid_angles(height, width), (height, width))
-    level, bright = radiance.mean(axis=-1), np.zeros((height, width), bool)
-    for _ in range(_PASSES):
-        rest = ~bright
-        bright = level > _BRIGHT * (level * angle)[rest].sum() / angle[rest].sum()
-        if angle[bright].sum() > _LARGEST or not bright.any():
-            return environment, None
+    radiance, bright = environment.radiance, sun_texels(environment)
+    if not bright.any():
+        return environment, None
+    height, width = bright.shape
+    angle = np.broadcast_to(solid_angles(height, width), bright.shape)
     around = binary_dilation(bright, np.ones((3, 3), bool)) & ~bright
     behind = radiance[around].mean(axis=0, dtype=np.float64)
     row, column = np.nonzero(bright)

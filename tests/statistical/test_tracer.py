@@ -302,6 +302,25 @@ def test_a_small_sun_is_found_by_few_rays(backend, paths):
     assert sunny[:, 0].std() < 0.02 * sunny[:, 0].mean()
 
 
+@pytest.mark.parametrize("paths", [False, True])
+@pytest.mark.parametrize(("radius", "roughness"), [(1.5, 0.02), (4.0, 0.02), (4.0, 0.12)])
+def test_a_mirror_shows_the_sun_without_noise(backend, paths, radius, roughness):
+    """Its lobe finds what rays to the sun hardly ever hit; a disc larger than the lobe is an even light."""
+    toward = unit((0.5, 0.8, 0.2))
+    lit = with_sun(constant((0.0, 0.0, 0.0)), toward, np.full(3, 50.0), np.radians(radius), 512)
+    disc = lit.lookup(toward[None])[0]
+    points = copies((0, 0, 0), UP, toward * (-1, 1, -1), 300)
+    ground = scenes.floor()
+    tracer = (
+        shader(scenes.Lit(ground, None, None), environment=lit) if paths else bake_shader(ground, scenes.grid(), lit)
+    )
+    got = tracer.shade(points, [roughness], [16, 32])[:, 1:].sum(axis=1)
+    assert (got.std(axis=0) < 0.15 * got.mean(axis=0)).all()
+    if roughness < 0.1:
+        expected = np.sum(specular_albedo(toward[1], roughness)) * disc
+        np.testing.assert_allclose(got.mean(axis=0), expected, rtol=0.03)
+
+
 def test_points_of_one_sample_share_its_directions(backend):
     """Four times one point with a quarter of the directions each is that point with all of them."""
     from fipt.render.points import Points

@@ -27,8 +27,8 @@ _SUN_BLOCKS, _SUN_RAYS = 6000, 64
 """Pieces of surface that tell of a sun, some centimetres wide, and rays of each of their samples to all other light."""
 _SUN_ROUNDS = 2
 """Estimates of the sky beside the sun and of the sun's power, in turn."""
-_LOOKED_AT_ROWS = 180
-"""Rows of the map of where pixels look: a degree each, as pixels are at most."""
+_LOOKED_AT_ROWS = 90
+"""Rows of the map of where pixels look: two degrees each, so that none lies between pixels."""
 
 OpenPixels = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 """Of pixels that see outside: direction (N, 3), radiance (N, 3), weight (N,), and whether it is clipped (N,)."""
@@ -74,13 +74,14 @@ def outside_from_room(
     their = room_light(pieces, room.scene, cache, room.smooth, _SUN_RAYS)
     search = SunSearch(room.scene, pieces)
     sun = search.find(their.under(room.smooth.radiance), room.looked_at)
+    without = FoundOutside(sky, None, figures)
     if sun is None:
-        return FoundOutside(sky, None, figures)
+        return without
     for _ in range(_SUN_ROUNDS):
         sunlit = replace(light, inside=light.inside + _sunlit(room.scene, sun, blocks))
         sky, figures = room.sky(blocks, sunlit)
         sun = search.measured(their.under(sky.radiance), sun.direction)
-    return FoundOutside(sky, sun, figures | {"sun": sun.figures})
+    return FoundOutside(sky, sun, figures | {"sun": sun.figures}) if sun.irradiance.any() else without
 
 
 class _Room:

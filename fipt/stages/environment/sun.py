@@ -33,11 +33,12 @@ _HORIZON = np.sin(np.radians(2.0))
 _BEST = 4
 """Directions of these around which finer ones are tried."""
 _FINER = (2.0, 0.7, 0.25)
-"""Degrees around the best one in which finer ones are tried, step by step, and so many of them."""
+"""Degrees around each of them in which finer ones are tried, one step after the other."""
 _AROUND = 60
-_POWERS = 2.0 ** np.arange(-1, 7.1, 1.5)
-"""Light of a sun that is tried, in medians of what lights the room."""
-_STEPS = np.linspace(np.log(_POWERS[0] / 2), np.log(_POWERS[-1] * 2), 81)
+"""Directions of such a step."""
+_POWERS = 2.0 ** np.arange(-1, 9.6, 1.5)
+"""Light of a sun that is tried, in medians of what lights the room: sunlight has 100,000 lux, a dim room 300."""
+_STEPS = np.linspace(np.log(_POWERS[0] / 2), np.log(_POWERS[-1] * 2), 101)
 """The same for the power of what is found, as logarithms."""
 _RADII = np.radians((0.27, 0.75, 1.5))
 """Radii of the disc: of the sun, behind haze, and of the discs of 3 degrees that scene files' directional light has."""
@@ -127,22 +128,20 @@ class SunSearch:
             Map whose radiance is 1 where pixels look and else 0: no sun can be where they look.
         """
         around = all_around(_DIRECTIONS) @ seen.map_from_world  # of a map with y up: now of the world
-        height = (around @ seen.map_from_world.T)[:, 1]
-        tried = around[(height > _HORIZON) & (seen.lookup(around).mean(axis=1) < 0.5)]
-        judge = _Judge(self, light)
+        tried, judge = around[_possible(around, seen)], _Judge(self, light)
         if len(tried) == 0 or len(self.compared) == 0:
             return None
         chunks = [tried[first : first + _CHUNK] for first in range(0, len(tried), _CHUNK)]
         gains = np.concatenate([judge.gains(self.lit(chunk, 0)) for chunk in chunks])
         best = tried[int(np.argmax(gains))]
-        others = gains[tried @ best < _FAR].max(initial=0)
-        if gains.max() - max(others, 0) < np.log(len(tried) / _CHANCE):
+        others, enough = max(gains[tried @ best < _FAR].max(initial=0), 0), np.log(len(tried) / _CHANCE)
+        if gains.max() - others < enough:
             return None
         near = tried[np.argsort(-gains, kind="stable")[:_BEST]]
-        direction, _ = max((self._finer(judge, each) for each in near), key=lambda found: found[1])
+        direction, _ = max((self._finer(judge, each, seen) for each in near), key=lambda found: found[1])
         sun = self.measured(light, direction)
         glow = judge.power(self.disc(direction, _GLOW), direction, _GLOW)
-        return sun if sun.gain > glow.gain else None
+        return sun if sun.gain > max(glow.gain, others + enough) else None
 
     def measured(self, light: np.ndarray, direction: np.ndarray) -> FoundSun:
         """The sun in a direction, with its power and its size: the smallest, unless a larger one explains more."""
@@ -174,13 +173,14 @@ class SunSearch:
         """(M, D) the same as a mean over the points of each block."""
         return np.mean([self.lit(directions, k) for k in range(self.position.shape[1])], axis=0)
 
-    def _finer(self, judge: "_Judge", direction: np.ndarray) -> tuple[np.ndarray, float]:
-        """The best direction near another, and its gain."""
+    def _finer(self, judge: "_Judge", direction: np.ndarray, seen: EnvironmentMap) -> tuple[np.ndarray, float]:
+        """The best possible direction near another, which is possible, and its gain."""
         best, most = direction, -np.inf
         turns = np.arange(_AROUND) * np.pi * (3 - np.sqrt(5))
         for degrees in _FINER:
             away = np.tan(np.radians(degrees)) * np.sqrt(np.arange(_AROUND) / _AROUND)
             near = _tilted(best, away * np.cos(turns), away * np.sin(turns))
+            near = near[_possible(near, seen)]
             gains = judge.gains(self._whole(near))
             best, most = near[int(np.argmax(gains))], float(gains.max())
         return best, most
@@ -199,25 +199,29 @@ class _Judge:
         place = search.position[search.compared, 0]
         self.tau = errors_alike(mean[:, 0] / self.sigma, place) if len(place) > 1 else 1.0
 
-    def gains(self, share: np.ndarray) -> np.ndarray:
-        """(D,) gain in log likelihood of suns that light the blocks by ``share`` (M, D), each with its best power."""
+    def gains(self, lit: np.ndarray) -> np.ndarray:
+        """(D,) gain in log likelihood of suns, each with its best power.
+
+        ``lit`` (M, D): cosines of the blocks with them, 0 where they do not reach.
+        """
         light = self.light.mean(axis=1, keepdims=True)
         color = self.search.color.mean(axis=1, keepdims=True)
         before = self._cost(self._differences(color - np.log(light)))
         costs = [
-            self._cost(self._differences(color - np.log(light + power * self.level.mean() * share)))
-            for power in _POWERS
+            self._cost(self._differences(color - np.log(light + power * self.level.mean() * lit))) for power in _POWERS
         ]
         return (before - np.min(costs, axis=0)) / self.tau
 
-    def power(self, share: np.ndarray, direction: np.ndarray, radius: float) -> FoundSun:
-        """The sun that lights the blocks by ``share`` (M,), with its best power in each channel."""
+    def power(self, lit: np.ndarray, direction: np.ndarray, radius: float) -> FoundSun:
+        """The sun with its best power in each channel; ``lit`` (M,) as in `gains`."""
         power, gain = np.zeros(3), 0.0
         for c in range(3):
-            bright = self.light[:, c : c + 1] + np.exp(_STEPS) * self.level[c] * share[:, None]
+            bright = self.light[:, c : c + 1] + np.exp(_STEPS) * self.level[c] * lit[:, None]
             costs = self._cost(self._differences(self.search.color[:, c : c + 1] - np.log(bright)))
-            power[c] = np.exp(_STEPS[int(np.argmin(costs))]) * self.level[c]
-            gain += float(self._cost(self.left[:, c : c + 1])[0] - costs.min()) / 3 / self.tau
+            gained = float(self._cost(self.left[:, c : c + 1])[0] - costs.min())
+            if gained > 0:
+                power[c] = np.exp(_STEPS[int(np.argmin(costs))]) * self.level[c]
+                gain += gained / 3 / self.tau
         return FoundSun(direction, power * np.pi, radius, gain)
 
     def _differences(self, values: np.ndarray) -> np.ndarray:
@@ -228,6 +232,12 @@ class _Judge:
     def _cost(self, left: np.ndarray) -> np.ndarray:
         """(D,) minus the log likelihood of residuals (K, D), but for a constant."""
         return 0.5 * (FREEDOM + 1) * np.log1p((left / self.sigma) ** 2 / FREEDOM).sum(axis=0)
+
+
+def _possible(directions: np.ndarray, seen: EnvironmentMap) -> np.ndarray:
+    """(D,) bool: world directions above the horizon in which no pixel looks."""
+    height = (directions @ seen.map_from_world.T)[:, 1]
+    return (height > _HORIZON) & (seen.lookup(directions).mean(axis=1) < 0.5)
 
 
 def _around(place: np.ndarray, group: np.ndarray) -> csr_matrix:

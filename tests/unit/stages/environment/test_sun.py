@@ -79,7 +79,7 @@ class Walls:
         return walls()
 
 
-NOWHERE = EnvironmentMap("map", np.zeros((180, 360, 3), np.float32))
+NOWHERE = EnvironmentMap("map", np.zeros((90, 180, 3), np.float32))
 """No pixel looks outside."""
 
 
@@ -93,8 +93,18 @@ def test_its_place_and_power_are_found(room):
 
 def test_a_sun_is_not_sought_where_pixels_look(room):
     search, known = room(POWER)
-    above = (np.arange(180) < 90).astype(np.float32)[:, None, None]
-    assert search.find(known, EnvironmentMap("map", np.broadcast_to(above, (180, 360, 3)).copy())) is None
+    above = (np.arange(90) < 45).astype(np.float32)[:, None, None]
+    assert search.find(known, EnvironmentMap("map", np.broadcast_to(above, (90, 180, 3)).copy())) is None
+
+
+def test_nor_close_beside_where_one_would_be(room):
+    """A small piece of the sky around it is looked at."""
+    search, known = room(POWER)
+    directions = texel_directions(90, 180)
+    looked = (directions @ TOWARD > np.cos(np.radians(5))).astype(np.float32).reshape(90, 180, 1)
+    seen = EnvironmentMap("map", np.repeat(looked, 3, axis=2))
+    found = search.find(known, seen)
+    assert found is None or seen.lookup(found.direction[None])[0, 0] < 0.5
 
 
 def test_without_a_sun_none_is_found(room):
@@ -110,12 +120,13 @@ def test_no_sun_stands_below_the_horizon(room):
 
 @pytest.mark.parametrize("sought", [True, False])
 def test_the_sky_is_found_beside_the_sun(room, monkeypatch, sought):
-    """Without the sun as such, the sky takes up its light."""
+    """Without the sun as such, the sky takes up its light: what it lights sees a piece of the sky there."""
     from fipt.stages.environment import from_room
 
     blocks, known = room(POWER, search=False)
+    lit = np.log(blocks.radiance[:, 0]) > np.median(np.log(blocks.radiance[:, 0])) + 1
     open_ = np.zeros((len(known), 32 * 64))
-    open_[:, 300] = 1e-4  # next to nothing of the sky is open
+    open_[lit, 5 * 64 + 36] = 0.02
     monkeypatch.setattr(from_room, "before_shading", lambda *_: None)
     monkeypatch.setattr(from_room, "blocks_of", lambda *_: blocks)
     monkeypatch.setattr(from_room, "room_light", lambda *_: RoomLight(known, csr_matrix(open_)))
@@ -127,8 +138,8 @@ def test_the_sky_is_found_beside_the_sun(room, monkeypatch, sought):
     if not sought:
         assert found.sun is None
         assert "sun" not in found.figures
+        assert found.sky.radiance.max() > 35
         return
     assert np.degrees(np.arccos(found.sun.direction @ TOWARD)) < 1
-    np.testing.assert_allclose(found.sun.irradiance, POWER, rtol=0.15)
-    assert found.figures["sun"]["gain"] > 50
-    assert found.sky.radiance.max() < 5
+    assert found.figures["sun"]["irradiance"] == found.sun.irradiance.tolist()
+    assert found.sky.radiance.max() < 20
