@@ -26,6 +26,9 @@ _BYTES_A_POINT, _BYTES_A_SAMPLE = 100, 200
 largest view."""
 _BYTES_ON_DISK = 10
 """Of the file, for such a point: measured 9.0 and 9.3."""
+_OFF_PLANE = 4.0
+"""How much further what lies off the plane of unseen surface counts. Where balls of 0.6 m of a scan were hidden, 1.2 %
+of their surface came out three times too bright, instead of 1.5 %; in a clean room it made no difference."""
 _MIXED = 1e-3
 """Weight of those others: they count only where nothing better is known."""
 
@@ -51,7 +54,7 @@ def build(
         of their voxel, then ``facing`` (K,) uint8; ``point`` (K, 3) float32 a point of that surface in the voxel,
         ``radiance`` (K, 3) float32, ``count`` (K,) float32 pixels that it fills (0: its radiance is mixed or not
         known), ``source`` (K,) int32 the record that stands for it where no view sees it: the nearest seen one, of
-        the same connected part if it can be.
+        the same connected part and not mixed if it can be.
     """
     center, side = scene_box(shards)
     n = settings.resolution
@@ -88,7 +91,7 @@ def build(
         "point": point,
         "radiance": (sums.total / np.maximum(sums.weight, 1e-12)[:, None]).astype(np.float32),
         "count": sums.count.astype(np.float32),
-        "source": _nearest_seen(point, facing, part, sums.seen, 8 * side / n),
+        "source": _nearest_seen(point, facing, part, sums.seen, sums.count > 0, 8 * side / n),
     }
 
 
@@ -189,22 +192,29 @@ class _Sums:
 
 
 def _nearest_seen(
-    points: np.ndarray, facing: np.ndarray, part: np.ndarray, seen: np.ndarray, turn: float
+    points: np.ndarray, facing: np.ndarray, part: np.ndarray, seen: np.ndarray, filled: np.ndarray, turn: float
 ) -> np.ndarray:
-    """(K,) int32 index of the nearest seen point, of the same connected part where that has one; itself where seen.
+    """(K,) int32 index of the record that stands for one that is not ``seen``; itself where it is.
 
-    A surface that faces another way counts as ``turn`` metres further away.
+    The nearest one, of the same connected part before others; of these one that pixels have ``filled`` before one that
+    they show in a mixture with something else, perhaps with a lamp. A surface that faces another way counts as ``turn``
+    metres further away, and what lies off the plane of the surface as `_OFF_PLANE` times as far: ceilings go on.
     """
     source = np.arange(len(points), dtype=np.int32)
-    if seen.all() or not seen.any():
+    if not seen.any():
         return source
-    extent = float(np.ptp(points, axis=0).max()) + 1.0
-    points = np.concatenate([points, turn * _DIRECTIONS[facing]], axis=1)
-    # the part as one more coordinate, so far apart that another part is nearest only where its own is unseen
-    place = np.concatenate([points, part[:, None] * (4.0 * extent)], axis=1)
-    _, same = cKDTree(place[seen]).query(place[~seen], workers=-1)
-    _, any_part = cKDTree(points[seen]).query(points[~seen], workers=-1)
-    chosen = np.flatnonzero(seen)
-    own = part[chosen[same]] == part[~seen]
-    source[~seen] = np.where(own, chosen[same], chosen[any_part])
+    apart = 4.0 * _OFF_PLANE * (float(np.ptp(points, axis=0).max()) + 1.0)
+    for axis in range(3):
+        scaled = points * np.where(np.arange(3) == axis, _OFF_PLANE, 1.0)
+        place = np.concatenate([scaled, turn * _DIRECTIONS[facing], part[:, None] * apart], axis=1)
+        asked = np.flatnonzero(~seen & (facing // 2 == axis))
+        for pool, own in ((filled, True), (seen, True), (filled, False), (seen, False)):
+            chosen = np.flatnonzero(pool)
+            if len(asked) == 0 or len(chosen) == 0:
+                continue
+            columns = slice(None) if own else slice(6)
+            _, nearest = cKDTree(place[chosen, columns]).query(place[asked, columns], workers=-1)
+            right = (part[chosen[nearest]] == part[asked]) | (not own)
+            source[asked[right]] = chosen[nearest[right]]
+            asked = asked[~right]
     return source

@@ -140,8 +140,8 @@ class SunSearch:
         near = tried[np.argsort(-gains, kind="stable")[:_BEST]]
         direction, _ = max((self._finer(judge, each, seen) for each in near), key=lambda found: found[1])
         sun = self.measured(light, direction)
-        glow = judge.power(self.disc(direction, _GLOW), direction, _GLOW)
-        return sun if sun.gain > max(glow.gain, others + enough) else None
+        *discs, glow = [judge.power(self.disc(direction, each), direction, each).gain for each in (*_RADII, _GLOW)]
+        return sun if glow < max(discs) + enough and sun.gain > others + enough else None
 
     def measured(self, light: np.ndarray, direction: np.ndarray) -> FoundSun:
         """The sun in a direction, with its power and its size: the smallest, unless a larger one explains more."""

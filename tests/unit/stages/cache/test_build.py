@@ -104,6 +104,32 @@ def test_unseen_voxels_take_the_nearest_seen_one_of_their_part():
     assert set(result["source"]) == set(seen_records)
 
 
+def test_what_mixed_pixels_show_is_not_spread():
+    """A pixel that shows the floor and a lamp says nothing of the floor around it."""
+    at = [(0.5, 0, 0.5), (-1.5, 0, -1.5)]
+    samples = scenes.samples_of([*CORNERS, *at], weight=[1, 1, 0.5, 1])
+    result = built(scenes.floor(2), samples, [[1] * 3, [1] * 3, [60] * 3, [1] * 3])
+    mixed = record_at(result, at[0])
+    assert result["source"][mixed] == mixed
+    assert result["source"][record_at(result, (0.8, 0, 0.5))] != mixed
+    assert (result["source"] == mixed).sum() == 1
+
+
+def test_a_ceiling_goes_on_where_a_lamp_hangs_below_it():
+    """Of one part, as in a scan: the lamp's underside is nearer to the unseen ceiling than what is seen of that."""
+    ceiling = scenes.quad((-2, 0.8, -2), (4, 0, 0), (0, 0, 4))
+    lamp = scenes.quad((-0.2, 0.3, -0.2), (0.4, 0, 0), (0, 0, 0.4))
+    stem = scenes.quad((0, 0.3, 0), (0, 0.5, 0), (0.1, 0, 0))
+    mesh = scenes.joined(ceiling, lamp, stem)
+    mesh = Mesh(mesh.vertices, np.concatenate([mesh.triangles, np.int32([[0, 4, 8]])]))
+    seen = [(-1, 0.8, 0), (1, 0.8, 1), (0, 0.3, 0)]
+    down = np.tile(np.float32([0, -1, 0]), (3, 1))
+    samples = scenes.samples_of(seen, triangle=[0, 0, 2], normal=down)
+    result = built(mesh, samples, [[1] * 3, [1] * 3, [90] * 3])
+    above = record_at(result, (-0.1, 0.8, 0.1), DOWN)
+    assert result["radiance"][result["source"][above], 0] == 1
+
+
 def test_parts_that_no_view_sees_take_the_nearest_of_any():
     seen = [(-1.9, 0, -1.9), (1.9, 0, 1.9)]
     result = built(two_floors(), scenes.samples_of(seen), [[1] * 3, [2] * 3])
