@@ -203,10 +203,10 @@ def _nearest_seen(
     source = np.arange(len(points), dtype=np.int32)
     if not seen.any():
         return source
-    apart = 4.0 * _OFF_PLANE * (float(np.ptp(points, axis=0).max()) + 1.0)
+    separation = 4.0 * _OFF_PLANE * (float(np.ptp(points, axis=0).max()) + 1.0)
     for axis in range(3):
         scaled = points * np.where(np.arange(3) == axis, _OFF_PLANE, 1.0)
-        place = np.concatenate([scaled, turn * _DIRECTIONS[facing], part[:, None] * apart], axis=1)
+        place = np.concatenate([scaled, turn * _DIRECTIONS[facing], part[:, None] * separation], axis=1)
         asked = np.flatnonzero(~seen & (facing // 2 == axis))
         for pool, own in ((filled, True), (seen, True), (filled, False), (seen, False)):
             chosen = np.flatnonzero(pool)
