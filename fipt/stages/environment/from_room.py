@@ -62,30 +62,31 @@ def outside_from_room(
 ) -> FoundOutside | None:
     """Find what explains the light in the room; None where too little of the room is seen."""
     mesh, observed = dataset.mesh(), before_shading(dataset, shards)
-    blocks = blocks_of(observed, mesh, np.zeros(len(mesh.triangles), bool), cache)
+    no_emitters, scene = np.zeros(len(mesh.triangles), bool), RayScene(mesh)
+    blocks = blocks_of(observed, mesh, no_emitters, cache)
     if len(blocks.radiance) < _LEAST_BLOCKS:
         return None
-    room = _Room(RayScene(mesh), pixels, settings)
-    light = room_light(blocks, room.scene, cache, room.smooth)
-    sky, figures = room.sky(blocks, light)
-    if not settings.sun:
-        return FoundOutside(sky, None, figures)
-    pieces = blocks_of(observed, mesh, np.zeros(len(mesh.triangles), bool), cache, _SUN_BLOCKS)
-    their = room_light(pieces, room.scene, cache, room.smooth, _SUN_RAYS)
-    search = SunSearch(room.scene, pieces)
-    sun = search.find(their.under(room.smooth.radiance), room.looked_at)
+    seen = _SeenSky(pixels, settings)
+    light = room_light(blocks, scene, cache, seen.smooth)
+    sky, figures = seen.completed(blocks, light)
     without = FoundOutside(sky, None, figures)
+    if not settings.sun:
+        return without
+    small_blocks = blocks_of(observed, mesh, no_emitters, cache, _SUN_BLOCKS)
+    small_light = room_light(small_blocks, scene, cache, seen.smooth, _SUN_RAYS)
+    search = SunSearch(scene, small_blocks)
+    sun = search.find(small_light.under(seen.smooth.radiance), seen.looked_at)
     if sun is None:
         return without
     for _ in range(_SUN_ROUNDS):
-        sunlit = replace(light, inside=light.inside + _sunlit(room.scene, sun, blocks))
-        sky, figures = room.sky(blocks, sunlit)
-        sun = search.measured(their.under(sky.radiance), sun.direction)
+        sunlit = replace(light, inside=light.inside + _sunlit(scene, sun, blocks))
+        sky, figures = seen.completed(blocks, sunlit)
+        sun = search.measured(small_light.under(sky.radiance), sun.direction)
     return FoundOutside(sky, sun, figures | {"sun": sun.figures}) if sun.irradiance.any() else without
 
 
-class _Room:
-    """A room, and what pixels see of the outside.
+class _SeenSky:
+    """What pixels see of the outside.
 
     Attributes
     ----------
@@ -95,13 +96,7 @@ class _Room:
         Map of 1 where pixels look that are not clipped, else 0.
     """
 
-    def __init__(
-        self,
-        scene: RayScene,
-        pixels: OpenPixels,
-        settings: AutoEnvironment | FittedMap,
-    ) -> None:
-        self.scene = scene
+    def __init__(self, pixels: OpenPixels, settings: AutoEnvironment | FittedMap) -> None:
         rows = min(settings.resolution, _ROWS)
         self._measured, self._seen = directional_mean(*pixels, rows, settings.up)
         self.smooth = EnvironmentMap("map", filled(self._measured, self._seen), settings.up)
@@ -109,7 +104,7 @@ class _Room:
         _, looked = directional_mean(direction, radiance, weight, clipped, _LOOKED_AT_ROWS, settings.up)
         self.looked_at = EnvironmentMap("map", np.repeat(looked[..., None], 3, axis=2).astype(np.float32), settings.up)
 
-    def sky(self, blocks: Blocks, light: RoomLight) -> tuple[EnvironmentMap, dict[str, Any]]:
+    def completed(self, blocks: Blocks, light: RoomLight) -> tuple[EnvironmentMap, dict[str, Any]]:
         """The map that explains the radiance of blocks, given their light; and its figures."""
         radiance, figures = lit_from_outside(self._measured, self._seen, self.smooth.radiance, blocks, light)
         return replace(self.smooth, radiance=radiance), dict(figures)

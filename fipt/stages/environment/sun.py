@@ -9,7 +9,7 @@ reaches, times the cosine). With the radiance C of a block, the light E over pi 
 H leaves out what is smooth: reflectances, and errors of the light. Of all directions and powers, those win that make
 the differences most likely (Student's t, its width measured). Lit blocks that look dark speak against a direction as
 much as bright ones speak for it. Other errors speak for some direction, too, but hardly more for one than for others:
-a sun is believed if no direction far from it explains nearly as much, and no disc of many degrees explains more.
+a sun is believed if no direction far from it explains nearly as much, and no disc of many degrees explains clearly more.
 """
 
 from dataclasses import dataclass
@@ -139,17 +139,19 @@ class SunSearch:
             return None
         near = tried[np.argsort(-gains, kind="stable")[:_BEST]]
         direction, _ = max((self._finer(judge, each, seen) for each in near), key=lambda found: found[1])
-        sun = self.measured(light, direction)
-        *discs, glow = [judge.power(self.disc(direction, each), direction, each).gain for each in (*_RADII, _GLOW)]
-        return sun if glow < max(discs) + enough and sun.gain > others + enough else None
+        suns = self._of_sizes(judge, direction)
+        glow = judge.power(self.disc(direction, _GLOW), direction, _GLOW)
+        sun = _smallest(suns)
+        sharp = glow.gain < max(each.gain for each in suns) + enough
+        return sun if sharp and sun.gain > others + enough else None
 
     def measured(self, light: np.ndarray, direction: np.ndarray) -> FoundSun:
-        """The sun in a direction, with its power and its size: the smallest, unless a larger one explains more."""
-        judge = _Judge(self, light)
-        sun, *larger = [judge.power(self.disc(direction, radius), direction, radius) for radius in _RADII]
-        for each in larger:
-            sun = each if each.gain > sun.gain + _LARGER else sun
-        return sun
+        """The sun in a direction, with its power and its size; ``light`` as in `find`."""
+        return _smallest(self._of_sizes(_Judge(self, light), direction))
+
+    def _of_sizes(self, judge: "_Judge", direction: np.ndarray) -> list[FoundSun]:
+        """Suns in a direction, from the smallest to the largest, each with its best power."""
+        return [judge.power(self.disc(direction, radius), direction, radius) for radius in _RADII]
 
     def disc(self, direction: np.ndarray, radius: float) -> np.ndarray:
         """(M,) share of a disc that the matte blocks see, times the cosine, as a mean over their points."""
@@ -193,7 +195,7 @@ class _Judge:
         self.search = search
         self.light = np.maximum(light[search.matte], 1e-6)
         self.level = np.median(self.light, axis=0) if len(self.light) else np.ones(3)
-        self.left = self._differences(search.color - np.log(self.light))
+        self.residual = self._differences(search.color - np.log(self.light))
         mean = self._differences((search.color - np.log(self.light)).mean(axis=1, keepdims=True))
         self.sigma = max(float(deviation(mean)), LEAST_SIGMA) if mean.size else LEAST_SIGMA
         place = search.position[search.compared, 0]
@@ -218,7 +220,7 @@ class _Judge:
         for c in range(3):
             bright = self.light[:, c : c + 1] + np.exp(_STEPS) * self.level[c] * lit[:, None]
             costs = self._cost(self._differences(self.search.color[:, c : c + 1] - np.log(bright)))
-            gained = float(self._cost(self.left[:, c : c + 1])[0] - costs.min())
+            gained = float(self._cost(self.residual[:, c : c + 1])[0] - costs.min())
             if gained > 0:
                 power[c] = np.exp(_STEPS[int(np.argmin(costs))]) * self.level[c]
                 gain += gained / 3 / self.tau
@@ -232,6 +234,14 @@ class _Judge:
     def _cost(self, left: np.ndarray) -> np.ndarray:
         """(D,) minus the log likelihood of residuals (K, D), but for a constant."""
         return 0.5 * (FREEDOM + 1) * np.log1p((left / self.sigma) ** 2 / FREEDOM).sum(axis=0)
+
+
+def _smallest(suns: list[FoundSun]) -> FoundSun:
+    """The smallest of some suns, unless a larger one explains clearly more."""
+    best, *larger = suns
+    for each in larger:
+        best = each if each.gain > best.gain + _LARGER else best
+    return best
 
 
 def _possible(directions: np.ndarray, seen: EnvironmentMap) -> np.ndarray:
