@@ -9,7 +9,7 @@ reaches, times the cosine). With the radiance C of a block, the light E over pi 
 H leaves out what is smooth: reflectances, and errors of the light. Of all directions and powers, those win that make
 the differences most likely (Student's t, its width measured). Lit blocks that look dark speak against a direction as
 much as bright ones speak for it. Other errors speak for some direction, too, but hardly more for one than for others:
-a sun is believed if no direction far from it explains nearly as much, and no disc of many degrees explains clearly more.
+a sun is believed if no direction far from it explains nearly as much, and no disc of many degrees clearly more.
 """
 
 from dataclasses import dataclass
