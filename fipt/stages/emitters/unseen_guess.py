@@ -17,7 +17,7 @@ from fipt.stages.emitters.extract import Extracted
 from fipt.stages.emitters.observations import grouped_median
 from fipt.stages.emitters.unseen import Lights, Transport, seen_light, with_patches
 from fipt.stages.emitters.unseen_fit import Guess, explain, explained
-from fipt.stages.emitters.unseen_surface import Patches, hidden_triangles, patches_as_before, patches_of
+from fipt.stages.emitters.unseen_surface import Patches, hidden_triangles, patches_as_before, patches_of, small_parts
 
 _LEAST_BLOCKS = 30
 """Pieces of seen surface without which no light is told from a reflectance."""
@@ -239,11 +239,13 @@ def _trial(
         return None
     hidden = lights.hidden & ~rejected
     met = hidden & lights.met  # of the rays from what is seen
-    trial = _offered(blocks, lights, known, patches_of(mesh, met), asked)
+    part = small_parts(mesh, hidden, met)
+    met |= part >= 0  # few rays meet a bulb, and each of them one of its many triangles
+    trial = _offered(blocks, lights, known, patches_of(mesh, met, part), asked)
     trial = _finer(trial, lambda patches: _offered(blocks, lights, known, patches, asked), mesh)
     if not (hidden & (before >= 0)).any():
         return trial
-    old = patches_as_before(mesh, met | hidden & (before >= 0), before)
+    old = patches_as_before(mesh, met | hidden & (before >= 0), part, before)
     again = _offered(blocks, lights, known, old, asked)
     better = not trial.guess.determined or again.guess.gain >= trial.guess.gain
     return again if again.guess.determined and better else trial
@@ -268,7 +270,7 @@ def _offered(blocks: Blocks, lights: Lights, known: Transport, patches: Patches,
     transport = with_patches(blocks, patches, lights, known)
     # of what a patch sends out, pi times its area and radiance, blocks have a sample
     seen_area = lights.mesh.areas[~lights.hidden].sum()
-    lights_room = transport.unseen.mean(axis=0) * seen_area / np.maximum(patches.area, 1e-12) > _ENCLOSED
+    lights_room = patches.lighting(transport.unseen.mean(axis=0) * seen_area, _ENCLOSED)
     transport = replace(transport, unseen=transport.unseen * lights_room)
     # nor does it shine as a part of a plane that lights the room elsewhere
     patches = replace(patches, piece=np.where(lights_room, patches.piece, -1))

@@ -32,11 +32,13 @@ class Patches:
     area
         (P,) square metres.
     piece
-        (P,) int64 number of the connected plane that each belongs to; -1 where that is small.
+        (P,) int64 number of the connected plane, or of the small part, that each belongs to; -1 where a plane is small.
     side
         Of the cells of the grid, metres.
     kept
         (P,) bool: of a guess of the round before. Where there are such patches, no other is a candidate.
+    part
+        (T,) int64 number of the small part that each triangle belongs to (`small_parts`), -1 elsewhere.
     """
 
     number: np.ndarray
@@ -45,14 +47,15 @@ class Patches:
     piece: np.ndarray
     side: float
     kept: np.ndarray
+    part: np.ndarray
 
     def finer(self, chosen: np.ndarray, mesh: Mesh) -> "Patches":
         """The same surface, in cells of half the side within a cell of the ``chosen`` patches (P,) bool."""
         around = self._around(chosen, mesh)
-        small = patches_of(mesh, around, 0.5 * self.side)
+        small = patches_of(mesh, around, self.part, 0.5 * self.side)
         number = np.where(around, small.number, np.where(self.number >= 0, self.number + len(small.area), -1))
         pieces = np.where(self.piece >= 0, self.piece + small.piece.max(initial=-1) + 1, -1)
-        return _gathered(mesh, number, np.concatenate([small.piece, pieces]), small.side)
+        return _gathered(mesh, number, np.concatenate([small.piece, pieces]), small.side, self.part)
 
     def _around(self, chosen: np.ndarray, mesh: Mesh) -> np.ndarray:
         """(T,) bool: triangles whose centres are no farther than a cell from those of the chosen patches."""
@@ -68,7 +71,7 @@ class Patches:
     def candidates(self) -> np.ndarray:
         """(P, Q) float64, 1 where a candidate has a patch: every patch, then every piece of several patches.
 
-        A pane shines as a whole. Each guess of the round before is one candidate.
+        A pane or a bulb shines as a whole. Each guess of the round before is one candidate.
         """
         if self.kept.any():
             offered = self.kept & (self.piece >= 0)  # what is enclosed is of no piece
@@ -76,6 +79,18 @@ class Patches:
         pieces, count = np.unique(self.piece[self.piece >= 0], return_counts=True)
         whole = self.piece[:, None] == pieces[count > 1]
         return np.concatenate([np.eye(len(self.area)), whole], axis=1)
+
+    def lighting(self, arrives: np.ndarray, least: float) -> np.ndarray:
+        """(P,) bool: patches of whose light a share of more than ``least`` arrives. A small part is judged as a whole.
+
+        ``arrives`` (P,) is the share times the area, square metres.
+        """
+        row = np.arange(len(self.area))
+        small = np.zeros(len(row), bool)
+        small[self.number[(self.part >= 0) & (self.number >= 0)]] = True
+        _, owner = np.unique(np.where(small & (self.piece >= 0), len(row) + self.piece, row), return_inverse=True)
+        share = np.bincount(owner, arrives) / np.maximum(np.bincount(owner, self.area), 1e-12)
+        return share[owner] > least
 
 
 def hidden_triangles(mesh: Mesh, shards: Sequence[ObservedShard], found: Emitters) -> np.ndarray:
@@ -108,21 +123,43 @@ def hidden_triangles(mesh: Mesh, shards: Sequence[ObservedShard], found: Emitter
     return hidden
 
 
-def patches_of(mesh: Mesh, hidden: np.ndarray, side: float | None = None) -> Patches:
+def small_parts(mesh: Mesh, hidden: np.ndarray, met: np.ndarray) -> np.ndarray:
+    """(T,) int64 number of the connected part of each triangle, -1 unless all of it is hidden and it is small.
+
+    A bulb in a shade is one: it shines as a whole. Small is what a cell of the grid of the ``met`` triangles (T,) bool
+    could hold. Parts of which none is met have no number.
+    """
+    part, corners = connected_parts(mesh), mesh.corners
+    low, high = np.full((part.max(initial=-1) + 1, 3), np.inf), np.full((part.max(initial=-1) + 1, 3), -np.inf)
+    np.minimum.at(low, part, corners.min(axis=1))
+    np.maximum.at(high, part, corners.max(axis=1))
+    fits = (high - low).max(axis=1, initial=0) <= _extent(corners[met].mean(axis=1)) / _PATCH_ROWS
+    fits[part[~hidden & (mesh.areas > 0)]] = False
+    return np.where(fits[part] & np.isin(part, part[met]), part, -1)
+
+
+def _extent(points: np.ndarray) -> float:
+    """The longest side of the box around points (N, 3)."""
+    return float(np.ptp(points, axis=0).max()) if len(points) else 0.0
+
+
+def patches_of(mesh: Mesh, hidden: np.ndarray, part: np.ndarray, side: float | None = None) -> Patches:
     """Gather triangles (T,) bool into cells of a grid, by facing; a coarser grid where they would be too many.
 
-    ``side`` of the cells, metres; None: a twelfth of what is hidden.
+    ``part`` (T,) is that of `small_parts`. ``side`` of the cells, metres; None: a twelfth of what is hidden.
     """
     number, chosen = np.full(len(mesh.triangles), -1, np.int64), np.flatnonzero(hidden)
     if len(chosen) == 0:
-        return Patches(number, np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.int64), 0.0, np.zeros(0, bool))
+        return Patches(number, np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.int64), 0.0, np.zeros(0, bool), part)
     centers, areas = mesh.corners[chosen].mean(axis=1), mesh.areas[chosen]
-    low, extent = centers.min(axis=0), float(np.ptp(centers, axis=0).max())
+    low, extent = centers.min(axis=0), _extent(centers)
     facing = facings(mesh.normals[chosen]).astype(np.int64) // 2
     level = np.round(
         (np.take_along_axis(centers, facing[:, None], 1)[:, 0] - low[facing]) * (_LEVELS / max(extent, 1e-9))
     )
     plane = np.column_stack([connected_parts(mesh)[chosen], facing, level.astype(np.int64)])
+    small = part[chosen] >= 0
+    plane[small, 1:] = -1
     _, piece = np.unique(plane, axis=0, return_inverse=True)
     piece = piece.reshape(-1)
     size = np.bincount(piece, areas)
@@ -130,7 +167,7 @@ def patches_of(mesh: Mesh, hidden: np.ndarray, side: float | None = None) -> Pat
     for rows in range(_PATCH_ROWS, 0, -1):
         side = least * _PATCH_ROWS / rows
         cell = np.floor((centers - low) / side).astype(np.int64)
-        own = np.where(size[piece] > side**2, piece, -1)
+        own = np.where(small | (size[piece] > side**2), piece, -1)
         _, patch = np.unique(np.column_stack([cell, facing, own]), axis=0, return_inverse=True)
         patch = patch.reshape(-1)
         if patch.max() < _MOST_PATCHES:
@@ -138,26 +175,26 @@ def patches_of(mesh: Mesh, hidden: np.ndarray, side: float | None = None) -> Pat
     number[chosen] = patch
     of_patch = np.zeros(int(patch.max()) + 1, np.int64)
     of_patch[patch] = own
-    return _gathered(mesh, number, of_patch, float(side or 0.0))
+    return _gathered(mesh, number, of_patch, float(side or 0.0), part)
 
 
-def patches_as_before(mesh: Mesh, hidden: np.ndarray, before: np.ndarray) -> Patches:
+def patches_as_before(mesh: Mesh, hidden: np.ndarray, part: np.ndarray, before: np.ndarray) -> Patches:
     """Gather hidden triangles (T,) bool as `patches_of` does, those of guesses of the round before apart.
 
     ``before`` (T,) is the number of such a guess, -1 for other triangles; at least one triangle of a guess is hidden.
     """
     old = hidden & (before >= 0)
-    rest = patches_of(mesh, hidden & ~old)
-    cells = patches_of(mesh, old, rest.side or None)
+    rest = patches_of(mesh, hidden & ~old, part)
+    cells = patches_of(mesh, old, part, rest.side or None)
     patch, own = np.unique(np.column_stack([cells.number[old], before[old]]), axis=0, return_inverse=True)
     number, first = rest.number.copy(), rest.piece.max(initial=-1) + 1
     number[old] = len(rest.area) + own.reshape(-1)
     piece = np.concatenate([rest.piece, first + patch[:, 1]])
-    found = _gathered(mesh, number, piece, rest.side or cells.side)
+    found = _gathered(mesh, number, piece, rest.side or cells.side, part)
     return replace(found, kept=found.piece >= first)
 
 
-def _gathered(mesh: Mesh, number: np.ndarray, piece: np.ndarray, side: float) -> Patches:
+def _gathered(mesh: Mesh, number: np.ndarray, piece: np.ndarray, side: float, part: np.ndarray) -> Patches:
     """Patches by the ``number`` of each triangle; numbers that no triangle has are left out, with their ``piece``."""
     chosen = np.flatnonzero(number >= 0)
     kept, patch = np.unique(number[chosen], return_inverse=True)
@@ -166,4 +203,4 @@ def _gathered(mesh: Mesh, number: np.ndarray, piece: np.ndarray, side: float) ->
     centers, areas = mesh.corners[chosen].mean(axis=1), mesh.areas[chosen]
     area = np.bincount(patch, areas, len(kept))
     center = np.stack([np.bincount(patch, areas * centers[:, c], len(kept)) for c in range(3)], axis=1)
-    return Patches(result, center / area[:, None], area, piece[kept], side, np.zeros(len(kept), bool))
+    return Patches(result, center / area[:, None], area, piece[kept], side, np.zeros(len(kept), bool), part)

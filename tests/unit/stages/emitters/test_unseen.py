@@ -9,13 +9,14 @@ import pytest
 from fipt.conventions import SHADING_OUTPUTS
 from fipt.scene.emitters import BACK, Emitters, Undecided, emitter_facts, read_emitters, write_emitters
 from fipt.scene.environment import NOTHING, constant
+from fipt.scene.mesh import Mesh
 from fipt.scene.surface_blocks import Blocks, blocks_of
 from fipt.scene.voxels import facings, voxel_keys
 from fipt.stages.emitters import unseen_guess
 from fipt.stages.emitters.extract import Extracted
 from fipt.stages.emitters.unseen import Lights, Transport, seen_light
 from fipt.stages.emitters.unseen_fit import Guess, explain, explained
-from fipt.stages.emitters.unseen_surface import Patches, hidden_triangles, patches_as_before, patches_of
+from fipt.stages.emitters.unseen_surface import Patches, hidden_triangles, patches_as_before, patches_of, small_parts
 from tests import scenes
 
 CENTER, SIDE, CELLS = np.array([0.0, 1.03, 0.0]), 8.0, 64
@@ -36,6 +37,11 @@ def cache_of(points, normals, radiance) -> dict[str, np.ndarray]:
         "count": np.ones(len(first), np.float32),
         "source": np.arange(len(first), dtype=np.int32),
     }
+
+
+def all_patches(mesh, hidden, side=None) -> Patches:
+    """Patches of a mesh without small parts."""
+    return patches_of(mesh, hidden, np.full(len(mesh.triangles), -1), side)
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +95,7 @@ def test_a_masked_pixel_shows_nothing(floor_and_ceiling, np_rng, radiance, shown
 def test_light_of_a_patch_is_that_of_its_form_factor(floor_and_ceiling, np_rng):
     """A square of side a above a point: the textbook's form factor of four rectangles that meet over it."""
     _, hidden, own = lights(floor_and_ceiling, floor_samples(np_rng))
-    patches = patches_of(floor_and_ceiling, hidden & (np.arange(len(hidden)) >= len(hidden) - 2))
+    patches = all_patches(floor_and_ceiling, hidden & (np.arange(len(hidden)) >= len(hidden) - 2))
     assert patches.area.sum() == pytest.approx(1.0)
     x = 0.25
     corner = x / np.sqrt(1 + x**2) * np.arctan(x / np.sqrt(1 + x**2)) / np.pi
@@ -147,7 +153,7 @@ def problem(rng, emitted, noise=0.05, groups=30, per=20):
     number[:patches] = np.arange(patches)
     return (
         blocks,
-        Patches(number, at, np.full(patches, 0.2), np.full(patches, -1), 0.5, np.zeros(patches, bool)),
+        Patches(number, at, np.full(patches, 0.2), np.full(patches, -1), 0.5, np.zeros(patches, bool), number),
         Transport(seen, unseen, np.zeros(count)),
     )
 
@@ -228,7 +234,8 @@ def test_colour_of_the_guess(np_rng):
 
 def test_nothing_unseen_is_no_guess(np_rng):
     blocks, _, transport = problem(np_rng, np.full(40, 5.0))
-    none = Patches(np.full(100, -1), np.zeros((0, 3)), np.zeros(0), np.zeros(0, int), 0.0, np.zeros(0, bool))
+    number, none = np.full(100, -1), np.zeros(0)
+    none = Patches(number, np.zeros((0, 3)), none, np.zeros(0, int), 0.0, np.zeros(0, bool), number)
     assert not explain(blocks, none, Transport.without(transport.seen, transport.open)).determined
 
 
@@ -249,7 +256,8 @@ def guessing(monkeypatch, floor_and_ceiling):
         blocks = SimpleNamespace(radiance=np.full((50, 3), radiance), triangle=np.arange(50) % 2)
         number = np.full(len(floor_and_ceiling.triangles), -1)
         number[-2:] = 0
-        patches = Patches(number, np.array([[0.0, 2.0, 0.0]]), np.array([1.0]), np.array([0]), 100.0, np.zeros(1, bool))
+        at, one, alone = np.array([[0.0, 2.0, 0.0]]), np.ones(1), np.full(len(number), -1)
+        patches = Patches(number, at, one, np.array([0]), 100.0, np.zeros(1, bool), alone)
         known = Transport(np.ones((50, 3)), np.ones((50, 1)), np.full(50, open_share))
         for name, value in {
             "blocks_of": blocks,
@@ -308,7 +316,7 @@ def test_measured_emitters_are_not_guessed():
 
 
 def test_a_mesh_without_unseen_surface_has_no_patches(floor_and_ceiling):
-    assert len(patches_of(floor_and_ceiling, np.zeros(len(floor_and_ceiling.triangles), bool)).area) == 0
+    assert len(all_patches(floor_and_ceiling, np.zeros(len(floor_and_ceiling.triangles), bool)).area) == 0
 
 
 def test_a_plane_of_several_patches_is_a_candidate_of_its_own(floor_and_ceiling):
@@ -316,11 +324,51 @@ def test_a_plane_of_several_patches_is_a_candidate_of_its_own(floor_and_ceiling)
     wide = scenes.joined(*(scenes.emitter_quad((x, x + 1), 2.0, (0, 1)) for x in range(4)))
     low = scenes.joined(*(scenes.emitter_quad((x, x + 1), 1.7, (0, 1)) for x in range(4)))
     mesh = scenes.joined(wide, low)
-    patches = patches_of(mesh, np.ones(len(mesh.triangles), bool))
+    patches = all_patches(mesh, np.ones(len(mesh.triangles), bool))
     count = len(patches.area)
     candidates = patches.candidates
     np.testing.assert_array_equal(candidates[:, :count], np.eye(count))
     np.testing.assert_allclose(np.sort(patches.area @ candidates[:, count:]), [4, 4])
+
+
+@pytest.fixture
+def bulbs() -> Mesh:
+    """A panel of 4 m (triangles 0, 1) and two boxes of 20 cm, of 12 triangles each."""
+    boxes = (scenes.box((x, 1, 0), (x + 0.2, 1.2, 0.2)) for x in (0, 1))
+    return scenes.joined(scenes.emitter_quad((0, 4), 2.0, (0, 4)), *boxes)
+
+
+def test_a_small_part_is_hidden_altogether_and_met(bulbs):
+    hidden, met = np.ones(26, bool), np.isin(np.arange(26), [0, 1, 5])
+    part = small_parts(bulbs, hidden, met)
+    np.testing.assert_array_equal(np.flatnonzero(part >= 0), np.arange(2, 14))  # no ray met the other box
+    assert len(np.unique(part[2:14])) == 1
+    hidden[9] = False  # a view shows one of its triangles
+    assert (small_parts(bulbs, hidden, met) < 0).all()
+    assert len(small_parts(bulbs, ~met & False, ~met & False)) == 26
+
+
+def test_a_small_part_is_a_candidate_as_a_whole(bulbs):
+    """In cells that cut it, too, and once more in smaller ones."""
+    every = np.ones(26, bool)
+    patches = patches_of(bulbs, every, small_parts(bulbs, every, every), 0.15)
+    for each in (patches, patches.finer(np.isin(np.arange(len(patches.area)), patches.number[2:]), bulbs)):
+        for box in (slice(2, 14), slice(14, 26)):
+            own = np.isin(np.arange(len(each.area)), each.number[box])
+            assert own.sum() > 1
+            assert (each.candidates[own].all(axis=0) & ~each.candidates[~own].any(axis=0)).sum() == 1
+            assert each.area[own].sum() == pytest.approx(6 * 0.2**2)
+
+
+def test_a_small_part_lights_the_room_if_enough_of_it_does(bulbs):
+    """One of three facings of the first box, where that of the panel counts for itself."""
+    every = np.ones(26, bool)
+    patches = patches_of(bulbs, every, small_parts(bulbs, every, every), 4.0)
+    first = np.isin(np.arange(len(patches.area)), patches.number[2:14])
+    assert first.sum() == 3
+    arrives = np.where(np.arange(len(first)) == np.argmax(first), 2.0, 0.0) * patches.area
+    np.testing.assert_array_equal(patches.lighting(arrives, 0.5), first)
+    np.testing.assert_array_equal(patches.lighting(arrives, 0.7), np.zeros(len(first), bool))
 
 
 def test_what_is_enclosed_is_no_part_of_a_pane(guessing, floor_and_ceiling, monkeypatch):
@@ -328,7 +376,8 @@ def test_what_is_enclosed_is_no_part_of_a_pane(guessing, floor_and_ceiling, monk
     offered = []
     none = Guess(np.zeros((2, 3)), before=0.4)
     guessing(none)
-    two = Patches(np.full(4, -1), np.zeros((2, 3)), np.ones(2), np.zeros(2, int), 1.0, np.zeros(2, bool))
+    alone = np.full(4, -1)
+    two = Patches(alone, np.zeros((2, 3)), np.ones(2), np.zeros(2, int), 1.0, np.zeros(2, bool), alone)
     given = Transport(np.ones((50, 3)), np.tile([1.0, 0.0], (50, 1)), np.zeros(50))
     monkeypatch.setattr(unseen_guess, "patches_of", lambda *_: two)
     monkeypatch.setattr(unseen_guess, "with_patches", lambda *_: given)
@@ -354,7 +403,7 @@ def test_a_pane_is_found_as_a_whole(np_rng):
 def test_patches_are_smaller_around_those_that_emit():
     """A row of 16 panels of 1 m, of which the fifth emits."""
     mesh = scenes.joined(*(scenes.emitter_quad((x, x + 0.99), 2.0, (0, 0.99)) for x in range(16)))
-    coarse = patches_of(mesh, np.ones(32, bool), 2.0)
+    coarse = all_patches(mesh, np.ones(32, bool), 2.0)
     assert coarse.side == 2.0
     assert len(coarse.area) == 8
     fine = coarse.finer(np.isin(np.arange(8), coarse.number[8]), mesh)
@@ -372,11 +421,12 @@ def test_each_guess_of_the_round_before_is_one_candidate():
     mesh = scenes.joined(*(scenes.emitter_quad((x, x + 0.99), 2.0, (0, 0.99)) for x in range(16)))
     before = np.full(32, -1)
     before[[8, 9, 10]] = 7, 7, 9
-    patches = patches_as_before(mesh, np.ones(32, bool), before)
+    single = np.full(32, -1)
+    patches = patches_as_before(mesh, np.ones(32, bool), single, before)
     assert patches.area.sum() == pytest.approx(mesh.areas.sum())
     np.testing.assert_array_equal(np.flatnonzero(patches.kept[patches.number]), [8, 9, 10])
     np.testing.assert_allclose(patches.area @ patches.candidates, [0.99**2, 0.99**2 / 2], rtol=1e-5)
-    alone = patches_as_before(mesh, before >= 0, before)
+    alone = patches_as_before(mesh, before >= 0, single, before)
     assert alone.kept.all()
 
 
@@ -400,6 +450,11 @@ def test_an_enclosed_guess_of_the_round_before_makes_no_other_surface_a_candidat
     assert guess.gain == 0
 
 
+def evenly(patches: int) -> Transport:
+    """So many patches light 50 blocks alike."""
+    return Transport(np.ones((50, 3)), np.ones((50, patches)), np.zeros(50))
+
+
 @pytest.mark.parametrize(("gain", "radiance"), [(None, 7), (3.0, 7), (9.0, 2)])
 def test_what_was_guessed_before_stays_unless_another_guess_gains_more(
     guessing, floor_and_ceiling, monkeypatch, gain, radiance
@@ -414,6 +469,7 @@ def test_what_was_guessed_before_stays_unless_another_guess_gains_more(
         return none if gain is None else Guess(np.full((len(patches.area), 3), 2.0), 0.3, 0.1, gain, 0.06, 0.25, True)
 
     monkeypatch.setattr(unseen_guess, "explain", lambda _, patches, *__: told_of(patches))
+    monkeypatch.setattr(unseen_guess, "with_patches", lambda _, patches, *__: evenly(len(patches.area)))
     mesh, extracted = floor_and_ceiling, Extracted(Emitters.none(), Undecided.none())
     before, rejected = np.array([-1, -1, 5, 5]), np.zeros(4, bool)
     told = unseen_guess.with_guess(mesh, [], extracted, {}, NOTHING, rejected, before)
@@ -516,7 +572,7 @@ def test_numbers_of_guessed_emitters_have_no_gap(first):
     panels = (scenes.emitter_quad((k, k + 1), 2.0, (0, 1)) for k in (0, 2))
     mesh = scenes.joined(scenes.floor(), *panels)
     found = Emitters.plain(mesh, np.array([first, first + 1]), np.full((2, 3), 5.0), np.zeros(2, int))
-    patches = patches_of(mesh, np.arange(6) >= 2, 1.0)
+    patches = all_patches(mesh, np.arange(6) >= 2, 1.0)
     guess = Guess(1.0 + np.tile(np.arange(len(patches.area))[:, None], 3), determined=True)
     together = unseen_guess._added(mesh, found, patches, guess)
     np.testing.assert_array_equal(together.triangle, [2, 3, 4, 5])
