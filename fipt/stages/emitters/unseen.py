@@ -10,7 +10,7 @@ well, taken for grey of `GREY`. Nothing here depends on the fit or on its materi
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -35,6 +35,8 @@ _PATCH_POINTS = 4
 """Points of a patch at which light arrives, and from which it leaves."""
 _TOWARDS = 2
 """Points of a block from which rays go to those of each patch."""
+_MORE_POINTS = 64
+"""Points of a patch of which it is known that it emits: the edge of a shade cuts the light of a bulb."""
 
 
 @dataclass(frozen=True)
@@ -48,18 +50,21 @@ class Transport:
     unseen
         (N, P) irradiance over pi for each unit of radiance that a patch emits, interreflection of unseen surface
         included.
+    straight
+        (N, P) what of that comes without any reflection.
     open
         (N,) share of the cosine lobe that leaves the mesh to where nothing is known.
     """
 
     seen: np.ndarray
     unseen: np.ndarray
+    straight: np.ndarray
     open: np.ndarray
 
     @classmethod
     def without(cls, seen: np.ndarray, outside: np.ndarray) -> "Transport":
         """What is seen alone, before any patch is traced."""
-        return cls(seen, np.zeros((len(seen), 0)), outside)
+        return cls(seen, *np.zeros((2, len(seen), 0)), outside)
 
 
 class Lights:
@@ -190,12 +195,14 @@ class Lights:
         result[emitters[~emits(sides[emitters], front)]] = 0
         return result
 
-    def given(self, patches: Patches, position: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    def given(
+        self, patches: Patches, position: np.ndarray, normal: np.ndarray, count: int = _PATCH_POINTS
+    ) -> np.ndarray:
         """(N, P) irradiance over pi at points (N, 3) for each unit of radiance of a patch, by rays to points of it.
 
         Small patches would be missed by rays that are drawn from the surface.
         """
-        points, normals = _patch_points(self.mesh, patches)
+        points, normals = _patch_points(self.mesh, patches, count)
         result = np.zeros((len(position), len(patches.area)))
         origin = position + self.scene.epsilon * normal
         for k in range(points.shape[1]):
@@ -221,8 +228,8 @@ class Lights:
         return result
 
 
-def _patch_points(mesh: Mesh, patches: Patches) -> tuple[np.ndarray, np.ndarray]:
-    """Random points (P, K, 3) float32 of every patch, by area, and the normals (P, K, 3) there."""
+def _patch_points(mesh: Mesh, patches: Patches, points_each: int) -> tuple[np.ndarray, np.ndarray]:
+    """Random points (P, K, 3) float32 of every patch, K of each by area, and the normals (P, K, 3) there."""
     rng = np.random.default_rng(1)
     count = len(patches.area)
     triangles = np.flatnonzero(patches.number >= 0)
@@ -230,7 +237,7 @@ def _patch_points(mesh: Mesh, patches: Patches) -> tuple[np.ndarray, np.ndarray]
     total = np.cumsum(mesh.areas[triangles])
     edges = np.searchsorted(patches.number[triangles], np.arange(count + 1))
     before = np.concatenate([[0.0], total])[edges]
-    u = (np.arange(_PATCH_POINTS) + rng.random((count, _PATCH_POINTS))) / _PATCH_POINTS
+    u = (np.arange(points_each) + rng.random((count, points_each))) / points_each
     at = before[:-1, None] + u * (before[1:] - before[:-1])[:, None]
     pick = np.minimum(np.searchsorted(total, at), edges[1:, None] - 1)
     chosen = triangles[pick]
@@ -248,14 +255,24 @@ def seen_light(blocks: Blocks, lights: Lights) -> Transport:
 
 def with_patches(blocks: Blocks, patches: Patches, lights: Lights, known: Transport) -> Transport:
     """Add to the measured light what patches reflect of it, and what each would give; rays go to points of them."""
-    rows = len(blocks.position)
-    flat = blocks.position[:, :_TOWARDS].reshape(-1, 3), blocks.normal[:, :_TOWARDS].reshape(-1, 3)
-    given = lights.given(patches, *flat).reshape(rows, _TOWARDS, -1).mean(axis=1)
+    given = _given(blocks, patches, lights, _TOWARDS, _PATCH_POINTS)
     at_patches, among = _among(patches, lights)
     # radiosity of unseen surface: what it sends back of seen light, and of its own
     solved = np.linalg.inv(np.eye(len(among)) - GREY * among)
     reflected = solved @ (GREY * at_patches)
-    return Transport(known.seen + given @ reflected, given @ solved, known.open)
+    return Transport(known.seen + given @ reflected, given @ solved, given, known.open)
+
+
+def with_more_rays(blocks: Blocks, patches: Patches, lights: Lights, transport: Transport) -> Transport:
+    """The same, of what the patches give straight measured by many more rays: for a few patches that emit."""
+    given = _given(blocks, patches, lights, blocks.position.shape[1], _MORE_POINTS)
+    return replace(transport, unseen=transport.unseen + given - transport.straight, straight=given)
+
+
+def _given(blocks: Blocks, patches: Patches, lights: Lights, places: int, points: int) -> np.ndarray:
+    """(N, P) what patches give straight, as a mean over so many ``places`` of each block."""
+    flat = blocks.position[:, :places].reshape(-1, 3), blocks.normal[:, :places].reshape(-1, 3)
+    return lights.given(patches, *flat, points).reshape(len(blocks.position), places, -1).mean(axis=1)
 
 
 def _among(patches: Patches, lights: Lights) -> tuple[np.ndarray, np.ndarray]:
@@ -263,7 +280,7 @@ def _among(patches: Patches, lights: Lights) -> tuple[np.ndarray, np.ndarray]:
 
     A patch faces to where light can come from: of its two sides the one that sees more of the seen surface.
     """
-    points, normals = _patch_points(lights.mesh, patches)
+    points, normals = _patch_points(lights.mesh, patches, _PATCH_POINTS)
     count, per = points.shape[:2]
     sides = []
     for turn in (1, -1):

@@ -15,7 +15,7 @@ from fipt.scene.surface_blocks import LEAST_SIGMA, Blocks, blocks_of
 from fipt.stages.emitters.edges import without_edge
 from fipt.stages.emitters.extract import Extracted
 from fipt.stages.emitters.observations import grouped_median
-from fipt.stages.emitters.unseen import Lights, Transport, seen_light, with_patches
+from fipt.stages.emitters.unseen import Lights, Transport, seen_light, with_more_rays, with_patches
 from fipt.stages.emitters.unseen_fit import Guess, explain, explained
 from fipt.stages.emitters.unseen_surface import Patches, hidden_triangles, patches_as_before, patches_of, small_parts
 
@@ -243,12 +243,12 @@ def _trial(
     met |= part >= 0  # few rays meet a bulb, and each of them one of its many triangles
     trial = _offered(blocks, lights, known, patches_of(mesh, met, part), asked)
     trial = _finer(trial, lambda patches: _offered(blocks, lights, known, patches, asked), mesh)
-    if not (hidden & (before >= 0)).any():
-        return trial
-    old = patches_as_before(mesh, met | hidden & (before >= 0), part, before)
-    again = _offered(blocks, lights, known, old, asked)
-    better = not trial.guess.determined or again.guess.gain >= trial.guess.gain
-    return again if again.guess.determined and better else trial
+    if (hidden & (before >= 0)).any():
+        old = patches_as_before(mesh, met | hidden & (before >= 0), part, before)
+        again = _offered(blocks, lights, known, old, asked)
+        better = not trial.guess.determined or again.guess.gain >= trial.guess.gain
+        trial = again if again.guess.determined and better else trial
+    return _measured(trial, lights, asked) if trial.guess.determined else trial
 
 
 def _finer(trial: _Trial, offered: Callable[[Patches], _Trial], mesh: Mesh) -> _Trial:
@@ -275,6 +275,19 @@ def _offered(blocks: Blocks, lights: Lights, known: Transport, patches: Patches,
     # nor does it shine as a part of a plane that lights the room elsewhere
     patches = replace(patches, piece=np.where(lights_room, patches.piece, -1))
     return _Trial(blocks, transport, patches, explain(blocks, patches, transport, asked))
+
+
+def _measured(trial: _Trial, lights: Lights, asked: bool) -> _Trial:
+    """The powers of what emits, by many more rays to it: few rays tell which patches emit, and little of how much."""
+    emits = trial.guess.radiance.max(axis=1) > 0
+    patches, given = trial.patches.only(emits, lights.mesh), trial.transport
+    of_these = replace(given, unseen=given.unseen[:, emits], straight=given.straight[:, emits])
+    transport = with_more_rays(trial.blocks, patches, lights, of_these)
+    # equally bright patches of a piece are one emitter
+    piece = np.unique(trial.guess.radiance[emits], axis=0, return_inverse=True)[1].reshape(-1)
+    patches = replace(patches, piece=piece, kept=np.ones(len(piece), bool))
+    measured = explain(trial.blocks, patches, transport, asked)
+    return _Trial(trial.blocks, transport, patches, measured) if measured.determined else trial
 
 
 def _lit(

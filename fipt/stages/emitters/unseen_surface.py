@@ -57,6 +57,11 @@ class Patches:
         pieces = np.where(self.piece >= 0, self.piece + small.piece.max(initial=-1) + 1, -1)
         return _gathered(mesh, number, np.concatenate([small.piece, pieces]), small.side, self.part)
 
+    def only(self, chosen: np.ndarray, mesh: Mesh) -> "Patches":
+        """The ``chosen`` patches (P,) bool alone, in their order."""
+        number = np.where((self.number >= 0) & chosen[self.number], self.number, -1)
+        return _gathered(mesh, number, self.piece, self.side, self.part)
+
     def _around(self, chosen: np.ndarray, mesh: Mesh) -> np.ndarray:
         """(T,) bool: triangles whose centres are no farther than a cell from those of the chosen patches."""
         centers, own = mesh.corners.mean(axis=1), np.flatnonzero(self.number >= 0)

@@ -14,7 +14,7 @@ from fipt.scene.surface_blocks import Blocks, blocks_of
 from fipt.scene.voxels import facings, voxel_keys
 from fipt.stages.emitters import unseen_guess
 from fipt.stages.emitters.extract import Extracted
-from fipt.stages.emitters.unseen import Lights, Transport, seen_light
+from fipt.stages.emitters.unseen import Lights, Transport, seen_light, with_more_rays, with_patches
 from fipt.stages.emitters.unseen_fit import Guess, explain, explained
 from fipt.stages.emitters.unseen_surface import Patches, hidden_triangles, patches_as_before, patches_of, small_parts
 from tests import scenes
@@ -154,7 +154,7 @@ def problem(rng, emitted, noise=0.05, groups=30, per=20):
     return (
         blocks,
         Patches(number, at, np.full(patches, 0.2), np.full(patches, -1), 0.5, np.zeros(patches, bool), number),
-        Transport(seen, unseen, np.zeros(count)),
+        Transport(seen, unseen, unseen, np.zeros(count)),
     )
 
 
@@ -200,7 +200,7 @@ def test_a_lamp_behind_a_door_is_guessed_where_it_is_asked_for(np_rng, leak):
     both = Blocks(*(np.concatenate([getattr(blocks, name), getattr(far, name)]) for name in columns))
     unseen = np.concatenate([0.02 * transport.unseen, hallway])
     unseen[:600, 9] *= leak
-    whole = Transport(np.concatenate([transport.seen, seen]), unseen, np.zeros(624))
+    whole = Transport(np.concatenate([transport.seen, seen]), unseen, unseen, np.zeros(624))
     assert not explain(both, patches, whole).determined
     guess = explain(both, patches, whole, asked=True)
     assert guess.determined
@@ -258,7 +258,7 @@ def guessing(monkeypatch, floor_and_ceiling):
         number[-2:] = 0
         at, one, alone = np.array([[0.0, 2.0, 0.0]]), np.ones(1), np.full(len(number), -1)
         patches = Patches(number, at, one, np.array([0]), 100.0, np.zeros(1, bool), alone)
-        known = Transport(np.ones((50, 3)), np.ones((50, 1)), np.full(50, open_share))
+        known = Transport(np.ones((50, 3)), *np.ones((2, 50, 1)), np.full(50, open_share))
         for name, value in {
             "blocks_of": blocks,
             "hidden_triangles": number >= 0,
@@ -270,6 +270,7 @@ def guessing(monkeypatch, floor_and_ceiling):
             "explain": guess,
         }.items():
             monkeypatch.setattr(unseen_guess, name, lambda *_, value=value, **__: value)
+        monkeypatch.setattr(unseen_guess, "_measured", lambda trial, *_: trial)
         rejected = np.zeros(len(number), bool)
         extracted = extracted or Extracted(Emitters.none(), Undecided.none())
         return unseen_guess.with_guess(floor_and_ceiling, [], extracted, {}, NOTHING, rejected)
@@ -378,13 +379,36 @@ def test_what_is_enclosed_is_no_part_of_a_pane(guessing, floor_and_ceiling, monk
     guessing(none)
     alone = np.full(4, -1)
     two = Patches(alone, np.zeros((2, 3)), np.ones(2), np.zeros(2, int), 1.0, np.zeros(2, bool), alone)
-    given = Transport(np.ones((50, 3)), np.tile([1.0, 0.0], (50, 1)), np.zeros(50))
+    unseen = np.tile([1.0, 0.0], (50, 1))
+    given = Transport(np.ones((50, 3)), unseen, unseen, np.zeros(50))
     monkeypatch.setattr(unseen_guess, "patches_of", lambda *_: two)
     monkeypatch.setattr(unseen_guess, "with_patches", lambda *_: given)
     monkeypatch.setattr(unseen_guess, "explain", lambda _blocks, patches, *_: offered.append(patches) or none)
     mesh, extracted = floor_and_ceiling, Extracted(Emitters.none(), Undecided.none())
     unseen_guess.with_guess(mesh, [], extracted, {}, NOTHING, np.zeros(len(mesh.triangles), bool))
     np.testing.assert_array_equal(offered[0].piece, [0, -1])
+
+
+def test_what_emits_is_measured_by_more_rays(backend, np_rng):
+    """A panel of radiance 5 above a floor, half of it above a board, whose edge few rays tell."""
+    panel, board = scenes.emitter_quad((-0.5, 0.5), 2.0, (-0.5, 0.5)), scenes.emitter_quad((-0.9, 0), 1.8, (-1, 1))
+    mesh = scenes.joined(scenes.floor(), panel, board)
+    _, _, own = lights(mesh, floor_samples(np_rng))
+    patches = all_patches(mesh, np.isin(np.arange(6), (2, 3)))
+    place = np_rng.uniform(-1.5, 1.5, (300, 4, 3)).astype(np.float32) * (1, 0, 1)
+    normal, none = np.tile(np.float32([0, 1, 0]), (300, 4, 1)), np.zeros(300, int)
+    given = own.given(patches, place.reshape(-1, 3), normal.reshape(-1, 3), 2000).reshape(300, 4, -1).mean(axis=1)
+    radiance = np.repeat(0.4 * (0.1 + 5 * given.sum(axis=1, keepdims=True)), 3, axis=1)
+    blocks = Blocks(place, normal, radiance, np.zeros(300), none, none)
+    known = Transport.without(np.full((300, 3), 0.1), np.zeros(300))
+    few = with_patches(blocks, patches, own, known)
+    several = with_more_rays(blocks, patches, own, few)
+    assert abs(several.straight - given).sum() < 0.3 * abs(few.straight - given).sum()
+    guess = Guess(np.full((len(patches.area), 3), 9.0), determined=True)
+    found = unseen_guess._measured(unseen_guess._Trial(blocks, few, patches, guess), own, True)
+    assert found.guess.determined
+    np.testing.assert_allclose(found.guess.radiance, 5, rtol=0.05)
+    assert len(np.unique(found.guess.radiance[:, 0])) == 1  # still one emitter
 
 
 def test_a_pane_is_found_as_a_whole(np_rng):
@@ -452,7 +476,7 @@ def test_an_enclosed_guess_of_the_round_before_makes_no_other_surface_a_candidat
 
 def evenly(patches: int) -> Transport:
     """So many patches light 50 blocks alike."""
-    return Transport(np.ones((50, 3)), np.ones((50, patches)), np.zeros(50))
+    return Transport(np.ones((50, 3)), *np.ones((2, 50, patches)), np.zeros(50))
 
 
 @pytest.mark.parametrize(("gain", "radiance"), [(None, 7), (3.0, 7), (9.0, 2)])
