@@ -131,14 +131,15 @@ def hidden_triangles(mesh: Mesh, shards: Sequence[ObservedShard], found: Emitter
 def small_parts(mesh: Mesh, hidden: np.ndarray, met: np.ndarray) -> np.ndarray:
     """(T,) int64 number of the connected part of each triangle, -1 unless all of it is hidden and it is small.
 
-    A bulb in a shade is one: it shines as a whole. Small is what a cell of the grid of the ``met`` triangles (T,) bool
-    could hold. Parts of which none is met have no number.
+    A bulb in a shade is one, and a light strip: it shines as a whole. Small is what a cell of the grid of the ``met``
+    triangles (T,) bool could hold, or what has less area. Parts of which none is met have no number.
     """
     part, corners = connected_parts(mesh), mesh.corners
     low, high = np.full((part.max(initial=-1) + 1, 3), np.inf), np.full((part.max(initial=-1) + 1, 3), -np.inf)
     np.minimum.at(low, part, corners.min(axis=1))
     np.maximum.at(high, part, corners.max(axis=1))
-    fits = (high - low).max(axis=1, initial=0) <= _extent(corners[met].mean(axis=1)) / _PATCH_ROWS
+    cell = _extent(corners[met].mean(axis=1)) / _PATCH_ROWS
+    fits = ((high - low).max(axis=1, initial=0) <= cell) | (np.bincount(part, mesh.areas, len(low)) <= cell**2)
     fits[part[~hidden & (mesh.areas > 0)]] = False
     return np.where(fits[part] & np.isin(part, part[met]), part, -1)
 

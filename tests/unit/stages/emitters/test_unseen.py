@@ -349,6 +349,14 @@ def test_a_small_part_is_hidden_altogether_and_met(bulbs):
     assert len(small_parts(bulbs, ~met & False, ~met & False)) == 26
 
 
+def test_a_part_of_less_area_than_a_cell_is_small(bulbs):
+    """Two strips below a ceiling of 4 m, longer than a cell of it: one of 1 cm, one of 20 cm."""
+    strips = (scenes.emitter_quad((0, 1.5), 1.9, (z, z + width)) for z, width in ((0, 0.01), (1, 0.2)))
+    every = np.ones(30, bool)
+    part = small_parts(scenes.joined(bulbs, *strips), every, every)
+    np.testing.assert_array_equal(np.flatnonzero(part >= 0), np.arange(2, 28))
+
+
 def test_a_small_part_is_a_candidate_as_a_whole(bulbs):
     """In cells that cut it, too, and once more in smaller ones."""
     every = np.ones(26, bool)
