@@ -69,6 +69,8 @@ class Guess:
         Median absolute log residual times 1.48: with the guess, and without.
     determined
         Whether the guess is to be used.
+    errors
+        sigma and tau of what is left.
     """
 
     radiance: np.ndarray
@@ -78,6 +80,23 @@ class Guess:
     left: float = 0.0
     before: float = 0.0
     determined: bool = False
+    errors: tuple[float, float] = (0.15, 1.0)
+
+
+@dataclass(frozen=True)
+class Outset:
+    """Where a search begins: with what another one told, of larger patches say.
+
+    Attributes
+    ----------
+    columns
+        Candidates that emitted there.
+    errors
+        sigma and tau there: only gains of the same are compared.
+    """
+
+    columns: tuple[int, ...]
+    errors: tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -133,11 +152,14 @@ def explained(blocks: Blocks, transport: Transport) -> bool:
     return _scale(state, problem) <= _ERROR and state.middle <= MIDDLE + 2 * MIDDLE_SPREAD
 
 
-def explain(blocks: Blocks, patches: Patches, transport: Transport, asked: bool = False) -> Guess:
+def explain(
+    blocks: Blocks, patches: Patches, transport: Transport, asked: bool = False, outset: Outset | None = None
+) -> Guess:
     """Find the emission of unseen patches that explains the radiance of the blocks best, if any does.
 
     Light may be local if ``asked``: something else says that light is missing. Then light is wrong by `_ERROR` from
-    place to place. Else it may be so as a whole, and a guess must matter in half of the room.
+    place to place. Else it may be so as a whole, and a guess must matter in half of the room. Without ``outset``
+    the search begins with nothing, and measures its errors.
     """
     nothing = Guess(np.zeros((len(patches.area), 3)))
     light = transport.seen.mean(axis=1)
@@ -150,7 +172,11 @@ def explain(blocks: Blocks, patches: Patches, transport: Transport, asked: bool 
     floor = 1e-3 * max(float(np.median(light[use])), 1e-9)
     given = transport.unseen[use] @ members
     problem = _Problem(np.log(blocks.radiance[use].mean(axis=1)), np.maximum(light[use], floor), given, group)
-    before, after, problem = _chosen(problem, blocks.position[use, 0])
+    if outset is None:
+        before, after, problem = _chosen(problem, blocks.position[use, 0])
+    else:
+        problem = replace(problem, sigma=outset.errors[0], tau=outset.errors[1])
+        before, after = _minimum(problem, ()), _best(problem, outset.columns)
     after = _joined(problem, after, members)
     gain = before.cost - _criterion(after, problem) if after.support else 0.0
     if not after.support or gain <= 0:
@@ -174,24 +200,34 @@ def explain(blocks: Blocks, patches: Patches, transport: Transport, asked: bool 
         left=_scale(after, problem),
         before=_scale(before, problem),
         determined=spread < _UNSURE,
+        errors=(problem.sigma, problem.tau),
     )
 
 
 def _chosen(problem: _Problem, place: np.ndarray) -> tuple[_State, _State, _Problem]:
     """The minimum without any patch, that with the best patches, and the problem with its measured errors."""
     for _ in range(2):  # the errors are known when the light is
-        start = _minimum(problem, ())
-        state = start
-        while len(state.support) < problem.unseen.shape[1]:
-            wider = _minimum(problem, (*state.support, _next(problem, state)), state)
-            if _criterion(wider, problem) >= _criterion(state, problem):
-                break
-            state = wider
+        state = _best(problem, ())
         left = state.residual(problem)
         sigma = max(_scale(state, problem), LEAST_SIGMA)
         problem = replace(problem, sigma=sigma, tau=errors_alike(left / sigma, place))
     start, state = _minimum(problem, ()), _minimum(problem, state.support, state)
     return start, state, problem
+
+
+def _best(problem: _Problem, first: tuple[int, ...]) -> _State:
+    """Add patches to the ``first`` ones as long as they are worth their price, then leave out those that are not."""
+    state = _minimum(problem, first)
+    while len(state.support) < problem.unseen.shape[1]:
+        wider = _minimum(problem, (*state.support, _next(problem, state)), state)
+        if _criterion(wider, problem) >= _criterion(state, problem):
+            break
+        state = wider
+    for patch in state.support:
+        fewer = _minimum(problem, tuple(k for k in state.support if k != patch))
+        if _criterion(fewer, problem) <= _criterion(state, problem):
+            state = fewer
+    return state
 
 
 def _joined(problem: _Problem, state: _State, members: np.ndarray) -> _State:

@@ -16,7 +16,7 @@ from fipt.stages.emitters.edges import without_edge
 from fipt.stages.emitters.extract import Extracted
 from fipt.stages.emitters.observations import grouped_median
 from fipt.stages.emitters.unseen import Lights, Transport, seen_light, with_more_rays, with_patches
-from fipt.stages.emitters.unseen_fit import Guess, explain, explained
+from fipt.stages.emitters.unseen_fit import Guess, Outset, explain, explained
 from fipt.stages.emitters.unseen_surface import Patches, hidden_triangles, patches_as_before, patches_of, small_parts
 
 _LEAST_BLOCKS = 30
@@ -58,6 +58,11 @@ class _Trial:
     transport: Transport
     patches: Patches
     guess: Guess
+
+    @property
+    def emits(self) -> np.ndarray:
+        """(P,) bool: patches that emit."""
+        return self.guess.radiance.max(axis=1) > 0
 
     @cached_property
     def light(self) -> np.ndarray:
@@ -242,31 +247,34 @@ def _trial(
     part = small_parts(mesh, hidden, met)
     met |= part >= 0  # few rays meet a bulb, and each of them one of its many triangles
     trial = _offered(blocks, lights, known, patches_of(mesh, met, part), asked)
-    trial = _finer(trial, lambda patches: _offered(blocks, lights, known, patches, asked), mesh)
+    trial = _finer(trial, partial(_offered, blocks, lights, known, asked=asked), mesh)
     if (hidden & (before >= 0)).any():
         old = patches_as_before(mesh, met | hidden & (before >= 0), part, before)
-        again = _offered(blocks, lights, known, old, asked)
+        again = _offered(blocks, lights, known, old, asked, trial if trial.guess.determined else None)
         better = not trial.guess.determined or again.guess.gain >= trial.guess.gain
         trial = again if again.guess.determined and better else trial
     return _measured(trial, lights, asked) if trial.guess.determined else trial
 
 
-def _finer(trial: _Trial, offered: Callable[[Patches], _Trial], mesh: Mesh) -> _Trial:
+def _finer(trial: _Trial, offered: Callable[..., _Trial], mesh: Mesh) -> _Trial:
     """The guess in smaller cells around the patches that emit, as long as it is determined: the one that gains most.
 
-    Large cells only tell where: they shine beside the lamp, too, with up to three times its power.
+    Large cells only tell where: they shine beside the lamp, too, with up to three times its power. Small parts that
+    emit are no cells: the search begins with them.
     """
     tried = [trial]
     for _ in range(_FINER if trial.guess.determined else 0):
-        smaller = offered(tried[-1].patches.finer(tried[-1].guess.radiance.max(axis=1) > 0, mesh))
+        smaller = offered(tried[-1].patches.finer(tried[-1].emits, mesh), after=tried[-1])
         if not smaller.guess.determined:
             break
         tried.append(smaller)
     return max(tried[1:] or tried, key=lambda each: each.guess.gain)
 
 
-def _offered(blocks: Blocks, lights: Lights, known: Transport, patches: Patches, asked: bool) -> _Trial:
-    """Guess which patches emit."""
+def _offered(
+    blocks: Blocks, lights: Lights, known: Transport, patches: Patches, asked: bool, after: _Trial | None = None
+) -> _Trial:
+    """Guess which patches emit, ``after`` another guess beginning with its small parts, and with its errors."""
     transport = with_patches(blocks, patches, lights, known)
     # of what a patch sends out, pi times its area and radiance, blocks have a sample
     seen_area = lights.mesh.areas[~lights.hidden].sum()
@@ -274,12 +282,15 @@ def _offered(blocks: Blocks, lights: Lights, known: Transport, patches: Patches,
     transport = replace(transport, unseen=transport.unseen * lights_room)
     # nor does it shine as a part of a plane that lights the room elsewhere
     patches = replace(patches, piece=np.where(lights_room, patches.piece, -1))
-    return _Trial(blocks, transport, patches, explain(blocks, patches, transport, asked))
+    outset = None
+    if after is not None:
+        outset = Outset(patches.columns_of(after.patches.small(after.emits)), after.guess.errors)
+    return _Trial(blocks, transport, patches, explain(blocks, patches, transport, asked, outset))
 
 
 def _measured(trial: _Trial, lights: Lights, asked: bool) -> _Trial:
     """The powers of what emits, by many more rays to it: few rays tell which patches emit, and little of how much."""
-    emits = trial.guess.radiance.max(axis=1) > 0
+    emits = trial.emits
     patches, given = trial.patches.only(emits, lights.mesh), trial.transport
     of_these = replace(given, unseen=given.unseen[:, emits], straight=given.straight[:, emits])
     transport = with_more_rays(trial.blocks, patches, lights, of_these)

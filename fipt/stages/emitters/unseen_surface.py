@@ -85,6 +85,19 @@ class Patches:
         whole = self.piece[:, None] == pieces[count > 1]
         return np.concatenate([np.eye(len(self.area)), whole], axis=1)
 
+    def small(self, chosen: np.ndarray) -> np.ndarray:
+        """Numbers of the small parts all of which is of the ``chosen`` patches (P,) bool."""
+        own = (self.part >= 0) & (self.number >= 0)
+        return np.setdiff1d(self.part[own], self.part[own & ~chosen[self.number]])
+
+    def columns_of(self, parts: Sequence[int]) -> tuple[int, ...]:
+        """Columns of `candidates` that are small parts of these numbers."""
+        candidates, columns = self.candidates > 0, []
+        for part in parts:
+            own = np.isin(np.arange(len(self.area)), self.number[(self.part == part) & (self.number >= 0)])
+            columns += np.flatnonzero((candidates == own[:, None]).all(axis=0))[:1].tolist()
+        return tuple(columns)
+
     def lighting(self, arrives: np.ndarray, least: float) -> np.ndarray:
         """(P,) bool: patches of whose light a share of more than ``least`` arrives. A small part is judged as a whole.
 

@@ -15,7 +15,7 @@ from fipt.scene.voxels import facings, voxel_keys
 from fipt.stages.emitters import unseen_guess
 from fipt.stages.emitters.extract import Extracted
 from fipt.stages.emitters.unseen import Lights, Transport, seen_light, with_more_rays, with_patches
-from fipt.stages.emitters.unseen_fit import Guess, explain, explained
+from fipt.stages.emitters.unseen_fit import Guess, Outset, explain, explained
 from fipt.stages.emitters.unseen_surface import Patches, hidden_triangles, patches_as_before, patches_of, small_parts
 from tests import scenes
 
@@ -232,6 +232,21 @@ def test_colour_of_the_guess(np_rng):
     np.testing.assert_allclose(found, [1.2, 1.0, 0.8], atol=0.08)
 
 
+def test_a_search_goes_on_from_what_larger_patches_told(np_rng):
+    """It keeps what is worth its price, leaves out what is not, and finds the rest."""
+    emitted = np.zeros(40)
+    emitted[[3, 17]] = 12, 6
+    blocks, patches, transport = problem(np_rng, emitted)
+    alone = explain(blocks, patches, transport)
+    told = Outset((17, 30), alone.errors)
+    guess = explain(blocks, patches, transport, outset=told)
+    np.testing.assert_allclose(guess.radiance, alone.radiance, rtol=0.02)
+    assert guess.errors == alone.errors
+    assert guess.gain == pytest.approx(alone.gain, rel=0.02)
+    unsure = explain(blocks, patches, transport, outset=Outset((), (3 * alone.errors[0], alone.errors[1])))
+    assert 0 < unsure.gain < 0.5 * alone.gain
+
+
 def test_nothing_unseen_is_no_guess(np_rng):
     blocks, _, transport = problem(np_rng, np.full(40, 5.0))
     number, none = np.full(100, -1), np.zeros(0)
@@ -367,6 +382,10 @@ def test_a_small_part_is_a_candidate_as_a_whole(bulbs):
             assert own.sum() > 1
             assert (each.candidates[own].all(axis=0) & ~each.candidates[~own].any(axis=0)).sum() == 1
             assert each.area[own].sum() == pytest.approx(6 * 0.2**2)
+            (part,) = each.small(own)
+            (column,) = each.columns_of([part])
+            np.testing.assert_array_equal(each.candidates[:, column], own)
+            assert len(each.small(own & (np.arange(len(own)) != np.argmax(own)))) == 0  # not all of it
 
 
 def test_a_small_part_lights_the_room_if_enough_of_it_does(bulbs):
