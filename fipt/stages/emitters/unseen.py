@@ -64,7 +64,8 @@ class Transport:
     @classmethod
     def without(cls, seen: np.ndarray, outside: np.ndarray) -> "Transport":
         """What is seen alone, before any patch is traced."""
-        return cls(seen, *np.zeros((2, len(seen), 0)), outside)
+        none = np.zeros((len(seen), 0))
+        return cls(seen, none, none, outside)
 
 
 class Lights:

@@ -90,7 +90,7 @@ class Patches:
         own = (self.part >= 0) & (self.number >= 0)
         return np.setdiff1d(self.part[own], self.part[own & ~chosen[self.number]])
 
-    def columns_of(self, parts: Sequence[int]) -> tuple[int, ...]:
+    def columns_of(self, parts: np.ndarray) -> tuple[int, ...]:
         """Columns of `candidates` that are small parts of these numbers."""
         candidates, columns = self.candidates > 0, []
         for part in parts:

@@ -383,7 +383,7 @@ def test_a_small_part_is_a_candidate_as_a_whole(bulbs):
             assert (each.candidates[own].all(axis=0) & ~each.candidates[~own].any(axis=0)).sum() == 1
             assert each.area[own].sum() == pytest.approx(6 * 0.2**2)
             (part,) = each.small(own)
-            (column,) = each.columns_of([part])
+            (column,) = each.columns_of(np.array([part]))
             np.testing.assert_array_equal(each.candidates[:, column], own)
             assert len(each.small(own & (np.arange(len(own)) != np.argmax(own)))) == 0  # not all of it
 
