@@ -83,7 +83,7 @@ class Lights:
     Attributes
     ----------
     met
-        (T,) bool: triangles that a ray has met so far.
+        (T,) int64: how many rays have met each triangle so far.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class Lights:
     ) -> None:
         self.mesh, self.hidden = mesh, hidden
         self.environment, self.sun = split(environment)
-        self.met = np.zeros(len(mesh.triangles), bool)
+        self.met = np.zeros(len(mesh.triangles), np.int64)
         self.scene = RayScene(mesh)
         self.emitted = np.full((len(mesh.triangles), 3), np.nan)
         self.emitted[found.triangle] = found.radiance
@@ -176,7 +176,7 @@ class Lights:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Radiance of each ray (0 where it is not known), and whether it is lost outside."""
         met = triangle >= 0
-        self.met[triangle[met]] = True
+        self.met += np.bincount(triangle[met], minlength=len(self.met))
         radiance = np.zeros((len(origin), 3))
         surface = np.flatnonzero(met & ~self.hidden[triangle])
         normal = self.mesh.normals[triangle[surface]]

@@ -243,8 +243,8 @@ def _trial(
     if not asked and explained(blocks, known):
         return None
     hidden = lights.hidden & ~rejected
-    met = hidden & lights.met  # of the rays from what is seen
-    part = small_parts(mesh, hidden, met)
+    met = hidden & (lights.met > 0)  # of the rays from what is seen
+    part = small_parts(mesh, hidden, lights.met)
     met |= part >= 0  # few rays meet a bulb, and each of them one of its many triangles
     trial = _offered(blocks, lights, known, patches_of(mesh, met, part), asked)
     trial = _finer(trial, partial(_offered, blocks, lights, known, asked=asked), mesh)

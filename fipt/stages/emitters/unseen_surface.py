@@ -15,6 +15,8 @@ from fipt.scene.voxels import facings
 _PATCH_ROWS = 12
 """Patches along the box in the first guess, at most; `patches_of` makes them larger where there would be too many."""
 _MOST_PATCHES = 200
+_MOST_PARTS = 64
+"""Small parts that are candidates: a plant may have thousands of leaves."""
 _LEVELS = 128
 """Steps along the box by which planes that face the same way are told apart: a pane from the ceiling around it."""
 
@@ -144,17 +146,19 @@ def hidden_triangles(mesh: Mesh, shards: Sequence[ObservedShard], found: Emitter
 def small_parts(mesh: Mesh, hidden: np.ndarray, met: np.ndarray) -> np.ndarray:
     """(T,) int64 number of the connected part of each triangle, -1 unless all of it is hidden and it is small.
 
-    A bulb in a shade is one, and a light strip: it shines as a whole. Small is what a cell of the grid of the ``met``
-    triangles (T,) bool could hold, or what has less area. Parts of which none is met have no number.
+    A bulb in a shade is one, and a light strip: it shines as a whole. Small is what a cell of the grid of the hidden
+    triangles that rays ``met`` (T,) could hold, or what has less area. Of many, those count that rays met most.
     """
     part, corners = connected_parts(mesh), mesh.corners
     low, high = np.full((part.max(initial=-1) + 1, 3), np.inf), np.full((part.max(initial=-1) + 1, 3), -np.inf)
     np.minimum.at(low, part, corners.min(axis=1))
     np.maximum.at(high, part, corners.max(axis=1))
-    cell = _extent(corners[met].mean(axis=1)) / _PATCH_ROWS
+    cell = _extent(corners[hidden & (met > 0)].mean(axis=1)) / _PATCH_ROWS
     fits = ((high - low).max(axis=1, initial=0) <= cell) | (np.bincount(part, mesh.areas, len(low)) <= cell**2)
     fits[part[~hidden & (mesh.areas > 0)]] = False
-    return np.where(fits[part] & np.isin(part, part[met]), part, -1)
+    rays = np.where(fits, np.bincount(part, met, len(low)), 0)
+    most = np.argsort(-rays, kind="stable")[:_MOST_PARTS]
+    return np.where(np.isin(part, most[rays[most] > 0]), part, -1)
 
 
 def _extent(points: np.ndarray) -> float:
@@ -189,7 +193,7 @@ def patches_of(mesh: Mesh, hidden: np.ndarray, part: np.ndarray, side: float | N
         own = np.where(small | (size[piece] > side**2), piece, -1)
         _, patch = np.unique(np.column_stack([cell, facing, own]), axis=0, return_inverse=True)
         patch = patch.reshape(-1)
-        if patch.max() < _MOST_PATCHES:
+        if len(np.unique(patch[~small])) <= _MOST_PATCHES:
             break
     number[chosen] = patch
     of_patch = np.zeros(int(patch.max()) + 1, np.int64)

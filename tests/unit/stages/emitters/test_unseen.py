@@ -12,7 +12,7 @@ from fipt.scene.environment import NOTHING, constant
 from fipt.scene.mesh import Mesh
 from fipt.scene.surface_blocks import Blocks, blocks_of
 from fipt.scene.voxels import facings, voxel_keys
-from fipt.stages.emitters import unseen_guess
+from fipt.stages.emitters import unseen_guess, unseen_surface
 from fipt.stages.emitters.extract import Extracted
 from fipt.stages.emitters.unseen import Lights, Transport, seen_light, with_more_rays, with_patches
 from fipt.stages.emitters.unseen_fit import Guess, Outset, explain, explained
@@ -362,6 +362,17 @@ def test_a_small_part_is_hidden_altogether_and_met(bulbs):
     hidden[9] = False  # a view shows one of its triangles
     assert (small_parts(bulbs, hidden, met) < 0).all()
     assert len(small_parts(bulbs, ~met & False, ~met & False)) == 26
+
+
+def test_of_many_small_parts_those_count_that_rays_meet_most(bulbs, monkeypatch):
+    """And they do not make the cells of all else larger."""
+    every, met = np.ones(26, bool), np.where(np.arange(26) < 14, 1, 2)
+    both = small_parts(bulbs, every, met)
+    side = patches_of(bulbs, every, both).side
+    monkeypatch.setattr(unseen_surface, "_MOST_PATCHES", 2)
+    assert patches_of(bulbs, every, both).side == side
+    monkeypatch.setattr(unseen_surface, "_MOST_PARTS", 1)
+    np.testing.assert_array_equal(np.flatnonzero(small_parts(bulbs, every, met) >= 0), np.arange(14, 26))
 
 
 def test_a_part_of_less_area_than_a_cell_is_small(bulbs):
