@@ -33,6 +33,8 @@ _TO_EMITTERS = 0.25
 """Rays to points of emitters for each ray of the cosine lobe, which hardly meets a small one."""
 _PATCH_POINTS = 4
 """Points of a patch at which light arrives, and from which it leaves."""
+_SMALL_POINTS = 16
+"""Points of a patch of a small part: a strip is one patch, however long, and a bulb stands in a shade."""
 _TOWARDS = 2
 """Points of a block from which rays go to those of each patch."""
 _MORE_POINTS = 64
@@ -257,6 +259,8 @@ def seen_light(blocks: Blocks, lights: Lights) -> Transport:
 def with_patches(blocks: Blocks, patches: Patches, lights: Lights, known: Transport) -> Transport:
     """Add to the measured light what patches reflect of it, and what each would give; rays go to points of them."""
     given = _given(blocks, patches, lights, _TOWARDS, _PATCH_POINTS)
+    small = patches.of_small_parts
+    given[:, small] = _given(blocks, patches.only(small, lights.mesh), lights, _TOWARDS, _SMALL_POINTS)
     at_patches, among = _among(patches, lights)
     # radiosity of unseen surface: what it sends back of seen light, and of its own
     solved = np.linalg.inv(np.eye(len(among)) - GREY * among)

@@ -84,8 +84,8 @@ class Guess:
 
 
 @dataclass(frozen=True)
-class Outset:
-    """Where a search begins: with what another one told, of larger patches say.
+class Start:
+    """Where a search begins: with what another search found, among larger patches say.
 
     Attributes
     ----------
@@ -153,12 +153,12 @@ def explained(blocks: Blocks, transport: Transport) -> bool:
 
 
 def explain(
-    blocks: Blocks, patches: Patches, transport: Transport, asked: bool = False, outset: Outset | None = None
+    blocks: Blocks, patches: Patches, transport: Transport, asked: bool = False, start: Start | None = None
 ) -> Guess:
     """Find the emission of unseen patches that explains the radiance of the blocks best, if any does.
 
     Light may be local if ``asked``: something else says that light is missing. Then light is wrong by `_ERROR` from
-    place to place. Else it may be so as a whole, and a guess must matter in half of the room. Without ``outset``
+    place to place. Else it may be so as a whole, and a guess must matter in half of the room. Without ``start``
     the search begins with nothing, and measures its errors.
     """
     nothing = Guess(np.zeros((len(patches.area), 3)))
@@ -172,11 +172,11 @@ def explain(
     floor = 1e-3 * max(float(np.median(light[use])), 1e-9)
     given = transport.unseen[use] @ members
     problem = _Problem(np.log(blocks.radiance[use].mean(axis=1)), np.maximum(light[use], floor), given, group)
-    if outset is None:
+    if start is None:
         before, after, problem = _chosen(problem, blocks.position[use, 0])
     else:
-        problem = replace(problem, sigma=outset.errors[0], tau=outset.errors[1])
-        before, after = _minimum(problem, ()), _best(problem, outset.columns)
+        problem = replace(problem, sigma=start.errors[0], tau=start.errors[1])
+        before, after = _minimum(problem, ()), _best(problem, start.columns)
     after = _joined(problem, after, members)
     gain = before.cost - _criterion(after, problem) if after.support else 0.0
     if not after.support or gain <= 0:

@@ -16,7 +16,7 @@ from fipt.stages.emitters.edges import without_edge
 from fipt.stages.emitters.extract import Extracted
 from fipt.stages.emitters.observations import grouped_median
 from fipt.stages.emitters.unseen import Lights, Transport, seen_light, with_more_rays, with_patches
-from fipt.stages.emitters.unseen_fit import Guess, Outset, explain, explained
+from fipt.stages.emitters.unseen_fit import Guess, Start, explain, explained
 from fipt.stages.emitters.unseen_surface import Patches, hidden_triangles, patches_as_before, patches_of, small_parts
 
 _LEAST_BLOCKS = 30
@@ -139,7 +139,7 @@ def with_guess(
     figures = {
         "explained": False,
         "determined": guess.determined,
-        "patches": len(tried.patches.area),
+        "patches": int(tried.emits.sum()),
         "gain": guess.gain,
         "share": guess.share,
         "spread": guess.spread,
@@ -282,10 +282,10 @@ def _offered(
     transport = replace(transport, unseen=transport.unseen * lights_room)
     # nor does it shine as a part of a plane that lights the room elsewhere
     patches = replace(patches, piece=np.where(lights_room, patches.piece, -1))
-    outset = None
+    start = None
     if after is not None:
-        outset = Outset(patches.columns_of(after.patches.small(after.emits)), after.guess.errors)
-    return _Trial(blocks, transport, patches, explain(blocks, patches, transport, asked, outset))
+        start = Start(patches.columns_of(after.patches.small(after.emits)), after.guess.errors)
+    return _Trial(blocks, transport, patches, explain(blocks, patches, transport, asked, start))
 
 
 def _measured(trial: _Trial, lights: Lights, asked: bool) -> _Trial:
@@ -294,11 +294,11 @@ def _measured(trial: _Trial, lights: Lights, asked: bool) -> _Trial:
     patches, given = trial.patches.only(emits, lights.mesh), trial.transport
     of_these = replace(given, unseen=given.unseen[:, emits], straight=given.straight[:, emits])
     transport = with_more_rays(trial.blocks, patches, lights, of_these)
-    # equally bright patches of a piece are one emitter
+    # equally bright patches are one emitter
     piece = np.unique(trial.guess.radiance[emits], axis=0, return_inverse=True)[1].reshape(-1)
     patches = replace(patches, piece=piece, kept=np.ones(len(piece), bool))
-    measured = explain(trial.blocks, patches, transport, asked)
-    return _Trial(trial.blocks, transport, patches, measured) if measured.determined else trial
+    every = Start(tuple(range(patches.candidates.shape[1])), trial.guess.errors)
+    return _Trial(trial.blocks, transport, patches, explain(trial.blocks, patches, transport, asked, every))
 
 
 def _lit(

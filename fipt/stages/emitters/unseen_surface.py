@@ -34,7 +34,8 @@ class Patches:
     area
         (P,) square metres.
     piece
-        (P,) int64 number of the connected plane, or of the small part, that each belongs to; -1 where a plane is small.
+        (P,) int64 number of the connected plane, or of the small part, that each belongs to; -1 where a plane is small,
+        or lights nothing that is seen.
     side
         Of the cells of the grid, metres.
     kept
@@ -61,18 +62,21 @@ class Patches:
 
     def only(self, chosen: np.ndarray, mesh: Mesh) -> "Patches":
         """The ``chosen`` patches (P,) bool alone, in their order."""
-        number = np.where((self.number >= 0) & chosen[self.number], self.number, -1)
+        number = np.where(np.append(chosen, False)[self.number], self.number, -1)  # triangles of no patch have -1
         return _gathered(mesh, number, self.piece, self.side, self.part)
 
     def _around(self, chosen: np.ndarray, mesh: Mesh) -> np.ndarray:
-        """(T,) bool: triangles whose centres are no farther than a cell from those of the chosen patches."""
+        """(T,) bool: triangles whose centres are no farther than a cell from those of the chosen patches.
+
+        All of a small part, if one of its triangles is.
+        """
         centers, own = mesh.corners.mean(axis=1), np.flatnonzero(self.number >= 0)
         near = own[chosen[self.number[own]]]
         result = np.zeros(len(self.number), bool)
         if len(near):
             away, _ = cKDTree(centers[near]).query(centers[own], distance_upper_bound=self.side, workers=-1)
             result[own] = np.isfinite(away)
-        return result
+        return result | (self.number >= 0) & (self.part >= 0) & np.isin(self.part, self.part[result])
 
     @property
     def candidates(self) -> np.ndarray:
@@ -86,6 +90,13 @@ class Patches:
         pieces, count = np.unique(self.piece[self.piece >= 0], return_counts=True)
         whole = self.piece[:, None] == pieces[count > 1]
         return np.concatenate([np.eye(len(self.area)), whole], axis=1)
+
+    @property
+    def of_small_parts(self) -> np.ndarray:
+        """(P,) bool: patches of small parts."""
+        result = np.zeros(len(self.area), bool)
+        result[self.number[(self.part >= 0) & (self.number >= 0)]] = True
+        return result
 
     def small(self, chosen: np.ndarray) -> np.ndarray:
         """Numbers of the small parts all of which is of the ``chosen`` patches (P,) bool."""
@@ -105,10 +116,9 @@ class Patches:
 
         ``arrives`` (P,) is the share times the area, square metres.
         """
-        row = np.arange(len(self.area))
-        small = np.zeros(len(row), bool)
-        small[self.number[(self.part >= 0) & (self.number >= 0)]] = True
-        _, owner = np.unique(np.where(small & (self.piece >= 0), len(row) + self.piece, row), return_inverse=True)
+        owner, own = np.arange(len(self.area)), (self.part >= 0) & (self.number >= 0)
+        owner[self.number[own]] = len(owner) + self.part[own]
+        _, owner = np.unique(owner, return_inverse=True)
         share = np.bincount(owner, arrives) / np.maximum(np.bincount(owner, self.area), 1e-12)
         return share[owner] > least
 
@@ -158,7 +168,7 @@ def small_parts(mesh: Mesh, hidden: np.ndarray, met: np.ndarray) -> np.ndarray:
     fits[part[~hidden & (mesh.areas > 0)]] = False
     rays = np.where(fits, np.bincount(part, met, len(low)), 0)
     most = np.argsort(-rays, kind="stable")[:_MOST_PARTS]
-    return np.where(np.isin(part, most[rays[most] > 0]), part, -1)
+    return np.where(hidden & np.isin(part, most[rays[most] > 0]), part, -1)
 
 
 def _extent(points: np.ndarray) -> float:
@@ -169,7 +179,8 @@ def _extent(points: np.ndarray) -> float:
 def patches_of(mesh: Mesh, hidden: np.ndarray, part: np.ndarray, side: float | None = None) -> Patches:
     """Gather triangles (T,) bool into cells of a grid, by facing; a coarser grid where they would be too many.
 
-    ``part`` (T,) is that of `small_parts`. ``side`` of the cells, metres; None: a twelfth of what is hidden.
+    Small parts are gathered by facing alone. ``part`` (T,) is that of `small_parts`. ``side`` of the cells, metres;
+    None: a twelfth of what is hidden.
     """
     number, chosen = np.full(len(mesh.triangles), -1, np.int64), np.flatnonzero(hidden)
     if len(chosen) == 0:
@@ -189,7 +200,7 @@ def patches_of(mesh: Mesh, hidden: np.ndarray, part: np.ndarray, side: float | N
     patch, own, least = np.zeros(len(chosen), np.int64), piece, side or max(extent, 1e-9) / _PATCH_ROWS
     for rows in range(_PATCH_ROWS, 0, -1):
         side = least * _PATCH_ROWS / rows
-        cell = np.floor((centers - low) / side).astype(np.int64)
+        cell = np.where(small[:, None], 0, np.floor((centers - low) / side)).astype(np.int64)
         own = np.where(small | (size[piece] > side**2), piece, -1)
         _, patch = np.unique(np.column_stack([cell, facing, own]), axis=0, return_inverse=True)
         patch = patch.reshape(-1)

@@ -15,7 +15,7 @@ from fipt.scene.voxels import facings, voxel_keys
 from fipt.stages.emitters import unseen_guess, unseen_surface
 from fipt.stages.emitters.extract import Extracted
 from fipt.stages.emitters.unseen import Lights, Transport, seen_light, with_more_rays, with_patches
-from fipt.stages.emitters.unseen_fit import Guess, Outset, explain, explained
+from fipt.stages.emitters.unseen_fit import Guess, Start, explain, explained
 from fipt.stages.emitters.unseen_surface import Patches, hidden_triangles, patches_as_before, patches_of, small_parts
 from tests import scenes
 
@@ -238,12 +238,12 @@ def test_a_search_goes_on_from_what_larger_patches_told(np_rng):
     emitted[[3, 17]] = 12, 6
     blocks, patches, transport = problem(np_rng, emitted)
     alone = explain(blocks, patches, transport)
-    told = Outset((17, 30), alone.errors)
-    guess = explain(blocks, patches, transport, outset=told)
+    told = Start((17, 30), alone.errors)
+    guess = explain(blocks, patches, transport, start=told)
     np.testing.assert_allclose(guess.radiance, alone.radiance, rtol=0.02)
     assert guess.errors == alone.errors
     assert guess.gain == pytest.approx(alone.gain, rel=0.02)
-    unsure = explain(blocks, patches, transport, outset=Outset((), (3 * alone.errors[0], alone.errors[1])))
+    unsure = explain(blocks, patches, transport, start=Start((), (3 * alone.errors[0], alone.errors[1])))
     assert 0 < unsure.gain < 0.5 * alone.gain
 
 
@@ -384,9 +384,10 @@ def test_a_part_of_less_area_than_a_cell_is_small(bulbs):
 
 
 def test_a_small_part_is_a_candidate_as_a_whole(bulbs):
-    """In cells that cut it, too, and once more in smaller ones."""
+    """In cells that cut it, too, and once more in smaller ones, of which a part may lie at the border."""
     every = np.ones(26, bool)
     patches = patches_of(bulbs, every, small_parts(bulbs, every, every), 0.15)
+    assert patches._around(np.arange(len(patches.area)) == patches.number[2], bulbs)[2:14].all()
     for each in (patches, patches.finer(np.isin(np.arange(len(patches.area)), patches.number[2:]), bulbs)):
         for box in (slice(2, 14), slice(14, 26)):
             own = np.isin(np.arange(len(each.area)), each.number[box])
