@@ -216,7 +216,7 @@ def _chosen(problem: _Problem, place: np.ndarray) -> tuple[_State, _State, _Prob
 
 
 def _best(problem: _Problem, first: tuple[int, ...]) -> _State:
-    """Add patches to the ``first`` ones as long as they are worth their price, then leave out those that are not."""
+    """Add patches to the ``first`` ones as long as they are worth their price, then leave out or exchange each."""
     state = _minimum(problem, first)
     while len(state.support) < problem.unseen.shape[1]:
         wider = _minimum(problem, (*state.support, _next(problem, state)), state)
@@ -225,8 +225,8 @@ def _best(problem: _Problem, first: tuple[int, ...]) -> _State:
         state = wider
     for patch in state.support:
         fewer = _minimum(problem, tuple(k for k in state.support if k != patch))
-        if _criterion(fewer, problem) <= _criterion(state, problem):
-            state = fewer
+        other = _minimum(problem, (*fewer.support, _next(problem, fewer)), fewer)
+        state = min((fewer, state, other), key=lambda each: _criterion(each, problem))
     return state
 
 

@@ -341,14 +341,15 @@ def _blocks_of(
 
 
 def _added(mesh: Mesh, found: Emitters, patches: Patches, guess: Guess) -> Emitters:
-    """Emitters with the triangles of every patch that emits; equally bright patches of a piece are one emitter."""
+    """Emitters with the triangles of every patch that emits; equally bright ones of a piece or part are one emitter."""
     emits = np.append(guess.radiance.max(axis=1) > 0, False)  # triangles of no patch do not
     # a doubtful emitter was no emitter when patches were chosen, and stays one where the guess does not light it
     triangle = np.setdiff1d(np.flatnonzero(emits[patches.number]), found.triangle)
     patch, count = patches.number[triangle], len(triangle)
     # a patch of no piece is one by itself
     owner = np.where(patches.piece[patch] >= 0, patches.piece[patch], -1 - patch)
-    _, own = np.unique(np.column_stack([owner, guess.radiance[patch].mean(axis=1)]), axis=0, return_inverse=True)
+    key = np.column_stack([owner, patches.part[triangle], guess.radiance[patch].mean(axis=1)])
+    _, own = np.unique(key, axis=0, return_inverse=True)
     number = int(found.emitter.max(initial=-1)) + 1 + own.reshape(-1)
     # the spread as a share of the power, on the scale of agreement: halves where the power is known by a factor of 2
     confidence = 0.5 * np.exp(-guess.spread / 0.5)

@@ -17,6 +17,8 @@ _PATCH_ROWS = 12
 _MOST_PATCHES = 200
 _MOST_PARTS = 64
 """Small parts that are candidates: a plant may have thousands of leaves."""
+_SAME_AREA = 2
+"""Decimals of the logarithm of the area by which copies of a part are told: within 1 %."""
 _LEVELS = 128
 """Steps along the box by which planes that face the same way are told apart: a pane from the ceiling around it."""
 
@@ -80,16 +82,29 @@ class Patches:
 
     @property
     def candidates(self) -> np.ndarray:
-        """(P, Q) float64, 1 where a candidate has a patch: every patch, then every piece of several patches.
+        """(P, Q) float64, 1 where a candidate has a patch: every patch, piece of several patches, all copies of a part.
 
-        A pane or a bulb shines as a whole. Each guess of the round before is one candidate.
+        A pane or a bulb shines as a whole, and spots of one kind shine alike. Each guess of the round before is one
+        candidate.
         """
         if self.kept.any():
             offered = self.kept & (self.piece >= 0)  # what is enclosed is of no piece
             return (self.piece[:, None] == np.unique(self.piece[offered])).astype(np.float64)
         pieces, count = np.unique(self.piece[self.piece >= 0], return_counts=True)
         whole = self.piece[:, None] == pieces[count > 1]
-        return np.concatenate([np.eye(len(self.area)), whole], axis=1)
+        return np.concatenate([np.eye(len(self.area)), whole, self._copies()], axis=1)
+
+    def _copies(self) -> np.ndarray:
+        """(P, K) bool: the patches of all small parts of one shape, by triangles and area, that light what is seen."""
+        small = np.flatnonzero(self.of_small_parts & (self.piece >= 0))
+        piece, owner = np.unique(self.piece[small], return_inverse=True)
+        triangles = np.bincount(self.number[self.number >= 0], minlength=len(self.area))[small]
+        area = np.log(np.bincount(owner, self.area[small], len(piece)))
+        shape = np.column_stack([np.bincount(owner, triangles, len(piece)), np.round(area, _SAME_AREA)])
+        _, kind, count = np.unique(shape, axis=0, return_inverse=True, return_counts=True)
+        result = np.zeros((len(self.area), len(count)), bool)
+        result[small, kind.reshape(-1)[owner]] = True
+        return result[:, count > 1]
 
     @property
     def of_small_parts(self) -> np.ndarray:

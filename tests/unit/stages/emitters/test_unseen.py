@@ -364,6 +364,16 @@ def test_a_small_part_is_hidden_altogether_and_met(bulbs):
     assert len(small_parts(bulbs, ~met & False, ~met & False)) == 26
 
 
+def test_copies_of_a_small_part_are_one_candidate(bulbs):
+    every = np.ones(38, bool)
+    other = scenes.joined(bulbs, scenes.box((3, 1, 0), (3.1, 1.2, 0.1)))
+    patches = patches_of(other, every, small_parts(other, every, every))
+    own = np.isin(np.arange(len(patches.area)), patches.number[2:26])
+    np.testing.assert_array_equal(patches.candidates[:, -1], own)
+    enclosed = np.where(np.isin(np.arange(len(own)), patches.number[2:14]), -1, patches.piece)
+    assert (replace(patches, piece=enclosed).candidates.sum(axis=0) < own.sum()).all()
+
+
 def test_of_many_small_parts_those_count_that_rays_meet_most(bulbs, monkeypatch):
     """And they do not make the cells of all else larger."""
     every, met = np.ones(26, bool), np.where(np.arange(26) < 14, 1, 2)
