@@ -374,6 +374,15 @@ def test_copies_of_a_small_part_are_one_candidate(bulbs):
     assert (replace(patches, piece=enclosed).candidates.sum(axis=0) < own.sum()).all()
 
 
+def test_copies_that_shine_alike_are_emitters_of_their_own(bulbs):
+    every = np.ones(26, bool)
+    patches = patches_of(bulbs, every, small_parts(bulbs, every, every))
+    guess = Guess(np.tile(5.0 * patches.of_small_parts[:, None], 3), determined=True)
+    found = unseen_guess._added(bulbs, Emitters.none(), replace(patches, piece=0 * patches.piece), guess)
+    np.testing.assert_array_equal(found.triangle, np.arange(2, 26))
+    np.testing.assert_array_equal(found.emitter, np.repeat([0, 1], 12))
+
+
 def test_of_many_small_parts_those_count_that_rays_meet_most(bulbs, monkeypatch):
     """And they do not make the cells of all else larger."""
     every, met = np.ones(26, bool), np.where(np.arange(26) < 14, 1, 2)
