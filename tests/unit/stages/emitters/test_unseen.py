@@ -247,6 +247,16 @@ def test_a_search_goes_on_from_what_larger_patches_told(np_rng):
     assert 0 < unsure.gain < 0.5 * alone.gain
 
 
+def test_a_patch_that_was_chosen_early_is_exchanged_for_a_better_one(np_rng):
+    """Patch 30 lights nearly what patch 3 lights: beside it, patch 3 is not worth its price."""
+    blocks, patches, transport = problem(np_rng, np.where(np.arange(40) == 3, 12.0, 0))
+    unseen = transport.unseen.copy()
+    unseen[:, 30] = unseen[:, 3] * np.exp(0.03 * np_rng.standard_normal(len(unseen)))
+    errors = explain(blocks, patches, transport).errors
+    guess = explain(blocks, patches, replace(transport, unseen=unseen), start=Start((30,), errors))
+    np.testing.assert_array_equal(np.flatnonzero(guess.radiance.any(axis=1)), [3])
+
+
 def test_nothing_unseen_is_no_guess(np_rng):
     blocks, _, transport = problem(np_rng, np.full(40, 5.0))
     number, none = np.full(100, -1), np.zeros(0)
