@@ -70,7 +70,7 @@ class Guess:
     determined
         Whether the guess is to be used.
     errors
-        sigma and tau of what is left.
+        sigma (relative error of a block's light) and tau (blocks that err alike) of what is left.
     """
 
     radiance: np.ndarray
@@ -85,12 +85,12 @@ class Guess:
 
 @dataclass(frozen=True)
 class Start:
-    """Where a search begins: with what another search found, among larger patches say.
+    """Where a search begins: with what a search before it found, as a rule among larger patches.
 
     Attributes
     ----------
     columns
-        Candidates that emitted there.
+        Columns of `Patches.candidates` that emitted there.
     errors
         sigma and tau there: only gains of the same are compared.
     """

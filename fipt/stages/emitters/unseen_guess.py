@@ -274,7 +274,7 @@ def _finer(trial: _Trial, offered: Callable[..., _Trial], mesh: Mesh) -> _Trial:
 def _offered(
     blocks: Blocks, lights: Lights, known: Transport, patches: Patches, asked: bool, after: _Trial | None = None
 ) -> _Trial:
-    """Guess which patches emit, ``after`` another guess beginning with its small parts, and with its errors."""
+    """Guess which patches emit. ``after`` another guess, the search begins with its small parts, under its errors."""
     transport = with_patches(blocks, patches, lights, known)
     # of what a patch sends out, pi times its area and radiance, blocks have a sample
     seen_area = lights.mesh.areas[~lights.hidden].sum()
@@ -289,7 +289,10 @@ def _offered(
 
 
 def _measured(trial: _Trial, lights: Lights, asked: bool) -> _Trial:
-    """The powers of what emits, by many more rays to it: few rays tell which patches emit, and little of how much."""
+    """The powers of what emits, by many more rays to it: few rays tell which patches emit, and little of how much.
+
+    If many rays say that none of it is worth its price, the guess is not determined.
+    """
     emits = trial.emits
     patches, given = trial.patches.only(emits, lights.mesh), trial.transport
     of_these = replace(given, unseen=given.unseen[:, emits], straight=given.straight[:, emits])

@@ -477,6 +477,10 @@ def test_what_emits_is_measured_by_more_rays(backend, np_rng):
     assert found.guess.determined
     np.testing.assert_allclose(found.guess.radiance, 5, rtol=0.05)
     assert len(np.unique(found.guess.radiance[:, 0])) == 1  # still one emitter
+    dark = replace(blocks, radiance=np.full((300, 3), 0.04))  # as without the panel
+    found = unseen_guess._measured(unseen_guess._Trial(dark, few, patches, guess), own, True)
+    assert not found.guess.determined
+    assert not found.guess.radiance.any()
 
 
 def test_a_pane_is_found_as_a_whole(np_rng):
