@@ -19,6 +19,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
+from fipt.conventions import F0_DIELECTRIC
 from fipt.render.directions import all_around
 from fipt.render.scene import RayScene
 from fipt.robust import deviation
@@ -58,6 +59,8 @@ _LEAST_NEIGHBOURS = 4
 """Neighbours without which a block is not compared."""
 _ROWS = 512
 """Rows of a map with a sun: its texels are two thirds as wide as the sun."""
+_MIRRORED = 0.5
+"""Share of a block's radiance that it mirrors, at most: black surface has little else."""
 _CHUNK = 256
 """Directions that are judged at a time."""
 
@@ -113,7 +116,7 @@ class SunSearch:
         self.scene = scene
         self.matte = np.flatnonzero(blocks.spread < GLOSSY)
         self.position, self.normal = blocks.position[self.matte], blocks.normal[self.matte]
-        self.color = np.log(np.maximum(blocks.radiance[self.matte], 1e-6))
+        self.radiance = np.maximum(blocks.radiance[self.matte], 1e-6)
         self.around = _around(self.position[:, 0], blocks.group[self.matte])
         self.compared = np.flatnonzero(np.diff(self.around.indptr) >= _LEAST_NEIGHBOURS)
 
@@ -195,8 +198,11 @@ class _Judge:
         self.search = search
         self.light = np.maximum(light[search.matte], 1e-6)
         self.level = np.median(self.light, axis=0) if len(self.light) else np.ones(3)
-        self.residual = self._differences(search.color - np.log(self.light))
-        mean = self._differences((search.color - np.log(self.light)).mean(axis=1, keepdims=True))
+        # what matte surface mirrors of the room is no part of what the sun changes: no view looks along its reflection
+        mirrored = np.minimum(F0_DIELECTRIC * self.light, _MIRRORED * search.radiance)
+        self.color = np.log(search.radiance - mirrored)
+        self.residual = self._differences(self.color - np.log(self.light))
+        mean = self._differences((self.color - np.log(self.light)).mean(axis=1, keepdims=True))
         self.sigma = max(float(deviation(mean)), LEAST_SIGMA) if mean.size else LEAST_SIGMA
         place = search.position[search.compared, 0]
         self.tau = errors_alike(mean[:, 0] / self.sigma, place) if len(place) > 1 else 1.0
@@ -207,7 +213,7 @@ class _Judge:
         ``lit`` (M, D): cosines of the blocks with them, 0 where they do not reach.
         """
         light = self.light.mean(axis=1, keepdims=True)
-        color = self.search.color.mean(axis=1, keepdims=True)
+        color = self.color.mean(axis=1, keepdims=True)
         before = self._cost(self._differences(color - np.log(light)))
         costs = [
             self._cost(self._differences(color - np.log(light + power * self.level.mean() * lit))) for power in _POWERS
@@ -219,7 +225,7 @@ class _Judge:
         power, gain = np.zeros(3), 0.0
         for c in range(3):
             bright = self.light[:, c : c + 1] + np.exp(_STEPS) * self.level[c] * lit[:, None]
-            costs = self._cost(self._differences(self.search.color[:, c : c + 1] - np.log(bright)))
+            costs = self._cost(self._differences(self.color[:, c : c + 1] - np.log(bright)))
             gained = float(self._cost(self.residual[:, c : c + 1])[0] - costs.min())
             if gained > 0:
                 power[c] = np.exp(_STEPS[int(np.argmin(costs))]) * self.level[c]
