@@ -67,6 +67,7 @@ def blocks_of(
     emitting: np.ndarray,
     box: Mapping[str, np.ndarray],
     most: int = MANY_BLOCKS,
+    points: int = 4,
 ) -> Blocks:
     """Gather the pixels of all training views into blocks.
 
@@ -78,6 +79,8 @@ def blocks_of(
         ``center`` and ``side`` of the scene box (cache.npz).
     most
         Blocks that are wanted, and no more: they are as large as that lets them be.
+    points
+        Samples R of each block.
     """
     part = connected_parts(mesh)
     columns: list[list[np.ndarray]] = []
@@ -113,10 +116,10 @@ def blocks_of(
             break
     if len(kept) > most:
         kept = np.sort(np.random.default_rng(0).permutation(kept)[:most])
-    return _gathered(kept, block, (position, normal, color, group, view, of_sample))
+    return _gathered(kept, block, (position, normal, color, group, view, of_sample), points)
 
 
-def _gathered(kept: np.ndarray, block: np.ndarray, columns: tuple[np.ndarray, ...]) -> Blocks:
+def _gathered(kept: np.ndarray, block: np.ndarray, columns: tuple[np.ndarray, ...], points: int) -> Blocks:
     """Means of the blocks that are ``kept``; ``block`` (S,) is that of each sample."""
     place = np.full(int(block.max(initial=-1)) + 1, -1)
     place[kept] = np.arange(len(kept))
@@ -134,7 +137,7 @@ def _gathered(kept: np.ndarray, block: np.ndarray, columns: tuple[np.ndarray, ..
     spread = np.sqrt(np.bincount(owner, (level - middle[owner]) ** 2, rows) / np.maximum(views - 1, 1))
     order = np.argsort(row, kind="stable")
     start = np.cumsum(count) - count
-    pick = (np.random.default_rng(0).random((rows, 4)) * count[:, None]).astype(np.int64)
+    pick = (np.random.default_rng(0).random((rows, points)) * count[:, None]).astype(np.int64)
     chosen = order[start[:, None] + pick]
     first = order[start]
     return Blocks(position[chosen], normal[chosen], np.exp(mean), spread, group[first], triangle[chosen[:, 0]])

@@ -37,6 +37,8 @@ _SMALL_POINTS = 16
 """Points of a patch of a small part: a strip is one patch, however long, and a bulb stands in a shade."""
 _TOWARDS = 2
 """Points of a block from which rays go to those of each patch."""
+_BOUNCES = 4
+"""Of light on unseen surface: the fifth has 3 % of it."""
 _MORE_POINTS = 64
 """Points of a patch of which it is known that it emits: the edge of a shade cuts the light of a bulb."""
 
@@ -269,9 +271,34 @@ def with_patches(blocks: Blocks, patches: Patches, lights: Lights, known: Transp
 
 
 def with_more_rays(blocks: Blocks, patches: Patches, lights: Lights, transport: Transport) -> Transport:
-    """The same, of what the patches give straight measured by many more rays: for a few patches that emit."""
+    """The same, of what the patches give measured by many more rays, and by paths: for a few patches that emit."""
     given = _given(blocks, patches, lights, blocks.position.shape[1], _MORE_POINTS)
-    return replace(transport, unseen=transport.unseen + given - transport.straight, straight=given)
+    return replace(transport, unseen=given + _by_unseen(blocks, patches, lights), straight=given)
+
+
+def _by_unseen(blocks: Blocks, patches: Patches, lights: Lights) -> np.ndarray:
+    """(N, P) what patches give by way of unseen surface: paths go on from there, as from grey.
+
+    A shade sends on what its bulb gives to it; its cell of the unseen surface is much larger than it.
+    """
+    rows, points = blocks.position.shape[:2]
+    count, rng, result = _RAYS // points, np.random.default_rng(2), np.zeros((rows, len(patches.area)))
+    row = np.repeat(np.arange(rows), points * count)
+    position = np.repeat(blocks.position.reshape(-1, 3), count, axis=0)
+    normal = np.repeat(blocks.normal.reshape(-1, 3), count, axis=0)
+    for bounce in range(_BOUNCES):
+        direction = cosine_directions(normal, rng)
+        distance, triangle = lights.scene.intersect(position + lights.scene.epsilon * normal, direction)
+        # what emits sends nothing on
+        on = np.flatnonzero((triangle >= 0) & lights.hidden[triangle] & (patches.number[triangle] < 0))
+        if len(on) == 0:
+            break
+        position = (position[on] + distance[on, None] * direction[on]).astype(np.float32)
+        normal, row = lights.mesh.normals[triangle[on]], row[on]
+        normal = np.where((normal * direction[on]).sum(axis=1, keepdims=True) > 0, -normal, normal)
+        given = GREY ** (bounce + 1) * lights.given(patches, position, normal)
+        result += np.stack([np.bincount(row, column, rows) for column in given.T], axis=1)
+    return result / (count * points)
 
 
 def _given(blocks: Blocks, patches: Patches, lights: Lights, places: int, points: int) -> np.ndarray:

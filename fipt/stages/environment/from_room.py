@@ -23,8 +23,11 @@ _ROWS = 32
 """Rows of the map of what the room tells: its light hardly changes within less than 6 degrees of the sky."""
 _LEAST_BLOCKS = 30
 """Pieces of seen surface without which no light is told from a reflectance."""
-_SUN_BLOCKS, _SUN_RAYS = 6000, 64
-"""Pieces of surface that tell of a sun, some centimetres wide, and rays of each of their samples to all other light."""
+_SUN = 6000, 16, 16
+"""Pieces of surface that tell of a sun, some centimetres wide; samples of each: the border of what the sun lights crosses
+many; and rays of each sample to all other light."""
+_WHERE = 24_000, 4, 16
+"""The same for where exactly it stands: half as wide."""
 _SUN_ROUNDS = 2
 """Estimates of the sky beside the sun and of the sun's power, in turn."""
 _LOOKED_AT_ROWS = 90
@@ -72,16 +75,21 @@ def outside_from_room(
     without = FoundOutside(sky, None, figures)
     if not settings.sun:
         return without
-    small_blocks = blocks_of(observed, mesh, no_emitters, cache, _SUN_BLOCKS)
-    small_light = room_light(small_blocks, scene, cache, seen.smooth, _SUN_RAYS)
-    search = SunSearch(scene, small_blocks)
-    sun = search.find(small_light.under(seen.smooth.radiance), seen.looked_at)
+
+    def search(most: int, points: int, rays: int) -> tuple[SunSearch, RoomLight]:
+        pieces = blocks_of(observed, mesh, no_emitters, cache, most, points)
+        return SunSearch(scene, pieces), room_light(pieces, scene, cache, seen.smooth, rays)
+
+    coarse, its_light = search(*_SUN)
+    sun = coarse.find(its_light.under(seen.smooth.radiance), seen.looked_at)
     if sun is None:
         return without
+    fine, fine_light = search(*_WHERE)
+    direction = fine.exact(fine_light.under(seen.smooth.radiance), sun.direction, seen.looked_at)
     for _ in range(_SUN_ROUNDS):
         sunlit = replace(light, inside=light.inside + _sunlit(scene, sun, blocks))
         sky, figures = seen.completed(blocks, sunlit)
-        sun = search.measured(small_light.under(sky.radiance), sun.direction)
+        sun = coarse.measured(its_light.under(sky.radiance), direction)
     return FoundOutside(sky, sun, figures | {"sun": sun.figures}) if sun.irradiance.any() else without
 
 

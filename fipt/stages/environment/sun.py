@@ -12,6 +12,7 @@ much as bright ones speak for it. Other errors speak for some direction, too, bu
 a sun is believed if no direction far from it explains nearly as much, and no disc of many degrees clearly more.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -33,8 +34,10 @@ _HORIZON = np.sin(np.radians(2.0))
 """Sine of the least height of a sun: below, trees and houses hide it."""
 _BEST = 4
 """Directions of these around which finer ones are tried."""
-_FINER = (2.0, 0.7, 0.25)
+_FINER = (2.0, 0.7)
 """Degrees around each of them in which finer ones are tried, one step after the other."""
+_EXACT = (0.7, 0.25)
+"""The same around the one that was found, by smaller pieces of surface."""
 _AROUND = 60
 """Directions of such a step."""
 _POWERS = 2.0 ** np.arange(-1, 9.6, 1.5)
@@ -152,6 +155,10 @@ class SunSearch:
         """The sun in a direction, with its power and its size; ``light`` as in `find`."""
         return _smallest(self._of_sizes(_Judge(self, light), direction))
 
+    def exact(self, light: np.ndarray, direction: np.ndarray, seen: EnvironmentMap) -> np.ndarray:
+        """(3,) the best possible direction close to another; ``light`` and ``seen`` as in `find`."""
+        return self._finer(_Judge(self, light), direction, seen, _EXACT)[0]
+
     def _of_sizes(self, judge: "_Judge", direction: np.ndarray) -> list[FoundSun]:
         """Suns in a direction, from the smallest to the largest, each with its best power."""
         return [judge.power(self.disc(direction, radius), direction, radius) for radius in _RADII]
@@ -178,11 +185,13 @@ class SunSearch:
         """(M, D) the same as a mean over the points of each block."""
         return np.mean([self.lit(directions, k) for k in range(self.position.shape[1])], axis=0)
 
-    def _finer(self, judge: "_Judge", direction: np.ndarray, seen: EnvironmentMap) -> tuple[np.ndarray, float]:
-        """The best possible direction near another, which is possible, and its gain."""
+    def _finer(
+        self, judge: "_Judge", direction: np.ndarray, seen: EnvironmentMap, steps: Sequence[float] = _FINER
+    ) -> tuple[np.ndarray, float]:
+        """The best possible direction near another, which is possible, and its gain; ``steps`` are in degrees."""
         best, most = direction, -np.inf
         turns = np.arange(_AROUND) * np.pi * (3 - np.sqrt(5))
-        for degrees in _FINER:
+        for degrees in steps:
             away = np.tan(np.radians(degrees)) * np.sqrt(np.arange(_AROUND) / _AROUND)
             near = _tilted(best, away * np.cos(turns), away * np.sin(turns))
             near = near[_possible(near, seen)]

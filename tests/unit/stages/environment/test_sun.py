@@ -92,6 +92,14 @@ def test_its_place_and_power_are_found(room):
     assert sun.radius < np.radians(1)
 
 
+def test_where_it_stands_is_told_closely(room):
+    search, known = room(POWER)
+    begin = TOWARD + 0.012 * np.cross(TOWARD, [0, 1, 0])
+    begin /= np.linalg.norm(begin)
+    assert 0.5 < np.degrees(np.arccos(begin @ TOWARD)) < 0.7
+    assert np.degrees(np.arccos(min(search.exact(known, begin, NOWHERE) @ TOWARD, 1))) < 0.25
+
+
 def test_a_sun_is_not_sought_where_pixels_look(room):
     search, known = room(POWER)
     above = (np.arange(90) < 45).astype(np.float32)[:, None, None]
