@@ -62,7 +62,10 @@ _LEAST_NEIGHBOURS = 4
 """Neighbours without which a block is not compared."""
 _ROWS = 512
 """Rows of a map with a sun: its texels are two thirds as wide as the sun."""
-_MIRRORED = 0.5
+_MIRRORED = 0.5 * F0_DIELECTRIC
+"""Reflectance for what surface mirrors of a room, less that of the sun: no view sees a smooth one mirror the sun (0.04),
+and a rough one mirrors both (0)."""
+_MOST_MIRRORED = 0.5
 """Share of a block's radiance that it mirrors, at most: black surface has little else."""
 _CHUNK = 256
 """Directions that are judged at a time."""
@@ -207,8 +210,7 @@ class _Judge:
         self.search = search
         self.light = np.maximum(light[search.matte], 1e-6)
         self.level = np.median(self.light, axis=0) if len(self.light) else np.ones(3)
-        # what matte surface mirrors of the room is no part of what the sun changes: no view looks along its reflection
-        mirrored = np.minimum(F0_DIELECTRIC * self.light, _MIRRORED * search.radiance)
+        mirrored = np.minimum(_MIRRORED * self.light, _MOST_MIRRORED * search.radiance)
         self.color = np.log(search.radiance - mirrored)
         self.residual = self._differences(self.color - np.log(self.light))
         mean = self._differences((self.color - np.log(self.light)).mean(axis=1, keepdims=True))

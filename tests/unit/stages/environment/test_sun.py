@@ -63,8 +63,8 @@ def room(backend, np_rng):
         known = np.tile(LIGHT, (len(place), 1))
         light = known + np.mean([sunlight(scene, sun, place[:, k], normal[:, k]) for k in range(4)], axis=0)
         rho = np.array([[0.5, 0.3, 0.2], [0.7, 0.7, 0.7], [0.3, 0.4, 0.5]])[group]
-        # the surface mirrors the room, but no view looks along the reflection of the sun
-        color = (rho * light + 0.04 * known) * np.exp(0.25 * np_rng.standard_normal((len(place), 1)))
+        # the surface mirrors more of the room than of the sun
+        color = (rho * light + 0.02 * known) * np.exp(0.25 * np_rng.standard_normal((len(place), 1)))
         none = np.zeros(len(place))
         blocks = Blocks(place, normal, color, none, group, none.astype(np.int64))
         return SunSearch(scene, blocks) if search else blocks, known
