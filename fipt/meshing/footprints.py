@@ -28,14 +28,11 @@ class SeenSurface:
         (N,) float32 side of the pixel at its surface, across the ray, metres.
     triangle
         (N,) int32 the triangle that is seen.
-    front
-        (N,) bool whether from the side that its winding faces.
     """
 
     position: np.ndarray
     footprint: np.ndarray
     triangle: np.ndarray
-    front: np.ndarray
 
     def footprint_at(self, points: np.ndarray) -> np.ndarray:
         """(M,) footprint at the seen place nearest to each of (M, 3) points."""
@@ -49,7 +46,7 @@ def seen_surface(mesh: Mesh, cameras: Sequence[Camera]) -> SeenSurface:
     scene = RayScene(mesh)
     pixels = sum(camera.width * camera.height for camera in cameras)
     step = max(1, int(np.ceil(np.sqrt(pixels / _RAYS))))
-    positions, footprints, triangles, fronts = [], [], [], []
+    positions, footprints, triangles = [], [], []
     for camera in cameras:
         rows, columns = np.mgrid[step // 2 : camera.height : step, step // 2 : camera.width : step] + 0.5
         directions = camera.directions(columns, rows).reshape(-1, 3)
@@ -59,5 +56,4 @@ def seen_surface(mesh: Mesh, cameras: Sequence[Camera]) -> SeenSurface:
         positions.append((camera.center + distance[:, None] * directions[met]).astype(np.float32))
         footprints.append((distance / max(camera.fx, camera.fy)).astype(np.float32))
         triangles.append(triangle)
-        fronts.append((scene.normals[triangle] * directions[met]).sum(axis=1) < 0)
-    return SeenSurface(*map(np.concatenate, (positions, footprints, triangles, fronts)))
+    return SeenSurface(np.concatenate(positions), np.concatenate(footprints), np.concatenate(triangles))

@@ -8,7 +8,6 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from fipt.meshing.backs import with_backs
 from fipt.meshing.clean import clean
 from fipt.meshing.cut import cut_at
 from fipt.meshing.decimate import decimated
@@ -105,7 +104,6 @@ def prepared(
             edges = find_edges(mesh, cameras, radiance)
             mesh, regions = separated(cut_at(mesh, edges), cameras, radiance)
             figures |= {"edge_points": len(edges), "regions": regions}
-        mesh, figures["backs"] = with_backs(mesh, cameras, 1e-3 * _ERROR * made["footprint_mm"])
     figures |= {"triangles": len(mesh.triangles), "seconds": round(time.perf_counter() - start, 2)}
     if figures["prepared"]:
         log.info(

@@ -11,8 +11,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from fipt.groups import connected_groups
+from fipt.render.directions import cosine_directions
+from fipt.render.scene import RayScene
 from fipt.scene.emitters import BACK, FRONT, Emitters
-from fipt.scene.mesh import Mesh
+from fipt.scene.mesh import Mesh, points_of
 from fipt.scene.observed import ObservedShard
 from fipt.scene.samples import ALONE
 from fipt.stages.emitters.observations import grouped_median
@@ -21,6 +23,11 @@ LEAST_SEEN = 0.05
 """Share of a sheet's seen area that must be seen of a face: noise of scans turns 1 to 2 % of the triangles."""
 _EMITS = 0.5
 """Radiance, as a share of the emitter's, above which a face is nearer to it than to black."""
+_RAYS = 2048
+"""From the inside of an emitter: the share that leaves is then known within 1 %."""
+_HOLE = (0.02, 0.4)
+"""Share of the rays from an inside that leave through its hole: of a globe, what it lacks of itself. Of an open
+cylinder as high as wide it is 0.41, and its inside may be dark."""
 _FOLDED = -0.9
 """Cosine between normals beyond which a sheet is folded onto itself: panes back to back share their rims."""
 
@@ -42,7 +49,48 @@ def emitting_sides(mesh: Mesh, found: Emitters, shards: Sequence[ObservedShard])
     visible = (area > 0) & (area >= LEAST_SEEN * (area + area[other]))
     ratio = np.where(visible, ratio, -np.inf)
     emitting = _with_unseen(mesh, found, face, visible & ((ratio >= _EMITS) | (ratio >= ratio[other])))
+    emitting[face] |= _inside(mesh, found, (emitting[other] & ~emitting & ~visible)[face])
     return (emitting[face] @ [FRONT, BACK]).astype(np.int8)
+
+
+def _inside(mesh: Mesh, found: Emitters, unseen: np.ndarray) -> np.ndarray:
+    """(E, 2) bool: of ``unseen`` sides (E, 2) those of emitters that are closed but for a hole.
+
+    The inside of a globe shines like its outside: what leaves through the hole is what the piece that a scan lacks
+    would send out.
+    """
+    numbers, result = _round(mesh, found, unseen), np.zeros_like(unseen)
+    if len(numbers) == 0:
+        return result
+    scene, rng = RayScene(mesh), np.random.default_rng(0)
+    areas = mesh.areas[found.triangle]
+    for number in numbers:
+        own = unseen & (found.emitter == number)[:, None]
+        row, side = np.nonzero(own)
+        pick = rng.choice(len(row), _RAYS, p=areas[row] / areas[row].sum())
+        triangle, turn = found.triangle[row[pick]], np.where(side[pick] == 0, 1, -1)[:, None]
+        normal = (scene.normals[triangle] * turn).astype(np.float32)
+        corners = mesh.vertices[mesh.triangles[triangle]]
+        point = points_of(corners, *rng.random((2, _RAYS))) + scene.epsilon * normal
+        direction = cosine_directions(normal, rng)
+        distance, _ = scene.intersect(point.astype(np.float32), direction)
+        end = point + np.minimum(distance, 1e3 * scene.extent)[:, None] * direction
+        low, high = corners.min(axis=(0, 1)) - 2 * scene.epsilon, corners.max(axis=(0, 1)) + 2 * scene.epsilon
+        leaves = ((end < low) | (end > high)).any(axis=1).mean()
+        result |= own & (_HOLE[0] < leaves < _HOLE[1])
+    return result
+
+
+def _round(mesh: Mesh, found: Emitters, unseen: np.ndarray) -> np.ndarray:
+    """Numbers of the emitters with ``unseen`` sides (E, 2) whose holes may be as small as is asked.
+
+    The vectors of area of a closed surface cancel; what is left is no more than the area of its holes.
+    """
+    row, side = np.nonzero(unseen)
+    vectors = np.where(side == 0, 1, -1)[:, None] * mesh.area_normals[found.triangle[row]]
+    of, area = found.emitter[row], mesh.areas[found.triangle[row]]
+    left = np.linalg.norm(np.stack([np.bincount(of, column) for column in vectors.T], axis=1), axis=1)
+    return np.unique(of[(left < _HOLE[1] * np.bincount(of, area))[of]])
 
 
 def faces(mesh: Mesh, triangles: np.ndarray, emitter: np.ndarray) -> np.ndarray:

@@ -232,7 +232,7 @@ def _best(problem: _Problem, first: tuple[int, ...]) -> _State:
 
 def _joined(problem: _Problem, state: _State, members: np.ndarray) -> _State:
     """Put pieces in the place of their patches where that costs less; patches were added one by one."""
-    for piece in np.flatnonzero(members.sum(axis=0) > 1):
+    for piece in range(len(members), members.shape[1]):
         rest = tuple(k for k in state.support if not members[:, piece] @ members[:, k] or k == piece)
         if piece in rest or len(rest) == len(state.support):
             continue

@@ -23,8 +23,6 @@ _LEAST_BLOCKS = 30
 """Pieces of seen surface without which no light is told from a reflectance."""
 _ENCLOSED = 0.3
 """Share of a patch's light that arrives at seen surface, below which it lies in a gap or a box: no lamp does."""
-_IN_SHADE = 0.15
-"""The same for small parts: a bulb in a shade lights what no view shows as well."""
 _LEVEL = 0.7
 """Cosine with the vertical above which a surface is floor or ceiling."""
 _FINER = 2
@@ -280,7 +278,7 @@ def _offered(
     transport = with_patches(blocks, patches, lights, known)
     # of what a patch sends out, pi times its area and radiance, blocks have a sample
     seen_area = lights.mesh.areas[~lights.hidden].sum()
-    lights_room = patches.lighting(transport.unseen.mean(axis=0) * seen_area, _ENCLOSED, _IN_SHADE)
+    lights_room = patches.lighting(transport.unseen.mean(axis=0) * seen_area, _ENCLOSED)
     transport = replace(transport, unseen=transport.unseen * lights_room)
     # nor does it shine as a part of a plane that lights the room elsewhere
     patches = replace(patches, piece=np.where(lights_room, patches.piece, -1))

@@ -84,17 +84,15 @@ class Patches:
     def candidates(self) -> np.ndarray:
         """(P, Q) float64, 1 where a candidate has a patch: every patch, piece of several patches, all copies of a part.
 
-        A pane may shine as a whole, small parts such as bulbs only do so, and spots of one kind shine alike. Each guess
-        of the round before is one candidate.
+        A pane or a bulb shines as a whole, and spots of one kind shine alike. Each guess of the round before is one
+        candidate.
         """
         if self.kept.any():
             offered = self.kept & (self.piece >= 0)  # what is enclosed is of no piece
             return (self.piece[:, None] == np.unique(self.piece[offered])).astype(np.float64)
         pieces, count = np.unique(self.piece[self.piece >= 0], return_counts=True)
-        several = pieces[count > 1]
-        alone = ~(self.of_small_parts & np.isin(self.piece, several))
-        whole = self.piece[:, None] == several
-        return np.concatenate([np.eye(len(self.area))[:, alone], whole, self._copies()], axis=1)
+        whole = self.piece[:, None] == pieces[count > 1]
+        return np.concatenate([np.eye(len(self.area)), whole, self._copies()], axis=1)
 
     def _copies(self) -> np.ndarray:
         """(P, K) bool: the patches of all small parts of one shape, by triangles and area, that light what is seen."""
@@ -128,16 +126,16 @@ class Patches:
             columns += np.flatnonzero((candidates == own[:, None]).all(axis=0))[:1].tolist()
         return tuple(columns)
 
-    def lighting(self, arrives: np.ndarray, least: float, least_of_parts: float) -> np.ndarray:
+    def lighting(self, arrives: np.ndarray, least: float) -> np.ndarray:
         """(P,) bool: patches of whose light a share of more than ``least`` arrives. A small part is judged as a whole.
 
-        ``arrives`` (P,) is the share times the area, square metres; ``least_of_parts`` is asked of small parts.
+        ``arrives`` (P,) is the share times the area, square metres.
         """
         owner, own = np.arange(len(self.area)), (self.part >= 0) & (self.number >= 0)
         owner[self.number[own]] = len(owner) + self.part[own]
         _, owner = np.unique(owner, return_inverse=True)
         share = np.bincount(owner, arrives) / np.maximum(np.bincount(owner, self.area), 1e-12)
-        return share[owner] > np.where(self.of_small_parts, least_of_parts, least)
+        return share[owner] > least
 
 
 def hidden_triangles(mesh: Mesh, shards: Sequence[ObservedShard], found: Emitters) -> np.ndarray:
@@ -145,7 +143,6 @@ def hidden_triangles(mesh: Mesh, shards: Sequence[ObservedShard], found: Emitter
 
     Masked pixels show nothing. They are black; those beside an opening have no weight either, but do show surface.
     Seen surface counts that faces the same way: the underside of a cupboard is hidden, close as its front may be.
-    A connected part that no pixel shows is hidden as a whole, or not, as most of its area is.
     """
     seen = np.zeros(len(mesh.triangles), bool)
     seen[found.triangle] = True
@@ -168,10 +165,7 @@ def hidden_triangles(mesh: Mesh, shards: Sequence[ObservedShard], found: Emitter
         _, first = np.unique((cell * (1, 1 << 21, 1 << 42)).sum(axis=1), return_index=True)
         away, _ = cKDTree(near[first]).query(mesh.corners[own].mean(axis=1), distance_upper_bound=gap, workers=-1)
         hidden[own[np.isfinite(away)]] = False
-    part, areas = connected_parts(mesh), mesh.areas
-    share = np.bincount(part, areas * hidden) / np.maximum(np.bincount(part, areas), 1e-30)
-    unseen = np.bincount(part, areas * seen) == 0
-    return np.where(unseen[part], (share > 0.5)[part] & (areas > 0), hidden)
+    return hidden
 
 
 def small_parts(mesh: Mesh, hidden: np.ndarray, met: np.ndarray) -> np.ndarray:

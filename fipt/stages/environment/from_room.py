@@ -24,10 +24,10 @@ _ROWS = 32
 _LEAST_BLOCKS = 30
 """Pieces of seen surface without which no light is told from a reflectance."""
 _SUN = 6000, 16, 16
-"""Pieces of surface that tell of a sun, some centimetres wide; samples of each: the border of what the sun lights crosses
-many; and rays of each sample to all other light."""
+"""Pieces of surface that tell of a sun, some centimetres wide; samples of each, since the border of what the sun lights
+crosses many; and rays of each sample to all other light."""
 _WHERE = 24_000, 4, 16
-"""The same for where exactly it stands: half as wide."""
+"""The same for where exactly it stands: half as wide, where pixels are that fine."""
 _SUN_ROUNDS = 2
 """Estimates of the sky beside the sun and of the sun's power, in turn."""
 _LOOKED_AT_ROWS = 90
@@ -80,16 +80,17 @@ def outside_from_room(
         pieces = blocks_of(observed, mesh, no_emitters, cache, most, points)
         return SunSearch(scene, pieces), room_light(pieces, scene, cache, seen.smooth, rays)
 
-    coarse, its_light = search(*_SUN)
-    sun = coarse.find(its_light.under(seen.smooth.radiance), seen.looked_at)
+    coarse, coarse_light = search(*_SUN)
+    sky, sun = seen.smooth, coarse.find(coarse_light.under(seen.smooth.radiance), seen.looked_at)
     if sun is None:
         return without
     fine, fine_light = search(*_WHERE)
     direction = fine.exact(fine_light.under(seen.smooth.radiance), sun.direction, seen.looked_at)
     for _ in range(_SUN_ROUNDS):
+        sun = coarse.measured(coarse_light.under(sky.radiance), direction)
         sunlit = replace(light, inside=light.inside + _sunlit(scene, sun, blocks))
         sky, figures = seen.completed(blocks, sunlit)
-        sun = coarse.measured(its_light.under(sky.radiance), direction)
+    sun = coarse.measured(coarse_light.under(sky.radiance), direction)
     return FoundOutside(sky, sun, figures | {"sun": sun.figures}) if sun.irradiance.any() else without
 
 

@@ -47,7 +47,7 @@ _STEPS = np.linspace(np.log(_POWERS[0] / 2), np.log(_POWERS[-1] * 2), 101)
 _RADII = np.radians((0.27, 0.75, 1.5))
 """Radii of the disc: of the sun, behind haze, and of the discs of 3 degrees that scene files' directional light has."""
 _LARGER = 20.0
-"""Gain by which a larger disc has to beat a smaller one: 10 to 16 it gains since a block's points are not all of it."""
+"""Gain by which a larger disc has to beat a smaller one: up to 15 it gains since a block's points are not all of it."""
 _GLOW = np.radians(6.0)
 """Radius of a disc that is no sun: a bright part of the sky, for which the map has texels."""
 _RAYS = 16
@@ -63,8 +63,8 @@ _LEAST_NEIGHBOURS = 4
 _ROWS = 512
 """Rows of a map with a sun: its texels are two thirds as wide as the sun."""
 _MIRRORED = 0.5 * F0_DIELECTRIC
-"""Reflectance for what surface mirrors of a room, less that of the sun: no view sees a smooth one mirror the sun (0.04),
-and a rough one mirrors both (0)."""
+"""Reflectance for what surface mirrors of a room, less that of the sun: no view sees smooth surface mirror the sun
+(0.04), and rough surface mirrors both (0)."""
 _MOST_MIRRORED = 0.5
 """Share of a block's radiance that it mirrors, at most: black surface has little else."""
 _CHUNK = 256

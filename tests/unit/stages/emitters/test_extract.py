@@ -113,7 +113,7 @@ def looking(mesh, looks):
 
 
 @pytest.mark.parametrize("wall_side", [None, "dark"])
-def test_a_shade_lights_the_wall_behind_it_though_views_see_its_dark_inside_there(wall_side):
+def test_a_shade_lights_the_wall_behind_it_though_views_see_its_dark_inside_there(backend, wall_side):
     """Through its opening. Where the outside is seen there, and is dark, it is dark."""
     whole = trimesh.creation.cylinder(0.2, 0.3, sections=24).subdivide()
     shade = Mesh(np.float32(whole.vertices), np.int32(whole.faces[np.abs(whole.face_normals[:, 2]) < 0.5]))

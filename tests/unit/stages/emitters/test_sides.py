@@ -86,7 +86,7 @@ def test_noise_of_a_scan_is_no_other_side(np_rng):
     np.testing.assert_array_equal(sides(mesh, front, looks(mesh, BACK, noise), grazing), FRONT)
 
 
-def test_the_far_side_of_a_globe_shines():
+def test_the_far_side_of_a_globe_shines(backend):
     globe = of(trimesh.creation.icosphere(2, 0.3))
     near = np.flatnonzero(globe.normals[:, 0] > 0.1)
     np.testing.assert_array_equal(sides(globe, looks(globe, FRONT, near)), FRONT)
@@ -94,7 +94,7 @@ def test_the_far_side_of_a_globe_shines():
 
 
 @pytest.mark.parametrize("wound", [1, -1])
-def test_the_far_part_of_a_globe_that_no_edge_joins_follows_as_a_whole(wound, np_rng):
+def test_the_far_part_of_a_globe_that_no_edge_joins_follows_as_a_whole(backend, wound, np_rng):
     """Of its triangles some face away from the nearest ones that are seen."""
     ball = trimesh.creation.icosphere(2, 0.3)
     whole = of(ball.apply_transform(trimesh.transformations.random_rotation_matrix(np_rng.random(3))))
@@ -111,7 +111,19 @@ def test_the_far_part_of_a_globe_that_no_edge_joins_follows_as_a_whole(wound, np
     np.testing.assert_array_equal(sides(globe, seen, rim), outside)
 
 
-def test_a_lampshade_shines_inside_where_that_is_seen():
+@pytest.mark.parametrize("wound", [1, -1])
+def test_the_inside_of_a_globe_shines_through_its_hole(backend, wound):
+    """A scan lacks its top; a bowl of less than a half of it is no globe, and a closed one has no hole."""
+    whole = of(trimesh.creation.icosphere(3, 0.3))
+    height = whole.corners[:, :, 2].mean(axis=1) / 0.3
+    for top, expected in ((0.6, BOTH), (-0.1, FRONT), (1.1, FRONT)):
+        globe = Mesh(whole.vertices, whole.triangles[height < top][:, ::wound])
+        side = FRONT if wound == 1 else BACK
+        result = sides(globe, looks(globe, side))
+        np.testing.assert_array_equal(result, expected if expected == BOTH else side)
+
+
+def test_a_lampshade_shines_inside_where_that_is_seen(backend):
     whole = of(trimesh.creation.cylinder(0.2, 0.3, sections=24).subdivide())
     shade = Mesh(whole.vertices, whole.triangles[np.abs(whole.normals[:, 2]) < 0.5])
     outside = looks(shade, FRONT, np.flatnonzero(shade.normals[:, 0] > 0.1))
