@@ -59,7 +59,7 @@ def _inside(mesh: Mesh, found: Emitters, unseen: np.ndarray) -> np.ndarray:
     The inside of a globe shines like its outside: what leaves through the hole is what the piece that a scan lacks
     would send out.
     """
-    numbers, result = _round(mesh, found, unseen), np.zeros_like(unseen)
+    numbers, result = _nearly_closed(mesh, found, unseen), np.zeros_like(unseen)
     if len(numbers) == 0:
         return result
     scene, rng = RayScene(mesh), np.random.default_rng(0)
@@ -81,8 +81,8 @@ def _inside(mesh: Mesh, found: Emitters, unseen: np.ndarray) -> np.ndarray:
     return result
 
 
-def _round(mesh: Mesh, found: Emitters, unseen: np.ndarray) -> np.ndarray:
-    """Numbers of the emitters with ``unseen`` sides (E, 2) whose holes may be as small as is asked.
+def _nearly_closed(mesh: Mesh, found: Emitters, unseen: np.ndarray) -> np.ndarray:
+    """(K,) numbers of the emitters with ``unseen`` sides (E, 2) whose holes may be small enough; no ray is traced.
 
     The vectors of area of a closed surface cancel; what is left is no more than the area of its holes.
     """

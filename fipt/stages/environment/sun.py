@@ -2,7 +2,8 @@
 
 Sunlight through a window lights a piece of the floor, with a sharp border, and a map of some degrees a texel cannot
 explain that. Each direction of the sky says which blocks of the surface a sun there would light, by V (share that it
-reaches, times the cosine). With the radiance C of a block, the light E over pi that is known, and a sun's power P,
+reaches, times the cosine). With the radiance C of a block, less what it mirrors of the room beyond what it mirrors of a
+sun, the light E over pi that is known, and a sun's power P,
 
     H ln C = H ln(E + P V) + error,        (H x)_i = x_i - mean of x over the blocks around i that may be of its colour
 

@@ -123,6 +123,16 @@ def test_the_inside_of_a_globe_shines_through_its_hole(backend, wound):
         np.testing.assert_array_equal(result, expected if expected == BOTH else side)
 
 
+def test_the_inside_of_a_globe_is_dark_where_something_fills_its_hole(backend):
+    """The base of a lamp, no part of the emitter, which lies within the box around it."""
+    whole = of(trimesh.creation.icosphere(3, 0.3))
+    globe = Mesh(whole.vertices, whole.triangles[whole.corners[:, :, 2].mean(axis=1) < 0.18])
+    own = np.arange(len(globe.triangles))
+    for height, expected in ((0.16, FRONT), (0.5, BOTH)):
+        mesh = scenes.joined(globe, scenes.quad((-0.3, -0.3, height), (0.6, 0, 0), (0, 0.6, 0)))
+        np.testing.assert_array_equal(sides(mesh, looks(mesh, FRONT, own), triangles=own), expected)
+
+
 def test_a_lampshade_shines_inside_where_that_is_seen(backend):
     whole = of(trimesh.creation.cylinder(0.2, 0.3, sections=24).subdivide())
     shade = Mesh(whole.vertices, whole.triangles[np.abs(whole.normals[:, 2]) < 0.5])
