@@ -27,10 +27,11 @@ _BED = (3.1, 5.3, 1.6, 3.3)
 """Of the mattress: from and to along x (the head is at the larger x), and along z."""
 
 
-class _Bedroom:
+class RoomWriter:
     """A scene and the folder of its meshes, and what the seed draws."""
 
     def __init__(self, folder: Path, seed: int) -> None:
+        make_folder(folder)
         self.folder, self.scene, self.rng = folder, SceneWriter(), np.random.default_rng(seed)
 
     def noise(self, rows: int, columns: int, cells: int) -> np.ndarray:
@@ -76,8 +77,13 @@ class _Bedroom:
         wrinkles[:, -1] = wrinkles[:, 0]
         self.grid(name, np.array(middle) + shape * np.array(half) * (0.9 + 0.15 * wrinkles[..., None]), material)
 
+    def write(self) -> Path:
+        """Write scene.xml beside textures and meshes; return the file."""
+        write_text(self.folder / "scene.xml", self.scene.xml())
+        return self.folder / "scene.xml"
 
-def _textures(room: _Bedroom) -> None:
+
+def _textures(room: RoomWriter) -> None:
     """Write planks, wallpaper, a rug and two pictures (BGR, as OpenCV writes)."""
     planks = np.zeros((512, 512, 3), np.float32)
     for row in range(8):
@@ -99,7 +105,7 @@ def _textures(room: _Bedroom) -> None:
         write_texture(room.folder / f"picture{index}.png", 0.05 + 0.7 * picture)
 
 
-def _materials(room: _Bedroom) -> None:
+def _materials(room: RoomWriter) -> None:
     scene, rng = room.scene, room.rng
     scene.textured("planks", "planks.png", 3, 2.5, 0.15)
     scene.textured("wallpaper", "wallpaper.png", 6, 3)
@@ -127,7 +133,7 @@ def _materials(room: _Bedroom) -> None:
     scene.metal("mirror", "Ag", 0.02)
 
 
-def _shell(room: _Bedroom) -> None:
+def _shell(room: RoomWriter) -> None:
     scene = room.scene
     x, y, z = LENGTH / 2, HEIGHT / 2, DEPTH / 2
     scene.rectangle((x, 0, z), (x, 0, 0), (0, 0, -z), "planks")
@@ -155,7 +161,7 @@ def _shell(room: _Bedroom) -> None:
     scene.box((0, 0, 0), (0.02, 0.1, DEPTH), "white")
 
 
-def _bed(room: _Bedroom) -> None:
+def _bed(room: RoomWriter) -> None:
     scene, (left, right, near, far) = room.scene, _BED
     scene.box((left - 0.05, 0.1, near - 0.04), (right + 0.02, 0.32, far + 0.04), "oak")
     scene.box((right + 0.02, 0, near - 0.04), (right + 0.07, 1.15, far + 0.04), "oak")
@@ -169,7 +175,7 @@ def _bed(room: _Bedroom) -> None:
     room.grid("cover", np.stack([left - 0.04 + u * 1.5, height, near + side * (far - near)], -1), "cover")
 
 
-def _lamps(room: _Bedroom) -> None:
+def _lamps(room: RoomWriter) -> None:
     scene = room.scene
     for index, z in enumerate((_BED[2] - 0.35, _BED[3] + 0.45)):
         x = LENGTH - 0.35
@@ -184,7 +190,7 @@ def _lamps(room: _Bedroom) -> None:
     scene.sphere((2.2, HEIGHT - 0.6, 2.4), 0.12, "bulb", _CEILING)
 
 
-def _furniture(room: _Bedroom) -> None:
+def _furniture(room: RoomWriter) -> None:
     scene, rng = room.scene, room.rng
     scene.box((0.02, 0, 2.0), (0.5, 0.9, 3.4), "oak")
     for row in range(3):
@@ -215,8 +221,7 @@ def _furniture(room: _Bedroom) -> None:
 
 def write_bedroom(folder: Path, seed: int) -> Path:
     """Write scene.xml, its textures and meshes; return the file."""
-    make_folder(folder)
-    room = _Bedroom(folder, seed)
+    room = RoomWriter(folder, seed)
     for part in (_textures, _materials, _shell, _bed, _lamps, _furniture):
         part(room)
     x, y, z = room.rng.uniform(-0.6, 0.6), room.rng.uniform(0.5, 0.9), -1.0
@@ -225,8 +230,7 @@ def write_bedroom(folder: Path, seed: int) -> Path:
         '<transform name="to_world"><rotate x="1" angle="-90"/></transform></emitter>'
     )
     room.scene.shapes.append(sky)
-    write_text(folder / "scene.xml", room.scene.xml())
-    return folder / "scene.xml"
+    return room.write()
 
 
 if __name__ == "__main__":

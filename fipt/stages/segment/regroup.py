@@ -14,7 +14,7 @@ them only a little better than a dielectric. They count as metal where another r
 metal alone has that colour in the room, even if a dielectric explains them as well. Pixels that prove it must outnumber
 undecided ones, or half of them where the colour is nearly the same. Copies of one shape judge together
 (`fipt.stages.segment.copies`). Pixels beside emitters are left out. A region that has no others, as bars
-of a window, is no metal.
+of a window, is no metal, and where most are left out what is left must explain metal better.
 """
 
 from collections.abc import Sequence
@@ -91,13 +91,14 @@ def regrouped(
     materials, metals = 0, JudgedMetals()
     known, evidence = _evidence(shards, regions)
     if len(known):
-        evidence = with_likely_metals(replace(evidence, products=evidence.products * alike))
+        telling = _telling(shards, regions, known)
+        evidence = with_likely_metals(replace(evidence, products=evidence.products * alike), telling)
         _, of_triangle = segments_of_triangles([shard.samples for shard in shards], regions)
         evidence = judged_with_copies(evidence, copied_regions(copies, of_triangle, known))
         label = joined(evidence)
         materials = int(label.max()) + 1
         part_of[known] = label + 1
-        metals = _metals(evidence, label)
+        metals = _metals(evidence, label, telling)
     others = present[(part_of[present] == 0) & (present > 0)]
     part_of[others] = materials + 1 + np.arange(len(others))
     # the fit looks at pixels beside emitters, too, and would take their light for a reflection
@@ -105,8 +106,21 @@ def regrouped(
     return RegroupedParts([part_of[own] for own in regions], materials, metals)
 
 
-def _metals(evidence: MaterialEvidence, label: np.ndarray) -> JudgedMetals:
-    """Which parts are metal, and which any metal explains worse; ``label`` (R,) as of `joined`."""
+def _telling(shards: Sequence[ObservedShard], regions: Sequence[np.ndarray], known: np.ndarray) -> np.ndarray:
+    """(R,) bool: at least half of the pixels of ``known`` regions count; of the others most are beside emitters."""
+    size = int(max(own.max(initial=0) for own in regions)) + 1
+    pixels, counted = np.zeros(size, np.int64), np.zeros(size, np.int64)
+    for shard, own in zip(shards, regions, strict=True):
+        pixels += np.bincount(own, minlength=size)
+        counted += np.bincount(own[shard.weight > 0], minlength=size)
+    return 2 * counted[known] >= pixels[known]
+
+
+def _metals(evidence: MaterialEvidence, label: np.ndarray, telling: np.ndarray) -> JudgedMetals:
+    """Which parts are metal, and which are not: any metal explains them worse, or no region is ``telling``.
+
+    ``label`` (R,) as of `joined`, ``telling`` (R,) as of `_telling`.
+    """
     count = int(label.max()) + 1
     left, products = np.zeros((count, len(TRIALS))), np.zeros((count, len(TRIALS), len(TRIALS)))
     np.add.at(left, label, evidence.left)
@@ -114,7 +128,8 @@ def _metals(evidence: MaterialEvidence, label: np.ndarray) -> JudgedMetals:
     best = best_trials(left, evidence.left[evidence.metal].sum(axis=0), slice(HALF, None))
     metal = np.unique(label[evidence.metal])
     unlike = worse(left, products, best, slice(None, HALF), errors=_NO_METAL_ERRORS)
-    dielectric = np.setdiff1d(np.flatnonzero(unlike), metal)
+    beside_emitters = np.bincount(label, telling, count) == 0
+    dielectric = np.setdiff1d(np.flatnonzero(unlike | beside_emitters), metal)
     roughness = {int(part) + 1: ROUGHNESS[best[part] - HALF] for part in metal}
     return JudgedMetals(roughness, frozenset((dielectric + 1).tolist()))
 
@@ -143,11 +158,12 @@ def _evidence(shards: Sequence[ObservedShard], regions: Sequence[np.ndarray]) ->
     return known, evidence
 
 
-def with_likely_metals(evidence: MaterialEvidence) -> MaterialEvidence:
+def with_likely_metals(evidence: MaterialEvidence, telling: np.ndarray) -> MaterialEvidence:
     """The evidence with more regions counted as metal: those that have the colour of a metal that the room proves.
 
     That metal explains them better than any dielectric. Where it alone has this colour in the room, it may explain them
-    worse, by no more than one standard error.
+    worse, by no more than one standard error; but not those that are not ``telling`` (R,), of which a few pixels away
+    from emitters would speak for many beside them: bars of a window.
     """
     metal, left = evidence.metal.copy(), evidence.left
     dielectric = left[:, :HALF].min(axis=1)
@@ -161,7 +177,7 @@ def with_likely_metals(evidence: MaterialEvidence) -> MaterialEvidence:
         for furthest, proof in _WINDOWS:
             same = distance < furthest
             if _metal_alone(evidence, same, refused, proof):
-                metal |= same & ~unlikely
+                metal |= same & ~unlikely & telling
     return replace(evidence, metal=metal)
 
 

@@ -131,7 +131,7 @@ def test_a_metal_copy_that_judges_nothing_is_as_rough_as_the_metals_of_the_room(
     told = judged_with_copies(evidence, pairs(*((k, other) for k in range(20) for other in range(k))))
     assert told.metal.all()
     label = joined(told)
-    assert _metals(told, label).roughness[int(label[19]) + 1] == 0.45
+    assert _metals(told, label, np.ones(20, bool)).roughness[int(label[19]) + 1] == 0.45
 
 
 def test_metals_that_judge_nothing_join_by_their_colour_as_metals_of_the_room():

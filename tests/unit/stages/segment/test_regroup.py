@@ -23,12 +23,13 @@ from fipt.stages.segment.material_evidence import (
     HALF,
     TRIALS,
     BestMaterials,
+    MaterialEvidence,
     best_trials,
     color_pieces,
     measure,
 )
 from fipt.stages.segment.region_pixels import RegionPixels
-from fipt.stages.segment.regroup import _metals, joined, with_likely_metals
+from fipt.stages.segment.regroup import _metals, _telling, joined, with_likely_metals
 from fipt.stages.segment.regroup_stage import RegroupInputs, run
 from fipt.stages.segment.settings import RegroupSettings
 from tests import scenes
@@ -142,9 +143,9 @@ def test_a_region_that_proves_nothing_is_the_metal_that_another_proves(np_rng):
     found = pixels(np_rng, [(steel, 0.2, 1.0), (steel, 0.2, 1.0), (gold, 0.2, 1.0), (grey, 0.8, 0.0)])
     evidence = measure(color_pieces(found, found.region, 4, np.array([2.0, 0.5, 0.0]), 4.0), 4)
     one = replace(evidence, metal=np.array([True, False, False, False]))
-    assert with_likely_metals(one).metal.tolist() == [True, True, False, False]
+    assert likely(one).metal.tolist() == [True, True, False, False]
     none = replace(evidence, metal=np.zeros(4, bool))
-    assert not with_likely_metals(none).metal.any()
+    assert not likely(none).metal.any()
 
 
 def test_parts_are_judged_by_all_their_regions(np_rng):
@@ -153,8 +154,16 @@ def test_parts_are_judged_by_all_their_regions(np_rng):
     found = pixels(np_rng, [(grey, 0.2, 1.0), (grey, 0.2, 1.0), (grey, 0.8, 0.0), (RED, 0.8, 0.0)])
     found = found.of((found.region < 3) | (np.arange(len(found.region)) % 400 < 3))
     evidence = measure(color_pieces(found, found.region, 4, np.array([2.0, 0.5, 0.0]), 4.0), 4)
-    metals = _metals(evidence, np.array([0, 0, 1, 2]))
+    label = np.array([0, 0, 1, 2])
+    metals = _metals(evidence, label, np.ones(4, bool))
     assert metals == JudgedMetals({1: 0.2}, frozenset({2}))
+    beside_emitters = _metals(evidence, label, np.array([False, False, True, False]))
+    assert beside_emitters == JudgedMetals({1: 0.2}, frozenset({2, 3})), "what is proved stays; what is not is none"
+
+
+def likely(evidence: MaterialEvidence) -> MaterialEvidence:
+    """With likely metals, no region of which is beside an emitter."""
+    return with_likely_metals(evidence, np.ones(len(evidence.pixels), bool))
 
 
 def steels(np_rng, *others):
@@ -177,26 +186,44 @@ def steels(np_rng, *others):
 
 
 def test_a_region_that_is_not_told_apart_is_the_metal_whose_colour_only_metal_has(np_rng):
-    assert with_likely_metals(steels(np_rng)).metal.tolist() == [True, True, True]
+    assert likely(steels(np_rng)).metal.tolist() == [True, True, True]
+
+
+def test_a_few_pixels_away_from_emitters_do_not_speak_for_the_bars_of_a_window(np_rng):
+    evidence = steels(np_rng)
+    assert with_likely_metals(evidence, np.array([True, True, False])).metal.tolist() == [True, True, False]
+    better = evidence.left.copy()
+    better[2, HALF:] = better[2].min() - 0.1
+    telling = np.zeros(3, bool)
+    assert with_likely_metals(replace(evidence, left=better), telling).metal.all(), "what is left speaks for metal"
+
+
+def test_a_region_tells_if_half_of_its_pixels_are_away_from_emitters():
+    regions = [np.array([1, 1, 1, 2, 2, 0]), np.array([1, 3, 3, 3, 3, 3])]
+    shards = [
+        SimpleNamespace(weight=np.array([1.0, 0, 0, 1, 0, 1])),
+        SimpleNamespace(weight=np.array([0, 1, 0, 0, 1, 0])),
+    ]
+    assert _telling(shards, regions, np.array([1, 2, 3])).tolist() == [False, True, False]
 
 
 def test_a_region_that_is_not_told_apart_stays_where_the_colour_alone_proves_little(np_rng):
     evidence = steels(np_rng)
     one = replace(evidence, metal=np.array([True, False, False]))
-    assert not with_likely_metals(one).metal[2], "one region may look like metal by chance"
+    assert not likely(one).metal[2], "one region may look like metal by chance"
     many = replace(evidence, pixels=np.array([400.0, 400, 900]))
-    assert with_likely_metals(many).metal[2], "of nearly one colour"
+    assert likely(many).metal[2], "of nearly one colour"
     most = replace(evidence, pixels=np.array([400.0, 400, 1700]))
-    assert not with_likely_metals(most).metal[2], "what proves it is less than half of what asks for it"
+    assert not likely(most).metal[2], "what proves it is less than half of what asks for it"
     color = evidence.color.copy()
     color[2, HALF:, 0] += np.sqrt(4 * (evidence.variance[2, 0] + evidence.variance[0, 0]))
     off = replace(evidence, color=color, pixels=np.array([400.0, 400, 600]))
-    assert with_likely_metals(off).metal[2]
+    assert likely(off).metal[2]
     off = replace(off, pixels=many.pixels)
-    assert not with_likely_metals(off).metal[2], "of a colour that is further off, and more asks for it than proves it"
+    assert not likely(off).metal[2], "of a colour that is further off, and more asks for it than proves it"
     clearly = evidence.left.copy()
     clearly[2, 0] -= 0.7
-    assert not with_likely_metals(replace(evidence, left=clearly)).metal[2], "worse by more than one standard error"
+    assert not likely(replace(evidence, left=clearly)).metal[2], "worse by more than one standard error"
 
 
 def test_a_colour_that_paint_has_too_does_not_make_a_metal(np_rng):
@@ -205,9 +232,9 @@ def test_a_colour_that_paint_has_too_does_not_make_a_metal(np_rng):
     left = evidence.left.copy()
     left[3, 0] = left[3].min() - 1e6
     evidence = replace(evidence, left=left)
-    assert with_likely_metals(evidence).metal.tolist() == [True, True, False, False]
+    assert likely(evidence).metal.tolist() == [True, True, False, False]
     rare = replace(evidence, pixels=np.array([4000.0, 4000, 400, 400]))
-    assert with_likely_metals(rare).metal.tolist() == [True, True, True, False], "one in twenty is chance"
+    assert likely(rare).metal.tolist() == [True, True, True, False], "one in twenty is chance"
 
 
 def test_the_verb_joins_segments_whole_and_loses_none(scene: Path, tmp_path: Path):
