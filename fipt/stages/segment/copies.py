@@ -124,3 +124,13 @@ def copied_regions(first: np.ndarray, region: np.ndarray, known: np.ndarray) -> 
     least = _SAME_PLACE * np.minimum(size[common.row], size[common.col])
     same = (common.row < common.col) & (common.data > least)
     return np.stack([common.row[same], common.col[same]]).astype(np.int64)
+
+
+def votes_of_copies(copies: np.ndarray, label: np.ndarray, votes: np.ndarray, labels: int) -> np.ndarray:
+    """(R, labels) votes (R,) that the copies of each region have for each ``label`` (R,).
+
+    ``copies`` (2, N) are pairs of regions, as of `copied_regions`.
+    """
+    own, other = np.concatenate([copies, copies[::-1]], axis=1)
+    counts = np.bincount(own * labels + label[other], votes[other], len(label) * labels)
+    return counts.reshape(len(label), labels)

@@ -13,11 +13,11 @@ A region is metal where its own pixels clearly prove it. Legs and frames fill to
 them only a little better than a dielectric. They count as metal where another region proves one of their colour; where
 metal alone has that colour in the room, even if a dielectric explains them as well. Pixels that prove it must outnumber
 undecided ones, or half of them where the colour is nearly the same. Copies of one shape judge together
-(`fipt.stages.segment.copies`). Pixels beside emitters are left out. A region that has no others, as bars
-of a window, is no metal, and where most are left out what is left must explain metal better.
+(`fipt.stages.segment.copies`). Pixels beside emitters are left out. A region that has no others, as bars of a window,
+is no metal, and where most are left out what is left must explain metal better; unless its copies elsewhere are metal.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,7 +26,7 @@ from fipt.formats.files import check_memory
 from fipt.scene.metals import JudgedMetals
 from fipt.scene.observed import ObservedShard
 from fipt.scene.samples import scene_box, segments_of_triangles
-from fipt.stages.segment.copies import copied_regions, judged_with_copies
+from fipt.stages.segment.copies import copied_regions, judged_with_copies, votes_of_copies
 from fipt.stages.segment.material_evidence import (
     CHI_SQUARE,
     HALF,
@@ -86,9 +86,9 @@ def regrouped(
     alike
         How many pieces of a region err as one: their evidence has that much more variance.
     """
-    present = np.unique(np.concatenate([np.unique(own) for own in regions]))
+    present = np.setdiff1d(np.concatenate([np.unique(own) for own in regions]), [0])
     part_of = np.zeros(int(present.max(initial=0)) + 1, np.uint16)
-    materials, metals = 0, JudgedMetals()
+    materials, metals, copied = 0, JudgedMetals(), {}
     known, evidence = _evidence(shards, regions)
     if len(known):
         telling = _telling(shards, regions, known)
@@ -99,11 +99,47 @@ def regrouped(
         materials = int(label.max()) + 1
         part_of[known] = label + 1
         metals = _metals(evidence, label, telling)
-    others = present[(part_of[present] == 0) & (present > 0)]
+        copied = _copied_metals(evidence, telling, known, copied_regions(copies, of_triangle, present), present)
+    others = np.union1d(present[part_of[present] == 0], np.array(list(copied), int))
     part_of[others] = materials + 1 + np.arange(len(others))
-    # the fit looks at pixels beside emitters, too, and would take their light for a reflection
-    metals = replace(metals, dielectric=metals.dielectric | set(part_of[others].tolist()))
-    return RegroupedParts([part_of[own] for own in regions], materials, metals)
+    return RegroupedParts([part_of[own] for own in regions], materials, _with_others(metals, part_of, others, copied))
+
+
+def _copied_metals(
+    evidence: MaterialEvidence, telling: np.ndarray, known: np.ndarray, copies: np.ndarray, present: np.ndarray
+) -> dict[int, float]:
+    """Roughness of the regions that are metal since their copies are, by id; their own pixels tell nothing.
+
+    A region is asked if it has no evidence, or is not ``telling`` and no metal by its own. The others vote by pixels.
+
+    Parameters
+    ----------
+    known, present
+        Ids of the regions with evidence, and of all, ascending.
+    copies
+        (2, N) pairs of copies, as numbers into ``present``.
+    """
+    place = np.searchsorted(present, known)
+    votes, metal = np.zeros(len(present)), np.zeros(len(present), bool)
+    votes[place] = evidence.pixels * (telling | evidence.metal) * (evidence.left > 0).any(axis=1)
+    metal[place] = evidence.metal
+    trial = np.full(len(present), HALF)
+    trial[place] = best_trials(evidence.left, evidence.left[evidence.metal].sum(axis=0), slice(HALF, None))
+    of_metal, of_all = (votes_of_copies(copies, trial, own, len(TRIALS)) for own in (votes * metal, votes))
+    asked = (votes == 0) & ~metal & (2 * of_metal.sum(axis=1) > of_all.sum(axis=1))
+    return {int(present[k]): ROUGHNESS[of_metal[k].argmax() - HALF] for k in np.flatnonzero(asked)}
+
+
+def _with_others(
+    metals: JudgedMetals, part_of: np.ndarray, others: np.ndarray, copied: Mapping[int, float]
+) -> JudgedMetals:
+    """The judgement with the parts of ``others``, of which no pixel tells: those of ``copied`` are metal.
+
+    The rest is none: the fit looks at pixels beside emitters, too, and would take their light for a reflection.
+    """
+    roughness = {int(part_of[region]): value for region, value in copied.items()}
+    dielectric = {int(part_of[region]) for region in others if region not in copied}
+    return JudgedMetals({**metals.roughness, **roughness}, metals.dielectric | dielectric)
 
 
 def _telling(shards: Sequence[ObservedShard], regions: Sequence[np.ndarray], known: np.ndarray) -> np.ndarray:

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 
 from fipt.scene.mesh import Mesh
-from fipt.stages.segment.copies import copied_regions, first_copies, judged_with_copies
+from fipt.scene.metals import JudgedMetals
+from fipt.stages.segment.copies import copied_regions, first_copies, judged_with_copies, votes_of_copies
 from fipt.stages.segment.material_evidence import HALF, ROUGHNESS, TRIALS, MaterialEvidence
-from fipt.stages.segment.regroup import _metals, joined
+from fipt.stages.segment.regroup import _copied_metals, _metals, _with_others, joined
 
 _TURN = np.array([[0.6, -0.8, 0], [0.8, 0.6, 0], [0, 0, 1]])
 _MIRROR = np.diag([-1.0, 1, 1])
@@ -132,6 +133,35 @@ def test_a_metal_copy_that_judges_nothing_is_as_rough_as_the_metals_of_the_room(
     assert told.metal.all()
     label = joined(told)
     assert _metals(told, label, np.ones(20, bool)).roughness[int(label[19]) + 1] == 0.45
+
+
+def test_copies_vote_with_their_pixels():
+    votes = votes_of_copies(pairs((0, 1), (0, 2), (1, 2)), np.array([0, 1, 0, 1]), np.array([1.0, 10, 100, 1000]), 2)
+    assert votes.tolist() == [[100, 10], [101, 0], [1, 10], [0, 0]]
+
+
+def test_what_tells_nothing_is_the_metal_that_its_copies_are():
+    """Four frames of one window: two of brushed steel, a painted one, and one beside the pane in every pixel."""
+    evidence = legs([True, True, False], [50, 40, 30], [-1, -1, -3])
+    brushed = HALF + ROUGHNESS.index(0.45)
+    evidence.left[:, brushed] = 0.8
+    known, present, everybody = np.array([3, 5, 6]), np.array([3, 5, 6, 9]), np.ones(3, bool)
+    copies = pairs(*((k, other) for k in range(4) for other in range(k)))
+    assert _copied_metals(evidence, everybody, known, copies, present) == {9: 0.45}
+    one = replace(evidence, metal=np.array([True, False, False]))
+    assert _copied_metals(one, everybody, known, copies, present) == {}, "most of what its copies show is no metal"
+    beside = np.array([True, True, False])
+    assert _copied_metals(evidence, beside, known, copies, present) == {6: 0.45, 9: 0.45}, (
+        "few pixels do not outweigh it"
+    )
+    assert _copied_metals(evidence, everybody, known, pairs((0, 1)), present) == {}, "it has no copy"
+
+
+def test_parts_of_which_no_pixel_tells_are_no_metal_but_copies_of_one():
+    part_of = np.array([0, 1, 2, 3, 4], np.uint16)
+    found = JudgedMetals({1: 0.2}, frozenset({2}))
+    judged = _with_others(found, part_of, np.array([3, 4]), {4: 0.45})
+    assert judged == JudgedMetals({1: 0.2, 4: 0.45}, frozenset({2, 3}))
 
 
 def test_metals_that_judge_nothing_join_by_their_colour_as_metals_of_the_room():
