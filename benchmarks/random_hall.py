@@ -71,7 +71,7 @@ def _materials(hall: _Hall) -> None:
         "lamp": (0.5, 0.5, 0.5),
     }.items():
         scene.diffuse(name, color)
-    scene.plastic("tread", (0.36, 0.2, 0.09), 0.15)
+    scene.plastic("step", (0.36, 0.2, 0.09), 0.15)
     scene.plastic("riser", (0.8, 0.79, 0.76), 0.2)
     scene.plastic("enamel", (0.85, 0.85, 0.84), 0.05)
     scene.plastic("pot", rng.uniform(0.05, 0.6, 3), 0.1)
@@ -90,7 +90,7 @@ def _shell(hall: _Hall) -> None:
     scene.rectangle((0, y, z), (0, 0, -z), (0, y, 0), "plaster")
     scene.rectangle((hall.length, y, z), (0, 0, z), (0, y, 0), "plaster")
     scene.rectangle((x, 0.55, hall.depth - 0.02), (-x, 0, 0), (0, 0.55, 0), "panel")
-    scene.box((-0.1, 1.08, hall.depth - 0.06), (hall.length + 0.1, 1.14, hall.depth + 0.1), "tread")
+    scene.box((-0.1, 1.08, hall.depth - 0.06), (hall.length + 0.1, 1.14, hall.depth + 0.1), "step")
     for wall in (0.0, hall.depth):
         scene.box((-0.1, -0.1, wall - 0.03), (hall.length + 0.1, 0.12, wall + 0.03), "riser")
 
@@ -113,10 +113,10 @@ def _stairs(hall: _Hall) -> None:
     for step in range(count):
         x, top = first + step * run_, (step + 1) * rise
         scene.box((x, 0, -0.05), (x + run_ + 0.02, top - 0.03, 1.0), "riser")
-        scene.box((x - 0.03, top - 0.03, -0.05), (x + run_ + 0.01, top, 1.03), "tread")
+        scene.box((x - 0.03, top - 0.03, -0.05), (x + run_ + 0.01, top, 1.03), "step")
         scene.cylinder((x + 0.12, top - 0.01, 0.96), (x + 0.12, top + 0.88, 0.96), 0.012, "steel")
     end = first + count * run_
-    scene.cylinder((first + 0.12, rise + 0.88, 0.96), (end - 0.12, STOREY + 0.88, 0.96), 0.03, "tread")
+    scene.cylinder((first + 0.12, rise + 0.88, 0.96), (end - 0.12, STOREY + 0.88, 0.96), 0.03, "step")
     scene.box((end, STOREY - 0.18, -0.05), (hall.length + 0.05, STOREY, hall.depth * 0.45), "riser")
     scene.rectangle((first + 1.2, 0.004, 1.7), (1.1, 0, 0), (0, 0, -0.45), "runner")
 
@@ -130,7 +130,7 @@ def _mirror(hall: _Hall) -> None:
         scene.cylinder((0.07, 0.95, side), (0.07, 2.15, side), 0.022, "lamp", _TUBE)
         for end in (0.93, 2.13):
             scene.box((0, end, side - 0.03), (0.1, end + 0.04, side + 0.03), "chrome")
-    scene.box((0, 0.55, z - 0.9), (0.5, 0.7, z + 0.9), "tread")
+    scene.box((0, 0.55, z - 0.9), (0.5, 0.7, z + 0.9), "step")
     for at in (z - 0.45, z + 0.45):
         profile = [(0.0, 0.02), (0.1, 0.02), (0.19, 0.08), (0.22, 0.15), (0.2, 0.15), (0.16, 0.08), (0.0, 0.05)]
         hall.lathe(f"basin{at:.1f}", profile, (0.27, 0.68, at), "enamel")
@@ -181,7 +181,7 @@ def _furniture(hall: _Hall) -> None:
         scene.cylinder((0.5, 0.05, 0.4), top, 0.02, "black")
     for index, x in enumerate((1.1, 1.45)):
         hall.cushion(f"coat{index}", (x, 1.25, 0.1), (0.16, 0.5, 0.09), "coat")
-    scene.box((0.8, 1.72, 0), (1.75, 1.8, 0.03), "tread")
+    scene.box((0.8, 1.72, 0), (1.75, 1.8, 0.03), "step")
 
 
 def write_hall(folder: Path, seed: int) -> Path:

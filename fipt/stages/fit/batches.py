@@ -12,6 +12,7 @@ from fipt.scene.observed import ObservedShard
 from fipt.scene.samples import Empty, FootprintSamples, segments_of_triangles
 from fipt.scene.shading import Shading
 from fipt.stages.fit.evidence import PhotoEvidence
+from fipt.stages.fit.light_errors import LightErrors
 
 _BLOCK = 1 << 20
 """Pixels looked at together."""
@@ -91,6 +92,11 @@ class Pixels:
         Per shard: pixels (K,) that show the outside too, and what it adds to them (K, 3); see `fipt.scene.environment`.
     empty
         Makes the arrays over all pixels: in memory, or `fipt.formats.arrays.on_disk`.
+
+    Attributes
+    ----------
+    light
+        Errors of the traced light, which batches are without; None until they are known.
     """
 
     def __init__(
@@ -125,6 +131,7 @@ class Pixels:
                 done += len(found)
         if len(self.index) == 0:
             raise FiptError("no training pixel shows the mesh", "check poses and masks of the training views")
+        self.light: LightErrors | None = None
         self._segments = segments
         self.largest_segment, self._winner = (
             (0, None) if segments is None else segments_of_triangles(self.shards, segments)
@@ -140,6 +147,10 @@ class Pixels:
         """(N,) float32 confidence at surface points (N, 3) with normals (N, 3); 1 where it is not asked for."""
         known = self.confidence
         return np.ones(len(points), np.float32) if known is None else known.at(points, normals, known.combined)
+
+    def lit(self, shading: np.ndarray, points: np.ndarray, segment: np.ndarray) -> np.ndarray:
+        """Shading (N, outputs, 3) of points (N, 3) of segments (N,) without what is known of its errors."""
+        return shading if self.light is None else shading * self.light.factor(points, segment)[:, None, None]
 
     def __len__(self) -> int:
         return len(self.index)
@@ -166,6 +177,7 @@ class Pixels:
         picks = (turn[:, None] + np.arange(queries) * SUB_POSITIONS // queries) % SUB_POSITIONS
         sub = np.take_along_axis(of_samples([each.sub for each in self.shards]), picks[..., None], axis=1)
         position = of_samples([each.position for each in self.shards])
+        segment = self.segment_of(shard[owner], pixel[owner], sample)
         arrays = {
             "radiance": _gathered(self.radiance, shard, pixel).astype(np.float32),
             "valid": _gathered(self.valid, shard, pixel),
@@ -174,8 +186,8 @@ class Pixels:
             "weight": weight.astype(np.float32),
             "points": position[:, None] + sub.astype(np.float32),
             "footprint": of_samples([each.footprint for each in self.shards]),
-            "shading": of_samples(self.shading).astype(np.float32),
-            "segment": self.segment_of(shard[owner], pixel[owner], sample),
+            "shading": self.lit(of_samples(self.shading).astype(np.float32), position, segment),
+            "segment": segment,
             "confidence": self._confidence(shard[owner], sample, position),
             **outside,
         }

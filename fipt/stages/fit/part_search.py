@@ -13,7 +13,7 @@ Whether a part has one colour is judged in `fipt.stages.fit.part_colors`.
 
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -30,13 +30,12 @@ from fipt.stages.fit.inner_pixels import (
     inner_pixels,
     pieces_of,
 )
+from fipt.stages.fit.light_errors import RESOLUTION, LightErrors, cells_of, measured
 from fipt.stages.fit.material_posterior import posterior
 from fipt.stages.fit.part_colors import FINE, median_colors, uniformity
 
 ROUGHNESS = (0.02, 0.06, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 _METALLIC = (0.0, 0.5, 0.75, 1.0)
-_RESOLUTION = 96
-"""Pieces along the scene box that share one base colour."""
 _METAL_GAIN = 0.1
 """Share of the residual that metal must remove before it is believed."""
 _CAUTION = 0.5
@@ -80,6 +79,8 @@ class PartEstimates:
         (2, roughnesses, S) float32 residual of every roughness as dielectric and as metal.
     free
         (S,) int64 pixels that it was measured on, without one for each colour that they had of their own.
+    light
+        Errors of the traced light, which base colour and uniform are without; None where they were not asked for.
     """
 
     roughness: np.ndarray
@@ -90,6 +91,7 @@ class PartEstimates:
     uniform: np.ndarray
     residual: np.ndarray
     free: np.ndarray
+    light: LightErrors | None
 
 
 def part_classes(pairs: Iterable[tuple[np.ndarray, np.ndarray]], count: int) -> np.ndarray:
@@ -120,6 +122,7 @@ def estimate_parts(
     emitter_gain: float,
     classes: np.ndarray | None = None,
     metals: JudgedMetals | None = None,
+    light_errors: bool = False,
 ) -> PartEstimates:
     """Search roughness and metallic of every segment, and judge whether it has one colour.
 
@@ -136,10 +139,12 @@ def estimate_parts(
         (S,) semantic class of every segment, 0 = unknown; None: parts stand alone.
     metals
         What is known of segments: metal, unless their own pixels clearly say no; or none, whatever these say.
+    light_errors
+        Whether slow changes of brightness within a segment are errors of the light; not of classes, of several paints.
     """
     inner = inner_pixels(pixels, emitter_gain)
     count = int(pixels.largest_segment) + 1
-    piece, pieces = pieces_of(inner, _RESOLUTION, center, side)
+    piece, pieces = pieces_of(inner, RESOLUTION, center, side)
     shared = np.bincount(piece, minlength=pieces)[piece] >= FEWEST
     used = np.bincount(inner.segment, shared, count)
     trust = shared * np.maximum(pixels.confidence_at(inner.place, inner.normal), _LEAST_TRUST)
@@ -152,23 +157,30 @@ def estimate_parts(
     if classes is not None:
         roughness, metallic, gain = _of_classes((roughness, metallic, gain), used, classes)
     roughness = _expected(roughness, metallic, residual[[0, -1]], groups.free, classes)
+    light = _light_errors(inner, roughness, metallic, center, side) if light_errors else None
+    if light is not None:
+        inner = replace(inner, shading=inner.shading * light.factor(inner.place, inner.segment)[:, None, None])
     offset, slope = line_in_base_color(inner.shading, roughness[inner.segment], metallic[inner.segment])
     base = np.clip(best_base_color(inner.radiance, offset, slope, piece, pieces), 0, 1)
     color = median_colors(base, inner.segment, piece, count)
     fine, fines = pieces_of(inner, FINE, center, side)
     uniform = uniformity(inner, offset, slope, fine, fines, color)
     seen = np.bincount(inner.segment, minlength=count)
-    estimates = (
-        roughness,
-        metallic,
-        gain,
-        seen,
-        color,
-        uniform,
-        residual[[0, -1]],
-        np.maximum(groups.free, 0).astype(np.int64),
-    )
-    return PartEstimates(*(x if x.dtype == np.int64 else x.astype(np.float32) for x in estimates))
+    free = np.maximum(groups.free, 0).astype(np.int64)
+    estimates = (roughness, metallic, gain, seen, color, uniform, residual[[0, -1]], free)
+    return PartEstimates(*(x if x.dtype == np.int64 else x.astype(np.float32) for x in estimates), light=light)
+
+
+def _light_errors(
+    inner: InnerPixels, roughness: np.ndarray, metallic: np.ndarray, center: np.ndarray, side: float
+) -> LightErrors:
+    """What the base colours within parts (S,) of these roughnesses and metallics say of the traced light."""
+    key, cell = cells_of(inner.place, inner.segment, center, side)
+    offset, slope = line_in_base_color(inner.shading, roughness[inner.segment], metallic[inner.segment])
+    base = best_base_color(inner.radiance, offset, slope, cell, len(key))
+    owner = np.zeros(len(key), np.int64)
+    owner[cell] = inner.segment
+    return measured(key, base, (np.bincount(cell, minlength=len(key)) >= FEWEST) & (metallic[owner] == 0), center, side)
 
 
 def search_threads() -> int:

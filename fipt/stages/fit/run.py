@@ -81,8 +81,11 @@ def fit_model(inputs: FitInputs, settings: FitSettings) -> Stats:
     if kind is not None and settings.part_search:
         classes = _classes(data, pixels) if kind == "part" and data.has_segments("semantic") else None
         metals = data.metals() if kind == "part" else None
-        found = estimate_parts(pixels, center, side, settings.emitter_gain, classes, metals)
+        slow = settings.light_errors and kind == "part"
+        found = estimate_parts(pixels, center, side, settings.emitter_gain, classes, metals, slow)
         figures["parts"] = _described(found)
+        pixels.light = found.light
+        figures["light_error"] = None if found.light is None else round(found.light.size, 4)
         targets = part_targets(found, settings).to(field.device)
         if inputs.cache is not None and settings.hidden > 0:
             hidden = find_hidden(pixels, read_cache(inputs.cache), found.pixels > 0)

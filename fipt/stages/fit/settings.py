@@ -35,6 +35,9 @@ class FitSettings(NetworkSettings):
     part_search: bool = Field(
         default=True, description="search roughness and metallic of whole segments before the fit"
     )
+    light_errors: bool = Field(
+        default=True, description="after the search, take what varies slowly within parts off the traced light"
+    )
     target_weight: Weight = Field(default=3e-3, description="prior towards what the search found")
     base_weight: Weight = Field(default=0.03, description="prior of parts that seem to have one colour towards it")
     hidden: Count = Field(

@@ -197,7 +197,7 @@ class _FittedView:
         samples, own, pixel = self.samples, self.own.start + self.asked, self.pixel[self.asked]
         shading = np.asarray(self.pixels.shading[self.number][own], np.float32)
         brdf = field.query(samples.position[own], samples.footprint[own] * field.settings.footprint)
-        residual, evident = self._residuals(brdf, shading, emitter_gain)
+        residual, evident = self._residuals(brdf, self._lit(shading, own), emitter_gain)
         change = np.full(len(shading), _UNCHECKED)
         if earlier:
             light, before = shading[:, 0].mean(axis=1), earlier[self.number][own][:, 0].mean(axis=1)
@@ -211,6 +211,11 @@ class _FittedView:
         columns[:, :1], columns[:, 1:2] = 1, 1 - weight
         columns[self.asked, 2:] = np.column_stack([*shown, *(evident * x for x in off)])
         return weight * columns
+
+    def _lit(self, shading: np.ndarray, own: np.ndarray) -> np.ndarray:
+        """Shading (M, outputs, 3) of the samples ``own`` (M,), as the fit was taught by it."""
+        shard, pixel = np.full(len(own), self.number), self.span.start + self.pixel[self.asked]
+        return self.pixels.lit(shading, self.samples.position[own], self.pixels.segment_of(shard, pixel, own))
 
     def _contrast(self, kd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(M,) mean squared difference to the pixels around the asked ones, in kd (M, 3) and relative to them.

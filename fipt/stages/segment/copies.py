@@ -9,7 +9,7 @@ from dataclasses import replace
 from itertools import islice
 
 import numpy as np
-from scipy.sparse import coo_matrix
+from scipy.sparse import coo_matrix, csr_matrix
 
 from fipt.formats.files import check_memory
 from fipt.groups import connected_groups
@@ -97,7 +97,9 @@ def judged_with_copies(evidence: MaterialEvidence, copies: np.ndarray) -> Materi
     return replace(evidence, metal=voted | (proved[shape] & ~refused))
 
 
-def copied_regions(first: np.ndarray, region: np.ndarray, known: np.ndarray) -> np.ndarray:
+def copied_regions(
+    first: np.ndarray, region: np.ndarray, known: np.ndarray, others: np.ndarray | None = None
+) -> np.ndarray:
     """(2, N) int64 pairs of regions that are the same place of two copies, as numbers into ``known``.
 
     A region that holds several places of its copy is paired with the regions of each of them on another.
@@ -110,27 +112,44 @@ def copied_regions(first: np.ndarray, region: np.ndarray, known: np.ndarray) -> 
         (at most T,) region of each triangle, 0 = unknown; those at the end that are missing are unknown.
     known
         (R,) ids of regions, ascending.
+    others
+        (S,) ids, ascending, none of them in ``known``: the second of each pair is of these, as a number into them.
+        None: both are of ``known``, the lower one first.
     """
-    first = first[: len(region)]
-    number = np.minimum(np.searchsorted(known, region), len(known) - 1)
-    own = known[number] == region
-    copied = own & (np.bincount(first)[first] > 1)
-    # a piece may be a copy of one whose triangles come later in the file
-    shape = (len(known), int(first.max(initial=0)) + 1)
-    triangles = coo_matrix((np.ones(copied.sum()), (number[copied], first[copied])), shape=shape).tocsr()
-    triangles.data[:] = 1
-    common = (triangles @ triangles.T).tocoo()
-    size = np.bincount(number[own], minlength=len(known))
-    least = _SAME_PLACE * np.minimum(size[common.row], size[common.col])
-    same = (common.row < common.col) & (common.data > least)
+    own, size = _copied_triangles(first, region, known)
+    other, other_size = (own, size) if others is None else _copied_triangles(first, region, others)
+    common = (own @ other.T).tocoo()
+    least = _SAME_PLACE * np.minimum(size[common.row], other_size[common.col])
+    same = (common.data > least) & ((common.row < common.col) | (others is not None))
     return np.stack([common.row[same], common.col[same]]).astype(np.int64)
 
 
-def votes_of_copies(copies: np.ndarray, label: np.ndarray, votes: np.ndarray, labels: int) -> np.ndarray:
-    """(R, labels) votes (R,) that the copies of each region have for each ``label`` (R,).
+def _copied_triangles(first: np.ndarray, region: np.ndarray, known: np.ndarray) -> tuple[csr_matrix, np.ndarray]:
+    """(R, T) 1 where a region has a copy of a triangle, and (R,) how many triangles the region has."""
+    first = first[: len(region)]
+    # a piece may be a copy of one whose triangles come later in the file
+    shape = (len(known), int(first.max(initial=0)) + 1)
+    if len(known) == 0:
+        return csr_matrix(shape), np.zeros(0, np.int64)
+    number = np.minimum(np.searchsorted(known, region), len(known) - 1)
+    own = known[number] == region
+    copied = own & (np.bincount(first)[first] > 1)
+    triangles = coo_matrix((np.ones(copied.sum()), (number[copied], first[copied])), shape=shape).tocsr()
+    triangles.data[:] = 1
+    return triangles, np.bincount(number[own], minlength=len(known))
 
-    ``copies`` (2, N) are pairs of regions, as of `copied_regions`.
+
+def votes_of_copies(copies: np.ndarray, label: np.ndarray, votes: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """(R, labels) votes that the copies of each region have for each label.
+
+    Parameters
+    ----------
+    copies
+        (2, N) pairs of a region and one of S others, as of `copied_regions`.
+    label, votes
+        (S,) of the others.
+    shape
+        R and the number of labels.
     """
-    own, other = np.concatenate([copies, copies[::-1]], axis=1)
-    counts = np.bincount(own * labels + label[other], votes[other], len(label) * labels)
-    return counts.reshape(len(label), labels)
+    own, other = copies
+    return np.bincount(own * shape[1] + label[other], votes[other], shape[0] * shape[1]).reshape(shape)

@@ -95,39 +95,42 @@ def regrouped(
         evidence = with_likely_metals(replace(evidence, products=evidence.products * alike), telling)
         _, of_triangle = segments_of_triangles([shard.samples for shard in shards], regions)
         evidence = judged_with_copies(evidence, copied_regions(copies, of_triangle, known))
+        tells = _tells(evidence, telling)
+        asked = np.setdiff1d(present, known[tells])
+        copied = _copied_metals(evidence, tells, asked, copied_regions(copies, of_triangle, asked, known[tells]))
+        stay = ~np.isin(known, list(copied))
+        known, telling = known[stay], telling[stay]
+        evidence = replace(evidence, **{name: values[stay] for name, values in vars(evidence).items()})
         label = joined(evidence)
-        materials = int(label.max()) + 1
+        materials = int(label.max(initial=-1)) + 1
         part_of[known] = label + 1
         metals = _metals(evidence, label, telling)
-        copied = _copied_metals(evidence, telling, known, copied_regions(copies, of_triangle, present), present)
-    others = np.union1d(present[part_of[present] == 0], np.array(list(copied), int))
+    others = np.setdiff1d(present, known)
     part_of[others] = materials + 1 + np.arange(len(others))
     return RegroupedParts([part_of[own] for own in regions], materials, _with_others(metals, part_of, others, copied))
 
 
+def _tells(evidence: MaterialEvidence, telling: np.ndarray) -> np.ndarray:
+    """(R,) bool: regions that judge a material by pixels that speak for all of the region, or clearly by a few."""
+    return (telling | evidence.metal) & (evidence.left > 0).any(axis=1)
+
+
 def _copied_metals(
-    evidence: MaterialEvidence, telling: np.ndarray, known: np.ndarray, copies: np.ndarray, present: np.ndarray
+    evidence: MaterialEvidence, tells: np.ndarray, asked: np.ndarray, copies: np.ndarray
 ) -> dict[int, float]:
-    """Roughness of the regions that are metal since their copies are, by id; their own pixels tell nothing.
+    """Roughness of the ``asked`` regions (K,), of which no pixel tells, that are metal as their copies are, by id.
 
-    A region is asked if it has no evidence, or is not ``telling`` and no metal by its own. The others vote by pixels.
-
-    Parameters
-    ----------
-    known, present
-        Ids of the regions with evidence, and of all, ascending.
-    copies
-        (2, N) pairs of copies, as numbers into ``present``.
+    Those that ``tells`` (R,) bool names vote, by their pixels. ``copies`` (2, N) are pairs of an asked region and one
+    of these, as numbers into them.
     """
-    place = np.searchsorted(present, known)
-    votes, metal = np.zeros(len(present)), np.zeros(len(present), bool)
-    votes[place] = evidence.pixels * (telling | evidence.metal) * (evidence.left > 0).any(axis=1)
-    metal[place] = evidence.metal
-    trial = np.full(len(present), HALF)
-    trial[place] = best_trials(evidence.left, evidence.left[evidence.metal].sum(axis=0), slice(HALF, None))
-    of_metal, of_all = (votes_of_copies(copies, trial, own, len(TRIALS)) for own in (votes * metal, votes))
-    asked = (votes == 0) & ~metal & (2 * of_metal.sum(axis=1) > of_all.sum(axis=1))
-    return {int(present[k]): ROUGHNESS[of_metal[k].argmax() - HALF] for k in np.flatnonzero(asked)}
+    if not tells.any() or not len(asked):
+        return {}
+    left, pixels, metal = evidence.left[tells], evidence.pixels[tells], evidence.metal[tells]
+    trial = best_trials(left, left[metal].sum(axis=0), slice(HALF, None)) - HALF
+    shape = len(asked), HALF
+    of_metal, of_all = (votes_of_copies(copies, trial, votes, shape) for votes in (pixels * metal, pixels))
+    chosen = np.flatnonzero(2 * of_metal.sum(axis=1) > of_all.sum(axis=1))
+    return {int(asked[k]): ROUGHNESS[of_metal[k].argmax()] for k in chosen}
 
 
 def _with_others(
@@ -143,7 +146,10 @@ def _with_others(
 
 
 def _telling(shards: Sequence[ObservedShard], regions: Sequence[np.ndarray], known: np.ndarray) -> np.ndarray:
-    """(R,) bool: at least half of the pixels of ``known`` regions count; of the others most are beside emitters."""
+    """(R,) bool: at least half of the pixels of ``known`` regions count; of the others most are beside emitters.
+
+    What a mask hides does not count, either.
+    """
     size = int(max(own.max(initial=0) for own in regions)) + 1
     pixels, counted = np.zeros(size, np.int64), np.zeros(size, np.int64)
     for shard, own in zip(shards, regions, strict=True):

@@ -8,6 +8,7 @@ from fipt.conventions import SHADING_OUTPUTS
 from fipt.errors import FiptError
 from fipt.formats.arrays import on_disk
 from fipt.stages.fit.batches import shuffled
+from fipt.stages.fit.light_errors import LightErrors, cells_of
 from tests import scenes
 
 
@@ -50,6 +51,17 @@ def test_a_batch_holds_the_chosen_pixels_and_all_their_samples(np_rng):
         np.testing.assert_allclose(batch.weight.numpy()[own].sum(), 1, rtol=1e-6)
         np.testing.assert_allclose(batch.weight.numpy()[own], samples[shard].weight[local], rtol=1e-6)
     assert batch.segment.tolist() == [0] * len(owner)
+
+
+def test_a_batch_is_without_the_known_errors_of_the_light(np_rng):
+    pixels = scenes.training_pixels(*shards(np_rng), None)
+    before = pixels.batch(np.arange(7), 2, np.random.default_rng(1))
+    center, side = np.array([50.0, 0, 0]), 200.0
+    key, _ = cells_of(before.points[:, 0].numpy(), np.zeros(len(before.points), int), center, side)
+    pixels.light = LightErrors(center, side, key, np.full(len(key), np.log(2)))
+    after = pixels.batch(np.arange(7), 2, np.random.default_rng(1))
+    np.testing.assert_allclose(after.shading, 2 * before.shading, rtol=1e-6)
+    np.testing.assert_array_equal(after.radiance, before.radiance)
 
 
 def test_all_of_a_batch_goes_to_a_device(np_rng):

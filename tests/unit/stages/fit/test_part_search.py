@@ -32,8 +32,11 @@ def light(rng, count, varied):
     return shading
 
 
-def pixels(rng, materials, varied=True, noise=0.01):
-    """One shard whose segment k + 1 has materials[k] = (base colour, roughness, metallic), seen over and over."""
+def pixels(rng, materials, varied=True, noise=0.01, missing=0.0):
+    """One shard whose segment k + 1 has materials[k] = (base colour, roughness, metallic), seen over and over.
+
+    Light is ``missing`` from the shading, in logarithms: all of it at the far end, none at the near one.
+    """
     shading = light(rng, PER_PART * len(materials), varied)
     radiance = np.empty((len(shading), 3), np.float32)
     for k, (base, s, m) in enumerate(materials):
@@ -42,6 +45,7 @@ def pixels(rng, materials, varied=True, noise=0.01):
         kd, ks = np.array(base) * (1 - m), 0.04 * (1 - m) + np.array(base) * m
         radiance[own] = kd * shading[own, 0] + ks * ls0[:, 0].numpy() + ls1[:, 0].numpy()
     radiance *= 1 + noise * rng.standard_normal(radiance.shape)
+    radiance *= np.exp(missing * (np.arange(len(shading)) % PIECES) / (PIECES - 1))[:, None]
     segment = np.repeat(np.arange(1, len(materials) + 1), PER_PART).astype(np.uint16)
     place = np.stack([np.arange(len(shading)) % PIECES, 3 * segment, np.zeros(len(shading))], axis=1) * 0.1
     samples = scenes.samples_of(place, segment)
@@ -82,9 +86,27 @@ def test_threads_do_not_change_what_is_found(np_rng, threads):
     seen = []
     for count in (1, 3):
         threads(count)
-        seen.append(vars(found(data)))
+        parts = found(data)
+        seen.append({name: values for name, values in vars(parts).items() if name != "light"})
     for name, values in seen[0].items():
         np.testing.assert_array_equal(values, seen[1][name], err_msg=name)
+
+
+def test_light_that_is_missing_from_place_to_place_is_no_base_color(np_rng, monkeypatch):
+    monkeypatch.setattr("fipt.stages.fit.light_errors._AROUND", 0.0)  # the pieces are a line
+    planted = [((0.5, 0.4, 0.3), 1.0, 0.0), ((0.9, 0.6, 0.4), 0.3, 1.0)]
+    data = pixels(np_rng, planted, missing=0.5)
+    box = np.array([1.5, 1.5, 1.5]), 3.3
+    kept, parts = (estimate_parts(data, *box, emitter_gain=1e9, light_errors=told) for told in (False, True))
+    assert kept.light is None
+    assert parts.light is not None
+    place = np.stack([np.arange(PIECES), np.full(PIECES, 3), np.zeros(PIECES)], axis=1) * 0.1
+    logs = np.log(parts.light.factor(place, np.ones(PIECES, int)))
+    assert 0.8 < np.polyfit(np.arange(PIECES) / (PIECES - 1), logs, 1)[0] / 0.5 < 1.1, (
+        "what it mirrors is brighter, too"
+    )
+    metal = parts.light.factor(place + np.array([0, 0.3, 0]), np.full(PIECES, 2))
+    assert metal.tolist() == [1.0] * PIECES, "a metal shows the room, whatever lights it"
 
 
 def test_without_evidence_nothing_is_claimed(np_rng):

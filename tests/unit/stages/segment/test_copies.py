@@ -8,7 +8,7 @@ from fipt.scene.mesh import Mesh
 from fipt.scene.metals import JudgedMetals
 from fipt.stages.segment.copies import copied_regions, first_copies, judged_with_copies, votes_of_copies
 from fipt.stages.segment.material_evidence import HALF, ROUGHNESS, TRIALS, MaterialEvidence
-from fipt.stages.segment.regroup import _copied_metals, _metals, _with_others, joined
+from fipt.stages.segment.regroup import _copied_metals, _metals, _tells, _with_others, joined
 
 _TURN = np.array([[0.6, -0.8, 0], [0.8, 0.6, 0], [0, 0, 1]])
 _MIRROR = np.diag([-1.0, 1, 1])
@@ -136,25 +136,35 @@ def test_a_metal_copy_that_judges_nothing_is_as_rough_as_the_metals_of_the_room(
 
 
 def test_copies_vote_with_their_pixels():
-    votes = votes_of_copies(pairs((0, 1), (0, 2), (1, 2)), np.array([0, 1, 0, 1]), np.array([1.0, 10, 100, 1000]), 2)
-    assert votes.tolist() == [[100, 10], [101, 0], [1, 10], [0, 0]]
+    copies, label = pairs((0, 1), (0, 2), (2, 1)), np.array([0, 1, 0])
+    assert votes_of_copies(copies, label, np.array([1.0, 10, 100]), (3, 2)).tolist() == [[100, 10], [0, 0], [0, 10]]
+
+
+def test_pairs_with_others_are_one_of_each():
+    first, region = np.array([0, 1, 0, 1, 0, 1]), np.array([5, 5, 6, 6, 8, 8], np.uint16)
+    assert copied_regions(first, region, np.array([5, 6])).T.tolist() == [[0, 1]]
+    found = copied_regions(first, region, np.array([8]), np.array([5, 6]))
+    assert sorted(found.T.tolist()) == [[0, 0], [0, 1]]
+    assert copied_regions(first, region, np.zeros(0, int), np.array([5, 6])).shape == (2, 0)
 
 
 def test_what_tells_nothing_is_the_metal_that_its_copies_are():
-    """Four frames of one window: two of brushed steel, a painted one, and one beside the pane in every pixel."""
+    """Three frames of windows, two of them of brushed steel, and two of which no pixel tells."""
     evidence = legs([True, True, False], [50, 40, 30], [-1, -1, -3])
-    brushed = HALF + ROUGHNESS.index(0.45)
-    evidence.left[:, brushed] = 0.8
-    known, present, everybody = np.array([3, 5, 6]), np.array([3, 5, 6, 9]), np.ones(3, bool)
-    copies = pairs(*((k, other) for k in range(4) for other in range(k)))
-    assert _copied_metals(evidence, everybody, known, copies, present) == {9: 0.45}
+    evidence.left[:, HALF + ROUGHNESS.index(0.45)] = 0.8
+    everybody, asked = np.ones(3, bool), np.array([7, 9])
+    copies = pairs((0, 0), (0, 1), (0, 2), (1, 2))
+    assert _copied_metals(evidence, everybody, asked, copies) == {7: 0.45}, "the other is as the painted one"
     one = replace(evidence, metal=np.array([True, False, False]))
-    assert _copied_metals(one, everybody, known, copies, present) == {}, "most of what its copies show is no metal"
-    beside = np.array([True, True, False])
-    assert _copied_metals(evidence, beside, known, copies, present) == {6: 0.45, 9: 0.45}, (
-        "few pixels do not outweigh it"
-    )
-    assert _copied_metals(evidence, everybody, known, pairs((0, 1)), present) == {}, "it has no copy"
+    assert _copied_metals(one, everybody, asked, copies) == {}, "most of what its copies show is no metal"
+    assert _copied_metals(evidence, everybody, asked, pairs()) == {}, "it has no copy"
+    assert _copied_metals(evidence, ~everybody, asked, pairs()) == {}, "nobody votes"
+
+
+def test_regions_tell_if_they_judge_by_most_of_their_pixels_or_clearly():
+    evidence = legs([True, False, False, False], [50] * 4, [-1] * 4)
+    evidence.left[3] = 0
+    assert _tells(evidence, np.array([False, True, False, True])).tolist() == [True, True, False, False]
 
 
 def test_parts_of_which_no_pixel_tells_are_no_metal_but_copies_of_one():
