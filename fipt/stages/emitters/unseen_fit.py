@@ -166,7 +166,7 @@ def explain(
     lit = light > 1e-3 * np.median(light) if len(light) else np.zeros(0, bool)
     use = np.flatnonzero((blocks.spread < GLOSSY) & (lit | (transport.unseen.sum(axis=1) > 0)))
     members = patches.candidates
-    if len(use) < 2 * len(np.unique(blocks.group[use])):
+    if len(use) < max(2 * len(np.unique(blocks.group[use])), 1):
         return nothing
     _, group = np.unique(blocks.group[use], return_inverse=True)
     floor = 1e-3 * max(float(np.median(light[use])), 1e-9)
@@ -202,6 +202,24 @@ def explain(
         determined=spread < _UNSURE,
         errors=(problem.sigma, problem.tau),
     )
+
+
+def witnessed(guess: Guess, blocks: Blocks, patches: Patches, transport: Transport, asks: np.ndarray) -> Guess:
+    """The guess, if more tells of it than how bright the blocks are that ask for light, (N,) bool; else none.
+
+    What asks may emit, or be lit by a lamp: its brightness cannot say which. How that changes from place to place can,
+    and so can other surface. So each group of it is as bright as is usual under the light that is seen.
+    """
+    if not guess.determined:
+        return guess
+    group, level = blocks.group + asks * (blocks.group.max() + 1), np.log(blocks.radiance.mean(axis=1))
+    level -= np.log(np.maximum(transport.seen.mean(axis=1), 1e-12))
+    factor = np.ones(len(asks))
+    for k in np.unique(group[asks]):
+        factor[group == k] = np.exp(MIDDLE - np.median(level[group == k]))
+    usual = replace(blocks, group=group, radiance=blocks.radiance * factor[:, None])
+    found = explain(usual, patches, transport, True, Start(tuple(range(patches.candidates.shape[1])), guess.errors))
+    return guess if found.determined else found
 
 
 def _chosen(problem: _Problem, place: np.ndarray) -> tuple[_State, _State, _Problem]:

@@ -16,7 +16,7 @@ from fipt.stages.emitters.edges import without_edge
 from fipt.stages.emitters.extract import Extracted
 from fipt.stages.emitters.observations import grouped_median
 from fipt.stages.emitters.unseen import Lights, Transport, seen_light, with_more_rays, with_patches
-from fipt.stages.emitters.unseen_fit import Guess, Start, explain, explained
+from fipt.stages.emitters.unseen_fit import Guess, Start, explain, explained, witnessed
 from fipt.stages.emitters.unseen_surface import Patches, hidden_triangles, patches_as_before, patches_of, small_parts
 
 _LEAST_BLOCKS = 30
@@ -163,8 +163,9 @@ def _judged(
 ) -> _Judged:
     """Emitters that are not told to be lit, and the guess beside them.
 
-    What has no edge is taken out of them; it becomes undecided where no guess lights it. What the light of all that
-    views show explains is taken out as well: it reflects.
+    A guess needs another witness than how bright it is what asks for it. What has no edge is taken out of the emitters;
+    it becomes undecided where no guess lights it. What the light of all that views show explains is taken out as well:
+    it reflects.
 
     Parameters
     ----------
@@ -179,6 +180,9 @@ def _judged(
     number = np.where(doubtful, found.emitter, -1)
     fading = np.isin(number, without_edge(shards, _numbers(found, triangles)))
     tried = trial(found.chosen(~doubtful), asked=True)
+    if tried is not None and not asked:
+        asks = _numbers(found, triangles, doubtful)[tried.blocks.triangle] >= 0
+        tried = replace(tried, guess=witnessed(tried.guess, tried.blocks, tried.patches, tried.transport, asks))
     lit = np.isin(number, _lit(tried, found, doubtful, triangles))
     lit_by_seen = np.isin(number, _lit_by_what_is_seen(tried, found, doubtful & _for_brightness(extracted), triangles))
     stays = ~(lit | fading | lit_by_seen)

@@ -15,7 +15,7 @@ from fipt.scene.voxels import facings, voxel_keys
 from fipt.stages.emitters import unseen_guess, unseen_surface
 from fipt.stages.emitters.extract import Extracted
 from fipt.stages.emitters.unseen import Lights, Transport, seen_light, with_more_rays, with_patches
-from fipt.stages.emitters.unseen_fit import Guess, Start, explain, explained
+from fipt.stages.emitters.unseen_fit import Guess, Start, explain, explained, witnessed
 from fipt.stages.emitters.unseen_surface import Patches, hidden_triangles, patches_as_before, patches_of, small_parts
 from tests import scenes
 
@@ -208,6 +208,27 @@ def test_a_lamp_behind_a_door_is_guessed_where_it_is_asked_for(np_rng, leak):
     assert np.delete(guess.radiance, 9, axis=0).sum() < 0.3 * guess.radiance.sum()
 
 
+def test_how_bright_it_is_what_asks_for_light_is_no_witness(np_rng):
+    """A lamp lights a room, or only surface that may emit, evenly or less and less away from it."""
+    emitted = np.zeros(40)
+    emitted[3] = 0.6
+    blocks, patches, transport = problem(np_rng, emitted)
+    chosen = replace(patches, kept=np.arange(40) == 3, piece=np.where(np.arange(40) == 3, 0, -1))
+    found = Guess(emitted[:, None] * np.ones(3), determined=True, errors=(0.05, 1.0))
+    asks = np.arange(len(blocks.radiance)) < 20
+    assert witnessed(found, blocks, chosen, transport, asks) is found, "of all of the room"
+    dark, _, unlit = problem(np.random.default_rng(0), np.zeros(40))
+    for given, stays in ((np.full(20, 2.0), False), (np.geomspace(0.1, 5, 20), True)):
+        unseen = np.zeros_like(unlit.unseen)
+        unseen[asks, 3] = given
+        light = unlit.seen.mean(axis=1)
+        bright = dark.radiance * (1 + unseen[:, 3] * emitted[3] / light)[:, None]
+        told = witnessed(found, replace(dark, radiance=bright), chosen, replace(unlit, unseen=unseen), asks)
+        assert told.determined == stays
+    none = Guess(np.zeros((40, 3)))
+    assert witnessed(none, blocks, chosen, transport, asks) is none
+
+
 def test_errors_that_surfaces_of_many_colours_share_are_no_light(np_rng):
     """Light that is off by a half either way, in places just as large as what patches light: a wrong mesh."""
     blocks, patches, transport = problem(np_rng, np.zeros(40))
@@ -293,6 +314,7 @@ def guessing(monkeypatch, floor_and_ceiling):
             "patches_of": patches,
             "with_patches": known,
             "explain": guess,
+            "witnessed": guess,
         }.items():
             monkeypatch.setattr(unseen_guess, name, lambda *_, value=value, **__: value)
         monkeypatch.setattr(unseen_guess, "_measured", lambda trial, *_: trial)
