@@ -6,10 +6,11 @@ no metal, with l the logarithm of the base colour that a voxel's pixels suggest,
 
     low     mean of l around, by a Gaussian of `_SIGMA` voxels
     slow    variance of low about its median;  fast  that of l about low
-    error   slow / (slow + fast) (low - its median)
+    error   (1 - fast / (2 slow)) (low - its median), or 0 where fast is more than twice slow
 
-The error is the best linear estimate (Wiener) if what varies slowly in a part without texture is light. The traced
-light times exp(error) is that which gives the part one brightness. An error of all of a part stays.
+Texture is taken to vary half as much slowly as it does fast; the rest of the slow variance is light, and the error its
+best linear estimate (Wiener). The traced light times exp(error) gives the part one brightness. An error of all of a
+part stays. A part that the Gaussian covers at once tells nothing: a picture on a wall has its own bright half.
 """
 
 from dataclasses import dataclass
@@ -28,8 +29,10 @@ _REACH = 3.0
 """How many of these it reaches."""
 _AROUND = 0.25
 """Weight of the voxels around one, of that in the middle of a plane, below which it stands alone and tells nothing."""
-_FEWEST = 20
-"""Voxels of a part of which something is known."""
+_SLOW = 0.5
+"""Variance that texture has slowly, of what it has fast."""
+_FEWEST = round(np.pi * (_REACH * _SIGMA) ** 2)
+"""Voxels of a part of which something is known: those of a plane that the Gaussian reaches."""
 _DARKEST = 0.01
 """Base colour that is added before the logarithm: below it differences are noise."""
 _MOST = 1.0
@@ -37,11 +40,12 @@ _MOST = 1.0
 _ROWS = 4096
 """Voxels whose surroundings are in memory at a time."""
 _IDS = 1 << 16
+"""Part ids that a voxel may have."""
 
 
 @dataclass(frozen=True)
 class LightErrors:
-    """Logarithms of light that is there over light that was traced, by voxel and part; about each part's median.
+    """Logarithms of the light that is there over the traced light, by voxel and part, about the median of each part.
 
     Attributes
     ----------
@@ -134,5 +138,5 @@ def _slow(place: np.ndarray, level: np.ndarray) -> np.ndarray:
         low = low[known] / weight[known]
         off = low - np.median(low)
         slow, fast = np.mean(off**2), np.mean((level[known] - low) ** 2)
-        result[known] = slow / max(slow + fast, 1e-12) * off
+        result[known] = max(1 - _SLOW * fast / max(slow, 1e-12), 0) * off
     return result

@@ -91,41 +91,41 @@ def regrouped(
     materials, metals, copied = 0, JudgedMetals(), {}
     known, evidence = _evidence(shards, regions)
     if len(known):
-        telling = _telling(shards, regions, known)
-        evidence = with_likely_metals(replace(evidence, products=evidence.products * alike), telling)
+        counted = _mostly_counted(shards, regions, known)
+        evidence = with_likely_metals(replace(evidence, products=evidence.products * alike), counted)
         _, of_triangle = segments_of_triangles([shard.samples for shard in shards], regions)
         evidence = judged_with_copies(evidence, copied_regions(copies, of_triangle, known))
-        tells = _tells(evidence, telling)
-        asked = np.setdiff1d(present, known[tells])
-        copied = _copied_metals(evidence, tells, asked, copied_regions(copies, of_triangle, asked, known[tells]))
+        voters = _voters(evidence, counted)
+        asked = np.setdiff1d(present, known[voters])
+        copied = _copied_metals(evidence, voters, asked, copied_regions(copies, of_triangle, asked, known[voters]))
         stay = ~np.isin(known, list(copied))
-        known, telling = known[stay], telling[stay]
+        known, counted = known[stay], counted[stay]
         evidence = replace(evidence, **{name: values[stay] for name, values in vars(evidence).items()})
         label = joined(evidence)
         materials = int(label.max(initial=-1)) + 1
         part_of[known] = label + 1
-        metals = _metals(evidence, label, telling)
+        metals = _metals(evidence, label, counted)
     others = np.setdiff1d(present, known)
     part_of[others] = materials + 1 + np.arange(len(others))
     return RegroupedParts([part_of[own] for own in regions], materials, _with_others(metals, part_of, others, copied))
 
 
-def _tells(evidence: MaterialEvidence, telling: np.ndarray) -> np.ndarray:
+def _voters(evidence: MaterialEvidence, counted: np.ndarray) -> np.ndarray:
     """(R,) bool: regions that judge a material by pixels that speak for all of the region, or clearly by a few."""
-    return (telling | evidence.metal) & (evidence.left > 0).any(axis=1)
+    return (counted | evidence.metal) & (evidence.left > 0).any(axis=1)
 
 
 def _copied_metals(
-    evidence: MaterialEvidence, tells: np.ndarray, asked: np.ndarray, copies: np.ndarray
+    evidence: MaterialEvidence, voters: np.ndarray, asked: np.ndarray, copies: np.ndarray
 ) -> dict[int, float]:
     """Roughness of the ``asked`` regions (K,), of which no pixel tells, that are metal as their copies are, by id.
 
-    Those that ``tells`` (R,) bool names vote, by their pixels. ``copies`` (2, N) are pairs of an asked region and one
-    of these, as numbers into them.
+    The ``voters`` (R,) bool vote by their pixels. ``copies`` (2, N) are pairs of an asked region and a voter, as
+    numbers into these.
     """
-    if not tells.any() or not len(asked):
+    if not voters.any() or not len(asked):
         return {}
-    left, pixels, metal = evidence.left[tells], evidence.pixels[tells], evidence.metal[tells]
+    left, pixels, metal = evidence.left[voters], evidence.pixels[voters], evidence.metal[voters]
     trial = best_trials(left, left[metal].sum(axis=0), slice(HALF, None)) - HALF
     shape = len(asked), HALF
     of_metal, of_all = (votes_of_copies(copies, trial, votes, shape) for votes in (pixels * metal, pixels))
@@ -145,7 +145,7 @@ def _with_others(
     return JudgedMetals({**metals.roughness, **roughness}, metals.dielectric | dielectric)
 
 
-def _telling(shards: Sequence[ObservedShard], regions: Sequence[np.ndarray], known: np.ndarray) -> np.ndarray:
+def _mostly_counted(shards: Sequence[ObservedShard], regions: Sequence[np.ndarray], known: np.ndarray) -> np.ndarray:
     """(R,) bool: at least half of the pixels of ``known`` regions count; of the others most are beside emitters.
 
     What a mask hides does not count, either.
@@ -158,10 +158,10 @@ def _telling(shards: Sequence[ObservedShard], regions: Sequence[np.ndarray], kno
     return 2 * counted[known] >= pixels[known]
 
 
-def _metals(evidence: MaterialEvidence, label: np.ndarray, telling: np.ndarray) -> JudgedMetals:
-    """Which parts are metal, and which are not: any metal explains them worse, or no region is ``telling``.
+def _metals(evidence: MaterialEvidence, label: np.ndarray, counted: np.ndarray) -> JudgedMetals:
+    """Which parts are metal, and which are not: any metal explains them worse, or no region of it is ``counted``.
 
-    ``label`` (R,) as of `joined`, ``telling`` (R,) as of `_telling`.
+    ``label`` (R,) as of `joined`, ``counted`` (R,) as of `_mostly_counted`.
     """
     count = int(label.max()) + 1
     left, products = np.zeros((count, len(TRIALS))), np.zeros((count, len(TRIALS), len(TRIALS)))
@@ -170,7 +170,7 @@ def _metals(evidence: MaterialEvidence, label: np.ndarray, telling: np.ndarray) 
     best = best_trials(left, evidence.left[evidence.metal].sum(axis=0), slice(HALF, None))
     metal = np.unique(label[evidence.metal])
     unlike = worse(left, products, best, slice(None, HALF), errors=_NO_METAL_ERRORS)
-    beside_emitters = np.bincount(label, telling, count) == 0
+    beside_emitters = np.bincount(label, counted, count) == 0
     dielectric = np.setdiff1d(np.flatnonzero(unlike | beside_emitters), metal)
     roughness = {int(part) + 1: ROUGHNESS[best[part] - HALF] for part in metal}
     return JudgedMetals(roughness, frozenset((dielectric + 1).tolist()))
@@ -200,11 +200,11 @@ def _evidence(shards: Sequence[ObservedShard], regions: Sequence[np.ndarray]) ->
     return known, evidence
 
 
-def with_likely_metals(evidence: MaterialEvidence, telling: np.ndarray) -> MaterialEvidence:
+def with_likely_metals(evidence: MaterialEvidence, counted: np.ndarray) -> MaterialEvidence:
     """The evidence with more regions counted as metal: those that have the colour of a metal that the room proves.
 
     That metal explains them better than any dielectric. Where it alone has this colour in the room, it may explain them
-    worse, by no more than one standard error; but not those that are not ``telling`` (R,), of which a few pixels away
+    worse, by no more than one standard error; but not those that are not ``counted`` (R,), of which a few pixels away
     from emitters would speak for many beside them: bars of a window.
     """
     metal, left = evidence.metal.copy(), evidence.left
@@ -219,7 +219,7 @@ def with_likely_metals(evidence: MaterialEvidence, telling: np.ndarray) -> Mater
         for furthest, proof in _WINDOWS:
             same = distance < furthest
             if _metal_alone(evidence, same, refused, proof):
-                metal |= same & ~unlikely & telling
+                metal |= same & ~unlikely & counted
     return replace(evidence, metal=metal)
 
 

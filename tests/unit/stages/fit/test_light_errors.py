@@ -68,16 +68,21 @@ def test_parts_are_judged_by_themselves_and_only_by_what_tells():
     assert none.size == 0
 
 
-def test_what_is_small_or_stands_alone_tells_nothing(np_rng, monkeypatch):
-    points, one, along = wall()
+def test_what_stands_alone_tells_nothing(np_rng):
+    points, one, _ = wall()
     alone = (np.arange(len(points)) % 97 == 0) | (np.arange(len(points)) % 89 == 0)
     base = 0.5 * np.exp(0.4 * np_rng.standard_normal(alone.sum()))
     assert errors(points[alone], one[alone], base).factor(points, one).tolist() == [1.0] * len(points)
-    near = np.argsort(np.abs(points[:, :2] - [1, 2]).max(axis=1))[:90]
-    count = len(errors(points[near], one[near], np.exp(along[near])).key)
-    assert count >= 20
-    monkeypatch.setattr("fipt.stages.fit.light_errors._FEWEST", count + 1)
-    assert len(errors(points[near], one[near], np.exp(along[near])).key) == 0
+
+
+def test_a_picture_on_a_wall_keeps_its_dark_half():
+    """It is smaller than what is averaged; a larger one would be a wall that a lamp lights from one side."""
+    points, one, _ = wall()
+    off = np.abs(points[:, :2] - [2, 2]).max(axis=1)
+    for half, known in ((0.3, False), (0.9, True)):
+        own = off < half
+        base = np.exp((points[own, 0] - 2) / half)
+        assert (len(errors(points[own], one[own], base).key) > 0) == known
 
 
 def test_where_hardly_any_light_was_traced_nothing_around_changes():

@@ -93,7 +93,9 @@ def test_threads_do_not_change_what_is_found(np_rng, threads):
 
 
 def test_light_that_is_missing_from_place_to_place_is_no_base_color(np_rng, monkeypatch):
-    monkeypatch.setattr("fipt.stages.fit.light_errors._AROUND", 0.0)  # the pieces are a line
+    # the pieces are a line
+    monkeypatch.setattr("fipt.stages.fit.light_errors._AROUND", 0.0)
+    monkeypatch.setattr("fipt.stages.fit.light_errors._FEWEST", PIECES)
     planted = [((0.5, 0.4, 0.3), 1.0, 0.0), ((0.9, 0.6, 0.4), 0.3, 1.0)]
     data = pixels(np_rng, planted, missing=0.5)
     box = np.array([1.5, 1.5, 1.5]), 3.3

@@ -8,7 +8,7 @@ from fipt.scene.mesh import Mesh
 from fipt.scene.metals import JudgedMetals
 from fipt.stages.segment.copies import copied_regions, first_copies, judged_with_copies, votes_of_copies
 from fipt.stages.segment.material_evidence import HALF, ROUGHNESS, TRIALS, MaterialEvidence
-from fipt.stages.segment.regroup import _copied_metals, _metals, _tells, _with_others, joined
+from fipt.stages.segment.regroup import _copied_metals, _metals, _voters, _with_others, joined
 
 _TURN = np.array([[0.6, -0.8, 0], [0.8, 0.6, 0], [0, 0, 1]])
 _MIRROR = np.diag([-1.0, 1, 1])
@@ -164,7 +164,7 @@ def test_what_tells_nothing_is_the_metal_that_its_copies_are():
 def test_regions_tell_if_they_judge_by_most_of_their_pixels_or_clearly():
     evidence = legs([True, False, False, False], [50] * 4, [-1] * 4)
     evidence.left[3] = 0
-    assert _tells(evidence, np.array([False, True, False, True])).tolist() == [True, True, False, False]
+    assert _voters(evidence, np.array([False, True, False, True])).tolist() == [True, True, False, False]
 
 
 def test_parts_of_which_no_pixel_tells_are_no_metal_but_copies_of_one():

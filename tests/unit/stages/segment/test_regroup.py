@@ -29,7 +29,7 @@ from fipt.stages.segment.material_evidence import (
     measure,
 )
 from fipt.stages.segment.region_pixels import RegionPixels
-from fipt.stages.segment.regroup import _metals, _telling, joined, with_likely_metals
+from fipt.stages.segment.regroup import _metals, _mostly_counted, joined, with_likely_metals
 from fipt.stages.segment.regroup_stage import RegroupInputs, run
 from fipt.stages.segment.settings import RegroupSettings
 from tests import scenes
@@ -194,8 +194,8 @@ def test_a_few_pixels_away_from_emitters_do_not_speak_for_the_bars_of_a_window(n
     assert with_likely_metals(evidence, np.array([True, True, False])).metal.tolist() == [True, True, False]
     better = evidence.left.copy()
     better[2, HALF:] = better[2].min() - 0.1
-    telling = np.zeros(3, bool)
-    assert with_likely_metals(replace(evidence, left=better), telling).metal.all(), "what is left speaks for metal"
+    counted = np.zeros(3, bool)
+    assert with_likely_metals(replace(evidence, left=better), counted).metal.all(), "what is left speaks for metal"
 
 
 def test_a_region_tells_if_half_of_its_pixels_are_away_from_emitters():
@@ -204,7 +204,7 @@ def test_a_region_tells_if_half_of_its_pixels_are_away_from_emitters():
         SimpleNamespace(weight=np.array([1.0, 0, 0, 1, 0, 1])),
         SimpleNamespace(weight=np.array([0, 1, 0, 0, 1, 0])),
     ]
-    assert _telling(shards, regions, np.array([1, 2, 3])).tolist() == [False, True, False]
+    assert _mostly_counted(shards, regions, np.array([1, 2, 3])).tolist() == [False, True, False]
 
 
 def test_a_region_that_is_not_told_apart_stays_where_the_colour_alone_proves_little(np_rng):
