@@ -16,7 +16,7 @@ from fipt.scene.emitters import read_names
 from fipt.scene.environment import NOTHING, constant
 from fipt.scene.review import ReviewDecisions
 from fipt.scene.setup import RelightSetup, parse_setup
-from fipt.stages.emitters.extract import Decided
+from fipt.stages.emitters.decided import Decided
 from fipt.stages.emitters.review_stage import _check_decisions
 from fipt.stages.render.inputs import TracedInputs
 from fipt.stages.render.lights import Illumination, idle_edits, missing_light

@@ -4,15 +4,15 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from fipt.conventions import EMITTER_GAIN
-from fipt.errors import FiptError
 from fipt.groups import connected_groups
 from fipt.scene.emitters import Emitters, Undecided
-from fipt.scene.mesh import Mesh, connected_parts, points_of
+from fipt.scene.mesh import Mesh, points_of
 from fipt.scene.observed import ObservedShard
-from fipt.scene.review import ReviewDecisions, numbers
+from fipt.scene.review import ReviewDecisions
+from fipt.stages.emitters.completion import completed
+from fipt.stages.emitters.decided import Decided
 from fipt.stages.emitters.fragments import LEAST_DIFFERENCE, SIGMA, same_emitters
 from fipt.stages.emitters.hypotheses import RegionEvidence, judge
 from fipt.stages.emitters.mixed import mixed_emitters
@@ -27,7 +27,7 @@ from fipt.stages.emitters.observations import (
 from fipt.stages.emitters.regions import Surface, find_regions
 from fipt.stages.emitters.settings import EmittersSettings
 from fipt.stages.emitters.shape import shaped
-from fipt.stages.emitters.sides import LEAST_SEEN, emitting_sides, faces, seen_sides
+from fipt.stages.emitters.sides import emitting_sides
 from fipt.stages.emitters.small import RELEVANT, small_emitters
 
 _MOST_PIXELS = 4_000_000
@@ -36,45 +36,8 @@ _MOST_UNDECIDED = 20
 """Regions that are asked about at most."""
 _PIXELS_OF_TEXEL = 9
 """Pixels that a triangle needs for its median to count as a texel."""
-_WHOLE = 0.7
-"""Share of the seen area of a part, or of a face, that must emit before the rest of it is taken to emit too."""
 _SAME_RADIANCE = 0.35
 """Relative difference up to which neighbouring triangles belong to one emitter."""
-
-
-@dataclass(frozen=True)
-class Decided:
-    """What a person decided about triangles.
-
-    Attributes
-    ----------
-    emitter
-        (T,) int32 number of the accepted emitter of a triangle, -1 for all others.
-    rejected
-        (T,) bool, never emit.
-    merged
-        Triangles of emitters that are one emitter.
-    """
-
-    emitter: np.ndarray
-    rejected: np.ndarray
-    merged: tuple[np.ndarray, ...] = ()
-
-    @staticmethod
-    def of(decisions: ReviewDecisions, triangles: int) -> "Decided":
-        """ReviewDecisions about a mesh of so many triangles."""
-
-        def rows(*texts: str) -> np.ndarray:
-            return np.array(sorted(t for text in texts for t in numbers(text, triangles)), np.int64)
-
-        emitter, rejected = np.full(triangles, -1, np.int32), np.zeros(triangles, bool)
-        for number, text in enumerate(decisions.accept):
-            emitter[rows(text)] = number
-        rejected[rows(*decisions.reject)] = True
-        both = np.flatnonzero(rejected & (emitter >= 0))
-        if len(both):
-            raise FiptError(f"triangle {both[0]} must be accepted or rejected; decisions do both", "decide once")
-        return Decided(emitter, rejected, tuple(rows(*group) for group in decisions.merge))
 
 
 @dataclass(frozen=True)
@@ -145,8 +108,7 @@ def extract(
     label[decided.rejected] = -1
     tells = (label >= 0) & (tells | (decided.emitter >= 0))
     measured = _measured(mesh, of_triangles(views, tells), label, decided, settings, surface)
-    hidden = _hidden(mesh, shards, measured, observed, settings)
-    found = _completed(mesh, measured, hidden & ~decided.rejected, decided)
+    found = completed(mesh, shards, measured, observed, settings, decided)
     if settings.sides == "seen":
         found = replace(found, sides=emitting_sides(mesh, found, shards))
     accepted = np.isin(found.emitter, found.emitter[decided.emitter[found.triangle] >= 0])
@@ -317,83 +279,6 @@ def _textured(found: Emitters, seen: Observations, surface: Surface) -> Emitters
             radiance[known] = np.clip(each[known], texel[own].min(axis=0), texel[own].max(axis=0))
             bound[known] = limit[known]
     return replace(found, radiance=radiance, lower_bound=bound)
-
-
-def _hidden(
-    mesh: Mesh,
-    shards: Sequence[ObservedShard],
-    found: Emitters,
-    observed: np.ndarray,
-    settings: EmittersSettings,
-) -> np.ndarray:
-    """(T,) bool: triangles that emit beside the ``found`` ones, though no pixel shows them do so."""
-    if not settings.complete:
-        return np.zeros(len(observed), bool)
-    emits = np.isin(np.arange(len(observed)), found.triangle)
-    hidden = _far_sides(mesh, emits, observed)
-    return hidden | _seen_from_behind(mesh, shards, found) if settings.sides == "seen" else hidden
-
-
-def _far_sides(mesh: Mesh, emits: np.ndarray, visible: np.ndarray) -> np.ndarray:
-    """(T,) bool: unseen triangles of a connected part that glows wherever it is seen, as a globe's far side."""
-    part, areas = connected_parts(mesh), mesh.areas
-    glowing = np.bincount(part, areas * emits)
-    whole = (glowing > 0) & (glowing >= _WHOLE * np.bincount(part, areas * (visible | emits)))
-    return whole[part] & ~visible & ~emits
-
-
-def _seen_from_behind(mesh: Mesh, shards: Sequence[ObservedShard], found: Emitters) -> np.ndarray:
-    """(T,) bool: triangles of a glowing face of which views see the other side alone, and see it dark.
-
-    Through the opening of a lampshade a view sees the inside of what lights the wall behind. The face
-    (`fipt.stages.emitters.sides`) glows wherever it is seen, and a few triangles of noise are no face.
-    """
-    part, level, behind = connected_parts(mesh), np.zeros(len(mesh.triangles)), np.zeros(len(mesh.triangles), bool)
-    emits = np.isin(np.arange(len(part)), found.triangle)
-    chosen = np.isin(part, part[emits])
-    own = np.flatnonzero(chosen)
-    if len(own) == 0:
-        return behind
-    level[found.triangle] = found.radiance.mean(axis=1)
-    seen, bright = seen_sides(mesh, shards, chosen, level)
-    face = faces(mesh, own, part[own])
-    area, lit = seen[own] * mesh.areas[own, None], bright[own] & emits[own, None]
-    glowing, visible = (np.bincount(face.ravel(), each.ravel()) for each in (area * lit, area))
-    other = np.zeros(len(visible))
-    other[face] = visible[face[:, ::-1]]
-    whole = (visible > 0) & (glowing >= _WHOLE * visible) & (visible >= LEAST_SEEN * (visible + other))
-    behind[own] = ~emits[own] & (whole[face] & ~seen[own] & seen[own, ::-1]).any(axis=1)
-    return behind
-
-
-def _completed(mesh: Mesh, found: Emitters, hidden: np.ndarray, decided: Decided) -> Emitters:
-    """Add the triangles ``hidden`` (T,), and those of accepted emitters that no pixel shows alone."""
-    part, areas = connected_parts(mesh), mesh.areas
-    emits = np.isin(np.arange(len(part)), found.triangle)
-    # an accepted emitter is a part of its own
-    part = np.where(decided.emitter >= 0, int(part.max()) + 1 + decided.emitter, part)
-    hidden = np.flatnonzero((hidden | (decided.emitter >= 0) & ~emits) & np.isin(part, part[found.triangle]))
-    if len(hidden) == 0:
-        return found
-    # each takes after the nearest emitting triangle of its part
-    centers = mesh.corners.mean(axis=1)
-    far = 4 * float(np.ptp(mesh.vertices, axis=0).max() + 1)
-    place = np.concatenate([centers, part[:, None] * far], axis=1)
-    _, nearest = cKDTree(place[found.triangle]).query(place[hidden])
-    triangle = np.concatenate([found.triangle, hidden.astype(np.int32)])
-    order = np.argsort(triangle)
-    rows = np.concatenate([np.arange(len(found.triangle)), nearest])[order]
-    return Emitters(
-        triangle=triangle[order],
-        radiance=found.radiance[rows],
-        area=areas[triangle[order]].astype(np.float32),
-        emitter=found.emitter[rows],
-        views=found.views[rows],
-        confidence=found.confidence[rows],
-        clipped=found.clipped[rows],
-        lower_bound=found.lower_bound[rows],
-        error=found.error[rows],
-    )
 
 
 def _connected_emitters(mesh: Mesh, triangles: np.ndarray, radiance: np.ndarray, decided: Decided) -> np.ndarray:

@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
+from fipt.conventions import UNSEEN_DIFFERENCE
 from fipt.formats.images import srgb_encode
 from fipt.model.reflectance import line_in_base_color, line_of_lobes, specular_shading
 from fipt.scene.metals import JudgedMetals
@@ -267,7 +268,8 @@ def _difference(modelled: np.ndarray, encoded: np.ndarray) -> np.ndarray:
 def _chosen(residual: np.ndarray, free: np.ndarray, metals: JudgedMetals) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Roughness, metallic and gain (S,) from residuals (metallic, roughness, S); cautious where little is gained.
 
-    Of what is known to be metal, a dielectric must explain clearly more.
+    Of what is known to be metal, a dielectric must explain clearly more. Where a dielectric explains all that can be
+    seen, no metal does so better.
     """
     rough = np.array(ROUGHNESS)
     caution = _CAUTION / np.sqrt(np.maximum(free, 1))
@@ -279,7 +281,8 @@ def _chosen(residual: np.ndarray, free: np.ndarray, metals: JudgedMetals) -> tup
     pure = per_metal[-1] * (1 - _METAL_GAIN) <= per_metal[metal, segments]
     metal = np.where((metal > 0) & pure, pure_metal, metal)
     margin = 1 - _METAL_GAIN - caution
-    believed = (per_metal.min(axis=0) < margin * per_metal[0]) & ~np.isin(segments, list(metals.dielectric))
+    least, dielectric = per_metal.min(axis=0) + UNSEEN_DIFFERENCE, per_metal[0] + UNSEEN_DIFFERENCE
+    believed = (least < margin * dielectric) & ~np.isin(segments, list(metals.dielectric))
     metal = np.where(believed, metal, 0)
     said = np.array([metals.roughness.get(segment, np.nan) for segment in segments])
     claimed = ~np.isnan(said) & (per_metal[-1] * margin <= per_metal[0])

@@ -11,6 +11,7 @@ from itertools import product
 
 import numpy as np
 
+from fipt.conventions import UNSEEN_DIFFERENCE
 from fipt.formats.images import srgb_encode
 from fipt.model.reflectance import line_in_base_color
 from fipt.robust import deviation, spread
@@ -21,6 +22,8 @@ ROUGHNESS = (0.02, 0.1, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0)
 TRIALS = tuple(product((0.0, 1.0), ROUGHNESS))
 """(metallic, roughness); the first half is not metal."""
 HALF = len(ROUGHNESS)
+MATTE = HALF - 1
+"""Trial of what is no metal and fully rough."""
 _RESOLUTION = 96
 """Pieces along the scene box, as in the part search of the fit."""
 _FEWEST = 4
@@ -285,9 +288,14 @@ def tried(pixels: RegionPixels, piece: np.ndarray, pieces: int) -> tuple[np.ndar
 
 
 def is_metal(left: np.ndarray, judged: np.ndarray) -> np.ndarray:
-    """(R,) bool: metal leaves clearly less (R, T) of the pixels that judge it (R,); as cautious as the part search."""
+    """(R,) bool: metal leaves clearly less (R, T) of the pixels that judge it (R,); as cautious as the part search.
+
+    What shows nowhere is added to what either leaves: where a dielectric explains all that can be seen, nothing does so
+    better.
+    """
     caution = _METAL_GAIN + _CAUTION / np.sqrt(np.maximum(judged, 1))
-    return left[:, HALF:].min(axis=1) < (1 - caution) * left[:, :HALF].min(axis=1)
+    unseen = UNSEEN_DIFFERENCE * judged
+    return left[:, HALF:].min(axis=1) + unseen < (1 - caution) * (left[:, :HALF].min(axis=1) + unseen)
 
 
 def best_trials(left: np.ndarray, room: np.ndarray, trials: slice) -> np.ndarray:

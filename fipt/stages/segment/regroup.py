@@ -27,6 +27,7 @@ from fipt.scene.metals import JudgedMetals
 from fipt.scene.observed import ObservedShard
 from fipt.scene.samples import scene_box, segments_of_triangles
 from fipt.stages.segment.copies import copied_regions, judged_with_copies, votes_of_copies
+from fipt.stages.segment.fading import fading
 from fipt.stages.segment.material_evidence import (
     CHI_SQUARE,
     HALF,
@@ -89,7 +90,7 @@ def regrouped(
     present = np.setdiff1d(np.concatenate([np.unique(own) for own in regions]), [0])
     part_of = np.zeros(int(present.max(initial=0)) + 1, np.uint16)
     materials, metals, copied = 0, JudgedMetals(), {}
-    known, evidence = _evidence(shards, regions)
+    known, pieces, evidence = _evidence(shards, regions)
     if len(known):
         counted = _mostly_counted(shards, regions, known)
         evidence = with_likely_metals(replace(evidence, products=evidence.products * alike), counted)
@@ -101,7 +102,7 @@ def regrouped(
         stay = ~np.isin(known, list(copied))
         known, counted = known[stay], counted[stay]
         evidence = replace(evidence, **{name: values[stay] for name, values in vars(evidence).items()})
-        label = joined(evidence)
+        label = _with_fading(pieces, stay, evidence, joined(evidence))
         materials = int(label.max(initial=-1)) + 1
         part_of[known] = label + 1
         metals = _metals(evidence, label, counted)
@@ -145,6 +146,16 @@ def _with_others(
     return JudgedMetals({**metals.roughness, **roughness}, metals.dielectric | dielectric)
 
 
+def _with_fading(pieces: ColorPieces, stay: np.ndarray, evidence: MaterialEvidence, label: np.ndarray) -> np.ndarray:
+    """(K,) int64 material, from 0, of the regions that ``stay`` (R,) bool; of those that fade into each other one.
+
+    ``pieces`` are of all regions; ``evidence`` and ``label`` (K,) of those that stay.
+    """
+    of_all, metal, variance = np.full(len(stay), -1), np.ones(len(stay), bool), np.ones((len(stay), 3))
+    of_all[stay], metal[stay], variance[stay] = label, evidence.metal, evidence.variance
+    return np.unique(fading(pieces, of_all, variance, metal)[stay], return_inverse=True)[1].reshape(-1)
+
+
 def _mostly_counted(shards: Sequence[ObservedShard], regions: Sequence[np.ndarray], known: np.ndarray) -> np.ndarray:
     """(R,) bool: at least half of the pixels of ``known`` regions count; of the others most are beside emitters.
 
@@ -176,8 +187,10 @@ def _metals(evidence: MaterialEvidence, label: np.ndarray, counted: np.ndarray) 
     return JudgedMetals(roughness, frozenset((dielectric + 1).tolist()))
 
 
-def _evidence(shards: Sequence[ObservedShard], regions: Sequence[np.ndarray]) -> tuple[np.ndarray, MaterialEvidence]:
-    """Ids of the regions that pixels tell, (R,), and what they tell of them.
+def _evidence(
+    shards: Sequence[ObservedShard], regions: Sequence[np.ndarray]
+) -> tuple[np.ndarray, ColorPieces, MaterialEvidence]:
+    """Ids of the regions that pixels tell, (R,), their pieces, and what these tell of them.
 
     Pixels that a region fills come first: the materials they tell are what is taken off of pixels that regions share.
     """
@@ -194,10 +207,9 @@ def _evidence(shards: Sequence[ObservedShard], regions: Sequence[np.ndarray]) ->
     pixels = region_pixels(shards, regions)
     known, pieces, evidence = measured(pixels)
     if len(known) == 0:
-        return known, evidence
+        return known, pieces, evidence
     materials = BestMaterials.of(known, pieces, evidence, center, side)
-    known, _, evidence = measured(pixels.with_others(shared_pixels(shards, regions, materials.radiance)))
-    return known, evidence
+    return measured(pixels.with_others(shared_pixels(shards, regions, materials.radiance)))
 
 
 def with_likely_metals(evidence: MaterialEvidence, counted: np.ndarray) -> MaterialEvidence:

@@ -357,3 +357,43 @@ def test_nothing_decided_changes_nothing(room, np_rng):
     plain, decided = found(room, data), reviewed(room, data)
     for name in ("triangle", "radiance", "emitter", "views", "confidence"):
         np.testing.assert_array_equal(getattr(plain, name), getattr(decided, name))
+
+
+def parted(mesh, *pieces):
+    """The mesh in ``pieces`` of its triangles, a few hundredths of a millimetre apart, as preparation leaves them."""
+    return scenes.joined(
+        *(Mesh(mesh.vertices + np.float32(3e-5 * k), mesh.triangles[own]) for k, own in enumerate(pieces))
+    )
+
+
+def glowing(points):
+    return np.full(len(points), 0.4, np.float32)
+
+
+def test_what_a_scan_tears_from_a_globe_emits_though_no_view_sees_it():
+    """The top hangs on a cord, which stays dark, and a fragment of the far side is a part by itself."""
+    globe = trimesh.creation.icosphere(3, 0.12)
+    globe = Mesh(np.float32(globe.vertices), np.int32(globe.faces))
+    normal = globe.normals
+    seen_part = np.flatnonzero((normal[:, 0] > -0.5) & (normal[:, 2] < 0.8))
+    far, top = np.flatnonzero(normal[:, 0] <= -0.5), np.flatnonzero((normal[:, 0] > -0.5) & (normal[:, 2] >= 0.8))
+    cord = trimesh.creation.cylinder(0.01, segment=[[0, 0, 0.12], [0, 0, 0.6]], sections=12)
+    hung = scenes.joined(parted(globe, seen_part, far, top), Mesh(np.float32(cord.vertices), np.int32(cord.faces)))
+    count = len(globe.triangles)
+    data = looking(hung, [(np.arange(len(seen_part)), 1, RED), (np.arange(count, len(hung.triangles)), 1, 0.01 * RED)])
+    emitters = found(hung, data, lambda points: np.where(points[:, 2] < 0.13, 0.4, 0.001).astype(np.float32))
+    np.testing.assert_array_equal(emitters.triangle, np.arange(count))
+    np.testing.assert_array_equal(emitters.emitter, 0)
+    np.testing.assert_allclose(emitters.radiance, np.tile(RED, (count, 1)), rtol=1e-6)
+    alone = found(hung, data, glowing, complete=False)
+    assert len(alone.triangle) < count
+
+
+def test_bars_between_panes_that_no_view_sees_face_as_the_panes_do():
+    whole = scenes.sheet((0, 0, 0), (1.2, 0, 0), (0, 1.2, 0), 12)
+    column = (whole.corners.mean(axis=1)[:, 0] / 0.1).astype(int)
+    bars = column % 4 == 1
+    panes = np.flatnonzero(~bars)
+    window = parted(whole, panes, np.flatnonzero(bars))
+    emitters = found(window, looking(window, [(np.arange(len(panes)), 1, RED)]), glowing)
+    np.testing.assert_array_equal(emitters.triangle, np.arange(len(panes)))

@@ -310,6 +310,13 @@ def test_a_surface_is_metal_or_not(residuals, metallic):
     assert _chosen(residual, np.array([1000]), JudgedMetals())[1] == metallic
 
 
+@pytest.mark.parametrize(("scale", "metallic"), [(0.05, 1.0), (0.005, 0.0)])
+def test_where_a_dielectric_explains_all_that_shows_there_is_no_metal(scale, metallic):
+    """Metal leaves an eighth less: of 13 steps of an 8-bit picture, or of one."""
+    residual = scale * np.tile(np.array([1, 0.9, 0.9, 0.87])[:, None, None], (1, 16, 1))
+    assert _chosen(residual, np.array([10_000]), JudgedMetals())[1] == metallic
+
+
 @pytest.mark.parametrize(
     ("metal", "free", "expected"),
     [

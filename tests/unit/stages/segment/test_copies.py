@@ -107,18 +107,18 @@ def test_copies_of_two_colours_have_no_vote_on_each_other():
 def test_what_copies_leave_together_proves_metal_whatever_their_colours():
     """Metal leaves an eighth less of each, which 50 pixels do not prove, and 1000 do."""
     evidence = legs([False] * 21, [50] * 21, [-float(k) for k in range(21)])
-    evidence.left[:, HALF:], evidence.products[:] = 0.88, 0
-    for k in range(21):  # chance that differs by 0.3 between the two kinds
-        evidence.products[k, :HALF, :HALF] = 0.09
-    evidence.left[20, HALF:] = 1.8
+    evidence.left[:, :HALF], evidence.left[:, HALF:], evidence.products[:] = 10, 8.8, 0  # 0.2 a pixel: all of it shows
+    for k in range(21):  # chance that differs by 3 between the two kinds
+        evidence.products[k, :HALF, :HALF] = 9
+    evidence.left[20, HALF:] = 18
     copies = pairs(*((k, other) for k in range(20) for other in range(k)))
     assert judged_with_copies(evidence, copies).metal.tolist() == [True] * 20 + [False], "the last is no copy"
     assert not judged_with_copies(evidence, pairs((0, 1), (1, 2))).metal.any(), "three are too few"
     all_copies = np.concatenate([copies, pairs((19, 20))], axis=1)
     told = judged_with_copies(evidence, all_copies).metal.tolist()
     assert told == [False] * 21, "what one of them leaves outweighs what is won"
-    evidence.left[20, HALF:] = 1.7
-    evidence.left[:20, HALF:] = 0.8
+    evidence.left[20, HALF:] = 17
+    evidence.left[:20, HALF:] = 8
     assert judged_with_copies(evidence, all_copies).metal.tolist() == [True] * 20 + [False], "it clearly is none"
 
 

@@ -26,6 +26,7 @@ from fipt.stages.segment.material_evidence import (
     MaterialEvidence,
     best_trials,
     color_pieces,
+    is_metal,
     measure,
 )
 from fipt.stages.segment.region_pixels import RegionPixels
@@ -117,6 +118,13 @@ def test_evidence_names_the_trial_and_the_metal(np_rng):
     assert TRIALS[evidence.left[0].argmin()] == (1.0, 0.2)
     assert TRIALS[evidence.left[1, :HALF].argmin()] == (0.0, 0.2)
     assert evidence.pixels.tolist() == [400, 400]
+
+
+@pytest.mark.parametrize(("scale", "metal"), [(0.05, True), (0.005, False)])
+def test_where_a_dielectric_explains_all_that_shows_there_is_no_metal(scale, metal):
+    """Metal leaves an eighth less: of 13 steps of an 8-bit picture, or of one."""
+    left = 10_000 * scale * np.where(np.arange(2 * HALF) < HALF, 1, 0.87)[None]
+    assert is_metal(left, np.array([10_000])).tolist() == [metal]
 
 
 def test_a_region_that_judges_nothing_is_what_the_room_is(np_rng):
