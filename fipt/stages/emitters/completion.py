@@ -3,10 +3,11 @@
 - The rest of a connected part that glows wherever it is seen: the far side of a globe.
 - Sides of a face that glows wherever it is seen, of triangles that views see from behind alone, and dark.
 - What a scan tears from a lamp, or leaves attached to the ceiling: unseen surface which emitting surface surrounds on
-  most of its border, and which faces away from it. Bars between the panes of a window face the same way as these.
+  most of its border, if the emitter is closed by it. Bars between the panes of a window close nothing.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -23,7 +24,13 @@ from fipt.stages.emitters.sides import LEAST_SEEN, faces, seen_sides
 _WHOLE = 0.7
 """Share of the seen area of a part, or of a face, that must emit before the rest of it is taken to emit too."""
 _SURROUNDED = 0.5
-"""Share of the border of unseen surface that must emit: a globe hangs on a cord."""
+"""Share of the border of unseen surface of which emitters must have more: a globe hangs on a cord."""
+_CLOSED = 0.9
+"""Share of an emitter's vector of area that may be left: of a closed surface they cancel; a cord may fill a hole."""
+_OPEN = 0.02
+"""Vector of area over area of an emitter from which it is open: below, rounding and noise decide."""
+_WOUND = 0.98
+"""Share of an emitter's edges along which the winding of triangles must agree: else its vectors of area say nothing."""
 _SMOOTH = 0.5
 """Least cosine between normals of neighbours of one piece of unseen surface: a cord leaves a globe at a crease."""
 _TOGETHER = 1e-4
@@ -58,10 +65,10 @@ def completed(
     found = _with(mesh, found, hidden, np.where(accepted, int(part.max(initial=0)) + 1 + decided.emitter, part))
     if not settings.complete:
         return found
-    owner = _turned_away(mesh, found, observed)
-    turned = (owner >= 0) & ~decided.rejected & ~accepted
+    owner = _closing(mesh, found, observed)
+    chosen = (owner >= 0) & ~decided.rejected & ~np.isin(owner, found.emitter[accepted[found.triangle]])
     owner[found.triangle] = found.emitter
-    return _with(mesh, found, turned, owner)
+    return _with(mesh, found, chosen & ~accepted, owner)
 
 
 def _emits(mesh: Mesh, found: Emitters) -> np.ndarray:
@@ -101,51 +108,108 @@ def _far_sides(mesh: Mesh, found: Emitters, visible: np.ndarray) -> np.ndarray:
     return whole[part] & ~visible & ~emits
 
 
-def _turned_away(mesh: Mesh, found: Emitters, visible: np.ndarray) -> np.ndarray:
-    """(T,) int64 emitter that surrounds unseen surface, which faces away from it; -1 for all other triangles."""
-    result = np.full(len(mesh.triangles), -1, np.int64)
+def _closing(mesh: Mesh, found: Emitters, visible: np.ndarray) -> np.ndarray:
+    """(T,) int64 emitter that unseen surface closes, and that surrounds it; -1 for all other triangles."""
+    owner = np.full(len(mesh.triangles), -1, np.int64)
     if len(found.triangle) == 0:
-        return result
-    one, other, length = _touching(mesh)
-    unseen = ~visible & ~_emits(mesh, found)
-    emitter = np.full(len(result), -1, np.int64)
+        return owner
+    edges = _edges(mesh)
+    emitter = owner.copy()
     emitter[found.triangle] = found.emitter
-    joined = unseen[one] & unseen[other] & ((mesh.normals[one] * mesh.normals[other]).sum(axis=1) > _SMOOTH)
-    piece = connected_groups((one[joined], other[joined]), len(result))
-    border = unseen[one] & (piece[one] != piece[other])
-    count, kinds = int(piece.max()) + 1, int(found.emitter.max()) + 2
-    # how much of the border of each piece is of which emitter; the first column is of none
-    cell, index = np.unique(piece[one[border]] * kinds + emitter[other[border]] + 1, return_inverse=True)
-    share = (
-        np.bincount(index.reshape(-1), length[border])
-        / np.bincount(piece[one[border]], length[border], count)[cell // kinds]
-    )
-    own = (cell % kinds > 0) & (share > _SURROUNDED)
-    around = np.full(count, -1, np.int64)
-    around[cell[own] // kinds] = cell[own] % kinds - 1
-    area = mesh.area_normals
-    facing = np.stack([np.bincount(found.emitter, column) for column in area[found.triangle].T], axis=1)
-    of_piece = np.stack([np.bincount(piece, column * unseen, count) for column in area.T], axis=1)
-    away = (of_piece * facing[around]).sum(axis=1) < 0
-    return np.where(unseen & away[piece], around[piece], -1)
+    unseen = ~visible & (emitter < 0)
+    around, piece = _surrounding(mesh, edges, emitter, unseen)
+    owner = np.where(unseen, around[piece], -1)
+    count = int(found.emitter.max()) + 1
+
+    def vectors(number: np.ndarray) -> np.ndarray:
+        """(K, 3) sum of areas times normals of the triangles of each emitter."""
+        own = number >= 0
+        return np.stack([np.bincount(number[own], column, count) for column in mesh.area_normals[own].T], axis=1)
+
+    before, after = (np.linalg.norm(each, axis=1) for each in (vectors(emitter), vectors(emitter) + vectors(owner)))
+    inside = (emitter[edges.one] >= 0) & (emitter[edges.one] == emitter[edges.other])
+    of_edge = emitter[edges.one[inside]]
+    wound = np.bincount(of_edge, edges.agrees[inside], count) >= _WOUND * np.bincount(of_edge, minlength=count)
+    opened = before > _OPEN * np.bincount(found.emitter, found.area, count)
+    closed = wound & opened & (after < _CLOSED * before)
+    return np.where((owner >= 0) & closed[owner], owner, -1)
 
 
-def _touching(mesh: Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Pairs of triangles that share an edge, both ways round, (N,) each, and the length of the edge, metres.
+def _surrounding(mesh: Mesh, edges: "_Edges", emitter: np.ndarray, unseen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(P,) emitter that most of the border of each piece of ``unseen`` surface (T,) is of, and (T,) int64 piece.
 
-    Corners `_TOGETHER` are one. Of an edge of more than two triangles, pairs are those next in order.
+    -1 where emitters are no more than half of the border, to which open edges belong. ``emitter`` (T,) is -1 where
+    nothing emits.
     """
-    close = cKDTree(mesh.vertices).query_pairs(_TOGETHER, output_type="ndarray")
-    corner = connected_groups(close.T, len(mesh.vertices))
-    ends, side = side_list(corner[mesh.triangles])
+    one, other = edges.one, edges.other
+    smooth = (mesh.normals[one] * mesh.normals[other]).sum(axis=1) > _SMOOTH
+    joined = unseen[one] & unseen[other] & edges.agrees & smooth
+    piece = connected_groups((one[joined], other[joined]), len(unseen))
+    count, kinds = int(piece.max()) + 1, int(emitter.max()) + 2
+    border = unseen[one] & (piece[one] != piece[other])
+    of = np.where(edges.agrees, emitter[other], -1)
+    ends = np.concatenate([piece[one[border]], piece[edges.open]])
+    total = np.bincount(ends, np.concatenate([edges.length[border], edges.open_length]), count)
+    # the length of border that each piece has with each emitter
+    cell, index = np.unique(piece[one[border]] * kinds + of[border] + 1, return_inverse=True)
+    length = np.bincount(index.reshape(-1), edges.length[border], len(cell))
+    place, kind = cell // kinds, cell % kinds - 1
+    emits = np.bincount(place, length * (kind >= 0), count)
+    result = np.full(count, -1, np.int64)
+    order = np.argsort(length, kind="stable")
+    order = order[kind[order] >= 0]
+    result[place[order]] = kind[order]  # the longest is written last
+    return np.where(emits > _SURROUNDED * total, result, -1), piece
+
+
+@dataclass(frozen=True)
+class _Edges:
+    """Edges of a mesh, of whose corners those `_TOGETHER` are one.
+
+    Attributes
+    ----------
+    one, other
+        (N,) int64 triangles that share an edge, both ways round; of an edge of more than two, those next in order.
+    length
+        (N,) of the edge, metres; above 0.
+    agrees
+        (N,) bool: both are wound alike.
+    open, open_length
+        (M,) triangles with an edge of their own, and its length.
+    """
+
+    one: np.ndarray
+    other: np.ndarray
+    length: np.ndarray
+    agrees: np.ndarray
+    open: np.ndarray
+    open_length: np.ndarray
+
+
+def _edges(mesh: Mesh) -> _Edges:
+    """The edges of a mesh."""
+    place, vertex = np.unique(mesh.vertices, axis=0, return_inverse=True)
+    close = cKDTree(place).query_pairs(_TOGETHER, output_type="ndarray")
+    corner = connected_groups(close.T, len(place))[vertex.reshape(-1)][mesh.triangles]
+    ends, side = side_list(corner)
     _, first = np.unique(corner, return_index=True)
-    place = mesh.vertices[first].astype(np.float64)
-    length = np.linalg.norm(place[ends[:, 0]] - place[ends[:, 1]], axis=1)
-    flat = side.ravel()
-    order = np.argsort(flat, kind="stable")
-    same = np.flatnonzero(flat[order[1:]] == flat[order[:-1]])
-    one, other, of_edge = order[same] // 3, order[same + 1] // 3, length[flat[order[same]]]
-    return np.concatenate([one, other]), np.concatenate([other, one]), np.concatenate([of_edge, of_edge])
+    known = np.zeros((int(corner.max(initial=-1)) + 1, 3))
+    known[corner.ravel()[first]] = mesh.corners.reshape(-1, 3)[first]
+    length = np.linalg.norm(known[ends[:, 0]] - known[ends[:, 1]], axis=1)
+    forward, side = (corner < np.roll(corner, -1, axis=1)).ravel(), side.ravel()
+    order = np.argsort(side, kind="stable")
+    order = order[length[side[order]] > 0]  # an edge between corners that are one is none
+    same = np.flatnonzero(side[order[1:]] == side[order[:-1]])
+    a, b = order[same], order[same + 1]
+    alone = order[np.bincount(side[order], minlength=len(ends))[side[order]] == 1]
+    return _Edges(
+        one=np.concatenate([a, b]) // 3,
+        other=np.concatenate([b, a]) // 3,
+        length=np.tile(length[side[a]], 2),
+        agrees=np.tile(forward[a] != forward[b], 2),
+        open=alone // 3,
+        open_length=length[side[alone]],
+    )
 
 
 def _seen_from_behind(mesh: Mesh, shards: Sequence[ObservedShard], found: Emitters) -> np.ndarray:

@@ -70,7 +70,8 @@ def extract(
     than any material does (`fipt.stages.emitters.hypotheses`). With ``decide: mask`` a triangle emits where the mask,
     averaged over points of it, exceeds the threshold and, with ``evidence``, where pixels that it fills are brighter
     than any reflectance would be under the shading there. Triangles that no pixel sees are dropped, unless
-    ``complete`` and their part glows wherever it is seen; so are those that are seen dark from behind.
+    ``complete`` and their part glows wherever it is seen; so are those that are seen dark from behind, and those that
+    close an emitter around them (`fipt.stages.emitters.completion`).
 
     Parameters
     ----------

@@ -23,8 +23,8 @@ class EmittersSettings(Settings):
     evidence: bool = Field(default=True, description="`mask`: require more radiance than any reflectance could give")
     complete: bool = Field(
         default=True,
-        description="unseen triangles of a part that glows wherever it is seen emit too, and those that are seen dark "
-        "from behind",
+        description="unseen triangles of a part that glows wherever it is seen emit too, those that are seen dark from "
+        "behind, and those that an emitter surrounds and is closed by",
     )
     patches: bool = Field(default=True, description="one radiance for each connected emitter instead of each triangle")
     sides: Literal["seen", "both"] = Field(

@@ -57,8 +57,8 @@ class MaterialEvidence:
         (R, T, T) sum over the pieces of the products of what two trials leave.
     color
         (R, T, 3) mean base colour, made for comparing: `comparable`.
-    pixels
-        (R,) float64 number of pixels; a shared one counts by its share.
+    pixels, judged
+        (R,) float64 number of pixels, and of those in pieces that judge a trial; a shared one counts by its share.
     metal
         (R,) bool: the pixels are explained by metal only.
     variance
@@ -69,6 +69,7 @@ class MaterialEvidence:
     products: np.ndarray
     color: np.ndarray
     pixels: np.ndarray
+    judged: np.ndarray
     metal: np.ndarray
     variance: np.ndarray
 
@@ -169,8 +170,9 @@ def measure(found: ColorPieces, count: int) -> MaterialEvidence:
         means[k] = np.average(color[own], axis=0, weights=number[own])
         pieces[k] = len(own)
         noise.add(color[own, best[k]], place[own])
-    metal = is_metal(total, np.bincount(owner, number * judged, count))
-    return MaterialEvidence(total, products, means, np.bincount(owner, number, count), metal, noise.variance(pieces))
+    of_region, judging = np.bincount(owner, number, count), np.bincount(owner, number * judged, count)
+    metal = is_metal(total, judging)
+    return MaterialEvidence(total, products, means, of_region, judging, metal, noise.variance(pieces))
 
 
 @dataclass(frozen=True)

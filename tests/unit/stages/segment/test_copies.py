@@ -78,7 +78,8 @@ def legs(metal: list[bool], pixels: list[float], brightness: list[float]) -> Mat
     color = np.zeros((count, len(TRIALS), 3))
     color[..., 0] = np.array(brightness)[:, None]
     left, products = np.ones((count, 2 * HALF)), np.ones((count, 2 * HALF, 2 * HALF))
-    return MaterialEvidence(left, products, color, np.array(pixels), np.array(metal), np.full((count, 3), 0.01))
+    number = np.array(pixels)
+    return MaterialEvidence(left, products, color, number, number, np.array(metal), np.full((count, 3), 0.01))
 
 
 def pairs(*numbers: tuple[int, int]) -> np.ndarray:
