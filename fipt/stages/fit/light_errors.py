@@ -5,14 +5,12 @@ agree on it, so that they cannot tell it from texture; but texture varies on a s
 no metal, with l the logarithm of the base colour that a voxel's pixels suggest, its mean over the channels:
 
     low     mean of l around, by a Gaussian of `_SIGMA` voxels
-    slow    mean square of low less its median: over the part, or around, by the Gaussian, where that is more
-    fast    variance of l about low, over the part
+    slow    variance of low about its median;  fast  that of l about low
     error   (1 - fast / (2 slow)) (low - its median), or 0 where fast is more than twice slow
 
 Texture is taken to vary half as much slowly as it does fast; the rest of the slow variance is light, and the error its
-best linear estimate (Wiener). A lamp that is missing lights some of a wall: there nearly all is error. The traced light
-times exp(error) gives the part one brightness. An error of all of a part stays. A part that the Gaussian covers at once
-tells nothing: a picture on a wall has its own bright half.
+best linear estimate (Wiener). The traced light times exp(error) gives the part one brightness. An error of all of a
+part stays. A part that the Gaussian covers at once tells nothing: a picture on a wall has its own bright half.
 """
 
 from dataclasses import dataclass
@@ -127,27 +125,18 @@ def _slow(place: np.ndarray, level: np.ndarray) -> np.ndarray:
     """
     middle = np.median(level)
     level = np.clip(level, middle - _MOST, middle + _MOST)
-    total, weight = _around(place, level)
-    total, weight = total - level, weight - 1
-    known = weight >= _AROUND * 2 * np.pi * _SIGMA**2
-    result = np.full(len(level), np.nan)
-    if np.count_nonzero(known) < _FEWEST:
-        return result
-    low = total[known] / weight[known]
-    off = low - np.median(low)
-    fast = np.mean((level[known] - low) ** 2)
-    square, weight = _around(place[known], off**2)
-    slow = np.maximum(square / weight, np.mean(off**2))
-    result[known] = np.maximum(1 - _SLOW * fast / np.maximum(slow, 1e-12), 0) * off
-    return result
-
-
-def _around(place: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(M,) sums of values (M,) around each of the voxels (M, 3), by the Gaussian, and of its weights."""
-    tree, total, weight = cKDTree(place), np.zeros(len(place)), np.zeros(len(place))
-    for first in range(0, len(place), _ROWS):
+    tree, low, weight = cKDTree(place), np.zeros(len(level)), np.zeros(len(level))
+    for first in range(0, len(level), _ROWS):
         rows = slice(first, first + _ROWS)
         near = cKDTree(place[rows]).sparse_distance_matrix(tree, _REACH * _SIGMA, output_type="coo_matrix").tocsr()
         near.data = np.exp(-0.5 * (near.data / _SIGMA) ** 2)
-        weight[rows], total[rows] = np.asarray(near.sum(axis=1)).ravel(), near @ values
-    return total, weight
+        weight[rows] = np.asarray(near.sum(axis=1)).ravel() - 1
+        low[rows] = near @ level - level[rows]
+    known = weight >= _AROUND * 2 * np.pi * _SIGMA**2
+    result = np.full(len(level), np.nan)
+    if np.count_nonzero(known) >= _FEWEST:
+        low = low[known] / weight[known]
+        off = low - np.median(low)
+        slow, fast = np.mean(off**2), np.mean((level[known] - low) ** 2)
+        result[known] = max(1 - _SLOW * fast / max(slow, 1e-12), 0) * off
+    return result

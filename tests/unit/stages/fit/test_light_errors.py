@@ -42,16 +42,6 @@ def test_light_may_be_missing_where_base_colours_would_be_more_than_one():
     assert (base / errors(points, segment, base).factor(points, segment)).max() < 0.95
 
 
-def test_a_lamp_that_lights_one_end_of_a_noisy_wall_is_found_there(np_rng):
-    points, segment, along = wall()
-    texture = 0.4 * np.exp(0.2 * np_rng.standard_normal(len(points)))
-    lit = np.exp(8 * np.maximum(along - 0.9, 0))
-    factor = errors(points, segment, texture * lit).factor(points, segment)
-    assert np.abs(np.log(factor))[along < 0.6].mean() < 0.02, "and nothing elsewhere"
-    end = along > 0.95
-    assert np.abs(np.log(lit / factor))[end].mean() < 0.6 * np.log(lit)[end].mean()
-
-
 def test_texture_stays(np_rng):
     points, segment, _ = wall()
     base = np.where(np_rng.random(len(points)) < 0.5, 0.2, 0.7)
