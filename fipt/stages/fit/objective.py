@@ -17,6 +17,7 @@ from fipt.stages.fit.terms.hidden_surface import hidden_surface_term
 from fipt.stages.fit.terms.part_prior import part_prior
 from fipt.stages.fit.terms.part_propagation import part_propagation
 from fipt.stages.fit.terms.semantic_propagation import semantic_propagation
+from fipt.stages.fit.terms.smoothness import smoothness
 
 HiddenPoints = tuple[torch.Tensor, torch.Tensor, torch.Tensor]
 """Points (N, 3), segments (N,) and sizes (N,) of surface that no view sees."""
@@ -71,10 +72,12 @@ class Objective:
             return {"diffuse": settings.diffuse_weight * diffuse_prior(mean.roughness, mean.metallic)}
         # what photographs do not tell, the part does
         doubt = 1.5 - batch.confidence if settings.confidence_weights else 1.0
-        base = base_color_prior(brdf.base_color, part, batch.points.shape[1])
+        queries = batch.points.shape[1]
+        base = base_color_prior(brdf.base_color, part, queries)
         return {
             "target": (doubt * part_prior(mean.roughness, mean.metallic, part)).mean(),
             "base": settings.base_weight * (part.uniform * base).mean(),
+            "smooth": settings.smooth_weight * smoothness(brdf.base_color, queries),
         }
 
     def _reflectance(self, field: Field, batch: Batch, hidden: HiddenPoints | None) -> tuple[Brdf, Brdf | None]:

@@ -40,6 +40,9 @@ class FitSettings(NetworkSettings):
     )
     target_weight: Weight = Field(default=3e-3, description="prior towards what the search found")
     base_weight: Weight = Field(default=0.03, description="prior of parts that seem to have one colour towards it")
+    smooth_weight: Weight = Field(
+        default=0.3, description="prior of parts that small changes of base colour within a pixel are none"
+    )
     hidden: Count = Field(
         default=512, description="points of unseen surface a step that are drawn to their part; 0 = off"
     )

@@ -224,7 +224,7 @@ def test_samples_are_drawn_to_the_colour_of_uniform_parts(rng):
     targets.base_color[[4, 2, 0]] = torch.tensor([[0.9, 0.1, 0.2], [0.3, 0.3, 0.3], [0.5, 0.5, 0.5]])
     targets.uniform[[4, 2, 0]] = torch.tensor([2.0, 0.5, 0.0])
     terms = Objective(FitSettings(base_weight=10.0), "part", targets).terms(field, data)
-    assert set(terms) == {"color", "emission", "target", "base", "part"}
+    assert set(terms) == {"color", "emission", "target", "base", "smooth", "part"}
     a = base.numpy().reshape(3, 2, 3)
     first = 2.0 * ((a[0] - [0.9, 0.1, 0.2]) ** 2).sum() / 6
     second = 0.5 * ((a[1] - 0.3) ** 2).sum() / 6
