@@ -37,6 +37,9 @@ LUMINANCE = (0.2126, 0.7152, 0.0722)
 XYZ_FROM_SRGB = ((0.4124, 0.3576, 0.1805), (0.2126, 0.7152, 0.0722), (0.0193, 0.1192, 0.9505))
 """CIE XYZ from linear sRGB under D65 (IEC 61966-2-1)."""
 
+DARK_BASE_COLOR = 0.01
+"""Base colour that is added before a logarithm is taken: below it differences are noise."""
+
 UNSEEN_DIFFERENCE = 0.5 / 255
 """Of sRGB-encoded values: half a step of an 8-bit picture shows nowhere."""
 

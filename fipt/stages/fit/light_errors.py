@@ -19,6 +19,7 @@ from itertools import product
 import numpy as np
 from scipy.spatial import cKDTree
 
+from fipt.conventions import DARK_BASE_COLOR
 from fipt.scene.voxels import voxel_keys
 
 RESOLUTION = 96
@@ -33,8 +34,6 @@ _SLOW = 0.5
 """Variance that texture has slowly, of what it has fast."""
 _FEWEST = round(np.pi * (_REACH * _SIGMA) ** 2)
 """Voxels of a part of which something is known: those of a plane that the Gaussian reaches."""
-_DARKEST = 0.01
-"""Base colour that is added before the logarithm: below it differences are noise."""
 _MOST = 1.0
 """Logarithms that a voxel's brightness counts away from its part's, at most: hardly any light was traced there."""
 _ROWS = 4096
@@ -108,7 +107,7 @@ def measured(key: np.ndarray, base_color: np.ndarray, use: np.ndarray, center: n
     """
     part, voxel = key % _IDS, key // _IDS
     grid = np.stack([voxel % RESOLUTION, voxel // RESOLUTION % RESOLUTION, voxel // RESOLUTION**2], axis=1)
-    level = np.log(np.maximum(base_color, 0) + _DARKEST).mean(axis=1)
+    level = np.log(np.maximum(base_color, 0) + DARK_BASE_COLOR).mean(axis=1)
     error, use = np.full(len(key), np.nan), use & (base_color.max(axis=1) > 0)
     for k in np.unique(part[use]):
         own = np.flatnonzero(use & (part == k))

@@ -10,6 +10,7 @@ from fipt.stages.fit.batches import Batch
 from fipt.stages.fit.settings import FitSettings
 from fipt.stages.fit.targets import PartTargets
 from fipt.stages.fit.terms.base_color_prior import base_color_prior, with_scaled_gradient
+from fipt.stages.fit.terms.base_color_smoothness import base_color_smoothness
 from fipt.stages.fit.terms.data import data_term
 from fipt.stages.fit.terms.diffuse_prior import diffuse_prior
 from fipt.stages.fit.terms.emission import emission_term
@@ -17,7 +18,6 @@ from fipt.stages.fit.terms.hidden_surface import hidden_surface_term
 from fipt.stages.fit.terms.part_prior import part_prior
 from fipt.stages.fit.terms.part_propagation import part_propagation
 from fipt.stages.fit.terms.semantic_propagation import semantic_propagation
-from fipt.stages.fit.terms.smoothness import smoothness
 
 HiddenPoints = tuple[torch.Tensor, torch.Tensor, torch.Tensor]
 """Points (N, 3), segments (N,) and sizes (N,) of surface that no view sees."""
@@ -77,7 +77,7 @@ class Objective:
         return {
             "target": (doubt * part_prior(mean.roughness, mean.metallic, part)).mean(),
             "base": settings.base_weight * (part.uniform * base).mean(),
-            "smooth": settings.smooth_weight * smoothness(brdf.base_color, queries),
+            "smoothness": settings.base_smoothness_weight * base_color_smoothness(brdf.base_color, queries),
         }
 
     def _reflectance(self, field: Field, batch: Batch, hidden: HiddenPoints | None) -> tuple[Brdf, Brdf | None]:

@@ -40,8 +40,8 @@ class FitSettings(NetworkSettings):
     )
     target_weight: Weight = Field(default=3e-3, description="prior towards what the search found")
     base_weight: Weight = Field(default=0.03, description="prior of parts that seem to have one colour towards it")
-    smooth_weight: Weight = Field(
-        default=0.3, description="prior of parts that small changes of base colour within a pixel are none"
+    base_smoothness_weight: Weight = Field(
+        default=0.3, description="prior against small changes of base colour within a pixel, where there are parts"
     )
     hidden: Count = Field(
         default=512, description="points of unseen surface a step that are drawn to their part; 0 = off"

@@ -11,7 +11,7 @@ from itertools import product
 
 import numpy as np
 
-from fipt.conventions import UNSEEN_DIFFERENCE
+from fipt.conventions import DARK_BASE_COLOR, UNSEEN_DIFFERENCE
 from fipt.formats.images import srgb_encode
 from fipt.model.reflectance import line_in_base_color
 from fipt.robust import deviation, spread
@@ -30,8 +30,6 @@ _FEWEST = 4
 """Pixels, whole or in shares, that a piece must have to judge a trial: with fewer the base colour explains anything."""
 _OUTLIER = 0.2
 """What is left counts up to here (sRGB-encoded): edges and shadows that the shading misses."""
-_DARKEST = 0.01
-"""Base colour that is added before the logarithm: below it differences are noise."""
 _SOME_PIECES = 5
 """Pieces that a region must have in either half to tell the spread of base colour within it."""
 _UNKNOWN = 0.1
@@ -110,14 +108,15 @@ class ColorPieces:
 
 def comparable(color: np.ndarray) -> np.ndarray:
     """(..., 3) mean logarithm of base colours (..., 3), and logarithms of red and of blue over green."""
-    logs = np.log(np.clip(color, 0, 1.5) + _DARKEST)
+    logs = np.log(np.clip(color, 0, 1.5) + DARK_BASE_COLOR)
     return np.stack([logs.mean(-1), logs[..., 0] - logs[..., 1], logs[..., 2] - logs[..., 1]], axis=-1)
 
 
 def _base_color(color: np.ndarray) -> np.ndarray:
     """(..., 3) base colour in [0, 1] of a `comparable` one (..., 3)."""
     green = color[..., 0] - (color[..., 1] + color[..., 2]) / 3
-    return np.clip(np.exp(np.stack([green + color[..., 1], green, green + color[..., 2]], axis=-1)) - _DARKEST, 0, 1)
+    logs = np.stack([green + color[..., 1], green, green + color[..., 2]], axis=-1)
+    return np.clip(np.exp(logs) - DARK_BASE_COLOR, 0, 1)
 
 
 def color_pieces(pixels: RegionPixels, region: np.ndarray, count: int, center: np.ndarray, side: float) -> ColorPieces:
@@ -258,7 +257,7 @@ class _ColorNoise:
             return np.full((len(pieces), 3), _UNKNOWN**2)
         shared = deviation(np.array(self._halves), axis=0)
         usual = np.median(self._spread, axis=0)
-        return np.maximum(shared**2 / 2 + usual**2 / pieces[:, None], _DARKEST**2 / 4)
+        return np.maximum(shared**2 / 2 + usual**2 / pieces[:, None], DARK_BASE_COLOR**2 / 4)
 
 
 def misfit(left: np.ndarray, square: np.ndarray | float = 0.0) -> np.ndarray:

@@ -150,7 +150,7 @@ def test_parts_of_one_colour_are_spared_the_errors_of_their_shading(one_thread, 
         objective = Objective(own, "part", part_targets(found, own).to(field.device))
         stats = loop.fit(field, pixels, objective, tmp_path / "c.safetensors")
         errors.append(np.abs(field.query(position).base_color - base).mean())
-    assert set(stats["loss"]) == {"color", "target", "base", "smooth", "part"}
+    assert set(stats["loss"]) == {"color", "target", "base", "smoothness", "part"}
     assert errors[1] < 0.75 * errors[0]
     assert errors[1] < 0.02
 

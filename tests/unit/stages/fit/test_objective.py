@@ -12,6 +12,7 @@ from fipt.stages.fit.batches import Batch
 from fipt.stages.fit.objective import Objective
 from fipt.stages.fit.settings import FitSettings
 from fipt.stages.fit.targets import PartTargets
+from fipt.stages.fit.terms.base_color_smoothness import base_color_smoothness
 from fipt.stages.fit.terms.part_propagation import part_propagation
 from fipt.stages.fit.terms.semantic_propagation import semantic_propagation
 
@@ -223,12 +224,14 @@ def test_samples_are_drawn_to_the_colour_of_uniform_parts(rng):
     targets = goals((0.5, 0.5))
     targets.base_color[[4, 2, 0]] = torch.tensor([[0.9, 0.1, 0.2], [0.3, 0.3, 0.3], [0.5, 0.5, 0.5]])
     targets.uniform[[4, 2, 0]] = torch.tensor([2.0, 0.5, 0.0])
-    terms = Objective(FitSettings(base_weight=10.0), "part", targets).terms(field, data)
-    assert set(terms) == {"color", "emission", "target", "base", "smooth", "part"}
+    settings = FitSettings(base_weight=10.0, base_smoothness_weight=2.0)
+    terms = Objective(settings, "part", targets).terms(field, data)
+    assert set(terms) == {"color", "emission", "target", "base", "smoothness", "part"}
     a = base.numpy().reshape(3, 2, 3)
     first = 2.0 * ((a[0] - [0.9, 0.1, 0.2]) ** 2).sum() / 6
     second = 0.5 * ((a[1] - 0.3) ** 2).sum() / 6
     assert terms["base"].item() == pytest.approx(10 * (first + second) / 3, rel=1e-5)
+    assert terms["smoothness"].item() == pytest.approx(2 * base_color_smoothness(base, 2).item(), rel=1e-5)
 
 
 def test_unseen_points_are_drawn_to_all_of_their_part(rng):
