@@ -37,11 +37,27 @@ _TOGETHER = 1e-4
 """Metres within which corners are one: preparation parts surface by less (`fipt.meshing.separate`)."""
 
 
+@dataclass(frozen=True)
+class Seen:
+    """What views show of T triangles.
+
+    Attributes
+    ----------
+    alone
+        (T,) bool: pixels that they fill.
+    dark
+        (T, 2) bool: front and back that pixels show to be dark, if only pixels that other surface shares.
+    """
+
+    alone: np.ndarray
+    dark: np.ndarray
+
+
 def completed(
     mesh: Mesh,
     shards: Sequence[ObservedShard],
     found: Emitters,
-    observed: np.ndarray,
+    seen: Seen,
     settings: EmittersSettings,
     decided: Decided,
 ) -> Emitters:
@@ -51,16 +67,15 @@ def completed(
     ----------
     found
         What pixels show to emit.
-    observed
-        (T,) bool: triangles that pixels show.
     """
-    part = connected_parts(mesh)
+    part, observed = connected_parts(mesh), seen.alone | seen.dark.any(axis=1)
     accepted = decided.emitter >= 0
     hidden = accepted & ~_emits(mesh, found)
     if settings.complete:
-        hidden |= _far_sides(mesh, found, observed) & ~decided.rejected
+        behind = np.zeros(len(part), bool)
         if settings.sides == "seen":
-            hidden |= _seen_from_behind(mesh, shards, found) & ~decided.rejected
+            behind = _seen_from_behind(mesh, shards, found, seen.dark)
+        hidden |= (behind | _far_sides(mesh, found, observed & ~behind)) & ~decided.rejected
     # an accepted emitter is a part of its own
     found = _with(mesh, found, hidden, np.where(accepted, int(part.max(initial=0)) + 1 + decided.emitter, part))
     if not settings.complete:
@@ -212,11 +227,14 @@ def _edges(mesh: Mesh) -> _Edges:
     )
 
 
-def _seen_from_behind(mesh: Mesh, shards: Sequence[ObservedShard], found: Emitters) -> np.ndarray:
+def _seen_from_behind(
+    mesh: Mesh, shards: Sequence[ObservedShard], found: Emitters, dark: np.ndarray
+) -> np.ndarray:
     """(T,) bool: triangles of a glowing face of which views see the other side alone, and see it dark.
 
-    Through the opening of a lampshade a view sees the inside of what lights the wall behind. The face
-    (`fipt.stages.emitters.sides`) glows wherever it is seen, and a few triangles of noise are no face.
+    Through the opening of a lampshade, or the end of a tube, a view sees the inside of what lights the wall behind. The
+    face (`fipt.stages.emitters.sides`) glows wherever it is seen, and a few triangles of noise are no face. ``dark``
+    (T, 2) are sides that are seen dark.
     """
     part, level, behind = connected_parts(mesh), np.zeros(len(mesh.triangles)), np.zeros(len(mesh.triangles), bool)
     emits = _emits(mesh, found)
@@ -226,6 +244,7 @@ def _seen_from_behind(mesh: Mesh, shards: Sequence[ObservedShard], found: Emitte
         return behind
     level[found.triangle] = found.radiance.mean(axis=1)
     seen, bright = seen_sides(mesh, shards, chosen, level)
+    seen |= dark
     face = faces(mesh, own, part[own])
     area, lit = seen[own] * mesh.areas[own, None], bright[own] & emits[own, None]
     glowing, visible = (np.bincount(face.ravel(), each.ravel()) for each in (area * lit, area))

@@ -11,7 +11,7 @@ from fipt.scene.emitters import Emitters, Undecided
 from fipt.scene.mesh import Mesh, points_of
 from fipt.scene.observed import ObservedShard
 from fipt.scene.review import ReviewDecisions
-from fipt.stages.emitters.completion import completed
+from fipt.stages.emitters.completion import Seen, completed
 from fipt.stages.emitters.decided import Decided
 from fipt.stages.emitters.fragments import LEAST_DIFFERENCE, SIGMA, same_emitters
 from fipt.stages.emitters.hypotheses import RegionEvidence, judge
@@ -97,19 +97,19 @@ def extract(
         label, few = np.where(small.number >= 0, surface.count + small.number, label), small.number >= 0
         seen = Observations.joined([seen[~few[seen.triangle]], small.pixels])
         seen, tells = seen[np.argsort(seen.view, kind="stable")], tells | few
-        observed = (surface.pixels > 0) | small.seen_dark
+        observed, dark = surface.pixels > 0, small.seen_dark
         undecided = _undecided(mesh, surface, evidence, label, decided)
         first, views = surface.count + int(small.number.max(initial=-1)) + 1, [seen]
     else:
         assert query_mask is not None
         emitting, observed = _masked(mesh, shards, query_mask, settings)
-        label = np.where(emitting, np.arange(len(emitting)), -1)
+        label, dark = np.where(emitting, np.arange(len(emitting)), -1), np.zeros((len(emitting), 2), bool)
         tells, first, views = np.ones(len(label), bool), len(label), observations(shards)
     label = np.where(decided.emitter >= 0, first + decided.emitter, label)
     label[decided.rejected] = -1
     tells = (label >= 0) & (tells | (decided.emitter >= 0))
     measured = _measured(mesh, of_triangles(views, tells), label, decided, settings, surface)
-    found = completed(mesh, shards, measured, observed, settings, decided)
+    found = completed(mesh, shards, measured, Seen(observed, dark), settings, decided)
     if settings.sides == "seen":
         found = replace(found, sides=emitting_sides(mesh, found, shards))
     accepted = np.isin(found.emitter, found.emitter[decided.emitter[found.triangle] >= 0])

@@ -101,8 +101,9 @@ class SmallEmitters:
     pixels
         The pixels that show them, sorted by view, with the radiance of the emitter alone.
     seen_dark
-        (T,) bool: other surface that views show, if only in pixels that it shares, and that no pixel proves to shine.
-        Whole pieces, which are connected and face along one axis, with triangles of them that nobody sees.
+        (T, 2) bool: front and back of other surface that views show, if only in pixels that it shares, and that no
+        pixel proves to shine. Sides of whole pieces, which are connected and face along one axis, with triangles of
+        them that nobody sees.
     """
 
     number: np.ndarray
@@ -137,7 +138,7 @@ def small_emitters(
     nothing = np.zeros(len(shared.triangle), np.float32)
     radiance = level[number[shared.triangle]].astype(np.float32)
     pixels = Observations(shared.triangle, radiance, shared.view, nothing, shared.clipped, shared.sample)
-    return SmallEmitters(number, pixels, dark & (number < 0))
+    return SmallEmitters(number, pixels, dark & (number < 0)[:, None])
 
 
 def _candidates(
@@ -152,21 +153,22 @@ def _candidates(
         for all else. A piece is connected and faces along one axis. Where only a part of it is bright, its bright
         triangles are pieces.
     dark
-        (T,) bool: pieces of which a pixel's worth is seen in pixels that tell, half of it or more, in the mean of the
-        views, in such as reflection explains.
+        (T, 2) bool: sides of pieces of which a pixel's worth is seen in pixels that tell, half of it or more, in the
+        mean of the views, in such as reflection explains.
     """
     total, beyond = np.zeros((2, len(emitting)))
     piece = facing_pieces(mesh, ~other)
-    shown, views, bright_views = np.zeros((3, int(piece.max(initial=-1)) + 1))
-    for triangle, share, bright, tells in _pixels(shards, surface, emitting):
+    shown, views, bright_views = np.zeros((3, int(piece.max(initial=-1)) + 1, 2))
+    for (triangle, side), share, bright, tells in _pixels(mesh, shards, surface, emitting):
         total += np.bincount(triangle, share, len(total))
         beyond += np.bincount(triangle, share * bright, len(total))
         telling = share * (tells & (share >= _LEAST_SHARE))
-        here = np.bincount(piece[triangle], telling, len(shown))
+        face = 2 * piece[triangle] + side
+        here, lit = (np.bincount(face, each, shown.size).reshape(-1, 2) for each in (telling, telling * bright))
         shown += here
         counts = np.minimum(here, 1)  # a pixel's worth of it is an observation
         views += counts
-        bright_views += counts * np.bincount(piece[triangle], telling * bright, len(shown)) / np.maximum(here, 1e-12)
+        bright_views += counts * lit / np.maximum(here, 1e-12)
     dark = (shown >= 1) & (bright_views <= _BEYOND * views)
     whole = np.bincount(piece, beyond) > _BEYOND * np.bincount(piece, total)
     part = facing_pieces(mesh, ~other & ~whole[piece] & (beyond > _BEYOND * total))
@@ -174,15 +176,15 @@ def _candidates(
     chosen = ~other & (whole[piece] | (beyond > _BEYOND * total))
     result = np.full(len(total), -1, np.int64)
     result[chosen] = np.unique(number[chosen], return_inverse=True)[1].reshape(-1)
-    return result, dark[piece]
+    return result, dark[piece] & ~other[:, None]
 
 
 def _pixels(
-    shards: Sequence[ObservedShard], surface: Surface, emitting: np.ndarray
-) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
-    """Yield triangle and share (N,) of the samples of each view, and (N,) bool of their pixels.
+    mesh: Mesh, shards: Sequence[ObservedShard], surface: Surface, emitting: np.ndarray
+) -> Iterator[tuple[tuple[np.ndarray, np.ndarray], np.ndarray, np.ndarray, np.ndarray]]:
+    """Yield triangle, its side (0 front, 1 back) and share (N,) of the samples of each view, and (N,) bool of pixels.
 
-    These are whether the pixel is brighter than all that it shows could reflect, and whether that tells of its surface:
+    The latter are whether the pixel is brighter than all that it shows could reflect, and whether that tells of its surface:
     neither it nor one of those around shows a known emitter, and a pixel that is not so bright is not clipped.
     """
     known = np.where(emitting, np.nan_to_num(surface.radiance.mean(axis=1)), 0)
@@ -201,7 +203,8 @@ def _pixels(
             usable = np.asarray(shard.weight[first]) > 0
             rows = np.flatnonzero(usable[pixel])
             tells = (light == 0) & (bright | ~np.asarray(shard.clipped[first]))
-            yield triangle[rows], share[rows], bright[pixel[rows]], tells[pixel[rows]]
+            side = np.where(mesh.front(triangle, samples.normal[own]), 0, 1)
+            yield (triangle[rows], side[rows]), share[rows], bright[pixel[rows]], tells[pixel[rows]]
 
 
 def _shared(shards: Sequence[ObservedShard], surface: Surface, number: np.ndarray) -> _Shared:

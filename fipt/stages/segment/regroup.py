@@ -217,7 +217,8 @@ def with_likely_metals(evidence: MaterialEvidence, counted: np.ndarray) -> Mater
 
     That metal explains them better than any dielectric. Where it alone has this colour in the room, it may explain them
     worse, by no more than one standard error; but not those that are not ``counted`` (R,), of which a few pixels away
-    from emitters would speak for many beside them: bars of a window.
+    from emitters would speak for many beside them: bars of a window. Nor do those count that have, as dielectrics, a
+    colour that is more common among clear dielectrics: white paint in the dark, where the room has much white paint.
     """
     metal, left = evidence.metal.copy(), evidence.left
     dielectric = left[:, :HALF].min(axis=1)
@@ -232,7 +233,27 @@ def with_likely_metals(evidence: MaterialEvidence, counted: np.ndarray) -> Mater
             same = distance < furthest
             if _metal_alone(evidence, same, refused, proof):
                 metal |= same & ~unlikely & counted
+    likely = np.flatnonzero(metal & ~evidence.metal)
+    metal[likely] = ~_like_dielectrics(evidence, likely, np.flatnonzero(~metal))
     return replace(evidence, metal=metal)
+
+
+def _like_dielectrics(evidence: MaterialEvidence, likely: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """(K,) bool: ``likely`` metals whose colour as dielectrics more pixels have than their colour as metals.
+
+    Those are pixels of regions among the ``others`` that are clearly no metal, and of those that prove a metal. Each
+    counts by how likely it is that both have one colour.
+    """
+    left, trials = evidence.left, (slice(None, HALF), slice(HALF, None))
+    proved = np.flatnonzero(evidence.metal)
+    best = [best_trials(left, left[of].sum(axis=0), kind) for of, kind in zip((others, proved), trials, strict=True)]
+    refused = worse(left[others], evidence.products[others], best[1][others], trials[0])
+    found = []
+    for kind, trial in ((others[refused], best[0][likely, None]), (proved, best[1][None, proved])):
+        off = evidence.color[likely[:, None], trial] - evidence.color[kind[None], trial]
+        variance = evidence.variance[likely, None] + evidence.variance[None, kind]
+        found.append(np.exp(-0.5 * (off**2 / variance).sum(axis=2)) @ evidence.pixels[kind])
+    return found[0] > found[1]
 
 
 def _metal_alone(evidence: MaterialEvidence, same: np.ndarray, refused: np.ndarray, proof: float) -> bool:

@@ -4,6 +4,7 @@ import pytest
 
 from benchmarks.random_attic import write_attic
 from benchmarks.random_bedroom import write_bedroom
+from benchmarks.random_cafe import write_cafe
 from benchmarks.random_hall import write_hall
 from benchmarks.random_loft import write_loft
 from benchmarks.random_room import write_room
@@ -18,6 +19,7 @@ from fipt.synthetic.settings import SynthesizeSettings
         (write_loft, "marble.png", 17),  # window, five spots, eight bulbs, shade, strip, fire
         (write_bedroom, "planks.png", 3),  # two bulbs in shades, a ball below the ceiling; sun and sky are outside
         (write_hall, "panel.png", 9),  # window, two tubes, four spots, strip, lantern
+        (write_cafe, "bricks.png", 35),  # two rows of panes, four deep lamps, two tubes, 24 fields of a menu, three bulbs
         (write_attic, "bricks.png", 20),  # three windows, the hallway's, beside the bed, on the desk, 14 fairy lights
     ],
 )

@@ -245,6 +245,22 @@ def test_a_colour_that_paint_has_too_does_not_make_a_metal(np_rng):
     assert likely(rare).metal.tolist() == [True, True, True, False], "one in twenty is chance"
 
 
+def test_what_looks_like_common_paint_is_no_metal_by_its_colour(np_rng):
+    """White paint in the dark has the colour of steel, were it metal; there is more such paint than steel."""
+    evidence = steels(np_rng, (RED, 0.2, 0.0))
+    left, color = evidence.left.copy(), evidence.color.copy()
+    left[3, 0] = left[3].min() - 1e6
+    color[3, :HALF] = color[2, :HALF]
+    evidence = replace(evidence, left=left, color=color)
+    paint = replace(evidence, pixels=np.array([400.0, 400, 400, 4000]))
+    assert likely(paint).metal.tolist() == [True, True, False, False]
+    rare = replace(evidence, pixels=np.array([400.0, 400, 400, 40]))
+    assert likely(rare).metal.tolist() == [True, True, True, False]
+    color[3, :HALF, 0] += np.sqrt(16 * (evidence.variance[2, 0] + evidence.variance[3, 0]))
+    other = replace(paint, color=color)
+    assert likely(other).metal.tolist() == [True, True, True, False], "paint of another colour says nothing"
+
+
 def test_the_verb_joins_segments_whole_and_loses_none(scene: Path, tmp_path: Path):
     data, cut = Dataset(scene / "dataset"), tmp_path / "cut"
     for view in data.views("train"):

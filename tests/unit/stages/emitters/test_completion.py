@@ -1,0 +1,33 @@
+"""What emits beside what views show to emit."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from fipt.conventions import SHADING_OUTPUTS
+from fipt.scene.emitters import BACK, FRONT, Emitters
+from fipt.scene.mesh import Mesh
+from fipt.scene.review import ReviewDecisions
+from fipt.stages.emitters.completion import Seen, completed
+from fipt.stages.emitters.decided import Decided
+from fipt.stages.emitters.settings import EmittersSettings
+from tests import scenes
+
+RADIANCE = np.float32([12, 6, 3])
+
+
+@pytest.mark.parametrize(("dark_side", "whole"), [(BACK, True), (FRONT, False)])
+def test_a_tube_whose_dark_inside_is_seen_through_its_end_shines_all_around(dark_side, whole):
+    """Views show its side towards them, and, in pixels shared with others, a bit of the side towards the wall."""
+    closed = trimesh.creation.cylinder(0.02, 2.0, sections=24)
+    tube = Mesh(np.float32(closed.vertices), np.int32(closed.faces[np.abs(closed.face_normals[:, 2]) < 0.5]))
+    near, far = np.flatnonzero(tube.normals[:, 0] > 0.7), tube.normals[:, 0] < -0.7
+    samples = scenes.samples_of(tube.corners[near].mean(axis=1), near, normal=tube.normals[near])
+    shading = np.zeros((len(near), SHADING_OUTPUTS, 3), np.float16)
+    image = np.tile(RADIANCE, (len(near), 1))
+    shards = scenes.observed([samples], [shading], [(image, np.ones(len(near), np.float32))])
+    found = Emitters.plain(tube, near, image, 0 * near)
+    seen = Seen(np.isin(np.arange(len(far)), near), far[:, None] & (np.array([FRONT, BACK]) == dark_side))
+    decided = Decided.of(ReviewDecisions(), len(far))
+    emitters = completed(tube, shards, found, seen, EmittersSettings(), decided)
+    np.testing.assert_array_equal(emitters.triangle, np.arange(len(far)) if whole else near)
