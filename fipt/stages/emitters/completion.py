@@ -227,9 +227,7 @@ def _edges(mesh: Mesh) -> _Edges:
     )
 
 
-def _seen_from_behind(
-    mesh: Mesh, shards: Sequence[ObservedShard], found: Emitters, dark: np.ndarray
-) -> np.ndarray:
+def _seen_from_behind(mesh: Mesh, shards: Sequence[ObservedShard], found: Emitters, dark: np.ndarray) -> np.ndarray:
     """(T,) bool: triangles of a glowing face of which views see the other side alone, and see it dark.
 
     Through the opening of a lampshade, or the end of a tube, a view sees the inside of what lights the wall behind. The

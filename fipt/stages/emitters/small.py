@@ -184,8 +184,8 @@ def _pixels(
 ) -> Iterator[tuple[tuple[np.ndarray, np.ndarray], np.ndarray, np.ndarray, np.ndarray]]:
     """Yield triangle, its side (0 front, 1 back) and share (N,) of the samples of each view, and (N,) bool of pixels.
 
-    The latter are whether the pixel is brighter than all that it shows could reflect, and whether that tells of its surface:
-    neither it nor one of those around shows a known emitter, and a pixel that is not so bright is not clipped.
+    The latter are whether the pixel is brighter than all that it shows could reflect, and whether that tells of its
+    surface: neither it nor one of those around shows a known emitter, and a pixel that is not so bright is not clipped.
     """
     known = np.where(emitting, np.nan_to_num(surface.radiance.mean(axis=1)), 0)
     for shard in shards:

@@ -19,7 +19,7 @@ from fipt.synthetic.settings import SynthesizeSettings
         (write_loft, "marble.png", 17),  # window, five spots, eight bulbs, shade, strip, fire
         (write_bedroom, "planks.png", 3),  # two bulbs in shades, a ball below the ceiling; sun and sky are outside
         (write_hall, "panel.png", 9),  # window, two tubes, four spots, strip, lantern
-        (write_cafe, "bricks.png", 35),  # two rows of panes, four deep lamps, two tubes, 24 fields of a menu, three bulbs
+        (write_cafe, "bricks.png", 35),  # two panes, four deep lamps, two tubes, 24 fields of a menu, three bulbs
         (write_attic, "bricks.png", 20),  # three windows, the hallway's, beside the bed, on the desk, 14 fairy lights
     ],
 )
