@@ -77,6 +77,17 @@ class RoomWriter:
         wrinkles[:, -1] = wrinkles[:, 0]
         self.grid(name, np.array(middle) + shape * np.array(half) * (0.9 + 0.15 * wrinkles[..., None]), material)
 
+    def plant(self, foot: Vector, leaves: int, lean: Vector, length: Vector, wide: float) -> None:
+        """Add bent leaves that grow out of `foot`; how far each leans and how long it is is drawn between two ends."""
+        along = np.linspace(0, 1, 9)
+        for leaf in range(leaves):
+            turn, leans, long = self.rng.uniform(0, 6.3), self.rng.uniform(*lean), self.rng.uniform(*length)
+            out = long * np.sin(leans) * along**1.5
+            up = long * along * (1 - 0.4 * along * leans)
+            middle = foot + np.stack([out * np.cos(turn), up, out * np.sin(turn)], -1)
+            half = wide * np.sin(np.pi * np.clip(along + 0.05, 0, 1))[:, None] * (-np.sin(turn), 0, np.cos(turn))
+            self.grid(f"leaf{leaf}", np.stack([middle - half, middle + half]), "leaf")
+
     def write(self) -> Path:
         """Write scene.xml beside textures and meshes; return the file."""
         write_text(self.folder / "scene.xml", self.scene.xml())

@@ -145,13 +145,7 @@ def _tables(cafe: RoomWriter) -> None:
         scene.sphere((x, 0.8, 0.195), 0.015, "brass")
     scene.rectangle((1.5, 1.75, DEPTH - 0.02), (-0.8, 0, 0), (0, 0.6, 0), "board")
     scene.rectangle((CORNER[0] - 0.015, 1.7, 4.9), (0, 0, 0.42), (0, 0.6, 0), "poster")
-    for leaf in range(20):
-        turn, lean, long = rng.uniform(0, 6.3), rng.uniform(0.2, 0.9), rng.uniform(0.4, 0.8)
-        along = np.linspace(0, 1, 9)
-        out, up = long * np.sin(lean) * along**1.5, 0.4 + long * along * (1 - 0.4 * along * lean)
-        middle = np.stack([0.5 + out * np.cos(turn), up, DEPTH - 0.6 + out * np.sin(turn)], -1)
-        wide = 0.04 * np.sin(np.pi * np.clip(along + 0.05, 0, 1))[:, None] * (-np.sin(turn), 0, np.cos(turn))
-        cafe.grid(f"leaf{leaf}", np.stack([middle - wide, middle + wide]), "leaf")
+    cafe.plant((0.5, 0.4, DEPTH - 0.6), 20, (0.2, 0.9), (0.4, 0.8), 0.04)
     cafe.lathe("pot", [(0, 0), (0.15, 0), (0.2, 0.42), (0.17, 0.42), (0.15, 0.35), (0, 0.35)],
                (0.5, 0, DEPTH - 0.6), "white")  # fmt: skip
 

@@ -167,14 +167,7 @@ def _furniture(hall: _Hall) -> None:
     profile = [(0.0, 0), (0.16, 0), (0.2, 0.2), (0.17, 0.36), (0.15, 0.36), (0.15, 0.3), (0.0, 0.3)]
     x, z = hall.length - 0.6, hall.depth - 0.6
     hall.lathe("pot", profile, (x, 0, z), "pot")
-    for leaf in range(16):
-        turn, lean, long = rng.uniform(0, 6.3), rng.uniform(0.2, 0.9), rng.uniform(0.5, 1.1)
-        along = np.linspace(0, 1, 9)
-        out = long * np.sin(lean) * along**1.5
-        middle = np.stack([x + out * np.cos(turn), 0.3 + long * along * (1 - 0.4 * along * lean),
-                           z + out * np.sin(turn)], -1)  # fmt: skip
-        wide = 0.05 * np.sin(np.pi * np.clip(along + 0.05, 0, 1))[:, None] * (-np.sin(turn), 0, np.cos(turn))
-        hall.grid(f"leaf{leaf}", np.stack([middle - wide, middle + wide]), "leaf")
+    hall.plant((x, 0.3, z), 16, (0.2, 0.9), (0.5, 1.1), 0.05)
     scene.cylinder((0.5, 0, 0.4), (0.5, 0.55, 0.4), 0.13, "gilt")
     for _ in range(3):
         top = np.array((0.5, 0.95, 0.4)) + rng.normal(size=3) * (0.06, 0.03, 0.06)

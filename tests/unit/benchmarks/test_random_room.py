@@ -8,6 +8,7 @@ from benchmarks.random_cafe import write_cafe
 from benchmarks.random_hall import write_hall
 from benchmarks.random_loft import write_loft
 from benchmarks.random_room import write_room
+from benchmarks.random_salon import write_salon
 from fipt.synthetic.modelled import modelled
 from fipt.synthetic.settings import SynthesizeSettings
 
@@ -20,6 +21,7 @@ from fipt.synthetic.settings import SynthesizeSettings
         (write_bedroom, "planks.png", 3),  # two bulbs in shades, a ball below the ceiling; sun and sky are outside
         (write_hall, "panel.png", 9),  # window, two tubes, four spots, strip, lantern
         (write_cafe, "bricks.png", 35),  # two panes, four deep lamps, two tubes, 24 fields of a menu, three bulbs
+        (write_salon, "slabs.png", 7),  # skylight, two strips, television, three globes
         (write_attic, "bricks.png", 20),  # three windows, the hallway's, beside the bed, on the desk, 14 fairy lights
     ],
 )
