@@ -250,11 +250,11 @@ def _trial(
     met = hidden & (lights.met > 0)  # of the rays from what is seen
     part = small_parts(mesh, hidden, lights.met)
     met |= part >= 0  # few rays meet a bulb, and each of them one of its many triangles
-    trial = _offered(blocks, lights, known, patches_of(mesh, met, part), asked)
-    trial = _finer(trial, partial(_offered, blocks, lights, known, asked=asked), mesh)
+    offered = partial(_offered, blocks, lights, known, _square_pixel(shards), asked)
+    trial = _finer(offered(patches_of(mesh, met, part)), offered, mesh)
     if (hidden & (before >= 0)).any():
         old = patches_as_before(mesh, met | hidden & (before >= 0), part, before)
-        again = _offered(blocks, lights, known, old, asked, trial if trial.guess.determined else None)
+        again = offered(old, trial if trial.guess.determined else None)
         better = not trial.guess.determined or again.guess.gain >= trial.guess.gain
         trial = again if again.guess.determined and better else trial
     return _measured(trial, lights, asked) if trial.guess.determined else trial
@@ -275,14 +275,28 @@ def _finer(trial: _Trial, offered: Callable[..., _Trial], mesh: Mesh) -> _Trial:
     return max(tried[1:] or tried, key=lambda each: each.guess.gain)
 
 
+def _square_pixel(shards: Sequence[ObservedShard]) -> float:
+    """Square metres of surface that a pixel shows, in the median of all samples."""
+    return float(np.median(np.concatenate([shard.samples.footprint for shard in shards])) ** 2)
+
+
 def _offered(
-    blocks: Blocks, lights: Lights, known: Transport, patches: Patches, asked: bool, after: _Trial | None = None
+    blocks: Blocks,
+    lights: Lights,
+    known: Transport,
+    least: float,
+    asked: bool,
+    patches: Patches,
+    after: _Trial | None = None,
 ) -> _Trial:
-    """Guess which patches emit. ``after`` another guess, the search begins with its small parts, under its errors."""
+    """Guess which patches emit, of those of an area of ``least`` or more, square metres: others hide in a mesh's gaps.
+
+    ``after`` another guess, the search begins with its small parts, under its errors.
+    """
     transport = with_patches(blocks, patches, lights, known)
     # of what a patch sends out, pi times its area and radiance, blocks have a sample
     seen_area = lights.mesh.areas[~lights.hidden].sum()
-    lights_room = patches.lighting(transport.unseen.mean(axis=0) * seen_area, _ENCLOSED)
+    lights_room = patches.lighting(transport.unseen.mean(axis=0) * seen_area, _ENCLOSED) & patches.at_least(least)
     transport = replace(transport, unseen=transport.unseen * lights_room)
     # nor does it shine as a part of a plane that lights the room elsewhere
     patches = replace(patches, piece=np.where(lights_room, patches.piece, -1))

@@ -131,11 +131,18 @@ class Patches:
 
         ``arrives`` (P,) is the share times the area, square metres.
         """
+        return self._of_whole(arrives) / np.maximum(self._of_whole(self.area), 1e-12) > least
+
+    def at_least(self, area: float) -> np.ndarray:
+        """(P,) bool: patches of this area or more, square metres. A small part is judged as a whole."""
+        return self._of_whole(self.area) >= area
+
+    def _of_whole(self, values: np.ndarray) -> np.ndarray:
+        """(P,) sums of values (P,) over the small part that a patch is of; of others the patch's own."""
         owner, own = np.arange(len(self.area)), (self.part >= 0) & (self.number >= 0)
         owner[self.number[own]] = len(owner) + self.part[own]
         _, owner = np.unique(owner, return_inverse=True)
-        share = np.bincount(owner, arrives) / np.maximum(np.bincount(owner, self.area), 1e-12)
-        return share[owner] > least
+        return np.bincount(owner, values)[owner]
 
 
 def hidden_triangles(mesh: Mesh, shards: Sequence[ObservedShard], found: Emitters) -> np.ndarray:

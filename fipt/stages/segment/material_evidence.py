@@ -32,6 +32,10 @@ _OUTLIER = 0.2
 """What is left counts up to here (sRGB-encoded): edges and shadows that the shading misses."""
 _SOME_PIECES = 5
 """Pieces that a region must have in either half to tell the spread of base colour within it."""
+_SOME_REGIONS = 5
+"""Regions whose halves tell an error."""
+_THIN = 0.9
+"""Mean share of its pixels below which a region is thin."""
 _UNKNOWN = 0.1
 """Standard deviation of the colour where no region is large enough to tell."""
 CHI_SQUARE = 7.815
@@ -40,7 +44,7 @@ STANDARD_ERRORS = 1.96
 """Standard errors by which one trial must be worse than another: 95 % of chance, as for colours."""
 _METAL_GAIN = 0.1
 _CAUTION = 0.5
-"""Metal must remove this share of what is left, and _CAUTION / sqrt(pixels) more, before it is believed."""
+"""Of what is left metal must remove this share, and _CAUTION / sqrt(pixels) more, to be proved; so must dielectrics."""
 
 
 @dataclass(frozen=True)
@@ -88,6 +92,8 @@ class ColorPieces:
         (G,) int64 of voxel, facing and region, ascending.
     number
         (G,) float64 number of its pixels; a shared one counts by its share.
+    share
+        (G,) mean share that the region has of them.
     judged
         (G,) bool: enough of them to judge a trial.
     left
@@ -101,6 +107,7 @@ class ColorPieces:
     place: np.ndarray
     key: np.ndarray
     number: np.ndarray
+    share: np.ndarray
     judged: np.ndarray
     left: np.ndarray
     color: np.ndarray
@@ -141,7 +148,8 @@ def color_pieces(pixels: RegionPixels, region: np.ndarray, count: int, center: n
     place_of_voxel = np.stack(
         [voxel % _RESOLUTION, voxel // _RESOLUTION % _RESOLUTION, voxel // _RESOLUTION**2], axis=1
     )
-    return ColorPieces(key % count, place_of_voxel, place, key, number, number >= _FEWEST, left, color)
+    share = number / np.bincount(piece, minlength=len(key))
+    return ColorPieces(key % count, place_of_voxel, place, key, number, share, number >= _FEWEST, left, color)
 
 
 def _piece_keys(
@@ -161,6 +169,8 @@ def measure(found: ColorPieces, count: int) -> MaterialEvidence:
     products = np.zeros((count, len(TRIALS), len(TRIALS)))
     means = np.zeros((count, len(TRIALS), 3))
     pieces, noise = np.ones(count), _ColorNoise()
+    of_region = np.bincount(owner, number, count)
+    thin = of_region < _THIN * np.bincount(owner, number / found.share, count)
     best = best_trials(total, total.sum(axis=0), slice(None))
     for k in range(count):
         own = order[bounds[k] : bounds[k + 1]]
@@ -168,10 +178,10 @@ def measure(found: ColorPieces, count: int) -> MaterialEvidence:
         own = own[judged[own]] if judged[own].any() else own
         means[k] = np.average(color[own], axis=0, weights=number[own])
         pieces[k] = len(own)
-        noise.add(color[own, best[k]], place[own])
-    of_region, judging = np.bincount(owner, number, count), np.bincount(owner, number * judged, count)
+        noise.add(color[own, best[k]], place[own], bool(thin[k]))
+    judging = np.bincount(owner, number * judged, count)
     metal = is_metal(total, judging)
-    return MaterialEvidence(total, products, means, of_region, judging, metal, noise.variance(pieces))
+    return MaterialEvidence(total, products, means, of_region, judging, metal, noise.variance(pieces, thin))
 
 
 @dataclass(frozen=True)
@@ -233,30 +243,39 @@ class _ColorNoise:
     """How far off the colour of a region is, learned from regions that are large enough to be cut in halves.
 
     Halves of one region are of one material, but for texture: what their means differ by is the error of the shading,
-    as it is from one region to the next. It does not become less with more pieces. What pieces differ by does.
+    as it is from one region to the next. It does not become less with more pieces. What pieces differ by does. Thin
+    regions are told by what others leave of pixels, and err by more: they are learned from apart.
     """
 
     def __init__(self) -> None:
-        self._spread: list[np.ndarray] = []
-        self._halves: list[np.ndarray] = []
+        self._spread: tuple[list[np.ndarray], list[np.ndarray]] = [], []
+        self._halves: tuple[list[np.ndarray], list[np.ndarray]] = [], []
 
-    def add(self, color: np.ndarray, place: np.ndarray) -> None:
-        """Learn from pieces of one region: comparable colours (N, 3) and places (N, 3)."""
+    def add(self, color: np.ndarray, place: np.ndarray, thin: bool) -> None:
+        """Learn from pieces of one region, which may be thin: comparable colours (N, 3) and places (N, 3)."""
         if len(color) < 2 * _SOME_PIECES:
             return
-        self._spread.append(spread(color))
+        self._spread[thin].append(spread(color))
         away = place - place.mean(axis=0)
         along = away @ np.linalg.svd(away, full_matrices=False)[2][0]
         high = along > np.median(along)
         if 0 < np.count_nonzero(high) < len(high):
-            self._halves.append(np.median(color[high], axis=0) - np.median(color[~high], axis=0))
+            self._halves[thin].append(np.median(color[high], axis=0) - np.median(color[~high], axis=0))
 
-    def variance(self, pieces: np.ndarray) -> np.ndarray:
-        """(R, 3) variance of the colour of regions of so many pieces (R,)."""
-        if not self._halves:
+    def variance(self, pieces: np.ndarray, thin: np.ndarray) -> np.ndarray:
+        """(R, 3) variance of the colour of regions of so many pieces (R,), of which some are ``thin`` (R,)."""
+        if not any(self._halves):
             return np.full((len(pieces), 3), _UNKNOWN**2)
-        shared = deviation(np.array(self._halves), axis=0)
-        usual = np.median(self._spread, axis=0)
+        of_kind = [self._of_kind(kind, pieces) for kind in (0, 1)]
+        return np.where(thin[:, None], np.maximum(*of_kind), of_kind[0])
+
+    def _of_kind(self, kind: int, pieces: np.ndarray) -> np.ndarray:
+        """(R, 3) variance as the regions of a kind tell it, 1: thin; as all do, where these are few."""
+        halves, spreads = self._halves[kind], self._spread[kind]
+        if len(halves) < _SOME_REGIONS:
+            halves, spreads = ([*kinds[0], *kinds[1]] for kinds in (self._halves, self._spread))
+        shared = deviation(np.array(halves), axis=0)
+        usual = np.median(spreads, axis=0)
         return np.maximum(shared**2 / 2 + usual**2 / pieces[:, None], DARK_BASE_COLOR**2 / 4)
 
 
@@ -289,14 +308,24 @@ def tried(pixels: RegionPixels, piece: np.ndarray, pieces: int) -> tuple[np.ndar
 
 
 def is_metal(left: np.ndarray, judged: np.ndarray) -> np.ndarray:
-    """(R,) bool: metal leaves clearly less (R, T) of the pixels that judge it (R,); as cautious as the part search.
+    """(R,) bool: metal leaves clearly less (R, T) of the pixels that judge it (R,) than any dielectric."""
+    return _clearly_less(left[:, HALF:], left[:, :HALF], judged)
 
-    What shows nowhere is added to what either leaves: where a dielectric explains all that can be seen, nothing does so
-    better.
+
+def is_dielectric(left: np.ndarray, judged: np.ndarray) -> np.ndarray:
+    """(R,) bool: a dielectric leaves clearly less (R, T) of the pixels that judge it (R,) than any metal."""
+    return _clearly_less(left[:, :HALF], left[:, HALF:], judged)
+
+
+def _clearly_less(these: np.ndarray, others: np.ndarray, judged: np.ndarray) -> np.ndarray:
+    """(R,) bool: the best of some trials (R, K) leaves clearly less than that of others.
+
+    It is as cautious as the part search.
+    What shows nowhere is added to what either leaves: where one explains all that can be seen, nothing does so better.
     """
     caution = _METAL_GAIN + _CAUTION / np.sqrt(np.maximum(judged, 1))
     unseen = UNSEEN_DIFFERENCE * judged
-    return left[:, HALF:].min(axis=1) + unseen < (1 - caution) * (left[:, :HALF].min(axis=1) + unseen)
+    return these.min(axis=1) + unseen < (1 - caution) * (others.min(axis=1) + unseen)
 
 
 def best_trials(left: np.ndarray, room: np.ndarray, trials: slice) -> np.ndarray:

@@ -38,6 +38,7 @@ from fipt.stages.segment.material_evidence import (
     MaterialEvidence,
     best_trials,
     color_pieces,
+    is_dielectric,
     measure,
     worse,
 )
@@ -216,11 +217,13 @@ def with_likely_metals(evidence: MaterialEvidence, counted: np.ndarray) -> Mater
     """The evidence with more regions counted as metal: those that have the colour of a metal that the room proves.
 
     That metal explains them better than any dielectric. Where it alone has this colour in the room, it may explain them
-    worse, by no more than one standard error; but not those that are not ``counted`` (R,), of which a few pixels away
-    from emitters would speak for many beside them: bars of a window. Nor do those count that have, as dielectrics, a
-    colour that is more common among clear dielectrics: white paint in the dark, where the room has much white paint.
+    worse, by no more than one standard error; but not those that prove to be dielectric, nor those that are not
+    ``counted`` (R,), of which a few pixels away from emitters would speak for many beside them: bars of a window. Nor
+    do those count that have, as dielectrics, a colour that is more common among clear dielectrics: white paint in the
+    dark, where the room has much white paint.
     """
     metal, left = evidence.metal.copy(), evidence.left
+    no_metal = is_dielectric(left, evidence.judged)
     dielectric = left[:, :HALF].min(axis=1)
     for k in np.flatnonzero(evidence.metal):
         trial = HALF + int(left[k, HALF:].argmin())
@@ -232,7 +235,7 @@ def with_likely_metals(evidence: MaterialEvidence, counted: np.ndarray) -> Mater
         for furthest, proof in _WINDOWS:
             same = distance < furthest
             if _metal_alone(evidence, same, refused, proof):
-                metal |= same & ~unlikely & counted
+                metal |= same & ~unlikely & ~no_metal & counted
     likely = np.flatnonzero(metal & ~evidence.metal)
     metal[likely] = ~_like_dielectrics(evidence, likely, np.flatnonzero(~metal))
     return replace(evidence, metal=metal)

@@ -16,6 +16,7 @@ from fipt.stages.emitters import unseen_guess, unseen_surface
 from fipt.stages.emitters.extract import Extracted
 from fipt.stages.emitters.unseen import Lights, Transport, seen_light, with_more_rays, with_patches
 from fipt.stages.emitters.unseen_fit import Guess, Start, explain, explained, witnessed
+from fipt.stages.emitters.unseen_guess import _square_pixel
 from fipt.stages.emitters.unseen_surface import Patches, hidden_triangles, patches_as_before, patches_of, small_parts
 from tests import scenes
 
@@ -307,6 +308,7 @@ def guessing(monkeypatch, floor_and_ceiling):
         known = Transport(np.ones((50, 3)), *np.ones((2, 50, 1)), np.full(50, open_share))
         for name, value in {
             "blocks_of": blocks,
+            "_square_pixel": 0.0,
             "hidden_triangles": number >= 0,
             "Lights": SimpleNamespace(mesh=floor_and_ceiling, hidden=number >= 0, met=number >= 0),
             "seen_light": known,
@@ -460,6 +462,24 @@ def test_a_small_part_lights_the_room_if_enough_of_it_does(bulbs):
     arrives = np.where(np.arange(len(first)) == np.argmax(first), 2.0, 0.0) * patches.area
     np.testing.assert_array_equal(patches.lighting(arrives, 0.5), first)
     np.testing.assert_array_equal(patches.lighting(arrives, 0.7), np.zeros(len(first), bool))
+
+
+def test_a_small_part_is_as_large_as_all_of_it(bulbs):
+    """Its patches face three ways; what is less than a pixel hides in a gap of the mesh."""
+    every = np.ones(26, bool)
+    patches = patches_of(bulbs, every, small_parts(bulbs, every, every), 4.0)
+    whole = patches.area[patches.of_small_parts].sum() / len(patches.small(patches.of_small_parts))
+    np.testing.assert_array_equal(patches.at_least(0.99 * whole)[patches.of_small_parts], True)
+    assert (patches.area[patches.of_small_parts] < 0.99 * whole).all()
+    np.testing.assert_array_equal(patches.at_least(1.01 * whole), patches.area >= 1.01 * whole)
+
+
+def test_a_pixel_shows_a_square_of_its_width(np_rng):
+    footprint = np.full(9, 0.03, np.float32)
+    samples = scenes.samples_of(np.zeros((9, 3)), np.zeros(9, np.int64), footprint=footprint)
+    shading = np.zeros((9, SHADING_OUTPUTS, 3), np.float16)
+    shards = scenes.observed([samples], [shading], [(np.ones((9, 3), np.float32), np.ones(9, np.float32))])
+    assert _square_pixel(shards) == pytest.approx(9e-4)
 
 
 def test_what_is_enclosed_is_no_part_of_a_pane(guessing, floor_and_ceiling, monkeypatch):

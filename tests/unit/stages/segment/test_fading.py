@@ -27,7 +27,7 @@ def pieces_of(voxel, owner, color):
     same = np.repeat(color[:, None], len(TRIALS), axis=1)
     ones = np.ones(count)
     return ColorPieces(
-        owner, voxel, 0.05 * voxel, owner.copy(), 9 * ones, ones > 0, 0.01 * np.ones(same.shape[:2]), same
+        owner, voxel, 0.05 * voxel, owner.copy(), 9 * ones, ones, ones > 0, 0.01 * np.ones(same.shape[:2]), same
     )
 
 

@@ -24,6 +24,7 @@ from fipt.stages.segment.material_evidence import (
     TRIALS,
     BestMaterials,
     MaterialEvidence,
+    _ColorNoise,
     best_trials,
     color_pieces,
     is_metal,
@@ -188,6 +189,7 @@ def steels(np_rng, *others):
     proved = np.arange(len(materials)) < 2
     left, products = evidence.left.copy(), evidence.products.copy()
     metal = HALF + left[0, HALF:].argmin()
+    left[2] += 20
     left[2, 0] = left[2, metal] - 0.5
     products[2] = np.eye(len(TRIALS)) / 2
     return replace(evidence, metal=proved, left=left, products=products)
@@ -232,6 +234,10 @@ def test_a_region_that_is_not_told_apart_stays_where_the_colour_alone_proves_lit
     clearly = evidence.left.copy()
     clearly[2, 0] -= 0.7
     assert not likely(replace(evidence, left=clearly)).metal[2], "worse by more than one standard error"
+    proved = evidence.left.copy()
+    proved[2, :HALF] *= 0.8
+    noisy = replace(evidence, left=proved, products=evidence.products * 1e6)
+    assert not likely(noisy).metal[2], "a dielectric leaves clearly less, however noisy that is"
 
 
 def test_a_colour_that_paint_has_too_does_not_make_a_metal(np_rng):
@@ -243,6 +249,22 @@ def test_a_colour_that_paint_has_too_does_not_make_a_metal(np_rng):
     assert likely(evidence).metal.tolist() == [True, True, False, False]
     rare = replace(evidence, pixels=np.array([4000.0, 4000, 400, 400]))
     assert likely(rare).metal.tolist() == [True, True, True, False], "one in twenty is chance"
+
+
+def test_thin_regions_have_an_error_of_their_own(np_rng):
+    """The colours of twelve regions drift along them, of the six thin ones by three times as much."""
+    noise, along = _ColorNoise(), np.linspace(0, 1, 20)[:, None]
+    thin = np.arange(12) >= 6
+    for each in thin:
+        drift = (0.3 if each else 0.1) * np_rng.standard_normal(3)
+        noise.add(along * drift + 0.01 * np_rng.standard_normal((20, 3)), along * (1, 0, 0), bool(each))
+    wide, narrow = np.sqrt(noise.variance(np.array([20.0, 20.0]), np.array([False, True])))
+    assert (narrow > 1.5 * wide).all()
+    few = _ColorNoise()
+    for each in (False, False, True):
+        few.add(along * 0.1 * np_rng.standard_normal(3), along * (1, 0, 0), each)
+    one, other = few.variance(np.array([20.0, 20.0]), np.array([False, True]))
+    np.testing.assert_array_equal(one, other)
 
 
 def test_what_looks_like_common_paint_is_no_metal_by_its_colour(np_rng):
