@@ -12,7 +12,8 @@ that differ the least become one, again and again, as long as any two agree. Two
 A region is metal where its own pixels clearly prove it. Legs and frames fill too few pixels for that: a metal explains
 them only a little better than a dielectric. They count as metal where another region proves one of their colour; where
 metal alone has that colour in the room, even if a dielectric explains them as well. Pixels that prove it must outnumber
-undecided ones, or half of them where the colour is nearly the same. Copies of one shape judge together
+undecided ones, or half of them where the colour is nearly the same. A region is no metal by its colour if it has, as a
+dielectric, a colour that is more common among clear dielectrics. Copies of one shape judge together
 (`fipt.stages.segment.copies`). Pixels beside emitters are left out. A region that has no others, as bars of a window,
 is no metal, and where most are left out what is left must explain metal better; unless its copies elsewhere are metal.
 """
