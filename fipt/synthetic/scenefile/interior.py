@@ -2,12 +2,13 @@
 
 A point is *inside* if most rays from it meet a surface, and a floor and a ceiling are below and above it. The interior
 is all such points of a grid that are connected, each to the next in a straight line, with the one where we begin: the
-file's camera, or the most spacious point where there is none. Walls further out, backdrops and hollow furniture do
-not belong to it.
+file's camera, or a place that it sees, or the most spacious point where none of these is inside. Walls further out,
+backdrops and hollow furniture do not belong to it.
 """
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -18,6 +19,8 @@ from fipt.groups import connected_groups
 from fipt.render.scene import RayScene
 from fipt.scene.environment import EnvironmentMap, solid_angles, texel_directions
 from fipt.scene.mesh import Mesh
+
+log = logging.getLogger(__name__)
 
 ENCLOSED = 0.55
 """Share of rays that must meet a surface. In the plane of a missing wall it is about a half."""
@@ -128,25 +131,37 @@ def _grown(scene: RayScene, start: np.ndarray, low: np.ndarray, high: np.ndarray
 
 
 def _start(mesh: Mesh, scene: RayScene, cameras: Sequence[np.ndarray], where: str) -> np.ndarray:
-    """(3,) a point inside: a camera's, or one ahead of it, or the most spacious one of a coarse grid."""
-    best = -1.0
+    """(3,) a point inside: a camera's, or one ahead of it, or the most spacious one where none of these is inside."""
     for pose in cameras:
-        # Free places that the camera sees, its own first: they are never inside of things.
-        ahead = np.concatenate([[(0.0, 0, 1)], _sphere(400)])
-        ahead = (ahead[ahead[:, 2] > _CONE] @ pose[:3, :3].T) / np.linalg.norm(pose[:3, 2])
-        place = np.repeat(pose[None, :3, 3], len(ahead), axis=0)
-        reach = _trace(scene, place, ahead)[0]
-        met = np.isfinite(reach)
-        steps = np.array([0.1, 0.25, 0.5, 0.75])[:, None, None] * (reach[met, None] * ahead[met])
-        options = np.concatenate([place[:1], (place[met] + steps).reshape(-1, 3)])
-        share, _ = _enclosed(scene, options)
-        if share[0] >= ENCLOSED:
-            return options[0]
-        if share.max() >= ENCLOSED:
-            return options[int(np.argmax(share))]
-        best = max(best, share.max())
+        start = _ahead(scene, pose)
+        if start is not None:
+            return start
+    start = _most_spacious(mesh, scene, [pose[1, 3] for pose in cameras], where)
     if cameras:
-        raise _outdoors(where, best)
+        log.warning(
+            "%s: no camera of the file stands in a room or sees into one; the room is that around (%s)",
+            where,
+            ", ".join(f"{value:.2f}" for value in start),
+        )
+    return start
+
+
+def _ahead(scene: RayScene, pose: np.ndarray) -> np.ndarray | None:
+    """(3,) a free place that a camera sees, its own first: they are never inside of things. None: none is inside."""
+    ahead = np.concatenate([[(0.0, 0, 1)], _sphere(400)])
+    ahead = (ahead[ahead[:, 2] > _CONE] @ pose[:3, :3].T) / np.linalg.norm(pose[:3, 2])
+    place = np.repeat(pose[None, :3, 3], len(ahead), axis=0)
+    reach = _trace(scene, place, ahead)[0]
+    met = np.isfinite(reach)
+    steps = np.array([0.1, 0.25, 0.5, 0.75])[:, None, None] * (reach[met, None] * ahead[met])
+    options = np.concatenate([place[:1], (place[met] + steps).reshape(-1, 3)])
+    share, _ = _enclosed(scene, options)
+    best = 0 if share[0] >= ENCLOSED else int(np.argmax(share))
+    return options[best] if share[best] >= ENCLOSED else None
+
+
+def _most_spacious(mesh: Mesh, scene: RayScene, heights: Sequence[float], where: str) -> np.ndarray:
+    """(3,) of a coarse grid, the place inside that has most space around it, at given heights where there are some."""
     centers, weights = mesh.corners.mean(axis=1), mesh.areas
     bounds = []
     for axis in centers.T:
@@ -155,6 +170,8 @@ def _start(mesh: Mesh, scene: RayScene, cameras: Sequence[np.ndarray], where: st
         bounds.append(axis[order][np.searchsorted(total, total[-1] * np.array([0.02, 0.98]))])
     low, high = np.transpose(bounds)
     marks = [np.linspace(a, b, n + 2)[1:-1] for a, b, n in zip(low, high, (12, 8, 12), strict=True)]
+    if heights:  # of cameras: a solid that stands on the ground is no room
+        marks[1] = np.unique(heights)
     options = np.stack(np.meshgrid(*marks), axis=-1).reshape(-1, 3).astype(np.float64)
     share, reach = _enclosed(scene, options)
     best = int(np.argmax(np.where(share >= ENCLOSED, reach, -1.0)))

@@ -3,6 +3,7 @@
 import pytest
 
 from benchmarks.random_attic import write_attic
+from benchmarks.random_bath import write_bath
 from benchmarks.random_bedroom import write_bedroom
 from benchmarks.random_cafe import write_cafe
 from benchmarks.random_hall import write_hall
@@ -22,6 +23,7 @@ from fipt.synthetic.settings import SynthesizeSettings
         (write_hall, "panel.png", 9),  # window, two tubes, four spots, strip, lantern
         (write_cafe, "bricks.png", 35),  # two panes, four deep lamps, two tubes, 24 fields of a menu, three bulbs
         (write_salon, "slabs.png", 7),  # skylight, two strips, television, three globes
+        (write_bath, "mosaic.png", 20),  # nine panes, four sides of a mirror's rim, five spots, a strip of two faces
         (write_attic, "bricks.png", 20),  # three windows, the hallway's, beside the bed, on the desk, 14 fairy lights
     ],
 )

@@ -76,6 +76,18 @@ def test_a_camera_before_a_missing_wall_finds_the_room_ahead(backend):
     assert found.box[0, 0] == pytest.approx(0, abs=0.4)
 
 
+def test_a_camera_behind_a_wall_finds_the_room_and_is_told(backend, caplog):
+    from fipt.render.scene import RayScene
+    from fipt.synthetic.scenefile.interior import find_interior
+
+    camera = pose(-2.0, 1.2, 1.5)
+    camera[:3, :3] = np.array([[0, 0, 1], [0, 1, 0], [-1, 0, 0]])  # looks along +x, at the wall's back
+    mesh = room([(-0.2, 0, 0), (0, SIZE[1], SIZE[2])], window=False)
+    found = find_interior(mesh, RayScene(mesh), [camera], "room")
+    assert np.allclose(found.box, [[0, 0, 0], SIZE], atol=0.12)
+    assert "no camera of the file" in caplog.text
+
+
 def test_outdoors_is_said(backend):
     from fipt.render.scene import RayScene
     from fipt.synthetic.scenefile.interior import find_interior
