@@ -1,4 +1,4 @@
-"""An eighth furnished room as a Mitsuba scene file: a bath with mosaic, curved ceramics, chrome and a mirror lit behind.
+"""An eighth furnished room as a Mitsuba scene file: a bath with mosaic, curved ceramics, chrome and a lit mirror.
 
     python -m benchmarks.random_bath bath --seed 1
 
