@@ -146,6 +146,13 @@ class Emitters:
         arrays["emitter"] = np.unique(arrays["emitter"], return_inverse=True)[1].reshape(-1).astype(np.int32)
         return replace(self, **arrays)
 
+    def joined(self, other: "Emitters") -> "Emitters":
+        """Triangles of both, ascending; emitters keep their numbers, and what is undecided is of the first."""
+        order = np.argsort(np.concatenate([self.triangle, other.triangle]), kind="stable")
+        return replace(
+            self, **{name: np.concatenate([getattr(self, name), getattr(other, name)])[order] for name in _ARRAYS}
+        )
+
     @classmethod
     def none(cls) -> "Emitters":
         """No emitting triangle."""

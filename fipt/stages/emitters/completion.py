@@ -1,13 +1,14 @@
 """Surface that emits beside what views show to emit, though no pixel shows that it does.
 
-- The rest of a connected part that glows wherever it is seen: the far side of a globe.
+- The rest of a connected part that glows wherever it is seen: the far side of a globe, the end of a thin strip that
+  fills no pixel.
 - Sides of a face that glows wherever it is seen, of triangles that views see from behind alone, and dark.
 - What a scan tears from a lamp, or leaves attached to the ceiling: unseen surface which emitting surface surrounds on
   most of its border, if the emitter is closed by it. Bars between the panes of a window close nothing.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -18,6 +19,7 @@ from fipt.scene.emitters import Emitters
 from fipt.scene.mesh import Mesh, connected_parts
 from fipt.scene.observed import ObservedShard
 from fipt.stages.emitters.decided import Decided
+from fipt.stages.emitters.expected import as_expected
 from fipt.stages.emitters.settings import EmittersSettings
 from fipt.stages.emitters.sides import LEAST_SEEN, faces, seen_sides
 
@@ -68,7 +70,8 @@ def completed(
     found
         What pixels show to emit.
     """
-    part, observed = connected_parts(mesh), seen.alone | seen.dark.any(axis=1)
+    part = connected_parts(mesh)
+    observed = _observed(mesh, shards, found, seen, part)
     accepted = decided.emitter >= 0
     hidden = accepted & ~_emits(mesh, found)
     if settings.complete:
@@ -86,6 +89,23 @@ def completed(
     return _with(mesh, found, chosen & ~accepted, owner)
 
 
+def _observed(mesh: Mesh, shards: Sequence[ObservedShard], found: Emitters, seen: Seen, part: np.ndarray) -> np.ndarray:
+    """(T,) bool: triangles that views show to emit or not.
+
+    Beside a mirror a pixel of which a thin lamp has a share may be no brighter than a reflection. It does not show the
+    lamp to be dark where it has the light that the lamp's ``part`` (T,) gives elsewhere.
+    """
+    dark = seen.dark.any(axis=1) & ~seen.alone
+    asked = np.flatnonzero(dark & ~_emits(mesh, found) & np.isin(part, part[found.triangle]))
+    names, group = np.unique(part[asked], return_inverse=True)
+    number = np.full(len(part), -1)
+    number[asked] = group.reshape(-1)
+    own = part[found.triangle]
+    total, triangles = np.bincount(own, found.radiance.mean(axis=1)), np.bincount(own)
+    dark[asked] = ~as_expected(shards, found, number, total[names] / triangles[names]).shines[number[asked]]
+    return seen.alone | dark
+
+
 def _emits(mesh: Mesh, found: Emitters) -> np.ndarray:
     """(T,) bool: triangles that emit."""
     return np.isin(np.arange(len(mesh.triangles)), found.triangle)
@@ -99,19 +119,13 @@ def _with(mesh: Mesh, found: Emitters, hidden: np.ndarray, group: np.ndarray) ->
     far = 4 * float(np.ptp(mesh.vertices, axis=0).max() + 1)
     place = np.concatenate([mesh.corners.mean(axis=1), group[:, None] * far], axis=1)
     _, nearest = cKDTree(place[found.triangle]).query(place[hidden])
-    triangle = np.concatenate([found.triangle, hidden.astype(np.int32)])
-    order = np.argsort(triangle)
-    rows = np.concatenate([np.arange(len(found.triangle)), nearest])[order]
-    return Emitters(
-        triangle=triangle[order],
-        radiance=found.radiance[rows],
-        area=mesh.areas[triangle[order]].astype(np.float32),
-        emitter=found.emitter[rows],
-        views=found.views[rows],
-        confidence=found.confidence[rows],
-        clipped=found.clipped[rows],
-        lower_bound=found.lower_bound[rows],
-        error=found.error[rows],
+    return found.joined(
+        replace(
+            found.chosen(nearest),
+            triangle=hidden.astype(np.int32),
+            area=mesh.areas[hidden].astype(np.float32),
+            emitter=found.emitter[nearest],
+        )
     )
 
 

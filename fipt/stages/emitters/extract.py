@@ -15,6 +15,7 @@ from fipt.stages.emitters.completion import Seen, completed
 from fipt.stages.emitters.decided import Decided
 from fipt.stages.emitters.fragments import LEAST_DIFFERENCE, SIGMA, same_emitters
 from fipt.stages.emitters.hypotheses import RegionEvidence, judge
+from fipt.stages.emitters.lamp_copies import with_copies
 from fipt.stages.emitters.mixed import mixed_emitters
 from fipt.stages.emitters.observations import (
     Observations,
@@ -114,6 +115,9 @@ def extract(
         found = replace(found, sides=emitting_sides(mesh, found, shards))
     accepted = np.isin(found.emitter, found.emitter[decided.emitter[found.triangle] >= 0])
     doubtful = doubtful.of(np.setdiff1d(doubtful.triangle, found.triangle[accepted]))
+    if settings.complete:
+        sure = ~np.isin(found.triangle, doubtful.triangle)
+        found = with_copies(mesh, shards, found, sure, observed, decided, settings.guess)
     return Extracted(replace(found, undecided=undecided), doubtful)
 
 

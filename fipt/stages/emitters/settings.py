@@ -24,7 +24,7 @@ class EmittersSettings(Settings):
     complete: bool = Field(
         default=True,
         description="unseen triangles of a part that glows wherever it is seen emit too, those that are seen dark from "
-        "behind, and those that an emitter surrounds and is closed by",
+        "behind, those that an emitter surrounds and is closed by, and pieces of an emitter's shape that look alike",
     )
     patches: bool = Field(default=True, description="one radiance for each connected emitter instead of each triangle")
     sides: Literal["seen", "both"] = Field(
@@ -32,7 +32,8 @@ class EmittersSettings(Settings):
     )
     guess: bool = Field(
         default=True,
-        description="unseen surface emits what explains the photographs, where seen emitters do not and it is told",
+        description="unseen surface emits what explains the photographs, where seen emitters do not and it is told; "
+        "with `complete` unseen pieces of an emitter's shape emit as it does, too",
     )
 
 

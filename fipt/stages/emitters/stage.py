@@ -95,6 +95,7 @@ def _found(inputs: EmittersInputs, settings: "EmittersSettings") -> dict[str, An
     from fipt.scene.observed import read_observed, without_openings
     from fipt.scene.review import parse_decisions
     from fipt.stages.emitters.extract import extract
+    from fipt.stages.emitters.lamp_copies import copies_in_words
 
     if settings.decide == "mask" and inputs.model is None:
         raise FiptError("emitters.decide: mask needs a fitted model; none is given", "give --model, or decide: regions")
@@ -125,7 +126,8 @@ def _found(inputs: EmittersInputs, settings: "EmittersSettings") -> dict[str, An
     write_emitters(inputs.out, found, mesh, data.radiance_scale)
     count = int(found.emitter.max(initial=-1)) + 1
     questions = undecided_facts(found.undecided, mesh)
-    warnings = [*_warnings(found, count, decided, len(mesh.triangles)), *questions_in_words(questions), *guess]
+    copies = copies_in_words(mesh, extracted.emitters)
+    warnings = [*_warnings(found, count, decided, len(mesh.triangles)), *questions_in_words(questions), *copies, *guess]
     for warning in warnings:
         log.warning("%s", warning)
     if count == 0:
@@ -161,6 +163,7 @@ def _guessed(
     if inputs.previous is not None:
         last = read_emitters(inputs.previous, mesh)
         before[last.triangle[last.guessed]] = last.emitter[last.guessed]
+        before[extracted.emitters.triangle] = -1  # copies of lamps are guessed anew, and ask for nothing
     guessed = with_guess(mesh, shards, extracted, read_cache(inputs.cache), outside, rejected, before)
     return guessed.emitters, guessed.warnings, dict(guessed.figures)
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fipt.scene.emitters import BOTH, Emitters
+from fipt.scene.emitters import Emitters
 from fipt.scene.environment import EnvironmentMap
 from fipt.scene.mesh import Mesh
 from fipt.scene.observed import ObservedShard
@@ -374,23 +374,21 @@ def _added(mesh: Mesh, found: Emitters, patches: Patches, guess: Guess) -> Emitt
     number = int(found.emitter.max(initial=-1)) + 1 + own.reshape(-1)
     # the spread as a share of the power, on the scale of agreement: halves where the power is known by a factor of 2
     confidence = 0.5 * np.exp(-guess.spread / 0.5)
-    rows = {
-        "triangle": triangle.astype(np.int32),
-        "radiance": guess.radiance[patch].astype(np.float32),
-        "error": (guess.spread * guess.radiance[patch]).astype(np.float32),
-        "area": mesh.areas[triangle].astype(np.float32),
-        "emitter": number.astype(np.int32),
-        "views": np.zeros(count, np.int32),
-        "confidence": np.full(count, confidence, np.float32),
-        "clipped": np.zeros(count, np.float32),
-        "lower_bound": np.zeros(count, bool),
-        "sides": np.full(count, BOTH, np.int8),
-        "guessed": np.ones(count, bool),
-        "spread": np.full(count, guess.spread, np.float32),
-    }
-    joined = {name: np.concatenate([getattr(found, name), own]) for name, own in rows.items()}
-    order = np.argsort(joined["triangle"], kind="stable")
-    return replace(found, **{name: values[order] for name, values in joined.items()})
+    return found.joined(
+        Emitters(
+            triangle=triangle.astype(np.int32),
+            radiance=guess.radiance[patch].astype(np.float32),
+            error=(guess.spread * guess.radiance[patch]).astype(np.float32),
+            area=mesh.areas[triangle].astype(np.float32),
+            emitter=number.astype(np.int32),
+            views=np.zeros(count, np.int32),
+            confidence=np.full(count, confidence, np.float32),
+            clipped=np.zeros(count, np.float32),
+            lower_bound=np.zeros(count, bool),
+            guessed=np.ones(count, bool),
+            spread=np.full(count, guess.spread, np.float32),
+        )
+    )
 
 
 def _advice(mesh: Mesh, emitters: Emitters, guess: Guess, up: str) -> tuple[str, ...]:

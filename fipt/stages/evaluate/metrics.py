@@ -33,8 +33,8 @@ DEFINITIONS: dict[str, dict[str, str]] = {
         "label": "Diffuse kd",
         "unit": "dB",
         "better": "higher",
-        "text": "PSNR of kd on linear values, peak 1, over pixels whose centre hits the mesh and "
-        "does not emit in truth, and that the image's mask keeps; squared error pooled over the views of the split.",
+        "text": "PSNR of kd on linear values, peak 1, over pixels whose centre hits the mesh and, in truth, surface "
+        "that does not emit, and that the image's mask keeps; squared error pooled over the views of the split.",
     },
     "reflectance_psnr": {
         "label": "Reflectance a'",
@@ -66,7 +66,7 @@ DEFINITIONS: dict[str, dict[str, str]] = {
         "unit": "IoU",
         "better": "higher",
         "text": "Pixels that emit in truth and in the estimate, over pixels that emit in either; "
-        "valid pixels whose centre hits the mesh, counts summed over the views.",
+        "valid pixels whose centre hits the mesh and true surface, counts summed over the views.",
     },
     "log_radiance_error": {
         "label": "Emitted radiance",
@@ -79,9 +79,8 @@ DEFINITIONS: dict[str, dict[str, str]] = {
         "label": "Error by confidence",
         "unit": "",
         "better": "",
-        "text": "Pixels whose centre hits the mesh and does not emit in truth, in five classes by the confidence of "
-        "the material maps: share of the pixels, PSNR of kd and a', mean absolute difference of roughness and "
-        "metallic; beside them (predicted_...) what the maps' layers of errors say of the same pixels. Where "
+        "text": "The same pixels as for kd, in five classes by the confidence of the material maps: share of the "
+        "pixels, PSNR of kd and a', mean absolute difference of roughness and metallic; beside them (predicted_...) what the maps' layers of errors say of the same pixels. Where "
         "confidence tells the truth, errors fall from class to class.",
     },
     "calibration": {
@@ -129,6 +128,13 @@ def emits(layers: Layers) -> np.ndarray:
     return np.any(layers["emission"] > 0, axis=-1)
 
 
+def _surface(truth: Layers) -> np.ndarray | bool:
+    """(H, W) bool, the pixels that show surface in truth: all layers, a roughness too, are 0 where they show none."""
+    if "roughness" not in truth:
+        return True
+    return np.any([np.any(np.atleast_3d(layer) != 0, axis=-1) for layer in truth.values()], axis=0)
+
+
 def finite(layers: Layers, where: str) -> Layers:
     """Return ``layers`` if every value is finite.
 
@@ -171,11 +177,12 @@ class MaterialFigures:
         estimate
             Layers of materials/{view}.exr, ``hit`` among them; those of another program may be fewer.
         truth
-            Layers of truth/{view}.exr; layers it lacks are left out of the figures.
+            Layers of truth/{view}.exr; layers it lacks are left out of the figures. Where all are 0 no surface is seen,
+            and a mesh of photographs that closes a window there is not judged.
         valid
             (H, W) bool, pixels of the image that have weight; the others do not count.
         """
-        hit = (estimate["hit"] > 0.5) & valid
+        hit = (estimate["hit"] > 0.5) & valid & _surface(truth)
         true_emission = emits(truth)
         counted = hit & ~true_emission
         self.pixels += int(counted.sum())

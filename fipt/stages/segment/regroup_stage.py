@@ -72,13 +72,13 @@ def _regrouped(inputs: RegroupInputs, settings: "RegroupSettings") -> dict[str, 
     """Find the parts under this round's shading and write them; return the figures."""
     from fipt.formats.files import atomic_folder
     from fipt.formats.images import write_png
+    from fipt.meshing.copies import first_copies
     from fipt.scene.dataset import Dataset
     from fipt.scene.emitters import read_emitters
     from fipt.scene.metals import write_metals
     from fipt.scene.observed import read_observed, without_triangles
     from fipt.scene.samples import segments_of
     from fipt.stages.segment.borders import borders_moved
-    from fipt.stages.segment.copies import first_copies
     from fipt.stages.segment.divide import divided
     from fipt.stages.segment.regroup import regrouped
 

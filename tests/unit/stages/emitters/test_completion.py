@@ -31,3 +31,17 @@ def test_a_tube_whose_dark_inside_is_seen_through_its_end_shines_all_around(dark
     decided = Decided.of(ReviewDecisions(), len(far))
     emitters = completed(tube, shards, found, seen, EmittersSettings(), decided)
     np.testing.assert_array_equal(emitters.triangle, np.arange(len(far)) if whole else near)
+
+
+@pytest.mark.parametrize(("light", "whole"), [(8.0, True), (2.0, False)])
+def test_a_strip_is_not_dark_where_its_shared_pixels_have_its_light(light, whole):
+    """One triangle of a strip fills pixels; the other has half of pixels that could be reflections in a mirror."""
+    strip = scenes.quad((0, 0, 0), (0, 0.8, 0), (0, 0, 0.02))
+    samples = scenes.samples_of(np.zeros((4, 3)), np.array([0, 0, 1, 1]), np.array([1, 1, 0.5, 0.5]))
+    image = np.repeat([RADIANCE, RADIANCE / RADIANCE.mean() * light / 2], 2, axis=0).astype(np.float32)
+    shading = np.zeros((4, SHADING_OUTPUTS, 3), np.float16)
+    shards = scenes.observed([samples], [shading], [(image, np.ones(4, np.float32))])
+    found = Emitters.plain(strip, np.array([0]), RADIANCE[None], np.zeros(1))
+    seen = Seen(np.array([True, False]), np.array([[False, False], [True, False]]))
+    settings, decided = EmittersSettings(sides="both"), Decided.of(ReviewDecisions(), 2)
+    assert completed(strip, shards, found, seen, settings, decided).triangle.tolist() == ([0, 1] if whole else [0])

@@ -71,6 +71,15 @@ def test_material_figures_leave_out_emitters_and_misses():
     assert result["pixels"] == {"materials": 2, "emission_union": 1}
 
 
+def test_surface_where_the_room_has_none_is_not_judged():
+    shown = np.array([[1, 1, 0, 0]])
+    truth = {name: values * (shown if values.ndim == 2 else shown[..., None]) for name, values in layers().items()}
+    result = figures((layers(kd=[[[0.6] * 3, [0.5] * 3, [0.9] * 3, [0.9] * 3]], **emission(0, 0, 0, 7)), truth))
+    assert result["kd_psnr"] == pytest.approx(-10 * np.log10(0.01 / 2), rel=1e-5)
+    assert result["emission_iou"] is None, "a pane that closes an open window is no false emitter"
+    assert result["pixels"]["materials"] == 2
+
+
 def test_errors_by_confidence():
     """Two sure pixels without error, two unsure ones with; a lamp and a miss count nowhere."""
     truth = layers((1, 6), **emission(0, 0, 0, 0, 5, 0))

@@ -332,7 +332,7 @@ def test_the_verb_asks_what_copies_tell(scene: Path, tmp_path: Path, monkeypatch
         asked.append(copies)
         return replace(evidence, metal=np.ones(len(evidence.pixels), bool))
 
-    monkeypatch.setattr("fipt.stages.segment.copies.first_copies", lambda mesh: np.arange(len(mesh.triangles)) % 2)
+    monkeypatch.setattr("fipt.meshing.copies.first_copies", lambda mesh: np.arange(len(mesh.triangles)) % 2)
     monkeypatch.setattr("fipt.stages.segment.regroup.judged_with_copies", metal)
     inputs = RegroupInputs(
         dataset=scene / "dataset",
