@@ -80,9 +80,9 @@ DEFINITIONS: dict[str, dict[str, str]] = {
         "unit": "",
         "better": "",
         "text": "The same pixels as for kd, in five classes by the confidence of the material maps: share of the "
-        "pixels, PSNR of kd and a', mean absolute difference of roughness and metallic; beside them (predicted_...) what "
-        "the maps' layers of errors say of the same pixels. Where confidence tells the truth, errors fall from class to "
-        "class.",
+        "pixels, PSNR of kd and a', mean absolute difference of roughness and metallic; beside them (predicted_...) "
+        "what the maps' layers of errors say of the same pixels. Where confidence tells the truth, errors fall from "
+        "class to class.",
     },
     "calibration": {
         "label": "Predicted against found errors",
