@@ -47,7 +47,7 @@ SECTIONS: dict[str, Section] = {
     "environment": Section("fipt.stages.environment.settings:EnvironmentSettings", 7),
     "bake": Section("fipt.stages.shade.settings:BakeSettings", 6),
     "refine": Section("fipt.stages.shade.settings:RefineSettings", 10),
-    "emitters": Section("fipt.stages.emitters.settings:EmittersSettings", 31),
+    "emitters": Section("fipt.stages.emitters.settings:EmittersSettings", 32),
     "regroup": Section("fipt.stages.segment.settings:RegroupSettings", 18),
     "fit": Section("fipt.stages.fit.settings:FitSettings", 20),
     "irradiance": Section("fipt.stages.irradiance.settings:IrradianceSettings", 2),

@@ -87,6 +87,9 @@ class Lights:
         The radiance cache.
     found
         Emitters that views show: their triangles have their radiance.
+    brightest
+        Mean radiance that no other seen surface exceeds. Records beside a lamp hold pixels of it: they would count its
+        light twice, and few rays meet them, which makes noise.
 
     Attributes
     ----------
@@ -101,7 +104,9 @@ class Lights:
         cache: Mapping[str, np.ndarray],
         found: Emitters,
         environment: EnvironmentMap,
+        brightest: float = np.inf,
     ) -> None:
+        self.brightest = brightest
         self.mesh, self.hidden = mesh, hidden
         self.environment, self.sun = split(environment)
         self.met = np.zeros(len(mesh.triangles), np.int64)
@@ -191,7 +196,9 @@ class Lights:
         normal = np.where((normal * direction[surface]).sum(axis=1, keepdims=True) > 0, -normal, normal)
         place = origin[surface] + distance[surface, None] * direction[surface]
         own = self._emitted(triangle[surface], -direction[surface])
-        radiance[surface] = np.where(np.isnan(own), self._seen.at(place, normal), own)
+        measured = self._seen.at(place, normal)
+        measured *= np.minimum(self.brightest / np.maximum(measured.mean(axis=1, keepdims=True), 1e-12), 1)
+        radiance[surface] = np.where(np.isnan(own), measured, own)
         if self.environment.known:
             radiance[~met] = self.environment.lookup(direction[~met])
         return radiance, ~met & (not self.environment.known)

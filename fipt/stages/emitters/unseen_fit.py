@@ -199,9 +199,17 @@ def explain(
         gain=float(gain),
         left=_scale(after, problem),
         before=_scale(before, problem),
-        determined=spread < _UNSURE,
+        determined=bool(spread < _UNSURE and after.middle >= _darkest(before)),
         errors=(problem.sigma, problem.tau),
     )
+
+
+def _darkest(before: _State) -> float:
+    """Least mean log reflectance that a guess may leave: that of rooms, or of this one without it, less an error.
+
+    Much more light than is seen makes its errors small, and all surface black.
+    """
+    return min(MIDDLE - 2 * MIDDLE_SPREAD, before.middle) - _ERROR
 
 
 def witnessed(guess: Guess, blocks: Blocks, patches: Patches, transport: Transport, asks: np.ndarray) -> Guess:

@@ -241,6 +241,18 @@ def test_errors_that_surfaces_of_many_colours_share_are_no_light(np_rng):
     assert explain(blocks, patches, replace(transport, unseen=0.2 * near), asked=True).gain < 30
 
 
+def test_no_light_is_guessed_that_drowns_what_is_seen(np_rng):
+    """Seen light is off by a factor of 3 from block to block: ten times as much of another kind would hide that."""
+    blocks, patches, transport = problem(np_rng, np.zeros(40), noise=0.05)
+    unseen = transport.unseen.copy()
+    unseen[:, 3] = 0.2  # an even light
+    wrong = transport.seen * np.exp(np.random.default_rng(5).standard_normal((len(unseen), 1)))
+    guess = explain(blocks, patches, replace(transport, seen=wrong, unseen=unseen), asked=True)
+    assert guess.share > 0.8
+    assert guess.gain > 100
+    assert not guess.determined
+
+
 def test_colour_of_the_guess(np_rng):
     emitted = np.zeros(40)
     emitted[5] = 15
@@ -760,6 +772,20 @@ def test_a_small_emitter_lights_what_is_below_it(backend):
         near, np.float32([[0, 1, 0]]), 256
     )
     np.testing.assert_array_equal(known, 0)
+
+
+def test_a_record_beside_a_lamp_is_no_brighter_than_surface(backend):
+    """The lamp's light is counted once, and not as much more as its record holds other surface."""
+    mesh = scenes.joined(scenes.floor(), scenes.emitter_quad((-0.5, 0.5), 2.0, (-0.5, 0.5)))
+    point, up = np.zeros((1, 3), np.float32), np.float32([[0, 1, 0]])
+    ceiling = np.float32([[x, 2.0, z] for x in (-0.3, 0.3) for z in (-0.3, 0.3)])
+    cache = cache_of(ceiling, np.tile(np.float32([0, -1, 0]), (4, 1)), 500.0)
+    given = [
+        Lights(mesh, np.zeros(4, bool), cache, Emitters.none(), constant([0, 0, 0]), brightest).arriving(point, up, 256)
+        for brightest in (np.inf, 500.0, 5.0)
+    ]
+    np.testing.assert_array_equal(given[0][0], given[1][0])
+    np.testing.assert_allclose(given[2][0], given[0][0] / 100, rtol=1e-5)
 
 
 def test_what_may_be_lit_by_missing_light_is_undecided(guessing):
