@@ -27,8 +27,6 @@ _LEVEL = 0.7
 """Cosine with the vertical above which a surface is floor or ceiling."""
 _FINER = 2
 """How often the cells around patches that emit are halved: to 9 cm in a room, in which a strip is no whole cupboard."""
-_BRIGHTEST = 0.995
-"""Share of the blocks of seen surface that are as dark as what reflects: the pixels of others show lamps, too."""
 _OPEN = 0.15
 """Share of the light's directions that may leave the mesh unknown; more is an error like those of shading."""
 
@@ -244,8 +242,7 @@ def _trial(
     blocks = blocks_of(shards, mesh, emitting, cache)
     if len(blocks.radiance) < _LEAST_BLOCKS:
         return None
-    brightest = float(np.quantile(blocks.radiance.mean(axis=1), _BRIGHTEST))
-    lights = Lights(mesh, hidden_triangles(mesh, shards, found), cache, found, environment, brightest)
+    lights = Lights(mesh, hidden_triangles(mesh, shards, found), cache, found, environment, blocks.brightest)
     known = seen_light(blocks, lights)
     if not asked and explained(blocks, known):
         return None

@@ -7,6 +7,7 @@ from benchmarks.random_bath import write_bath
 from benchmarks.random_bedroom import write_bedroom
 from benchmarks.random_cafe import write_cafe
 from benchmarks.random_hall import write_hall
+from benchmarks.random_library import write_library
 from benchmarks.random_loft import write_loft
 from benchmarks.random_room import write_room
 from benchmarks.random_salon import write_salon
@@ -24,6 +25,7 @@ from fipt.synthetic.settings import SynthesizeSettings
         (write_cafe, "bricks.png", 35),  # two panes, four deep lamps, two tubes, 24 fields of a menu, three bulbs
         (write_salon, "slabs.png", 7),  # skylight, two strips, television, three globes
         (write_bath, "mosaic.png", 20),  # nine panes, four sides of a mirror's rim, five spots, a strip of two faces
+        (write_library, "bone.png", 28),  # window, screen, desk lamp, twelve candles, eight sconces, five flames
         (write_attic, "bricks.png", 20),  # three windows, the hallway's, beside the bed, on the desk, 14 fairy lights
     ],
 )

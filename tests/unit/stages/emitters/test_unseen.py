@@ -312,7 +312,7 @@ def guessing(monkeypatch, floor_and_ceiling):
         extracted: Extracted | None = None,
         radiance: float = 5.0,
     ):
-        blocks = SimpleNamespace(radiance=np.full((50, 3), radiance), triangle=np.arange(50) % 2)
+        blocks = SimpleNamespace(radiance=np.full((50, 3), radiance), triangle=np.arange(50) % 2, brightest=radiance)
         number = np.full(len(floor_and_ceiling.triangles), -1)
         number[-2:] = 0
         at, one, alone = np.array([[0.0, 2.0, 0.0]]), np.ones(1), np.full(len(number), -1)
