@@ -97,9 +97,9 @@ class Emitters:
     undecided
         What may emit, too.
     guessed
-        (E,) bool: no view shows it; it explains the light of what views show.
+        (E,) bool: no view shows it; it explains the light of what views show, or has the shape of an emitter.
     spread
-        (E,) float32 relative standard deviation of the power of all that is guessed; 0 where it is measured.
+        (E,) float32 relative standard deviation of the power that was guessed with it; 0 where it is measured.
     """
 
     triangle: np.ndarray
@@ -141,7 +141,7 @@ class Emitters:
         return self.area * self.radiance.mean(axis=1) * np.where(self.sides == BOTH, 2, 1)
 
     def chosen(self, rows: np.ndarray) -> "Emitters":
-        """Those triangles alone where ``rows`` (E,) is true; emitters are numbered anew, without gaps."""
+        """The triangles of ``rows``, (E,) bool or indices; emitters are numbered anew, without gaps."""
         arrays = {name: getattr(self, name)[rows] for name in _ARRAYS}
         arrays["emitter"] = np.unique(arrays["emitter"], return_inverse=True)[1].reshape(-1).astype(np.int32)
         return replace(self, **arrays)

@@ -33,7 +33,7 @@ _SCANNED = 0.25
 """Share of all samples that a part has only if it is no single thing."""
 _LEAST_PIXELS = 4
 """Pixels that a block needs for a mean."""
-_SHOW_NO_LAMP = 0.995
+_REFLECTING = 0.995
 """Share of the blocks whose pixels are taken to show no lamp."""
 
 
@@ -65,7 +65,7 @@ class Blocks:
     @property
     def brightest(self) -> float:
         """Mean radiance of the brightest of them that shows no lamp: pixels beside lamps hold some of their light."""
-        return float(np.quantile(self.radiance.mean(axis=1), _SHOW_NO_LAMP))
+        return float(np.quantile(self.radiance.mean(axis=1), _REFLECTING, method="lower"))
 
 
 def blocks_of(

@@ -19,7 +19,7 @@ from fipt.scene.emitters import Emitters
 from fipt.scene.mesh import Mesh, connected_parts
 from fipt.scene.observed import ObservedShard
 from fipt.stages.emitters.decided import Decided
-from fipt.stages.emitters.expected import as_expected
+from fipt.stages.emitters.expected import as_expected, known_light
 from fipt.stages.emitters.settings import EmittersSettings
 from fipt.stages.emitters.sides import LEAST_SEEN, faces, seen_sides
 
@@ -49,10 +49,13 @@ class Seen:
         (T,) bool: pixels that they fill.
     dark
         (T, 2) bool: front and back that pixels show to be dark, if only pixels that other surface shares.
+    radiance
+        (T, 3) of pixels that they fill, NaN where there is none.
     """
 
     alone: np.ndarray
     dark: np.ndarray
+    radiance: np.ndarray
 
 
 def completed(
@@ -97,12 +100,15 @@ def _observed(mesh: Mesh, shards: Sequence[ObservedShard], found: Emitters, seen
     """
     dark = seen.dark.any(axis=1) & ~seen.alone
     asked = np.flatnonzero(dark & ~_emits(mesh, found) & np.isin(part, part[found.triangle]))
+    if len(asked) == 0:
+        return seen.alone | dark
     names, group = np.unique(part[asked], return_inverse=True)
     number = np.full(len(part), -1)
     number[asked] = group.reshape(-1)
     own = part[found.triangle]
     total, triangles = np.bincount(own, found.radiance.mean(axis=1)), np.bincount(own)
-    dark[asked] = ~as_expected(shards, found, number, total[names] / triangles[names]).shines[number[asked]]
+    level, light = total[names] / triangles[names], known_light(found, seen.radiance)
+    dark[asked] = ~as_expected(shards, light, number, level).emits[number[asked]]
     return seen.alone | dark
 
 

@@ -1,7 +1,7 @@
 """Whether surface that should emit is as bright as it should be, in the pixels that it shares with other surface.
 
-A pixel of which a lamp of radiance L has the share w has at least w L. So the light that known emitters leave, summed
-over pixels with weights w, is at least that of the sum of w^2 L: errors of the shares cancel in it.
+A pixel of which a lamp of radiance L has the share w has w L more than its other surface sends there. So what that
+leaves of the pixels, summed with weights w, is the sum of w^2 L: errors of the shares cancel in it.
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from fipt.scene.observed import ObservedShard
 
 _LEAST_SHARE = 0.2
 """Of a pixel: a smaller share hardly changes its light."""
-_SHINES = 0.5
+_EMITTING = 0.5
 """Of the expected light, above which surface is nearer to shining than to dark."""
 
 
@@ -26,33 +26,39 @@ class Expected:
     ----------
     shown
         (K,) bool: a pixel shows enough of it to tell.
-    shines
-        (K,) bool: what is shown has most of the light that is expected.
+    emits
+        (K,) bool: what is shown, clipped pixels apart, has most of the light that is expected.
     views
         (K,) int64 views that show it.
     """
 
     shown: np.ndarray
-    shines: np.ndarray
+    emits: np.ndarray
     views: np.ndarray
 
 
-def as_expected(shards: Sequence[ObservedShard], found: Emitters, group: np.ndarray, level: np.ndarray) -> Expected:
+def known_light(found: Emitters, radiance: np.ndarray) -> np.ndarray:
+    """(T,) mean radiance of triangles: of known emitters, else that of pixels which they fill, (T, 3), else 0."""
+    light = np.nan_to_num(radiance.mean(axis=1))
+    light[found.triangle] = found.radiance.mean(axis=1)
+    return light
+
+
+def as_expected(shards: Sequence[ObservedShard], light: np.ndarray, group: np.ndarray, level: np.ndarray) -> Expected:
     """Compare the pixels of groups of triangles with the radiance that is expected of them.
 
     Parameters
     ----------
     shards
         The training views.
-    found
-        Emitters that are known; none of them is in a group.
+    light
+        (T,) mean radiance of each triangle, as far as it is known (`known_light`); that of groups does not count.
     group
         (T,) int64 number of the group of each triangle, -1 for none.
     level
         (K,) mean radiance that is expected of each group.
     """
-    light, count = np.zeros(len(group)), len(level)
-    light[found.triangle] = found.radiance.mean(axis=1)
+    light, count = np.where(group < 0, light, 0), len(level)
     there, expected = np.zeros((2, count))
     views = np.zeros(count, np.int64)
     for shard in shards:
@@ -66,8 +72,8 @@ def as_expected(shards: Sequence[ObservedShard], found: Emitters, group: np.ndar
             pixels = np.asarray(shard.radiance[first]).mean(axis=1)
             left = np.maximum(pixels - np.bincount(pixel, share * light[triangle], len(pixels)), 0)[key // count]
             tells = part >= _LEAST_SHARE
-            there += np.bincount(of[tells], (part * left)[tells], count)
-            expected += np.bincount(of[tells], (part**2 * level[of])[tells], count)
+            known = tells & ~np.asarray(shard.clipped[first])[key // count]  # which may be as bright as is expected
+            there += np.bincount(of[known], (part * left)[known], count)
+            expected += np.bincount(of[known], (part**2 * level[of])[known], count)
             views += np.bincount(of[tells], minlength=count) > 0
-    shown = expected > 0
-    return Expected(shown, shown & (there >= _SHINES * expected), views)
+    return Expected(views > 0, (expected > 0) & (there >= _EMITTING * expected), views)

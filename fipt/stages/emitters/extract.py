@@ -13,9 +13,9 @@ from fipt.scene.observed import ObservedShard
 from fipt.scene.review import ReviewDecisions
 from fipt.stages.emitters.completion import Seen, completed
 from fipt.stages.emitters.decided import Decided
+from fipt.stages.emitters.emitter_copies import with_copies
 from fipt.stages.emitters.fragments import LEAST_DIFFERENCE, SIGMA, same_emitters
 from fipt.stages.emitters.hypotheses import RegionEvidence, judge
-from fipt.stages.emitters.lamp_copies import with_copies
 from fipt.stages.emitters.mixed import mixed_emitters
 from fipt.stages.emitters.observations import (
     Observations,
@@ -98,26 +98,25 @@ def extract(
         label, few = np.where(small.number >= 0, surface.count + small.number, label), small.number >= 0
         seen = Observations.joined([seen[~few[seen.triangle]], small.pixels])
         seen, tells = seen[np.argsort(seen.view, kind="stable")], tells | few
-        observed, dark = surface.pixels > 0, small.seen_dark
+        shown = Seen(surface.pixels > 0, small.seen_dark, surface.radiance)
         undecided = _undecided(mesh, surface, evidence, label, decided)
         first, views = surface.count + int(small.number.max(initial=-1)) + 1, [seen]
     else:
         assert query_mask is not None
-        emitting, observed = _masked(mesh, shards, query_mask, settings)
-        label, dark = np.where(emitting, np.arange(len(emitting)), -1), np.zeros((len(emitting), 2), bool)
+        emitting, shown = _masked(mesh, shards, query_mask, settings)
+        label = np.where(emitting, np.arange(len(emitting)), -1)
         tells, first, views = np.ones(len(label), bool), len(label), observations(shards)
     label = np.where(decided.emitter >= 0, first + decided.emitter, label)
     label[decided.rejected] = -1
     tells = (label >= 0) & (tells | (decided.emitter >= 0))
     measured = _measured(mesh, of_triangles(views, tells), label, decided, settings, surface)
-    found = completed(mesh, shards, measured, Seen(observed, dark), settings, decided)
+    found = completed(mesh, shards, measured, shown, settings, decided)
     if settings.sides == "seen":
         found = replace(found, sides=emitting_sides(mesh, found, shards))
     accepted = np.isin(found.emitter, found.emitter[decided.emitter[found.triangle] >= 0])
     doubtful = doubtful.of(np.setdiff1d(doubtful.triangle, found.triangle[accepted]))
     if settings.complete:
-        sure = ~np.isin(found.triangle, doubtful.triangle)
-        found = with_copies(mesh, shards, found, sure, observed, decided, settings.guess)
+        found = with_copies(mesh, shards, found, doubtful.triangle, shown, decided, settings.guess)
     return Extracted(replace(found, undecided=undecided), doubtful)
 
 
@@ -138,8 +137,8 @@ def _masked(
     shards: Sequence[ObservedShard],
     query_mask: Callable[[np.ndarray], np.ndarray],
     settings: EmittersSettings,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Which triangles (T,) the mask says to emit, and which a pixel shows alone."""
+) -> tuple[np.ndarray, Seen]:
+    """Which triangles (T,) the mask says to emit, and what a pixel shows alone."""
     observed, bright = (np.zeros(len(mesh.triangles), np.int64) for _ in range(2))
     for view in observations(shards):
         observed += np.bincount(view.triangle, minlength=len(observed))
@@ -152,7 +151,8 @@ def _masked(
         seen = seen[grouped_median(found.ratio, index, len(seen)) > EMITTER_GAIN]
     emitting = np.zeros(len(observed), bool)
     emitting[seen[_mean_mask(mesh, seen, query_mask, settings) > settings.threshold]] = True
-    return emitting, observed > 0
+    count = len(observed)
+    return emitting, Seen(observed > 0, np.zeros((count, 2), bool), np.full((count, 3), np.nan))
 
 
 def _undecided(

@@ -134,3 +134,8 @@ def _error_of_median(values: np.ndarray, index: np.ndarray, groups: int) -> np.n
     count = np.maximum(np.bincount(index, minlength=groups), 1)[:, None]
     spread = grouped_median(np.abs(values - grouped_median(values, index, groups)[index]), index, groups)
     return 1.2533 * NORMAL * spread / np.sqrt(count)
+
+
+def guess_confidence(spread: float) -> float:
+    """Confidence of a guess by the relative spread of its power: halves where that is known by a factor of 2."""
+    return float(0.5 * np.exp(-spread / 0.5))

@@ -94,8 +94,8 @@ def _found(inputs: EmittersInputs, settings: "EmittersSettings") -> dict[str, An
     from fipt.scene.environment import read_environment
     from fipt.scene.observed import read_observed, without_openings
     from fipt.scene.review import parse_decisions
+    from fipt.stages.emitters.emitter_copies import copies_in_words
     from fipt.stages.emitters.extract import extract
-    from fipt.stages.emitters.lamp_copies import copies_in_words
 
     if settings.decide == "mask" and inputs.model is None:
         raise FiptError("emitters.decide: mask needs a fitted model; none is given", "give --model, or decide: regions")
@@ -126,7 +126,7 @@ def _found(inputs: EmittersInputs, settings: "EmittersSettings") -> dict[str, An
     write_emitters(inputs.out, found, mesh, data.radiance_scale)
     count = int(found.emitter.max(initial=-1)) + 1
     questions = undecided_facts(found.undecided, mesh)
-    copies = copies_in_words(mesh, extracted.emitters)
+    copies = copies_in_words(mesh, found, extracted.emitters.triangle[extracted.emitters.guessed])
     warnings = [*_warnings(found, count, decided, len(mesh.triangles)), *questions_in_words(questions), *copies, *guess]
     for warning in warnings:
         log.warning("%s", warning)
@@ -152,6 +152,7 @@ def _guessed(
     from fipt.scene.environment import read_environment
     from fipt.scene.review import numbers
     from fipt.scene.voxels import read_cache
+    from fipt.stages.emitters.emitter_copies import copied
     from fipt.stages.emitters.unseen_guess import with_guess
 
     assert inputs.cache is not None
@@ -162,8 +163,8 @@ def _guessed(
     before = np.full(len(mesh.triangles), -1)
     if inputs.previous is not None:
         last = read_emitters(inputs.previous, mesh)
-        before[last.triangle[last.guessed]] = last.emitter[last.guessed]
-        before[extracted.emitters.triangle] = -1  # copies of lamps are guessed anew, and ask for nothing
+        own = last.guessed & ~copied(mesh, last)  # copies of lamps are guessed anew, and ask for nothing
+        before[last.triangle[own]] = last.emitter[own]
     guessed = with_guess(mesh, shards, extracted, read_cache(inputs.cache), outside, rejected, before)
     return guessed.emitters, guessed.warnings, dict(guessed.figures)
 

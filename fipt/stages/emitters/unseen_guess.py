@@ -14,7 +14,7 @@ from fipt.scene.observed import ObservedShard
 from fipt.scene.surface_blocks import LEAST_SIGMA, Blocks, blocks_of
 from fipt.stages.emitters.edges import without_edge
 from fipt.stages.emitters.extract import Extracted
-from fipt.stages.emitters.observations import grouped_median
+from fipt.stages.emitters.observations import grouped_median, guess_confidence
 from fipt.stages.emitters.unseen import Lights, Transport, seen_light, with_more_rays, with_patches
 from fipt.stages.emitters.unseen_fit import Guess, Start, explain, explained, witnessed
 from fipt.stages.emitters.unseen_surface import Patches, hidden_triangles, patches_as_before, patches_of, small_parts
@@ -151,7 +151,8 @@ def with_guess(
             found = replace(found.chosen(~judged.doubtful), undecided=found.undecided.joined(extracted.doubtful))
         return Guessed(found, missing + _undetermined(guess, leaves), {"guess": figures})
     emitters = _added(mesh, found, tried.patches, guess)
-    return Guessed(emitters, missing + _advice(mesh, emitters, guess, environment.up), {"guess": figures})
+    own = ~np.isin(emitters.triangle, found.triangle)  # copies of lamps are guessed for another reason
+    return Guessed(emitters, missing + _advice(mesh, emitters, own, guess, environment.up), {"guess": figures})
 
 
 def _judged(
@@ -372,8 +373,6 @@ def _added(mesh: Mesh, found: Emitters, patches: Patches, guess: Guess) -> Emitt
     key = np.column_stack([owner, patches.part[triangle], guess.radiance[patch].mean(axis=1)])
     _, own = np.unique(key, axis=0, return_inverse=True)
     number = int(found.emitter.max(initial=-1)) + 1 + own.reshape(-1)
-    # the spread as a share of the power, on the scale of agreement: halves where the power is known by a factor of 2
-    confidence = 0.5 * np.exp(-guess.spread / 0.5)
     return found.joined(
         Emitters(
             triangle=triangle.astype(np.int32),
@@ -382,7 +381,7 @@ def _added(mesh: Mesh, found: Emitters, patches: Patches, guess: Guess) -> Emitt
             area=mesh.areas[triangle].astype(np.float32),
             emitter=number.astype(np.int32),
             views=np.zeros(count, np.int32),
-            confidence=np.full(count, confidence, np.float32),
+            confidence=np.full(count, guess_confidence(guess.spread), np.float32),
             clipped=np.zeros(count, np.float32),
             lower_bound=np.zeros(count, bool),
             guessed=np.ones(count, bool),
@@ -391,9 +390,8 @@ def _added(mesh: Mesh, found: Emitters, patches: Patches, guess: Guess) -> Emitt
     )
 
 
-def _advice(mesh: Mesh, emitters: Emitters, guess: Guess, up: str) -> tuple[str, ...]:
-    """What a person should know of a guess: where to photograph, and how sure it is."""
-    own = emitters.guessed
+def _advice(mesh: Mesh, emitters: Emitters, own: np.ndarray, guess: Guess, up: str) -> tuple[str, ...]:
+    """What a person should know of the guess that some triangles (E,) emit: where to photograph, and how sure it is."""
     if not own.any():  # all of it lies on doubtful emitters, which it does not light
         return ()
     power = emitters.power

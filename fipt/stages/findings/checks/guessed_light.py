@@ -28,7 +28,7 @@ def check(room: JudgedRoom, notes: Notes) -> list[RoomFinding]:
         RoomFinding(
             "guessed-light",
             "serious",
-            f"The emitters that views show cannot explain the photographs: {100 * share:.0f} % of the emitted power is "
+            f"Light comes from where no view looks: {100 * share:.0f} % of the emitted power is "
             f"a guess, known within {100 * float(emitters.spread.max()):.0f} %. Base colours are as uncertain.",
             measure,
             f"Photograph what shines near ({near}), and run again.",

@@ -27,7 +27,11 @@ def test_a_tube_whose_dark_inside_is_seen_through_its_end_shines_all_around(dark
     image = np.tile(RADIANCE, (len(near), 1))
     shards = scenes.observed([samples], [shading], [(image, np.ones(len(near), np.float32))])
     found = Emitters.plain(tube, near, image, 0 * near)
-    seen = Seen(np.isin(np.arange(len(far)), near), far[:, None] & (np.array([FRONT, BACK]) == dark_side))
+    seen = Seen(
+        np.isin(np.arange(len(far)), near),
+        far[:, None] & (np.array([FRONT, BACK]) == dark_side),
+        np.full((len(far), 3), np.nan),
+    )
     decided = Decided.of(ReviewDecisions(), len(far))
     emitters = completed(tube, shards, found, seen, EmittersSettings(), decided)
     np.testing.assert_array_equal(emitters.triangle, np.arange(len(far)) if whole else near)
@@ -42,6 +46,6 @@ def test_a_strip_is_not_dark_where_its_shared_pixels_have_its_light(light, whole
     shading = np.zeros((4, SHADING_OUTPUTS, 3), np.float16)
     shards = scenes.observed([samples], [shading], [(image, np.ones(4, np.float32))])
     found = Emitters.plain(strip, np.array([0]), RADIANCE[None], np.zeros(1))
-    seen = Seen(np.array([True, False]), np.array([[False, False], [True, False]]))
+    seen = Seen(np.array([True, False]), np.array([[False, False], [True, False]]), np.full((2, 3), np.nan))
     settings, decided = EmittersSettings(sides="both"), Decided.of(ReviewDecisions(), 2)
     assert completed(strip, shards, found, seen, settings, decided).triangle.tolist() == ([0, 1] if whole else [0])
