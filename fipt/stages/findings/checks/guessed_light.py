@@ -1,4 +1,4 @@
-"""Light that no view shows was guessed: the emitters seen cannot explain the photographs."""
+"""Light that no view shows was guessed: what photographs ask for, and what has the shape of an emitter."""
 
 import numpy as np
 
