@@ -33,7 +33,7 @@ _SAME_RADIANCE = 0.35
 
 
 @dataclass(frozen=True)
-class _Copies:
+class _ConnectedPieces:
     """P connected pieces of the mesh.
 
     Attributes
@@ -61,7 +61,7 @@ class _Copies:
     outwards: np.ndarray
 
     @classmethod
-    def of(cls, mesh: Mesh) -> "_Copies":
+    def of(cls, mesh: Mesh) -> "_ConnectedPieces":
         """The pieces of a mesh."""
         part = np.unique(connected_parts(mesh), return_inverse=True)[1].reshape(-1)
         count = int(part.max(initial=-1)) + 1
@@ -108,7 +108,7 @@ def with_copies(
     guess
         Whether copies that no pixel shows emit, of a shape of which more pieces emit than are seen dark.
     """
-    pieces = _Copies.of(mesh)
+    pieces = _ConnectedPieces.of(mesh)
     barred = decided.rejected | (decided.emitter >= 0)
     judged = np.bincount(pieces.part, mesh.areas * seen.alone) > _SEEN_ALONE * pieces.area
     emits = np.bincount(pieces.part[found.triangle], minlength=len(judged)) > 0
@@ -139,7 +139,7 @@ def copied(mesh: Mesh, emitters: Emitters) -> np.ndarray:
     """(E,) bool: guessed triangles of pieces that have the shape of an emitter that is not guessed."""
     if not emitters.guessed.any():
         return emitters.guessed
-    pieces = _Copies.of(mesh)
+    pieces = _ConnectedPieces.of(mesh)
     part = pieces.part[emitters.triangle]
     return emitters.guessed & np.isin(pieces.shape[part], pieces.shape[part[~emitters.guessed]])
 
@@ -161,7 +161,7 @@ def _copy(like: Emitters, triangles: np.ndarray, areas: np.ndarray, views: int) 
     )
 
 
-def _source_of_copies(mesh: Mesh, pieces: _Copies, found: Emitters, certain: np.ndarray) -> np.ndarray:
+def _source_of_copies(mesh: Mesh, pieces: _ConnectedPieces, found: Emitters, certain: np.ndarray) -> np.ndarray:
     """(P,) the nearest piece that emits as a whole, of which each piece is a copy; -1 for none."""
     count, proved, bright = len(pieces.triangles), np.zeros(len(mesh.triangles)), np.zeros(len(mesh.triangles))
     proved[found.triangle] = certain
