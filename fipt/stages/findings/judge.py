@@ -8,6 +8,7 @@ from collections.abc import Callable
 from fipt.progress import progress
 from fipt.scene.findings import SEVERITIES, RoomFinding
 from fipt.stages.findings.checks import (
+    added_emitters,
     brightness,
     cameras,
     dim_emitters,
@@ -41,6 +42,7 @@ CHECKS: tuple[Check, ...] = (
     cameras.check,
     no_emitter.check,
     guessed_light.check,
+    added_emitters.check,
     light_balance.check,
     brightness.check,
     missing_emitter.check,

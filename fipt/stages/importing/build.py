@@ -6,6 +6,7 @@ import re
 import shutil
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -230,14 +231,19 @@ def _write_mesh(
         set_variant()
         warnings += scale_warnings(mesh, cameras, certain=settings.unit is not None)
         warnings += double_warnings(mesh, cameras)
+    train = [camera for camera in cameras if camera.split == "train"]
+    radiance = partial(written_radiance, folder)
     # a mesh of `fipt mesh` is prepared already: twice, edges and planes suffer
     if settings.prepare == "always" or (settings.prepare == "auto" and not done):
         from fipt.meshing.prepare import prepared
 
-        def radiance(view: str) -> tuple[np.ndarray, np.ndarray]:
-            return written_radiance(folder, view)
+        mesh, figures = prepared(mesh, train, radiance, settings)
+    if settings.add_emitters:
+        from fipt.stages.importing.added import with_missing_emitters
 
-        mesh, figures = prepared(mesh, [camera for camera in cameras if camera.split == "train"], radiance, settings)
+        mesh, added, told = with_missing_emitters(mesh, train, radiance)
+        figures |= added
+        warnings += told
     figures |= room.figures
     figures["warnings"] = [*room.figures.get("warnings", ()), *warnings]
     write_ply(folder / "mesh.ply", mesh)

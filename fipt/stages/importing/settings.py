@@ -42,6 +42,10 @@ class ImportSettings(Settings):
         description="cut a prepared mesh along sharp edges of radiance, and part what they enclose",
     )
 
+    add_emitters: bool = Field(
+        default=True, description="put spheres into the mesh where the views show round lamps that it lacks"
+    )
+
     @property
     def of_views(self) -> "ImportSettings":
         """What holds of the full images without a mesh; what concerns the mesh and smaller images as by default."""

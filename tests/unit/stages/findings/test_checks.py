@@ -15,6 +15,7 @@ from fipt.scene.mesh import Mesh
 from fipt.scene.samples import FootprintSamples
 from fipt.scene.settled import RoundState
 from fipt.stages.findings.checks import (
+    added_emitters,
     brightness,
     cameras,
     dim_emitters,
@@ -67,6 +68,7 @@ def lit(found=None, environment=NOTHING):
         rerendering.check,
         no_emitter.check,
         guessed_light.check,
+        added_emitters.check,
         settled.check,
         hardly_seen.check,
         uncertain.check,
@@ -136,6 +138,16 @@ def test_light_that_falls_off_to_one_side():
     found = told(light_balance.check, retakes=[judged.retake(k, across) for k in range(VIEWS)])["light-slope"]
     assert found.where["position"][0] < SIDE / 4
     assert found.measure.value > 0.4
+
+
+def test_light_of_spheres_that_the_mesh_lacked_is_told():
+    middle = judged.mesh().corners[[12, 13]].mean(axis=(0, 1)).tolist()
+    added = [{"center": middle, "radius": 1.0, "views": 3}]
+    found = told(added_emitters.check, prepared={"added_emitters": added})["added-emitters"]
+    assert "100 % of the emitted power" in found.cause
+    assert found.where["position"] == middle
+    away = [{"center": [99.0, 0.0, 0.0], "radius": 0.1, "views": 3}]
+    assert not told(added_emitters.check, prepared={"added_emitters": away})
 
 
 def test_guessed_light_is_told():
