@@ -204,12 +204,12 @@ def _partners(spots: Spots, first: int) -> np.ndarray:
     square = np.maximum(1 - cosine**2, 1e-12)
     near = (along - cosine * against) / square  # distances along both rays to where they are nearest
     far = (cosine * along - against) / square
-    apart = near[:, None] * spots.direction[first] - offset - far[:, None] * toward
+    between = near[:, None] * spots.direction[first] - offset - far[:, None] * toward
     allowed = _PIXELS * (near * spots.pixel[first] + far * spots.pixel[others])
     ratio = spots.irradiance[others] * far**2 / (spots.irradiance[first] * near**2 + 1e-30)
     sound = (square > _PARALLAX**2) & (np.minimum(near, far) > _NEAREST)
     sound &= (ratio < _INTENSITY) & (ratio > 1 / _INTENSITY)
-    return others[sound & (np.linalg.norm(apart, axis=1) < allowed)]
+    return others[sound & (np.linalg.norm(between, axis=1) < allowed)]
 
 
 def _together(spots: Spots, pair: np.ndarray) -> tuple[np.ndarray, float]:

@@ -17,6 +17,9 @@ from fipt.stages.geometry.superpixels import Superpixels, superpixels
 
 _SUPPORTED = 0.6
 """Share of a superpixel's known pixels that must lie on a plane."""
+_DOUBTED, _DOUBTED_SHARE = 3.0, 0.4
+"""Deviations of doubtful depth, in those of the rest (see `_WORSE_VARIANCE`); share of a superpixel's pixels of any
+depth that must lie on a face of the room's box for it to take that: by chance one in fifty does."""
 _BARE = 3
 """Known pixels below which a superpixel may take a plane that they do not tell."""
 _BARRIER = float(np.log(2.0))
@@ -67,9 +70,10 @@ class Completion:
 def complete(views: Sequence[DepthView], noise: DepthNoise) -> "Completion":
     """Find the room's planes on confident depth, and complete the depth maps of all views by them.
 
-    A superpixel whose known pixels lie on a plane takes it. From there planes along the room's directions go on to bare
-    superpixels, along the least contrast first, where they stay in the room's box and no other view sees through them;
-    and once more from what other views found.
+    A superpixel whose known pixels lie on a plane takes it; else a face of the room's box that many of them lie on, be
+    they doubtful. From there planes along the room's directions go on to bare superpixels, along the least contrast
+    first, where they stay in the room's box and no other view sees through them; and once more from what other views
+    found.
     Depth of little confidence counts for nothing in this, and stays where no plane tells another. Pixels of which then
     nothing is known show the nearest wall of the room that no other view sees through.
     """
@@ -77,13 +81,16 @@ def complete(views: Sequence[DepthView], noise: DepthNoise) -> "Completion":
     pieces = [superpixels(view.radiance) for view in views]
     planes = find_room_planes(confident, pieces, noise.at_1m)
     box = find_box(views, planes.directions)
-    planes = planes.with_walls(box.walls, UNEVENNESS)
+    planes = planes.with_faces(box.faces, UNEVENNESS)
     check = _Check(OtherViews.of(confident), box, noise.at_1m)
     slopes, straight = [planes.slopes(view) for view in confident], planes.axis >= 0
-    own, labels = [], []
+    own, labels, faces = [], [], planes.among(box.faces, UNEVENNESS)
     for number, (view, piece) in enumerate(zip(confident, pieces, strict=True)):
         label, known = _supported(view, piece, slopes[number], noise.at_1m)
         own.append(label >= 0)
+        walls = np.where(faces[:, None], slopes[number], 0.0)
+        doubt, _ = _supported(views[number], piece, walls, _DOUBTED * noise.at_1m, _DOUBTED_SHARE)
+        label = np.where(label >= 0, label, doubt)
         labels.append(_spread(piece, label, known, straight, partial(check.possible, number, view, slopes[number])))
     carried = _carried(confident, pieces, slopes, labels, straight)
     result = []
@@ -140,8 +147,13 @@ def _with_doubtful(done: Completed, view: DepthView) -> Completed:
     return Completed(view.with_map(found), done.measured, done.closed)
 
 
-def _supported(view: DepthView, pieces: Superpixels, slopes: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarray]:
-    """Plane of each superpixel that its known pixels lie on, -1 for none, and how many known pixels it has."""
+def _supported(
+    view: DepthView, pieces: Superpixels, slopes: np.ndarray, noise: float, least: float = _SUPPORTED
+) -> tuple[np.ndarray, np.ndarray]:
+    """Plane of each superpixel that its known pixels lie on, -1 for none, and how many known pixels it has.
+
+    At least a share of them must lie there.
+    """
     row, column = np.nonzero(view.map.known)
     step = max(1, len(row) // _PIXELS)
     row, column = row[::step], column[::step]
@@ -155,7 +167,7 @@ def _supported(view: DepthView, pieces: Superpixels, slopes: np.ndarray, noise: 
     np.add.at(inside, label, near)
     np.add.at(spread, label, np.minimum((off / noise) ** 2, WITHIN**2))
     share = inside / np.maximum(count, 1)[:, None]
-    spread = np.where(share >= _SUPPORTED, spread, np.inf)
+    spread = np.where(share >= least, spread, np.inf)
     best = spread.argmin(axis=1)
     good = np.isfinite(spread[np.arange(len(best)), best]) & (count * step >= _BARE)
     return np.where(good, best, -1), count * step

@@ -12,6 +12,9 @@ _OUTMOST = 0.001
 """Share of known points that may lie outside the box: wrong depths, and what windows show."""
 _BEHIND = 0.25
 """Share of them that may lie behind a wall: niches and windows do, most of a room does not."""
+_PAST, _RIM = 0.05, 0.02
+"""Share of known points that may be seen past a wall (wrong depths; 1 % at walls of two rooms, 18 % at a table's top),
+and share of its own points that may lie beyond its rim."""
 _FACES = np.cos(np.radians(20.0))
 """Cosine between a wall and the normals of its points, at least: those of small windows are rough."""
 _BIN = 0.01
@@ -37,18 +40,29 @@ class RoomBox:
     walls
         (2, 3) float64 metres along the directions; the first row faces up them, the second down. NaN where no surface
         faces that way.
+    inner
+        Faces inside the room with more surface than a wall, such as the top of a table: row of the walls that face the
+        same way, direction, and place along it.
     """
 
     directions: np.ndarray
     low: np.ndarray
     high: np.ndarray
     walls: np.ndarray
+    inner: tuple[tuple[int, int, float], ...] = ()
+
+    @property
+    def faces(self) -> list[tuple[int, int, float]]:
+        """Walls and inner faces."""
+        walls = zip(*np.nonzero(np.isfinite(self.walls)), strict=True)
+        return [*((int(side), int(axis), float(self.walls[side, axis])) for side, axis in walls), *self.inner]
 
     def plain(self) -> dict[str, Any]:
         """The box and its walls as plain types, for JSON; null where there is no wall."""
         walls = [[None if np.isnan(value) else round(float(value), 5) for value in row] for row in self.walls]
         ends = {name: np.round(getattr(self, name), 5).tolist() for name in ("low", "high")}
-        return {"directions": np.round(self.directions, 6).tolist(), **ends, "walls": walls}
+        inner = [[side, axis, round(place, 5)] for side, axis, place in self.inner]
+        return {"directions": np.round(self.directions, 6).tolist(), **ends, "walls": walls, "inner": inner}
 
     def holds(self, points: np.ndarray, tolerance: float) -> bool:
         """Whether all of (N, 3) points lie inside, or not farther outside than the tolerance."""
@@ -68,30 +82,62 @@ def find_box(views: Sequence[DepthView], directions: np.ndarray) -> RoomBox:
     facing = np.concatenate([view.map.normal[k] for view, k in zip(views, known, strict=True)]) @ directions.T
     area = np.concatenate([(view.map.depth[k] / view.camera.fx) ** 2 for view, k in zip(views, known, strict=True)])
     centers = np.array([view.camera.center for view in views]) @ directions.T
-    walls = np.full((2, 3), np.nan)
+    seen_from = np.repeat(centers, [int(k.sum()) for k in known], axis=0)
+    walls, inner = np.full((2, 3), np.nan), []
     for _ in range(2):  # ledges in windows count for no ceiling once the walls are known
         low, high = np.fmin(walls[0], centers.min(axis=0)), np.fmax(walls[1], centers.max(axis=0))
         open_low, open_high = np.where(np.isnan(walls[0]), -np.inf, low), np.where(np.isnan(walls[1]), np.inf, high)
         inside = (points > open_low - UNEVENNESS) & (points < open_high + UNEVENNESS)
-        found = np.full((2, 3), np.nan)
+        found, inner = np.full((2, 3), np.nan), []
         for axis in range(3):
             between = inside[:, [i for i in range(3) if i != axis]].all(axis=1)
             for side, sign in enumerate((1.0, -1.0)):
-                along, inner = sign * points[:, axis], float((sign * centers[:, axis]).min())
-                on = between & (sign * facing[:, axis] > _FACES) & (along < inner)
-                found[side, axis] = sign * _wall(along, on, area)
+                along, nearest = sign * points[:, axis], float((sign * centers[:, axis]).min())
+                on = between & (sign * facing[:, axis] > _FACES) & (along < nearest)
+                rays = _Rays(np.roll(points, 2 - axis, axis=1), np.roll(seen_from, 2 - axis, axis=1), sign)
+                place, before = _wall(along, on, area, rays)
+                found[side, axis] = sign * place
+                inner += [(side, axis, sign * each) for each in before]
         walls = found
     # walls are the ends where little lies behind them; else points are
     ends = [np.quantile(points, q, axis=0) if len(points) else centers[0] for q in (_OUTMOST, 1 - _OUTMOST)]
     beyond = (points < walls[0] - UNEVENNESS).mean(axis=0), (points > walls[1] + UNEVENNESS).mean(axis=0)
     low, high = np.where((np.array(beyond) < 10 * _OUTMOST) & np.isfinite(walls), walls, ends)
-    return RoomBox(directions, np.minimum(low, centers.min(axis=0)), np.maximum(high, centers.max(axis=0)), walls)
+    low, high = np.minimum(low, centers.min(axis=0)), np.maximum(high, centers.max(axis=0))
+    return RoomBox(directions, low, high, walls, tuple(inner))
 
 
-def _wall(along: np.ndarray, on: np.ndarray, area: np.ndarray) -> float:
-    """Place, metres along a direction, where most surface gathers that faces it, and little lies behind; else NaN."""
+@dataclass(frozen=True)
+class _Rays:
+    """Known points (N, 3) and the cameras (N, 3) that see them, a wall's direction last; -1 if it faces down it."""
+
+    points: np.ndarray
+    seen_from: np.ndarray
+    sign: float
+
+    def past(self, place: float, on: np.ndarray, behind: np.ndarray) -> float:
+        """Share of all points that lie ``behind`` (N,) a place and are seen past the surface ``on`` it (K,).
+
+        Openings of a wall lie within it; what is seen past the top of a table does not.
+        """
+        if not behind.any():
+            return 0.0
+        there, here = self.points[behind], self.seen_from[behind]
+        share = (self.sign * place - here[:, 2]) / np.where(there[:, 2] == here[:, 2], np.inf, there[:, 2] - here[:, 2])
+        crossing = here[:, :2] + share[:, None] * (there - here)[:, :2]
+        low, high = np.quantile(self.points[on, :2], (_RIM, 1 - _RIM), axis=0)
+        return float(((crossing < low) | (crossing > high)).any(axis=1).sum() / len(behind))
+
+
+def _wall(along: np.ndarray, on: np.ndarray, area: np.ndarray, rays: _Rays) -> tuple[float, list[float]]:
+    """Place, metres along a direction, where most surface gathers that faces it; else NaN.
+
+    Little lies behind it, and is seen through it rather than past it. Places with more surface that much is seen past
+    come beside.
+    """
+    before: list[float] = []
     if on.sum() < _LEAST:
-        return np.nan
+        return np.nan, before
     first = np.floor(along[on].min() / _BIN) - _PLACE
     place = (np.floor(along[on] / _BIN) - first).astype(np.int64)
     count = int(place.max()) + 1 + _PLACE
@@ -99,7 +145,13 @@ def _wall(along: np.ndarray, on: np.ndarray, area: np.ndarray) -> float:
     mass = np.convolve(np.bincount(place, area[on], count), near, "same")
     points = np.convolve(np.bincount(place, minlength=count), near, "same")
     behind = np.searchsorted(np.sort(along), (first + np.arange(count) - _PLACE) * _BIN) / len(along)
-    best = int(np.where((behind < _BEHIND) & (points >= _LEAST), mass, 0.0).argmax())
-    if behind[best] >= _BEHIND or points[best] < _LEAST:
-        return np.nan
-    return float(np.median(along[on][np.abs(place - best) <= _PLACE]))
+    left = np.where((behind < _BEHIND) & (points >= _LEAST), mass, 0.0)
+    while left.any():
+        best = int(left.argmax())
+        own = np.flatnonzero(on)[np.abs(place - best) <= _PLACE]
+        found = float(np.median(along[own]))
+        if rays.past(found, own, along < found - UNEVENNESS) <= _PAST:
+            return found, before
+        before.append(found)
+        left[max(best - 2 * _PLACE, 0) : best + 2 * _PLACE + 1] = 0.0
+    return np.nan, before

@@ -93,23 +93,17 @@ class RoomPlanes:
             for k in range(len(self))
         ]
 
-    def with_walls(self, walls: np.ndarray, unevenness: float) -> "RoomPlanes":
-        """Return them with the walls of the room's box that none of them is, along its directions.
+    def with_faces(self, faces: Sequence[tuple[int, int, float]], unevenness: float) -> "RoomPlanes":
+        """Return them with the faces of the room's box that none of them is, along its directions.
 
         Parameters
         ----------
-        walls
-            (2, 3) metres along the directions, facing up and down them; NaN for none.
+        faces
+            Side, direction and place in metres along it; side 0 faces up the direction, 1 down.
         unevenness
-            Deviation of a wall's place, metres.
+            Deviation of a face's place, metres.
         """
-        added = []
-        for side, axis in zip(*np.nonzero(np.isfinite(walls)), strict=True):
-            normal = self.directions[axis] * (1.0 if side == 0 else -1.0)
-            offset = float(walls[side, axis] * (normal @ self.directions[axis]))
-            same = (self.axis == axis) & (self.normal @ normal > 0) & (np.abs(self.offset - offset) < unevenness)
-            if not same.any():
-                added.append((normal, offset, axis))
+        added = [row for row in self._faces(faces) if not self._same(*row, unevenness).any()]
         if not added:
             return self
         normal, offset, axis = (np.array(column) for column in zip(*added, strict=True))
@@ -123,6 +117,24 @@ class RoomPlanes:
             np.append(self.axis, axis),
             self.directions,
         )
+
+    def among(self, faces: Sequence[tuple[int, int, float]], unevenness: float) -> np.ndarray:
+        """(K,) bool: planes that are faces of the room's box, within its unevenness."""
+        return np.any(
+            [np.zeros(len(self), bool), *(self._same(*row, unevenness) for row in self._faces(faces))], axis=0
+        )
+
+    def _faces(self, faces: Sequence[tuple[int, int, float]]) -> list[tuple[np.ndarray, float, int]]:
+        """Normal, offset and direction of faces."""
+        normals = [self.directions[axis] * (1.0 if side == 0 else -1.0) for side, axis, _ in faces]
+        return [
+            (normal, place * float(normal @ self.directions[axis]), axis)
+            for normal, (_, axis, place) in zip(normals, faces, strict=True)
+        ]
+
+    def _same(self, normal: np.ndarray, offset: float, axis: int, unevenness: float) -> np.ndarray:
+        """(K,) bool: planes that are one face."""
+        return (self.axis == axis) & (self.normal @ normal > 0) & (np.abs(self.offset - offset) < unevenness)
 
     def slopes(self, view: DepthView) -> np.ndarray:
         """(K, 3) vectors a of the planes: the inverse depth in a pixel is a . ray; 0 for planes that turn away."""

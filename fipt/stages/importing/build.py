@@ -241,9 +241,9 @@ def _write_mesh(
     if settings.add_emitters:
         from fipt.stages.importing.added import with_missing_emitters
 
-        mesh, added, told = with_missing_emitters(mesh, train, radiance)
+        mesh, added, said = with_missing_emitters(mesh, train, radiance)
         figures |= added
-        warnings += told
+        warnings += said
     figures |= room.figures
     figures["warnings"] = [*room.figures.get("warnings", ()), *warnings]
     write_ply(folder / "mesh.ply", mesh)

@@ -20,7 +20,7 @@ from fipt.stages.geometry.room_directions import sharpened
 from fipt.stages.geometry.room_planes import _leading, _mean_up, find_room_planes
 from fipt.stages.geometry.shell import with_shell
 from fipt.stages.geometry.superpixels import superpixels
-from tests.unit.stages.geometry.test_fusing import HALF, around, view_of_cube
+from tests.unit.stages.geometry.test_fusing import HALF, around, cube_through, view_of_cube
 
 NOISE = 0.002
 
@@ -241,12 +241,14 @@ def test_a_wall_is_where_most_surface_faces_the_room_within_the_other_walls():
 def test_walls_that_no_plane_is_are_planes_too():
     views = [painted(view) for view in around(NOISE)]
     planes = find_room_planes(views, [superpixels(view.radiance) for view in views], NOISE)
-    walls = np.array([[-HALF, -HALF, np.nan], [HALF, np.nan, HALF]])  # the floor is in no view, four walls are
-    more = planes.with_walls(walls, 0.02)
+    walls = [(0, 0, -HALF), (0, 1, -HALF), (1, 0, HALF), (1, 2, HALF)]  # the floor is in no view, four walls are
+    more = planes.with_faces(walls, 0.02)
     assert len(more) == len(planes) + 1
     np.testing.assert_array_equal(more.normal[-1], planes.directions[1])
     assert (more.offset[-1], more.axis[-1]) == (-HALF, 1)
-    assert more.with_walls(walls, 0.02) is more
+    assert more.with_faces(walls, 0.02) is more
+    faces = more.among([(0, 1, -HALF), (1, 2, HALF + 0.1)], 0.02)
+    np.testing.assert_array_equal(np.flatnonzero(faces), [len(planes)])
 
 
 def test_panes_go_on_over_a_wall_only_where_another_view_knows_of_them():
@@ -341,3 +343,79 @@ def test_superpixels_end_at_edges():
         share = np.bincount(pieces.label.ravel(), inside.ravel()) / count
         assert (np.minimum(share, 1 - share) * count).sum() < 0.05 * inside.sum()
     assert pieces.contrast.max() > 2
+
+
+TABLE = 0.75 - HALF
+"""Height of a table's top above the floor of the cube, which is at -HALF."""
+
+
+def above_a_table(angle: float, floor: float) -> DepthView:
+    """A view down onto a table in the cube; of the floor beside it a share of the pixels is known."""
+    back = np.array([np.cos(angle), 0.9, np.sin(angle)])
+    place = 0.9 * back / np.abs(back).max() * (HALF - 0.1)
+    back /= np.linalg.norm(back)
+    right = np.cross([0, 1, 0], back)
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = np.column_stack([right, np.cross(back, right), back]), place
+    view = cube_through(Camera(f"d{angle:.2f}", "train", 80, 60, 50.0, 50.0, 40.0, 30.0, pose))
+    points, normal = view.points, view.map.normal
+    share = (TABLE - place[1]) / (points[..., 1] - place[1])
+    crossing = place + share[..., None] * (points - place)
+    top = (share > 0) & (share < 1) & (np.abs(crossing[..., [0, 2]]) < 0.6).all(axis=-1)
+    lost = ~top & (np.random.default_rng(0).random(top.shape) > floor)
+    found = DepthMap(
+        np.where(top, view.map.depth * share, view.map.depth).astype(np.float32),
+        view.map.confidence,
+        np.where(top[..., None], [0.0, 1.0, 0.0], normal).astype(np.float32),
+    )
+    return without(view.with_map(found), lost & (normal[..., 1] > 0.9))
+
+
+def test_a_table_is_no_floor_but_a_face_inside_the_room():
+    views = [*around(), *(above_a_table(angle, 0.2) for angle in np.arange(6))]
+    found = find_box(views, np.eye(3))
+    assert found.walls[0, 1] == pytest.approx(-HALF, abs=0.01)
+    ((side, axis, place),) = found.inner
+    assert (side, axis) == (0, 1)
+    assert place == pytest.approx(TABLE, abs=0.01)
+    assert [place for side, axis, place in found.faces if (side, axis) == (0, 1)] == pytest.approx(
+        [-HALF, TABLE], abs=0.01
+    )
+
+
+def test_a_table_is_no_floor_where_none_is_known():
+    views = [*around(), *(above_a_table(angle, 0.0) for angle in np.arange(6))]
+    found = find_box(views, np.eye(3))
+    assert np.isnan(found.walls[0, 1])
+    assert [place for _, _, place in found.inner] == pytest.approx([TABLE], abs=0.01)
+
+
+def test_doubtful_depth_takes_a_face_of_the_room_s_box():
+    views = [*around(), *(above_a_table(angle, 0.05) for angle in np.arange(6))]
+    rng = np.random.default_rng(1)
+
+    def doubted(view: DepthView) -> DepthView:
+        top = np.abs(view.points[..., 1] - TABLE) < 0.01
+        known = rng.random(top.shape) < 0.4  # half of these are anywhere
+        depth = view.map.depth * np.where(rng.random(top.shape) < 0.5, 1.0, rng.uniform(0.7, 1.3, top.shape))
+        some = DepthMap(
+            np.where(top, depth, view.map.depth).astype(np.float32),
+            np.where(top, 1e-6, view.map.confidence).astype(np.float32),
+            view.map.normal,
+        )
+        return without(view.with_map(some), top & ~known)
+
+    def bright(view: DepthView, top: np.ndarray) -> DepthView:
+        shown = painted(view)
+        return DepthView(view.camera, view.map, np.where(top[..., None], 0.9, shown.radiance).astype(np.float32))
+
+    shown = [bright(doubted(view), np.abs(view.points[..., 1] - TABLE) < 0.01) for view in views]
+    true = views[len(around()) :]
+    done = complete(shown, DepthNoise(NOISE, 1e-4)).views[len(around()) :]
+    right, count = 0, 0
+    for before, after in zip(true, done, strict=True):
+        top = np.abs(before.points[..., 1] - TABLE) < 0.01
+        right += int((np.abs(after.view.map.depth - before.map.depth)[top] < 0.02).sum())
+        count += int(top.sum())
+    assert right > 0.7 * count  # without faces half of the known ones are, a fifth of all
