@@ -244,7 +244,7 @@ def _asked(
         luminance = shown @ LUMINANCE
         around = maximum_filter(luminance, 3)
         pixel, distance = _visible(centers, radii, camera, valid, scene)
-        for index in np.flatnonzero(pixel >= 0):
+        for index in np.flatnonzero(pixel >= 0).tolist():
             place = places[index]
             if view not in place.spots.view:
                 expected = min(place.intensity / distance[index] ** 2 * camera.fx * camera.fy, place.peak)
