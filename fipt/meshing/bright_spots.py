@@ -13,12 +13,13 @@ from fipt.conventions import LUMINANCE
 from fipt.scene.cameras import Camera
 
 _TIMES = 3.0
-"""What is around, from which on something is a spot; the same as many times what three quarters of the view have."""
+"""A spot is so many times as bright as the median around it, and as three quarters of the view."""
 _LEVEL = 75
 """Percentile of a view's luminance that stands for its lit surfaces."""
 _WIDEST = 10
-"""A spot is looked at in a window of so many parts of the view's longer side, to either side, and fills less than a
-quarter of it."""
+"""A window reaches a tenth of the view's longer side to each side of a spot, which fills a quarter of it at most."""
+_TRIED = 4
+"""Peaks that are looked at for each spot that is kept at most, the brightest first: a bound on time."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,7 @@ class Spots:
     peak
         (N,) largest luminance in it, beyond what is around.
     pixel
-        (N,) angle of a pixel there, radians.
+        (N,) largest angle of a pixel of the view, radians.
     """
 
     view: np.ndarray
@@ -76,12 +77,12 @@ def bright_spots(camera: Camera, radiance: np.ndarray, valid: np.ndarray, view: 
     shown = luminance[valid > 0]
     least = _TIMES * float(np.percentile(shown, _LEVEL)) if len(shown) else np.inf
     row, column = np.nonzero((luminance == maximum_filter(luminance, 3)) & (luminance > max(least, 0.0)))
-    order = np.argsort(-luminance[row, column], kind="stable")
+    order = np.argsort(-luminance[row, column], kind="stable")[: _TRIED * most]
     taken = np.zeros(luminance.shape, bool)
     found = []
     for r, c in zip(row[order].tolist(), column[order].tolist(), strict=True):
         if not taken[r, c]:
-            spot = _spot(luminance, taken, (r, c), half)
+            spot = _spot(luminance, valid > 0, taken, (r, c), half)
             found += [] if spot is None else [spot]
     found.sort(key=lambda spot: -spot[2])
     columns, rows, light, peak = np.array(found[:most], float).reshape(-1, 4).T
@@ -90,15 +91,17 @@ def bright_spots(camera: Camera, radiance: np.ndarray, valid: np.ndarray, view: 
     cosine = -directions @ camera.world_from_camera[:3, 2]
     number, center = np.full(len(rows), view), np.tile(camera.center, (len(rows), 1))
     solid_angle = cosine**3 / (camera.fx * camera.fy)
-    return Spots(number, center, directions, light * solid_angle, peak, np.full(len(rows), 1 / camera.fx))
+    return Spots(
+        number, center, directions, light * solid_angle, peak, np.full(len(rows), 1 / min(camera.fx, camera.fy))
+    )
 
 
 def _spot(
-    luminance: np.ndarray, taken: np.ndarray, peak: tuple[int, int], half: int
+    luminance: np.ndarray, known: np.ndarray, taken: np.ndarray, peak: tuple[int, int], half: int
 ) -> tuple[float, float, float, float] | None:
     """Column and row of the middle, sum and peak of what a spot has beyond what is around; None: it is no spot.
 
-    Its pixels are ``taken`` (H, W) in any case.
+    Its pixels are ``taken`` (H, W) in any case. Pixels that are not ``known`` (H, W) cut it as the picture's side does.
     """
     low = np.maximum(np.array(peak) - half, 0)
     window = (slice(low[0], peak[0] + half + 1), slice(low[1], peak[1] + half + 1))
@@ -107,11 +110,12 @@ def _spot(
     own = bright == bright[tuple(np.array(peak) - low)]
     alone = not (taken[window] & own).any()
     taken[window] |= own
-    around = float(np.median(near))
+    grown, seen = binary_dilation(own, np.ones((3, 3))), known[window]
+    around = float(np.median(near[seen]))
     cut = own[0].any() or own[-1].any() or own[:, 0].any() or own[:, -1].any()  # by the window, or the picture's side
-    if cut or not alone or luminance[peak] < _TIMES * around or own.sum() > half**2:
+    if cut or not seen[grown].all() or not alone or luminance[peak] < _TIMES * around or own.sum() > half**2:
         return None
-    beyond = np.where(binary_dilation(own, np.ones((3, 3))), np.maximum(near - around, 0), 0.0)
+    beyond = np.where(grown, np.maximum(near - around, 0), 0.0)
     rows, columns = np.mgrid[: near.shape[0], : near.shape[1]] + 0.5
     total = beyond.sum()
     column, row = (beyond * columns).sum() / total + low[1], (beyond * rows).sum() / total + low[0]

@@ -6,9 +6,10 @@ surface behind it, and the room is dark. A sphere that emits the same in all dir
 - rays through spots of three or more views meet within a pixel;
 - its intensity, irradiance times squared distance, is the same from all of them. An opening through which something
   bright is seen does not keep it, nor do spots that meet by chance;
-- the mesh has nothing there, nor around it: it is no opening with a rim, and no window between leaves. A highlight on a
-  flat or bulging surface seems to lie behind it;
-- nearly all views that would see it do;
+- the mesh has nothing there, nor around it: it is no opening with a rim. A highlight on a flat or bulging surface seems
+  to lie behind it;
+- what lies behind is darker, as other views see it: it is no window between leaves that the mesh lacks;
+- nearly all views that would see it do, as intense as it is. Things in the sun differ from side to side;
 - it is far brighter than the surface around, and gives some of the light of the room. A candle or a cup that the mesh
   lacks, too, only reflects.
 
@@ -52,11 +53,17 @@ _SIGMAS = 3.0
 _RAYS, _AROUND_PIXELS = 16, 2.0
 """Rays around a sphere, and pixels by which they pass it."""
 _RIM = 0.25
-"""Share of them that meet something by which what shines is perhaps an opening: a holder meets fewer."""
+"""Share of them that meet something: more may be the rim of an opening, a lamp's holder is less."""
 _DARK = 0.25
 """Of the radiance that a view should show there: below it the view does not see the lamp."""
 _DENIED = 3
-"""Of so many views that show it, one may be denied by another."""
+"""Views that must show it for each that denies it."""
+_TIMES = 3.0
+"""It must be so many times as bright as what lies behind."""
+_BLURRED = 3.0
+"""Pixels beside a sphere that still have some of its light."""
+_OUTSIDE = 1.1
+"""Radii from its centre, at least, at which cameras stand."""
 _AROUND = 1.0
 """Metres around it, in which surface is as well lit."""
 _BRIGHTER = 10.0
@@ -90,12 +97,12 @@ def missing_emitters(mesh: Mesh, cameras: Sequence[Camera], radiance: Radiance) 
     spots = [bright_spots(*reduced_view(camera, radiance), view, most) for view, camera in enumerate(cameras)]
     if len(spots) < _VIEWS:
         return []
-    scene = RayScene(mesh)
-    places = [_Meeting.of(own, scene) for own in _meetings(Spots.joined(spots))]
+    scene, joined = RayScene(mesh), Spots.joined(spots)
+    places = [_Meeting.of(own, scene) for own in _meetings(joined)]
     places = [place for place in places if place.free.sum() >= _VIEWS and not place.hidden.any()]
     if not places:
         return []
-    denied, outshines = _asked(places, scene, cameras, radiance)
+    denied, outshines = _asked(places, joined, scene, cameras, radiance)
     found = [
         MissingEmitter(place.center, place.radius, len(place.spots))
         for place, against, bright in zip(places, denied, outshines, strict=True)
@@ -135,6 +142,8 @@ class _Meeting:
         rim, and the sky shines itself.
     hidden
         (K,) bool: it meets the mesh before the sphere.
+    behind
+        (K, 3) where it meets the mesh; NaN where it does not.
     """
 
     center: np.ndarray
@@ -144,6 +153,7 @@ class _Meeting:
     spots: Spots
     free: np.ndarray
     hidden: np.ndarray
+    behind: np.ndarray
 
     @classmethod
     def of(cls, spots: Spots, scene: RayScene) -> "_Meeting":
@@ -159,7 +169,8 @@ class _Meeting:
         margin = max(radius, _SIGMAS * error, float((distance * spots.pixel).max()))
         peak = float(spots.peak.max())
         free = (away > margin) & np.isfinite(met) & ~_enclosed(spots, distance, radius, margin, scene)
-        return cls(center, radius, intensity, peak, spots, free, away < -margin)
+        behind = spots.center + np.where(np.isfinite(met), met, np.nan)[:, None] * spots.direction
+        return cls(center, radius, intensity, peak, spots, free, away < -margin, behind)
 
 
 def _enclosed(spots: Spots, distance: np.ndarray, radius: float, margin: float, scene: RayScene) -> np.ndarray:
@@ -180,11 +191,16 @@ def _enclosed(spots: Spots, distance: np.ndarray, radius: float, margin: float, 
 
 def _meetings(spots: Spots) -> list[Spots]:
     """Spots of three or more views, one of each, whose rays meet and whose intensities agree; no spot twice."""
-    found = []
+    found: list[tuple[int, float, np.ndarray]] = []
+    groups: list[set[int]] = [set() for _ in range(len(spots))]
     for first in range(len(spots)):
-        for second in _partners(spots, first):
+        for second in _partners(spots, first).tolist():
+            if groups[first] & groups[second]:
+                continue  # the same place
             own, miss = _together(spots, np.array([first, second]))
             if len(own) >= _VIEWS:
+                for index in {first, second, *own.tolist()}:
+                    groups[index].add(len(found))
                 found.append((len(own), -miss, own))
     found.sort(key=lambda meeting: meeting[:2], reverse=True)
     taken, chosen = np.zeros(len(spots), bool), []
@@ -234,23 +250,82 @@ def _nearest(spots: Spots) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _asked(
-    places: Sequence[_Meeting], scene: RayScene, cameras: Sequence[Camera], radiance: Radiance
+    places: Sequence[_Meeting], spots: Spots, scene: RayScene, cameras: Sequence[Camera], radiance: Radiance
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(P,) how many views should show a lamp at each place and do not; (P,) bool: it outshines what is around."""
+    """(P,) how many views deny a lamp at each place; (P,) bool: it outshines what is around."""
     centers, radii = np.array([place.center for place in places]), np.array([place.radius for place in places])
+    behind = _Behind.of(places)
     surface, denied = [], np.zeros(len(places), int)
     for view, camera in enumerate(cameras):
         camera, shown, valid = reduced_view(camera, radiance)
         luminance = shown @ LUMINANCE
         around = maximum_filter(luminance, 3)
+        behind.ask(view, camera, around, valid, scene)
         pixel, distance = _visible(centers, radii, camera, valid, scene)
+        own = spots[spots.view == view]
         for index in np.flatnonzero(pixel >= 0).tolist():
             place = places[index]
             if view not in place.spots.view:
                 expected = min(place.intensity / distance[index] ** 2 * camera.fx * camera.fy, place.peak)
-                denied[index] += around.flat[pixel[index]] < _DARK * expected
+                denied[index] += around.flat[pixel[index]] < _DARK * expected or _points_at(own, place.center)
+        inside = np.linalg.norm(centers - camera.center, axis=1) < _OUTSIDE * radii
+        denied += len(cameras) * inside
         surface.append(_some_surface(camera, luminance, valid, scene))
-    return denied, _outshining(places, np.concatenate(surface))
+    return denied + behind.bright(), _outshining(places, np.concatenate(surface))
+
+
+def _points_at(spots: Spots, place: np.ndarray) -> bool:
+    """Whether the ray of one of a view's spots passes a place: what shines there has another intensity in that view."""
+    distance = ((place - spots.center) * spots.direction).sum(axis=1)
+    off = np.linalg.norm(place - spots.center - distance[:, None] * spots.direction, axis=1)
+    return bool(((distance > 0) & (off < _PIXELS * distance * spots.pixel)).any())
+
+
+class _Behind:
+    """What lies behind places, as other views see it.
+
+    Parameters
+    ----------
+    places
+        P meetings.
+    row
+        (N,) place of each ray.
+    points
+        (N, 3) where the rays meet the mesh behind the places.
+    """
+
+    def __init__(self, places: Sequence[_Meeting], row: np.ndarray, points: np.ndarray) -> None:
+        self.places, self.row, self.points = places, row, points
+        self.view = np.concatenate([place.spots.view[place.free] for place in places])
+        self.seen: list[list[float]] = [[] for _ in row]
+
+    @classmethod
+    def of(cls, places: Sequence[_Meeting]) -> "_Behind":
+        """Of the rays that pass freely."""
+        row = np.repeat(np.arange(len(places)), [int(place.free.sum()) for place in places])
+        return cls(places, row, np.concatenate([place.behind[place.free] for place in places]))
+
+    def ask(self, view: int, camera: Camera, around: np.ndarray, valid: np.ndarray, scene: RayScene) -> None:
+        """Note what a view shows there, (H, W) luminance, where no lamp at the place would stand before it."""
+        pixel, _ = _visible(self.points, np.zeros(len(self.row)), camera, valid, scene)
+        toward = self.points - camera.center
+        toward = toward / np.maximum(np.linalg.norm(toward, axis=1, keepdims=True), 1e-9)
+        offset = np.array([self.places[k].center for k in self.row]) - camera.center
+        along = (offset * toward).sum(axis=1)
+        away = np.linalg.norm(offset - along[:, None] * toward, axis=1)
+        radii = np.array([self.places[k].radius for k in self.row])
+        clear = (away > radii + _BLURRED * np.abs(along) / camera.fx) & (self.view != view)
+        for index in np.flatnonzero((pixel >= 0) & clear).tolist():
+            self.seen[index].append(float(around.flat[pixel[index]]))
+
+    def bright(self) -> np.ndarray:
+        """(P,) int rays behind which two views see something as bright as a lamp would be.
+
+        All others may not see it: what the mesh lacks stands before it.
+        """
+        second = np.array([sorted(seen)[-2] if len(seen) > 1 else 0.0 for seen in self.seen])
+        peak = np.array([place.peak for place in self.places])[self.row]
+        return np.bincount(self.row, _TIMES * second >= peak, len(self.places)).astype(int)
 
 
 def _some_surface(camera: Camera, luminance: np.ndarray, valid: np.ndarray, scene: RayScene) -> np.ndarray:
@@ -268,6 +343,8 @@ def _some_surface(camera: Camera, luminance: np.ndarray, valid: np.ndarray, scen
 def _outshining(places: Sequence[_Meeting], surface: np.ndarray) -> np.ndarray:
     """(P,) bool: brighter than what is around, and light for the room; surface is (N, 4) places and luminance."""
     result = np.zeros(len(places), bool)
+    if not len(surface):
+        return result
     for index, place in enumerate(places):
         distance = np.maximum(np.linalg.norm(surface[:, :3] - place.center, axis=1), place.radius)
         near = distance < max(_AROUND, float(np.sort(distance)[min(_POINTS, len(distance) - 1)]))
@@ -295,4 +372,5 @@ def _visible(
     toward = centers - camera.center
     distance = np.maximum(np.linalg.norm(toward, axis=1), _NEAREST)
     met, _ = scene.intersect(camera.center.astype(np.float32), (toward / distance[:, None]).astype(np.float32))
-    return np.where(inside & (met > distance - radii), row * camera.width + column, -1), distance
+    near = distance * (1 - 0.5 / camera.fx) - radii  # a place on the mesh is half a pixel before it, or behind
+    return np.where(inside & (met > near), row * camera.width + column, -1), distance

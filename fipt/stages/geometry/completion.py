@@ -17,9 +17,11 @@ from fipt.stages.geometry.superpixels import Superpixels, superpixels
 
 _SUPPORTED = 0.6
 """Share of a superpixel's known pixels that must lie on a plane."""
-_DOUBTED, _DOUBTED_SHARE = 3.0, 0.4
-"""Deviations of doubtful depth, in those of the rest (see `_WORSE_VARIANCE`); share of a superpixel's pixels of any
-depth that must lie on a face of the room's box for it to take that: by chance one in fifty does."""
+_DOUBTED = 3.0
+"""Deviations of doubtful depth, in those of the rest (see `_WORSE_VARIANCE`)."""
+_DOUBTED_SHARE = 0.4
+"""Share of a superpixel's known pixels, doubtful ones too, that must lie on a face of the room's box for it to take
+that: by chance one in fifty does."""
 _BARE = 3
 """Known pixels below which a superpixel may take a plane that they do not tell."""
 _BARRIER = float(np.log(2.0))
@@ -74,7 +76,7 @@ def complete(views: Sequence[DepthView], noise: DepthNoise) -> "Completion":
     they doubtful. From there planes along the room's directions go on to bare superpixels, along the least contrast
     first, where they stay in the room's box and no other view sees through them; and once more from what other views
     found.
-    Depth of little confidence counts for nothing in this, and stays where no plane tells another. Pixels of which then
+    Depth of little confidence counts for nothing else, and stays where no plane tells another. Pixels of which then
     nothing is known show the nearest wall of the room that no other view sees through.
     """
     confident = [view.confident(noise.confident) for view in views]
@@ -84,13 +86,12 @@ def complete(views: Sequence[DepthView], noise: DepthNoise) -> "Completion":
     planes = planes.with_faces(box.faces, UNEVENNESS)
     check = _Check(OtherViews.of(confident), box, noise.at_1m)
     slopes, straight = [planes.slopes(view) for view in confident], planes.axis >= 0
-    own, labels, faces = [], [], planes.among(box.faces, UNEVENNESS)
+    own, labels, faces = [], [], np.append(np.flatnonzero(planes.among(box.faces, UNEVENNESS)), -1)
     for number, (view, piece) in enumerate(zip(confident, pieces, strict=True)):
         label, known = _supported(view, piece, slopes[number], noise.at_1m)
         own.append(label >= 0)
-        walls = np.where(faces[:, None], slopes[number], 0.0)
-        doubt, _ = _supported(views[number], piece, walls, _DOUBTED * noise.at_1m, _DOUBTED_SHARE)
-        label = np.where(label >= 0, label, doubt)
+        doubted = slopes[number][faces[:-1]], _DOUBTED * noise.at_1m, _DOUBTED_SHARE
+        label = np.where(label >= 0, label, faces[_supported(views[number], piece, *doubted)[0]])
         labels.append(_spread(piece, label, known, straight, partial(check.possible, number, view, slopes[number])))
     carried = _carried(confident, pieces, slopes, labels, straight)
     result = []
@@ -152,7 +153,7 @@ def _supported(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Plane of each superpixel that its known pixels lie on, -1 for none, and how many known pixels it has.
 
-    At least a share of them must lie there.
+    ``least`` is the share of them that must lie there.
     """
     row, column = np.nonzero(view.map.known)
     step = max(1, len(row) // _PIXELS)

@@ -12,9 +12,12 @@ _OUTMOST = 0.001
 """Share of known points that may lie outside the box: wrong depths, and what windows show."""
 _BEHIND = 0.25
 """Share of them that may lie behind a wall: niches and windows do, most of a room does not."""
-_PAST, _RIM = 0.05, 0.02
-"""Share of known points that may be seen past a wall (wrong depths; 1 % at walls of two rooms, 18 % at a table's top),
-and share of its own points that may lie beyond its rim."""
+_PAST = 0.05
+"""Share of known points that may be seen past a wall: wrong depths (1 % at walls of two rooms; 18 % at a table)."""
+_SIDES = 0.02
+"""Share of a wall's points that may lie beyond its sides."""
+_REST = 0.05
+"""Of the surface of a face inside the room a wall behind it must have."""
 _FACES = np.cos(np.radians(20.0))
 """Cosine between a wall and the normals of its points, at least: those of small windows are rough."""
 _BIN = 0.01
@@ -41,8 +44,8 @@ class RoomBox:
         (2, 3) float64 metres along the directions; the first row faces up them, the second down. NaN where no surface
         faces that way.
     inner
-        Faces inside the room with more surface than a wall, such as the top of a table: row of the walls that face the
-        same way, direction, and place along it.
+        Faces inside the room that have more surface than the wall behind them, such as the top of a table: row of the
+        walls that face the same way, direction, and place along it.
     """
 
     directions: np.ndarray
@@ -84,7 +87,8 @@ def find_box(views: Sequence[DepthView], directions: np.ndarray) -> RoomBox:
     centers = np.array([view.camera.center for view in views]) @ directions.T
     seen_from = np.repeat(centers, [int(k.sum()) for k in known], axis=0)
     walls, inner = np.full((2, 3), np.nan), []
-    for _ in range(2):  # ledges in windows count for no ceiling once the walls are known
+    # ledges in windows count for no ceiling once the walls are known; nor does a garden then lie past a wall beside it
+    for most in (1.0, _PAST, _PAST):
         low, high = np.fmin(walls[0], centers.min(axis=0)), np.fmax(walls[1], centers.max(axis=0))
         open_low, open_high = np.where(np.isnan(walls[0]), -np.inf, low), np.where(np.isnan(walls[1]), np.inf, high)
         inside = (points > open_low - UNEVENNESS) & (points < open_high + UNEVENNESS)
@@ -95,7 +99,7 @@ def find_box(views: Sequence[DepthView], directions: np.ndarray) -> RoomBox:
                 along, nearest = sign * points[:, axis], float((sign * centers[:, axis]).min())
                 on = between & (sign * facing[:, axis] > _FACES) & (along < nearest)
                 rays = _Rays(np.roll(points, 2 - axis, axis=1), np.roll(seen_from, 2 - axis, axis=1), sign)
-                place, before = _wall(along, on, area, rays)
+                place, before = _wall(along, between, on, area, rays, most)
                 found[side, axis] = sign * place
                 inner += [(side, axis, sign * each) for each in before]
         walls = found
@@ -125,15 +129,17 @@ class _Rays:
         there, here = self.points[behind], self.seen_from[behind]
         share = (self.sign * place - here[:, 2]) / np.where(there[:, 2] == here[:, 2], np.inf, there[:, 2] - here[:, 2])
         crossing = here[:, :2] + share[:, None] * (there - here)[:, :2]
-        low, high = np.quantile(self.points[on, :2], (_RIM, 1 - _RIM), axis=0)
+        low, high = np.quantile(self.points[on, :2], (_SIDES, 1 - _SIDES), axis=0)
         return float(((crossing < low) | (crossing > high)).any(axis=1).sum() / len(behind))
 
 
-def _wall(along: np.ndarray, on: np.ndarray, area: np.ndarray, rays: _Rays) -> tuple[float, list[float]]:
+def _wall(
+    along: np.ndarray, between: np.ndarray, on: np.ndarray, area: np.ndarray, rays: _Rays, most: float
+) -> tuple[float, list[float]]:
     """Place, metres along a direction, where most surface gathers that faces it; else NaN.
 
-    Little lies behind it, and is seen through it rather than past it. Places with more surface that much is seen past
-    come beside.
+    Little lies behind it, and of what is ``between`` the other walls no more than ``most`` of all points is seen past
+    it. Places before it with more surface, for which that does not hold, come beside.
     """
     before: list[float] = []
     if on.sum() < _LEAST:
@@ -150,8 +156,9 @@ def _wall(along: np.ndarray, on: np.ndarray, area: np.ndarray, rays: _Rays) -> t
         best = int(left.argmax())
         own = np.flatnonzero(on)[np.abs(place - best) <= _PLACE]
         found = float(np.median(along[own]))
-        if rays.past(found, own, along < found - UNEVENNESS) <= _PAST:
+        if rays.past(found, own, between & (along < found - UNEVENNESS)) <= most:
             return found, before
         before.append(found)
-        left[max(best - 2 * _PLACE, 0) : best + 2 * _PLACE + 1] = 0.0
+        left[max(best - 2 * _PLACE, 0) :] = 0.0  # what bounds the room lies behind what is inside
+        left[left < _REST * mass[best]] = 0.0
     return np.nan, before

@@ -292,7 +292,7 @@ def _name_segments(folder: Path, names: Mapping[str, str]) -> None:
 
 
 def _write_overlay(folder: Path, mesh: Mesh, camera: Camera) -> None:
-    """Draw the mesh's edges over a view. Rays are traced for it alone: without it an import needs no ray tracer."""
+    """Draw the mesh's edges over a view; rays are traced for it."""
     from fipt.render.variant import set_variant
 
     set_variant()

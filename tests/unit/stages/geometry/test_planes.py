@@ -391,6 +391,49 @@ def test_a_table_is_no_floor_where_none_is_known():
     assert [place for _, _, place in found.inner] == pytest.approx([TABLE], abs=0.01)
 
 
+def test_scatter_above_a_table_is_no_floor():
+    def scattered(view: DepthView) -> DepthView:
+        # patches of 5 x 5 pixels at heights of their own above the table, all facing up
+        rng = np.random.default_rng(len(view.camera.name))
+        depth, normal = view.map.depth.copy(), view.map.normal.copy()
+        height = view.points[..., 1]
+        for row, column in rng.integers(0, [55, 75], (30, 2)):
+            own = (slice(row, row + 5), slice(column, column + 5))
+            place = view.camera.center[1]
+            good = view.map.known[own] & (height[own] < TABLE + 0.01)
+            share = (rng.uniform(TABLE + 0.05, 0.0) - place) / np.where(good, height[own] - place, -1.0)
+            depth[own] = np.where(good, depth[own] * share, depth[own])
+            normal[own] = np.where(good[..., None], [0.0, 1.0, 0.0], normal[own])
+        return view.with_map(DepthMap(depth, view.map.confidence, normal))
+
+    views = [*around(), *(scattered(above_a_table(angle, 0.0)) for angle in np.arange(6))]
+    found = find_box(views, np.eye(3))
+    assert np.isnan(found.walls[0, 1])
+    assert [place for _, _, place in found.inner] == pytest.approx([TABLE], abs=0.01)
+
+
+def test_a_garden_behind_a_window_beside_a_corner_takes_no_wall():
+    def with_garden(view: DepthView) -> DepthView:
+        # a window in the wall x = -HALF, up to the corner with z = HALF: what it shows lies beyond that wall, too
+        points, center = view.points, view.camera.center
+        pane = (points[..., 0] < 0.01 - HALF) & (points[..., 2] > HALF - 0.8) & (np.abs(points[..., 1]) < 0.9)
+        far = np.random.default_rng(len(view.camera.name)).uniform(1, 6, pane.shape)
+        share = (HALF + far + center[0]) / (HALF + center[0])
+        return view.with_map(
+            DepthMap(
+                np.where(pane, view.map.depth * share, view.map.depth).astype(np.float32),
+                view.map.confidence,
+                view.map.normal,
+            )
+        )
+
+    views = [with_garden(view) for view in around()]
+    outside = np.mean([(np.abs(view.points) > HALF + 0.1).any(axis=-1).mean() for view in views])
+    assert outside > 0.06
+    found = find_box(views, np.eye(3))
+    np.testing.assert_allclose(found.walls[:, [0, 2]], [[-HALF] * 2, [HALF] * 2], atol=0.01)
+
+
 def test_doubtful_depth_takes_a_face_of_the_room_s_box():
     views = [*around(), *(above_a_table(angle, 0.05) for angle in np.arange(6))]
     rng = np.random.default_rng(1)
