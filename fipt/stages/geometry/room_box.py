@@ -94,7 +94,7 @@ def find_box(views: Sequence[DepthView], directions: np.ndarray) -> RoomBox:
         inside = (points > open_low - UNEVENNESS) & (points < open_high + UNEVENNESS)
         found, inner = np.full((2, 3), np.nan), []
         for axis in range(3):
-            between = inside[:, [i for i in range(3) if i != axis]].all(axis=1)
+            between = np.all(inside[:, [i for i in range(3) if i != axis]], axis=1)
             for side, sign in enumerate((1.0, -1.0)):
                 along, nearest = sign * points[:, axis], float((sign * centers[:, axis]).min())
                 on = between & (sign * facing[:, axis] > _FACES) & (along < nearest)
