@@ -20,8 +20,8 @@ _SUPPORTED = 0.6
 _DOUBTED = 3.0
 """Deviations of doubtful depth, in those of the rest (see `_WORSE_VARIANCE`)."""
 _DOUBTED_SHARE = 0.4
-"""Share of a superpixel's known pixels, doubtful ones too, that must lie on a face of the room's box for it to take
-that: by chance one in fifty does."""
+"""Share of a superpixel's known pixels, doubtful ones too, that must lie on a face inside the room for it to take that:
+by chance one in fifty does."""
 _BARE = 3
 """Known pixels below which a superpixel may take a plane that they do not tell."""
 _BARRIER = float(np.log(2.0))
@@ -72,7 +72,7 @@ class Completion:
 def complete(views: Sequence[DepthView], noise: DepthNoise) -> "Completion":
     """Find the room's planes on confident depth, and complete the depth maps of all views by them.
 
-    A superpixel whose known pixels lie on a plane takes it; else a face of the room's box that many of them lie on, be
+    A superpixel whose known pixels lie on a plane takes it; else a face inside the room that many of them lie on, be
     they doubtful. From there planes along the room's directions go on to bare superpixels, along the least contrast
     first, where they stay in the room's box and no other view sees through them; and once more from what other views
     found.
@@ -86,7 +86,7 @@ def complete(views: Sequence[DepthView], noise: DepthNoise) -> "Completion":
     planes = planes.with_faces(box.faces, UNEVENNESS)
     check = _Check(OtherViews.of(confident), box, noise.at_1m)
     slopes, straight = [planes.slopes(view) for view in confident], planes.axis >= 0
-    own, labels, faces = [], [], np.append(np.flatnonzero(planes.among(box.faces, UNEVENNESS)), -1)
+    own, labels, faces = [], [], np.append(np.flatnonzero(planes.among(box.inner, UNEVENNESS)), -1)
     for number, (view, piece) in enumerate(zip(confident, pieces, strict=True)):
         label, known = _supported(view, piece, slopes[number], noise.at_1m)
         own.append(label >= 0)
