@@ -230,16 +230,20 @@ def _partners(spots: Spots, first: int) -> np.ndarray:
 
 def _together(spots: Spots, pair: np.ndarray) -> tuple[np.ndarray, float]:
     """(K,) spots, one of a view, whose rays pass where those of two meet, as intense there; mean miss in pixels."""
-    place, _ = _nearest(spots[pair])
-    distance = ((place - spots.center) * spots.direction).sum(axis=1)
-    off = np.linalg.norm(place - spots.center - distance[:, None] * spots.direction, axis=1)
-    off /= np.maximum(distance, _NEAREST) * spots.pixel
+    distance, off = _passing(spots, _nearest(spots[pair])[0])
     intensity = spots.irradiance * distance**2
     ratio = intensity / np.sqrt(intensity[pair].prod())
     own = np.flatnonzero((distance > _NEAREST) & (off < _PIXELS) & (ratio < _INTENSITY) & (ratio > 1 / _INTENSITY))
     own = own[np.argsort(off[own], kind="stable")]
     own = own[np.unique(spots.view[own], return_index=True)[1]]
     return own, float(off[own].mean()) if len(own) else 0.0
+
+
+def _passing(spots: Spots, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(N,) distances along the rays of spots at which they pass a place, and (N,) by how many pixels."""
+    distance = ((place - spots.center) * spots.direction).sum(axis=1)
+    off = np.linalg.norm(place - spots.center - distance[:, None] * spots.direction, axis=1)
+    return distance, off / (np.maximum(distance, _NEAREST) * spots.pixel)
 
 
 def _nearest(spots: Spots) -> tuple[np.ndarray, np.ndarray]:
@@ -276,9 +280,8 @@ def _asked(
 
 def _points_at(spots: Spots, place: np.ndarray) -> bool:
     """Whether the ray of one of a view's spots passes a place: what shines there has another intensity in that view."""
-    distance = ((place - spots.center) * spots.direction).sum(axis=1)
-    off = np.linalg.norm(place - spots.center - distance[:, None] * spots.direction, axis=1)
-    return bool(((distance > 0) & (off < _PIXELS * distance * spots.pixel)).any())
+    distance, off = _passing(spots, place)
+    return bool(((distance > _NEAREST) & (off < _PIXELS)).any())
 
 
 class _Behind:
