@@ -12,8 +12,9 @@ _OUTMOST = 0.001
 """Share of known points that may lie outside the box: wrong depths, and what windows show."""
 _BEHIND = 0.25
 """Share of them that may lie behind a wall: niches and windows do, most of a room does not."""
-_PAST = 0.05
-"""Share of known points that may be seen past a wall: wrong depths (1 % at walls of two rooms; 18 % at a table)."""
+_PAST, _FEW = 0.02, 0.5
+"""Share of known points that may be seen past a wall, as wrong depths are (1 % at walls of three rooms; 18 % at a table,
+3 % at the fronts of a kitchen), and of its own points, if these are more: bare walls have few."""
 _SIDES = 0.02
 """Share of a wall's points that may lie beyond its sides."""
 _REST = 0.05
@@ -156,7 +157,7 @@ def _wall(
         best = int(left.argmax())
         own = np.flatnonzero(on)[np.abs(place - best) <= _PLACE]
         found = float(np.median(along[own]))
-        if rays.past(found, own, between & (along < found - UNEVENNESS)) <= most:
+        if rays.past(found, own, between & (along < found - UNEVENNESS)) <= max(most, _FEW * len(own) / len(along)):
             return found, before
         before.append(found)
         left[max(best - 2 * _PLACE, 0) :] = 0.0  # what bounds the room lies behind what is inside
