@@ -12,9 +12,11 @@ _OUTMOST = 0.001
 """Share of known points that may lie outside the box: wrong depths, and what windows show."""
 _BEHIND = 0.25
 """Share of them that may lie behind a wall: niches and windows do, most of a room does not."""
-_PAST, _FEW = 0.02, 0.5
-"""Share of known points that may be seen past a wall, as wrong depths are (1 % at walls of three rooms; 18 % at a table,
-3 % at the fronts of a kitchen), and of its own points, if these are more: bare walls have few."""
+_PAST = 0.02
+"""Share of known points that may be seen past a wall: wrong depths (1 % at walls of three rooms; 18 % at a table's top,
+3 % at the fronts of a kitchen)."""
+_FEW = 0.5
+"""As many as so many of its own points may be in any case: a bare wall has few."""
 _SIDES = 0.02
 """Share of a wall's points that may lie beyond its sides."""
 _REST = 0.05
