@@ -133,8 +133,12 @@ class _Meeting:
 
     Attributes
     ----------
-    center, radius, intensity, peak
-        (3,) and of the sphere; radiance of its brightest spot.
+    center, radius
+        (3,) and of the sphere, metres.
+    intensity
+        Luminance times square metres: the median over the spots.
+    peak
+        Luminance of the brightest spot, beyond what is around.
     spots
         The spots (K,).
     free
@@ -162,12 +166,11 @@ class _Meeting:
         distance = ((center - spots.center) * spots.direction).sum(axis=1)
         weight = (distance * spots.pixel * _POINTING) ** -2
         error = float(np.sqrt(np.linalg.eigvalsh(np.linalg.inv((across * weight[:, None, None]).sum(axis=0))).max()))
-        intensity = float(np.median(spots.irradiance * distance**2))
-        radius = float(np.sqrt(intensity / (np.pi * spots.peak.max())))
+        intensity, peak = float(np.median(spots.irradiance * distance**2)), float(spots.peak.max())
+        radius = float(np.sqrt(intensity / (np.pi * peak)))
         met, _ = scene.intersect(spots.center.astype(np.float32), spots.direction.astype(np.float32))
         away = met.astype(np.float64) - distance
         margin = max(radius, _SIGMAS * error, float((distance * spots.pixel).max()))
-        peak = float(spots.peak.max())
         free = (away > margin) & np.isfinite(met) & ~_enclosed(spots, distance, radius, margin, scene)
         behind = spots.center + np.where(np.isfinite(met), met, np.nan)[:, None] * spots.direction
         return cls(center, radius, intensity, peak, spots, free, away < -margin, behind)
