@@ -82,6 +82,11 @@ class Guess:
     determined: bool = False
     errors: tuple[float, float] = (0.15, 1.0)
 
+    @property
+    def even_before(self) -> bool:
+        """Whether the light without the guess is wrong by no more than that of rooms where none is missing."""
+        return self.before <= _ERROR
+
 
 @dataclass(frozen=True)
 class Start:

@@ -114,8 +114,9 @@ def with_guess(
 
     What emits only because it is brighter than white may be lit by an emitter that no view shows. Light is guessed
     beside the certain emitters first; surface that it makes darker than white reflects. Where light is missing and no
-    guess tells from where, it is undecided. Where it has no edge (`fipt.stages.emitters.edges`) it does not emit in any
-    case: it reflects if a guess lights it, else it is undecided.
+    guess tells from where, it is undecided; it emits where with it only the level of the reflectances is unusual: the
+    room is white. Where it has no edge (`fipt.stages.emitters.edges`) it does not emit in any case: it reflects if a
+    guess lights it, else it is undecided.
 
     Parameters
     ----------
@@ -147,7 +148,7 @@ def with_guess(
         "open": leaves,
     }
     if not guess.determined:
-        if (before < 0).all():
+        if (before < 0).all() and not guess.even_before:
             found = replace(found.chosen(~judged.doubtful), undecided=found.undecided.joined(extracted.doubtful))
         return Guessed(found, missing + _undetermined(guess, leaves), {"guess": figures})
     emitters = _added(mesh, found, tried.patches, guess)

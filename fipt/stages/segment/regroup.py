@@ -51,6 +51,8 @@ _NO_METAL_ERRORS = 0.5
 """The same for a part of which a dielectric is the better explanation: more than these, and the fit finds no metal."""
 _CHANCE = 0.05
 """Share of what is metal that may look clearly worse as one: twice that chance, of which this is one side."""
+_COMMON = 10.0
+"""Odds that a metal whose proof is weak is a common paint, above which it is: strong evidence by Jeffreys' scale."""
 _WINDOWS = ((CHI_SQUARE, 1.0), (2.366, 0.5))
 """Squared distances of colours, their 95 % and 50 % quantile, and how many pixels must prove a metal for each that
 tells nothing: in the nearer half fewer other things have that colour."""
@@ -223,6 +225,7 @@ def with_likely_metals(evidence: MaterialEvidence, counted: np.ndarray) -> Mater
     do those count that have, as dielectrics, a colour that is more common among clear dielectrics: white paint in the
     dark, where the room has much white paint.
     """
+    evidence = _without_common_paint(evidence)
     metal, left = evidence.metal.copy(), evidence.left
     no_metal = is_dielectric(left, evidence.judged)
     dielectric = left[:, :HALF].min(axis=1)
@@ -238,12 +241,30 @@ def with_likely_metals(evidence: MaterialEvidence, counted: np.ndarray) -> Mater
             if _metal_alone(evidence, same, refused, proof):
                 metal |= same & ~unlikely & ~no_metal & counted
     likely = np.flatnonzero(metal & ~evidence.metal)
-    metal[likely] = ~_like_dielectrics(evidence, likely, np.flatnonzero(~metal))
+    as_paint, as_metal = _pixels_of_color(evidence, likely, np.flatnonzero(~metal))
+    metal[likely] = as_paint <= as_metal
     return replace(evidence, metal=metal)
 
 
-def _like_dielectrics(evidence: MaterialEvidence, likely: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """(K,) bool: ``likely`` metals whose colour as dielectrics more pixels have than their colour as metals.
+def _without_common_paint(evidence: MaterialEvidence) -> MaterialEvidence:
+    """The evidence without metals that noise may have made, and that are far more likely of a paint of the room.
+
+    The best dielectric is no worse than chance allows, and has a colour that `_COMMON` times as many pixels have as a
+    dielectric than have the region's as a metal, its own among them: one tile of a hundred.
+    """
+    dielectrics = np.flatnonzero(~evidence.metal)
+    best = best_trials(evidence.left, evidence.left[dielectrics].sum(axis=0), slice(None, HALF))
+    weak = np.flatnonzero(evidence.metal & ~worse(evidence.left, evidence.products, best, slice(HALF, None)))
+    as_paint, as_metal = _pixels_of_color(evidence, weak, dielectrics)
+    metal = evidence.metal.copy()
+    metal[weak] = as_paint <= _COMMON * as_metal
+    return replace(evidence, metal=metal)
+
+
+def _pixels_of_color(
+    evidence: MaterialEvidence, asked: np.ndarray, others: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """How many pixels have the colour of the ``asked`` regions (K,) as dielectrics, and as metals, (K,) float64 each.
 
     Those are pixels of regions among the ``others`` that are clearly no metal, and of those that prove a metal. Each
     counts by how likely it is that both have one colour.
@@ -253,11 +274,11 @@ def _like_dielectrics(evidence: MaterialEvidence, likely: np.ndarray, others: np
     best = [best_trials(left, left[of].sum(axis=0), kind) for of, kind in zip((others, proved), trials, strict=True)]
     refused = worse(left[others], evidence.products[others], best[1][others], trials[0])
     found = []
-    for kind, trial in ((others[refused], best[0][likely, None]), (proved, best[1][None, proved])):
-        off = evidence.color[likely[:, None], trial] - evidence.color[kind[None], trial]
-        variance = evidence.variance[likely, None] + evidence.variance[None, kind]
+    for kind, trial in ((others[refused], best[0][asked, None]), (proved, best[1][None, proved])):
+        off = evidence.color[asked[:, None], trial] - evidence.color[kind[None], trial]
+        variance = evidence.variance[asked, None] + evidence.variance[None, kind]
         found.append(np.exp(-0.5 * (off**2 / variance).sum(axis=2)) @ evidence.pixels[kind])
-    return found[0] > found[1]
+    return found[0], found[1]
 
 
 def _metal_alone(evidence: MaterialEvidence, same: np.ndarray, refused: np.ndarray, proof: float) -> bool:

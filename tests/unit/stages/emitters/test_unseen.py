@@ -797,6 +797,8 @@ def test_what_may_be_lit_by_missing_light_is_undecided(guessing):
     np.testing.assert_array_equal(told.undecided.triangle, triangles)
     sound = guessing(Guess(np.zeros((1, 3))), is_explained=True, extracted=Extracted(seems, doubtful)).emitters
     assert len(sound.triangle) == 2
+    white = guessing(Guess(np.zeros((1, 3)), before=0.05), extracted=Extracted(seems, doubtful)).emitters
+    assert len(white.triangle) == 2, "its light is even: the room is whiter than others, and no light is missing"
 
 
 @pytest.mark.parametrize(

@@ -283,6 +283,26 @@ def test_what_looks_like_common_paint_is_no_metal_by_its_colour(np_rng):
     assert likely(other).metal.tolist() == [True, True, True, False], "paint of another colour says nothing"
 
 
+def test_a_weak_proof_does_not_make_a_metal_of_common_paint(np_rng):
+    """One tile of a hundred looks a little like metal; the others have its colour, and clearly are paint."""
+    evidence = steels(np_rng, (RED, 0.2, 0.0))
+    left, color = evidence.left.copy(), evidence.color.copy()
+    left[2, 0] = left[2].min() + 1.5
+    left[3, 0] = left[3].min() - 1e6
+    color[3, :HALF] = color[2, :HALF]
+    color[2, HALF:] += 1  # of no steel
+    evidence = replace(evidence, left=left, color=color, metal=np.array([True, True, True, False]))
+    for others, metal in ((4500.0, False), (3500.0, True)):
+        tiles = replace(evidence, pixels=np.array([400.0, 400, 400, others]))
+        assert likely(tiles).metal[2] == metal, "its own pixels tell too: ten times as many must tell otherwise"
+    tiles = replace(evidence, pixels=np.array([400.0, 400, 400, 4500]))
+    left[2, 0] += 1
+    assert likely(replace(tiles, left=left)).metal[2], "better by more than chance"
+    left[2, 0] -= 1
+    color[3, :HALF, 0] += np.sqrt(16 * (evidence.variance[2, 0] + evidence.variance[3, 0]))
+    assert likely(replace(tiles, color=color)).metal[2], "paint of another colour says nothing"
+
+
 def test_the_verb_joins_segments_whole_and_loses_none(scene: Path, tmp_path: Path):
     data, cut = Dataset(scene / "dataset"), tmp_path / "cut"
     for view in data.views("train"):
