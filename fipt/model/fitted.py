@@ -12,7 +12,7 @@ from fipt.model.store import load_model
 from fipt.scene.emitters import Emitters, read_emitters
 from fipt.scene.environment import NOTHING, EnvironmentMap, read_environment
 from fipt.scene.mesh import Mesh
-from fipt.scene.voxels import read_cache
+from fipt.scene.voxels import facing_normals, read_cache
 
 
 @dataclass(frozen=True)
@@ -70,9 +70,14 @@ class FittedScene:
             {} if cache is None else read_cache(cache),
         )
 
-    def reflectance(self, points: np.ndarray, footprint: np.ndarray, triangle: np.ndarray | None = None) -> Brdf:
-        """Reflectance at points (N, 3) of triangles (N,) through pixels that are ``footprint`` (N,) metres wide."""
-        return seen_materials(self.model, points, footprint, triangle)
+    def reflectance(
+        self, points: np.ndarray, normals: np.ndarray, footprint: np.ndarray, triangle: np.ndarray | None = None
+    ) -> Brdf:
+        """Reflectance at points (N, 3) of triangles (N,) through pixels that are ``footprint`` (N,) metres wide.
+
+        ``normals`` (N, 3) are turned to the viewer.
+        """
+        return seen_materials(self.model, points, normals, footprint, triangle)
 
     def cached_materials(self) -> Brdf:
         """Reflectance of the K records of the radiance cache, see `voxel_materials`."""
@@ -83,5 +88,5 @@ def voxel_materials(model: MaterialModel, cache: Mapping[str, np.ndarray]) -> Br
     """Reflectance of the K records of a cache; those that no view sees take that of the record standing for them."""
     seen, index = np.unique(cache["source"], return_inverse=True)
     size = np.full(len(seen), float(cache["side"]) / int(cache["resolution"]), np.float32)
-    brdf = model.query(cache["point"][seen], size)
+    brdf = model.query(model.place(cache["point"][seen], facing_normals(cache["facing"][seen])), size)
     return Brdf(brdf.base_color[index], brdf.roughness[index], brdf.metallic[index])

@@ -263,10 +263,13 @@ class Field(nn.Module):
         Of the hash encoding.
     mask : bool
         Whether there is an emission network: it costs 40 % of a step, and only `emitters.decide: mask` asks it.
+    inset : float
+        Metres below a surface at which its reflectance lies (docs/adr/0095): so faces that meet in an edge, and the two
+        sides of a sheet, do not share places.
 
     Attributes
     ----------
-    settings, box
+    settings, box, inset
         As given.
     finest
         (R, R, R) float32 width of the smallest query that taught anything in each cell of the box, metres; 0: none did.
@@ -275,10 +278,16 @@ class Field(nn.Module):
     """
 
     def __init__(
-        self, settings: NetworkSettings, box: SceneBox, backend: Backend = "auto", *, mask: bool = False
+        self,
+        settings: NetworkSettings,
+        box: SceneBox,
+        backend: Backend = "auto",
+        *,
+        mask: bool = False,
+        inset: float = 0.0,
     ) -> None:
         super().__init__()
-        self.settings, self.box = settings, box
+        self.settings, self.box, self.inset = settings, box, inset
         self.brdf_network = BrdfNetwork(settings, backend)
         self.emission_network = EmissionNetwork(settings.seed) if mask else None
         self.finest: torch.Tensor
@@ -323,13 +332,17 @@ class Field(nn.Module):
         cell = (self.box.to_unit(self._tensor(points)) * _FINEST_CELLS).long().clamp(0, _FINEST_CELLS - 1)
         return (cell[:, 0] * _FINEST_CELLS + cell[:, 1]) * _FINEST_CELLS + cell[:, 2]
 
+    def place(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
+        """(N, 3) where the reflectance of surface at points (N, 3), metres, with normals (N, 3) to its viewer lies."""
+        return np.asarray(points) - np.float32(self.inset) * np.asarray(normals)
+
     def brdf(self, p_world: torch.Tensor, footprint: torch.Tensor | None = None) -> Brdf:
-        """Reflectance at world points.
+        """Reflectance at places of the world.
 
         Parameters
         ----------
         p_world : torch.Tensor
-            (N, 3) float32, metres.
+            (N, 3) float32, metres, as `place` gives them.
         footprint : torch.Tensor, optional
             (N,) float32, metres: size of the patch that is asked for; finer detail is faded out.
         """
@@ -347,12 +360,12 @@ class Field(nn.Module):
         triangle: np.ndarray | None = None,
         chunk: int = QUERY_CHUNK,
     ) -> Brdf:
-        """Reflectance at any number of world points, without gradients.
+        """Reflectance at any number of places of the world, without gradients.
 
         Parameters
         ----------
         points : numpy.ndarray
-            (N, 3), metres.
+            (N, 3), metres, as `place` gives them.
         footprint : numpy.ndarray, optional
             (N,), metres.
         triangle : numpy.ndarray, optional

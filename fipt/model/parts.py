@@ -25,10 +25,14 @@ class MaterialModel(Protocol):
         """How large a part of a pixel it is asked about."""
         ...
 
+    def place(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
+        """(N, 3) where it is asked about surface at points (N, 3), metres, with normals (N, 3) to its viewer."""
+        ...
+
     def query(
         self, points: np.ndarray, footprint: np.ndarray | None = None, triangle: np.ndarray | None = None
     ) -> Brdf:
-        """Reflectance at points (N, 3), metres, of triangles (N,), seen through ``footprint`` (N,) metres; numpy."""
+        """Reflectance at places (N, 3), metres, of triangles (N,), seen through ``footprint`` (N,) metres; numpy."""
         ...
 
     def finest_at(self, points: np.ndarray) -> np.ndarray:
@@ -37,15 +41,21 @@ class MaterialModel(Protocol):
 
 
 def seen_materials(
-    model: MaterialModel, points: np.ndarray, footprint: np.ndarray, triangle: np.ndarray | None = None
+    model: MaterialModel,
+    points: np.ndarray,
+    normals: np.ndarray,
+    footprint: np.ndarray,
+    triangle: np.ndarray | None = None,
 ) -> Brdf:
     """Reflectance at points (N, 3) of triangles (N,), seen through pixels that are ``footprint`` (N,) metres wide.
+
+    ``normals`` (N, 3) are turned to the viewer.
 
     The model is asked about as large a part of the pixel as in the fit (settings of the fit, ``footprint``), and about
     nothing finer than what taught it: of a view from close by, that would be noise (docs/adr/0078).
     """
     width = np.maximum(footprint * model.settings.footprint, model.finest_at(points)).astype(np.float32)
-    return model.query(points, width, triangle)
+    return model.query(model.place(points, normals), width, triangle)
 
 
 @dataclass(frozen=True)
@@ -104,6 +114,10 @@ class PartMaterials:
     labels: PartLabels
     brdf: Brdf
     settings: NetworkSettings = field(default_factory=lambda: NetworkSettings(footprint=0.0))
+
+    def place(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
+        """The points: a part is told by its surface."""
+        return points
 
     def query(
         self, points: np.ndarray, footprint: np.ndarray | None = None, triangle: np.ndarray | None = None

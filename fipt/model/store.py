@@ -26,8 +26,8 @@ from fipt.settings import dumped, validate
 _KEY = "fipt"  # of the JSON text in the file's metadata, whose values may only be strings
 _Kind = Literal["field", "checkpoint", "parts"]
 _REQUIRED = {
-    "field": {"settings", "box", "mask"},
-    "checkpoint": {"settings", "box", "mask", "step", "optimizer"},
+    "field": {"settings", "box", "mask", "inset"},
+    "checkpoint": {"settings", "box", "mask", "inset", "step", "optimizer"},
     "parts": set(),
 }
 _PART_ARRAYS = ("of_triangle", "place", "of_place", "base_color", "roughness", "metallic")
@@ -62,7 +62,8 @@ def load_field(path: str | Path) -> Field:
         If the file is missing, damaged or of another version of the stage.
     """
     tensors, metadata = _read(path, "field")
-    field = Field(_network_settings(path, metadata), _box(path, metadata), mask=bool(metadata["mask"]))
+    mask, inset = bool(metadata["mask"]), float(metadata["inset"])
+    field = Field(_network_settings(path, metadata), _box(path, metadata), mask=mask, inset=inset)
     _restore(path, field, tensors)
     return field
 
@@ -137,7 +138,7 @@ def load_checkpoint(path: str | Path, field: Field, optimizer: torch.optim.Optim
     tensors, metadata = _read(path, "checkpoint")
     if metadata["settings"] != dumped(settings) or metadata["mask"] != (field.emission_network is not None):
         raise FiptError(f"{path} was made with other settings", "delete it to fit from the start")
-    if _box(path, metadata) != field.box:
+    if (_box(path, metadata), metadata["inset"]) != (field.box, field.inset):
         raise FiptError(f"{path} was made for another scene", "delete it to fit from the start")
     state: dict[int, dict[str, Any]] = {}
     for name in [name for name in tensors if name.startswith("optimizer.")]:
@@ -171,7 +172,8 @@ def _box(path: str | Path, metadata: Mapping[str, Any]) -> SceneBox:
 
 
 def _description(field: Field, settings: NetworkSettings) -> dict[str, Any]:
-    return {"settings": dumped(settings), "box": asdict(field.box), "mask": field.emission_network is not None}
+    mask = field.emission_network is not None
+    return {"settings": dumped(settings), "box": asdict(field.box), "mask": mask, "inset": field.inset}
 
 
 def _restore(path: str | Path, field: Field, tensors: dict[str, torch.Tensor]) -> None:

@@ -40,6 +40,12 @@ def facings(normals: np.ndarray) -> np.ndarray:
     return (2 * axis + (np.take_along_axis(normals, axis[:, None], 1)[:, 0] > 0)).astype(np.uint8)
 
 
+def facing_normals(facing: np.ndarray) -> np.ndarray:
+    """(N, 3) float32 unit vectors along the axes that surface of `facings` (N,) faces."""
+    sign = 2 * (facing % 2).astype(np.float32) - 1
+    return np.eye(3, dtype=np.float32)[facing // 2] * sign[:, None]
+
+
 def write_cache(path: str | Path, cache: dict[str, np.ndarray]) -> None:
     """Write the arrays of a radiance cache (`fipt.stages.cache.build.build` describes them)."""
     save_npz(path, **{name: cache[name] for name in _FORMS})

@@ -47,6 +47,9 @@ class Grey:
 
     settings = SimpleNamespace(footprint=1.0)
 
+    def place(self, points, normals):
+        return points
+
     def query(self, points, footprint, triangle=None):
         n = len(points)
         return Brdf(np.tile(np.float32(GREY), (n, 1)), np.full(n, 0.5, np.float32), np.zeros(n, np.float32))

@@ -32,21 +32,30 @@ class Coverage:
         (_VOXELS ** 3,) float32 metres; the median of all where no view looks.
     typical
         The finest quarter of all pixels are at most so large, metres.
+    normals
+        (T, 3) float32 normals of the triangles, turned to where most pixels see them from.
     """
 
     footprint: np.ndarray
     typical: float
+    normals: np.ndarray
 
 
-def coverage(field: Field, shards: Sequence[FootprintSamples]) -> Coverage:
-    """Pixel size over the surface, from the footprint samples of the training views."""
+def coverage(field: Field, mesh: Mesh, shards: Sequence[FootprintSamples]) -> Coverage:
+    """Pixel size over the surface, and its seen sides, from the footprint samples of the training views."""
     keys = [_voxels(field, np.asarray(samples.position)) for samples in shards]
     sizes = [np.asarray(samples.footprint, np.float64) for samples in shards]
     total = summed_by(zip(keys, sizes, strict=True), _VOXELS**3)
     count = np.bincount(np.concatenate(keys), minlength=_VOXELS**3)
     every = np.concatenate(sizes)
     mean = np.where(count > 0, total / np.maximum(count, 1), np.median(every))
-    return Coverage(mean.astype(np.float32), float(np.quantile(every, 0.25)))
+    front = np.zeros(len(mesh.triangles))
+    for samples in shards:
+        triangle = np.asarray(samples.triangle)
+        facing = (np.asarray(samples.normal) * mesh.normals[triangle]).sum(axis=1)
+        front += np.bincount(triangle, np.sign(facing), len(front))
+    normals = np.where(front[:, None] < 0, -mesh.normals, mesh.normals)
+    return Coverage(mean.astype(np.float32), float(np.quantile(every, 0.25)), normals)
 
 
 def _voxels(field: Field, points: np.ndarray) -> np.ndarray:
@@ -79,12 +88,13 @@ def surface_brdf(
             part = slice(start, min(start + _CHUNK, count))
             texel, triangle = known.index[part], known.triangle[part]
             corner = np.stack([texel % atlas.width, texel // atlas.width], axis=1)
-            place = (corner[:, None] + offsets).reshape(-1, 2)
+            point = (corner[:, None] + offsets).reshape(-1, 2)
             owner = np.repeat(triangle, points)
-            weights, _ = nearest_weights(flat[owner], place)
+            weights, _ = nearest_weights(flat[owner], point)
             p_world = np.einsum("nk,nkd->nd", weights, corners[owner])
             footprint = np.maximum(seen.footprint[_voxels(field, p_world)], 1 / atlas.density)
-            brdf = field.query(p_world, (scale * footprint).astype(np.float32))
+            place = field.place(p_world, seen.normals[owner])
+            brdf = field.query(place, (scale * footprint).astype(np.float32))
             stacked = np.column_stack([brdf.base_color, brdf.roughness, brdf.metallic])
             values[part] = stacked.reshape(-1, points, 5).mean(axis=1)
             bar.advance(len(owner))

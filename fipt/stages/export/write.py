@@ -58,7 +58,7 @@ def write_export(inputs: ExportInputs, settings: ExportSettings) -> Stats:
     emitters = in_source_unit(read_emitters(inputs.emitters, mesh), data.radiance_scale)
     outside = in_unit(read_environment(inputs.environment), 1 / data.radiance_scale)
     field = load_field(inputs.model)
-    seen = coverage(field, [read_samples(folder) for folder in inputs.samples])
+    seen = coverage(field, mesh, [read_samples(folder) for folder in inputs.samples])
     layout = _layout(settings, seen.typical)
     check_room(mesh, layout, out)
     atlas = unwrap(mesh, _groups(mesh, emitters), *layout)

@@ -188,7 +188,8 @@ def _light(shard: ObservedShard, fitted: FittedScene, sample: np.ndarray, querie
     picks = np.arange(queries) * SUB_POSITIONS // queries
     spread = np.asarray(samples.sub[sample])[:, picks].astype(np.float32) if queries > 1 else np.float32(0)
     points = np.asarray(samples.position[sample])[:, None] + spread
-    brdf = fitted.reflectance(points.reshape(-1, 3), np.repeat(np.asarray(samples.footprint[sample]), queries))
+    surface = (np.repeat(np.asarray(each[sample]), queries, axis=0) for each in (samples.normal, samples.footprint))
+    brdf = fitted.reflectance(points.reshape(-1, 3), *surface)
     base = brdf.base_color.reshape(-1, queries, 3).mean(1)
     roughness = brdf.roughness.reshape(-1, queries).mean(1)
     metallic = brdf.metallic.reshape(-1, queries).mean(1)

@@ -72,7 +72,7 @@ def retakes(data: Dataset, fitted: FittedScene, views: Sequence[str], settings: 
     sampling = ImageSampling(_RAYS_PER_SIDE, settings.spp, denoise=True, seed=settings.seed)
 
     def materials(si: SurfaceInteractions) -> Brdf:
-        return fitted.reflectance(si.position, si.footprint)
+        return fitted.reflectance(si.position, si.normal, si.footprint)
 
     return [_retake(data, room, reduced(data.camera(view), settings.width), materials, sampling) for view in views]
 

@@ -35,7 +35,7 @@ class Batch:
     weight
         (H,) share of the sample in its pixel; sums to ``share`` over a pixel.
     points
-        (H, Q, 3) world positions to query, metres.
+        (H, Q, 3) world positions to query, metres, the inset of the field below the surface.
     footprint
         (H,) size of the pixel at the sample, metres.
     shading
@@ -92,6 +92,8 @@ class Pixels:
         Per shard: pixels (K,) that show the outside too, and what it adds to them (K, 3); see `fipt.scene.environment`.
     empty
         Makes the arrays over all pixels: in memory, or `fipt.formats.arrays.on_disk`.
+    inset
+        Metres below the surface at which the field is asked.
 
     Attributes
     ----------
@@ -106,7 +108,9 @@ class Pixels:
         confidence: PhotoEvidence | None = None,
         beyond: list[tuple[np.ndarray, np.ndarray]] | None = None,
         empty: Empty = np.empty,
+        inset: float = 0.0,
     ) -> None:
+        self.inset = inset
         self.shards, self.shading = [shard.samples for shard in shards], [shard.shading for shard in shards]
         self.confidence = confidence
         self.beyond = beyond if beyond is not None and any(len(pixel) for pixel, _ in beyond) else None
@@ -136,6 +140,13 @@ class Pixels:
         self.largest_segment, self._winner = (
             (0, None) if segments is None else segments_of_triangles(self.shards, segments)
         )
+
+    def _below(self, position: np.ndarray, shard: np.ndarray, sample: np.ndarray) -> np.ndarray:
+        """Positions (N, 3) of samples moved below the surface; their normals are read only where they are needed."""
+        if self.inset == 0:
+            return position
+        normals = _gathered([each.normal for each in self.shards], shard, sample)
+        return position - np.float32(self.inset) * normals
 
     def _confidence(self, shard: np.ndarray, sample: np.ndarray, position: np.ndarray) -> np.ndarray:
         """`confidence_at` of samples; their normals are read only where they are needed."""
@@ -184,7 +195,7 @@ class Pixels:
             "clipped": _gathered(self.clipped, shard, pixel),
             "owner": owner,
             "weight": weight.astype(np.float32),
-            "points": position[:, None] + sub.astype(np.float32),
+            "points": self._below(position, shard[owner], sample)[:, None] + sub.astype(np.float32),
             "footprint": of_samples([each.footprint for each in self.shards]),
             "shading": self.lit(of_samples(self.shading).astype(np.float32), position, segment),
             "segment": segment,

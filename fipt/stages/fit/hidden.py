@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from scipy.spatial import cKDTree
 
-from fipt.scene.voxels import FACINGS, facings, voxel_keys
+from fipt.scene.voxels import FACINGS, facing_normals, facings, voxel_keys
 from fipt.stages.fit.batches import Pixels
 
 
@@ -21,7 +21,7 @@ class HiddenSurface:
     Attributes
     ----------
     points
-        (N, 3) float32, metres.
+        (N, 3) float32 places to query, metres.
     segment
         (N,) int64 segment that tells it: of the nearest seen surface of the same connected part, or of what is beside.
     seen
@@ -70,9 +70,8 @@ def find_hidden(pixels: Pixels, cache: dict[str, np.ndarray], known: np.ndarray)
     segment = segment[cache["source"]]
     unseen = cache["source"] != np.arange(len(segment))
     chosen = (unseen | (seen & ~taught)) & (segment > 0) & known[segment]
-    return HiddenSurface(
-        cache["point"][chosen], segment[chosen], seen[chosen], float(cache["side"]) / int(cache["resolution"])
-    )
+    place = cache["point"][chosen] - np.float32(pixels.inset) * facing_normals(cache["facing"][chosen])
+    return HiddenSurface(place, segment[chosen], seen[chosen], float(cache["side"]) / int(cache["resolution"]))
 
 
 def _of_records(

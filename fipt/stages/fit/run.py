@@ -2,6 +2,7 @@
 
 import hashlib
 import logging
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from fipt.scene.confidence import Confidence, write_confidence
 from fipt.scene.dataset import Dataset
 from fipt.scene.emitters import read_emitters
 from fipt.scene.environment import beyond, read_environment
-from fipt.scene.observed import check_as_many, read_observed, without_triangles
+from fipt.scene.observed import ObservedShard, check_as_many, read_observed, without_triangles
 from fipt.scene.samples import scene_box, segments_of
 from fipt.scene.shading import read_shading
 from fipt.scene.voxels import read_cache
@@ -71,7 +72,8 @@ def fit_model(inputs: FitInputs, settings: FitSettings) -> Stats:
     pixels = _training_pixels(data, kind, inputs, settings)
     center, side = scene_box(pixels.shards)
     # where it is known what emits, no mask has to tell
-    field = Field(settings, SceneBox((center[0], center[1], center[2]), side), mask=inputs.emitters is None)
+    box, mask = SceneBox((center[0], center[1], center[2]), side), inputs.emitters is None
+    field = Field(settings, box, mask=mask, inset=pixels.inset)
     before = None if inputs.previous is None else load_field(inputs.previous)
     if before is not None and settings.warm_start:
         field.start_from(before)
@@ -134,7 +136,13 @@ def _training_pixels(data: Dataset, kind: str | None, inputs: FitInputs, setting
     outside = read_environment(inputs.environment)
     edges = [beyond(shard.samples, own, outside) for shard, own in zip(shards, cameras, strict=True)]
     ids = None if kind is None else [segments_of(data, shard.samples, kind, empty) for shard in shards]
-    return Pixels(shards, ids, evidence if settings.confidence_weights else None, edges, empty)
+    inset = 0.0 if inputs.emitters is None else _inset(shards, settings.footprint)  # a mask is asked on the surface
+    return Pixels(shards, ids, evidence if settings.confidence_weights else None, edges, empty, inset)
+
+
+def _inset(shards: Sequence[ObservedShard], footprint: float) -> float:
+    """How far below the surface a field is asked, metres: as far as a query of the median pixel is wide."""
+    return footprint * float(np.median(np.concatenate([np.asarray(shard.samples.footprint) for shard in shards])))
 
 
 def _learn_finest(field: Field, pixels: Pixels) -> None:

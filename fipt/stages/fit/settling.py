@@ -10,7 +10,7 @@ from fipt.formats.files import copy_file
 from fipt.formats.manifests import Stats
 from fipt.scene.change import read_change
 from fipt.scene.settled import SETTLED, RoundState, read_state, write_state
-from fipt.scene.voxels import read_cache
+from fipt.scene.voxels import facing_normals, read_cache
 from fipt.stages.fit.inputs import FitInputs
 
 if TYPE_CHECKING:
@@ -87,7 +87,9 @@ def _kd_change(inputs: FitInputs, field: "Field", before: "Field") -> float | No
     seen = np.flatnonzero(cache["count"] > 0)
     if len(seen) == 0:
         return None
-    points = cache["point"][seen[:: max(1, len(seen) // _POINTS)]]
-    size = np.full(len(points), float(cache["side"]) / int(cache["resolution"]), np.float32)
-    difference = field.query(points, size).kd - before.query(points, size).kd
+    chosen = seen[:: max(1, len(seen) // _POINTS)]
+    surface = cache["point"][chosen], facing_normals(cache["facing"][chosen])
+    size = np.full(len(chosen), float(cache["side"]) / int(cache["resolution"]), np.float32)
+    kd, kd_before = (each.query(each.place(*surface), size).kd for each in (field, before))
+    difference = kd - kd_before
     return round(float(np.sqrt(np.mean(np.square(difference)))), 5)

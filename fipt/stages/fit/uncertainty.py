@@ -196,7 +196,8 @@ class _FittedView:
         """(N, columns of `_SUMS`) what its samples add to their pieces, each times its share."""
         samples, own, pixel = self.samples, self.own.start + self.asked, self.pixel[self.asked]
         shading = np.asarray(self.pixels.shading[self.number][own], np.float32)
-        brdf = field.query(samples.position[own], samples.footprint[own] * field.settings.footprint)
+        place = field.place(samples.position[own], samples.normal[own])
+        brdf = field.query(place, samples.footprint[own] * field.settings.footprint)
         residual, evident = self._residuals(brdf, self._lit(shading, own), emitter_gain)
         change = np.full(len(shading), _UNCHECKED)
         if earlier:

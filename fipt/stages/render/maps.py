@@ -43,12 +43,12 @@ def sample_materials(model: MaterialModel, samples: FootprintSamples, chosen: np
     """
     position = np.asarray(samples.position)[chosen]
     footprint = np.asarray(samples.footprint)[chosen]
-    triangle = np.asarray(samples.triangle)[chosen]
+    normal, triangle = np.asarray(samples.normal)[chosen], np.asarray(samples.triangle)[chosen]
     if not average:
-        return seen_materials(model, position, footprint, triangle)
+        return seen_materials(model, position, normal, footprint, triangle)
     points = position[:, None] + np.asarray(samples.sub)[chosen].astype(np.float32)
-    footprint, triangle = (np.repeat(values, SUB_POSITIONS) for values in (footprint, triangle))
-    brdf = seen_materials(model, points.reshape(-1, 3), footprint, triangle)
+    surface = (np.repeat(values, SUB_POSITIONS, axis=0) for values in (normal, footprint, triangle))
+    brdf = seen_materials(model, points.reshape(-1, 3), *surface)
     shape = (len(chosen), SUB_POSITIONS)
     return Brdf(
         brdf.base_color.reshape(*shape, 3).mean(1),

@@ -85,7 +85,7 @@ class StagedScene:
 
     def materials(self, si: SurfaceInteractions) -> Brdf:
         """Reflectance of points, which the model tells anew: samples know no new surfaces."""
-        return self.changes.materials(self.fitted.reflectance(si.position, si.footprint, si.triangle), si)
+        return self.changes.materials(self.fitted.reflectance(si.position, si.normal, si.footprint, si.triangle), si)
 
     def lit_rooms(self, max_depth: int) -> list[LitRoom]:
         """Return the room under each of its illuminations, with a tracer of paths of so many vertices."""

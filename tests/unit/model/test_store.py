@@ -77,11 +77,11 @@ def damage(path, change) -> None:
 
 @pytest.mark.parametrize("mask", [True, False])
 def test_field_round_trip(tmp_path, backend, mask):
-    field = Field(SETTINGS, BOX, mask=mask)
+    field = Field(SETTINGS, BOX, mask=mask, inset=0.015)
     path = tmp_path / "round-0" / "model.safetensors"
     save_field(path, field, SETTINGS)
     loaded = load_field(path)
-    assert loaded.box == BOX
+    assert (loaded.box, loaded.inset) == (BOX, 0.015)
     assert loaded.settings.model_dump().items() <= SETTINGS.model_dump().items()
     assert (loaded.settings.levels, loaded.settings.seed) == (4, 3)
     assert set(loaded.state_dict()) == set(field.state_dict())
@@ -140,6 +140,9 @@ def test_checkpoint_of_other_settings_or_scene_changes_nothing(tmp_path, backend
         other.load(path)
     elsewhere = Toy(backend.torch_device)
     elsewhere.field.box = SceneBox((0.0, 0.0, 0.0), 1.0)
+    with pytest.raises(FiptError, match="another scene"):
+        elsewhere.load(path)
+    elsewhere.field.box, elsewhere.field.inset = BOX, 0.01
     with pytest.raises(FiptError, match="another scene"):
         elsewhere.load(path)
     assert all(torch.equal(value, other.weights()[name]) for name, value in before.items())

@@ -5,6 +5,7 @@ import pytest
 
 from fipt.errors import FiptError
 from fipt.scene.mesh import Mesh, connected_parts
+from fipt.scene.voxels import facing_normals
 from fipt.stages.cache import build as cache
 from fipt.stages.cache.settings import CacheSettings
 from tests import scenes
@@ -88,6 +89,7 @@ def test_the_sides_of_a_thin_plate_do_not_lend_each_other_light():
 def test_facings():
     normals = np.float32([[-1, 0, 0], [0.6, 0.5, -0.5], [0, -0.9, 0.4], [0.3, 0.8, 0], [0.1, 0, -1], [0.5, 0.5, 0.7]])
     np.testing.assert_array_equal(cache.facings(normals), np.arange(6))
+    np.testing.assert_array_equal(cache.facings(facing_normals(np.arange(6))), np.arange(6))
 
 
 def test_unseen_voxels_take_the_nearest_seen_one_of_their_part():

@@ -41,7 +41,11 @@ class Everywhere:
     box = SceneBox((1.0, 0.5, 0.75), 2.1)
 
     def __init__(self):
-        self.asked = []
+        self.asked, self.normals = [], []
+
+    def place(self, points, normals):
+        self.normals.append(normals)
+        return points
 
     def query(self, points, footprint):
         self.asked.append((points, footprint))
@@ -49,11 +53,29 @@ class Everywhere:
         return Brdf(unit.astype(np.float32), np.full(len(points), 0.5, np.float32), np.full(len(points), 0.25))
 
 
+def one_pixel(footprint, normal):
+    """A view of one pixel, on triangle 0, with this normal (3,) to the viewer."""
+    place, triangle = np.float32([[0.1, 0.1, 0.1]]), np.zeros(1, np.int32)
+    width = np.float32([footprint])
+    return SimpleNamespace(position=place, footprint=width, normal=np.float32([normal]), triangle=triangle)
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_texels_are_of_the_side_that_views_see(box, side):
+    mesh, atlas, known, _ = box
+    field = Everywhere()
+    seen = coverage(field, mesh, [one_pixel(0.2, side * mesh.normals[0])])
+    surface_brdf(field, mesh, atlas, known, seen, 1, 0.5)
+    normals, owner = np.concatenate(field.normals), known.triangle
+    np.testing.assert_array_equal(normals[owner == 0], side * mesh.normals[owner[owner == 0]])
+    np.testing.assert_array_equal(normals[owner > 0], mesh.normals[owner[owner > 0]])
+
+
 def test_texels_are_means_of_what_the_model_says_there(box):
     mesh, atlas, known, _ = box
     field = Everywhere()
-    shard = SimpleNamespace(position=np.float32([[0.1, 0.1, 0.1]]), footprint=np.float32([0.2]))
-    brdf = surface_brdf(field, mesh, atlas, known, coverage(field, [shard]), 3, 0.5)
+    shard = one_pixel(0.2, mesh.normals[0])
+    brdf = surface_brdf(field, mesh, atlas, known, coverage(field, mesh, [shard]), 3, 0.5)
     own = np.einsum("nk,nkd->nd", known.weights, mesh.corners[known.triangle]) / [2, 1, 1.5]
     # at most half a texel off, which is where a texel reaches over an edge
     assert np.abs(brdf.base_color - own).max() < 0.5 / 40 + 1e-4
@@ -66,8 +88,8 @@ def test_texels_are_means_of_what_the_model_says_there(box):
 def test_no_query_is_finer_than_a_texel(box):
     mesh, atlas, known, _ = box
     field = Everywhere()
-    shard = SimpleNamespace(position=np.float32([[0.1, 0.1, 0.1]]), footprint=np.float32([0.001]))
-    surface_brdf(field, mesh, atlas, known, coverage(field, [shard]), 1, 0.5)
+    shard = one_pixel(0.001, mesh.normals[0])
+    surface_brdf(field, mesh, atlas, known, coverage(field, mesh, [shard]), 1, 0.5)
     np.testing.assert_allclose(field.asked[0][1], 0.5 / 40)
 
 

@@ -13,7 +13,7 @@ from tests import scenes
 WIDTH, HEIGHT = 30, 20
 
 
-def reflectance(place, footprint):
+def reflectance(place, normal, footprint):
     """Grey and matte everywhere."""
     count = len(place)
     return SimpleNamespace(

@@ -84,6 +84,18 @@ def test_queries_are_stored_points_of_the_sample(np_rng):
     assert picked == {0, 1, 2, 3}  # in turn all of them
 
 
+def test_queries_lie_below_the_surface(np_rng):
+    samples, shading, images = shards(np_rng)
+    pixels = scenes.training_pixels(samples, shading, images, None)
+    on, below = pixels.batch(np.arange(7), 2, np.random.default_rng(0)), None
+    pixels.inset = 0.25
+    below = pixels.batch(np.arange(7), 2, np.random.default_rng(0))
+    moved = (on.points - below.points).numpy() / 0.25
+    normals = np.concatenate([each.normal for each in samples])
+    assert {tuple(row) for row in moved.reshape(-1, 3)} <= {tuple(row) for row in normals}
+    np.testing.assert_allclose(np.linalg.norm(moved, axis=2), 1)
+
+
 def test_pixels_half_off_the_mesh_count_by_what_they_show(np_rng):
     samples = scenes.samples_of(np.zeros((3, 3)), weight=[0.25, 0.25, 0.75], counts=[2, 1])
     shading = [np.zeros((3, SHADING_OUTPUTS, 3), np.float16)]

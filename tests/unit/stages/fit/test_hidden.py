@@ -66,6 +66,17 @@ def test_unseen_surface_takes_the_segment_of_what_stands_for_it(pixels, cache):
     assert hidden.size == 1.0
 
 
+def test_places_lie_below_the_surface(pixels, cache):
+    pixels.inset = 0.25
+    hidden = find_hidden(pixels, cache, np.ones(10, bool))
+    pixels.inset = 0.0
+    on = find_hidden(pixels, cache, np.ones(10, bool))
+    moved = on.points - hidden.points
+    np.testing.assert_allclose(np.linalg.norm(moved, axis=1), 0.25)
+    records = {(*point, facing) for point, facing in zip(cache["point"], cache["facing"], strict=True)}
+    assert {(*point, facing) for point, facing in zip(on.points, facings(moved), strict=True)} <= records
+
+
 def test_nothing_is_hidden_where_all_is_seen(pixels, cache):
     everything = cache | {"source": np.arange(len(RECORDS), dtype=np.int32)}
     assert len(find_hidden(pixels, everything, np.ones(10, bool))) == 0

@@ -25,6 +25,10 @@ class Grey:
     def __init__(self, metallic=0.0):
         self._metallic = metallic
 
+    def place(self, points, normals):
+        assert points.shape == normals.shape
+        return points
+
     def query(self, points, footprint):
         count = len(points)
         assert footprint.shape == (count,)

@@ -27,6 +27,9 @@ class Waves:
         self.asked = []
         self.settings = SimpleNamespace(footprint=footprint)
 
+    def place(self, points, normals):
+        return points - 0.1 * normals
+
     def query(self, points, footprint, triangle=None):
         self.asked.append(np.asarray(footprint))
         x = points[:, 0]
@@ -69,6 +72,15 @@ def test_materials_are_the_mean_over_a_hit(maps):
     point = maps.sample_materials(field, samples, np.array([2, 0]), average=False)
     np.testing.assert_allclose(point.base_color[:, 0], [0.5, 0.4], rtol=1e-6)
     np.testing.assert_allclose(field.asked[1], np.full(2, 0.04), rtol=1e-6)
+
+
+@pytest.mark.parametrize("average", [True, False])
+def test_a_field_is_asked_below_the_surface_that_the_viewer_sees(maps, average):
+    samples = view(np.float32([[0.4, 0, 0], [0.6, 0, 0]]), [1, 1, 0, 0])
+    samples.normal[:] = np.float32([[1, 0, 0], [-1, 0, 0]])
+    brdf = maps.sample_materials(Waves(), samples, np.array([0, 1]), average)
+    moved = 0.05 * average  # the mean of the stored points
+    np.testing.assert_allclose(brdf.base_color[:, 0], [0.3 + moved, 0.7 + moved], rtol=1e-3)
 
 
 def test_layers_of_a_view(maps):
