@@ -14,13 +14,11 @@ from fipt.formats.files import check_disk, check_memory
 from fipt.scene.mesh import Mesh, connected_parts, point_counts, surface_points
 from fipt.scene.mixed import Unmixed, find_islands, unmixed
 from fipt.scene.samples import FootprintSamples, scene_box
-from fipt.scene.voxels import FACINGS, facings, voxel_keys
+from fipt.scene.voxels import FACINGS, facing_normals, facings, voxel_keys
 from fipt.stages.cache.settings import CacheSettings
 
 _INTERIOR = 0.95
 """Pixels of which one piece covers at least this share tell a voxel's radiance; others mix surfaces."""
-_DIRECTIONS = np.repeat(np.eye(3, dtype=np.float32), 2, axis=0) * np.tile([[-1.0], [1.0]], (3, 1)).astype(np.float32)
-"""Unit vector of each facing."""
 _BYTES_A_POINT, _BYTES_A_SAMPLE = 100, 200
 """Of memory: for a point that is tried on the surface (measured 70 with 4 million, 90 with 16), for a sample of the
 largest view."""
@@ -206,7 +204,7 @@ def _nearest_seen(
     separation = 4.0 * _OFF_PLANE * (float(np.ptp(points, axis=0).max()) + 1.0)
     for axis in range(3):
         scaled = points * np.where(np.arange(3) == axis, _OFF_PLANE, 1.0)
-        place = np.concatenate([scaled, turn * _DIRECTIONS[facing], part[:, None] * separation], axis=1)
+        place = np.concatenate([scaled, turn * facing_normals(facing), part[:, None] * separation], axis=1)
         asked = np.flatnonzero(~seen & (facing // 2 == axis))
         for pool, own in ((filled, True), (seen, True), (filled, False), (seen, False)):
             chosen = np.flatnonzero(pool)
