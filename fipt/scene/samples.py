@@ -196,6 +196,13 @@ def _bounds(positions: list[np.ndarray], middle: np.ndarray, reach: float) -> np
     return np.stack([low, high]).astype(np.float64)
 
 
+def median_footprint(shards: Sequence[FootprintSamples]) -> float:
+    """Width of a pixel on the surface, metres: the median of the samples, however they are divided into shards."""
+    lengths = [len(shard.footprint) for shard in shards]
+    rows = strided(lengths, max(1, -(-sum(lengths) // _COUNTED)))
+    return float(np.median(np.concatenate([shard.footprint[own] for shard, own in zip(shards, rows, strict=True)])))
+
+
 def strided(lengths: Iterable[int], step: int) -> list[slice]:
     """Every ``step``-th of what follows one another in arrays of these lengths, however it is spread over them."""
     found, passed = [], 0

@@ -66,7 +66,7 @@ class Guess:
     gain
         Gain of the criterion over the room without it, in nats; nothing is guessed below 0.
     left, before
-        Median absolute log residual times 1.48: with the guess, and without.
+        Median absolute log residual times 1.48: with the guess, and without; 0 where too few blocks tell.
     determined
         Whether the guess is to be used.
     errors
@@ -84,8 +84,8 @@ class Guess:
 
     @property
     def even_before(self) -> bool:
-        """Whether the light without the guess is wrong by no more than that of rooms where none is missing."""
-        return self.before <= _ERROR
+        """Whether the light without the guess is known, and wrong by no more than in rooms where none is missing."""
+        return 0 < self.before <= _ERROR
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from fipt.scene.emitters import Emitters
 from fipt.scene.environment import EnvironmentMap
 from fipt.scene.mesh import Mesh
 from fipt.scene.observed import ObservedShard
+from fipt.scene.samples import median_footprint
 from fipt.scene.surface_blocks import LEAST_SIGMA, Blocks, blocks_of
 from fipt.stages.emitters.edges import without_edge
 from fipt.stages.emitters.extract import Extracted
@@ -279,7 +280,7 @@ def _finer(trial: _Trial, offered: Callable[..., _Trial], mesh: Mesh) -> _Trial:
 
 def _square_pixel(shards: Sequence[ObservedShard]) -> float:
     """Square metres of surface that a pixel shows, in the median of all samples."""
-    return float(np.median(np.concatenate([shard.samples.footprint for shard in shards])) ** 2)
+    return median_footprint([shard.samples for shard in shards]) ** 2
 
 
 def _offered(

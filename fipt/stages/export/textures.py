@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from fipt.formats.images import to_display
 from fipt.meshing.atlas import Atlas, AtlasTexels, filled, nearest_weights
@@ -33,7 +34,8 @@ class Coverage:
     typical
         The finest quarter of all pixels are at most so large, metres.
     normals
-        (T, 3) float32 normals of the triangles, turned to where most pixels see them from.
+        (T, 3) float32 normals of the triangles, turned to where most pixels see them from; those that no pixel shows
+        are wound as the nearest that one does.
     """
 
     footprint: np.ndarray
@@ -49,13 +51,23 @@ def coverage(field: Field, mesh: Mesh, shards: Sequence[FootprintSamples]) -> Co
     count = np.bincount(np.concatenate(keys), minlength=_VOXELS**3)
     every = np.concatenate(sizes)
     mean = np.where(count > 0, total / np.maximum(count, 1), np.median(every))
-    front = np.zeros(len(mesh.triangles))
+    return Coverage(mean.astype(np.float32), float(np.quantile(every, 0.25)), _seen_normals(mesh, shards))
+
+
+def _seen_normals(mesh: Mesh, shards: Sequence[FootprintSamples]) -> np.ndarray:
+    """(T, 3) normals of the triangles, turned to their viewers."""
+    front, shown = np.zeros((2, len(mesh.triangles)))
     for samples in shards:
         triangle = np.asarray(samples.triangle)
         facing = (np.asarray(samples.normal) * mesh.normals[triangle]).sum(axis=1)
         front += np.bincount(triangle, np.sign(facing), len(front))
-    normals = np.where(front[:, None] < 0, -mesh.normals, mesh.normals)
-    return Coverage(mean.astype(np.float32), float(np.quantile(every, 0.25)), normals)
+        shown += np.bincount(triangle, minlength=len(front))
+    side, hidden = np.where(front < 0, -1, 1).astype(np.float32), shown == 0
+    if hidden.any() and not hidden.all():
+        centers = mesh.corners.mean(axis=1)
+        nearest = cKDTree(centers[~hidden]).query(centers[hidden], workers=-1)[1]
+        side[hidden] = side[~hidden][nearest]
+    return side[:, None] * mesh.normals
 
 
 def _voxels(field: Field, points: np.ndarray) -> np.ndarray:

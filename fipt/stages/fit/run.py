@@ -2,7 +2,6 @@
 
 import hashlib
 import logging
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +17,8 @@ from fipt.scene.confidence import Confidence, write_confidence
 from fipt.scene.dataset import Dataset
 from fipt.scene.emitters import read_emitters
 from fipt.scene.environment import beyond, read_environment
-from fipt.scene.observed import ObservedShard, check_as_many, read_observed, without_triangles
-from fipt.scene.samples import scene_box, segments_of
+from fipt.scene.observed import check_as_many, read_observed, without_triangles
+from fipt.scene.samples import median_footprint, scene_box, segments_of
 from fipt.scene.shading import read_shading
 from fipt.scene.voxels import read_cache
 from fipt.stages.fit.batches import Pixels
@@ -136,13 +135,9 @@ def _training_pixels(data: Dataset, kind: str | None, inputs: FitInputs, setting
     outside = read_environment(inputs.environment)
     edges = [beyond(shard.samples, own, outside) for shard, own in zip(shards, cameras, strict=True)]
     ids = None if kind is None else [segments_of(data, shard.samples, kind, empty) for shard in shards]
-    inset = 0.0 if inputs.emitters is None else _inset(shards, settings.footprint)  # a mask is asked on the surface
+    # as far below the surface as a query of the median sample is wide; a mask is asked on the surface
+    inset = settings.footprint * median_footprint([shard.samples for shard in shards]) if inputs.emitters else 0.0
     return Pixels(shards, ids, evidence if settings.confidence_weights else None, edges, empty, inset)
-
-
-def _inset(shards: Sequence[ObservedShard], footprint: float) -> float:
-    """How far below the surface a field is asked, metres: as far as a query of the median pixel is wide."""
-    return footprint * float(np.median(np.concatenate([np.asarray(shard.samples.footprint) for shard in shards])))
 
 
 def _learn_finest(field: Field, pixels: Pixels) -> None:

@@ -217,13 +217,13 @@ def _evidence(
 
 
 def with_likely_metals(evidence: MaterialEvidence, counted: np.ndarray) -> MaterialEvidence:
-    """The evidence with more regions counted as metal: those that have the colour of a metal that the room proves.
+    """The evidence with other regions counted as metal: those that have the colour of a metal that the room proves.
 
-    That metal explains them better than any dielectric. Where it alone has this colour in the room, it may explain them
-    worse, by no more than one standard error; but not those that prove to be dielectric, nor those that are not
-    ``counted`` (R,), of which a few pixels away from emitters would speak for many beside them: bars of a window. Nor
-    do those count that have, as dielectrics, a colour that is more common among clear dielectrics: white paint in the
-    dark, where the room has much white paint.
+    A weak proof of a colour that much paint has proves none. The metal explains them better than any dielectric. Where
+    it alone has this colour in the room, it may explain them worse, by no more than one standard error; but not those
+    that prove to be dielectric, nor those that are not ``counted`` (R,), of which a few pixels away from emitters would
+    speak for many beside them: bars of a window. Nor do those count that have, as dielectrics, a colour that is more
+    common among clear dielectrics: white paint in the dark, where the room has much white paint.
     """
     evidence = _without_common_paint(evidence)
     metal, left = evidence.metal.copy(), evidence.left

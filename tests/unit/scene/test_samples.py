@@ -1,6 +1,7 @@
 """Hits on disk: round trip, and what is said of damaged folders."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from fipt.errors import FiptError
 from fipt.formats.arrays import save_npy
 from fipt.scene.samples import (
     clipped_of,
+    median_footprint,
     pixels_of,
     read_samples,
     scene_box,
@@ -189,6 +191,14 @@ def test_a_triangle_beside_all_centres_is_of_the_nearest_surface():
     largest, found = segments_of_triangles([seen], [np.array([5, 7, 0], np.uint16)])
     assert largest == 7
     assert found.tolist() == [5, 7, 5, 0, 0, 0]
+
+
+def test_the_median_footprint_does_not_depend_on_shards(monkeypatch):
+    monkeypatch.setattr("fipt.scene.samples._COUNTED", 4)
+    widths = np.float32([1, 9, 2, 9, 4, 9, 8, 9, 5])  # every third tells
+    parts = [[widths], np.split(widths, [2]), np.split(widths, [1, 5, 6])]
+    shards = [[SimpleNamespace(footprint=own) for own in each] for each in parts]
+    assert [median_footprint(each) for each in shards] == [8.0] * 3
 
 
 def test_the_largest_id_is_that_of_any_pixel():

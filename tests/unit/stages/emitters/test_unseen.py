@@ -799,6 +799,8 @@ def test_what_may_be_lit_by_missing_light_is_undecided(guessing):
     assert len(sound.triangle) == 2
     white = guessing(Guess(np.zeros((1, 3)), before=0.05), extracted=Extracted(seems, doubtful)).emitters
     assert len(white.triangle) == 2, "its light is even: the room is whiter than others, and no light is missing"
+    unknown = guessing(Guess(np.zeros((1, 3))), extracted=Extracted(seems, doubtful)).emitters
+    assert len(unknown.triangle) == 0, "too few blocks tell whether it is even"
 
 
 @pytest.mark.parametrize(

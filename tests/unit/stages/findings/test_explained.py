@@ -14,8 +14,9 @@ WIDTH, HEIGHT = 30, 20
 
 
 def reflectance(place, normal, footprint):
-    """Grey and matte everywhere."""
+    """Grey and matte everywhere; the normal is the place's own."""
     count = len(place)
+    np.testing.assert_array_equal(normal, place[:, ::-1])
     return SimpleNamespace(
         base_color=np.full((count, 3), 0.5, np.float32),
         roughness=np.ones(count, np.float32),
@@ -27,7 +28,7 @@ def reflectance(place, normal, footprint):
 def test_a_room_with_and_without_segment_ids(np_rng, kind):
     count = WIDTH * HEIGHT
     place = np_rng.uniform(-1, 1, (count, 3)).astype(np.float32)
-    samples = scenes.samples_of(place, 0, views=("a",), shapes=[(HEIGHT, WIDTH)])
+    samples = scenes.samples_of(place, 0, views=("a",), shapes=[(HEIGHT, WIDTH)], normal=place[:, ::-1].copy())
     image = np.ones((count, 3), np.float32), np.ones(count, np.float32)
     shards = scenes.observed([samples], [np.ones((count, SHADING_OUTPUTS, 3), np.float32)], [image])
     fitted = SimpleNamespace(reflectance=reflectance, emitters=Emitters.none(), mesh=scenes.floor())

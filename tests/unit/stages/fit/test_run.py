@@ -1,13 +1,10 @@
 """What the fit tells its networks of the views that teach them."""
 
-from types import SimpleNamespace
-
 import numpy as np
-import pytest
 
 from fipt.conventions import SHADING_OUTPUTS
 from fipt.model.networks import Field, SceneBox
-from fipt.stages.fit.run import _inset, _learn_finest
+from fipt.stages.fit.run import _learn_finest
 from fipt.stages.fit.settings import FitSettings
 from tests import scenes
 
@@ -25,9 +22,3 @@ def test_pixels_without_weight_teach_nothing():
     field.learn_finest(samples.position, np.full(2 * PIXELS, 0.0001, np.float32))
     _learn_finest(field, scenes.training_pixels([samples], [shading], images))
     np.testing.assert_allclose(field.finest_at(np.zeros((1, 3))), 0.01 * field.settings.footprint)
-
-
-def test_a_field_is_asked_half_a_pixel_below_the_surface():
-    shards = [SimpleNamespace(samples=SimpleNamespace(footprint=np.float32(own))) for own in ([0.01, 0.02], [0.05])]
-    assert _inset(shards, 0.5) == pytest.approx(0.01)
-    assert _inset(shards, 0.0) == 0.0

@@ -1,12 +1,15 @@
 """A loop that runs until it has settled: the figure, and rounds that are copies."""
 
 import json
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from fipt.scene.change import ShadingChange
 from fipt.scene.settled import RoundState, read_state, write_state
 from fipt.stages.fit import settling
+from tests import scenes
 from tests.fitted import FIT, SHADING, call
 
 FEW_STEPS = FIT | {"steps": 2}
@@ -77,3 +80,24 @@ def test_later_rounds_are_copies(work):
 def test_a_copy_needs_something_to_copy(work, refused):
     write_state(work / "settled.json", RoundState(2, 2))
     assert "--previous is missing" in refused("fit", "--settled", work / "settled.json")
+
+
+class Placed:
+    """A field whose kd is the normal it was asked with, times a factor."""
+
+    def __init__(self, factor):
+        self._factor = factor
+
+    def place(self, points, normals):
+        assert points.shape == normals.shape
+        return normals
+
+    def query(self, places, footprint):
+        return SimpleNamespace(kd=self._factor * places * [1, 2, 3])
+
+
+def test_surface_is_asked_on_the_side_that_it_faces(monkeypatch):
+    cache = scenes.grid() | {"facing": np.uint8([1, 1, 1, 1, 1, 3, 3, 5])}
+    monkeypatch.setattr(settling, "read_cache", lambda path: cache)
+    change = settling._kd_change(SimpleNamespace(cache="cache.npz"), Placed(1), Placed(0))
+    assert change == pytest.approx(np.sqrt((5 * 1 + 2 * 4 + 1 * 9) / 24), abs=1e-5)

@@ -26,7 +26,8 @@ class Grey:
         self._metallic = metallic
 
     def place(self, points, normals):
-        assert points.shape == normals.shape
+        assert normals.shape == points.shape
+        np.testing.assert_array_equal(normals.sum(axis=1), 1)  # along an axis: as the samples have them
         return points
 
     def query(self, points, footprint):
