@@ -197,8 +197,10 @@ def _bounds(positions: list[np.ndarray], middle: np.ndarray, reach: float) -> np
 
 
 def median_footprint(shards: Sequence[FootprintSamples]) -> float:
-    """Width of a pixel on the surface, metres: the median of the samples, however they are divided into shards."""
+    """Width of a pixel on the surface, metres: the median of the samples, however they are divided into shards; or 0."""
     lengths = [len(shard.footprint) for shard in shards]
+    if not any(lengths):
+        return 0.0  # no view sees the mesh, which others say
     rows = strided(lengths, max(1, -(-sum(lengths) // _COUNTED)))
     return float(np.median(np.concatenate([shard.footprint[own] for shard, own in zip(shards, rows, strict=True)])))
 

@@ -199,6 +199,7 @@ def test_the_median_footprint_does_not_depend_on_shards(monkeypatch):
     parts = [[widths], np.split(widths, [2]), np.split(widths, [1, 5, 6])]
     shards = [[SimpleNamespace(footprint=own) for own in each] for each in parts]
     assert [median_footprint(each) for each in shards] == [8.0] * 3
+    assert median_footprint([SimpleNamespace(footprint=widths[:0])]) == 0.0
 
 
 def test_the_largest_id_is_that_of_any_pixel():
