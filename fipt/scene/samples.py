@@ -197,7 +197,7 @@ def _bounds(positions: list[np.ndarray], middle: np.ndarray, reach: float) -> np
 
 
 def median_footprint(shards: Sequence[FootprintSamples]) -> float:
-    """Width of a pixel on the surface, metres: the median of the samples, however they are divided into shards; or 0."""
+    """Width of a pixel on the surface, metres: the median of the samples, however they are sharded; 0 without any."""
     lengths = [len(shard.footprint) for shard in shards]
     if not any(lengths):
         return 0.0  # no view sees the mesh, which others say
