@@ -1,16 +1,19 @@
 """Depth maps completed by planes: where a view's picture is bare, the plane of what lies beside it goes on."""
 
 import heapq
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
+from fipt.progress import progress
 from fipt.scene.depth_maps import DepthMap
+from fipt.stages.geometry.borrowed_depth import borrowed
 from fipt.stages.geometry.closing import closed
 from fipt.stages.geometry.depth_views import DepthNoise, DepthView, pixels_of
-from fipt.stages.geometry.other_views import THROUGH, OtherViews
+from fipt.stages.geometry.other_views import OtherViews
+from fipt.stages.geometry.photo_consistency import Radiances
+from fipt.stages.geometry.possible_planes import PossiblePlanes, alike, probes_of
 from fipt.stages.geometry.room_box import UNEVENNESS, RoomBox, find_box
 from fipt.stages.geometry.room_planes import WITHIN, RoomPlanes, find_room_planes
 from fipt.stages.geometry.superpixels import Superpixels, superpixels
@@ -29,8 +32,6 @@ _BARRIER = float(np.log(2.0))
 own (`fipt.meshing.radiance_edges.JUMP`)."""
 _STEP = 0.05
 """Cost of a step between superpixels without contrast, in log radiance: a near plane is likelier than a far one."""
-_PROBES = 5
-"""Pixels of a superpixel that other views are asked about."""
 _TEXTURED, _BESIDE = 0.5, 0.1
 """Confidence of a completed pixel in units of the view's median: with own known pixels on the plane, and without."""
 _WORSE_VARIANCE = 9.0
@@ -74,8 +75,9 @@ def complete(views: Sequence[DepthView], noise: DepthNoise) -> "Completion":
 
     A superpixel whose known pixels lie on a plane takes it; else a face inside the room that many of them lie on, be
     they doubtful. From there planes along the room's directions go on to bare superpixels, along the least contrast
-    first, where they stay in the room's box and no other view sees through them; and once more from what other views
-    found.
+    first, where they stay in the room's box and other views neither see through them nor show another radiance there;
+    and once more from what other views found. Depth that radiance contradicts, or that is borrowed over an edge, has
+    little confidence, too.
     Depth of little confidence counts for nothing else, and stays where no plane tells another. Pixels of which then
     nothing is known show the nearest wall of the room that no other view sees through.
     """
@@ -84,30 +86,57 @@ def complete(views: Sequence[DepthView], noise: DepthNoise) -> "Completion":
     planes = find_room_planes(confident, pieces, noise.at_1m)
     box = find_box(views, planes.directions)
     planes = planes.with_faces(box.faces, UNEVENNESS)
-    check = _Check(OtherViews.of(confident), box, noise.at_1m)
     slopes, straight = [planes.slopes(view) for view in confident], planes.axis >= 0
+    lent = [borrowed(view, piece) for view, piece in zip(confident, pieces, strict=True)]
+    confident, doubtful = ([v.without(m) for v, m in zip(some, lent, strict=True)] for some in (confident, views))
+    possible = _possible(confident, pieces, slopes, box, noise.at_1m)
+    confident, others = [each.view for each in possible], possible[0].others
     own, labels, faces = [], [], np.append(np.flatnonzero(planes.among(box.inner, UNEVENNESS)), -1)
     for number, (view, piece) in enumerate(zip(confident, pieces, strict=True)):
         label, known = _supported(view, piece, slopes[number], noise.at_1m)
         own.append(label >= 0)
         doubted = slopes[number][faces[:-1]], _DOUBTED * noise.at_1m, _DOUBTED_SHARE
-        label = np.where(label >= 0, label, faces[_supported(views[number], piece, *doubted)[0]])
-        labels.append(_spread(piece, label, known, straight, partial(check.possible, number, view, slopes[number])))
+        face = _uncontradicted(faces[_supported(doubtful[number], piece, *doubted)[0]], possible[number].alike)
+        label = np.where(label >= 0, label, face)
+        labels.append(_spread(piece, label, known, straight, possible[number]))
     carried = _carried(confident, pieces, slopes, labels, straight)
     result = []
     for number, (view, piece) in enumerate(zip(confident, pieces, strict=True)):
-        possible = partial(check.possible, number, view, slopes[number])
         bare = np.bincount(piece.label[view.map.known], minlength=piece.count) < _BARE
-        label, probes = labels[number].copy(), _probes(piece)
+        label = labels[number].copy()
         for k in np.flatnonzero((label < 0) & bare & (carried[number] >= 0)):
-            if possible(*probes[k], int(carried[number][k])):
+            if possible[number](int(k), int(carried[number][k])):
                 label[k] = carried[number][k]
-        label = _spread(piece, label, np.where(bare, 0, _BARE), straight, possible)
+        label = _spread(piece, label, np.where(bare, 0, _BARE), straight, possible[number])
         done = _filled(view, piece, slopes[number], label, own[number], planes, noise.at_1m)
         done = _with_doubtful(done, views[number])
         known = done.view.map.known
-        result.append(Completed(closed(done.view, number, check.others, check.box, noise.at_1m), done.measured, ~known))
-    return Completion(result, planes, check.box)
+        result.append(Completed(closed(done.view, number, others, box, noise.at_1m), done.measured, ~known))
+    return Completion(result, planes, box)
+
+
+def _possible(
+    views: Sequence[DepthView], pieces: Sequence[Superpixels], slopes: Sequence[np.ndarray], box: RoomBox, noise: float
+) -> list[PossiblePlanes]:
+    """What planes may be in each view; its depth is gone where other views' radiance contradicts it."""
+    radiances, probes = Radiances.of(views), [probes_of(piece) for piece in pieces]
+    like, kept = [], []
+    with progress("planes against radiance", len(views), " views") as bar:
+        for i, (view, piece) in enumerate(zip(views, pieces, strict=True)):
+            like.append(alike(radiances, i, slopes[i], probes[i], box))
+            label, _ = _supported(view, piece, slopes[i], noise)
+            kept.append(view.without((_uncontradicted(label, like[i]) < label)[piece.label]))
+            bar.advance(1, view.camera.name)
+    others = OtherViews.of(kept)
+    return [PossiblePlanes(i, kept[i], slopes[i], probes[i], like[i], others, box, noise) for i in range(len(kept))]
+
+
+def _uncontradicted(label: np.ndarray, like: np.ndarray) -> np.ndarray:
+    """Planes of superpixels, -1 where there is none, or ``like`` (S, P) speaks against it."""
+    some = np.flatnonzero(label >= 0)
+    result = np.full(len(label), -1)
+    result[some] = np.where(like[some, label[some]], label[some], -1)
+    return result
 
 
 def _carried(
@@ -179,14 +208,13 @@ def _spread(
     own: np.ndarray,
     known: np.ndarray,
     straight: np.ndarray,
-    possible: Callable[[np.ndarray, np.ndarray, int], bool],
+    possible: PossiblePlanes,
 ) -> np.ndarray:
     """Plane of each superpixel after those of superpixels with support went on to bare ones; -1 for none.
 
-    ``straight`` planes may go on, where ``possible`` (rows, columns, plane) says so.
+    ``straight`` planes may go on, where they are ``possible``.
     """
     label = own.copy()
-    probes = _probes(pieces)
     queue: list[tuple[float, int, int]] = []
 
     def offer(cost: float, piece: int) -> None:
@@ -201,48 +229,12 @@ def _spread(
         cost, piece, plane = heapq.heappop(queue)
         if label[piece] >= 0 or (piece, plane) in refused:
             continue
-        if not possible(*probes[piece], plane):
+        if not possible(piece, plane):
             refused.add((piece, plane))
             continue
         label[piece] = plane
         offer(cost, piece)
     return label
-
-
-@dataclass(frozen=True)
-class _Check:
-    """What speaks against a plane in some pixels."""
-
-    others: OtherViews
-    box: RoomBox
-    noise: float
-
-    def possible(
-        self, number: int, view: DepthView, slopes: np.ndarray, row: np.ndarray, column: np.ndarray, plane: int
-    ) -> bool:
-        """Whether pixels of a view may show a plane: in the room, and no view sees through it.
-
-        Behind a wall, as panes of windows are, another view must know of it.
-        """
-        q = view.rays[row, column] @ slopes[plane]
-        if (q <= 0).any():
-            return False
-        points = view.camera.center + view.rays[row, column] / q[:, None]
-        tolerance = WITHIN * self.noise / q.min() ** 2
-        if not self.box.holds(points, tolerance):
-            return False
-        through, there = (int(votes.sum()) for votes in self.others.say(points, number, self.noise))
-        if there == 0 and not self.box.before_walls(points, tolerance):
-            return False  # a pane goes on over no wall
-        return through <= max(1.0, THROUGH * (through + there))
-
-
-def _probes(pieces: Superpixels) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Rows and columns of some pixels, evenly chosen, of each superpixel."""
-    flat = pieces.label.ravel()
-    order = np.argsort(flat, kind="stable")
-    parts = np.split(order, np.cumsum(np.bincount(flat))[:-1])
-    return [np.divmod(part[:: max(1, len(part) // _PROBES)], pieces.label.shape[1]) for part in parts]
 
 
 def _filled(

@@ -62,7 +62,11 @@ class DepthView:
 
     def confident(self, least: float) -> "DepthView":
         """Return the view without the depth of less confident pixels."""
-        keep = self.map.known & (self.map.confidence >= least)
+        return self.without(self.map.confidence < least)
+
+    def without(self, pixels: np.ndarray) -> "DepthView":
+        """Return the view without the depth of (H, W) bool pixels."""
+        keep = self.map.known & ~pixels
         return self.with_map(
             DepthMap(
                 np.where(keep, self.map.depth, 0), np.where(keep, self.map.confidence, 0),

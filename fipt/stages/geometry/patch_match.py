@@ -15,7 +15,7 @@ import numpy as np
 from fipt.stages.geometry.stereo_view import StereoView, transfer
 from fipt.stages.geometry.sweep import BEST, LEAST, UNSEEN
 
-_REACH, _STRIDE = 4, 2
+REACH, _STRIDE = 4, 2
 """Half side of the window, and distance of the pixels in it that are looked at, pixels."""
 _ALIKE = 0.3
 """Log radiance that differs by this much belongs to another surface half: such pixels count less in a window."""
@@ -180,13 +180,13 @@ def _window(matching: _Matching, x: Any, y: Any, columns: Any, rows: Any) -> lis
     dj = matching.dj
     centre = dr.gather(dj.Float, matching.light, y * columns + x)
     taps = []
-    for dv in range(-_REACH, _REACH + 1, _STRIDE):
-        for du in range(-_REACH, _REACH + 1, _STRIDE):
+    for dv in range(-REACH, REACH + 1, _STRIDE):
+        for du in range(-REACH, REACH + 1, _STRIDE):
             tx, ty = x + du, y + dv
             inside = (tx >= 0) & (ty >= 0) & (tx < columns) & (ty < rows)
             value = dr.gather(dj.Float, matching.light, dr.select(inside, ty * columns + tx, 0)) - centre
             known = inside & (value == value)
-            fall = -(du * du + dv * dv) / (2.0 * _REACH * _REACH)
+            fall = -(du * du + dv * dv) / (2.0 * REACH * REACH)
             weight = dr.exp(fall - dr.abs(value) / _ALIKE)
             taps.append((du, dv, dr.select(known, value, 0), dr.select(known, weight, 0)))
     return taps

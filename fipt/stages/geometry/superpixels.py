@@ -29,6 +29,8 @@ class Superpixels:
     ----------
     label
         (H, W) int32 number of each pixel's superpixel.
+    segment
+        (H, W) int32 number of the segment that it was cut from, along the grid: what edges alone bound.
     pairs
         (E, 2) int64 numbers of superpixels that touch, the smaller first.
     contrast
@@ -36,6 +38,7 @@ class Superpixels:
     """
 
     label: np.ndarray
+    segment: np.ndarray
     pairs: np.ndarray
     contrast: np.ndarray
 
@@ -72,12 +75,14 @@ def superpixels(radiance: np.ndarray) -> Superpixels:
     row, column = (np.floor(np.arange(size) / side).astype(np.int64) for size in segment.shape)
     cell = segment.astype(np.int64) * 10_000 + row[:, None] * 100 + column[None, :]
     label = np.unique(cell, return_inverse=True)[1].reshape(segment.shape).astype(np.int32)
-    return Superpixels(label, *_borders(label, smooth))
+    return Superpixels(label, segment.astype(np.int32), *_borders(label, smooth))
 
 
-def log_radiance(radiance: np.ndarray) -> np.ndarray:
-    """(H, W, 3) float32 natural logarithm of radiance, each channel over its median."""
-    middle = np.maximum(np.median(radiance.reshape(-1, 3), axis=0), 1e-12)
+def log_radiance(radiance: np.ndarray, middle: np.ndarray | None = None) -> np.ndarray:
+    """(H, W, 3) float32 natural logarithm of radiance, each channel over its median, or over (3,) ``middle``."""
+    if middle is None:
+        middle = np.median(radiance.reshape(-1, 3), axis=0)
+    middle = np.maximum(middle, 1e-12)
     return np.log(np.maximum(radiance, 0) / middle + _DARKEST).astype(np.float32)
 
 

@@ -12,9 +12,10 @@ from fipt.scene.cameras import Camera
 from fipt.scene.depth_maps import DepthMap
 from fipt.scene.mesh import Mesh
 from fipt.stages.geometry.closing import closed
-from fipt.stages.geometry.completion import _Check, complete
+from fipt.stages.geometry.completion import complete
 from fipt.stages.geometry.depth_views import DepthNoise, DepthView, depth_noise
 from fipt.stages.geometry.other_views import OtherViews
+from fipt.stages.geometry.possible_planes import PossiblePlanes
 from fipt.stages.geometry.room_box import RoomBox, find_box
 from fipt.stages.geometry.room_directions import sharpened
 from fipt.stages.geometry.room_planes import _leading, _mean_up, find_room_planes
@@ -260,8 +261,9 @@ def test_panes_go_on_over_a_wall_only_where_another_view_knows_of_them():
     row, column = (values.ravel() for values in np.mgrid[25:35, 35:45])
 
     def possible(place: float, *others: DepthView) -> bool:
-        check = _Check(OtherViews.of([bare, *others]), box, NOISE)
-        return check.possible(0, bare, np.array([[0.0, 0.0, -1 / place]]), row, column, 0)
+        slopes, alike = np.array([[0.0, 0.0, -1 / place]]), np.ones((1, 1), bool)
+        seen = OtherViews.of([bare, *others])
+        return PossiblePlanes(0, bare, slopes, [(row, column)], alike, seen, box, NOISE)(0, 0)
 
     deep = view.with_map(DepthMap(np.full((60, 80), HALF + 0.3, np.float32), view.map.confidence, view.map.normal))
     assert possible(HALF)
