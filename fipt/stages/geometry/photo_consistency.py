@@ -22,6 +22,8 @@ _LEAST = 0.05
 """Deviation that is assumed at least: gloss and interpolation make as much where stereo knows nothing."""
 _SAMPLES = 2_000
 """Known pixels of a view whose radiance is compared with that of others."""
+_COMPARED = 4
+"""Nearest other views that it is compared with."""
 _SAME = 0.01
 """Share of its depth by which a place may differ in two views, to be one."""
 
@@ -35,7 +37,8 @@ class Radiances:
     views
         The views.
     light
-        Of each, (H, W, 3) float32 natural logarithm of radiance, without noise of single pixels.
+        Of each, (H, W, 3) float32 natural logarithm of radiance, without noise of single pixels; NaN where a pixel is
+        black, as masked ones are.
     tolerance
         By which one surface differs between two views, at most.
     """
@@ -48,19 +51,20 @@ class Radiances:
     def of(views: Sequence[DepthView]) -> "Radiances":
         """Take logarithms, and measure by how much surface of known depth differs between views."""
         middle = np.median([np.median(view.radiance.reshape(-1, 3), axis=0) for view in views], axis=0)
-        light = [median_filter(log_radiance(view.radiance, middle), size=(3, 3, 1)) for view in views]
+        light = [_smooth(view.radiance, middle) for view in views]
         off = [np.zeros(0)]
         for number, view in enumerate(views):
             row, column = np.nonzero(view.map.known)
             step = max(1, len(row) // _SAMPLES)
             row, column = row[::step], column[::step]
-            for other in _asked(views, number)[:4]:
+            for other in _asked(views, number)[:_COMPARED]:
                 there_row, there_column, depth, inside = pixels_of(views[other].camera, view.points[row, column])
                 there = views[other].map.depth[there_row, there_column]
                 same = inside & (np.abs(there - depth) < _SAME * depth)
-                step_of = light[number][row, column] - light[other][there_row, there_column]
-                off.append(step_of[same].ravel())
+                differ = light[number][row, column] - light[other][there_row, there_column]
+                off.append(differ[same].ravel())
         values = np.concatenate(off)
+        values = values[np.isfinite(values)]
         found = float(deviation(values)) if len(values) else 0.0
         return Radiances(views, light, _ALIKE * max(found, _LEAST))
 
@@ -90,12 +94,18 @@ class Radiances:
         agree, show = np.zeros(inverse.shape, np.float32), np.zeros(inverse.shape, np.float32)
         for other in _asked(self.views, number):
             there_row, there_column, _, inside = pixels_of(self.views[other].camera, points.reshape(-1, 3))
-            seen = inside.reshape(inverse.shape) & before
             there = self.light[other][there_row, there_column].reshape(*inverse.shape, 3)
+            seen = inside.reshape(inverse.shape) & before & np.isfinite(there[..., 0])
             alike = np.abs(there - own).max(axis=-1) < self.tolerance
             show += seen
             agree += seen & alike
         return agree, show
+
+
+def _smooth(radiance: np.ndarray, middle: np.ndarray) -> np.ndarray:
+    """(H, W, 3) float32 log radiance over (3,) ``middle``, medians of 3x3 pixels; NaN where the pixel is black."""
+    light = median_filter(log_radiance(radiance, middle), size=(3, 3, 1))
+    return np.where((radiance > 0).any(axis=-1, keepdims=True), light, np.nan).astype(np.float32)
 
 
 def _asked(views: Sequence[DepthView], number: int) -> list[int]:

@@ -37,18 +37,6 @@ def painted(view: DepthView, lamp: bool = False) -> DepthView:
     return DepthView(view.camera, view.map, np.repeat(grey[..., None], 3, axis=-1).astype(np.float32))
 
 
-def without(view: DepthView, lost: np.ndarray) -> DepthView:
-    """The view with (H, W) bool pixels unknown."""
-    found = view.map
-    return view.with_map(
-        DepthMap(
-            np.where(lost, 0, found.depth),
-            np.where(lost, 0, found.confidence),
-            np.where(lost[..., None], 0, found.normal).astype(np.float32),
-        )
-    )
-
-
 def inner(view: DepthView) -> np.ndarray:
     """(H, W) bool: pixels farther than 30 cm from any edge of the cube, as bare walls are unknown."""
     return np.sort(np.abs(view.points), axis=-1)[..., 1] < HALF - 0.3
@@ -91,16 +79,16 @@ def turned_image(view: DepthView, quarters: int) -> DepthView:
 def test_what_lies_along_walls_tells_the_directions_of_a_room_without_planes(degrees):
     # of each wall a skirting of 30 cm is known; the start is off by two degrees about each axis
     turn = Rotation.from_euler("xyz", degrees, degrees=True).as_matrix()
-    views = [turned_world(without(view, inner(view)), turn) for view in around(NOISE)]
+    views = [turned_world(view.without(inner(view)), turn) for view in around(NOISE)]
     start = Rotation.from_euler("xyz", [2.0, -2.0, 1.5], degrees=True).as_matrix()
     np.testing.assert_allclose(sharpened(start @ turn.T, views), turn.T, atol=0.003)
-    nothing = [without(view, np.ones((60, 80), bool)) for view in views]
+    nothing = [view.without(np.ones((60, 80), bool)) for view in views]
     np.testing.assert_array_equal(sharpened(start, nothing), start)
 
 
 def test_bare_walls_are_completed():
     true = [painted(view) for view in around()]
-    noisy = [without(view, inner(view)) for view in around(NOISE)]
+    noisy = [view.without(inner(view)) for view in around(NOISE)]
     views = [DepthView(view.camera, view.map, known.radiance) for view, known in zip(noisy, true, strict=True)]
     done = complete(views, depth_noise(views)).views
     bare = np.concatenate([inner(view).ravel() for view in true])
@@ -115,7 +103,7 @@ def test_bare_walls_are_completed():
 @pytest.mark.parametrize("degrees", [(0.0, 15.0, 0.0), (0.0, 30.0, 0.0), (20.0, 60.0, -40.0)])
 def test_a_room_that_is_not_along_the_worlds_axes_has_its_walls(degrees):
     turn = Rotation.from_euler("xyz", degrees, degrees=True).as_matrix()
-    views = [turned_world(without(painted(view), inner(view)), turn) for view in around(NOISE)]
+    views = [turned_world(painted(view).without(inner(view)), turn) for view in around(NOISE)]
     done = complete(views, DepthNoise(NOISE, 0.0))
     nearest = np.abs(done.planes.directions @ turn).max(axis=1)
     assert np.degrees(np.arccos(np.clip(nearest.min(), 0, 1))) < 0.5
@@ -143,7 +131,7 @@ def attic(noise: float) -> tuple[list[DepthView], list[np.ndarray]]:
         found = DepthMap(depth.astype(np.float32), np.ones((60, 80), np.float32), normal[side].astype(np.float32))
         view = DepthView(camera, found, grey)
         bare = (side < 5) & (np.sort(np.abs(view.points @ normal.T - offset), axis=-1)[..., 1] > 0.3)
-        views.append(without(view, bare))
+        views.append(view.without(bare))
         floors.append(bare & (side == 0))
     return views, floors
 
@@ -158,7 +146,7 @@ def test_slopes_of_a_roof_are_not_the_rooms_directions():
 
 def test_cameras_that_are_held_in_many_ways_have_no_mean_up():
     turn = Rotation.from_euler("xyz", (20.0, 60.0, -40.0), degrees=True).as_matrix()
-    views = [turned_world(without(painted(view), inner(view)), turn) for view in around(NOISE)]
+    views = [turned_world(painted(view).without(inner(view)), turn) for view in around(NOISE)]
     rolled = [turned_image(view, number % 3) for number, view in enumerate(views)]
     directions = complete(rolled, DepthNoise(NOISE, 0.0)).planes.directions
     np.testing.assert_allclose(np.sort(np.abs(directions @ turn), axis=1), [[0, 0, 1]] * 3, atol=0.02)
@@ -186,7 +174,7 @@ def test_directions_far_from_the_worlds_axes_stay():
 
 def test_an_emitter_inherits_no_plane():
     true = [painted(view, lamp=True) for view in around()]
-    views = [without(view, inner(view)) for view in true]
+    views = [view.without(inner(view)) for view in true]
     done = complete(views, DepthNoise(NOISE, 0.0)).views
     bright = np.concatenate([(view.radiance[..., 0] > 1).ravel() for view in true])
     assert bright.sum() > 100
@@ -200,7 +188,7 @@ def test_what_another_view_sees_through_is_not_completed():
     bare[15:45, 20:60] = True
     depth = np.full((60, 80), 0.8, np.float32)
     normal = np.broadcast_to(np.float32([0, 0, 1]), (60, 80, 3)).copy()
-    rim = without(front.with_map(DepthMap(depth, front.map.confidence, normal)), bare)
+    rim = front.with_map(DepthMap(depth, front.map.confidence, normal)).without(bare)
     grey = DepthView(rim.camera, rim.map, np.full((60, 80, 3), 0.4, np.float32))
     side = painted(view_of_cube("side", (1.2, 0.0, 0.6), 0.5))
 
@@ -209,7 +197,7 @@ def test_what_another_view_sees_through_is_not_completed():
         depth = done[0].view.map.depth[20:40, 25:55]  # beyond superpixels that hold some of the rim
         return np.abs(depth - 0.8) < 0.01
 
-    assert filled(without(side, np.ones((60, 80), bool))).all()
+    assert filled(side.without(np.ones((60, 80), bool))).all()
     assert not filled(side).any()
 
 
@@ -257,7 +245,7 @@ def test_panes_go_on_over_a_wall_only_where_another_view_knows_of_them():
     half, behind = np.full(3, HALF), np.array([HALF, HALF, HALF + 0.3])
     box = RoomBox(np.eye(3), -behind, half, np.array([-half, half]))
     view = painted(view_of_cube("front", (0.0, 0.0, 0.0), 0.0))
-    bare = without(view, np.ones((60, 80), bool))
+    bare = view.without(np.ones((60, 80), bool))
     row, column = (values.ravel() for values in np.mgrid[25:35, 35:45])
 
     def possible(place: float, *others: DepthView) -> bool:
@@ -274,7 +262,7 @@ def test_panes_go_on_over_a_wall_only_where_another_view_knows_of_them():
 
 def test_what_nothing_tells_shows_the_nearest_wall_that_no_view_sees_through():
     true = around()[0]
-    bare = without(true, np.ones((60, 80), bool))
+    bare = true.without(np.ones((60, 80), bool))
     half = np.full(3, HALF)
     walls = np.array([-half, half])
     walls[0, 2] = -1.0  # nearer than the true one, which is the box's face
@@ -309,7 +297,7 @@ def test_parts_of_a_wall_that_noise_turns_apart_are_joined_when_they_are_straigh
     front = painted(view_of_cube("front", (0.0, 0.0, 0.0), 0.0))
     # a ridge in the middle: each half errs by 5 mm, the plane of one lies 2 cm off the other
     depth = HALF - 0.012 * (np.abs(front.points[..., 0]) - 0.6)
-    wall = without(front, front.points[..., 2] > 0.01 - HALF)
+    wall = front.without(front.points[..., 2] > 0.01 - HALF)
     bent = wall.with_map(DepthMap(np.where(wall.map.known, depth, 0), wall.map.confidence, wall.map.normal))
     planes = find_room_planes([bent, bent], [superpixels(front.radiance)] * 2, NOISE)
     assert len(planes) == 1
@@ -371,7 +359,7 @@ def above_a_table(angle: float, floor: float) -> DepthView:
         view.map.confidence,
         np.where(top[..., None], [0.0, 1.0, 0.0], normal).astype(np.float32),
     )
-    return without(view.with_map(found), lost & (normal[..., 1] > 0.9))
+    return view.with_map(found).without(lost & (normal[..., 1] > 0.9))
 
 
 def test_a_table_is_no_floor_but_a_face_inside_the_room():
@@ -449,7 +437,7 @@ def test_doubtful_depth_takes_a_face_of_the_room_s_box():
             np.where(top, 1e-6, view.map.confidence).astype(np.float32),
             view.map.normal,
         )
-        return without(view.with_map(some), top & ~known)
+        return view.with_map(some).without(top & ~known)
 
     def bright(view: DepthView, top: np.ndarray) -> DepthView:
         shown = painted(view)

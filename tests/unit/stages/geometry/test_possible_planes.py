@@ -17,7 +17,7 @@ from fipt.stages.geometry.possible_planes import alike, probes_of
 from fipt.stages.geometry.room_box import RoomBox
 from fipt.stages.geometry.superpixels import superpixels
 from tests.unit.stages.geometry.test_fusing import HALF, around
-from tests.unit.stages.geometry.test_planes import NOISE, TABLE, above_a_table, painted, without
+from tests.unit.stages.geometry.test_planes import NOISE, TABLE, above_a_table, painted
 
 ANGLES = np.arange(6.0)
 
@@ -46,7 +46,7 @@ def with_rim(angle: float) -> tuple[DepthView, DepthView]:
     depth = np.where(rim, height, true.map.depth).astype(np.float32)
     view = true.with_map(DepthMap(depth, true.map.confidence, true.map.normal))
     floor = ~top & (true.map.normal[..., 1] > 0.9)
-    return without(view, floor & ~rim), true
+    return view.without(floor & ~rim), true
 
 
 def test_the_border_of_a_bare_segment_is_borrowed():
@@ -91,6 +91,17 @@ def test_views_agree_on_places_that_surface_has():
     assert (agree / show)[:, 0].mean() > 0.9
     assert (agree / np.maximum(show, 1))[:, 1].mean() < 0.7  # there, some see the floor
     assert radiances.tolerance == pytest.approx(0.15)  # nothing differs, but for what is assumed
+
+
+def test_masked_pixels_say_nothing():
+    views = [with_table(view) for view in around()]
+    masked = [views[0], *(replace(view, radiance=np.zeros_like(view.radiance)) for view in views[1:])]
+    radiances = Radiances.of(masked)
+    row, column = (part[::50] for part in np.nonzero(views[0].map.known))
+    agree, show = radiances.agreement(0, row, column, np.array([[0.0, 0.0, -1 / HALF]]))
+    assert not show.any()
+    assert not agree.any()
+    assert Radiances.of(views).agreement(0, row, column, np.array([[0.0, 0.0, -1 / HALF]]))[1].any()
 
 
 def test_radiance_speaks_against_planes_that_surface_has_not():
