@@ -136,12 +136,16 @@ def with_copies(
 
 
 def copied(mesh: Mesh, emitters: Emitters) -> np.ndarray:
-    """(E,) bool: guessed triangles of pieces that have the shape of an emitter that is not guessed."""
+    """(E,) bool: guessed triangles of pieces that have the shape of another piece, which views show to emit.
+
+    A scan is one piece, of which views show some to emit: what is guessed of the rest is no copy.
+    """
     if not emitters.guessed.any():
         return emitters.guessed
     pieces = _ConnectedPieces.of(mesh)
     part = pieces.part[emitters.triangle]
-    return emitters.guessed & np.isin(pieces.shape[part], pieces.shape[part[~emitters.guessed]])
+    shown = part[~emitters.guessed]
+    return emitters.guessed & np.isin(pieces.shape[part], pieces.shape[shown]) & ~np.isin(part, shown)
 
 
 def _copy(like: Emitters, triangles: np.ndarray, areas: np.ndarray, views: int) -> Emitters:

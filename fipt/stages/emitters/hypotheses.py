@@ -133,13 +133,18 @@ class RegionEvidence:
         return np.maximum(self.price, np.log(self.compared + 1))
 
     @property
+    def _even(self) -> np.ndarray:
+        """(R,) bool: paint would need too much texture, by more than what emission explains worse than paint does."""
+        return self.texture + np.minimum(self.lead, 0) > self.needed
+
+    @property
     def undecided(self) -> np.ndarray:
         """(R,) bool: emission explains the region better, but not by its price, or only with both kinds of evidence.
 
         They are no sum: wrong shading makes a region too bright and too even at once.
         """
         both = (self.texture > 0) & (self.lead + self.texture > self.needed)
-        return (self.ahead | both) & (self.lead <= self.price) & (self.texture <= self.needed) & ~self.excess
+        return (self.ahead | both) & (self.lead <= self.price) & ~self._even & ~self.excess
 
     def emitting(self, pairs: np.ndarray) -> np.ndarray:
         """(R,) bool: emission is worth its price. Where a region touches another that emits, few others do.
@@ -149,7 +154,7 @@ class RegionEvidence:
         pairs
             (2, N) regions that touch.
         """
-        result = (self.lead > self.price) | (self.texture > self.needed)
+        result = (self.lead > self.price) | self._even
         result |= self._kin(result)
         for _ in range(len(result)):
             beside = self._beside(result, pairs)

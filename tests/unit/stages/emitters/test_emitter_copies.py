@@ -66,6 +66,12 @@ def test_an_unseen_copy_is_guessed_and_other_sizes_and_turned_ones_are_not(mesh)
     assert copies_in_words(mesh, emitters, np.array([], int)) == ()
 
 
+def test_what_is_guessed_of_the_piece_of_an_emitter_is_no_copy_of_it(mesh):
+    """In a scan walls, ceiling and window are one piece."""
+    emitters = Emitters.plain(mesh, np.array([4, 5]), np.tile(RADIANCE, (2, 1)), np.zeros(2))
+    assert not copied(mesh, replace(emitters, guessed=np.array([False, True]))).any()
+
+
 @pytest.mark.parametrize(("light", "emits"), [(7.0, True), (1.0, False)])
 def test_pixels_tell_whether_a_copy_shines(mesh, light, emits):
     emitters = added(mesh, shards(light), guess=False)

@@ -308,6 +308,9 @@ KIN = {"level": 3.02, "lead": 3.5, "price": 6.0}
         ({"lead": 2.5}, False),  # less than half of the price
         ({"lead": 0.0, "texture": 3.5}, True),
         ({"lead": -0.1, "texture": 3.5}, False),  # a material explains it better
+        ({"level": 0.5, "lead": 0.0, "texture": 6.1}, True),  # more even than paint, whatever its radiance
+        ({"level": 0.5, "lead": -3.0, "texture": 6.1}, False),  # so much that paint explains better counts against it
+        ({"level": 0.5, "lead": -3.0, "texture": 9.1}, True),
         ({"price": 10.0, "lead": 5.5}, False),  # not rare enough for half of that
         ({"level": 3.4}, False),  # no emitter has that radiance
         ({"level": 0.5, "certain": 0.5}, False),  # nor is it rare where ordinary surface has it
