@@ -25,6 +25,8 @@ from fipt.stages.emitters.sides import LEAST_SEEN, faces, seen_sides
 
 _WHOLE = 0.7
 """Share of the seen area of a part, or of a face, that must emit before the rest of it is taken to emit too."""
+_LEAST_KNOWN = 0.15
+"""Share of the area of a part that views must show: of less, as of what stands in a gap of a mesh, the rest is not known."""
 _SURROUNDED = 0.5
 """Share of the border of unseen surface of which emitters must have more: a globe hangs on a cord."""
 _CLOSED = 0.9
@@ -138,8 +140,8 @@ def _with(mesh: Mesh, found: Emitters, hidden: np.ndarray, group: np.ndarray) ->
 def _far_sides(mesh: Mesh, found: Emitters, visible: np.ndarray) -> np.ndarray:
     """(T,) bool: unseen triangles of a connected part that glows wherever it is seen, as a globe's far side."""
     part, areas, emits = connected_parts(mesh), mesh.areas, _emits(mesh, found)
-    glowing = np.bincount(part, areas * emits)
-    whole = (glowing > 0) & (glowing >= _WHOLE * np.bincount(part, areas * (visible | emits)))
+    glowing, known = np.bincount(part, areas * emits), np.bincount(part, areas * (visible | emits))
+    whole = (glowing > 0) & (glowing >= _WHOLE * known) & (known >= _LEAST_KNOWN * np.bincount(part, areas))
     return whole[part] & ~visible & ~emits
 
 

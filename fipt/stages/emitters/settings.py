@@ -35,6 +35,11 @@ class EmittersSettings(Settings):
         description="unseen surface emits what explains the photographs, where seen emitters do not and it is told; "
         "with `complete` unseen pieces of an emitter's shape emit as it does, too",
     )
+    local_guess: bool | None = Field(
+        default=None,
+        description="`guess`: light that matters in less than half of the room, too; absent: not in a mesh that is made of "
+        "the views, whose errors look like lamps",
+    )
 
 
 class ReviewSettings(Settings):

@@ -122,7 +122,8 @@ def _found(inputs: EmittersInputs, settings: "EmittersSettings") -> dict[str, An
     guess: tuple[str, ...] = ()
     figures: dict[str, Any] = {}
     if settings.guess and inputs.cache is not None:
-        found, guess, figures = _guessed(inputs, extracted, mesh, shards, decided)
+        local = settings.local_guess is not False
+        found, guess, figures = _guessed(inputs, extracted, mesh, shards, decided, local)
     write_emitters(inputs.out, found, mesh, data.radiance_scale)
     count = int(found.emitter.max(initial=-1)) + 1
     questions = undecided_facts(found.undecided, mesh)
@@ -144,6 +145,7 @@ def _guessed(
     mesh: "Mesh",
     shards: "Sequence[ObservedShard]",
     decided: "ReviewDecisions",
+    local: bool,
 ) -> tuple["Emitters", tuple[str, ...], dict[str, Any]]:
     """Emitters with what no view shows, warnings and figures about it."""
     import numpy as np
@@ -165,7 +167,7 @@ def _guessed(
         last = read_emitters(inputs.previous, mesh)
         own = last.guessed & ~copied(mesh, last)  # copies of lamps are guessed anew, and ask for nothing
         before[last.triangle[own]] = last.emitter[own]
-    guessed = with_guess(mesh, shards, extracted, read_cache(inputs.cache), outside, rejected, before)
+    guessed = with_guess(mesh, shards, extracted, read_cache(inputs.cache), outside, rejected, before, local)
     return guessed.emitters, guessed.warnings, dict(guessed.figures)
 
 

@@ -52,6 +52,25 @@ class Guessed:
 
 
 @dataclass(frozen=True)
+class _Allowed:
+    """What may be guessed, of T triangles.
+
+    Attributes
+    ----------
+    rejected
+        (T,) bool: what a person said not to emit.
+    before
+        (T,) int64 number of the emitter that was guessed in the round before, -1 elsewhere.
+    local
+        Light that matters in less than half of the room, too.
+    """
+
+    rejected: np.ndarray
+    before: np.ndarray
+    local: bool
+
+
+@dataclass(frozen=True)
 class _Trial:
     """A guess beside given emitters: what was to be explained, by what, and how well."""
 
@@ -110,6 +129,7 @@ def with_guess(
     environment: EnvironmentMap,
     rejected: np.ndarray,
     before: np.ndarray | None = None,
+    local: bool = True,
 ) -> Guessed:
     """Add the emission of unseen surface that explains the photographs, where seen light does not.
 
@@ -130,9 +150,13 @@ def with_guess(
     before
         (T,) int64 number of the emitter that was guessed in the round before, -1 elsewhere; None: nothing was. It is
         offered as it is, too, need not be chosen from all that is hidden again, and stays unless another gains more.
+    local
+        Whether light may be guessed that matters in less than half of the room. In a mesh of photographs all that no
+        view shows is invented, and light is wrong from place to place as if lamps were missing.
     """
     before = np.full(len(rejected), -1) if before is None else np.where(rejected, -1, before)
-    trial = partial(_trial, mesh, shards, cache=cache, environment=environment, rejected=rejected, before=before)
+    allowed = _Allowed(rejected, before, local)
+    trial = partial(_trial, mesh, shards, cache=cache, environment=environment, allowed=allowed)
     judged = _judged(trial, shards, extracted, len(mesh.triangles), bool((before >= 0).any()))
     found, tried, missing = judged.emitters, judged.trial, _missing(mesh, judged.darkened)
     if tried is None:
@@ -232,8 +256,7 @@ def _trial(
     found: Emitters,
     cache: Mapping[str, np.ndarray],
     environment: EnvironmentMap,
-    rejected: np.ndarray,
-    before: np.ndarray,
+    allowed: _Allowed,
     asked: bool = False,
 ) -> _Trial | None:
     """Guess light beside emitters; None where they explain the photographs, or too little is seen.
@@ -249,17 +272,19 @@ def _trial(
     known = seen_light(blocks, lights)
     if not asked and explained(blocks, known):
         return None
-    hidden = lights.hidden & ~rejected
+    asked &= allowed.local
+    hidden = lights.hidden & ~allowed.rejected
     met = hidden & (lights.met > 0)  # of the rays from what is seen
     part = small_parts(mesh, hidden, lights.met)
     met |= part >= 0  # few rays meet a bulb, and each of them one of its many triangles
     offered = partial(_offered, blocks, lights, known, _square_pixel(shards), asked)
     trial = _finer(offered(patches_of(mesh, met, part)), offered, mesh)
-    if (hidden & (before >= 0)).any():
-        old = patches_as_before(mesh, met | hidden & (before >= 0), part, before)
-        again = offered(old, trial if trial.guess.determined else None)
-        better = not trial.guess.determined or again.guess.gain >= trial.guess.gain
-        trial = again if again.guess.determined and better else trial
+    again = hidden & (allowed.before >= 0)
+    if again.any():
+        old = patches_as_before(mesh, met | again, part, allowed.before)
+        same = offered(old, trial if trial.guess.determined else None)
+        better = not trial.guess.determined or same.guess.gain >= trial.guess.gain
+        trial = same if same.guess.determined and better else trial
     return _measured(trial, lights, asked) if trial.guess.determined else trial
 
 

@@ -18,6 +18,7 @@ from tests.layouts import WRITERS
 
 RULES = sorted((Path(__file__).resolve().parents[3] / "fipt" / "workflow" / "rules").glob("*.smk"))
 SIZE = {"synthesize": {"train_views": 3, "val_views": 1}}
+OWN_MESH = {"simulate_raw": True, "mesh": "reconstruct"}
 LOOK_AT = {"look_at": {"door": {"position": [0, 0, 0], "target": [1, 0, 0]}}}
 
 
@@ -77,7 +78,7 @@ MADE = "results/room/geometry/mesh.ply"
         (RAW, ["p.json"]),
         (RAW | {"mesh": "reconstruct"}, ["p.json"]),
         (
-            {"simulate_raw": True, "mesh": "reconstruct"},
+            OWN_MESH,
             ["results/room/room/transforms.json", "results/room/room/room.json"],
         ),
     ],
@@ -221,7 +222,7 @@ def test_files_of_folders_that_jobs_read_are_inputs_of_a_run(tmp_path):
     entry = {"settings": settings, "setups": {"evening": {"reference": str(tmp_path / "evening")}}}
     read = {str(tmp_path / name) for name in names[:2]}
     assert set(files_in_folders(scene(entry))) == read
-    made = scene(entry | {"simulate_raw": True, "mesh": "reconstruct"})
+    made = scene(entry | OWN_MESH)
     depth = {str(tmp_path / f"depth/train_{k:03d}.exr") for k in range(3)}
     assert set(files_in_folders(made)) == read | depth
     (tmp_path / "evening/val_000.exr").unlink()
@@ -257,7 +258,7 @@ def test_a_mesh_that_is_made_needs_open3d_before_anything_runs(tmp_path, monkeyp
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(library, "find_spec", lambda name: None)
     scene(RAW | {"mesh": "m.ply"}).check()
-    made = scene({"simulate_raw": True, "mesh": "reconstruct"})
+    made = scene(OWN_MESH)
     with pytest.raises(FiptError, match=r"open3d must be importable .*pip install 'fipt\[geometry\]'.*fipt doctor"):
         made.check()
     mesh = tmp_path / made.layout.estimated_mesh
@@ -286,10 +287,16 @@ def test_poses_are_checked_where_they_may_be_wrong():
     assert scene(check_poses={"enabled": True}).images_to_check() == scene().images(["all"])
 
 
+@pytest.mark.parametrize(
+    ("mesh", "said", "local"), [({}, {}, True), (OWN_MESH, {}, False), (OWN_MESH, {"local_guess": True}, True)]
+)
+def test_lamps_that_light_little_are_not_guessed_in_a_mesh_of_the_photographs(mesh, said, local):
+    assert json.loads(scene(mesh, emitters=said).settings_json("emitters"))["local_guess"] is local
+
+
 def test_depth_sees_the_full_images_and_what_concerns_smaller_ones_alone_does_not_import_them_again():
-    made = {"simulate_raw": True, "mesh": "reconstruct"}
     full, small = (
-        scene(made | {"settings": {"import": own}}).answer("source.view_settings")
+        scene(OWN_MESH | {"settings": {"import": own}}).answer("source.view_settings")
         for own in ({"exposure": 2}, {"exposure": 2, "downscale": 4, "prepare": "never", "overlay": False})
     )
     assert full == small
@@ -297,7 +304,7 @@ def test_depth_sees_the_full_images_and_what_concerns_smaller_ones_alone_does_no
 
 
 def test_a_mesh_of_the_full_images_has_triangles_for_the_smaller_ones():
-    made = {"simulate_raw": True, "mesh": "reconstruct", "settings": {"import": {"downscale": 4}}}
+    made = OWN_MESH | {"settings": {"import": {"downscale": 4}}}
     assert json.loads(scene(made).settings_json("geometry"))["triangle_size"] == 4
     assert json.loads(scene(made | {"settings": {}}).settings_json("geometry"))["triangle_size"] == 1
 
@@ -308,7 +315,7 @@ def test_a_mesh_of_the_full_images_has_triangles_for_the_smaller_ones():
         ({}, True),
         ({"simulate_raw": True}, True),
         ({"simulate_raw": True, "poses": "colmap"}, False),
-        ({"simulate_raw": True, "mesh": "reconstruct"}, False),
+        (OWN_MESH, False),
         (
             {"simulate_raw": True, "poses": "colmap", "settings": {"poses": {"align": {"reference": "known.json"}}}},
             True,

@@ -49,3 +49,15 @@ def test_a_strip_is_not_dark_where_its_shared_pixels_have_its_light(light, whole
     seen = Seen(np.array([True, False]), np.array([[False, False], [True, False]]), np.full((2, 3), np.nan))
     settings, decided = EmittersSettings(sides="both"), Decided.of(ReviewDecisions(), 2)
     assert completed(strip, shards, found, seen, settings, decided).triangle.tolist() == ([0, 1] if whole else [0])
+
+
+@pytest.mark.parametrize(("shown", "whole"), [(2, True), (1, False)])
+def test_of_what_views_show_little_of_the_rest_is_not_known(shown, whole):
+    """A box of twelve like triangles."""
+    cube = trimesh.creation.box((0.1, 0.1, 0.1))
+    lamp, own = Mesh(np.float32(cube.vertices), np.int32(cube.faces)), np.arange(12) < shown
+    found = Emitters.plain(lamp, np.flatnonzero(own), np.tile(RADIANCE, (shown, 1)), np.zeros(shown))
+    seen = Seen(own, np.zeros((12, 2), bool), np.full((12, 3), np.nan))
+    settings, decided = EmittersSettings(sides="both"), Decided.of(ReviewDecisions(), 12)
+    emitters = completed(lamp, scenes.observed([], [], []), found, seen, settings, decided)
+    assert len(emitters.triangle) == (12 if whole else shown)
