@@ -26,7 +26,7 @@ from fipt.stages.emitters.sides import LEAST_SEEN, faces, seen_sides
 _WHOLE = 0.7
 """Share of the seen area of a part, or of a face, that must emit before the rest of it is taken to emit too."""
 _LEAST_KNOWN = 0.15
-"""Share of the area of a part that views must show: of less, as of what stands in a gap of a mesh, the rest is not known."""
+"""Share of the area of a part that views must show: of less, as in a gap of a mesh, the rest is not known."""
 _SURROUNDED = 0.5
 """Share of the border of unseen surface of which emitters must have more: a globe hangs on a cord."""
 _CLOSED = 0.9

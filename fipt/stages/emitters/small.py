@@ -4,7 +4,8 @@ A pixel that is brighter by `EMITTER_GAIN` than all that it shows could be, if e
 any material can, shows something that emits: its other surfaces are ordinary, or emitters that are known. A triangle
 is a candidate if most of what is seen of it lies in such pixels, by shares. So the ceiling around a spot is none.
 
-Candidates that touch and face along one axis are one emitter. Pixels and shares together tell the radiance of each,
+Candidates that touch and face along one axis are one emitter; so are all faces of what fills a few pixels, which no
+pixels tell apart. Pixels and shares together tell the radiance of each,
 
     C = sum over others of w R + sum over emitters of w L,        L >= 0
 
@@ -27,14 +28,17 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from fipt.conventions import EMITTER_GAIN, RAYS_PER_SIDE
+from fipt.groups import connected_groups
 from fipt.model.reflectance import brightest_reflection
-from fipt.scene.mesh import Mesh, facing_pieces
+from fipt.scene.mesh import Mesh, facing_pieces, touching_triangles
 from fipt.scene.observed import ObservedShard
 from fipt.stages.emitters.observations import Observations
 from fipt.stages.emitters.regions import Surface
 
 _BEYOND = 0.5
 """Of what is seen of a surface, in pixels brighter than any reflection: above it is a candidate, else seen dark."""
+_FEW = 20.0
+"""Pixels at most that any view shows of what is one emitter, however its faces lie: a bulb of a chandelier."""
 _LEAST_SHARE = 0.2
 """Of a pixel: what shines makes it bright; a smaller share does not tell that a surface is dark."""
 RELEVANT = 1e-3
@@ -159,9 +163,11 @@ def _candidates(
     total, beyond = np.zeros((2, len(emitting)))
     piece = facing_pieces(mesh, ~other)
     shown, views, bright_views = np.zeros((3, int(piece.max(initial=-1)) + 1, 2))
+    lit_of_view: list[tuple[np.ndarray, np.ndarray]] = []
     for (triangle, side), share, bright, tells in _pixels(mesh, shards, surface, emitting):
         total += np.bincount(triangle, share, len(total))
         beyond += np.bincount(triangle, share * bright, len(total))
+        lit_of_view.append((triangle[bright], share[bright]))
         telling = share * (tells & (share >= _LEAST_SHARE))
         face = 2 * piece[triangle] + side
         here, lit = (np.bincount(face, each, shown.size).reshape(-1, 2) for each in (telling, telling * bright))
@@ -174,9 +180,26 @@ def _candidates(
     part = facing_pieces(mesh, ~other & ~whole[piece] & (beyond > _BEYOND * total))
     number = np.where(whole[piece], piece, piece.max(initial=-1) + 1 + part)
     chosen = ~other & (whole[piece] | (beyond > _BEYOND * total))
+    number = _few_are_one(mesh, chosen, number, lit_of_view)
     result = np.full(len(total), -1, np.int64)
     result[chosen] = np.unique(number[chosen], return_inverse=True)[1].reshape(-1)
     return result, dark[piece] & ~other[:, None]
+
+
+def _few_are_one(
+    mesh: Mesh, chosen: np.ndarray, number: np.ndarray, lit_of_view: Sequence[tuple[np.ndarray, np.ndarray]]
+) -> np.ndarray:
+    """(T,) int64 ``number``, one for all ``chosen`` surface that touches, where no view shows over `_FEW` pixels of it.
+
+    ``lit_of_view`` are triangles and shares of the samples of each view that lie in bright pixels.
+    """
+    a, b = touching_triangles(mesh)
+    joined = chosen[a] & chosen[b]
+    whole = connected_groups((a[joined], b[joined]), len(chosen))
+    most = np.zeros(len(chosen))
+    for triangle, share in lit_of_view:
+        np.maximum(most, np.bincount(whole[triangle], share * chosen[triangle], len(most)), out=most)
+    return np.where(chosen & (most <= _FEW)[whole], int(number.max(initial=-1)) + 1 + whole, number)
 
 
 def _pixels(
@@ -260,10 +283,11 @@ def _needed(shared: _Shared, emitter: np.ndarray, count: int) -> np.ndarray:
         rows = np.flatnonzero(cluster[emitter] == number)
         names, column = np.unique(emitter[rows], return_inverse=True)
         pixels, row = np.unique(shared.pixel[rows], return_inverse=True)
-        shares, most, left = np.zeros((len(pixels), len(names))), np.zeros(len(names)), np.zeros(len(pixels))
+        shares, left = np.zeros((len(pixels), len(names))), np.zeros(len(pixels))
         np.add.at(shares, (row.reshape(-1), column.reshape(-1)), shared.share[rows])
         left[row.reshape(-1)] = shared.left[rows].mean(axis=1)
-        np.maximum.at(most, column.reshape(-1), EMITTER_GAIN * shared.most[rows])
+        most = EMITTER_GAIN * np.bincount(column.reshape(-1), shared.share[rows] * shared.most[rows])
+        most /= np.maximum(np.bincount(column.reshape(-1), shared.share[rows]), 1e-12)
         kept = np.arange(len(names))
         while len(kept):
             try:

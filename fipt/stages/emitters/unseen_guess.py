@@ -15,6 +15,7 @@ from fipt.scene.samples import median_footprint
 from fipt.scene.surface_blocks import LEAST_SIGMA, Blocks, blocks_of
 from fipt.stages.emitters.edges import without_edge
 from fipt.stages.emitters.extract import Extracted
+from fipt.stages.emitters.guess_in_words import advice_in_words, missing_in_words, undetermined_in_words
 from fipt.stages.emitters.observations import grouped_median, guess_confidence
 from fipt.stages.emitters.unseen import Lights, Transport, seen_light, with_more_rays, with_patches
 from fipt.stages.emitters.unseen_fit import Guess, Start, explain, explained, witnessed
@@ -24,12 +25,8 @@ _LEAST_BLOCKS = 30
 """Pieces of seen surface without which no light is told from a reflectance."""
 _ENCLOSED = 0.3
 """Share of a patch's light that arrives at seen surface, below which it lies in a gap or a box: no lamp does."""
-_LEVEL = 0.7
-"""Cosine with the vertical above which a surface is floor or ceiling."""
 _FINER = 2
 """How often the cells around patches that emit are halved: to 9 cm in a room, in which a strip is no whole cupboard."""
-_OPEN = 0.15
-"""Share of the light's directions that may leave the mesh unknown; more is an error like those of shading."""
 
 
 @dataclass(frozen=True)
@@ -158,7 +155,7 @@ def with_guess(
     allowed = _Allowed(rejected, before, local)
     trial = partial(_trial, mesh, shards, cache=cache, environment=environment, allowed=allowed)
     judged = _judged(trial, shards, extracted, len(mesh.triangles), bool((before >= 0).any()))
-    found, tried, missing = judged.emitters, judged.trial, _missing(mesh, judged.darkened)
+    found, tried, missing = judged.emitters, judged.trial, missing_in_words(mesh, judged.darkened)
     if tried is None:
         return Guessed(found, missing, {"guess": {"tried": False}})  # nothing asks for it, or too little is seen
     guess, leaves = tried.guess, float(np.median(tried.transport.open))
@@ -175,10 +172,10 @@ def with_guess(
     if not guess.determined:
         if (before < 0).all() and not guess.even_before:
             found = replace(found.chosen(~judged.doubtful), undecided=found.undecided.joined(extracted.doubtful))
-        return Guessed(found, missing + _undetermined(guess, leaves), {"guess": figures})
+        return Guessed(found, missing + undetermined_in_words(guess, leaves), {"guess": figures})
     emitters = _added(mesh, found, tried.patches, guess)
     own = ~np.isin(emitters.triangle, found.triangle)  # copies of lamps are guessed for another reason
-    return Guessed(emitters, missing + _advice(mesh, emitters, own, guess, environment.up), {"guess": figures})
+    return Guessed(emitters, missing + advice_in_words(mesh, emitters, own, guess, environment.up), {"guess": figures})
 
 
 def _judged(
@@ -414,60 +411,4 @@ def _added(mesh: Mesh, found: Emitters, patches: Patches, guess: Guess) -> Emitt
             guessed=np.ones(count, bool),
             spread=np.full(count, guess.spread, np.float32),
         )
-    )
-
-
-def _advice(mesh: Mesh, emitters: Emitters, own: np.ndarray, guess: Guess, up: str) -> tuple[str, ...]:
-    """What a person should know of the guess that some triangles (E,) emit: where to photograph, and how sure it is."""
-    if not own.any():  # all of it lies on doubtful emitters, which it does not light
-        return ()
-    power = emitters.power
-    share, power = float(power[own].sum() / power.sum()), power[own]
-    triangle = emitters.triangle[own]
-    strongest = emitters.emitter[own] == np.bincount(emitters.emitter[own], power).argmax()
-    weight = power[strongest]
-    centers = mesh.corners[triangle[strongest]].mean(axis=1)
-    place = (centers * weight[:, None]).sum(axis=0) / weight.sum()
-    text = ", ".join(f"{v:.2f}" for v in place)
-    kind = _kind(mesh, triangle[strongest], place, up)
-    return (
-        f"the emitters that views show cannot explain the photographs: {100 * share:.0f} % of the power of all "
-        f"emitters is guessed, and known within {100 * guess.spread:.0f} %; photograph the {kind} near ({text})",
-    )
-
-
-def _missing(mesh: Mesh, darkened: Emitters) -> tuple[str, ...]:
-    """What to say of surface that reflects more than the light of the emitters, and that no guess lights."""
-    if not len(darkened.triangle):
-        return ()
-    area, centers = mesh.areas[darkened.triangle], mesh.corners[darkened.triangle].mean(axis=1)
-    largest = darkened.emitter == np.bincount(darkened.emitter, area).argmax()
-    place = ", ".join(f"{v:.2f}" for v in np.average(centers[largest], axis=0, weights=area[largest]))
-    return (
-        f"light is missing: {area.sum():.2f} m2 of surface, the largest of it near ({place}), are brighter than white "
-        "under the emitters found, and not under the light that views show; photograph what lights that place",
-    )
-
-
-def _kind(mesh: Mesh, triangles: np.ndarray, place: np.ndarray, up: str) -> str:
-    """Ceiling, floor or wall."""
-    axis = 1 if up == "y" else 2
-    normal = np.abs(mesh.area_normals[triangles]).sum(axis=0)
-    if normal[axis] < _LEVEL * np.linalg.norm(normal):
-        return "wall"
-    return "ceiling" if place[axis] > mesh.vertices[:, axis].mean() else "floor"
-
-
-def _undetermined(guess: Guess, leaves: float) -> tuple[str, ...]:
-    """What to say where seen light does not explain the photographs, and no guess does."""
-    if leaves > _OPEN:
-        return (
-            f"the light that is seen cannot explain the photographs, and {100 * leaves:.0f} % of the directions leave "
-            "the mesh to where no view looks: photograph the openings, or give environment.file",
-        )
-    if guess.before <= 2 * _OPEN:
-        return ()
-    return (
-        "the light that is seen cannot explain the photographs, and where the rest comes from is not determined: "
-        "photograph the ceiling, the windows and whatever else shines",
     )

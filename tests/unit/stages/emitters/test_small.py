@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fipt.conventions import SHADING_OUTPUTS
+from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
 from fipt.stages.emitters import small
 from fipt.stages.emitters.extract import _all_pixels, extract
 from fipt.stages.emitters.regions import find_regions
@@ -90,6 +90,14 @@ def test_a_spot_is_told_from_its_ring_and_the_ceiling(mesh, np_rng):
     assert (np.diff(result.pixels.view) >= 0).all()
 
 
+def test_a_lamp_may_mirror_another_one_in_a_pixel(mesh, np_rng):
+    """Bulbs of a chandelier: somewhere a mirror would show the next one."""
+    (seen,) = shards(np_rng)
+    shading = np.array(seen.shading)
+    shading[np.flatnonzero(seen.samples.triangle == 2)[0], 1 : 1 + len(ROUGHNESS_LEVELS)] = 2 * SPOT
+    np.testing.assert_array_equal(found(mesh, [replace(seen, shading=shading)]).number, [-1, -1, 0, 0, -1, -1])
+
+
 @pytest.fixture
 def box():
     """A ceiling (triangles 0, 1) and a light box: its bottom (2, 3) and one of its sides (4, 5)."""
@@ -97,6 +105,13 @@ def box():
     bottom = scenes.quad((2, 2.9, 2), (0.05, 0, 0), (0, 0, 0.05))
     side = scenes.quad((2.05, 2.9, 2), (0, 0.05, 0), (0, 0, 0.05))
     return scenes.joined(ceiling, bottom, side)
+
+
+@pytest.mark.parametrize(("spots", "second"), [(9, 0), (60, 1)])
+def test_faces_are_one_emitter_where_they_fill_few_pixels(box, np_rng, spots, second):
+    """Bottom and side shine; a view shows five pixels of them or more than thirty."""
+    seen = shards(np_rng, ring=SPOT, spots=spots, share_range=(4, 8))
+    np.testing.assert_array_equal(found(box, seen).number, [-1, -1, 0, 0, second, second])
 
 
 def test_a_side_that_is_seen_dark_in_shared_pixels_is_no_far_side(box, np_rng):
