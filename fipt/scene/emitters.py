@@ -61,6 +61,11 @@ class Undecided:
         costs = (getattr(self, name)[names] for name in ("reflects", "emits", "price"))
         return Undecided(self.triangle[rows], region.reshape(-1).astype(np.int32), *costs)
 
+    def largest(self, areas: np.ndarray, count: int) -> "Undecided":
+        """At most ``count`` regions, the largest; ``areas`` (T,) are those of the mesh's triangles."""
+        area = np.bincount(self.region, areas[self.triangle], len(self.price))
+        return self.of(self.triangle[np.isin(self.region, np.argsort(-area, kind="stable")[:count])])
+
     @classmethod
     def none(cls) -> "Undecided":
         """No region."""

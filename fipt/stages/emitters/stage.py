@@ -1,7 +1,7 @@
 """``fipt emitters``: model and images -> emitting triangles of a round."""
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -24,6 +24,8 @@ _BYTES_A_PIXEL = 1000
 """Of memory, for each pixel of the largest view: measured 995, where every pixel may show an emitter."""
 _PIXEL_ON_DISK = 57
 """Bytes of nameless files for each pixel of the training views, 40 of them in later rounds."""
+_MOST_ASKED = 40
+"""Undecided regions that a person is asked about, the largest: of a noisy mesh there are hundreds of small ones."""
 _MOST_NAMED = 3
 """Undecided regions that a warning names."""
 
@@ -124,6 +126,7 @@ def _found(inputs: EmittersInputs, settings: "EmittersSettings") -> dict[str, An
     if settings.guess and inputs.cache is not None:
         local = settings.local_guess is not False
         found, guess, figures = _guessed(inputs, extracted, mesh, shards, decided, local)
+    found = replace(found, undecided=found.undecided.largest(mesh.areas, _MOST_ASKED))
     write_emitters(inputs.out, found, mesh, data.radiance_scale)
     count = int(found.emitter.max(initial=-1)) + 1
     questions = undecided_facts(found.undecided, mesh)

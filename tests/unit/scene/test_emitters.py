@@ -8,7 +8,7 @@ import pytest
 
 from fipt.errors import FiptError
 from fipt.formats.arrays import load_npz, save_npz
-from fipt.scene.emitters import BACK, BOTH, FRONT, Emitters, read_emitters, write_emitters
+from fipt.scene.emitters import BACK, BOTH, FRONT, Emitters, Undecided, read_emitters, write_emitters
 from tests import scenes
 
 ARRAYS = ("triangle", "radiance", "area", "emitter", "views", "confidence", "clipped", "lower_bound", "sides")
@@ -101,3 +101,15 @@ def test_a_damaged_or_missing_file(tmp_path, mesh, emitters):
     path.write_bytes(path.read_bytes()[:-40])
     with pytest.raises(FiptError, match=r"emitters\.npz is not a complete npz file"):
         read_emitters(path)
+
+
+def test_the_largest_undecided_regions_are_asked_about():
+    """Three regions of triangles of 1, 2, 4, 8 and 16 m2."""
+    costs = np.float32([1, 2, 3])
+    undecided = Undecided(np.int32([0, 1, 2, 3, 4]), np.int32([2, 0, 1, 0, 1]), costs, costs, costs)
+    two = undecided.largest(np.array([1.0, 2, 4, 8, 16]), 2)
+    assert two.triangle.tolist() == [1, 2, 3, 4]
+    assert two.region.tolist() == [0, 1, 0, 1]
+    assert two.price.tolist() == [1, 2]
+    assert undecided.largest(np.ones(5), 9).region.tolist() == undecided.region.tolist()
+    assert len(Undecided.none().largest(np.ones(5), 2).price) == 0
