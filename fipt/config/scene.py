@@ -208,7 +208,7 @@ class SceneConfig:
         if section == "check_poses":
             values["enabled"] = self.checks_poses
         if section == "emitters" and values["local_guess"] is None:
-            values["local_guess"] = not self._wants_mesh()
+            values["local_guess"] = not self._wants_mesh() or self._geometry("scan") is not None
         if section == "geometry":  # of the full images; materials see the smaller ones
             values["triangle_size"] *= self.settings["import"].downscale
         return json.dumps(self.place.paths(values, f"settings.{section}"), sort_keys=True)

@@ -26,7 +26,7 @@ from fipt.stages.emitters.sides import LEAST_SEEN, faces, seen_sides
 _WHOLE = 0.7
 """Share of the seen area of a part, or of a face, that must emit before the rest of it is taken to emit too."""
 _LEAST_KNOWN = 0.15
-"""Share of the area of a part that views must show: of less, as in a gap of a mesh, the rest is not known."""
+"""Share of the area of a part that views must show: if it is less, as through a gap, nothing is said of the rest."""
 _SURROUNDED = 0.5
 """Share of the border of unseen surface of which emitters must have more: a globe hangs on a cord."""
 _CLOSED = 0.9
@@ -83,7 +83,7 @@ def completed(
         behind = np.zeros(len(part), bool)
         if settings.sides == "seen":
             behind = _seen_from_behind(mesh, shards, found, seen.dark)
-        hidden |= (behind | _far_sides(mesh, found, observed & ~behind)) & ~decided.rejected
+        hidden |= (behind | _far_sides(mesh, found, observed, behind)) & ~decided.rejected
     # an accepted emitter is a part of its own
     found = _with(mesh, found, hidden, np.where(accepted, int(part.max(initial=0)) + 1 + decided.emitter, part))
     if not settings.complete:
@@ -137,11 +137,15 @@ def _with(mesh: Mesh, found: Emitters, hidden: np.ndarray, group: np.ndarray) ->
     )
 
 
-def _far_sides(mesh: Mesh, found: Emitters, visible: np.ndarray) -> np.ndarray:
-    """(T,) bool: unseen triangles of a connected part that glows wherever it is seen, as a globe's far side."""
-    part, areas, emits = connected_parts(mesh), mesh.areas, _emits(mesh, found)
-    glowing, known = np.bincount(part, areas * emits), np.bincount(part, areas * (visible | emits))
-    whole = (glowing > 0) & (glowing >= _WHOLE * known) & (known >= _LEAST_KNOWN * np.bincount(part, areas))
+def _far_sides(mesh: Mesh, found: Emitters, observed: np.ndarray, behind: np.ndarray) -> np.ndarray:
+    """(T,) bool: unseen triangles of a connected part that glows wherever it is seen, as a globe's far side.
+
+    Of ``observed`` triangles (T,) those that views see from ``behind`` (T,) do not tell that it is dark.
+    """
+    part, areas, emits, visible = connected_parts(mesh), mesh.areas, _emits(mesh, found), observed & ~behind
+    glowing, shown = np.bincount(part, areas * emits), np.bincount(part, areas * (visible | emits))
+    known = np.bincount(part, areas * (observed | emits)) >= _LEAST_KNOWN * np.bincount(part, areas)
+    whole = (glowing > 0) & (glowing >= _WHOLE * shown) & known
     return whole[part] & ~visible & ~emits
 
 

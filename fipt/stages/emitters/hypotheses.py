@@ -134,14 +134,14 @@ class RegionEvidence:
 
     @property
     def _even(self) -> np.ndarray:
-        """(R,) bool: paint would need too much texture, by more than what emission explains worse than paint does."""
+        """(R,) bool: paint would need too much texture, even if all counts that speaks against emission (`lead`)."""
         return self.texture + np.minimum(self.lead, 0) > self.needed
 
     @property
     def undecided(self) -> np.ndarray:
         """(R,) bool: emission explains the region better, but not by its price, or only with both kinds of evidence.
 
-        They are no sum: wrong shading makes a region too bright and too even at once.
+        Two kinds for it are no sum: wrong shading makes a region too bright and too even at once.
         """
         both = (self.texture > 0) & (self.lead + self.texture > self.needed)
         return (self.ahead | both) & (self.lead <= self.price) & ~self._even & ~self.excess

@@ -37,8 +37,8 @@ class EmittersSettings(Settings):
     )
     local_guess: bool | None = Field(
         default=None,
-        description="`guess`: light that matters in less than half of the room, too; absent: not in a mesh that is "
-        "made of the views, whose errors look like lamps",
+        description="`guess`: light that matters in less than half of the room, too; absent: in every mesh "
+        "but one that a run makes of the views, whose errors look like lamps",
     )
 
 

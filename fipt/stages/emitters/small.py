@@ -4,8 +4,9 @@ A pixel that is brighter by `EMITTER_GAIN` than all that it shows could be, if e
 any material can, shows something that emits: its other surfaces are ordinary, or emitters that are known. A triangle
 is a candidate if most of what is seen of it lies in such pixels, by shares. So the ceiling around a spot is none.
 
-Candidates that touch and face along one axis are one emitter; so are all faces of what fills a few pixels, which no
-pixels tell apart. Pixels and shares together tell the radiance of each,
+Candidates that touch and face along one axis are one emitter. Where none of those that touch is found, and they fill
+a few pixels, they are one, however they face: no pixels tell them apart. Pixels and shares together tell the radiance
+of each,
 
     C = sum over others of w R + sum over emitters of w L,        L >= 0
 
@@ -38,7 +39,7 @@ from fipt.stages.emitters.regions import Surface
 _BEYOND = 0.5
 """Of what is seen of a surface, in pixels brighter than any reflection: above it is a candidate, else seen dark."""
 _FEW = 20.0
-"""Pixels at most that any view shows of what is one emitter, however its faces lie: a bulb of a chandelier."""
+"""Pixels at most that any view shows of a lamp whose faces may be one emitter: a bulb of a chandelier."""
 _LEAST_SHARE = 0.2
 """Of a pixel: what shines makes it bright; a smaller share does not tell that a surface is dark."""
 RELEVANT = 1e-3
@@ -131,18 +132,49 @@ def small_emitters(
     """
     number, dark = _candidates(mesh, shards, surface, emitting, emitting | never)
     shared = _shared(shards, surface, number)
+    others = float(np.nansum(surface.radiance[emitting].mean(axis=1) * mesh.areas[emitting]))
+    found, level = _proved(mesh, shared, number, others)
+    wholes = _with_wholes(mesh, shared, number, found >= 0)
+    if (wholes != number).any():
+        found, level = _proved(mesh, shared, wholes, others)
+    number, shared = found, shared[found[shared.triangle] >= 0]
+    nothing = np.zeros(len(shared.triangle), np.float32)
+    radiance = level[number[shared.triangle]].astype(np.float32)
+    pixels = Observations(shared.triangle, radiance, shared.view, nothing, shared.clipped, shared.sample)
+    return SmallEmitters(number, pixels, dark & (number < 0)[:, None])
+
+
+def _proved(mesh: Mesh, shared: _Shared, number: np.ndarray, others: float) -> tuple[np.ndarray, np.ndarray]:
+    """(T,) number of each candidate that pixels prove to shine, -1 elsewhere, and (E, 3) radiance of these.
+
+    ``others`` is what other emitters give, radiance times area; what is little beside it is left out.
+    """
+    shared = shared[number[shared.triangle] >= 0]
     number = _renumbered(number, _needed(shared, number[shared.triangle], int(number.max(initial=-1)) + 1))
     shared = shared[number[shared.triangle] >= 0]
     emitter = number[shared.triangle]
     level = _levels(shared, emitter, int(number.max(initial=-1)) + 1)
     power = np.bincount(number[number >= 0], mesh.areas[number >= 0], len(level)) * level.mean(axis=1)
-    others = np.nansum(surface.radiance[emitting].mean(axis=1) * mesh.areas[emitting])
     believed = _believed(shared, emitter, level) & (power > RELEVANT * (others + power.sum()))
-    shared, level, number = shared[believed[emitter]], level[believed], _renumbered(number, believed)
-    nothing = np.zeros(len(shared.triangle), np.float32)
-    radiance = level[number[shared.triangle]].astype(np.float32)
-    pixels = Observations(shared.triangle, radiance, shared.view, nothing, shared.clipped, shared.sample)
-    return SmallEmitters(number, pixels, dark & (number < 0)[:, None])
+    return _renumbered(number, believed), level[believed]
+
+
+def _with_wholes(mesh: Mesh, shared: _Shared, number: np.ndarray, found: np.ndarray) -> np.ndarray:
+    """(T,) int64 numbers of candidates; those that touch are one if none of them is ``found`` (T,) and they are small.
+
+    A scan rounds a bulb, which then faces to all sides, and no pixel tells its faces apart.
+    """
+    chosen = number >= 0
+    a, b = touching_triangles(mesh)
+    joined = chosen[a] & chosen[b]
+    whole = connected_groups((a[joined], b[joined]), len(chosen))
+    count = int(whole.max(initial=-1)) + 1
+    lost = np.bincount(whole, found, count) == 0
+    cell, place = np.unique(shared.view * count + whole[shared.triangle], return_inverse=True)
+    lost[cell[np.bincount(place.reshape(-1), shared.share, len(cell)) > _FEW] % max(count, 1)] = False
+    faces = np.unique(np.stack([whole[chosen], number[chosen]]), axis=1)[0]
+    lost &= np.bincount(faces, minlength=count) > 1
+    return np.where(chosen & lost[whole], int(number.max(initial=-1)) + 1 + whole, number)
 
 
 def _candidates(
@@ -163,11 +195,9 @@ def _candidates(
     total, beyond = np.zeros((2, len(emitting)))
     piece = facing_pieces(mesh, ~other)
     shown, views, bright_views = np.zeros((3, int(piece.max(initial=-1)) + 1, 2))
-    lit_of_view: list[tuple[np.ndarray, np.ndarray]] = []
     for (triangle, side), share, bright, tells in _pixels(mesh, shards, surface, emitting):
         total += np.bincount(triangle, share, len(total))
         beyond += np.bincount(triangle, share * bright, len(total))
-        lit_of_view.append((triangle[bright], share[bright]))
         telling = share * (tells & (share >= _LEAST_SHARE))
         face = 2 * piece[triangle] + side
         here, lit = (np.bincount(face, each, shown.size).reshape(-1, 2) for each in (telling, telling * bright))
@@ -180,26 +210,9 @@ def _candidates(
     part = facing_pieces(mesh, ~other & ~whole[piece] & (beyond > _BEYOND * total))
     number = np.where(whole[piece], piece, piece.max(initial=-1) + 1 + part)
     chosen = ~other & (whole[piece] | (beyond > _BEYOND * total))
-    number = _few_are_one(mesh, chosen, number, lit_of_view)
     result = np.full(len(total), -1, np.int64)
     result[chosen] = np.unique(number[chosen], return_inverse=True)[1].reshape(-1)
     return result, dark[piece] & ~other[:, None]
-
-
-def _few_are_one(
-    mesh: Mesh, chosen: np.ndarray, number: np.ndarray, lit_of_view: Sequence[tuple[np.ndarray, np.ndarray]]
-) -> np.ndarray:
-    """(T,) int64 ``number``, one for all ``chosen`` surface that touches, where no view shows over `_FEW` pixels of it.
-
-    ``lit_of_view`` are triangles and shares of the samples of each view that lie in bright pixels.
-    """
-    a, b = touching_triangles(mesh)
-    joined = chosen[a] & chosen[b]
-    whole = connected_groups((a[joined], b[joined]), len(chosen))
-    most = np.zeros(len(chosen))
-    for triangle, share in lit_of_view:
-        np.maximum(most, np.bincount(whole[triangle], share * chosen[triangle], len(most)), out=most)
-    return np.where(chosen & (most <= _FEW)[whole], int(number.max(initial=-1)) + 1 + whole, number)
 
 
 def _pixels(

@@ -49,8 +49,8 @@ class Guessed:
 
 
 @dataclass(frozen=True)
-class _Allowed:
-    """What may be guessed, of T triangles.
+class _Limits:
+    """What bounds a guess, of T triangles.
 
     Attributes
     ----------
@@ -65,6 +65,11 @@ class _Allowed:
     rejected: np.ndarray
     before: np.ndarray
     local: bool
+
+    @property
+    def guessed_before(self) -> bool:
+        """Whether anything was guessed in the round before."""
+        return bool((self.before >= 0).any())
 
 
 @dataclass(frozen=True)
@@ -152,9 +157,9 @@ def with_guess(
         view shows is invented, and light is wrong from place to place as if lamps were missing.
     """
     before = np.full(len(rejected), -1) if before is None else np.where(rejected, -1, before)
-    allowed = _Allowed(rejected, before, local)
-    trial = partial(_trial, mesh, shards, cache=cache, environment=environment, allowed=allowed)
-    judged = _judged(trial, shards, extracted, len(mesh.triangles), bool((before >= 0).any()))
+    limits = _Limits(rejected, before, local)
+    trial = partial(_trial, mesh, shards, cache=cache, environment=environment, limits=limits)
+    judged = _judged(trial, shards, extracted, limits)
     found, tried, missing = judged.emitters, judged.trial, missing_in_words(mesh, judged.darkened)
     if tried is None:
         return Guessed(found, missing, {"guess": {"tried": False}})  # nothing asks for it, or too little is seen
@@ -179,11 +184,7 @@ def with_guess(
 
 
 def _judged(
-    trial: Callable[..., _Trial | None],
-    shards: Sequence[ObservedShard],
-    extracted: Extracted,
-    triangles: int,
-    asked: bool,
+    trial: Callable[..., _Trial | None], shards: Sequence[ObservedShard], extracted: Extracted, limits: _Limits
 ) -> _Judged:
     """Emitters that are not told to be lit, and the guess beside them.
 
@@ -195,10 +196,9 @@ def _judged(
     ----------
     trial
         Guesses light beside emitters.
-    asked
-        Whether other evidence than doubtful emitters says that light is missing.
     """
-    found, doubtful = extracted.emitters, _doubtful(extracted)
+    found, doubtful, triangles = extracted.emitters, _doubtful(extracted), len(limits.rejected)
+    asked = limits.guessed_before  # other evidence than doubtful emitters says that light is missing
     if not doubtful.any():
         return _Judged(found, doubtful, found.chosen(doubtful), trial(found, asked=asked))
     number = np.where(doubtful, found.emitter, -1)
@@ -206,7 +206,8 @@ def _judged(
     tried = trial(found.chosen(~doubtful), asked=True)
     if tried is not None and not asked:
         asks = _numbers(found, triangles, doubtful)[tried.blocks.triangle] >= 0
-        tried = replace(tried, guess=witnessed(tried.guess, tried.blocks, tried.patches, tried.transport, asks))
+        guess = witnessed(tried.guess, tried.blocks, tried.patches, tried.transport, asks, limits.local)
+        tried = replace(tried, guess=guess)
     lit = np.isin(number, _lit(tried, found, doubtful, triangles))
     lit_by_seen = np.isin(number, _lit_by_what_is_seen(tried, found, doubtful & _for_brightness(extracted), triangles))
     stays = ~(lit | fading | lit_by_seen)
@@ -253,12 +254,12 @@ def _trial(
     found: Emitters,
     cache: Mapping[str, np.ndarray],
     environment: EnvironmentMap,
-    allowed: _Allowed,
+    limits: _Limits,
     asked: bool = False,
 ) -> _Trial | None:
     """Guess light beside emitters; None where they explain the photographs, or too little is seen.
 
-    If ``asked``, other evidence says that they do not.
+    If ``asked``, other evidence says that they do not: it counts where light may be local.
     """
     emitting = np.zeros(len(mesh.triangles), bool)
     emitting[found.triangle] = True
@@ -267,21 +268,21 @@ def _trial(
         return None
     lights = Lights(mesh, hidden_triangles(mesh, shards, found), cache, found, environment, blocks.brightest)
     known = seen_light(blocks, lights)
-    if not asked and explained(blocks, known):
+    asked &= limits.local
+    if not asked and not limits.guessed_before and explained(blocks, known):
         return None
-    asked &= allowed.local
-    hidden = lights.hidden & ~allowed.rejected
+    hidden = lights.hidden & ~limits.rejected
     met = hidden & (lights.met > 0)  # of the rays from what is seen
     part = small_parts(mesh, hidden, lights.met)
     met |= part >= 0  # few rays meet a bulb, and each of them one of its many triangles
     offered = partial(_offered, blocks, lights, known, _square_pixel(shards), asked)
     trial = _finer(offered(patches_of(mesh, met, part)), offered, mesh)
-    again = hidden & (allowed.before >= 0)
-    if again.any():
-        old = patches_as_before(mesh, met | again, part, allowed.before)
-        same = offered(old, trial if trial.guess.determined else None)
-        better = not trial.guess.determined or same.guess.gain >= trial.guess.gain
-        trial = same if same.guess.determined and better else trial
+    guessed_before = hidden & (limits.before >= 0)
+    if guessed_before.any():
+        old = patches_as_before(mesh, met | guessed_before, part, limits.before)
+        again = offered(old, trial if trial.guess.determined else None)
+        better = not trial.guess.determined or again.guess.gain >= trial.guess.gain
+        trial = again if again.guess.determined and better else trial
     return _measured(trial, lights, asked) if trial.guess.determined else trial
 
 

@@ -288,7 +288,13 @@ def test_poses_are_checked_where_they_may_be_wrong():
 
 
 @pytest.mark.parametrize(
-    ("mesh", "said", "local"), [({}, {}, True), (OWN_MESH, {}, False), (OWN_MESH, {"local_guess": True}, True)]
+    ("mesh", "said", "local"),
+    [
+        ({}, {}, True),
+        (OWN_MESH, {}, False),
+        (OWN_MESH, {"local_guess": True}, True),
+        (OWN_MESH | {"settings": SIZE | {"geometry": {"scan": "s.ply"}}}, {}, True),  # nothing of it is invented
+    ],
 )
 def test_lamps_that_light_little_are_not_guessed_in_a_mesh_of_the_photographs(mesh, said, local):
     assert json.loads(scene(mesh, emitters=said).settings_json("emitters"))["local_guess"] is local

@@ -4,8 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 
 from fipt.conventions import ROUGHNESS_LEVELS, SHADING_OUTPUTS
+from fipt.scene.mesh import Mesh
 from fipt.stages.emitters import small
 from fipt.stages.emitters.extract import _all_pixels, extract
 from fipt.stages.emitters.regions import find_regions
@@ -107,11 +109,56 @@ def box():
     return scenes.joined(ceiling, bottom, side)
 
 
-@pytest.mark.parametrize(("spots", "second"), [(9, 0), (60, 1)])
-def test_faces_are_one_emitter_where_they_fill_few_pixels(box, np_rng, spots, second):
-    """Bottom and side shine; a view shows five pixels of them or more than thirty."""
-    seen = shards(np_rng, ring=SPOT, spots=spots, share_range=(4, 8))
-    np.testing.assert_array_equal(found(box, seen).number, [-1, -1, 0, 0, second, second])
+def bulb_shards(rng, pixels):
+    """Views of a ceiling (triangles 0, 1) and of a bulb of twelve triangles, of which each of ``pixels`` shows a few.
+
+    The mesh is off, so that pixels show other shares of it than the photographs do.
+    """
+    triangle, share, count, image = [], [], [], []
+    for _ in range(VIEWS):
+        shown = set(rng.choice(SIDE * SIDE, pixels, replace=False).tolist())
+        for pixel in range(SIDE * SIDE):
+            faces = rng.choice(np.arange(2, 14), 4, replace=False) if pixel in shown else np.zeros(0, int)
+            w = rng.integers(1, 4, len(faces)) / 16
+            triangle += [rng.integers(0, 2), *faces]
+            share += [1 - w.sum(), *w]
+            count.append(1 + len(w))
+            image.append((1 - w.sum()) * CEILING + SPOT * w.sum() * np.exp(rng.normal(0, 0.4)))
+    samples = scenes.samples_of(
+        np.zeros((len(triangle), 3)), np.array(triangle), np.array(share), np.array(count),
+        views=[f"v{k}" for k in range(VIEWS)], shapes=[(SIDE, SIDE)] * VIEWS,
+    )  # fmt: skip
+    shading = np.zeros((len(triangle), SHADING_OUTPUTS, 3), np.float32)
+    shading[:, 0] = 1
+    color = np.tile(np.float32(image)[:, None], (1, 3))
+    return scenes.observed([samples], [shading], [(color, np.ones(len(color), np.float32))])
+
+
+def test_a_bulb_that_faces_to_all_sides_is_one_emitter(np_rng, monkeypatch):
+    """Its faces share their pixels, so that none is certain."""
+    cube = trimesh.creation.box((0.05, 0.05, 0.05))
+    cube.apply_translation((2, 2.9, 2))
+    ceiling = scenes.quad((0, 3, 0), (4, 0, 0), (0, 0, 4))
+    bulb = scenes.joined(ceiling, Mesh(np.float32(cube.vertices), np.int32(cube.faces)))
+    seen = bulb_shards(np_rng, 2)
+    result = found(bulb, seen)
+    np.testing.assert_array_equal(result.number, [-1, -1, *([0] * 12)])
+    assert result.pixels.radiance.mean() == pytest.approx(SPOT, rel=0.5)
+    monkeypatch.setattr(small, "_FEW", 0.5)
+    assert (found(bulb, seen).number < 0).all(), "it fills too many pixels for that"
+
+
+@pytest.mark.parametrize("paint", [CEILING, 2.5])
+def test_a_dark_side_that_touches_a_lamp_takes_none_of_its_light(box, np_rng, paint):
+    seen = shards(np_rng, ring=paint, views=8, spots=9, share_range=(4, 8))
+    result = found(box, seen)
+    np.testing.assert_array_equal(result.number, [-1, -1, 0, 0, -1, -1])
+    assert result.pixels.radiance.mean() == pytest.approx(SPOT, rel=0.15)
+
+
+def test_faces_of_two_radiances_that_touch_are_two_emitters(box, np_rng):
+    seen = shards(np_rng, ring=20, views=8, spots=9, parted=True, share_range=(4, 8))
+    np.testing.assert_array_equal(found(box, seen).number, [-1, -1, 0, 0, 1, 1])
 
 
 def test_a_side_that_is_seen_dark_in_shared_pixels_is_no_far_side(box, np_rng):
